@@ -1,11 +1,14 @@
 """Fixtures for every test."""
 
+from __future__ import annotations
+
 import json
 import logging
 import os
 import signal
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -17,6 +20,7 @@ from tests.kept import run_folder
 
 if TYPE_CHECKING:
     from gaitcal import Calibration
+    from gaitcal.study.study import Study
 
 # A busy machine may take ten times as long for one example: time is judged by the benchmarks, not here.
 settings.register_profile("patient", deadline=None, suppress_health_check=[HealthCheck.too_slow])
@@ -122,7 +126,7 @@ def kept(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture(scope="session")
-def whole() -> "Calibration":
+def whole() -> Calibration:
     """A whole calibration, made of plain numbers (`tests/fake_result.py`); nobody changes it."""
     from tests.fake_result import fake_calibration
 
@@ -139,3 +143,11 @@ def data_dir() -> Path:
     if os.environ.get("CI"):
         pytest.fail(f"{reason}; with CI set the real recordings must be there", pytrace=False)
     pytest.skip(f"{reason}: no real recordings to test with")
+
+
+@pytest.fixture(scope="session")
+def real_study(data_dir: Path, tmp_path_factory: pytest.TempPathFactory) -> Callable[[str], Study]:
+    """The study of one of `tests.real_studies.REAL`; read once, as nobody changes it."""
+    from tests.real_studies import load_study
+
+    return cache(lambda name: load_study(name, data_dir.resolve(), tmp_path_factory.mktemp(name)))

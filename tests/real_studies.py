@@ -3,6 +3,8 @@
 from dataclasses import dataclass
 from pathlib import Path
 
+from gaitcal.study.study import Study
+
 
 @dataclass(frozen=True)
 class RealStudy:
@@ -82,3 +84,8 @@ def write_study(name: str, data: Path, folder: Path, calibration: str = "") -> P
     path = folder / "study.toml"
     path.write_text(study_text(name, data, calibration), encoding="utf-8")
     return path
+
+
+def load_study(name: str, data: Path, folder: Path) -> Study:
+    """The same, read."""
+    return Study.load(write_study(name, data, folder))

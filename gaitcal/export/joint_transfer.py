@@ -76,7 +76,7 @@ from gaitcal.export.osim_registration import (
     with_landmarks,
 )
 from gaitcal.export.peer_model import PeerModel
-from gaitcal.model.linkage import LEG_JOINTS, SIDES
+from gaitcal.model.linkage import NEEDED_JOINTS, SIDES
 from gaitcal.model.marker_set import MarkerSet
 from gaitcal.model.parameters import JOINT_PARAMETERS, JP_INDEX, table
 from gaitcal.model.subject_model import SubjectModel
@@ -272,7 +272,7 @@ class Transfer:
                         found[move.joint] = move
         return tuple(
             found.get(name) or JointMove(joint=name, theirs="", verdict=Verdict.ABSENT, known=float("nan"), standing={})
-            for name in (f"{joint}_{side}" for side in SIDES for joint in LEG_JOINTS)
+            for name in (f"{joint}_{side}" for side in SIDES for joint in NEEDED_JOINTS)
         )
 
     def _between(

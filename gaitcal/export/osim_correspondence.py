@@ -28,7 +28,7 @@ from gaitcal.errors import Code, InputError
 from gaitcal.export.peer_model import Axis, PeerJoint, PeerModel, displacement_axis
 from gaitcal.io.toml import Table, read_validated, require_known
 from gaitcal.model.chain import axis_rotation
-from gaitcal.model.linkage import COORDINATE_INDEX, LEG_JOINTS, SEGMENTS, SIDES
+from gaitcal.model.linkage import COORDINATE_INDEX, NEEDED_JOINTS, SEGMENTS, SIDES
 from gaitcal.model.parameters import MASSIVE_SEGMENTS
 from gaitcal.synthetic.walk import gait_curves
 
@@ -83,7 +83,7 @@ def read_names(path: Path) -> tuple[Mapping[str, str], Mapping[str, str]]:
     `joints` and `coordinates`; InputError where it is none.
     """
     file = read_validated(_NamesFile, path)
-    allowed = [f"{joint}_{side}" for side in SIDES for joint in LEG_JOINTS]
+    allowed = [f"{joint}_{side}" for side in SIDES for joint in NEEDED_JOINTS]
     for field in ("joints", "coordinates"):
         require_known(getattr(file, field), allowed, "joint of a leg", source=path, field=field, listed=True)
     return file.joints, file.coordinates
@@ -105,13 +105,13 @@ def leg_joints(
     shape = None if with_usual_names or any(name.startswith("hip") for name in joints) else _by_topology(peer)
     out = []
     for side in SIDES:
-        told = {joint: by_name[joints[f"{joint}_{side}"]] for joint in LEG_JOINTS if f"{joint}_{side}" in joints}
+        told = {joint: by_name[joints[f"{joint}_{side}"]] for joint in NEEDED_JOINTS if f"{joint}_{side}" in joints}
         named = {k: j for k, c in COORDINATE_OF.items() if (j := peer.joint_of(f"{c}_{side}")) is not None}
         ours, found_by = {**named, **told}, "name"
         if shape is not None:
             ours = {k.removesuffix(f"_{side}"): j for k, j in shape.items() if k.endswith(f"_{side}")} | told
             found_by = "topology"
-        for joint in LEG_JOINTS:
+        for joint in NEEDED_JOINTS:
             if joint not in ours or (joint == "subtalar" and ours[joint] is ours.get("talocrural")):
                 continue
             known = [c.name for c in ours[joint].coordinates]
@@ -231,7 +231,7 @@ def _by_topology(peer: PeerModel) -> dict[str, PeerJoint]:
             out: dict[str, PeerJoint] = {}
             for side, leg in (("r", right), ("l", left)):
                 row = chain(leg)
-                out |= {f"{k}_{side}": j for k, j in zip(LEG_JOINTS[:3], row, strict=False)}
+                out |= {f"{k}_{side}": j for k, j in zip(NEEDED_JOINTS[:3], row, strict=False)}
                 if len(row) > 3 and np.linalg.norm(peer.body_pose(row[3].child, row[2].child).translation) < TALUS:
                     out[f"subtalar_{side}"] = row[3]
             return out

@@ -23,7 +23,7 @@ from gaitcal.export.osim_correspondence import ARMS, Hinge, LegJoint, same_label
 from gaitcal.export.osim_reader import OsimDocument, Weight
 from gaitcal.export.peer_model import Axis, PeerModel
 from gaitcal.model.chain import Chain, ChainConstants, forward, segment_poses
-from gaitcal.model.linkage import JOINTS, LOWER_BODY
+from gaitcal.model.linkage import HANGS_ON, JOINTS, LOWER_BODY
 from gaitcal.model.marker_set import MarkerSet
 from gaitcal.model.parameters import MASSIVE_SEGMENTS, Parameters
 from gaitcal.model.subject_model import MarkerPlacement, SubjectModel
@@ -96,7 +96,8 @@ def shared_markers(
         if same is None:
             continue
         carrier, position = peer.markers[same]
-        if slides(carrier) or segment_of(carrier) not in (segment, None) or not peer.is_below(carrier, body):
+        on = segment_of(carrier)
+        if slides(carrier) or HANGS_ON.get(on or "", on) not in (segment, None) or not peer.is_below(carrier, body):
             continue
         if any(peer.is_below(carrier, b) and peer.is_below(b, body) for b in others):
             continue

@@ -28,6 +28,7 @@ from gaitcal.errors import STUDY, Code, Finding, Severity
 from gaitcal.faults.evidence import MarkerEvidence
 from gaitcal.faults.verdict import PLACES
 from gaitcal.gait.moments import joint_words
+from gaitcal.model.coordinates import JOINT_TABLE
 from gaitcal.model.linkage import LEG_JOINTS, SIDES
 from gaitcal.model.parameters import JOINT_PARAMETERS, JP_INDEX, JP_NAMES, JP_TO_SI, Kind, Parameters
 from gaitcal.model.segment_frames import DOUBTED_GIVEN, UNEVEN_GIVEN, HipCentre, PelvicWidth, hip_centre
@@ -45,18 +46,6 @@ LEAST_SHARE = 0.3
 """Of the largest offset in units of its scatter: what is smaller is not told."""
 NOMINAL = "nominal/"
 """Beginning of the names of error sources that are no markers but the prior's own error."""
-_LANDMARKS = {
-    "hip": "the pelvis's landmarks",
-    "knee": "the epicondyles",
-    "talocrural": "the malleoli and anatomy",
-    "subtalar": "the malleoli and anatomy",
-}
-_MARKERS = {
-    "hip": "the ASIS and PSIS markers",
-    "knee": "the knee markers",
-    "talocrural": "the markers of malleoli and foot",
-    "subtalar": "the markers of malleoli and foot",
-}
 _WAYS = {"ant": ("forward", "back"), "sup": ("up", "down"), "lat": ("outward", "inward")}
 _SEEN_FROM = {"front": "the front", "trans": "above", "sag": "the side"}
 
@@ -165,8 +154,8 @@ def _finding(joint: str, views: Sequence[Place], model: SubjectModel, isolated: 
         where=STUDY,
         leg=side,
         cause=f"the {joint_words(joint)} joint lies where fewer than 1 in {few} people have one",
-        found=f"it lies, from where {_LANDMARKS[kind]} have it, {'; '.join(place.words for place in views)}; "
-        f"{_odds(least)} so far{_few_markers(model, joint)}",
+        found=f"it lies, from where {JOINT_TABLE[kind].landmarks} have it, "
+        f"{'; '.join(place.words for place in views)}; {_odds(least)} so far{_few_markers(model, joint)}",
         cure=_cure(kind, isolated) if least < RARE else "",
         weight=_weight(views),
         code=Code.KNEE_AXIS if kind == "knee" else Code.JOINT_PLACE,
@@ -183,9 +172,9 @@ def _apart(place: Place, model: SubjectModel, fitted: Parameters) -> Finding:
         topic=PLACES,
         where=STUDY,
         cause=f"the hips lie {others} {'999 in 1000' if place.probability < RARE else '19 in 20'} people's",
-        found=f"{gap:.0f} mm apart{_over_spines(model, gap)}; {_LANDMARKS['hip']} have them {nominal:.0f} mm apart, "
-        f"people scatter by {deviation:.0f} about that, and the fit's own markers leave ± {error:.0f} mm; "
-        f"{_odds(place.probability)} so far",
+        found=f"{gap:.0f} mm apart{_over_spines(model, gap)}; {JOINT_TABLE['hip'].landmarks} have them "
+        f"{nominal:.0f} mm apart, people scatter by {deviation:.0f} about that, and the fit's own markers leave "
+        f"± {error:.0f} mm; {_odds(place.probability)} so far",
         cure=_cure("hip", isolated=False) if place.probability < RARE else "",
         weight=_weight([place]),
         code=Code.JOINT_PLACE,
@@ -243,7 +232,7 @@ def _cure(kind: str, isolated: bool) -> str:
     if not isolated:
         trial = 'an isolated trial of the joint (role "joint") tells more'
     keep = "where imaging shows it there, say so ([calibration] joint_prior); jp = false keeps the nominal joints"
-    return f"look at {_MARKERS[kind]} in the static trial; {skin}; {trial}; {keep}"
+    return f"look at {JOINT_TABLE[kind].markers} in the static trial; {skin}; {trial}; {keep}"
 
 
 def given_hips(trial: MarkerEvidence) -> Iterator[Finding]:

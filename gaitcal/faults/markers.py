@@ -24,7 +24,15 @@ from gaitcal.faults.evidence import NEGLIGIBLE_WEIGHT, MarkerEvidence
 from gaitcal.io.labels import is_unlabelled
 from gaitcal.io.recording import duration, marker_gaps, runs, seen_mask, spans
 from gaitcal.model.landmarks import one_psis, sacrum_words
-from gaitcal.model.linkage import LEG_SEGMENTS, LOWER_BODY, SIDES, carrier_of, joint_segments
+from gaitcal.model.linkage import (
+    HANGS_ON,
+    LEG_SEGMENTS,
+    LOWER_BODY,
+    SIDES,
+    carrier_of,
+    coordinates_before,
+    joint_segments,
+)
 from gaitcal.model.subject_model import SubjectModel
 from gaitcal.motion.coordinate_prior import MARKER_M, left_uncertain
 from gaitcal.motion.motion import tracked_motion
@@ -380,8 +388,8 @@ def _undetermined(trial: MarkerEvidence, model: SubjectModel) -> dict[str, float
     uncertain = left_uncertain(problem.frame_hessians(motion.q, problem.constants(nominal)))
     frames = slice(None) if trial.pelvis is None else trial.pelvis.determined
     worst = np.quantile(uncertain[frames], WORST_SHARE, axis=0)
-    names = zip(problem.chain.coordinates, worst, strict=True)
-    return {name: float(s) for name, s in names if name[-2:] in ("_r", "_l")}
+    names, beyond = zip(problem.chain.coordinates, worst, strict=True), coordinates_before(HANGS_ON)
+    return {name: float(s) for name, s in names if name[-2:] in ("_r", "_l") and name not in beyond}
 
 
 def moving_along(trial: MarkerEvidence, segment: str) -> list[str]:

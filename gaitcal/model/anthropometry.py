@@ -25,7 +25,7 @@ no polynomials of girls were found.
 
 import functools
 import json
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import product
 from typing import Any
@@ -34,7 +34,7 @@ import numpy as np
 
 from gaitcal.arrays import Array
 from gaitcal.io.toml import models_path
-from gaitcal.model.linkage import SEGMENT_TABLE, SIDES
+from gaitcal.model.linkage import SEGMENT_TABLE, SIDES, segment_kind
 from gaitcal.model.parameters import IP_NAMES, MASSIVE_SEGMENTS, Parameters, table
 from gaitcal.model.subject_model import Subject
 
@@ -48,17 +48,6 @@ than CHILD_HEIGHT, and any other; half of the children of 12 are taller than 1.5
 
 UNSIDED = tuple(name.replace("_r.", ".").replace("_l.", ".") for name in IP_NAMES)
 """(ni,) names of inertial parameters without their side."""
-
-GROWING: dict[str, str] = {
-    "Head2": "head",
-    "UpperArm": "upper_arm",
-    "Forearm": "forearm_hand",
-    "Hand": "forearm_hand",
-    "Thigh": "thigh",
-    "Shank2": "shank_foot",
-    "Foot": "shank_foot",
-}
-"""Segment of de Leva's -> the part of Jensen's that it belongs to; the torso is in neither."""
 
 
 @functools.cache
@@ -82,7 +71,8 @@ def growth(age: float) -> dict[str, float]:
     """Segment of de Leva's -> its share of body mass at this age (years) over that of an adult; 1 from 18 years on."""
     youngest, adult = youngest_and_adult_age()
     at = float(np.clip(age, youngest, adult))
-    return {name: jensen_share(part, at) / jensen_share(part, adult) for name, part in GROWING.items()}
+    parts: dict[str, str] = _tables("jensen_1989.json")["part_of"]
+    return {name: jensen_share(part, at) / jensen_share(part, adult) for name, part in parts.items() if name in _WHOLE}
 
 
 def looks_like_child(subject: Subject) -> bool:
@@ -98,7 +88,7 @@ def supposed_age(subject: Subject) -> float:
 
 FOOT_CENTRE_UP = 0.0004 / 1.70  # of the foot's mass centre above the heel-toe line over body height: costs divide by it
 _DIAGONAL = {"sagittal": 0, "longitudinal": 1, "transverse": 2}
-_FOOT_DIAGONAL = {"longitudinal": 0, "transverse": 1, "sagittal": 2}
+_FORWARD = {"longitudinal": 0, "transverse": 1, "sagittal": 2}
 
 
 @dataclass(frozen=True)
@@ -121,8 +111,8 @@ class _Part:
     gyration: dict[str, float]  # axis name -> radius of gyration, m
 
 
-_LIMBS = ("UpperArm", "Forearm", "Hand", "Thigh", "Shank2", "Foot")
-_WHOLE = ("Head2", "UpperTrunk", "MiddleTrunk", "LowerTrunk", *_LIMBS, *_LIMBS)
+_WHOLE = tuple(part for segment in MASSIVE_SEGMENTS for part in segment_kind(segment).parts)
+"""What the body consists of, limbs twice."""
 
 
 def _row(name: str, sex: str) -> dict[str, float]:
@@ -139,10 +129,11 @@ def mass_shares(sex: str, age: float | None) -> dict[str, float]:
     total = sum(percent[name] for name in _WHOLE)
     shares = {name: value / total for name, value in percent.items()}
     if age is not None:
-        shares |= {name: shares[name] * factor for name, factor in growth(age).items()}
-        rest = 1.0 - sum(shares[name] for name in _WHOLE if name in GROWING)
-        torso = sum(shares[name] for name in _WHOLE if name not in GROWING)
-        shares |= {name: shares[name] * rest / torso for name in shares if name not in GROWING}
+        grown = growth(age)
+        shares |= {name: shares[name] * factor for name, factor in grown.items()}
+        rest = 1.0 - sum(shares[name] for name in _WHOLE if name in grown)
+        torso = sum(shares[name] for name in _WHOLE if name not in grown)
+        shares |= {name: shares[name] * rest / torso for name in shares if name not in grown}
     return shares
 
 
@@ -238,35 +229,28 @@ def _part(name: str, subject: Subject, length: float | None = None) -> _Part:
     return _Part(subject.mass * mass_shares(subject.sex, subject.age)[name], length, centre, gyration)
 
 
-def _moments(part: _Part, axes: Mapping[str, int] = _DIAGONAL) -> Array:
-    """(3,) kg m^2 about the mass centre, from the radii of gyration about the axes that de Leva names."""
-    out = np.empty(3)
-    for name, axis in axes.items():
-        out[axis] = part.mass * part.gyration[name] ** 2
-    return out
-
-
 def inertial_parameters(subject: Subject, lengths: BodyLengths) -> Array:
     """(ni,) nominal inertial parameters, SI."""
     rows: dict[str, Array] = {}
     lower = _part("LowerTrunk", subject)
     ant, sup = lengths.hip_centre
-    rows["pelvis"] = np.array([lower.mass, ant, sup + lower.length - lower.centre, 0.0, *_moments(lower)])
+    rows["pelvis"] = _in_line([(lower, sup + lower.length - lower.centre)])
+    rows["pelvis"][1] = ant
     # stacked from the lumbar joint up along the trunk
     middle, upper, head = (_part(name, subject) for name in ("MiddleTrunk", "UpperTrunk", "Head2"))
     xiphoid = lower.length - lengths.lumbar_above_hips + middle.length
     vertex = xiphoid + default_length("UpperTrunk2", subject) + head.length
     upper_centre, head_centre = xiphoid + upper.length - upper.centre, vertex - head.centre
     rows["head_trunk"] = _in_line([(middle, xiphoid - middle.centre), (upper, upper_centre), (head, head_centre)])
-    foot = _part("Foot", subject)
-    foot_up = FOOT_CENTRE_UP * subject.height
-    for side in SIDES:
-        for segment in ("thigh", "shank", "upper_arm"):
-            part = _part(SEGMENT_TABLE[segment].parts[0], subject, lengths.limbs[f"{segment}_{side}"])
-            rows[f"{segment}_{side}"] = np.array([part.mass, 0.0, -part.centre, 0.0, *_moments(part)])
-        rows[f"foot_{side}"] = np.array([foot.mass, foot.centre, foot_up, 0.0, *_moments(foot, _FOOT_DIAGONAL)])
-        forearm, hand = _part("Forearm", subject, lengths.limbs[f"forearm_hand_{side}"]), _part("Hand", subject)
-        rows[f"forearm_hand_{side}"] = _in_line([(forearm, -forearm.centre), (hand, -forearm.length - hand.centre)])
+    for segment in (s for s in MASSIVE_SEGMENTS if s not in rows):
+        kind, end, placed = segment_kind(segment), 0.0, list[tuple[_Part, float]]()
+        for name in kind.parts:  # one after another from the origin of the segment; the first is what was measured
+            part = _part(name, subject, None if placed else lengths.limbs.get(segment))
+            placed.append((part, end + part.centre if kind.forward else end - part.centre))
+            end += part.length if kind.forward else -part.length
+        rows[segment] = _in_line(placed, _FORWARD if kind.forward else _DIAGONAL)
+        if kind.forward:
+            rows[segment][2] = FOOT_CENTRE_UP * subject.height
     return np.concatenate([rows[segment] for segment in MASSIVE_SEGMENTS])
 
 
@@ -292,11 +276,15 @@ def with_joints_of(inertial: Array, before: Parameters, after: Parameters) -> Ar
     return rows.ravel()
 
 
-def _in_line(parts: list[tuple[_Part, float]]) -> Array:
-    """One body of parts whose mass centres lie on the y axis at these places (m)."""
+def _in_line(parts: Sequence[tuple[_Part, float]], axes: Mapping[str, int] = _DIAGONAL) -> Array:
+    """(7,) one body of parts whose mass centres lie at these places (m) on the axis that is longitudinal; `axes` of the
+    segment's frame by the names of de Leva's.
+    """
     mass = sum(part.mass for part, _ in parts)
-    centre = sum(part.mass * y for part, y in parts) / mass
-    moments = np.zeros(3)
-    for part, y in parts:
-        moments += _moments(part) + part.mass * (y - centre) ** 2 * np.array([1.0, 0.0, 1.0])
-    return np.array([mass, 0.0, centre, 0.0, *moments])
+    centre, moments = np.zeros(3), np.zeros(3)
+    centre[axes["longitudinal"]] = middle = sum(part.mass * place for part, place in parts) / mass
+    for part, place in parts:
+        for name, axis in axes.items():
+            away = 0.0 if name == "longitudinal" else place - middle
+            moments[axis] += part.mass * (part.gyration[name] ** 2 + away**2)
+    return np.array([mass, *centre, *moments])

@@ -210,15 +210,23 @@ class JointWords:
     feature: str  # what its parameters place: `knee axis`
     centre: str = ""  # landmark that is its centre, without the side: `hjc`; empty: it has none
     power: str  # joint as people name it, with whose power its own is summed: `ankle` of `subtalar`
+    landmarks: str = "the landmarks"  # what tells where it lies
+    markers: str = "the markers of the segments beside it"  # what to look at where it lies elsewhere
 
 
+# fmt: off
 JOINT_TABLE: Final[dict[str, JointWords]] = {
-    "hip": JointWords(words="Hip", feature="hip centre", centre="hjc", power="hip"),
-    "knee": JointWords(words="Knee", feature="knee axis", centre="kjc", power="knee"),
-    "talocrural": JointWords(words="Ankle (talocrural)", feature="ankle axis", centre="ajc", power="ankle"),
-    "subtalar": JointWords(words="Subtalar", feature="subtalar axis", power="ankle"),
+    "hip": JointWords(words="Hip", feature="hip centre", centre="hjc", power="hip",
+        landmarks="the pelvis's landmarks", markers="the ASIS and PSIS markers"),
+    "knee": JointWords(words="Knee", feature="knee axis", centre="kjc", power="knee",
+        landmarks="the epicondyles", markers="the knee markers"),
+    "talocrural": JointWords(words="Ankle (talocrural)", feature="ankle axis", centre="ajc", power="ankle",
+        landmarks="the malleoli and anatomy", markers="the markers of malleoli and foot"),
+    "subtalar": JointWords(words="Subtalar", feature="subtalar axis", power="ankle",
+        landmarks="the malleoli and anatomy", markers="the markers of malleoli and foot"),
     "back": JointWords(words="Lumbar joint", feature="lumbar joint centre", centre="lumbar", power="lumbar"),
     "shoulder": JointWords(words="Shoulder", feature="shoulder joint", centre="sjc", power="shoulder"),
     "elbow": JointWords(words="Elbow", feature="elbow axis", centre="ejc", power="elbow"),
 }
+# fmt: on
 """Joint of the linkage without its side -> its names."""

@@ -36,7 +36,8 @@ class Segment:
     markers: bool = True  # markers can sit on it, and so soft tissue between them and the bone
     needed: bool = False  # a segment of a leg without whose markers there are no joint torques of that leg
     parts: tuple[str, ...] = ()
-    """Segments of de Leva's table in it, from which it has its inertia; none: it is massless."""
+    """Rows of `models/de_leva_1996.json` in it, from which it has its inertia; none: it is massless."""
+    forward: bool = False  # its parts follow one another along x from its origin, as those of feet; else along -y
     palpated: tuple[float, float, float] | None = None
     """deg, standard deviations of turns of its axes about x, y and z by landmarks off their place
     (`dynamics/measurement_errors.py`); None: it has no landmarks, and no error."""
@@ -54,7 +55,8 @@ _SEGMENTS = (
     Segment(name="shank", needed=True, parts=("Shank2",), palpated=(1.0, 5.5, 1.0), free_centre=("com.sup",)),
     Segment(name="talus", markers=False),
     # foot: z across the shank; heel and toe 190 mm apart
-    Segment(name="foot", needed=True, parts=("Foot",), palpated=(1.0, 2.5, 2.5), free_centre=("com.ant",)),
+    Segment(name="foot", needed=True, parts=("Foot",), forward=True, palpated=(1.0, 2.5, 2.5),
+        free_centre=("com.ant",)),
     # head_trunk: the lumbar joint and the acromia, 450 mm above and 350 mm apart
     Segment(name="head_trunk", short="trunk", words="head and trunk", paired=False,
         parts=("MiddleTrunk", "UpperTrunk", "Head2"), palpated=(2.0, 1.5, 2.0), free_centre=("com.sup",)),
@@ -181,6 +183,10 @@ LOWER_BODY: tuple[str, ...] = SEGMENTS[: SEGMENTS.index("head_trunk")]  # pelvis
 LEGS: dict[str, tuple[str, ...]] = {side: tuple(s for s in LOWER_BODY if s.endswith(f"_{side}")) for side in SIDES}
 """Side -> segments of that leg, each after its parent."""
 LEG_JOINTS: tuple[str, ...] = tuple(row[0] for row in _LEG)  # joints of a leg from hip to foot, without the side
+NEEDED_JOINTS: tuple[str, ...] = LEG_JOINTS[: 1 + max(k for k, row in enumerate(_LEG) if _OF_SHORT[row[2]].needed)]
+"""Those on the way to a segment that needs markers."""
+HANGS_ON: dict[str, str] = {j.child: j.parent for j in JOINTS if j.name[:-2] in LEG_JOINTS[len(NEEDED_JOINTS) :]}
+"""Segment of a leg beyond those -> the one with which it goes where it has no markers."""
 LEG_SEGMENTS: tuple[str, ...] = tuple(f"{row.name}_{side}" for side in SIDES for row in _SEGMENTS if row.needed)
 """Without markers on these there are no joint torques of a leg."""
 

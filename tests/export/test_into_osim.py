@@ -30,7 +30,7 @@ from gaitcal.export.osim import write_osim
 from gaitcal.export.osim_correspondence import LegJoint, hinge_of, leg_joints
 from gaitcal.export.osim_reader import peer_of, read_document, read_osim
 from gaitcal.export.peer_model import PeerModel, our_leg, read_numbers
-from gaitcal.model.linkage import COORDINATES, LEG_JOINTS, LEGS, SIDES
+from gaitcal.model.linkage import COORDINATES, JOINTS, LEG_SEGMENTS, LEGS, NEEDED_JOINTS, SIDES
 from gaitcal.model.marker_set import MarkerSet
 from gaitcal.model.model_file import load_model
 from gaitcal.model.parameters import JP_NAMES, MASSIVE_SEGMENTS, table
@@ -97,10 +97,10 @@ def of_simple_joints(tree: ET.ElementTree) -> None:
         joint.remove(joint.findall("SpatialTransform")[0])
         if kind == "subtalar":
             ET.SubElement(joint.findall("coordinates")[0], "Coordinate", name=f"subtalar_turn_{side}")
-            toes = ET.SubElement(next(tree.iter("BodySet")).findall("objects")[0], "Body", name=f"toes_{side}")
+            toes = ET.SubElement(next(tree.iter("BodySet")).findall("objects")[0], "Body", name=f"tip_{side}")
             ET.SubElement(toes, "mass").text = "0.2"
-            weld = ET.SubElement(next(tree.iter("JointSet")).findall("objects")[0], "WeldJoint", name=f"mtp_{side}")
-            for end, body in (("parent", f"foot_{side}"), ("child", f"toes_{side}")):
+            weld = ET.SubElement(next(tree.iter("JointSet")).findall("objects")[0], "WeldJoint", name=f"of_tip_{side}")
+            for end, body in (("parent", f"foot_{side}"), ("child", f"tip_{side}")):
                 ET.SubElement(weld, f"socket_{end}_frame").text = f"/bodyset/{body}"
 
 
@@ -141,7 +141,7 @@ def test_joints_that_are_in_place_leave_every_byte(published: SubjectModel, tmp_
     path = written(published, tmp_path / "m.osim", variant)
     done = into_osim(published, path)
     assert done.content == path.read_bytes()
-    assert [m.verdict for m in done.joints] == [Verdict.MOVED] * 2 * len(LEG_JOINTS)
+    assert [m.verdict for m in done.joints] == [Verdict.MOVED] * 2 * len(NEEDED_JOINTS)
     by = {leg.found_by for leg in done.legs}
     assert by == ({"topology"} if variant == "other names" else {"name"})
 
@@ -311,7 +311,7 @@ def test_draws_have_left_joints_about_their_place(published: SubjectModel, tmp_p
     """Where the model has them, not where we have them, as far off in either body as is known before any trial."""
     path = disturbed(written(published, tmp_path / "m.osim", "opensim 4"), tmp_path / "wrong.osim")
     done = into_osim(published, path, errors=UNKNOWN)
-    assert len(done.left) == 2 * len(LEG_JOINTS) and done.content == path.read_bytes()
+    assert len(done.left) == 2 * len(NEEDED_JOINTS) and done.content == path.read_bytes()
     drawn = []
     for k in range(30):
         (tmp_path / "d.osim").write_bytes(done.drawn(np.random.default_rng(k)))
@@ -371,7 +371,7 @@ def test_the_account_of_joints_and_muscles(published: SubjectModel, tmp_path: Pa
     done = into_osim(published, wrong), into_osim(published, path), into_osim(published, wrong, errors=UNKNOWN)
     for export, verdict in zip(done, ("moved", "in place", "left"), strict=True):
         (joints,) = (table for table in joint_tables(export) if table.words[0] == "joint")
-        assert [row[2] for row in joints.rows] == [verdict] * (4 - 2 * (verdict == "left")) * len(LEG_JOINTS)
+        assert [row[2] for row in joints.rows] == [verdict] * (4 - 2 * (verdict == "left")) * len(NEEDED_JOINTS)
     values, arm = np.radians([0.0, 45.0, 90.0]), np.array([0.01, 0.01, 0.03])
     length = 0.3 - np.concatenate([[0.0], np.cumsum(0.5 * (arm[1:] + arm[:-1]) * np.diff(values))])
     paths = [
@@ -421,7 +421,8 @@ def test_a_thigh_of_two_bodies_that_follows_no_joint_is_told(published: SubjectM
 def test_a_model_of_one_leg(published: SubjectModel, tmp_path: Path) -> None:
     path = written(published, tmp_path / "m.osim", "opensim 4")
     tree = ET.parse(path)
-    for tag, names in (("BodySet", LEGS["l"]), ("JointSet", ("hip_l", "knee_l", "talocrural_l", "subtalar_l"))):
+    joints = [joint.name for joint in JOINTS if joint.child in LEGS["l"]]
+    for tag, names in (("BodySet", LEGS["l"]), ("JointSet", joints)):
         (holder,) = tree.iter(tag)
         objects = holder.find("objects")
         for element in [e for e in objects if e.get("name") in names]:
@@ -429,7 +430,7 @@ def test_a_model_of_one_leg(published: SubjectModel, tmp_path: Path) -> None:
     tree.write(path)
     done = into_osim(published, path)
     assert done.content == path.read_bytes()
-    assert [m.joint for m in done.joints if m.verdict is Verdict.ABSENT] == [f"{j}_l" for j in LEG_JOINTS]
+    assert [m.joint for m in done.joints if m.verdict is Verdict.ABSENT] == [f"{j}_l" for j in NEEDED_JOINTS]
 
 
 def test_markers_of_the_static_trial_count(published: SubjectModel, tmp_path: Path) -> None:
@@ -466,7 +467,7 @@ def test_masses_of_the_segments(published: SubjectModel, tmp_path: Path, variant
     weights = peer_of(now).masses
     for k, segment in enumerate(MASSIVE_SEGMENTS):
         assert weights[segment] == pytest.approx(heavier[k, 0], rel=1e-12)
-        if segment in (*LEGS["r"], *LEGS["l"], "pelvis"):
+        if segment in (*LEG_SEGMENTS, "pelvis"):
             shift = np.linalg.norm(now.mass_centre(segment) - was.mass_centre(segment))
             expected = np.linalg.norm(heavier[k, 1:4] - table(published.parameters.inertial)[k, 1:4])
             if variant == "other frames":  # whose mass centres were not taken along
@@ -649,7 +650,7 @@ def test_the_command(
     assert names == ["mine.html", "mine.joints.csv", "mine.osim", "mine_draws", "scaled.osim"]
     page = (tmp_path / "mine.html").read_text(encoding="utf-8")
     assert "<h2>Every joint, in both of its bodies</h2>" in page and "<li>muscles: not computed" in page
-    assert page.count('<td class="text">moved</td>') == 4 * len(LEG_JOINTS), "either end of every joint"
+    assert page.count('<td class="text">moved</td>') == 4 * len(NEEDED_JOINTS), "either end of every joint"
     one, two = ((tmp_path / "mine_draws" / f"00{k}.osim").read_bytes() for k in (1, 2))
     assert one != two
     (tmp_path / "mine_draws" / "my own.osim").write_text("")

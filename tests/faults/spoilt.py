@@ -3,15 +3,21 @@
 from collections.abc import Callable
 from dataclasses import replace
 from functools import cache
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
-from gaitcal.errors import Finding, Severity
+from gaitcal.errors import Code, Finding, Severity
+from gaitcal.faults.evidence import MarkerEvidence
 from gaitcal.faults.study import check_study
 from gaitcal.io.recording import ForcePlate, Recording
 from gaitcal.model.marker_set import load_marker_set
-from gaitcal.model.subject_model import Subject
+from gaitcal.model.subject_model import Subject, SubjectModel
+from gaitcal.session.draft import study_of
+from gaitcal.session.drafting import draft_of
+from gaitcal.session.folder import read_folder
+from gaitcal.session.person_facts import Options
 from gaitcal.study.settings import CalibrationSettings
 from gaitcal.study.study import Study
 from gaitcal.study.study_trial import Role, Trial
@@ -21,7 +27,6 @@ from tests.synthetic_studies import made_plates, made_recording
 Array = NDArray[np.float64]
 Change = Callable[[Recording], Recording]
 
-GROUND = np.array([-10.0, -10.0])
 CORNERS = np.array([[10.0, 0.0, -10.0], [-10.0, 0.0, -10.0], [-10.0, 0.0, 10.0], [10.0, 0.0, 10.0]])
 """A plate as large as the room: every centre of pressure lies on it."""
 
@@ -58,10 +63,33 @@ def with_trial(study: Study, name: str, change: Change) -> Study:
     return replace(study, trials=trials)
 
 
-def findings(study: Study, topic: str, severity: Severity | None = None) -> list[Finding]:
-    """What the checks find about a topic."""
-    found = [f for f in check_study(study) if f.topic == topic]
-    return [f for f in found if severity is None or f.severity is severity]
+def findings(
+    study: Study, topic: str = "", severity: Severity | None = None, *, cause: str = "", code: Code | None = None
+) -> list[Finding]:
+    """What the checks find: of a topic, as serious as that, with these words in its cause, of a code."""
+    wanted = {"topic": topic or None, "severity": severity, "code": code}
+    found = [f for f in check_study(study) if cause in f.cause]
+    return [f for f in found if all(getattr(f, name) == value for name, value in wanted.items() if value is not None)]
+
+
+def serious(study: Study) -> list[Finding]:
+    """What the checks find beside notes."""
+    return [f for f in check_study(study) if f.severity is not Severity.INFO]
+
+
+def recording_of(study: Study, name: str = "walk") -> Recording:
+    return next(t.recording for t in study.trials if t.name == name)
+
+
+def evidence(study: Study, trial: Trial, model: SubjectModel | None = None) -> MarkerEvidence:
+    """What the checks see of one trial."""
+    marker_set = study.marker_set.with_weights(study.weights)
+    return MarkerEvidence.of(trial, marker_set, study.subject, study.settings, model)
+
+
+def drafted(folder: Path) -> Study:
+    """The study that is drafted from a real folder."""
+    return study_of(draft_of(read_folder(folder), Options(sex="female")))
 
 
 def moved(label: str, change: Callable[[Array], Array]) -> Change:
@@ -78,22 +106,18 @@ def moved(label: str, change: Callable[[Array], Array]) -> Change:
 
 def swapped(a: str, b: str, frames: slice = slice(None)) -> Change:
     """Two labels exchanged in some frames."""
+    return put_into(a, b, frames, back=True)
+
+
+def put_into(a: str, b: str, frames: slice = slice(None), *, back: bool = False) -> Change:
+    """The trajectory of `b` under the label `a` as well, in some frames; `back`: and that of `a` under `b`."""
 
     def spoil(recording: Recording) -> Recording:
         markers = recording.markers.copy()
         i, j = recording.labels.index(a), recording.labels.index(b)
-        markers[frames, i], markers[frames, j] = recording.markers[frames, j], recording.markers[frames, i]
-        return replace(recording, markers=markers)
-
-    return spoil
-
-
-def put_into(a: str, b: str, frames: slice = slice(None)) -> Change:
-    """The trajectory of `b` under the label `a` as well, in some frames."""
-
-    def spoil(recording: Recording) -> Recording:
-        markers = recording.markers.copy()
-        markers[frames, recording.labels.index(a)] = recording.markers[frames, recording.labels.index(b)]
+        markers[frames, i] = recording.markers[frames, j]
+        if back:
+            markers[frames, j] = recording.markers[frames, i]
         return replace(recording, markers=markers)
 
     return spoil
@@ -101,7 +125,7 @@ def put_into(a: str, b: str, frames: slice = slice(None)) -> Change:
 
 def taken(a: str, b: str, frames: slice) -> Change:
     """The label `a` in the place of `b`, which is not seen meanwhile."""
-    return lambda r: moved(b, lambda x: put(x, frames, np.nan))(put_into(a, b, frames)(r))
+    return lambda r: gone(frames, b)(put_into(a, b, frames)(r))
 
 
 def relabelled(old: str, new: str) -> Change:
@@ -109,65 +133,56 @@ def relabelled(old: str, new: str) -> Change:
     return lambda r: replace(r, labels=tuple(new if label == old else label for label in r.labels))
 
 
-def plate(number: int, change: Callable[[ForcePlate], ForcePlate]) -> Change:
-    """One force plate changed."""
+def without(*labels: str) -> Change:
+    """Some markers not recorded."""
 
     def spoil(recording: Recording) -> Recording:
-        plates = tuple(change(p) if k == number else p for k, p in enumerate(recording.plates, start=1))
-        return replace(recording, plates=plates)
+        kept = [i for i, label in enumerate(recording.labels) if label not in labels]
+        return replace(recording, labels=tuple(recording.labels[i] for i in kept), markers=recording.markers[:, kept])
 
     return spoil
+
+
+def plates(change: Callable[[ForcePlate], ForcePlate], number: int | None = None) -> Change:
+    """Every force plate changed, or one: 1, 2."""
+
+    def spoil(recording: Recording) -> Recording:
+        changed = (change(p) if number in (None, k) else p for k, p in enumerate(recording.plates, start=1))
+        return replace(recording, plates=tuple(changed))
+
+    return spoil
+
+
+def times(factor: float) -> Callable[[ForcePlate], ForcePlate]:
+    """A plate of another gain."""
+    return lambda p: replace(p, force=factor * p.force, moment=factor * p.moment)
+
+
+def backwards(recording: Recording) -> Recording:
+    """From the end to the beginning: a body that walks backwards, and turns its feet the other way."""
+    reverse = plates(lambda p: replace(p, force=p.force[::-1], point=p.point[::-1], moment=p.moment[::-1]))
+    return replace(reverse(recording), markers=recording.markers[::-1].copy())
 
 
 def scaled(factor: float) -> Change:
     return lambda r: replace(r, markers=factor * r.markers)
 
 
-def gone(frames: slice) -> Change:
-    return moved("R.Thigh.Front", lambda x: put(x, frames, np.nan))
+def gone(frames: slice, label: str = "R.Thigh.Front") -> Change:
+    return moved(label, lambda x: put(x, frames, np.nan))
 
 
-def put(x: np.ndarray, where: object, value: object) -> np.ndarray:
-    x[where] = value
+def put(x: Array, where: object, value: object) -> Array:
+    x[where] = value  # type: ignore[index]
     return x
 
 
-def held(x: np.ndarray) -> np.ndarray:
-    x[60:100] = x[60]
-    return x
+def held(x: Array) -> Array:
+    return put(x, slice(60, 100), x[60])
 
 
-def spiked(x: np.ndarray) -> np.ndarray:
-    x[[40, 90, 140], 1] += 0.1
-    return x
-
-
-def later(seconds: float) -> Change:
-    def spoil(recording: Recording) -> Recording:
-        moved_ = tuple(_resampled(p, seconds) for p in recording.plates)
-        return replace(recording, plates=moved_)
-
-    return spoil
-
-
-def _resampled(p: ForcePlate, seconds: float) -> ForcePlate:
-    """The plate's signal `seconds` later on the same clock."""
-    shift = round(seconds / float(p.time[1] - p.time[0]))
-    return replace(
-        p, force=np.roll(p.force, shift, 0), point=np.roll(p.point, shift, 0), moment=np.roll(p.moment, shift, 0)
-    )
-
-
-def slower(recording: Recording) -> Recording:
-    return replace(recording, time=recording.time * 200.0)
-
-
-def torn(recording: Recording) -> Recording:
-    return replace(recording, time=recording.time + np.where(recording.time > 0.5, 0.2, 0.0), plates=())
-
-
-def backwards(recording: Recording) -> Recording:
-    return replace(recording, markers=recording.markers[::-1].copy(), plates=())
+def spiked(x: Array) -> Array:
+    return put(x, ([40, 90, 140], 1), x[[40, 90, 140], 1] + 0.1)
 
 
 def lying(recording: Recording) -> Recording:
@@ -184,35 +199,7 @@ def mirrored(recording: Recording) -> Recording:
     return replace(recording, markers=recording.markers[:, order])
 
 
-def clipped(p: ForcePlate) -> ForcePlate:
-    return replace(p, force=np.where(p.force > 600.0, 600.0, p.force))
-
-
-def offset(p: ForcePlate) -> ForcePlate:
-    return replace(p, force=p.force + [0.0, 25.0, 0.0])
-
-
-def half(p: ForcePlate) -> ForcePlate:
-    return replace(p, force=0.4 * p.force, moment=0.4 * p.moment)
-
-
-def pulling(p: ForcePlate) -> ForcePlate:
-    return replace(p, force=p.force * np.where(p.time > 0.4, -1.0, 1.0)[:, None])
-
-
-def aslant(p: ForcePlate) -> ForcePlate:
-    return replace(p, force=p.force[:, [1, 1, 2]])
-
-
-def elsewhere(p: ForcePlate) -> ForcePlate:
-    return replace(p, point=p.point + [0.0, 0.0, 0.8])
-
-
-def sunk(p: ForcePlate) -> ForcePlate:
-    return replace(p, point=p.point - [0.0, 0.4, 0.0])
-
-
 def with_corners(x_end: float) -> Change:
     """Plate 1 ends at x_end m."""
     corners = np.column_stack([np.minimum(CORNERS[:, 0], x_end), CORNERS[:, 1:]])
-    return plate(1, lambda p: replace(p, corners=corners))
+    return plates(lambda p: replace(p, corners=corners), 1)

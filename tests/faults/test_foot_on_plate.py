@@ -1,5 +1,6 @@
 """Centres of pressure outside of the feet: accused where they are, by frame, and nowhere else."""
 
+from collections.abc import Callable
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
@@ -8,7 +9,6 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from numpy.typing import NDArray
 
 from gaitcal.dynamics.off_sole import DIVIDED, EQUAL_M, sole_edge
 from gaitcal.errors import Code, Finding, Severity
@@ -19,16 +19,12 @@ from gaitcal.io.formats import read_recording
 from gaitcal.io.recording import ForcePlate, Recording
 from gaitcal.model.marker_set import load_marker_set
 from gaitcal.model.subject_model import Subject
-from gaitcal.session.draft import study_of
-from gaitcal.session.drafting import draft_of
-from gaitcal.session.folder import read_folder
-from gaitcal.session.person_facts import Options
 from gaitcal.study.settings import CalibrationSettings
 from gaitcal.study.study import Study
 from gaitcal.study.study_trial import Role, Trial
-from tests.real_studies import write_study
+from tests.faults import spoilt
+from tests.faults.spoilt import Array, Change, drafted, plates
 
-Array = NDArray[np.float64]
 RECORDINGS = Path(__file__).parent / "recordings"
 UP = np.array([0.0, 1.0, 0.0])
 HEIGHT = 1.70
@@ -46,6 +42,11 @@ def told(trial: MarkerEvidence) -> list[Finding]:
     return list(outside_sole(trial, ()))
 
 
+def outline(back: float, front: float, left: float, right: float) -> Array:
+    """(4, 3) m, the corners of a plate."""
+    return np.array([[back, 0.0, left], [front, 0.0, left], [front, 0.0, right], [back, 0.0, right]])
+
+
 @cache
 def divided_walk() -> Recording:
     return read_recording(RECORDINGS / "divided_total.csv", forces=RECORDINGS / "divided_total_forces.csv")
@@ -57,15 +58,11 @@ def test_a_total_force_divided_between_two_feet_is_told_as_such(named: bool, cor
     """With and without the plates' outlines, and the feet that stand on them."""
     recording = divided_walk()
     if corners:
-        own = [
-            np.array([[-0.7, 0.0, z], [1.9, 0.0, z], [1.9, 0.0, z + 0.6], [-0.7, 0.0, z + 0.6]]) for z in (0.0, -0.6)
-        ]
-        plates = tuple(replace(p, corners=c) for p, c in zip(recording.plates, own, strict=True))
-        recording = replace(recording, plates=plates)
+        own = zip(recording.plates, (0.0, -0.6), strict=True)
+        recording = replace(recording, plates=tuple(replace(p, corners=outline(-0.7, 1.9, z, z + 0.6)) for p, z in own))
     trial = evidence(recording, {"1": "r", "2": "l"} if named else None)
     (found,) = told(trial)
-    assert found.severity is Severity.WARNING and found.leg == ""
-    assert found.cause == f"{DIVIDED} (plates 1 and 2)"
+    assert (found.severity, found.leg, found.cause) == (Severity.WARNING, "", f"{DIVIDED} (plates 1 and 2)")
     assert "0.02-0.10, 0.54-0.62 s: 220 mm (at most 416 mm) outside of the foot" in found.found
     assert "no torque of either leg counts" in found.cure
     assert [f for f in contacts(trial) if f.severity is not Severity.INFO] == []
@@ -76,15 +73,14 @@ def test_a_total_on_both_plates_throughout_is_told_once(every: float) -> None:
     """Half of it, or all, on each: far from both feet most of the time, which `contacts` does not tell again."""
     recording = divided_walk()
     total = np.sum([resample_wrench(p, recording.time) for p in recording.plates], axis=0) * every
-    plates = tuple(
-        plate_from_moment(name, recording.time, total[:, :3], total[:, 3:], np.zeros(3), UP, None) for name in "12"
-    )
-    trial = evidence(replace(recording, plates=plates))
+    both = [plate_from_moment(name, recording.time, total[:, :3], total[:, 3:], np.zeros(3), UP, None) for name in "12"]
+    trial = evidence(replace(recording, plates=tuple(both)))
     (found,) = told(trial)
     assert found.cause.startswith(DIVIDED) and "0.00-1.03 s" in found.found
     assert [f for f in contacts(trial) if f.severity is not Severity.INFO and f.topic == "plate to foot"] == []
 
 
+AHEAD = np.array([1.0, 0.0])
 TIME = np.arange(101) / 100.0
 LOADED = slice(20, 81)
 
@@ -152,7 +148,7 @@ def test_inside_the_sole_nobody_is_accused_and_80_mm_off_it_always(
     ],
 )
 def test_where_it_lies_and_for_how_long(way: tuple[float, float], words: str) -> None:
-    recording = standing(np.array([1.0, 0.0]))
+    recording = standing(AHEAD)
     edge = edge_of(recording)
     path = np.tile(edge.mean(axis=0), (61, 1))
     path[30:50] = edge[(edge @ way).argmax()] + 0.06 * np.array(way)
@@ -163,7 +159,7 @@ def test_where_it_lies_and_for_how_long(way: tuple[float, float], words: str) ->
 
 def test_noise_of_moments_at_small_loads_accuses_nobody() -> None:
     """1 N·m of noise moves the centre of 25 N by 40 mm, and that of 600 N by 2 mm."""
-    recording = standing(np.array([1.0, 0.0]))
+    recording = standing(AHEAD)
     edge = edge_of(recording)
     heel, tip = edge[:, 0].min() + 0.01, edge[:, 0].max() - 0.01
     load = np.interp(np.arange(61), [0, 15, 45, 60], [25.0, 600.0, 600.0, 25.0])
@@ -175,12 +171,12 @@ def test_noise_of_moments_at_small_loads_accuses_nobody() -> None:
 
 def test_both_feet_on_one_plate_press_with_the_ground_between() -> None:
     """Unless its outline holds one of them alone."""
-    recording = standing(np.array([1.0, 0.0]), np.array([0.0, -0.25]))
+    recording = standing(AHEAD, np.array([0.0, -0.25]))
     between = np.tile([0.08, -0.10], (61, 1))
     load = np.full(61, 650.0)
     assert told(evidence(replace(recording, plates=(pressed(between, load),)))) == []
-    alone = np.array([[-0.1, 0.0, -0.12], [0.4, 0.0, -0.12], [0.4, 0.0, 0.3], [-0.1, 0.0, 0.3]])
-    (found,) = told(evidence(replace(recording, plates=(pressed(between, load, corners=alone),))))
+    alone = pressed(between, load, corners=outline(-0.1, 0.4, -0.12, 0.3))
+    (found,) = told(evidence(replace(recording, plates=(alone,))))
     assert "beside the foot, to its left" in found.found
     other = pressed(np.tile([0.08, -0.25], (61, 1)), load, "2")
     (found,) = told(evidence(replace(recording, plates=(pressed(between, load), other))))
@@ -189,92 +185,79 @@ def test_both_feet_on_one_plate_press_with_the_ground_between() -> None:
 
 def test_a_foot_across_two_plates_is_not_divided() -> None:
     """The centre on either side of the border is near to it, but not the same point."""
-    recording = standing(np.array([1.0, 0.0]))
+    recording = standing(AHEAD)
     parts = [np.tile([0.1, z], (61, 1)) for z in (-3.0 * EQUAL_M, 3.0 * EQUAL_M)]
-    plates = tuple(pressed(path, np.full(61, 300.0), name) for path, name in zip(parts, "12", strict=True))
-    assert told(evidence(replace(recording, plates=plates))) == []
-
-
-# ------------------------------------------------------------------------------------------------- real recordings
+    two = tuple(pressed(path, np.full(61, 300.0), name) for path, name in zip(parts, "12", strict=True))
+    assert told(evidence(replace(recording, plates=two))) == []
 
 
 @cache
 def real_walks(name: str, data: Path) -> tuple[MarkerEvidence, ...]:
     """The walks over plates of one folder."""
-    if (data / name / "study.toml").exists():
-        study = Study.load(data / name / "study.toml")
-    else:
-        study = study_of(draft_of(read_folder(data / name), Options(sex="female")))
-    marker_set = study.marker_set.with_weights(study.weights)
+    file = data / name / "study.toml"
+    study = Study.load(file) if file.exists() else drafted(data / name)
+    return walks_of(study)
+
+
+def walks_of(study: Study) -> tuple[MarkerEvidence, ...]:
     walks = [t for t in study.trials if t.role is Role.GAIT and t.recording.plates]
-    return tuple(MarkerEvidence.of(t, marker_set, study.subject, study.settings, None) for t in walks)
+    return tuple(spoilt.evidence(study, t) for t in walks)
 
 
-@cache
-def treadmill(data: Path, folder: Path) -> MarkerEvidence:
-    study = Study.load(write_study("subject01", data, folder))
-    (walk,) = [t for t in study.trials if t.role is Role.GAIT]
-    marker_set = study.marker_set.with_weights(study.weights)
-    return MarkerEvidence.of(walk, marker_set, study.subject, study.settings, None)
+@pytest.fixture(scope="module")
+def treadmill(real_study: Callable[[str], Study]) -> MarkerEvidence:
+    (walk,) = walks_of(real_study("subject01"))
+    return walk
 
 
-FOLDERS = [
-    *(f"children/{child}" for child in ("HC002D", "HC032A")),
-    "labs_c3d/kad",
-    "labs_c3d/multi",
-    "opensim_truth/p01",
-    "opensim_truth/p18",
-]
-
-
-@pytest.mark.parametrize("name", FOLDERS)
+@pytest.mark.parametrize(
+    "name",
+    ["children/HC002D", "children/HC032A", "labs_c3d/kad", "labs_c3d/multi", "opensim_truth/p01", "opensim_truth/p18"],
+)
 def test_real_people_press_under_their_feet(name: str, data_dir: Path) -> None:
     """Adults, children, turns, feet across two plates, two feet one after the other on one plate."""
     walks = real_walks(name, data_dir)
     assert walks and [f.line for walk in walks for f in told(walk)] == []
 
 
-def moved(trial: MarkerEvidence, shift: tuple[float, float], *plates: str) -> MarkerEvidence:
-    """Some plates, or all, elsewhere in x and z, m."""
-    change = np.array([shift[0], 0.0, shift[1]])
-    recording = trial.recording
-    new = tuple(replace(p, point=p.point + change) if not plates or p.name in plates else p for p in recording.plates)
-    return replace(trial, trial=replace(trial.trial, recording=replace(recording, plates=new)))
+def with_recording(trial: MarkerEvidence, change: Change) -> MarkerEvidence:
+    return replace(trial, trial=replace(trial.trial, recording=change(trial.recording)))
 
 
-def test_plates_of_a_treadmill_that_lie_elsewhere(data_dir: Path, tmp_path: Path) -> None:
-    walk = treadmill(data_dir, tmp_path)
-    assert told(walk) == [] and told(moved(walk, (0.03, 0.0))) == []
-    (both,) = told(moved(walk, (-0.12, 0.0)))
+def moved(trial: MarkerEvidence, x: float, z: float, number: int | None = None) -> MarkerEvidence:
+    """Some plates, or all, elsewhere, m."""
+    return with_recording(trial, plates(lambda p: replace(p, point=p.point + [x, 0.0, z]), number))
+
+
+def test_plates_of_a_treadmill_that_lie_elsewhere(treadmill: MarkerEvidence) -> None:
+    assert told(treadmill) == [] == told(moved(treadmill, 0.03, 0.0))
+    (both,) = told(moved(treadmill, -0.12, 0.0))
     assert both.cause == PLATES_ELSEWHERE and both.found.count("behind the heel") == 2
-    (one,) = told(moved(walk, (0.0, 0.08), "1"))
+    (one,) = told(moved(treadmill, 0.0, 0.08, 1))
     assert one.leg == "r" and "plate 1, right foot" in one.found and "beside the foot, to its right" in one.found
 
 
-def test_one_fault_is_told_once(data_dir: Path, tmp_path: Path) -> None:
-    """What another check says already: clocks, plates beside both feet, the plate itself, its heel marker."""
-    walk = moved(treadmill(data_dir, tmp_path), (-0.12, 0.0))
-    heel = walk.marker_set.landmarks["heel_r"][0]
-    assert len(told(walk)) == 1
-    for topic, words in (("time", "clocks differ"), ("plates", "plate 2: saturated")):
-        blamed = [walk.warning(topic, words, "", code=Code.CLOCKS_DIFFER)]
-        left = list(outside_sole(walk, blamed))
-        assert [f.leg for f in left] == ([] if topic == "time" else ["r"])
-        assert len(list(outside_sole(walk, [replace(blamed[0], severity=Severity.INFO)]))) == 1
-    assert [
-        f.leg
-        for f in outside_sole(
-            walk, [walk.warning("left its place", f"marker '{heel}'", "", code=Code.MARKER_LEFT_PLACE)]
-        )
-    ] == ["l"]
+@pytest.mark.parametrize(
+    ("topic", "cause", "legs"),
+    [
+        ("time", "clocks differ", []),
+        ("plates", "plate 2: saturated", ["r"]),
+        ("left its place", "marker '{heel}'", ["l"]),
+    ],
+)
+def test_one_fault_is_told_once(treadmill: MarkerEvidence, topic: str, cause: str, legs: list[str]) -> None:
+    """What another check says already, unless it is a note: clocks, the plate itself, its heel marker."""
+    walk = moved(treadmill, -0.12, 0.0)
+    cause = cause.format(heel=walk.marker_set.landmarks["heel_r"][0])
+    blamed = walk.warning(topic, cause, "", code=Code.CLOCKS_DIFFER)
+    assert [f.leg for f in outside_sole(walk, [blamed])] == legs
+    assert len(list(outside_sole(walk, [replace(blamed, severity=Severity.INFO)]))) == 1
 
 
 def test_forces_that_come_late_are_a_matter_of_clocks(data_dir: Path) -> None:
     """On a floor, where only the ends of a loading leave the foot."""
     for walk in real_walks("labs_c3d/multi", data_dir):
-        later = tuple(replace(p, time=p.time + 0.12) for p in walk.recording.plates)
-        late = replace(walk, trial=replace(walk.trial, recording=replace(walk.recording, plates=later)))
-        (found,) = told(late)
+        (found,) = told(with_recording(walk, plates(lambda p: replace(p, time=p.time + 0.12))))
         assert found.cause == "plates are loaded while the foot that stood on them is in the air"
         assert "clocks" in found.cure
 
@@ -291,12 +274,11 @@ def test_forces_that_come_late_are_a_matter_of_clocks(data_dir: Path) -> None:
 def test_plates_that_nobody_loads_are_a_fault_only_where_a_foot_stands_on_them(
     corners: float | None, severity: Severity, words: str
 ) -> None:
-    square = np.array([[-0.5, 0.0, -0.5], [0.5, 0.0, -0.5], [0.5, 0.0, 0.5], [-0.5, 0.0, 0.5]])
-    outline = None if corners is None else square + [corners, 0.0, 0.0]
-    plate = pressed(np.zeros((61, 2)), np.zeros(61), corners=outline)
-    recording = replace(standing(np.array([1.0, 0.0])), plates=(plate,))
+    square = None if corners is None else outline(corners - 0.5, corners + 0.5, -0.5, 0.5)
+    plate = pressed(np.zeros((61, 2)), np.zeros(61), corners=square)
+    recording = replace(standing(AHEAD), plates=(plate,))
     (found,) = contacts(evidence(recording))
+    assert (found.code, found.severity) == (Code.NO_STEP_ON_PLATE, severity)
     unseen = replace(recording, labels=("R.Heel", "a", "L.Heel", "b"))  # toes that the static trial alone has
     assert [f.severity for f in contacts(evidence(unseen))] == [Severity.WARNING]
-    assert (found.code, found.severity) == (Code.NO_STEP_ON_PLATE, severity)
     assert found.found == "no plate is stepped on: at most 0 N" + (f", {words}" if words else "")

@@ -14,28 +14,33 @@ from gaitcal.calibration.joint_prior import ANATOMY, COVARIANCE, prior_root
 from gaitcal.errors import Code, Finding, Severity
 from gaitcal.faults.joint_places import RARE, UNUSUAL, Place, joint_place_findings
 from gaitcal.faults.verdict import Judgement, judge
+from gaitcal.model.linkage import LEG_JOINTS
 from gaitcal.model.nominal import published_model
 from gaitcal.model.parameters import JP_INDEX, JP_NAMES, JP_TO_SI, Parameters
 from gaitcal.study.joint_prior import JointPrior
 
 ROOT = Path(__file__).parents[2]
 MODEL = published_model(static_only=True)
-LEGS = tuple(name for name in JP_NAMES if name.split(".")[0][:-2] in ("hip", "knee", "talocrural", "subtalar"))
+LEGS = tuple(name for name in JP_NAMES if name.split(".")[0][:-2] in LEG_JOINTS)
 EXACT = ErrorSources(LEGS, np.zeros((len(LEGS), 1)), ("markers/walk/R.Knee/x",))
 
 
 def moved(**by: float) -> Parameters:
     """Where all is expected, but for some parameters (`hip_r__pelvis__lat=0.03`, m and rad)."""
-    values = MODEL.nominal.joint + ANATOMY.mean
+    offset = np.zeros(len(JP_NAMES))
     for name, d in by.items():
-        values[JP_INDEX[name.replace("__", ".")]] += d
-    return MODEL.nominal.with_joint(JP_NAMES, values)
+        offset[JP_INDEX[name.replace("__", ".")]] = d
+    return drawn(offset)
 
 
 def told(parameters: Parameters, influence: ErrorSources = EXACT, prior: JointPrior = ANATOMY) -> list[Finding]:
     """What makes doubtful."""
     found = joint_place_findings(MODEL, parameters, influence, prior)
     return [finding for finding in found if finding.severity is not Severity.INFO]
+
+
+def drawn(offset: Array) -> Parameters:
+    return MODEL.nominal.with_joint(JP_NAMES, MODEL.nominal.joint + ANATOMY.mean + offset)
 
 
 def test_squares_of_drawn_people_are_chi_squared() -> None:
@@ -95,21 +100,12 @@ def test_what_people_scatter_by_accuses_nobody() -> None:
     """Joints drawn from anatomy's own population, and those within 10 mm and 10 degrees, as simulated ones are."""
     rng = np.random.default_rng(0)
     root = prior_root(JP_NAMES, None)
-    found = sum(len(told(moved_by(root @ rng.normal(size=len(JP_NAMES))))) for _ in range(300))
-    looked_at = 300 * 17  # 8 joints of a leg as segments see them, and the distance of the hips
+    found = sum(len(told(drawn(root @ rng.normal(size=len(JP_NAMES))))) for _ in range(300))
+    looked_at = 300 * (1 + len({name.rpartition(".")[0] for name in LEGS}))  # joints as segments see them, hips apart
     assert found <= looked_at * RARE + 4 * np.sqrt(looked_at * RARE)
+    near = np.array([0.010 if name.endswith(("ant", "sup", "lat")) else np.deg2rad(10) for name in JP_NAMES])
     for _ in range(100):
-        assert (
-            told(moved_by(rng.uniform(-1.0, 1.0, len(JP_NAMES)) * np.where(positions(), 0.010, np.deg2rad(10)))) == []
-        )
-
-
-def positions() -> Array:
-    return np.array([name.endswith(("ant", "sup", "lat")) for name in JP_NAMES])
-
-
-def moved_by(offset: Array) -> Parameters:
-    return MODEL.nominal.with_joint(JP_NAMES, MODEL.nominal.joint + ANATOMY.mean + offset)
+        assert told(drawn(rng.uniform(-1.0, 1.0, len(JP_NAMES)) * near)) == []
 
 
 def test_a_wide_error_bar_of_the_markers_excuses_and_that_of_the_prior_does_not() -> None:

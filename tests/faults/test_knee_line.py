@@ -6,14 +6,14 @@ import pytest
 from gaitcal.errors import Finding, Severity
 from gaitcal.faults.knee_line import ODD_BOTH, OddLine, bending, knee_lines, odd_lines
 from gaitcal.faults.static_landmarks import landmarks
-from gaitcal.faults.study import check_study, examined
+from gaitcal.faults.study import examined
 from gaitcal.model.body_plan import body_axes
 from gaitcal.study.study import Study
-from tests.faults.spoilt import Array, moved, with_trial
+from tests.faults.spoilt import Array, findings, moved, with_trial
 
 
 def told(study: Study) -> list[Finding]:
-    return [f for f in check_study(study) if "on which a knee bends" in f.cause]
+    return findings(study, cause="on which a knee bends")
 
 
 def seen(study: Study) -> tuple[dict[str, Array], dict[str, float]]:
@@ -49,10 +49,6 @@ def test_a_turn_the_other_way_and_of_one_knee(sound: Study) -> None:
     assert one.sides == ("l",) and one.turn == pytest.approx(25.0, abs=8.0)
     (said,) = knee_lines(examined(left).trials, ())
     assert said.leg == "l" and "the left knee" in said.cause
-
-
-def test_ten_millimetres_are_below_the_floor(sound: Study) -> None:
-    assert told(off(sound, 0.010, 0.0)) == []
 
 
 def turned(p: dict[str, Array], degrees: float, names: tuple[str, ...]) -> dict[str, Array]:

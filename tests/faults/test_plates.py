@@ -1,5 +1,6 @@
 """Forces against the motion: signs, places, gain and mass, free moments, and which foot stands on which plate."""
 
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
@@ -7,17 +8,21 @@ import numpy as np
 import pytest
 
 from gaitcal.errors import Code, Finding, Severity
-from gaitcal.faults.study import check_study
 from gaitcal.io.recording import ForcePlate, Recording
-from gaitcal.model.nominal import published_model
 from gaitcal.model.subject_model import GRAVITY
-from gaitcal.session.draft import study_of
-from gaitcal.session.drafting import draft_of
-from gaitcal.session.folder import read_folder
-from gaitcal.session.person_facts import Options
 from gaitcal.study.study import Study
-from tests.faults.spoilt import Change, findings, plate, sound_study, with_corners, with_trial
-from tests.real_studies import write_study
+from tests.faults.spoilt import (
+    Change,
+    backwards,
+    drafted,
+    findings,
+    plates,
+    recording_of,
+    relabelled,
+    times,
+    with_corners,
+    with_trial,
+)
 
 ERROR, WARNING, INFO = Severity.ERROR, Severity.WARNING, Severity.INFO
 
@@ -26,10 +31,7 @@ def negated(axis: int) -> Change:
     """One component of the force of both plates with the other sign, and the reader's turn where it is the vertical."""
     sign = np.ones(3)
     sign[axis] = -1.0
-    whole = -1.0 if axis == 1 else 1.0
-    return lambda r: plate(2, lambda p: replace(p, force=whole * sign * p.force))(
-        plate(1, lambda p: replace(p, force=whole * sign * p.force))(r)
-    )
+    return plates(lambda p: replace(p, force=(-sign if axis == 1 else sign) * p.force))
 
 
 @pytest.mark.parametrize(
@@ -41,27 +43,20 @@ def negated(axis: int) -> Change:
     ],
 )
 def test_reversed_forces(sound: Study, axis: int, words: tuple[str, ...]) -> None:
-    (found,) = [
-        f for f in findings(with_trial(sound, "walk", negated(axis)), "forces", WARNING) if "wrong sign" in f.cause
-    ]
+    (found,) = findings(with_trial(sound, "walk", negated(axis)), "forces", WARNING, cause="wrong sign")
     assert all(word in f"{found.found} {found.cure}" for word in words)
     assert (len(words) > 1) == ("vertical" in found.cure)
 
 
 @pytest.mark.parametrize("name", ["HC002D", "HC030A", "HC032A"])
 def test_who_turns_over_one_plate_pushes_outwards_with_that_leg(name: str, data_dir: Path) -> None:
-    study = study_of(draft_of(read_folder(data_dir / "children" / name), Options(sex="male")))
-    spoilt = with_trial(study, "turn", lambda r: replace(r, plates=r.plates[1:]))
-    assert [f.line for f in check_study(spoilt) if f.code is Code.FORCE_SIGN] == []
+    spoilt = with_trial(drafted(data_dir / "children" / name), "turn", lambda r: replace(r, plates=r.plates[1:]))
+    assert findings(spoilt, code=Code.FORCE_SIGN) == []
 
 
 def test_a_step_of_a_foot_without_toe_is_a_fact_and_accuses_no_plate(sound: Study) -> None:
     """Nobody can tell how far the other foot is: it is not `inf mm` away."""
-
-    def toeless(r: Recording) -> Recording:
-        return replace(r, labels=tuple("X" if label == "L.Toe.Tip" else label for label in r.labels))
-
-    study = with_trial(sound, "walk", toeless)
+    study = with_trial(sound, "walk", relabelled("L.Toe.Tip", "X"))
     assert findings(study, "plate to foot", WARNING) == []
     told = [f.found for f in findings(study, "plate to foot", INFO) if "mm from" in f.found]
     assert told and all("the left foot, whose step it may be, shows no heel and toe then" in words for words in told)
@@ -72,18 +67,15 @@ def test_plates_beside_both_feet(sound: Study, shift: float, side: str) -> None:
     def beside(p: ForcePlate) -> ForcePlate:
         return replace(p, point=p.point + [0.0, 0.0, shift])
 
-    study = with_trial(sound, "walk", lambda r: plate(2, beside)(plate(1, beside)(r)))
+    study = with_trial(sound, "walk", plates(beside))
     (found,) = findings(study, "plate to foot", WARNING)
     assert f"lie to the {side} of the line heel-toe of both feet" in found.found
-    assert findings(with_trial(sound, "walk", plate(1, beside)), "plate to foot", WARNING) == []
+    assert findings(with_trial(sound, "walk", plates(beside, 1)), "plate to foot", WARNING) == []
 
 
 @pytest.mark.parametrize(("gain", "mass"), [(1.2, 69.4), (0.85, 69.4), (1.0, 80.0)])
 def test_forces_that_do_not_carry_the_walker(sound: Study, gain: float, mass: float) -> None:
-    def louder(p: ForcePlate) -> ForcePlate:
-        return replace(p, force=gain * p.force, moment=gain * p.moment)
-
-    study = with_trial(sound, "walk", lambda r: plate(2, louder)(plate(1, louder)(r)))
+    study = with_trial(sound, "walk", plates(times(gain)))
     study = replace(study, subject=replace(study.subject, mass=mass))
     (found,) = findings(study, "body mass", WARNING)
     assert f"subject.mass_kg is {mass:g}" in found.found
@@ -100,18 +92,15 @@ def test_plates_carry_more_than_the_mass_of_a_body_that_is_speeding_up(sound: St
         markers = recording.markers.copy()
         pelvis = [recording.labels.index(label) for label in sound.marker_set.tracking["pelvis"]]
         markers[:, pelvis, 1] += 0.5 * acceleration * recording.time[:, None] ** 2
-        plates = tuple(replace(p, force=gain * p.force, moment=gain * p.moment) for p in recording.plates)
-        return replace(recording, markers=markers, plates=plates)
+        return plates(times(gain))(replace(recording, markers=markers))
 
     (told,) = findings(with_trial(sound, "walk", rising), "body mass", INFO)
     assert float(told.found.partition("carry ")[2].split()[0]) == pytest.approx(69.4, rel=0.03)
 
 
 def test_foot_beside_its_plate(sound: Study) -> None:
-    model = published_model()
-    walk = next(t for t in sound.trials if t.name == "walk").recording
+    walk = recording_of(sound)
     toe = float(np.median(walk.markers[40:100, walk.labels.index("R.Toe.Tip"), 0]))
-    assert model.markers.labels == walk.labels
 
     def told(study: Study, severity: Severity) -> list[Finding]:
         return [f for f in findings(study, "plate to foot", severity) if "rests partly beside it (" in f.found]
@@ -130,36 +119,24 @@ def test_plate_given_to_the_wrong_foot(sound: Study) -> None:
     assert "left foot" in found[0].found and 'plates = { 1 = "r" }' in found[0].cure
 
 
-def test_mass_against_standing_force(sound: Study) -> None:
-    static = sound.static.recording
-    weight = 69.4 * 9.81
-    force = np.tile([0.0, weight / 2, 0.0], (len(static.time), 1))
-    zero = np.zeros_like(force)
-    both = tuple(ForcePlate(name=name, time=static.time, force=force, point=zero, moment=zero) for name in "12")
-    study = with_trial(sound, "static", lambda r: replace(r, plates=both))
-    assert "69.4 kg" in findings(study, "body mass", INFO)[0].found
-    heavier = replace(study, subject=replace(study.subject, mass=80.0))
-    told = findings(heavier, "body mass", WARNING)
-    assert [f.where for f in told] == ["static", "walk"], "standing and walking say so"
-    assert "69.4 kg while standing; subject.mass_kg is 80" in told[0].found
-
-
-def test_a_mass_is_wrong_where_no_trial_contradicts(sound: Study) -> None:
-    """Standing on 69.4 kg, walking on what plates with another gain make of it; and offsets that nobody knows."""
+def test_a_mass_is_wrong_where_standing_and_walking_say_so(sound: Study) -> None:
+    """Standing on plates, walking on what plates with another gain make of it; and offsets that nobody knows."""
     mass = sound.subject.mass
-    zero = np.zeros((2, 3))
 
-    def standing(kg: float, plates: int) -> Study:
-        force = np.tile([0.0, kg * 9.80665 / plates, 0.0], (2, 1))
-        time = sound.static.recording.time[[0, -1]]
-        on = tuple(ForcePlate(name=str(i), time=time, force=force, point=zero, moment=zero) for i in range(plates))
-        return with_trial(sound, "static", lambda r: replace(r, plates=on))
+    def standing(kg: float, count: int, declared: float = mass) -> Study:
+        force = np.tile([0.0, kg * 9.80665 / count, 0.0], (2, 1))
+        time, zero = sound.static.recording.time[[0, -1]], np.zeros((2, 3))
+        on = tuple(ForcePlate(name=str(i), time=time, force=force, point=zero, moment=zero) for i in range(count))
+        study = with_trial(sound, "static", lambda r: replace(r, plates=on))
+        return replace(study, subject=replace(sound.subject, mass=declared))
 
-    (alone,) = [f for f in findings(standing(1.2 * mass, 1), "body mass", INFO) if f.where == "static"]
-    assert "but not in all trials" in alone.found and "in walk" in alone.found
-    assert not findings(standing(1.2 * mass, 1), "body mass", WARNING)
-    heavier = replace(standing(mass, 2), subject=replace(sound.subject, mass=1.1 * mass))
-    assert [f.where for f in findings(heavier, "body mass", WARNING)] == ["static", "walk"], "the walk alone cannot"
+    assert "69.4 kg" in findings(standing(mass, 2), "body mass", INFO)[0].found
+    told = findings(standing(mass, 2, 1.1 * mass), "body mass", WARNING)
+    assert [f.where for f in told] == ["static", "walk"], "the walk alone cannot"
+    assert "69.4 kg while standing; subject.mass_kg is 76.3" in told[0].found
+    contradicted = [f for f in findings(standing(1.2 * mass, 1), "body mass") if f.where == "static"]
+    assert [f.severity for f in contradicted] == [INFO]
+    assert "but not in all trials" in contradicted[0].found and "in walk" in contradicted[0].found
     lone = replace(standing(1.07 * mass, 2), trials=standing(1.07 * mass, 2).trials[:1])
     assert not findings(lone, "body mass", WARNING), "two plates, either of them 20 N off"
 
@@ -177,76 +154,42 @@ def test_plates_that_touch_are_one_surface(sound: Study) -> None:
 
         return spoil
 
-    walk = next(t for t in sound.trials if t.name == "walk").recording
+    walk = recording_of(sound)
     loaded = np.nan_to_num(walk.plates[0].force[:, 1]) > 300.0
     middle = float(np.median(walk.plates[0].point[loaded, 0]))
-    partly = findings(with_trial(sound, "walk", bordered(middle)), "plate to foot", INFO)
-    assert not any("plate 1" in f.found and "partly beside" in f.found for f in partly)
-    alone = findings(with_trial(sound, "walk", with_corners(middle)), "plate to foot", INFO)
-    assert any("plate 1" in f.found and "partly beside" in f.found and "none" not in f.cure for f in alone)
-
-
-@pytest.mark.parametrize(("axis", "name"), [(0, "Fx"), (2, "Fz")])
-def test_a_horizontal_channel_that_never_changes_is_missing(sound: Study, axis: int, name: str) -> None:
-    def dead(p: ForcePlate) -> ForcePlate:
-        force = p.force.copy()
-        force[:, axis] = 0.0
-        return replace(p, force=force)
-
-    found = [f for f in findings(with_trial(sound, "walk", plate(1, dead)), "plates", WARNING) if "missing" in f.cause]
-    assert [f.cause for f in found] == [f"a horizontal force of plate 1 is missing: {name} is constant"]
-    assert not [f for f in findings(sound, "plates", WARNING) if "missing" in f.cause]
-
-
-REAL = {"subject01": "walk", "pig_c3d": "gait"}
-"""Study -> its walk over plates."""
-
-
-def times(factor: float) -> Change:
-    """Free moments times a factor."""
-
-    def spoil(recording: Recording) -> Recording:
-        return replace(recording, plates=tuple(replace(p, moment=factor * p.moment) for p in recording.plates))
-
-    return spoil
-
-
-def backwards(recording: Recording) -> Recording:
-    """From the end to the beginning: a body that walks backwards, and turns its feet the other way."""
-    plates = tuple(
-        replace(p, force=p.force[::-1], point=p.point[::-1], moment=p.moment[::-1]) for p in recording.plates
-    )
-    return replace(recording, markers=recording.markers[::-1].copy(), plates=plates)
+    for plate, beside in ((bordered(middle), 0), (with_corners(middle), 1)):
+        found = findings(with_trial(sound, "walk", plate), "plate to foot", INFO)
+        told = [f for f in found if "plate 1" in f.found and "partly beside" in f.found]
+        assert len(told) == beside and not any("none" in f.cure for f in told)
 
 
 def of_free_moment(study: Study) -> list[Finding]:
-    return [f for f in check_study(study) if f.code is Code.FREE_MOMENT]
+    return findings(study, code=Code.FREE_MOMENT)
 
 
-def test_a_wrong_sign_is_told_and_a_wrong_size_is_not_taken_for_one() -> None:
-    sound = sound_study()
-    [told] = of_free_moment(with_trial(sound, "walk", times(-1.0)))
+def turned_by(factor: float) -> Change:
+    """Free moments times a factor."""
+    return plates(lambda p: replace(p, moment=factor * p.moment))
+
+
+def test_a_wrong_sign_is_told_and_a_wrong_size_is_not_taken_for_one(sound: Study) -> None:
+    [told] = of_free_moment(with_trial(sound, "walk", turned_by(-1.0)))
     assert told.cause == "the free moment of all plates has the wrong sign"
     assert "whole steps" in told.found
-    assert of_free_moment(with_trial(sound, "walk", times(0.1))) == []
-    assert of_free_moment(with_trial(sound, "walk", times(-0.1))) == [], "too small to tell, and to matter"
+    for small in (0.1, -0.1):  # too small to tell, and to matter
+        assert of_free_moment(with_trial(sound, "walk", turned_by(small))) == []
 
 
-def test_backwards_and_with_another_sign_wrong_nothing_is_said() -> None:
+def test_backwards_and_with_another_sign_wrong_nothing_is_said(sound: Study) -> None:
     """Both turn the moment round, or may: the cause is told elsewhere."""
-    sound = sound_study()
     assert of_free_moment(with_trial(sound, "walk", backwards)) == []
-
-    def pushing_outwards(recording: Recording) -> Recording:
-        return replace(recording, plates=tuple(replace(p, force=p.force * [-1, 1, -1]) for p in recording.plates))
-
-    spoilt = with_trial(with_trial(sound, "walk", times(-1.0)), "walk", pushing_outwards)
-    assert of_free_moment(spoilt) == []
-    assert any(f.code is Code.FORCE_SIGN for f in check_study(spoilt))
+    pushing_outwards = plates(lambda p: replace(p, force=p.force * [-1, 1, -1], moment=-p.moment))
+    assert of_free_moment(with_trial(sound, "walk", pushing_outwards)) == []
+    assert findings(with_trial(sound, "walk", pushing_outwards), code=Code.FORCE_SIGN)
 
 
-@pytest.mark.parametrize("name", REAL)
-def test_real_people_have_the_usual_sign(name: str, data_dir: Path, tmp_path: Path) -> None:
-    study = Study.load(write_study(name, data_dir, tmp_path))
+@pytest.mark.parametrize(("name", "walk"), [("subject01", "walk"), ("pig_c3d", "gait")])
+def test_real_people_have_the_usual_sign(name: str, walk: str, real_study: Callable[[str], Study]) -> None:
+    study = real_study(name)
     assert of_free_moment(study) == []
-    assert len(of_free_moment(with_trial(study, REAL[name], times(-1.0)))) == 1
+    assert len(of_free_moment(with_trial(study, walk, turned_by(-1.0)))) == 1

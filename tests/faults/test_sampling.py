@@ -10,11 +10,10 @@ import pytest
 from gaitcal.arrays import Array
 from gaitcal.errors import Code, Severity
 from gaitcal.faults.sampling import HALF_WINDOW, seams
-from gaitcal.faults.study import check_study
 from gaitcal.io.formats import read_recording
 from gaitcal.io.recording import Recording
 from gaitcal.synthetic.motion import gait_motion
-from tests.faults.spoilt import sound_study, with_trial
+from tests.faults.spoilt import findings, sound_study, with_trial
 from tests.synthetic_studies import made_recording
 
 NEAR = 0.3
@@ -87,9 +86,8 @@ def test_walk_is_warned_of_and_an_isolated_trial_noted(count: int, words: str) -
         markers = cut(recording.markers, 100, count)[: len(recording.time)]
         return replace(recording, time=recording.time[: len(markers)], markers=markers)
 
-    [found] = [f for f in check_study(with_trial(sound_study(), "walk", spoil)) if f.code is Code.SEAM]
-    assert found.severity is Severity.WARNING
-    assert words in found.cause
+    [found] = findings(with_trial(sound_study(), "walk", spoil), code=Code.SEAM)
+    assert found.severity is Severity.WARNING and words in found.cause
     assert "0.49 s" in found.found or "0.50 s" in found.found
-    noted = [f for f in check_study(with_trial(sound_study(), "knee_r", spoil)) if f.code is Code.SEAM]
+    noted = findings(with_trial(sound_study(), "knee_r", spoil), code=Code.SEAM)
     assert all(f.severity is Severity.INFO for f in noted)

@@ -2,15 +2,18 @@
 
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from gaitcal.dynamics.ground_reactions import leg_of
 from gaitcal.io.formats import read_recording
-from gaitcal.io.recording import Recording
-from gaitcal.model.chain import Chain, forward, segment_poses
+from gaitcal.io.recording import Recording, still_window
+from gaitcal.model.chain import Chain, axis_rotation, forward, segment_poses
+from gaitcal.model.linkage import COORDINATES
 from gaitcal.model.marker_set import MarkerSet, load_marker_set
-from gaitcal.model.nominal import published_model
+from gaitcal.model.nominal import PUBLISHED, nominal_model, published_model
+from gaitcal.model.parameters import Parameters
 from gaitcal.model.subject_model import Subject, SubjectModel
 
 
@@ -24,6 +27,14 @@ class Person:
 
     def static(self, data: Path) -> Recording:
         return read_recording(data / self.file)
+
+    def stands(self, data: Path) -> tuple[Recording, slice]:
+        """The static trial with the labels of the set, and the frames in which the person stands still."""
+        static = self.markers.renamed(self.static(data))
+        return static, still_window(static, self.markers.labels).frames
+
+    def model(self, static: Recording, **options: Any) -> SubjectModel:
+        return nominal_model(static, self.markers, self.subject, **options)
 
     @property
     def markers(self) -> MarkerSet:
@@ -44,17 +55,36 @@ def frozen_above(model: SubjectModel) -> set[str]:
     return {name for name in model.frozen if not leg_of(name)}
 
 
+def posed(
+    chain: Chain, parameters: Parameters, q: np.ndarray | None = None
+) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray]]:
+    """Of each segment the rotation (3, 3) from it to the ground and its origin (3,) m, at coordinates (nq,) or zero."""
+    constants = chain.constants(parameters.joint, parameters.zero_angles)
+    pose = np.zeros(len(chain.coordinates)) if q is None else q
+    axes, origins = segment_poses(chain, constants, forward(chain, constants, pose[None]))
+    return (
+        {name: axes[i, :, :, 0].T for i, name in enumerate(chain.segments)},
+        {name: origins[i, :, 0] for i, name in enumerate(chain.segments)},
+    )
+
+
 def standing(model: SubjectModel, q: np.ndarray | None = None, frames: int = 60) -> Recording:
     """The markers of a model that holds coordinates q (nq,), zero if not given."""
-    chain = Chain()
-    constants = chain.constants(model.parameters.joint, model.parameters.zero_angles)
-    pose = np.zeros((1, len(chain.coordinates))) if q is None else q[None]
-    axes, origins = segment_poses(chain, constants, forward(chain, constants, pose))
+    rotation, origin = posed(Chain(), model.parameters, q)
     m = model.markers
-    at = [chain.segments.index(segment) for segment in m.segments]
-    points = np.einsum("mj,mji->mi", m.local, axes[at, :, :, 0]) + origins[at, :, 0]
-    markers = np.broadcast_to(points, (frames, *points.shape)).copy()
+    points = [rotation[s] @ at + origin[s] for s, at in zip(m.segments, m.local, strict=True)]
+    markers = np.tile(points, (frames, 1, 1))
     return Recording(source="made up", time=np.arange(frames) / 100.0, labels=m.labels, markers=markers)
+
+
+def at_angles(angles: dict[str, float]) -> np.ndarray:
+    """(nq,) rad, zero but for these."""
+    return np.array([angles.get(name, 0.0) for name in COORDINATES])
+
+
+def from_published(static: Recording | None = None, subject: Subject = PUBLISHED, **options: Any) -> SubjectModel:
+    """The model that is made of the published subject's markers, or of others in their place."""
+    return nominal_model(static or published_static(), load_marker_set("published"), subject, **options)
 
 
 def published_static() -> Recording:
@@ -64,25 +94,18 @@ def published_static() -> Recording:
 
 def moved(recording: Recording, heading: float, shift: np.ndarray) -> Recording:
     """The whole recording turned about the vertical and shifted."""
-    c, s = np.cos(heading), np.sin(heading)
-    turn = np.array([[c, 0.0, s], [0.0, 1.0, 0.0], [-s, 0.0, c]])
-    return replace(recording, markers=recording.markers @ turn.T + shift)
+    return replace(recording, markers=recording.markers @ axis_rotation(1, heading).T + shift)
 
 
 def mirrored(recording: Recording) -> Recording:
     """Seen in a mirror: z reversed, and every marker of one side named as that of the other."""
-    known = set(recording.labels)
-    swap = {"R": "L", "L": "R"}
 
     def other(label: str) -> str:
-        candidate = swap.get(label[0], label[0]) + label[1:]
-        return candidate if candidate in known else label
+        candidate = {"R": "L", "L": "R"}.get(label[0], label[0]) + label[1:]
+        return candidate if candidate in recording.labels else label
 
-    return replace(
-        recording,
-        labels=tuple(other(label) for label in recording.labels),
-        markers=recording.markers * [1.0, 1.0, -1.0],
-    )
+    labels = tuple(other(label) for label in recording.labels)
+    return replace(recording, labels=labels, markers=recording.markers * [1.0, 1.0, -1.0])
 
 
 def without(recording: Recording, *labels: str) -> Recording:

@@ -92,11 +92,9 @@ def test_any_person_is_possible_and_weighs_what_they_weigh(
     inertial = inertial_parameters(subject, lengths)
     assert is_physical(inertial).all()
     assert table(inertial)[:, 0].sum() == pytest.approx(mass, rel=1e-14)
-    left_right = [
-        (i, MASSIVE_SEGMENTS.index(s[:-2] + "_l")) for i, s in enumerate(MASSIVE_SEGMENTS) if s.endswith("_r")
-    ]
-    for r, left in left_right:
-        np.testing.assert_array_equal(table(inertial)[r], table(inertial)[left])
+    rows = dict(zip(MASSIVE_SEGMENTS, table(inertial), strict=True))
+    for right in (segment for segment in MASSIVE_SEGMENTS if segment.endswith("_r")):
+        np.testing.assert_array_equal(rows[right], rows[f"{right[:-2]}_l"])
 
 
 def test_de_leva_lengths_belong_to_his_people() -> None:
@@ -135,29 +133,26 @@ def test_a_small_child_has_a_heavy_head_and_light_thighs() -> None:
     assert child["LowerTrunk"] / adult["LowerTrunk"] == pytest.approx(ratio)
 
 
-def test_a_table_that_may_be_the_wrong_one_is_told_and_believed_less() -> None:
-    unknown = Subject("child", 28.0, 1.30, "female")
-    assert "table of adults, though 1.30 m looks like a child's" in table_words(unknown)
-    spread = child_spread(unknown)
-    assert spread["thigh"] == pytest.approx(
-        np.log(mass_shares("female", None)["Thigh"] / mass_shares("female", 8.0)["Thigh"])
-    )
-    for known in (Subject("child", 28.0, 1.30, "female", age=9.0), Subject("adult", 70.0, 1.70, "female")):
-        assert child_spread(known) == {}
+@pytest.mark.parametrize(
+    ("mass", "height", "sex", "age"), [(28.0, 1.30, "female", 8.0), (32.1, 1.45, "male", 12), (45.8, 1.48, "male", 12)]
+)
+def test_a_table_that_may_be_the_wrong_one_is_told_and_believed_less(
+    mass: float, height: float, sex: str, age: float
+) -> None:
+    """A child, and two of the recorded older ones, who are known by mass and height together."""
+    unknown = Subject("child", mass, height, sex)
+    assert f"table of adults, though {height:.2f} m looks like a child's" in table_words(unknown)
+    thigh = np.log(mass_shares(sex, None)["Thigh"] / mass_shares(sex, age)["Thigh"])
+    assert child_spread(unknown)["thigh"] == pytest.approx(abs(thigh))
+    assert child_spread(replace(unknown, age=age)) == {}
+
+
+def test_grown_people_as_light_or_as_short_as_children_are_believed() -> None:
+    for mass, height in ((70.0, 1.70), (49.0, 1.66), (62.0, 1.52)):
+        assert child_spread(Subject("adult", mass, height, "female")) == {}
     assert "no age is known" in table_words(Subject("who knows", 60.3, 1.58, "male"))
     assert "9 years of age by Jensen 1989" in table_words(Subject("child", 28.0, 1.30, "female", age=9.0))
     assert table_words(Subject("short adult", 45.0, 1.40, "female", age=40.0)) == "de Leva 1996, female"
-
-
-def test_older_children_are_known_by_mass_and_height_together() -> None:
-    """Two of the recorded children, and grown people as light or as short."""
-    for mass, height in ((32.1, 1.45), (45.8, 1.48)):
-        child = Subject("child", mass, height, "male")
-        assert "looks like a child's" in table_words(child)
-        thigh = np.log(mass_shares("male", None)["Thigh"] / mass_shares("male", 12.0)["Thigh"])
-        assert child_spread(child)["thigh"] == pytest.approx(abs(thigh))
-    for mass, height in ((49.0, 1.66), (62.0, 1.52)):
-        assert child_spread(Subject("adult", mass, height, "female")) == {}
 
 
 @pytest.mark.parametrize("other", ["male", "female"])

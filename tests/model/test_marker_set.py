@@ -6,7 +6,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from gaitcal.errors import InputError
 from gaitcal.io.formats import read_recording
 from gaitcal.io.recording import Recording
 from gaitcal.model.linkage import SEGMENTS
@@ -14,6 +13,7 @@ from gaitcal.model.marker_set import LANDMARKS, NO_REASON, REQUIRED, built_in_se
 from gaitcal.model.nominal import nominal_model, published_model
 from gaitcal.model.present_markers import present_markers
 from tests.model.people import PEOPLE
+from tests.refusal import refusal
 
 OWN = """\
 description = "mine"
@@ -52,16 +52,13 @@ def test_built_in_sets() -> None:
         assert set(REQUIRED) <= set(made.landmarks) <= set(LANDMARKS)
         assert set(made.tracking) <= set(SEGMENTS)
         for label, weight in made.weights.items():
-            assert label in made.labels
-            assert weight >= 0
+            assert label in made.labels and weight >= 0
             assert len(made.reasons[label]) > 20, "a weight has its reason"
 
 
 def test_the_published_set_has_the_published_markers_with_one_weight() -> None:
     made, model = load_marker_set("published"), published_model(static_only=True)
-    assert set(made.labels) == set(model.markers.labels)
-    assert len(made.labels) == 49
-    assert not made.weights
+    assert set(made.labels) == set(model.markers.labels) and len(made.labels) == 49 and not made.weights
     segment_of = dict(zip(model.markers.labels, model.markers.segments, strict=True))
     for groups in (made.tracking, made.static_only):
         for segment, labels in groups.items():
@@ -107,16 +104,6 @@ def test_a_set_may_extend_a_built_in_one(tmp_path: Path) -> None:
     assert made.tracking["shank_l"] == base.tracking["shank_l"]
     assert made.options("toe_r") == base.options("toe_r")
     assert made.weight("C7") == base.weight("C7") and made.weight("RTH2") == 0.5
-    for old, new, message in (
-        ("plug-in-gait", "plugin-gait", "extends: found 'plugin-gait', which is no built-in marker set; did you mean"),
-        ("first_of", "fist_of", "did you mean 'first_of'?"),
-        ('"{S}THI", ', '"{S}TIB", ', "marker 'RTIB' is on thigh_r and on shank_r"),
-        ("[tracking]", '[knee_device]\nRKNE = ["A", "B"]\n[tracking]', "knee_device: found 2 markers for 'RKNE'"),
-    ):
-        assert old in EXTENDED
-        with pytest.raises(InputError, match=".") as caught:
-            load_marker_set(write(tmp_path, EXTENDED.replace(old, new, 1)))
-        assert message in str(caught.value)
 
 
 def test_aliases_are_other_spellings(tmp_path: Path) -> None:
@@ -148,25 +135,25 @@ def test_aliases_are_other_spellings(tmp_path: Path) -> None:
         ("[tracking]", "[landmarks]", "not valid TOML"),
         ('"heel_{s}" = ', '"toe_{s}" = ', "not valid TOML"),
         ('"toe_{s}" = "{S}TOE"', '"toe_{s}" = "{S}TOE"\ntoe_r = "X"', "landmarks: 'toe_r' is given twice"),
+        ("plug-in-gait", "plugin-gait", "extends: found 'plugin-gait', which is no built-in marker set; did you mean"),
+        ("first_of", "fist_of", "did you mean 'first_of'?"),
+        ('"{S}THI", "{S}TH2"', '"{S}TIB"', "marker 'RTIB' is on thigh_r and on shank_r"),
+        ('"ours"', '"ours"\nknee_device.RKNE = ["A", "B"]', "knee_device: found 2 markers for 'RKNE'"),
     ],
 )
 def test_mistakes_are_told_in_one_line(tmp_path: Path, old: str, new: str, message: str) -> None:
-    assert old in OWN
-    path = write(tmp_path, OWN.replace(old, new, 1))
-    with pytest.raises(InputError) as caught:
-        load_marker_set(path)
-    assert str(path) in str(caught.value)
-    assert message in str(caught.value)
-    assert "\n" not in str(caught.value)
+    text = OWN if old in OWN else EXTENDED
+    assert old in text
+    path = write(tmp_path, text.replace(old, new, 1))
+    said = refusal(load_marker_set, path)
+    assert str(path) in said and message in said
 
 
 def test_an_unknown_set_names_the_built_in_ones(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match=r"allowed: cast, conventional73, gait2354, .*; did you mean 'gait2354'\?"):
-        load_marker_set("gait2345")
-    with pytest.raises(InputError, match="no such file"):
-        load_marker_set(tmp_path / "none.toml")
-    with pytest.raises(InputError, match="no such file"):
-        load_marker_set("folder/none.toml")
+    said = refusal(load_marker_set, "gait2345")
+    assert "allowed: cast, conventional73, gait2354, " in said and said.endswith("; did you mean 'gait2354'?")
+    for missing in (tmp_path / "none.toml", "folder/none.toml"):
+        assert "no such file" in refusal(load_marker_set, missing)
 
 
 @pytest.mark.parametrize("name", built_in_sets())
@@ -181,14 +168,11 @@ def test_weights_and_labels_of_a_study(tmp_path: Path) -> None:
     made = load_marker_set("published")
     tracked = next(iter(made.tracking.values()))[0]
     odd = 'a "b" \\ {x} é'
-    aliases = {**made.aliases, tracked: (odd,)}
-    made = replace(made, aliases=aliases).with_weights({tracked: 0.25, "not tracked": 0.0})
-    path = tmp_path / "marker_set.toml"
-    path.write_text(marker_set_text(made), encoding="utf-8")
-    back = load_marker_set(path)
+    made = replace(made, aliases={**made.aliases, tracked: (odd,)})
+    made = made.with_weights({tracked: 0.25, "not tracked": 0.0})
+    back = load_marker_set(write(tmp_path, marker_set_text(made)))
     assert back.weight(tracked) == 0.25 and back.reasons[tracked] == NO_REASON
-    assert "not tracked" not in back.weights
-    assert back.aliases[tracked] == (odd,)
+    assert "not tracked" not in back.weights and back.aliases[tracked] == (odd,)
 
 
 @pytest.mark.parametrize("name", built_in_sets())
@@ -207,9 +191,7 @@ def test_what_is_missing_and_left_over_is_named() -> None:
     labels = [label for label in made.labels if label not in ("V.Sacral", "L.Heel", "R.ASIS")]
     found = made.coverage([*labels, "Stranger"])
     assert found.required_missing == ("sacrum", "asis_r")  # a heel alone may be missed, not both ends of a foot
-    assert found.bare == ("pelvis",)
-    assert found.unknown == ("Stranger",)
-    assert not found.complete
+    assert (found.bare, found.unknown, found.complete) == (("pelvis",), ("Stranger",), False)
     assert found.score < 1 < made.coverage([*labels, "V.Sacral", "R.ASIS", "Stranger"]).score
 
 
@@ -259,9 +241,7 @@ def test_the_same_person_under_their_labels(name: str, data_dir: Path) -> None:
     known = nominal_model(recording, person.markers, person.subject, window=WINDOW)
     for landmark in ("hjc", "kjc", "ajc", "heel", "toe"):
         for side in "rl":
-            segment, at = model.landmarks[f"{landmark}_{side}"]
-            same_segment, same_at = known.landmarks[f"{landmark}_{side}"]
+            (segment, at), (same_segment, same_at) = (m.landmarks[f"{landmark}_{side}"] for m in (model, known))
             assert segment == same_segment
             np.testing.assert_allclose(at, same_at, atol=SAME)
-    followed = set(model.markers.labels)
-    assert {label for label in legs.labels if label in marker_set.tracked} <= followed
+    assert {label for label in legs.labels if label in marker_set.tracked} <= set(model.markers.labels)

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from gaitcal.dynamics.inverse_dynamics import FORCES, Dynamics
-from gaitcal.model.linkage import COORDINATES, LOWER_BODY
+from gaitcal.model.linkage import COORDINATES, LOWER_BODY, joints_above
 from gaitcal.model.parameters import IP_NAMES, Parameters
 from gaitcal.motion.descent import DescentSettings
 from gaitcal.motion.motion import track_nodes
@@ -160,7 +160,8 @@ def test_other_choices_of_parameters(case: MonteCarloCase, context: MonteCarloCo
     )
     assert changed.any() and (changed == by_published).all()
     moved = np.abs(some.sensitivity).max(axis=(0, 1))
-    assert (moved > 0).sum() == len(choice.names)
+    carrying = {joint.name for segment in case.markers.segments for joint in joints_above(segment)}
+    assert (moved > 0).sum() == sum(name.split(".")[0] in carrying for name in choice.names)
 
 
 @cache
@@ -245,9 +246,12 @@ def test_same_minimum_as_tracking(context: MonteCarloContext, level: int) -> Non
 def test_the_predictor_is_the_slope_of_the_motion(context: MonteCarloContext) -> None:
     change = 1e-4 * context.settings.joint_bounds * np.random.default_rng(3).uniform(-1, 1, len(context.names))
     parameters = context.case.parameters.with_joint(context.names, context.joint_values + change)
-    constants = context.problem.constants(parameters)
-    found = refit(context.problem, constants, context.case.coefficients, MonteCarloSettings(refit_tolerance=1e-10))
-    moved = found.coefficients - context.case.coefficients
+    problem, settings = context.problem, MonteCarloSettings(refit_tolerance=1e-10)
+    now, was = (
+        refit(problem, problem.constants(p), context.case.coefficients, settings).coefficients
+        for p in (parameters, context.case.parameters)
+    )
+    moved = now - was
     np.testing.assert_allclose(context.sensitivity @ change, moved, rtol=0, atol=2e-3 * np.abs(moved).max())
 
 
