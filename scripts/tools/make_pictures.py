@@ -17,8 +17,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from scripts.validation.cohorts import copy_people, write_many
 from scripts.validation.harness import gaitcal
-from scripts.validation.many_people import copy_people, write_many
 from tests.page.browser import Page, browser, chromium
 
 ROOT = Path(__file__).resolve().parents[2]

@@ -46,8 +46,7 @@ from gaitcal.model.segment_frames import rigid_motions
 from gaitcal.session.result import Calibration
 from gaitcal.synthetic.motion import residual_free_wrench
 from gaitcal.synthetic.subject import plates_under, true_gait
-from scripts.validation.error_bars import rms
-from scripts.validation.harness import option, say
+from scripts.validation.harness import option, rms, say
 from scripts.validation.recordings import SIMULATED, data
 from scripts.validation.truth.people import WalkingPerson, at_times, walking_person
 from scripts.validation.truth.simulated import whole_turn

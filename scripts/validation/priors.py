@@ -52,11 +52,9 @@ from gaitcal.synthetic.motion import (
     two_strides,
 )
 from gaitcal.synthetic.truth import in_static_frames
-from scripts.validation.error_bars import rms, shares
-from scripts.validation.harness import option, say
+from scripts.validation.harness import option, rms, say, shares
 from scripts.validation.people.fits import Fit, fitted
-from scripts.validation.recordings import only
-from scripts.validation.study_folder import write_folder
+from scripts.validation.recordings import only, write_folder
 
 SHARED = ("--seed",)
 OWN = {"--cohort": option(20, "people in the cohort"), "--left-out": option(12, "people who are not")}

@@ -52,11 +52,9 @@ from gaitcal.synthetic.motion import (
 )
 from gaitcal.synthetic.subject import synthetic_model
 from gaitcal.synthetic.truth import in_static_frames
-from scripts.validation.error_bars import coverage, rms
-from scripts.validation.harness import option, say, side_by_side
+from scripts.validation.harness import coverage, option, rms, say, side_by_side
 from scripts.validation.people.fits import fitted
-from scripts.validation.recordings import only, study_of_person
-from scripts.validation.study_folder import write_folder
+from scripts.validation.recordings import only, study_of_person, write_folder
 
 SHARED = ("--jobs", "--seed")
 OWN = {"--people": option(10, "made-up people"), "--out": option(Path, "folder that keeps the results")}

@@ -16,7 +16,7 @@ from gaitcal.motion.rigid import rigid_distances, rigid_fit
 from gaitcal.motion.spline import NodeRule, cutoff, spline_basis, to_bspline
 from gaitcal.motion.start import starting_nodes
 from gaitcal.motion.trial_problem import MotionProblem
-from scripts.tools.benchmark import scaling
+from scripts.tools.benchmark import tasks
 from tests.derivatives import Array, assert_derivative, seeded_trial
 from tests.motion.test_marker_equations import dense
 
@@ -210,7 +210,7 @@ def test_large_matrices_are_factored_in_place(monkeypatch: pytest.MonkeyPatch, f
 
 @pytest.mark.slow
 def test_memory_of_a_long_recording() -> None:
-    short, long = (scaling.usage(frames, 100.0) for frames in (5_000, 20_000))
+    short, long = (tasks.usage(frames, 100.0) for frames in (5_000, 20_000))
     assert long["rms_mm"] < 2.5
     assert long["peak_gib"] - short["peak_gib"] < SLOPE_GIB
     assert long["peak_gib"] < 0.8

@@ -22,9 +22,9 @@ from gaitcal.model.segment_frames import HipCentre
 from gaitcal.study.study_trial import Role
 from gaitcal.synthetic.subject import synthetic_model
 from gaitcal.synthetic.truth import _joint_lines, segment_frames
-from scripts.validation import error_bars
+from scripts.validation import harness
 from scripts.validation.harness import results
-from scripts.validation.truth import made_up, opensim_trials, people, report, rigid, skin
+from scripts.validation.truth import made_up, people, report, rigid, skin
 from scripts.validation.truth.people import EXACT_PLATES
 from tests.kept import copied_person, kept_folder, kept_person
 
@@ -142,7 +142,7 @@ def test_skin_follows_the_joints_by_its_law() -> None:
 
 
 def test_table_of_a_few_fits() -> None:
-    held = error_bars.Bars(20, (14, 19), 20.0)
+    held = harness.Bars(20, (14, 19), 20.0)
     fits = [
         report.Outcome(
             part="isolated",
@@ -187,7 +187,7 @@ def simulated_trials(kept: Path, data: Path) -> Path:
     pytest.importorskip("opensim", reason="extra `peers`")
     source = data.resolve() / "opensim_truth" / "p01"
     files = source / "subject01.osim", source / "coordinates.sto"
-    trials = partial(opensim_trials.make_trials, *files, rate=SLOW_CAMERA)
+    trials = partial(people.make_trials, *files, rate=SLOW_CAMERA)
     return kept_folder(kept / "simulated" / "p01", trials).parent
 
 
@@ -268,7 +268,7 @@ def test_the_truth_is_told_in_the_frames_of_the_calibration(kept: Path) -> None:
 
 
 def test_bars_count_what_holds() -> None:
-    held = error_bars.bars(np.array([0.5, -1.5, 3.0, 0.1]), np.array([1.0, 1.0, 1.0, np.nan]))
+    held = harness.bars(np.array([0.5, -1.5, 3.0, 0.1]), np.array([1.0, 1.0, 1.0, np.nan]))
     assert (held.count, held.within) == (4, (1, 2))
     assert held.rms == pytest.approx(np.sqrt(3 / 4))
     both = held + held

@@ -25,8 +25,8 @@ from statistics import median
 
 import numpy as np
 
+from scripts.tools.benchmark.references import Figure
 from scripts.tools.benchmark.tasks import SECTIONS
-from scripts.tools.benchmark.trials import Figure
 from scripts.validation.harness import say
 
 PACKAGES = ("pin", "numpy", "scipy", "opensim")

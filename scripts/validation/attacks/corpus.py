@@ -15,9 +15,8 @@ from pathlib import Path
 from gaitcal import MarkerSet, Study
 from gaitcal.io.toml import tomllib
 from gaitcal.study.study_file import load_study_file
-from scripts.validation.attacks import spoil_files, spoil_markers, spoil_plates, spoil_studies
-from scripts.validation.attacks.bases import BASES, loaded
-from scripts.validation.recordings import WALK
+from scripts.validation.attacks import spoil_markers, spoil_plates, spoil_studies
+from scripts.validation.recordings import BASES, WALK, loaded
 
 
 class Kind(str, Enum):
@@ -137,7 +136,7 @@ def spoilt(attack: Attack, folder: Path) -> Callable[[], Study]:
         path = with_files(BASES[attack.base](folder))
         (file,) = path.parent.glob(attack.where)
         for name, words in _calls(attack.how):
-            getattr(spoil_files, name)(file, *words)
+            getattr(spoil_studies, name)(file, *words)
     except Exception as fault:
         raise CorpusError(f"{attack.title}: the attack itself failed") from fault
     return lambda: Study.load(path)

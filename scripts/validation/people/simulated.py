@@ -22,7 +22,7 @@ from gaitcal.calibration.joint_prior import ANATOMY
 from gaitcal.model.linkage import SIDES
 from gaitcal.model.parameters import JP_INDEX, JP_TO_SI
 from gaitcal.study.study import nominal_of
-from scripts.validation.error_bars import bars, rms
+from scripts.validation.harness import bars, rms
 from scripts.validation.people.fits import fitted
 from scripts.validation.recordings import changed, data, only
 from scripts.validation.truth.people import IsolatedPerson, isolated_person, leg_parameters, static_frames

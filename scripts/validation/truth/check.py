@@ -9,7 +9,7 @@ isolated    the same people's six isolated trials, made by OpenSim once (extra `
 functional  the same people's walk alone, and with a trial of each hip that is isolated, or is any motion: hip centres
 synthetic   people of our own linkage through C3D files, as `gaitcal synthesize --noise --perturb` writes them
 recovery    the same, every joint and inertial parameter by itself (`truth/made_up.py`); `--know` says what is known
-published   the published subject with the published noise, `--seeds` draws of it (`truth/published.py`): how many
+published   the published subject with the published noise, `--seeds` draws of it (`truth/made_up.py`): how many
             intervals of joint parameters, coordinates, torques, powers and moment vectors hold the truth
 
 Markers are moved as `truth/skin.py` tells: not at all (`none`; one fit a person), by the published waves, by skin that
@@ -26,7 +26,7 @@ from functools import partial
 
 from scripts.validation.harness import matching, option, say, side_by_side, words_of
 from scripts.validation.recordings import SIMULATED, data
-from scripts.validation.truth import made_up, published, report, simulated
+from scripts.validation.truth import made_up, report, simulated
 from scripts.validation.truth.people import made
 from scripts.validation.truth.report import Outcome
 from scripts.validation.truth.skin import FIVE, OF_PEOPLE, Kind
@@ -84,7 +84,11 @@ def run(chosen: argparse.Namespace) -> list[Outcome]:
         people = [partial(made_up.synthetic_person, seed, settings, chosen.settings) for seed in synthetic]
         say(*made_up.lines(list(side_by_side(people, chosen.jobs))))
     if "published" in chosen.parts:
-        say(*published.lines(published.draws(chosen.seeds, 1e-3 * (chosen.size or WAVES_MM), chosen.seed, chosen.jobs)))
+        say(
+            *made_up.published_lines(
+                made_up.draws(chosen.seeds, 1e-3 * (chosen.size or WAVES_MM), chosen.seed, chosen.jobs)
+            )
+        )
     outcomes = list(side_by_side(tasks(chosen, synthetic), chosen.jobs))
     if outcomes:
         if chosen.set:

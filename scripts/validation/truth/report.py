@@ -14,7 +14,7 @@ import numpy as np
 
 import gaitcal
 from gaitcal import Calibration, Study
-from scripts.validation.error_bars import Bars, bars, rms
+from scripts.validation.harness import Bars, bars, rms
 from scripts.validation.truth.people import DIRECTIONS
 
 

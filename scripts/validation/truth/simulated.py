@@ -26,7 +26,7 @@ from gaitcal.model.chain import Chain, forward
 from gaitcal.model.parameters import Parameters
 from gaitcal.model.segment_frames import Frame, rigid_motions
 from gaitcal.study.study_trial import Role
-from scripts.validation.error_bars import Bars, bars, rms
+from scripts.validation.harness import Bars, bars, rms
 from scripts.validation.truth.people import (
     DIRECTIONS,
     IsolatedPerson,
