@@ -26,33 +26,11 @@ from functools import partial
 
 import numpy as np
 
+from gaitcal.calibration import identifiability, soft_tissue_artefact
 from gaitcal.calibration.error_sources import ErrorSources, nominal_errors
-from gaitcal.calibration.identifiability import (
-    Turns,
-    ambiguous_arm_findings,
-    arm_ambiguity,
-    beyond_bounds,
-    in_words,
-    small_turns,
-    turns_of,
-    unmoved_parameters,
-    unseen_parameters,
-    without_arms,
-    worn_as_standing,
-)
 from gaitcal.calibration.joint_calibration import JointSettings, passed
 from gaitcal.calibration.joint_estimate import BY_EVIDENCE, JointEstimate, Tasks, estimate_joints, free_of
 from gaitcal.calibration.joint_prior import ANATOMY, prior_of
-from gaitcal.calibration.soft_tissue_artefact import (
-    GAIT,
-    LEAST_SQUARES,
-    NO_TISSUE,
-    SoftTissueScale,
-    TaskTissue,
-    TissuePrior,
-    task_tissue,
-    tissue_prior,
-)
 from gaitcal.errors import Finding
 from gaitcal.model.linkage import ISOLATED_JOINTS, LEG_JOINTS, LOWER_BODY, SEGMENTS
 from gaitcal.model.parameters import JP_INDEX, JP_NAMES, Parameters, isolated_parameters
@@ -91,7 +69,7 @@ class JointProblem:
     @property
     def kind(self) -> str:
         """Of task; an activity has none of a walk's or a joint's, whatever its trial is called."""
-        return self.joint or (f"activity {self.activity}" if self.activity else GAIT)
+        return self.joint or (f"activity {self.activity}" if self.activity else soft_tissue_artefact.GAIT)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -155,10 +133,10 @@ class JointPhase:
     free: tuple[str, ...]
     recordings: tuple[str, ...]
     """Name of each trial, whatever its problem is called."""
-    tissue: TissuePrior = NO_TISSUE
+    tissue: soft_tissue_artefact.TissuePrior = soft_tissue_artefact.NO_TISSUE
     """Of the columns that its problems have."""
 
-    def with_tissue(self, soft: TaskTissue) -> JointPhase:
+    def with_tissue(self, soft: soft_tissue_artefact.TaskTissue) -> JointPhase:
         """The same with what may move the markers against their bones."""
         names = iter(self.recordings)
         tasks = {
@@ -166,7 +144,7 @@ class JointPhase:
             for kind, problems in self.tasks.items()
         }
         plan = replace(self, tasks=tasks)
-        return replace(plan, tissue=tissue_prior(plan.problems, soft.scales))
+        return replace(plan, tissue=soft_tissue_artefact.tissue_prior(plan.problems, soft.scales))
 
     @property
     def problems(self) -> list[MotionProblem]:
@@ -202,7 +180,7 @@ class FittedPhase:
     summary: Phase
     frozen: tuple[str, ...] = ()
     """Joint parameters that were to be fitted and that these trials cannot see."""
-    turned: Turns = field(default_factory=dict)
+    turned: identifiability.Turns = field(default_factory=dict)
     """How far isolated trials move their joints."""
     findings: tuple[Finding, ...] = ()
     notes: tuple[str, ...] = ()
@@ -229,12 +207,14 @@ def fit_phase(
         known=known,
     )
     estimate, errors = fit(plan.free)
-    turned = turns_of(plan.problems, estimate.coefficients, plan.joints)
+    turned = identifiability.turns_of(plan.problems, estimate.coefficients, plan.joints)
     frozen: tuple[str, ...] = ()
     if how.prior is None:
-        (alone,) = plan.tasks if len(plan.tasks) == 1 else (GAIT,)
-        unmoved = () if alone not in ISOLATED_JOINTS else unmoved_parameters(plan.free, alone, turned[alone])
-        frozen = unseen_parameters(plan.free, estimate.covariance, estimate.information, unmoved)
+        (alone,) = plan.tasks if len(plan.tasks) == 1 else (soft_tissue_artefact.GAIT,)
+        unmoved = (
+            () if alone not in ISOLATED_JOINTS else identifiability.unmoved_parameters(plan.free, alone, turned[alone])
+        )
+        frozen = identifiability.unseen_parameters(plan.free, estimate.covariance, estimate.information, unmoved)
     iterations, seconds = estimate.iterations, estimate.seconds
     if frozen:
         estimate, errors = fit(tuple(name for name in plan.free if name not in frozen))
@@ -243,7 +223,7 @@ def fit_phase(
         finding
         for problem, coefficients, joint in zip(plan.problems, estimate.coefficients, plan.joints, strict=True)
         if joint
-        for finding in small_turns(problem, coefficients, joint)
+        for finding in identifiability.small_turns(problem, coefficients, joint)
     )
     weighed = how.equal_weights and how.prior is not None
     summary = Phase(
@@ -273,7 +253,7 @@ def sequential_phases(trials: Sequence[JointProblem], gait: Mapping[str, tuple[s
         if joint[-1] in gait
     ]
     free = tuple(name for names in gait.values() for name in names)
-    phases.append(_phase(GAIT, [t for t in trials if t.joint is None], free))
+    phases.append(_phase(soft_tissue_artefact.GAIT, [t for t in trials if t.joint is None], free))
     return [phase for phase in phases if phase.free]
 
 
@@ -336,7 +316,9 @@ def calibrate_by_evidence(
     with ThreadPoolExecutor(1) as pool:
         upper = pool.submit(with_one_blas_thread(_trunk_and_arms), trials, nominal, how)
         if free:
-            soft = task_tissue({t.name: t.kind for t in legs}, {t.name: t.fitted for t in legs}, nominal)
+            soft = soft_tissue_artefact.task_tissue(
+                {t.name: t.kind for t in legs}, {t.name: t.fitted for t in legs}, nominal
+            )
             plan = replace(_phase("joint parameters of the legs", legs, ()), free=free).with_tissue(soft)
             found = fit_phase(plan, nominal, how)
             errors, notes = _with_found_tissue(found), _tissue_notes(soft.scales, found.estimate)
@@ -357,12 +339,18 @@ def _with_found_tissue(phase: FittedPhase) -> ErrorSources:
     return ErrorSources(errors.free, np.hstack([errors.parameters, column]), (*errors.clusters, "skin/found"))
 
 
-def _tissue_notes(scales: Mapping[str, SoftTissueScale], estimate: JointEstimate) -> tuple[str, ...]:
+def _tissue_notes(
+    scales: Mapping[str, soft_tissue_artefact.SoftTissueScale], estimate: JointEstimate
+) -> tuple[str, ...]:
     """What soft tissue was found, and how far repeated trials repeat their errors."""
     named = {"isolated trials" if kind in ISOLATED_JOINTS else kind: scale for kind, scale in scales.items()}
     sizes = ", ".join(
         f"{kind} {np.sqrt(scale.linear):.2g}"
-        + (f" (and {np.sqrt(scale.squares):.2g} with the squares of angles)" if scale.squares >= LEAST_SQUARES else "")
+        + (
+            f" (and {np.sqrt(scale.squares):.2g} with the squares of angles)"
+            if scale.squares >= soft_tissue_artefact.LEAST_SQUARES
+            else ""
+        )
         for kind, scale in named.items()
     )
     out = [
@@ -393,16 +381,16 @@ def _trunk_and_arms(trials: Sequence[JointProblem], nominal: Parameters, how: Ph
     problems = tuple(replace(part, name=f"{part.name}, trunk and arms") for part in parts)
     plan = JointPhase(
         name="joint parameters of trunk and arms",
-        tasks={GAIT: problems},
+        tasks={soft_tissue_artefact.GAIT: problems},
         free=free_of(problems, UPPER_PARAMETERS),
         recordings=tuple(t.name for t in walks),
     )
     if not plan.free:
         return []
     found = fit_phase(plan, nominal, how)
-    if turned := arm_ambiguity(problems, found.estimate.coefficients, nominal):
-        found = fit_phase(replace(plan, free=without_arms(plan.free, turned)), nominal, how)
-    return [replace(found, findings=ambiguous_arm_findings(turned))]
+    if turned := identifiability.arm_ambiguity(problems, found.estimate.coefficients, nominal):
+        found = fit_phase(replace(plan, free=identifiability.without_arms(plan.free, turned)), nominal, how)
+    return [replace(found, findings=identifiability.ambiguous_arm_findings(turned))]
 
 
 def _calibration_of(
@@ -441,8 +429,10 @@ def _calibration_of(
         unidentifiable=unseen,
         findings=(
             *(finding for phase in done for finding in phase.findings),
-            *in_words([n for n in unseen if n.startswith(LEG_JOINTS)], kept, turned),
-            *beyond_bounds(tuple(bounded), same_body=bool(bounded) and worn_as_standing(problems)),
+            *identifiability.in_words([n for n in unseen if n.startswith(LEG_JOINTS)], kept, turned),
+            *identifiability.beyond_bounds(
+                tuple(bounded), same_body=bool(bounded) and identifiability.worn_as_standing(problems)
+            ),
         ),
         at_bound=tuple(bounded),
         notes=(*(prior.notes if prior else ()), *(note for phase in done for note in phase.notes)),

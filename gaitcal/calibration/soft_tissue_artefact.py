@@ -48,18 +48,9 @@ from gaitcal.arrays import Array
 from gaitcal.calibration.joint_prior import LEAST_SAMPLES, frames_per_sample, least_noise
 from gaitcal.model.linkage import BENDS, ISOLATED_JOINTS, JOINT_OF_CHILD, JOINTS, LEG_JOINTS, Source, segment_kind
 from gaitcal.model.parameters import Parameters
+from gaitcal.motion import soft_tissue
 from gaitcal.motion.motion import tracked_motion
 from gaitcal.motion.rigid import FEWEST_MARKERS, rigid_fit
-from gaitcal.motion.soft_tissue import (
-    COMPONENTS,
-    LEAST_SPREAD,
-    WIDTH,
-    SecondaryColumns,
-    SegmentTissue,
-    SoftTissue,
-    secondary_columns,
-    together,
-)
 from gaitcal.motion.trial_problem import MotionProblem
 
 
@@ -131,7 +122,7 @@ def task_regressors(angles: Sequence[Mapping[str, Array]], *, squares: bool = Fa
     out: list[dict[str, Array]] = [{} for _ in angles]
     for name in names:
         every = np.concatenate([of_trial[name] for of_trial in angles if name in of_trial])
-        mean, spread = float(every.mean()), max(float(every.std()), LEAST_SPREAD)
+        mean, spread = float(every.mean()), max(float(every.std()), soft_tissue.LEAST_SPREAD)
         square = float(np.mean(((every - mean) / spread) ** 2))
         for of_trial, own in zip(angles, out, strict=True):
             if name in of_trial:
@@ -146,8 +137,8 @@ def tissue_of(
     kind: str,
     regressors: Mapping[str, Array],
     known: Collection[str] | None = None,
-    secondary: SecondaryColumns | None = None,
-) -> SoftTissue | None:
+    secondary: soft_tissue.SecondaryColumns | None = None,
+) -> soft_tissue.SoftTissue | None:
     """The columns of the artefact on the markers of a trial, or those `known` of them, beside secondary motions; None
     where there are none. No skin moves points that are no markers.
     """
@@ -161,30 +152,32 @@ def tissue_of(
         pulling = (problem.data.weight[markers] > 0).any(axis=1)
         if names:
             groups.append(
-                SegmentTissue(
+                soft_tissue.SegmentTissue(
                     segment=s,
                     carrier=segment,
                     markers=markers,
-                    pattern=together(local - local[pulling].mean(axis=0)),
+                    pattern=soft_tissue.together(local - local[pulling].mean(axis=0)),
                     names=tuple(f"{kind}/{name}" for name in names),
                     regressors=np.array([regressors[name] for name in names]),
                 )
             )
     if known is not None:
-        groups = [group for group in groups if set(SoftTissue((group,)).keys) <= set(known)]
-    return SoftTissue(tuple(groups), secondary) if groups or secondary else None
+        groups = [group for group in groups if set(soft_tissue.SoftTissue((group,)).keys) <= set(known)]
+    return soft_tissue.SoftTissue(tuple(groups), secondary) if groups or secondary else None
 
 
 def marker_covariance(segment: str, local: Array) -> Array:
     """(3 nm, 3 nm) m^2, Sigma of one regressor for markers at `local` (nm, 3) m."""
     size = SIZES[segment.split("_")[0]]
-    rigid = together(local - local.mean(axis=0)).reshape(-1, WIDTH) * np.repeat([size.shift, size.turn], 3)
+    rigid = soft_tissue.together(local - local.mean(axis=0)).reshape(-1, soft_tissue.WIDTH) * np.repeat(
+        [size.shift, size.turn], 3
+    )
     return rigid @ rigid.T + size.own**2 * np.eye(len(rigid))
 
 
 def rigid_covariance(segment: str, pattern: Array) -> Array:
     """(6, 6) m^2, m rad, rad^2, of what markers with `pattern` (nm, 3, 6) do together."""
-    size, flat = SIZES[segment.split("_")[0]], pattern.reshape(-1, WIDTH)
+    size, flat = SIZES[segment.split("_")[0]], pattern.reshape(-1, soft_tissue.WIDTH)
     out: Array = np.diag(np.repeat([size.shift, size.turn], 3) ** 2)
     out += size.own**2 * np.linalg.pinv(flat.T @ flat, rcond=1e-6, hermitian=True)
     return out
@@ -268,7 +261,7 @@ def _mean_square(
     return float(weight @ SCALES**2) / (float(weight.sum()) + none)
 
 
-def _deformation(problem: MotionProblem, group: SegmentTissue) -> tuple[Array, Array]:
+def _deformation(problem: MotionProblem, group: soft_tissue.SegmentTissue) -> tuple[Array, Array]:
     """Q (n, n) 1/m^2 and b (n,) of one segment in one trial, regressor by regressor, of each marker by marker, x, y, z;
     from the markers that have weight in it. Zero where fewer than three show how they deform.
     """
@@ -292,7 +285,7 @@ def _deformation(problem: MotionProblem, group: SegmentTissue) -> tuple[Array, A
     errors = left.reshape(3 * len(used), -1).T[whole]  # (frames, 3 used)
     errors = errors - errors.mean(axis=0)  # where a marker lies is not how it moves
     psi = psi - psi.mean(axis=1, keepdims=True)
-    rigid = np.linalg.qr(together(local - local.mean(axis=0)).reshape(-1, WIDTH))[0]
+    rigid = np.linalg.qr(soft_tissue.together(local - local.mean(axis=0)).reshape(-1, soft_tissue.WIDTH))[0]
     noise = _noise(errors, psi, 3 * len(used) - rigid.shape[1], least_noise(problem.basis, problem.noise))
     columns = (3 * (used - group.markers.start)[:, None] + np.arange(3)).ravel()
     projector, errors_of_group = np.zeros((width, width)), np.zeros((len(errors), width))
@@ -337,7 +330,7 @@ def tissue_prior(trials: Sequence[MotionProblem], scales: Mapping[str, SoftTissu
             for name in group.names:
                 kind, _, regressor = name.partition("/")
                 blocks.setdefault((name, group.carrier), scales[kind].variance(regressor) * own)
-    keys = tuple(f"{name}/{segment}/{component}" for name, segment in blocks for component in COMPONENTS)
+    keys = tuple(f"{name}/{segment}/{component}" for name, segment in blocks for component in soft_tissue.COMPONENTS)
     secondary = secondary_prior(trials)
     return TissuePrior((*secondary.keys, *keys), block_diag(secondary.covariance, *blocks.values()))
 
@@ -360,14 +353,18 @@ class TaskTissue:
     """Trial -> coordinate -> (nf,) psi of the joints that its task moves."""
     scales: Mapping[str, SoftTissueScale]
     """Kind of task -> how soft the person is there."""
-    secondary: Mapping[str, SecondaryColumns]
+    secondary: Mapping[str, soft_tissue.SecondaryColumns]
     """Trial of gait -> what knees do besides flexing."""
 
-    def of(self, name: str, problem: MotionProblem, known: Collection[str] | None = None) -> SoftTissue | None:
+    def of(
+        self, name: str, problem: MotionProblem, known: Collection[str] | None = None
+    ) -> soft_tissue.SoftTissue | None:
         """The columns of a trial on the markers of some part of the body, or those `known` of them."""
         return tissue_of(problem, self.kinds[name], self.regressors[name], known, secondary=self.secondary.get(name))
 
-    def of_bodies(self, bodies: Mapping[str, MotionProblem], known: Collection[str]) -> dict[str, SoftTissue]:
+    def of_bodies(
+        self, bodies: Mapping[str, MotionProblem], known: Collection[str]
+    ) -> dict[str, soft_tissue.SoftTissue]:
         """Trial -> the columns `known` on the markers of the whole body; without those that have none."""
         found = {name: self.of(name, body, known) for name, body in bodies.items()}
         return {name: columns for name, columns in found.items() if columns is not None}
@@ -381,7 +378,7 @@ def task_tissue(kinds: Mapping[str, str], parts: Mapping[str, MotionProblem], no
         names = [name for name in kinds if kinds[name] == kind]
         regressors |= dict(zip(names, task_regressors([angles[n] for n in names], squares=True), strict=True))
     gait = [name for name in kinds if kinds[name] == GAIT]
-    secondary = dict(zip(gait, secondary_columns(GAIT, [angles[n] for n in gait]), strict=True))
+    secondary = dict(zip(gait, soft_tissue.secondary_columns(GAIT, [angles[n] for n in gait]), strict=True))
     isolated = [name for name in kinds if kinds[name] in ISOLATED_JOINTS]
     for alike in (gait, isolated, *([name] for name in kinds if name not in (*gait, *isolated))):
         soft = [replace(parts[n], tissue=tissue_of(parts[n], kinds[n], regressors[n])) for n in alike]
@@ -399,7 +396,7 @@ def _angles(nominal: Parameters, part: MotionProblem) -> dict[str, Array]:
     return {name: values for name, values, on in zip(part.chain.coordinates, q.T, part.active, strict=True) if on}
 
 
-def tissue_of_walk(walk: MotionProblem, nominal: Parameters, known: Collection[str]) -> SoftTissue | None:
+def tissue_of_walk(walk: MotionProblem, nominal: Parameters, known: Collection[str]) -> soft_tissue.SoftTissue | None:
     """The soft tissue and secondary motions of a walk that took no part in a calibration: those `known` of its walks
     (`kind/regressor/...`, of an `ErrorSources`), with the angles of this one.
     """
@@ -407,5 +404,5 @@ def tissue_of_walk(walk: MotionProblem, nominal: Parameters, known: Collection[s
     (every,) = task_regressors([angles], squares=True)
     regressors = {name: psi for name, psi in every.items() if any(key.startswith(f"{GAIT}/{name}/") for key in known)}
     knees = {name: phi for name, phi in angles.items() if any(key.startswith(f"{GAIT}/{name}/^") for key in known)}
-    (secondary,) = secondary_columns(GAIT, [knees])
+    (secondary,) = soft_tissue.secondary_columns(GAIT, [knees])
     return tissue_of(walk, GAIT, regressors, known, secondary if secondary.names else None)

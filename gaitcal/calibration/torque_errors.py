@@ -21,17 +21,10 @@ import numpy as np
 from gaitcal.arrays import Array, stretches
 from gaitcal.calibration.error_sources import ErrorSources, MotionSensitivity, marker_moves, squares
 from gaitcal.calibration.inertial_calibration import InertialFit
+from gaitcal.dynamics import measurement_errors
 from gaitcal.dynamics.derivatives import force_derivatives
 from gaitcal.dynamics.inverse_dynamics import FORCES, Dynamics
 from gaitcal.dynamics.joint_kinetics import HELD, kinetic_errors, kinetic_slopes
-from gaitcal.dynamics.measurement_errors import (
-    AxisErrors,
-    ErrorSource,
-    PlateErrors,
-    TorqueErrors,
-    wrench_errors,
-    wrench_rates,
-)
 from gaitcal.model.parameters import Parameters, dynamic_jacobian
 from gaitcal.motion.trial_problem import MotionProblem
 
@@ -54,8 +47,8 @@ class ErringForces:
         joint: ErrorSources | None,
         inertial: Array | None = None,
         moves: MotionSensitivity | None = None,
-        plates: PlateErrors | None = None,
-        axes: AxisErrors | None = None,
+        plates: measurement_errors.PlateErrors | None = None,
+        axes: measurement_errors.AxisErrors | None = None,
     ) -> None:
         """Set up.
 
@@ -72,7 +65,7 @@ class ErringForces:
         self.moves = moves or marker_moves(problem, coefficients, parameters, joint)
         self.inertial, self.axes, self.plates = inertial, axes, plates
         self._dynamics = Dynamics(parameters, HELD)
-        self._rates = wrench_rates(problem.basis.time, wrenches)
+        self._rates = measurement_errors.wrench_rates(problem.basis.time, wrenches)
         self._state = [problem.basis.evaluate(coefficients, k) for k in range(3)]
 
     @property
@@ -80,7 +73,7 @@ class ErringForces:
         """All frames, some at a time."""
         return stretches(len(self.wrenches), BLOCK)
 
-    def errors(self) -> TorqueErrors:
+    def errors(self) -> measurement_errors.TorqueErrors:
         """Standard errors in all frames."""
         return joined([self.variances(part) for part in self.parts])
 
@@ -105,17 +98,17 @@ class ErringForces:
         found = Variances(self.moves.variances(torques), *self.moves.whole_and_own(kinetics))
         if self.inertial is not None:
             heavier = _inertial_moves(dynamics, self.parameters, self.inertial, q, v, a)
-            found.add(ErrorSource.INERTIA, squares(through @ heavier))
+            found.add(measurement_errors.ErrorSource.INERTIA, squares(through @ heavier))
         if self.plates is not None and self.plates.any:
-            wrong = dynamics.of_ground(q, wrench_errors(wrenches, self._rates[part], self.plates))
-            found.add(ErrorSource.PLATES, squares(through @ wrong))
+            wrong = dynamics.of_ground(q, measurement_errors.wrench_errors(wrenches, self._rates[part], self.plates))
+            found.add(measurement_errors.ErrorSource.PLATES, squares(through @ wrong))
         if self.axes is not None and self.axes.columns:
             moving, turns = self._rate_moves(self.axes, part), self.axes.segment_turns(q)
             moved = kinetic.moved(self.axes.torque_moves(q, v, a, wrenches), moving, turns)
-            found.add(ErrorSource.FRAMES, squares(moved))
+            found.add(measurement_errors.ErrorSource.FRAMES, squares(moved))
         return found
 
-    def _rate_moves(self, axes: AxisErrors, part: slice) -> Array:
+    def _rate_moves(self, axes: measurement_errors.AxisErrors, part: slice) -> Array:
         """(frames, 27, k) what errors of the segments' axes make of rates; none of what no marker moves with."""
         wide = slice(max(part.start - 1, 0), part.stop + 1)
         moves = axes.rate_moves(self._state[0][wide], self.problem.basis.time[wide])
@@ -127,24 +120,24 @@ class ErringForces:
 class Variances:
     """Of the forces of some frames, then of the powers and moments that follow (`kinetic_slopes`)."""
 
-    torques: dict[ErrorSource, Array]
+    torques: dict[measurement_errors.ErrorSource, Array]
     """(frames, 29) by source."""
     kinetics: Array
     """(frames, 91) of all sources together."""
     own: Array
     """(frames, 91) of the trial's own markers."""
 
-    def add(self, source: ErrorSource, variance: Array) -> None:
+    def add(self, source: measurement_errors.ErrorSource, variance: Array) -> None:
         """Count a further source, (frames, 120)."""
         self.torques[source] = variance[:, : len(FORCES)]
         self.kinetics += variance[:, len(FORCES) :]
 
 
-def joined(parts: Sequence[Variances]) -> TorqueErrors:
+def joined(parts: Sequence[Variances]) -> measurement_errors.TorqueErrors:
     """The errors of a trial from the variances of all its frames, part after part."""
     torques = {source: np.concatenate([part.torques[source] for part in parts]) for source in parts[0].torques}
     kinetics, own = (np.concatenate([getattr(part, name) for part in parts]) for name in ("kinetics", "own"))
-    return TorqueErrors.of(torques, kinetic_errors(kinetics, own))
+    return measurement_errors.TorqueErrors.of(torques, kinetic_errors(kinetics, own))
 
 
 def _inertial_moves(dynamics: Dynamics, parameters: Parameters, spread: Array, q: Array, v: Array, a: Array) -> Array:

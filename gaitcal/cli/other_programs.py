@@ -15,18 +15,7 @@ from gaitcal.cli.console import Console, frameless_table
 from gaitcal.cli.options import MODELS
 from gaitcal.dynamics.joint_kinetics import MomentFrame
 from gaitcal.errors import Code, InputError, UsageError, nearest, note_of
-from gaitcal.export.account import (
-    AccountTable,
-    MusclePath,
-    joint_tables,
-    leg_ranges,
-    muscle_changes,
-    muscle_paths,
-    muscle_table,
-    muscles_csv,
-    opensim_is_installed,
-    sentences,
-)
+from gaitcal.export import account
 from gaitcal.export.joint_moves import carried_csv, joints_csv
 from gaitcal.export.joint_transfer import into_osim
 from gaitcal.export.osim import write_osim
@@ -36,16 +25,10 @@ from gaitcal.gait.conventions import Acting, Convention, MomentUnit, Signs
 from gaitcal.io.atomic import atomic_bytes, atomic_text, disk_errors
 from gaitcal.io.formats import convert
 from gaitcal.io.result_folder import amended
-from gaitcal.results.cycles import CYCLES
-from gaitcal.results.cycles_export import (
-    made_with_another_model,
-    trial_files,
-    write_cycles_export,
-    write_export_manifest,
-)
+from gaitcal.results import cycles_export
+from gaitcal.results.cycles import CYCLES, Json
 from gaitcal.results.recordings import write_recordings
 from gaitcal.results.saved import MODEL, load_result, load_result_model, recorded_coordinates
-from gaitcal.results.table_file import Json
 
 C3D, STRIDES, DYNAMICS = "c3d", "cycles", "dynamics"
 JOINTS, MASSES = "joints", "masses"  # What `--parameters` allows; the second never without the first
@@ -183,11 +166,11 @@ def export_model(
             step("strides")
             for source, file in ((result, CYCLES), (result / DYNAMICS, f"{DYNAMICS}_{CYCLES}")):
                 if source == result or (source / CYCLES).exists():
-                    tables[file], table = write_cycles_export(source, strides, stage / file, model)
+                    tables[file], table = cycles_export.write_cycles_export(source, strides, stage / file, model)
                     table.require_unchanged()
                     start = "" if source == result else f"{DYNAMICS}/"
                     of_recordings = {**of_recordings, **{start + name: sha for name, sha in table.sha256.items()}}
-                    further = made_with_another_model(source, read.sha256[MODEL])
+                    further = cycles_export.made_with_another_model(source, read.sha256[MODEL])
         read.require_unchanged()
         written: dict[str, dict[str, Json]] = {WRITERS[n][1]: {"format": n} for n in chosen if n in WRITERS}
         written |= {
@@ -195,7 +178,9 @@ def export_model(
             for trial, (source, digest, notes) in recordings.items()
         }
         written |= {f: {"format": STRIDES, "convention": dict[str, Json](strides.keys)} for f in tables}
-        write_export_manifest(stage, folder, {**read.sha256, **of_recordings}, model.subject.name, written)
+        cycles_export.write_export_manifest(
+            stage, folder, {**read.sha256, **of_recordings}, model.subject.name, written
+        )
     for text in (*read.remarks, *map(note_of, doubts)):
         console.line(f"warning: {text}")
     for name in (name for name in chosen if name in WRITERS):
@@ -206,7 +191,7 @@ def export_model(
         console.line(f"wrote {folder / file}: {rows} rows; {', '.join(strides.keys.values())}")
     if further:
         console.line(f"warning: made with another model than {MODEL} now is: {', '.join(further)}; run dynamics again")
-    if C3D in chosen and (still := sorted(set(trial_files(result)) - set(recordings))):
+    if C3D in chosen and (still := sorted(set(cycles_export.trial_files(result)) - set(recordings))):
         console.line(f"not written: {', '.join(still)}; a result holds no motion of static trials")
 
 
@@ -247,7 +232,7 @@ def export_into(
         raise UsageError(message, field="--parameters")
     if attachments not in (STAY, FOLLOW):
         raise UsageError(f"found '{attachments}'; allowed: {STAY} or {FOLLOW}", field="--attachments")
-    if muscles and not opensim_is_installed():
+    if muscles and not account.opensim_is_installed():
         raise UsageError("needs OpenSim, which is not installed: pip install opensim", field="--muscles")
     saved = load_result(result)
     if saved.uncertainty.joint is None:
@@ -279,7 +264,7 @@ def export_into(
         console.line(f"removed, as of an earlier run: {', '.join(str(p.relative_to(out.parent)) for p in earlier)}")
     if done.carried:
         atomic_text(out.with_suffix(".attachments.csv"), carried_csv(done.carried))
-    tables, said = [*joint_tables(done)], [*sentences(done)]
+    tables, said = [*account.joint_tables(done)], [*account.sentences(done)]
     for table in tables:
         _tell_table(console, table)
     for text in said:
@@ -291,17 +276,17 @@ def export_into(
             step(f"draw {k + 1} of {len(drawn)}")
             atomic_bytes(path, done.drawn(rng))
         if muscles:
-            ranges = leg_ranges(done.legs)
+            ranges = account.leg_ranges(done.legs)
             step("muscles before")
-            before = muscle_paths(model, ranges)
+            before = account.muscle_paths(model, ranges)
             step("muscles after")
-            changes = muscle_changes(before, muscle_paths(out, ranges))
-            spread: list[Mapping[tuple[str, str], MusclePath]] = []
+            changes = account.muscle_changes(before, account.muscle_paths(out, ranges))
+            spread: list[Mapping[tuple[str, str], account.MusclePath]] = []
             for k, path in enumerate(drawn):
                 step(f"muscles of draw {k + 1} of {len(drawn)}")
-                spread.append(muscle_paths(path, ranges))
-            atomic_text(out.with_suffix(".muscles.csv"), muscles_csv(changes, spread))
-            tables.append(muscle_table(changes, spread))
+                spread.append(account.muscle_paths(path, ranges))
+            atomic_text(out.with_suffix(".muscles.csv"), account.muscles_csv(changes, spread))
+            tables.append(account.muscle_table(changes, spread))
     console.line()
     if muscles:
         _tell_table(console, tables[-1])
@@ -329,7 +314,7 @@ def account_page(
     facts: Sequence[tuple[str, str]],
     warnings: Iterable[str],
     said: Iterable[str],
-    tables: Iterable[AccountTable],
+    tables: Iterable[account.AccountTable],
 ) -> str:
     """The page of what was done to a model: what was read, what to know, and whole tables."""
     parts = [
@@ -343,7 +328,7 @@ def account_page(
     return plain_page(f"What the export did to {name}", parts)
 
 
-def _tell_table(console: Console, told: AccountTable) -> None:
+def _tell_table(console: Console, told: account.AccountTable) -> None:
     table = frameless_table(told.words, told.numbers)
     shown = told.rows[:SHOWN] if told.of_muscles else told.rows
     for row in shown:

@@ -34,9 +34,9 @@ from gaitcal.gait.spatiotemporal import MEASURES
 from gaitcal.io.result_folder import MANIFEST, ResultKind, read_object, require_room, sha256_of
 from gaitcal.model.linkage import SIDES
 from gaitcal.results.calibration import write_results
+from gaitcal.results.cycles import read_csv
 from gaitcal.results.stride_files import PEAKS as PEAKS_FILE
 from gaitcal.results.summary import SUMMARY
-from gaitcal.results.table_file import read_csv
 from gaitcal.session.calibrate import calibrate
 from gaitcal.session.draft import (
     Draft,

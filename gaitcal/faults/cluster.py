@@ -24,21 +24,12 @@ import numpy as np
 
 from gaitcal.arrays import Array, BoolArray
 from gaitcal.io.recording import Recording, seen_mask, still_window
+from gaitcal.model import segment_frames
 from gaitcal.model.chain import body_poses
 from gaitcal.model.landmarks import static_posture
 from gaitcal.model.linkage import COORDINATES, SIDES
 from gaitcal.model.marker_set import MarkerSet
 from gaitcal.model.present_markers import complete_static, present_markers
-from gaitcal.model.segment_frames import (
-    Frame,
-    HipCentre,
-    JointWidths,
-    across,
-    lower_body,
-    nearest_rotation,
-    place_variance,
-    sign,
-)
 from gaitcal.model.subject_model import SubjectModel
 from gaitcal.motion.rigid import RigidFit, rigid_fit
 
@@ -78,14 +69,16 @@ class Stance:
 
     @classmethod
     def of_recording(
-        cls, static: Recording, marker_set: MarkerSet, model: SubjectModel, hip_centre: HipCentre
+        cls, static: Recording, marker_set: MarkerSet, model: SubjectModel, hip_centre: segment_frames.HipCentre
     ) -> Stance:
         """From the static trial of which `model` was made."""
         static = complete_static(marker_set.renamed(static), marker_set)
         marker_set = present_markers(marker_set, static)
         posture = static_posture(static, marker_set, still_window(static, marker_set.labels).frames)
-        legs = lower_body(posture, model.subject.height, hip_centre, widths=JointWidths.of(model.subject))
-        right = across(legs.frames["pelvis"].rotation[:, 2], UP)
+        legs = segment_frames.lower_body(
+            posture, model.subject.height, hip_centre, widths=segment_frames.JointWidths.of(model.subject)
+        )
+        right = segment_frames.across(legs.frames["pelvis"].rotation[:, 2], UP)
         axes = np.vstack([np.cross(UP, right), UP, right])
         points: dict[str, dict[str, Array]] = {}
         for label, segment in zip(model.markers.labels, model.markers.segments, strict=True):
@@ -97,7 +90,7 @@ class Stance:
             points=points,
             centres={f"{j}_{s}": axes @ legs.centres[f"{c}_{s}"] for j, c in centre.items() for s in SIDES},
             knee_axes={
-                f"knee_{s}": sign(s) * (landmarks[f"knee_lat_{s}"] - landmarks[f"knee_med_{s}"])
+                f"knee_{s}": segment_frames.sign(s) * (landmarks[f"knee_lat_{s}"] - landmarks[f"knee_med_{s}"])
                 for s in SIDES
                 if posture.has(f"knee_med_{s}")
             },
@@ -109,7 +102,7 @@ class Stance:
     def of_model(cls, model: SubjectModel) -> Stance:
         """From a saved model, all coordinates zero: its joint centres and markers."""
         axes, origins = body_poses(model.parameters, np.zeros((1, len(COORDINATES))))
-        frames = {name: Frame(axes[name][:, :, 0].T, origins[name][:, 0]) for name in axes}
+        frames = {name: segment_frames.Frame(axes[name][:, :, 0].T, origins[name][:, 0]) for name in axes}
         points: dict[str, dict[str, Array]] = {}
         placed = zip(model.markers.labels, model.markers.segments, model.markers.local, strict=True)
         for label, segment, local in placed:
@@ -213,7 +206,9 @@ class Cluster:
         variance = float(np.mean(self.scatter**2)) / (3.0 * hidden)
         away = self.static - self.static.mean(axis=0)
         turn = variance * np.linalg.pinv(np.eye(3) * (away**2).sum() - away.T @ away)
-        return float(np.sqrt(3.0 * variance * place_variance(self.static, point))), np.sqrt(np.diag(turn))
+        return float(np.sqrt(3.0 * variance * segment_frames.place_variance(self.static, point))), np.sqrt(
+            np.diag(turn)
+        )
 
     def carries(self, point: Array) -> Array:
         """(nf, 3) m, where the segment has a point (3,) of the static posture; NaN where it is not determined."""
@@ -313,5 +308,5 @@ def alignment(points: Array, onto: Array, weight: Array | None = None) -> tuple[
     """R (3, 3) and t (3,) of the rigid motion  R p + t  of `points` (n, 3) nearest to those `onto` (Kabsch 1976)."""
     w = np.ones(len(points)) if weight is None else weight
     a, b = (w @ p / w.sum() for p in (points, onto))
-    rotation = nearest_rotation((onto - b).T @ (w[:, None] * (points - a)))
+    rotation = segment_frames.nearest_rotation((onto - b).T @ (w[:, None] * (points - a)))
     return rotation, b - rotation @ a

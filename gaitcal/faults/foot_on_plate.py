@@ -13,19 +13,7 @@ from itertools import combinations
 import numpy as np
 
 from gaitcal.arrays import Array, BoolArray
-from gaitcal.dynamics.foot_contact import (
-    FOOT_BREADTH,
-    RESTING,
-    SHORTEST,
-    UNDER_FOOT,
-    FootPoints,
-    Loading,
-    belts,
-    distance_to_line,
-    near,
-    sole_of,
-    taken_in_turn,
-)
+from gaitcal.dynamics import foot_contact
 from gaitcal.dynamics.measurement_errors import foot_tip, outline_known
 from gaitcal.dynamics.off_sole import MOST_BESIDE, Place, divided_cause, divided_frames, one_centre, places_of
 from gaitcal.errors import Code, Finding, Severity
@@ -69,21 +57,21 @@ class Feet:
                 self.seen[:, k] = np.isfinite(heel).all(axis=1) & np.isfinite(toe).all(axis=1)
         points = np.concatenate([self.heel, self.toe], axis=1)
         velocity = np.gradient(points, self.time, axis=0)
-        self.belts = belts(points, velocity)
+        self.belts = foot_contact.belts(points, velocity)
         speed = np.linalg.norm(velocity - np.tile(self.belts, (2, 1)), axis=2)
         self.heel_speed, self.toe_speed = speed[:, :2], speed[:, 2:]
-        self.resting: BoolArray = np.fmin(self.heel_speed, self.toe_speed) < RESTING
+        self.resting: BoolArray = np.fmin(self.heel_speed, self.toe_speed) < foot_contact.RESTING
         """(nf, 2) the foot is down: its heel or its toe moves with the ground."""
 
-    def points(self, height: float) -> FootPoints:
+    def points(self, height: float) -> foot_contact.FootPoints:
         """Heels, toes and tips of the feet of a person of this height (m); NaN where they are not seen."""
-        return FootPoints(
+        return foot_contact.FootPoints(
             heel=self.heel,
             toe=self.toe,
             tip=foot_tip(self.heel, self.toe, height),
             heel_speed=self.heel_speed,
             toe_speed=self.toe_speed,
-            width=FOOT_BREADTH * height,
+            width=foot_contact.FOOT_BREADTH * height,
         )
 
     def distance(self, foot: int, point: Array, frames: slice, load: Array) -> float:
@@ -92,11 +80,11 @@ class Feet:
         if not known.any():
             return float("inf")
         a, b = self.heel[frames, foot][known][:, [0, 2]], self.toe[frames, foot][known][:, [0, 2]]
-        return float(np.average(distance_to_line(point[known][:, [0, 2]], a, b), weights=load[known]))
+        return float(np.average(foot_contact.distance_to_line(point[known][:, [0, 2]], a, b), weights=load[known]))
 
 
 @dataclass(frozen=True, kw_only=True)
-class Step(Loading):
+class Step(foot_contact.Loading):
     """A plate under load, and the foot whose line from heel to toe is nearest to the centre of pressure."""
 
     distance: float
@@ -107,7 +95,7 @@ class Step(Loading):
     @property
     def under_foot(self) -> bool:
         """Whether the foot stands where the load is."""
-        return self.distance < UNDER_FOOT
+        return self.distance < foot_contact.UNDER_FOOT
 
 
 @remembered
@@ -130,10 +118,10 @@ def steps_of(trial: MarkerEvidence) -> tuple[Step, ...]:
     for plate, wrench in zip(trial.recording.plates, wrenches, strict=True):
         loadings = list[slice]()
         for whole in runs(wrench[:, 1] > LOADED_N, 2):
-            turns = taken_in_turn(wrench, whole, feet.time, points) if one_loaded[whole].all() else []
+            turns = foot_contact.taken_in_turn(wrench, whole, feet.time, points) if one_loaded[whole].all() else []
             loadings += [part for part, _ in turns] or [whole]
         for run in loadings:
-            if duration(feet.time, run) < SHORTEST or wrench[run, 1].max() < BODY_N:
+            if duration(feet.time, run) < foot_contact.SHORTEST or wrench[run, 1].max() < BODY_N:
                 continue
             height = float(np.nanmedian(plate.point[:, 1])) if np.isfinite(plate.point[:, 1]).any() else 0.0
             point, load = centre_on_ground(wrench[run], height), wrench[run, 1]
@@ -158,7 +146,7 @@ def contacts(trial: MarkerEvidence) -> Iterator[Finding]:
     if feet is None:
         return
     for step in steps:
-        far = step.distance > UNDER_FOOT
+        far = step.distance > foot_contact.UNDER_FOOT
         # a total force that was divided, told in `outside_sole`, may be far from both feet
         if not (far and any(one_centre(step, other, len(feet.time)).any() for other in steps)):
             yield from _which_foot(trial, step)
@@ -181,7 +169,7 @@ def _which_foot(trial: MarkerEvidence, step: Step) -> Iterator[Finding]:
     mm, foot = 1e3 * step.distance, FEET[step.foot]
     if side == "none":
         return
-    if side is not None and step.foot != SIDES.index(side) and step.other > UNDER_FOOT and step.under_foot:
+    if side is not None and step.foot != SIDES.index(side) and step.other > foot_contact.UNDER_FOOT and step.under_foot:
         yield trial.error(
             TOPIC,
             f"{name}: the study gives it to the {FEET[SIDES.index(side)]} foot, {1e3 * step.other:.0f} mm off the "
@@ -189,15 +177,15 @@ def _which_foot(trial: MarkerEvidence, step: Step) -> Iterator[Finding]:
             f'write plates = {{ {step.plate.name} = "{SIDES[step.foot]}" }}, or leave it out to have it found',
             code=Code.WRONG_FOOT,
         )
-    elif step.distance > UNDER_FOOT and np.isinf(step.other):
+    elif step.distance > foot_contact.UNDER_FOOT and np.isinf(step.other):
         found = f"{name}: the centre of pressure is {mm:.0f} mm from the {foot} foot; "
         found += f"the {FEET[1 - step.foot]} foot, whose step it may be, shows no heel and toe then"
         yield trial.info(TOPIC, found, code=Code.UNDER_NO_FOOT)
-    elif step.distance > UNDER_FOOT:
+    elif step.distance > foot_contact.UNDER_FOOT:
         yield trial.warning(
             TOPIC,
             f"{name}: the centre of pressure is {mm:.0f} mm from the {foot} and "
-            f"{1e3 * step.other:.0f} mm from the other foot; allowed: {1e3 * UNDER_FOOT:.0f} mm",
+            f"{1e3 * step.other:.0f} mm from the other foot; allowed: {1e3 * foot_contact.UNDER_FOOT:.0f} mm",
             "check the position of the plate (corners), the axes of the forces, and that they belong to this trial",
             code=Code.UNDER_NO_FOOT,
         )
@@ -234,10 +222,10 @@ def _no_step(trial: MarkerEvidence, feet: Feet | None, most: float) -> Finding:
     for foot, name in enumerate(FEET):
         if feet is None or not feet.seen[:, foot].any():
             continue
-        sole = sole_of(feet.points(trial.subject.height), foot, slice(None))
+        sole = foot_contact.sole_of(feet.points(trial.subject.height), foot, slice(None))
         on_plate = sole.share_of_halves(sole.beside(outlined)).max(axis=1) <= MOST_BESIDE
         stands = sole.resting.all(axis=1) & on_plate & feet.seen[:, foot]
-        if long := [run for run in runs(stands, 2) if duration(feet.time, run) > SHORTEST]:
+        if long := [run for run in runs(stands, 2) if duration(feet.time, run) > foot_contact.SHORTEST]:
             found += f", though the {name} foot stands on them ({spans(feet.time, long)})"
             severity = Severity.WARNING
     cure = "no stance will have torques, only the swing; are these the forces of this trial, and were the plates on?"
@@ -250,7 +238,7 @@ def overhang(trial: MarkerEvidence, step: Step) -> Iterator[Finding]:
     if feet is None or step.plate.corners is None:
         return
     surface = [plate for plate in trial.recording.plates if plate is step.plate or outline_known(plate, BODY_N)]
-    sole = sole_of(feet.points(trial.subject.height), step.foot, step.frames)
+    sole = foot_contact.sole_of(feet.points(trial.subject.height), step.foot, step.frames)
     still = sole.resting.any(axis=1) & feet.seen[step.frames, step.foot]
     if still.sum() < 3:
         return
@@ -324,7 +312,9 @@ def outside_sole(trial: MarkerEvidence, others: Sequence[Finding]) -> Iterator[F
     outside = np.zeros((len(loadings), len(feet.time)), dtype=bool)
     for frames, one, place, step in zip(outside, loadings, places, made, strict=True):
         # what is further away is told by `contacts`
-        frames[one.frames] = place.outside & ((step.distance if one.foot == step.foot else step.other) < UNDER_FOOT)
+        frames[one.frames] = place.outside & (
+            (step.distance if one.foot == step.foot else step.other) < foot_contact.UNDER_FOOT
+        )
     divided = np.zeros_like(outside)
     for i, k in combinations(range(len(loadings)), 2):
         divided[[i, k]] |= divided_frames(loadings[i], loadings[k], (places[i], places[k]), len(feet.time))
@@ -341,7 +331,7 @@ def outside_sole(trial: MarkerEvidence, others: Sequence[Finding]) -> Iterator[F
         yield from _told(trial, found)
 
 
-def _outside(feet: Feet, parts: Sequence[tuple[Loading, Place, BoolArray]]) -> _Outside | None:
+def _outside(feet: Feet, parts: Sequence[tuple[foot_contact.Loading, Place, BoolArray]]) -> _Outside | None:
     """What the loadings of one plate by one foot have outside, in (nf,) frames each; None where it is too little."""
     plate, foot = parts[0][0].plate.name, parts[0][0].foot
     chosen = np.concatenate([off[one.frames] for one, _, off in parts])
@@ -354,7 +344,7 @@ def _outside(feet: Feet, parts: Sequence[tuple[Loading, Place, BoolArray]]) -> _
     line = np.concatenate([(feet.toe - feet.heel)[one.frames, foot][:, [0, 2]] for one, *_ in parts])[chosen]
     line = line / np.maximum(np.linalg.norm(line, axis=1, keepdims=True), 1e-9)
     right = np.column_stack([-line[:, 1], line[:, 0]])
-    down = near(feet.resting[:, foot], feet.time)
+    down = foot_contact.near(feet.resting[:, foot], feet.time)
     in_air = np.concatenate([~down[one.frames] for one, *_ in parts])[chosen]
     weights = loaded[chosen]
     along, across = (float(np.average(np.sum(way * axis, axis=1), weights=weights)) for axis in (line, right))
@@ -416,7 +406,7 @@ def _told(trial: MarkerEvidence, found: Sequence[_Outside]) -> Iterator[Finding]
 
 
 def _divided(
-    trial: MarkerEvidence, loadings: Sequence[Loading], places: Sequence[Place], divided: BoolArray
+    trial: MarkerEvidence, loadings: Sequence[foot_contact.Loading], places: Sequence[Place], divided: BoolArray
 ) -> Finding:
     """Two plates with one centre of pressure, (loadings, nf) frames."""
     shared = [(one, p, own) for one, p, own in zip(loadings, places, divided, strict=True) if own.any()]

@@ -38,20 +38,12 @@ from typing import Any, Final
 import numpy as np
 
 from gaitcal.arrays import Array
+from gaitcal.io import text_file
 from gaitcal.io.atomic import atomic_file
 from gaitcal.io.axes import body_vertical, turn_up
 from gaitcal.io.force_tables import Forces, PlateColumns, build_plate, on_one_time, standing
 from gaitcal.io.labels import SIDES, ComputedPoints, Facts, FootEvent, FootMoment, axes_points, clean, unique
 from gaitcal.io.recording import ForcePlate, Recording, require_plain_labels, zeros_to_missing
-from gaitcal.io.text_file import (
-    FileFault,
-    NumberTable,
-    naming_file,
-    number_lines,
-    parse_rows,
-    read_lines,
-    require_increasing,
-)
 
 MARKER_COLUMN = re.compile(r"(?P<name>.+)_(?P<axis>[xyz])", re.DOTALL)
 FORCE_COLUMN = re.compile(r"(?P<name>.+)_(?P<quantity>[fpt])(?P<axis>[xyz])", re.DOTALL)
@@ -60,18 +52,18 @@ CORNER_HEADER = ["plate", "corner", "x", "y", "z"]
 CORNERS = 4
 
 
-@naming_file
+@text_file.naming_file
 def read_markers_csv(path: Path) -> Recording:
     """Markers of a wide table, every number as written."""
     names, table = _table(path)
     if is_force_header(names):
-        raise FileFault("this is a table of forces; give it as the forces of a trial")
+        raise text_file.FileFault("this is a table of forces; give it as the forces of a trial")
     facts, events = read_facts_csv(facts_file(path))
     places: dict[tuple[str, int], dict[int, int]] = {}
     for column, name in enumerate(names):
         match = MARKER_COLUMN.fullmatch(name)
         if match is None:
-            raise FileFault(f"found the column '{name[:40]}'; NAME_x, NAME_y and NAME_z are allowed")
+            raise text_file.FileFault(f"found the column '{name[:40]}'; NAME_x, NAME_y and NAME_z are allowed")
         axis, repeat = "xyz".index(match["axis"]), 0
         while axis in places.setdefault((match["name"], repeat), {}):
             repeat += 1
@@ -79,9 +71,9 @@ def read_markers_csv(path: Path) -> Recording:
     for (name, _), columns in places.items():
         if len(columns) < 3:
             axes = ", ".join("xyz"[axis] for axis in sorted(columns))
-            raise FileFault(f"found only {axes}; x, y and z are needed", f"marker {name[:40]}")
+            raise text_file.FileFault(f"found only {axes}; x, y and z are needed", f"marker {name[:40]}")
     if not places:
-        raise FileFault("found no marker columns; NAME_x, NAME_y and NAME_z are needed")
+        raise text_file.FileFault("found no marker columns; NAME_x, NAME_y and NAME_z are needed")
     of_models = {name: columns for (name, _), columns in places.items() if name.startswith(COMPUTED)}
     places = {key: columns for key, columns in places.items() if key[0] not in of_models}
     labels, repetition_notes = unique(clean(name) or "?" for name, _ in places)
@@ -101,13 +93,13 @@ def read_markers_csv(path: Path) -> Recording:
     return recording if vertical is None or vertical.axis == 1 else turn_up(recording, vertical)
 
 
-def _points(table: NumberTable, columns: Collection[dict[int, int]]) -> Array:
+def _points(table: text_file.NumberTable, columns: Collection[dict[int, int]]) -> Array:
     """(nf, np, 3) m of the columns (axis -> column after time) of points."""
     order = [of_point[axis] for of_point in columns for axis in range(3)]
     return table.values[:, 1:][:, order].reshape(len(table.values), len(columns), 3)
 
 
-@naming_file
+@text_file.naming_file
 def read_forces_csv(path: Path) -> Forces:
     """Plates of a wide table, every number as written."""
     names, table = _table(path)
@@ -115,15 +107,15 @@ def read_forces_csv(path: Path) -> Forces:
     for column, name in enumerate(names):
         match = FORCE_COLUMN.fullmatch(name)
         if match is None:
-            raise FileFault(f"found the column '{name[:40]}'; 1_fx, 1_px, 1_tx and so on are allowed")
+            raise text_file.FileFault(f"found the column '{name[:40]}'; 1_fx, 1_px, 1_tx and so on are allowed")
         columns = columns_of.setdefault(clean(match["name"]), PlateColumns())
         axes, axis = columns.columns[QUANTITIES[match["quantity"]]], "xyz".index(match["axis"])
         if axis in axes:
-            raise FileFault(f"found the column '{name[:40]}' twice")
+            raise text_file.FileFault(f"found the column '{name[:40]}' twice")
         axes[axis] = column
         columns.names.append(name)
     if not columns_of:
-        raise FileFault("found no force columns; 1_fx, 1_fy, 1_fz, 1_px and so on are needed")
+        raise text_file.FileFault("found no force columns; 1_fx, 1_fy, 1_fz, 1_px and so on are needed")
     time = np.ascontiguousarray(table.values[:, 0])
     built = [build_plate(name, time, table.values[:, 1:], columns) for name, columns in columns_of.items()]
     return standing(path, [plate for plate, _ in built], tuple(note for _, notes in built for note in notes))
@@ -134,13 +126,13 @@ def is_force_header(names: list[str]) -> bool:
     return bool(names) and all(FORCE_COLUMN.fullmatch(name) for name in names)
 
 
-@naming_file
+@text_file.naming_file
 def read_header(path: Path) -> list[str]:
     """Column names after time."""
-    return _header(read_lines(path))[0]
+    return _header(text_file.read_lines(path))[0]
 
 
-@naming_file
+@text_file.naming_file
 def write_markers_csv(path: Path, recording: Recording) -> None:
     """Markers as a wide table that reads back bit for bit, and NAME_facts.csv beside it where there is more to say."""
     require_plain_labels(recording)
@@ -155,7 +147,7 @@ def write_markers_csv(path: Path, recording: Recording) -> None:
     write_facts_csv(facts_file(path), recording)
 
 
-@naming_file
+@text_file.naming_file
 def write_forces_csv(path: Path, plates: tuple[ForcePlate, ...]) -> None:
     """Plates with one common time as a wide table that reads back bit for bit."""
     time, values = on_one_time(plates)
@@ -166,15 +158,15 @@ def write_forces_csv(path: Path, plates: tuple[ForcePlate, ...]) -> None:
 def _write(path: Path, names: list[str], time: Array, values: Array) -> None:
     with atomic_file(path) as part, part.open("w", encoding="utf-8", newline="") as file:
         csv.writer(file, lineterminator="\n").writerow(["time", *names])
-        file.write(number_lines(np.column_stack([time, values]), ","))
+        file.write(text_file.number_lines(np.column_stack([time, values]), ","))
 
 
-def _table(path: Path) -> tuple[list[str], NumberTable]:
+def _table(path: Path) -> tuple[list[str], text_file.NumberTable]:
     """Column names after time, and the numbers with increasing times."""
-    lines = read_lines(path)
+    lines = text_file.read_lines(path)
     names, start = _header(lines)
-    table = parse_rows(lines, start, 1 + len(names), ",")
-    require_increasing(table.values[:, 0], table.lines)
+    table = text_file.parse_rows(lines, start, 1 + len(names), ",")
+    text_file.require_increasing(table.values[:, 0], table.lines)
     return names, table
 
 
@@ -182,15 +174,15 @@ def _header(lines: list[str]) -> tuple[list[str], int]:
     """Column names after time, and the index of the first line of numbers."""
     start = next((i for i, line in enumerate(lines) if line.strip() and not line.startswith("#")), len(lines))
     if start == len(lines):
-        raise FileFault("found only comments; a header line is needed")
+        raise text_file.FileFault("found only comments; a header line is needed")
     try:
         cells = next(csv.reader([lines[start]]))
     except csv.Error as error:
-        raise FileFault(f"damaged header ({error})", f"line {start + 1}") from None
+        raise text_file.FileFault(f"damaged header ({error})", f"line {start + 1}") from None
     if not cells or cells[0].strip().lower() != "time":
         hint = " (this one is separated by ';')" if ";" in lines[start] else ""
         needed = f"a header 'time,NAME_x,NAME_y,...' with commas is needed{hint}, or the C3D or TRC of it"
-        raise FileFault(f"found '{lines[start][:40]}'; {needed}", f"line {start + 1}")
+        raise text_file.FileFault(f"found '{lines[start][:40]}'; {needed}", f"line {start + 1}")
     return [cell.strip() for cell in cells[1:]], start + 1
 
 
@@ -227,31 +219,31 @@ def with_corners(forces: Forces, path: Path) -> Forces:
     return replace(forces, plates=placed, notes=forces.notes + notes)
 
 
-@naming_file
+@text_file.naming_file
 def _read_corners(path: Path, forces: str, allowed: Sequence[str]) -> dict[str, Array]:
     """Plate, of those that the file `forces` has -> corners (4, 3) m, from a table of corners in any order."""
-    rows = list(csv.reader(line for line in read_lines(path) if line.strip() and not line.startswith("#")))
+    rows = list(csv.reader(line for line in text_file.read_lines(path) if line.strip() and not line.startswith("#")))
     if not rows or [cell.strip().lower() for cell in rows[0]] != CORNER_HEADER:
-        raise FileFault(f"a header '{','.join(CORNER_HEADER)}' is needed")
+        raise text_file.FileFault(f"a header '{','.join(CORNER_HEADER)}' is needed")
     corners: dict[str, Array] = {}
     for number, row in enumerate(rows[1:], start=1):
         field, text = f"row {number}", ",".join(row)[:60]
         try:
             name, corner, values = row[0].strip(), int(row[1]), [float(cell) for cell in row[2:]]
         except (ValueError, IndexError):
-            raise FileFault(f"found '{text}'; plate,corner,x,y,z are needed", field) from None
+            raise text_file.FileFault(f"found '{text}'; plate,corner,x,y,z are needed", field) from None
         if not 1 <= corner <= CORNERS or len(values) != 3 or not all(map(math.isfinite, values)):
-            raise FileFault(f"found '{text}'; a corner of 1 to {CORNERS} and three numbers are needed", field)
+            raise text_file.FileFault(f"found '{text}'; a corner of 1 to {CORNERS} and three numbers are needed", field)
         of_plate = corners.setdefault(name, np.full((CORNERS, 3), np.nan))
         if not np.isnan(of_plate[corner - 1, 0]):
-            raise FileFault(f"found corner {corner} of plate '{name[:20]}' twice", field)
+            raise text_file.FileFault(f"found corner {corner} of plate '{name[:20]}' twice", field)
         of_plate[corner - 1] = values
     for name, of_plate in corners.items():
         if np.isnan(of_plate).any():
             missing = ", ".join(str(k + 1) for k in np.flatnonzero(np.isnan(of_plate[:, 0])))
-            raise FileFault(f"corner {missing} of plate '{name[:20]}' is missing; 4 are needed")
+            raise text_file.FileFault(f"corner {missing} of plate '{name[:20]}' is missing; 4 are needed")
         if name not in allowed:
-            raise FileFault(f"found the plate '{name[:20]}'; {forces} has {', '.join(allowed)}")
+            raise text_file.FileFault(f"found the plate '{name[:20]}'; {forces} has {', '.join(allowed)}")
     return corners
 
 
@@ -281,14 +273,14 @@ def write_facts_csv(path: Path, recording: Recording) -> None:
             csv.writer(file, lineterminator="\n").writerows([FACT_HEADER, *((n, json.dumps(v)) for n, v in rows)])
 
 
-@naming_file
+@text_file.naming_file
 def read_facts_csv(path: Path) -> tuple[Facts, tuple[FootEvent, ...]]:
     """Facts and events of the table at `path`, none where there is none; FileFault for a row that says neither."""
     facts: dict[str, Any] = {}
     events: list[FootEvent] = []
-    rows = list(csv.reader(read_lines(path))) if path.is_file() else [FACT_HEADER]
+    rows = list(csv.reader(text_file.read_lines(path))) if path.is_file() else [FACT_HEADER]
     if not rows or rows[0] != FACT_HEADER:
-        raise FileFault(f"a header '{','.join(FACT_HEADER)}' is needed")
+        raise text_file.FileFault(f"a header '{','.join(FACT_HEADER)}' is needed")
     for number, row in enumerate(rows[1:], start=1):
         try:
             name, value = row[0], json.loads(row[1])
@@ -299,7 +291,9 @@ def read_facts_csv(path: Path) -> tuple[Facts, tuple[FootEvent, ...]]:
                 facts[name] = _fact(name, value)
         except (ValueError, TypeError, KeyError, IndexError, RecursionError):
             allowed = ", ".join((*_NAMES, EVENT))
-            raise FileFault(f"found '{','.join(row)[:60]}'; allowed facts: {allowed}", f"row {number}") from None
+            raise text_file.FileFault(
+                f"found '{','.join(row)[:60]}'; allowed facts: {allowed}", f"row {number}"
+            ) from None
     return Facts(**facts), tuple(sorted(events, key=lambda e: e.time))
 
 
@@ -329,30 +323,32 @@ def events_beside(recording: Path) -> tuple[Path, ...]:
     return (path,) if path.is_file() and is_event_table(path) else ()
 
 
-@naming_file
+@text_file.naming_file
 def is_event_table(path: Path) -> bool:
     """Whether a file is meant as such a table: its first line names the columns, however they are parted."""
-    return set(HEADER) - {"time"} <= set(re.findall("[a-z]+", read_lines(path)[0].lower()))
+    return set(HEADER) - {"time"} <= set(re.findall("[a-z]+", text_file.read_lines(path)[0].lower()))
 
 
-@naming_file
+@text_file.naming_file
 def read_events(path: Path) -> dict[str, dict[FootEvent, int]]:
     """File name of a recording -> its events, each with its line; every row is right, and names a file beside it."""
-    lines = read_lines(path)
+    lines = text_file.read_lines(path)
     head, *rows = (_cells(row) for row in csv.reader(lines))
     if tuple(cell.lower() for cell in head) != HEADER:
-        raise FileFault(f"found '{','.join(head)[:60]}'; a header '{','.join(HEADER)}' is needed", "line 1")
+        raise text_file.FileFault(f"found '{','.join(head)[:60]}'; a header '{','.join(HEADER)}' is needed", "line 1")
     kinds, sides = {moment.value: moment for moment in FootMoment}, ("right", "left")
     events: dict[str, dict[FootEvent, int]] = {}
     for number, row in enumerate(rows, start=2):
         if not any(row):
             continue
         if len(row) != len(HEADER):
-            raise FileFault(f"found {len(row)} cells; {len(HEADER)} are needed: {', '.join(HEADER)}", f"line {number}")
+            raise text_file.FileFault(
+                f"found {len(row)} cells; {len(HEADER)} are needed: {', '.join(HEADER)}", f"line {number}"
+            )
         name, time, side, kind = row
 
-        def fault(found: str, allowed: str, field: str, number: int = number) -> FileFault:
-            return FileFault(f"found '{found[:60]}'; allowed: {allowed}", f"line {number}, {field}")
+        def fault(found: str, allowed: str, field: str, number: int = number) -> text_file.FileFault:
+            return text_file.FileFault(f"found '{found[:60]}'; allowed: {allowed}", f"line {number}, {field}")
 
         if not name or Path(name).name != name or not (path.parent / name).is_file():
             raise fault(name, "the name of a recording in this folder", "file")
@@ -393,12 +389,12 @@ def with_corrected_events(recording: Recording, path: Path) -> Recording:
     return recording
 
 
-@naming_file
+@text_file.naming_file
 def _corrected(table: Path, recording: Recording, events: dict[FootEvent, int]) -> Recording:
     first, last = float(recording.time[0]), float(recording.time[-1])
     for event, line in events.items():
         if not first - 1e-3 <= event.time <= last + 1e-3:
-            raise FileFault(f"found {event.time:g}; allowed: {first:g} to {last:g} s", f"line {line}, time")
+            raise text_file.FileFault(f"found {event.time:g}; allowed: {first:g} to {last:g} s", f"line {line}, time")
     note = f"{len(events)} foot events are those of {EVENTS}; others of the file, plates and motion are not used"
     ordered = tuple(sorted(events, key=lambda e: e.time))
     return replace(recording, events=ordered, corrected=True).with_notes(note)

@@ -28,21 +28,12 @@ import numpy as np
 
 from gaitcal.arrays import Array
 from gaitcal.errors import Code, InputError, nearest, side_named
+from gaitcal.io import text_file
 from gaitcal.io.atomic import atomic_file, atomic_text
 from gaitcal.io.axes import Vertical, make_y_up
 from gaitcal.io.force_tables import Forces, PlateColumns, build_plate, find_plates, on_one_time, standing
 from gaitcal.io.labels import clean, common_prefix, is_unlabelled, unique
 from gaitcal.io.recording import ForcePlate, Recording, require_plain_labels, zeros_to_missing
-from gaitcal.io.text_file import (
-    FileFault,
-    naming_file,
-    number_lines,
-    parse_rows,
-    read_lines,
-    readable_size,
-    require_increasing,
-    undo_rounding,
-)
 
 PER_METRE = {"mm": 1000.0, "cm": 100.0, "m": 1.0, "millimeters": 1000.0, "meters": 1.0}
 LONGEST_HEADER = 20
@@ -58,15 +49,15 @@ def read_trc(path: Path) -> Recording:
     return make_y_up(parse_trc(path), USUAL_VERTICAL)
 
 
-@naming_file
+@text_file.naming_file
 def parse_trc(path: Path) -> Recording:
     """Markers of a TRC file, in metres, in the axes of the file."""
-    lines = [_single_tabs(line) for line in read_lines(path)]
+    lines = [_single_tabs(line) for line in text_file.read_lines(path)]
     starts = [line.split("\t")[0].strip().lower() for line in lines[:LONGEST_HEADER]]
     label_line = next((i for i, word in enumerate(starts) if word.startswith("frame#")), None)
     if label_line is None:
         needed = f"a line that begins with 'Frame#' is needed among the first {LONGEST_HEADER}"
-        raise FileFault(f"found no line of marker names; {needed}")
+        raise text_file.FileFault(f"found no line of marker names; {needed}")
     separator = "\t" if "\t" in lines[label_line] else None
     facts = _facts(lines[:label_line])
     start = label_line + 1
@@ -74,9 +65,9 @@ def parse_trc(path: Path) -> Recording:
         start += 1
     width = len(lines[start].rstrip().split(separator)) if start < len(lines) else 0
     names = _names(lines[label_line], separator, width)
-    table = parse_rows(lines, start, 2 + 3 * len(names), separator, short_step=3)
-    require_increasing(table.values[:, 1], table.lines)
-    time, notes = undo_rounding(table.values[:, 1])
+    table = text_file.parse_rows(lines, start, 2 + 3 * len(names), separator, short_step=3)
+    text_file.require_increasing(table.values[:, 1], table.lines)
+    time, notes = text_file.undo_rounding(table.values[:, 1])
     frames = len(time)
     if table.filled_rows:
         notes += (f"{table.filled_rows} rows end before their last markers, which were taken as gaps.",)
@@ -86,11 +77,11 @@ def parse_trc(path: Path) -> Recording:
     if len(keep) < len(names):
         notes += (f"{len(names) - len(keep)} unlabelled trajectories left out.",)
     if not keep:
-        raise FileFault("found no marker with a name", f"line {label_line + 1}")
+        raise text_file.FileFault("found no marker with a name", f"line {label_line + 1}")
     unit = PER_METRE.get(facts.get("units", "mm").lower())
     if unit is None:
         name = facts["units"]
-        raise FileFault(f"found '{name[:20]}'; allowed are mm, cm and m{nearest(name, PER_METRE)}", "Units")
+        raise text_file.FileFault(f"found '{name[:20]}'; allowed are mm, cm and m{nearest(name, PER_METRE)}", "Units")
     if "units" not in facts:
         notes += ("The header names no unit; millimetres were taken.",)
     markers = table.values[:, 2:].reshape(frames, len(names), 3)[:, keep] / unit
@@ -101,7 +92,7 @@ def parse_trc(path: Path) -> Recording:
     return Recording(source=str(path), time=time, labels=labels, markers=markers, notes=notes)
 
 
-@naming_file
+@text_file.naming_file
 def write_trc(path: Path, recording: Recording) -> None:
     """Markers in metres, y up; every float in the shortest form that reads back to the same bits. A gap is NaN, as
     OpenSim refuses a row that ends with an empty cell.
@@ -119,7 +110,9 @@ def write_trc(path: Path, recording: Recording) -> None:
     ]
     with atomic_file(path) as part, part.open("w", encoding="utf-8", newline="\n") as file:
         file.write("\n".join(rows) + "\n")
-        numbers = number_lines(np.column_stack([recording.time, recording.markers.reshape(frames, -1)]), "\t", "NaN")
+        numbers = text_file.number_lines(
+            np.column_stack([recording.time, recording.markers.reshape(frames, -1)]), "\t", "NaN"
+        )
         file.writelines(f"{index}\t{line}" for index, line in enumerate(numbers.splitlines(keepends=True), start=1))
 
 
@@ -151,10 +144,10 @@ def _names(line: str, separator: str | None, width: int) -> list[str]:
     place = next((i for i, cell in enumerate(cells[1:], start=1) if cell), 0)  # after tabs of its own, in some files
     cells = cells[:1] + cells[place:]
     if len(cells) < 3 or cells[1].lower() != "time":
-        raise FileFault("'Frame#' must be followed by 'Time' and marker names", "marker names")
+        raise text_file.FileFault("'Frame#' must be followed by 'Time' and marker names", "marker names")
     filled = [i for i, cell in enumerate(cells[2:]) if cell]
     if not filled:
-        raise FileFault("found no marker name after 'Time'", "marker names")
+        raise text_file.FileFault("found no marker name after 'Time'", "marker names")
     by_place = all(i % 3 == 0 for i in filled) and (len(filled) > 1 or len(cells) > 3)
     if by_place and not (width < 2 + filled[-1] + 1 and width == 2 + 3 * len(filled)):
         return cells[2 : 2 + filled[-1] + 1 : 3]
@@ -195,7 +188,11 @@ class StorageTable:
             "endheader",
             "\t".join(("time", *self.names)),
         ]
-        return "\n".join(header) + "\n" + number_lines(np.column_stack([self.time, self.values]), "\t", missing="nan")
+        return (
+            "\n".join(header)
+            + "\n"
+            + text_file.number_lines(np.column_stack([self.time, self.values]), "\t", missing="nan")
+        )
 
 
 def read_table(path: str | PathLike[str]) -> StorageTable:
@@ -206,38 +203,38 @@ def read_table(path: str | PathLike[str]) -> StorageTable:
     return _read_table(Path(path))
 
 
-@naming_file
+@text_file.naming_file
 def _read_table(path: Path) -> StorageTable:
-    lines = read_lines(path)
+    lines = text_file.read_lines(path)
     header = [line.strip().lower() for line in lines[:MOT_LONGEST_HEADER]]
     if "endheader" not in header:
-        raise FileFault(f"found no line 'endheader' among the first {MOT_LONGEST_HEADER}")
+        raise text_file.FileFault(f"found no line 'endheader' among the first {MOT_LONGEST_HEADER}")
     end = header.index("endheader")
     first = next((i for i in range(end + 1, len(lines)) if lines[i].strip()), None)
     if first is None:
-        raise FileFault("the file ends after its header")
+        raise text_file.FileFault("the file ends after its header")
     separator = "\t" if "\t" in lines[first] else None
     names = [name.strip() for name in lines[first].rstrip().split(separator)]
     if names[0].lower() != "time":
-        raise FileFault(f"found '{names[0][:40]}'; the first column must be 'time'", f"line {first + 1}")
-    rows = parse_rows(lines, first + 1, len(names), separator)
+        raise text_file.FileFault(f"found '{names[0][:40]}'; the first column must be 'time'", f"line {first + 1}")
+    rows = text_file.parse_rows(lines, first + 1, len(names), separator)
     time = rows.values[:, 0]
-    require_increasing(time, rows.lines)
+    text_file.require_increasing(time, rows.lines)
     entries = (line.partition("=") for line in header[:end])
     angles = next((value.strip() for key, _, value in entries if key.strip() == "indegrees"), None)
     in_degrees = None if angles is None else angles in ("yes", "true", "1")
     return StorageTable(time, tuple(names[1:]), rows.values[:, 1:], in_degrees)
 
 
-@naming_file
+@text_file.naming_file
 def read_mot_forces(path: Path) -> Forces:
     """Plates "1", "2", ... of a MOT or STO file, in the order in which their columns first appear."""
     table = read_table(path)
     found = find_plates(table.names)
     if not found:
         names = ", ".join(table.names[:6])
-        raise FileFault(f"found no force columns among {names}...; names like ground_force_vx are needed")
-    time, notes = undo_rounding(table.time)
+        raise text_file.FileFault(f"found no force columns among {names}...; names like ground_force_vx are needed")
+    time, notes = text_file.undo_rounding(table.time)
     plates = []
     for number, columns in enumerate(found, start=1):
         plate, plate_notes = build_plate(str(number), time, table.values, columns)
@@ -246,7 +243,7 @@ def read_mot_forces(path: Path) -> Forces:
     return standing(path, plates, notes)
 
 
-@naming_file
+@text_file.naming_file
 def write_forces_mot(path: Path, plates: tuple[ForcePlate, ...]) -> None:
     """Plates with one common time as an OpenSim MOT file: ground_force_1_vx, _px, ground_moment_1_mx, and so on."""
     time, values = on_one_time(plates)
@@ -278,7 +275,7 @@ class ExternalForce:
     """File of its columns, as written; the empty string where the file does not say."""
 
 
-@naming_file
+@text_file.naming_file
 def read_external_loads(path: Path) -> Forces:
     """The plates of an ExternalLoads file, and the foot of each.
 
@@ -287,7 +284,7 @@ def read_external_loads(path: Path) -> Forces:
     forces, off = _forces(path)
     notes = tuple(f"The force '{name}' is switched off in the file and left out." for name in off)
     if not forces:
-        raise FileFault("found no ExternalForce that is switched on")
+        raise text_file.FileFault("found no ExternalForce that is switched on")
     tables = {name: read_table(_table(path, name)) for name in dict.fromkeys(f.table for f in forces)}
     names, _ = unique(clean(force.name) or "force" for force in forces)
     plates, feet = [], {}
@@ -304,22 +301,22 @@ def read_external_loads(path: Path) -> Forces:
                 notes += (f"The force '{name}' on {force.body} is zero throughout and was left out.",)
                 continue
             allowed = "allowed are forces on the right and left foot (calcn_r, calcn_l)"
-            raise FileFault(f"found a force on '{force.body}'; {allowed}", field)
+            raise text_file.FileFault(f"found a force on '{force.body}'; {allowed}", field)
         for quantity, frame in force.frames.items():
             if frame.lower() not in GROUND:
-                raise FileFault(f"found its {quantity} expressed in '{frame}'; allowed is ground", field)
-        time, time_notes = undo_rounding(table.time)
+                raise text_file.FileFault(f"found its {quantity} expressed in '{frame}'; allowed is ground", field)
+        time, time_notes = text_file.undo_rounding(table.time)
         plate, plate_notes = build_plate(name, time, table.values, found)
         plates.append(plate)
         feet[name] = side
         columns = f"Plate {name} holds the columns {force.columns['force']}x and following, on {force.body}."
         notes += (*(n for n in time_notes if n not in notes), *plate_notes, columns)
     if not plates:
-        raise FileFault("found no force on a foot")
+        raise text_file.FileFault("found no force on a foot")
     return standing(path, plates, notes, feet)
 
 
-@naming_file
+@text_file.naming_file
 def loads_tables(path: Path) -> tuple[Path, ...]:
     """The tables that an ExternalLoads file draws on; none for a file of another kind."""
     if path.suffix.lower() != ".xml":
@@ -337,14 +334,14 @@ def tables_there(path: Path) -> tuple[Path, ...]:
 
 def _forces(path: Path) -> tuple[list[ExternalForce], list[str]]:
     """Forces that are switched on, and the names of those that are not."""
-    readable_size(path)
+    text_file.readable_size(path)
     try:
         root = ET.parse(path).getroot()
     except (ET.ParseError, ValueError, LookupError, OSError) as error:
-        raise FileFault(f"is not well-formed XML: {error}") from None
+        raise text_file.FileFault(f"is not well-formed XML: {error}") from None
     loads = root if root.tag == "ExternalLoads" else root.find(".//ExternalLoads")
     if loads is None:
-        raise FileFault(f"found <{root.tag}>; a file with <ExternalLoads> is needed")
+        raise text_file.FileFault(f"found <{root.tag}>; a file with <ExternalLoads> is needed")
 
     def text(element: ET.Element, tag: str) -> str:
         found = (element.findtext(tag) or "").strip()
@@ -372,12 +369,12 @@ def _forces(path: Path) -> tuple[list[ExternalForce], list[str]]:
 def _table(path: Path, name: str) -> Path:
     """The table of that name: from the folder of the file, or of the same name in it, where it was moved with it."""
     if not name:
-        raise FileFault("names no table of forces", "datafile")
+        raise text_file.FileFault("names no table of forces", "datafile")
     written = PureWindowsPath(name)  # takes / and \\ alike
     for place in (path.parent / Path(*written.parts), path.parent / written.name):
         if place.is_file():
             return place
-    raise FileFault(f"found '{name}', which does not exist beside it", "datafile", Code.NO_FILE)
+    raise text_file.FileFault(f"found '{name}', which does not exist beside it", "datafile", Code.NO_FILE)
 
 
 def _columns(force: ExternalForce, table: StorageTable) -> PlateColumns:
@@ -392,7 +389,7 @@ def _columns(force: ExternalForce, table: StorageTable) -> PlateColumns:
             names = [name for name in table.names if name.startswith(start)]
         if len(names) != 3:
             message = f"found {len(names)} columns; {start}x, {start}y and {start}z are needed"
-            raise FileFault(message, f"ExternalForce {force.name}, {quantity}")
+            raise text_file.FileFault(message, f"ExternalForce {force.name}, {quantity}")
         found.columns[quantity] = {axis: lower.index(name.lower()) for axis, name in enumerate(names)}
         found.names += names
     return found

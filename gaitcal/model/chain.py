@@ -25,24 +25,14 @@ from typing import NamedTuple
 import numpy as np
 
 from gaitcal.arrays import Array, BoolArray, IntArray
-from gaitcal.model.linkage import (
-    BENDS,
-    JOINTS,
-    SECONDARY,
-    SEGMENTS,
-    ZERO_ANGLES,
-    Element,
-    Source,
-    joint_elements,
-    root_elements,
-)
+from gaitcal.model import linkage
 from gaitcal.model.parameters import JP_INDEX, Parameters
 
 
 class _Step(NamedTuple):
     """One element in its place: which frame it is constant in, and what it acts on."""
 
-    element: Element
+    element: linkage.Element
     source: int  # index of the coordinate, joint parameter or zero angle
 
 
@@ -91,14 +81,14 @@ class Chain:
     def __init__(
         self,
         root: str = "pelvis",
-        segments: tuple[str, ...] = SEGMENTS,
+        segments: tuple[str, ...] = linkage.SEGMENTS,
         free: tuple[str, ...] = (),
         *,
         reactions: bool = False,
     ) -> None:
         self.root = root
-        self.segments = tuple(s for s in SEGMENTS if s in segments)
-        elements: list[Element] = []
+        self.segments = tuple(s for s in linkage.SEGMENTS if s in segments)
+        elements: list[linkage.Element] = []
         parents: list[int] = []
         # per segment, the frame it hangs on and the constant steps from there; per coordinate, those before it
         self._walks: dict[str, tuple[int, list[_Step]]] = {"": (-1, [])}
@@ -106,10 +96,10 @@ class Chain:
         # per free joint parameter, the frame it is constant in and the steps from there up to itself
         passed: dict[str, tuple[int, list[_Step]]] = {}
         moved_by: dict[str, set[str]] = {"": set()}  # per segment, the coordinates and free joint parameters
-        walks = [(root_elements(root), "", root)]
+        walks = [(linkage.root_elements(root), "", root)]
         walks += [
-            (joint_elements(joint, reactions=reactions), joint.parent, joint.child)
-            for joint in JOINTS
+            (linkage.joint_elements(joint, reactions=reactions), joint.parent, joint.child)
+            for joint in linkage.JOINTS
             if joint.child in self.segments and joint.child != root
         ]
         for sequence, parent, child in walks:
@@ -117,9 +107,9 @@ class Chain:
             # extended: the walks of all children begin with that of their parent.
             (frame, pending), above = self._walks[parent], set(moved_by[parent])
             for e in sequence:
-                if e.source is Source.COORDINATE:
-                    for second in SECONDARY.get(e.name, ()):
-                        for name in (second.name + bend for bend in BENDS if second.name + bend in free):
+                if e.source is linkage.Source.COORDINATE:
+                    for second in linkage.SECONDARY.get(e.name, ()):
+                        for name in (second.name + bend for bend in linkage.BENDS if second.name + bend in free):
                             passed[name] = (frame, [*pending, _Step(second, len(elements))])
                             above.add(name)
                     self._before.append(pending)
@@ -128,7 +118,11 @@ class Chain:
                     frame, pending = len(elements) - 1, []
                     above.add(e.name)
                     continue
-                index = JP_INDEX[e.name] if e.source is Source.JOINT_PARAMETER else ZERO_ANGLES.index(e.name)
+                index = (
+                    JP_INDEX[e.name]
+                    if e.source is linkage.Source.JOINT_PARAMETER
+                    else linkage.ZERO_ANGLES.index(e.name)
+                )
                 pending = [*pending, _Step(e, index)]
                 if e.name in free:
                     passed[e.name] = (frame, pending)
@@ -136,14 +130,14 @@ class Chain:
             self._walks[child], moved_by[child] = (frame, pending), above
 
         self.coordinates: tuple[str, ...] = tuple(e.name for e in elements)
-        self.elements: tuple[Element, ...] = tuple(elements)
+        self.elements: tuple[linkage.Element, ...] = tuple(elements)
         self.parents: tuple[int, ...] = tuple(parents)
         self.free: tuple[str, ...] = tuple(name for name in free if name in passed)
         self._passed = [passed[name] for name in self.free]
-        self.secondary: tuple[tuple[int, int, Element, int], ...] = tuple(
-            (k, steps[-1].source, steps[-1].element, BENDS.index(name[-len(BENDS[0]) :]))
+        self.secondary: tuple[tuple[int, int, linkage.Element, int], ...] = tuple(
+            (k, steps[-1].source, steps[-1].element, linkage.BENDS.index(name[-len(linkage.BENDS[0]) :]))
             for k, (name, (_, steps)) in enumerate(zip(self.free, self._passed, strict=True))
-            if steps[-1].element.source is Source.COORDINATE
+            if steps[-1].element.source is linkage.Source.COORDINATE
         )
         # of every free secondary motion: place in `free`, frame of its coordinate, element, index in `BENDS`
         self.segment_frame: IntArray = np.array([self._walks[s][0] for s in self.segments], dtype=np.intp)
@@ -178,7 +172,11 @@ class Chain:
 
 @lru_cache(maxsize=64)
 def chain_of(
-    root: str = "pelvis", segments: tuple[str, ...] = SEGMENTS, free: tuple[str, ...] = (), *, reactions: bool = False
+    root: str = "pelvis",
+    segments: tuple[str, ...] = linkage.SEGMENTS,
+    free: tuple[str, ...] = (),
+    *,
+    reactions: bool = False,
 ) -> Chain:
     """The chain of a part of the linkage, compiled once: every trial of a person has the same."""
     return Chain(root, segments, free, reactions=reactions)
@@ -191,7 +189,7 @@ def _compose(steps: list[_Step], joint: Array, zero_angles: Array) -> tuple[Arra
     x = [0.0, 0.0, 0.0]
     for step in steps:
         e = step.element
-        amount = e.sign * float((joint if e.source is Source.JOINT_PARAMETER else zero_angles)[step.source])
+        amount = e.sign * float((joint if e.source is linkage.Source.JOINT_PARAMETER else zero_angles)[step.source])
         if not e.rotates:
             u = axes[e.axis]
             x = [x[0] + u[0] * amount, x[1] + u[1] * amount, x[2] + u[2] * amount]

@@ -25,24 +25,12 @@ from gaitcal.arrays import Array
 from gaitcal.errors import Code, InputError
 from gaitcal.io.recording import Recording, still_window
 from gaitcal.io.toml import models_path
+from gaitcal.model import linkage
 from gaitcal.model.ankle_zero import AnkleZero, standing_ankles
 from gaitcal.model.anthropometry import BodyLengths, inertial_parameters, table_words
 from gaitcal.model.chain import axis_rotation, root_angles
 from gaitcal.model.coordinates import JOINT_TABLE, split_side
 from gaitcal.model.landmarks import StaticPosture, check_plausible, static_posture
-from gaitcal.model.linkage import (
-    JOINTS,
-    LEG_SEGMENTS,
-    LEGS,
-    LUMBAR,
-    PELVIS_ANGLES,
-    SEGMENT_TABLE,
-    SEGMENTS,
-    SIDES,
-    ZERO_ANGLES,
-    coordinates_before,
-    segment_kind,
-)
 from gaitcal.model.marker_set import SEGMENT_OF, MarkerSet, load_marker_set
 from gaitcal.model.parameters import JOINT_PARAMETERS, JP_INDEX, Kind, Parameters, published_subject
 from gaitcal.model.present_markers import complete_static, present_markers
@@ -65,12 +53,12 @@ is then some 40 mm higher and nearer to the neck than in walking."""
 
 CENTRE_OF: dict[str, str] = {
     joint.name: centre + (f"_{side}" if side else "")
-    for joint in JOINTS
+    for joint in linkage.JOINTS
     for kind, side in (split_side(joint.name),)
     if (centre := JOINT_TABLE[kind].centre)
 }
 """Joint -> landmark that is its centre."""
-_OF_POINT = SEGMENT_OF | {CENTRE_OF[joint.name]: joint.parent for joint in JOINTS if joint.name in CENTRE_OF}
+_OF_POINT = SEGMENT_OF | {CENTRE_OF[joint.name]: joint.parent for joint in linkage.JOINTS if joint.name in CENTRE_OF}
 """Landmark or joint centre -> the segment that keeps it."""
 
 
@@ -120,7 +108,12 @@ def nominal_model(
     inertial = inertial_parameters(subject, _lengths(frames["pelvis"], centres))
     parameters = Parameters(joint, inertial, zero)
     # segments of the legs that may do without markers and of which none was seen
-    optional = [s for leg in LEGS.values() for s in leg if segment_kind(s).markers and s not in LEG_SEGMENTS]
+    optional = [
+        s
+        for leg in linkage.LEGS.values()
+        for s in leg
+        if linkage.segment_kind(s).markers and s not in linkage.LEG_SEGMENTS
+    ]
     bare = [s for s in optional if not set(marker_set.tracking.get(s, ())) & set(posture.markers)]
     frozen = (*body.frozen_segments, *bare)
     carried = [label for label in _carried(marker_set, body.raised) if label not in (weights or {})]
@@ -134,7 +127,7 @@ def nominal_model(
         parameters=parameters,
         nominal=parameters,
         markers=markers,
-        frozen=coordinates_before(frozen),
+        frozen=linkage.coordinates_before(frozen),
         posture=_posture(frames, standing.dorsiflexion),
         landmarks={
             name: (_OF_POINT[name], frames[_OF_POINT[name]].local(point))
@@ -161,10 +154,10 @@ def _posture(frames: Mapping[str, Frame], dorsiflexion: Mapping[str, float]) -> 
     """Coordinates (rad) of pelvis, lumbar joint, hips and ankles in the static posture."""
     pelvis = frames["pelvis"].rotation
     ahead = axis_rotation(1, float(np.arctan2(pelvis[2, 0], pelvis[0, 0]))) @ pelvis
-    turns = {PELVIS_ANGLES: (ahead, 1.0), LUMBAR: (pelvis.T @ frames["head_trunk"].rotation, 1.0)}
-    for side in SIDES:
-        turns[coordinates_before([f"thigh_{side}"])] = (pelvis.T @ frames[f"thigh_{side}"].rotation, sign(side))
-    out = {f"ankle_angle_{side}": float(dorsiflexion[side]) for side in SIDES}
+    turns = {linkage.PELVIS_ANGLES: (ahead, 1.0), linkage.LUMBAR: (pelvis.T @ frames["head_trunk"].rotation, 1.0)}
+    for side in linkage.SIDES:
+        turns[linkage.coordinates_before([f"thigh_{side}"])] = (pelvis.T @ frames[f"thigh_{side}"].rotation, sign(side))
+    out = {f"ankle_angle_{side}": float(dorsiflexion[side]) for side in linkage.SIDES}
     for names, (rotation, mirrored) in turns.items():
         (angles,) = root_angles(rotation[None]) * [1.0, mirrored, mirrored]
         out |= dict(zip(names, map(float, angles), strict=True))
@@ -187,7 +180,7 @@ def _lengths(pelvis: Frame, centres: Mapping[str, Array]) -> BodyLengths:
     limbs = {
         f"{segment}_{side}": float(np.linalg.norm(centres[f"{a}_{side}"] - centres[f"{b}_{side}"]))
         for segment, (a, b) in ends.items()
-        for side in SIDES
+        for side in linkage.SIDES
     }
     hips = pelvis.local(0.5 * (centres["hjc_r"] + centres["hjc_l"]))
     return BodyLengths(limbs, hips[:2], float(pelvis.local(centres["lumbar"])[1] - hips[1]))
@@ -199,13 +192,13 @@ def _placement(
     """Local positions of all markers that were seen, in segments that move."""
     weight = marker_set.weight
     labels, segments, dropped = list[str](), list[str](), list[str]()
-    for segment in (s for s in SEGMENTS if s not in frozen):
+    for segment in (s for s in linkage.SEGMENTS if s not in frozen):
         tracking = marker_set.tracking.get(segment, ())
         present = [label for label in tracking if label in posture.markers]
         missing = [label for label in tracking if label not in posture.markers]
         kept = sum(weight(label) > 0 for label in present)
         needed = FULL_SUPPORT if segment == "pelvis" else 1  # whether the joints tell the rest: faults/markers.py
-        if kept < needed and segment in ("pelvis", *LEG_SEGMENTS):
+        if kept < needed and segment in ("pelvis", *linkage.LEG_SEGMENTS):
             lost = ", ".join(f"'{label}'" for label in missing if weight(label) > 0)
             why = f"{lost} not seen while the subject stood still" if lost else "the marker set gives it no more"
             message = f"found {kept} markers with weight, {why}; allowed: at least {needed}"
@@ -235,7 +228,7 @@ def nominal_joint_parameters(
         if p.kind is Kind.POSITION and p.joint in CENTRE_OF
     }
     zero: dict[str, float] = {}
-    for side in SIDES:
+    for side in linkage.SIDES:
         values[f"shoulder_{side}.upperarm.trans"] = body.shoulder_turn[side]
         knee_axis = frames[f"thigh_{side}"].rotation[:, 2]
         for hinge, segment, axis in (
@@ -263,7 +256,7 @@ def nominal_joint_parameters(
         zero |= {f"talocrural_{side}.zero": alpha - dorsiflexion[side], f"subtalar_{side}.zero": beta}
     joint = np.array([values.get(name, 0.0) for name in JP_INDEX])
     joint[np.abs(joint) < _ROUNDING] = 0.0
-    return joint, np.array([zero[name] for name in ZERO_ANGLES])
+    return joint, np.array([zero[name] for name in linkage.ZERO_ANGLES])
 
 
 PUBLISHED = Subject("published nominal subject", 69.4, 1.70, "male")
@@ -277,12 +270,12 @@ def published_model(*, static_only: bool = False) -> SubjectModel:
     """
     data = json.loads((models_path() / "nominal_subject.json").read_text(encoding="utf-8"))
     placed: dict[str, tuple[str, Array]] = {}
-    bodies = {name.replace("_", ""): name for name in SEGMENT_TABLE}
+    bodies = {name.replace("_", ""): name for name in linkage.SEGMENT_TABLE}
     for body, listed in data["markers_local_mm_right_side"].items():
         segment = bodies[body]
         for label, position in listed.items():
             local = 1e-3 * np.array(position, dtype=float)
-            if segment in SEGMENTS:
+            if segment in linkage.SEGMENTS:
                 placed[label] = (segment, local)
             else:
                 placed[f"R.{label}"] = (f"{segment}_r", local)
@@ -290,7 +283,7 @@ def published_model(*, static_only: bool = False) -> SubjectModel:
     marker_set = load_marker_set("published")
     taken_off = {label for group in marker_set.static_only.values() for label in group}
     kept = [label for label in placed if static_only or label not in taken_off]
-    labels = tuple(sorted(kept, key=lambda label: SEGMENTS.index(placed[label][0])))
+    labels = tuple(sorted(kept, key=lambda label: linkage.SEGMENTS.index(placed[label][0])))
     markers = MarkerPlacement(
         labels,
         tuple(placed[label][0] for label in labels),
@@ -302,7 +295,7 @@ def published_model(*, static_only: bool = False) -> SubjectModel:
         name: (placed[group[0]][0], np.mean([placed[label][1] for label in group], axis=0))
         for name, group in marker_set.landmarks.items()
     }
-    for joint in JOINTS:
+    for joint in linkage.JOINTS:
         if joint.name in CENTRE_OF:
             landmarks[CENTRE_OF[joint.name]] = (joint.parent, parameters.centre(joint.name, joint.parent))
     return SubjectModel(

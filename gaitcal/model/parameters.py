@@ -23,20 +23,9 @@ import numpy as np
 
 from gaitcal.arrays import Array, BoolArray
 from gaitcal.io.toml import models_path
-from gaitcal.model.linkage import (
-    JOINT_OF_CHILD,
-    JOINTS,
-    LEGS,
-    SEGMENT_TABLE,
-    SEGMENTS,
-    ZERO_ANGLES,
-    Element,
-    Source,
-    moved_joints,
-    segment_kind,
-)
+from gaitcal.model import linkage
 
-MASSIVE_SEGMENTS: tuple[str, ...] = tuple(s for s in SEGMENTS if segment_kind(s).parts)
+MASSIVE_SEGMENTS: tuple[str, ...] = tuple(s for s in linkage.SEGMENTS if linkage.segment_kind(s).parts)
 """Those with inertia: row s of a (ns, 7) table of IPs is [mass, com x y z, moment x y z]."""
 
 QUANTITIES = ("mass", "com.ant", "com.sup", "com.lat", "moi.ant", "moi.sup", "moi.lat")
@@ -62,13 +51,13 @@ class InertialSet:
 
 def symmetric_set() -> InertialSet:
     """The symmetric IPs: masses, those mass-centre coordinates that `free_centre` names, moments."""
-    centres = {row.name: row.free_centre for row in SEGMENT_TABLE.values() if row.parts}
+    centres = {row.name: row.free_centre for row in linkage.SEGMENT_TABLE.values() if row.parts}
     masses, moments = dict.fromkeys(centres, ("mass",)), dict.fromkeys(centres, ("moi.ant", "moi.sup", "moi.lat"))
     free = [(body, q) for group in (masses, centres, moments) for body, quantities in group.items() for q in quantities]
     selection = np.zeros((len(IP_NAMES), len(free)))
     for k, (body, quantity) in enumerate(free):
         for segment in MASSIVE_SEGMENTS:
-            if segment_kind(segment).name == body:
+            if linkage.segment_kind(segment).name == body:
                 selection[IP_INDEX[f"{segment}.{quantity}"], k] = 1.0
     return InertialSet(tuple(f"{body}.{quantity}" for body, quantity in free), selection)
 
@@ -176,11 +165,11 @@ class JointParameter:
 
 def _catalogue() -> Iterator[JointParameter]:
     """Joint by joint; the parent's before the child's, of each orientations before positions, by axis."""
-    for joint in JOINTS:
-        moves = next(i for i, e in enumerate(joint.elements) if e.source is Source.COORDINATE)
+    for joint in linkage.JOINTS:
+        moves = next(i for i, e in enumerate(joint.elements) if e.source is linkage.Source.COORDINATE)
         for segment, elements in ((joint.parent, joint.elements[:moves]), (joint.child, joint.elements[moves:])):
             for e in sorted(elements, key=lambda e: (not e.rotates, e.axis)):
-                if e.source is Source.JOINT_PARAMETER:
+                if e.source is linkage.Source.JOINT_PARAMETER:
                     kind = Kind.ORIENTATION if e.rotates else Kind.POSITION
                     yield JointParameter(name=e.name, joint=joint.name, segment=segment, kind=kind, axis=e.axis)
 
@@ -195,7 +184,7 @@ JP_TO_SI: Array = np.array([p.kind.to_si for p in JOINT_PARAMETERS])  # (np,) fa
 
 def isolated_parameters(isolated: str) -> tuple[str, ...]:
     """The JPs that an isolated trial of `hip_r`, `knee_r`, `ankle_r` (or `_l`) determines: 6, 9 or 12."""
-    joints = [joint.name for joint in moved_joints(isolated)]
+    joints = [joint.name for joint in linkage.moved_joints(isolated)]
     return tuple(p.name for p in JOINT_PARAMETERS if p.joint in joints)
 
 
@@ -213,7 +202,7 @@ def gait_parameters(side: str) -> tuple[str, ...]:
 
 def leg_parameters(side: str) -> tuple[str, ...]:
     """The JPs of one leg."""
-    joints = [JOINT_OF_CHILD[segment].name for segment in LEGS[side]]
+    joints = [linkage.JOINT_OF_CHILD[segment].name for segment in linkage.LEGS[side]]
     return tuple(p.name for p in JOINT_PARAMETERS if p.joint in joints)
 
 
@@ -239,11 +228,11 @@ class Parameters:
         """A copy with other inertial parameters (ni,)."""
         return replace(self, inertial=np.array(inertial, dtype=float))
 
-    def amount(self, element: Element) -> float:
+    def amount(self, element: linkage.Element) -> float:
         """By how much (m or rad, with its sign) an element moves that is no coordinate."""
-        if element.source is Source.JOINT_PARAMETER:
+        if element.source is linkage.Source.JOINT_PARAMETER:
             return element.sign * float(self.joint[JP_INDEX[element.name]])
-        return element.sign * float(self.zero_angles[ZERO_ANGLES.index(element.name)])
+        return element.sign * float(self.zero_angles[linkage.ZERO_ANGLES.index(element.name)])
 
     def centre(self, joint: str, segment: str) -> Array:
         """(3,) m of a joint in a segment beside it; what is no parameter is zero by definition of the frames."""
@@ -270,7 +259,7 @@ def published_subject() -> Parameters:
         joint[i] = listed[side or "back"][f"{kind}.{place}"]
     inertial = np.empty((len(MASSIVE_SEGMENTS), 7))
     for i, segment in enumerate(MASSIVE_SEGMENTS):
-        entry = data["inertial_parameters"][segment_kind(segment).name.replace("_", "")]
+        entry = data["inertial_parameters"][linkage.segment_kind(segment).name.replace("_", "")]
         com = np.array(entry["com_mm"])
         com[2] *= 1.0 if not segment.endswith("_l") else -1.0
         inertial[i] = [entry["mass_kg"], *(1e-3 * com), *(1e-6 * np.array(entry["moi_kg_mm2_xyz"]))]

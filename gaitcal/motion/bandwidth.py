@@ -33,20 +33,10 @@ from scipy.linalg import cho_solve_banded, cholesky_banded
 from gaitcal.arrays import Array, IntArray
 from gaitcal.model.chain import ChainConstants
 from gaitcal.model.parameters import Parameters
+from gaitcal.motion import spline
 from gaitcal.motion.descent import DescentSettings
 from gaitcal.motion.marker_residual import MarkerData
 from gaitcal.motion.motion import track_nodes
-from gaitcal.motion.spline import (
-    MINIMUM_NODES,
-    ORDER,
-    SplineBasis,
-    frame_rate,
-    roughness,
-    smoothing,
-    spaced,
-    spline_basis,
-    stiffness,
-)
 from gaitcal.motion.start import starting_coordinates, starting_nodes
 from gaitcal.motion.trial_problem import MotionProblem
 
@@ -72,30 +62,30 @@ def with_bandwidth(problem: MotionProblem, parameters: Parameters, cutoff_hz: fl
     """The trial with nodes and penalty for a cut-off."""
     basis = problem.basis
     spans = min(max(SPANS_TIMES_CUTOFF * cutoff_hz, FEWEST_SPANS), max(dense_spans(basis), FEWEST_SPANS))
-    basis = _basis(basis, min(spans, frame_rate(basis)))
+    basis = _basis(basis, min(spans, spline.frame_rate(basis)))
     information = frame_information(problem, problem.constants(parameters))
-    return replace(problem, basis=basis, smoothing=smoothing(basis, information, cutoff_hz))
+    return replace(problem, basis=basis, smoothing=spline.smoothing(basis, information, cutoff_hz))
 
 
-def dense_spans(basis: SplineBasis) -> float:
+def dense_spans(basis: spline.SplineBasis) -> float:
     """Knot spans a second while f is sought."""
-    rate = frame_rate(basis)
+    rate = spline.frame_rate(basis)
     return min(rate, max(DENSE_SPANS, min(rate / FRAMES_PER_DENSE_SPAN, MOST_SPANS)))
 
 
-def highest_cutoff(basis: SplineBasis) -> float:
+def highest_cutoff(basis: spline.SplineBasis) -> float:
     """Hz: the largest f that dense nodes do not limit."""
     return dense_spans(basis) / SPANS_TIMES_CUTOFF
 
 
-def _basis(basis: SplineBasis, spans_per_second: float) -> SplineBasis:
+def _basis(basis: spline.SplineBasis, spans_per_second: float) -> spline.SplineBasis:
     spans = max(round(spans_per_second * float(basis.time[-1] - basis.time[0])), 1)
-    return spline_basis(basis.time, spans + MINIMUM_NODES - 1)
+    return spline.spline_basis(basis.time, spans + spline.MINIMUM_NODES - 1)
 
 
 def frame_information(problem: MotionProblem, constants: ChainConstants) -> Array:
     """(nq, nq) W, in the poses that the segments' rigid fits give; zero for coordinates that move no marker."""
-    data, frames = problem.data, spaced(len(problem.basis.time), POSES)
+    data, frames = problem.data, spline.spaced(len(problem.basis.time), POSES)
     some = data.frames(frames)
     q = starting_coordinates(problem.chain, constants, some)
     mean = np.repeat(data.weight.mean(axis=1)[:, None], len(frames), axis=1)
@@ -114,23 +104,23 @@ def frame_information(problem: MotionProblem, constants: ChainConstants) -> Arra
 class Smoother:
     """A of one basis. Splines are told by their nodes, series y (nf, k) by B^T y."""
 
-    def __init__(self, basis: SplineBasis) -> None:
-        self.basis, self.rough = basis, roughness(basis.knots)
+    def __init__(self, basis: spline.SplineBasis) -> None:
+        self.basis, self.rough = basis, spline.roughness(basis.knots)
         gram = (basis.matrices[0].T @ basis.matrices[0]).tocsr()
-        self.gram = np.zeros((ORDER, basis.nodes))  # lower band of G
-        for d in range(min(ORDER, basis.nodes)):
+        self.gram = np.zeros((spline.ORDER, basis.nodes))  # lower band of G
+        for d in range(min(spline.ORDER, basis.nodes)):
             self.gram[d, : basis.nodes - d] = gram.diagonal(-d)
 
     def coefficients(self, right: Array, cutoff_hz: float) -> Array:
         """(nn, k) coefficients of A y, from B^T y (nn, k)."""
-        band = self.gram + stiffness(self.basis, cutoff_hz) * self.rough.band.T
+        band = self.gram + spline.stiffness(self.basis, cutoff_hz) * self.rough.band.T
         band[0] += GRAM_FLOOR * band[0].max()
         return cho_solve_banded((cholesky_banded(band, lower=True), True), right)
 
     def lost(self, coefficients: Array, cutoff_hz: float) -> Array:
         """(nn, k) coefficients of y - A y, for splines y with nodes (nn, k)."""
         _, rough = self.rough.both(coefficients, np.eye(coefficients.shape[1]))
-        return self.coefficients(stiffness(self.basis, cutoff_hz) * rough, cutoff_hz)
+        return self.coefficients(spline.stiffness(self.basis, cutoff_hz) * rough, cutoff_hz)
 
 
 class DenseMotion:
@@ -146,7 +136,7 @@ class DenseMotion:
         self.information = frame_information(problem, constants)
         cut = replace(problem, basis=problem.basis.at(frames), data=problem.data.frames(frames))
         basis = _basis(cut.basis, dense_spans(problem.basis))
-        rough = smoothing(basis, self.information, self.highest)
+        rough = spline.smoothing(basis, self.information, self.highest)
         self.problem = replace(cut, basis=basis, smoothing=rough)
         start = starting_nodes(cut.chain, constants, cut.data, basis)
         self.coefficients = track_nodes(self.problem, constants, start, LOOSE).x
@@ -202,7 +192,7 @@ class Smoothed:
 def busiest(problem: MotionProblem, activity: Array | None = None) -> IntArray:
     """Frames of the stretch of at most `LONGEST_S` in which the sum of `activity` (nf,) is largest."""
     nf = len(problem.basis.time)
-    length = min(nf, round(LONGEST_S * frame_rate(problem.basis)) + 1)
+    length = min(nf, round(LONGEST_S * spline.frame_rate(problem.basis)) + 1)
     if length == nf:
         return np.arange(nf)
     if activity is None:

@@ -29,15 +29,8 @@ from gaitcal.arrays import Array
 from gaitcal.model.chain import Chain, chain_of, forward, root_angles, segment_poses
 from gaitcal.model.linkage import JOINTS, SEGMENTS, Joint, Source, coordinates_before
 from gaitcal.model.parameters import JP_INDEX, Parameters
+from gaitcal.motion import marker_residual
 from gaitcal.motion.descent import DescentSettings, Evaluation, descend
-from gaitcal.motion.marker_residual import (
-    FrameEquations,
-    MarkerData,
-    PlacedMarkers,
-    VariablePairs,
-    frame_equations,
-    marker_positions,
-)
 from gaitcal.motion.motion import MarkerErrors, rigid_floor
 from gaitcal.motion.spline import spaced
 from gaitcal.motion.start import ROOT_COORDINATES
@@ -82,8 +75,8 @@ def joint_floor(problem: MotionProblem, parameters: Parameters, q: Array) -> Joi
     found = {}
     for name, parts in joints.items():
         markers, s = np.flatnonzero(np.isin(rigid.segments, _ends(parts))), chain.segments.index(parts[0].parent)
-        part = MarkerData(
-            PlacedMarkers(data.segment[markers], data.local[markers]),
+        part = marker_residual.MarkerData(
+            marker_residual.PlacedMarkers(data.segment[markers], data.local[markers]),
             data.measured[markers],
             data.weight[markers] / shares[markers, None],
         )
@@ -119,22 +112,22 @@ class _JointAlone:
     has_curvature = False
 
     def __init__(
-        self, parts: tuple[Joint, ...], data: MarkerData, whole: Chain, parameters: Parameters, q: Array
+        self, parts: tuple[Joint, ...], data: marker_residual.MarkerData, whole: Chain, parameters: Parameters, q: Array
     ) -> None:
         """`data`: its markers in the segments of the `whole` chain; `q` (nf, nq): where its coordinates start."""
         names = tuple(e.name for p in parts for e in p.elements if e.source is Source.JOINT_PARAMETER)
         self.chain = chain = chain_of(parts[0].parent, (parts[0].parent, *(p.child for p in parts)), names)
         self.parameters, self.shape = parameters, q.shape
         segment = np.array([chain.segments.index(whole.segments[s]) for s in data.segment], np.intp)
-        self.data = replace(data, placed=PlacedMarkers(segment, data.local))
-        self.pairs = VariablePairs(chain, np.isin(np.arange(len(chain.segments)), segment))
+        self.data = replace(data, placed=marker_residual.PlacedMarkers(segment, data.local))
+        self.pairs = marker_residual.VariablePairs(chain, np.isin(np.arange(len(chain.segments)), segment))
         self.first = np.append(q.ravel(), parameters.joint[[JP_INDEX[name] for name in chain.free]])
 
     def distances(self) -> Array:
         """(markers, nf) m, at the minimum."""
         parameters, q = self.split(descend(self, self.first, SETTINGS).x)
         constants = self.chain.constants(parameters.joint, parameters.zero_angles)
-        model = marker_positions(self.chain, constants, self.data.placed, q)
+        model = marker_residual.marker_positions(self.chain, constants, self.data.placed, q)
         return np.linalg.norm(model - self.data.measured, axis=1)
 
     def split(self, x: Array) -> tuple[Parameters, Array]:
@@ -142,16 +135,16 @@ class _JointAlone:
         count = self.shape[0] * self.shape[1]
         return self.parameters.with_joint(self.chain.free, x[count:]), x[:count].reshape(self.shape)
 
-    def equations(self, x: Array, *, hessian: bool) -> FrameEquations:
+    def equations(self, x: Array, *, hessian: bool) -> marker_residual.FrameEquations:
         """Of every frame, without the matrix or with it."""
         parameters, q = self.split(x)
         constants = self.chain.constants(parameters.joint, parameters.zero_angles)
-        return frame_equations(self.chain, constants, self.pairs, self.data, q, hessian=hessian)
+        return marker_residual.frame_equations(self.chain, constants, self.pairs, self.data, q, hessian=hessian)
 
     def evaluate(self, x: Array) -> Evaluation:
         return self.gradient(self.equations(x, hessian=False))
 
-    def gradient(self, equations: FrameEquations) -> Evaluation:
+    def gradient(self, equations: marker_residual.FrameEquations) -> Evaluation:
         """Cost and half gradient in the order of x."""
         nq = self.shape[1]
         by_frame, by_parameter = equations.gradient[:nq].T.ravel(), equations.gradient[nq:].sum(axis=1)
@@ -166,7 +159,7 @@ class _JointMatrix:
 
     spent = False
 
-    def __init__(self, joint: _JointAlone, equations: FrameEquations) -> None:
+    def __init__(self, joint: _JointAlone, equations: marker_residual.FrameEquations) -> None:
         self.shape, self.evaluation = joint.shape, joint.gradient(equations)
         # (nf, n, n) right wherever the second variable moves nothing that the first leaves: beside the root all do
         whole = equations.products()

@@ -21,25 +21,8 @@ from gaitcal.model.chain import Chain, ChainConstants, chain_of
 from gaitcal.model.linkage import LUMBAR, ROOT_SUFFIXES, SEGMENTS, coordinates_before, moved_joints
 from gaitcal.model.parameters import JP_INDEX, Parameters
 from gaitcal.model.subject_model import PointNoise, SubjectModel
+from gaitcal.motion import coordinate_prior, marker_residual
 from gaitcal.motion.banded import Assembler, NormalEquations
-from gaitcal.motion.coordinate_prior import (
-    POSES,
-    CoefficientPrior,
-    CoordinatePrior,
-    about_posture,
-    coordinates_asked,
-    undetermined,
-    upright_trunk,
-    walls,
-)
-from gaitcal.motion.marker_residual import (
-    FrameEquations,
-    MarkerData,
-    PlacedMarkers,
-    VariablePairs,
-    frame_equations,
-    marker_positions,
-)
 from gaitcal.motion.rigid import FEWEST_MARKERS
 from gaitcal.motion.soft_tissue import SecondaryColumns, SoftTissue, tissue_gradient, with_tissue_columns
 from gaitcal.motion.spline import NodeRule, Smoothing, SplineBasis, spaced, spline_basis
@@ -54,14 +37,14 @@ class MotionProblem:
     name: str
     chain: Chain
     basis: SplineBasis
-    data: MarkerData
+    data: marker_residual.MarkerData
     labels: tuple[str, ...]  # (nm,) in the order of `data`
     tissue: SoftTissue | None = None  # unknown displacements of the markers
     smoothing: Smoothing | None = None  # what limits the bandwidth besides the nodes
     held: tuple[str, ...] = ()
     """Coordinates that stay zero though markers move with them: those between a root that is not seen and the segment
     that carries it."""
-    priors: tuple[CoordinatePrior, ...] = ()  # what is known of coordinates besides
+    priors: tuple[coordinate_prior.CoordinatePrior, ...] = ()  # what is known of coordinates besides
     posture: Mapping[str, float] = field(default_factory=dict)  # coordinate -> rad of the static posture
     noise: PointNoise | None = None  # of points that are no markers, which no skin moves
 
@@ -71,7 +54,7 @@ class MotionProblem:
         return tuple(name for prior in self.priors if prior.centred for name in prior.names)
 
     @cached_property
-    def pulls(self) -> tuple[CoefficientPrior, ...]:
+    def pulls(self) -> tuple[coordinate_prior.CoefficientPrior, ...]:
         """`priors` on the coefficients."""
         return tuple(prior.on(self.basis, self.chain.coordinates) for prior in self.priors)
 
@@ -81,15 +64,15 @@ class MotionProblem:
         return None if self.smoothing is None else self.smoothing.of_active(self.active)
 
     @property
-    def _penalties(self) -> tuple[Smoothing | CoefficientPrior, ...]:
+    def _penalties(self) -> tuple[Smoothing | coordinate_prior.CoefficientPrior, ...]:
         """All that costs besides markers."""
         return (*filter(None, [self.penalty]), *self.pulls)
 
     @cached_property
-    def _pairs(self) -> VariablePairs:
+    def _pairs(self) -> marker_residual.VariablePairs:
         with_markers = np.zeros(len(self.chain.segments), dtype=bool)
         with_markers[self.data.segment[np.asarray(self.data.weight.any(axis=1))]] = True
-        return VariablePairs(self.chain, with_markers, self.held)
+        return marker_residual.VariablePairs(self.chain, with_markers, self.held)
 
     @cached_property
     def _assembler(self) -> Assembler:
@@ -131,7 +114,7 @@ class MotionProblem:
         """The same trial with its markers (nm, 3, nf) m from their places."""
         return self.with_data(replace(self.data, shift=shift))
 
-    def with_data(self, data: MarkerData) -> MotionProblem:
+    def with_data(self, data: marker_residual.MarkerData) -> MotionProblem:
         """The same trial with the same markers moved or measured elsewhere."""
         return self._alike(data=data)
 
@@ -148,8 +131,8 @@ class MotionProblem:
         kept = np.array([name in segments for name in names], dtype=bool)
         index = np.array([chain.segments.index(name) for name in names if name in segments], dtype=np.intp)
         order = np.flatnonzero(kept)[np.argsort(index, kind="stable")]
-        placed = PlacedMarkers(np.sort(index, kind="stable"), self.data.local[order])
-        data = MarkerData(placed, self.data.measured[order], self.data.weight[order])
+        placed = marker_residual.PlacedMarkers(np.sort(index, kind="stable"), self.data.local[order])
+        data = marker_residual.MarkerData(placed, self.data.measured[order], self.data.weight[order])
         return MotionProblem(
             name=self.name,
             chain=chain,
@@ -166,7 +149,7 @@ class MotionProblem:
         if not set(LUMBAR) & set(self.guessed):
             return self
         q, time = self.basis.evaluate(coefficients), self.basis.time
-        kept = upright_trunk(time, q[:, len(ROOT_SUFFIXES) // 2 : len(ROOT_SUFFIXES)], self.posture)
+        kept = coordinate_prior.upright_trunk(time, q[:, len(ROOT_SUFFIXES) // 2 : len(ROOT_SUFFIXES)], self.posture)
         priors = []
         for prior in self.priors:
             if prior.centred and set(LUMBAR) & set(prior.names):
@@ -237,9 +220,11 @@ class MotionProblem:
 
     def _frame_equations(
         self, frames: slice, constants: ChainConstants, q: Array, *, hessian: bool = True, curved: bool = False
-    ) -> FrameEquations:
+    ) -> marker_residual.FrameEquations:
         data = self.data.frames(frames)
-        return frame_equations(self.chain, constants, self._pairs, data, q[frames], hessian=hessian, curved=curved)
+        return marker_residual.frame_equations(
+            self.chain, constants, self._pairs, data, q[frames], hessian=hessian, curved=curved
+        )
 
     def frame_hessians(self, q: Array, constants: ChainConstants) -> Array:
         """(nf, nq, nq) Gauss-Newton matrices of the frames by themselves, at coordinates (nf, nq)."""
@@ -293,7 +278,7 @@ class MotionProblem:
         out = np.empty(self.data.measured.shape)
         for stretch in self.basis.stretches:
             frames, part = stretch.frames, self.data.frames(stretch.frames)
-            out[:, :, frames] = marker_positions(
+            out[:, :, frames] = marker_residual.marker_positions(
                 self.chain, constants, part.placed, q[frames], part.shift, part.secondary
             )
         return out
@@ -352,8 +337,8 @@ def trial_problem(
         message = f"found {found} on {root}; allowed: at least 3 markers of {root} that are seen and have weight"
         raise InputError(message, source=recording.source, field="markers", code=Code.TOO_LITTLE_SEEN)
     basis = spline_basis(recording.time, rule.nodes(recording.time))
-    placed = PlacedMarkers(index, model.markers.local[chosen])
-    data = MarkerData(placed, np.ascontiguousarray(np.where(visible[:, None], measured, 0.0)), weight)
+    placed = marker_residual.PlacedMarkers(index, model.markers.local[chosen])
+    data = marker_residual.MarkerData(placed, np.ascontiguousarray(np.where(visible[:, None], measured, 0.0)), weight)
     moved = coordinates_before(joint.child for joint in moved_joints(isolated)) if isolated else ()
     problem = MotionProblem(
         name=name,
@@ -362,7 +347,7 @@ def trial_problem(
         data=data,
         labels=labels,
         held=held,
-        priors=(walls(tuple(c for c in chain.coordinates if c not in moved), model.posture),),
+        priors=(coordinate_prior.walls(tuple(c for c in chain.coordinates if c not in moved), model.posture),),
         posture=model.posture,
         noise=model.noise,
     )
@@ -373,25 +358,25 @@ def _with_posture(problem: MotionProblem, model: SubjectModel) -> MotionProblem:
     """A trial with what is known of coordinates that its markers do not determine."""
     chain, data = problem.chain, problem.data
     of_marker = [chain.segments[s] for s in data.segment]
-    asked = coordinates_asked(chain.segments, of_marker, data.local, data.weight > 0)
+    asked = coordinate_prior.coordinates_asked(chain.segments, of_marker, data.local, data.weight > 0)
     if not asked:
         return problem
     constants = problem.constants(model.nominal)
-    frames = spaced(len(problem.basis.time), POSES)
+    frames = spaced(len(problem.basis.time), coordinate_prior.POSES)
     q = starting_coordinates(chain, constants, data.frames(frames))
     pulling = data.weight[:, frames] > 0
     on_arms = np.array([s.startswith(("upper_arm", "forearm")) for s in of_marker])
 
     def left_open(counted: BoolArray) -> tuple[str, ...]:
-        alike = MarkerData(data.placed, data.measured[:, :, frames], counted.astype(float))
+        alike = marker_residual.MarkerData(data.placed, data.measured[:, :, frames], counted.astype(float))
         some = replace(problem, basis=problem.basis.at(frames), data=alike)
-        return undetermined(asked, chain.coordinates, some.frame_hessians(q, constants))
+        return coordinate_prior.undetermined(asked, chain.coordinates, some.frame_hessians(q, constants))
 
     trunk, others = left_open(pulling & ~on_arms[:, None]), left_open(pulling)
     names = tuple(name for name in asked if name in (trunk if name in LUMBAR else others))
     if not names:
         return problem
-    known = replace(problem, priors=(*problem.priors, about_posture(names, model.posture)))
+    known = replace(problem, priors=(*problem.priors, coordinate_prior.about_posture(names, model.posture)))
     return known.followed(starting_nodes(chain, constants, data, problem.basis))
 
 

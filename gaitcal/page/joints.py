@@ -21,17 +21,7 @@ from gaitcal.page.plain_data import (
     table,
     text,
 )
-from gaitcal.session import truth_comparison
-from gaitcal.session.parameter_words import (
-    SHORTER_UNITS,
-    Group,
-    Row,
-    blind_spots,
-    counts_sentence,
-    fixed_joints,
-    inertial_groups,
-    joint_groups,
-)
+from gaitcal.session import parameter_words, truth_comparison
 from gaitcal.session.result import Calibration
 from gaitcal.session.truth_errors import CurveTruth, TruthErrors
 
@@ -65,21 +55,21 @@ def joint_blocks(calibration: Calibration) -> list[Block]:
     out = [
         heading("What was calibrated"),
         text(
-            f"{counts_sentence(calibration)} Positions are in the axes of the named segment: forward, up, and to the "
-            "right, on both sides of the body (so a left hip centre lies at a negative “to the right”). A standard "
-            f"error says by how much a value would scatter if the same trials were recorded again{errors}."
+            f"{parameter_words.counts_sentence(calibration)} Positions are in the axes of the named segment: forward, "
+            "up, and to the right, on both sides of the body (so a left hip centre lies at a negative “to the right”). "
+            f"A standard error says by how much a value would scatter if the same trials were recorded again{errors}."
         ),
     ]
-    if blind := blind_spots(calibration):
+    if blind := parameter_words.blind_spots(calibration):
         out += [heading("Not determined by these trials", 4), bullets(blind, "warning")]
     known = calibration.truth.parameters if calibration.truth else ()
-    truth = {p.name: p.truth * SHORTER_UNITS.get(p.unit, ("", 1.0))[1] for p in known}
+    truth = {p.name: p.truth * parameter_words.SHORTER_UNITS.get(p.unit, ("", 1.0))[1] for p in known}
     near = [] if calibration.truth is None else _near_truth(calibration, calibration.truth)
     return [*out, *_joints(calibration, truth), *_inertias(calibration, truth), *near]
 
 
 def _joints(calibration: Calibration, truth: Mapping[str, float]) -> list[Block]:
-    groups = joint_groups(calibration)
+    groups = parameter_words.joint_groups(calibration)
     if not groups:
         return [text(NOT_CALIBRATED)]
     legs = [group for group in groups if (group.right or group.left)[0].part in LEG_JOINTS]
@@ -91,12 +81,14 @@ def _joints(calibration: Calibration, truth: Mapping[str, float]) -> list[Block]
     if others:
         rest = _joint_values(calibration, others, truth)
         out += [fold("Joints of trunk and arms", rest)] if legs else rest
-    if fixed := fixed_joints(calibration):
+    if fixed := parameter_words.fixed_joints(calibration):
         out.append(text(f"Kept at nominal values, as no trial here determines them: {fixed}.", "soft"))
     return out
 
 
-def _joint_values(calibration: Calibration, groups: Sequence[Group], truth: Mapping[str, float]) -> list[Block]:
+def _joint_values(
+    calibration: Calibration, groups: Sequence[parameter_words.Group], truth: Mapping[str, float]
+) -> list[Block]:
     """How far each parameter moved, in pictures of positions and orientations, and all values in tables."""
     settings = calibration.study.settings
     rows = [r for group in groups for r in (*group.right, *group.left) if r.status in ("fitted", "at bound")]
@@ -113,7 +105,7 @@ def _joint_values(calibration: Calibration, groups: Sequence[Group], truth: Mapp
     return out
 
 
-def _interval(row: Row, truth: Mapping[str, float], bound: float) -> dict[str, Any]:
+def _interval(row: parameter_words.Row, truth: Mapping[str, float], bound: float) -> dict[str, Any]:
     return {
         "label": row.words.replace(" in the ", ", "),
         "side": row.side,
@@ -125,7 +117,7 @@ def _interval(row: Row, truth: Mapping[str, float], bound: float) -> dict[str, A
     }
 
 
-def _tables(group: Group, truth: Mapping[str, float], percent: bool = False) -> list[Block]:
+def _tables(group: parameter_words.Group, truth: Mapping[str, float], percent: bool = False) -> list[Block]:
     """Right beside left; one table where there are no sides. `percent`: changes also in percent."""
     sided = bool(group.left) or not percent
     out = []
@@ -140,7 +132,7 @@ def _tables(group: Group, truth: Mapping[str, float], percent: bool = False) -> 
     return beside(out)
 
 
-def _row(row: Row, truth: Mapping[str, float], percent: bool, known: bool) -> list[Cell]:
+def _row(row: parameter_words.Row, truth: Mapping[str, float], percent: bool, known: bool) -> list[Cell]:
     digits = row.digits
     nominal, fitted = number(row.nominal, digits), number(row.fitted, digits)
     true: list[Cell] = [number(truth.get(row.name), digits)] if known else []
@@ -161,7 +153,7 @@ def _row(row: Row, truth: Mapping[str, float], percent: bool, known: bool) -> li
 
 
 def _inertias(calibration: Calibration, truth: Mapping[str, float]) -> list[Block]:
-    groups = inertial_groups(calibration)
+    groups = parameter_words.inertial_groups(calibration)
     if not groups:
         measured = any(t.loads is not None and t.loads.reactions.valid.any() for t in calibration.trials)
         why = "" if measured else ": that needs a walking trial with force plates"

@@ -23,17 +23,10 @@ import numpy as np
 from gaitcal.errors import Code, GaitcalError
 from gaitcal.faults.verdict import Judgement, Verdict, WalkVerdict
 from gaitcal.model.linkage import SIDES
+from gaitcal.page import page_data
 from gaitcal.page.body_meshes import PACKAGE, body_meshes
 from gaitcal.page.bone_files import BoneMeshes, installed_bones
 from gaitcal.page.bone_placement import landmarked
-from gaitcal.page.page_data import (
-    conventions_data,
-    curves_left_out,
-    explained_code,
-    peak_page_rows,
-    thinned,
-    verdict_line,
-)
 from gaitcal.page.plain_data import script_json, visible
 from gaitcal.page.scene import MotionScene, Scene
 from gaitcal.page.scene_file import left_out, scene_json
@@ -96,10 +89,10 @@ def page_html(shown: Shown, bones: BoneMeshes | None = None) -> str:
     """
     bones = bones or installed_bones()
     scene = scene_json(shown.scene, body_meshes(), None if bones is None else landmarked(bones))
-    data = script_json(shown.data and {**thinned(shown.data), "peaks": peak_page_rows(shown.data)})
+    data = script_json(shown.data and {**page_data.thinned(shown.data), "peaks": page_data.peak_page_rows(shown.data)})
     viewer, licences = _meshcat()
     content = _scripts_and_styles(SCRIPTS, STYLES, meshcat=viewer)
-    content["CONVENTIONS"] = script_json(conventions_data())
+    content["CONVENTIONS"] = script_json(page_data.conventions_data())
     content["RESULT"] = f'{{"scene":{scene},"sheet":{data}}}'
     of_bones = f"Bones of {bones.source}\n\n{bones.licence}" if bones and bones.licence else ""
     content["LICENCES"] = "\n\n".join(filter(None, [*licences, content["LICENCES"], of_bones])).replace("<", "‹")
@@ -164,7 +157,7 @@ def _meshcat() -> tuple[str, list[str]]:
 
 def sentences(shown: Shown) -> tuple[str, ...]:
     """What the page of a result leaves out, for every trial of which it holds some frames only."""
-    curves = () if shown.data is None else curves_left_out(thinned(shown.data))
+    curves = () if shown.data is None else page_data.curves_left_out(page_data.thinned(shown.data))
     return (*left_out(shown.scene), *curves)
 
 
@@ -211,14 +204,14 @@ def merged(earlier: Mapping[str, Any], new: Mapping[str, Any]) -> dict[str, Any]
         last = ", ".join(visible(name) for name in sorted(names))
         rest[-1:] = [{**line, "text": f"{last}: {line['text']}"} for line in rest[-1:]]
     trials = [*kept["trials"], *new["trials"]]
-    return {**new, "trials": trials, "verdict": verdict, "lines": [verdict_line(verdict), *rest]}
+    return {**new, "trials": trials, "verdict": verdict, "lines": [page_data.verdict_line(verdict), *rest]}
 
 
 def followed_by(data: Mapping[str, Any], further: Mapping[str, Any]) -> dict[str, Any]:
     """Page data of a calibration with further trials after its own; none of them may have the name of its own."""
     verdict, lines = _joined_verdict(data, further), list(data["lines"])
     if verdict["sentence"] != data["verdict"]["sentence"]:
-        lines[:1] = [verdict_line(verdict)]
+        lines[:1] = [page_data.verdict_line(verdict)]
     return {
         **data,
         "lines": lines,
@@ -242,7 +235,7 @@ def doubted(data: Mapping[str, Any], doubts: Iterable[tuple[str, str, str]]) -> 
     """Page data with a warning more for each (trial, what is wrong with it, what to do), unless it is there already."""
     verdict = data["verdict"]
     known = {(reason["cause"], *reason["trials"]) for reason in verdict["reasons"]}
-    code = explained_code(Code.RESULT_EDITED)
+    code = page_data.explained_code(Code.RESULT_EDITED)
     new = [
         {**code, "severity": "warning", "cause": cause, "evidence": "", "action": action, "trials": [name], "leg": ""}
         for name, cause, action in doubts

@@ -29,15 +29,8 @@ import numpy as np
 from joblib import Parallel, delayed
 
 from gaitcal.arrays import Array
+from gaitcal.calibration import inertial_calibration
 from gaitcal.calibration.combined import CombinedProblem, combined_fit
-from gaitcal.calibration.inertial_calibration import (
-    LoadedMotion,
-    RootEquations,
-    TorqueScale,
-    equations_of,
-    fit_consistent,
-    fit_published,
-)
 from gaitcal.calibration.joint_calibration import JointSearch
 from gaitcal.io.recording import Recording
 from gaitcal.model.nominal import published_model
@@ -307,14 +300,18 @@ def true_wrench() -> Array:
 
 
 def gait_equations(
-    parameters: Parameters, coefficients: Array, scale: TorqueScale = TorqueScale.BODY_HEIGHT
-) -> RootEquations:
+    parameters: Parameters,
+    coefficients: Array,
+    scale: inertial_calibration.TorqueScale = inertial_calibration.TorqueScale.BODY_HEIGHT,
+) -> inertial_calibration.RootEquations:
     """The pelvis residual of the gait trial for joint parameters and nodes (20, 27)."""
     basis = true_motion("full leg").basis
     q, v, a = (basis.evaluate(coefficients, k) for k in range(3))
     valid = np.ones(len(q), dtype=bool)
-    motion = LoadedMotion(state=(q, v, a), wrench=true_wrench(), valid=valid)
-    return equations_of([motion], parameters, true_model().subject, scale, pelvis_width(true_model()))
+    motion = inertial_calibration.LoadedMotion(state=(q, v, a), wrench=true_wrench(), valid=valid)
+    return inertial_calibration.equations_of(
+        [motion], parameters, true_model().subject, scale, pelvis_width(true_model())
+    )
 
 
 def pelvis_width(model: SubjectModel) -> float:
@@ -334,11 +331,11 @@ def random_seed(rng: np.random.Generator, *, with_held: bool) -> Array:
 
 
 def recover_inertia(
-    equations: RootEquations, seed: Array, *, reseed: bool = True, decay: float = 1.0
+    equations: inertial_calibration.RootEquations, seed: Array, *, reseed: bool = True, decay: float = 1.0
 ) -> InertialRecovery:
     """The published cost from a seed (84,)."""
     began, truth = time.process_time(), true_model().parameters.inertial
-    fit = fit_published(equations, seed, symmetric_set(), reseed=reseed, decay=decay)
+    fit = inertial_calibration.fit_published(equations, seed, symmetric_set(), reseed=reseed, decay=decay)
     return InertialRecovery(
         force=fit.rms_force,
         torque=fit.rms_moment,
@@ -359,7 +356,7 @@ def third_step(markers: MotionProblem, gait: JointRecovery) -> ThirdStep:
     """
     free, began = free_parameters("full leg"), time.process_time()
     equations = gait_equations(gait.parameters, gait.coefficients)
-    inertial = fit_consistent(equations, true_model().parameters.inertial, symmetric_set())
+    inertial = inertial_calibration.fit_consistent(equations, true_model().parameters.inertial, symmetric_set())
     trial = CombinedProblem(markers, gait.coefficients, true_wrench(), np.ones(len(true_wrench()), dtype=bool))
     start = gait.parameters.with_inertial(inertial.inertial)
     fit = combined_fit([trial], start, free, symmetric_set(), true_model().subject)
@@ -392,7 +389,7 @@ class SeedResult:
     """The same without re-seeding."""
     random: tuple[InertialRecovery, ...]
     """Phase 2 from random seeds."""
-    scales: dict[TorqueScale, InertialRecovery]
+    scales: dict[inertial_calibration.TorqueScale, InertialRecovery]
     """Phase 2 from the correct seed, for each normalisation of torques."""
     third: ThirdStep | None
     """Only with noise."""
@@ -430,8 +427,10 @@ def _run(noise: Sequence[np.random.Generator] | None, seeds: np.random.SeedSeque
     problems = {p: synthetic_problem(p, noise[k] if noise is not None else None) for k, p in enumerate(PROBLEMS)}
     joints = recover_joints(problems)
     gait, truth = joints["full leg"], true_model().parameters.inertial
-    equations = {scale: gait_equations(gait.parameters, gait.coefficients, scale) for scale in TorqueScale}
-    by_height = equations[TorqueScale.BODY_HEIGHT]
+    equations = {
+        scale: gait_equations(gait.parameters, gait.coefficients, scale) for scale in inertial_calibration.TorqueScale
+    }
+    by_height = equations[inertial_calibration.TorqueScale.BODY_HEIGHT]
     decay = 1.0 if noise is not None else NOISELESS_DECAY
     streams = map(np.random.default_rng, seeds.spawn(random_seeds))
     starts = [random_seed(rng, with_held=noise is not None) for rng in streams]
@@ -439,7 +438,7 @@ def _run(noise: Sequence[np.random.Generator] | None, seeds: np.random.SeedSeque
     return SeedResult(
         joints=joints,
         residual_before=by_height.rms(truth),
-        correct=scales[TorqueScale.BODY_HEIGHT],
+        correct=scales[inertial_calibration.TorqueScale.BODY_HEIGHT],
         single_pass=recover_inertia(by_height, truth, reseed=False),
         random=tuple(recover_inertia(by_height, start, decay=decay) for start in starts),
         scales=scales,

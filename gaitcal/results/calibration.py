@@ -27,10 +27,10 @@ from gaitcal.page.page_data import PAGE_DATA, calibration_page_data, read_page_d
 from gaitcal.page.scene import Scene, scene_of
 from gaitcal.page.scene_file import load_scene, save_scene
 from gaitcal.page.view import Shown, doubted, followed_by, only, page_html, renamed, with_trials
+from gaitcal.results.cycles import Json, columns_of, refused_lines, write_csv
 from gaitcal.results.saved import MARKER_SET, MODEL, UNCERTAINTY, save_uncertainty
 from gaitcal.results.stride_files import mean_speed, means_summary, profile_summary, write_profile, write_stride_files
 from gaitcal.results.summary import subject_summary, summary, table_of, write_kinetics, write_truth
-from gaitcal.results.table_file import Json, columns_of, refused_lines, write_csv
 from gaitcal.runtime import with_one_blas_thread
 from gaitcal.session import tables
 from gaitcal.session.result import Calibration, Loads, TrialResult

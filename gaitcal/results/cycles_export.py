@@ -29,10 +29,9 @@ from gaitcal.io.toml import package_version, read_toml
 from gaitcal.model.linkage import SIDES
 from gaitcal.model.subject_model import Subject, SubjectModel
 from gaitcal.results.calibration import json_text
-from gaitcal.results.cycles import CYCLES, DIGITS
+from gaitcal.results.cycles import CYCLES, DIGITS, VERDICT, Json, read_csv, write_csv
 from gaitcal.results.saved import saved_events
 from gaitcal.results.summary import SUMMARY, VECTOR_FOLDER, entries_of, read_vectors, table_of
-from gaitcal.results.table_file import VERDICT, Json, read_csv, write_csv
 from gaitcal.session.tables import told_components, vector_column
 
 MOMENT = Kind.MOMENT.ending

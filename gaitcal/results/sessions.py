@@ -28,13 +28,12 @@ from gaitcal.model.linkage import SIDES
 from gaitcal.model.model_file import load_model
 from gaitcal.page.page_data import SHOWN_MEASURES, person_facts
 from gaitcal.results.calibration import json_text
-from gaitcal.results.cycles import CYCLES, read_cycles
+from gaitcal.results.cycles import CYCLES, Json, read_csv, read_cycles, write_csv
 from gaitcal.results.cycles_export import made_with_another_model, trial_files
 from gaitcal.results.gait_report import CLINICAL, KINEMATICS, KINETICS
 from gaitcal.results.saved import MODEL, UNCERTAINTY, load_uncertainty, settings_of
 from gaitcal.results.stride_files import SPATIOTEMPORAL, SPATIOTEMPORAL_COLUMNS
 from gaitcal.results.summary import JOINT_PRIOR, SUMMARY, entries_of, table_of
-from gaitcal.results.table_file import Json, read_csv, write_csv
 from gaitcal.runtime import with_one_blas_thread
 from gaitcal.session.trial_result import axis_deviations
 

@@ -21,8 +21,18 @@ from gaitcal.gait.spatiotemporal import MEASURES, Average, counting, counts, mea
 from gaitcal.gait.strides import TURNING
 from gaitcal.io.result_folder import sha256_of
 from gaitcal.model.subject_model import Subject, SubjectModel
-from gaitcal.results.cycles import CYCLES, DIGITS, write_cycles
-from gaitcal.results.table_file import VERDICT, Column, Json, Table, read_csv, refused_lines, write_csv
+from gaitcal.results.cycles import (
+    CYCLES,
+    DIGITS,
+    VERDICT,
+    Column,
+    Json,
+    Table,
+    read_csv,
+    refused_lines,
+    write_csv,
+    write_cycles,
+)
 from gaitcal.runtime import with_one_blas_thread
 from gaitcal.session.result import Calibration, TrialResult
 

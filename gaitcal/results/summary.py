@@ -18,8 +18,8 @@ from gaitcal.faults.verdict import Verdict
 from gaitcal.gait.moments import moment_of
 from gaitcal.model.linkage import COORDINATES, LOWER_BODY, REACTIONS, SEGMENTS, is_translation
 from gaitcal.model.subject_model import Subject, SubjectModel
+from gaitcal.results.cycles import Json, columns_of, refused_lines, write_csv
 from gaitcal.results.stride_files import means_summary
-from gaitcal.results.table_file import Json, columns_of, refused_lines, write_csv
 from gaitcal.session.result import Calibration, Loads, TrialResult
 from gaitcal.session.tables import POWER_HEADER, VECTOR_HEADER, power_table, vector_table
 from gaitcal.session.truth_errors import CurveTruth, FeatureTruth, TruthErrors

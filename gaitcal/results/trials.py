@@ -8,27 +8,18 @@ from typing import Any, cast
 from gaitcal.errors import Code, InputError
 from gaitcal.export.osim import safe_name
 from gaitcal.faults.verdict import Verdict
+from gaitcal.io import result_folder
 from gaitcal.io.atomic import disk_errors
-from gaitcal.io.result_folder import (
-    MANIFEST,
-    ResultKind,
-    also_at,
-    atomic_directory,
-    listed,
-    locked,
-    read_object,
-    sha256_of,
-)
 from gaitcal.io.toml import package_version
 from gaitcal.page.page_data import PAGE_DATA, further_page_data, read_page_data
 from gaitcal.page.provenance import Origin
 from gaitcal.page.scene import person_scene, trial_scene
 from gaitcal.page.view import Shown, after_trials, doubted, merged, only
 from gaitcal.results.calibration import AGAIN, OTHER_MODEL, SCENE, json_text, read_page, write_page, write_trial
+from gaitcal.results.cycles import Json
 from gaitcal.results.saved import MODEL, SavedResult
 from gaitcal.results.stride_files import STRIDE_FILES, earlier_strides, write_stride_files
 from gaitcal.results.summary import SUMMARY, entries_of, table_of, trial_summary, verdict_summary
-from gaitcal.results.table_file import Json
 from gaitcal.session.result import TrialResult
 
 
@@ -87,7 +78,7 @@ def earlier_page(
 def _fault(folder: Path, hashes: Mapping[str, str]) -> str:
     """What keeps an earlier page from being read; empty where nothing does."""
     for name in (SCENE, PAGE_DATA):
-        if sha256_of(folder / name) != hashes.get(name):
+        if result_folder.sha256_of(folder / name) != hashes.get(name):
             return f"{name} is damaged, or was edited: not as gaitcal wrote it"
     return ""
 
@@ -124,14 +115,20 @@ def write_trials(
     model, relative_to = saved.model, saved.relative_to
     digest = str(saved.files.sha256[MODEL])
     carried: dict[str, str] = {}
-    with ExitStack() as until_done, atomic_directory(folder, ResultKind.DYNAMICS, inputs, carried) as out:
+    with (
+        ExitStack() as until_done,
+        result_folder.atomic_directory(folder, result_folder.ResultKind.DYNAMICS, inputs, carried) as out,
+    ):
         for trial in trials:
             write_trial(trial, model, out, relative_to)
         with disk_errors(folder):
-            until_done.enter_context(locked(folder))
+            until_done.enter_context(result_folder.locked(folder))
         saved.files.require_unchanged()
         earlier = _earlier(folder)
-        summary, manifest = read_object(folder / SUMMARY), read_object(folder / MANIFEST)
+        summary, manifest = (
+            result_folder.read_object(folder / SUMMARY),
+            result_folder.read_object(folder / result_folder.MANIFEST),
+        )
         digests = _others(table_of(manifest, "model_sha256"), names) | dict.fromkeys(sorted(names), digest)
         kept = _others(table_of(summary, "trials"), names)
         aged = [name for name in kept if digests.get(name) != digest]
@@ -154,12 +151,12 @@ def write_trials(
             "subject": model.subject.name,
             "model_sha256": digests,
         }
-        (out / MANIFEST).write_text(json_text(new_manifest), encoding="utf-8")
+        (out / result_folder.MANIFEST).write_text(json_text(new_manifest), encoding="utf-8")
         owners = _owners(kept)
         for path in sorted(folder.glob("*/*")):
             if path.is_file() and path.stem in owners:
                 name = path.relative_to(folder).as_posix()
-                also_at(path, out / name)
+                result_folder.also_at(path, out / name)
                 if name in earlier:
                     carried[name] = earlier[name]
     return stale
@@ -167,8 +164,8 @@ def write_trials(
 
 def _earlier(folder: Path) -> Mapping[str, str]:
     """File -> SHA-256 of the earlier result; InputError where what is read of it is damaged."""
-    hashes = listed(folder)
-    if SUMMARY in hashes and sha256_of(folder / SUMMARY) != hashes[SUMMARY]:
+    hashes = result_folder.listed(folder)
+    if SUMMARY in hashes and result_folder.sha256_of(folder / SUMMARY) != hashes[SUMMARY]:
         cure = "move the folder away and run its trials again"
         message = f"is damaged, or was edited: not as gaitcal wrote it; {cure}"
         raise InputError(message, source=folder / SUMMARY, code=Code.DAMAGED_RESULT)
@@ -186,11 +183,11 @@ def _damaged(folder: Path, earlier: Mapping[str, str], kept: Iterable[str]) -> t
     return tuple(
         f"{owners[stem]}: {file} is damaged, or was edited: not as gaitcal wrote it{RUN_AGAIN}"
         for file, digest in earlier.items()
-        if (stem := Path(file).stem) in owners and sha256_of(folder / file) != digest
+        if (stem := Path(file).stem) in owners and result_folder.sha256_of(folder / file) != digest
     ) + tuple(
         f"{trial}: {file} is damaged, or was edited: its rows of this trial are left out{RUN_AGAIN}"
         for file in STRIDE_FILES
-        if file in earlier and sha256_of(folder / file) != earlier[file]
+        if file in earlier and result_folder.sha256_of(folder / file) != earlier[file]
         for trial in kept
     )
 

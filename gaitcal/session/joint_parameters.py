@@ -17,17 +17,8 @@ from functools import partial
 import numpy as np
 
 from gaitcal.arrays import Array, BoolArray, IntArray
+from gaitcal.calibration import joint_phases
 from gaitcal.calibration.joint_calibration import JointSettings
-from gaitcal.calibration.joint_phases import (
-    JointCalibration,
-    JointProblem,
-    PhaseSettings,
-    calibrate_by_evidence,
-    calibrate_in_phases,
-    parameters_for,
-    sequential_phases,
-    simultaneous_phases,
-)
 from gaitcal.calibration.joint_prior import WEAK
 from gaitcal.calibration.soft_tissue_artefact import task_tissue
 from gaitcal.errors import STUDY, Code, Finding, Severity, listed
@@ -52,7 +43,7 @@ NAMED_SHARE = 0.01
 """Share of a marker's samples left out from which it is named."""
 SIDES = {"both": ("r", "l"), "right": ("r",), "left": ("l",)}
 
-JointFitter = Callable[[Sequence[MovingTrial]], tuple[JointCalibration | None, Parameters]]
+JointFitter = Callable[[Sequence[MovingTrial]], tuple[joint_phases.JointCalibration | None, Parameters]]
 """Calibrates the joint parameters of trials."""
 
 
@@ -76,7 +67,9 @@ def fit_joints(session: Session, progress: Progress = silent, *, leave_out: bool
     return replace(session, trials=trials, joint=joint, parameters=parameters, findings=findings)
 
 
-def joint_parameters(session: Session, trials: Sequence[MovingTrial]) -> tuple[JointCalibration | None, Parameters]:
+def joint_parameters(
+    session: Session, trials: Sequence[MovingTrial]
+) -> tuple[joint_phases.JointCalibration | None, Parameters]:
     """The joint parameters that the settings of a session ask for, fitted to some of its trials."""
     settings, nominal = session.settings, session.model.parameters
     if not settings.jp or not trials:
@@ -85,19 +78,21 @@ def joint_parameters(session: Session, trials: Sequence[MovingTrial]) -> tuple[J
         position_bound=1e-3 * settings.position_bound_mm, orientation_bound=np.deg2rad(settings.orientation_bound_deg)
     )
     sides = SIDES[settings.legs]
-    taking_part = [JointProblem(t.body, t.joints, t.joint, t.name if t.role is Role.MOTION else "") for t in trials]
+    taking_part = [
+        joint_phases.JointProblem(t.body, t.joints, t.joint, t.name if t.role is Role.MOTION else "") for t in trials
+    ]
     if settings.decided_by is Protocol.EVIDENCE:
-        joint = calibrate_by_evidence(taking_part, nominal, bounds, sides, session.prior)
+        joint = joint_phases.calibrate_by_evidence(taking_part, nominal, bounds, sides, session.prior)
         return joint, joint.parameters
     of_gait = leg_parameters if settings.gait_parameters == "leg" else gait_parameters
-    phases_of = simultaneous_phases if fits_legs_together(settings) else sequential_phases
+    phases_of = joint_phases.simultaneous_phases if fits_legs_together(settings) else joint_phases.sequential_phases
     phases = phases_of(taking_part, {side: of_gait(side) for side in sides})
     used = [t for t in taking_part if t.joint is None or t.joint[-1] in sides]
     soft = task_tissue({t.name: t.kind for t in used}, {t.name: t.fitted for t in used}, nominal)
     phases = [phase.with_tissue(soft) for phase in phases]
     weak = WEAK if settings.prior == "weak" else None
-    how = PhaseSettings(search=bounds, prior=weak, equal_weights=True, fits_tissue=False)
-    joint = calibrate_in_phases(phases, nominal, how)
+    how = joint_phases.PhaseSettings(search=bounds, prior=weak, equal_weights=True, fits_tissue=False)
+    joint = joint_phases.calibrate_in_phases(phases, nominal, how)
     keys = [key for phase in phases for key in phase.tissue.keys]
     joint = replace(joint, tissue=soft.of_bodies({t.name: t.body for t in used}, keys))
     return joint, joint.parameters
@@ -114,7 +109,7 @@ def hold_out(trials: Sequence[MovingTrial], nominal: Parameters, fit: JointFitte
         for t in trials:
             held = blocks[t.name] == fold
             if held.any():
-                after[t.name][held] = distances(t.fitted, parameters_for(joint, t.name, parameters))[held]
+                after[t.name][held] = distances(t.fitted, joint_phases.parameters_for(joint, t.name, parameters))[held]
     out = {}
     for t in (t for t in trials if np.isfinite(before[t.name]).any()):
         both = before[t.name], after[t.name]
@@ -153,14 +148,16 @@ def _rms(distance: Array) -> float:
 
 def calibrate_robustly(
     trials: Sequence[MovingTrial], nominal: Parameters, loss: Loss, fit: JointFitter
-) -> tuple[tuple[MovingTrial, ...], JointCalibration | None, Parameters, tuple[Finding, ...]]:
+) -> tuple[tuple[MovingTrial, ...], joint_phases.JointCalibration | None, Parameters, tuple[Finding, ...]]:
     """Trials with their last weights, the joint parameters fitted with them, and what was left out."""
     last: dict[str, RobustTracking] = {}
 
-    def weigh(joint: JointCalibration | None, parameters: Parameters) -> list[MovingTrial]:
+    def weigh(joint: joint_phases.JointCalibration | None, parameters: Parameters) -> list[MovingTrial]:
         for t in trials:
             factor = last[t.name].factor if t.name in last else None
-            last[t.name] = robust_tracking(t.joints, parameters_for(joint, t.name, parameters), loss, factor)
+            last[t.name] = robust_tracking(
+                t.joints, joint_phases.parameters_for(joint, t.name, parameters), loss, factor
+            )
         return [replace(t, joints=last[t.name].problem) for t in trials]
 
     joint, parameters = fit(weigh(None, nominal))
@@ -172,7 +169,7 @@ def calibrate_robustly(
     finished, findings = [], []
     for t in trials:
         body = robust_tracking(t.body, parameters, loss)
-        own = parameters_for(joint, t.name, parameters)
+        own = joint_phases.parameters_for(joint, t.name, parameters)
         fitted = body if t.joint is None else robust_tracking(t.fitted, own, loss)
         joints = fitted.problem if t.joints is t.fitted else last[t.name].problem
         finished.append(replace(t, body=body.problem, fitted=fitted.problem, joints=joints))

@@ -8,16 +8,7 @@ import numpy as np
 
 from gaitcal.calibration.identifiability import NEEDED_TURN
 from gaitcal.calibration.joint_prior import prior_of_study
-from gaitcal.gait.moments import (
-    capitalised,
-    counted,
-    joint_words,
-    listed,
-    parameter_direction,
-    parameter_place,
-    parameter_words,
-    segment_words,
-)
+from gaitcal.gait import moments
 from gaitcal.model.coordinates import JOINT_TABLE, split_side
 from gaitcal.model.linkage import JOINTS, Source
 from gaitcal.session.result import Calibration
@@ -92,7 +83,7 @@ def joint_groups(calibration: Calibration) -> tuple[Group, ...]:
         of_joint = [row for row in rows if row.part == joint]
         shown = [row for row in of_joint if row.status != "fixed"]
         if shown:
-            groups.append(Group(joint_words(joint), *_sides(shown), len(of_joint) - len(shown)))
+            groups.append(Group(moments.joint_words(joint), *_sides(shown), len(of_joint) - len(shown)))
     return tuple(groups)
 
 
@@ -102,7 +93,7 @@ def inertial_groups(calibration: Calibration) -> tuple[Group, ...]:
     groups = []
     for segment in dict.fromkeys(row.part for row in rows):
         right, left = _sides([row for row in rows if row.part == segment])
-        title = capitalised(segment_words(segment))
+        title = moments.capitalised(moments.segment_words(segment))
         if left and _mirrored(right, left):
             title, left = f"{title} (right and left alike)", ()
         groups.append(Group(title, right, left, 0))
@@ -117,8 +108,8 @@ def _sides(rows: list[Row]) -> tuple[tuple[Row, ...], tuple[Row, ...]]:
 def fixed_joints(calibration: Calibration) -> str:
     """Which joints kept all their nominal parameters, in words; empty for none."""
     moved = {row.part for row in _rows(calibration, joints=True) if row.status != "fixed"}
-    titles = [joint_words(joint) for joint in GROUPS if joint not in moved]
-    return listed([title[0].lower() + title[1:] for title in titles])
+    titles = [moments.joint_words(joint) for joint in GROUPS if joint not in moved]
+    return moments.listed([title[0].lower() + title[1:] for title in titles])
 
 
 def blind_spots(calibration: Calibration) -> tuple[str, ...]:
@@ -129,11 +120,12 @@ def blind_spots(calibration: Calibration) -> tuple[str, ...]:
     out = []
     for joint, names in joints.items():
         if joint not in {j.name for j in JOINTS}:
-            out.append(f"{segment_words(joint).capitalize()}: {listed([parameter_words(n) for n in names])}.")
+            words = moments.listed([moments.parameter_words(n) for n in names])
+            out.append(f"{moments.segment_words(joint).capitalize()}: {words}.")
             continue
         moved = range_of_motion(calibration, joint)
-        words = listed([parameter_words(n) for n in names])
-        text = f"{joint_words(joint).capitalize()}: {words}; {_kept(calibration, names)}."
+        words = moments.listed([moments.parameter_words(n) for n in names])
+        text = f"{moments.joint_words(joint).capitalize()}: {words}; {_kept(calibration, names)}."
         if moved is not None:
             text += f" The joint moved {moved:.0f}° at most"
             text += (
@@ -179,11 +171,11 @@ def counts_sentence(calibration: Calibration) -> str:
     joint, inertial = counts(calibration)
     parts = []
     if joint:
-        parts.append(f"{counted(joint, 'joint parameter')} (where the joints lie)")
+        parts.append(f"{moments.counted(joint, 'joint parameter')} (where the joints lie)")
     if inertial:
         alike = inertial < sum(r.status == "fitted" for r in _rows(calibration, joints=False))
         what = "masses, mass centres, moments of inertia" + (", alike for right and left" if alike else "")
-        parts.append(f"{counted(inertial, 'inertial parameter')} ({what})")
+        parts.append(f"{moments.counted(inertial, 'inertial parameter')} ({what})")
     kept = "All others keep their nominal values."
     study = calibration.study
     if calibration.unidentifiable and study.settings.decided_by is Protocol.EVIDENCE:
@@ -191,7 +183,7 @@ def counts_sentence(calibration: Calibration) -> str:
         kept = f"What these trials do not determine stays near {near or 'nominal values'}. {kept}"
     elif not parts:
         return "Nothing was fitted: all parameters keep their nominal values."
-    return f"Fitted: {listed(parts) or 'nothing'}. {kept}"
+    return f"Fitted: {moments.listed(parts) or 'nothing'}. {kept}"
 
 
 def _rows(calibration: Calibration, *, joints: bool) -> list[Row]:
@@ -205,9 +197,9 @@ def _rows(calibration: Calibration, *, joints: bool) -> list[Row]:
         rows.append(
             Row(
                 name=name,
-                words=parameter_words(name),
-                place=parameter_place(name),
-                direction=parameter_direction(name),
+                words=moments.parameter_words(name),
+                place=moments.parameter_place(name),
+                direction=moments.parameter_direction(name),
                 unit=unit,
                 nominal=scale * float(entry["nominal"]),
                 fitted=scale * float(entry["fitted"]),

@@ -25,16 +25,7 @@ from gaitcal.gait.spatiotemporal import Stride
 from gaitcal.gait.strides import FootAxes
 from gaitcal.io.force_plate import BODY_N
 from gaitcal.io.recording import Recording
-from gaitcal.model.linkage import (
-    COORDINATES,
-    JOINT_OF_CHILD,
-    JOINTS,
-    LOWER_BODY,
-    SIDES,
-    Joint,
-    coordinates_before,
-    segment_kind,
-)
+from gaitcal.model import linkage
 from gaitcal.model.parameters import IP_NAMES
 from gaitcal.model.subject_model import SubjectModel
 from gaitcal.motion.joint_floor import JointFloor
@@ -165,7 +156,7 @@ class TrialResult:
     @property
     def is_refused(self) -> bool:
         """The verdict refuses the whole of it."""
-        return set(self.refused_legs) == set(SIDES)
+        return set(self.refused_legs) == set(linkage.SIDES)
 
     def rms_mm(self, *segments: str) -> tuple[float | None, float | None, float | None]:
         """RMS marker distance (mm) with the nominal and the calibrated model and of rigid segments, over all markers
@@ -217,7 +208,7 @@ class TrialResult:
             )
         return tuple(found)
 
-    def refused(self, legs: Sequence[str] = SIDES) -> TrialResult:
+    def refused(self, legs: Sequence[str] = linkage.SIDES) -> TrialResult:
         """The same with no torque valid and no error bar of these legs, nor of the pelvis, trunk and arms.
 
         What is wrong with them is told elsewhere.
@@ -225,15 +216,15 @@ class TrialResult:
         if not legs:
             return self
         loads, errors, own = self.loads, self.coordinate_errors, self.own_coordinate_errors
-        whole = set(legs) == set(SIDES)
-        kept = np.array([leg_of(name) in {*SIDES} - {*legs} for name in COORDINATES])
+        whole = set(legs) == set(linkage.SIDES)
+        kept = np.array([leg_of(name) in {*linkage.SIDES} - {*legs} for name in linkage.COORDINATES])
         if loads is not None:
             of_torques = None if whole or loads.errors is None else loads.errors.only(kept)
             loads = replace(loads, reactions=loads.reactions.without(legs), errors=of_torques)
         errors, own = (None if whole or e is None else np.where(kept, e, np.nan) for e in (errors, own))
         feet = self.foot_axes
         if feet is not None and feet.error is not None:
-            known = np.array([side not in legs for side in SIDES])
+            known = np.array([side not in legs for side in linkage.SIDES])
             feet = replace(feet, error=np.where(known, feet.error, np.nan))
         return replace(
             self,
@@ -347,17 +338,21 @@ def withdrawn(calibration: Calibration) -> Calibration:
     return replace(calibration, trials=trials, uncertainty=uncertainty)
 
 
-def _shown_by(joint: Joint) -> tuple[str, ...]:
+def _shown_by(joint: linkage.Joint) -> tuple[str, ...]:
     """The nearest segments on either side of a joint that carry markers, but for the pelvis, whose frame they make."""
     ends = [joint.parent, joint.child]
-    while not segment_kind(ends[0]).markers:
-        ends[0] = JOINT_OF_CHILD[ends[0]].parent
-    while not segment_kind(ends[1]).markers:
-        ends[1] = next(j.child for j in JOINTS if j.parent == ends[1])
+    while not linkage.segment_kind(ends[0]).markers:
+        ends[0] = linkage.JOINT_OF_CHILD[ends[0]].parent
+    while not linkage.segment_kind(ends[1]).markers:
+        ends[1] = next(j.child for j in linkage.JOINTS if j.parent == ends[1])
     return tuple(segment for segment in ends if segment != "pelvis")
 
 
-SHOWN_BY = {name: _shown_by(JOINT_OF_CHILD[s]) for s in LOWER_BODY[1:] for name in coordinates_before([s])}
+SHOWN_BY = {
+    name: _shown_by(linkage.JOINT_OF_CHILD[s])
+    for s in linkage.LOWER_BODY[1:]
+    for name in linkage.coordinates_before([s])
+}
 """Coordinate of a leg -> segments of which some marker must be seen where the angle is to count."""
 
 

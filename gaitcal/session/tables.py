@@ -9,19 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gaitcal.arrays import Array, BoolArray
+from gaitcal.dynamics import joint_kinetics
 from gaitcal.dynamics.ground_reactions import GroundReactions
-from gaitcal.dynamics.joint_kinetics import (
-    COMPONENTS,
-    NET_JOINTS,
-    POWER_COORDINATES,
-    POWERS,
-    VECTOR_FRAMES,
-    JointKinetics,
-    MomentFrame,
-    component_of,
-    power_name,
-    power_of,
-)
 from gaitcal.gait.cycles import GaitCycle
 from gaitcal.gait.moments import moment_of
 from gaitcal.gait.spatiotemporal import Stride
@@ -166,7 +155,7 @@ POWER_HEADER = (
 """Comment lines above the header of every file of powers."""
 VECTOR_HEADER = (
     "net joint moments as vectors, N m: internal, on the distal segment, about the joint centre (ankle: talocrural)",
-    *(f"NAME_{frame.key}: {frame.words}" for frame in VECTOR_FRAMES),
+    *(f"NAME_{frame.key}: {frame.words}" for frame in joint_kinetics.VECTOR_FRAMES),
     "axes of: hip pelvis, thigh; knee thigh, shank; ankle shank, foot; lumbar pelvis, trunk. _angle, _flexion,",
     "_extension about z, _adduction, _inversion, _bending about x (floating axis), _rotation about y",
     "positive: flexion, adduction, inversion, dorsiflexion, internal rotation on both sides; trunk as coordinates",
@@ -176,47 +165,49 @@ VECTOR_HEADER = (
 """Comment lines above the header of every file of moment vectors."""
 
 
-def power_table(loads: Loads, kinetics: JointKinetics, mass: float) -> dict[str, NDArray[Any]]:
+def power_table(loads: Loads, kinetics: joint_kinetics.JointKinetics, mass: float) -> dict[str, NDArray[Any]]:
     """time, valid, valid_r, valid_l, then per power its value (W), standard error and W/kg; `mass` in kg."""
     errors = None if loads.errors is None else loads.errors.kinetics
     columns = _first(kinetics.time, loads.reactions)
-    for name in POWERS:
-        value, column = power_of(kinetics, name), power_name(name)
+    for name in joint_kinetics.POWERS:
+        value, column = joint_kinetics.power_of(kinetics, name), joint_kinetics.power_name(name)
         columns[column] = value
-        columns[f"{column}_se"] = np.full(len(value), np.nan) if errors is None else power_of(errors, name)
+        columns[f"{column}_se"] = (
+            np.full(len(value), np.nan) if errors is None else joint_kinetics.power_of(errors, name)
+        )
         columns[f"{column}_per_kg"] = value / mass
     return columns
 
 
-def vector_table(loads: Loads, kinetics: JointKinetics) -> dict[str, NDArray[Any]]:
+def vector_table(loads: Loads, kinetics: joint_kinetics.JointKinetics) -> dict[str, NDArray[Any]]:
     """time, valid, valid_r, valid_l, then per component and frame its value (N·m) and standard errors."""
     errors = None if loads.errors is None else loads.errors.kinetics
     known = {"_se": errors, "_se_stride": None if errors is None else errors.own}
     unknown = np.full(len(kinetics.time), np.nan)
     columns = _first(kinetics.time, loads.reactions)
-    for name in COMPONENTS:
-        for frame in VECTOR_FRAMES:
-            value, column = component_of(kinetics, name, frame), vector_column(name, frame)
+    for name in joint_kinetics.COMPONENTS:
+        for frame in joint_kinetics.VECTOR_FRAMES:
+            value, column = joint_kinetics.component_of(kinetics, name, frame), vector_column(name, frame)
             columns[column] = value
             for ending, of in known.items():
-                columns[column + ending] = unknown if of is None else component_of(of, name, frame)
+                columns[column + ending] = unknown if of is None else joint_kinetics.component_of(of, name, frame)
     return columns
 
 
-def vector_column(name: str, frame: MomentFrame) -> str:
+def vector_column(name: str, frame: joint_kinetics.MomentFrame) -> str:
     """`knee_adduction_r_proximal`."""
     return f"{name}_{frame.key}"
 
 
 def told_powers(frozen: tuple[str, ...]) -> Iterator[str]:
     """Powers that say something: not all of their coordinates are held at zero."""
-    return (name for name in POWERS if not set(POWER_COORDINATES[name]) <= set(frozen))
+    return (name for name in joint_kinetics.POWERS if not set(joint_kinetics.POWER_COORDINATES[name]) <= set(frozen))
 
 
 def told_components(frozen: tuple[str, ...]) -> Iterator[str]:
     """Components of moments between segments that markers show: the joint's coordinates are not all held at zero."""
-    for joint in NET_JOINTS:
-        if not set(POWER_COORDINATES[joint.name]) <= set(frozen):
+    for joint in joint_kinetics.NET_JOINTS:
+        if not set(joint_kinetics.POWER_COORDINATES[joint.name]) <= set(frozen):
             yield from joint.components
 
 

@@ -18,12 +18,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from gaitcal.arrays import Array
-from gaitcal.calibration.error_sources import (
-    MotionSensitivity,
-    coordinate_standard_errors,
-    coordinate_variances,
-    marker_moves,
-)
+from gaitcal.calibration import error_sources
 from gaitcal.calibration.joint_phases import parameters_for
 from gaitcal.calibration.soft_tissue_artefact import tissue_of_walk
 from gaitcal.calibration.torque_errors import ErringForces, joined
@@ -93,7 +88,7 @@ def trial_result(trial: MovingTrial, session: Session) -> TrialResult:
     moves = None
     if trial.joint is None:
         joint, coefficients = session.uncertainty.joint, trial.motion.coefficients
-        moves = marker_moves(trial.with_skin, coefficients, trial.parameters, joint, trial.scores)
+        moves = error_sources.marker_moves(trial.with_skin, coefficients, trial.parameters, joint, trial.scores)
     deviations = axis_deviations(session.settings, session.model, session.possible_moves.get(trial.name))
     axes = AxisErrors(trial.parameters, deviations)
     erring = _erring_forces(trial, session, axes, moves)
@@ -106,7 +101,7 @@ def trial_result(trial: MovingTrial, session: Session) -> TrialResult:
 
 
 def _without_torque_errors(
-    trial: MovingTrial, session: Session, axes: AxisErrors, moves: MotionSensitivity | None
+    trial: MovingTrial, session: Session, axes: AxisErrors, moves: error_sources.MotionSensitivity | None
 ) -> TrialResult:
     """All but the errors of torques."""
     body, final, reactions, subject = trial.motion, trial.parameters, trial.reactions, session.model.subject
@@ -119,7 +114,7 @@ def _without_torque_errors(
     strides = strides_measured(events, body.time, feet, unseen_frames(body), faced)
     lines = stride_lines(strides, body.time)
     long_axes, by_coordinate = foot_axes(body, final, lines)
-    variances = None if moves is None else coordinate_variances(trial.body, moves, by_coordinate)
+    variances = None if moves is None else error_sources.coordinate_variances(trial.body, moves, by_coordinate)
     count = body.q.shape[1]
     loads = None
     if reactions is not None:
@@ -146,7 +141,9 @@ def _without_torque_errors(
         loads=loads,
         coordinate_errors=None
         if moves is None or variances is None
-        else coordinate_standard_errors(trial.body, moves, axes.coordinate_errors(body.q), variances[0][:, :count]),
+        else error_sources.coordinate_standard_errors(
+            trial.body, moves, axes.coordinate_errors(body.q), variances[0][:, :count]
+        ),
         own_coordinate_errors=None if variances is None else np.sqrt(variances[1][:, :count]),
         foot_axes=None if trial.joint else _foot_axes(long_axes, lines, variances, axes.segment_turns(body.q)),
         held_out=trial.held_out,
@@ -235,7 +232,7 @@ def _with_torque_errors(result: TrialResult, errors: TorqueErrors, weight: float
 
 
 def _erring_forces(
-    trial: MovingTrial, session: Session, axes: AxisErrors, moves: MotionSensitivity | None
+    trial: MovingTrial, session: Session, axes: AxisErrors, moves: error_sources.MotionSensitivity | None
 ) -> ErringForces | None:
     """The final moments with what may be wrong; None without forces, and for impossible bodies, whose mass matrix has
     no meaning.

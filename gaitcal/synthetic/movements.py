@@ -21,19 +21,8 @@ from gaitcal.model.nominal import published_model
 from gaitcal.model.parameters import Parameters
 from gaitcal.motion.spline import DEGREE, spline_basis, to_bspline
 from gaitcal.runtime import with_one_blas_thread
+from gaitcal.synthetic import walk
 from gaitcal.synthetic.motion import TrueMotion, is_nominal, looking_like_nominal, standing_pose
-from gaitcal.synthetic.walk import (
-    CLEARANCE,
-    DOUBLE_SUPPORT,
-    POINTS,
-    ROLL,
-    STANCE,
-    Ground,
-    Meant,
-    carried_nodes,
-    feet_of,
-    ramp,
-)
 
 
 class Activity(Enum):
@@ -145,7 +134,9 @@ def _postures(activity: Activity, time: Array, phase: Array | None) -> Array:
         def along(values: Array, shift: float) -> Array:
             out = np.tile(values[0], (len(at), 1))
             for k in range(len(moments) - 1):
-                out += ramp((at - moments[k]) / (moments[k + 1] - moments[k]))[:, None] * (values[k + 1] - values[k])
+                out += walk.ramp((at - moments[k]) / (moments[k + 1] - moments[k]))[:, None] * (
+                    values[k + 1] - values[k]
+                )
             return out
     else:
 
@@ -215,12 +206,12 @@ def movement(activity: Activity, parameters: Parameters) -> Movement:
         q = basis.evaluate(looking_like_nominal(parameters, basis, q))
     ground = on.ground(q, _seat_share(activity, time))
     fitted = basis.fit(q)
-    meant = Meant(basis.evaluate(fitted), basis.evaluate(fitted, 2), spread=SPREAD)
-    moved = to_bspline(basis, carried_nodes(parameters, basis, ground, meant))
+    meant = walk.Meant(basis.evaluate(fitted), basis.evaluate(fitted, 2), spread=SPREAD)
+    moved = to_bspline(basis, walk.carried_nodes(parameters, basis, ground, meant))
     cut = ENDS * per_span  # at an end nothing holds accelerations
     inner = slice(cut, len(time) - cut)
     kept = spline_basis(time[inner], basis.nodes - 2 * ENDS)
-    ground = Ground(**{f.name: getattr(ground, f.name)[inner] for f in fields(Ground)})
+    ground = walk.Ground(**{f.name: getattr(ground, f.name)[inner] for f in fields(walk.Ground)})
     motion = TrueMotion(kept, kept.fit(moved(time[inner])), ground=ground)
     return Movement(motion=motion, contacts=contacts, belt=activity is Activity.RUN)
 
@@ -230,7 +221,7 @@ def _seat_share(activity: Activity, time: Array) -> Array:
     if activity is not Activity.SIT_TO_STAND:
         return np.zeros(len(time))
     at = np.mod(time, 5.2)
-    return SEAT_SHARE * (1.0 - ramp((at - 0.8) / 0.5) + ramp((at - 4.0) / 0.5))
+    return SEAT_SHARE * (1.0 - walk.ramp((at - 0.8) / 0.5) + walk.ramp((at - 4.0) / 0.5))
 
 
 class _Feet:
@@ -238,10 +229,12 @@ class _Feet:
 
     def __init__(self, contacts: tuple[Contact, ...], time: Array, *, strides: bool) -> None:
         nf = len(time)
-        flat = feet_of(published_model().parameters, standing_pose()[None]).points[0]
-        flat = flat - [0.0, flat[..., 1].min() - CLEARANCE, 0.0] - flat.mean(axis=1, keepdims=True) * [1.0, 0.0, 1.0]
+        flat = walk.feet_of(published_model().parameters, standing_pose()[None]).points[0]
+        flat = (
+            flat - [0.0, flat[..., 1].min() - walk.CLEARANCE, 0.0] - flat.mean(axis=1, keepdims=True) * [1.0, 0.0, 1.0]
+        )
         self.time = time
-        self.footsteps, self.rest = np.zeros((nf, 2, len(POINTS), 3)), np.zeros((nf, 2, len(POINTS)))
+        self.footsteps, self.rest = np.zeros((nf, 2, len(walk.POINTS), 3)), np.zeros((nf, 2, len(walk.POINTS)))
         self.load, self.part, self.level = np.zeros((nf, 2)), np.full((nf, 2), STANDING), np.zeros((nf, 2))
         for c in contacts:
             foot, own = c.foot, (time - c.start) / (c.stop - c.start)
@@ -250,17 +243,21 @@ class _Feet:
             self.footsteps[near, foot] = flat[foot] + np.array(c.place)
             self.level[near, foot] = c.place[1]
             if strides:
-                self.part[inside, foot] = PchipInterpolator(*ROLL)(own[inside])
+                self.part[inside, foot] = PchipInterpolator(*walk.ROLL)(own[inside])
             else:
-                off = (c.stop < time[-1]) * ramp((own - 0.8) / 0.15) + (c.start > time[0]) * ramp((0.2 - own) / 0.15)
+                off = (c.stop < time[-1]) * walk.ramp((own - 0.8) / 0.15) + (c.start > time[0]) * walk.ramp(
+                    (0.2 - own) / 0.15
+                )
                 self.part[inside, foot] += (BALL - STANDING) * off[inside]
             for points, (begin, end) in zip(([0], [2, 3]), RESTS[strides], strict=True):
-                comes = ramp((own - begin) / RESTS_WITHIN) if c.start > time[0] else 1.0
-                goes = ramp((end - own) / RESTS_WITHIN) if c.stop < time[-1] else 1.0
+                comes = walk.ramp((own - begin) / RESTS_WITHIN) if c.start > time[0] else 1.0
+                goes = walk.ramp((end - own) / RESTS_WITHIN) if c.stop < time[-1] else 1.0
                 self.rest[:, foot, points] += (inside * comes * goes)[:, None]
-            overlap = DOUBLE_SUPPORT / STANCE * (c.stop - c.start) if c.shared else 0.0
+            overlap = walk.DOUBLE_SUPPORT / walk.STANCE * (c.stop - c.start) if c.shared else 0.0
             self.load[:, foot] += (
-                inside * (ramp((time - c.start) / overlap) * ramp((c.stop - time) / overlap)) if overlap else inside
+                inside * (walk.ramp((time - c.start) / overlap) * walk.ramp((c.stop - time) / overlap))
+                if overlap
+                else inside
             )
         total = self.load.sum(axis=1)
         self.flight = total < np.finfo(float).eps
@@ -270,7 +267,7 @@ class _Feet:
         """(nf, 3) m, the pelvis where resting feet want it, thrown in between."""
         away = q.copy()
         away[:, :3] = 0.0
-        points = feet_of(published_model().parameters, away).points
+        points = walk.feet_of(published_model().parameters, away).points
         weight = (self.rest * self.load[:, :, None])[..., None]
         wanted = ((self.footsteps - points) * weight).sum(axis=(1, 2)) / np.maximum(weight.sum(axis=(1, 2)), 1e-9)
         known = weight.sum(axis=(1, 2, 3)) > 0.3
@@ -284,11 +281,11 @@ class _Feet:
         smooth = spline_basis(self.time, max(8, round(float(np.ptp(self.time)) / 0.1)))
         return smooth.evaluate(smooth.fit(out))
 
-    def ground(self, q: Array, seat: Array) -> Ground:
+    def ground(self, q: Array, seat: Array) -> walk.Ground:
         """What the ground does."""
         force, spread = np.zeros((len(q), 3)), np.full((len(q), 3), np.inf)
         spread[self.flight] = FLIGHT_FORCE
-        return Ground(
+        return walk.Ground(
             footsteps=self.footsteps,
             held=self.rest,
             resting=self.rest,

@@ -18,7 +18,7 @@ from gaitcal.gait import peaks as gait
 from gaitcal.gait.cycles import CYCLE_COLUMNS
 from gaitcal.gait.ensemble import ensemble
 from gaitcal.gait.peaks import PeakMean, peak_columns
-from gaitcal.results.table_file import write_csv
+from gaitcal.results.cycles import write_csv
 
 MASS = 50.0
 

@@ -23,7 +23,7 @@ from gaitcal.gait.conventions import Signs
 from gaitcal.gait.cycles import Kind
 from gaitcal.gait.normal_bands import bands_file, read_normal_bands
 from gaitcal.io.result_folder import listed
-from gaitcal.results.table_file import write_csv
+from gaitcal.results.cycles import write_csv
 from tests.cohort.made_people import FORCES, KNEE, Kept, some_people, write_cohort
 from tests.commands import run
 from tests.session.folders import recordings, write

@@ -27,10 +27,9 @@ from gaitcal.gait.ensemble import ensemble
 from gaitcal.io.result_folder import ResultKind, atomic_directory, refuse_others
 from gaitcal.page.page_data import PAGE_DATA, calibration_page_data, write_page_data
 from gaitcal.page.plain_data import lengths
-from gaitcal.results.cycles import read_cycles
+from gaitcal.results.cycles import read_cycles, write_csv
 from gaitcal.results.stride_files import write_stride_files
 from gaitcal.results.summary import summary
-from gaitcal.results.table_file import write_csv
 from gaitcal.session.result import Calibration
 from gaitcal.session.tables import parameter_table
 from tests.fake_result import ANGLE_ERROR

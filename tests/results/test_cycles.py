@@ -28,13 +28,14 @@ from gaitcal.results.cycles import (
     cycle_table,
     cycles,
     cycles_to_xarray,
+    read_csv,
     read_cycles,
+    write_csv,
     write_cycles,
 )
 from gaitcal.results.saved import _static_angles
 from gaitcal.results.stride_files import SPATIOTEMPORAL, STRIDE_FILES, earlier_strides, write_stride_files
 from gaitcal.results.summary import STATIC_ANGLES, summary
-from gaitcal.results.table_file import read_csv, write_csv
 from gaitcal.session.result import Calibration
 from tests.fake_result import ANGLE_ERROR, ERROR_SHARES, OWN_ANGLE_ERROR, fake_calibration
 

@@ -17,6 +17,7 @@ from gaitcal.figures.document import write_pdf
 from gaitcal.io.result_folder import MANIFEST, ResultKind, atomic_directory
 from gaitcal.model.model_file import save_model
 from gaitcal.results.calibration import json_text
+from gaitcal.results.cycles import read_csv
 from gaitcal.results.saved import MODEL, UNCERTAINTY, save_uncertainty
 from gaitcal.results.sessions import (
     CURVES,
@@ -31,7 +32,6 @@ from gaitcal.results.sessions import (
 from gaitcal.results.shared_model import compare_with_shared_model, study_of_result
 from gaitcal.results.stride_files import write_stride_files
 from gaitcal.results.summary import SUMMARY, summary
-from gaitcal.results.table_file import read_csv
 from gaitcal.session.result import Calibration
 from gaitcal.study.settings import CalibrationSettings
 from tests.fake_result import HOSTILE, Names, fake_calibration

@@ -13,6 +13,7 @@ from gaitcal.cli import calibrate as calibrate_command
 from gaitcal.cli import montecarlo as montecarlo_command
 from gaitcal.cli import other_programs
 from gaitcal.errors import InputError
+from gaitcal.io import result_folder
 from gaitcal.io.result_folder import listed, locked, sha256_of
 from gaitcal.results.saved import load_result
 from gaitcal.study import study as study_module
@@ -81,7 +82,7 @@ def test_no_other_command_comes_between_reading_and_writing(folder: Path, monkey
         thread.join()
 
     monkeypatch.setattr(trials_module, "trial_summary", after(trials_module.trial_summary, between))
-    monkeypatch.setattr(trials_module, "also_at", after(trials_module.also_at, between))
+    monkeypatch.setattr(result_folder, "also_at", after(result_folder.also_at, between))
     assert run("dynamics", folder / "result", second_trial(folder)).exit_code == 0
     assert told
     assert all("is being written by another process" in line for line in told)

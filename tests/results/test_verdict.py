@@ -12,9 +12,9 @@ from gaitcal.cli.calibrate import calibrate_study as run_calibrate
 from gaitcal.cli.console import Console
 from gaitcal.errors import STUDY, Code, Finding, InputError, Severity
 from gaitcal.faults.verdict import judge
+from gaitcal.results.cycles import REFUSED_HEADER
 from gaitcal.results.saved import load_result
 from gaitcal.results.summary import of_the_model, require_not_refused, summary
-from gaitcal.results.table_file import REFUSED_HEADER
 from gaitcal.session.result import Calibration, withdrawn
 from gaitcal.session.tables import moment_table
 from tests.fake_result import fake_calibration

@@ -8,19 +8,7 @@ from typing import Any
 import numpy as np
 
 from gaitcal.arrays import Array, cross
-from gaitcal.io.force_plate import (
-    BODY_N,
-    LOADED_N,
-    OFFSET_TOLD_N,
-    OUTSIDE_M,
-    TURNED_ROUND,
-    PlateFrame,
-    offset,
-    outside_share,
-    plate_frame,
-    plate_from_moment,
-    pushes_down,
-)
+from gaitcal.io import force_plate
 from gaitcal.io.recording import ForcePlate
 
 Parameters = Mapping[str, Mapping[str, Any]]
@@ -41,7 +29,7 @@ class MeasuredPlate:
     """(ns, 3) N."""
     moment: Array
     """(ns, 3) N·m."""
-    frame: PlateFrame
+    frame: force_plate.PlateFrame
 
     def as_plate(self) -> ForcePlate:
         """With its full moment about the middle of its surface."""
@@ -89,10 +77,12 @@ def stand_up(plates: tuple[MeasuredPlate, ...], up: Array) -> tuple[tuple[ForceP
         if normal @ up < 0:
             normal = -normal
             notes.append(f"Plate {plate.name}: its corners are numbered against the standard (its z axis points up).")
-        if pushes_down(force, up):
+        if force_plate.pushes_down(force, up):
             force, moment = -force, -moment
-            notes.append(f"Plate {plate.name}: {TURNED_ROUND}")
-        ready.append(plate_from_moment(plate.name, plate.time, force, moment, frame.centre, normal, frame.corners))
+            notes.append(f"Plate {plate.name}: {force_plate.TURNED_ROUND}")
+        ready.append(
+            force_plate.plate_from_moment(plate.name, plate.time, force, moment, frame.centre, normal, frame.corners)
+        )
     return tuple(ready), tuple(notes)
 
 
@@ -103,7 +93,7 @@ def _plate(
     kind = _numbers(group, "TYPE").ravel()[index]
     if kind not in CHANNELS:
         raise ValueError(f"its type is {kind:g}; allowed are 1, 2, 3 and 4")
-    frame = plate_frame(_column(group, "CORNERS", index, (3, 4)).T * metres)
+    frame = force_plate.plate_frame(_column(group, "CORNERS", index, (3, 4)).T * metres)
     channels, torque = _channels(parameters, index, CHANNELS[kind], analogs)
     keep = np.flatnonzero(np.isfinite(channels).all(axis=0))
     if not len(keep):
@@ -118,23 +108,23 @@ def _plate(
         channels, torque = _column(group, "CAL_MATRIX", index, (6, 6)) @ channels, metres
     force, moment = wrench_of(int(kind), channels, origin, metres, metres if torque is None else torque)
     # ORIGIN without a height does not betray its sign; the plate itself does.
-    if kind in (2, 4) and outside_share(force, moment, frame) > 0.5:
+    if kind in (2, 4) and force_plate.outside_share(force, moment, frame) > 0.5:
         other = moment + 2.0 * cross(_below(origin), force)
-        if outside_share(force, other, frame) < 0.1:
+        if force_plate.outside_share(force, other, frame) < 0.1:
             moment = other
             notes.append("ORIGIN has the opposite sign (the centre of pressure lies on the plate only so)")
-    empty, was_empty = offset(force, moment, rate)
+    empty, was_empty = force_plate.offset(force, moment, rate)
     if not was_empty:
         notes.append("never empty, so that its offset is unknown and was left in")
-    elif np.linalg.norm(empty[:3]) > OFFSET_TOLD_N:
+    elif np.linalg.norm(empty[:3]) > force_plate.OFFSET_TOLD_N:
         force, moment = force - empty[:3], moment - empty[3:]
         removed = ", ".join(f"{value:.1f}" for value in empty[:3])
         notes.append(f"offset of the empty plate removed, {removed} N in its own axes")
-    share = outside_share(force, moment, frame)
+    share = force_plate.outside_share(force, moment, frame)
     if share > DOUBTFUL:
         notes.append(
-            f"{100 * share:.0f} % of the centres of pressure under more than {BODY_N:.0f} N lie over "
-            f"{1e3 * OUTSIDE_M:.0f} mm outside its corners: check CORNERS, ORIGIN and CHANNEL"
+            f"{100 * share:.0f} % of the centres of pressure under more than {force_plate.BODY_N:.0f} N lie over "
+            f"{1e3 * force_plate.OUTSIDE_M:.0f} mm outside its corners: check CORNERS, ORIGIN and CHANNEL"
         )
     turn, time = frame.rotation.T, np.asarray((first + np.arange(begin, end)) / rate, dtype=np.float64)
     return MeasuredPlate(name=str(index + 1), time=time, force=force @ turn, moment=moment @ turn, frame=frame), notes
@@ -154,7 +144,7 @@ def wrench_of(kind: int, channels: Array, origin: Array, metres: float, torque: 
         return force, np.column_stack(turning) - cross(np.array([0.0, 0.0, -abs(origin[2])]), force)
     force = channels[:3].T.copy()
     if kind == 1:
-        loaded = np.abs(force[:, 2]) > LOADED_N  # the centre of an unloaded plate is noise divided by noise
+        loaded = np.abs(force[:, 2]) > force_plate.LOADED_N  # the centre of an unloaded plate is noise divided by noise
         point = np.zeros_like(force)
         point[loaded, :2] = channels[3:5].T[loaded] * metres
         moment = cross(point, force)

@@ -22,17 +22,7 @@ from gaitcal.arrays import Array
 from gaitcal.errors import Code, InputError
 from gaitcal.io.atomic import atomic_file
 from gaitcal.io.axes import Turn
-from gaitcal.io.c3d.layout import (
-    BLOCK,
-    DEC,
-    INTEGER,
-    C3DHeader,
-    ParameterSection,
-    check_c3d_header,
-    decode_floats,
-    encode_floats,
-    parse_section,
-)
+from gaitcal.io.c3d import layout
 from gaitcal.io.force_plate import plate_frame
 from gaitcal.io.labels import FootEvent, FootMoment
 from gaitcal.io.recording import ForcePlate, Recording, require_plain_labels
@@ -206,8 +196,8 @@ class C3DOriginal:
 
     path: Path
     content: bytes
-    header: C3DHeader
-    section: ParameterSection
+    header: layout.C3DHeader
+    section: layout.ParameterSection
     frames: int
 
     @property
@@ -223,7 +213,7 @@ class C3DOriginal:
         """(nf, np, 3) of all points as they stand in the file, zeros where it has zeros."""
         rows, own = _rows(self), 4 * self.header.points
         if self.header.is_float:
-            values = decode_floats(rows[:, :own].tobytes(), self.header.processor).astype(np.float64)
+            values = layout.decode_floats(rows[:, :own].tobytes(), self.header.processor).astype(np.float64)
         else:
             values = _as_floats(rows, self)[:, :own]
         return values.reshape(self.frames, self.header.points, 4)[:, :, :3]
@@ -232,11 +222,11 @@ class C3DOriginal:
 @naming_file
 def c3d_original(path: Path, frames: int) -> C3DOriginal:
     """The C3D file at `path`, of so many frames as its reader counts; InputError where it is damaged."""
-    header = check_c3d_header(path)
+    header = layout.check_c3d_header(path)
     content = path.read_bytes()
-    at = (content[0] - 1) * BLOCK
+    at = (content[0] - 1) * layout.BLOCK
     try:
-        section = parse_section(content[at : at + content[at + 2] * BLOCK])
+        section = layout.parse_section(content[at : at + content[at + 2] * layout.BLOCK])
     except (ValueError, IndexError, struct.error) as fault:
         raise FileFault(f"damaged: {fault}", code=Code.DAMAGED_RECORDING) from None
     return C3DOriginal(path=path, content=content, header=header, section=section, frames=frames)
@@ -261,7 +251,7 @@ def supplement_c3d(
     Raises InputError: The file cannot take them: its layout is damaged, or a limit of the format is met.
     """
     header, content, labels = original.header, original.content, original.labels
-    at = (content[0] - 1) * BLOCK
+    at = (content[0] - 1) * layout.BLOCK
     new = [point for point in points if point.name not in labels]
     instead = {labels.index(point.name): point for point in points if point.name in labels}
     try:
@@ -275,16 +265,16 @@ def supplement_c3d(
             for name, texts in group[1].items():
                 section = section.with_list(group[0], name, texts)
         start = at + len(section.to_bytes())
-        section = _with_count(section, "POINT", "DATA_START", start // BLOCK + 1)
+        section = _with_count(section, "POINT", "DATA_START", start // layout.BLOCK + 1)
         out = bytearray(content[:at]) + section.to_bytes()
         out[2:4] = (header.points + len(new)).to_bytes(2, "little")
-        out[13 if header.processor == DEC else 15] |= 0x80  # a negative scale: floats
-        out[16:18] = (start // BLOCK + 1).to_bytes(2, "little")
+        out[13 if header.processor == layout.DEC else 15] |= 0x80  # a negative scale: floats
+        out[16:18] = (start // layout.BLOCK + 1).to_bytes(2, "little")
         out += _data(original, new, instead)
     except (ValueError, OverflowError, IndexError, StopIteration, struct.error) as fault:
         message = f"cannot be given further points: {fault}"
         raise InputError(message, source=original.path, code=Code.NOT_WRITABLE) from None
-    target.write_bytes(bytes(out) + bytes(-len(out) % BLOCK))
+    target.write_bytes(bytes(out) + bytes(-len(out) % layout.BLOCK))
 
 
 def _rows(original: C3DOriginal) -> Array:
@@ -321,13 +311,13 @@ def _data(original: C3DOriginal, points: Sequence[AddedPoint], instead: Mapping[
 
 def _words(values: Array, processor: int) -> Array:
     """Numbers as the 32-bit words of the file."""
-    return np.frombuffer(encode_floats(values, processor), dtype="<u4").reshape(values.shape)
+    return np.frombuffer(layout.encode_floats(values, processor), dtype="<u4").reshape(values.shape)
 
 
 def _as_floats(rows: Array, original: C3DOriginal) -> Array:
     """(frames, width) the numbers that a file of integers means: coordinates scaled, all others as they are."""
     own = 4 * original.header.points
-    scale = decode_floats(original.content[12:16], original.header.processor)[0]
+    scale = layout.decode_floats(original.content[12:16], original.header.processor)[0]
     values = rows.astype(np.float64)
     places = values[:, :own].reshape(len(rows), -1, 4)
     places[:, :, :3] *= scale
@@ -337,8 +327,8 @@ def _as_floats(rows: Array, original: C3DOriginal) -> Array:
 
 
 def _with_points(
-    section: ParameterSection, count: int, points: Sequence[AddedPoint], units: Mapping[str, str]
-) -> ParameterSection:
+    section: layout.ParameterSection, count: int, points: Sequence[AddedPoint], units: Mapping[str, str]
+) -> layout.ParameterSection:
     names = [point.name for point in points]
     for name, texts in (("LABELS", names), ("DESCRIPTIONS", [point.description for point in points])):
         entries = section.list_of("POINT", name)[:count]
@@ -361,7 +351,7 @@ def _with_points(
     return section
 
 
-def _with_events(section: ParameterSection, events: Sequence[FootEvent]) -> ParameterSection:
+def _with_events(section: layout.ParameterSection, events: Sequence[FootEvent]) -> layout.ParameterSection:
     """The file's own events, and after them those given."""
     if not events:
         return section
@@ -386,7 +376,10 @@ def _with_events(section: ParameterSection, events: Sequence[FootEvent]) -> Para
     for name, texts in columns.items():
         entries = section.list_of("EVENT", name)[:there]
         section = section.with_list("EVENT", name, [*entries, *[""] * (there - len(entries)), *texts])
-    for name, kind, values in (("ICON_IDS", INTEGER, [icon for _, _, icon in words]), ("GENERIC_FLAGS", 1, None)):
+    for name, kind, values in (
+        ("ICON_IDS", layout.INTEGER, [icon for _, _, icon in words]),
+        ("GENERIC_FLAGS", 1, None),
+    ):
         flags = section.numbers("EVENT", name)
         known = np.zeros(0) if flags is None else flags.ravel()[:there]
         filled = np.concatenate([known, np.zeros(there - len(known)), values or np.zeros(len(events))])
@@ -395,8 +388,8 @@ def _with_events(section: ParameterSection, events: Sequence[FootEvent]) -> Para
     return _with_count(section, "EVENT", "USED", total)
 
 
-def _with_count(section: ParameterSection, group: str, name: str, value: int) -> ParameterSection:
+def _with_count(section: layout.ParameterSection, group: str, name: str, value: int) -> layout.ParameterSection:
     """A whole number, in the dimensions of the one that is there."""
     old = section.numbers(group, name)
     shape = old.shape if old is not None and old.size == 1 else (1,)
-    return section.with_numbers(group, name, np.full(shape, value), INTEGER)
+    return section.with_numbers(group, name, np.full(shape, value), layout.INTEGER)
