@@ -91,7 +91,6 @@ T = TypeVar("T")
 MEMBERS = {
     "attacks": "attacks.check",
     "clinics": "clinics.check",
-    "labels": "clinics.labels",
     "people": "people.check",
     "truth": "truth.check",
     "vendors": "vendors",

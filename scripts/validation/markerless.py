@@ -48,8 +48,8 @@ from gaitcal.synthetic.motion import residual_free_wrench
 from gaitcal.synthetic.subject import plates_under, true_gait
 from scripts.validation.harness import option, rms, say
 from scripts.validation.recordings import SIMULATED, data
+from scripts.validation.truth.check import whole_turn
 from scripts.validation.truth.people import WalkingPerson, at_times, walking_person
-from scripts.validation.truth.simulated import whole_turn
 
 SHARED = ("--seed",)
 OWN = {"--people": option(3, "made-up people, or draws of errors")}

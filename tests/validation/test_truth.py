@@ -24,7 +24,7 @@ from gaitcal.synthetic.subject import synthetic_model
 from gaitcal.synthetic.truth import _joint_lines, segment_frames
 from scripts.validation import harness
 from scripts.validation.harness import results
-from scripts.validation.truth import made_up, people, report, rigid, skin
+from scripts.validation.truth import check, made_up, people, report, skin
 from scripts.validation.truth.people import EXACT_PLATES
 from tests.kept import copied_person, kept_folder, kept_person
 
@@ -54,7 +54,7 @@ def test_score_finds_a_ball_joint() -> None:
     (above, at), below = _moving(30, 5), Rotation.random(30, random_state=6).as_matrix()
     c, d = np.array([0.1, -0.2, 0.3]), np.array([0.0, 0.4, -0.1])
     origin = above @ c + at - below @ d
-    for found, true in zip(rigid.score((above, at), (below, origin)), (c, d), strict=True):
+    for found, true in zip(check.score((above, at), (below, origin)), (c, d), strict=True):
         np.testing.assert_allclose(found, true, atol=ROUNDING)
 
 
@@ -64,8 +64,8 @@ def test_sara_finds_a_hinge() -> None:
     rest = Rotation.random(random_state=8).as_matrix()
     turns = Rotation.from_rotvec(np.linspace(-1, 1, 30)[:, None] * n).as_matrix()
     below = above @ turns @ rest
-    proximal, distal = rigid.sara((above, at), (below, above @ c + at - below @ d))
-    assert rigid.angle(proximal.direction, n) < 1e-6 and rigid.angle(distal.direction, rest.T @ n) < 1e-6  # deg
+    proximal, distal = check.sara((above, at), (below, above @ c + at - below @ d))
+    assert check.angle(proximal.direction, n) < 1e-6 and check.angle(distal.direction, rest.T @ n) < 1e-6  # deg
     assert proximal.distance(c) < ROUNDING and distal.distance(d) < ROUNDING
 
 

@@ -63,8 +63,7 @@ from gaitcal.session.result import TrialResult
 from scripts.validation.attacks.corpus import Attack, CorpusError, Kind, by_title, corpus, once_each, pattern, spoilt
 from scripts.validation.harness import option, say, side_by_side
 from scripts.validation.recordings import EVERY, SYNTHETIC, loaded
-from scripts.validation.truth.rigid import across
-from scripts.validation.truth.simulated import joint_tracks, whole_turn
+from scripts.validation.truth.check import across, joint_tracks, whole_turn
 
 ANGLES = tuple(
     f"{name}_{side}"

@@ -45,7 +45,6 @@ from gaitcal.arrays import Array
 from gaitcal.io.recording import Recording
 from gaitcal.model.segment_frames import rigid_motions
 from gaitcal.synthetic.motion import marker_noise
-from scripts.validation.truth.rigid import relative
 
 TABLE_MM = 15.0
 SIZES = {"thigh": {"hip": 15.0, "knee": 10.0}, "shank": {"knee": 6.0, "ankle": 3.0}, "pelvis": {"hip": 4.0}}
@@ -202,7 +201,7 @@ def task_angles(clusters: Mapping[str, Cluster]) -> dict[str, Array]:
     out = {}
     for joint in (f"{name}_{side}" for name in axes for side in "rl"):
         above, below = beside(joint)
-        turn, _ = relative((clusters[above].rotation, np.zeros(3)), (clusters[below].rotation, np.zeros(3)))
+        turn = np.swapaxes(clusters[above].rotation, 1, 2) @ clusters[below].rotation
         out[joint] = Rotation.from_matrix(turn).as_rotvec()[:, axes[joint.split("_")[0]]]
     return out
 
@@ -271,9 +270,8 @@ def clusters_of(
 def joint_angles(clusters: Mapping[str, Cluster], side: str) -> dict[str, Array]:
     """Joint -> (nf,) flexion from the static pose in units of 60 deg; x forward, z right in the static trial."""
     chain = ("pelvis", f"thigh_{side}", f"shank_{side}", f"foot_{side}")
-    none = np.zeros(3)
     out = {}
     for joint, above, below, sign in zip(JOINTS, chain[:-1], chain[1:], (1.0, -1.0, 1.0), strict=True):
-        turn, _ = relative((clusters[above].rotation, none), (clusters[below].rotation, none))
+        turn = np.swapaxes(clusters[above].rotation, 1, 2) @ clusters[below].rotation
         out[joint] = sign * np.arctan2(turn[:, 1, 0], turn[:, 0, 0]) / np.deg2rad(60.0)
     return out
