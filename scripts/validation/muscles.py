@@ -51,13 +51,14 @@ from gaitcal.export.peer_model import Axis, PeerModel
 from gaitcal.model.chain import axis_rotation
 from gaitcal.model.linkage import JOINTS, SIDES, ZERO_ANGLES
 from gaitcal.model.parameters import Parameters, published_subject
+from gaitcal.model.segment_frames import Frame
 from gaitcal.model.subject_model import MarkerPlacement, Subject, SubjectModel
 from gaitcal.results.saved import where_they_move
 from gaitcal.synthetic.motion import marker_noise
 from scripts.validation.harness import judged, matching, option, rms, say, side_by_side
 from scripts.validation.people.simulated import prior_about_truth
 from scripts.validation.recordings import only
-from scripts.validation.truth.people import isolated_person
+from scripts.validation.truth.people import KnownJoints, isolated_person, leg_parameters
 
 JOINT = {joint.name: joint for joint in JOINTS}
 FREE_POINTS = 4
@@ -96,84 +97,61 @@ def _hinge(leg: LegJoint) -> Hinge:
 def _leg(
     peer: PeerModel, side: str, bodies: dict[str, str], base: Parameters
 ) -> tuple[dict[str, float], dict[str, float], dict[str, float]]:
-    """Joint parameters, zero angles and standing coordinates of one leg."""
+    """Joint parameters, zero angles and standing coordinates of one leg; the laboratory is the pelvis."""
     s = 1.0 if side == "r" else -1.0
     legs = {leg.ours.partition("_")[0]: leg for leg in leg_joints(peer) if leg.ours.endswith(f"_{side}")}
-    thigh, shank, foot = (bodies[f"{name}_{side}"] for name in ("thigh", "shank", "foot"))
-    jp: dict[str, float] = {}
-    zero: dict[str, float] = {}
+    hip, knee, hinge = legs["hip"].theirs, legs["knee"].theirs, _hinge(legs["knee"])
+    shank, foot = bodies[f"shank_{side}"], bodies[f"foot_{side}"]
+    of_thigh = peer.joint_pose(hip, {})
+    # the pose of the shank is that of the hinge: it does not roll
+    of_knee = peer.body_pose(knee.parent, bodies[f"thigh_{side}"]) * hinge.pose(hinge.angle(peer.joint_pose(knee, {})))
+    of_shank, of_foot = of_thigh * of_knee, peer.body_pose(foot, shank)
 
-    def axis(joint: str, body: str) -> Axis:
-        line = _hinge(legs[joint]).in_parent
-        found = Axis(line.translation, line.rotation[:, 2])
-        return found.moved(peer.body_pose(legs[joint].theirs.parent, body)).pointing(0 if joint == "subtalar" else 2)
+    def axis(joint: str) -> Axis:
+        line, parent = _hinge(legs[joint]).in_parent, legs[joint].theirs.parent
+        below = bodies[f"thigh_{side}"] if joint == "knee" else shank
+        found = Axis(line.translation, line.rotation[:, 2]).moved(peer.body_pose(parent, below))
+        return found.moved(of_thigh if joint == "knee" else of_shank)
 
-    def frames(joint: str) -> tuple[pin.SE3, pin.SE3]:
+    poses = {"pelvis": pin.SE3.Identity(), f"thigh_{side}": of_thigh, f"shank_{side}": of_shank}
+    poses[f"foot_{side}"] = of_shank * of_foot
+    ours = {"knee": "knee", "talocrural": "ankle", "subtalar": "subtalar"}
+    lines = {f"{name}_{side}": axis(joint) for joint, name in ours.items()}
+    centres = {f"hip_{side}": (of_thigh * hip.in_child).translation}
+    jp = leg_parameters(
+        KnownJoints(centres=centres, proximal=lines, distal=lines),
+        {name: Frame(pose.rotation, pose.translation) for name, pose in poses.items()},
+        side,
+    )
+    joints = base.with_joint(tuple(jp), np.array(list(jp.values()))).joint
+
+    def frames(joint: str, **zero: float) -> tuple[pin.SE3, pin.SE3]:
         angles = base.zero_angles.copy()
         for name, value in zero.items():
-            angles[ZERO_ANGLES.index(name)] = value
-        used = Parameters(base.with_joint(tuple(jp), np.array(list(jp.values()))).joint, base.inertial, angles)
-        found = frames_of(JOINT[f"{joint}_{side}"], used)
+            angles[ZERO_ANGLES.index(f"{name}_{side}.zero")] = value
+        found = frames_of(JOINT[f"{joint}_{side}"], Parameters(joints, base.inertial, angles))
         return found.in_parent, found.in_child
 
-    def point(place: str, position: Array) -> None:
-        jp.update({f"{place}.{d}": float(x) for d, x in zip(("ant", "sup", "lat"), position, strict=True)})
-
-    def turns(place: str, direction: Array) -> None:
-        jp[f"{place}.front"] = float(np.arctan2(-direction[1], direction[2]))
-        jp[f"{place}.trans"] = float(np.arcsin(direction[0]))
-
-    hip, knee = legs["hip"].theirs, legs["knee"].theirs
-    pose = peer.joint_pose(hip, {})
-    point(f"hip_{side}.pelvis", (pose * hip.in_child).translation)
-    point(f"hip_{side}.thigh", hip.in_child.translation)
-    r = pose.rotation  # Rz(flexion) Rx(s adduction) Ry(s rotation)
+    r = of_thigh.rotation  # Rz(flexion) Rx(s adduction) Ry(s rotation)
+    in_parent, in_child = frames("knee")
+    bent = (in_parent.actInv(of_knee) * in_child).rotation
     standing = {
         f"hip_flexion_{side}": float(np.arctan2(-r[0, 1], r[1, 1])),
         f"hip_adduction_{side}": s * float(np.arcsin(r[2, 1])),
         f"hip_rotation_{side}": s * float(np.arctan2(-r[2, 0], r[2, 2])),
+        f"knee_angle_{side}": float(np.arctan2(-bent[1, 0], bent[0, 0])),
     }
-
-    # one point of the knee's axis in both segments: where it crosses the thigh's sagittal plane
-    line, hinge = axis("knee", thigh), _hinge(legs["knee"])
-    pose = peer.body_pose(knee.parent, thigh) * hinge.pose(hinge.angle(peer.joint_pose(knee, {})))  # it does not roll
-    crossing = line.crossing(2)
-    jp[f"knee_{side}.thigh.ant"], jp[f"knee_{side}.thigh.sup"] = map(float, crossing[:2])
-    point(f"knee_{side}.shank", pose.actInv(crossing))
-    turns(f"knee_{side}.thigh", line.direction)
-    turns(f"knee_{side}.shank", line.moved(pose.inverse()).direction)
-    in_parent, in_child = frames("knee")
-    rest = in_parent.actInv(pose) * in_child
-    standing[f"knee_angle_{side}"] = float(np.arctan2(-rest.rotation[1, 0], rest.rotation[0, 0]))
-
-    # the talus lies on the ankle's axis where the common perpendicular with the subtalar axis meets it, y along that
-    first, second = axis("talocrural", shank), axis("subtalar", shank)
-    normal = np.cross(first.direction, second.direction)
-    normal *= np.sign(normal[1]) / np.linalg.norm(normal)
-    gap = float(normal @ (second.point - first.point))
-    along = np.stack([first.direction, -second.direction], axis=1)
-    steps = np.linalg.lstsq(along, second.point - first.point - gap * normal, rcond=None)[0]
-    point(f"talocrural_{side}.shank", first.point + steps[0] * first.direction)
-    turns(f"talocrural_{side}.shank", first.direction)
-    zero[f"talocrural_{side}.zero"] = 0.0
-    in_parent, _ = frames("talocrural")
-    y = in_parent.rotation.T @ normal
-    zero[f"talocrural_{side}.zero"] = float(np.arctan2(-y[0], y[1]))
-    talus = in_parent * pin.SE3(axis_rotation(2, zero[f"talocrural_{side}.zero"]), np.zeros(3))
-    x = talus.rotation.T @ second.direction
-    jp[f"subtalar_{side}.talus.sup"], jp[f"subtalar_{side}.talus.trans"] = gap, float(np.arctan2(-x[2], x[0]))
-
-    calcn = peer.body_pose(foot, shank)
-    x = calcn.rotation.T @ second.direction
-    jp[f"subtalar_{side}.foot.trans"], jp[f"subtalar_{side}.foot.sag"] = (
-        float(np.arctan2(-x[2], x[0])),
-        float(np.arcsin(x[1])),
-    )
-    zero[f"subtalar_{side}.zero"] = 0.0
-    in_parent, in_child = frames("subtalar")
-    point(f"subtalar_{side}.foot", calcn.actInv((talus * in_parent).translation))
-    rest = (talus * in_parent).actInv(calcn) * in_child
-    zero[f"subtalar_{side}.zero"] = float(np.arctan2(rest.rotation[2, 1], rest.rotation[1, 1]))
+    # y of the talus lies along the common perpendicular of both axes of the ankle
+    back = of_shank.inverse()
+    z = lines[f"ankle_{side}"].moved(back).pointing(2).direction
+    x = lines[f"subtalar_{side}"].moved(back).pointing(0).direction
+    in_parent, _ = frames("talocrural", talocrural=0.0)
+    y = in_parent.rotation.T @ np.cross(z, x)
+    ankle = float(np.arctan2(-y[0], y[1]))
+    talus = in_parent * pin.SE3(axis_rotation(2, ankle), np.zeros(3))
+    in_parent, in_child = frames("subtalar", talocrural=ankle, subtalar=0.0)
+    rest = ((talus * in_parent).actInv(of_foot) * in_child).rotation
+    zero = {f"talocrural_{side}.zero": ankle, f"subtalar_{side}.zero": float(np.arctan2(rest[2, 1], rest[1, 1]))}
     return jp, zero, standing
 
 

@@ -192,7 +192,6 @@ SCHEMAS: Final[dict[str, type[BaseModel]]] = {
     "marker_set": marker_set._File,
 }
 """Word in a page -> the table it stands for."""
-OF_STUDY: Final = ("subject", "markers", "trial", "calibration", "plate_error", "joint_prior", "truth")
 _PLAIN: Final = {float: "number", int: "whole number", str: "text", bool: "true or false", type(None): ""}
 
 

@@ -284,7 +284,7 @@ def _axis(
         gathered.put(f"{figure}, mm", **{when: 1e3 * true.distance(found.point)})
     if joint.startswith("knee"):
         peer = sara(*poses(study, joint))[0 if end == "proximal" else 1]
-        gathered.put(f"{figure}, deg", peer=lab.angle(peer.direction))
+        gathered.put(f"{figure}, deg", peer=angle(lab.direction, peer.direction))
         gathered.put(f"{figure}, mm", peer=1e3 * peer_distance(lab, peer, frames[segment]))
     own = [n for n in fitted.truth if n.startswith(f"{prefix}.")]
     for unit, words in (("deg", ("front", "trans", "sag")), ("mm", DIRECTIONS)):

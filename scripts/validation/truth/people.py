@@ -206,16 +206,22 @@ CENTRES = {"hip": "HJC", "knee": "KJC", "ankle": "AJC"}
 
 
 @dataclass(frozen=True, kw_only=True)
-class IsolatedPerson:
-    """A person's isolated trials, and the joints in the laboratory of the static trial."""
+class KnownJoints:
+    """The joints of a person in the laboratory of the static trial."""
 
-    study: Study
     centres: Mapping[str, Array]
     """`hip_r`, ... -> (3,) m."""
     proximal: Mapping[str, Axis]
     """`knee_r`, `ankle_r`, `subtalar_r`, ... -> axis, as the segment above carries it to the static pose."""
     distal: Mapping[str, Axis]
     """The same, as the segment below carries it."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class IsolatedPerson(KnownJoints):
+    """With the isolated trials."""
+
+    study: Study
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -355,7 +361,7 @@ def hip_parameters(frames: Mapping[str, Frame], side: str, centre: Array) -> dic
     }
 
 
-def leg_parameters(person: IsolatedPerson, frames: Mapping[str, Frame], side: str) -> dict[str, float]:
+def leg_parameters(person: KnownJoints, frames: Mapping[str, Frame], side: str) -> dict[str, float]:
     thigh, shank, foot = (frames[f"{name}_{side}"] for name in ("thigh", "shank", "foot"))
     out = hip_parameters(frames, side, person.centres[f"hip_{side}"])
     above = line_in(thigh, person.proximal[f"knee_{side}"]).pointing(2)
