@@ -87,12 +87,12 @@ def hips_in_space(rows: Rows) -> Rows:
 
 def lines(rows: Rows, out: dict[str, float], label: str = "") -> Iterator[str]:
     """How large errors are, and how many the bars hold; figures into `out`, whose names begin with `label`."""
-    yield f"{'joint parameters, RMS':32}{'n':>6}{'prior':>9}{'fitted':>9}{'SE':>7}{'z':>7}{'in 68 %':>9}{'in 95 %':>9}"
+    yield f"{'joint parameters, RMS':44}{'n':>6}{'prior':>9}{'fitted':>9}{'SE':>7}{'z':>7}{'in 68 %':>9}{'in 95 %':>9}"
     for (words, group), fits in sorted(rows.items()):
         prior, error, se = np.concatenate(fits).T
         name, shares, z = f"{label}{words}: {group}", bars(error, se).shares, rms(error / se)
         yield (
-            f"{name:32}{len(error):6}{rms(prior):9.2f}{rms(error):9.2f}{rms(se):7.2f}{z:7.2f}"
+            f"{name:44}{len(error):6}{rms(prior):9.2f}{rms(error):9.2f}{rms(se):7.2f}{z:7.2f}"
             f"{shares[0]:9.0f}{shares[1]:9.0f}"
         )
         out |= {f"{name}: RMS": rms(error), f"{name}: z": z, f"{name}: in 95 %": shares[1]}
