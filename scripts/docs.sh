@@ -9,6 +9,5 @@ make_venv .venv-docs docs
 site=${1:-site}
 version=$(sed -n 's/^version = "\(.*\)"$/\1/p' pyproject.toml)
 NO_MKDOCS_2_WARNING=1 "$venv_python" -m mkdocs build --strict --quiet --site-dir "$(mkdir -p "$site" && cd "$site" && pwd)/$version"
-"$venv_python" -m scripts.tools.documentation --site "$site/$version"
-"$venv_python" -m scripts.tools.documentation.versions "$site"
+"$venv_python" -m scripts.tools.documentation --site "$site/$version" --index
 echo "documentation: $site/$version/index.html"
