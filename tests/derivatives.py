@@ -6,11 +6,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from gaitcal.model.chain import Chain
+from gaitcal.model.chain import Chain, ChainConstants
 from gaitcal.model.coordinates import split_side
+from gaitcal.model.linkage import COORDINATES
 from gaitcal.model.parameters import JOINT_PARAMETERS, JP_NAMES, Kind, Parameters, published_subject
 from gaitcal.motion.marker_residual import MarkerData, PlacedMarkers, marker_positions
 from gaitcal.motion.spline import spline_basis
+from gaitcal.motion.start import starting_nodes
 from gaitcal.motion.trial_problem import MotionProblem
 
 Array = NDArray[np.float64]
@@ -81,3 +83,49 @@ def seeded_trial(seed: int, **shape: Any) -> tuple[np.random.Generator, Paramete
     rng = np.random.default_rng(seed)
     parameters = perturbed_parameters(rng)
     return rng, parameters, *random_trial(rng, parameters, **shape)
+
+
+def random_state(rng: np.random.Generator, frames: int) -> tuple[Array, Array, Array, Array]:
+    """Coordinates (nf, nq), their derivatives, and wrenches of the ground on the feet (nf, 2, 6) N and N·m."""
+    q, v, a = (rng.normal(0, scale, (frames, len(COORDINATES))) for scale in (0.4, 2.0, 9.0))
+    return q, v, a, rng.normal(0, 300, (frames, 2, 6))
+
+
+def noisy(problem: MotionProblem, rng: np.random.Generator, size: float = 0.005) -> MotionProblem:
+    """The trial with noise of so many m on each marker coordinate."""
+    measured = problem.data.measured
+    return problem.with_measured(measured + rng.normal(0, size, measured.shape))
+
+
+def with_gaps(problem: MotionProblem, rng: np.random.Generator) -> MotionProblem:
+    """The trial with weights that change, and a fifth of the positions missing."""
+    shape = problem.data.weight.shape
+    return problem.with_weight(rng.uniform(0.2, 2.0, shape) * (rng.random(shape) > 0.2))
+
+
+def without_segments(problem: MotionProblem, *segments: str, frames: slice = slice(None)) -> MotionProblem:
+    """The trial with no marker of some segments seen in some frames."""
+    weight = problem.data.weight.copy()
+    weight[np.isin(problem.data.segment, [problem.chain.segments.index(s) for s in segments]), frames] = 0.0
+    return problem.with_weight(weight)
+
+
+def started(problem: MotionProblem, parameters: Parameters) -> tuple[ChainConstants, Array]:
+    """Constants of the linkage and the nodes where tracking starts."""
+    constants = problem.constants(parameters)
+    return constants, starting_nodes(problem.chain, constants, problem.data, problem.basis)
+
+
+def from_band(band: Array) -> Array:
+    """The symmetric matrix of a transposed lower band."""
+    out = np.zeros((len(band), len(band)))
+    for d in range(band.shape[1]):
+        values = band[: len(band) - d, d]
+        out += np.diag(values, -d) + (np.diag(values, d) if d else 0.0)
+    return out
+
+
+def assert_covariance(found: Array, expected: Array, atol: float = 1e-4) -> None:
+    """Fail unless two covariances agree in units of the expected standard deviations."""
+    unit = np.sqrt(np.outer(np.diag(expected), np.diag(expected)))
+    np.testing.assert_allclose(found / unit, expected / unit, rtol=0, atol=atol)

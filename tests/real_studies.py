@@ -86,6 +86,6 @@ def write_study(name: str, data: Path, folder: Path, calibration: str = "") -> P
     return path
 
 
-def load_study(name: str, data: Path, folder: Path) -> Study:
+def load_study(name: str, data: Path, folder: Path, calibration: str = "") -> Study:
     """The same, read."""
-    return Study.load(write_study(name, data, folder))
+    return Study.load(write_study(name, data, folder, calibration))

@@ -1,6 +1,7 @@
 """A synthetic person's study as CSV files: standing, walking over two plates, moving one joint."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -87,3 +88,9 @@ def write_synthetic_study(folder: Path, joints: Sequence[str] = (), more: str = 
     more = more if table in more else f"{more}\n{table}"
     path.write_text(text + more.replace(table, table + AS_PUBLISHED), encoding="utf-8")
     return path
+
+
+def only(recording: Recording, kept: Callable[[str], bool]) -> Recording:
+    """The recording with some of its markers."""
+    at = [i for i, label in enumerate(recording.labels) if kept(label)]
+    return replace(recording, labels=tuple(recording.labels[i] for i in at), markers=recording.markers[:, at])

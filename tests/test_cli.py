@@ -143,7 +143,7 @@ def test_calibrate_dynamics_export_on_a_real_walk(data_dir: Path, tmp_path: Path
 def test_demo_recovers_its_subject(kept: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """The person is one of those that other tests ask for, too."""
     person = partial(copied_person, kept, seed=3, noise=True, perturb=True)
-    monkeypatch.setattr("gaitcal.cli.calibrate.synthesize", lambda out, **_: person(out))
+    monkeypatch.setattr("gaitcal.synthetic.subject.synthesize", lambda out, **_: person(out))
     done = gaitcal("demo", "--out", str(tmp_path / "demo"))
     assert done.returncode == 0, done.stderr
     assert "result.html" in done.stdout and "…" not in done.stdout, "no word of a table is cut"

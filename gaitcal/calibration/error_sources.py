@@ -28,8 +28,7 @@ import numpy as np
 from scipy.linalg import block_diag
 
 from gaitcal.arrays import Array, IntArray, stretches
-from gaitcal.calibration.joint_prior import prior_of, prior_root
-from gaitcal.calibration.soft_tissue_artefact import SQUARES
+from gaitcal.calibration import joint_prior, soft_tissue_artefact
 from gaitcal.dynamics.measurement_errors import ErrorSource
 from gaitcal.model.chain import ChainConstants, forward, jacobian
 from gaitcal.model.linkage import COORDINATES
@@ -89,7 +88,7 @@ def nominal_errors(names: Sequence[str] = JP_NAMES, prior: JointPrior | None = N
     more = np.zeros((len(names), len(doubted)))
     more[[list(names).index(name) for name in doubted], np.arange(len(doubted))] = list(doubted.values())
     causes = tuple(f"nominal/{name}" for name in (*names, *doubted))
-    return ErrorSources(tuple(names), np.hstack([prior_root(names, prior), more]), causes)
+    return ErrorSources(tuple(names), np.hstack([joint_prior.prior_root(names, prior), more]), causes)
 
 
 def left_of_prior(joint: str, errors: ErrorSources | None, prior: JointPrior | None = None) -> float:
@@ -102,7 +101,7 @@ def left_of_prior(joint: str, errors: ErrorSources | None, prior: JointPrior | N
     for kind in Kind:
         names = [p.name for p in JOINT_PARAMETERS if p.joint == joint and p.kind is kind]
         if names:
-            before = np.sqrt(np.diag(prior_of(names, prior)[1]))
+            before = np.sqrt(np.diag(joint_prior.prior_of(names, prior)[1]))
             after = np.array([now.get(name, size) for name, size in zip(names, before, strict=True)])
             found.append(float(np.linalg.norm(after) / np.linalg.norm(before)))
     return max(found)
@@ -233,7 +232,7 @@ def source_of(name: str) -> ErrorSource:
     first, _, rest = name.partition("/")
     if first == "nominal" and rest in JP_INDEX:
         return ErrorSource.JOINT_NOMINAL
-    parts = {part.removesuffix(SQUARES) for part in rest.split("/")}
+    parts = {part.removesuffix(soft_tissue_artefact.SQUARES) for part in rest.split("/")}
     if first == "skin" and (rest == "found" or not parts.isdisjoint(COORDINATES)):
         return ErrorSource.SKIN
     if first == "posture" and rest.rpartition("/")[2].isdigit():

@@ -22,8 +22,7 @@ from gaitcal.errors import STUDY, Code, Finding, Severity, listed
 from gaitcal.model.coordinates import COORDINATE_TABLE, JOINT_TABLE, split_side
 from gaitcal.model.linkage import LEG_JOINTS, LOWER_BODY, SIDE_WORDS, SIDES, moved_joints
 from gaitcal.model.parameters import JOINT_PARAMETERS, JP_INDEX, Kind, Parameters
-from gaitcal.motion.motion import rigid_floor
-from gaitcal.motion.rigid import FEWEST_MARKERS
+from gaitcal.motion import motion, rigid
 from gaitcal.motion.start import starting_nodes
 from gaitcal.motion.trial_problem import MotionProblem
 
@@ -184,8 +183,8 @@ def worn_as_standing(problems: Sequence[MotionProblem]) -> bool:
     """Whether the markers of legs and pelvis sit in trials just as in the static trial: on this body, wherever joints
     are found. False where skin or cameras leave that open, and of points that are no markers.
     """
-    floors = [rigid_floor(problem) for problem in problems if problem.noise is None]
-    shown = [(floor, s) for floor in floors for s in LOWER_BODY if floor.kept(s).sum() >= FEWEST_MARKERS]
+    floors = [motion.rigid_floor(problem) for problem in problems if problem.noise is None]
+    shown = [(floor, s) for floor in floors for s in LOWER_BODY if floor.kept(s).sum() >= rigid.FEWEST_MARKERS]
     apart = [floor.rms(segment) or 0.0 for floor, segment in shown]
     return bool(apart) and len(floors) == len(problems) and max(apart) < PLACED_ANEW
 

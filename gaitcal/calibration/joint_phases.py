@@ -26,11 +26,9 @@ from functools import partial
 
 import numpy as np
 
-from gaitcal.calibration import identifiability, soft_tissue_artefact
+from gaitcal.calibration import identifiability, joint_calibration, joint_prior, soft_tissue_artefact
 from gaitcal.calibration.error_sources import ErrorSources, nominal_errors
-from gaitcal.calibration.joint_calibration import JointSettings, passed
 from gaitcal.calibration.joint_estimate import BY_EVIDENCE, JointEstimate, Tasks, estimate_joints, free_of
-from gaitcal.calibration.joint_prior import ANATOMY, prior_of
 from gaitcal.errors import Finding
 from gaitcal.model.linkage import ISOLATED_JOINTS, LEG_JOINTS, LOWER_BODY, SEGMENTS
 from gaitcal.model.parameters import JP_INDEX, JP_NAMES, Parameters, isolated_parameters
@@ -161,7 +159,7 @@ class JointPhase:
 class PhaseSettings:
     """How phases are fitted, and what is known before them."""
 
-    search: JointSettings = BY_EVIDENCE
+    search: joint_calibration.JointSettings = BY_EVIDENCE
     """Bounds and tolerances of the search."""
     prior: JointPrior | None
     """About nominal values; None: nothing is expected, and what trials cannot see is frozen."""
@@ -271,7 +269,7 @@ def _phase(name: str, trials: Sequence[JointProblem], wanted: tuple[str, ...]) -
     kinds = dict.fromkeys(t.kind for t in trials)
     tasks = {kind: tuple(t.fitted for t in trials if t.kind == kind) for kind in kinds}
     recordings = tuple(t.name for kind in kinds for t in trials if t.kind == kind)
-    free = passed([problem for problems in tasks.values() for problem in problems], wanted)
+    free = joint_calibration.passed([problem for problems in tasks.values() for problem in problems], wanted)
     return JointPhase(name=name, tasks=tasks, free=free, recordings=recordings)
 
 
@@ -299,9 +297,9 @@ def calibrate_in_phases(phases: Sequence[JointPhase], nominal: Parameters, how: 
 def calibrate_by_evidence(
     trials: Sequence[JointProblem],
     nominal: Parameters,
-    bounds: JointSettings,
+    bounds: joint_calibration.JointSettings,
     sides: Sequence[str],
-    prior: JointPrior = ANATOMY,
+    prior: JointPrior = joint_prior.ANATOMY,
 ) -> JointCalibration:
     """Joint parameters of the legs of `sides`, of the trunk and of the arms; those beyond `bounds` are told."""
     how = PhaseSettings(prior=prior)
@@ -397,7 +395,7 @@ def _calibration_of(
     done: Sequence[FittedPhase],
     nominal: Parameters,
     prior: JointPrior | None,
-    bounds: JointSettings,
+    bounds: joint_calibration.JointSettings,
     known: ErrorSources,
     problems: Sequence[MotionProblem],
 ) -> JointCalibration:
@@ -417,7 +415,7 @@ def _calibration_of(
     if prior is None:
         unseen, kept = tuple(n for phase in done for n in phase.frozen if n not in spread), "kept at nominal values"
     else:
-        before = np.sqrt(np.diag(prior_of(free, prior)[1]))
+        before = np.sqrt(np.diag(joint_prior.prior_of(free, prior)[1]))
         unseen = tuple(n for n, deviation in zip(free, before, strict=True) if spread[n] > LEARNT * deviation)
         kept = f"held near {prior.held_near([n for n in unseen if n.startswith(LEG_JOINTS)]) or 'nominal values'}"
     turned = {joint: angles for phase in done for joint, angles in phase.turned.items()}

@@ -51,9 +51,7 @@ import numpy as np
 from gaitcal.arrays import Array, BoolArray, IntArray
 from gaitcal.model.parameters import JOINT_PARAMETERS, JP_INDEX, JP_NAMES, JP_TO_SI, Kind, Parameters
 from gaitcal.model.subject_model import PointNoise
-from gaitcal.motion.rigid import FEWEST_MARKERS, rigid_fit
-from gaitcal.motion.spline import SplineBasis, frame_rate
-from gaitcal.motion.trial_problem import MotionProblem
+from gaitcal.motion import rigid, spline, trial_problem
 from gaitcal.study.joint_prior import SIDES_OF, JointPrior
 from gaitcal.study.settings import ParameterPriorTable
 
@@ -223,16 +221,18 @@ def frames_per_sample(errors: Array, seen: BoolArray | None = None) -> float:
     return 1.0 + 2.0 * float(rho[: small[0] if len(small) else None].sum())
 
 
-def least_noise(basis: SplineBasis, noise: PointNoise | None = None) -> float:
+def least_noise(basis: spline.SplineBasis, noise: PointNoise | None = None) -> float:
     """m, nu below which nothing is believed: that of the cameras, at the frames of a trial, or that of points that are
     no markers.
     """
     if noise is not None:
-        return noise.least(frame_rate(basis))
-    return LEAST_ERROR * float(np.sqrt(max(MEMORY_S * frame_rate(basis), 1.0)))
+        return noise.least(spline.frame_rate(basis))
+    return LEAST_ERROR * float(np.sqrt(max(MEMORY_S * spline.frame_rate(basis), 1.0)))
 
 
-def forbidden_noise(problem: MotionProblem, parameters: Parameters, coefficients: Array) -> ForbiddenNoise:
+def forbidden_noise(
+    problem: trial_problem.MotionProblem, parameters: Parameters, coefficients: Array
+) -> ForbiddenNoise:
     """The noise at a motion, coefficients (nn, nq).
 
     Segments of fewer than three markers have no rigid fit, and leave their joints out. Where no joint is left, d is
@@ -257,7 +257,7 @@ def forbidden_noise(problem: MotionProblem, parameters: Parameters, coefficients
 
 
 def _rigid_gap(
-    problem: MotionProblem, parameters: Parameters, coefficients: Array
+    problem: trial_problem.MotionProblem, parameters: Parameters, coefficients: Array
 ) -> tuple[Array, list[int], BoolArray]:
     """(nm, 3, nf) m, weighted, from the linkage to the rigid fits; the segments that have one; and the frames (nf,) in
     which all of them do.
@@ -268,9 +268,9 @@ def _rigid_gap(
     model = problem.positions(coefficients, problem.constants(parameters))
     for segment, markers in data.placed.groups:
         weight = data.weight[markers]
-        if ((weight > 0).any(axis=1)).sum() < FEWEST_MARKERS:
+        if ((weight > 0).any(axis=1)).sum() < rigid.FEWEST_MARKERS:
             continue
-        fit = rigid_fit(data.local[markers], data.measured[markers], weight)
+        fit = rigid.rigid_fit(data.local[markers], data.measured[markers], weight)
         followed = np.einsum("fij,mj->mif", fit.rotation, data.local[markers]) + fit.origin.T
         gap[markers] = np.sqrt(weight)[:, None] * (followed - model[markers]) * fit.determined
         segments.append(segment)

@@ -48,8 +48,7 @@ from gaitcal.arrays import Array
 from gaitcal.calibration.joint_prior import LEAST_SAMPLES, frames_per_sample, least_noise
 from gaitcal.model.linkage import BENDS, ISOLATED_JOINTS, JOINT_OF_CHILD, JOINTS, LEG_JOINTS, Source, segment_kind
 from gaitcal.model.parameters import Parameters
-from gaitcal.motion import soft_tissue
-from gaitcal.motion.motion import tracked_motion
+from gaitcal.motion import motion, soft_tissue
 from gaitcal.motion.rigid import FEWEST_MARKERS, rigid_fit
 from gaitcal.motion.trial_problem import MotionProblem
 
@@ -392,7 +391,7 @@ def task_tissue(kinds: Mapping[str, str], parts: Mapping[str, MotionProblem], no
 
 def _angles(nominal: Parameters, part: MotionProblem) -> dict[str, Array]:
     """Coordinate -> (nf,) rad, of those that a marker of the trial shows."""
-    q = tracked_motion(part, nominal).q
+    q = motion.tracked_motion(part, nominal).q
     return {name: values for name, values, on in zip(part.chain.coordinates, q.T, part.active, strict=True) if on}
 
 

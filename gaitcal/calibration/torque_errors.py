@@ -21,10 +21,8 @@ import numpy as np
 from gaitcal.arrays import Array, stretches
 from gaitcal.calibration.error_sources import ErrorSources, MotionSensitivity, marker_moves, squares
 from gaitcal.calibration.inertial_calibration import InertialFit
-from gaitcal.dynamics import measurement_errors
-from gaitcal.dynamics.derivatives import force_derivatives
+from gaitcal.dynamics import derivatives, joint_kinetics, measurement_errors
 from gaitcal.dynamics.inverse_dynamics import FORCES, Dynamics
-from gaitcal.dynamics.joint_kinetics import HELD, kinetic_errors, kinetic_slopes
 from gaitcal.model.parameters import Parameters, dynamic_jacobian
 from gaitcal.motion.trial_problem import MotionProblem
 
@@ -64,7 +62,7 @@ class ErringForces:
         self.free: tuple[str, ...] = joint.free if joint else ()
         self.moves = moves or marker_moves(problem, coefficients, parameters, joint)
         self.inertial, self.axes, self.plates = inertial, axes, plates
-        self._dynamics = Dynamics(parameters, HELD)
+        self._dynamics = Dynamics(parameters, joint_kinetics.HELD)
         self._rates = measurement_errors.wrench_rates(problem.basis.time, wrenches)
         self._state = [problem.basis.evaluate(coefficients, k) for k in range(3)]
 
@@ -81,8 +79,8 @@ class ErringForces:
         """Of some frames."""
         dynamics, wrenches = self._dynamics, self.wrenches[part]
         q, v, a = (x[part] for x in self._state)
-        slopes = force_derivatives(self.parameters, self.free, q, v, a, wrenches, HELD)
-        kinetic = kinetic_slopes(self.parameters, q, v, dynamics.forces(q, v, a, wrenches), self.free)
+        slopes = derivatives.force_derivatives(self.parameters, self.free, q, v, a, wrenches, joint_kinetics.HELD)
+        kinetic = joint_kinetics.kinetic_slopes(self.parameters, q, v, dynamics.forces(q, v, a, wrenches), self.free)
         through = kinetic.by_force
         by_state = np.concatenate(
             [
@@ -137,7 +135,7 @@ def joined(parts: Sequence[Variances]) -> measurement_errors.TorqueErrors:
     """The errors of a trial from the variances of all its frames, part after part."""
     torques = {source: np.concatenate([part.torques[source] for part in parts]) for source in parts[0].torques}
     kinetics, own = (np.concatenate([getattr(part, name) for part in parts]) for name in ("kinetics", "own"))
-    return measurement_errors.TorqueErrors.of(torques, kinetic_errors(kinetics, own))
+    return measurement_errors.TorqueErrors.of(torques, joint_kinetics.kinetic_errors(kinetics, own))
 
 
 def _inertial_moves(dynamics: Dynamics, parameters: Parameters, spread: Array, q: Array, v: Array, a: Array) -> Array:

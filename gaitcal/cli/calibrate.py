@@ -19,27 +19,23 @@ from gaitcal.errors import Code, ConvergenceError, Finding, InputError, Severity
 from gaitcal.faults.evidence import MarkerEvidence
 from gaitcal.faults.study import check_further, check_study, further_evidence, further_moves
 from gaitcal.faults.verdict import Judgement, Verdict, judge, stopping, without_consequences
-from gaitcal.gait.events import activity_events
-from gaitcal.gait.normal_bands import bands_file, read_normal_bands
+from gaitcal.gait import events, normal_bands
 from gaitcal.io.csv import events_beside
 from gaitcal.io.result_folder import ResultKind, require_room, sha256_of
 from gaitcal.model.linkage import LOWER_BODY
 from gaitcal.results.calibration import PAGE, write_results
 from gaitcal.results.saved import SavedResult, load_result
 from gaitcal.results.trials import write_trials
+from gaitcal.session import drafting, trial_result, truth_comparison
 from gaitcal.session.calibrate import calibrate
 from gaitcal.session.draft import STUDY, Draft, draft_notes, draft_text, files_of, settings_text, study_of
-from gaitcal.session.drafting import faulty_notes, rejected_forces, without_faulty_trials
 from gaitcal.session.result import Calibration, Loads, TrialResult
-from gaitcal.session.trial_result import analyse
-from gaitcal.session.truth_comparison import sums
 from gaitcal.study.joint_prior import with_cohort_priors
 from gaitcal.study.settings import CalibrationSettings
 from gaitcal.study.study import Study, input_files
 from gaitcal.study.study_file import Side, TrialTable, load_study_file
 from gaitcal.study.study_trial import Role, Trial, read_trial
-from gaitcal.synthetic.subject import synthesize
-from gaitcal.synthetic.truth import CURVES, PARAMETERS
+from gaitcal.synthetic import subject, truth
 
 LABELS = {Severity.ERROR: "error", Severity.WARNING: "warning", Severity.INFO: "note"}  # How a reason begins
 
@@ -81,8 +77,8 @@ def calibrate_study(
     bands, or the name of those that gaitcal brings. `priors`: file of a cohort, on which joint parameters lean
     where the study file names none.
     """
-    normal = None if normal is None else bands_file(normal)
-    bands = None if normal is None else read_normal_bands(normal)
+    normal = None if normal is None else normal_bands.bands_file(normal)
+    bands = None if normal is None else normal_bands.read_normal_bands(normal)
     source = study_or_draft(study, options_of(mass, height, sex, age), console)
     drafted = source if isinstance(source, Draft) else None
     inputs = _inputs(source, priors)
@@ -92,14 +88,14 @@ def calibrate_study(
         loaded, findings = _checked(source, priors)
         faulty: dict[str, str] = {}
         if not force and (drafted is not None or stopping(findings, loaded.walks)):
-            loaded, findings, faulty = without_faulty_trials(loaded, findings)
+            loaded, findings, faulty = drafting.without_faulty_trials(loaded, findings)
             drafted = drafted and drafted.without(faulty)
         if drafted is not None:
-            findings = (*findings, *rejected_forces(drafted))
+            findings = (*findings, *drafting.rejected_forces(drafted))
         if not force:
             stop_on_errors(findings, loaded.walks, study)
         calibration = calibrate(loaded, step, leave_out=hold_out, checked=findings)
-        notes = draft_notes(drafted) if drafted is not None else faulty_notes(faulty)
+        notes = draft_notes(drafted) if drafted is not None else drafting.faulty_notes(faulty)
         calibration = replace(calibration, notes=(*notes, *calibration.notes), left_out=faulty)
         step("writing the results")
         made_with = {} if normal is None else {"normal": normal.name, "normal_sha256": sha256_of(normal)}
@@ -165,7 +161,9 @@ def analyse_further(
         done = []
         for one in evidence:
             step(f"{one.name}: tracking and inverse dynamics")
-            done.append(analyse(saved.model, one.trial, saved.settings, saved.uncertainty, further_moves(one)))
+            done.append(
+                trial_result.analyse(saved.model, one.trial, saved.settings, saved.uncertainty, further_moves(one))
+            )
         late = [trial.name for trial in done if not trial.calibrated.converged]
         findings += [*_edited(saved, done), *map(_not_tracked, late), *(f for t in done for f in t.findings)]
         verdict = judge(without_consequences(findings), [trial.name for trial in done])
@@ -186,7 +184,7 @@ def analyse_further(
 
 def _no_walks(trials: Sequence[TrialResult]) -> list[str]:
     """What a trial that was taken as a walk looks like, where its feet do not strike in turn."""
-    repeats = {t.name: activity_events(t.body, t.events).repeats for t in trials if t.role is Role.GAIT}
+    repeats = {t.name: events.activity_events(t.body, t.events).repeats for t in trials if t.role is Role.GAIT}
     return [
         f"{name}: taken as a walk, but its feet do not strike in turn and the pelvis goes down and up: "
         "if it is a squat, a rise or a jump, run again with --role motion"
@@ -304,10 +302,10 @@ def write_subject(
     kept = require_room(out, ResultKind.SYNTHETIC)
     with console.working() as step:
         step("writing C3D files of the synthetic subject")
-        study = synthesize(out, seed=seed, noise=noise, perturb=perturb, also=movement or ())
+        study = subject.synthesize(out, seed=seed, noise=noise, perturb=perturb, also=movement or ())
     _tell_kept(console, kept)
     console.line(f"study: {study}")
-    console.line(f"truth: {study.parent / PARAMETERS}, {study.parent / CURVES}")
+    console.line(f"truth: {study.parent / truth.PARAMETERS}, {study.parent / truth.CURVES}")
     console.line(f"next:  gaitcal calibrate {study} --out {out}-result")
 
 
@@ -318,7 +316,7 @@ def demonstrate(console: Console, out: options.Out = Path("gaitcal-demo")) -> No
     kept = require_room(result, ResultKind.CALIBRATION)
     with console.working() as step:
         step("writing C3D files of a synthetic subject with marker noise and wrong nominal parameters")
-        path = synthesize(folder, seed=SEED, noise=True, perturb=True)
+        path = subject.synthesize(folder, seed=SEED, noise=True, perturb=True)
         step("reading them back")
         study = Study.load(path)
         calibration = calibrate(study, step)
@@ -338,10 +336,10 @@ def demonstrate(console: Console, out: options.Out = Path("gaitcal-demo")) -> No
 def _print_calibration(console: Console, calibration: Calibration) -> None:
     """The summary of a calibration: fit of every trial, pelvis residuals, verdict."""
     _print_trials(console, calibration.trials)
-    for total in sums(calibration, calibration.truth) if calibration.truth else ():
+    for total in truth_comparison.sums(calibration, calibration.truth) if calibration.truth else ():
         console.line(total.sentence)
     _print_verdict(console, calibration.verdict)
-    for note in faulty_notes(calibration.left_out):
+    for note in drafting.faulty_notes(calibration.left_out):
         console.line(note)
     _print_remarks(console, (), calibration.notes)
 

@@ -6,13 +6,11 @@ from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
-from gaitcal.cli import options
+from gaitcal.cli import folder, options
 from gaitcal.cli.console import Console
-from gaitcal.cli.folder import options_of
+from gaitcal.cohort import learning, one_person
 from gaitcal.cohort.learn_priors import PRIORS
 from gaitcal.cohort.learn_priors import learn_priors as learn
-from gaitcal.cohort.learning import FEWEST
-from gaitcal.cohort.one_person import CommonSettings
 from gaitcal.cohort.outcome import Outcome
 from gaitcal.cohort.page import PAGE
 from gaitcal.cohort.people import COHORT, joined, read_cohort
@@ -45,7 +43,7 @@ def run_people(
     learn_priors: options.LearnPriors = False,
 ) -> None:
     """Calibrate everyone who changed, write the tables, print a line for each; exit code 1 where somebody failed."""
-    told, engine = options_of(mass, height, sex, age), workers_of(jobs, cluster, processes)
+    told, engine = folder.options_of(mass, height, sex, age), workers_of(jobs, cluster, processes)
     normal = None if normal is None else bands_file(normal).resolve()
     if normal is not None:
         read_normal_bands(normal)  # what is wrong with it is told before the night
@@ -59,9 +57,9 @@ def run_people(
         console.line(f"not used: {name}: holds no recordings")
     for note in cohort.notes:
         console.line(note)
-    if learn_priors and (people := len({person.name for person in cohort.people})) < FEWEST:
-        console.line(f"no priors will be learnt: {people} people, of {FEWEST} or more they can be")
-    common = CommonSettings(calibration=calibration, normal=normal, priors=priors)
+    if learn_priors and (people := len({person.name for person in cohort.people})) < learning.FEWEST:
+        console.line(f"no priors will be learnt: {people} people, of {learning.FEWEST} or more they can be")
+    common = one_person.CommonSettings(calibration=calibration, normal=normal, priors=priors)
     try:
         with console.working() as step:
             written = run_cohort(

@@ -8,20 +8,15 @@ from typing import Any, Final
 import numpy as np
 import pandas as pd
 
-from gaitcal.cli import options
+from gaitcal.cli import options, other_programs
 from gaitcal.cli.console import Console
-from gaitcal.cli.other_programs import convention_of
 from gaitcal.errors import Code, InputError, UsageError, nearest
 from gaitcal.figures.chart import Chart
 from gaitcal.figures.paper import Strides, moment_arm_charts, paper_charts
 from gaitcal.figures.report import FORMATS, HealthyBands, Told, report_charts, write_charts
-from gaitcal.gait.conventions import Signs
-from gaitcal.gait.cycles import WALKING, Kind
+from gaitcal.gait import conventions, cycles, moments, normal_bands
 from gaitcal.gait.ensemble import ensemble
-from gaitcal.gait.moments import counted
-from gaitcal.gait.normal_bands import read_normal_bands
-from gaitcal.io.result_folder import amended, put_back, read_object
-from gaitcal.io.snapshot import read_whole
+from gaitcal.io import result_folder, snapshot
 from gaitcal.model.subject_model import Subject
 from gaitcal.page.page_data import PAGE_DATA, page_toe_offs, read_page_data
 from gaitcal.results.cycles import CYCLES, read_cycles
@@ -63,8 +58,10 @@ def draw_figures(
             message = "found with --for report, whose pages show the result as its files do; allowed: with --for paper"
             raise UsageError(message, field=field)
     wide = COLUMN if width is None else _width(width)
-    signs = convention_of(convention or Signs.CLINICAL.value, None, units or "Nm/kg", external=external)
-    put_back(result)
+    signs = other_programs.convention_of(
+        convention or conventions.Signs.CLINICAL.value, None, units or "Nm/kg", external=external
+    )
+    result_folder.put_back(result)
     if not result.is_dir():
         message = "no such folder; allowed: a result of 'gaitcal calibrate' or 'gaitcal dynamics'"
         raise InputError(message, source=result, code=Code.NO_RESULT)
@@ -72,16 +69,16 @@ def draw_figures(
     with console.working() as step:
         step("reading the result")
         if purpose == REPORT:
-            told, read = read_whole(result, names, lambda: _told(result, normal))
+            told, read = snapshot.read_whole(result, names, lambda: _told(result, normal))
             charts, page_data = report_charts(told), told.page_data
         else:
-            (strides, page_data), read = read_whole(result, names, lambda: _strides(result, normal))
+            (strides, page_data), read = snapshot.read_whole(result, names, lambda: _strides(result, normal))
             charts = paper_charts(strides, signs, wide) if signs else []
             charts += [one for table in _moment_arms(result, only or ()) for one in moment_arm_charts(table, wide)]
         charts = chosen(charts, only or ())
         folder = out or result / FOLDER
-        with amended(folder) as stage:
-            step(f"drawing {counted(len(charts), 'figure')}")
+        with result_folder.amended(folder) as stage:
+            step(f"drawing {moments.counted(len(charts), 'figure')}")
             files = write_charts(charts, stage, endings)
             read.require_unchanged()
     for remark in read.remarks:
@@ -176,9 +173,9 @@ def _healthy(page_data: Mapping[str, Any], normal: Path | None) -> HealthyBands:
     """Bands of the file the user names, else those the result was made with."""
     if normal is not None:
         subject = _subject(page_data)
-        bands = read_normal_bands(normal)
+        bands = normal_bands.read_normal_bands(normal)
         return {name: {side: band.for_person(subject, side) for side in "rl"} for name, band in bands.items()}
-    endings = {kind.words: kind.ending for kind in Kind if kind is not Kind.FORCE}
+    endings = {kind.words: kind.ending for kind in cycles.Kind if kind is not cycles.Kind.FORCE}
     return {
         f"{band['base']}{endings.get(band['kind'], '')}": {
             side: (np.array(band[side][0], dtype=np.float64), np.array(band[side][1], dtype=np.float64))
@@ -198,7 +195,7 @@ def _told(folder: Path, normal: Path | None) -> Told:
     truth = {} if known is None else dict(zip(known["name"], known["truth"].astype(float), strict=True))
     return Told(
         page_data=page_data,
-        summary=read_object(folder / SUMMARY),
+        summary=result_folder.read_object(folder / SUMMARY),
         parameters=parameters,
         truth=truth,
         healthy=_healthy(page_data, normal),
@@ -220,8 +217,8 @@ def _strides(folder: Path, normal: Path | None) -> tuple[Strides, dict[str, Any]
 def _of_one_activity(strides: pd.DataFrame, folder: Path) -> pd.DataFrame:
     """Strides of walks; where there are none, what one other activity repeats."""
     found = list(strides["activity"].unique())
-    if WALKING in found or not found:
-        return strides[strides["activity"] == WALKING]
+    if cycles.WALKING in found or not found:
+        return strides[strides["activity"] == cycles.WALKING]
     if len(found) > 1:
         message = f"holds no walk, and several other activities: {', '.join(found)}; one alone can be drawn"
         raise InputError(message, source=folder / CYCLES, code=Code.NOTHING_TO_SHOW)

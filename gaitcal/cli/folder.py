@@ -15,8 +15,7 @@ from gaitcal.cli.console import Console, frameless_table
 from gaitcal.errors import Code, Finding, InputError, Severity, UsageError
 from gaitcal.faults.study import check_file, check_study
 from gaitcal.faults.verdict import stopping
-from gaitcal.io.atomic import atomic_text, real_path
-from gaitcal.io.formats import MARKER_READERS
+from gaitcal.io import atomic, formats
 from gaitcal.session.draft import (
     STUDY,
     Draft,
@@ -82,7 +81,7 @@ def draft_study_file(
     print_seen(console, draft)
     if draft.fault:
         raise InputError(draft.fault, source=folder, code=Code.FOLDER)
-    atomic_text(target, draft_text(draft, real_path(target).parent))
+    atomic.atomic_text(target, draft_text(draft, atomic.real_path(target).parent))
     console.line(f"study: {target}")
     _stop_on_problem(draft, target, "is written, but ", "write it there, or run again with --force ")
     nominal_of(study_of(draft, proposed=True))  # an error of the static trial is told now
@@ -108,7 +107,7 @@ def study_or_draft(path: Path, options: Options, console: Console) -> Path | Dra
     Raises UsageError: Options of the person beside a study file, which says it.
     Raises InputError: A folder with several study files, or from which no study follows.
     """
-    if path.suffix.lower() in MARKER_READERS and path.is_file():
+    if path.suffix.lower() in formats.MARKER_READERS and path.is_file():
         raise UsageError("is a recording; name its folder, with the static trial in it, or a study file", source=path)
     if not path.is_dir():
         _no_options_beside(path, options)

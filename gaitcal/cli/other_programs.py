@@ -15,11 +15,7 @@ from gaitcal.cli.console import Console, frameless_table
 from gaitcal.cli.options import MODELS
 from gaitcal.dynamics.joint_kinetics import MomentFrame
 from gaitcal.errors import Code, InputError, UsageError, nearest, note_of
-from gaitcal.export import account
-from gaitcal.export.joint_moves import carried_csv, joints_csv
-from gaitcal.export.joint_transfer import into_osim
-from gaitcal.export.osim import write_osim
-from gaitcal.export.other_formats import write_mjcf, write_urdf
+from gaitcal.export import account, joint_moves, joint_transfer, osim, other_formats
 from gaitcal.figures.comparison import listed, plain_page, plain_table, warning
 from gaitcal.gait.conventions import Acting, Convention, MomentUnit, Signs
 from gaitcal.io.atomic import atomic_bytes, atomic_text, disk_errors
@@ -35,7 +31,11 @@ JOINTS, MASSES = "joints", "masses"  # What `--parameters` allows; the second ne
 STAY, FOLLOW = "stay", "follow"  # What `--attachments` allows
 SIGNS = {s.value: s for s in Signs} | {"gaitcal": Signs.OPENSIM}
 """What `--convention` allows; a file of normal bands says `gaitcal` or `opensim` for the same."""
-WRITERS = {"osim": (write_osim, "model.osim"), "urdf": (write_urdf, "model.urdf"), "mjcf": (write_mjcf, "model.xml")}
+WRITERS = {
+    "osim": (osim.write_osim, "model.osim"),
+    "urdf": (other_formats.write_urdf, "model.urdf"),
+    "mjcf": (other_formats.write_mjcf, "model.xml"),
+}
 
 
 def convert_recording(
@@ -238,7 +238,7 @@ def export_into(
     if saved.uncertainty.joint is None:
         message = "its joint parameters were not calibrated: there is nothing to put into a model"
         raise InputError(message, source=result, code=Code.NO_RESULT)
-    done = into_osim(
+    done = joint_transfer.into_osim(
         saved.model,
         model,
         errors=saved.uncertainty.joint,
@@ -255,7 +255,7 @@ def export_into(
         console.line(f"warning: {text}")
     saved.files.require_unchanged()
     atomic_bytes(out, done.content)
-    atomic_text(out.with_suffix(".joints.csv"), joints_csv(done.joints))
+    atomic_text(out.with_suffix(".joints.csv"), joint_moves.joints_csv(done.joints))
     earlier = _earlier(out)
     for path in earlier:
         with disk_errors(path):
@@ -263,7 +263,7 @@ def export_into(
     if earlier:
         console.line(f"removed, as of an earlier run: {', '.join(str(p.relative_to(out.parent)) for p in earlier)}")
     if done.carried:
-        atomic_text(out.with_suffix(".attachments.csv"), carried_csv(done.carried))
+        atomic_text(out.with_suffix(".attachments.csv"), joint_moves.carried_csv(done.carried))
     tables, said = [*account.joint_tables(done)], [*account.sentences(done)]
     for table in tables:
         _tell_table(console, table)

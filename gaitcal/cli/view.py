@@ -26,19 +26,14 @@ from rich.text import Text
 
 from gaitcal.cli import options
 from gaitcal.cli.console import Console, frameless_table
+from gaitcal.compare import difference, opensim_motion, sessions
 from gaitcal.compare.comparison import compare, osim_words
-from gaitcal.compare.difference import numbers_of, subject
-from gaitcal.compare.opensim_motion import compare_motion
-from gaitcal.compare.sessions import SessionComparison
 from gaitcal.errors import Code, InputError, UsageError, note_of
-from gaitcal.gait.moments import counted
-from gaitcal.gait.normal_bands import read_normal_bands
+from gaitcal.gait import moments, normal_bands
 from gaitcal.io.atomic import atomic_text
 from gaitcal.io.result_folder import MANIFEST, ResultKind, file_in_place, require_room
-from gaitcal.page.bone_files import bones_of_folder
-from gaitcal.page.view import page_html, sentences
-from gaitcal.results.calibration import result_page
-from gaitcal.results.saved import load_result_model, our_trials
+from gaitcal.page import bone_files, view
+from gaitcal.results import calibration, saved
 from gaitcal.results.sessions import compare_results, comparison_content, comparison_html, write_comparison
 from gaitcal.results.shared_model import compare_with_shared_model
 
@@ -153,11 +148,11 @@ def view_result(
     `geometry`: bones of this folder, else the installed ones.
     """
     if other is None:
-        bones = None if geometry is None else bones_of_folder(geometry)
-        shown, lines = result_page(result)
-        for line in (*lines, *sentences(shown)):
+        bones = None if geometry is None else bone_files.bones_of_folder(geometry)
+        shown, lines = calibration.result_page(result)
+        for line in (*lines, *view.sentences(shown)):
             console.line(line)
-        page = page_html(shown, bones)
+        page = view.page_html(shown, bones)
     else:
         if geometry is not None:
             raise UsageError("found two results, whose page has no bones; allowed: with one result", field="--geometry")
@@ -192,14 +187,14 @@ def print_report(
     said = {} if file is None else read_comments(file)
     content: ReportContent | ComparisonContent
     if other is None:
-        named = None if normal is None else (read_normal_bands(normal), normal.name)
+        named = None if normal is None else (normal_bands.read_normal_bands(normal), normal.name)
         content = report_content(result, named, said)
     else:
         content = comparison_content(compare_results(result, other), (result, other), said)
     target = pdf or result / REPORT
     with file_in_place(target) as path:
         pages = write_pdf(content, path)
-    console.line(f"wrote {target}: {counted(pages, 'page')}" + (f", comments of {file}" if file else ""))
+    console.line(f"wrote {target}: {moments.counted(pages, 'page')}" + (f", comments of {file}" if file else ""))
 
 
 SHOWN = 30  # Rows of the table on the screen; the file has all
@@ -247,7 +242,7 @@ def compare_sessions_or_models(
         console.line(f"wrote {out}")
 
 
-def tell(comparison: SessionComparison, console: Console) -> None:
+def tell(comparison: sessions.SessionComparison, console: Console) -> None:
     """Warnings and words first, then the table of what differs most."""
     for line in comparison.lines:
         console.line(line)
@@ -256,7 +251,7 @@ def tell(comparison: SessionComparison, console: Console) -> None:
     table = frameless_table(("figure", "unit"), (*comparison.names, "difference", "missed below", "times"))
     table.columns[0].min_width = WIDTH
     for d in comparison.found[:SHOWN]:
-        table.add_row(Text(subject(d)), d.unit, *numbers_of(d))
+        table.add_row(Text(difference.subject(d)), d.unit, *difference.numbers_of(d))
     console.line()
     console.out.print(table)
     if (rest := len(comparison.found) - SHOWN) > 0:
@@ -266,7 +261,7 @@ def tell(comparison: SessionComparison, console: Console) -> None:
 def compare_models(result: Path, osim: Path, console: Console) -> None:
     """Say in words what an OpenSim model differs in, then print its joint axes, masses and lengths beside ours."""
     table = frameless_table(("quantity", "unit"), ("ours", "theirs", "difference"))
-    model, read, doubts = load_result_model(result)
+    model, read, doubts = saved.load_result_model(result)
     for text in (*read.remarks, *map(note_of, doubts)):
         console.line(f"warning: {text}")
     rows = compare(model, osim)
@@ -283,8 +278,8 @@ def compare_motions(result: Path, osim: Path, console: Console) -> None:
     """Coordinates and moments of an OpenSim model in the recordings of a result, by OpenSim, beside ours."""
     with console.working() as step:
         step("inverse kinematics and dynamics in OpenSim")
-        trials = our_trials(result)
-        found = compare_motion(load_result_model(result)[0], osim, trials)
+        trials = saved.our_trials(result)
+        found = opensim_motion.compare_motion(saved.load_result_model(result)[0], osim, trials)
     table = frameless_table(("coordinate", "unit"), ("ours, range", "offset", "rest, RMS", "correlation"))
     for curve in found.curves:
         numbers = (float(np.ptp(curve.ours)), curve.offset, curve.rest)

@@ -26,11 +26,9 @@ from gaitcal.cohort.people import CohortPerson, is_folder, no_folder
 from gaitcal.errors import STUDY, Code, InputError
 from gaitcal.faults.study import check_study
 from gaitcal.faults.verdict import Judgement, stopping
+from gaitcal.gait import normal_bands, profile_score, spatiotemporal
 from gaitcal.gait.cycles import WALKING, Kind, kind_of
-from gaitcal.gait.normal_bands import read_normal_bands
 from gaitcal.gait.peaks import PEAK_COLUMNS, PEAKS
-from gaitcal.gait.profile_score import BOTH, GPS
-from gaitcal.gait.spatiotemporal import MEASURES
 from gaitcal.io.result_folder import MANIFEST, ResultKind, read_object, require_room, sha256_of
 from gaitcal.model.linkage import SIDES
 from gaitcal.results.calibration import write_results
@@ -50,10 +48,9 @@ from gaitcal.session.draft import (
 )
 from gaitcal.session.drafting import draft_of, faulty_notes, rejected_forces, without_faulty_trials
 from gaitcal.session.folder import read_folder
-from gaitcal.study.joint_prior import require_joint_prior, with_cohort_priors
+from gaitcal.study import joint_prior, study_file
 from gaitcal.study.settings import CalibrationSettings
 from gaitcal.study.study import Study, input_files
-from gaitcal.study.study_file import load_study_file
 
 ANYWAY = 0.005
 """Relative difference of a study file's mass or height from what else is said of the person, from which it is told."""
@@ -95,7 +92,7 @@ def calibrate_person(person: CohortPerson, out: Path, common: CommonSettings) ->
     own = own_study(folder)
     drafted = None
     if own is not None:
-        inputs, study = input_files(load_study_file(own), own), Study.load(own)
+        inputs, study = input_files(study_file.load_study_file(own), own), Study.load(own)
     else:
         drafted = _ready(draft_of(folder, person.told))
         inputs, study = files_of(drafted), study_of(drafted)
@@ -103,9 +100,9 @@ def calibrate_person(person: CohortPerson, out: Path, common: CommonSettings) ->
     require_room(out, ResultKind.CALIBRATION, inputs)
     of_all = {name: value for name, value in common.said.items() if name not in study.settings.model_fields_set}
     study = replace(study, settings=study.settings.model_copy(update=of_all))
-    require_joint_prior(study.settings, study.source)
+    joint_prior.require_joint_prior(study.settings, study.source)
     if common.priors is not None and study.joint_prior is None:
-        study = with_cohort_priors(study, common.priors)
+        study = joint_prior.with_cohort_priors(study, common.priors)
     findings = check_study(study)
     faulty: dict[str, str] = {}
     if drafted is not None or stopping(findings, study.walks):
@@ -125,7 +122,7 @@ def calibrate_person(person: CohortPerson, out: Path, common: CommonSettings) ->
     calibration = replace(calibration, notes=(*notes, *calibration.notes), left_out=faulty)
     normal = common.normal
     made_with = {} if normal is None else {"normal": normal.name, "normal_sha256": sha256_of(normal)}
-    bands = None if normal is None else read_normal_bands(normal)
+    bands = None if normal is None else normal_bands.read_normal_bands(normal)
     settings = settings_text(common.calibration, common.priors, out)
     text = None if drafted is None else draft_text(drafted, out) + settings
     write_results(calibration, out, made_with, drafted=text, normal=bands)
@@ -232,8 +229,10 @@ def _columns() -> tuple[Column, ...]:
     for name in MEASURED:
         for side, leg in _LEGS:
             where = f"{name} of the {leg} leg's valid straight strides"
-            out.append(Column(f"{name}_{side}", float, MEASURES[name], f"mean {where}"))
-            out.append(Column(f"{name}_sd_{side}", float, MEASURES[name], f"standard deviation, {where}"))
+            out.append(Column(f"{name}_{side}", float, spatiotemporal.MEASURES[name], f"mean {where}"))
+            out.append(
+                Column(f"{name}_sd_{side}", float, spatiotemporal.MEASURES[name], f"standard deviation, {where}")
+            )
     out += [Column(f"strides_{side}", int, "", f"valid straight strides of the {leg} leg") for side, leg in _LEGS]
     for peak in PEAKS.values():
         for side, leg in _LEGS:
@@ -241,7 +240,7 @@ def _columns() -> tuple[Column, ...]:
             unit = PER_KG[kind_of(peak.variable)]
             out.append(Column(f"{peak.name}_{side}", float, unit, meant))
             out.append(Column(f"{peak.name}_se_{side}", float, unit, f"standard error: {meant}"))
-    for side, leg in (*_LEGS, (BOTH, "both legs")):
+    for side, leg in (*_LEGS, (profile_score.BOTH, "both legs")):
         meant = f"Gait Profile Score of {leg}, against healthy people of that age and speed"
         out.append(Column(f"gait_profile_score_{side}", float, "deg", meant))
         out.append(Column(f"gait_profile_score_se_{side}", float, "deg", f"standard error: {meant}"))
@@ -415,8 +414,8 @@ def _together(pairs: Iterable[tuple[int, float | None]]) -> float | None:
 
 def _profile_scores(profile: Mapping[str, Mapping[str, Any]]) -> Iterator[tuple[str, Cell]]:
     for side, of_side in profile.items():
-        yield f"gait_profile_score_{side}", of_side[GPS]["score"]
-        yield f"gait_profile_score_se_{side}", of_side[GPS].get("se")
+        yield f"gait_profile_score_{side}", of_side[profile_score.GPS]["score"]
+        yield f"gait_profile_score_se_{side}", of_side[profile_score.GPS].get("se")
 
 
 def _spatiotemporal(means: Mapping[str, Mapping[str, Any]]) -> Iterator[tuple[str, Cell]]:

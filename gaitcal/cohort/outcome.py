@@ -23,14 +23,12 @@ from gaitcal.cohort.one_person import Cell, CommonSettings, calibrate_person, me
 from gaitcal.cohort.people import CohortPerson, is_folder
 from gaitcal.errors import Code, GaitcalError, InputError
 from gaitcal.gait.cycles import CYCLE_COLUMNS
-from gaitcal.io.atomic import atomic_file, atomic_text
+from gaitcal.io import atomic, opensim_files
 from gaitcal.io.csv import plates_file
-from gaitcal.io.opensim_files import tables_there
 from gaitcal.io.result_folder import MANIFEST, SELF, read_object, sha256_of
 from gaitcal.io.toml import MAX_BYTES, package_version, read_validated
 from gaitcal.model.linkage import SIDES
-from gaitcal.results.cycles import read_cycles
-from gaitcal.results.stride_files import ENSEMBLE
+from gaitcal.results import cycles, stride_files
 from gaitcal.runtime import keep_freed_memory, with_one_blas_thread
 from gaitcal.session.draft import study_files
 from gaitcal.session.folder import MARKER_ENDINGS, TABLE_ENDINGS
@@ -95,7 +93,7 @@ def state_file(out: Path, place: str, ending: str) -> Path:
 def keep(out: Path, outcome: Outcome) -> None:
     """Write an outcome, whole or not at all."""
     content = asdict(replace(outcome, row={**outcome.row}))
-    atomic_text(
+    atomic.atomic_text(
         state_file(out, outcome.place, ".json"), json.dumps(content, ensure_ascii=False, allow_nan=False) + "\n"
     )
 
@@ -192,7 +190,7 @@ def _named_in(study: Path) -> Iterator[Path]:
 
 def _drawn_on(file: Path) -> Iterator[Path]:
     """Files that come into it with a file: tables of an XML of external forces, corners of plates beside a table."""
-    yield from tables_there(file)
+    yield from opensim_files.tables_there(file)
     if (corners := plates_file(file)).is_file():
         yield corners
 
@@ -289,9 +287,9 @@ def _ended(task: Task) -> Outcome:
         return replace(before, computed=False)
     keep_freed_memory()
     calibrate_person(person, result, task.common)
-    strides = read_cycles(result).assign(person=person.name, session=person.session)
+    strides = cycles.read_cycles(result).assign(person=person.name, session=person.session)
     table = pa.Table.from_pandas(strides[list(CYCLE_COLUMNS)], schema=STRIDES, preserve_index=False)
-    with atomic_file(state_file(task.out, person.place, ".parquet")) as target:
+    with atomic.atomic_file(state_file(task.out, person.place, ".parquet")) as target:
         pq.write_table(table.replace_schema_metadata(), target, compression=COMPRESSION)
     row = row_of(result) | {"person": person.name, "session": person.session, "folder": person.place}
     row |= {"page": f"{person.place}/{row['page']}" if row["page"] else ""}
@@ -303,7 +301,7 @@ def _ended(task: Task) -> Outcome:
         result=_own_hash(result),
         row=row,
         reasons=reasons_of(result),
-        curves=mean_curves(result / ENSEMBLE, float(row["mass_kg"] or 1.0)),
+        curves=mean_curves(result / stride_files.ENSEMBLE, float(row["mass_kg"] or 1.0)),
     )
 
 

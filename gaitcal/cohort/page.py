@@ -19,9 +19,8 @@ from gaitcal.arrays import Array
 from gaitcal.cohort.one_person import COLUMNS, EVERY, PER_KG, STEPS, VARIABLES, CommonSettings, no_curves
 from gaitcal.cohort.outcome import Outcome, Outcomes
 from gaitcal.cohort.people import CohortPerson
-from gaitcal.gait.conventions import Convention, Signs
+from gaitcal.gait import conventions, normal_bands
 from gaitcal.gait.cycles import Kind, coordinate_of, kind_of, unit_of
-from gaitcal.gait.normal_bands import read_normal_bands
 from gaitcal.gait.peaks import ADDUCTION_PEAK, PEAKS, Figure, Peak
 from gaitcal.io.toml import package_version
 from gaitcal.model.linkage import SIDES
@@ -264,9 +263,9 @@ def _digits_of(numbers: Array) -> int:
 
 def _variables(common: CommonSettings, mass: float, height: float) -> list[dict[str, Any]]:
     """What the packed curves are of, with normal bands where there are some, per kg for a body of mean size."""
-    bands = {} if common.normal is None else read_normal_bands(common.normal)
+    bands = {} if common.normal is None else normal_bands.read_normal_bands(common.normal)
     body = Subject(name="", mass=mass, height=height, sex="male")
-    clinical, out = Convention(signs=Signs.CLINICAL), []
+    clinical, out = conventions.Convention(signs=conventions.Signs.CLINICAL), []
     for name in VARIABLES:
         kind, sign = kind_of(name), float(clinical.values(name, np.ones(1), "r", body)[0])
         whose = "internal, " if kind is Kind.MOMENT else ""

@@ -18,9 +18,8 @@ from typing import Final, Literal
 from pydantic import Field, field_validator
 
 from gaitcal.errors import Code, InputError, alike, nearest
+from gaitcal.io import result_folder, snapshot
 from gaitcal.io.csv import is_force_header, read_header
-from gaitcal.io.result_folder import MANIFEST, read_object
-from gaitcal.io.snapshot import PEOPLE
 from gaitcal.io.toml import Table, read_validated, require_file, shown, validated
 from gaitcal.session.draft import STUDY
 from gaitcal.session.folder import MARKER_ENDINGS
@@ -65,7 +64,7 @@ class CohortPerson:
     @property
     def place(self) -> str:
         """Folder of the result, as `people/P01/pre`, within that of the cohort."""
-        return "/".join([PEOPLE, *(safe_name(part) for part in self.key if part)])
+        return "/".join([snapshot.PEOPLE, *(safe_name(part) for part in self.key if part)])
 
     @property
     def words(self) -> str:
@@ -240,12 +239,12 @@ def _folders(folder: Path, out: Path) -> list[Path]:
         if path.is_dir()
         and path.name[0] not in ".~"
         and path.resolve() != out.resolve()
-        and ("gaitcal" not in read_object(path / MANIFEST) or _has_study(path))
+        and ("gaitcal" not in result_folder.read_object(path / result_folder.MANIFEST) or _has_study(path))
     ]
 
 
 def _has_study(folder: Path) -> bool:
-    made = read_object(folder / MANIFEST).get("gaitcal")
+    made = result_folder.read_object(folder / result_folder.MANIFEST).get("gaitcal")
     return (folder / STUDY).is_file() and made in (None, "synthetic subject")
 
 

@@ -34,9 +34,7 @@ from gaitcal.cohort.page import PAGE, write_page
 from gaitcal.cohort.people import Cohort, CohortPerson
 from gaitcal.errors import Code, InputError
 from gaitcal.gait.peaks import PEAK_COLUMNS
-from gaitcal.io import result_folder
-from gaitcal.io.atomic import UNFINISHED, real_path
-from gaitcal.io.toml import package_version
+from gaitcal.io import atomic, result_folder, toml
 from gaitcal.published.workers import LocalProcesses, Workers, alone
 
 PEOPLE_CSV, PEOPLE_PARQUET, CYCLES = "people.csv", "people.parquet", "cycles.parquet"
@@ -75,13 +73,13 @@ def run_cohort(
 
     Raises InputError: `out` cannot be written, holds something else, or another run works in it.
     """
-    out, common, engine = real_path(out), common or CommonSettings(), engine or processes()
+    out, common, engine = atomic.real_path(out), common or CommonSettings(), engine or processes()
     require_cohort(out)
     with alone(out, "cohort", WAIT_S):
         mark(out)
-        for unfinished in (out / STATE).rglob(f"{UNFINISHED}*"):  # of workers that were killed
+        for unfinished in (out / STATE).rglob(f"{atomic.UNFINISHED}*"):  # of workers that were killed
             shutil.rmtree(unfinished, ignore_errors=True)
-        version = package_version("gaitcal")
+        version = toml.package_version("gaitcal")
         tasks = (Task(person=person, out=out, common=common, retry=retry, version=version) for person in cohort.people)
         began, computed = time.monotonic(), 0
         failed: dict[tuple[str, str], Outcome] = {}
@@ -137,7 +135,7 @@ def mark(out: Path) -> None:
 
 
 def _text(content: Mapping[str, object]) -> str:
-    made = {"gaitcal": package_version("gaitcal"), **content}
+    made = {"gaitcal": toml.package_version("gaitcal"), **content}
     return json.dumps({**made, result_folder.SELF: result_folder.self_hash(made)}, indent=1, ensure_ascii=False) + "\n"
 
 

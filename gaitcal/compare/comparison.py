@@ -20,9 +20,7 @@ from pathlib import Path
 import numpy as np
 
 from gaitcal.errors import Code, InputError
-from gaitcal.export.osim_correspondence import ARMS, segment_of
-from gaitcal.export.osim_reader import read_osim
-from gaitcal.export.osim_registration import Registration, registered, shared_markers
+from gaitcal.export import osim_correspondence, osim_reader, osim_registration
 from gaitcal.export.peer_model import Axis, LegGeometry, PeerModel, leg_bodies, our_leg, peer_leg
 from gaitcal.model.linkage import SIDES
 from gaitcal.model.parameters import MASSIVE_SEGMENTS, table
@@ -49,7 +47,7 @@ class _Registered:
     segment: str
     markers: int  # Our markers on the segment
     common: int
-    found: Registration | None  # None with fewer than three common markers, or all on one line
+    found: osim_registration.Registration | None  # None with fewer than three common markers, or all on one line
 
 
 def compare(model: SubjectModel, osim: Path | str) -> list[ComparisonRow]:
@@ -61,7 +59,7 @@ def compare(model: SubjectModel, osim: Path | str) -> list[ComparisonRow]:
     Raises InputError: The file cannot be read, is no OpenSim model, or has neither leg nor segment masses under names
     known here.
     """
-    peer = read_osim(osim)
+    peer = osim_reader.read_osim(osim)
     rows: list[ComparisonRow] = []
     for side in SIDES:
         bodies = leg_bodies(peer, side)
@@ -128,9 +126,11 @@ def _turns(name: str, axis: Axis, along: int, planes: tuple[str, str]) -> dict[t
 
 def _register(model: SubjectModel, peer: PeerModel, segment: str, body: str) -> _Registered:
     """Lay the peer's `body` on our `segment` by the markers that both have on it."""
-    theirs, ours = shared_markers(model, peer, segment, body)
+    theirs, ours = osim_registration.shared_markers(model, peer, segment, body)
     markers = model.markers.segments.count(segment)
-    return _Registered(segment, markers, len(theirs), registered(segment, body, markers, theirs, ours))
+    return _Registered(
+        segment, markers, len(theirs), osim_registration.registered(segment, body, markers, theirs, ours)
+    )
 
 
 def _registration_rows(r: _Registered) -> list[ComparisonRow]:
@@ -143,15 +143,15 @@ def _registration_rows(r: _Registered) -> list[ComparisonRow]:
 def _mass_rows(model: SubjectModel, peer: PeerModel) -> list[ComparisonRow]:
     theirs: dict[str, float] = {}
     for body, mass in peer.masses.items():
-        if (segment := segment_of(body)) is not None:
+        if (segment := osim_correspondence.segment_of(body)) is not None:
             theirs[segment] = theirs.get(segment, 0.0) + mass
     if not theirs:
         return []
     ours = dict(zip(MASSIVE_SEGMENTS, table(model.parameters.inertial)[:, 0], strict=True))
     titles = {segment: f"{segment} mass" for segment in MASSIVE_SEGMENTS}
-    if "head_trunk" in theirs and not any(arm in theirs for arm in ARMS):
+    if "head_trunk" in theirs and not any(arm in theirs for arm in osim_correspondence.ARMS):
         titles["head_trunk"] = "head_trunk and arms mass"
-        ours["head_trunk"] += sum(ours[arm] for arm in ARMS)
+        ours["head_trunk"] += sum(ours[arm] for arm in osim_correspondence.ARMS)
     rows = [_row(titles[s], "kg", ours[s], theirs[s]) for s in MASSIVE_SEGMENTS if s in theirs]
     return [*rows, _row("total mass", "kg", model.parameters.mass, sum(peer.masses.values()))]
 

@@ -28,11 +28,9 @@ from gaitcal.compare.stride_sets import (
     mean_over,
     stride_sets,
 )
+from gaitcal.gait import moments, spatiotemporal, strides
 from gaitcal.gait.cycles import POINTS, kind_of, unit_of
-from gaitcal.gait.moments import counted
 from gaitcal.gait.peaks import PEAKS, stride_peaks
-from gaitcal.gait.spatiotemporal import LEAST_SD, MEASURES
-from gaitcal.gait.strides import TURNING
 from gaitcal.model.subject_model import Subject
 
 
@@ -106,7 +104,7 @@ def _kinds(a: Session, b: Session, curves: Sequence[Mapping[Key, StrideSet]]) ->
     """Where angles do not mean the same, and where there is nothing to compare."""
     out = [f"{s.name}: {remark}" for s in (a, b) for remark in s.remarks]
     if twice := len(a.recordings & b.recordings):
-        out.append(f"{counted(twice, 'recording')} in both: differences are smaller than those of two sessions")
+        out.append(f"{moments.counted(twice, 'recording')} in both: differences are smaller than those of two sessions")
     if a.relative != b.relative:
         one = a if a.relative else b
         out.append(f"joint angles of {one.name} are counted from its static posture, the other's are not")
@@ -261,14 +259,14 @@ def measure_differences(a: Session, b: Session) -> Iterator[difference.Differenc
     """Every measure of each leg that both sessions have."""
     sets = [_values(session.measures) for session in (a, b)]
     for key in (key for key in sets[0] if key in sets[1]):
-        unit = MEASURES[key[1]]
+        unit = spatiotemporal.MEASURES[key[1]]
         both = [values[key] for values in sets]
-        yield _difference("spatiotemporal", key, "mean", unit, both, sets, least=LEAST_SD[unit])
+        yield _difference("spatiotemporal", key, "mean", unit, both, sets, least=spatiotemporal.LEAST_SD[unit])
 
 
 def _values(table: pd.DataFrame) -> dict[Key, Array]:
     """Side and measure -> the values of its strides that count."""
-    counting = (table["valid"] == 1.0) & table["value"].notna() & ~(table["turn"].abs() > TURNING)
-    rows = table[counting & table["variable"].isin(list(MEASURES))]
+    counting = (table["valid"] == 1.0) & table["value"].notna() & ~(table["turn"].abs() > strides.TURNING)
+    rows = table[counting & table["variable"].isin(list(spatiotemporal.MEASURES))]
     grouped = rows.groupby(["side", "variable"], sort=False)["value"]
     return {(str(side), str(name)): values.to_numpy(dtype=np.float64) for (side, name), values in grouped}

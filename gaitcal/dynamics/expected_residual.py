@@ -34,9 +34,8 @@ from gaitcal.dynamics.inverse_dynamics import Moments
 from gaitcal.dynamics.measurement_errors import TorqueErrors
 from gaitcal.io.force_plate import low_pass
 from gaitcal.io.recording import ForcePlate
-from gaitcal.model.linkage import COORDINATE_INDEX
+from gaitcal.model import linkage, subject_model
 from gaitcal.model.parameters import Parameters
-from gaitcal.model.subject_model import build_linkage
 from gaitcal.motion.motion import Motion
 
 BASELINE = np.array([0.030, 0.045, 0.015, 0.0060, 0.0020, 0.0080])
@@ -45,7 +44,7 @@ TAU = 0.07
 """s, over which what clean walks leave forgets itself."""
 RARE = 1e-3
 """Of all trials without a fault: those whose residual is beyond its limit."""
-PELVIS = [COORDINATE_INDEX[f"pelvis_{name}"] for name in ("tx", "ty", "tz", "list", "rotation", "tilt")]
+PELVIS = [linkage.COORDINATE_INDEX[f"pelvis_{name}"] for name in ("tx", "ty", "tz", "list", "rotation", "tilt")]
 """Generalised forces whose errors are those of force and moment forward, up and to the right: the pelvis leans little
 enough for its three axes to count as those of the laboratory."""
 FORCE_SHARE, MOMENT_SHARE = 0.05, 0.01
@@ -186,7 +185,7 @@ def residual_limits(
     net = np.linalg.norm(reactions.wrench[valid].sum(axis=1)[:, :3], axis=1)
     peak = float(net.max())
     chosen = valid[:: max(1, len(valid) // MOST_FRAMES)]
-    model = build_linkage(parameters).model
+    model = subject_model.build_linkage(parameters).model
     data = model.createData()
     centre = float(np.mean([pin.centerOfMass(model, data, row)[1] for row in q[chosen]]))
     corners = [plate.corners for plate in plates if plate.corners is not None]

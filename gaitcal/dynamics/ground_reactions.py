@@ -17,16 +17,13 @@ from typing import Literal
 import numpy as np
 
 from gaitcal.arrays import Array, BoolArray
+from gaitcal.dynamics import inverse_dynamics, measurement_errors, off_sole
 from gaitcal.dynamics.foot_contact import FOOT_BREADTH, RESTING, FootPoints, Step, belts, near, on_the_floor, steps_on
-from gaitcal.dynamics.inverse_dynamics import FEET, Dynamics
-from gaitcal.dynamics.measurement_errors import foot_tip
-from gaitcal.dynamics.off_sole import beside_plates, off_sole_frames, shared_plates
 from gaitcal.errors import Code, Finding, InputError, Severity
 from gaitcal.io.force_plate import LOADED_N, filter_plate, filterable, resample_wrench
 from gaitcal.io.labels import FootEvent
 from gaitcal.io.recording import ForcePlate, Recording, duration, runs, spans
-from gaitcal.model.chain import body_poses
-from gaitcal.model.coordinates import LEG_COORDINATES, split_side
+from gaitcal.model import chain, coordinates
 from gaitcal.model.linkage import COORDINATES, LEG_SEGMENTS, SIDE_WORDS, SIDES
 from gaitcal.model.parameters import Parameters
 from gaitcal.model.subject_model import GRAVITY, SubjectModel
@@ -34,7 +31,7 @@ from gaitcal.motion.motion import Motion
 from gaitcal.motion.spline import DEGREE
 from gaitcal.runtime import with_one_blas_thread
 
-_OF_LEG = tuple(dict.fromkeys(f"{name.split('_')[0]}_" for name in LEG_COORDINATES))
+_OF_LEG = tuple(dict.fromkeys(f"{name.split('_')[0]}_" for name in coordinates.LEG_COORDINATES))
 """How the names of what belongs to a leg begin."""
 SPLINE_ENDS = 2
 """Knot spans at either end of a trial whose accelerations nothing before or after supports; not valid."""
@@ -118,7 +115,7 @@ class GroundReactions:
 
 def leg_of(name: str) -> str:
     """`r` or `l` of a coordinate or torque of a leg; empty for pelvis, trunk and arms."""
-    return split_side(name)[1] if name.startswith(_OF_LEG) else ""
+    return coordinates.split_side(name)[1] if name.startswith(_OF_LEG) else ""
 
 
 def ground_reactions_on_feet(
@@ -163,9 +160,9 @@ def ground_reactions_on_feet(
         steps += found
     resting = feet.resting
     floor, at_most = (on_the_floor(resting, loaded, time, told) for told in (events, ()))
-    partly, beside = beside_plates(steps, used, time, feet, loaded)
-    shared, both = shared_plates(steps, used, time, feet, at_most)
-    off, unlike = off_sole_frames(steps, time, feet)
+    partly, beside = off_sole.beside_plates(steps, used, time, feet, loaded)
+    shared, both = off_sole.shared_plates(steps, used, time, feet, at_most)
+    off, unlike = off_sole.off_sole_frames(steps, time, feet)
     inner = known & (time >= time[0] + ends) & (time <= time[-1] - ends)
     legs = inner[:, None] & ~floor & ~partly & ~shared[:, None]
     return GroundReactions(
@@ -282,14 +279,16 @@ def _filter_words(recording: Recording, hz: float | None) -> str:
 
 def _missing(wrench: Array, parameters: Parameters, motion: Motion) -> Array:
     """(nf,) body weights that the plates carry less than the motion asks for."""
-    residual = Dynamics(parameters).residual_force(motion.q, motion.velocity, motion.acceleration, wrench)[:, 1]
+    residual = inverse_dynamics.Dynamics(parameters).residual_force(
+        motion.q, motion.velocity, motion.acceleration, wrench
+    )[:, 1]
     out: Array = residual / (parameters.mass * GRAVITY)
     return out
 
 
 def thighs_lie(motion: Motion, parameters: Parameters) -> BoolArray:
     """(nf,) frames in which both thighs lean further than those of anybody who stands or walks."""
-    axes, _ = body_poses(parameters, motion.q)
+    axes, _ = chain.body_poses(parameters, motion.q)
     upright = [axes[f"thigh_{side}"][1, 1] for side in SIDES]
     return np.asarray(np.max(upright, axis=0) < np.cos(np.deg2rad(SITTING_DEG)))
 
@@ -343,10 +342,10 @@ def has_feet(model: SubjectModel) -> bool:
 
 def foot_points(model: SubjectModel, motion: Motion, parameters: Parameters) -> FootPoints:
     """Heel and toe of both feet over a whole-body motion."""
-    axes, origins = body_poses(parameters, motion.q)
+    axes, origins = chain.body_poses(parameters, motion.q)
     points = {}
     for end in ("heel", "toe"):
-        local = {foot: model.landmarks[f"{end}_{foot[-1]}"][1] for foot in FEET}
+        local = {foot: model.landmarks[f"{end}_{foot[-1]}"][1] for foot in inverse_dynamics.FEET}
         points[end] = np.stack(
             [np.einsum("j,jif->fi", at, axes[foot]) + origins[foot].T for foot, at in local.items()], axis=1
         )
@@ -359,7 +358,7 @@ def foot_points(model: SubjectModel, motion: Motion, parameters: Parameters) -> 
     return FootPoints(
         heel=points["heel"],
         toe=points["toe"],
-        tip=foot_tip(points["heel"], points["toe"], model.subject.height),
+        tip=measurement_errors.foot_tip(points["heel"], points["toe"], model.subject.height),
         heel_speed=speed["heel"],
         toe_speed=speed["toe"],
         width=FOOT_BREADTH * model.subject.height,

@@ -67,8 +67,7 @@ from gaitcal.dynamics.inverse_dynamics import FORCES, Dynamics, PlacedLinkage
 from gaitcal.dynamics.joint_kinetics import KineticErrors
 from gaitcal.io.force_plate import LOADED_N, OUTSIDE_M, UP, centre_on_ground
 from gaitcal.io.recording import ForcePlate
-from gaitcal.model import linkage
-from gaitcal.model.chain import chain_of
+from gaitcal.model import chain, linkage
 from gaitcal.model.parameters import JOINT_PARAMETERS, JP_INDEX, Kind, Parameters
 from gaitcal.study.settings import PlateErrorTable
 
@@ -128,7 +127,7 @@ class AxisErrors:
         self, parameters: Parameters, deviations_deg: Mapping[str, tuple[float, float, float]] = PALPATED_DEG
     ) -> None:
         """`deviations_deg`: standard deviations by segment, with or without its side, about x, y and z."""
-        self._chain = chain_of(free=_ORIENTATIONS, reactions=True)
+        self._chain = chain.chain_of(free=_ORIENTATIONS, reactions=True)
         self._constants = self._chain.constants(parameters.joint, parameters.zero_angles)
         self._dynamics = Dynamics(parameters, _HELD)
         alike = {s: deviations_deg.get(linkage.segment_kind(s).name, ()) for s in self._chain.segments}

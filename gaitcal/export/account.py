@@ -15,9 +15,7 @@ import numpy as np
 
 from gaitcal.arrays import Array
 from gaitcal.errors import Code, InputError
-from gaitcal.export.joint_moves import Verdict
-from gaitcal.export.joint_transfer import CalibratedOsim
-from gaitcal.export.osim_correspondence import LegJoint
+from gaitcal.export import joint_moves, joint_transfer, osim_correspondence
 
 VALUES = 13  # Of a coordinate, over its range
 JUMP = 2e-3  # m; steps of a tenth of a range are too coarse to see less
@@ -72,7 +70,7 @@ def opensim_is_installed() -> bool:
     return find_spec("opensim") is not None
 
 
-def leg_ranges(legs: Sequence[LegJoint]) -> dict[str, Array]:
+def leg_ranges(legs: Sequence[osim_correspondence.LegJoint]) -> dict[str, Array]:
     """Coordinate of the model's legs -> (n,) rad, its range; locked ones are left out."""
     return {
         c.name: np.linspace(c.low, c.high, VALUES)
@@ -179,7 +177,7 @@ class AccountTable:
     of_muscles: bool = False  # Long, and the whole of it in a file
 
 
-def joint_tables(done: CalibratedOsim) -> Iterator[AccountTable]:
+def joint_tables(done: joint_transfer.CalibratedOsim) -> Iterator[AccountTable]:
     """Bodies and segments, joints, masses, and what went with bones."""
     yield AccountTable(
         title="Which body is which segment",
@@ -216,7 +214,7 @@ def joint_tables(done: CalibratedOsim) -> Iterator[AccountTable]:
         )
 
 
-def _joint_rows(done: CalibratedOsim) -> Iterator[tuple[str, ...]]:
+def _joint_rows(done: joint_transfer.CalibratedOsim) -> Iterator[tuple[str, ...]]:
     legs = {leg.ours: leg for leg in done.legs}
     for move in done.joints:
         found_by = legs[move.joint].found_by if move.joint in legs else ""
@@ -231,9 +229,9 @@ def _joint_rows(done: CalibratedOsim) -> Iterator[tuple[str, ...]]:
             yield move.joint, theirs, verdict, end.body, *words
 
 
-def sentences(done: CalibratedOsim) -> Iterator[str]:
+def sentences(done: joint_transfer.CalibratedOsim) -> Iterator[str]:
     """Joints that stay, joints that are no hinges, and what else the user should know."""
-    for verdict in (Verdict.UNDETERMINED, Verdict.ABSENT):
+    for verdict in (joint_moves.Verdict.UNDETERMINED, joint_moves.Verdict.ABSENT):
         if which := [move.joint for move in done.joints if move.verdict is verdict]:
             yield f"{', '.join(which)}: {verdict.value}"
     for move in done.joints:

@@ -18,9 +18,8 @@ from scipy.optimize import least_squares
 
 from gaitcal.arrays import Array
 from gaitcal.errors import Code, InputError
-from gaitcal.export.osim import frames_of, segment_inertia
+from gaitcal.export import osim, osim_reader
 from gaitcal.export.osim_correspondence import ARMS, Hinge, LegJoint, same_label, segment_of, slides
-from gaitcal.export.osim_reader import OsimDocument, Weight
 from gaitcal.export.peer_model import Axis, PeerModel
 from gaitcal.model.chain import Chain, ChainConstants, forward, segment_poses
 from gaitcal.model.linkage import HANGS_ON, JOINTS, LOWER_BODY
@@ -140,7 +139,7 @@ def registered(
 
 def axis_of_ours(joint: str, parameters: Parameters, in_parent: bool) -> Axis:
     """The axis of one of our joints (of the hip the centre, and its first axis) in the frame of its parent or child."""
-    frames = frames_of(JOINT_OF[joint], parameters)
+    frames = osim.frames_of(JOINT_OF[joint], parameters)
     place = frames.in_parent if in_parent else frames.in_child
     return Axis(place.translation, place.rotation[:, frames.motions[0].axis])
 
@@ -175,7 +174,7 @@ def _turned_into(
     """The turn from the axes of our segment to those of their body; of the talus all coordinates zero."""
     turn, side = np.eye(3), segment[-1]
     if segment not in bodies and (foot := f"foot_{side}") in bodies:
-        frames = frames_of(JOINT_OF[f"subtalar_{side}"], parameters)
+        frames = osim.frames_of(JOINT_OF[f"subtalar_{side}"], parameters)
         segment, turn = foot, (frames.in_child * frames.in_parent.inverse()).rotation
     if segment in bodies:
         main = bodies[segment]
@@ -319,8 +318,8 @@ class SegmentMass:
 
 
 def body_weights(
-    parameters: Parameters, document: OsimDocument, peer: PeerModel, bodies: Mapping[str, Registration]
-) -> tuple[dict[str, Weight], tuple[SegmentMass, ...]]:
+    parameters: Parameters, document: osim_reader.OsimDocument, peer: PeerModel, bodies: Mapping[str, Registration]
+) -> tuple[dict[str, osim_reader.Weight], tuple[SegmentMass, ...]]:
     """What the model's bodies weigh with our masses.
 
     The bodies of a segment keep their shares of its mass, and their moments of inertia grow with it. Of a segment that
@@ -332,11 +331,11 @@ def body_weights(
         on = next((s for s, r in bodies.items() if r.body == body), None) or segment_of(body)
         if on is not None:
             groups.setdefault(on, []).append(body)
-    ours = {s: segment_inertia(parameters, s) for s in MASSIVE_SEGMENTS}
+    ours = {s: osim.segment_inertia(parameters, s) for s in MASSIVE_SEGMENTS}
     mass = {s: inertia.mass for s, inertia in ours.items()}
     if not any(arm in groups for arm in ARMS):
         mass["head_trunk"] += sum(mass[arm] for arm in ARMS)
-    weights: dict[str, Weight] = {}
+    weights: dict[str, osim_reader.Weight] = {}
     masses = []
     for segment, group in groups.items():
         theirs = sum(peer.masses[body] for body in group)
@@ -351,7 +350,7 @@ def body_weights(
             was = sum(peer.masses[b] * poses[b].act(centres[b]) for b in group) / theirs
             shift = main.pose.actInv(ours[segment].centre) - was
             moved = {b: centres[b] + poses[b].rotation.T @ shift for b in group}
-        weights |= {b: Weight(share * peer.masses[b], moved.get(b), share) for b in group}
+        weights |= {b: osim_reader.Weight(share * peer.masses[b], moved.get(b), share) for b in group}
         masses.append(SegmentMass(segment=segment, bodies=tuple(group), theirs=theirs, ours=mass[segment]))
     return weights, tuple(masses)
 

@@ -45,8 +45,7 @@ from gaitcal.export.osim import (
     space_fixed_xyz,
     write_xml,
 )
-from gaitcal.io.atomic import atomic_text
-from gaitcal.io.force_plate import point_and_torque
+from gaitcal.io import atomic, force_plate
 from gaitcal.io.opensim_files import StorageTable
 from gaitcal.model.linkage import COORDINATE_INDEX, COORDINATES, FILE_COORDINATES, SEGMENTS, Element, is_translation
 from gaitcal.model.parameters import MASSIVE_SEGMENTS, is_physical
@@ -255,7 +254,7 @@ def write_external_loads(
         side = foot[-1]
         force, point, torque = f"ground_force_{side}_v", f"ground_force_{side}_p", f"ground_torque_{side}_"
         names += [f"{identifier}{axis}" for identifier in (force, point, torque) for axis in "xyz"]
-        columns += [wrench[:, :3], *point_and_torque(wrench)]
+        columns += [wrench[:, :3], *force_plate.point_and_torque(wrench)]
         load = child(objects, "ExternalForce", name=f"ground_on_{foot}")
         child(load, "applied_to_body", foot)
         child(load, "force_expressed_in_body", "ground")
@@ -301,7 +300,7 @@ def _write(path: Path | str, title: str, comments: tuple[str, ...], table: Stora
     if missing:
         comments = (*comments, f"{missing} of {nf} rows are left out: they hold no value.")
     kept = replace(table, time=table.time[known], values=table.values[known])
-    atomic_text(path, kept.text(_one_line(title), tuple(map(_one_line, comments))))
+    atomic.atomic_text(path, kept.text(_one_line(title), tuple(map(_one_line, comments))))
 
 
 def _one_line(text: str) -> str:

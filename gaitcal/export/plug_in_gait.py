@@ -26,8 +26,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from gaitcal.arrays import Array, BoolArray
-from gaitcal.dynamics.inverse_dynamics import FEET
-from gaitcal.dynamics.joint_kinetics import POWERS, powers
+from gaitcal.dynamics import inverse_dynamics, joint_kinetics
 from gaitcal.export.osim import joint_frames
 from gaitcal.gait.strides import FootAxes
 from gaitcal.io.c3d.writer import AddedPoint, PointKind
@@ -132,18 +131,18 @@ def _moments(motion: SavedMotion, torques: Mapping[str, Array], unit: float) -> 
 
 def _powers(motion: SavedMotion, torques: Mapping[str, Array]) -> Iterator[AddedPoint]:
     tau = np.stack([torques.get(name, np.zeros(len(motion.q))) for name in COORDINATES], axis=1)
-    found = powers(tau, motion.velocity)
+    found = joint_kinetics.powers(tau, motion.velocity)
     for joint in _POWERS:
         for side in SIDES:
             values = np.zeros((len(motion.q), 3))
-            values[:, 2] = found[:, POWERS.index(f"{joint.lower()}_{side}")] / motion.mass
+            values[:, 2] = found[:, joint_kinetics.POWERS.index(f"{joint.lower()}_{side}")] / motion.mass
             values[~motion.valid[side]] = np.nan
             yield _point(side, f"{joint}Power", PointKind.POWER, values)
 
 
 def _foot_progress(motion: SavedMotion, unit: float, axes: Array) -> Iterator[AddedPoint]:
     """`axes`: as of `segment_poses`."""
-    feet = FootAxes(np.stack([axes[SEGMENTS.index(foot), 0].T for foot in FEET], axis=1))
+    feet = FootAxes(np.stack([axes[SEGMENTS.index(foot), 0].T for foot in inverse_dynamics.FEET], axis=1))
     for side in (side for side in SIDES if f"ankle_angle_{side}" not in motion.frozen):
         values = np.zeros((len(motion.q), 3))
         values[:, 2] = unit * feet.progression(side, 0.0)

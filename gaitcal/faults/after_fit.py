@@ -26,8 +26,7 @@ from gaitcal.faults.marker_slip import STRAIGHT_M, bend
 from gaitcal.faults.verdict import BOUNDS, MARKERS_AFTER_FIT
 from gaitcal.gait.moments import moment_of
 from gaitcal.io.recording import runs, spans
-from gaitcal.model.coordinates import COORDINATE_TABLE
-from gaitcal.model.linkage import LOWER_BODY, SIDE_WORDS
+from gaitcal.model import coordinates, linkage
 from gaitcal.motion.motion import MarkerErrors, Motion
 
 LIMIT_M = 0.02
@@ -47,7 +46,7 @@ REFUSED_M = 0.05
 """A stretch so far off is an error for a marker of full weight on pelvis and legs."""
 FULL_WEIGHT = 0.5
 """Weight from which a marker is meant to be met."""
-_LIMITS = {name: row.limits for name, row in COORDINATE_TABLE.items() if row.limits}
+_LIMITS = {name: row.limits for name, row in coordinates.COORDINATE_TABLE.items() if row.limits}
 ANGLES_DEG: Mapping[str, tuple[float, float]] = {name: x.angle for name, x in _LIMITS.items() if x.angle}
 """Coordinate of a leg -> smallest and largest angle."""
 SPEEDS_DEG_S: Mapping[str, float] = {name: x.speed for name, x in _LIMITS.items() if x.speed}
@@ -90,7 +89,7 @@ class TrackedMarkers:
 
     def heavy(self, k: int) -> bool:
         """Whether a marker of pelvis or legs has full weight."""
-        return bool(self.segments[k] in LOWER_BODY and self.weight[k] >= FULL_WEIGHT)
+        return bool(self.segments[k] in linkage.LOWER_BODY and self.weight[k] >= FULL_WEIGHT)
 
 
 def marker_findings(tracked: TrackedMarkers) -> tuple[Finding, ...]:
@@ -115,7 +114,7 @@ def marker_findings(tracked: TrackedMarkers) -> tuple[Finding, ...]:
 
 
 def _limit(tracked: TrackedMarkers, k: int) -> float:
-    return LIMIT_M if tracked.segments[k] in LOWER_BODY else LIGHT_LIMIT_M
+    return LIMIT_M if tracked.segments[k] in linkage.LOWER_BODY else LIGHT_LIMIT_M
 
 
 def _stretches(distance: Array, baseline: float, limit: float) -> Iterator[slice]:
@@ -235,7 +234,7 @@ def impossible(
     `legs`: (nf, 2) frames in which those of the right and the left leg do; None: `valid`.
     """
     found = []
-    for k, (side, word) in enumerate(SIDE_WORDS.items()):
+    for k, (side, word) in enumerate(linkage.SIDE_WORDS.items()):
         broken = [*_angles(motion, side), *_markers(motion.errors, side)]
         of_leg = valid if legs is None else np.asarray(legs[:, k])
         if moments is not None and of_leg is not None and of_leg.any():
@@ -298,7 +297,7 @@ def _torques(moments: Moments, valid: BoolArray, side: str) -> Iterator[_Broken]
 def _markers(errors: MarkerErrors, side: str) -> Iterator[_Broken]:
     for k in np.flatnonzero(errors.kept() & (errors.weight >= FULL_WEIGHT)).tolist():
         segment = errors.segments[k]
-        if not (segment.endswith(f"_{side}") and segment in LOWER_BODY):
+        if not (segment.endswith(f"_{side}") and segment in linkage.LOWER_BODY):
             continue
         distance = errors.distance[:, k]
         rms = float(np.sqrt(np.nanmean(distance**2)))

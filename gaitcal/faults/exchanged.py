@@ -23,8 +23,7 @@ from gaitcal.arrays import Array, BoolArray
 from gaitcal.errors import Code, Finding, Severity, listed
 from gaitcal.faults.evidence import NEGLIGIBLE_WEIGHT, MarkerEvidence
 from gaitcal.io.recording import Recording, duration, runs, spans
-from gaitcal.model.linkage import LOWER_BODY
-from gaitcal.model.rebuilt_markers import jump_limit
+from gaitcal.model import linkage, rebuilt_markers
 
 STRANGE_M = 0.02
 """Cost E above which a label is doubted at all; skin movement stays below that in most frames."""
@@ -86,7 +85,7 @@ def _harmful(trial: MarkerEvidence, found: Exchange) -> bool:
     """Whether a part of the trial turns a segment of the pelvis or legs by it: two full markers, for some time."""
     if trial.settings.robust != "none" or min(map(trial.weight, (found.label, found.other))) <= NEGLIGIBLE_WEIGHT:
         return False
-    of_legs = {label for s in LOWER_BODY if s in trial.templates for label in trial.templates[s][0]}
+    of_legs = {label for s in linkage.LOWER_BODY if s in trial.templates for label in trial.templates[s][0]}
     longest = max(duration(trial.recording.time, run) for run in runs(found.frames))
     return {found.label, found.other} <= of_legs and longest >= LONG_S
 
@@ -239,7 +238,7 @@ def _crossings(trial: MarkerEvidence) -> dict[tuple[int, int], list[int]]:
         return out
     before = _last_seen(x, max(1, round(BRIDGED_S * trial.recording.rate)))[:-1]
     length = np.linalg.norm(x[1:] - before, axis=2)
-    jumping = np.nan_to_num(length) > max(jump_limit(trial.recording, trial.marker_set.noise), JUMP_M)
+    jumping = np.nan_to_num(length) > max(rebuilt_markers.jump_limit(trial.recording, trial.marker_set.noise), JUMP_M)
     for t in np.flatnonzero(jumping.sum(axis=1) >= 2):
         for a, b in combinations(np.flatnonzero(jumping[t]).tolist(), 2):
             crossed = np.linalg.norm(x[t + 1, a] - before[t, b]) + np.linalg.norm(x[t + 1, b] - before[t, a])

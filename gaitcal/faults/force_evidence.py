@@ -32,8 +32,7 @@ import pinocchio as pin
 from scipy.interpolate import CubicSpline
 
 from gaitcal.arrays import Array, BoolArray, IntArray, cross
-from gaitcal.dynamics.expected_residual import BASELINE, TAU
-from gaitcal.dynamics.foot_contact import SHORTEST, UNDER_FOOT, FootPoints, distance_to_line
+from gaitcal.dynamics import expected_residual, foot_contact
 from gaitcal.dynamics.ground_reactions import GroundReactions, foot_points, reactions_of_motion
 from gaitcal.dynamics.inverse_dynamics import FEET, Dynamics, pelvis_residual
 from gaitcal.faults.plate_forces import EMPTY_N, PlateForces, Sole, empty_reading, soles_of, under_feet
@@ -93,7 +92,7 @@ def standing_feet(plate: ForcePlate, time: Array, resting: BoolArray) -> IntArra
     """(nf,) the foot that is down while the plate is loaded, by time alone: 0 right, 1 left, -1 none."""
     out = np.full(len(time), -1)
     for loaded in runs(np.nan_to_num(resample_wrench(plate, time))[:, 1] > LOADED_N):
-        if duration(time, loaded) < SHORTEST:
+        if duration(time, loaded) < foot_contact.SHORTEST:
             continue
         shares = [max((_common(loaded, down) for down in runs(resting[:, k])), default=0.0) for k in range(len(FEET))]
         if max(shares) > TOGETHER:
@@ -107,7 +106,7 @@ def _common(one: slice, other: slice) -> float:
     return float(max(0, both) / (max(one.stop, other.stop) - min(one.start, other.start)))
 
 
-def off_feet(plates: tuple[ForcePlate, ...], standing: IntArray, time: Array, feet: FootPoints) -> bool:
+def off_feet(plates: tuple[ForcePlate, ...], standing: IntArray, time: Array, feet: foot_contact.FootPoints) -> bool:
     """Whether the load of a plate is not under the foot (plates, nf) that stands when it is loaded."""
     for plate, row in zip(plates, standing, strict=True):
         wrench = np.nan_to_num(resample_wrench(plate, time))
@@ -115,8 +114,8 @@ def off_feet(plates: tuple[ForcePlate, ...], standing: IntArray, time: Array, fe
             on = (row == foot) & (wrench[:, 1] > LOADED_N)
             if on.any():
                 heel, toe = (path[on, foot][:, [0, 2]] for path in (feet.heel, feet.toe))
-                away = distance_to_line(centre_on_ground(wrench[on])[:, [0, 2]], heel, toe)
-                if np.average(away, weights=wrench[on, 1]) > UNDER_FOOT:
+                away = foot_contact.distance_to_line(centre_on_ground(wrench[on])[:, [0, 2]], heel, toe)
+                if np.average(away, weights=wrench[on, 1]) > foot_contact.UNDER_FOOT:
                     return True
     return False
 
@@ -359,7 +358,7 @@ class ForceResidual:
     def _white(self, trial: int, r: Array) -> Array:
         """(6 k, ...) of (k, 6, ...)."""
         evidence = self.trials[trial]
-        scale = BASELINE * np.repeat([evidence.weight, evidence.bwh], 3)
+        scale = expected_residual.BASELINE * np.repeat([evidence.weight, evidence.bwh], 3)
         r = r / scale.reshape((6,) + (1,) * (r.ndim - 2))
         rho = self._rho[trial].reshape((-1,) + (1,) * (r.ndim - 1))
         out = r.copy()
@@ -371,4 +370,4 @@ class ForceResidual:
 def _memory(time: Array) -> Array:
     """(k,) correlation of each frame with the one before it."""
     step = np.diff(time)
-    return np.concatenate([[0.0], np.where(step < BROKEN_S, np.exp(-step / TAU), 0.0)])
+    return np.concatenate([[0.0], np.where(step < BROKEN_S, np.exp(-step / expected_residual.TAU), 0.0)])

@@ -18,9 +18,7 @@ import numpy as np
 
 from gaitcal.arrays import Array
 from gaitcal.faults.cluster import Cluster
-from gaitcal.model.chain import root_angles
-from gaitcal.model.linkage import SIDES, of_side
-from gaitcal.model.segment_frames import nearest_rotation
+from gaitcal.model import chain, linkage, segment_frames
 
 CHAIN = {"hip": ("pelvis", "thigh"), "knee": ("thigh", "shank"), "ankle": ("shank", "foot")}
 NEAR_RAD = np.deg2rad(30.0)
@@ -83,7 +81,7 @@ class JointLink:
     @property
     def rms(self) -> float:
         """rad, RMS turn about the mean posture of the joint."""
-        mean = nearest_rotation(self.turn.mean(axis=0))
+        mean = segment_frames.nearest_rotation(self.turn.mean(axis=0))
         return float(np.sqrt(np.mean(angle_of(mean.T @ self.turn) ** 2)))
 
     @property
@@ -119,9 +117,9 @@ def links_of(clusters: Mapping[str, Cluster], centres: Mapping[str, Array]) -> d
     """Joint -> its link, where both segments are seen; `centres` (3,) m of the joints in the static posture."""
     out: dict[str, JointLink] = {}
     for name, (upper, lower) in CHAIN.items():
-        for side in SIDES:
+        for side in linkage.SIDES:
             joint = f"{name}_{side}"
-            above, below = (clusters.get(of_side(segment, side)) for segment in (upper, lower))
+            above, below = (clusters.get(linkage.of_side(segment, side)) for segment in (upper, lower))
             if above is not None and below is not None and joint in centres:
                 link = _link(joint, above, below, centres[joint])
                 if link is not None:
@@ -136,7 +134,7 @@ def _link(joint: str, above: Cluster, below: Cluster, centre: Array) -> JointLin
     upper, lower = above.rotation[known], below.rotation[known]
     turn = upper.transpose(0, 2, 1) @ lower
     shift = np.einsum("fji,fj->fi", upper, below.origin[known] - above.origin[known])
-    away = np.abs(root_angles(turn)[:, 0])
+    away = np.abs(chain.root_angles(turn)[:, 0])
     near = away <= max(NEAR_RAD, float(np.percentile(away, NEAREST_PERCENT)))
     (place_above, turn_above), (place_below, turn_below) = above.pose_spread(centre), below.pose_spread(centre)
     return JointLink(
@@ -145,7 +143,7 @@ def _link(joint: str, above: Cluster, below: Cluster, centre: Array) -> JointLin
         below=below.segment,
         centre=centre,
         turn=turn,
-        rotation=nearest_rotation(np.median(turn[near], axis=0)),
+        rotation=segment_frames.nearest_rotation(np.median(turn[near], axis=0)),
         carried_up=np.median(turn[near] @ centre + shift[near], axis=0),
         carried_down=np.median(np.einsum("fji,fj->fi", turn[near], centre - shift[near]), axis=0),
         gap_spread=float(np.hypot(place_above, place_below)),

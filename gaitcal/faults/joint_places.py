@@ -25,11 +25,9 @@ from gaitcal.arrays import Array
 from gaitcal.calibration.error_sources import ErrorSources
 from gaitcal.calibration.joint_prior import COVARIANCE
 from gaitcal.errors import STUDY, Code, Finding, Severity
-from gaitcal.faults.evidence import MarkerEvidence
-from gaitcal.faults.verdict import PLACES
+from gaitcal.faults import evidence, verdict
 from gaitcal.gait.moments import joint_words
-from gaitcal.model.coordinates import JOINT_TABLE
-from gaitcal.model.linkage import LEG_JOINTS, SIDES
+from gaitcal.model import coordinates, linkage
 from gaitcal.model.parameters import JOINT_PARAMETERS, JP_INDEX, JP_NAMES, JP_TO_SI, Kind, Parameters
 from gaitcal.model.segment_frames import DOUBTED_GIVEN, UNEVEN_GIVEN, HipCentre, PelvicWidth, hip_centre
 from gaitcal.model.subject_model import SubjectModel
@@ -62,8 +60,8 @@ def joint_place_findings(
     """
     places = _Places(model, fitted, errors, prior)
     hip_told = False
-    for side in SIDES:
-        for joint in (f"{name}_{side}" for name in LEG_JOINTS):
+    for side in linkage.SIDES:
+        for joint in (f"{name}_{side}" for name in linkage.LEG_JOINTS):
             views = list(places.of(joint))
             limit = RARE if min(place.probability for place in views) < RARE else UNUSUAL
             if far := [place for place in views if place.probability < limit]:
@@ -150,11 +148,11 @@ def _finding(joint: str, views: Sequence[Place], model: SubjectModel, isolated: 
     few = round(1 / (RARE if least < RARE else UNUSUAL))
     return Finding(
         severity=Severity.WARNING if least < RARE else Severity.INFO,
-        topic=PLACES,
+        topic=verdict.PLACES,
         where=STUDY,
         leg=side,
         cause=f"the {joint_words(joint)} joint lies where fewer than 1 in {few} people have one",
-        found=f"it lies, from where {JOINT_TABLE[kind].landmarks} have it, "
+        found=f"it lies, from where {coordinates.JOINT_TABLE[kind].landmarks} have it, "
         f"{'; '.join(place.words for place in views)}; {_odds(least)} so far{_few_markers(model, joint)}",
         cure=_cure(kind, isolated) if least < RARE else "",
         weight=_weight(views),
@@ -163,16 +161,16 @@ def _finding(joint: str, views: Sequence[Place], model: SubjectModel, isolated: 
 
 
 def _apart(place: Place, model: SubjectModel, fitted: Parameters) -> Finding:
-    hips = [[p.centre(f"hip_{side}", "pelvis") for side in SIDES] for p in (fitted, model.nominal)]
+    hips = [[p.centre(f"hip_{side}", "pelvis") for side in linkage.SIDES] for p in (fitted, model.nominal)]
     gap, nominal = (1e3 * float(np.linalg.norm(right - left)) for right, left in hips)
     deviation, error = (1e3 * float(np.sqrt(of[0, 0])) for of in (place.scatter, place.error))
     others = f"{'further apart' if place.offset[0] > 0 else 'nearer together'} than"
     return Finding(
         severity=Severity.WARNING if place.probability < RARE else Severity.INFO,
-        topic=PLACES,
+        topic=verdict.PLACES,
         where=STUDY,
         cause=f"the hips lie {others} {'999 in 1000' if place.probability < RARE else '19 in 20'} people's",
-        found=f"{gap:.0f} mm apart{_over_spines(model, gap)}; {JOINT_TABLE['hip'].landmarks} have them "
+        found=f"{gap:.0f} mm apart{_over_spines(model, gap)}; {coordinates.JOINT_TABLE['hip'].landmarks} have them "
         f"{nominal:.0f} mm apart, people scatter by {deviation:.0f} about that, and the fit's own markers leave "
         f"± {error:.0f} mm; {_odds(place.probability)} so far",
         cure=_cure("hip", isolated=False) if place.probability < RARE else "",
@@ -232,10 +230,10 @@ def _cure(kind: str, isolated: bool) -> str:
     if not isolated:
         trial = 'an isolated trial of the joint (role "joint") tells more'
     keep = "where imaging shows it there, say so ([calibration] joint_prior); jp = false keeps the nominal joints"
-    return f"look at {JOINT_TABLE[kind].markers} in the static trial; {skin}; {trial}; {keep}"
+    return f"look at {coordinates.JOINT_TABLE[kind].markers} in the static trial; {skin}; {trial}; {keep}"
 
 
-def given_hips(trial: MarkerEvidence) -> Iterator[Finding]:
+def given_hips(trial: evidence.MarkerEvidence) -> Iterator[Finding]:
     """Given hip centres far from where the pelvis's markers tell, or of which one lies otherwise than the other."""
     if not trial.makes_model or trial.model is None or trial.settings.hip_rule != HipCentre.GIVEN.value:
         return
@@ -245,7 +243,7 @@ def given_hips(trial: MarkerEvidence) -> Iterator[Finding]:
     depth = float(np.linalg.norm(0.5 * (p["asis_r"] + p["asis_l"]) - p["sacrum"]))
     gaps = {
         side: float(np.linalg.norm(p[f"hjc_{side}"] - hip_centre(HipCentre.HARRINGTON, width, depth, side)))
-        for side in SIDES
+        for side in linkage.SIDES
     }
     uneven = p["hjc_r"] - [1.0, 1.0, -1.0] * p["hjc_l"]  # in the mirror
     apart, off = float(np.linalg.norm(uneven)), max(gaps.values())

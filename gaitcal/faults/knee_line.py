@@ -22,10 +22,8 @@ from gaitcal.arrays import Array
 from gaitcal.errors import STUDY, Code, Finding, Severity
 from gaitcal.faults.evidence import MarkerEvidence
 from gaitcal.faults.static_landmarks import label_words, landmarks
-from gaitcal.model.body_plan import body_axes
-from gaitcal.model.chain import root_angles
+from gaitcal.model import body_plan, chain, segment_frames
 from gaitcal.model.linkage import SIDES
-from gaitcal.model.segment_frames import nearest_rotation, sign
 
 TORSION_DEG = 10.0
 """Mean outward torsion between the lines of epicondyles and malleoli as they are palpated: 3 to 20 deg on the legs of
@@ -119,14 +117,14 @@ def odd_lines(p: Mapping[str, Array], bending: Mapping[str, float]) -> Iterator[
 
 def _side_evidence(p: Mapping[str, Array], side: str, bending: float | None) -> dict[str, float]:
     """Degrees by name, those that can be told; empty without a line through the knee."""
-    axes = body_axes(p)
+    axes = body_plan.body_axes(p)
 
     def line(medial: str, lateral: str) -> float | None:
         """Degrees from the body's medial-lateral axis, positive where the lateral end lies forward."""
         if axes is None or medial not in p or lateral not in p:
             return None
         forward, _, right = (p[lateral] - p[medial]) @ axes
-        return float(np.rad2deg(np.arctan2(forward, sign(side) * right)))
+        return float(np.rad2deg(np.arctan2(forward, segment_frames.sign(side) * right)))
 
     knee = line(f"knee_med_{side}", f"knee_lat_{side}")
     if knee is None:
@@ -167,7 +165,7 @@ def bending(trials: Sequence[MarkerEvidence]) -> dict[str, float]:
         found = [axis_turn(trial, f"knee_{side}") for trial in trials if trial.is_gait]
         turns = [turn for turn in found if turn is not None]
         if turns:
-            out[side] = sign(side) * float(np.rad2deg(np.median(turns)))
+            out[side] = segment_frames.sign(side) * float(np.rad2deg(np.median(turns)))
     return out
 
 
@@ -179,11 +177,11 @@ def axis_turn(trial: MarkerEvidence, knee: str) -> float | None:
     if knee not in trial.links or epicondyles is None:
         return None
     turn = trial.links[knee].turn
-    flexion = root_angles(turn)[:, 0]
+    flexion = chain.root_angles(turn)[:, 0]
     used = flexion > -AXIS_FLEXION  # a knee bends to negative f
     if used.sum() <= AXIS_FRAMES or np.ptp(np.percentile(flexion[used], AXIS_PERCENTILES)) <= AXIS_RANGE:
         return None
-    about = turn[used] @ nearest_rotation(turn[used].mean(axis=0)).T
+    about = turn[used] @ segment_frames.nearest_rotation(turn[used].mean(axis=0)).T
     vector = 0.5 * np.stack([about[:, i, j] - about[:, j, i] for i, j in ((2, 1), (0, 2), (1, 0))], axis=1)
     axis = np.linalg.svd(vector - vector.mean(axis=0), full_matrices=False)[2][0]
     (ax, az), (ex, ez) = (v[[0, 2]] * np.sign(v[2]) for v in (axis, epicondyles))

@@ -27,9 +27,7 @@ from gaitcal.faults.contradiction import SPREAD, Fault
 from gaitcal.faults.evidence import MarkerEvidence
 from gaitcal.faults.joint_link import CHAIN, angle_of
 from gaitcal.faults.static_consistency import contradictions_in
-from gaitcal.model.linkage import of_side
-from gaitcal.model.parameters import JOINT_PARAMETERS, Kind
-from gaitcal.model.segment_frames import rigid_motions
+from gaitcal.model import linkage, parameters, segment_frames
 from gaitcal.study.study import Study
 
 KNEE_HALF_M = 0.05
@@ -92,7 +90,7 @@ def _placement(segment: str, labels: tuple[str, ...], trials: Sequence[MarkerEvi
     before = cluster.static[[cluster.labels.index(m) for m in labels]]
     place = np.mean([np.median(local, axis=0) for local in places], axis=0)
     middle, wander = place.mean(axis=0), np.concatenate(places)
-    turn, _ = rigid_motions(place, wander)
+    turn, _ = segment_frames.rigid_motions(place, wander)
     away = wander.mean(axis=1) - middle
     links = [link for t in trials for link in t.links.values() if segment in (link.above, link.below)]
     limits = np.max([(k.gap_base, k.turn_base.max()) for k in links], axis=0) / SPREAD
@@ -118,7 +116,7 @@ def _local(trial: MarkerEvidence, segment: str, labels: Sequence[str]) -> Array 
     points, paths = list[Array](), list[Array]()
     for joint, pair in joints:
         other = pair[1 - pair.index(part)]
-        neighbour = trial.clusters.get(of_side(other, side))
+        neighbour = trial.clusters.get(linkage.of_side(other, side))
         if neighbour is None or neighbour.borrowed:
             return None
         ends = (axis, -axis) if joint.startswith("knee") else (0.0 * axis,)
@@ -133,7 +131,7 @@ def _local(trial: MarkerEvidence, segment: str, labels: Sequence[str]) -> Array 
     together = together[np.isfinite(together).all(axis=(1, 2))]
     if len(together) < FEWEST_FRAMES:
         return None
-    turn, origin = rigid_motions(np.array(points), together[:, : len(points)])
+    turn, origin = segment_frames.rigid_motions(np.array(points), together[:, : len(points)])
     return np.einsum("fji,fnj->fni", turn, together[:, len(points) :] - origin[:, None])
 
 
@@ -144,8 +142,8 @@ def with_placement(study: Study, static: MarkerEvidence, one: Placement) -> Stud
     markers = recording.markers.copy()
     markers[:, [recording.labels.index(m) for m in one.labels]] += (one.place - one.before) @ axes.T
     less = {
-        p.name: one.shift_spread if p.kind is Kind.POSITION else one.turn_spread
-        for p in JOINT_PARAMETERS
+        p.name: one.shift_spread if p.kind is parameters.Kind.POSITION else one.turn_spread
+        for p in parameters.JOINT_PARAMETERS
         if p.segment == one.segment
     }
     placed = replace(study.static, recording=replace(recording, markers=markers).with_notes(one.words))

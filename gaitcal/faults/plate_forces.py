@@ -36,8 +36,7 @@ from scipy.interpolate import CubicSpline
 from scipy.spatial.transform import Rotation
 
 from gaitcal.arrays import Array, IntArray, cross
-from gaitcal.dynamics.foot_contact import FootPoints
-from gaitcal.dynamics.inverse_dynamics import FEET
+from gaitcal.dynamics import foot_contact, inverse_dynamics
 from gaitcal.io.force_plate import LOADED_N, centre_on_ground
 from gaitcal.io.recording import ForcePlate, duration, runs
 
@@ -174,11 +173,11 @@ class Sole:
     """(n, 2) m."""
 
 
-def soles_of(standing: IntArray, frames: IntArray, feet: FootPoints) -> tuple[Sole, ...]:
+def soles_of(standing: IntArray, frames: IntArray, feet: foot_contact.FootPoints) -> tuple[Sole, ...]:
     """Every foot on every plate: `standing` (plates, k) as in the evidence, whose frames of the trial are `frames`."""
     out = []
     for plate, row in enumerate(standing):
-        for foot in range(len(FEET)):
+        for foot in range(len(inverse_dynamics.FEET)):
             on = np.flatnonzero(row == foot)
             if len(on) >= FEWEST:
                 heel, toe = (path[frames[on], foot][:, [0, 2]] for path in (feet.heel, feet.toe))

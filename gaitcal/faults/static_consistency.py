@@ -12,12 +12,10 @@ from dataclasses import replace
 import numpy as np
 
 from gaitcal.errors import STUDY, Code, Finding, Severity, listed
+from gaitcal.faults import exchanged, knee_line, marker_slip
 from gaitcal.faults.cluster import FEWEST, alignment
 from gaitcal.faults.contradiction import OFFSET_M, Contradiction, Fault, contradictions
 from gaitcal.faults.evidence import MarkerEvidence, side_of
-from gaitcal.faults.exchanged import sides_exchanged, undone
-from gaitcal.faults.knee_line import knee_axes
-from gaitcal.faults.marker_slip import stretches
 from gaitcal.io.recording import Recording
 from gaitcal.model.linkage import SIDE_WORDS, joint_segments
 from gaitcal.runtime import remembered
@@ -73,19 +71,21 @@ def static_consistency(trials: Sequence[MarkerEvidence]) -> Iterator[Finding]:
     spoilt: set[str] = set()
     for trial in sized:
         causes = contradictions_in(trial)
-        if causes and (mended := undone(trial)) is not trial:  # exchanges are told by a check of their own
+        if causes and (mended := exchanged.undone(trial)) is not trial:  # exchanges are told by a check of their own
             trial, causes = mended, contradictions_in(mended)
         if causes and (whole := _whole_trial(trial, causes)) is not None:
             yield whole
             spoilt.add(trial.name)
             continue
         for cause in causes:
-            if not (cause.fault is Fault.MARKER and cause.labels[0] in stretches(trial)):  # told with its time
+            if not (
+                cause.fault is Fault.MARKER and cause.labels[0] in marker_slip.stretches(trial)
+            ):  # told with its time
                 found.setdefault((cause.fault, cause.segment, cause.labels), []).append((trial, cause))
     sound = [t for t in sized if t.name not in spoilt]
     for group in found.values():
         yield _of_cause(group, len(sound))
-    yield from knee_axes(sound, {side_of(segment) for _, segment, _ in found})
+    yield from knee_line.knee_axes(sound, {side_of(segment) for _, segment, _ in found})
     yield from _between_walks([t for t in sound if t.is_gait], {segment for _, segment, _ in found})
 
 
@@ -198,7 +198,7 @@ def _whole_trial(trial: MarkerEvidence, causes: Sequence[Contradiction]) -> Find
         return None
     found = []
     for change, words in (
-        (sides_exchanged, "right and left labels are exchanged"),
+        (exchanged.sides_exchanged, "right and left labels are exchanged"),
         (axis_mirrored, "one axis of the laboratory is mirrored"),
     ):
         changed = trial.with_recording(change(trial.recording))

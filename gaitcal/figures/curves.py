@@ -11,8 +11,7 @@ import numpy as np
 
 from gaitcal.arrays import Array, BoolArray
 from gaitcal.figures import chart
-from gaitcal.gait.moments import SIDE_WORDS, capitalised
-from gaitcal.gait.strides import Layout
+from gaitcal.gait import moments, strides
 from gaitcal.model.coordinates import coordinate_words, split_side
 
 if TYPE_CHECKING:
@@ -78,7 +77,7 @@ def _keys(middle: str, curves: Curves) -> tuple[chart.Key, ...]:
 class Curves:
     """What is drawn of one trial in one kind of chart."""
 
-    layout: Layout
+    layout: strides.Layout
     traces: Mapping[str, Trace]
     """Coordinate (`hip_flexion_r`) or joint of a power (`hip_r`) -> its curve, in deg, N·m/kg or W/kg."""
     normal: Mapping[str, tuple[Array, Array]]
@@ -116,7 +115,7 @@ def curve_chart(curves: Curves, kind: CurveKind, stem: str) -> chart.Chart:
         sides.setdefault(split_side(name)[0], []).append(trace)
     panels = tuple(
         _panel(
-            capitalised(coordinate_words(base).title),
+            moments.capitalised(coordinate_words(base).title),
             unit,
             kind.positive(base),
             traces,
@@ -143,7 +142,7 @@ def _panel(
     unit: str,
     positive: str,
     traces: list[Trace],
-    layout: Layout,
+    layout: strides.Layout,
     least: float,
     normal: tuple[Array, Array] | None,
 ) -> chart.Panel:
@@ -166,11 +165,11 @@ def _panel(
         if not any(np.isfinite(d).any() for d in drawn):
             axes.text(0.5, 0.5, "no valid frames", transform=axes.transAxes, ha="center", fontsize=7, color=chart.FAINT)
 
-    sides = " and ".join(SIDE_WORDS[t.side] or "whole body" for t in traces)
+    sides = " and ".join(moments.SIDE_WORDS[t.side] or "whole body" for t in traces)
     return chart.Panel(f"{title}, {sides}, {unit} over {layout.xlabel}", draw)
 
 
-def _trace(axes: Axes, layout: Layout, trace: Trace) -> list[Array]:
+def _trace(axes: Axes, layout: strides.Layout, trace: Trace) -> list[Array]:
     """Draw one side; the values that the vertical axis must hold."""
     colour, dashes = chart.SIDE_COLOURS[trace.side], chart.line_style(chart.SIDE_DASHES[trace.side])
     for x, y in layout.others(trace.side, trace.value):
@@ -195,7 +194,7 @@ def _trace(axes: Axes, layout: Layout, trace: Trace) -> list[Array]:
     return drawn
 
 
-def _stance(axes: Axes, layout: Layout, side: str) -> None:
+def _stance(axes: Axes, layout: strides.Layout, side: str) -> None:
     for start, stop in layout.stances(side):
         axes.axvspan(start, stop, color=chart.STANCE, alpha=chart.STANCE_ALPHA, linewidth=0)
         if layout.by_cycle and side:

@@ -14,14 +14,11 @@ import numpy as np
 import pandas as pd
 
 from gaitcal.arrays import Array
-from gaitcal.figures import chart
-from gaitcal.figures.curves import LEAST_ANGLE, LEAST_MOMENT, NORMAL_COLOUR, normal_band
-from gaitcal.figures.report import HealthyBands
+from gaitcal.figures import chart, curves, report
 from gaitcal.gait.conventions import Convention, MomentUnit
 from gaitcal.gait.cycles import GROUND_REACTION, Kind, coordinate_of, kind_of
 from gaitcal.gait.moments import SIDE_WORDS, counted
-from gaitcal.model.coordinates import senses_of
-from gaitcal.model.linkage import SIDES
+from gaitcal.model import coordinates, linkage
 from gaitcal.model.subject_model import Subject
 
 if TYPE_CHECKING:
@@ -34,7 +31,7 @@ TALLEST: Final = 80.0  # mm: a wide figure is no taller
 ASPECT: Final = 0.68
 LINE, THIN, TOE_OFF = 1.4, 0.5, 0.6
 BAND: Final = 0.22
-LEAST: Final = {Kind.ANGLE: LEAST_ANGLE, Kind.FORCE: 0.5}
+LEAST: Final = {Kind.ANGLE: curves.LEAST_ANGLE, Kind.FORCE: 0.5}
 """Smallest range of a vertical axis, in deg and N; of moments and powers in N·m/kg and W/kg."""
 
 
@@ -45,7 +42,7 @@ class Strides:
     table: pd.DataFrame  # As `gaitcal.ensemble` gives it, of the strides in `cycles.csv`
     subject: Subject
     offs: Mapping[str, float]  # Side -> mean end of stance, % of the stride
-    healthy: HealthyBands = field(default_factory=dict)
+    healthy: report.HealthyBands = field(default_factory=dict)
 
 
 def paper_charts(strides: Strides, convention: Convention, width: float = 85.0) -> list[chart.Chart]:
@@ -138,7 +135,7 @@ class _Line:
 
 
 def _chart(variable: str, table: pd.DataFrame, strides: Strides, convention: Convention, width: float) -> chart.Chart:
-    lines = [line for side in SIDES if (line := _line(variable, side, table, strides, convention)) is not None]
+    lines = [line for side in linkage.SIDES if (line := _line(variable, side, table, strides, convention)) is not None]
     kind, title = kind_of(variable), variable_title(variable, convention)
     # Bands of the two sides differ where their signs do: clinical angles of the pelvis have one sense for both sides,
     # OpenSim's have not.
@@ -155,7 +152,7 @@ def _chart(variable: str, table: pd.DataFrame, strides: Strides, convention: Con
         axes.axhline(0.0, color=chart.FAINT, linewidth=THIN)
         drawn: list[Array] = []
         for line in bands:
-            drawn += normal_band(axes, *line.healthy) if line.healthy else ()
+            drawn += curves.normal_band(axes, *line.healthy) if line.healthy else ()
         for line in lines:
             drawn += _mean(axes, line)
             if line.side in strides.offs:
@@ -227,7 +224,7 @@ def _keys(lines: list[_Line], bands: list[_Line], offs: Mapping[str, float]) -> 
         )
     for line in bands:
         whose = f", {SIDE_WORDS[line.side]}" if len(bands) > 1 else ""
-        yield chart.Key(label=f"healthy{whose}, mean ± SD (dotted edges)", colour=NORMAL_COLOUR, kind="band")
+        yield chart.Key(label=f"healthy{whose}, mean ± SD (dotted edges)", colour=curves.NORMAL_COLOUR, kind="band")
     if offs:
         yield chart.Key(label="thin upright lines: toe-off", colour=chart.FAINT, width=TOE_OFF)
 
@@ -249,7 +246,7 @@ def _force_unit(convention: Convention, subject: Subject) -> tuple[float, str]:
 def _label(variable: str, convention: Convention, subject: Subject) -> str:
     """Unit, and what is positive."""
     kind, moment = kind_of(variable), convention.unit.key.replace("Nm", "N·m").replace("*", "·")
-    if kind is Kind.MOMENT and senses_of(coordinate_of(variable)) is None:
+    if kind is Kind.MOMENT and coordinates.senses_of(coordinate_of(variable)) is None:
         return moment
     whose = f"{convention.acting.key}, " if kind is Kind.MOMENT else ""
     force = _force_unit(convention, subject)[1]
@@ -260,7 +257,7 @@ def _label(variable: str, convention: Convention, subject: Subject) -> str:
 def _least(kind: Kind, convention: Convention, subject: Subject) -> float:
     if kind in LEAST:
         return LEAST[kind]
-    one = np.array([LEAST_MOMENT * subject.mass])
+    one = np.array([curves.LEAST_MOMENT * subject.mass])
     if kind is Kind.MOMENT:
         return float(np.abs(convention.moment("", one, subject))[0])
     return float(convention.power(one, subject)[0])

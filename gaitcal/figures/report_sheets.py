@@ -20,9 +20,8 @@ from reportlab.platypus import Flowable, Paragraph
 from gaitcal.arrays import Array
 from gaitcal.figures import chart
 from gaitcal.figures.chart import SIDE_DASHES, limits
+from gaitcal.gait import moments, profile_score
 from gaitcal.gait.cycles import Kind
-from gaitcal.gait.moments import SIDE_WORDS
-from gaitcal.gait.profile_score import Score, score_title
 from gaitcal.model.linkage import SIDES
 
 SIDE_COLOURS: Final = {side: HexColor(chart.SIDE_COLOURS[side]) for side in SIDES}
@@ -129,7 +128,7 @@ class SheetOfCurves(Flowable):  # type: ignore[misc]
             canvas.setLineWidth(1.4)
             canvas.setDash(*([list(SIDE_DASHES[side])] if SIDE_DASHES[side] else [[]]))
             canvas.line(x, 2 * mm, x + 8 * mm, 2 * mm)
-            x = _word(canvas, x + 9.5 * mm, f"{SIDE_WORDS[side]}, {self.sheet.thick}")
+            x = _word(canvas, x + 9.5 * mm, f"{moments.SIDE_WORDS[side]}, {self.sheet.thick}")
         canvas.setDash([])
         _word(canvas, x, self.sheet.thin)
         canvas.restoreState()
@@ -146,7 +145,7 @@ class ProfileBars(Flowable):  # type: ignore[misc]
     ROW = 6.2 * mm
     LABEL, NUMBERS = 40 * mm, 52 * mm
 
-    def __init__(self, scores: Sequence[Score], width: float) -> None:
+    def __init__(self, scores: Sequence[profile_score.Score], width: float) -> None:
         super().__init__()
         self.rows = [(v, [s for s in scores if s.variable == v]) for v in dict.fromkeys(s.variable for s in scores)]
         self.width, self.height = width, (len(self.rows) + 1) * self.ROW
@@ -173,16 +172,16 @@ class ProfileBars(Flowable):  # type: ignore[misc]
     def _at(self, value: float) -> float:
         return float(self.LABEL + (self.width - self.LABEL - self.NUMBERS) * value / self.most)
 
-    def _row(self, scores: Sequence[Score], low: float) -> None:
+    def _row(self, scores: Sequence[profile_score.Score], low: float) -> None:
         canvas, told = self.canv, list[str]()
         canvas.setFillColor(NORM)
         canvas.rect(self._at(0), low + 0.5 * mm, self._at(scores[0].norm) - self._at(0), self.ROW - 1 * mm, 0, 1)
         canvas.setFillColor(INK)
         canvas.setFont(BOLD if len(scores) > len(SIDES) else SANS, 7.5)
-        canvas.drawString(0, low + 2 * mm, score_title(scores[0]))
+        canvas.drawString(0, low + 2 * mm, profile_score.score_title(scores[0]))
         for s in scores:
             error = f" ± {s.error:.1f}" if np.isfinite(s.error) else ""
-            told.append(f"{SIDE_WORDS.get(s.side, s.side)} {s.score:.1f}{error}")
+            told.append(f"{moments.SIDE_WORDS.get(s.side, s.side)} {s.score:.1f}{error}")
             if s.side not in SIDES:
                 continue
             y = low + (3.2 * mm if s.side == "r" else 1.2 * mm)

@@ -55,8 +55,7 @@ from gaitcal.arrays import Array
 from gaitcal.errors import Code, InputError, nearest
 from gaitcal.gait.conventions import Acting, Convention, Signs
 from gaitcal.gait.cycles import POINTS, Kind, kind_of, known_variables
-from gaitcal.io.text_file import read_lines
-from gaitcal.io.toml import models_path
+from gaitcal.io import text_file, toml
 from gaitcal.model.coordinates import split_side
 from gaitcal.model.subject_model import GRAVITY, Subject
 
@@ -147,7 +146,7 @@ def bands_file(name: Path | str) -> Path:
     if shipped is None:
         allowed = f"a CSV file, or the name of bands that gaitcal brings: {', '.join(SHIPPED)}"
         raise _BandsError(f"no such file; allowed: {allowed}{nearest(str(name), SHIPPED)}", source=path)
-    return models_path() / shipped
+    return toml.models_path() / shipped
 
 
 def read_normal_bands(path: Path | str) -> dict[str, NormalBand]:
@@ -177,7 +176,7 @@ def read_normal_bands(path: Path | str) -> dict[str, NormalBand]:
 def _parted(source: Path) -> tuple[list[str], list[tuple[int, list[str]]]]:
     """Comments without their `#`, and numbered rows of cells."""
     comments, rows = [], []
-    for number, line in enumerate(read_lines(source), start=1):
+    for number, line in enumerate(text_file.read_lines(source), start=1):
         cells = [cell.strip() for cell in next(csv.reader([line]), [])]
         while cells and not cells[-1]:
             cells.pop()

@@ -29,9 +29,8 @@ from typing import Final, TypeAlias
 import numpy as np
 
 from gaitcal.arrays import Array
+from gaitcal.gait import ensemble, spatiotemporal
 from gaitcal.gait.cycles import POINTS, Kind, coordinate_of, kind_of, unit_of
-from gaitcal.gait.ensemble import spread
-from gaitcal.gait.spatiotemporal import LEAST_VALID
 from gaitcal.model.coordinates import coordinate_words, senses_of
 from gaitcal.model.linkage import SIDES
 
@@ -200,7 +199,7 @@ def stride_peaks(curves: Mapping[str, tuple[Array, Array, Array]], toe_off: floa
             continue
         (value, error, own), (low, high) = known, window
         inside = np.flatnonzero((at >= low) & (at <= high))
-        if not len(inside) or np.isfinite(value[inside]).mean() < LEAST_VALID:
+        if not len(inside) or np.isfinite(value[inside]).mean() < spatiotemporal.LEAST_VALID:
             continue
         match peak.figure:
             case Figure.MEAN:
@@ -269,7 +268,7 @@ def peak_means(strides: Iterable[tuple[str, str, str, Mapping[str, PeakValue | A
         if not rows:
             continue
         value, error, own, percent = np.array([one for _, one in rows], dtype=np.float64).T
-        over = spread(value[:, None], np.array([trial for trial, _ in rows]), own[:, None], error[:, None])
+        over = ensemble.spread(value[:, None], np.array([trial for trial, _ in rows]), own[:, None], error[:, None])
         out.append(
             PeakMean(
                 activity=activity,

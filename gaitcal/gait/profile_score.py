@@ -23,16 +23,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gaitcal.arrays import Array
-from gaitcal.gait.cycles import POINTS, WALKING
-from gaitcal.gait.normal_bands import Bands
+from gaitcal.gait import cycles, normal_bands
 from gaitcal.gait.strides import TURNING
-from gaitcal.model.coordinates import FOOT_PROGRESSION, coordinate_words
-from gaitcal.model.linkage import PELVIS_ANGLES, SIDES
+from gaitcal.model import coordinates, linkage
 from gaitcal.model.subject_model import Subject
 
 ANGLES: Final = (
-    *PELVIS_ANGLES,
-    *("hip_flexion", "hip_adduction", "hip_rotation", "knee_angle", "ankle_angle", FOOT_PROGRESSION),
+    *linkage.PELVIS_ANGLES,
+    *("hip_flexion", "hip_adduction", "hip_rotation", "knee_angle", "ankle_angle", coordinates.FOOT_PROGRESSION),
 )
 EVERY: Final = 2
 """%: between points."""
@@ -53,7 +51,7 @@ class Score:
 
 
 def profile_scores(
-    strides: Mapping[str, Sequence[Any] | NDArray[Any]], bands: Bands, subject: Subject
+    strides: Mapping[str, Sequence[Any] | NDArray[Any]], bands: normal_bands.Bands, subject: Subject
 ) -> tuple[Score, ...]:
     """Nine angles and the score of each side that has a whole straight stride of all, and that of both.
 
@@ -64,33 +62,33 @@ def profile_scores(
     if not set(ANGLES) <= set(bands):
         return ()
     column = {name: np.asarray(strides[name]) for name in ("side", "variable")}
-    wanted = np.isin(column["variable"], ANGLES) & (np.asarray(strides["activity"]) == WALKING)
+    wanted = np.isin(column["variable"], ANGLES) & (np.asarray(strides["activity"]) == cycles.WALKING)
     column = {n: v[wanted] for n, v in column.items()}
     numbers = {n: np.asarray(strides[n])[wanted].astype(float) for n in ("value", "se", "se_stride", "valid", "turn")}
     counts = (numbers["valid"] == 1) & ~(np.abs(numbers["turn"]) > TURNING)
     value = np.where(counts, numbers["value"], np.nan)
     shared = np.sqrt(np.maximum(numbers["se"] ** 2 - numbers["se_stride"] ** 2, 0.0))
     out: list[Score] = []
-    for side in SIDES:
+    for side in linkage.SIDES:
         of_side = []
         for name in ANGLES:
             rows = (column["side"] == side) & (column["variable"] == name)
-            x, e = (v[rows].reshape(-1, POINTS)[:, ::EVERY] for v in (value, shared))
+            x, e = (v[rows].reshape(-1, cycles.POINTS)[:, ::EVERY] for v in (value, shared))
             whole = np.isfinite(x).all(axis=1)
             if not whole.any():
                 break
             mean, sd = (part[::EVERY] for part in bands[name].for_person(subject, side))
             of_side.append(_of_angle(side, name, x[whole] - mean, e[whole].mean(axis=0), float(_rms(sd))))
         out += [*of_side, _joined(side, of_side)] if len(of_side) == len(ANGLES) else []
-    if len({s.side for s in out}) < len(SIDES):
+    if len({s.side for s in out}) < len(linkage.SIDES):
         return tuple(out)
-    legs = [s for s in out if s.variable in ANGLES and (s.side == "l" or s.variable not in PELVIS_ANGLES)]
+    legs = [s for s in out if s.variable in ANGLES and (s.side == "l" or s.variable not in linkage.PELVIS_ANGLES)]
     return (*out, _joined(BOTH, legs))
 
 
 def score_title(score: Score) -> str:
     """`Hip rotation`, `Gait Profile Score`."""
-    return "Gait Profile Score" if score.variable == GPS else coordinate_words(score.variable).title
+    return "Gait Profile Score" if score.variable == GPS else coordinates.coordinate_words(score.variable).title
 
 
 def _of_angle(side: str, name: str, away: Array, shared: Array, norm: float) -> Score:

@@ -42,11 +42,9 @@ import numpy as np
 from gaitcal.arrays import Array, BoolArray
 from gaitcal.dynamics.foot_contact import FootPoints
 from gaitcal.errors import Code, Finding, Severity
+from gaitcal.gait import ensemble, event_clock, moments
 from gaitcal.gait.cycles import CYCLE_RANGE, EventSource, FootEvents, between, is_stride, resample
-from gaitcal.gait.ensemble import spread
-from gaitcal.gait.event_clock import double_support
 from gaitcal.gait.events import GaitEvents
-from gaitcal.gait.moments import listed
 from gaitcal.gait.strides import turn_between, turns
 from gaitcal.model.linkage import OTHER_SIDE, SIDE_WORDS, SIDES
 
@@ -208,7 +206,7 @@ def _times(
         out["step_time"] = stop - struck
     if start is not None and off is not None:
         out["stance"] = off - start
-        out |= double_support(other, start, off)
+        out |= event_clock.double_support(other, start, off)
     if stop is not None and off is not None:
         out["swing"] = stop - off
     if start is not None and stop is not None:
@@ -292,7 +290,7 @@ def stride_findings(trial: str, strides: Sequence[Stride]) -> tuple[Finding, ...
 def _named(strides: Sequence[Stride]) -> str:
     """`right 1 and 2, left 1 (turned by 48 deg at most)`."""
     numbers = {side: [str(s.number) for s in strides if s.side == side] for side in SIDES}
-    by_side = [f"{SIDE_WORDS[side]} {listed(of_side)}" for side, of_side in numbers.items() if of_side]
+    by_side = [f"{SIDE_WORDS[side]} {moments.listed(of_side)}" for side, of_side in numbers.items() if of_side]
     most = max((abs(s.turn) for s in strides if turns(s.turn) and s.turn is not None), default=None)
     return ", ".join(by_side) + ("" if most is None else f" (by up to {most:.0f} deg)")
 
@@ -352,7 +350,7 @@ def _average(strides: Mapping[str, Sequence[Stride]], side: str, name: str) -> A
     known = [(trial, measures[name]) for trial, measures in measured if name in measures]
     if not known:
         return None
-    found = spread(np.array([[value] for _, value in known]), np.array([trial for trial, _ in known]))
+    found = ensemble.spread(np.array([[value] for _, value in known]), np.array([trial for trial, _ in known]))
     sd, within, between_trials = (
         float(value[0]) if np.isfinite(value[0]) else None for value in (found.sd, found.sd_within, found.sd_between)
     )

@@ -38,8 +38,7 @@ from typing import Any, Final
 import numpy as np
 
 from gaitcal.arrays import Array
-from gaitcal.io import text_file
-from gaitcal.io.atomic import atomic_file
+from gaitcal.io import atomic, text_file
 from gaitcal.io.axes import body_vertical, turn_up
 from gaitcal.io.force_tables import Forces, PlateColumns, build_plate, on_one_time, standing
 from gaitcal.io.labels import SIDES, ComputedPoints, Facts, FootEvent, FootMoment, axes_points, clean, unique
@@ -156,7 +155,7 @@ def write_forces_csv(path: Path, plates: tuple[ForcePlate, ...]) -> None:
 
 
 def _write(path: Path, names: list[str], time: Array, values: Array) -> None:
-    with atomic_file(path) as part, part.open("w", encoding="utf-8", newline="") as file:
+    with atomic.atomic_file(path) as part, part.open("w", encoding="utf-8", newline="") as file:
         csv.writer(file, lineterminator="\n").writerow(["time", *names])
         file.write(text_file.number_lines(np.column_stack([time, values]), ","))
 
@@ -196,7 +195,7 @@ def plates_file(forces: Path) -> Path:
 
 def write_plates_csv(path: Path, plates: tuple[ForcePlate, ...]) -> None:
     """The corners of all plates that have some; reads back bit for bit."""
-    with atomic_file(path) as part, part.open("w", encoding="utf-8", newline="") as file:
+    with atomic.atomic_file(path) as part, part.open("w", encoding="utf-8", newline="") as file:
         rows = csv.writer(file, lineterminator="\n")
         rows.writerow(CORNER_HEADER)
         for plate in plates:
@@ -269,7 +268,7 @@ def write_facts_csv(path: Path, recording: Recording) -> None:
     rows: list[tuple[str, Any]] = [(name, value) for name, value in facts.items() if value not in (None, {})]
     rows += [(EVENT, [e.time, e.side, e.moment.value]) for e in recording.events]
     if rows or path.exists():
-        with atomic_file(path) as part, part.open("w", encoding="utf-8", newline="") as file:
+        with atomic.atomic_file(path) as part, part.open("w", encoding="utf-8", newline="") as file:
             csv.writer(file, lineterminator="\n").writerows([FACT_HEADER, *((n, json.dumps(v)) for n, v in rows)])
 
 

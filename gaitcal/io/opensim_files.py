@@ -28,9 +28,7 @@ import numpy as np
 
 from gaitcal.arrays import Array
 from gaitcal.errors import Code, InputError, nearest, side_named
-from gaitcal.io import text_file
-from gaitcal.io.atomic import atomic_file, atomic_text
-from gaitcal.io.axes import Vertical, make_y_up
+from gaitcal.io import atomic, axes, text_file
 from gaitcal.io.force_tables import Forces, PlateColumns, build_plate, find_plates, on_one_time, standing
 from gaitcal.io.labels import clean, common_prefix, is_unlabelled, unique
 from gaitcal.io.recording import ForcePlate, Recording, require_plain_labels, zeros_to_missing
@@ -39,14 +37,14 @@ PER_METRE = {"mm": 1000.0, "cm": 100.0, "m": 1.0, "millimeters": 1000.0, "meters
 LONGEST_HEADER = 20
 AXIS_LINE = re.compile(r"(\s*[XYZ]\d+)*\s*", re.IGNORECASE)
 """X1 Y1 Z1 X2 ..., or nothing."""
-USUAL_VERTICAL = Vertical(1, 1, "the usual practice, as the data do not tell")
+USUAL_VERTICAL = axes.Vertical(1, 1, "the usual practice, as the data do not tell")
 
 # ------------------------------------------------------------------------------------------------------------- TRC
 
 
 def read_trc(path: Path) -> Recording:
     """Markers of a TRC file, in metres, y up."""
-    return make_y_up(parse_trc(path), USUAL_VERTICAL)
+    return axes.make_y_up(parse_trc(path), USUAL_VERTICAL)
 
 
 @text_file.naming_file
@@ -108,7 +106,7 @@ def write_trc(path: Path, recording: Recording) -> None:
         "\t\t" + "\t".join(f"{axis}{i + 1}" for i in range(markers) for axis in "XYZ"),
         "",
     ]
-    with atomic_file(path) as part, part.open("w", encoding="utf-8", newline="\n") as file:
+    with atomic.atomic_file(path) as part, part.open("w", encoding="utf-8", newline="\n") as file:
         file.write("\n".join(rows) + "\n")
         numbers = text_file.number_lines(
             np.column_stack([recording.time, recording.markers.reshape(frames, -1)]), "\t", "NaN"
@@ -249,7 +247,7 @@ def write_forces_mot(path: Path, plates: tuple[ForcePlate, ...]) -> None:
     time, values = on_one_time(plates)
     kinds = ("ground_force_{}_v", "ground_force_{}_p", "ground_moment_{}_m")
     names = [f"{kind.format(k + 1)}{axis}" for k in range(len(plates)) for kind in kinds for axis in "xyz"]
-    atomic_text(path, StorageTable(time, tuple(names), values, True).text(path.name))
+    atomic.atomic_text(path, StorageTable(time, tuple(names), values, True).text(path.name))
 
 
 # --------------------------------------------------------------------------------------------------- ExternalLoads

@@ -25,18 +25,15 @@ from gaitcal.arrays import Array
 from gaitcal.errors import Code, InputError
 from gaitcal.io.recording import Recording, still_window
 from gaitcal.io.toml import models_path
-from gaitcal.model import linkage
+from gaitcal.model import anthropometry, coordinates, linkage, trunk
 from gaitcal.model.ankle_zero import AnkleZero, standing_ankles
-from gaitcal.model.anthropometry import BodyLengths, inertial_parameters, table_words
 from gaitcal.model.chain import axis_rotation, root_angles
-from gaitcal.model.coordinates import JOINT_TABLE, split_side
 from gaitcal.model.landmarks import StaticPosture, check_plausible, static_posture
 from gaitcal.model.marker_set import SEGMENT_OF, MarkerSet, load_marker_set
 from gaitcal.model.parameters import JOINT_PARAMETERS, JP_INDEX, Kind, Parameters, published_subject
 from gaitcal.model.present_markers import complete_static, present_markers
 from gaitcal.model.segment_frames import Frame, HipCentre, JointWidths, lower_body, sign
 from gaitcal.model.subject_model import MarkerPlacement, Subject, SubjectModel
-from gaitcal.model.trunk import UpperBody, upper_body
 from gaitcal.runtime import with_one_blas_thread
 
 __all__ = ["AnkleZero", "HipCentre", "nominal_model", "published_model"]
@@ -54,8 +51,8 @@ is then some 40 mm higher and nearer to the neck than in walking."""
 CENTRE_OF: dict[str, str] = {
     joint.name: centre + (f"_{side}" if side else "")
     for joint in linkage.JOINTS
-    for kind, side in (split_side(joint.name),)
-    if (centre := JOINT_TABLE[kind].centre)
+    for kind, side in (coordinates.split_side(joint.name),)
+    if (centre := coordinates.JOINT_TABLE[kind].centre)
 }
 """Joint -> landmark that is its centre."""
 _OF_POINT = SEGMENT_OF | {CENTRE_OF[joint.name]: joint.parent for joint in linkage.JOINTS if joint.name in CENTRE_OF}
@@ -101,11 +98,11 @@ def nominal_model(
     posture = static_posture(static, marker_set, window)
     check_plausible(posture, subject.height)
     legs = lower_body(posture, subject.height, hip_centre, widths=JointWidths.of(subject))
-    body = upper_body(posture, marker_set, legs, subject)
+    body = trunk.upper_body(posture, marker_set, legs, subject)
     frames, centres = legs.frames | body.frames, legs.centres | body.centres
     standing = standing_ankles(posture, legs, static.facts.static_plantarflexion, ankle_zero)
     joint, zero = nominal_joint_parameters(frames, centres, body, standing.dorsiflexion)
-    inertial = inertial_parameters(subject, _lengths(frames["pelvis"], centres))
+    inertial = anthropometry.inertial_parameters(subject, _lengths(frames["pelvis"], centres))
     parameters = Parameters(joint, inertial, zero)
     # segments of the legs that may do without markers and of which none was seen
     optional = [
@@ -145,7 +142,7 @@ def nominal_model(
             *body.notes,
             *notes,
             *([f"points that are no markers on skin: {marker_set.noise.words}"] if marker_set.noise else []),
-            f"inertia: {table_words(subject)}",
+            f"inertia: {anthropometry.table_words(subject)}",
         ),
     )
 
@@ -173,7 +170,7 @@ def _carried(marker_set: MarkerSet, sides: tuple[str, ...]) -> list[str]:
     return [label for label in labels if marker_set.weight(label) > 0]
 
 
-def _lengths(pelvis: Frame, centres: Mapping[str, Array]) -> BodyLengths:
+def _lengths(pelvis: Frame, centres: Mapping[str, Array]) -> anthropometry.BodyLengths:
     """What inertia depends on, from the joint centres (3,) m in the laboratory."""
     legs = {"thigh": ("hjc", "kjc"), "shank": ("kjc", "ajc")}
     ends = legs | {"upper_arm": ("sjc", "ejc"), "forearm_hand": ("ejc", "wjc")}
@@ -183,7 +180,7 @@ def _lengths(pelvis: Frame, centres: Mapping[str, Array]) -> BodyLengths:
         for side in linkage.SIDES
     }
     hips = pelvis.local(0.5 * (centres["hjc_r"] + centres["hjc_l"]))
-    return BodyLengths(limbs, hips[:2], float(pelvis.local(centres["lumbar"])[1] - hips[1]))
+    return anthropometry.BodyLengths(limbs, hips[:2], float(pelvis.local(centres["lumbar"])[1] - hips[1]))
 
 
 def _placement(
@@ -213,7 +210,7 @@ def _placement(
 
 
 def nominal_joint_parameters(
-    frames: dict[str, Frame], centres: dict[str, Array], body: UpperBody, dorsiflexion: Mapping[str, float]
+    frames: dict[str, Frame], centres: dict[str, Array], body: trunk.UpperBody, dorsiflexion: Mapping[str, float]
 ) -> tuple[Array, Array]:
     """Joint parameters (np,) and zero angles (nz,), m and rad.
 

@@ -44,8 +44,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from gaitcal.arrays import Array
-from gaitcal.model.anthropometry import default_length, default_limbs
-from gaitcal.model.chain import axis_rotation
+from gaitcal.model import anthropometry, chain
 from gaitcal.model.landmarks import StaticPosture
 from gaitcal.model.linkage import OTHER_SIDE, SIDE_WORDS, SIDES
 from gaitcal.model.marker_set import MarkerSet
@@ -145,8 +144,8 @@ def _shoulders(
 
 def neck_above_shoulders(subject: Subject) -> float:
     """Height (m) of the middle of cervicale and suprasternale above that of the shoulder centres, along the trunk."""
-    whole = [default_length(name, subject) for name in ("Trunk", "Trunk2")]
-    return float(np.mean(whole)) - default_length("Trunk3", subject)
+    whole = [anthropometry.default_length(name, subject) for name in ("Trunk", "Trunk2")]
+    return float(np.mean(whole)) - anthropometry.default_length("Trunk3", subject)
 
 
 def _lateral(posture: StaticPosture, pelvis: Frame) -> tuple[Array, str]:
@@ -202,7 +201,7 @@ def upper_body(posture: StaticPosture, marker_set: MarkerSet, legs: LowerBody, s
     trunk, centres, notes, frozen = body.frame, dict(body.shoulders), [*body.notes], list[str]()
     frames, down = {"head_trunk": trunk}, -trunk.rotation[:, 1]
     turn, axis, raised = dict.fromkeys(SIDES, 0.0), dict.fromkeys(SIDES, trunk.rotation[:, 2]), []
-    limbs = default_limbs(subject)
+    limbs = anthropometry.default_limbs(subject)
 
     def why_not(segment: str, landmark: str) -> str:
         """Why a segment of an arm cannot be measured; nothing where it can."""
@@ -315,10 +314,10 @@ def measured_arm(posture: StaticPosture, side: str, trunk: Frame, shoulder: Arra
 def _unturned(y: Array, trunk: Frame) -> Array:
     """The z axis of an arm that flexion and adduction alone bring to this y."""
     a = trunk.rotation.T @ y
-    lift = axis_rotation(0, float(np.arcsin(np.clip(a[2], -1.0, 1.0))))
+    lift = chain.axis_rotation(0, float(np.arcsin(np.clip(a[2], -1.0, 1.0))))
     if abs(np.arcsin(np.clip(a[2], -1.0, 1.0))) > RAISED:
         return trunk.rotation @ across(lift[:, 2], a)
-    return trunk.rotation @ axis_rotation(2, float(np.arctan2(-a[0], a[1]))) @ lift[:, 2]
+    return trunk.rotation @ chain.axis_rotation(2, float(np.arctan2(-a[0], a[1]))) @ lift[:, 2]
 
 
 def _plane_normal(shoulder: Array, lateral: Array, wrist: Array, inwards: float) -> Array | None:

@@ -30,8 +30,7 @@ from numpy.lib.stride_tricks import as_strided
 from scipy.linalg import blas, lapack
 
 from gaitcal.arrays import Array, IntArray
-from gaitcal.motion.descent import Evaluation
-from gaitcal.motion.marker_residual import FrameEquations, VariablePairs
+from gaitcal.motion import descent, marker_residual
 from gaitcal.motion.spline import ORDER, SplineBasis, Stretch
 
 ROUNDING = 1e-14  # part of its trace that is added to S: parameters that no trial sees do not move
@@ -58,7 +57,7 @@ class Assembler:
 
     def __init__(
         self,
-        pairs: VariablePairs,
+        pairs: marker_residual.VariablePairs,
         coordinates: int,
         parameters: int,
         basis: SplineBasis,
@@ -80,7 +79,7 @@ class Assembler:
         self._later[shallow[after], deep[after] - coordinates] = 1.0
         self._earlier[deep[~after], shallow[~after] - coordinates] = 1.0
 
-    def assembled(self, parts: Iterable[tuple[FrameEquations, Stretch]]) -> NormalEquations:
+    def assembled(self, parts: Iterable[tuple[marker_residual.FrameEquations, Stretch]]) -> NormalEquations:
         """The equations of all stretches as a banded matrix; coordinates that move no marker get a unit diagonal."""
         nn, nq, pairs, cost = self.basis.nodes, self.nq, self.pairs, 0.0
         coordinates, parameters = slice(0, nq), slice(nq, nq + self.np)
@@ -263,7 +262,7 @@ class ArrowEquations:
         for trial, places in zip(trials, columns, strict=True):
             shared[places] += trial.parameter_gradient
         gradient = np.concatenate([shared, *(trial.node_gradient.ravel() for trial in trials)])
-        self.evaluation = Evaluation(sum(trial.cost for trial in trials) + self.prior.cost, gradient)
+        self.evaluation = descent.Evaluation(sum(trial.cost for trial in trials) + self.prior.cost, gradient)
 
     def factor(self, damping: float) -> ArrowFactor:
         """With the nodes of every trial eliminated."""

@@ -33,10 +33,7 @@ from scipy.linalg import cho_solve_banded, cholesky_banded
 from gaitcal.arrays import Array, IntArray
 from gaitcal.model.chain import ChainConstants
 from gaitcal.model.parameters import Parameters
-from gaitcal.motion import spline
-from gaitcal.motion.descent import DescentSettings
-from gaitcal.motion.marker_residual import MarkerData
-from gaitcal.motion.motion import track_nodes
+from gaitcal.motion import descent, marker_residual, motion, spline
 from gaitcal.motion.start import starting_coordinates, starting_nodes
 from gaitcal.motion.trial_problem import MotionProblem
 
@@ -55,7 +52,9 @@ LEAST = 0.01  # of mean H: a pose that hardly shows a coordinate (an elbow stret
 NEVER_SEEN = 1e-6  # of the diagonal: for directions that no pose shows
 GRAM_FLOOR = 1e-14  # of the largest diagonal entry of G: two nodes between the same frames
 TINY = 1e-300
-LOOSE = DescentSettings(gain=1e-4)  # while f is sought: what is left to gain is far below what tells one f from another
+LOOSE = descent.DescentSettings(
+    gain=1e-4
+)  # while f is sought: what is left to gain is far below what tells one f from another
 
 
 def with_bandwidth(problem: MotionProblem, parameters: Parameters, cutoff_hz: float) -> MotionProblem:
@@ -89,7 +88,7 @@ def frame_information(problem: MotionProblem, constants: ChainConstants) -> Arra
     some = data.frames(frames)
     q = starting_coordinates(problem.chain, constants, some)
     mean = np.repeat(data.weight.mean(axis=1)[:, None], len(frames), axis=1)
-    data = MarkerData(data.placed, some.measured, mean)
+    data = marker_residual.MarkerData(data.placed, some.measured, mean)
     weighed = replace(problem, basis=problem.basis.at(frames), data=data, smoothing=None)
     on = np.flatnonzero(weighed.active)
     hessians = weighed.frame_hessians(q, constants)[:, on[:, None], on]
@@ -139,7 +138,7 @@ class DenseMotion:
         rough = spline.smoothing(basis, self.information, self.highest)
         self.problem = replace(cut, basis=basis, smoothing=rough)
         start = starting_nodes(cut.chain, constants, cut.data, basis)
-        self.coefficients = track_nodes(self.problem, constants, start, LOOSE).x
+        self.coefficients = motion.track_nodes(self.problem, constants, start, LOOSE).x
         """(nn, nq) m, rad."""
         residual = self.problem.positions(self.coefficients, constants) - cut.data.measured
         self.residual = (np.sqrt(cut.data.weight)[:, None] * residual).reshape(-1, len(frames)).T

@@ -50,13 +50,10 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from gaitcal.arrays import Array, BoolArray, IntArray
-from gaitcal.model.chain import root_angles
+from gaitcal.model import chain, segment_frames, trunk
 from gaitcal.model.coordinates import COORDINATE_TABLE, with_side
 from gaitcal.model.linkage import JOINTS, LUMBAR, PELVIS_ANGLES, SIDES, coordinates_before, segment_kind
-from gaitcal.model.segment_frames import off_line
-from gaitcal.model.trunk import OFF_LINE
-from gaitcal.motion.rigid import FEWEST_MARKERS
-from gaitcal.motion.spline import SplineBasis
+from gaitcal.motion import rigid, spline
 
 MARKER_M = 0.005  # m, e: the noise of a marker on skin
 BEYOND = np.deg2rad(5.0)  # rad beyond a wall that cost e
@@ -88,7 +85,7 @@ class CoordinatePrior:
     scale: Array  # (k,) rad, s
     share: float = 1.0  # factor of the cost
 
-    def scores(self, basis: SplineBasis, coordinates: tuple[str, ...]) -> Array:
+    def scores(self, basis: spline.SplineBasis, coordinates: tuple[str, ...]) -> Array:
         """(nn * nq, 3 k) half gradients that the errors of the centres make, z = 1 one after the other."""
         prior = self.on(basis, coordinates)
         out = np.zeros((basis.nodes, len(coordinates), len(self.names), 3))
@@ -114,7 +111,7 @@ class CoordinatePrior:
         """`share` times the cost."""
         return replace(self, share=share * self.share)
 
-    def on(self, basis: SplineBasis, coordinates: tuple[str, ...]) -> CoefficientPrior:
+    def on(self, basis: spline.SplineBasis, coordinates: tuple[str, ...]) -> CoefficientPrior:
         """The same for the coefficients of all coordinates of a trial (`names` must be among them)."""
         low = self._course(self.low, basis)
         high = low if self.centred else self._course(self.high, basis)
@@ -123,7 +120,7 @@ class CoordinatePrior:
         columns = np.array([coordinates.index(name) for name in self.names], dtype=np.intp)
         return CoefficientPrior(columns, low, high, weight)
 
-    def _course(self, values: Array, basis: SplineBasis) -> Array:
+    def _course(self, values: Array, basis: spline.SplineBasis) -> Array:
         """(nn, k) coefficients of a course (nt, k)."""
         if len(values) == 1:
             return np.repeat(values, basis.nodes, axis=0)
@@ -204,7 +201,7 @@ def coordinates_asked(
         if not segment_kind(segment).markers:
             continue  # no marker sits on it: its joint is the foot's
         places = local[counts & (names == segment)]
-        if len(places) < FEWEST_MARKERS or off_line(places) < OFF_LINE:
+        if len(places) < rigid.FEWEST_MARKERS or segment_frames.off_line(places) < trunk.OFF_LINE:
             asked += [name for name in turns if name in DEVIATION]
         turns = []
     return tuple(asked)
@@ -246,7 +243,7 @@ def upright_trunk(time: Array, pelvis: Array, posture: Mapping[str, float]) -> A
     turned = Rotation.from_euler("ZXY", pelvis).as_matrix()
     away = _smooth(time, np.unwrap(_heading(turned))) - _heading(standing[None])
     kept = Rotation.from_euler("Y", away[:, None]).as_matrix() @ (standing @ lumbar)
-    return np.unwrap(root_angles(turned.transpose(0, 2, 1) @ kept), axis=0)
+    return np.unwrap(chain.root_angles(turned.transpose(0, 2, 1) @ kept), axis=0)
 
 
 def _heading(rotation: Array) -> Array:

@@ -29,12 +29,8 @@ from gaitcal.arrays import Array
 from gaitcal.model.chain import Chain, chain_of, forward, root_angles, segment_poses
 from gaitcal.model.linkage import JOINTS, SEGMENTS, Joint, Source, coordinates_before
 from gaitcal.model.parameters import JP_INDEX, Parameters
-from gaitcal.motion import marker_residual
+from gaitcal.motion import marker_residual, motion, spline, start, trial_problem
 from gaitcal.motion.descent import DescentSettings, Evaluation, descend
-from gaitcal.motion.motion import MarkerErrors, rigid_floor
-from gaitcal.motion.spline import spaced
-from gaitcal.motion.start import ROOT_COORDINATES
-from gaitcal.motion.trial_problem import MotionProblem
 
 MOST_FRAMES = 300  # looked at, evenly spaced: the floor of a longer trial is that of these
 SETTINGS = DescentSettings(gain=1e-3, most_steps=30, first_damping=1e-3, lowered_by=2.0)
@@ -47,7 +43,9 @@ RIDGE = 1e-10  # of the largest diagonal entry: holds what no marker tells, like
 class JointFloor:
     """What the joints of a trial can reach, each by itself."""
 
-    errors: MarkerErrors  # root mean square over the joints of each marker; NaN also in frames that were not looked at
+    errors: (
+        motion.MarkerErrors
+    )  # root mean square over the joints of each marker; NaN also in frames that were not looked at
     joints: Mapping[str, float]  # joint -> m, RMS distance over the markers of its segments
     segments: tuple[str, ...]  # that have markers in a joint; the others follow their markers as rigid segments
 
@@ -56,17 +54,17 @@ class JointFloor:
         return self.errors.rms(*segments) if not segments or set(segments) & set(self.segments) else None
 
 
-def joint_floor(problem: MotionProblem, parameters: Parameters, q: Array) -> JointFloor | None:
+def joint_floor(problem: trial_problem.MotionProblem, parameters: Parameters, q: Array) -> JointFloor | None:
     """Errors when each joint follows the markers of its segments alone; None where no joint has markers on both.
 
     `parameters`, `q`: where to start from: a model, and the coordinates (nf, nq) of this trial with it.
     """
-    chain, rigid = problem.chain, rigid_floor(problem)
+    chain, rigid = problem.chain, motion.rigid_floor(problem)
     shown = {chain.segments[s] for s in problem.data.segment[problem.data.weight.any(axis=1)]}
     joints = {name: parts for name, parts in _joints_of(chain).items() if shown.issuperset(_ends(parts))}
     if not joints:
         return None
-    frames = spaced(len(q), MOST_FRAMES)
+    frames = spline.spaced(len(q), MOST_FRAMES)
     data, constants = problem.data.frames(frames), problem.constants(parameters)
     axes, origins = segment_poses(chain, constants, forward(chain, constants, q[frames]))
     carriers = [segment for parts in joints.values() for segment in _ends(parts)]
@@ -163,7 +161,7 @@ class _JointMatrix:
         self.shape, self.evaluation = joint.shape, joint.gradient(equations)
         # (nf, n, n) right wherever the second variable moves nothing that the first leaves: beside the root all do
         whole = equations.products()
-        root, rest = slice(0, ROOT_COORDINATES), slice(ROOT_COORDINATES, None)
+        root, rest = slice(0, start.ROOT_COORDINATES), slice(start.ROOT_COORDINATES, None)
         whole[:, rest, root] = whole[:, root, rest].transpose(0, 2, 1)
         nq = self.shape[1]
         self.frames, self.border = whole[:, :nq, :nq], whole[:, :nq, nq:]

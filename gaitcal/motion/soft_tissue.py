@@ -34,9 +34,7 @@ import numpy as np
 from gaitcal.arrays import Array
 from gaitcal.model.chain import Chain, ChainConstants, SecondaryMotion, forward, jacobian, segment_transforms
 from gaitcal.model.linkage import BENDS, SECONDARY
-from gaitcal.motion.banded import NormalEquations
-from gaitcal.motion.marker_residual import MarkerData, marker_positions
-from gaitcal.motion.spline import SplineBasis
+from gaitcal.motion import banded, marker_residual, spline
 
 LEAST_SPREAD = np.deg2rad(2.0)  # rad: an angle that moves less in a task moves no more with it than one that does
 COMPONENTS = ("tx", "ty", "tz", "rx", "ry", "rz")  # of z_r: shifts along and turns about the segment's axes
@@ -148,20 +146,20 @@ def together(arms: Array) -> Array:
 
 def with_tissue_columns(
     chain: Chain,
-    basis: SplineBasis,
-    data: MarkerData,
+    basis: spline.SplineBasis,
+    data: marker_residual.MarkerData,
     tissue: SoftTissue,
-    equations: NormalEquations,
+    equations: banded.NormalEquations,
     coefficients: Array,
     constants: ChainConstants,
-) -> NormalEquations:
+) -> banded.NormalEquations:
     """Normal equations of a trial at `coefficients` with the columns of its soft tissue after its joint parameters."""
     q = basis.evaluate(coefficients)
     nq, nz, n_free = q.shape[1], len(tissue.keys), len(chain.free)
     poses = forward(chain, constants, q, data.secondary)
     segments = segment_transforms(chain, constants, poses)
     columns = jacobian(chain, constants, poses, data.secondary)
-    position = marker_positions(chain, constants, data.placed, q, data.shift, data.secondary)
+    position = marker_residual.marker_positions(chain, constants, data.placed, q, data.shift, data.secondary)
     mixed = np.zeros((basis.nodes, nq, nz))
     by_parameter, corner, gradient = np.zeros((n_free, nz)), np.zeros((nz, nz)), np.zeros(nz)
     spread, at = basis.matrices[0].T.tocsr(), 0
@@ -195,10 +193,12 @@ def with_tissue_columns(
     )
 
 
-def tissue_gradient(chain: Chain, data: MarkerData, tissue: SoftTissue, q: Array, constants: ChainConstants) -> Array:
+def tissue_gradient(
+    chain: Chain, data: marker_residual.MarkerData, tissue: SoftTissue, q: Array, constants: ChainConstants
+) -> Array:
     """(nz,) half gradient of a trial's marker cost by its soft tissue, at coordinates (nf, nq)."""
     segments = segment_transforms(chain, constants, forward(chain, constants, q, data.secondary))
-    position = marker_positions(chain, constants, data.placed, q, data.shift, data.secondary)
+    position = marker_residual.marker_positions(chain, constants, data.placed, q, data.shift, data.secondary)
     out = []
     for group in tissue.groups:
         axes, pull = segments[group.segment, :3], np.zeros((WIDTH, len(q)))

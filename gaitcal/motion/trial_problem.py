@@ -21,12 +21,9 @@ from gaitcal.model.chain import Chain, ChainConstants, chain_of
 from gaitcal.model.linkage import LUMBAR, ROOT_SUFFIXES, SEGMENTS, coordinates_before, moved_joints
 from gaitcal.model.parameters import JP_INDEX, Parameters
 from gaitcal.model.subject_model import PointNoise, SubjectModel
-from gaitcal.motion import coordinate_prior, marker_residual
-from gaitcal.motion.banded import Assembler, NormalEquations
-from gaitcal.motion.rigid import FEWEST_MARKERS
+from gaitcal.motion import banded, coordinate_prior, marker_residual, rigid, start
 from gaitcal.motion.soft_tissue import SecondaryColumns, SoftTissue, tissue_gradient, with_tissue_columns
 from gaitcal.motion.spline import NodeRule, Smoothing, SplineBasis, spaced, spline_basis
-from gaitcal.motion.start import starting_coordinates, starting_nodes
 from gaitcal.runtime import keep_freed_memory
 
 
@@ -75,9 +72,9 @@ class MotionProblem:
         return marker_residual.VariablePairs(self.chain, with_markers, self.held)
 
     @cached_property
-    def _assembler(self) -> Assembler:
+    def _assembler(self) -> banded.Assembler:
         pulled = np.array([self.chain.coordinates.index(name) for name in self.guessed], dtype=np.intp)
-        return Assembler(self._pairs, len(self.chain.coordinates), len(self.chain.free), self.basis, pulled)
+        return banded.Assembler(self._pairs, len(self.chain.coordinates), len(self.chain.free), self.basis, pulled)
 
     @property
     def active(self) -> BoolArray:
@@ -197,7 +194,9 @@ class MotionProblem:
         """The same trial with other measured markers (nm, 3, nf), m."""
         return self.with_data(replace(self.data, measured=measured))
 
-    def equations(self, coefficients: Array, constants: ChainConstants, *, curved: bool = False) -> NormalEquations:
+    def equations(
+        self, coefficients: Array, constants: ChainConstants, *, curved: bool = False
+    ) -> banded.NormalEquations:
         """Normal equations at `coefficients` (nn, nq); `curved`: with half the whole Hessian, not Gauss-Newton's.
 
         ValueError if `curved` and a joint parameter is free: curvature asks which of two variables comes first, and
@@ -332,7 +331,7 @@ def trial_problem(
         beyond = np.asarray((moves >= moves[:, [s]]).all(axis=0))
         weight[~beyond[index]] = 0.0
         on_root = (index == s) & (weight > 0).any(axis=1)
-    if on_root.sum() < FEWEST_MARKERS:
+    if on_root.sum() < rigid.FEWEST_MARKERS:
         found = ", ".join(np.array(labels)[on_root]) or "none"
         message = f"found {found} on {root}; allowed: at least 3 markers of {root} that are seen and have weight"
         raise InputError(message, source=recording.source, field="markers", code=Code.TOO_LITTLE_SEEN)
@@ -363,7 +362,7 @@ def _with_posture(problem: MotionProblem, model: SubjectModel) -> MotionProblem:
         return problem
     constants = problem.constants(model.nominal)
     frames = spaced(len(problem.basis.time), coordinate_prior.POSES)
-    q = starting_coordinates(chain, constants, data.frames(frames))
+    q = start.starting_coordinates(chain, constants, data.frames(frames))
     pulling = data.weight[:, frames] > 0
     on_arms = np.array([s.startswith(("upper_arm", "forearm")) for s in of_marker])
 
@@ -377,9 +376,9 @@ def _with_posture(problem: MotionProblem, model: SubjectModel) -> MotionProblem:
     if not names:
         return problem
     known = replace(problem, priors=(*problem.priors, coordinate_prior.about_posture(names, model.posture)))
-    return known.followed(starting_nodes(chain, constants, data, problem.basis))
+    return known.followed(start.starting_nodes(chain, constants, data, problem.basis))
 
 
 def shown_share(weight: Array) -> float:
     """Share of the frames in which three of a segment's markers, weights (nm, nf), are seen and pull."""
-    return float(np.mean((weight > 0).sum(axis=0) >= FEWEST_MARKERS))
+    return float(np.mean((weight > 0).sum(axis=0) >= rigid.FEWEST_MARKERS))

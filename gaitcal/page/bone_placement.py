@@ -33,8 +33,8 @@ from gaitcal.arrays import Array
 from gaitcal.errors import Code, InputError
 from gaitcal.model.linkage import SIDES
 from gaitcal.model.segment_frames import frame_yz, unit
+from gaitcal.page import bone_files, scene
 from gaitcal.page.body_meshes import FOOT_OF_HEIGHT, FittedMesh, Mesh
-from gaitcal.page.bone_files import BoneMeshes
 from gaitcal.page.bone_landmarks import (
     Condyles,
     HipBone,
@@ -50,7 +50,6 @@ from gaitcal.page.bone_landmarks import (
     long_bone,
     shank_bones,
 )
-from gaitcal.page.scene import JointMark
 
 MIRROR = {"r": np.ones(3), "l": np.array([1.0, 1.0, -1.0])}  # From a bone of the right side to that of a side
 CARTILAGE = 0.004
@@ -72,7 +71,7 @@ _ALLOWED_FOOT = (0.8, 1.25)
 class Landmarked:
     """Bones with the landmarks found on them."""
 
-    bones: BoneMeshes
+    bones: bone_files.BoneMeshes
     femur: LongBone
     condyles: Condyles
     hip: HipBone
@@ -86,7 +85,7 @@ class Landmarked:
         return float(max(toes.max(), foot.max()) - foot.min())
 
 
-def landmarked(bones: BoneMeshes) -> Landmarked:
+def landmarked(bones: bone_files.BoneMeshes) -> Landmarked:
     """Bones with their landmarks.
 
     Raises InputError: A bone does not show its landmarks: another shape, unit or direction than it should have.
@@ -337,7 +336,7 @@ class KneeAxis:
     across: Array  # (3,) unit normal of both circles, in the thigh
 
 
-def knee_axes(bones: Landmarked, person: PersonLandmarks, joints: tuple[JointMark, ...]) -> tuple[KneeAxis, ...]:
+def knee_axes(bones: Landmarked, person: PersonLandmarks, joints: tuple[scene.JointMark, ...]) -> tuple[KneeAxis, ...]:
     """Right and left knee."""
     out = []
     bone, pair = bones.bones.meshes["femur"], bones.condyles

@@ -3,8 +3,7 @@
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
-from gaitcal.model.coordinates import coordinate_words, split_side
-from gaitcal.model.linkage import LEG_JOINTS
+from gaitcal.model import coordinates, linkage
 from gaitcal.page.plain_data import (
     MISSING,
     Block,
@@ -72,7 +71,7 @@ def _joints(calibration: Calibration, truth: Mapping[str, float]) -> list[Block]
     groups = parameter_words.joint_groups(calibration)
     if not groups:
         return [text(NOT_CALIBRATED)]
-    legs = [group for group in groups if (group.right or group.left)[0].part in LEG_JOINTS]
+    legs = [group for group in groups if (group.right or group.left)[0].part in linkage.LEG_JOINTS]
     others = [group for group in groups if group not in legs]
     out = [heading("Joint parameters: where the joints lie"), text(MOVED + (TRUE if truth else ""), "soft")]
     if (prior := calibration.study.joint_prior) is not None:
@@ -230,8 +229,8 @@ def _curve_errors(curves: Iterable[CurveTruth | None]) -> list[tuple[str, str, E
     for curve in curves:
         if curve is not None and curve.rms is not None and curve.nominal_rms is not None:
             within = MISSING if curve.share_within is None else f"{100 * curve.share_within:.0f} %"
-            base, side = split_side(curve.name)
-            out.append((coordinate_words(base).title, side, (curve.nominal_rms, curve.rms, within)))
+            base, side = coordinates.split_side(curve.name)
+            out.append((coordinates.coordinate_words(base).title, side, (curve.nominal_rms, curve.rms, within)))
     return out
 
 

@@ -22,24 +22,15 @@ import numpy as np
 from gaitcal.errors import Code, InputError
 from gaitcal.explanations import Bullets, Paragraph, explanation_of, parts_of
 from gaitcal.faults.verdict import Judgement, Verdict
+from gaitcal.gait import moments, peaks, profile_score, spatiotemporal
 from gaitcal.gait.conventions import GROUND_FORCES, Acting, Convention, Signs
 from gaitcal.gait.cycles import GaitCycle, Kind, coordinate_of, kind_of
-from gaitcal.gait.moments import explained
 from gaitcal.gait.normal_bands import FREE_WORDS, Norm
-from gaitcal.gait.peaks import Figure, PeakMean, peak_means
-from gaitcal.gait.profile_score import Score, score_title
-from gaitcal.gait.spatiotemporal import LEAST_SD, MEASURES, OF_BOTH_LEGS
 from gaitcal.io.toml import package_version
-from gaitcal.model.anthropometry import looks_like_child
+from gaitcal.model import anthropometry, linkage
 from gaitcal.model.coordinates import COORDINATE_TABLE, GROUPS, SEGMENT_ANGLES
-from gaitcal.model.linkage import SIDES
 from gaitcal.model.subject_model import Subject, SubjectModel
-from gaitcal.page import plain_data
-from gaitcal.page.joints import joint_blocks
-from gaitcal.page.provenance import Origin, further_sections, provenance_blocks, recorded_blocks
-from gaitcal.page.summary import TONES, clinician_blocks, further_lines, top_lines
-from gaitcal.page.trial_data import trial_page_data
-from gaitcal.page.trust import fit_blocks, trust_blocks
+from gaitcal.page import joints, plain_data, provenance, summary, trial_data, trust
 from gaitcal.session.result import Calibration, TrialResult
 
 PAGE_DATA: Final = "page.json"
@@ -72,7 +63,7 @@ def calibration_page_data(
     calibration: Calibration,
     norm: Norm | None = None,
     manifest: Mapping[str, object] | None = None,
-    scores: Sequence[Score] = (),
+    scores: Sequence[profile_score.Score] = (),
 ) -> dict[str, Any]:
     """Of a calibration.
 
@@ -81,7 +72,7 @@ def calibration_page_data(
     """
     truth = calibration.truth
     trials = [
-        trial_page_data(
+        trial_data.trial_page_data(
             calibration.model,
             trial,
             verdict=calibration.verdict.trials.get(trial.name),
@@ -92,7 +83,7 @@ def calibration_page_data(
     ]
     return {
         **person_page_data(calibration.model.subject, calibration.verdict, norm, scores),
-        "lines": top_lines(calibration, page_peaks(trials)),
+        "lines": summary.top_lines(calibration, page_peaks(trials)),
         "trials": trials,
         "sections": result_sections(calibration, norm, manifest, scores),
     }
@@ -102,15 +93,15 @@ def result_sections(
     calibration: Calibration,
     norm: Norm | None = None,
     manifest: Mapping[str, object] | None = None,
-    scores: Sequence[Score] = (),
+    scores: Sequence[profile_score.Score] = (),
 ) -> plain_data.Sections:
     """Of the whole result; what belongs to one trial stands with the trial."""
     sections = {
-        "clinician": clinician_blocks(calibration, norm or Norm(), scores),
-        "fit": fit_blocks(calibration),
-        "joints": joint_blocks(calibration),
-        "trust": trust_blocks(calibration),
-        "provenance": provenance_blocks(calibration, manifest or {}),
+        "clinician": summary.clinician_blocks(calibration, norm or Norm(), scores),
+        "fit": trust.fit_blocks(calibration),
+        "joints": joints.joint_blocks(calibration),
+        "trust": trust.trust_blocks(calibration),
+        "provenance": provenance.provenance_blocks(calibration, manifest or {}),
     }
     return {preset: blocks for preset, blocks in sections.items() if blocks}
 
@@ -120,7 +111,7 @@ def further_page_data(
     trials: Sequence[TrialResult],
     verdict: Verdict,
     relative_to: Mapping[str, float] | None = None,
-    origin: Origin | None = None,
+    origin: provenance.Origin | None = None,
 ) -> dict[str, Any]:
     """Of further trials of a calibrated person.
 
@@ -129,25 +120,26 @@ def further_page_data(
     """
     of_trials = []
     for trial in trials:
-        data = trial_page_data(model, trial, verdict=verdict.trials.get(trial.name), relative_to=relative_to)
-        of_trials.append({**data, "sections": {**data["sections"], "provenance": recorded_blocks(trial)}})
+        data = trial_data.trial_page_data(model, trial, verdict=verdict.trials.get(trial.name), relative_to=relative_to)
+        of_trials.append({**data, "sections": {**data["sections"], "provenance": provenance.recorded_blocks(trial)}})
     person = person_page_data(model.subject, verdict)
     return {
         **person,
-        "lines": [verdict_line(person["verdict"]), *further_lines(model, trials, page_peaks(of_trials))],
+        "lines": [verdict_line(person["verdict"]), *summary.further_lines(model, trials, page_peaks(of_trials))],
         "trials": of_trials,
-        "sections": {} if origin is None else further_sections(origin),
+        "sections": {} if origin is None else provenance.further_sections(origin),
     }
 
 
 def person_page_data(
-    subject: Subject, verdict: Verdict, norm: Norm | None = None, scores: Sequence[Score] = ()
+    subject: Subject, verdict: Verdict, norm: Norm | None = None, scores: Sequence[profile_score.Score] = ()
 ) -> dict[str, Any]:
     """What does not belong to one trial; bands in the units and with the signs of curves."""
     bands, norm = [], norm or Norm()
     for name, band in norm.bands.items():
         sides = {
-            s: [[plain_data.rounded(value) for value in part] for part in band.for_person(subject, s)] for s in SIDES
+            s: [[plain_data.rounded(value) for value in part] for part in band.for_person(subject, s)]
+            for s in linkage.SIDES
         }
         bands.append({"base": coordinate_of(name), "kind": kind_of(name).words, "source": band.source, **sides})
     return {
@@ -171,9 +163,9 @@ def person_page_data(
                 "name": name,
                 "title": title,
                 "digits": digits,
-                "unit": MEASURES[name],
-                "least": LEAST_SD[MEASURES[name]],
-                "compared": name not in OF_BOTH_LEGS,
+                "unit": spatiotemporal.MEASURES[name],
+                "least": spatiotemporal.LEAST_SD[spatiotemporal.MEASURES[name]],
+                "compared": name not in spatiotemporal.OF_BOTH_LEGS,
                 "norm": list(norm.steps.get(name, ())),
             }
             for name, (title, digits) in SHOWN_MEASURES.items()
@@ -184,7 +176,7 @@ def person_page_data(
             {
                 "side": s.side,
                 "base": s.variable,
-                "title": score_title(s),
+                "title": profile_score.score_title(s),
                 "score": rounded_score(s.score),
                 "se": rounded_score(s.error),
                 "norm": rounded_score(s.norm),
@@ -206,7 +198,7 @@ def person_facts(subject: Subject) -> tuple[tuple[str, str], ...]:
     """
     record = subject.record
     age = "not told" if subject.age is None else f"{subject.age:.1f} years"
-    adults = looks_like_child(subject)
+    adults = anthropometry.looks_like_child(subject)
     facts = (
         ("Name or code", subject.name),
         ("Session", ", ".join(filter(None, dict.fromkeys((record.session_date, subject.session)))) or "date not told"),
@@ -233,9 +225,9 @@ def verdict_page_data(verdict: Verdict) -> dict[str, Any]:
             {
                 **explained_code(reason.code),
                 "severity": reason.severity.value,
-                "cause": explained(reason.cause),
-                "evidence": explained(reason.evidence),
-                "action": explained(reason.action),
+                "cause": moments.explained(reason.cause),
+                "evidence": moments.explained(reason.evidence),
+                "action": moments.explained(reason.action),
                 "trials": list(reason.trials),
                 "leg": reason.leg,
             }
@@ -252,7 +244,7 @@ def verdict_line(verdict: Mapping[str, Any]) -> dict[str, str]:
         worst, *rest = verdict["reasons"]
         where = f" ({', '.join(plain_data.visible(name) for name in worst['trials'])})" if worst["trials"] else ""
         words += f" {'Worst' if rest else 'Because'}: {worst['cause']}{where}."
-    return {"tone": TONES[judgement], "text": plain_data.visible(words)}
+    return {"tone": summary.TONES[judgement], "text": plain_data.visible(words)}
 
 
 def explained_code(code: Code) -> dict[str, Any]:
@@ -305,7 +297,7 @@ def conventions_data() -> dict[str, Any]:
                 float(convention.values(variable, one, side, body)[0]),
                 convention.senses(variable, side)[0] + (powers.get(name, "") if kind is Kind.POWER else ""),
             ]
-            for side in (*SIDES, "")
+            for side in (*linkage.SIDES, "")
         }
         return {"title": convention.title(variable), **sides}
 
@@ -331,9 +323,9 @@ def conventions_data() -> dict[str, Any]:
     }
 
 
-def page_peaks(trials: Sequence[Mapping[str, Any]]) -> tuple[PeakMean, ...]:
+def page_peaks(trials: Sequence[Mapping[str, Any]]) -> tuple[peaks.PeakMean, ...]:
     """Over the straight strides, or repetitions, of trials of a page."""
-    return peak_means(
+    return peaks.peak_means(
         (
             trial["activity"],
             trial["name"],
@@ -348,7 +340,7 @@ def page_peaks(trials: Sequence[Mapping[str, Any]]) -> tuple[PeakMean, ...]:
 
 def page_toe_offs(trials: Sequence[Mapping[str, Any]]) -> dict[str, float]:
     """Side -> % of the stride at which stance ends, the mean over straight strides of trials of a page."""
-    found: dict[str, list[float]] = {side: [] for side in SIDES}
+    found: dict[str, list[float]] = {side: [] for side in linkage.SIDES}
     for s in (s for trial in trials for s in trial["strides"] if not s["turns"]):
         if (stance := GaitCycle(s["start"], s["stop"], s["off"]).stance) is not None:
             found[s["side"]].append(stance)
@@ -367,7 +359,7 @@ def peak_page_rows(data: Mapping[str, Any]) -> list[dict[str, Any]]:
             "title": peak.title(),
             "external": peak.title(external=True),
             "window": peak.words,
-            "apart": peak.figure is Figure.RANGE,
+            "apart": peak.figure is peaks.Figure.RANGE,
         }
         figures = {"mean": mean.mean, "sd": mean.sd, "se": mean.se, "percent": mean.percent}
         leg = {name: plain_data.rounded(value) for name, value in figures.items()}

@@ -33,8 +33,7 @@ from gaitcal.model.linkage import JOINTS, SEGMENTS, Joint, segment_kind
 from gaitcal.model.parameters import JOINT_PARAMETERS, JP_INDEX, Parameters
 from gaitcal.model.subject_model import SubjectModel
 from gaitcal.motion.motion import Motion
-from gaitcal.page.body_meshes import FittedMesh, fitted_meshes
-from gaitcal.page.bone_landmarks import PersonLandmarks, person_landmarks
+from gaitcal.page import body_meshes, bone_landmarks
 
 if TYPE_CHECKING:
     from gaitcal.session.result import Calibration
@@ -153,9 +152,9 @@ class Scene:
     marker_segments: tuple[str, ...]  # (nm) segment of each
     marker_places: Array  # (nm, 3) m, in the segment frame
     joints: tuple[JointMark, ...]
-    body: tuple[FittedMesh, ...]
+    body: tuple[body_meshes.FittedMesh, ...]
     trials: tuple[MotionScene, ...]
-    landmarks: PersonLandmarks  # Where bones must lie
+    landmarks: bone_landmarks.PersonLandmarks  # Where bones must lie
     segments: tuple[str, ...] = SEGMENTS
 
 
@@ -183,9 +182,9 @@ def person_scene(model: SubjectModel, trials: tuple[MotionScene, ...], errors: M
         marker_segments=model.markers.segments,
         marker_places=model.markers.local,
         joints=joint_marks(model.nominal, model.parameters, errors),
-        body=fitted_meshes(model),
+        body=body_meshes.fitted_meshes(model),
         trials=trials,
-        landmarks=person_landmarks(model),
+        landmarks=bone_landmarks.person_landmarks(model),
     )
 
 

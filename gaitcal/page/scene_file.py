@@ -25,9 +25,8 @@ from gaitcal.arrays import Array
 from gaitcal.errors import Code, InputError
 from gaitcal.io.atomic import atomic_file
 from gaitcal.model.linkage import SIDE_WORDS, SIDES
+from gaitcal.page import bone_files, bone_landmarks
 from gaitcal.page.body_meshes import MESHES, BodyMeshes, FittedMesh, Mesh
-from gaitcal.page.bone_files import EXTRA
-from gaitcal.page.bone_landmarks import KneeEvidence, PersonLandmarks
 from gaitcal.page.bone_placement import Landmarked, fitted_bones, knee_axes, knee_words
 from gaitcal.page.plain_data import LARGEST, base64_of, floats, lengths, script_json
 from gaitcal.page.scene import JointMark, MotionScene, Scene
@@ -147,9 +146,9 @@ def _scene(arrays: Any) -> Scene:
         body=tuple(FittedMesh(str(m), str(s), places[k]) for k, (m, s) in enumerate(text[_BODY])),
         trials=trials,
         segments=tuple(map(str, text["segments"])),
-        landmarks=PersonLandmarks(
+        landmarks=bone_landmarks.PersonLandmarks(
             {n.removeprefix(_LANDMARKS): arrays[n] for n in arrays.files if n.startswith(_LANDMARKS)},
-            {str(side): KneeEvidence[evidence] for side, evidence in text["knees"].items()},
+            {str(side): bone_landmarks.KneeEvidence[evidence] for side, evidence in text["knees"].items()},
         ),
     )
     _check(scene)
@@ -299,7 +298,7 @@ def _joint(scene: Scene, joint: JointMark) -> dict[str, Any]:
 def _bones(scene: Scene, bones: Landmarked | None) -> dict[str, Any]:
     """The bones in their segments, and where each knee axis passes them; or why there are none."""
     if bones is None:
-        return {"why": f"not installed: pip install 'gaitcal[{EXTRA}]', then gaitcal view"}
+        return {"why": f"not installed: pip install 'gaitcal[{bone_files.EXTRA}]', then gaitcal view"}
     placed = fitted_bones(bones, scene.landmarks, scene.height)
     return {
         "why": None,

@@ -14,18 +14,16 @@ import numpy as np
 
 from gaitcal.dynamics.expected_residual import ExpectedResidual, ResidualLimits, ResidualMagnitudes, residual_limits
 from gaitcal.faults.verdict import Judgement
-from gaitcal.gait.cycles import WALKING, GaitCycle, source_words
+from gaitcal.gait import cycles, normal_bands
 from gaitcal.gait.moments import SIDE_WORDS, MomentNumbers, counted, explained, listed, moment_numbers
-from gaitcal.gait.normal_bands import Norm
 from gaitcal.gait.peaks import ADDUCTION_PEAK, PeakMean
 from gaitcal.gait.profile_score import BOTH, Score, score_title
 from gaitcal.gait.strides import Layout, layout, strides_of, turns
 from gaitcal.model.linkage import SIDES
 from gaitcal.model.subject_model import SubjectModel
 from gaitcal.page.plain_data import Block, cell, fold, heading, named, number, table, text, visible, words_column
+from gaitcal.session import trial_result, warnings
 from gaitcal.session.result import Calibration, TrialResult
-from gaitcal.session.trial_result import RmsErrors, leg_fit
-from gaitcal.session.warnings import is_trunk_unmeasured
 
 REFUSED = "the verdict refuses this leg"
 NO_PLATES = "no force plates"
@@ -92,7 +90,7 @@ def reason_words(uses: Iterable[StrideUse]) -> str:
     return listed([reason for reason, _ in Counter(use.reason for use in uses if not use.whole).most_common()])
 
 
-def _use(trial: TrialResult, foot: int, side: str, cycle: GaitCycle) -> tuple[str, str]:
+def _use(trial: TrialResult, foot: int, side: str, cycle: cycles.GaitCycle) -> tuple[str, str]:
     """Plates and reason of one stride."""
     if trial.loads is None:
         return "", NO_PLATES
@@ -178,14 +176,14 @@ def walks_of(model: SubjectModel, trials: Sequence[TrialResult]) -> tuple[GaitNu
     return tuple(walk for trial in trials if (walk := gait_numbers(model, trial)) is not None)
 
 
-def _worst_fit(trials: Sequence[TrialResult]) -> tuple[RmsErrors, TrialResult] | None:
+def _worst_fit(trials: Sequence[TrialResult]) -> tuple[trial_result.RmsErrors, TrialResult] | None:
     """Of the walk, or other trial, that is met worst against what its joints, or rigid segments, could reach."""
     whole = [t for t in trials if t.joint is None] or list(trials)
-    fits = [(fit, t) for t in whole if (fit := leg_fit(t)).calibrated is not None]
+    fits = [(fit, t) for t in whole if (fit := trial_result.leg_fit(t)).calibrated is not None]
     return max(fits, key=lambda pair: _ratio(pair[0]) or 0.0) if fits else None
 
 
-def _ratio(fit: RmsErrors) -> float | None:
+def _ratio(fit: trial_result.RmsErrors) -> float | None:
     """Over the joint floor, as three markers a segment make a low rigid floor whatever the joints."""
     return fit.ratio if fit.joint_ratio is None else fit.joint_ratio
 
@@ -244,7 +242,7 @@ def _agreement(trials: Sequence[TrialResult], walks: Sequence[GaitNumbers]) -> L
             force += f" (limit {number(held.force.limit)})"
             moment += f" (limit {number(held.moment.limit)})"
             tone, judged = ("good", "") if held.within else ("look", ": too high")
-            judged += WIDE_LIMITS if is_trunk_unmeasured(walk.trial.body) else ""
+            judged += WIDE_LIMITS if warnings.is_trunk_unmeasured(walk.trial.body) else ""
         tones.append(tone)
         words.append(f"Unexplained force at the pelvis: {force}, moment {moment}{judged}.")
     if not words:
@@ -280,11 +278,11 @@ def _peak(peak: PeakMean, mass: float) -> str:
     return f"{SIDE_WORDS[peak.side]} {number(-peak.mean / mass, 2)}{error} ({of})"
 
 
-def clinician_blocks(calibration: Calibration, norm: Norm, scores: Sequence[Score] = ()) -> list[Block]:
+def clinician_blocks(calibration: Calibration, norm: normal_bands.Norm, scores: Sequence[Score] = ()) -> list[Block]:
     """Of the whole result: how to read curves and steps, and from whom the bands are."""
     if all(trial.joint is not None for trial in calibration.trials):
         return []
-    walked = any(trial.joint is None and trial.activity == WALKING for trial in calibration.trials)
+    walked = any(trial.joint is None and trial.activity == cycles.WALKING for trial in calibration.trials)
     bands = f"Bands with dotted edges are healthy people, mean ± 1 SD: {norm.words}. " if norm.words else ""
     return [
         *([text(words, "soft")] if walked and (words := bands + norm.remark) else []),
@@ -316,7 +314,7 @@ def trial_clinician_blocks(walk: GaitNumbers) -> list[Block]:
     """Of one walk: what tells its foot events, and why moments do not count."""
     events, loads = walk.trial.events.events, walk.trial.loads
     out = [heading(f"Trial {named(walk.trial.name)}")]
-    seen = f"Foot events: {source_words([e.source for e in events])}." if events else "No foot events."
+    seen = f"Foot events: {cycles.source_words([e.source for e in events])}." if events else "No foot events."
     repeats = walk.trial.events.repeats
     phases = ", ".join(dict.fromkeys(name for repeat in repeats for name, _ in repeat.parts))
     found = f"{counted(len(repeats), 'repetition')}, by the height of the pelvis; phases: {phases}."

@@ -12,22 +12,15 @@ import numpy as np
 
 from gaitcal.arrays import Array, BoolArray
 from gaitcal.faults.verdict import WalkVerdict
+from gaitcal.gait import moments, peaks, spatiotemporal, strides
 from gaitcal.gait.cycles import WALKING, GaitCycle, normalise, source_words, usable
-from gaitcal.gait.moments import role_words
-from gaitcal.gait.peaks import phase_peaks, stride_peaks
-from gaitcal.gait.spatiotemporal import counting
-from gaitcal.gait.strides import strides_of
 from gaitcal.model.coordinates import FOOT_PROGRESSION
 from gaitcal.model.linkage import PELVIS_ANGLES, SIDES
 from gaitcal.model.subject_model import SubjectModel
+from gaitcal.page import scene, summary, trust
 from gaitcal.page.plain_data import Sections, base64_of, floats, lengths, rounded
-from gaitcal.page.scene import MOST_FRAMES
-from gaitcal.page.summary import gait_numbers, stride_uses, trial_clinician_blocks
-from gaitcal.page.trust import trial_fit_blocks, trial_trust_blocks
-from gaitcal.session.result import TrialResult
-from gaitcal.session.tables import foot_in_stride, pelvis_in_stride
+from gaitcal.session import result, tables, truth_errors
 from gaitcal.session.trial_curves import Curve, curves_of, joint_of, line_of, pelvis_parts
-from gaitcal.session.truth_errors import CurveTruths
 
 
 def packed_curves(curves: tuple[Curve, ...], every: int) -> dict[str, Any]:
@@ -65,11 +58,11 @@ def masks_of(curves: tuple[Curve, ...]) -> list[BoolArray]:
 
 def trial_page_data(
     model: SubjectModel,
-    trial: TrialResult,
+    trial: result.TrialResult,
     *,
     verdict: WalkVerdict | None,
     relative_to: Mapping[str, float] | None = None,
-    truth: CurveTruths | None = None,
+    truth: truth_errors.CurveTruths | None = None,
 ) -> dict[str, Any]:
     """What the page tells of a trial; numbers packed as in `plain_data.py`.
 
@@ -77,12 +70,12 @@ def trial_page_data(
     `relative_to`, `truth`: as of `curves_of`.
     """
     time, start = trial.body.time, float(trial.body.time[0])
-    every = max(1, -(-len(time) // MOST_FRAMES))
+    every = max(1, -(-len(time) // scene.MOST_FRAMES))
     curves = curves_of(model, trial, relative_to, truth)
     return {
         "name": trial.name,
         "file": PureWindowsPath(trial.recording.source).name,
-        "role": role_words(trial.role, trial.joint),
+        "role": moments.role_words(trial.role, trial.joint),
         "joint": trial.joint,
         "activity": trial.activity,
         "repeats": bool(trial.events.repeats),
@@ -102,7 +95,7 @@ def trial_page_data(
         "strides": _strides(trial, pelvis_parts(trial, truth), curves),
         "measures": [  # what counts, also of a stride of which the recording shows a part
             {"side": stride.side, "number": stride.number, "values": {n: float(v) for n, v in stride.measures.items()}}
-            for stride in counting(trial.strides, trial.refused_legs)
+            for stride in spatiotemporal.counting(trial.strides, trial.refused_legs)
         ],
         "line": line_of(trial),
         "relative": relative_to is not None,
@@ -110,15 +103,15 @@ def trial_page_data(
     }
 
 
-def trial_sections(model: SubjectModel, trial: TrialResult) -> Sections:
+def trial_sections(model: SubjectModel, trial: result.TrialResult) -> Sections:
     """Of one trial, calibrated or further; presets to which it has nothing to say are left out."""
-    sections = {"fit": trial_fit_blocks(trial)}
-    if (walk := gait_numbers(model, trial)) is not None:
-        sections |= {"clinician": trial_clinician_blocks(walk), "trust": trial_trust_blocks(model, walk)}
+    sections = {"fit": trust.trial_fit_blocks(trial)}
+    if (walk := summary.gait_numbers(model, trial)) is not None:
+        sections |= {"clinician": summary.trial_clinician_blocks(walk), "trust": trust.trial_trust_blocks(model, walk)}
     return {preset: blocks for preset, blocks in sections.items() if blocks}
 
 
-def _strides(trial: TrialResult, pelvis: Mapping[str, Array], curves: tuple[Curve, ...]) -> list[dict[str, Any]]:
+def _strides(trial: result.TrialResult, pelvis: Mapping[str, Array], curves: tuple[Curve, ...]) -> list[dict[str, Any]]:
     """Complete strides of both feet: s from the begin of the trial; `number`, pelvis, of each mask of the curves valid
     percents as in `cycles.csv`, and peaks. `pelvis`: parts of `pelvis_parts`, over each stride against its own line.
     """
@@ -126,14 +119,14 @@ def _strides(trial: TrialResult, pelvis: Mapping[str, Array], curves: tuple[Curv
         return []
     time, start = trial.body.time, float(trial.body.time[0])
     measured = {(s.side, s.number): s for s in trial.strides}
-    uses = {(use.side, use.number): use for use in stride_uses(trial)}
+    uses = {(use.side, use.number): use for use in summary.stride_uses(trial)}
     out = []
     for side in SIDES:
-        for number, cycle in enumerate(strides_of(trial.events)[side], start=1):
+        for number, cycle in enumerate(strides.strides_of(trial.events)[side], start=1):
             stride, use = measured.get((side, number)), uses[side, number]
-            foot = foot_in_stride(trial, side, cycle, stride)
+            foot = tables.foot_in_stride(trial, side, cycle, stride)
             laid = {
-                part: normalise(time, pelvis_in_stride(trial, angles, cycle, stride), cycle)
+                part: normalise(time, tables.pelvis_in_stride(trial, angles, cycle, stride), cycle)
                 for part, angles in pelvis.items()
             }
             out.append(
@@ -175,5 +168,5 @@ def peaks_in(
         value, error, own = normalise(time, np.stack(parts, axis=1), cycle).T
         value = pelvis[:, PELVIS_ANGLES.index(curve.base)] if curve.base in PELVIS_ANGLES else value
         laid[curve.variable] = (np.where(usable(time, curve.valid, cycle), value, np.nan), error, own)
-    found = stride_peaks(laid, cycle.stance) if walks else phase_peaks(laid, cycle.phases)
+    found = peaks.stride_peaks(laid, cycle.stance) if walks else peaks.phase_peaks(laid, cycle.phases)
     return {name: [rounded(v) for v in values] for name, values in found.items()}

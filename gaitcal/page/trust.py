@@ -10,10 +10,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from gaitcal.dynamics.expected_residual import HeldResidual
-from gaitcal.dynamics.ground_reactions import leg_of
-from gaitcal.dynamics.inverse_dynamics import FORCES
-from gaitcal.dynamics.measurement_errors import ErrorSource
+from gaitcal.dynamics import expected_residual, ground_reactions, inverse_dynamics, measurement_errors
 from gaitcal.gait.moments import (
     capitalised,
     coordinate_title,
@@ -277,7 +274,7 @@ class PeakError:
     value: float  # N·m/kg, internal
     time: float  # s from the begin of the trial
     error: float  # N·m/kg, standard error
-    shares: Mapping[ErrorSource, float]  # Source -> its part (0 to 1) of the variance, largest first
+    shares: Mapping[measurement_errors.ErrorSource, float]  # Source -> its part (0 to 1) of the variance, largest first
 
     @property
     def base(self) -> str:
@@ -306,7 +303,7 @@ def peak_error(walk: GaitNumbers, name: str, mass: float) -> PeakError | None:
     if loads is None or loads.errors is None:
         return None
     error = moment_of(loads.errors, name)
-    frames = np.flatnonzero(walk.layout.valid_for(leg_of(name)) & np.isfinite(error))
+    frames = np.flatnonzero(walk.layout.valid_for(ground_reactions.leg_of(name)) & np.isfinite(error))
     if not len(frames):
         return None
     moment = moment_of(loads.final, name)
@@ -317,7 +314,7 @@ def peak_error(walk: GaitNumbers, name: str, mass: float) -> PeakError | None:
         value=float(moment[frame]) / mass,
         time=float(walk.layout.time[frame] - walk.layout.time[0]),
         error=float(error[frame]) / mass,
-        shares=loads.errors.shares(FORCES.index(name), here),
+        shares=loads.errors.shares(inverse_dynamics.FORCES.index(name), here),
     )
 
 
@@ -380,7 +377,7 @@ def _residuals(walk: GaitNumbers) -> list[Block]:
     ]
 
 
-def _held(value: float, held: HeldResidual | None) -> Cell:
+def _held(value: float, held: expected_residual.HeldResidual | None) -> Cell:
     """A residual, and whether it is within its limit, in words as well."""
     if held is None:
         return number(value)

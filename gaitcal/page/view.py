@@ -23,13 +23,9 @@ import numpy as np
 from gaitcal.errors import Code, GaitcalError
 from gaitcal.faults.verdict import Judgement, Verdict, WalkVerdict
 from gaitcal.model.linkage import SIDES
-from gaitcal.page import page_data
+from gaitcal.page import bone_files, bone_placement, page_data, plain_data, scene_file
 from gaitcal.page.body_meshes import PACKAGE, body_meshes
-from gaitcal.page.bone_files import BoneMeshes, installed_bones
-from gaitcal.page.bone_placement import landmarked
-from gaitcal.page.plain_data import script_json, visible
 from gaitcal.page.scene import MotionScene, Scene
-from gaitcal.page.scene_file import left_out, scene_json
 
 SCRIPTS = (
     "dom.js", "unpack.js", "body.js", "bones.js", "markers.js", "joints.js", "figure.js", "layers.js", "camera.js",
@@ -80,19 +76,23 @@ class Shown:
     data: Mapping[str, Any] | None = None  # Curves and tables (`gaitcal.page.page_data`); None: the body alone
 
 
-def page_html(shown: Shown, bones: BoneMeshes | None = None) -> str:
+def page_html(shown: Shown, bones: bone_files.BoneMeshes | None = None) -> str:
     """The page of a result.
 
     `bones`: None: those of the installed `myo-sim`, and no bones where it is not installed.
 
     Raises GaitcalError: MeshCat is not installed.
     """
-    bones = bones or installed_bones()
-    scene = scene_json(shown.scene, body_meshes(), None if bones is None else landmarked(bones))
-    data = script_json(shown.data and {**page_data.thinned(shown.data), "peaks": page_data.peak_page_rows(shown.data)})
+    bones = bones or bone_files.installed_bones()
+    scene = scene_file.scene_json(
+        shown.scene, body_meshes(), None if bones is None else bone_placement.landmarked(bones)
+    )
+    data = plain_data.script_json(
+        shown.data and {**page_data.thinned(shown.data), "peaks": page_data.peak_page_rows(shown.data)}
+    )
     viewer, licences = _meshcat()
     content = _scripts_and_styles(SCRIPTS, STYLES, meshcat=viewer)
-    content["CONVENTIONS"] = script_json(page_data.conventions_data())
+    content["CONVENTIONS"] = plain_data.script_json(page_data.conventions_data())
     content["RESULT"] = f'{{"scene":{scene},"sheet":{data}}}'
     of_bones = f"Bones of {bones.source}\n\n{bones.licence}" if bones and bones.licence else ""
     content["LICENCES"] = "\n\n".join(filter(None, [*licences, content["LICENCES"], of_bones])).replace("<", "‹")
@@ -158,7 +158,7 @@ def _meshcat() -> tuple[str, list[str]]:
 def sentences(shown: Shown) -> tuple[str, ...]:
     """What the page of a result leaves out, for every trial of which it holds some frames only."""
     curves = () if shown.data is None else page_data.curves_left_out(page_data.thinned(shown.data))
-    return (*left_out(shown.scene), *curves)
+    return (*scene_file.left_out(shown.scene), *curves)
 
 
 def with_trials(scene: Scene, further: Scene, names: Mapping[str, str] | None = None) -> Scene | None:
@@ -201,7 +201,7 @@ def merged(earlier: Mapping[str, Any], new: Mapping[str, Any]) -> dict[str, Any]
     kept = only(earlier, [trial["name"] for trial in earlier["trials"] if trial["name"] not in names])
     verdict, rest = _joined_verdict(kept, new), list(new["lines"][1:])
     if kept["trials"]:
-        last = ", ".join(visible(name) for name in sorted(names))
+        last = ", ".join(plain_data.visible(name) for name in sorted(names))
         rest[-1:] = [{**line, "text": f"{last}: {line['text']}"} for line in rest[-1:]]
     trials = [*kept["trials"], *new["trials"]]
     return {**new, "trials": trials, "verdict": verdict, "lines": [page_data.verdict_line(verdict), *rest]}

@@ -30,8 +30,7 @@ from gaitcal.model.nominal import published_model
 from gaitcal.model.parameters import Parameters, is_physical, symmetric_set
 from gaitcal.model.subject_model import MarkerPlacement, Subject
 from gaitcal.motion.spline import spline_basis
-from gaitcal.published.protocol import SIDE
-from gaitcal.published.recovery import pelvis_width
+from gaitcal.published import protocol, recovery
 from gaitcal.published.tables import RESIDUALS, SCALES, TableRow
 from gaitcal.runtime import Progress, silent, with_one_blas_thread
 from gaitcal.session.calibrate import calibrate
@@ -288,7 +287,7 @@ def _study(folder: Path, person: _Person, **settings: object) -> Study:
 
 def _marker_rows(name: str, calibration: Calibration) -> Iterator[TableRow]:
     for trial in calibration.trials:
-        if trial.joint is not None and not trial.joint.endswith(SIDE):
+        if trial.joint is not None and not trial.joint.endswith(protocol.SIDE):
             continue
         column = "full leg" if trial.joint is None else trial.joint.split("_")[0]
         nominal, calibrated = (motion.errors.rms(*LOWER_BODY) for motion in (trial.nominal, trial.calibrated))
@@ -322,7 +321,7 @@ def _scale_rows(name: str, calibration: Calibration) -> Iterator[TableRow]:
     for trial, loads in _loaded(calibration):
         motions.append(LoadedMotion.of(trial.body, loads.reactions))
     for scale, (_, divisor) in SCALES.items() if motions else ():
-        parameters, width = calibration.model.parameters, pelvis_width(nominal)
+        parameters, width = calibration.model.parameters, recovery.pelvis_width(nominal)
         equations = equations_of(motions, parameters, nominal.subject, scale, width)
         fit = fit_published(equations, nominal.parameters.inertial, symmetric_set())
         possible = "" if is_physical(fit.inertial).all() else "some bodies could not exist"

@@ -28,10 +28,8 @@ from gaitcal.model.coordinates import COORDINATE_TABLE, LEG_COORDINATES
 from gaitcal.model.linkage import LOWER_BODY, SIDES, joint_elements, joints_above
 from gaitcal.model.parameters import JP_INDEX, Parameters, dynamic_parameters, symmetric_set
 from gaitcal.model.subject_model import SubjectModel
+from gaitcal.motion import descent, motion, spline
 from gaitcal.motion.banded import BandFactor
-from gaitcal.motion.descent import DescentSettings, Ending
-from gaitcal.motion.motion import track_nodes
-from gaitcal.motion.spline import NodeRule, SplineBasis, spline_basis
 from gaitcal.motion.trial_problem import MotionProblem, trial_problem
 from gaitcal.published.case import MonteCarloCase
 from gaitcal.published.protocol import MonteCarloSettings, ReactionFrame, Varied
@@ -71,7 +69,7 @@ def pose_of_feet(placed: PlacedLinkage) -> FootPose:
 
 
 def leg_torques(
-    parameters: Parameters, basis: SplineBasis, coefficients: Array, wrench: Array, undisturbed: FootPose
+    parameters: Parameters, basis: spline.SplineBasis, coefficients: Array, wrench: Array, undisturbed: FootPose
 ) -> tuple[Array, Array]:
     """(nf, 14) N·m with the wrenches (nf, 2, 6) fixed in the laboratory, and carried along with the feet."""
     q, v, a = (basis.evaluate(coefficients, k) for k in range(3))
@@ -146,10 +144,10 @@ def _undisturbed_problem(case: MonteCarloCase) -> MotionProblem:
     model = SubjectModel(
         subject=case.subject, parameters=case.parameters, nominal=case.parameters, markers=case.markers
     )
-    q = spline_basis(case.time, len(case.coefficients)).evaluate(case.coefficients)
+    q = spline.spline_basis(case.time, len(case.coefficients)).evaluate(case.coefficients)
     markers = synthetic_markers(case.parameters, case.markers, q)
     recording = Recording(source=case.name, time=case.time, labels=case.markers.labels, markers=markers)
-    return trial_problem(case.name, model, recording, NodeRule(fixed=len(case.coefficients)))
+    return trial_problem(case.name, model, recording, spline.NodeRule(fixed=len(case.coefficients)))
 
 
 @dataclass(frozen=True)
@@ -258,7 +256,7 @@ def refit(
     `constants`: of the disturbed linkage.
     `known`: the factor of the Gauss-Newton matrix at `start`, if there is one: it does not depend on the markers.
     """
-    rule = DescentSettings(
+    rule = descent.DescentSettings(
         gain=0.0,
         shortest_step=settings.refit_tolerance,
         most_steps=settings.refit_most_evaluations,
@@ -266,8 +264,8 @@ def refit(
         curved=True,
     )
     factor = known or BandFactor(problem.equations(start, constants).band)
-    tracked = track_nodes(problem, constants, start, rule, factor)
-    if tracked.ending is Ending.MOST_STEPS:
+    tracked = motion.track_nodes(problem, constants, start, rule, factor)
+    if tracked.ending is descent.Ending.MOST_STEPS:
         return Refit(tracked.x, tracked.steps, f"{tracked.steps} evaluations did not settle it")
     return Refit(tracked.x, tracked.steps, "" if tracked.converged else tracked.ending.value)
 

@@ -27,8 +27,7 @@ import pandas as pd
 from joblib import Parallel, delayed
 
 from gaitcal.arrays import Array
-from gaitcal.motion.descent import DescentSettings
-from gaitcal.motion.motion import track_nodes
+from gaitcal.motion import descent, motion
 from gaitcal.published.case import MonteCarloCase, nominal_case
 from gaitcal.published.claims import Claim, Verdict, tested
 from gaitcal.published.disturbance_claims import FRAMES, PUBLISHED, Disturbances, printed_markers, printed_torques
@@ -115,8 +114,8 @@ def path(
 
 def _gauss_newton(context: MonteCarloContext, model: DisturbedModel, coefficients: Array, steps: int) -> Array:
     """So many steps with a new matrix each; one that raised the cost and was damped counts too."""
-    rule = DescentSettings(gain=0.0, kept_gain=0.0, most_steps=steps, keep_within=0.0, curved_tries=0)
-    return track_nodes(model.problem, model.constants, coefficients, rule).x if steps else coefficients
+    rule = descent.DescentSettings(gain=0.0, kept_gain=0.0, most_steps=steps, keep_within=0.0, curved_tries=0)
+    return motion.track_nodes(model.problem, model.constants, coefficients, rule).x if steps else coefficients
 
 
 def _steepest_descent(context: MonteCarloContext, model: DisturbedModel, coefficients: Array, steps: int) -> Array:

@@ -38,8 +38,7 @@ from scipy.stats import rankdata
 
 from gaitcal.arrays import Array
 from gaitcal.model.parameters import Parameters
-from gaitcal.motion.banded import BandFactor
-from gaitcal.motion.trial_problem import MotionProblem
+from gaitcal.motion import banded, trial_problem
 from gaitcal.published import recovery
 from gaitcal.published.claims import Claim, Verdict
 from gaitcal.published.protocol import PROBLEMS, table_one
@@ -301,7 +300,7 @@ def absorbed(problem: str, seed: int, draws: int = ABSORPTION_DRAWS) -> Absorbed
 
 
 def absorbed_squares(
-    problem: MotionProblem, parameters: Parameters, coefficients: Array, noise: Sequence[Array]
+    problem: trial_problem.MotionProblem, parameters: Parameters, coefficients: Array, noise: Sequence[Array]
 ) -> Array:
     """(n,) |P n|^2, m^2, of displacements (nm, 3, nf) of the markers, for the columns of J at `coefficients`.
 
@@ -309,7 +308,7 @@ def absorbed_squares(
     """
     constants = problem.constants(parameters)
     equations = problem.equations(coefficients, constants)
-    factor = BandFactor(equations.band)
+    factor = banded.BandFactor(equations.band)
     mixed = np.asfortranarray(equations.mixed)
     schur = equations.parameters - mixed.T @ factor.solve(mixed)
     placed = problem.positions(coefficients, constants)
@@ -322,7 +321,7 @@ def absorbed_squares(
     return np.array(squares)
 
 
-def any_motion_share(problem: MotionProblem, parameters: Parameters, coefficients: Array) -> float:
+def any_motion_share(problem: trial_problem.MotionProblem, parameters: Parameters, coefficients: Array) -> float:
     """Mean over the frames of rank(J_f) / (3 * markers)."""
     frames = problem.frame_hessians(problem.basis.evaluate(coefficients), problem.constants(parameters))
     size = np.linalg.eigvalsh(frames)

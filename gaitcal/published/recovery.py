@@ -29,9 +29,7 @@ import numpy as np
 from joblib import Parallel, delayed
 
 from gaitcal.arrays import Array
-from gaitcal.calibration import inertial_calibration
-from gaitcal.calibration.combined import CombinedProblem, combined_fit
-from gaitcal.calibration.joint_calibration import JointSearch
+from gaitcal.calibration import combined, inertial_calibration, joint_calibration
 from gaitcal.io.recording import Recording
 from gaitcal.model.nominal import published_model
 from gaitcal.model.parameters import (
@@ -51,10 +49,9 @@ from gaitcal.model.parameters import (
     table,
 )
 from gaitcal.model.subject_model import SubjectModel
-from gaitcal.motion.banded import ArrowFactor
+from gaitcal.motion import banded, spline
 from gaitcal.motion.descent import Descent, DescentSettings, Evaluation, descend
 from gaitcal.motion.motion import SharedMotions, motion_of, track_nodes
-from gaitcal.motion.spline import NodeRule
 from gaitcal.motion.trial_problem import MotionProblem, trial_problem
 from gaitcal.published.protocol import PROBLEMS, SIDE
 from gaitcal.runtime import with_one_blas_thread
@@ -164,7 +161,7 @@ def synthetic_problem(problem: str, noise: np.random.Generator | None, isolated_
         markers = markers + marker_noise(motion.basis.time, len(model.markers.labels), noise)
     recording = Recording(source=problem, time=motion.basis.time, labels=model.markers.labels, markers=markers)
     # as published: markers alone, no prior on any coordinate
-    return replace(trial_problem(problem, model, recording, NodeRule(fixed=NODES)), priors=())
+    return replace(trial_problem(problem, model, recording, spline.NodeRule(fixed=NODES)), priors=())
 
 
 def recover_joints(problems: Mapping[str, MotionProblem], *, compare: bool = True) -> dict[str, JointRecovery]:
@@ -187,7 +184,7 @@ def solve(problem: str, markers: MotionProblem, held: Parameters, *, compare: bo
     began = time.process_time()
     zero = np.zeros((markers.basis.nodes, len(markers.chain.coordinates)))
     p, coefficients, near = step_together([markers], held, free, [zero], np.zeros(len(free)))
-    fit = JointSearch([markers], held.with_joint(free, p), free, coefficients).run()
+    fit = joint_calibration.JointSearch([markers], held.with_joint(free, p), free, coefficients).run()
     seconds = time.process_time() - began
     names = LEG if problem == "full leg" else free
     distance = motion_of(markers, fit.parameters, fit.coefficients[0]).errors.distance
@@ -206,13 +203,13 @@ def solve(problem: str, markers: MotionProblem, held: Parameters, *, compare: bo
     if not compare:
         return found
     at_truth = track_nodes(markers, markers.constants(truth), true_motion(problem).coefficients)
-    from_truth = JointSearch([markers], held, free, [at_truth.x]).run(truth.joint[_index(free)])
+    from_truth = joint_calibration.JointSearch([markers], held, free, [at_truth.x]).run(truth.joint[_index(free)])
     return replace(found, cost_at_truth=at_truth.cost, cost_from_truth=from_truth.state.cost)
 
 
 def step_together(
     problems: Sequence[MotionProblem], parameters: Parameters, free: tuple[str, ...], starts: Sequence[Array], p: Array
-) -> tuple[Array, list[Array], Descent[Evaluation, ArrowFactor]]:
+) -> tuple[Array, list[Array], Descent[Evaluation, banded.ArrowFactor]]:
     """Bring motions and joint parameters `free` down together, from nodes `starts` (each (nn, nq)) and `p` (np,):
     where both end, and how.
     """
@@ -357,9 +354,9 @@ def third_step(markers: MotionProblem, gait: JointRecovery) -> ThirdStep:
     free, began = free_parameters("full leg"), time.process_time()
     equations = gait_equations(gait.parameters, gait.coefficients)
     inertial = inertial_calibration.fit_consistent(equations, true_model().parameters.inertial, symmetric_set())
-    trial = CombinedProblem(markers, gait.coefficients, true_wrench(), np.ones(len(true_wrench()), dtype=bool))
+    trial = combined.CombinedProblem(markers, gait.coefficients, true_wrench(), np.ones(len(true_wrench()), dtype=bool))
     start = gait.parameters.with_inertial(inertial.inertial)
-    fit = combined_fit([trial], start, free, symmetric_set(), true_model().subject)
+    fit = combined.combined_fit([trial], start, free, symmetric_set(), true_model().subject)
     force, torque = gait_equations(fit.parameters, fit.coefficients[0]).rms(fit.parameters.inertial)
     distance = motion_of(markers, fit.parameters, fit.coefficients[0]).errors.distance
     positions = [

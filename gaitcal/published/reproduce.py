@@ -12,11 +12,10 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from gaitcal.io.result_folder import MANIFEST
-from gaitcal.io.toml import package_version
+from gaitcal.io import result_folder, toml
+from gaitcal.published import case, workers
 from gaitcal.published import draw_sensitivity as refits
 from gaitcal.published import noise_sensitivity as phase_one
-from gaitcal.published.case import nominal_case, people_rows
 from gaitcal.published.claims import Claim, Kind, table_claims
 from gaitcal.published.disturbance_claims import WIDE_PERCENT, Disturbances, disturbance_claims
 from gaitcal.published.protocol import MonteCarloSettings, Plan, Varied
@@ -32,7 +31,6 @@ from gaitcal.published.tables import (
     table_two_rows,
     time_rows,
 )
-from gaitcal.published.workers import LocalProcesses
 from gaitcal.runtime import Progress, silent, with_one_blas_thread
 
 
@@ -144,7 +142,7 @@ def reproduce(
     if found:
         lap("sensitivities")
     if settings.data is not None:
-        rows += people_rows(settings.data, progress)
+        rows += case.people_rows(settings.data, progress)
         lap("real people")
     if settings.draws:
         disturbances = _disturb(settings, draws_folder, progress)
@@ -164,11 +162,11 @@ def reproduce(
 def _disturb(settings: ReproductionSettings, folder: Path | None, progress: Progress) -> Disturbances:
     def study(name: str, description: str, bounds: MonteCarloSettings, plan: Plan) -> pd.DataFrame:
         return monte_carlo(
-            nominal_case(),
+            case.nominal_case(),
             folder / name if folder else None,
             settings=bounds,
             plan=plan,
-            workers=LocalProcesses(settings.jobs),
+            workers=workers.LocalProcesses(settings.jobs),
             progress=lambda done, todo: progress(f"Monte Carlo, {description}: {done} of {todo} draws"),
         ).statistics
 
@@ -203,7 +201,7 @@ def write_tables(reproduction: Reproduction, folder: Path) -> None:
             frame.to_csv(folder / f"{name}.csv", index=False, lineterminator="\n")
     shutil.copyfile(Path(__file__).with_name("tables_readme.txt"), folder / "README.txt")
     settings = reproduction.settings
-    versions = {name: package_version(name) for name in ("gaitcal", "pin", "numpy", "scipy")}
+    versions = {name: toml.package_version(name) for name in ("gaitcal", "pin", "numpy", "scipy")}
     manifest = {
         "gaitcal": versions["gaitcal"],
         "versions": versions | {"python": platform.python_version()},
@@ -213,7 +211,7 @@ def write_tables(reproduction: Reproduction, folder: Path) -> None:
             "real_people": settings.data is not None,
         },
     }
-    (folder / MANIFEST).write_text(json.dumps(manifest, indent=1) + "\n", encoding="utf-8")
+    (folder / result_folder.MANIFEST).write_text(json.dumps(manifest, indent=1) + "\n", encoding="utf-8")
 
 
 def table_frame(rows: Iterable[TableRow]) -> pd.DataFrame:

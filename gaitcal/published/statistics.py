@@ -30,9 +30,8 @@ from scipy.linalg import block_diag
 from gaitcal.arrays import Array
 from gaitcal.dynamics.derivatives import force_derivatives
 from gaitcal.dynamics.inverse_dynamics import FEET, PlacedLinkage
+from gaitcal.model import linkage, parameters
 from gaitcal.model.chain import Chain
-from gaitcal.model.linkage import COORDINATES, REACTIONS, SIDES
-from gaitcal.model.parameters import dynamic_jacobian, leg_parameters
 from gaitcal.published import draw
 from gaitcal.published.protocol import ReactionFrame, Varied
 from gaitcal.runtime import with_one_blas_thread
@@ -89,7 +88,7 @@ def _cell(cell: pd.DataFrame) -> list[dict[str, object]]:
             for measure in (*draw.MEASURES, "abs_mean"):
                 values = good[draw.torque_column(torque, frame, measure.removeprefix("abs_"))].to_numpy()
                 rows.append({"quantity": torque, "grf": frame.value, **_distribution(measure, "%BW*H", values, failed)})
-    for side in SIDES:
+    for side in linkage.SIDES:
         for measure in draw.MEASURES:
             values = good[draw.marker_column(side, measure)].to_numpy()
             rows.append({"quantity": f"markers_{side}", "grf": "", **_distribution(measure, "mm", values, failed)})
@@ -172,7 +171,7 @@ def _cause(table: pd.DataFrame, varied: Varied, rms_mm: float, side: str) -> Cau
     return CauseOfMarkerError(varied, level, beyond, pd.DataFrame(rows))
 
 
-_ROWS = [(*COORDINATES, *REACTIONS).index(name) for name in draw.LEG_TORQUES]
+_ROWS = [(*linkage.COORDINATES, *linkage.REACTIONS).index(name) for name in draw.LEG_TORQUES]
 
 
 def linear_torques(context: draw.MonteCarloContext) -> tuple[dict[ReactionFrame, Array], Array]:
@@ -190,7 +189,7 @@ def linear_torques(context: draw.MonteCarloContext) -> tuple[dict[ReactionFrame,
         laboratory = laboratory + slope[:, _ROWS] @ change
     carried = laboratory - _carried(context, q, motion[0])
     inertial = case.parameters.inertial
-    relative = block_diag(*dynamic_jacobian(inertial)) @ (inertial[:, None] * context.inertial_set.selection)
+    relative = block_diag(*parameters.dynamic_jacobian(inertial)) @ (inertial[:, None] * context.inertial_set.selection)
     by_inertial = (context.regressor @ relative).reshape(nf, len(draw.LEG_TORQUES), -1)
     return {ReactionFrame.LAB: laboratory, ReactionFrame.FOOT: carried}, by_inertial
 
@@ -223,7 +222,7 @@ def _carried(context: draw.MonteCarloContext, q: Array, change: Array) -> Array:
     """(nf, 14, np) change of J_k . w where the wrenches move with the feet."""
     case = context.case
     chain = Chain(free=context.names, reactions=True)
-    place, nk = [chain.coordinates.index(name) for name in COORDINATES], len(chain.coordinates)
+    place, nk = [chain.coordinates.index(name) for name in linkage.COORDINATES], len(chain.coordinates)
     placed = PlacedLinkage(chain, chain.constants(case.parameters.joint, case.parameters.zero_angles), q)
     columns = placed.columns.transpose(0, 2, 1)
     out = np.zeros((len(q), len(draw.LEG_TORQUES), len(context.names)))
@@ -277,7 +276,7 @@ def variance_shares(contributions: pd.DataFrame, frame: ReactionFrame, side: str
     wide = rows.pivot_table(index="parameter", columns="torque", values="share", sort=False)
     wide = wide[[f"{torque}_{side}" for torque in draw.TORQUES]]
     inertial = set(rows.loc[rows["kind"] == "ip", "parameter"])
-    of_leg = [name for name in wide.index if name in leg_parameters(side)]
+    of_leg = [name for name in wide.index if name in parameters.leg_parameters(side)]
     rest = {
         "joint parameters elsewhere": [name for name in wide.index if name not in {*of_leg, *inertial}],
         f"inertial parameters ({len(inertial)})": [name for name in wide.index if name in inertial],

@@ -23,8 +23,7 @@ from joblib.externals.loky import ProcessPoolExecutor, cpu_count
 from joblib.externals.loky.process_executor import BrokenProcessPool
 
 from gaitcal.errors import Code, GaitcalError, InputError, UsageError
-from gaitcal.io.atomic import disk_errors
-from gaitcal.io.result_folder import locked
+from gaitcal.io import atomic, result_folder
 
 TRIES = 3
 """Processes of this machine that may die over a task before it is given up."""
@@ -238,7 +237,7 @@ def workers_of(jobs: int, cluster: str | None, local: Callable[[int], Workers] =
 def alone(folder: Path, purpose: str, wait_s: float | None = None) -> Iterator[None]:
     """No other run of this purpose works in the folder meanwhile: it would compute the same a second time."""
     with ExitStack() as stack:
-        with disk_errors(folder):
+        with atomic.disk_errors(folder):
             folder.parent.mkdir(parents=True, exist_ok=True)
-            stack.enter_context(locked(folder, purpose, wait_s=wait_s))
+            stack.enter_context(result_folder.locked(folder, purpose, wait_s=wait_s))
         yield

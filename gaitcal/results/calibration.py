@@ -15,13 +15,10 @@ from gaitcal.export.osim import write_osim
 from gaitcal.export.other_formats import write_external_loads, write_mjcf, write_mot, write_sto_moments, write_urdf
 from gaitcal.gait.normal_bands import Bands, Norm, norm_for, own_norm
 from gaitcal.gait.profile_score import profile_scores
-from gaitcal.io.opensim_files import write_trc
+from gaitcal.io import opensim_files, snapshot, toml
 from gaitcal.io.result_folder import MANIFEST, ResultKind, atomic_directory, read_object, sha256_of
-from gaitcal.io.snapshot import read_whole
-from gaitcal.io.toml import package_version
+from gaitcal.model import model_file, parameters
 from gaitcal.model.marker_set import marker_set_text
-from gaitcal.model.model_file import save_model
-from gaitcal.model.parameters import impossible_bodies
 from gaitcal.model.subject_model import SubjectModel
 from gaitcal.page.page_data import PAGE_DATA, calibration_page_data, read_page_data, write_page_data
 from gaitcal.page.scene import Scene, scene_of
@@ -68,7 +65,7 @@ def read_page(folder: Path) -> Shown:
             raise InputError(message, source=folder / PAGE_DATA, code=Code.DAMAGED_RESULT)
         return shown
 
-    shown, _ = read_whole(folder, (SCENE, PAGE_DATA), read)
+    shown, _ = snapshot.read_whole(folder, (SCENE, PAGE_DATA), read)
     return shown
 
 
@@ -173,8 +170,8 @@ def manifest(calibration: Calibration, settings: Mapping[str, Json] | None = Non
     subject, prior = calibration.model.subject, calibration.study.joint_prior
     leaning = {} if prior is None else {"priors_sha256": prior.sha256}
     return {
-        "gaitcal": package_version("gaitcal"),
-        "versions": {name: package_version(name) for name in VERSIONED} | {"python": platform.python_version()},
+        "gaitcal": toml.package_version("gaitcal"),
+        "versions": {name: toml.package_version(name) for name in VERSIONED} | {"python": platform.python_version()},
         "subject": subject_summary(subject),
         "marker_set": calibration.study.marker_set.name,
         "rename": dict(calibration.study.rename),
@@ -191,10 +188,10 @@ def json_text(content: Json) -> str:
 
 
 def _models(model: SubjectModel, out: Path) -> None:
-    save_model(model, out / MODEL)
+    model_file.save_model(model, out / MODEL)
     write_osim(model, out / "model.osim")
     write_urdf(model, out / "model.urdf")
-    if not impossible_bodies(model.parameters.inertial):  # a warning of the calibration tells
+    if not parameters.impossible_bodies(model.parameters.inertial):  # a warning of the calibration tells
         write_mjcf(model, out / "model.xml")
 
 
@@ -223,7 +220,7 @@ def write_trial(
         out / "marker_errors" / f"{trial.name}.csv",
         (f"distance between measured and model marker, mm, fit of {part}; empty: not seen",),
     )
-    write_trc(out / "markers" / f"{trial.name}.trc", trial.recording)
+    opensim_files.write_trc(out / "markers" / f"{trial.name}.trc", trial.recording)
     if trial.loads is not None:
         _write_loads(trial, trial.loads, model, out)
 

@@ -15,10 +15,8 @@ from numpy.typing import NDArray
 
 from gaitcal.arrays import Array
 from gaitcal.errors import Code, InputError
+from gaitcal.gait import ensemble, moments, spatiotemporal
 from gaitcal.gait.cycles import CYCLE_COLUMNS, GROUND_REACTION, POINTS, GaitCycle, conventions_of, normalise, typed
-from gaitcal.gait.ensemble import require_once
-from gaitcal.gait.moments import SIDE_WORDS
-from gaitcal.gait.spatiotemporal import Stride
 from gaitcal.gait.strides import TURNING, pelvis_angles, strides_of, turns
 from gaitcal.io.result_folder import put_back
 from gaitcal.model.coordinates import FOOT_PROGRESSION
@@ -51,7 +49,7 @@ def refused_lines(trial: TrialResult) -> tuple[str, ...]:
     """What the verdict says of the numbers of a trial; empty where they count."""
     if trial.is_refused:
         return REFUSED_HEADER
-    return tuple(REFUSED_LEG_HEADER.format(leg=SIDE_WORDS[side]) for side in trial.refused_legs)
+    return tuple(REFUSED_LEG_HEADER.format(leg=moments.SIDE_WORDS[side]) for side in trial.refused_legs)
 
 
 def write_csv(table: Table, path: Path, comments: Iterable[str] = ()) -> None:
@@ -250,7 +248,7 @@ def _shown(curves: Iterable[Curve], side: str) -> list[Curve]:
 
 
 def _against_line(
-    trial: TrialResult, side: str, cycle: GaitCycle, stride: Stride | None, curves: Sequence[Curve]
+    trial: TrialResult, side: str, cycle: GaitCycle, stride: spatiotemporal.Stride | None, curves: Sequence[Curve]
 ) -> list[Curve]:
     """The curves of one stride: angles of the pelvis and the foot against its line of progression."""
     straight = stride is None or not turns(stride.turn)
@@ -266,7 +264,7 @@ def _rows(
     stride: int,
     cycle: GaitCycle,
     curves: Sequence[Curve],
-    measured: Stride | None,
+    measured: spatiotemporal.Stride | None,
 ) -> dict[str, Column]:
     time, count = trial.body.time, len(curves)
     rows = count * POINTS
@@ -324,7 +322,7 @@ def cycles_to_xarray(strides: pd.DataFrame) -> Any:
     if strides.empty:
         return xarray.Dataset()
     strides = typed(strides)
-    require_once(strides)
+    ensemble.require_once(strides)
     conventions = conventions_of(strides)
     several = [name for name in DIMENSIONS if name not in ("person", "session") or strides[name].nunique() > 1]
     wide = strides.set_index([*several, "variable"])[list(COLUMNS.values())].unstack("variable")

@@ -22,15 +22,12 @@ from gaitcal.dynamics.joint_kinetics import MomentFrame
 from gaitcal.errors import Code, InputError
 from gaitcal.gait.conventions import Convention
 from gaitcal.gait.cycles import POINTS, FootEvents, GaitCycle, Kind, gait_cycles, kind_of, normalise
-from gaitcal.io import result_folder
-from gaitcal.io.labels import FootMoment, times_of
+from gaitcal.io import labels, result_folder, toml
 from gaitcal.io.snapshot import Snapshot, read_whole
-from gaitcal.io.toml import package_version, read_toml
 from gaitcal.model.linkage import SIDES
 from gaitcal.model.subject_model import Subject, SubjectModel
-from gaitcal.results.calibration import json_text
+from gaitcal.results import calibration, saved
 from gaitcal.results.cycles import CYCLES, DIGITS, VERDICT, Json, read_csv, write_csv
-from gaitcal.results.saved import saved_events
 from gaitcal.results.summary import SUMMARY, VECTOR_FOLDER, entries_of, read_vectors, table_of
 from gaitcal.session.tables import told_components, vector_column
 
@@ -99,10 +96,11 @@ def _read(folder: Path, frame: MomentFrame, model: SubjectModel) -> _Result:
     strides: dict[tuple[str, str], tuple[GaitCycle, ...]] = {}
     vectors = {}
     for name in dict.fromkeys(table["trial"]):
-        events = saved_events(table_of(trials, name))
+        events = saved.saved_events(table_of(trials, name))
         right, left = (
             FootEvents(
-                np.array(times_of(events, side, FootMoment.STRIKE)), np.array(times_of(events, side, FootMoment.OFF))
+                np.array(labels.times_of(events, side, labels.FootMoment.STRIKE)),
+                np.array(labels.times_of(events, side, labels.FootMoment.OFF)),
             )
             for side in SIDES
         )
@@ -221,14 +219,14 @@ def write_export_manifest(
     for name in written:
         about[name] = {**cast(dict[str, Json], about[name]), "result": result}
     manifest: dict[str, Json] = {
-        "gaitcal": package_version("gaitcal"),
+        "gaitcal": toml.package_version("gaitcal"),
         "kind": result_folder.ResultKind.EXPORT.value,
         "written": {name: about[name] for name in sorted(about) if name in hashes},
         "files": list[Json](sorted(hashes)),
         result_folder.HASHES: dict[str, Json](sorted(hashes.items())),
     }
     manifest[result_folder.SELF] = result_folder.self_hash(manifest)
-    (stage / result_folder.MANIFEST).write_text(json_text(manifest), encoding="utf-8")
+    (stage / result_folder.MANIFEST).write_text(calibration.json_text(manifest), encoding="utf-8")
 
 
 STUDY = "study.toml"
@@ -289,7 +287,7 @@ def _places(folder: Path, name: str, inputs: Path | None) -> Iterator[tuple[Path
 def _of_study(folder: Path) -> Iterator[Path]:
     """Files of the trials of the study that was drafted into a result; none where it says nothing."""
     try:
-        content = read_toml(folder / STUDY)
+        content = toml.read_toml(folder / STUDY)
     except InputError:
         return
     for trial in entries_of(content, "trial"):

@@ -16,34 +16,28 @@ from gaitcal.arrays import Array
 from gaitcal.errors import Code, InputError, nearest
 from gaitcal.figures.document import COMMENT_SECTIONS, ReportContent
 from gaitcal.figures.report_sheets import LEAST, UNITS, CurvePanel, Sheet
-from gaitcal.gait.conventions import Convention, MomentUnit, Signs
+from gaitcal.gait import conventions, peaks, profile_score
 from gaitcal.gait.cycles import GROUND_REACTION, POINTS, WALKING, Kind, kind_of, known_variables
 from gaitcal.gait.ensemble import ensemble
 from gaitcal.gait.moments import SIDE_WORDS, counted, joint_words, parameter_words
 from gaitcal.gait.normal_bands import BAND_SIGNS, FREE_WORDS, Bands, Norm, NormalBand, norm_for, own_norm
-from gaitcal.gait.peaks import PHASES
-from gaitcal.gait.profile_score import profile_scores
 from gaitcal.gait.strides import TURNING
 from gaitcal.io.result_folder import MANIFEST, read_object
 from gaitcal.io.toml import read_toml
-from gaitcal.model.coordinates import FOOT_PROGRESSION
-from gaitcal.model.linkage import SIDES
+from gaitcal.model import coordinates, linkage
 from gaitcal.model.subject_model import Subject
 from gaitcal.page.page_data import PAGE_DATA, SHOWN_MEASURES, page_peaks, page_toe_offs, person_facts, read_page_data
 from gaitcal.page.summary import WIDE_LIMITS, StrideUse, reason_words, usable_words
-from gaitcal.results.cycles import read_cycles
-from gaitcal.results.cycles_export import strides_in_convention
-from gaitcal.results.saved import load_result_model
-from gaitcal.results.stride_files import mean_speed
+from gaitcal.results import cycles, cycles_export, saved, stride_files
 from gaitcal.results.summary import SUMMARY, entries_of, table_of
 
-CLINICAL: Final = Convention(signs=Signs.CLINICAL, unit=MomentUnit.NM_PER_KG)
+CLINICAL: Final = conventions.Convention(signs=conventions.Signs.CLINICAL, unit=conventions.MomentUnit.NM_PER_KG)
 HINGE: Final = "{} is not told: the knee is a hinge in this model."
 CLINICAL_SIGNS: Final = BAND_SIGNS["clinical"]
 KINEMATICS: Final = (
     *("pelvis_tilt", "pelvis_list", "pelvis_rotation", "hip_flexion", "hip_adduction", "hip_rotation"),
     *("knee_angle", HINGE.format("Knee varus"), HINGE.format("Knee rotation")),
-    *("ankle_angle", FOOT_PROGRESSION, "subtalar_angle"),
+    *("ankle_angle", coordinates.FOOT_PROGRESSION, "subtalar_angle"),
 )
 """Variables of `cycles.csv` in the order of the sheet; a sentence where there is none."""
 KINETICS: Final = (
@@ -72,10 +66,10 @@ def report_content(folder: Path, named: tuple[Bands, str] | None, comments: Mapp
     Raises InputError: It is no result of `gaitcal calibrate`, or is damaged.
     """
     page = read_page_data(folder / PAGE_DATA)
-    model, _, _ = load_result_model(folder)
+    model, _, _ = saved.load_result_model(folder)
     summary, manifest = read_object(folder / SUMMARY), read_object(folder / MANIFEST)
-    of = read_cycles(folder)
-    strides = strides_in_convention(of, CLINICAL, model)
+    of = cycles.read_cycles(folder)
+    strides = cycles_export.strides_in_convention(of, CLINICAL, model)
     parameters = pd.read_csv(folder / "parameters.csv", comment="#")
     norm = _norm(page, named, model.subject, summary, manifest)
     relative = table_of(manifest, "settings").get("angles") == "relative"
@@ -100,7 +94,7 @@ def report_content(folder: Path, named: tuple[Bands, str] | None, comments: Mapp
         ),
         norm=norm.words,
         norm_remark=remark,
-        profile=profile_scores({n: of[n].to_numpy() for n in of}, norm.bands, model.subject)
+        profile=profile_score.profile_scores({n: of[n].to_numpy() for n in of}, norm.bands, model.subject)
         if norm.bands and not relative
         else (),
         joints=tuple(_joints(parameters)),
@@ -229,7 +223,7 @@ def _sheets(
 def _peaks(page: Mapping[str, Any], activity: str, subject: Subject) -> Iterator[tuple[str, ...]]:
     """Peaks by phase of one activity, in clinical signs and by body mass."""
     found = [mean for mean in page_peaks(page["trials"]) if mean.activity == activity]
-    phases = [phase for phase in PHASES if any(m.peak.phase == phase for m in found)]
+    phases = [phase for phase in peaks.PHASES if any(m.peak.phase == phase for m in found)]
     yield ("peak", "unit", "leg", *phases)
     rows: dict[tuple[str, str, str], dict[str, str]] = {}
     for m in found:
@@ -262,7 +256,7 @@ def _walks(summary: Mapping[str, object], uses: Mapping[str, Sequence[StrideUse]
     for name, of_walk in uses.items():
         if table_of(table_of(summary, "trials"), name).get("role") == "joint":
             continue
-        for side in SIDES:
+        for side in linkage.SIDES:
             of_leg = [use for use in of_walk if use.side == side]
             turning = sum(use.turns for use in of_leg)
             bent = f"{counted(turning, 'stride')} turning: not in means" if turning else ""
@@ -294,7 +288,7 @@ def _steps(summary: Mapping[str, object], norms: Mapping[str, tuple[float, float
     for name, (title, digits) in SHOWN_MEASURES.items():
         measure = table_of(found, name)
         if measure:
-            cells = (_average(table_of(measure, side), digits) for side in SIDES)
+            cells = (_average(table_of(measure, side), digits) for side in linkage.SIDES)
             asymmetry, error = (measure.get(f"symmetry_{name}") for name in ("percent", "se_percent"))
             apart = "" if asymmetry is None else f"{asymmetry:.1f}" + ("" if error is None else f" ± {error:.1f}")
             norm = [" ± ".join(f"{part:.{digits}f}" for part in norms.get(name, ()))] if norms else []
@@ -324,7 +318,7 @@ def _panels(
         curves: dict[str, tuple[Array, ...]] = {}
         mean: dict[str, Array] = {}
         error: dict[str, Array] = {}
-        for side in SIDES:
+        for side in linkage.SIDES:
             of_side = rows[rows["side"] == side]
             values = np.where(of_side["valid"].to_numpy() == 1, factor * of_side["value"].to_numpy(dtype=float), np.nan)
             curves[side] = tuple(values.reshape(-1, POINTS))
@@ -363,7 +357,7 @@ def _norm(
     if stored and not stored.get("words"):
         return Norm(remark=str(stored.get("remark", "")))
     if not made_with:
-        return norm_for(subject, mean_speed(table_of(summary, "spatiotemporal")))
+        return norm_for(subject, stride_files.mean_speed(table_of(summary, "spatiotemporal")))
     bands = {}
     for band in page["bands"]:
         kind = next(kind for kind in Kind if kind.words == band["kind"])

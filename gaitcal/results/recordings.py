@@ -16,19 +16,15 @@ from gaitcal.arrays import Array, IntArray
 from gaitcal.errors import Code, InputError
 from gaitcal.export.plug_in_gait import ANGLE_UNITS, MOMENT_UNITS, SavedMotion, plug_in_gait_points
 from gaitcal.faults.verdict import Judgement
-from gaitcal.gait.event_clock import SAME_EVENT
-from gaitcal.gait.moments import counted
+from gaitcal.gait import event_clock, moments
+from gaitcal.io import formats, result_folder, segment_poses, toml
 from gaitcal.io.axes import Turn
 from gaitcal.io.c3d.reader import PER_METRE
 from gaitcal.io.c3d.writer import AddedPoint, C3DOriginal, PointKind, c3d_original, supplement_c3d, write_c3d
 from gaitcal.io.csv import EVENTS
-from gaitcal.io.formats import read_recording
 from gaitcal.io.labels import FootEvent
 from gaitcal.io.recording import Recording, seen_mask
-from gaitcal.io.result_folder import sha256_of
-from gaitcal.io.segment_poses import holds_poses
 from gaitcal.io.snapshot import Snapshot, read_whole
-from gaitcal.io.toml import package_version
 from gaitcal.results.cycles_export import find_original, trial_files
 from gaitcal.results.saved import MODEL, SPLINES, SavedWalk, load_trial, moving_trials
 from gaitcal.results.summary import SUMMARY
@@ -67,7 +63,7 @@ def write_recordings(
         paths = {kind: find_original(folder, name, inputs) for kind, name in files[trial.name].items()}
         notes = _write(trial, paths, out / f"{trial.name}.c3d", out / f".{trial.name}.c3d", instead=instead)
         source = files[trial.name]["file"]
-        written[trial.name] = source, sha256_of(paths["file"]) or "", notes
+        written[trial.name] = source, result_folder.sha256_of(paths["file"]) or "", notes
     return written, snapshot
 
 
@@ -75,16 +71,16 @@ def _write(
     trial: SavedWalk, paths: Mapping[str, Path], target: Path, between: Path, *, instead: bool
 ) -> tuple[str, ...]:
     """Write the C3D of one trial; `between` is a path for a file that is removed again. Returns what to tell."""
-    recording = read_recording(paths["file"], forces=paths.get("forces"))
+    recording = formats.read_recording(paths["file"], forces=paths.get("forces"))
     notes: tuple[str, ...] = ()
-    made = holds_poses(recording.labels)
+    made = segment_poses.holds_poses(recording.labels)
     if made and paths["file"].suffix.lower() == ".c3d":
         notes = ("written anew: without poses and events of the file, with the points that stand for its body",)
     if paths["file"].suffix.lower() == ".c3d" and not made:
-        source, same = paths["file"], read_recording(paths["file"])
+        source, same = paths["file"], formats.read_recording(paths["file"])
     else:
         notes += _as_c3d(recording, between)
-        source, same = between, read_recording(between)
+        source, same = between, formats.read_recording(between)
     original = c3d_original(source, len(recording.time))
     rows = _rows(recording.time, trial.motion.time, paths["file"])
     per_metre = PER_METRE.get(original.unit("UNITS").strip().lower(), 1e3)
@@ -93,7 +89,7 @@ def _write(
     points, named = _points(trial, original, rows, turn, per_metre, kept)
     events, event_notes = _new_events(trial, recording, corrected="events" in paths)
     group = {
-        "VERSION": [f"gaitcal {package_version('gaitcal')}"],
+        "VERSION": [f"gaitcal {toml.package_version('gaitcal')}"],
         "TRIAL": [trial.name],
         **{key.upper(): [value] for key, value in trial.facts.items()},
         "REASONS": [text[:255] for text in trial.reasons[:255]],
@@ -101,7 +97,7 @@ def _write(
     }
     units = {"ANGLE_UNITS": "deg", "MOMENT_UNITS": "Nmm", "POWER_UNITS": "W"}
     supplement_c3d(original, target, points, events, ("GAITCAL", group), units)
-    _require_same(same, read_recording(target), target, exact=original.header.is_float)
+    _require_same(same, formats.read_recording(target), target, exact=original.header.is_float)
     between.unlink(missing_ok=True)
     if not original.header.is_float:
         notes += ("the file was one of integers and is one of 32-bit floats now",)
@@ -110,7 +106,7 @@ def _write(
         notes += (f"the file has points of such names; ours begin with {named}{hint}",)
     if gone := [point.name for point in points if point.name in original.labels]:
         rest = "what else it holds of another program's, also in other frames, is not ours"
-        notes += (f"{counted(len(gone), 'point')} of the file replaced ({', '.join(gone)}); {rest}",)
+        notes += (f"{moments.counted(len(gone), 'point')} of the file replaced ({', '.join(gone)}); {rest}",)
     return (*_said(trial, points), *notes, *event_notes)
 
 
@@ -228,7 +224,7 @@ def _new_events(trial: SavedWalk, recording: Recording, *, corrected: bool) -> t
 
     def known(event: FootEvent) -> bool:
         return any(
-            e.side == event.side and e.moment is event.moment and abs(e.time - event.time) < SAME_EVENT
+            e.side == event.side and e.moment is event.moment and abs(e.time - event.time) < event_clock.SAME_EVENT
             for e in recording.events
         )
 

@@ -13,26 +13,17 @@ from gaitcal.compare.difference import DIFFERENCES_HEADER, MDC
 from gaitcal.compare.sessions import CURVE_HEADER, SessionComparison, compare_sessions
 from gaitcal.compare.stride_sets import Session
 from gaitcal.errors import Code, InputError
+from gaitcal.figures import document, report_sheets
 from gaitcal.figures.comparison import comparison_page, figure_rows, paper_panels
-from gaitcal.figures.document import ComparisonContent
-from gaitcal.figures.report_sheets import Sheet
-from gaitcal.gait.cycles import typed
-from gaitcal.gait.moments import SIDE_WORDS
-from gaitcal.gait.profile_score import GPS
-from gaitcal.gait.spatiotemporal import MEASURES
+from gaitcal.gait import cycles, moments, profile_score, spatiotemporal
 from gaitcal.io.result_folder import MANIFEST, ResultKind, atomic_directory, put_back, read_object, sha256_of
 from gaitcal.io.snapshot import Snapshot, read_whole
 from gaitcal.io.toml import package_version
-from gaitcal.model.coordinates import coordinate_words
-from gaitcal.model.linkage import SIDES
-from gaitcal.model.model_file import load_model
+from gaitcal.model import coordinates, linkage, model_file
 from gaitcal.page.page_data import SHOWN_MEASURES, person_facts
-from gaitcal.results.calibration import json_text
+from gaitcal.results import calibration, cycles_export, gait_report, stride_files
 from gaitcal.results.cycles import CYCLES, Json, read_csv, read_cycles, write_csv
-from gaitcal.results.cycles_export import made_with_another_model, trial_files
-from gaitcal.results.gait_report import CLINICAL, KINEMATICS, KINETICS
 from gaitcal.results.saved import MODEL, UNCERTAINTY, load_uncertainty, settings_of
-from gaitcal.results.stride_files import SPATIOTEMPORAL, SPATIOTEMPORAL_COLUMNS
 from gaitcal.results.summary import JOINT_PRIOR, SUMMARY, entries_of, table_of
 from gaitcal.runtime import with_one_blas_thread
 from gaitcal.session.trial_result import axis_deviations
@@ -45,7 +36,7 @@ SHARED_HEADER = (
 )
 
 PRINTED = 30  # Figures beside steps that a report on paper lists; `differences.csv` has all
-SHEETS = {"Kinematics": KINEMATICS, "Kinetics": KINETICS}
+SHEETS = {"Kinematics": gait_report.KINEMATICS, "Kinetics": gait_report.KINETICS}
 
 
 def write_comparison(
@@ -68,7 +59,7 @@ def write_comparison(
             **hashes,
             "common": comparison.common.name.lower(),
         }
-        (out / MANIFEST).write_text(json_text(content), encoding="utf-8")
+        (out / MANIFEST).write_text(calibration.json_text(content), encoding="utf-8")
         head = (*told, f"a: {names[0]}; b: {names[1]}; {comparison.common.words}")
         write_csv(comparison.differences, out / DIFFERENCES, (*head, *DIFFERENCES_HEADER))
         write_csv(comparison.curves, out / CURVES, (*head, *CURVE_HEADER))
@@ -82,12 +73,12 @@ def write_comparison(
 def comparison_html(comparison: SessionComparison, results: Sequence[Path]) -> str:
     """The page of a comparison of two `results`: `comparison.html`."""
     norms, scores = _scores(results)
-    return comparison_page(comparison, CLINICAL, SHEETS, _people(comparison, results), scores, norms)
+    return comparison_page(comparison, gait_report.CLINICAL, SHEETS, _people(comparison, results), scores, norms)
 
 
 def comparison_content(
     comparison: SessionComparison, results: Sequence[Path], comments: Mapping[str, str]
-) -> ComparisonContent:
+) -> document.ComparisonContent:
     """The report on paper of two `results`; `comments` as of `report_content`."""
     norms, scores = _scores(results)
     names, people = comparison.names, [dict(known) for known in _people(comparison, results)]
@@ -100,7 +91,7 @@ def comparison_content(
         f"Means over the stride of each foot: {names[0]} thin, {names[1]} thick in the band within which a difference "
         "could have been missed (95 %). Moments and powers by each session's own body mass."
     )
-    return ComparisonContent(
+    return document.ComparisonContent(
         title=f"Gait report  ·  {comparison.subjects[1].name}: {names[1]} against {names[0]}",
         people=(("", *names), *((label, *(known.get(label, "–") for known in people)) for label in labels)),
         words=comparison.lines,
@@ -108,9 +99,9 @@ def comparison_content(
         steps=(head, *figure_rows(steps)),
         others=(head, *figure_rows(others[:PRINTED])),
         sheets=tuple(
-            Sheet(
+            report_sheets.Sheet(
                 title=title,
-                panels=tuple(paper_panels(comparison, CLINICAL, variables)),
+                panels=tuple(paper_panels(comparison, gait_report.CLINICAL, variables)),
                 note=note,
                 without="No curves: the sessions share none.",
                 comment=title.lower(),
@@ -140,14 +131,14 @@ def _scores(results: Sequence[Path]) -> tuple[tuple[str, ...], tuple[tuple[str, 
 
 def _score_rows(a: Mapping[str, Any], b: Mapping[str, Any], *, same: bool) -> Iterator[tuple[str, ...]]:
     """Gait Profile Scores and their angles, where both have them; errors as if independent."""
-    for side in ("both", *SIDES):
+    for side in ("both", *linkage.SIDES):
         of_a, of_b = table_of(a, side), table_of(b, side)
-        for name in sorted(of_a.keys() & of_b.keys(), key=lambda n: (n != GPS, list(of_a).index(n))):
+        for name in sorted(of_a.keys() & of_b.keys(), key=lambda n: (n != profile_score.GPS, list(of_a).index(n))):
             score, se = ([float(of[name].get(key, np.nan)) for of in (of_a, of_b)] for key in ("score", "se"))
-            title = "Gait Profile Score" if name == GPS else coordinate_words(name).title
+            title = "Gait Profile Score" if name == profile_score.GPS else coordinates.coordinate_words(name).title
             missed = f" (missed below {MDC * np.hypot(se[0], se[1]):.1f})" if np.isfinite(se).all() else ""
             yield (
-                f"{title}, {SIDE_WORDS.get(side, 'both sides')}",
+                f"{title}, {moments.SIDE_WORDS.get(side, 'both sides')}",
                 *(f"{s:.1f} ± {e:.1f}" if np.isfinite(e) else f"{s:.1f}" for s, e in zip(score, se, strict=True)),
                 f"{score[1] - score[0]:+.1f}{missed}" if same else "other norm",
             )
@@ -197,7 +188,7 @@ def load_session(folder: Path) -> tuple[Session, tuple[Snapshot, ...]]:
         raise InputError(message, source=folder, code=Code.NO_RESULT)
     whole = folder.resolve()
     calibrated = folder / ".." if FURTHER in manifest else folder
-    tables = (CYCLES, SPATIOTEMPORAL, SUMMARY)
+    tables = (CYCLES, stride_files.SPATIOTEMPORAL, SUMMARY)
     (strides, measures, summary), read = read_whole(
         folder, tables, lambda: (read_cycles(folder), _measures(folder), read_object(folder / SUMMARY))
     )
@@ -205,11 +196,11 @@ def load_session(folder: Path) -> tuple[Session, tuple[Snapshot, ...]]:
     (model, uncertainty), of_model = read_whole(
         calibrated,
         needed,
-        lambda: (load_model(calibrated / MODEL), load_uncertainty(calibrated / UNCERTAINTY)),
+        lambda: (model_file.load_model(calibrated / MODEL), load_uncertainty(calibrated / UNCERTAINTY)),
         (MODEL,),
     )
     settings = settings_of(calibrated)
-    stale = () if calibrated is folder else made_with_another_model(folder, of_model.sha256[MODEL])
+    stale = () if calibrated is folder else cycles_export.made_with_another_model(folder, of_model.sha256[MODEL])
     other = (f"made with another model than lies there now: {', '.join(stale)}; run dynamics again",) if stale else ()
     session = Session(
         name=whole.name if calibrated is folder else f"{whole.parent.name}/{whole.name}",
@@ -218,7 +209,7 @@ def load_session(folder: Path) -> tuple[Session, tuple[Snapshot, ...]]:
         statics=_recordings(calibrated, moving=False),
         recordings=frozenset(_recordings(calibrated, moving=True) if calibrated is folder else ()),
         influence=uncertainty.joint,
-        strides=typed(strides, folder / CYCLES),
+        strides=cycles.typed(strides, folder / CYCLES),
         measures=measures,
         verdict=str(summary.get("verdict") or ""),
         reasons=_reasons(summary),
@@ -238,10 +229,10 @@ def named_apart(a: Session, b: Session) -> tuple[Session, Session]:
 
 
 def _measures(folder: Path) -> pd.DataFrame:
-    source = folder / SPATIOTEMPORAL
+    source = folder / stride_files.SPATIOTEMPORAL
     try:
         table, _ = read_csv(source)
-        if missing := [name for name in SPATIOTEMPORAL_COLUMNS if name not in table]:
+        if missing := [name for name in stride_files.SPATIOTEMPORAL_COLUMNS if name not in table]:
             message = f"is no table of measures: found no column {', '.join(missing)}"
             raise InputError(message, source=source, code=Code.DAMAGED_RESULT)
         numbers = {name: pd.to_numeric(table[name]) for name in ("stride", "value", "valid", "turn")}
@@ -249,7 +240,7 @@ def _measures(folder: Path) -> pd.DataFrame:
         message = f"cannot be read as a table of measures: {error}"
         raise InputError(message, source=source, code=Code.DAMAGED_RESULT) from None
     whole = table.assign(**numbers)
-    return whole[whole["variable"].isin(list(MEASURES)) & np.isfinite(whole["value"])]
+    return whole[whole["variable"].isin(list(spatiotemporal.MEASURES)) & np.isfinite(whole["value"])]
 
 
 def _recordings(folder: Path, *, moving: bool) -> tuple[str, ...]:
@@ -257,7 +248,9 @@ def _recordings(folder: Path, *, moving: bool) -> tuple[str, ...]:
     told, hashes = (
         table_of(read_object(folder / n), key) for n, key in ((SUMMARY, "trials"), (MANIFEST, "inputs_sha256"))
     )
-    files = (files.get("file", "") for trial, files in trial_files(folder).items() if (trial in told) is moving)
+    files = (
+        files.get("file", "") for trial, files in cycles_export.trial_files(folder).items() if (trial in told) is moving
+    )
     return tuple(sorted(str(hashes[file]) for file in files if file in hashes))
 
 

@@ -37,21 +37,13 @@ from gaitcal.errors import ConvergenceError
 from gaitcal.faults.study import examined
 from gaitcal.gait.cycles import typed
 from gaitcal.io.result_folder import MANIFEST, read_object
-from gaitcal.model.anthropometry import with_joints_of
-from gaitcal.model.linkage import LEG_JOINTS
+from gaitcal.model import anthropometry, linkage
 from gaitcal.model.parameters import JOINT_PARAMETERS, JP_INDEX, JP_NAMES, Parameters
 from gaitcal.model.subject_model import SubjectModel
-from gaitcal.results.cycles import cycle_table
-from gaitcal.results.cycles_export import STUDY
-from gaitcal.results.saved import UNCERTAINTY, load_uncertainty
-from gaitcal.results.sessions import load_session, named_apart
-from gaitcal.results.stride_files import spatiotemporal_table
-from gaitcal.results.summary import table_of
+from gaitcal.results import cycles, cycles_export, saved, sessions, stride_files, summary
 from gaitcal.runtime import Progress, silent, with_one_blas_thread
-from gaitcal.session.joint_parameters import fit_joints
-from gaitcal.session.result import Uncertainty
+from gaitcal.session import joint_parameters, result, trial_result
 from gaitcal.session.session import session_of
-from gaitcal.session.trial_result import analyse, counted_from_static
 from gaitcal.study.joint_prior import JointPrior
 from gaitcal.study.study import Study
 
@@ -109,7 +101,7 @@ def shared_joints(a: Session, b: Session, common: Common) -> SharedJoints:
     """
     require_fit_to_share(a, b)
     known = set(told_parameters(b.influence))
-    names = tuple(n for n in told_parameters(a.influence) if n in known and n.startswith(LEG_JOINTS))
+    names = tuple(n for n in told_parameters(a.influence) if n in known and n.startswith(linkage.LEG_JOINTS))
     if not names:
         raise NotComparableError("no joint parameter was fitted in both", source=f"{a.name}, {b.name}")
     return joined(names, knowledge(a, names), knowledge(b, names), common is Common.PERSON, a.prior)
@@ -196,14 +188,14 @@ def compare_with_shared_model(
     Raises ConvergenceError: The fit to all trials ended early.
     """
     folders = Path(a), Path(b)
-    one, other = named_apart(*(load_session(folder)[0] for folder in folders))
+    one, other = sessions.named_apart(*(sessions.load_session(folder)[0] for folder in folders))
     common = common_to(one, other)
     if common is Common.MODEL:
         raise NotComparableError("both results have one model already", source=f"{one.name}, {other.name}")
     plain = compare_sessions(one, other)
     require_fit_to_share(one, other)
     shared = None if common is Common.STATIC else shared_joints(one, other, common)
-    files = tuple(map(Path, studies)) or tuple(folder / STUDY for folder in folders)
+    files = tuple(map(Path, studies)) or tuple(folder / cycles_export.STUDY for folder in folders)
     if len(files) != len(folders):
         raise NotComparableError(f"found {len(files)} study files; allowed: that of A, then that of B", field="--study")
     progress("reading the recordings")
@@ -214,10 +206,10 @@ def compare_with_shared_model(
     anew = []
     for k, (session, folder, study) in enumerate(zip((one, other), folders, read, strict=True)):
         progress(f"walks of {session.name} with the shared joints")
-        spread, errors = load_uncertainty(folder / UNCERTAINTY).inertial, shared.influences[k]
+        spread, errors = saved.load_uncertainty(folder / saved.UNCERTAINTY).inertial, shared.influences[k]
         if (known := session.influence) is not None:  # of trunk and arms, errors stay as they were
             errors = known.of([name for name in known.free if name in JP_INDEX]).updated(errors)
-        uncertainty = Uncertainty(errors, spread)
+        uncertainty = result.Uncertainty(errors, spread)
         anew.append(retracked(session, study, shared.names, (shared.a, shared.b)[k], uncertainty))
     now = Common.SHARED_FRAMES if common is Common.STATIC else Common.SHARED_JOINTS
     found = compare_sessions(anew[0], anew[1], common=now)
@@ -236,12 +228,12 @@ def fitted_together(a: Study, b: Study) -> SharedJoints:
     new = [t for t in b.moving if b.inputs[b.input_names(t)["file"]] not in files]
     named = [replace(t, name=f"{t.name}, second" if t.name in read else t.name) for t in new]
     whole = replace(a, trials=(*a.trials, *named))
-    joint = fit_joints(session_of(examined(whole))).joint
+    joint = joint_parameters.fit_joints(session_of(examined(whole))).joint
     if joint is None:
         raise NotComparableError("its settings leave joint parameters alone (jp = false)", source=a.source)
     if late := [phase for phase in joint.phases if not phase.converged]:
         raise ConvergenceError(f"phase {late[0].name} of both sessions together did not converge: {late[0].message}")
-    names = tuple(name for name in joint.free if name.startswith(LEG_JOINTS))
+    names = tuple(name for name in joint.free if name.startswith(linkage.LEG_JOINTS))
     values = joint.parameters.joint[[JP_INDEX[name] for name in names]]
     errors = joint.errors.of(names)
     return SharedJoints(names=names, a=values, b=values, influences=(errors, errors))
@@ -255,7 +247,7 @@ def study_of_result(folder: Path, file: Path) -> Study:
     if not file.is_file():
         raise NotComparableError(f"not found; say with --study FILE which study {folder} was made from", source=file)
     study, manifest = Study.load(file), read_object(folder / MANIFEST)
-    known, names = set(table_of(manifest, "inputs_sha256").values()), set(table_of(manifest, "trials"))
+    known, names = set(summary.table_of(manifest, "inputs_sha256").values()), set(summary.table_of(manifest, "trials"))
     chosen = replace(study, trials=tuple(t for t in study.trials if t.name in names))
     read = {digest for name, digest in study.inputs.items() if not name.endswith(".toml")}
     if {t.name for t in chosen.trials} != names or not read & known:
@@ -264,21 +256,23 @@ def study_of_result(folder: Path, file: Path) -> Study:
 
 
 def retracked(
-    session: Session, study: Study, names: Sequence[str], values: np.ndarray, uncertainty: Uncertainty
+    session: Session, study: Study, names: Sequence[str], values: np.ndarray, uncertainty: result.Uncertainty
 ) -> Session:
     """The session with other joint parameters `names`: every walk tracked anew."""
     model, settings, clean = session.model, study.settings, examined(study)
     joints = model.parameters.with_joint(tuple(names), values)
     if settings.ip == "consistent":  # else mass centres would stay apart by what the joints of both sessions were
-        joints = joints.with_inertial(with_joints_of(joints.inertial, model.parameters, joints))
+        joints = joints.with_inertial(anthropometry.with_joints_of(joints.inertial, model.parameters, joints))
     if settings.keeps_ankle_zero:
         begun = Parameters(joints.joint, joints.inertial, model.nominal.zero_angles)
-        joints = counted_from_static(model.with_parameters(model.nominal), begun, clean.completed.static).parameters
+        joints = trial_result.counted_from_static(
+            model.with_parameters(model.nominal), begun, clean.completed.static
+        ).parameters
     fitted: SubjectModel = model.with_parameters(joints)
     walks, moves = [t.trial for t in clean.trials if t.is_gait], clean.moves()
-    results = [analyse(fitted, trial, settings, uncertainty, moves.get(trial.name, {})) for trial in walks]
-    strides = cycle_table(fitted, results)
-    measures = spatiotemporal_table(fitted.subject, results)
+    results = [trial_result.analyse(fitted, trial, settings, uncertainty, moves.get(trial.name, {})) for trial in walks]
+    strides = cycles.cycle_table(fitted, results)
+    measures = stride_files.spatiotemporal_table(fitted.subject, results)
     return replace(
         session,
         model=fitted,

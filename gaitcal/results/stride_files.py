@@ -12,11 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gaitcal.arrays import Array
+from gaitcal.gait import ensemble, normal_bands, profile_score
 from gaitcal.gait.cycles import CYCLE_COLUMNS, POINTS, WALKING, typed
-from gaitcal.gait.ensemble import ENSEMBLE_COLUMNS, mean_curves, require_once
-from gaitcal.gait.normal_bands import Norm
 from gaitcal.gait.peaks import PeakMean, peak_columns, peak_means, phase_peaks, stride_peaks
-from gaitcal.gait.profile_score import Score
 from gaitcal.gait.spatiotemporal import MEASURES, Average, counting, counts, measure_means
 from gaitcal.gait.strides import TURNING
 from gaitcal.io.result_folder import sha256_of
@@ -192,7 +190,7 @@ PROFILE_HEADER: Final = (
 """Comment lines above the header."""
 
 
-def write_profile(folder: Path, norm: Norm, scores: Sequence[Score]) -> None:
+def write_profile(folder: Path, norm: normal_bands.Norm, scores: Sequence[profile_score.Score]) -> None:
     """Write `gait_profile.csv`; nothing where no norm fits or an angle is missing."""
     if not scores:
         return
@@ -205,7 +203,7 @@ def write_profile(folder: Path, norm: Norm, scores: Sequence[Score]) -> None:
     write_csv(table, folder / PROFILE, (*PROFILE_HEADER, f"norm: {norm.words}"))
 
 
-def profile_summary(norm: Norm, scores: Sequence[Score]) -> dict[str, Json]:
+def profile_summary(norm: normal_bands.Norm, scores: Sequence[profile_score.Score]) -> dict[str, Json]:
     """Whom the person is held against, and the scores, as `summary.json` has them."""
     told: dict[str, Json] = {k: v for k, v in {"words": norm.words, "remark": norm.remark}.items() if v}
     out: dict[str, Json] = {"norm": told}
@@ -226,14 +224,14 @@ def mean_speed(means: Mapping[str, Any]) -> float | None:
 def _numbers(strides: pd.DataFrame) -> dict[str, Column]:
     """The columns of a table of strides that may hold text, each stride once."""
     table = typed(strides)
-    require_once(table)
+    ensemble.require_once(table)
     return {name: table[name].to_numpy() for name in CYCLE_COLUMNS}
 
 
 def _mean_curves(strides: Mapping[str, Column]) -> dict[str, NDArray[Any]]:
     if not len(strides["value"]):
-        return {name: np.empty(0) for name in ENSEMBLE_COLUMNS}
-    curves = mean_curves(strides)
+        return {name: np.empty(0) for name in ensemble.ENSEMBLE_COLUMNS}
+    curves = ensemble.mean_curves(strides)
     return {name: np.round(v, DIGITS) if v.dtype.kind == "f" else v for name, v in curves.items()}
 
 

@@ -8,9 +8,7 @@ from typing import Any, cast
 from gaitcal.errors import Code, InputError
 from gaitcal.export.osim import safe_name
 from gaitcal.faults.verdict import Verdict
-from gaitcal.io import result_folder
-from gaitcal.io.atomic import disk_errors
-from gaitcal.io.toml import package_version
+from gaitcal.io import atomic, result_folder, toml
 from gaitcal.page.page_data import PAGE_DATA, further_page_data, read_page_data
 from gaitcal.page.provenance import Origin
 from gaitcal.page.scene import person_scene, trial_scene
@@ -121,7 +119,7 @@ def write_trials(
     ):
         for trial in trials:
             write_trial(trial, model, out, relative_to)
-        with disk_errors(folder):
+        with atomic.disk_errors(folder):
             until_done.enter_context(result_folder.locked(folder))
         saved.files.require_unchanged()
         earlier = _earlier(folder)
@@ -147,7 +145,7 @@ def write_trials(
         }
         (out / SUMMARY).write_text(json_text(new_summary), encoding="utf-8")
         new_manifest: dict[str, Json] = {
-            "gaitcal": package_version("gaitcal"),
+            "gaitcal": toml.package_version("gaitcal"),
             "subject": model.subject.name,
             "model_sha256": digests,
         }

@@ -45,7 +45,7 @@ from gaitcal.dynamics.measurement_errors import PlateErrors
 from gaitcal.errors import Finding, Severity, note_of
 from gaitcal.faults.study import check_study, examined
 from gaitcal.faults.verdict import judge, stopping, without_consequences
-from gaitcal.model.anthropometry import table_spread, with_joints_of
+from gaitcal.model.anthropometry import table_spread
 from gaitcal.model.parameters import InertialSet, full_set, impossible_bodies, symmetric_set
 from gaitcal.motion.motion import motion_of
 from gaitcal.runtime import Progress, silent, with_one_blas_thread
@@ -123,9 +123,6 @@ def fit_inertia(session: Session, progress: Progress) -> Session:
     """Inertial parameters, then, where asked for, joint and inertial parameters together."""
     settings, loaded = session.settings, weighing(session)
     progress("the floors of marker errors" if settings.ip == "none" else "inertial parameters")
-    if settings.ip == "consistent" and loaded and session.joint is not None:
-        at_joints = with_joints_of(session.parameters.inertial, session.model.parameters, session.parameters)
-        session = replace(session, parameters=session.parameters.with_inertial(at_joints))
     inertial = None if settings.ip == "none" or not loaded else _inertial_fit(session, loaded)
     if inertial is not None:
         parameters = session.parameters.with_inertial(inertial.inertial)

@@ -19,13 +19,11 @@ from gaitcal.errors import Code, InputError, alike
 from gaitcal.io.toml import read_toml, toml_table, toml_value
 from gaitcal.model.linkage import SIDES
 from gaitcal.model.marker_set import built_in_sets
+from gaitcal.session import marker_sets, person_facts
 from gaitcal.session.folder import FileKind, Folder, FolderFile, ForceChoice, declares_study
-from gaitcal.session.marker_sets import SetChoice
-from gaitcal.session.person_facts import Known
+from gaitcal.study import study_file, study_trial
 from gaitcal.study.settings import CalibrationSettings
 from gaitcal.study.study import Study, marker_set_of
-from gaitcal.study.study_file import load_study_file
-from gaitcal.study.study_trial import read_trial
 
 if TYPE_CHECKING:
     from gaitcal.session.label_proposal import LabelProposal
@@ -68,9 +66,9 @@ class Draft:
     """A folder as it was understood, and the study that follows."""
 
     folder: Folder
-    choice: SetChoice | None
+    choice: marker_sets.SetChoice | None
     """None: no marker set explains the labels."""
-    person: Mapping[str, Known]
+    person: Mapping[str, person_facts.Known]
     trials: tuple[Drafted, ...]
     seen: tuple[Seen, ...]
     fault: str = ""
@@ -244,7 +242,7 @@ def _followers(proposal: LabelProposal) -> list[str]:
     return lines + [f"# not used: {_one_line(label)}: {why}" for label, why in proposal.unused.items()]
 
 
-def left_over_words(choice: SetChoice) -> str:
+def left_over_words(choice: marker_sets.SetChoice) -> str:
     """`; left over: ...`, and which labels of the set they look like; empty where the set knows all labels."""
     left = choice.explained.left_over
     if not left:
@@ -351,9 +349,9 @@ def study_of(draft: Draft, *, proposed: bool = False) -> Study:
     with tempfile.TemporaryDirectory() as folder:
         written = Path(folder) / STUDY
         written.write_text(draft_text(draft, None), encoding="utf-8")
-        file = load_study_file(written)
+        file = study_file.load_study_file(written)
     marker_set = marker_set_of(file, path, proposed=True)
-    trials = tuple(read_trial(trial, file.markers.rename, marker_set) for trial in file.trials)
+    trials = tuple(study_trial.read_trial(trial, file.markers.rename, marker_set) for trial in file.trials)
     study = Study.assemble(file, marker_set, trials, path)
     inputs = {name: sha256 for name, sha256 in study.inputs.items() if name != STUDY}  # there is no such file
     return replace(study, files=tuple(f for f in study.files if f != path), inputs=inputs)

@@ -16,10 +16,8 @@ from gaitcal.faults.study import check_study
 from gaitcal.io.labels import Facts
 from gaitcal.io.recording import Recording
 from gaitcal.io.segment_poses import holds_poses
-from gaitcal.model.body_plan import likely_height
-from gaitcal.model.linkage import LOWER_BODY
+from gaitcal.model import body_plan, linkage, nominal
 from gaitcal.model.marker_set import SEGMENT_OF, MarkerSet, load_marker_set
-from gaitcal.model.nominal import nominal_model
 from gaitcal.model.subject_model import Subject
 from gaitcal.session.draft import FIRST_LABELS, Draft, Drafted, Seen, row_of
 from gaitcal.session.folder import (
@@ -153,7 +151,7 @@ def _with_strangers(choice: SetChoice, spelt: Mapping[int, Recording], session: 
     known = {m: SEGMENT_OF[n] for n in marker_set.landmarks for group in marker_set.options(n) for m in group}
     known |= {m: marker_set.segment_of[label] for label, parts in rods.items() for m in parts} | marker_set.segment_of
     given = marker_set.coverage([m for r in spelt.values() for m in r.labels]).landmarks
-    lacking = [n for n in marker_set.landmarks if n not in given and SEGMENT_OF[n] in LOWER_BODY]
+    lacking = [n for n in marker_set.landmarks if n not in given and SEGMENT_OF[n] in linkage.LOWER_BODY]
     try:
         found = place_strangers(spelt[static], moving, known, lacking, _told_height(spelt.values(), options))
     except InputError:
@@ -254,7 +252,7 @@ class _Drafting:
         )
         plates = self._weighed(statics)
         facts = self._facts([*statics, *(i for i in order if i not in statics)])
-        tall = likely_height(session.postures[(made or statics)[0]].landmarks)
+        tall = body_plan.likely_height(session.postures[(made or statics)[0]].landmarks)
         on_plates = {i: self.spelt[i].plates for i, (role, _) in roles.items() if role == "gait"}
         on_plates |= {i: choice.file.forces.plates for i, choice in forces.items() if choice.file.forces}
         strides = {self.files[i].name: kg for i, of in on_plates.items() if (kg := weighed_walking(of)) is not None}
@@ -314,7 +312,7 @@ class _Drafting:
         subject = Subject("", 70.0, float(str(person["height_m"].value)), self.options.sex or "")
         for i in statics:
             with suppress(InputError):
-                nominal_model(self.spelt[i], self.choice.marker_set, subject)
+                nominal.nominal_model(self.spelt[i], self.choice.marker_set, subject)
                 return [i, *(j for j in statics if j != i)]
         return statics
 

@@ -18,6 +18,7 @@ import numpy as np
 
 from gaitcal.arrays import Array
 from gaitcal.errors import Code, InputError
+from gaitcal.io import force_plate, result_folder, toml
 from gaitcal.io.csv import (
     CORNER_HEADER,
     EVENTS,
@@ -28,12 +29,9 @@ from gaitcal.io.csv import (
     read_events,
     read_header,
 )
-from gaitcal.io.force_plate import BODY_N
 from gaitcal.io.force_tables import Forces
 from gaitcal.io.formats import FORCE_READERS, read_forces, read_recording
 from gaitcal.io.recording import Recording
-from gaitcal.io.result_folder import MANIFEST, ResultKind, read_object
-from gaitcal.io.toml import read_toml
 from gaitcal.model.marker_set import MarkerSet, load_marker_set
 
 MOST_FILES = 2000
@@ -132,7 +130,8 @@ def _files_in(folder: Path) -> list[Path]:
 
 def _recordings_in(folder: Path) -> int:
     try:
-        if (folder / MANIFEST).is_file() and read_object(folder / MANIFEST).get("kind") != ResultKind.EXAMPLE.value:
+        manifest, example = folder / result_folder.MANIFEST, result_folder.ResultKind.EXAMPLE.value
+        if manifest.is_file() and result_folder.read_object(manifest).get("kind") != example:
             return 0  # a result of ours
         return sum(p.suffix.lower() in MARKER_ENDINGS for p in folder.iterdir())
     except OSError:
@@ -185,7 +184,7 @@ def _csv(file: FolderFile) -> FolderFile:
 
 
 def _toml(file: FolderFile) -> FolderFile:
-    content = read_toml(file.path)
+    content = toml.read_toml(file.path)
     if declares_study(content):
         return replace(file, kind=FileKind.STUDY)
     if "landmarks" in content:
@@ -382,7 +381,7 @@ def _from_feet(recording: Recording, marker_set: MarkerSet, table: FolderFile) -
         point = np.stack([np.interp(recording.time, plate.time, plate.point[:, k]) for k in (0, 2)], axis=1)
         force = np.interp(recording.time, plate.time, np.nan_to_num(plate.force[:, 1]))
         covered = (recording.time >= plate.time[0]) & (recording.time <= plate.time[-1])
-        loaded = np.flatnonzero((force > BODY_N) & covered & np.isfinite(point).all(axis=1))
+        loaded = np.flatnonzero((force > force_plate.BODY_N) & covered & np.isfinite(point).all(axis=1))
         away: Array = np.linalg.norm(recording.markers[loaded][:, feet][:, :, [0, 2]] - point[loaded][:, None], axis=2)
         away = away[np.isfinite(away).any(axis=1)]
         distances.extend(np.nanmin(away, axis=1).tolist() if away.size else ())

@@ -17,12 +17,10 @@ from functools import partial
 import numpy as np
 
 from gaitcal.arrays import Array, BoolArray, IntArray
-from gaitcal.calibration import joint_phases
-from gaitcal.calibration.joint_calibration import JointSettings
-from gaitcal.calibration.joint_prior import WEAK
-from gaitcal.calibration.soft_tissue_artefact import task_tissue
+from gaitcal.calibration import joint_calibration, joint_phases, joint_prior, soft_tissue_artefact
 from gaitcal.errors import STUDY, Code, Finding, Severity, listed
 from gaitcal.io.recording import runs, spans
+from gaitcal.model.anthropometry import with_joints_of
 from gaitcal.model.linkage import LOWER_BODY
 from gaitcal.model.parameters import Parameters, gait_parameters, leg_parameters
 from gaitcal.motion.motion import Loss, RobustTracking, robust_tracking, tracked_motion
@@ -48,7 +46,10 @@ JointFitter = Callable[[Sequence[MovingTrial]], tuple[joint_phases.JointCalibrat
 
 
 def fit_joints(session: Session, progress: Progress = silent, *, leave_out: bool = False) -> Session:
-    """The session with the joint parameters that its settings ask for; `leave_out`: and with the held-out error."""
+    """The session with the joint parameters that its settings ask for, the table's mass centres going with its joints.
+
+    `leave_out`: with the held-out error too.
+    """
     settings, nominal, trials, findings = session.settings, session.model.parameters, session.trials, session.findings
     fit = partial(joint_parameters, session)
     if settings.jp and trials:
@@ -64,6 +65,8 @@ def fit_joints(session: Session, progress: Progress = silent, *, leave_out: bool
             errors = hold_out(trials, nominal, fit)
             trials = tuple(replace(t, held_out=errors.get(t.name)) for t in trials)
         trials = tuple(replace(t, tissue=joint.tissue.get(t.name)) for t in trials)
+        if settings.ip != "published":
+            parameters = parameters.with_inertial(with_joints_of(parameters.inertial, nominal, parameters))
     return replace(session, trials=trials, joint=joint, parameters=parameters, findings=findings)
 
 
@@ -74,7 +77,7 @@ def joint_parameters(
     settings, nominal = session.settings, session.model.parameters
     if not settings.jp or not trials:
         return None, nominal
-    bounds = JointSettings(
+    bounds = joint_calibration.JointSettings(
         position_bound=1e-3 * settings.position_bound_mm, orientation_bound=np.deg2rad(settings.orientation_bound_deg)
     )
     sides = SIDES[settings.legs]
@@ -88,9 +91,9 @@ def joint_parameters(
     phases_of = joint_phases.simultaneous_phases if fits_legs_together(settings) else joint_phases.sequential_phases
     phases = phases_of(taking_part, {side: of_gait(side) for side in sides})
     used = [t for t in taking_part if t.joint is None or t.joint[-1] in sides]
-    soft = task_tissue({t.name: t.kind for t in used}, {t.name: t.fitted for t in used}, nominal)
+    soft = soft_tissue_artefact.task_tissue({t.name: t.kind for t in used}, {t.name: t.fitted for t in used}, nominal)
     phases = [phase.with_tissue(soft) for phase in phases]
-    weak = WEAK if settings.prior == "weak" else None
+    weak = joint_prior.WEAK if settings.prior == "weak" else None
     how = joint_phases.PhaseSettings(search=bounds, prior=weak, equal_weights=True, fits_tissue=False)
     joint = joint_phases.calibrate_in_phases(phases, nominal, how)
     keys = [key for phase in phases for key in phase.tissue.keys]

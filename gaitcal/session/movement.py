@@ -22,12 +22,11 @@ from gaitcal.faults.joint_link import links_of
 from gaitcal.faults.role import LEAD, MOVES_RAD, STEPS_RAD, TRAVEL_M
 from gaitcal.io.recording import Recording, still_window
 from gaitcal.io.segment_poses import upright
+from gaitcal.model import rebuilt_markers, segment_frames
 from gaitcal.model.landmarks import static_posture
 from gaitcal.model.linkage import SIDES
 from gaitcal.model.marker_set import MarkerSet
 from gaitcal.model.present_markers import complete_static, present_markers
-from gaitcal.model.rebuilt_markers import without_outliers
-from gaitcal.model.segment_frames import across
 
 STRAIGHT = 0.8
 """Height of the pelvis over the ankles as a share of the way over the knees: 0.97 to 1.00 in standing, 0.94 with knees
@@ -161,7 +160,7 @@ def rough_stance(points: dict[str, Array], landmarks: dict[str, Array], marker_s
     if not {"asis_r", "asis_l"} <= set(landmarks):
         return None
     wide = float(np.linalg.norm(landmarks["asis_r"] - landmarks["asis_l"]))
-    right = across(landmarks["asis_r"] - landmarks["asis_l"], UP)
+    right = segment_frames.across(landmarks["asis_r"] - landmarks["asis_l"], UP)
     axes = np.vstack([np.cross(UP, right), UP, right])
     by_segment: dict[str, dict[str, Array]] = {}
     for label, segment in marker_set.segment_of.items():
@@ -233,7 +232,7 @@ def movement(
     `posture`: the recording's own, where the person stands in it.
     `reference`: of the static trial, whose segments turn in this one; None where there is none.
     """
-    recording, _ = without_outliers(recording, marker_set.segment_of)
+    recording, _ = rebuilt_markers.without_outliers(recording, marker_set.segment_of)
     time = recording.time
     if posture is not None and posture.throughout:
         words = f"still to {1e3 * posture.speed:.0f} mm/s, upright, {time[-1] - time[0]:.1f} s"

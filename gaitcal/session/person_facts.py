@@ -14,9 +14,8 @@ from gaitcal.arrays import Array
 from gaitcal.io.force_plate import BODY_N
 from gaitcal.io.labels import OLDEST, Facts, years_between
 from gaitcal.io.recording import ForcePlate, Recording, duration, runs
-from gaitcal.model.linkage import SIDES
+from gaitcal.model import linkage, subject_model
 from gaitcal.model.marker_set import MarkerSet
-from gaitcal.model.subject_model import GRAVITY
 from gaitcal.session.movement import Standing
 
 MASS_KG = (10.0, 250.0)
@@ -153,7 +152,7 @@ def _sided(files: Sequence[tuple[str, Facts]], get: Callable[[Facts], Mapping[st
     """Widths in mm from the first file that has them."""
     for name, facts in files:
         if widths := get(facts):
-            value = {side: round(1e3 * widths[side], 1) for side in SIDES if side in widths}
+            value = {side: round(1e3 * widths[side], 1) for side in linkage.SIDES if side in widths}
             return Known(value=value, reason=f"{name} says so")
     return None
 
@@ -175,7 +174,7 @@ def _doubtful(files: Sequence[tuple[str, Facts]], fact: str, digits: int) -> Kno
 
 def _doubtful_sides(files: Sequence[tuple[str, Facts]], fact: str) -> Known | None:
     """Widths (mm) in another unit."""
-    found = {side: width for side in SIDES if (width := _doubtful(files, f"{fact}_{side}", 4)) is not None}
+    found = {side: width for side in linkage.SIDES if (width := _doubtful(files, f"{fact}_{side}", 4)) is not None}
     if not found:
         return None
     value = {side: round(1e3 * float(str(width.value)), 1) for side, width in found.items()}
@@ -192,13 +191,13 @@ def weighed(recording: Recording, marker_set: MarkerSet, posture: Standing) -> f
         if not len(force):
             return None
         mean = float(np.mean(force))
-        if mean > 0.1 * GRAVITY * MASS_KG[0]:
+        if mean > 0.1 * subject_model.GRAVITY * MASS_KG[0]:
             if plate.corners is None:
                 return None
             loaded.append(plate.corners[:, [0, 2]])
             still = max(still, float(np.std(force)))
             total += mean
-    mass = total / GRAVITY
+    mass = total / subject_model.GRAVITY
     if not loaded or not MASS_KG[0] <= mass <= MASS_KG[1] or still > STEADY * total:
         return None
     inside = (recording.time >= posture.start) & (recording.time <= posture.stop)
@@ -231,7 +230,7 @@ def weighed_walking(plates: Sequence[ForcePlate]) -> float | None:
     ):
         even = abs((off - third) - (end - second)) < EVEN * (third - begin)
         if begin < second < end < third < off and even and abs(one - other) < ALIKE * one:
-            told.append((one + other) / (GRAVITY * (third - begin)))
+            told.append((one + other) / (subject_model.GRAVITY * (third - begin)))
     mass = float(np.median(told)) if told else 0.0
     return mass if MASS_KG[0] <= mass <= MASS_KG[1] else None
 
@@ -248,7 +247,7 @@ WEIGHS_ANOTHER = 0.2
 """Relative difference from the plates with which no torque is worth anything."""
 BODY_MASS_INDEX = (8.0, 70.0)
 """kg/m^2, outside of which nobody is recorded walking."""
-FACTORS = {"lb": 2.2046, "N": GRAVITY}
+FACTORS = {"lb": 2.2046, "N": subject_model.GRAVITY}
 """Unit -> how many of it are a kilogram."""
 ALIKE = 0.1
 """Relative difference from such a factor up to which it is named; and of what two whole steps push."""

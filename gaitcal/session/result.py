@@ -9,24 +9,20 @@ from enum import Enum
 import numpy as np
 
 from gaitcal.arrays import Array, BoolArray
+from gaitcal.calibration import inertial_calibration, joint_phases
 from gaitcal.calibration.error_sources import ErrorSources
-from gaitcal.calibration.inertial_calibration import InertialFit
-from gaitcal.calibration.joint_phases import JointCalibration, Phase
+from gaitcal.dynamics import inverse_dynamics, measurement_errors
 from gaitcal.dynamics.expected_residual import ExpectedResidual, ResidualMagnitudes, residual_magnitudes
 from gaitcal.dynamics.ground_reactions import GroundReactions, leg_of
-from gaitcal.dynamics.inverse_dynamics import Moments
 from gaitcal.dynamics.joint_kinetics import JointKinetics
-from gaitcal.dynamics.measurement_errors import TorqueErrors
 from gaitcal.errors import Code, Finding, InputError, Severity, nearest, note_of
 from gaitcal.faults.verdict import Judgement, Verdict
-from gaitcal.gait.cycles import WALKING
+from gaitcal.gait import cycles, spatiotemporal
 from gaitcal.gait.events import GaitEvents
-from gaitcal.gait.spatiotemporal import Stride
 from gaitcal.gait.strides import FootAxes
 from gaitcal.io.force_plate import BODY_N
 from gaitcal.io.recording import Recording
-from gaitcal.model import linkage
-from gaitcal.model.parameters import IP_NAMES
+from gaitcal.model import linkage, parameters
 from gaitcal.model.subject_model import SubjectModel
 from gaitcal.motion.joint_floor import JointFloor
 from gaitcal.motion.motion import MarkerErrors, Motion
@@ -70,9 +66,9 @@ class Loads:
     """Ground reactions of a gait trial, and the generalised forces with each model."""
 
     reactions: GroundReactions
-    moments: Mapping[Stage, Moments]
+    moments: Mapping[Stage, inverse_dynamics.Moments]
     """Of every model that was reached, with the motion that belongs to it; the nominal one is always there."""
-    errors: TorqueErrors | None = None
+    errors: measurement_errors.TorqueErrors | None = None
     """Standard errors of `final`."""
     kinetics: JointKinetics | None = None
     """Powers and moment vectors with the model of `final`; `errors.kinetics` has their standard errors."""
@@ -80,12 +76,12 @@ class Loads:
     """The pelvis residual of `final` against what its errors let expect; None where they are not known."""
 
     @property
-    def nominal(self) -> Moments:
+    def nominal(self) -> inverse_dynamics.Moments:
         """With the nominal model and the motion tracked with it."""
         return self.moments[Stage.NOMINAL]
 
     @property
-    def final(self) -> Moments:
+    def final(self) -> inverse_dynamics.Moments:
         """With the model that the calibration ended with."""
         return self.moments[max(self.moments, key=list(Stage).index)]
 
@@ -135,7 +131,7 @@ class TrialResult:
     """How fast `body` may change, and who said so."""
     events: GaitEvents = field(default=GaitEvents())
     """When the feet meet and leave the ground, each moment with its source; none in an isolated trial."""
-    strides: tuple[Stride, ...] = ()
+    strides: tuple[spatiotemporal.Stride, ...] = ()
     """Speed, steps, stance and swing of each stride of both feet; none in an isolated trial."""
     doubts: tuple[Finding, ...] = ()
     """What residuals, angles and torques of `body` say against it, and of a further trial its forces, too: those of a
@@ -150,8 +146,8 @@ class TrialResult:
         `gait` that is none is no walk for its name.
         """
         if self.role is not Role.MOTION:
-            return WALKING
-        return f"{self.name} (motion)" if self.name == WALKING else self.name
+            return cycles.WALKING
+        return f"{self.name} (motion)" if self.name == cycles.WALKING else self.name
 
     @property
     def is_refused(self) -> bool:
@@ -251,7 +247,7 @@ class Uncertainty:
         errors = dict(self.joint.standard_errors) if self.joint else {}
         if self.inertial is not None:
             each = np.sqrt((self.inertial**2).sum(axis=1))
-            errors |= {name: float(e) for name, e in zip(IP_NAMES, each, strict=True) if e > 0}
+            errors |= {name: float(e) for name, e in zip(parameters.IP_NAMES, each, strict=True) if e > 0}
         return errors
 
 
@@ -267,11 +263,11 @@ class Calibration:
     """With the calibrated parameters."""
     trials: tuple[TrialResult, ...]
     """Every moving trial, in the order of the study."""
-    phases: tuple[Phase, ...]
+    phases: tuple[joint_phases.Phase, ...]
     """The fits that were made, in their order, each with its convergence."""
-    joint: JointCalibration | None
+    joint: joint_phases.JointCalibration | None
     """None where the settings leave joint parameters alone."""
-    inertial: InertialFit | None
+    inertial: inertial_calibration.InertialFit | None
     """None without ground reactions, or where the settings leave inertial parameters alone."""
     uncertainty: Uncertainty
     """How the parameters would scatter; `standard_errors` gives it by name."""
@@ -299,7 +295,7 @@ class Calibration:
     @property
     def standard_errors(self) -> Mapping[str, float]:
         """Parameter name -> standard error (m, rad, kg, kg m^2) of every fitted parameter."""
-        fitted = set(self.joint.free if self.joint else ()) | set(IP_NAMES)
+        fitted = set(self.joint.free if self.joint else ()) | set(parameters.IP_NAMES)
         return {name: error for name, error in self.uncertainty.standard_errors.items() if name in fitted}
 
     @property

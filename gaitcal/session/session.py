@@ -13,11 +13,8 @@ from dataclasses import dataclass, field, fields, replace
 import numpy as np
 
 from gaitcal.arrays import Array
+from gaitcal.calibration import error_sources, inertial_calibration, joint_phases, joint_prior
 from gaitcal.calibration.combined import CombinedFit
-from gaitcal.calibration.error_sources import MarkerScores, whole_body_scores
-from gaitcal.calibration.inertial_calibration import InertialFit
-from gaitcal.calibration.joint_phases import JointCalibration
-from gaitcal.calibration.joint_prior import prior_of_study
 from gaitcal.dynamics.ground_reactions import GroundReactions, reactions_of_motion
 from gaitcal.errors import Finding, InputError
 from gaitcal.faults.contradiction import PossibleMove
@@ -29,11 +26,10 @@ from gaitcal.io.recording import Recording, still_window
 from gaitcal.model.linkage import LEGS, LOWER_BODY, carrier_of, joint_segments
 from gaitcal.model.parameters import JOINT_PARAMETERS, JP_NAMES, Kind, Parameters, isolated_parameters
 from gaitcal.model.subject_model import SubjectModel
+from gaitcal.motion import rigid, spline
 from gaitcal.motion.bandwidth import with_bandwidth
 from gaitcal.motion.motion import Motion, tracked_motion
-from gaitcal.motion.rigid import segment_fit
 from gaitcal.motion.soft_tissue import SoftTissue
-from gaitcal.motion.spline import NODES_PER_SECOND, NodeRule
 from gaitcal.motion.trial_problem import FEWEST_FRAMES, MotionProblem, trial_problem
 from gaitcal.session.bandwidth import Bandwidth, bandwidth_of
 from gaitcal.session.result import HeldOut, Stage, Uncertainty
@@ -65,7 +61,7 @@ class MovingTrial(Trial):
     isolated trial is of the segments of its joint."""
     reactions: GroundReactions | None = None
     """On the feet; None without force plates."""
-    scores: MarkerScores | None = None
+    scores: error_sources.MarkerScores | None = None
     """Of the markers of a gait trial."""
     held_out: HeldOut | None = None
 
@@ -101,7 +97,9 @@ class MovingTrial(Trial):
         """With the scores of its markers about the last model; an isolated trial needs none."""
         if self.joint is not None:
             return self
-        scores = whole_body_scores(self.with_skin, self.motion.coefficients, self.parameters, uncertainty.joint)
+        scores = error_sources.whole_body_scores(
+            self.with_skin, self.motion.coefficients, self.parameters, uncertainty.joint
+        )
         return replace(self, scores=scores)
 
 
@@ -117,7 +115,7 @@ class Session:
     trials: tuple[MovingTrial, ...]
     static: Recording | None = None
     """The static trial, completed; None where further trials are analysed."""
-    prior: JointPrior = field(default_factory=lambda: prior_of_study({}))
+    prior: JointPrior = field(default_factory=lambda: joint_prior.prior_of_study({}))
     """Of anatomy, study and cohort."""
     checked: tuple[Finding, ...] = ()
     """What the checks found before anything was fitted."""
@@ -125,12 +123,12 @@ class Session:
     """Trial -> segment -> what its markers may have done since the static trial."""
     findings: tuple[Finding, ...] = ()
     """What robust losses left out or put right."""
-    joint: JointCalibration | None = None
+    joint: joint_phases.JointCalibration | None = None
     """None where the settings leave joint parameters alone."""
     static_angles: Mapping[str, float] = field(default_factory=dict)
     """Coordinate -> m, rad: with which the last model meets the static posture."""
     forces: ForceDiagnosis = field(default_factory=ForceDiagnosis)
-    inertial: InertialFit | None = None
+    inertial: inertial_calibration.InertialFit | None = None
     combined: CombinedFit | None = None
     uncertainty: Uncertainty = field(default_factory=lambda: Uncertainty(None, None))
 
@@ -149,7 +147,7 @@ def session_of(of: Examined, checked: Sequence[Finding] = ()) -> Session:
             recording, found = exchanged_back(replace(evidence, model=model))
             trial, findings = replace(trial, recording=recording), [*findings, *found]
         trials.append(prepare_trial(trial, model, study.settings))
-    prior, moves = prior_of_study(study.settings.joint_prior, study.joint_prior, model.noise), of.moves()
+    prior, moves = joint_prior.prior_of_study(study.settings.joint_prior, study.joint_prior, model.noise), of.moves()
     return Session(
         model=model,
         settings=study.settings,
@@ -184,7 +182,7 @@ def fits_legs_together(settings: CalibrationSettings) -> bool:
 def prepare_trial(trial: Trial, model: SubjectModel, settings: CalibrationSettings) -> MovingTrial:
     """Turn a cleaned trial so that x is forward, find its bandwidth and set up its problems."""
     recording = turn_to_progression(trial.recording, forward_direction(model, trial.recording))
-    rule = NodeRule(settings.nodes_per_second or NODES_PER_SECOND, settings.nodes)
+    rule = spline.NodeRule(settings.nodes_per_second or spline.NODES_PER_SECOND, settings.nodes)
     joint = trial.joint
 
     def part(segments: Sequence[str]) -> MotionProblem:
@@ -224,7 +222,7 @@ def prepare_trial(trial: Trial, model: SubjectModel, settings: CalibrationSettin
 
 def forward_direction(model: SubjectModel, recording: Recording) -> Array | None:
     """(3,) where the pelvis faces, from its markers in all frames; None where they are never seen together."""
-    fit = segment_fit(model.markers, "pelvis", recording)
+    fit = rigid.segment_fit(model.markers, "pelvis", recording)
     return None if fit is None else np.asarray(fit.rotation[fit.determined][:, :, 0].mean(axis=0))
 
 
@@ -237,7 +235,7 @@ def standing_problem(model: SubjectModel, static: Recording) -> MotionProblem:
         mean = np.nanmean(np.ascontiguousarray(static.markers[still]), axis=0)
     posture = np.repeat(mean[None], FEWEST_FRAMES, axis=0)
     window = replace(static, time=np.arange(FEWEST_FRAMES) / 100.0, markers=posture)
-    return trial_problem("static", model, window, NodeRule())
+    return trial_problem("static", model, window, spline.NodeRule())
 
 
 def tracked(trial: MovingTrial, session: Session, stage: Stage) -> MovingTrial:

@@ -13,9 +13,8 @@ import numpy as np
 from gaitcal.arrays import Array, BoolArray
 from gaitcal.dynamics.ground_reactions import unseen_frames
 from gaitcal.dynamics.joint_kinetics import power_of
-from gaitcal.gait.cycles import Kind
+from gaitcal.gait import cycles, strides
 from gaitcal.gait.moments import moment_names, moment_of, own_error_of
-from gaitcal.gait.strides import along_line, pelvis_angles
 from gaitcal.model.coordinates import COORDINATE_TABLE, FOOT_PROGRESSION, GROUPS, SEGMENT_ANGLES, split_side
 from gaitcal.model.linkage import PELVIS_ANGLES, SIDES, is_translation
 from gaitcal.model.subject_model import SubjectModel
@@ -26,7 +25,7 @@ from gaitcal.session.truth_errors import CurveTruth, CurveTruths
 
 GROUND: Final = {"ground_reaction_vertical": 1, "ground_reaction_forward": 0, "ground_reaction_sideways": 2}
 """Force of the ground on a foot -> its laboratory axis: y up, x forward, z to the right."""
-_ENDINGS: Final = {kind.words: kind.ending for kind in Kind}
+_ENDINGS: Final = {kind.words: kind.ending for kind in cycles.Kind}
 
 
 @dataclass(frozen=True)
@@ -80,7 +79,8 @@ def _angles(
     known: Mapping[str, CurveTruth] = {} if truth is None else truth.coordinates
     everywhere, line = np.ones(len(body.time), dtype=bool), line_of(trial)
     pelvis = {
-        part: np.degrees(along_line(angles, line, everywhere)) for part, angles in pelvis_parts(trial, truth).items()
+        part: np.degrees(strides.along_line(angles, line, everywhere))
+        for part, angles in pelvis_parts(trial, truth).items()
     }
     for k, name in enumerate(body.coordinates):
         if name in model.frozen or is_translation(name):
@@ -121,9 +121,9 @@ def line_of(trial: TrialResult) -> float:
 def pelvis_parts(trial: TrialResult, truth: CurveTruths | None) -> dict[str, Array]:
     """`value`, and `nominal` and `truth` where they are known -> (nf, 3) rad, `PELVIS_ANGLES` against the room."""
     whole, known = _whole(trial), {} if truth is None else truth.coordinates
-    out = {"value": pelvis_angles(trial.body)}
+    out = {"value": strides.pelvis_angles(trial.body)}
     if whole is not None:
-        out["nominal"] = pelvis_angles(whole)
+        out["nominal"] = strides.pelvis_angles(whole)
     if all(name in known for name in PELVIS_ANGLES):
         out["truth"] = np.radians(np.stack([known[name].truth for name in PELVIS_ANGLES], axis=1))
     return out

@@ -18,14 +18,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from gaitcal.arrays import Array
-from gaitcal.calibration import error_sources
-from gaitcal.calibration.joint_phases import parameters_for
-from gaitcal.calibration.soft_tissue_artefact import tissue_of_walk
-from gaitcal.calibration.torque_errors import ErringForces, joined
+from gaitcal.calibration import error_sources, joint_phases, soft_tissue_artefact, torque_errors
+from gaitcal.dynamics import ground_reactions, inverse_dynamics, joint_kinetics
 from gaitcal.dynamics.expected_residual import expected_residual
-from gaitcal.dynamics.ground_reactions import foot_points, has_feet, unseen_frames
-from gaitcal.dynamics.inverse_dynamics import FEET, moments_of
-from gaitcal.dynamics.joint_kinetics import kinetics_of
 from gaitcal.dynamics.measurement_errors import EXACT, PALPATED_DEG, AxisErrors, PlateErrors, TorqueErrors
 from gaitcal.errors import Code, Finding, Severity
 from gaitcal.faults.contradiction import PossibleMove
@@ -67,7 +62,7 @@ def analyse(
     """
     prepared = prepare_trial(trial, model, settings)
     if uncertainty.joint is not None:
-        tissue = tissue_of_walk(prepared.body, model.nominal, uncertainty.joint.free)
+        tissue = soft_tissue_artefact.tissue_of_walk(prepared.body, model.nominal, uncertainty.joint.free)
         prepared = replace(prepared, tissue=tissue)
     session = Session(
         model=model,
@@ -97,7 +92,7 @@ def trial_result(trial: MovingTrial, session: Session) -> TrialResult:
     with ThreadPoolExecutor(2) as pool:  # products of matrices, which let other threads compute; each takes 50 MB
         parts = pool.map(with_one_blas_thread(erring.variances), erring.parts)
         result = _without_torque_errors(trial, session, axes, moves)
-    return _with_torque_errors(result, joined(list(parts)), session.model.subject.weight)
+    return _with_torque_errors(result, torque_errors.joined(list(parts)), session.model.subject.weight)
 
 
 def _without_torque_errors(
@@ -108,10 +103,10 @@ def _without_torque_errors(
     model = session.model.with_parameters(final)
     events = GaitEvents() if trial.joint else trial_events(model, body, reactions, trial.recording)
     events = activity_events(body, events) if trial.role is Role.MOTION else events
-    feet = foot_points(model, body, final) if has_feet(model) else None
+    feet = ground_reactions.foot_points(model, body, final) if ground_reactions.has_feet(model) else None
     may_turn = trial.joint or trial.role is Role.MOTION  # nothing of an activity is left out because it is a turn
     faced = None if may_turn else facing(pelvis_angles(body))
-    strides = strides_measured(events, body.time, feet, unseen_frames(body), faced)
+    strides = strides_measured(events, body.time, feet, ground_reactions.unseen_frames(body), faced)
     lines = stride_lines(strides, body.time)
     long_axes, by_coordinate = foot_axes(body, final, lines)
     variances = None if moves is None else error_sources.coordinate_variances(trial.body, moves, by_coordinate)
@@ -119,11 +114,12 @@ def _without_torque_errors(
     loads = None
     if reactions is not None:
         moments = {
-            stage: moments_of(p, motion, reactions.wrench, subject.bwh) for stage, (p, motion) in trial.stages.items()
+            stage: inverse_dynamics.moments_of(p, motion, reactions.wrench, subject.bwh)
+            for stage, (p, motion) in trial.stages.items()
         }
-        loads = Loads(reactions, moments, None, kinetics_of(final, body, reactions.wrench))
+        loads = Loads(reactions, moments, None, joint_kinetics.kinetics_of(final, body, reactions.wrench))
     calibrated, last = body, body
-    own = parameters_for(session.joint, trial.name, final)
+    own = joint_phases.parameters_for(session.joint, trial.name, final)
     if trial.joint is not None:
         last = tracked_motion(trial.fitted, final)
         calibrated = last if own is final else tracked_motion(trial.fitted, own)
@@ -197,8 +193,8 @@ def _foot_axes(
     if variances is None:
         return FootAxes(long_axes)
     _, about = out_of_plane(long_axes, lines)
-    variance, own = (of[:, -len(FEET) :].copy() for of in variances)
-    for k, foot in enumerate(FEET):
+    variance, own = (of[:, -len(inverse_dynamics.FEET) :].copy() for of in variances)
+    for k, foot in enumerate(inverse_dynamics.FEET):
         if foot in turned:
             variance[:, k] += np.square(np.einsum("fki,fi->fk", turned[foot], about[:, k])).sum(axis=1)
     return FootAxes(long_axes, np.sqrt(variance), np.sqrt(own))
@@ -233,13 +229,13 @@ def _with_torque_errors(result: TrialResult, errors: TorqueErrors, weight: float
 
 def _erring_forces(
     trial: MovingTrial, session: Session, axes: AxisErrors, moves: error_sources.MotionSensitivity | None
-) -> ErringForces | None:
+) -> torque_errors.ErringForces | None:
     """The final moments with what may be wrong; None without forces, and for impossible bodies, whose mass matrix has
     no meaning.
     """
     if trial.reactions is None or impossible_bodies(trial.parameters.inertial):
         return None
-    return ErringForces(
+    return torque_errors.ErringForces(
         trial.body,
         trial.motion.coefficients,
         trial.parameters,

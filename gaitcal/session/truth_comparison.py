@@ -11,8 +11,7 @@ import numpy as np
 from gaitcal.arrays import Array
 from gaitcal.dynamics.ground_reactions import leg_of
 from gaitcal.gait.moments import joint_words, moment_names, moment_of
-from gaitcal.model.chain import axis_rotation
-from gaitcal.model.linkage import LEG_JOINTS, SIDES, is_translation
+from gaitcal.model import chain, linkage
 from gaitcal.model.parameters import IP_NAMES, IP_TO_SI, JOINT_PARAMETERS, JP_INDEX, JP_NAMES, JP_TO_SI
 from gaitcal.session.result import Calibration, TrialResult
 from gaitcal.session.tables import coordinate_table, parameter_rows
@@ -91,7 +90,7 @@ def _parameters(rows: Sequence[Mapping[str, Any]], true: Mapping[str, float]) ->
 def _features(parameters: Mapping[str, ParameterTruth]) -> tuple[FeatureTruth, ...]:
     out = []
     for joint, segment, part, words, directions in _FEATURES:
-        for side in SIDES:
+        for side in linkage.SIDES:
             names = [f"{joint}_{side}.{segment}.{direction}" for direction in directions]
             rows = [parameters[name] for name in names if name in parameters]
             if len(rows) < len(names) or all(row.status == "fixed" for row in rows):
@@ -122,7 +121,7 @@ def _angle(directions: tuple[str, ...], one: Array, other: Array) -> float:
     """Degrees between two joint axes, each given by two angles: z of Rx(front) Ry(trans), x of Ry(trans) Rz(sag)."""
     turns, axis = ((0, 1), 2) if directions == ("front", "trans") else ((1, 2), 0)
     a, b = (
-        (axis_rotation(turns[0], np.deg2rad(first)) @ axis_rotation(turns[1], np.deg2rad(second)))[:, axis]
+        (chain.axis_rotation(turns[0], np.deg2rad(first)) @ chain.axis_rotation(turns[1], np.deg2rad(second)))[:, axis]
         for first, second in (one, other)
     )
     return float(np.rad2deg(np.arctan2(np.linalg.norm(np.cross(a, b)), a @ b)))
@@ -135,7 +134,7 @@ def _trial(trial: TrialResult, motions: TrueCurves | None, moments: TrueCurves |
         if name in now:
             coordinates[name] = CurveTruth(
                 name=name,
-                truth=true * (1.0 if is_translation(name) else 180.0 / np.pi),
+                truth=true * (1.0 if linkage.is_translation(name) else 180.0 / np.pi),
                 fitted=now[name],
                 nominal=before.get(name, np.full(len(time), np.nan)),
                 error_bar=now.get(f"{name}_se"),
@@ -247,7 +246,7 @@ def two_marker_segments(calibration: Calibration) -> tuple[str, ...]:
     """Segments outside of the legs that two markers or fewer track: how these turn about their line, none shows."""
     markers = calibration.model.markers
     counted = Counter(s for s, w in zip(markers.segments, markers.weight, strict=True) if w > 0)
-    known = dict.fromkeys(p.segment for p in JOINT_PARAMETERS if p.joint.split("_")[0] not in LEG_JOINTS)
+    known = dict.fromkeys(p.segment for p in JOINT_PARAMETERS if p.joint.split("_")[0] not in linkage.LEG_JOINTS)
     return tuple(s for s in known if 0 < counted[s] <= 2)
 
 
@@ -265,7 +264,7 @@ def turning_sentence(calibration: Calibration) -> str:
 
 def _part(name: str, turning: Sequence[str]) -> str:
     parameter = JOINT_PARAMETERS[JP_INDEX[name]]
-    if parameter.joint.split("_")[0] in LEG_JOINTS:
+    if parameter.joint.split("_")[0] in linkage.LEG_JOINTS:
         return LEGS
     return TURNING if parameter.segment in turning else ARMS
 

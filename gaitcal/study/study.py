@@ -14,13 +14,10 @@ from gaitcal.io.opensim_files import loads_tables
 from gaitcal.io.recording import Recording, still_window
 from gaitcal.io.result_folder import sha256_of
 from gaitcal.io.snapshot import Snapshot
+from gaitcal.model import body_plan, landmarks, nominal, rebuilt_markers
 from gaitcal.model.ankle_zero import AnkleZero
-from gaitcal.model.body_plan import likely_height
-from gaitcal.model.landmarks import static_posture
 from gaitcal.model.marker_set import MarkerSet, load_marker_set
-from gaitcal.model.nominal import nominal_model
 from gaitcal.model.present_markers import complete_static, present_markers
-from gaitcal.model.rebuilt_markers import Rebuilding, rebuild_lost
 from gaitcal.model.segment_frames import HipCentre
 from gaitcal.model.subject_model import PatientRecord, Subject, SubjectModel
 from gaitcal.runtime import with_one_blas_thread
@@ -40,11 +37,11 @@ def cleaned(study: Study) -> Study:
     return replace(study, trials=tuple(cleaned_trial(t, segment_of, noise) for t in study.trials))
 
 
-def completed_static(study: Study) -> Rebuilding:
+def completed_static(study: Study) -> rebuilt_markers.Rebuilding:
     """The first static trial of a cleaned study, with what its other trials give back to it."""
     others = [(t.name, t.recording) for t in (*study.further_statics, *study.moving)]
     marker_set = study.marker_set.with_weights(study.weights)
-    return rebuild_lost(study.static.recording, marker_set, others, study.static.name)
+    return rebuilt_markers.rebuild_lost(study.static.recording, marker_set, others, study.static.name)
 
 
 def _with_height(
@@ -64,7 +61,7 @@ def _with_height(
     )
     try:
         standing = still_window(recordings[0], marker_set.labels).frames
-        told = likely_height(static_posture(recordings[0], marker_set, standing).landmarks)
+        told = body_plan.likely_height(landmarks.static_posture(recordings[0], marker_set, standing).landmarks)
     except InputError as cause:
         raise fault from cause
     if told is None:
@@ -355,14 +352,14 @@ def _require_labels(file: StudyFile, marker_set: MarkerSet, trials: Sequence[Tri
             raise fault(f"found '{old}' -> '{new}', but no trial has a marker '{old}'{nearest(old, present)}", "rename")
 
 
-def nominal_of(study: Study, completed: Rebuilding | None = None) -> SubjectModel:
+def nominal_of(study: Study, completed: rebuilt_markers.Rebuilding | None = None) -> SubjectModel:
     """The nominal model of a study: its static trial, marker set and anthropometry; where the static trial lacks the
     markers of the trunk, the walks place them. `completed`: the static trial of a cleaned study, where it is known.
     """
     study = cleaned(study)
     completed = completed or completed_static(study)
     model_of = partial(
-        nominal_model,
+        nominal.nominal_model,
         marker_set=study.marker_set,
         subject=study.subject,
         hip_centre=study.hip_centre,

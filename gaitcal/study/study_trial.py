@@ -21,12 +21,9 @@ from gaitcal.io.formats import read_recording
 from gaitcal.io.opensim_files import loads_tables
 from gaitcal.io.recording import Recording, duration, runs, seen_mask, spans, still_window
 from gaitcal.io.segment_poses import upright
-from gaitcal.model.linkage import carrier_of
+from gaitcal.model import linkage, rebuilt_markers, segment_frames, trunk
 from gaitcal.model.marker_set import MarkerSet
-from gaitcal.model.rebuilt_markers import Outlier, Spikes, without_outliers, without_spikes
-from gaitcal.model.segment_frames import off_line, unit
 from gaitcal.model.subject_model import PointNoise, SubjectModel
-from gaitcal.model.trunk import IN_A_PLANE
 from gaitcal.study.study_file import TrialTable
 
 OTHER_UNIT = 100.0
@@ -65,9 +62,9 @@ class Trial:
     """Labels as in the file."""
     files: Mapping[str, Path] = field(default_factory=dict)
     """`file`; where forces have one of their own, `forces`; where a person corrected events, `events`."""
-    outliers: tuple[Outlier, ...] | None = None
+    outliers: tuple[rebuilt_markers.Outlier, ...] | None = None
     """Markers that were left out where they were metres away from the body; None: not looked for yet."""
-    spikes: Spikes = field(default_factory=dict)
+    spikes: rebuilt_markers.Spikes = field(default_factory=dict)
     """Single positions out of line that were left out."""
     cut: str = ""
     """What was left out of the recording as it does not show the pelvis; empty: nothing."""
@@ -83,12 +80,12 @@ def cleaned_trial(trial: Trial, segment_of: Mapping[str, str], noise: PointNoise
     """
     if trial.outliers is not None:
         return trial
-    recording, outliers = without_outliers(trial.recording, segment_of)
+    recording, outliers = rebuilt_markers.without_outliers(trial.recording, segment_of)
     if trial.role is Role.STATIC:
         return replace(trial, recording=recording, outliers=outliers)
-    recording, spikes = without_spikes(recording, noise)
+    recording, spikes = rebuilt_markers.without_spikes(recording, noise)
     trial, time = replace(trial, recording=recording, outliers=outliers, spikes=spikes), recording.time
-    if carrier_of(trial.joint) not in ("", "pelvis"):
+    if linkage.carrier_of(trial.joint) not in ("", "pelvis"):
         return trial
     pelvis = [i for i, label in enumerate(recording.labels) if segment_of.get(label) == "pelvis"]
     lost = seen_mask(recording.markers[:, pelvis]).sum(axis=1) < 3
@@ -192,7 +189,7 @@ def model_with_trunk(
     """The model that `model_of` makes of a static trial, with the trunk of the walks where it shows none."""
     model = model_of(static)
     placed = zip(model.markers.segments, model.markers.weight, strict=True)
-    if sum(segment == "head_trunk" and weight > 0 for segment, weight in placed) >= IN_A_PLANE:
+    if sum(segment == "head_trunk" and weight > 0 for segment, weight in placed) >= trunk.IN_A_PLANE:
         return model
     static = marker_set.renamed(static)
     in_static = set(model.markers.labels)
@@ -239,7 +236,7 @@ def _standing_axes(model: SubjectModel, walk: Recording) -> tuple[IntArray, Arra
     local = model.markers.local[pelvis]
     measured = walk.markers[:, [column[model.markers.labels[i]] for i in pelvis]]
     known = np.flatnonzero(seen_mask(measured).all(axis=1))
-    if len(pelvis) < IN_A_PLANE or off_line(local) < SINGULAR or not len(known):
+    if len(pelvis) < trunk.IN_A_PLANE or segment_frames.off_line(local) < SINGULAR or not len(known):
         return np.empty(0, dtype=np.intp), np.empty((0, 3, 3)), np.empty((0, 3))
     centre, middle = local.mean(axis=0), measured[known].mean(axis=1)
     turns = _rotations((measured[known] - middle[:, None]).transpose(0, 2, 1) @ (local - centre))
@@ -258,5 +255,5 @@ def _rotations(moments: Array) -> Array:
 def _upright(lateral: Array) -> Array:
     """(3, 3) axes in columns, z along a (3,) direction made horizontal."""
     up = np.array([0.0, 1.0, 0.0])
-    z = unit(lateral - (lateral @ up) * up)
+    z = segment_frames.unit(lateral - (lateral @ up) * up)
     return np.column_stack([np.cross(up, z), up, z])

@@ -15,10 +15,9 @@ import numpy as np
 
 from gaitcal.arrays import Array
 from gaitcal.errors import UsageError
+from gaitcal.io import force_plate, result_folder
 from gaitcal.io.c3d.writer import write_c3d
-from gaitcal.io.force_plate import point_and_torque
 from gaitcal.io.recording import ForcePlate, Recording
-from gaitcal.io.result_folder import MANIFEST, ResultKind, atomic_directory
 from gaitcal.model.linkage import COORDINATE_INDEX, ISOLATED_JOINTS
 from gaitcal.model.nominal import published_model
 from gaitcal.model.parameters import JOINT_PARAMETERS, Kind, Parameters, is_physical, symmetric_set
@@ -100,7 +99,7 @@ def synthesize(
     trials["gait"] = two_strides(model.parameters)
     movements = {activity.value: movement(activity, model.parameters) for activity in activities}
     trials |= {name: found.motion for name, found in movements.items()}
-    with atomic_directory(folder, ResultKind.SYNTHETIC) as target:
+    with result_folder.atomic_directory(folder, result_folder.ResultKind.SYNTHETIC) as target:
         entries = []
         curves: dict[str, tuple[TrueMotion, Array | None]] = {}
         for name, motion in trials.items():
@@ -121,7 +120,7 @@ def synthesize(
         write_truth(target, model, curves)
         made = {"gaitcal": "synthetic subject", "seed": seed, "noise": noise, "perturb": perturb}
         made |= {"movements": [*movements]} if movements else {}
-        (target / MANIFEST).write_text(json.dumps(made, indent=1) + "\n", encoding="utf-8")
+        (target / result_folder.MANIFEST).write_text(json.dumps(made, indent=1) + "\n", encoding="utf-8")
     return folder / "study.toml"
 
 
@@ -195,7 +194,7 @@ def _plate(
     """A plate from its wrench (nf, 6) about the laboratory origin."""
     raised = wrench.copy()
     raised[:, 3:] -= np.cross([0.0, height, 0.0], wrench[:, :3])
-    point, torque = point_and_torque(raised)
+    point, torque = force_plate.point_and_torque(raised)
     corners = np.array([[x[0], height, z[0]], [x[1], height, z[0]], [x[1], height, z[1]], [x[0], height, z[1]]])
     lifted = point + [0.0, height, 0.0]
     return ForcePlate(name=str(k + 1), time=time, force=wrench[:, :3], point=lifted, moment=torque, corners=corners)

@@ -31,9 +31,9 @@ from scipy.interpolate import make_interp_spline
 from gaitcal.arrays import Array
 from gaitcal.dynamics.inverse_dynamics import Dynamics
 from gaitcal.io.recording import Recording
+from gaitcal.model import landmarks, trunk
 from gaitcal.model.ankle_zero import AnkleZero, standing_ankles
 from gaitcal.model.chain import Chain, forward, jacobian, segment_poses
-from gaitcal.model.landmarks import StaticPosture, static_posture
 from gaitcal.model.linkage import COORDINATE_INDEX, JOINTS, MARKED_SEGMENTS, SIDES, ZERO_ANGLES, Source
 from gaitcal.model.marker_set import load_marker_set
 from gaitcal.model.parameters import (
@@ -50,7 +50,6 @@ from gaitcal.model.parameters import (
 )
 from gaitcal.model.segment_frames import Frame, HipCentre, LowerBody, lower_body
 from gaitcal.model.subject_model import SubjectModel
-from gaitcal.model.trunk import upper_body
 from gaitcal.motion.spline import to_bspline
 from gaitcal.study.study_file import TruthTable
 from gaitcal.study.truth import MOMENTS, MOTION, landmarks_text, moments_text, motion_text
@@ -63,7 +62,7 @@ class StaticFrames:
 
     parameters: Parameters
     """In these frames, zero angles as they were."""
-    posture: StaticPosture
+    posture: landmarks.StaticPosture
     legs: LowerBody
     frames: Mapping[str, Frame]
     """Segment -> its frame in the laboratory while standing; no talus."""
@@ -83,9 +82,9 @@ def static_frames(model: SubjectModel, hip_centre: HipCentre = HipCentre.BELL) -
     markers = synthetic_markers(true, model.markers, pose[None])
     still = Recording(source="static", time=np.zeros(1), labels=model.markers.labels, markers=markers)
     marker_set = load_marker_set("published")
-    posture = static_posture(still, marker_set, slice(0, 1))
+    posture = landmarks.static_posture(still, marker_set, slice(0, 1))
     legs = lower_body(posture, model.subject.height, hip_centre)
-    frames = legs.frames | upper_body(posture, marker_set, legs, model.subject).frames
+    frames = legs.frames | trunk.upper_body(posture, marker_set, legs, model.subject).frames
     inertial = inertial_parameters_in(true.inertial, segment_frames(true, pose), frames)
     in_frames = Parameters(joint_parameters_in(true, pose, frames), inertial, true.zero_angles)
     return StaticFrames(in_frames, posture, legs, frames)

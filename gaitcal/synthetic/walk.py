@@ -33,12 +33,10 @@ from gaitcal.dynamics.derivatives import root_residual
 from gaitcal.dynamics.inverse_dynamics import FEET
 from gaitcal.dynamics.measurement_errors import FOOT_LENGTH
 from gaitcal.io.toml import models_path
+from gaitcal.model import coordinates, nominal, subject_model
 from gaitcal.model.chain import Chain, forward, jacobian, segment_poses
-from gaitcal.model.coordinates import group_of, split_side
 from gaitcal.model.linkage import COORDINATE_INDEX, COORDINATES, SIDES, is_translation
-from gaitcal.model.nominal import published_model
 from gaitcal.model.parameters import Parameters
-from gaitcal.model.subject_model import GRAVITY
 from gaitcal.motion.spline import ORDER, SplineBasis
 
 GAIT_CYCLE = 1.035
@@ -146,7 +144,7 @@ def resting(phase: Array) -> Array:
 @cache
 def _local_points() -> Array:
     """(2, 4, 3) m, points of the right and the left foot in their segments: those of every built-in person."""
-    markers = published_model().markers
+    markers = nominal.published_model().markers
     rows = [[markers.labels.index(f"{side.upper()}.{name}") for name in POINTS] for side in SIDES]
     out: Array = markers.local[rows]
     return out
@@ -157,7 +155,7 @@ def _tip_beyond_marker() -> float:
     """The length of a foot, as a part of the distance from its heel to its toe marker."""
     heel, toe = _local_points()[0, :2]
     marked = float(np.linalg.norm(toe - heel))
-    return max(1.0, FOOT_LENGTH * published_model().subject.height / marked)
+    return max(1.0, FOOT_LENGTH * nominal.published_model().subject.height / marked)
 
 
 def ramp(x: Array) -> Array:
@@ -179,7 +177,7 @@ def gait_curves(phase: Array) -> tuple[Array, Array]:
     data = _nominal_gait()
     q, acceleration = np.empty((2, len(phase), len(COORDINATES)))
     for i, name in enumerate(COORDINATES):
-        harmonics = data["curves"][split_side(name)[0]]
+        harmonics = data["curves"][coordinates.split_side(name)[0]]
         a, b = (np.array(harmonics[part], dtype=float) for part in "ab")
         angle = 2 * np.pi * np.outer(phase + (0.5 if name.endswith("_l") else 0.0), np.arange(len(a)))
         omega = 2 * np.pi * np.arange(len(a)) / GAIT_CYCLE
@@ -233,7 +231,7 @@ class Ground:
 
 def walking_ground(phase: Array) -> Ground:
     """The floor under a walk, where the nominal person's feet go; `phase`: (nf,) strides since a right heel strike."""
-    footsteps, right = feet_of(published_model().parameters, nominal_curves(phase).q).points, right_share(phase)
+    footsteps, right = feet_of(nominal.published_model().parameters, nominal_curves(phase).q).points, right_share(phase)
     nf = len(phase)
     return Ground(
         footsteps=footsteps,
@@ -268,7 +266,7 @@ def nominal_curves(phase: Array) -> Meant:
 
 @cache
 def _floor_shift() -> float:
-    heights = feet_of(published_model().parameters, gait_curves(np.arange(0.0, 1.0, 0.005))[0]).points[..., 1]
+    heights = feet_of(nominal.published_model().parameters, gait_curves(np.arange(0.0, 1.0, 0.005))[0]).points[..., 1]
     return CLEARANCE - float(heights.min())
 
 
@@ -291,7 +289,7 @@ def _forces(
     parameters: Parameters, state: tuple[Array, Array, Array], ground: Ground, feet: FeetOnGround
 ) -> list[_Rows]:
     """The total ground reaction: its moment about where the load rolls, and its force."""
-    q, weight = state[0], parameters.mass * GRAVITY
+    q, weight = state[0], parameters.mass * subject_model.GRAVITY
     total = root_residual(parameters, (), *state, np.zeros((len(q), 2, 6)))
     force, moment = total.value[:, :3], total.value[:, 3:]
     share = ground.share[:, :, None]
@@ -332,7 +330,7 @@ def _usual_force(phase: Array) -> Array:
 def _near(basis: SplineBasis, coefficients: Array, meant: Meant) -> list[_Rows]:
     """Coordinates and accelerations as meant."""
     slides = np.array([is_translation(name) for name in COORDINATES])
-    arms = np.array([group_of(name) == "arm" for name in COORDINATES])
+    arms = np.array([coordinates.group_of(name) == "arm" for name in COORDINATES])
     place = meant.spread * np.where(slides, PLACE_M, np.where(arms, ARM_ANGLE, ANGLE))
     acceleration = meant.spread * np.where(slides, ACCELERATION, ANGULAR_ACCELERATION)
     rows: list[_Rows] = []

@@ -25,15 +25,13 @@ from gaitcal.model.subject_model import Subject
 from gaitcal.motion.descent import DescentSettings
 from gaitcal.motion.motion import track_nodes
 from gaitcal.motion.spline import NodeRule
-from gaitcal.motion.start import starting_nodes
 from gaitcal.motion.trial_problem import MotionProblem, trial_problem
 from gaitcal.session.calibrate import calibrate
 from gaitcal.session.result import Stage
-from gaitcal.study.study import Study
 from gaitcal.synthetic.motion import gait_motion, marker_noise, residual_free_wrench, synthetic_markers
 from tests.calibration.test_torque_errors import PARAMETERS, smoothed_trial
-from tests.derivatives import Array
-from tests.real_studies import write_study
+from tests.derivatives import Array, started
+from tests.real_studies import load_study
 
 MODEL, MOTION = published_model(), gait_motion()
 WRENCH = residual_free_wrench(MODEL.parameters, MOTION)
@@ -59,8 +57,7 @@ def test_inertial_parameters_end_where_a_dense_solver_puts_them() -> None:
     heavier = model.parameters.inertial.copy()
     heavier[[0, 7]] *= (1.1, 0.95)
     wrench = residual_free_wrench(model.parameters.with_inertial(heavier), motion)
-    constants = problem.constants(model.parameters)
-    start = starting_nodes(problem.chain, constants, problem.data, problem.basis)
+    constants, start = started(problem, model.parameters)
     coefficients = track_nodes(problem, constants, start).x
     valid = np.arange(len(motion.basis.time)) % 3 != 0
 
@@ -96,36 +93,25 @@ def test_third_step_explains_the_loads_at_little_cost_to_the_markers() -> None:
     problem = noisy_walk(3)
     free = (*gait_parameters("r"), *gait_parameters("l"))
     nominal = MODEL.parameters
-    start = starting_nodes(problem.chain, problem.constants(nominal), problem.data, problem.basis)
-    joint = JointSearch([problem], nominal, free, [start]).run()
+    joint = JointSearch([problem], nominal, free, [started(problem, nominal)[1]]).run()
     q, v, a = (MOTION.basis.evaluate(joint.coefficients[0], k) for k in range(3))
     loaded = LoadedMotion(state=(q, v, a), wrench=WRENCH, valid=EVERY)
     system = equations_of([loaded], joint.parameters, MODEL.subject, TorqueScale.BODY_HEIGHT, 0.176)
     inertial = fit_consistent(system, nominal.inertial, symmetric_set())
     two_steps = joint.parameters.with_inertial(inertial.inertial)
-    third = combined_fit(
-        [CombinedProblem(problem, joint.coefficients[0], WRENCH, EVERY)],
-        two_steps,
-        free,
-        symmetric_set(),
-        MODEL.subject,
-    )
+    trial = CombinedProblem(problem, joint.coefficients[0], WRENCH, EVERY)
+    third = combined_fit([trial], two_steps, free, symmetric_set(), MODEL.subject)
 
-    def residuals(parameters: Parameters, coefficients: Array) -> tuple[float, float, float]:
+    def squares(parameters: Parameters, coefficients: Array) -> Array:
+        """Of force, moment and markers."""
         q, v, a = (MOTION.basis.evaluate(coefficients, k) for k in range(3))
         residual = pelvis_residual(q, Dynamics(parameters).forces(q, v, a, WRENCH))
         cost = problem.cost(coefficients, problem.constants(parameters))
-        return (
-            float(np.sqrt(np.mean(residual[:, :3] ** 2))),
-            float(np.sqrt(np.mean(residual[:, 3:] ** 2))),
-            float(np.sqrt(cost)),
-        )
+        return np.array([np.mean(residual[:, :3] ** 2), np.mean(residual[:, 3:] ** 2), cost])
 
-    before, after = residuals(two_steps, joint.coefficients[0]), residuals(third.parameters, third.coefficients[0])
+    before, after = squares(two_steps, joint.coefficients[0]), squares(third.parameters, third.coefficients[0])
     assert third.converged
-    assert after[0] < 0.6 * before[0]
-    assert after[1] < 0.6 * before[1]
-    assert after[2] < 1.1 * before[2]
+    assert (np.sqrt(after / before) < [0.6, 0.6, 1.1]).all()
     assert is_physical(third.parameters.inertial).all()
     assert third.parameters.mass == pytest.approx(nominal.mass, abs=1e-9)
 
@@ -133,24 +119,20 @@ def test_third_step_explains_the_loads_at_little_cost_to_the_markers() -> None:
 def test_the_penalty_is_no_marker_error() -> None:
     """The third step weighs markers by their own residual alone."""
     problem, coefficients = smoothed_trial()
-    settings = CombinedSettings(descent=DescentSettings(most_steps=1))
-    subject = Subject("anyone", 70.0, 1.75, "male")
-    sigmas = [
-        combined_fit(
-            [CombinedProblem(trial, coefficients, None, None)], PARAMETERS, (), symmetric_set(), subject, settings
-        )
-        for trial in (problem, replace(problem, smoothing=None))
-    ]
-    assert sigmas[0].marker_sigma == sigmas[1].marker_sigma > 0.0
+    settings, anyone = CombinedSettings(descent=DescentSettings(most_steps=1)), Subject("anyone", 70.0, 1.75, "male")
+
+    def sigma(trial: MotionProblem) -> float:
+        loaded = [CombinedProblem(trial, coefficients, None, None)]
+        return combined_fit(loaded, PARAMETERS, (), symmetric_set(), anyone, settings).marker_sigma
+
+    assert sigma(problem) == sigma(replace(problem, smoothing=None)) > 0.0
 
 
 @pytest.mark.slow
 def test_impossible_bodies_are_told_and_spoil_nothing_else(data_dir: Path, tmp_path: Path) -> None:
     """The published cost, scaled by 1 mm, gives negative masses on a real walk: a warning, no error bars, no crash."""
     text = 'ip = "published"\ntorque_scale = "1mm"\njoint_step = true'
-    found = calibrate(Study.load(write_study("subject01", data_dir.resolve(), tmp_path, text)))
+    found = calibrate(load_study("subject01", data_dir.resolve(), tmp_path, text))
     assert any("no real body" in warning for warning in found.warnings)
     loads = found.trial("walk").loads
-    assert loads.errors is None
-    assert Stage.COMBINED not in loads.moments
-    assert np.isfinite(loads.final.tau).all()
+    assert loads.errors is None and Stage.COMBINED not in loads.moments and np.isfinite(loads.final.tau).all()

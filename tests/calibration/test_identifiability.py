@@ -1,6 +1,5 @@
 """What trials do not determine: what is frozen and advised, odd joints and bodies, arms turned about themselves."""
 
-import os
 from dataclasses import replace
 from pathlib import Path
 
@@ -22,12 +21,8 @@ from gaitcal.calibration.identifiability import (
 )
 from gaitcal.errors import Severity
 from gaitcal.model.parameters import JP_NAMES
-from gaitcal.motion.start import starting_nodes
-from gaitcal.session.draft import study_of
-from gaitcal.session.drafting import draft_of
-from gaitcal.session.folder import read_folder
-from gaitcal.session.person_facts import Options
-from tests.derivatives import perturbed_parameters, random_trial
+from tests.derivatives import perturbed_parameters, random_trial, started
+from tests.faults.spoilt import drafted
 
 UNSEEN = ("talocrural_r.shank.front", "subtalar_r.foot.sag")
 PARAMETERS = perturbed_parameters(np.random.default_rng(3), 0.0, 0.0)
@@ -51,17 +46,13 @@ def advice(turned: dict[str, dict[str, float]]) -> dict[str, str]:
     return {f.found.split(".")[0]: f.cure for f in in_words(UNSEEN, "kept", turned)}
 
 
-def test_an_isolated_trial_is_asked_for_where_there_is_none() -> None:
+def test_an_isolated_trial_is_asked_for_where_there_is_none_and_not_where_one_with_62_deg_was_given() -> None:
     assert all("add an isolated ankle trial of the right leg" in line for line in advice({}).values())
     other = {"ankle_l": {"ankle_angle": 1.1, "subtalar_angle": 0.6}}
     assert all("add an isolated ankle trial" in line for line in advice(other).values())
-
-
-def test_not_where_one_with_62_deg_was_given() -> None:
     told = advice({"ankle_r": {"ankle_angle": np.deg2rad(62.0), "subtalar_angle": np.deg2rad(12.0)}})
     assert all("add an isolated" not in line and "62 deg in dorsiflexion" in line for line in told.values())
-    assert "enough" in told["talocrural_r"]
-    assert "move inversion further" in told["subtalar_r"]
+    assert "enough" in told["talocrural_r"] and "move inversion further" in told["subtalar_r"]
 
 
 def test_one_joint_beyond_its_bounds_is_odd_and_many_are_another_body() -> None:
@@ -95,7 +86,7 @@ def test_an_arm_far_from_where_its_markers_begin(
 ) -> None:
     """Whole turns are none; most of the time counts, not a moment."""
     body, _ = random_trial(np.random.default_rng(4), PARAMETERS, frames=60, nodes=10)
-    start = starting_nodes(body.chain, body.constants(PARAMETERS), body.data, body.basis)
+    _, start = started(body, PARAMETERS)
     coefficients = start.copy()
     coefficients[:, body.chain.coordinates.index(f"{coordinate}_{side}")] += turn * LARGEST_ARM_TURN + whole
     turned = arm_ambiguity([body, body], [start, coefficients], PARAMETERS)
@@ -111,15 +102,9 @@ def test_only_joints_of_that_arm_stay() -> None:
 
 
 @pytest.mark.slow
-def test_a_child_whose_elbow_bends_outwards(tmp_path: Path) -> None:
+def test_a_child_whose_elbow_bends_outwards(data_dir: Path, tmp_path: Path) -> None:
     """One walk: without walls the fit turned the right arm by 168 degrees and met its markers worse than before."""
-    folder = Path(os.environ.get("GAITCAL_DATA", "none")) / "children" / "HC002D"
-    if not folder.is_dir():
-        pytest.skip("GAITCAL_DATA")
     for name in ("static.c3d", "straight.c3d"):
-        (tmp_path / name).symlink_to(folder / name)
-    calibration = gc.calibrate(study_of(draft_of(read_folder(tmp_path), Options(sex="female"))))
-    nominal, fitted, _ = calibration.trial("straight").rms_mm()
-    assert nominal is not None
-    assert fitted is not None
+        (tmp_path / name).symlink_to(data_dir.resolve() / "children" / "HC002D" / name)
+    nominal, fitted, _ = gc.calibrate(drafted(tmp_path)).trial("straight").rms_mm()
     assert fitted < 0.9 * nominal

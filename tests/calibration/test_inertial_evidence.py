@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from gaitcal.arrays import Array
+from gaitcal.arrays import Array, BoolArray
 from gaitcal.calibration.error_sources import nominal_errors
 from gaitcal.calibration.inertial_calibration import (
     ConsistentSettings,
@@ -37,6 +37,7 @@ from gaitcal.motion.motion import tracked_motion
 from gaitcal.motion.spline import NodeRule, frame_rate, spline_basis
 from gaitcal.motion.trial_problem import MotionProblem, trial_problem
 from gaitcal.synthetic.motion import gait_motion, residual_free_wrench
+from tests.derivatives import noisy
 from tests.synthetic_studies import made_recording
 
 MODEL, MOTION = published_model(), gait_motion()
@@ -51,8 +52,7 @@ USUAL = NodeRule()
 def problem_of(noise: float, seed: int = 0, rule: NodeRule = USUAL) -> MotionProblem:
     """The published walk, its markers moved by white noise (m)."""
     problem = trial_problem("walk", MODEL, made_recording(MOTION), rule)
-    moved = np.random.default_rng(seed).normal(0.0, noise, problem.data.measured.shape)
-    return problem.with_measured(problem.data.measured + moved)
+    return noisy(problem, np.random.default_rng(seed), noise)
 
 
 def reactions() -> GroundReactions:
@@ -61,9 +61,8 @@ def reactions() -> GroundReactions:
     inside = np.zeros(len(wrench), dtype=bool)
     inside[10:-10] = True
     down = np.ones((len(wrench), 2), dtype=bool)
-    return GroundReactions(
-        wrench=wrench, valid=inside, valid_legs=np.stack([inside] * 2, axis=1), loaded=down, resting=down, notes=()
-    )
+    legs = np.stack([inside] * 2, axis=1)
+    return GroundReactions(wrench=wrench, valid=inside, valid_legs=legs, loaded=down, resting=down, notes=())
 
 
 def loaded(noise: float, seed: int = 0, rule: NodeRule = USUAL) -> LoadedProblem:
@@ -72,9 +71,20 @@ def loaded(noise: float, seed: int = 0, rule: NodeRule = USUAL) -> LoadedProblem
     return LoadedProblem(problem=problem, coefficients=coefficients, reactions=reactions())
 
 
-def system(trial: LoadedProblem, parameters: Parameters) -> RootEquations:
+def state(trial: LoadedProblem, valid: BoolArray | None = None) -> tuple[Array, Array, Array]:
+    """Coordinates and their derivatives in valid frames, or in all."""
     q, v, a = (trial.problem.basis.evaluate(trial.coefficients, k) for k in range(3))
-    motion = LoadedMotion(state=(q, v, a), wrench=trial.reactions.wrench, valid=trial.reactions.valid)
+    return (q, v, a) if valid is None else (q[valid], v[valid], a[valid])
+
+
+def residual_of(trial: LoadedProblem, state: tuple[Array, Array, Array]) -> Array:
+    """(n, 6) the pelvis residual of true parameters in valid frames."""
+    wrench = trial.reactions.wrench[trial.reactions.valid]
+    return pelvis_residual(state[0], Dynamics(TRUE).forces(*state, wrench))
+
+
+def system(trial: LoadedProblem, parameters: Parameters) -> RootEquations:
+    motion = LoadedMotion(state=state(trial), wrench=trial.reactions.wrench, valid=trial.reactions.valid)
     return equations_of([motion], parameters, SUBJECT, TorqueScale.BODY_HEIGHT, 0.2)
 
 
@@ -175,8 +185,8 @@ def test_a_plate_that_is_off_makes_the_residual_that_is_expected_of_it() -> None
     """Gain and place alone, against the residual of wrenches so changed."""
     trial = loaded(0.0)
     plates = PlateNoise(PlateErrors(place=0.004, gain=0.0, clock=0.0), rest=0.0)
-    basis, valid = trial.problem.basis, trial.reactions.valid
-    q, v, a = (basis.evaluate(trial.coefficients, k)[valid] for k in range(3))
+    valid = trial.reactions.valid
+    q, v, a = state(trial, valid)
     dynamics, wrench = Dynamics(TRUE), trial.reactions.wrench[valid]
     before = pelvis_residual(q, dynamics.forces(q, v, a, wrench))
 
@@ -222,11 +232,10 @@ def test_half_an_octave_of_the_motion_is_a_source() -> None:
     basis, valid = trial.problem.basis, trial.reactions.valid
     spans = round((basis.nodes - 5) / np.sqrt(2.0))
     longer = spline_basis(basis.time, spans + 5)
-    residuals = []
-    for own, coefficients in ((basis, trial.coefficients), (longer, longer.fit(basis.evaluate(trial.coefficients)))):
-        q, v, a = (own.evaluate(coefficients, k)[valid] for k in range(3))
-        residuals.append(pelvis_residual(q, Dynamics(TRUE).forces(q, v, a, trial.reactions.wrench[valid])))
-    expected = np.sqrt(((residuals[0] - residuals[1]) ** 2).reshape(-1, 2, 3).mean(axis=(0, 2)))
+    fewer = longer.fit(basis.evaluate(trial.coefficients))
+    q, v, a = (longer.evaluate(fewer, k)[valid] for k in range(3))
+    lost = residual_of(trial, state(trial, valid)) - residual_of(trial, (q, v, a))
+    expected = np.sqrt((lost**2).reshape(-1, 2, 3).mean(axis=(0, 2)))
     found = noise_of(trial, TRUE, none)
     np.testing.assert_allclose((found.rms_force, found.rms_moment), expected, rtol=1e-3)
     assert expected.min() > 0.1
@@ -235,17 +244,15 @@ def test_half_an_octave_of_the_motion_is_a_source() -> None:
 def test_expected_residuals_are_those_of_noise_repeated() -> None:
     """Marker noise of 6 mm that lasts for a second, drawn again and again: RMS residuals within a third of expected."""
     problem, down = problem_of(0.0), reactions()
-    basis, valid = problem.basis, down.valid
     rng = np.random.default_rng(5)
     expected, seen = [], []
     for _ in range(6):
         phase = rng.uniform(0.0, 2.0 * np.pi, (*problem.data.measured.shape[:2], 1))
         rate = rng.uniform(0.0, 25.0, phase.shape)
-        moved = problem.with_measured(problem.data.measured + 0.0085 * np.sin(rate * basis.time + phase))
+        moved = problem.with_measured(problem.data.measured + 0.0085 * np.sin(rate * problem.basis.time + phase))
         coefficients = tracked_motion(moved, TRUE).coefficients
         trial = LoadedProblem(problem=moved, coefficients=coefficients, reactions=down)
-        q, v, a = (basis.evaluate(coefficients, k)[valid] for k in range(3))
-        residual = pelvis_residual(q, Dynamics(TRUE).forces(q, v, a, down.wrench[valid]))
+        residual = residual_of(trial, state(trial, down.valid))
         seen.append((residual**2).reshape(-1, 2, 3).mean(axis=(0, 2)))
         noise = noise_of(trial, TRUE, PlateNoise(EXACT, rest=0.0))
         expected.append((noise.rms_force**2, noise.rms_moment**2))

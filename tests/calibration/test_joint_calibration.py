@@ -16,10 +16,9 @@ from gaitcal.motion.banded import BandFactor
 from gaitcal.motion.descent import DescentSettings
 from gaitcal.motion.soft_tissue import SegmentTissue, SoftTissue, together
 from gaitcal.motion.spline import NodeRule
-from gaitcal.motion.start import starting_nodes
 from gaitcal.motion.trial_problem import MotionProblem, trial_problem
 from gaitcal.synthetic.motion import gait_motion, marker_noise, synthetic_markers
-from tests.derivatives import Array, central_differences, perturbed_parameters, random_trial
+from tests.derivatives import Array, central_differences, noisy, perturbed_parameters, random_trial, started
 
 KNEE = isolated_parameters("knee_r")
 PART = ("thigh_r", "shank_r")
@@ -30,13 +29,11 @@ def knee_trial(seed: int, noise: float = 0.0, frames: int = 60) -> tuple[MotionP
     rng = np.random.default_rng(seed)
     truth = perturbed_parameters(rng)
     problem, _ = random_trial(rng, truth, frames=frames, nodes=8, root="thigh_r", segments=PART, per_segment=5)
-    measured = problem.data.measured + rng.normal(0, noise, problem.data.measured.shape)
-    return replace(problem, data=replace(problem.data, measured=measured)), truth
+    return noisy(problem, rng, noise), truth
 
 
 def fit(problem: MotionProblem, start: Parameters, free: tuple[str, ...], **settings: float) -> JointFit:
-    coefficients = starting_nodes(problem.chain, problem.constants(start), problem.data, problem.basis)
-    return JointSearch([problem], start, free, [coefficients], JointSettings(**settings)).run()
+    return JointSearch([problem], start, free, [started(problem, start)[1]], JointSettings(**settings)).run()
 
 
 def values(parameters: Parameters, names: tuple[str, ...]) -> Array:
@@ -47,23 +44,19 @@ def soft_knee_trial(seed: int, names: tuple[str, ...], segments: tuple[str, ...]
     """A trial of the knee, with columns on the markers of some segments."""
     problem, _ = knee_trial(seed, noise=0.004, frames=30)
     rng, local = np.random.default_rng(seed), problem.data.local
-    return replace(
-        problem,
-        tissue=SoftTissue(
-            tuple(
-                SegmentTissue(
-                    segment=s,
-                    carrier=problem.chain.segments[s],
-                    markers=markers,
-                    pattern=together(local[markers] - local[markers].mean(axis=0)),
-                    names=names,
-                    regressors=rng.normal(size=(len(names), 30)),
-                )
-                for s, markers in problem.data.placed.groups
-                if problem.chain.segments[s] in segments
-            )
-        ),
+    groups = tuple(
+        SegmentTissue(
+            segment=s,
+            carrier=problem.chain.segments[s],
+            markers=markers,
+            pattern=together(local[markers] - local[markers].mean(axis=0)),
+            names=names,
+            regressors=rng.normal(size=(len(names), 30)),
+        )
+        for s, markers in problem.data.placed.groups
+        if problem.chain.segments[s] in segments
     )
+    return replace(problem, tissue=SoftTissue(groups))
 
 
 def test_the_compressed_problem_is_the_whole_one_with_its_prior_and_soft_tissue() -> None:
@@ -75,7 +68,7 @@ def test_the_compressed_problem_is_the_whole_one_with_its_prior_and_soft_tissue(
     assert set(trials[1].unknowns) < set(keys)
     size = len(KNEE) + len(keys)
     rows, centre = rng.normal(0, 0.2, (size, size)), rng.normal(0, 0.01, size)
-    starts = [starting_nodes(p.chain, p.constants(start), p.data, p.basis) for p in trials]
+    starts = [started(problem, start)[1] for problem in trials]
     settings = DescentSettings(gain=1e-14)
     reduced = ReducedProblem(trials, start, KNEE, starts, settings, prior=rows, centre=centre, tissue=keys)
     reduced.weigh(shares)
@@ -87,13 +80,9 @@ def test_the_compressed_problem_is_the_whole_one_with_its_prior_and_soft_tissue(
         out, at = [rows @ (x[:size] - centre)], size
         for problem, share, trial in zip(trials, shares, state.trials, strict=True):
             coefficients = x[at : at + trial.coefficients.size].reshape(trial.coefficients.shape)
-            z = [x[len(KNEE) + keys.index(key)] for key in problem.unknowns]
-            here = problem.displaced(np.array(z))
-            gap = (
-                here.positions(coefficients, here.constants(start.with_joint(KNEE, x[: len(KNEE)])))
-                - here.data.measured
-            )
-            out.append(np.sqrt(share) * gap.ravel())
+            here = problem.displaced(np.array([x[len(KNEE) + keys.index(key)] for key in problem.unknowns]))
+            model = here.positions(coefficients, here.constants(start.with_joint(KNEE, x[: len(KNEE)])))
+            out.append(np.sqrt(share) * (model - here.data.measured).ravel())
             at += coefficients.size
         return np.concatenate(out)
 
@@ -113,7 +102,7 @@ def test_bounds_are_about_the_nominal_values_wherever_the_fit_starts() -> None:
     name = ("knee_r.thigh.sup",)
     true = float(values(truth, name)[0])
     nominal, present = (truth.with_joint(name, np.array([true + off])) for off in (0.030, 0.022))
-    coefficients = starting_nodes(problem.chain, problem.constants(present), problem.data, problem.basis)
+    _, coefficients = started(problem, present)
     settings = JointSettings(position_bound=0.010, orientation_bound=0.1)
     found = JointSearch([problem], present, name, [coefficients], settings, nominal=nominal).run()
     assert found.values[0] == pytest.approx(true + 0.020, abs=1e-4)
@@ -127,7 +116,7 @@ def test_trials_weighed_anew_go_on_to_the_fit_of_scaled_costs() -> None:
     shares, start = (9.0, 0.5), published_subject()
     expected = values(start, KNEE), np.eye(len(KNEE))
     trials = [knee_trial(seed, noise=0.002)[0] for seed in (3, 4)]
-    starts = [starting_nodes(p.chain, p.constants(start), p.data, p.basis) for p in trials]
+    starts = [started(problem, start)[1] for problem in trials]
     search = JointSearch(trials, start, KNEE, starts, expected=expected)
     even = search.approach(1e-7)
     search.problem.weigh(shares)
@@ -136,9 +125,8 @@ def test_trials_weighed_anew_go_on_to_the_fit_of_scaled_costs() -> None:
     wanted = JointSearch(scaled, start, KNEE, starts, expected=expected).run()
     assert np.abs(even.p - wanted.values).max() > 1e-3
     np.testing.assert_allclose(found.values, wanted.values, rtol=0, atol=2e-5)
-    np.testing.assert_allclose(
-        found.state.hessian, wanted.state.hessian, rtol=0, atol=1e-4 * np.abs(wanted.state.hessian).max()
-    )
+    tolerance = 1e-4 * np.abs(wanted.state.hessian).max()
+    np.testing.assert_allclose(found.state.hessian, wanted.state.hessian, rtol=0, atol=tolerance)
 
 
 def test_matrices_kept_on_the_way_are_formed_anew_at_the_end(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -35,7 +35,7 @@ from gaitcal.motion.trial_problem import MotionProblem
 from gaitcal.study.joint_prior import JointPrior
 from scripts.validation.harness import shares
 from scripts.validation.truth import made_up as check
-from tests.derivatives import Array, central_differences, perturbed_parameters, random_trial
+from tests.derivatives import Array, assert_covariance, central_differences, noisy, perturbed_parameters, random_trial
 
 HIP = isolated_parameters("hip_r")
 SEGMENTS = ("pelvis", "thigh_r")
@@ -79,7 +79,7 @@ def test_without_noise_the_truth_is_found_and_without_markers_the_prior_stays() 
 def with_tissue(rng: np.random.Generator, frames: int) -> tuple[MotionProblem, TissuePrior]:
     """A hip that moves at random, and columns that go with its flexion."""
     problem, _ = hip_trial(3, frames=frames, nodes=7)
-    problem = problem.with_measured(problem.data.measured + rng.normal(0, 0.004, problem.data.measured.shape))
+    problem = noisy(problem, rng, 0.004)
     (psi,) = task_regressors([{"hip_flexion_r": rng.normal(size=frames)}])
     problem = replace(problem, tissue=tissue_of(problem, "gait", psi))
     return problem, tissue_prior([problem], {"gait": SoftTissueScale(0.1)})
@@ -108,7 +108,7 @@ def test_errors_by_source_sum_to_the_inverse_hessian_and_the_end_is_the_dense_mi
     dense = np.linalg.inv(slope.T @ slope)[:count, :count]
     unit = np.sqrt(np.diag(dense))
     assert np.abs(step[:count] / unit).max() < 0.01
-    np.testing.assert_allclose(errors.covariance / np.outer(unit, unit), dense / np.outer(unit, unit), atol=1e-4)
+    assert_covariance(errors.covariance, dense)
     expected = {f"nominal/{name}" for name in HIP} | {f"skin/{key}" for key in prior.keys}
     assert {c for c in errors.clusters if not c.startswith("markers/random/")} == expected
 
@@ -148,8 +148,7 @@ def test_what_is_uncertain_and_not_fitted_makes_the_errors_of_the_dense_formula(
     of_considered = moved @ block_diag(*roots)
     dense = inverse[: len(moved), : len(moved)] + of_considered @ of_considered.T
     unit = np.sqrt(np.diag(dense))
-    found = errors.of((*free, *estimate.keys)).covariance
-    np.testing.assert_allclose(found / np.outer(unit, unit), dense / np.outer(unit, unit), atol=1e-4)
+    assert_covariance(errors.of((*free, *estimate.keys)).covariance, dense)
     sources = (*(f"nominal/{n}" for n in kept), *(() if fits_tissue else (f"skin/{key}" for key in prior.keys)))
     own = errors.parameters[: len(moved), [errors.clusters.index(source) for source in sources]]
     np.testing.assert_allclose(own / unit[:, None], of_considered / unit[:, None], atol=1e-4)
@@ -182,8 +181,8 @@ def test_intervals_cover_the_truth_under_slow_noise() -> None:
         noise = rng.normal(0, 0.003, problem.data.measured.shape)
         for f in range(1, noise.shape[2]):
             noise[:, :, f] = 0.95 * noise[:, :, f - 1] + np.sqrt(1 - 0.95**2) * noise[:, :, f]
-        noisy = problem.with_measured(problem.data.measured + noise)
-        estimate, errors = estimate_joints(gait(noisy), drawn_nominal(rng, truth), HIP)
+        shaken = problem.with_measured(problem.data.measured + noise)
+        estimate, errors = estimate_joints(gait(shaken), drawn_nominal(rng, truth), HIP)
         se = np.array([errors.standard_errors[n] for n in HIP])
         inside.append(np.abs(estimate.values - truth) < 1.96 * se)
     assert 0.88 < float(np.mean(inside)) <= 0.995
@@ -245,7 +244,7 @@ def test_kinds_of_task_that_disagree_have_wider_errors() -> None:
 
     def both(second: Parameters) -> tuple[JointEstimate, ErrorSources]:
         made = [random_trial(rng, p, segments=SEGMENTS, frames=150, nodes=10)[0] for p in (here, second)]
-        a, b = (p.with_measured(p.data.measured + rng.normal(0, 0.003, p.data.measured.shape)) for p in made)
+        a, b = (noisy(p, rng, 0.003) for p in made)
         return estimate_joints({"hip_r": (a,), **gait(b)}, here, HIP)
 
     (agreed, bars), (apart, wider) = both(here), both(elsewhere)
@@ -256,17 +255,14 @@ def test_kinds_of_task_that_disagree_have_wider_errors() -> None:
 def test_one_trial_told_three_times_counts_as_one() -> None:
     problem, _ = hip_trial(13)
     rng = np.random.default_rng(14)
-    noisy, second, third = (
-        problem.with_measured(problem.data.measured + rng.normal(0, 0.004, problem.data.measured.shape))
-        for _ in range(3)
-    )
+    first, second, third = (noisy(problem, rng, 0.004) for _ in range(3))
     wrong = perturbed_parameters(np.random.default_rng(15), 0.01, 0.0)
     (one, bars), (thrice, same), (three, smaller) = (
         estimate_joints(gait(*(replace(t, name=f"walk {k}") for k, t in enumerate(trials))), wrong, HIP)
-        for trials in ((noisy,), (noisy,) * 3, (noisy, second, third))
+        for trials in ((first,), (first,) * 3, (first, second, third))
     )
     assert thrice.repeated == {"gait": pytest.approx(3.0, abs=1e-3)}
-    mixed, _ = estimate_joints({"hip_r": (second,), **gait(noisy, noisy, noisy)}, wrong, HIP)
+    mixed, _ = estimate_joints({"hip_r": (second,), **gait(first, first, first)}, wrong, HIP)
     assert mixed.repeated == {"gait": pytest.approx(3.0, abs=1e-3)}, "whatever other kinds of task there are"
     assert one.repeated == {} and 1.0 <= three.repeated["gait"] < 2.0
     np.testing.assert_allclose(thrice.values, one.values, atol=2e-4)

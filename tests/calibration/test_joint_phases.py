@@ -18,10 +18,9 @@ from gaitcal.calibration.joint_phases import (
 from gaitcal.calibration.joint_prior import WEAK
 from gaitcal.calibration.soft_tissue_artefact import GAIT, SoftTissueScale, TaskTissue, task_regressors
 from gaitcal.model.parameters import Parameters, published_subject
-from gaitcal.motion.start import starting_nodes
 from gaitcal.motion.trial_problem import MotionProblem
 from tests.calibration.test_joint_calibration import KNEE, PART, knee_trial, values
-from tests.derivatives import perturbed_parameters, random_trial
+from tests.derivatives import noisy, perturbed_parameters, random_trial, started
 
 PUBLISHED, WEAKLY = (PhaseSettings(search=JointSettings(), prior=p, equal_weights=True) for p in (None, WEAK))
 WEAK_LEAVES = 3e-4
@@ -34,22 +33,24 @@ def two_trials(noise: float = 1e-4) -> tuple[list[MotionProblem], Parameters]:
     truth, trials = perturbed_parameters(rng), []
     for name, frames in (("isolated", 60), ("walk", 50)):
         problem, _ = random_trial(rng, truth, frames=frames, nodes=8, root="thigh_r", segments=PART, per_segment=5)
-        measured = problem.data.measured + rng.normal(0, noise, problem.data.measured.shape)
-        trials.append(replace(problem.with_measured(measured), name=name))
+        trials.append(replace(noisy(problem, rng, noise), name=name))
     return trials, truth
 
 
+def taking_part(trials: list[MotionProblem]) -> list[JointProblem]:
+    """The knee alone, then a walk."""
+    return [JointProblem(t, t, joint) for t, joint in zip(trials, ("knee_r", None), strict=True)]
+
+
 def in_sequence(trials: list[MotionProblem], nominal: Parameters, how: PhaseSettings) -> JointCalibration:
-    taking_part = [JointProblem(t, t, joint) for t, joint in zip(trials, ("knee_r", None), strict=True)]
-    return calibrate_in_phases(sequential_phases(taking_part, {"r": KNEE}), nominal, how)
+    return calibrate_in_phases(sequential_phases(taking_part(trials), {"r": KNEE}), nominal, how)
 
 
 def test_what_an_earlier_phase_knows_counts_like_its_markers() -> None:
     """One trial after the other comes to the solution of both at once, and to its error bars."""
     trials, truth = two_trials()
     after = in_sequence(trials, truth, WEAKLY)
-    taking_part = [JointProblem(t, t, joint) for t, joint in zip(trials, ("knee_r", None), strict=True)]
-    together = calibrate_in_phases(simultaneous_phases(taking_part, {"r": KNEE}), truth, WEAKLY)
+    together = calibrate_in_phases(simultaneous_phases(taking_part(trials), {"r": KNEE}), truth, WEAKLY)
     alone = in_sequence(trials, truth, PUBLISHED)
     same = values(together.parameters, KNEE)
     gap, without = (np.linalg.norm(values(c.parameters, KNEE) - same) for c in (after, alone))
@@ -62,8 +63,7 @@ def test_what_an_earlier_phase_knows_counts_like_its_markers() -> None:
 def test_soft_tissue_moves_no_flat_fit_and_a_posterior_is_as_wide_as_it_makes_it() -> None:
     """An isolated trial whose markers may lie anywhere leaves the knee to the walk."""
     trials, truth = two_trials()
-    taking_part = [JointProblem(t, t, joint) for t, joint in zip(trials, ("knee_r", None), strict=True)]
-    rigid = sequential_phases(taking_part, {"r": KNEE})
+    rigid = sequential_phases(taking_part(trials), {"r": KNEE})
     (psi,) = task_regressors([{"knee_angle_r": np.random.default_rng(4).normal(size=60)}])
     soft = TaskTissue(
         kinds={"isolated": "knee_r", "walk": GAIT},
@@ -88,12 +88,9 @@ def test_soft_tissue_moves_no_flat_fit_and_a_posterior_is_as_wide_as_it_makes_it
 def test_equal_weights_are_those_of_the_plain_sum_of_squares_whatever_the_noises() -> None:
     """And the errors those of trials that are not equally noisy: H^-1 (sum nu^2 S_t) H^-1."""
     trials, truth = two_trials()
-    noisy = trials[0].data.measured + np.random.default_rng(5).normal(0, 0.004, trials[0].data.measured.shape)
-    trials[0] = trials[0].with_measured(noisy)
-    taking_part = [JointProblem(t, t, joint) for t, joint in zip(trials, ("knee_r", None), strict=True)]
-    found = calibrate_in_phases(simultaneous_phases(taking_part, {"r": KNEE}), truth, PUBLISHED)
-    starts = [starting_nodes(t.chain, t.constants(truth), t.data, t.basis) for t in trials]
-    plain = JointSearch(trials, truth, KNEE, starts).run()
+    trials[0] = noisy(trials[0], np.random.default_rng(5), 0.004)
+    found = calibrate_in_phases(simultaneous_phases(taking_part(trials), {"r": KNEE}), truth, PUBLISHED)
+    plain = JointSearch(trials, truth, KNEE, [started(t, truth)[1] for t in trials]).run()
     np.testing.assert_allclose(values(found.parameters, KNEE), plain.values, atol=1e-8)
     (phase,) = found.phases
     assert phase.noise["isolated"] > 3 * phase.noise["walk"]
@@ -106,10 +103,8 @@ def test_equal_weights_are_those_of_the_plain_sum_of_squares_whatever_the_noises
 def test_phases_are_the_published_ones_and_trials_keep_what_they_were_fitted_with() -> None:
     trials, nominal = two_trials()
     done = in_sequence(trials, nominal, PUBLISHED)
-    assert [(p.name, p.trials, p.parameters) for p in done.phases] == [
-        ("joint:knee_r", ("isolated",), 9),
-        (GAIT, ("walk",), 9),
-    ]
+    named = [(p.name, p.trials, p.parameters) for p in done.phases]
+    assert named == [("joint:knee_r", ("isolated",), 9), (GAIT, ("walk",), 9)]
     assert all(p.marker_noise is None and set(p.noise) == set(p.trials) for p in done.phases)
     assert parameters_for(done, "walk", nominal) is not nominal
     np.testing.assert_array_equal(parameters_for(done, "walk", nominal).joint, done.parameters.joint)
@@ -130,9 +125,8 @@ def test_without_noise_the_truth_is_found(how: PhaseSettings) -> None:
     start = truth.with_joint(KNEE, values(published_subject(), KNEE))
     trial = JointProblem(problem, problem, "knee_r")
     done = calibrate_in_phases(sequential_phases([trial], {"r": ()}), start, how)
-    np.testing.assert_allclose(
-        values(done.parameters, KNEE), values(truth, KNEE), atol=1e-8 if how is PUBLISHED else WEAK_LEAVES
-    )
+    near = 1e-8 if how is PUBLISHED else WEAK_LEAVES
+    np.testing.assert_allclose(values(done.parameters, KNEE), values(truth, KNEE), atol=near)
 
 
 def test_a_knee_that_does_not_move_is_frozen_or_held_by_its_prior() -> None:

@@ -1,15 +1,29 @@
-"""What anatomy expects of joint parameters: a covariance, mirrored sides, one bone end seen from two segments."""
+"""What is known before a fit: of joint parameters by anatomy, of a trial's noise by what no joint can follow."""
 
 import numpy as np
 import pytest
 
 from gaitcal.arrays import Array
 from gaitcal.calibration import joint_prior
-from gaitcal.calibration.joint_prior import COVARIANCE, MEAN, TABLE, prior_deviations, prior_of
+from gaitcal.calibration.joint_prior import (
+    COVARIANCE,
+    MEAN,
+    TABLE,
+    ForbiddenNoise,
+    forbidden_noise,
+    frames_per_sample,
+    least_noise,
+    prior_deviations,
+    prior_of,
+    trial_noises,
+)
 from gaitcal.model.chain import Chain, forward, segment_transforms
 from gaitcal.model.linkage import JOINT_OF_CHILD, Source
 from gaitcal.model.parameters import JOINT_PARAMETERS, JP_INDEX, JP_NAMES, JP_TO_SI, Kind, Parameters, published_subject
+from gaitcal.motion.motion import track_nodes
+from gaitcal.motion.spline import spline_basis
 from gaitcal.study.joint_prior import other_side
+from tests.derivatives import seeded_trial
 
 TWICE = [row for row in TABLE if len(row.parameters) == 2]
 
@@ -63,3 +77,42 @@ def test_a_joint_seen_from_two_segments_moves_in_both_and_nothing_else_does(row:
     assert moved(1.0, 1.0) < (row.apart / row.deviation if steep else 0.15) * moved(1.0, 0.0)
     ratio, near = (1.3, 0.05) if steep else (1.0, 0.01)
     assert moved(1.0, 0.0) == pytest.approx(ratio * moved(0.0, 1.0), rel=near)
+
+
+WHITE = 0.002
+"""m."""
+
+
+@pytest.mark.parametrize(("kept", "expected"), [(0.0, 1.0), (0.5, 3.0), (0.9, 19.0)])
+def test_frames_for_one_that_is_independent(kept: float, expected: float) -> None:
+    """Errors of variance 1 that keep `kept` of the frame before: (1 + kept) / (1 - kept) frames a sample."""
+    errors = np.random.default_rng(1).normal(size=(4000, 12))
+    for f in range(1, len(errors)):
+        errors[f] = kept * errors[f - 1] + np.sqrt(1 - kept**2) * errors[f]
+    # the sum ends where the correlation falls below 0.05: at most that tail, and its sampling, are lost
+    assert frames_per_sample(errors) == pytest.approx(expected, rel=0.12)
+    assert frames_per_sample(0.0 * errors) == 1.0, "no error counts every frame"
+
+
+def test_white_noise_is_found_as_it_is_and_clusters_that_move_together_count_more() -> None:
+    segments = ("pelvis", "thigh_r")
+    rng, parameters, problem, true = seeded_trial(2, segments=segments, frames=2000, nodes=60, per_segment=4)
+    shape, constants = problem.data.measured.shape, problem.constants(parameters)
+
+    def found(noise: Array) -> float:
+        noisy = problem.with_measured(problem.data.measured + noise)
+        return float(np.sqrt(forbidden_noise(noisy, parameters, track_nodes(noisy, constants, true).x).variance))
+
+    assert found(rng.normal(0, WHITE, shape)) == pytest.approx(WHITE, rel=0.15)
+    # each cluster as a whole: the mean of four markers alike has four times the variance that independent ones give it
+    together = np.repeat(rng.normal(0, WHITE, (2, 3, shape[2])), 4, axis=0)
+    assert found(together) == pytest.approx(2.0 * WHITE, rel=0.25)
+
+
+def test_parameters_use_samples_up_and_cameras_never_err_by_nothing() -> None:
+    seen = [ForbiddenNoise(1e-6, 30.0), ForbiddenNoise(4e-6, 10.0)]
+    np.testing.assert_allclose(trial_noises(seen, [0.0, 0.0], -2.0), [1e-3, 2e-3])
+    np.testing.assert_allclose(trial_noises(seen, [0.0, 0.0], 18.0), np.sqrt(2.0) * np.array([1e-3, 2e-3]))
+    assert trial_noises([ForbiddenNoise(0.0, 10.0)], [3e-4], 1.0) == [3e-4]
+    time = np.arange(100) / 100.0
+    assert least_noise(spline_basis(time, 8)) < least_noise(spline_basis(time / 4.0, 8))

@@ -29,9 +29,8 @@ from gaitcal.model.parameters import Parameters, isolated_parameters
 from gaitcal.motion.banded import eliminate
 from gaitcal.motion.rigid import rigid_fit
 from gaitcal.motion.soft_tissue import LEAST_SPREAD, SegmentTissue, together
-from gaitcal.motion.start import starting_nodes
 from gaitcal.motion.trial_problem import MotionProblem
-from tests.derivatives import Array, perturbed_parameters, random_trial
+from tests.derivatives import Array, assert_covariance, perturbed_parameters, random_trial, started
 
 HIP = isolated_parameters("hip_r")
 SEGMENTS = ("pelvis", "thigh_r")
@@ -71,7 +70,10 @@ def person(
 
 def places(seed: int) -> dict[str, Array]:
     """Segment -> (nm, 3) m."""
-    problem = person(seed, {})[0]
+    return places_of(person(seed, {})[0])
+
+
+def places_of(problem: MotionProblem) -> dict[str, Array]:
     return {problem.chain.segments[s]: problem.data.local[markers] for s, markers in problem.data.placed.groups}
 
 
@@ -137,7 +139,7 @@ def test_six_columns_a_segment_leave_the_joints_where_columns_of_every_marker_do
     parameters = perturbed_parameters(np.random.default_rng(seed))
     (problem, _) = person(seed, drawn(seed, 1.0), squares=True, frames=30, noise=0.004)
     problem = problem.with_free(HIP)
-    coefficients = starting_nodes(problem.chain, problem.constants(parameters), problem.data, problem.basis)
+    _, coefficients = started(problem, parameters)
     precision = np.linalg.inv(prior_of(HIP, None)[1])
     prior = tissue_prior([problem], {KIND: scale})
     eliminated = eliminate(equations := problem.equations(coefficients, problem.constants(parameters)))
@@ -159,23 +161,21 @@ def test_six_columns_a_segment_leave_the_joints_where_columns_of_every_marker_do
     gap = (problem.positions(coefficients, problem.constants(parameters)) - problem.data.measured).ravel()
     dense = np.linalg.inv(whole.T @ whole / NOISE**2 + block_diag(*weights))
     own = slice(slope.shape[1] - count, slope.shape[1])
-    unit = np.sqrt(np.outer(np.diag(dense[own, own]), np.diag(dense[own, own])))
-    np.testing.assert_allclose(found[:count, :count] / unit, dense[own, own] / unit, rtol=0, atol=EXACT)
+    assert_covariance(found[:count, :count], dense[own, own], atol=EXACT)
     step, wanted = (found @ pull)[:count], (dense @ (whole.T @ gap) / NOISE**2)[own]
     np.testing.assert_allclose(step, wanted, rtol=0, atol=FLOOR * np.abs(wanted).max())
 
 
 def of_kind(problem: MotionProblem, kind: str) -> MotionProblem:
     """The same trial as one of another kind of task."""
-    regressors = {
-        n.split("/")[-1]: psi for g in groups_of(problem) for n, psi in zip(g.names, g.regressors, strict=True)
-    }
+    columns = (column for g in groups_of(problem) for column in zip(g.names, g.regressors, strict=True))
+    regressors = {name.split("/")[-1]: psi for name, psi in columns}
     return replace(problem, tissue=tissue_of(problem, kind, regressors))
 
 
 def dense_density(trials: Sequence[MotionProblem], segment: str, variances: Sequence[Mapping[bool, float]]) -> Array:
     """Log p of what the rigid fits of a segment leave of its markers; `variances` of linear columns, and of squares."""
-    parts, psis, local = [], [], places_of(trials[0], segment)
+    parts, psis, local = [], [], places_of(trials[0])[segment]
     rigid = together(local - local.mean(axis=0)).reshape(-1, 6)
     free = np.linalg.svd(rigid)[0][:, 6:]
     for problem in trials:
@@ -188,23 +188,13 @@ def dense_density(trials: Sequence[MotionProblem], segment: str, variances: Sequ
         psis.append(group.regressors @ changing)
         names = group.names
     left, shape, out = np.concatenate(parts), free.T @ marker_covariance(segment, local) @ free, []
-    blocks = {
-        bent: np.kron(
-            sum(np.outer(p, p) for n, p in zip(names, np.hstack(psis), strict=True) if n.endswith(SQUARES) is bent),
-            shape,
-        )
-        for bent in (False, True)
-    }
+    bends, every = np.array([name.endswith(SQUARES) for name in names]), np.hstack(psis)
+    blocks = {bent: np.kron(every[bends == bent].T @ every[bends == bent], shape) for bent in (False, True)}
     for variance in variances:
         covariance = NOISE**2 * np.eye(left.size) + sum(variance[bent] * block for bent, block in blocks.items())
         root = np.linalg.cholesky(covariance)
         out.append(-0.5 * np.sum(np.linalg.solve(root, left.ravel()) ** 2) - np.log(np.diag(root)).sum())
     return np.array(out)
-
-
-def places_of(problem: MotionProblem, segment: str) -> Array:
-    (local,) = [problem.data.local[g.markers] for g in groups_of(problem) if g.carrier == segment]
-    return local
 
 
 @pytest.mark.parametrize(("ending", "kinds"), [("", 1), (SQUARES, 1), ("", 2)])

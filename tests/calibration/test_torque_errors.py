@@ -30,9 +30,17 @@ from gaitcal.motion.descent import DescentSettings
 from gaitcal.motion.marker_residual import MarkerData, marker_positions
 from gaitcal.motion.motion import track_nodes
 from gaitcal.motion.spline import smoothing
-from gaitcal.motion.start import starting_nodes
 from gaitcal.motion.trial_problem import MotionProblem
-from tests.derivatives import Array, central_differences, perturbed_parameters, random_trial
+from tests.derivatives import (
+    Array,
+    central_differences,
+    noisy,
+    perturbed_parameters,
+    random_trial,
+    seeded_trial,
+    started,
+    without_segments,
+)
 
 DIFFERENCES = 1e-5
 """Relative to the largest error: what central differences can tell."""
@@ -52,9 +60,7 @@ def test_errors_are_what_every_source_moves_by_itself() -> None:
     """Squares summed over marker coordinates, with joint parameters and motion, over inertial parameters and plates.
     Torque and rate of a source move together: the errors of a power are not those of its factors.
     """
-    rng = np.random.default_rng(51)
-    parameters = perturbed_parameters(rng)
-    problem, coefficients = random_trial(rng, parameters, frames=FRAMES, nodes=6)
+    rng, parameters, problem, coefficients = seeded_trial(51, frames=FRAMES, nodes=6)
     wrench = rng.normal(0, 300, (FRAMES, 2, 6))
     free = problem.with_free(FREE).chain.free
     own, others = 3, 2
@@ -82,16 +88,12 @@ def test_errors_are_what_every_source_moves_by_itself() -> None:
 
         return (values(STEP) - values(-STEP)) / (2 * STEP)
 
+    rates = np.gradient(wrench, problem.basis.time, axis=0)
     still, fixed, rigid, measured = (np.zeros(n) for n in (coefficients.shape, len(free), len(IP_NAMES), wrench.shape))
     changes = {
-        ErrorSource.MOTION: [
-            change(column.reshape(coefficients.shape), fixed, rigid, measured) for column in moves.coefficients.T
-        ],
+        ErrorSource.MOTION: [change(n.reshape(still.shape), fixed, rigid, measured) for n in moves.coefficients.T],
         ErrorSource.INERTIA: [change(still, fixed, column, measured) for column in spread.T],
-        ErrorSource.PLATES: [
-            change(still, fixed, rigid, other)
-            for other in plate_changes(wrench, np.gradient(wrench, problem.basis.time, axis=0))
-        ],
+        ErrorSource.PLATES: [change(still, fixed, rigid, other) for other in plate_changes(wrench, rates)],
     }
     for source, shift in zip(moves.others, moves.shift.T, strict=True):
         changes[source] = [change(-(moves.sensitivity @ shift).reshape(coefficients.shape), shift, rigid, measured)]
@@ -113,11 +115,8 @@ def test_errors_are_what_every_source_moves_by_itself() -> None:
     own_power = np.sqrt(variances[ErrorSource.MOTION])[:, len(FORCES) : len(FORCES) + len(POWERS)]
     np.testing.assert_allclose(found.kinetics.own.power, own_power, rtol=0, atol=DIFFERENCES * own_power.max())
 
-    by_node = [
-        column.reshape(coefficients.shape)
-        for column in np.hstack([moves.coefficients, moves.sensitivity @ moves.shift]).T
-    ]
-    coordinates = np.sqrt(sum(problem.basis.evaluate(column) ** 2 for column in by_node))
+    columns = np.hstack([moves.coefficients, moves.sensitivity @ moves.shift]).T.reshape(-1, *coefficients.shape)
+    coordinates = np.sqrt(sum(problem.basis.evaluate(column) ** 2 for column in columns))
     np.testing.assert_allclose(coordinate_standard_errors(problem, moves), coordinates, rtol=1e-10)
 
 
@@ -135,12 +134,8 @@ def plate_changes(wrench: Array, rates: Array) -> Iterator[Array]:
 
 
 def test_directions_of_axes_add_their_own_part_to_torques_and_to_coordinates_that_markers_move() -> None:
-    rng = np.random.default_rng(53)
-    parameters = perturbed_parameters(rng)
-    problem, coefficients = random_trial(rng, parameters, frames=14, nodes=7)
-    weight = problem.data.weight.copy()
-    weight[[problem.chain.segments[s].startswith("forearm") for s in problem.data.segment]] = 0.0
-    problem = problem.with_weight(weight)
+    rng, parameters, problem, coefficients = seeded_trial(53, frames=14, nodes=7)
+    problem = without_segments(problem, "forearm_hand_r", "forearm_hand_l")
     wrench, known, axes = rng.normal(0, 300, (14, 2, 6)), nominal_errors(FREE), AxisErrors(parameters)
     exact, moved = (
         ErringForces(problem, coefficients, parameters, wrench, known, axes=a).errors() for a in (None, axes)
@@ -163,9 +158,7 @@ def test_directions_of_axes_move_components_but_not_what_a_whole_joint_does(monk
     """Hips and back: power is moment times angular velocity, whatever the axes; their torques' errors are those of the
     vector along the joint's axes. A hinge stays where it is. Blocks of frames change nothing.
     """
-    rng = np.random.default_rng(53)
-    parameters = perturbed_parameters(rng)
-    problem, coefficients = random_trial(rng, parameters, frames=80, nodes=9)
+    rng, parameters, problem, coefficients = seeded_trial(53, frames=80, nodes=9)
     wrench, known, axes = rng.normal(0, 300, (80, 2, 6)), nominal_errors(FREE), AxisErrors(parameters)
     exact, turned = (
         ErringForces(problem, coefficients, parameters, wrench, known, None, axes=a).errors() for a in (None, axes)
@@ -212,17 +205,12 @@ def leverages(problem: MotionProblem, parameters: Parameters, coefficients: Arra
 
 def test_the_motion_moves_with_a_marker_coordinate_and_with_the_joint_parameters() -> None:
     """`marker_moves` of a whole body with its joint parameters known: the motion tracked again."""
-    rng = np.random.default_rng(23)
-    parameters = perturbed_parameters(rng)
-    problem, _ = random_trial(rng, parameters, frames=30, nodes=7)
-    measured = problem.data.measured + rng.normal(0, NOISE, problem.data.measured.shape)
-    problem = replace(problem, data=replace(problem.data, measured=measured))
+    rng, parameters, problem, _ = seeded_trial(23, frames=30, nodes=7)
+    problem = noisy(problem, rng, NOISE)
     source = ErrorSources(FREE, 1e-6 * rng.normal(size=(len(FREE), 1)), ("nominal/all",))
 
     def motion(problem: MotionProblem, parameters: Parameters) -> Array:
-        constants = problem.constants(parameters)
-        start = starting_nodes(problem.chain, constants, problem.data, problem.basis)
-        return track_nodes(problem, constants, start, DescentSettings(gain=1e-15)).x
+        return track_nodes(problem, *started(problem, parameters), DescentSettings(gain=1e-15)).x
 
     coefficients = motion(problem, parameters)
     moves = marker_moves(problem, coefficients, parameters, source)
@@ -231,10 +219,9 @@ def test_the_motion_moves_with_a_marker_coordinate_and_with_the_joint_parameters
     for m, axis in ((0, 1), (17, 2)):
         measured = problem.data.measured.copy()
         measured[m, axis] -= inflated[m, axis]
-        moved = motion(replace(problem, data=replace(problem.data, measured=measured)), parameters) - coefficients
-        np.testing.assert_allclose(
-            moves.coefficients[:, 3 * m + axis], moved.ravel(), rtol=0, atol=LINEAR * float(np.abs(moved).max())
-        )
+        moved = (motion(problem.with_measured(measured), parameters) - coefficients).ravel()
+        column = moves.coefficients[:, 3 * m + axis]
+        np.testing.assert_allclose(column, moved, rtol=0, atol=LINEAR * float(np.abs(moved).max()))
     at = parameters.joint[[JP_INDEX[name] for name in FREE]]
     shifted = parameters.with_joint(FREE, at + source.parameters[:, 0])
     moved = motion(problem, shifted) - coefficients
@@ -264,9 +251,7 @@ def test_columns_of_an_influence_belong_to_sources_by_their_names() -> None:
 
 def test_sources_of_an_influence_stay_apart_when_they_are_compressed() -> None:
     """Many columns of one source become few with the same covariance."""
-    rng = np.random.default_rng(53)
-    parameters = perturbed_parameters(rng)
-    problem, coefficients = random_trial(rng, parameters, frames=14, nodes=7)
+    rng, parameters, problem, coefficients = seeded_trial(53, frames=14, nodes=7)
     names = problem.with_free(FREE).chain.free
     clusters = [*(f"markers/other/{k}" for k in range(90)), *(f"nominal/{name}" for name in names), "skin/found"]
     influence = ErrorSources(names, rng.normal(0, 0.01, (len(names), len(clusters))), tuple(clusters))
@@ -319,12 +304,10 @@ def test_the_source_is_what_more_of_the_penalty_would_do() -> None:
 
 def test_the_source_widens_error_bars() -> None:
     problem, coefficients = smoothed_trial()
-    noisy = problem.with_measured(
-        problem.data.measured + np.random.default_rng(83).normal(0, 1e-4, problem.data.measured.shape)
-    )
-    moves = marker_moves(noisy, solved(noisy, coefficients), PARAMETERS, None)
+    problem = noisy(problem, np.random.default_rng(83), 1e-4)
+    moves = marker_moves(problem, solved(problem, coefficients), PARAMETERS, None)
     without = replace(moves, coefficients=moves.coefficients[:, :-1], own=moves.own[:-1])
-    wide, narrow = (coordinate_standard_errors(noisy, m) for m in (moves, without))
-    bias = noisy.basis.evaluate(moves.coefficients[:, -1].reshape(coefficients.shape))
+    wide, narrow = (coordinate_standard_errors(problem, m) for m in (moves, without))
+    bias = problem.basis.evaluate(moves.coefficients[:, -1].reshape(coefficients.shape))
     np.testing.assert_allclose(wide**2, narrow**2 + bias**2, rtol=1e-9)
     assert (wide > 1.05 * narrow).mean() > 0.2

@@ -15,21 +15,16 @@ from gaitcal.model.parameters import JP_INDEX, JP_NAMES, dynamic_parameters, gai
 from gaitcal.model.subject_model import build_linkage
 from gaitcal.motion.motion import MarkerErrors, Motion
 from gaitcal.synthetic.motion import gait_motion
-from tests.derivatives import Array, assert_derivative, perturbed_parameters
+from tests.derivatives import Array, assert_derivative, perturbed_parameters, random_state
 
 RNG = np.random.default_rng(12)
 FORCE = 1e-9
 """N, N·m: rounding of sums of a few thousand N at lever arms of metres."""
 
 
-def state(frames: int) -> tuple[Array, Array, Array, Array]:
-    q, v, a = (RNG.normal(0, scale, (frames, len(COORDINATES))) for scale in (0.4, 2.0, 9.0))
-    return q, v, a, RNG.normal(0, 300, (frames, 2, 6))
-
-
 def test_forces_agree_with_pinocchio_with_external_forces() -> None:
     parameters = perturbed_parameters(RNG)
-    q, v, a, wrench = state(6)
+    q, v, a, wrench = random_state(RNG, 6)
     forces = Dynamics(parameters).forces(q, v, a, wrench)
     linkage = build_linkage(parameters)
     data = linkage.model.createData()
@@ -44,16 +39,15 @@ def test_forces_agree_with_pinocchio_with_external_forces() -> None:
 
 
 def test_the_residual_force_needs_no_place_of_the_ground_reactions() -> None:
-    dynamics, at = Dynamics(perturbed_parameters(RNG)), state(4)
-    np.testing.assert_allclose(
-        dynamics.residual_force(*at), pelvis_residual(at[0], dynamics.forces(*at))[:, :3], atol=FORCE
-    )
+    dynamics, at = Dynamics(perturbed_parameters(RNG)), random_state(RNG, 4)
+    expected = pelvis_residual(at[0], dynamics.forces(*at))[:, :3]
+    np.testing.assert_allclose(dynamics.residual_force(*at), expected, atol=FORCE)
 
 
 def test_residual_is_the_wrench_that_the_whole_body_needs() -> None:
     """Against the rate of change of momentum about the pelvis origin, laboratory axes."""
     parameters = perturbed_parameters(RNG)
-    q, v, a, _ = state(5)
+    q, v, a, _ = random_state(RNG, 5)
     residual = pelvis_residual(q, Dynamics(parameters).forces(q, v, a, np.zeros((5, 2, 6))))
     linkage = build_linkage(parameters)
     data = linkage.model.createData()
@@ -69,7 +63,7 @@ def test_residual_is_the_wrench_that_the_whole_body_needs() -> None:
 
 def test_regressors_times_parameters_are_forces_and_residual() -> None:
     parameters = perturbed_parameters(RNG)
-    q, v, a, _ = state(5)
+    q, v, a, _ = random_state(RNG, 5)
     dynamics = Dynamics(parameters)
     forces, phi = dynamics.forces(q, v, a, np.zeros((5, 2, 6))), dynamic_parameters(parameters.inertial)
     every = np.einsum("fisk,sk->fi", dynamics.regressor(q, v, a), phi)
@@ -80,7 +74,7 @@ def test_regressors_times_parameters_are_forces_and_residual() -> None:
 
 def test_force_derivatives_by_finite_differences() -> None:
     parameters = perturbed_parameters(RNG)
-    q, v, a, wrench = state(1)
+    q, v, a, wrench = random_state(RNG, 1)
     free = (*leg_parameters("l"), *gait_parameters("r"), "back.trunk.sup", "elbow_r.forearm.front")
     found = force_derivatives(parameters, free, q, v, a, wrench)
     dynamics = Dynamics(parameters)
@@ -97,7 +91,7 @@ def test_force_derivatives_by_finite_differences() -> None:
 def test_force_derivatives_are_those_of_pinocchio() -> None:
     """All joint parameters free, more frames than are worked on together, no ground reaction."""
     parameters = perturbed_parameters(RNG)
-    q, v, a, _ = state(FRAMES_AT_ONCE + 3)
+    q, v, a, _ = random_state(RNG, FRAMES_AT_ONCE + 3)
     found = force_derivatives(parameters, JP_NAMES, q, v, a, np.zeros((len(q), 2, 6)), HELD)
     linkage = build_linkage(parameters, JP_NAMES, reactions=True)
     index = [[linkage.index(name) for name in names] for names in ((*FORCES, *HELD), COORDINATES, found.free)]
@@ -122,14 +116,8 @@ def test_moments_are_the_forces_by_name() -> None:
     model = replace(published_model(), parameters=perturbed_parameters(RNG))
     nf = len(true.basis.time)
     errors = MarkerErrors((), (), np.empty(0), np.empty((nf, 0)))
-    motion = Motion(
-        name="walk",
-        coordinates=COORDINATES,
-        basis=true.basis,
-        coefficients=true.coefficients,
-        errors=errors,
-        converged=True,
-    )
+    shape = {"basis": true.basis, "coefficients": true.coefficients, "errors": errors}
+    motion = Motion(name="walk", coordinates=COORDINATES, converged=True, **shape)
     wrench = RNG.normal(0, 300, (nf, 2, 6))
     forces = Dynamics(model.parameters).forces(motion.q, motion.velocity, motion.acceleration, wrench)
     moments = inverse_dynamics(model, motion, wrench)
@@ -144,7 +132,7 @@ def test_moments_are_the_forces_by_name() -> None:
 
 def test_pelvis_residual_derivatives_by_finite_differences() -> None:
     parameters = perturbed_parameters(RNG)
-    q, v, a, wrench = state(1)
+    q, v, a, wrench = random_state(RNG, 1)
     free = gait_parameters("r")
     found = root_residual(parameters, free, q, v, a, wrench)
 

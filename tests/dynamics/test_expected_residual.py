@@ -19,7 +19,6 @@ from gaitcal.dynamics.expected_residual import (
     residual_magnitudes,
 )
 from gaitcal.dynamics.ground_reactions import GroundReactions
-from gaitcal.dynamics.inverse_dynamics import Moments
 from gaitcal.dynamics.measurement_errors import TorqueErrors
 from gaitcal.io.recording import ForcePlate
 from gaitcal.model.linkage import COORDINATES
@@ -136,14 +135,10 @@ def test_limits_are_shares_of_the_peak_force_and_of_the_height_over_the_floor() 
 
 
 def test_size_of_a_residual_over_valid_frames() -> None:
-    moments = Moments(
-        coordinates=COORDINATES,
-        time=np.arange(3.0),
-        tau=np.zeros((3, len(COORDINATES))),
-        knee_adduction=np.zeros((3, 2)),
+    moments = replace(
+        loads().final,
         residual_force=np.array([[90.0, 0, 0], [3, 4, 0], [0, 0, 1]]),
         residual_moment=np.array([[0.0, 0, 80], [0, 2, 0], [1, 2, 2]]),
-        bwh=1.0,
     )
     size = residual_magnitudes("nominal model", moments, VALID)
     np.testing.assert_allclose(size.force, [90, 5, 1])

@@ -1,6 +1,7 @@
 """Which frames are valid for each leg: its foot wholly on plates of its own, or in the air; told without forces."""
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -52,8 +53,9 @@ def right_foot(toe: float) -> FootPoints:
     return FootPoints(heel=heel, toe=toes, tip=tip, heel_speed=heel_speed, toe_speed=toe_speed)
 
 
-def found(toe: float, *plates: ForcePlate) -> GroundReactions:
-    return ground_reactions_on_feet(plates, TIME, right_foot(toe), cutoff=None)
+def found(toe: float | FootPoints, *plates: ForcePlate, **options: Any) -> GroundReactions:
+    feet = right_foot(toe) if isinstance(toe, float) else toe
+    return ground_reactions_on_feet(plates, TIME, feet, cutoff=None, **options)
 
 
 @pytest.mark.parametrize(
@@ -94,7 +96,7 @@ def test_a_knock_is_no_step() -> None:
 
 
 def test_a_plate_that_the_study_leaves_out_carries_nothing() -> None:
-    reactions = ground_reactions_on_feet([square(0.0)], TIME, right_foot(0.35), cutoff=None, assigned={"1": "none"})
+    reactions = found(0.35, square(0.0), assigned={"1": "none"})
     assert not reactions.wrench.any() and not reactions.valid.any()
     assert reactions.notes == () and reactions.warnings == ()
 
@@ -131,7 +133,7 @@ def test_a_foot_beside_all_plates_spoils_its_own_leg(end: str, corners: bool) ->
     """For a little before and after nothing is known; the other foot, whose load stays under it, is not concerned."""
     feet = left_on_the_floor(right_foot(0.35), 0.45, 0.55, end)
     plate = square(0.0) if corners else replace(square(0.0), corners=None)
-    reactions = ground_reactions_on_feet([plate], TIME, feet, cutoff=None)
+    reactions = found(feet, plate)
     np.testing.assert_array_equal(reactions.valid_l, ~on_the_floor((LANDING, LEAVING)))
     assert reactions.valid_r.all()
     np.testing.assert_array_equal(reactions.valid, STANCE & reactions.valid_l)
@@ -146,9 +148,8 @@ def test_events_that_agree_with_the_plates_tell_when_a_foot_is_on_the_floor(late
     """Between the frames next to them; events of another clock tell nothing."""
     feet = left_on_the_floor(right_foot(0.35), 0.45, 0.55)
     events = (*strike_and_off("r", 0.19 + late / 3, 0.81), *strike_and_off("l", 0.435, 0.605))
-    reactions = ground_reactions_on_feet([square(0.0)], TIME, feet, cutoff=None, events=events)
     around = (0.015, 0.055) if late == 0.0 else (LANDING, LEAVING)
-    np.testing.assert_array_equal(reactions.valid_l, ~on_the_floor(around))
+    np.testing.assert_array_equal(found(feet, square(0.0), events=events).valid_l, ~on_the_floor(around))
 
 
 def left_foot_here(feet: FootPoints, heel: float, moving: bool = False) -> FootPoints:
@@ -162,22 +163,19 @@ def left_foot_here(feet: FootPoints, heel: float, moving: bool = False) -> FootP
 
 
 def test_two_feet_on_one_plate_are_both_not_valid() -> None:
-    reactions = ground_reactions_on_feet([square(0.0)], TIME, left_foot_here(right_foot(0.35), 0.1), cutoff=None)
+    """A foot that swings over the plate of the other shares nothing."""
+    reactions = found(left_foot_here(right_foot(0.35), 0.1), square(0.0))
     together = (TIME > 0.495) & STANCE
     assert not reactions.valid_legs[together].any() and reactions.valid_legs[STANCE & (TIME < 0.41)].all()
     assert any("both feet" in f.found and not f.leg for f in reactions.findings)
-
-
-def test_a_foot_that_swings_over_the_plate_of_the_other_shares_nothing() -> None:
-    feet = left_foot_here(right_foot(0.35), 0.1, moving=True)
-    assert ground_reactions_on_feet([square(0.0)], TIME, feet, cutoff=None).valid_legs.all()
+    assert found(left_foot_here(right_foot(0.35), 0.1, moving=True), square(0.0)).valid_legs.all()
 
 
 def test_without_corners_the_pressure_leaves_the_sole_of_one_foot_where_two_are_on_the_plate() -> None:
     plate, feet = replace(square(0.0), corners=None), left_foot_here(right_foot(0.35), 0.1)
-    assert ground_reactions_on_feet([plate], TIME, feet, cutoff=None).valid_r.all()
+    assert found(feet, plate).valid_r.all()
     between = np.where((TIME > 0.5)[:, None], [0.25, 0.0, -0.08], plate.point)
-    shared = ground_reactions_on_feet([replace(plate, point=between)], TIME, feet, cutoff=None)
+    shared = found(feet, replace(plate, point=between))
     assert not shared.valid_legs[(TIME > 0.505) & STANCE].any() and shared.valid_r[TIME < 0.4].all()
 
 
@@ -189,7 +187,7 @@ def test_one_plate_carries_one_foot_after_the_other() -> None:
         value[TIME > 0.6, 0] = 2.0
     plate = square(0.0)
     point = np.where((TIME > 0.6)[:, None], [0.2, 0.0, -0.2], plate.point)
-    reactions = ground_reactions_on_feet([replace(plate, point=point)], TIME, replace(feet, **speed), cutoff=None)
+    reactions = found(replace(feet, **speed), replace(plate, point=point))
     assert reactions.loaded[TIME < 0.55][:, 1].sum() == 0 and reactions.loaded[(TIME > 0.7) & STANCE, 1].all()
     alone = (TIME > 0.78) & STANCE
     assert reactions.valid_legs[alone].all() and not reactions.wrench[alone, 0].any()
@@ -204,7 +202,7 @@ def along_the_side(aside: float, pressed: float) -> GroundReactions:
         path[:, 0, 2] = aside
     plate = square(0.0, pressed=0.34)
     plate = replace(plate, point=plate.point + [0.0, 0.0, pressed])
-    return ground_reactions_on_feet([plate], TIME, replace(feet, width=0.09, **points), cutoff=None)
+    return found(replace(feet, width=0.09, **points), plate)
 
 
 @pytest.mark.parametrize(("pressed", "valid"), [(0.2, True), (0.245, False)])
@@ -227,8 +225,7 @@ def test_a_heel_beside_its_plate_is_lost_while_it_rests_though_the_sole_is_not()
     feet = replace(feet, heel_speed=speed)
     sole = sole_of(feet, 0, slice(0, len(TIME)))
     assert sole.share_of(sole.beside([square(0.0)])).max() < 0.1
-    reactions = ground_reactions_on_feet([square(0.0, pressed=0.15)], TIME, feet, cutoff=None)
-    np.testing.assert_array_equal(reactions.valid, STANCE & lifted)
+    np.testing.assert_array_equal(found(feet, square(0.0, pressed=0.15)).valid, STANCE & lifted)
 
 
 @pytest.mark.parametrize(("begin", "end"), [(0.25, 0.8), (0.2, 0.75)])
@@ -242,8 +239,7 @@ def test_a_foot_beside_its_plate_is_lost_before_and_after_the_plate_reads(begin:
         lost, feet = (TIME > 0.2 - LANDING + 1e-6) & (TIME < 0.405), replace(feet, heel_speed=speed)
     else:
         lost = (TIME > 0.295) & (TIME < 0.8 + LEAVING - 1e-6)
-    reactions = ground_reactions_on_feet([plate], TIME, feet, cutoff=None)
-    np.testing.assert_array_equal(reactions.valid_r, ~lost)
+    np.testing.assert_array_equal(found(feet, plate).valid_r, ~lost)
 
 
 def test_toes_that_reach_a_little_onto_the_plate_of_the_other_foot_share_nothing() -> None:
@@ -251,8 +247,7 @@ def test_toes_that_reach_a_little_onto_the_plate_of_the_other_foot_share_nothing
     feet = left_foot_here(right_foot(0.449), 0.6)
     plates = [square(0.0), square(0.5, "2", pressed=0.15)]
     plates[1] = replace(plates[1], point=plates[1].point + [0.0, 0.0, -0.2])
-    assert feet.tip[0, 0, 0] > 0.52
-    assert ground_reactions_on_feet(plates, TIME, feet, cutoff=None).valid_r.all()
+    assert feet.tip[0, 0, 0] > 0.52 and found(feet, *plates).valid_r.all()
 
 
 def test_a_small_gap_between_plates_is_no_floor() -> None:
@@ -268,9 +263,7 @@ def test_a_small_gap_between_plates_is_no_floor() -> None:
     + [(name, "") for name in ("pelvis_tilt", "lumbar_bending", "arm_flex_r", "elbow_flex_l")],
 )
 def test_what_belongs_to_a_leg_is_valid_by_its_foot(name: str, side: str) -> None:
-    reactions = ground_reactions_on_feet(
-        [square(0.0)], TIME, left_on_the_floor(right_foot(0.35), 0.4, 0.5), cutoff=None
-    )
+    reactions = found(left_on_the_floor(right_foot(0.35), 0.4, 0.5), square(0.0))
     expected = {"r": reactions.valid_r, "l": reactions.valid_l, "": reactions.valid}[side]
     assert leg_of(name) == side
     np.testing.assert_array_equal(reactions.valid_for(name), expected)

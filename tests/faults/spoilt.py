@@ -22,7 +22,7 @@ from gaitcal.study.settings import CalibrationSettings
 from gaitcal.study.study import Study
 from gaitcal.study.study_trial import Role, Trial
 from gaitcal.synthetic.motion import gait_motion, isolated_motion, static_motion
-from tests.synthetic_studies import made_plates, made_recording
+from tests.synthetic_studies import made_plates, made_recording, only
 
 Array = NDArray[np.float64]
 Change = Callable[[Recording], Recording]
@@ -135,12 +135,7 @@ def relabelled(old: str, new: str) -> Change:
 
 def without(*labels: str) -> Change:
     """Some markers not recorded."""
-
-    def spoil(recording: Recording) -> Recording:
-        kept = [i for i, label in enumerate(recording.labels) if label not in labels]
-        return replace(recording, labels=tuple(recording.labels[i] for i in kept), markers=recording.markers[:, kept])
-
-    return spoil
+    return lambda r: only(r, lambda label: label not in labels)
 
 
 def plates(change: Callable[[ForcePlate], ForcePlate], number: int | None = None) -> Change:

@@ -15,6 +15,7 @@ from gaitcal.model.marker_set import MarkerSet, load_marker_set
 from gaitcal.model.nominal import PUBLISHED, nominal_model, published_model
 from gaitcal.model.parameters import Parameters
 from gaitcal.model.subject_model import Subject, SubjectModel
+from tests.synthetic_studies import only
 
 
 @dataclass(frozen=True)
@@ -109,6 +110,4 @@ def mirrored(recording: Recording) -> Recording:
 
 
 def without(recording: Recording, *labels: str) -> Recording:
-    """The recording without some markers."""
-    kept = [i for i, label in enumerate(recording.labels) if label not in labels]
-    return replace(recording, labels=tuple(recording.labels[i] for i in kept), markers=recording.markers[:, kept])
+    return only(recording, lambda label: label not in labels)

@@ -10,22 +10,21 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from gaitcal.arrays import Array
-from gaitcal.errors import InputError
 from gaitcal.io.formats import read_recording
 from gaitcal.io.recording import still_window
 from gaitcal.model.ankle_zero import AnkleZero, StandingAnkles, standing_ankles
 from gaitcal.model.chain import axis_rotation
 from gaitcal.model.landmarks import StaticPosture, static_posture
 from gaitcal.model.marker_set import MarkerSet, load_marker_set
-from gaitcal.model.nominal import PUBLISHED, nominal_model
+from gaitcal.model.nominal import PUBLISHED
 from gaitcal.model.present_markers import complete_static, present_markers
 from gaitcal.model.segment_frames import Frame, HipCentre, lower_body
 from gaitcal.model.subject_model import Subject
 from gaitcal.model.trunk import MIDLINE, Trunk, neck_above_shoulders, trunk_of
 from gaitcal.motion.motion import track
 from gaitcal.motion.spline import NodeRule
-from gaitcal.study.settings import CalibrationSettings
-from tests.model.people import PEOPLE, published_static
+from tests.model.people import PEOPLE, from_published, published_static
+from tests.refusal import refusal
 
 SAME_DEG = 1e-9
 VENDOR_DEG = 3.0
@@ -36,20 +35,24 @@ def published_posture() -> StaticPosture:
     return static_posture(published_static(), load_marker_set("published"), slice(0, 1))
 
 
-def displaced(posture: StaticPosture, **by: tuple[float, float, float]) -> StaticPosture:
+def displaced(posture: StaticPosture, by: dict[str, Array]) -> StaticPosture:
     """Landmarks moved by m."""
-    moved = {name: posture.landmarks[name] + np.array(shift) for name, shift in by.items()}
-    return replace(posture, landmarks={**posture.landmarks, **moved})
+    moved = {name: posture.landmarks[name] + d for name, d in by.items()}
+    return replace(posture, landmarks=posture.landmarks | moved)
 
 
-def with_heel_raised(posture: StaticPosture, side: str, degrees: float) -> StaticPosture:
-    """One foot's markers turned about its toe marker, heel up; the ankle keeps its place (the knee gives way)."""
-    toe, heel = posture.landmarks[f"toe_{side}"], posture.landmarks[f"heel_{side}"]
-    c, s = np.cos(np.deg2rad(degrees)), np.sin(np.deg2rad(degrees))
-    x, y, z = heel - toe
-    turned = toe + np.array([c * x + s * y, -s * x + c * y, z])
-    assert turned[1] > heel[1]
-    return replace(posture, landmarks={**posture.landmarks, f"heel_{side}": turned})
+def feet(low_m: float = 0.0) -> StaticPosture:
+    """The published subject standing, its heel markers lower by so many m."""
+    down = np.array([0.0, -low_m, 0.0])
+    return displaced(published_posture(), {"heel_r": down, "heel_l": down})
+
+
+def turned_foot(posture: StaticPosture, end: str, degrees: float, about: Array | None = None) -> StaticPosture:
+    """A landmark of a foot turned in the sagittal plane, toes up, about the other end of the foot or a point."""
+    other = {"heel": "toe", "toe": "heel"}[end[:-2]] + end[-2:]
+    centre = posture.landmarks[other] if about is None else about
+    arm = posture.landmarks[end] - centre
+    return displaced(posture, {end: axis_rotation(2, np.deg2rad(degrees)) @ arm - arm})
 
 
 def ankles(posture: StaticPosture, rule: AnkleZero, file: dict[str, float] | None = None) -> StandingAnkles:
@@ -61,42 +64,34 @@ def degrees(found: StandingAnkles) -> list[float]:
     return [float(np.rad2deg(found.dorsiflexion[side])) for side in "rl"]
 
 
+def change(after: StandingAnkles, before: StandingAnkles) -> Array:
+    """deg, right and left."""
+    return np.subtract(degrees(after), degrees(before))
+
+
 def test_the_height_of_the_heel_marker_does_not_matter_to_a_sole_on_the_floor() -> None:
     """15 mm lower on both feet: 3 degrees by the markers, none by the sole."""
-    flat = published_posture()
-    low = displaced(flat, heel_r=(0, -0.015, 0), heel_l=(0, -0.015, 0))
-    assert degrees(ankles(low, AnkleZero.AUTO)) == pytest.approx(degrees(ankles(flat, AnkleZero.AUTO)), abs=SAME_DEG)
+    flat, low = feet(), feet(0.015)
+    assert change(ankles(low, AnkleZero.AUTO), ankles(flat, AnkleZero.AUTO)) == pytest.approx([0, 0], abs=SAME_DEG)
     slope = np.rad2deg(np.arctan2(0.015, np.linalg.norm((flat.landmarks["toe_r"] - flat.landmarks["heel_r"])[[0, 2]])))
-    by_markers = np.subtract(degrees(ankles(low, AnkleZero.MARKERS)), degrees(ankles(flat, AnkleZero.MARKERS)))
+    by_markers = change(ankles(low, AnkleZero.MARKERS), ankles(flat, AnkleZero.MARKERS))
     assert by_markers == pytest.approx([slope, slope], abs=0.05)
 
 
 @pytest.mark.parametrize("side", ["r", "l"])
-@pytest.mark.parametrize("low_m", [0.0, 0.015])
-def test_a_raised_heel_is_plantarflexed_by_what_it_is_raised(side: str, low_m: float) -> None:
+@pytest.mark.parametrize(("end", "turn", "low_m"), [("heel", -15.0, 0.0), ("heel", -15.0, 0.015), ("toe", 12.0, 0.0)])
+def test_a_foot_is_flexed_by_what_its_heel_or_toes_are_raised(end: str, turn: float, low_m: float, side: str) -> None:
     """The other foot tells how the markers lie to the sole."""
-    flat = displaced(published_posture(), heel_r=(0, -low_m, 0), heel_l=(0, -low_m, 0))
-    at, before = "rl".index(side), ankles(flat, AnkleZero.AUTO)
-    after = ankles(with_heel_raised(flat, side, 15.0), AnkleZero.AUTO)
-    assert degrees(after)[at] - degrees(before)[at] == pytest.approx(-15.0, abs=0.1)
-    assert degrees(after)[1 - at] == pytest.approx(degrees(before)[1 - at], abs=SAME_DEG)
-    assert "its heel seems off the floor; its markers" in after.notes[0]
-
-
-def test_a_foot_on_its_heel_is_dorsiflexed_by_what_its_toes_are_raised() -> None:
-    flat = published_posture()
-    heel, toe = flat.landmarks["heel_r"], flat.landmarks["toe_r"]
-    along, degree = toe - heel, np.deg2rad(12.0)
-    c, s = np.cos(degree), np.sin(degree)
-    up = heel + np.array([c * along[0] - s * along[1], s * along[0] + c * along[1], along[2]])
-    raised = ankles(replace(flat, landmarks={**flat.landmarks, "toe_r": up}), AnkleZero.AUTO)
-    before = degrees(ankles(flat, AnkleZero.AUTO))
-    assert np.subtract(degrees(raised), before) == pytest.approx([12.0, 0.0], abs=0.1)
-    assert "its toes seem off the floor" in raised.notes[0]
+    flat = feet(low_m)
+    before = ankles(flat, AnkleZero.AUTO)
+    after = ankles(turned_foot(flat, f"{end}_{side}", turn), AnkleZero.AUTO)
+    own, other = change(after, before)[:: 1 if side == "r" else -1]
+    assert own == pytest.approx(turn, abs=0.1) and other == pytest.approx(0.0, abs=SAME_DEG)
+    assert f"its {'toes seem' if end == 'toe' else 'heel seems'} off the floor; its markers" in after.notes[0]
 
 
 def test_two_high_heels_are_left_as_their_markers_are_unless_the_file_tells() -> None:
-    high = with_heel_raised(with_heel_raised(published_posture(), "r", 20.0), "l", 20.0)
+    high = turned_foot(turned_foot(published_posture(), "heel_r", -20.0), "heel_l", -20.0)
     auto = ankles(high, AnkleZero.AUTO)
     assert degrees(auto) == degrees(ankles(high, AnkleZero.MARKERS)) != degrees(ankles(high, AnkleZero.SOLE))
     assert "its heel seems off the floor; the line" in auto.notes[0]
@@ -114,23 +109,18 @@ def told_flat(posture: StaticPosture) -> dict[str, float]:
 def on_forefeet(posture: StaticPosture, degrees: float) -> StaticPosture:
     """Both feet's markers turned about the ankles' centres, toes down."""
     legs = lower_body(posture, PUBLISHED.height, HipCentre.BELL)
-    turn = axis_rotation(2, -np.deg2rad(degrees))
-    turned = {
-        f"{end}_{s}": c + turn @ (posture.landmarks[f"{end}_{s}"] - c)
-        for s in "rl"
-        for end in ("heel", "toe")
-        for c in [legs.centres[f"ajc_{s}"]]
-    }
-    return replace(posture, landmarks={**posture.landmarks, **turned})
+    for end in ("heel_r", "toe_r", "heel_l", "toe_l"):
+        posture = turned_foot(posture, end, -degrees, about=legs.centres[f"ajc_{end[-1]}"])
+    return posture
 
 
 @pytest.mark.parametrize("low_m", [0.0, 0.015])
 def test_feet_on_their_forefeet_are_plantarflexed_as_the_file_tells(low_m: float) -> None:
     """Its angle is that of the foot's markers, and stays when the foot turns; heel markers tell less."""
-    flat = displaced(published_posture(), heel_r=(0, -low_m, 0), heel_l=(0, -low_m, 0))
+    flat = feet(low_m)
     told = told_flat(flat)
     before, after = ankles(flat, AnkleZero.AUTO, told), ankles(on_forefeet(flat, 10.0), AnkleZero.AUTO, told)
-    assert np.subtract(degrees(after), degrees(before)) == pytest.approx([-10.0, -10.0], abs=0.5)
+    assert change(after, before) == pytest.approx([-10.0, -10.0], abs=0.5)
     assert not before.doubts and set(after.doubts) == {"r", "l"}
     assert "10 deg more plantarflexed" in after.doubts["r"] and "10 deg from a sole on the floor" in after.notes[0]
     for rule in (AnkleZero.SOLE, AnkleZero.MARKERS, AnkleZero.FILE):
@@ -152,8 +142,8 @@ def test_a_file_angle_is_that_of_ankle_and_toe_with_the_foot() -> None:
 
 
 def test_a_file_without_angles_cannot_be_followed() -> None:
-    with pytest.raises(InputError, match=r"ankle_zero = 'file': the static trial has no static plantarflexion angle"):
-        ankles(published_posture(), AnkleZero.FILE, {"r": 3.0})
+    said = refusal(ankles, published_posture(), AnkleZero.FILE, {"r": 3.0})
+    assert "ankle_zero = 'file': the static trial has no static plantarflexion angle" in said
 
 
 def test_only_the_zero_of_the_ankle_changes() -> None:
@@ -163,48 +153,38 @@ def test_only_the_zero_of_the_ankle_changes() -> None:
     markers = static.markers.copy()
     markers[:, low, 1] -= 0.015
     static = replace(static, markers=markers)
-    marker_set = load_marker_set("published")
-    q, models = {}, {}
-    for rule in (AnkleZero.SOLE, AnkleZero.MARKERS):
-        model = nominal_model(static, marker_set, PUBLISHED, ankle_zero=rule)
-        q[rule], models[rule] = track(model, static, rule=NodeRule(fixed=6)), model
-    a, b = models.values()
+    a, b = (from_published(static, ankle_zero=rule) for rule in (AnkleZero.SOLE, AnkleZero.MARKERS))
     np.testing.assert_array_equal(a.parameters.joint, b.parameters.joint)
     np.testing.assert_array_equal(a.parameters.inertial, b.parameters.inertial)
-    one, other = q.values()
+    one, other = (track(model, static, rule=NodeRule(fixed=6)) for model in (a, b))
     moved = np.rad2deg(other.q - one.q)
     at = [one.coordinates.index(f"ankle_angle_{s}") for s in "rl"]
     assert np.abs(np.delete(moved, at, axis=1)).max() < 1e-6
     assert (moved[:, at] > 2.5).all()
 
 
-VENDOR = {
-    "pig_c3d/static.c3d": ("plug-in-gait", 1.79),
-    **{f"children/{c}/static.c3d": ("plug-in-gait", h) for c, h in (("HC002D", 1.45), ("HC030A", 1.48))},
-    **{f"children/{c}/static.c3d": ("plug-in-gait", h) for c, h in (("HC031A", 1.33), ("HC032A", 1.58))},
-}
-
-
-@pytest.mark.parametrize("file", VENDOR)
-def test_standing_ankles_as_the_laboratory_has_them(file: str, data_dir: Path) -> None:
+@pytest.mark.parametrize(
+    ("folder", "height"),
+    [
+        ("pig_c3d", 1.79),
+        ("children/HC002D", 1.45),
+        ("children/HC030A", 1.48),
+        ("children/HC031A", 1.33),
+        ("children/HC032A", 1.58),
+    ],
+)
+def test_standing_ankles_as_the_laboratory_has_them(folder: str, height: float, data_dir: Path) -> None:
     """Within a few degrees of the ankle angles that Plug-in Gait computed of the same static trial."""
-    name, height = VENDOR[file]
-    marker_set = load_marker_set(name)
-    static = complete_static(marker_set.renamed(read_recording(data_dir / file)), marker_set)
+    file, marker_set = data_dir / folder / "static.c3d", load_marker_set("plug-in-gait")
+    static = complete_static(marker_set.renamed(read_recording(file)), marker_set)
     marker_set = present_markers(marker_set, static)
     posture = static_posture(static, marker_set, still_window(static, marker_set.labels).frames)
     legs = lower_body(posture, height, HipCentre.HARRINGTON)
     found = degrees(standing_ankles(posture, legs, static.facts.static_plantarflexion, AnkleZero.AUTO))
-    points = ezc3d.c3d(str(data_dir / file))
+    points = ezc3d.c3d(str(file))
     labels = [label.split(":")[-1] for label in points["parameters"]["POINT"]["LABELS"]["value"]]
     angles = [np.nanmean(points["data"]["points"][0, labels.index(f"{s}AnkleAngles")]) for s in "RL"]
     assert found == pytest.approx(angles, abs=VENDOR_DEG)
-
-
-def test_the_published_protocol_keeps_the_markers() -> None:
-    assert CalibrationSettings().ankle_rule == "auto"
-    assert CalibrationSettings(protocol="published").ankle_rule == "markers"
-    assert CalibrationSettings(protocol="published", ankle_zero="sole").ankle_rule == "sole"
 
 
 ROUNDING = 1e-12
@@ -266,8 +246,7 @@ def test_derived_shoulders_lie_where_de_leva_has_them() -> None:
     middle = 0.5 * (found.shoulders["sjc_r"] + found.shoulders["sjc_l"]) - LUMBAR
     np.testing.assert_allclose(middle, [0.0, 0.45 - neck_above_shoulders(PERSON), 0.0], atol=ROUNDING)
     assert (found.shoulders["sjc_r"] - found.shoulders["sjc_l"])[2] == pytest.approx(2 * 0.165 / 1.70 * PERSON.height)
-    assert found.seen
-    assert "no acromion is known" in found.notes[0]
+    assert found.seen and "no acromion is known" in found.notes[0]
 
 
 @pytest.mark.parametrize("lost", ["acromion_r", "acromion_l"])
@@ -277,8 +256,7 @@ def test_a_lost_acromion_is_the_mirror_image_of_the_other(lost: str) -> None:
     part = trunk(tuple(n for n in PLACES if n != lost), turn)
     for side in ("sjc_r", "sjc_l"):
         np.testing.assert_allclose(part.shoulders[side], whole.shoulders[side], atol=ROUNDING)
-    assert "mirror image" in part.notes[0]
-    assert LABELS[lost] in part.notes[0]
+    assert "mirror image" in part.notes[0] and LABELS[lost] in part.notes[0]
 
 
 def test_markers_without_names_stand_under_shoulders_of_the_nominal_subject() -> None:
@@ -310,11 +288,9 @@ def test_a_mislabelled_midline_is_not_believed() -> None:
 
 def without_acromia(marker_set: MarkerSet) -> MarkerSet:
     gone = {label for side in "rl" for label in marker_set.landmarks[f"acromion_{side}"]}
-    return replace(
-        marker_set,
-        landmarks={n: labels for n, labels in marker_set.landmarks.items() if not n.startswith("acromion")},
-        tracking={s: tuple(m for m in labels if m not in gone) for s, labels in marker_set.tracking.items()},
-    )
+    landmarks = {n: labels for n, labels in marker_set.landmarks.items() if not n.startswith("acromion")}
+    tracking = {s: tuple(m for m in labels if m not in gone) for s, labels in marker_set.tracking.items()}
+    return replace(marker_set, landmarks=landmarks, tracking=tracking)
 
 
 @pytest.mark.parametrize("name", ["plug-in-gait", "functional"])

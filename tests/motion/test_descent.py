@@ -1,5 +1,6 @@
 """The one iteration: minima of plain functions, and an ending that says what happened, through all that use it."""
 
+from collections.abc import Container
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -72,24 +73,22 @@ class _Uphill(_Rosenbrock):
         return Evaluation(plain.cost, -plain.gradient)
 
 
-@pytest.mark.parametrize("settings", [DescentSettings(), DescentSettings(first_damping=1e-3, keep_within=0.0)])
-@pytest.mark.parametrize("start", [(-1.2, 1.0), (3.0, -4.0)])
-def test_the_minimum_of_a_curved_valley_is_found(settings: DescentSettings, start: tuple[float, float]) -> None:
+@pytest.mark.parametrize(
+    ("settings", "endings"),
+    [
+        (DescentSettings(), Ending),
+        (DescentSettings(first_damping=1e-3, keep_within=0.0), Ending),
+        # with damping of 1e9 the first steps gain next to nothing: that says nothing of the minimum
+        (DescentSettings(first_damping=1e9), Ending),
+        (DescentSettings(gain=0.0, shortest_step=1e-3), (Ending.SHORT_STEP, Ending.NOTHING_LEFT)),
+    ],
+)
+@pytest.mark.parametrize("start", [(-1.2, 1.0), (3.0, -4.0), (0.9, 0.8)])
+def test_the_minimum_of_a_curved_valley_is_found(
+    settings: DescentSettings, endings: Container[Ending], start: tuple[float, float]
+) -> None:
     end = descend(_Rosenbrock(), np.array(start), settings)
-    assert end.converged
-    np.testing.assert_allclose(end.x, [1.0, 1.0], atol=1e-6)
-
-
-def test_steps_that_damping_makes_small_do_not_end_it() -> None:
-    """With damping of 1e9 the first steps gain next to nothing: that says nothing of the minimum."""
-    end = descend(_Rosenbrock(), np.array([-1.2, 1.0]), DescentSettings(first_damping=1e9))
-    assert end.converged
-    np.testing.assert_allclose(end.x, [1.0, 1.0], atol=1e-6)
-
-
-def test_a_short_last_step_is_taken() -> None:
-    end = descend(_Rosenbrock(), np.array([0.9, 0.8]), DescentSettings(gain=0.0, shortest_step=1e-3))
-    assert end.ending in (Ending.SHORT_STEP, Ending.NOTHING_LEFT)
+    assert end.converged and end.ending in endings
     np.testing.assert_allclose(end.x, [1.0, 1.0], atol=1e-6)
 
 
@@ -114,6 +113,8 @@ def test_every_step_uphill_is_told() -> None:
     assert (impatient.ending, impatient.converged) == (Ending.SLOW, False)
     few = descend(_Uphill(), start, DescentSettings(most_steps=3))
     assert (few.ending, few.steps) == (Ending.MOST_STEPS, 3)
+    lost = descend(_Rosenbrock(), np.array([np.nan, 1.0]), DescentSettings())
+    assert lost.ending is Ending.NOT_FINITE
 
 
 class _Saddle(_Rosenbrock):
@@ -145,14 +146,6 @@ def test_no_step_that_raises_the_cost_converges(damping: float) -> None:
         assert descend(_Step(), np.zeros(2), settings).ending is Ending.NO_DESCENT
 
 
-def test_what_is_not_finite_is_told() -> None:
-    end = descend(_Rosenbrock(), np.array([np.nan, 1.0]), DescentSettings())
-    assert end.ending is Ending.NOT_FINITE
-
-
-# ------------------------------------------------------------------------------- through everything that iterates
-
-
 @pytest.fixture
 def uphill(monkeypatch: pytest.MonkeyPatch) -> tuple[MotionProblem, Array]:
     """A trial whose gradients all point the wrong way, and where to start."""
@@ -172,33 +165,18 @@ def uphill(monkeypatch: pytest.MonkeyPatch) -> tuple[MotionProblem, Array]:
     return problem, true + rng.normal(0, 0.05, true.shape)
 
 
-def test_tracking_says_so(uphill: tuple[MotionProblem, Array]) -> None:
-    problem, start = uphill
-    found = track_nodes(
-        problem, problem.constants(published_model().parameters), start, DescentSettings(curved_tries=0)
-    )
-    assert (found.ending, found.converged) == (Ending.NO_DESCENT, False)
-
-
-def test_a_far_start_says_so(uphill: tuple[MotionProblem, Array]) -> None:
+def test_everything_that_iterates_says_so(uphill: tuple[MotionProblem, Array]) -> None:
+    """Tracking, a far start, the reduced problem and a re-fit."""
     problem, start = uphill
     parameters = published_model().parameters
-    p = problem.with_free(KNEE).values(parameters)
-    _, _, found = step_together([problem], parameters, KNEE, [start], p)
-    assert (found.ending, found.converged) == (Ending.NO_DESCENT, False)
-    assert SharedMotions([problem], parameters, KNEE).evaluate(np.concatenate([p, start.ravel()])).cost == found.cost
-
-
-def test_the_reduced_problem_says_so(uphill: tuple[MotionProblem, Array]) -> None:
-    problem, start = uphill
-    parameters = published_model().parameters
-    reduced = ReducedProblem([problem], parameters, KNEE, [start], DescentSettings(curved_tries=0))
-    p = problem.with_free(KNEE).values(parameters)
-    assert not reduced.at(p).trials[0].converged
-    assert not reduced.settle(p).trials[0].converged
-
-
-def test_a_re_fit_says_so(uphill: tuple[MotionProblem, Array]) -> None:
-    problem, start = uphill
-    found = refit(problem, problem.constants(published_model().parameters), start, MonteCarloSettings())
-    assert found.failure == Ending.NO_DESCENT.value
+    constants, p = problem.constants(parameters), problem.with_free(KNEE).values(parameters)
+    settings = DescentSettings(curved_tries=0)
+    tracked = track_nodes(problem, constants, start, settings)
+    _, _, together = step_together([problem], parameters, KNEE, [start], p)
+    for found in (tracked, together):
+        assert (found.ending, found.converged) == (Ending.NO_DESCENT, False)
+    shared = SharedMotions([problem], parameters, KNEE).evaluate(np.concatenate([p, start.ravel()]))
+    assert shared.cost == together.cost
+    reduced = ReducedProblem([problem], parameters, KNEE, [start], settings)
+    assert not reduced.at(p).trials[0].converged and not reduced.settle(p).trials[0].converged
+    assert refit(problem, constants, start, MonteCarloSettings()).failure == Ending.NO_DESCENT.value

@@ -15,7 +15,7 @@ from gaitcal.motion.joint_floor import MOST_FRAMES, joint_floor
 from gaitcal.motion.marker_residual import MarkerData, PlacedMarkers, marker_positions
 from gaitcal.motion.motion import motion_of, rigid_floor, tracked_motion
 from gaitcal.motion.trial_problem import MotionProblem
-from tests.derivatives import perturbed_parameters, random_trial, seeded_trial
+from tests.derivatives import noisy, perturbed_parameters, random_trial, seeded_trial, without_segments
 
 NOISE = 0.008
 """m, of each marker coordinate."""
@@ -24,11 +24,6 @@ EXACT = 1e-5
 STOPPED = {"knee_r": 1e-3, "ankle_r": 1e-2}
 """Of the RMS: the descent ends with a step that gains 1e-3 of the cost; two hinges side by side take short steps."""
 ROUNDING = 1e-9
-
-
-def noisy(problem: MotionProblem, seed: int, size: float = NOISE) -> MotionProblem:
-    rng = np.random.default_rng(seed)
-    return problem.with_measured(problem.data.measured + rng.normal(0.0, size, problem.data.measured.shape))
 
 
 def ends(joint: str) -> tuple[str, str]:
@@ -60,7 +55,7 @@ def test_every_joint_finds_its_own_place() -> None:
 def test_between_rigid_segments_and_the_whole_linkage(equal: bool) -> None:
     """Also where markers have weights of their own, and where they are missing for a while."""
     rng, true, problem, coefficients = seeded_trial(3, frames=40, per_segment=3)
-    problem = noisy(problem, 4)
+    problem = noisy(problem, np.random.default_rng(4), NOISE)
     weight = problem.data.weight.copy()
     if not equal:
         weight *= rng.uniform(0.1, 1.0, (len(weight), 1))
@@ -92,7 +87,7 @@ def test_two_markers_a_segment_lead_nowhere() -> None:
     weight = problem.data.weight.copy()
     for s in range(1, len(problem.chain.segments)):
         weight[np.flatnonzero(problem.data.segment == s)[2:]] = 0.0
-    problem = noisy(problem, seed, 0.005).with_weight(weight)
+    problem = noisy(problem, np.random.default_rng(seed)).with_weight(weight)
     linkage = tracked_motion(problem, true)
     floor = joint_floor(problem, true, linkage.q)
     for joint, reached in floor.joints.items():
@@ -109,7 +104,7 @@ def test_one_joint_is_its_own_least_squares(joint: str) -> None:
     """All unknowns of all frames at once, by SciPy with differences, for a trial of that joint alone."""
     segments = {"knee_r": ("thigh_r", "shank_r"), "ankle_r": ("shank_r", "talus_r", "foot_r")}[joint]
     _, true, problem, coefficients = seeded_trial(5, frames=14, nodes=8, root=segments[0], segments=segments)
-    problem = noisy(problem, 6, 0.003)
+    problem = noisy(problem, np.random.default_rng(6), 0.003)
     floor = joint_floor(problem, true, problem.basis.evaluate(coefficients))
     chain = chain_of(segments[0], segments, JP_NAMES)
     q = problem.basis.evaluate(coefficients)
@@ -132,7 +127,7 @@ def test_one_joint_is_its_own_least_squares(joint: str) -> None:
 def test_a_marker_shares_its_weight_among_its_joints() -> None:
     """The hip in the whole body is the hip alone, its pelvis markers a third as heavy, its thigh markers half."""
     _, parameters, problem, coefficients = seeded_trial(12, frames=30, per_segment=3)
-    problem, q = noisy(problem, 13), problem.basis.evaluate(coefficients)
+    problem, q = noisy(problem, np.random.default_rng(13), NOISE), problem.basis.evaluate(coefficients)
     floor = joint_floor(problem, parameters, q)
     chain = chain_of("pelvis", ("pelvis", "thigh_r"))
     kept = np.array([problem.chain.segments[s] in chain.segments for s in problem.data.segment])
@@ -152,11 +147,7 @@ def test_a_marker_shares_its_weight_among_its_joints() -> None:
 
 def test_a_segment_without_markers_has_no_joint() -> None:
     _, parameters, problem, coefficients = seeded_trial(7, frames=30, per_segment=3)
-    problem = noisy(problem, 8)
-    weight = problem.data.weight.copy()
-    shank, arm = (problem.chain.segments.index(s) for s in ("shank_r", "upper_arm_l"))
-    weight[np.isin(problem.data.segment, [shank, arm])] = 0.0
-    problem = problem.with_weight(weight)
+    problem = without_segments(noisy(problem, np.random.default_rng(8), NOISE), "shank_r", "upper_arm_l")
     floor = joint_floor(problem, parameters, problem.basis.evaluate(coefficients))
     assert not {"knee_r", "ankle_r", "shoulder_l", "elbow_l"} & set(floor.joints)
     assert {"hip_r", "hip_l", "back", "elbow_r"} <= set(floor.joints)
@@ -164,7 +155,7 @@ def test_a_segment_without_markers_has_no_joint() -> None:
     assert hand not in floor.segments and floor.rms(hand) is None
     rigid, at = rigid_floor(problem), np.array([s == hand for s in floor.errors.segments])
     np.testing.assert_allclose(floor.errors.distance[:, at], rigid.distance[:, at], rtol=ROUNDING, atol=0)
-    alone = replace(problem, data=replace(problem.data, weight=np.where(problem.data.segment[:, None] == 0, weight, 0)))
+    alone = without_segments(problem, *problem.chain.segments[1:])
     assert joint_floor(alone, parameters, problem.basis.evaluate(coefficients)) is None
 
 
@@ -173,7 +164,7 @@ def test_long_trials_are_looked_at_in_steps() -> None:
     parameters = perturbed_parameters(rng)
     segments = ("thigh_r", "shank_r")
     problem, coefficients = random_trial(rng, parameters, frames=1000, root="thigh_r", segments=segments)
-    problem = noisy(problem, 10)
+    problem = noisy(problem, np.random.default_rng(10), NOISE)
     floor = joint_floor(problem, parameters, problem.basis.evaluate(coefficients))
     seen = np.flatnonzero(np.isfinite(floor.errors.distance).all(axis=1))
     assert len(seen) == MOST_FRAMES and seen[0] == 0 and seen[-1] == 999

@@ -9,21 +9,10 @@ from gaitcal.model.subject_model import build_linkage
 from gaitcal.motion.banded import ArrowEquations, BandFactor, NormalEquations, SharedPrior
 from gaitcal.motion.marker_residual import frame_equations
 from gaitcal.motion.trial_problem import MotionProblem
-from tests.derivatives import Array, central_differences, perturbed_parameters, random_trial
+from tests.derivatives import Array, central_differences, from_band, perturbed_parameters, random_trial, with_gaps
 
 DERIVATIVE = 1e-7
 """Relative to the largest entry: what central differences of step 1e-6 can tell."""
-
-
-def dense(equations: NormalEquations) -> Array:
-    """H_qq as a full matrix."""
-    n, width = equations.band.shape
-    full = np.zeros((n, n))
-    for k in range(width):
-        values = equations.band[: n - k, k]
-        full[np.arange(k, n), np.arange(n - k)] = values
-        full[np.arange(n - k), np.arange(k, n)] = values
-    return full
 
 
 def residual(problem: MotionProblem, parameters: object, coefficients: Array, p: Array) -> Array:
@@ -38,8 +27,7 @@ def test_normal_equations_are_those_of_the_residual() -> None:
     parameters = perturbed_parameters(rng)
     segments = ("pelvis", "thigh_r", "shank_r", "talus_r", "foot_r")
     problem, true = random_trial(rng, parameters, free=gait_parameters("r"), frames=30, nodes=7, segments=segments)
-    weight = rng.uniform(0.2, 2.0, problem.data.weight.shape) * (rng.random(problem.data.weight.shape) > 0.2)
-    problem = problem.with_weight(weight)
+    problem = with_gaps(problem, rng)
     coefficients = true + rng.normal(0, 0.02, true.shape)
     p = problem.values(parameters) + rng.normal(0, 0.01, len(problem.chain.free))
     at = parameters.with_joint(problem.chain.free, p)
@@ -52,7 +40,7 @@ def test_normal_equations_are_those_of_the_residual() -> None:
     for found, wanted in (
         (equations.node_gradient.ravel(), by_nodes.T @ r),
         (equations.parameter_gradient, by_p.T @ r),
-        (dense(equations), by_nodes.T @ by_nodes),
+        (from_band(equations.band), by_nodes.T @ by_nodes),
         (equations.mixed, by_nodes.T @ by_p),
         (equations.parameters, by_p.T @ by_p),
     ):
@@ -86,9 +74,8 @@ def test_frame_hessian_is_the_mass_matrix_of_markers_as_point_masses() -> None:
         mass = np.triu(pin.crba(linkage.model, data, full, pin.Convention.WORLD))
         mass = (mass + np.triu(mass, 1).T)[np.ix_(order, order)]
         ours = np.zeros_like(mass)
-        ours[pairs.first, pairs.second] = ours[pairs.second, pairs.first] = found.products()[f][
-            pairs.shallow, pairs.deep
-        ]
+        products = found.products()[f][pairs.shallow, pairs.deep]
+        ours[pairs.first, pairs.second] = ours[pairs.second, pairs.first] = products
         np.testing.assert_allclose(ours, mass, rtol=0, atol=1e-13 * np.abs(mass).max())
 
 
@@ -133,7 +120,7 @@ def test_the_arrow_is_solved_as_the_dense_matrix_is(damping: float, known: bool)
     whole, gradient = np.zeros((SIZE + 2 * n, SIZE + 2 * n)), np.zeros(SIZE + 2 * n)
     for k, (one, own) in enumerate(zip(trials, COLUMNS, strict=True)):
         coefficients = np.arange(SIZE + k * n, SIZE + (k + 1) * n)
-        matrices: tuple[Array, Array] = dense(one), one.parameters
+        matrices: tuple[Array, Array] = from_band(one.band), one.parameters
         whole[np.ix_(coefficients, coefficients)], corner = (m + damping * np.diag(np.diag(m)) for m in matrices)
         whole[np.ix_(own, own)] += corner
         whole[np.ix_(coefficients, own)], whole[np.ix_(own, coefficients)] = one.mixed, one.mixed.T
@@ -162,16 +149,10 @@ def test_halves_and_wholes_are_those_of_the_dense_matrix(size: int, width: int, 
     rng = np.random.default_rng(size)
     band = rng.normal(size=(size, width))
     band[:, 0] = 3 * width
-    dense = np.zeros((size, size))
-    for d in range(width):
+    for d in range(1, width):
         band[size - d :, d] = 0.0
-        dense += np.diag(band[: size - d, d], -d) + (np.diag(band[: size - d, d], d) if d else 0.0)
+    dense = from_band(band)
     right = rng.normal(size=size if columns is None else (size, columns))
     factor, lower = BandFactor(band), np.linalg.cholesky(dense)
-    pairs = (
-        (factor.solve(right), np.linalg.solve(dense, right)),
-        (factor.forward(right), np.linalg.solve(lower, right)),
-        (factor.backward(right), np.linalg.solve(lower.T, right)),
-    )
-    for ours, theirs in pairs:
-        np.testing.assert_allclose(ours, theirs, rtol=0, atol=ROUNDING)
+    for solve, matrix in ((factor.solve, dense), (factor.forward, lower), (factor.backward, lower.T)):
+        np.testing.assert_allclose(solve(right), np.linalg.solve(matrix, right), rtol=0, atol=ROUNDING)

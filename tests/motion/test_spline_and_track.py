@@ -1,5 +1,6 @@
 """Splines against SciPy, tracking against a dense SciPy reference, starts, gaps, headings, curvature and memory."""
 
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -14,11 +15,9 @@ from gaitcal.motion.descent import DescentSettings
 from gaitcal.motion.motion import track_nodes
 from gaitcal.motion.rigid import rigid_distances, rigid_fit
 from gaitcal.motion.spline import NodeRule, cutoff, spline_basis, to_bspline
-from gaitcal.motion.start import starting_nodes
 from gaitcal.motion.trial_problem import MotionProblem
 from scripts.tools.benchmark import tasks
-from tests.derivatives import Array, assert_derivative, seeded_trial
-from tests.motion.test_marker_equations import dense
+from tests.derivatives import Array, assert_derivative, from_band, noisy, seeded_trial, started, with_gaps
 
 
 @given(st.integers(6, 40), st.integers(30, 120), st.integers(0, 2**31))
@@ -56,11 +55,8 @@ def test_effective_cutoff_is_where_the_fit_passes_71_percent() -> None:
 @pytest.mark.parametrize("zero", [False, True])
 def test_tracking_recovers_a_motion_exactly(zero: bool) -> None:
     _, parameters, problem, true = seeded_trial(8, frames=80, nodes=12)
-    constants = problem.constants(parameters)
-    if zero:
-        start = np.zeros_like(true)
-    else:
-        start = starting_nodes(problem.chain, constants, problem.data, problem.basis)
+    constants, start = started(problem, parameters)
+    start = np.zeros_like(true) if zero else start
     result = track_nodes(problem, constants, start, DescentSettings(first_damping=1e-3 if zero else 0.0))
     assert result.converged
     assert np.sqrt(result.cost / problem.data.weight.sum()) < 1e-12
@@ -74,9 +70,7 @@ def test_any_heading_is_tracked(heading: float, seed: int) -> None:
     turn = axis_rotation(1, heading)
     turned = np.einsum("ij,mjf->mif", turn, problem.data.measured) + np.array([3.0, 0.0, -2.0])[None, :, None]
     problem = problem.with_measured(turned)
-    constants = problem.constants(parameters)
-    start = starting_nodes(problem.chain, constants, problem.data, problem.basis)
-    result = track_nodes(problem, constants, start)
+    result = track_nodes(problem, *started(problem, parameters))
     # The turned motion lies in the spline space only as far as Euler angles turn with it.
     assert np.sqrt(result.cost / problem.data.weight.sum()) < 0.005
 
@@ -105,24 +99,23 @@ def misplaced_trial() -> tuple[MotionProblem, ChainConstants, Array]:
     wrong = np.arange(len(local)) % 3 == 0
     local[wrong] += 0.3 * rng.normal(size=(int(wrong.sum()), 3))
     weight[wrong] = 0.05
-    problem = replace(
-        problem, data=replace(problem.data, placed=replace(problem.data.placed, local=local), weight=weight)
-    )
-    constants = problem.constants(parameters)
-    return problem, constants, starting_nodes(problem.chain, constants, problem.data, problem.basis)
+    placed = replace(problem.data.placed, local=local)
+    problem = replace(problem, data=replace(problem.data, placed=placed, weight=weight))
+    return problem, *started(problem, parameters)
 
 
 def test_the_curved_matrix_is_the_derivative_of_the_gradient() -> None:
     """With weights that change and markers that are missing."""
     rng, parameters, problem, true = seeded_trial(41, frames=25, nodes=7)
-    weight = rng.uniform(0.2, 2.0, problem.data.weight.shape) * (rng.random(problem.data.weight.shape) > 0.2)
-    problem, constants = problem.with_weight(weight), problem.constants(parameters)
+    problem, constants = with_gaps(problem, rng), problem.constants(parameters)
     coefficients = true + rng.normal(0, 0.05, true.shape)
     found = problem.equations(coefficients, constants, curved=True)
     plain = problem.equations(coefficients, constants)
-    assert_derivative(
-        dense(found), lambda x: problem.gradient(x.reshape(coefficients.shape), constants)[1], coefficients.ravel()
-    )
+
+    def gradient(x: Array) -> Array:
+        return problem.gradient(x.reshape(coefficients.shape), constants)[1]
+
+    assert_derivative(from_band(found.band), gradient, coefficients.ravel())
     np.testing.assert_array_equal(found.node_gradient, plain.node_gradient)
     assert np.abs(found.band - plain.band).max() > 1e-3 * np.abs(plain.band).max()  # far above the tolerance
 
@@ -150,30 +143,29 @@ FEW = 14
 """Steps; it takes 11, and 17 with factors that are never given up."""
 
 
-def noisy_trial() -> tuple[MotionProblem, object, Array]:
+def noisy_trial() -> tuple[MotionProblem, ChainConstants, Array]:
     rng, parameters, problem, _ = seeded_trial(30, frames=80, nodes=10)
-    measured = problem.data.measured + rng.normal(0, 0.005, problem.data.measured.shape)
-    problem = replace(problem, data=replace(problem.data, measured=measured))
-    constants = problem.constants(parameters)
-    return problem, constants, starting_nodes(problem.chain, constants, problem.data, problem.basis)
+    problem = noisy(problem, rng)
+    return problem, *started(problem, parameters)
 
 
 def test_the_last_steps_form_no_matrix(monkeypatch: pytest.MonkeyPatch) -> None:
     problem, constants, start = noisy_trial()
     calls: list[str] = []
-    for name in ("equations", "gradient"):
+
+    def counted(name: str) -> Callable[..., object]:
         plain = getattr(MotionProblem, name)
-        monkeypatch.setattr(
-            MotionProblem, name, lambda *a, plain=plain, name=name, **k: (calls.append(name), plain(*a, **k))[1]
-        )
-    kept = track_nodes(problem, constants, start)  # type: ignore[arg-type]
+        return lambda *a, **k: (calls.append(name), plain(*a, **k))[1]
+
+    for name in ("equations", "gradient"):
+        monkeypatch.setattr(MotionProblem, name, counted(name))
+    kept = track_nodes(problem, constants, start)
     with_keeping = list(calls)
     calls.clear()
-    fresh = track_nodes(problem, constants, start, DescentSettings(keep_within=0.0))  # type: ignore[arg-type]
-    assert with_keeping[-1] == "gradient"
-    assert "gradient" not in calls
+    fresh = track_nodes(problem, constants, start, DescentSettings(keep_within=0.0))
+    assert with_keeping[-1] == "gradient" and "gradient" not in calls
     assert with_keeping.count("equations") < calls.count("equations")
-    exact = track_nodes(problem, constants, fresh.x, DescentSettings(gain=1e-15))  # type: ignore[arg-type]
+    exact = track_nodes(problem, constants, fresh.x, DescentSettings(gain=1e-15))
     for found in (kept, fresh):
         assert found.converged
         np.testing.assert_allclose(found.x, exact.x, rtol=0, atol=SAME)
@@ -183,10 +175,9 @@ def test_a_kept_factor_that_no_longer_serves_is_formed_anew() -> None:
     """Kept from however far away, the end is the same: too slow a step asks for a new matrix."""
     problem, constants, start = noisy_trial()
     far = start + np.random.default_rng(31).normal(0, 0.3, start.shape)
-    exact = track_nodes(problem, constants, start, DescentSettings(gain=1e-15))  # type: ignore[arg-type]
-    found = track_nodes(problem, constants, far, DescentSettings(gain=1e-10, keep_within=np.inf))  # type: ignore[arg-type]
-    assert found.converged
-    assert found.steps < FEW
+    exact = track_nodes(problem, constants, start, DescentSettings(gain=1e-15))
+    found = track_nodes(problem, constants, far, DescentSettings(gain=1e-10, keep_within=np.inf))
+    assert found.converged and found.steps < FEW
     np.testing.assert_allclose(found.x, exact.x, rtol=0, atol=SAME)
 
 
@@ -212,5 +203,4 @@ def test_large_matrices_are_factored_in_place(monkeypatch: pytest.MonkeyPatch, f
 def test_memory_of_a_long_recording() -> None:
     short, long = (tasks.usage(frames, 100.0) for frames in (5_000, 20_000))
     assert long["rms_mm"] < 2.5
-    assert long["peak_gib"] - short["peak_gib"] < SLOPE_GIB
-    assert long["peak_gib"] < 0.8
+    assert long["peak_gib"] < min(0.8, short["peak_gib"] + SLOPE_GIB)

@@ -6,11 +6,11 @@ import numpy as np
 
 from gaitcal.model.chain import forward, segment_poses
 from gaitcal.model.parameters import published_subject
-from gaitcal.motion.marker_residual import PlacedMarkers, marker_positions
+from gaitcal.motion.marker_residual import MarkerData, PlacedMarkers, marker_positions
 from gaitcal.motion.motion import track_nodes
 from gaitcal.motion.rigid import SegmentMoments, rigid_fit
-from gaitcal.motion.start import starting_coordinates, starting_nodes
-from tests.derivatives import random_trial, seeded_trial
+from gaitcal.motion.start import starting_coordinates
+from tests.derivatives import Array, random_trial, seeded_trial, started, without_segments
 
 ROUNDING = 1e-11
 """m, rad: fits of a few markers, in doubles."""
@@ -37,22 +37,20 @@ def test_all_segments_together_are_each_fitted_as_alone() -> None:
 def test_two_markers_and_the_joint_before_them_place_an_arm() -> None:
     """A rigid fit asks for three markers; the turns of elbow and shoulder are found from two all the same."""
     _, parameters, problem, true = seeded_trial(21, frames=40, nodes=8)
-    arms = [k for k, s in enumerate(problem.chain.segments) if "arm" in s]
     place = np.zeros(len(problem.data.segment), dtype=int)
-    for s in arms:
+    for s in (k for k, name in enumerate(problem.chain.segments) if "arm" in name):
         place[problem.data.segment == s] = np.arange(4)
-    kept = place < 2
-    data = replace(
-        problem.data,
-        placed=PlacedMarkers(problem.data.segment[kept], problem.data.local[kept]),
-        measured=problem.data.measured[kept],
-        weight=problem.data.weight[kept],
-    )
+    data = with_markers(problem.data, np.flatnonzero(place < 2))
     found = starting_coordinates(problem.chain, problem.constants(parameters), data)
     off = np.abs(found - problem.basis.evaluate(true))
     columns = [k for k, name in enumerate(problem.chain.coordinates) if name.startswith(("arm", "elbow"))]
-    assert len(columns) == 6
-    assert off[:, columns].max() < SETTLED
+    assert len(columns) == 6 and off[:, columns].max() < SETTLED
+
+
+def with_markers(data: MarkerData, kept: Array) -> MarkerData:
+    """Some of the markers."""
+    placed = PlacedMarkers(data.segment[kept], data.local[kept])
+    return replace(data, placed=placed, measured=data.measured[kept], weight=data.weight[kept])
 
 
 def test_a_turn_past_half_a_circle_is_one_motion_about_the_least_angles() -> None:
@@ -69,11 +67,8 @@ def test_a_turn_past_half_a_circle_is_one_motion_about_the_least_angles() -> Non
 def test_a_segment_lost_for_a_while_is_bridged() -> None:
     """The shank is not seen in the middle of the trial: its knee is interpolated there and the foot still follows."""
     _, parameters, problem, true = seeded_trial(22, frames=60, nodes=8)
-    weight = problem.data.weight.copy()
-    weight[problem.data.segment == problem.chain.segments.index("shank_r"), 20:30] = 0.0
-    gappy, constants = problem.with_weight(weight), problem.constants(parameters)
-    start = starting_nodes(gappy.chain, constants, gappy.data, gappy.basis)
-    result = track_nodes(gappy, constants, start)
+    gappy = without_segments(problem, "shank_r", frames=slice(20, 30))
+    result = track_nodes(gappy, *started(gappy, parameters))
     np.testing.assert_allclose(problem.basis.evaluate(result.x), problem.basis.evaluate(true), atol=1e-8)
 
 
@@ -85,21 +80,15 @@ def test_two_markers_in_disorder_do_not_turn_a_thigh_about_itself() -> None:
     constants = problem.constants(parameters)
     local = problem.data.local.copy()
     local[of_thigh[:2]] = [[0.0, -0.2, 0.03], [0.0, -0.4, 0.0]]
-    measured = marker_positions(
-        problem.chain, constants, PlacedMarkers(problem.data.segment, local), problem.basis.evaluate(true)
-    )
-    axes, _ = segment_poses(problem.chain, constants, forward(problem.chain, constants, problem.basis.evaluate(true)))
+    q, placed = problem.basis.evaluate(true), PlacedMarkers(problem.data.segment, local)
+    measured = marker_positions(problem.chain, constants, placed, q)
+    axes, _ = segment_poses(problem.chain, constants, forward(problem.chain, constants, q))
     measured[of_thigh[0]] -= 0.06 * axes[thigh][:, 2]
-    kept = np.setdiff1d(np.arange(len(local)), of_thigh[2:])
-    data = replace(
-        problem.data,
-        placed=PlacedMarkers(problem.data.segment[kept], local[kept]),
-        measured=measured[kept],
-        weight=problem.data.weight[kept],
-    )
-    found = starting_coordinates(problem.chain, constants, data)
+    data = replace(problem.data, placed=placed, measured=measured)
+    few = with_markers(data, np.setdiff1d(np.arange(len(local)), of_thigh[2:]))
+    found = starting_coordinates(problem.chain, constants, few)
     k = list(problem.chain.coordinates).index("hip_rotation_r")
-    assert np.abs(found[:, k] - problem.basis.evaluate(true)[:, k]).max() < np.deg2rad(60.0)
+    assert np.abs(found[:, k] - q[:, k]).max() < np.deg2rad(60.0)
 
 
 def test_a_foot_of_two_markers_in_disorder_does_not_start_upside_down() -> None:

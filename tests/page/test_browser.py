@@ -12,7 +12,7 @@ from PIL import Image
 from gaitcal.cli import view as view_command
 from gaitcal.cli.console import Console
 from gaitcal.cli.view import ViewServer
-from gaitcal.page import view as view_page
+from gaitcal.page import bone_files
 from gaitcal.page.scene import Scene
 from gaitcal.page.view import Shown, page_html
 from gaitcal.results.calibration import write_page
@@ -179,7 +179,7 @@ def test_bones_veil_an_axis_and_do_not_hide_it(visit: Visit, html: Path) -> None
 def test_without_bones_the_page_says_how_to_get_them(
     visit: Visit, scene: Scene, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(view_page, "installed_bones", lambda: None)
+    monkeypatch.setattr(bone_files, "installed_bones", lambda: None)
     page = paused(visit(written_page(tmp_path, scene)))
     assert page.run("document.getElementById('show-bones').disabled")
     assert "pip install 'gaitcal[bones]'" in page.run("document.getElementById('toggles').textContent")

@@ -2,11 +2,12 @@
 
 import json
 from pathlib import Path
+from typing import Any
 
 import pandas as pd
 import pytest
 
-from gaitcal.errors import ConvergenceError, InputError, UsageError
+from gaitcal.errors import ConvergenceError, UsageError
 from gaitcal.io.snapshot import Snapshot
 from gaitcal.page.monte_carlo import PART
 from gaitcal.page.page_data import PAGE_DATA, calibration_page_data, read_page_data
@@ -16,6 +17,7 @@ from gaitcal.results.calibration import PAGE, SCENE, write_page
 from tests import commands
 from tests.fake_result import fake_calibration
 from tests.page.people import walking_scene
+from tests.refusal import refusal
 
 NO_TRIALS = [{"name": trial.name, "curves": [], "every": 1, "strides": []} for trial in walking_scene().trials]
 """Nothing is drawn here."""
@@ -40,21 +42,22 @@ def run(*words: object) -> str:
 def test_a_study_and_its_tables(tmp_path: Path) -> None:
     small = ("--draws", 3, "--levels", "50,100", "--jobs", 1)
     told = run(tmp_path, *small, "--grf", "foot")
-    assert "carried with the foot" in told
-    assert "joint parameters dominate (lab): not judged: 3 draws" in told
+    for words in (
+        "carried with the foot",
+        "joint parameters dominate (lab): not judged: 3 draws",
+        "published 4.14, here 0.",
+        "draws: 24, of which 24 in this run and 0 not converged",
+    ):
+        assert words in told
     assert "left out of" not in told
-    assert "published 4.14, here 0." in told
-    assert "draws: 24, of which 24 in this run and 0 not converged" in told
     table = pd.read_csv(tmp_path / "montecarlo" / "montecarlo.csv")
     assert set(table["grf"].dropna()) == {"lab", "foot"}
     assert (tmp_path / "montecarlo" / "contributions.csv").exists()
     assert "of which 0 in this run" in run(tmp_path, *small)
     expected = run(tmp_path, "--expect", 4)
-    assert "a marker RMS of 4 mm corresponds to JP at" in expected
-    assert "corresponds to NP at" in expected
+    assert "a marker RMS of 4 mm corresponds to JP at" in expected and "corresponds to NP at" in expected
     assert run(tmp_path, *small, "-q") == ""
-    with pytest.raises(InputError, match="seed = 0, not 4"):
-        run(tmp_path, *small, "--seed", 4)
+    assert "seed = 0, not 4" in refusal(run, tmp_path, *small, "--seed", 4)
 
 
 @pytest.mark.slow
@@ -65,14 +68,13 @@ def test_the_page_beside_it_gets_the_study(case: MonteCarloCase, tmp_path: Path)
     write_page(tmp_path, walking_scene(), calibration_page_data(whole) | {"trials": NO_TRIALS})
     scene = (tmp_path / SCENE).read_bytes()
     assert f"page: {tmp_path / PAGE}, preset Trust" in run(tmp_path, *small)
-    before = read_page_data(tmp_path / PAGE_DATA)["sections"]["trust"]
-    assert [block for block in before if block.get("part") == PART]
+    before, own = trust(tmp_path)
+    assert own
     summary = {"trials": {case.name: {"rms_mm": {"calibrated": 9.0}, "pelvis_and_legs_mm": {"calibrated": 5.8}}}}
     (tmp_path / "summary.json").write_text(json.dumps(summary), encoding="utf-8")
     run(tmp_path, *small)
-    after = read_page_data(tmp_path / PAGE_DATA)["sections"]["trust"]
-    assert [b for b in after if b.get("part") != PART] == [b for b in before if b.get("part") != PART]
-    assert "5.8 mm" in json.dumps([b for b in after if b.get("part") == PART])
+    after, own = trust(tmp_path)
+    assert after == before and "5.8 mm" in json.dumps(own)
     assert "5.8 mm" in (tmp_path / PAGE).read_text(encoding="utf-8")
     assert (tmp_path / SCENE).read_bytes() == scene
     (tmp_path / PAGE_DATA).write_text("{}", encoding="utf-8")
@@ -104,6 +106,12 @@ def test_not_converged_is_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) 
     monkeypatch.setattr("gaitcal.published.study.MOST_DRAWS", 25)
     with pytest.raises(ConvergenceError, match="not converged after 25 draws"):
         run(tmp_path, "--vary", "ip", "--levels", 100, "--draws", 21, "--jobs", 1, "--until-converged")
+
+
+def trust(folder: Path) -> tuple[list[Any], list[Any]]:
+    """Blocks of the page's section Trust: the others, and those of the study."""
+    blocks = read_page_data(folder / PAGE_DATA)["sections"]["trust"]
+    return [b for b in blocks if b.get("part") != PART], [b for b in blocks if b.get("part") == PART]
 
 
 CHOICES = ", ".join(str(choice.value) for choice in ParameterChoice)

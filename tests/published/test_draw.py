@@ -28,8 +28,7 @@ from gaitcal.published.draw import (
     torque_column,
 )
 from gaitcal.published.protocol import MonteCarloSettings, ParameterChoice, ReactionFrame, Varied
-from tests.derivatives import Array, perturbed_parameters
-from tests.motion.test_marker_equations import dense
+from tests.derivatives import Array, from_band, perturbed_parameters
 
 TORQUE = 1e-9
 """N·m: rounding of sums of a few thousand N at lever arms of metres."""
@@ -103,7 +102,7 @@ def test_record_of_a_draw_against_whole_body_dynamics(context: MonteCarloContext
     constants = problem.constants(parameters)
     coefficients = case.coefficients
     for _ in range(60):  # plain Newton from the undisturbed motion, with a fresh matrix every time
-        matrix = dense(problem.equations(coefficients, constants))
+        matrix = from_band(problem.equations(coefficients, constants).band)
         step = np.linalg.solve(matrix, problem.gradient(coefficients, constants)[1].ravel())
         coefficients = coefficients - step.reshape(coefficients.shape)
         if np.abs(step).max() < 1e-8:
@@ -115,10 +114,8 @@ def test_record_of_a_draw_against_whole_body_dynamics(context: MonteCarloContext
     np.testing.assert_allclose(recorded(found.values, ReactionFrame.LAB, "mean"), error.mean(0), **within)
     apart = 1e3 * np.linalg.norm(problem.positions(coefficients, constants) - data.measured, axis=1)
     left = [i for i, label in enumerate(context.problem.labels) if label.startswith("L.") and _on_leg(context, i)]
-    assert found.values[COLUMNS.index(marker_column("l", "rms"))] == pytest.approx(
-        np.sqrt((apart[left] ** 2).mean()), abs=1e-4
-    )
-    assert found.values[COLUMNS.index(marker_column("l", "mean"))] == pytest.approx(apart[left].mean(), abs=1e-4)
+    for measure, wanted in (("rms", np.sqrt((apart[left] ** 2).mean())), ("mean", apart[left].mean())):
+        assert found.values[COLUMNS.index(marker_column("l", measure))] == pytest.approx(wanted, abs=1e-4)
     assert found.failure == ""
 
 
@@ -155,9 +152,8 @@ def test_other_choices_of_parameters(case: MonteCarloCase, context: MonteCarloCo
     some = MonteCarloContext(case, MonteCarloSettings(parameters=choice))
     found = draw(some, Varied.JP, 25, 0)
     assert found.failure == ""
-    changed, by_published = (
-        recorded(d.values, ReactionFrame.LAB, "rms") > 0 for d in (found, draw(context, Varied.JP, 25, 0))
-    )
+    both = (found, draw(context, Varied.JP, 25, 0))
+    changed, by_published = (recorded(d.values, ReactionFrame.LAB, "rms") > 0 for d in both)
     assert changed.any() and (changed == by_published).all()
     moved = np.abs(some.sensitivity).max(axis=(0, 1))
     carrying = {joint.name for segment in case.markers.segments for joint in joints_above(segment)}
@@ -190,35 +186,24 @@ def test_bounds_are_published_and_configurable() -> None:
     doubled = MonteCarloSettings(position_mm=20.0, orientation_deg=20.0)
     np.testing.assert_allclose(doubled.joint_bounds, 2 * bounds)
     fifty = sample(Varied.IP, 100, 3, MonteCarloSettings(inertial_percent=50.0)).inertial
-    ten = sample(Varied.IP, 100, 3).inertial
-    assert fifty is not None and ten is not None
-    np.testing.assert_allclose(fifty, 5 * ten)
+    np.testing.assert_allclose(fifty, 5 * sample(Varied.IP, 100, 3).inertial)
 
 
 def test_noise_is_the_published_sinusoid() -> None:
-    waves = [sample(Varied.NOISE, 50, k).noise for k in range(20)]
-    noise = np.stack([w for w in waves if w is not None])
-    assert noise.shape == (20, 41, 3, 208)
-    assert np.abs(noise).max() <= 0.005
-    assert np.abs(noise).max() > 0.0045
+    noise = np.stack([sample(Varied.NOISE, 50, k).noise for k in range(20)])
+    assert noise.shape == (20, 41, 3, 208) and 0.0045 < np.abs(noise).max() <= 0.005
 
 
 def test_a_stream_depends_on_seed_set_level_and_number() -> None:
     first = sample(Varied.JP, 100, 7).joint
-    again = sample(Varied.JP, 100, 7).joint
-    assert first is not None and again is not None
-    np.testing.assert_array_equal(first, again)
-    others = [
-        sample(Varied.JP, 100, 8),
-        sample(Varied.BOTH, 100, 7),
-        sample(Varied.JP, 100, 7, MonteCarloSettings(seed=1)),
-    ]
-    for other in others:
-        assert other.joint is not None
-        assert not np.isclose(first, other.joint).any()
-    half = sample(Varied.JP, 50, 7).joint
-    assert half is not None
-    assert not np.isclose(first, 2 * half).any()
+    np.testing.assert_array_equal(first, sample(Varied.JP, 100, 7).joint)
+    for other in (
+        sample(Varied.JP, 100, 8).joint,
+        sample(Varied.BOTH, 100, 7).joint,
+        sample(Varied.JP, 100, 7, MonteCarloSettings(seed=1)).joint,
+        2 * sample(Varied.JP, 50, 7).joint,
+    ):
+        assert not np.isclose(first, other).any()
 
 
 NODES = 3e-7

@@ -58,12 +58,9 @@ def test_distributions() -> None:
     row = levels_of(table, Varied.JP, "knee_angle_l", ReactionFrame.FOOT).iloc[-1]
     good = draws[(draws["set"] == "jp") & (draws["level"] == 100) & (draws["failure"] == "")]
     values = good["knee_angle_l.foot.rms"].to_numpy()
-    assert row["level"] == 100
-    assert (row["draws"], row["failed"]) == (397, 3)
-    assert row["average"] == pytest.approx(values.mean())
-    assert [row[f"p{p}"] for p in (10, 25, 50, 75, 90)] == pytest.approx(
-        np.percentile(values, [10, 25, 50, 75, 90]).tolist()
-    )
+    wanted = {"level": 100, "draws": 397, "failed": 3, "average": values.mean()}
+    wanted |= {f"p{p}": np.percentile(values, p) for p in (10, 25, 50, 75, 90)}
+    assert {name: row[name] for name in wanted} == pytest.approx(wanted)
     signed = levels_of(table, Varied.JP, "knee_angle_l", ReactionFrame.FOOT, "mean").iloc[-1]
     sizes = levels_of(table, Varied.JP, "knee_angle_l", ReactionFrame.FOOT, "abs_mean").iloc[-1]
     assert abs(signed["average"]) < 0.2 * sizes["average"]
@@ -88,10 +85,8 @@ def test_settling_is_the_published_criterion() -> None:
 def test_expectation_from_a_marker_distance() -> None:
     table = statistics(made_up())
     jp, noise = expect(table, 4.5)
-    assert (jp.varied, noise.varied) == (Varied.JP, Varied.NOISE)
-    assert jp.level == pytest.approx(4.5 / 0.12, rel=0.02)
-    assert noise.level == pytest.approx(4.5 / 0.06, rel=0.02)
-    assert not jp.beyond
+    assert (jp.varied, noise.varied, jp.beyond) == (Varied.JP, Varied.NOISE, False)
+    assert (jp.level, noise.level) == pytest.approx((4.5 / 0.12, 4.5 / 0.06), rel=0.02)
     knee = jp.torques[(jp.torques["torque"] == "knee_angle_l") & (jp.torques["grf"] == "lab")].iloc[0]
     assert knee["average"] == pytest.approx(0.01 * jp.level, rel=0.02)
     assert knee["p10"] < knee["p50"] < knee["p90"]
@@ -105,60 +100,59 @@ def test_expectation_from_a_marker_distance() -> None:
     assert expect(statistics(made_up(sets=("ip",))), 4.0) == ()
 
 
+def refuted(table: pd.DataFrame) -> set[str]:
+    return {c.claim for c in conclusions(table) if not c.holds}
+
+
+def scaled(table: pd.DataFrame, factor: float, *sets: str, quantity: str = "") -> pd.DataFrame:
+    """Averages of some sets, and of one quantity or all, times a factor."""
+    chosen = table["set"].isin(sets) & table["quantity"].str.startswith(quantity)
+    return table.assign(average=table["average"].where(~chosen, factor * table["average"]))
+
+
 def test_conclusions_hold_where_they_do_and_fail_where_they_do_not() -> None:
     table = statistics(made_up())
     found = conclusions(table)
-    assert len(found) == 8
-    assert {c.verdict for c in found} == {"holds"}
+    assert [c.verdict for c in found] == ["holds"] * 8
     assert ": 10." in next(c.numbers for c in found if c.claim == "joint parameters dominate")
     assert "limit 0.25" in next(c.numbers for c in found if c.claim == "marker noise matters little")
-    worse = table.copy()
-    worse.loc[worse["set"] == "ip", ["average"]] *= 20
-    assert {c.claim for c in conclusions(worse) if not c.holds} == {
-        "joint parameters dominate",
-        "inertial parameters matter little",
-        "no interaction",
-    }
-    noisy = table.copy()
-    noisy.loc[(noisy["set"] == "noise") & (noisy["quantity"] == "hip_flexion_l"), "average"] *= 3
-    assert {c.claim for c in conclusions(noisy) if not c.holds} == {"marker noise matters little"}
+    inertial = {"joint parameters dominate", "inertial parameters matter little", "no interaction"}
+    assert refuted(scaled(table, 20, "ip")) == inertial
+    noisy = scaled(table, 3, "noise", quantity="hip_flexion_l")
+    assert refuted(noisy) == {"marker noise matters little"}
     assert (noisy[noisy["set"] == "noise"]["average"].max()) < table[table["set"] == "jp"]["average"].max()
-    smaller = table.copy()  # noise is far below the IP's limit, but joint parameters are smaller still
-    smaller.loc[smaller["set"].isin(("jp", "both")), "average"] *= 0.05
-    assert "marker noise matters little" in {c.claim for c in conclusions(smaller) if not c.holds}
-    mingled = table.copy()
-    mingled.loc[mingled["set"] == "both", "average"] *= 1.17
-    assert {c.claim for c in conclusions(mingled) if not c.holds} == {"no interaction"}
+    # noise is far below the IP's limit, but joint parameters are smaller still
+    assert "marker noise matters little" in refuted(scaled(table, 0.05, "jp", "both"))
+    assert refuted(scaled(table, 1.17, "both")) == {"no interaction"}
     assert conclusions(statistics(made_up(sets=("noise",)))) == ()
 
 
-def test_few_draws_are_not_judged() -> None:
+def verdicts(table: pd.DataFrame) -> dict[str, str]:
+    return {c.claim: c.verdict for c in conclusions(table)}
+
+
+def test_few_draws_and_an_interaction_that_chance_could_make_are_not_judged() -> None:
     few = conclusions(statistics(made_up(FEWEST - 1)))
     assert {(c.holds, c.verdict) for c in few} == {(None, f"not judged: {FEWEST - 1} draws")}
     assert all(c.numbers for c in few)
-    assert {c.verdict for c in conclusions(statistics(made_up(FEWEST)))} == {"holds"}
+    table = statistics(made_up(FEWEST))
+    assert set(verdicts(table).values()) == {"holds"}
     draws = made_up(FEWEST)
     draws.loc[(draws["set"] == "noise") & (draws["draw"] == 0), "failure"] = "did not settle"
-    told = {c.claim: c.verdict for c in conclusions(statistics(draws))}
+    told = verdicts(statistics(draws))
     assert told["marker noise matters little"] == f"not judged: {FEWEST - 1} draws"
     assert told["no interaction"] == "holds"
-
-
-def test_an_interaction_that_chance_could_make_is_not_judged() -> None:
-    """Far more scatter than in `made_up`, so that three standard errors are wider than the limit."""
-    table = statistics(made_up(FEWEST))
+    # far more scatter than in `made_up`, so that three standard errors are wider than the limit
     table.loc[table["set"] == "both", "sd"] = 0.5 * table["average"]
-    told = {c.claim: c.verdict for c in conclusions(table)}
-    assert told["no interaction"] == f"not judged: {FEWEST} draws"
-    assert told["joint parameters dominate"] == "holds"
+    assert verdicts(table)["no interaction"] == f"not judged: {FEWEST} draws"
+    assert verdicts(table)["joint parameters dominate"] == "holds"
 
 
 def test_published_figures_stand_beside_ours_only_where_they_mean_the_same() -> None:
     table = statistics(made_up())
     flexion, inertial = PUBLISHED[0], PUBLISHED[-1]
     ours = beside(table, flexion, MonteCarloSettings())
-    assert ours[ReactionFrame.LAB] == pytest.approx(1.0, rel=0.02)
-    assert ours[ReactionFrame.FOOT] == pytest.approx(2.0, rel=0.02)
+    assert ours == pytest.approx({ReactionFrame.LAB: 1.0, ReactionFrame.FOOT: 2.0}, rel=0.02)
     assert beside(table, inertial, MonteCarloSettings()) == {}
     assert set(beside(table, inertial, MonteCarloSettings(inertial_percent=50.0))) == set(ReactionFrame)
     assert beside(statistics(made_up(levels=(25, 50))), flexion, MonteCarloSettings()) == {}
@@ -201,9 +195,8 @@ def test_one_parameter_alone_causes_what_the_table_says(context: MonteCarloConte
     step = 0.05 * context.settings.joint_bounds[k]
     torques = []
     for sign in (1.0, -1.0):
-        parameters = case.parameters.with_joint(
-            context.names, context.joint_values + sign * step * (np.arange(len(context.names)) == k)
-        )
+        change = sign * step * (np.arange(len(context.names)) == k)
+        parameters = case.parameters.with_joint(context.names, context.joint_values + change)
         constants = context.problem.constants(parameters)
         found = refit(context.problem, constants, case.coefficients, context.settings)
         torques.append(leg_torques(parameters, context.basis, found.coefficients, case.wrench, context.feet)[0])
@@ -216,12 +209,8 @@ def test_boxes_are_the_percentiles() -> None:
     table = statistics(made_up(draws=60))
     figure = boxplot_figure(table, ReactionFrame.FOOT)
     axes = np.array(figure.axes).reshape(len(TORQUES) + 1, 4)
-    assert [a.get_title() for a in axes[0]] == [
-        "joint parameters (JP)",
-        "inertial parameters (IP)",
-        "JP and IP",
-        "marker noise (NP)",
-    ]
+    titles = "joint parameters (JP), inertial parameters (IP), JP and IP, marker noise (NP)"
+    assert ", ".join(a.get_title() for a in axes[0]) == titles
     row = levels_of(table, Varied.NOISE, "knee_adduction_l", ReactionFrame.FOOT).iloc[1]
     cell = axes[TORQUES.index("knee_adduction"), 3]
     lines = [line.get_ydata() for line in cell.lines]

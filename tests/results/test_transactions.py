@@ -16,6 +16,7 @@ from gaitcal.errors import InputError
 from gaitcal.io import result_folder
 from gaitcal.io.result_folder import listed, locked, sha256_of
 from gaitcal.results.saved import load_result
+from gaitcal.session import trial_result
 from gaitcal.study import study as study_module
 from gaitcal.study.study import Study
 from tests.commands import content, run
@@ -94,7 +95,7 @@ def test_no_other_command_comes_between_reading_and_writing(folder: Path, monkey
 def test_dynamics_of_a_model_that_changes_meanwhile(name: str, folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     before = content(folder / "result/dynamics")
     path = folder / "result" / name
-    monkeypatch.setattr(calibrate_command, "analyse", after(calibrate_command.analyse, lambda: edit(path)))
+    monkeypatch.setattr(trial_result, "analyse", after(trial_result.analyse, lambda: edit(path)))
     with pytest.raises(InputError, match=f"{name}: {CHANGED}"):
         run("dynamics", folder / "result", second_trial(folder))
     assert content(folder / "result/dynamics") == before

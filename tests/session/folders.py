@@ -39,6 +39,11 @@ def draft(folder: Path, options: Options = SAID) -> Draft:
     return draft_of(read_folder(folder), options)
 
 
+def drafted(folder: Path, **changed: Recording) -> Draft:
+    """What follows from standing, walking and other recordings, or some in their place."""
+    return draft(write(folder / "person", recordings() | changed))
+
+
 def roles(made: Draft) -> dict[str, str]:
     """File without ending -> role and joint."""
     return {t.file.path.stem: f"{t.role} {t.joint}".strip() for t in made.trials}

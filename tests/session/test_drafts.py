@@ -1,5 +1,6 @@
 """Which study follows from a folder."""
 
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -10,18 +11,23 @@ from hypothesis import strategies as st
 
 from gaitcal.cli.console import Console
 from gaitcal.cli.folder import study_or_draft
-from gaitcal.errors import InputError, UsageError
+from gaitcal.errors import STUDY, Code, Finding, Severity, UsageError
+from gaitcal.io.csv import write_forces_csv
 from gaitcal.io.formats import read_recording
 from gaitcal.io.opensim_files import write_trc
-from gaitcal.io.recording import Recording
+from gaitcal.io.recording import ForcePlate, Recording
 from gaitcal.model.marker_set import load_marker_set
 from gaitcal.session.draft import draft_notes, draft_text, missing_words, study_of
-from gaitcal.session.drafting import draft_study
+from gaitcal.session.drafting import draft_study, rejected_forces, without_faulty_trials
 from gaitcal.session.folder import FileKind, Folder, FolderFile
 from gaitcal.session.people import exchange_told, pair_distances, placed_otherwise
 from gaitcal.session.person_facts import Known, Options
 from gaitcal.study.study import Study
-from tests.session.folders import JOINTS, SAID, draft, other_person, recordings, roles, squat, write
+from gaitcal.synthetic.motion import gait_motion
+from tests.faults.spoilt import relabelled
+from tests.refusal import refusal
+from tests.session.folders import JOINTS, SAID, draft, drafted, other_person, recordings, roles, squat, write
+from tests.synthetic_studies import made_plates, write_synthetic_study
 
 SNAPSHOT = """\
 # Drafted from the folder 'person'. Each line says what told it; look at what is 'likely'.
@@ -67,17 +73,15 @@ def test_the_text_of_a_draft(tmp_path: Path) -> None:
     worn = "has R.Knee.Lat, R.Knee.Med, R.Ankle.Lat, R.Ankle.Med, ..., worn for standing only"
     assert draft_text(made, folder) == SNAPSHOT.replace("@", worn)
     assert made.missing == ("mass_kg",)
-    study = tmp_path / "person/study.toml"
-    study.write_text(draft_text(made, folder), encoding="utf-8")
-    with pytest.raises(InputError, match=r"subject.mass_kg: missing: body mass in kg"):
-        Study.load(study)
+    (folder / "study.toml").write_text(draft_text(made, folder), encoding="utf-8")
+    assert "subject.mass_kg: missing: body mass in kg" in refusal(Study.load, folder / "study.toml")
 
 
 @pytest.mark.slow
 def test_a_drafted_study_loads_and_is_drafted_alike_again(tmp_path: Path) -> None:
     folder = write(tmp_path / "person", recordings(*JOINTS), forces="walk_forces")
     made = draft(folder)
-    assert roles(made) == {"static": "static", "walk": "gait"} | {joint: f"joint {joint}" for joint in JOINTS}
+    assert roles(made) == ROLES
     text = draft_text(made, tmp_path / "elsewhere")
     assert draft_text(draft(folder), tmp_path / "elsewhere") == text
     (tmp_path / "elsewhere").mkdir()
@@ -94,38 +98,34 @@ def test_a_drafted_study_loads_and_is_drafted_alike_again(tmp_path: Path) -> Non
 @settings(max_examples=3)
 @given(st.permutations(range(8)))
 def test_names_of_files_decide_nothing(order: list[int]) -> None:
-    files = RECORDINGS.items()
     renamed = {f"{number:03d}": name for number, name in zip(order, RECORDINGS, strict=True)}
     read = [
-        FolderFile(path=Path(f"{new}.csv"), name=f"{new}.csv", kind=FileKind.RECORDING, recording=dict(files)[old])
+        FolderFile(path=Path(f"{new}.csv"), name=f"{new}.csv", kind=FileKind.RECORDING, recording=RECORDINGS[old])
         for new, old in sorted(renamed.items())
     ]
     found = roles(draft_study(Folder(path=Path("x"), files=tuple(read), subfolders=()), SAID))
-    assert {renamed[new]: role for new, role in found.items()} == {"static": "static", "walk": "gait"} | {
-        joint: f"joint {joint}" for joint in JOINTS
-    }
+    assert {renamed[new]: role for new, role in found.items()} == ROLES
 
 
 RECORDINGS = recordings(*JOINTS)
+ROLES = {"static": "static", "walk": "gait"} | {joint: f"joint {joint}" for joint in JOINTS}
 
 
 def test_what_neither_walks_nor_moves_one_joint_is_a_motion(tmp_path: Path) -> None:
-    folder = write(tmp_path / "person", {**recordings(), "squat": squat()})
-    made = draft(folder)
+    made = drafted(tmp_path, squat=squat())
     assert roles(made)["squat"] == "motion"
-    assert 'role = "motion"' in (text := draft_text(made, folder)) and "pelvis goes up and down" in text
+    assert 'role = "motion"' in (text := draft_text(made, tmp_path)) and "pelvis goes up and down" in text
 
 
 def test_who_stands_when_the_belt_stops_has_not_run(tmp_path: Path) -> None:
-    files = recordings()
-    walk = files["walk"]
+    walk = recordings()["walk"]
     way = np.nanmean(walk.markers[-1] - walk.markers[0], axis=0) * [1.0, 0.0, 1.0]
     along = (walk.time - walk.time[0]) / np.ptp(walk.time)
     on_belt = walk.markers - along[:, None, None] * way
     still = np.repeat(on_belt[-1:], len(walk.time), axis=0)
     later = np.concatenate([walk.time, walk.time + np.ptp(walk.time) + 1.0 / walk.rate])
-    files["walk"] = replace(walk, time=later, markers=np.concatenate([on_belt, still]))
-    assert roles(draft(write(tmp_path / "person", files)))["walk"] == "gait"
+    stopped = replace(walk, time=later, markers=np.concatenate([on_belt, still]))
+    assert roles(drafted(tmp_path, walk=stopped))["walk"] == "gait"
 
 
 def test_two_people_are_told_and_stop(tmp_path: Path) -> None:
@@ -142,16 +142,13 @@ def test_two_people_are_told_and_stop(tmp_path: Path) -> None:
 
 
 def test_one_recording_in_two_formats_counts_once(tmp_path: Path) -> None:
-    files = recordings()
-    folder = write(tmp_path / "person", files, forces="walk_forces")
-    walk = files["walk"]
+    walk = recordings()["walk"]
+    part = walk.frames((walk.time > walk.time[20]) & (walk.time < walk.time[150]))
+    folder = write(tmp_path / "person", recordings() | {"part": part}, forces="walk_forces")
     write_trc(folder / "a_walk.trc", replace(walk, markers=walk.markers[:, ::-1], labels=walk.labels[::-1]))
-    cut = walk.frames((walk.time > walk.time[20]) & (walk.time < walk.time[150]))
-    write(folder, {"part": cut})
     made = draft(folder)
     assert [t.role for t in made.trials] == ["static", "gait"]
-    reasons = {row.name: row.reason for row in made.left_out}
-    assert len([r for r in reasons.values() if "the same recording as" in r]) == 2
+    assert sum("the same recording as" in row.reason for row in made.left_out) == 2
 
 
 def test_no_static_trial_is_an_error_and_a_standing_start_is_none(tmp_path: Path) -> None:
@@ -162,27 +159,22 @@ def test_no_static_trial_is_an_error_and_a_standing_start_is_none(tmp_path: Path
     assert "a static trial is needed" in made.fault
     assert {row.name for row in made.seen} == {"walk.csv", "start.csv"}
     named = draft(write(tmp_path / "person", {"static_and_walk": slow}))
-    assert named.fault == "", "what is called static may hold walking"
-    assert not named.trials[0].certain
+    assert named.fault == "" and not named.trials[0].certain, "what is called static may hold walking"
 
 
 def test_of_two_statics_the_one_that_shows_more_gives_the_model(tmp_path: Path) -> None:
-    files = recordings()
-    static = files["static"]
-    markers = static.markers.copy()
+    static = recordings()["static"]
+    markers = static.markers + np.random.default_rng(1).normal(0, 0.0005, static.markers.shape)  # another take
     markers[:, static.labels.index("R.Heel")] = np.nan
-    shifted = np.random.default_rng(1).normal(0, 0.0005, static.markers.shape)  # another take
-    lame = replace(static, markers=markers + shifted)
-    made = draft(write(tmp_path / "person", {"a_static": lame, "static_cal": static, "walk": files["walk"]}))
-    assert [t.name for t in made.trials] == ["static_cal", "a_static", "walk"]
+    made = drafted(tmp_path, a_static=replace(static, markers=markers))
+    assert [t.name for t in made.trials] == ["static", "a_static", "walk"]
 
 
 def test_a_session_in_subfolders_is_one(tmp_path: Path) -> None:
     files = recordings()
-    write(tmp_path / "person/standing", {"static": files["static"]})
-    write(tmp_path / "person/moving", {"walk": files["walk"]})
-    for name in ("standing", "moving"):  # subfolders are looked into for recordings of these endings
-        write_trc(tmp_path / f"person/{name}/{name}.trc", files["static" if name == "standing" else "walk"])
+    for name, recording in (("standing", "static"), ("moving", "walk")):
+        write(tmp_path / "person" / name, {recording: files[recording]})
+        write_trc(tmp_path / f"person/{name}/{name}.trc", files[recording])  # an ending that subfolders are asked for
     made = draft(tmp_path / "person")
     assert sorted(t.role for t in made.trials) == ["gait", "static"]
     assert 'file = "moving/' in draft_text(made, tmp_path / "person")
@@ -203,12 +195,11 @@ def test_folders_that_nobody_understands(tmp_path: Path, content: dict[str, byte
 
 
 def test_two_people_in_one_file_make_no_body(tmp_path: Path) -> None:
-    files = recordings()
-    for name, recording in files.items():
-        markers = np.concatenate([recording.markers, recording.markers + [0.0, 0.0, 1.5]], axis=1)
-        labels = tuple(f"{who}:{label}" for who in ("Anna", "Ben") for label in recording.labels)
-        files[name] = replace(recording, markers=markers, labels=labels)
-    made = draft(write(tmp_path / "person", files))
+    def twice(r: Recording) -> Recording:
+        labels = tuple(f"{who}:{label}" for who in ("Anna", "Ben") for label in r.labels)
+        return replace(r, markers=np.concatenate([r.markers, r.markers + [0.0, 0.0, 1.5]], axis=1), labels=labels)
+
+    made = drafted(tmp_path, **{name: twice(r) for name, r in recordings().items()})
     assert made.fault.startswith("markers of 2 people (Anna, Ben) in one file, static.csv, and 1 more files too")
 
 
@@ -220,9 +211,7 @@ def exchanged(recording: Recording, pairs: dict[str, str]) -> Recording:
 
 @pytest.mark.parametrize("file", ["static", "walk"])
 def test_a_walk_with_labels_exchanged_is_of_the_same_person(tmp_path: Path, file: str) -> None:
-    files = recordings()
-    files[file] = exchanged(files[file], {"R.Thigh.Front": "R.Shank.Front"})
-    made = draft(write(tmp_path / "person", files))
+    made = drafted(tmp_path, **{file: exchanged(recordings()[file], {"R.Thigh.Front": "R.Shank.Front"})})
     assert roles(made) == {"static": "static", "walk": "gait"}, [row.reason for row in made.seen]
 
 
@@ -235,10 +224,8 @@ def test_exchanged_sides_and_exchanged_people(data_dir: Path) -> None:
     pairs = {m: "L" + m[1:] for m in walk.labels if m.startswith("R") and "L" + m[1:] in walk.labels}
     one, same, sides, child = (pair_distances(r, marker_set) for r in (static, walk, exchanged(walk, pairs), other))
     assert placed_otherwise(one, same, marker_set) == ""
-    assert placed_otherwise(one, sides, marker_set)
-    assert exchange_told(one, sides, marker_set) == "left and right"
-    assert placed_otherwise(one, child, marker_set)
-    assert exchange_told(one, child, marker_set) == ""
+    for other, told in ((sides, "left and right"), (child, "")):
+        assert placed_otherwise(one, other, marker_set) and exchange_told(one, other, marker_set) == told
 
 
 def test_a_walk_of_another_person_is_the_first_thing_told(tmp_path: Path) -> None:
@@ -247,8 +234,8 @@ def test_a_walk_of_another_person_is_the_first_thing_told(tmp_path: Path) -> Non
     made = draft(folder, Options())
     assert made.problem.startswith("no recording that is used shows somebody moving")
     assert "walk.csv is not used: another person" in made.problem
-    with pytest.raises(InputError, match="walk.csv is not used: another person"):
-        study_or_draft(folder, Options(), Console(quiet=True, verbose=False))
+    said = refusal(study_or_draft, folder, Options(), Console(quiet=True, verbose=False))
+    assert "walk.csv is not used: another person" in said
     with pytest.raises(UsageError, match="is a recording; name its folder"):
         study_or_draft(next(folder.glob("*.csv")), Options(), Console(quiet=True, verbose=False))
     assert missing_words(made).startswith("no file that is used says subject.mass_kg")
@@ -268,22 +255,97 @@ def test_a_part_that_stands_is_told(tmp_path: Path) -> None:
 
 
 def test_lengths_a_thousand_times_too_small_are_named(tmp_path: Path) -> None:
-    files = {name: replace(r, markers=1e-3 * r.markers) for name, r in recordings().items()}
-    made = draft(write(tmp_path / "person", files))
+    made = drafted(tmp_path, **{name: replace(r, markers=1e-3 * r.markers) for name, r in recordings().items()})
     assert "lengths look 1000 times too small: metres under a header that says mm" in made.fault
 
 
 def test_notes_tell_what_is_likely_unused_and_left_over(tmp_path: Path) -> None:
-    files = recordings()
-    static = files["static"]
-    at = static.labels.index("R.Knee.Med")
-    labels = (*static.labels[:at], "R.Knee.Inner", *static.labels[at + 1 :])
-    folder = write(tmp_path / "person", files | {"static": replace(static, labels=labels), "squat": squat()})
-    (folder / "photo.png").touch()
-    made = draft(folder)
+    static = relabelled("R.Knee.Med", "R.Knee.Inner")(recordings()["static"])
+    (tmp_path / "person").mkdir()
+    (tmp_path / "person/photo.png").touch()
+    made = drafted(tmp_path, static=static, squat=squat())
     legs = Known(value={"r": 900.0, "l": 910.0}, reason="guess", certain=False)
     notes = draft_notes(replace(made, person={**made.person, "leg_length_mm": legs}))
     assert any("left over: R.Knee.Inner" in note for note in notes)
     assert any("leg_length_mm = { r = 900, l = 910 }: guess" in note for note in notes), "as the study file has it"
     assert not any("squat.csv" in note for note in notes)
     assert any("not used: photo.png" in note for note in notes)
+
+
+@pytest.fixture(scope="module")
+def with_bad_take(tmp_path_factory: pytest.TempPathFactory) -> Study:
+    walk = recordings()["walk"]
+    again = walk.frames(walk.time > walk.time[60])
+    again = replace(again, source="x", markers=again.markers[::-1].copy(), notes=())
+    return study_of(drafted(tmp_path_factory.mktemp("x"), other=again))
+
+
+def error(where: str, severity: Severity = Severity.ERROR) -> Finding:
+    found = {"found": "x is wrong", "cure": "do y"}
+    return Finding(code=Code.PLATE_OFFSET, severity=severity, topic="plates", where=where, **found)
+
+
+def test_a_faulty_walk_goes_and_is_told(with_bad_take: Study) -> None:
+    assert [t.name for t in with_bad_take.trials] == ["static", "other", "walk"]
+    rest, findings, faulty = without_faulty_trials(with_bad_take, (error("other"), error("walk", Severity.WARNING)))
+    assert [t.name for t in rest.trials] == ["static", "walk"]
+    assert faulty == {"other": "plates: x is wrong; do y"}
+    assert all(f.where != "other" for f in findings), "checked again without it"
+
+
+@pytest.mark.parametrize("where", [("static",), (STUDY,), ("other", "walk"), ("other", "static"), ()])
+def test_nothing_goes_where_nothing_would_be_left_or_all_is_in_doubt(
+    with_bad_take: Study, where: tuple[str, ...]
+) -> None:
+    found = tuple(error(name) for name in where)
+    assert without_faulty_trials(with_bad_take, found) == (with_bad_take, found, {})
+
+
+FAR = np.array([3.0, 0.0, 0.0])
+
+
+def with_forces(folder: Path, plates: Sequence[ForcePlate], name: str = "walk_grf.csv", **files: Recording) -> Path:
+    write_forces_csv(write(folder / "person", recordings() | files) / name, plates)
+    return folder / "person"
+
+
+def test_the_feet_decide_and_not_the_names(tmp_path: Path) -> None:
+    """Two walks at the same times, 3 m apart, and names that lie."""
+    walk = recordings()["walk"]
+    labels = tuple({"R.": "L.", "L.": "R."}.get(m[:2], m[:2]) + m[2:] for m in walk.labels)
+    there = replace(walk, labels=labels, markers=walk.markers[::-1] * [1.0, 1.0, -1.0] + FAR)
+    made = draft(with_forces(tmp_path, made_plates(gait_motion()), "walk2_grf.csv", walk2=there))
+    forces = {t.name: t.forces for t in made.trials if t.role == "gait"}
+    own = forces["walk"]
+    assert own is not None and own.file.name == "walk2_grf.csv"
+    assert not own.certain and own.reason.endswith("though its name says walk2")
+    assert forces["walk2"] is None
+
+
+def test_forces_of_nobody_are_told(tmp_path: Path) -> None:
+    folder = with_forces(tmp_path, [replace(p, point=p.point + FAR) for p in made_plates(gait_motion())])
+    made = draft(folder)
+    assert all(t.forces is None for t in made.trials)
+    (row,) = (row for row in made.left_out if row.name == "walk_grf.csv")
+    assert "m from the feet of walk" in row.reason
+    (warning,) = rejected_forces(made)
+    assert warning.severity is Severity.WARNING and warning.where == "walk"
+    assert warning.evidence.startswith("no forces, no torques: walk_grf.csv is not used: its centres of pressure are")
+    (folder / "walk_grf.csv").unlink()
+    assert rejected_forces(draft(folder)) == (), "a folder without forces is asked for angles"
+
+
+def test_forces_that_cover_a_part_cut_the_trial(tmp_path: Path) -> None:
+    plates = made_plates(gait_motion())
+    part = [replace(p, **{k: getattr(p, k)[40:] for k in ("time", "force", "point", "moment")}) for p in plates]
+    forces = draft(with_forces(tmp_path, part)).trials[-1].forces
+    assert forces is not None and abs(forces.time[0] - plates[0].time[40]) < 0.01
+    late = with_forces(tmp_path, [replace(p, time=p.time + 100.0) for p in plates])
+    assert draft(late).trials[-1].forces is None
+
+
+def test_forces_with_their_time_in_milliseconds_are_refused(tmp_path: Path) -> None:
+    path = write_synthetic_study(tmp_path / "study")
+    plates = [replace(p, time=1e3 * p.time) for p in made_plates(gait_motion())]
+    write_forces_csv(path.parent / "walk_forces.csv", plates)
+    assert "another unit (ms?); both must be in s" in refusal(Study.load, path)

@@ -2,13 +2,12 @@
 
 from pathlib import Path
 
-import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from gaitcal.errors import InputError
 from gaitcal.io.toml import models_path
 from gaitcal.session.folder import FileKind, marker_sets_above, read_folder
+from tests.refusal import refusal
 from tests.session.folders import recordings, write
 
 LOADS = "<OpenSimDocument><ExternalLoads><datafile>grf.mot</datafile></ExternalLoads></OpenSimDocument>"
@@ -17,15 +16,18 @@ LOADS = "<OpenSimDocument><ExternalLoads><datafile>grf.mot</datafile></ExternalL
 def test_kinds(tmp_path: Path) -> None:
     folder = write(tmp_path, {"walk": recordings()["walk"]}, forces="grf")
     (folder / "own.toml").write_bytes((models_path() / "markersets/rcnl.toml").read_bytes())
-    (folder / "study.toml").write_text('[subject]\nname = "x"\n', encoding="utf-8")
-    (folder / "other.toml").write_text("a = 1\n", encoding="utf-8")
-    (folder / "loads.xml").write_text(LOADS, encoding="utf-8")
-    (folder / "bomb.xml").write_text("<!DOCTYPE a [<!ENTITY b 'c'>]><a>&b;</a>", encoding="utf-8")
-    (folder / "grf_plates.csv").write_text("plate,corner,x,y,z\n", encoding="utf-8")
-    (folder / "truth.csv").write_text("name,value\na,1\n", encoding="utf-8")
-    (folder / "broken.c3d").write_bytes(bytes(700))
-    (folder / ".hidden.c3d").write_bytes(bytes(700))
-    (folder / "noending").touch()
+    for name, content in {
+        "study.toml": '[subject]\nname = "x"\n',
+        "other.toml": "a = 1\n",
+        "loads.xml": LOADS,
+        "bomb.xml": "<!DOCTYPE a [<!ENTITY b 'c'>]><a>&b;</a>",
+        "grf_plates.csv": "plate,corner,x,y,z\n",
+        "truth.csv": "name,value\na,1\n",
+        "broken.c3d": "\0" * 700,
+        ".hidden.c3d": "\0" * 700,
+        "noending": "",
+    }.items():
+        (folder / name).write_text(content, encoding="utf-8")
     found = {file.name: file for file in read_folder(folder).files}
     kinds = {name: file.kind for name, file in found.items()}
     assert kinds == {
@@ -58,5 +60,4 @@ def test_no_content_ends_the_reading(tmp_path: Path, ending: str, content: bytes
 
 
 def test_no_folder(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="is no folder"):
-        read_folder(tmp_path / "nothing")
+    assert "is no folder" in refusal(read_folder, tmp_path / "nothing")

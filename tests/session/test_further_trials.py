@@ -1,11 +1,13 @@
 """`gaitcal dynamics` reads a recording as the study did, checks it first, and tells what its torques are worth."""
 
 import json
+import re
 import shutil
 from collections.abc import Callable
 from dataclasses import replace as replaced
 from pathlib import Path
 from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -18,10 +20,12 @@ from gaitcal.gait.events import GaitEvents
 from gaitcal.model.marker_set import load_marker_set
 from gaitcal.study.study_trial import Role
 from tests import commands
+from tests.refusal import refusal
 from tests.synthetic_studies import write_synthetic_study
 
 RENAMED = {"R.Shank.Front": "RTIB", "L.Heel": "LHEE"}
 WEIGHTED = "R.Thigh.Front"
+SOME = ("Shank.Upper", "Shank.Rear", "Toe.Tip", "Toe.Lat", "Toe.Med")
 SAME = 1e-9
 """N·m, N: the calibration's own trial, tracked once more with the same model and spline nodes."""
 Change = Callable[[pd.DataFrame], pd.DataFrame]
@@ -61,17 +65,13 @@ def spoil(folder: Path, change: Change) -> tuple[Path, str, Path]:
     return folder / "walk2.csv", "--forces", folder / "study/walk_forces.csv"
 
 
-def told(folder: Path) -> dict[str, object]:
-    content = json.loads((folder / "result/dynamics/summary.json").read_text(encoding="utf-8"))
-    assert isinstance(content, dict)
-    return content
+def told(folder: Path) -> dict[str, Any]:
+    return dict(json.loads((folder / "result/dynamics/summary.json").read_text(encoding="utf-8")))
 
 
-def assert_same_torques(again: pd.DataFrame, own: pd.DataFrame) -> None:
-    """All but standard errors: a further trial's markers are independent of those that the calibration used."""
-    assert own["valid"].any()
-    kept = [name for name in own if not name.endswith("_se")]
-    np.testing.assert_allclose(again[kept].to_numpy(), own[kept].to_numpy(), atol=SAME)
+def analysed(folder: Path, change: Change = lambda t: t, *options: object) -> str:
+    """What `dynamics` prints of the walk, changed so."""
+    return run("dynamics", folder / "result", *spoil(folder, change), *options)
 
 
 def columns_of(folder: Path, segment: str) -> list[str]:
@@ -85,11 +85,14 @@ def moments(path: Path) -> pd.DataFrame:
 
 
 def test_the_calibrations_own_trial_gives_its_own_torques(folder: Path) -> None:
-    run("dynamics", folder / "result", *spoil(folder, lambda t: t))
+    """All but standard errors: a further trial's markers are independent of those that the calibration used."""
+    analysed(folder)
     own, again = (moments(folder / "result" / name) for name in ("moments/walk.csv", "dynamics/moments/walk2.csv"))
-    assert_same_torques(again, own)
+    assert own["valid"].any()
+    kept = [name for name in own if not name.endswith("_se")]
+    np.testing.assert_allclose(again[kept].to_numpy(), own[kept].to_numpy(), atol=SAME)
     trial = json.loads((folder / "result/summary.json").read_text(encoding="utf-8"))["trials"]["walk"]
-    further = told(folder)["trials"]["walk2"]  # type: ignore[index]
+    further = told(folder)["trials"]["walk2"]
     assert further["weighted_markers"] == trial["weighted_markers"]
     assert {"plates", "inertia", "joint_nominal"} <= set(further["torque_error_sources"]["hip_flexion_r"])
     for name, parts in trial["torque_error_sources"].items():
@@ -101,16 +104,10 @@ def _scaled(factor: float) -> Change:
     return lambda t: t.assign(**{c: factor * t[c] for c in t if c != "time"})
 
 
-def _exchanged(t: pd.DataFrame) -> pd.DataFrame:
-    a, b = "L.Shank.Front", "L.Thigh.Front"
-    return t.rename(columns={f"{x}_{axis}": f"{y}_{axis}" for x, y in ((a, b), (b, a)) for axis in "xyz"})
-
-
-def _sides(t: pd.DataFrame) -> pd.DataFrame:
-    def other(column: str) -> str:
-        return {"R.": "L.", "L.": "R."}.get(column[:2], column[:2]) + column[2:]
-
-    return t.rename(columns={c: other(c) for c in t if c[1:].startswith((".Shank.Upper", ".Shank.Rear", ".Toe"))})
+def _exchanged(*pairs: tuple[str, str]) -> Change:
+    """The columns of markers under each other's label."""
+    names = {f"{a}_{axis}": f"{b}_{axis}" for pair in pairs for a, b in (pair, pair[::-1]) for axis in "xyz"}
+    return lambda t: t.rename(columns=names)
 
 
 @pytest.mark.parametrize(
@@ -118,8 +115,8 @@ def _sides(t: pd.DataFrame) -> pd.DataFrame:
     [
         (_scaled(1000.0), "units.*mm"),
         (_scaled(1.4), "units.*1.4 times those of the static trial"),
-        (_exchanged, "exchanged"),
-        (_sides, "sides|exchanged"),
+        (_exchanged(("L.Shank.Front", "L.Thigh.Front")), "exchanged"),
+        (_exchanged(*((f"R.{m}", f"L.{m}") for m in SOME)), "sides|exchanged"),
     ],
     ids=["mm read as m", "another body", "labels exchanged", "sides exchanged"],
 )
@@ -127,7 +124,7 @@ def test_errors_stop_before_anything_is_solved(
     change: Change, named: str, folder: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     trial = spoil(folder, change)
-    monkeypatch.setattr("gaitcal.cli.calibrate.analyse", None)
+    monkeypatch.setattr("gaitcal.session.trial_result.analyse", None)
     with pytest.raises(InputError, match=f"walk2.csv: trial 'walk2': ({named})") as caught:
         run("dynamics", folder / "result", *trial)
     assert caught.value.exit_code == 1
@@ -136,9 +133,7 @@ def test_errors_stop_before_anything_is_solved(
 
 def test_warnings_are_printed_and_written(folder: Path) -> None:
     """A body a little larger may be the same one, measured with cameras that were calibrated anew."""
-    out = run("dynamics", folder / "result", *spoil(folder, _scaled(1.02)))
-    warnings = told(folder)["warnings"]
-    assert isinstance(warnings, list)
+    out, warnings = analysed(folder, _scaled(1.02)), told(folder)["warnings"]
     assert any("another size" in w for w in warnings)
     assert all(f"warning: {w}" in out for w in warnings)
 
@@ -160,7 +155,7 @@ def test_what_its_markers_may_have_done_goes_into_its_bars(folder: Path, monkeyp
         given.append(arguments[4])  # type: ignore[arg-type]
         raise ConvergenceError("enough")
 
-    monkeypatch.setattr("gaitcal.cli.calibrate.analyse", seen)
+    monkeypatch.setattr("gaitcal.session.trial_result.analyse", seen)
     for change in (lambda t: t, turned):
         with pytest.raises(ConvergenceError, match="enough"):
             commands.run("dynamics", folder / "result", *spoil(folder, change))
@@ -169,45 +164,37 @@ def test_what_its_markers_may_have_done_goes_into_its_bars(folder: Path, monkeyp
 
 
 def test_a_segment_without_markers_is_told_and_has_no_valid_torque(folder: Path) -> None:
-    table = pd.read_csv(folder / "study/walk.csv")
     gone = columns_of(folder, "shank_l")
-    assert set(gone) & set(table)
-    out = run("dynamics", folder / "result", *spoil(folder, lambda t: t.drop(columns=gone, errors="ignore")))
+    assert set(gone) & set(pd.read_csv(folder / "study/walk.csv"))
+    out = analysed(folder, lambda t: t.drop(columns=gone, errors="ignore"))
     assert "no marker with weight of shank_l" in out
     assert not moments(folder / "result/dynamics/moments/walk2.csv")["valid"].any()
-    warnings = told(folder)["warnings"]
-    assert isinstance(warnings, list)
-    assert any(
-        "walk2: labels: no marker with weight of shank_l" in w and "no torque of this leg is valid" in w
-        for w in warnings
-    )
+    words = "walk2: labels: no marker with weight of shank_l"
+    assert any(words in w and "no torque of this leg is valid" in w for w in told(folder)["warnings"])
 
 
 @pytest.mark.slow
 def test_tracking_that_did_not_converge_ends_in_3_after_writing(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    from gaitcal.cli import calibrate
+    from gaitcal.session import trial_result
 
     def late(*arguments: object) -> object:
         done = analyse(*arguments)  # type: ignore[arg-type]
         return replaced(done, calibrated=replaced(done.calibrated, converged=False))
 
-    analyse = calibrate.analyse
-    monkeypatch.setattr(calibrate, "analyse", late)
+    analyse = trial_result.analyse
+    monkeypatch.setattr(trial_result, "analyse", late)
     with pytest.raises(ConvergenceError, match="tracking of walk2 did not converge") as caught:
-        run("dynamics", folder / "result", *spoil(folder, lambda t: t))
+        analysed(folder)
     assert caught.value.exit_code == 3
-    (warning,) = told(folder)["warnings"]  # type: ignore[misc]
-    assert str(warning).startswith("walk2: tracking did not converge: ")
-    assert told(folder)["trials"]["walk2"]["verdict"] == "refused"  # type: ignore[index,call-overload]
+    (warning,) = told(folder)["warnings"]
+    assert warning.startswith("walk2: tracking did not converge: ")
+    assert told(folder)["trials"]["walk2"]["verdict"] == "refused"
 
 
 def test_options_as_in_a_study_file(folder: Path) -> None:
-    trial = spoil(folder, lambda t: t)
-    run("dynamics", folder / "result", *trial, "--time", "0.2,0.8", "--filter-hz", "none", "--plates", "1=none")
-    table = moments(folder / "result/dynamics/moments/walk2.csv")
+    analysed(folder, lambda t: t, "--time", "0.2,0.8", "--filter-hz", "none", "--plates", "1=none")
+    table, notes = moments(folder / "result/dynamics/moments/walk2.csv"), told(folder)["notes"]
     assert 0.2 <= table["time"].min() < 0.21 and 0.79 < table["time"].max() <= 0.8
-    notes = told(folder)["notes"]
-    assert isinstance(notes, list)
     assert "walk2: forces not filtered" in notes
     assert not any("plate 1" in note and "right foot" in note for note in notes)
     assert any("plate 2" in note and "left foot" in note for note in notes)
@@ -235,17 +222,16 @@ def test_a_squat_that_was_taken_as_a_walk_is_told(depth: float, said: int) -> No
     ],
 )
 def test_options_that_are_wrong(option: str, value: str, folder: Path) -> None:
-    with pytest.raises(InputError, match=f"{option}|trial 'walk2'.(plates|time)|--plates") as caught:
-        run("dynamics", folder / "result", *spoil(folder, lambda t: t), option, value)
-    assert len(str(caught.value).splitlines()) == 1
+    said = refusal(analysed, folder, lambda t: t, option, value)
+    assert re.search(f"{option}|trial 'walk2'.(plates|time)|--plates", said)
     assert not (folder / "result/dynamics").exists()
 
 
 def test_options_of_one_recording_and_two_trials(folder: Path) -> None:
     trial = spoil(folder, lambda t: t)[0]
     for option, value in (("--forces", "f.mot"), ("--plates", "1=r"), ("--time", "0,1")):
-        with pytest.raises(InputError, match=f"{option}: found 2 trials"):
-            run("dynamics", folder / "result", trial, folder / "study/walk.csv", option, value)
+        said = refusal(run, "dynamics", folder / "result", trial, folder / "study/walk.csv", option, value)
+        assert f"{option}: found 2 trials" in said
 
 
 def test_frames_without_a_leg_segment_are_not_valid(folder: Path) -> None:
@@ -259,12 +245,11 @@ def test_frames_without_a_leg_segment_are_not_valid(folder: Path) -> None:
         return t
 
     before = moments(folder / "result/moments/walk.csv")
-    run("dynamics", folder / "result", *spoil(folder, hide))
-    result, now = folder / "result/dynamics", moments(folder / "result/dynamics/moments/walk2.csv")
+    analysed(folder, hide)
+    now = moments(folder / "result/dynamics/moments/walk2.csv")
     inside = before["time"].between(*gap)
     assert before["valid"][inside].any(), "valid while the foot was seen"
     assert not now["valid"][inside].any() and not now["valid_l"][inside].any()
     assert (now["valid"] == before["valid"])[~inside].all() and (now["valid_r"] == before["valid_r"]).all()
-    notes = json.loads((result / "summary.json").read_text(encoding="utf-8"))["notes"]
-    (note,) = [note for note in notes if "no marker of foot_l with weight is seen" in note]
+    (note,) = [note for note in told(folder)["notes"] if "no marker of foot_l with weight is seen" in note]
     assert f"{int(inside.sum())} frames are not valid" in note

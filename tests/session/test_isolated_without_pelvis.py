@@ -1,5 +1,6 @@
 """Isolated trials in which only the segments of their joint carry markers."""
 
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -9,14 +10,16 @@ import pytest
 import gaitcal as gc
 from gaitcal.errors import Severity
 from gaitcal.faults.study import check_study
+from gaitcal.model.anthropometry import with_joints_of
 from gaitcal.model.linkage import joint_segments
 from gaitcal.model.parameters import JP_INDEX
 from gaitcal.motion.motion import tracked_motion
 from gaitcal.motion.spline import NodeRule
 from gaitcal.motion.trial_problem import trial_problem
 from gaitcal.study.study import Study, nominal_of
+from tests.faults.spoilt import findings, recording_of, serious, with_trial
 from tests.kept import kept_real
-from tests.real_studies import write_study
+from tests.synthetic_studies import only
 
 SAME_RAD, SAME_RMS = 2e-3, 1e-3
 """Two trackings of the same markers by the same joint; their splines are in the coordinates of two roots."""
@@ -25,72 +28,52 @@ IN_ERRORS = 1.0
 
 
 @pytest.fixture(scope="module")
-def uf3(data_dir: Path, tmp_path_factory: pytest.TempPathFactory) -> Study:
-    return Study.load(write_study("uf3", data_dir, tmp_path_factory.mktemp("uf3")))
+def uf3(real_study: Callable[[str], Study]) -> Study:
+    return real_study("uf3")
 
 
 def bare(study: Study, *joints: str) -> Study:
     """The study with trials of these joints that show the segments of their joint alone."""
     segment_of = study.marker_set.segment_of
-    out = []
-    for trial in study.trials:
-        if trial.joint in joints and trial.joint is not None:
-            r, kept = trial.recording, joint_segments(trial.joint)
-            worn = [i for i, label in enumerate(r.labels) if segment_of.get(label) in kept]
-            labels = tuple(r.labels[i] for i in worn)
-            trial = replace(trial, recording=replace(r, labels=labels, markers=r.markers[:, worn]))
-        out.append(trial)
-    return replace(study, trials=tuple(out))
+    for joint in joints:
+        worn = joint_segments(joint)
+        study = with_trial(study, joint, lambda r, worn=worn: only(r, lambda label: segment_of.get(label) in worn))  # type: ignore[misc]
+    return study
+
+
+def unseen(study: Study, trial: str, labels: Sequence[str]) -> Study:
+    """Columns of one trial without a position."""
+    hidden = with_trial(
+        study, trial, lambda r: replace(r, markers=np.where(np.isin(r.labels, labels)[:, None], np.nan, r.markers))
+    )
+    return hidden
 
 
 def test_check_accepts_it_and_says_what_carries_the_body(uf3: Study) -> None:
-    found = check_study(bare(uf3, "knee_r", "ankle_l"))
-    assert not [f.line for f in found if f.severity is not Severity.INFO]
-    carried = {f.where: f.found for f in found if "carries the body" in f.found}
+    study = bare(uf3, "knee_r", "ankle_l")
+    assert serious(study) == []
+    carried = {f.where: f.found for f in check_study(study) if "carries the body" in f.found}
     assert set(carried) == {"knee_r", "ankle_l"}
-    assert "thigh_r carries the body" in carried["knee_r"]
-    assert "shank_l carries the body" in carried["ankle_l"]
+    assert "thigh_r carries the body" in carried["knee_r"] and "shank_l carries the body" in carried["ankle_l"]
 
 
 def test_columns_that_a_template_left_empty_are_no_fault_either(uf3: Study) -> None:
     """The pelvis has its labels in the file of a knee trial, and not one position."""
     pelvis = uf3.marker_set.tracking["pelvis"]
-
-    def empty(study: Study, joint: str) -> Study:
-        trials = []
-        for trial in study.trials:
-            if trial.joint == joint:
-                r = trial.recording
-                gone = np.isin(r.labels, pelvis)[None, :, None]
-                trial = replace(trial, recording=replace(r, markers=np.where(gone, np.nan, r.markers)))
-            trials.append(trial)
-        return replace(study, trials=tuple(trials))
-
-    assert not [f.line for f in check_study(empty(uf3, "knee_r")) if f.severity is not Severity.INFO]
-    assert any("never seen" in f.found for f in check_study(empty(uf3, "hip_r")) if f.severity is Severity.ERROR)
+    assert serious(unseen(uf3, "knee_r", pelvis)) == []
+    assert any("never seen" in f.found for f in findings(unseen(uf3, "hip_r", pelvis), severity=Severity.ERROR))
 
 
 def test_a_proximal_segment_of_two_markers_carries_nothing(uf3: Study) -> None:
-    study = bare(uf3, "knee_r")
-    trial = next(t for t in study.trials if t.joint == "knee_r")
-    r = trial.recording
-    few = replace(
-        trial,
-        recording=replace(r, markers=np.where(np.isin(r.labels, _thigh(study)[2:])[None, :, None], np.nan, r.markers)),
-    )
-    study = replace(study, trials=tuple(few if t.name == trial.name else t for t in study.trials))
-    errors = [f for f in check_study(study) if f.severity is Severity.ERROR]
+    thigh = [m for m in uf3.marker_set.tracking["thigh_r"] if uf3.marker_set.weight(m) > 0]
+    errors = findings(unseen(bare(uf3, "knee_r"), "knee_r", thigh[2:]), severity=Severity.ERROR)
     assert any("thigh_r, which carries knee_r," in f.found for f in errors), [f.line for f in errors]
-
-
-def _thigh(study: Study) -> list[str]:
-    return [m for m in study.marker_set.tracking["thigh_r"] if study.marker_set.weight(m) > 0]
 
 
 @pytest.mark.parametrize("joint", ["knee_r", "ankle_l"])
 def test_the_body_moves_as_its_joint_alone_does(uf3: Study, joint: str) -> None:
     model = nominal_of(uf3)
-    recording = next(t for t in bare(uf3, joint).trials if t.joint == joint).recording
+    recording = recording_of(bare(uf3, joint), joint)
     root, *_ = segments = joint_segments(joint)
     body = trial_problem(joint, model, recording, NodeRule(), carrier=root)
     alone = trial_problem(joint, model, recording, NodeRule(), root=root, segments=segments)
@@ -114,3 +97,7 @@ def test_joint_parameters_are_those_of_the_trials_with_the_pelvis(kept: Path, da
         k = JP_INDEX[name]
         away = part.model.parameters.joint[k] - whole.model.parameters.joint[k]
         assert abs(away) < IN_ERRORS * whole.standard_errors[name], name
+    before, after = part.nominal.parameters, part.model.parameters
+    # masses go with the joints where no force tells of them, too
+    np.testing.assert_allclose(after.inertial, with_joints_of(before.inertial, before, after), rtol=1e-12)
+    assert np.abs(after.inertial - before.inertial).max() > 1e-3

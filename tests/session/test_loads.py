@@ -49,9 +49,8 @@ def test_each_step_has_its_own_model_and_motion(tmp_path: Path) -> None:
     wrench = trial.loads.reactions.wrench
 
     def torques(parameters: Parameters, motion: Motion) -> np.ndarray:
-        return Dynamics(parameters).forces(motion.q, motion.velocity, motion.acceleration, wrench)[
-            :, : len(COORDINATES)
-        ]
+        forces = Dynamics(parameters).forces(motion.q, motion.velocity, motion.acceleration, wrench)
+        return forces[:, : len(COORDINATES)]
 
     nominal, final = done.nominal.parameters, done.model.parameters
     np.testing.assert_allclose(trial.loads.nominal.tau, torques(nominal, trial.nominal), atol=SAME)

@@ -10,8 +10,6 @@ import numpy as np
 import pytest
 
 from gaitcal import load_model
-from gaitcal.errors import Severity
-from gaitcal.faults.study import check_study
 from gaitcal.io.csv import write_markers_csv
 from gaitcal.io.recording import Recording
 from gaitcal.io.segment_poses import upright, with_landmarks
@@ -27,6 +25,7 @@ from gaitcal.study.study import Study, nominal_of
 from gaitcal.synthetic.motion import gait_motion
 from scripts.validation.harness import results
 from scripts.validation.markerless import TORQUES, Errors, body_poses, points_recording, poses_recording
+from tests.faults.spoilt import serious
 
 
 def test_a_bare_folder_of_poses(data_dir: Path, tmp_path: Path) -> None:
@@ -66,7 +65,7 @@ def test_a_bare_folder_of_key_points(tmp_path: Path) -> None:
     assert [(trial.name, trial.role) for trial in made.trials] == [("walk_upright", "static"), ("walk", "gait")]
     (tmp_path / "study.toml").write_text(draft_text(made, tmp_path))
     study = Study.load(tmp_path / "study.toml")
-    assert [f.line for f in check_study(study) if f.severity is not Severity.INFO] == []
+    assert serious(study) == []
     model, poses = nominal_of(study), body_poses(person, walk.q)
     for side in "rl":
         for segment, above in (("shank", "thigh"), ("foot", "shank")):

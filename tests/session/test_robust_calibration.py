@@ -12,69 +12,57 @@ from gaitcal.io.recording import Recording
 from gaitcal.model.parameters import JOINT_PARAMETERS, JP_INDEX, Kind
 from gaitcal.session.calibrate import calibrate
 from gaitcal.study.study import Study
-from gaitcal.study.study_trial import Role, Trial
+from gaitcal.study.study_trial import Role
 from gaitcal.synthetic.motion import marker_noise
+from tests.faults.spoilt import gone, swapped, with_trial
 from tests.kept import kept_person
 
-Spoil = Callable[[Recording, np.random.Generator], Array]
+Spoil = Callable[[Recording, np.random.Generator], Recording]
 Sought = tuple[Array, tuple[str, ...]]
 """(98,) calibrated joint parameters, and the names of those fitted."""
 SEED = 3
 LARGEST_MM, LARGEST_DEG = 3.0, 2.0
 
 
-def missing(recording: Recording, rng: np.random.Generator) -> Array:
+def missing(recording: Recording, rng: np.random.Generator) -> Recording:
     """20 % of the markers missing at random in every frame."""
     markers = recording.markers.copy()
     for frame in markers:
         frame[rng.permutation(markers.shape[1])[: round(0.2 * markers.shape[1])]] = np.nan
-    return markers
+    return replace(recording, markers=markers)
 
 
-def lost(recording: Recording, _: np.random.Generator) -> Array:
+def lost(recording: Recording, _: np.random.Generator) -> Recording:
     """One marker of the moving segment lost for half the trial."""
-    markers = recording.markers.copy()
-    markers[: len(markers) // 2, recording.labels.index("R.Shank.Front")] = np.nan
-    return markers
+    return gone(slice(0, len(recording.time) // 2), "R.Shank.Front")(recording)
 
 
-def swapped(other: str) -> Spoil:
+def exchanged(other: str) -> Spoil:
     """The labels of a thigh marker and another one exchanged for a second."""
 
-    def spoil(recording: Recording, _: np.random.Generator) -> Array:
-        i, j = (recording.labels.index(label) for label in ("R.Thigh.Front", other))
+    def spoil(recording: Recording, _: np.random.Generator) -> Recording:
         start = len(recording.time) // 4
-        frames = slice(start, start + round(recording.rate))
-        markers = recording.markers.copy()
-        markers[frames, i], markers[frames, j] = recording.markers[frames, j], recording.markers[frames, i]
-        return markers
+        return swapped("R.Thigh.Front", other, slice(start, start + round(recording.rate)))(recording)
 
     return spoil
 
 
-def spikes(recording: Recording, rng: np.random.Generator) -> Array:
+def spikes(recording: Recording, rng: np.random.Generator) -> Recording:
     """1 % of all positions off by 100 mm in a random direction."""
     markers = recording.markers.copy()
     struck = rng.random(markers.shape[:2]) < 0.01
     direction = rng.normal(size=(int(struck.sum()), 3))
     markers[struck] += 0.1 * direction / np.linalg.norm(direction, axis=1, keepdims=True)
-    return markers
+    return replace(recording, markers=markers)
 
 
 SPOILS: dict[str, Spoil] = {
     "20 % missing": missing,
     "one lost for half": lost,
-    "pair swapped, one segment": swapped("R.Thigh.Rear"),
-    "pair swapped, two segments": swapped("R.Shank.Front"),
+    "pair swapped, one segment": exchanged("R.Thigh.Rear"),
+    "pair swapped, two segments": exchanged("R.Shank.Front"),
     "100 mm spikes, 1 %": spikes,
 }
-
-
-def with_markers(study: Study, change: Callable[[Recording], Array]) -> Study:
-    def changed(trial: Trial) -> Trial:
-        return replace(trial, recording=replace(trial.recording, markers=change(trial.recording)))
-
-    return replace(study, trials=tuple(t if t.role is Role.STATIC else changed(t) for t in study.trials))
 
 
 def joint_parameters(study: Study, loss: str) -> Sought:
@@ -90,7 +78,9 @@ def study(kept: Path) -> Study:
     rng = np.random.default_rng(2)
     kept = tuple(t for t in whole.trials if t.role is Role.STATIC or t.name == "knee_r")
     knee = replace(whole, trials=kept, settings=whole.settings.model_copy(update={"ip": "none"}))
-    return with_markers(knee, lambda r: r.markers + marker_noise(r.time, r.markers.shape[1], rng, 0.003))
+    return with_trial(
+        knee, "knee_r", lambda r: replace(r, markers=r.markers + marker_noise(r.time, r.markers.shape[1], rng, 0.003))
+    )
 
 
 @pytest.fixture(scope="module")
@@ -102,7 +92,7 @@ def clean(study: Study) -> dict[str, Sought]:
 def change(study: Study, spoil: Spoil, loss: str, clean: dict[str, Sought]) -> tuple[float, float]:
     """Largest changes (mm, deg) of the fitted joint parameters of the spoilt study, by the same loss."""
     rng = np.random.default_rng(SEED)
-    spoilt, free = joint_parameters(with_markers(study, lambda recording: spoil(recording, rng)), loss)
+    spoilt, free = joint_parameters(with_trial(study, "knee_r", lambda recording: spoil(recording, rng)), loss)
     index = [JP_INDEX[n] for n in free]
     position = np.array([JOINT_PARAMETERS[i].kind is Kind.POSITION for i in index])
     size = np.abs((spoilt - clean[loss][0])[index]) * np.where(position, 1e3, np.rad2deg(1.0))

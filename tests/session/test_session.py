@@ -7,12 +7,12 @@ import pytest
 
 from gaitcal.faults.contradiction import PossibleMove
 from gaitcal.faults.study import check_study, examined
+from gaitcal.model import rebuilt_markers
 from gaitcal.runtime import silent
 from gaitcal.session.calibrate import calibrate, fit_inertia, track
 from gaitcal.session.joint_parameters import fit_joints
 from gaitcal.session.result import Stage
 from gaitcal.session.session import _doubted, session_of
-from gaitcal.study import study_trial
 from gaitcal.study.settings import CalibrationSettings
 from gaitcal.study.study import Study
 from gaitcal.study.study_trial import Role
@@ -29,8 +29,8 @@ def study() -> Study:
 
 def test_every_trial_is_cleaned_once(study: Study, monkeypatch: pytest.MonkeyPatch) -> None:
     """By the checks, the nominal model and the calibration together."""
-    clean, seen = study_trial.without_outliers, []
-    monkeypatch.setattr(study_trial, "without_outliers", lambda r, s: seen.append(r) or clean(r, s))  # type: ignore[func-returns-value]
+    clean, seen = rebuilt_markers.without_outliers, []
+    monkeypatch.setattr(rebuilt_markers, "without_outliers", lambda r, s: seen.append(r) or clean(r, s))  # type: ignore[func-returns-value]
     calibrate(study, checked=check_study(study))
     assert len(seen) == len(study.trials)
 

@@ -1,19 +1,19 @@
 """Who chooses the bandwidth of a trial, what is told of it, and what follows from it."""
 
-from collections.abc import Callable
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from gaitcal.dynamics.ground_reactions import FORCE_HZ, reactions_of_motion
+from gaitcal.dynamics.ground_reactions import FORCE_HZ, GroundReactions, reactions_of_motion
 from gaitcal.dynamics.inverse_dynamics import Dynamics
 from gaitcal.faults.contradiction import PossibleMove
 from gaitcal.io.recording import ForcePlate, Recording
 from gaitcal.model.nominal import published_model
 from gaitcal.motion.bandwidth import DenseMotion
-from gaitcal.motion.motion import tracked_motion
+from gaitcal.motion.motion import Motion, tracked_motion
 from gaitcal.results.summary import summary, trial_summary
 from gaitcal.session.bandwidth import JOINTS_HZ, REACH, Bandwidth, ChosenBy
 from gaitcal.session.calibrate import calibrate
@@ -23,7 +23,6 @@ from gaitcal.study.settings import CalibrationSettings
 from gaitcal.study.study import Study
 from gaitcal.study.study_trial import Role, Trial
 from gaitcal.synthetic.motion import gait_motion, isolated_motion
-from tests.derivatives import Array
 from tests.synthetic_studies import made_plates, made_recording, write_synthetic_study
 
 MODEL = published_model()
@@ -34,22 +33,19 @@ def noisy(recording: Recording, deviation: float) -> Recording:
     return replace(recording, markers=recording.markers + noise)
 
 
-def walk(deviation: float = 0.001, plates: tuple[ForcePlate, ...] = ()) -> Trial:
-    recording = replace(noisy(made_recording(gait_motion()), deviation), plates=plates)
+def walk(deviation: float = 0.001, plates: Sequence[ForcePlate] = ()) -> Trial:
+    recording = replace(noisy(made_recording(gait_motion()), deviation), plates=tuple(plates))
     return Trial(name="walk", role=Role.GAIT, recording=recording)
 
 
-def knee(deviation: float = 0.001) -> Trial:
-    recording = noisy(made_recording(isolated_motion("knee_r")), deviation)
-    return Trial(name="knee_r", role=Role.JOINT, joint="knee_r", recording=recording)
-
-
 def prepared(trial: Trial, **settings: object) -> MovingTrial:
-    return prepare_trial(trial, MODEL, CalibrationSettings(**settings))  # type: ignore[arg-type]
+    return prepare_trial(trial, MODEL, CalibrationSettings(**settings))
 
 
-def changed(plates: tuple[ForcePlate, ...], force: Callable[[Array], Array]) -> tuple[ForcePlate, ...]:
-    return tuple(replace(plate, force=force(plate.force)) for plate in plates)
+def reactions(trial: MovingTrial, hz: float | None = FORCE_HZ) -> tuple[Motion, GroundReactions]:
+    """The trial tracked, and the ground's reactions to it, filtered at so many Hz."""
+    motion = tracked_motion(trial.body, MODEL.parameters)
+    return motion, reactions_of_motion(MODEL, MODEL.parameters, motion, trial.recording, {}, hz)
 
 
 def cutoffs(trial: MovingTrial) -> list[float | None]:
@@ -57,7 +53,8 @@ def cutoffs(trial: MovingTrial) -> list[float | None]:
 
 
 def test_markers_choose_without_plates() -> None:
-    for trial in (walk(), knee()):
+    recording = noisy(made_recording(isolated_motion("knee_r")), 0.001)
+    for trial in (walk(), Trial(name="knee_r", role=Role.JOINT, joint="knee_r", recording=recording)):
         found = prepared(trial)
         told = found.bandwidth
         assert told.by is ChosenBy.MARKERS and told.joints_hz == max(told.motion_hz, JOINTS_HZ)
@@ -84,26 +81,20 @@ def test_plates_bring_motion_and_forces_together() -> None:
     assert f"{markers.motion_hz:.1f} Hz" in told.notes[0]
 
     def residual(hz: float) -> float:
-        body = prepared(walk(0.002, plates), bandwidth_hz=hz).body
-        motion = tracked_motion(body, MODEL.parameters)
-        reactions = reactions_of_motion(MODEL, MODEL.parameters, motion, found.recording, {}, FORCE_HZ)
-        inner = slice(24, -24)
-        forces = _root_force(motion.q, motion.velocity, motion.acceleration, reactions.wrench)
-        return float(np.sqrt(np.mean(forces[inner] ** 2)))
+        motion, ground = reactions(prepared(walk(0.002, plates), bandwidth_hz=hz))
+        state = (motion.q, motion.velocity, motion.acceleration)
+        forces = Dynamics(MODEL.parameters).forces(*state, ground.wrench)[24:-24, :3]
+        return float(np.sqrt(np.mean(forces**2)))
 
     chosen = residual(told.motion_hz)
     assert chosen < 1.02 * min(residual(hz) for hz in (told.motion_hz / REACH, markers.motion_hz))
-
-
-def _root_force(q: Array, v: Array, a: Array, wrench: Array) -> Array:
-    return Dynamics(MODEL.parameters).forces(q, v, a, wrench)[:, :3]
 
 
 def test_plates_that_do_not_tell_have_no_say() -> None:
     """Where a plate reads 300 N too much, that is what F is made of, and no cut-off changes much of it."""
     plates = made_plates(gait_motion())
     for force in (lambda f: f + [0.0, 300.0, 0.0] * (f[:, 1:2] > 20.0), np.zeros_like):
-        trial = prepared(walk(0.002, changed(plates, force)))
+        trial = prepared(walk(0.002, [replace(plate, force=force(plate.force)) for plate in plates]))
         assert trial.bandwidth.by is ChosenBy.MARKERS
         assert trial.bandwidth.motion_hz == prepared(walk(0.002)).bandwidth.motion_hz
 
@@ -142,17 +133,11 @@ def test_a_fit_that_suffers_is_told() -> None:
     "rate, hz, words", [(100.0, 50.0, "not filtered"), (100.0, 20.0, "at 20.0 Hz"), (200.0, 50.0, "50.0")]
 )
 def test_a_slow_plate_is_not_filtered(rate: float, hz: float, words: str) -> None:
-    plates = tuple(_every(plate, round(200.0 / rate)) for plate in made_plates(gait_motion()))
-    trial = prepared(walk(0.0, plates))
-    motion = tracked_motion(trial.body, MODEL.parameters)
-    reactions = reactions_of_motion(MODEL, MODEL.parameters, motion, trial.recording, {}, hz)
-    assert reactions.valid.any()
-    assert [note for note in reactions.notes if "filtered" in note and words in note]
-
-
-def _every(plate: ForcePlate, step: int) -> ForcePlate:
-    parts = {name: getattr(plate, name)[::step] for name in ("time", "force", "point", "moment")}
-    return replace(plate, **parts)
+    step, parts = round(200.0 / rate), ("time", "force", "point", "moment")
+    plates = [replace(p, **{name: getattr(p, name)[::step] for name in parts}) for p in made_plates(gait_motion())]
+    _, ground = reactions(prepared(walk(0.0, plates)), hz)
+    assert ground.valid.any()
+    assert [note for note in ground.notes if "filtered" in note and words in note]
 
 
 def test_forces_are_filtered_at_50_hz_or_like_the_motion() -> None:
@@ -161,15 +146,12 @@ def test_forces_are_filtered_at_50_hz_or_like_the_motion() -> None:
     assert force_cutoff(trial, motion, CalibrationSettings()) == FORCE_HZ == 50.0
     matched = force_cutoff(trial, motion, CalibrationSettings(force_filter_hz="matched"))
     assert matched == pytest.approx(0.863 * trial.bandwidth.motion_hz, rel=1e-3)
-    ends = {hz: _first_valid(walk(0.0, made_plates(gait_motion())), hz) for hz in (2.5, 10.0)}
-    assert ends[2.5] == pytest.approx(0.2, abs=0.01) and ends[10.0] < 0.11
 
+    def first_valid(hz: float) -> float:
+        own, ground = reactions(prepared(walk(0.0, made_plates(gait_motion())), bandwidth_hz=hz))
+        return float(own.time[ground.valid][0])
 
-def _first_valid(trial: Trial, hz: float) -> float:
-    own = prepared(trial, bandwidth_hz=hz)
-    motion = tracked_motion(own.body, MODEL.parameters)
-    reactions = reactions_of_motion(MODEL, MODEL.parameters, motion, own.recording, {}, FORCE_HZ)
-    return float(motion.time[reactions.valid][0])
+    assert first_valid(2.5) == pytest.approx(0.2, abs=0.01) and first_valid(10.0) < 0.11
 
 
 @pytest.mark.slow

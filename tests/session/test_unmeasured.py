@@ -1,7 +1,7 @@
 """Mass whose motion markers leave open: told as the cause of the pelvis residual, and no reason to change masses."""
 
+from collections.abc import Callable
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -12,8 +12,7 @@ from gaitcal.model.linkage import COORDINATES
 from gaitcal.session.calibrate import calibrate
 from gaitcal.session.result import Calibration
 from gaitcal.study.study import Study
-from gaitcal.study.study_trial import Role
-from tests.real_studies import write_study
+from tests.faults.spoilt import with_trial, without
 
 THORAX = ("C7", "T10", "CLAV", "STRN", "RSHO", "LSHO", "RBAK")
 LEG_NM = 0.5
@@ -21,17 +20,11 @@ LEG_NM = 0.5
 
 
 @pytest.fixture(scope="module")
-def both(data_dir: Path, tmp_path_factory: pytest.TempPathFactory) -> tuple[Calibration, Calibration]:
+def both(real_study: Callable[[str], Study]) -> tuple[Calibration, Calibration]:
     """A real walk, and the same whose cameras never saw the thorax; nominal joint parameters."""
-    path = write_study("pig_c3d", data_dir, tmp_path_factory.mktemp("study"), calibration="jp = false")
-    study = Study.load(path)
-    trials = []
-    for trial in study.trials:
-        recording = trial.recording
-        kept = [i for i, label in enumerate(recording.labels) if trial.role is Role.STATIC or label not in THORAX]
-        fewer = replace(recording, labels=tuple(recording.labels[i] for i in kept), markers=recording.markers[:, kept])
-        trials.append(replace(trial, recording=fewer))
-    return calibrate(study, checked=()), calibrate(replace(study, trials=tuple(trials)), checked=())
+    study = real_study("pig_c3d")
+    study = replace(study, settings=study.settings.model_copy(update={"jp": False}))
+    return calibrate(study, checked=()), calibrate(with_trial(study, "gait", without(*THORAX)), checked=())
 
 
 def test_masses_are_not_fitted_to_what_no_marker_shows(both: tuple[Calibration, Calibration]) -> None:

@@ -2,24 +2,16 @@
 
 from dataclasses import replace
 
-import pytest
-
 from gaitcal.errors import Severity
 from gaitcal.session.result import Calibration
 from gaitcal.session.warnings import disagreements, unfinished
-from tests.fake_result import fake_calibration, with_phase
-
-
-@pytest.fixture(scope="module")
-def whole() -> Calibration:
-    return fake_calibration()
+from tests.fake_result import with_phase
 
 
 def test_a_trial_that_is_met_worse_is_told(whole: Calibration) -> None:
     knee = whole.trial("knee")
-    worse = replace(
-        knee, final=replace(knee.final, errors=replace(knee.final.errors, distance=3.0 * knee.final.errors.distance))
-    )
+    errors = replace(knee.final.errors, distance=3.0 * knee.final.errors.distance)
+    worse = replace(knee, final=replace(knee.final, errors=errors))
     assert list(disagreements([knee])) == []
     (told,) = disagreements([worse])
     assert (told.where, told.severity) == ("knee", Severity.WARNING)

@@ -1,14 +1,12 @@
 """A trunk that only the walks show: its markers go where the static trial would have had them."""
 
-from dataclasses import replace
-from pathlib import Path
+from collections.abc import Callable
 
 import numpy as np
 import pytest
 
 from gaitcal.study.study import Study, nominal_of
-from gaitcal.study.study_trial import Role
-from tests.real_studies import write_study
+from tests.faults.spoilt import with_trial, without
 
 THORAX = ("C7", "T10", "CLAV", "STRN", "RSHO", "LSHO", "RBAK")
 POSTURE_MM = 25.0
@@ -16,23 +14,13 @@ POSTURE_MM = 25.0
 
 
 @pytest.fixture(scope="module")
-def study(data_dir: Path, tmp_path_factory: pytest.TempPathFactory) -> Study:
-    return Study.load(write_study("pig_c3d", data_dir, tmp_path_factory.mktemp("study")))
-
-
-def hidden(study: Study, labels: tuple[str, ...], *roles: Role) -> Study:
-    """The study with these markers in no trial of these roles."""
-    trials = []
-    for trial in study.trials:
-        r = trial.recording
-        kept = [i for i, label in enumerate(r.labels) if trial.role not in roles or label not in labels]
-        part = replace(r, labels=tuple(r.labels[i] for i in kept), markers=r.markers[:, kept])
-        trials.append(replace(trial, recording=part))
-    return replace(study, trials=tuple(trials))
+def study(real_study: Callable[[str], Study]) -> Study:
+    return real_study("pig_c3d")
 
 
 def test_walks_place_the_trunk_that_the_static_trial_lacks(study: Study) -> None:
-    whole, borrowed = nominal_of(study), nominal_of(hidden(study, THORAX, Role.STATIC))
+    whole, borrowed = nominal_of(study), nominal_of(with_trial(study, "static", without(*THORAX)))
+    assert not any("placed by the walks" in note for note in whole.notes)
     assert not any(name.startswith("lumbar") for name in borrowed.frozen)
     assert any("C7, T10, CLAV, STRN, RSHO, LSHO are not in the static trial" in note for note in borrowed.notes)
     place = [dict(zip(m.markers.labels, m.markers.local, strict=True)) for m in (whole, borrowed)]
@@ -44,11 +32,7 @@ def test_walks_place_the_trunk_that_the_static_trial_lacks(study: Study) -> None
 
 def test_one_marker_in_walks_is_placed_too(study: Study) -> None:
     head = ("LFHD", "RFHD", "LBHD", "RBHD")
-    fewer = hidden(hidden(study, (*THORAX, *head), Role.STATIC), (*THORAX[1:], *head), Role.GAIT)
-    model = nominal_of(fewer)
+    fewer = with_trial(study, "static", without(*THORAX, *head))
+    model = nominal_of(with_trial(fewer, "gait", without(*THORAX[1:], *head)))
     assert [m for m, s in zip(model.markers.labels, model.markers.segments, strict=True) if s == "head_trunk"] == ["C7"]
     assert any("C7 are not in the static trial and were placed by the walks" in note for note in model.notes)
-
-
-def test_a_static_trial_with_its_trunk_borrows_nothing(study: Study) -> None:
-    assert not any("placed by the walks" in note for note in nominal_of(study).notes)

@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 
 from gaitcal.dynamics.inverse_dynamics import FORCES
-from gaitcal.errors import InputError
 from gaitcal.model.chain import axis_rotation
 from gaitcal.model.landmarks import static_posture
 from gaitcal.model.linkage import COORDINATES, REACTIONS
@@ -25,6 +24,7 @@ from gaitcal.study.truth import (
     truth_files,
 )
 from gaitcal.synthetic.motion import static_motion
+from tests.refusal import refusal
 from tests.synthetic_studies import made_recording
 
 SETTINGS = CalibrationSettings(hip_centre="bell", ankle_zero="markers")
@@ -45,18 +45,11 @@ def written(folder: Path, **changes: str) -> TruthTable:
         "moments": moments_text(TIME, forces, 1200.0),
         "landmarks": landmarks_text(LANDMARKS),
     } | changes
-    (folder / "truth.csv").write_text(texts["parameters"], encoding="utf-8")
-    (curves / "walk_motion.csv").write_text(texts["motion"], encoding="utf-8")
-    (curves / "walk_moments.csv").write_text(texts["moments"], encoding="utf-8")
-    (curves / "landmarks.csv").write_text(texts["landmarks"], encoding="utf-8")
-    return TruthTable(
-        parameters=folder / "truth.csv",
-        folder=curves,
-        landmarks=curves / "landmarks.csv",
-        markers="published",
-        hip_centre="bell",
-        ankle_zero="markers",
-    )
+    names = {"parameters": "../truth.csv", "motion": "walk_motion.csv", "moments": "walk_moments.csv"}
+    for part, text in texts.items():
+        (curves / names.get(part, "landmarks.csv")).write_text(text, encoding="utf-8")
+    files = {"parameters": folder / "truth.csv", "folder": curves, "landmarks": curves / "landmarks.csv"}
+    return TruthTable(**files, markers="published", hip_centre="bell", ankle_zero="markers")
 
 
 def read(table: TruthTable, settings: CalibrationSettings = SETTINGS, markers: str = "published") -> Truth:
@@ -102,11 +95,7 @@ Q = np.zeros((11, len(COORDINATES)))
     ("file", "text", "told"),
     [
         ("parameters", "name,unit,value\nhip_r.pelvis.anterior,mm,1\n", "did you mean 'hip_r.pelvis.ant'"),
-        (
-            "parameters",
-            "name,unit,value\nhip_r.pelvis.ant,m,0.04\n",
-            "unit of hip_r.pelvis.ant: found 'm'; allowed: mm",
-        ),
+        ("parameters", "name,unit,value\nhip_r.pelvis.ant,m,0.04\n", "of hip_r.pelvis.ant: found 'm'; allowed: mm"),
         ("parameters", "name,unit,value\nhip_r.pelvis.ant,mm,\n", "allowed: a finite number"),
         ("parameters", "name,unit,value\nhip_r.pelvis.ant,mm,1\nhip_r.pelvis.ant,mm,2\n", "found twice"),
         ("motion", lines(motion_text(TIME, Q), "in degrees", "in radians"), "allowed: '# true coordinates in degrees"),
@@ -125,13 +114,8 @@ Q = np.zeros((11, len(COORDINATES)))
     ],
 )
 def test_refused_in_one_line(tmp_path: Path, file: str, text: str, told: str) -> None:
-    table = written(tmp_path, **{file: text})
-    with pytest.raises(InputError) as refused:
-        read(table)
-    message = str(refused.value)
-    assert told in message
-    assert "\n" not in message
-    assert ".csv" in message
+    said = refusal(read, written(tmp_path, **{file: text}))
+    assert told in said and ".csv" in said
 
 
 @pytest.mark.parametrize(
@@ -145,14 +129,12 @@ def test_refused_in_one_line(tmp_path: Path, file: str, text: str, told: str) ->
 def test_told_in_other_frames_than_the_calibration_uses(
     tmp_path: Path, settings: CalibrationSettings, markers: str, field: str
 ) -> None:
-    with pytest.raises(InputError, match=field):
-        read(written(tmp_path), settings, markers)
+    assert field in refusal(read, written(tmp_path), settings, markers)
 
 
 def test_a_folder_without_any_trial_of_the_study(tmp_path: Path) -> None:
-    table = written(tmp_path)
-    with pytest.raises(InputError, match=r"truth\.folder: found no such file"):
-        read_truth(table, SETTINGS, "published", ["run"], Path("study.toml"))
+    said = refusal(read_truth, written(tmp_path), SETTINGS, "published", ["run"], Path("study.toml"))
+    assert "truth.folder: found no such file" in said
 
 
 def test_every_parameter_of_a_result_has_a_unit(tmp_path: Path) -> None:
@@ -174,13 +156,14 @@ def test_the_study_file_names_it(tmp_path: Path) -> None:
     again = tmp_path / "again.toml"
     again.write_text(file.to_toml(tmp_path), encoding="utf-8")
     assert load_study_file(again) == file
-    for more, told in (('ankle_zer = "markers"', "did you mean 'ankle_zero'"), ("", "truth.ankle_zero: missing")):
-        path.write_text(text + more + "\n", encoding="utf-8")
-        with pytest.raises(InputError, match=told):
-            load_study_file(path)
-    path.write_text(text.replace("truth.csv", "truths.csv") + 'ankle_zero = "markers"\n', encoding="utf-8")
-    with pytest.raises(InputError, match=r"truth\.parameters: no such file.*did you mean 'truth.csv'"):
-        load_study_file(path)
+    for wrong, told in (
+        (text + 'ankle_zer = "markers"\n', "did you mean 'ankle_zero'"),
+        (text, "truth.ankle_zero: missing"),
+        (text.replace("truth.csv", "truths.csv") + 'ankle_zero = "markers"\n', "truth.parameters: no such file"),
+    ):
+        path.write_text(wrong, encoding="utf-8")
+        said = refusal(load_study_file, path)
+        assert told in said and ("no such file" not in told or "did you mean 'truth.csv'" in said)
 
 
 def test_landmarks_tell_the_static_trial_and_the_marker_set() -> None:
@@ -194,8 +177,7 @@ def test_landmarks_tell_the_static_trial_and_the_marker_set() -> None:
     moved = static.markers.copy()
     moved[:, static.labels.index(marker_set.landmarks["heel_r"][0])] += [0.0, 0.0, 0.001]
     for markers in (tilted, moved):
-        words = other_landmarks(told, replace(static, markers=markers), marker_set)
-        assert words is not None and "another static trial" in words
+        assert "another static trial" in str(other_landmarks(told, replace(static, markers=markers), marker_set))
     assert "heel_r most" in str(other_landmarks(told, replace(static, markers=moved), marker_set))
     same_name = replace(marker_set, landmarks=marker_set.landmarks | {"toe_r": marker_set.landmarks["heel_r"]})
     assert "toe_r most" in str(other_landmarks(told, static, same_name))

@@ -1,13 +1,10 @@
 """The built-in person beside the normal bands, and the bands themselves: the table, its signs, its source."""
 
-from types import ModuleType
-from typing import Any
-
 import numpy as np
 import pytest
 
 from gaitcal.gait.normal_bands import SPEEDS, bands_file, read_normal_bands
-from scripts.tools import walking_person
+from scripts.tools import walking_person as walking
 
 SHARE = 0.75
 """Of frames of a leg's stride; of two real adults (OpenSim's subject01, a Plug-in Gait walk) 0.81 to 0.95 are."""
@@ -23,26 +20,21 @@ heel is let down, the calf pushes off; signs as in docs/explanation/conventions.
 
 
 @pytest.fixture(scope="module")
-def walking() -> ModuleType:
-    return walking_person
-
-
-@pytest.fixture(scope="module")
-def walk(walking: ModuleType) -> Any:
+def walk() -> walking.Walk:
     return walking.true_walk()
 
 
 @pytest.mark.parametrize("speed", [speed.name for speed in SPEEDS])
 def test_every_table_says_source_licence_and_signs_and_spans_the_stride(speed: str) -> None:
     text = bands_file(speed).read_text(encoding="utf-8")
-    for word in (
+    said = (
         "# source: children 4 to 17 years, ",
         "n = 83 (Schwartz",
         "# licence: ",
         "CC BY-SA 4.0",
         "# signs: clinical",
-    ):
-        assert word in text
+    )
+    assert all(words in text for words in said)
     bands = read_normal_bands(speed)
     assert len(bands) == 17 and set(PEOPLE) < set(bands)
     for band in bands.values():
@@ -50,7 +42,7 @@ def test_every_table_says_source_licence_and_signs_and_spans_the_stride(speed: s
         assert (band.sd > 0).all()
 
 
-def test_the_bands_have_the_signs_of_people(walking: ModuleType) -> None:
+def test_the_bands_have_the_signs_of_people() -> None:
     for name, signs in PEOPLE.items():
         band = walking.normal_bands()[name.removesuffix("_moment")]
         means = band.set_index("percent")["mean"]
@@ -59,20 +51,18 @@ def test_the_bands_have_the_signs_of_people(walking: ModuleType) -> None:
             assert sign * means[percent] > 0.05
 
 
-def test_every_centre_of_pressure_is_in_its_sole(walking: ModuleType, walk: Any) -> None:
+def test_every_centre_of_pressure_is_in_its_sole(walk: walking.Walk) -> None:
     for foot in range(2):
         away = walking.outside_sole(walk, foot)[walk.loaded[:, foot]]
-        assert len(away) > 100
-        assert (away <= 0).all()
+        assert len(away) > 100 and (away <= 0).all()
 
 
-def test_the_peaks_of_moments_are_those_of_people(walking: ModuleType, walk: Any) -> None:
+def test_the_peaks_of_moments_are_those_of_people(walk: walking.Walk) -> None:
     found = walking.peaks(walk, walking.normal_bands())
-    assert len(found) == 18
-    assert [p for p in found if abs(p.off) > walking.WITHIN] == []
+    assert len(found) == 18 and [p for p in found if abs(p.off) > walking.WITHIN] == []
 
 
 @pytest.mark.parametrize("foot", [0, 1])
-def test_moments_stay_in_the_bands(walking: ModuleType, walk: Any, foot: int) -> None:
+def test_moments_stay_in_the_bands(walk: walking.Walk, foot: int) -> None:
     for stem, band in walking.normal_bands().items():
         assert walking.within(walk, band, stem, foot).mean() > SHARE, stem

@@ -87,9 +87,8 @@ def test_truth_is_told_in_the_frames_of_the_static_trial(kept: Path) -> None:
     """
     file = kept_person(kept)
     study = Study.load(file)
-    nominal = nominal_model(
-        study.static.recording, study.marker_set, study.subject, hip_centre=HipCentre.BELL
-    ).parameters.joint
+    found = nominal_model(study.static.recording, study.marker_set, study.subject, hip_centre=HipCentre.BELL)
+    nominal = found.parameters.joint
     model = synthetic_model(np.random.default_rng(0), perturb=False)
     truth = in_static_frames(model, HipCentre.BELL).joint / JP_TO_SI
     told = pd.read_csv(file.parent / "truth.csv")["value"].to_numpy()[: len(JP_NAMES)]

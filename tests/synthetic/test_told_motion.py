@@ -24,23 +24,23 @@ def person() -> SubjectModel:
 
 
 pytestmark = pytest.mark.slow
+Told = tuple[Teller, TrueMotion, np.ndarray, ToldMotion]
 
 
 @pytest.fixture(scope="module")
-def told() -> tuple[Teller, TrueMotion, np.ndarray, ToldMotion]:
+def told() -> Told:
     model, motion = person(), true_gait(SEED)[1]
     wrench = residual_free_wrench(model.parameters, motion)
     teller = Teller(model, static_frames(model))
     return teller, motion, wrench, teller.tell(motion, wrench)
 
 
-def test_markers_are_where_they_were(told: tuple[Teller, TrueMotion, np.ndarray, ToldMotion]) -> None:
+def test_markers_are_where_they_were(told: Told) -> None:
     teller, motion, _, result = told
     model = person()
     own, static = segment_frames(model.parameters, standing_pose(model.parameters)), static_frames(model).frames
-    there = np.array(
-        [static[s].local(own[s].point(p)) for s, p in zip(model.markers.segments, model.markers.local, strict=True)]
-    )
+    m = model.markers
+    there = np.array([static[s].local(own[s].point(p)) for s, p in zip(m.segments, m.local, strict=True)])
     placed = MarkerPlacement(model.markers.labels, model.markers.segments, there, model.markers.weight)
     before = synthetic_markers(model.parameters, model.markers, motion.q)
     after = synthetic_markers(teller.parameters, placed, result.q)
@@ -48,7 +48,7 @@ def test_markers_are_where_they_were(told: tuple[Teller, TrueMotion, np.ndarray,
     assert np.abs(result.q - motion.q).max() > np.deg2rad(1.0)  # the angles are others, or this shows nothing
 
 
-def test_the_same_work_and_nothing_left_at_the_pelvis(told: tuple[Teller, TrueMotion, np.ndarray, ToldMotion]) -> None:
+def test_the_same_work_and_nothing_left_at_the_pelvis(told: Told) -> None:
     """Power of all generalised forces is that of the true ones, whatever the coordinates; so is that of each joint."""
     _, motion, wrench, result = told
     model = person()
@@ -68,9 +68,8 @@ def test_ankles_are_counted_from_the_static_posture() -> None:
     teller = Teller(model, static_frames(model))
     placed = synthetic_markers(model.parameters, model.markers, standing_pose(model.parameters)[None])[0]
     marker = dict(zip(model.markers.labels, placed, strict=True))
-    pose = teller.tell(
-        TrueMotion(spline_basis(np.arange(20) / 100.0, 6), np.tile(standing_pose(model.parameters), (6, 1)))
-    ).q[0]
+    still = np.tile(standing_pose(model.parameters), (6, 1))
+    pose = teller.tell(TrueMotion(spline_basis(np.arange(20) / 100.0, 6), still)).q[0]
     for side in "rl":
         sole = marker[f"{side.upper()}.Toe.Tip"] - marker[f"{side.upper()}.Heel"]
         shank = static_frames(model).frames[f"shank_{side}"].rotation[:, 1]

@@ -15,7 +15,7 @@ from scipy.spatial.transform import Rotation
 from gaitcal import Study, calibrate, parameter_table
 from gaitcal.export.peer_model import Axis, displacement_axis
 from gaitcal.io.recording import Recording
-from gaitcal.model.linkage import COORDINATES
+from gaitcal.model.linkage import COORDINATES, NEEDED_JOINTS
 from gaitcal.model.nominal import published_model
 from gaitcal.model.parameters import JP_INDEX, leg_parameters
 from gaitcal.model.segment_frames import HipCentre
@@ -72,7 +72,7 @@ def test_sara_finds_a_hinge() -> None:
 def test_true_parameters_of_a_known_linkage() -> None:
     parameters = synthetic_model(np.random.default_rng(9), perturb=True).parameters
     pose = np.zeros(len(COORDINATES))
-    pose[6:] = np.random.default_rng(10).normal(size=21) * 0.1
+    pose[6:] = np.random.default_rng(10).normal(size=len(pose) - 6) * 0.1
     frames = segment_frames(parameters, pose)
     known = _joint_lines(parameters, pose)
     for side in "rl":
@@ -84,7 +84,7 @@ def test_true_parameters_of_a_known_linkage() -> None:
         centres = {f"hip_{side}": known[f"hip_flexion_{side}"][1]}
         person = SimpleNamespace(centres=centres, proximal=axes, distal=axes)
         found = people.leg_parameters(person, frames, side)
-        assert set(found) == set(leg_parameters(side))
+        assert set(found) == {name for name in leg_parameters(side) if name.startswith(NEEDED_JOINTS)}
         for name, value in found.items():
             assert value == pytest.approx(parameters.joint[JP_INDEX[name]], abs=ROUNDING), name
 

@@ -20,7 +20,7 @@ import numpy as np
 
 from gaitcal.arrays import Array
 from gaitcal.errors import Code
-from gaitcal.io.axes import UP_TO_Y, Vertical, find_vertical, turn_up
+from gaitcal.io import axes, segment_poses
 from gaitcal.io.c3d.layout import C3DHeader, check_c3d_header, is_askew, read_samples
 from gaitcal.io.c3d.plates import measured_plates, stand_up
 from gaitcal.io.labels import (
@@ -35,7 +35,6 @@ from gaitcal.io.labels import (
     unique,
 )
 from gaitcal.io.recording import Recording, zeros_to_missing
-from gaitcal.io.segment_poses import points_of_poses
 from gaitcal.io.text_file import FileFault, naming_file
 
 PER_METRE = {"mm": 1e3, "millimeters": 1e3, "millimetres": 1e3, "cm": 1e2, "m": 1.0, "meters": 1.0, "metres": 1.0}
@@ -48,7 +47,7 @@ NUMBERS = ("ANGLES", "MOMENTS", "FORCES", "POWERS", "SCALARS", "REACTIONS")
 """POINT parameters that list points which are no places: three numbers of another kind."""
 COMPUTED_GROUPS = (*NUMBERS, "MODELED_MARKERS")
 """POINT parameters that list computed points, besides those named in TYPE_GROUPS."""
-USUAL_VERTICAL = Vertical(2, 1, "the usual practice, as the data do not tell")
+USUAL_VERTICAL = axes.Vertical(2, 1, "the usual practice, as the data do not tell")
 
 # ------------------------------------------------------------------------------------------ ezc3d in its own process
 
@@ -244,7 +243,7 @@ def _recording(path: Path, header: C3DHeader, raw: Mapping[str, Any]) -> Recordi
         if names:
             label_notes += (f"{len(names)} segment poses left out, as the file has markers.",)
     else:
-        labels, markers, label_notes = points_of_poses(names, poses)
+        labels, markers, label_notes = segment_poses.points_of_poses(names, poses)
     notes += label_notes
     absurd = (np.abs(markers) > ABSURD_M).any(axis=2)
     if absurd.any():
@@ -253,7 +252,7 @@ def _recording(path: Path, header: C3DHeader, raw: Mapping[str, Any]) -> Recordi
     markers, gap_notes = zeros_to_missing(markers)
     ratio = analogs.shape[1] / frames
     plates, plate_notes = measured_plates(parameters, analogs, first * ratio, rate * ratio, 1.0 / per_metre)
-    vertical = find_vertical(markers, tuple(plate.as_plate() for plate in plates)) or USUAL_VERTICAL
+    vertical = axes.find_vertical(markers, tuple(plate.as_plate() for plate in plates)) or USUAL_VERTICAL
     standing, turn_notes = stand_up(plates, vertical.direction)
     notes += gap_notes + plate_notes + turn_notes
     time = (first + np.arange(frames)) / rate
@@ -268,7 +267,7 @@ def _recording(path: Path, header: C3DHeader, raw: Mapping[str, Any]) -> Recordi
         facts=facts_of(parameters),
         computed=_computed(computed, points, per_metre),
     )
-    return recording if UP_TO_Y[vertical.axis, vertical.sign].is_identity else turn_up(recording, vertical)
+    return recording if axes.UP_TO_Y[vertical.axis, vertical.sign].is_identity else axes.turn_up(recording, vertical)
 
 
 def _poses(

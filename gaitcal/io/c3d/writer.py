@@ -20,10 +20,9 @@ import numpy as np
 
 from gaitcal.arrays import Array
 from gaitcal.errors import Code, InputError
-from gaitcal.io.atomic import atomic_file
+from gaitcal.io import atomic, force_plate
 from gaitcal.io.axes import Turn
 from gaitcal.io.c3d import layout
-from gaitcal.io.force_plate import plate_frame
 from gaitcal.io.labels import FootEvent, FootMoment
 from gaitcal.io.recording import ForcePlate, Recording, require_plain_labels
 from gaitcal.io.text_file import FileFault, naming_file
@@ -73,7 +72,7 @@ def write_c3d(path: Path, recording: Recording) -> None:
     file["data"]["meta_points"]["camera_masks"] = np.zeros((7, *missing.shape), dtype=bool)
     if recording.plates:
         _add_plates(file, recording.plates, rate, frames, float(recording.time[0]))
-    with atomic_file(path) as part:
+    with atomic.atomic_file(path) as part:
         written = part.with_suffix(".c3d")  # ezc3d adds this ending to any other, .C3D too
         try:
             file.write(str(written))
@@ -139,7 +138,7 @@ def _plate_in_its_frame(plate: ForcePlate) -> tuple[Array, Array]:
     """Corners (4, 3) m, z up, and channels (6, ns) N, N·mm about the middle of the surface in the plate's frame."""
     corners = Y_TO_Z_UP.apply(_standard_corners(plate))
     corners = (1e3 * corners).astype(np.float32).astype(np.float64) / 1e3  # as the file will hold them
-    frame = plate_frame(corners)
+    frame = force_plate.plate_frame(corners)
     wrench = plate.wrench()
     force = Y_TO_Z_UP.apply(wrench[:, :3])
     moment = Y_TO_Z_UP.apply(wrench[:, 3:]) - np.cross(frame.centre, force)

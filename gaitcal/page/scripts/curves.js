@@ -305,14 +305,16 @@ Gaitcal.Curves = class {
 Gaitcal.ROWS = ["pelvis", "hip", "knee", "ankle", "trunk", "arm"];
 
 // The curves of one joint: a row of angles in columns 1 to 3 (flexion, adduction, rotation), moments in 4 and 5, power in 6.
-// A moment about the third axis, and powers by axis, stand there when the row is enlarged.
+// A moment about the third axis, a fourth angle, and powers by axis, stand there when the row is enlarged.
 Gaitcal.jointGroup = ({ joint, title, power, rows }, has) => {
   const total = [{ base: power, kind: "power", joint, column: 6 }].filter(has);
-  const own = rows.flatMap((base, i) =>
+  const known = rows.filter((base) => ["angle", "moment"].some((kind) => has({ base, kind })));
+  const own = known.flatMap((base, i) =>
     [{ base, kind: "angle", joint, column: i + 1 }, { base, kind: "moment", joint, column: i + 4 }].filter(has));
-  const third = (subject) => subject.column === 6 && total.length > 0;
+  const last = ({ kind }) => (kind === "angle" ? 3 : 6 - total.length);
+  const third = (subject) => subject.column > last(subject);
   const details = rows.filter((base) => base !== power).map((base) => ({ base, kind: "power", joint, detail: true }));
-  const beyond = own.filter(third).map((subject) => ({ ...subject, third: true }));
+  const beyond = own.filter(third).map((subject) => ({ ...subject, column: subject.kind === "angle" ? 3 : 6, third: true }));
   return { joint, title, subjects: [...own.filter((one) => !third(one)), ...total, ...beyond, ...details.filter(has)] };
 };
 
