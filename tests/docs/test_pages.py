@@ -9,7 +9,7 @@ import pytest
 import gaitcal
 from scripts.tools import make_pictures
 from scripts.tools.documentation import __main__ as check
-from tests.docs.pages import DOCS, ROOT, blocks_of
+from tests.docs.pages import DOCS, NOT_RUN, ROOT, blocks_of, lint
 from tests.kept import kept_result
 from tests.page.browser import browser, chromium
 
@@ -29,8 +29,6 @@ def test_everything_is_explained(capsys: pytest.CaptureFixture[str]) -> None:
 
 @pytest.mark.parametrize("page", PAGES, ids=[str(page.relative_to(DOCS)) for page in PAGES])
 def test_blocks_have_the_form_of_their_language(page: Path) -> None:
-    from tests.docs.blocks import NOT_RUN, lint
-
     for block in blocks_of(page):
         assert lint(block) == "", f"{page}:{block.line}"
         if block.language in ("sh", "python") and page.parent.name not in ("tutorials", "how-to"):
