@@ -37,8 +37,7 @@ from gaitcal.model.parameters import JP_NAMES, MASSIVE_SEGMENTS, table
 from gaitcal.model.subject_model import MarkerPlacement, SubjectModel
 from gaitcal.session.calibrate import calibrate
 from gaitcal.study.study import Study
-from scripts.validation.muscles import OFF, disturbed
-from scripts.validation.osim_people import person_of
+from scripts.validation.muscles import OFF, disturbed, person_of
 from tests.export.test_compare import edited, in_old_format, in_other_frames
 from tests.kept import kept_result
 
