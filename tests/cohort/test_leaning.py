@@ -191,7 +191,7 @@ def test_the_command_learns_when_everybody_has_ended(tmp_path: Path, monkeypatch
 
     (tmp_path / "lab" / "Ann").mkdir(parents=True)
     (tmp_path / "lab" / "Ann" / "walk.c3d").write_bytes(b"")
-    monkeypatch.setattr(command, "run_cohort", ended)
+    monkeypatch.setattr("gaitcal.cohort.run.run_cohort", ended)
     monkeypatch.setattr(command, "learn", lambda cohort, out, told: ("legs: offset learnt of 9 people",))
     said = run("cohort", tmp_path / "lab", "--out", tmp_path / "out", "--learn-priors").output
     assert "legs: offset learnt of 9 people" in said and "priors:" in said
