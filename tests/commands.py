@@ -1,10 +1,13 @@
 """The command line in the process of the tests, and what is in the folders that it writes."""
 
 import io
+import json
 import sys
-from contextlib import redirect_stderr, redirect_stdout
+from collections.abc import Iterator
+from contextlib import contextmanager, redirect_stderr, redirect_stdout
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import pytest
 from click.testing import Result
@@ -12,6 +15,8 @@ from typer.testing import CliRunner
 
 from gaitcal import cli
 from gaitcal.cli.application import app
+from gaitcal.errors import InputError
+from gaitcal.io.result_folder import HASHES, MANIFEST, SELF, self_hash, sha256_of
 
 
 @dataclass(frozen=True)
@@ -41,6 +46,35 @@ def run(*words: object) -> Result:
     return CliRunner().invoke(app, list(map(str, words)), catch_exceptions=False)
 
 
+def tried(*words: object) -> Result:
+    """One command; the result has its error."""
+    return CliRunner().invoke(app, list(map(str, words)))
+
+
 def content(folder: Path) -> dict[str, bytes]:
     """Every file in a folder and below."""
     return {p.relative_to(folder).as_posix(): p.read_bytes() for p in sorted(folder.rglob("*")) if p.is_file()}
+
+
+def sign(result: Path) -> None:
+    """The manifest of a result as if `gaitcal` had written the files as they are."""
+    manifest = json.loads((result / MANIFEST).read_text(encoding="utf-8"))
+    manifest[HASHES] = {name: sha256_of(result / name) for name in manifest.get(HASHES, {})}
+    (result / MANIFEST).write_text(json.dumps({**manifest, SELF: self_hash(manifest)}), encoding="utf-8")
+
+
+@contextmanager
+def edited(result: Path, name: str) -> Iterator[dict[str, Any]]:
+    """A JSON file of a result, which becomes what is left of it at the end; the manifest is signed anew."""
+    data: dict[str, Any] = json.loads((result / name).read_text(encoding="utf-8"))
+    yield data
+    (result / name).write_text(json.dumps(data), encoding="utf-8")
+    sign(result)
+
+
+@contextmanager
+def refused(told: str) -> Iterator[None]:
+    """The body ends in an error of input: one line, which holds these words as they stand."""
+    with pytest.raises(InputError) as caught:
+        yield
+    assert told in str(caught.value) and "\n" not in str(caught.value)

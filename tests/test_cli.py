@@ -19,39 +19,14 @@ from tests.kept import copied_person
 
 ROOT = Path(__file__).parents[1]
 ORDER = (
-    "demo",
-    "example",
-    "init",
-    "check",
-    "calibrate",
-    "cohort",
-    "dynamics",
-    "convert",
-    "synthesize",
-    "montecarlo",
-    "reproduce",
-    "export",
-    "figures",
-    "view",
-    "report",
-)
+    "demo", "example", "init", "check", "calibrate", "cohort", "dynamics", "convert", "synthesize", "montecarlo",
+    "reproduce", "export", "figures", "view", "report",
+)  # fmt: skip
 FILES = (
-    "summary.json",
-    "parameters.csv",
-    "model.toml",
-    "model.osim",
-    "model.urdf",
-    "model.xml",
-    "motion/walk.mot",
-    "motion/walk.csv",
-    "moments/walk.sto",
-    "moments/walk.csv",
-    "marker_errors/walk.csv",
-    "result.html",
-    "page.json",
-    "scene.npz",
-    "manifest.json",
-)
+    "summary.json", "parameters.csv", "model.toml", "model.osim", "model.urdf", "model.xml", "motion/walk.mot",
+    "motion/walk.csv", "moments/walk.sto", "moments/walk.csv", "marker_errors/walk.csv", "result.html", "page.json",
+    "scene.npz", "manifest.json",
+)  # fmt: skip
 
 
 def test_help_shows_the_commands_in_order() -> None:
@@ -65,16 +40,11 @@ def test_the_version_is_told() -> None:
     assert (told.exit_code, told.output) == (0, f"gaitcal {version('gaitcal')}\n")
 
 
-def test_usage_errors_end_with_2() -> None:
-    assert gaitcal("calibrate").returncode == 2
-    assert gaitcal("no-such-command").returncode == 2
-
-
 @pytest.mark.parametrize("words", [("montecarlo", ".", "--levels", "abc"), ("export", ".", "--format", "foo")])
-def test_options_that_we_refuse_end_with_2_too(words: tuple[str, ...]) -> None:
+def test_usage_errors_end_with_2(words: tuple[str, ...]) -> None:
+    assert [gaitcal(word).returncode for word in ("calibrate", "no-such-command")] == [2, 2]
     done = gaitcal(*words)
-    assert done.returncode == 2, done.stderr
-    assert len(done.stderr.splitlines()) == 1
+    assert (done.returncode, len(done.stderr.splitlines())) == (2, 1)
     assert done.stderr.startswith(f"gaitcal: {words[2]}: found ")
 
 

@@ -29,12 +29,19 @@ ON_CONDA = {"pin": "pinocchio", "meshcat": "meshcat-python", "matplotlib": "matp
 """Names of packages that conda-forge calls otherwise."""
 
 
-def test_notes_of_our_own_changelog(capsys: pytest.CaptureFixture[str]) -> None:
+def test_one_version_everywhere_and_its_notes(capsys: pytest.CaptureFixture[str]) -> None:
+    """Of the package, of the citation, and of the newest release in the changelog, which has its date."""
+    package, cited, changelog = (
+        (ROOT / name).read_text(encoding="utf-8") for name in ("pyproject.toml", "CITATION.cff", "CHANGELOG.md")
+    )
     version = release.version_of()
+    assert version == tomllib.loads(package)["project"]["version"]
+    assert re.findall(r"^version: (.+)$", cited, re.M) == [version]
+    (date,) = re.findall(r'^date-released: "(.+)"$', cited, re.M)
+    assert re.findall(r"^## (.+)$", changelog, re.M)[:2] == ["[Unreleased]", f"[{version}] - {date}"]
     release.main(["--notes"])
     text = capsys.readouterr().out
     assert len(text.splitlines()) > 10 and "\n## [" not in text
-    assert version == tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]["version"]
 
 
 def test_versions_that_differ_stop_the_release(tmp_path: Path) -> None:
@@ -92,19 +99,6 @@ def python(code: str, cwd: Path, **environment: str) -> str:
     return done.stdout.strip()
 
 
-def test_one_version_everywhere() -> None:
-    """Of the package, of the citation, and of the newest release in the changelog, which has its date."""
-    texts = {
-        name: (ROOT / name).read_text(encoding="utf-8") for name in ("pyproject.toml", "CITATION.cff", "CHANGELOG.md")
-    }
-    (package,) = re.findall(r'^version = "(.+)"$', texts["pyproject.toml"], re.M)
-    (cited,) = re.findall(r"^version: (.+)$", texts["CITATION.cff"], re.M)
-    (date,) = re.findall(r'^date-released: "(.+)"$', texts["CITATION.cff"], re.M)
-    headings = re.findall(r"^## (.+)$", texts["CHANGELOG.md"], re.M)
-    assert cited == package
-    assert headings[:2] == ["[Unreleased]", f"[{package}] - {date}"]
-
-
 def test_what_contributors_are_told_is_there() -> None:
     """Every path and test that `CONTRIBUTING.md` names."""
     text = (ROOT / "CONTRIBUTING.md").read_text(encoding="utf-8")
@@ -116,17 +110,17 @@ def test_what_contributors_are_told_is_there() -> None:
     assert {name for name in re.findall(r"`(test_\w+)`", text) if f"def {name}(" not in tests} == set()
 
 
-def test_import_loads_no_viewer_plots_cluster_or_command_line(tmp_path: Path) -> None:
-    heavy = ["meshcat", "matplotlib", "dask", "distributed", "jinja2", "typer", "rich", "IPython"]
-    code = f"import sys, gaitcal; print([name for name in {heavy} if name in sys.modules])"
-    assert python(code, tmp_path, PYTHONPATH=str(ROOT)) == "[]"
-
-
-@pytest.mark.parametrize("command", ["calibrate", "folder"])
-def test_commands_load_no_data_frames_and_no_server(command: str, tmp_path: Path) -> None:
-    """They are for who asks for a data frame or a page in the browser, and take a third of the imports' time."""
-    heavy = ["pandas", "pyarrow", "http.server", "matplotlib"]
-    code = f"import sys, gaitcal.cli.{command}; print([name for name in {heavy} if name in sys.modules])"
+@pytest.mark.parametrize(
+    ("module", "heavy"),
+    [
+        ("gaitcal", ["meshcat", "matplotlib", "dask", "distributed", "jinja2", "typer", "rich", "IPython"]),
+        # for who asks for a data frame or a page in the browser; they take a third of the imports' time
+        ("gaitcal.cli.calibrate", ["pandas", "pyarrow", "http.server", "matplotlib"]),
+        ("gaitcal.cli.folder", ["pandas", "pyarrow", "http.server", "matplotlib"]),
+    ],
+)
+def test_imports_load_no_library_that_is_for_others(module: str, heavy: list[str], tmp_path: Path) -> None:
+    code = f"import sys, {module}; print([name for name in {heavy} if name in sys.modules])"
     assert python(code, tmp_path, PYTHONPATH=str(ROOT)) == "[]"
 
 
@@ -190,20 +184,16 @@ def figures() -> ModuleType:
     return module
 
 
-def test_every_reference_is_cited_and_has_a_doi() -> None:
+def test_the_paper_has_its_parts_and_figures_and_every_reference_is_cited_and_has_a_doi() -> None:
     text = (PAPER / "paper.md").read_text(encoding="utf-8")
+    headings = re.findall(r"^# (.+)$", text, re.M)
+    assert headings[:4] == list(SECTIONS[:4]) and set(SECTIONS) <= set(headings)
+    assert all((PAPER / name).is_file() for name in re.findall(r"!\[.*\]\((.+?)\)", text, re.S))
+    assert len(text.split()) < 1750, "JOSS takes 750 to 1750 words"
     entries = re.split(r"^@\w+\{", (PAPER / "paper.bib").read_text(encoding="utf-8"), flags=re.M)[1:]
     keys = {entry.split(",")[0]: re.findall(r"doi\s*= \{(10\.\d{4,}/\S+)\}", entry) for entry in entries}
     assert set(re.findall(r"(?<![\w.])@(\w+)", text)) == set(keys)
     assert all(len(dois) == 1 for dois in keys.values())
-
-
-def test_the_paper_has_its_parts_and_figures() -> None:
-    text = (PAPER / "paper.md").read_text(encoding="utf-8")
-    assert re.findall(r"^# (.+)$", text, re.M)[:4] == list(SECTIONS[:4])
-    assert set(SECTIONS) <= set(re.findall(r"^# (.+)$", text, re.M))
-    assert all((PAPER / name).is_file() for name in re.findall(r"!\[.*\]\((.+?)\)", text, re.S))
-    assert len(text.split()) < 1750, "JOSS takes 750 to 1750 words"
 
 
 def test_the_figure_is_drawn_from_its_table(figures: ModuleType, tmp_path: Path) -> None:

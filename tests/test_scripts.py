@@ -139,25 +139,20 @@ def test_the_same_is_the_same_whatever_time_it_took(folders: tuple[Path, Path], 
     assert "1 pages" in capsys.readouterr().out
 
 
-@pytest.mark.parametrize(
-    ("name", "content"),
-    [
+def test_other_numbers_gaps_words_arrays_and_missing_files_are_told(folders: tuple[Path, Path]) -> None:
+    before, after = folders
+    of_run = {"seconds": 1.5, "status": "converged", "rms": 5.5}
+    for name, content in (
         ("walk.csv", ROWS.format(20.0 * (1 + 1e-8))),
         ("walk.csv", ROWS.format("")),
         ("walk.csv", ROWS.format(20.0).replace("_r", "_l")),
-        ("summary.json", json.dumps({"seconds": 1.5, "status": "not converged", "rms": 5.5}, indent=1)),
-        ("summary.json", json.dumps({"seconds": 1.5, "status": "converged", "rms": 5.5001}, indent=1)),
-    ],
-)
-def test_other_numbers_gaps_and_words_are_told(folders: tuple[Path, Path], name: str, content: str) -> None:
-    before, after = folders
-    (after / name).write_text(content)
-    (line,) = compare_results.differences(before, after)
-    assert line.startswith(f"{name}: ")
-
-
-def test_arrays_and_missing_files_are_told(folders: tuple[Path, Path]) -> None:
-    before, after = folders
+        ("summary.json", json.dumps(of_run | {"status": "not converged"}, indent=1)),
+        ("summary.json", json.dumps(of_run | {"rms": 5.5001}, indent=1)),
+    ):
+        (after / name).write_text(content)
+        (line,) = compare_results.differences(before, after)
+        assert line.startswith(f"{name}: ")
+        shutil.copy(before / name, after / name)
     np.savez(after / "splines.npz", coefficients=np.arange(4.0) + 1e-6, trials=np.array(["walk"]))
     (after / "walk.csv").unlink()
     lines = list(compare_results.differences(before, after))

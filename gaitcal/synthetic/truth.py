@@ -110,7 +110,7 @@ def joint_parameters_in(parameters: params.Parameters, q: Array, frames: dict[st
         mirrored = 1.0 if side == "r" else -1.0
         z, point_of_z = lines[f"ankle_angle_{side}"]
         x, point_of_x = mirrored * lines[f"subtalar_angle_{side}"][0], lines[f"subtalar_angle_{side}"][1]
-        talus_origin, foot_point = _common_perpendicular(z, point_of_z, x, point_of_x)
+        talus_origin, foot_point = common_perpendicular(z, point_of_z, x, point_of_x)
         up = np.cross(z, x) / np.linalg.norm(np.cross(z, x))
         by_name[f"subtalar_{side}.talus.trans"] = float(-np.arcsin(np.clip(z @ x, -1, 1)))
         by_name[f"subtalar_{side}.talus.sup"] = float((foot_point - talus_origin) @ up)
@@ -157,7 +157,7 @@ def _joint_lines(parameters: params.Parameters, q: Array) -> dict[str, tuple[Arr
     }
 
 
-def _common_perpendicular(a: Array, point_of_a: Array, b: Array, point_of_b: Array) -> tuple[Array, Array]:
+def common_perpendicular(a: Array, point_of_a: Array, b: Array, point_of_b: Array) -> tuple[Array, Array]:
     """Nearest points of two lines, each given by its direction and one of its points."""
     between = point_of_b - point_of_a
     s, t = np.linalg.solve(np.array([[a @ a, -a @ b], [a @ b, -b @ b]]), [a @ between, b @ between])

@@ -120,7 +120,6 @@ def _plain(before: list[str], after: list[str], rtol: float) -> str:
 
 
 def main(arguments: list[str] | None = None) -> int:
-    """Print every difference; 1 where there is one."""
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
     parser.add_argument("before", type=Path)
     parser.add_argument("after", type=Path)

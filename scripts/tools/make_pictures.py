@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import argparse
 import base64
-import subprocess
 import sys
 import tempfile
 from collections.abc import Sequence
@@ -18,7 +17,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from scripts.validation.many_people import copy_people, write_many
+from scripts.validation.cohorts import copy_people, write_many
+from scripts.validation.harness import gaitcal
 from tests.page.browser import Page, browser, chromium
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -36,8 +36,6 @@ PEOPLE = 60
 
 @dataclass(frozen=True)
 class Picture:
-    """One picture."""
-
     name: str
     place: str
     """What stands behind the # of the page's address."""
@@ -63,7 +61,6 @@ PICTURES = (
 
 
 def take(page: Page, url: str, picture: Picture) -> bytes:
-    """One picture as PNG."""
     page.open("about:blank")
     page.open(f"{url}#{picture.place}", *picture.size)
     page.run(SETTLED)
@@ -75,27 +72,18 @@ def take(page: Page, url: str, picture: Picture) -> bytes:
 
 
 def demo_in(folder: Path) -> Path:
-    """The result folder of the demo, made in `folder`."""
-    gaitcal("demo", "--quiet", "--out", str(folder / "demo"))
+    gaitcal("demo", "--quiet", "--out", folder / "demo").check_returncode()
     return folder / "demo" / "result"
 
 
 def cohort_in(folder: Path) -> Path:
-    """The results of three made-up people."""
     for seed in (1, 2, 3):
-        more = ("--seed", str(seed), "--noise", "--perturb")
-        gaitcal("synthesize", "--quiet", "--out", str(folder / "people" / f"P{seed}"), *more)
-    gaitcal("cohort", "--quiet", str(folder / "people"), "--out", str(folder / "study"))
+        gaitcal("synthesize", "-q", "--out", folder / f"people/P{seed}", "--seed", seed, "--noise", "--perturb")
+    gaitcal("cohort", "--quiet", folder / "people", "--out", folder / "study").check_returncode()
     return folder / "study"
 
 
-def gaitcal(*words: str) -> None:
-    """Run a command."""
-    subprocess.run([sys.executable, "-m", "gaitcal.cli", *words], check=True, cwd=ROOT)
-
-
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Take the pictures."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--result", type=Path, help="folder of 'gaitcal demo', its part 'result'")
     parser.add_argument("--cohort", type=Path, help="folder of 'gaitcal cohort'")

@@ -87,7 +87,6 @@ def environment(folder: Path, *packages: str | Path) -> Path:
 
 
 def built(out: Path, work: Path) -> tuple[Path, Path]:
-    """Wheel and sdist in `out`, judged by twine."""
     tools = environment(work / "tools", *TOOLS)
     run(tools / "python", "-m", "build", "--outdir", out, ROOT)
     (wheel,) = out.glob("*.whl")
@@ -111,7 +110,6 @@ def check_content(wheel: Path, sdist: Path) -> None:
 
 
 def smoke(package: Path, folder: Path, version: str, *, demo: bool) -> None:
-    """Install a package where nothing else is, and work with it."""
     programs = environment(folder / "venv", package)
     code = "import gaitcal, importlib.metadata as m; print(m.version('gaitcal'), gaitcal.__file__)"
     told, place = run(programs / "python", "-c", code, cwd=folder).split(maxsplit=1)
@@ -127,7 +125,6 @@ def smoke(package: Path, folder: Path, version: str, *, demo: bool) -> None:
 
 
 def main(arguments: list[str] | None = None) -> None:
-    """Build, check, tell."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--out", type=Path, default=ROOT / "dist", help="a folder without packages (default dist)")
     parser.add_argument("--section", help="of the changelog; that of the version unless given")

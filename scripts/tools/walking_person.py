@@ -27,13 +27,14 @@ import numpy as np
 import pandas as pd
 
 from gaitcal.arrays import Array, BoolArray
-from gaitcal.dynamics.foot_contact import HEEL_M, SHAPE, FootPoints
+from gaitcal.dynamics.foot_contact import FootPoints
 from gaitcal.dynamics.ground_reactions import foot_points
-from gaitcal.dynamics.inverse_dynamics import Dynamics, pelvis_residual
+from gaitcal.dynamics.inverse_dynamics import FORCES, Dynamics, pelvis_residual
+from gaitcal.dynamics.off_sole import outside_hull, sole_edge
 from gaitcal.gait.moments import SIDE_WORDS
 from gaitcal.gait.normal_bands import read_normal_bands
 from gaitcal.io.force_plate import point_and_torque
-from gaitcal.model.linkage import COORDINATES, REACTIONS, SIDES
+from gaitcal.model.linkage import SIDES
 from gaitcal.model.nominal import published_model
 from gaitcal.motion.motion import Motion
 from gaitcal.synthetic.motion import residual_free_wrench, two_strides
@@ -68,8 +69,6 @@ loading at the knee during walking", Proc Inst Mech Eng H (abstract)."""
 
 @dataclass(frozen=True)
 class Walk:
-    """The truth of one walk."""
-
     phase: Array
     """(nf,) strides since a right foot strike."""
     moments: dict[str, Array]
@@ -84,8 +83,7 @@ class Walk:
 
     def percent(self, foot: int) -> Array:
         """(nf,) % of the stride of a foot (0 right, 1 left)."""
-        out: Array = 100.0 * ((self.phase - 0.5 * foot) % 1.0)
-        return out
+        return np.asarray(100.0 * ((self.phase - 0.5 * foot) % 1.0))
 
     @property
     def loaded(self) -> BoolArray:
@@ -101,8 +99,7 @@ def true_walk(seed: int | None = None) -> Walk:
     wrench = residual_free_wrench(model.parameters, motion)
     q, v, a = (motion.basis.evaluate(motion.coefficients, k) for k in range(3))
     forces = Dynamics(model.parameters).forces(q, v, a, wrench)
-    names = [*COORDINATES, *REACTIONS]
-    moments = {f"{stem}_{side}": forces[:, names.index(f"{stem}_{side}")] for stem in MOMENTS for side in SIDES}
+    moments = {f"{stem}_{side}": forces[:, FORCES.index(f"{stem}_{side}")] for stem in MOMENTS for side in SIDES}
     centre = np.stack([point_and_torque(wrench[:, foot])[0] for foot in range(2)], axis=1)
     centre[wrench[:, :, 1] <= LOADED_N] = np.nan
     return Walk(
@@ -166,28 +163,17 @@ def peaks(walk: Walk, bands: dict[str, pd.DataFrame]) -> list[Peak]:
 
 
 def outside_sole(walk: Walk, foot: int) -> Array:
-    """(nf,) m by which the centre of pressure is outside the sole; negative inside, NaN where a foot is not loaded."""
-    feet = walk.feet
-    heel, tip = feet.heel[:, foot][:, [0, 2]], feet.tip[:, foot][:, [0, 2]]
-    length = np.linalg.norm(tip - heel, axis=1)
-    forward = (tip - heel) / length[:, None]
-    away = walk.centre[:, foot][:, [0, 2]] - heel
-    along = np.einsum("fi,fi->f", away, forward)
-    across = np.abs(away[:, 0] * forward[:, 1] - away[:, 1] * forward[:, 0])
-    part = (along - HEEL_M) / (length - HEEL_M)
-    out: Array = np.max([HEEL_M - along, along - length, across - feet.width * np.interp(part, *SHAPE) / 2], axis=0)
-    return out
+    """(nf,) m by which the centre of pressure is outside the sole; negative inside, -inf where a foot is not loaded."""
+    return outside_hull(walk.centre[:, foot][:, [0, 2]], sole_edge(walk.feet, foot, slice(None)))[0]
 
 
 def passes(walk: Walk) -> bool:
-    """Whether all is as it should be."""
     inside = all((outside_sole(walk, foot)[walk.loaded[:, foot]] <= 0).all() for foot in range(2))
     pushes = bool((walk.force[:, :, 1] >= 0).all()) and walk.residual < RESIDUAL
     return inside and pushes and all(abs(p.off) <= WITHIN for p in peaks(walk, normal_bands()))
 
 
 def lines(walk: Walk) -> Iterator[str]:
-    """The report."""
     bands = normal_bands()
     yield "peaks of true moments, N·m/kg    right   (SD off)     left   (SD off)    band: mean, SD"
     found = peaks(walk, bands)

@@ -33,6 +33,7 @@ from gaitcal.study.study import nominal_of
 from gaitcal.study.study_trial import Role
 
 SHARED = ()
+OWN = {"study": {"type": Path, "nargs": "+", "metavar": "STUDY", "help": "a study file with gait trials"}}
 SAME = 0.2
 """s within which an event of the motion means one of the truth."""
 WITHIN_M = 0.03
@@ -45,8 +46,6 @@ SHORTEST, LONGEST = 0.4, 1.5
 
 @dataclass(frozen=True)
 class Walk:
-    """One trial: its motion, and the truth."""
-
     time: Array
     """(nf,) s."""
     feet: FootPoints
@@ -60,7 +59,6 @@ def events_of(walk: Walk) -> list[FootEvent]:
 
 
 def walks_of(study: Study) -> list[Walk]:
-    """Every gait trial with the nominal model."""
     model, out = nominal_of(study), []
     for trial in (t for t in study.moving if t.role is Role.GAIT):
         ready = prepare_trial(trial, model, study.settings)
@@ -115,7 +113,6 @@ def told(found: Array) -> str:
 
 
 def lines(labs: dict[str, list[Walk]]) -> Iterator[str]:
-    """The report."""
     yield "events of the motion less those of force plates and of the file, ms: mean ± deviation (number)"
     for moment in FootMoment:
         for name, walks in labs.items():
@@ -123,13 +120,7 @@ def lines(labs: dict[str, list[Walk]]) -> Iterator[str]:
             yield f"{name:12}{moment.value:13}" + "".join(cells).rstrip()
 
 
-def add_options(parser: argparse.ArgumentParser) -> None:
-    """The studies."""
-    parser.add_argument("study", type=Path, nargs="+", metavar="STUDY", help="a study file with gait trials")
-
-
 def run(chosen: argparse.Namespace) -> dict[str, list[Walk]]:
-    """Track every study's gait trials and print the report."""
     studies = [Study.load(path) for path in chosen.study]
     labs = {study.subject.name: walks_of(study) for study in studies}
     print("\n".join(lines(labs)))

@@ -26,6 +26,7 @@ import argparse
 import tempfile
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -45,13 +46,13 @@ from gaitcal.model.segment_frames import rigid_motions
 from gaitcal.session.result import Calibration
 from gaitcal.synthetic.motion import residual_free_wrench
 from gaitcal.synthetic.subject import plates_under, true_gait
-from scripts.validation.error_bars import rms
-from scripts.validation.harness import say
+from scripts.validation.harness import option, rms, say
 from scripts.validation.recordings import SIMULATED, data
+from scripts.validation.truth.check import whole_turn
 from scripts.validation.truth.people import WalkingPerson, at_times, walking_person
-from scripts.validation.truth.simulated import whole_turn
 
 SHARED = ("--seed",)
+OWN = {"--people": option(3, "made-up people, or draws of errors")}
 Poses = Mapping[str, tuple[Array, Array]]
 """Segment, as Theia calls it -> (nf, 3, 3) axes forward, up, right, and (nf, 3) m origin."""
 AXES = np.eye(3)[:, [2, 0, 1]]
@@ -161,7 +162,6 @@ def opensim_poses(person: WalkingPerson, walk: Recording) -> Poses:
 
 
 def poses_recording(seed: int, errors: Errors, poses: Poses, time: Array) -> Recording:
-    """The points of the poses that a program would write."""
     rng, labels, out = np.random.default_rng(seed), [], []
     for name, (axes, origin) in poses.items():
         place, turn = errors.constant
@@ -183,7 +183,6 @@ TOE_POINTS = {"BigToe": (0.0, 0.0, -0.03), "SmallToe": (-0.03, 0.0, 0.05), "Heel
 
 
 def points_recording(seed: int, errors: Errors, poses: Poses, time: Array) -> Recording:
-    """The key points that a program would write."""
     rng, out = np.random.default_rng(seed), dict[str, Array]()
     for side in SIDES:
         away = {name: (segment, np.zeros(3)) for name, segment in KEY_POINTS.items()}
@@ -198,8 +197,6 @@ def points_recording(seed: int, errors: Errors, poses: Poses, time: Array) -> Re
 
 @dataclass(frozen=True)
 class Walk:
-    """What a person did."""
-
     poses: Poses
     time: Array
     mass: float
@@ -222,7 +219,6 @@ def made_up(seed: int, folder: Path) -> Walk:
 
 
 def of_opensim(name: str) -> Walk:
-    """That of a person whom OpenSim knows."""
     folder = data() / "opensim_truth"
     person = walking_person(name, folder)
     known = read_recording(folder / name / "walk_with_joint_centres.trc")
@@ -236,8 +232,6 @@ def of_opensim(name: str) -> Walk:
 
 @dataclass(frozen=True)
 class Outcome:
-    """One person."""
-
     trusted: str
     """The verdict."""
     centres: Mapping[str, Array]
@@ -256,7 +250,6 @@ def outcome(folder: Path, seed: int, errors: Errors, walk: Walk, *, points: bool
 
 
 def against(found: Calibration, true: Walk) -> Outcome:
-    """A calibrated walk against what was walked."""
     (walk,), (recorded,) = found.trials, found.study.moving
     here = body_poses(found.model.parameters, walk.body.q)
     rotation, origin = whole_turn(recorded.recording.markers, walk.recording.markers)
@@ -290,31 +283,20 @@ ERRORS: dict[str, Errors] = {
     "points_off": Errors(place=0.015, constant=(0.015, 0.0)),
 }
 OPENSIM = "opensim_"
-PARTS = ERRORS | {OPENSIM + part: errors for part, errors in ERRORS.items() if part != "white"}
+OF_OPENSIM = {OPENSIM + part: errors for part, errors in ERRORS.items() if part != "white"}
 USUAL_PARTS = tuple(ERRORS)
 """The others need GAITCAL_DATA."""
 
 
-def add_options(parser: argparse.ArgumentParser) -> None:
-    """Of this member."""
-    parser.add_argument("--people", type=int, default=3, help="made-up people, or draws of errors (default 3)")
-
-
-def run(chosen: argparse.Namespace) -> dict[str, dict[str, object]]:
-    """All parts."""
-    return {part: report(part, range(chosen.seed, chosen.seed + chosen.people)) for part in chosen.parts}
-
-
-def report(part: str, seeds: range) -> dict[str, object]:
-    """Calibrate the people of one part, and print."""
+def report(part: str, chosen: argparse.Namespace) -> dict[str, object]:
     found: list[Outcome] = []
     points = part.removeprefix(OPENSIM).startswith("points")
-    for seed in seeds:
+    for seed in range(chosen.seed, chosen.seed + chosen.people):
         for person in SIMULATED if part.startswith(OPENSIM) else ("",):
             with tempfile.TemporaryDirectory() as name:
                 folder = Path(name)
                 walk = of_opensim(person) if person else made_up(seed, folder)
-                found.append(outcome(folder, seed, PARTS[part], walk, points=points))
+                found.append(outcome(folder, seed, (ERRORS | OF_OPENSIM)[part], walk, points=points))
     centres = {joint: 1e3 * rms(np.concatenate([one.centres[joint] for one in found])) for joint in found[0].centres}
     say(f"{part}: {', '.join(one.trusted for one in found)}")
     say("  joint centres off by " + ", ".join(f"{joint} {size:.1f} mm" for joint, size in centres.items()))
@@ -325,3 +307,6 @@ def report(part: str, seeds: range) -> dict[str, object]:
         out[torque] = {"rms": rms(off), "se": rms(bars), "covered": covered}
         say(f"  {torque:14s} {rms(off):6.2f} N·m, standard error {rms(bars):6.2f}, covered {100 * covered:5.1f} %")
     return out
+
+
+PARTS = {part: partial(report, part) for part in ERRORS | OF_OPENSIM}

@@ -13,11 +13,13 @@ people    with marker noise as published (one sinusoid a marker coordinate), in 
           90 to 99 % of the true moment arms of the right leg, in two postures of each coordinate. Both people are
           scaled from one pelvis, whose hips lie 15 mm farther in and 13 to 24 mm lower than regressions from people
           have them: with much noise arms of hip adduction are off by that in every draw
-drawn     the same with a prior of which these people are a draw (`people/drawn.py`): what intervals must hold
+drawn     the same with a prior of which these people are a draw (`people/simulated.py`): what intervals must hold
 same      of these models and those of `--osim`: an export of the joints that are in place leaves every byte, and moment
           arms bit by bit in 1000 postures; joints put off come back; seconds of an export and of a draw
 
-Needs the `opensim` package.
+In part `same` the person has the very joints of the model: segment frames are its body frames (the talus has one of its
+own), and the person stands with all coordinates of the model zero. A line of the model's joint becomes joint parameters
+as `gaitcal/model/linkage.py` defines them. Needs the `opensim` package.
 """
 
 from __future__ import annotations
@@ -42,18 +44,140 @@ from gaitcal.arrays import Array
 from gaitcal.errors import InputError
 from gaitcal.export.account import MusclePath, leg_ranges, muscle_paths
 from gaitcal.export.joint_transfer import into_osim
-from gaitcal.export.osim_correspondence import LegJoint, leg_joints
+from gaitcal.export.osim import frames_of
+from gaitcal.export.osim_correspondence import Hinge, LegJoint, leg_joints
 from gaitcal.export.osim_reader import Place, peer_of, read_document, read_osim
+from gaitcal.export.peer_model import Axis, PeerModel
+from gaitcal.model.chain import axis_rotation
+from gaitcal.model.linkage import JOINTS, SIDES, ZERO_ANGLES
+from gaitcal.model.parameters import Parameters, published_subject
+from gaitcal.model.segment_frames import Frame
+from gaitcal.model.subject_model import MarkerPlacement, Subject, SubjectModel
 from gaitcal.results.saved import where_they_move
 from gaitcal.synthetic.motion import marker_noise
-from scripts.validation.error_bars import rms
-from scripts.validation.harness import judged, matching, say, side_by_side
-from scripts.validation.osim_people import person_of
-from scripts.validation.people.drawn import prior_about_truth
+from scripts.validation.harness import judged, matching, option, rms, say, side_by_side
+from scripts.validation.people.simulated import prior_about_truth
 from scripts.validation.recordings import only
-from scripts.validation.truth.people import isolated_person
+from scripts.validation.truth.people import KnownJoints, isolated_person, leg_parameters
+
+JOINT = {joint.name: joint for joint in JOINTS}
+FREE_POINTS = 4
+"""Markers of a segment, where those of the model are not to be used."""
+
+
+def person_of(peer: PeerModel, *, markers: bool = True) -> SubjectModel:
+    """A person whose legs are those of the model, and who wears its markers (or others, that it does not have)."""
+    parameters, posture = published_subject(), dict[str, float]()
+    legs = {leg.ours: leg.theirs for leg in leg_joints(peer)}
+    bodies = {"pelvis": legs["hip_r"].parent}
+    for side in SIDES:
+        bodies |= {f"thigh_{side}": legs[f"hip_{side}"].child, f"shank_{side}": legs[f"knee_{side}"].child}
+        bodies[f"foot_{side}"] = legs[f"subtalar_{side}"].child
+        values, angles, standing = _leg(peer, side, bodies, parameters)
+        zero = parameters.zero_angles.copy()
+        for name, value in angles.items():
+            zero[ZERO_ANGLES.index(name)] = value
+        parameters = Parameters(
+            parameters.with_joint(tuple(values), np.array(list(values.values()))).joint, parameters.inertial, zero
+        )
+        posture |= standing
+    placed = list(_markers(peer, bodies) if markers else _free_points(bodies))
+    labels, segments, local = zip(*placed, strict=True)
+    placement = MarkerPlacement(labels, segments, np.array(local), np.ones(len(labels)))
+    who = Subject("truth", 70.0, 1.75, "male")
+    return SubjectModel(subject=who, parameters=parameters, nominal=parameters, markers=placement, posture=posture)
+
+
+def _hinge(leg: LegJoint) -> Hinge:
+    if leg.hinge is None:
+        raise InputError(f"{leg.theirs.name} is no hinge; allowed: a hinge as {leg.ours}")
+    return leg.hinge
+
+
+def _leg(
+    peer: PeerModel, side: str, bodies: dict[str, str], base: Parameters
+) -> tuple[dict[str, float], dict[str, float], dict[str, float]]:
+    """Joint parameters, zero angles and standing coordinates of one leg; the laboratory is the pelvis."""
+    s = 1.0 if side == "r" else -1.0
+    legs = {leg.ours.partition("_")[0]: leg for leg in leg_joints(peer) if leg.ours.endswith(f"_{side}")}
+    hip, knee, hinge = legs["hip"].theirs, legs["knee"].theirs, _hinge(legs["knee"])
+    shank, foot = bodies[f"shank_{side}"], bodies[f"foot_{side}"]
+    of_thigh = peer.joint_pose(hip, {})
+    # the pose of the shank is that of the hinge: it does not roll
+    of_knee = peer.body_pose(knee.parent, bodies[f"thigh_{side}"]) * hinge.pose(hinge.angle(peer.joint_pose(knee, {})))
+    of_shank, of_foot = of_thigh * of_knee, peer.body_pose(foot, shank)
+
+    def axis(joint: str) -> Axis:
+        line, parent = _hinge(legs[joint]).in_parent, legs[joint].theirs.parent
+        below = bodies[f"thigh_{side}"] if joint == "knee" else shank
+        found = Axis(line.translation, line.rotation[:, 2]).moved(peer.body_pose(parent, below))
+        return found.moved(of_thigh if joint == "knee" else of_shank)
+
+    poses = {"pelvis": pin.SE3.Identity(), f"thigh_{side}": of_thigh, f"shank_{side}": of_shank}
+    poses[f"foot_{side}"] = of_shank * of_foot
+    ours = {"knee": "knee", "talocrural": "ankle", "subtalar": "subtalar"}
+    lines = {f"{name}_{side}": axis(joint) for joint, name in ours.items()}
+    centres = {f"hip_{side}": (of_thigh * hip.in_child).translation}
+    jp = leg_parameters(
+        KnownJoints(centres=centres, proximal=lines, distal=lines),
+        {name: Frame(pose.rotation, pose.translation) for name, pose in poses.items()},
+        side,
+    )
+    joints = base.with_joint(tuple(jp), np.array(list(jp.values()))).joint
+
+    def frames(joint: str, **zero: float) -> tuple[pin.SE3, pin.SE3]:
+        angles = base.zero_angles.copy()
+        for name, value in zero.items():
+            angles[ZERO_ANGLES.index(f"{name}_{side}.zero")] = value
+        found = frames_of(JOINT[f"{joint}_{side}"], Parameters(joints, base.inertial, angles))
+        return found.in_parent, found.in_child
+
+    r = of_thigh.rotation  # Rz(flexion) Rx(s adduction) Ry(s rotation)
+    in_parent, in_child = frames("knee")
+    bent = (in_parent.actInv(of_knee) * in_child).rotation
+    standing = {
+        f"hip_flexion_{side}": float(np.arctan2(-r[0, 1], r[1, 1])),
+        f"hip_adduction_{side}": s * float(np.arcsin(r[2, 1])),
+        f"hip_rotation_{side}": s * float(np.arctan2(-r[2, 0], r[2, 2])),
+        f"knee_angle_{side}": float(np.arctan2(-bent[1, 0], bent[0, 0])),
+    }
+    # y of the talus lies along the common perpendicular of both axes of the ankle
+    back = of_shank.inverse()
+    z = lines[f"ankle_{side}"].moved(back).pointing(2).direction
+    x = lines[f"subtalar_{side}"].moved(back).pointing(0).direction
+    in_parent, _ = frames("talocrural", talocrural=0.0)
+    y = in_parent.rotation.T @ np.cross(z, x)
+    ankle = float(np.arctan2(-y[0], y[1]))
+    talus = in_parent * pin.SE3(axis_rotation(2, ankle), np.zeros(3))
+    in_parent, in_child = frames("subtalar", talocrural=ankle, subtalar=0.0)
+    rest = ((talus * in_parent).actInv(of_foot) * in_child).rotation
+    zero = {f"talocrural_{side}.zero": ankle, f"subtalar_{side}.zero": float(np.arctan2(rest[2, 1], rest[1, 1]))}
+    return jp, zero, standing
+
+
+def _markers(peer: PeerModel, bodies: dict[str, str]) -> Iterator[tuple[str, str, Array]]:
+    """Those that the model has on these bodies, or on what hangs on them."""
+    for label, (carrier, position) in peer.markers.items():
+        for segment, body in reversed(bodies.items()):
+            if peer.is_below(carrier, body):
+                yield label, segment, peer.body_pose(carrier, body).act(position)
+                break
+
+
+def _free_points(bodies: dict[str, str]) -> Iterator[tuple[str, str, Array]]:
+    rng = np.random.default_rng(0)
+    for segment in bodies:
+        for k in range(FREE_POINTS):
+            yield f"{segment} {k}", segment, 0.1 * rng.normal(size=3)
+
 
 SHARED = ("--jobs", "--only", "--json", "--seed", "--cache")
+OWN = {
+    "--draws": option(25, "of noise, a person"),
+    "--models": option(20, "drawn models of each, for standard deviations"),
+    "--noise": option(10.0, "largest amplitude of marker noise, mm"),
+    "--osim": option([], "a model more in part same; may be repeated", type=Path),
+}
 MODELS = {"p01": "subject01.osim", "p18": "subject18.osim"}
 OFF = (0.010, 0.020)
 """m, how far joints are put from their place."""
@@ -123,7 +247,7 @@ def draw(
         ]
         study = replace(study, trials=tuple(replace(t, recording=r) for t, r in zip(study.trials, noisy, strict=True)))
     if drawn:
-        study, _, _ = prior_about_truth(made, study, rng)
+        study, _ = prior_about_truth(made, study, rng)
     found = calibrate(study)
     recorded = where_they_move([t.calibrated.q for t in found.trials if t.joint is None])  # others: of one joint alone
     source = data / person / MODELS[person]
@@ -283,24 +407,6 @@ PARTS: dict[str, Callable[[argparse.Namespace], dict[str, float]]] = {
     "drawn": partial(held, True),
     "same": same,
 }
-
-
-def add_options(parser: argparse.ArgumentParser) -> None:
-    """How many draws of noise a person, how much noise, how many models of each draw."""
-    parser.add_argument("--draws", type=int, default=25, help="of noise, a person")
-    parser.add_argument("--models", type=int, default=20, help="drawn models of each, for standard deviations")
-    parser.add_argument("--noise", type=float, default=10.0, help="largest amplitude of marker noise, mm")
-    parser.add_argument("--osim", type=Path, action="append", default=[], help="a model more in part same; repeatable")
-
-
-def run(chosen: argparse.Namespace) -> dict[str, dict[str, float]]:
-    """Print the tables of the parts; their figures."""
-    out = {}
-    for part in chosen.parts:
-        say("", f"== {part}")
-        out[part] = PARTS[part](chosen)
-        chosen.keep(out)
-    return out
 
 
 def passed(found: Mapping[str, Mapping[str, float]]) -> bool:

@@ -1,6 +1,6 @@
 """Does what a cohort teaches of joint parameters bring people it does not know nearer to the truth?
 
-    priors [--populations offset,structured,wide] [--cohort 20] [--left-out 12] [--seed 0]
+    priors [--parts offset,structured,wide] [--cohort 20] [--left-out 12] [--seed 0]
 
 Made-up people of populations that the program does not know (how the joints of their linkage deviate from nominal
 ones), with slow waves on every marker. Priors are learnt of a cohort that walked (`gait`), and of the same people with
@@ -21,10 +21,9 @@ from __future__ import annotations
 
 import argparse
 import tempfile
-import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cache
+from functools import cache, partial
 from pathlib import Path
 
 import numpy as np
@@ -53,25 +52,22 @@ from gaitcal.synthetic.motion import (
     two_strides,
 )
 from gaitcal.synthetic.truth import in_static_frames
-from scripts.validation.error_bars import rms, shares
-from scripts.validation.harness import commas
+from scripts.validation.harness import option, rms, say, shares
 from scripts.validation.people.fits import Fit, fitted
-from scripts.validation.recordings import only
-from scripts.validation.study_folder import write_folder
+from scripts.validation.recordings import only, write_folder
 
 SHARED = ("--seed",)
+OWN = {"--cohort": option(20, "people in the cohort"), "--left-out": option(12, "people who are not")}
 POSITION = np.array([p.kind is Kind.POSITION for p in JOINT_PARAMETERS])
 Draw = Callable[[np.random.Generator, Person], Array]
 """(98,) m, rad: deviations of a new person."""
 
 
 def scaled(millimetres: float, degrees: float) -> Array:
-    """(98,) m, rad."""
     return np.where(POSITION, 1e-3 * millimetres, np.deg2rad(degrees))
 
 
 def both_sides(values: Array) -> Array:
-    """(98,) the same on both sides."""
     paired = np.array([p.joint[-2:] in ("_r", "_l") for p in JOINT_PARAMETERS])
     return 0.5 * (values + mirror(JP_NAMES) @ values) * np.where(paired, np.sqrt(2.0), 1.0)
 
@@ -124,8 +120,6 @@ TRANSLATIONS = slice(3, 6)
 
 @dataclass(frozen=True, kw_only=True)
 class MadePerson:
-    """Recordings and truth."""
-
     study: Study
     truth: Array
     """(98,) m, rad, in the frames of the study's static trial."""
@@ -134,7 +128,6 @@ class MadePerson:
 
 
 def person_of(draw: Draw, seed: tuple[int, ...], *, isolated: bool) -> MadePerson:
-    """Draw and record a person."""
     streams = [np.random.default_rng(s) for s in np.random.SeedSequence(seed).spawn(2)]
     person = Person(height=float(streams[0].uniform(*HEIGHTS)), sex="male" if streams[0].random() < 0.5 else "female")
     return recorded(person, draw(streams[0], person), streams[1], isolated=isolated)
@@ -174,12 +167,10 @@ def nominal_error() -> Array:
 
 
 def fit(made: MadePerson, prior: JointPrior | None = None) -> Fit:
-    """Calibrate the joint parameters."""
     return fitted("made up", replace(made.study, joint_prior=prior))
 
 
 def evidence(name: str, made: MadePerson, found: Fit) -> PersonEvidence:
-    """What a person's recordings say."""
     parts = parts_of(found.influence, found.parameters.joint - made.nominal.parameters.joint, JP_NAMES, None)
     if parts is None:
         raise RuntimeError("errors of joint parameters without rank")
@@ -210,8 +201,6 @@ BANDS = ("hardly seen in the walk", "half seen", "well seen")
 
 @dataclass(frozen=True, kw_only=True)
 class Outcome:
-    """One person left out."""
-
     truth: Array
     """(98,) m, rad."""
     nominal: Array
@@ -222,7 +211,6 @@ class Outcome:
 
 
 def report(outcomes: Sequence[Outcome]) -> Iterator[str]:
-    """Lines."""
     for kind in Kind:
         yield _line(outcomes, f"legs, {kind.value}s, {kind.unit}", _chosen(kind, ""))
     for joint in JOINTS:
@@ -238,7 +226,6 @@ def report(outcomes: Sequence[Outcome]) -> Iterator[str]:
 
 
 def _chosen(kind: Kind, joint: str) -> Array:
-    """(54,) which parameters."""
     listed = [JOINT_PARAMETERS[k] for k in LEGS]
     return np.array([p.kind is kind and p.joint.startswith(joint) for p in listed])
 
@@ -298,7 +285,6 @@ def cohort(name: str, people: int, seed: int) -> dict[str, CohortPriors]:
 
 
 def outcomes(name: str, learnt: Mapping[str, CohortPriors], people: int, seed: int) -> Iterator[Outcome]:
-    """People who are not in the cohort."""
     draw = POPULATIONS[name](np.random.default_rng(seed))
     for number in range(people):
         made = person_of(draw, (seed, 1, number), isolated=False)
@@ -313,24 +299,13 @@ def outcomes(name: str, learnt: Mapping[str, CohortPriors], people: int, seed: i
         )
 
 
-def add_options(parser: argparse.ArgumentParser) -> None:
-    """Populations and numbers of people."""
-    known = list(POPULATIONS)
-    parser.add_argument("--populations", type=commas(known), default=known, help=f"of {', '.join(known)}")
-    parser.add_argument("--cohort", type=int, default=20, help="people in the cohort")
-    parser.add_argument("--left-out", type=int, default=12, help="people who are not")
+def measured(name: str, chosen: argparse.Namespace) -> None:
+    learnt = cohort(name, chosen.cohort, chosen.seed)
+    found = list(outcomes(name, learnt, chosen.left_out, chosen.seed))
+    say(f"population {name} (seed {chosen.seed}): {chosen.cohort} people learnt of, {len(found)} left out")
+    for kind in COHORTS:
+        say(*(f"  {kind}: {line}" for line in priors_words(learnt[kind])))
+    say(*(f"  {line}" for line in report(found)))
 
 
-def run(chosen: argparse.Namespace) -> None:
-    """Print the figures, population by population."""
-    for name in chosen.populations:
-        began = time.monotonic()
-        learnt = cohort(name, chosen.cohort, chosen.seed)
-        found = list(outcomes(name, learnt, chosen.left_out, chosen.seed))
-        print(f"population {name} (seed {chosen.seed}): {chosen.cohort} people learnt of, {len(found)} left out")
-        for kind in COHORTS:
-            for line in priors_words(learnt[kind]):
-                print(f"  {kind}: {line}")
-        for line in report(found):
-            print(f"  {line}")
-        print(f"  {time.monotonic() - began:.0f} s", flush=True)
+PARTS = {name: partial(measured, name) for name in POPULATIONS}

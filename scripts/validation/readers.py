@@ -40,9 +40,10 @@ from gaitcal.model.model_file import load_model, save_model
 from gaitcal.model.nominal import published_model
 from gaitcal.study.study_file import load_study_file
 from gaitcal.synthetic.motion import gait_motion, residual_free_wrench, static_motion, synthetic_markers
-from scripts.validation.harness import side_by_side
+from scripts.validation.harness import option, side_by_side
 
 SHARED = ("--jobs", "--seed")
+OWN = {"--files": option(10_000, "of all kinds together")}
 STUDY = """[subject]
 name = "x"
 mass_kg = 69.4
@@ -91,8 +92,6 @@ class Kind:
 
 @dataclass
 class Count:
-    """How the files of one kind ended."""
-
     results: int = 0
     errors: int = 0
     failures: list[str] = field(default_factory=list)
@@ -103,7 +102,6 @@ class Count:
 
     @property
     def cells(self) -> str:
-        """Of the table: files, results, errors, failures."""
         bad = len(self.failures)
         return f"{self.results + self.errors + bad:6} {self.results:8} {self.errors:7} {bad:9}"
 
@@ -171,7 +169,6 @@ def made_kinds(folder: Path) -> Iterator[Kind]:
 
 
 def read_sound(path: Path) -> Recording:
-    """A recording whose arrays fit each other."""
     recording = read_recording(path)
     sound = (
         len(set(recording.labels)) == len(recording.labels)
@@ -276,13 +273,7 @@ def fuzz_alone(kind: Kind, files: int, seed: int) -> Count:
         return fuzz(kind, Path(name), files, seed)
 
 
-def add_options(parser: argparse.ArgumentParser) -> None:
-    """How many."""
-    parser.add_argument("--files", type=int, default=10_000)
-
-
 def run(chosen: argparse.Namespace) -> dict[str, Count]:
-    """Damage and read; kind of file -> how these ended."""
     with tempfile.TemporaryDirectory() as folder:
         kinds = [*made_kinds(Path(folder)), *real_kinds()]
     share = -(-chosen.files // len(kinds))
@@ -299,5 +290,4 @@ def run(chosen: argparse.Namespace) -> dict[str, Count]:
 
 
 def passed(counts: dict[str, Count]) -> bool:
-    """Whether every file ended in a result or a clear error."""
     return not any(count.failures for count in counts.values())

@@ -9,14 +9,45 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from pathlib import Path
+from typing import TypeAlias
 
-from gaitcal import Study
+from gaitcal import Study, synthesize
 from gaitcal.cli.console import Console
 from gaitcal.cli.folder import options_of, study_or_draft
+from gaitcal.io.c3d.writer import write_c3d
+from gaitcal.io.recording import Recording
+from gaitcal.io.toml import tomllib
+from gaitcal.model.linkage import ISOLATED_JOINTS
 from gaitcal.session.draft import study_of
-from gaitcal.study.study_file import Joint, Markers, StudyFile, SubjectTable, TrialTable
+from gaitcal.study.settings import CalibrationSettings
+from gaitcal.study.study_file import Joint, Markers, StudyFile, SubjectTable, TrialTable, load_study_file
 from gaitcal.study.study_trial import Role
-from scripts.validation.harness import tomllib
+
+
+def write_folder(
+    folder: Path,
+    recordings: Mapping[str, Recording],
+    subject: tuple[str, float, float, str],
+    settings: CalibrationSettings | None = None,
+    plates: Mapping[str, str] | None = None,
+) -> Path:
+    """Write `static`, isolated trials named for their joints and gait trials as C3D files, and their study file.
+
+    `subject`: name, kg, m, sex. `plates`: which foot is on which plate of the gait trials. Returns the study file.
+    """
+    folder.mkdir(parents=True, exist_ok=True)
+    trials = []
+    for name, recording in recordings.items():
+        write_c3d(folder / f"{name}.c3d", recording)
+        role = "static" if name == "static" else "joint" if name in ISOLATED_JOINTS else "gait"
+        more = {"joint": name} if role == "joint" else {"plates": dict(plates)} if role == "gait" and plates else {}
+        trials.append(TrialTable(name=name, role=role, file=Path(f"{name}.c3d"), **more))  # type: ignore[arg-type]
+    table = SubjectTable(**dict(zip(("name", "mass_kg", "height_m", "sex"), subject, strict=True)))  # type: ignore[arg-type]
+    given = {} if settings is None else {"calibration": settings}
+    study = StudyFile(subject=table, markers=Markers(set="published"), trial=tuple(trials), **given)  # type: ignore[arg-type]
+    (folder / "study.toml").write_text(study.to_toml(), encoding="utf-8")
+    return folder / "study.toml"
+
 
 HERE = Path(__file__).resolve().parent
 WALK = "walk"
@@ -26,8 +57,6 @@ JOINTS: tuple[Joint, ...] = ("hip_r", "knee_r", "ankle_r", "hip_l", "knee_l", "a
 
 @dataclass(frozen=True, kw_only=True)
 class Person:
-    """Somebody's recordings, and what no file of them holds."""
-
     name: str
     mass: float
     """kg."""
@@ -57,7 +86,6 @@ class Person:
         return self._words(False)
 
     def copy(self, folder: Path) -> None:
-        """The files into an empty folder."""
         for file in self.files:
             shutil.copyfile(data() / file, folder / Path(file).name)
 
@@ -133,7 +161,6 @@ def study_of_person(name: str) -> Study:
 
 
 def changed(study: Study, settings: Mapping[str, object]) -> Study:
-    """The study with these settings of `[calibration]`."""
     told = study.settings.model_dump(exclude_unset=True) | dict(settings)
     return replace(study, settings=type(study.settings).model_validate(told))
 
@@ -142,3 +169,67 @@ def only(study: Study, *names: str) -> Study:
     """The static trial and these, or trials of these roles."""
     chosen = (t for t in study.trials if t.role is Role.STATIC or t.name in names or t.role.value in names)
     return replace(study, trials=tuple(chosen))
+
+
+Make: TypeAlias = Callable[[Path], Path]
+"""Writes the study file of a clean study into a folder and returns it."""
+SYNTHETIC = "synthetic"
+
+
+def _synthesized(seed: int, *, exact: bool = False, joints: tuple[str, ...] = JOINTS) -> Make:
+    """As `gaitcal synthesize` writes it, with the default settings of a user's own study and these isolated trials."""
+
+    def make(folder: Path) -> Path:
+        path = synthesize(folder / "study", seed=seed, noise=not exact, perturb=not exact)
+        study = load_study_file(path)
+        trials = tuple(
+            t.model_copy(update={"name": WALK if t.name == "gait" else t.name})
+            for t in study.trials
+            if t.joint is None or t.joint in joints
+        )
+        content = study.model_copy(update={"trials": trials, "calibration": CalibrationSettings(), "truth": None})
+        path.write_text(content.to_toml(path.parent), encoding="utf-8")
+        return path
+
+    return make
+
+
+def _recorded(person: str, walk: str = "", joints: tuple[Joint, ...] = (), **told: object) -> Make:
+    """Of a person of `recordings.toml`, told otherwise in some things."""
+    return replace(EVERYBODY[person], **told).recorded(walk, joints)  # type: ignore[arg-type]
+
+
+BASES: dict[str, Make] = {
+    "subject01": _recorded("subject01"),
+    SYNTHETIC: _synthesized(1, joints=("hip_r", "knee_r")),
+    "pig": _recorded("pig"),
+    "kad": _recorded("kad", sex="female"),
+    "multi": _recorded("multi", "walk03"),
+    "child": _recorded("HC002D", "straight", sex="male"),
+    "uf3": _recorded("uf3", joints=("hip_r", "knee_r")),
+    "p01": _recorded("p01"),
+    "p18": _recorded("p18"),
+    "functional": _recorded("functional", joints=("hip_r", "knee_r"), mass=66.0, height=1.72),
+}
+"""Those that are attacked."""
+EVERY: dict[str, Make] = {
+    **BASES,
+    "synthetic exact": _synthesized(1, exact=True),
+    **{f"synthetic {seed}": _synthesized(seed) for seed in (2, 3)},
+    **{f"multi walk0{k}": _recorded("multi", f"walk0{k}") for k in (4, 5, 6, 7)},
+    **{
+        f"child {child} {walk}": _recorded(child, walk, sex="male")
+        for child in CHILDREN
+        for walk in ("straight", "turn")
+        if (child, walk) != ("HC002D", "straight")
+    },
+    "uf3 whole": _recorded("uf3", joints=JOINTS),
+}
+"""With those that are only looked at as they are."""
+
+
+@lru_cache(maxsize=16)
+def loaded(name: str) -> Study:
+    """The clean study of that name, read once in each process."""
+    with tempfile.TemporaryDirectory() as folder:
+        return Study.load(EVERY[name](Path(folder)))

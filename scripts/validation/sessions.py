@@ -20,7 +20,7 @@ from __future__ import annotations
 import argparse
 import itertools
 import tempfile
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -52,13 +52,12 @@ from gaitcal.synthetic.motion import (
 )
 from gaitcal.synthetic.subject import synthetic_model
 from gaitcal.synthetic.truth import in_static_frames
-from scripts.validation.error_bars import coverage, rms
-from scripts.validation.harness import say, side_by_side
+from scripts.validation.harness import coverage, option, rms, say, side_by_side
 from scripts.validation.people.fits import fitted
-from scripts.validation.recordings import only, study_of_person
-from scripts.validation.study_folder import write_folder
+from scripts.validation.recordings import only, study_of_person, write_folder
 
 SHARED = ("--jobs", "--seed")
+OWN = {"--people": option(10, "made-up people"), "--out": option(Path, "folder that keeps the results")}
 PLACED = 0.006
 """m along each axis: 10 mm in space, as landmarks are palpated (Della Croce et al. 2005)."""
 ABOVE_FLOOR = np.array([0.0, 0.05, 0.0])
@@ -72,8 +71,6 @@ Key = TypeVar("Key")
 
 @dataclass(frozen=True)
 class MadeSession:
-    """One session's fit, and what it should have found."""
-
     truth: Array
     """(98,) m, rad, in its own frames."""
     nominal: Array
@@ -125,7 +122,6 @@ def record_session(person: SubjectModel, rng: np.random.Generator, folder: Path)
 
 
 def made_session(person: SubjectModel, rng: np.random.Generator) -> MadeSession:
-    """Record and fit one session."""
     with tempfile.TemporaryDirectory() as name:
         worn = record_session(person, rng, Path(name))
         study = Study.load(Path(name) / "study.toml")
@@ -134,7 +130,6 @@ def made_session(person: SubjectModel, rng: np.random.Generator) -> MadeSession:
 
 
 def outcome(seed: int) -> Outcome:
-    """One person, two sessions, each alone and both together."""
     person, streams = two_sessions(seed)
     a, b = (made_session(person, rng) for rng in streams)
     told = set(told_parameters(b.influence))
@@ -180,7 +175,6 @@ def report(outcomes: list[Outcome]) -> Iterator[str]:
 
 
 def gathered(parts: Iterable[tuple[Key, Array]]) -> dict[Key, Array]:
-    """The finite ones of all arrays of each key."""
     out: dict[Key, list[Array]] = {}
     for key, values in parts:
         out.setdefault(key, []).append(values[np.isfinite(values)])
@@ -207,7 +201,6 @@ def angle_scores(a: Session, b: Session) -> dict[str, Array]:
 
 
 def angles_report(seeds: range) -> Iterator[str]:
-    """A line for each angle, and one for all."""
     found = gathered((name, z) for seed in seeds for name, z in _of_person(seed).items())
     for name, z in found.items():
         yield f"{name}: {coverage(z)}"
@@ -259,31 +252,17 @@ def curve_scores(walks: list[Session], together: Session) -> Mapping[object, Arr
 
 
 def real_report(out: Path | None) -> Iterator[str]:
-    """A line for each kind of curve."""
     with tempfile.TemporaryDirectory() as folder:
         for kind, z in curve_scores(*results(out or Path(folder))).items():
             yield f"{PERSON}: {kind.words}s: {coverage(z)}"  # type: ignore[attr-defined]
 
 
-def _seeds(chosen: argparse.Namespace) -> range:
-    return range(chosen.seed, chosen.seed + chosen.people)
-
-
-PARTS: dict[str, Callable[[argparse.Namespace], Iterator[str]]] = {
-    "real": lambda chosen: real_report(chosen.out),
-    "made-up": lambda c: report(list(side_by_side([partial(outcome, seed) for seed in _seeds(c)], c.jobs))),
-    "angles": lambda chosen: angles_report(_seeds(chosen)),
+PARTS = {
+    "real": lambda c: say(*real_report(c.out)),
+    "made-up": lambda c: say(*report(list(side_by_side([partial(outcome, s) for s in _seeds(c)], c.jobs)))),
+    "angles": lambda c: say(*angles_report(_seeds(c))),
 }
 
 
-def add_options(parser: argparse.ArgumentParser) -> None:
-    """Parts and people."""
-    parser.add_argument("--people", type=int, default=10, help="made-up people")
-    parser.add_argument("--out", type=Path, help="folder that keeps the results")
-
-
-def run(chosen: argparse.Namespace) -> None:
-    """Print the figures, part by part."""
-    for part in chosen.parts:
-        for line in PARTS[part](chosen):
-            say(line)
+def _seeds(chosen: argparse.Namespace) -> range:
+    return range(chosen.seed, chosen.seed + chosen.people)

@@ -74,12 +74,10 @@ class Quantity:
 
     @property
     def kind(self) -> str:
-        """`angle`, `moment` or `power`."""
         return next(kind for kind in ("angle", "moment", "power") if kind in self.theirs.lower())
 
     @property
     def words(self) -> str:
-        """As the table shows it."""
         return f"{self.ours} {self.kind}"
 
 
@@ -146,8 +144,6 @@ def sign_of(ours: Array, theirs: Array) -> float:
 
 @dataclass(frozen=True, kw_only=True)
 class Walk:
-    """One walk, ours and theirs."""
-
     name: str
     mass: float
     """kg."""
@@ -212,8 +208,6 @@ def walk_of(study: Study, name: str, trial: str) -> Walk:
 
 @dataclass(frozen=True, kw_only=True)
 class Agreement:
-    """One quantity of one laboratory."""
-
     quantity: Quantity
     sign: float
     """The vendor's is multiplied by it."""
@@ -287,7 +281,6 @@ def counted(walks: Sequence[Walk]) -> Counter[str]:
 
 
 def report(lab: str, walks: Sequence[Walk]) -> Iterator[str]:
-    """The lines of one laboratory."""
     unit = unit_of_walks(walks)
     found = [agreement(quantity, walks, unit) for quantity in QUANTITIES]
     (ankle,) = (a for a in found if a.quantity is ANKLE_MOMENT)
@@ -325,7 +318,6 @@ def in_frames(walks: Sequence[Walk], unit: str) -> Iterator[str]:
 
 
 def run(chosen: argparse.Namespace) -> None:
-    """Print the table of each laboratory."""
     for lab in matching(chosen.only, LABS):
         studies = {person: study_of_person(person) for person in LABS[lab]}
         say(*report(lab, [walk_of(s, f"{person} {walk}", walk) for person, s in studies.items() for walk in s.walks]))

@@ -33,8 +33,8 @@ from gaitcal.model.parameters import JP_INDEX, JP_NAMES, Parameters, isolated_pa
 from gaitcal.motion.soft_tissue import together
 from gaitcal.motion.trial_problem import MotionProblem
 from gaitcal.study.joint_prior import JointPrior
-from scripts.validation import coverage as check
-from scripts.validation.error_bars import shares
+from scripts.validation.harness import shares
+from scripts.validation.truth import made_up as check
 from tests.derivatives import Array, assert_covariance, central_differences, noisy, perturbed_parameters, random_trial
 
 HIP = isolated_parameters("hip_r")

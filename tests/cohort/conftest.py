@@ -34,3 +34,11 @@ def lab(tmp_path: Path) -> Path:
         (tmp_path / "lab" / name).mkdir(parents=True)
         (tmp_path / "lab" / name / "walk.c3d").write_text(name)
     return tmp_path / "lab"
+
+
+@pytest.fixture
+def one_folder(tmp_path: Path) -> Path:
+    """A laboratory of one person, whose walk is an empty file."""
+    (tmp_path / "lab" / "Ann").mkdir(parents=True)
+    (tmp_path / "lab" / "Ann" / "walk.c3d").write_bytes(b"")
+    return tmp_path / "lab"

@@ -46,6 +46,8 @@ SQUAT = replace(PEAKS[1], activity="squat", peak=gait.PHASE_PEAKS["in_rising_kne
 def strides(person: str) -> pd.DataFrame:
     """Two strides of the right foot: a moment with one peak, of which one frame is not valid, and an angle."""
     percent = np.arange(101)
+    same = {"person": person, "session": "", "trial": "walk", "side": "r", "percent": percent, "se": 2.0}
+    same |= {"se_stride": 1.0, "turn": 0.0, "activity": "gait", "phase": ""}
     parts = []
     for stride in (1, 2):
         for variable, value in (
@@ -53,28 +55,9 @@ def strides(person: str) -> pd.DataFrame:
             ("knee_angle_moment", 40.0 * np.sin(2 * np.pi * percent / 100)),
             ("hip_flexion_moment", np.where(percent < 50, 1.0, np.nan)),
         ):
-            valid = np.isfinite(value)
-            parts.append(
-                pd.DataFrame(
-                    {
-                        "person": person,
-                        "session": "",
-                        "trial": "walk",
-                        "side": "r",
-                        "stride": stride,
-                        "percent": percent,
-                        "variable": variable,
-                        "value": np.where(valid, value, 0.0),
-                        "se": 2.0,
-                        "valid": valid.astype(int),
-                        "se_stride": 1.0,
-                        "turn": 0.0,
-                        "activity": "gait",
-                        "phase": "",
-                    }
-                )[list(CYCLE_COLUMNS)]
-            )
-    return pd.concat(parts, ignore_index=True)
+            own = {"stride": stride, "variable": variable, "value": np.nan_to_num(value)}
+            parts.append(pd.DataFrame({**same, **own, "valid": np.isfinite(value).astype(int)}))
+    return pd.concat(parts, ignore_index=True)[list(CYCLE_COLUMNS)]
 
 
 def write_result(person: CohortPerson, out: Path, common: CommonSettings) -> None:

@@ -171,16 +171,23 @@ def test_priors_are_learnt_of_people_who_lean_on_none(tmp_path: Path) -> None:
         run("cohort", tmp_path, "--out", tmp_path / "out", "--priors", tmp_path / "none.json")
 
 
-def test_other_priors_are_another_fingerprint(tmp_path: Path) -> None:
-    person = CohortPerson(folder=tmp_path, name="P0")
-    marks = [fingerprint(person, CommonSettings())]
+@pytest.mark.parametrize("named_by", ["the cohort", "the person's study"])
+def test_other_priors_are_another_fingerprint(tmp_path: Path, named_by: str) -> None:
+    folder, file = tmp_path / "lab" / "P0", tmp_path / "p.json"
+    study = write_synthetic_study(folder)
+    if named_by != "the cohort":
+        study.write_text(with_priors(study, "../../p.json"))
+    person = CohortPerson(folder=folder, name="P0")
+    marks = {fingerprint(person, CommonSettings())}
     for content in ("one", "other"):
-        (tmp_path / "priors.txt").write_text(content)
-        marks.append(fingerprint(person, CommonSettings(priors=tmp_path / "priors.txt")))
-    assert len(set(marks)) == 3
+        file.write_text(content)
+        marks.add(fingerprint(person, CommonSettings(priors=file if named_by == "the cohort" else None)))
+    assert len(marks) == 3
 
 
-def test_the_command_learns_when_everybody_has_ended(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_command_learns_when_everybody_has_ended(
+    one_folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     from gaitcal.cli import cohort as command
     from gaitcal.cohort.run import FAILURES
 
@@ -189,11 +196,9 @@ def test_the_command_learns_when_everybody_has_ended(tmp_path: Path, monkeypatch
         (tmp_path / "out" / FAILURES).write_text("person,session,group,folder,cause,what_to_do\n")
         return Counter(trustworthy=9)
 
-    (tmp_path / "lab" / "Ann").mkdir(parents=True)
-    (tmp_path / "lab" / "Ann" / "walk.c3d").write_bytes(b"")
     monkeypatch.setattr("gaitcal.cohort.run.run_cohort", ended)
     monkeypatch.setattr(command, "learn", lambda cohort, out, told: ("legs: offset learnt of 9 people",))
-    said = run("cohort", tmp_path / "lab", "--out", tmp_path / "out", "--learn-priors").output
+    said = run("cohort", one_folder, "--out", tmp_path / "out", "--learn-priors").output
     assert "legs: offset learnt of 9 people" in said and "priors:" in said
     assert "no priors will be learnt: 1 people, of 8 or more they can be" in said
 
@@ -214,10 +219,8 @@ def test_a_study_that_names_no_priors_is_one_line_with_its_field(tmp_path: Path)
             Study.load(study)
 
 
-def test_a_cohort_file_names_priors_for_everyone(tmp_path: Path) -> None:
-    (tmp_path / "lab" / "Ann").mkdir(parents=True)
-    (tmp_path / "lab" / "Ann" / "walk.c3d").write_bytes(b"")
-    file = tmp_path / "lab" / "cohort.toml"
+def test_a_cohort_file_names_priors_for_everyone(one_folder: Path, tmp_path: Path) -> None:
+    file = one_folder / "cohort.toml"
     file.write_text('[[person]]\nfolder = "Ann"\n[calibration]\nip = "none"\npriors = "../p.json"\n')
     out = tmp_path / "out"
     with pytest.raises(InputError, match=r"cohort.toml: calibration.priors: no such file"):
@@ -243,18 +246,6 @@ def test_priors_of_a_cohort_file_are_those_of_everyone_and_no_setting(
     assert CommonSettings(calibration=settings, priors=priors).said == {"ip": "none"}
     with pytest.raises(UsageError, match="--priors: not beside the priors that cohort.toml names"):
         command._priors(tmp_path / "q.json", said, learn_priors=False)
-
-
-def test_other_priors_of_a_persons_own_study_are_another_fingerprint(tmp_path: Path) -> None:
-    folder = tmp_path / "lab" / "P0"
-    study = write_synthetic_study(folder)
-    study.write_text(with_priors(study, "../../p.json"))
-    person, marks = CohortPerson(folder=folder, name="P0"), set()
-    for content in (None, "one", "other"):
-        if content:
-            (tmp_path / "p.json").write_text(content)
-        marks.add(fingerprint(person, CommonSettings()))
-    assert len(marks) == 3
 
 
 def test_priors_of_a_persons_own_study_come_before_those_of_the_cohort(tmp_path: Path) -> None:

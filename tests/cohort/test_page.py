@@ -26,20 +26,15 @@ from gaitcal.io.result_folder import listed
 from gaitcal.results.cycles import write_csv
 from tests.cohort.made_people import FORCES, KNEE, Kept, some_people, write_cohort
 from tests.commands import run
+from tests.page.walked_blocks import held, scripts
 from tests.session.folders import recordings, write
 
 MASS = 50.0
 HOSTILE = "</script><script>window.hacked=1</script><img src=x onerror=window.hacked=1>@@PAGE@@"
 
 
-def scripts(html: str) -> list[tuple[str, str]]:
-    """Attributes and contents of the script elements, found as a browser does."""
-    return re.findall(r"<script([^>]*)>(.*?)</script", html, flags=re.DOTALL | re.IGNORECASE)
-
-
 def content(page: Path) -> dict[str, Any]:
-    found = [text for attributes, text in scripts(page.read_text(encoding="utf-8")) if 'id="content"' in attributes]
-    return dict(json.loads(found[0]))
+    return held(page.read_text(encoding="utf-8"), "content")
 
 
 def integers(text: str) -> np.ndarray:
@@ -149,15 +144,12 @@ def test_normal_bands_are_per_body_mass(tmp_path: Path) -> None:
     assert "n = 83" in bands["hip_adduction_moment"]["source"]
 
 
-def test_a_cohort_of_nobody(tmp_path: Path) -> None:
-    found = content(write_cohort(tmp_path / "out", [Kept(name="Zed", cause="restless")]))
-    assert (found["about"]["results"], found["columns"], len(found["failures"])) == (0, [], 1)
-
-
-def test_a_session_is_no_person(tmp_path: Path) -> None:
+def test_a_session_is_no_person_and_a_cohort_may_be_of_nobody(tmp_path: Path) -> None:
     people = [Kept(name="Dan", session=session) for session in ("post", "pre")]
     about = content(write_cohort(tmp_path / "out", people))["about"]
     assert (about["people"], about["sessions"]) == (1, 2)
+    found = content(write_cohort(tmp_path / "none", [Kept(name="Zed", cause="restless")]))
+    assert (found["about"]["results"], found["columns"], len(found["failures"])) == (0, [], 1)
 
 
 def test_who_has_no_stride_that_counts_is_told(tmp_path: Path) -> None:

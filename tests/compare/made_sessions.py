@@ -28,6 +28,8 @@ def made_session(
 ) -> Session:
     """`swing`: deg added to the right knee in swing."""
     rng, percent = np.random.default_rng(seed), np.arange(POINTS)
+    same = {"person": person, "session": "", "trial": "walk", "percent": percent, "valid": 1, "se_stride": OWN}
+    same |= {"turn": 0.0, "activity": "gait", "phase": ""}
     parts, measures = [], []
     for side in ("r", "l"):
         for stride in range(1, strides + 1):
@@ -35,23 +37,8 @@ def made_session(
             for variable, shared in SHARED.items():
                 curve = 30.0 + 30.0 * np.cos(2.0 * np.pi * (percent - 75.0) / 100.0) + offset
                 curve = curve + swing * (percent > STANCE) * (side == "r" and variable == "knee_angle")
-                values = (
-                    person,
-                    "",
-                    "walk",
-                    side,
-                    stride,
-                    percent,
-                    variable,
-                    curve,
-                    np.hypot(shared, OWN),
-                    1,
-                    OWN,
-                    0.0,
-                    "gait",
-                    "",
-                )
-                parts.append(pd.DataFrame(dict(zip(CYCLE_COLUMNS, values, strict=True))))
+                own = {"side": side, "stride": stride, "variable": variable, "value": curve}
+                parts.append(pd.DataFrame({**same, **own, "se": np.hypot(shared, OWN)})[list(CYCLE_COLUMNS)])
             for measure, value in (("stance_percent", STANCE), ("stride_time", 1.1 + 0.01 * offset)):
                 measures.append({"trial": "walk", "side": side, "stride": stride, "variable": measure, "value": value})
     model = published_model()

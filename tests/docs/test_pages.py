@@ -9,7 +9,7 @@ import pytest
 import gaitcal
 from scripts.tools import make_pictures
 from scripts.tools.documentation import __main__ as check
-from tests.docs.pages import DOCS, ROOT, blocks_of
+from tests.docs.pages import DOCS, NOT_RUN, ROOT, blocks_of, lint
 from tests.kept import kept_result
 from tests.page.browser import browser, chromium
 
@@ -29,8 +29,6 @@ def test_everything_is_explained(capsys: pytest.CaptureFixture[str]) -> None:
 
 @pytest.mark.parametrize("page", PAGES, ids=[str(page.relative_to(DOCS)) for page in PAGES])
 def test_blocks_have_the_form_of_their_language(page: Path) -> None:
-    from tests.docs.blocks import NOT_RUN, lint
-
     for block in blocks_of(page):
         assert lint(block) == "", f"{page}:{block.line}"
         if block.language in ("sh", "python") and page.parent.name not in ("tutorials", "how-to"):
@@ -63,7 +61,9 @@ def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.mark.slow
-def test_links_of_the_site_lead_somewhere(site: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_site_asks_nothing_of_the_network_and_explains_its_types(
+    site: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     assert check.main(["--site", str(site)]) == 0, capsys.readouterr().err
     page = (site / "reference" / "python.html").read_text(encoding="utf-8")
     assert all(f'id="gaitcal.{name}"' in page for name in gaitcal.__all__)
@@ -88,15 +88,14 @@ def test_search_works_without_a_server_or_a_network(site: Path, tmp_path: Path) 
         assert [url for url in page.requests if not url.startswith(("file:", "data:"))] == []
 
 
-def test_a_broken_link_is_told(tmp_path: Path) -> None:
-    from scripts.tools.documentation.links import check
-
-    text = '<a href="b.html#there">x</a><a href="c.html">y</a><img src="https://example.org/x.png">'
-    (tmp_path / "a.html").write_text(text, encoding="utf-8")
-    (tmp_path / "b.html").write_text('<p id="here">', encoding="utf-8")
-    found = check(tmp_path)
-    assert found.broken == ["a.html: b.html#there: no such place in it", "a.html: c.html"]
-    assert found.fetched == ["https://example.org/x.png"]
+def test_what_a_page_loads_from_elsewhere_is_told(tmp_path: Path) -> None:
+    text = '<a class="x" href="https://example.org">y</a><link rel="canonical" href="https://example.org/a.html">'
+    text += '<img src="own.png"><img alt="x" src="https://example.org/x.png"><script src=//example.org/x.js></script>'
+    text += '<span class="n" title="gaitcal.study.study.Study">Study</span><span title="gaitcal.GAIT">GAIT</span>'
+    (tmp_path / "python.html").write_text(text, encoding="utf-8")
+    loaded, other, unknown = check.faults_of(tmp_path)
+    assert loaded == "python.html: loads https://example.org/x.png" and other.endswith(" //example.org/x.js")
+    assert unknown == "type without a page: gaitcal.study.study.Study"
 
 
 @pytest.mark.slow

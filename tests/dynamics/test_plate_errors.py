@@ -124,7 +124,7 @@ ASTRIDE = ("multi", "multi walk06")
 
 @pytest.fixture
 def study_of(data_dir: Path) -> Callable[[str], Study]:
-    loaded: Callable[[str], Study] = import_module("scripts.validation.attacks.bases").loaded
+    loaded: Callable[[str], Study] = import_module("scripts.validation.recordings").loaded
     return loaded
 
 

@@ -17,7 +17,7 @@ from gaitcal.export.joint_moves import CARRIED_HEADER, Bone, carried, carried_cs
 from gaitcal.export.joint_transfer import into_osim
 from gaitcal.export.osim_correspondence import leg_joints
 from gaitcal.export.osim_reader import Place, peer_of, read_document, read_osim
-from scripts.validation.osim_people import person_of
+from scripts.validation.muscles import person_of
 
 MODELS = ("opensim_truth/p01/subject01.osim", "subject01/reference/subject01_simbody.osim")
 """Wraps, patella by constraint; points that move with a coordinate, knee that rolls, no wraps."""

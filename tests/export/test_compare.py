@@ -1,7 +1,8 @@
 """Reading a peer's model: our own comes back as it is, in any body frames, in both generations of files."""
 
 import xml.etree.ElementTree as ET
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +16,7 @@ from gaitcal.export.osim import body_fixed_xyz, from_body_fixed_xyz, numbers, wr
 from gaitcal.export.osim_reader import read_osim
 from gaitcal.model.linkage import LEGS
 from gaitcal.model.subject_model import SubjectModel
+from tests.commands import refused
 from tests.export.mechanics import SEEDS, perturbed
 
 ROUNDING = 1e-8
@@ -26,6 +28,14 @@ PEER_POSE = 1e-9
 def as_dict(rows: list[ComparisonRow]) -> dict[str, ComparisonRow]:
     assert len({row.quantity for row in rows}) == len(rows)
     return {row.quantity: row for row in rows}
+
+
+@contextmanager
+def edited(path: Path) -> Iterator[ET.ElementTree]:
+    """The document of a model, written back at the end."""
+    tree = ET.parse(path)
+    yield tree
+    tree.write(path)
 
 
 def assert_same(rows: list[ComparisonRow]) -> None:
@@ -49,9 +59,8 @@ def test_our_own_model(published: SubjectModel, tmp_path: Path, seed: int) -> No
     assert named["total mass"].ours == pytest.approx(model.parameters.mass)
 
 
-def test_values_are_the_joint_parameters(published: SubjectModel, tmp_path: Path) -> None:
-    write_osim(published, tmp_path / "m.osim")
-    named = as_dict(compare(published, tmp_path / "m.osim"))
+def test_values_are_the_joint_parameters(published: SubjectModel, own: Path) -> None:
+    named = as_dict(compare(published, own))
     expected = {
         "hip_r centre in pelvis, ant": -47.3,
         "hip_l centre in pelvis, lat": -88.0,
@@ -66,9 +75,8 @@ def test_values_are_the_joint_parameters(published: SubjectModel, tmp_path: Path
         "talocrural_r to subtalar_r axis": 10.0,
         "thigh_r mass": 9.827,
     }
-    for quantity, value in expected.items():
-        assert named[quantity].ours == pytest.approx(value, abs=1e-3), quantity
-        assert named[quantity].theirs == pytest.approx(value, abs=1e-3), quantity
+    for of in ("ours", "theirs"):
+        assert {name: getattr(named[name], of) for name in expected} == pytest.approx(expected, abs=1e-3)
 
 
 def test_a_moved_axis_shows(published: SubjectModel, tmp_path: Path) -> None:
@@ -141,22 +149,19 @@ def in_old_format(tree: ET.ElementTree) -> None:
 
 @pytest.mark.parametrize(("low", "high", "moved"), [(-0.3, 2.5, False), (-2.5, 0.3, True)])
 def test_a_rolling_knee_is_swept_the_way_it_bends(
-    published: SubjectModel, tmp_path: Path, low: float, high: float, moved: bool
+    published: SubjectModel, own: Path, low: float, high: float, moved: bool
 ) -> None:
     """A knee that slides with negative angles only: its axis is another one where those are the flexion."""
-    write_osim(published, tmp_path / "m.osim")
-    tree = ET.parse(tmp_path / "m.osim")
-    (knee,) = [j for j in tree.iter("CustomJoint") if j.get("name") == "knee_r"]
-    (coordinate,) = knee.iter("Coordinate")
-    put(coordinate, "range", np.array([low, high]))
-    (slide,) = [axis for axis in knee.iter("TransformAxis") if axis.get("name") == "translation1"]
-    words, constant = slide.find("coordinates"), slide.find("Constant")
-    words.text = "knee_angle_r"
-    slide.remove(constant)
-    function = ET.SubElement(slide, "PiecewiseLinearFunction")
-    ET.SubElement(function, "x").text, ET.SubElement(function, "y").text = "-2 0 2", "0.02 0 0"
-    tree.write(tmp_path / "m.osim")
-    named = as_dict(compare(published, tmp_path / "m.osim"))
+    with edited(own) as tree:
+        (knee,) = tree.iterfind(".//CustomJoint[@name='knee_r']")
+        (coordinate,) = knee.iter("Coordinate")
+        put(coordinate, "range", np.array([low, high]))
+        (slide,) = knee.iterfind(".//TransformAxis[@name='translation1']")
+        slide.find("coordinates").text = "knee_angle_r"
+        slide.remove(slide.find("Constant"))
+        function = ET.SubElement(slide, "PiecewiseLinearFunction")
+        ET.SubElement(function, "x").text, ET.SubElement(function, "y").text = "-2 0 2", "0.02 0 0"
+    named = as_dict(compare(published, own))
     sup = named["knee_r axis in thigh_r, sup"].difference
     assert (abs(sup) > 1.0) is moved, "mm"
 
@@ -192,33 +197,29 @@ def test_other_frames_and_formats(
 ) -> None:
     model = perturbed(published, 3)
     write_osim(model, tmp_path / "m.osim")
-    tree = ET.parse(tmp_path / "m.osim")
-    change(tree)
-    tree.write(tmp_path / "other.osim")
-    assert_same(compare(model, tmp_path / "other.osim"))
+    with edited(tmp_path / "m.osim") as tree:
+        change(tree)
+    assert_same(compare(model, tmp_path / "m.osim"))
 
 
-def test_a_marker_in_an_offset_frame_is_where_it_was(published: SubjectModel, tmp_path: Path) -> None:
-    write_osim(published, tmp_path / "m.osim")
-    tree = ET.parse(tmp_path / "m.osim")
-    body = next(b for b in tree.iter("Body") if b.get("name") == "thigh_r")
-    frame = ET.SubElement(ET.SubElement(body, "components"), "PhysicalOffsetFrame", name="f")
-    for tag, text in (("socket_parent", ".."), ("translation", "0.1 0 0"), ("orientation", f"0 0 {np.pi / 2}")):
-        ET.SubElement(frame, tag).text = text
-    for marker in tree.iter("Marker"):
-        socket, location = marker.find("socket_parent_frame"), marker.find("location")
-        if socket.text == "/bodyset/thigh_r":
-            x, y, z = map(float, (location.text or "").split())
-            socket.text, location.text = "/bodyset/thigh_r/f", f"{y} {0.1 - x} {z}"
-    tree.write(tmp_path / "other.osim")
-    assert_same(compare(published, tmp_path / "other.osim"))
+def test_a_marker_in_an_offset_frame_is_where_it_was(published: SubjectModel, own: Path) -> None:
+    with edited(own) as tree:
+        (body,) = tree.iterfind(".//Body[@name='thigh_r']")
+        frame = ET.SubElement(ET.SubElement(body, "components"), "PhysicalOffsetFrame", name="f")
+        for tag, text in (("socket_parent", ".."), ("translation", "0.1 0 0"), ("orientation", f"0 0 {np.pi / 2}")):
+            ET.SubElement(frame, tag).text = text
+        for marker in tree.iter("Marker"):
+            socket = marker.find("socket_parent_frame")
+            if socket.text == "/bodyset/thigh_r":
+                x, y, z = vector(marker, "location")
+                socket.text = "/bodyset/thigh_r/f"
+                put(marker, "location", np.array([y, 0.1 - x, z]))
+    assert_same(compare(published, own))
 
 
-def test_without_shared_markers_lengths_and_masses_remain(published: SubjectModel, tmp_path: Path) -> None:
-    write_osim(published, tmp_path / "m.osim")
-    text = (tmp_path / "m.osim").read_text(encoding="utf-8").replace('<Marker name="', '<Marker name="other ')
-    (tmp_path / "m.osim").write_text(text, encoding="utf-8")
-    named = as_dict(compare(published, tmp_path / "m.osim"))
+def test_without_shared_markers_lengths_and_masses_remain(published: SubjectModel, own: Path) -> None:
+    own.write_text(own.read_text(encoding="utf-8").replace('<Marker name="', '<Marker name="other '), encoding="utf-8")
+    named = as_dict(compare(published, own))
     assert named["thigh_r length, hip centre to knee centre"].theirs == pytest.approx(419.8)
     assert named["thigh_r markers, and how many the peer shares"].theirs == 0
     assert not [q for q in named if "axis in" in q]
@@ -227,6 +228,7 @@ def test_without_shared_markers_lengths_and_masses_remain(published: SubjectMode
 @pytest.mark.parametrize(
     ("content", "message"),
     [
+        (None, "cannot be read"),
         ("not xml", "is not well-formed XML"),
         ("", "is not well-formed XML"),
         ("<html/>", "found <html>, expected <OpenSimDocument>"),
@@ -238,15 +240,11 @@ def test_without_shared_markers_lengths_and_masses_remain(published: SubjectMode
         ),
     ],
 )
-def test_what_is_no_model(published: SubjectModel, tmp_path: Path, content: str, message: str) -> None:
-    (tmp_path / "m.osim").write_text(content, encoding="utf-8")
-    with pytest.raises(InputError, match=message):
+def test_what_is_no_model(published: SubjectModel, tmp_path: Path, content: str | None, message: str) -> None:
+    if content is not None:
+        (tmp_path / "m.osim").write_text(content, encoding="utf-8")
+    with refused(message):
         compare(published, tmp_path / "m.osim")
-
-
-def test_missing_file(published: SubjectModel, tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="cannot be read"):
-        compare(published, tmp_path / "none.osim")
 
 
 REAL = ("subject01/reference/subject01_simbody.osim", "uf3/reference/scaled.osim", "uf3/reference/jmp_sequential.osim")
@@ -268,14 +266,11 @@ def test_real_models(published: SubjectModel, data_dir: Path) -> None:
     assert "upper_arm_l mass" in before
 
 
-def test_a_function_nobody_knows_is_told_where_it_is_needed(published: SubjectModel, tmp_path: Path) -> None:
-    write_osim(published, tmp_path / "m.osim")
-    tree = ET.parse(tmp_path / "m.osim")
-    knee = next(j for j in tree.iter("CustomJoint") if j.get("name") == "knee_r")
-    next(f for f in knee.iter("LinearFunction")).tag = "ExpressionBasedFunction"
-    tree.write(tmp_path / "m.osim")
+def test_a_function_nobody_knows_is_told_where_it_is_needed(published: SubjectModel, own: Path) -> None:
+    with edited(own) as tree:
+        next(tree.iterfind(".//CustomJoint[@name='knee_r']//LinearFunction")).tag = "ExpressionBasedFunction"
     with pytest.raises(InputError, match="joint knee_r: .*not understood"):
-        compare(published, tmp_path / "m.osim")
+        compare(published, own)
 
 
 def test_no_function_is_zero_in_opensim_too(osim: Any, data_dir: Path, tmp_path: Path) -> None:

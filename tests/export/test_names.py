@@ -16,37 +16,12 @@ from gaitcal.export.osim_reader import read_osim
 from gaitcal.export.other_formats import write_mjcf, write_urdf
 from gaitcal.model.linkage import SEGMENTS
 from gaitcal.model.subject_model import SubjectModel
-from tests.export.peer_programs import peer
 
 NASTY = (
-    "<script>alert(1)</script>",
-    "../../etc/passwd",
-    "..",
-    "C:\\windows",
-    "a b",
-    "a\tb\nc",
-    "x\x00y",
-    "]]>",
-    "--><b>",
-    "&amp;",
-    'quote"d',
-    "it's",
-    "100%",
-    "%41",
-    "%",
-    "",
-    "*12",
-    "Subj:LASI",
-    "Hüfte",
-    "腰",
-    "\u202eright to left",
-    "\ud800 alone",
-    "\N{FOOT}",
-    "pelvis",
-    "knee_angle_r",
-    "e\u0301",
-    "\ufffe",
-)
+    "<script>alert(1)</script>", "../../etc/passwd", "..", "C:\\windows", "a b", "a\tb\nc", "x\x00y", "]]>", "--><b>",
+    "&amp;", 'quote"d', "it's", "100%", "%41", "%", "", "*12", "Subj:LASI", "Hüfte", "腰", "\u202eright to left",
+    "\ud800 alone", "\N{FOOT}", "pelvis", "knee_angle_r", "e\u0301", "\ufffe",
+)  # fmt: skip
 
 
 @given(st.text(st.characters(codec=None)))
@@ -109,9 +84,7 @@ def test_opensim_finds_every_marker(osim: Any, nasty: SubjectModel, tmp_path: Pa
     assert tuple(original_name(name) for name in found) == NASTY
 
 
-@pytest.mark.peers
-def test_mujoco_finds_every_marker(nasty: SubjectModel, tmp_path: Path) -> None:
-    mujoco = peer("mujoco")
+def test_mujoco_finds_every_marker(mujoco: Any, nasty: SubjectModel, tmp_path: Path) -> None:
     write_mjcf(nasty, tmp_path / "m.xml")
     model = mujoco.MjModel.from_xml_path(str(tmp_path / "m.xml"))
     assert {original_name(model.site(i).name) for i in range(model.nsite)} == set(NASTY)

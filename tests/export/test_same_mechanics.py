@@ -1,5 +1,6 @@
 """Each exported model, in the program it is for, answers as ours does: 27 generalised forces, all markers."""
 
+import sys
 import xml.etree.ElementTree as ET
 from dataclasses import replace
 from pathlib import Path
@@ -26,6 +27,7 @@ from tests.export.mechanics import (
     perturbed,
     random_states,
 )
+from tests.export.peer_programs import peer
 from tests.export.peers import Answers, OpenSimModel, mjcf_answers, mujoco_answers, opensim_answers, urdf_answers
 
 PINOCCHIO_TOLERANCE = 1e-9
@@ -158,3 +160,15 @@ def test_mujoco_refuses_what_we_refuse_to_write(osim: Any, published: SubjectMod
     state = random_states(3, 1)[0]
     peer.set(state)
     np.testing.assert_allclose(peer.forces(state), our_forces(model, state), rtol=0, atol=FORCE_TOLERANCE)
+
+
+@pytest.mark.parametrize("name", ["mujoco", "opensim"])
+def test_a_missing_peer_fails_in_ci(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, name, None)  # as if it were not installed
+    monkeypatch.delenv("CI", raising=False)
+    with pytest.raises(pytest.skip.Exception, match=f"no {name} here"):
+        peer(name)
+    monkeypatch.setenv("CI", "true")
+    wanted = pytest.skip.Exception if name == "opensim" and sys.version_info < (3, 11) else pytest.fail.Exception
+    with pytest.raises(wanted, match="extra `peers`"):
+        peer(name)

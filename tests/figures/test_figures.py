@@ -110,8 +110,9 @@ def test_moments_are_per_body_mass(whole: Calibration) -> None:
     loads = whole.trial("walk").loads
     hip = next(p for p in charts(whole)["moments"].panels if p.label.startswith("Hip flexion"))
     moment = moment_of(loads.final, "hip_flexion_r") / whole.model.subject.mass
-    shown = SheetRecording(told(whole).page_data["trials"][0]).layout
-    expected = shown.lay("r", np.where(loads.reactions.valid_r, moment, np.nan))[1]
+    sheet = SheetRecording(told(whole).page_data["trials"][0])
+    np.testing.assert_allclose(sheet.time, whole.trial("walk").body.time, atol=1e-6)
+    expected = sheet.layout.lay("r", np.where(loads.reactions.valid_r, moment, np.nan))[1]
     assert lines_of(hip, 1.5)["r"] == pytest.approx(expected, abs=PACKED * np.ptp(moment), nan_ok=True)
 
 
@@ -133,16 +134,12 @@ def test_a_moved_parameter_is_drawn_with_its_standard_error() -> None:
     assert bars[SIDE_COLOURS["r"]][1][0] < 0.0 < bars[SIDE_COLOURS["l"]][1][0], "the right side above the left one"
 
 
-def test_all_axes_have_units(whole: Calibration) -> None:
-    for chart in charts(whole).values():
-        for axes in chart_figure(chart).axes:
-            assert axes.get_xlabel().endswith((")", "%)"))
-            assert axes.get_ylabel() or axes.get_yticklabels(), chart.name
-
-
-def test_legends_lie_inside_their_figures(whole: Calibration) -> None:
+def test_all_axes_have_units_and_legends_lie_inside_their_figures(whole: Calibration) -> None:
     for chart in charts(whole).values():
         figure = chart_figure(chart)
+        for axes in figure.axes:
+            assert axes.get_xlabel().endswith((")", "%)"))
+            assert axes.get_ylabel() or axes.get_yticklabels(), chart.name
         legend = figure.legends[0].get_window_extent()
         assert figure.bbox.x0 <= legend.x0 and legend.x1 <= figure.bbox.x1, chart.name
         drawn = [axes.get_tightbbox() for axes in figure.axes]
@@ -188,12 +185,8 @@ def test_everything_has_words() -> None:
     assert all(coordinate_words(n).angle != "positive" for n in COORDINATES if not is_translation(n))
     assert len({parameter_words(n) + n.split(".")[0][-2:] for n in JP_NAMES}) == len(JP_NAMES)
     assert all(parameter_words(n) for n in IP_NAMES)
-    assert segment_words("forearm_hand_l") == "left forearm and hand"
+    assert segment_words("forearm_hand_l") == "left forearm and hand" and joint_words("hip_l") == "left hip"
     assert len({segment_words(s) for s in SEGMENTS}) == len(SEGMENTS)
-    assert joint_words("hip_l") == "left hip"
-
-
-def test_messages_explain_parameter_names() -> None:
     assert explained("hip_r.pelvis.ant is far") == "hip_r.pelvis.ant (right hip centre in the pelvis, forward) is far"
     assert explained("file.trc and thigh_r.mass") == "file.trc and thigh_r.mass (right thigh: mass)"
 

@@ -61,10 +61,9 @@ def layout(by_cycle: bool = True) -> Layout:
 
 
 def test_stance_is_drawn_from_strike_to_toe_off() -> None:
-    assert layout().stances("r") == [pytest.approx((0.0, 60.0))]
-    assert layout().stances("") == [pytest.approx((0.0, 60.0))], "the trunk over the right cycle"
-    assert layout().stances("l") == [pytest.approx((0.0, 60.0))]
-    assert layout(by_cycle=False).stances("r") == [(0.0, 0.62)] and layout(by_cycle=False).stances("l") == []
+    for side in ("r", "l", ""):
+        assert layout().stances(side) == [pytest.approx((0.0, 60.0))], "the trunk over the right cycle"
+    assert [layout(by_cycle=False).stances(side) for side in "rl"] == [[(0.0, 0.62)], []]
 
 
 def test_the_stride_with_valid_frames_is_drawn_in_full_and_the_others_thin() -> None:
@@ -96,40 +95,28 @@ def test_against_time_a_long_trial_is_thinned() -> None:
 
 def numbers(by_cycle: bool) -> MomentNumbers:
     """Of the right knee: 80 sin(2 pi t) N·m with the final model, 8 N·m less with the nominal one."""
-    tau = np.zeros((len(TIME), len(COORDINATES)))
+    tau, none = np.zeros((len(TIME), len(COORDINATES))), np.zeros((len(TIME), 2))
     tau[:, KNEE] = MASS * np.sin(2 * np.pi * TIME)
-    before = tau.copy()
-    before[:, KNEE] -= 0.1 * MASS
-    none = np.zeros((len(TIME), 2))
+    before = tau - 0.1 * MASS * (np.arange(len(COORDINATES)) == KNEE)
     model = replace(subject_model(), subject=Subject("S", MASS, HEIGHT, "female"))
     final, nominal = (
         Moments(
-            coordinates=COORDINATES,
-            time=TIME,
-            tau=moments,
-            knee_adduction=none,
-            residual_force=none,
-            residual_moment=none,
-            bwh=model.subject.bwh,
+            coordinates=COORDINATES, time=TIME, tau=moments, knee_adduction=none, residual_force=none,
+            residual_moment=none, bwh=model.subject.bwh,
         )
         for moments in (tau, before)
-    )
+    )  # fmt: skip
     errors = TorqueErrors(np.full_like(tau, 4.0), none)
     of_all = moment_numbers(model, layout(by_cycle), final, nominal, errors)
     return next(n for n in of_all if n.name == "knee_angle_r")
 
 
-def test_peaks_of_a_moment_over_the_drawn_stride() -> None:
+def test_peak_and_change_of_a_moment_over_the_drawn_stride() -> None:
     knee = numbers(by_cycle=True)
     assert (knee.highest.value, knee.highest.at) == pytest.approx((1.0, 25.0))
     assert knee.highest.error == pytest.approx(4.0 / MASS)
     assert knee.highest.bwh == pytest.approx(100.0 / (9.81 * HEIGHT), rel=1e-3)
-    against_time = numbers(by_cycle=False)
-    assert against_time.highest.at == pytest.approx(1.25)
-
-
-def test_the_change_of_a_moment() -> None:
-    knee = numbers(by_cycle=True)
+    assert numbers(by_cycle=False).highest.at == pytest.approx(1.25)
     assert (knee.change, knee.peak, knee.change_of_peak) == pytest.approx((0.1, 1.0, 10.0))
     assert knee.change_bwh == pytest.approx(10.0 / (9.81 * HEIGHT), rel=1e-3)
 

@@ -14,40 +14,37 @@ from gaitcal.gait.spatiotemporal import Stride, strides_measured
 from gaitcal.io.labels import FootEvent, FootMoment
 from gaitcal.motion.motion import tracked_motion
 from gaitcal.session.session import prepare_trial
-from gaitcal.study.study import Study, nominal_of
+from gaitcal.study.study import nominal_of
+from scripts.validation.recordings import study_of_person
 
-PEOPLE = {
-    "labs_c3d/multi": (53.5, 1.634, ("walk03", "walk04", "walk05", "walk06", "walk07")),
-    "children/HC030A": (27.7, 1.33, ("straight", "turn")),
-    "children/HC031A": (60.3, 1.58, ("straight", "turn")),
-}
-"""Folder -> kg, m (as good as lengths need it), walks."""
+PEOPLE = {"multi": "labs_c3d/multi", "HC030A": "children/HC030A", "HC031A": "children/HC031A"}
+"""Of `scripts/validation/recordings.toml` -> folder."""
+SIDES = ("Right", "Left")
 
 
-def recorded_strides(data: Path, scratch: Path) -> dict[str, tuple[tuple[Stride, ...], Path]]:
+def recorded_strides(data: Path) -> dict[str, tuple[tuple[Stride, ...], Path]]:
     """`HC030A/turn` -> its strides, tracked with the nominal model, and its file."""
     out = {}
-    for folder, (mass, height, names) in PEOPLE.items():
-        trials = [("static", "static"), *((name, "gait") for name in names)]
-        tables = [
-            f'[[trial]]\nname = "{name}"\nrole = "{role}"\nfile = "{(data / folder / name).as_posix()}.c3d"\n'
-            for name, role in trials
-        ]
-        person = f'[subject]\nname = "x"\nmass_kg = {mass}\nheight_m = {height}\nsex = "female"\n'
-        path = scratch / f"{Path(folder).name}.toml"
-        path.write_text(person + '[markers]\nset = "plug-in-gait"\n' + "".join(tables), encoding="utf-8")
-        study = Study.load(path)
+    for person, folder in PEOPLE.items():
+        study = study_of_person(person)
         model = nominal_of(study)
         for trial in study.trials:
-            if trial.name in names:
+            if trial is not study.static:
                 prepared = prepare_trial(trial, model, study.settings)
                 motion = tracked_motion(prepared.body, model.parameters)
                 reactions = ground_reactions(model, motion, prepared.recording)
                 events = trial_events(model, motion, reactions, prepared.recording)
                 feet = foot_points(model, motion, model.parameters)
                 strides = strides_measured(events, motion.time, feet, unseen_frames(motion))
-                out[f"{Path(folder).name}/{trial.name}"] = strides, data / folder / f"{trial.name}.c3d"
+                out[f"{person}/{trial.name}"] = strides, data / folder / f"{trial.name}.c3d"
     return out
+
+
+def event_times(file: ezc3d.c3d, side: str, label: str) -> list[float]:
+    """When the file says that this happens to a foot, s."""
+    event = file["parameters"]["EVENT"]
+    rows = zip(event["CONTEXTS"]["value"], event["LABELS"]["value"], event["TIMES"]["value"][1], strict=True)
+    return sorted(float(t) for context, name, t in rows if (context.strip(), name.strip()) == (side, label))
 
 
 def vendor_figures(path: Path) -> dict[tuple[str, str], float]:
@@ -62,22 +59,18 @@ def vendor_figures(path: Path) -> dict[tuple[str, str], float]:
 def hand_count(path: Path) -> dict[str, list[dict[str, float]]]:
     """Side -> measures of each whole stride, from the file's events and heel markers alone."""
     file = ezc3d.c3d(str(path))
-    event, point = file["parameters"]["EVENT"], file["parameters"]["POINT"]
+    point = file["parameters"]["POINT"]
     labels = [label.strip() for label in point["LABELS"]["value"]]
     rate, first = point["RATE"]["value"][0], file["header"]["points"]["first_frame"]
-
-    def times(side: str, label: str) -> list[float]:
-        rows = zip(event["CONTEXTS"]["value"], event["LABELS"]["value"], event["TIMES"]["value"][1], strict=True)
-        return sorted(float(t) for context, name, t in rows if (context, name) == (side, label))
+    strikes, offs = ({s: event_times(file, s, label) for s in SIDES} for label in ("Foot Strike", "Foot Off"))
 
     def heel(side: str, when: float) -> np.ndarray:
         track = 1e-3 * file["data"]["points"][:2, labels.index(f"{side[0]}HEE")]
         return np.array([np.interp(when * rate - first, np.arange(track.shape[1]), axis) for axis in track])
 
     out: dict[str, list[dict[str, float]]] = {}
-    for side, other in (("Right", "Left"), ("Left", "Right")):
-        strikes, offs, theirs = times(side, "Foot Strike"), times(side, "Foot Off"), times(other, "Foot Strike")
-        for begin, end in itertools.pairwise(strikes):
+    for side, other in (SIDES, SIDES[::-1]):
+        for begin, end in itertools.pairwise(strikes[side]):
             stride = heel(side, end) - heel(side, begin)
             counted = {
                 "stride_time": end - begin,
@@ -85,9 +78,9 @@ def hand_count(path: Path) -> dict[str, list[dict[str, float]]]:
                 "stride_length": float(np.hypot(*stride)),
                 "speed": float(np.hypot(*stride)) / (end - begin),
             }
-            if inside := [t for t in offs if begin < t < end]:
+            if inside := [t for t in offs[side] if begin < t < end]:
                 counted |= {"stance": inside[0] - begin, "swing": end - inside[0]}
-            if between := [t for t in theirs if begin < t < end]:
+            if between := [t for t in strikes[other] if begin < t < end]:
                 step = heel(side, end) - heel(other, between[0])
                 counted["step_time"] = end - between[0]
                 counted["step_length"] = float(step @ stride / np.hypot(*stride))
@@ -100,17 +93,12 @@ def hand_count(path: Path) -> dict[str, list[dict[str, float]]]:
 def vendor_strides(path: Path) -> list[tuple[dict[str, tuple[np.ndarray, ...]], float]]:
     """Of each stride of both feet the program's own curves (angles deg, powers W/kg; no errors) and toe-off, %."""
     file = ezc3d.c3d(str(path))
-    event, point = file["parameters"]["EVENT"], file["parameters"]["POINT"]
+    point, points = file["parameters"]["POINT"], file["data"]["points"]
     labels = [label.split(":")[-1].strip() for label in point["LABELS"]["value"]]
-    rate, first, points = point["RATE"]["value"][0], file["header"]["points"]["first_frame"], file["data"]["points"]
-    rows = list(zip(event["CONTEXTS"]["value"], event["LABELS"]["value"], event["TIMES"]["value"][1], strict=True))
+    rate, first, none = point["RATE"]["value"][0], file["header"]["points"]["first_frame"], np.full(101, np.nan)
     out = []
-    for side in ("Right", "Left"):
-        strikes, offs = (
-            sorted(float(t) for context, name, t in rows if (context.strip(), name.strip()) == (side, label))
-            for label in ("Foot Strike", "Foot Off")
-        )
-        for begin, end in itertools.pairwise(strikes):
+    for side in SIDES:
+        for begin, end in itertools.pairwise(event_times(file, side, "Foot Strike")):
             frames, curves = np.linspace(begin, end, 101) * rate - first, {}
             for joint in ("Hip", "Knee", "Ankle"):
                 angle = "hip_flexion" if joint == "Hip" else f"{joint.lower()}_angle"
@@ -118,8 +106,8 @@ def vendor_strides(path: Path) -> list[tuple[dict[str, tuple[np.ndarray, ...]], 
                     track = points[axis, labels.index(f"{side[0]}{joint}{label}")]
                     track = np.where(np.abs(track) < 1e-12, np.nan, track)  # Plug-in Gait writes 0 where it has none
                     laid = np.interp(frames, np.arange(len(track)), track, left=np.nan, right=np.nan)
-                    curves[name] = (laid, np.full(101, np.nan), np.full(101, np.nan))
-            off = next(t for t in offs if begin < t < end)
+                    curves[name] = (laid, none, none)
+            off = next(t for t in event_times(file, side, "Foot Off") if begin < t < end)
             out.append((curves, 100.0 * (off - begin) / (end - begin)))
     return out
 

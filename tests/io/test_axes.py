@@ -31,6 +31,14 @@ def inverse(turn: Turn) -> Turn:
     return Turn(source, tuple(turn.sign[i] for i in source))
 
 
+def require_same(found: Recording, expected: Recording) -> None:
+    """Bit for bit."""
+    np.testing.assert_array_equal(found.markers, expected.markers)
+    for a, b in zip(found.plates, expected.plates, strict=True):
+        np.testing.assert_array_equal(a.wrench(), b.wrench())
+        np.testing.assert_array_equal(a.corners, b.corners)
+
+
 @pytest.mark.parametrize("turn", [*UP_TO_Y.values(), *ABOUT_Y])
 def test_turns_are_proper_rotations(turn: Turn) -> None:
     assert np.linalg.det(matrix(turn)) == pytest.approx(1.0)
@@ -44,10 +52,7 @@ def test_any_vertical_is_found_and_undone_bit_for_bit(axis: int, sign: int, make
     found = find_vertical(tipped.markers, tipped.plates)
     assert (found.axis, found.sign) == (axis, sign)
     back = make_y_up(tipped, OTHERWISE)
-    np.testing.assert_array_equal(back.markers, upright.markers)
-    for a, b in zip(upright.plates, back.plates, strict=True):
-        np.testing.assert_array_equal(b.wrench(), a.wrench())
-        np.testing.assert_array_equal(b.corners, a.corners)
+    require_same(back, upright)
     assert bool(back.notes) == ((axis, sign) != (1, 1))
 
 
@@ -71,12 +76,8 @@ def test_arms_held_out_do_not_make_the_body_wide() -> None:
 @pytest.mark.parametrize("turn", ABOUT_Y)
 def test_any_heading_becomes_x(turn: Turn) -> None:
     walk = loaded_body()
-    headed = turn_recording(walk, inverse(turn))
-    turned = turn_to_progression(headed)
-    np.testing.assert_array_equal(turned.markers, walk.markers)
-    for a, b in zip(walk.plates, turned.plates, strict=True):
-        np.testing.assert_array_equal(b.wrench(), a.wrench())
-        np.testing.assert_array_equal(b.corners, a.corners)
+    turned = turn_to_progression(turn_recording(walk, inverse(turn)))
+    require_same(turned, walk)
     assert bool(turned.notes) == (not turn.is_identity)
 
 

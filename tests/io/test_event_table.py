@@ -9,6 +9,7 @@ from gaitcal.io.csv import EVENTS, with_corrected_events, write_markers_csv
 from gaitcal.io.labels import FootEvent, FootMoment
 from gaitcal.session.draft import study_of
 from gaitcal.session.folder import FileKind, read_folder
+from tests.commands import refused
 from tests.io.recordings import body
 from tests.session.folders import draft, recordings, write
 
@@ -47,9 +48,8 @@ def test_rows_are_events_in_order_of_time_and_others_stay(tmp_path: Path) -> Non
 )
 def test_a_fault_names_file_line_and_field(tmp_path: Path, rows: str, told: str) -> None:
     walk = folder_with(tmp_path, rows)
-    with pytest.raises(InputError) as fault:
+    with refused(f"{tmp_path / EVENTS}: {told}"):
         with_corrected_events(body(), walk)
-    assert str(fault.value).startswith(f"{tmp_path / EVENTS}: {told}")
 
 
 def test_what_a_spreadsheet_adds_does_no_harm(tmp_path: Path) -> None:

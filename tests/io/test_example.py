@@ -1,9 +1,13 @@
 """`gaitcal example`: fetched from a server on this machine, with what can go wrong on the way."""
 
-import hashlib
 import json
 import re
+import threading
 from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from hashlib import sha256
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
 from urllib.parse import quote, urlsplit
 from urllib.request import Request
@@ -33,9 +37,9 @@ from gaitcal.io.toml import validated
 from gaitcal.study.study import Study
 from gaitcal.study.study_file import StudyFile
 from tests.commands import gaitcal
-from tests.io.file_server import Served, serving
 
 ROOT = Path(__file__).parents[2]
+HOST = "https://example.org"
 CONTENT = {"walk.trc": b"markers" * 3000, "people/static.c3d": bytes(range(256)) * 40, "forces.mot": b"forces\n" * 500}
 HERE = {
     "subject01": "subject01",
@@ -47,36 +51,72 @@ HERE = {
 """Example -> the folder of the recordings that the other tests use."""
 
 
+@dataclass
+class Served:
+    """What the server has, what it does wrong, and what it was asked for."""
+
+    files: dict[str, bytes]
+    status: dict[str, int] = field(default_factory=dict)
+    """Path -> HTTP status instead of the file."""
+    cut: dict[str, list[int]] = field(default_factory=dict)
+    """Path -> bytes after which the answers break off, one after the other; then the whole file."""
+    moved: dict[str, str] = field(default_factory=dict)
+    asked: list[str] = field(default_factory=list)
+    headers: list[dict[str, str]] = field(default_factory=list)
+    address: str = ""
+
+
+@contextmanager
+def serving(served: Served) -> Iterator[Served]:
+    """Serve on a free port of this machine, while inside."""
+
+    class Handler(BaseHTTPRequestHandler):
+        def do_GET(self) -> None:
+            served.asked.append(self.path)
+            served.headers.append(dict(self.headers))
+            if target := served.moved.get(self.path):
+                self.send_response(302)
+                self.send_header("Location", target)
+                self.end_headers()
+                return
+            content = served.files.get(self.path)
+            status = served.status.get(self.path, 404 if content is None else 200)
+            self.send_response(status)
+            if status != 200 or content is None:
+                self.end_headers()
+                return
+            self.send_header("Content-Length", str(len(content)))
+            self.end_headers()
+            cuts = served.cut.get(self.path, [])
+            self.wfile.write(content[: cuts.pop(0)] if cuts else content)
+
+        def log_message(self, format: str, *args: object) -> None:
+            pass
+
+    server = ThreadingHTTPServer(("127.0.0.1", 0), Handler)
+    thread = threading.Thread(target=server.serve_forever, kwargs={"poll_interval": 0.02})
+    thread.start()
+    served.address = f"http://127.0.0.1:{server.server_address[1]}"
+    try:
+        yield served
+    finally:
+        server.shutdown()
+        server.server_close()
+        thread.join()
+
+
 def path_of(name: str) -> str:
     return "/owner/project/0123abcd/" + quote(f"some data/{name}")
 
 
-def example(study: str | None = "[subject]\n") -> Example:
-    files = [
-        {
-            "name": name,
-            "url": f"https://example.org{path_of(name)}",
-            "bytes": len(data),
-            "sha256": hashlib.sha256(data).hexdigest(),
-        }
-        for name, data in CONTENT.items()
-    ]
-    table = {
-        "name": "small",
-        "title": "a small example",
-        "people": 1,
-        "from": "the authors of project",
-        "repository": "https://example.org/owner/project",
-        "commit": "0123abcd",
-        "licence": "MIT",
-        "licence_text": "https://example.org/owner/project/LICENSE",
-        "cite": "nobody",
-        "remark": "no file tells the sex",
-        "command": "calibrate {dir} --out {dir}-result",
-        "study": study,
-        "file": files,
-    }
-    return validated(Example, table, "examples.toml")
+def example(name: str = "small") -> Example:
+    """One of the registered examples with files of our own, on another host."""
+    files = tuple(
+        RemoteFile(name=file, url=f"{HOST}{path_of(file)}", bytes=len(data), sha256=sha256(data).hexdigest())
+        for file, data in CONTENT.items()
+    )
+    known = {"name": name, "commit": "0123abcd", "study": "[subject]\n", "files": files}
+    return example_named("subject01").model_copy(update=known)
 
 
 @pytest.fixture
@@ -91,6 +131,12 @@ def fetch(target: Path, server: Served, one: Example | None = None) -> list[Step
     return steps
 
 
+def asked(server: Served) -> list[str]:
+    """What was asked for since the last time."""
+    paths, server.asked[:] = list(server.asked), []
+    return paths
+
+
 def content(folder: Path) -> dict[str, bytes]:
     there = {p.relative_to(folder).as_posix(): p.read_bytes() for p in folder.rglob("*") if p.is_file()}
     return {name: data for name, data in there.items() if name in CONTENT}
@@ -100,10 +146,10 @@ def test_recordings_are_fetched_and_told_whose_they_are(server: Served, tmp_path
     steps = fetch(tmp_path / "small", server)
     assert content(tmp_path / "small") == CONTENT
     assert (tmp_path / "small" / STUDY).read_text() == "[subject]\n"
-    words = (tmp_path / "small" / SOURCE).read_text()
-    for told in ("the authors of project", "0123abcd", "MIT", "/LICENSE", "nobody", "no file tells the sex"):
-        assert told in words
-    assert all(file.url in words and file.sha256 in words for file in example().files)
+    words, one = " ".join((tmp_path / "small" / SOURCE).read_text().split()), example()
+    told = (one.of, one.commit, one.licence, one.licence_text, one.cite, one.remark)
+    assert [word for word in told if word not in words] == []
+    assert all(file.url in words and file.sha256 in words for file in one.files)
     manifest = json.loads((tmp_path / "small/manifest.json").read_text())
     assert (manifest["kind"], manifest["example"]) == ("example recordings", "small")
     assert [step.done for step in steps] == sorted(step.done for step in steps)
@@ -124,9 +170,9 @@ def test_a_damaged_file_is_fetched_anew_and_an_edited_study_stays(server: Served
     fetch(tmp_path / "small", server)
     (tmp_path / "small/walk.trc").write_bytes(b"damaged")
     (tmp_path / "small" / STUDY).write_text("mine")
-    server.asked.clear()
+    asked(server)
     fetch(tmp_path / "small", server)
-    assert server.asked == [path_of("walk.trc")]
+    assert asked(server) == [path_of("walk.trc")]
     assert content(tmp_path / "small") == CONTENT
     assert (tmp_path / "small" / STUDY).read_text() == "mine"
 
@@ -139,9 +185,9 @@ def test_a_missing_file_keeps_what_was_fetched_before(server: Served, tmp_path: 
     assert len(str(fault.value).splitlines()) == 1
     assert set(content(tmp_path / "small")) == {"walk.trc", "people/static.c3d"}
     server.status.clear()
-    server.asked.clear()
+    asked(server)
     fetch(tmp_path / "small", server)
-    assert server.asked == [path_of("forces.mot")]
+    assert asked(server) == [path_of("forces.mot")]
     assert content(tmp_path / "small") == CONTENT
 
 
@@ -230,7 +276,7 @@ def test_other_files_are_left_alone(server: Served, tmp_path: Path) -> None:
         fetch(tmp_path / "mine", server)
     fetch(tmp_path / "small", server)
     with pytest.raises(InputError, match="holds the example 'small'; name a new or an empty folder"):
-        fetch(tmp_path / "small", server, example().model_copy(update={"name": "other"}))
+        fetch(tmp_path / "small", server, example("other"))
     assert server.asked == [path_of(name) for name in CONTENT]
 
 
@@ -260,7 +306,7 @@ def test_the_registered_files_are_those_the_other_tests_use(data_dir: Path) -> N
         for file in one.files:
             here = data_dir / HERE[one.name] / file.name
             assert here.stat().st_size == file.bytes, file.name
-            assert hashlib.sha256(here.read_bytes()).hexdigest() == file.sha256, file.name
+            assert sha256(here.read_bytes()).hexdigest() == file.sha256, file.name
 
 
 @pytest.mark.parametrize("change", [{"name": "../x"}, {"name": "/x"}, {"url": "http://example.org/x"}, {"bytes": 0}])

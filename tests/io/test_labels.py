@@ -36,24 +36,18 @@ def test_computed_points_go_by_the_files_own_lists_and_by_their_spelling(tmp_pat
     assert any("Odd, Tilt, PELO, PELA, PELL, PELP, LKneeMoment" in note for note in notes)
 
 
-def test_only_whole_sets_of_segment_points_are_taken_for_such() -> None:
-    """LTOA alone may be a marker's name; so may any three of the four."""
-    assert computed_points(["PELO", "PELA", "PELL", "LTOA", "LHEE"]) == set()
-    assert computed_points(["pelo", "pela", "pell", "pelp", "ltoa"]) == {"pelo", "pela", "pell", "pelp"}
-    assert computed_points(["CentreOfMass", "CentreOfMassFloor", "LHJC", "LKneeAngles", "RGroundReactionForce"]) == {
-        "CentreOfMass",
-        "CentreOfMassFloor",
-        "LHJC",
-        "LKneeAngles",
-        "RGroundReactionForce",
-    }
-
-
-def test_marker_names_of_real_sets_are_never_taken_for_computed_points() -> None:
-    names = (
-        "LASI RASI SACR LTHI LKNE LTIB LANK LHEE LTOE RMED R.Knee.Lat V.Sacral L_Toe R_Shank_Superior LFHD LRAR LPSI"
-    )
-    assert computed_points(names.split()) == set()
+@pytest.mark.parametrize(
+    ("labels", "computed"),
+    [
+        ("PELO PELA PELL LTOA LHEE", ""),  # LTOA alone may be a marker's name; so may any three of the four
+        ("pelo pela pell pelp ltoa", "pelo pela pell pelp"),
+        *[("CentreOfMass CentreOfMassFloor LHJC LKneeAngles RGroundReactionForce",) * 2],
+        ("LASI RASI SACR LTHI LKNE LTIB LANK LHEE LTOE RMED R.Knee.Lat V.Sacral L_Toe R_Shank_Superior LFHD LRAR", ""),
+    ],
+    ids=["parts of a set", "a whole set", "by their spelling", "markers of real sets"],
+)
+def test_only_whole_sets_of_segment_points_are_taken_for_such(labels: str, computed: str) -> None:
+    assert computed_points(labels.split()) == set(computed.split())
 
 
 def test_only_computed_points_is_an_error(tmp_path: Path) -> None:
@@ -61,18 +55,12 @@ def test_only_computed_points_is_an_error(tmp_path: Path) -> None:
         read(tmp_path, ["LKneeAngles", "RKneeAngles"])
 
 
-def test_unique_never_makes_a_name_that_is_taken() -> None:
+def test_unique_never_makes_a_name_that_is_taken_and_a_prefix_needs_a_rest() -> None:
     names, notes = unique(["X", "X", "X#2", "X"])
-    assert len(set(names)) == 4
-    assert names[0] == "X"
-    assert names[2] == "X#2"
+    assert names == ("X", "X#3", "X#2", "X#4")
     assert notes == ("Marker names that occur more than once were numbered: X#3, X#4.",)
-
-
-def test_prefix_needs_a_rest() -> None:
-    assert common_prefix(["A:", "A:B"])[0] == ""
-    assert common_prefix(["A:B", "C"])[0] == ""
-    assert common_prefix(["A:B"])[0] == "A:"
+    for labels, prefix in ((["A:", "A:B"], ""), (["A:B", "C"], ""), (["A:B"], "A:")):
+        assert common_prefix(labels)[0] == prefix
 
 
 LABELS = [f"M{i}" for i in range(8)]
@@ -92,8 +80,7 @@ def file_with(path: Path, **groups: dict[str, Any]) -> Path:
 
 
 def events(labels: list[Any], contexts: list[Any], times: Any) -> tuple[FootEvent, ...]:
-    parameters = {"LABELS": {"value": labels}, "CONTEXTS": {"value": contexts}, "TIMES": {"value": times}}
-    return events_of({"EVENT": {name: entry["value"] for name, entry in parameters.items()}})
+    return events_of({"EVENT": {"LABELS": labels, "CONTEXTS": contexts, "TIMES": times}})
 
 
 def test_events_come_with_side_in_order_of_time(tmp_path: Path) -> None:

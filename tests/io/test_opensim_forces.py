@@ -15,6 +15,7 @@ from gaitcal.io.formats import convert, read_forces, read_recording
 from gaitcal.io.opensim_files import loads_tables, read_table, write_forces_mot, write_trc
 from gaitcal.io.recording import Recording
 from gaitcal.study.study import Study
+from tests.commands import refused
 from tests.io.recordings import loaded_body
 from tests.synthetic_studies import write_synthetic_study
 
@@ -93,16 +94,12 @@ def test_forces_on_the_plate_are_turned_round(tmp_path: Path) -> None:
 def test_points_unknown_without_force_do_not_spoil_the_wrench_and_others_are_not_put_at_the_origin(
     tmp_path: Path,
 ) -> None:
-    rows = np.tile(STEP, (3, 1))
-    rows[1] = [0, 0, 0, np.nan, np.nan, np.nan, np.nan, 0, 0]
-    forces = forces_of(tmp_path, ONE, rows)
-    np.testing.assert_array_equal(forces.plates[0].wrench()[1], 0)
-    assert any("1 samples without force" in note for note in forces.notes)
-    rows[1] = STEP
-    rows[1, 3:6] = np.nan
-    forces = forces_of(tmp_path, ONE, rows)
-    assert np.isnan(forces.plates[0].point[1]).all()
-    assert not any("without force" in note for note in forces.notes)
+    for force, told in (([0.0, 0, 0], True), (STEP[:3], False)):
+        rows = np.array([STEP, [*force, *[np.nan] * 3, *(STEP[6:] if any(force) else [np.nan, 0, 0])], STEP])
+        forces = forces_of(tmp_path, ONE, rows)
+        assert any("1 samples without force" in note for note in forces.notes) == told
+        (plate,) = forces.plates
+        assert (plate.wrench()[1] == 0).all() if told else np.isnan(plate.point[1]).all()
 
 
 @pytest.mark.parametrize(
@@ -129,21 +126,22 @@ def test_a_free_moment_alone(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    "header, degrees", [("inDegrees=yes\n", True), ("inDegrees = no\n", False), ("name x\ndatacolumns 3\n", None)]
+    ("text", "degrees"),
+    [
+        (table(["a", "b"], np.array([[1, 2], [3, 4]]), "inDegrees=yes\n"), True),
+        (table(["a", "b"], np.array([[1, 2], [3, 4]]), "inDegrees = no\n"), False),
+        (table(["a", "b"], np.array([[1, 2], [3, 4]]), "name x\ndatacolumns 3\n"), None),
+        ("x\nendheader\n\n  time   a  b\n 0.0  1 2\n 0.1  3 4\n", None),
+    ],
+    ids=["degrees", "radians", "not told", "parted by blanks"],
 )
-def test_table_header(tmp_path: Path, header: str, degrees: bool | None) -> None:
+def test_tables(tmp_path: Path, text: str, degrees: bool | None) -> None:
     path = tmp_path / "t.mot"
-    path.write_text(table(["a", "b"], np.array([[1, 2], [3, 4.5]]), header))
+    path.write_text(text, encoding="utf-8")
     found = read_table(str(path))  # a path as text serves too
-    assert found.in_degrees is degrees
-    assert found.names == ("a", "b")
-    np.testing.assert_array_equal(found.column("b"), [2, 4.5])
-
-
-def test_table_parted_by_blanks(tmp_path: Path) -> None:
-    path = tmp_path / "t.sto"
-    path.write_text("x\nendheader\n\n  time   a  b\n 0.0  1 2\n 0.1  3 4\n")
-    np.testing.assert_array_equal(read_table(path).values, [[1, 2], [3, 4]])
+    assert found.in_degrees is degrees and found.names == ("a", "b")
+    np.testing.assert_array_equal(found.values, [[1, 2], [3, 4]])
+    np.testing.assert_array_equal(found.column("b"), [2, 4])
 
 
 @pytest.mark.parametrize(
@@ -160,9 +158,8 @@ def test_table_parted_by_blanks(tmp_path: Path) -> None:
 def test_faults_of_tables(tmp_path: Path, text: str, message: str) -> None:
     path = tmp_path / "t.mot"
     path.write_text(text)
-    with pytest.raises(InputError) as caught:
+    with refused(message):
         read_table(path)
-    assert message in str(caught.value)
 
 
 @pytest.mark.parametrize("turn", [t for t in UP_TO_Y.values() if t in (UP_TO_Y[0, 1], UP_TO_Y[2, 1])])
@@ -216,16 +213,9 @@ COLUMNS = [f"{side}_{kind}{axis}" for side in "ab" for kind in ("force_v", "forc
 
 def force(name: str = "one", body: str = "calcn_r", side: str = "a", **change: str) -> str:
     words = {
-        "name": name,
-        "body": body,
-        "force_in": "ground",
-        "point_in": "/ground",
-        "force": f"{side}_force_v",
-        "point": f"{side}_force_p",
-        "torque": f"{side}_torque_",
-        "source": "Unassigned",
-        "more": "",
-    }
+        "name": name, "body": body, "force_in": "ground", "point_in": "/ground", "force": f"{side}_force_v",
+        "point": f"{side}_force_p", "torque": f"{side}_torque_", "source": "Unassigned", "more": "",
+    }  # fmt: skip
     return FORCE.format(**{**words, **change})
 
 
@@ -293,19 +283,18 @@ def test_a_table_of_each_force(tmp_path: Path) -> None:
     ],
 )
 def test_what_cannot_be_taken_is_named(tmp_path: Path, entry: str, message: str) -> None:
-    with pytest.raises(InputError) as caught:
+    with refused(message):
         read_forces(write(tmp_path, entry))
-    assert message in str(caught.value)
 
 
 def test_files_that_are_none(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="datafile: found 'gone.mot', which does not exist beside it"):
+    with refused("datafile: found 'gone.mot', which does not exist beside it"):
         read_forces(write(tmp_path, force(), table="gone.mot"))
-    with pytest.raises(InputError, match="names no table of forces"):
+    with refused("names no table of forces"):
         read_forces(write(tmp_path, force(), table=""))
     for text, message in (("<a/>", "found <a>; a file with <ExternalLoads>"), ("no xml", "is not well-formed")):
         (tmp_path / "x.xml").write_text(text)
-        with pytest.raises(InputError, match=message):
+        with refused(message):
             read_forces(tmp_path / "x.xml")
 
 

@@ -17,6 +17,7 @@ from gaitcal.io.formats import convert, read_forces, read_recording
 from gaitcal.io.labels import clean, common_prefix, is_unlabelled
 from gaitcal.io.opensim_files import parse_trc, write_forces_mot, write_trc
 from gaitcal.io.recording import ForcePlate, Recording
+from tests.commands import refused
 from tests.io.recordings import body, loaded_body
 
 QUICK = settings(max_examples=60, suppress_health_check=[HealthCheck.function_scoped_fixture])
@@ -63,26 +64,33 @@ def plates(draw: st.DrawFn) -> tuple[ForcePlate, ...]:
 
 def require_same_bits(a: np.ndarray, b: np.ndarray) -> None:
     """Equal in every bit: NaN equals NaN, and 0 is not -0."""
-    assert a.shape == b.shape
-    assert a.tobytes() == b.tobytes() or np.array_equal(a, b, equal_nan=True)
+    np.testing.assert_array_equal(a, b, strict=True)
     known = ~np.isnan(a)
     np.testing.assert_array_equal(np.signbit(a[known]), np.signbit(b[known]))
 
 
-def require_same_plates(found: tuple[ForcePlate, ...], given_: tuple[ForcePlate, ...]) -> None:
-    for a, b in zip(found, given_, strict=True):
+def require_same_plates(found: tuple[ForcePlate, ...], expected: tuple[ForcePlate, ...]) -> None:
+    for a, b in zip(found, expected, strict=True):
         for field in ("time", "force", "point", "moment"):
             require_same_bits(getattr(a, field), getattr(b, field))
+
+
+def require_same(found: Recording, expected: Recording) -> None:
+    """Markers, times and plates in every bit."""
+    assert found.labels == expected.labels
+    require_same_bits(found.time, expected.time)
+    require_same_bits(found.markers, expected.markers)
+    assert [plate.name for plate in found.plates] == [plate.name for plate in expected.plates]
+    require_same_plates(found.plates, expected.plates)
+    for a, b in zip(found.plates, expected.plates, strict=True):
+        np.testing.assert_array_equal(a.corners, b.corners)
 
 
 @given(recordings())
 @QUICK
 def test_markers_csv(tmp_path: Path, recording: Recording) -> None:
     write_markers_csv(tmp_path / "m.csv", recording)
-    found = read_recording(tmp_path / "m.csv")
-    assert found.labels == recording.labels
-    require_same_bits(found.time, recording.time)
-    require_same_bits(found.markers, recording.markers)
+    require_same(read_recording(tmp_path / "m.csv"), recording)
 
 
 @given(recordings())
@@ -91,10 +99,8 @@ def test_trc(tmp_path: Path, recording: Recording) -> None:
     recording = replace(recording, time=np.arange(len(recording.time)) / 97.0)
     write_trc(tmp_path / "m.trc", recording)
     found = parse_trc(tmp_path / "m.trc")  # without the search for the vertical
-    assert found.labels == recording.labels
     assert found.notes == ()
-    require_same_bits(found.time, recording.time)
-    require_same_bits(found.markers, recording.markers)
+    require_same(found, recording)
 
 
 @given(plates())
@@ -156,19 +162,18 @@ def test_c3d(tmp_path: Path, suffix: str) -> None:
 
 def test_c3d_refuses_what_it_cannot_hold(tmp_path: Path) -> None:
     recording = loaded_body()
-    path = tmp_path / "x.c3d"
-    uneven = recording.time.copy()
+    uneven, unknown = recording.time.copy(), loaded_body()
     uneven[5] += 0.003
-    with pytest.raises(InputError, match="uniform clock"):
-        write_c3d(path, replace(recording, time=uneven))
     odd = replace(recording.plates[0], time=recording.plates[0].time + 0.0005)
-    with pytest.raises(InputError, match="plate 1: 1000 samples"):
-        write_c3d(path, replace(recording, plates=(odd,)))
-    with pytest.raises(InputError, match="1 to 65535 are allowed"):
-        write_c3d(path, replace(body(), time=body().time + 700))
-    recording.plates[0].force[3] = np.nan
-    with pytest.raises(InputError, match="NaN"):
-        write_c3d(path, recording)
+    unknown.plates[0].force[3] = np.nan
+    for wrong, told in (
+        (replace(recording, time=uneven), "uniform clock"),
+        (replace(recording, plates=(odd,)), "plate 1: 1000 samples"),
+        (replace(body(), time=body().time + 700), "1 to 65535 are allowed"),
+        (unknown, "NaN"),
+    ):
+        with refused(told):
+            write_c3d(tmp_path / "x.c3d", wrong)
     assert list(tmp_path.iterdir()) == []
 
 
@@ -207,20 +212,6 @@ def test_a_damaged_row_of_what_was_said_is_named(row: str, tmp_path: Path) -> No
     (tmp_path / "x_facts.csv").write_text(f"fact,value\n{row}\n", encoding="utf-8")
     with pytest.raises(InputError, match="x_facts.csv: row 1: .*allowed facts: mass, height"):
         read_recording(tmp_path / "x.csv")
-
-
-def require_same(found: Recording, expected: Recording) -> None:
-    """Markers, times and plates in every bit."""
-    assert found.labels == expected.labels
-    np.testing.assert_array_equal(found.time, expected.time)
-    np.testing.assert_array_equal(found.markers, expected.markers)
-    for a, b in zip(found.plates, expected.plates, strict=True):
-        assert a.name == b.name
-        for field in ("time", "force", "point", "moment"):
-            np.testing.assert_array_equal(getattr(a, field), getattr(b, field))
-        assert (a.corners is None) == (b.corners is None)
-        if a.corners is not None:
-            np.testing.assert_array_equal(a.corners, b.corners)
 
 
 @pytest.mark.parametrize(
@@ -270,10 +261,8 @@ def test_corners_go_with_the_forces_and_not_with_others(tmp_path: Path) -> None:
 def test_damaged_corners_are_told(tmp_path: Path, text: str, told: str) -> None:
     write_forces_csv(tmp_path / "a_forces.csv", loaded_body().plates)
     (tmp_path / "a_plates.csv").write_text(text, encoding="utf-8")
-    with pytest.raises(InputError, match=told) as caught:
+    with pytest.raises(InputError, match=f"a_plates.csv.*{told}"):
         read_forces(tmp_path / "a_forces.csv")
-    assert "a_plates.csv" in str(caught.value)
-    assert "\n" not in str(caught.value)
 
 
 def test_faults_leave_the_target_as_it_was(tmp_path: Path) -> None:
@@ -281,18 +270,16 @@ def test_faults_leave_the_target_as_it_was(tmp_path: Path) -> None:
     write_forces_csv(tmp_path / "f.csv", loaded_body().plates)
     target = tmp_path / "out.mot"
     target.write_text("old")
-    with pytest.raises(InputError, match=r"a.trc can become .csv, .trc, .c3d"):
-        convert(tmp_path / "a.trc", target)
-    with pytest.raises(InputError, match=r"f.csv can become .csv, .mot, .sto"):
-        convert(tmp_path / "f.csv", tmp_path / "out.trc")
-    with pytest.raises(InputError, match="no such file"):
-        convert(tmp_path / "absent.c3d", target)
-    with pytest.raises(InputError, match="the same file"):
-        convert(tmp_path / "a.trc", tmp_path / "." / "a.trc")
-    with pytest.raises(InputError, match="found a folder"):
-        convert(tmp_path / "a.trc", tmp_path)
     (tmp_path / "bad.mot").write_text("no table")
-    with pytest.raises(InputError, match="endheader"):
-        convert(tmp_path / "bad.mot", tmp_path / "bad.csv")
+    for source, out, told in (
+        ("a.trc", "out.mot", "a.trc can become .csv, .trc, .c3d"),
+        ("f.csv", "out.trc", "f.csv can become .csv, .mot, .sto"),
+        ("absent.c3d", "out.mot", "no such file"),
+        ("a.trc", "./a.trc", "the same file"),
+        ("a.trc", "", "found a folder"),
+        ("bad.mot", "bad.csv", "endheader"),
+    ):
+        with refused(told):
+            convert(tmp_path / source, tmp_path / out)
     assert target.read_text() == "old"
     assert sorted(file.name for file in tmp_path.iterdir()) == ["a.trc", "bad.mot", "f.csv", "out.mot"]

@@ -16,7 +16,7 @@ from gaitcal.motion.motion import track_nodes
 from gaitcal.motion.rigid import rigid_distances, rigid_fit
 from gaitcal.motion.spline import NodeRule, cutoff, spline_basis, to_bspline
 from gaitcal.motion.trial_problem import MotionProblem
-from scripts.tools.benchmark import scaling
+from scripts.tools.benchmark import tasks
 from tests.derivatives import Array, assert_derivative, from_band, noisy, seeded_trial, started, with_gaps
 
 
@@ -201,6 +201,6 @@ def test_large_matrices_are_factored_in_place(monkeypatch: pytest.MonkeyPatch, f
 
 @pytest.mark.slow
 def test_memory_of_a_long_recording() -> None:
-    short, long = (scaling.usage(frames, 100.0) for frames in (5_000, 20_000))
+    short, long = (tasks.usage(frames, 100.0) for frames in (5_000, 20_000))
     assert long["rms_mm"] < 2.5
     assert long["peak_gib"] < min(0.8, short["peak_gib"] + SLOPE_GIB)

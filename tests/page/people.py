@@ -56,47 +56,27 @@ def walking_scene(labels: tuple[str, ...] | None = None, subject: str = "Built-i
     return person_scene(model, (first, again), standard_errors())
 
 
-def walking_trial(model, true: TrueMotion, name, wrench):
-    rng = np.random.default_rng(11)
-    time = true.basis.time
-    seen = synthetic_markers(model.parameters, model.markers, true.q)
-    noise = marker_noise(time, len(model.markers.labels), rng)
-    measured = seen + noise
+def walking_trial(model: SubjectModel, true: TrueMotion, name: str, wrench: Array | None) -> MotionScene:
+    """Noisy markers with a gap; two plates and frames that do not count where there is a wrench."""
+    time, placed = true.basis.time, model.markers
+    seen = synthetic_markers(model.parameters, placed, true.q)
+    measured = seen + marker_noise(time, len(placed.labels), np.random.default_rng(11))
     measured[40:80, 3] = np.nan
-    plates = ()
-    reactions = None
+    plates, reactions = (), None
     if wrench is not None:
         plates = tuple(plate(str(k + 1), time, x, z) for k, (x, z) in enumerate([(0.2, 0.12), (0.85, -0.12)]))
-        valid = np.ones(len(time), dtype=bool)
-        valid[150:] = False
-        loaded = wrench[:, :, 1] > 20.0
+        valid, loaded = np.arange(len(time)) < 150, wrench[:, :, 1] > 20.0
+        legs = np.stack([valid] * 2, axis=1)
         reactions = GroundReactions(
-            wrench=wrench,
-            valid=valid,
-            valid_legs=np.stack([valid] * 2, axis=1),
-            loaded=loaded,
-            resting=loaded,
-            notes=(),
+            wrench=wrench, valid=valid, valid_legs=legs, loaded=loaded, resting=loaded, notes=()
         )
-    recording = Recording(source="walk.c3d", time=time, labels=model.markers.labels, markers=measured, plates=plates)
-    errors = MarkerErrors(
-        model.markers.labels, model.markers.segments, model.markers.weight, np.linalg.norm(measured - seen, axis=2)
-    )
-    return trial_scene(
-        model,
-        name,
-        "gait",
-        Motion(
-            name=name,
-            coordinates=COORDINATES,
-            basis=true.basis,
-            coefficients=true.coefficients,
-            errors=errors,
-            converged=True,
-        ),
-        recording,
-        reactions,
-    )
+    recording = Recording(source="walk.c3d", time=time, labels=placed.labels, markers=measured, plates=plates)
+    errors = MarkerErrors(placed.labels, placed.segments, placed.weight, np.linalg.norm(measured - seen, axis=2))
+    motion = Motion(
+        name=name, coordinates=COORDINATES, basis=true.basis, coefficients=true.coefficients, errors=errors,
+        converged=True,
+    )  # fmt: skip
+    return trial_scene(model, name, "gait", motion, recording, reactions)
 
 
 def long_scene(frames: int = 10_000) -> Scene:

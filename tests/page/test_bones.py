@@ -42,6 +42,7 @@ from gaitcal.page.scene import JointMark, Scene, joint_marks
 from gaitcal.page.scene_file import scene_json
 from gaitcal.page.view import Shown, page_html
 from tests.page import made_bones as made
+from tests.page.walked_blocks import held
 
 POINTS = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0], [0, 0, 2]], dtype=float)
 CORNERS, ENDS = np.array([0, 1, 2, 3, 0, 1, 4]), np.array([4, 7])
@@ -395,10 +396,10 @@ def test_what_a_knee_stands_on_is_told(bones: Landmarked) -> None:
 
 def test_a_page_holds_bones_and_says_where_they_are_from(scene: Scene, bones: Landmarked) -> None:
     html = page_html(Shown(scene), bones.bones)
-    held = json.loads(html.split('id="result">')[1].split("</script>")[0])["scene"]["bones"]
-    assert held["why"] is None and held["source"].startswith("the folder Geometry")
-    assert set(held["meshes"]) == {"femur", "tibia", "fibula", "pelvis"}
-    assert [knee["joint"] for knee in held["knees"]] == ["knee_r", "knee_l"]
+    found = held(html)["scene"]["bones"]
+    assert found["why"] is None and found["source"].startswith("the folder Geometry")
+    assert set(found["meshes"]) == {"femur", "tibia", "fibula", "pelvis"}
+    assert [knee["joint"] for knee in found["knees"]] == ["knee_r", "knee_l"]
 
 
 def test_a_page_without_bones_says_how_to_get_them(scene: Scene) -> None:

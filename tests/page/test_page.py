@@ -21,23 +21,15 @@ from gaitcal.page.scene_file import scene_json
 from gaitcal.page.view import SCRIPTS, Shown, page_html, sentences
 from gaitcal.session.result import Calibration
 from gaitcal.synthetic.motion import gait_motion
+from tests.fake_result import HOSTILE, Names, fake_calibration
+from tests.page.browser import Visit
 from tests.page.people import long_motion, standard_errors, subject_model, walking_scene, walking_trial
+from tests.page.walked_blocks import held, scripts
 
 LIMIT = 25_000_000
 """bytes that a page may have."""
 PACKED = 1e-4
 """m: 16 bits on the few metres that markers are from the pelvis."""
-
-
-def scripts(html: str) -> list[tuple[str, str]]:
-    """Attributes and contents of the script elements, found as a browser does."""
-    return re.findall(r"<script([^>]*)>(.*?)</script", html, flags=re.DOTALL | re.IGNORECASE)
-
-
-def content(html: str) -> dict[str, Any]:
-    result = json.loads(next(text for attributes, text in scripts(html) if 'id="result"' in attributes))
-    scene: dict[str, Any] = result["scene"]
-    return scene
 
 
 def values_of(packed: dict[str, Any]) -> np.ndarray:
@@ -47,7 +39,7 @@ def values_of(packed: dict[str, Any]) -> np.ndarray:
 
 def test_the_page_holds_what_the_scene_holds(scene: Scene, html: Path) -> None:
     text = html.read_text(encoding="utf-8")
-    found = content(text)
+    found = held(text)["scene"]
     trial, packed = scene.trials[0], found["trials"][0]
     pelvis = np.frombuffer(base64.b64decode(packed["pelvis"]), dtype="<f4").reshape(-1, 1, 3)
     for name in ("measured", "origins"):
@@ -204,3 +196,47 @@ def test_the_sheet_may_stand_in_a_script_whatever_it_says() -> None:
     names = ["</script>", "<!--", "\u202e\u2028\ud800", '"\\', "@@PAGE@@"]
     text = script_json({"names": names})
     assert "<" not in text and text.isascii() and json.loads(text)["names"] == names
+
+
+WORST = f"</script><!--<script>@@PAGE@@ \\g<0> \u2066\u05d0\u2069 \u2028 \ud800 {HOSTILE}"
+TAG = re.compile(r"<(/?script|!--|img|svg)", re.IGNORECASE)
+
+
+def named(word: str) -> Shown:
+    """A result in which everything that may be named has this name."""
+    whole = fake_calibration(Names(word, word, word, word, word, word))
+    scene = walking_scene(subject=word)
+    trials = tuple(replace(scene.trials[0], name=trial.name) for trial in whole.trials)
+    return Shown(replace(scene, trials=trials), calibration_page_data(whole))
+
+
+@pytest.fixture(scope="module")
+def hostile() -> str:
+    return page_html(named(WORST))
+
+
+def test_a_hostile_study_adds_no_markup(hostile: str) -> None:
+    clean = page_html(named("name"))
+    assert TAG.findall(hostile) == TAG.findall(clean)
+    one = held(hostile)
+    assert one["scene"]["subject"] == one["sheet"]["person"]["name"] == WORST
+    assert one["scene"]["trials"][0]["name"] == one["sheet"]["trials"][0]["name"] == WORST
+    hostile.encode("utf-8")
+
+
+@pytest.mark.slow
+@pytest.mark.browser
+def test_a_browser_makes_nothing_of_them(hostile: str, visit: Visit, tmp_path: Path) -> None:
+    (tmp_path / "result.html").write_text(hostile, encoding="utf-8")
+    page = visit(tmp_path / "result.html")
+    page.run("gaitcal.state.set({ trial: 1, spread: 'mean' })")
+    assert page.run("document.querySelectorAll('img, iframe, object, embed, link').length") == 0
+    assert page.run("typeof window.hacked") == "undefined"
+    assert page.run("document.scripts.length") == 7
+    assert page.run("document.getElementById('subject').textContent") == WORST
+    page.until("document.documentElement.scrollWidth <= innerWidth")  # its curves have its width
+    assert len(page.requests) == 1
+
+
+def test_a_page_of_a_scene_alone_has_no_sheet(scene: Scene) -> None:
+    assert '"sheet":null' in page_html(Shown(scene))

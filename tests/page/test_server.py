@@ -69,45 +69,40 @@ def test_the_page_comes_with_its_policy(server: ViewServer) -> None:
     assert answer.status == 200 and body == b"" and int(answer.headers["Content-Length"]) == len(server.page)
 
 
-@pytest.mark.parametrize(
-    "path",
-    ["/", "", "/scene.npz", "/../../etc/passwd", "/%2e%2e/", "/static/", "/?x", "/index.html", "/view.html", "/%C3%A9"],
-)
-def test_there_is_nothing_else(path: str, server: ViewServer) -> None:
-    for asked in (path, server.path[:-1] + path, server.path + path.removeprefix("/")):
-        if asked != server.path:
-            answer, body = ask(server, "GET", asked)
-            assert answer.status == 404 and b"root:" not in body, asked
-
-
-def test_only_the_address_with_the_token_gives_the_page(server: ViewServer) -> None:
-    token = server.path.strip("/")
-    assert len(token) > 40 and server.url.endswith(f"/{token}/")
-    with ViewServer("") as other:
-        assert other.path != server.path
-    wrong = token[:-1] + ("A" if token[-1] != "A" else "B")
-    for path in (f"/{token}", f"/{wrong}/", f"/{token}x/", f"/{token.swapcase()}/", f"/x/../{token}/", f"/?{token}"):
-        answer, body = ask(server, "GET", path)
-        assert answer.status == 404 and len(body) < 1000, path
+ELSEWHERE = (
+    "/", "", "/scene.npz", "/../../etc/passwd", "/%2e%2e/", "/static/", "/?x", "/index.html", "/view.html", "/%C3%A9",
+)  # fmt: skip
 
 
 @pytest.mark.parametrize(
-    ("host", "status"),
+    ("method", "path", "host", "status"),
     [
-        *((host, 421) for host in ("evil.example", "evil.example:80", "localhost.evil.example", "127.0.0.1:x")),
-        ("127.0.0.1.evil.example:80", 421),
-        *((host, 200) for host in ("localhost:9000", "127.0.0.1", "[::1]:8080")),  # the far end of a tunnel
+        *(("GET", path, None, 404) for path in ELSEWHERE),
+        *(("GET", f"/TOKEN{path}", None, 404) for path in ELSEWHERE if path != "/"),
+        *(("GET", f"/TOKEN/{path.removeprefix('/')}", None, 404) for path in ELSEWHERE[2:]),
+        *(("GET", path, None, 404) for path in ("/WRONG/", "/TOKENx/", "/tOKEN/", "/x/../TOKEN/", "/?TOKEN")),
+        *(("GET", "/TOKEN/", host, 421) for host in ("evil.example", "evil.example:80", "localhost.evil.example")),
+        *(("GET", "/TOKEN/", host, 421) for host in ("127.0.0.1:x", "127.0.0.1.evil.example:80")),
+        # the far end of a tunnel
+        *(("GET", "/TOKEN/", host, 200) for host in ("localhost:9000", "127.0.0.1", "[::1]:8080")),
+        *((method, "/TOKEN/", None, 501) for method in ("POST", "PUT", "DELETE", "OPTIONS")),
     ],
 )
-def test_only_names_of_this_machine_get_the_page(host: str, status: int, server: ViewServer) -> None:
-    answer, body = ask(server, "GET", server.path, host)
-    assert answer.status == status and (len(body) < 1000) == (status != 200)
+def test_only_the_address_with_the_token_on_this_machine_gives_the_page(
+    method: str, path: str, host: str | None, status: int, server: ViewServer
+) -> None:
+    token = server.path.strip("/")
+    other = token[:-1] + ("A" if token[-1] != "A" else "B")
+    for word, real in (("TOKEN", token), ("WRONG", other), ("tOKEN", token.swapcase())):
+        path = path.replace(word, real)
+    answer, body = ask(server, method, path, host)
+    assert answer.status == status and (len(body) < 1000) == (status != 200) and b"root:" not in body
 
 
-@pytest.mark.parametrize("method", ["POST", "PUT", "DELETE", "OPTIONS"])
-def test_it_only_reads(method: str, server: ViewServer) -> None:
-    answer, _ = ask(server, method, server.path)
-    assert answer.status == 501
+def test_the_token_is_long_and_another_each_time(server: ViewServer) -> None:
+    assert len(server.path.strip("/")) > 40 and server.url.endswith(server.path)
+    with ViewServer("") as other:
+        assert other.path != server.path
 
 
 def test_a_port_that_cannot_be_or_is_in_use(server: ViewServer) -> None:

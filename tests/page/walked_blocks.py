@@ -1,5 +1,7 @@
-"""What blocks say, as plain rows: for tests."""
+"""What pages hold and what their blocks say, as plain rows: for tests."""
 
+import json
+import re
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
@@ -83,3 +85,15 @@ def _pieces(data: Any) -> Iterator[str]:
     elif isinstance(data, list | tuple):
         for value in data:
             yield from _pieces(value)
+
+
+def scripts(html: str) -> list[tuple[str, str]]:
+    """Attributes and contents of the script elements, found as a browser does."""
+    return re.findall(r"<script([^>]*)>(.*?)</script", html, flags=re.DOTALL | re.IGNORECASE)
+
+
+def held(html: str, element: str = "result") -> dict[str, Any]:
+    """What the script element of this id holds."""
+    (found,) = (text for attributes, text in scripts(html) if f'id="{element}"' in attributes)
+    data: dict[str, Any] = json.loads(found)
+    return data

@@ -3,18 +3,13 @@
 import json
 import re
 import shutil
-from collections.abc import Iterator
-from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pandas as pd
 import pytest
-from typer.testing import CliRunner, Result
 
-from gaitcal.cli.application import app
 from gaitcal.errors import InputError
 from gaitcal.figures.document import LEAST_SHEET, ReportContent, _story, write_pdf
 from gaitcal.figures.report_sheets import CurvePanel, SheetOfCurves, limits_of
@@ -24,23 +19,19 @@ from gaitcal.gait.events import GaitEvents
 from gaitcal.gait.normal_bands import read_normal_bands
 from gaitcal.gait.profile_score import ANGLES
 from gaitcal.io.labels import FootMoment
-from gaitcal.io.result_folder import SELF, self_hash, sha256_of
 from gaitcal.results.cycles import read_cycles
 from gaitcal.results.gait_report import KINEMATICS, KINETICS, _no_curves, read_comments, report_content
 from gaitcal.results.saved import load_result_model
+from tests.commands import edited
+from tests.commands import tried as run
 from tests.fake_result import HOSTILE
 from tests.kept import kept_folder
 from tests.synthetic_studies import write_synthetic_study
 
-RUNNER = CliRunner()
 ROUNDED = 2e-6
 TIMES = 2e-3
 """Relative: events of the summary are rounded to 0.1 ms, which moves strides by a hundredth of a percent."""
 MASS = 69.4
-
-
-def run(*words: object) -> Result:
-    return RUNNER.invoke(app, list(map(str, words)))
 
 
 def strides(*_: object) -> GaitEvents:
@@ -207,18 +198,10 @@ def content(made: Path) -> ReportContent:
     return report_content(made, (read_normal_bands(NORMS), NORMS), {"kinematics": HOSTILE})
 
 
-@contextmanager
-def edited(made: Path, folder: Path) -> Iterator[tuple[Path, dict[str, Any]]]:
-    """A copy whose JSON files become what is left of them at the end; its manifest knows what was changed."""
-    shutil.copytree(made, folder)
-    names = ("summary.json", "page.json", "manifest.json")
-    data = {name: json.loads((folder / name).read_text()) for name in names}
-    yield folder, data
-    for name in names[:2]:
-        (folder / name).write_text(json.dumps(data[name]))
-    manifest = data["manifest.json"]
-    manifest["sha256"] |= {name: sha256_of(folder / name) for name in ("cycles.csv", *names[:2])}
-    (folder / "manifest.json").write_text(json.dumps({**manifest, SELF: self_hash(manifest)}))
+@pytest.fixture
+def changed(made: Path, tmp_path: Path) -> Path:
+    """A copy of the result, for changes of what a report reads."""
+    return Path(shutil.copytree(made, tmp_path / "changed"))
 
 
 def panel(content: ReportContent, variable: str) -> CurvePanel:
@@ -235,9 +218,7 @@ def panel(content: ReportContent, variable: str) -> CurvePanel:
 def test_curves_are_those_of_the_table_with_clinical_signs(
     made: Path, content: ReportContent, variable: str, clinical: float
 ) -> None:
-    table = read_cycles(made)
-    mass = load_result_model(made)[0].subject.mass
-    size = 1.0 if variable in KINEMATICS else mass
+    table, size = read_cycles(made), 1.0 if variable in KINEMATICS else MASS
     for side in "rl":
         rows = table[(table["variable"] == variable) & (table["side"] == side)]
         expected = np.where(rows["valid"] == 1, clinical * rows["value"] / size, np.nan).reshape(-1, 101)
@@ -295,8 +276,7 @@ def test_the_same_content_gives_the_same_pages(content: ReportContent, tmp_path:
 def test_command_takes_the_comments_beside_the_result(made: Path, tmp_path: Path) -> None:
     comments = tmp_path / "comments.toml"
     comments.write_text('summary = "walks without aids"\n')
-    words = ["report", str(made), "--pdf", str(tmp_path / "report.pdf"), "--comments", str(comments)]
-    done = CliRunner().invoke(app, words, catch_exceptions=False)
+    done = run("report", made, "--pdf", tmp_path / "report.pdf", "--comments", comments)
     assert done.exit_code == 0 and f"4 pages, comments of {comments}" in done.output.replace("\n", " ")
     assert (tmp_path / "report.pdf").read_bytes().startswith(b"%PDF")
 
@@ -314,13 +294,12 @@ def test_other_comments_are_refused(text: str, told: str, tmp_path: Path) -> Non
         read_comments(tmp_path / "comments.toml")
 
 
-def test_strides_count_on_paper_as_on_the_page(made: Path, tmp_path: Path) -> None:
-    with edited(made, tmp_path / "told") as (folder, data):
-        strides = next(trial["strides"] for trial in data["page.json"]["trials"] if trial["strides"])
-        right, left = strides
+def test_strides_count_on_paper_as_on_the_page(changed: Path) -> None:
+    with edited(changed, "page.json") as page:
+        right, left = next(trial["strides"] for trial in page["trials"] if trial["strides"])
         right |= {"side": "r", "plate": "7", "reason": "", "turns": False}
         left |= {"side": "l", "plate": "", "reason": "foot beside the plate", "turns": True}
-    rows = report_content(folder, None, {}).walks[1:]
+    rows = report_content(changed, None, {}).walks[1:]
     assert [row[1] for row in rows] == ["right", "left"]
     assert [row[3:] for row in rows] == [
         ("7", "1 of 1", ""),
@@ -329,56 +308,54 @@ def test_strides_count_on_paper_as_on_the_page(made: Path, tmp_path: Path) -> No
 
 
 @pytest.mark.parametrize("beyond", ["", "force_N", "torque_Nm"])
-def test_unexplained_force_and_moment_are_both_judged(beyond: str, made: Path, tmp_path: Path) -> None:
-    with edited(made, tmp_path / "judged") as (folder, data):
-        trial = next(trial for trial in data["summary.json"]["trials"].values() if trial["role"] == "gait")
+def test_unexplained_force_and_moment_are_both_judged(beyond: str, changed: Path) -> None:
+    with edited(changed, "summary.json") as summary:
+        trial = next(trial for trial in summary["trials"].values() if trial["role"] == "gait")
         trial["pelvis_residual"] = {"jp": {"force_N": 20.0, "torque_Nm": 5.0}}
         trial["pelvis_residual_limit"] = {"force_N": 30.0, "torque_Nm": 9.0} | ({beyond: 2.0} if beyond else {})
         trial |= {} if beyond else {"trunk_measured": False}
-    (told,) = report_content(folder, None, {}).fit
+    (told,) = report_content(changed, None, {}).fit
     assert ("too high" in told) == bool(beyond) and "force at the pelvis 20 N" in told and "moment 5.0 N·m" in told
     assert ("limits are wide, as no marker tells how trunk and arms move" in told) == (not beyond)
 
 
-def test_relative_angles_have_no_profile(made: Path, tmp_path: Path) -> None:
-    with edited(made, tmp_path / "relative") as (folder, data):
-        data["manifest.json"]["settings"]["angles"] = "relative"
-    content = report_content(folder, (read_normal_bands(NORMS), NORMS), {})
+def test_relative_angles_have_no_profile(changed: Path) -> None:
+    with edited(changed, "manifest.json") as manifest:
+        manifest["settings"]["angles"] = "relative"
+    content = report_content(changed, (read_normal_bands(NORMS), NORMS), {})
     assert not content.profile and "counted from the static posture" in content.norm_remark
 
 
-def test_an_activity_has_sheets_and_peaks_of_its_own(made: Path, tmp_path: Path) -> None:
-    with edited(made, tmp_path / "squats") as (folder, data):
-        table = (folder / "cycles.csv").read_text()
-        (folder / "cycles.csv").write_text(re.sub(",gait,(stance|swing|)$", ",squat,rising", table, flags=re.MULTILINE))
-        for trial in data["page.json"]["trials"]:
+def test_an_activity_has_sheets_and_peaks_of_its_own(changed: Path) -> None:
+    cycles = changed / "cycles.csv"
+    cycles.write_text(re.sub(",gait,(stance|swing|)$", ",squat,rising", cycles.read_text(), flags=re.MULTILINE))
+    with edited(changed, "page.json") as page, edited(changed, "summary.json") as summary:
+        for trial in page["trials"]:
             trial |= {"activity": "squat", "repeats": True}
             for stride in trial["strides"]:
                 stride["peaks"] = {"in_rising_knee_extension_moment": [-40.0, 2.0, 1.0, 70.0]}
-        for trial in data["summary.json"]["trials"].values():
+        page["trials"].append({**page["trials"][0], "name": "hop", "activity": "hop", "strides": []})
+        for trial in summary["trials"].values():
             trial["role"] = "motion"
-        data["page.json"]["trials"].append(
-            {**data["page.json"]["trials"][0], "name": "hop", "activity": "hop", "strides": []}
-        )
-    content = report_content(folder, None, {})
+    content = report_content(changed, None, {})
     assert not content.walked and content.title.startswith("Movement report")
     assert [sheet.title for sheet in content.sheets] == ["Kinematics, squat", "Kinetics, squat", "Legs, hop"]
     assert all(sheet.has_curves and "repetitions" in sheet.thin for sheet in content.sheets[:2])
     (title, (head, *rows)) = content.peaks[0]
-    moment = 40.0 / load_result_model(folder)[0].subject.mass
+    moment = 40.0 / MASS
     assert "repetitions" in title and head[3:] == ("rising",)
     assert [row[:3] for row in rows] == [("Knee extension moment", "N·m/kg", side) for side in ("right", "left")]
     assert all(row[3].startswith(f"{moment:.2f} ± ") for row in rows)
 
 
-def test_without_a_stride_a_sentence_stands_in_place_of_sheets(made: Path, tmp_path: Path) -> None:
-    with edited(made, tmp_path / "none") as (folder, data):
-        lines = (folder / "cycles.csv").read_text().splitlines(keepends=True)
-        head = next(k for k, line in enumerate(lines) if not line.startswith("#"))
-        (folder / "cycles.csv").write_text("".join(lines[: head + 1]))
-        for trial in data["page.json"]["trials"]:
+def test_without_a_stride_a_sentence_stands_in_place_of_sheets(changed: Path, tmp_path: Path) -> None:
+    lines = (changed / "cycles.csv").read_text().splitlines(keepends=True)
+    head = next(k for k, line in enumerate(lines) if not line.startswith("#"))
+    (changed / "cycles.csv").write_text("".join(lines[: head + 1]))
+    with edited(changed, "page.json") as page:
+        for trial in page["trials"]:
             trial["strides"] = []
-    content = report_content(folder, None, {"kinetics": "kept"})
+    content = report_content(changed, None, {"kinetics": "kept"})
     assert {sheet.without for sheet in content.sheets} == {"No curves: there is no complete stride or repetition."}
     assert "result.html" in _no_curves({})  # isolated trials alone
     printed = [part.text for part in _story(content, 500.0, 700.0) if hasattr(part, "text")]

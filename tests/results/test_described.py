@@ -16,7 +16,7 @@ from gaitcal.gait.peaks import PEAK_COLUMNS
 from gaitcal.io.result_folder import MANIFEST, ResultKind, files_of, read_object
 from gaitcal.published.reproduce import CLAIM_COLUMNS, TABLE_COLUMNS
 from gaitcal.results.stride_files import SPATIOTEMPORAL_COLUMNS
-from scripts.tools.documentation.results import FILES, SUMMARY, TABLES, column_of, file_of
+from scripts.tools.documentation.tables import FILES, SUMMARY, TABLES, column_of, file_of
 from tests.kept import kept_result
 
 KINDS = {

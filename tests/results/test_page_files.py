@@ -1,23 +1,22 @@
 """`result.html` of a result and of its further trials: all of them, none mixed up, whatever befalls the files."""
 
 import json
-import re
 import shutil
 from pathlib import Path
-from typing import Any
 
 import pytest
 
 from gaitcal.cli.console import Console
 from gaitcal.cli.view import view_result
 from gaitcal.errors import InputError, UsageError
-from gaitcal.io.result_folder import HASHES, MANIFEST, SELF, listed, self_hash, sha256_of
+from gaitcal.io.result_folder import listed, sha256_of
 from gaitcal.page.page_data import peak_page_rows, read_page_data
 from gaitcal.results.calibration import OTHER_MODEL, PAGE, SCENE, read_page, result_page, write_results
 from gaitcal.session.calibrate import calibrate
 from gaitcal.study.study import Study
-from tests.commands import run
+from tests.commands import edited, run, sign
 from tests.kept import kept_result
+from tests.page.walked_blocks import held
 
 PAGE_DATA = "page.json"
 
@@ -30,25 +29,13 @@ def made(kept: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-@pytest.fixture
-def folder(made: Path, tmp_path: Path) -> Path:
-    return Path(shutil.copytree(made, tmp_path / "made"))
-
-
 def trial(folder: Path, name: str) -> Path:
     return Path(shutil.copy(folder / "study/walk.csv", folder / f"study/{name}.csv"))
 
 
-def held(page: Path) -> dict[str, Any]:
-    """What the page holds."""
-    found = re.search(r'<script type="application/json" id="result">(.*?)</script>', page.read_text(encoding="utf-8"))
-    whole: dict[str, Any] = json.loads(found.group(1))
-    return whole
-
-
 def trials(page: Path) -> list[str]:
     """Names of the trials in a page; bodies and curves must be of the same."""
-    result = held(page)
+    result = held(page.read_text(encoding="utf-8"))
     names = [t["name"] for t in result["scene"]["trials"]]
     assert names == [t["name"] for t in result["sheet"]["trials"]]
     return names
@@ -64,7 +51,7 @@ def test_a_result_holds_its_page_and_what_it_is_made_of(folder: Path) -> None:
     assert {PAGE, PAGE_DATA, SCENE} <= set(listed(result))
     assert not (result / "figures").exists()
     assert trials(result / PAGE) == ["walk"]
-    shown = held(result / PAGE)
+    shown = held((result / PAGE).read_text(encoding="utf-8"))
     data = read_page_data(result / PAGE_DATA)
     assert shown["sheet"] == {**data, "peaks": peak_page_rows(data)}
     assert {PAGE, PAGE_DATA, SCENE} <= set(listed(result / "dynamics"))
@@ -119,27 +106,17 @@ def test_the_page_of_further_trials_has_those_of_every_run(folder: Path) -> None
 
 def test_its_verdict_is_on_all_of_them(folder: Path) -> None:
     result = folder / "result"
-    sheet = read_page_data(result / "dynamics" / PAGE_DATA)
-    sheet["verdict"]["reasons"] = [
-        {"severity": "error", "cause": "odd", "evidence": "", "action": "", "trials": [name], "leg": "r"}
-        for name in ("walk2", "gone")
-    ]
-    sheet["trials"][0]["verdict"] = {"judgement": "doubtful", "r": "refused", "l": "trustworthy"}
-    (result / "dynamics" / PAGE_DATA).write_text(json.dumps(sheet), encoding="utf-8")
-    sign_anew(result / "dynamics")
+    with edited(result / "dynamics", PAGE_DATA) as sheet:
+        sheet["verdict"]["reasons"] = [
+            {"severity": "error", "cause": "odd", "evidence": "", "action": "", "trials": [name], "leg": "r"}
+            for name in ("walk2", "gone")
+        ]
+        sheet["trials"][0]["verdict"] = {"judgement": "doubtful", "r": "refused", "l": "trustworthy"}
     run("dynamics", result, trial(folder, "walk3"), "-q")
     verdict = read_page_data(result / "dynamics" / PAGE_DATA)["verdict"]
     assert verdict["judgement"] == "doubtful"
     assert [reason["trials"] for reason in verdict["reasons"] if reason["cause"] == "odd"] == [["walk2"]]
     assert verdict["sentence"].endswith("Refused: the right leg of walk2.")
-
-
-def sign_anew(folder: Path) -> None:
-    path = folder / MANIFEST
-    manifest = json.loads(path.read_text(encoding="utf-8"))
-    manifest[HASHES] = {name: sha256_of(folder / name) for name in manifest[HASHES]}
-    del manifest[SELF]
-    path.write_text(json.dumps(manifest | {SELF: self_hash(manifest)}), encoding="utf-8")
 
 
 @pytest.mark.slow
@@ -148,16 +125,21 @@ def test_trials_of_another_model_stay_and_are_told(folder: Path) -> None:
     with_another_model(result)
     told = f"walk2: {OTHER_MODEL}; run it again"
     assert told in run("view", result, "--html", folder / "own.html").stdout
-    shown = held(folder / "own.html")
+    shown = held((folder / "own.html").read_text(encoding="utf-8"))
     assert shown["sheet"]["verdict"]["judgement"] == "doubtful"
     assert ["walk2"] in [reason["trials"] for reason in shown["sheet"]["verdict"]["reasons"]]
+
+    def of_another_model() -> tuple[list[list[str]], list[str]]:
+        """Trials of such reasons on the page, and warnings of the summary."""
+        reasons = read_page_data(result / "dynamics" / PAGE_DATA)["verdict"]["reasons"]
+        warnings = json.loads((result / "dynamics/summary.json").read_text(encoding="utf-8"))["warnings"]
+        return [r["trials"] for r in reasons if r["cause"] == OTHER_MODEL], [w for w in warnings if OTHER_MODEL in w]
+
     for _ in range(2):
         assert told in run("dynamics", result, trial(folder, "walk3")).stdout
-        verdict = read_page_data(result / "dynamics" / PAGE_DATA)["verdict"]
-        assert [reason["trials"] for reason in verdict["reasons"] if reason["cause"] == OTHER_MODEL] == [["walk2"]]
+        assert of_another_model() == ([["walk2"]], [told])
     assert told not in run("dynamics", result, folder / "study/walk2.csv").stdout
-    reasons = read_page_data(result / "dynamics" / PAGE_DATA)["verdict"]["reasons"]
-    assert not any(reason["cause"] == OTHER_MODEL for reason in reasons)
+    assert of_another_model() == ([], [])
 
 
 @pytest.mark.slow
@@ -204,9 +186,6 @@ def test_the_view_of_two_results_is_their_comparison(folder: Path) -> None:
 def test_a_sheet_of_other_trials_than_its_scene_is_refused(folder: Path) -> None:
     result = folder / "result"
     shutil.copy(result / "dynamics" / PAGE_DATA, result / PAGE_DATA)
-    manifest = json.loads((result / MANIFEST).read_text(encoding="utf-8"))
-    for key in (HASHES, SELF):
-        del manifest[key]
-    (result / MANIFEST).write_text(json.dumps(manifest), encoding="utf-8")
+    sign(result)
     with pytest.raises(InputError, match="tells of other trials"):
         run("view", result, "--html", folder / "own.html")

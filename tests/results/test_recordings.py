@@ -9,21 +9,20 @@ import ezc3d
 import numpy as np
 import pandas as pd
 import pytest
-from typer.testing import CliRunner, Result
 
-from gaitcal.cli.application import app
 from gaitcal.errors import InputError, UsageError
 from gaitcal.io.c3d.writer import AddedPoint, PointKind, c3d_original, supplement_c3d
 from gaitcal.io.csv import EVENTS
 from gaitcal.io.formats import convert, read_recording
 from gaitcal.io.labels import FootMoment
-from gaitcal.io.result_folder import listed, self_hash, sha256_of
+from gaitcal.io.result_folder import listed, sha256_of
 from gaitcal.results.cycles_export import find_original
+from tests.commands import edited
+from tests.commands import tried as run
 from tests.kept import kept_result
 from tests.real_studies import write_study
 from tests.synthetic_studies import STUDY, write_synthetic_study
 
-RUNNER = CliRunner()
 DEG = np.rad2deg(1.0)
 C3D_STUDY = STUDY.replace('file = "walk.csv"\nforces = "walk_forces.csv"\n', 'file = "walk.c3d"\n')
 ANGLES = {
@@ -40,10 +39,6 @@ MOMENTS = {
 }
 
 
-def run(*words: object) -> Result:
-    return RUNNER.invoke(app, list(map(str, words)))
-
-
 @pytest.fixture(scope="module")
 def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A study whose walk is a C3D file, and its result."""
@@ -54,11 +49,6 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
     done = run("calibrate", folder / "study/study.toml", "--out", folder / "result", "-q", "--force")
     assert done.exit_code == 0, done.output
     return folder
-
-
-@pytest.fixture
-def folder(made: Path, tmp_path: Path) -> Path:
-    return Path(shutil.copytree(made, tmp_path / "made"))
 
 
 def points(path: Path) -> tuple[dict[str, Any], Any]:
@@ -129,11 +119,8 @@ def test_events_are_those_of_the_file_and_the_missing_ones(folder: Path) -> None
     assert {(e.side, e.moment) for e in events} == {(s, m) for s in "rl" for m in FootMoment}
     # An export is a recording with these events: exporting it again adds none, and names ours apart.
     shutil.copy(result / "export/walk.c3d", folder / "study/walk.c3d")
-    manifest = result / "manifest.json"
-    content = json.loads(manifest.read_text(encoding="utf-8"))
-    content["inputs_sha256"]["walk.c3d"] = sha256_of(folder / "study/walk.c3d")
-    content["own_sha256"] = self_hash(content)
-    manifest.write_text(json.dumps(content), encoding="utf-8")
+    with edited(result, "manifest.json") as manifest:
+        manifest["inputs_sha256"]["walk.c3d"] = sha256_of(folder / "study/walk.c3d")
     done = run("export", result, "--format", "c3d", "--out", folder / "again", "--inputs", folder / "study")
     assert done.exit_code == 0, done.output
     again = read_recording(folder / "again/walk.c3d")
@@ -142,10 +129,9 @@ def test_events_are_those_of_the_file_and_the_missing_ones(folder: Path) -> None
     assert same(found["gcRHipAngles"], found["RHipAngles"])
     # Those that a person corrected would contradict the file's own.
     (folder / "study" / EVENTS).write_text("as hashed", encoding="utf-8")
-    content["trials"]["walk"]["events"] = EVENTS
-    content["inputs_sha256"][EVENTS] = sha256_of(folder / "study" / EVENTS)
-    content["own_sha256"] = self_hash(content)
-    manifest.write_text(json.dumps(content), encoding="utf-8")
+    with edited(result, "manifest.json") as manifest:
+        manifest["trials"]["walk"]["events"] = EVENTS
+        manifest["inputs_sha256"][EVENTS] = sha256_of(folder / "study" / EVENTS)
     done = run("export", result, "--format", "c3d", "--out", folder / "third", "--inputs", folder / "study")
     assert "events of the file kept; those that were corrected stand in events.csv" in " ".join(done.output.split())
     assert read_recording(folder / "third/walk.c3d").events == events
@@ -153,13 +139,8 @@ def test_events_are_those_of_the_file_and_the_missing_ones(folder: Path) -> None
 
 def test_no_torque_leaves_a_refused_trial(folder: Path) -> None:
     result = folder / "result"
-    summary = json.loads((result / "summary.json").read_text(encoding="utf-8"))
-    summary["trials"]["walk"]["verdict"] = "refused"
-    (result / "summary.json").write_text(json.dumps(summary), encoding="utf-8")
-    manifest = json.loads((result / "manifest.json").read_text(encoding="utf-8"))
-    manifest["sha256"]["summary.json"] = sha256_of(result / "summary.json")
-    manifest["own_sha256"] = self_hash(manifest)
-    (result / "manifest.json").write_text(json.dumps(manifest), encoding="utf-8")
+    with edited(result, "summary.json") as summary:
+        summary["trials"]["walk"]["verdict"] = "refused"
     done = run("export", result, "--format", "c3d", "--inputs", folder / "study")
     assert done.exit_code == 0 and "refused: no moments and no powers" in " ".join(done.output.split())
     found, file = points(result / "export/walk.c3d")
@@ -316,18 +297,12 @@ def result(tmp_path: Path) -> Path:
     return folder
 
 
-def test_the_drafted_study_tells_where_a_recording_lies(result: Path) -> None:
+def test_the_drafted_study_tells_where_a_recording_lies_and_another_file_there_is_not_taken(result: Path) -> None:
     assert find_original(result, "gait.c3d", None).read_bytes() == b"walk"
-
-
-def test_another_file_at_that_place_is_not_taken(result: Path) -> None:
     (result / "../../clinic/2024/gait.c3d").write_bytes(b"another walk")
     with pytest.raises(InputError, match=r"gait\.c3d"):
         find_original(result, "gait.c3d", None)
-
-
-@pytest.mark.parametrize("text", ["", "no [toml", "trial = 3", "[[trial]]\nfile = 5"])
-def test_a_study_of_another_form_tells_nothing(result: Path, text: str) -> None:
-    (result / "study.toml").write_text(text, encoding="utf-8")
-    with pytest.raises(InputError, match="--inputs"):
-        find_original(result, "gait.c3d", None)
+    for text in ("", "no [toml", "trial = 3", "[[trial]]\nfile = 5"):
+        (result / "study.toml").write_text(text, encoding="utf-8")
+        with pytest.raises(InputError, match="--inputs"):
+            find_original(result, "gait.c3d", None)

@@ -128,42 +128,34 @@ def test_a_result_without_walks_has_tables_without_rows(tmp_path: Path) -> None:
         assert pd.read_csv(tmp_path / file, comment="#").empty
 
 
-def test_a_trial_and_its_segments_have_both_floors_and_ratios() -> None:
-    whole = fake_calibration()
+def test_a_trial_and_its_segments_have_both_floors_and_ratios(whole: Calibration) -> None:
     trial = whole.trials[0]
-    out = cast(Any, trial_summary(trial, whole.verdict))
+    out = trial_summary(trial, whole.verdict)
     for rms in (out["rms_mm"], out["pelvis_and_legs_mm"], out["segments"]["thigh_r"]["rms_mm"]):
         assert rms["joint_floor"] == pytest.approx(1.1 * rms["rigid_floor"])
         assert rms["calibrated_to_joint_floor"] == pytest.approx(rms["calibrated"] / rms["joint_floor"])
         assert rms["calibrated_to_floor"] == pytest.approx(rms["calibrated"] / rms["rigid_floor"])
     assert out["joint_floor_mm"] == {"hip_r": 5.3, "knee_r": 5.4, "ankle_r": 5.5}
     assert "joint_floor" not in out["segments"]["thigh_l"]["rms_mm"], "in no joint: absent, never 0"
+    without = replace(trial, joint_floor=None)
+    out = trial_summary(without, whole.verdict)
+    assert "joint_floor_mm" not in out and not [key for key in out["rms_mm"] if "joint_floor" in key]
+    assert "Joint floor" in page_words(replace(whole, trials=(without,)))
 
 
-def test_without_a_joint_there_is_no_joint_floor() -> None:
-    whole = fake_calibration()
-    trial = replace(whole.trials[0], joint_floor=None)
-    out = cast(Any, trial_summary(trial, whole.verdict))
-    assert "joint_floor_mm" not in out
-    assert not [key for key in out["rms_mm"] if "joint_floor" in key]
-    assert "Joint floor" in page_words(replace(whole, trials=(trial,)))
-
-
-def test_the_parts_of_every_torque_s_error_bar_sum_to_one() -> None:
-    whole = fake_calibration()
+def test_the_parts_of_every_torque_s_error_bar_sum_to_one(whole: Calibration) -> None:
     trial = whole.trials[0]
-    sources = cast(Any, trial_summary(trial, whole.verdict))["torque_error_sources"]
+    sources = trial_summary(trial, whole.verdict)["torque_error_sources"]
     assert {"hip_flexion_r", "knee_adduction_l", "lumbar_bending"} <= set(sources)
     assert not [name for name in sources if name.startswith("pelvis")]
     for parts in sources.values():
         assert sum(parts.values()) == pytest.approx(1.0, abs=1e-3)
         assert parts == pytest.approx({source.key: share for source, share in ERROR_SHARES.items()})
     without = replace(trial, loads=replace(trial.loads, errors=None))
-    assert "torque_error_sources" not in cast(Any, trial_summary(without, whole.verdict))
+    assert "torque_error_sources" not in trial_summary(without, whole.verdict)
 
 
-def test_a_phase_tells_the_noise_of_each_of_its_trials_and_one_without_none() -> None:
-    whole = fake_calibration()
+def test_a_phase_tells_the_noise_of_each_of_its_trials_and_one_without_none(whole: Calibration) -> None:
     first, *others = whole.phases
     own = replace(first, noise={"knee": 0.00123456, "walk, hip_r alone": 0.01})
     told = cast(Any, summary(replace(whole, phases=(own, *others))))["phases"]
@@ -182,15 +174,15 @@ def test_the_page_tells_what_makes_each_error_bar() -> None:
         assert rows.pop("all together")[1] == "100"
         rest = rows.pop("all others", ["", "0"])
         parts = {name: percent for name, (_, percent) in rows.items()}
+        assert list(map(int, parts.values())) == sorted(map(int, parts.values()), reverse=True), "the largest first"
         assert parts == {name: told[name] for name in parts} and len(parts) >= 4
         assert sum(int(percent) for percent in parts.values()) + int(rest[1]) == pytest.approx(100, abs=2)
     assert words in page_words(fake_calibration()) and words not in page_words(fake_calibration(errors=False))
 
 
-def test_the_rms_of_a_residual_has_one_definition_in_every_place() -> None:
-    whole = fake_calibration()
+def test_the_rms_of_a_residual_has_one_definition_in_every_place(whole: Calibration) -> None:
     trial = whole.trial("walk")
-    told = cast(Any, trial_summary(trial, whole.verdict))["pelvis_residual"]
+    told = trial_summary(trial, whole.verdict)["pelvis_residual"]
     valid = trial.loads.reactions.valid
     for (stage, moments), size in zip(trial.loads.moments.items(), trial.loads.residuals, strict=True):
         by_hand = float(np.sqrt((moments.residual_force[valid] ** 2).mean()))
@@ -202,10 +194,9 @@ def test_the_rms_of_a_residual_has_one_definition_in_every_place() -> None:
     assert f"{last.rms_force:.1f} N, {last.rms_moment:.1f} N·m" in line
 
 
-def test_events_are_told_with_side_time_and_source() -> None:
+def test_events_are_told_with_side_time_and_source(whole: Calibration) -> None:
     """The fake's plates are loaded from 0.2 (right) and 0.7 s (left), for 0.6 of every second."""
-    whole = fake_calibration()
-    told = {trial.name: cast(Any, trial_summary(trial, whole.verdict)) for trial in whole.trials}
+    told = {trial.name: trial_summary(trial, whole.verdict) for trial in whole.trials}
     events = told["walk"]["events"]
     assert events[:3] == [
         {"side": "r", "event": "foot strike", "time": 0.2, "source": "plates"},
@@ -215,8 +206,8 @@ def test_events_are_told_with_side_time_and_source() -> None:
     assert "events" not in told["knee"], "an isolated trial has none"
 
 
-def test_what_is_wrong_with_a_files_events_is_said_of_its_trial() -> None:
-    walk = next(t for t in fake_calibration().trials if t.joint is None)
+def test_what_is_wrong_with_a_files_events_is_said_of_its_trial(whole: Calibration) -> None:
+    walk = whole.trial("walk")
     late = [FootEvent(e.moment, e.side, e.time + 0.3) for e in walk.events.events]
     wrong = replace(walk, events=joined_events(walk.body.time, late, walk.events.events, ()))
     said = [f for f in wrong.findings if f.topic == "events"]

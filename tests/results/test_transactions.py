@@ -33,11 +33,6 @@ def made(kept: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-@pytest.fixture
-def folder(made: Path, tmp_path: Path) -> Path:
-    return Path(shutil.copytree(made, tmp_path / "made"))
-
-
 def second_trial(folder: Path) -> Path:
     return Path(shutil.copy(folder / "study/walk.csv", folder / "study/walk2.csv"))
 

@@ -25,15 +25,9 @@ from tests.synthetic_studies import write_synthetic_study
 def with_finding(severity: Severity, where: str, leg: str = "", topic: str = "forces") -> Calibration:
     whole = fake_calibration()
     finding = Finding(
-        code=Code.CLOCKS_DIFFER,
-        severity=severity,
-        topic=topic,
-        where=where,
-        cause="the forces come late",
-        found="by 60 ms",
-        cure="do",
-        leg=leg,
-    )
+        code=Code.CLOCKS_DIFFER, severity=severity, topic=topic, where=where, leg=leg, cause="the forces come late",
+        found="by 60 ms", cure="do",
+    )  # fmt: skip
     walks = [t.name for t in whole.trials if t.joint is None]
     return withdrawn(replace(whole, findings=(finding,), verdict=judge([finding], walks)))
 
@@ -56,16 +50,9 @@ def test_summary_and_report_tell_it_with_its_reason(severity: Severity, word: st
     assert told["verdict"] == word and told["trials"]["walk"]["verdict"] == word
     (reason,) = told["reasons"]
     assert reason == {
-        "code": "GC-069",
-        "cause": "the forces come late",
-        "evidence": "by 60 ms",
-        "action": "do",
-        "trial": "walk",
-        "trials": ["walk"],
-        "leg": "",
-        "topic": "forces",
-        "severity": severity.value,
-    }
+        "code": "GC-069", "cause": "the forces come late", "evidence": "by 60 ms", "action": "do", "trial": "walk",
+        "trials": ["walk"], "leg": "", "topic": "forces", "severity": severity.value,
+    }  # fmt: skip
     assert told["warnings"] == ["walk: the forces come late: by 60 ms; do"]
     page = page_words(with_finding(severity, "walk"))
     assert page.startswith(f"{word}\n") and "the forces come late" in page

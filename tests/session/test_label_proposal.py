@@ -24,7 +24,7 @@ from gaitcal.session.label_proposal import LANDMARK_SET, LabelProposal, propose_
 from gaitcal.session.person_facts import Options
 from gaitcal.session.unnamed_markers import forward_direction, standing_points
 from gaitcal.study.study import Study
-from scripts.validation.clinics.labels import own_set
+from scripts.validation.clinics.check import own_set
 from tests.faults.spoilt import gone, without
 from tests.refusal import refusal
 from tests.session.folders import SAID, draft, recordings, write

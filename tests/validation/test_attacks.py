@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from scripts.validation.attacks import check, curves
+from scripts.validation.attacks import check
 from scripts.validation.attacks.check import Ending, Result
 from scripts.validation.attacks.corpus import Attack, CorpusError, Kind, corpus, once_each, spoilt
 from scripts.validation.harness import results
@@ -36,11 +36,11 @@ def test_all_words_must_stand_in_one_message_and_a_list_of_all_causes_names_none
     assert not check.names_cause("disagree; look at plate positions, force sign and clock, mass_kg", ("clock",))
 
 
-def _curves(count: int = 50) -> curves.Curves:
+def _curves(count: int = 50) -> check.Curves:
     rng = np.random.default_rng(1)
     markers = rng.normal(size=(count, 4, 3))
     point, axis = rng.normal(size=(count, 3)), np.tile([0.0, 0.0, 1.0], (count, 1))
-    return curves.Curves(
+    return check.Curves(
         time=np.arange(count) * 0.01,
         labels=("a", "b", "c", "d"),
         markers=markers,
@@ -57,8 +57,8 @@ def _curves(count: int = 50) -> curves.Curves:
 def test_movement_is_told_in_error_bars_of_the_run_itself() -> None:
     clean = _curves()
 
-    def moved(**changes: object) -> curves.Movement:
-        found = curves.largest({"walk": replace(clean, **changes)}, {"walk": clean})  # type: ignore[arg-type]
+    def moved(**changes: object) -> check.Movement:
+        found = check.largest({"walk": replace(clean, **changes)}, {"walk": clean})  # type: ignore[arg-type]
         assert found is not None
         return found
 
@@ -81,7 +81,7 @@ def test_a_laboratory_turned_as_a_whole_moves_nothing() -> None:
     clean = _curves()
     turn, shift = np.array([[0.0, 0, 1], [0, 1, 0], [-1, 0, 0]]), np.array([1.0, 0.0, 2.0])
     centres = {name: (point @ turn.T + shift, axis @ turn.T) for name, (point, axis) in clean.centres.items()}
-    found = curves.largest(
+    found = check.largest(
         {"walk": replace(clean, markers=clean.markers @ turn.T + shift, centres=centres)}, {"walk": clean}
     )
     assert found is not None

@@ -20,7 +20,7 @@ def test_titles_are_unique_and_every_folder_known() -> None:
     titles = [(variant.name, clinic) for variant, clinic in cases()]
     assert len(set(titles)) == len(titles) > 60
     assert {clinic for _, clinic in titles} <= set(CLINICS)
-    assert results("clinics", "--list", "--only", "kad") == []
+    assert results("clinics", "--list", "--only", "kad") == {"folders": []}
 
 
 @pytest.mark.parametrize("name", QUICK)

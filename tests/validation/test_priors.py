@@ -23,13 +23,13 @@ def _fit(joint: np.ndarray) -> Fit:
 
 def test_errors_and_bars() -> None:
     """A fit that halves the error of every parameter, with bars of twice the error that remains."""
-    unit = prior_deviations(JP_NAMES)
+    unit, third = prior_deviations(JP_NAMES), sum(name.startswith(LEG_JOINTS) for name in JP_NAMES) // 3
     outcomes = [
         Outcome(
             truth=np.zeros(len(JP_NAMES)),
             nominal=unit,
             fits={"default prior": _fit(0.5 * unit), "cohort": _fit(0.25 * unit)},
-            information=np.diag(np.repeat([0.0, 1.0, 10.0], 18)),
+            information=np.diag(np.repeat([0.0, 1.0, 10.0], third)),
         )
     ]
     said = list(report(outcomes))
@@ -39,4 +39,4 @@ def test_errors_and_bars() -> None:
         f"legs, positions, mm: nominal {rms:.2f}, default prior {rms / 2:.2f}, cohort {rms / 4:.2f} (-50 %)"
     )
     assert said[-1] == "bars of 95 % cover: default prior 100%, cohort 100%"
-    assert any(line.startswith("directions half seen (18 of 54)") for line in said)
+    assert any(line.startswith(f"directions half seen ({third} of {3 * third})") for line in said)

@@ -8,21 +8,23 @@ from types import SimpleNamespace
 
 import numpy as np
 import pandas as pd
+import pinocchio as pin
 import pytest
 from scipy.spatial.transform import Rotation
 
 from gaitcal import Study, calibrate, parameter_table
+from gaitcal.export.peer_model import Axis, displacement_axis
 from gaitcal.io.recording import Recording
-from gaitcal.model.linkage import COORDINATES
+from gaitcal.model.linkage import COORDINATES, NEEDED_JOINTS
 from gaitcal.model.nominal import published_model
 from gaitcal.model.parameters import JP_INDEX, leg_parameters
 from gaitcal.model.segment_frames import HipCentre
 from gaitcal.study.study_trial import Role
 from gaitcal.synthetic.subject import synthetic_model
 from gaitcal.synthetic.truth import _joint_lines, segment_frames
-from scripts.validation import error_bars
+from scripts.validation import harness
 from scripts.validation.harness import results
-from scripts.validation.truth import made_up, opensim_trials, people, report, rigid, skin
+from scripts.validation.truth import check, made_up, people, report, skin
 from scripts.validation.truth.people import EXACT_PLATES
 from tests.kept import copied_person, kept_folder, kept_person
 
@@ -30,16 +32,15 @@ ROUNDING = 1e-10
 """m, or of a unit vector: coordinates of metres, in doubles, through a singular value decomposition."""
 
 
-def test_screw_axis_is_the_line_that_was_turned_about() -> None:
+def test_a_displacement_turns_about_the_line_that_it_was_turned_about() -> None:
     rng = np.random.default_rng(0)
     for _ in range(20):
         n = rng.normal(size=3)
         n /= np.linalg.norm(n)
-        point, angle, slide = rng.normal(size=3), rng.uniform(0.05, 2.5), rng.normal()
-        turn = Rotation.from_rotvec(angle * n).as_matrix()
-        before = (Rotation.random(random_state=1).as_matrix(), rng.normal(size=3))
-        after = (turn @ before[0], turn @ (before[1] - point) + point + slide * n)
-        found = rigid.screw_axis(before, after)
+        point, turn = rng.normal(size=3), pin.exp3(rng.uniform(0.05, 2.5) * n)
+        before = pin.SE3(Rotation.random(random_state=1).as_matrix(), rng.normal(size=3))
+        slid = pin.SE3(turn, point - turn @ point + rng.normal() * n)
+        found = displacement_axis(before, slid * before)
         np.testing.assert_allclose(found.direction, n, atol=ROUNDING)
         assert found.distance(point) < ROUNDING
 
@@ -53,7 +54,7 @@ def test_score_finds_a_ball_joint() -> None:
     (above, at), below = _moving(30, 5), Rotation.random(30, random_state=6).as_matrix()
     c, d = np.array([0.1, -0.2, 0.3]), np.array([0.0, 0.4, -0.1])
     origin = above @ c + at - below @ d
-    for found, true in zip(rigid.score((above, at), (below, origin)), (c, d), strict=True):
+    for found, true in zip(check.score((above, at), (below, origin)), (c, d), strict=True):
         np.testing.assert_allclose(found, true, atol=ROUNDING)
 
 
@@ -63,27 +64,27 @@ def test_sara_finds_a_hinge() -> None:
     rest = Rotation.random(random_state=8).as_matrix()
     turns = Rotation.from_rotvec(np.linspace(-1, 1, 30)[:, None] * n).as_matrix()
     below = above @ turns @ rest
-    proximal, distal = rigid.sara((above, at), (below, above @ c + at - below @ d))
-    assert proximal.angle(n) < 1e-6 and distal.angle(rest.T @ n) < 1e-6  # deg
+    proximal, distal = check.sara((above, at), (below, above @ c + at - below @ d))
+    assert check.angle(proximal.direction, n) < 1e-6 and check.angle(distal.direction, rest.T @ n) < 1e-6  # deg
     assert proximal.distance(c) < ROUNDING and distal.distance(d) < ROUNDING
 
 
 def test_true_parameters_of_a_known_linkage() -> None:
     parameters = synthetic_model(np.random.default_rng(9), perturb=True).parameters
     pose = np.zeros(len(COORDINATES))
-    pose[6:] = np.random.default_rng(10).normal(size=21) * 0.1
+    pose[6:] = np.random.default_rng(10).normal(size=len(pose) - 6) * 0.1
     frames = segment_frames(parameters, pose)
     known = _joint_lines(parameters, pose)
     for side in "rl":
         coordinates = {"knee": "knee_angle", "ankle": "ankle_angle", "subtalar": "subtalar_angle"}
         axes = {
-            f"{joint}_{side}": rigid.Line(known[f"{c}_{side}"][1], known[f"{c}_{side}"][0])
+            f"{joint}_{side}": Axis(known[f"{c}_{side}"][1], known[f"{c}_{side}"][0])
             for joint, c in coordinates.items()
         }
         centres = {f"hip_{side}": known[f"hip_flexion_{side}"][1]}
         person = SimpleNamespace(centres=centres, proximal=axes, distal=axes)
         found = people.leg_parameters(person, frames, side)
-        assert set(found) == set(leg_parameters(side))
+        assert set(found) == {name for name in leg_parameters(side) if name.startswith(NEEDED_JOINTS)}
         for name, value in found.items():
             assert value == pytest.approx(parameters.joint[JP_INDEX[name]], abs=ROUNDING), name
 
@@ -140,8 +141,8 @@ def test_skin_follows_the_joints_by_its_law() -> None:
     np.testing.assert_allclose(linear[:, left], 0.0, atol=ROUNDING)
 
 
-def test_table_and_limits_of_a_few_fits() -> None:
-    held = error_bars.Bars(20, (14, 19), 20.0)
+def test_table_of_a_few_fits() -> None:
+    held = harness.Bars(20, (14, 19), 20.0)
     fits = [
         report.Outcome(
             part="isolated",
@@ -160,12 +161,6 @@ def test_table_and_limits_of_a_few_fits() -> None:
     assert row.split()[4:] == ["30.0", "4.00", "3.00", "to", "8.00", "5.45", "12.0", "1.00", "70.0", "95.0", "60"]
     lost = [replace(fits[0], converged=False)]
     assert any("1 NOT CONVERGED" in r for r in report.lines(lost))
-    found = {c.words: (c.met, round(c.found, 2)) for c in report.checks(fits)}
-    assert found == {
-        "isolated, linear: hip in pelvis, mm, RMS": (True, 5.45),
-        "isolated, linear: hip in pelvis, mm, in 95 %": (True, 95.0),
-    }
-    assert "wanted: 2 of 2 met" in "\n".join(report.wanted_lines(fits))
 
 
 @pytest.mark.slow
@@ -192,7 +187,7 @@ def simulated_trials(kept: Path, data: Path) -> Path:
     pytest.importorskip("opensim", reason="extra `peers`")
     source = data.resolve() / "opensim_truth" / "p01"
     files = source / "subject01.osim", source / "coordinates.sto"
-    trials = partial(opensim_trials.make_trials, *files, rate=SLOW_CAMERA)
+    trials = partial(people.make_trials, *files, rate=SLOW_CAMERA)
     return kept_folder(kept / "simulated" / "p01", trials).parent
 
 
@@ -273,7 +268,7 @@ def test_the_truth_is_told_in_the_frames_of_the_calibration(kept: Path) -> None:
 
 
 def test_bars_count_what_holds() -> None:
-    held = error_bars.bars(np.array([0.5, -1.5, 3.0, 0.1]), np.array([1.0, 1.0, 1.0, np.nan]))
+    held = harness.bars(np.array([0.5, -1.5, 3.0, 0.1]), np.array([1.0, 1.0, 1.0, np.nan]))
     assert (held.count, held.within) == (4, (1, 2))
     assert held.rms == pytest.approx(np.sqrt(3 / 4))
     both = held + held

@@ -1,8 +1,22 @@
-"""The tasks that `python -m scripts.tools.benchmark` times."""
+"""The tasks that `python -m scripts.tools.benchmark` times: parts of a fit, and whole programs.
+
+How time and memory grow: with frames (15 spans a second), joint parameters and trials.
+
+Memory: the published subject walks on and on, with 1 mm of noise; a child process tracks that with the default splines
+(20 spans a second) and tells its peak. Limit: 1.5 GiB for 100 000 frames, libraries included.
+"""
 
 from __future__ import annotations
 
+import json
+import os
+import resource
+import subprocess
+import sys
 from collections.abc import Callable
+from functools import partial
+from itertools import count
+from pathlib import Path
 
 import numpy as np
 import pinocchio as pin
@@ -14,40 +28,147 @@ from gaitcal.calibration.inertial_calibration import (
     fit_consistent,
     fit_published,
 )
+from gaitcal.calibration.joint_calibration import JointFit, JointSearch
 from gaitcal.dynamics.inverse_dynamics import Dynamics
-from gaitcal.model.parameters import isolated_parameters, symmetric_set
+from gaitcal.faults.study import check_study
+from gaitcal.io.recording import Recording
+from gaitcal.model.nominal import published_model
+from gaitcal.model.parameters import JP_NAMES, gait_parameters, isolated_parameters, symmetric_set
 from gaitcal.model.subject_model import build_model
 from gaitcal.motion.banded import BandFactor
 from gaitcal.motion.bandwidth import DenseMotion, with_bandwidth
 from gaitcal.motion.motion import motion_of, track, tracked_motion
 from gaitcal.motion.spline import NodeRule
-from gaitcal.synthetic.motion import gait_motion, residual_free_wrench
-from scripts.tools.benchmark.figure import (
+from gaitcal.published.case import nominal_case
+from gaitcal.published.protocol import Plan
+from gaitcal.published.study import monte_carlo
+from gaitcal.published.workers import LocalProcesses, Workers
+from gaitcal.study.study import Study
+from gaitcal.synthetic.motion import gait_motion, residual_free_wrench, synthetic_markers
+from scripts.tools.benchmark.references import (
     GAIT_JPS,
     NODES,
-    Amount,
-    Timing,
+    Figure,
     calibrated,
-    problem,
-    recording,
-    start_of,
-    subject,
-)
-from scripts.tools.benchmark.programs import (
-    section_calibrate_study,
-    section_calibrate_walk,
-    section_checks,
-    section_montecarlo,
-    section_startup,
-)
-from scripts.tools.benchmark.references import (
     inverse_dynamics,
     inverse_kinematics,
     lower_bound,
     passes,
     plain_least_squares,
+    problem,
+    recording,
+    start_of,
+    subject,
+    temporary_folder,
 )
-from scripts.tools.benchmark.scaling import section_scaling
+
+FRAMES = (200, 1000, 5000, 25_000, 100_000)
+MEMORY_FRAMES = (5000, 25_000, 100_000)
+TRIALS = (1, 2, 4, 8, 16, 32)
+RULE = NodeRule(per_second=15.0)
+GIB, LIMIT_GIB = 2.0**30, 1.5
+
+
+def section_scaling() -> list[Figure]:
+    return [*_frames(), *_memory(), *_parameters(), *_trials()]
+
+
+def _frames() -> list[Figure]:
+    def of(frames: int) -> Figure:
+        cut, runs = recording("gait", frames), 1 if frames > 10_000 else 3
+        task = partial(track, subject(), cut, rule=RULE)
+        return Figure(f"track {frames} frames", task, f"{runs} run{'s' * (runs > 1)}", runs, "time, frames", frames)
+
+    return [of(frames) for frames in FRAMES]
+
+
+def _memory() -> list[Figure]:
+    """Peak of a child process that tracks, beyond what it took before it had a recording."""
+
+    def beyond(frames: int) -> float:
+        used = usage(frames, 100.0)
+        return used["peak_gib"] - used["libraries_gib"]
+
+    note = f"beyond the libraries; 20 spans a second; limit {LIMIT_GIB:g} with them"
+    return [
+        Figure(
+            f"memory to track {n} frames at 100 Hz",
+            partial(beyond, n),
+            note,
+            series="memory, frames",
+            size=n,
+            unit="GiB",
+        )
+        for n in MEMORY_FRAMES
+    ]
+
+
+def long_recording(frames: int, rate: float) -> Recording:
+    """Walking without end: every cycle goes on where the last one ended."""
+    model, motion = published_model(), gait_motion()
+    q = motion.q[:: max(1, round(200.0 / rate))]
+    cycles = -(-frames // len(q))
+    markers = synthetic_markers(model.parameters, model.markers, q)
+    way = np.arange(cycles) * float(q[-1, 0] - q[0, 0])
+    out = np.tile(markers, (cycles, 1, 1))[:frames]
+    out[..., 0] += np.repeat(way, len(q))[:frames, None]
+    out += np.random.default_rng(0).normal(0, 0.001, out.shape)
+    return Recording(source="made up", time=np.arange(frames) / rate, labels=model.markers.labels, markers=out)
+
+
+def peak_gib() -> float:
+    """Largest memory of this process so far.
+
+    On Linux from /proc: what `getrusage` tells is at least what the process that started this one had then.
+    """
+    status = Path("/proc/self/status")
+    if status.exists():
+        peak = next(line for line in status.read_text(encoding="ascii").splitlines() if line.startswith("VmHWM"))
+        return int(peak.split()[1]) * 1024 / GIB
+    unit = 1 if sys.platform == "darwin" else 1024
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * unit / GIB
+
+
+def measured(frames: int, rate: float) -> dict[str, float]:
+    """Make and track in this process; GiB before there was a recording, and at most, and the RMS marker distance."""
+    libraries = peak_gib()
+    motion = track(published_model(), long_recording(frames, rate), rule=NodeRule())
+    return {"libraries_gib": libraries, "peak_gib": peak_gib(), "rms_mm": 1e3 * (motion.errors.rms() or float("nan"))}
+
+
+def usage(frames: int, rate: float) -> dict[str, float]:
+    """The same in a process of its own, whose peak is that of this run alone."""
+    command = [sys.executable, "-m", "scripts.tools.benchmark.tasks", str(frames), str(rate)]
+    found: dict[str, float] = json.loads(subprocess.run(command, stdout=subprocess.PIPE, check=True).stdout)
+    return found
+
+
+def _parameters() -> list[Figure]:
+    p = problem("gait")
+    legs = tuple(name for j in ("hip", "knee", "ankle") for s in "rl" for name in isolated_parameters(f"{j}_{s}"))
+    sets = (isolated_parameters("hip_r"), gait_parameters("r"), GAIT_JPS, legs, JP_NAMES)
+
+    def of(free: tuple[str, ...]) -> Figure:
+        said = f"{calibrated(p, free).iterations} outer iterations; 3 runs"
+        return Figure(f"calibrate gait, {len(free)} JPs", partial(calibrated, p, free), said, runs=3)
+
+    return [of(free) for free in sets]
+
+
+def _trials() -> list[Figure]:
+    parameters, free = subject().parameters, gait_parameters("r")
+
+    def of(number: int) -> Figure:
+        trials = [problem("gait", seed=k + 1) for k in range(number)]
+        starts = [start_of(p) for p in trials]
+        task: Callable[[], JointFit] = lambda: JointSearch(trials, parameters, free, starts).run()  # noqa: E731
+        iterations = task().iterations
+        name = f"calibrate {number} gait trial{'s' * (number > 1)} together, 17 JPs"
+        said, series = f"{iterations} outer iterations; 3 runs", "time an outer iteration, trials"
+        return Figure(name, task, said, 3, series, number, lambda: iterations)
+
+    return [of(number) for number in TRIALS]
+
 
 SHORT_FRAMES, SHORT_NODES = 52, NodeRule(fixed=9)
 """A quarter of the gait trial and of its spans: what finite differences are tried on."""
@@ -56,48 +177,45 @@ TWENTY = NodeRule(per_second=20.0)
 """What every trial had before its markers chose."""
 
 
-def section_track() -> list[Timing]:
-    """Motion of a 208-frame, 27-coordinate gait trial from rest."""
+def section_track() -> list[Figure]:
     p, model = problem("gait"), subject()
     with_matrix, without = passes(p)
     said = f"208 frames, {with_matrix} passes with the matrix and {without} without"
     return [
-        Timing("gaitcal", lambda: track(model, recording("gait"), rule=NODES), said),
+        Figure("gaitcal", lambda: track(model, recording("gait"), rule=NODES), said),
         *_parts_of_track(),
-        Timing("lower bound: Pinocchio, FK a pass, CRBA a matrix", lower_bound(with_matrix, without)),
+        Figure("lower bound: Pinocchio, FK a pass, CRBA a matrix", lower_bound(with_matrix, without)),
         *inverse_kinematics(model, recording("gait")),
         *_plain(()),
     ]
 
 
-def _parts_of_track() -> list[Timing]:
-    """What the time of tracking is made of."""
+def _parts_of_track() -> list[Figure]:
     p, parameters = problem("gait"), subject().parameters
     constants, coefficients = p.constants(parameters), start_of(p)
     band = p.equations(coefficients, constants).band
     return [
-        Timing("  of it: trial set up", lambda: problem("gait")),
-        Timing("  of it: start from rigid fits", lambda: start_of(p)),
-        Timing("  of it: a pass with the matrix", lambda: p.equations(coefficients, constants)),
-        Timing("  of it: a pass without", lambda: p.gradient(coefficients, constants)),
-        Timing("  of it: a factorisation", lambda: BandFactor(band)),
-        Timing("  of it: distances of all markers", lambda: motion_of(p, parameters, coefficients)),
+        Figure("  of it: trial set up", lambda: problem("gait")),
+        Figure("  of it: start from rigid fits", lambda: start_of(p)),
+        Figure("  of it: a pass with the matrix", lambda: p.equations(coefficients, constants)),
+        Figure("  of it: a pass without", lambda: p.gradient(coefficients, constants)),
+        Figure("  of it: a factorisation", lambda: BandFactor(band)),
+        Figure("  of it: distances of all markers", lambda: motion_of(p, parameters, coefficients)),
     ]
 
 
-def section_calibrate_gait() -> list[Timing]:
+def section_calibrate_gait() -> list[Figure]:
     """The same and 34 joint parameters."""
     p = problem("gait")
     said = f"{calibrated(p, GAIT_JPS).iterations} outer iterations"
     return [
-        Timing("gaitcal, 34 JPs", lambda: calibrated(p, GAIT_JPS), said),
+        Figure("gaitcal, 34 JPs", lambda: calibrated(p, GAIT_JPS), said),
         *inverse_kinematics(subject(), recording("gait")),
         *_plain(GAIT_JPS),
     ]
 
 
-def _plain(free: tuple[str, ...]) -> list[Timing]:
-    """SciPy on the plain problem; with finite differences on a part of it."""
+def _plain(free: tuple[str, ...]) -> list[Figure]:
     whole, part = problem("gait"), problem("gait", rule=SHORT_NODES, frames=SHORT_FRAMES)
     short = plain_least_squares(part, free, analytic=False, evaluations=SHORT_EVALUATIONS)
     taken: list[int] = []
@@ -111,24 +229,24 @@ def _plain(free: tuple[str, ...]) -> list[Timing]:
 
     sparse, differences = "sparse analytic Jacobian", f"finite differences, {SHORT_FRAMES} frames"
     return [
-        Timing(f"SciPy least_squares, {sparse}", analytic, lambda _: f"1 run, {taken[-1]} evaluations", 1),
-        Timing(f"SciPy least_squares, {differences}", short, extrapolated, 1),
+        Figure(f"SciPy least_squares, {sparse}", analytic, lambda _: f"1 run, {taken[-1]} evaluations", 1),
+        Figure(f"SciPy least_squares, {differences}", short, extrapolated, 1),
     ]
 
 
-def _isolated(joint: str) -> Callable[[], list[Timing]]:
-    def section() -> list[Timing]:
+def _isolated(joint: str) -> Callable[[], list[Figure]]:
+    def section() -> list[Figure]:
         free = isolated_parameters(joint)
         alone, whole = problem(joint, joint_only=True), problem(joint)
         return [
-            Timing(f"gaitcal, {len(free)} JPs, segments of the joint", lambda: calibrated(alone, free), "1200 frames"),
-            Timing(f"gaitcal, {len(free)} JPs, whole body", lambda: calibrated(whole, free), "1200 frames"),
+            Figure(f"gaitcal, {len(free)} JPs, segments of the joint", lambda: calibrated(alone, free), "1200 frames"),
+            Figure(f"gaitcal, {len(free)} JPs, whole body", lambda: calibrated(whole, free), "1200 frames"),
         ]
 
     return section
 
 
-def section_ip() -> list[Timing]:
+def section_ip() -> list[Figure]:
     """36 inertial parameters from a noisy gait trial."""
     model, motion = subject(), gait_motion()
     wrench = residual_free_wrench(model.parameters, motion)
@@ -141,12 +259,12 @@ def section_ip() -> list[Timing]:
         return fit(equations, model.parameters.inertial, symmetric_set())
 
     return [
-        Timing("gaitcal, physically consistent", lambda: run(fit_consistent)),
-        Timing("gaitcal, published cost with re-seeding", lambda: run(fit_published)),
+        Figure("gaitcal, physically consistent", lambda: run(fit_consistent)),
+        Figure("gaitcal, published cost with re-seeding", lambda: run(fit_published)),
     ]
 
 
-def section_bandwidth() -> list[Timing]:
+def section_bandwidth() -> list[Figure]:
     """What a bandwidth costs that the markers choose; the choice is wanted in eight tracks of 20 nodes a second."""
     model, seen, p = subject(), recording("gait"), problem("gait")
     parameters = model.parameters
@@ -154,13 +272,13 @@ def section_bandwidth() -> list[Timing]:
     smoothed = with_bandwidth(p, parameters, hz)
     choice = "choice of the bandwidth by the markers"
     return [
-        Timing(f"track, {TWENTY.per_second:g} nodes a second", lambda: track(model, seen, rule=TWENTY)),
-        Timing(choice, lambda: DenseMotion(p, parameters).by_markers(), f"{hz:.1f} Hz"),
-        Timing("track with it", lambda: tracked_motion(smoothed, parameters), f"{smoothed.basis.nodes} nodes"),
+        Figure(f"track, {TWENTY.per_second:g} nodes a second", lambda: track(model, seen, rule=TWENTY)),
+        Figure(choice, lambda: DenseMotion(p, parameters).by_markers(), f"{hz:.1f} Hz"),
+        Figure("track with it", lambda: tracked_motion(smoothed, parameters), f"{smoothed.basis.nodes} nodes"),
     ]
 
 
-def section_inverse_dynamics() -> list[Timing]:
+def section_inverse_dynamics() -> list[Figure]:
     """Generalised forces of 208 frames."""
     model, motion = subject(), gait_motion()
     q, v, a = (motion.basis.evaluate(motion.coefficients, k) for k in range(3))
@@ -173,13 +291,93 @@ def section_inverse_dynamics() -> list[Timing]:
             pin.rnea(bare, data, *row)
 
     return [
-        Timing("gaitcal", lambda: Dynamics(model.parameters).forces(q, v, a, wrench), "208 frames"),
-        Timing("lower bound: bare RNEA", rnea),
+        Figure("gaitcal", lambda: Dynamics(model.parameters).forces(q, v, a, wrench), "208 frames"),
+        Figure("lower bound: bare RNEA", rnea),
         *inverse_dynamics(model, q, v, a),
     ]
 
 
-SECTIONS: dict[str, Callable[[], list[Timing] | list[Timing | Amount]]] = {
+DRAWS = Plan(levels=(100,), draws=100)
+IMPORTS = "import gaitcal.cli.calibrate, gaitcal.session.calibrate, gaitcal.results.calibration"
+"""The second and third beside reading and checking."""
+
+
+def _python(*arguments: object) -> Callable[[], object]:
+    command = [sys.executable, *map(str, arguments)]
+    return lambda: subprocess.run(command, check=True, capture_output=True)
+
+
+def _gaitcal(*words: object) -> Callable[[], object]:
+    return _python("-m", "gaitcal.cli", *words)
+
+
+def _study() -> Path:
+    folder = temporary_folder()
+    _gaitcal("synthesize", "-q", "--out", folder / "study")()
+    return folder / "study" / "study.toml"
+
+
+def section_startup() -> list[Figure]:
+    """The command line and the import, each in its own process."""
+    return [
+        Figure("gaitcal --help", _gaitcal("--help")),
+        Figure("import gaitcal", _python("-c", "import gaitcal")),
+        Figure("import of what calibrate needs", _python("-c", IMPORTS), "below 0.9 s"),
+        Figure("python alone", _python("-c", "pass")),
+    ]
+
+
+def section_checks() -> list[Figure]:
+    """All checks of the demo's seven trials, files read before; wanted below a second."""
+    study = Study.load(_study())
+    return [Figure("check_study", lambda: check_study(study), "7 moving trials and the static one, 7408 frames")]
+
+
+def section_calibrate_study() -> list[Figure]:
+    """`gaitcal calibrate` on the demo's synthetic study: files read, everything fitted, all results written."""
+    study = _study()
+    results = (study.with_name(f"result{k}") for k in count())
+    said = "7 trials, 7408 frames: check, JP, IP, dynamics, error bars, page, exports; its own process"
+    drawn = "one stride of each foot, a file a variable; 1 run"
+    return [
+        Figure(
+            "gaitcal calibrate study.toml", lambda: _gaitcal("calibrate", "-q", study, "--out", next(results))(), said
+        ),
+        Figure("gaitcal check study.toml", _gaitcal("check", "-q", study), "its own process"),
+        Figure("gaitcal figures result", _gaitcal("figures", "-q", study.with_name("result0")), drawn, runs=1),
+    ]
+
+
+def section_calibrate_walk() -> list[Figure]:
+    """`gaitcal calibrate` and `check` on the folder of one real walk; nothing where GAITCAL_DATA has none."""
+    walk = Path(os.environ.get("GAITCAL_DATA", "")) / "subject01"
+    if not walk.is_dir():
+        return []
+    person = ("-q", walk, "--mass", "72.6", "--height", "1.8", "--sex", "male")
+    said = "one walk over two plates, 151 frames: draft, check, JP, IP, dynamics, error bars, page, exports"
+    out = temporary_folder() / "result"
+    return [
+        Figure("gaitcal calibrate subject01", _gaitcal("calibrate", *person, "--out", out), said),
+        Figure("gaitcal check subject01", _gaitcal("check", *person), "wanted below a second"),
+        Figure("  of both: imports for calibrate", _python("-c", IMPORTS), "below 0.9 s"),
+        Figure("  of both: imports for check", _python("-c", "import gaitcal.cli.folder")),
+    ]
+
+
+def section_montecarlo() -> list[Figure]:
+    """Draws of the Monte Carlo study: every set at its highest level, nothing kept on disk."""
+    case = nominal_case()
+
+    def of(name: str, workers: Workers, more: str = "") -> Figure:
+        def note(seconds: float) -> str:
+            return f"{DRAWS.total} draws, {DRAWS.total / seconds:.0f} a second{more}; 3 runs"
+
+        return Figure(name, lambda: monte_carlo(case, plan=DRAWS, workers=workers), note, runs=3)
+
+    return [of("this process", Workers()), of("two worker processes", LocalProcesses(2), ", their start included")]
+
+
+SECTIONS: dict[str, Callable[[], list[Figure]]] = {
     "track": section_track,
     "calibrate-gait": section_calibrate_gait,
     "calibrate-hip": _isolated("hip_l"),
@@ -195,3 +393,7 @@ SECTIONS: dict[str, Callable[[], list[Timing] | list[Timing | Amount]]] = {
     "startup": section_startup,
     "scaling": section_scaling,
 }
+
+
+if __name__ == "__main__":
+    print(json.dumps(measured(int(sys.argv[1]), float(sys.argv[2]))))

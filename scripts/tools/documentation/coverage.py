@@ -6,15 +6,51 @@ import re
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cache
+from importlib import import_module
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Final
 
 import gaitcal
 from gaitcal.cohort.one_person import COLUMNS
 from gaitcal.explanations import all_explanations
+from gaitcal.io.toml import tomllib
 from gaitcal.model.marker_set import built_in_sets
-from scripts.tools.documentation import commands, python_names, tables
-from scripts.tools.documentation.results import FILES, SUMMARY, TABLES
+from scripts.tools.documentation import tables
+from scripts.tools.documentation.tables import FILES, SUMMARY, TABLES
+
+_READ = tomllib.loads(Path(__file__).with_name("python_names.toml").read_text(encoding="utf-8"))
+GROUPS: Final[dict[str, list[str]]] = _READ["groups"]
+
+
+def ungrouped() -> set[str]:
+    """Public names in no group, or in a group and not public."""
+    return set(gaitcal.__all__) ^ {name for names in GROUPS.values() for name in names}
+
+
+def undocumented() -> list[str]:
+    """Public functions and classes, and their public members and fields, that nothing is said about.
+
+    Needs griffe, which the extra `docs` brings; empty without it.
+    """
+    if find_spec("griffe") is None:
+        return []
+    griffe = import_module("griffe")
+    package = griffe.load("gaitcal", search_paths=[Path(gaitcal.__file__).parents[1]], resolve_aliases=True)
+    out = []
+    for name in gaitcal.__all__:
+        found = package[name].final_target
+        members = found.members.values() if found.is_class else ()
+        said = [(name, found), *((f"{name}.{m.name}", m) for m in members if not m.name.startswith("_"))]
+        out += [full for full, object_ in said if object_.docstring is None and not object_.is_alias]
+    return out
+
+
+def names_markdown(group: str) -> str:
+    """Directives for the public names of a group, or for the modules (`inside`)."""
+    names = _READ["inside"] if group == "inside" else [f"gaitcal.{name}" for name in GROUPS[group]]
+    return "\n\n".join(f"::: {name}" for name in names)
+
 
 DOCS: Final = Path(__file__).resolve().parents[3] / "docs"
 PLACE: Final = re.compile(r"^\{\{ ([a-z-]+(?:: [\w-]+)?) \}\}$", re.M)
@@ -24,8 +60,6 @@ TOLD: Final = ("tutorials", "how-to", "explanation")
 
 @dataclass(frozen=True)
 class Item:
-    """One thing that needs a page."""
-
     kind: str
     name: str
     place: str
@@ -41,15 +75,14 @@ def _word(text: str) -> str:
 
 
 def items() -> Iterator[Item]:
-    """All of them."""
-    for command in commands.commands():
+    for command in tables.commands():
         place, called = f"command: {command.name}", rf"gaitcal {command.name}\b"
         yield Item("command", command.name, place, command.text, (called,))
-        for option in commands.options_of(command):
+        for option in tables.options_of(command):
             name = option.names[0]
             words = (called, _word(name)) if name.startswith("-") else ()
             yield Item("option", f"{command.name} {name}", place, option.text, words)
-    for table in tables.TABLES:
+    for table in tables.SCHEMAS:
         for f in tables.fields(table):
             words = (rf"`{re.escape(f.name)}`|^{re.escape(f.name)} = ",)
             yield Item("field", f"{table}.{f.name}", f"table: {table}", f.text, words)
@@ -65,7 +98,7 @@ def items() -> Iterator[Item]:
         yield from (Item("column", f"{table}: {name}", f"columns: {table}", text) for name, text in told)
     yield from (Item("finding", e.code.value, "findings", e.text) for e in all_explanations())
     for name in gaitcal.__all__:
-        group = next((group for group, names in python_names.GROUPS.items() if name in names), "none")
+        group = next((group for group, names in GROUPS.items() if name in names), "none")
         said = "data" if name == "COORDINATES" else (getattr(gaitcal, name).__doc__ or "")
         yield Item("Python", name, f"python: {group}", said, (_word(f"gc.{name}"),))
 
@@ -95,7 +128,6 @@ def mentions(item: Item) -> tuple[str, ...]:
 
 
 def faults() -> list[str]:
-    """What no page explains."""
     out = []
     for item in items():
         if item.place not in places():
@@ -104,8 +136,8 @@ def faults() -> list[str]:
             out.append(f"{item.kind} {item.name}: nothing is said of it")
         elif item.kind == "command" and not mentions(item):
             out.append(f"command {item.name}: in no tutorial, how-to or explanation")
-    out += [f"Python gaitcal.{name}: has no docstring" for name in python_names.undocumented()]
-    return out + [f"Python {name}: in no group, or not public" for name in sorted(python_names.ungrouped())]
+    out += [f"Python gaitcal.{name}: has no docstring" for name in undocumented()]
+    return out + [f"Python {name}: in no group, or not public" for name in sorted(ungrouped())]
 
 
 def _anchor(item: Item) -> str:

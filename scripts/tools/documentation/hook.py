@@ -16,10 +16,35 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any, Final
 
+import griffe
 from mkdocs.structure.files import File, Files, InclusionLevel
 
 from gaitcal.explanations import all_explanations
-from scripts.tools.documentation import commands, coverage, python_names, results, tables
+from scripts.tools.documentation import coverage, tables
+
+SECTION = re.compile(r"^(Parameters|Returns|Raises)\n-+\n((?:.*\n?)*?)(?=^\w[^\n]*\n-+\n|\Z)", re.M)
+
+
+def lists(docstring: str) -> str:
+    """Sections of a docstring (`name : text`, or a name with its text indented below) as lists in Markdown."""
+
+    def as_list(found: re.Match[str]) -> str:
+        title, body = found.groups()
+        entries = re.sub(r"\n +", " ", body.strip()).splitlines()
+        if title == "Parameters":
+            entries = [re.sub(r"^([\w, *]+?) : ", lambda m: f"`{m[1]}`: ", entry) for entry in entries]
+        elif title == "Raises":
+            entries = [re.sub(r"^(\w+) ", r"`\1`: ", entry) for entry in entries]
+        return f"**{title}**\n\n" + "\n".join(f"- {entry}" for entry in entries) + "\n\n"
+
+    return SECTION.sub(as_list, docstring)
+
+
+class Lists(griffe.Extension):
+    def on_instance(self, *, obj: Any, **_: Any) -> None:
+        if obj.docstring is not None:
+            obj.docstring.value = lists(obj.docstring.value)
+
 
 ROOT = Path(__file__).resolve().parents[3]
 
@@ -27,27 +52,24 @@ PLACE = re.compile(r"^\{\{ ([a-z-]+)(?:: ([\w-]+))? \}\}$", re.M)
 
 
 def findings() -> str:
-    """A table of the codes of findings and errors."""
     rows = ((f"[{e.code.value}](findings/{e.code.value}.md)", e.title, e.severity.lower()) for e in all_explanations())
     return tables.table_of(("code", "is about", "can be"), rows)
 
 
 MAKERS: Final[dict[str, Callable[..., str]]] = {
-    "command": commands.markdown,
+    "command": tables.command_markdown,
     "table": tables.markdown,
     "marker-sets": tables.marker_sets,
     "examples": tables.public_examples,
-    "files": results.files_markdown,
-    "columns": results.columns_markdown,
+    "files": tables.files_markdown,
+    "columns": tables.columns_markdown,
     "findings": findings,
     "everything": coverage.markdown,
-    "python": python_names.markdown,
+    "python": coverage.names_markdown,
 }
 
 
 def filled(markdown: str) -> str:
-    """A page with its places filled."""
-
     def made(place: re.Match[str]) -> str:
         name, word = place.groups()
         return MAKERS[name](word) if word else MAKERS[name]()
@@ -64,7 +86,6 @@ def on_config(config: Any) -> Any:
 
 
 def on_page_markdown(markdown: str, **_: Any) -> str:
-    """MkDocs has read a page."""
     return filled(markdown)
 
 
@@ -76,7 +97,6 @@ def on_post_page(output: str, **_: Any) -> str:
 
 
 def on_files(files: Files, config: Any) -> Files:
-    """MkDocs has listed the pages."""
     for e in all_explanations():
         page = File.generated(config, f"reference/findings/{e.code.value}.md", content=e.markdown)
         page.inclusion = InclusionLevel.NOT_IN_NAV

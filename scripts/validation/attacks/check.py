@@ -1,11 +1,11 @@
 """Does anything wrong go unnoticed? Clean studies are spoilt in many ways; each must end so that one can live with it.
 
-    attacks [--all] [--jobs 2] [--only REGEX] [--base NAME ...] [--part K/N] [--list]
+    attacks [--all] [--jobs 2] [--only REGEX] [--base NAME ...] [--list]
     attacks --quick        # a dozen, in less than a minute
     attacks --clean        # every finding on the clean recordings, more of them
 
 Each attack (a row of `attacks/corpus.toml`) changes one thing in one short study (static trial, walk, isolated trials:
-`attacks/bases.py`), which is then checked and calibrated as `gaitcal calibrate` would. Without options each is made on
+`recordings.py`), which is then checked and calibrated as `gaitcal calibrate` would. Without options each is made on
 one study, the studies taking turns; with `--all`, `--only` or `--base` on every study that it is meant for. It ends as
 one of
 
@@ -13,7 +13,7 @@ refused     an error stops the run
 named       a new message names the cause: it holds the words that the table lists, marker, trial or plate among them
 harmless    no new message, and every leg torque, leg angle and hip, knee and ankle centre lies within the error bar
             of its own run around the clean run: the RMS over frames of |difference| / max(1.96 standard errors, floor)
-            is at most 1; floors: 0.2 % of body weight times height, 1 deg, 5 mm (`attacks/curves.py`)
+            is at most 1; floors: 0.2 % of body weight times height, 1 deg, 5 mm
 alarmed     something new is said, but not the cause
 silent      nothing new is said, and a result moved by more than its own error bar
 crash       an exception that is no error of gaitcal's
@@ -21,6 +21,19 @@ crash       an exception that is no error of gaitcal's
 New is a message (warnings and errors of checks and of the calibration; notes do not count) whose words, numbers left
 out, the clean run does not say. Real recordings are read from the folder that GAITCAL_DATA names; without it only the
 synthetic person is attacked. Exit code 1 where more than 2 % end silent, more than 10 % alarmed, or anything crashes.
+
+How far a run moved results is told in error bars. For each torque and angle x of the legs, with its standard error s
+in every frame f of a walk, and for each centre of hip, knee and ankle:
+
+    bar_f  = max(1.96 s_f, floor)
+    moved  = sqrt(mean_f (|x_f - x0_f| / bar_f)^2)            x0: the clean run
+
+so that moved <= 1 is inside the error bar that the run itself prints. Floors: 0.2 % of body weight times height,
+1 deg, 5 mm. Torques count where both runs call the frame valid. A hip's centre is compared as a point, knee and ankle
+across their axes, along which a hinge tells nothing; s of a centre is that of its position in the segment above it.
+Centres are compared in the laboratory, after the one rigid motion that brings all markers of one recording on those of
+the other. An isolated trial has no error bars of its own angles: there the axis of its knee or ankle is compared, as an
+angle, with that of its two orientations in the segment above; floor 2 deg.
 """
 
 from __future__ import annotations
@@ -39,16 +52,186 @@ from functools import partial
 from pathlib import Path
 from time import perf_counter
 
-from gaitcal import Calibration, GaitcalError, Study, calibrate
+import numpy as np
+
+from gaitcal import COORDINATES, Calibration, GaitcalError, Study, calibrate
+from gaitcal.arrays import Array, BoolArray
 from gaitcal.errors import Severity
 from gaitcal.faults.study import check_study
 from gaitcal.faults.verdict import Judgement
-from scripts.validation.attacks.bases import EVERY, SYNTHETIC, loaded
+from gaitcal.session.result import TrialResult
 from scripts.validation.attacks.corpus import Attack, CorpusError, Kind, by_title, corpus, once_each, pattern, spoilt
-from scripts.validation.attacks.curves import Curves, curves, largest
-from scripts.validation.harness import say, side_by_side
+from scripts.validation.harness import option, say, side_by_side
+from scripts.validation.recordings import EVERY, SYNTHETIC, loaded
+from scripts.validation.truth.check import across, joint_tracks, whole_turn
+
+ANGLES = tuple(
+    f"{name}_{side}"
+    for side in "rl"
+    for name in ("hip_flexion", "hip_adduction", "hip_rotation", "knee_angle", "ankle_angle", "subtalar_angle")
+)
+PLACES = {
+    "hip": ("hip_{s}.pelvis.ant", "hip_{s}.pelvis.sup", "hip_{s}.pelvis.lat"),
+    "knee": ("knee_{s}.thigh.ant", "knee_{s}.thigh.sup"),
+    "ankle": ("talocrural_{s}.shank.ant", "talocrural_{s}.shank.sup"),
+}
+"""Joint -> the parameters whose standard errors are that of its centre in the segment above."""
+DIRECTIONS = {
+    "knee": ("knee_{s}.thigh.front", "knee_{s}.thigh.trans"),
+    "ankle": ("talocrural_{s}.shank.front", "talocrural_{s}.shank.trans"),
+}
+"""Joint -> the parameters whose standard errors are that of its axis in the segment above."""
+WITHIN = 1.96
+FLOOR_BWH, FLOOR_RAD, FLOOR_M, FLOOR_AXIS_RAD = 0.002, np.deg2rad(1.0), 0.005, np.deg2rad(2.0)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Curves:
+    time: Array
+    """(nf,) s."""
+    labels: tuple[str, ...]
+    markers: Array
+    """(nf, nm, 3) m, as tracked."""
+    angles: Array
+    """(nf, 12) rad."""
+    angle_bars: Array | None
+    """(nf, 12) rad; None for isolated trials, which have no error bars of their own."""
+    torques: Array | None
+    """(nf, 14) N·m: those of the angles and both knee adductions; None without force plates."""
+    torque_bars: Array | None
+    """(nf, 14) N·m."""
+    valid: BoolArray
+    """(nf,) where torques count."""
+    centres: Mapping[str, tuple[Array, Array]]
+    """`hip_r`, ... -> centre (nf, 3) m and axis of flexion (nf, 3)."""
+    centre_bars: Mapping[str, float]
+    """m."""
+    axis_bars: Mapping[str, float] = field(default_factory=dict)
+    """rad; of isolated trials."""
+
+
+def curves(calibration: Calibration) -> dict[str, Curves]:
+    """Trial -> what it came to; of an isolated trial the centres of its own leg."""
+    return {trial.name: _curves(calibration, trial) for trial in calibration.trials}
+
+
+def _curves(calibration: Calibration, trial: TrialResult) -> Curves:
+    at = [COORDINATES.index(name) for name in ANGLES]
+    loads, errors = trial.loads, calibration.uncertainty.standard_errors
+    angle_bars = torques = torque_bars = None
+    valid = np.zeros(len(trial.body.time), dtype=np.bool_)
+    if trial.coordinate_errors is not None:
+        angle_bars = np.maximum(WITHIN * trial.coordinate_errors[:, at], FLOOR_RAD)
+    if loads is not None:
+        valid = loads.reactions.valid
+        torques = np.hstack([loads.final.tau[:, at], loads.final.knee_adduction])
+        spread = np.zeros_like(torques) if loads.errors is None else loads.errors.every[:, [*at, 27, 28]]
+        torque_bars = np.maximum(WITHIN * spread, FLOOR_BWH * calibration.model.subject.bwh)
+    sides = "rl" if trial.joint is None else trial.joint[-1]
+    tracks = joint_tracks(calibration.model.parameters, trial.body)
+
+    def bar(names: tuple[str, ...], side: str, floor: float) -> float:
+        return max(WITHIN * float(np.linalg.norm([errors.get(name.format(s=side), 0.0) for name in names])), floor)
+
+    return Curves(
+        time=trial.body.time,
+        labels=trial.recording.labels,
+        markers=trial.recording.markers,
+        angles=trial.body.q[:, at],
+        angle_bars=angle_bars,
+        torques=torques,
+        torque_bars=torque_bars,
+        valid=valid,
+        centres={f"{joint}_{s}": tracks[f"{joint}_{s}"] for joint in PLACES for s in sides},
+        centre_bars={f"{joint}_{s}": bar(names, s, FLOOR_M) for joint, names in PLACES.items() for s in sides},
+        axis_bars={
+            f"{joint}_{s}": bar(names, s, FLOOR_AXIS_RAD)
+            for joint, names in DIRECTIONS.items()
+            for s in sides
+            if trial.joint == f"{joint}_{s}"
+        },
+    )
+
+
+@dataclass(frozen=True)
+class Movement:
+    bars: float
+    """In its own error bars."""
+    words: str
+    """Which, and its RMS in its unit."""
+
+
+def largest(found: Mapping[str, Curves], clean: Mapping[str, Curves]) -> Movement | None:
+    """The largest movement of any result of the trials that both runs have; None where there is none."""
+    both = [
+        movement
+        for name, curve in found.items()
+        if name in clean
+        for movement in _movements(name, curve, clean[name])
+        if np.isfinite(movement.bars)
+    ]
+    return max(both, key=lambda m: m.bars, default=None)
+
+
+def _movements(trial: str, found: Curves, clean: Curves) -> list[Movement]:
+    here, there = _shared_frames(found.time, clean.time)
+    if len(here) == 0:
+        return []
+    out = []
+    if found.angle_bars is not None:
+        gap = np.abs(found.angles[here] - clean.angles[there])
+        out += _columns(trial, ANGLES, gap, found.angle_bars[here], np.rad2deg(1.0), "deg")
+    if found.torques is not None and found.torque_bars is not None and clean.torques is not None:
+        both = found.valid[here] & clean.valid[there]
+        if both.any():
+            gap = np.abs(found.torques[here] - clean.torques[there])[both]
+            names = [f"moment of {name}" for name in (*ANGLES, "knee_adduction_r", "knee_adduction_l")]
+            out += _columns(trial, names, gap, found.torque_bars[here][both], 1.0, "N·m")
+    labels = [label for label in clean.labels if label in found.labels]
+    before = clean.markers[there][:, [clean.labels.index(label) for label in labels]]
+    after = found.markers[here][:, [found.labels.index(label) for label in labels]]
+    rotation, origin = whole_turn(before, after)
+    for joint, (centre, direction) in found.centres.items():
+        if joint not in clean.centres:  # declared for another leg
+            continue
+        point, axis = (array[there] @ rotation.T for array in clean.centres[joint])
+        if joint in found.axis_bars:
+            turn = np.arccos(np.clip(np.abs((direction[here] * axis).sum(axis=1)), 0, 1))[:, None]
+            bars = np.full_like(turn, found.axis_bars[joint])
+            out += _columns(trial, [f"axis of {joint}"], turn, bars, np.rad2deg(1.0), "deg")
+        gap = centre[here] - (point + origin)
+        if not joint.startswith("hip"):
+            gap = across(gap, axis)
+        size = np.linalg.norm(gap, axis=1)[:, None]
+        bars = np.full_like(size, found.centre_bars[joint])
+        out += _columns(trial, [f"centre of {joint}"], size, bars, 1e3, "mm")
+    return out
+
+
+def _columns(trial: str, names: Sequence[str], gap: Array, bars: Array, unit: float, word: str) -> list[Movement]:
+    moved = np.sqrt(np.mean((gap / bars) ** 2, axis=0))
+    sizes = unit * np.sqrt(np.mean(gap**2, axis=0))
+    return [
+        Movement(float(m), f"{trial}: {name} {s:.3g} {word}") for name, m, s in zip(names, moved, sizes, strict=True)
+    ]
+
+
+def _shared_frames(a: Array, b: Array) -> tuple[Array, Array]:
+    """Indices of the frames of a and b of the same time, within half a frame."""
+    step = min(np.median(np.diff(a)), np.median(np.diff(b)))
+    nearest = np.clip(np.searchsorted(b, a), 1, len(b) - 1)
+    nearest -= (a - b[nearest - 1]) < (b[nearest] - a)
+    same = np.abs(b[nearest] - a) < 0.5 * step
+    return np.flatnonzero(same), nearest[same]
+
 
 SHARED = ("--jobs", "--only", "--list", "--json")
+OWN = {
+    "--all": option(False, "every attack on every base that it is meant for"),
+    "--base": option([], "clean study; may be repeated", choices=list(EVERY)),
+    "--quick": option(False, "the few that run as a test"),
+    "--clean": option(False, "what is said of the clean recordings, no attack"),
+}
 SILENT_SHARE, ALARMED_SHARE = 0.02, 0.10
 """Largest shares of all attacks that may end so."""
 LONGEST = 320
@@ -58,8 +241,6 @@ CATCH_ALL = re.compile(r"look at plate positions, force sign and clock|held near
 
 
 class Ending(str, Enum):
-    """How an attack ended, the best first."""
-
     REFUSED = "refused"
     NAMED = "named"
     HARMLESS = "harmless"
@@ -84,8 +265,6 @@ class Run:
 
 @dataclass(frozen=True)
 class Result:
-    """How one attack ended."""
-
     attack: str
     """Its title."""
     kind: Kind
@@ -102,13 +281,11 @@ class Result:
 
     @property
     def line(self) -> str:
-        """The result in one line."""
         moved = "" if self.moved is None else f" {self.moved:.1f} error bars"
         return f"  {self.ending.value:9}{self.attack}" + (f":{moved} ({self.where})" if self.where else "")
 
 
 def calibrated(study: Study) -> Run:
-    """Check, refuse or calibrate, as the command would."""
     findings = check_study(study)
     if errors := [f for f in findings if f.severity is Severity.ERROR]:
         return Run(refused=tuple(f"{f.where}: {f.topic}: {f.evidence}; {f.cure}" for f in errors))
@@ -124,7 +301,6 @@ def refusal(calibration: Calibration) -> tuple[str, ...]:
 
 
 def warned(calibration: Calibration) -> tuple[str, ...]:
-    """What is said beside a result."""
     late = [f"phase {p.name} did not converge: {p.message}" for p in calibration.phases if not p.converged]
     return (*(reason.line for reason in calibration.verdict.reasons), *late)
 
@@ -140,19 +316,16 @@ def new(messages: Iterable[str], clean: Iterable[str]) -> tuple[str, ...]:
 
 
 def names_cause(message: str, patterns: Sequence[str]) -> bool:
-    """Whether a message matches all of the patterns."""
     return not CATCH_ALL.search(message) and all(re.search(pattern, message, re.IGNORECASE) for pattern in patterns)
 
 
 def run_clean(base: str) -> Run:
-    """Check and calibrate a clean study."""
     start = perf_counter()
     found = calibrated(loaded(base))
     return replace(found, base=base, seconds=perf_counter() - start)
 
 
 def attacked(attack: Attack, clean: Run) -> Result:
-    """Spoil, check and calibrate."""
     start = perf_counter()
     patterns = [pattern(words, loaded(attack.base).marker_set) for words in attack.named]
 
@@ -189,8 +362,6 @@ def run_title(title: str, clean: Run) -> Result:
 
 
 def lines(results: Sequence[Result]) -> Iterator[str]:
-    """The table by ending and kind, then those that ended badly, with what was said."""
-
     def counts(of: Sequence[Result]) -> list[int]:
         return [sum(r.ending is ending for r in of) for ending in Ending]
 
@@ -214,7 +385,6 @@ def lines(results: Sequence[Result]) -> Iterator[str]:
 
 
 def passed(results: Sequence[Result]) -> bool:
-    """Whether the shares are within their limits and nothing crashed."""
     count = {ending: sum(r.ending is ending for r in results) for ending in Ending}
     return (
         count[Ending.CRASH] == 0
@@ -223,29 +393,10 @@ def passed(results: Sequence[Result]) -> bool:
     )
 
 
-def part(text: str) -> tuple[int, int]:
-    """`2/3`: the second of three parts."""
-    found = re.fullmatch(r"([1-9]\d*)/([1-9]\d*)", text)
-    if not found or int(found[1]) > int(found[2]):
-        raise argparse.ArgumentTypeError(f"found '{text}'; allowed: K/N, the Kth of N parts")
-    return int(found[1]), int(found[2])
-
-
-def add_options(parser: argparse.ArgumentParser) -> None:
-    """Which attacks."""
-    parser.add_argument("--all", action="store_true", help="every attack on every base that it is meant for")
-    parser.add_argument("--base", action="append", default=[], choices=list(EVERY), help="clean study; may be repeated")
-    parser.add_argument("--part", type=part, default=(1, 1), metavar="K/N", help="the Kth of N parts, kinds mixed")
-    parser.add_argument("--quick", action="store_true", help="the few that run as a test")
-    parser.add_argument("--clean", action="store_true", help="what is said of the clean recordings, no attack")
-
-
 def chosen_attacks(chosen: argparse.Namespace) -> list[Attack]:
-    """Those that the command line asks for and whose recordings are there."""
-    first, step = chosen.part
     there, every = os.environ.get("GAITCAL_DATA"), corpus()
     wide = chosen.all or chosen.quick or chosen.base or chosen.only
-    found = [
+    return [
         attack
         for attack in (every if wide else once_each(every))
         if (not chosen.only or re.search(chosen.only, attack.title, re.IGNORECASE))
@@ -253,11 +404,9 @@ def chosen_attacks(chosen: argparse.Namespace) -> list[Attack]:
         and (not chosen.quick or attack.quick)
         and (there or attack.base == SYNTHETIC)
     ]
-    return found[first - 1 :: step]
 
 
 def print_clean(clean: Iterable[Run]) -> None:
-    """What is said of clean recordings, and how long they take."""
     for one in clean:
         say(f"{one.base}: {len(one.messages)} messages, {one.seconds:.1f} s{' REFUSED' if one.refused else ''}")
         for message in dict.fromkeys((*one.refused, *one.messages)):
@@ -265,7 +414,6 @@ def print_clean(clean: Iterable[Run]) -> None:
 
 
 def run(chosen: argparse.Namespace) -> list[Result]:
-    """Make the attacks and print the table."""
     attacks = chosen_attacks(chosen)
     if chosen.list:
         say(*(attack.title for attack in attacks), f"{len(attacks)} attacks")

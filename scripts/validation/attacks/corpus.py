@@ -5,7 +5,6 @@ from __future__ import annotations
 import re
 import shlex
 import shutil
-import sys
 from collections import Counter
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
@@ -14,20 +13,13 @@ from functools import cache
 from pathlib import Path
 
 from gaitcal import MarkerSet, Study
+from gaitcal.io.toml import tomllib
 from gaitcal.study.study_file import load_study_file
-from scripts.validation.attacks import spoil_files, spoil_markers, spoil_plates, spoil_studies
-from scripts.validation.attacks.bases import BASES, loaded
-from scripts.validation.recordings import WALK
-
-if sys.version_info >= (3, 11):
-    import tomllib
-else:
-    import tomli as tomllib
+from scripts.validation.attacks import spoil_markers, spoil_plates, spoil_studies
+from scripts.validation.recordings import BASES, WALK, loaded
 
 
 class Kind(str, Enum):
-    """What is spoilt, as the sections of the table."""
-
     STATIC = "static trial"
     WALK = "markers of the walk"
     ISOLATED = "isolated trial"
@@ -43,8 +35,6 @@ class CorpusError(Exception):
 
 @dataclass(frozen=True)
 class Attack:
-    """One corruption of one clean study."""
-
     name: str
     base: str
     kind: Kind
@@ -58,7 +48,6 @@ class Attack:
 
     @property
     def title(self) -> str:
-        """Unique in the corpus."""
         return f"{self.base}: {self.kind.value}: {self.name}"
 
     @property
@@ -147,7 +136,7 @@ def spoilt(attack: Attack, folder: Path) -> Callable[[], Study]:
         path = with_files(BASES[attack.base](folder))
         (file,) = path.parent.glob(attack.where)
         for name, words in _calls(attack.how):
-            getattr(spoil_files, name)(file, *words)
+            getattr(spoil_studies, name)(file, *words)
     except Exception as fault:
         raise CorpusError(f"{attack.title}: the attack itself failed") from fault
     return lambda: Study.load(path)

@@ -24,22 +24,18 @@ MOST = 255
 
 
 class Trial:
-    """One C3D file in memory."""
-
     def __init__(self, path: Path) -> None:
         self.path = path
         self.file: Any = ezc3d.c3d(str(path))
 
     @property
     def labels(self) -> list[str]:
-        """Names of all points."""
         point = self.file["parameters"]["POINT"]
         names = list(point["LABELS"]["value"])
         return [*names, *(point["LABELS2"]["value"] if "LABELS2" in point else ())]
 
     @property
     def computed(self) -> set[str]:
-        """Names of points that a model computed."""
         point = self.file["parameters"]["POINT"]
         listed = {name for group in LISTS if group in point for name in point[group]["value"]}
         return listed | computed_points(self.labels)
@@ -52,7 +48,6 @@ class Trial:
                 point[group]["value"] = [change(name) for name in point[group]["value"]]
 
     def keep(self, wanted: Callable[[str], bool]) -> None:
-        """Only the points that are wanted."""
         labels = self.labels
         places = [i for i, label in enumerate(labels) if wanted(label)]
         data, point = self.file["data"], self.file["parameters"]["POINT"]
@@ -91,7 +86,6 @@ class Trial:
         point[other]["value"] = [*point[other]["value"], ""]
 
     def hide(self, label: str, frames: slice = slice(None)) -> None:
-        """A gap."""
         place = self.labels.index(label)
         self.file["data"]["points"][:3, place, frames] = np.nan
         self.file["data"]["meta_points"]["residuals"][0, place, frames] = -1.0
@@ -121,7 +115,6 @@ class Trial:
                 plates[name]["value"] = np.asarray(plates[name]["value"], dtype=float) * factor
 
     def write(self) -> None:
-        """Back to its file."""
         self.file.write(str(self.path))
 
 
@@ -136,8 +129,6 @@ Change: TypeAlias = Callable[[Any], None]
 
 @dataclass(frozen=True)
 class Variant:
-    """One thing that another laboratory does."""
-
     name: str
     files: str
     """`static.c3d`, `*.c3d`, or those of `moving` trials, one by one; or the `folder`."""
@@ -186,13 +177,10 @@ def variant(
 
 
 def without(trial: Trial, *gone: str) -> None:
-    """The trial without some markers."""
     trial.keep(lambda name: name not in gone)
 
 
-@variant("as it is", EVERY, "folder")
-def _as_it_is(folder: Path) -> None:
-    """Nothing is changed."""
+variant("as it is", EVERY, "folder")(lambda folder: None)  # nothing is changed
 
 
 @variant("names say nothing", (*VICON, "uf3", "functional"), "folder")
@@ -203,9 +191,9 @@ def _numbered(folder: Path) -> None:
             path.rename(path.with_name(f"{k + 1:08d}{path.suffix}"))
 
 
-@variant("prefix on every label", VICON)
-def _prefixed(trial: Trial) -> None:
-    trial.relabel(lambda name: name if name.startswith("*") else f"Doe_J:{name}")
+variant("prefix on every label", VICON)(
+    lambda trial: trial.relabel(lambda name: name if name.startswith("*") else f"Doe_J:{name}")
+)
 
 
 @variant("labels in lower case", VICON)
@@ -221,9 +209,7 @@ def _no_metadata(trial: Trial) -> None:
             del trial.file["parameters"][group]
 
 
-@variant("metres", ("pig", "kad"))
-def _metres(trial: Trial) -> None:
-    trial.scale_lengths(1e-3, "m")
+variant("metres", ("pig", "kad"))(lambda trial: trial.scale_lengths(1e-3, "m"))
 
 
 @variant("walkway along y", ("pig", "multi2", "HC002D"))
@@ -237,25 +223,12 @@ def _turned(trial: Trial) -> None:
         plates["CORNERS"]["value"] = corners
 
 
-@variant("markers only", ("pig", "kad", "HC002D"))
-def _markers_only(trial: Trial) -> None:
-    """Nothing of the vendor's model but the modelled knees of a knee alignment device."""
-    without(trial, *(trial.computed - {"RKNE", "LKNE"}))
-
-
-@variant("no trunk, no arms", ("pig", "HC002D"))
-def _no_trunk(trial: Trial) -> None:
-    without(trial, *TRUNK, *HEAD, *ARMS)
-
-
-@variant("no arms", ("pig", "HC030A"))
-def _no_arms(trial: Trial) -> None:
-    without(trial, *ARMS)
-
-
-@variant("no acromia", ("pig", "HC002D"))
-def _no_acromia(trial: Trial) -> None:
-    without(trial, "RSHO", "LSHO", "RBAK")
+variant("markers only", ("pig", "kad", "HC002D"))(
+    lambda trial: without(trial, *(trial.computed - {"RKNE", "LKNE"}))
+)  # nothing of the vendor's model but the modelled knees of a knee alignment device
+variant("no trunk, no arms", ("pig", "HC002D"))(lambda trial: without(trial, *TRUNK, *HEAD, *ARMS))
+variant("no arms", ("pig", "HC030A"))(lambda trial: without(trial, *ARMS))
+variant("no acromia", ("pig", "HC002D"))(lambda trial: without(trial, "RSHO", "LSHO", "RBAK"))
 
 
 @variant("one sacral marker", ("pig", "kad", "multi2"), same=False)
@@ -273,19 +246,13 @@ def _extra_markers(trial: Trial) -> None:
     trial.add("WAND1", np.zeros_like(side[:, 0]) + np.array([[100.0], [200.0], [50.0]]))
 
 
-@variant("PSIS lost while standing", ("pig", "kad", "multi2"), "static.c3d", may_refuse=True)
-def _psis_lost(trial: Trial) -> None:
-    trial.hide("RPSI")
-
-
-@variant("thigh marker lost while standing", ("pig", "kad"), "static.c3d", may_refuse=True)
-def _thigh_lost(trial: Trial) -> None:
-    trial.hide("LTHI")
-
-
-@variant("heel lost while standing", ("pig", "HC002D"), "static.c3d", may_refuse=True)
-def _heel_lost(trial: Trial) -> None:
-    trial.hide("RHEE")
+variant("PSIS lost while standing", ("pig", "kad", "multi2"), "static.c3d", may_refuse=True)(
+    lambda trial: trial.hide("RPSI")
+)
+variant("thigh marker lost while standing", ("pig", "kad"), "static.c3d", may_refuse=True)(
+    lambda trial: trial.hide("LTHI")
+)
+variant("heel lost while standing", ("pig", "HC002D"), "static.c3d", may_refuse=True)(lambda trial: trial.hide("RHEE"))
 
 
 @variant("gap while walking", ("pig", "HC002D"), "moving")
@@ -294,9 +261,7 @@ def _gap(trial: Trial) -> None:
     trial.hide("RTHI" if "RTHI" in trial.labels else "RTHI1", slice(third, third + 12))
 
 
-@variant("static of five frames", ("pig", "kad", "HC030A"), "static.c3d")
-def _few_frames(trial: Trial) -> None:
-    trial.cut(0, 5)
+variant("static of five frames", ("pig", "kad", "HC030A"), "static.c3d")(lambda trial: trial.cut(0, 5))
 
 
 @variant("pictures and broken files beside", ("pig", "multi2"), "folder")
@@ -318,9 +283,9 @@ def _squat(folder: Path) -> None:
     trial.write()
 
 
-@variant("no static trial", ("pig", "HC002D"), "folder", may_refuse=True)
-def _without_static(folder: Path) -> None:
-    (folder / "static.c3d").unlink()
+variant("no static trial", ("pig", "HC002D"), "folder", may_refuse=True)(
+    lambda folder: (folder / "static.c3d").unlink()
+)
 
 
 @variant("two people", ("pig", "HC030A"), "folder", may_refuse=True)
@@ -329,17 +294,11 @@ def _two_people(folder: Path) -> None:
         (folder / f"other_{Path(file).name}").write_bytes((data() / file).read_bytes())
 
 
-@variant("walk cut short", ("pig", "kad", "HC031A"), "moving", may_refuse=True)
-def _half_stance(trial: Trial) -> None:
-    """The walk ends in the middle of the file."""
-    trial.cut(0, trial.file["data"]["points"].shape[2] * 2 // 3)
-
-
-@variant("no toe markers", ("pig", "HC002D"), may_refuse=True, same=False)
-def _toe_lost(trial: Trial) -> None:
-    without(trial, "RTOE", "LTOE")
+variant("walk cut short", ("pig", "kad", "HC031A"), "moving", may_refuse=True)(
+    lambda trial: trial.cut(0, trial.file["data"]["points"].shape[2] * 2 // 3)
+)  # the walk ends in the middle of the file
+variant("no toe markers", ("pig", "HC002D"), may_refuse=True, same=False)(lambda trial: without(trial, "RTOE", "LTOE"))
 
 
 def cases() -> list[tuple[Variant, str]]:
-    """Every variant with every folder that it is meant for."""
     return [(v, clinic) for v in VARIANTS for clinic in v.clinics]

@@ -41,10 +41,11 @@ from gaitcal.study.study import Study
 from gaitcal.study.study_trial import Role, Trial
 from gaitcal.synthetic.subject import synthesize
 from scripts.validation.force_faults.faults import FAULTS, Fault
-from scripts.validation.harness import matching, say
+from scripts.validation.harness import matching, option, say
 from scripts.validation.recordings import CHILDREN, SIMULATED, data, study_of_person
 
 SHARED = ("--only", "--seed")
+OWN = {"--cases": option(360, "faults"), "--verbose": option(False, "a line for each fault")}
 REAL = ("subject01", "pig", *CHILDREN, "kad", "multi")
 SYNTHETIC = (1, 2, 3)
 
@@ -80,7 +81,6 @@ class Person:
 def evidence_of(
     prepared: MovingTrial, motion: Motion, model: SubjectModel, parameters: Parameters, settings: CalibrationSettings
 ) -> ForceEvidence | None:
-    """What `gaitcal calibrate` looks at."""
     reactions = measured_reactions(prepared, model, parameters, motion, settings)
     return force_evidence(prepared, prepared.recording, model, parameters, motion, reactions)
 
@@ -126,8 +126,6 @@ ONE_TRIAL = 0.5
 
 
 class Outcome(Enum):
-    """How a fault was met."""
-
     FIRST = "first"
     IN_SET = "in set"
     OTHER_PLATE = "other plate"
@@ -139,8 +137,6 @@ class Outcome(Enum):
 
 @dataclass(frozen=True)
 class Case:
-    """One fault and how it was met."""
-
     person: str
     trials: tuple[str, ...]
     fault: Fault
@@ -154,7 +150,6 @@ class Case:
 
     @property
     def where(self) -> str:
-        """Person and trials."""
         return f"{self.person} {','.join(self.trials)} {self.scope}"
 
 
@@ -327,14 +322,7 @@ def magnitude(case: Case) -> float:
 LEAST_FIRST = 0.90
 
 
-def add_options(parser: argparse.ArgumentParser) -> None:
-    """How many faults."""
-    parser.add_argument("--cases", type=int, default=360)
-    parser.add_argument("--verbose", action="store_true", help="a line for each fault")
-
-
 def run(chosen: argparse.Namespace) -> tuple[list[Person], list[Case]]:
-    """Diagnose clean and spoilt recordings, and print how each was met."""
     with tempfile.TemporaryDirectory() as folder:
         everybody = list(people(Path(folder), chosen.only))
         print_clean(everybody)
@@ -350,6 +338,5 @@ def run(chosen: argparse.Namespace) -> tuple[list[Person], list[Case]]:
 
 
 def passed(results: tuple[list[Person], list[Case]]) -> bool:
-    """Whether no clean recording is accused, and the right cause comes first often enough."""
     everybody, found = results
     return not accused(everybody) and first_share(found) >= LEAST_FIRST

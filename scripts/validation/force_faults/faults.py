@@ -24,8 +24,6 @@ Change = Callable[[ForcePlate], ForcePlate]
 
 @dataclass(frozen=True, kw_only=True)
 class Fault:
-    """One fault, in all plates or in one."""
-
     kind: Kind
     row: str
     """Of the table."""
@@ -62,7 +60,6 @@ def placed(plate: ForcePlate, turn: Array, about: Array, shift: Array) -> ForceP
 
 
 def later(plate: ForcePlate, seconds: float) -> ForcePlate:
-    """Everything so much later on the same time axis."""
     time, wrench = plate.time, np.nan_to_num(plate.wrench())
     force, about = np.hsplit(np.stack([np.interp(time - seconds, time, c) for c in wrench.T], axis=1), 2)
     moment = about - np.cross(middle(plate), force)
@@ -90,13 +87,11 @@ def either_sign(rng: np.random.Generator) -> float:
 
 
 def level_vector(rng: np.random.Generator) -> Array:
-    """(3,) a direction in the floor."""
     angle = rng.uniform(0, 2 * np.pi)
     return np.array([np.cos(angle), 0.0, np.sin(angle)])
 
 
 def _fault(kind: Kind, words: str, plate: int | None, change: Change, size: tuple[float, ...] = ()) -> Fault:
-    """Of plates, each by itself."""
     return Fault(kind=kind, row=kind.value, words=words, plate=plate, size=size, change=on_plates(change, plate))
 
 

@@ -27,8 +27,6 @@ UNTOLD = 1e-7
 
 @dataclass(frozen=True, kw_only=True)
 class Fit:
-    """Joint parameters of a person by some trials."""
-
     name: str
     nominal: SubjectModel
     parameters: Parameters
@@ -47,7 +45,6 @@ class Fit:
         return np.where(np.abs(move) > UNTOLD, move, np.nan)
 
     def leg_errors(self, side: str) -> Array:
-        """(27,) m, rad: standard errors."""
         return np.abs(self.leg(side, self.errors))
 
     @property
@@ -73,7 +70,6 @@ def wide_hips(study: Study, deviation_mm: float) -> Study:
 
 
 def fitted(name: str, study: Study) -> Fit:
-    """The joint stage of a calibration."""
     stage = fit_joints(session_of(examined(study)))
     if stage.joint is None:
         raise RuntimeError(f"{name}: no joint parameters were fitted")

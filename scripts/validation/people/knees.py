@@ -109,7 +109,6 @@ def knees_of(name: str, settings: Mapping[str, object]) -> Iterator[Knee]:
 
 
 def lines(found: Sequence[Knee]) -> Iterator[str]:
-    """One line a knee."""
     heads = f"{'bent':>6}{'forward, up':>14}{'turns about':>14}{'RMS':>6}{'fitted (SE)':>16}"
     yield f"{'knee marker in the shank':26}{heads}"
     for k in found:

@@ -7,6 +7,15 @@ axis z in the segment above or below is Rx(front) Ry(trans) z; it is told at its
 thigh, and at the same point of the shank. Talocrural and subtalar axis are told at their common perpendicular, from
 which also come the talus's parameters: the distance of the two axes, and the angle by which they miss a right one. The
 subtalar axis x in the foot is Ry(trans) Rz(sag) x.
+
+A person simulated by OpenSim moves one joint after the other: markers, and the truth about the joints.
+
+From the model and the coordinates of a walk, OpenSim's own kinematics make, without noise, the markers of a static
+trial, six isolated trials (hip, knee, ankle of both legs; 6 s at 200 frames/s) and the walk, and with them
+`truth.json` (m, laboratory of the static trial): the joint centres, and each hinge's axis as the screw between 5 deg
+below and above the middle of its isolated trial. That line is told twice, carried to the static pose by the body above
+(`proximal`) and by the body below (`distal`) the joint. For a hinge both agree; OpenSim's knee rolls and slides, and no
+hinge meets it everywhere. The two points are the same, half-way. Needs `opensim`; two minutes a person.
 """
 
 from __future__ import annotations
@@ -20,30 +29,199 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pinocchio as pin
 
 from gaitcal import Recording, Study, SubjectModel, read_recording
 from gaitcal.arrays import Array
-from gaitcal.io.opensim_files import read_table
+from gaitcal.export.peer_model import Axis, displacement_axis
+from gaitcal.io.opensim_files import read_table, write_trc
 from gaitcal.model.segment_frames import Frame, rigid_motions
 from gaitcal.study.study_file import StudyFile, TrialTable, load_study_file
-from scripts.validation.truth.opensim_trials import ISOLATED, TRIALS, make_trials
-from scripts.validation.truth.rigid import Line
+from gaitcal.synthetic.truth import common_perpendicular
+
+RATE, SECONDS, STANDING = 200.0, 6.0, 1.0
+HERTZ = 0.6
+"""Of the isolated movements."""
+PELVIS_HEIGHT = 0.95
+"""m."""
+ISOLATED = tuple(f"{joint}_{side}" for side in "rl" for joint in ("hip", "knee", "ankle"))
+TRIALS = ("static", *ISOLATED, "gait")
+HINGES = {"knee": ("knee_angle", 45.0), "ankle": ("ankle_angle", -8.0), "subtalar": ("subtalar_angle", 0.0)}
+"""OpenSim's joint -> its coordinate, and the middle of its isolated trial, deg."""
+JOINTS = tuple(f"{joint}_{side}" for side in "rl" for joint in ("hip", *HINGES))
+STEP = 5.0
+"""deg to either side of the middle."""
+VIRTUAL = ("HJC", "KJC", "AJC", "EJC", "SJC", "WJC")
+"""Endings of labels that are joint centres, not markers."""
+LEFT_AT_ZERO = ("beta", "mtp", "arm_rot")
+"""Parts of coordinates' names that the linkage has no like of: patella, toes, turn of the upper arm."""
+
+
+class Simulation:
+    """An OpenSim model that is put into one posture after the other."""
+
+    def __init__(self, model: Path) -> None:
+        import opensim
+
+        opensim.Logger.setLevelString("Off")
+        self._opensim = opensim
+        self.model = opensim.Model(str(model))
+        self.state = self.model.initSystem()
+        self.mass = float(self.model.getTotalMass(self.state))
+        coordinates = self.model.getCoordinateSet()
+        self._coordinates = {c.getName(): c for c in (coordinates.get(i) for i in range(coordinates.getSize()))}
+        joints = self.model.getJointSet()
+        named = {joints.get(i).getName().replace("walker_", ""): joints.get(i) for i in range(joints.getSize())}
+        self._joints = {name: named[name] for name in JOINTS}
+        markers = self.model.getMarkerSet()
+        every = [markers.get(i) for i in range(markers.getSize())]
+        self._markers = {m.getName(): m for m in every if not m.getName().endswith(VIRTUAL)}
+        self.labels = tuple(self._markers)
+        self.standing = {
+            name: PELVIS_HEIGHT if name == "pelvis_ty" else 0.0
+            for name, c in self._coordinates.items()
+            if not (c.getLocked(self.state) or c.isConstrained(self.state) or any(p in name for p in LEFT_AT_ZERO))
+        }
+        """Coordinate -> value (m, rad) of every coordinate that moves."""
+
+    def put(self, posture: dict[str, float]) -> None:
+        for name, value in posture.items():
+            self._coordinates[name].setValue(self.state, float(value), False)
+        self.model.assemble(self.state)
+        self.model.realizePosition(self.state)
+
+    def positions(self) -> Array:
+        """(nm, 3) m, of the markers."""
+        return np.array([_vector(m.getLocationInGround(self.state)) for m in self._markers.values()])
+
+    def centres(self) -> Array:
+        """(nj, 3) m, of `JOINTS`."""
+        return np.array([_vector(j.getParentFrame().getPositionInGround(self.state)) for j in self._joints.values()])
+
+    def bodies(self, joint: str) -> tuple[pin.SE3, pin.SE3]:
+        """Poses of the bodies above and below a joint."""
+        frames = self._joints[joint].getParentFrame(), self._joints[joint].getChildFrame()
+        above, below = (_pose(f.findBaseFrame().getTransformInGround(self.state)) for f in frames)
+        return above, below
+
+    def is_angle(self, coordinate: str) -> bool:
+        """Whether a coordinate is told in degrees where a file is."""
+        return bool(self._coordinates[coordinate].getMotionType() == self._opensim.Coordinate.Rotational)
+
+
+def _vector(v: Any) -> Array:
+    return np.array([v.get(i) for i in range(3)])
+
+
+def _pose(transform: Any) -> pin.SE3:
+    r = transform.R()
+    return pin.SE3(np.array([[r.get(i, j) for j in range(3)] for i in range(3)]), _vector(transform.p()))
+
+
+def smooth_step(x: Array, start: float, end: float) -> Array:
+    """From 0 to 1 with continuous acceleration."""
+    u = np.clip((x - start) / (end - start), 0.0, 1.0)
+    out: Array = u**3 * (10.0 - 15.0 * u + 6.0 * u**2)
+    return out
+
+
+def isolated_motion(trial: str, time: Array) -> dict[str, Array]:
+    """Coordinate -> (nf,) rad, of the coordinates that an isolated trial moves or holds away from zero."""
+    joint, side = trial.split("_")
+    wave, other = np.sin(2 * np.pi * HERTZ * time), np.cos(2 * np.pi * HERTZ * time)
+    if joint == "hip":  # flexion, then abduction
+        w = smooth_step(time, 2.75, 3.25)
+        abduction = -15.0 - 20.0 * np.sin(2 * np.pi * HERTZ * (time - 3.0))
+        degrees = {"hip_flexion": (1 - w) * (20.0 + 30.0 * wave) + w * 5.0, "hip_adduction": w * abduction}
+    elif joint == "knee":
+        degrees = {"hip_flexion": 40.0 + 0.0 * time, "knee_angle": HINGES["knee"][1] + 40.0 * wave}
+    else:
+        bent = {"hip_flexion": 30.0 + 0.0 * time, "knee_angle": 40.0 + 0.0 * time}
+        degrees = {**bent, "ankle_angle": HINGES["ankle"][1] + 24.0 * wave, "subtalar_angle": 18.0 * other}
+    return {f"{name}_{side}": np.deg2rad(value) for name, value in degrees.items()}
+
+
+def make_trials(model: Path, coordinates: Path, folder: Path, rate: float = RATE) -> None:
+    """Write `NAME.trc` of every trial at `rate` frames/s, and `truth.json`, into a folder."""
+    folder.mkdir(parents=True, exist_ok=True)
+    person = Simulation(model)
+    walk_time, walk = walk_motion(person, coordinates, rate)
+    time = np.arange(0.0, SECONDS, 1.0 / rate)
+    centres = {}
+    for name in TRIALS:
+        t = {"static": time[time < STANDING], "gait": walk_time}.get(name, time)
+        moving = walk if name == "gait" else {} if name == "static" else isolated_motion(name, t)
+        markers, found = np.empty((len(t), len(person.labels), 3)), np.empty((len(t), len(JOINTS), 3))
+        for f in range(len(t)):
+            person.put({**person.standing, **{c: v[f] for c, v in moving.items()}})
+            markers[f], found[f] = person.positions(), person.centres()
+        write_trc(folder / f"{name}.trc", Recording(source=name, time=t, labels=person.labels, markers=markers))
+        centres[name] = dict(zip(JOINTS, found.swapaxes(0, 1).tolist(), strict=True))
+    truth = {
+        "static": {joint: track[0] for joint, track in centres["static"].items()},
+        "axes": {f"{joint}_{side}": true_axis(person, joint, side) for side in "rl" for joint in HINGES},
+        "gait": centres["gait"],
+        "mass": person.mass,
+    }
+    (folder / "truth.json").write_text(json.dumps(truth) + "\n", encoding="utf-8")
+
+
+def walk_motion(person: Simulation, file: Path, rate: float) -> tuple[Array, dict[str, Array]]:
+    """Time (nf,) s, and coordinate -> (nf,) m, rad, at `rate` frames/s."""
+    table = read_table(file)
+    time = np.arange(table.time[0], table.time[-1], 1.0 / rate)
+    out = {}
+    for name, values in zip(table.names, table.values.T, strict=True):
+        if name in person.standing:
+            out[name] = np.interp(
+                time, table.time, np.deg2rad(values) if table.in_degrees and person.is_angle(name) else values
+            )
+    return time, out
+
+
+def true_axis(person: Simulation, joint: str, side: str) -> dict[str, dict[str, list[float]]]:
+    """The axis of a hinge in the static pose, as the bodies above and below carry it."""
+    coordinate, middle = HINGES[joint]
+
+    def between(degrees: float) -> pin.SE3:
+        person.put({**person.standing, f"{coordinate}_{side}": np.deg2rad(degrees)})
+        above, below = person.bodies(f"{joint}_{side}")
+        return above.actInv(below)
+
+    ends = between(middle - STEP), between(middle + STEP)
+    line = displacement_axis(*ends)
+    if line is None:
+        raise RuntimeError(f"{joint}_{side} does not turn")
+    # seen from below the screw is the same line at both ends, but for what it slides along itself
+    points = [end.actInv(line.point) for end in ends]
+    below = Axis(np.mean(points, axis=0), ends[0].rotation.T @ line.direction)
+    person.put(person.standing)
+    above_pose, below_pose = person.bodies(f"{joint}_{side}")
+    lines = {"proximal": line.moved(above_pose), "distal": below.moved(below_pose)}
+    return {end: {"point": x.point.tolist(), "axis": x.direction.tolist()} for end, x in lines.items()}
+
 
 CENTRES = {"hip": "HJC", "knee": "KJC", "ankle": "AJC"}
 """Joint -> ending of the label of its centre."""
 
 
 @dataclass(frozen=True, kw_only=True)
-class IsolatedPerson:
-    """A person's isolated trials, and the joints in the laboratory of the static trial."""
+class KnownJoints:
+    """The joints of a person in the laboratory of the static trial."""
 
-    study: Study
     centres: Mapping[str, Array]
     """`hip_r`, ... -> (3,) m."""
-    proximal: Mapping[str, Line]
+    proximal: Mapping[str, Axis]
     """`knee_r`, `ankle_r`, `subtalar_r`, ... -> axis, as the segment above carries it to the static pose."""
-    distal: Mapping[str, Line]
+    distal: Mapping[str, Axis]
     """The same, as the segment below carries it."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class IsolatedPerson(KnownJoints):
+    """With the isolated trials."""
+
+    study: Study
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -84,9 +262,9 @@ def isolated_person(person: str, data: Path, cache: Path, with_gait: bool = Fals
     trials = tuple(TrialTable(name=j, role="joint", joint=j, file=folder / f"{j}.trc") for j in ISOLATED)  # type: ignore[arg-type]
     study = _loaded(recorded.model_copy(update={"trials": (static, *trials, *walk)}))
 
-    def lines(end: str) -> dict[str, Line]:
+    def lines(end: str) -> dict[str, Axis]:
         axes = truth["axes"].items()
-        return {joint: Line(np.array(ends[end]["point"]), np.array(ends[end]["axis"])) for joint, ends in axes}
+        return {joint: Axis(np.array(ends[end]["point"]), np.array(ends[end]["axis"])) for joint, ends in axes}
 
     centres = {joint: np.array(point) for joint, point in truth["static"].items()}
     return IsolatedPerson(study=study, centres=centres, proximal=lines("proximal"), distal=lines("distal"))
@@ -155,9 +333,9 @@ def with_settings(study: Study, changes: Mapping[str, object]) -> Study:
 DIRECTIONS = ("ant", "sup", "lat")
 
 
-def line_in(frame: Frame, line: Line) -> Line:
+def line_in(frame: Frame, line: Axis) -> Axis:
     """A line of the laboratory in a segment's frame."""
-    return Line(frame.local(line.point), frame.rotation.T @ line.direction)
+    return line.moved(pin.SE3(frame.rotation, frame.origin).inverse())
 
 
 def static_frames(nominal: SubjectModel, static: Recording) -> dict[str, Frame]:
@@ -183,38 +361,27 @@ def hip_parameters(frames: Mapping[str, Frame], side: str, centre: Array) -> dic
     }
 
 
-def leg_parameters(person: IsolatedPerson, frames: Mapping[str, Frame], side: str) -> dict[str, float]:
-    """The 27 joint parameters of a leg, m and rad."""
+def leg_parameters(person: KnownJoints, frames: Mapping[str, Frame], side: str) -> dict[str, float]:
     thigh, shank, foot = (frames[f"{name}_{side}"] for name in ("thigh", "shank", "foot"))
     out = hip_parameters(frames, side, person.centres[f"hip_{side}"])
-    above, below = line_in(thigh, person.proximal[f"knee_{side}"]), line_in(shank, person.distal[f"knee_{side}"])
-    above, below = rightwards(above), rightwards(below)
+    above = line_in(thigh, person.proximal[f"knee_{side}"]).pointing(2)
+    below = line_in(shank, person.distal[f"knee_{side}"]).pointing(2)
     slide = -above.point[2] / above.direction[2]
     out |= point_parameters(f"knee_{side}.thigh", above.point + slide * above.direction, "ant sup")
     out |= point_parameters(f"knee_{side}.shank", below.point + slide * below.direction)
     out |= z_parameters(f"knee_{side}.thigh", above.direction) | z_parameters(f"knee_{side}.shank", below.direction)
-    z = rightwards(line_in(shank, person.proximal[f"ankle_{side}"]))
+    z = line_in(shank, person.proximal[f"ankle_{side}"]).pointing(2)
     # the subtalar axis as the talus carries it, which at rest is where the shank has it
-    x = forwards(line_in(shank, person.proximal[f"subtalar_{side}"]))
-    on_z, on_x = common_perpendicular(z, x)
+    x = line_in(shank, person.proximal[f"subtalar_{side}"]).pointing(0)
+    on_z, on_x = common_perpendicular(z.direction, z.point, x.direction, x.point)
     up = np.cross(z.direction, x.direction)
     out |= point_parameters(f"talocrural_{side}.shank", on_z) | z_parameters(f"talocrural_{side}.shank", z.direction)
     out[f"subtalar_{side}.talus.sup"] = float((on_x - on_z) @ up / np.linalg.norm(up))
     out[f"subtalar_{side}.talus.trans"] = float(-np.arcsin(z.direction @ x.direction))
-    line = forwards(line_in(foot, person.distal[f"subtalar_{side}"]))
+    line = line_in(foot, person.distal[f"subtalar_{side}"]).pointing(0)
     slide = (on_x - x.point) @ x.direction
     out |= point_parameters(f"subtalar_{side}.foot", line.point + slide * line.direction)
     return out | x_parameters(f"subtalar_{side}.foot", line.direction)
-
-
-def rightwards(line: Line) -> Line:
-    """The line with its direction towards +z."""
-    return Line(line.point, line.direction * np.sign(line.direction[2]))
-
-
-def forwards(line: Line) -> Line:
-    """The line with its direction towards +x."""
-    return Line(line.point, line.direction * np.sign(line.direction[0]))
 
 
 def point_parameters(prefix: str, point: Array, which: str = "ant sup lat") -> dict[str, float]:
@@ -240,11 +407,3 @@ def z_axis(front: float, trans: float) -> Array:
 def x_axis(trans: float, sag: float) -> Array:
     """(3,) the x axis of Ry(trans) Rz(sag)."""
     return np.array([np.cos(trans) * np.cos(sag), np.sin(sag), -np.sin(trans) * np.cos(sag)])
-
-
-def common_perpendicular(a: Line, b: Line) -> tuple[Array, Array]:
-    """The nearest points of two lines to each other."""
-    between, cosine = b.point - a.point, float(a.direction @ b.direction)
-    matrix = np.array([[1.0, -cosine], [cosine, -1.0]])
-    s, t = np.linalg.solve(matrix, np.array([a.direction @ between, b.direction @ between]))
-    return a.point + s * a.direction, b.point + t * b.direction

@@ -1,5 +1,5 @@
 """What is kept of one fit: figures with their errors, and how many error bars held. One table of many fits: medians
-with ranges, RMS, and how many error bars held; and what is wanted of the figures: each limit with what was found.
+with ranges, RMS, and how many error bars held.
 
 Figures of both legs are gathered on their way to one each, parameters beside the truth.
 """
@@ -8,22 +8,18 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
-from fnmatch import fnmatch
 from time import perf_counter
 
 import numpy as np
 
 import gaitcal
 from gaitcal import Calibration, Study
-from scripts.validation.error_bars import Bars, bars, rms
+from scripts.validation.harness import Bars, bars, rms
 from scripts.validation.truth.people import DIRECTIONS
-from scripts.validation.truth.skin import SKIN
 
 
 @dataclass(frozen=True, kw_only=True)
 class Figure:
-    """One figure of one fit."""
-
     error: float
     """RMS, in the unit that its name tells."""
     before: float | None = None
@@ -35,8 +31,6 @@ class Figure:
 
 @dataclass(frozen=True)
 class Outcome:
-    """All figures of one fit."""
-
     part: str
     """`gait`, `isolated`, `synthetic`."""
     case: str
@@ -53,18 +47,14 @@ class Outcome:
 
 @dataclass(frozen=True)
 class TimedFit:
-    """A calibration with its time."""
-
     calibration: Calibration
     seconds: float
 
     def outcome(self, part: str, case: str, person: str, seed: int, figures: Mapping[str, Figure]) -> Outcome:
-        """What is kept of it."""
         return Outcome(part, case, person, seed, self.seconds, self.calibration.converged, figures)
 
 
 def timed_fit(study: Study) -> TimedFit:
-    """Calibrate."""
     start = perf_counter()
     calibration = gaitcal.calibrate(study)
     return TimedFit(calibration, perf_counter() - start)
@@ -109,23 +99,18 @@ def fitted_parameters(calibration: Calibration, truth: Mapping[str, float]) -> F
 
 @dataclass
 class Gathered:
-    """Figures of both sides, before they become one."""
-
     values: dict[str, dict[str, list[float]]] = field(default_factory=dict)
     """Figure -> `error`, `before`, `peer` -> values."""
     held: dict[str, Bars] = field(default_factory=dict)
 
     def put(self, name: str, **values: float) -> None:
-        """One side's value of a figure."""
         for what, value in values.items():
             self.values.setdefault(name, {}).setdefault(what, []).append(value)
 
     def add_bars(self, name: str, held: Bars) -> None:
-        """One side's error bars of a figure."""
         self.held[name] = self.held.get(name, Bars()) + held
 
     def single(self, name: str, parameter: str, fitted: Fitted, unit: str) -> None:
-        """One parameter."""
         for when, values in fitted.times:
             self.put(name, **{when: (values[parameter] - fitted.truth[parameter]) / TO_UNIT[unit]})
         self.add_bars(name, fitted.bars([parameter], unit))
@@ -140,7 +125,6 @@ class Gathered:
             self.add_bars(f"hip in {end}, mm", fitted.bars(names, "mm"))
 
     def figures(self) -> dict[str, Figure]:
-        """RMS over the sides."""
         each = {n: {what: rms(v) for what, v in kinds.items()} for n, kinds in self.values.items()}
         return {n: Figure(**v, bars=self.held.get(n, Bars())) for n, v in each.items()}
 
@@ -189,86 +173,3 @@ def _digits(value: float | np.floating) -> str:
         return "0"
     places = int(np.clip(2 - np.floor(np.log10(abs(value))), 0, 4))
     return f"{value:.{places}f}"
-
-
-COVERAGE = (90.0, 98.0)
-"""% of the 95 % intervals that should hold the truth."""
-AT_LEAST = (90.0, 100.0)
-
-
-@dataclass(frozen=True)
-class Limit:
-    """One figure's error at most so large, or its 95 % intervals within these shares."""
-
-    part: str
-    cases: tuple[str, ...]
-    """Each of these by itself."""
-    figures: tuple[str, ...]
-    """Patterns; each figure by itself."""
-    error: float | None = None
-    """Largest RMS over fits, in the figure's unit."""
-    median: float | None = None
-    """Largest median over fits."""
-    shares: tuple[float, float] | None = None
-    """% of intervals of 95 % that should hold."""
-
-
-HIPS = ("hip in pelvis, mm", "hip in thigh, mm")
-MOVED = (*(kind.value for kind in SKIN), "mixture")
-LIMITS = (
-    Limit("gait", ("none",), ("hip in laboratory, mm",), median=3.0),
-    Limit("gait", ("none",), ("torques of legs, N·m",), median=2.3),
-    Limit("gait", ("none",), ("torque *",), shares=AT_LEAST),
-    Limit("gait", MOVED, ("hip in laboratory, mm",), median=8.0),
-    Limit("isolated", ("none",), HIPS, error=0.1),
-    Limit("isolated", ("none",), ("talocrural axis, deg", "subtalar axis, deg"), error=0.5),
-    Limit("isolated", ("sinusoids",), HIPS, error=3.5),
-    Limit("isolated", MOVED, HIPS, error=7.0),
-    Limit("isolated", (*MOVED[:-1], "sinusoids", "mixture"), HIPS, shares=COVERAGE),
-    Limit("synthetic", ("waves",), ("torques of legs, N·m",), median=2.2),
-    Limit("synthetic", ("waves",), ("torque *",), shares=COVERAGE),
-)
-
-
-@dataclass(frozen=True)
-class Check:
-    """A limit beside what was found."""
-
-    words: str
-    found: float
-    wanted: str
-    met: bool
-
-
-def checks(outcomes: list[Outcome], limits: tuple[Limit, ...] = LIMITS) -> Iterator[Check]:
-    """Every limit that these fits speak to."""
-    for limit in limits:
-        for case in limit.cases:
-            here = [o for o in outcomes if (o.part, o.case) == (limit.part, case)]
-            known = dict.fromkeys(figure for o in here for figure in o.figures)
-            for figure in (f for f in known if any(fnmatch(f, pattern) for pattern in limit.figures)):
-                yield _check(limit, case, figure, here)
-
-
-def _check(limit: Limit, case: str, figure: str, outcomes: list[Outcome]) -> Check:
-    figures = [o.figures[figure] for o in outcomes if figure in o.figures]
-    words = f"{limit.part}, {case}: {figure}"
-    if limit.shares is not None:
-        low, high = limit.shares
-        found = sum((f.bars for f in figures), Bars()).shares[1]
-        return Check(f"{words}, in 95 %", found, f"{low:g} to {high:g} %", low <= found <= high)
-    errors = [abs(f.error) for f in figures]
-    if limit.median is not None:
-        found = float(np.median(errors))
-        return Check(f"{words}, median", found, f"<= {limit.median:g}", found <= limit.median)
-    most = limit.error or 0.0
-    return Check(f"{words}, RMS", rms(errors), f"<= {most:g}", rms(errors) <= most)
-
-
-def wanted_lines(outcomes: list[Outcome]) -> Iterator[str]:
-    """One line a limit."""
-    found = list(checks(outcomes))
-    if found:
-        yield f"\nwanted: {sum(c.met for c in found)} of {len(found)} met"
-        for check in found:
-            yield f"{check.words:62}{check.found:9.4g}   {check.wanted:14}{'yes' if check.met else 'no'}"

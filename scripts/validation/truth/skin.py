@@ -45,7 +45,6 @@ from gaitcal.arrays import Array
 from gaitcal.io.recording import Recording
 from gaitcal.model.segment_frames import rigid_motions
 from gaitcal.synthetic.motion import marker_noise
-from scripts.validation.truth.rigid import relative
 
 TABLE_MM = 15.0
 SIZES = {"thigh": {"hip": 15.0, "knee": 10.0}, "shank": {"knee": 6.0, "ankle": 3.0}, "pelvis": {"hip": 4.0}}
@@ -60,8 +59,6 @@ SHARE = 0.5
 
 
 class Kind(Enum):
-    """How markers move that should not."""
-
     NONE = "none"
     LINEAR = "linear"
     QUADRATIC = "quadratic"
@@ -74,7 +71,6 @@ class Kind(Enum):
 
 
 FIVE = (Kind.LINEAR, Kind.QUADRATIC, Kind.RANDOM, Kind.BURSTS, Kind.SINUSOIDS)
-SKIN = FIVE[:4]
 OF_PEOPLE = (Kind.PEOPLE, Kind.RESTLESS)
 TASK = {"pelvis": (2.0, 1.0, 0.7), "thigh": (3.0, 1.5, 1.0), "shank": (2.0, 1.0, 0.7), "foot": (1.0, 0.7, 0.5)}
 """Segment -> RMS over a task for each angle beside it: shift mm, turn deg, every marker by itself mm."""
@@ -84,8 +80,6 @@ LEAST_ANGLE = np.deg2rad(2.0)
 
 @dataclass(frozen=True, kw_only=True)
 class Cluster:
-    """One segment's markers in one trial."""
-
     segment: str
     markers: tuple[int, ...]
     """Columns of the recording."""
@@ -207,7 +201,7 @@ def task_angles(clusters: Mapping[str, Cluster]) -> dict[str, Array]:
     out = {}
     for joint in (f"{name}_{side}" for name in axes for side in "rl"):
         above, below = beside(joint)
-        turn, _ = relative((clusters[above].rotation, np.zeros(3)), (clusters[below].rotation, np.zeros(3)))
+        turn = np.swapaxes(clusters[above].rotation, 1, 2) @ clusters[below].rotation
         out[joint] = Rotation.from_matrix(turn).as_rotvec()[:, axes[joint.split("_")[0]]]
     return out
 
@@ -245,7 +239,6 @@ def smooth_noise(time: Array, count: int, rng: np.random.Generator) -> Array:
 
 
 def burst_times(time: Array, rng: np.random.Generator) -> Array:
-    """When bursts begin, s."""
     gaps = rng.uniform(*BURST_EVERY, int((time[-1] - time[0]) / BURST_EVERY[0]) + 2)
     starts: Array = time[0] - rng.uniform(0, BURST_EVERY[0]) + np.cumsum(gaps) - gaps[0]
     return starts
@@ -264,7 +257,6 @@ def burst_wave(time: Array, starts: Array, rng: np.random.Generator) -> Array:
 def clusters_of(
     recording: Recording, rest: Mapping[str, Array], tracking: Mapping[str, tuple[str, ...]]
 ) -> dict[str, Cluster]:
-    """Segment -> cluster, of pelvis and legs."""
     column = {label: i for i, label in enumerate(recording.labels)}
     out = {}
     for segment, labels in tracking.items():
@@ -278,9 +270,8 @@ def clusters_of(
 def joint_angles(clusters: Mapping[str, Cluster], side: str) -> dict[str, Array]:
     """Joint -> (nf,) flexion from the static pose in units of 60 deg; x forward, z right in the static trial."""
     chain = ("pelvis", f"thigh_{side}", f"shank_{side}", f"foot_{side}")
-    none = np.zeros(3)
     out = {}
     for joint, above, below, sign in zip(JOINTS, chain[:-1], chain[1:], (1.0, -1.0, 1.0), strict=True):
-        turn, _ = relative((clusters[above].rotation, none), (clusters[below].rotation, none))
+        turn = np.swapaxes(clusters[above].rotation, 1, 2) @ clusters[below].rotation
         out[joint] = sign * np.arctan2(turn[:, 1, 0], turn[:, 0, 0]) / np.deg2rad(60.0)
     return out

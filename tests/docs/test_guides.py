@@ -1,4 +1,4 @@
-"""The how-to pages run as they stand, and every file that they leave is described."""
+"""Tutorials and how-to pages run as they stand, and every file that they leave is described."""
 
 from functools import partial
 from pathlib import Path
@@ -10,12 +10,12 @@ from tests.docs.pages import DOCS, follow, needs_recordings
 from tests.kept import copied_person
 from tests.results.test_described import undescribed_below
 
-PAGES = sorted((DOCS / "how-to").glob("*.md"))
+PAGES = [page for room in ("tutorials", "how-to") for page in sorted((DOCS / room).glob("*.md"))]
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("page", PAGES, ids=[page.stem for page in PAGES])
-def test_a_how_to_page_runs(
+@pytest.mark.parametrize("page", PAGES, ids=[f"{page.parent.name}/{page.stem}" for page in PAGES])
+def test_a_page_runs(
     page: Path, kept: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, request: pytest.FixtureRequest
 ) -> None:
     if page.stem == "python":
