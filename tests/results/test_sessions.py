@@ -15,7 +15,7 @@ from gaitcal.compare.stride_sets import Common
 from gaitcal.errors import Code, InputError, UsageError
 from gaitcal.figures.document import write_pdf
 from gaitcal.io.result_folder import MANIFEST, ResultKind, atomic_directory
-from gaitcal.model.linkage import LEG_JOINTS
+from gaitcal.model.linkage import NEEDED_JOINTS
 from gaitcal.model.model_file import save_model
 from gaitcal.model.parameters import JP_NAMES
 from gaitcal.results.calibration import json_text, write_results
@@ -205,7 +205,7 @@ def test_walk_against_walk(data_dir: Path, tmp_path: Path) -> None:
     found = compare_results(*results)
     assert found.common is Common.STATIC and found.names == WALKS
     joints = [d for d in found.found if d.kind.startswith("joint") and not d.beyond_legs]
-    assert len(joints) == sum(name.startswith(LEG_JOINTS) for name in JP_NAMES)
+    assert len(joints) == sum(name.startswith(NEEDED_JOINTS) for name in JP_NAMES)
     assert np.mean([not d.exceeds for d in joints]) >= EXPECTED
     assert any(d.difference != 0.0 for d in joints)
     comparison, parameters = compare_with_shared_model(*results, studies)
