@@ -6,8 +6,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from gaitcal.errors import Finding, Severity
@@ -112,30 +110,23 @@ def test_exchanged_landmarks_are_found_on_everybody(people: People, pairs: tuple
             assert isinstance(first, Exchange) and first.pairs == pairs, (name, first)
 
 
-# The same ones every time: of 1780 draws 10 are missed, heels across a foot that is turned out, whom nothing but the
-# foot's own direction would betray, and feet do turn.
 @pytest.mark.slow
-@settings(max_examples=40, derandomize=True)
-@given(
-    person=st.sampled_from(["synthetic", *REAL]),
-    landmark=st.sampled_from(["ankle_lat", "ankle_med", "knee_lat", "heel"]),
-    side=st.sampled_from("rl"),
-    direction=st.tuples(*[st.floats(-1, 1)] * 3).filter(lambda d: np.linalg.norm(d) > 0.3),
-)
-def test_a_landmark_90_mm_off_is_found_and_named(
-    people: People, person: str, landmark: str, side: str, direction: tuple[float, ...]
-) -> None:
-    p, height = people[person]
-    name = f"{landmark}_{side}"
-    if name not in p:
-        return
-    away = 0.09 * np.array(direction) / np.linalg.norm(direction)
-    first = next(faults({**p, name: p[name] + away}, height))
-    assert isinstance(first, Displaced)
-    told = (first.landmark, *(other for other, _ in first.rivals))
-    # A heel straight up leaves both feet as unlike each other as the other heel down: of uf3 that one is told.
-    assert name in told or (landmark == "heel" and first.landmark.startswith("heel"))
-    assert 0.05 < first.size < 0.14
+def test_a_landmark_90_mm_off_is_found_and_named(people: People) -> None:
+    """Forty, the same every time: of 1780 draws 10 are missed, heels across a foot that is turned out, whom nothing but
+    the foot's own direction would betray, and feet do turn.
+    """
+    rng = np.random.default_rng(2)
+    for _ in range(40):
+        p, height = people[str(rng.choice(["synthetic", *REAL]))]
+        landmark, way = str(rng.choice(["ankle_lat", "ankle_med", "knee_lat", "heel"])), rng.normal(size=3)
+        name = f"{landmark}_{rng.choice(['r', 'l'])}"
+        if name in p:
+            first = next(faults({**p, name: p[name] + 0.09 * way / np.linalg.norm(way)}, height))
+            assert isinstance(first, Displaced)
+            told = (first.landmark, *(other for other, _ in first.rivals))
+            # A heel straight up leaves both feet as unlike each other as the other heel down: of uf3 that one is told.
+            assert name in told or (landmark == "heel" and first.landmark.startswith("heel"))
+            assert 0.05 < first.size < 0.14
 
 
 @pytest.mark.slow

@@ -50,41 +50,27 @@ def _text(old: str, new: str) -> Callable[[Path], None]:
     return lambda study: replace(study, old, new)
 
 
-def _millimetres(study: Path) -> None:
-    for name in ("static.csv", "walk.csv"):
-        change_table(study.parent / name, lambda t: t.assign(**{c: 1e3 * t[c] for c in t if c != "time"}))
-
-
 FAULTS: dict[str, tuple[Callable[[Path], None], tuple[str, ...]]] = {
     "missing file": (
         lambda study: (study.parent / "walk.csv").unlink(),
         ("study.toml", "trial[2].file", "walk.csv", "walk_forces.csv"),
     ),
     "text named .c3d": (text_named_c3d, ("walk.c3d", "not a C3D file")),
-    "unknown marker set": (_text('set = "published"', 'set = "publishd"'), ("publishd", "published")),
     "renamed marker not there": (
         _text('set = "published"', 'set = "published"\nrename = { "RASIS" = "R.ASIS" }'),
         ("study.toml", "markers.rename", "RASIS", "R.ASIS"),
-    ),
-    "landmark not there": (
-        _table("static.csv", lambda t: t.drop(columns=[f"R.ASIS_{a}" for a in "xyz"])),
-        ("static.csv", "asis_r", "R.ASIS"),
     ),
     "segment never seen": (
         _table("walk.csv", lambda t: t.assign(**{c: np.nan for c in t if c.startswith(("L.Thigh", "L.Knee"))})),
         ("walk.csv", "L.Thigh.Front", "thigh_l has no other marker", "where worn"),
     ),
-    "no still window": (
-        lambda study: shutil.copy(study.parent / "walk.csv", study.parent / "static.csv"),
-        ("static.csv", "still window", "m/s"),
-    ),
-    "all in mm": (_millimetres, ("static.csv", "mm")),
     "forces end early": (
         _table("walk_forces.csv", lambda t: t[t["time"] < 0.6]),
         ("walk_forces.csv", "0.595", "1.035", "time"),
     ),
 }
-"""What is done to the study, and what the line has to name; mistakes in the study file: `tests/study`."""
+"""What is done to the study, and what the line has to name; of single checks and of study files: `tests/faults`,
+`tests/study`."""
 
 
 def assert_refused(ending: Done, named: tuple[str, ...]) -> None:
