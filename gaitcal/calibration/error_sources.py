@@ -18,8 +18,6 @@ Coordinates move by B d N_c, and whatever follows from coordinates and parameter
 derivatives; the squares of what the sources do sum to its variance.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -69,11 +67,11 @@ class ErrorSources:
         errors = np.sqrt((self.parameters**2).sum(axis=1))
         return {name: float(e) for name, e in zip(self.free, errors, strict=True)}
 
-    def of(self, names: Sequence[str]) -> ErrorSources:
+    def of(self, names: Sequence[str]) -> "ErrorSources":
         """Those of some of its parameters."""
         return ErrorSources(tuple(names), self.parameters[[self.free.index(n) for n in names]], self.clusters)
 
-    def updated(self, other: ErrorSources) -> ErrorSources:
+    def updated(self, other: "ErrorSources") -> "ErrorSources":
         """With other errors in the place of those of their parameters, and no source that moves nothing any more."""
         kept = self.of([name for name in self.free if name not in other.free])
         moving = np.flatnonzero(kept.parameters.any(axis=0)).tolist()

@@ -19,12 +19,10 @@ import numpy as np
 from gaitcal.arrays import Array
 from gaitcal.calibration.reduced_problem import NULL
 from gaitcal.errors import STUDY, Code, Finding, Severity, listed
-from gaitcal.model.coordinates import COORDINATE_TABLE, JOINT_TABLE, split_side
-from gaitcal.model.linkage import LEG_JOINTS, LOWER_BODY, SIDE_WORDS, SIDES, moved_joints
+from gaitcal.model import coordinates, linkage
 from gaitcal.model.parameters import JOINT_PARAMETERS, JP_INDEX, Kind, Parameters
-from gaitcal.motion import motion, rigid
+from gaitcal.motion import motion, rigid, trial_problem
 from gaitcal.motion.start import starting_nodes
-from gaitcal.motion.trial_problem import MotionProblem
 
 LARGEST_POSITION = 0.020
 """m, standard error above which a joint position counts as not determined."""
@@ -57,8 +55,8 @@ Turns = Mapping[str, Mapping[str, float]]
 def _axes(isolated: str) -> dict[str, tuple[str, ...]]:
     """Joint of the linkage -> its coordinates of `MOVEMENTS`, for what an isolated trial moves."""
     return {
-        joint.name: tuple(name for e in joint.elements if (name := split_side(e.name)[0]) in MOVEMENTS)
-        for joint in moved_joints(isolated)
+        joint.name: tuple(name for e in joint.elements if (name := coordinates.split_side(e.name)[0]) in MOVEMENTS)
+        for joint in linkage.moved_joints(isolated)
     }
 
 
@@ -96,7 +94,7 @@ def unmoved_parameters(free: Sequence[str], joint: str, turned: Mapping[str, flo
     return tuple(name for name in free if name.split(".")[0] in still)
 
 
-def _turns(problem: MotionProblem, coefficients: Array, joint: str) -> dict[str, float]:
+def _turns(problem: trial_problem.MotionProblem, coefficients: Array, joint: str) -> dict[str, float]:
     """Coordinate of an isolated joint, without its side -> its range (rad) over a trial."""
     ranges = dict(
         zip(problem.chain.coordinates, np.ptp(problem.basis.evaluate(coefficients), axis=0).tolist(), strict=True)
@@ -105,7 +103,7 @@ def _turns(problem: MotionProblem, coefficients: Array, joint: str) -> dict[str,
 
 
 def turns_of(
-    problems: Sequence[MotionProblem], coefficients: Sequence[Array], joints: Sequence[str | None]
+    problems: Sequence[trial_problem.MotionProblem], coefficients: Sequence[Array], joints: Sequence[str | None]
 ) -> dict[str, dict[str, float]]:
     """How far isolated trials move their joints; `joints` names that of each problem, None for gait."""
     out: dict[str, dict[str, float]] = {}
@@ -117,7 +115,7 @@ def turns_of(
     return out
 
 
-def small_turns(problem: MotionProblem, coefficients: Array, joint: str) -> tuple[Finding, ...]:
+def small_turns(problem: trial_problem.MotionProblem, coefficients: Array, joint: str) -> tuple[Finding, ...]:
     """Movements of an isolated trial that are too small to show their axis."""
     return tuple(
         Finding(
@@ -139,7 +137,7 @@ def _advice(joint: str, kind: str, turned: Mapping[str, float]) -> str:
     """What to record for a joint of the model, where isolated trials have `turned` the joint that it belongs to."""
     if not turned:
         needed = f"at least {np.rad2deg(NEEDED_TURN):.0f} deg of movement"
-        return f"add an isolated {kind} trial of the {SIDE_WORDS[joint[-1]]} leg with {needed}"
+        return f"add an isolated {kind} trial of the {linkage.SIDE_WORDS[joint[-1]]} leg with {needed}"
     had = " and ".join(f"{np.rad2deg(angle):.0f} deg in {MOVEMENTS[name]}" for name, angle in turned.items())
     axes = _axes(f"{kind}_{joint[-1]}")[joint]
     small = [MOVEMENTS[n] for n, angle in turned.items() if angle < NEEDED_TURN and n in axes]
@@ -172,19 +170,19 @@ def in_words(unseen: Sequence[str], done: str, turned: Turns) -> tuple[Finding, 
     out = []
     for joint in dict.fromkeys(JOINT_PARAMETERS[JP_INDEX[name]].joint for name in unseen):
         of_joint = [name for name in unseen if JOINT_PARAMETERS[JP_INDEX[name]].joint == joint]
-        kind = JOINT_TABLE[split_side(joint)[0]].power
+        kind = coordinates.JOINT_TABLE[coordinates.split_side(joint)[0]].power
         cause, found = f"{joint} is not fully determined", f"{', '.join(of_joint)} not determined; {done}"
         advice = _advice(joint, kind, turned.get(f"{kind}_{joint[-1]}", {}))
         out.append(_finding(Code.UNDETERMINED, cause, found, advice, joint[-1]))
     return tuple(out)
 
 
-def worn_as_standing(problems: Sequence[MotionProblem]) -> bool:
+def worn_as_standing(problems: Sequence[trial_problem.MotionProblem]) -> bool:
     """Whether the markers of legs and pelvis sit in trials just as in the static trial: on this body, wherever joints
     are found. False where skin or cameras leave that open, and of points that are no markers.
     """
     floors = [motion.rigid_floor(problem) for problem in problems if problem.noise is None]
-    shown = [(floor, s) for floor in floors for s in LOWER_BODY if floor.kept(s).sum() >= rigid.FEWEST_MARKERS]
+    shown = [(floor, s) for floor in floors for s in linkage.LOWER_BODY if floor.kept(s).sum() >= rigid.FEWEST_MARKERS]
     apart = [floor.rms(segment) or 0.0 for floor, segment in shown]
     return bool(apart) and len(floors) == len(problems) and max(apart) < PLACED_ANEW
 
@@ -194,7 +192,7 @@ def beyond_bounds(names: Sequence[str], *, same_body: bool = False) -> tuple[Fin
 
     `same_body`: markers show that the static trial is of the body of the others.
     """
-    legs = [name for name in names if name.split(".")[0].rpartition("_")[0] in LEG_JOINTS]
+    legs = [name for name in names if name.split(".")[0].rpartition("_")[0] in linkage.LEG_JOINTS]
     many = not same_body and len(legs) >= MANY_BEYOND and len({name.split(".")[0] for name in legs}) > 1
     out = []
     for joint in dict.fromkeys(name.split(".")[0] for name in names):
@@ -220,16 +218,16 @@ def beyond_bounds(names: Sequence[str], *, same_body: bool = False) -> tuple[Fin
 
 
 def arm_ambiguity(
-    problems: Sequence[MotionProblem], coefficients: Sequence[Array], parameters: Parameters
+    problems: Sequence[trial_problem.MotionProblem], coefficients: Sequence[Array], parameters: Parameters
 ) -> Mapping[str, float]:
     """Side -> rad by which its arm is turned from where rigid fits with `parameters` begin, where that is too far."""
     out: dict[str, float] = {}
-    arm = [row.name for row in COORDINATE_TABLE.values() if row.group == "arm"]
+    arm = [row.name for row in coordinates.COORDINATE_TABLE.values() if row.group == "arm"]
     for problem, own in zip(problems, coefficients, strict=True):
         start = starting_nodes(problem.chain, problem.constants(parameters), problem.data, problem.basis)
         apart = np.abs(np.angle(np.exp(1j * problem.basis.evaluate(own - start))))
         median = dict(zip(problem.chain.coordinates, np.median(apart, axis=0).tolist(), strict=True))
-        for side in SIDES:
+        for side in linkage.SIDES:
             most = max((median[name] for name in (f"{angle}_{side}" for angle in arm) if name in median), default=0.0)
             if most > max(LARGEST_ARM_TURN, out.get(side, 0.0)):
                 out[side] = most
@@ -247,7 +245,7 @@ def ambiguous_arm_findings(sides: Mapping[str, float]) -> tuple[Finding, ...]:
     return tuple(
         _finding(
             Code.UNDETERMINED,
-            f"shoulder and elbow of the {SIDE_WORDS[side]} arm stay nominal",
+            f"shoulder and elbow of the {linkage.SIDE_WORDS[side]} arm stay nominal",
             f"their fit turned the arm by {np.rad2deg(turn):.0f} degrees, which no arm does: its markers do not tell "
             "how the upper arm is turned about its length",
             "nothing, where only legs matter; a second marker on the upper arm tells it",

@@ -23,8 +23,6 @@ spread is weighed against: its standard deviation is what the fit leaves, found 
 squares), and at least what measurement alone brings. The main job weighs them with `inertial_evidence.py`.
 """
 
-from __future__ import annotations
-
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -37,15 +35,7 @@ from gaitcal.arrays import Array, BoolArray
 from gaitcal.calibration.joint_calibration import ending
 from gaitcal.dynamics.ground_reactions import GroundReactions
 from gaitcal.dynamics.inverse_dynamics import Dynamics
-from gaitcal.model.parameters import (
-    IP_NAMES,
-    InertialSet,
-    Parameters,
-    dynamic_jacobian,
-    dynamic_parameters,
-    is_physical,
-    table,
-)
+from gaitcal.model import parameters as params
 from gaitcal.model.subject_model import Subject
 from gaitcal.motion.motion import Motion
 
@@ -86,11 +76,11 @@ PEOPLE = ConsistentSettings()
 class LogChart:
     """Variables x (0 at the seed) -> IPs: masses by softmax, centres shifted, second moments scaled by exp."""
 
-    def __init__(self, seed: Array, which: InertialSet) -> None:
-        if not is_physical(seed).all():
+    def __init__(self, seed: Array, which: params.InertialSet) -> None:
+        if not params.is_physical(seed).all():
             raise ValueError("the seed of a physically consistent calibration must itself be physically possible")
         self.names, self.size = which.names, len(which.names)
-        self.rows = table(seed)
+        self.rows = params.table(seed)
         kinds = [name.split(".", 1)[1] for name in which.names]
         self.kind = np.array([{"mass": 0, "com": 1, "moi": 2}[k.split(".")[0]] for k in kinds])
         self.selection = which.selection
@@ -109,7 +99,7 @@ class LogChart:
 
     def inertial(self, x: Array) -> Array:
         """(84,) inertial parameters, SI."""
-        changes = table(self.selection @ x)
+        changes = params.table(self.selection @ x)
         raw, second = self.rows[:, 0] * np.exp(changes[:, 0]), self.second * np.exp(changes[:, 4:7])
         out = np.empty(self.rows.shape)
         out[:, 0] = raw * (self.rows[:, 0].sum() / raw.sum())
@@ -119,8 +109,8 @@ class LogChart:
 
     def jacobian(self, x: Array) -> Array:
         """(84, n) derivative of `inertial`."""
-        mass = table(self.inertial(x))[:, 0]
-        second = self.second * np.exp(table(self.selection @ x)[:, 4:7])
+        mass = params.table(self.inertial(x))[:, 0]
+        second = self.second * np.exp(params.table(self.selection @ x)[:, 4:7])
         by_change = np.zeros((*self.rows.shape, *self.rows.shape))
         by_change[:, 0, :, 0] = np.diag(mass) - np.outer(mass, mass / mass.sum())
         for s in range(len(self.rows)):
@@ -153,7 +143,7 @@ class RootEquations:
 
     def rms(self, inertial: Array) -> tuple[float, float]:
         """RMS residual force (N) and moment (N·m) over frames and the three components."""
-        phi = np.append(dynamic_parameters(inertial).ravel(), 1.0)
+        phi = np.append(params.dynamic_parameters(inertial).ravel(), 1.0)
         count = np.sqrt(3.0 * self.frames)
         force, moment = np.linalg.norm(self.force_rows @ phi), np.linalg.norm(self.moment_rows @ phi)
         return float(force / count), float(moment / count)
@@ -189,7 +179,7 @@ class LoadedMotion:
     """(nf,)."""
 
     @staticmethod
-    def of(motion: Motion, reactions: GroundReactions) -> LoadedMotion:
+    def of(motion: Motion, reactions: GroundReactions) -> "LoadedMotion":
         """A tracked motion, and the ground reactions on it."""
         state = motion.q, motion.velocity, motion.acceleration
         return LoadedMotion(state=state, wrench=reactions.wrench, valid=reactions.valid)
@@ -205,7 +195,11 @@ def torque_length(subject: Subject, scale: TorqueScale, pelvis_width: float) -> 
 
 
 def equations_of(
-    motions: Sequence[LoadedMotion], parameters: Parameters, subject: Subject, scale: TorqueScale, pelvis_width: float
+    motions: Sequence[LoadedMotion],
+    parameters: params.Parameters,
+    subject: Subject,
+    scale: TorqueScale,
+    pelvis_width: float,
 ) -> RootEquations:
     """The pelvis residual of all valid frames of all trials, linear in the dynamic parameters.
 
@@ -253,7 +247,7 @@ class InertialFit:
 
 
 def fit_published(
-    equations: RootEquations, seed: Array, which: InertialSet, *, reseed: bool = True, decay: float = 1.0
+    equations: RootEquations, seed: Array, which: params.InertialSet, *, reseed: bool = True, decay: float = 1.0
 ) -> InertialFit:
     """The published cost; `seed` (84,) gives the constants too. Relative penalties, re-seeded until nothing changes.
 
@@ -265,7 +259,7 @@ def fit_published(
     norm = (s * s).sum(axis=0)
 
     def residual(x: Array, base: Array, scale: Array, prior: Array, root: float) -> Array:
-        gap = equations.factor @ dynamic_parameters(base + s @ (x * scale)).ravel() + equations.target
+        gap = equations.factor @ params.dynamic_parameters(base + s @ (x * scale)).ravel() + equations.target
         return np.concatenate([gap, root * (x - prior / scale)])
 
     def jacobian(x: Array, base: Array, scale: Array, _prior: Array, root: float) -> Array:
@@ -306,11 +300,13 @@ def fit_published(
 def by_inertial(factor: Array, inertial: Array) -> Array:
     """(n, 84) derivative of factor @ dynamic_parameters."""
     blocks = factor.reshape(len(factor), -1, 10)
-    return np.einsum("rsd,sdk->rsk", blocks, dynamic_jacobian(inertial)).reshape(len(factor), len(IP_NAMES))
+    return np.einsum("rsd,sdk->rsk", blocks, params.dynamic_jacobian(inertial)).reshape(
+        len(factor), len(params.IP_NAMES)
+    )
 
 
 def fit_consistent(
-    equations: RootEquations, seed: Array, which: InertialSet, settings: ConsistentSettings = PEOPLE
+    equations: RootEquations, seed: Array, which: params.InertialSet, settings: ConsistentSettings = PEOPLE
 ) -> InertialFit:
     """Physically possible inertias nearest to the residual-free ones; total mass is exactly the seed's."""
     began = time.perf_counter()
@@ -320,7 +316,7 @@ def fit_consistent(
         weight = 1.0 / (noise * np.sqrt(settings.independent))
         result, slopes = fit_chart(equations, chart, chart.spread(settings), weight, x)
         x, iterations = result.x, iterations + int(result.nfev)
-        gap = equations.factor @ dynamic_parameters(chart.inertial(x)).ravel() + equations.target
+        gap = equations.factor @ params.dynamic_parameters(chart.inertial(x)).ravel() + equations.target
         last, noise = noise, max(settings.residual, float(np.linalg.norm(gap) / np.sqrt(6.0 * equations.frames)))
         if abs(noise - last) < NOISE_CHANGE * last:
             break
@@ -353,7 +349,7 @@ def fit_chart(
     """The least of |weigh gap|^2 + |x / spread|^2 by the variables of a chart, and the Jacobian of its residual."""
 
     def residual(x: Array) -> Array:
-        gap = equations.factor @ dynamic_parameters(chart.inertial(x)).ravel() + equations.target
+        gap = equations.factor @ params.dynamic_parameters(chart.inertial(x)).ravel() + equations.target
         return np.concatenate([np.dot(weigh, gap), x / spread])
 
     def jacobian(x: Array) -> Array:

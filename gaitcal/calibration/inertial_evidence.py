@@ -41,14 +41,11 @@ import numpy as np
 from gaitcal.arrays import Array
 from gaitcal.calibration import inertial_calibration
 from gaitcal.calibration.error_sources import ErrorSources, MarkerScores, whole_body_scores
-from gaitcal.dynamics.derivatives import root_residual
+from gaitcal.dynamics import derivatives, inverse_dynamics, measurement_errors
 from gaitcal.dynamics.ground_reactions import GroundReactions
-from gaitcal.dynamics.inverse_dynamics import FEET, Dynamics, pelvis_residual
-from gaitcal.dynamics.measurement_errors import DEFAULT, OF_A_PLATE, PlateErrors, wrench_errors, wrench_rates
 from gaitcal.model.parameters import InertialSet, Parameters, dynamic_jacobian, dynamic_parameters, full_set
 from gaitcal.model.subject_model import Subject
-from gaitcal.motion.spline import MINIMUM_NODES, SplineBasis, frame_rate, spline_basis
-from gaitcal.motion.trial_problem import MotionProblem
+from gaitcal.motion import spline, trial_problem
 
 BLOCK = 500
 """Frames whose changes are held at once."""
@@ -64,7 +61,7 @@ UNHEARD = 1e-10
 class PlateNoise:
     """How far force plates are to be believed where residuals are weighed."""
 
-    errors: PlateErrors = DEFAULT
+    errors: measurement_errors.PlateErrors = measurement_errors.DEFAULT
     rest: float = 0.005
     """Body weights (force), body weights times height (moment), independent from one `memory` to the next."""
     memory: float = 0.1
@@ -75,7 +72,7 @@ class PlateNoise:
 class LoadedProblem:
     """A gait trial with its motion and the ground reactions on it."""
 
-    problem: MotionProblem
+    problem: trial_problem.MotionProblem
     """Of the whole body, with the skin that moves."""
     coefficients: Array
     """(nn, 27)."""
@@ -125,30 +122,32 @@ def residual_noise(
     total, covariance = np.zeros(6), np.zeros((chart.size, chart.size))
     summed: dict[str, Array] = {}
     """Source -> (n,) its scores, over all trials."""
-    dynamics, frames = Dynamics(parameters), 0
-    feet = [f"plate/{foot}/{what}" for foot in FEET for what in OF_A_PLATE]
+    dynamics, frames = inverse_dynamics.Dynamics(parameters), 0
+    feet = [f"plate/{foot}/{what}" for foot in inverse_dynamics.FEET for what in measurement_errors.OF_A_PLATE]
     for trial in trials:
         basis, wrenches = trial.problem.basis, trial.reactions.wrench
         opened = trial.problem.with_free(sources.free)
         moves = trial.scores or whole_body_scores(trial.problem, trial.coefficients, parameters, sources)
         shift, own = sources.parameters[opened.places_in(sources.free)], moves.coefficients.shape[1]
-        rates = wrench_rates(basis.time, wrenches)
+        rates = measurement_errors.wrench_rates(basis.time, wrenches)
         coarse = None if trial.problem.penalty else _coarser(basis, trial.coefficients)
         names = [*sources.clusters, *moves.clusters, *feet, "plate/clock"]
         names += [f"inertia/{n}" for n in range(by_kept.shape[1])] + (["bandwidth"] if coarse else [])
-        repeated = max(plates.memory * frame_rate(basis), 1.0)
+        repeated = max(plates.memory * spline.frame_rate(basis), 1.0)
         valid = np.flatnonzero(trial.reactions.valid)
         for at in (valid[k : k + BLOCK] for k in range(0, len(valid), BLOCK)):
             q, v, a = (basis.evaluate(trial.coefficients, k)[at] for k in range(3))
-            residual = root_residual(parameters, opened.chain.free[: opened.joint_parameters], q, v, a, wrenches[at])
+            residual = derivatives.root_residual(
+                parameters, opened.chain.free[: opened.joint_parameters], q, v, a, wrenches[at]
+            )
             by_state = np.concatenate([residual.by_position, residual.by_velocity, residual.by_acceleration], axis=2)
             every = moves.through(basis, at, by_state, residual.by_parameter)
             columns = [every[:, :, own:] @ shift, every[:, :, :own]]
-            columns.append(_plate_moves(q, wrench_errors(wrenches[at], rates[at], plates.errors)))
+            columns.append(_plate_moves(q, measurement_errors.wrench_errors(wrenches[at], rates[at], plates.errors)))
             columns.append(residual.regressor @ by_kept)
             if coarse:
                 q, v, a = (coarse[0].evaluate(coarse[1], k)[at] for k in range(3))
-                other = pelvis_residual(q, dynamics.forces(q, v, a, wrenches[at]))
+                other = inverse_dynamics.pelvis_residual(q, dynamics.forces(q, v, a, wrenches[at]))
                 columns.append((residual.value - other)[:, :, None])
             moved = np.concatenate(columns, axis=2)
             rows = scale[:, None] * (residual.regressor @ by_variable)
@@ -169,10 +168,10 @@ def _plate_moves(q: Array, errors: Array) -> Array:
     return np.concatenate([force, moment - np.cross(q[:, :3, None], force, axis=1)], axis=1)
 
 
-def _coarser(basis: SplineBasis, coefficients: Array) -> tuple[SplineBasis, Array]:
+def _coarser(basis: spline.SplineBasis, coefficients: Array) -> tuple[spline.SplineBasis, Array]:
     """The same motion with longer knot spans."""
-    spans = max(round((basis.nodes - MINIMUM_NODES + 1) / COARSER), 1)
-    coarse = spline_basis(basis.time, spans + MINIMUM_NODES - 1)
+    spans = max(round((basis.nodes - spline.MINIMUM_NODES + 1) / COARSER), 1)
+    coarse = spline.spline_basis(basis.time, spans + spline.MINIMUM_NODES - 1)
     return coarse, coarse.fit(basis.evaluate(coefficients))
 
 

@@ -17,8 +17,6 @@ Without a prior, a phase freezes what its trials cannot see, and fits the rest a
 what the trials do not tell stays where the prior holds it, with the prior's spread as its error.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
@@ -134,7 +132,7 @@ class JointPhase:
     tissue: soft_tissue_artefact.TissuePrior = soft_tissue_artefact.NO_TISSUE
     """Of the columns that its problems have."""
 
-    def with_tissue(self, soft: soft_tissue_artefact.TaskTissue) -> JointPhase:
+    def with_tissue(self, soft: soft_tissue_artefact.TaskTissue) -> "JointPhase":
         """The same with what may move the markers against their bones."""
         names = iter(self.recordings)
         tasks = {

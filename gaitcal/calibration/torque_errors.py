@@ -11,8 +11,6 @@ Squares sum over the coordinates and columns of each source; the inertial parame
 (`dynamics/joint_kinetics.py`): what a source does to these, to posture, rates and joint parameters moves them together.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -75,7 +73,7 @@ class ErringForces:
         """Standard errors in all frames."""
         return joined([self.variances(part) for part in self.parts])
 
-    def variances(self, part: slice) -> Variances:
+    def variances(self, part: slice) -> "Variances":
         """Of some frames."""
         dynamics, wrenches = self._dynamics, self.wrenches[part]
         q, v, a = (x[part] for x in self._state)

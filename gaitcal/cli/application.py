@@ -20,7 +20,6 @@ import typer
 import typer.main
 from typer.core import TyperCommand, TyperGroup
 
-from gaitcal.cli.options import Quiet, Verbose
 from gaitcal.errors import Code, GaitcalError
 from gaitcal.io.atomic import InterruptedWork, Stopped, ended_by_signals
 
@@ -128,6 +127,10 @@ def _one_blas_thread() -> AbstractContextManager[None]:
     from gaitcal.runtime import one_blas_thread
 
     return one_blas_thread()
+
+
+Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="Print nothing but errors.")]
+Verbose = Annotated[bool, typer.Option("--verbose", "-v", help="Print every step, and everything that was assumed.")]
 
 
 def declared(name: str) -> Callable[..., None]:

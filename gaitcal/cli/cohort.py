@@ -8,13 +8,12 @@ from pathlib import Path
 
 from gaitcal.cli import folder, options
 from gaitcal.cli.console import Console
-from gaitcal.cohort import learning, one_person
+from gaitcal.cohort import learning, one_person, run
 from gaitcal.cohort.learn_priors import PRIORS
 from gaitcal.cohort.learn_priors import learn_priors as learn
 from gaitcal.cohort.outcome import Outcome
 from gaitcal.cohort.page import PAGE
 from gaitcal.cohort.people import COHORT, joined, read_cohort
-from gaitcal.cohort.run import FAILURES, PEOPLE_CSV, failures, processes, run_cohort
 from gaitcal.errors import UsageError
 from gaitcal.gait.normal_bands import bands_file, read_normal_bands
 from gaitcal.io.atomic import InterruptedWork, Stopped
@@ -43,7 +42,7 @@ def run_people(
     learn_priors: options.LearnPriors = False,
 ) -> None:
     """Calibrate everyone who changed, write the tables, print a line for each; exit code 1 where somebody failed."""
-    told, engine = folder.options_of(mass, height, sex, age), workers_of(jobs, cluster, processes)
+    told, engine = folder.options_of(mass, height, sex, age), workers_of(jobs, cluster, run.processes)
     normal = None if normal is None else bands_file(normal).resolve()
     if normal is not None:
         read_normal_bands(normal)  # what is wrong with it is told before the night
@@ -62,7 +61,7 @@ def run_people(
     common = one_person.CommonSettings(calibration=calibration, normal=normal, priors=priors)
     try:
         with console.working() as step:
-            written = run_cohort(
+            written = run.run_cohort(
                 cohort, out, common, engine=engine, retry=retry, told=_teller(console, step, len(cohort.people))
             )
     except (KeyboardInterrupt, Stopped) as ending:
@@ -131,13 +130,13 @@ def _tell_end(console: Console, written: Counter[str], out: Path) -> None:
     counts = ", ".join(f"{written[name]} {name}" for name in ORDER if written[name])
     failed = written["failed"]
     console.line(f"{written.total()} people and sessions: {counts or 'no result'}; {failed} failed")
-    for number, line in enumerate(failures(out)):
+    for number, line in enumerate(run.failures(out)):
         if number == MOST_TOLD:
             console.line(f"and {failed - MOST_TOLD} more")
             break
         who = " ".join(filter(None, (line["person"], line["session"])))
         console.line(f"failed: {who}: {line['cause']}; {line['what_to_do']}")
     if failed:
-        console.line(f"failures: {out / FAILURES} (--retry tries them again where nothing changed)")
+        console.line(f"failures: {out / run.FAILURES} (--retry tries them again where nothing changed)")
     console.line(f"page: {out / PAGE}")
-    console.line(f"tables: {out / PEOPLE_CSV} and beside it; columns.csv says what they mean")
+    console.line(f"tables: {out / run.PEOPLE_CSV} and beside it; columns.csv says what they mean")

@@ -14,17 +14,7 @@ from gaitcal.cli.console import Console, frameless_table
 from gaitcal.cli.folder import PLAIN_WIDTH
 from gaitcal.errors import Code, UsageError, nearest
 from gaitcal.explanations import Bullets, Explanation, Paragraph, all_explanations, explanation_of, parts_of
-from gaitcal.io.examples import (
-    SOURCE,
-    Connection,
-    Example,
-    Step,
-    example_named,
-    examples,
-    fetch_example,
-    is_complete,
-    right_files,
-)
+from gaitcal.io import examples as offered
 from gaitcal.io.result_folder import ResultKind, require_room
 
 WIDEST = 100  # Columns: longer lines are hard to read
@@ -99,24 +89,26 @@ def fetch_or_list(
             raise UsageError("says where to put an example, and none is named", field="--out" if out else "--mirror")
         _list(console)
         return
-    example = example_named(name)
+    example = offered.example_named(name)
     folder = Path(name) if out is None else out
-    connection = Connection(mirror=mirror)
-    if is_complete(example, folder):
+    connection = offered.Connection(mirror=mirror)
+    if offered.is_complete(example, folder):
         console.line(f"all {len(example.files)} files are there and right; nothing is fetched")
     else:
         require_room(folder, ResultKind.EXAMPLE)
         _announce(example, folder, connection, console)
         with console.working() as step:
-            fetch_example(example, folder, connection, lambda at: step(_progress(at)))
-        console.line(f"{len(example.files)} files, SHA-256 as registered: {folder} ({SOURCE} says whose they are)")
+            offered.fetch_example(example, folder, connection, lambda at: step(_progress(at)))
+        console.line(
+            f"{len(example.files)} files, SHA-256 as registered: {folder} ({offered.SOURCE} says whose they are)"
+        )
     console.line(f"note:  {example.remark}")
     console.line(f"next:  gaitcal {example.command.format(dir=shlex.quote(str(folder)))}")
 
 
 def _list(console: Console) -> None:
     table = frameless_table(("name", "recordings", "published as", "licence"), ("files", "MB"))
-    for one in examples():
+    for one in offered.examples():
         cells = (
             one.name,
             one.title,
@@ -132,8 +124,8 @@ def _list(console: Console) -> None:
     console.line("fetch one:  gaitcal example NAME --out FOLDER")
 
 
-def _announce(example: Example, folder: Path, connection: Connection, console: Console) -> None:
-    there = right_files(example, folder)
+def _announce(example: offered.Example, folder: Path, connection: offered.Connection, console: Console) -> None:
+    there = offered.right_files(example, folder)
     rest = [file for file in example.files if file not in there]
     host = connection.mirror or f"https://{', '.join(example.hosts)}"
     kept = f" ({len(there)} are there already)" if there else ""
@@ -142,5 +134,5 @@ def _announce(example: Example, folder: Path, connection: Connection, console: C
     console.line(f"published by {example.of}: {example.repository}, licence {example.licence}")
 
 
-def _progress(at: Step) -> str:
+def _progress(at: offered.Step) -> str:
     return f"{at.done / 1e6:.1f} of {at.total / 1e6:.1f} MB: {at.name}"

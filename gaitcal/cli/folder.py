@@ -16,18 +16,7 @@ from gaitcal.errors import Code, Finding, InputError, Severity, UsageError
 from gaitcal.faults.study import check_file, check_study
 from gaitcal.faults.verdict import stopping
 from gaitcal.io import atomic, formats
-from gaitcal.session.draft import (
-    STUDY,
-    Draft,
-    doubtful_lines,
-    draft_text,
-    marker_set_line,
-    missing_options,
-    missing_words,
-    own_study,
-    study_of,
-    unconfirmed_words,
-)
+from gaitcal.session import draft as drafts
 from gaitcal.session.drafting import draft_of, draft_study, rejected_forces
 from gaitcal.session.folder import Folder, read_folder
 from gaitcal.session.person_facts import NOTHING_SAID, Options
@@ -68,7 +57,7 @@ def draft_study_file(
 ) -> None:
     """Draft the study file of a folder; exit code 1 where something in it is missing."""
     options = options_of(mass, height, sex, age)
-    target = folder / STUDY if out is None else out
+    target = folder / drafts.STUDY if out is None else out
     if target.suffix.lower() != ".toml":
         raise UsageError(f"found '{target.name}'; allowed: the name of a file ending in .toml", field="--out")
     if not force and target.exists():
@@ -81,10 +70,10 @@ def draft_study_file(
     print_seen(console, draft)
     if draft.fault:
         raise InputError(draft.fault, source=folder, code=Code.FOLDER)
-    atomic.atomic_text(target, draft_text(draft, atomic.real_path(target).parent))
+    atomic.atomic_text(target, drafts.draft_text(draft, atomic.real_path(target).parent))
     console.line(f"study: {target}")
     _stop_on_problem(draft, target, "is written, but ", "write it there, or run again with --force ")
-    nominal_of(study_of(draft, proposed=True))  # an error of the static trial is told now
+    nominal_of(drafts.study_of(draft, proposed=True))  # an error of the static trial is told now
     if draft.choice is not None and (proposal := draft.choice.proposal) is not None:
         for label in sorted(proposal.asked):
             console.line(f"asked: is {label} {proposal.rename[label]}?")
@@ -92,16 +81,16 @@ def draft_study_file(
     console.line(f"next:  look through it, then gaitcal calibrate {target} --out {folder.resolve().name}-result")
 
 
-def _stop_on_problem(draft: Draft, source: Path, before: str = "", instead: str = "give ") -> None:
+def _stop_on_problem(draft: drafts.Draft, source: Path, before: str = "", instead: str = "give ") -> None:
     """InputError for what keeps a drafted study from being run: what no answer cures before what is not told."""
     if draft.problem:
         raise InputError(before + draft.problem, source=source, code=Code.FOLDER)
     if draft.missing:
-        message = f"{before}{missing_words(draft)}: {instead}{missing_options(draft)}"
+        message = f"{before}{drafts.missing_words(draft)}: {instead}{drafts.missing_options(draft)}"
         raise InputError(message, source=source, code=Code.WHO_IT_IS)
 
 
-def study_or_draft(path: Path, options: Options, console: Console) -> Path | Draft:
+def study_or_draft(path: Path, options: Options, console: Console) -> Path | drafts.Draft:
     """The study file itself, the one in a folder, or the draft of a folder without one, ready to run.
 
     Raises UsageError: Options of the person beside a study file, which says it.
@@ -115,7 +104,7 @@ def study_or_draft(path: Path, options: Options, console: Console) -> Path | Dra
     with console.working() as step:
         step("reading the folder")
         folder = read_folder(path)
-    own = own_study(folder)
+    own = drafts.own_study(folder)
     if own is not None:
         _no_options_beside(own, options)
         console.line(f"the folder's own study is used: {own}")
@@ -125,7 +114,7 @@ def study_or_draft(path: Path, options: Options, console: Console) -> Path | Dra
         print_seen(console, draft)
         raise InputError(draft.fault, source=path, code=Code.FOLDER)
     tell_draft(console, draft)
-    if words := unconfirmed_words(draft):
+    if words := drafts.unconfirmed_words(draft):
         raise InputError(words, source=path, code=Code.UNKNOWN_LABEL)
     _stop_on_problem(draft, path)
     return draft
@@ -137,7 +126,7 @@ def _no_options_beside(study: Path, options: Options) -> None:
         raise UsageError(message, source=study)
 
 
-def _asked(folder: Folder, options: Options, console: Console) -> Draft:
+def _asked(folder: Folder, options: Options, console: Console) -> drafts.Draft:
     """The draft, after a question at the terminal for each thing that nobody tells."""
     draft = draft_of(folder, options)
     if (
@@ -170,7 +159,7 @@ def _answered(options: Options, field: str, answer: str) -> Options:
     return options_of(out.mass, out.height, out.sex, out.age)
 
 
-def print_seen(console: Console, draft: Draft) -> None:
+def print_seen(console: Console, draft: drafts.Draft) -> None:
     """A row for every file of the folder: what it is, what it shows, what it is used as, why."""
     if not draft.seen:
         return
@@ -186,9 +175,9 @@ def print_seen(console: Console, draft: Draft) -> None:
     console.out.print(table)
 
 
-def tell_draft(console: Console, draft: Draft) -> None:
+def tell_draft(console: Console, draft: drafts.Draft) -> None:
     """In some lines, what was made of a folder."""
-    if line := marker_set_line(draft):
+    if line := drafts.marker_set_line(draft):
         console.line(line)
     for role in Role:
         names = [
@@ -198,7 +187,7 @@ def tell_draft(console: Console, draft: Draft) -> None:
         ]
         if names:
             console.line(f"{role.value}: {', '.join(names)}")
-    for line in doubtful_lines(draft):
+    for line in drafts.doubtful_lines(draft):
         console.line(line)
 
 
@@ -220,7 +209,7 @@ def check_recordings(
         if isinstance(source, Path):
             findings = check_file(source)
         else:
-            findings = (*check_study(study_of(source)), *rejected_forces(source))
+            findings = (*check_study(drafts.study_of(source)), *rejected_forces(source))
     shown = [f for f in findings if console.verbose or f.severity is not Severity.INFO]
     if shown:
         if not console.out.is_terminal:

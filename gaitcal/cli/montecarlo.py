@@ -21,10 +21,9 @@ from gaitcal.io.atomic import InterruptedWork, Stopped
 from gaitcal.io.result_folder import ResultKind, amended, atomic_directory, put_back, require_room
 from gaitcal.page.monte_carlo import with_monte_carlo
 from gaitcal.page.page_data import PAGE_DATA
+from gaitcal.published import disturbance_claims, draw, tables
 from gaitcal.published.case import MODEL, case_from, read_case
 from gaitcal.published.claims import Claim, Kind, Verdict
-from gaitcal.published.disturbance_claims import PUBLISHED, beside, conclusions
-from gaitcal.published.draw import TORQUE_WORDS, TORQUES, MonteCarloContext
 from gaitcal.published.protocol import MOST_LEVEL, MonteCarloSettings, ParameterChoice, Plan, ReactionFrame, Varied
 from gaitcal.published.reproduce import Reproduction, ReproductionSettings, SensitivityDraws, reproduce, write_tables
 from gaitcal.published.statistics import (
@@ -38,7 +37,6 @@ from gaitcal.published.statistics import (
 )
 from gaitcal.published.statistics import expect as causes_of
 from gaitcal.published.study import PURPOSE, DrawProgress, MonteCarloStudy, Store, monte_carlo
-from gaitcal.published.tables import RUN, TableRow
 from gaitcal.published.workers import alone, workers_of
 from gaitcal.results.calibration import PAGE, read_page, rewrite_page
 from gaitcal.results.summary import require_not_refused
@@ -118,7 +116,7 @@ def run_monte_carlo(
             raise InterruptedWork(ending, work) from None
         with console.working() as step, amended(store.folder) as stage:
             step("tables and figures")
-            context = MonteCarloContext(case, settings)
+            context = draw.MonteCarloContext(case, settings)
             contributions = variance_contributions(context)
             contributions.to_csv(stage / "contributions.csv", index=False, lineterminator="\n")
             write_monte_carlo_figures(study.statistics, contributions, stage / "figures", SHOWN_SIDE)
@@ -220,11 +218,11 @@ def _print_study(console: Console, study: MonteCarloStudy, frame: ReactionFrame)
     ]
     if failures:
         console.line(f"left out of all these figures, as they did not converge: {'; '.join(failures)} draws")
-    for conclusion in conclusions(table, SHOWN_SIDE):
+    for conclusion in disturbance_claims.conclusions(table, SHOWN_SIDE):
         console.line(f"{conclusion.claim} ({conclusion.frame.value}): {conclusion.verdict}. {conclusion.numbers}")
-    for figure in PUBLISHED:
-        if ours := beside(table, figure, study.settings, SHOWN_SIDE):
-            name = f"{figure.varied.title} {TORQUE_WORDS[figure.torque]}"
+    for figure in disturbance_claims.PUBLISHED:
+        if ours := disturbance_claims.beside(table, figure, study.settings, SHOWN_SIDE):
+            name = f"{figure.varied.title} {draw.TORQUE_WORDS[figure.torque]}"
             values = ", ".join(f"{value:.2f} ({frame.value})" for frame, value in ours.items())
             console.line(f"{name} at 100 %: published {figure.value:.2f}, here {values} %BW*H")
     open_rows = unconverged(table)
@@ -238,7 +236,7 @@ def _print_study(console: Console, study: MonteCarloStudy, frame: ReactionFrame)
     console.line(f"draws: {len(study.draws)}, of which {study.computed} in this run and {study.failed} not converged")
 
 
-def _print_linearity(console: Console, context: MonteCarloContext, study: MonteCarloStudy) -> None:
+def _print_linearity(console: Console, context: draw.MonteCarloContext, study: MonteCarloStudy) -> None:
     """How well the linearised contributions of the parameters predict the draws."""
     if study.plan.draws < FEWEST:
         return
@@ -255,7 +253,7 @@ def _print_linearity(console: Console, context: MonteCarloContext, study: MonteC
 def _print_errors(console: Console, table: pd.DataFrame, frame: ReactionFrame) -> None:
     shown = frameless_table(("set",), (head.replace(" ", "\n") for head in ("level %", *HEADS, "markers mm")))
     for varied in Varied:
-        columns = [levels_of(table, varied, f"{t}_{SHOWN_SIDE}", frame) for t in TORQUES]
+        columns = [levels_of(table, varied, f"{t}_{SHOWN_SIDE}", frame) for t in draw.TORQUES]
         columns.append(levels_of(table, varied, f"markers_{SHOWN_SIDE}"))
         for k in range(len(columns[0])):
             level = str(columns[0]["level"].iloc[k])
@@ -274,7 +272,7 @@ def _print_expectation(console: Console, table: pd.DataFrame, rms_mm: float) -> 
         shown = frameless_table(("RMS error, %BW*H", "ground reactions"), ("average", "10 %", "50 %", "90 %"))
         for row in cause.torques.itertuples():
             numbers = (f"{value:.3f}" for value in (row.average, row.p10, row.p50, row.p90))
-            shown.add_row(TORQUE_WORDS[row.torque[:-2]], str(row.grf), *numbers)
+            shown.add_row(draw.TORQUE_WORDS[row.torque[:-2]], str(row.grf), *numbers)
         console.out.print(shown)
 
 
@@ -334,14 +332,14 @@ def print_reproduction(console: Console, reproduction: Reproduction) -> None:
     console.line(
         f"Medians of {len(reproduction.noisy)} noise draws where there is noise; ranges are in tables.csv. Times:"
     )
-    _print_rows(console, [row for row in reproduction.times if row.row != RUN])
-    laps = (f"{row.column} {row.ours:.0f} s" for row in reproduction.times if row.row == RUN)
-    console.line(f"{RUN}: {', '.join(laps)}")
+    _print_rows(console, [row for row in reproduction.times if row.row != tables.RUN])
+    laps = (f"{row.column} {row.ours:.0f} s" for row in reproduction.times if row.row == tables.RUN)
+    console.line(f"{tables.RUN}: {', '.join(laps)}")
     console.line()
     _print_claims(console, reproduction.claims)
 
 
-def _print_rows(console: Console, rows: Sequence[TableRow]) -> None:
+def _print_rows(console: Console, rows: Sequence[tables.TableRow]) -> None:
     columns = list(dict.fromkeys(row.column for row in rows))
     table = frameless_table(("ours | published",), columns)
     for title in dict.fromkeys(row.row for row in rows):
@@ -350,7 +348,7 @@ def _print_rows(console: Console, rows: Sequence[TableRow]) -> None:
     console.out.print(table)
 
 
-def _cell(row: TableRow) -> str:
+def _cell(row: tables.TableRow) -> str:
     ours, published = ("-" if value is None else f"{value:.3g}" for value in (row.ours, row.published))
     return f"{ours} | {published} {row.unit}"
 

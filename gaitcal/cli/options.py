@@ -184,7 +184,4 @@ Html = Annotated[Path | None, typer.Option(help="Write one self-contained page i
 Geometry = Annotated[
     Path | None, typer.Option(help="Bones of this folder (OpenSim's Geometry) instead of the installed ones.")
 ]
-Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="Print nothing but errors.")]
-Verbose = Annotated[bool, typer.Option("--verbose", "-v", help="Print every step, and everything that was assumed.")]
-
 CodeName = Annotated[str | None, typer.Argument(metavar="[CODE]", help="As GC-020, of a finding or an error.")]

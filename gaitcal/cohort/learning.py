@@ -27,8 +27,6 @@ going into a `Structure`, which has a prior of its own: with few people Sigma st
 directions that nobody's recordings show it stays there.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import Enum
@@ -56,7 +54,7 @@ class Evidence:
     right: Array  # (N, n) r
     design: Array  # (N, n, k) X
 
-    def of(self, chosen: IntArray) -> Evidence:
+    def of(self, chosen: IntArray) -> "Evidence":
         """Some of the people."""
         return Evidence(information=self.information[chosen], right=self.right[chosen], design=self.design[chosen])
 
@@ -211,7 +209,7 @@ class _Tried:
             out.append(log_density(self.evidence.information[i], self.evidence.right[i], mean, wider * covariance))
         return np.array(out)
 
-    def or_better(self, other: _Tried) -> _Tried:
+    def or_better(self, other: "_Tried") -> "_Tried":
         """The other one if people left out are likelier by it, and not by chance."""
         gain = other.densities() - self.densities()
         return other if gain.mean() > gain.std(ddof=1) / np.sqrt(len(gain)) else self

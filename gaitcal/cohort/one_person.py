@@ -35,17 +35,8 @@ from gaitcal.results.calibration import write_results
 from gaitcal.results.cycles import read_csv
 from gaitcal.results.stride_files import PEAKS as PEAKS_FILE
 from gaitcal.results.summary import SUMMARY
+from gaitcal.session import draft as drafts
 from gaitcal.session.calibrate import calibrate
-from gaitcal.session.draft import (
-    Draft,
-    draft_notes,
-    draft_text,
-    files_of,
-    missing_words,
-    own_study,
-    settings_text,
-    study_of,
-)
 from gaitcal.session.drafting import draft_of, faulty_notes, rejected_forces, without_faulty_trials
 from gaitcal.session.folder import read_folder
 from gaitcal.study import joint_prior, study_file
@@ -89,13 +80,13 @@ def calibrate_person(person: CohortPerson, out: Path, common: CommonSettings) ->
             no_folder(person), "put the recordings there, or take the person out of the list", code=Code.FOLDER
         )
     folder = read_folder(person.folder)
-    own = own_study(folder)
+    own = drafts.own_study(folder)
     drafted = None
     if own is not None:
         inputs, study = input_files(study_file.load_study_file(own), own), Study.load(own)
     else:
         drafted = _ready(draft_of(folder, person.told))
-        inputs, study = files_of(drafted), study_of(drafted)
+        inputs, study = drafts.files_of(drafted), drafts.study_of(drafted)
     del folder  # the recordings of all files, also of those that are not used
     require_room(out, ResultKind.CALIBRATION, inputs)
     of_all = {name: value for name, value in common.said.items() if name not in study.settings.model_fields_set}
@@ -117,18 +108,18 @@ def calibrate_person(person: CohortPerson, out: Path, common: CommonSettings) ->
         cause, action = f"{place}{first.topic}: {first.evidence}{more}", "gaitcal check shows all of it"
         raise PersonError(cause, first.cure or action, code=first.code)
     calibration = calibrate(study, checked=findings)
-    notes = draft_notes(drafted) if drafted is not None else _contradictions(person, study, common)
+    notes = drafts.draft_notes(drafted) if drafted is not None else _contradictions(person, study, common)
     notes += () if drafted is not None else faulty_notes(faulty)
     calibration = replace(calibration, notes=(*notes, *calibration.notes), left_out=faulty)
     normal = common.normal
     made_with = {} if normal is None else {"normal": normal.name, "normal_sha256": sha256_of(normal)}
     bands = None if normal is None else normal_bands.read_normal_bands(normal)
-    settings = settings_text(common.calibration, common.priors, out)
-    text = None if drafted is None else draft_text(drafted, out) + settings
+    settings = drafts.settings_text(common.calibration, common.priors, out)
+    text = None if drafted is None else drafts.draft_text(drafted, out) + settings
     write_results(calibration, out, made_with, drafted=text, normal=bands)
 
 
-def _ready(draft: Draft) -> Draft:
+def _ready(draft: drafts.Draft) -> drafts.Draft:
     """The draft; PersonError where it cannot be run."""
     if draft.fault or draft.problem:
         cause, put, action = (draft.fault or draft.problem).partition(": put each")
@@ -136,7 +127,9 @@ def _ready(draft: Draft) -> Draft:
         raise PersonError(cause, action, code=Code.FOLDER)
     if draft.missing:
         fields = ", ".join(draft.missing)
-        raise PersonError(missing_words(draft), f"give {fields} in people.csv or cohort.toml", code=Code.WHO_IT_IS)
+        raise PersonError(
+            drafts.missing_words(draft), f"give {fields} in people.csv or cohort.toml", code=Code.WHO_IT_IS
+        )
     return draft
 
 

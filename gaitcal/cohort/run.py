@@ -18,18 +18,8 @@ from typing import Any
 import pyarrow as pa
 import pyarrow.parquet as pq
 
+from gaitcal.cohort import outcome as outcome_files
 from gaitcal.cohort.one_person import COLUMNS, NAMES, Cell, CommonSettings, activity_peaks
-from gaitcal.cohort.outcome import (
-    COMPRESSION,
-    STATE,
-    STRIDES,
-    Outcome,
-    Outcomes,
-    Task,
-    end_person,
-    lost_person,
-    state_file,
-)
 from gaitcal.cohort.page import PAGE, write_page
 from gaitcal.cohort.people import Cohort, CohortPerson
 from gaitcal.errors import Code, InputError
@@ -46,7 +36,9 @@ EACH = 25  # People that a process calibrates before another takes its place
 MOST_MIB = 1500.0  # A process that once needed more keeps much of it: it makes room for another one
 ROWS = 64  # People in a row group of `people.parquet`: what is held in memory
 _ARROW = {str: pa.string(), int: pa.int64(), float: pa.float64()}
-_GROUPED = STRIDES.insert(STRIDES.get_field_index("session") + 1, pa.field("group", pa.string()))
+_GROUPED = outcome_files.STRIDES.insert(
+    outcome_files.STRIDES.get_field_index("session") + 1, pa.field("group", pa.string())
+)
 
 
 def run_cohort(
@@ -56,7 +48,7 @@ def run_cohort(
     *,
     engine: Workers | None = None,
     retry: bool = False,
-    told: Callable[[Outcome, int, float | None], None] = lambda outcome, done, remaining_s: None,
+    told: Callable[[outcome_files.Outcome, int, float | None], None] = lambda outcome, done, remaining_s: None,
 ) -> Counter[str]:
     """Calibrate everyone of a cohort into `out/people`, and write its tables.
 
@@ -77,13 +69,16 @@ def run_cohort(
     require_cohort(out)
     with alone(out, "cohort", WAIT_S):
         mark(out)
-        for unfinished in (out / STATE).rglob(f"{atomic.UNFINISHED}*"):  # of workers that were killed
+        for unfinished in (out / outcome_files.STATE).rglob(f"{atomic.UNFINISHED}*"):  # of workers that were killed
             shutil.rmtree(unfinished, ignore_errors=True)
         version = toml.package_version("gaitcal")
-        tasks = (Task(person=person, out=out, common=common, retry=retry, version=version) for person in cohort.people)
+        tasks = (
+            outcome_files.Task(person=person, out=out, common=common, retry=retry, version=version)
+            for person in cohort.people
+        )
         began, computed = time.monotonic(), 0
-        failed: dict[tuple[str, str], Outcome] = {}
-        ended = engine.run(end_person, tasks, lost_person)
+        failed: dict[tuple[str, str], outcome_files.Outcome] = {}
+        ended = engine.run(outcome_files.end_person, tasks, outcome_files.lost_person)
         with closing(outcome for outcome in ended) as outcomes:  # interrupted, workers end at once
             for done, outcome in enumerate(outcomes, start=1):
                 computed += outcome.computed
@@ -92,7 +87,7 @@ def run_cohort(
                 left = len(cohort.people) - done
                 remaining = left * (time.monotonic() - began) / computed if computed else None
                 told(outcome, done, remaining)
-        return write_tables(cohort.people, cohort.source, Outcomes(out, failed), common)
+        return write_tables(cohort.people, cohort.source, outcome_files.Outcomes(out, failed), common)
 
 
 def processes(jobs: int = -1) -> LocalProcesses:
@@ -103,7 +98,7 @@ def processes(jobs: int = -1) -> LocalProcesses:
     return LocalProcesses(jobs, each=EACH, ages=_ages)
 
 
-def _ages(outcome: Outcome) -> int:
+def _ages(outcome: outcome_files.Outcome) -> int:
     """As how many people one counts."""
     if not outcome.computed:
         return 0
@@ -158,7 +153,9 @@ def _manifest(people: Sequence[CohortPerson], common: CommonSettings, stage: Pat
     )
 
 
-def write_tables(people: Sequence[CohortPerson], source: Path, ended: Outcomes, common: CommonSettings) -> Counter[str]:
+def write_tables(
+    people: Sequence[CohortPerson], source: Path, ended: outcome_files.Outcomes, common: CommonSettings
+) -> Counter[str]:
     """Write all tables of a cohort into its folder, together. `source`: where the people's folders are."""
     verdicts = Counter[str]()
     schema, home = pa.schema([(column.name, _ARROW[column.kind]) for column in COLUMNS]), source.resolve()
@@ -171,8 +168,12 @@ def write_tables(people: Sequence[CohortPerson], source: Path, ended: Outcomes, 
                 PEAKS: ("person", "session", "group", *PEAK_COLUMNS),
             }
             table, failed, times, peaks = (_csv(stack, stage / name, of) for name, of in of_tables.items())
-            rows = stack.enter_context(pq.ParquetWriter(stage / PEOPLE_PARQUET, schema, compression=COMPRESSION))
-            strides = stack.enter_context(pq.ParquetWriter(stage / CYCLES, _GROUPED, compression=COMPRESSION))
+            rows = stack.enter_context(
+                pq.ParquetWriter(stage / PEOPLE_PARQUET, schema, compression=outcome_files.COMPRESSION)
+            )
+            strides = stack.enter_context(
+                pq.ParquetWriter(stage / CYCLES, _GROUPED, compression=outcome_files.COMPRESSION)
+            )
             waiting: list[Mapping[str, Cell]] = []
             for person in people:
                 outcome = ended.of(person)
@@ -191,7 +192,7 @@ def write_tables(people: Sequence[CohortPerson], source: Path, ended: Outcomes, 
                 if len(waiting) == ROWS:
                     rows.write_table(_rows(waiting, schema))
                     waiting = []
-                of_person = pq.read_table(state_file(ended.out, person.place, ".parquet"))
+                of_person = pq.read_table(outcome_files.state_file(ended.out, person.place, ".parquet"))
                 group = pa.array([person.group] * len(of_person), pa.string())
                 of_person = of_person.add_column(_GROUPED.get_field_index("group"), "group", group)
                 if len(of_person):

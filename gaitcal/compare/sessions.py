@@ -17,17 +17,7 @@ import pandas as pd
 
 from gaitcal.arrays import Array
 from gaitcal.compare import difference
-from gaitcal.compare.stride_sets import (
-    Common,
-    Key,
-    NotComparableError,
-    Session,
-    StrideSet,
-    common_to,
-    identity,
-    mean_over,
-    stride_sets,
-)
+from gaitcal.compare import stride_sets as measured
 from gaitcal.gait import moments, spatiotemporal, strides
 from gaitcal.gait.cycles import POINTS, kind_of, unit_of
 from gaitcal.gait.peaks import PEAKS, stride_peaks
@@ -40,7 +30,7 @@ class SessionComparison:
 
     names: tuple[str, str]  # Of A and B
     subjects: tuple[Subject, Subject]
-    common: Common
+    common: measured.Common
     warnings: tuple[str, ...]  # What to know before any figure: refused or doubtful results, signs of another person
     notes: tuple[str, ...] = ()  # What else was done, a sentence each
     found: tuple[
@@ -64,20 +54,22 @@ class SessionComparison:
         return (*self.notes, *difference.lines_of(self.names, self.common, self.found))
 
 
-def compare_sessions(a: Session, b: Session, common: Common | None = None) -> SessionComparison:
+def compare_sessions(
+    a: measured.Session, b: measured.Session, common: measured.Common | None = None
+) -> SessionComparison:
     """Set two sessions side by side.
 
     `common`: what they share, where more is known of it than their files tell: shared joints are not compared.
 
     Raises InputError: Their thighs or shanks are of lengths that no two results of one person have.
     """
-    person = identity(a, b)
+    person = measured.identity(a, b)
     if person.denied:
         message = f"these are not two results of one person: {'; '.join(person.denied)}"
-        raise NotComparableError(message, source=f"{a.name}, {b.name}")
+        raise measured.NotComparableError(message, source=f"{a.name}, {b.name}")
     joints_differ = common is None
-    common = common or common_to(a, b)
-    curves = stride_sets(a), stride_sets(b)
+    common = common or measured.common_to(a, b)
+    curves = measured.stride_sets(a), measured.stride_sets(b)
     found = (
         *curve_figures(*curves, common),
         *measure_differences(a, b),
@@ -93,14 +85,16 @@ def compare_sessions(a: Session, b: Session, common: Common | None = None) -> Se
     )
 
 
-def _verdicts(*sessions: Session) -> tuple[str, ...]:
+def _verdicts(*sessions: measured.Session) -> tuple[str, ...]:
     """Of sessions that are not trustworthy, the worst first."""
     order = {"refused": 0, "doubtful": 1}
     told = sorted((s for s in sessions if s.verdict in order), key=lambda s: order[s.verdict])
     return tuple(f"{s.name} is {s.verdict}: {'; '.join(s.reasons) or 'see its report'}" for s in told)
 
 
-def _kinds(a: Session, b: Session, curves: Sequence[Mapping[Key, StrideSet]]) -> tuple[str, ...]:
+def _kinds(
+    a: measured.Session, b: measured.Session, curves: Sequence[Mapping[measured.Key, measured.StrideSet]]
+) -> tuple[str, ...]:
     """Where angles do not mean the same, and where there is nothing to compare."""
     out = [f"{s.name}: {remark}" for s in (a, b) for remark in s.remarks]
     if twice := len(a.recordings & b.recordings):
@@ -136,13 +130,15 @@ class Figure:
     frames: Array  # (n,)
 
 
-def curve_table(a: Mapping[Key, StrideSet], b: Mapping[Key, StrideSet], common: Common) -> pd.DataFrame:
+def curve_table(
+    a: Mapping[measured.Key, measured.StrideSet], b: Mapping[measured.Key, measured.StrideSet], common: measured.Common
+) -> pd.DataFrame:
     """`curve_differences.csv`: every percent of every variable that both sessions have, with `CURVE_COLUMNS`."""
     parts = []
     for key in (key for key in a if key in b):
         both = a[key], b[key]
         n_a, n_b = (np.isfinite(s.values).sum(axis=0) for s in both)
-        mean_a, mean_b = (mean_over(s.values) for s in both)
+        mean_a, mean_b = (measured.mean_over(s.values) for s in both)
         spread = difference.spread_of(
             [s.values for s in both], _beside(key, [{k: s.values for k, s in c.items()} for c in (a, b)])
         )
@@ -172,7 +168,7 @@ def curve_table(a: Mapping[Key, StrideSet], b: Mapping[Key, StrideSet], common: 
 
 
 def curve_figures(
-    a: Mapping[Key, StrideSet], b: Mapping[Key, StrideSet], common: Common
+    a: Mapping[measured.Key, measured.StrideSet], b: Mapping[measured.Key, measured.StrideSet], common: measured.Common
 ) -> Iterator[difference.Difference]:
     """Peaks, ranges and means of every variable that both sessions have."""
     figures = [{key: _figures(key[1], found) for key, found in sets.items()} for sets in (a, b)]
@@ -186,14 +182,14 @@ def curve_figures(
             yield _difference(kind_of(key[1]).words, key, measure, unit_of(key[1]), values, beside, shared=shared)
 
 
-def _shared(common: Common, a: StrideSet | Figure, b: StrideSet | Figure) -> Array:
+def _shared(common: measured.Common, a: measured.StrideSet | Figure, b: measured.StrideSet | Figure) -> Array:
     """c^2 of the means over strides that count."""
     return difference.shared_variance(
         common, (_mean(a, a.shared), _mean(b, b.shared)), (_mean(a, a.frames), _mean(b, b.frames))
     )
 
 
-def _beside(key: Key, sessions: Sequence[Mapping[Key, Array]]) -> list[Array]:
+def _beside(key: measured.Key, sessions: Sequence[Mapping[measured.Key, Array]]) -> list[Array]:
     """The values of the other leg, in the sessions that have them."""
     other = ("l" if key[0] == "r" else "r", key[1])
     return [values[other] for values in sessions if other in values]
@@ -201,11 +197,11 @@ def _beside(key: Key, sessions: Sequence[Mapping[Key, Array]]) -> list[Array]:
 
 def _difference(
     kind: str,
-    key: Key,
+    key: measured.Key,
     measure: str,
     unit: str,
     both: Sequence[Array],
-    sessions: Sequence[Mapping[Key, Array]],
+    sessions: Sequence[Mapping[measured.Key, Array]],
     *,
     shared: Array | float = 0.0,
     least: float = 0.0,
@@ -231,13 +227,13 @@ def _difference(
     )
 
 
-def _mean(found: StrideSet | Figure, errors: Array) -> Array:
+def _mean(found: measured.StrideSet | Figure, errors: Array) -> Array:
     """(m,) of curves, () of figures: mean of errors over strides whose value counts."""
     wide = np.where(np.isfinite(found.values), errors, np.nan)
-    return mean_over(wide) if wide.ndim == 2 else np.asarray(mean_over(wide[:, None])[0])
+    return measured.mean_over(wide) if wide.ndim == 2 else np.asarray(measured.mean_over(wide[:, None])[0])
 
 
-def _figures(variable: str, found: StrideSet) -> dict[str, Figure]:
+def _figures(variable: str, found: measured.StrideSet) -> dict[str, Figure]:
     """Measure -> the figure of every stride: `highest in swing`, `at initial contact`."""
     own, out = np.zeros(POINTS), {}
     of_strides = [
@@ -255,7 +251,7 @@ def _figures(variable: str, found: StrideSet) -> dict[str, Figure]:
 UNKNOWN = (np.nan,) * 4  # Peak of a stride that has none
 
 
-def measure_differences(a: Session, b: Session) -> Iterator[difference.Difference]:
+def measure_differences(a: measured.Session, b: measured.Session) -> Iterator[difference.Difference]:
     """Every measure of each leg that both sessions have."""
     sets = [_values(session.measures) for session in (a, b)]
     for key in (key for key in sets[0] if key in sets[1]):
@@ -264,7 +260,7 @@ def measure_differences(a: Session, b: Session) -> Iterator[difference.Differenc
         yield _difference("spatiotemporal", key, "mean", unit, both, sets, least=spatiotemporal.LEAST_SD[unit])
 
 
-def _values(table: pd.DataFrame) -> dict[Key, Array]:
+def _values(table: pd.DataFrame) -> dict[measured.Key, Array]:
     """Side and measure -> the values of its strides that count."""
     counting = (table["valid"] == 1.0) & table["value"].notna() & ~(table["turn"].abs() > strides.TURNING)
     rows = table[counting & table["variable"].isin(list(spatiotemporal.MEASURES))]

@@ -8,8 +8,6 @@ and the fit of masses need both feet at once. Whether a foot is down at all is t
 marker its motion is a guess of the splines: these frames are not valid for that leg, nor for the whole body.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
@@ -107,7 +105,7 @@ class GroundReactions:
         side = leg_of(name)
         return self.valid_legs[:, SIDES.index(side)] if side else self.valid
 
-    def without(self, legs: Sequence[str]) -> GroundReactions:
+    def without(self, legs: Sequence[str]) -> "GroundReactions":
         """The same with no valid frame of some legs (`r`, `l`), and so none of the whole body."""
         kept = np.array([side not in legs for side in SIDES])
         return replace(self, valid=self.valid & kept.all(), valid_legs=self.valid_legs & kept)

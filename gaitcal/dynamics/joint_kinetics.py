@@ -40,8 +40,6 @@ Powers and moments are linear in the generalised forces f, with coefficients tha
 so that a source of error passes on with all that it moves at once: a torque and the rate beside it are not independent.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from enum import Enum
 
@@ -180,10 +178,10 @@ class KineticErrors:
     """(nf, 28) W, in the order of `POWERS`."""
     moment: Array
     """(nf, 3, 21) N·m, by `VECTOR_FRAMES` and `COMPONENTS`."""
-    own: KineticErrors | None = None
+    own: "KineticErrors | None" = None
     """The part that the trial's own markers make, which differs from stride to stride; None where it is not known."""
 
-    def only(self, coordinates: BoolArray) -> KineticErrors:
+    def only(self, coordinates: BoolArray) -> "KineticErrors":
         """The same with NaN for all that is not made of some coordinates (nq,) alone."""
         kept = {name for name, chosen in zip(COORDINATES, coordinates, strict=True) if chosen}
         joints = {joint for joint, own in POWER_JOINTS.items() if kept.issuperset(own)}

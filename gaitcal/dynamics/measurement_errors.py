@@ -54,8 +54,6 @@ taken as 1. The same four plates' forces were 3 to 5 N wrong, up to 1 % of a per
 source: 2 ms is a fifth of a frame at 100 Hz.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, fields
 from enum import Enum
@@ -238,7 +236,7 @@ class TorqueErrors:
     """Of the powers and moment vectors that follow; None where they are not known."""
 
     @staticmethod
-    def of(by_source: Mapping[ErrorSource, Array], kinetics: KineticErrors | None = None) -> TorqueErrors:
+    def of(by_source: Mapping[ErrorSource, Array], kinetics: KineticErrors | None = None) -> "TorqueErrors":
         """From the variances (nf, nt) of at least one source."""
         errors = np.sqrt(sum(by_source.values()))
         return TorqueErrors(errors[:, :-2], errors[:, -2:], by_source, kinetics)
@@ -248,7 +246,7 @@ class TorqueErrors:
         """(nf, nt) all of them."""
         return np.hstack([self.tau, self.knee_adduction])
 
-    def only(self, coordinates: BoolArray) -> TorqueErrors:
+    def only(self, coordinates: BoolArray) -> "TorqueErrors":
         """The same with NaN for all but some coordinates (nq,), right and left knee's reaction with its knee angle."""
         knees = coordinates[[linkage.COORDINATE_INDEX[f"knee_angle_{side}"] for side in linkage.SIDES]]
         kept = np.concatenate([coordinates, knees])
@@ -294,7 +292,7 @@ class PlateErrors:
     """rad, of a plate about the vertical."""
 
     @staticmethod
-    def of(table: PlateErrorTable) -> PlateErrors:
+    def of(table: PlateErrorTable) -> "PlateErrors":
         """From `calibration.plate_error`."""
         return PlateErrors(
             place=1e-3 * table.place_mm,
@@ -303,7 +301,7 @@ class PlateErrors:
             clock=1e-3 * table.clock_ms,
         )
 
-    def beside(self, more: PlateErrors | None) -> PlateErrors:
+    def beside(self, more: "PlateErrors | None") -> "PlateErrors":
         """With independent errors besides; exact plates stay exact."""
         if more is None or not self.any:
             return self

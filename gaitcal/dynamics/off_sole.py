@@ -31,8 +31,7 @@ from itertools import combinations
 import numpy as np
 
 from gaitcal.arrays import Array, BoolArray
-from gaitcal.dynamics import foot_contact
-from gaitcal.dynamics.measurement_errors import outline_known
+from gaitcal.dynamics import foot_contact, measurement_errors
 from gaitcal.errors import Code, Finding, Severity
 from gaitcal.io.force_plate import BODY_N, LOADED_N, centre_on_ground
 from gaitcal.io.recording import ForcePlate, runs, spans
@@ -159,11 +158,11 @@ def _other_foot_presses(
     foot = 1 - loading.foot
     sole = foot_contact.sole_of(feet, foot, loading.frames)
     here = sole.resting.copy()
-    if outline_known(loading.plate, LOADED_N):
+    if measurement_errors.outline_known(loading.plate, LOADED_N):
         here &= ~sole.beside([loading.plate])
     for other in others:
         meanwhile = _marked(other.frames, count)[loading.frames]
-        if outline_known(other.plate, LOADED_N):
+        if measurement_errors.outline_known(other.plate, LOADED_N):
             here &= ~(meanwhile[:, None] & ~sole.beside([other.plate]))
         elif other.foot == foot:
             here &= ~meanwhile[:, None]
@@ -245,12 +244,12 @@ def beside_plates(
     `loaded`: (nf, 2) a plate carries the foot.
     """
     partly, findings = np.zeros_like(loaded), []
-    surface = [plate for plate in plates if outline_known(plate, LOADED_N)]
+    surface = [plate for plate in plates if measurement_errors.outline_known(plate, LOADED_N)]
     down: BoolArray = loaded | feet.resting
     for foot, side in enumerate(SIDES):
         for contact in runs(down[:, foot]):
             carriers = foot_contact.meeting(steps, foot, contact)
-            unknown = [step for step in carriers if not outline_known(step.plate, LOADED_N)]
+            unknown = [step for step in carriers if not measurement_errors.outline_known(step.plate, LOADED_N)]
             for step in unknown:
                 if step.plate.corners is not None:
                     found = f"{step.words}: the centre of pressure leaves the plate's corners; corners not used"
@@ -325,10 +324,10 @@ def shared_plates(
     `on_floor`: (nf, 2) a foot is on the ground and no plate was given to it.
     """
     shared, findings, of_plate = np.zeros(len(time), dtype=bool), list[Finding](), dict[str, BoolArray]()
-    surface = [plate for plate in plates if outline_known(plate, LOADED_N)]
+    surface = [plate for plate in plates if measurement_errors.outline_known(plate, LOADED_N)]
     for step in steps:
         other, own = 1 - step.foot, _marked(step.frames, len(time))
-        if outline_known(step.plate, LOADED_N):
+        if measurement_errors.outline_known(step.plate, LOADED_N):
             # resting on this plate, and on no other one: an edge between two is not known to the millimetre
             sole = foot_contact.sole_of(feet, other, step.frames)
             here = sole.resting & ~sole.beside([step.plate])

@@ -11,8 +11,6 @@ follow the map; wraps and meshes are shifted and turned, and keep their size; of
 all places are shifted as their mean is. Markers stay, as they tell where the body is, and so do mass centres.
 """
 
-from __future__ import annotations
-
 import xml.etree.ElementTree as ET
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -23,9 +21,7 @@ import pinocchio as pin
 
 from gaitcal.arrays import Array
 from gaitcal.errors import Code, InputError
-from gaitcal.export.osim import body_fixed_xyz, from_body_fixed_xyz
-from gaitcal.export.osim_correspondence import LegJoint
-from gaitcal.export.osim_reader import OsimDocument, socket_of
+from gaitcal.export import osim, osim_correspondence, osim_reader
 from gaitcal.export.peer_model import PeerModel, read_numbers
 
 UNMOVED_M, UNMOVED_RAD = 1e-7, 1e-7
@@ -94,7 +90,7 @@ class Bone:
         out: Array = self.now + self.turn @ (from_middle + (self.stretch - 1.0) * long)
         return out
 
-    def seen_from(self, frame: pin.SE3) -> Bone:
+    def seen_from(self, frame: pin.SE3) -> "Bone":
         """The same in the axes of a frame in the body."""
         turn = frame.rotation.T
         was, now = frame.actInv(self.was), frame.actInv(self.now)
@@ -106,7 +102,9 @@ class Bone:
         return pin.SE3(self.turn, self.now - self.turn @ self.was)
 
 
-def bones_of(moves: Sequence[JointMove], peer: PeerModel, legs: Sequence[LegJoint]) -> dict[str, Bone]:
+def bones_of(
+    moves: Sequence[JointMove], peer: PeerModel, legs: Sequence[osim_correspondence.LegJoint]
+) -> dict[str, Bone]:
     """Body -> how it follows; of those between two joints of ours of which one at least was moved."""
     ends: dict[str, list[tuple[Array, Array]]] = {}
     for move, leg in ((m, leg) for m in moves for leg in legs if leg.ours == m.joint):
@@ -142,7 +140,7 @@ SHORTEST = 0.1  # m; joints that are nearer, as those of a talus, have no bone b
 Change = tuple[ET.Element, tuple[str, ...], tuple[Array, ...]]  # Of an element the numbers of these children
 
 
-def carried(document: OsimDocument, bones: Mapping[str, Bone]) -> Iterator[Change]:
+def carried(document: osim_reader.OsimDocument, bones: Mapping[str, Bone]) -> Iterator[Change]:
     """What changes in the document: points and wraps that are fixed to these bodies, markers excepted."""
     source, bone_at = document.source, _by_frame(document, bones)
     for element in document.model.iter() if bones else ():
@@ -158,11 +156,11 @@ def carried(document: OsimDocument, bones: Mapping[str, Bone]) -> Iterator[Chang
         for path, _, frame in document.frames_of(body):
             for wrap in frame.findall("WrapObjectSet/objects/*"):
                 at, angles = (read_numbers(wrap, tag, source, count=3) for tag in ("translation", "xyz_body_rotation"))
-                turned = bone_at[path].turn @ from_body_fixed_xyz(angles)
-                yield wrap, ("translation", "xyz_body_rotation"), (bone_at[path].point(at), body_fixed_xyz(turned))
+                turned = bone_at[path].turn @ osim.from_body_fixed_xyz(angles)
+                yield wrap, ("translation", "xyz_body_rotation"), (bone_at[path].point(at), osim.body_fixed_xyz(turned))
 
 
-def _by_frame(document: OsimDocument, bones: Mapping[str, Bone]) -> dict[str, Bone]:
+def _by_frame(document: osim_reader.OsimDocument, bones: Mapping[str, Bone]) -> dict[str, Bone]:
     """Path of a body or of an offset frame in it, from the body on -> how the bone goes, in the axes of the frame."""
     return {path: bone.seen_from(pose) for body, bone in bones.items() for path, pose, _ in document.frames_of(body)}
 
@@ -171,13 +169,13 @@ def _fixed_to(element: ET.Element) -> str:
     """The path, from a body on, of what an element with a place is fixed to, of either generation of files; empty where
     it has none.
     """
-    found = (socket_of(element, tag) for tag in ("socket_parent_frame", "socket_frame"))
+    found = (osim_reader.socket_of(element, tag) for tag in ("socket_parent_frame", "socket_frame"))
     named = next((e for e in (*found, element.find("body")) if e is not None), None)
     text = "" if named is None else (named.text or "").strip()
     return text.rpartition("bodyset/")[2].rpartition("../")[2]
 
 
-def _moving_point(element: ET.Element, bone: Bone, document: OsimDocument) -> Iterator[Change]:
+def _moving_point(element: ET.Element, bone: Bone, document: osim_reader.OsimDocument) -> Iterator[Change]:
     found = []
     for axis in "xyz":
         function = element.find(f"{axis}_location")
@@ -205,7 +203,7 @@ class CarriedPoints:
     farthest: float  # m
 
 
-def carried_by_muscles(document: OsimDocument, bones: Mapping[str, Bone]) -> tuple[CarriedPoints, ...]:
+def carried_by_muscles(document: osim_reader.OsimDocument, bones: Mapping[str, Bone]) -> tuple[CarriedPoints, ...]:
     """Every muscle with such points, the one with the farthest first."""
     out, bone_at = [], _by_frame(document, bones)
     for force in document.model.findall("ForceSet/objects/*") if bones else ():

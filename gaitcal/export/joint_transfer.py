@@ -27,8 +27,6 @@ A joint whose parameters the recordings say little of stays as it is: where thei
 in either body by what takes our axis of the calibrated parameters to that of the drawn ones.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
@@ -40,18 +38,7 @@ import pinocchio as pin
 
 from gaitcal.arrays import Array
 from gaitcal.calibration.error_sources import ErrorSources, left_of_prior
-from gaitcal.export.joint_moves import (
-    UNMOVED_M,
-    UNMOVED_RAD,
-    Bone,
-    CarriedPoints,
-    JointEnd,
-    JointMove,
-    Verdict,
-    bones_of,
-    carried,
-    carried_by_muscles,
-)
+from gaitcal.export import joint_moves, osim_registration
 from gaitcal.export.osim_correspondence import (
     LegJoint,
     leg_joints,
@@ -63,18 +50,6 @@ from gaitcal.export.osim_correspondence import (
     turn_between,
 )
 from gaitcal.export.osim_reader import OsimDocument, Place, Weight, peer_of, read_document
-from gaitcal.export.osim_registration import (
-    JOINT_OF,
-    NAME_OR_SCALE,
-    Registration,
-    SegmentMass,
-    about_its_place,
-    axis_of_ours,
-    body_weights,
-    registrations,
-    standing_segments,
-    with_landmarks,
-)
 from gaitcal.export.peer_model import PeerModel
 from gaitcal.model.linkage import NEEDED_JOINTS, SIDES
 from gaitcal.model.marker_set import MarkerSet
@@ -96,18 +71,22 @@ class CalibratedOsim:
     """The user's model with this person's joints."""
 
     content: bytes  # Of the file
-    joints: tuple[JointMove, ...]
+    joints: tuple[joint_moves.JointMove, ...]
     legs: tuple[LegJoint, ...]  # Which joints of the model are meant, and how they were found
-    registrations: tuple[Registration, ...]
-    masses: tuple[SegmentMass, ...]  # Of the segments whose bodies weigh what ours do; empty unless asked for
-    carried: tuple[CarriedPoints, ...]  # Of every muscle the points that went with a bone; empty unless asked for
+    registrations: tuple[osim_registration.Registration, ...]
+    masses: tuple[
+        osim_registration.SegmentMass, ...
+    ]  # Of the segments whose bodies weigh what ours do; empty unless asked for
+    carried: tuple[
+        joint_moves.CarriedPoints, ...
+    ]  # Of every muscle the points that went with a bone; empty unless asked for
     notes: tuple[str, ...]  # What the user should know, one sentence each
-    transfer: Transfer  # What was read, of which draws are made
+    transfer: "Transfer"  # What was read, of which draws are made
 
     @property
     def left(self) -> tuple[str, ...]:
         """Joints, ours, that stay as they are: the recordings say little of them."""
-        return tuple(move.joint for move in self.joints if move.verdict is Verdict.UNDETERMINED)
+        return tuple(move.joint for move in self.joints if move.verdict is joint_moves.Verdict.UNDETERMINED)
 
     def drawn(self, rng: np.random.Generator) -> bytes:
         """A file with parameters drawn from their errors and bodies registered with theirs."""
@@ -148,7 +127,7 @@ def into_osim(
 
     Raises InputError: The file is no model, or has no legs that can be told, or its markers do not fit this person.
     """
-    model = model if marker_set is None else with_landmarks(model, marker_set)
+    model = model if marker_set is None else osim_registration.with_landmarks(model, marker_set)
     document = read_document(osim)
     peer = peer_of(document)
     legs = leg_joints(peer, names, recorded)
@@ -157,7 +136,7 @@ def into_osim(
         document=document,
         peer=peer,
         legs=legs,
-        bodies=registrations(model, peer, legs),
+        bodies=osim_registration.registrations(model, peer, legs),
         errors=errors,
         known={leg.ours: left_of_prior(leg.ours, errors, prior) for leg in legs},
         masses=masses,
@@ -174,7 +153,7 @@ class Transfer:
     document: OsimDocument
     peer: PeerModel
     legs: tuple[LegJoint, ...]
-    bodies: Mapping[str, Registration]  # By our segment
+    bodies: Mapping[str, osim_registration.Registration]  # By our segment
     errors: ErrorSources | None
     known: Mapping[str, float]  # Joint of ours -> how much of its standard error is left
     masses: bool  # Whether bodies get the masses of our segments
@@ -187,7 +166,7 @@ class Transfer:
         return CalibratedOsim(
             content=self._content(moves, weights, self.legs),
             masses=told,
-            carried=carried_by_muscles(self.document, self._bones(moves)),
+            carried=joint_moves.carried_by_muscles(self.document, self._bones(moves)),
             joints=moves,
             legs=self.legs,
             registrations=tuple(self.bodies.values()),
@@ -212,7 +191,7 @@ class Transfer:
             parameters = parameters.with_inertial(inertial)
         bodies = {s: replace(r, pose=r.drawn(rng)) for s, r in self.bodies.items()}
         left = {
-            leg.ours: about_its_place(leg, self.peer, self.bodies, self.model.parameters, parameters)
+            leg.ours: osim_registration.about_its_place(leg, self.peer, self.bodies, self.model.parameters, parameters)
             for leg in self.legs
             if self._is_left(leg.ours)
         }
@@ -229,12 +208,14 @@ class Transfer:
     def _is_left(self, joint: str) -> bool:
         return self.known[joint] > UNDETERMINED_SHARE
 
-    def _weights(self) -> tuple[dict[str, Weight], tuple[SegmentMass, ...]]:
+    def _weights(self) -> tuple[dict[str, Weight], tuple[osim_registration.SegmentMass, ...]]:
         if not self.masses:
             return {}, ()
-        return body_weights(self.model.parameters, self.document, self.peer, self.bodies)
+        return osim_registration.body_weights(self.model.parameters, self.document, self.peer, self.bodies)
 
-    def _content(self, moves: Sequence[JointMove], weights: Mapping[str, Weight], legs: Sequence[LegJoint]) -> bytes:
+    def _content(
+        self, moves: Sequence[joint_moves.JointMove], weights: Mapping[str, Weight], legs: Sequence[LegJoint]
+    ) -> bytes:
         """The file with these joints, and bodies of these weights; `legs`: as they were read."""
         places: dict[tuple[str, str], Place] = {}
         ends = {move.joint: (move.parent, move.child) for move in moves}
@@ -242,7 +223,10 @@ class Transfer:
             for name, end in zip(("parent", "child"), ends[was.ours], strict=True):
                 before, after = (getattr(joint.theirs, f"in_{name}") for joint in (was, now))
                 after = after if end is None else end.place
-                moved = shift_between(before, after) > UNMOVED_M, turn_between(before, after) > UNMOVED_RAD
+                moved = (
+                    shift_between(before, after) > joint_moves.UNMOVED_M,
+                    turn_between(before, after) > joint_moves.UNMOVED_RAD,
+                )
                 if any(moved):
                     places[was.theirs.name, name] = Place(
                         after.translation if moved[0] else None, after.rotation if moved[1] else None
@@ -252,16 +236,16 @@ class Transfer:
             if joint.parent in bones and joint.name not in names:
                 places[joint.name, "parent"] = Place(bones[joint.parent].point(joint.in_parent.translation), None)
         meshes = {body: bone.rigid for body, bone in bones.items()}
-        return self.document.changed(places, weights, carried(self.document, bones), meshes)
+        return self.document.changed(places, weights, joint_moves.carried(self.document, bones), meshes)
 
-    def _bones(self, moves: Sequence[JointMove]) -> dict[str, Bone]:
-        return bones_of(moves, self.peer, self.legs) if self.follow else {}
+    def _bones(self, moves: Sequence[joint_moves.JointMove]) -> dict[str, joint_moves.Bone]:
+        return joint_moves.bones_of(moves, self.peer, self.legs) if self.follow else {}
 
-    def moves(self) -> tuple[JointMove, ...]:
+    def moves(self) -> tuple[joint_moves.JointMove, ...]:
         """What becomes of every joint."""
-        segments = standing_segments(self.model, self.model.parameters)
+        segments = osim_registration.standing_segments(self.model, self.model.parameters)
         stand = {r.body: segments[s] * r.pose for s, r in self.bodies.items()}
-        found: dict[str, JointMove] = {}
+        found: dict[str, joint_moves.JointMove] = {}
         for side in SIDES:
             legs = [leg for leg in self.legs if leg.ours.endswith(f"_{side}")]
             ends = ["pelvis", f"thigh_{side}", f"shank_{side}", f"foot_{side}"]
@@ -271,7 +255,10 @@ class Transfer:
                     for move in self._between(*pair, legs, segments, stand):
                         found[move.joint] = move
         return tuple(
-            found.get(name) or JointMove(joint=name, theirs="", verdict=Verdict.ABSENT, known=float("nan"), standing={})
+            found.get(name)
+            or joint_moves.JointMove(
+                joint=name, theirs="", verdict=joint_moves.Verdict.ABSENT, known=float("nan"), standing={}
+            )
             for name in (f"{joint}_{side}" for side in SIDES for joint in NEEDED_JOINTS)
         )
 
@@ -282,7 +269,7 @@ class Transfer:
         legs: Sequence[LegJoint],
         segments: Mapping[str, pin.SE3],
         stand: Mapping[str, pin.SE3],
-    ) -> Iterator[JointMove]:
+    ) -> Iterator[joint_moves.JointMove]:
         """The joints between two registered bodies, the upper one first."""
         row = self.peer.joints_between(top, bottom)
         ours = {leg.theirs.name: leg for leg in legs}
@@ -296,30 +283,39 @@ class Transfer:
                 continue
             standing_at = {c.name: q0[c.name] for c in joint.coordinates if c.name in q0}
             move = partial(
-                JointMove, joint=leg.ours, theirs=joint.name, known=self.known[leg.ours], standing=standing_at
+                joint_moves.JointMove,
+                joint=leg.ours,
+                theirs=joint.name,
+                known=self.known[leg.ours],
+                standing=standing_at,
             )
             if joint not in moving:
-                yield move(verdict=Verdict.UNDETERMINED)
+                yield move(verdict=joint_moves.Verdict.UNDETERMINED)
                 pose = pose * was
                 continue
             standing = None
             if joint is moving[-1]:
                 standing = pose.actInv(stand[bottom] * self.peer.body_pose(bottom, joint.child, q0).inverse())
             of_above = not leg.ours.startswith("subtalar")  # whose parent, the talus, has no markers
-            segment = JOINT_OF[leg.ours].parent if of_above else JOINT_OF[leg.ours].child
-            target = axis_of_ours(leg.ours, self.model.parameters, of_above).moved(pose.actInv(segments[segment]))
+            segment = (
+                osim_registration.JOINT_OF[leg.ours].parent if of_above else osim_registration.JOINT_OF[leg.ours].child
+            )
+            target = osim_registration.axis_of_ours(leg.ours, self.model.parameters, of_above).moved(
+                pose.actInv(segments[segment])
+            )
             put = (put_ball if leg.hinge is None else put_hinge)(leg, was, target, standing)
             now = put.in_parent * joint.in_parent.actInv(was * joint.in_child) * put.in_child.inverse()
             centre = pose.act(put.centre)
             ends = [
-                JointEnd(
+                joint_moves.JointEnd(
                     body=joint.parent if of_parent else joint.child,
                     centre=(was * joint.in_child if of_parent else joint.in_child).translation,
                     place=place,
                     shift=put.shifts[not of_parent],
                     turn=put.turns[not of_parent],
                     errors=self._errors(leg.ours, of_parent, centre, segments),
-                    changed=shift_between(before, place) > UNMOVED_M or turn_between(before, place) > UNMOVED_RAD,
+                    changed=shift_between(before, place) > joint_moves.UNMOVED_M
+                    or turn_between(before, place) > joint_moves.UNMOVED_RAD,
                     landmarks=self._by_landmarks(leg, of_parent),
                 )
                 for of_parent, before, place in (
@@ -328,7 +324,7 @@ class Transfer:
                 )
             ]
             yield move(
-                verdict=Verdict.MOVED,
+                verdict=joint_moves.Verdict.MOVED,
                 rolls=(0.0, 0.0) if standing is None else (shift_between(standing, now), turn_between(standing, now)),
                 parent=ends[0],
                 child=ends[1],
@@ -337,14 +333,16 @@ class Transfer:
 
     def _by_landmarks(self, leg: LegJoint, of_parent: bool) -> float:
         """m, from a joint as it was read to where the nominal model has it in that body."""
-        ours, joint = JOINT_OF[leg.ours], leg.theirs
+        ours, joint = osim_registration.JOINT_OF[leg.ours], leg.theirs
         segment, body, frame = (
             (ours.parent, joint.parent, joint.in_parent) if of_parent else (ours.child, joint.child, joint.in_child)
         )
         registration = self.bodies.get(segment)
         if registration is None or registration.body != body:
             return float("nan")
-        target = axis_of_ours(leg.ours, self.model.nominal, of_parent).moved(registration.pose.inverse())
+        target = osim_registration.axis_of_ours(leg.ours, self.model.nominal, of_parent).moved(
+            registration.pose.inverse()
+        )
         if leg.hinge is None:
             return float(np.linalg.norm(target.point - frame.translation))
         line = leg.hinge.in_parent if of_parent else leg.hinge.in_child
@@ -354,13 +352,13 @@ class Transfer:
         self, joint: str, of_parent: bool, point: Array, segments: Mapping[str, pin.SE3]
     ) -> tuple[float, float]:
         """Standard errors, m and rad, of the place of a joint in one of its bodies; `point`: (3,) m, laboratory."""
-        ours, parameters = JOINT_OF[joint], self.model.parameters
+        ours, parameters = osim_registration.JOINT_OF[joint], self.model.parameters
         segment = ours.parent if of_parent else ours.child
         registration = self.bodies.get(segment)
         if registration is None:
             return float("nan"), float("nan")
         at = segments[segment].actInv(point)
-        axis = axis_of_ours(joint, parameters, of_parent)
+        axis = osim_registration.axis_of_ours(joint, parameters, of_parent)
         across = np.eye(3) if joint.startswith("hip") else np.eye(3) - np.outer(axis.direction, axis.direction)
         shift, turn = registration.point_covariance(at), registration.turn_covariance
         names = [p.name for p in JOINT_PARAMETERS if p.joint == joint and p.segment == segment]
@@ -369,7 +367,9 @@ class Transfer:
             for k, name in enumerate(told):
                 value = parameters.joint[JP_INDEX[name]]
                 more, less = (
-                    axis_of_ours(joint, parameters.with_joint((name,), np.array([value + d])), of_parent)
+                    osim_registration.axis_of_ours(
+                        joint, parameters.with_joint((name,), np.array([value + d])), of_parent
+                    )
                     for d in (_STEP, -_STEP)
                 )
                 ends = [
@@ -382,8 +382,10 @@ class Transfer:
         size = float(np.sqrt(np.trace(across @ shift @ across)))
         return size, float("nan") if joint.startswith("hip") else float(np.sqrt(np.trace(across @ turn @ across)))
 
-    def _notes(self, moves: Sequence[JointMove]) -> Iterator[str]:
-        moved = {e.body for m in moves for e in (m.parent, m.child) if e is not None and e.moved > UNMOVED_M}
+    def _notes(self, moves: Sequence[joint_moves.JointMove]) -> Iterator[str]:
+        moved = {
+            e.body for m in moves for e in (m.parent, m.child) if e is not None and e.moved > joint_moves.UNMOVED_M
+        }
         feet = {leg.theirs.child for leg in self.legs if leg.ours.startswith(("talocrural", "subtalar"))}
         feet |= {leg.theirs.parent for leg in self.legs if leg.ours.startswith("subtalar")}
         if self.follow and (stay := sorted(moved - feet - self._bones(moves).keys())):
@@ -394,7 +396,7 @@ class Transfer:
         off = {leg.ours: leg.hinge.off for leg in self.legs if leg.hinge is not None}
         beside = "" if self.follow else ": muscle points beside it stay on their bones, and may no longer suit it"
         for move in moves:
-            if move.verdict is Verdict.MOVED and off.get(move.joint, 0.0) > ROLLING:
+            if move.verdict is joint_moves.Verdict.MOVED and off.get(move.joint, 0.0) > ROLLING:
                 yield (
                     f"{move.theirs} is no hinge: over the postures of the recordings {1e3 * off[move.joint]:.1f} mm "
                     "RMS from the nearest one, which its standard errors and draws do not count"
@@ -414,7 +416,7 @@ class Transfer:
             yield (
                 f"{', '.join(r.body for r in by_axes)}: laid on by the axes of joints, up to "
                 f"{1e3 * max(r.rms for r in by_axes):.0f} mm from this person's, as too few markers are shared; "
-                f"nothing shows that the model has this person's size: {NAME_OR_SCALE}"
+                f"nothing shows that the model has this person's size: {osim_registration.NAME_OR_SCALE}"
             )
         for r in self.bodies.values():
             if r.rms > APART and not r.by_axes:

@@ -14,8 +14,6 @@ all the time, and |x_f - R_f m - o_f| how far it strays from its mean place in a
 markers borrows: a thigh the hip centre as the pelvis carries it, a shank and a foot the lateral marker above.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -24,9 +22,8 @@ import numpy as np
 
 from gaitcal.arrays import Array, BoolArray
 from gaitcal.io.recording import Recording, seen_mask, still_window
-from gaitcal.model import chain, segment_frames
+from gaitcal.model import chain, linkage, segment_frames
 from gaitcal.model.landmarks import static_posture
-from gaitcal.model.linkage import COORDINATES, SIDES
 from gaitcal.model.marker_set import MarkerSet
 from gaitcal.model.present_markers import complete_static, present_markers
 from gaitcal.model.subject_model import SubjectModel
@@ -46,7 +43,7 @@ ROUNDS = 4
 """Of the shape: from a start 30 mm off it is then still within 0.1 mm."""
 HIP_CENTRE = "hip centre"
 """Name of the point that a thigh borrows."""
-SEGMENTS = ("pelvis", *(f"{part}_{side}" for part in ("thigh", "shank", "foot") for side in SIDES))
+SEGMENTS = ("pelvis", *(f"{part}_{side}" for part in ("thigh", "shank", "foot") for side in linkage.SIDES))
 LENDER = {"shank": "knee_lat", "foot": "ankle_lat"}
 """Segment -> the landmark above it that it may borrow."""
 
@@ -69,7 +66,7 @@ class Stance:
     @classmethod
     def of_recording(
         cls, static: Recording, marker_set: MarkerSet, model: SubjectModel, hip_centre: segment_frames.HipCentre
-    ) -> Stance:
+    ) -> "Stance":
         """From the static trial of which `model` was made."""
         static = complete_static(marker_set.renamed(static), marker_set)
         marker_set = present_markers(marker_set, static)
@@ -87,10 +84,10 @@ class Stance:
         landmarks = {name: axes @ at for name, at in posture.landmarks.items()}
         return cls(
             points=points,
-            centres={f"{j}_{s}": axes @ legs.centres[f"{c}_{s}"] for j, c in centre.items() for s in SIDES},
+            centres={f"{j}_{s}": axes @ legs.centres[f"{c}_{s}"] for j, c in centre.items() for s in linkage.SIDES},
             knee_axes={
                 f"knee_{s}": segment_frames.sign(s) * (landmarks[f"knee_lat_{s}"] - landmarks[f"knee_med_{s}"])
-                for s in SIDES
+                for s in linkage.SIDES
                 if posture.has(f"knee_med_{s}")
             },
             landmarks=landmarks,
@@ -98,9 +95,9 @@ class Stance:
         )
 
     @classmethod
-    def of_model(cls, model: SubjectModel) -> Stance:
+    def of_model(cls, model: SubjectModel) -> "Stance":
         """From a saved model, all coordinates zero: its joint centres and markers."""
-        axes, origins = chain.body_poses(model.parameters, np.zeros((1, len(COORDINATES))))
+        axes, origins = chain.body_poses(model.parameters, np.zeros((1, len(linkage.COORDINATES))))
         frames = {name: segment_frames.Frame(axes[name][:, :, 0].T, origins[name][:, 0]) for name in axes}
         points: dict[str, dict[str, Array]] = {}
         placed = zip(model.markers.labels, model.markers.segments, model.markers.local, strict=True)
@@ -109,7 +106,7 @@ class Stance:
         centres = {}
         above = {"hip": ("hip", "pelvis"), "knee": ("knee", "thigh"), "ankle": ("talocrural", "shank")}
         for name, (joint, part) in above.items():
-            for side in SIDES:
+            for side in linkage.SIDES:
                 segment = part if part == "pelvis" else f"{part}_{side}"
                 at = model.parameters.centre(f"{joint}_{side}", segment)
                 centres[f"{name}_{side}"] = frames[segment].point(at)
@@ -120,7 +117,7 @@ class Stance:
             size=max(1.0, model.subject.height / USUAL_HEIGHT_M),
         )
 
-    def without(self, labels: Collection[str]) -> Stance:
+    def without(self, labels: Collection[str]) -> "Stance":
         """The same posture without markers that are no evidence of where they sit, as they were not seen in it."""
         points = {s: {m: at for m, at in placed.items() if m not in labels} for s, placed in self.points.items()}
         return replace(self, points=points) if labels else self

@@ -1,7 +1,5 @@
 """What all checks look at: one trial, what it is measured against, and how a finding in it is told."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 from functools import cached_property, partialmethod
 
@@ -51,17 +49,17 @@ class MarkerEvidence:
         settings: CalibrationSettings,
         model: SubjectModel | None,
         stance: Stance | None = None,
-    ) -> MarkerEvidence:
+    ) -> "MarkerEvidence":
         """The evidence of a trial without markers that are metres away from the body, as it will be fitted."""
         trial = cleaned_trial(trial, marker_set.segment_of, marker_set.noise)
         found = cls(trial=trial, marker_set=marker_set, subject=subject, settings=settings, model=model)
         return replace(found, stance=stance, outliers=trial.outliers or ())
 
-    def with_recording(self, recording: Recording) -> MarkerEvidence:
+    def with_recording(self, recording: Recording) -> "MarkerEvidence":
         """The same trial as another recording has it."""
         return replace(self, trial=replace(self.trial, recording=recording))
 
-    def with_markers(self, markers: Array) -> MarkerEvidence:
+    def with_markers(self, markers: Array) -> "MarkerEvidence":
         """The same trial with other positions (nf, nm, 3) m."""
         return self.with_recording(replace(self.recording, markers=markers))
 
@@ -131,7 +129,7 @@ class MarkerEvidence:
         return self.trial.role is Role.JOINT
 
     @cached_property
-    def as_fitted(self) -> MarkerEvidence:
+    def as_fitted(self) -> "MarkerEvidence":
         """The trial with the markers that it is fitted by alone: of an isolated trial those of its joint's segments."""
         if self.trial.joint is None:
             return self

@@ -18,7 +18,6 @@ from gaitcal.dynamics.measurement_errors import foot_tip, outline_known
 from gaitcal.dynamics.off_sole import MOST_BESIDE, Place, divided_cause, divided_frames, one_centre, places_of
 from gaitcal.errors import Code, Finding, Severity
 from gaitcal.faults.evidence import MarkerEvidence
-from gaitcal.faults.verdict import DISORDERS_PRESSURE
 from gaitcal.io.force_plate import BODY_N, LOADED_N, centre_on_ground, resample_wrench
 from gaitcal.io.recording import duration, runs, spans
 from gaitcal.model.linkage import SIDES
@@ -26,6 +25,8 @@ from gaitcal.runtime import remembered
 
 TOPIC = "plate to foot"
 PLATES_ELSEWHERE = "the plates, or the markers, are not where the file has them"
+DISORDERS_PRESSURE = ("units", "axes", "sides", "exchanged", "time", "forces")
+"""Topics of warnings and errors about what puts centres of pressure off their feet by itself."""
 FEET = ("right", "left")
 FLOOR_M = (-0.03, 0.15)
 """Height of a resting heel or toe marker above the centre of pressure."""

@@ -22,8 +22,7 @@ from gaitcal.arrays import Array
 from gaitcal.errors import STUDY, Code, Finding, Severity
 from gaitcal.faults.evidence import MarkerEvidence
 from gaitcal.faults.static_landmarks import label_words, landmarks
-from gaitcal.model import body_plan, chain, segment_frames
-from gaitcal.model.linkage import SIDES
+from gaitcal.model import body_plan, chain, linkage, segment_frames
 
 TORSION_DEG = 10.0
 """Mean outward torsion between the lines of epicondyles and malleoli as they are palpated: 3 to 20 deg on the legs of
@@ -104,14 +103,14 @@ def odd_lines(p: Mapping[str, Array], bending: Mapping[str, float]) -> Iterator[
 
     p: landmarks of the static trial, (3,) m each, y up. bending: side -> deg of the walks, positive as k; may be empty.
     """
-    legs = {side: _side_evidence(p, side, bending.get(side)) for side in SIDES}
+    legs = {side: _side_evidence(p, side, bending.get(side)) for side in linkage.SIDES}
     mean = {name: 0.5 * (x + legs["l"][name]) for name, x in legs["r"].items() if name in legs["l"]}
-    both = _odd(SIDES, mean, BOTH_DEG)
-    alike = [_estimate(legs[side], ONE_DEG)[0] for side in SIDES]
+    both = _odd(linkage.SIDES, mean, BOTH_DEG)
+    alike = [_estimate(legs[side], ONE_DEG)[0] for side in linkage.SIDES]
     if both is not None and min(alike) * max(alike) > 0 and min(map(abs, alike)) > 0.5 * abs(both.turn):
         yield both
         return
-    ones = [_odd((side,), legs[side], ONE_DEG) for side in SIDES]
+    ones = [_odd((side,), legs[side], ONE_DEG) for side in linkage.SIDES]
     yield from (one for one in ones if one is not None)
 
 
@@ -161,7 +160,7 @@ def _odd(sides: tuple[str, ...], found: Mapping[str, float], sd: Mapping[str, fl
 def bending(trials: Sequence[MarkerEvidence]) -> dict[str, float]:
     """Side -> deg from the axis of the knee to its epicondyles, median of the walks; where they tell one."""
     out: dict[str, float] = {}
-    for side in SIDES:
+    for side in linkage.SIDES:
         found = [axis_turn(trial, f"knee_{side}") for trial in trials if trial.is_gait]
         turns = [turn for turn in found if turn is not None]
         if turns:

@@ -22,11 +22,8 @@ import numpy as np
 
 from gaitcal.arrays import Array
 from gaitcal.errors import STUDY, Code, Finding, Severity, listed
+from gaitcal.faults import contradiction, evidence, joint_link, static_consistency
 from gaitcal.faults.cluster import alignment
-from gaitcal.faults.contradiction import SPREAD, Fault
-from gaitcal.faults.evidence import MarkerEvidence
-from gaitcal.faults.joint_link import CHAIN, angle_of
-from gaitcal.faults.static_consistency import contradictions_in
 from gaitcal.model import linkage, parameters, segment_frames
 from gaitcal.study.study import Study
 
@@ -54,7 +51,10 @@ class Placement:
     @property
     def words(self) -> str:
         """How far off it was, by which trials it was placed, and how well."""
-        turn, shift = angle_of(alignment(self.before, self.place)[0]), (self.place - self.before).mean(axis=0)
+        turn, shift = (
+            joint_link.angle_of(alignment(self.before, self.place)[0]),
+            (self.place - self.before).mean(axis=0),
+        )
         found = f"{listed([repr(m) for m in self.labels])} of {self.segment} sit {1e3 * np.linalg.norm(shift):.0f} mm "
         found += f"and {np.rad2deg(turn):.0f} deg from where the static trial has them; they are placed by the rest of "
         found += f"the leg in {listed(list(self.trials))}, to {1e3 * self.shift_spread:.0f} mm and "
@@ -68,12 +68,12 @@ class Placement:
         return Finding(code=code, severity=note, topic=topic, where=STUDY, found=self.words, cure=cure)
 
 
-def placement(trials: Sequence[MarkerEvidence]) -> Placement | None:
+def placement(trials: Sequence[evidence.MarkerEvidence]) -> Placement | None:
     """The cluster that most moving trials have elsewhere than the static one, where the rest of the leg tells where."""
-    told: dict[tuple[str, tuple[str, ...]], list[tuple[float, MarkerEvidence]]] = {}
+    told: dict[tuple[str, tuple[str, ...]], list[tuple[float, evidence.MarkerEvidence]]] = {}
     for trial in trials:
-        for cause in contradictions_in(trial):
-            if cause.fault is Fault.CLUSTER:
+        for cause in static_consistency.contradictions_in(trial):
+            if cause.fault is contradiction.Fault.CLUSTER:
                 told.setdefault((cause.segment, cause.labels), []).append((cause.excess, trial))
     for (segment, labels), of in sorted(told.items(), key=lambda pair: -sum(excess for excess, _ in pair[1])):
         if (placed := _placement(segment, labels, [trial for _, trial in of])) is not None:
@@ -81,7 +81,7 @@ def placement(trials: Sequence[MarkerEvidence]) -> Placement | None:
     return None
 
 
-def _placement(segment: str, labels: tuple[str, ...], trials: Sequence[MarkerEvidence]) -> Placement | None:
+def _placement(segment: str, labels: tuple[str, ...], trials: Sequence[evidence.MarkerEvidence]) -> Placement | None:
     """By those of these trials that tell; None where none does."""
     places = [local for t in trials if (local := _local(t, segment, labels)) is not None]
     if not places:
@@ -93,25 +93,25 @@ def _placement(segment: str, labels: tuple[str, ...], trials: Sequence[MarkerEvi
     turn, _ = segment_frames.rigid_motions(place, wander)
     away = wander.mean(axis=1) - middle
     links = [link for t in trials for link in t.links.values() if segment in (link.above, link.below)]
-    limits = np.max([(k.gap_base, k.turn_base.max()) for k in links], axis=0) / SPREAD
+    limits = np.max([(k.gap_base, k.turn_base.max()) for k in links], axis=0) / contradiction.SPREAD
     return Placement(
         segment=segment,
         labels=labels,
         before=before,
         place=place,
         shift_spread=float(np.hypot(limits[0], np.sqrt(np.mean((away**2).sum(axis=1)) / 3.0))),
-        turn_spread=float(np.hypot(limits[1], np.sqrt(np.mean(angle_of(turn) ** 2) / 3.0))),
+        turn_spread=float(np.hypot(limits[1], np.sqrt(np.mean(joint_link.angle_of(turn) ** 2) / 3.0))),
         trials=tuple(t.name for t in trials),
     )
 
 
-def _local(trial: MarkerEvidence, segment: str, labels: Sequence[str]) -> Array | None:
+def _local(trial: evidence.MarkerEvidence, segment: str, labels: Sequence[str]) -> Array | None:
     """(nf, n, 3) m, the cluster's markers in the static posture of the bone, by frame; None where nothing tells."""
     stance, (part, _, side) = trial.stance, segment.partition("_")
     cluster = trial.clusters[segment]
     if stance is None or part not in ("thigh", "shank"):
         return None
-    joints = [(f"{name}_{side}", pair) for name, pair in CHAIN.items() if part in pair]
+    joints = [(f"{name}_{side}", pair) for name, pair in joint_link.CHAIN.items() if part in pair]
     axis = np.array([0.0, 0.0, KNEE_HALF_M])
     points, paths = list[Array](), list[Array]()
     for joint, pair in joints:
@@ -135,7 +135,7 @@ def _local(trial: MarkerEvidence, segment: str, labels: Sequence[str]) -> Array 
     return np.einsum("fji,fnj->fni", turn, together[:, len(points) :] - origin[:, None])
 
 
-def with_placement(study: Study, static: MarkerEvidence, one: Placement) -> Study:
+def with_placement(study: Study, static: evidence.MarkerEvidence, one: Placement) -> Study:
     """The study with a cluster of its static trial where the moving trials have it, and its joints less known."""
     recording = study.static.recording
     axes, _ = alignment(one.before, np.array([static.still_positions[m] for m in one.labels]))

@@ -23,16 +23,8 @@ from gaitcal.errors import Code, Finding, GaitcalError, Severity, alike, listed
 from gaitcal.faults.evidence import NEGLIGIBLE_WEIGHT, MarkerEvidence
 from gaitcal.io.labels import is_unlabelled
 from gaitcal.io.recording import duration, marker_gaps, runs, seen_mask, spans
+from gaitcal.model import linkage
 from gaitcal.model.landmarks import one_psis, sacrum_words
-from gaitcal.model.linkage import (
-    HANGS_ON,
-    LEG_SEGMENTS,
-    LOWER_BODY,
-    SIDES,
-    carrier_of,
-    coordinates_before,
-    joint_segments,
-)
 from gaitcal.model.subject_model import SubjectModel
 from gaitcal.motion.coordinate_prior import MARKER_M, left_uncertain
 from gaitcal.motion.motion import tracked_motion
@@ -104,7 +96,7 @@ def too_few(trial: MarkerEvidence) -> Iterator[Finding]:
     if trial.is_static or trial.model is None:
         return
     joint, of_pelvis = trial.trial.joint, trial.weighed("pelvis")
-    carrier = carrier_of(joint) or "pelvis"
+    carrier = linkage.carrier_of(joint) or "pelvis"
     shown = trial.weighed(carrier)
     if len(shown) < FEWEST_MARKERS:
         of = "the pelvis" if carrier == "pelvis" else f"{carrier}, which carries {joint},"
@@ -138,7 +130,7 @@ def never_seen(trial: MarkerEvidence) -> Iterator[Finding]:
         if trial.ever_seen(label) and trial.weight(label) > 0 and segment_of[label] in left:
             left[segment_of[label]] += 1
     joint = trial.trial.joint
-    needed = joint_segments(joint) if joint else ("pelvis", *LEG_SEGMENTS)
+    needed = linkage.joint_segments(joint) if joint else ("pelvis", *linkage.LEG_SEGMENTS)
     lost = [s for s in left if s in needed and not left[s]]
     light = all(trial.weight(m) <= NEGLIGIBLE_WEIGHT or left[segment_of[m]] >= FEWEST_MARKERS for m in empty)
     harmless = trial.is_isolated or light
@@ -206,19 +198,19 @@ def bare_segments(trial: MarkerEvidence) -> Iterator[Finding]:
         return
     visible = {m for m in trial.place if trial.ever_seen(m) and trial.weight(m) > 0}
     markers = trial.model.markers
-    wanted: dict[str, list[str]] = {segment: [] for segment in LEG_SEGMENTS}
+    wanted: dict[str, list[str]] = {segment: [] for segment in linkage.LEG_SEGMENTS}
     for label, segment, weight in zip(markers.labels, markers.segments, markers.weight, strict=True):
         if weight > 0:
             wanted.setdefault(segment, []).append(label)
     bare = [segment for segment, labels in wanted.items() if visible.isdisjoint(labels)]
     if bare:
-        sides = {segment[-1] for segment in bare if segment in LEG_SEGMENTS}
+        sides = {segment[-1] for segment in bare if segment in linkage.LEG_SEGMENTS}
         torques = f"; no torque{' of this leg' if len(sides) == 1 else ''} is valid" if sides else ""
         yield trial.warning(
             "labels",
             f"no marker with weight of {listed(bare)}: nothing tells how it moves{torques}",
             "label them in this trial, or see [markers] rename and weights of the study",
-            leg=next(iter(sides)) if len(sides) == 1 and set(bare) <= set(LEG_SEGMENTS) else "",
+            leg=next(iter(sides)) if len(sides) == 1 and set(bare) <= set(linkage.LEG_SEGMENTS) else "",
             code=Code.BARE_SEGMENT,
         )
 
@@ -322,7 +314,7 @@ def _lines(trial: MarkerEvidence) -> dict[str, tuple[Array, Array]]:
     p, parts = trial.posture or {}, (("thigh", "asis", "knee_lat"), ("shank", "knee_lat", "ankle_lat"))
     ends = {
         f"{segment}_{side}": (f"{a}_{side}", f"{b}_{side}")
-        for side in SIDES
+        for side in linkage.SIDES
         for segment, a, b in (*parts, ("foot", "heel", "toe"))
     }
     out = {segment: (p[a], p[b]) for segment, (a, b) in ends.items() if a in p and b in p}
@@ -352,7 +344,7 @@ def followed(trial: MarkerEvidence) -> Iterator[Finding]:
             cure = f"{along} of the file moves with it: add it to this segment in the marker set, or rename it"
         angles = {name: s for name, s in (unsure or {}).items() if name.endswith(f"_{side}")}
         severity, worst = Severity.ERROR, max(angles.values(), default=0.0)
-        if unsure is None or sum(s[-1] == side for s in single) == len(LEG_SEGMENTS) // 2:
+        if unsure is None or sum(s[-1] == side for s in single) == len(linkage.LEG_SEGMENTS) // 2:
             found += "; what the joints beside it leave open has no one answer"
         elif worst > TOLD_RAD:
             named = listed([f"{name} ({np.rad2deg(s):.0f} deg)" for name, s in angles.items() if s > TOLD_RAD])
@@ -371,7 +363,11 @@ def _counts(trial: MarkerEvidence) -> dict[str, Array]:
     what carries an isolated joint needs three markers.
     """
     joint = trial.trial.joint
-    judged = LEG_SEGMENTS if joint is None else tuple(s for s in joint_segments(joint)[1:] if s in LEG_SEGMENTS)
+    judged = (
+        linkage.LEG_SEGMENTS
+        if joint is None
+        else tuple(s for s in linkage.joint_segments(joint)[1:] if s in linkage.LEG_SEGMENTS)
+    )
     return {s: trial.seen[:, [trial.place[m] for m in trial.weighed(s)]].sum(axis=1) for s in judged}
 
 
@@ -379,7 +375,9 @@ def _undetermined(trial: MarkerEvidence, model: SubjectModel) -> dict[str, float
     """Angle of a leg -> rad, how uncertain it is in the worst tenth of the frames; None where tracking fails."""
     nominal = model.nominal
     try:
-        problem = trial_problem(trial.name, model, trial.recording, NodeRule(), root="pelvis", segments=LOWER_BODY)
+        problem = trial_problem(
+            trial.name, model, trial.recording, NodeRule(), root="pelvis", segments=linkage.LOWER_BODY
+        )
         motion = tracked_motion(problem, nominal)
     except (GaitcalError, np.linalg.LinAlgError):
         return None
@@ -388,7 +386,7 @@ def _undetermined(trial: MarkerEvidence, model: SubjectModel) -> dict[str, float
     uncertain = left_uncertain(problem.frame_hessians(motion.q, problem.constants(nominal)))
     frames = slice(None) if trial.pelvis is None else trial.pelvis.determined
     worst = np.quantile(uncertain[frames], WORST_SHARE, axis=0)
-    names, beyond = zip(problem.chain.coordinates, worst, strict=True), coordinates_before(HANGS_ON)
+    names, beyond = zip(problem.chain.coordinates, worst, strict=True), linkage.coordinates_before(linkage.HANGS_ON)
     return {name: float(s) for name, s in names if name[-2:] in ("_r", "_l") and name not in beyond}
 
 
@@ -415,7 +413,11 @@ def _keeps(trial: MarkerEvidence, label: str, segment: str) -> bool:
     near_joint = {m: BESIDE_JOINT_M for m in trial.marker_set.landmarks.get(above, ()) if m in trial.place}
     near_joint |= dict.fromkeys(trial.weighed(segment), KEEPS_M)
     spread = [(_spread(trial, label, other), most) for other, most in near_joint.items()]
-    others = [_spread(trial, label, m) for s in SIDES for m in trial.weighed(f"foot_{s}") + trial.weighed(f"thigh_{s}")]
+    others = [
+        _spread(trial, label, m)
+        for s in linkage.SIDES
+        for m in trial.weighed(f"foot_{s}") + trial.weighed(f"thigh_{s}")
+    ]
     moved = max((s for s in others if s is not None), default=0.0)
     return bool(spread) and all(s is not None and s < most for s, most in spread) and moved > MOVES_M
 

@@ -25,8 +25,6 @@ A cause gains sum (rho(z_0) - rho(z)) / 2 with rho(z) = B^2 log(1 + z^2 / B^2), 
 is believed beyond all bounds (Cauchy-like).
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -82,7 +80,7 @@ class PlateForces:
         time: Array,
         middle: Array | None = None,
         place: Array | None = None,
-    ) -> PlateForces:
+    ) -> "PlateForces":
         """At the times (k,) s. The centre of pressure lies at the height of `middle` (3,) m; it and `place` (3,) m
         are the middle of the load where they are not known.
         """

@@ -20,9 +20,8 @@ from gaitcal.arrays import Array
 from gaitcal.errors import Code, Finding, Severity, listed
 from gaitcal.faults.evidence import MarkerEvidence
 from gaitcal.faults.role import standing_legs
+from gaitcal.model import linkage, marker_set
 from gaitcal.model.body_plan import HIP_HEIGHT, Landmarks, Measure, body_axes, cost, cost_of_build, measures
-from gaitcal.model.linkage import SIDES
-from gaitcal.model.marker_set import REQUIRED
 
 EXCHANGE_SAVES = 12.0
 """Least gain of J that an exchange is told for: on clean recordings the best one costs 15 more than none."""
@@ -159,12 +158,12 @@ def _candidates(p: Landmarks) -> Iterator[tuple[tuple[str, str], ...]]:
     groups += [("knee_med", "ankle_med"), LEG, ("asis", *LEG), LEG[:4]]
     found = [sides(*group) for group in groups]
     for joint in ("knee", "ankle"):
-        across = [there((f"{joint}_lat_{side}", f"{joint}_med_{side}")) for side in SIDES]
+        across = [there((f"{joint}_lat_{side}", f"{joint}_med_{side}")) for side in linkage.SIDES]
         found += [*across, across[0] + across[1]]
-    for side, end in product(SIDES, ("lat", "med")):
+    for side, end in product(linkage.SIDES, ("lat", "med")):
         found.append(there((f"knee_{end}_{side}", f"ankle_{end}_{side}")))
-    found += [there((f"heel_{side}", f"toe_{side}")) for side in SIDES]
-    found.append(there(*((f"heel_{side}", f"toe_{side}") for side in SIDES)))
+    found += [there((f"heel_{side}", f"toe_{side}")) for side in linkage.SIDES]
+    found.append(there(*((f"heel_{side}", f"toe_{side}") for side in linkage.SIDES)))
     yield from dict.fromkeys(pairs for pairs in found if pairs)
     yield ()
 
@@ -210,7 +209,7 @@ def proportions(trial: MarkerEvidence) -> Iterator[Finding]:
             code=Code.NOT_UPRIGHT,
         )
         return
-    if any(name not in p for name in REQUIRED):
+    if any(name not in p for name in marker_set.REQUIRED):
         return  # told already as what keeps the nominal model from being made: the rest would be read askew without it
     found = list(faults(p, given))
     if any(isinstance(fault, Displaced) for fault in found):
@@ -237,7 +236,7 @@ def proportions(trial: MarkerEvidence) -> Iterator[Finding]:
 
 def hip_height(trial: MarkerEvidence) -> float | None:
     """m, median height of the ASIS above the lateral malleoli."""
-    paths = [trial.landmark(f"{name}_{side}") for name in ("asis", "ankle_lat") for side in SIDES]
+    paths = [trial.landmark(f"{name}_{side}") for name in ("asis", "ankle_lat") for side in linkage.SIDES]
     if any(path is None for path in paths):
         return None
     up = np.array([path[:, 1] for path in paths if path is not None])
@@ -248,7 +247,7 @@ def hip_height(trial: MarkerEvidence) -> float | None:
 
 def landmarks(trial: MarkerEvidence) -> dict[str, Array]:
     """Landmark -> (3,) m, of pelvis and legs, mean of the still window of a static trial; empty where there is none."""
-    used = {"sacrum", *(f"{name}_{side}" for name in ("asis", *LEG) for side in SIDES)}
+    used = {"sacrum", *(f"{name}_{side}" for name in ("asis", *LEG) for side in linkage.SIDES)}
     return {name: point for name, point in (trial.posture or {}).items() if name in used}
 
 

@@ -10,8 +10,6 @@ the joints, the others are in doubt. What is wrong with one leg concerns that le
 torques, and those of pelvis and trunk, which need both; the walk is doubtful then, and refused where both legs are.
 """
 
-from __future__ import annotations
-
 import re
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
@@ -31,8 +29,6 @@ SPOILS = {
 """Topic of an error whose cause is known -> topics of the same trial that it puts in disorder by itself."""
 SPOILS_BODY = ("units", "axes", "sides", "landmarks")
 """Topics of errors of a trial that put its whole body in disorder against the other trials'."""
-DISORDERS_PRESSURE = ("units", "axes", "sides", "exchanged", "time", "forces")
-"""Topics of warnings and errors about what puts centres of pressure off their feet by itself."""
 OF_FORCES = ("forces", "plates", "plate to foot", "body mass")
 """Topics of what is wrong with the forces of a walk, by which no joint was found."""
 FORCES, PLACES, BOUNDS, MARKERS_AFTER_FIT = "forces", "joint places", "physical bounds", "markers after the fit"
@@ -88,7 +84,7 @@ class Judgement(Enum):
     REFUSED = "refused"
 
     @classmethod
-    def worst(cls, of: Iterable[Judgement]) -> Judgement:
+    def worst(cls, of: "Iterable[Judgement]") -> "Judgement":
         """The worst of some; trustworthy where there are none."""
         order = list(cls)
         return max(of, key=order.index, default=cls.TRUSTWORTHY)

@@ -6,8 +6,6 @@ difference first; on paper in the same order. Moments and powers are by each ses
 between two visits.
 """
 
-from __future__ import annotations
-
 import base64
 import io
 from collections.abc import Iterator, Mapping, Sequence
@@ -20,9 +18,8 @@ import pandas as pd
 from gaitcal.arrays import Array
 from gaitcal.compare.difference import Difference, numbers_of, subject
 from gaitcal.compare.sessions import SessionComparison
+from gaitcal.figures import report, report_sheets
 from gaitcal.figures.chart import FAINT, FONT, INK, SIDE_COLOURS, SIDE_DASHES, dress, limits, line_style, new_figure
-from gaitcal.figures.report import SALT
-from gaitcal.figures.report_sheets import LEAST, UNITS, CurvePanel
 from gaitcal.gait.conventions import Convention
 from gaitcal.gait.cycles import POINTS, Kind, kind_of, known_variables
 from gaitcal.gait.moments import SIDE_WORDS
@@ -42,8 +39,8 @@ def comparison_page(
     convention: Convention,
     sheets: Mapping[str, Sequence[str]],
     people: Sequence[Sequence[tuple[str, str]]],
-    scores: Sequence[Row] = (),
-    norms: Row = ("", ""),
+    scores: "Sequence[Row]" = (),
+    norms: "Row" = ("", ""),
 ) -> str:
     """The whole page.
 
@@ -118,25 +115,25 @@ def _sheet(comparison: SessionComparison, convention: Convention, variables: Seq
         _panel(figure.add_subplot(rows, COLUMNS, k), comparison, convention, of_leg)
     figure.tight_layout(h_pad=0.8, w_pad=0.6)
     text = io.StringIO()
-    with mpl.rc_context({"svg.hashsalt": SALT, "svg.fonttype": "none"}):
+    with mpl.rc_context({"svg.hashsalt": report.SALT, "svg.fonttype": "none"}):
         figure.savefig(text, format="svg", metadata={"Date": None, "Creator": None, "Format": None, "Type": None})
     told = f"Mean curves of {' and '.join(comparison.names)}: {', '.join(dict.fromkeys(v for v, _ in known))}"
     data = base64.b64encode(text.getvalue().encode()).decode("ascii")
     return f'<img alt="{escape(told)}" src="data:image/svg+xml;base64,{data}">'
 
 
-def _panel(axes: Axes, comparison: SessionComparison, convention: Convention, curve: pd.DataFrame) -> None:
+def _panel(axes: "Axes", comparison: SessionComparison, convention: Convention, curve: pd.DataFrame) -> None:
     variable, side, percent = curve["variable"].iloc[0], curve["side"].iloc[0], curve["percent"].to_numpy()
     kind = kind_of(variable)
     before, after, band = told_curves(comparison, convention, curve)
     positive, title = convention.senses(variable, side)[0], convention.title(variable)
-    dress(axes, ylabel=f"{UNITS[kind]}\n{positive} +")
+    dress(axes, ylabel=f"{report_sheets.UNITS[kind]}\n{positive} +")
     axes.set_title(f"{title}, {SIDE_WORDS[side]}", fontsize=7.6, family=FONT, loc="left", pad=3)
     axes.axhline(0.0, color=FAINT, linewidth=0.5)
     axes.fill_between(percent, before - band, before + band, color="#000000", alpha=0.12, linewidth=0)
     axes.plot(percent, before, color="#555555", linewidth=1.3)
     axes.plot(percent, after, color=SIDE_COLOURS[side], linestyle=line_style(SIDE_DASHES[side]), linewidth=1.5)
-    low, high = limits([before, after, before - band, before + band], LEAST[kind])
+    low, high = limits([before, after, before - band, before + band], report_sheets.LEAST[kind])
     beyond = np.where(curve["exceeds"].to_numpy() == 1, low, np.nan)
     axes.plot(percent, beyond, color=INK, linewidth=5.0, solid_capstyle="butt")
     axes.set_xlim(0.0, 100.0)
@@ -160,7 +157,7 @@ def told_curves(comparison: SessionComparison, convention: Convention, curve: pd
 
 def paper_panels(
     comparison: SessionComparison, convention: Convention, variables: Sequence[str]
-) -> Iterator[CurvePanel | str]:
+) -> Iterator[report_sheets.CurvePanel | str]:
     """Of a sheet on paper: before thin, after thick in the band within which a difference could have been missed."""
     curves, none = comparison.curves, np.full(POINTS, np.nan)
     for variable in variables:
@@ -173,15 +170,15 @@ def paper_panels(
             for side, rows in of.items()
         }
         kind = kind_of(variable)
-        yield CurvePanel(
+        yield report_sheets.CurvePanel(
             title=convention.title(variable),
-            unit=UNITS[kind],
+            unit=report_sheets.UNITS[kind],
             senses=convention.senses(variable, "r"),
             strides={side: (before,) for side, (before, _, _) in told.items()},
             mean={side: after for side, (_, after, _) in told.items()},
             error={side: band for side, (_, _, band) in told.items()},
             norm=None,
-            least=LEAST[kind],
+            least=report_sheets.LEAST[kind],
             thin=(0.7, 0.9),
         )
 

@@ -1,7 +1,5 @@
 """Joint angles and joint moments over the gait cycle or over time, right and left, calibrated and nominal."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from enum import Enum
@@ -40,7 +38,7 @@ class Trace:
         """`hip_flexion_r`."""
         return f"{self.base}_{self.side}" if self.side else self.base
 
-    def scaled(self, factor: float) -> Trace:
+    def scaled(self, factor: float) -> "Trace":
         """As it is drawn, with gaps where values do not count; the truth is drawn there, too."""
         error, nominal, truth = (None if x is None else factor * x for x in (self.error, self.nominal, self.truth))
         value = np.where(self.valid, factor * self.value, np.nan)
@@ -55,7 +53,7 @@ NOMINAL_KEY = chart.Key(label="nominal model", colour=chart.NOMINAL, width=0.9)
 BAND_KEY = chart.Key(label="±1 standard error", colour=chart.SIDE_COLOURS["r"], kind="band")
 
 
-def _keys(middle: str, curves: Curves) -> tuple[chart.Key, ...]:
+def _keys(middle: str, curves: "Curves") -> tuple[chart.Key, ...]:
     """The legend; `middle` says what the curves without a side are of."""
     traces = curves.traces.values()
     known = (
@@ -128,7 +126,7 @@ def curve_chart(curves: Curves, kind: CurveKind, stem: str) -> chart.Chart:
     return chart.Chart(name=f"{stem}_{ending}", title=title, panels=panels, keys=_keys(middle, curves))
 
 
-def normal_band(axes: Axes, mean: Array, sd: Array) -> tuple[Array, Array]:
+def normal_band(axes: "Axes", mean: Array, sd: Array) -> tuple[Array, Array]:
     """Draw healthy people's mean +- SD (101,) with dotted edges, and return the edges."""
     percent, ends = np.arange(float(len(mean))), (mean - sd, mean + sd)
     axes.fill_between(percent, *ends, color=NORMAL_COLOUR, alpha=0.25, linewidth=0)
@@ -146,7 +144,7 @@ def _panel(
     least: float,
     normal: tuple[Array, Array] | None,
 ) -> chart.Panel:
-    def draw(axes: Axes) -> None:
+    def draw(axes: "Axes") -> None:
         chart.dress(axes, xlabel=layout.xlabel, ylabel=f"{unit} ({positive} +)", title=title)
         axes.axhline(0.0, color=chart.FAINT, linewidth=0.5)
         drawn: list[Array] = []
@@ -169,7 +167,7 @@ def _panel(
     return chart.Panel(f"{title}, {sides}, {unit} over {layout.xlabel}", draw)
 
 
-def _trace(axes: Axes, layout: strides.Layout, trace: Trace) -> list[Array]:
+def _trace(axes: "Axes", layout: strides.Layout, trace: Trace) -> list[Array]:
     """Draw one side; the values that the vertical axis must hold."""
     colour, dashes = chart.SIDE_COLOURS[trace.side], chart.line_style(chart.SIDE_DASHES[trace.side])
     for x, y in layout.others(trace.side, trace.value):
@@ -194,7 +192,7 @@ def _trace(axes: Axes, layout: strides.Layout, trace: Trace) -> list[Array]:
     return drawn
 
 
-def _stance(axes: Axes, layout: strides.Layout, side: str) -> None:
+def _stance(axes: "Axes", layout: strides.Layout, side: str) -> None:
     for start, stop in layout.stances(side):
         axes.axvspan(start, stop, color=chart.STANCE, alpha=chart.STANCE_ALPHA, linewidth=0)
         if layout.by_cycle and side:

@@ -2,8 +2,6 @@
 joint moments moved; ground reactions, and what they leave unexplained at the pelvis.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
@@ -66,7 +64,7 @@ def _panel(fits: list[RmsErrors], label: str, title: str) -> chart.Panel:
     shown = [chart.plain(fit.label, 24) for fit in fits]
     size = chart.Size(width=WIDTH, height=0.66 + ROW * max(len(fits), 2), left=LEFT, right=0.12, bottom=0.38, top=0.26)
 
-    def draw(axes: Axes) -> None:
+    def draw(axes: "Axes") -> None:
         chart.dress(axes, xlabel="RMS marker error (mm)", title=title)
         for row, fit in enumerate(fits):
             if fit.nominal is not None and fit.calibrated is not None:
@@ -129,7 +127,7 @@ def _parameters_panel(
         return None
     size = chart.Size(width=3.6, height=0.66 + PARAMETERS_ROW * len(rows), left=1.98, right=0.12, bottom=0.38, top=0.26)
 
-    def draw(axes: Axes) -> None:
+    def draw(axes: "Axes") -> None:
         chart.dress(axes, xlabel=f"change ({unit})", title=title)
         axes.axvline(0.0, color=chart.FAINT, linewidth=0.8)
         for line, sides in enumerate(rows.values()):
@@ -153,7 +151,7 @@ def moment_change_chart(changes: Mapping[str, float], stem: str) -> chart.Chart:
     bases = list(dict.fromkeys(split_side(name)[0] for name in changes))
     size = chart.Size(width=4.4, height=0.7 + CHANGE_ROW * len(bases), left=1.32, right=0.15, bottom=0.38, top=0.26)
 
-    def draw(axes: Axes) -> None:
+    def draw(axes: "Axes") -> None:
         chart.dress(axes, xlabel="RMS change (% of body weight × height)", title="Nominal to calibrated")
         for row, base in enumerate(bases):
             sides = [name for name in changes if split_side(name)[0] == base]
@@ -199,7 +197,7 @@ def forces_chart(time: Array, force: Array, valid_legs: BoolArray, stem: str) ->
     """
 
     def panel(title: str, word: str, axis: int) -> chart.Panel:
-        def draw(axes: Axes) -> None:
+        def draw(axes: "Axes") -> None:
             chart.dress(axes, xlabel="time (s)", ylabel=f"N/kg ({word} +)", title=title)
             for leg, part in ((0, (0.5, 1.0)), (1, (0.0, 0.5))):
                 _shade_invalid(axes, time, valid_legs[:, leg], part)
@@ -226,7 +224,7 @@ def forces_chart(time: Array, force: Array, valid_legs: BoolArray, stem: str) ->
     )
 
 
-def _shade_invalid(axes: Axes, time: Array, valid: BoolArray, part: tuple[float, float] = (0.0, 1.0)) -> None:
+def _shade_invalid(axes: "Axes", time: Array, valid: BoolArray, part: tuple[float, float] = (0.0, 1.0)) -> None:
     """Tint the stretches in which torques are not known, over a part of the height of the axes."""
     for run in runs(~valid):
         axes.axvspan(
@@ -262,7 +260,7 @@ def residuals_chart(
     bounds = limit or (None, None)
 
     def panel(title: str, unit: str, values: list[Array], bound: float | None) -> chart.Panel:
-        def draw(axes: Axes) -> None:
+        def draw(axes: "Axes") -> None:
             chart.dress(axes, xlabel="time (s)", ylabel=unit, title=title)
             _shade_invalid(axes, time, valid)
             for value, colour, width in zip(values, colours, widths, strict=True):

@@ -3,8 +3,6 @@
 Boxes as published: 25, 50 and 75 %, whiskers 10 and 90 %, a dot for the average. Colours after Okabe and Ito.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -15,9 +13,8 @@ import pandas as pd
 from gaitcal.figures.chart import GRID, INK, new_figure
 from gaitcal.gait.moments import SIDE_WORDS
 from gaitcal.io.atomic import atomic_file
-from gaitcal.published.draw import TORQUE_WORDS, TORQUES
+from gaitcal.published import draw, statistics
 from gaitcal.published.protocol import ReactionFrame, Varied
-from gaitcal.published.statistics import levels_of, variance_shares
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -40,14 +37,14 @@ DPI = 150
 SHOWN_SHARE = 1.0  # Per cent of a torque's variance from which a contribution is written into its cell
 
 
-def boxplot_figure(table: pd.DataFrame, frame: ReactionFrame, measure: str = "rms", side: str = "l") -> Figure:
+def boxplot_figure(table: pd.DataFrame, frame: ReactionFrame, measure: str = "rms", side: str = "l") -> "Figure":
     """Torque errors and marker distances of one leg over the levels: a column per set, a row per quantity.
 
     `table`: from `statistics`.
     `measure`: `rms` (figure 3) or `mean` (figure 4).
     """
     sets = [varied for varied in Varied if (table["set"] == varied.value).any()]
-    quantities = [*((f"{torque}_{side}", frame) for torque in TORQUES), (f"markers_{side}", None)]
+    quantities = [*((f"{torque}_{side}", frame) for torque in draw.TORQUES), (f"markers_{side}", None)]
     width, height = 1.25 + 1.75 * len(sets), 1.3 + 1.25 * len(quantities)
     figure = new_figure(width, height, DPI)
     axes = figure.subplots(len(quantities), len(sets), sharex="col", sharey="row", squeeze=False)
@@ -56,9 +53,9 @@ def boxplot_figure(table: pd.DataFrame, frame: ReactionFrame, measure: str = "rm
     )
     for row, (quantity, of) in enumerate(quantities):
         for column, varied in enumerate(sets):
-            _boxes(axes[row, column], levels_of(table, varied, quantity, of, measure), SET_COLOURS[varied])
+            _boxes(axes[row, column], statistics.levels_of(table, varied, quantity, of, measure), SET_COLOURS[varied])
         _scale(axes[row], measure)
-        words = TORQUE_WORDS.get(quantity[:-2])
+        words = draw.TORQUE_WORDS.get(quantity[:-2])
         unit = "marker\ndistance, mm" if words is None else words.replace(" ", "\n", 1) + ",\n%BW·H"
         axes[row, 0].set_ylabel(unit, fontsize=NORMAL, color=INK)
         axes[row, 0].yaxis.set_label_coords(-0.55 / 1.65, 0.5)
@@ -75,7 +72,7 @@ def boxplot_figure(table: pd.DataFrame, frame: ReactionFrame, measure: str = "rm
     return figure
 
 
-def _boxes(axes: Axes, rows: pd.DataFrame, colour: str) -> None:
+def _boxes(axes: "Axes", rows: pd.DataFrame, colour: str) -> None:
     places = np.arange(1, len(rows) + 1)
     boxes = [
         {"whislo": r.p10, "q1": r.p25, "med": r.p50, "q3": r.p75, "whishi": r.p90, "mean": r.average, "fliers": []}
@@ -115,7 +112,7 @@ def _scale(row: np.ndarray, measure: str) -> None:
         axes.axhline(0.0, color=INK, linewidth=0.5)
 
 
-def contribution_figure(contributions: pd.DataFrame, side: str = "l") -> Figure:
+def contribution_figure(contributions: pd.DataFrame, side: str = "l") -> "Figure":
     """Share of every parameter in the variance of the seven torques of a leg, both ground-reaction frames.
 
     Parameters of the other leg, of the rest of the body, and the inertial ones stand together in one row each.
@@ -133,8 +130,8 @@ def contribution_figure(contributions: pd.DataFrame, side: str = "l") -> Figure:
             if value >= SHOWN_SHARE:
                 ink = "white" if value > 25.0 else INK
                 panel.text(j, i, f"{value:.0f}", ha="center", va="center", fontsize=SMALL, color=ink)
-        words = [TORQUE_WORDS[t].replace(" ", "\n") for t in TORQUES]
-        panel.set_xticks(range(len(TORQUES)), words, fontsize=SMALL, rotation=90)
+        words = [draw.TORQUE_WORDS[t].replace(" ", "\n") for t in draw.TORQUES]
+        panel.set_xticks(range(len(draw.TORQUES)), words, fontsize=SMALL, rotation=90)
         panel.set_title(FRAME_WORDS[frame], fontsize=NORMAL, color=INK)
         panel.tick_params(length=0)
         panel.set_frame_on(False)
@@ -154,7 +151,7 @@ def contribution_figure(contributions: pd.DataFrame, side: str = "l") -> Figure:
 
 def _shares(contributions: pd.DataFrame, frame: ReactionFrame, side: str) -> pd.DataFrame:
     """`variance_shares` as one table, parameters as `hip: pelvis ant`."""
-    of_leg, groups = variance_shares(contributions, frame, side)
+    of_leg, groups = statistics.variance_shares(contributions, frame, side)
     return pd.concat([of_leg.rename(index=lambda n: n.replace(f"_{side}.", ": ").replace(".", " ")), groups])
 
 
@@ -178,7 +175,7 @@ def write_monte_carlo_figures(
     return out
 
 
-def _write(figure: Figure, stem: Path) -> Path:
+def _write(figure: "Figure", stem: Path) -> Path:
     for suffix in ("svg", "png"):
         with atomic_file(stem.with_suffix(f".{suffix}")) as path:
             figure.savefig(path, metadata={"Date": None} if suffix == "svg" else None)

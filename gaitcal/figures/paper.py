@@ -4,8 +4,6 @@ Letters of 8 pt (numbers 7 pt), no line thinner than 0.5 pt, one or two columns 
 its standard error, and the legend says so.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, Final
@@ -74,8 +72,8 @@ def _moment_arms(coordinate: str, table: pd.DataFrame, width: float) -> chart.Ch
     shown = change.sort_values(ascending=False, kind="stable").index[:MUSCLES_SHOWN]
     known = bool(table["arm_sd_mm"].notna().any())
 
-    def draw_of(rows: pd.DataFrame) -> Callable[[Axes], None]:
-        def draw(axes: Axes) -> None:
+    def draw_of(rows: pd.DataFrame) -> "Callable[[Axes], None]":
+        def draw(axes: "Axes") -> None:
             muscle = chart.plain(str(rows["muscle"].iloc[0]))
             chart.dress(axes, xlabel=f"{chart.plain(coordinate)} (deg)", ylabel="mm", title=muscle, sizes=LETTERS)
             deg, before, after = (rows[name].to_numpy(float) for name in ("deg", "arm_before_mm", "arm_after_mm"))
@@ -141,7 +139,7 @@ def _chart(variable: str, table: pd.DataFrame, strides: Strides, convention: Con
     # OpenSim's have not.
     bands = _different([line for line in lines if line.healthy is not None])
 
-    def draw(axes: Axes) -> None:
+    def draw(axes: "Axes") -> None:
         chart.dress(
             axes,
             xlabel="gait cycle (%)",
@@ -208,7 +206,7 @@ def _different(lines: list[_Line]) -> list[_Line]:
     return out
 
 
-def _mean(axes: Axes, line: _Line) -> list[Array]:
+def _mean(axes: "Axes", line: _Line) -> list[Array]:
     percent, colour = np.arange(float(len(line.mean))), chart.SIDE_COLOURS[line.side]
     ends = (line.mean - line.spread, line.mean + line.spread)
     axes.fill_between(percent, *ends, color=colour, alpha=BAND, linewidth=0)

@@ -12,8 +12,6 @@ says what it is if not the angle: `hip_flexion` (deg), `hip_flexion_moment` (N m
 `Kind`.
 """
 
-from __future__ import annotations
-
 import itertools
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
@@ -272,7 +270,7 @@ def _fault(text: str, source: object, field: str | None = None) -> InputError:
     return InputError(text, source=source, field=field, code=Code.STRIDE_TABLE)
 
 
-def typed(table: pd.DataFrame, source: object = None) -> pd.DataFrame:
+def typed(table: "pd.DataFrame", source: object = None) -> "pd.DataFrame":
     """A table of strides, which may hold text or be read by pandas alone, made whole.
 
     Numbers stand where numbers belong; a person or session that is not named is empty text, strides of no activity are
@@ -301,7 +299,7 @@ def typed(table: pd.DataFrame, source: object = None) -> pd.DataFrame:
     return whole[[*CYCLE_COLUMNS, *(name for name in table.columns if name not in CYCLE_COLUMNS)]]
 
 
-def _number(table: pd.DataFrame, name: str, source: object) -> pd.Series:
+def _number(table: "pd.DataFrame", name: str, source: object) -> "pd.Series":
     import pandas as pd
 
     text = table[name]
@@ -314,7 +312,7 @@ def _number(table: pd.DataFrame, name: str, source: object) -> pd.Series:
     return numbers
 
 
-def conventions_of(strides: pd.DataFrame) -> dict[str, tuple[str, str]]:
+def conventions_of(strides: "pd.DataFrame") -> dict[str, tuple[str, str]]:
     """Variable -> its unit and what is positive (nothing where the table does not say it: as in `cycles.csv`).
 
     Raises InputError: A variable is there in two conventions.

@@ -28,8 +28,6 @@ Samples that are not valid are left out one by one, so that n may change along t
 (`gait/strides.py`) are left out whole: legs and trunk, too, move otherwise in a turn.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Final
@@ -116,7 +114,7 @@ STATISTICS: Final = ("n", "trials", "mean", "sd", "sd_within", "sd_between", "sd
 ENSEMBLE_COLUMNS: Final = (*GROUP, "percent", *STATISTICS)
 
 
-def require_once(strides: pd.DataFrame) -> None:
+def require_once(strides: "pd.DataFrame") -> None:
     """InputError where a table of strides has one twice, as those of two sessions without a name have."""
     if (twice := strides.duplicated(WHERE)).any():
         row = strides.loc[twice].iloc[0]
@@ -126,7 +124,7 @@ def require_once(strides: pd.DataFrame) -> None:
 
 
 @with_one_blas_thread
-def ensemble(strides: pd.DataFrame) -> pd.DataFrame:
+def ensemble(strides: "pd.DataFrame") -> "pd.DataFrame":
     """Mean and spread over strides and trials of every variable of each side, at every percent.
 
     Parameters

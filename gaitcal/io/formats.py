@@ -22,31 +22,24 @@ from typing import TypeVar
 import numpy as np
 
 from gaitcal.errors import Code, InputError, nearest
+from gaitcal.io import csv as csv_files
+from gaitcal.io import segment_poses, text_file
 from gaitcal.io.c3d.reader import read_c3d
 from gaitcal.io.c3d.writer import write_c3d
-from gaitcal.io.csv import (
-    facts_file,
-    is_force_header,
-    plates_file,
-    read_forces_csv,
-    read_header,
-    read_markers_csv,
-    with_corners,
-    write_forces_csv,
-    write_markers_csv,
-    write_plates_csv,
-)
 from gaitcal.io.force_tables import Forces
 from gaitcal.io.opensim_files import read_external_loads, read_mot_forces, read_trc, write_forces_mot, write_trc
 from gaitcal.io.recording import ForcePlate, Recording
-from gaitcal.io.segment_poses import with_landmarks
-from gaitcal.io.text_file import FileFault, naming_file, readable_size
 from gaitcal.runtime import with_one_blas_thread
 
-MARKER_READERS = {".c3d": read_c3d, ".trc": read_trc, ".csv": read_markers_csv}
-FORCE_READERS = {".mot": read_mot_forces, ".sto": read_mot_forces, ".csv": read_forces_csv, ".xml": read_external_loads}
-MARKER_WRITERS = {".csv": write_markers_csv, ".trc": write_trc, ".c3d": write_c3d}
-FORCE_WRITERS = {".csv": write_forces_csv, ".mot": write_forces_mot, ".sto": write_forces_mot}
+MARKER_READERS = {".c3d": read_c3d, ".trc": read_trc, ".csv": csv_files.read_markers_csv}
+FORCE_READERS = {
+    ".mot": read_mot_forces,
+    ".sto": read_mot_forces,
+    ".csv": csv_files.read_forces_csv,
+    ".xml": read_external_loads,
+}
+MARKER_WRITERS = {".csv": csv_files.write_markers_csv, ".trc": write_trc, ".c3d": write_c3d}
+FORCE_WRITERS = {".csv": csv_files.write_forces_csv, ".mot": write_forces_mot, ".sto": write_forces_mot}
 
 _T = TypeVar("_T")
 
@@ -64,7 +57,7 @@ def read_recording(path: str | PathLike[str], *, forces: str | PathLike[str] | N
     InputError
         Every fault of a file, in one line: file, field, what was found, what is allowed.
     """
-    recording = with_landmarks(_read(Path(path), MARKER_READERS))
+    recording = segment_poses.with_landmarks(_read(Path(path), MARKER_READERS))
     if forces is None:
         return recording
     read = read_forces(forces)
@@ -79,14 +72,14 @@ def read_forces(path: str | PathLike[str]) -> Forces:
 
     Their corners are those of NAME_plates.csv, where it lies beside NAME_forces.csv.
     """
-    return with_corners(_read(Path(path), FORCE_READERS), Path(path))
+    return csv_files.with_corners(_read(Path(path), FORCE_READERS), Path(path))
 
 
 def _read(file: Path, readers: Mapping[str, Callable[[Path], _T]]) -> _T:
     """What the reader for the file's ending makes of it."""
     reader = readers.get(file.suffix.lower())
     if reader is None:
-        readable_size(file)  # a missing file or a folder is the plainer fault
+        text_file.readable_size(file)  # a missing file or a folder is the plainer fault
         ending = f"found the ending '{file.suffix[:20]}'" if file.suffix else "found no ending"
         allowed = f"allowed are {', '.join(readers)}{nearest(file.suffix, readers)}"
         raise InputError(f"{ending}; {allowed}", source=file, code=Code.FILE_FORMAT)
@@ -99,19 +92,21 @@ def convert(source: str | PathLike[str], target: str | PathLike[str]) -> tuple[P
     return _convert(Path(target), Path(source))
 
 
-@naming_file
+@text_file.naming_file
 def _convert(new: Path, old: Path) -> tuple[Path, ...]:
-    readable_size(old)
+    text_file.readable_size(old)
     if new.is_dir():
-        raise FileFault("found a folder; a file name is needed", code=Code.NOT_WRITABLE)
+        raise text_file.FileFault("found a folder; a file name is needed", code=Code.NOT_WRITABLE)
     if new.exists() and new.samefile(old):
-        raise FileFault("source and target are the same file", code=Code.NOT_WRITABLE)
+        raise text_file.FileFault("source and target are the same file", code=Code.NOT_WRITABLE)
     before, ending = old.suffix.lower(), new.suffix.lower()
-    holds_forces = before in (".mot", ".sto", ".xml") or (before == ".csv" and is_force_header(read_header(old)))
+    holds_forces = before in (".mot", ".sto", ".xml") or (
+        before == ".csv" and csv_files.is_force_header(csv_files.read_header(old))
+    )
     allowed = FORCE_WRITERS if holds_forces else MARKER_WRITERS
     if ending not in allowed:
         found = new.suffix[:20] or "no ending"
-        raise FileFault(f"found {found}; {old.name} can become {', '.join(allowed)}", code=Code.NOT_WRITABLE)
+        raise text_file.FileFault(f"found {found}; {old.name} can become {', '.join(allowed)}", code=Code.NOT_WRITABLE)
     if holds_forces:
         return _write_forces(new, read_forces(old).plates)
     beside = old.with_name(f"{old.stem}_forces.csv")
@@ -122,8 +117,8 @@ def _convert(new: Path, old: Path) -> tuple[Path, ...]:
         forces_ending = ".csv" if ending == ".csv" else ".mot"
         written = _write_forces(new.with_name(f"{new.stem}_forces{forces_ending}"), recording.plates)
     MARKER_WRITERS[ending](new, recording)
-    if ending == ".csv" and facts_file(new).is_file():
-        written = (*written, facts_file(new))
+    if ending == ".csv" and csv_files.facts_file(new).is_file():
+        written = (*written, csv_files.facts_file(new))
     return (new, *written)
 
 
@@ -133,8 +128,8 @@ def _write_forces(path: Path, plates: tuple[ForcePlate, ...]) -> tuple[Path, ...
     Without corners, a table of them that lies there already is emptied, as it is another's.
     """
     FORCE_WRITERS[path.suffix.lower()](path, plates)
-    corners = plates_file(path)
+    corners = csv_files.plates_file(path)
     if not corners.exists() and all(plate.corners is None for plate in plates):
         return (path,)
-    write_plates_csv(corners, plates)
+    csv_files.write_plates_csv(corners, plates)
     return path, corners

@@ -11,8 +11,6 @@ that no stretch looks still, paths are first averaged over SMOOTH_S: 3 mm of whi
 at 100 Hz, and as 12 mm/s after that; whoever walks or sways slowly keeps the speed.
 """
 
-from __future__ import annotations
-
 import warnings
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -97,11 +95,11 @@ class Recording:
         """Frames per second (median step); NaN for fewer than two frames."""
         return float(1.0 / np.median(np.diff(self.time))) if len(self.time) > 1 else float("nan")
 
-    def with_notes(self, *notes: str) -> Recording:
+    def with_notes(self, *notes: str) -> "Recording":
         """The same recording with more notes."""
         return replace(self, notes=self.notes + notes)
 
-    def frames(self, chosen: BoolArray) -> Recording:
+    def frames(self, chosen: BoolArray) -> "Recording":
         """The recording at its frames `chosen` (nf,) only; plates keep their own clock, and all their samples."""
         computed = self.computed
         if computed is not None:

@@ -20,8 +20,6 @@ off the floor alike, as when a child stands on its forefeet, the markers do not 
 DISAGREE from a level sole, and is believed; where the file has none, heel markers STEEP above toe markers are doubted.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from enum import Enum
@@ -114,7 +112,7 @@ class _Foot:
         return self.by_file is not None and abs(self.by_file - self.by_sole) > DISAGREE
 
     @classmethod
-    def of(cls, posture: StaticPosture, legs: LowerBody, side: str, plantarflexion: float | None) -> _Foot:
+    def of(cls, posture: StaticPosture, legs: LowerBody, side: str, plantarflexion: float | None) -> "_Foot":
         heel, toe = posture.landmarks[f"heel_{side}"], posture.landmarks[f"toe_{side}"]
         shank = legs.frames[f"shank_{side}"].rotation[:, 1]
         line = unit(toe - heel)

@@ -15,8 +15,6 @@ Jacobian are spatial velocities **about the laboratory origin** [v; w]: a turn a
 c is [c x a; a], a slide along a is [a; 0]. They agree with Pinocchio's `computeJointJacobians` (tested).
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field, replace
 from functools import cached_property, lru_cache
 from math import cos, sin
@@ -47,7 +45,7 @@ class ChainConstants:
     parameter_axis: Array  # (np, 3) a_p, with the sign of the element
     parameter_point: Array  # (np, 3) c_p
 
-    def without_parameters(self) -> ChainConstants:
+    def without_parameters(self) -> "ChainConstants":
         """The constants of the same chain with no joint parameter free."""
         return replace(self, parameter_axis=np.empty((0, 3)), parameter_point=np.empty((0, 3)))
 
@@ -240,7 +238,7 @@ class SecondaryMotion:
     """Coordinate -> (4, nf) m, rad: slides along x and y, then turns about x and y, before the coordinate moves."""
     regressors: dict[str, tuple[Array, Array]]  # coordinate -> (nf,) of each of `BENDS`: d amount / d variable
 
-    def frames(self, part: slice | IntArray) -> SecondaryMotion:
+    def frames(self, part: slice | IntArray) -> "SecondaryMotion":
         """The same for some frames."""
         return SecondaryMotion(
             amounts={name: values[:, part] for name, values in self.amounts.items()},

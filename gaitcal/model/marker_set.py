@@ -18,8 +18,6 @@ A set is a TOML file, one of the built-in ones in `models/markersets/` or a user
 set as such a file again, so that a result can keep the one it was made with.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -161,11 +159,11 @@ class MarkerSet:
         """Weight of a marker."""
         return self.weights.get(label, 1.0)
 
-    def with_weights(self, weights: Mapping[str, float]) -> MarkerSet:
+    def with_weights(self, weights: Mapping[str, float]) -> "MarkerSet":
         """The same set with other weights for some markers."""
         return replace(self, weights={**self.weights, **weights}) if weights else self
 
-    def with_further(self, markers: Mapping[str, Iterable[str]], source: Path = Path()) -> MarkerSet:
+    def with_further(self, markers: Mapping[str, Iterable[str]], source: Path = Path()) -> "MarkerSet":
         """The same set with further markers, segment -> labels, that are tracked where a trial has them.
 
         InputError for a segment that markers cannot be on, and for a label that the set knows.
@@ -217,7 +215,7 @@ class MarkerSet:
                 new_names[same_in_file[0]] = label
         return tuple(new_names.get(label, label) for label in given)
 
-    def coverage(self, labels: Iterable[str], computed: Iterable[str] = ()) -> Coverage:
+    def coverage(self, labels: Iterable[str], computed: Iterable[str] = ()) -> "Coverage":
         """What a file with these marker labels gives of the set; points that another program `computed` serve as
         landmarks only. A device at the knee counts as the lateral knee marker that it stands in for.
         """

@@ -12,8 +12,6 @@ mass centre, principal axes parallel to the segment axes. The talus is massless.
 those of Reinbolt et al. 2007, Table IV, less `foot superior`.
 """
 
-from __future__ import annotations
-
 import json
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
@@ -218,13 +216,13 @@ class Parameters:
     """(nz,) rad: constants that make zero ankle coordinates the posture with the foot at right angles to the shank, in
     the order of `gaitcal.model.linkage.ZERO_ANGLES`."""
 
-    def with_joint(self, names: tuple[str, ...], values: Array) -> Parameters:
+    def with_joint(self, names: tuple[str, ...], values: Array) -> "Parameters":
         """A copy with some joint parameters (m, rad) replaced."""
         joint = self.joint.copy()
         joint[[JP_INDEX[name] for name in names]] = values
         return replace(self, joint=joint)
 
-    def with_inertial(self, inertial: Array) -> Parameters:
+    def with_inertial(self, inertial: Array) -> "Parameters":
         """A copy with other inertial parameters (ni,)."""
         return replace(self, inertial=np.array(inertial, dtype=float))
 

@@ -35,8 +35,6 @@ line from C to the joint above:
 the width as measured by hand, else h in proportion to height. For the knee this is the `chord` of Davis et al. 1991.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from enum import Enum
@@ -268,7 +266,7 @@ class JointWidths:
     asis_distance: float | None = None  # m between the ASIS, measured by hand, for the hips; None where nobody told
 
     @classmethod
-    def of(cls, subject: Subject) -> JointWidths:
+    def of(cls, subject: Subject) -> "JointWidths":
         """Those of a person."""
         widths = {"knee": subject.knee_width, "ankle": subject.ankle_width}
         measured = {(joint, side): width for joint, by_side in widths.items() for side, width in by_side.items()}

@@ -13,8 +13,6 @@ each other say the same (`memory_s`); and where the program has fitted a body of
 its errors (`size_mm` is the least that is believed of them).
 """
 
-from __future__ import annotations
-
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field, replace
 
@@ -209,7 +207,7 @@ class SubjectModel:
     """Coordinate -> rad in the static posture, the pelvis as if it faced along x; what is not there is zero."""
     landmarks: dict[str, tuple[str, Array]] = field(default_factory=dict)
     """Named points: segment and position (3,) m in its frame (`asis_r`, `hjc_r`, `knee_lat_r`, ...)."""
-    noise: PointNoise | None = None
+    noise: "PointNoise | None" = None
     """How its markers err where they are none on skin, but segment poses or key points."""
     notes: tuple[str, ...] = ()
     """What was assumed in making it; shown in every output."""
@@ -219,7 +217,7 @@ class SubjectModel:
         """Those of `frozen` that are zero in every trial: a trunk that no marker shows turns against the pelvis."""
         return tuple(name for name in self.frozen if not name.startswith("lumbar"))
 
-    def with_parameters(self, parameters: Parameters) -> SubjectModel:
+    def with_parameters(self, parameters: Parameters) -> "SubjectModel":
         """The same person and markers with other parameters."""
         return replace(self, parameters=parameters)
 

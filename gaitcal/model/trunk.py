@@ -45,22 +45,10 @@ import numpy as np
 
 from gaitcal.arrays import Array
 from gaitcal.model import anthropometry, chain
+from gaitcal.model import segment_frames as axes
 from gaitcal.model.landmarks import StaticPosture
 from gaitcal.model.linkage import OTHER_SIDE, SIDE_WORDS, SIDES
 from gaitcal.model.marker_set import MarkerSet
-from gaitcal.model.segment_frames import (
-    NOMINAL_HEIGHT,
-    ROUNDS,
-    SETTLED,
-    Frame,
-    LowerBody,
-    across,
-    frame_yz,
-    half_width,
-    off_line,
-    sign,
-    unit,
-)
 from gaitcal.model.subject_model import Subject
 
 IN_A_PLANE = 3  # landmarks that a plane goes through
@@ -81,13 +69,15 @@ _UP = np.array([0.0, 1.0, 0.0])
 class Trunk:
     """Head and trunk in the static posture, laboratory."""
 
-    frame: Frame
+    frame: axes.Frame
     shoulders: dict[str, Array]  # `sjc_r`, `sjc_l`: (3,) m
     seen: bool  # whether any marker with weight shows it
     notes: tuple[str, ...]
 
 
-def trunk_of(posture: StaticPosture, marker_set: MarkerSet, pelvis: Frame, lumbar: Array, subject: Subject) -> Trunk:
+def trunk_of(
+    posture: StaticPosture, marker_set: MarkerSet, pelvis: axes.Frame, lumbar: Array, subject: Subject
+) -> Trunk:
     """The trunk as its landmarks show it, or upright on the pelvis.
 
     `pelvis`, `lumbar`: frame of the pelvis and (3,) m lumbar joint in the static posture.
@@ -95,14 +85,14 @@ def trunk_of(posture: StaticPosture, marker_set: MarkerSet, pelvis: Frame, lumba
     """
     shown = any(m in posture.markers and marker_set.weight(m) > 0 for m in marker_set.tracking.get("head_trunk", ()))
     shoulders, z, notes = _shoulders(posture, pelvis, lumbar, subject)
-    y = unit(0.5 * (shoulders["sjc_r"] + shoulders["sjc_l"]) - lumbar)
+    y = axes.unit(0.5 * (shoulders["sjc_r"] + shoulders["sjc_l"]) - lumbar)
     if not shown:
         notes = ("head and trunk are taken to stand upright, as no marker with weight shows them",)
-    return Trunk(frame=frame_yz(lumbar, y, z), shoulders=shoulders, seen=shown, notes=notes)
+    return Trunk(frame=axes.frame_yz(lumbar, y, z), shoulders=shoulders, seen=shown, notes=notes)
 
 
 def _shoulders(
-    posture: StaticPosture, pelvis: Frame, lumbar: Array, subject: Subject
+    posture: StaticPosture, pelvis: axes.Frame, lumbar: Array, subject: Subject
 ) -> tuple[dict[str, Array], Array, tuple[str, ...]]:
     """Shoulder centres, (3,) the direction that z is taken from, and what was assumed."""
     p = posture.landmarks
@@ -124,22 +114,22 @@ def _shoulders(
     if posture.has("c7", "jugular_notch"):
         middle_of_neck = 0.5 * (p["c7"] + p["jugular_notch"])
         down = neck_above_shoulders(subject)
-        centre = middle_of_neck - down * unit(middle_of_neck - lumbar)
-        out = SHOULDER_OUT / NOMINAL_HEIGHT * subject.height
-        sideways = across(z, unit(centre - lumbar))
+        centre = middle_of_neck - down * axes.unit(middle_of_neck - lumbar)
+        out = SHOULDER_OUT / axes.NOMINAL_HEIGHT * subject.height
+        sideways = axes.across(z, axes.unit(centre - lumbar))
         note = (
             f"no acromion is known: shoulder centres {1e3 * down:.0f} mm below the middle of C7 and jugular notch "
             f"(de Leva 1996) and {1e3 * out:.0f} mm beside it (nominal subject), both in proportion to height; the "
             f"trunk faces along the {plane}"
         )
-        return {f"sjc_{side}": centre + sign(side) * out * sideways for side in SIDES}, z, (note,)
+        return {f"sjc_{side}": centre + axes.sign(side) * out * sideways for side in SIDES}, z, (note,)
     note = (
         "neither acromia nor both C7 and jugular notch are known: shoulder centres straight above the lumbar joint in "
         f"the static trial, as in the nominal subject, in proportion to height; the trunk faces along the {plane}"
     )
-    scale, sideways = subject.height / NOMINAL_HEIGHT, _horizontal(z)
+    scale, sideways = subject.height / axes.NOMINAL_HEIGHT, _horizontal(z)
     above = lumbar + scale * SHOULDER_UP * _UP
-    return {f"sjc_{side}": above + sign(side) * scale * SHOULDER_OUT * sideways for side in SIDES}, z, (note,)
+    return {f"sjc_{side}": above + axes.sign(side) * scale * SHOULDER_OUT * sideways for side in SIDES}, z, (note,)
 
 
 def neck_above_shoulders(subject: Subject) -> float:
@@ -148,12 +138,12 @@ def neck_above_shoulders(subject: Subject) -> float:
     return float(np.mean(whole)) - anthropometry.default_length("Trunk3", subject)
 
 
-def _lateral(posture: StaticPosture, pelvis: Frame) -> tuple[Array, str]:
+def _lateral(posture: StaticPosture, pelvis: axes.Frame) -> tuple[Array, str]:
     """(3,) unit vector to the trunk's right, and the plane that it is the normal of, in words."""
     of_pelvis = _horizontal(pelvis.rotation[:, 2])
     there = [name for name in MIDLINE if posture.has(name)]
     points = np.array([posture.landmarks[name] for name in there])
-    if len(there) < IN_A_PLANE or off_line(points) < OFF_LINE:
+    if len(there) < IN_A_PLANE or axes.off_line(points) < OFF_LINE:
         return of_pelvis, "pelvis's sagittal plane"
     normal = np.linalg.svd(points - points.mean(axis=0))[2][2]
     normal = normal if normal @ of_pelvis > 0 else -normal
@@ -169,12 +159,12 @@ def _lateral(posture: StaticPosture, pelvis: Frame) -> tuple[Array, str]:
 
 def _below(right: Array, left: Array, lumbar: Array) -> dict[str, Array]:
     """Shoulder centres below the acromia, each (3,) m."""
-    down = -SHOULDER_BELOW_ACROMION * float(np.linalg.norm(right - left)) * unit(0.5 * (right + left) - lumbar)
+    down = -SHOULDER_BELOW_ACROMION * float(np.linalg.norm(right - left)) * axes.unit(0.5 * (right + left) - lumbar)
     return {"sjc_r": right + down, "sjc_l": left + down}
 
 
 def _horizontal(direction: Array) -> Array:
-    return unit(direction - (direction @ _UP) * _UP)
+    return axes.unit(direction - (direction @ _UP) * _UP)
 
 
 RAISED = np.deg2rad(45.0)
@@ -186,7 +176,7 @@ BENT = 1.5  # distance of the elbow marker from the line shoulder-wrist, in half
 class UpperBody:
     """Frames and joint centres of trunk and arms, laboratory."""
 
-    frames: dict[str, Frame]
+    frames: dict[str, axes.Frame]
     centres: dict[str, Array]  # `sjc ejc wjc` of both sides, (3,) m
     shoulder_turn: dict[str, float]  # side -> `shoulder.upperarm.trans`, rad
     elbow_axis: dict[str, Array]  # side -> (3,) direction in the laboratory of the elbow's axis as the forearm has it
@@ -195,7 +185,7 @@ class UpperBody:
     notes: tuple[str, ...]
 
 
-def upper_body(posture: StaticPosture, marker_set: MarkerSet, legs: LowerBody, subject: Subject) -> UpperBody:
+def upper_body(posture: StaticPosture, marker_set: MarkerSet, legs: axes.LowerBody, subject: Subject) -> UpperBody:
     """Trunk and arms, measured as far as there are markers."""
     body = trunk_of(posture, marker_set, legs.frames["pelvis"], legs.centres["lumbar"], subject)
     trunk, centres, notes, frozen = body.frame, dict(body.shoulders), [*body.notes], list[str]()
@@ -217,7 +207,7 @@ def upper_body(posture: StaticPosture, marker_set: MarkerSet, legs: LowerBody, s
             frozen += [upper_arm, forearm]
             notes.append(f"{upper_arm} and {forearm} hang along the trunk, as {no_arm}")
             elbow = shoulder + limbs[upper_arm] * down
-            frames |= {upper_arm: Frame(trunk.rotation, shoulder), forearm: Frame(trunk.rotation, elbow)}
+            frames |= {upper_arm: axes.Frame(trunk.rotation, shoulder), forearm: axes.Frame(trunk.rotation, elbow)}
             centres |= {f"ejc_{side}": elbow, f"wjc_{side}": elbow + limbs[forearm] * down}
             continue
         arm = measured_arm(posture, side, trunk, shoulder, subject.height)
@@ -231,7 +221,7 @@ def upper_body(posture: StaticPosture, marker_set: MarkerSet, legs: LowerBody, s
         else:
             frozen.append(forearm)
             notes.append(f"{forearm} is taken to be straight with the upper arm, as {no_forearm}")
-            frames[forearm], axis[side] = Frame(arm.upper.rotation, arm.elbow), arm.upper.rotation[:, 2]
+            frames[forearm], axis[side] = axes.Frame(arm.upper.rotation, arm.elbow), arm.upper.rotation[:, 2]
             centres[f"wjc_{side}"] = arm.elbow - limbs[forearm] * arm.upper.rotation[:, 1]
     if not body.seen and all(f"upper_arm_{side}" in frozen for side in SIDES):
         frozen.insert(0, "head_trunk")
@@ -250,9 +240,9 @@ def upper_body(posture: StaticPosture, marker_set: MarkerSet, legs: LowerBody, s
 class Arm:
     """One arm in the static posture."""
 
-    upper: Frame
+    upper: axes.Frame
     elbow: Array  # (3,) m, elbow centre
-    forearm: Frame | None  # None where no wrist is known
+    forearm: axes.Frame | None  # None where no wrist is known
     wrist: Array | None  # (3,) m
     turn: float  # rad, the joint parameter `shoulder.upperarm.trans`
     axis: Array  # (3,) the elbow's axis as the forearm has it, pointing right
@@ -260,7 +250,7 @@ class Arm:
     notes: tuple[str, ...]
 
 
-def measured_arm(posture: StaticPosture, side: str, trunk: Frame, shoulder: Array, height: float) -> Arm:
+def measured_arm(posture: StaticPosture, side: str, trunk: axes.Frame, shoulder: Array, height: float) -> Arm:
     """Frames of one arm from `elbow_lat` and, where they are known, `elbow_med` and `wrist`; height in m."""
     p = posture.landmarks
     lateral, wrist = p[f"elbow_lat_{side}"], p.get(f"wrist_{side}")
@@ -269,26 +259,26 @@ def measured_arm(posture: StaticPosture, side: str, trunk: Frame, shoulder: Arra
     if posture.has(f"elbow_med_{side}"):
         medial = p[f"elbow_med_{side}"]
         elbow = 0.5 * (lateral + medial)
-        axis = sign(side) * (lateral - medial)
-        if axis @ _unturned(unit(shoulder - elbow), trunk) < 0:
+        axis = axes.sign(side) * (lateral - medial)
+        if axis @ _unturned(axes.unit(shoulder - elbow), trunk) < 0:
             axis = -axis
             notes.append(f"{elbow_words}: the lateral marker lies medially; the two markers were exchanged")
     else:
-        inwards = sign(side) * half_width("elbow", height)
+        inwards = axes.sign(side) * axes.half_width("elbow", height)
         normal = None if wrist is None else _plane_normal(shoulder, lateral, wrist, inwards)
         elbow = axis = lateral
-        for _ in range(1 if normal is not None else ROUNDS):  # without a bent arm, as of an arm not turned
+        for _ in range(1 if normal is not None else axes.ROUNDS):  # without a bent arm, as of an arm not turned
             before = elbow
-            axis = _unturned(unit(shoulder - elbow), trunk) if normal is None else normal
+            axis = _unturned(axes.unit(shoulder - elbow), trunk) if normal is None else normal
             elbow = lateral - inwards * axis
-            if np.abs(elbow - before).max() <= SETTLED:
+            if np.abs(elbow - before).max() <= axes.SETTLED:
                 break
         how = "at right angles to the plane of the bent arm" if normal is not None else "as in an arm not turned"
         notes.append(
             f"{elbow_words}: one marker; its centre is assumed {1e3 * abs(inwards):.0f} mm inwards, its axis {how}"
         )
-    upper = frame_yz(shoulder, unit(shoulder - elbow), axis)
-    forearm = None if wrist is None else frame_yz(elbow, unit(elbow - wrist), upper.rotation[:, 2])
+    upper = axes.frame_yz(shoulder, axes.unit(shoulder - elbow), axis)
+    forearm = None if wrist is None else axes.frame_yz(elbow, axes.unit(elbow - wrist), upper.rotation[:, 2])
     rotation = trunk.rotation.T @ upper.rotation  # Rz Rx Ry(-trans)
     is_raised = abs(np.arcsin(np.clip(rotation[2, 1], -1.0, 1.0))) > RAISED
     axis = upper.rotation[:, 2]
@@ -311,12 +301,12 @@ def measured_arm(posture: StaticPosture, side: str, trunk: Frame, shoulder: Arra
     )
 
 
-def _unturned(y: Array, trunk: Frame) -> Array:
+def _unturned(y: Array, trunk: axes.Frame) -> Array:
     """The z axis of an arm that flexion and adduction alone bring to this y."""
     a = trunk.rotation.T @ y
     lift = chain.axis_rotation(0, float(np.arcsin(np.clip(a[2], -1.0, 1.0))))
     if abs(np.arcsin(np.clip(a[2], -1.0, 1.0))) > RAISED:
-        return trunk.rotation @ across(lift[:, 2], a)
+        return trunk.rotation @ axes.across(lift[:, 2], a)
     return trunk.rotation @ chain.axis_rotation(2, float(np.arctan2(-a[0], a[1]))) @ lift[:, 2]
 
 
@@ -326,7 +316,7 @@ def _plane_normal(shoulder: Array, lateral: Array, wrist: Array, inwards: float)
     With w from shoulder to wrist and m from their line to the marker: n = cos m - sin (w x m), cos = s d / |marker -
     line|. The other solution, + sin, is the one about which the forearm would be bent backwards.
     """
-    w = unit(wrist - shoulder)
+    w = axes.unit(wrist - shoulder)
     off = (lateral - shoulder) - ((lateral - shoulder) @ w) * w
     distance = float(np.linalg.norm(off))
     if distance < BENT * abs(inwards):

@@ -18,8 +18,6 @@ X_t is what the nodes of trial t lose by the parameters: -dN_t/dp. With H_t = L 
 comes from half the substitutions: C_t^T H_t^-1 C_t = Y^T Y,  C_t^T H_t^-1 g = Y^T L^-1 g,  X_t dp = L^-T (Y dp).
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, fields
 from functools import cached_property
@@ -47,7 +45,7 @@ class NormalEquations:
     node_gradient: Array  # (nn, nq)
     parameter_gradient: Array  # (np,)
 
-    def scaled(self, share: float) -> NormalEquations:
+    def scaled(self, share: float) -> "NormalEquations":
         """Those of `share` times the cost."""
         return NormalEquations(**{f.name: share * getattr(self, f.name) for f in fields(self)})
 
@@ -264,7 +262,7 @@ class ArrowEquations:
         gradient = np.concatenate([shared, *(trial.node_gradient.ravel() for trial in trials)])
         self.evaluation = descent.Evaluation(sum(trial.cost for trial in trials) + self.prior.cost, gradient)
 
-    def factor(self, damping: float) -> ArrowFactor:
+    def factor(self, damping: float) -> "ArrowFactor":
         """With the nodes of every trial eliminated."""
         return ArrowFactor([eliminate(trial, damping) for trial in self.trials], self.columns, self.prior.matrix)
 

@@ -22,8 +22,6 @@ Of one coordinate alone, whose samples y (nf,) all weigh 1, the penalty makes
     y -> A y = B (G + rho R)^-1 B^T y,       G = B^T B,       rho = rate (2 pi f)^-6.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 
@@ -149,7 +147,7 @@ class DenseMotion:
         self.spare = 3.0 * float((cut.data.weight > 0).mean(axis=1).sum()) - self._moving
         """n - nq."""
 
-    def at(self, cutoff_hz: float) -> Smoothed:
+    def at(self, cutoff_hz: float) -> "Smoothed":
         """What a cut-off makes of the motion."""
         basis, smoother = self.problem.basis, self._smoother
         change = smoother.lost(self.coefficients, cutoff_hz)
@@ -170,7 +168,7 @@ class DenseMotion:
             return min(UNTOLD_HZ, self.highest)
         return self.least(lambda smoothed: smoothed.lost + 2.0 * smoothed.noise, lowest, self.highest)
 
-    def least(self, criterion: Callable[[Smoothed], float], lowest: float, highest: float) -> float:
+    def least(self, criterion: "Callable[[Smoothed], float]", lowest: float, highest: float) -> float:
         """Hz between two cut-offs: where a criterion is least."""
         cutoffs = np.geomspace(lowest, highest, CANDIDATES)
         values = np.log([max(criterion(self.at(float(f))), TINY) for f in cutoffs])

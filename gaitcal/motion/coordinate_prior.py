@@ -41,8 +41,6 @@ its swing (local straight lines through it, Gaussian weights of 0.35 s, which le
 The pelvis is not pulled by it: the course is found from a motion, and found again where the motion has moved.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
@@ -101,17 +99,17 @@ class CoordinatePrior:
         """Whether it is a normal prior."""
         return bool((self.low == self.high).all())
 
-    def of(self, coordinates: tuple[str, ...]) -> CoordinatePrior:
+    def of(self, coordinates: tuple[str, ...]) -> "CoordinatePrior":
         """The same of those among some coordinates."""
         kept = [k for k, name in enumerate(self.names) if name in coordinates]
         names = tuple(self.names[k] for k in kept)
         return replace(self, names=names, low=self.low[:, kept], high=self.high[:, kept], scale=self.scale[kept])
 
-    def scaled(self, share: float) -> CoordinatePrior:
+    def scaled(self, share: float) -> "CoordinatePrior":
         """`share` times the cost."""
         return replace(self, share=share * self.share)
 
-    def on(self, basis: spline.SplineBasis, coordinates: tuple[str, ...]) -> CoefficientPrior:
+    def on(self, basis: spline.SplineBasis, coordinates: tuple[str, ...]) -> "CoefficientPrior":
         """The same for the coefficients of all coordinates of a trial (`names` must be among them)."""
         low = self._course(self.low, basis)
         high = low if self.centred else self._course(self.high, basis)

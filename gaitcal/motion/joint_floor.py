@@ -18,8 +18,6 @@ the talus. Frames are eliminated, S = H_pp - sum_f H_pf H_ff^-1 H_fp, on a desce
 motion and so ends below it.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
@@ -29,11 +27,10 @@ from gaitcal.arrays import Array
 from gaitcal.model.chain import Chain, chain_of, forward, root_angles, segment_poses
 from gaitcal.model.linkage import JOINTS, SEGMENTS, Joint, Source, coordinates_before
 from gaitcal.model.parameters import JP_INDEX, Parameters
-from gaitcal.motion import marker_residual, motion, spline, start, trial_problem
-from gaitcal.motion.descent import DescentSettings, Evaluation, descend
+from gaitcal.motion import descent, marker_residual, motion, spline, start, trial_problem
 
 MOST_FRAMES = 300  # looked at, evenly spaced: the floor of a longer trial is that of these
-SETTINGS = DescentSettings(gain=1e-3, most_steps=30, first_damping=1e-3, lowered_by=2.0)
+SETTINGS = descent.DescentSettings(gain=1e-3, most_steps=30, first_damping=1e-3, lowered_by=2.0)
 """The last step gains less than 1e-3 of the cost, 5e-4 of the RMS. Some damping is kept throughout: no step is then
 taken on its prediction alone, which leads far along what two markers of a segment do not tell."""
 RIDGE = 1e-10  # of the largest diagonal entry: holds what no marker tells, like the turn of two about their line
@@ -123,7 +120,7 @@ class _JointAlone:
 
     def distances(self) -> Array:
         """(markers, nf) m, at the minimum."""
-        parameters, q = self.split(descend(self, self.first, SETTINGS).x)
+        parameters, q = self.split(descent.descend(self, self.first, SETTINGS).x)
         constants = self.chain.constants(parameters.joint, parameters.zero_angles)
         model = marker_residual.marker_positions(self.chain, constants, self.data.placed, q)
         return np.linalg.norm(model - self.data.measured, axis=1)
@@ -139,16 +136,16 @@ class _JointAlone:
         constants = self.chain.constants(parameters.joint, parameters.zero_angles)
         return marker_residual.frame_equations(self.chain, constants, self.pairs, self.data, q, hessian=hessian)
 
-    def evaluate(self, x: Array) -> Evaluation:
+    def evaluate(self, x: Array) -> descent.Evaluation:
         return self.gradient(self.equations(x, hessian=False))
 
-    def gradient(self, equations: marker_residual.FrameEquations) -> Evaluation:
+    def gradient(self, equations: marker_residual.FrameEquations) -> descent.Evaluation:
         """Cost and half gradient in the order of x."""
         nq = self.shape[1]
         by_frame, by_parameter = equations.gradient[:nq].T.ravel(), equations.gradient[nq:].sum(axis=1)
-        return Evaluation(equations.cost, np.append(by_frame, by_parameter))
+        return descent.Evaluation(equations.cost, np.append(by_frame, by_parameter))
 
-    def linearise(self, x: Array, *, curved: bool) -> _JointMatrix:
+    def linearise(self, x: Array, *, curved: bool) -> "_JointMatrix":
         return _JointMatrix(self, self.equations(x, hessian=True))
 
 
@@ -167,7 +164,7 @@ class _JointMatrix:
         self.frames, self.border = whole[:, :nq, :nq], whole[:, :nq, nq:]
         self.corner = whole[:, nq:, nq:].sum(axis=0)
 
-    def factor(self, damping: float) -> _JointFactor:
+    def factor(self, damping: float) -> "_JointFactor":
         return _JointFactor(_damped(self.frames, damping), self.border, _damped(self.corner, damping))
 
 

@@ -26,8 +26,6 @@ Far from the measured markers this term is large: with joint parameters 10 mm an
 converges by a factor of about two a step, with it by factors of hundreds; 300 mm off, not at all without damping.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
@@ -97,7 +95,7 @@ class MarkerData:
         out = [products[markers].T @ weight[markers] for _, markers in self.placed.groups]
         return np.array(out).reshape(len(out), 4, 4, -1)
 
-    def frames(self, part: slice | IntArray) -> MarkerData:
+    def frames(self, part: slice | IntArray) -> "MarkerData":
         """The same for some frames."""
         if isinstance(part, slice) and part == slice(0, self.weight.shape[1]):
             return self

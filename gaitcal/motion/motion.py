@@ -18,8 +18,6 @@ k and c keep 95 % efficiency when the three coordinates of a residual are Gaussi
 1.4826 times the median absolute deviation of the coordinates (from zero), which outliers move little.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from enum import Enum
@@ -74,7 +72,7 @@ class _Tracking:
         cost, gradient = self.problem.gradient(self.coefficients(x), self.constants)
         return Evaluation(cost, gradient.ravel())
 
-    def linearise(self, x: Array, *, curved: bool) -> _TrackingMatrix:
+    def linearise(self, x: Array, *, curved: bool) -> "_TrackingMatrix":
         return _TrackingMatrix(self, x, curved)
 
 

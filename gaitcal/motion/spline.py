@@ -19,8 +19,6 @@ A derivative of a spline is a spline with the coefficients D n, so that R is a s
 B-splines of lower degree. Cost and gradient are taken from D N: in R N the large numbers of R would cancel.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
 from itertools import pairwise
@@ -75,7 +73,7 @@ class SplineBasis:
         bounds = [0, *edges.tolist(), len(self.first)]
         return [(int(self.first[a]), slice(a, b)) for a, b in pairwise(bounds)]
 
-    def at(self, frames: IntArray) -> SplineBasis:
+    def at(self, frames: IntArray) -> "SplineBasis":
         """The same splines at some of the frames (increasing)."""
         return replace(
             self,
@@ -87,7 +85,7 @@ class SplineBasis:
         )
 
     @cached_property
-    def stretches(self) -> tuple[Stretch, ...]:
+    def stretches(self) -> "tuple[Stretch, ...]":
         """All frames, in stretches to work on one after the other."""
         frames = len(self.time)
         starts = range(0, frames, FRAMES_AT_ONCE)
@@ -182,7 +180,7 @@ def _local_weights(knots: Array, time: Array, span: IntArray, derivative: int) -
     return functions
 
 
-def to_bspline(basis: SplineBasis, coefficients: Array) -> BSpline:
+def to_bspline(basis: SplineBasis, coefficients: Array) -> "BSpline":
     """The same spline as a SciPy object, for evaluation anywhere in the trial."""
     from scipy.interpolate import BSpline  # loads a tenth of a second of other modules
 
@@ -309,13 +307,13 @@ class Smoothing:
     coupling: Array  # (nq, nq) K
     cutoff_hz: float  # f: half of an oscillation at it passes
 
-    def of_active(self, active: BoolArray) -> Smoothing:
+    def of_active(self, active: BoolArray) -> "Smoothing":
         """The same without the coordinates that are not `active` (nq,): nothing draws them from where they are."""
         if active.all():
             return self  # with all that is worked out already
         return replace(self, coupling=np.where(active[:, None] & active, self.coupling, 0.0))
 
-    def scaled(self, share: float) -> Smoothing:
+    def scaled(self, share: float) -> "Smoothing":
         """`share` times the penalty."""
         return replace(self, coupling=share * self.coupling)
 

@@ -33,23 +33,8 @@ from gaitcal.arrays import Array
 from gaitcal.errors import Code, InputError
 from gaitcal.model.linkage import SIDES
 from gaitcal.model.segment_frames import frame_yz, unit
-from gaitcal.page import bone_files, scene
+from gaitcal.page import bone_files, bone_landmarks, scene
 from gaitcal.page.body_meshes import FOOT_OF_HEIGHT, FittedMesh, Mesh
-from gaitcal.page.bone_landmarks import (
-    Condyles,
-    HipBone,
-    KneeEvidence,
-    LongBone,
-    NoLandmark,
-    PersonLandmarks,
-    ShankBones,
-    check_directions,
-    condyles,
-    hip_bone,
-    is_inside,
-    long_bone,
-    shank_bones,
-)
 
 MIRROR = {"r": np.ones(3), "l": np.array([1.0, 1.0, -1.0])}  # From a bone of the right side to that of a side
 CARTILAGE = 0.004
@@ -72,10 +57,10 @@ class Landmarked:
     """Bones with the landmarks found on them."""
 
     bones: bone_files.BoneMeshes
-    femur: LongBone
-    condyles: Condyles
-    hip: HipBone
-    shank: ShankBones
+    femur: bone_landmarks.LongBone
+    condyles: bone_landmarks.Condyles
+    hip: bone_landmarks.HipBone
+    shank: bone_landmarks.ShankBones
 
     @property
     def foot_length(self) -> float:
@@ -92,12 +77,16 @@ def landmarked(bones: bone_files.BoneMeshes) -> Landmarked:
     """
     femur, tibia, fibula, pelvis = (bones.meshes[name] for name in ("femur", "tibia", "fibula", "pelvis"))
     try:
-        thigh = long_bone(femur)
+        thigh = bone_landmarks.long_bone(femur)
         found = Landmarked(
-            bones, thigh, condyles(femur), hip_bone(pelvis, thigh.head.radius), shank_bones(tibia, fibula)
+            bones,
+            thigh,
+            bone_landmarks.condyles(femur),
+            bone_landmarks.hip_bone(pelvis, thigh.head.radius),
+            bone_landmarks.shank_bones(tibia, fibula),
         )
-        check_directions(femur, found.hip, tibia, fibula)
-    except NoLandmark as error:
+        bone_landmarks.check_directions(femur, found.hip, tibia, fibula)
+    except bone_landmarks.NoLandmark as error:
         message = f"found {error} on its surface; allowed: right bones with x forward, y up, z to the right, m"
         raise InputError(message, source=bones.source, code=Code.BONES) from error
     return found
@@ -142,7 +131,7 @@ def _shifted(place: Array, offset: Array) -> Array:
     return np.column_stack([place[:, :3], apply(place, offset)])
 
 
-def place_of_femur(bones: Landmarked, person: PersonLandmarks, side: str) -> Array:
+def place_of_femur(bones: Landmarked, person: bone_landmarks.PersonLandmarks, side: str) -> Array:
     """(3, 4), from the femur of that side (the left one mirrored) to the thigh."""
     bone, mirror, s, thigh = bones.femur, MIRROR[side], 1.0 if side == "r" else -1.0, f"thigh_{side}"
     across = person.point(thigh, "epicondyle_lat") - person.point(thigh, "epicondyle_med")
@@ -152,7 +141,7 @@ def place_of_femur(bones: Landmarked, person: PersonLandmarks, side: str) -> Arr
     )
 
 
-def place_of_shank(bones: Landmarked, person: PersonLandmarks, side: str) -> Array:
+def place_of_shank(bones: Landmarked, person: bone_landmarks.PersonLandmarks, side: str) -> Array:
     """(3, 4), from tibia and fibula of that side to the shank: the plateau lies under the condyles."""
     bone, pair, mirror, s, shank = (
         bones.shank,
@@ -173,7 +162,7 @@ def place_of_shank(bones: Landmarked, person: PersonLandmarks, side: str) -> Arr
     )
 
 
-def _place_of_pelvis(bones: Landmarked, person: PersonLandmarks) -> Array:
+def _place_of_pelvis(bones: Landmarked, person: bone_landmarks.PersonLandmarks) -> Array:
     """(3, 4), from the pelvis to the pelvis: hips, mid-ASIS and mid-PSIS meet theirs."""
     bone, flat = bones.hip, np.array([1.0, 1.0, 0.0])
     right, left = (person.point("pelvis", f"hip_{side}") for side in SIDES)
@@ -190,7 +179,7 @@ def _place_of_pelvis(bones: Landmarked, person: PersonLandmarks) -> Array:
     return np.column_stack([turn, middle - turn @ socket])
 
 
-def _place_of_foot(bones: Landmarked, person: PersonLandmarks, side: str, height: float) -> Array:
+def _place_of_foot(bones: Landmarked, person: bone_landmarks.PersonLandmarks, side: str, height: float) -> Array:
     """(3, 4), from the foot of that side to the foot: ankle on ankle, upright, along the line of heel and toe."""
     segment = f"foot_{side}"
     up, apart = person.point(segment, "up"), float(np.linalg.norm(person.point(segment, "heel_to_toe")))
@@ -203,7 +192,7 @@ def _place_of_foot(bones: Landmarked, person: PersonLandmarks, side: str, height
     return np.column_stack([scaled, person.point(segment, "ankle") - scaled @ (TALUS_IN_FOOT * MIRROR[side])])
 
 
-def _place_of_trunk(person: PersonLandmarks) -> Array:
+def _place_of_trunk(person: bone_landmarks.PersonLandmarks) -> Array:
     """(3, 4) of spine and ribs, from the lumbar joint to the shoulders."""
     right, left = (person.point("head_trunk", f"shoulder_{side}") for side in SIDES)
     return _between(
@@ -221,7 +210,7 @@ def _place_of_head(skull: Array, trunk: Array, vertex: Array) -> Array:
     return np.column_stack([turn, apply(trunk, root) - turn @ root])
 
 
-def fitted_bones(bones: Landmarked, person: PersonLandmarks, height: float) -> tuple[FittedMesh, ...]:
+def fitted_bones(bones: Landmarked, person: bone_landmarks.PersonLandmarks, height: float) -> tuple[FittedMesh, ...]:
     """All bones of a person in their segments; `height` (m) of the person."""
     there = bones.bones.meshes
     pelvis = _place_of_pelvis(bones, person)
@@ -240,7 +229,9 @@ def fitted_bones(bones: Landmarked, person: PersonLandmarks, height: float) -> t
     return tuple(FittedMesh(bone, segment, place) for bone, segment, place in out if bone in there)
 
 
-def _foot_bones(bones: Landmarked, person: PersonLandmarks, side: str, height: float) -> list[tuple[str, str, Array]]:
+def _foot_bones(
+    bones: Landmarked, person: bone_landmarks.PersonLandmarks, side: str, height: float
+) -> list[tuple[str, str, Array]]:
     foot = _of_side(_place_of_foot(bones, person, side, height), side)
     into_talus = person.points[f"talus_{side}/foot"]
     talus = _shifted(foot, TALUS_IN_FOOT)
@@ -252,12 +243,12 @@ def _foot_bones(bones: Landmarked, person: PersonLandmarks, side: str, height: f
     ]
 
 
-def _arm_bones(bones: Landmarked, person: PersonLandmarks, side: str) -> list[tuple[str, str, Array]]:
+def _arm_bones(bones: Landmarked, person: bone_landmarks.PersonLandmarks, side: str) -> list[tuple[str, str, Array]]:
     there, mirror = bones.bones.meshes, MIRROR[side]
     upper, fore, right = f"upper_arm_{side}", f"forearm_hand_{side}", np.array([0.0, 0.0, 1.0])
     out = []
     if "humerus" in there:
-        bone = long_bone(there["humerus"])
+        bone = bone_landmarks.long_bone(there["humerus"])
         length = float(np.linalg.norm(bone.head.centre - bone.middle))
         ends = person.point(upper, "shoulder"), person.point(upper, "elbow")
         wide = float(np.linalg.norm(ends[0] - ends[1])) / length * abs(float(bone.lateral[2] - bone.medial[2]))
@@ -278,14 +269,18 @@ PALPATION_M = 0.008
 """m a coordinate: epicondyles found by different examiners (Della Croce et al., Gait Posture 21:226-237, 2005, give 6
 to 21 mm for landmarks of the leg, all directions together)."""
 _STANDS = {
-    KneeEvidence.BOTH: "The femur stands on the markers of both epicondyles and on the fitted hip centre.",
-    KneeEvidence.DEVICE: (
+    bone_landmarks.KneeEvidence.BOTH: (
+        "The femur stands on the markers of both epicondyles and on the fitted hip centre."
+    ),
+    bone_landmarks.KneeEvidence.DEVICE: (
         "The femur stands on the lateral epicondyle's marker, the knee alignment device and the fitted hip centre."
     ),
-    KneeEvidence.LATERAL: (
+    bone_landmarks.KneeEvidence.LATERAL: (
         "Only the lateral epicondyle has a marker: the femur's turn is assumed from the pelvis, and proves nothing."
     ),
-    KneeEvidence.NOMINAL: "No landmark of this knee is known: the femur stands on the nominal one, and proves nothing.",
+    bone_landmarks.KneeEvidence.NOMINAL: (
+        "No landmark of this knee is known: the femur stands on the nominal one, and proves nothing."
+    ),
 }
 _PASSES = {
     "circle": ("through both condyles", "through the {} condyle"),
@@ -327,7 +322,7 @@ class KneeAxis:
     """One knee."""
 
     side: str
-    evidence: KneeEvidence
+    evidence: bone_landmarks.KneeEvidence
     misfit: float  # m from the bone's epicondyles to where the markers have them, the larger one
     fitted: AxisInKnee | None  # None where the knee was not fitted
     nominal: AxisInKnee
@@ -336,7 +331,9 @@ class KneeAxis:
     across: Array  # (3,) unit normal of both circles, in the thigh
 
 
-def knee_axes(bones: Landmarked, person: PersonLandmarks, joints: tuple[scene.JointMark, ...]) -> tuple[KneeAxis, ...]:
+def knee_axes(
+    bones: Landmarked, person: bone_landmarks.PersonLandmarks, joints: tuple[scene.JointMark, ...]
+) -> tuple[KneeAxis, ...]:
     """Right and left knee."""
     out = []
     bone, pair = bones.bones.meshes["femur"], bones.condyles
@@ -383,7 +380,7 @@ def _axis(
             distance=float(np.linalg.norm(passing - centre)),
             radius=float(radius),
             standard_error=error(centre_spread @ centre_spread.T + reach**2 * tilted),
-            inside=is_inside(femur, passing),
+            inside=bone_landmarks.is_inside(femur, passing),
         )
 
     line = centres[1] - centres[0]

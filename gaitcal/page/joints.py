@@ -20,8 +20,7 @@ from gaitcal.page.plain_data import (
     table,
     text,
 )
-from gaitcal.session import parameter_words, truth_comparison
-from gaitcal.session.result import Calibration
+from gaitcal.session import parameter_words, result, truth_comparison
 from gaitcal.session.truth_errors import CurveTruth, TruthErrors
 
 MOVED = (
@@ -48,7 +47,7 @@ FEATURES = (
 SIDE_TITLES = {"r": "Right", "l": "Left", "": "Parameter"}
 
 
-def joint_blocks(calibration: Calibration) -> list[Block]:
+def joint_blocks(calibration: result.Calibration) -> list[Block]:
     """All of the preset: what was fitted, how far it moved, how sure it is, and how near the truth."""
     errors = "" if calibration.standard_errors or not calibration.trials else "; none were computed for this result"
     out = [
@@ -67,7 +66,7 @@ def joint_blocks(calibration: Calibration) -> list[Block]:
     return [*out, *_joints(calibration, truth), *_inertias(calibration, truth), *near]
 
 
-def _joints(calibration: Calibration, truth: Mapping[str, float]) -> list[Block]:
+def _joints(calibration: result.Calibration, truth: Mapping[str, float]) -> list[Block]:
     groups = parameter_words.joint_groups(calibration)
     if not groups:
         return [text(NOT_CALIBRATED)]
@@ -86,7 +85,7 @@ def _joints(calibration: Calibration, truth: Mapping[str, float]) -> list[Block]
 
 
 def _joint_values(
-    calibration: Calibration, groups: Sequence[parameter_words.Group], truth: Mapping[str, float]
+    calibration: result.Calibration, groups: Sequence[parameter_words.Group], truth: Mapping[str, float]
 ) -> list[Block]:
     """How far each parameter moved, in pictures of positions and orientations, and all values in tables."""
     settings = calibration.study.settings
@@ -151,7 +150,7 @@ def _row(row: parameter_words.Row, truth: Mapping[str, float], percent: bool, kn
     ]
 
 
-def _inertias(calibration: Calibration, truth: Mapping[str, float]) -> list[Block]:
+def _inertias(calibration: result.Calibration, truth: Mapping[str, float]) -> list[Block]:
     groups = parameter_words.inertial_groups(calibration)
     if not groups:
         measured = any(t.loads is not None and t.loads.reactions.valid.any() for t in calibration.trials)
@@ -169,7 +168,7 @@ Errors = tuple[float, float, str]
 `2 of 3` or `98 %`, a dash without standard errors."""
 
 
-def _near_truth(calibration: Calibration, truth: TruthErrors) -> list[Block]:
+def _near_truth(calibration: result.Calibration, truth: TruthErrors) -> list[Block]:
     out = [
         heading("How near the truth"),
         text(

@@ -27,8 +27,7 @@ from gaitcal.gait.conventions import GROUND_FORCES, Acting, Convention, Signs
 from gaitcal.gait.cycles import GaitCycle, Kind, coordinate_of, kind_of
 from gaitcal.gait.normal_bands import FREE_WORDS, Norm
 from gaitcal.io.toml import package_version
-from gaitcal.model import anthropometry, linkage
-from gaitcal.model.coordinates import COORDINATE_TABLE, GROUPS, SEGMENT_ANGLES
+from gaitcal.model import anthropometry, coordinates, linkage
 from gaitcal.model.subject_model import Subject, SubjectModel
 from gaitcal.page import joints, plain_data, provenance, summary, trial_data, trust
 from gaitcal.session.result import Calibration, TrialResult
@@ -265,7 +264,7 @@ def explained_code(code: Code) -> dict[str, Any]:
 
 def coordinate_rows() -> list[dict[str, Any]]:
     """Small multiples: joints with their coordinates, and the power over all axes."""
-    rows = (*COORDINATE_TABLE.values(), *SEGMENT_ANGLES.values())
+    rows = (*coordinates.COORDINATE_TABLE.values(), *coordinates.SEGMENT_ANGLES.values())
     return [
         {
             "joint": key,
@@ -273,7 +272,7 @@ def coordinate_rows() -> list[dict[str, Any]]:
             "power": group.power or None,
             "rows": [row.name for row in rows if row.group == key],
         }
-        for key, group in GROUPS.items()
+        for key, group in coordinates.GROUPS.items()
     ]
 
 
@@ -285,9 +284,9 @@ def conventions_data() -> dict[str, Any]:
     digits, and by what of the person values are divided.
     """
     body, one = Subject(name="", mass=1.0, height=1.0, sex="male"), np.ones(1)
-    powers = {group.power: " over all axes" for group in GROUPS.values() if group.power}
-    moved = [(name, kind) for name in COORDINATE_TABLE for kind in (Kind.ANGLE, Kind.MOMENT, Kind.POWER)]
-    moved += [(name, Kind.ANGLE) for name in SEGMENT_ANGLES]
+    powers = {group.power: " over all axes" for group in coordinates.GROUPS.values() if group.power}
+    moved = [(name, kind) for name in coordinates.COORDINATE_TABLE for kind in (Kind.ANGLE, Kind.MOMENT, Kind.POWER)]
+    moved += [(name, Kind.ANGLE) for name in coordinates.SEGMENT_ANGLES]
     every = (*moved, *((name, Kind.POWER) for name in powers), *((name, Kind.FORCE) for name in GROUND_FORCES))
 
     def told(convention: Convention, name: str, kind: Kind) -> dict[str, Any]:

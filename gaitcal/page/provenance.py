@@ -13,22 +13,7 @@ import numpy as np
 
 from gaitcal.calibration.joint_phases import Phase
 from gaitcal.gait.moments import counted, joint_words, role_words
-from gaitcal.page.plain_data import (
-    MISSING,
-    Block,
-    Cell,
-    Sections,
-    bullets,
-    cell,
-    fold,
-    heading,
-    named,
-    number,
-    table,
-    text,
-    visible,
-    words_column,
-)
+from gaitcal.page import plain_data
 from gaitcal.session.result import Calibration, TrialResult
 
 LONG_NOTE: Final = 300  # Characters of a note from which it is folded
@@ -50,20 +35,20 @@ EDITED: Final = "The model, or another file of the result, was edited since: wha
 NOT_KNOWN: Final = "The page of the calibration cannot be read: its summary.json and manifest.json tell what was done."
 
 
-def provenance_blocks(calibration: Calibration, manifest: Mapping[str, object]) -> list[Block]:
+def provenance_blocks(calibration: Calibration, manifest: Mapping[str, object]) -> list[plain_data.Block]:
     """Of the whole result; `manifest`: versions, settings and hashes of the inputs."""
     settings = [
-        [cell(name), cell(value)]
+        [plain_data.cell(name), plain_data.cell(value)]
         for name, value in _flat({key: value for key, value in manifest.items() if key not in NO_SETTINGS})
     ]
     return [
         *_recordings(calibration),
         *_assumptions(calibration),
         *_phases(calibration.phases),
-        heading("Versions and settings"),
-        table(["Name", words_column("Value")], settings),
+        plain_data.heading("Versions and settings"),
+        plain_data.table(["Name", plain_data.words_column("Value")], settings),
         *_hashes(manifest.get(HASHES)),
-        text(FILES, "soft"),
+        plain_data.text(FILES, "soft"),
     ]
 
 
@@ -72,81 +57,92 @@ def _file_name(source: str) -> str:
     return PureWindowsPath(PurePosixPath(source).name).name or source
 
 
-def _recordings(calibration: Calibration) -> list[Block]:
-    head: list[Cell] = ["Trial", words_column("Used as"), words_column("File")]
+def _recordings(calibration: Calibration) -> list[plain_data.Block]:
+    head: list[plain_data.Cell] = ["Trial", plain_data.words_column("Used as"), plain_data.words_column("File")]
     head += ["Length", "Frames", "Rate", "Markers", "Seen", "Force plates"]
-    rows: list[list[Cell]] = []
+    rows: list[list[plain_data.Cell]] = []
     for trial in calibration.study.trials:
         recording = trial.recording
         seen = np.isfinite(recording.markers).all(axis=2)
         rows.append(
             [
-                cell(named(trial.name)),
-                cell(role_words(trial.role, trial.joint)),
-                cell(named(_file_name(recording.source))),
-                f"{number(float(recording.time[-1] - recording.time[0]), 2)} s",
-                number(len(recording.time), 0),
-                f"{number(recording.rate, 0)} Hz",
+                plain_data.cell(plain_data.named(trial.name)),
+                plain_data.cell(role_words(trial.role, trial.joint)),
+                plain_data.cell(plain_data.named(_file_name(recording.source))),
+                f"{plain_data.number(float(recording.time[-1] - recording.time[0]), 2)} s",
+                plain_data.number(len(recording.time), 0),
+                f"{plain_data.number(recording.rate, 0)} Hz",
                 str(len(recording.labels)),
-                f"{number(100.0 * float(seen.mean()) if seen.size else 0.0)} %",
+                f"{plain_data.number(100.0 * float(seen.mean()) if seen.size else 0.0)} %",
                 str(len(recording.plates) or "none"),
             ]
         )
     subject = calibration.model.subject
     person = (
-        f"Body mass {number(subject.mass)} kg, height {number(subject.height, 3)} m, anthropometric table "
-        f"{subject.sex or 'of women and men in the mean'}; marker set {calibration.study.marker_set.name}."
+        f"Body mass {plain_data.number(subject.mass)} kg, height {plain_data.number(subject.height, 3)} m, "
+        f"anthropometric table {subject.sex or 'of women and men in the mean'}; "
+        f"marker set {calibration.study.marker_set.name}."
     )
-    return [heading("What was recorded"), text(person), table(head, rows)]
+    return [plain_data.heading("What was recorded"), plain_data.text(person), plain_data.table(head, rows)]
 
 
-def _assumptions(calibration: Calibration) -> list[Block]:
-    out = [heading("What was assumed")]
+def _assumptions(calibration: Calibration) -> list[plain_data.Block]:
+    out = [plain_data.heading("What was assumed")]
     if not calibration.notes:
-        out.append(text("Nothing beyond the study file."))
+        out.append(plain_data.text("Nothing beyond the study file."))
     prefixes = {trial.name: f"{trial.name}: " for trial in calibration.trials}
     out += note_blocks([note for note in calibration.notes if not note.startswith(tuple(prefixes.values()))])
     for name, prefix in prefixes.items():
         if notes := [note.removeprefix(prefix) for note in calibration.notes if note.startswith(prefix)]:
-            out.append(fold(f"Trial {named(name)}: {counted(len(notes), 'note')}", note_blocks(notes)))
+            out.append(
+                plain_data.fold(f"Trial {plain_data.named(name)}: {counted(len(notes), 'note')}", note_blocks(notes))
+            )
     if calibration.model.frozen:
         held = ", ".join(name.replace("_", " ") for name in calibration.model.frozen)
-        out.append(text(f"No marker shows {held}: the trunk stays upright, arms hang along it."))
+        out.append(plain_data.text(f"No marker shows {held}: the trunk stays upright, arms hang along it."))
     return out
 
 
-def note_blocks(notes: Sequence[str]) -> list[Block]:
+def note_blocks(notes: Sequence[str]) -> list[plain_data.Block]:
     """Notes as a list; long ones stand below it, folded away."""
     short = [note for note in notes if len(note) <= LONG_NOTE]
-    long = [fold(f"{note[:120]}…", [text(note)]) for note in notes if len(note) > LONG_NOTE]
-    return [bullets(short), *long] if short else [*long]
+    long = [plain_data.fold(f"{note[:120]}…", [plain_data.text(note)]) for note in notes if len(note) > LONG_NOTE]
+    return [plain_data.bullets(short), *long] if short else [*long]
 
 
-def _phases(phases: Sequence[Phase]) -> list[Block]:
+def _phases(phases: Sequence[Phase]) -> list[plain_data.Block]:
     if not phases:
-        return [heading("Phases of the calibration"), text("No phase was run.")]
-    head: list[Cell] = ["Phase", words_column("Trials"), "Parameters", words_column("Status")]
-    rows: list[list[Cell]] = []
+        return [plain_data.heading("Phases of the calibration"), plain_data.text("No phase was run.")]
+    head: list[plain_data.Cell] = [
+        "Phase",
+        plain_data.words_column("Trials"),
+        "Parameters",
+        plain_data.words_column("Status"),
+    ]
+    rows: list[list[plain_data.Cell]] = []
     for phase in phases:
         words = PHASES.get(phase.name, phase.name)
         if phase.name.startswith("joint:"):
             words = f"{joint_words(phase.name.removeprefix('joint:'))}, from its own trials"
         rows.append(
             [
-                cell(words),
-                cell(", ".join(named(trial) for trial in phase.trials)),
+                plain_data.cell(words),
+                plain_data.cell(", ".join(plain_data.named(trial) for trial in phase.trials)),
                 str(phase.parameters),
-                cell(phase.status, tone="good" if phase.converged else "look"),
+                plain_data.cell(phase.status, tone="good" if phase.converged else "look"),
             ]
         )
-    return [heading("Phases of the calibration"), table(head, rows)]
+    return [plain_data.heading("Phases of the calibration"), plain_data.table(head, rows)]
 
 
-def _hashes(inputs: object) -> list[Block]:
+def _hashes(inputs: object) -> list[plain_data.Block]:
     if not isinstance(inputs, Mapping) or not inputs:
         return []
-    rows: list[list[Cell]] = [[cell(named(_file_name(str(name)))), cell(value)] for name, value in inputs.items()]
-    return [heading("Inputs"), table(["File", words_column("SHA-256")], rows)]
+    rows: list[list[plain_data.Cell]] = [
+        [plain_data.cell(plain_data.named(_file_name(str(name)))), plain_data.cell(value)]
+        for name, value in inputs.items()
+    ]
+    return [plain_data.heading("Inputs"), plain_data.table(["File", plain_data.words_column("SHA-256")], rows)]
 
 
 def _flat(manifest: Mapping[str, object], prefix: str = "") -> Iterator[tuple[str, str]]:
@@ -156,9 +152,9 @@ def _flat(manifest: Mapping[str, object], prefix: str = "") -> Iterator[tuple[st
         if isinstance(value, Mapping):
             yield from _flat(value, f"{name}.")
         elif isinstance(value, list | tuple):
-            yield name, ", ".join(visible(v) for v in value) or MISSING
+            yield name, ", ".join(plain_data.visible(v) for v in value) or plain_data.MISSING
         else:
-            yield name, MISSING if value is None else str(value)
+            yield name, plain_data.MISSING if value is None else str(value)
 
 
 @dataclass(frozen=True)
@@ -169,40 +165,44 @@ class Origin:
     edited: bool  # One of its files is not as it was written
 
 
-def further_sections(origin: Origin) -> Sections:
+def further_sections(origin: Origin) -> plain_data.Sections:
     """Of the calibration, for the page of its further trials."""
     found = origin.data.get("sections")
     known = found if isinstance(found, Mapping) else {}
-    sections: Sections = {preset: list(known.get(preset) or ()) for preset in COPIED}
-    edited = [text(EDITED, "warning")] if origin.edited else []
+    sections: plain_data.Sections = {preset: list(known.get(preset) or ()) for preset in COPIED}
+    edited = [plain_data.text(EDITED, "warning")] if origin.edited else []
     if joints := sections["joints"]:
-        sections["joints"] = [*edited, text("Of the calibration, not of these trials:", "soft"), *joints]
+        sections["joints"] = [*edited, plain_data.text("Of the calibration, not of these trials:", "soft"), *joints]
     whole = sections["provenance"]
-    folded = [fold("Recordings, phases, settings and versions of the calibration", whole)] if whole else []
+    folded = [plain_data.fold("Recordings, phases, settings and versions of the calibration", whole)] if whole else []
     sections["provenance"] = [*_model(origin.data), *edited, *folded]
     return {preset: blocks for preset, blocks in sections.items() if blocks}
 
 
-def _model(data: Mapping[str, Any]) -> list[Block]:
+def _model(data: Mapping[str, Any]) -> list[plain_data.Block]:
     """Whose calibration, when, and how far it can be believed."""
-    out = [heading("The model of these trials")]
+    out = [plain_data.heading("The model of these trials")]
     try:
         judgement, sentence = data["verdict"]["judgement"], data["verdict"]["sentence"]
-        trials = ", ".join(named(trial["name"]) for trial in data["trials"]) or "no moving trial"
+        trials = ", ".join(plain_data.named(trial["name"]) for trial in data["trials"]) or "no moving trial"
         made = f"Calibrated on {data['made']} with {data['program']} from {trials}."
     except (KeyError, TypeError):
-        return [*out, text(NOT_KNOWN, "warning")]
-    return [*out, text(f"{made} It is not fitted anew to these trials. Its own verdict: {judgement}. {sentence}")]
+        return [*out, plain_data.text(NOT_KNOWN, "warning")]
+    return [
+        *out,
+        plain_data.text(f"{made} It is not fitted anew to these trials. Its own verdict: {judgement}. {sentence}"),
+    ]
 
 
-def recorded_blocks(trial: TrialResult) -> list[Block]:
+def recorded_blocks(trial: TrialResult) -> list[plain_data.Block]:
     """What one further trial is made of."""
     recording, time = trial.recording, trial.body.time
     plates = counted(len(recording.plates), "force plate") if recording.plates else "no force plates"
     words = (
-        f"{role_words(trial.role, trial.joint).capitalize()}, from the file {named(_file_name(recording.source))}: "
-        f"{number(float(time[-1] - time[0]), 2)} s, {number(len(time), 0)} frames at {number(recording.rate, 0)} Hz, "
+        f"{role_words(trial.role, trial.joint).capitalize()}, from the file "
+        f"{plain_data.named(_file_name(recording.source))}: {plain_data.number(float(time[-1] - time[0]), 2)} s, "
+        f"{plain_data.number(len(time), 0)} frames at {plain_data.number(recording.rate, 0)} Hz, "
         f"{len(recording.labels)} markers, {plates}."
     )
     notes = [note.removeprefix(f"{trial.name}: ") for note in trial.notes]
-    return [heading(f"Trial {named(trial.name)}"), text(words), *note_blocks(notes)]
+    return [plain_data.heading(f"Trial {plain_data.named(trial.name)}"), plain_data.text(words), *note_blocks(notes)]

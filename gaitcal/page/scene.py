@@ -13,8 +13,6 @@ cov = sum_p s_p^2 (d./dp)(d./dp)^T, parameters taken as uncorrelated (the table 
 square root is kept, whose columns are the half axes of the one-sigma ellipsoid.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
@@ -158,7 +156,7 @@ class Scene:
     segments: tuple[str, ...] = SEGMENTS
 
 
-def scene_of(calibration: Calibration) -> Scene:
+def scene_of(calibration: "Calibration") -> Scene:
     """The scene of a calibration: all its moving trials."""
     trials = tuple(
         trial_scene(

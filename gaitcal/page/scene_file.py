@@ -25,9 +25,8 @@ from gaitcal.arrays import Array
 from gaitcal.errors import Code, InputError
 from gaitcal.io.atomic import atomic_file
 from gaitcal.model.linkage import SIDE_WORDS, SIDES
-from gaitcal.page import bone_files, bone_landmarks
+from gaitcal.page import bone_files, bone_landmarks, bone_placement
 from gaitcal.page.body_meshes import MESHES, BodyMeshes, FittedMesh, Mesh
-from gaitcal.page.bone_placement import Landmarked, fitted_bones, knee_axes, knee_words
 from gaitcal.page.plain_data import LARGEST, base64_of, floats, lengths, script_json
 from gaitcal.page.scene import JointMark, MotionScene, Scene
 
@@ -175,7 +174,7 @@ def _check(scene: Scene) -> None:
         raise ValueError("sizes")
 
 
-def scene_json(scene: Scene, shapes: BodyMeshes, bones: Landmarked | None = None) -> str:
+def scene_json(scene: Scene, shapes: BodyMeshes, bones: bone_placement.Landmarked | None = None) -> str:
     """The scene as JSON that may stand inside a `<script>` element whatever the names are: it holds no `<`.
 
     `bones`: shown inside the body; None where none are installed.
@@ -295,11 +294,11 @@ def _joint(scene: Scene, joint: JointMark) -> dict[str, Any]:
     return {**words, "segment": segment, "fitted": joint.fitted, **places}
 
 
-def _bones(scene: Scene, bones: Landmarked | None) -> dict[str, Any]:
+def _bones(scene: Scene, bones: bone_placement.Landmarked | None) -> dict[str, Any]:
     """The bones in their segments, and where each knee axis passes them; or why there are none."""
     if bones is None:
         return {"why": f"not installed: pip install 'gaitcal[{bone_files.EXTRA}]', then gaitcal view"}
-    placed = fitted_bones(bones, scene.landmarks, scene.height)
+    placed = bone_placement.fitted_bones(bones, scene.landmarks, scene.height)
     return {
         "why": None,
         "source": bones.bones.source,
@@ -309,13 +308,13 @@ def _bones(scene: Scene, bones: Landmarked | None) -> dict[str, Any]:
             {
                 "joint": f"knee_{knee.side}",
                 "title": f"{SIDE_WORDS[knee.side].capitalize()} knee",
-                "words": knee_words(knee),
+                "words": bone_placement.knee_words(knee),
                 "segment": scene.segments.index(f"thigh_{knee.side}"),
                 "centres": [_numbers(centre) for centre in knee.centres],
                 "radii": _numbers(knee.radii),
                 "across": _numbers(knee.across),
             }
-            for knee in knee_axes(bones, scene.landmarks, scene.joints)
+            for knee in bone_placement.knee_axes(bones, scene.landmarks, scene.joints)
         ],
     }
 

@@ -20,8 +20,7 @@ from gaitcal.gait.moments import (
     role_words,
     segment_words,
 )
-from gaitcal.model.coordinates import LEG_COORDINATES, coordinate_words, split_side
-from gaitcal.model.linkage import SIDES
+from gaitcal.model import coordinates, linkage
 from gaitcal.model.subject_model import SubjectModel
 from gaitcal.motion.motion import MarkerErrors
 from gaitcal.page.plain_data import (
@@ -40,9 +39,7 @@ from gaitcal.page.plain_data import (
     words_column,
 )
 from gaitcal.page.summary import KNEE_ADDUCTION, GaitNumbers
-from gaitcal.session.parameter_words import ENOUGH_MOTION_DEG, Row, joint_groups, range_of_motion
-from gaitcal.session.result import Calibration, TrialResult
-from gaitcal.session.trial_result import RmsErrors, leg_fit, segment_fits, trial_fit
+from gaitcal.session import parameter_words, result, trial_result
 
 FLOORS = (
     "A marker error is the distance between where a marker was measured and where the model puts it. The rigid-segment "
@@ -67,7 +64,7 @@ SHOWN_CHANGE_M = 5e-5  # Half of what the page shows
 MARKERS_SHOWN = 6  # With the largest errors; the rest is folded away
 
 
-def fit_blocks(calibration: Calibration) -> list[Block]:
+def fit_blocks(calibration: result.Calibration) -> list[Block]:
     """Of the whole result: the floors, and every trial in one table."""
     rows = []
     for trial in calibration.trials:
@@ -75,7 +72,7 @@ def fit_blocks(calibration: Calibration) -> list[Block]:
         rows.append(
             [
                 cell(named(trial.name), unit=role_words(trial.role, trial.joint)),
-                *_fit_cells(trial_fit(trial)),
+                *_fit_cells(trial_result.trial_fit(trial)),
                 number(1e3 * largest[0] if largest else None),
                 cell(named(largest[1] if largest else ""), align="text"),
             ]
@@ -95,7 +92,7 @@ def fit_blocks(calibration: Calibration) -> list[Block]:
     ]
 
 
-def _fit_cells(fit: RmsErrors) -> list[Cell]:
+def _fit_cells(fit: trial_result.RmsErrors) -> list[Cell]:
     """Nominal, calibrated, both floors, and the ratios to them."""
     return [
         number(fit.nominal),
@@ -107,13 +104,13 @@ def _fit_cells(fit: RmsErrors) -> list[Cell]:
     ]
 
 
-def trial_fit_blocks(trial: TrialResult) -> list[Block]:
+def trial_fit_blocks(trial: result.TrialResult) -> list[Block]:
     """Of one trial: segments, markers, and the error over time."""
-    segments, whole = segment_fits(trial), trial_fit(trial)
+    segments, whole = trial_result.segment_fits(trial), trial_result.trial_fit(trial)
     rows = [[cell(segment.label), *_fit_cells(segment)] for segment in segments]
     sums = [[cell("all markers"), *_fit_cells(whole)]]
     if trial.joint is None:
-        sums.insert(0, [cell("pelvis and legs"), *_fit_cells(leg_fit(trial))])
+        sums.insert(0, [cell("pelvis and legs"), *_fit_cells(trial_result.leg_fit(trial))])
     calibrated, final = trial.calibrated.errors.rms(), trial.final.errors.rms()
     if calibrated is not None and final is not None and abs(final - calibrated) >= SHOWN_CHANGE_M:
         sums.append([cell("with the final model"), *_fit_cells(replace(whole, calibrated=1e3 * final))])
@@ -153,7 +150,7 @@ class MarkerFit:
     largest: float | None  # Largest distance with the calibrated model
 
 
-def marker_fits(trial: TrialResult) -> list[MarkerFit]:
+def marker_fits(trial: result.TrialResult) -> list[MarkerFit]:
     """Largest error first, those with little weight last."""
     errors = trial.calibrated.errors
     nominal, calibrated, floor = map(_rms_by_label, (trial.nominal.errors, errors, trial.floor))
@@ -223,30 +220,30 @@ EXTERNAL_PEAKS = {KNEE_ADDUCTION: "external adduction"}
 """Moments of which the external peak is told, the opposite of the internal one -> what it is called."""
 
 
-def trust_blocks(calibration: Calibration) -> list[Block]:
+def trust_blocks(calibration: result.Calibration) -> list[Block]:
     """Of the whole result: whether it converged, and how well the trials show each joint."""
     out = []
     if calibration.phases:
         out.append(text("Every phase converged.") if calibration.converged else text(NOT_CONVERGED, "bad"))
     out += [fold("What the judgements mean", [text(JUDGEMENTS)]), heading("What these trials determine")]
-    groups = joint_groups(calibration)
+    groups = parameter_words.joint_groups(calibration)
     if not groups:
         return [*out, text("Joint parameters were not calibrated. What was assumed: preset Provenance.")]
     rows = [_joint(calibration, rows) for group in groups for rows in (group.right, group.left) if rows]
     head: list[Cell] = ["Joint", "Moved", "Fitted", "Not determined", "At a bound", "Largest SE, mm", "deg"]
     caption = (
         "Parameters of each joint, how far it moved in the trial that moves it most, and the largest standard error of "
-        f"those that were fitted. About {number(ENOUGH_MOTION_DEG, 0)} deg of motion are needed."
+        f"those that were fitted. About {number(parameter_words.ENOUGH_MOTION_DEG, 0)} deg of motion are needed."
     )
     where = "Which they are, and every value with its error: preset Joints. What was assumed: preset Provenance."
     return [*out, table(head, rows, caption=caption), text(where, "soft")]
 
 
-def _joint(calibration: Calibration, rows: Sequence[Row]) -> list[Cell]:
+def _joint(calibration: result.Calibration, rows: Sequence[parameter_words.Row]) -> list[Cell]:
     joint = rows[0].name.split(".")[0]
     unseen, at_bound = (sum(row.status == status for row in rows) for status in ("unidentifiable", "at bound"))
-    moved = range_of_motion(calibration, joint)
-    little = moved is not None and moved < ENOUGH_MOTION_DEG
+    moved = parameter_words.range_of_motion(calibration, joint)
+    little = moved is not None and moved < parameter_words.ENOUGH_MOTION_DEG
     errors = [
         max((row.error for row in rows if row.unit == unit and row.error is not None), default=None)
         for unit in ("mm", "deg")
@@ -279,7 +276,7 @@ class PeakError:
     @property
     def base(self) -> str:
         """`knee_adduction`."""
-        return split_side(self.name)[0]
+        return coordinates.split_side(self.name)[0]
 
     def alone(self, share: float) -> float:
         """N·m/kg, the error of one source by itself."""
@@ -288,7 +285,7 @@ class PeakError:
     @property
     def words(self) -> str:
         """`Peak 0.412 ± 0.031 N·m/kg (external adduction)`."""
-        sense, value = f"internal, {coordinate_words(self.base).moment} positive", self.value
+        sense, value = f"internal, {coordinates.coordinate_words(self.base).moment} positive", self.value
         if self.base in EXTERNAL_PEAKS:
             sense, value = EXTERNAL_PEAKS[self.base], -value
         return f"Peak {number(value, 3)} ± {number(self.error, 3)} N·m/kg ({sense})"
@@ -307,7 +304,7 @@ def peak_error(walk: GaitNumbers, name: str, mass: float) -> PeakError | None:
     if not len(frames):
         return None
     moment = moment_of(loads.final, name)
-    frame = frames[(-moment if split_side(name)[0] in EXTERNAL_PEAKS else np.abs(moment))[frames].argmax()]
+    frame = frames[(-moment if coordinates.split_side(name)[0] in EXTERNAL_PEAKS else np.abs(moment))[frames].argmax()]
     here = np.arange(len(moment)) == frame
     return PeakError(
         name=name,
@@ -320,7 +317,7 @@ def peak_error(walk: GaitNumbers, name: str, mass: float) -> PeakError | None:
 
 def _error_bars(walk: GaitNumbers, mass: float) -> list[Block]:
     """Empty where it is not known what makes them."""
-    names = [f"{base}_{side}" for base in LEG_COORDINATES for side in SIDES]
+    names = [f"{base}_{side}" for base in coordinates.LEG_COORDINATES for side in linkage.SIDES]
     peaks: dict[str, list[PeakError]] = {}
     for name in names:
         if (peak := peak_error(walk, name, mass)) and peak.shares:
@@ -344,7 +341,7 @@ def _peak_table(peak: PeakError) -> Block:
     if (rest := sum(share for share in peak.shares.values() if share < SMALL_SHARE)) > 0.0:
         rows.append(row("all others", rest, number(100.0 * rest, 0)))
     rows.append(["all together", f"± {number(peak.error, 3)}", "100"])
-    side = split_side(peak.name)[1]
+    side = coordinates.split_side(peak.name)[1]
     head: list[Cell] = [cell(coordinate_title(peak.name), side=side), "error alone, N·m/kg", "% of the variance"]
     return table(head, rows, caption=f"{peak.words}, at {number(peak.time, 2)} s", total=[len(rows) - 1])
 

@@ -28,8 +28,7 @@ from gaitcal.model.coordinates import COORDINATE_TABLE, LEG_COORDINATES
 from gaitcal.model.linkage import LOWER_BODY, SIDES, joint_elements, joints_above
 from gaitcal.model.parameters import JP_INDEX, Parameters, dynamic_parameters, symmetric_set
 from gaitcal.model.subject_model import SubjectModel
-from gaitcal.motion import descent, motion, spline
-from gaitcal.motion.banded import BandFactor
+from gaitcal.motion import banded, descent, motion, spline
 from gaitcal.motion.trial_problem import MotionProblem, trial_problem
 from gaitcal.published.case import MonteCarloCase
 from gaitcal.published.protocol import MonteCarloSettings, ReactionFrame, Varied
@@ -112,7 +111,7 @@ class MonteCarloContext:
         self.basis, self.data = self.problem.basis, self.problem.data
         constants = self.problem.constants(case.parameters)
         band = self.problem.equations(case.coefficients, constants).band
-        self.undisturbed_factor = BandFactor(band)
+        self.undisturbed_factor = banded.BandFactor(band)
         """Of the Gauss-Newton matrix at the undisturbed motion, with the undisturbed linkage."""
         self.undisturbed_diagonal = band[:, 0].reshape(case.coefficients.shape).copy()
         """(nn, nq) of the same matrix, m^2 per m^2 or rad^2."""
@@ -120,7 +119,7 @@ class MonteCarloContext:
         """(nn, nq, np) change of the nodes by the joint parameters that vary; zero where these move no marker."""
         opened = self.problem.with_free(self.names)
         equations = opened.equations(case.coefficients, opened.constants(case.parameters))
-        solved = -BandFactor(equations.band).solve(equations.mixed)
+        solved = -banded.BandFactor(equations.band).solve(equations.mixed)
         moving = [self.names.index(name) for name in opened.chain.free]
         self.sensitivity[:, :, moving] = solved.reshape(*case.coefficients.shape, len(moving))
         states = [self.basis.evaluate(case.coefficients, k) for k in range(3)]
@@ -244,7 +243,7 @@ def refit(
     constants: ChainConstants,
     start: Array,
     settings: MonteCarloSettings,
-    known: BandFactor | None = None,
+    known: banded.BandFactor | None = None,
 ) -> Refit:
     """Minimise the weighted sum of squared marker distances over the coefficients, starting at `start` (nn, nq).
 
@@ -263,7 +262,7 @@ def refit(
         keep_within=np.inf,
         curved=True,
     )
-    factor = known or BandFactor(problem.equations(start, constants).band)
+    factor = known or banded.BandFactor(problem.equations(start, constants).band)
     tracked = motion.track_nodes(problem, constants, start, rule, factor)
     if tracked.ending is descent.Ending.MOST_STEPS:
         return Refit(tracked.x, tracked.steps, f"{tracked.steps} evaluations did not settle it")
@@ -280,7 +279,7 @@ class DisturbedModel:
     constants: ChainConstants
     start: Array
     """(nn, nq) m, rad: the undisturbed motion and what it changes by to first order."""
-    factor: BandFactor | None
+    factor: banded.BandFactor | None
     """Of the Gauss-Newton matrix at the start; None where it must be formed."""
 
 

@@ -28,21 +28,10 @@ from joblib import Parallel, delayed
 
 from gaitcal.arrays import Array
 from gaitcal.motion import descent, motion
+from gaitcal.published import draw as drawing
 from gaitcal.published.case import MonteCarloCase, nominal_case
 from gaitcal.published.claims import Claim, Verdict, tested
 from gaitcal.published.disturbance_claims import FRAMES, PUBLISHED, Disturbances, printed_markers, printed_torques
-from gaitcal.published.draw import (
-    COLUMNS,
-    TORQUE_WORDS,
-    TORQUES,
-    DisturbedModel,
-    MonteCarloContext,
-    disturb,
-    disturbed_model,
-    draw,
-    errors_of,
-    torque_column,
-)
 from gaitcal.published.protocol import PUBLISHED_LEVELS, SIDE, MonteCarloSettings, ReactionFrame, Varied
 from gaitcal.published.statistics import statistics
 from gaitcal.published.study import Chunk, in_order, run_chunk
@@ -85,23 +74,23 @@ def unfinished_draws(
 
 @with_one_blas_thread
 def _cell(case: MonteCarloCase, settings: MonteCarloSettings, varied: Varied, level: int, draws: int) -> pd.DataFrame:
-    context, rows = MonteCarloContext(case, settings), []
+    context, rows = drawing.MonteCarloContext(case, settings), []
     for number in range(draws):
         model, end = (
-            disturbed_model(context, disturb(context, varied, level, number)),
-            draw(context, varied, level, number),
+            drawing.disturbed_model(context, drawing.disturb(context, varied, level, number)),
+            drawing.draw(context, varied, level, number),
         )
         for iteration in Iteration:
             key = (varied.value, level, number)
             *counts, last = iteration.counts
             for count, coefficients in zip(counts, path(context, model, iteration, counts), strict=True):
-                rows.append((iteration.value, count, *key, "", *errors_of(context, model, coefficients)))
+                rows.append((iteration.value, count, *key, "", *drawing.errors_of(context, model, coefficients)))
             rows.append((iteration.value, last, *key, end.failure, *end.values))
-    return pd.DataFrame(rows, columns=["iteration", "iterations", "set", "level", "draw", "failure", *COLUMNS])
+    return pd.DataFrame(rows, columns=["iteration", "iterations", "set", "level", "draw", "failure", *drawing.COLUMNS])
 
 
 def path(
-    context: MonteCarloContext, model: DisturbedModel, iteration: Iteration, counts: Sequence[int]
+    context: drawing.MonteCarloContext, model: drawing.DisturbedModel, iteration: Iteration, counts: Sequence[int]
 ) -> Iterator[Array]:
     """Coefficients (nn, nq) after each of a rising sequence of numbers of iterations from the undisturbed motion."""
     coefficients, done = context.case.coefficients, 0
@@ -112,13 +101,17 @@ def path(
         yield coefficients
 
 
-def _gauss_newton(context: MonteCarloContext, model: DisturbedModel, coefficients: Array, steps: int) -> Array:
+def _gauss_newton(
+    context: drawing.MonteCarloContext, model: drawing.DisturbedModel, coefficients: Array, steps: int
+) -> Array:
     """So many steps with a new matrix each; one that raised the cost and was damped counts too."""
     rule = descent.DescentSettings(gain=0.0, kept_gain=0.0, most_steps=steps, keep_within=0.0, curved_tries=0)
     return motion.track_nodes(model.problem, model.constants, coefficients, rule).x if steps else coefficients
 
 
-def _steepest_descent(context: MonteCarloContext, model: DisturbedModel, coefficients: Array, steps: int) -> Array:
+def _steepest_descent(
+    context: drawing.MonteCarloContext, model: drawing.DisturbedModel, coefficients: Array, steps: int
+) -> Array:
     problem, constants = model.problem, model.constants
     for _ in range(steps):
         _, gradient = problem.gradient(coefficients, constants)
@@ -175,7 +168,9 @@ def iteration_frame(stopped: StoppedRefits) -> pd.DataFrame:
     Average RMS of the left leg: `markers_mm`, then each torque as `hip_flexion.lab`, %BW*H.
     """
     quantities = {"markers_mm": (f"markers_{SIDE}", "")}
-    quantities |= {f"{t}.{frame.value}": (f"{t}_{SIDE}", frame.value) for t in TORQUES for frame in ReactionFrame}
+    quantities |= {
+        f"{t}.{frame.value}": (f"{t}_{SIDE}", frame.value) for t in drawing.TORQUES for frame in ReactionFrame
+    }
     rows: list[dict[str, object]] = []
     for (iteration, count), table in stopped.tables.items():
         averages = _averages(table)
@@ -214,7 +209,7 @@ def refit_rows(stopped: StoppedRefits) -> list[TableRow]:
             rows.append(cell.filled(printed, averages[varied.value, level, f"markers_{SIDE}", ""], note))
         for figure in _FIGURES:
             for frame, stays in FRAMES.items():
-                column = f"{TORQUE_WORDS[figure.torque]}, {stays}"
+                column = f"{drawing.TORQUE_WORDS[figure.torque]}, {stays}"
                 cell = TableRow(SENSITIVITY, f"Monte Carlo, JP 100 %: {end}", column, "%BW*H")
                 ours = averages[Varied.JP.value, 100, f"{figure.torque}_{SIDE}", frame.value]
                 rows.append(cell.filled(figure.value, ours, note))
@@ -274,7 +269,7 @@ NO_DIFFERENCE = 0.05
 """Part of a torque error: a smaller change counts as none."""
 DECIDED_ERRORS = 2.0
 """Standard errors that a change has to be away from that, or the answer is undecided."""
-_PRINTED_TORQUES = ", ".join(f"{TORQUE_WORDS[figure.torque]} {figure.value}" for figure in _FIGURES) + " %BW*H"
+_PRINTED_TORQUES = ", ".join(f"{drawing.TORQUE_WORDS[figure.torque]} {figure.value}" for figure in _FIGURES) + " %BW*H"
 
 
 def with_shared_centre(case: MonteCarloCase) -> MonteCarloCase:
@@ -324,7 +319,9 @@ def pressure_centres(seed: int, draws: int = PAIRED_DRAWS, jobs: int = -1) -> Pr
     return PressureCentres(
         {
             centre: {
-                frame: table.loc[good, [torque_column(f"{t}_{SIDE}", frame, "rms") for t in TORQUES]].to_numpy()
+                frame: table.loc[
+                    good, [drawing.torque_column(f"{t}_{SIDE}", frame, "rms") for t in drawing.TORQUES]
+                ].to_numpy()
                 for frame in ReactionFrame
             }
             for centre, table in zip(cases, tables, strict=True)
@@ -338,9 +335,9 @@ def pressure_centre_rows(centres: PressureCentres) -> list[TableRow]:
     rows: list[TableRow] = []
     for centre, of_frame in centres.drawn.items():
         for frame in of_frame:
-            for torque, error in zip(TORQUES, centres.errors(centre, frame), strict=True):
+            for torque, error in zip(drawing.TORQUES, centres.errors(centre, frame), strict=True):
                 row_title = f"Monte Carlo, JP {LEVEL} %, centre of pressure {centre}: {FRAMES[frame]}"
-                cell = TableRow(SENSITIVITY, row_title, TORQUE_WORDS[torque], "%BW*H")
+                cell = TableRow(SENSITIVITY, row_title, drawing.TORQUE_WORDS[torque], "%BW*H")
                 rows.append(cell.filled(printed.get(torque), float(error), f"mean of {centres.draws} draws"))
     return rows
 
@@ -358,15 +355,16 @@ def pressure_centre_claims(centres: PressureCentres | None) -> list[Claim]:
             continue
         own, shared = (centres.errors(centre, frame) for centre in (OWN, SHARED))
         change, error = centres.difference(frame)
-        three = [TORQUES.index(figure.torque) for figure in _FIGURES]
+        three = [drawing.TORQUES.index(figure.torque) for figure in _FIGURES]
         figures = ", ".join(
-            f"{TORQUE_WORDS[TORQUES[k]]} {own[k]:.2f}/{shared[k]:.2f} (difference {change[k]:+.4f} +- {error[k]:.4f})"
+            f"{drawing.TORQUE_WORDS[drawing.TORQUES[k]]} {own[k]:.2f}/{shared[k]:.2f} "
+            f"(difference {change[k]:+.4f} +- {error[k]:.4f})"
             for k in three
         )
         most = int(np.abs(change / shared).argmax())
         ours = (
             f"own centres against one shared: {figures} %BW*H, paired, {centres.draws} draws. Of the seven torques "
-            f"{TORQUE_WORDS[TORQUES[most]]} changes most: {own[most]:.2f}/{shared[most]:.2f}, "
+            f"{drawing.TORQUE_WORDS[drawing.TORQUES[most]]} changes most: {own[most]:.2f}/{shared[most]:.2f}, "
             f"{100 * change[most] / shared[most]:+.0f} %"
         )
         part, sure = np.abs(change / shared)[three], DECIDED_ERRORS * (error / shared)[three]

@@ -31,23 +31,8 @@ from joblib import Parallel, delayed
 from gaitcal.arrays import Array
 from gaitcal.calibration import combined, inertial_calibration, joint_calibration
 from gaitcal.io.recording import Recording
+from gaitcal.model import parameters as params
 from gaitcal.model.nominal import published_model
-from gaitcal.model.parameters import (
-    IP_INDEX,
-    IP_TO_SI,
-    JOINT_PARAMETERS,
-    JP_INDEX,
-    JP_TO_SI,
-    MASSIVE_SEGMENTS,
-    Kind,
-    Parameters,
-    gait_parameters,
-    is_physical,
-    isolated_parameters,
-    leg_parameters,
-    symmetric_set,
-    table,
-)
 from gaitcal.model.subject_model import SubjectModel
 from gaitcal.motion import banded, spline
 from gaitcal.motion.descent import Descent, DescentSettings, Evaluation, descend
@@ -55,18 +40,9 @@ from gaitcal.motion.motion import SharedMotions, motion_of, track_nodes
 from gaitcal.motion.trial_problem import MotionProblem, trial_problem
 from gaitcal.published.protocol import PROBLEMS, SIDE
 from gaitcal.runtime import with_one_blas_thread
-from gaitcal.synthetic.motion import (
-    NODES,
-    RATE,
-    TrueMotion,
-    gait_motion,
-    isolated_motion,
-    marker_noise,
-    residual_free_wrench,
-    synthetic_markers,
-)
+from gaitcal.synthetic import motion as motions
 
-LEG = leg_parameters(SIDE)
+LEG = params.leg_parameters(SIDE)
 DAMPED = DescentSettings(first_damping=1e-3, keep_within=0.0, most_steps=60)
 """Every step on its own matrix: far away none serves twice."""
 
@@ -77,21 +53,21 @@ def rms(values: Array | Sequence[float]) -> float | None:
     return float(np.sqrt(np.mean(array**2))) if array.size else None
 
 
-def joint_errors(estimate: Parameters, truth: Parameters, names: Sequence[str]) -> Array:
+def joint_errors(estimate: params.Parameters, truth: params.Parameters, names: Sequence[str]) -> Array:
     """(n,) estimate - true, mm and deg."""
     index = _index(names)
-    out: Array = (estimate.joint[index] - truth.joint[index]) / JP_TO_SI[index]
+    out: Array = (estimate.joint[index] - truth.joint[index]) / params.JP_TO_SI[index]
     return out
 
 
 def joint_rms(errors: Array, names: Sequence[str]) -> tuple[float | None, float | None]:
     """RMS of position errors (mm) and of orientation errors (deg); None where a joint has none."""
-    position = np.array([JOINT_PARAMETERS[k].kind is Kind.POSITION for k in _index(names)], dtype=bool)
+    position = np.array([params.JOINT_PARAMETERS[k].kind is params.Kind.POSITION for k in _index(names)], dtype=bool)
     return rms(errors[position]), rms(errors[~position])
 
 
 def _index(names: Sequence[str]) -> list[int]:
-    return [JP_INDEX[name] for name in names]
+    return [params.JP_INDEX[name] for name in names]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -113,7 +89,7 @@ class JointRecovery:
     seconds: float
     """Of the processor, as the published times."""
     converged: bool
-    parameters: Parameters
+    parameters: params.Parameters
     """All of the linkage, with what was found."""
     coefficients: Array
     """(20, 27) m, rad."""
@@ -140,28 +116,34 @@ def true_model() -> SubjectModel:
 
 
 @cache
-def true_motion(problem: str, isolated_hz: float = RATE) -> TrueMotion:
+def true_motion(problem: str, isolated_hz: float = motions.RATE) -> motions.TrueMotion:
     """The true motion of one of `PROBLEMS`; isolated trials have 1200 frames, `isolated_hz` of them a second.
 
     The nodes are the same at every rate.
     """
-    return gait_motion() if problem == "full leg" else isolated_motion(f"{problem}_{SIDE}", rate=isolated_hz)
+    return (
+        motions.gait_motion()
+        if problem == "full leg"
+        else motions.isolated_motion(f"{problem}_{SIDE}", rate=isolated_hz)
+    )
 
 
 def free_parameters(problem: str) -> tuple[str, ...]:
     """What one of `PROBLEMS` solves for."""
-    return gait_parameters(SIDE) if problem == "full leg" else isolated_parameters(f"{problem}_{SIDE}")
+    return params.gait_parameters(SIDE) if problem == "full leg" else params.isolated_parameters(f"{problem}_{SIDE}")
 
 
-def synthetic_problem(problem: str, noise: np.random.Generator | None, isolated_hz: float = RATE) -> MotionProblem:
+def synthetic_problem(
+    problem: str, noise: np.random.Generator | None, isolated_hz: float = motions.RATE
+) -> MotionProblem:
     """One of `PROBLEMS` as markers on the whole linkage, with noise or without."""
     model, motion = true_model(), true_motion(problem, isolated_hz)
-    markers = synthetic_markers(model.parameters, model.markers, motion.q)
+    markers = motions.synthetic_markers(model.parameters, model.markers, motion.q)
     if noise is not None:
-        markers = markers + marker_noise(motion.basis.time, len(model.markers.labels), noise)
+        markers = markers + motions.marker_noise(motion.basis.time, len(model.markers.labels), noise)
     recording = Recording(source=problem, time=motion.basis.time, labels=model.markers.labels, markers=markers)
     # as published: markers alone, no prior on any coordinate
-    return replace(trial_problem(problem, model, recording, spline.NodeRule(fixed=NODES)), priors=())
+    return replace(trial_problem(problem, model, recording, spline.NodeRule(fixed=motions.NODES)), priors=())
 
 
 def recover_joints(problems: Mapping[str, MotionProblem], *, compare: bool = True) -> dict[str, JointRecovery]:
@@ -178,7 +160,7 @@ def recover_joints(problems: Mapping[str, MotionProblem], *, compare: bool = Tru
     return out
 
 
-def solve(problem: str, markers: MotionProblem, held: Parameters, *, compare: bool = True) -> JointRecovery:
+def solve(problem: str, markers: MotionProblem, held: params.Parameters, *, compare: bool = True) -> JointRecovery:
     """One problem from absolute zero; `held` gives the joint parameters that are not free."""
     free, truth = free_parameters(problem), true_model().parameters
     began = time.process_time()
@@ -208,7 +190,11 @@ def solve(problem: str, markers: MotionProblem, held: Parameters, *, compare: bo
 
 
 def step_together(
-    problems: Sequence[MotionProblem], parameters: Parameters, free: tuple[str, ...], starts: Sequence[Array], p: Array
+    problems: Sequence[MotionProblem],
+    parameters: params.Parameters,
+    free: tuple[str, ...],
+    starts: Sequence[Array],
+    p: Array,
 ) -> tuple[Array, list[Array], Descent[Evaluation, banded.ArrowFactor]]:
     """Bring motions and joint parameters `free` down together, from nodes `starts` (each (nn, nq)) and `p` (np,):
     where both end, and how.
@@ -237,18 +223,18 @@ class InertialErrors:
 
 def inertial_rms(estimate: Array, truth: Array) -> InertialErrors:
     """Errors of inertial parameters (84,), SI."""
-    errors = table((estimate - truth) / IP_TO_SI)
+    errors = params.table((estimate - truth) / params.IP_TO_SI)
     return InertialErrors(*(float(np.sqrt(np.mean(errors[:, k] ** 2))) for k in (slice(4, 7), 0, slice(1, 4))))
 
 
 def symmetric_errors(estimate: Array, truth: Array) -> dict[str, float]:
     """Errors of the 36 symmetric parameters (mean of both sides), and of `foot.com.sup`; kg, mm, kg mm^2."""
-    which = symmetric_set()
-    errors = (estimate - truth) / IP_TO_SI
+    which = params.symmetric_set()
+    errors = (estimate - truth) / params.IP_TO_SI
     values = which.selection.T @ errors / (which.selection**2).sum(axis=0)
     out = dict(zip(which.names, values.tolist(), strict=True))
-    feet = [k for k, segment in enumerate(MASSIVE_SEGMENTS) if segment.startswith("foot")]
-    out["foot.com.sup"] = float(table(errors)[feet, 2].mean())
+    feet = [k for k, segment in enumerate(params.MASSIVE_SEGMENTS) if segment.startswith("foot")]
+    out["foot.com.sup"] = float(params.table(errors)[feet, 2].mean())
     return out
 
 
@@ -293,11 +279,11 @@ class ThirdStep:
 @cache
 def true_wrench() -> Array:
     """(208, 2, 6) ground reactions on the feet that leave the true model no residual."""
-    return residual_free_wrench(true_model().parameters, true_motion("full leg"))
+    return motions.residual_free_wrench(true_model().parameters, true_motion("full leg"))
 
 
 def gait_equations(
-    parameters: Parameters,
+    parameters: params.Parameters,
     coefficients: Array,
     scale: inertial_calibration.TorqueScale = inertial_calibration.TorqueScale.BODY_HEIGHT,
 ) -> inertial_calibration.RootEquations:
@@ -318,12 +304,12 @@ def pelvis_width(model: SubjectModel) -> float:
 
 def random_seed(rng: np.random.Generator, *, with_held: bool) -> Array:
     """(84,) the true inertial parameters, each of the 36 (with `with_held` also `foot.com.sup`) up to 50 % off."""
-    truth, which = true_model().parameters.inertial, symmetric_set()
+    truth, which = true_model().parameters.inertial, params.symmetric_set()
     factors = rng.uniform(-SEED_RANGE, SEED_RANGE, len(which.names) + 1)
     seed = truth * (1.0 + which.selection @ factors[:-1])
     if with_held:
         for foot in ("foot_r", "foot_l"):
-            seed[IP_INDEX[f"{foot}.com.sup"]] *= 1.0 + factors[-1]
+            seed[params.IP_INDEX[f"{foot}.com.sup"]] *= 1.0 + factors[-1]
     return seed
 
 
@@ -332,17 +318,17 @@ def recover_inertia(
 ) -> InertialRecovery:
     """The published cost from a seed (84,)."""
     began, truth = time.process_time(), true_model().parameters.inertial
-    fit = inertial_calibration.fit_published(equations, seed, symmetric_set(), reseed=reseed, decay=decay)
+    fit = inertial_calibration.fit_published(equations, seed, params.symmetric_set(), reseed=reseed, decay=decay)
     return InertialRecovery(
         force=fit.rms_force,
         torque=fit.rms_moment,
         errors=inertial_rms(fit.inertial, truth),
         each=symmetric_errors(fit.inertial, truth),
-        total_mass=float(table(fit.inertial - truth)[:, 0].sum()),
+        total_mass=float(params.table(fit.inertial - truth)[:, 0].sum()),
         seeds=fit.seeds,
         seconds=time.process_time() - began,
         converged=fit.converged,
-        physical=bool(is_physical(fit.inertial).all()),
+        physical=bool(params.is_physical(fit.inertial).all()),
     )
 
 
@@ -353,10 +339,10 @@ def third_step(markers: MotionProblem, gait: JointRecovery) -> ThirdStep:
     """
     free, began = free_parameters("full leg"), time.process_time()
     equations = gait_equations(gait.parameters, gait.coefficients)
-    inertial = inertial_calibration.fit_consistent(equations, true_model().parameters.inertial, symmetric_set())
+    inertial = inertial_calibration.fit_consistent(equations, true_model().parameters.inertial, params.symmetric_set())
     trial = combined.CombinedProblem(markers, gait.coefficients, true_wrench(), np.ones(len(true_wrench()), dtype=bool))
     start = gait.parameters.with_inertial(inertial.inertial)
-    fit = combined.combined_fit([trial], start, free, symmetric_set(), true_model().subject)
+    fit = combined.combined_fit([trial], start, free, params.symmetric_set(), true_model().subject)
     force, torque = gait_equations(fit.parameters, fit.coefficients[0]).rms(fit.parameters.inertial)
     distance = motion_of(markers, fit.parameters, fit.coefficients[0]).errors.distance
     positions = [

@@ -13,24 +13,14 @@ import numpy as np
 import pandas as pd
 
 from gaitcal.io import result_folder, toml
-from gaitcal.published import case, workers
+from gaitcal.published import case, protocol, workers
 from gaitcal.published import draw_sensitivity as refits
 from gaitcal.published import noise_sensitivity as phase_one
+from gaitcal.published import tables as table_rows
 from gaitcal.published.claims import Claim, Kind, table_claims
 from gaitcal.published.disturbance_claims import WIDE_PERCENT, Disturbances, disturbance_claims
-from gaitcal.published.protocol import MonteCarloSettings, Plan, Varied
 from gaitcal.published.recovery import RANDOM_SEEDS, InertialRecovery, SeedResult, noiseless, noisy_draws
 from gaitcal.published.study import monte_carlo
-from gaitcal.published.tables import (
-    TableRow,
-    discussion_rows,
-    run_time_rows,
-    table_four_rows,
-    table_one_rows,
-    table_three_rows,
-    table_two_rows,
-    time_rows,
-)
 from gaitcal.runtime import Progress, silent, with_one_blas_thread
 
 
@@ -97,8 +87,8 @@ class Reproduction:
     settings: ReproductionSettings
     clean: SeedResult
     noisy: list[SeedResult]
-    tables: list[TableRow]
-    times: list[TableRow]
+    tables: list[table_rows.TableRow]
+    times: list[table_rows.TableRow]
     claims: list[Claim]
     disturbances: pd.DataFrame | None
     """Statistics of the Monte Carlo study; see `montecarlo.statistics`."""
@@ -125,11 +115,11 @@ def reproduce(
     progress(f"{settings.noise_seeds} draws of the noise")
     noisy = noisy_draws(settings.seed, settings.noise_seeds, settings.jobs, settings.random_seeds)
     rows = [
-        *table_one_rows(clean, noisy),
-        *table_two_rows(noisy),
-        *table_three_rows(clean, noisy),
-        *table_four_rows(noisy),
-        *discussion_rows(noisy),
+        *table_rows.table_one_rows(clean, noisy),
+        *table_rows.table_two_rows(noisy),
+        *table_rows.table_three_rows(clean, noisy),
+        *table_rows.table_four_rows(noisy),
+        *table_rows.discussion_rows(noisy),
     ]
     lap("tables")
     disturbances, found, claims = None, dict[str, Any](), list[Claim]()
@@ -152,7 +142,7 @@ def reproduce(
         clean=clean,
         noisy=noisy,
         tables=rows,
-        times=[*time_rows([clean, *noisy]), *run_time_rows(laps)],
+        times=[*table_rows.time_rows([clean, *noisy]), *table_rows.run_time_rows(laps)],
         claims=[*table_claims(clean, noisy), *disturbance_claims(disturbances), *claims],
         disturbances=disturbances.table if disturbances else None,
         stopped=found.get("stopped"),
@@ -160,7 +150,7 @@ def reproduce(
 
 
 def _disturb(settings: ReproductionSettings, folder: Path | None, progress: Progress) -> Disturbances:
-    def study(name: str, description: str, bounds: MonteCarloSettings, plan: Plan) -> pd.DataFrame:
+    def study(name: str, description: str, bounds: protocol.MonteCarloSettings, plan: protocol.Plan) -> pd.DataFrame:
         return monte_carlo(
             case.nominal_case(),
             folder / name if folder else None,
@@ -170,11 +160,11 @@ def _disturb(settings: ReproductionSettings, folder: Path | None, progress: Prog
             progress=lambda done, todo: progress(f"Monte Carlo, {description}: {done} of {todo} draws"),
         ).statistics
 
-    published = MonteCarloSettings(seed=settings.seed)
+    published = protocol.MonteCarloSettings(seed=settings.seed)
     wide = replace(published, inertial_percent=WIDE_PERCENT)
-    only_inertial = Plan((Varied.IP,), (100,), settings.draws)
+    only_inertial = protocol.Plan((protocol.Varied.IP,), (100,), settings.draws)
     return Disturbances(
-        study("published", "published bounds", published, Plan(draws=settings.draws)),
+        study("published", "published bounds", published, protocol.Plan(draws=settings.draws)),
         study("inertial50", "inertial parameters +-50 %", wide, only_inertial),
         settings.draws,
     )
@@ -214,7 +204,7 @@ def write_tables(reproduction: Reproduction, folder: Path) -> None:
     (folder / result_folder.MANIFEST).write_text(json.dumps(manifest, indent=1) + "\n", encoding="utf-8")
 
 
-def table_frame(rows: Iterable[TableRow]) -> pd.DataFrame:
+def table_frame(rows: Iterable[table_rows.TableRow]) -> pd.DataFrame:
     """`tables.csv`: a figure that does not exist is empty."""
 
     def shown(value: str | float | None) -> str:

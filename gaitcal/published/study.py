@@ -28,9 +28,8 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from gaitcal.errors import Code, GaitcalError, InputError
-from gaitcal.io.atomic import UNFINISHED, atomic_file, atomic_text, disk_errors
+from gaitcal.io import atomic, toml
 from gaitcal.io.result_folder import SELF, locked, self_hash
-from gaitcal.io.toml import package_version
 from gaitcal.published.case import MonteCarloCase
 from gaitcal.published.draw import COLUMNS, DrawResult, MonteCarloContext, draw
 from gaitcal.published.protocol import MonteCarloSettings, Plan, Varied
@@ -108,8 +107,8 @@ class Store:
         elif chunks:
             message = "found draws without the settings they were made with; remove the folder"
             raise InputError(message, source=self.folder, code=Code.MONTE_CARLO)
-        content = {**wanted, "case": case.name, "versions": {name: package_version(name) for name in _VERSIONED}}
-        atomic_text(self._settings, json.dumps({**content, SELF: self_hash(content)}, indent=1) + "\n")
+        content = {**wanted, "case": case.name, "versions": {name: toml.package_version(name) for name in _VERSIONED}}
+        atomic.atomic_text(self._settings, json.dumps({**content, SELF: self_hash(content)}, indent=1) + "\n")
         return tuple(notes)
 
     @property
@@ -157,7 +156,7 @@ class Store:
         cell = f"{chunk.varied.value}_{chunk.level:04d}_{chunk.first:08d}_{chunk.stop:08d}"
         target = self.draws / f"{cell}_{_beginning(content)}.parquet"
         # Under the lock of the result: not while another one takes its place, and this folder along.
-        with disk_errors(self.folder), locked(self.folder), atomic_file(target) as path:
+        with atomic.disk_errors(self.folder), locked(self.folder), atomic.atomic_file(target) as path:
             path.write_bytes(content)
 
     def missing(self, plan: Plan, size: int) -> Iterator[Chunk]:
@@ -202,7 +201,7 @@ class Store:
         damaged = [path for path, _ in self._named() if _content(path) is None]
         for path in damaged:
             path.unlink(missing_ok=True)
-        for left in self.draws.glob(f"{UNFINISHED}*"):  # of a run that was killed
+        for left in self.draws.glob(f"{atomic.UNFINISHED}*"):  # of a run that was killed
             shutil.rmtree(left, ignore_errors=True)
         return damaged
 
@@ -229,7 +228,7 @@ def _content(path: Path) -> bytes | None:
 def _other_versions(versions: object) -> tuple[str, ...]:
     """A note where libraries changed since: draws of one seed may then differ in their last digits, no more."""
     held = versions if isinstance(versions, dict) else {}
-    now = {name: package_version(name) for name in _VERSIONED}
+    now = {name: toml.package_version(name) for name in _VERSIONED}
     changed = [f"{n} {held[n]}, now {version}" for n, version in now.items() if held.get(n, version) != version]
     note = f"draws kept here were begun with {'; '.join(changed)}: old and new ones may differ in their last digits"
     return (note,) if changed else ()
@@ -315,7 +314,7 @@ def monte_carlo(
             if not until_converged or plan.draws >= MOST_DRAWS or unconverged(table).empty:
                 break
             plan = replace(plan, draws=min(int(STEP * plan.draws) + 1, MOST_DRAWS))
-        with atomic_file(store.folder / "montecarlo.csv") as path:
+        with atomic.atomic_file(store.folder / "montecarlo.csv") as path:
             table.to_csv(path, index=False, lineterminator="\n")
     return MonteCarloStudy(
         case=case, settings=settings, plan=plan, draws=draws, statistics=table, computed=computed, notes=notes

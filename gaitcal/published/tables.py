@@ -5,8 +5,6 @@ figure lies, for the published study drew its noise once, and one draw can only 
 the processor; the published ones are of a 3.4 GHz Pentium 4 with Matlab.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
@@ -94,18 +92,18 @@ class TableRow:
     ours: float | None = None
     note: str = ""
 
-    def filled(self, published: float | None, ours: float | None, *notes: str) -> TableRow:
+    def filled(self, published: float | None, ours: float | None, *notes: str) -> "TableRow":
         """With one figure of ours, or none."""
         return replace(self, published=published, ours=ours, note="; ".join(filter(None, notes)))
 
-    def over_draws(self, published: float | None, values: Iterable[float], note: str = "") -> TableRow:
+    def over_draws(self, published: float | None, values: Iterable[float], note: str = "") -> "TableRow":
         """With a figure that depends on the noise: its median, with range and place of the printed one in the note."""
         ours = spread(values)
         summary = f"median of {ours.draws} noise draws, range {ours.low:.3g} to {ours.high:.3g}"
         place = "" if published is None else f"published value {ours.place(published)} the range"
         return self.filled(published, ours.median, summary, place, note)
 
-    def experiment(self, published: float, note: str = "") -> TableRow:
+    def experiment(self, published: float, note: str = "") -> "TableRow":
         """With a printed figure that only the unpublished trial could give."""
         return self.filled(published, None, EXPERIMENT, note)
 

@@ -11,8 +11,7 @@ from typing import Any, Final
 import numpy as np
 
 from gaitcal.errors import Code, InputError
-from gaitcal.export.osim import write_osim
-from gaitcal.export.other_formats import write_external_loads, write_mjcf, write_mot, write_sto_moments, write_urdf
+from gaitcal.export import osim, other_formats
 from gaitcal.gait.normal_bands import Bands, Norm, norm_for, own_norm
 from gaitcal.gait.profile_score import profile_scores
 from gaitcal.io import opensim_files, snapshot, toml
@@ -24,9 +23,8 @@ from gaitcal.page.page_data import PAGE_DATA, calibration_page_data, read_page_d
 from gaitcal.page.scene import Scene, scene_of
 from gaitcal.page.scene_file import load_scene, save_scene
 from gaitcal.page.view import Shown, doubted, followed_by, only, page_html, renamed, with_trials
+from gaitcal.results import saved, stride_files
 from gaitcal.results.cycles import Json, columns_of, refused_lines, write_csv
-from gaitcal.results.saved import MARKER_SET, MODEL, UNCERTAINTY, save_uncertainty
-from gaitcal.results.stride_files import mean_speed, means_summary, profile_summary, write_profile, write_stride_files
 from gaitcal.results.summary import subject_summary, summary, table_of, write_kinetics, write_truth
 from gaitcal.runtime import with_one_blas_thread
 from gaitcal.session import tables
@@ -35,7 +33,7 @@ from gaitcal.session.result import Calibration, Loads, TrialResult
 PAGE: Final = "result.html"
 SCENE: Final = "scene.npz"
 DYNAMICS: Final = "dynamics"  # Folder of a result that `gaitcal dynamics` writes
-OTHER_MODEL: Final = f"made by an earlier run with another model than {MODEL} now is"
+OTHER_MODEL: Final = f"made by an earlier run with another model than {saved.MODEL} now is"
 AGAIN: Final = "run it again"
 
 
@@ -81,7 +79,7 @@ def result_page(folder: Path) -> tuple[Shown, tuple[str, ...]]:
         further = read_page(folder / DYNAMICS)
     except InputError:
         return shown, (f"{folder / DYNAMICS}: its page is missing or damaged; run its trials again to see them",)
-    stale = other_model(folder / DYNAMICS, [t.name for t in further.scene.trials], sha256_of(folder / MODEL))
+    stale = other_model(folder / DYNAMICS, [t.name for t in further.scene.trials], sha256_of(folder / saved.MODEL))
     lines = tuple(f"{name}: {OTHER_MODEL}; {AGAIN}" for name in stale)
     taken = {trial.name for trial in shown.scene.trials}
     names = {t.name: f"{t.name} ({DYNAMICS})" for t in further.scene.trials if t.name in taken}
@@ -135,21 +133,21 @@ def write_results(
             (out / "study.toml").write_text(drafted, encoding="utf-8")
         write_csv(columns_of(tables.parameter_rows(calibration)), out / "parameters.csv")
         marker_set = calibration.study.marker_set.with_weights(calibration.study.weights)
-        (out / MARKER_SET).write_text(marker_set_text(marker_set), encoding="utf-8")
-        strides = write_stride_files(out, calibration.model, calibration.trials, calibration.relative_to)
+        (out / saved.MARKER_SET).write_text(marker_set_text(marker_set), encoding="utf-8")
+        strides = stride_files.write_stride_files(out, calibration.model, calibration.trials, calibration.relative_to)
         norm = _norm(calibration, normal, settings)
         # angles from the static posture are no anatomical ones: no healthy people's curves are those
         scores = profile_scores(strides, norm.bands, calibration.model.subject) if not calibration.relative_to else ()
         content = manifest(calibration, settings)
         (out / MANIFEST).write_text(json_text(content), encoding="utf-8")
         write_page(out, scene_of(calibration), calibration_page_data(calibration, norm, content, scores))
-        write_profile(out, norm, scores)
+        stride_files.write_profile(out, norm, scores)
         write_truth(calibration.truth, out)
         for trial in calibration.trials:
             write_trial(trial, calibration.model, out, calibration.relative_to)
-        told_of_all = summary(calibration) | profile_summary(norm, scores)
+        told_of_all = summary(calibration) | stride_files.profile_summary(norm, scores)
         (out / "summary.json").write_text(json_text(told_of_all), encoding="utf-8")
-        save_uncertainty(calibration.uncertainty, out / UNCERTAINTY)
+        saved.save_uncertainty(calibration.uncertainty, out / saved.UNCERTAINTY)
         _models(calibration.model, out)
         _save_splines(calibration.trials, out / "splines.npz")
     return folder
@@ -162,7 +160,7 @@ def _norm(calibration: Calibration, normal: Bands | None, settings: Mapping[str,
         return own_norm(normal, str((settings or {}).get("normal", "")), subject)
     if calibration.relative_to:
         return Norm(remark="No norm: angles are counted from the static posture.")
-    return norm_for(subject, mean_speed(means_summary(calibration.trials)))
+    return norm_for(subject, stride_files.mean_speed(stride_files.means_summary(calibration.trials)))
 
 
 def manifest(calibration: Calibration, settings: Mapping[str, Json] | None = None) -> dict[str, Json]:
@@ -188,11 +186,11 @@ def json_text(content: Json) -> str:
 
 
 def _models(model: SubjectModel, out: Path) -> None:
-    model_file.save_model(model, out / MODEL)
-    write_osim(model, out / "model.osim")
-    write_urdf(model, out / "model.urdf")
+    model_file.save_model(model, out / saved.MODEL)
+    osim.write_osim(model, out / "model.osim")
+    other_formats.write_urdf(model, out / "model.urdf")
     if not parameters.impossible_bodies(model.parameters.inertial):  # a warning of the calibration tells
-        write_mjcf(model, out / "model.xml")
+        other_formats.write_mjcf(model, out / "model.xml")
 
 
 def write_trial(
@@ -206,7 +204,7 @@ def write_trial(
     for name in ("motion", "marker_errors", "markers"):
         (out / name).mkdir(exist_ok=True)
     body, refused = trial.body, refused_lines(trial)
-    write_mot(out / "motion" / f"{trial.name}.mot", body.time, body.coordinates, body.q)
+    other_formats.write_mot(out / "motion" / f"{trial.name}.mot", body.time, body.coordinates, body.q)
     header = (
         tables.COORDINATE_HEADER
         if relative_to is None
@@ -230,14 +228,14 @@ def _write_loads(trial: TrialResult, loads: Loads, model: SubjectModel, out: Pat
         (out / name).mkdir(exist_ok=True)
     body, refused = trial.body, refused_lines(trial)
     write_csv(tables.moment_table(loads), out / "moments" / f"{trial.name}.csv", (*refused, *tables.MOMENT_HEADER))
-    write_sto_moments(
+    other_formats.write_sto_moments(
         out / "moments" / f"{trial.name}.sto",
         body.time,
         loads.final.tau,
         body.coordinates,
         comments=(*refused, *(line for line in tables.MOMENT_HEADER if line.startswith("valid"))),
     )
-    write_external_loads(out / "forces", body.time, loads.reactions.wrench, stem=trial.name)
+    other_formats.write_external_loads(out / "forces", body.time, loads.reactions.wrench, stem=trial.name)
     write_kinetics(trial, model, out)
 
 

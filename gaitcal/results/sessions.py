@@ -9,9 +9,8 @@ import numpy as np
 import pandas as pd
 
 from gaitcal.calibration.joint_prior import prior_of_study
-from gaitcal.compare.difference import DIFFERENCES_HEADER, MDC
+from gaitcal.compare import difference, stride_sets
 from gaitcal.compare.sessions import CURVE_HEADER, SessionComparison, compare_sessions
-from gaitcal.compare.stride_sets import Session
 from gaitcal.errors import Code, InputError
 from gaitcal.figures import document, report_sheets
 from gaitcal.figures.comparison import comparison_page, figure_rows, paper_panels
@@ -61,7 +60,7 @@ def write_comparison(
         }
         (out / MANIFEST).write_text(calibration.json_text(content), encoding="utf-8")
         head = (*told, f"a: {names[0]}; b: {names[1]}; {comparison.common.words}")
-        write_csv(comparison.differences, out / DIFFERENCES, (*head, *DIFFERENCES_HEADER))
+        write_csv(comparison.differences, out / DIFFERENCES, (*head, *difference.DIFFERENCES_HEADER))
         write_csv(comparison.curves, out / CURVES, (*head, *CURVE_HEADER))
         if shared is not None:
             write_csv(shared, out / SHARED, SHARED_HEADER)
@@ -136,7 +135,7 @@ def _score_rows(a: Mapping[str, Any], b: Mapping[str, Any], *, same: bool) -> It
         for name in sorted(of_a.keys() & of_b.keys(), key=lambda n: (n != profile_score.GPS, list(of_a).index(n))):
             score, se = ([float(of[name].get(key, np.nan)) for of in (of_a, of_b)] for key in ("score", "se"))
             title = "Gait Profile Score" if name == profile_score.GPS else coordinates.coordinate_words(name).title
-            missed = f" (missed below {MDC * np.hypot(se[0], se[1]):.1f})" if np.isfinite(se).all() else ""
+            missed = f" (missed below {difference.MDC * np.hypot(se[0], se[1]):.1f})" if np.isfinite(se).all() else ""
             yield (
                 f"{title}, {moments.SIDE_WORDS.get(side, 'both sides')}",
                 *(f"{s:.1f} ± {e:.1f}" if np.isfinite(e) else f"{s:.1f}" for s, e in zip(score, se, strict=True)),
@@ -174,7 +173,7 @@ def compare_results(a: Path | str, b: Path | str) -> SessionComparison:
     return compare_sessions(*named_apart(one, other))
 
 
-def load_session(folder: Path) -> tuple[Session, tuple[Snapshot, ...]]:
+def load_session(folder: Path) -> tuple[stride_sets.Session, tuple[Snapshot, ...]]:
     """Read one result folder, or one of further trials; and what was read.
 
     Raises InputError: It is none, or damaged.
@@ -202,7 +201,7 @@ def load_session(folder: Path) -> tuple[Session, tuple[Snapshot, ...]]:
     settings = settings_of(calibrated)
     stale = () if calibrated is folder else cycles_export.made_with_another_model(folder, of_model.sha256[MODEL])
     other = (f"made with another model than lies there now: {', '.join(stale)}; run dynamics again",) if stale else ()
-    session = Session(
+    session = stride_sets.Session(
         name=whole.name if calibrated is folder else f"{whole.parent.name}/{whole.name}",
         model=model,
         model_key=str(of_model.sha256[MODEL]),
@@ -223,7 +222,7 @@ def load_session(folder: Path) -> tuple[Session, tuple[Snapshot, ...]]:
     return session, (read, of_model)
 
 
-def named_apart(a: Session, b: Session) -> tuple[Session, Session]:
+def named_apart(a: stride_sets.Session, b: stride_sets.Session) -> tuple[stride_sets.Session, stride_sets.Session]:
     """Both, with other names where their folders have one name."""
     return (replace(a, name="A"), replace(b, name="B")) if a.name == b.name else (a, b)
 

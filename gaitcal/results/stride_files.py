@@ -2,8 +2,6 @@
 `spatiotemporal.csv` in long form, with its means for `summary.json`.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, TypeAlias
@@ -19,18 +17,7 @@ from gaitcal.gait.spatiotemporal import MEASURES, Average, counting, counts, mea
 from gaitcal.gait.strides import TURNING
 from gaitcal.io.result_folder import sha256_of
 from gaitcal.model.subject_model import Subject, SubjectModel
-from gaitcal.results.cycles import (
-    CYCLES,
-    DIGITS,
-    VERDICT,
-    Column,
-    Json,
-    Table,
-    read_csv,
-    refused_lines,
-    write_csv,
-    write_cycles,
-)
+from gaitcal.results import cycles as csv_tables
 from gaitcal.runtime import with_one_blas_thread
 from gaitcal.session.result import Calibration, TrialResult
 
@@ -57,14 +44,14 @@ TIME_DIGITS: Final = 6
 TURN_DIGITS: Final = 1
 
 
-def spatiotemporal_table(subject: Subject, trials: Sequence[TrialResult]) -> pd.DataFrame:
+def spatiotemporal_table(subject: Subject, trials: Sequence[TrialResult]) -> "pd.DataFrame":
     """`spatiotemporal_columns` as a data frame."""
     import pandas as pd
 
     return pd.DataFrame(spatiotemporal_columns(subject, trials)).astype({"stride": "Int64"})
 
 
-def spatiotemporal_columns(subject: Subject, trials: Sequence[TrialResult]) -> dict[str, Column]:
+def spatiotemporal_columns(subject: Subject, trials: Sequence[TrialResult]) -> dict[str, csv_tables.Column]:
     """Every measure of every stride of the gait trials, with `SPATIOTEMPORAL_COLUMNS`; strides without number: None."""
     rows = [
         {
@@ -87,14 +74,14 @@ def spatiotemporal_columns(subject: Subject, trials: Sequence[TrialResult]) -> d
         for stride in trial.strides
         for name, value in stride.measures.items()
     ]
-    columns: dict[str, Column] = {name: [row[name] for row in rows] for name in SPATIOTEMPORAL_COLUMNS}
+    columns: dict[str, csv_tables.Column] = {name: [row[name] for row in rows] for name in SPATIOTEMPORAL_COLUMNS}
     for name, digits in {"start": TIME_DIGITS, "stop": TIME_DIGITS, "value": TIME_DIGITS, "turn": TURN_DIGITS}.items():
         columns[name] = np.round(np.array(columns[name], dtype=np.float64), digits)
     return columns | {"valid": np.array(columns["valid"], dtype=int)}
 
 
 @with_one_blas_thread
-def spatiotemporal(calibration: Calibration) -> pd.DataFrame:
+def spatiotemporal(calibration: Calibration) -> "pd.DataFrame":
     """Speed, cadence, steps, stance, swing and support of every stride of a calibration's walks, in long form.
 
     Columns as in `spatiotemporal.csv`: person, session, trial, side, stride (none where the recording holds only a part
@@ -104,15 +91,15 @@ def spatiotemporal(calibration: Calibration) -> pd.DataFrame:
     return spatiotemporal_table(calibration.model.subject, calibration.trials)
 
 
-def means_summary(trials: Sequence[TrialResult]) -> dict[str, Json]:
+def means_summary(trials: Sequence[TrialResult]) -> dict[str, csv_tables.Json]:
     """Measure -> unit; of each leg mean, SD and number of strides; symmetry index (%) and its error.
 
     Over strides and trials, without strides that turn and legs that are refused.
     """
-    out: dict[str, Json] = {}
+    out: dict[str, csv_tables.Json] = {}
     walks = trials if len(trials) == 1 else [t for t in trials if t.activity == WALKING]  # one trial tells of itself
     for found in measure_means({t.name: counting(t.strides, t.refused_legs) for t in walks}):
-        entry: dict[str, Json] = {"unit": found.unit}
+        entry: dict[str, csv_tables.Json] = {"unit": found.unit}
         entry |= {side: _entry(of) for side, of in (("r", found.right), ("l", found.left)) if of is not None}
         if found.symmetry is not None and found.symmetry_error is not None:
             entry["symmetry_percent"] = round(found.symmetry, TIME_DIGITS)
@@ -121,14 +108,16 @@ def means_summary(trials: Sequence[TrialResult]) -> dict[str, Json]:
     return out
 
 
-def _entry(average: Average) -> dict[str, Json]:
+def _entry(average: Average) -> dict[str, csv_tables.Json]:
     known = {"mean": average.mean, "sd": average.sd, "sd_within": average.sd_within, "sd_between": average.sd_between}
-    figures: dict[str, Json] = {name: round(value, TIME_DIGITS) for name, value in known.items() if value is not None}
+    figures: dict[str, csv_tables.Json] = {
+        name: round(value, TIME_DIGITS) for name, value in known.items() if value is not None
+    }
     return {**figures, "strides": average.n, "trials": average.trials}
 
 
 ENSEMBLE: Final = "ensemble.csv"
-STRIDE_FILES: Final = {CYCLES: CYCLE_COLUMNS, SPATIOTEMPORAL: SPATIOTEMPORAL_COLUMNS}
+STRIDE_FILES: Final = {csv_tables.CYCLES: CYCLE_COLUMNS, SPATIOTEMPORAL: SPATIOTEMPORAL_COLUMNS}
 """With their columns, those that are read back when further trials join them."""
 ENSEMBLE_HEADER: Final = (
     "mean curves of cycles.csv over its repetitions and strides, of gait straight ones, where valid; units as there",
@@ -160,23 +149,27 @@ def write_stride_files(
     trials: Sequence[TrialResult],
     relative_to: Mapping[str, float] | None = None,
     earlier: EarlierStrides = NO_STRIDES,
-) -> Mapping[str, Column]:
+) -> Mapping[str, csv_tables.Column]:
     """Write all files of strides of gait trials, those of earlier ones before them; returns columns of `cycles.csv`.
 
     `relative_to`: coordinate -> rad in the static posture, from which joint angles are counted.
     """
-    cycles = write_cycles(folder / CYCLES, model, trials, relative_to, *earlier[CYCLES])
+    cycles = csv_tables.write_cycles(
+        folder / csv_tables.CYCLES, model, trials, relative_to, *earlier[csv_tables.CYCLES]
+    )
     rows, lines = earlier[SPATIOTEMPORAL]
     strides = cycles if isinstance(cycles, Mapping) else _numbers(cycles)
-    write_csv(_mean_curves(strides), folder / ENSEMBLE, (*_turning_lines(strides), *ENSEMBLE_HEADER))
-    table: Table = spatiotemporal_columns(model.subject, trials)
+    csv_tables.write_csv(_mean_curves(strides), folder / ENSEMBLE, (*_turning_lines(strides), *ENSEMBLE_HEADER))
+    table: csv_tables.Table = spatiotemporal_columns(model.subject, trials)
     if rows is not None and len(rows):
         import pandas as pd
 
         table = pd.concat([rows, pd.DataFrame(table, dtype=object)], ignore_index=True)
-    refused = (f"{t.name}: {line}" for t in trials if t.joint is None for line in refused_lines(t))
-    write_csv(peak_columns(_peaks(strides, table)), folder / PEAKS, (*_turning_lines(strides), *PEAKS_HEADER))
-    write_csv(table, folder / SPATIOTEMPORAL, (*lines, *refused, *SPATIOTEMPORAL_HEADER))
+    refused = (f"{t.name}: {line}" for t in trials if t.joint is None for line in csv_tables.refused_lines(t))
+    csv_tables.write_csv(
+        peak_columns(_peaks(strides, table)), folder / PEAKS, (*_turning_lines(strides), *PEAKS_HEADER)
+    )
+    csv_tables.write_csv(table, folder / SPATIOTEMPORAL, (*lines, *refused, *SPATIOTEMPORAL_HEADER))
     return strides
 
 
@@ -194,23 +187,25 @@ def write_profile(folder: Path, norm: normal_bands.Norm, scores: Sequence[profil
     """Write `gait_profile.csv`; nothing where no norm fits or an angle is missing."""
     if not scores:
         return
-    table: dict[str, Column] = {"side": [s.side for s in scores], "variable": [s.variable for s in scores]}
+    table: dict[str, csv_tables.Column] = {"side": [s.side for s in scores], "variable": [s.variable for s in scores]}
     table |= {
         name: np.round([getattr(s, field) for s in scores], 4)
         for name, field in (("score", "score"), ("se", "error"), ("norm", "norm"))
     }
     table["strides"] = np.array([s.strides for s in scores])
-    write_csv(table, folder / PROFILE, (*PROFILE_HEADER, f"norm: {norm.words}"))
+    csv_tables.write_csv(table, folder / PROFILE, (*PROFILE_HEADER, f"norm: {norm.words}"))
 
 
-def profile_summary(norm: normal_bands.Norm, scores: Sequence[profile_score.Score]) -> dict[str, Json]:
+def profile_summary(norm: normal_bands.Norm, scores: Sequence[profile_score.Score]) -> dict[str, csv_tables.Json]:
     """Whom the person is held against, and the scores, as `summary.json` has them."""
-    told: dict[str, Json] = {k: v for k, v in {"words": norm.words, "remark": norm.remark}.items() if v}
-    out: dict[str, Json] = {"norm": told}
-    sides: dict[str, dict[str, Json]] = {}
+    told: dict[str, csv_tables.Json] = {k: v for k, v in {"words": norm.words, "remark": norm.remark}.items() if v}
+    out: dict[str, csv_tables.Json] = {"norm": told}
+    sides: dict[str, dict[str, csv_tables.Json]] = {}
     for s in scores:
         known = {"score": s.score, "se": s.error, "norm": s.norm}
-        figures: dict[str, Json] = {name: round(value, 4) for name, value in known.items() if np.isfinite(value)}
+        figures: dict[str, csv_tables.Json] = {
+            name: round(value, 4) for name, value in known.items() if np.isfinite(value)
+        }
         sides.setdefault(s.side, {})[s.variable] = {**figures, "strides": s.strides}
     return out | ({"gait_profile": dict(sides)} if sides else {})
 
@@ -221,21 +216,21 @@ def mean_speed(means: Mapping[str, Any]) -> float | None:
     return float(np.mean(of_legs)) if of_legs else None
 
 
-def _numbers(strides: pd.DataFrame) -> dict[str, Column]:
+def _numbers(strides: "pd.DataFrame") -> dict[str, csv_tables.Column]:
     """The columns of a table of strides that may hold text, each stride once."""
     table = typed(strides)
     ensemble.require_once(table)
     return {name: table[name].to_numpy() for name in CYCLE_COLUMNS}
 
 
-def _mean_curves(strides: Mapping[str, Column]) -> dict[str, NDArray[Any]]:
+def _mean_curves(strides: Mapping[str, csv_tables.Column]) -> dict[str, NDArray[Any]]:
     if not len(strides["value"]):
         return {name: np.empty(0) for name in ensemble.ENSEMBLE_COLUMNS}
     curves = ensemble.mean_curves(strides)
-    return {name: np.round(v, DIGITS) if v.dtype.kind == "f" else v for name, v in curves.items()}
+    return {name: np.round(v, csv_tables.DIGITS) if v.dtype.kind == "f" else v for name, v in curves.items()}
 
 
-def _peaks(strides: Mapping[str, Column], measures: Table) -> tuple[PeakMean, ...]:
+def _peaks(strides: Mapping[str, csv_tables.Column], measures: csv_tables.Table) -> tuple[PeakMean, ...]:
     """Of straight strides, and of repetitions; `measures`: of `spatiotemporal.csv`, which know where stance ends."""
     rows = zip(*(measures[name] for name in ("trial", "side", "stride", "variable", "value")), strict=True)
     toe_off = {
@@ -257,7 +252,7 @@ def _peaks(strides: Mapping[str, Column], measures: Table) -> tuple[PeakMean, ..
     )
 
 
-def _turning_lines(strides: Mapping[str, Column]) -> tuple[str, ...]:
+def _turning_lines(strides: Mapping[str, csv_tables.Column]) -> tuple[str, ...]:
     """A comment line that names the strides that turn; none where all go straight."""
     turning = np.flatnonzero(np.abs(np.asarray(strides["turn"], dtype=np.float64)) > TURNING)
     named = dict.fromkeys((strides["trial"][k], strides["side"][k], strides["stride"][k]) for k in turning)
@@ -276,9 +271,11 @@ def earlier_strides(folder: Path, hashes: Mapping[str, str], kept: Iterable[str]
     for file in STRIDE_FILES:
         table, lines = None, tuple[str, ...]()
         if file in hashes and sha256_of(folder / file) == hashes[file]:
-            table, comments = read_csv(folder / file)
+            table, comments = csv_tables.read_csv(folder / file)
             # with the word that follows: a trial may be called `se`, of which the head speaks as well
-            lines = tuple(line for line in comments if line.startswith(tuple(f"{name}: {VERDICT}" for name in names)))
+            lines = tuple(
+                line for line in comments if line.startswith(tuple(f"{name}: {csv_tables.VERDICT}" for name in names))
+            )
             table = table[table["trial"].isin(names)]
         out[file] = table, lines
     return out

@@ -4,8 +4,6 @@ the tables of joint powers and moment vectors, and, where it is known, the truth
 The verdict in `summary.json`: written with a result, read back for what stands on its model.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -314,7 +312,7 @@ def write_kinetics(trial: TrialResult, model: SubjectModel, out: Path) -> None:
         write_csv(rounded, out / folder / f"{trial.name}.csv", (*refused_lines(trial), *header))
 
 
-def read_vectors(folder: Path, trial: str) -> pd.DataFrame | None:
+def read_vectors(folder: Path, trial: str) -> "pd.DataFrame | None":
     """The moment vectors of a trial of a result; None where there are none: no force plates."""
     import pandas as pd
 

@@ -28,10 +28,8 @@ from gaitcal.errors import Code, Finding, Severity
 from gaitcal.io.force_plate import LOADED_N, resample_wrench
 from gaitcal.io.recording import Recording
 from gaitcal.model.subject_model import SubjectModel
-from gaitcal.motion.bandwidth import DenseMotion, Smoothed
+from gaitcal.motion import bandwidth, spline, trial_problem
 from gaitcal.motion.motion import motion_of
-from gaitcal.motion.spline import DEGREE, frame_rate
-from gaitcal.motion.trial_problem import MotionProblem
 from gaitcal.study.settings import AUTOMATIC, CalibrationSettings
 from gaitcal.study.study_trial import Trial
 
@@ -78,7 +76,9 @@ class Bandwidth:
     findings: tuple[Finding, ...] = ()
 
 
-def bandwidth_of(problem: MotionProblem, trial: Trial, model: SubjectModel, settings: CalibrationSettings) -> Bandwidth:
+def bandwidth_of(
+    problem: trial_problem.MotionProblem, trial: Trial, model: SubjectModel, settings: CalibrationSettings
+) -> Bandwidth:
     """The bandwidth of a trial.
 
     `problem`: what its joint parameters are fitted by, with the nodes of the settings if these give any.
@@ -89,7 +89,7 @@ def bandwidth_of(problem: MotionProblem, trial: Trial, model: SubjectModel, sett
         return _given_nodes(problem)
     # Where a trial is too long to be looked at as a whole, a walk is where its plates are.
     loaded = _loaded(trial.recording)
-    motion = DenseMotion(problem, model.nominal, loaded if loaded.any() else None)
+    motion = bandwidth.DenseMotion(problem, model.nominal, loaded if loaded.any() else None)
     markers = motion.by_markers()
     if settings.nodes_per_second is not None:
         chosen = _given_nodes(problem)
@@ -103,15 +103,15 @@ def bandwidth_of(problem: MotionProblem, trial: Trial, model: SubjectModel, sett
     return replace(chosen, findings=_suffering(trial.name, motion, chosen.motion_hz, markers))
 
 
-def _given_nodes(problem: MotionProblem) -> Bandwidth:
+def _given_nodes(problem: trial_problem.MotionProblem) -> Bandwidth:
     """That of splines of a given number of nodes: least squares passes half of 0.5 oscillations a span."""
     time = problem.basis.time
-    hz = 0.5 * (problem.basis.nodes - DEGREE) / float(time[-1] - time[0])
+    hz = 0.5 * (problem.basis.nodes - spline.DEGREE) / float(time[-1] - time[0])
     note = f"the motion passes half of {hz:.1f} Hz: {problem.basis.nodes} spline nodes, as the settings say"
     return Bandwidth(motion_hz=hz, joints_hz=hz, by=ChosenBy.GIVEN, penalised=False, notes=(note,))
 
 
-def _chosen(markers: float, plates: float | None, motion: DenseMotion) -> Bandwidth:
+def _chosen(markers: float, plates: float | None, motion: bandwidth.DenseMotion) -> Bandwidth:
     hz = markers if plates is None else plates
     by = ChosenBy.MARKERS if plates is None else ChosenBy.PLATES
     if plates is None:
@@ -122,12 +122,12 @@ def _chosen(markers: float, plates: float | None, motion: DenseMotion) -> Bandwi
             f"alone ask for {markers:.1f} Hz"
         )
     if hz > AT_LIMIT * motion.highest:
-        note += f"; frames at {frame_rate(motion.problem.basis):.0f} Hz allow no more"
+        note += f"; frames at {spline.frame_rate(motion.problem.basis):.0f} Hz allow no more"
     joints = max(markers, hz, min(JOINTS_HZ, motion.highest))
     return Bandwidth(motion_hz=hz, joints_hz=joints, by=by, penalised=True, notes=(note,))
 
 
-def _by_plates(dense: DenseMotion, markers: float, trial: Trial, model: SubjectModel) -> float | None:
+def _by_plates(dense: bandwidth.DenseMotion, markers: float, trial: Trial, model: SubjectModel) -> float | None:
     """Hz: where motion and plates agree best; None where they do not tell."""
     basis = dense.problem.basis
     seen = motion_of(dense.problem, model.nominal, dense.at(markers).coefficients)
@@ -137,7 +137,7 @@ def _by_plates(dense: DenseMotion, markers: float, trial: Trial, model: SubjectM
         return None
     dynamics, wrench = Dynamics(model.nominal), reactions.wrench[frames]
 
-    def disagreement(smoothed: Smoothed) -> float:
+    def disagreement(smoothed: bandwidth.Smoothed) -> float:
         q, v, a = (basis.evaluate(smoothed.coefficients, k)[frames] for k in range(3))
         return float((dynamics.residual_force(q, v, a, wrench) ** 2).sum())
 
@@ -146,7 +146,7 @@ def _by_plates(dense: DenseMotion, markers: float, trial: Trial, model: SubjectM
     return hz if told else None
 
 
-def _suffering(name: str, motion: DenseMotion, hz: float, markers: float) -> tuple[Finding, ...]:
+def _suffering(name: str, motion: bandwidth.DenseMotion, hz: float, markers: float) -> tuple[Finding, ...]:
     """Where the markers are met much worse than with the cut-off that they ask for."""
     here, best = motion.at(hz).rms, motion.at(markers).rms
     if here <= SUFFERS * best or here <= best + SUFFERS_M:

@@ -6,8 +6,6 @@ its reason: `sure` where a file or the user says so, or figures are far from eve
 with its name.
 """
 
-from __future__ import annotations
-
 import os
 import tempfile
 from collections.abc import Mapping
@@ -102,7 +100,7 @@ class Draft:
         """Files that are not used."""
         return tuple(row for row in self.seen if not row.used)
 
-    def without(self, trials: Mapping[str, str]) -> Draft:
+    def without(self, trials: Mapping[str, str]) -> "Draft":
         """The draft without these trials, name -> why."""
         out = {trial.file.name: trials[trial.name] for trial in self.trials if trial.name in trials}
         return replace(
@@ -210,7 +208,7 @@ def _markers(draft: Draft, folder: Path | None) -> list[str]:
     return [*lines, ""]
 
 
-def _proposed(proposal: LabelProposal) -> list[str]:
+def _proposed(proposal: "LabelProposal") -> list[str]:
     """What labels mean that say nothing, each with its evidence, to be confirmed; what is asked is a comment."""
     lines = [
         "[markers]",
@@ -227,7 +225,7 @@ def _proposed(proposal: LabelProposal) -> list[str]:
     return lines + _followers(proposal)
 
 
-def _followers(proposal: LabelProposal) -> list[str]:
+def _followers(proposal: "LabelProposal") -> list[str]:
     """Markers that move with segments, each with its evidence, and labels that are nowhere."""
     lines = ["[markers.tracking]  # segment = further markers that move with it"] if proposal.tracking else []
     for segment, labels in proposal.tracking.items():

@@ -19,20 +19,8 @@ from gaitcal.io.segment_poses import holds_poses
 from gaitcal.model import body_plan, linkage, nominal
 from gaitcal.model.marker_set import SEGMENT_OF, MarkerSet, load_marker_set
 from gaitcal.model.subject_model import Subject
+from gaitcal.session import folder as folders
 from gaitcal.session.draft import FIRST_LABELS, Draft, Drafted, Seen, row_of
-from gaitcal.session.folder import (
-    FileKind,
-    Folder,
-    FolderFile,
-    ForceChoice,
-    marker_sets_above,
-    name_contradicts,
-    names_alike,
-    nothing_here,
-    pair_forces,
-    read_folder,
-    trial_names,
-)
 from gaitcal.session.marker_sets import MOST_MISSING, SetChoice, choices_of, explained, no_set, respelt
 from gaitcal.session.movement import Movement, Shows, movement, standing
 from gaitcal.session.people import Sitting, same_recording, sitting_of
@@ -40,7 +28,9 @@ from gaitcal.session.person_facts import Options, figures_in_doubt, mass_fault, 
 from gaitcal.study.study import Study
 
 
-def several_people(files: Sequence[FolderFile], people: Mapping[int, tuple[str, ...]]) -> tuple[str, dict[str, str]]:
+def several_people(
+    files: Sequence[folders.FolderFile], people: Mapping[int, tuple[str, ...]]
+) -> tuple[str, dict[str, str]]:
     """That files hold the markers of several people, in one line, and file -> of whom."""
     told = {files[i].name: f"markers of {len(found)} people ({', '.join(found)})" for i, found in people.items()}
     name, words = next(iter(told.items()))
@@ -48,7 +38,7 @@ def several_people(files: Sequence[FolderFile], people: Mapping[int, tuple[str, 
     return f"{words} in one file, {name}{more}: write each person's markers into a file of their own", told
 
 
-def refused(folder: Folder, fault: str, told: Mapping[str, str]) -> Draft:
+def refused(folder: folders.Folder, fault: str, told: Mapping[str, str]) -> Draft:
     """What was seen of a folder from which no study follows."""
     seen = tuple(row_of(file, reason=told.get(file.name, "")) for file in folder.files)
     return Draft(folder=folder, choice=None, person={}, trials=(), seen=seen, fault=fault)
@@ -58,7 +48,7 @@ MOST_BELOW = 60
 """Recordings in subfolders that are read to see whether they are of one person's session."""
 
 
-def draft_of(folder: Folder, options: Options) -> Draft:
+def draft_of(folder: folders.Folder, options: Options) -> Draft:
     """The study of a folder; its subfolders are looked into where it is not whole without them and they are of one
     person.
     """
@@ -66,19 +56,19 @@ def draft_of(folder: Folder, options: Options) -> Draft:
     below = sum(count for _, count in folder.subfolders)
     if folder.deep or not 0 < below <= MOST_BELOW or (draft.moves and not draft.fault):
         return draft
-    deep = draft_study(read_folder(folder.path, deep=True), options)
+    deep = draft_study(folders.read_folder(folder.path, deep=True), options)
     return draft if deep.fault or deep.strangers or not deep.moves else deep
 
 
-def draft_study(folder: Folder, options: Options) -> Draft:
+def draft_study(folder: folders.Folder, options: Options) -> Draft:
     """The study that follows from a folder; where none does, what was seen and `fault`."""
-    files = folder.of_kind(FileKind.RECORDING)
+    files = folder.of_kind(folders.FileKind.RECORDING)
     recordings = [file.recording for file in files if file.recording is not None]
     if not recordings:
-        return refused(folder, nothing_here(folder), {})
+        return refused(folder, folders.nothing_here(folder), {})
     own = [
         (str(f.path), f.marker_set)
-        for f in folder.of_kind(FileKind.MARKER_SET) or marker_sets_above(folder.path)
+        for f in folder.of_kind(folders.FileKind.MARKER_SET) or folders.marker_sets_above(folder.path)
         if f.marker_set is not None
     ]
     choices = choices_of(recordings, own)
@@ -161,7 +151,9 @@ def _with_strangers(choice: SetChoice, spelt: Mapping[int, Recording], session: 
     return replace(choice, marker_set=further, explained=explained(further, labels), further=found)
 
 
-def _another_person(files: Sequence[FolderFile], rest: Sequence[int], own: Sequence[tuple[str, MarkerSet]]) -> str:
+def _another_person(
+    files: Sequence[folders.FolderFile], rest: Sequence[int], own: Sequence[tuple[str, MarkerSet]]
+) -> str:
     """That recordings which are left over show a whole session of their own; empty where they do not."""
     found = {i: recording for i in rest if (recording := files[i].recording) is not None}
     for choice in choices_of(list(found.values()), own):
@@ -190,8 +182,8 @@ def _spelt(recording: Recording, choice: SetChoice) -> Recording:
 class _Drafting:
     """What a draft is made of, once marker set and static trial are found; recordings by their number."""
 
-    folder: Folder
-    files: tuple[FolderFile, ...]
+    folder: folders.Folder
+    files: tuple[folders.FolderFile, ...]
     choice: SetChoice
     spelt: Mapping[int, Recording]
     """With the labels of the set."""
@@ -229,10 +221,10 @@ class _Drafting:
             for i, (role, _) in roles.items()
             if role in ("gait", "motion") and not self.spelt[i].plates
         }
-        forces, unpaired = pair_forces(walks, self.choice.marker_set, self.folder.files)
+        forces, unpaired = folders.pair_forces(walks, self.choice.marker_set, self.folder.files)
         order = sorted(roles, key=lambda i: (_ORDER[roles[i][0]], statics.index(i) if i in statics else 0, i))
         stems = [self.files[i].path.stem for i in order]
-        first, *names = trial_names([f"{self.files[i].path.stem}_upright" for i in made] + stems)
+        first, *names = folders.trial_names([f"{self.files[i].path.stem}_upright" for i in made] + stems)
         names = names if made else [first, *names]
         upright = tuple(
             Drafted(
@@ -334,7 +326,7 @@ class _Drafting:
         name: str,
         role: tuple[str, str],
         found: Movement | None,
-        forces: ForceChoice | None,
+        forces: folders.ForceChoice | None,
         statics: Sequence[int],
     ) -> Drafted:
         reason = "" if found is None else found.evidence
@@ -350,7 +342,7 @@ class _Drafting:
                 reason += "; the best static trial" if i == statics[0] else "; has to agree with the first"
             if extra := self.session.only_standing.get(i, ()):
                 reason += f"; has {', '.join(extra[:4])}{', ...' if len(extra) > 4 else ''}, worn for standing only"
-        elif said := name_contradicts(self.files[i].path.stem, role):
+        elif said := folders.name_contradicts(self.files[i].path.stem, role):
             reason, certain = f"{reason}; {said}", False
         return Drafted(
             name=name, role=role[0], joint=role[1], file=self.files[i], forces=forces, reason=reason, certain=certain
@@ -371,26 +363,26 @@ class _Drafting:
         used = " ".join(filter(None, roles.get(i, ())))
         return row_of(file, labels=counts, shows=shows, used=used, reason=out.get(i, "") or evidence)
 
-    def _other_row(self, file: FolderFile, owner: Mapping[str, str], unpaired: Mapping[str, str]) -> Seen:
+    def _other_row(self, file: folders.FolderFile, owner: Mapping[str, str], unpaired: Mapping[str, str]) -> Seen:
         """A row of a file that is no recording; `owner`: table of forces -> recording, `unpaired`: -> why none."""
         if file.forces is not None:
             used = f"forces of {owner[file.name]}" if file.name in owner else ""
             return row_of(file, used=used, reason="" if used else unpaired.get(file.name, "no walk needs it"))
-        if file.kind is FileKind.EXTERNAL_LOADS:
+        if file.kind is folders.FileKind.EXTERNAL_LOADS:
             table = PureWindowsPath(file.names).name  # takes / and \ alike
             if any(PureWindowsPath(name).name == table for name in owner):
                 return row_of(file, used=f"says that {table} holds forces")
             return row_of(file, reason=f"names {table}, which is not used")
-        if file.kind is FileKind.MARKER_SET:
+        if file.kind is folders.FileKind.MARKER_SET:
             chosen = str(file.path) == self.choice.entry
             return row_of(file, used="marker set" * chosen, reason="" if chosen else "another set knows more labels")
-        if file.kind is FileKind.CORNERS:
+        if file.kind is folders.FileKind.CORNERS:
             return row_of(file, used="corners of the plates in the table of forces beside it")
-        if file.kind is FileKind.FACTS:
+        if file.kind is folders.FileKind.FACTS:
             return row_of(file, used="what the file of the recording beside it said of person and events")
-        if file.kind is FileKind.EVENTS:
+        if file.kind is folders.FileKind.EVENTS:
             return row_of(file, used="foot events of the recordings that it names")
-        return row_of(file, reason="a study file; it is not looked into" if file.kind is FileKind.STUDY else "")
+        return row_of(file, reason="a study file; it is not looked into" if file.kind is folders.FileKind.STUDY else "")
 
 
 _ORDER = {"static": 0, "joint": 1, "gait": 2, "motion": 3}
@@ -427,8 +419,8 @@ def rejected_forces(draft: Draft) -> tuple[Finding, ...]:
     """A warning for each walk without forces whose name a table of forces bears that is nobody's."""
     walks = {t.file.path.stem: t for t in draft.trials if t.role in ("gait", "motion")}
     out = []
-    for row in (row for row in draft.left_out if row.kind == FileKind.FORCES.value):
-        trial = walks.get(max(walks, key=lambda name: names_alike(name, PurePath(row.name).stem), default=""))
+    for row in (row for row in draft.left_out if row.kind == folders.FileKind.FORCES.value):
+        trial = walks.get(max(walks, key=lambda name: folders.names_alike(name, PurePath(row.name).stem), default=""))
         if trial is None or trial.forces is not None or (trial.file.recording and trial.file.recording.plates):
             continue
         warning = Finding(

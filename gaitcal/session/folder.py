@@ -18,19 +18,9 @@ import numpy as np
 
 from gaitcal.arrays import Array
 from gaitcal.errors import Code, InputError
-from gaitcal.io import force_plate, result_folder, toml
-from gaitcal.io.csv import (
-    CORNER_HEADER,
-    EVENTS,
-    FACT_HEADER,
-    FOREIGN,
-    is_event_table,
-    is_force_header,
-    read_events,
-    read_header,
-)
+from gaitcal.io import csv as csv_files
+from gaitcal.io import force_plate, formats, result_folder, toml
 from gaitcal.io.force_tables import Forces
-from gaitcal.io.formats import FORCE_READERS, read_forces, read_recording
 from gaitcal.io.recording import Recording
 from gaitcal.model.marker_set import MarkerSet, load_marker_set
 
@@ -152,9 +142,9 @@ def _understood(path: Path) -> FolderFile:
     file = FolderFile(path=path, name=path.name, kind=FileKind.OTHER)
     ending = path.suffix.lower()
     if ending in MARKER_ENDINGS:
-        return replace(file, kind=FileKind.RECORDING, recording=read_recording(path))
+        return replace(file, kind=FileKind.RECORDING, recording=formats.read_recording(path))
     if ending in TABLE_ENDINGS:
-        return replace(file, kind=FileKind.FORCES, forces=read_forces(path))
+        return replace(file, kind=FileKind.FORCES, forces=formats.read_forces(path))
     if ending == ".csv":
         return _csv(file)
     if ending == ".toml":
@@ -165,22 +155,22 @@ def _understood(path: Path) -> FolderFile:
 
 
 def _csv(file: FolderFile) -> FolderFile:
-    if file.path.name == EVENTS:
-        if not is_event_table(file.path):
-            return replace(file, reason=FOREIGN)
-        read_events(file.path)
+    if file.path.name == csv_files.EVENTS:
+        if not csv_files.is_event_table(file.path):
+            return replace(file, reason=csv_files.FOREIGN)
+        csv_files.read_events(file.path)
         return replace(file, kind=FileKind.EVENTS)
     try:
-        header = read_header(file.path)
+        header = csv_files.read_header(file.path)
     except InputError:
         lines = file.path.read_bytes()[:4000].decode("utf-8", "replace").lower().splitlines()
-        for columns, kind in ((CORNER_HEADER, FileKind.CORNERS), (FACT_HEADER, FileKind.FACTS)):
+        for columns, kind in ((csv_files.CORNER_HEADER, FileKind.CORNERS), (csv_files.FACT_HEADER, FileKind.FACTS)):
             if ",".join(columns) in map(str.strip, lines):
                 return replace(file, kind=kind)
         raise
-    if is_force_header(header):
-        return replace(file, kind=FileKind.FORCES, forces=read_forces(file.path))
-    return replace(file, kind=FileKind.RECORDING, recording=read_recording(file.path))
+    if csv_files.is_force_header(header):
+        return replace(file, kind=FileKind.FORCES, forces=formats.read_forces(file.path))
+    return replace(file, kind=FileKind.RECORDING, recording=formats.read_recording(file.path))
 
 
 def _toml(file: FolderFile) -> FolderFile:
@@ -210,7 +200,7 @@ def _xml(file: FolderFile) -> FolderFile:
     if not table:
         return replace(file, reason="an XML that names no table of external forces")
     forces = None
-    if ".xml" in FORCE_READERS and _readable(path.parent / table) is None:
+    if ".xml" in formats.FORCE_READERS and _readable(path.parent / table) is None:
         forces = _readable(path)  # the table has columns that only the XML explains
     return replace(file, kind=FileKind.EXTERNAL_LOADS, names=table, forces=forces)
 
@@ -218,7 +208,7 @@ def _xml(file: FolderFile) -> FolderFile:
 def _readable(path: Path) -> Forces | None:
     """The forces of a table or of an XML that names one; None where they cannot be read."""
     try:
-        return read_forces(path)
+        return formats.read_forces(path)
     except InputError:
         return None
 

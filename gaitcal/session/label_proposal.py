@@ -4,8 +4,6 @@ One recording stands, the others move. Height, heading and posture of the arms a
 (`place_markers`); the likeliest is kept, unless the opposite heading is nearly as likely.
 """
 
-from __future__ import annotations
-
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations, product
@@ -18,20 +16,7 @@ from gaitcal.errors import Code, InputError
 from gaitcal.io.recording import Recording, seen_mask
 from gaitcal.model.landmarks import is_device
 from gaitcal.model.linkage import LOWER_BODY, SIDES
-from gaitcal.session.unnamed_markers import (
-    HEIGHT_M,
-    HEIGHT_SD_M,
-    Placed,
-    Together,
-    distance_scatter,
-    forward_direction,
-    on_one_segment,
-    out_of_place,
-    place_markers,
-    standing_bodies,
-    standing_points,
-    with_missing,
-)
+from gaitcal.session import unnamed_markers
 
 LANDMARK_SET = "landmarks"
 BOTH_FEET = 0.5
@@ -96,14 +81,17 @@ def propose_labels(recordings: Sequence[Recording], height: float | None = None)
     moving = [r for r in recordings if r is not standing]
     every, scatter, points, seen, why = _seen(standing, moving)
     rows = np.isfinite(scatter).any(axis=1)
-    if rows.any() and (share := float((on_one_segment(scatter)[rows] > 0).any(axis=1).mean())) < WITH_ANOTHER:
+    if (
+        rows.any()
+        and (share := float((unnamed_markers.on_one_segment(scatter)[rows] > 0).any(axis=1).mean())) < WITH_ANOTHER
+    ):
         raise InputError(
             f"{100 * share:.0f} % of the labels keep their distance from another one in all recordings, as markers of "
             f"one segment do; {100 * WITH_ANOTHER:.0f} % or more are needed: a label has to name the same marker "
             "in all files",
             code=Code.LANDMARKS,
         )
-    forward = forward_direction(moving, points[seen], [every[i] for i in seen])
+    forward = unnamed_markers.forward_direction(moving, points[seen], [every[i] for i in seen])
     placed, view, told = _likeliest(*_of(seen, points, scatter), forward, height)
     still_only = [every[i] for i in seen if not np.isfinite(scatter[i]).any()]
     devices = _devices(standing, still_only, view.origin[1] + KNEE * placed.height, KNEE_SPREAD * placed.height)
@@ -114,7 +102,7 @@ def propose_labels(recordings: Sequence[Recording], height: float | None = None)
     placed = _with_whole_arms(placed, view, *_of(seen, points, scatter))
     labels = [every[i] for i in seen]
     found = _read_off(labels, placed, scatter[np.ix_(seen, seen)])
-    odd = dict(zip(labels, out_of_place(view.of(points[seen]), placed), strict=True))
+    odd = dict(zip(labels, unnamed_markers.out_of_place(view.of(points[seen]), placed), strict=True))
     unsure = {m for m, ahead in zip(labels, placed.ahead, strict=True) if m in still_only and ahead < BEYOND_DOUBT}
     segment = {m: placed.body.segments[p] for m, p in zip(labels, placed.places, strict=True)}
     found = _sacral(found, {label: points[i] for i, label in enumerate(every)})
@@ -153,13 +141,13 @@ def place_strangers(
     at = {m: place for m, place in zip(every, points, strict=True) if m not in segment_of and np.isfinite(place).all()}
     why |= {m: "in no trial that moves" for m, row in zip(every, scatter, strict=True) if not np.isfinite(row).any()}
     seen = [i for i in seen if every[i] in segment_of or every[i] not in why]
-    labels, body = [every[i] for i in seen], standing_bodies()[0]
+    labels, body = [every[i] for i in seen], unnamed_markers.standing_bodies()[0]
     points, beside = _of(seen, points, scatter)
     segments, scatter = np.array(body.segments), scatter[np.ix_(seen, seen)]
     own = [segment_of.get(label) for label in labels]
     allowed = np.array([~body.landmark if segment is None else segments == segment for segment in own])
     known = [k for k, segment in enumerate(own) if segment is not None]
-    forward = forward_direction(moving, points[known], [labels[k] for k in known])
+    forward = unnamed_markers.forward_direction(moving, points[known], [labels[k] for k in known])
     placed, view, told = _likeliest(points, replace(beside, allowed=allowed), forward, height)
     found = _read_off(labels, placed, scatter)
     lies = _lying_at(lacking, at, view, points[known], replace(placed, places=placed.places[known]))
@@ -187,7 +175,7 @@ def place_strangers(
 
 
 def _lying_at(
-    lacking: Sequence[str], at: Mapping[str, Array], view: _View, points: Array, placed: Placed
+    lacking: Sequence[str], at: Mapping[str, Array], view: "_View", points: Array, placed: unnamed_markers.Placed
 ) -> dict[str, str]:
     """Label -> at which landmark it lies, in words: of each that lacks the nearest one, (3,) m in `at`, if 19 in 20 are
     as near to where the markers that stand at `points` put it.
@@ -196,7 +184,7 @@ def _lying_at(
     for name in (name for name in lacking if name in placed.body.labels):
         places = np.append(placed.places, placed.body.labels.index(name))
         with_one = replace(placed, places=places)
-        away = {m: out_of_place(view.of(np.vstack([points, p])), with_one)[-1] for m, p in at.items()}
+        away = {m: unnamed_markers.out_of_place(view.of(np.vstack([points, p])), with_one)[-1] for m, p in at.items()}
         nearest = min(away, key=away.__getitem__, default="")
         if nearest and away[nearest] < ONE_IN_20:
             out[nearest] = f"; lies where {name} does: rename it, if it is"
@@ -211,14 +199,14 @@ def _seen(
     """
     why = _resting(standing, moving)
     every = list(dict.fromkeys(m for r in (standing, *moving) for m in r.labels if m not in why))
-    scatter = distance_scatter(moving, every)
+    scatter = unnamed_markers.distance_scatter(moving, every)
     words = "keeps its distance from another one better than markers do: computed"
     markers = np.array([not named or m in named for m in every])
     why |= {every[i]: words for i in _computed(scatter, markers) if every[i] not in named}
     every = [m for m in every if m not in why]
-    standing_at = standing_points(standing, every)
-    scatter = distance_scatter(moving, every, standing_at)
-    points = with_missing(standing_at, every, moving, scatter)
+    standing_at = unnamed_markers.standing_points(standing, every)
+    scatter = unnamed_markers.distance_scatter(moving, every, standing_at)
+    points = unnamed_markers.with_missing(standing_at, every, moving, scatter)
     seen = [i for i in range(len(every)) if np.isfinite(points[i]).all()]
     if len(seen) < FEWEST_MARKERS:
         message = f"{len(seen)} markers are seen while somebody stands; {FEWEST_MARKERS} or more are needed"
@@ -278,13 +266,15 @@ def _devices(standing: Recording, labels: Sequence[str], knee: float, spread: fl
     return out
 
 
-def _of(rows: Sequence[int], points: Array, scatter: Array) -> tuple[Array, Together]:
+def _of(rows: Sequence[int], points: Array, scatter: Array) -> tuple[Array, unnamed_markers.Together]:
     """Where some of the markers stand, and what is known of them besides."""
     scatter = scatter[np.ix_(rows, rows)]
     known = np.isfinite(scatter)
     np.fill_diagonal(known, False)
-    allowed = np.ones((len(scatter), len(standing_bodies()[0].labels)), dtype=bool)
-    return points[rows], Together(moves=on_one_segment(scatter), known=known, allowed=allowed)
+    allowed = np.ones((len(scatter), len(unnamed_markers.standing_bodies()[0].labels)), dtype=bool)
+    return points[rows], unnamed_markers.Together(
+        moves=unnamed_markers.on_one_segment(scatter), known=known, allowed=allowed
+    )
 
 
 @dataclass(frozen=True)
@@ -301,7 +291,9 @@ class _View:
         return np.column_stack([away[:, [0, 2]] @ ahead, away[:, 1], away[:, [0, 2]] @ right])
 
 
-def _likeliest(points: Array, evidence: Together, forward: Array, height: float | None) -> tuple[Placed, _View, str]:
+def _likeliest(
+    points: Array, evidence: unnamed_markers.Together, forward: Array, height: float | None
+) -> tuple[unnamed_markers.Placed, _View, str]:
     """The markers on the likeliest body, how it is seen, and how that was told."""
     floor = points[:, 1].min() - FLOOR_M
     above = points[:, 1] - floor
@@ -313,31 +305,36 @@ def _likeliest(points: Array, evidence: Together, forward: Array, height: float 
     if walks:
         axes = np.array([forward, [-forward[1], forward[0]]]) / said
     headings = [sign * axis for axis in axes for sign in (1.0, -1.0)]  # that of the feet first
-    usual, spread = (height, HEIGHT_TOLD * height) if height else (HEIGHT_M, HEIGHT_SD_M)
+    usual, spread = (
+        (height, HEIGHT_TOLD * height) if height else (unnamed_markers.HEIGHT_M, unnamed_markers.HEIGHT_SD_M)
+    )
 
     def seen_from(heading: Array) -> _View:
         ahead = float(np.median((points[:, [0, 2]] - middle)[above < 0.5 * above.max()] @ heading))
         return _View(heading, np.insert(middle + ahead * heading, 1, floor))
 
-    def cost(placed: Placed) -> float:
+    def cost(placed: unnamed_markers.Placed) -> float:
         return placed.cost + 0.5 * ((placed.height - usual) / spread) ** 2
 
     heights = above.max() / TALL * STEP ** np.arange(STEPS)
     heights = heights[np.argsort(np.abs(heights - usual))][: None if height is None else NEAREST]
-    hanging, *_ = bodies = standing_bodies()
+    hanging, *_ = bodies = unnamed_markers.standing_bodies()
     views = [seen_from(heading) for heading in headings]
     seen, tried = [view.of(points) for view in views], []
     for k, tall in product(range(len(views)), heights):
-        tried.append((cost(place_markers(seen[k], hanging, tall, evidence, rounds=4)), float(tall), k))
+        tried.append((cost(unnamed_markers.place_markers(seen[k], hanging, tall, evidence, rounds=4)), float(tall), k))
     best = {k: sorted(t for t in tried if t[2] == k)[:LIKELIEST] for k in range(len(headings))}
     whole = {
-        k: min((place_markers(seen[k], body, tall, evidence) for _, tall, _ in best[k] for body in bodies), key=cost)
+        k: min(
+            (unnamed_markers.place_markers(seen[k], body, tall, evidence) for _, tall, _ in best[k] for body in bodies),
+            key=cost,
+        )
         for k in {*sorted(best, key=lambda k: best[k][0])[:2], *([0] if walks else [])}
     }
     for k, found in whole.items():
         for side in SIDES:  # both arms alike so far
             armed = (found.body.with_arm(side, body) for body in bodies)
-            tried_too = [place_markers(seen[k], body, found.height, evidence) for body in armed]
+            tried_too = [unnamed_markers.place_markers(seen[k], body, found.height, evidence) for body in armed]
             found = min((found, *tried_too), key=cost)
         whole[k] = found
     chosen = min(whole, key=lambda k: cost(whole[k]))
@@ -359,7 +356,9 @@ def _likeliest(points: Array, evidence: Together, forward: Array, height: float 
     return whole[chosen], views[chosen], f"{how}; fits a person of {whole[chosen].height:.2f} m"
 
 
-def _with_whole_arms(placed: Placed, view: _View, points: Array, beside: Together) -> Placed:
+def _with_whole_arms(
+    placed: unnamed_markers.Placed, view: _View, points: Array, beside: unnamed_markers.Together
+) -> unnamed_markers.Placed:
     """Markers placed again without a forearm if neither its upper arm nor the trunk has a marker: a cluster of the
     thigh lies where hands hang.
     """
@@ -371,7 +370,7 @@ def _with_whole_arms(placed: Placed, view: _View, points: Array, beside: Togethe
     if not lone:
         return placed
     without = replace(beside, allowed=beside.allowed & ~np.isin(segments, lone))
-    return place_markers(view.of(points), placed.body, placed.height, without)
+    return unnamed_markers.place_markers(view.of(points), placed.body, placed.height, without)
 
 
 def _sacral(found: LabelProposal, at: Mapping[str, Array]) -> LabelProposal:
@@ -388,7 +387,7 @@ def _sacral(found: LabelProposal, at: Mapping[str, Array]) -> LabelProposal:
     return replace(found, rename={**found.rename, label: "sacrum"}, evidence={**found.evidence, label: words})
 
 
-def _read_off(labels: Sequence[str], placed: Placed, scatter: Array) -> LabelProposal:
+def _read_off(labels: Sequence[str], placed: unnamed_markers.Placed, scatter: Array) -> LabelProposal:
     """What the places of markers say of their labels."""
     body, on = placed.body, placed.places
     rename, tracking, weights, evidence, unused = {}, dict[str, list[str]](), {}, {}, {}

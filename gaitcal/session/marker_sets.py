@@ -4,8 +4,6 @@ A label counts for a set where the set knows it; by another spelling (dots, blan
 offered as a `rename`; capitals a set forgives by itself. `explained` is the one function that looks into a set.
 """
 
-from __future__ import annotations
-
 import re
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
@@ -69,10 +67,10 @@ class SetChoice:
     sided_unknown: tuple[str, ...] = ()
     """Labels left over that name a side and that not every recording has: of a static trial, landmarks it may be."""
 
-    proposal: LabelProposal | None = None
+    proposal: "LabelProposal | None" = None
     """What the labels mean by places and movement, where no set knows them; nobody has confirmed it."""
 
-    further: LabelProposal | None = None
+    further: "LabelProposal | None" = None
     """What moves with the segments besides the markers that the set knows."""
 
     @property

@@ -22,9 +22,8 @@ from gaitcal.faults.joint_link import links_of
 from gaitcal.faults.role import LEAD, MOVES_RAD, STEPS_RAD, TRAVEL_M
 from gaitcal.io.recording import Recording, still_window
 from gaitcal.io.segment_poses import upright
-from gaitcal.model import rebuilt_markers, segment_frames
+from gaitcal.model import linkage, rebuilt_markers, segment_frames
 from gaitcal.model.landmarks import static_posture
-from gaitcal.model.linkage import SIDES
 from gaitcal.model.marker_set import MarkerSet
 from gaitcal.model.present_markers import complete_static, present_markers
 
@@ -120,13 +119,13 @@ def _not_upright(points: dict[str, Array], landmarks: dict[str, Array], marker_s
     middle = {segment: np.mean(found, axis=0) for segment, found in groups.items()}
     if "pelvis" not in middle:
         return "no marker of the pelvis is seen while nothing moves"
-    feet = [middle[f"foot_{side}"] for side in SIDES if f"foot_{side}" in middle]
+    feet = [middle[f"foot_{side}"] for side in linkage.SIDES if f"foot_{side}" in middle]
     if len(feet) < 2:
         return "not both feet are seen while nothing moves"
     if abs(feet[0][1] - feet[1][1]) > LEVEL_M:
         return f"one foot is {abs(feet[0][1] - feet[1][1]):.2f} m above the other while nothing moves"
     straight = []
-    for side in SIDES:
+    for side in linkage.SIDES:
         hip, knee, ankle = (landmarks.get(f"{name}_{side}") for name in ("asis", "knee_lat", "ankle_lat"))
         if hip is not None and knee is not None and ankle is not None:
             way = float(np.linalg.norm(hip - knee) + np.linalg.norm(knee - ankle))
@@ -168,7 +167,7 @@ def rough_stance(points: dict[str, Array], landmarks: dict[str, Array], marker_s
             by_segment.setdefault(segment, {})[label] = axes @ points[label]
     turned = {name: axes @ at for name, at in landmarks.items()}
     centres = {}
-    for sign, side in zip((1.0, -1.0), SIDES, strict=True):
+    for sign, side in zip((1.0, -1.0), linkage.SIDES, strict=True):
         centres[f"hip_{side}"] = turned[f"asis_{side}"] + wide * BELL_HIP * [1.0, 1.0, -sign]
         for joint in ("knee", "ankle"):
             if f"{joint}_lat_{side}" in turned:
@@ -241,7 +240,7 @@ def movement(
     if len(time) < FEWEST_FRAMES or time[-1] - time[0] < SHORTEST_S:
         return Movement(shows=Shows.NOTHING, evidence=f"{len(time)} frames, too short to tell")
     pelvis = _middle(recording, marker_set, "pelvis")
-    feet = [_middle(recording, marker_set, f"foot_{side}") for side in SIDES]
+    feet = [_middle(recording, marker_set, f"foot_{side}") for side in linkage.SIDES]
     walk = _walk(pelvis, feet, _facing(recording, marker_set, reference, pelvis))
     if walk is not None:
         shows, evidence, certain = walk
@@ -272,7 +271,7 @@ def _middle(recording: Recording, marker_set: MarkerSet, segment: str) -> Array:
 
 def _flight(recording: Recording, marker_set: MarkerSet) -> float:
     """Share of the frames in which no marker of either foot is at rest or near the ground: none in walking."""
-    labels = [m for side in SIDES for m in marker_set.tracking.get(f"foot_{side}", ()) if m in recording.labels]
+    labels = [m for side in linkage.SIDES for m in marker_set.tracking.get(f"foot_{side}", ()) if m in recording.labels]
     points = recording.markers[:, [recording.labels.index(m) for m in labels]]
     if not labels:
         return 0.0

@@ -1,7 +1,5 @@
 """What a calibration returns: the person's models and, trial by trial, how well they do."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from enum import Enum
@@ -204,7 +202,7 @@ class TrialResult:
             )
         return tuple(found)
 
-    def refused(self, legs: Sequence[str] = linkage.SIDES) -> TrialResult:
+    def refused(self, legs: Sequence[str] = linkage.SIDES) -> "TrialResult":
         """The same with no torque valid and no error bar of these legs, nor of the pelvis, trunk and arms.
 
         What is wrong with them is told elsewhere.

@@ -4,8 +4,6 @@ A `MovingTrial` is a trial of the study that grows: cleaned and turned so that x
 problems (`prepared`), then with a motion and forces under the feet for every model that is reached (`tracked`).
 """
 
-from __future__ import annotations
-
 import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
@@ -89,11 +87,11 @@ class MovingTrial(Trial):
     def _last(self) -> tuple[Parameters, Motion]:
         return list(self.stages.values())[-1]
 
-    def reached(self, stage: Stage, parameters: Parameters, motion: Motion) -> MovingTrial:
+    def reached(self, stage: Stage, parameters: Parameters, motion: Motion) -> "MovingTrial":
         """With one more model, and the motion tracked with it."""
         return replace(self, stages={**self.stages, stage: (parameters, motion)})
 
-    def scored(self, uncertainty: Uncertainty) -> MovingTrial:
+    def scored(self, uncertainty: Uncertainty) -> "MovingTrial":
         """With the scores of its markers about the last model; an isolated trial needs none."""
         if self.joint is not None:
             return self

@@ -1,7 +1,5 @@
 """The tables of a calibration: parameters, and by trial coordinates, forces, powers, moments and marker errors."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
@@ -57,7 +55,7 @@ MOMENT_HEADER = (
 """Comment lines above the header of every moments file."""
 
 
-def parameter_table(calibration: Calibration) -> pd.DataFrame:
+def parameter_table(calibration: Calibration) -> "pd.DataFrame":
     """One row for each of the 98 joint and 84 inertial parameters, as in `parameters.csv`.
 
     Columns: `name`, `kind` (joint position, joint orientation, mass, mass centre, moment of inertia), `segment` whose

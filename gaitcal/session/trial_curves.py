@@ -13,8 +13,7 @@ import numpy as np
 from gaitcal.arrays import Array, BoolArray
 from gaitcal.dynamics.ground_reactions import unseen_frames
 from gaitcal.dynamics.joint_kinetics import power_of
-from gaitcal.gait import cycles, strides
-from gaitcal.gait.moments import moment_names, moment_of, own_error_of
+from gaitcal.gait import cycles, moments, strides
 from gaitcal.model.coordinates import COORDINATE_TABLE, FOOT_PROGRESSION, GROUPS, SEGMENT_ANGLES, split_side
 from gaitcal.model.linkage import PELVIS_ANGLES, SIDES, is_translation
 from gaitcal.model.subject_model import SubjectModel
@@ -135,16 +134,16 @@ def _whole(trial: TrialResult) -> Motion | None:
 
 def _moments(model: SubjectModel, loads: Loads, truth: CurveTruths | None) -> Iterator[Curve]:
     known: Mapping[str, CurveTruth] = {} if truth is None else truth.forces
-    for name in moment_names(model):
+    for name in moments.moment_names(model):
         yield Curve(
             *split_side(name),
             "moment",
             "N m",
-            value=moment_of(loads.final, name),
+            value=moments.moment_of(loads.final, name),
             valid=loads.reactions.valid_for(name),
-            error=None if loads.errors is None else moment_of(loads.errors, name),
-            own=None if loads.errors is None else own_error_of(loads.errors, name),
-            nominal=moment_of(loads.nominal, name),
+            error=None if loads.errors is None else moments.moment_of(loads.errors, name),
+            own=None if loads.errors is None else moments.own_error_of(loads.errors, name),
+            nominal=moments.moment_of(loads.nominal, name),
             truth=known[name].truth if name in known else None,
         )
 

@@ -32,8 +32,6 @@ likelier one of its two segments for a landmark at a joint. The best one-to-one 
 and Song, IEEE PAMI 32:2262-2275, 2010).
 """
 
-from __future__ import annotations
-
 import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -230,7 +228,7 @@ class Body:
         """(np,) whether one marker only may sit there."""
         return np.array([bool(label) for label in self.labels])
 
-    def with_arm(self, side: str, other: Body) -> Body:
+    def with_arm(self, side: str, other: "Body") -> "Body":
         """The body with an arm as another one holds it."""
         arm = [segment in (f"upper_arm_{side}", f"forearm_hand_{side}") for segment in self.segments]
         return replace(self, at=np.where(np.array(arm)[:, None], other.at, self.at))

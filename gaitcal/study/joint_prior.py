@@ -18,8 +18,6 @@ x half a sex, B the directions in which both sides deviate alike. Without z and 
 mirror image, and mixes no positions with orientations.
 """
 
-from __future__ import annotations
-
 import hashlib
 import json
 from collections.abc import Iterable, Mapping, Sequence
@@ -67,7 +65,7 @@ class JointPrior:
     doubted: Mapping[str, float] = field(default_factory=dict)
     """Parameter -> m, rad by which it may be wrong beside that, for reasons that no fit reckons with."""
 
-    def updated(self, other: JointPrior) -> JointPrior:
+    def updated(self, other: "JointPrior") -> "JointPrior":
         """With what another one says of some of these parameters in its place, independent of the rest."""
         at = [self.names.index(name) for name in other.names]
         mean, covariance = self.mean.copy(), self.covariance.copy()
@@ -75,7 +73,7 @@ class JointPrior:
         mean[at], covariance[np.ix_(at, at)] = other.mean, other.covariance
         return replace(self, mean=mean, covariance=covariance)
 
-    def loosened(self, more: Mapping[str, float]) -> JointPrior:
+    def loosened(self, more: Mapping[str, float]) -> "JointPrior":
         """With independent errors (m, rad) of some parameters beside what is known."""
         variance = np.array([more.get(name, 0.0) for name in self.names]) ** 2
         return replace(self, covariance=self.covariance + np.diag(variance))
@@ -269,7 +267,7 @@ def read_cohort_priors(path: Path) -> CohortPriors:
     return priors
 
 
-def with_cohort_priors(study: Study, path: Path) -> Study:
+def with_cohort_priors(study: "Study", path: Path) -> "Study":
     """A study whose joint parameters lean on a cohort; the file counts among its inputs.
 
     Raises InputError: The file is no such file, or was learnt with another marker set, other nominal joints, or for
@@ -281,7 +279,7 @@ def with_cohort_priors(study: Study, path: Path) -> Study:
     return replace(study.with_input(path, sha256), settings=settings, joint_prior=prior)
 
 
-def joint_prior(priors: CohortPriors, study: Study, path: Path) -> JointPrior:
+def joint_prior(priors: CohortPriors, study: "Study", path: Path) -> JointPrior:
     """What the cohort says of the person of a study, without the fold of the people that the person is among."""
     settings, subject = study.settings, study.subject
     if not settings.takes_priors:

@@ -1,7 +1,5 @@
 """`[calibration]` of a study file: every choice a calibration leaves open, with its default."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from enum import Enum
 from pathlib import Path
@@ -228,7 +226,7 @@ class CalibrationSettings(Table):
         """Whether joint parameters are fitted in a way that can lean on a cohort."""
         return self.jp and self.decided_by is Protocol.EVIDENCE
 
-    def found(self, at: Callable[[Path], Path], source: Path) -> CalibrationSettings:
+    def found(self, at: Callable[[Path], Path], source: Path) -> "CalibrationSettings":
         """The same with the path of `priors`, if any, as `at` has it; InputError where no priors are taken."""
         if self.priors is None:
             return self

@@ -1,7 +1,5 @@
 """A study: one person's recordings, read and checked, ready to be calibrated."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
@@ -31,13 +29,13 @@ AGES_DIFFER = 1.0
 """Years, from which an age and the dates contradict each other."""
 
 
-def cleaned(study: Study) -> Study:
+def cleaned(study: "Study") -> "Study":
     """The study without markers metres away from the body in its trials."""
     segment_of, noise = study.marker_set.segment_of, study.marker_set.noise
     return replace(study, trials=tuple(cleaned_trial(t, segment_of, noise) for t in study.trials))
 
 
-def completed_static(study: Study) -> rebuilt_markers.Rebuilding:
+def completed_static(study: "Study") -> rebuilt_markers.Rebuilding:
     """The first static trial of a cleaned study, with what its other trials give back to it."""
     others = [(t.name, t.recording) for t in (*study.further_statics, *study.moving)]
     marker_set = study.marker_set.with_weights(study.weights)
@@ -168,7 +166,7 @@ class Study:
 
     @classmethod
     @with_one_blas_thread
-    def load(cls, path: Path | str) -> Study:
+    def load(cls, path: Path | str) -> "Study":
         """Read a study file and all its recordings.
 
         Raises
@@ -191,7 +189,7 @@ class Study:
 
     @classmethod
     @with_one_blas_thread
-    def assemble(cls, file: StudyFile, marker_set: MarkerSet, trials: tuple[Trial, ...], path: Path) -> Study:
+    def assemble(cls, file: StudyFile, marker_set: MarkerSet, trials: tuple[Trial, ...], path: Path) -> "Study":
         """A study from its file at `path` and its trials, read by `read_trial`; InputError for labels nobody has."""
         files = input_files(file, path)
         _require_labels(file, marker_set, trials, path)
@@ -262,7 +260,7 @@ class Study:
         hashes = {str(f.resolve()): self.inputs[name] for name, f in self._named_files.items()}
         return Snapshot(Path(self.source).parent, hashes)
 
-    def with_input(self, path: Path, sha256: str) -> Study:
+    def with_input(self, path: Path, sha256: str) -> "Study":
         """The same with one more file among its inputs, if it is not there already."""
         if path in self.files:
             return self

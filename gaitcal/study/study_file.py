@@ -4,8 +4,6 @@ Everything a user can get wrong in it ends in one `InputError`, one line: the fi
 count from 1, in the order of the file), what was found, what is allowed. Only the first mistake is told.
 """
 
-from __future__ import annotations
-
 import datetime
 import math
 import os
@@ -267,7 +265,7 @@ class TruthTable(Table):
         description="what the true ankle angles are counted from; that of the calibration"
     )
 
-    def found(self, at: Callable[[Path], Path], source: Path) -> TruthTable:
+    def found(self, at: Callable[[Path], Path], source: Path) -> "TruthTable":
         """The same with paths that `at` makes absolute, and a file there."""
         files = {
             field: require_file(at(getattr(self, field)), source=source, field=f"truth.{field}")

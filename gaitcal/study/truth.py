@@ -23,9 +23,8 @@ import numpy as np
 
 from gaitcal.arrays import Array, BoolArray
 from gaitcal.errors import Code, InputError, nearest
+from gaitcal.io import text_file, toml
 from gaitcal.io.recording import Recording, still_window
-from gaitcal.io.text_file import parse_number
-from gaitcal.io.toml import shown
 from gaitcal.model.landmarks import static_posture
 from gaitcal.model.linkage import COORDINATES, FILE_COORDINATES, REACTIONS, is_translation
 from gaitcal.model.marker_set import MarkerSet
@@ -201,7 +200,7 @@ def _rows(path: Path) -> tuple[list[str], list[list[str]]]:
 def _number(cell: str) -> float:
     """NaN where it is none."""
     try:
-        return parse_number(cell)
+        return text_file.parse_number(cell)
     except ValueError:
         return float("nan")
 
@@ -220,19 +219,19 @@ def _landmarks(path: Path) -> dict[str, Array]:
 def _parameters(path: Path) -> dict[str, float]:
     names, rows = _rows(path)
     if names != ["name", "unit", "value"]:
-        raise _fault(f"found columns {shown(names)}; allowed: name,unit,value", path)
+        raise _fault(f"found columns {toml.shown(names)}; allowed: name,unit,value", path)
     out: dict[str, float] = {}
     for name, unit, cell in rows:
         value = _number(cell)
         if name not in _UNIT:
             hint = nearest(name, _UNIT) or "; allowed: names of a result's parameters.csv"
-            raise _fault(f"found {shown(name)}, which is no parameter{hint}", path, "name")
+            raise _fault(f"found {toml.shown(name)}, which is no parameter{hint}", path, "name")
         if unit != _UNIT[name]:
-            raise _fault(f"found {shown(unit)}; allowed: {_UNIT[name]}", path, f"unit of {name}")
+            raise _fault(f"found {toml.shown(unit)}; allowed: {_UNIT[name]}", path, f"unit of {name}")
         if name in out:
             raise _fault("found twice; a parameter has one true value", path, name)
         if not np.isfinite(value):
-            raise _fault(f"found {shown(cell)}; allowed: a finite number", path, name)
+            raise _fault(f"found {toml.shown(cell)}; allowed: a finite number", path, name)
         out[name] = float(value * _TO_SI[name])
     return out
 
@@ -251,13 +250,13 @@ def _curve(path: Path, ending: str) -> TrueCurves:
     )
     first = path.read_text(encoding="utf-8", errors="replace").split("\n", 1)[0].removeprefix("#").strip()
     if first != units:
-        raise _fault(f"found {shown(first)}; allowed: '# {units}'", path, "line 1, the units")
+        raise _fault(f"found {toml.shown(first)}; allowed: '# {units}'", path, "line 1, the units")
     names, rows = _rows(path)
     allowed = {"time", *known, *(name + suffix for name in known for suffix in derived)}
     for column in names:
         if column not in allowed:
             hint = nearest(column, allowed) or "; allowed: names of a result's " + ending.strip("_")
-            raise _fault(f"found {shown(column)}, which is no column{hint}", path, "columns")
+            raise _fault(f"found {toml.shown(column)}, which is no column{hint}", path, "columns")
     columns = {
         name: np.array([_number(row[k]) for row in rows]) for k, name in enumerate(names) if name in ("time", *known)
     }

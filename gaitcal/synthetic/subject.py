@@ -25,16 +25,7 @@ from gaitcal.model.subject_model import Subject, SubjectModel
 from gaitcal.runtime import with_one_blas_thread
 from gaitcal.study.settings import CalibrationSettings, PlateErrorTable
 from gaitcal.study.study_file import Markers, StudyFile, SubjectTable, TrialTable
-from gaitcal.synthetic.motion import (
-    TrueMotion,
-    ground_on_feet,
-    isolated_motion,
-    marker_noise,
-    standing_pose,
-    static_motion,
-    synthetic_markers,
-    two_strides,
-)
+from gaitcal.synthetic import motion as motions
 from gaitcal.synthetic.movements import Activity, Contact, Movement, movement
 from gaitcal.synthetic.truth import TRUTH, write_truth
 from gaitcal.synthetic.walk import CLEARANCE
@@ -94,24 +85,27 @@ def synthesize(
     folder = Path(out)
     person, noise_waves = _generators(seed)
     model, tracking = synthetic_model(person, perturb=perturb), published_model().markers.labels
-    pose = standing_pose(model.parameters)
-    trials = {"static": static_motion(standing=pose), **{j: isolated_motion(j, pose) for j in ISOLATED_JOINTS}}
-    trials["gait"] = two_strides(model.parameters)
+    pose = motions.standing_pose(model.parameters)
+    trials = {
+        "static": motions.static_motion(standing=pose),
+        **{j: motions.isolated_motion(j, pose) for j in ISOLATED_JOINTS},
+    }
+    trials["gait"] = motions.two_strides(model.parameters)
     movements = {activity.value: movement(activity, model.parameters) for activity in activities}
     trials |= {name: found.motion for name, found in movements.items()}
     with result_folder.atomic_directory(folder, result_folder.ResultKind.SYNTHETIC) as target:
         entries = []
-        curves: dict[str, tuple[TrueMotion, Array | None]] = {}
+        curves: dict[str, tuple[motions.TrueMotion, Array | None]] = {}
         for name, motion in trials.items():
             labels = model.markers.labels if name == "static" else tracking
             placed = on_the_floor(model, motion)
-            ground = None if placed.ground is None else ground_on_feet(model.parameters, placed)
+            ground = None if placed.ground is None else motions.ground_on_feet(model.parameters, placed)
             plates = () if ground is None else footholds(movements.get(name, Movement(motion=placed)), ground.wrench)
             recording = recording_of(name, placed, model, labels, plates)
             if name != "static":
                 curves[name] = placed, None if ground is None else ground.wrench
             if noise and name != "static":
-                moved = recording.markers + marker_noise(recording.time, len(labels), noise_waves)
+                moved = recording.markers + motions.marker_noise(recording.time, len(labels), noise_waves)
                 recording = replace(recording, markers=moved)
             write_c3d(target / f"{name}.c3d", recording)
             entries.append(_entry(name))
@@ -132,10 +126,10 @@ def _activity(name: str) -> Activity:
         raise UsageError(f"found '{name}'; allowed: {allowed}", field="--movement") from None
 
 
-def true_gait(seed: int) -> tuple[Parameters, TrueMotion]:
+def true_gait(seed: int) -> tuple[Parameters, motions.TrueMotion]:
     """Parameters and gait of the perturbed person that `synthesize` writes with this seed."""
     model = synthetic_model(_generators(seed)[0], perturb=True)
-    return model.parameters, two_strides(model.parameters)
+    return model.parameters, motions.two_strides(model.parameters)
 
 
 def _generators(seed: int) -> list[np.random.Generator]:
@@ -143,27 +137,31 @@ def _generators(seed: int) -> list[np.random.Generator]:
     return [np.random.default_rng(stream) for stream in np.random.SeedSequence(seed).spawn(2)]
 
 
-def on_the_floor(model: SubjectModel, motion: TrueMotion) -> TrueMotion:
+def on_the_floor(model: SubjectModel, motion: motions.TrueMotion) -> motions.TrueMotion:
     """The same motion, raised or lowered so that the lowest foot marker stays just above the floor, where a gait is."""
     if motion.ground is not None:
         return motion
-    heights = synthetic_markers(model.parameters, model.markers, motion.q)[:, :, 1]
+    heights = motions.synthetic_markers(model.parameters, model.markers, motion.q)[:, :, 1]
     feet = [s.startswith("foot") for s in model.markers.segments]
     coefficients = motion.coefficients.copy()
     coefficients[:, COORDINATE_INDEX["pelvis_ty"]] -= heights[:, feet].min() - CLEARANCE
-    return TrueMotion(motion.basis, coefficients)
+    return motions.TrueMotion(motion.basis, coefficients)
 
 
 def recording_of(
-    name: str, motion: TrueMotion, model: SubjectModel, labels: tuple[str, ...], plates: tuple[ForcePlate, ...] = ()
+    name: str,
+    motion: motions.TrueMotion,
+    model: SubjectModel,
+    labels: tuple[str, ...],
+    plates: tuple[ForcePlate, ...] = (),
 ) -> Recording:
     """What markers with these labels show of a motion over plates."""
-    every = synthetic_markers(model.parameters, model.markers, motion.q)
+    every = motions.synthetic_markers(model.parameters, model.markers, motion.q)
     chosen = every[:, [model.markers.labels.index(label) for label in labels]]
     return Recording(source=name, time=motion.basis.time, labels=labels, markers=chosen, plates=plates)
 
 
-def plates_under(motion: TrueMotion, wrench: Array) -> tuple[ForcePlate, ...]:
+def plates_under(motion: motions.TrueMotion, wrench: Array) -> tuple[ForcePlate, ...]:
     """One long plate under each foot, with wrenches (nf, 2, 6) N, N·m about the laboratory origin."""
     halves = ((0.0, PLATE_Z), (-PLATE_Z, 0.0))
     return tuple(_plate(k, motion.basis.time, wrench[:, k], PLATE_X, z, 0.0) for k, z in enumerate(halves))

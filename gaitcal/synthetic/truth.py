@@ -32,22 +32,11 @@ from gaitcal.arrays import Array
 from gaitcal.dynamics.inverse_dynamics import Dynamics
 from gaitcal.io.recording import Recording
 from gaitcal.model import landmarks, trunk
+from gaitcal.model import parameters as params
 from gaitcal.model.ankle_zero import AnkleZero, standing_ankles
 from gaitcal.model.chain import Chain, forward, jacobian, segment_poses
 from gaitcal.model.linkage import COORDINATE_INDEX, JOINTS, MARKED_SEGMENTS, SIDES, ZERO_ANGLES, Source
 from gaitcal.model.marker_set import load_marker_set
-from gaitcal.model.parameters import (
-    IP_NAMES,
-    IP_TO_SI,
-    IP_UNITS,
-    JOINT_PARAMETERS,
-    JP_INDEX,
-    JP_NAMES,
-    MASSIVE_SEGMENTS,
-    Kind,
-    Parameters,
-    table,
-)
 from gaitcal.model.segment_frames import Frame, HipCentre, LowerBody, lower_body
 from gaitcal.model.subject_model import SubjectModel
 from gaitcal.motion.spline import to_bspline
@@ -60,7 +49,7 @@ from gaitcal.synthetic.motion import TrueMotion, standing_pose, synthetic_marker
 class StaticFrames:
     """A linkage as the static trial's landmarks tell it, and what they are."""
 
-    parameters: Parameters
+    parameters: params.Parameters
     """In these frames, zero angles as they were."""
     posture: landmarks.StaticPosture
     legs: LowerBody
@@ -68,7 +57,7 @@ class StaticFrames:
     """Segment -> its frame in the laboratory while standing; no talus."""
 
 
-def in_static_frames(model: SubjectModel, hip_centre: HipCentre = HipCentre.BELL) -> Parameters:
+def in_static_frames(model: SubjectModel, hip_centre: HipCentre = HipCentre.BELL) -> params.Parameters:
     """The linkage of a model with its static markers, told in the frames that quiet standing gives a calibration.
 
     `hip_centre`: the regression that this calibration places hips with, from which its thighs begin.
@@ -86,11 +75,11 @@ def static_frames(model: SubjectModel, hip_centre: HipCentre = HipCentre.BELL) -
     legs = lower_body(posture, model.subject.height, hip_centre)
     frames = legs.frames | trunk.upper_body(posture, marker_set, legs, model.subject).frames
     inertial = inertial_parameters_in(true.inertial, segment_frames(true, pose), frames)
-    in_frames = Parameters(joint_parameters_in(true, pose, frames), inertial, true.zero_angles)
+    in_frames = params.Parameters(joint_parameters_in(true, pose, frames), inertial, true.zero_angles)
     return StaticFrames(in_frames, posture, legs, frames)
 
 
-def segment_frames(parameters: Parameters, q: Array) -> dict[str, Frame]:
+def segment_frames(parameters: params.Parameters, q: Array) -> dict[str, Frame]:
     """Pose of every segment frame of a linkage at coordinates (nq,)."""
     chain = Chain()
     constants = chain.constants(parameters.joint, parameters.zero_angles)
@@ -98,7 +87,7 @@ def segment_frames(parameters: Parameters, q: Array) -> dict[str, Frame]:
     return {name: Frame(axes[i, :, :, 0].T, origins[i, :, 0]) for i, name in enumerate(chain.segments)}
 
 
-def joint_parameters_in(parameters: Parameters, q: Array, frames: dict[str, Frame]) -> Array:
+def joint_parameters_in(parameters: params.Parameters, q: Array, frames: dict[str, Frame]) -> Array:
     """(np,) joint parameters of the linkage, at pose q (nq,), in the segment `frames` of the same pose (no talus)."""
     lines = _joint_lines(parameters, q)
     points: dict[str, Array] = {}
@@ -107,7 +96,7 @@ def joint_parameters_in(parameters: Parameters, q: Array, frames: dict[str, Fram
     by_name: dict[str, float] = {}
     for joint in JOINTS:
         turns = [e for e in joint.elements if e.source is Source.COORDINATE]
-        places = {p.segment: p.name.rpartition(".")[0] for p in JOINT_PARAMETERS if p.joint == joint.name}
+        places = {p.segment: p.name.rpartition(".")[0] for p in params.JOINT_PARAMETERS if p.joint == joint.name}
         axis, point = lines[turns[0].name]
         if len(turns) == 3:  # a ball: the point in which the axes meet
             points |= dict.fromkeys(places.values(), point)
@@ -130,12 +119,12 @@ def joint_parameters_in(parameters: Parameters, q: Array, frames: dict[str, Fram
         points |= dict.fromkeys((f"shoulder_{side}.trunk", f"shoulder_{side}.upperarm"), shoulder)
         z_axes |= {f"talocrural_{side}.shank": z, f"shoulder_{side}.trunk": arm}
         x_axes |= {f"subtalar_{side}.foot": x, f"shoulder_{side}.upperarm": mirrored * lines[f"arm_add_{side}"][0]}
-    out = np.full(len(JP_INDEX), np.nan)
-    for k, parameter in enumerate(JOINT_PARAMETERS):
+    out = np.full(len(params.JP_INDEX), np.nan)
+    for k, parameter in enumerate(params.JOINT_PARAMETERS):
         place, _, direction = parameter.name.rpartition(".")
         if parameter.name in by_name:
             out[k] = by_name[parameter.name]
-        elif parameter.kind is Kind.POSITION:
+        elif parameter.kind is params.Kind.POSITION:
             out[k] = frames[parameter.segment].local(points[place])[("ant", "sup", "lat").index(direction)]
         elif place in z_axes:
             d = frames[parameter.segment].rotation.T @ z_axes[place]
@@ -148,15 +137,15 @@ def joint_parameters_in(parameters: Parameters, q: Array, frames: dict[str, Fram
 
 def inertial_parameters_in(inertial: Array, true: dict[str, Frame], frames: dict[str, Frame]) -> Array:
     """(ni,) in other frames of the same pose; of a turned inertia the moments about the new axes."""
-    out = table(inertial).copy()
-    for row, segment in zip(out, MASSIVE_SEGMENTS, strict=True):
+    out = params.table(inertial).copy()
+    for row, segment in zip(out, params.MASSIVE_SEGMENTS, strict=True):
         turn = frames[segment].rotation.T @ true[segment].rotation
         row[1:4] = frames[segment].local(true[segment].point(row[1:4]))
         row[4:7] = np.diag(turn @ np.diag(row[4:7]) @ turn.T)
     return out.ravel()
 
 
-def _joint_lines(parameters: Parameters, q: Array) -> dict[str, tuple[Array, Array]]:
+def _joint_lines(parameters: params.Parameters, q: Array) -> dict[str, tuple[Array, Array]]:
     """Coordinate -> direction of its positive turn and a point of its axis, in the laboratory."""
     chain = Chain()
     poses = forward(chain, chain.constants(parameters.joint, parameters.zero_angles), q[None])
@@ -175,12 +164,12 @@ def common_perpendicular(a: Array, point_of_a: Array, b: Array, point_of_b: Arra
     return point_of_a + s * a, point_of_b + t * b
 
 
-def truth_table(truth: Parameters) -> str:
+def truth_table(truth: params.Parameters) -> str:
     """The content of `truth.csv`: name, unit, value."""
     lines = ["name,unit,value"]
-    for name, p, value in zip(JP_NAMES, JOINT_PARAMETERS, truth.joint, strict=True):
+    for name, p, value in zip(params.JP_NAMES, params.JOINT_PARAMETERS, truth.joint, strict=True):
         lines.append(f"{name},{p.kind.unit},{float(value / p.kind.to_si)!r}")
-    for name, unit, value in zip(IP_NAMES, IP_UNITS, truth.inertial / IP_TO_SI, strict=True):
+    for name, unit, value in zip(params.IP_NAMES, params.IP_UNITS, truth.inertial / params.IP_TO_SI, strict=True):
         lines.append(f"{name},{unit},{float(value)!r}")
     return "\n".join(lines) + "\n"
 
@@ -226,7 +215,7 @@ class Teller:
             ankle, subtalar = (pose[COORDINATE_INDEX[f"{name}_{side}"]] for name in ("ankle_angle", "subtalar_angle"))
             zero[ZERO_ANGLES.index(f"talocrural_{side}.zero")] += ankle - posture[side]
             zero[ZERO_ANGLES.index(f"subtalar_{side}.zero")] += mirrored * subtalar
-        self.parameters = Parameters(told.joint, told.inertial, zero)
+        self.parameters = params.Parameters(told.joint, told.inertial, zero)
         """Of the linkage in static frames, its ankle angles counted from the static posture."""
         self._standing_off = self._coordinates(self.parameters, still[None])[0] - still
 
@@ -241,15 +230,15 @@ class Teller:
         q, velocity, acceleration = (spline(time, k) for k in range(3))
         forces = None
         if wrench is not None:
-            dynamics, rows = Dynamics(self.parameters), table(self.parameters.inertial)
-            for k, (row, own) in enumerate(zip(rows, table(self._true.inertial), strict=True)):
-                turn = self._offset[MASSIVE_SEGMENTS[k]].rotation  # products of inertia too
+            dynamics, rows = Dynamics(self.parameters), params.table(self.parameters.inertial)
+            for k, (row, own) in enumerate(zip(rows, params.table(self._true.inertial), strict=True)):
+                turn = self._offset[params.MASSIVE_SEGMENTS[k]].rotation  # products of inertia too
                 body = pin.Inertia(float(row[0]), row[1:4], turn.T @ np.diag(own[4:7]) @ turn)
                 dynamics.dynamic[k] = body.toDynamicParameters()
             forces = dynamics.forces(q, velocity, acceleration, wrench)
         return ToldMotion(time=time, q=q, velocity=velocity, acceleration=acceleration, forces=forces)
 
-    def _coordinates(self, told: Parameters, q: Array, start: Array | None = None) -> Array:
+    def _coordinates(self, told: params.Parameters, q: Array, start: Array | None = None) -> Array:
         """(nf, nq) coordinates of the linkage `told` that put its segments where the true ones are at q (nf, nq),
         sought from `start`.
         """
@@ -277,7 +266,7 @@ def _in(frame: Frame, other: Frame) -> Frame:
     return Frame(frame.rotation.T @ other.rotation, frame.local(other.origin))
 
 
-def _corners(chain: Chain, parameters: Parameters, q: Array, offset: dict[str, Frame] | None = None) -> Array:
+def _corners(chain: Chain, parameters: params.Parameters, q: Array, offset: dict[str, Frame] | None = None) -> Array:
     """(nf, ns, 4, 3) m: origin and three corners of the frames that `offset` places in segments, or of their own."""
     constants = chain.constants(parameters.joint, parameters.zero_angles)
     axes, origins = segment_poses(chain, constants, forward(chain, constants, q))

@@ -29,9 +29,8 @@ from scipy.interpolate import PchipInterpolator
 from scipy.linalg import solveh_banded
 
 from gaitcal.arrays import Array
+from gaitcal.dynamics import inverse_dynamics, measurement_errors
 from gaitcal.dynamics.derivatives import root_residual
-from gaitcal.dynamics.inverse_dynamics import FEET
-from gaitcal.dynamics.measurement_errors import FOOT_LENGTH
 from gaitcal.io.toml import models_path
 from gaitcal.model import coordinates, nominal, subject_model
 from gaitcal.model.chain import Chain, forward, jacobian, segment_poses
@@ -98,9 +97,9 @@ def feet_of(parameters: Parameters, q: Array) -> FeetOnGround:
     poses = forward(chain, constants, q)
     axes, origins = segment_poses(chain, constants, poses)
     columns = jacobian(chain, constants, poses).transpose(2, 1, 0)  # (nf, 6, nq)
-    points = np.empty((len(q), len(FEET), len(POINTS), 3))
+    points = np.empty((len(q), len(inverse_dynamics.FEET), len(POINTS), 3))
     slopes = np.zeros((*points.shape, q.shape[1]))
-    for foot, segment in enumerate(FEET):
+    for foot, segment in enumerate(inverse_dynamics.FEET):
         k = chain.segments.index(segment)
         moved = np.flatnonzero(chain.support[:, k])
         for n, local in enumerate(_local_points()[foot]):
@@ -136,7 +135,7 @@ def resting(phase: Array) -> Array:
         ramp((own - begin) / SETTLING) * (1.0 - ramp((own - end + SETTLING) / SETTLING))
         for begin, end in (HEEL_RESTS, BALL_RESTS)
     )
-    out = np.zeros((len(phase), len(FEET), len(POINTS)))
+    out = np.zeros((len(phase), len(inverse_dynamics.FEET), len(POINTS)))
     out[:, :, 0], out[:, :, 2], out[:, :, 3] = heel, ball, ball
     return out
 
@@ -155,7 +154,7 @@ def _tip_beyond_marker() -> float:
     """The length of a foot, as a part of the distance from its heel to its toe marker."""
     heel, toe = _local_points()[0, :2]
     marked = float(np.linalg.norm(toe - heel))
-    return max(1.0, FOOT_LENGTH * nominal.published_model().subject.height / marked)
+    return max(1.0, measurement_errors.FOOT_LENGTH * nominal.published_model().subject.height / marked)
 
 
 def ramp(x: Array) -> Array:
@@ -235,11 +234,11 @@ def walking_ground(phase: Array) -> Ground:
     nf = len(phase)
     return Ground(
         footsteps=footsteps,
-        held=np.ones((nf, len(FEET), len(POINTS))),
+        held=np.ones((nf, len(inverse_dynamics.FEET), len(POINTS))),
         resting=resting(phase),
         share=np.stack([right, 1.0 - right], axis=1),
         part=rolled(phase),
-        level=np.zeros((nf, len(FEET))),
+        level=np.zeros((nf, len(inverse_dynamics.FEET))),
         seat=np.zeros((nf, 3)),
         force=_usual_force(phase),
         spread=np.tile(FORCE, (nf, 1)),

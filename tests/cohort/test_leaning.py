@@ -196,7 +196,7 @@ def test_the_command_learns_when_everybody_has_ended(
         (tmp_path / "out" / FAILURES).write_text("person,session,group,folder,cause,what_to_do\n")
         return Counter(trustworthy=9)
 
-    monkeypatch.setattr(command, "run_cohort", ended)
+    monkeypatch.setattr("gaitcal.cohort.run.run_cohort", ended)
     monkeypatch.setattr(command, "learn", lambda cohort, out, told: ("legs: offset learnt of 9 people",))
     said = run("cohort", one_folder, "--out", tmp_path / "out", "--learn-priors").output
     assert "legs: offset learnt of 9 people" in said and "priors:" in said

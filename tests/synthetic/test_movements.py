@@ -43,7 +43,7 @@ LEFT_ON_SEAT = 0.1
 def test_command_writes_a_trial_of_each_movement(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     stands = static_motion(standing=standing_pose())
     monkeypatch.setattr(subject, "ISOLATED_JOINTS", ())
-    monkeypatch.setattr(subject, "two_strides", lambda _: stands)
+    monkeypatch.setattr("gaitcal.synthetic.motion.two_strides", lambda _: stands)
     monkeypatch.setattr(subject, "movement", lambda *_: Movement(motion=stands))
     words = ("synthesize", "--out", str(tmp_path / "person"), "--movement", "sit-to-stand", "--movement")
     refused = gaitcal(*words, "stars")

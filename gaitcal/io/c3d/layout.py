@@ -18,8 +18,6 @@ integer files, and refuses files whose labels are fewer than their points (measu
 `ParameterSection` gives every record that is not asked to change back byte for byte.
 """
 
-from __future__ import annotations
-
 import struct
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -213,7 +211,7 @@ class ParameterSection:
         values = decoded.astype(np.float64)
         return values.reshape(dims, order="F") if dims else values
 
-    def with_list(self, group: str, name: str, entries: Sequence[str], rows: int = 1) -> ParameterSection:
+    def with_list(self, group: str, name: str, entries: Sequence[str], rows: int = 1) -> "ParameterSection":
         """A list of text instead of the one that is there, continued in NAME2, ... where it is longer than 255.
 
         `rows` is the second of three dimensions, of lists of pairs such as TYPE_GROUPS.
@@ -230,13 +228,13 @@ class ParameterSection:
             section = section._with(group, name if number == 1 else f"{name}{number}", TEXT, dims, data)
         return section
 
-    def with_numbers(self, group: str, name: str, values: Array, kind: int = FLOAT) -> ParameterSection:
+    def with_numbers(self, group: str, name: str, values: Array, kind: int = FLOAT) -> "ParameterSection":
         """Numbers (dimensions as those of `values`) instead of those that are there."""
         flat = np.asarray(values).ravel(order="F")
         data = encode_floats(flat, self.processor) if kind == FLOAT else flat.astype(_KINDS[kind]).tobytes()
         return self._with(group, name, kind, np.asarray(values).shape, data)
 
-    def with_group(self, group: str, description: str = "") -> ParameterSection:
+    def with_group(self, group: str, description: str = "") -> "ParameterSection":
         """The section with a group of that name, which may be there already."""
         if self._number(group) is not None:
             return self
@@ -281,7 +279,7 @@ class ParameterSection:
         data = content[start:end]
         return (kind, dims, data) if len(data) == end - start else (None, (), b"")
 
-    def _with(self, group: str, name: str, kind: int, dims: Sequence[int], data: bytes) -> ParameterSection:
+    def _with(self, group: str, name: str, kind: int, dims: Sequence[int], data: bytes) -> "ParameterSection":
         """A parameter in the place of the one of that name, whose description it keeps, or as the last of its group."""
         number, place = self._number(group), self._place(group, name)
         if number is None:

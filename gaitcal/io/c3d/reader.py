@@ -21,19 +21,9 @@ import numpy as np
 from gaitcal.arrays import Array
 from gaitcal.errors import Code
 from gaitcal.io import axes, segment_poses
+from gaitcal.io import labels as labelling
 from gaitcal.io.c3d.layout import C3DHeader, check_c3d_header, is_askew, read_samples
 from gaitcal.io.c3d.plates import measured_plates, stand_up
-from gaitcal.io.labels import (
-    ComputedPoints,
-    clean,
-    common_prefix,
-    computed_points,
-    events_of,
-    facts_of,
-    is_number,
-    is_unlabelled,
-    unique,
-)
 from gaitcal.io.recording import Recording, zeros_to_missing
 from gaitcal.io.text_file import FileFault, naming_file
 
@@ -263,8 +253,8 @@ def _recording(path: Path, header: C3DHeader, raw: Mapping[str, Any]) -> Recordi
         markers=markers,
         plates=standing,
         notes=notes,
-        events=events_of(parameters),
-        facts=facts_of(parameters),
+        events=labelling.events_of(parameters),
+        facts=labelling.facts_of(parameters),
         computed=_computed(computed, points, per_metre),
     )
     return recording if axes.UP_TO_Y[vertical.axis, vertical.sign].is_identity else axes.turn_up(recording, vertical)
@@ -274,7 +264,9 @@ def _poses(
     parameters: Mapping[str, Mapping[str, Any]], poses: Array, frames: int, per_metre: float
 ) -> tuple[Array, tuple[str, ...]]:
     """(nf, ns, 4, 4) m of the file's segments at its frames, NaN where not known, and their names."""
-    names = tuple(clean(label) for label in _texts(parameters.get("ROTATION", {}), "LABELS"))[: poses.shape[2]]
+    names = tuple(labelling.clean(label) for label in _texts(parameters.get("ROTATION", {}), "LABELS"))[
+        : poses.shape[2]
+    ]
     if not names or not frames:
         return np.empty((frames, 0, 4, 4)), ()
     each = poses.shape[3] // frames
@@ -310,7 +302,7 @@ def _first_frame(parameters: Mapping[str, Mapping[str, Any]], header: int) -> in
 
 def _unit(parameters: Mapping[str, Mapping[str, Any]]) -> tuple[float, tuple[str, ...]]:
     units = parameters.get("POINT", {}).get("UNITS", [])
-    name = clean(str(units[0])) if len(units) else ""
+    name = labelling.clean(str(units[0])) if len(units) else ""
     if name.lower() in PER_METRE:
         return PER_METRE[name.lower()], ()
     given = f"'{name[:20]}'" if name else "no unit"
@@ -335,39 +327,43 @@ def _markers(
     points that are places (label -> place), not angles or moments.
     """
     group = parameters.get("POINT", {})
-    labels = [clean(label) for label in _texts(group, "LABELS")][:count]
+    labels = [labelling.clean(label) for label in _texts(group, "LABELS")][:count]
     labels += [""] * (count - len(labels))
-    named = [i for i, label in enumerate(labels) if not is_unlabelled(label)]
+    named = [i for i, label in enumerate(labels) if not labelling.is_unlabelled(label)]
     notes: tuple[str, ...] = ()
     if count > len(named):
         notes += (f"{count - len(named)} unlabelled trajectories left out.",)
     if not named:
         raise FileFault(f"found {count} trajectories, none with a name; labelled markers are needed")
     listed = _listed_as_computed(group)
-    prefix, prefix_notes = common_prefix([labels[i] for i in named if labels[i] not in listed])
+    prefix, prefix_notes = labelling.common_prefix([labels[i] for i in named if labels[i] not in listed])
     spelt = {i: labels[i].removeprefix(prefix) for i in named}
-    by_spelling = computed_points(list(spelt.values()))
+    by_spelling = labelling.computed_points(list(spelt.values()))
     keep = [i for i in named if labels[i] not in listed and spelt[i] not in by_spelling]
     dropped = [spelt[i] for i in named if i not in set(keep)]
     if dropped:
         notes += (f"{len(dropped)} computed points, not markers, left out: {', '.join(dropped)}.",)
     if not keep:
         raise FileFault(f"all {len(named)} named points are computed ones; markers are needed")
-    names, repetition_notes = unique(spelt[i] for i in keep)
+    names, repetition_notes = labelling.unique(spelt[i] for i in keep)
     numbers = _listed_as_computed(group, NUMBERS)
-    places = {spelt[i]: i for i in named if i not in set(keep) and labels[i] not in numbers and not is_number(spelt[i])}
+    places = {
+        spelt[i]: i
+        for i in named
+        if i not in set(keep) and labels[i] not in numbers and not labelling.is_number(spelt[i])
+    }
     return keep, names, notes + prefix_notes + repetition_notes, places
 
 
-def _computed(places: Mapping[str, int], points: Array, per_metre: float) -> ComputedPoints | None:
+def _computed(places: Mapping[str, int], points: Array, per_metre: float) -> labelling.ComputedPoints | None:
     if not places:
         return None
     values = points[:, list(places.values())].transpose(2, 1, 0) / per_metre
     known = np.isfinite(values).all(axis=2) & (np.abs(values) <= ABSURD_M).all(axis=2) & (values != 0).any(axis=2)
-    return ComputedPoints(tuple(places), np.where(known[:, :, None], values, np.nan))
+    return labelling.ComputedPoints(tuple(places), np.where(known[:, :, None], values, np.nan))
 
 
 def _listed_as_computed(group: Mapping[str, Any], groups: Sequence[str] = ()) -> set[str]:
     """Labels in these parameters; without `groups`, in all that list computed points."""
-    names = groups or [*COMPUTED_GROUPS, *(clean(text) for text in _texts(group, "TYPE_GROUPS"))]
-    return {clean(label) for name in names if name != "LABELS" for label in _texts(group, name)}
+    names = groups or [*COMPUTED_GROUPS, *(labelling.clean(text) for text in _texts(group, "TYPE_GROUPS"))]
+    return {labelling.clean(label) for name in names if name != "LABELS" for label in _texts(group, name)}

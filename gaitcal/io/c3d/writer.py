@@ -20,12 +20,11 @@ import numpy as np
 
 from gaitcal.arrays import Array
 from gaitcal.errors import Code, InputError
-from gaitcal.io import atomic, force_plate
+from gaitcal.io import atomic, force_plate, text_file
 from gaitcal.io.axes import Turn
 from gaitcal.io.c3d import layout
 from gaitcal.io.labels import FootEvent, FootMoment
 from gaitcal.io.recording import ForcePlate, Recording, require_plain_labels
-from gaitcal.io.text_file import FileFault, naming_file
 
 Y_TO_Z_UP = Turn((0, 2, 1), (1, -1, 1))
 """Our axes to the laboratory's: the inverse of UP_TO_Y[2, 1]."""
@@ -40,11 +39,11 @@ CLOCK_SAMPLES = 1e-3
 """Departure, in samples, up to which times count as uniform."""
 
 
-def _fault(message: str, field: str | None = None) -> FileFault:
-    return FileFault(message, field, Code.NOT_WRITABLE)
+def _fault(message: str, field: str | None = None) -> text_file.FileFault:
+    return text_file.FileFault(message, field, Code.NOT_WRITABLE)
 
 
-@naming_file
+@text_file.naming_file
 def write_c3d(path: Path, recording: Recording) -> None:
     """Markers and plates as a C3D file that `read_recording` returns again.
 
@@ -218,7 +217,7 @@ class C3DOriginal:
         return values.reshape(self.frames, self.header.points, 4)[:, :, :3]
 
 
-@naming_file
+@text_file.naming_file
 def c3d_original(path: Path, frames: int) -> C3DOriginal:
     """The C3D file at `path`, of so many frames as its reader counts; InputError where it is damaged."""
     header = layout.check_c3d_header(path)
@@ -227,7 +226,7 @@ def c3d_original(path: Path, frames: int) -> C3DOriginal:
     try:
         section = layout.parse_section(content[at : at + content[at + 2] * layout.BLOCK])
     except (ValueError, IndexError, struct.error) as fault:
-        raise FileFault(f"damaged: {fault}", code=Code.DAMAGED_RECORDING) from None
+        raise text_file.FileFault(f"damaged: {fault}", code=Code.DAMAGED_RECORDING) from None
     return C3DOriginal(path=path, content=content, header=header, section=section, frames=frames)
 
 
