@@ -239,7 +239,7 @@ def draw(
     data = Path(os.environ["GAITCAL_DATA"]).resolve() / "opensim_truth"
     made = isolated_person(person, data, cache, with_gait=True)
     study = only(made.study, *roles)
-    rng = np.random.default_rng(seed)
+    rng = np.random.default_rng(seed or 0)
     if seed is not None:
         recordings = [t.recording for t in study.trials]
         noisy = [

@@ -34,7 +34,6 @@ from gaitcal.calibration.error_sources import ErrorSources
 from gaitcal.compare.difference import difference_variance, pooled, shared_variance, told_parameters
 from gaitcal.compare.stride_sets import Common, Session, StrideSet, common_to, mean_over, stride_sets
 from gaitcal.gait.cycles import kind_of
-from gaitcal.io.recording import Recording
 from gaitcal.model.linkage import LEG_JOINTS
 from gaitcal.model.nominal import published_model
 from gaitcal.model.parameters import JOINT_PARAMETERS, JP_INDEX, Kind
@@ -42,15 +41,8 @@ from gaitcal.model.segment_frames import HipCentre
 from gaitcal.model.subject_model import SubjectModel
 from gaitcal.results.sessions import load_session
 from gaitcal.results.shared_model import JointKnowledge, joined
-from gaitcal.synthetic.motion import (
-    TrueMotion,
-    marker_noise,
-    standing_pose,
-    static_motion,
-    synthetic_markers,
-    two_strides,
-)
-from gaitcal.synthetic.subject import synthetic_model
+from gaitcal.synthetic.motion import marker_noise, standing_pose, static_motion, two_strides
+from gaitcal.synthetic.subject import recording_of, synthetic_model
 from gaitcal.synthetic.truth import in_static_frames
 from scripts.validation.harness import coverage, option, rms, say, side_by_side
 from scripts.validation.people.fits import fitted
@@ -109,15 +101,13 @@ def record_session(person: SubjectModel, rng: np.random.Generator, folder: Path)
     moved = person.markers.local + rng.normal(0.0, PLACED, person.markers.local.shape)
     worn = replace(person, markers=replace(person.markers, local=moved))
 
-    def recording(motion: TrueMotion, labels: tuple[str, ...]) -> Recording:
-        every = synthetic_markers(worn.parameters, worn.markers, motion.q)
-        markers = every[:, [worn.markers.labels.index(label) for label in labels]] + ABOVE_FLOOR
-        return Recording(source="made up", time=motion.basis.time, labels=labels, markers=markers)
-
-    standing = recording(static_motion(standing=standing_pose(person.parameters)), worn.markers.labels)
-    walk = recording(two_strides(person.parameters), published_model().markers.labels)
-    walk = replace(walk, markers=walk.markers + marker_noise(walk.time, len(walk.labels), rng))
-    write_folder(folder, {"static": standing, "walk": walk}, ("made up", 69.4, 1.70, "male"))
+    standing = static_motion(standing=standing_pose(person.parameters))
+    static = recording_of("made up", standing, worn, worn.markers.labels)
+    walk = recording_of("made up", two_strides(person.parameters), worn, published_model().markers.labels)
+    noise = marker_noise(walk.time, len(walk.labels), rng)
+    static = replace(static, markers=static.markers + ABOVE_FLOOR)
+    walk = replace(walk, markers=walk.markers + ABOVE_FLOOR + noise)
+    write_folder(folder, {"static": static, "walk": walk}, ("made up", 69.4, 1.70, "male"))
     return worn
 
 

@@ -17,11 +17,11 @@ from gaitcal.export.peer_model import Axis, displacement_axis
 from gaitcal.io.recording import Recording
 from gaitcal.model.linkage import COORDINATES, NEEDED_JOINTS
 from gaitcal.model.nominal import published_model
-from gaitcal.model.parameters import JP_INDEX, leg_parameters
+from gaitcal.model.parameters import JP_INDEX, JP_NAMES, JP_TO_SI, leg_parameters
 from gaitcal.model.segment_frames import HipCentre
 from gaitcal.study.study_trial import Role
-from gaitcal.synthetic.subject import synthetic_model
-from gaitcal.synthetic.truth import _joint_lines, segment_frames
+from gaitcal.synthetic.subject import synthetic_model, true_gait
+from gaitcal.synthetic.truth import _joint_lines, in_static_frames, segment_frames
 from scripts.validation import harness
 from scripts.validation.harness import results
 from scripts.validation.truth import check, made_up, people, report, skin
@@ -258,7 +258,8 @@ def test_the_truth_is_told_in_the_frames_of_the_calibration(kept: Path) -> None:
         trials=tuple(trial for trial in study.trials if trial.role is not Role.JOINT),
     )
     nominal = parameter_table(calibrate(study)).set_index("name")["nominal"]
-    truth = made_up.true_parameters(3, rule)
+    person = replace(published_model(static_only=True), parameters=true_gait(3)[0])
+    truth = dict(zip(JP_NAMES, in_static_frames(person, rule).joint / JP_TO_SI, strict=True))
     # one hip joins two frames: its true place in the thigh, which begins at the nominal hip, is where it misses that
     for side in "rl":
         names = [f"hip_{side}.{{}}.{direction}" for direction in ("ant", "sup", "lat")]

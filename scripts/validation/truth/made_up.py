@@ -22,13 +22,13 @@ most draws none: its error bars are right in the mean square (errors are 0.91 of
 
 from __future__ import annotations
 
-import io
 import tempfile
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from enum import Enum
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -46,7 +46,6 @@ from gaitcal.io.recording import Recording
 from gaitcal.model.linkage import REACTIONS, SEGMENTS, joint_segments
 from gaitcal.model.nominal import published_model
 from gaitcal.model.parameters import JP_INDEX, Parameters, gait_parameters, isolated_parameters
-from gaitcal.model.segment_frames import HipCentre
 from gaitcal.motion.spline import NodeRule
 from gaitcal.motion.trial_problem import MotionProblem, trial_problem
 from gaitcal.study.study_trial import Role
@@ -59,7 +58,6 @@ from gaitcal.synthetic.motion import (
     synthetic_markers,
 )
 from gaitcal.synthetic.subject import synthesize, true_gait
-from gaitcal.synthetic.truth import in_static_frames, truth_table
 from scripts.validation.harness import bars, rms, shares, side_by_side
 from scripts.validation.truth.people import with_settings
 from scripts.validation.truth.report import Figure, Outcome, TimedFit, timed_fit
@@ -205,8 +203,10 @@ def synthetic_person(seed: int, settings: Settings, changes: Mapping[str, object
             study = replace(study, settings=type(study.settings).model_validate(dict(changes or {})))
         if settings is Settings.GAIT_ONLY:
             study = replace(study, trials=tuple(t for t in study.trials if t.role is not Role.JOINT))
-        truth = true_parameters(seed, HipCentre(study.settings.hip_rule))
         fit = timed_fit(study)
+    if fit.calibration.truth is None:
+        raise SystemExit(f"--set: {fit.calibration.notes[-1]}")
+    truth = pd.Series({p.name: p.truth for p in fit.calibration.truth.parameters})
     table = gaitcal.parameter_table(fit.calibration).set_index("name")
     inertial = ~table["kind"].str.startswith("joint")  # nominal ones count, too: their error bar is people's spread
     known = (table["status"] == "fitted") | (inertial & (table["standard_error"] > 0))
@@ -215,45 +215,31 @@ def synthetic_person(seed: int, settings: Settings, changes: Mapping[str, object
     table = table.assign(before=table["nominal"] - true, after=table["fitted"] - true)
     z = (table["after"] / table["standard_error"]).where(known.loc[table.index])
     table = table.assign(z=z, joint=table.index.str.split("_").str[0])
-    return SyntheticPerson(table, *torque_errors(fit.calibration, seed), *kinetic_errors(fit.calibration, seed), fit)
+    return SyntheticPerson(parameters=table, fit=fit, **gait_errors(fit.calibration, seed))
 
 
-def true_parameters(seed: int, hip_centre: HipCentre) -> pd.Series[float]:
-    """Name -> true value in the unit of `truth.csv`, told in the frames of a calibration that places hips by this rule.
-
-    A thigh begins at the hip that the static trial is given: told in the frames of another rule, the truth of hip and
-    knee would be missed by some 5 mm even without noise.
-    """
-    model = replace(published_model(static_only=True), parameters=true_gait(seed)[0])
-    text = truth_table(in_static_frames(model, hip_centre))
-    values: pd.Series[float] = pd.read_csv(io.StringIO(text)).set_index("name")["value"]
-    return values
-
-
-def torque_errors(calibration: Calibration, seed: int) -> tuple[Array, Array, Array]:
-    """(n, 23) N·m, a person's gait torques: errors of the final and of the nominal ones, and standard errors."""
-    parameters, motion = true_gait(seed)
-    loads = calibration.trial("gait").loads
-    if loads is None or loads.errors is None:
-        raise RuntimeError("the gait trial has no torques with standard errors")
-    q, v, a = (motion.basis.evaluate(motion.coefficients, k) for k in range(3))
-    true = Dynamics(parameters).forces(q, v, a, residual_free_wrench(parameters, motion))
-    valid, errors = loads.reactions.valid, np.hstack([loads.errors.tau, loads.errors.knee_adduction])
-    final, nominal = (np.hstack([m.tau, m.knee_adduction]) - true for m in (loads.final, loads.nominal))
-    return final[valid][:, 6:], nominal[valid][:, 6:], errors[valid][:, 6:]
-
-
-def kinetic_errors(calibration: Calibration, seed: int) -> tuple[tuple[Array, Array], tuple[Array, Array]]:
-    """Errors and standard errors of a person's gait powers (n, 28) W, and of moment vectors (n, 63) N·m."""
+def gait_errors(calibration: Calibration, seed: int) -> dict[str, Any]:
+    """What a `SyntheticPerson` holds of the gait trial's torques, powers and moment vectors."""
     parameters, motion = true_gait(seed)
     loads = calibration.trial("gait").loads
     if loads is None or loads.kinetics is None or loads.errors is None or loads.errors.kinetics is None:
-        raise RuntimeError("the gait trial has no powers with standard errors")
-    q, v, a = (motion.basis.evaluate(motion.coefficients, k) for k in range(3))
-    power, moment = kinetic_values(parameters, q, v, a, residual_free_wrench(parameters, motion))
+        raise RuntimeError("the gait trial has no torques and powers with standard errors")
+    state, wrench = (
+        [motion.basis.evaluate(motion.coefficients, k) for k in range(3)],
+        residual_free_wrench(parameters, motion),
+    )
+    true = Dynamics(parameters).forces(*state, wrench)
+    power, moment = kinetic_values(parameters, *state, wrench)
     valid, spread = loads.reactions.valid, loads.errors.kinetics
+    final, nominal = (np.hstack([m.tau, m.knee_adduction]) - true for m in (loads.final, loads.nominal))
     vectors = [of[valid].reshape(int(valid.sum()), -1) for of in (loads.kinetics.moment - moment, spread.moment)]
-    return ((loads.kinetics.power - power)[valid], spread.power[valid]), (vectors[0], vectors[1])
+    return {
+        "gaps": final[valid][:, 6:],
+        "before": nominal[valid][:, 6:],
+        "errors": loads.errors.every[valid][:, 6:],
+        "powers": ((loads.kinetics.power - power)[valid], spread.power[valid]),
+        "vectors": (vectors[0], vectors[1]),
+    }
 
 
 def outcome(seed: int, changes: Mapping[str, object]) -> Outcome:
