@@ -210,8 +210,7 @@ class UsageError(InputError):
     """An option of the command line is at fault. The message is one line: option, what was found, what is allowed."""
 
     code = Code.OPTION
-    exit_code = 2
-    """2: usage, as for options that the command line's own parser refuses."""
+    exit_code = 2  # 2: usage, as for options that the command line's own parser refuses
 
 
 class ConvergenceError(GaitcalError):
@@ -269,8 +268,7 @@ def nearest(name: str, allowed: Iterable[str]) -> str:
     return "".join(f"; did you mean '{close}'?" for close in alike(name, allowed))
 
 
-STUDY = "study"
-"""Where a finding is that belongs to no single trial."""
+STUDY = "study"  # Where a finding is that belongs to no single trial
 
 
 class Severity(Enum):

@@ -27,11 +27,9 @@ from typing import Any, ParamSpec, TypeAlias, TypeVar
 
 from threadpoolctl import ThreadpoolController
 
-_TRIM_THRESHOLD, _MMAP_THRESHOLD = -1, -3
-"""Numbers of glibc's `mallopt`."""
+_TRIM_THRESHOLD, _MMAP_THRESHOLD = -1, -3  # Numbers of glibc's `mallopt`
 KEPT_BYTES = 64 << 20
-LARGEST_BYTES = 16 << 20
-"""Arrays below this come from the heap."""
+LARGEST_BYTES = 16 << 20  # Arrays below this come from the heap
 
 
 @cache
@@ -60,12 +58,9 @@ def _blas_libraries() -> tuple[Any, ...]:
 
 
 _entering = threading.Lock()
-_inside = 0
-"""How many threads of the process are in `one_blas_thread` at present."""
-_users_own: tuple[int, ...] = ()
-"""Threads of each library before the first of them."""
-_here = threading.local()
-"""`depth`: calls of this thread, one within another."""
+_inside = 0  # How many threads of the process are in `one_blas_thread` at present
+_users_own: tuple[int, ...] = ()  # Threads of each library before the first of them
+_here = threading.local()  # `depth`: calls of this thread, one within another
 
 
 @contextmanager
@@ -141,8 +136,7 @@ def remembered(function: Callable[[_T], _R]) -> Callable[[_T], _R]:
     return run
 
 
-Progress: TypeAlias = Callable[[str], None]
-"""Takes a line of text that tells what is being done."""
+Progress: TypeAlias = Callable[[str], None]  # Takes a line of text that tells what is being done
 
 
 def silent(text: str) -> None:

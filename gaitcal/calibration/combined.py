@@ -35,20 +35,16 @@ class CombinedProblem:
     """A trial of the combined fit."""
 
     problem: MotionProblem
-    coefficients: Array
-    """(nn, nq) where phases 1 and 2 ended."""
-    wrench: Array | None = None
-    """(nf, 2, 6) ground reactions of a whole-body trial; None: markers only."""
-    valid: BoolArray | None = None
-    """(nf,) frames whose residual counts; None: all."""
+    coefficients: Array  # (nn, nq) where phases 1 and 2 ended
+    wrench: Array | None = None  # (nf, 2, 6) ground reactions of a whole-body trial; None: markers only
+    valid: BoolArray | None = None  # (nf,) frames whose residual counts; None: all
 
 
 @dataclass(frozen=True)
 class CombinedSettings:
     """Weights and tolerances."""
 
-    load_share: float = 0.005
-    """s: standard deviation of F / BW and of T / (BW H) that measurement alone explains."""
+    load_share: float = 0.005  # s: standard deviation of F / BW and of T / (BW H) that measurement alone explains
     spread: ConsistentSettings = field(default_factory=ConsistentSettings)
     descent: DescentSettings = DESCENT
 
@@ -59,8 +55,7 @@ class CombinedFit:
 
     parameters: Parameters
     coefficients: tuple[Array, ...]
-    marker_sigma: float
-    """m, per coordinate."""
+    marker_sigma: float  # m, per coordinate
     load_share: float
     cost: float
     steps: int

@@ -36,12 +36,9 @@ from gaitcal.motion.spline import ORDER, SplineBasis
 from gaitcal.motion.trial_problem import MotionProblem
 from gaitcal.study.joint_prior import JointPrior
 
-LEVERAGE_CAP = 0.9
-"""Leverages are cut here: a marker that alone holds a coordinate has no residual to learn from."""
-BLOCK = 125
-"""Frames at a time at most, whose changes by the marker coordinates of all trials are held at once."""
-COLUMNS_AT_ONCE, ROWS_AT_ONCE = 64, 1000
-"""Of a product of which only squares are kept."""
+LEVERAGE_CAP = 0.9  # Leverages are cut here: a marker that alone holds a coordinate has no residual to learn from
+BLOCK = 125  # Frames at a time at most, whose changes by the marker coordinates of all trials are held at once
+COLUMNS_AT_ONCE, ROWS_AT_ONCE = 64, 1000  # Of a product of which only squares are kept
 
 
 @dataclass(frozen=True)
@@ -51,10 +48,8 @@ class ErrorSources:
     """
 
     free: tuple[str, ...]
-    parameters: Array
-    """(np, nc) d p_c, m and rad."""
-    clusters: tuple[str, ...]
-    """(nc,) names of the sources: `markers/trial/number`, `skin/column`, `nominal/parameter`."""
+    parameters: Array  # (np, nc) d p_c, m and rad
+    clusters: tuple[str, ...]  # (nc,) names of the sources: `markers/trial/number`, `skin/column`, `nominal/parameter`
 
     @property
     def covariance(self) -> Array:
@@ -133,10 +128,8 @@ def errors_by_source(
 class _NodeMoves:
     """What moves the nodes of one trial: its own marker coordinates, and unknowns that it shares with others."""
 
-    coefficients: Array
-    """(nn * nq, own) n_c: what the own coordinates do, the joint parameters being known."""
-    sensitivity: Array
-    """(nn * nq, np) S = - d N / d p, joint parameters before soft tissue."""
+    coefficients: Array  # (nn * nq, own) n_c: what the own coordinates do, the joint parameters being known
+    sensitivity: Array  # (nn * nq, np) S = - d N / d p, joint parameters before soft tissue
 
     def moved(self, basis: SplineBasis, frames: slice | IntArray, derivative: int) -> Array:
         """(frames, nq, own + np) B n_c and - B S in some frames, or their derivatives."""
@@ -173,10 +166,8 @@ class MotionSensitivity(_NodeMoves):
     shift: Array
     """(np, nc) d p_c of the free joint parameters, then of the skin. The columns of a source are np or fewer with the
     same covariance."""
-    own: tuple[ErrorSource, ...]
-    """(own,) of the columns of `coefficients`."""
-    others: tuple[ErrorSource, ...]
-    """(nc,) of the columns of `shift`."""
+    own: tuple[ErrorSource, ...]  # (own,) of the columns of `coefficients`
+    others: tuple[ErrorSource, ...]  # (nc,) of the columns of `shift`
 
     def variances(self, moved: Array) -> dict[ErrorSource, Array]:
         """ErrorSource -> (frames, m) the variance that it makes; `moved`: (frames, m, own + np) what own coordinates

@@ -24,18 +24,13 @@ from gaitcal.model.parameters import JOINT_PARAMETERS, JP_INDEX, Kind, Parameter
 from gaitcal.motion import motion, rigid, trial_problem
 from gaitcal.motion.start import starting_nodes
 
-LARGEST_POSITION = 0.020
-"""m, standard error above which a joint position counts as not determined."""
-LARGEST_ORIENTATION = np.deg2rad(20.0)
-"""rad, the same for an axis' direction."""
-NEEDED_TURN = np.deg2rad(25.0)
-"""Range of motion a joint needs for its axis to be found (Reinbolt et al. 2007)."""
+LARGEST_POSITION = 0.020  # m, standard error above which a joint position counts as not determined
+LARGEST_ORIENTATION = np.deg2rad(20.0)  # rad, the same for an axis' direction
+NEEDED_TURN = np.deg2rad(25.0)  # Range of motion a joint needs for its axis to be found (Reinbolt et al. 2007).
 LEAST_TURN = np.deg2rad(5.0)
 """Range of motion below which an isolated trial says nothing of an axis: of the size of what skin movement feigns."""
-UNBOUNDED = 1e6
-"""Variance, in squares of the largest error believed, of what the markers cannot see at all."""
-MANY_BEYOND = 4
-"""Leg joint parameters beyond their bounds from which no single joint is odd: the body is another one."""
+UNBOUNDED = 1e6  # Variance, in squares of the largest error believed, of what the markers cannot see at all
+MANY_BEYOND = 4  # Leg joint parameters beyond their bounds from which no single joint is odd: the body is another one
 PLACED_ANEW = 0.001
 """m, RMS: no hand puts markers on another body, or on anew, so that all distances within segments stay to this."""
 LARGEST_ARM_TURN = np.deg2rad(90.0)

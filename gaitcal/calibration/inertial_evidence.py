@@ -47,14 +47,10 @@ from gaitcal.model.parameters import InertialSet, Parameters, dynamic_jacobian, 
 from gaitcal.model.subject_model import Subject
 from gaitcal.motion import spline, trial_problem
 
-BLOCK = 500
-"""Frames whose changes are held at once."""
-COARSER = np.sqrt(2.0)
-"""Spans of the motion that bandwidth is judged by, over those of the motion: half an octave."""
-STRONG = float(np.log(20.0))
-"""ln K from which the inertial parameters move: odds of 20 to 1."""
-UNHEARD = 1e-10
-"""Part of the largest variance of the scores below which a direction of x makes no residual at all."""
+BLOCK = 500  # Frames whose changes are held at once
+COARSER = np.sqrt(2.0)  # Spans of the motion that bandwidth is judged by, over those of the motion: half an octave
+STRONG = float(np.log(20.0))  # ln K from which the inertial parameters move: odds of 20 to 1
+UNHEARD = 1e-10  # Part of the largest variance of the scores below which a direction of x makes no residual at all
 
 
 @dataclass(frozen=True)
@@ -64,33 +60,26 @@ class PlateNoise:
     errors: measurement_errors.PlateErrors = measurement_errors.DEFAULT
     rest: float = 0.005
     """Body weights (force), body weights times height (moment), independent from one `memory` to the next."""
-    memory: float = 0.1
-    """s, for which an error of the rest repeats itself."""
+    memory: float = 0.1  # s, for which an error of the rest repeats itself
 
 
 @dataclass(frozen=True, kw_only=True)
 class LoadedProblem:
     """A gait trial with its motion and the ground reactions on it."""
 
-    problem: trial_problem.MotionProblem
-    """Of the whole body, with the skin that moves."""
-    coefficients: Array
-    """(nn, 27)."""
+    problem: trial_problem.MotionProblem  # Of the whole body, with the skin that moves
+    coefficients: Array  # (nn, 27)
     reactions: GroundReactions
-    scores: MarkerScores | None = None
-    """Of its markers, where known already (`whole_body_scores`)."""
+    scores: MarkerScores | None = None  # Of its markers, where known already (`whole_body_scores`)
 
 
 @dataclass(frozen=True, kw_only=True)
 class ResidualNoise:
     """What a fit of inertial variables hears that is not theirs."""
 
-    covariance: Array
-    """(n, n) of the scores A^T rho, rho in units of the scale."""
-    rms_force: float
-    """N, RMS over valid frames and three components of the residual that is to be expected."""
-    rms_moment: float
-    """N·m."""
+    covariance: Array  # (n, n) of the scores A^T rho, rho in units of the scale
+    rms_force: float  # N, RMS over valid frames and three components of the residual that is to be expected
+    rms_moment: float  # N·m
 
 
 def residual_noise(

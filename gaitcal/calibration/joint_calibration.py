@@ -30,10 +30,8 @@ TISSUE_SCALE = 10.0
 class JointSettings:
     """Bounds and tolerances of a joint-parameter calibration."""
 
-    position_bound: float = np.inf
-    """m, largest distance of a position from its nominal value."""
-    orientation_bound: float = np.inf
-    """rad, the same for orientations."""
+    position_bound: float = np.inf  # m, largest distance of a position from its nominal value
+    orientation_bound: float = np.inf  # rad, the same for orientations
     tolerance: float = 1e-11
     """Relative tolerance on cost and parameters: with 1e-10 a hardly determined subtalar axis ends 6e-5 rad off."""
     most_evaluations: int = 100
@@ -50,16 +48,14 @@ class JointFit:
     """Joint parameters found, and everything needed to say how well."""
 
     free: tuple[str, ...]
-    values: Array
-    """(np + nz,) m, rad of `free`; then those of the soft tissue, m, rad."""
+    values: Array  # (np + nz,) m, rad of `free`; then those of the soft tissue, m, rad
     parameters: Parameters
     state: ReducedState
     iterations: int
     seconds: float
     converged: bool
     message: str
-    at_bound: tuple[str, ...]
-    """Free parameters that ended on a bound."""
+    at_bound: tuple[str, ...]  # Free parameters that ended on a bound
 
     @property
     def coefficients(self) -> tuple[Array, ...]:

@@ -59,18 +59,15 @@ from gaitcal.study.joint_prior import JointPrior
 
 BY_EVIDENCE = JointSettings(tolerance=1e-7)
 """Far below the error bars; an axis that trials hardly determine is held by its prior."""
-FIRST_NOISE, MEMORY_S = 0.010, 0.1
-"""m, s: noise before any is known, and how long it lasts."""
-ROUNDS = 3
-"""Fits after which the noise of every trial is found anew."""
+FIRST_NOISE, MEMORY_S = 0.010, 0.1  # m, s: noise before any is known, and how long it lasts
+ROUNDS = 3  # Fits after which the noise of every trial is found anew
 NOISE_TOLERANCE = 1e-4
 """Relative tolerance of those: the nu of a walk's legs, trunk and single joints are then within 2 % of where searches
 to the end have them, and a noise that is taken from a hundred samples is itself known to 7 %."""
 WIDE_M, WIDE_RAD = 0.020, np.deg2rad(10.0)
 """m, rad: how far joints may lie from nominal places where noise is sought, and what directions are measured by where
 nothing is expected: further than anatomy has them."""
-DETERMINED = 4.0
-"""Information of trials over that of the prior from which they determine a direction."""
+DETERMINED = 4.0  # Information of trials over that of the prior from which they determine a direction
 
 Tasks = Mapping[str, Sequence[MotionProblem]]
 """Kind of task, `gait` or the joint that isolated trials move -> trials, with the soft tissue that may move their
@@ -81,18 +78,12 @@ markers, if any."""
 class JointEstimate(JointFit):
     """Joint parameters, soft tissue and motions found together, with their errors."""
 
-    keys: tuple[str, ...]
-    """Columns of the soft tissue, `kind/regressor/segment/component`."""
-    noise: tuple[float, ...]
-    """m, sqrt(f) nu of every trial."""
-    repeated: dict[str, float]
-    """Kind of task -> f, where several trials have it."""
-    apart: float
-    """The factor b on standard errors by which kinds of task disagree; 1 where their errors explain it."""
-    effective_parameters: float
-    """Parameters that the markers determined, rather than the priors: trace of H^-1 sum S_t."""
-    information: Array
-    """(np + nz, np + nz) sum S_t, what the markers say by themselves."""
+    keys: tuple[str, ...]  # Columns of the soft tissue, `kind/regressor/segment/component`
+    noise: tuple[float, ...]  # m, sqrt(f) nu of every trial
+    repeated: dict[str, float]  # Kind of task -> f, where several trials have it
+    apart: float  # The factor b on standard errors by which kinds of task disagree; 1 where their errors explain it
+    effective_parameters: float  # Parameters that the markers determined, rather than the priors: trace of H^-1 sum S_t
+    information: Array  # (np + nz, np + nz) sum S_t, what the markers say by themselves
     covariance: Array
     """(np + nz, np + nz) of (p, z) by noise and priors; nothing along directions that neither of them tells."""
     by_tissue: Array

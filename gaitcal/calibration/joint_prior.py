@@ -60,8 +60,7 @@ from gaitcal.study.settings import ParameterPriorTable
 class _Row:
     """One direction of one joint, in mm or deg."""
 
-    parameters: tuple[str, ...]
-    """Parent's, then child's, without side."""
+    parameters: tuple[str, ...]  # Parent's, then child's, without side
     deviation: float
     apart: float = 0.0
     mean: float = 0.0
@@ -93,8 +92,7 @@ TABLE: tuple[_Row, ...] = (
 )
 """Joints of the legs; what is not here has `OTHER_MM` or `OTHER_DEG`."""
 OTHER_MM, OTHER_DEG = 20.0, 10.0
-OTHER = np.where([p.kind is Kind.POSITION for p in JOINT_PARAMETERS], OTHER_MM, OTHER_DEG)
-"""(98,) mm, deg."""
+OTHER = np.where([p.kind is Kind.POSITION for p in JOINT_PARAMETERS], OTHER_MM, OTHER_DEG)  # (98,) mm, deg
 
 
 def _first_views() -> IntArray:
@@ -186,24 +184,18 @@ def prior_of_study(
     return replace(prior.updated(learnt), of_cohort=learnt.names, notes=(*notes, *learnt.notes))
 
 
-UNCORRELATED = 0.05
-"""Autocorrelation below which the sum ends."""
-LONGEST_LAG = 1.0 / 3.0
-"""Of the trial: beyond, too few pairs of frames are left."""
-LEAST_SAMPLES = 0.3
-"""Part of the independent samples that is left at least, however many parameters they serve."""
-LEAST_ERROR, MEMORY_S = 5e-5, 0.25
-"""m, s: cameras err by at least this much, over at least this time."""
+UNCORRELATED = 0.05  # Autocorrelation below which the sum ends
+LONGEST_LAG = 1.0 / 3.0  # Of the trial: beyond, too few pairs of frames are left
+LEAST_SAMPLES = 0.3  # Part of the independent samples that is left at least, however many parameters they serve
+LEAST_ERROR, MEMORY_S = 5e-5, 0.25  # m, s: cameras err by at least this much, over at least this time
 
 
 @dataclass(frozen=True)
 class ForbiddenNoise:
     """The noise of one trial in the directions that its joints forbid."""
 
-    variance: float
-    """m^2, tau times the mean square of d per direction and frame."""
-    samples: float
-    """n, independent ones."""
+    variance: float  # m^2, tau times the mean square of d per direction and frame
+    samples: float  # n, independent ones
 
 
 def frames_per_sample(errors: Array, seen: BoolArray | None = None) -> float:

@@ -41,20 +41,16 @@ CORRECTOR = DescentSettings(gain=1e-4, kept_gain=1.0, keep_within=KEPT_WITHIN, p
 steps do not get there, it is tracked."""
 FIRST_GAIN = 0.1
 """What the first motion's last step may gain by, as a part of its cost, before full equations take over."""
-NULL = 1e-12
-"""Eigenvalues of S below this fraction of the largest count as zero."""
-COST_FALLEN_TO = 0.5
-"""A trial whose cost has fallen to this part tries Gauss-Newton's steps again."""
+NULL = 1e-12  # Eigenvalues of S below this fraction of the largest count as zero
+COST_FALLEN_TO = 0.5  # A trial whose cost has fallen to this part tries Gauss-Newton's steps again
 
 
 @dataclass(frozen=True)
 class Matrices:
     """A trial's normal equations at one point, the coefficients eliminated; kept for points nearby."""
 
-    values: Array
-    """(np_t,) the free parameters of this trial's chain where they were formed."""
-    coefficients: Array
-    """(nn, nq) where they were formed."""
+    values: Array  # (np_t,) the free parameters of this trial's chain where they were formed
+    coefficients: Array  # (nn, nq) where they were formed
     eliminated: Elimination
 
     def near(self, values: Array, coefficients: Array) -> bool:
@@ -73,13 +69,10 @@ class Matrices:
 class MotionState:
     """One trial at the joint parameters last visited."""
 
-    coefficients: Array
-    """(nn, nq)."""
+    coefficients: Array  # (nn, nq)
     matrices: Matrices
-    cost: float
-    """m^2."""
-    reduced_gradient: Array
-    """(np_t,) half gradient."""
+    cost: float  # m^2
+    reduced_gradient: Array  # (np_t,) half gradient
     converged: bool
 
     @property
@@ -92,8 +85,7 @@ class MotionState:
 class OpenEvaluation(Evaluation):
     """With the gradient by the joint parameters too."""
 
-    by_parameter: Array
-    """(np_t,) half gradient."""
+    by_parameter: Array  # (np_t,) half gradient
 
 
 class OpenMotion:
@@ -172,12 +164,9 @@ class ReducedState:
 
     p: Array
     trials: tuple[MotionState, ...]
-    cost: float
-    """m^2 (as shares have no unit), markers only."""
-    hessian: Array
-    """(np, np) S of the markers."""
-    gradient: Array
-    """(np,) half gradient of the markers."""
+    cost: float  # m^2 (as shares have no unit), markers only
+    hessian: Array  # (np, np) S of the markers
+    gradient: Array  # (np,) half gradient of the markers
 
 
 class ReducedProblem:

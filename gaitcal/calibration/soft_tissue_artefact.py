@@ -57,12 +57,9 @@ from gaitcal.motion.trial_problem import MotionProblem
 class ArtefactSize:
     """Standard deviations over a task, of each component."""
 
-    shift: float
-    """m, of all markers together."""
-    turn: float
-    """rad, of all markers together."""
-    own: float
-    """m, of every marker by itself."""
+    shift: float  # m, of all markers together
+    turn: float  # rad, of all markers together
+    own: float  # m, of every marker by itself
 
 
 SIZES: Mapping[str, ArtefactSize] = {
@@ -85,14 +82,10 @@ cadavers that flex by 60 degrees turn by 0.8 (trans) and 0.4 degrees (front) RMS
 Walker et al., J Biomech 21:965-974, 1988)."""
 CUBE_SHARE = 0.25
 """Part of these sizes that goes with the cube. The same polynomials have 0.04 and less; walking adds load."""
-LOG_SPREAD = 0.7
-"""Standard deviation of ln s among people: their sizes are known to a factor of two."""
-SEGMENT_SPREAD = 0.7
-"""The same of ln s_j about ln s among the segments of a person."""
-SCALES = np.geomspace(0.005, 4.0, 41)
-"""Values of s looked at."""
-SQUARES = "^2"
-"""Ends the name of a regressor psi^2."""
+LOG_SPREAD = 0.7  # Standard deviation of ln s among people: their sizes are known to a factor of two
+SEGMENT_SPREAD = 0.7  # The same of ln s_j about ln s among the segments of a person
+SCALES = np.geomspace(0.005, 4.0, 41)  # Values of s looked at
+SQUARES = "^2"  # Ends the name of a regressor psi^2
 GAIT = "gait"
 """Kind of task of a walk; that of isolated trials has their joint's name, that of any other activity its own."""
 LEAST_SQUARES = 0.01
@@ -310,10 +303,8 @@ def _noise(errors: Array, psi: Array, directions: int, least: float) -> float:
 class TissuePrior:
     """The columns of all kinds of task, and how large they may be."""
 
-    keys: tuple[str, ...]
-    """`kind/regressor/segment/component`."""
-    covariance: Array
-    """(nz, nz) m^2, m rad, rad^2."""
+    keys: tuple[str, ...]  # `kind/regressor/segment/component`
+    covariance: Array  # (nz, nz) m^2, m rad, rad^2
 
 
 NO_TISSUE = TissuePrior((), np.zeros((0, 0)))
@@ -346,14 +337,10 @@ def secondary_prior(trials: Sequence[MotionProblem]) -> TissuePrior:
 class TaskTissue:
     """What may move the markers of each trial against their bones, and how far."""
 
-    kinds: Mapping[str, str]
-    """Trial -> kind of task."""
-    regressors: Mapping[str, Mapping[str, Array]]
-    """Trial -> coordinate -> (nf,) psi of the joints that its task moves."""
-    scales: Mapping[str, SoftTissueScale]
-    """Kind of task -> how soft the person is there."""
-    secondary: Mapping[str, soft_tissue.SecondaryColumns]
-    """Trial of gait -> what knees do besides flexing."""
+    kinds: Mapping[str, str]  # Trial -> kind of task
+    regressors: Mapping[str, Mapping[str, Array]]  # Trial -> coordinate -> (nf,) psi of the joints that its task moves
+    scales: Mapping[str, SoftTissueScale]  # Kind of task -> how soft the person is there
+    secondary: Mapping[str, soft_tissue.SecondaryColumns]  # Trial of gait -> what knees do besides flexing
 
     def of(
         self, name: str, problem: MotionProblem, known: Collection[str] | None = None

@@ -116,12 +116,9 @@ class ErringForces:
 class Variances:
     """Of the forces of some frames, then of the powers and moments that follow (`kinetic_slopes`)."""
 
-    torques: dict[measurement_errors.ErrorSource, Array]
-    """(frames, 29) by source."""
-    kinetics: Array
-    """(frames, 91) of all sources together."""
-    own: Array
-    """(frames, 91) of the trial's own markers."""
+    torques: dict[measurement_errors.ErrorSource, Array]  # (frames, 29) by source
+    kinetics: Array  # (frames, 91) of all sources together
+    own: Array  # (frames, 91) of the trial's own markers
 
     def add(self, source: measurement_errors.ErrorSource, variance: Array) -> None:
         """Count a further source, (frames, 120)."""

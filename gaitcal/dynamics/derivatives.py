@@ -38,8 +38,7 @@ from gaitcal.model.chain import chain_of
 from gaitcal.model.linkage import COORDINATES
 from gaitcal.model.parameters import MASSIVE_SEGMENTS, Parameters, table
 
-FRAMES_AT_ONCE = 128
-"""Keeps the working set in the processor's cache."""
+FRAMES_AT_ONCE = 128  # Keeps the working set in the processor's cache
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -49,14 +48,10 @@ class ForceDerivatives:
     N·m or N per m, rad, and their rates.
     """
 
-    by_position: Array
-    """(nf, n, nq)."""
-    by_velocity: Array
-    """(nf, n, nq)."""
-    by_acceleration: Array
-    """(nf, n, nq)."""
-    by_parameter: Array
-    """(nf, n, np), in the order of `free`."""
+    by_position: Array  # (nf, n, nq)
+    by_velocity: Array  # (nf, n, nq)
+    by_acceleration: Array  # (nf, n, nq)
+    by_parameter: Array  # (nf, n, np), in the order of `free`
     free: tuple[str, ...]
 
 
@@ -64,10 +59,8 @@ class ForceDerivatives:
 class RootResidual(ForceDerivatives):
     """Residual wrench at the pelvis, n = 6, N and N·m, with its derivatives."""
 
-    value: Array
-    """(nf, 6)."""
-    regressor: Array
-    """(nf, 6, 120) by the dynamic parameters of the 12 massive segments."""
+    value: Array  # (nf, 6)
+    regressor: Array  # (nf, 6, 120) by the dynamic parameters of the 12 massive segments
 
 
 def force_derivatives(

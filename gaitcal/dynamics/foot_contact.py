@@ -26,20 +26,14 @@ from gaitcal.io.labels import FootEvent, FootMoment, times_of
 from gaitcal.io.recording import ForcePlate, duration, runs, spans
 from gaitcal.model.linkage import SIDES
 
-RESTING = 0.4
-"""m/s: a heel or toe slower than this is down; in swing both move faster, also in slow gait."""
-SLOWEST_BELT = 0.05
-"""m/s: what heels and toes of feet that roll over a floor, and still ones, may seem to move by."""
-SLOWEST_SWING = 0.25
-"""m/s against the belt that a foot in swing exceeds, as in `gait/events.py`."""
-SWINGING = 0.9
-"""Share of the moments of all points below the speed that some swing must exceed."""
-EDGE = 0.08
-"""s by which resting and loading of a plate may differ at the beginning and end of one contact."""
+RESTING = 0.4  # m/s: a heel or toe slower than this is down; in swing both move faster, also in slow gait
+SLOWEST_BELT = 0.05  # m/s: what heels and toes of feet that roll over a floor, and still ones, may seem to move by
+SLOWEST_SWING = 0.25  # m/s against the belt that a foot in swing exceeds, as in `gait/events.py`
+SWINGING = 0.9  # Share of the moments of all points below the speed that some swing must exceed
+EDGE = 0.08  # s by which resting and loading of a plate may differ at the beginning and end of one contact
 LANDING, LEAVING = 0.05, 0.10
 """s before a foot on the floor rests, and after, in which it may be loaded already, or still."""
-SAME_EVENT = 0.1
-"""s: an event this near to the beginning or end of a contact is of that contact."""
+SAME_EVENT = 0.1  # s: an event this near to the beginning or end of a contact is of that contact
 BELIEVED = 0.05
 """s by which an event may miss the loading of a plate; one that misses it by more, and none of the file is used."""
 
@@ -48,18 +42,12 @@ BELIEVED = 0.05
 class FootPoints:
     """Heel and toe of both feet, from the tracked model: order right, left."""
 
-    heel: Array
-    """(nf, 2, 3) m."""
-    toe: Array
-    """(nf, 2, 3) m."""
-    tip: Array
-    """(nf, 2, 3) m, the foremost point of the sole."""
-    heel_speed: Array
-    """(nf, 2) m/s, against the ground."""
-    toe_speed: Array
-    """(nf, 2) m/s, against the ground."""
-    width: float = 0.0
-    """m, of the sole where it is widest; 0: not known, a line from heel to tip."""
+    heel: Array  # (nf, 2, 3) m
+    toe: Array  # (nf, 2, 3) m
+    tip: Array  # (nf, 2, 3) m, the foremost point of the sole
+    heel_speed: Array  # (nf, 2) m/s, against the ground
+    toe_speed: Array  # (nf, 2) m/s, against the ground
+    width: float = 0.0  # m, of the sole where it is widest; 0: not known, a line from heel to tip
     ground: Array = field(default_factory=lambda: np.zeros((2, 3)))
     """(2, 3) m/s, how the ground moves under each foot: zero on a floor, its belt's velocity on a treadmill."""
 
@@ -167,33 +155,26 @@ def agree(events: Sequence[FootEvent], loaded: BoolArray, time: Array) -> bool:
     return bool(gaps) and max(gaps) <= BELIEVED
 
 
-FOOT_BREADTH = 0.055
-"""Of body height (Winter 2009)."""
+FOOT_BREADTH = 0.055  # Of body height (Winter 2009)
 HEEL_M = 0.015
 """From the middle of a marker on the back of the heel to where the sole meets the ground: half a marker, and the
 rounding of the heel."""
 SHAPE = ((0.0, 0.15, 0.35, 0.7, 0.9, 1.0), (0.4, 0.65, 0.65, 1.0, 0.85, 0.45))
 """How far from heel to tip, and how wide there, of the greatest width."""
-LENGTHWISE, ACROSS = 15, 5
-"""Cells."""
-GAP_M = 0.01
-"""Plates no further apart than this touch, and what lies as near to a plate is on it: markers tell no less."""
+LENGTHWISE, ACROSS = 15, 5  # Cells
+GAP_M = 0.01  # Plates no further apart than this touch, and what lies as near to a plate is on it: markers tell no less
 
 
 @dataclass(frozen=True, kw_only=True)
 class SoleCells:
     """One foot in some frames."""
 
-    cells: Array
-    """(nf, n, 3) m, middles of the cells."""
-    share: Array
-    """(n,) of the sole's area; they sum to 1."""
+    cells: Array  # (nf, n, 3) m, middles of the cells
+    share: Array  # (n,) of the sole's area; they sum to 1
     resting: BoolArray
     """(nf, n) the half of the sole to which a cell belongs is on the ground, as heel or toe moves with it."""
-    rear: BoolArray
-    """(n,) cells of the half that belongs to the heel; the others belong to the toes."""
-    forward: Array
-    """(nf, 2) unit vectors from heel to tip, x and z of the laboratory."""
+    rear: BoolArray  # (n,) cells of the half that belongs to the heel; the others belong to the toes
+    forward: Array  # (nf, 2) unit vectors from heel to tip, x and z of the laboratory
 
     def beside(self, plates: Sequence[ForcePlate]) -> BoolArray:
         """(nf, n) cells beside all of these plates, which have corners; those that touch are one surface."""
@@ -245,14 +226,11 @@ def sole_of(feet: FootPoints, foot: int, frames: slice) -> SoleCells:
     return SoleCells(cells=cells, share=area / area.sum(), resting=resting, rear=rear, forward=forward)
 
 
-UNDER_FOOT = 0.15
-"""m: largest distance of the centre of pressure from the line heel-toe of the foot that it belongs to."""
-SEAT_ABOVE_M = 0.25
-"""A plate that lies higher above the lower heel is no step: stairs rise by 0.2 m at most."""
+UNDER_FOOT = 0.15  # m: largest distance of the centre of pressure from the line heel-toe of the foot that it belongs to
+SEAT_ABOVE_M = 0.25  # A plate that lies higher above the lower heel is no step: stairs rise by 0.2 m at most
 FEWEST_IN_TURN = 3
 """Times that feet stand on a plate in turn, from which nobody merely steps from one foot to the other."""
-SHORTEST = 0.05
-"""s: a shorter loading is a knock, not a step."""
+SHORTEST = 0.05  # s: a shorter loading is a knock, not a step
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -260,23 +238,18 @@ class Loading:
     """One plate under load, given to one foot."""
 
     plate: ForcePlate
-    foot: int
-    """0 right, 1 left."""
+    foot: int  # 0 right, 1 left
     frames: slice
-    point: Array
-    """(n, 3) m, centre of pressure at these frames."""
-    load: Array
-    """(n,) N, vertical force at these frames."""
+    point: Array  # (n, 3) m, centre of pressure at these frames
+    load: Array  # (n,) N, vertical force at these frames
 
 
 @dataclass(frozen=True, kw_only=True)
 class Step(Loading):
     """A loading of the tracked motion."""
 
-    wrench: Array
-    """(nf, 6) of the plate at all frames of the trial, not filtered."""
-    words: str
-    """Plate and time, for messages."""
+    wrench: Array  # (nf, 6) of the plate at all frames of the trial, not filtered
+    words: str  # Plate and time, for messages
 
     def wrench_in(self, frames: slice) -> Array:
         """(n, 6) its wrench in some frames, zero outside of it."""

@@ -31,8 +31,7 @@ from gaitcal.runtime import with_one_blas_thread
 
 _OF_LEG = tuple(dict.fromkeys(f"{name.split('_')[0]}_" for name in coordinates.LEG_COORDINATES))
 """How the names of what belongs to a leg begin."""
-SPLINE_ENDS = 2
-"""Knot spans at either end of a trial whose accelerations nothing before or after supports; not valid."""
+SPLINE_ENDS = 2  # Knot spans at either end of a trial whose accelerations nothing before or after supports; not valid
 FORCE_HZ = 50.0
 """Filter of the plates unless told otherwise. RMS errors of leg torques on synthetic walks whose truth is known, true
 model, mean of three seeds, N·m (50 Hz, filtered like the motion, not filtered): impacts that shake the whole body
@@ -41,14 +40,10 @@ model, mean of three seeds, N·m (50 Hz, filtered like the motion, not filtered)
 """
 SMOOTHED_ENDS = 0.5
 """Oscillations at f at either end of a smoothed motion whose accelerations lean on one side only; not valid."""
-CONTRADICTION = 0.25
-"""Of body weight: vertical residuals above this are told, and left in; subject01's largest is 0.11."""
-FALLING = 0.5
-"""Of gravity, by which heel and toe of a foot accelerate downwards together that is in the air."""
-SITTING_DEG = 60.0
-"""Lean of the thighs from the vertical; standing: up to 10 degrees, crouching children up to 40."""
-SEAT = 0.05
-"""Of body weight: what is left of it on the seat that somebody rises from; residuals are as large."""
+CONTRADICTION = 0.25  # Of body weight: vertical residuals above this are told, and left in; subject01's largest is 0.11
+FALLING = 0.5  # Of gravity, by which heel and toe of a foot accelerate downwards together that is in the air
+SITTING_DEG = 60.0  # Lean of the thighs from the vertical; standing: up to 10 degrees, crouching children up to 40
+SEAT = 0.05  # Of body weight: what is left of it on the seat that somebody rises from; residuals are as large
 CONTRADICTED = "the plates' vertical force is not what the motion asks for"
 CONTRADICTION_S = 0.05
 """s that they must last: the impact of a heel, over in 10 to 20 ms (Whittle 1999), is more than a motion can show."""

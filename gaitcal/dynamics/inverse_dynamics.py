@@ -32,8 +32,7 @@ from gaitcal.model.subject_model import GRAVITY, SubjectModel
 from gaitcal.motion.motion import Motion
 from gaitcal.runtime import with_one_blas_thread
 
-FEET: tuple[str, ...] = ("foot_r", "foot_l")
-"""Order of the second axis of every array of foot wrenches."""
+FEET: tuple[str, ...] = ("foot_r", "foot_l")  # Order of the second axis of every array of foot wrenches
 FORCES: tuple[str, ...] = (*linkage.COORDINATES, *linkage.REACTIONS)
 """Order of the 29 generalised forces of a frame: the 27 coordinates, then the two knee reactions."""
 ORDER = tuple(
@@ -42,18 +41,15 @@ ORDER = tuple(
     for e in part
 )
 """Every turn and slide of the linkage, each after what moves it."""
-SKEW = np.zeros((3, 3, 3))
-"""SKEW[i, j, k] x_k is entry (i, j) of the matrix of x x."""
+SKEW = np.zeros((3, 3, 3))  # SKEW[i, j, k] x_k is entry (i, j) of the matrix of x x
 for _i in range(3):
     SKEW[_i, (_i + 1) % 3, (_i + 2) % 3], SKEW[_i, (_i + 2) % 3, (_i + 1) % 3] = -1.0, 1.0
 OF_INERTIA = np.zeros((3, 6, 3))
 """OF_INERTIA[i, j, k] x_k is entry (i, j) of I x by the six moments and products I (xx, xy, yy, xz, yz, zz)."""
 for _n, (_i, _j) in enumerate(((0, 0), (0, 1), (1, 1), (0, 2), (1, 2), (2, 2))):
     OF_INERTIA[_i, _n, _j] = OF_INERTIA[_j, _n, _i] = 1.0
-BLOCK = 500
-"""Frames at a time: a treadmill's trial may last for minutes."""
-UPWARDS = np.array([0.0, GRAVITY, 0.0, 0.0, 0.0, 0.0])
-"""m/s^2, gravity as an acceleration of the ground."""
+BLOCK = 500  # Frames at a time: a treadmill's trial may last for minutes
+UPWARDS = np.array([0.0, GRAVITY, 0.0, 0.0, 0.0, 0.0])  # m/s^2, gravity as an acceleration of the ground
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -56,8 +56,7 @@ from gaitcal.model.subject_model import SubjectModel
 from gaitcal.motion.motion import Motion
 from gaitcal.runtime import with_one_blas_thread
 
-BLOCK = 500
-"""Frames at a time."""
+BLOCK = 500  # Frames at a time
 
 
 class MomentFrame(Enum):
@@ -88,14 +87,11 @@ VECTOR_FRAMES = (MomentFrame.PROXIMAL, MomentFrame.DISTAL, MomentFrame.JCS)
 class NetJoint:
     """Two segments, and the three turns through the centre of the joint between them."""
 
-    name: str
-    """`hip_r`."""
+    name: str  # `hip_r`
     proximal: str
     distal: str
-    turns: tuple[str, str, str]
-    """Coordinates, a reaction, joint parameters, in their order along the linkage."""
-    components: tuple[str, str, str]
-    """Names of the moments about z, x and y."""
+    turns: tuple[str, str, str]  # Coordinates, a reaction, joint parameters, in their order along the linkage
+    components: tuple[str, str, str]  # Names of the moments about z, x and y
     signs: tuple[float, float, float]
     """About z, x and y: in the sense of the coordinates, which mean the same on both sides."""
 
@@ -134,8 +130,7 @@ NET_JOINTS = (
 """Legs, right and left, then the back: the order of every array of joint moments."""
 HELD: tuple[str, ...] = tuple(name for joint in NET_JOINTS for name in joint.turns if name in JP_INDEX)
 """Joint parameters among their turns, as `Dynamics` takes them."""
-ALL_FORCES: tuple[str, ...] = (*FORCES, *HELD)
-"""The 35 generalised forces that the moments follow from."""
+ALL_FORCES: tuple[str, ...] = (*FORCES, *HELD)  # The 35 generalised forces that the moments follow from
 COMPONENTS: tuple[str, ...] = tuple(name for joint in NET_JOINTS for name in joint.components)
 """Name of every component, joint by joint: `hip_flexion_r`, `knee_rotation_r`, `ankle_inversion_r`."""
 
@@ -275,14 +270,10 @@ def joint_kinetics(model: SubjectModel, motion: Motion, forces: Array) -> JointK
 class MomentSlopes:
     """Moments of all joints and what they depend on; rows run over joint, frame (`VECTOR_FRAMES`), component."""
 
-    values: Array
-    """(nf, 63) N·m."""
-    by_force: Array
-    """(nf, 63, 35) per generalised force (`ALL_FORCES`), posture and joint parameters staying."""
-    by_position: Array
-    """(nf, 63, nq) per coordinate, generalised forces staying."""
-    by_parameter: Array
-    """(nf, 63, np) per free joint parameter, generalised forces staying; in the order of the chain."""
+    values: Array  # (nf, 63) N·m
+    by_force: Array  # (nf, 63, 35) per generalised force (`ALL_FORCES`), posture and joint parameters staying
+    by_position: Array  # (nf, 63, nq) per coordinate, generalised forces staying
+    by_parameter: Array  # (nf, 63, np) per free joint parameter, generalised forces staying; in the order of the chain
     by_turn: dict[str, Array]
     """Segment -> (nf, 63, 3) per turn of its axes in the laboratory (rad), bodies and joints staying."""
 
@@ -348,16 +339,11 @@ class KineticSlopes:
     Rows run over these quantities.
     """
 
-    by_force: Array
-    """(nf, 120, 35) L, per generalised force (`ALL_FORCES`)."""
-    by_position: Array
-    """(nf, 120, nq), generalised forces staying; so are the following."""
-    by_velocity: Array
-    """(nf, 120, nq)."""
-    by_parameter: Array
-    """(nf, 120, np) per free joint parameter."""
-    by_turn: dict[str, Array]
-    """Segment -> (nf, 63, 3), of the moments per turn of that segment's axes."""
+    by_force: Array  # (nf, 120, 35) L, per generalised force (`ALL_FORCES`)
+    by_position: Array  # (nf, 120, nq), generalised forces staying; so are the following
+    by_velocity: Array  # (nf, 120, nq)
+    by_parameter: Array  # (nf, 120, np) per free joint parameter
+    by_turn: dict[str, Array]  # Segment -> (nf, 63, 3), of the moments per turn of that segment's axes
 
     def moved(self, forces: Array, velocity: Array, turns: dict[str, Array]) -> Array:
         """(nf, 120, k) what errors in the direction of segments' axes make, in k columns.

@@ -73,10 +73,8 @@ PALPATED_DEG: Mapping[str, tuple[float, float, float]] = {
     row.name: row.palpated for row in linkage.SEGMENT_TABLE.values() if row.palpated
 }
 """Segment -> deg, standard deviations of turns about its x, y and z axis. A talus has no landmarks, and no error."""
-EXACT: Mapping[str, tuple[float, float, float]] = {}
-"""Axes that are where they are by definition."""
-BLOCK = 500
-"""Frames at a time."""
+EXACT: Mapping[str, tuple[float, float, float]] = {}  # Axes that are where they are by definition
+BLOCK = 500  # Frames at a time
 
 _ORIENTATIONS = tuple(p.name for p in JOINT_PARAMETERS if p.kind is Kind.ORIENTATION)
 
@@ -87,8 +85,7 @@ class _Crossing:
 
     parent: str | None
     child: str
-    turns: tuple[str, ...]
-    """Coordinates, joint parameters and the locked reaction, in their order."""
+    turns: tuple[str, ...]  # Coordinates, joint parameters and the locked reaction, in their order
 
     @property
     def absorbing(self) -> tuple[str, ...]:
@@ -282,14 +279,10 @@ OUTSIDE_SHARE = 0.1
 class PlateErrors:
     """Standard deviations of what force plates say."""
 
-    place: float
-    """m, of a plate's place along each axis."""
-    gain: float
-    """Of 1."""
-    clock: float
-    """s, plates against cameras."""
-    turn: float = 0.0
-    """rad, of a plate about the vertical."""
+    place: float  # m, of a plate's place along each axis
+    gain: float  # Of 1
+    clock: float  # s, plates against cameras
+    turn: float = 0.0  # rad, of a plate about the vertical
 
     @staticmethod
     def of(table: PlateErrorTable) -> "PlateErrors":

@@ -49,34 +49,26 @@ SAME_M = 0.02
 """m within which two plates under two feet report one centre of pressure; a foot is three to five times as broad."""
 EQUAL_M = 0.001
 """m, the same of two plates that are given to one foot: it may really press on both sides of their border."""
-MOSTLY = 0.8
-"""Of the frames in which both plates are loaded."""
+MOSTLY = 0.8  # Of the frames in which both plates are loaded
 DIVIDED = (
     "both plates report one centre of pressure, between the feet: the total force was divided, not measured under each "
     "foot"
 )
-DIRECTIONS = 240
-"""Unit vectors in the floor; a distance from an edge 0.26 m long is short by at most 2 mm."""
-MOST_BESIDE = 0.10
-"""Of the area of a half of the sole: 17 mm of a heel."""
+DIRECTIONS = 240  # Unit vectors in the floor; a distance from an edge 0.26 m long is short by at most 2 mm
+MOST_BESIDE = 0.10  # Of the area of a half of the sole: 17 mm of a heel
 REACH_ALONG, REACH_ACROSS = 0.04, 0.02
 """m along and across the foot within which the pressure is spread round its centre."""
-OFF_SOLE_M = 0.03
-"""A centre of pressure further from the sole is not of this foot alone."""
-OFF_SOLE_SHARE = 0.1
-"""Share of the frames in which it must be, as the centre of a small load is noise."""
+OFF_SOLE_M = 0.03  # A centre of pressure further from the sole is not of this foot alone
+OFF_SOLE_SHARE = 0.1  # Share of the frames in which it must be, as the centre of a small load is noise
 
 
 @dataclass(frozen=True, kw_only=True)
 class Place:
     """Where the centre of pressure of one loading lies against the outline of what presses on its plate."""
 
-    away: Array
-    """(n,) m outside, negative inside; -inf where a foot is not seen."""
-    way: Array
-    """(n, 2) unit vector, x and z of the laboratory: outwards."""
-    allowed: Array
-    """(n,) m."""
+    away: Array  # (n,) m outside, negative inside; -inf where a foot is not seen
+    way: Array  # (n, 2) unit vector, x and z of the laboratory: outwards
+    allowed: Array  # (n,) m
 
     @property
     def outside(self) -> BoolArray:

@@ -31,21 +31,15 @@ from gaitcal.motion.motion import MarkerErrors, Motion
 
 LIMIT_M = 0.02
 """Residuals of clean recordings exceed their median by up to 29 mm, but never begin or end that within a frame."""
-LIGHT_LIMIT_M = 0.03
-"""The same for markers of trunk and arms, whose joints are crude."""
-JUMP = 0.5
-"""Share of its excess by which the residual changes within a frame at an end of a stretch."""
+LIGHT_LIMIT_M = 0.03  # The same for markers of trunk and arms, whose joints are crude
+JUMP = 0.5  # Share of its excess by which the residual changes within a frame at an end of a stretch
 SHORTEST_FRAMES = 3
 DISPLACED_M, LIGHT_DISPLACED_M = 0.05, 0.20
 """Median residual of a marker that is elsewhere throughout; clean ones reach 35 mm on legs, 136 mm on arms."""
-WORSE = 3.0
-"""Times the median of its segment's other markers."""
-NEARER = 0.5
-"""Of the present distances, from which two markers are taken as exchanged."""
-REFUSED_M = 0.05
-"""A stretch so far off is an error for a marker of full weight on pelvis and legs."""
-FULL_WEIGHT = 0.5
-"""Weight from which a marker is meant to be met."""
+WORSE = 3.0  # Times the median of its segment's other markers
+NEARER = 0.5  # Of the present distances, from which two markers are taken as exchanged
+REFUSED_M = 0.05  # A stretch so far off is an error for a marker of full weight on pelvis and legs
+FULL_WEIGHT = 0.5  # Weight from which a marker is meant to be met
 _LIMITS = {name: row.limits for name, row in coordinates.COORDINATE_TABLE.items() if row.limits}
 ANGLES_DEG: Mapping[str, tuple[float, float]] = {name: x.angle for name, x in _LIMITS.items() if x.angle}
 """Coordinate of a leg -> smallest and largest angle."""
@@ -67,19 +61,13 @@ another person's: their offsets change by up to 36 deg on clean recordings."""
 class TrackedMarkers:
     """Markers of a tracked trial."""
 
-    name: str
-    """Of the trial."""
-    time: Array
-    """(nf,) s."""
+    name: str  # Of the trial
+    time: Array  # (nf,) s
     labels: tuple[str, ...]
-    segments: tuple[str, ...]
-    """Of each marker."""
-    weight: Array
-    """(nm,)."""
-    measured: Array
-    """(nf, nm, 3) m; NaN where not seen."""
-    model: Array
-    """(nf, nm, 3) m."""
+    segments: tuple[str, ...]  # Of each marker
+    weight: Array  # (nm,)
+    measured: Array  # (nf, nm, 3) m; NaN where not seen
+    model: Array  # (nf, nm, 3) m
 
     @property
     def distance(self) -> Array:
@@ -213,8 +201,7 @@ class _Broken:
     """A quantity beyond its limit."""
 
     words: str
-    times: float
-    """In units of the limit."""
+    times: float  # In units of the limit
     frames: BoolArray
 
 

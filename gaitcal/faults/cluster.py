@@ -33,35 +33,26 @@ USUAL_HEIGHT_M = 1.75
 """Clean recordings from which limits in metres are taken are of people up to about this height: taller ones have
 longer ways between markers, and those grow with them."""
 UP = np.array([0.0, 1.0, 0.0])
-FEWEST = 3
-"""Points that tell how a segment is turned."""
-SEEN_SHARE, SEEN_FRAMES = 0.1, 5
-"""A marker seen in fewer frames takes no part."""
-MOST_FRAMES = 150
-"""Frames, spread over the trial, from which the shape is found."""
-ROUNDS = 4
-"""Of the shape: from a start 30 mm off it is then still within 0.1 mm."""
-HIP_CENTRE = "hip centre"
-"""Name of the point that a thigh borrows."""
+FEWEST = 3  # Points that tell how a segment is turned
+SEEN_SHARE, SEEN_FRAMES = 0.1, 5  # A marker seen in fewer frames takes no part
+MOST_FRAMES = 150  # Frames, spread over the trial, from which the shape is found
+ROUNDS = 4  # Of the shape: from a start 30 mm off it is then still within 0.1 mm
+HIP_CENTRE = "hip centre"  # Name of the point that a thigh borrows
 SEGMENTS = ("pelvis", *(f"{part}_{side}" for part in ("thigh", "shank", "foot") for side in linkage.SIDES))
-LENDER = {"shank": "knee_lat", "foot": "ankle_lat"}
-"""Segment -> the landmark above it that it may borrow."""
+LENDER = {"shank": "knee_lat", "foot": "ankle_lat"}  # Segment -> the landmark above it that it may borrow
 
 
 @dataclass(frozen=True)
 class Stance:
     """The static posture of pelvis and legs."""
 
-    points: Mapping[str, Mapping[str, Array]]
-    """Segment -> marker -> (3,) m."""
+    points: Mapping[str, Mapping[str, Array]]  # Segment -> marker -> (3,) m
     centres: Mapping[str, Array] = field(default_factory=dict)
     """`hip_r`, `knee_r`, `ankle_r`, ... -> (3,) m; empty where nothing can be said across joints."""
     knee_axes: Mapping[str, Array] = field(default_factory=dict)
     """`knee_r`, `knee_l` -> (3,) from the medial to the lateral epicondyle on the right, the other way on the left."""
-    landmarks: Mapping[str, Array] = field(default_factory=dict)
-    """(3,) m, of the marker set's landmarks that were seen."""
-    size: float = 1.0
-    """Of the person, by which limits in metres grow: height over the usual, at least 1."""
+    landmarks: Mapping[str, Array] = field(default_factory=dict)  # (3,) m, of the marker set's landmarks that were seen
+    size: float = 1.0  # Of the person, by which limits in metres grow: height over the usual, at least 1
 
     @classmethod
     def of_recording(
@@ -128,28 +119,18 @@ class Cluster:
     """The markers of a segment in a trial."""
 
     segment: str
-    labels: tuple[str, ...]
-    """(n,) markers; the last may be borrowed."""
-    borrowed: bool
-    """Whether the last point belongs to the segment above."""
+    labels: tuple[str, ...]  # (n,) markers; the last may be borrowed
+    borrowed: bool  # Whether the last point belongs to the segment above
     reduced: bool
     """Whether it borrows though the static trial has enough markers: some have no weight, or are missing here."""
-    static: Array
-    """(n, 3) m, s."""
-    shape: Array
-    """(n, 3) m, m, laid on s."""
-    rotation: Array
-    """(nf, 3, 3) R: from the static posture to the frame."""
-    origin: Array
-    """(nf, 3) m, o."""
-    away: Array
-    """(nf, n, 3) m, from the mean place, in static axes; NaN where the marker or the segment is not seen."""
-    size: float
-    """Of the person, by which limits in metres grow."""
-    determined: BoolArray
-    """(nf,) whether three points not on a line were seen."""
-    loose: tuple[int, ...] = ()
-    """Its own markers that mark no landmark: what is worn as a cluster."""
+    static: Array  # (n, 3) m, s
+    shape: Array  # (n, 3) m, m, laid on s
+    rotation: Array  # (nf, 3, 3) R: from the static posture to the frame
+    origin: Array  # (nf, 3) m, o
+    away: Array  # (nf, n, 3) m, from the mean place, in static axes; NaN where the marker or the segment is not seen
+    size: float  # Of the person, by which limits in metres grow
+    determined: BoolArray  # (nf,) whether three points not on a line were seen
+    loose: tuple[int, ...] = ()  # Its own markers that mark no landmark: what is worn as a cluster
 
     @cached_property
     def strayed(self) -> Array:

@@ -40,8 +40,7 @@ STEADY_M, STEADY_RATIO, JITTER_M = 0.007, 4.0, 0.0015
 REDUCED = 1.6
 """Factor of the offset where a cluster of a large set borrows from the segment above, whose skin moves otherwise; sets
 that always borrow stay within the limits without it."""
-SPREAD = 3.0
-"""A limit is taken as so many standard deviations."""
+SPREAD = 3.0  # A limit is taken as so many standard deviations
 PRICE = {"marker": 12.0, "labels": 4.0, "mirrored": 12.0, "cluster": 12.0, "loose": 18.0}
 """Of an explanation. A marker's way is three free quantities that the cluster tells sharply, a cluster's motion and a
 mirror's plane are six and three that the joints tell roughly: by chance they gain about as much. A cluster that left
@@ -49,20 +48,16 @@ the landmarks of its segment behind looks like one of these that moved: odds of 
 CERTAIN = {"marker": 5.0, "labels": 4.0, "mirrored": 4.0, "cluster": 4.0}
 """Saving from which a cause is told though no single quantity exceeds its limit. On 91 clean trials of 20 people no
 marker saves more than 2.0, no cluster more than 0.1, no exchange anything."""
-LIKELY = -6.0
-"""Saving from which a cause is taken for the quantities that exceed their limits."""
+LIKELY = -6.0  # Saving from which a cause is taken for the quantities that exceed their limits
 WAY_M = 0.04
 """Spread of the ways that markers go when they are put on again or lie elsewhere: a longer one is the less likely."""
-ALIKE_M = 0.008
-"""Two markers whose exchange moves neither by more are not told apart by it."""
+ALIKE_M = 0.008  # Two markers whose exchange moves neither by more are not told apart by it
 SLID_WEIGHT = 1e-3
 """Weight of the markers of a cluster that moved as a whole: enough to tell its flexion, which joints leave free."""
-MIRRORED = 0.5
-"""Share of the offsets that a reflection may leave."""
+MIRRORED = 0.5  # Share of the offsets that a reflection may leave
 MOST_CAUSES = 4
 
-Pose = tuple[Array, Array]
-"""Rotation (3, 3) and shift (3,) m."""
+Pose = tuple[Array, Array]  # Rotation (3, 3) and shift (3,) m
 NO_MOTION: Pose = (np.eye(3), np.zeros(3))
 
 
@@ -81,19 +76,14 @@ class Contradiction:
     """One cause, and what it does."""
 
     fault: Fault
-    segment: str
-    """For an unknown cause the joint at which it is seen."""
+    segment: str  # For an unknown cause the joint at which it is seen
     labels: tuple[str, ...] = ()
-    turn: float
-    """rad, by which the segment's pose is wrong."""
-    shift: float
-    """m, by which the pose carries a joint centre away."""
+    turn: float  # rad, by which the segment's pose is wrong
+    shift: float  # m, by which the pose carries a joint centre away
     direction: Array
     """(3,) m, forward, up, to the right: offset of the marker, of the largest one, or by which a cluster slid."""
-    excess: float
-    """How many times the limits were exceeded, the worst."""
-    seen_at: tuple[str, ...]
-    """Segments and joints that exceeded their limits."""
+    excess: float  # How many times the limits were exceeded, the worst
+    seen_at: tuple[str, ...]  # Segments and joints that exceeded their limits
     rivals: tuple[str, ...] = ()
     """Markers of which one elsewhere would look alike: the other one of a segment that has two."""
 
@@ -107,10 +97,8 @@ class Contradiction:
 class _Explanation:
     fault: Fault
     labels: tuple[str, ...]
-    cost: float
-    """With its price."""
-    pose: Pose
-    """The C that belongs to it."""
+    cost: float  # With its price
+    pose: Pose  # The C that belongs to it
 
 
 def contradictions(clusters: Mapping[str, Cluster], links: Mapping[str, JointLink]) -> tuple[Contradiction, ...]:
@@ -132,10 +120,8 @@ def contradictions(clusters: Mapping[str, Cluster], links: Mapping[str, JointLin
 class PossibleMove:
     """How far the pose of a segment may be wrong by what markers did since the static trial: standard deviations."""
 
-    turn: Array
-    """(3,) rad, about forward, up, to the right in the static posture."""
-    shift: float
-    """m, at its joints."""
+    turn: Array  # (3,) rad, about forward, up, to the right in the static posture
+    shift: float  # m, at its joints
 
 
 def possible_moves(clusters: Mapping[str, Cluster], links: Mapping[str, JointLink]) -> dict[str, PossibleMove]:
@@ -163,8 +149,7 @@ class _Body:
     links: Mapping[str, JointLink]
     pose: dict[str, Pose] = field(default_factory=dict)
     """Segment -> rigid motion that puts its mean shape where it belongs, where that is not the nearest."""
-    cleared: dict[str, tuple[str, ...]] = field(default_factory=dict)
-    """Segment -> markers that are explained."""
+    cleared: dict[str, tuple[str, ...]] = field(default_factory=dict)  # Segment -> markers that are explained
 
     def explained_by(self, cause: Contradiction, pose: Pose) -> None:
         """Put the pose of a segment right, and leave out what rested on what was wrong with it.

@@ -31,12 +31,9 @@ class MarkerEvidence:
     marker_set: MarkerSet
     subject: Subject
     settings: CalibrationSettings
-    model: SubjectModel | None
-    """Nominal; None where the static trial gives none."""
-    stance: Stance | None = None
-    """The static posture of pelvis and legs; None where there is no model."""
-    outliers: tuple[Outlier, ...] = ()
-    """Markers that the recording lacks where they were metres away from the body."""
+    model: SubjectModel | None  # Nominal; None where the static trial gives none
+    stance: Stance | None = None  # The static posture of pelvis and legs; None where there is no model
+    outliers: tuple[Outlier, ...] = ()  # Markers that the recording lacks where they were metres away from the body
     rebuilding: Rebuilding | None = None
     """Of the static trial that makes the model: markers that it lost, and what other trials gave back."""
 

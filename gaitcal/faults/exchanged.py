@@ -25,27 +25,20 @@ from gaitcal.faults.evidence import NEGLIGIBLE_WEIGHT, MarkerEvidence
 from gaitcal.io.recording import Recording, duration, runs, spans
 from gaitcal.model import linkage, rebuilt_markers
 
-STRANGE_M = 0.02
-"""Cost E above which a label is doubted at all; skin movement stays below that in most frames."""
-FAR_BELOW = 0.5
-"""The other assignment must cost less than this share of the present one."""
+STRANGE_M = 0.02  # Cost E above which a label is doubted at all; skin movement stays below that in most frames
+FAR_BELOW = 0.5  # The other assignment must cost less than this share of the present one
 DECISIVE_M = 0.003
 """Difference of cost, mean over frames, from which lengths decide which side of a jump carries the right labels."""
-BRIDGED_S = 0.1
-"""Gap within which two markers may change places."""
+BRIDGED_S = 0.1  # Gap within which two markers may change places
 JUMP_M = 0.03
 ARMS = ("upper_arm", "forearm_hand")
 FEWEST_OTHERS = 2
 """Others of the segment that must be seen in a frame to say that a marker is where another, unseen one should be: at
 one distance from one marker there are many places."""
-LONG_S = 0.05
-"""Longer than a filter bridges: angles of the segment are wrong by tens of degrees for so long."""
-SHORTEST = 3
-"""Frames of a stretch in which lengths say that labels are exchanged."""
-WRONG_SIDE_M = 0.02
-"""How far a right marker may lie to the left of its left one, as feet may cross."""
-CROSSED_M = 0.06
-"""The same in most frames of an isolated trial, in which one leg may be held across the other."""
+LONG_S = 0.05  # Longer than a filter bridges: angles of the segment are wrong by tens of degrees for so long
+SHORTEST = 3  # Frames of a stretch in which lengths say that labels are exchanged
+WRONG_SIDE_M = 0.02  # How far a right marker may lie to the left of its left one, as feet may cross
+CROSSED_M = 0.06  # The same in most frames of an isolated trial, in which one leg may be held across the other
 LEGS = ("thigh", "shank", "foot")
 
 
@@ -55,10 +48,8 @@ class Exchange:
 
     label: str
     other: str
-    frames: BoolArray
-    """(nf,)."""
-    mutual: bool
-    """False where the other marker was not seen meanwhile."""
+    frames: BoolArray  # (nf,)
+    mutual: bool  # False where the other marker was not seen meanwhile
 
 
 def exchanged(trial: MarkerEvidence) -> Iterator[Finding]:

@@ -28,19 +28,14 @@ PLATES_ELSEWHERE = "the plates, or the markers, are not where the file has them"
 DISORDERS_PRESSURE = ("units", "axes", "sides", "exchanged", "time", "forces")
 """Topics of warnings and errors about what puts centres of pressure off their feet by itself."""
 FEET = ("right", "left")
-FLOOR_M = (-0.03, 0.15)
-"""Height of a resting heel or toe marker above the centre of pressure."""
-LATE_S = 0.08
-"""Difference between the clocks of markers and forces that is told."""
+FLOOR_M = (-0.03, 0.15)  # Height of a resting heel or toe marker above the centre of pressure
+LATE_S = 0.08  # Difference between the clocks of markers and forces that is told
 TOLD_SHARE, TOLD_S = 0.02, 0.03
 """Share of the impulse of a plate under a foot, and s, that must lie outside to be told: landing and lifting off are
 over in 10 to 20 ms (Whittle 1999), and bear less than that share where clocks differ by a few frames."""
-ALIKE = 0.7
-"""Cosine between directions that are told as one."""
-ENDWAYS = 0.7
-"""Cosine with the line of the foot above which a place is behind or in front of it, and not beside it."""
-IN_AIR = 0.5
-"""Of the load outside of a foot: that much while it moves is a matter of clocks, not of places."""
+ALIKE = 0.7  # Cosine between directions that are told as one
+ENDWAYS = 0.7  # Cosine with the line of the foot above which a place is behind or in front of it, and not beside it
+IN_AIR = 0.5  # Of the load outside of a foot: that much while it moves is a matter of clocks, not of places
 
 
 class Feet:
@@ -88,10 +83,8 @@ class Feet:
 class Step(foot_contact.Loading):
     """A plate under load, and the foot whose line from heel to toe is nearest to the centre of pressure."""
 
-    distance: float
-    """m, mean distance of the centre of pressure from that line, weighed by the load."""
-    other: float
-    """m, the same for the other foot."""
+    distance: float  # m, mean distance of the centre of pressure from that line, weighed by the load
+    other: float  # m, the same for the other foot
 
     @property
     def under_foot(self) -> bool:
@@ -287,14 +280,10 @@ class _Outside:
 
     plate: str
     foot: int
-    words: str
-    """Plate and foot, when, how far and where, and how much of the load it is."""
-    moving: float
-    """Of the load in these frames: while the foot is in the air by its motion."""
-    shift: Array
-    """(2,) x and z of the laboratory, unit: the mean way outwards, weighed by load and distance."""
-    impulse: float
-    """Share of the loadings' impulse."""
+    words: str  # Plate and foot, when, how far and where, and how much of the load it is
+    moving: float  # Of the load in these frames: while the foot is in the air by its motion
+    shift: Array  # (2,) x and z of the laboratory, unit: the mean way outwards, weighed by load and distance
+    impulse: float  # Share of the loadings' impulse
 
 
 def outside_sole(trial: MarkerEvidence, others: Sequence[Finding]) -> Iterator[Finding]:

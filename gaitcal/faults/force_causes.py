@@ -23,8 +23,7 @@ TURNS = tuple((float(a),) for a in np.deg2rad([0.0, 45.0, 90.0, 135.0, 180.0, -1
 NO_WALKS_FREE_MOMENT, NO_WALKS_CENTRE_M = 0.3, 5.0
 """A moment of 0.3 of body weight times height, and a centre of pressure 5 m away: no walk has it, and only then are
 units of length asked for. A free moment is about 0.003 of body weight times height."""
-OTHER_UNIT_SHARE = 0.5
-"""Of body weight: plates that carry less at most may be in another unit."""
+OTHER_UNIT_SHARE = 0.5  # Of body weight: plates that carry less at most may be in another unit
 
 
 class Kind(Enum):
@@ -57,12 +56,9 @@ class Kind(Enum):
 class Corrected(NamedTuple):
     """A trial as it would be without the fault."""
 
-    wrenches: Array
-    """(plates, k, 6)."""
-    required_wrench: Array | None = None
-    """(k, 6) where the fault is not one of the plates."""
-    offsets: Array | None = None
-    """(plates,) N taken away from the vertical force throughout."""
+    wrenches: Array  # (plates, k, 6)
+    required_wrench: Array | None = None  # (k, 6) where the fault is not one of the plates
+    offsets: Array | None = None  # (plates,) N taken away from the vertical force throughout
 
 
 Undo: TypeAlias = Callable[[ForceEvidence, Array], Corrected]
@@ -74,17 +70,14 @@ class Cause:
     """One thing that may be wrong, alone."""
 
     kind: Kind
-    plates: tuple[str, ...] = ()
-    """Names of the plates that it is about; none: all."""
+    plates: tuple[str, ...] = ()  # Names of the plates that it is about; none: all
     undo: Undo
-    parameters: int = 0
-    """How many coefficients it has."""
+    parameters: int = 0  # How many coefficients it has
     starts: tuple[tuple[float, ...], ...] = ()
     """Where the coefficients of a cause that is not linear are sought from; none: it is linear."""
     by_side_evidence: bool = False
     """Whether its size is sought by the side evidence as well (`plate_forces.py`), which is linear in it."""
-    unit: str = ""
-    """The unit that the file has, for causes about units."""
+    unit: str = ""  # The unit that the file has, for causes about units
 
     @property
     def key(self) -> tuple[Kind, tuple[str, ...], str]:

@@ -34,11 +34,9 @@ from gaitcal.faults.plate_forces import surprise
 FLOOR, TEMPER = 0.20, 0.5
 NO_COEFFICIENT = 0.5
 STEP = {Kind.CLOCK: 0.01}
-TURN_STEP = 0.03
-"""s, rad: by which coefficients of causes that are not linear are scaled."""
+TURN_STEP = 0.03  # s, rad: by which coefficients of causes that are not linear are scaled
 MOST_EVALUATIONS = 25
-LEAST_GAIN = 7.0
-"""Nats: odds of 1000 to 1 for the cause, before one of some thirty is chosen."""
+LEAST_GAIN = 7.0  # Nats: odds of 1000 to 1 for the cause, before one of some thirty is chosen
 EXPLAINED = 0.10
 """Of the disagreement. Clean walks can be explained to 18 % by accident, in a single step, by gains below 5."""
 EXPLAINED_FREE = 0.30
@@ -49,8 +47,7 @@ EXPLAINED_LEVER = 0.25
 frames of markers taken away at random (5, 10 and 20 % of all, three times) are so explained to 21 % in one clean walk,
 by 15 nats, for mass centres are freed with the lever; in walks of 12 others by less than 5 nats. Of 31 plates 60 or
 80 mm away or tilted by 3 or 4 deg that are so named with nothing missing, 29 explain as much."""
-MISSING = 0.03
-"""Share of missing samples; 1 and 2 % at random left that walk in peace, by 5 nats."""
+MISSING = 0.03  # Share of missing samples; 1 and 2 % at random left that walk in peace, by 5 nats
 EXPLAINED_DOUBTFUL = 0.5
 """Where markers leave open how a leg moves: what such a leg would need is so explained to 27 %. Forces in kgf, a sign
 or axes that are wrong explain more."""
@@ -60,14 +57,10 @@ RIVAL_SHARE, RIVAL_BEHIND, MOST_BEHIND = 0.75, 3.0, 25.0
 MOST_RIVALS = 3
 ODD: Mapping[Kind, Kind] = {Kind.FORCE_UNIT: Kind.GAIN, Kind.MOMENT_UNIT: Kind.FREE_MOMENT}
 """A unit, and the cause of any factor that can stand for it."""
-UNIT_BEHIND = 8.0
-"""Nats by which a unit may be behind: an exact factor of 9.80665 or 1000 seldom comes about otherwise."""
-A_CHOICE = float(np.log(30.0))
-"""Nats that each statement costs."""
-TRIAL_GAIN = -2.0
-"""A cause common to all trials may not speak against itself in one of them by more than this."""
-SHARED = 0.7
-"""Of the gain of its own best cause: where a common one gives as much in every trial, it is the simpler."""
+UNIT_BEHIND = 8.0  # Nats by which a unit may be behind: an exact factor of 9.80665 or 1000 seldom comes about otherwise
+A_CHOICE = float(np.log(30.0))  # Nats that each statement costs
+TRIAL_GAIN = -2.0  # A cause common to all trials may not speak against itself in one of them by more than this
+SHARED = 0.7  # Of the gain of its own best cause: where a common one gives as much in every trial, it is the simpler
 UNEXPLAINED = 4.0
 """|y|^2 a row above which a disagreement that nothing explains is told: clean recordings have 0.2 to 1.1, and up to 1.9
 where no marker shows the trunk."""
@@ -103,14 +96,10 @@ class ForceFit:
     """One cause at the size that explains most."""
 
     cause: Cause
-    x: Array
-    """Its coefficients."""
-    gain: float
-    """Nats against no fault."""
-    explained: float
-    """Part of the disagreement, |y|^2, that is gone without the fault."""
-    gains: Array
-    """(trials,) part of the gain that each trial gives."""
+    x: Array  # Its coefficients
+    gain: float  # Nats against no fault
+    explained: float  # Part of the disagreement, |y|^2, that is gone without the fault
+    gains: Array  # (trials,) part of the gain that each trial gives
 
 
 def fits(residual: ForceResidual, only: object = None) -> tuple[float, list[ForceFit]]:
@@ -211,10 +200,8 @@ def told_size(fit: ForceFit) -> np.ndarray:
 class Named:
     """The causes that explain some trials: one, or several that evidence cannot part."""
 
-    trials: tuple[ForceEvidence, ...]
-    """That the fault is in."""
-    fits: tuple[ForceFit, ...]
-    """The best one first."""
+    trials: tuple[ForceEvidence, ...]  # That the fault is in
+    fits: tuple[ForceFit, ...]  # The best one first
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -222,8 +209,7 @@ class Unexplained:
     """A trial whose motion and forces disagree, and no single cause says why."""
 
     trial: ForceEvidence
-    size: float
-    """|y|^2 a row: 1 is usual."""
+    size: float  # |y|^2 a row: 1 is usual
 
 
 class Choice(NamedTuple):
@@ -231,8 +217,7 @@ class Choice(NamedTuple):
 
     named: list[Named]
     unexplained: list[Unexplained]
-    possible: dict[str, PlateErrors]
-    """Trial -> by how much more its plates are uncertain, named or not."""
+    possible: dict[str, PlateErrors]  # Trial -> by how much more its plates are uncertain, named or not
 
 
 def possible_errors(found: Sequence[ForceFit]) -> PlateErrors:

@@ -35,8 +35,7 @@ from gaitcal.faults.verdict import FORCES as FORCES_TOPIC
 from gaitcal.model.coordinates import LEG_COORDINATES, split_side
 
 LEGS = [k for k, name in enumerate(FORCES) if split_side(name)[0] in LEG_COORDINATES]
-HOLDS = 0.01
-"""Of body weight times height: what the error bars of leg torques hold with 95 %."""
+HOLDS = 0.01  # Of body weight times height: what the error bars of leg torques hold with 95 %
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -44,14 +43,12 @@ class ForceDiagnosis:
     """What is wrong with the forces of a session."""
 
     findings: tuple[Finding, ...] = ()
-    faulty: frozenset[str] = frozenset()
-    """Trials whose forces are at fault: they say nothing of masses."""
+    faulty: frozenset[str] = frozenset()  # Trials whose forces are at fault: they say nothing of masses
     possible: Mapping[str, PlateErrors] = field(default_factory=dict)
     """Trial -> by how much more its plates are uncertain."""
 
 
-Told: TypeAlias = tuple[str, str]
-"""What is wrong, in a clause of its own, and the cure."""
+Told: TypeAlias = tuple[str, str]  # What is wrong, in a clause of its own, and the cure
 Words: TypeAlias = Callable[[ForceFit, ForceEvidence], Told]
 """Of one cause, its directions those of the walk of a trial."""
 

@@ -47,27 +47,18 @@ from gaitcal.study.study_trial import Trial
 
 TOGETHER = 0.5
 """Of the time that a plate's load and a foot's contact last together: the common part by which they belong together."""
-WALKING = (0.75, 2.2)
-"""Body weights that the plates carry at most while somebody walks or runs slowly."""
-FORCE_UNITS: dict[str, float] = {"N": 1.0, "kgf": 9.80665, "lbf": 4.4482216, "kN": 1000.0}
-"""N in a unit of force."""
-STEP_S = 0.02
-"""Frames nearer to each other say the same: motion and forces hold nothing above about 10 Hz."""
-MOST_FRAMES = 300
-"""Of one trial; a longer one is looked at in larger steps."""
-FEWEST_FRAMES = 10
-"""Below a fifth of a second nothing can be told."""
-GRID_S = 0.01
-"""Times at which a filtered plate is kept."""
-LEAST_LOAD = 0.05
-"""Of the load of the heaviest plate: one that carries less in valid frames takes no part."""
+WALKING = (0.75, 2.2)  # Body weights that the plates carry at most while somebody walks or runs slowly
+FORCE_UNITS: dict[str, float] = {"N": 1.0, "kgf": 9.80665, "lbf": 4.4482216, "kN": 1000.0}  # N in a unit of force
+STEP_S = 0.02  # Frames nearer to each other say the same: motion and forces hold nothing above about 10 Hz
+MOST_FRAMES = 300  # Of one trial; a longer one is looked at in larger steps
+FEWEST_FRAMES = 10  # Below a fifth of a second nothing can be told
+GRID_S = 0.01  # Times at which a filtered plate is kept
+LEAST_LOAD = 0.05  # Of the load of the heaviest plate: one that carries less in valid frames takes no part
 MASS_SHARE, MOMENT_SHARE = 0.10, 0.20
 """Standard deviations of a segment's mass and moments of inertia, as shares: what tables of body segments differ by."""
 CENTRE_M = {"head_trunk": 0.025, "pelvis": 0.020, "thigh": 0.012, "foot": 0.008}
-CENTRE_OTHER_M, CENTRE_HEIGHT_M = 0.010, 1.75
-"""m, standard deviations of a mass centre in a person of that height."""
-BROKEN_S = 0.06
-"""Frames further apart know nothing of each other."""
+CENTRE_OTHER_M, CENTRE_HEIGHT_M = 0.010, 1.75  # m, standard deviations of a mass centre in a person of that height
+BROKEN_S = 0.06  # Frames further apart know nothing of each other
 
 
 def as_walked_on(plates: tuple[ForcePlate, ...], time: Array, weight: float) -> tuple[ForcePlate, ...]:
@@ -125,39 +116,24 @@ class ForceEvidence:
     """One gait trial at the k frames that a diagnosis looks at."""
 
     name: str
-    room: Array
-    """(3, 3) turns the axes of the file, y up, into those of the trial, x forward."""
-    time: Array
-    """(k,) s."""
-    q: Array
-    """(k, 27) coordinates."""
-    parameters: Parameters
-    """Joint parameters calibrated or not, inertial ones nominal."""
-    pelvis: Array
-    """(k, 3) m, its origin."""
-    required_wrench: Array
-    """(k, 6) N, N·m about the pelvis: what the motion asks for."""
-    mass_centre: Array
-    """(k, 3) m, of the body, from the pelvis origin."""
+    room: Array  # (3, 3) turns the axes of the file, y up, into those of the trial, x forward
+    time: Array  # (k,) s
+    q: Array  # (k, 27) coordinates
+    parameters: Parameters  # Joint parameters calibrated or not, inertial ones nominal
+    pelvis: Array  # (k, 3) m, its origin
+    required_wrench: Array  # (k, 6) N, N·m about the pelvis: what the motion asks for
+    mass_centre: Array  # (k, 3) m, of the body, from the pelvis origin
     spread: Array
     """(k, 6, n) change of `required_wrench` with one standard deviation of each of n unknown inertial parameters."""
-    trunk: Array
-    """(k, 6, 2) change of `required_wrench` per m of the trunk's mass centre forward and to the right."""
-    trunk_seen: bool
-    """Whether markers determine how the trunk turns."""
+    trunk: Array  # (k, 6, 2) change of `required_wrench` per m of the trunk's mass centre forward and to the right
+    trunk_seen: bool  # Whether markers determine how the trunk turns
     plates: tuple[PlateForces, ...]
-    feet: IntArray
-    """(plates, k) the foot that stands when a plate is loaded, 0 right, 1 left, -1 none: by time alone."""
-    soles: tuple[Sole, ...]
-    """Where the feet are that stand on the plates."""
-    empty: tuple[float | None, ...]
-    """N, what each plate reads while nobody is on it; None where somebody always is."""
-    weight: float
-    """N, of the subject."""
-    height: float
-    """m."""
-    missing: float = 0.0
-    """Share of the samples of markers that the trial shows at all which are not there."""
+    feet: IntArray  # (plates, k) the foot that stands when a plate is loaded, 0 right, 1 left, -1 none: by time alone
+    soles: tuple[Sole, ...]  # Where the feet are that stand on the plates
+    empty: tuple[float | None, ...]  # N, what each plate reads while nobody is on it; None where somebody always is
+    weight: float  # N, of the subject
+    height: float  # m
+    missing: float = 0.0  # Share of the samples of markers that the trial shows at all which are not there
     doubtful: bool = False
     """Whether markers leave open how a leg moves: one alone follows a segment, or they contradict each other."""
 

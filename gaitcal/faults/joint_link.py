@@ -25,8 +25,7 @@ NEAR_RAD = np.deg2rad(30.0)
 """Flexion from the static posture within which the joint is near it; at least the nearest tenth of the frames."""
 NEAREST_PERCENT = 10.0
 FEWEST_FRAMES = 5
-STANDS_RAD = np.deg2rad(15.0)
-"""Turn from the static posture that walks have in their nearest frames."""
+STANDS_RAD = np.deg2rad(15.0)  # Turn from the static posture that walks have in their nearest frames
 
 GAP_M: Mapping[str, float] = {"hip": 0.035, "knee": 0.028, "ankle": 0.016}
 """Gap of a joint. Clean recordings reach 27, 25 and 13 mm, noise that scatters apart."""
@@ -42,36 +41,25 @@ from the joint tells little of it."""
 GAP_PER_RAD, TURN_PER_RAD = 0.10, 1.0
 """m and rad that widen them for each rad by which the trial stays away from the static posture. Parts of clean trials
 in which a thigh stays flexed reach gaps of 43 mm at 20 deg, feet that stay inverted turns of 30 deg at 35 deg."""
-KNEE_TURN_FROM = float(np.deg2rad(10.0))
-"""rad, from where on those of the knee, a hinge whose turns stay small, widen."""
+KNEE_TURN_FROM = float(np.deg2rad(10.0))  # rad, from where on those of the knee, a hinge whose turns stay small, widen
 
 
 @dataclass(frozen=True, kw_only=True)
 class JointLink:
     """A joint of a trial."""
 
-    joint: str
-    """`hip_r`, ..."""
+    joint: str  # `hip_r`, ...
     above: str
     below: str
-    centre: Array
-    """(3,) m, c."""
-    turn: Array
-    """(n, 3, 3) M in the frames in which both segments are determined."""
-    rotation: Array
-    """(3, 3) B."""
-    carried_up: Array
-    """(3,) m, g: the lower segment's centre in the upper segment's static axes."""
-    carried_down: Array
-    """(3,) m: the upper segment's centre in the lower one's."""
-    gap_spread: float
-    """m, standard deviation of the gap as the markers of both segments scatter in the trial."""
-    turn_spread: Array
-    """(2,) rad, the same of ab/adduction and axial turn."""
-    far: float
-    """rad, median turn of those frames from the static posture, beyond the usual of walks; 0 within it."""
-    size: float
-    """Of the person, as of the clusters."""
+    centre: Array  # (3,) m, c
+    turn: Array  # (n, 3, 3) M in the frames in which both segments are determined
+    rotation: Array  # (3, 3) B
+    carried_up: Array  # (3,) m, g: the lower segment's centre in the upper segment's static axes
+    carried_down: Array  # (3,) m: the upper segment's centre in the lower one's
+    gap_spread: float  # m, standard deviation of the gap as the markers of both segments scatter in the trial
+    turn_spread: Array  # (2,) rad, the same of ab/adduction and axial turn
+    far: float  # rad, median turn of those frames from the static posture, beyond the usual of walks; 0 within it
+    size: float  # Of the person, as of the clusters
 
     @property
     def name(self) -> str:

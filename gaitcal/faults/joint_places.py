@@ -34,16 +34,12 @@ from gaitcal.model.subject_model import SubjectModel
 from gaitcal.motion.rigid import FEWEST_MARKERS
 from gaitcal.study.joint_prior import JointPrior
 
-RARE = 1e-3
-"""Of all people: who has a joint there, or who is told so wrongly at most, for each place that is looked at."""
-UNUSUAL = 0.05
-"""As `RARE`, of a note: the usual level at which something is looked at that proves nothing by itself."""
+RARE = 1e-3  # Of all people: who has a joint there, or who is told so wrongly at most, for each place that is looked at
+UNUSUAL = 0.05  # As `RARE`, of a note: the usual level at which something is looked at that proves nothing by itself
 CT_RATIO = "0.65 to 0.82"
 """Distance of the hips over that of the ASIS of ten people in CT (landmarks of Fischer 2021), 0.71 in the mean."""
-LEAST_SHARE = 0.3
-"""Of the largest offset in units of its scatter: what is smaller is not told."""
-NOMINAL = "nominal/"
-"""Beginning of the names of error sources that are no markers but the prior's own error."""
+LEAST_SHARE = 0.3  # Of the largest offset in units of its scatter: what is smaller is not told
+NOMINAL = "nominal/"  # Beginning of the names of error sources that are no markers but the prior's own error
 _WAYS = {"ant": ("forward", "back"), "sup": ("up", "down"), "lat": ("outward", "inward")}
 _SEEN_FROM = {"front": "the front", "trans": "above", "sag": "the side"}
 
@@ -76,14 +72,10 @@ def joint_place_findings(
 class Place:
     """A joint as one segment has it, or the distance of two."""
 
-    names: tuple[str, ...]
-    """n joint parameters."""
-    offset: Array
-    """(n,) m, rad: d."""
-    scatter: Array
-    """(n, n): P."""
-    error: Array
-    """(n, n): E."""
+    names: tuple[str, ...]  # n joint parameters
+    offset: Array  # (n,) m, rad: d
+    scatter: Array  # (n, n): P
+    error: Array  # (n, n): E
 
     @property
     def square(self) -> float:

@@ -39,8 +39,7 @@ recordings the mean of both is off by 4.0 deg at most (3.2 RMS), that of one leg
 LEAST_BENDING = 1.5
 """Standard deviations of the bending alone, where a walk shows it: people whose thighs and shanks are twisted, each the
 other way, bend about their epicondyles all the same."""
-LEAST_OTHERS = 0.5
-"""Standard deviations by which all other side evidence must say the same."""
+LEAST_OTHERS = 0.5  # Standard deviations by which all other side evidence must say the same
 IN_TRIAL_DEG = 30.0
 """Clean recordings reach 26 deg where the knee bends far, as the skin of the thigh turns, and 14 deg in walking."""
 AXIS_FLEXION, AXIS_RANGE = np.deg2rad(75.0), np.deg2rad(35.0)
@@ -60,12 +59,9 @@ class OddLine:
     """Epicondyles whose line is not the knee's."""
 
     sides: tuple[str, ...]
-    turn: float
-    """Degrees, e; positive where the lateral ends lie too far forward or the medial ones too far back."""
-    baseline: float
-    """deg, largest e of people."""
-    side_evidence: Mapping[str, float]
-    """deg, x of each."""
+    turn: float  # Degrees, e; positive where the lateral ends lie too far forward or the medial ones too far back
+    baseline: float  # deg, largest e of people
+    side_evidence: Mapping[str, float]  # deg, x of each
 
 
 def knee_lines(trials: Sequence[MarkerEvidence], said: Sequence[Finding]) -> Iterator[Finding]:

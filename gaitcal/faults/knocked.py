@@ -27,8 +27,7 @@ from gaitcal.faults.cluster import alignment
 from gaitcal.model import linkage, parameters, segment_frames
 from gaitcal.study.study import Study
 
-KNEE_HALF_M = 0.05
-"""Half the length of the knee's axis, as the epicondyles mark it."""
+KNEE_HALF_M = 0.05  # Half the length of the knee's axis, as the epicondyles mark it
 FEWEST_FRAMES = 20
 
 
@@ -38,14 +37,10 @@ class Placement:
 
     segment: str
     labels: tuple[str, ...]
-    before: Array
-    """(n, 3) m, in the static posture."""
-    place: Array
-    """(n, 3) m, as the moving trials have it."""
-    shift_spread: float
-    """m."""
-    turn_spread: float
-    """rad."""
+    before: Array  # (n, 3) m, in the static posture
+    place: Array  # (n, 3) m, as the moving trials have it
+    shift_spread: float  # m
+    turn_spread: float  # rad
     trials: tuple[str, ...]
 
     @property

@@ -24,53 +24,38 @@ from gaitcal.runtime import remembered
 AWAY_M = {"pelvis": 0.012, "thigh": 0.012, "shank": 0.012, "foot": 0.025}
 """Beyond the usual distance from its mean place; a foot bends and strikes the floor, and its markers stray
 farther."""
-TIMES_BASELINE = 5.0
-"""Times the marker's usual distance, if that is more."""
+TIMES_BASELINE = 5.0  # Times the marker's usual distance, if that is more
 SHORTEST_FRAMES, SHORTEST_S = 5, 0.05
 REFUSED_M = 0.025
 REFUSED_SURE_M = {"pelvis": 0.015, "thigh": 0.015, "shank": 0.015, "foot": 0.025}
 """The same where it slipped or its path was made up, which skin never does."""
-LONG_S = 0.1
-"""So far for so long moves the joints' angles by more than their error bars: an error."""
+LONG_S = 0.1  # So far for so long moves the joints' angles by more than their error bars: an error
 SLIP_M = 6e-3
 """Change of a marker's place in its segment from one frame to the next, and at least so much between the means; no
 clean recording of 20 people has one that lasts and is one marker's alone."""
-MOST_SLIPS = 2
-"""In a cluster: more are a rattling marker or a foot that strikes, not tape that came off."""
-MOST_JUMPS = 3
-"""Of one marker, whether it stays or comes back at once: more are cameras that lose it."""
-SLIP_S, SLIP_FRAMES = 0.25, 8
-"""Stretch of the means before and after, and fewest frames of it."""
-TIMES_OTHERS = 2.0
-"""Times the others' jump in the laboratory: a foot that strikes the floor jumps as a whole."""
-SLIP_TIMES_BASELINE = 6.0
-"""Times the usual change from frame to frame."""
-SLIP_RATE = 0.6
-"""m/s of the same: skin goes on moving between two frames, and slow cameras see it jump."""
+MOST_SLIPS = 2  # In a cluster: more are a rattling marker or a foot that strikes, not tape that came off
+MOST_JUMPS = 3  # Of one marker, whether it stays or comes back at once: more are cameras that lose it
+SLIP_S, SLIP_FRAMES = 0.25, 8  # Stretch of the means before and after, and fewest frames of it
+TIMES_OTHERS = 2.0  # Times the others' jump in the laboratory: a foot that strikes the floor jumps as a whole
+SLIP_TIMES_BASELINE = 6.0  # Times the usual change from frame to frame
+SLIP_RATE = 0.6  # m/s of the same: skin goes on moving between two frames, and slow cameras see it jump
 SLIP_SUDDEN, SUDDEN_S = 2.5, 0.1
 """Times the changes of the frames so near before and after (but for the next ones): tape that comes off does so at
 once, skin deforms over several frames."""
 SHORTEST_STAY_S = 0.15
-SLIP_STAYS = 0.6
-"""Share of a change that must last."""
-SLIPPED_WEIGHT = 0.05
-"""Weight of a marker that slipped, where the two others alone do not tell how the segment lies."""
-STILL_M = 2e-5
-"""Second difference of a path that nobody measured: half the noise of good cameras."""
+SLIP_STAYS = 0.6  # Share of a change that must last
+SLIPPED_WEIGHT = 0.05  # Weight of a marker that slipped, where the two others alone do not tell how the segment lies
+STILL_M = 2e-5  # Second difference of a path that nobody measured: half the noise of good cameras
 STRAIGHT_FRAMES = 6
 STRAIGHT_M = 2e-4
 CUBIC_SHARE = 0.01
 """Fourth difference of a path over that of its neighbours, below which nobody measured it: a cubic polynomial has none,
 measured paths have the noise of their cameras."""
-BENT_M = 8e-3
-"""How far the path of another marker of the segment must bend meanwhile."""
-WRONG_M = 4e-3
-"""Beyond the usual distance, from which a made-up path is told."""
+BENT_M = 8e-3  # How far the path of another marker of the segment must bend meanwhile
+WRONG_M = 4e-3  # Beyond the usual distance, from which a made-up path is told
 
-HALF = 0.5
-"""Share of the markers."""
-FROZEN_S = 0.1
-"""A position repeated bit for bit for so long, while others move, is held by software."""
+HALF = 0.5  # Share of the markers
+FROZEN_S = 0.1  # A position repeated bit for bit for so long, while others move, is held by software
 MOVED_M = 0.01
 """How far the others must have moved meanwhile: somebody who stands still repeats rounded positions honestly. As far
 must a marker have moved in one coordinate for another, which never changes, to be odd."""
@@ -83,12 +68,9 @@ class Stretch:
     cluster: Cluster
     label: str
     frames: slice
-    distance: float
-    """m, largest distance from its mean place."""
-    straight: bool = False
-    """Whether the path is held or a straight line."""
-    slipped: bool = False
-    """Whether it went there from one frame to the next, and stayed."""
+    distance: float  # m, largest distance from its mean place
+    straight: bool = False  # Whether the path is held or a straight line
+    slipped: bool = False  # Whether it went there from one frame to the next, and stayed
 
 
 def marker_slip(trial: MarkerEvidence) -> Iterator[Finding]:

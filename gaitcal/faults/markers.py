@@ -33,30 +33,25 @@ from gaitcal.motion.spline import NodeRule
 from gaitcal.motion.trial_problem import CARRIES_ITSELF, shown_share, trial_problem
 from gaitcal.study.study_trial import BRIDGED_S
 
-SAME_M = 1e-4
-"""Two markers always nearer than this are one trajectory under two names."""
+SAME_M = 1e-4  # Two markers always nearer than this are one trajectory under two names
 HALF = 0.5
 """Share of the frames: in which a marker must be seen to say much, and a segment show two to be called followed."""
 LANDMARK_M = 0.008
 """Uncertainty from which a rebuilt landmark is doubted: palpated again they scatter by 6 to 21 mm
 (Della Croce et al., Med Biol Eng Comput 37:155-161, 1999)."""
 LIMBS = ("thigh", "shank")
-FARTHEST = 0.14
-"""Share of body height; a marker on a stick is farther off than skin, by some 0.05."""
+FARTHEST = 0.14  # Share of body height; a marker on a stick is farther off than skin, by some 0.05
 ELSEWHERE, CLEARLY = 0.06, 0.4
 """From the first share of body height on, a marker of a thigh or shank that another of these is nearer to by the second
 belongs to that one: on thirteen people the nearest such neighbour is 0.9 times as far as the marker's own segment."""
 ONE_MARKER = "one marker"
-TWO = 2
-"""Markers that follow a segment, at least, where the joints beside it say the rest."""
-TOLD_RAD = np.deg2rad(12.0)
-"""Uncertainty from which an angle is not determined, in a tenth of the frames."""
+TWO = 2  # Markers that follow a segment, at least, where the joints beside it say the rest
+TOLD_RAD = np.deg2rad(12.0)  # Uncertainty from which an angle is not determined, in a tenth of the frames
 WORST_SHARE = 0.9
 KEEPS_M, BESIDE_JOINT_M, MOVES_M = 0.010, 0.015, 0.030
 """Standard deviation of the distance from a marker of the same segment, at most, and from one near its upper joint; and
 from others, at least: in a trial in which nothing moves every distance is kept."""
-TOGETHER = 20
-"""Frames in which two markers must be seen together for that."""
+TOGETHER = 20  # Frames in which two markers must be seen together for that
 
 
 def outliers(trial: MarkerEvidence) -> Iterator[Finding]:

@@ -41,15 +41,11 @@ from gaitcal.io.recording import ForcePlate, duration, runs
 ACROSS_M, ALONG_M, MIDDLE = 0.020, 0.050, 0.70
 """Over 39 steps of clean walks, centres of pressure lie 2 (SD 15) mm outside the line heel-toe, and at 0.69 (SD 0.21,
 steps cut short by the end of the valid frames included) of its 150 to 290 mm."""
-LOADED_SHARE, FEWEST = 0.4, 4
-"""Of body weight; frames."""
-EMPTY_N = 10.0
-"""N: unloaded plates read so much with nothing wrong."""
+LOADED_SHARE, FEWEST = 0.4, 4  # Of body weight; frames
+EMPTY_N = 10.0  # N: unloaded plates read so much with nothing wrong
 BELIEVED_Z = 3.0
-STEADY_N, STEADY_S = 10.0, 0.1
-"""An empty plate's reading stays this close to its own low for at least so long."""
-EMPTY_SHARE = 0.3
-"""Of body weight: a steady low reading above it is somebody standing."""
+STEADY_N, STEADY_S = 10.0, 0.1  # An empty plate's reading stays this close to its own low for at least so long
+EMPTY_SHARE = 0.3  # Of body weight: a steady low reading above it is somebody standing
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -57,20 +53,13 @@ class PlateForces:
     """One plate at the frames (k,) that a diagnosis looks at."""
 
     name: str
-    force: Array
-    """(k, 3) N on the body."""
-    centre: Array
-    """(k, 3) m, centre of pressure; the middle where the plate carries nothing."""
-    free: Array
-    """(k, 3) N·m about `centre`."""
-    middle: Array
-    """(3,) m of the surface: of its corners, or where feet stand on it."""
-    place: Array
-    """(3,) m, where the file says that it is: its corners, or else its load."""
-    path: CubicSpline
-    """s -> (n, 6) wrench about the laboratory origin: the plate at any other time."""
-    until: tuple[float, float]
-    """s, the time that `path` covers."""
+    force: Array  # (k, 3) N on the body
+    centre: Array  # (k, 3) m, centre of pressure; the middle where the plate carries nothing
+    free: Array  # (k, 3) N·m about `centre`
+    middle: Array  # (3,) m of the surface: of its corners, or where feet stand on it
+    place: Array  # (3,) m, where the file says that it is: its corners, or else its load
+    path: CubicSpline  # s -> (n, 6) wrench about the laboratory origin: the plate at any other time
+    until: tuple[float, float]  # s, the time that `path` covers
 
     @staticmethod
     def of(
@@ -163,12 +152,9 @@ class Sole:
     """A foot on a plate."""
 
     plate: int
-    frames: IntArray
-    """Of the evidence."""
-    heel: Array
-    """(n, 2) m, x and z."""
-    toe: Array
-    """(n, 2) m."""
+    frames: IntArray  # Of the evidence
+    heel: Array  # (n, 2) m, x and z
+    toe: Array  # (n, 2) m
 
 
 def soles_of(standing: IntArray, frames: IntArray, feet: foot_contact.FootPoints) -> tuple[Sole, ...]:

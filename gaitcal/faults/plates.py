@@ -35,19 +35,14 @@ from gaitcal.io.force_plate import BODY_N, OUTSIDE_M, QUIET_N, UNLOADED_N, empty
 from gaitcal.io.recording import ForcePlate, duration, runs, spans, still_window
 from gaitcal.model.subject_model import GRAVITY
 
-OFFSET_N = 15.0
-"""Reading of an empty plate that a file of forces should not have."""
-UNKNOWN_OFFSET_N = 20.0
-"""What plates that were not zeroed read in real files."""
-CLIPPED = 5
-"""Samples in a row at the very same largest value: an amplifier at its end."""
+OFFSET_N = 15.0  # Reading of an empty plate that a file of forces should not have
+UNKNOWN_OFFSET_N = 20.0  # What plates that were not zeroed read in real files
+CLIPPED = 5  # Samples in a row at the very same largest value: an amplifier at its end
 CLIPPED_N = 200.0
 DEAD_N, DEAD_SAMPLES = 0.5, 20
 """A horizontal force that changes by less over so many loaded samples is no measured one: noise alone changes more."""
-ASLANT = 0.5
-"""Horizontal over vertical force, median under load, above which axes are doubted; walking has 0.1 to 0.2."""
-STANCE_S = 0.3
-"""Shorter loadings are no step."""
+ASLANT = 0.5  # Horizontal over vertical force, median under load, above which axes are doubted; walking has 0.1 to 0.2
+STANCE_S = 0.3  # Shorter loadings are no step
 DRIVING = -0.1
 """Drift of the force along the walk from braking to driving, sum(F t) / sum(|F|) with t from -1 to 1 over the step:
 0.36 to 0.63 in whole steps of real and synthetic walks; below this it is reversed."""
@@ -57,31 +52,26 @@ OUTWARD = 0.01
 BESIDE_M = 0.025
 """How far the centres of pressure of both feet must lie to one side; on real walks they lie 13 to 22 mm beside the line
 from heel to toe, to either side."""
-LOADED_SHARE = 0.5
-"""Of body weight: a foot that carries as much lies flat."""
+LOADED_SHARE = 0.5  # Of body weight: a foot that carries as much lies flat
 EARLY, LATE = (0.10, 0.40), (0.55, 0.95)
 """Of a step; impact and lifting off, whose centres of pressure are uncertain, are left out."""
 MEAN, PERSON, LEG = 3.5e-3, 1.0e-3, 1.8e-3
 """Of body weight times height. Straight walks of eight recorded people, four of them children: 1.9 to 4.4 a person,
 3.5 with SD 0.8; 1.3 to 6.1 a step. Turns: -1.5 to 12.8 a step, 1.9 to 6.8 in the mean of both legs. Simulated: 0.6
 and 2.1 on two people of OpenSim's, 7 to 9 where the body is made to walk without a residual."""
-ODDS = 1000.0
-"""From which a wrong sign is told: one laboratory in 100 has one, and ten such warnings to a false one."""
+ODDS = 1000.0  # From which a wrong sign is told: one laboratory in 100 has one, and ten such warnings to a false one
 CARRIED = (0.9, 1.5)
 """Of body weight: the largest vertical force of a foot that carries the body alone, and does not run."""
 MASS_DIFFERENCE = 0.05
 """Of the mass, from which it is told; over strides, beside what the velocities may be wrong by; and beside the unknown
 offsets of plates that are never empty."""
-STANCE_SHARE = (0.55, 1.25)
-"""Mean vertical force over a stance phase of walking, in body weights: about 0.8."""
+STANCE_SHARE = (0.55, 1.25)  # Mean vertical force over a stance phase of walking, in body weights: about 0.8
 PEAK = 3.0
-SHORTEST_S = 0.5
-"""About a step: over less, the pelvis is no measure of the mass centre."""
+SHORTEST_S = 0.5  # About a step: over less, the pelvis is no measure of the mass centre
 PELVIS_M_S = 0.4
 """By which the change of the pelvis' velocity may differ from that of the mass centre: 8 % of the mass over 0.5 s, as
 `pig_c3d` differs over its single step, 2 % over two strides."""
-VELOCITY_S = 0.1
-"""Stretch over which the velocity at either end is fitted."""
+VELOCITY_S = 0.1  # Stretch over which the velocity at either end is fitted
 
 _ALARMING = re.compile(r"left out|never empty|outside its corners|no numbers")
 

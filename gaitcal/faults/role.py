@@ -33,26 +33,20 @@ from gaitcal.model.marker_set import REQUIRED
 from gaitcal.model.segment_frames import HipCentre, JointWidths, lower_body
 from gaitcal.motion.rigid import rigid_fit
 
-FEWEST_FRAMES, SHORTEST_S = 3, LAG_S
-"""Of a static trial: speed is told over that time."""
+FEWEST_FRAMES, SHORTEST_S = 3, LAG_S  # Of a static trial: speed is told over that time
 RESTLESS = 0.5
 """Share of the speed of a still window above which the stillest one is doubted: 1 to 7 mm/s in clean static trials."""
-ALONG_DEG = 50.0
-"""Angle between facing and going above which the person does not walk forwards."""
+ALONG_DEG = 50.0  # Angle between facing and going above which the person does not walk forwards
 LEAD = 1.25
 """How many times the declared joint another one must turn. In 38 isolated trials (20 real, 18 synthetic) the declared
 one led the next by 1.7 times at least."""
-TRAVEL_M, STAYS_M = 0.8, 0.3
-"""How far the pelvis goes in a walk, and how far in isolated trials at most."""
+TRAVEL_M, STAYS_M = 0.8, 0.3  # How far the pelvis goes in a walk, and how far in isolated trials at most
 STEPS_RAD = np.deg2rad(12.0)
 """RMS turn of hip and knee of the other leg, both, from which it walks: 17 and 22 deg in walks; in isolated trials of
 a hip, the knee of the leg that stands turns by 7 and 11 deg at most."""
-MOVES_RAD = np.deg2rad(4.0)
-"""RMS turn below which no joint is said to move: the smallest isolated trial reaches 14 deg."""
-TILT_DEG = 60.0
-"""Largest tilt of the pelvis in standing and walking."""
-LYING_DEG = 120.0
-"""The same for an isolated trial, in which the person may lie on a bench, face up or down."""
+MOVES_RAD = np.deg2rad(4.0)  # RMS turn below which no joint is said to move: the smallest isolated trial reaches 14 deg
+TILT_DEG = 60.0  # Largest tilt of the pelvis in standing and walking
+LYING_DEG = 120.0  # The same for an isolated trial, in which the person may lie on a bench, face up or down
 HEAD_DOWN = 0.2
 """Share of body height by which knees, ankles and heels may be above the pelvis, as when a leg is raised lying."""
 LEGS = ("thigh", "shank", "foot")
@@ -64,8 +58,7 @@ degrees and 5 mm in clean trials."""
 DISAGREE_M = 0.008
 """Largest disagreement of a marker between two times that one person stands: within a session markers of a segment keep
 their shape to 5 mm (p99 over pelvis, thigh, shank and foot, standing against moving)."""
-GROSS_M = 0.020
-"""From here it moves a joint by more than nominal joints are uncertain: an error."""
+GROSS_M = 0.020  # From here it moves a joint by more than nominal joints are uncertain: an error
 
 
 def upright(trial: MarkerEvidence) -> Iterator[Finding]:
@@ -218,12 +211,9 @@ def declared_joint(trial: MarkerEvidence) -> Iterator[Finding]:
 class StandingLegs:
     """How the legs of a standing person are bent."""
 
-    knees: tuple[float, float]
-    """Degrees of flexion, right and left."""
-    thighs: tuple[float, float]
-    """Degrees by which the thighs lean from the vertical."""
-    heels: float
-    """m, height of the right heel above the left one."""
+    knees: tuple[float, float]  # Degrees of flexion, right and left
+    thighs: tuple[float, float]  # Degrees by which the thighs lean from the vertical
+    heels: float  # m, height of the right heel above the left one
 
     @property
     def bent(self) -> bool:

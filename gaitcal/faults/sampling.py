@@ -34,28 +34,22 @@ from gaitcal.motion.spline import HALF_POWER, NODES_PER_SECOND, NodeRule, cutoff
 from gaitcal.motion.trial_problem import FEWEST_FRAMES
 from gaitcal.study.settings import AUTOMATIC, CalibrationSettings
 
-RATES = (20.0, 2000.0)
-"""Hz, frame rates of motion capture."""
-SLOW_GAIT = 50.0
-"""Hz below which a heel strike falls between frames."""
-STEADY_HZ = 4.0
-"""Walking has content up to about this frequency; splines that pass less blunt it."""
-SPEED_M_S = 4.5
-"""Nobody walks faster; a faster one runs, or the clock is wrong."""
+RATES = (20.0, 2000.0)  # Hz, frame rates of motion capture
+SLOW_GAIT = 50.0  # Hz below which a heel strike falls between frames
+STEADY_HZ = 4.0  # Walking has content up to about this frequency; splines that pass less blunt it
+SPEED_M_S = 4.5  # Nobody walks faster; a faster one runs, or the clock is wrong
 OTHER_RATE = 2.5
 """Laboratories record at 50 and 100, or 100 and 200 Hz; a time column that is wrong may be wrong by more."""
 HALF_WINDOW = 5
 """H. At 50 to 200 Hz 25 to 100 ms on either side, in which nothing of a walk but a foot's impact bends twice."""
-NOISE_M = 0.0002
-"""m, of cameras: what bends less cannot be told from it."""
+NOISE_M = 0.0002  # m, of cameras: what bends less cannot be told from it
 GAIN = float(np.log(2.0))
 """One path leaves twice the squares of two. In 36 clean recordings of nine laboratories, walks, turns and isolated
 trials, the median gain is at most 0.02; with one frame cut out of a walk or doubled anywhere, 1.2 to 4."""
 STEP_FRAMES = 0.5
 """Of the movement in a frame: whole frames are lost or doubled, and half of one lies between none and one."""
 FEWEST_MARKERS = 6
-FAR_FRAMES = 20.0
-"""Above that the velocity says nothing of where the body would be."""
+FAR_FRAMES = 20.0  # Above that the velocity says nothing of where the body would be
 
 
 def rate(trial: MarkerEvidence) -> Iterator[Finding]:
@@ -246,10 +240,8 @@ def spikes(trial: MarkerEvidence) -> Iterator[Finding]:
 class Seam:
     """A place between two frames across which the paths of most markers do not go on."""
 
-    frame: int
-    """The last one before it."""
-    lost: float
-    """Frames by which the body is further on: below 0 where it is further back."""
+    frame: int  # The last one before it
+    lost: float  # Frames by which the body is further on: below 0 where it is further back
 
     @property
     def words(self) -> str:

@@ -24,17 +24,13 @@ SHIFT_M, TURN_RAD = 0.012, np.deg2rad(7.0)
 """Of a segment's pose at its joints, from which a result is wrong by more than its error bar."""
 REFUSED_TIMES_LIMIT = 1.15
 """Times a limit: below, heavy skin can do as much, and the result is doubtful but not refused."""
-BEYOND_SKIN_M = 0.025
-"""Way of a single marker that no skin goes for a whole trial."""
-REFUSED_EXCESS = 2.0
-"""Times a limit, for a contradiction without a known cause."""
+BEYOND_SKIN_M = 0.025  # Way of a single marker that no skin goes for a whole trial
+REFUSED_EXCESS = 2.0  # Times a limit, for a contradiction without a known cause
 BETWEEN_WALKS = 0.6
 """Factor of the limits of offsets between walks of one session: clean ones differ by 1.5 mm, the pelvis by 2.6."""
 WAYS = (("forward", "backward"), ("up", "down"), ("to the right", "to the left"))
-PART_OF_OFFSET = 0.4
-"""A direction is named where it has so much of an offset."""
-FEWEST_WALKS = 3
-"""Of which one can be the odd one."""
+PART_OF_OFFSET = 0.4  # A direction is named where it has so much of an offset
+FEWEST_WALKS = 3  # Of which one can be the odd one
 CODES = {
     Fault.MARKER: Code.MARKER_OFF_STATIC,
     Fault.LABELS: Code.EXCHANGED_LABELS,
@@ -49,17 +45,14 @@ FEWEST_CLUSTERS = 6
 MOST_MARGIN = 0.006
 """By which the scatter of the clusters' sizes about their median widens the limits, at most: two standard errors of it.
 Halves of a clean walk with Plug-in Gait markers, two to four a segment, have a median of 0.980."""
-CERTAIN = 0.012
-"""Beyond these limits by so much it is another body or another calibration of the cameras."""
+CERTAIN = 0.012  # Beyond these limits by so much it is another body or another calibration of the cameras
 SIZE = (0.05, 4.0)
 """Size of the cloud of markers, in body heights, outside which the unit of length must be wrong. One shank with its
 foot measures 0.3."""
 LENGTHS_SCALE = (0.8, 1.25)
 """Lengths within segments against those of the static trial: outside, unit or camera calibration must be wrong."""
-SCALE_DOUBTED = 0.04
-"""Departure of the same ratio from one that skin movement does not explain."""
-SHORTEST_M = 0.03
-"""Markers nearer to each other do not tell a scale."""
+SCALE_DOUBTED = 0.04  # Departure of the same ratio from one that skin movement does not explain
+SHORTEST_M = 0.03  # Markers nearer to each other do not tell a scale
 UNITS = {"millimetres": 1e3, "centimetres": 1e2, "inches": 39.4}
 
 

@@ -29,21 +29,16 @@ DISPLACED_SAVES = 18.0
 """Least gain of J that a displaced landmark is told for. On the thirteen recordings one saves at most 11.5; where all
 landmarks are put on with 3 mm of error along each axis, which makes J what it is there, none of 50 is told, with 4 mm
 1 or 2."""
-DISPLACED_M = 0.022
-"""Smallest displacement told."""
-SPREAD_M = 0.060
-"""D: landmarks that are wrong are rarely wrong by more."""
-RIVAL = 6.0
-"""Candidates within this much of the best J (odds of 20 to 1) are told beside it."""
+DISPLACED_M = 0.022  # Smallest displacement told
+SPREAD_M = 0.060  # D: landmarks that are wrong are rarely wrong by more
+RIVAL = 6.0  # Candidates within this much of the best J (odds of 20 to 1) are told beside it
 BUILD_SAVES = 12.0
 """By how much build and stance must explain the measures better than one landmark does for none to be blamed: people
 whose joint axes are turned at random by up to 10 deg in every segment save 17 to 160; one landmark displaced by 30 to
 60 mm, never more than 8."""
-SUSPICIOUS_Z = 2.2
-"""Largest |z| up to which nothing is searched."""
+SUSPICIOUS_Z = 2.2  # Largest |z| up to which nothing is searched
 MOST_FAULTS = 3
-TALLER = np.exp(np.linspace(-0.5, 0.5, 101))
-"""Factors of body height that are tried."""
+TALLER = np.exp(np.linspace(-0.5, 0.5, 101))  # Factors of body height that are tried
 HEIGHT_OFF, HEIGHT_SAVES = 0.075, 12.0
 """Departure from 1 of the factor that fits best, and gain of J, from which body height is doubted: 0.961 to 1.041, and
 6 at most, on clean recordings of grown people and children."""
@@ -53,12 +48,10 @@ STEP_M = 1e-4
 LEG = ("knee_lat", "knee_med", "ankle_lat", "ankle_med", "heel", "toe")
 LEGS_TOLD, LEGS_DOUBTED = 1.96, 3.29
 """Standard deviations of people's legs beside a body height: beyond lie 1 person in 20 and 1 in 1000."""
-IMPOSSIBLE_Z = 5.5
-"""Standard deviations from which no body has such a length."""
+IMPOSSIBLE_Z = 5.5  # Standard deviations from which no body has such a length
 GROSS_M = 0.060
 """A landmark this far off moves a joint centre by more than the 20 mm that its prior allows: the trial is refused."""
-EVIDENCE = 3
-"""Measures that are told as evidence."""
+EVIDENCE = 3  # Measures that are told as evidence
 _WAYS = (("back", "forward"), ("down", "up"), ("left", "right"))
 
 
@@ -67,8 +60,7 @@ class Exchange:
     """Landmarks that carry each other's labels."""
 
     pairs: tuple[tuple[str, str], ...]
-    before: tuple[Measure, ...]
-    """The measures that spoke against it, the worst first."""
+    before: tuple[Measure, ...]  # The measures that spoke against it, the worst first
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -76,10 +68,8 @@ class Displaced:
     """One landmark that lies elsewhere than on its bone."""
 
     landmark: str
-    away: Array
-    """(3,) m, by how much it lies off, in body axes: forward, up, right."""
-    rivals: tuple[tuple[str, float], ...]
-    """Other landmarks of which the same could be said, and their m."""
+    away: Array  # (3,) m, by how much it lies off, in body axes: forward, up, right
+    rivals: tuple[tuple[str, float], ...]  # Other landmarks of which the same could be said, and their m
     before: tuple[Measure, ...]
 
     @property

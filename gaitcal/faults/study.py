@@ -41,8 +41,7 @@ from gaitcal.study.study import Study, cleaned, completed_static, marker_set_of,
 from gaitcal.study.study_file import StudyFile, TrialTable, load_study_file
 from gaitcal.study.study_trial import Trial, read_trial
 
-MOST_PLACED = 3
-"""Clusters; more that were knocked are another static posture."""
+MOST_PLACED = 3  # Clusters; more that were knocked are another static posture
 TrialCheck: TypeAlias = Callable[[MarkerEvidence], Iterator[Finding]]
 
 UNIT_CHECKS: tuple[TrialCheck, ...] = (static_consistency.size, static_consistency.scale)
@@ -166,16 +165,12 @@ class Examined:
 
     study: Study
     """As it was read, but for knocked clusters of its static trial, which are where the moving trials have them."""
-    completed: Rebuilding
-    """The static trial, with what the other trials give back to it."""
-    model: SubjectModel | None
-    """Nominal; None where the static trial gives none, or its unit is wrong."""
-    faults: tuple[Finding, ...]
-    """What keeps the static trial from giving a model."""
+    completed: Rebuilding  # The static trial, with what the other trials give back to it
+    model: SubjectModel | None  # Nominal; None where the static trial gives none, or its unit is wrong
+    faults: tuple[Finding, ...]  # What keeps the static trial from giving a model
     trials: tuple[MarkerEvidence, ...]
     """Every trial without markers metres away and positions out of line, cut to what shows the pelvis."""
-    placed: tuple[knocked.Placement, ...]
-    """The clusters that were put back."""
+    placed: tuple[knocked.Placement, ...]  # The clusters that were put back
 
     @property
     def moving(self) -> tuple[MarkerEvidence, ...]:

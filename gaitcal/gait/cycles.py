@@ -38,14 +38,10 @@ POINTS = 101  # 0, 1, ..., 100 %
 class EventSource(Enum):
     """What tells an event, the first that there is."""
 
-    PERSON = "corrected"
-    """A person, in `events.csv`: nothing else is asked then."""
-    FILE = "file"
-    """The recording's own list of events, where it fits forces and motion."""
-    PLATES = "plates"
-    """A force plate becomes loaded, or unloaded."""
-    MOTION = "motion"
-    """The foot comes to rest, or leaves."""
+    PERSON = "corrected"  # A person, in `events.csv`: nothing else is asked then
+    FILE = "file"  # The recording's own list of events, where it fits forces and motion
+    PLATES = "plates"  # A force plate becomes loaded, or unloaded
+    MOTION = "motion"  # The foot comes to rest, or leaves
 
 
 _SOURCE_WORDS = {

@@ -264,16 +264,11 @@ def _crossing(time: Array, speed: Array, before: int, threshold: float) -> float
     return float(time[before] + part * (time[before + 1] - time[before]))
 
 
-STILL, NEAR, FAR = 0.05, 0.1, 0.5
-"""Parts of the fastest rate, and of the range of heights."""
-FALLING = 0.8
-"""Of gravity, by which the pelvis accelerates downwards at the top of a jump, where it rests on nothing."""
-LEAST_RANGE_M = 0.05
-"""m: a pelvis goes up and down by as much in walking; less is no squat, rise or jump."""
-CROUCH_M = 0.12
-"""m that a pelvis goes down and up while no foot strikes or leaves: who walks or runs, by less than 0.1."""
-SHORTEST_FLIGHT_S = 0.1
-"""s that the pelvis falls: a hop of 12 mm."""
+STILL, NEAR, FAR = 0.05, 0.1, 0.5  # Parts of the fastest rate, and of the range of heights
+FALLING = 0.8  # Of gravity, by which the pelvis accelerates downwards at the top of a jump, where it rests on nothing
+LEAST_RANGE_M = 0.05  # m: a pelvis goes up and down by as much in walking; less is no squat, rise or jump
+CROUCH_M = 0.12  # m that a pelvis goes down and up while no foot strikes or leaves: who walks or runs, by less than 0.1
+SHORTEST_FLIGHT_S = 0.1  # s that the pelvis falls: a hop of 12 mm
 TOGETHER_S = 0.1
 """s between the pelvis' fall and the feet's events in a jump, and between the strikes of both feet of one, at most;
 sprinters' steps last 0.2 s."""

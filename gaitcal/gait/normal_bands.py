@@ -268,16 +268,13 @@ def _band(variable: str, rows: Sequence[_Row], signs: Convention, origin: str, s
 
 
 LEG_OF_HEIGHT: Final = 0.52
-AGES: Final = (4.0, 18.0)
-"""Years, from and below which the children's norms hold."""
+AGES: Final = (4.0, 18.0)  # Years, from and below which the children's norms hold
 
 
 class _Speed(NamedTuple):
-    name: str
-    """Of `SHIPPED`."""
+    name: str  # Of `SHIPPED`
     words: str
-    high: float
-    """Non-dimensional speed below which it holds."""
+    high: float  # Non-dimensional speed below which it holds
 
 
 SPEEDS: Final = (
@@ -304,10 +301,8 @@ class Norm:
     bands: Bands = field(default_factory=dict)
     steps: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     """Measure of `spatiotemporal.MEASURES` -> mean and SD, in its unit, for a leg of this length, at free speed."""
-    words: str = ""
-    """Who they are: for legends."""
-    remark: str = ""
-    """Why these, or why none: a sentence."""
+    words: str = ""  # Who they are: for legends
+    remark: str = ""  # Why these, or why none: a sentence
 
 
 def leg_length(subject: Subject) -> tuple[float, str]:

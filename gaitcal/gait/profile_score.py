@@ -32,8 +32,7 @@ ANGLES: Final = (
     *linkage.PELVIS_ANGLES,
     *("hip_flexion", "hip_adduction", "hip_rotation", "knee_angle", "ankle_angle", coordinates.FOOT_PROGRESSION),
 )
-EVERY: Final = 2
-"""%: between points."""
+EVERY: Final = 2  # %: between points
 GPS, BOTH = "gps", "both"
 _Z, _WEIGHTS = np.polynomial.hermite_e.hermegauss(9)
 

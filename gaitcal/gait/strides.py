@@ -176,12 +176,10 @@ def out_of_plane(axes: Array, line: Array | float) -> tuple[Array, Array]:
 class FootAxes:
     """Where the long axes of both feet point; order right, left."""
 
-    axes: Array
-    """(nf, 2, 3) unit vectors on the laboratory's axes."""
+    axes: Array  # (nf, 2, 3) unit vectors on the laboratory's axes
     error: Array | None = None
     """(nf, 2) rad, standard error of `progression` in each stride, by markers and by where heel and toe markers sit."""
-    own: Array | None = None
-    """(nf, 2) rad, the part of it that this trial's own markers make."""
+    own: Array | None = None  # (nf, 2) rad, the part of it that this trial's own markers make
 
     def progression(self, side: str, line: float, inside: BoolArray | None = None) -> Array:
         """(nf,) rad: how far the foot points inwards of a line of progression, the nearer way along it.

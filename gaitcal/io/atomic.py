@@ -22,10 +22,8 @@ from gaitcal.errors import Code, InputError
 
 ENDINGS = tuple(getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name))
 """Signals by which a user ends a command; not every system has the last."""
-FULL = frozenset({errno.ENOSPC, errno.EDQUOT, errno.EFBIG})
-"""No room is left, on the disk or for this user."""
-UNFINISHED = ".gaitcal-tmp-"
-"""Beginning of the hidden names of what is being written."""
+FULL = frozenset({errno.ENOSPC, errno.EDQUOT, errno.EFBIG})  # No room is left, on the disk or for this user
+UNFINISHED = ".gaitcal-tmp-"  # Beginning of the hidden names of what is being written
 
 
 class Stopped(BaseException):

@@ -13,15 +13,12 @@ from gaitcal.arrays import Array
 from gaitcal.io.labels import ComputedPoints
 from gaitcal.io.recording import ForcePlate, Recording, seen_mask
 
-LOADED_N = 100.0
-"""Force that tells the vertical: well above any offset."""
+LOADED_N = 100.0  # Force that tells the vertical: well above any offset
 BODY_MARKERS, CLEARLY_TALLER = 10, 1.5
 """So many markers, so many times more spread along one axis than along either other, are a body that stands. Arms held
 out sideways make 0.9."""
-DOMINANT = 0.8
-"""Share of a force, or of a plate's normal, that must lie along one axis."""
-PROGRESSION_M = 0.5
-"""Horizontal way above which a trial has a direction of its own; less is a step on the spot."""
+DOMINANT = 0.8  # Share of a force, or of a plate's normal, that must lie along one axis
+PROGRESSION_M = 0.5  # Horizontal way above which a trial has a direction of its own; less is a step on the spot
 
 OFF_X_DEG = 10.0
 """Angle between walk and x above which pelvis list and tilt mix noticeably: a sixth of the one is in the other."""

@@ -35,8 +35,7 @@ REGISTRY = "examples.toml"
 class RemoteFile(Table):
     """`[[example.file]]`: a recording at its public address."""
 
-    name: str = Field(max_length=200)
-    """Where it is put, below the folder of the example: `HC002D/static.c3d`."""
+    name: str = Field(max_length=200)  # Where it is put, below the folder of the example: `HC002D/static.c3d`
     url: str
     bytes: int = Field(gt=0)
     sha256: str = Field(pattern="^[0-9a-f]{64}$")
@@ -63,21 +62,15 @@ class Example(Table):
     name: str = Field(pattern="^[a-z0-9-]+$")
     title: str
     people: int = Field(gt=0)
-    of: str = Field(alias="from")
-    """Who published them."""
+    of: str = Field(alias="from")  # Who published them
     repository: str
     commit: str
-    licence: str
-    """SPDX identifier."""
-    licence_text: str
-    """Address of its text."""
+    licence: str  # SPDX identifier
+    licence_text: str  # Address of its text
     cite: str
-    remark: str
-    """What the recordings do not tell and the example therefore assumes."""
-    command: str
-    """Of gaitcal, to run next; `{dir}` is the folder."""
-    study: str | None = None
-    """Content of a study file to put beside the recordings."""
+    remark: str  # What the recordings do not tell and the example therefore assumes
+    command: str  # Of gaitcal, to run next; `{dir}` is the folder
+    study: str | None = None  # Content of a study file to put beside the recordings
     files: tuple[RemoteFile, ...] = Field(alias="file", min_length=1, strict=False)
 
     @property
@@ -112,10 +105,8 @@ def example_named(name: str) -> Example:
     return next(example for example in examples() if example.name == name)
 
 
-TIMEOUT_S = 30.0
-"""For a connection, and for each block of a file."""
-PAUSES_S = (1.0, 4.0)
-"""Before a second and a third try, where the fault may pass."""
+TIMEOUT_S = 30.0  # For a connection, and for each block of a file
+PAUSES_S = (1.0, 4.0)  # Before a second and a third try, where the fault may pass
 _BLOCK = 1 << 16
 _PASSING = frozenset({408, 429, 500, 502, 503, 504})
 _SCHEMES = ("https", "http", "file")
@@ -129,8 +120,7 @@ class _PassingError(Exception):
 class Connection:
     """How files are asked for."""
 
-    mirror: str | None = None
-    """Address that stands for `https://HOST` of every file: `MIRROR/path/of/the/file`."""
+    mirror: str | None = None  # Address that stands for `https://HOST` of every file: `MIRROR/path/of/the/file`
     timeout_s: float = TIMEOUT_S
     pauses_s: tuple[float, ...] = PAUSES_S
 
@@ -237,10 +227,8 @@ SOURCE, STUDY = "SOURCE.txt", "study.toml"
 class Step:
     """How far it is."""
 
-    name: str
-    """Of the file that is being fetched."""
-    done: int
-    """Bytes of all files so far."""
+    name: str  # Of the file that is being fetched
+    done: int  # Bytes of all files so far
     total: int
 
 

@@ -46,35 +46,26 @@ UP = np.array([0.0, 1.0, 0.0])
 LOADED_N = 20.0
 """Vertical force above which a plate or a foot counts as loaded and a centre of pressure is given: below it, 1 N·m of
 noise moves the centre by over 5 cm."""
-BODY_N = 50.0
-"""Vertical force that only a body on the plate makes; unloaded plates read up to about 30 N."""
-UNLOADED_N = 60.0
-"""Vertical readings below this may be the offset of an empty plate."""
-QUIET_N = 10.0
-"""An empty plate's reading stays this close to its own median."""
+BODY_N = 50.0  # Vertical force that only a body on the plate makes; unloaded plates read up to about 30 N
+UNLOADED_N = 60.0  # Vertical readings below this may be the offset of an empty plate
+QUIET_N = 10.0  # An empty plate's reading stays this close to its own median
 QUIET_S = 0.1
 """Shortest stretch taken as empty; EDGE_S at either end of it is left out, where a foot may be landing or leaving."""
 EDGE_S = 0.02
-OFFSET_TOLD_N = 0.1
-"""An offset smaller than this is left alone."""
-SIDE_M = (0.1, 6.0)
-"""Sides of a plate, m; instrumented treadmills are the long ones."""
+OFFSET_TOLD_N = 0.1  # An offset smaller than this is left alone
+SIDE_M = (0.1, 6.0)  # Sides of a plate, m; instrumented treadmills are the long ones
 TURNED_ROUND = "its force pointed down; force and moment were turned round to act on the body."
 """Note on a plate that `turned_round` has changed."""
-OUTSIDE_M = 0.05
-"""How far a centre of pressure may lie outside the corners before they are doubted."""
+OUTSIDE_M = 0.05  # How far a centre of pressure may lie outside the corners before they are doubted
 
 
 @dataclass(frozen=True)
 class PlateFrame:
     """Where a plate lies: its frame in the axes of the file, after its corners."""
 
-    rotation: Array
-    """(3, 3) columns are the plate's x, y, z axes."""
-    centre: Array
-    """(3,) m, middle of the surface."""
-    corners: Array
-    """(4, 3) m."""
+    rotation: Array  # (3, 3) columns are the plate's x, y, z axes
+    centre: Array  # (3,) m, middle of the surface
+    corners: Array  # (4, 3) m
 
     @property
     def up(self) -> Array:

@@ -26,8 +26,7 @@ from gaitcal.io.text_file import FileFault
 NAME = re.compile(r"(?P<rest>.+?)_?(?P<letter>(?<=_)[vfpmt])?_?(?P<axis>[xyz])", re.IGNORECASE)
 LETTERS = {"v": "force", "f": "force", "p": "point", "m": "moment", "t": "moment"}
 WORDS = {"force": "force", "grf": "force", "point": "point", "cop": "point", "torque": "moment", "moment": "moment"}
-FIRST = {"f": "force", "p": "point", "m": "moment", "t": "moment"}
-"""Of F1X and the like."""
+FIRST = {"f": "force", "p": "point", "m": "moment", "t": "moment"}  # Of F1X and the like
 SUFFIX = re.compile(r"(?P<rest>.+[xyz])_?(?P<plate>\d+|(?<=_)[rl]|(?<=_)right|(?<=_)left)", re.IGNORECASE)
 """Names that end with their plate: Fx1, COPx_1, ground_force_vx_r."""
 FILLERS = frozenset(["ground", "reaction"])
@@ -40,8 +39,7 @@ class Forces:
     source: str
     plates: tuple[ForcePlate, ...]
     notes: tuple[str, ...] = ()
-    turn: Turn = UP_TO_Y[1, 1]
-    """From the axes of the file to ours."""
+    turn: Turn = UP_TO_Y[1, 1]  # From the axes of the file to ours
     feet: Mapping[str, str] = field(default_factory=dict)
     """Plate -> "r" or "l", where the file says on which foot it acts."""
 

@@ -35,8 +35,7 @@ from gaitcal.io.recording import ForcePlate, Recording, require_plain_labels, ze
 
 PER_METRE = {"mm": 1000.0, "cm": 100.0, "m": 1.0, "millimeters": 1000.0, "meters": 1.0}
 LONGEST_HEADER = 20
-AXIS_LINE = re.compile(r"(\s*[XYZ]\d+)*\s*", re.IGNORECASE)
-"""X1 Y1 Z1 X2 ..., or nothing."""
+AXIS_LINE = re.compile(r"(\s*[XYZ]\d+)*\s*", re.IGNORECASE)  # X1 Y1 Z1 X2 ..., or nothing
 USUAL_VERTICAL = axes.Vertical(1, 1, "the usual practice, as the data do not tell")
 
 # ------------------------------------------------------------------------------------------------------------- TRC
@@ -161,14 +160,10 @@ MOT_LONGEST_HEADER = 500
 class StorageTable:
     """What stands in a MOT or STO file."""
 
-    time: Array
-    """(rows,) s, as written."""
-    names: tuple[str, ...]
-    """Columns after time."""
-    values: Array
-    """(rows, columns), in the units of the file."""
-    in_degrees: bool | None
-    """What the header says of angles; None where it does not."""
+    time: Array  # (rows,) s, as written
+    names: tuple[str, ...]  # Columns after time
+    values: Array  # (rows, columns), in the units of the file
+    in_degrees: bool | None  # What the header says of angles; None where it does not
 
     def column(self, name: str) -> Array:
         """(rows,) of one column."""
@@ -255,8 +250,7 @@ def write_forces_mot(path: Path, plates: tuple[ForcePlate, ...]) -> None:
 FOOT = re.compile(r"calc|foot|toe|talus|heel|mtp|forefoot|hindfoot|rearfoot|midfoot", re.IGNORECASE)
 """Bodies of a foot, in the models that people use."""
 GROUND = ("", "ground", "/ground", "/", "unassigned")
-NOTHING = ("", "unassigned")
-"""What an identifier says that names no columns."""
+NOTHING = ("", "unassigned")  # What an identifier says that names no columns
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -265,12 +259,10 @@ class ExternalForce:
 
     name: str
     body: str
-    frames: dict[str, str]
-    """`force` and `point` -> the body in whose frame they are expressed."""
+    frames: dict[str, str]  # `force` and `point` -> the body in whose frame they are expressed
     columns: dict[str, str]
     """`force`, `point`, `moment` -> how the names of its columns begin; the empty string where none are named."""
-    table: str
-    """File of its columns, as written; the empty string where the file does not say."""
+    table: str  # File of its columns, as written; the empty string where the file does not say
 
 
 @text_file.naming_file

@@ -163,8 +163,7 @@ class MarkerGaps:
     """The gaps of one marker."""
 
     label: str
-    seen: float
-    """Share of the frames in which it was seen, 0 to 1."""
+    seen: float  # Share of the frames in which it was seen, 0 to 1
     longest_gap: float
     """s from the last frame before to the first frame after the longest gap; at an end of the trial, to that end."""
 
@@ -193,15 +192,12 @@ def marker_gaps(recording: Recording) -> tuple[MarkerGaps, ...]:
 class StillWindow:
     """Where a subject stood still."""
 
-    frames: slice
-    """Frames of the recording."""
+    frames: slice  # Frames of the recording
     speed: float
     """m/s, RMS over frames and markers of the averaged paths; of a recording shorter than LAG_S the median over its
     markers; 0 for a single frame, which has none."""
-    start: float
-    """s."""
-    stop: float
-    """s, time of the last frame."""
+    start: float  # s
+    stop: float  # s, time of the last frame
     scatter: float = 0.0
     """m, RMS distance of the markers from their means over the window: how far a landmark of this posture is uncertain
     because the person moved."""

@@ -32,17 +32,14 @@ from filelock import FileLock, Timeout
 from gaitcal.errors import Code, InputError
 from gaitcal.io.atomic import FULL, UNFINISHED, disk_errors, real_path, unbroken
 
-MANIFEST = "manifest.json"
-"""The file that marks a folder as a result of gaitcal."""
+MANIFEST = "manifest.json"  # The file that marks a folder as a result of gaitcal
 FILES, HASHES, SELF = "files", "sha256", "own_sha256"
 """Entries of a manifest: names of files, file -> SHA-256, and SHA-256 of all other entries."""
 OLD, LOCK = ".gaitcal-old-", ".gaitcal-lock-"
 """Beginnings of hidden names beside or in a folder: what is being replaced, and that somebody writes now."""
 _LITTER = frozenset({".DS_Store", "Thumbs.db", "desktop.ini"})  # written by file browsers, into any folder they show
-WAIT_S = 60.0
-"""A result of many trials with all its figures is written in less."""
-NOTICE_S = 1.0
-"""Waiting for longer is logged."""
+WAIT_S = 60.0  # A result of many trials with all its figures is written in less
+NOTICE_S = 1.0  # Waiting for longer is logged
 POLL_S = 0.05
 _NO_LOCKS = frozenset({errno.ENOLCK, errno.ENOTSUP, errno.EOPNOTSUPP, errno.EINVAL, errno.ENOSYS})
 """What `flock` answers on a file system that has none."""

@@ -46,8 +46,7 @@ from gaitcal.errors import Code
 from gaitcal.io.recording import Recording
 from gaitcal.io.text_file import FileFault
 
-LENGTH_PER_TURN = 0.005 / np.deg2rad(2.0)
-"""m per rad, sigma_p / sigma_t: 5 mm for 2 degrees."""
+LENGTH_PER_TURN = 0.005 / np.deg2rad(2.0)  # m per rad, sigma_p / sigma_t: 5 mm for 2 degrees
 CORNERS = np.sqrt(0.5) * LENGTH_PER_TURN * np.array([[1, 1, 1], [1, -1, -1], [-1, 1, -1], [-1, -1, 1]])
 """(4, 3) m, d_k in the segment's axes; L / sqrt(3) = sqrt(1/2) sigma_p / sigma_t."""
 PARENT: Mapping[str, str] = {
@@ -69,30 +68,23 @@ PARENT: Mapping[str, str] = {
 }
 """Segment, as Theia calls it (`r_thigh_4X4`), -> the one before it; parents come first."""
 NEEDED = tuple(name for name in PARENT if name == "pelvis" or name[2:] in ("thigh", "shank", "foot", "toes"))
-IGNORED = ("worldbody", "head", "neck", "r_clavicle", "l_clavicle")
-"""Segments that the model does not have."""
+IGNORED = ("worldbody", "head", "neck", "r_clavicle", "l_clavicle")  # Segments that the model does not have
 ENDS = ("toes", "uarm", "larm", "hand")
 """Of these only the origin, their joint, is used: toes bend against the foot, and how an arm turns about its length is
 what markerless programs tell worst and what the model has no coordinate for."""
-ALONG = 0.8
-"""Share of its length by which a direction must lie along an axis of its segment: within 37 degrees."""
-THIGH_M = 0.1, 0.8
-"""From hip to knee, of anybody."""
+ALONG = 0.8  # Share of its length by which a direction must lie along an axis of its segment: within 37 degrees
+THIGH_M = 0.1, 0.8  # From hip to knee, of anybody
 BESIDE = {"knee": 0.05, "ankle": 0.04, "elbow": 0.04}
 """m from a joint to the points that show its axis; any length shows the same."""
-BEHIND = 0.35
-"""From ankle to heel over that from ankle to toes, along the foot."""
-DEPTH = 0.69
-"""From the middle of the ASIS to the sacrum over the distance of the ASIS, of the nominal subject."""
-ABOVE = 0.17
-"""From shoulder up to acromion over the distance of the two: Rab 2002, as the trunk is made of acromia."""
+BEHIND = 0.35  # From ankle to heel over that from ankle to toes, along the foot
+DEPTH = 0.69  # From the middle of the ASIS to the sacrum over the distance of the ASIS, of the nominal subject
+ABOVE = 0.17  # From shoulder up to acromion over the distance of the two: Rab 2002, as the trunk is made of acromia
 _NOT_OF_KEY_POINTS = (*(f"{side}_" for side in "rl"), "torso", "heel", "toe")
 """Corners of other segments than the pelvis, and landmarks that key points are themselves."""
 _SHARED = ("r_thigh", "l_thigh", "r_shank", "l_shank", "r_foot", "l_foot")
 """Of key points: a joint is a point of both its segments, so that it stays where the points have it."""
 FRAMES, RATE = 60, 100.0
-FLOOR = 0.03
-"""m, height of the lowest point of the upright body."""
+FLOOR = 0.03  # m, height of the lowest point of the upright body
 _JOINTS = {"thigh": "Hip", "shank": "Knee", "foot": "Ankle", "uarm": "Shoulder", "larm": "Elbow", "hand": "Wrist"}
 _FOOT = ("Heel", "BigToe", "SmallToe")
 _BOTH = tuple((side, side.lower()) for side in "RL")

@@ -22,12 +22,9 @@ MISSING = frozenset(
     ["", "nan", "-nan", "+nan", "na", "n/a", "none", "null", "-nan(ind)", "nan(ind)", "1.#qnan", "-1.#ind"]
 )
 """What writers put where there is no number."""
-MOST_DECIMALS = 6
-"""Times given more finely than this are as good as exact."""
-EXACT_S = 1e-9
-"""A grid closer than this to the times given changes nothing."""
-UNEVEN = 0.2
-"""Relative departure of a time step from the median above which the user is told."""
+MOST_DECIMALS = 6  # Times given more finely than this are as good as exact
+EXACT_S = 1e-9  # A grid closer than this to the times given changes nothing
+UNEVEN = 0.2  # Relative departure of a time step from the median above which the user is told
 
 _P = ParamSpec("_P")
 _T = TypeVar("_T")
@@ -109,10 +106,8 @@ def read_lines(path: Path) -> list[str]:
 class NumberTable:
     """Numbers as read, before any meaning is given to them."""
 
-    values: Array
-    """(rows, columns); NaN where a cell is empty or says so."""
-    lines: tuple[int, ...]
-    """(rows,) line in the file of each row, from 1, for messages."""
+    values: Array  # (rows, columns); NaN where a cell is empty or says so
+    lines: tuple[int, ...]  # (rows,) line in the file of each row, from 1, for messages
     filled_rows: int
     """How many rows ended before their last columns (whole triples of empty cells left away by the writer)."""
 

@@ -23,10 +23,8 @@ if sys.version_info >= (3, 11):
 else:
     import tomli as tomllib
 
-MAX_BYTES = 100_000
-"""No TOML file that a person writes comes near this size: a study of 300 trials has 40 kB."""
-MAX_DOTS = 30
-"""Parts of a dotted key or table name; the parser's time grows with the square of their number."""
+MAX_BYTES = 100_000  # No TOML file that a person writes comes near this size: a study of 300 trials has 40 kB
+MAX_DOTS = 30  # Parts of a dotted key or table name; the parser's time grows with the square of their number
 
 
 _DOTTED = re.compile(rf"(?:[\w\"'-]{{1,200}}[ \t]*\.[ \t]*){{{MAX_DOTS},}}")

@@ -34,8 +34,7 @@ from gaitcal.arrays import Array, cross
 from gaitcal.model.linkage import SIDE_WORDS, SIDES
 from gaitcal.model.segment_frames import sign
 
-Landmarks = Mapping[str, Array]
-"""Name -> (3,) m, y up."""
+Landmarks = Mapping[str, Array]  # Name -> (3,) m, y up
 WIDTHS = {"knee": (0.066, 0.009), "ankle": (0.052, 0.006)}
 """Mean and sd of the distance from lateral to medial marker. Knees of four heavy children and women, by callipers:
 0.057 to 0.078 of height, 0.009 more with markers."""
@@ -86,19 +85,16 @@ APART: dict[str, tuple[float, float]] = {
     "toe": (0.16, 0.07),
 }
 """Landmark -> mean and sd of how far its right lies to the right of its left, share of height."""
-HIP_HEIGHT = (0.53, 0.035)
-"""Height of the ASIS above the lateral malleoli, share of height: mean and sd."""
+HIP_HEIGHT = (0.53, 0.035)  # Height of the ASIS above the lateral malleoli, share of height: mean and sd
 BOW_DEG, BEND_DEG = 2.5, 5.0
 """sd of the difference between right and left of the angle at the lateral knee, from the front and from the side."""
 LINES_DEG = {("asis", "knee_lat"): 4.0, ("knee_lat", "ankle_lat"): 4.0}
 """sd of the angle from above between the lines from left to right through two landmarks."""
-AXIS_DEG = 11.0
-"""sd of the difference between right and left of a joint's line, seen from above."""
+AXIS_DEG = 11.0  # sd of the difference between right and left of a joint's line, seen from above
 TURN_DEG = 8.0
 """Standard deviation about each axis. Torsion of the tibia scatters by 8 deg, version of the femur by 9 (Strecker et
 al. 1997), the line of the leg from the front by 2 to 3, all more in patients."""
-SHIFT_M = 0.006
-"""Standard deviation along each axis: as joints lie otherwise in their segments than in most people."""
+SHIFT_M = 0.006  # Standard deviation along each axis: as joints lie otherwise in their segments than in most people
 STEP_DEG, STEP_M = 0.5, 5e-4
 BEYOND = {
     "hip": ("knee_lat", "knee_med", "ankle_lat", "ankle_med", "heel", "toe"),
@@ -114,19 +110,14 @@ CENTRE = {"hip": ("asis",), "knee": ("knee_lat", "knee_med"), "ankle": ("ankle_l
 class Measure:
     """One measure of the landmarks, against what people have."""
 
-    name: str
-    """In words: `knee width, right`."""
-    value: float
-    """mm, or degrees."""
+    name: str  # In words: `knee width, right`
+    value: float  # mm, or degrees
     mean: float
     sd: float
-    landmarks: tuple[str, ...]
-    """Which it depends on most."""
+    landmarks: tuple[str, ...]  # Which it depends on most
     unit: str = "mm"
-    absolute: bool = False
-    """A length against people of that height, and not right against left."""
-    postural: bool = False
-    """Depends on how the person stands."""
+    absolute: bool = False  # A length against people of that height, and not right against left
+    postural: bool = False  # Depends on how the person stands
 
     @property
     def z(self) -> float:

@@ -348,8 +348,7 @@ def _median(x: Array) -> Array:
 
 SPIKE_M, SPIKE_ACCELERATION = 0.02, 300.0
 """m, m/s^2: the smallest jump out of line, and the largest acceleration of a marker that is still on a body."""
-MOST_SPIKES = 0.05
-"""Share of a marker's frames: what is out of line in more of them is noise, which has no exceptions."""
+MOST_SPIKES = 0.05  # Share of a marker's frames: what is out of line in more of them is noise, which has no exceptions
 
 
 SPIKE_DEVIATIONS = 6.0

@@ -16,17 +16,12 @@ from gaitcal.published.tables import EXPERIMENT, speed_factor, spread
 
 NOISELESS_DEG, NOISELESS_MM = 0.01, 0.1
 """What the paper calls recovered: its own largest errors are 0.006 deg and 0.014 mm."""
-ZERO_RESIDUAL = 1e-9
-"""N and N·m."""
+ZERO_RESIDUAL = 1e-9  # N and N·m
 FEW_MM, SUBMILLIMETRE, MARKER_MM = 5.0, 1.0, 7.0
-NEARLY = 0.10
-"""Relative difference of two residuals that are called nearly the same."""
-FALL, RISE = 0.40, 0.10
-"""Third step: least fall of residuals, largest rise of the marker distance."""
-NO_MASS_CHANGE = 0.1
-"""kg."""
-ORDERS_FASTER = 2
-"""The fewest that the plural of "orders of magnitude" can mean."""
+NEARLY = 0.10  # Relative difference of two residuals that are called nearly the same
+FALL, RISE = 0.40, 0.10  # Third step: least fall of residuals, largest rise of the marker distance
+NO_MASS_CHANGE = 0.1  # kg
+ORDERS_FASTER = 2  # The fewest that the plural of "orders of magnitude" can mean
 
 
 class Verdict(Enum):
@@ -34,8 +29,7 @@ class Verdict(Enum):
 
     HOLDS = "holds"
     FAILS = "does not hold"
-    UNDECIDED = "undecided"
-    """The standard error reaches across the limit."""
+    UNDECIDED = "undecided"  # The standard error reaches across the limit
     NOT_RUN = "not run"
     NOT_TESTABLE = "not testable"
 
@@ -44,8 +38,7 @@ class Kind(Enum):
     """Whose claim it is."""
 
     PAPER = "paper"
-    SENSITIVITY = "sensitivity"
-    """Ours, on how figures depend on what the paper does not say."""
+    SENSITIVITY = "sensitivity"  # Ours, on how figures depend on what the paper does not say
 
 
 @dataclass(frozen=True)

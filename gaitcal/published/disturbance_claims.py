@@ -53,12 +53,9 @@ class Conclusion:
 
     claim: str
     frame: ReactionFrame
-    holds: bool | None
-    """None where the draws are too few to judge."""
-    numbers: str
-    """A sentence with the figures behind it."""
-    draws: int
-    """Draws that the smallest of its sets has, failed ones left out."""
+    holds: bool | None  # None where the draws are too few to judge
+    numbers: str  # A sentence with the figures behind it
+    draws: int  # Draws that the smallest of its sets has, failed ones left out
 
     @property
     def verdict(self) -> str:
@@ -144,12 +141,9 @@ def _name(torque: np.intp | int) -> str:
 
 
 FRAMES = {ReactionFrame.LAB: "ground reactions fixed in the laboratory", ReactionFrame.FOOT: "carried with the foot"}
-WITHIN = 0.25
-"""Relative difference from a published torque error that still counts as the same."""
-SMALL_TORQUE = 1.0
-"""%BW*H that a small torque error from marker noise stays below."""
-WIDE_PERCENT = 50.0
-"""%: inertial bounds of the extra analysis."""
+WITHIN = 0.25  # Relative difference from a published torque error that still counts as the same
+SMALL_TORQUE = 1.0  # %BW*H that a small torque error from marker noise stays below
+WIDE_PERCENT = 50.0  # %: inertial bounds of the extra analysis
 _JP_FIGURES = tuple(figure for figure in PUBLISHED if figure.varied is Varied.JP)
 
 
@@ -157,10 +151,8 @@ _JP_FIGURES = tuple(figure for figure in PUBLISHED if figure.varied is Varied.JP
 class Disturbances:
     """Statistics of the Monte Carlo studies (see `statistics.statistics`)."""
 
-    table: pd.DataFrame
-    """The four sets at the published bounds."""
-    wide: pd.DataFrame
-    """Inertial parameters alone, +-50 %."""
+    table: pd.DataFrame  # The four sets at the published bounds
+    wide: pd.DataFrame  # Inertial parameters alone, +-50 %
     draws: int
 
     def torque(self, varied: Varied, torque: str, frame: ReactionFrame, measure: str = "rms") -> list[float]:
@@ -183,8 +175,7 @@ def _errors(table: pd.DataFrame, varied: Varied, frame: ReactionFrame) -> Array:
     return rows["average"].to_numpy(dtype=float)
 
 
-Outcome = tuple[str, bool | np.bool_]
-"""Our figures in words, and whether the claim holds."""
+Outcome = tuple[str, bool | np.bool_]  # Our figures in words, and whether the claim holds
 _Test = Callable[[Disturbances, ReactionFrame], Outcome]
 
 
@@ -295,8 +286,7 @@ def _levels(rms_mm: float, joint: tuple[float, float], noise: tuple[float, float
 
 
 FOUR_MM = _levels(4.0, (0.0, 25.0), (40.0, 75.0))
-FOURTEEN_MM = _levels(14.0, (40.0, 60.0), (100.0, np.inf))
-"""Of the levels that the printed marker errors mean."""
+FOURTEEN_MM = _levels(14.0, (40.0, 60.0), (100.0, np.inf))  # Of the levels that the printed marker errors mean
 
 
 def printed_markers(d: Disturbances) -> Outcome:

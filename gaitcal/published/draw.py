@@ -35,8 +35,7 @@ from gaitcal.published.protocol import MonteCarloSettings, ReactionFrame, Varied
 from gaitcal.runtime import with_one_blas_thread
 from gaitcal.synthetic.motion import marker_noise, synthetic_markers
 
-TORQUES = LEG_COORDINATES
-"""The torques of a leg, without the side; the knee's adduction is a reaction."""
+TORQUES = LEG_COORDINATES  # The torques of a leg, without the side; the knee's adduction is a reaction
 TORQUE_WORDS = {name: COORDINATE_TABLE[name].title[:1].lower() + COORDINATE_TABLE[name].title[1:] for name in TORQUES}
 LEG_TORQUES: tuple[str, ...] = tuple(f"{name}_{side}" for side in SIDES for name in TORQUES)
 """Both legs: the order of every axis of torques."""
@@ -153,12 +152,9 @@ def _undisturbed_problem(case: MonteCarloCase) -> MotionProblem:
 class Disturbance:
     """What one draw changes; None where its set leaves something alone."""
 
-    joint: Array | None
-    """(np,) m, rad added to the joint parameters that vary."""
-    inertial: Array | None
-    """(36,) parts by which the symmetric inertial parameters change: 0.1 is ten per cent more."""
-    noise: Array | None
-    """(nm, 3, nf) m added to the markers, in the order of the context's data."""
+    joint: Array | None  # (np,) m, rad added to the joint parameters that vary
+    inertial: Array | None  # (36,) parts by which the symmetric inertial parameters change: 0.1 is ten per cent more
+    noise: Array | None  # (nm, 3, nf) m added to the markers, in the order of the context's data
 
 
 def disturb(context: MonteCarloContext, varied: Varied, level: int, number: int) -> Disturbance:
@@ -201,10 +197,8 @@ COLUMNS: tuple[str, ...] = (
 class DrawResult:
     """The record of one draw."""
 
-    values: Array
-    """(60,) in the order of `COLUMNS`; NaN where the draw failed before there was anything to measure."""
-    evaluations: int
-    """Of the gradient in the re-fit; 0 without one."""
+    values: Array  # (60,) in the order of `COLUMNS`; NaN where the draw failed before there was anything to measure
+    evaluations: int  # Of the gradient in the re-fit; 0 without one
     failure: str
     """Why the motion could not be fitted; empty where it could. The values are then those of the last motion tried."""
 
@@ -230,12 +224,9 @@ def draw(context: MonteCarloContext, varied: Varied, level: int, number: int) ->
 class Refit:
     """The end of a re-fit."""
 
-    coefficients: Array
-    """(nn, nq) m, rad."""
-    evaluations: int
-    """Steps taken, each with an evaluation of the gradient."""
-    failure: str
-    """Why it did not converge; empty where it did."""
+    coefficients: Array  # (nn, nq) m, rad
+    evaluations: int  # Steps taken, each with an evaluation of the gradient
+    failure: str  # Why it did not converge; empty where it did
 
 
 def refit(
@@ -274,13 +265,10 @@ class DisturbedModel:
     """The case after a disturbance, its motion not yet fitted."""
 
     parameters: Parameters
-    problem: MotionProblem
-    """The markers that the motion is to be fitted to."""
+    problem: MotionProblem  # The markers that the motion is to be fitted to
     constants: ChainConstants
-    start: Array
-    """(nn, nq) m, rad: the undisturbed motion and what it changes by to first order."""
-    factor: banded.BandFactor | None
-    """Of the Gauss-Newton matrix at the start; None where it must be formed."""
+    start: Array  # (nn, nq) m, rad: the undisturbed motion and what it changes by to first order
+    factor: banded.BandFactor | None  # Of the Gauss-Newton matrix at the start; None where it must be formed
 
 
 def disturbed_model(context: MonteCarloContext, change: Disturbance) -> DisturbedModel:

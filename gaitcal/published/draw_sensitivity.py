@@ -38,12 +38,9 @@ from gaitcal.published.study import Chunk, in_order, run_chunk
 from gaitcal.published.tables import SENSITIVITY, TableRow
 from gaitcal.runtime import with_one_blas_thread
 
-SETS = (Varied.JP, Varied.NOISE)
-"""Inertial parameters alone need no re-fit."""
-CONVERGED = -1
-"""Number of iterations of a re-fit that goes on to its end."""
-PROBE = 1e-5
-"""Part of a step by which positions are differenced along it."""
+SETS = (Varied.JP, Varied.NOISE)  # Inertial parameters alone need no re-fit
+CONVERGED = -1  # Number of iterations of a re-fit that goes on to its end
+PROBE = 1e-5  # Part of a step by which positions are differenced along it
 
 
 class Iteration(Enum):
@@ -124,12 +121,10 @@ def _steepest_descent(
     return coefficients
 
 
-DRAWS = 40
-"""At each set and level: averages to some 5 %."""
+DRAWS = 40  # At each set and level: averages to some 5 %
 PRINTED_MM = ((Varied.JP, 50, 14.0), (Varied.NOISE, 50, 4.0))
 """Set, level and the marker error that the paper says it means, mm."""
-DECIMALS = 5
-"""Of mm and %BW*H in `iterations.csv`."""
+DECIMALS = 5  # Of mm and %BW*H in `iterations.csv`
 _FIGURES = tuple(figure for figure in PUBLISHED if figure.varied is Varied.JP)
 _COURSE = {Iteration.GAUSS_NEWTON: (0, 1, 2, CONVERGED), Iteration.STEEPEST_DESCENT: (1, 2, 5, 30)}
 """Numbers of iterations whose errors are in the claim's words; none is the same of both, and so is the end."""
@@ -141,8 +136,7 @@ class StoppedRefits:
 
     tables: dict[tuple[Iteration, int], pd.DataFrame]
     """By iteration and number: `statistics.statistics` of the sets JP and noise."""
-    draws: int
-    """At each set and level."""
+    draws: int  # At each set and level
 
     def as_study(self, key: tuple[Iteration, int]) -> Disturbances:
         """One of them, to be tested as the study is."""
@@ -262,13 +256,10 @@ def refit_claims(stopped: StoppedRefits | None) -> list[Claim]:
 
 PAIRED_DRAWS = 200
 LEVEL = 100
-VERTICAL = 1
-"""Of a force in the laboratory."""
+VERTICAL = 1  # Of a force in the laboratory
 OWN, SHARED = "each foot's own", "one for both feet"
-NO_DIFFERENCE = 0.05
-"""Part of a torque error: a smaller change counts as none."""
-DECIDED_ERRORS = 2.0
-"""Standard errors that a change has to be away from that, or the answer is undecided."""
+NO_DIFFERENCE = 0.05  # Part of a torque error: a smaller change counts as none
+DECIDED_ERRORS = 2.0  # Standard errors that a change has to be away from that, or the answer is undecided
 _PRINTED_TORQUES = ", ".join(f"{drawing.TORQUE_WORDS[figure.torque]} {figure.value}" for figure in _FIGURES) + " %BW*H"
 
 

@@ -47,20 +47,16 @@ from gaitcal.published.tables import JOINT_FIGURES, SENSITIVITY, TableRow
 from gaitcal.runtime import with_one_blas_thread
 from gaitcal.synthetic.motion import ISOLATED_FRAMES, NOISE_AMPLITUDE, RATE, marker_noise
 
-LIMIT = 0.05
-"""p below which the figures are rejected as a draw."""
-DECIDED_ERRORS = 2.0
-"""Standard errors that p has to be away from the limit, or the answer is undecided."""
+LIMIT = 0.05  # p below which the figures are rejected as a draw
+DECIDED_ERRORS = 2.0  # Standard errors that p has to be away from the limit, or the answer is undecided
 BOOTSTRAPS = 200
 _SAME = 1e-9
 """Relative difference of distances that is rounding, and relative size of an eigenvalue or direction that is none."""
-RATES = (RATE, 60.0)
-"""Frames per second, hence lengths, of the isolated trials."""
+RATES = (RATE, 60.0)  # Frames per second, hence lengths, of the isolated trials
 DRAWS = 300
 """Of the noise, at each length: of a p near 0.05 the standard error is 0.013 by low rank sum, some 0.02 by distance."""
 ABSORPTION_DRAWS = 200
-NOISE_MM = 1e3 * NOISE_AMPLITUDE / np.sqrt(2.0)
-"""RMS of the noise: three coordinates of variance A^2 / 6 each."""
+NOISE_MM = 1e3 * NOISE_AMPLITUDE / np.sqrt(2.0)  # RMS of the noise: three coordinates of variance A^2 / 6 each
 
 
 def _printed(key: str) -> dict[str, float]:
@@ -83,10 +79,8 @@ _DISTANCES = _printed("marker_distance_mm")
 class Place:
     """Where printed figures lie among draws."""
 
-    p: float
-    """NaN: too few draws to tell."""
-    error: float
-    """Standard error of `p` from the number of draws."""
+    p: float  # NaN: too few draws to tell
+    error: float  # Standard error of `p` from the number of draws
 
     @property
     def verdict(self) -> Verdict:
@@ -147,10 +141,8 @@ def place(test: Callable[[Array, Array], float], draws: Array, printed: Array) -
 class LengthDraws:
     """Table I with noise for one length of the isolated trials."""
 
-    rate: float
-    """Hz."""
-    problems: list[dict[str, recovery.JointRecovery]]
-    """Draw by draw."""
+    rate: float  # Hz
+    problems: list[dict[str, recovery.JointRecovery]]  # Draw by draw
 
     @property
     def seconds(self) -> float:
@@ -259,16 +251,11 @@ class Absorbed:
     """What one of `PROBLEMS` absorbs of the noise."""
 
     markers: int
-    any_motion: float
-    """Share of the variance that a motion of any number of nodes absorbs."""
-    motion: float
-    """Share that the motion of 20 nodes absorbs."""
-    whole: float
-    """Share that the motion and the free joint parameters absorb."""
-    standard_error: float
-    """Of both shares."""
-    left_mm: Array
-    """(n,) RMS marker distance that is left of each draw, mm, with all of these."""
+    any_motion: float  # Share of the variance that a motion of any number of nodes absorbs
+    motion: float  # Share that the motion of 20 nodes absorbs
+    whole: float  # Share that the motion and the free joint parameters absorb
+    standard_error: float  # Of both shares
+    left_mm: Array  # (n,) RMS marker distance that is left of each draw, mm, with all of these
 
 
 def absorbed_noise(seed: int, draws: int = ABSORPTION_DRAWS, jobs: int = -1) -> dict[str, Absorbed]:

@@ -74,25 +74,16 @@ def _index(names: Sequence[str]) -> list[int]:
 class JointRecovery:
     """One of the four problems, solved."""
 
-    names: tuple[str, ...]
-    """The joint parameters whose errors count: the joint's, or the leg's 27."""
-    errors: Array
-    """(n,) found - true, mm and deg."""
-    marker_mm: float
-    """RMS distance of markers, mm."""
-    largest_mm: float
-    """Largest distance of any marker in any frame, mm."""
-    cost: float
-    """m^2."""
-    steps: int
-    """From zero: steps of the far start and evaluations of the end game."""
-    seconds: float
-    """Of the processor, as the published times."""
+    names: tuple[str, ...]  # The joint parameters whose errors count: the joint's, or the leg's 27
+    errors: Array  # (n,) found - true, mm and deg
+    marker_mm: float  # RMS distance of markers, mm
+    largest_mm: float  # Largest distance of any marker in any frame, mm
+    cost: float  # m^2
+    steps: int  # From zero: steps of the far start and evaluations of the end game
+    seconds: float  # Of the processor, as the published times
     converged: bool
-    parameters: params.Parameters
-    """All of the linkage, with what was found."""
-    coefficients: Array
-    """(20, 27) m, rad."""
+    parameters: params.Parameters  # All of the linkage, with what was found
+    coefficients: Array  # (20, 27) m, rad
     cost_at_truth: float = np.nan
     """m^2: with the true joint parameters, the motion fitted; NaN where it was not asked for."""
     cost_from_truth: float = np.nan
@@ -213,12 +204,9 @@ NOISELESS_DECAY = 0.1
 class InertialErrors:
     """RMS errors over the two-sided model."""
 
-    inertia: float
-    """kg mm^2, 36 principal moments."""
-    mass: float
-    """kg, 12 masses."""
-    centre: float
-    """mm, 36 coordinates of mass centres."""
+    inertia: float  # kg mm^2, 36 principal moments
+    mass: float  # kg, 12 masses
+    centre: float  # mm, 36 coordinates of mass centres
 
 
 def inertial_rms(estimate: Array, truth: Array) -> InertialErrors:
@@ -242,36 +230,25 @@ def symmetric_errors(estimate: Array, truth: Array) -> dict[str, float]:
 class InertialRecovery:
     """A solution of phase 2."""
 
-    force: float
-    """N, RMS pelvis residual over frames and components."""
-    torque: float
-    """N·m."""
+    force: float  # N, RMS pelvis residual over frames and components
+    torque: float  # N·m
     errors: InertialErrors
-    each: dict[str, float]
-    """Error of each of the 36 parameters and of `foot.com.sup`; kg, mm, kg mm^2."""
-    total_mass: float
-    """kg, error of the whole body's mass."""
+    each: dict[str, float]  # Error of each of the 36 parameters and of `foot.com.sup`; kg, mm, kg mm^2
+    total_mass: float  # kg, error of the whole body's mass
     seeds: int
-    seconds: float
-    """Of the processor, as the published times."""
-    converged: bool
-    """Whether the residuals settled."""
-    physical: bool
-    """Whether every body could exist; the published cost does not ask for it."""
+    seconds: float  # Of the processor, as the published times
+    converged: bool  # Whether the residuals settled
+    physical: bool  # Whether every body could exist; the published cost does not ask for it
 
 
 @dataclass(frozen=True, kw_only=True)
 class ThirdStep:
     """What joint and inertial parameters and motion together do to residuals and markers, from phases 1 and 2."""
 
-    force: tuple[float, float]
-    """N before and after."""
-    torque: tuple[float, float]
-    """N·m before and after."""
-    marker_mm: tuple[float, float]
-    """RMS distance before and after."""
-    position_mm: tuple[float, float]
-    """RMS error of the positions among the free joint parameters, before and after."""
+    force: tuple[float, float]  # N before and after
+    torque: tuple[float, float]  # N·m before and after
+    marker_mm: tuple[float, float]  # RMS distance before and after
+    position_mm: tuple[float, float]  # RMS error of the positions among the free joint parameters, before and after
     seconds: float
     converged: bool
 
@@ -362,20 +339,14 @@ def third_step(markers: MotionProblem, gait: JointRecovery) -> ThirdStep:
 class SeedResult:
     """Phases 1 to 3 for one draw of the noise."""
 
-    joints: dict[str, JointRecovery]
-    """By problem."""
-    residual_before: tuple[float, float]
-    """N, N·m: true inertial parameters with the joints and motion of phase 1."""
-    correct: InertialRecovery
-    """Phase 2 from the correct seed."""
-    single_pass: InertialRecovery
-    """The same without re-seeding."""
-    random: tuple[InertialRecovery, ...]
-    """Phase 2 from random seeds."""
+    joints: dict[str, JointRecovery]  # By problem
+    residual_before: tuple[float, float]  # N, N·m: true inertial parameters with the joints and motion of phase 1
+    correct: InertialRecovery  # Phase 2 from the correct seed
+    single_pass: InertialRecovery  # The same without re-seeding
+    random: tuple[InertialRecovery, ...]  # Phase 2 from random seeds
     scales: dict[inertial_calibration.TorqueScale, InertialRecovery]
     """Phase 2 from the correct seed, for each normalisation of torques."""
-    third: ThirdStep | None
-    """Only with noise."""
+    third: ThirdStep | None  # Only with noise
 
 
 @with_one_blas_thread

@@ -28,13 +28,10 @@ from gaitcal.runtime import Progress, silent, with_one_blas_thread
 class SensitivityDraws:
     """How many draws each of the sensitivities has: what the paper does not say and our figures depend on."""
 
-    noise: int = phase_one.DRAWS
-    """Of phase 1, for each length of the isolated trials."""
+    noise: int = phase_one.DRAWS  # Of phase 1, for each length of the isolated trials
     absorbed: int = phase_one.ABSORPTION_DRAWS
-    stopped: int = refits.DRAWS
-    """Of the Monte Carlo study, each set and level, their re-fits stopped on the way."""
-    centres: int = refits.PAIRED_DRAWS
-    """Of the Monte Carlo study, for each division of the ground reactions."""
+    stopped: int = refits.DRAWS  # Of the Monte Carlo study, each set and level, their re-fits stopped on the way
+    centres: int = refits.PAIRED_DRAWS  # Of the Monte Carlo study, for each division of the ground reactions
 
 
 _SENSITIVITIES: tuple[tuple[str, str, Callable[..., Any], Callable[..., Any], Callable[..., Any]], ...] = (
@@ -68,16 +65,11 @@ class ReproductionSettings:
 
     noise_seeds: int = NOISE_SEEDS
     seed: int = 0
-    random_seeds: int = RANDOM_SEEDS
-    """Of phase 2, for each draw of the noise; at least 2."""
-    draws: int = 0
-    """Of the Monte Carlo study, each set and level; 0: none."""
-    sensitivities: SensitivityDraws | None = field(default_factory=SensitivityDraws)
-    """None: none are computed."""
-    jobs: int = -1
-    """Processes; -1: one for every core. The results do not depend on it."""
-    data: Path | None = None
-    """Folder of real recordings, for the people shown instead of the experimental trial."""
+    random_seeds: int = RANDOM_SEEDS  # Of phase 2, for each draw of the noise; at least 2
+    draws: int = 0  # Of the Monte Carlo study, each set and level; 0: none
+    sensitivities: SensitivityDraws | None = field(default_factory=SensitivityDraws)  # None: none are computed
+    jobs: int = -1  # Processes; -1: one for every core. The results do not depend on it.
+    data: Path | None = None  # Folder of real recordings, for the people shown instead of the experimental trial
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -90,10 +82,8 @@ class Reproduction:
     tables: list[table_rows.TableRow]
     times: list[table_rows.TableRow]
     claims: list[Claim]
-    disturbances: pd.DataFrame | None
-    """Statistics of the Monte Carlo study; see `montecarlo.statistics`."""
-    stopped: refits.StoppedRefits | None
-    """Of the sensitivities, what `iterations.csv` tells of."""
+    disturbances: pd.DataFrame | None  # Statistics of the Monte Carlo study; see `montecarlo.statistics`
+    stopped: refits.StoppedRefits | None  # Of the sensitivities, what `iterations.csv` tells of
 
 
 @with_one_blas_thread
@@ -172,8 +162,7 @@ def _disturb(settings: ReproductionSettings, folder: Path | None, progress: Prog
 
 TABLE_COLUMNS = ("table", "row", "column", "published", "ours", "unit", "note")
 CLAIM_COLUMNS = ("kind", "claim", "published", "ours", "verdict")
-DIGITS = 6
-"""Significant digits of figures."""
+DIGITS = 6  # Significant digits of figures
 
 
 def write_tables(reproduction: Reproduction, folder: Path) -> None:

@@ -37,22 +37,16 @@ from gaitcal.published.statistics import statistics, unconverged
 from gaitcal.published.workers import LocalProcesses, Workers, alone
 from gaitcal.runtime import with_one_blas_thread
 
-FORMAT = 2
-"""Raised whenever the same settings would give other draws."""
+FORMAT = 2  # Raised whenever the same settings would give other draws
 KEYS = ("set", "level", "draw")
 FIELDS = (*KEYS, "evaluations", "failure", *COLUMNS)
-PURPOSE = "monte carlo study"
-"""Of the lock on a store."""
-CHUNK_DRAWS = 250
-"""Some seconds of work."""
-STEP = 1.2
-"""Factor by which `until_converged` raises the number of draws."""
+PURPOSE = "monte carlo study"  # Of the lock on a store
+CHUNK_DRAWS = 250  # Some seconds of work
+STEP = 1.2  # Factor by which `until_converged` raises the number of draws
 MOST_DRAWS = 100_000
-TRIES = 3
-"""The draws are all there after the first, unless somebody removes files meanwhile or a disk is bad."""
+TRIES = 3  # The draws are all there after the first, unless somebody removes files meanwhile or a disk is bad
 _NAME = re.compile(r"(jp|ip|both|noise)_(\d{4})_(\d{8})_(\d{8})_([0-9a-f]{16})\.parquet")
-_MADE_WITH = b"gaitcal.made_with"
-"""Entry of a chunk's Parquet schema: SHA-256 of format, settings and model."""
+_MADE_WITH = b"gaitcal.made_with"  # Entry of a chunk's Parquet schema: SHA-256 of format, settings and model
 _VERSIONED = ("gaitcal", "numpy", "scipy", "pin")
 
 DrawProgress = Callable[[int, int], None]

@@ -14,8 +14,7 @@ from gaitcal.calibration.inertial_calibration import TorqueScale
 from gaitcal.published.protocol import PROBLEMS, cpu_seconds, table_four, table_one, table_three, table_two, text
 from gaitcal.published.recovery import NOISELESS_DECAY, InertialRecovery, JointRecovery, SeedResult
 
-SENSITIVITY = "sensitivity"
-"""Of `tables.csv`: the table of what the paper does not say and our figures depend on."""
+SENSITIVITY = "sensitivity"  # Of `tables.csv`: the table of what the paper does not say and our figures depend on
 EXPERIMENT = "needs the unpublished experimental trial; cannot be reproduced"
 JOINT_FIGURES: tuple[tuple[str, str, str, Callable[[JointRecovery], float | None]], ...] = (
     ("marker_distance_mm", "marker distance RMS", "mm", lambda r: r.marker_mm),
@@ -44,8 +43,7 @@ PHASES: tuple[tuple[str, str, Callable[[SeedResult], list[float]]], ...] = (
     ("phase 1, gait", "gait", lambda d: [d.joints["full leg"].seconds]),
     ("phase 2", "inertial", lambda d: [d.correct.seconds, *(r.seconds for r in d.random)]),
 )
-RUN = "this run"
-"""Row of `times.csv` with the time of the parts of a run."""
+RUN = "this run"  # Row of `times.csv` with the time of the parts of a run
 SAME_COST = 1.0001
 MARKER_SET = (
     "the paper gives neither marker set nor frame rate; ours: 41 markers at 200 Hz; fewer markers or shorter trials "

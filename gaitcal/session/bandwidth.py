@@ -33,21 +33,15 @@ from gaitcal.motion.motion import motion_of
 from gaitcal.study.settings import AUTOMATIC, CalibrationSettings
 from gaitcal.study.study_trial import Trial
 
-PLATES_HZ = 50.0
-"""Of the plates while they choose."""
+PLATES_HZ = 50.0  # Of the plates while they choose
 JOINTS_HZ = 12.0
 """At least, while joint parameters are fitted: they ask for no accelerations, and a motion smoothed at the 2 Hz that
 the markers of a slow isolated trial ask for gave knee axes 7.5 mm off where 2.5 were to be had (12 and 25 Hz alike)."""
-ENDS_S = 0.1
-"""s at either end that have no say, whatever f: accelerations there lean on one side only."""
-FEWEST_LOADED = 20
-"""Valid frames below which plates have no say."""
-REACH = float(np.sqrt(2.0))
-"""Factor by which plates may change the markers' cut-off."""
-TOLD = 1.25
-"""Plates tell f where sum |F|^2 is so much larger with half of it."""
-AT_LIMIT = 0.99
-"""Of the highest cut-off."""
+ENDS_S = 0.1  # s at either end that have no say, whatever f: accelerations there lean on one side only
+FEWEST_LOADED = 20  # Valid frames below which plates have no say
+REACH = float(np.sqrt(2.0))  # Factor by which plates may change the markers' cut-off
+TOLD = 1.25  # Plates tell f where sum |F|^2 is so much larger with half of it
+AT_LIMIT = 0.99  # Of the highest cut-off
 SUFFERS, SUFFERS_M = 1.2, 3e-4
 """A fit suffers where its marker error is 1.2 times, and 0.3 mm above, that with the cut-off its markers ask for."""
 

@@ -37,13 +37,10 @@ class Seen:
     name: str
     kind: str
     frames: int | None = None
-    labels: str = ""
-    """How many of its labels the marker set knows."""
+    labels: str = ""  # How many of its labels the marker set knows
     shows: str = ""
-    used: str = ""
-    """As what; empty: not at all."""
-    reason: str = ""
-    """Why it is used so, or why it is not used."""
+    used: str = ""  # As what; empty: not at all
+    reason: str = ""  # Why it is used so, or why it is not used
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -64,20 +61,15 @@ class Draft:
     """A folder as it was understood, and the study that follows."""
 
     folder: Folder
-    choice: marker_sets.SetChoice | None
-    """None: no marker set explains the labels."""
+    choice: marker_sets.SetChoice | None  # None: no marker set explains the labels
     person: Mapping[str, person_facts.Known]
     trials: tuple[Drafted, ...]
     seen: tuple[Seen, ...]
-    fault: str = ""
-    """Why no study follows from the folder; empty where one does."""
-    strangers: bool = False
-    """Whether recordings of the same labels show another person, or another session."""
-    problem: str = ""
-    """Why the drafted study cannot be run as it is, apart from what is missing."""
+    fault: str = ""  # Why no study follows from the folder; empty where one does
+    strangers: bool = False  # Whether recordings of the same labels show another person, or another session
+    problem: str = ""  # Why the drafted study cannot be run as it is, apart from what is missing
 
-    doubts: tuple[str, ...] = ()
-    """What files say of the person that can be in no unit it should be in."""
+    doubts: tuple[str, ...] = ()  # What files say of the person that can be in no unit it should be in
 
     @property
     def moves(self) -> bool:
@@ -110,8 +102,7 @@ class Draft:
         )
 
 
-FIRST_LABELS = 8
-"""Shown of a recording that no marker set explains."""
+FIRST_LABELS = 8  # Shown of a recording that no marker set explains
 
 
 def row_of(file: FolderFile, *, labels: str = "", shows: str = "", used: str = "", reason: str = "") -> Seen:
@@ -131,8 +122,7 @@ def row_of(file: FolderFile, *, labels: str = "", shows: str = "", used: str = "
 
 
 STUDY = "study.toml"
-WIDEST = 70
-"""Characters of a line up to which its comment stands beside it; else above."""
+WIDEST = 70  # Characters of a line up to which its comment stands beside it; else above
 MISSING = {"mass_kg": "body mass in kg", "height_m": "body height in m"}
 """What is to be written where nobody says it; no value that could be taken over without a thought."""
 

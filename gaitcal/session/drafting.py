@@ -44,8 +44,7 @@ def refused(folder: folders.Folder, fault: str, told: Mapping[str, str]) -> Draf
     return Draft(folder=folder, choice=None, person={}, trials=(), seen=seen, fault=fault)
 
 
-MOST_BELOW = 60
-"""Recordings in subfolders that are read to see whether they are of one person's session."""
+MOST_BELOW = 60  # Recordings in subfolders that are read to see whether they are of one person's session
 
 
 def draft_of(folder: folders.Folder, options: Options) -> Draft:
@@ -185,8 +184,7 @@ class _Drafting:
     folder: folders.Folder
     files: tuple[folders.FolderFile, ...]
     choice: SetChoice
-    spelt: Mapping[int, Recording]
-    """With the labels of the set."""
+    spelt: Mapping[int, Recording]  # With the labels of the set
     session: Sitting
     options: Options
 

@@ -24,11 +24,9 @@ from gaitcal.io.force_tables import Forces
 from gaitcal.io.recording import Recording
 from gaitcal.model.marker_set import MarkerSet, load_marker_set
 
-MOST_FILES = 2000
-"""A folder with more files is no person's."""
+MOST_FILES = 2000  # A folder with more files is no person's
 MARKER_ENDINGS, TABLE_ENDINGS = (".c3d", ".trc"), (".mot", ".sto")
-LARGEST_XML = 1_000_000
-"""Bytes; the settings of external forces take some 3 kB."""
+LARGEST_XML = 1_000_000  # Bytes; the settings of external forces take some 3 kB
 _HIDDEN = re.compile(r"[.~]")
 
 
@@ -37,8 +35,7 @@ class FileKind(Enum):
 
     RECORDING = "recording"
     FORCES = "forces"
-    EXTERNAL_LOADS = "external forces"
-    """OpenSim's XML that says which columns of a table are which force."""
+    EXTERNAL_LOADS = "external forces"  # OpenSim's XML that says which columns of a table are which force
     CORNERS = "corners of plates"
     FACTS = "person and events"
     EVENTS = "foot events"
@@ -53,16 +50,13 @@ class FolderFile:
     """One file, as it was read."""
 
     path: Path
-    name: str
-    """As seen from the folder."""
+    name: str  # As seen from the folder
     kind: FileKind
     recording: Recording | None = None
     forces: Forces | None = None
     marker_set: MarkerSet | None = None
-    names: str = ""
-    """Of external forces: the table that they name."""
-    reason: str = ""
-    """Why it is of no use, where it is of none."""
+    names: str = ""  # Of external forces: the table that they name
+    reason: str = ""  # Why it is of no use, where it is of none
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -70,12 +64,9 @@ class Folder:
     """A folder as it was read."""
 
     path: Path
-    files: tuple[FolderFile, ...]
-    """In the order of their names, letters without case."""
-    subfolders: tuple[tuple[str, int], ...]
-    """Folders in it that hold recordings, and how many."""
-    deep: bool = False
-    """Whether the files of these are among `files`."""
+    files: tuple[FolderFile, ...]  # In the order of their names, letters without case
+    subfolders: tuple[tuple[str, int], ...]  # Folders in it that hold recordings, and how many
+    deep: bool = False  # Whether the files of these are among `files`
 
     def of_kind(self, kind: FileKind) -> tuple[FolderFile, ...]:
         """Its files of one kind."""
@@ -265,20 +256,17 @@ WORDS = re.compile(r"(grfs?|forces?|force|fp|plates?|analog|kinetics|ext|externa
 class ForceChoice:
     """The forces of one recording."""
 
-    file: FolderFile
-    """The table, or the XML that names it."""
+    file: FolderFile  # The table, or the XML that names it
     reason: str
     certain: bool
-    time: tuple[float, float] | None = None
-    """s: the part that the forces cover, where that is not all."""
+    time: tuple[float, float] | None = None  # s: the part that the forces cover, where that is not all
 
 
 @dataclass(frozen=True)
 class _Match:
     recording: int
     table: int
-    away: float | None
-    """m, of the centre of pressure from the feet; None where nothing is loaded."""
+    away: float | None  # m, of the centre of pressure from the feet; None where nothing is loaded
     alike: float
     time: tuple[float, float] | None
 

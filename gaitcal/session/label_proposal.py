@@ -21,24 +21,19 @@ from gaitcal.session import unnamed_markers
 LANDMARK_SET = "landmarks"
 BOTH_FEET = 0.5
 """How far both feet must say the same of the way forward to be believed without asking where feet and pelvis point."""
-BEYOND_DOUBT = 4.6
-"""Log of the odds, 100 to 1, from which left and right, or a segment, are told without a doubt."""
+BEYOND_DOUBT = 4.6  # Log of the odds, 100 to 1, from which left and right, or a segment, are told without a doubt
 ONE_IN_20, ONE_IN_100 = 7.81, 11.34
 """Chi-squared of three, which one landmark in so many exceeds: of one in a hundred a person is asked."""
-FLOOR_M = 0.02
-"""Of the lowest marker over the floor."""
+FLOOR_M = 0.02  # Of the lowest marker over the floor
 TALL, STEP, STEPS = 1.03, 1.06, 12
 """Heights that are tried: the highest marker's, as if it were over the head, and so on to where it is on the pelvis."""
 NEAREST = 5
-LIKELIEST = 3
-"""Of these heights, where one is told."""
-HEIGHT_TOLD = 0.03
-"""Standard deviation of a height that is told, as a share, against that by which markers fit best."""
+LIKELIEST = 3  # Of these heights, where one is told
+HEIGHT_TOLD = 0.03  # Standard deviation of a height that is told, as a share, against that by which markers fit best
 FEWEST_MARKERS = 10
 WALKS_M, RESTS_M = 0.1, 0.01
 """RMS distance from their mean place of markers on feet that walk, on a treadmill, too, and of those in the room."""
-WITH_ANOTHER = 0.75
-"""Share of the markers that another one is on a segment with: all but some wrist, elbow or shoulder."""
+WITH_ANOTHER = 0.75  # Share of the markers that another one is on a segment with: all but some wrist, elbow or shoulder
 ALONE = 0.09
 """Half as far from the middle as a posterior superior iliac spine, as a share of the distance of the anterior ones."""
 MEASURED_M = 1e-5
@@ -54,22 +49,16 @@ DEVICE = ("knee_axis", "knee_device_2", "knee_device_3")
 class LabelProposal:
     """What each label may mean."""
 
-    rename: Mapping[str, str]
-    """Label -> landmark, as the marker set "landmarks" names it."""
-    tracking: Mapping[str, tuple[str, ...]]
-    """Segment -> labels of the other markers that move with it."""
-    weights: Mapping[str, float]
-    """Label, of a landmark its name -> 0: shown only."""
-    evidence: Mapping[str, str]
-    """Label -> by what it was told, in words."""
-    unused: Mapping[str, str]
-    """Label -> why it is nowhere."""
+    rename: Mapping[str, str]  # Label -> landmark, as the marker set "landmarks" names it
+    tracking: Mapping[str, tuple[str, ...]]  # Segment -> labels of the other markers that move with it
+    weights: Mapping[str, float]  # Label, of a landmark its name -> 0: shown only
+    evidence: Mapping[str, str]  # Label -> by what it was told, in words
+    unused: Mapping[str, str]  # Label -> why it is nowhere
     asked: frozenset[str] = frozenset()
     """Labels of `rename` that lie where few markers of that landmark do, or that no trial shows moving and that may be
     of another segment: not named so unless a person says it.
     """
-    told: str
-    """By what height and heading were told, in words."""
+    told: str  # By what height and heading were told, in words
 
 
 def propose_labels(recordings: Sequence[Recording], height: float | None = None) -> LabelProposal:

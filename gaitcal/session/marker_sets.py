@@ -19,12 +19,10 @@ from gaitcal.model.marker_set import REQUIRED, MarkerSet, built_in_sets, load_ma
 if TYPE_CHECKING:
     from gaitcal.session.label_proposal import LabelProposal
 
-FEWEST_LABELS = 6
-"""Markers of pelvis and legs that a file shares with a set of which it is."""
+FEWEST_LABELS = 6  # Markers of pelvis and legs that a file shares with a set of which it is
 NEARLY = 0.8
 """A file is of a set where it shares at least so many of the labels that it shares with the set that fits it best."""
-KNOWN_SHARE = 0.8
-"""Share of the labels that a set knows from which it is beyond doubt."""
+KNOWN_SHARE = 0.8  # Share of the labels that a set knows from which it is beyond doubt
 MOST_MISSING = 4
 """Required landmarks without markers, of 11, with which a set is still offered, for a person to look at."""
 
@@ -33,18 +31,12 @@ MOST_MISSING = 4
 class Explained:
     """How well a marker set explains labels."""
 
-    known: int
-    """How many labels of the files the set knows."""
-    left_over: tuple[str, ...]
-    """Labels of the files that it does not know."""
-    missing: tuple[str, ...]
-    """Required landmarks that none of the labels gives."""
-    legs: int
-    """How many of the known labels are on pelvis or legs."""
-    single: int
-    """How many segments of pelvis and legs are followed by one marker only."""
-    unused: int
-    """How many markers that the set tracks are in no file."""
+    known: int  # How many labels of the files the set knows
+    left_over: tuple[str, ...]  # Labels of the files that it does not know
+    missing: tuple[str, ...]  # Required landmarks that none of the labels gives
+    legs: int  # How many of the known labels are on pelvis or legs
+    single: int  # How many segments of pelvis and legs are followed by one marker only
+    unused: int  # How many markers that the set tracks are in no file
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -52,16 +44,11 @@ class SetChoice:
     """The marker set of a folder, and the recordings that are of it."""
 
     marker_set: MarkerSet
-    entry: str
-    """As the study names it: a built-in name, or the path of its file."""
-    rename: Mapping[str, str] = field(default_factory=dict)
-    """Label in the files -> label in the set."""
-    explained: Explained
-    """Of the labels of its recordings together."""
-    members: tuple[int, ...]
-    """Which recordings are of this set."""
-    clashes: tuple[str, ...] = ()
-    """Labels that could be renamed but for another one of the same name."""
+    entry: str  # As the study names it: a built-in name, or the path of its file
+    rename: Mapping[str, str] = field(default_factory=dict)  # Label in the files -> label in the set
+    explained: Explained  # Of the labels of its recordings together
+    members: tuple[int, ...]  # Which recordings are of this set
+    clashes: tuple[str, ...] = ()  # Labels that could be renamed but for another one of the same name
     people: Mapping[int, tuple[str, ...]] = field(default_factory=dict)
     """Recording -> prefixes under which it has the same markers more than once: those of several people."""
     sided_unknown: tuple[str, ...] = ()
@@ -70,8 +57,7 @@ class SetChoice:
     proposal: "LabelProposal | None" = None
     """What the labels mean by places and movement, where no set knows them; nobody has confirmed it."""
 
-    further: "LabelProposal | None" = None
-    """What moves with the segments besides the markers that the set knows."""
+    further: "LabelProposal | None" = None  # What moves with the segments besides the markers that the set knows
 
     @property
     def certain(self) -> bool:

@@ -30,13 +30,10 @@ from gaitcal.model.present_markers import complete_static, present_markers
 STRAIGHT = 0.8
 """Height of the pelvis over the ankles as a share of the way over the knees: 0.97 to 1.00 in standing, 0.94 with knees
 bent by 40 deg, 0.7 in sitting."""
-LEVEL_M = 0.08
-"""Difference in height of the two feet's middles: a foot is lifted from there on."""
-LOW_M, HIGH_M = 0.3, 1.5
-"""Height of the pelvis over the feet of a person who stands."""
+LEVEL_M = 0.08  # Difference in height of the two feet's middles: a foot is lifted from there on
+LOW_M, HIGH_M = 0.3, 1.5  # Height of the pelvis over the feet of a person who stands
 TOO_SMALL = {1000: "metres under a header that says mm", 100: "metres under cm", 10: "centimetres under mm"}
-STAYS_M = 0.03
-"""RMS distance of pelvis and feet from their mean places, in a recording that only stands."""
+STAYS_M = 0.03  # RMS distance of pelvis and feet from their mean places, in a recording that only stands
 BELL_HIP = np.array([-0.19, -0.30, 0.14])
 """Hip centre from the ASIS as a share of their distance: forward, up, inward (Bell, Pedersen and Brand, J Biomech
 23:617-621, 1990). Only to tell which joint turns: the model has its own."""
@@ -46,20 +43,13 @@ BELL_HIP = np.array([-0.19, -0.30, 0.14])
 class Standing:
     """A posture in which the person stands still."""
 
-    speed: float
-    """m/s of the still window."""
-    sway: float
-    """m, over the whole recording."""
-    start: float
-    """s."""
-    stop: float
-    """s."""
-    worn: MarkerSet
-    """The set as this recording shows it worn."""
-    landmarks: dict[str, Array]
-    """Name -> (3,) m."""
-    stance: Stance | None
-    """For turns of segments against it; None without ASIS."""
+    speed: float  # m/s of the still window
+    sway: float  # m, over the whole recording
+    start: float  # s
+    stop: float  # s
+    worn: MarkerSet  # The set as this recording shows it worn
+    landmarks: dict[str, Array]  # Name -> (3,) m
+    stance: Stance | None  # For turns of segments against it; None without ASIS
 
     @property
     def throughout(self) -> bool:
@@ -176,27 +166,20 @@ def rough_stance(points: dict[str, Array], landmarks: dict[str, Array], marker_s
     return Stance(points=by_segment, centres=centres, landmarks=turned)
 
 
-OPPOSITE = -0.4
-"""Correlation of the two feet's places, forward of the pelvis: -0.7 to -1.0 in walks."""
-TURNING_DEG = 0.5
-"""RMS from which a joint is named among those that turn."""
+OPPOSITE = -0.4  # Correlation of the two feet's places, forward of the pelvis: -0.7 to -1.0 in walks
+TURNING_DEG = 0.5  # RMS from which a joint is named among those that turn
 SWING_M = 0.05
 """Standard deviation of a foot's place, forward of the pelvis: 0.15 to 0.25 m in walks, 0.09 m in children's."""
-EVEN = 0.35
-"""The less moving foot's standard deviation as a share of the other's."""
-CLIMB_M = 0.25
-"""Net rise or fall of the pelvis: stairs, or lying down."""
+EVEN = 0.35  # The less moving foot's standard deviation as a share of the other's
+CLIMB_M = 0.25  # Net rise or fall of the pelvis: stairs, or lying down
 CROUCH_M = 0.12
 """Range of the pelvis' height (5th to 95th percentile) in a trial of one joint: more is a squat or sitting down."""
-SHORTEST_S, FEWEST_FRAMES = 0.3, 15
-"""Of a recording in which somebody moves."""
+SHORTEST_S, FEWEST_FRAMES = 0.3, 15  # Of a recording in which somebody moves
 FLYING, FLIGHT = 0.2, 0.05
 """Part of the fastest marker's speed at which every marker of both feet moves in flight; share of frames from which
 somebody runs: walking has none."""
-UP_M = 0.02
-"""m over where it mostly rests, above which a marker of a foot is in the air."""
-CLEAR_LEAD = 1.6
-"""How many times the next joint the moving one must turn to be beyond doubt."""
+UP_M = 0.02  # m over where it mostly rests, above which a marker of a foot is in the air
+CLEAR_LEAD = 1.6  # How many times the next joint the moving one must turn to be beyond doubt
 
 
 class Shows(Enum):
@@ -215,12 +198,9 @@ class Movement:
     """What a recording shows, and by what that was told."""
 
     shows: Shows
-    joint: str = ""
-    """`hip_r`, ...: of a trial of one joint."""
-    evidence: str
-    """In words, with numbers."""
-    certain: bool = True
-    """Whether the figures are far from the limits."""
+    joint: str = ""  # `hip_r`, ...: of a trial of one joint
+    evidence: str  # In words, with numbers
+    certain: bool = True  # Whether the figures are far from the limits
 
 
 def movement(

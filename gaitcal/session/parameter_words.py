@@ -26,19 +26,15 @@ SHORTER_UNITS = {"kg*mm^2": ("kg·cm²", 0.01)}
 class Row:
     """One parameter."""
 
-    name: str
-    """As in `parameters.csv`."""
-    words: str
-    """Place and direction in one."""
-    place: str
-    """What the value is of; rows of one place stand together. Nothing for a mass."""
+    name: str  # As in `parameters.csv`
+    words: str  # Place and direction in one
+    place: str  # What the value is of; rows of one place stand together. Nothing for a mass.
     direction: str
     unit: str
     nominal: float
     fitted: float
     error: float | None
-    status: str
-    """`fitted`, `at bound`, `unidentifiable` or `fixed`."""
+    status: str  # `fitted`, `at bound`, `unidentifiable` or `fixed`
 
     @property
     def part(self) -> str:
@@ -68,11 +64,9 @@ class Group:
     """The parameters of one joint or one segment."""
 
     title: str
-    right: tuple[Row, ...]
-    """Or the only rows, where there are no sides."""
+    right: tuple[Row, ...]  # Or the only rows, where there are no sides
     left: tuple[Row, ...]
-    kept: int
-    """Parameters of this joint that no trial was to fit."""
+    kept: int  # Parameters of this joint that no trial was to fit
 
 
 def joint_groups(calibration: Calibration) -> tuple[Group, ...]:

@@ -38,31 +38,24 @@ from gaitcal.session.movement import Standing, standing
 
 APART_M = 0.015
 """Second largest d_s from which the markers are placed otherwise: one marker that fell off spoils one segment only."""
-ALL_APART_M = 0.008
-"""Median d_s from which they are, too."""
+ALL_APART_M = 0.008  # Median d_s from which they are, too
 FEWEST_FRAMES = 5
-MOST_FRAMES = 500
-"""Frames, evenly spread, that tell a median distance."""
-FEWEST_COMMON = 4
-"""Markers by which two recordings are compared."""
+MOST_FRAMES = 500  # Frames, evenly spread, that tell a median distance
+FEWEST_COMMON = 4  # Markers by which two recordings are compared
 SAME_M = {True: 0.00015, False: 0.002}
 """RMS difference of two recordings, frame by frame, that are one: of a posture, where only rounding differs, and of a
 movement, where one may be filtered. No two walks agree to 2 mm at the same frames; postures of one person may."""
-MOVES_M = 0.01
-"""Standard deviation of a marker's distance from the middle from which a recording is a movement."""
+MOVES_M = 0.01  # Standard deviation of a marker's distance from the middle from which a recording is a movement
 
-DOUBT = 1.96
-"""z, of 95 %."""
+DOUBT = 1.96  # z, of 95 %
 
 
 @dataclass(frozen=True)
 class Distances:
     """How far the points of one recording are from each other."""
 
-    apart: Mapping[frozenset[str], float]
-    """Two labels -> m, median distance."""
-    error: float = 0.0
-    """m, e of points that are no markers."""
+    apart: Mapping[frozenset[str], float]  # Two labels -> m, median distance
+    error: float = 0.0  # m, e of points that are no markers
 
 
 def pair_distances(recording: Recording, marker_set: MarkerSet) -> Distances:
@@ -174,10 +167,8 @@ def _starts(short: Array, long: Array) -> list[int]:
     return sorted(start for start in starts if 0 <= start <= spare)
 
 
-WITHIN_M = 0.009
-"""Second largest d_s of `placing` after the exchange: the largest of one person in one session."""
-REMAINS = 0.5
-"""Share of the largest d_s that may be left: the exchange has to tell the difference, not to share in it."""
+WITHIN_M = 0.009  # Second largest d_s of `placing` after the exchange: the largest of one person in one session
+REMAINS = 0.5  # Share of the largest d_s that may be left: the exchange has to tell the difference, not to share in it
 SIDES_EXCHANGED = "left and right"
 
 
@@ -229,15 +220,11 @@ SHIFTS_M = 0.1
 class Sitting:
     """The recordings of one person with the markers in the same places."""
 
-    statics: tuple[int, ...]
-    """Recordings that may be static trials, the best first."""
+    statics: tuple[int, ...]  # Recordings that may be static trials, the best first
     members: tuple[int, ...]
-    postures: Mapping[int, Standing]
-    """Recording -> how the person stands in it, where that is seen."""
-    only_standing: Mapping[int, tuple[str, ...]]
-    """Static trial -> markers of it that no other recording has."""
-    others: Mapping[int, str]
-    """Recordings of the same labels that are not of this session, and why."""
+    postures: Mapping[int, Standing]  # Recording -> how the person stands in it, where that is seen
+    only_standing: Mapping[int, tuple[str, ...]]  # Static trial -> markers of it that no other recording has
+    others: Mapping[int, str]  # Recordings of the same labels that are not of this session, and why
 
     @property
     def worn(self) -> MarkerSet:

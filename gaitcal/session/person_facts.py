@@ -18,13 +18,10 @@ from gaitcal.model import linkage, subject_model
 from gaitcal.model.marker_set import MarkerSet
 from gaitcal.session.movement import Standing
 
-MASS_KG = (10.0, 250.0)
-"""Of a person on plates: less is a foot that stands beside them."""
-CONTRADICTS = 0.02
-"""Relative difference of two files' figures from which it is told."""
+MASS_KG = (10.0, 250.0)  # Of a person on plates: less is a foot that stands beside them
+CONTRADICTS = 0.02  # Relative difference of two files' figures from which it is told
 WEIGHS_OTHERWISE = 0.05
-STEADY = 0.03
-"""Standard deviation of the force under a standing person as a share of it."""
+STEADY = 0.03  # Standard deviation of the force under a standing person as a share of it
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -40,16 +37,12 @@ class Known:
 class Options:
     """What the user says of the person; None: nothing."""
 
-    mass: float | None = None
-    """kg."""
-    height: float | None = None
-    """m."""
+    mass: float | None = None  # kg
+    height: float | None = None  # m
     sex: str | None = None
-    age: float | None = None
-    """Years."""
+    age: float | None = None  # Years
     name: str | None = None
-    session: str | None = None
-    """The day of the recordings, a date or a label."""
+    session: str | None = None  # The day of the recordings, a date or a label
 
 
 NOTHING_SAID = Options()
@@ -243,16 +236,11 @@ def _inside(point: Array, corners: Array) -> bool:
     return bool((sides >= 0).all() or (sides <= 0).all())
 
 
-WEIGHS_ANOTHER = 0.2
-"""Relative difference from the plates with which no torque is worth anything."""
-BODY_MASS_INDEX = (8.0, 70.0)
-"""kg/m^2, outside of which nobody is recorded walking."""
-FACTORS = {"lb": 2.2046, "N": subject_model.GRAVITY}
-"""Unit -> how many of it are a kilogram."""
-ALIKE = 0.1
-"""Relative difference from such a factor up to which it is named; and of what two whole steps push."""
-STEP_S = 0.3
-"""Shorter loadings are no step of walking."""
+WEIGHS_ANOTHER = 0.2  # Relative difference from the plates with which no torque is worth anything
+BODY_MASS_INDEX = (8.0, 70.0)  # kg/m^2, outside of which nobody is recorded walking
+FACTORS = {"lb": 2.2046, "N": subject_model.GRAVITY}  # Unit -> how many of it are a kilogram
+ALIKE = 0.1  # Relative difference from such a factor up to which it is named; and of what two whole steps push
+STEP_S = 0.3  # Shorter loadings are no step of walking
 EVEN = 0.03
 """Of a stride, by which two double supports may differ: a plate loaded later or earlier than that is no strike."""
 

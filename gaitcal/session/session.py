@@ -43,24 +43,19 @@ class MovingTrial(Trial):
     Its recording is turned so that x is forward.
     """
 
-    in_file_axes: Recording
-    """The recording in the axes of its file."""
+    in_file_axes: Recording  # The recording in the axes of its file
     bandwidth: Bandwidth
-    body: MotionProblem
-    """The whole body, with the bandwidth of the motion that leaves the trial."""
+    body: MotionProblem  # The whole body, with the bandwidth of the motion that leaves the trial
     fitted: MotionProblem
     """What fit figures are about: the segments of an isolated trial's joint alone, or the whole body."""
     joints: MotionProblem
     """What joint parameters are fitted by: `fitted`, or pelvis and legs where all trials are fitted at once."""
-    tissue: SoftTissue | None = None
-    """The skin that moves on the markers of `body`: what error bars count."""
+    tissue: SoftTissue | None = None  # The skin that moves on the markers of `body`: what error bars count
     stages: Mapping[Stage, tuple[Parameters, Motion]] = field(default_factory=dict)
     """Every model that was reached, in order, each with the whole-body motion tracked with it; the nominal motion of an
     isolated trial is of the segments of its joint."""
-    reactions: GroundReactions | None = None
-    """On the feet; None without force plates."""
-    scores: error_sources.MarkerScores | None = None
-    """Of the markers of a gait trial."""
+    reactions: GroundReactions | None = None  # On the feet; None without force plates
+    scores: error_sources.MarkerScores | None = None  # Of the markers of a gait trial
     held_out: HeldOut | None = None
 
     @property
@@ -105,24 +100,17 @@ class MovingTrial(Trial):
 class Session:
     """What the stages of a calibration hand on."""
 
-    model: SubjectModel
-    """The person: nominal in a calibration, calibrated where further trials are analysed."""
+    model: SubjectModel  # The person: nominal in a calibration, calibrated where further trials are analysed
     settings: CalibrationSettings
-    parameters: Parameters
-    """Of the last model that was reached."""
+    parameters: Parameters  # Of the last model that was reached
     trials: tuple[MovingTrial, ...]
-    static: Recording | None = None
-    """The static trial, completed; None where further trials are analysed."""
-    prior: JointPrior = field(default_factory=lambda: joint_prior.prior_of_study({}))
-    """Of anatomy, study and cohort."""
-    checked: tuple[Finding, ...] = ()
-    """What the checks found before anything was fitted."""
+    static: Recording | None = None  # The static trial, completed; None where further trials are analysed
+    prior: JointPrior = field(default_factory=lambda: joint_prior.prior_of_study({}))  # Of anatomy, study and cohort
+    checked: tuple[Finding, ...] = ()  # What the checks found before anything was fitted
     possible_moves: Mapping[str, Mapping[str, PossibleMove]] = field(default_factory=dict)
     """Trial -> segment -> what its markers may have done since the static trial."""
-    findings: tuple[Finding, ...] = ()
-    """What robust losses left out or put right."""
-    joint: joint_phases.JointCalibration | None = None
-    """None where the settings leave joint parameters alone."""
+    findings: tuple[Finding, ...] = ()  # What robust losses left out or put right
+    joint: joint_phases.JointCalibration | None = None  # None where the settings leave joint parameters alone
     static_angles: Mapping[str, float] = field(default_factory=dict)
     """Coordinate -> m, rad: with which the last model meets the static posture."""
     forces: ForceDiagnosis = field(default_factory=ForceDiagnosis)

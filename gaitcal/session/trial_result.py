@@ -255,10 +255,8 @@ class RmsErrors:
     label: str
     nominal: float | None
     calibrated: float | None
-    floor: float | None
-    """Of rigid segments."""
-    joint_floor: float | None = None
-    """Of each joint by itself."""
+    floor: float | None  # Of rigid segments
+    joint_floor: float | None = None  # Of each joint by itself
     rigid: bool = True
     """False for one segment with fewer than three markers: whatever they do, it follows them nearly exactly."""
 
@@ -314,8 +312,7 @@ class Counted:
     parameters: Parameters
     moved: Mapping[str, float]
     """Coordinate -> dz, rad, by which motions of the parameters as they were given read too much."""
-    static: Mapping[str, float]
-    """`static_angles` of the parameters."""
+    static: Mapping[str, float]  # `static_angles` of the parameters
 
 
 def counted_from_static(model: SubjectModel, parameters: Parameters, static: Recording) -> Counted:

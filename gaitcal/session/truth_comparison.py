@@ -164,16 +164,13 @@ class TruthSum:
 
     words: str
     unit: str
-    count: int
-    """Parameters, or curves."""
+    count: int  # Parameters, or curves
     undetermined: int = 0
     """Of these parameters: such as the trials do not show, which their prior holds; they have no part in `bars`."""
     nominal: float
     fitted: float
-    within: int
-    """Parameters or frames with a standard error whose truth lies within 1.96 of it."""
-    bars: int
-    """Parameters or frames with a standard error."""
+    within: int  # Parameters or frames with a standard error whose truth lies within 1.96 of it
+    bars: int  # Parameters or frames with a standard error
 
     @property
     def share(self) -> float | None:

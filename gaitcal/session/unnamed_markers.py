@@ -54,10 +54,8 @@ against bone move by 5 mm RMS, give or take a factor of two (Leardini et al., Ga
 MOST_FRAMES = 150
 FEWEST_FRAMES = 10
 LAG_S = 0.05
-LOW_M = 0.16
-"""Height over the lowest marker of those that are taken for the feet's."""
-SEEN_BESIDE = 6
-"""Markers, those that keep their distance best, by which one is placed that the static trial lacks."""
+LOW_M = 0.16  # Height over the lowest marker of those that are taken for the feet's
+SEEN_BESIDE = 6  # Markers, those that keep their distance best, by which one is placed that the static trial lacks
 
 
 def standing_points(recording: Recording, labels: Sequence[str]) -> Array:
@@ -198,14 +196,10 @@ def _two_groups(scatter: Array) -> IntArray | None:
     return np.asarray(fcluster(linkage(pairs, "average"), 2, "maxclust"), dtype=np.intp)
 
 
-SCALE = 0.04
-"""Standard deviation of a person's proportions as a share of the lengths."""
-HEIGHT_M, HEIGHT_SD_M = 1.6, 0.25
-"""Of people who are recorded, children among them, where nobody tells a height."""
-SURFACE = 2.0
-"""Cost of a place on a surface, which is one of many, against a landmark's."""
-NOWHERE = 3.0
-"""Cost of a marker that is on nobody: evenly likely in a body's box, one marker in fifty."""
+SCALE = 0.04  # Standard deviation of a person's proportions as a share of the lengths
+HEIGHT_M, HEIGHT_SD_M = 1.6, 0.25  # Of people who are recorded, children among them, where nobody tells a height
+SURFACE = 2.0  # Cost of a place on a surface, which is one of many, against a landmark's
+NOWHERE = 3.0  # Cost of a marker that is on nobody: evenly likely in a body's box, one marker in fifty
 MOST_WITNESSES = 3
 ROUNDS = 8
 
@@ -308,29 +302,21 @@ def _raised(body: Body, arms: dict[str, Any], turns: Array) -> Array:
 class Placed:
     """Markers on a body."""
 
-    cost: float
-    """Negative log likelihood, for comparison with other heights, headings and postures of the same markers."""
-    places: IntArray
-    """(n,) of each marker; -1 on nobody."""
-    away: Array
-    """(n,) share of the height, from where the others put its place."""
-    ahead: Array
-    """(n,) how much the next best segment would cost more."""
+    cost: float  # Negative log likelihood, for comparison with other heights, headings and postures of the same markers
+    places: IntArray  # (n,) of each marker; -1 on nobody
+    away: Array  # (n,) share of the height, from where the others put its place
+    ahead: Array  # (n,) how much the next best segment would cost more
     body: Body
-    height: float
-    """m."""
+    height: float  # m
 
 
 @dataclass(frozen=True, kw_only=True)
 class Together:
     """What is known of markers besides their places."""
 
-    moves: Array
-    """(n, n) log likelihood ratio that two markers are on one segment; 0 where nothing is known."""
-    known: BoolArray
-    """(n, n) whether something is known."""
-    allowed: BoolArray
-    """(n, np) places that a marker may have."""
+    moves: Array  # (n, n) log likelihood ratio that two markers are on one segment; 0 where nothing is known
+    known: BoolArray  # (n, n) whether something is known
+    allowed: BoolArray  # (n, np) places that a marker may have
 
 
 def place_markers(points: Array, body: Body, height: float, evidence: Together, *, rounds: int = ROUNDS) -> Placed:

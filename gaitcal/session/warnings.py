@@ -29,8 +29,7 @@ from gaitcal.motion.motion import Motion
 from gaitcal.session.result import Loads, TrialResult
 from gaitcal.session.session import MovingTrial, Session
 
-WORSE_M, WORSE = 5e-4, 0.02
-"""m, and share of the nominal error, by how much markers are met worse before it is told."""
+WORSE_M, WORSE = 5e-4, 0.02  # m, and share of the nominal error, by how much markers are met worse before it is told
 
 
 def calibration_findings(

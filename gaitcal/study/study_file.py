@@ -24,10 +24,8 @@ Side: TypeAlias = Literal["r", "l", "none"]
 
 RECORDING_SUFFIXES = (".c3d", ".trc", ".csv")
 FORCES_SUFFIXES = (".mot", ".sto", ".csv", ".xml")
-MAX_LINE = 200
-"""Characters in what is said of a person or a session."""
-MAX_NAME = 80
-"""Characters in a trial's name, which becomes a file name."""
+MAX_LINE = 200  # Characters in what is said of a person or a session
+MAX_NAME = 80  # Characters in a trial's name, which becomes a file name
 _DEVICES = re.compile(r"(con|prn|aux|nul|com\d|lpt\d)(\..*)?", re.IGNORECASE)  # no file names on Windows
 
 

@@ -39,15 +39,11 @@ from gaitcal.motion.trial_problem import trial_problem
 from gaitcal.runtime import with_one_blas_thread
 from gaitcal.synthetic.walk import GAIT_CYCLE, Ground, Meant, carried_nodes, feet_of, nominal_curves, walking_ground
 
-RATE = 200.0
-"""Frames per second of all published trials."""
-GAIT_FRAMES = 208
-"""Of the published study: one stride, right heel strike first."""
-WALK_STRIDES = (-0.2, 1.8)
-"""Phases of the walk of a synthetic recording: a whole stride of each foot."""
+RATE = 200.0  # Frames per second of all published trials
+GAIT_FRAMES = 208  # Of the published study: one stride, right heel strike first
+WALK_STRIDES = (-0.2, 1.8)  # Phases of the walk of a synthetic recording: a whole stride of each foot
 ISOLATED_FRAMES = 1200
-NODES = 20
-"""Of a published trial."""
+NODES = 20  # Of a published trial
 WALK_NODES = 35
 """Of a walk of two strides: knots as far apart as in the published gait. The splines of a published trial are among
 those of so many nodes."""
@@ -58,14 +54,10 @@ KNEE_TURN = (45.0, 40.0)
 ANKLE_TURN = (-8.0, 24.0)
 SUBTALAR_AMPLITUDE = 18.0
 ISOLATED_HZ = {"hip": 2.0 / 3.0, "knee": 0.5, "ankle": 0.5}
-NOISE_AMPLITUDE = 0.010
-"""m."""
-NOISE_OMEGA = 25.0
-"""rad/s."""
-ON_THE_FLOOR = 4.0
-"""Weight of the feet's markers: legs of unequal length stand on one floor all the same."""
-MEETING_HEIGHT = 0.7
-"""Of body height: where the lines of both forces meet."""
+NOISE_AMPLITUDE = 0.010  # m
+NOISE_OMEGA = 25.0  # rad/s
+ON_THE_FLOOR = 4.0  # Weight of the feet's markers: legs of unequal length stand on one floor all the same
+MEETING_HEIGHT = 0.7  # Of body height: where the lines of both forces meet
 
 
 @with_one_blas_thread
@@ -112,12 +104,9 @@ class TrueMotion:
     """A motion that lies in the spline space."""
 
     basis: SplineBasis
-    coefficients: Array
-    """(nn, nq) m, rad."""
-    phase: Array | None = None
-    """(nf,) of a gait: strides since a right heel strike."""
-    ground: Ground | None = None
-    """What carries it; None: no force is known."""
+    coefficients: Array  # (nn, nq) m, rad
+    phase: Array | None = None  # (nf,) of a gait: strides since a right heel strike
+    ground: Ground | None = None  # What carries it; None: no force is known
 
     @property
     def q(self) -> Array:
@@ -226,12 +215,10 @@ def _in_spline_space(time: Array, q: Array) -> TrueMotion:
 class GroundOnFeet:
     """Ground reactions on the right and the left foot."""
 
-    wrench: Array
-    """(nf, 2, 6) N, N·m about the laboratory origin."""
+    wrench: Array  # (nf, 2, 6) N, N·m about the laboratory origin
     centre: Array
     """(nf, 2, 3) m, centre of pressure on the floor, y = 0; in swing where the foot struck last or will strike."""
-    load_share: Array
-    """(nf, 2) of the vertical force; they sum to 1."""
+    load_share: Array  # (nf, 2) of the vertical force; they sum to 1
 
 
 @with_one_blas_thread

@@ -38,24 +38,19 @@ class Activity(Enum):
 RATE_HZ = 100.0
 FAST, FAST_SPAN, SLOW_SPAN = (Activity.RUN, Activity.JUMP), 4, 10
 """Frames between the knots of the spline of a movement."""
-FLIGHT_FORCE = 0.005
-"""Body weights, that a flying body may be pushed by."""
-SPREAD = 4.0
-"""How much further from its postures such a movement may be than a walk from its curves."""
+FLIGHT_FORCE = 0.005  # Body weights, that a flying body may be pushed by
+SPREAD = 4.0  # How much further from its postures such a movement may be than a walk from its curves
 STANDING, BALL = 0.45, 0.75
 """Part of the way from heel to tip under which a foot bears its load: that stands, and whose heel is off the ground."""
 SEAT_SHARE, SEAT_BELOW = 0.8, np.array([-0.05, -0.10, 0.0])
 """Of body weight on a seat, and where it pushes, m from the pelvis."""
-ENDS = 4
-"""Spans of the spline at either end that are left out."""
+ENDS = 4  # Spans of the spline at either end that are left out
 SWAYING = (("pelvis_tz", 0.008, 0.4), ("pelvis_rotation", 0.03, 0.55), ("lumbar_bending", 0.02, 0.3))
 """Coordinate, m or rad, Hz: nobody stands like a drawing."""
-SWAY_S = 0.2
-"""s, in whose middle a foot's next foothold takes the place of its last."""
+SWAY_S = 0.2  # s, in whose middle a foot's next foothold takes the place of its last
 RESTS = {True: ((0.03, 0.5), (0.12, 0.86)), False: ((0.1, 0.9), (-0.08, 1.08))}
 """Part of a contact between which heel and ball do not move: of strides, and of a foot that stands."""
-RESTS_WITHIN = 0.08
-"""Part of a contact, to come to rest and to leave."""
+RESTS_WITHIN = 0.08  # Part of a contact, to come to rest and to leave
 
 
 @dataclass(frozen=True)
@@ -64,12 +59,9 @@ class Contact:
 
     foot: int
     start: float
-    stop: float
-    """s."""
-    place: tuple[float, float, float]
-    """m: forward, height of the ground, to the right."""
-    shared: bool = False
-    """The other foot takes the load over while both stand."""
+    stop: float  # s
+    place: tuple[float, float, float]  # m: forward, height of the ground, to the right
+    shared: bool = False  # The other foot takes the load over while both stand
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -77,10 +69,8 @@ class Movement:
     """A movement of the built-in person."""
 
     motion: TrueMotion
-    contacts: tuple[Contact, ...] = ()
-    """A plate is under each foothold; none: a walk."""
-    belt: bool = False
-    """One plate is under all."""
+    contacts: tuple[Contact, ...] = ()  # A plate is under each foothold; none: a walk
+    belt: bool = False  # One plate is under all
 
 
 _LEGS: Mapping[Activity, str] = {
@@ -104,14 +94,11 @@ _BODY: Mapping[Activity, str] = {
 }
 """The same moments; degrees of pelvis tilt, lumbar extension, shoulder flexion."""
 STRIDE_S = {Activity.RUN: 0.72, Activity.STAIRS: 1.4}
-STANCES = {Activity.RUN: 0.34, Activity.STAIRS: 0.62}
-"""Share of a stride in which a foot stands."""
+STANCES = {Activity.RUN: 0.34, Activity.STAIRS: 0.62}  # Share of a stride in which a foot stands
 STEP_M = {Activity.RUN: (1.05, 0.0, 0.05), Activity.STAIRS: (0.29, 0.17, 0.09)}
 """m: length, rise, and from the middle line."""
-STANCE_WIDTH = 0.12
-"""m from the middle line to a foot that stands."""
-STRIDES = (0.15, 2.7)
-"""Of a run or a climb, since a right strike."""
+STANCE_WIDTH = 0.12  # m from the middle line to a foot that stands
+STRIDES = (0.15, 2.7)  # Of a run or a climb, since a right strike
 REPEATS = {Activity.SQUAT: 2, Activity.SIT_TO_STAND: 1}
 
 
@@ -177,8 +164,7 @@ def _contacts(activity: Activity, ends: tuple[float, float]) -> tuple[Contact, .
     return tuple(Contact(k, *stand, places[k]) for stand in stands for k in range(len(SIDES)))
 
 
-TAKE_OFF_S, FLIGHT_S = 1.18, 0.34
-"""s, of the jump: its landing is the push-off backwards."""
+TAKE_OFF_S, FLIGHT_S = 1.18, 0.34  # s, of the jump: its landing is the push-off backwards
 
 
 @with_one_blas_thread

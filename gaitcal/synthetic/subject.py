@@ -33,10 +33,8 @@ from gaitcal.synthetic.walk import CLEARANCE
 POSITION_BOUND = 0.010
 ORIENTATION_BOUND = np.deg2rad(10.0)
 INERTIAL_BOUND = 0.10
-PLATE_X, PLATE_Z = (-0.8, 2.8), 0.6
-"""m: two long plates side by side, the right foot's at z > 0."""
-BELT_X, FOOTHOLD_X = (-0.5, 5.0), 0.2
-"""m: one plate under all steps of a run; half the length of one under a foothold."""
+PLATE_X, PLATE_Z = (-0.8, 2.8), 0.6  # m: two long plates side by side, the right foot's at z > 0
+BELT_X, FOOTHOLD_X = (-0.5, 5.0), 0.2  # m: one plate under all steps of a run; half the length of one under a foothold
 
 
 EXACT_PLATES = PlateErrorTable(place_mm=0.0, turn_deg=0.0, gain_percent=0.0, clock_ms=0.0)

@@ -49,12 +49,10 @@ from gaitcal.synthetic.motion import TrueMotion, standing_pose, synthetic_marker
 class StaticFrames:
     """A linkage as the static trial's landmarks tell it, and what they are."""
 
-    parameters: params.Parameters
-    """In these frames, zero angles as they were."""
+    parameters: params.Parameters  # In these frames, zero angles as they were
     posture: landmarks.StaticPosture
     legs: LowerBody
-    frames: Mapping[str, Frame]
-    """Segment -> its frame in the laboratory while standing; no talus."""
+    frames: Mapping[str, Frame]  # Segment -> its frame in the laboratory while standing; no talus
 
 
 def in_static_frames(model: SubjectModel, hip_centre: HipCentre = HipCentre.BELL) -> params.Parameters:
@@ -175,26 +173,20 @@ def truth_table(truth: params.Parameters) -> str:
 
 
 DEGREE = 5
-REACH = 0.1
-"""m from a segment's origin to its corners."""
+REACH = 0.1  # m from a segment's origin to its corners
 STEPS, TOLERANCE = 30, 1e-8
 """Gauss-Newton steps, and the step (m, rad) that ends them: its square, the next one, is rounding."""
-FINER = 3
-"""Instants a frame at which a motion is told, so that accelerations are right at its ends, too."""
+FINER = 3  # Instants a frame at which a motion is told, so that accelerations are right at its ends, too
 
 
 @dataclass(frozen=True, kw_only=True)
 class ToldMotion:
     """One trial of the truth, as a calibration without error would tell it."""
 
-    time: Array
-    """(nf,) s."""
-    q: Array
-    """(nf, nq) m, rad."""
-    velocity: Array
-    """(nf, nq) m/s, rad/s."""
-    acceleration: Array
-    """(nf, nq) m/s^2, rad/s^2."""
+    time: Array  # (nf,) s
+    q: Array  # (nf, nq) m, rad
+    velocity: Array  # (nf, nq) m/s, rad/s
+    acceleration: Array  # (nf, nq) m/s^2, rad/s^2
     forces: Array | None
     """(nf, nt) N·m (pelvis translations: N), the 27 coordinates and the two knee reactions; None without plates."""
 

@@ -38,10 +38,8 @@ from gaitcal.model.linkage import COORDINATE_INDEX, COORDINATES, SIDES, is_trans
 from gaitcal.model.parameters import Parameters
 from gaitcal.motion.spline import ORDER, SplineBasis
 
-GAIT_CYCLE = 1.035
-"""s, `cycle_s` of the nominal gait."""
-STANCE = 0.62
-"""Share of a stride in which a foot is on the ground; double support is 0.12 of it, twice."""
+GAIT_CYCLE = 1.035  # s, `cycle_s` of the nominal gait
+STANCE = 0.62  # Share of a stride in which a foot is on the ground; double support is 0.12 of it, twice
 DOUBLE_SUPPORT = STANCE - 0.5
 POINTS = ("Heel", "Toe.Tip", "Toe.Lat", "Toe.Med")
 """Markers of a foot; the second ends the line along which its load rolls, the last two are at the ball of the foot."""
@@ -51,20 +49,14 @@ HEEL_RESTS, BALL_RESTS, SETTLING = (0.01, 0.35), (0.1, 0.54), 0.06
 """Phases of the foot's own stride between which heel and ball do not move, and the time to come to rest and leave."""
 CENTRE_M = 0.006
 """m, of the centre of pressure from where the load rolls; times body weight, of every moment about that point."""
-FORCE = np.array([0.10, 0.03, 0.01])
-"""Body weights, of the total force from that of walking people."""
-LATER = 0.076 - 0.5 * DOUBLE_SUPPORT
-"""Strides by which the usual force comes later in the recording that it is from."""
+FORCE = np.array([0.10, 0.03, 0.01])  # Body weights, of the total force from that of walking people
+LATER = 0.076 - 0.5 * DOUBLE_SUPPORT  # Strides by which the usual force comes later in the recording that it is from
 ANGLE, ARM_ANGLE, PLACE_M = np.deg2rad(2.0), np.deg2rad(4.0), 0.01
-ANGULAR_ACCELERATION, ACCELERATION = 25.0, 2.0
-"""rad/s^2, m/s^2: without these the ends of a spline swing."""
+ANGULAR_ACCELERATION, ACCELERATION = 25.0, 2.0  # rad/s^2, m/s^2: without these the ends of a spline swing
 FOOT_PLACE_M = 0.02
-FOOT_SPEED = 0.03
-"""m/s, of a resting point."""
-CLEARANCE = 0.02
-"""m between the floor and the lowest foot marker of the nominal person."""
-SMALLEST_STEP = 1e-3
-"""m or rad, largest change of a node in the last step."""
+FOOT_SPEED = 0.03  # m/s, of a resting point
+CLEARANCE = 0.02  # m between the floor and the lowest foot marker of the nominal person
+SMALLEST_STEP = 1e-3  # m or rad, largest change of a node in the last step
 MOST_STEPS = 30
 
 
@@ -72,10 +64,8 @@ MOST_STEPS = 30
 class FeetOnGround:
     """Points of both feet of one linkage in some frames."""
 
-    points: Array
-    """(nf, 2, 4, 3) m, of the right and the left foot, in the order of `POINTS`."""
-    slopes: Array
-    """(nf, 2, 4, 3, nq) their derivatives by the coordinates."""
+    points: Array  # (nf, 2, 4, 3) m, of the right and the left foot, in the order of `POINTS`
+    slopes: Array  # (nf, 2, 4, 3, nq) their derivatives by the coordinates
 
     def along(self, part: Array, level: Array | float = 0.0) -> tuple[Array, Array]:
         """Points on the ground (nf, 2, 3) m, at parts (nf, 2) of the way from heel to tip, and their derivatives.
@@ -196,36 +186,24 @@ coordinates, 0, their velocities, 1, or accelerations, 2."""
 class Meant:
     """The motion that a walk is to be like."""
 
-    q: Array
-    """(nf, nq) m, rad."""
-    acceleration: Array
-    """(nf, nq) m/s^2, rad/s^2."""
-    spread: float = 1.0
-    """Of how far from it the walk may be: less where the ground carries it already."""
+    q: Array  # (nf, nq) m, rad
+    acceleration: Array  # (nf, nq) m/s^2, rad/s^2
+    spread: float = 1.0  # Of how far from it the walk may be: less where the ground carries it already
 
 
 @dataclass(frozen=True, kw_only=True)
 class Ground:
     """What the ground does in the frames of a motion, and where the feet are on it."""
 
-    footsteps: Array
-    """(nf, 2, 4, 3) m, where the points of the feet should be."""
-    held: Array
-    """(nf, 2, 4) how much of that is asked for: 0 to 1."""
-    resting: Array
-    """(nf, 2, 4) how much of the points stands still: 0 to 1."""
-    share: Array
-    """(nf, 2) of the vertical load on each foot; 0 in flight."""
-    part: Array
-    """(nf, 2) of the way from heel to tip to which the load has rolled."""
-    level: Array
-    """(nf, 2) m, height of the ground under each foot."""
-    seat: Array
-    """(nf, 3) m, where a seat bears what the feet do not: it counts where their shares do not sum to 1."""
-    force: Array
-    """(nf, 3) body weights, of the total force."""
-    spread: Array
-    """(nf, 3) body weights, by which the force may be another; infinite where nothing is known of it."""
+    footsteps: Array  # (nf, 2, 4, 3) m, where the points of the feet should be
+    held: Array  # (nf, 2, 4) how much of that is asked for: 0 to 1
+    resting: Array  # (nf, 2, 4) how much of the points stands still: 0 to 1
+    share: Array  # (nf, 2) of the vertical load on each foot; 0 in flight
+    part: Array  # (nf, 2) of the way from heel to tip to which the load has rolled
+    level: Array  # (nf, 2) m, height of the ground under each foot
+    seat: Array  # (nf, 3) m, where a seat bears what the feet do not: it counts where their shares do not sum to 1
+    force: Array  # (nf, 3) body weights, of the total force
+    spread: Array  # (nf, 3) body weights, by which the force may be another; infinite where nothing is known of it
 
 
 def walking_ground(phase: Array) -> Ground:

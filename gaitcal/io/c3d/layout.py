@@ -40,21 +40,15 @@ HEADER_BYTES = 24
 class C3DHeader:
     """The first block of a C3D file, and the size of the file."""
 
-    size: int
-    """Bytes."""
+    size: int  # Bytes
     processor: int
     points: int
-    analog_values: int
-    """A frame: channels times samples a frame."""
-    samples: int
-    """Analog samples a frame; 0 in some files without ANALOG:RATE."""
-    frames: int
-    """By the header; more may follow where the last is 65535."""
-    scale: float
-    """Negative where data are floats; NaN for DEC."""
+    analog_values: int  # A frame: channels times samples a frame
+    samples: int  # Analog samples a frame; 0 in some files without ANALOG:RATE
+    frames: int  # By the header; more may follow where the last is 65535
+    scale: float  # Negative where data are floats; NaN for DEC
     is_float: bool
-    start: int
-    """Byte of the first datum."""
+    start: int  # Byte of the first datum
 
     @property
     def data_bytes(self) -> int:
@@ -150,8 +144,7 @@ def read_samples(path: Path, header: C3DHeader, parameters: Mapping[str, Mapping
 # ------------------------------------------------------------------------------------------------------ parameters
 
 MOST_BLOCKS = 255
-LONGEST_LIST = 255
-"""Dimensions are bytes: a longer list of text goes on in NAME2, NAME3, ..."""
+LONGEST_LIST = 255  # Dimensions are bytes: a longer list of text goes on in NAME2, NAME3, ...
 LONGEST_RECORD = 32767
 TEXT, INTEGER, FLOAT = -1, 2, 4
 _KINDS = {1: "<i1", INTEGER: "<i2", FLOAT: "<f4"}
@@ -161,11 +154,9 @@ _KINDS = {1: "<i1", INTEGER: "<i2", FLOAT: "<f4"}
 class Record:
     """A group, or a parameter of one."""
 
-    group: int
-    """Number of the group, positive."""
+    group: int  # Number of the group, positive
     name: str
-    content: bytes
-    """What follows the offset."""
+    content: bytes  # What follows the offset
     is_group: bool = False
     locked: bool = False
 
@@ -175,8 +166,7 @@ class ParameterSection:
     """All records of a file, in their order."""
 
     records: tuple[Record, ...]
-    processor: int
-    """84 Intel, 85 DEC: how the file writes floats."""
+    processor: int  # 84 Intel, 85 DEC: how the file writes floats
 
     def names(self, group: str) -> tuple[str, ...]:
         """Names of the parameters of a group; none where there is no such group."""

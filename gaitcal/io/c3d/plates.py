@@ -12,10 +12,8 @@ from gaitcal.io import force_plate
 from gaitcal.io.recording import ForcePlate
 
 Parameters = Mapping[str, Mapping[str, Any]]
-CHANNELS = {1: 6, 2: 6, 3: 8, 4: 6}
-"""Channels of each plate type read here."""
-DOUBTFUL = 0.2
-"""Share of centres of pressure outside the plate from which the user is told."""
+CHANNELS = {1: 6, 2: 6, 3: 8, 4: 6}  # Channels of each plate type read here
+DOUBTFUL = 0.2  # Share of centres of pressure outside the plate from which the user is told
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -23,12 +21,9 @@ class MeasuredPlate:
     """A plate before the vertical is known: wrench about the middle of its surface, in the axes of the file."""
 
     name: str
-    time: Array
-    """(ns,) s."""
-    force: Array
-    """(ns, 3) N."""
-    moment: Array
-    """(ns, 3) N·m."""
+    time: Array  # (ns,) s
+    force: Array  # (ns, 3) N
+    moment: Array  # (ns, 3) N·m
     frame: force_plate.PlateFrame
 
     def as_plate(self) -> ForcePlate:

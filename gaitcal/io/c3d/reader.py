@@ -29,10 +29,8 @@ from gaitcal.io.text_file import FileFault, naming_file
 
 PER_METRE = {"mm": 1e3, "millimeters": 1e3, "millimetres": 1e3, "cm": 1e2, "m": 1.0, "meters": 1.0, "metres": 1.0}
 """Lengths that POINT:UNITS may name."""
-ABSURD_M = 1e6
-"""No place lies so far off; only a damaged float does."""
-ORTHONORMAL = 1e-3
-"""By how much products of the axes of a pose may differ from 0 and 1: files hold single precision."""
+ABSURD_M = 1e6  # No place lies so far off; only a damaged float does
+ORTHONORMAL = 1e-3  # By how much products of the axes of a pose may differ from 0 and 1: files hold single precision
 NUMBERS = ("ANGLES", "MOMENTS", "FORCES", "POWERS", "SCALARS", "REACTIONS")
 """POINT parameters that list points which are no places: three numbers of another kind."""
 COMPUTED_GROUPS = (*NUMBERS, "MODELED_MARKERS")
@@ -41,10 +39,8 @@ USUAL_VERTICAL = axes.Vertical(2, 1, "the usual practice, as the data do not tel
 
 # ------------------------------------------------------------------------------------------ ezc3d in its own process
 
-START_SECONDS = 120.0
-"""A process that loads its libraries on a busy machine is no fault of the file."""
-BASE_SECONDS = 6.0
-"""An honest file takes 0.1 s; a user should not wait 10 s to learn that one is damaged."""
+START_SECONDS = 120.0  # A process that loads its libraries on a busy machine is no fault of the file
+BASE_SECONDS = 6.0  # An honest file takes 0.1 s; a user should not wait 10 s to learn that one is damaged
 SECONDS_PER_BYTE = 1e-6
 BASE_MEMORY = 2**30
 MEMORY_PER_BYTE = 100

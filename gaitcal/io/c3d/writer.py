@@ -26,17 +26,12 @@ from gaitcal.io.c3d import layout
 from gaitcal.io.labels import FootEvent, FootMoment
 from gaitcal.io.recording import ForcePlate, Recording, require_plain_labels
 
-Y_TO_Z_UP = Turn((0, 2, 1), (1, -1, 1))
-"""Our axes to the laboratory's: the inverse of UP_TO_Y[2, 1]."""
+Y_TO_Z_UP = Turn((0, 2, 1), (1, -1, 1))  # Our axes to the laboratory's: the inverse of UP_TO_Y[2, 1]
 CHANNEL_NAMES = ("Fx", "Fy", "Fz", "Mx", "My", "Mz")
-MARGIN_M = 0.1
-"""Around the points of a plate whose corners are unknown."""
-MOST_FRAMES = 65535
-"""First and last frame are 16-bit numbers."""
-MOST_LABELS = 255
-"""A list of names counts them in one byte; nobody wears more markers."""
-CLOCK_SAMPLES = 1e-3
-"""Departure, in samples, up to which times count as uniform."""
+MARGIN_M = 0.1  # Around the points of a plate whose corners are unknown
+MOST_FRAMES = 65535  # First and last frame are 16-bit numbers
+MOST_LABELS = 255  # A list of names counts them in one byte; nobody wears more markers
+CLOCK_SAMPLES = 1e-3  # Departure, in samples, up to which times count as uniform
 
 
 def _fault(message: str, field: str | None = None) -> text_file.FileFault:
@@ -183,8 +178,7 @@ class AddedPoint:
 
     name: str
     kind: PointKind
-    values: Array
-    """(nf, 3) for every frame of the file, in its axes and units; NaN where unknown."""
+    values: Array  # (nf, 3) for every frame of the file, in its axes and units; NaN where unknown
     description: str = ""
 
 
