@@ -17,27 +17,9 @@ from typing import TypeAlias
 import numpy as np
 
 from gaitcal.arrays import Array
+from gaitcal.calibration import inertial_calibration, inertial_evidence
 from gaitcal.calibration.combined import CombinedFit, CombinedProblem, CombinedSettings, combined_fit
 from gaitcal.calibration.error_sources import nominal_errors
-from gaitcal.calibration.inertial_calibration import (
-    ConsistentSettings,
-    InertialFit,
-    LoadedMotion,
-    LogChart,
-    TorqueScale,
-    equations_of,
-    fit_published,
-    torque_length,
-)
-from gaitcal.calibration.inertial_evidence import (
-    LoadedProblem,
-    PlateNoise,
-    fit_by_evidence,
-    residual_noise,
-    residual_words,
-    spread_of_the_rest,
-    stay_nominal,
-)
 from gaitcal.calibration.joint_phases import Phase
 from gaitcal.calibration.torque_errors import inertial_square_root
 from gaitcal.dynamics.ground_reactions import GroundReactions
@@ -49,20 +31,12 @@ from gaitcal.model.anthropometry import table_spread
 from gaitcal.model.parameters import InertialSet, full_set, impossible_bodies, symmetric_set
 from gaitcal.motion.motion import motion_of
 from gaitcal.runtime import Progress, silent, with_one_blas_thread
+from gaitcal.session import warnings
 from gaitcal.session.joint_parameters import fit_joints
 from gaitcal.session.result import Calibration, Stage, TrialResult, Uncertainty, withdrawn
 from gaitcal.session.session import MovingTrial, Session, session_of, tracked
 from gaitcal.session.trial_result import Counted, counted_from_static, shifted, static_angles, trial_result
 from gaitcal.session.truth_comparison import with_truth
-from gaitcal.session.warnings import (
-    calibration_findings,
-    diagnose_forces,
-    is_trunk_unmeasured,
-    left_out_of_masses,
-    spoilt_motions,
-    unmeasured_mass,
-    unmeasured_words,
-)
 from gaitcal.study.settings import CalibrationSettings
 from gaitcal.study.study import Study
 
@@ -116,7 +90,7 @@ def track(session: Session, progress: Progress) -> Session:
     stage = Stage.NOMINAL if joint is None else Stage.JP
     session = replace(session, trials=tuple(tracked(t, session, stage) for t in session.trials))
     progress("do motion and forces agree?")
-    return replace(session, forces=diagnose_forces(session))
+    return replace(session, forces=warnings.diagnose_forces(session))
 
 
 def fit_inertia(session: Session, progress: Progress) -> Session:
@@ -128,7 +102,7 @@ def fit_inertia(session: Session, progress: Progress) -> Session:
         parameters = session.parameters.with_inertial(inertial.inertial)
         trials = tuple(t.reached(Stage.JP_IP, parameters, t.motion) for t in session.trials)
         session = replace(session, inertial=inertial, parameters=parameters, trials=trials)
-        if settings.joint_step and not is_trunk_unmeasured(loaded[0][0].motion):
+        if settings.joint_step and not warnings.is_trunk_unmeasured(loaded[0][0].motion):
             session = _fit_together(session, loaded, progress)
     return replace(session, uncertainty=replace(session.uncertainty, inertial=_inertial_spread(session)))
 
@@ -142,8 +116,8 @@ def judged(session: Session, study: Study, progress: Progress) -> Calibration:
         *session.forces.findings,
         *session.findings,
         *(joint.findings if joint else ()),
-        *calibration_findings(session, results, phases),
-        *unmeasured_mass(results, nominal.parameters),
+        *warnings.calibration_findings(session, results, phases),
+        *warnings.unmeasured_mass(results, nominal.parameters),
     )
     names = [t.name for t in session.walks]
     found = without_consequences((*session.checked, *later, *(finding for t in results for finding in t.findings)))
@@ -173,7 +147,7 @@ def _notes(session: Session, results: Sequence[TrialResult], later: Sequence[Fin
         *session.model.notes,
         *(joint.notes if joint else ()),
         *(() if inertial is None or inertial.moved else (inertial.message,)),
-        *(() if session.settings.ip == "none" else left_out_of_masses(session)),
+        *(() if session.settings.ip == "none" else warnings.left_out_of_masses(session)),
         *(note for t in results for note in t.notes),
         *(note_of(finding) for finding in later if finding.severity is Severity.INFO),
     )
@@ -190,48 +164,52 @@ def _counted(session: Session) -> Counted:
 
 def weighing(session: Session) -> list[Loaded]:
     """Tracked trials whose forces tell of masses: those whose trunk is seen, or all where it is seen in none."""
-    silent_on_masses = session.forces.faulty | spoilt_motions(session.checked)
+    silent_on_masses = session.forces.faulty | warnings.spoilt_motions(session.checked)
     believed = [
         (t, t.reactions)
         for t in session.trials
         if t.reactions is not None and t.reactions.valid.any() and t.name not in silent_on_masses
     ]
-    return [(t, r) for t, r in believed if not is_trunk_unmeasured(t.motion)] or believed
+    return [(t, r) for t, r in believed if not warnings.is_trunk_unmeasured(t.motion)] or believed
 
 
-def _inertial_fit(session: Session, loaded: Sequence[Loaded]) -> InertialFit:
+def _inertial_fit(session: Session, loaded: Sequence[Loaded]) -> inertial_calibration.InertialFit:
     began = time.perf_counter()
     nominal, parameters, settings = session.model, session.parameters, session.settings
-    motions = [LoadedMotion.of(t.motion, r) for t, r in loaded]
+    motions = [inertial_calibration.LoadedMotion.of(t.motion, r) for t, r in loaded]
     width = float(np.linalg.norm(nominal.landmarks["hjc_r"][1] - nominal.landmarks["hjc_l"][1]))
-    subject, scale, which = nominal.subject, TorqueScale(settings.torque_scale), _inertial_set(settings)
-    equations = equations_of(motions, parameters, subject, scale, width)
-    if is_trunk_unmeasured(loaded[0][0].motion):
-        rms, words = equations.rms(parameters.inertial), unmeasured_words(loaded[0][0].motion, parameters)
-        why = f"markers do not determine {words}; {residual_words(rms)} tells how that moves, not what it weighs"
-        return stay_nominal(parameters.inertial, which, spread_of_people(session), rms, why)
+    subject, which = nominal.subject, _inertial_set(settings)
+    scale = inertial_calibration.TorqueScale(settings.torque_scale)
+    equations = inertial_calibration.equations_of(motions, parameters, subject, scale, width)
+    if warnings.is_trunk_unmeasured(loaded[0][0].motion):
+        rms, unseen = equations.rms(parameters.inertial), warnings.unmeasured_words(loaded[0][0].motion, parameters)
+        left = warnings.residual_words(rms)
+        why = f"markers do not determine {unseen}; {left} tells how that moves, not what it weighs"
+        return inertial_evidence.stay_nominal(parameters.inertial, which, spread_of_people(session), rms, why)
     if settings.ip == "published":
-        return fit_published(equations, parameters.inertial, which)
-    noise = residual_noise(
+        return inertial_calibration.fit_published(equations, parameters.inertial, which)
+    noise = inertial_evidence.residual_noise(
         [
-            LoadedProblem(problem=t.with_skin, coefficients=t.motion.coefficients, reactions=r, scores=t.scores)
+            inertial_evidence.LoadedProblem(
+                problem=t.with_skin, coefficients=t.motion.coefficients, reactions=r, scores=t.scores
+            )
             for t, r in loaded
         ],
         parameters,
         session.uncertainty.joint or nominal_errors(),
         subject,
-        LogChart(parameters.inertial, which),
-        torque_length(subject, scale, width),
-        PlateNoise(PlateErrors.of(settings.plate_error)),
-        spread_of_the_rest(parameters.inertial, which),
+        inertial_calibration.LogChart(parameters.inertial, which),
+        inertial_calibration.torque_length(subject, scale, width),
+        inertial_evidence.PlateNoise(PlateErrors.of(settings.plate_error)),
+        inertial_evidence.spread_of_the_rest(parameters.inertial, which),
     )
-    fit = fit_by_evidence(equations, parameters.inertial, which, noise, spread_of_people(session))
+    fit = inertial_evidence.fit_by_evidence(equations, parameters.inertial, which, noise, spread_of_people(session))
     return replace(fit, seconds=time.perf_counter() - began)
 
 
-def spread_of_people(session: Session) -> ConsistentSettings:
+def spread_of_people(session: Session) -> inertial_calibration.ConsistentSettings:
     """How far people scatter about the table of the nominal masses: further where it may be the wrong one."""
-    return ConsistentSettings(more_of=table_spread(session.model.subject))
+    return inertial_calibration.ConsistentSettings(more_of=table_spread(session.model.subject))
 
 
 def _inertial_set(settings: CalibrationSettings) -> InertialSet:
@@ -270,16 +248,16 @@ def _inertial_spread(session: Session) -> Array | None:
     if inertial is None:
         if impossible_bodies(nominal):
             return None
-        inertial = stay_nominal(nominal, which, spread_of_people(session))
+        inertial = inertial_evidence.stay_nominal(nominal, which, spread_of_people(session))
     if not inertial.statistical:
         return None
-    return np.hstack([inertial_square_root(inertial), spread_of_the_rest(nominal, which)])
+    return np.hstack([inertial_square_root(inertial), inertial_evidence.spread_of_the_rest(nominal, which)])
 
 
 def phases_of(session: Session) -> tuple[Phase, ...]:
     """The fits that were made, those of the joint parameters first."""
     joint, inertial, combined = session.joint, session.inertial, session.combined
-    fits = list[tuple[str, InertialFit | CombinedFit, int, int, str]]()
+    fits = list[tuple[str, inertial_calibration.InertialFit | CombinedFit, int, int, str]]()
     if inertial is not None:
         fits.append(("inertial", inertial, len(inertial.names), inertial.iterations, inertial.message))
     if combined is not None and joint is not None and inertial is not None:
