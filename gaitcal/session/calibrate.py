@@ -183,7 +183,7 @@ def _inertial_fit(session: Session, loaded: Sequence[Loaded]) -> inertial_calibr
     equations = inertial_calibration.equations_of(motions, parameters, subject, scale, width)
     if warnings.is_trunk_unmeasured(loaded[0][0].motion):
         rms, unseen = equations.rms(parameters.inertial), warnings.unmeasured_words(loaded[0][0].motion, parameters)
-        left = warnings.residual_words(rms)
+        left = inertial_evidence.residual_words(rms)
         why = f"markers do not determine {unseen}; {left} tells how that moves, not what it weighs"
         return inertial_evidence.stay_nominal(parameters.inertial, which, spread_of_people(session), rms, why)
     if settings.ip == "published":
