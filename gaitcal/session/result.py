@@ -38,7 +38,7 @@ class Stage(Enum):
 
     NOMINAL = ("nominal", "nominal model", "nominal")
     JP = ("jp", "joint parameters calibrated", "JP")
-    """Joint parameters calibrated, inertial ones nominal."""
+    """Joint parameters calibrated, inertial ones those of the table."""
     JP_IP = ("jp_ip", "joint and inertial parameters calibrated", "JP, then IP")
     COMBINED = ("joint_step", "all parameters refined together", "JP and IP together")
 
