@@ -8,7 +8,7 @@ between two visits.
 
 import base64
 import io
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from html import escape
 from typing import TYPE_CHECKING, Final
 
@@ -27,7 +27,6 @@ from gaitcal.model.linkage import SIDES
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
-from collections.abc import Iterable
 
 SHOWN: Final = 40  # Rows of the table of figures; `differences.csv` has all
 COLUMNS: Final = 4

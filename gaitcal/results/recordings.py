@@ -1,6 +1,6 @@
 """The recordings of a result with angles, moments, powers, events and joint centres in them, as C3D files.
 
-A C3D recording keeps all that it has (`recording/c3d/supplement.py`); one of another format becomes a C3D of its
+A C3D recording keeps all that it has (`io/c3d/supplement.py`); one of another format becomes a C3D of its
 markers and, where its forces can be laid on the markers' clock, its plates. Torques are there in the frames that
 count; of a trial that is refused there are none.
 """

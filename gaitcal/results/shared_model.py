@@ -261,7 +261,7 @@ def retracked(
     """The session with other joint parameters `names`: every walk tracked anew."""
     model, settings, clean = session.model, study.settings, examined(study)
     joints = model.parameters.with_joint(tuple(names), values)
-    if settings.ip == "consistent":  # else mass centres would stay apart by what the joints of both sessions were
+    if settings.ip != "published":  # else mass centres would stay apart by what the joints of both sessions were
         joints = joints.with_inertial(anthropometry.with_joints_of(joints.inertial, model.parameters, joints))
     if settings.keeps_ankle_zero:
         begun = Parameters(joints.joint, joints.inertial, model.nominal.zero_angles)

@@ -12,8 +12,10 @@ import numpy as np
 
 from gaitcal.arrays import Array
 from gaitcal.dynamics.inverse_dynamics import FORCES
-from gaitcal.faults.verdict import Verdict
+from gaitcal.errors import STUDY, Code, Finding, InputError, Severity
+from gaitcal.faults.verdict import Judgement, Verdict, touches_model
 from gaitcal.gait.moments import moment_of
+from gaitcal.io.result_folder import read_object
 from gaitcal.model.linkage import COORDINATES, LOWER_BODY, REACTIONS, SEGMENTS, is_translation
 from gaitcal.model.subject_model import Subject, SubjectModel
 from gaitcal.results.cycles import Json, columns_of, refused_lines, write_csv
@@ -26,10 +28,6 @@ from gaitcal.study.truth import MOMENTS, MOTION
 
 if TYPE_CHECKING:
     import pandas as pd
-
-from gaitcal.errors import STUDY, Code, Finding, InputError, Severity
-from gaitcal.faults.verdict import Judgement, touches_model
-from gaitcal.io.result_folder import read_object
 
 FOLDER = "truth"
 PARAMETERS_HEADER = (

@@ -139,7 +139,7 @@ class CalibrationSettings(Table):
     ip: Literal["consistent", "published", "none"] = Field(
         default="consistent",
         description="inertial parameters: possible bodies of unchanged total mass, moved only where the pelvis "
-        "residual tells against nominal ones; the published cost; or nominal",
+        "residual tells against those of the table; the published cost; or those of the table",
     )
     ip_set: Literal["symmetric", "all"] = Field(
         default="symmetric", description="the 36 inertial parameters shared by left and right, or all 84"

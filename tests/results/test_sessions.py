@@ -3,6 +3,7 @@
 import json
 from dataclasses import replace
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 import pandas as pd
@@ -15,7 +16,9 @@ from gaitcal.compare.stride_sets import Common
 from gaitcal.errors import Code, InputError, UsageError
 from gaitcal.figures.document import write_pdf
 from gaitcal.io.result_folder import MANIFEST, ResultKind, atomic_directory
+from gaitcal.model.anthropometry import with_joints_of
 from gaitcal.model.linkage import NEEDED_JOINTS
+from gaitcal.model.marker_set import load_marker_set
 from gaitcal.model.model_file import save_model
 from gaitcal.model.parameters import JP_NAMES
 from gaitcal.results.calibration import json_text, write_results
@@ -31,14 +34,17 @@ from gaitcal.results.sessions import (
     comparison_content,
     write_comparison,
 )
-from gaitcal.results.shared_model import compare_with_shared_model, study_of_result
+from gaitcal.results.shared_model import compare_with_shared_model, retracked, study_of_result
 from gaitcal.results.stride_files import write_stride_files
 from gaitcal.results.summary import SUMMARY, summary
 from gaitcal.session.calibrate import calibrate
-from gaitcal.session.result import Calibration
+from gaitcal.session.result import Calibration, Uncertainty
 from gaitcal.study.settings import CalibrationSettings
 from gaitcal.study.study import Study
+from gaitcal.study.study_trial import Role, Trial
+from tests.compare.made_sessions import made_session
 from tests.fake_result import HOSTILE, Names, fake_calibration
+from tests.synthetic_studies import made_recording, static_motion
 
 
 def write_result(calibration: Calibration, folder: Path) -> None:
@@ -182,6 +188,27 @@ def test_a_shared_model_says_what_it_needs(results: tuple[Path, Path], tmp_path:
         compare_with_shared_model(results[0], results[0])
     with pytest.raises(InputError, match="--study FILE"):
         study_of_result(results[0], tmp_path / "study.toml")
+
+
+@pytest.mark.parametrize("ip", ["none", "consistent", "published"])
+def test_masses_that_followed_their_joints_follow_the_shared_ones(
+    ip: Literal["none", "consistent", "published"],
+) -> None:
+    """Two sessions whose knees lie 5 mm apart, and masses by what that moves: with one knee they are the same."""
+    before, knee = made_session(), ("knee_r.thigh.sup",)
+    settings = CalibrationSettings(ip=ip)
+    static = Trial(name="static", role=Role.STATIC, recording=made_recording(static_motion(), static=True))
+    subject, markers = before.model.subject, load_marker_set("published")
+    study = Study(subject=subject, marker_set=markers, trials=(static,), settings=settings, weights={}, inputs={})
+    masses = []
+    for place in (-0.420, -0.415):
+        own = before.model.parameters.with_joint(knee, np.array([place]))
+        if ip != "published":
+            own = own.with_inertial(with_joints_of(own.inertial, before.model.parameters, own))
+        session = replace(before, model=before.model.with_parameters(own))
+        anew = retracked(session, study, knee, np.array([-0.41]), Uncertainty(joint=None, inertial=None))
+        masses.append(anew.model.parameters.inertial)
+    np.testing.assert_allclose(masses[0], masses[1], rtol=0.0, atol=1e-12)
 
 
 WALKS = ("walk03", "walk04")
