@@ -29,7 +29,7 @@ from gaitcal.io.labels import FootEvent, FootMoment
 from gaitcal.model.linkage import OTHER_SIDE, SIDE_WORDS
 
 AGREE: Final = 0.1
-"""s: motion alone misses contacts by up to 0.08 s where a foot drags (`python -m scripts.validation events`)."""
+"""s: motion alone misses contacts by up to 0.08 s where a foot drags (`python -m scripts.validation events STUDY`)."""
 FIT: Final = 0.75  # share of the events that must agree
 RIVAL: Final = 0.4  # s: where the motion has the event this near, but does not agree, the file's is at the wrong place
 FEWEST: Final = 4  # events from which a fault common to all can be told

@@ -16,8 +16,8 @@ fast this swing is (Bruening & Ridge, Gait & Posture 2014, took the walking spee
 in turns and from one step to the next, also where a foot lands on its toes. Where the heel is furthest in front of the
 pelvis (Zeni, Richards & Higginson 2008) it still travels at the pelvis' own speed: 20 to 60 ms before the contact. Both
 thresholds lie where vertical forces pass 20 N, as the median of laboratories has it
-(`python -m scripts.validation events`). A foot that drags slides on before and after its contact: the strike then comes
-late, and the off early.
+(`python -m scripts.validation events STUDY`). A foot that drags slides on before and after its contact: the strike then
+comes late, and the off early.
 
 Strides are what an activity repeats where one foot strikes after the other, whatever speed, slope or flight there is.
 Else it repeats what the pelvis does between two rests: with its height h(t) and rate h'(t),

@@ -96,6 +96,16 @@ def test_the_compressed_problem_is_the_whole_one_with_its_prior_and_soft_tissue(
     np.testing.assert_allclose(jacobian.T @ f, pull, rtol=0, atol=1e-6 * np.abs(pull).max())
 
 
+def test_the_cost_told_is_that_where_the_last_step_leads() -> None:
+    """Two millimetres further, where motions are not sought to the end: that step gains 4e-5 of the cost."""
+    problem, truth = knee_trial(6, noise=0.002)
+    reduced = ReducedProblem([problem], truth, KNEE, [started(problem, truth)[1]], DescentSettings())
+    reduced.at(p := values(truth, KNEE))
+    (trial,) = reduced.at(p := p + np.random.default_rng(6).normal(0, 0.002, len(p))).trials
+    there = problem.cost(trial.coefficients, problem.constants(truth.with_joint(KNEE, p)))
+    assert trial.cost == pytest.approx(there, rel=1e-6)
+
+
 def test_bounds_are_about_the_nominal_values_wherever_the_fit_starts() -> None:
     """An earlier phase moved the parameter by 8 mm; what is left of 10 mm is 2 mm, though the truth is further off."""
     problem, truth = knee_trial(5)

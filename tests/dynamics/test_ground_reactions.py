@@ -126,6 +126,8 @@ def test_a_leg_that_no_weighted_marker_shows_is_not_valid(walk: Recording, track
     before, after = (gc.ground_reactions(model, m, walk) for m in (tracked, motion))
     assert before.valid[hidden].all(), "valid while the shank is seen"
     np.testing.assert_array_equal(after.valid, before.valid & ~lost)
+    np.testing.assert_array_equal(after.valid_r, before.valid_r & ~lost)
+    np.testing.assert_array_equal(after.valid_l, before.valid_l, err_msg="the other leg stays")
 
 
 def reactions(recording: Recording) -> GroundReactions:

@@ -30,7 +30,7 @@ def off(study: Study, lateral: float, medial: float, sides: str = "RL") -> Study
 
 
 def test_both_knees_off_are_one_finding_with_degrees_and_markers(sound: Study) -> None:
-    assert told(sound) == []
+    assert told(sound) == [] and told(off(sound, 0.01, 0.0)) == [], "ten millimetres are below the floor"
     (found,) = told(off(sound, 0.02, -0.02))
     assert (found.severity, found.topic, found.leg) == (Severity.WARNING, "landmarks", "")
     assert "both knees" in found.cause and "too far forward" in found.cause

@@ -7,9 +7,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from gaitcal.model.anthropometry import with_joints_of
 from gaitcal.model.nominal import published_model
 from gaitcal.session.calibrate import calibrate
 from gaitcal.session.joint_parameters import FOLDS, fold_of_frame, hold_out, without
+from gaitcal.session.result import Calibration
 from gaitcal.session.session import MovingTrial, prepare_trial
 from gaitcal.study.study import Study, nominal_of
 from gaitcal.study.study_trial import Role
@@ -62,8 +64,18 @@ def test_nothing_of_a_held_block_reaches_the_fit(study: Study) -> None:
     )
 
 
-def test_a_truly_better_model_is_better_on_frames_left_out(study: Study) -> None:
-    done = calibrate(study, leave_out=True)
+@pytest.fixture(scope="module")
+def done(study: Study) -> Calibration:
+    return calibrate(study, leave_out=True)
+
+
+def test_masses_go_with_the_joints_where_no_force_tells_of_them(done: Calibration) -> None:
+    before, after = done.nominal.parameters, done.model.parameters
+    np.testing.assert_allclose(after.inertial, with_joints_of(before.inertial, before, after), rtol=1e-12)
+    assert np.abs(after.inertial - before.inertial).max() > 1e-3
+
+
+def test_a_truly_better_model_is_better_on_frames_left_out(done: Calibration) -> None:
     held = done.trial("knee_r").held_out
     assert held is not None and held.folds == FOLDS and held.legs is None
     fit = done.trial("knee_r").calibrated.errors.rms()

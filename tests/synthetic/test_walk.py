@@ -33,7 +33,8 @@ SPRINGS_M, LOADED_N = 0.008, 50.0
 """m by which a centre of pressure may move between two frames, 5 ms, where a foot bears load: a striking heel, or an
 ankle over toes that leave, moves by 5 mm."""
 PERTURBED_SPRINGS_M = 0.02
-"""The same in the first and last frame under load of people whose axes are turned by up to 10 deg: of nine in ten."""
+"""The same in the first and last frame under load of people whose axes are turned by up to 10 deg: of 14 in 16, the
+others 21 and 22 mm."""
 
 WALKS: dict[str, tuple[Parameters, TrueMotion]] = {}
 
@@ -72,7 +73,7 @@ PEOPLE = ("study", "nominal", "1", "2", "3")
 @pytest.mark.parametrize("person", PEOPLE)
 def test_the_ground_carries_the_walk(person: str) -> None:
     """No residual; every loaded foot has its centre of pressure in its sole, from strike to off, where it rolls and
-    does not spring: of those with turned axes, most.
+    does not spring; of those with turned axes, amid a stance.
     """
     parameters, motion = walk(person)
     ground = ground_on_feet(parameters, motion)
@@ -95,8 +96,8 @@ def test_the_ground_carries_the_walk(person: str) -> None:
     for foot in range(2):
         for stance in runs(up[:, foot] > LOADED_N):
             assert ground.centre[stance.stop - 1, foot, 0] > ground.centre[stance.start, foot, 0]
-    if not person.isdigit():
-        assert max(springs(person)) < SPRINGS_M
+    amid, ends = springs(person)
+    assert amid < SPRINGS_M and (person.isdigit() or ends < SPRINGS_M)
 
 
 def springs(person: str) -> tuple[float, float]:
@@ -111,9 +112,9 @@ def springs(person: str) -> tuple[float, float]:
     return amid, ends
 
 
-def test_of_people_with_turned_axes_most_centres_do_not_spring() -> None:
-    amid, ends = np.median([springs(person) for person in PEOPLE if person.isdigit()], axis=0)
-    assert amid < SPRINGS_M and ends < PERTURBED_SPRINGS_M
+def test_of_people_with_turned_axes_few_centres_spring_at_the_ends() -> None:
+    ends = [springs(person)[1] for person in PEOPLE if person.isdigit()]
+    assert np.median(ends) < PERTURBED_SPRINGS_M and max(ends) < 1.5 * PERTURBED_SPRINGS_M
 
 
 def test_resting_feet_do_not_slide() -> None:

@@ -1,6 +1,7 @@
 """The one command line of the validation: what it lists, refuses, runs and writes."""
 
 import json
+import re
 import subprocess
 import sys
 from dataclasses import dataclass
@@ -59,6 +60,15 @@ def test_every_member_is_one(name: str) -> None:
     found = import_module(f"scripts.validation.{harness.MEMBERS[name]}")
     assert set(found.SHARED) <= set(harness.OPTIONS) and (callable(getattr(found, "run", None)) or found.PARTS)
     assert found.__doc__ and f"\n    {name} " in found.__doc__, "its docstring shows how it is called"
+
+
+def test_commands_that_pages_cite_are_understood() -> None:
+    pages = (*ROOT.glob("*.md"), *ROOT.glob("docs/**/*.md"), *ROOT.glob("gaitcal/**/*.py"))
+    text = "".join(page.read_text(encoding="utf-8") for page in pages)
+    cited = re.findall(r"`python -m\s+scripts\.validation\s+([a-z_]+)([^`]*)`", text)
+    for name, options in cited:
+        harness.parsed(import_module(f"scripts.validation.{harness.MEMBERS[name]}"), name, options.split())
+    assert len(cited) > 30
 
 
 def test_it_runs_from_a_checkout_in_one_blas_thread() -> None:
