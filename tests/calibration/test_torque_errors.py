@@ -26,6 +26,7 @@ from gaitcal.dynamics.inverse_dynamics import FORCES, Dynamics
 from gaitcal.dynamics.joint_kinetics import COMPONENTS, POWERS, VECTOR_FRAMES, MomentFrame, kinetic_values, power_of
 from gaitcal.dynamics.measurement_errors import AxisErrors, ErrorSource, PlateErrors
 from gaitcal.model.parameters import IP_NAMES, JP_INDEX, Parameters, gait_parameters
+from gaitcal.model.subject_model import PointNoise
 from gaitcal.motion.descent import DescentSettings
 from gaitcal.motion.marker_residual import MarkerData, marker_positions
 from gaitcal.motion.motion import track_nodes
@@ -311,3 +312,16 @@ def test_the_source_widens_error_bars() -> None:
     bias = problem.basis.evaluate(moves.coefficients[:, -1].reshape(coefficients.shape))
     np.testing.assert_allclose(wide**2, narrow**2 + bias**2, rtol=1e-9)
     assert (wide > 1.05 * narrow).mean() > 0.2
+
+
+def test_a_key_point_of_two_segments_errs_once() -> None:
+    """Its coordinates make the errors of both, together."""
+    _, parameters, problem, coefficients = seeded_trial(52, frames=FRAMES, nodes=6)
+    measured = problem.data.measured.copy()
+    measured[1] = measured[0]
+    alone = problem.with_measured(measured)
+    same = replace(alone, noise=PointNoise(size_mm=1e-6, memory_s=0.1, joints=1.0, hinges=1.0, reason="made up"))
+    apart, once = (whole_body_scores(p, coefficients, parameters, None).coefficients for p in (alone, same))
+    np.testing.assert_allclose(once[:, :3], apart[:, :3] + apart[:, 3:6], atol=1e-9 * np.abs(apart).max())
+    assert not once[:, 3:6].any()
+    np.testing.assert_allclose(once[:, 6:], apart[:, 6:])

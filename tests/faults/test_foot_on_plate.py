@@ -254,6 +254,19 @@ def test_one_fault_is_told_once(treadmill: MarkerEvidence, topic: str, cause: st
     assert len(list(outside_sole(walk, [replace(blamed, severity=Severity.INFO)]))) == 1
 
 
+def test_a_plate_that_is_loaded_for_a_part_of_a_stance_is_no_matter_of_clocks(sound: Study) -> None:
+    """Loaded 0.3 s after the foot came down, and free before it leaves."""
+
+    def part(p: ForcePlate) -> ForcePlate:
+        loaded = p.time[p.force[:, 1] > 50.0]
+        inside = (p.time > loaded[0] + 0.3) & (p.time < loaded[-1] - 0.05)
+        return replace(p, force=p.force * inside[:, None])
+
+    walk = spoilt.with_trial(sound, "walk", lambda r: replace(r, plates=(part(r.plates[0]),)))
+    found = list(contacts(spoilt.evidence(walk, walk.trials[1])))
+    assert found and Code.CLOCKS_DIFFER not in {f.code for f in found}
+
+
 def test_forces_that_come_late_are_a_matter_of_clocks(data_dir: Path) -> None:
     """On a floor, where only the ends of a loading leave the foot."""
     for walk in real_walks("labs_c3d/multi", data_dir):

@@ -170,6 +170,7 @@ def test_markers_of_one_walk_cast_doubt_on_the_others_and_its_forces_do_not() ->
     forces, doubt = found(Severity.ERROR, "walk"), replace(markers, severity=Severity.WARNING)
     for said, other in ((markers, DOUBTFUL), (forces, GOOD), (doubt, GOOD)):
         assert judge([said], WALKS).trials["walk2"].judgement is other
+    assert judge([replace(markers, leg="l")], WALKS).trials["walk"].legs == {"r": GOOD, "l": REFUSED}
 
 
 def test_errors_stop_only_where_they_leave_a_walk_no_leg() -> None:

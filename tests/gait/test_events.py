@@ -80,6 +80,14 @@ def test_a_plate_that_is_entered_or_left_during_stance_makes_no_event() -> None:
     assert len(found.events) == len(walk())
 
 
+def test_an_event_of_a_plate_near_an_end_of_the_trial_needs_no_swing() -> None:
+    """There the motion cannot show one; in the middle a foot came onto the plate otherwise."""
+    for time in (TIME[0] + 0.1, TIME[-1] - 0.1):
+        on_plate = FootEvent(FootMoment.STRIKE, "r", float(time))
+        found = joined_events(TIME, [], [on_plate], [e for e in walk() if abs(e.time - time) > 0.3])
+        assert [e.time for e in found.events if e.source is EventSource.PLATES] == [time]
+
+
 def test_plates_tell_the_moment_between_frames() -> None:
     frames, samples = np.arange(0.0, 2.0, 0.02), np.arange(0.0, 2.0, SAMPLE)
     force = np.zeros((len(samples), 3))

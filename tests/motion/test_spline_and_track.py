@@ -14,7 +14,7 @@ from gaitcal.motion import motion
 from gaitcal.motion.descent import DescentSettings
 from gaitcal.motion.motion import track_nodes
 from gaitcal.motion.rigid import rigid_distances, rigid_fit
-from gaitcal.motion.spline import NodeRule, cutoff, spline_basis, to_bspline
+from gaitcal.motion.spline import DEGREE, NodeRule, cutoff, spline_basis, to_bspline
 from gaitcal.motion.trial_problem import MotionProblem
 from scripts.tools.benchmark import tasks
 from tests.derivatives import Array, assert_derivative, from_band, noisy, seeded_trial, started, with_gaps
@@ -37,6 +37,11 @@ def test_spline_fit_finds_a_curve_of_its_own_space() -> None:
     basis = spline_basis(np.linspace(0, 2, 200), 25)
     coefficients = np.random.default_rng(7).normal(size=(25, 3))
     np.testing.assert_allclose(basis.fit(basis.evaluate(coefficients)), coefficients, atol=1e-8)
+
+
+@pytest.mark.parametrize(("rate", "spans"), [(25.0, 17), (200.0, 40)])
+def test_spans_last_a_twentieth_of_a_second_or_three_frames_of_slow_cameras(rate: float, spans: int) -> None:
+    assert NodeRule().nodes(np.arange(2 * rate + 1) / rate) == spans + DEGREE
 
 
 def test_effective_cutoff_is_where_the_fit_passes_71_percent() -> None:

@@ -9,6 +9,7 @@ import pytest
 
 from gaitcal.model.anthropometry import with_joints_of
 from gaitcal.model.nominal import published_model
+from gaitcal.model.parameters import Parameters
 from gaitcal.session.calibrate import calibrate
 from gaitcal.session.joint_parameters import FOLDS, fold_of_frame, hold_out, without
 from gaitcal.session.result import Calibration
@@ -49,6 +50,17 @@ def test_every_frame_is_left_out_once(study: Study) -> None:
     assert set(fold) == set(range(FOLDS))
     held = np.stack([without(trial, fold == k).joints.data.weight == 0 for k in range(FOLDS)])
     assert (held.sum(axis=0) == 1).all()
+
+
+def test_every_fold_is_fitted_to_all_but_its_own_blocks(study: Study) -> None:
+    trial, nominal, hidden = prepared(study), nominal_of(study).parameters, []
+
+    def fit(trials: list[MovingTrial]) -> tuple[None, Parameters]:
+        hidden.append((trials[0].joints.data.weight == 0).all(axis=0))
+        return None, nominal
+
+    hold_out([trial], nominal, fit)
+    np.testing.assert_array_equal(np.sum(hidden, axis=0), 1)
 
 
 def test_nothing_of_a_held_block_reaches_the_fit(study: Study) -> None:
