@@ -30,9 +30,8 @@ from gaitcal.session import drafting, trial_result, truth_comparison
 from gaitcal.session.calibrate import calibrate
 from gaitcal.session.draft import STUDY, Draft, draft_notes, draft_text, files_of, settings_text, study_of
 from gaitcal.session.result import Calibration, Loads, TrialResult
-from gaitcal.study.joint_prior import with_cohort_priors
 from gaitcal.study.settings import CalibrationSettings
-from gaitcal.study.study import Study, input_files
+from gaitcal.study.study import Study, input_files, with_cohort_priors
 from gaitcal.study.study_file import Side, TrialTable, load_study_file
 from gaitcal.study.study_trial import Role, Trial, read_trial
 from gaitcal.synthetic import subject, truth

@@ -41,7 +41,7 @@ from gaitcal.session.drafting import draft_of, faulty_notes, rejected_forces, wi
 from gaitcal.session.folder import read_folder
 from gaitcal.study import joint_prior, study_file
 from gaitcal.study.settings import CalibrationSettings
-from gaitcal.study.study import Study, input_files
+from gaitcal.study.study import Study, input_files, with_cohort_priors
 
 ANYWAY = 0.005
 """Relative difference of a study file's mass or height from what else is said of the person, from which it is told."""
@@ -93,7 +93,7 @@ def calibrate_person(person: CohortPerson, out: Path, common: CommonSettings) ->
     study = replace(study, settings=study.settings.model_copy(update=of_all))
     joint_prior.require_joint_prior(study.settings, study.source)
     if common.priors is not None and study.joint_prior is None:
-        study = joint_prior.with_cohort_priors(study, common.priors)
+        study = with_cohort_priors(study, common.priors)
     findings = check_study(study)
     faulty: dict[str, str] = {}
     if drafted is not None or stopping(findings, study.walks):

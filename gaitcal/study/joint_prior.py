@@ -23,7 +23,6 @@ import json
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 from pydantic import Field
@@ -31,13 +30,9 @@ from scipy.linalg import block_diag
 
 from gaitcal.arrays import Array
 from gaitcal.errors import Code, InputError, nearest
-from gaitcal.io.result_folder import sha256_of
 from gaitcal.io.toml import Table, package_version, shown, validated
 from gaitcal.model.parameters import JOINT_PARAMETERS, JP_INDEX, JP_NAMES, Kind
 from gaitcal.study.settings import CalibrationSettings
-
-if TYPE_CHECKING:
-    from gaitcal.study.study import Study
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -265,34 +260,6 @@ def read_cohort_priors(path: Path) -> CohortPriors:
         except (ValueError, np.linalg.LinAlgError):
             raise fault("found matrices that are no covariances of its parameters", part.part) from None
     return priors
-
-
-def with_cohort_priors(study: "Study", path: Path) -> "Study":
-    """A study whose joint parameters lean on a cohort; the file counts among its inputs.
-
-    Raises InputError: The file is no such file, or was learnt with another marker set, other nominal joints, or for
-    another protocol.
-    """
-    sha256 = sha256_of(path) or ""
-    prior = replace(joint_prior(read_cohort_priors(path), study, path), sha256=sha256)
-    settings = study.settings.model_copy(update={"priors": Path(path.name)})
-    return replace(study.with_input(path, sha256), settings=settings, joint_prior=prior)
-
-
-def joint_prior(priors: CohortPriors, study: "Study", path: Path) -> JointPrior:
-    """What the cohort says of the person of a study, without the fold of the people that the person is among."""
-    settings, subject = study.settings, study.subject
-    if not settings.takes_priors:
-        message = "priors of a cohort need joint parameters fitted with protocol = 'evidence'"
-        raise InputError(message, source=path, code=Code.PRIORS)
-    used = {"marker_set": study.marker_set.name, "hip_centre": settings.hip_rule, "ankle_zero": settings.ankle_rule}
-    for rule, value in used.items():
-        if (learnt := getattr(priors, rule)) != value:
-            message = f"learnt with '{learnt}', and the study uses '{value}', whose nominal joints are others"
-            raise InputError(message, source=path, field=rule, code=Code.PRIORS)
-    name, recordings = name_hash(priors.cohort, subject.name), set(study.inputs.values())
-    folds = (p.fold for p in priors.people if p.name_sha256 == name or recordings & set(p.recordings_sha256))
-    return prior_of_person(priors, Person(height=subject.height, sex=subject.sex), path, next(folds, None))
 
 
 def prior_of_person(priors: CohortPriors, person: Person, path: Path, fold: int | None = None) -> JointPrior:

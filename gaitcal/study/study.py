@@ -19,7 +19,15 @@ from gaitcal.model.present_markers import complete_static, present_markers
 from gaitcal.model.segment_frames import HipCentre
 from gaitcal.model.subject_model import PatientRecord, Subject, SubjectModel
 from gaitcal.runtime import with_one_blas_thread
-from gaitcal.study.joint_prior import JointPrior, require_joint_prior, with_cohort_priors
+from gaitcal.study.joint_prior import (
+    CohortPriors,
+    JointPrior,
+    Person,
+    name_hash,
+    prior_of_person,
+    read_cohort_priors,
+    require_joint_prior,
+)
 from gaitcal.study.settings import AUTOMATIC, CalibrationSettings
 from gaitcal.study.study_file import StudyFile, SubjectTable, load_study_file
 from gaitcal.study.study_trial import Role, Trial, cleaned_trial, model_with_trunk, read_trial
@@ -369,3 +377,31 @@ def nominal_of(study: Study, completed: rebuilt_markers.Rebuilding | None = None
         return model_with_trunk(model_of, completed.static, study.marker_set, walks)
     except InputError as fault:
         raise InputError(f"{fault}{completed.why_not(str(fault))}", code=fault.code) from fault
+
+
+def with_cohort_priors(study: Study, path: Path) -> Study:
+    """A study whose joint parameters lean on a cohort; the file counts among its inputs.
+
+    Raises InputError: The file is no such file, or was learnt with another marker set, other nominal joints, or for
+    another protocol.
+    """
+    sha256 = sha256_of(path) or ""
+    prior = replace(cohort_prior(read_cohort_priors(path), study, path), sha256=sha256)
+    settings = study.settings.model_copy(update={"priors": Path(path.name)})
+    return replace(study.with_input(path, sha256), settings=settings, joint_prior=prior)
+
+
+def cohort_prior(priors: CohortPriors, study: Study, path: Path) -> JointPrior:
+    """What the cohort says of the person of a study, without the fold of the people that the person is among."""
+    settings, subject = study.settings, study.subject
+    if not settings.takes_priors:
+        message = "priors of a cohort need joint parameters fitted with protocol = 'evidence'"
+        raise InputError(message, source=path, code=Code.PRIORS)
+    used = {"marker_set": study.marker_set.name, "hip_centre": settings.hip_rule, "ankle_zero": settings.ankle_rule}
+    for rule, value in used.items():
+        if (learnt := getattr(priors, rule)) != value:
+            message = f"learnt with '{learnt}', and the study uses '{value}', whose nominal joints are others"
+            raise InputError(message, source=path, field=rule, code=Code.PRIORS)
+    name, recordings = name_hash(priors.cohort, subject.name), set(study.inputs.values())
+    folds = (p.fold for p in priors.people if p.name_sha256 == name or recordings & set(p.recordings_sha256))
+    return prior_of_person(priors, Person(height=subject.height, sex=subject.sex), path, next(folds, None))

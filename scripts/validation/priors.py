@@ -40,8 +40,8 @@ from gaitcal.model.nominal import published_model
 from gaitcal.model.parameters import JOINT_PARAMETERS, JP_INDEX, JP_NAMES, JP_TO_SI, Kind
 from gaitcal.model.segment_frames import HipCentre
 from gaitcal.model.subject_model import SubjectModel
-from gaitcal.study.joint_prior import HEIGHT, STEP, CohortPriors, JointPrior, Person, joint_prior, mirror
-from gaitcal.study.study import nominal_of
+from gaitcal.study.joint_prior import HEIGHT, STEP, CohortPriors, JointPrior, Person, mirror
+from gaitcal.study.study import cohort_prior, nominal_of
 from gaitcal.synthetic.motion import (
     TrueMotion,
     isolated_motion,
@@ -289,7 +289,7 @@ def outcomes(name: str, learnt: Mapping[str, CohortPriors], people: int, seed: i
     for number in range(people):
         made = person_of(draw, (seed, 1, number), isolated=False)
         plain = fit(made)
-        told = {f"cohort: {k}": fit(made, joint_prior(p, made.study, Path("priors.json"))) for k, p in learnt.items()}
+        told = {f"cohort: {k}": fit(made, cohort_prior(p, made.study, Path("priors.json"))) for k, p in learnt.items()}
         parts = evidence("", made, plain).parts
         yield Outcome(
             truth=made.truth,

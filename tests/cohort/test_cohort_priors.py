@@ -30,17 +30,15 @@ from gaitcal.study.joint_prior import (
     JointPrior,
     Person,
     expected,
-    joint_prior,
     mirror,
     other_side,
     prior_of_person,
     read_cohort_priors,
     sided_directions,
     symmetric,
-    with_cohort_priors,
 )
 from gaitcal.study.settings import ParameterPriorTable
-from gaitcal.study.study import Study
+from gaitcal.study.study import Study, cohort_prior, with_cohort_priors
 from tests.cohort.made_people import KNEES, NAMES, Array, people, some_information, told
 from tests.commands import refused
 from tests.synthetic_studies import write_synthetic_study
@@ -137,17 +135,17 @@ def test_who_is_among_the_people_leans_on_the_others(priors: CohortPriors, study
         again = replace(study, inputs={**study.inputs, "walk.c3d": "file 3"})
     else:
         again = replace(study, subject=replace(study.subject, name=one.name))
-    prior = joint_prior(priors, again, Path("priors.json"))
+    prior = cohort_prior(priors, again, Path("priors.json"))
     fold = priors.people[3].fold
     left_out = [p.fold for p in priors.people].count(fold)
     assert (prior.people, prior.left_out) == (12 - left_out, left_out)
     assert "left out" in prior.notes[0]
     everybody = people(12, offset, np.random.default_rng(1))
     changed = [replace(p, parts=_louder(p)) if p is everybody[3] else p for p in everybody]
-    other = joint_prior(learn_cohort("lab", changed, RULES), again, Path("priors.json"))
+    other = cohort_prior(learn_cohort("lab", changed, RULES), again, Path("priors.json"))
     assert not np.allclose(
-        joint_prior(learn_cohort("lab", changed, RULES), study, Path("x")).mean,
-        joint_prior(priors, study, Path("x")).mean,
+        cohort_prior(learn_cohort("lab", changed, RULES), study, Path("x")).mean,
+        cohort_prior(priors, study, Path("x")).mean,
     )
     # whatever their own result says, as long as as much is learnt, what they lean on is the same
     np.testing.assert_allclose(other.mean, prior.mean, atol=1e-9)
@@ -172,12 +170,12 @@ def test_other_markers_or_nominal_joints_are_refused(
     priors: CohortPriors, study: Study, rule: str, value: str, words: str
 ) -> None:
     with pytest.raises(InputError, match=words):
-        joint_prior(priors.model_copy(update={rule: value}), study, Path("priors.json"))
+        cohort_prior(priors.model_copy(update={rule: value}), study, Path("priors.json"))
 
 
 def test_another_version_and_another_size_are_told(priors: CohortPriors, study: Study) -> None:
     tall = replace(study, subject=replace(study.subject, height=2.1))
-    notes = joint_prior(priors.model_copy(update={"gaitcal": "0.0.1"}), tall, Path("priors.json")).notes
+    notes = cohort_prior(priors.model_copy(update={"gaitcal": "0.0.1"}), tall, Path("priors.json")).notes
     assert "2.10 m is outside" in notes[1] and f"gaitcal 0.0.1, not {package_version('gaitcal')}" in notes[2]
 
 
