@@ -20,6 +20,7 @@ from .gait.ensemble import ensemble as ensemble
 from .gait.normal_bands import read_normal_bands as read_normal_bands
 from .io.formats import read_recording as read_recording
 from .io.recording import Recording as Recording
+from .model.chain import build_model as build_model
 from .model.linkage import COORDINATES as COORDINATES
 from .model.marker_set import MarkerSet as MarkerSet
 from .model.marker_set import load_marker_set as load_marker_set
@@ -30,7 +31,6 @@ from .model.nominal import published_model as published_model
 from .model.parameters import Parameters as Parameters
 from .model.subject_model import Subject as Subject
 from .model.subject_model import SubjectModel as SubjectModel
-from .model.subject_model import build_model as build_model
 from .motion.motion import Motion as Motion
 from .motion.motion import track as track
 from .published.study import monte_carlo as monte_carlo

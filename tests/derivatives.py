@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from gaitcal.model.chain import Chain, ChainConstants
+from gaitcal.model.chain import Chain, LinkageModel
 from gaitcal.model.coordinates import split_side
 from gaitcal.model.linkage import COORDINATES
 from gaitcal.model.parameters import JOINT_PARAMETERS, JP_NAMES, Kind, Parameters, published_subject
@@ -72,7 +72,7 @@ def random_trial(
     basis = spline_basis(np.arange(frames) / 100.0, nodes)
     true = np.cumsum(rng.normal(0, 0.08, (nodes, len(chain.coordinates))), axis=0)
     placed = PlacedMarkers(segment, local)
-    x = marker_positions(chain, chain.constants(parameters.joint, parameters.zero_angles), placed, basis.evaluate(true))
+    x = marker_positions(chain.body(parameters), placed, basis.evaluate(true))
     data = MarkerData(placed, x, np.ones((len(segment), frames)))
     labels = tuple(f"m{i}" for i in range(len(segment)))
     return MotionProblem(name="random", chain=chain, basis=basis, data=data, labels=labels), true
@@ -110,9 +110,9 @@ def without_segments(problem: MotionProblem, *segments: str, frames: slice = sli
     return problem.with_weight(weight)
 
 
-def started(problem: MotionProblem, parameters: Parameters) -> tuple[ChainConstants, Array]:
+def started(problem: MotionProblem, parameters: Parameters) -> tuple[LinkageModel, Array]:
     """Constants of the linkage and the nodes where tracking starts."""
-    constants = problem.constants(parameters)
+    constants = problem.body(parameters)
     return constants, starting_nodes(problem.chain, constants, problem.data, problem.basis)
 
 

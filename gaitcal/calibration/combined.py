@@ -115,7 +115,7 @@ class _MarkersAndLoads(SharedMotions):
         self.precision = 1.0 / self.chart.spread(settings.spread)
         square = count = 0.0
         for trial, problem in zip(trials, self.open, strict=True):
-            square += problem.marker_cost(trial.coefficients, problem.constants(parameters))
+            square += problem.marker_cost(trial.coefficients, problem.body(parameters))
             count += 3.0 * float((problem.data.weight > 0).sum())
         self.sigma = float(np.sqrt(square / count))
         """m per coordinate: the marker residual at the start, over all trials."""
@@ -146,7 +146,7 @@ class _MarkersAndLoads(SharedMotions):
     def _trial(self, k: int, parameters: Parameters, theta: Array, coefficients: Array) -> NormalEquations:
         """One trial's markers in units of sigma_m, its parameters placed in theta, and its loads."""
         problem, trial, columns = self.open[k], self.trials[k], self.columns[k]
-        marker = problem.equations(coefficients, problem.constants(parameters)).scaled(1.0 / self.sigma**2)
+        marker = problem.equations(coefficients, problem.body(parameters)).scaled(1.0 / self.sigma**2)
         mixed, corner = np.zeros((coefficients.size, self.size)), np.zeros((self.size, self.size))
         gradient = np.zeros(self.size)
         mixed[:, columns], gradient[columns] = marker.mixed, marker.parameter_gradient

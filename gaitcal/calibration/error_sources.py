@@ -28,7 +28,8 @@ from scipy.linalg import block_diag
 from gaitcal.arrays import Array, IntArray, stretches
 from gaitcal.calibration import joint_prior, soft_tissue_artefact
 from gaitcal.dynamics.measurement_errors import ErrorSource
-from gaitcal.model.chain import ChainConstants, forward, jacobian
+from gaitcal.model.chain import LinkageModel
+from gaitcal.model.kinematics import Kinematics
 from gaitcal.model.linkage import COORDINATES
 from gaitcal.model.parameters import JOINT_PARAMETERS, JP_INDEX, JP_NAMES, Kind, Parameters
 from gaitcal.motion.banded import eliminate
@@ -234,9 +235,9 @@ def whole_body_scores(
 ) -> MarkerScores:
     """Scores of one trial's markers, for the joint parameters of `joint`; None: no parameter is free."""
     problem = problem.with_free(joint.free if joint else ())
-    constants = problem.constants(parameters)
-    eliminated = eliminate(problem.equations(coefficients, constants))
-    columns = [_cluster_gradients(problem, constants, coefficients)]
+    body = problem.body(parameters)
+    eliminated = eliminate(problem.equations(coefficients, body))
+    columns = [_cluster_gradients(problem, body, coefficients)]
     clusters = [f"{problem.name}/{label}/{axis}" for label in problem.labels for axis in "xyz"]
     if problem.penalty is not None:
         columns.append(problem.penalty.both(coefficients)[1].reshape(-1, 1))
@@ -249,18 +250,17 @@ def whole_body_scores(
     return MarkerScores(coefficients=moves, sensitivity=eliminated.sensitivity, clusters=tuple(clusters))
 
 
-def _cluster_gradients(problem: MotionProblem, constants: ChainConstants, coefficients: Array) -> Array:
+def _cluster_gradients(problem: MotionProblem, body: LinkageModel, coefficients: Array) -> Array:
     """(nn * nq, nc) half gradients of each marker coordinate's own cost by the coefficients, residuals inflated."""
     chain, data, basis = problem.chain, problem.data, problem.basis
     nq = len(chain.coordinates)
     q = basis.evaluate(coefficients)
-    poses = forward(chain, constants, q, data.secondary)
-    spatial = jacobian(chain, constants, poses, data.secondary)
-    x = problem.positions(coefficients, constants)
+    spatial = Kinematics(body, q, data.secondary).columns
+    x = problem.positions(coefficients, body)
     residual = x - data.measured
     least = 0.0 if problem.noise is None else 1e-3 * problem.noise.size_mm
     of_one = np.arange(len(data.segment)) if problem.noise is None else _first_alike(data.measured)
-    inverse = _frame_inverses(problem, constants, q)
+    inverse = _frame_inverses(problem, body, q)
     matrix = basis.matrices[0]
     by_node = np.zeros((basis.nodes, nq, 3 * len(data.segment)))
     for m, segment in enumerate(data.segment):
@@ -288,9 +288,9 @@ def _first_alike(measured: Array) -> IntArray:
     return np.asarray(first[which.ravel()])
 
 
-def _frame_inverses(problem: MotionProblem, constants: ChainConstants, q: Array) -> Array:
+def _frame_inverses(problem: MotionProblem, body: LinkageModel, q: Array) -> Array:
     """(nf, nq, nq) pseudo-inverses of the frames' own Gauss-Newton matrices."""
-    hessian = problem.frame_hessians(q, constants)
+    hessian = problem.frame_hessians(q, body)
     # m^2 and rad^2 on one diagonal: scaled to ones, so that the cut of the pseudo-inverse means the same for all
     scale = 1.0 / np.sqrt(np.maximum(np.einsum("fii->fi", hessian), 1e-12))
     scaled = hessian * scale[:, :, None] * scale[:, None, :]

@@ -219,7 +219,7 @@ def arm_ambiguity(
     out: dict[str, float] = {}
     arm = [row.name for row in coordinates.COORDINATE_TABLE.values() if row.group == "arm"]
     for problem, own in zip(problems, coefficients, strict=True):
-        start = starting_nodes(problem.chain, problem.constants(parameters), problem.data, problem.basis)
+        start = starting_nodes(problem.body(parameters), problem.data, problem.basis)
         apart = np.abs(np.angle(np.exp(1j * problem.basis.evaluate(own - start))))
         median = dict(zip(problem.chain.coordinates, np.median(apart, axis=0).tolist(), strict=True))
         for side in linkage.SIDES:

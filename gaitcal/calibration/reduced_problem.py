@@ -27,7 +27,7 @@ import numpy as np
 from scipy.linalg import solve_triangular
 
 from gaitcal.arrays import Array
-from gaitcal.model.chain import ChainConstants
+from gaitcal.model.chain import LinkageModel
 from gaitcal.model.parameters import Parameters
 from gaitcal.motion.banded import Elimination, NormalEquations, eliminate
 from gaitcal.motion.descent import DescentSettings, Evaluation, descend
@@ -94,8 +94,8 @@ class OpenMotion:
     nothing_left = 0.0
     has_curvature = False
 
-    def __init__(self, problem: MotionProblem, constants: ChainConstants, values: Array) -> None:
-        self.problem, self.constants, self.values = problem, constants, values
+    def __init__(self, problem: MotionProblem, body: LinkageModel, values: Array) -> None:
+        self.problem, self.body, self.values = problem, body, values
 
     def coefficients(self, x: Array) -> Array:
         """(nn, nq) of a vector of them all."""
@@ -103,15 +103,13 @@ class OpenMotion:
 
     def evaluate(self, x: Array) -> OpenEvaluation:
         """Cost and half gradients."""
-        cost, by_nodes, by_parameter = self.problem.both_gradients(self.coefficients(x), self.constants)
+        cost, by_nodes, by_parameter = self.problem.both_gradients(self.coefficients(x), self.body)
         return OpenEvaluation(cost, by_nodes.ravel(), by_parameter)
 
     def linearise(self, x: Array, *, curved: bool) -> OpenMatrix:
         """The equations there."""
         coefficients = self.coefficients(x)
-        return OpenMatrix(
-            self.values, coefficients, self.problem.equations(coefficients, self.constants, curved=curved)
-        )
+        return OpenMatrix(self.values, coefficients, self.problem.equations(coefficients, self.body, curved=curved))
 
     def corrected(self, coefficients: Array, kept: Matrices | None) -> MotionState | None:
         """The trial where plain steps from `coefficients` (nn, nq) converge; None where they do not."""
@@ -223,7 +221,7 @@ class ReducedProblem:
             fixed, motion = self._motion(k, p, parameters)
             stepped, share = motion.stepped(trial.coefficients, converged=trial.converged)
             if share > self.settings.gain:
-                stepped = self._tracked(k, trial.coefficients, fixed, motion, self.settings)
+                stepped = self._tracked(k, trial.coefficients, fixed, motion, parameters, self.settings)
             trials.append(stepped)
         return self._keep(p, tuple(trials))
 
@@ -271,7 +269,7 @@ class ReducedProblem:
 
     def _motion(self, k: int, p: Array, parameters: Parameters) -> tuple[MotionProblem, OpenMotion]:
         fixed, problem = self._placed(k, p)
-        return fixed, OpenMotion(problem, problem.constants(parameters), p[self.columns[k]])
+        return fixed, OpenMotion(problem, problem.body(parameters), p[self.columns[k]])
 
     def _solve(self, k: int, p: Array, parameters: Parameters) -> MotionState:
         """The motion of one trial at p, predicted and then corrected by a few plain steps, or else tracked."""
@@ -281,22 +279,28 @@ class ReducedProblem:
         if self.best is None:
             damped = self.settings.first_damping > 0.0  # then a small gain may be the damping's
             about = self.settings if damped else replace(near, gain=max(near.gain, FIRST_GAIN))
-            predicted = track_nodes(fixed, motion.constants.without_parameters(), self.starts[k], about).x
+            predicted = track_nodes(fixed, fixed.body(parameters), self.starts[k], about).x
         else:
             last = self.best.trials[k]
             ahead = last.matrices.eliminated.follow((p - self.best.p)[self.columns[k]])
             predicted = last.coefficients - ahead.reshape(last.coefficients.shape)
             kept = last.matrices if last.matrices.near(motion.values, predicted) else None
         if self._curved(k):
-            return self._tracked(k, predicted, fixed, motion, self.settings)
-        return motion.corrected(predicted, kept) or self._tracked(k, predicted, fixed, motion, near)
+            return self._tracked(k, predicted, fixed, motion, parameters, self.settings)
+        return motion.corrected(predicted, kept) or self._tracked(k, predicted, fixed, motion, parameters, near)
 
     def _tracked(
-        self, k: int, coefficients: Array, fixed: MotionProblem, motion: OpenMotion, settings: DescentSettings
+        self,
+        k: int,
+        coefficients: Array,
+        fixed: MotionProblem,
+        motion: OpenMotion,
+        parameters: Parameters,
+        settings: DescentSettings,
     ) -> MotionState:
         """The motion found by tracking, and one step of the open equations from there."""
         settings = replace(settings, first_damping=0.0, curved=self._curved(k))
-        tracked = track_nodes(fixed, motion.constants.without_parameters(), coefficients, settings)
+        tracked = track_nodes(fixed, fixed.body(parameters), coefficients, settings)
         if tracked.curved and not settings.curved:
             self.slow_at[k] = min(self.slow_at[k], tracked.cost)
         return motion.stepped(tracked.x, converged=tracked.converged)[0]

@@ -34,7 +34,7 @@ from gaitcal.dynamics.inverse_dynamics import Moments
 from gaitcal.dynamics.measurement_errors import TorqueErrors
 from gaitcal.io.force_plate import low_pass
 from gaitcal.io.recording import ForcePlate
-from gaitcal.model import linkage, subject_model
+from gaitcal.model import chain, linkage
 from gaitcal.model.parameters import Parameters
 from gaitcal.motion.motion import Motion
 
@@ -185,7 +185,7 @@ def residual_limits(
     net = np.linalg.norm(reactions.wrench[valid].sum(axis=1)[:, :3], axis=1)
     peak = float(net.max())
     chosen = valid[:: max(1, len(valid) // MOST_FRAMES)]
-    model = subject_model.build_linkage(parameters).model
+    model = chain.build_model(parameters)
     data = model.createData()
     centre = float(np.mean([pin.centerOfMass(model, data, row)[1] for row in q[chosen]]))
     corners = [plate.corners for plate in plates if plate.corners is not None]

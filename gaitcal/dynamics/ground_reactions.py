@@ -21,7 +21,7 @@ from gaitcal.errors import Code, Finding, InputError, Severity
 from gaitcal.io.force_plate import LOADED_N, filter_plate, filterable, resample_wrench
 from gaitcal.io.labels import FootEvent
 from gaitcal.io.recording import ForcePlate, Recording, duration, runs, spans
-from gaitcal.model import chain, coordinates
+from gaitcal.model import coordinates, kinematics
 from gaitcal.model.linkage import COORDINATES, LEG_SEGMENTS, SIDE_WORDS, SIDES
 from gaitcal.model.parameters import Parameters
 from gaitcal.model.subject_model import GRAVITY, SubjectModel
@@ -281,7 +281,7 @@ def _missing(wrench: Array, parameters: Parameters, motion: Motion) -> Array:
 
 def thighs_lie(motion: Motion, parameters: Parameters) -> BoolArray:
     """(nf,) frames in which both thighs lean further than those of anybody who stands or walks."""
-    axes, _ = chain.body_poses(parameters, motion.q)
+    axes, _ = kinematics.body_poses(parameters, motion.q)
     upright = [axes[f"thigh_{side}"][1, 1] for side in SIDES]
     return np.asarray(np.max(upright, axis=0) < np.cos(np.deg2rad(SITTING_DEG)))
 
@@ -335,7 +335,7 @@ def has_feet(model: SubjectModel) -> bool:
 
 def foot_points(model: SubjectModel, motion: Motion, parameters: Parameters) -> FootPoints:
     """Heel and toe of both feet over a whole-body motion."""
-    axes, origins = chain.body_poses(parameters, motion.q)
+    axes, origins = kinematics.body_poses(parameters, motion.q)
     points = {}
     for end in ("heel", "toe"):
         local = {foot: model.landmarks[f"{end}_{foot[-1]}"][1] for foot in inverse_dynamics.FEET}

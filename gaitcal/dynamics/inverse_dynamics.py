@@ -1,55 +1,44 @@
-"""Inverse dynamics: the generalised forces that the motion and the ground reactions ask for.
+"""Inverse dynamics by Pinocchio: the generalised forces that motion and ground reactions ask for.
 
-    tau_k = J_k . sum_(bodies that k moves) f  -  sum_feet J_foot^T w_foot
+    tau = M(q) a + h(q, v) + g(q) - sum_feet J_foot^T w_foot
 
-with f the wrench that a body asks for, w_foot that of the ground on the foot, J_k and J_foot spatial velocities per
-unit of a variable: all about the laboratory origin, so that no wrench needs a transformation to the foot. In the axes
-of a body, about its origin o, with its acceleration a_o (gravity as an acceleration upwards), w and al = dw/dt,
-
-    F = m a_o + al x (m c) + w x (w x (m c)),      M = (m c) x a_o + I al + w x I w.
-
-Two locked joints report the knees' internal reaction moment about
-the knee frame's x axis. The six root rows are the pelvis residual, what no ground reaction explains:
+is the recursive Newton-Euler algorithm, `pin.rnea`, with the wrenches of the ground on the feet as
+external forces. Two locked joints report the knees' internal reaction moment about the knee
+frame's x axis. The six root rows are the pelvis residual, what no ground reaction explains:
 
     F = tau_(tx, ty, tz),   A(q) T = tau_(tilt, list, rotation),
 
-A's rows being the axes of the pelvis rotations in the laboratory, so that T is the moment about the pelvis origin in
-laboratory axes. Without ground reactions tau is linear in the dynamic parameters of the segments (m, m c, I about the
-segment origin); their matrix is the regressor. Pinocchio gives the same frame by frame (tested).
+A's rows being the axes of the pelvis rotations in the laboratory, so that T is the moment about the
+pelvis origin in laboratory axes. Without ground reactions tau is linear in the dynamic parameters of
+the segments (m, m c, I about the segment origin). Their matrix is the regressor
+(`pin.computeJointTorqueRegressor`), whose columns Pinocchio gives for bodies in the frames of their
+joints: with X the pose of a segment in that frame, the pseudo-inertia of a body moves by
+
+    P_joint = X P_segment X^T,      P = [[tr(I)/2 - I, m c], [(m c)^T, m]].
 """
 
 from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
+import pinocchio as pin
 
-from gaitcal.arrays import Array, BoolArray, IntArray, cross, stretches
+from gaitcal.arrays import Array, BoolArray, IntArray, stretches
 from gaitcal.errors import Code, InputError
 from gaitcal.model import linkage
-from gaitcal.model.chain import Chain, ChainConstants, chain_of, forward, jacobian, segment_poses
-from gaitcal.model.parameters import MASSIVE_SEGMENTS, Parameters, dynamic_parameters
-from gaitcal.model.subject_model import GRAVITY, SubjectModel
+from gaitcal.model.chain import LinkageModel, build_linkage
+from gaitcal.model.kinematics import Kinematics, evaluate_joints, view_forces
+from gaitcal.model.parameters import MASSIVE_SEGMENTS, Parameters
+from gaitcal.model.subject_model import SubjectModel
 from gaitcal.motion.motion import Motion
 from gaitcal.runtime import with_one_blas_thread
 
-FEET: tuple[str, ...] = ("foot_r", "foot_l")  # Order of the second axis of every array of foot wrenches
+FEET: tuple[str, ...] = ("foot_r", "foot_l")
+"""Order of the second axis of every array of foot wrenches."""
 FORCES: tuple[str, ...] = (*linkage.COORDINATES, *linkage.REACTIONS)
 """Order of the 29 generalised forces of a frame: the 27 coordinates, then the two knee reactions."""
-ORDER = tuple(
-    e.name
-    for part in (linkage.root_elements("pelvis"), *(linkage.joint_elements(j, reactions=True) for j in linkage.JOINTS))
-    for e in part
-)
-"""Every turn and slide of the linkage, each after what moves it."""
-SKEW = np.zeros((3, 3, 3))  # SKEW[i, j, k] x_k is entry (i, j) of the matrix of x x
-for _i in range(3):
-    SKEW[_i, (_i + 1) % 3, (_i + 2) % 3], SKEW[_i, (_i + 2) % 3, (_i + 1) % 3] = -1.0, 1.0
-OF_INERTIA = np.zeros((3, 6, 3))
-"""OF_INERTIA[i, j, k] x_k is entry (i, j) of I x by the six moments and products I (xx, xy, yy, xz, yz, zz)."""
-for _n, (_i, _j) in enumerate(((0, 0), (0, 1), (1, 1), (0, 2), (1, 2), (2, 2))):
-    OF_INERTIA[_i, _n, _j] = OF_INERTIA[_j, _n, _i] = 1.0
-BLOCK = 500  # Frames at a time: a treadmill's trial may last for minutes
-UPWARDS = np.array([0.0, GRAVITY, 0.0, 0.0, 0.0, 0.0])  # m/s^2, gravity as an acceleration of the ground
+BLOCK = 500
+"""Frames at a time: a treadmill's trial may last for minutes."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -82,98 +71,31 @@ class Moments:
 
 
 class PlacedLinkage:
-    """The chain with its locked reactions in some frames, in laboratory axes, the reactions at zero.
+    """A linkage with its locked reactions in some frames, in laboratory axes, the reactions at zero.
 
-    `names`: its variables, coordinates before free joint parameters; `rank`: (n,) of each its place in `ORDER`.
+    Attributes
+    ----------
+    names : its n variables, coordinates and reactions before free joint parameters.
+    rank : (n,) place of each variable along the linkage: greater than that of all before it.
+    columns : (nf, n, 6) spatial velocity [v; w] about the laboratory origin per unit of each.
     """
 
-    def __init__(self, chain: Chain, constants: ChainConstants, q: Array) -> None:
-        self.chain, self._constants = chain, constants
-        self.names = (*chain.coordinates, *chain.free)
-        self.rank = np.array([ORDER.index(name) for name in self.names])
-        self._poses = forward(chain, constants, self.whole(q))
-
-    def whole(self, values: Array) -> Array:
-        """(nf, nc) by the coordinates of the chain, from (nf, nq); zero for the reactions."""
-        out = np.zeros((len(values), len(self.chain.coordinates)))
+    def __init__(self, body: LinkageModel, q: Array) -> None:
+        self.chain = body.chain
+        self.names = (*self.chain.coordinates, *self.chain.free)
+        self.rank: IntArray = body.parts.at_variables
+        wide = np.zeros((len(q), len(self.chain.coordinates)))
         for k, name in enumerate(self.chain.coordinates):
             if name in linkage.COORDINATE_INDEX:
-                out[:, k] = values[:, linkage.COORDINATE_INDEX[name]]
-        return out
-
-    @cached_property
-    def columns(self) -> Array:
-        """(nf, n, 6) spatial velocity [v; w] about the laboratory origin per unit of each variable."""
-        return np.ascontiguousarray(jacobian(self.chain, self._constants, self._poses).transpose(2, 0, 1))
+                wide[:, k] = q[:, linkage.COORDINATE_INDEX[name]]
+        self._placed = Kinematics(body, wide)
+        self.columns = self._placed.columns_by_frame
 
     @cached_property
     def segments(self) -> tuple[Array, Array]:
         """(nf, ns, 3, 3) axes, one a row, and (nf, ns, 3) m origins of the segments."""
-        axes, origins = segment_poses(self.chain, self._constants, self._poses)
-        return np.ascontiguousarray(axes.transpose(3, 0, 1, 2)), np.ascontiguousarray(origins.transpose(2, 0, 1))
-
-    def motions(self, v: Array, a: Array) -> tuple[Array, Array]:
-        """(nf, ns, 6) velocity and acceleration of the segments about the laboratory origin, from (nf, nq)."""
-        (before, at_segment), v, a = paths(self.chain), self.whole(v), self.whole(a)
-        moving = self.columns[:, : v.shape[1]]
-        speed = moving * v[:, :, None]
-        gained = moving * a[:, :, None] + crossed(before[: v.shape[1]] @ speed, moving) * v[:, :, None]
-        return at_segment @ speed, at_segment @ gained + UPWARDS
-
-    @cached_property
-    def bodies(self) -> tuple[list[int], list[int]]:
-        """Of the massive segments that the chain has, places among `MASSIVE_SEGMENTS` and among its segments."""
-        found = [(k, self.chain.segments.index(s)) for k, s in enumerate(MASSIVE_SEGMENTS) if s in self.chain.segments]
-        return [k for k, _ in found], [s for _, s in found]
-
-    def _of_bodies(self, v: Array, a: Array) -> tuple[Array, Array, Array]:
-        """(nf, bodies, 3) each, in a body's axes: acceleration of its origin, angular velocity and acceleration."""
-        axes, origin = (x[:, self.bodies[1]] for x in self.segments)
-        velocity, gained = (x[:, self.bodies[1]] for x in self.motions(v, a))
-        turn, turning = velocity[..., 3:], gained[..., 3:]
-        pull = gained[..., :3] + cross(turning, origin) + cross(turn, velocity[..., :3] + cross(turn, origin))
-        of_each = (axes @ np.stack([pull, turn, turning], axis=3)).transpose(3, 0, 1, 2)
-        return of_each[0], of_each[1], of_each[2]
-
-    def regressors(self, v: Array, a: Array) -> Array:
-        """(nf, bodies, 6, 10) wrench [F; M] about its origin, in its axes, that each body asks for, per dynamic
-        parameter; v and a (nf, nq).
-        """
-        pull, turn, turning = self._of_bodies(v, a)
-        out, spin = np.zeros((*pull.shape[:2], 6, 10)), skew(turn)
-        out[..., :3, 0] = pull
-        out[..., :3, 1:4] = skew(turning) + spin @ spin
-        out[..., 3:, 1:4] = -skew(pull)
-        of_inertia, of_spin = ((OF_INERTIA @ x[..., None, :, None])[..., 0] for x in (turning, turn))
-        out[..., 3:, 4:] = of_inertia + spin @ of_spin
-        return out
-
-    def unloaded_forces(self, dynamic: Array, v: Array, a: Array) -> Array:
-        """(nf, n) what the motion asks for of every variable without ground reactions; v and a (nf, nq).
-
-        `dynamic`: (12, 10) dynamic parameters of the massive segments.
-        """
-        own, (pull, turn, turning) = dynamic[self.bodies[0]], self._of_bodies(v, a)
-        mass, first, inertia = own[:, :1], own[:, 1:4], own[:, [[4, 5, 7], [5, 6, 8], [7, 8, 9]]]
-        axes, origin = (x[:, self.bodies[1]] for x in self.segments)
-        force = mass * pull + cross(turning, first) + cross(turn, cross(turn, first))
-        angular, rate = ((inertia @ x[..., None])[..., 0] for x in (turn, turning))
-        moment = cross(first, pull) + rate + cross(turn, angular)
-        force, moment = np.moveaxis(np.stack([force, moment], axis=2) @ axes, 2, 0)
-        wrench = np.concatenate([force, moment + cross(origin, force)], axis=2)
-        moved = np.ascontiguousarray(self.chain.support[:, self.bodies[1]], dtype=float)
-        return np.asarray((self.columns * (moved @ wrench)).sum(axis=2))
-
-    def regressor(self, rows: IntArray, v: Array, a: Array) -> Array:
-        """(nf, nr, 12, 10) the variables `rows` of `unloaded_forces` per dynamic parameter of each massive segment."""
-        axes, origin = (x[:, self.bodies[1]] for x in self.segments)
-        columns = self.columns[:, None, rows]
-        turn = columns[..., 3:] @ axes.swapaxes(2, 3)
-        slide = (columns[..., :3] + cross(columns[..., 3:], origin[:, :, None])) @ axes.swapaxes(2, 3)
-        moved = np.asarray(self.chain.support[rows][:, self.bodies[1]] > 0).T[:, :, None]
-        out = np.zeros((len(columns), len(MASSIVE_SEGMENTS), len(rows), 10))
-        out[:, self.bodies[0]] = (np.concatenate([slide, turn], axis=3) * moved) @ self.regressors(v, a)
-        return out.swapaxes(1, 2)
+        both = self._placed.segments_by_frame
+        return both[:, :, :3], both[:, :, 3]
 
     def axis(self, name: str) -> Array:
         """(nf, 3) about which a variable turns what comes after it."""
@@ -191,83 +113,155 @@ class PlacedLinkage:
 class Dynamics:
     """The linkage of one set of parameters, ready for inverse dynamics of any number of frames.
 
-    Joint parameters that are `held`, as rigid joints that stay where they are, report their generalised forces, too:
-    after the 29, in their order.
+    Parameters
+    ----------
+    parameters : joint and inertial parameters, SI units.
+    held : joint parameters that report their generalised forces, too, as rigid joints that stay where
+        they are: after the 29, in their order.
+    free : joint parameters by which `derivatives.py` differentiates.
+    segments : part of the body whose forces are wanted, the pelvis included; all unless given.
+    bodies : segment -> inertia in its frame, instead of those of `parameters`.
     """
 
-    def __init__(self, parameters: Parameters, held: tuple[str, ...] = ()) -> None:
-        self.dynamic = dynamic_parameters(parameters.inertial)
-        """(12, 10) of the massive segments: of bodies with any axes, if others are put here."""
-        self._chain = chain_of(free=held, reactions=True)
-        self._constants = self._chain.constants(parameters.joint, parameters.zero_angles)
-        names = (*self._chain.coordinates, *self._chain.free)
-        self._rows = np.array([names.index(name) for name in (*FORCES, *held)])
+    def __init__(
+        self,
+        parameters: Parameters,
+        held: tuple[str, ...] = (),
+        free: tuple[str, ...] = (),
+        *,
+        segments: tuple[str, ...] = linkage.SEGMENTS,
+        bodies: dict[str, pin.Inertia] | None = None,
+    ) -> None:
+        opened = (*free, *(name for name in held if name not in free))
+        self.body = build_linkage(parameters, opened, segments=segments, reactions=True)
+        if bodies is not None:
+            self.body.set_inertias(bodies)
+        names = self.body.parts.names
+        self.free = tuple(name for name in self.body.chain.free if name in free)
+        self.forces_of = tuple(name for name in (*FORCES, *held) if name in names)
+        """Names of the nt generalised forces."""
+        self.rows = np.array([names.index(name) for name in self.forces_of], dtype=np.intp)
+        """(nt,) their joints."""
+        moved = [name for name in linkage.COORDINATES if name in names]
+        self._columns = np.array([linkage.COORDINATE_INDEX[name] for name in moved], dtype=np.intp)
+        self.coordinates = np.array([names.index(name) for name in moved], dtype=np.intp)
+        """(nq,) joints of the coordinates."""
+        self.feet = [int(self.body.parts.segment_joint[self.body.chain.segments.index(foot)]) for foot in FEET]
 
     def placed(self, q: Array) -> PlacedLinkage:
-        """The linkage at coordinates (nf, nq)."""
-        return PlacedLinkage(self._chain, self._constants, q)
+        """Place the linkage at coordinates (nf, 27)."""
+        return PlacedLinkage(self.body, q)
 
-    def forces(self, q: Array, v: Array, a: Array, wrenches: Array) -> Array:
-        """(nf, nt) generalised forces for coordinates (nf, nq), their derivatives, and foot wrenches (nf, 2, 6).
+    def joint_states(self, q: Array, v: Array, a: Array) -> tuple[Array, Array, Array]:
+        """Configurations, velocities and accelerations (nf, nv) of all joints, from (nf, 27)."""
+        wide = np.zeros((3, len(q), self.body.model.nv))
+        wide[0, :, self.body.parts.at_free] = self.body.free_values[:, None]
+        for values, given in zip(wide, (q, v, a), strict=True):
+            values[:, self.coordinates] = given[:, self._columns]
+        return wide[0], wide[1], wide[2]
 
-        Wrenches are [force N; moment N·m about the laboratory origin] of the ground on the right and left foot.
+    def forces(self, q: Array, v: Array, a: Array, wrenches: Array | None = None) -> Array:
+        """Compute generalised forces.
+
+        Parameters
+        ----------
+        q, v, a : (nf, 27) coordinates and their derivatives, m and rad.
+        wrenches : (nf, 2, 6) ground on the right and left foot: force (N) and moment (N·m) about the
+            laboratory origin; none unless given.
+
+        Returns
+        -------
+        (nf, nt) N·m, N, in the order of `forces_of`.
         """
         parts = []
         for part in stretches(len(q), BLOCK) or [slice(0)]:
-            placed = self.placed(q[part])
-            unloaded = placed.unloaded_forces(self.dynamic, v[part], a[part])[:, self._rows]
-            parts.append(unloaded + self._of_ground(placed, wrenches[part, ..., None])[..., 0])
-        return np.concatenate(parts)
+            states = self.joint_states(q[part], v[part], a[part])
+            parts.append(self._forces(*states, None if wrenches is None else wrenches[part]))
+        return np.concatenate(parts)[:, self.rows]
+
+    def _forces(self, q: Array, v: Array, a: Array, wrenches: Array | None) -> Array:
+        """(nf, nv) of all joints."""
+        model, data = self.body.model, self.body.data
+        external = pin.StdVec_Force([pin.Force.Zero() for _ in range(model.njoints)])
+        on_feet = None if wrenches is None else self._in_joint_axes(q, wrenches)
+        on_joints = view_forces(external)
+        out = np.empty_like(q)
+        for k in range(len(q)):
+            if on_feet is not None:
+                on_joints[self.feet] = on_feet[k]
+            out[k] = pin.rnea(model, data, q[k], v[k], a[k], external)
+        return out
+
+    def _in_joint_axes(self, q: Array, wrenches: Array) -> Array:
+        """(nf, 2, 6) foot wrenches in the axes of the feet's joints, about their origins."""
+        placements, _ = evaluate_joints(self.body, q, jacobians=False)
+        feet = placements[:, self.feet].reshape(-1, len(FEET), 4, 3)
+        force, moment = wrenches[..., :3], wrenches[..., 3:]
+        both = np.stack([force, moment - np.cross(feet[:, :, 3], force)], axis=3)
+        local = feet[:, :, :3] @ both
+        return np.ascontiguousarray(local.transpose(0, 1, 3, 2)).reshape(-1, len(FEET), 6)
 
     def residual_force(self, q: Array, v: Array, a: Array, wrenches: Array) -> Array:
         """(nf, 3) N: the first three of `forces`, which need no place of the ground reactions."""
-        return self.forces(q, v, a, np.zeros_like(wrenches))[:, :3] - wrenches[:, :, :3].sum(axis=1)
+        return self.forces(q, v, a)[:, :3] - wrenches[:, :, :3].sum(axis=1)
 
     def of_ground(self, q: Array, wrenches: Array) -> Array:
         """(nf, nt, k) the part -J_foot^T w of the generalised forces that foot wrenches (nf, 2, 6, k) make."""
-        return self._of_ground(self.placed(q), wrenches)
-
-    def _of_ground(self, placed: PlacedLinkage, wrenches: Array) -> Array:
+        placed = self.placed(q)
         out = np.zeros((len(wrenches), len(placed.names), wrenches.shape[3]))
         for foot, name in enumerate(FEET):
             moved = np.flatnonzero(placed.moves(name))
             out[:, moved] -= placed.columns[:, moved] @ wrenches[:, foot]
-        return out[:, self._rows]
+        return out[:, [placed.names.index(name) for name in self.forces_of]]
+
+    @cached_property
+    def _to_joints(self) -> tuple[IntArray, Array]:
+        """(nb,) joints of the massive segments, and (nb, 10, 10) parameters there by those in the segments."""
+        at = [self.body.chain.segments.index(s) for s in MASSIVE_SEGMENTS]
+        moves = np.array([transformed_parameters(self.body.segment_placement[k]) for k in at])
+        return self.body.parts.segment_joint[at] - 1, moves
 
     def regressor(self, q: Array, v: Array, a: Array) -> Array:
         """(nf, nt, 12, 10) generalised forces per dynamic parameter of each massive segment, without the ground's."""
-        return self.placed(q).regressor(self._rows, v, a)
+        model, data = self.body.model, self.body.data
+        joints, moves = self._to_joints
+        states = self.joint_states(q, v, a)
+        out = np.empty((len(q), len(self.rows), len(joints), 10))
+        pick = np.ix_(self.rows, joints)
+        for k, (q_k, v_k, a_k) in enumerate(zip(*states, strict=True)):
+            found = pin.computeJointTorqueRegressor(model, data, q_k, v_k, a_k)
+            out[k] = found.reshape(model.nv, model.nv, 10)[pick]
+        for body, move in enumerate(moves):
+            out[:, :, body] = out[:, :, body] @ move
+        return out
 
     def root_regressor(self, q: Array, v: Array, a: Array) -> Array:
         """(nf, 6, 12, 10): force and moment about the pelvis origin per dynamic parameter of each massive segment.
 
         Contracted with `dynamic_parameters` it gives the root wrench without ground reactions, laboratory axes.
         """
-        rows = self.placed(q).regressor(self._rows[:6], v, a)
+        rows = self.regressor(q, v, a)[:, :6]
         return root_wrench(q, rows.reshape(len(q), 6, -1)).reshape(rows.shape)
 
 
-def paths(chain: Chain) -> tuple[Array, Array]:
-    """(nq + np, nq) 1 where a coordinate comes before a variable, and (ns, nq) 1 where it moves a segment."""
-    count = len(chain.coordinates)
-    frames = np.zeros((count + 1, count))
-    """By frame, 1 for its own coordinate and those before it; the last is the ground."""
-    for k, parent in enumerate(chain.parents):
-        frames[k] = frames[parent]
-        frames[k, k] = 1.0
-    return frames[[*chain.parents, *chain.parameter_frame]], frames[chain.segment_frame]
+_SECOND_MOMENTS = ((0, 0), (0, 1), (1, 1), (0, 2), (1, 2), (2, 2))
+"""Entries xx, xy, yy, xz, yz, zz of an inertia, in the order of dynamic parameters."""
 
 
-def skew(x: Array) -> Array:
-    """(..., 3, 3) matrices of x x, for (..., 3)."""
-    return (x @ SKEW.reshape(9, 3).T).reshape(*x.shape, 3)
-
-
-def crossed(a: Array, b: Array) -> Array:
-    """(..., 6) a x b of motions [v; w]."""
-    out = np.empty(np.broadcast_shapes(a.shape, b.shape))
-    out[..., :3] = cross(a[..., 3:], b[..., :3]) + cross(a[..., :3], b[..., 3:])
-    out[..., 3:] = cross(a[..., 3:], b[..., 3:])
+def transformed_parameters(placement: pin.SE3) -> Array:
+    """Find the matrix (10, 10) that takes dynamic parameters of a body into the frame it is placed in."""
+    moved = placement.homogeneous
+    out = np.empty((10, 10))
+    for k, unit in enumerate(np.eye(10)):
+        pseudo = np.zeros((4, 4))
+        pseudo[3, 3], pseudo[3, :3], pseudo[:3, 3] = unit[0], unit[1:4], unit[1:4]
+        inertia = np.zeros((3, 3))
+        for (i, j), moment in zip(_SECOND_MOMENTS, unit[4:], strict=True):
+            inertia[i, j] = inertia[j, i] = moment
+        pseudo[:3, :3] = np.trace(inertia) / 2.0 * np.eye(3) - inertia
+        pseudo = moved @ pseudo @ moved.T
+        inertia = np.trace(pseudo[:3, :3]) * np.eye(3) - pseudo[:3, :3]
+        out[:, k] = [pseudo[3, 3], *pseudo[3, :3], *(inertia[i, j] for i, j in _SECOND_MOMENTS)]
     return out
 
 

@@ -281,7 +281,7 @@ class MomentSlopes:
 def moment_slopes(parameters: Parameters, q: Array, forces: Array, free: tuple[str, ...] = ()) -> MomentSlopes:
     """At coordinates (nf, nq), with generalised forces (nf, 35); `free` are joint parameters to derive by."""
     chain = chain_of(free=(*free, *(name for name in HELD if name not in free)), reactions=True)
-    placed = PlacedLinkage(chain, chain.constants(parameters.joint, parameters.zero_angles), q)
+    placed = PlacedLinkage(chain.body(parameters), q)
     nf, width = len(q), 3 * len(VECTOR_FRAMES)
     rows = width * len(NET_JOINTS)
     wanted = np.array([placed.names.index(n) for n in (*COORDINATES, *(n for n in chain.free if n in free))])

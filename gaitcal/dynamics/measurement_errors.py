@@ -122,10 +122,9 @@ class AxisErrors:
         self, parameters: Parameters, deviations_deg: Mapping[str, tuple[float, float, float]] = PALPATED_DEG
     ) -> None:
         """`deviations_deg`: standard deviations by segment, with or without its side, about x, y and z."""
-        self._chain = chain.chain_of(free=_ORIENTATIONS, reactions=True)
-        self._constants = self._chain.constants(parameters.joint, parameters.zero_angles)
+        self._body = chain.chain_of(free=_ORIENTATIONS, reactions=True).body(parameters)
         self._dynamics = Dynamics(parameters, _HELD)
-        alike = {s: deviations_deg.get(linkage.segment_kind(s).name, ()) for s in self._chain.segments}
+        alike = {s: deviations_deg.get(linkage.segment_kind(s).name, ()) for s in self._body.chain.segments}
         each = {s: deviations_deg.get(s, of_both) for s, of_both in alike.items()}
         self._deviations = {segment: np.deg2rad(turns) for segment, turns in each.items() if any(turns)}
         self.columns = tuple((segment, axis) for segment in self._deviations for axis in range(3))
@@ -178,7 +177,7 @@ class AxisErrors:
         return out
 
     def _placed(self, q: Array) -> PlacedLinkage:
-        return PlacedLinkage(self._chain, self._constants, q)
+        return PlacedLinkage(self._body, q)
 
     def _turns(self, placed: PlacedLinkage) -> Iterator[tuple[str, slice, Array]]:
         """Segment, its three columns, and (nf, 3, 3) rad, laboratory: its turn about each of its axes, one a row."""

@@ -36,11 +36,12 @@ import pinocchio as pin
 
 from gaitcal.arrays import Array
 from gaitcal.io.atomic import atomic_text
-from gaitcal.model.chain import axis_rotation
+from gaitcal.model.chain import HALF_TURNS, LinkageModel, chain_of
 from gaitcal.model.coordinates import COORDINATE_TABLE, TRANSLATION_RANGES, split_side
 from gaitcal.model.linkage import COORDINATES, JOINTS, SEGMENTS, Element, Joint, Source, is_translation, root_elements
 from gaitcal.model.parameters import MASSIVE_SEGMENTS, Parameters, table
-from gaitcal.model.subject_model import GRAVITY, SubjectModel, constant_motion
+from gaitcal.model.rotations import axis_rotation
+from gaitcal.model.subject_model import GRAVITY, SubjectModel
 
 GROUND = "ground"  # The laboratory: y up, x forward, z right
 DOCUMENT_VERSION = "40000"  # Of the oldest OpenSim 4; later versions read it unchanged
@@ -76,22 +77,39 @@ class SegmentInertia:
 
 
 def joint_frames(parameters: Parameters) -> tuple[JointFrames, ...]:
-    """All 14 joints, that of the pelvis in the laboratory first, each after the joint of its parent."""
+    """Read all 14 joints off the Pinocchio model, that of the pelvis in the laboratory first.
+
+    Each comes after the joint of its parent.
+    """
     root = Joint("ground_pelvis", GROUND, "pelvis", root_elements("pelvis"))
-    return tuple(frames_of(joint, parameters) for joint in (root, *JOINTS))
+    body = chain_of().body(parameters)
+    return tuple(_frames_in(body, joint) for joint in (root, *JOINTS))
 
 
 def frames_of(joint: Joint, parameters: Parameters) -> JointFrames:
-    """One joint of the linkage: its constants before the first and after the last coordinate multiplied out."""
+    """Read one joint off the Pinocchio model."""
+    return _frames_in(chain_of().body(parameters), joint)
+
+
+def _frames_in(body: LinkageModel, joint: Joint) -> JointFrames:
     moving = [i for i, e in enumerate(joint.elements) if e.source is Source.COORDINATE]
-    first, last = moving[0], moving[-1] + 1
-    in_parent, to_child = pin.SE3.Identity(), pin.SE3.Identity()
-    for e in joint.elements[:first]:
-        in_parent = in_parent * constant_motion(e, parameters)
-    for e in joint.elements[last:]:
-        to_child = to_child * constant_motion(e, parameters)
-    ends = {"name": joint.name, "parent": joint.parent, "child": joint.child}
-    return JointFrames(**ends, in_parent=in_parent, motions=joint.elements[first:last], to_child=to_child)
+    motions = joint.elements[moving[0] : moving[-1] + 1]
+    placements = dict(zip(body.chain.segments, body.segment_placement, strict=True))
+    first = body.model.jointPlacements[body.index(motions[0].name) + 1]
+    parent = placements.get(joint.parent, pin.SE3.Identity())
+    return JointFrames(
+        name=joint.name,
+        parent=joint.parent,
+        child=joint.child,
+        in_parent=parent.inverse() * first * _turned_back(motions[0]),
+        motions=motions,
+        to_child=_turned_back(motions[-1]) * placements[joint.child],
+    )
+
+
+def _turned_back(motion: Element) -> pin.SE3:
+    """Between the frame of a joint and its axes before it was turned to reverse its own."""
+    return pin.SE3(np.eye(3) if motion.sign > 0 else HALF_TURNS[motion.axis], np.zeros(3))
 
 
 def axis_vector(element: Element) -> Array:

@@ -27,9 +27,9 @@ from gaitcal.arrays import Array
 from gaitcal.errors import Code, InputError
 from gaitcal.export.peer_model import Axis, PeerJoint, PeerModel, displacement_axis
 from gaitcal.io.toml import Table, read_validated, require_known
-from gaitcal.model.chain import axis_rotation
 from gaitcal.model.linkage import COORDINATE_INDEX, NEEDED_JOINTS, SEGMENTS, SIDES
 from gaitcal.model.parameters import MASSIVE_SEGMENTS
+from gaitcal.model.rotations import axis_rotation
 from gaitcal.synthetic.walk import gait_curves
 
 COORDINATE_OF = {"hip": "hip_flexion", "knee": "knee_angle", "talocrural": "ankle_angle", "subtalar": "subtalar_angle"}

@@ -21,7 +21,8 @@ from gaitcal.errors import Code, InputError
 from gaitcal.export import osim, osim_reader
 from gaitcal.export.osim_correspondence import ARMS, Hinge, LegJoint, same_label, segment_of, slides
 from gaitcal.export.peer_model import Axis, PeerModel
-from gaitcal.model.chain import Chain, ChainConstants, forward, segment_poses
+from gaitcal.model.chain import LinkageModel, chain_of
+from gaitcal.model.kinematics import Kinematics
 from gaitcal.model.linkage import HANGS_ON, JOINTS, LOWER_BODY
 from gaitcal.model.marker_set import MarkerSet
 from gaitcal.model.parameters import MASSIVE_SEGMENTS, Parameters
@@ -278,22 +279,22 @@ def standing_segments(model: SubjectModel, parameters: Parameters) -> dict[str, 
 
     The linkage with these parameters, fitted to the markers where the nominal one in the static posture has them.
     """
-    chain = Chain("pelvis", LOWER_BODY)
+    chain = chain_of("pelvis", LOWER_BODY)
     start = np.array([model.posture.get(name, 0.0) for name in chain.coordinates])
     at = [k for k, s in enumerate(model.markers.segments) if s in LOWER_BODY]
     of = [chain.segments.index(model.markers.segments[k]) for k in at]
     local = model.markers.local[at]
 
-    def poses(constants: ChainConstants, q: Array) -> tuple[Array, Array]:
-        axes, origins = segment_poses(chain, constants, forward(chain, constants, q[None]))
-        return axes[..., 0], origins[..., 0]
+    def poses(body: LinkageModel, q: Array) -> tuple[Array, Array]:
+        placed = Kinematics(body, q[None], columns=False)
+        return placed.axes[..., 0], placed.origins[..., 0]
 
-    def places(constants: ChainConstants, q: Array) -> Array:
-        axes, origins = poses(constants, q)
+    def places(body: LinkageModel, q: Array) -> Array:
+        axes, origins = poses(body, q)
         out: Array = np.einsum("mji,mj->mi", axes[of], local) + origins[of]
         return out
 
-    nominal, now = (chain.constants(p.joint, p.zero_angles) for p in (model.nominal, parameters))
+    nominal, now = (chain.body(p) for p in (model.nominal, parameters))
     measured = places(nominal, start)
 
     def residual(q: Array) -> Array:

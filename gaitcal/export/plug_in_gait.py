@@ -30,8 +30,9 @@ from gaitcal.dynamics import inverse_dynamics, joint_kinetics
 from gaitcal.export.osim import joint_frames
 from gaitcal.gait.strides import FootAxes
 from gaitcal.io.c3d.writer import AddedPoint, PointKind
-from gaitcal.model.chain import Chain, forward, segment_poses
+from gaitcal.model.chain import chain_of
 from gaitcal.model.coordinates import COORDINATE_TABLE, LOCKED, Coordinate, with_side
+from gaitcal.model.kinematics import Kinematics
 from gaitcal.model.linkage import COORDINATES, SEGMENTS, SIDES
 from gaitcal.model.parameters import Parameters
 
@@ -93,10 +94,9 @@ def plug_in_gait_points(motion: SavedMotion, angle: float, moment: float) -> tup
 
     `angle` is a radian in the file's unit, `moment` 1 N·m. Torques and powers are NaN in frames that do not count.
     """
-    chain = Chain()
-    constants = chain.constants(motion.parameters.joint, motion.parameters.zero_angles)
-    poses = segment_poses(chain, constants, forward(chain, constants, motion.q))
-    points = [*_angles(motion, angle), *_foot_progress(motion, angle, poses[0]), *_places(motion, *poses)]
+    placed = Kinematics(chain_of().body(motion.parameters), motion.q, columns=False)
+    axes, origins = placed.axes, placed.origins
+    points = [*_angles(motion, angle), *_foot_progress(motion, angle, axes), *_places(motion, axes, origins)]
     if motion.torques is not None:
         points += [*_moments(motion, motion.torques, moment), *_powers(motion, motion.torques)]
     return tuple(points)
@@ -141,7 +141,7 @@ def _powers(motion: SavedMotion, torques: Mapping[str, Array]) -> Iterator[Added
 
 
 def _foot_progress(motion: SavedMotion, unit: float, axes: Array) -> Iterator[AddedPoint]:
-    """`axes`: as of `segment_poses`."""
+    """`axes`: (ns, 3, 3, nf) of the segments."""
     feet = FootAxes(np.stack([axes[SEGMENTS.index(foot), 0].T for foot in inverse_dynamics.FEET], axis=1))
     for side in (side for side in SIDES if f"ankle_angle_{side}" not in motion.frozen):
         values = np.zeros((len(motion.q), 3))

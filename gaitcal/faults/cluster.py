@@ -22,7 +22,7 @@ import numpy as np
 
 from gaitcal.arrays import Array, BoolArray
 from gaitcal.io.recording import Recording, seen_mask, still_window
-from gaitcal.model import chain, linkage, segment_frames
+from gaitcal.model import kinematics, linkage, segment_frames
 from gaitcal.model.landmarks import static_posture
 from gaitcal.model.marker_set import MarkerSet
 from gaitcal.model.present_markers import complete_static, present_markers
@@ -88,7 +88,7 @@ class Stance:
     @classmethod
     def of_model(cls, model: SubjectModel) -> "Stance":
         """From a saved model, all coordinates zero: its joint centres and markers."""
-        axes, origins = chain.body_poses(model.parameters, np.zeros((1, len(linkage.COORDINATES))))
+        axes, origins = kinematics.body_poses(model.parameters, np.zeros((1, len(linkage.COORDINATES))))
         frames = {name: segment_frames.Frame(axes[name][:, :, 0].T, origins[name][:, 0]) for name in axes}
         points: dict[str, dict[str, Array]] = {}
         placed = zip(model.markers.labels, model.markers.segments, model.markers.local, strict=True)

@@ -30,7 +30,7 @@ from scipy.special import softmax
 from gaitcal.arrays import Array
 from gaitcal.faults.cluster import FEWEST, Cluster, alignment
 from gaitcal.faults.joint_link import JointLink, angle_of
-from gaitcal.model.chain import root_angles
+from gaitcal.model.rotations import root_angles
 
 OFFSET_M: Mapping[str, float] = {"pelvis": 0.008, "thigh": 0.010, "shank": 0.008, "foot": 0.008}
 """Largest offset of a cluster. 91 clean trials of 20 people (10 of them synthetic, with noise) reach

@@ -39,9 +39,10 @@ from gaitcal.faults.plate_forces import EMPTY_N, PlateForces, Sole, empty_readin
 from gaitcal.io.axes import ABOUT_Y
 from gaitcal.io.force_plate import LOADED_N, centre_on_ground, filter_plate, filterable, resample_wrench
 from gaitcal.io.recording import ForcePlate, Recording, duration, runs
+from gaitcal.model.chain import build_model
 from gaitcal.model.linkage import SIDES
 from gaitcal.model.parameters import MASSIVE_SEGMENTS, Parameters, dynamic_jacobian, table
-from gaitcal.model.subject_model import GRAVITY, SubjectModel, build_linkage
+from gaitcal.model.subject_model import GRAVITY, SubjectModel
 from gaitcal.motion.motion import Motion
 from gaitcal.study.study_trial import Trial
 
@@ -219,7 +220,7 @@ def force_evidence(
     q, v, a = motion.q[frames], motion.velocity[frames], motion.acceleration[frames]
     dynamics = Dynamics(parameters)
     required = pelvis_residual(q, dynamics.forces(q, v, a, np.zeros((len(q), len(FEET), 6))))
-    linkage = build_linkage(parameters).model
+    linkage = build_model(parameters)
     data = linkage.createData()
     spread, trunk = inertial_spread(dynamics.root_regressor(q, v, a), parameters.inertial, model.subject.height)
     return ForceEvidence(

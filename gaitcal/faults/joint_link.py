@@ -18,7 +18,7 @@ import numpy as np
 
 from gaitcal.arrays import Array
 from gaitcal.faults.cluster import Cluster
-from gaitcal.model import chain, linkage, segment_frames
+from gaitcal.model import linkage, rotations, segment_frames
 
 CHAIN = {"hip": ("pelvis", "thigh"), "knee": ("thigh", "shank"), "ankle": ("shank", "foot")}
 NEAR_RAD = np.deg2rad(30.0)
@@ -122,7 +122,7 @@ def _link(joint: str, above: Cluster, below: Cluster, centre: Array) -> JointLin
     upper, lower = above.rotation[known], below.rotation[known]
     turn = upper.transpose(0, 2, 1) @ lower
     shift = np.einsum("fji,fj->fi", upper, below.origin[known] - above.origin[known])
-    away = np.abs(chain.root_angles(turn)[:, 0])
+    away = np.abs(rotations.root_angles(turn)[:, 0])
     near = away <= max(NEAR_RAD, float(np.percentile(away, NEAREST_PERCENT)))
     (place_above, turn_above), (place_below, turn_below) = above.pose_spread(centre), below.pose_spread(centre)
     return JointLink(

@@ -22,7 +22,7 @@ from gaitcal.arrays import Array
 from gaitcal.errors import STUDY, Code, Finding, Severity
 from gaitcal.faults.evidence import MarkerEvidence
 from gaitcal.faults.static_landmarks import label_words, landmarks
-from gaitcal.model import body_plan, chain, linkage, segment_frames
+from gaitcal.model import body_plan, linkage, rotations, segment_frames
 
 TORSION_DEG = 10.0
 """Mean outward torsion between the lines of epicondyles and malleoli as they are palpated: 3 to 20 deg on the legs of
@@ -172,7 +172,7 @@ def axis_turn(trial: MarkerEvidence, knee: str) -> float | None:
     if knee not in trial.links or epicondyles is None:
         return None
     turn = trial.links[knee].turn
-    flexion = chain.root_angles(turn)[:, 0]
+    flexion = rotations.root_angles(turn)[:, 0]
     used = flexion > -AXIS_FLEXION  # a knee bends to negative f
     if used.sum() <= AXIS_FRAMES or np.ptp(np.percentile(flexion[used], AXIS_PERCENTILES)) <= AXIS_RANGE:
         return None

@@ -378,7 +378,7 @@ def _undetermined(trial: MarkerEvidence, model: SubjectModel) -> dict[str, float
         return None
     if not motion.converged:
         return None
-    uncertain = left_uncertain(problem.frame_hessians(motion.q, problem.constants(nominal)))
+    uncertain = left_uncertain(problem.frame_hessians(motion.q, problem.body(nominal)))
     frames = slice(None) if trial.pelvis is None else trial.pelvis.determined
     worst = np.quantile(uncertain[frames], WORST_SHARE, axis=0)
     names, beyond = zip(problem.chain.coordinates, worst, strict=True), linkage.coordinates_before(linkage.HANGS_ON)

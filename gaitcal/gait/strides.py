@@ -22,7 +22,8 @@ from gaitcal.dynamics.ground_reactions import GroundReactions
 from gaitcal.dynamics.inverse_dynamics import FEET
 from gaitcal.gait.cycles import POINTS, GaitCycle, best_cycle, gait_cycles, normalise, resample, stances
 from gaitcal.gait.events import GaitEvents
-from gaitcal.model.chain import chain_of, forward, jacobian, segment_poses
+from gaitcal.model.chain import chain_of
+from gaitcal.model.kinematics import Kinematics
 from gaitcal.model.linkage import PELVIS_ANGLES, SIDES, coordinates_before
 from gaitcal.model.parameters import Parameters
 from gaitcal.motion.motion import Motion
@@ -202,10 +203,8 @@ def foot_axes(motion: Motion, parameters: Parameters, lines: Array) -> tuple[Arr
     u is x of the foot's frame, from heel to toe marker as in the static trial; `lines`: (nf, 2) rad.
     """
     chain = chain_of()
-    constants = chain.constants(parameters.joint, parameters.zero_angles)
-    poses = forward(chain, constants, motion.q)
-    axes, _ = segment_poses(chain, constants, poses)
-    turns = np.moveaxis(jacobian(chain, constants, poses)[: motion.q.shape[1], 3:], 2, 0)  # (nf, nq, 3)
+    placed = Kinematics(chain.body(parameters), motion.q)
+    axes, turns = placed.axes, placed.columns_by_frame[:, :, 3:]  # (nf, nq, 3)
     u = np.stack([axes[chain.segments.index(foot), 0].T for foot in FEET], axis=1)
     _, about = out_of_plane(u, lines)
     moved = np.einsum("fqi,fki->fkq", turns, about)

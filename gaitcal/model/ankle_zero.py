@@ -28,9 +28,9 @@ import numpy as np
 
 from gaitcal.arrays import Array
 from gaitcal.errors import Code, InputError
-from gaitcal.model.chain import axis_rotation
 from gaitcal.model.landmarks import StaticPosture
 from gaitcal.model.linkage import OTHER_SIDE, SIDE_WORDS, SIDES
+from gaitcal.model.rotations import axis_rotation
 from gaitcal.model.segment_frames import LowerBody, unit
 
 UNEVEN, HIGH = 0.10, 0.22  # shares of the distance from heel to toe marker: 6 and 13 degrees of its slope

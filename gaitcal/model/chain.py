@@ -1,79 +1,93 @@
-"""The linkage, compiled: one moving frame per coordinate, with everything constant in time folded away.
+"""The linkage as a `pinocchio.Model`: the whole body or a part of it, with any joint parameters free.
 
-Between two coordinates the chain is constant in time, however many joint parameters it passes, so a trial of many
-frames needs one frame per *coordinate* only. Frame k has the pose
+Every element of the linkage (`linkage.py`) is a joint of one degree of freedom here: coordinates,
+joint parameters and zero angles alike, in one *open* model for each part of the body. Where their
+values are known, `pin.buildReducedModel` locks the joint parameters and zero angles: they become
+the joint placements of the *body*, a `LinkageModel`. A joint parameter that is left free stays a
+joint, constant in time, whose coordinate is its value. Pinocchio's derivatives by it are those of
+the joint parameter, and nothing is built anew when it changes.
 
-    X_k(t) = X_parent(t) C_k M_k(q_k(t)),
-
-C_k constant, M_k the elementary motion of coordinate k. A segment, and the axis of a joint parameter, are constants
-in the frame of the coordinate before them: X_segment = X_b D_s; a joint parameter moves all that comes after it along
-(or about) the axis a_p through the point c_p of frame b. These constants depend on the joint parameters alone.
-
-Kinematics are for all frames at once, the frame index last, so that each elementary operation is one pass over
-contiguous memory. Poses are the three axis vectors of a frame and its origin, in the laboratory; the columns of the
-Jacobian are spatial velocities **about the laboratory origin** [v; w]: a turn about the unit axis a through the point
-c is [c x a; a], a slide along a is [a; 0]. They agree with Pinocchio's `computeJointJacobians` (tested).
+Two more kinds of joints may be there. The *reactions* are locked: the generalised forces of these
+joints are the knees' internal abduction moments. The *secondary motions* of the knees (`SECONDARY`)
+are prescribed: they have amounts in every frame, which may depend on unknowns of their own.
 """
 
-from dataclasses import dataclass, field, replace
+import threading
+from collections.abc import Iterable
+from dataclasses import dataclass
 from functools import cached_property, lru_cache
-from math import cos, sin
-from typing import NamedTuple
+from typing import Any
 
 import numpy as np
+import pinocchio as pin
 
-from gaitcal.arrays import Array, BoolArray, IntArray
+from gaitcal.arrays import Array, IntArray
 from gaitcal.model import linkage
-from gaitcal.model.parameters import JP_INDEX, Parameters
+from gaitcal.model.parameters import JP_INDEX, MASSIVE_SEGMENTS, Parameters, table
+from gaitcal.model.subject_model import GRAVITY
+from gaitcal.runtime import with_one_blas_thread
+
+_REVOLUTE = (pin.JointModelRX, pin.JointModelRY, pin.JointModelRZ)
+_PRISMATIC = (pin.JointModelPX, pin.JointModelPY, pin.JointModelPZ)
+HALF_TURNS = [np.diag(d) for d in ((-1.0, -1.0, 1.0), (1.0, -1.0, -1.0), (-1.0, 1.0, -1.0))]
+"""Half turns that reverse the x, y and z axis. They are exact in floating point, so that a joint
+about -x is a joint about x in a turned frame, which Pinocchio evaluates faster than any axis."""
 
 
-class _Step(NamedTuple):
-    """One element in its place: which frame it is constant in, and what it acts on."""
+@lru_cache(maxsize=64)
+def _open_model(
+    root: str, segments: tuple[str, ...], reactions: bool, secondary: bool
+) -> tuple[pin.Model, dict[str, linkage.Element]]:
+    """Build the model in which every element is a joint, named like the element; and these elements."""
+    model = pin.Model()
+    model.name = "gaitcal"
+    model.gravity.linear = np.array([0.0, -GRAVITY, 0.0])
+    elements: dict[str, linkage.Element] = {}
+    # segment -> the joint that carries it, and its placement in the frame of that joint
+    carrier: dict[str, tuple[int, pin.SE3]] = {"": (0, pin.SE3.Identity())}
+    walks = [(linkage.root_elements(root), "", root)]
+    for joint in linkage.JOINTS:
+        if joint.child in segments and joint.child != root:
+            walks.append((linkage.joint_elements(joint, reactions=reactions), joint.parent, joint.child))
+    for walk, parent, child in walks:
+        on, place = carrier[parent]
+        for e in _with_secondary(walk) if secondary else walk:
+            turned = pin.SE3(np.eye(3) if e.sign > 0 else HALF_TURNS[e.axis], np.zeros(3))
+            kind = (_REVOLUTE if e.rotates else _PRISMATIC)[e.axis]()
+            on = model.addJoint(on, kind, place * turned, e.name)
+            model.addJointFrame(on)
+            place = turned.inverse()
+            elements[e.name] = e
+        carrier[child] = on, place
+        model.addFrame(pin.Frame(child, on, place, pin.FrameType.BODY))
+    return model, elements
 
-    element: linkage.Element
-    source: int  # index of the coordinate, joint parameter or zero angle
 
-
-@dataclass(frozen=True, kw_only=True)
-class ChainConstants:
-    """What the joint parameters fix. Rotations as 3 x 3, lengths in m."""
-
-    offset_rotation: Array  # (nq, 3, 3) rotation of C_k
-    offset_translation: Array  # (nq, 3) translation of C_k
-    segment_rotation: Array  # (ns, 3, 3) rotation of D_s
-    segment_translation: Array  # (ns, 3) translation of D_s
-    parameter_axis: Array  # (np, 3) a_p, with the sign of the element
-    parameter_point: Array  # (np, 3) c_p
-
-    def without_parameters(self) -> "ChainConstants":
-        """The constants of the same chain with no joint parameter free."""
-        return replace(self, parameter_axis=np.empty((0, 3)), parameter_point=np.empty((0, 3)))
-
-    @cached_property
-    def plain_offsets(self) -> tuple[list[bool], list[bool]]:
-        """Per coordinate: whether C_k does not turn, and whether it does not shift."""
-        plain = (self.offset_rotation == np.eye(3)).all(axis=(1, 2))
-        return plain.tolist(), (self.offset_translation == 0.0).all(axis=1).tolist()
-
-    @cached_property
-    def segment_placement(self) -> Array:
-        """(ns, 4, 3) axes and origin of each segment, in the frame it hangs on."""
-        return np.concatenate([self.segment_rotation.transpose(0, 2, 1), self.segment_translation[:, None]], axis=1)
-
-    @cached_property
-    def parameter_placement(self) -> Array:
-        """(np, 2, 3) a_p and c_p."""
-        return np.stack([self.parameter_axis, self.parameter_point], axis=1)
+def _with_secondary(walk: Iterable[linkage.Element]) -> Iterable[linkage.Element]:
+    """Put the secondary motions of a joint before the coordinate that they belong to."""
+    for e in walk:
+        yield from linkage.SECONDARY.get(e.name, ())
+        yield e
 
 
 class Chain:
-    """A part of the linkage below a root segment, with the joint parameters of interest marked.
+    """A part of the linkage below a base segment: its variables, and which segments they move.
 
-    `root`: segment that is free in the laboratory (six coordinates).
-    `segments`: the segments of the part, root included.
-    `free`: names of the joint parameters whose derivatives are wanted, and of secondary motions (of `SECONDARY`, with
-    one of `BENDS`); those the part does not pass are left out.
-    `reactions`: whether the knees carry their locked reaction joints (two more coordinates).
+    Parameters
+    ----------
+    root : base segment, free in the laboratory (six coordinates).
+    segments : segments of the part, the base included.
+    free : joint parameters whose derivatives are wanted, and variables of secondary motions (names of
+        `SECONDARY` with one of `BENDS`); those that the part does not pass are left out.
+    reactions : whether the knees carry their locked reaction joints (two more coordinates).
+
+    Attributes
+    ----------
+    coordinates : names of the nq coordinates, each after those before it in the linkage.
+    free : names of the np free joint parameters and secondary variables.
+    support : (nq + np, ns) 1 where a coordinate or a free variable moves a segment.
+    moved_sets : (n, ns) the distinct rows of `support`.
+    moved_set : (nq + np,) which of them each variable has.
     """
 
     def __init__(
@@ -84,88 +98,183 @@ class Chain:
         *,
         reactions: bool = False,
     ) -> None:
-        self.root = root
+        self.root, self.reactions = root, reactions
+        self._parts: dict[bool, _Parts] = {}
         self.segments = tuple(s for s in linkage.SEGMENTS if s in segments)
-        elements: list[linkage.Element] = []
-        parents: list[int] = []
-        # per segment, the frame it hangs on and the constant steps from there; per coordinate, those before it
-        self._walks: dict[str, tuple[int, list[_Step]]] = {"": (-1, [])}
-        self._before: list[list[_Step]] = []
-        # per free joint parameter, the frame it is constant in and the steps from there up to itself
-        passed: dict[str, tuple[int, list[_Step]]] = {}
-        moved_by: dict[str, set[str]] = {"": set()}  # per segment, the coordinates and free joint parameters
-        walks = [(linkage.root_elements(root), "", root)]
-        walks += [
-            (linkage.joint_elements(joint, reactions=reactions), joint.parent, joint.child)
-            for joint in linkage.JOINTS
-            if joint.child in self.segments and joint.child != root
-        ]
-        for sequence, parent, child in walks:
-            # `pending` gathers constant steps until a coordinate makes a new frame of them. Lists are built anew, not
-            # extended: the walks of all children begin with that of their parent.
-            (frame, pending), above = self._walks[parent], set(moved_by[parent])
-            for e in sequence:
-                if e.source is linkage.Source.COORDINATE:
-                    for second in linkage.SECONDARY.get(e.name, ()):
-                        for name in (second.name + bend for bend in linkage.BENDS if second.name + bend in free):
-                            passed[name] = (frame, [*pending, _Step(second, len(elements))])
-                            above.add(name)
-                    self._before.append(pending)
-                    elements.append(e)
-                    parents.append(frame)
-                    frame, pending = len(elements) - 1, []
-                    above.add(e.name)
-                    continue
-                index = (
-                    JP_INDEX[e.name]
-                    if e.source is linkage.Source.JOINT_PARAMETER
-                    else linkage.ZERO_ANGLES.index(e.name)
-                )
-                pending = [*pending, _Step(e, index)]
-                if e.name in free:
-                    passed[e.name] = (frame, pending)
-                    above.add(e.name)
-            self._walks[child], moved_by[child] = (frame, pending), above
-
-        self.coordinates: tuple[str, ...] = tuple(e.name for e in elements)
-        self.elements: tuple[linkage.Element, ...] = tuple(elements)
-        self.parents: tuple[int, ...] = tuple(parents)
-        self.free: tuple[str, ...] = tuple(name for name in free if name in passed)
-        self._passed = [passed[name] for name in self.free]
-        self.secondary: tuple[tuple[int, int, linkage.Element, int], ...] = tuple(
-            (k, steps[-1].source, steps[-1].element, linkage.BENDS.index(name[-len(linkage.BENDS[0]) :]))
-            for k, (name, (_, steps)) in enumerate(zip(self.free, self._passed, strict=True))
-            if steps[-1].element.source is linkage.Source.COORDINATE
+        secondary_variables = {
+            element.name + bend: (coordinate, element, k)
+            for coordinate, motions in linkage.SECONDARY.items()
+            for element in motions
+            for k, bend in enumerate(linkage.BENDS)
+        }
+        asked = any(name in secondary_variables for name in free)
+        model, elements = _open_model(root, self.segments, reactions, asked)
+        self.coordinates: tuple[str, ...] = tuple(
+            name
+            for name, e in elements.items()
+            if e.source is linkage.Source.COORDINATE and name not in linkage.SECONDARY_NAMES
         )
-        # of every free secondary motion: place in `free`, frame of its coordinate, element, index in `BENDS`
-        self.segment_frame: IntArray = np.array([self._walks[s][0] for s in self.segments], dtype=np.intp)
-        self.parameter_frame: IntArray = np.array([frame for frame, _ in self._passed], dtype=np.intp)
-        self.parameter_rotates: BoolArray = np.array([w[-1].element.rotates for _, w in self._passed], bool)
-        self.coordinate_rotates: BoolArray = np.array([e.rotates for e in self.elements], bool)
-        self.coordinate_axis: IntArray = np.array([e.axis for e in self.elements], dtype=np.intp)
-        self.coordinate_slides: IntArray = np.flatnonzero(~self.coordinate_rotates)
-        self.parameter_slides: IntArray = np.flatnonzero(~self.parameter_rotates)
-        self.reversed_coordinates: tuple[int, ...] = tuple(k for k, e in enumerate(self.elements) if e.sign < 0)
-        names = (*self.coordinates, *self.free)
-        self.support: Array = np.array([[float(name in moved_by[s]) for s in self.segments] for name in names])
-        """(nq + np, ns): 1 where a coordinate or a free joint parameter moves a segment."""
+        known = {name: elements.get(v[1].name) for name, v in secondary_variables.items()}
+        self.free: tuple[str, ...] = tuple(name for name in free if name in elements or known.get(name))
+        self.secondary: dict[str, tuple[str, str, int]] = {
+            name: (coordinate, element.name, k)
+            for name, (coordinate, element, k) in secondary_variables.items()
+            if name in self.free
+        }
+        """Free secondary variable -> its coordinate, its motion, and its index in `BENDS`."""
+
+        of_segment = [set(model.supports[model.frames[model.getFrameId(s)].parentJoint]) for s in self.segments]
+        joints = [model.getJointId(self.motion_of(name)) for name in (*self.coordinates, *self.free)]
+        self.support: Array = np.array([[float(joint in passed) for passed in of_segment] for joint in joints])
         self.moved_sets, row_of = np.unique(self.support, axis=0, return_inverse=True)
         self.moved_set: IntArray = row_of.ravel()
-        """(n, ns) the distinct rows of `support`, and (nq + np,) which of them each variable has."""
 
-    def constants(self, joint: Array, zero_angles: Array) -> ChainConstants:
-        """The constants for joint parameters (np,) and zero angles (4,), in m and rad."""
-        offsets = [_compose(steps, joint, zero_angles) for steps in self._before]
-        places = [_compose(self._walks[s][1], joint, zero_angles) for s in self.segments]
-        ahead = [(_compose(steps[:-1], joint, zero_angles), steps[-1].element) for _, steps in self._passed]
-        return ChainConstants(
-            offset_rotation=np.array([rotation for rotation, _ in offsets]),
-            offset_translation=np.array([translation for _, translation in offsets]),
-            segment_rotation=np.array([rotation for rotation, _ in places]),
-            segment_translation=np.array([translation for _, translation in places]),
-            parameter_axis=np.array([e.sign * rotation[:, e.axis] for (rotation, _), e in ahead]).reshape(-1, 3),
-            parameter_point=np.array([translation for (_, translation), _ in ahead]).reshape(-1, 3),
-        )
+    def motion_of(self, variable: str) -> str:
+        """Name the joint of the model that a variable moves: itself, but for secondary variables."""
+        return self.secondary[variable][1] if variable in self.secondary else variable
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return _chain, (self.root, self.segments, self.free, self.reactions)
+
+    def parts(self, secondary: bool) -> "_Parts":
+        """Find out once where the variables are in the models of this chain."""
+        if secondary not in self._parts:
+            self._parts[secondary] = _Parts(self, secondary=secondary)
+        return self._parts[secondary]
+
+    def body(self, parameters: Parameters, *, secondary: bool = False) -> "LinkageModel":
+        """Lock all joints but coordinates, free variables and secondary motions at their values.
+
+        Parameters
+        ----------
+        parameters : values of joint parameters and zero angles (m, rad).
+        secondary : whether the knees' secondary motions are joints of the model.
+        """
+        parts = self.parts(secondary or bool(self.secondary))
+        values = np.zeros(parts.open_model.nq)
+        values[parts.at_joint_parameters] = parameters.joint[parts.joint_parameters]
+        values[parts.at_zero_angles] = parameters.zero_angles[parts.zero_angles]
+        model = pin.buildReducedModel(parts.open_model, parts.locked, values)
+        return LinkageModel(self, parts, model, parameters.joint[parts.free_joint_parameters])
+
+
+class _Parts:
+    """Where the variables of a chain are in the open model, and in the model that is built of it.
+
+    All joints have one degree of freedom: joint k has entry k - 1 of configuration and velocity.
+    """
+
+    def __init__(self, chain: Chain, *, secondary: bool) -> None:
+        self.open_model, elements = _open_model(chain.root, chain.segments, chain.reactions, secondary)
+        names = list(elements)
+        parameters = [n for n in names if elements[n].source is linkage.Source.JOINT_PARAMETER]
+        zeros = [n for n in names if elements[n].source is linkage.Source.ZERO_ANGLE]
+        self.at_joint_parameters = np.array([names.index(n) for n in parameters], dtype=np.intp)
+        self.joint_parameters = np.array([JP_INDEX[n] for n in parameters], dtype=np.intp)
+        self.at_zero_angles = np.array([names.index(n) for n in zeros], dtype=np.intp)
+        self.zero_angles = np.array([linkage.ZERO_ANGLES.index(n) for n in zeros], dtype=np.intp)
+        locked = [n for n in (*parameters, *zeros) if n not in chain.free]
+        self.locked = [names.index(n) + 1 for n in locked]
+
+        kept = [n for n in names if n not in locked]
+        self.names: tuple[str, ...] = tuple(kept)
+        """(nv,) names of the joints of the model that is built."""
+        free = [n for n in chain.free if n in JP_INDEX]
+        self.free_joint_parameters = np.array([JP_INDEX[n] for n in free], dtype=np.intp)
+        self.at_free = np.array([kept.index(n) for n in free], dtype=np.intp)
+        self.at_coordinates = np.array([kept.index(n) for n in chain.coordinates], dtype=np.intp)
+        motions = [chain.motion_of(n) for n in (*chain.coordinates, *chain.free)]
+        self.at_variables = np.array([kept.index(n) for n in motions], dtype=np.intp)
+        """(nq + np,) joint that each variable moves."""
+        self.at_secondary = {
+            coordinate: np.array([kept.index(e.name) for e in motions], dtype=np.intp)
+            for coordinate, motions in linkage.SECONDARY.items()
+            if secondary and coordinate in chain.coordinates
+        }
+        """Coordinate -> joints of its secondary motions, in their order."""
+        self.signs = np.array([elements[n].sign for n in kept])
+        """(nv,) -1 of a joint in a frame that is turned by half about its neighbour's axis."""
+        self.axes = np.array([elements[n].axis for n in kept], dtype=np.intp)
+        self.rotates = np.array([elements[n].rotates for n in kept], dtype=bool)
+        # the structure of all models that are built: the same for any values of the locked joints
+        template = pin.buildReducedModel(self.open_model, self.locked, np.zeros(self.open_model.nq))
+        self.segment_frame = [template.getFrameId(s) for s in chain.segments]
+        self.segment_joint = np.array([template.frames[k].parentJoint for k in self.segment_frame], dtype=np.intp)
+        """(ns,) joint of the model that carries each segment."""
+        self.supports = [list(support) for support in template.supports]
+        """(nv + 1,) joints on the way from the ground to each joint, the ground and the joint included."""
+        self._chain, self._secondary, self._template = chain, secondary, template
+        self._of_thread = threading.local()
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return Chain.parts, (self._chain, self._secondary)
+
+    @property
+    def data(self) -> pin.Data:
+        """Work space of Pinocchio's algorithms, one for each thread.
+
+        It depends on the structure of the model alone. With 100 joints it is 50 MB, of tensors that
+        are not used here: too large to be made for each model.
+        """
+        if not hasattr(self._of_thread, "data"):
+            self._of_thread.data = self._template.createData()
+        found: pin.Data = self._of_thread.data
+        return found
+
+
+@dataclass(frozen=True, eq=False)
+class LinkageModel:
+    """A chain with its parameters: a Pinocchio model in which each variable is a joint."""
+
+    chain: Chain
+    parts: _Parts
+    model: pin.Model
+    """Its joint placements hold the locked joint parameters. Massless until `set_inertias`."""
+    free_values: Array
+    """Values of the free joint parameters (m, rad)."""
+
+    @property
+    def data(self) -> pin.Data:
+        """Work space of Pinocchio's algorithms, which all models of this structure share."""
+        return self.parts.data
+
+    @cached_property
+    def segment_placement(self) -> list[pin.SE3]:
+        """(ns,) each segment in the frame of the joint that carries it."""
+        return [self.model.frames[k].placement for k in self.parts.segment_frame]
+
+    def index(self, name: str) -> int:
+        """Find the entry of a coordinate, free joint parameter or reaction in configurations."""
+        return self.parts.names.index(name)
+
+    def configurations(self, q: Array) -> Array:
+        """Fill in all joints (nf, nv) at coordinates (nf, nq); free joint parameters have their values."""
+        out = np.zeros((len(q), self.model.nv))
+        out[:, self.parts.at_coordinates] = q
+        out[:, self.parts.at_free] = self.free_values
+        return out
+
+    def set_inertias(self, bodies: dict[str, pin.Inertia]) -> None:
+        """Give segments their inertias, each in the axes and about the origin of its segment."""
+        for segment, joint, placement in zip(
+            self.chain.segments, self.parts.segment_joint, self.segment_placement, strict=True
+        ):
+            if segment in bodies:
+                self.model.inertias[int(joint)] = placement.act(bodies[segment])
+
+
+def inertias(inertial: Array) -> dict[str, pin.Inertia]:
+    """Make the bodies of inertial parameters (ni,): massive segment -> inertia in the segment's frame.
+
+    The published cost may return bodies that cannot exist. These are reported elsewhere, so the
+    inertias are filled in piece by piece: Pinocchio's constructor would refuse them.
+    """
+    out = {}
+    for segment, row in zip(MASSIVE_SEGMENTS, table(inertial), strict=True):
+        body = pin.Inertia.Zero()
+        body.mass, body.lever, body.inertia = float(row[0]), row[1:4], np.diag(row[4:7])
+        out[segment] = body
+    return out
 
 
 @lru_cache(maxsize=64)
@@ -176,183 +285,50 @@ def chain_of(
     *,
     reactions: bool = False,
 ) -> Chain:
-    """The chain of a part of the linkage, compiled once: every trial of a person has the same."""
+    """Make the chain of a part of the linkage once: every trial of a person has the same."""
     return Chain(root, segments, free, reactions=reactions)
 
 
-def _compose(steps: list[_Step], joint: Array, zero_angles: Array) -> tuple[Array, Array]:
-    """Rotation (3, 3) and translation (3,) of constant steps one after the other."""
-    # in plain floats: these chains of single 3 x 3 products are what NumPy is slowest at
-    axes = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]]
-    x = [0.0, 0.0, 0.0]
-    for step in steps:
-        e = step.element
-        amount = e.sign * float((joint if e.source is linkage.Source.JOINT_PARAMETER else zero_angles)[step.source])
-        if not e.rotates:
-            u = axes[e.axis]
-            x = [x[0] + u[0] * amount, x[1] + u[1] * amount, x[2] + u[2] * amount]
-        elif amount != 0.0:
-            c, s = cos(amount), sin(amount)
-            a, b = (e.axis + 1) % 3, (e.axis + 2) % 3
-            u, v = axes[a], axes[b]
-            axes[a] = [c * u[0] + s * v[0], c * u[1] + s * v[1], c * u[2] + s * v[2]]
-            axes[b] = [c * v[0] - s * u[0], c * v[1] - s * u[1], c * v[2] - s * u[2]]
-    return np.array(axes).T, np.array(x)
+def _chain(root: str, segments: tuple[str, ...], free: tuple[str, ...], reactions: bool) -> Chain:
+    """Find a chain that another process has sent."""
+    return chain_of(root, segments, free, reactions=reactions)
 
 
-def axis_rotation(axis: int, angle: float) -> Array:
-    """(3, 3) right-handed rotation by `angle` (rad) about coordinate axis 0, 1 or 2."""
-    c, s = np.cos(angle), np.sin(angle)
-    a, b = (axis + 1) % 3, (axis + 2) % 3
-    rotation = np.eye(3)
-    rotation[a, a] = rotation[b, b] = c
-    rotation[a, b], rotation[b, a] = -s, s
-    return rotation
+def build_linkage(
+    parameters: Parameters,
+    free: tuple[str, ...] = (),
+    *,
+    root: str = "pelvis",
+    segments: tuple[str, ...] = linkage.SEGMENTS,
+    reactions: bool = False,
+    secondary: bool = False,
+) -> LinkageModel:
+    """Build the linkage, or a part of it, with its inertias.
 
-
-def root_angles(r: Array) -> Array:
-    """(..., 3) a, b, c of rotations (..., 3, 3) Rz(a) Rx(b) Ry(c): tilt, list and rotation of a root segment."""
-    angles = (
-        np.arctan2(-r[..., 0, 1], r[..., 1, 1]),
-        np.arcsin(np.clip(r[..., 2, 1], -1.0, 1.0)),
-        np.arctan2(-r[..., 2, 0], r[..., 2, 2]),
-    )
-    return np.stack(angles, axis=-1)
-
-
-@dataclass(frozen=True)
-class Poses:
-    """Poses of the moving frames of a chain."""
-
-    axes: Array  # (nq, 3, 3, nf): axes[k, j] is the j-th unit axis of frame k in the laboratory
-    origins: Array  # (nq, 3, nf) m
-    secondary_axes: dict[int, Array] = field(default_factory=dict)
-    """Frame -> (3, nf) y about which the last of its joint's secondary motions turns."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class SecondaryMotion:
-    """What joints do besides moving along their coordinates (`linkage.SECONDARY`)."""
-
-    amounts: dict[str, Array]
-    """Coordinate -> (4, nf) m, rad: slides along x and y, then turns about x and y, before the coordinate moves."""
-    regressors: dict[str, tuple[Array, Array]]  # coordinate -> (nf,) of each of `BENDS`: d amount / d variable
-
-    def frames(self, part: slice | IntArray) -> "SecondaryMotion":
-        """The same for some frames."""
-        return SecondaryMotion(
-            amounts={name: values[:, part] for name, values in self.amounts.items()},
-            regressors={name: (a[part], b[part]) for name, (a, b) in self.regressors.items()},
-        )
-
-
-def forward(chain: Chain, constants: ChainConstants, q: Array, secondary: SecondaryMotion | None = None) -> Poses:
-    """Poses of all moving frames for coordinates `q` (nf, nq), m and rad."""
-    given, second = secondary.amounts if secondary else {}, dict[int, Array]()
-    nf, nq = q.shape
-    columns = np.ascontiguousarray(q.T)
-    cos, sin = np.cos(columns), np.sin(columns)
-    axes, origins = np.empty((nq, 3, 3, nf)), np.empty((nq, 3, nf))
-    identity = np.zeros((3, 3, nf))
-    identity[0, 0] = identity[1, 1] = identity[2, 2] = 1.0
-    ground = np.zeros((3, nf))
-    plain, still = constants.plain_offsets
-    for k, (parent, e) in enumerate(zip(chain.parents, chain.elements, strict=True)):
-        frame, origin = (identity, ground) if parent < 0 else (axes[parent], origins[parent])
-        # X_k = X_parent C_k M_k. Axis vectors are rows here, so that C_k acts as R^T on (3, 3 nf); most C_k only shift,
-        # and some do nothing, which saves a pass over all frames each.
-        if still[k]:
-            origins[k] = origin
-        else:
-            np.matmul(constants.offset_translation[k], frame.reshape(3, 3 * nf), out=origins[k].reshape(3 * nf))
-            origins[k] += origin
-        if not plain[k]:
-            frame = np.matmul(constants.offset_rotation[k].T, frame.reshape(3, 3 * nf)).reshape(3, 3, nf)
-        if (name := chain.coordinates[k]) in given:
-            x, y, front, trans = given[name]
-            origins[k] += frame[0] * x + frame[1] * y
-            frame = _turned(frame, 0, np.cos(front), np.sin(front))
-            second[k] = frame[1]
-            frame = _turned(frame, 1, np.cos(trans), np.sin(trans))
-        if not e.rotates:
-            axes[k] = frame
-            origins[k] += frame[e.axis] * (e.sign * columns[k])
-            continue
-        _turned(frame, e.axis, cos[k], sin[k] if e.sign > 0 else -sin[k], out=axes[k])
-    return Poses(axes, origins, second)
-
-
-def _turned(frame: Array, axis: int, c: Array, s: Array, out: Array | None = None) -> Array:
-    """(3, 3, nf) axes of a frame after a right-handed turn about one of them, of cosine and sine (nf,)."""
-    # it mixes the two others: a' = c a + s b, b' = c b - s a
-    out, a, b = np.empty_like(frame) if out is None else out, (axis + 1) % 3, (axis + 2) % 3
-    out[axis] = frame[axis]
-    np.multiply(frame[a], c, out=out[a])
-    out[a] += frame[b] * s
-    np.multiply(frame[b], c, out=out[b])
-    out[b] -= frame[a] * s
-    return out
-
-
-def segment_transforms(chain: Chain, constants: ChainConstants, poses: Poses) -> Array:
-    """(ns, 4, 3, nf) segment poses: three axes and the origin (m) of each, in the laboratory."""
-    frames = poses.axes[chain.segment_frame]
-    ns, nf = len(chain.segments), frames.shape[-1]
-    out: Array = np.matmul(constants.segment_placement, frames.reshape(ns, 3, 3 * nf)).reshape(ns, 4, 3, nf)
-    out[:, 3] += poses.origins[chain.segment_frame]
-    return out
-
-
-def segment_poses(chain: Chain, constants: ChainConstants, poses: Poses) -> tuple[Array, Array]:
-    """Segment axes (ns, 3, 3, nf) (axis j of segment s in [s, j]) and origins (ns, 3, nf), m."""
-    both = segment_transforms(chain, constants, poses)
-    return both[:, :3], both[:, 3]
-
-
-def body_poses(parameters: Parameters, q: Array) -> tuple[dict[str, Array], dict[str, Array]]:
-    """Of the whole body at coordinates (nf, nq): segment -> axes (3, 3, nf), one a row, and origin (3, nf) m."""
-    chain = chain_of()
-    constants = chain.constants(parameters.joint, parameters.zero_angles)
-    axes, origins = segment_poses(chain, constants, forward(chain, constants, q))
-    return dict(zip(chain.segments, axes, strict=True)), dict(zip(chain.segments, origins, strict=True))
-
-
-def jacobian(chain: Chain, constants: ChainConstants, poses: Poses, secondary: SecondaryMotion | None = None) -> Array:
-    """(nq + np, 6, nf) spatial velocity [v; w] about the laboratory origin per unit of each coordinate and free JP, and
-    of each free secondary motion, which must be given where one is free.
+    Parameters
+    ----------
+    parameters : joint parameters, inertial parameters and zero angles, SI units.
+    free : joint parameters that stay joints, whose coordinates are their values.
+    root, segments : base segment, and the segments of the part, the base included.
+    reactions : whether the knees carry their locked reaction joints.
+    secondary : whether the knees' secondary motions are joints, whose values are prescribed.
     """
-    nq, n_free, nf = len(chain.coordinates), len(chain.free), poses.origins.shape[-1]
-    out = np.empty((nq + n_free, 6, nf))
-    axes = out[:nq, 3:]
-    axes[...] = poses.axes[np.arange(nq), chain.coordinate_axis]
-    for k in chain.reversed_coordinates:
-        np.negative(axes[k], out=axes[k])
-    _moments(out[:nq], poses.origins, chain.coordinate_slides)
-    if n_free:
-        frames = poses.axes[chain.parameter_frame].reshape(n_free, 3, 3 * nf)
-        placed = np.matmul(constants.parameter_placement, frames).reshape(n_free, 2, 3, nf)
-        out[nq:, 3:] = placed[:, 0]
-        points = placed[:, 1]
-        points += poses.origins[chain.parameter_frame]
-        for k, frame, element, _ in chain.secondary if secondary else ():
-            if element.rotates:
-                points[k] = poses.origins[frame]  # after both slides
-                if element.axis == 1:
-                    out[nq + k, 3:] = poses.secondary_axes[frame]  # after the turn about x
-        _moments(out[nq:], points, chain.parameter_slides)
-        if secondary:
-            for k, frame, _, bend in chain.secondary:
-                out[nq + k] *= secondary.regressors[chain.coordinates[frame]][bend]
-    return out
+    body = chain_of(root, segments, free, reactions=reactions).body(parameters, secondary=secondary)
+    body.set_inertias(inertias(parameters.inertial))
+    return body
 
 
-def _moments(columns: Array, points: Array, slides: IntArray) -> None:
-    """Complete columns (n, 6, nf) whose lower half holds the axes: those that `slides` names move, the others turn."""
-    slid = columns[slides, 3:]
-    v, w = columns[:, :3], columns[:, 3:]
-    # v = c x a, component by component: np.cross would make arrays of (n, 3, nf) twice over
-    for i in range(3):
-        j, k = (i + 1) % 3, (i + 2) % 3
-        np.multiply(points[:, j], w[:, k], out=v[:, i])
-        v[:, i] -= points[:, k] * w[:, j]
-    v[slides], w[slides] = slid, 0.0
+@with_one_blas_thread
+def build_model(parameters: Parameters) -> pin.Model:
+    """Build the 27-degree-of-freedom model with all joint parameters in its joint placements.
+
+    Parameters
+    ----------
+    parameters : joint parameters, inertial parameters and zero angles, SI units.
+
+    Returns
+    -------
+    Coordinates in the order of `gaitcal.COORDINATES` (m, rad); y up, gravity along -y. Segment frames
+    are body frames with the names of the segments.
+    """
+    return build_linkage(parameters).model

@@ -25,7 +25,7 @@ from gaitcal.arrays import Array
 from gaitcal.errors import Code, InputError
 from gaitcal.io.recording import Recording, still_window
 from gaitcal.io.toml import models_path
-from gaitcal.model import anthropometry, chain, coordinates, linkage, trunk
+from gaitcal.model import anthropometry, coordinates, linkage, rotations, trunk
 from gaitcal.model.ankle_zero import AnkleZero, standing_ankles
 from gaitcal.model.landmarks import StaticPosture, check_plausible, static_posture
 from gaitcal.model.marker_set import SEGMENT_OF, MarkerSet, load_marker_set
@@ -149,13 +149,13 @@ def nominal_model(
 def _posture(frames: Mapping[str, Frame], dorsiflexion: Mapping[str, float]) -> dict[str, float]:
     """Coordinates (rad) of pelvis, lumbar joint, hips and ankles in the static posture."""
     pelvis = frames["pelvis"].rotation
-    ahead = chain.axis_rotation(1, float(np.arctan2(pelvis[2, 0], pelvis[0, 0]))) @ pelvis
+    ahead = rotations.axis_rotation(1, float(np.arctan2(pelvis[2, 0], pelvis[0, 0]))) @ pelvis
     turns = {linkage.PELVIS_ANGLES: (ahead, 1.0), linkage.LUMBAR: (pelvis.T @ frames["head_trunk"].rotation, 1.0)}
     for side in linkage.SIDES:
         turns[linkage.coordinates_before([f"thigh_{side}"])] = (pelvis.T @ frames[f"thigh_{side}"].rotation, sign(side))
     out = {f"ankle_angle_{side}": float(dorsiflexion[side]) for side in linkage.SIDES}
     for names, (rotation, mirrored) in turns.items():
-        (angles,) = chain.root_angles(rotation[None]) * [1.0, mirrored, mirrored]
+        (angles,) = rotations.root_angles(rotation[None]) * [1.0, mirrored, mirrored]
         out |= dict(zip(names, map(float, angles), strict=True))
     return out
 
@@ -235,11 +235,11 @@ def nominal_joint_parameters(
             values[f"{hinge}.front"] = np.arctan2(-a[1], a[2])
             values[f"{hinge}.trans"] = np.arcsin(np.clip(a[0], -1.0, 1.0))
         s, shank, foot = sign(side), frames[f"shank_{side}"], frames[f"foot_{side}"]
-        first = chain.axis_rotation(0, s * TALOCRURAL_FRONT)
-        second = chain.axis_rotation(1, s * SUBTALAR_TRANS) @ chain.axis_rotation(2, SUBTALAR_SAG)
+        first = rotations.axis_rotation(0, s * TALOCRURAL_FRONT)
+        second = rotations.axis_rotation(1, s * SUBTALAR_TRANS) @ rotations.axis_rotation(2, SUBTALAR_SAG)
         m = first.T @ (shank.rotation.T @ foot.rotation) @ second
         alpha, beta = np.arctan2(m[1, 0], m[0, 0]), np.arctan2(m[2, 1], m[2, 2])
-        talus = shank.rotation @ first @ chain.axis_rotation(2, float(alpha))
+        talus = shank.rotation @ first @ rotations.axis_rotation(2, float(alpha))
         subtalar = foot.local(centres[f"ajc_{side}"] - SUBTALAR_BELOW * talus[:, 1])
         values |= {
             f"talocrural_{side}.shank.front": s * TALOCRURAL_FRONT,

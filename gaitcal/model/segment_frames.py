@@ -43,9 +43,9 @@ import numpy as np
 
 from gaitcal.arrays import Array, cross
 from gaitcal.errors import Code, InputError
-from gaitcal.model.chain import axis_rotation
 from gaitcal.model.landmarks import StaticPosture
 from gaitcal.model.linkage import SIDE_WORDS, SIDES
+from gaitcal.model.rotations import axis_rotation
 from gaitcal.model.subject_model import Subject
 
 _NOMINAL_ASIS = 0.245  # m, of the nominal subject

@@ -1,8 +1,4 @@
-"""One person's model: who, which parameters, which markers where; and the linkage as a `pinocchio.Model`.
-
-It has the same chain of elements as everywhere: elements with a fixed amount are folded into joint placements;
-coordinates, and those joint parameters that are left free, become one-DOF joints. A free joint parameter is a joint
-like any other, constant in time, so Pinocchio's own derivatives are derivatives with respect to it.
+"""One person's model: who, which parameters, which markers where.
 
 `PointNoise`: how points err that are no markers on skin, the corners of segment poses and the key points of markerless
 programs. A marker's error is skin that moves with the joints (`calibration/soft_tissue_artefact.py`), and cameras that
@@ -16,95 +12,13 @@ its errors (`size_mm` is the least that is believed of them).
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field, replace
 
-import numpy as np
-import pinocchio as pin
 from pydantic import Field
 
 from gaitcal.arrays import Array
 from gaitcal.io.toml import Table
-from gaitcal.model.chain import axis_rotation
-from gaitcal.model.linkage import JOINTS, Element, Source, joint_elements, root_elements
-from gaitcal.model.parameters import MASSIVE_SEGMENTS, Parameters, table
-from gaitcal.runtime import with_one_blas_thread
+from gaitcal.model.parameters import Parameters
 
 GRAVITY = 9.81  # m/s^2, downwards along -y
-
-_REVOLUTE = (pin.JointModelRX, pin.JointModelRY, pin.JointModelRZ)
-_PRISMATIC = (pin.JointModelPX, pin.JointModelPY, pin.JointModelPZ)
-_HALF_TURN = [np.diag(d) for d in ((-1.0, -1.0, 1.0), (1.0, -1.0, -1.0), (-1.0, 1.0, -1.0))]
-"""Half turns that reverse the x, y, z axis: exact, so a joint about -x is a joint about x in a turned frame."""
-
-
-@dataclass(frozen=True)
-class LinkageModel:
-    """A Pinocchio model of the linkage and where its parts are."""
-
-    model: pin.Model
-    coordinates: tuple[str, ...]  # of q and v: coordinates, free joint parameters, reactions, in the order of the chain
-    segment_joint: dict[str, int]  # Pinocchio joint that carries each segment
-    segment_placement: dict[str, pin.SE3]  # of each segment frame in the frame of that joint
-
-    def index(self, name: str) -> int:
-        """Place of a coordinate, free joint parameter or reaction in q and v."""
-        return self.coordinates.index(name)
-
-
-@with_one_blas_thread
-def build_model(parameters: Parameters) -> pin.Model:
-    """The 27-degree-of-freedom model with all joint parameters baked into the joint placements.
-
-    Coordinates in the order of `gaitcal.COORDINATES` (m, rad); y up, gravity along -y; segment frames are added as
-    body frames with their names. Units SI.
-    """
-    return build_linkage(parameters).model
-
-
-def build_linkage(parameters: Parameters, free: tuple[str, ...] = (), *, reactions: bool = False) -> LinkageModel:
-    """The linkage with the joint parameters `free` as joints, and the knees' locked reaction joints if wanted."""
-    model, names = pin.Model(), list[str]()
-    model.name = "gaitcal"
-    model.gravity.linear = np.array([0.0, -GRAVITY, 0.0])
-    carrier: dict[str, int] = {}
-    placement: dict[str, pin.SE3] = {}
-    walks = [(root_elements("pelvis"), "", "pelvis")]
-    walks += [(joint_elements(joint, reactions=reactions), joint.parent, joint.child) for joint in JOINTS]
-    for elements, parent, child in walks:
-        place, on = (placement[parent], carrier[parent]) if parent else (pin.SE3.Identity(), 0)
-        for e in elements:
-            if e.source is not Source.COORDINATE and e.name not in free:
-                place = place * constant_motion(e, parameters)
-                continue
-            turned = pin.SE3(np.eye(3) if e.sign > 0 else _HALF_TURN[e.axis], np.zeros(3))
-            kind = (_REVOLUTE if e.rotates else _PRISMATIC)[e.axis]()
-            on = model.addJoint(on, kind, place * turned, e.name)
-            model.addJointFrame(on)
-            names.append(e.name)
-            place = turned.inverse()
-        carrier[child], placement[child] = on, place
-    for segment, on in carrier.items():
-        model.addFrame(pin.Frame(segment, on, placement[segment], pin.FrameType.BODY))
-    linkage = LinkageModel(model, tuple(names), carrier, placement)
-    set_inertias(linkage, parameters.inertial)
-    return linkage
-
-
-def constant_motion(element: Element, parameters: Parameters) -> pin.SE3:
-    """The motion of an element that is no coordinate."""
-    amount = parameters.amount(element)
-    if element.rotates:
-        return pin.SE3(axis_rotation(element.axis, amount), np.zeros(3))
-    translation = np.zeros(3)
-    translation[element.axis] = amount
-    return pin.SE3(np.eye(3), translation)
-
-
-def set_inertias(linkage: LinkageModel, inertial: Array) -> None:
-    """Put the inertial parameters (ni,) into the model, in place."""
-    for segment, row in zip(MASSIVE_SEGMENTS, table(inertial), strict=True):
-        inertia = pin.Inertia.Zero()  # filled in piece by piece: the constructor refuses impossible bodies,
-        inertia.mass, inertia.lever, inertia.inertia = float(row[0]), row[1:4], np.diag(row[4:7])  # which the
-        # published cost may well return; they are told as such, not hidden
-        linkage.model.inertias[linkage.segment_joint[segment]] = linkage.segment_placement[segment].act(inertia)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -44,7 +44,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from gaitcal.arrays import Array
-from gaitcal.model import anthropometry, chain
+from gaitcal.model import anthropometry, rotations
 from gaitcal.model import segment_frames as axes
 from gaitcal.model.landmarks import StaticPosture
 from gaitcal.model.linkage import OTHER_SIDE, SIDE_WORDS, SIDES
@@ -304,10 +304,10 @@ def measured_arm(posture: StaticPosture, side: str, trunk: axes.Frame, shoulder:
 def _unturned(y: Array, trunk: axes.Frame) -> Array:
     """The z axis of an arm that flexion and adduction alone bring to this y."""
     a = trunk.rotation.T @ y
-    lift = chain.axis_rotation(0, float(np.arcsin(np.clip(a[2], -1.0, 1.0))))
+    lift = rotations.axis_rotation(0, float(np.arcsin(np.clip(a[2], -1.0, 1.0))))
     if abs(np.arcsin(np.clip(a[2], -1.0, 1.0))) > RAISED:
         return trunk.rotation @ axes.across(lift[:, 2], a)
-    return trunk.rotation @ chain.axis_rotation(2, float(np.arctan2(-a[0], a[1]))) @ lift[:, 2]
+    return trunk.rotation @ rotations.axis_rotation(2, float(np.arctan2(-a[0], a[1]))) @ lift[:, 2]
 
 
 def _plane_normal(shoulder: Array, lateral: Array, wrist: Array, inwards: float) -> Array | None:

@@ -29,7 +29,7 @@ import numpy as np
 from scipy.linalg import cho_solve_banded, cholesky_banded
 
 from gaitcal.arrays import Array, IntArray
-from gaitcal.model.chain import ChainConstants
+from gaitcal.model.chain import LinkageModel
 from gaitcal.model.parameters import Parameters
 from gaitcal.motion import descent, marker_residual, motion, spline
 from gaitcal.motion.start import starting_coordinates, starting_nodes
@@ -60,7 +60,7 @@ def with_bandwidth(problem: MotionProblem, parameters: Parameters, cutoff_hz: fl
     basis = problem.basis
     spans = min(max(SPANS_TIMES_CUTOFF * cutoff_hz, FEWEST_SPANS), max(dense_spans(basis), FEWEST_SPANS))
     basis = _basis(basis, min(spans, spline.frame_rate(basis)))
-    information = frame_information(problem, problem.constants(parameters))
+    information = frame_information(problem, problem.body(parameters))
     return replace(problem, basis=basis, smoothing=spline.smoothing(basis, information, cutoff_hz))
 
 
@@ -80,16 +80,16 @@ def _basis(basis: spline.SplineBasis, spans_per_second: float) -> spline.SplineB
     return spline.spline_basis(basis.time, spans + spline.MINIMUM_NODES - 1)
 
 
-def frame_information(problem: MotionProblem, constants: ChainConstants) -> Array:
+def frame_information(problem: MotionProblem, body: LinkageModel) -> Array:
     """(nq, nq) W, in the poses that the segments' rigid fits give; zero for coordinates that move no marker."""
     data, frames = problem.data, spline.spaced(len(problem.basis.time), POSES)
     some = data.frames(frames)
-    q = starting_coordinates(problem.chain, constants, some)
+    q = starting_coordinates(body, some)
     mean = np.repeat(data.weight.mean(axis=1)[:, None], len(frames), axis=1)
     data = marker_residual.MarkerData(data.placed, some.measured, mean)
     weighed = replace(problem, basis=problem.basis.at(frames), data=data, smoothing=None)
     on = np.flatnonzero(weighed.active)
-    hessians = weighed.frame_hessians(q, constants)[:, on[:, None], on]
+    hessians = weighed.frame_hessians(q, body)[:, on[:, None], on]
     average = hessians.mean(axis=0)
     hessians += LEAST * average + NEVER_SEEN * np.diag(np.diag(average))
     information = np.linalg.inv(np.linalg.inv(hessians).mean(axis=0))
@@ -127,18 +127,18 @@ class DenseMotion:
         """`activity` (nf,): what tells where most happens; the markers' speed unless given."""
         problem = replace(problem, smoothing=None)
         frames = busiest(problem, activity)
-        constants = problem.constants(parameters)
+        body = problem.body(parameters)
         self.highest = highest_cutoff(problem.basis)
         """Hz."""
-        self.information = frame_information(problem, constants)
+        self.information = frame_information(problem, body)
         cut = replace(problem, basis=problem.basis.at(frames), data=problem.data.frames(frames))
         basis = _basis(cut.basis, dense_spans(problem.basis))
         rough = spline.smoothing(basis, self.information, self.highest)
         self.problem = replace(cut, basis=basis, smoothing=rough)
-        start = starting_nodes(cut.chain, constants, cut.data, basis)
-        self.coefficients = motion.track_nodes(self.problem, constants, start, LOOSE).x
+        start = starting_nodes(body, cut.data, basis)
+        self.coefficients = motion.track_nodes(self.problem, body, start, LOOSE).x
         """(nn, nq) m, rad."""
-        residual = self.problem.positions(self.coefficients, constants) - cut.data.measured
+        residual = self.problem.positions(self.coefficients, body) - cut.data.measured
         self.residual = (np.sqrt(cut.data.weight)[:, None] * residual).reshape(-1, len(frames)).T
         """(nf, 3 nm) m."""
         self._right = basis.matrices[0].T @ self.residual  # (nn, 3 nm) B^T r

@@ -48,7 +48,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from gaitcal.arrays import Array, BoolArray, IntArray
-from gaitcal.model import chain, segment_frames, trunk
+from gaitcal.model import rotations, segment_frames, trunk
 from gaitcal.model.coordinates import COORDINATE_TABLE, with_side
 from gaitcal.model.linkage import JOINTS, LUMBAR, PELVIS_ANGLES, SIDES, coordinates_before, segment_kind
 from gaitcal.motion import rigid, spline
@@ -241,7 +241,7 @@ def upright_trunk(time: Array, pelvis: Array, posture: Mapping[str, float]) -> A
     turned = Rotation.from_euler("ZXY", pelvis).as_matrix()
     away = _smooth(time, np.unwrap(_heading(turned))) - _heading(standing[None])
     kept = Rotation.from_euler("Y", away[:, None]).as_matrix() @ (standing @ lumbar)
-    return np.unwrap(chain.root_angles(turned.transpose(0, 2, 1) @ kept), axis=0)
+    return np.unwrap(rotations.root_angles(turned.transpose(0, 2, 1) @ kept), axis=0)
 
 
 def _heading(rotation: Array) -> Array:

@@ -24,9 +24,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from gaitcal.arrays import Array
-from gaitcal.model.chain import Chain, chain_of, forward, root_angles, segment_poses
+from gaitcal.model.chain import Chain, chain_of
+from gaitcal.model.kinematics import Kinematics
 from gaitcal.model.linkage import JOINTS, SEGMENTS, Joint, Source, coordinates_before
 from gaitcal.model.parameters import JP_INDEX, Parameters
+from gaitcal.model.rotations import root_angles
 from gaitcal.motion import descent, marker_residual, motion, spline, start, trial_problem
 
 MOST_FRAMES = 300  # looked at, evenly spaced: the floor of a longer trial is that of these
@@ -62,8 +64,8 @@ def joint_floor(problem: trial_problem.MotionProblem, parameters: Parameters, q:
     if not joints:
         return None
     frames = spline.spaced(len(q), MOST_FRAMES)
-    data, constants = problem.data.frames(frames), problem.constants(parameters)
-    axes, origins = segment_poses(chain, constants, forward(chain, constants, q[frames]))
+    data, placed = problem.data.frames(frames), Kinematics(chain.body(parameters), q[frames], columns=False)
+    axes, origins = placed.axes, placed.origins
     carriers = [segment for parts in joints.values() for segment in _ends(parts)]
     shares = np.array([carriers.count(segment) for segment in rigid.segments], dtype=float)
     squares = np.where(shares[:, None] > 0, 0.0, rigid.distance[frames].T ** 2)
@@ -121,8 +123,7 @@ class _JointAlone:
     def distances(self) -> Array:
         """(markers, nf) m, at the minimum."""
         parameters, q = self.split(descent.descend(self, self.first, SETTINGS).x)
-        constants = self.chain.constants(parameters.joint, parameters.zero_angles)
-        model = marker_residual.marker_positions(self.chain, constants, self.data.placed, q)
+        model = marker_residual.marker_positions(self.chain.body(parameters), self.data.placed, q)
         return np.linalg.norm(model - self.data.measured, axis=1)
 
     def split(self, x: Array) -> tuple[Parameters, Array]:
@@ -133,8 +134,8 @@ class _JointAlone:
     def equations(self, x: Array, *, hessian: bool) -> marker_residual.FrameEquations:
         """Of every frame, without the matrix or with it."""
         parameters, q = self.split(x)
-        constants = self.chain.constants(parameters.joint, parameters.zero_angles)
-        return marker_residual.frame_equations(self.chain, constants, self.pairs, self.data, q, hessian=hessian)
+        body = self.chain.body(parameters)
+        return marker_residual.frame_equations(body, self.pairs, self.data, q, hessian=hessian)
 
     def evaluate(self, x: Array) -> descent.Evaluation:
         return self.gradient(self.equations(x, hessian=False))

@@ -33,7 +33,8 @@ from itertools import pairwise
 import numpy as np
 
 from gaitcal.arrays import Array, BoolArray, IntArray
-from gaitcal.model.chain import Chain, ChainConstants, SecondaryMotion, forward, jacobian, segment_transforms
+from gaitcal.model.chain import Chain, LinkageModel
+from gaitcal.model.kinematics import Kinematics, SecondaryMotion
 
 _PAIRS = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))
 _ALL = slice(None)
@@ -147,18 +148,18 @@ class VariablePairs:
 
 
 def marker_positions(
-    chain: Chain,
-    constants: ChainConstants,
+    body: LinkageModel,
     placed: PlacedMarkers,
     q: Array,
     shift: Array | None = None,
     secondary: SecondaryMotion | None = None,
 ) -> Array:
     """(nm, 3, nf) m, model markers for coordinates (nf, nq), `shift` and `secondary` as in `MarkerData`."""
-    return _place(placed, segment_transforms(chain, constants, forward(chain, constants, q, secondary)), shift)
+    return position_markers(placed, Kinematics(body, q, secondary, columns=False).segments, shift)
 
 
-def _place(placed: PlacedMarkers, segments: Array, shift: Array | None) -> Array:
+def position_markers(placed: PlacedMarkers, segments: Array, shift: Array | None) -> Array:
+    """Put markers (nm, 3, nf) m on placed segments (ns, 4, 3, nf), `shift` away from their places."""
     nf = segments.shape[-1]
     out = np.empty((len(placed.segment), 3, nf))
     for s, markers in placed.groups:
@@ -169,19 +170,11 @@ def _place(placed: PlacedMarkers, segments: Array, shift: Array | None) -> Array
 
 
 def frame_equations(
-    chain: Chain,
-    constants: ChainConstants,
-    pairs: VariablePairs,
-    data: MarkerData,
-    q: Array,
-    *,
-    hessian: bool = True,
-    curved: bool = False,
+    body: LinkageModel, pairs: VariablePairs, data: MarkerData, q: Array, *, hessian: bool = True, curved: bool = False
 ) -> FrameEquations:
     """Cost, half gradient and (optionally) matrix of every frame: Gauss-Newton's, or if `curved` half the Hessian."""
-    poses = forward(chain, constants, q, data.secondary)
-    segments = segment_transforms(chain, constants, poses)
-    columns = jacobian(chain, constants, poses, data.secondary)
+    placed, chain = Kinematics(body, q, data.secondary), body.chain
+    segments, columns = placed.segments, placed.columns
     columns[~pairs.active] = 0.0
     # per segment -> per distinct set of segments -> per variable (moved_set picks the set that it moves)
     arms, cost = _segment_arms(data, segments)
@@ -201,7 +194,7 @@ def frame_equations(
 def _segment_arms(data: MarkerData, segments: Array) -> tuple[Array, float]:
     """(ns, 4, 3, nf) sums of w [l; 1]_j r over the markers of each segment, and the cost."""
     ns, nf = len(segments), segments.shape[-1]
-    r = _place(data.placed, segments, data.shift)
+    r = position_markers(data.placed, segments, data.shift)
     r -= data.measured
     pull = data.weight[:, None] * r
     cost = float(np.vdot(pull, r))

@@ -27,7 +27,7 @@ import numpy as np
 
 from gaitcal.arrays import Array, BoolArray
 from gaitcal.io.recording import Recording
-from gaitcal.model.chain import ChainConstants
+from gaitcal.model.chain import LinkageModel
 from gaitcal.model.parameters import Parameters
 from gaitcal.model.subject_model import SubjectModel
 from gaitcal.motion.banded import ArrowEquations, BandFactor
@@ -44,7 +44,7 @@ NOTHING_LEFT_M = 1e-14  # m, RMS residual below which there is nothing left to f
 
 def track_nodes(
     problem: MotionProblem,
-    constants: ChainConstants,
+    body: LinkageModel,
     start: Array,
     settings: DescentSettings | None = None,
     known: BandFactor | None = None,
@@ -53,15 +53,15 @@ def track_nodes(
 
     `known`: the factor of a matrix that serves at `start`, if there is one: it does not depend on the markers.
     """
-    end = descend(_Tracking(problem, constants), start.ravel(), settings or DescentSettings(), known)
+    end = descend(_Tracking(problem, body), start.ravel(), settings or DescentSettings(), known)
     return replace(end, x=end.x.reshape(start.shape), factor=None)  # a large factor makes room
 
 
 class _Tracking:
     """The marker cost of a trial by its coefficients, one after the other; all joint parameters are fixed."""
 
-    def __init__(self, problem: MotionProblem, constants: ChainConstants) -> None:
-        self.problem, self.constants = problem, constants
+    def __init__(self, problem: MotionProblem, body: LinkageModel) -> None:
+        self.problem, self.body = problem, body
         self.nothing_left = NOTHING_LEFT_M**2 * float(problem.data.weight.sum())
         self.has_curvature = not problem.chain.free
 
@@ -69,7 +69,7 @@ class _Tracking:
         return x.reshape(self.problem.basis.nodes, -1)
 
     def evaluate(self, x: Array) -> Evaluation:
-        cost, gradient = self.problem.gradient(self.coefficients(x), self.constants)
+        cost, gradient = self.problem.gradient(self.coefficients(x), self.body)
         return Evaluation(cost, gradient.ravel())
 
     def linearise(self, x: Array, *, curved: bool) -> "_TrackingMatrix":
@@ -80,7 +80,7 @@ class _TrackingMatrix:
     """The normal equations at some coefficients. A large matrix is factorised in its own place."""
 
     def __init__(self, tracking: _Tracking, x: Array, curved: bool) -> None:
-        self._form = partial(tracking.problem.equations, tracking.coefficients(x), tracking.constants, curved=curved)
+        self._form = partial(tracking.problem.equations, tracking.coefficients(x), tracking.body, curved=curved)
         equations = self._form()
         self.evaluation = Evaluation(equations.cost, equations.node_gradient.ravel())
         self._band: Array | None = equations.band
@@ -126,9 +126,7 @@ class SharedMotions:
         """The same with the arrow."""
         p, coefficients = self.parted(x)
         moved = self.parameters.with_joint(self.free, p)
-        trials = [
-            problem.equations(n, problem.constants(moved)) for problem, n in zip(self.open, coefficients, strict=True)
-        ]
+        trials = [problem.equations(n, problem.body(moved)) for problem, n in zip(self.open, coefficients, strict=True)]
         return ArrowEquations(trials, self.columns, self.size)
 
 
@@ -212,7 +210,7 @@ class Motion:
 
 def motion_of(problem: MotionProblem, parameters: Parameters, coefficients: Array, *, converged: bool = True) -> Motion:
     """The motion that `coefficients` describe, with the errors of every marker."""
-    positions = problem.positions(coefficients, problem.constants(parameters))
+    positions = problem.positions(coefficients, problem.body(parameters))
     distance = np.linalg.norm(positions - problem.data.measured, axis=1).T
     return Motion(
         name=problem.name,
@@ -228,12 +226,12 @@ def motion_of(problem: MotionProblem, parameters: Parameters, coefficients: Arra
 
 def tracked_motion(problem: MotionProblem, parameters: Parameters, settings: DescentSettings | None = None) -> Motion:
     """The motion that meets the markers of a trial best, sought from rigid fits."""
-    constants = problem.constants(parameters)
-    start = starting_nodes(problem.chain, constants, problem.data, problem.basis)
-    tracked = track_nodes(problem, constants, start, settings)
+    body = problem.body(parameters)
+    start = starting_nodes(body, problem.data, problem.basis)
+    tracked = track_nodes(problem, body, start, settings)
     again = problem.followed(tracked.x)
     if again is not problem:  # what an undetermined trunk does hangs on the pelvis, which is known now
-        tracked = track_nodes(again, constants, tracked.x, settings)
+        tracked = track_nodes(again, body, tracked.x, settings)
     return motion_of(problem, parameters, tracked.x, converged=tracked.converged)
 
 
@@ -327,22 +325,22 @@ def robust_tracking(
 
     `factor` (nm, nf): where the weights start, if something like them is known already.
     """
-    constants, weight = problem.constants(parameters), problem.data.weight
+    body, weight = problem.body(parameters), problem.data.weight
     used, begun = weight > 0, 0 if factor is None else FIRST_ROUNDS
     present = np.ones_like(weight) if factor is None else factor
     weighted = problem.with_weight(weight * present)
-    coefficients = starting_nodes(problem.chain, constants, weighted.data, problem.basis)
-    tracked = track_nodes(weighted, constants, coefficients)
+    coefficients = starting_nodes(body, weighted.data, problem.basis)
+    tracked = track_nodes(weighted, body, coefficients)
     scale, settled, count = LEAST_SCALE, False, 0
     while count < MOST_ROUNDS and not settled:
         shape = Loss.HUBER if begun + count < FIRST_ROUNDS else loss
-        residual = problem.positions(tracked.x, constants) - problem.data.measured
+        residual = problem.positions(tracked.x, body) - problem.data.measured
         standardised = np.sqrt(weight)[:, None] * residual
         scale = residual_scale(standardised.transpose(0, 2, 1)[used])
         changed = np.where(used, shape.factor(np.linalg.norm(standardised, axis=1) / scale), 1.0)
         settled = shape is loss and float(np.abs(changed - present).max(initial=0.0)) < SETTLED
         present = changed
         weighted = problem.with_weight(weight * present)
-        tracked = track_nodes(weighted, constants, tracked.x)
+        tracked = track_nodes(weighted, body, tracked.x)
         count += 1
     return RobustTracking(problem=weighted, factor=present, scale=scale, tracked=tracked)

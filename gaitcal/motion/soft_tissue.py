@@ -32,7 +32,8 @@ from functools import cached_property
 import numpy as np
 
 from gaitcal.arrays import Array
-from gaitcal.model.chain import Chain, ChainConstants, SecondaryMotion, forward, jacobian, segment_transforms
+from gaitcal.model.chain import LinkageModel
+from gaitcal.model.kinematics import Kinematics, SecondaryMotion
 from gaitcal.model.linkage import BENDS, SECONDARY
 from gaitcal.motion import banded, marker_residual, spline
 
@@ -145,27 +146,25 @@ def together(arms: Array) -> Array:
 
 
 def with_tissue_columns(
-    chain: Chain,
+    body: LinkageModel,
     basis: spline.SplineBasis,
     data: marker_residual.MarkerData,
     tissue: SoftTissue,
     equations: banded.NormalEquations,
     coefficients: Array,
-    constants: ChainConstants,
 ) -> banded.NormalEquations:
     """Normal equations of a trial at `coefficients` with the columns of its soft tissue after its joint parameters."""
     q = basis.evaluate(coefficients)
-    nq, nz, n_free = q.shape[1], len(tissue.keys), len(chain.free)
-    poses = forward(chain, constants, q, data.secondary)
-    segments = segment_transforms(chain, constants, poses)
-    columns = jacobian(chain, constants, poses, data.secondary)
-    position = marker_residual.marker_positions(chain, constants, data.placed, q, data.shift, data.secondary)
+    nq, nz, n_free = q.shape[1], len(tissue.keys), len(body.chain.free)
+    placed = Kinematics(body, q, data.secondary)
+    segments, columns = placed.segments, placed.columns
+    position = marker_residual.position_markers(data.placed, segments, data.shift)
     mixed = np.zeros((basis.nodes, nq, nz))
     by_parameter, corner, gradient = np.zeros((n_free, nz)), np.zeros((nz, nz)), np.zeros(nz)
     spread, at = basis.matrices[0].T.tocsr(), 0
     for group in tissue.groups:
         axes, psi = segments[group.segment, :3], group.regressors  # (3 axes, 3, nf), (nr, nf)
-        moved = np.flatnonzero(chain.support[:, group.segment])
+        moved = np.flatnonzero(body.chain.support[:, group.segment])
         turning = moved < nq
         velocity, spin = columns[moved, :3], columns[moved, 3:]
         pull, met = np.zeros((WIDTH, psi.shape[1])), np.zeros((len(moved), WIDTH, psi.shape[1]))
@@ -193,12 +192,10 @@ def with_tissue_columns(
     )
 
 
-def tissue_gradient(
-    chain: Chain, data: marker_residual.MarkerData, tissue: SoftTissue, q: Array, constants: ChainConstants
-) -> Array:
+def tissue_gradient(body: LinkageModel, data: marker_residual.MarkerData, tissue: SoftTissue, q: Array) -> Array:
     """(nz,) half gradient of a trial's marker cost by its soft tissue, at coordinates (nf, nq)."""
-    segments = segment_transforms(chain, constants, forward(chain, constants, q, data.secondary))
-    position = marker_residual.marker_positions(chain, constants, data.placed, q, data.shift, data.secondary)
+    segments = Kinematics(body, q, data.secondary, columns=False).segments
+    position = marker_residual.position_markers(data.placed, segments, data.shift)
     out = []
     for group in tissue.groups:
         axes, pull = segments[group.segment, :3], np.zeros((WIDTH, len(q)))

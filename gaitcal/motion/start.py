@@ -13,9 +13,12 @@ were seen. Frames that determine neither are interpolated.
 from collections.abc import Mapping
 
 import numpy as np
+import pinocchio as pin
 
 from gaitcal.arrays import Array, BoolArray
-from gaitcal.model.chain import Chain, ChainConstants, forward, root_angles, segment_poses
+from gaitcal.model.chain import HALF_TURNS, LinkageModel
+from gaitcal.model.kinematics import evaluate_joints
+from gaitcal.model.rotations import root_angles
 from gaitcal.motion.coordinate_prior import within_walls
 from gaitcal.motion.marker_residual import MarkerData
 from gaitcal.motion.rigid import RigidFit, SegmentMoments
@@ -29,20 +32,22 @@ BELIEVED = np.deg2rad(60.0)
 """Two markers are believed where they turn the joint by at most so much from where they and a straight joint have it: a
 thigh marker 30 mm off the line from hip to knee turned a child's leg about itself by 150 degrees."""
 ROOT_COORDINATES = 6
+ROUNDING = 1e-12  # of rotation matrices that are one but for rounding
 SAMPLES_PER_NODE = 3  # frames looked at per spline node: a start needs no more
 
 
-def starting_nodes(chain: Chain, constants: ChainConstants, data: MarkerData, basis: SplineBasis) -> Array:
+def starting_nodes(body: LinkageModel, data: MarkerData, basis: SplineBasis) -> Array:
     """(nn, nq) coefficients to start from."""
     nf, wanted = len(basis.time), SAMPLES_PER_NODE * basis.nodes
     if nf <= wanted:
-        return basis.fit(starting_coordinates(chain, constants, data))
+        return basis.fit(starting_coordinates(body, data))
     chosen = spaced(nf, wanted)
-    return basis.at(chosen).fit(starting_coordinates(chain, constants, data.frames(chosen)))
+    return basis.at(chosen).fit(starting_coordinates(body, data.frames(chosen)))
 
 
-def starting_coordinates(chain: Chain, constants: ChainConstants, data: MarkerData) -> Array:
+def starting_coordinates(body: LinkageModel, data: MarkerData) -> Array:
     """(nf, nq) coordinates from rigid fits, continuous in time."""
+    chain, links = body.chain, _Links(body)
     nf = data.measured.shape[-1]
     q = np.zeros((nf, len(chain.coordinates)))
     moments = SegmentMoments(data)
@@ -50,37 +55,37 @@ def starting_coordinates(chain: Chain, constants: ChainConstants, data: MarkerDa
     root = fits.get(0)
     done = set(range(ROOT_COORDINATES))
     if root is None or not root.determined.any():
-        root, path = _carried_root(chain, constants, fits)
+        root, path = _carried_root(links, fits)
         done.update(path)
     if root is not None:
         known = root.determined
         angles = _fill(_unwrap(root_angles(root.rotation), known), known)
         q[:, :ROOT_COORDINATES] = np.hstack([_fill(root.origin, known), angles])
-    so_far = _SoFar(chain, constants, q)
+    so_far = _SoFar(links, q)
     wrapped: list[int] = []  # coordinates known in every frame, whose whole turns are taken out in the end, all at once
     for s in range(1, len(chain.segments)):
-        turns, fit = [k for k in _path(chain, s) if k not in done], fits.get(s)
+        turns, fit = [k for k in _path(links, s) if k not in done], fits.get(s)
         if turns and fit is not None:
-            before = so_far.rotation(chain.parents[turns[0]])
-            to_joint = constants.segment_rotation[s]
+            before = so_far.rotation(links.parents[turns[0]])
+            to_joint = links.segment_rotation[s]
             straight: Array | None = None
             if fit.determined.any():
                 spread, known = fit.rotation, fit.determined
             else:
-                local_centre = -to_joint.T @ constants.segment_translation[s]
+                local_centre = -to_joint.T @ links.segment_translation[s]
                 spread, known = moments.about(s, so_far.centre(turns[0]), local_centre)
                 scale = np.sqrt((spread**2).sum(axis=(1, 2)))
                 unturned = np.eye(3)
                 for k in turns:
-                    unturned = unturned @ constants.offset_rotation[k]
+                    unturned = unturned @ links.offset_rotation[k]
                 straight = spread + STRAIGHT * scale[:, None, None] * (before @ unturned @ to_joint)
                 if not known.any():  # one marker: the joint's line towards it, turned about it as little as can be
                     spread, known, straight = straight, scale > 0, None
             if known.any():
                 inverse = before.transpose(0, 2, 1)
-                angles = _turns(chain, constants, turns, inverse @ spread @ to_joint.T)
+                angles = _turns(links, turns, inverse @ spread @ to_joint.T)
                 if straight is not None:
-                    held = _turns(chain, constants, turns, inverse @ straight @ to_joint.T)
+                    held = _turns(links, turns, inverse @ straight @ to_joint.T)
                     apart = np.abs(np.angle(np.exp(1j * (angles - held)[known])))
                     angles = held if (apart > BELIEVED).any() else angles  # for the whole trial
                 determined = bool(fit.determined.any())
@@ -91,63 +96,106 @@ def starting_coordinates(chain: Chain, constants: ChainConstants, data: MarkerDa
                 else:
                     q[:, turns] = _fill(_unwrap(angles, known), known)
         # a segment without markers on which others hang leaves its turns to them
-        if turns and (fit is not None or (chain.support[chain.segment_frame[s]] > 0).sum() <= 1):
+        if turns and (fit is not None or (chain.support[links.segment_coordinate[s]] > 0).sum() <= 1):
             done.update(turns)
     q[:, wrapped] = _unwrap(q[:, wrapped], np.ones(nf, dtype=bool))
     return q
 
 
-def _carried_root(
-    chain: Chain, constants: ChainConstants, fits: Mapping[int, RigidFit]
-) -> tuple[RigidFit | None, list[int]]:
+class _Links:
+    """What is constant between the coordinates of a linkage: the poses of their frames at zero coordinates.
+
+    The frame of coordinate k has the pose X_k = X_parent C_k M_k, M_k the motion of the coordinate; a
+    segment D_s beyond its last coordinate. Frames of reversed axes are turned back (`HALF_TURNS`).
+    """
+
+    def __init__(self, body: LinkageModel) -> None:
+        chain, parts = body.chain, body.parts
+        joints = parts.at_coordinates + 1
+        at_zero = body.configurations(np.zeros((1, len(joints))))
+        placed, _ = evaluate_joints(body, at_zero, jacobians=False)
+        placed = placed[0].reshape(-1, 4, 3)
+        self.chain = chain
+        self.axes, self.signs = parts.axes[joints - 1].tolist(), parts.signs[joints - 1]
+        self.rotates = parts.rotates[joints - 1].tolist()
+        order = {int(joint): k for k, joint in enumerate(joints)}
+
+        def last_of(joint: int) -> int:
+            return max((order[j] for j in parts.supports[joint] if j in order), default=-1)
+
+        self.parents = [last_of(parts.supports[joint][-2]) for joint in joints]
+        self.segment_coordinate = [last_of(joint) for joint in parts.segment_joint]
+        """(ns,) the last coordinate that moves each segment."""
+        rotation = np.append(placed[joints, :3].transpose(0, 2, 1), np.eye(3)[None], axis=0)
+        for k, (axis, sign) in enumerate(zip(self.axes, self.signs, strict=True)):
+            if sign < 0:
+                rotation[k] = rotation[k] @ HALF_TURNS[axis]
+        origin = np.append(placed[joints, 3], np.zeros((1, 3)), axis=0)
+        before = rotation[self.parents].transpose(0, 2, 1)
+        self.offset_rotation = before @ rotation[:-1]
+        self.offset_translation = (before @ (origin[:-1] - origin[self.parents])[:, :, None])[:, :, 0]
+        self.plain = (np.abs(self.offset_rotation - np.eye(3)).max(axis=(1, 2)) < ROUNDING).tolist()
+        """Whether C_k does not rotate."""
+        carried = [placed[j] for j in parts.segment_joint]
+        local = zip(carried, body.segment_placement, strict=True)
+        self.segment_pose = [pin.SE3(p[:3].T, p[3]) * placement for p, placement in local]
+        """(ns,) in the laboratory, at zero coordinates."""
+        back = rotation[self.segment_coordinate].transpose(0, 2, 1)
+        away = np.array([m.translation for m in self.segment_pose]) - origin[self.segment_coordinate]
+        self.segment_rotation = back @ np.array([m.rotation for m in self.segment_pose])
+        self.segment_translation = (back @ away[:, :, None])[:, :, 0]
+
+
+def _carried_root(links: _Links, fits: Mapping[int, RigidFit]) -> tuple[RigidFit | None, list[int]]:
     """The root as the first segment with a rigid fit carries it, and the coordinates between them, which are zero."""
     for s, fit in sorted(fits.items()):
         if fit.determined.any():
-            poses = forward(chain, constants, np.zeros((1, len(chain.coordinates))))
-            axes, origins = segment_poses(chain, constants, poses)
-            rotation = fit.rotation @ axes[s, :, :, 0]
-            return RigidFit(rotation, fit.origin - rotation @ origins[s, :, 0], fit.determined), _path(chain, s)
+            pose = links.segment_pose[s]
+            rotation = fit.rotation @ pose.rotation.T
+            return RigidFit(rotation, fit.origin - rotation @ pose.translation, fit.determined), _path(links, s)
     return None, []
 
 
 class _SoFar:
     """Frames of the coordinates that are settled already, worked out when asked for."""
 
-    def __init__(self, chain: Chain, constants: ChainConstants, q: Array) -> None:
-        self.chain, self.constants, self.q = chain, constants, q
+    def __init__(self, links: _Links, q: Array) -> None:
+        self.links, self.q = links, q
         self._rotations: dict[int, Array] = {-1: np.broadcast_to(np.eye(3), (len(q), 3, 3))}
         self._origins: dict[int, Array] = {-1: np.zeros((len(q), 3))}
 
     def rotation(self, k: int) -> Array:
         """(nf, 3, 3) of the frame of coordinate k."""
         if k not in self._rotations:
-            rotation = self.rotation(self.chain.parents[k])
-            if not self.constants.plain_offsets[0][k]:
-                rotation = rotation @ self.constants.offset_rotation[k]
-            e = self.chain.elements[k]
-            self._rotations[k] = _turned(rotation, e.axis, e.sign * self.q[:, k]) if e.rotates else rotation
+            links = self.links
+            rotation = self.rotation(links.parents[k])
+            if not links.plain[k]:
+                rotation = rotation @ links.offset_rotation[k]
+            angle = links.signs[k] * self.q[:, k]
+            self._rotations[k] = _turned(rotation, links.axes[k], angle) if links.rotates[k] else rotation
         return self._rotations[k]
 
     def centre(self, k: int) -> Array:
         """(nf, 3) m, where the turn of coordinate k takes place."""
-        parent = self.chain.parents[k]
-        return self._origin(parent) + self.rotation(parent) @ self.constants.offset_translation[k]
+        parent = self.links.parents[k]
+        return self._origin(parent) + self.rotation(parent) @ self.links.offset_translation[k]
 
     def _origin(self, k: int) -> Array:
         if k not in self._origins:
-            origin, e = self.centre(k), self.chain.elements[k]
-            if not e.rotates:
-                origin = origin + self.rotation(k)[:, :, e.axis] * (e.sign * self.q[:, k, None])
+            origin, links = self.centre(k), self.links
+            if not links.rotates[k]:
+                along = self.rotation(k)[:, :, links.axes[k]]
+                origin = origin + along * (links.signs[k] * self.q[:, k, None])
             self._origins[k] = origin
         return self._origins[k]
 
 
-def _path(chain: Chain, segment: int) -> list[int]:
+def _path(links: _Links, segment: int) -> list[int]:
     """The coordinates from the root to a segment."""
-    path, k = [], int(chain.segment_frame[segment])
+    path, k = [], links.segment_coordinate[segment]
     while k >= 0:
         path.append(k)
-        k = chain.parents[k]
+        k = links.parents[k]
     return path[::-1]
 
 
@@ -176,23 +224,23 @@ def _turned(rotation: Array, axis: int, angle: Array) -> Array:
     return out
 
 
-def _turns(chain: Chain, constants: ChainConstants, turns: list[int], target: Array) -> Array:
+def _turns(links: _Links, turns: list[int], target: Array) -> Array:
     """(nf, n) coordinates whose turns, one after the other, come nearest to the matrices `target` (nf, 3, 3)."""
-    axes, plain = [chain.elements[k].axis for k in turns], [constants.plain_offsets[0][k] for k in turns]
-    signs = np.array([chain.elements[k].sign for k in turns])
+    axes, plain = [links.axes[k] for k in turns], [links.plain[k] for k in turns]
+    signs = links.signs[turns]
     if axes == [2, 0, 1] and all(plain[1:]):
-        return signs * root_angles(target if plain[0] else constants.offset_rotation[turns[0]].T @ target)
+        return signs * root_angles(target if plain[0] else links.offset_rotation[turns[0]].T @ target)
     angles = np.zeros((len(target), len(turns)))
     for _ in range(SWEEPS if len(turns) > 1 else 1):
         # left-hand sides are peeled off as they are settled, right-hand sides kept from the last sweep
         after: list[Array] = []
         for i in range(len(turns) - 1, 0, -1):
-            inner = _turned(np.broadcast_to(constants.offset_rotation[turns[i]], target.shape), axes[i], angles[:, i])
+            inner = _turned(np.broadcast_to(links.offset_rotation[turns[i]], target.shape), axes[i], angles[:, i])
             after.append(inner @ after[-1] if after else inner)
         remaining = target
         for i, k in enumerate(turns):
             if not plain[i]:
-                remaining = constants.offset_rotation[k].T @ remaining
+                remaining = links.offset_rotation[k].T @ remaining
             last = i + 1 == len(turns)
             g = remaining if last else remaining @ after[len(turns) - 2 - i].transpose(0, 2, 1)
             b, c = (axes[i] + 1) % 3, (axes[i] + 2) % 3

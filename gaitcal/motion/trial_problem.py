@@ -17,7 +17,7 @@ import numpy as np
 from gaitcal.arrays import Array, BoolArray, IntArray
 from gaitcal.errors import Code, InputError
 from gaitcal.io.recording import Recording
-from gaitcal.model.chain import Chain, ChainConstants, chain_of
+from gaitcal.model.chain import Chain, LinkageModel, chain_of
 from gaitcal.model.linkage import LUMBAR, ROOT_SUFFIXES, SEGMENTS, coordinates_before, moved_joints
 from gaitcal.model.parameters import JP_INDEX, Parameters
 from gaitcal.model.subject_model import PointNoise, SubjectModel
@@ -158,9 +158,9 @@ class MotionProblem:
             priors.append(prior)
         return self._alike(priors=tuple(priors))
 
-    def constants(self, parameters: Parameters) -> ChainConstants:
-        """Chain constants for a set of parameters."""
-        return self.chain.constants(parameters.joint, parameters.zero_angles)
+    def body(self, parameters: Parameters) -> LinkageModel:
+        """Build the linkage of this trial with a set of parameters."""
+        return self.chain.body(parameters, secondary=self.data.secondary is not None)
 
     def values(self, parameters: Parameters) -> Array:
         """(np,) values of the free joint parameters, m and rad."""
@@ -194,9 +194,7 @@ class MotionProblem:
         """The same trial with other measured markers (nm, 3, nf), m."""
         return self.with_data(replace(self.data, measured=measured))
 
-    def equations(
-        self, coefficients: Array, constants: ChainConstants, *, curved: bool = False
-    ) -> banded.NormalEquations:
+    def equations(self, coefficients: Array, body: LinkageModel, *, curved: bool = False) -> banded.NormalEquations:
         """Normal equations at `coefficients` (nn, nq); `curved`: with half the whole Hessian, not Gauss-Newton's.
 
         ValueError if `curved` and a joint parameter is free: curvature asks which of two variables comes first, and
@@ -206,8 +204,7 @@ class MotionProblem:
             raise ValueError("curvature is for the coordinates alone: no joint parameter may be free")
         q = self.basis.evaluate(coefficients)
         equations = self._assembler.assembled(
-            (self._frame_equations(stretch.frames, constants, q, curved=curved), stretch)
-            for stretch in self.basis.stretches
+            (self._frame_equations(stretch.frames, body, q, curved=curved), stretch) for stretch in self.basis.stretches
         )
         for penalty in self._penalties:
             penalty.add_to(equations.band, coefficients)
@@ -215,17 +212,15 @@ class MotionProblem:
             equations = replace(equations, cost=equations.cost + cost, node_gradient=equations.node_gradient + gradient)
         if self.tissue is None or not self.tissue.groups:
             return equations
-        return with_tissue_columns(self.chain, self.basis, self.data, self.tissue, equations, coefficients, constants)
+        return with_tissue_columns(body, self.basis, self.data, self.tissue, equations, coefficients)
 
     def _frame_equations(
-        self, frames: slice, constants: ChainConstants, q: Array, *, hessian: bool = True, curved: bool = False
+        self, frames: slice, body: LinkageModel, q: Array, *, hessian: bool = True, curved: bool = False
     ) -> marker_residual.FrameEquations:
         data = self.data.frames(frames)
-        return marker_residual.frame_equations(
-            self.chain, constants, self._pairs, data, q[frames], hessian=hessian, curved=curved
-        )
+        return marker_residual.frame_equations(body, self._pairs, data, q[frames], hessian=hessian, curved=curved)
 
-    def frame_hessians(self, q: Array, constants: ChainConstants) -> Array:
+    def frame_hessians(self, q: Array, body: LinkageModel) -> Array:
         """(nf, nq, nq) Gauss-Newton matrices of the frames by themselves, at coordinates (nf, nq)."""
         pairs, nq = self._pairs, len(self.chain.coordinates)
         out = np.zeros((len(q), nq, nq))
@@ -233,22 +228,22 @@ class MotionProblem:
         shallow, deep = pairs.shallow[pairs.coordinates], pairs.deep[pairs.coordinates]
         for stretch in self.basis.stretches:
             frames = stretch.frames
-            entries = self._frame_equations(frames, constants, q).products(slice(nq), slice(nq))[:, shallow, deep]
+            entries = self._frame_equations(frames, body, q).products(slice(nq), slice(nq))[:, shallow, deep]
             out[frames, first, second] = out[frames, second, first] = entries
         return out
 
-    def gradient(self, coefficients: Array, constants: ChainConstants) -> tuple[float, Array]:
+    def gradient(self, coefficients: Array, body: LinkageModel) -> tuple[float, Array]:
         """Cost (m^2) and half gradient by the coefficients (nn, nq), without the matrix."""
-        cost, by_nodes, _ = self.both_gradients(coefficients, constants)
+        cost, by_nodes, _ = self.both_gradients(coefficients, body)
         return cost, by_nodes
 
-    def both_gradients(self, coefficients: Array, constants: ChainConstants) -> tuple[float, Array, Array]:
+    def both_gradients(self, coefficients: Array, body: LinkageModel) -> tuple[float, Array, Array]:
         """Cost (m^2) and half gradients by the coefficients (nn, nq) and by `unknowns` (np,)."""
         q = self.basis.evaluate(coefficients)
         nq = len(self.chain.coordinates)
         cost, by_nodes, by_values = 0.0, np.zeros_like(coefficients), np.zeros(len(self.chain.free))
         for stretch in self.basis.stretches:
-            part = self._frame_equations(stretch.frames, constants, q, hessian=False)
+            part = self._frame_equations(stretch.frames, body, q, hessian=False)
             cost += part.cost
             stretch.add_gradient(by_nodes, part.gradient[:nq])
             by_values += part.gradient[nq:].sum(axis=1)
@@ -256,29 +251,27 @@ class MotionProblem:
             more, gradient = penalty.both(coefficients)
             cost, by_nodes = cost + more, by_nodes + gradient
         if self.tissue is not None and self.tissue.groups:
-            by_tissue = tissue_gradient(self.chain, self.data, self.tissue, q, constants)
+            by_tissue = tissue_gradient(body, self.data, self.tissue, q)
             by_values = np.concatenate([by_values, by_tissue])
         return cost, by_nodes, by_values
 
-    def cost(self, coefficients: Array, constants: ChainConstants) -> float:
+    def cost(self, coefficients: Array, body: LinkageModel) -> float:
         """Sum of w |r|^2, the penalty and what is known of coordinates, m^2."""
-        return self.marker_cost(coefficients, constants) + sum(
-            penalty.both(coefficients)[0] for penalty in self._penalties
-        )
+        return self.marker_cost(coefficients, body) + sum(penalty.both(coefficients)[0] for penalty in self._penalties)
 
-    def marker_cost(self, coefficients: Array, constants: ChainConstants) -> float:
+    def marker_cost(self, coefficients: Array, body: LinkageModel) -> float:
         """Sum of w |r|^2, m^2."""
-        r = self.positions(coefficients, constants) - self.data.measured
+        r = self.positions(coefficients, body) - self.data.measured
         return float(np.vdot(self.data.weight[:, None] * r, r))
 
-    def positions(self, coefficients: Array, constants: ChainConstants) -> Array:
+    def positions(self, coefficients: Array, body: LinkageModel) -> Array:
         """(nm, 3, nf) m, model markers."""
         q = self.basis.evaluate(coefficients)
         out = np.empty(self.data.measured.shape)
         for stretch in self.basis.stretches:
             frames, part = stretch.frames, self.data.frames(stretch.frames)
             out[:, :, frames] = marker_residual.marker_positions(
-                self.chain, constants, part.placed, q[frames], part.shift, part.secondary
+                body, part.placed, q[frames], part.shift, part.secondary
             )
         return out
 
@@ -360,23 +353,23 @@ def _with_posture(problem: MotionProblem, model: SubjectModel) -> MotionProblem:
     asked = coordinate_prior.coordinates_asked(chain.segments, of_marker, data.local, data.weight > 0)
     if not asked:
         return problem
-    constants = problem.constants(model.nominal)
+    body = problem.body(model.nominal)
     frames = spaced(len(problem.basis.time), coordinate_prior.POSES)
-    q = start.starting_coordinates(chain, constants, data.frames(frames))
+    q = start.starting_coordinates(body, data.frames(frames))
     pulling = data.weight[:, frames] > 0
     on_arms = np.array([s.startswith(("upper_arm", "forearm")) for s in of_marker])
 
     def left_open(counted: BoolArray) -> tuple[str, ...]:
         alike = marker_residual.MarkerData(data.placed, data.measured[:, :, frames], counted.astype(float))
         some = replace(problem, basis=problem.basis.at(frames), data=alike)
-        return coordinate_prior.undetermined(asked, chain.coordinates, some.frame_hessians(q, constants))
+        return coordinate_prior.undetermined(asked, chain.coordinates, some.frame_hessians(q, body))
 
     trunk, others = left_open(pulling & ~on_arms[:, None]), left_open(pulling)
     names = tuple(name for name in asked if name in (trunk if name in LUMBAR else others))
     if not names:
         return problem
     known = replace(problem, priors=(*problem.priors, coordinate_prior.about_posture(names, model.posture)))
-    return known.followed(start.starting_nodes(chain, constants, data, problem.basis))
+    return known.followed(start.starting_nodes(body, data, problem.basis))
 
 
 def shown_share(weight: Array) -> float:

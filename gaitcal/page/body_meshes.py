@@ -14,8 +14,8 @@ from pathlib import Path
 import numpy as np
 
 from gaitcal.arrays import Array, IntArray
-from gaitcal.model.chain import Chain, forward, segment_poses
-from gaitcal.model.linkage import COORDINATES, SEGMENTS, SIDES
+from gaitcal.model.kinematics import body_poses
+from gaitcal.model.linkage import COORDINATES, SIDES
 from gaitcal.model.parameters import Parameters
 from gaitcal.model.subject_model import SubjectModel
 
@@ -188,11 +188,8 @@ def _foot(model: SubjectModel, side: str) -> FittedMesh:
 
 def upright_poses(parameters: Parameters) -> tuple[dict[str, Array], dict[str, Array]]:
     """Segment -> (3, 3) rotation from laboratory to segment, and (3,) m origin; all coordinates zero."""
-    chain = Chain("pelvis", SEGMENTS)
-    constants = chain.constants(parameters.joint, parameters.zero_angles)
-    axes, origins = segment_poses(chain, constants, forward(chain, constants, np.zeros((1, len(COORDINATES)))))
-    index = {segment: i for i, segment in enumerate(chain.segments)}
-    return {s: axes[i, :, :, 0] for s, i in index.items()}, {s: origins[i, :, 0] for s, i in index.items()}
+    axes, origins = body_poses(parameters, np.zeros((1, len(COORDINATES))))
+    return {s: x[..., 0] for s, x in axes.items()}, {s: x[..., 0] for s, x in origins.items()}
 
 
 def _arm(model: SubjectModel, jp: Parameters, side: str, girth: float) -> list[FittedMesh]:

@@ -26,7 +26,8 @@ from gaitcal.dynamics.ground_reactions import GroundReactions
 from gaitcal.export.osim import frames_of
 from gaitcal.io.force_plate import LOADED_N, centre_on_ground
 from gaitcal.io.recording import Recording
-from gaitcal.model.chain import Chain, forward, segment_poses
+from gaitcal.model.chain import chain_of
+from gaitcal.model.kinematics import Kinematics
 from gaitcal.model.linkage import JOINTS, SEGMENTS, Joint, segment_kind
 from gaitcal.model.parameters import JOINT_PARAMETERS, JP_INDEX, Parameters
 from gaitcal.model.subject_model import SubjectModel
@@ -197,9 +198,8 @@ def trial_scene(
     recorded = len(motion.time)
     stride = max(1, -(-recorded // MOST_FRAMES))
     kept = slice(None, None, stride)
-    chain = Chain("pelvis", SEGMENTS)
-    constants = chain.constants(model.parameters.joint, model.parameters.zero_angles)
-    axes, origins = segment_poses(chain, constants, forward(chain, constants, motion.q[kept]))
+    placed = Kinematics(chain_of().body(model.parameters), motion.q[kept], columns=False)
+    axes, origins = placed.axes, placed.origins
     corners = [plate.corners for plate in recording.plates if plate.corners is not None]
     plates = np.array([c for c in corners if np.isfinite(c).all()], dtype=np.float32).reshape(-1, 4, 3)
     frames = len(motion.time[kept])

@@ -21,9 +21,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from gaitcal.arrays import Array
-from gaitcal.dynamics.inverse_dynamics import FEET, Dynamics, PlacedLinkage
+from gaitcal.dynamics.inverse_dynamics import FEET, FORCES, Dynamics, PlacedLinkage
 from gaitcal.io.recording import Recording
-from gaitcal.model.chain import Chain, ChainConstants, chain_of
+from gaitcal.model.chain import LinkageModel
 from gaitcal.model.coordinates import COORDINATE_TABLE, LEG_COORDINATES
 from gaitcal.model.linkage import LOWER_BODY, SIDES, joint_elements, joints_above
 from gaitcal.model.parameters import JP_INDEX, Parameters, dynamic_parameters, symmetric_set
@@ -49,21 +49,19 @@ LEG_SEGMENTS: tuple[str, ...] = LOWER_BODY[1:]
 
 FootPose = tuple[Array, Array]
 """(nf, 2, 3, 3) axes of both feet in the laboratory, one a row, and (nf, 2, 3) m, their origins."""
-_CHAIN = Chain("pelvis", ("pelvis", *LEG_SEGMENTS), reactions=True)
-_ROWS = np.array([_CHAIN.coordinates.index(name) for name in LEG_TORQUES])
-_IN_BODY = np.array([chain_of(reactions=True).coordinates.index(name) for name in LEG_TORQUES])
-_FEET = [_CHAIN.segments.index(foot) for foot in FEET]
+_IN_BODY = np.array([FORCES.index(name) for name in LEG_TORQUES])
 
 
-def placed_legs(parameters: Parameters, q: Array) -> PlacedLinkage:
-    """Pelvis and legs at coordinates (nf, 27)."""
-    return PlacedLinkage(_CHAIN, _CHAIN.constants(parameters.joint, parameters.zero_angles), q)
+def leg_dynamics(parameters: Parameters) -> Dynamics:
+    """Dynamics of pelvis and legs alone: nothing above the hips changes a leg's torques."""
+    return Dynamics(parameters, segments=LOWER_BODY)
 
 
 def pose_of_feet(placed: PlacedLinkage) -> FootPose:
     """Where both feet are."""
+    feet = [placed.chain.segments.index(foot) for foot in FEET]
     axes, origins = placed.segments
-    return axes[:, _FEET], origins[:, _FEET]
+    return axes[:, feet], origins[:, feet]
 
 
 def leg_torques(
@@ -71,11 +69,10 @@ def leg_torques(
 ) -> tuple[Array, Array]:
     """(nf, 14) N·m with the wrenches (nf, 2, 6) fixed in the laboratory, and carried along with the feet."""
     q, v, a = (basis.evaluate(coefficients, k) for k in range(3))
-    placed = placed_legs(parameters, q)
-    unloaded, columns = (
-        placed.unloaded_forces(dynamic_parameters(parameters.inertial), v, a)[:, _ROWS],
-        placed.columns[:, _ROWS],
-    )
+    dynamics = leg_dynamics(parameters)
+    placed = dynamics.placed(q)
+    unloaded = dynamics.forces(q, v, a)[:, [dynamics.forces_of.index(name) for name in LEG_TORQUES]]
+    columns = placed.columns[:, [placed.names.index(name) for name in LEG_TORQUES]]
 
     def loaded(wrenches: Array) -> Array:
         tau = unloaded.copy()
@@ -108,8 +105,8 @@ class MonteCarloContext:
         self.problem = _undisturbed_problem(case)
         """The undisturbed motion fits its markers exactly."""
         self.basis, self.data = self.problem.basis, self.problem.data
-        constants = self.problem.constants(case.parameters)
-        band = self.problem.equations(case.coefficients, constants).band
+        body = self.problem.body(case.parameters)
+        band = self.problem.equations(case.coefficients, body).band
         self.undisturbed_factor = banded.BandFactor(band)
         """Of the Gauss-Newton matrix at the undisturbed motion, with the undisturbed linkage."""
         self.undisturbed_diagonal = band[:, 0].reshape(case.coefficients.shape).copy()
@@ -117,15 +114,15 @@ class MonteCarloContext:
         self.sensitivity = np.zeros((*case.coefficients.shape, len(self.names)))
         """(nn, nq, np) change of the nodes by the joint parameters that vary; zero where these move no marker."""
         opened = self.problem.with_free(self.names)
-        equations = opened.equations(case.coefficients, opened.constants(case.parameters))
+        equations = opened.equations(case.coefficients, opened.body(case.parameters))
         solved = -banded.BandFactor(equations.band).solve(equations.mixed)
         moving = [self.names.index(name) for name in opened.chain.free]
         self.sensitivity[:, :, moving] = solved.reshape(*case.coefficients.shape, len(moving))
         states = [self.basis.evaluate(case.coefficients, k) for k in range(3)]
-        rows = Dynamics(case.parameters).placed(states[0]).regressor(_IN_BODY, *states[1:])
+        rows = Dynamics(case.parameters).regressor(*states)[:, _IN_BODY]
         self.regressor = rows.reshape(len(case.time) * len(LEG_TORQUES), -1)
         """(nf * 14, 120) N·m by the dynamic parameters of the massive segments, in their own frames."""
-        self.feet = pose_of_feet(placed_legs(case.parameters, states[0]))
+        self.feet = pose_of_feet(leg_dynamics(case.parameters).placed(states[0]))
         self.torques, _ = leg_torques(case.parameters, self.basis, case.coefficients, case.wrench, self.feet)
         """(nf, 14) N·m of the undisturbed case."""
         segments = np.array([self.problem.chain.segments[s] for s in self.data.segment])
@@ -214,7 +211,7 @@ def draw(context: MonteCarloContext, varied: Varied, level: int, number: int) ->
             phi = dynamic_parameters(inertial) - dynamic_parameters(undisturbed)
             errors = (context.regressor @ phi.ravel()).reshape(-1, len(LEG_TORQUES))
             return DrawResult(_record(context, (errors, errors), np.zeros(context.data.weight.shape)), 0, "")
-        fitted = refit(model.problem, model.constants, model.start, context.settings, model.factor)
+        fitted = refit(model.problem, model.body, model.start, context.settings, model.factor)
         return DrawResult(errors_of(context, model, fitted.coefficients), fitted.evaluations, fitted.failure)
     except (np.linalg.LinAlgError, FloatingPointError, ValueError) as error:
         return DrawResult(np.full(len(COLUMNS), np.nan), 0, f"{type(error).__name__}: {error}")
@@ -231,7 +228,7 @@ class Refit:
 
 def refit(
     problem: MotionProblem,
-    constants: ChainConstants,
+    body: LinkageModel,
     start: Array,
     settings: MonteCarloSettings,
     known: banded.BandFactor | None = None,
@@ -243,7 +240,7 @@ def refit(
     Newton's. The end is told by the size of the step, so that every draw is solved as far as every other.
 
     `problem`: the markers to fit; no joint parameter is free.
-    `constants`: of the disturbed linkage.
+    `body`: of the disturbed linkage.
     `known`: the factor of the Gauss-Newton matrix at `start`, if there is one: it does not depend on the markers.
     """
     rule = descent.DescentSettings(
@@ -253,8 +250,8 @@ def refit(
         keep_within=np.inf,
         curved=True,
     )
-    factor = known or banded.BandFactor(problem.equations(start, constants).band)
-    tracked = motion.track_nodes(problem, constants, start, rule, factor)
+    factor = known or banded.BandFactor(problem.equations(start, body).band)
+    tracked = motion.track_nodes(problem, body, start, rule, factor)
     if tracked.ending is descent.Ending.MOST_STEPS:
         return Refit(tracked.x, tracked.steps, f"{tracked.steps} evaluations did not settle it")
     return Refit(tracked.x, tracked.steps, "" if tracked.converged else tracked.ending.value)
@@ -266,7 +263,7 @@ class DisturbedModel:
 
     parameters: Parameters
     problem: MotionProblem  # The markers that the motion is to be fitted to
-    constants: ChainConstants
+    body: LinkageModel
     start: Array  # (nn, nq) m, rad: the undisturbed motion and what it changes by to first order
     factor: banded.BandFactor | None  # Of the Gauss-Newton matrix at the start; None where it must be formed
 
@@ -284,12 +281,12 @@ def disturbed_model(context: MonteCarloContext, change: Disturbance) -> Disturbe
     if change.noise is not None:
         problem = problem.with_measured(problem.data.measured + change.noise)
     known = None if change.joint is not None else context.undisturbed_factor
-    return DisturbedModel(parameters, problem, problem.constants(parameters), start, known)
+    return DisturbedModel(parameters, problem, problem.body(parameters), start, known)
 
 
 def errors_of(context: MonteCarloContext, model: DisturbedModel, coefficients: Array) -> Array:
     """(60,) in the order of `COLUMNS`: what a disturbed model in a motion (nn, nq) says wrongly."""
-    placed = model.problem.positions(coefficients, model.constants)
+    placed = model.problem.positions(coefficients, model.body)
     torques = leg_torques(model.parameters, context.basis, coefficients, context.case.wrench, context.feet)
     errors = (torques[0] - context.torques, torques[1] - context.torques)
     apart = placed - model.problem.data.measured

@@ -103,17 +103,17 @@ def _gauss_newton(
 ) -> Array:
     """So many steps with a new matrix each; one that raised the cost and was damped counts too."""
     rule = descent.DescentSettings(gain=0.0, kept_gain=0.0, most_steps=steps, keep_within=0.0, curved_tries=0)
-    return motion.track_nodes(model.problem, model.constants, coefficients, rule).x if steps else coefficients
+    return motion.track_nodes(model.problem, model.body, coefficients, rule).x if steps else coefficients
 
 
 def _steepest_descent(
     context: drawing.MonteCarloContext, model: drawing.DisturbedModel, coefficients: Array, steps: int
 ) -> Array:
-    problem, constants = model.problem, model.constants
+    problem, body = model.problem, model.body
     for _ in range(steps):
-        _, gradient = problem.gradient(coefficients, constants)
+        _, gradient = problem.gradient(coefficients, body)
         step = -gradient / context.undisturbed_diagonal
-        ahead, behind = (problem.positions(coefficients + part * step, constants) for part in (PROBE, -PROBE))
+        ahead, behind = (problem.positions(coefficients + part * step, body) for part in (PROBE, -PROBE))
         slope = (ahead - behind) / (2.0 * PROBE)
         bend = float(np.einsum("mcf,mcf,mf->", slope, slope, problem.data.weight))
         if bend > 0.0:

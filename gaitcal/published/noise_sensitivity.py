@@ -293,15 +293,15 @@ def absorbed_squares(
 
     Every marker pulls with the same weight; the parameters that are free in the problem's chain are columns too.
     """
-    constants = problem.constants(parameters)
-    equations = problem.equations(coefficients, constants)
+    body = problem.body(parameters)
+    equations = problem.equations(coefficients, body)
     factor = banded.BandFactor(equations.band)
     mixed = np.asfortranarray(equations.mixed)
     schur = equations.parameters - mixed.T @ factor.solve(mixed)
-    placed = problem.positions(coefficients, constants)
+    placed = problem.positions(coefficients, body)
     squares = []
     for n in noise:
-        _, by_nodes, by_values = problem.with_measured(placed + n).both_gradients(coefficients, constants)
+        _, by_nodes, by_values = problem.with_measured(placed + n).both_gradients(coefficients, body)
         solved = factor.solve(by_nodes.ravel())
         rest = by_values - mixed.T @ solved
         squares.append(float(by_nodes.ravel() @ solved + rest @ np.linalg.solve(schur, rest)))
@@ -310,7 +310,7 @@ def absorbed_squares(
 
 def any_motion_share(problem: trial_problem.MotionProblem, parameters: Parameters, coefficients: Array) -> float:
     """Mean over the frames of rank(J_f) / (3 * markers)."""
-    frames = problem.frame_hessians(problem.basis.evaluate(coefficients), problem.constants(parameters))
+    frames = problem.frame_hessians(problem.basis.evaluate(coefficients), problem.body(parameters))
     size = np.linalg.eigvalsh(frames)
     ranks = (size > _SAME * size[:, -1:]).sum(axis=1)
     return float(ranks.mean() / (3 * len(problem.labels)))

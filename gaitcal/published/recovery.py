@@ -175,7 +175,7 @@ def solve(problem: str, markers: MotionProblem, held: params.Parameters, *, comp
     )
     if not compare:
         return found
-    at_truth = track_nodes(markers, markers.constants(truth), true_motion(problem).coefficients)
+    at_truth = track_nodes(markers, markers.body(truth), true_motion(problem).coefficients)
     from_truth = joint_calibration.JointSearch([markers], held, free, [at_truth.x]).run(truth.joint[_index(free)])
     return replace(found, cost_at_truth=at_truth.cost, cost_from_truth=from_truth.state.cost)
 

@@ -31,7 +31,7 @@ from gaitcal.arrays import Array
 from gaitcal.dynamics.derivatives import force_derivatives
 from gaitcal.dynamics.inverse_dynamics import FEET, PlacedLinkage
 from gaitcal.model import linkage, parameters
-from gaitcal.model.chain import Chain
+from gaitcal.model.chain import chain_of
 from gaitcal.published import draw
 from gaitcal.published.protocol import ReactionFrame, Varied
 from gaitcal.runtime import with_one_blas_thread
@@ -221,9 +221,9 @@ def linear_agreement(
 def _carried(context: draw.MonteCarloContext, q: Array, change: Array) -> Array:
     """(nf, 14, np) change of J_k . w where the wrenches move with the feet."""
     case = context.case
-    chain = Chain(free=context.names, reactions=True)
+    chain = chain_of(free=context.names, reactions=True)
     place, nk = [chain.coordinates.index(name) for name in linkage.COORDINATES], len(chain.coordinates)
-    placed = PlacedLinkage(chain, chain.constants(case.parameters.joint, case.parameters.zero_angles), q)
+    placed = PlacedLinkage(chain.body(case.parameters), q)
     columns = placed.columns.transpose(0, 2, 1)
     out = np.zeros((len(q), len(draw.LEG_TORQUES), len(context.names)))
     for foot, segment in enumerate(FEET):

@@ -11,8 +11,9 @@ import numpy as np
 from gaitcal.arrays import Array
 from gaitcal.dynamics.ground_reactions import leg_of
 from gaitcal.gait.moments import joint_words, moment_names, moment_of
-from gaitcal.model import chain, linkage
+from gaitcal.model import linkage
 from gaitcal.model.parameters import IP_NAMES, IP_TO_SI, JOINT_PARAMETERS, JP_INDEX, JP_NAMES, JP_TO_SI
+from gaitcal.model.rotations import axis_rotation
 from gaitcal.session.result import Calibration, TrialResult
 from gaitcal.session.tables import coordinate_table, parameter_rows
 from gaitcal.session.truth_errors import INTERVAL, CurveTruth, CurveTruths, FeatureTruth, ParameterTruth, TruthErrors
@@ -121,7 +122,7 @@ def _angle(directions: tuple[str, ...], one: Array, other: Array) -> float:
     """Degrees between two joint axes, each given by two angles: z of Rx(front) Ry(trans), x of Ry(trans) Rz(sag)."""
     turns, axis = ((0, 1), 2) if directions == ("front", "trans") else ((1, 2), 0)
     a, b = (
-        (chain.axis_rotation(turns[0], np.deg2rad(first)) @ chain.axis_rotation(turns[1], np.deg2rad(second)))[:, axis]
+        (axis_rotation(turns[0], np.deg2rad(first)) @ axis_rotation(turns[1], np.deg2rad(second)))[:, axis]
         for first, second in (one, other)
     )
     return float(np.rad2deg(np.arctan2(np.linalg.norm(np.cross(a, b)), a @ b)))

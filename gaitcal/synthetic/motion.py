@@ -27,7 +27,7 @@ import numpy as np
 from gaitcal.arrays import Array
 from gaitcal.dynamics.inverse_dynamics import FEET, Dynamics, pelvis_residual
 from gaitcal.io.recording import Recording
-from gaitcal.model.chain import Chain
+from gaitcal.model.chain import chain_of
 from gaitcal.model.linkage import COORDINATE_INDEX, COORDINATES
 from gaitcal.model.nominal import published_model
 from gaitcal.model.parameters import Parameters
@@ -63,11 +63,11 @@ MEETING_HEIGHT = 0.7  # Of body height: where the lines of both forces meet
 @with_one_blas_thread
 def synthetic_markers(parameters: Parameters, markers: MarkerPlacement, q: Array) -> Array:
     """(nf, nm, 3) m, markers of the linkage at coordinates (nf, nq), in the order of `markers.labels`."""
-    chain = Chain()
+    chain = chain_of()
     segment = np.array([chain.segments.index(s) for s in markers.segments], dtype=np.intp)
     order = np.argsort(segment, kind="stable")
     in_order = PlacedMarkers(segment[order], markers.local[order])
-    placed = marker_positions(chain, chain.constants(parameters.joint, parameters.zero_angles), in_order, q)
+    placed = marker_positions(chain.body(parameters), in_order, q)
     out = np.empty((len(q), len(segment), 3))
     out[:, order] = placed.transpose(2, 0, 1)
     return out

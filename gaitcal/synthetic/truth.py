@@ -34,7 +34,8 @@ from gaitcal.io.recording import Recording
 from gaitcal.model import landmarks, trunk
 from gaitcal.model import parameters as params
 from gaitcal.model.ankle_zero import AnkleZero, standing_ankles
-from gaitcal.model.chain import Chain, forward, jacobian, segment_poses
+from gaitcal.model.chain import chain_of
+from gaitcal.model.kinematics import Kinematics, body_poses
 from gaitcal.model.linkage import COORDINATE_INDEX, JOINTS, MARKED_SEGMENTS, SIDES, ZERO_ANGLES, Source
 from gaitcal.model.marker_set import load_marker_set
 from gaitcal.model.segment_frames import Frame, HipCentre, LowerBody, lower_body
@@ -79,10 +80,8 @@ def static_frames(model: SubjectModel, hip_centre: HipCentre = HipCentre.BELL) -
 
 def segment_frames(parameters: params.Parameters, q: Array) -> dict[str, Frame]:
     """Pose of every segment frame of a linkage at coordinates (nq,)."""
-    chain = Chain()
-    constants = chain.constants(parameters.joint, parameters.zero_angles)
-    axes, origins = segment_poses(chain, constants, forward(chain, constants, q[None]))
-    return {name: Frame(axes[i, :, :, 0].T, origins[i, :, 0]) for i, name in enumerate(chain.segments)}
+    axes, origins = body_poses(parameters, q[None])
+    return {name: Frame(axes[name][..., 0].T, origins[name][..., 0]) for name in axes}
 
 
 def joint_parameters_in(parameters: params.Parameters, q: Array, frames: dict[str, Frame]) -> Array:
@@ -145,14 +144,11 @@ def inertial_parameters_in(inertial: Array, true: dict[str, Frame], frames: dict
 
 def _joint_lines(parameters: params.Parameters, q: Array) -> dict[str, tuple[Array, Array]]:
     """Coordinate -> direction of its positive turn and a point of its axis, in the laboratory."""
-    chain = Chain()
-    poses = forward(chain, chain.constants(parameters.joint, parameters.zero_angles), q[None])
+    chain = chain_of()
+    columns = dict(zip(chain.coordinates, Kinematics(chain.body(parameters), q[None]).columns[..., 0], strict=True))
     turning = [e.name for joint in JOINTS for e in joint.elements if e.source is Source.COORDINATE]
-    return {
-        name: (e.sign * poses.axes[k, e.axis, :, 0], poses.origins[k, :, 0])
-        for k, (name, e) in enumerate(zip(chain.coordinates, chain.elements, strict=True))
-        if name in turning
-    }
+    # [c x a; a] of an axis a through c: a x (c x a) is the point of the axis nearest to the origin
+    return {name: (columns[name][3:], np.cross(columns[name][3:], columns[name][:3])) for name in turning}
 
 
 def common_perpendicular(a: Array, point_of_a: Array, b: Array, point_of_b: Array) -> tuple[Array, Array]:
@@ -222,26 +218,25 @@ class Teller:
         q, velocity, acceleration = (spline(time, k) for k in range(3))
         forces = None
         if wrench is not None:
-            dynamics, rows = Dynamics(self.parameters), params.table(self.parameters.inertial)
+            bodies, rows = {}, params.table(self.parameters.inertial)
             for k, (row, own) in enumerate(zip(rows, params.table(self._true.inertial), strict=True)):
                 turn = self._offset[params.MASSIVE_SEGMENTS[k]].rotation  # products of inertia too
-                body = pin.Inertia(float(row[0]), row[1:4], turn.T @ np.diag(own[4:7]) @ turn)
-                dynamics.dynamic[k] = body.toDynamicParameters()
-            forces = dynamics.forces(q, velocity, acceleration, wrench)
+                moments = turn.T @ np.diag(own[4:7]) @ turn
+                bodies[params.MASSIVE_SEGMENTS[k]] = pin.Inertia(float(row[0]), row[1:4], moments)
+            forces = Dynamics(self.parameters, bodies=bodies).forces(q, velocity, acceleration, wrench)
         return ToldMotion(time=time, q=q, velocity=velocity, acceleration=acceleration, forces=forces)
 
     def _coordinates(self, told: params.Parameters, q: Array, start: Array | None = None) -> Array:
         """(nf, nq) coordinates of the linkage `told` that put its segments where the true ones are at q (nf, nq),
         sought from `start`.
         """
-        chain = Chain()
-        wanted = _corners(chain, self._true, q, self._offset)
-        constants, out = chain.constants(told.joint, told.zero_angles), (q if start is None else start).copy()
+        chain = chain_of()
+        wanted = _corners(Kinematics(chain.body(self._true), q, columns=False), self._offset)
+        body, out = chain.body(told), (q if start is None else start).copy()
         moves = np.stack([chain.support[:, chain.segments.index(s)] for s in self._offset])
         for _ in range(STEPS):
-            poses = forward(chain, constants, out)
-            points = _corners(chain, told, out)
-            columns = jacobian(chain, constants, poses).transpose(2, 0, 1)
+            placed = Kinematics(body, out)
+            points, columns = _corners(placed), placed.columns_by_frame
             turned = np.cross(columns[:, :, None, None, 3:], points[:, None])
             rows = (columns[:, :, None, None, :3] + turned) * moves.T[None, :, :, None, None]
             rows = rows.reshape(*rows.shape[:2], -1)
@@ -258,13 +253,12 @@ def _in(frame: Frame, other: Frame) -> Frame:
     return Frame(frame.rotation.T @ other.rotation, frame.local(other.origin))
 
 
-def _corners(chain: Chain, parameters: params.Parameters, q: Array, offset: dict[str, Frame] | None = None) -> Array:
+def _corners(placed: Kinematics, offset: dict[str, Frame] | None = None) -> Array:
     """(nf, ns, 4, 3) m: origin and three corners of the frames that `offset` places in segments, or of their own."""
-    constants = chain.constants(parameters.joint, parameters.zero_angles)
-    axes, origins = segment_poses(chain, constants, forward(chain, constants, q))
+    axes, origins = placed.axes, placed.origins
     local = np.concatenate([np.zeros((1, 3)), REACH * np.eye(3)])
     out = []
-    for k, segment in enumerate(chain.segments):
+    for k, segment in enumerate(placed.chain.segments):
         if segment not in MARKED_SEGMENTS:  # the talus has no frame of its own
             continue
         place = None if offset is None else offset[segment]

@@ -33,7 +33,8 @@ from gaitcal.dynamics import inverse_dynamics, measurement_errors
 from gaitcal.dynamics.derivatives import root_residual
 from gaitcal.io.toml import models_path
 from gaitcal.model import coordinates, nominal, subject_model
-from gaitcal.model.chain import Chain, forward, jacobian, segment_poses
+from gaitcal.model.chain import chain_of
+from gaitcal.model.kinematics import Kinematics
 from gaitcal.model.linkage import COORDINATE_INDEX, COORDINATES, SIDES, is_translation
 from gaitcal.model.parameters import Parameters
 from gaitcal.motion.spline import ORDER, SplineBasis
@@ -82,11 +83,10 @@ class FeetOnGround:
 
 def feet_of(parameters: Parameters, q: Array) -> FeetOnGround:
     """Where the points of the feet are at coordinates (nf, nq)."""
-    chain = Chain()
-    constants = chain.constants(parameters.joint, parameters.zero_angles)
-    poses = forward(chain, constants, q)
-    axes, origins = segment_poses(chain, constants, poses)
-    columns = jacobian(chain, constants, poses).transpose(2, 1, 0)  # (nf, 6, nq)
+    chain = chain_of()
+    placed = Kinematics(chain.body(parameters), q)
+    axes, origins = placed.axes, placed.origins
+    columns = placed.columns.transpose(2, 1, 0)  # (nf, 6, nq)
     points = np.empty((len(q), len(inverse_dynamics.FEET), len(POINTS), 3))
     slopes = np.zeros((*points.shape, q.shape[1]))
     for foot, segment in enumerate(inverse_dynamics.FEET):

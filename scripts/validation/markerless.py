@@ -99,7 +99,7 @@ class Errors:
 def body_poses(parameters: Parameters, q: Array) -> Poses:
     """The segments of a person at coordinates (nf, nq), with their origins at the joints."""
     chain = Chain()
-    constants = chain.constants(parameters.joint, parameters.zero_angles)
+    constants = chain.body(parameters)
     axes, origins = segment_poses(chain, constants, forward(chain, constants, q))
     frames = {name: (axes[i].transpose(2, 1, 0), origins[i].T) for i, name in enumerate(chain.segments)}
 

@@ -106,7 +106,7 @@ def test_third_step_explains_the_loads_at_little_cost_to_the_markers() -> None:
         """Of force, moment and markers."""
         q, v, a = (MOTION.basis.evaluate(coefficients, k) for k in range(3))
         residual = pelvis_residual(q, Dynamics(parameters).forces(q, v, a, WRENCH))
-        cost = problem.cost(coefficients, problem.constants(parameters))
+        cost = problem.cost(coefficients, problem.body(parameters))
         return np.array([np.mean(residual[:, :3] ** 2), np.mean(residual[:, 3:] ** 2), cost])
 
     before, after = squares(two_steps, joint.coefficients[0]), squares(third.parameters, third.coefficients[0])

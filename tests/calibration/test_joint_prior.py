@@ -62,7 +62,7 @@ def test_a_joint_seen_from_two_segments_moves_in_both_and_nothing_else_does(row:
     own = [e.name for e in JOINT_OF_CHILD[child].elements if e.source is Source.COORDINATE]
 
     def placed(parameters: Parameters, turned: str = "") -> Array:
-        constants = chain.constants(parameters.joint, parameters.zero_angles)
+        constants = chain.body(parameters)
         q = np.array([[step * (name == turned) for name in chain.coordinates]])
         return segment_transforms(chain, constants, forward(chain, constants, q))[chain.segments.index(child)].ravel()
 
@@ -97,7 +97,7 @@ def test_frames_for_one_that_is_independent(kept: float, expected: float) -> Non
 def test_white_noise_is_found_as_it_is_and_clusters_that_move_together_count_more() -> None:
     segments = ("pelvis", "thigh_r")
     rng, parameters, problem, true = seeded_trial(2, segments=segments, frames=2000, nodes=60, per_segment=4)
-    shape, constants = problem.data.measured.shape, problem.constants(parameters)
+    shape, constants = problem.data.measured.shape, problem.body(parameters)
 
     def found(noise: Array) -> float:
         noisy = problem.with_measured(problem.data.measured + noise)

@@ -66,9 +66,9 @@ def with_axes_turned(parameters: Parameters, segment: str, turn: Array) -> Param
 
 def followed(parameters: Parameters, placed: PlacedMarkers, seen: Array, q: Array) -> Array:
     """(nf, 27) the posture whose markers are where they are seen (nm, 3, nf), from a start near it."""
-    constants = CHAIN.constants(parameters.joint, parameters.zero_angles)
+    constants = CHAIN.body(parameters)
     for _ in range(5):
-        x = marker_positions(CHAIN, constants, placed, q)
+        x = marker_positions(constants, placed, q)
         spatial = jacobian(CHAIN, constants, forward(CHAIN, constants, q))
         step = np.empty_like(q)
         for f in range(len(q)):
@@ -91,8 +91,8 @@ def test_moves_are_those_of_a_linkage_told_in_turned_axes(segment: str) -> None:
     local = rng.normal(0, 0.1, (len(segments), 3))
     times = STEP_S * np.array([[-1.0], [0.0], [1.0]])
     posture = q + times * v + 0.5 * times**2 * a
-    constants = CHAIN.constants(parameters.joint, parameters.zero_angles)
-    seen = marker_positions(CHAIN, constants, PlacedMarkers(segments, local), posture)
+    constants = CHAIN.body(parameters)
+    seen = marker_positions(constants, PlacedMarkers(segments, local), posture)
 
     def told(turn: Array) -> tuple[Array, Array]:
         again = with_axes_turned(parameters, segment, turn)

@@ -205,7 +205,7 @@ def run_inverse_kinematics(
 def optimum(model: SubjectModel, measured: Array, start: Array) -> Array:
     """(27,) the coordinates that bring the markers closest to `measured` (nm, 3), by weight, without a spline."""
     chain = Chain()
-    constants = chain.constants(model.parameters.joint, model.parameters.zero_angles)
+    constants = chain.body(model.parameters)
     segment = [chain.segments.index(s) for s in model.markers.segments]
     moved = chain.support[:, segment] > 0
     root = SCALE * np.sqrt(model.markers.weight)[:, None]

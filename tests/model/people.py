@@ -60,7 +60,7 @@ def posed(
     chain: Chain, parameters: Parameters, q: np.ndarray | None = None
 ) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray]]:
     """Of each segment the rotation (3, 3) from it to the ground and its origin (3,) m, at coordinates (nq,) or zero."""
-    constants = chain.constants(parameters.joint, parameters.zero_angles)
+    constants = chain.body(parameters)
     pose = np.zeros(len(chain.coordinates)) if q is None else q
     axes, origins = segment_poses(chain, constants, forward(chain, constants, pose[None]))
     return (

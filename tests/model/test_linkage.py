@@ -193,7 +193,7 @@ def test_poses_and_jacobian_agree_with_pinocchio(free: tuple[str, ...]) -> None:
     parameters = perturbed_parameters(rng)
     linkage = build_linkage(parameters, free)
     chain = Chain(free=free)
-    constants = chain.constants(parameters.joint, parameters.zero_angles)
+    constants = chain.body(parameters)
     q = rng.normal(0, 0.5, (5, len(COORDINATES)))
     poses = forward(chain, constants, q)
     axes, origins = segment_poses(chain, constants, poses)

@@ -115,7 +115,7 @@ def test_the_penalty_limits_the_motion_not_the_nodes() -> None:
     for hz in (4.0, 8.0, 16.0):
         chosen = with_bandwidth(problem, MODEL.parameters, hz)
         finer = spline_basis(TIME, 2 * chosen.basis.nodes)
-        information = frame_information(problem, problem.constants(MODEL.parameters))
+        information = frame_information(problem, problem.body(MODEL.parameters))
         fine = replace(problem, basis=finer, smoothing=smoothing(finer, information, hz))
         motion, reference = (tracked_motion(p, MODEL.parameters) for p in (chosen, fine))
         apart = (motion.acceleration - reference.acceleration)[20:-20]
@@ -128,7 +128,7 @@ def test_one_dense_motion_foretells_the_others() -> None:
     """Coordinates taken to be uncoupled: near what tracking with that cut-off makes of them."""
     dense = DenseMotion(problem_of(MARKERS + white(6, 0.001)), MODEL.parameters)
     basis = dense.problem.basis
-    constants = dense.problem.constants(MODEL.parameters)
+    constants = dense.problem.body(MODEL.parameters)
     for hz in (4.0, 8.0):
         foretold = dense.at(hz)
         problem = replace(dense.problem, smoothing=smoothing(basis, dense.information, hz))
@@ -145,7 +145,7 @@ def test_information_does_not_depend_on_gaps() -> None:
     problem = problem_of(MARKERS)
     weight = problem.data.weight.copy()
     weight[:, ::2] = 0.0
-    constants = problem.constants(MODEL.parameters)
+    constants = problem.body(MODEL.parameters)
     whole, half = (frame_information(p, constants) for p in (problem, problem.with_weight(weight)))
     np.testing.assert_allclose(whole, whole.T)
     seen = np.ix_(problem.active, problem.active)
@@ -248,7 +248,7 @@ def test_roughness_is_the_integral_of_squared_derivatives() -> None:
 def test_cost_and_gradients() -> None:
     rng = np.random.default_rng(63)
     problem, true = penalised(rng)
-    constants = problem.constants(PARAMETERS)
+    constants = problem.body(PARAMETERS)
     coefficients = true + rng.normal(0, 0.02, true.shape)
     cost, by_nodes, by_values = problem.both_gradients(coefficients, constants)
     plain = replace(problem, smoothing=None)
@@ -268,7 +268,7 @@ def test_equations_hold_the_penalty(curved: bool) -> None:
     problem, true = penalised(np.random.default_rng(64))
     closed = problem.with_free(())
     for trial in (closed,) if curved else (closed, problem):
-        constants = trial.constants(PARAMETERS)
+        constants = trial.body(PARAMETERS)
         if not trial.chain.free:
             constants = constants.without_parameters()
         equations = trial.equations(true, constants, curved=curved)
@@ -285,7 +285,7 @@ def test_equations_hold_the_penalty(curved: bool) -> None:
 def test_tracking_ends_where_a_dense_solver_does() -> None:
     problem, true = penalised(np.random.default_rng(65))
     problem = problem.with_free(())
-    constants = problem.constants(PARAMETERS)
+    constants = problem.body(PARAMETERS)
     root = np.linalg.cholesky(whole(problem) + 1e-12 * np.eye(true.size)).T
 
     def residual(x: Array) -> Array:
@@ -306,7 +306,7 @@ def test_smoothing_survives_and_idle_coordinates_keep_their_start() -> None:
         assert other.smoothing is problem.smoothing
     idle = ~lost.active
     assert idle.any() and not idle.all()
-    tracked = track_nodes(lost, lost.constants(PARAMETERS), true)
+    tracked = track_nodes(lost, lost.body(PARAMETERS), true)
     np.testing.assert_array_equal(tracked.x[:, idle], true[:, idle])
     assert np.abs(tracked.x[:, ~idle] - true[:, ~idle]).max() > 1e-6
 

@@ -169,7 +169,7 @@ def test_everything_that_iterates_says_so(uphill: tuple[MotionProblem, Array]) -
     """Tracking, a far start, the reduced problem and a re-fit."""
     problem, start = uphill
     parameters = published_model().parameters
-    constants, p = problem.constants(parameters), problem.with_free(KNEE).values(parameters)
+    constants, p = problem.body(parameters), problem.with_free(KNEE).values(parameters)
     settings = DescentSettings(curved_tries=0)
     tracked = track_nodes(problem, constants, start, settings)
     _, _, together = step_together([problem], parameters, KNEE, [start], p)

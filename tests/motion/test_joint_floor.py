@@ -83,7 +83,7 @@ def test_two_markers_a_segment_lead_nowhere() -> None:
     """
     seed = 23
     _, true, problem, coefficients = seeded_trial(seed, frames=40, per_segment=4)
-    problem = problem.with_measured(problem.positions(0.6 * coefficients, problem.constants(true)))
+    problem = problem.with_measured(problem.positions(0.6 * coefficients, problem.body(true)))
     weight = problem.data.weight.copy()
     for s in range(1, len(problem.chain.segments)):
         weight[np.flatnonzero(problem.data.segment == s)[2:]] = 0.0
@@ -112,8 +112,8 @@ def test_one_joint_is_its_own_least_squares(joint: str) -> None:
 
     def residual(x: Array) -> Array:
         parameters = true.with_joint(chain.free, x[q.size :])
-        constants = chain.constants(parameters.joint, parameters.zero_angles)
-        model = marker_positions(chain, constants, problem.data.placed, x[: q.size].reshape(q.shape))
+        constants = chain.body(parameters)
+        model = marker_positions(constants, problem.data.placed, x[: q.size].reshape(q.shape))
         out: Array = (model - problem.data.measured).transpose(0, 2, 1)[kept].ravel()
         return out
 

@@ -17,7 +17,7 @@ DERIVATIVE = 1e-7
 
 def residual(problem: MotionProblem, parameters: object, coefficients: Array, p: Array) -> Array:
     values = parameters.with_joint(problem.chain.free, p)  # type: ignore[attr-defined]
-    gap = problem.positions(coefficients, problem.constants(values)) - problem.data.measured
+    gap = problem.positions(coefficients, problem.body(values)) - problem.data.measured
     return (np.sqrt(problem.data.weight)[:, None] * gap).ravel()
 
 
@@ -31,7 +31,7 @@ def test_normal_equations_are_those_of_the_residual() -> None:
     coefficients = true + rng.normal(0, 0.02, true.shape)
     p = problem.values(parameters) + rng.normal(0, 0.01, len(problem.chain.free))
     at = parameters.with_joint(problem.chain.free, p)
-    equations = problem.equations(coefficients, problem.constants(at))
+    equations = problem.equations(coefficients, problem.body(at))
     by_nodes = central_differences(
         lambda x: residual(problem, parameters, x.reshape(coefficients.shape), p), coefficients.ravel()
     )
@@ -46,9 +46,9 @@ def test_normal_equations_are_those_of_the_residual() -> None:
     ):
         np.testing.assert_allclose(found, wanted, rtol=0, atol=DERIVATIVE * np.abs(wanted).max())
     np.testing.assert_allclose(equations.cost, r @ r, rtol=1e-12)
-    cost, gradient = problem.gradient(coefficients, problem.constants(at))
+    cost, gradient = problem.gradient(coefficients, problem.body(at))
     np.testing.assert_allclose(gradient, equations.node_gradient, rtol=0, atol=1e-12 * np.abs(gradient).max())
-    np.testing.assert_allclose([cost, problem.cost(coefficients, problem.constants(at))], equations.cost, rtol=1e-12)
+    np.testing.assert_allclose([cost, problem.cost(coefficients, problem.body(at))], equations.cost, rtol=1e-12)
 
 
 def test_frame_hessian_is_the_mass_matrix_of_markers_as_point_masses() -> None:
@@ -66,7 +66,7 @@ def test_frame_hessian_is_the_mass_matrix_of_markers_as_point_masses() -> None:
     order = [linkage.index(name) for name in (*problem.chain.coordinates, *problem.chain.free)]
     q = problem.basis.evaluate(true)
     pairs = problem._pairs
-    found = frame_equations(problem.chain, problem.constants(parameters), pairs, problem.data, q)
+    found = frame_equations(problem.chain, problem.body(parameters), pairs, problem.data, q)
     data = linkage.model.createData()
     for f in range(len(q)):
         full = np.zeros(linkage.model.nq)

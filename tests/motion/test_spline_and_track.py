@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from gaitcal.model.chain import ChainConstants, axis_rotation
+from gaitcal.model.chain import LinkageModel, axis_rotation
 from gaitcal.model.parameters import gait_parameters
 from gaitcal.motion import motion
 from gaitcal.motion.descent import DescentSettings
@@ -97,7 +97,7 @@ def test_rigid_fit_finds_the_rigid_motion_and_says_where_it_cannot() -> None:
 EXACT = DescentSettings(gain=1e-13)
 
 
-def misplaced_trial() -> tuple[MotionProblem, ChainConstants, Array]:
+def misplaced_trial() -> tuple[MotionProblem, LinkageModel, Array]:
     """Markers of little weight 0.3 m from where the model has them, as on arms held otherwise in the static trial."""
     rng, parameters, problem, _ = seeded_trial(44, frames=60, nodes=10)
     local, weight = problem.data.local.copy(), problem.data.weight.copy()
@@ -112,7 +112,7 @@ def misplaced_trial() -> tuple[MotionProblem, ChainConstants, Array]:
 def test_the_curved_matrix_is_the_derivative_of_the_gradient() -> None:
     """With weights that change and markers that are missing."""
     rng, parameters, problem, true = seeded_trial(41, frames=25, nodes=7)
-    problem, constants = with_gaps(problem, rng), problem.constants(parameters)
+    problem, constants = with_gaps(problem, rng), problem.body(parameters)
     coefficients = true + rng.normal(0, 0.05, true.shape)
     found = problem.equations(coefficients, constants, curved=True)
     plain = problem.equations(coefficients, constants)
@@ -128,7 +128,7 @@ def test_the_curved_matrix_is_the_derivative_of_the_gradient() -> None:
 def test_free_joint_parameters_are_refused() -> None:
     _, parameters, problem, true = seeded_trial(43, free=gait_parameters("r"), frames=25, nodes=7)
     with pytest.raises(ValueError, match="no joint parameter may be free"):
-        problem.equations(true, problem.constants(parameters), curved=True)
+        problem.equations(true, problem.body(parameters), curved=True)
 
 
 def test_tracking_ends_where_gauss_newton_does_not() -> None:
@@ -148,7 +148,7 @@ FEW = 14
 """Steps; it takes 11, and 17 with factors that are never given up."""
 
 
-def noisy_trial() -> tuple[MotionProblem, ChainConstants, Array]:
+def noisy_trial() -> tuple[MotionProblem, LinkageModel, Array]:
     rng, parameters, problem, _ = seeded_trial(30, frames=80, nodes=10)
     problem = noisy(problem, rng)
     return problem, *started(problem, parameters)
@@ -193,7 +193,7 @@ SLOPE_GIB = 0.3
 @pytest.mark.parametrize("first_damping", [0.0, 1e-3])
 def test_large_matrices_are_factored_in_place(monkeypatch: pytest.MonkeyPatch, first_damping: float) -> None:
     rng, parameters, problem, true = seeded_trial(6)
-    constants = problem.constants(parameters)
+    constants = problem.body(parameters)
     settings = DescentSettings(first_damping=first_damping)
     start = true + rng.normal(0, 0.3, true.shape)  # far enough off that some steps are refused
     plain = track_nodes(problem, constants, start, settings)

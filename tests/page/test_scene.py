@@ -78,7 +78,7 @@ def test_both_segments_see_a_fitted_joint_in_one_place() -> None:
     model = subject_model()
     q = np.random.default_rng(3).uniform(-0.8, 0.8, (4, len(COORDINATES)))
     chain = Chain("pelvis", SEGMENTS)
-    constants = chain.constants(model.parameters.joint, model.parameters.zero_angles)
+    constants = chain.body(model.parameters)
     axes, origins = segment_poses(chain, constants, forward(chain, constants, q))
     seen: dict[str, list[tuple[np.ndarray, np.ndarray]]] = {}
     for mark in joint_marks(model.nominal, model.parameters, {}):
@@ -98,7 +98,7 @@ def test_axes_point_the_way_their_coordinates_turn(joint: str) -> None:
     """The first coordinate of a joint turns the child about the axis in the parent, the last about that in itself."""
     model = subject_model()
     chain = Chain("pelvis", SEGMENTS)
-    constants = chain.constants(model.parameters.joint, model.parameters.zero_angles)
+    constants = chain.body(model.parameters)
     marks = {m.segment: m.fitted_axis for m in joint_marks(model.nominal, model.parameters, {}) if m.joint == joint}
     (linked,) = [j for j in JOINTS if j.name == joint]
     names = [e.name for e in linked.elements if e.source is Source.COORDINATE]

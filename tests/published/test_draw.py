@@ -99,7 +99,7 @@ def test_record_of_a_draw_against_whole_body_dynamics(context: MonteCarloContext
     problem = MotionProblem(
         name="reference", chain=context.problem.chain, basis=context.basis, data=data, labels=context.problem.labels
     )
-    constants = problem.constants(parameters)
+    constants = problem.body(parameters)
     coefficients = case.coefficients
     for _ in range(60):  # plain Newton from the undisturbed motion, with a fresh matrix every time
         matrix = from_band(problem.equations(coefficients, constants).band)
@@ -217,7 +217,7 @@ def test_same_minimum_as_tracking(context: MonteCarloContext, level: int) -> Non
         change = disturb(context, Varied.JP, level, number)
         assert change.joint is not None
         parameters = context.case.parameters.with_joint(context.names, context.joint_values + change.joint)
-        constants = context.problem.constants(parameters)
+        constants = context.problem.body(parameters)
         start = context.case.coefficients + context.sensitivity @ change.joint
         found = refit(context.problem, constants, start, MonteCarloSettings())
         assert found.failure == ""
@@ -233,7 +233,7 @@ def test_the_predictor_is_the_slope_of_the_motion(context: MonteCarloContext) ->
     parameters = context.case.parameters.with_joint(context.names, context.joint_values + change)
     problem, settings = context.problem, MonteCarloSettings(refit_tolerance=1e-10)
     now, was = (
-        refit(problem, problem.constants(p), context.case.coefficients, settings).coefficients
+        refit(problem, problem.body(p), context.case.coefficients, settings).coefficients
         for p in (parameters, context.case.parameters)
     )
     moved = now - was
@@ -243,7 +243,7 @@ def test_the_predictor_is_the_slope_of_the_motion(context: MonteCarloContext) ->
 def test_a_refit_that_is_cut_short_says_so(context: MonteCarloContext) -> None:
     change = disturb(context, Varied.NOISE, 100, 1)
     noisy = context.problem.with_measured(context.data.measured + change.noise)
-    constants = context.problem.constants(context.case.parameters)
+    constants = context.problem.body(context.case.parameters)
     found = refit(noisy, constants, context.case.coefficients, MonteCarloSettings(refit_most_evaluations=2))
     assert "2 evaluations" in found.failure
     lost = context.problem.with_measured(np.full_like(context.data.measured, np.nan))

@@ -157,7 +157,7 @@ def dense_squares(problem: MotionProblem, coefficients: Array, free: tuple[str, 
 
     def positions(x: Array) -> Array:
         nodes, parameters = np.split(x, [coefficients.size])
-        constants = problem.constants(truth.with_joint(free, parameters))
+        constants = problem.body(truth.with_joint(free, parameters))
         return problem.positions(nodes.reshape(coefficients.shape), constants)
 
     matrix, _ = np.linalg.qr(central_differences(positions, np.append(coefficients, values)))
@@ -179,7 +179,7 @@ def test_a_dense_projection_gives_the_same(free: tuple[str, ...]) -> None:
 def test_coordinates_absorb_at_most_their_part_of_the_marker_coordinates() -> None:
     found = absorbed("full leg", 0, draws=40)
     problem = synthetic_problem("full leg", None)
-    frame = problem.frame_hessians(true_motion("full leg").q, problem.constants(true_model().parameters))[0]
+    frame = problem.frame_hessians(true_motion("full leg").q, problem.body(true_model().parameters))[0]
     assert found.any_motion == pytest.approx((frame.diagonal() > 0).sum() / 123)  # a segment without markers tells none
     assert found.motion <= found.any_motion + 3 * found.standard_error
     assert found.motion < found.whole < found.motion + 0.05

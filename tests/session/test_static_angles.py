@@ -42,7 +42,7 @@ def turned(parameters: Parameters) -> Parameters:
 def places(parameters: Parameters, q: np.ndarray) -> np.ndarray:
     """Axes and origins of all segments at coordinates (nf, 27)."""
     chain = Chain()
-    constants = chain.constants(parameters.joint, parameters.zero_angles)
+    constants = chain.body(parameters)
     axes, origins = segment_poses(chain, constants, forward(chain, constants, q))
     return np.concatenate([axes.ravel(), origins.ravel()])
 

@@ -29,7 +29,7 @@ from gaitcal.calibration.joint_calibration import JointFit, JointSearch
 from gaitcal.export.osim import write_osim
 from gaitcal.io.opensim_files import write_trc
 from gaitcal.io.recording import Recording
-from gaitcal.model.chain import ChainConstants, forward, jacobian
+from gaitcal.model.chain import LinkageModel, forward, jacobian
 from gaitcal.model.linkage import COORDINATES, SEGMENTS, joint_segments
 from gaitcal.model.nominal import published_model
 from gaitcal.model.parameters import gait_parameters
@@ -99,7 +99,7 @@ def problem(
 
 def start_of(p: MotionProblem) -> np.ndarray:
     """(nn, nq) coefficients from rigid fits."""
-    return starting_nodes(p.chain, p.with_free(()).constants(subject().parameters), p.data, p.basis)
+    return starting_nodes(p.chain, p.with_free(()).body(subject().parameters), p.data, p.basis)
 
 
 def calibrated(p: MotionProblem, free: tuple[str, ...]) -> JointFit:
@@ -112,12 +112,12 @@ ACCURACY = 1e-5
 
 class Counted(MotionProblem):
     def equations(
-        self, coefficients: np.ndarray, constants: ChainConstants, *, curved: bool = False
+        self, coefficients: np.ndarray, constants: LinkageModel, *, curved: bool = False
     ) -> NormalEquations:
         self.counts["matrices"] += 1
         return super().equations(coefficients, constants, curved=curved)
 
-    def gradient(self, coefficients: np.ndarray, constants: ChainConstants) -> tuple[float, np.ndarray]:
+    def gradient(self, coefficients: np.ndarray, constants: LinkageModel) -> tuple[float, np.ndarray]:
         self.counts["gradients"] += 1
         return super().gradient(coefficients, constants)
 
@@ -130,7 +130,7 @@ class Counted(MotionProblem):
 def passes(p: MotionProblem) -> tuple[int, int]:
     """Passes over all frames that tracking makes: with and without the matrix."""
     counted = Counted(**{field.name: getattr(p, field.name) for field in fields(p)})
-    track_nodes(counted, p.constants(subject().parameters), start_of(p))
+    track_nodes(counted, p.body(subject().parameters), start_of(p))
     return counted.counts["matrices"], counted.counts["gradients"]
 
 
@@ -162,8 +162,8 @@ def plain_least_squares(
     x0 = np.concatenate([start_of(p).ravel(), opened.values(model.parameters)])
     columns = (p.basis.first[:, None, None] + np.arange(6)[:, None]) * nq + np.arange(nq)
 
-    def at(x: np.ndarray) -> tuple[np.ndarray, ChainConstants]:
-        return x[:size].reshape(nn, nq), opened.constants(model.parameters.with_joint(opened.chain.free, x[size:]))
+    def at(x: np.ndarray) -> tuple[np.ndarray, LinkageModel]:
+        return x[:size].reshape(nn, nq), opened.body(model.parameters.with_joint(opened.chain.free, x[size:]))
 
     def residual(x: np.ndarray) -> np.ndarray:
         coefficients, here = at(x)
@@ -181,7 +181,7 @@ def plain_least_squares(
 
 
 def _marker_jacobian(
-    p: MotionProblem, coefficients: np.ndarray, constants: ChainConstants, columns: np.ndarray
+    p: MotionProblem, coefficients: np.ndarray, constants: LinkageModel, columns: np.ndarray
 ) -> csr_array:
     q = p.basis.evaluate(coefficients)
     nf, nq, nm = len(q), q.shape[1], len(p.data.segment)

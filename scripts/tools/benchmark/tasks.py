@@ -192,7 +192,7 @@ def section_track() -> list[Figure]:
 
 def _parts_of_track() -> list[Figure]:
     p, parameters = problem("gait"), subject().parameters
-    constants, coefficients = p.constants(parameters), start_of(p)
+    constants, coefficients = p.body(parameters), start_of(p)
     band = p.equations(coefficients, constants).band
     return [
         Figure("  of it: trial set up", lambda: problem("gait")),

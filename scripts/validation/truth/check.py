@@ -160,7 +160,7 @@ def joint_tracks(parameters: Parameters, motion: Motion) -> dict[str, tuple[Arra
     """`hip_r`, ... -> centre (nf, 3) m and axis of flexion (nf, 3), laboratory, of a whole-body motion."""
     chain = Chain()
     order = [motion.coordinates.index(name) for name in chain.coordinates]
-    poses = forward(chain, chain.constants(parameters.joint, parameters.zero_angles), motion.q[:, order])
+    poses = forward(chain, chain.body(parameters), motion.q[:, order])
     at = {f"{joint}_{s}": chain.coordinates.index(f"{name}_{s}") for joint, name in JOINT_OF.items() for s in "rl"}
     return {joint: (poses.origins[k].T, poses.axes[k, 2].T) for joint, k in at.items()}
 

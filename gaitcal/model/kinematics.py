@@ -1,0 +1,177 @@
+"""Kinematics of a linkage in all frames: segment placements and Jacobian columns, by Pinocchio.
+
+    R_s(t), o_s(t)      axes and origin of segment s in the laboratory,
+    J_k(t) = [v; w]     spatial velocity about the laboratory origin per unit of variable k,
+
+as `pin.computeJointJacobians` gives them: a rotation about the unit axis a through the point c is
+[c x a; a], a translation along a is [a; 0]. Pinocchio works on one frame at a time. What it has
+computed is read from its own memory, through views that are made once: copying attribute by
+attribute takes three times as long as the computation.
+
+The frame index is the last one here, so that what follows is one pass over contiguous memory. A
+variable of a secondary motion (`motion/soft_tissue.py`) has the column of the joint that it moves,
+times d amount / d variable.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+
+from gaitcal.arrays import Array, IntArray, stretches
+from gaitcal.model.chain import LinkageModel, chain_of
+from gaitcal.model.parameters import Parameters
+
+BLOCK = 512
+"""Frames at a time: bounds what is held of all joints of a long recording."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class SecondaryMotion:
+    """What joints do besides moving along their coordinates (`linkage.SECONDARY`)."""
+
+    amounts: dict[str, Array]
+    """Coordinate -> (4, nf) m, rad: translations along x and y, then rotations about x and y."""
+    regressors: dict[str, tuple[Array, Array]]
+    """Coordinate -> (nf,) of each of `BENDS`: d amount / d variable."""
+
+    def frames(self, part: slice | IntArray) -> "SecondaryMotion":
+        """Take some frames."""
+        return SecondaryMotion(
+            amounts={name: values[:, part] for name, values in self.amounts.items()},
+            regressors={name: (a[part], b[part]) for name, (a, b) in self.regressors.items()},
+        )
+
+
+class _Memory:
+    """What NumPy needs to know of a vector of Pinocchio's, whose elements hold `count` doubles."""
+
+    def __init__(self, elements: Sequence[Any], first: Array, second: Array, count: int) -> None:
+        start, after = (x.__array_interface__["data"][0] for x in (first, second))
+        self.elements = elements
+        self.__array_interface__ = {
+            "data": (start, False),
+            "shape": (len(elements), count),
+            "strides": (after - start, 8),
+            "typestr": "<f8",
+            "version": 3,
+        }
+
+
+def view_placements(placements: Sequence[pin.SE3]) -> Array:
+    """View a `std::vector<SE3>` as (n, 12): the three axes one after the other, then the origin."""
+    return np.asarray(_Memory(placements, placements[0].rotation, placements[1].rotation, 12))
+
+
+def view_forces(forces: Sequence[pin.Force]) -> Array:
+    """View a `std::vector<Force>` as (n, 6): force, then moment."""
+    return np.asarray(_Memory(forces, forces[0].linear, forces[1].linear, 6))
+
+
+class Kinematics:
+    """A linkage in all frames of a motion.
+
+    Parameters
+    ----------
+    body : the linkage with its parameters.
+    q : (nf, nq) coordinates, m and rad.
+    secondary : prescribed motions of the knees; the body must have joints for them.
+    columns : whether Jacobian columns are wanted.
+
+    Attributes
+    ----------
+    segments : (ns, 4, 3, nf) axes x, y, z of each segment and its origin (m), laboratory.
+    columns : (nq + np, 6, nf) [v; w] about the laboratory origin per unit of each variable.
+    """
+
+    def __init__(
+        self, body: LinkageModel, q: Array, secondary: SecondaryMotion | None = None, *, columns: bool = True
+    ) -> None:
+        chain, parts, nf = body.chain, body.parts, len(q)
+        self.chain = chain
+        local = _segment_placements(body)
+        self.segments = np.empty((len(chain.segments), 4, 3, nf))
+        self.columns = np.empty((len(parts.at_variables), 6, nf) if columns else (0, 6, nf))
+        for part in stretches(nf, BLOCK):
+            values = body.configurations(q[part])
+            if secondary is not None:
+                for name, joints in parts.at_secondary.items():
+                    values[:, joints] = secondary.amounts[name][:, part].T
+            placements, jacobians = evaluate_joints(body, values, jacobians=columns)
+            joint_frames = np.ascontiguousarray(placements[:, parts.segment_joint].transpose(1, 2, 0))
+            width = joint_frames.shape[2]
+            joint_frames = joint_frames.reshape(-1, 4, 3 * width)
+            placed = (local @ joint_frames[:, :3]).reshape(-1, 4, 3, width)
+            placed[:, 3] += joint_frames[:, 3].reshape(-1, 3, width)
+            self.segments[..., part] = placed
+            if columns:
+                self.columns[..., part] = jacobians[:, parts.at_variables].transpose(1, 2, 0)
+        if columns and secondary is not None:
+            for name, (coordinate, _, bend) in chain.secondary.items():
+                self.columns[len(chain.coordinates) + chain.free.index(name)] *= secondary.regressors[coordinate][bend]
+
+    @property
+    def axes(self) -> Array:
+        """(ns, 3, 3, nf): axis j of segment s in [s, j]."""
+        return self.segments[:, :3]
+
+    @property
+    def origins(self) -> Array:
+        """(ns, 3, nf) m."""
+        return self.segments[:, 3]
+
+    @cached_property
+    def columns_by_frame(self) -> Array:
+        """(nf, nq + np, 6) the same as `columns`, frames first."""
+        return np.ascontiguousarray(self.columns.transpose(2, 0, 1))
+
+    @cached_property
+    def segments_by_frame(self) -> Array:
+        """(nf, ns, 4, 3) the same as `segments`, frames first."""
+        return np.ascontiguousarray(self.segments.transpose(3, 0, 1, 2))
+
+
+def evaluate_joints(body: LinkageModel, values: Array, *, jacobians: bool) -> tuple[Array, Array]:
+    """Place all joints at configurations (nf, nv).
+
+    Returns
+    -------
+    (nf, nv + 1, 12) axes and origin (m) of every joint, the ground first, in the laboratory; and
+    (nf, nv, 6) Jacobian columns, none if they are not wanted.
+    """
+    model, data = body.model, body.data
+    placements = np.empty((len(values), model.njoints, 12))
+    columns = np.empty((len(values), model.nv, 6) if jacobians else (0, model.nv, 6))
+    placed, jacobian = view_placements(data.oMi), data.J.T
+    if jacobians:
+        place_joints = pin.computeJointJacobians
+        for row, placement, column in zip(values, placements, columns, strict=True):
+            place_joints(model, data, row)
+            placement[...] = placed
+            column[...] = jacobian
+        return placements, columns
+    place_joints = pin.forwardKinematics
+    for row, placement in zip(values, placements, strict=True):
+        place_joints(model, data, row)
+        placement[...] = placed
+    return placements, columns
+
+
+def _segment_placements(body: LinkageModel) -> Array:
+    """(ns, 4, 3) axes and origin (m) of each segment in the frame of its joint."""
+    return np.array([np.vstack([m.rotation.T, m.translation]) for m in body.segment_placement])
+
+
+def body_poses(parameters: Parameters, q: Array) -> tuple[dict[str, Array], dict[str, Array]]:
+    """Place the segments of the whole body at coordinates (nf, nq).
+
+    Returns
+    -------
+    Segment -> axes (3, 3, nf), one a row, and segment -> origin (3, nf) m, laboratory.
+    """
+    chain = chain_of()
+    found = Kinematics(chain.body(parameters), q, columns=False)
+    return (dict(zip(chain.segments, found.axes, strict=True)), dict(zip(chain.segments, found.origins, strict=True)))

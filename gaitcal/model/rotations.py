@@ -1,0 +1,25 @@
+"""Elementary rotations, and the angles of a base segment."""
+
+import numpy as np
+
+from gaitcal.arrays import Array
+
+
+def axis_rotation(axis: int, angle: float) -> Array:
+    """Make the right-handed rotation (3, 3) by `angle` (rad) about coordinate axis 0, 1 or 2."""
+    c, s = np.cos(angle), np.sin(angle)
+    a, b = (axis + 1) % 3, (axis + 2) % 3
+    rotation = np.eye(3)
+    rotation[a, a] = rotation[b, b] = c
+    rotation[a, b], rotation[b, a] = -s, s
+    return rotation
+
+
+def root_angles(r: Array) -> Array:
+    """Find tilt, list and rotation (..., 3) a, b, c of rotations (..., 3, 3) Rz(a) Rx(b) Ry(c)."""
+    angles = (
+        np.arctan2(-r[..., 0, 1], r[..., 1, 1]),
+        np.arcsin(np.clip(r[..., 2, 1], -1.0, 1.0)),
+        np.arctan2(-r[..., 2, 0], r[..., 2, 2]),
+    )
+    return np.stack(angles, axis=-1)
