@@ -112,8 +112,8 @@ def without_segments(problem: MotionProblem, *segments: str, frames: slice = sli
 
 def started(problem: MotionProblem, parameters: Parameters) -> tuple[LinkageModel, Array]:
     """Constants of the linkage and the nodes where tracking starts."""
-    constants = problem.body(parameters)
-    return constants, starting_nodes(problem.chain, constants, problem.data, problem.basis)
+    body = problem.body(parameters)
+    return body, starting_nodes(body, problem.data, problem.basis)
 
 
 def from_band(band: Array) -> Array:

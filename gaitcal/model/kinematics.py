@@ -160,6 +160,21 @@ def evaluate_joints(body: LinkageModel, values: Array, *, jacobians: bool) -> tu
     return placements, columns
 
 
+def coordinate_axes(body: LinkageModel, q: Array) -> tuple[Array, Array]:
+    """Place the axes of the coordinates, at coordinates (nf, nq).
+
+    Returns
+    -------
+    (nf, nq, 3) unit axes that positive values move along or about, and (nf, nq, 3) m the origins of the
+    joints' frames on them; laboratory.
+    """
+    placements, columns = evaluate_joints(body, body.configurations(q), jacobians=True)
+    at = body.parts.at_coordinates
+    moved = columns[:, at]
+    axes = np.where(body.parts.rotates[at][:, None], moved[..., 3:], moved[..., :3])
+    return axes, placements[:, at + 1, 9:]
+
+
 def _segment_placements(body: LinkageModel) -> Array:
     """(ns, 4, 3) axes and origin (m) of each segment in the frame of its joint."""
     return np.array([np.vstack([m.rotation.T, m.translation]) for m in body.segment_placement])

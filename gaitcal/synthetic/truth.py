@@ -35,7 +35,7 @@ from gaitcal.model import landmarks, trunk
 from gaitcal.model import parameters as params
 from gaitcal.model.ankle_zero import AnkleZero, standing_ankles
 from gaitcal.model.chain import chain_of
-from gaitcal.model.kinematics import Kinematics, body_poses
+from gaitcal.model.kinematics import Kinematics, body_poses, coordinate_axes
 from gaitcal.model.linkage import COORDINATE_INDEX, JOINTS, MARKED_SEGMENTS, SIDES, ZERO_ANGLES, Source
 from gaitcal.model.marker_set import load_marker_set
 from gaitcal.model.segment_frames import Frame, HipCentre, LowerBody, lower_body
@@ -145,10 +145,10 @@ def inertial_parameters_in(inertial: Array, true: dict[str, Frame], frames: dict
 def _joint_lines(parameters: params.Parameters, q: Array) -> dict[str, tuple[Array, Array]]:
     """Coordinate -> direction of its positive turn and a point of its axis, in the laboratory."""
     chain = chain_of()
-    columns = dict(zip(chain.coordinates, Kinematics(chain.body(parameters), q[None]).columns[..., 0], strict=True))
+    axes, points = coordinate_axes(chain.body(parameters), q[None])
     turning = [e.name for joint in JOINTS for e in joint.elements if e.source is Source.COORDINATE]
-    # [c x a; a] of an axis a through c: a x (c x a) is the point of the axis nearest to the origin
-    return {name: (columns[name][3:], np.cross(columns[name][3:], columns[name][:3])) for name in turning}
+    at = {name: chain.coordinates.index(name) for name in turning}
+    return {name: (axes[0, k], points[0, k]) for name, k in at.items()}
 
 
 def common_perpendicular(a: Array, point_of_a: Array, b: Array, point_of_b: Array) -> tuple[Array, Array]:

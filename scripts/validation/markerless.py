@@ -39,7 +39,8 @@ from gaitcal.dynamics.inverse_dynamics import FORCES, Dynamics
 from gaitcal.io.csv import write_forces_csv, write_markers_csv
 from gaitcal.io.recording import Recording
 from gaitcal.io.segment_poses import points_of_poses
-from gaitcal.model.chain import Chain, forward, segment_poses
+from gaitcal.model.chain import Chain
+from gaitcal.model.kinematics import Kinematics
 from gaitcal.model.linkage import SIDES
 from gaitcal.model.parameters import JP_INDEX, Parameters
 from gaitcal.model.segment_frames import rigid_motions
@@ -99,8 +100,9 @@ class Errors:
 def body_poses(parameters: Parameters, q: Array) -> Poses:
     """The segments of a person at coordinates (nf, nq), with their origins at the joints."""
     chain = Chain()
-    constants = chain.body(parameters)
-    axes, origins = segment_poses(chain, constants, forward(chain, constants, q))
+    body = chain.body(parameters)
+    placed = Kinematics(body, q, columns=False)
+    axes, origins = placed.axes, placed.origins
     frames = {name: (axes[i].transpose(2, 1, 0), origins[i].T) for i, name in enumerate(chain.segments)}
 
     def point(segment: str, local: Array | list[float]) -> Array:

@@ -48,9 +48,9 @@ from gaitcal.export.osim import frames_of
 from gaitcal.export.osim_correspondence import Hinge, LegJoint, leg_joints
 from gaitcal.export.osim_reader import Place, peer_of, read_document, read_osim
 from gaitcal.export.peer_model import Axis, PeerModel
-from gaitcal.model.chain import axis_rotation
 from gaitcal.model.linkage import JOINTS, SIDES, ZERO_ANGLES
 from gaitcal.model.parameters import Parameters, published_subject
+from gaitcal.model.rotations import axis_rotation
 from gaitcal.model.segment_frames import Frame
 from gaitcal.model.subject_model import MarkerPlacement, Subject, SubjectModel
 from gaitcal.results.saved import where_they_move

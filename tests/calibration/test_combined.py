@@ -57,8 +57,8 @@ def test_inertial_parameters_end_where_a_dense_solver_puts_them() -> None:
     heavier = model.parameters.inertial.copy()
     heavier[[0, 7]] *= (1.1, 0.95)
     wrench = residual_free_wrench(model.parameters.with_inertial(heavier), motion)
-    constants, start = started(problem, model.parameters)
-    coefficients = track_nodes(problem, constants, start).x
+    body, start = started(problem, model.parameters)
+    coefficients = track_nodes(problem, body, start).x
     valid = np.arange(len(motion.basis.time)) % 3 != 0
 
     chart = LogChart(model.parameters.inertial, symmetric_set())
@@ -66,7 +66,7 @@ def test_inertial_parameters_end_where_a_dense_solver_puts_them() -> None:
     settings = CombinedSettings(load_share=SHARE, spread=SPREAD, descent=replace(DESCENT, gain=1e-12))
     found = combined_fit([trial], model.parameters, gait_parameters("r"), symmetric_set(), model.subject, settings)
     assert found.converged
-    square = ((problem.positions(coefficients, constants) - problem.data.measured) ** 2).sum(axis=1) / 3.0
+    square = ((problem.positions(coefficients, body) - problem.data.measured) ** 2).sum(axis=1) / 3.0
     of_each = np.sqrt((problem.data.weight * square).sum() / (problem.data.weight > 0).sum())
     assert found.marker_sigma == pytest.approx(of_each, rel=1e-9)
 

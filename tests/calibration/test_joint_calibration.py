@@ -81,7 +81,7 @@ def test_the_compressed_problem_is_the_whole_one_with_its_prior_and_soft_tissue(
         for problem, share, trial in zip(trials, shares, state.trials, strict=True):
             coefficients = x[at : at + trial.coefficients.size].reshape(trial.coefficients.shape)
             here = problem.displaced(np.array([x[len(KNEE) + keys.index(key)] for key in problem.unknowns]))
-            model = here.positions(coefficients, here.constants(start.with_joint(KNEE, x[: len(KNEE)])))
+            model = here.positions(coefficients, here.body(start.with_joint(KNEE, x[: len(KNEE)])))
             out.append(np.sqrt(share) * (model - here.data.measured).ravel())
             at += coefficients.size
         return np.concatenate(out)

@@ -17,7 +17,8 @@ from gaitcal.calibration.joint_prior import (
     prior_of,
     trial_noises,
 )
-from gaitcal.model.chain import Chain, forward, segment_transforms
+from gaitcal.model.chain import Chain
+from gaitcal.model.kinematics import Kinematics
 from gaitcal.model.linkage import JOINT_OF_CHILD, Source
 from gaitcal.model.parameters import JOINT_PARAMETERS, JP_INDEX, JP_NAMES, JP_TO_SI, Kind, Parameters, published_subject
 from gaitcal.motion.motion import track_nodes
@@ -62,9 +63,8 @@ def test_a_joint_seen_from_two_segments_moves_in_both_and_nothing_else_does(row:
     own = [e.name for e in JOINT_OF_CHILD[child].elements if e.source is Source.COORDINATE]
 
     def placed(parameters: Parameters, turned: str = "") -> Array:
-        constants = chain.body(parameters)
         q = np.array([[step * (name == turned) for name in chain.coordinates]])
-        return segment_transforms(chain, constants, forward(chain, constants, q))[chain.segments.index(child)].ravel()
+        return Kinematics(chain.body(parameters), q).segments[chain.segments.index(child)].ravel()
 
     def moved(*by: float) -> float:
         other = body.with_joint(names, body.joint[[JP_INDEX[n] for n in names]] + step * np.array(by))
@@ -97,11 +97,11 @@ def test_frames_for_one_that_is_independent(kept: float, expected: float) -> Non
 def test_white_noise_is_found_as_it_is_and_clusters_that_move_together_count_more() -> None:
     segments = ("pelvis", "thigh_r")
     rng, parameters, problem, true = seeded_trial(2, segments=segments, frames=2000, nodes=60, per_segment=4)
-    shape, constants = problem.data.measured.shape, problem.body(parameters)
+    shape, body = problem.data.measured.shape, problem.body(parameters)
 
     def found(noise: Array) -> float:
         noisy = problem.with_measured(problem.data.measured + noise)
-        return float(np.sqrt(forbidden_noise(noisy, parameters, track_nodes(noisy, constants, true).x).variance))
+        return float(np.sqrt(forbidden_noise(noisy, parameters, track_nodes(noisy, body, true).x).variance))
 
     assert found(rng.normal(0, WHITE, shape)) == pytest.approx(WHITE, rel=0.15)
     # each cluster as a whole: the mean of four markers alike has four times the variance that independent ones give it

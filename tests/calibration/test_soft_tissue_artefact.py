@@ -24,7 +24,7 @@ from gaitcal.calibration.soft_tissue_artefact import (
     tissue_of,
     tissue_prior,
 )
-from gaitcal.model.chain import forward, jacobian, segment_transforms
+from gaitcal.model.kinematics import Kinematics
 from gaitcal.model.parameters import Parameters, isolated_parameters
 from gaitcal.motion.banded import eliminate
 from gaitcal.motion.rigid import rigid_fit
@@ -118,9 +118,9 @@ def test_regressors_are_angles_by_their_spread_over_all_trials_of_a_kind() -> No
 
 def velocities(problem: MotionProblem, coefficients: Array, parameters: Parameters) -> tuple[Array, Array]:
     """(3 nm nf, nn nq + np) derivatives of the markers by nodes and joint parameters, and R (nm, 3, 3, nf)."""
-    constants, q = problem.body(parameters), problem.basis.evaluate(coefficients)
-    poses, nq = forward(problem.chain, constants, q), coefficients.shape[1]
-    spatial, x = jacobian(problem.chain, constants, poses), problem.positions(coefficients, constants)
+    body, q = problem.body(parameters), problem.basis.evaluate(coefficients)
+    placed, nq = Kinematics(body, q), coefficients.shape[1]
+    spatial, x = placed.columns, problem.positions(coefficients, body)
     slope = np.zeros((*x.shape, len(spatial)))
     for m, segment in enumerate(problem.data.segment):
         moved = problem.chain.support[:, segment][:, None, None] * (
@@ -129,7 +129,7 @@ def velocities(problem: MotionProblem, coefficients: Array, parameters: Paramete
         slope[m] = moved.transpose(1, 2, 0)
     by_nodes = slope[..., None, :nq] * problem.basis.matrices[0].toarray()[:, :, None]
     flat = np.concatenate([by_nodes.reshape(*x.shape, -1), slope[..., nq:]], axis=-1).reshape(x.size, -1)
-    axes = segment_transforms(problem.chain, constants, poses)[problem.data.segment, :3]
+    axes = placed.axes[problem.data.segment]
     return flat, axes.transpose(0, 2, 1, 3)
 
 

@@ -191,13 +191,13 @@ def test_directions_of_axes_move_components_but_not_what_a_whole_joint_does(monk
 
 def leverages(problem: MotionProblem, parameters: Parameters, coefficients: Array) -> Array:
     """(nm, 3, nf) of each marker coordinate in its frame's own least-squares problem; Jacobian by differences."""
-    q, constants, data = problem.basis.evaluate(coefficients), problem.body(parameters), problem.data
+    q, body, data = problem.basis.evaluate(coefficients), problem.body(parameters), problem.data
     out = np.empty(data.measured.shape)
     for f in range(len(q)):
         one = data.frames(slice(f, f + 1))
 
         def placed(x: Array, one: MarkerData = one) -> Array:
-            return marker_positions(constants, one.placed, x[None])
+            return marker_positions(body, one.placed, x[None])
 
         slope = np.sqrt(np.repeat(one.weight[:, 0], 3))[:, None] * central_differences(placed, q[f])
         out[:, :, f] = np.diag(slope @ np.linalg.pinv(slope)).reshape(-1, 3)

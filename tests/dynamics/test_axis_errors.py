@@ -6,7 +6,8 @@ from scipy.spatial.transform import Rotation
 
 from gaitcal.dynamics.inverse_dynamics import FORCES, Dynamics
 from gaitcal.dynamics.measurement_errors import PALPATED_DEG, AxisErrors
-from gaitcal.model.chain import Chain, forward, jacobian
+from gaitcal.model.chain import Chain
+from gaitcal.model.kinematics import Kinematics
 from gaitcal.model.linkage import COORDINATES, JOINTS, SEGMENTS
 from gaitcal.model.parameters import IP_INDEX, JOINT_PARAMETERS, JP_INDEX, Kind, Parameters
 from gaitcal.motion.marker_residual import PlacedMarkers, marker_positions
@@ -66,10 +67,10 @@ def with_axes_turned(parameters: Parameters, segment: str, turn: Array) -> Param
 
 def followed(parameters: Parameters, placed: PlacedMarkers, seen: Array, q: Array) -> Array:
     """(nf, 27) the posture whose markers are where they are seen (nm, 3, nf), from a start near it."""
-    constants = CHAIN.body(parameters)
+    body = CHAIN.body(parameters)
     for _ in range(5):
-        x = marker_positions(constants, placed, q)
-        spatial = jacobian(CHAIN, constants, forward(CHAIN, constants, q))
+        x = marker_positions(body, placed, q)
+        spatial = Kinematics(body, q).columns
         step = np.empty_like(q)
         for f in range(len(q)):
             velocity = spatial[None, :, :3, f] + np.cross(spatial[None, :, 3:, f], x[:, None, :, f])
@@ -91,8 +92,7 @@ def test_moves_are_those_of_a_linkage_told_in_turned_axes(segment: str) -> None:
     local = rng.normal(0, 0.1, (len(segments), 3))
     times = STEP_S * np.array([[-1.0], [0.0], [1.0]])
     posture = q + times * v + 0.5 * times**2 * a
-    constants = CHAIN.body(parameters)
-    seen = marker_positions(constants, PlacedMarkers(segments, local), posture)
+    seen = marker_positions(CHAIN.body(parameters), PlacedMarkers(segments, local), posture)
 
     def told(turn: Array) -> tuple[Array, Array]:
         again = with_axes_turned(parameters, segment, turn)

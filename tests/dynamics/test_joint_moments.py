@@ -26,9 +26,9 @@ from gaitcal.dynamics.joint_kinetics import (
     power_of,
 )
 from gaitcal.export.osim import joint_frames
+from gaitcal.model.chain import build_linkage
 from gaitcal.model.linkage import COORDINATES, JOINT_OF_CHILD
 from gaitcal.model.parameters import JP_INDEX, MASSIVE_SEGMENTS, Parameters, gait_parameters, leg_parameters, table
-from gaitcal.model.subject_model import build_linkage
 from tests.derivatives import Array, assert_derivative, perturbed_parameters, random_state
 
 PARAMETERS = perturbed_parameters(np.random.default_rng(71))
@@ -54,7 +54,7 @@ class Segments:
         self.pose: list[dict[str, pin.SE3]] = []
         for t in (-STEP_S, 0.0, STEP_S):
             pin.framesForwardKinematics(linkage.model, data, q + t * v + 0.5 * t * t * a)
-            names = linkage.segment_joint
+            names = linkage.chain.segments
             self.pose.append({name: data.oMf[linkage.model.getFrameId(name)].copy() for name in names})
 
     def place(self, segment: str, point: Array) -> Array:
@@ -138,7 +138,7 @@ def test_powers_of_all_joints_change_the_energy_of_the_body() -> None:
         ground = 0.0
         pin.forwardKinematics(linkage.model, data, q[f], v[f])
         for k, foot in enumerate(FEET):
-            joint = linkage.segment_joint[foot]
+            joint = int(linkage.parts.segment_joint[linkage.chain.segments.index(foot)])
             ground += float(data.oMi[joint].act(data.v[joint]).vector @ wrench[f, k])
         pelvis = float(tau[f, :6] @ v[f, :6])
         joints = sum(power[f, POWERS.index(name)] for name in POWER_JOINTS)

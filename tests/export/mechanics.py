@@ -6,9 +6,10 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
+from gaitcal.model.chain import build_model
 from gaitcal.model.linkage import COORDINATES
 from gaitcal.model.parameters import IP_NAMES, JP_NAMES, JP_TO_SI, is_physical
-from gaitcal.model.subject_model import SubjectModel, build_model
+from gaitcal.model.subject_model import SubjectModel
 
 Array = NDArray[np.float64]
 

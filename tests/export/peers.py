@@ -15,7 +15,8 @@ from scipy.optimize import least_squares
 
 from gaitcal.export.osim import safe_name
 from gaitcal.io.opensim_files import read_table
-from gaitcal.model.chain import Chain, forward, jacobian, segment_poses
+from gaitcal.model.chain import Chain
+from gaitcal.model.kinematics import Kinematics
 from gaitcal.model.linkage import COORDINATES, SEGMENTS, is_translation
 from gaitcal.model.subject_model import MarkerPlacement, SubjectModel
 from tests.export.mechanics import FEET, State
@@ -205,17 +206,18 @@ def run_inverse_kinematics(
 def optimum(model: SubjectModel, measured: Array, start: Array) -> Array:
     """(27,) the coordinates that bring the markers closest to `measured` (nm, 3), by weight, without a spline."""
     chain = Chain()
-    constants = chain.body(model.parameters)
+    body = chain.body(model.parameters)
     segment = [chain.segments.index(s) for s in model.markers.segments]
     moved = chain.support[:, segment] > 0
     root = SCALE * np.sqrt(model.markers.weight)[:, None]
 
     def positions(q: Array) -> Array:
-        axes, origins = segment_poses(chain, constants, forward(chain, constants, q[None]))
+        placed = Kinematics(body, q[None], columns=False)
+        axes, origins = placed.axes, placed.origins
         return np.asarray(np.einsum("mj,mji->mi", model.markers.local, axes[segment, :, :, 0]) + origins[segment, :, 0])
 
     def slopes(q: Array) -> Array:
-        spatial = jacobian(chain, constants, forward(chain, constants, q[None]))[:, :, 0]
+        spatial = Kinematics(body, q[None]).columns[:, :, 0]
         turned = np.cross(spatial[:, None, 3:], positions(q)[None])
         full = np.where(moved[:, :, None], spatial[:, None, :3] + turned, 0.0)
         return np.asarray((root[None] * full).reshape(len(q), -1).T)

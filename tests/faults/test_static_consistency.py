@@ -17,7 +17,7 @@ from gaitcal.faults.exchanged import by_lengths
 from gaitcal.faults.joint_link import links_of
 from gaitcal.faults.study import check_further, check_study, examined, further_evidence
 from gaitcal.io.recording import Recording
-from gaitcal.model.chain import root_angles
+from gaitcal.model.rotations import root_angles
 from gaitcal.model.segment_frames import nearest_rotation
 from gaitcal.study.study import Study
 from gaitcal.study.study_trial import Trial

@@ -9,11 +9,13 @@ import numpy as np
 from gaitcal.dynamics.ground_reactions import leg_of
 from gaitcal.io.formats import read_recording
 from gaitcal.io.recording import Recording, still_window
-from gaitcal.model.chain import Chain, axis_rotation, forward, segment_poses
+from gaitcal.model.chain import Chain
+from gaitcal.model.kinematics import Kinematics
 from gaitcal.model.linkage import COORDINATES
 from gaitcal.model.marker_set import MarkerSet, load_marker_set
 from gaitcal.model.nominal import PUBLISHED, nominal_model, published_model
 from gaitcal.model.parameters import Parameters
+from gaitcal.model.rotations import axis_rotation
 from gaitcal.model.subject_model import Subject, SubjectModel
 from tests.synthetic_studies import only
 
@@ -60,9 +62,10 @@ def posed(
     chain: Chain, parameters: Parameters, q: np.ndarray | None = None
 ) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray]]:
     """Of each segment the rotation (3, 3) from it to the ground and its origin (3,) m, at coordinates (nq,) or zero."""
-    constants = chain.body(parameters)
+    body = chain.body(parameters)
     pose = np.zeros(len(chain.coordinates)) if q is None else q
-    axes, origins = segment_poses(chain, constants, forward(chain, constants, pose[None]))
+    placed = Kinematics(body, pose[None], columns=False)
+    axes, origins = placed.axes, placed.origins
     return (
         {name: axes[i, :, :, 0].T for i, name in enumerate(chain.segments)},
         {name: origins[i, :, 0] for i, name in enumerate(chain.segments)},

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from gaitcal.gait.conventions import Convention, Signs
-from gaitcal.model.chain import Chain, forward, jacobian, segment_poses
+from gaitcal.model.chain import Chain, LinkageModel
 from gaitcal.model.coordinates import (
     COORDINATE_TABLE,
     GROUPS,
@@ -23,11 +23,14 @@ from gaitcal.model.coordinates import (
     split_side,
     with_side,
 )
+from gaitcal.model.kinematics import Kinematics, SecondaryMotion, evaluate_joints, view_forces
 from gaitcal.model.linkage import (
+    BENDS,
     COORDINATES,
     ISOLATED_JOINTS,
     JOINTS,
     REACTIONS,
+    SECONDARY,
     SEGMENT_TABLE,
     SEGMENTS,
     ZERO_ANGLES,
@@ -41,7 +44,6 @@ from gaitcal.model.nominal import published_model
 from gaitcal.model.parameters import (
     IP_NAMES,
     JOINT_PARAMETERS,
-    JP_INDEX,
     JP_NAMES,
     MASSIVE_SEGMENTS,
     QUANTITIES,
@@ -57,8 +59,8 @@ from gaitcal.model.parameters import (
     symmetric_set,
     table,
 )
-from gaitcal.model.subject_model import PatientRecord, SubjectModel, build_linkage
-from tests.derivatives import assert_derivative, perturbed_parameters
+from gaitcal.model.subject_model import PatientRecord, SubjectModel
+from tests.derivatives import Array, assert_derivative, perturbed_parameters
 from tests.model.people import posed
 from tests.refusal import refusal
 
@@ -187,29 +189,78 @@ def test_every_joint_is_the_product_that_the_papers_write() -> None:
         np.testing.assert_allclose(relative, documented(joint.name, jp, zero, q), atol=EXACT, err_msg=joint.name)
 
 
-@pytest.mark.parametrize("free", [(), JP_NAMES])
-def test_poses_and_jacobian_agree_with_pinocchio(free: tuple[str, ...]) -> None:
-    rng = np.random.default_rng(1)
-    parameters = perturbed_parameters(rng)
-    linkage = build_linkage(parameters, free)
-    chain = Chain(free=free)
-    constants = chain.body(parameters)
-    q = rng.normal(0, 0.5, (5, len(COORDINATES)))
-    poses = forward(chain, constants, q)
-    axes, origins = segment_poses(chain, constants, poses)
-    columns = jacobian(chain, constants, poses)
-    order = [linkage.index(name) for name in (*chain.coordinates, *chain.free)]
-    data = linkage.model.createData()
+def opened_body(rng: np.random.Generator) -> tuple[LinkageModel, Array]:
+    """A linkage with all joint parameters and the knees' secondary motions free, and coordinates (5, nq)."""
+    bends = tuple(e.name + bend for motions in SECONDARY.values() for e in motions for bend in BENDS)
+    chain = Chain(free=(*JP_NAMES, *bends))
+    return chain.body(perturbed_parameters(rng)), rng.normal(0, 0.5, (5, len(COORDINATES)))
+
+
+def test_views_of_pinocchios_memory_hold_what_its_attributes_say() -> None:
+    """Placements, Jacobian and forces are read through strided views: the memory layout they rely on."""
+    body, q = opened_body(np.random.default_rng(1))
+    values = body.configurations(q)
+    placements, jacobians = evaluate_joints(body, values, jacobians=True)
+    data = body.model.createData()
     for f in range(len(q)):
-        full = np.zeros(linkage.model.nq)
-        full[order] = np.concatenate([q[f], parameters.joint[[JP_INDEX[n] for n in chain.free]]])
-        pin.computeJointJacobians(linkage.model, data, full)
-        pin.updateFramePlacements(linkage.model, data)
-        np.testing.assert_allclose(data.J[:, order], columns[:, :, f].T, atol=EXACT)
-        for s, name in enumerate(chain.segments):
-            place = data.oMf[linkage.model.getFrameId(name)]
-            np.testing.assert_allclose(place.translation, origins[s, :, f], atol=EXACT)
-            np.testing.assert_allclose(place.rotation, axes[s, :, :, f].T, atol=EXACT)
+        pin.computeJointJacobians(body.model, data, values[f])
+        np.testing.assert_array_equal(jacobians[f], data.J.T)
+        for joint, place in enumerate(data.oMi):
+            np.testing.assert_array_equal(placements[f, joint], [*place.rotation.T.ravel(), *place.translation])
+    forces = pin.StdVec_Force([pin.Force(np.arange(6.0) + 6 * k) for k in range(4)])
+    np.testing.assert_array_equal(view_forces(forces).ravel(), np.arange(24.0))
+    view_forces(forces)[2] = -1.0
+    np.testing.assert_array_equal(forces[2].vector, -np.ones(6))
+
+
+def test_segments_and_columns_are_those_of_body_frames_and_finite_differences() -> None:
+    rng = np.random.default_rng(3)
+    body, q = opened_body(rng)
+    chain, nq = body.chain, len(COORDINATES)
+    amounts = {name: rng.normal(0, 0.05, (4, len(q))) for name in SECONDARY}
+    regressors = {name: (rng.normal(0, 1, len(q)), rng.normal(0, 1, len(q))) for name in SECONDARY}
+
+    def placed(x: Array, frame: int) -> Array:
+        """Segment frames (ns, 4, 3) of one frame with its coordinates and free variables at x."""
+        moved = {name: values[:, [frame]].copy() for name, values in amounts.items()}
+        joint_parameters = [k for k, name in enumerate(chain.free) if name not in chain.secondary]
+        for k, name in enumerate(chain.free):
+            if name in chain.secondary:
+                coordinate, motion, bend = chain.secondary[name]
+                row = [e.name for e in SECONDARY[coordinate]].index(motion)
+                moved[coordinate][row] += x[nq + k] * regressors[coordinate][bend][frame]
+        free_values = body.free_values + x[nq:][joint_parameters]
+        secondary = SecondaryMotion(amounts=moved, regressors={})
+        at = replace(body, free_values=free_values)
+        return Kinematics(at, x[None, :nq], secondary, columns=False).segments[..., 0]
+
+    found = Kinematics(body, q, SecondaryMotion(amounts=amounts, regressors=regressors))
+    for frame in range(2):
+        x = np.concatenate([q[frame], np.zeros(len(chain.free))])
+        np.testing.assert_allclose(found.segments[..., frame], placed(x, frame), atol=EXACT)
+        spatial, segments = found.columns[..., frame], found.segments[..., frame]
+        moves = chain.support[:, :, None, None] > 0
+        turned = np.cross(spatial[:, None, None, 3:], segments[None])
+        turned[:, :, 3] += spatial[:, None, :3]
+        expected = np.where(moves, turned, 0.0).reshape(len(spatial), -1).T
+        assert_derivative(expected, lambda x, frame=frame: placed(x, frame), x)
+    data = body.model.createData()
+    pin.framesForwardKinematics(body.model, data, body.configurations(q)[0])
+    at_rest = Kinematics(body, q[:1], columns=False)
+    for s, name in enumerate(chain.segments):
+        place = data.oMf[body.model.getFrameId(name)]
+        np.testing.assert_allclose(place.translation, at_rest.origins[s, :, 0], atol=EXACT)
+        np.testing.assert_allclose(place.rotation, at_rest.axes[s, :, :, 0].T, atol=EXACT)
+
+
+def test_a_free_joint_parameter_is_a_joint_whose_coordinate_is_its_value() -> None:
+    """A model in which it is locked, and one in which it is free, place all segments alike."""
+    rng = np.random.default_rng(8)
+    parameters, q = perturbed_parameters(rng), rng.normal(0, 0.4, (3, len(COORDINATES)))
+    locked = Kinematics(Chain().body(parameters), q).segments
+    free = Chain(free=JP_NAMES).body(published_subject())
+    moved = replace(free, free_values=parameters.joint)
+    np.testing.assert_allclose(Kinematics(moved, q).segments, locked, atol=EXACT)
 
 
 def test_published_subject_stands_as_documented() -> None:

@@ -13,7 +13,6 @@ from hypothesis import strategies as st
 
 from gaitcal.io.recording import Recording
 from gaitcal.model.ankle_zero import AnkleZero
-from gaitcal.model.chain import axis_rotation
 from gaitcal.model.landmarks import StaticPosture
 from gaitcal.model.linkage import COORDINATES, ZERO_ANGLES
 from gaitcal.model.nominal import PUBLISHED, RAISED, published_model
@@ -28,6 +27,7 @@ from gaitcal.model.parameters import (
     published_subject,
     table,
 )
+from gaitcal.model.rotations import axis_rotation
 from gaitcal.model.segment_frames import Frame, HipCentre, half_width
 from gaitcal.model.subject_model import SubjectModel
 from gaitcal.model.trunk import measured_arm

@@ -13,11 +13,11 @@ from gaitcal.arrays import Array
 from gaitcal.io.formats import read_recording
 from gaitcal.io.recording import still_window
 from gaitcal.model.ankle_zero import AnkleZero, StandingAnkles, standing_ankles
-from gaitcal.model.chain import axis_rotation
 from gaitcal.model.landmarks import StaticPosture, static_posture
 from gaitcal.model.marker_set import MarkerSet, load_marker_set
 from gaitcal.model.nominal import PUBLISHED
 from gaitcal.model.present_markers import complete_static, present_markers
+from gaitcal.model.rotations import axis_rotation
 from gaitcal.model.segment_frames import Frame, HipCentre, lower_body
 from gaitcal.model.subject_model import Subject
 from gaitcal.model.trunk import MIDLINE, Trunk, neck_above_shoulders, trunk_of

@@ -128,15 +128,15 @@ def test_one_dense_motion_foretells_the_others() -> None:
     """Coordinates taken to be uncoupled: near what tracking with that cut-off makes of them."""
     dense = DenseMotion(problem_of(MARKERS + white(6, 0.001)), MODEL.parameters)
     basis = dense.problem.basis
-    constants = dense.problem.body(MODEL.parameters)
+    body = dense.problem.body(MODEL.parameters)
     for hz in (4.0, 8.0):
         foretold = dense.at(hz)
         problem = replace(dense.problem, smoothing=smoothing(basis, dense.information, hz))
-        coefficients = track_nodes(problem, constants, dense.coefficients).x
+        coefficients = track_nodes(problem, body, dense.coefficients).x
         change, gap = (basis.evaluate(coefficients - other) for other in (dense.coefficients, foretold.coefficients))
         in_markers = [np.vdot(x @ dense.information, x) for x in (gap, change)]
         assert in_markers[0] < 0.1 * in_markers[1]
-        rms = np.sqrt(problem.marker_cost(coefficients, constants) / problem.data.weight.sum())
+        rms = np.sqrt(problem.marker_cost(coefficients, body) / problem.data.weight.sum())
         assert foretold.rms == pytest.approx(rms, rel=0.03)
 
 
@@ -145,8 +145,8 @@ def test_information_does_not_depend_on_gaps() -> None:
     problem = problem_of(MARKERS)
     weight = problem.data.weight.copy()
     weight[:, ::2] = 0.0
-    constants = problem.body(MODEL.parameters)
-    whole, half = (frame_information(p, constants) for p in (problem, problem.with_weight(weight)))
+    body = problem.body(MODEL.parameters)
+    whole, half = (frame_information(p, body) for p in (problem, problem.with_weight(weight)))
     np.testing.assert_allclose(whole, whole.T)
     seen = np.ix_(problem.active, problem.active)
     assert np.linalg.eigvalsh(whole[seen])[0] > 0
@@ -248,16 +248,16 @@ def test_roughness_is_the_integral_of_squared_derivatives() -> None:
 def test_cost_and_gradients() -> None:
     rng = np.random.default_rng(63)
     problem, true = penalised(rng)
-    constants = problem.body(PARAMETERS)
+    body = problem.body(PARAMETERS)
     coefficients = true + rng.normal(0, 0.02, true.shape)
-    cost, by_nodes, by_values = problem.both_gradients(coefficients, constants)
+    cost, by_nodes, by_values = problem.both_gradients(coefficients, body)
     plain = replace(problem, smoothing=None)
-    plain_cost, plain_by_nodes, plain_by_values = plain.both_gradients(coefficients, constants)
-    assert cost == problem.cost(coefficients, constants) > plain_cost == problem.marker_cost(coefficients, constants)
+    plain_cost, plain_by_nodes, plain_by_values = plain.both_gradients(coefficients, body)
+    assert cost == problem.cost(coefficients, body) > plain_cost == problem.marker_cost(coefficients, body)
     np.testing.assert_array_equal(by_values, plain_by_values)
 
     def total(x: Array) -> Array:
-        return np.array([problem.cost(x.reshape(coefficients.shape), constants)])
+        return np.array([problem.cost(x.reshape(coefficients.shape), body)])
 
     assert_derivative(2 * by_nodes.reshape(1, -1), total, coefficients.ravel(), relative=1e-6)
     assert np.abs(by_nodes - plain_by_nodes).max() > 1e-3 * np.abs(plain_by_nodes).max()
@@ -268,11 +268,9 @@ def test_equations_hold_the_penalty(curved: bool) -> None:
     problem, true = penalised(np.random.default_rng(64))
     closed = problem.with_free(())
     for trial in (closed,) if curved else (closed, problem):
-        constants = trial.body(PARAMETERS)
-        if not trial.chain.free:
-            constants = constants.without_parameters()
-        equations = trial.equations(true, constants, curved=curved)
-        plain = replace(trial, smoothing=None).equations(true, constants, curved=curved)
+        body = trial.body(PARAMETERS)
+        equations = trial.equations(true, body, curved=curved)
+        plain = replace(trial, smoothing=None).equations(true, body, curved=curved)
         matrix = whole(trial)
         added = from_band(equations.band) - from_band(plain.band)
         np.testing.assert_allclose(added, matrix, rtol=0, atol=1e-12 * np.abs(from_band(equations.band)).max())
@@ -285,17 +283,17 @@ def test_equations_hold_the_penalty(curved: bool) -> None:
 def test_tracking_ends_where_a_dense_solver_does() -> None:
     problem, true = penalised(np.random.default_rng(65))
     problem = problem.with_free(())
-    constants = problem.body(PARAMETERS)
+    body = problem.body(PARAMETERS)
     root = np.linalg.cholesky(whole(problem) + 1e-12 * np.eye(true.size)).T
 
     def residual(x: Array) -> Array:
-        gap = problem.positions(x.reshape(true.shape), constants) - problem.data.measured
+        gap = problem.positions(x.reshape(true.shape), body) - problem.data.measured
         return np.concatenate([gap.ravel(), root @ x])
 
     reference = least_squares(residual, true.ravel(), tr_solver="exact", xtol=1e-15, ftol=1e-15, gtol=1e-15)
-    result = track_nodes(problem, constants, true, DescentSettings(gain=1e-15))
+    result = track_nodes(problem, body, true, DescentSettings(gain=1e-15))
     assert result.cost == pytest.approx(2 * reference.cost, rel=1e-8)
-    assert result.cost > 1.01 * problem.marker_cost(result.x, constants)
+    assert result.cost > 1.01 * problem.marker_cost(result.x, body)
     np.testing.assert_allclose(result.x.ravel(), reference.x, atol=1e-6)
 
 

@@ -9,10 +9,10 @@ from gaitcal.calibration.error_sources import coordinate_variances, marker_moves
 from gaitcal.calibration.joint_estimate import free_of
 from gaitcal.dynamics.measurement_errors import ErrorSource
 from gaitcal.io.recording import Recording
-from gaitcal.model.chain import axis_rotation
 from gaitcal.model.linkage import LUMBAR, MARKED_SEGMENTS, coordinates_before
 from gaitcal.model.nominal import published_model
 from gaitcal.model.parameters import JP_NAMES
+from gaitcal.model.rotations import axis_rotation
 from gaitcal.motion.coordinate_prior import (
     DEVIATION,
     WALLS,
@@ -60,23 +60,21 @@ def far_away(rng: np.random.Generator) -> tuple[MotionProblem, Array]:
 
 def test_cost_gradient_and_matrix_belong_together() -> None:
     problem, coefficients = far_away(np.random.default_rng(41))
-    constants = problem.constants(perturbed_parameters(np.random.default_rng(41)))
+    body = problem.body(perturbed_parameters(np.random.default_rng(41)))
     shape = coefficients.shape
     alone = [pull.both(coefficients)[0] for pull in problem.pulls]
     assert min(alone) > 0.0
-    cost, gradient = problem.gradient(coefficients, constants)
-    equations = problem.equations(coefficients, constants)
+    cost, gradient = problem.gradient(coefficients, body)
+    equations = problem.equations(coefficients, body)
     assert equations.cost == pytest.approx(cost, rel=1e-12)
-    assert problem.cost(coefficients, constants) == pytest.approx(cost, rel=1e-12)
-    assert cost - problem.marker_cost(coefficients, constants) == pytest.approx(sum(alone), rel=1e-9)
+    assert problem.cost(coefficients, body) == pytest.approx(cost, rel=1e-12)
+    assert cost - problem.marker_cost(coefficients, body) == pytest.approx(sum(alone), rel=1e-9)
     np.testing.assert_allclose(equations.node_gradient, gradient, atol=1e-12 * np.abs(gradient).max())
     assert_derivative(
-        2.0 * gradient.reshape(1, -1),
-        lambda x: np.array([problem.cost(x.reshape(shape), constants)]),
-        coefficients.ravel(),
+        2.0 * gradient.reshape(1, -1), lambda x: np.array([problem.cost(x.reshape(shape), body)]), coefficients.ravel()
     )
     plain = replace(problem, priors=())
-    added = (equations.band - plain.equations(coefficients, constants).band)[:, 0]
+    added = (equations.band - plain.equations(coefficients, body).band)[:, 0]
 
     def of_priors(x: Array) -> Array:
         own = x.reshape(shape)
@@ -117,13 +115,13 @@ def test_a_foot_that_no_marker_holds_stays_at_its_wall() -> None:
     walk = made_recording(gait_motion())
     problem = trial_problem("walk", MODEL, walk, NodeRule(), root="shank_r", segments=("shank_r", "talus_r", "foot_r"))
     k = problem.chain.coordinates.index("subtalar_angle_r")
-    constants, start = started(problem, MODEL.parameters)
+    body, start = started(problem, MODEL.parameters)
     weight = np.where((problem.data.segment == 2)[:, None], 0.0, problem.data.weight)
     (first, *_) = np.flatnonzero(problem.data.segment == 2)
     weight[first] = 1.0
     loose = problem.with_weight(weight)
     start[:, k] += np.deg2rad(370.0)
-    ends = [track_nodes(p, constants, start).x for p in (loose, replace(loose, priors=()))]
+    ends = [track_nodes(p, body, start).x for p in (loose, replace(loose, priors=()))]
     held, free = (np.rad2deg(np.abs(loose.basis.evaluate(x)[:, k]).max()) for x in ends)
     assert held < 60.0 and free > 180.0
 

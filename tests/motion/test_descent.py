@@ -169,9 +169,9 @@ def test_everything_that_iterates_says_so(uphill: tuple[MotionProblem, Array]) -
     """Tracking, a far start, the reduced problem and a re-fit."""
     problem, start = uphill
     parameters = published_model().parameters
-    constants, p = problem.body(parameters), problem.with_free(KNEE).values(parameters)
+    body, p = problem.body(parameters), problem.with_free(KNEE).values(parameters)
     settings = DescentSettings(curved_tries=0)
-    tracked = track_nodes(problem, constants, start, settings)
+    tracked = track_nodes(problem, body, start, settings)
     _, _, together = step_together([problem], parameters, KNEE, [start], p)
     for found in (tracked, together):
         assert (found.ending, found.converged) == (Ending.NO_DESCENT, False)
@@ -179,4 +179,4 @@ def test_everything_that_iterates_says_so(uphill: tuple[MotionProblem, Array]) -
     assert shared.cost == together.cost
     reduced = ReducedProblem([problem], parameters, KNEE, [start], settings)
     assert not reduced.at(p).trials[0].converged and not reduced.settle(p).trials[0].converged
-    assert refit(problem, constants, start, MonteCarloSettings()).failure == Ending.NO_DESCENT.value
+    assert refit(problem, body, start, MonteCarloSettings()).failure == Ending.NO_DESCENT.value

@@ -112,8 +112,8 @@ def test_one_joint_is_its_own_least_squares(joint: str) -> None:
 
     def residual(x: Array) -> Array:
         parameters = true.with_joint(chain.free, x[q.size :])
-        constants = chain.body(parameters)
-        model = marker_positions(constants, problem.data.placed, x[: q.size].reshape(q.shape))
+        body = chain.body(parameters)
+        model = marker_positions(body, problem.data.placed, x[: q.size].reshape(q.shape))
         out: Array = (model - problem.data.measured).transpose(0, 2, 1)[kept].ravel()
         return out
 

@@ -4,8 +4,8 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
+from gaitcal.model.chain import build_linkage
 from gaitcal.model.parameters import JP_INDEX, gait_parameters, isolated_parameters
-from gaitcal.model.subject_model import build_linkage
 from gaitcal.motion.banded import ArrowEquations, BandFactor, NormalEquations, SharedPrior
 from gaitcal.motion.marker_residual import frame_equations
 from gaitcal.motion.trial_problem import MotionProblem
@@ -60,13 +60,12 @@ def test_frame_hessian_is_the_mass_matrix_of_markers_as_point_masses() -> None:
     for joint in range(1, linkage.model.njoints):
         linkage.model.inertias[joint] = pin.Inertia.Zero()
     for segment, local in zip(problem.data.segment, problem.data.local, strict=True):
-        name = problem.chain.segments[segment]
-        point = linkage.segment_placement[name].act(local)
-        linkage.model.inertias[linkage.segment_joint[name]] += pin.Inertia(1.0, point, np.zeros((3, 3)))
+        point = linkage.segment_placement[segment].act(local)
+        linkage.model.inertias[int(linkage.parts.segment_joint[segment])] += pin.Inertia(1.0, point, np.zeros((3, 3)))
     order = [linkage.index(name) for name in (*problem.chain.coordinates, *problem.chain.free)]
     q = problem.basis.evaluate(true)
     pairs = problem._pairs
-    found = frame_equations(problem.chain, problem.body(parameters), pairs, problem.data, q)
+    found = frame_equations(problem.body(parameters), pairs, problem.data, q)
     data = linkage.model.createData()
     for f in range(len(q)):
         full = np.zeros(linkage.model.nq)

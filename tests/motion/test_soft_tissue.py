@@ -10,7 +10,7 @@ from gaitcal.calibration.error_sources import ErrorSources
 from gaitcal.calibration.joint_estimate import Tasks, estimate_joints
 from gaitcal.calibration.joint_prior import prior_of
 from gaitcal.calibration.soft_tissue_artefact import CUBE_SHARE, SECONDARY_SIZES, TissuePrior, secondary_prior
-from gaitcal.model.chain import forward, segment_transforms
+from gaitcal.model.kinematics import Kinematics
 from gaitcal.model.linkage import SECONDARY
 from gaitcal.model.parameters import JP_INDEX, JP_NAMES
 from gaitcal.motion.banded import BandFactor
@@ -59,10 +59,9 @@ def test_markers_shift_and_turn_together_along_the_axes_of_their_segment() -> No
         way = np.cross(axis, arms) if component.startswith("r") else np.broadcast_to(axis, arms.shape)
         by_hand[group.markers] += way[:, :, None] * group.regressors[group.names.index(name)]
     np.testing.assert_allclose(shift, by_hand, atol=1e-15)
-    constants = problem.constants(perturbed_parameters(np.random.default_rng(4)))
-    poses = forward(problem.chain, constants, problem.basis.evaluate(coefficients))
-    segments = segment_transforms(problem.chain, constants, poses)
-    moved = problem.displaced(z).positions(coefficients, constants) - problem.positions(coefficients, constants)
+    body = problem.body(perturbed_parameters(np.random.default_rng(4)))
+    segments = Kinematics(body, problem.basis.evaluate(coefficients)).segments
+    moved = problem.displaced(z).positions(coefficients, body) - problem.positions(coefficients, body)
     in_laboratory = np.einsum("mjif,mjf->mif", segments[problem.data.segment, :3], shift)
     np.testing.assert_allclose(moved, in_laboratory, atol=1e-12)
 

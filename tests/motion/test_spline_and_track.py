@@ -8,8 +8,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from gaitcal.model.chain import LinkageModel, axis_rotation
+from gaitcal.model.chain import LinkageModel
 from gaitcal.model.parameters import gait_parameters
+from gaitcal.model.rotations import axis_rotation
 from gaitcal.motion import motion
 from gaitcal.motion.descent import DescentSettings
 from gaitcal.motion.motion import track_nodes
@@ -60,9 +61,9 @@ def test_effective_cutoff_is_where_the_fit_passes_71_percent() -> None:
 @pytest.mark.parametrize("zero", [False, True])
 def test_tracking_recovers_a_motion_exactly(zero: bool) -> None:
     _, parameters, problem, true = seeded_trial(8, frames=80, nodes=12)
-    constants, start = started(problem, parameters)
+    body, start = started(problem, parameters)
     start = np.zeros_like(true) if zero else start
-    result = track_nodes(problem, constants, start, DescentSettings(first_damping=1e-3 if zero else 0.0))
+    result = track_nodes(problem, body, start, DescentSettings(first_damping=1e-3 if zero else 0.0))
     assert result.converged
     assert np.sqrt(result.cost / problem.data.weight.sum()) < 1e-12
     np.testing.assert_allclose(problem.basis.evaluate(result.x), problem.basis.evaluate(true), atol=1e-9)
@@ -112,13 +113,13 @@ def misplaced_trial() -> tuple[MotionProblem, LinkageModel, Array]:
 def test_the_curved_matrix_is_the_derivative_of_the_gradient() -> None:
     """With weights that change and markers that are missing."""
     rng, parameters, problem, true = seeded_trial(41, frames=25, nodes=7)
-    problem, constants = with_gaps(problem, rng), problem.body(parameters)
+    problem, body = with_gaps(problem, rng), problem.body(parameters)
     coefficients = true + rng.normal(0, 0.05, true.shape)
-    found = problem.equations(coefficients, constants, curved=True)
-    plain = problem.equations(coefficients, constants)
+    found = problem.equations(coefficients, body, curved=True)
+    plain = problem.equations(coefficients, body)
 
     def gradient(x: Array) -> Array:
-        return problem.gradient(x.reshape(coefficients.shape), constants)[1]
+        return problem.gradient(x.reshape(coefficients.shape), body)[1]
 
     assert_derivative(from_band(found.band), gradient, coefficients.ravel())
     np.testing.assert_array_equal(found.node_gradient, plain.node_gradient)
@@ -132,12 +133,12 @@ def test_free_joint_parameters_are_refused() -> None:
 
 
 def test_tracking_ends_where_gauss_newton_does_not() -> None:
-    problem, constants, start = misplaced_trial()
-    found = track_nodes(problem, constants, start, EXACT)
+    problem, body, start = misplaced_trial()
+    found = track_nodes(problem, body, start, EXACT)
     assert found.converged and found.curved
-    size = np.abs(problem.gradient(start, constants)[1]).max()
-    assert np.abs(problem.gradient(found.x, constants)[1]).max() < 1e-9 * size
-    without = track_nodes(problem, constants, start, replace(EXACT, curved_tries=0))
+    size = np.abs(problem.gradient(start, body)[1]).max()
+    assert np.abs(problem.gradient(found.x, body)[1]).max() < 1e-9 * size
+    without = track_nodes(problem, body, start, replace(EXACT, curved_tries=0))
     assert without.steps > 2 * found.steps
     assert found.cost <= without.cost * (1 + 1e-9)
 
@@ -155,7 +156,7 @@ def noisy_trial() -> tuple[MotionProblem, LinkageModel, Array]:
 
 
 def test_the_last_steps_form_no_matrix(monkeypatch: pytest.MonkeyPatch) -> None:
-    problem, constants, start = noisy_trial()
+    problem, body, start = noisy_trial()
     calls: list[str] = []
 
     def counted(name: str) -> Callable[..., object]:
@@ -164,13 +165,13 @@ def test_the_last_steps_form_no_matrix(monkeypatch: pytest.MonkeyPatch) -> None:
 
     for name in ("equations", "gradient"):
         monkeypatch.setattr(MotionProblem, name, counted(name))
-    kept = track_nodes(problem, constants, start)
+    kept = track_nodes(problem, body, start)
     with_keeping = list(calls)
     calls.clear()
-    fresh = track_nodes(problem, constants, start, DescentSettings(keep_within=0.0))
+    fresh = track_nodes(problem, body, start, DescentSettings(keep_within=0.0))
     assert with_keeping[-1] == "gradient" and "gradient" not in calls
     assert with_keeping.count("equations") < calls.count("equations")
-    exact = track_nodes(problem, constants, fresh.x, DescentSettings(gain=1e-15))
+    exact = track_nodes(problem, body, fresh.x, DescentSettings(gain=1e-15))
     for found in (kept, fresh):
         assert found.converged
         np.testing.assert_allclose(found.x, exact.x, rtol=0, atol=SAME)
@@ -178,10 +179,10 @@ def test_the_last_steps_form_no_matrix(monkeypatch: pytest.MonkeyPatch) -> None:
 
 def test_a_kept_factor_that_no_longer_serves_is_formed_anew() -> None:
     """Kept from however far away, the end is the same: too slow a step asks for a new matrix."""
-    problem, constants, start = noisy_trial()
+    problem, body, start = noisy_trial()
     far = start + np.random.default_rng(31).normal(0, 0.3, start.shape)
-    exact = track_nodes(problem, constants, start, DescentSettings(gain=1e-15))
-    found = track_nodes(problem, constants, far, DescentSettings(gain=1e-10, keep_within=np.inf))
+    exact = track_nodes(problem, body, start, DescentSettings(gain=1e-15))
+    found = track_nodes(problem, body, far, DescentSettings(gain=1e-10, keep_within=np.inf))
     assert found.converged and found.steps < FEW
     np.testing.assert_allclose(found.x, exact.x, rtol=0, atol=SAME)
 
@@ -193,12 +194,12 @@ SLOPE_GIB = 0.3
 @pytest.mark.parametrize("first_damping", [0.0, 1e-3])
 def test_large_matrices_are_factored_in_place(monkeypatch: pytest.MonkeyPatch, first_damping: float) -> None:
     rng, parameters, problem, true = seeded_trial(6)
-    constants = problem.body(parameters)
+    body = problem.body(parameters)
     settings = DescentSettings(first_damping=first_damping)
     start = true + rng.normal(0, 0.3, true.shape)  # far enough off that some steps are refused
-    plain = track_nodes(problem, constants, start, settings)
+    plain = track_nodes(problem, body, start, settings)
     monkeypatch.setattr(motion, "LARGE_BYTES", 0)
-    lean = track_nodes(problem, constants, start, settings)
+    lean = track_nodes(problem, body, start, settings)
     assert (lean.steps, lean.converged) == (plain.steps, plain.converged)
     np.testing.assert_allclose(lean.x, plain.x, rtol=0, atol=1e-9)
     assert lean.cost == pytest.approx(plain.cost, rel=1e-6, abs=1e-18)

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from gaitcal.model.chain import forward, segment_poses
+from gaitcal.model.kinematics import Kinematics, coordinate_axes
 from gaitcal.model.parameters import published_subject
 from gaitcal.motion.marker_residual import MarkerData, PlacedMarkers, marker_positions
 from gaitcal.motion.motion import track_nodes
@@ -41,7 +41,7 @@ def test_two_markers_and_the_joint_before_them_place_an_arm() -> None:
     for s in (k for k, name in enumerate(problem.chain.segments) if "arm" in name):
         place[problem.data.segment == s] = np.arange(4)
     data = with_markers(problem.data, np.flatnonzero(place < 2))
-    found = starting_coordinates(problem.chain, problem.body(parameters), data)
+    found = starting_coordinates(problem.body(parameters), data)
     off = np.abs(found - problem.basis.evaluate(true))
     columns = [k for k, name in enumerate(problem.chain.coordinates) if name.startswith(("arm", "elbow"))]
     assert len(columns) == 6 and off[:, columns].max() < SETTLED
@@ -56,11 +56,11 @@ def with_markers(data: MarkerData, kept: Array) -> MarkerData:
 def test_a_turn_past_half_a_circle_is_one_motion_about_the_least_angles() -> None:
     """A whole body that turns about the vertical from 170 to 290 deg: no jump, and most of the trial within 180 deg."""
     _, parameters, problem, _ = seeded_trial(23, frames=60, nodes=8)
-    constants, about = problem.body(parameters), problem.chain.coordinates.index("pelvis_rotation")
+    body, about = problem.body(parameters), problem.chain.coordinates.index("pelvis_rotation")
     q = np.zeros((60, len(problem.chain.coordinates)))
     q[:, about] = np.deg2rad(np.linspace(170.0, 290.0, 60))
-    turned = replace(problem.data, measured=marker_positions(constants, problem.data.placed, q))
-    found = starting_coordinates(problem.chain, constants, turned)
+    turned = replace(problem.data, measured=marker_positions(body, problem.data.placed, q))
+    found = starting_coordinates(body, turned)
     np.testing.assert_allclose(found[:, about], q[:, about] - 2 * np.pi, atol=ROUNDING)
 
 
@@ -77,16 +77,16 @@ def test_two_markers_in_disorder_do_not_turn_a_thigh_about_itself() -> None:
     _, parameters, problem, true = seeded_trial(22, frames=40, nodes=8)
     thigh = problem.chain.segments.index("thigh_r")
     of_thigh = np.flatnonzero(problem.data.segment == thigh)
-    constants = problem.body(parameters)
+    body = problem.body(parameters)
     local = problem.data.local.copy()
     local[of_thigh[:2]] = [[0.0, -0.2, 0.03], [0.0, -0.4, 0.0]]
     q, placed = problem.basis.evaluate(true), PlacedMarkers(problem.data.segment, local)
-    measured = marker_positions(constants, placed, q)
-    axes, _ = segment_poses(problem.chain, constants, forward(problem.chain, constants, q))
+    measured = marker_positions(body, placed, q)
+    axes = Kinematics(body, q).axes
     measured[of_thigh[0]] -= 0.06 * axes[thigh][:, 2]
     data = replace(problem.data, placed=placed, measured=measured)
     few = with_markers(data, np.setdiff1d(np.arange(len(local)), of_thigh[2:]))
-    found = starting_coordinates(problem.chain, constants, few)
+    found = starting_coordinates(body, few)
     k = list(problem.chain.coordinates).index("hip_rotation_r")
     assert np.abs(found[:, k] - q[:, k]).max() < np.deg2rad(60.0)
 
@@ -96,9 +96,12 @@ def test_a_foot_of_two_markers_in_disorder_does_not_start_upside_down() -> None:
     rng = np.random.default_rng(24)
     parameters = published_subject()
     problem, _ = random_trial(rng, parameters, frames=10, nodes=6)
-    chain, constants = problem.chain, problem.body(parameters)
+    chain, body = problem.chain, problem.body(parameters)
     foot = chain.segments.index("foot_r")
-    ankle = -constants.segment_rotation[foot].T @ constants.segment_translation[foot]
+    at_zero = np.zeros((1, len(chain.coordinates)))
+    placed, (_, points) = Kinematics(body, at_zero, columns=False), coordinate_axes(body, at_zero)
+    subtalar = points[0, chain.coordinates.index("subtalar_angle_r")]
+    ankle = placed.axes[foot, :, :, 0] @ (subtalar - placed.origins[foot, :, 0])
     of_foot = np.flatnonzero(problem.data.segment == foot)
     kept = np.setdiff1d(np.arange(len(problem.data.segment)), of_foot[2:])
     turns = [k for k, name in enumerate(chain.coordinates) if name in ("ankle_angle_r", "subtalar_angle_r")]
@@ -107,8 +110,8 @@ def test_a_foot_of_two_markers_in_disorder_does_not_start_upside_down() -> None:
         (heel, toe), (out_heel, out_toe) = rng.uniform(-0.04, 0.04, 2), rng.uniform(-0.01, 0.01, 2)
         local[of_foot[:2]] = ankle + np.array([[-0.05, heel, out_heel], [0.13, toe, out_toe]])
         placed = PlacedMarkers(problem.data.segment[kept], local[kept])
-        measured = marker_positions(constants, placed, np.zeros((10, len(chain.coordinates))))
+        measured = marker_positions(body, placed, np.zeros((10, len(chain.coordinates))))
         measured[np.isin(kept, of_foot)] += rng.normal(0.0, 0.045, (2, 3, 1))
         data = replace(problem.data, placed=placed, measured=measured, weight=problem.data.weight[kept])
-        found = starting_coordinates(chain, constants, data)
+        found = starting_coordinates(body, data)
         assert np.abs(found[:, turns]).max() < np.deg2rad(71.0)

@@ -10,7 +10,8 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from gaitcal.errors import InputError
-from gaitcal.model.chain import Chain, forward, segment_poses
+from gaitcal.model.chain import Chain
+from gaitcal.model.kinematics import Kinematics
 from gaitcal.model.linkage import COORDINATES, JOINTS, SEGMENTS, Source
 from gaitcal.model.parameters import published_subject
 from gaitcal.page.body_meshes import MESHES, fitted_meshes
@@ -78,8 +79,9 @@ def test_both_segments_see_a_fitted_joint_in_one_place() -> None:
     model = subject_model()
     q = np.random.default_rng(3).uniform(-0.8, 0.8, (4, len(COORDINATES)))
     chain = Chain("pelvis", SEGMENTS)
-    constants = chain.body(model.parameters)
-    axes, origins = segment_poses(chain, constants, forward(chain, constants, q))
+    body = chain.body(model.parameters)
+    placed = Kinematics(body, q, columns=False)
+    axes, origins = placed.axes, placed.origins
     seen: dict[str, list[tuple[np.ndarray, np.ndarray]]] = {}
     for mark in joint_marks(model.nominal, model.parameters, {}):
         s = chain.segments.index(mark.segment)
@@ -98,7 +100,7 @@ def test_axes_point_the_way_their_coordinates_turn(joint: str) -> None:
     """The first coordinate of a joint turns the child about the axis in the parent, the last about that in itself."""
     model = subject_model()
     chain = Chain("pelvis", SEGMENTS)
-    constants = chain.body(model.parameters)
+    body = chain.body(model.parameters)
     marks = {m.segment: m.fitted_axis for m in joint_marks(model.nominal, model.parameters, {}) if m.joint == joint}
     (linked,) = [j for j in JOINTS if j.name == joint]
     names = [e.name for e in linked.elements if e.source is Source.COORDINATE]
@@ -106,7 +108,8 @@ def test_axes_point_the_way_their_coordinates_turn(joint: str) -> None:
     for segment, name in ((linked.parent, names[0]), (linked.child, names[-1])):
         q = np.zeros((2, len(COORDINATES)))
         q[1, COORDINATES.index(name)] = 0.3
-        axes, _ = segment_poses(chain, constants, forward(chain, constants, q))  # rows: axes of a segment, laboratory
+        placed = Kinematics(body, q, columns=False)
+        axes, _ = placed.axes, placed.origins  # rows: axes of a segment, laboratory
         before, after = (axes[parent, :, :, k] @ axes[child, :, :, k].T for k in (0, 1))
         turn = after @ before.T if segment == linked.parent else before.T @ after
         assert Rotation.from_matrix(turn).as_rotvec() == pytest.approx(0.3 * marks[segment], abs=1e-9), segment

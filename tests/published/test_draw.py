@@ -99,11 +99,11 @@ def test_record_of_a_draw_against_whole_body_dynamics(context: MonteCarloContext
     problem = MotionProblem(
         name="reference", chain=context.problem.chain, basis=context.basis, data=data, labels=context.problem.labels
     )
-    constants = problem.body(parameters)
+    body = problem.body(parameters)
     coefficients = case.coefficients
     for _ in range(60):  # plain Newton from the undisturbed motion, with a fresh matrix every time
-        matrix = from_band(problem.equations(coefficients, constants).band)
-        step = np.linalg.solve(matrix, problem.gradient(coefficients, constants)[1].ravel())
+        matrix = from_band(problem.equations(coefficients, body).band)
+        step = np.linalg.solve(matrix, problem.gradient(coefficients, body)[1].ravel())
         coefficients = coefficients - step.reshape(coefficients.shape)
         if np.abs(step).max() < 1e-8:
             break
@@ -112,7 +112,7 @@ def test_record_of_a_draw_against_whole_body_dynamics(context: MonteCarloContext
     within = {"rtol": 0, "atol": 2e-5}
     np.testing.assert_allclose(recorded(found.values, ReactionFrame.LAB, "rms"), np.sqrt((error**2).mean(0)), **within)
     np.testing.assert_allclose(recorded(found.values, ReactionFrame.LAB, "mean"), error.mean(0), **within)
-    apart = 1e3 * np.linalg.norm(problem.positions(coefficients, constants) - data.measured, axis=1)
+    apart = 1e3 * np.linalg.norm(problem.positions(coefficients, body) - data.measured, axis=1)
     left = [i for i, label in enumerate(context.problem.labels) if label.startswith("L.") and _on_leg(context, i)]
     for measure, wanted in (("rms", np.sqrt((apart[left] ** 2).mean())), ("mean", apart[left].mean())):
         assert found.values[COLUMNS.index(marker_column("l", measure))] == pytest.approx(wanted, abs=1e-4)
@@ -217,15 +217,15 @@ def test_same_minimum_as_tracking(context: MonteCarloContext, level: int) -> Non
         change = disturb(context, Varied.JP, level, number)
         assert change.joint is not None
         parameters = context.case.parameters.with_joint(context.names, context.joint_values + change.joint)
-        constants = context.problem.body(parameters)
+        body = context.problem.body(parameters)
         start = context.case.coefficients + context.sensitivity @ change.joint
-        found = refit(context.problem, constants, start, MonteCarloSettings())
+        found = refit(context.problem, body, start, MonteCarloSettings())
         assert found.failure == ""
         tight = DescentSettings(gain=0.0, most_steps=60)
-        kept = track_nodes(context.problem, constants, found.coefficients, tight)
+        kept = track_nodes(context.problem, body, found.coefficients, tight)
         assert np.abs(kept.x - found.coefficients).max() < NODES
-        afar = track_nodes(context.problem, constants, context.case.coefficients, DescentSettings(gain=1e-12))
-        assert context.problem.cost(found.coefficients, constants) <= afar.cost * (1 + 1e-9)
+        afar = track_nodes(context.problem, body, context.case.coefficients, DescentSettings(gain=1e-12))
+        assert context.problem.cost(found.coefficients, body) <= afar.cost * (1 + 1e-9)
 
 
 def test_the_predictor_is_the_slope_of_the_motion(context: MonteCarloContext) -> None:
@@ -243,8 +243,8 @@ def test_the_predictor_is_the_slope_of_the_motion(context: MonteCarloContext) ->
 def test_a_refit_that_is_cut_short_says_so(context: MonteCarloContext) -> None:
     change = disturb(context, Varied.NOISE, 100, 1)
     noisy = context.problem.with_measured(context.data.measured + change.noise)
-    constants = context.problem.body(context.case.parameters)
-    found = refit(noisy, constants, context.case.coefficients, MonteCarloSettings(refit_most_evaluations=2))
+    body = context.problem.body(context.case.parameters)
+    found = refit(noisy, body, context.case.coefficients, MonteCarloSettings(refit_most_evaluations=2))
     assert "2 evaluations" in found.failure
     lost = context.problem.with_measured(np.full_like(context.data.measured, np.nan))
-    assert refit(lost, constants, context.case.coefficients, MonteCarloSettings()).failure
+    assert refit(lost, body, context.case.coefficients, MonteCarloSettings()).failure

@@ -157,8 +157,8 @@ def dense_squares(problem: MotionProblem, coefficients: Array, free: tuple[str, 
 
     def positions(x: Array) -> Array:
         nodes, parameters = np.split(x, [coefficients.size])
-        constants = problem.body(truth.with_joint(free, parameters))
-        return problem.positions(nodes.reshape(coefficients.shape), constants)
+        body = problem.body(truth.with_joint(free, parameters))
+        return problem.positions(nodes.reshape(coefficients.shape), body)
 
     matrix, _ = np.linalg.qr(central_differences(positions, np.append(coefficients, values)))
     return float(np.square(matrix.T @ noise.ravel()).sum())
@@ -263,7 +263,7 @@ def test_the_end_is_the_draw_of_the_study(
 def test_steepest_descent_goes_to_the_lowest_point_of_its_line(context: MonteCarloContext) -> None:
     model = disturbed_model(context, disturb(context, Varied.NOISE, 25, NUMBER))
     start, end = path(context, model, Iteration.STEEPEST_DESCENT, (0, 1))
-    along = [model.problem.marker_cost(start + part * (end - start), model.constants) for part in (0.95, 1.0, 1.05)]
+    along = [model.problem.marker_cost(start + part * (end - start), model.body) for part in (0.95, 1.0, 1.05)]
     assert along[1] < min(along[0], along[2])
 
 

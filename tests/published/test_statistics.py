@@ -197,8 +197,8 @@ def test_one_parameter_alone_causes_what_the_table_says(context: MonteCarloConte
     for sign in (1.0, -1.0):
         change = sign * step * (np.arange(len(context.names)) == k)
         parameters = case.parameters.with_joint(context.names, context.joint_values + change)
-        constants = context.problem.body(parameters)
-        found = refit(context.problem, constants, case.coefficients, context.settings)
+        body = context.problem.body(parameters)
+        found = refit(context.problem, body, case.coefficients, context.settings)
         torques.append(leg_torques(parameters, context.basis, found.coefficients, case.wrench, context.feet)[0])
     slope = (torques[0] - torques[1])[:, LEG_TORQUES.index("knee_adduction_l")] / (2 * step)
     alone = 100 / case.subject.bwh * np.sqrt((slope**2).mean()) * context.settings.joint_bounds[k] / np.sqrt(3)

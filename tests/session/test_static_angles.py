@@ -5,7 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from gaitcal.model.chain import Chain, forward, segment_poses
+from gaitcal.model.chain import Chain
+from gaitcal.model.kinematics import Kinematics
 from gaitcal.model.linkage import COORDINATES
 from gaitcal.model.nominal import published_model
 from gaitcal.model.parameters import JP_INDEX, Parameters
@@ -42,8 +43,9 @@ def turned(parameters: Parameters) -> Parameters:
 def places(parameters: Parameters, q: np.ndarray) -> np.ndarray:
     """Axes and origins of all segments at coordinates (nf, 27)."""
     chain = Chain()
-    constants = chain.body(parameters)
-    axes, origins = segment_poses(chain, constants, forward(chain, constants, q))
+    body = chain.body(parameters)
+    placed = Kinematics(body, q, columns=False)
+    axes, origins = placed.axes, placed.origins
     return np.concatenate([axes.ravel(), origins.ravel()])
 
 

@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 
 from gaitcal.dynamics.inverse_dynamics import FORCES
-from gaitcal.model.chain import axis_rotation
 from gaitcal.model.landmarks import static_posture
 from gaitcal.model.linkage import COORDINATES, REACTIONS
 from gaitcal.model.marker_set import load_marker_set
 from gaitcal.model.parameters import JP_NAMES
+from gaitcal.model.rotations import axis_rotation
 from gaitcal.study.settings import CalibrationSettings
 from gaitcal.study.study_file import TruthTable, load_study_file
 from gaitcal.study.truth import (

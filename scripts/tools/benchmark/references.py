@@ -29,11 +29,12 @@ from gaitcal.calibration.joint_calibration import JointFit, JointSearch
 from gaitcal.export.osim import write_osim
 from gaitcal.io.opensim_files import write_trc
 from gaitcal.io.recording import Recording
-from gaitcal.model.chain import LinkageModel, forward, jacobian
+from gaitcal.model.chain import LinkageModel, build_model
+from gaitcal.model.kinematics import Kinematics
 from gaitcal.model.linkage import COORDINATES, SEGMENTS, joint_segments
 from gaitcal.model.nominal import published_model
 from gaitcal.model.parameters import gait_parameters
-from gaitcal.model.subject_model import SubjectModel, build_model
+from gaitcal.model.subject_model import SubjectModel
 from gaitcal.motion.banded import NormalEquations
 from gaitcal.motion.motion import track, track_nodes
 from gaitcal.motion.spline import NodeRule
@@ -99,7 +100,7 @@ def problem(
 
 def start_of(p: MotionProblem) -> np.ndarray:
     """(nn, nq) coefficients from rigid fits."""
-    return starting_nodes(p.chain, p.with_free(()).body(subject().parameters), p.data, p.basis)
+    return starting_nodes(p.with_free(()).body(subject().parameters), p.data, p.basis)
 
 
 def calibrated(p: MotionProblem, free: tuple[str, ...]) -> JointFit:
@@ -111,15 +112,13 @@ ACCURACY = 1e-5
 
 
 class Counted(MotionProblem):
-    def equations(
-        self, coefficients: np.ndarray, constants: LinkageModel, *, curved: bool = False
-    ) -> NormalEquations:
+    def equations(self, coefficients: np.ndarray, body: LinkageModel, *, curved: bool = False) -> NormalEquations:
         self.counts["matrices"] += 1
-        return super().equations(coefficients, constants, curved=curved)
+        return super().equations(coefficients, body, curved=curved)
 
-    def gradient(self, coefficients: np.ndarray, constants: LinkageModel) -> tuple[float, np.ndarray]:
+    def gradient(self, coefficients: np.ndarray, body: LinkageModel) -> tuple[float, np.ndarray]:
         self.counts["gradients"] += 1
-        return super().gradient(coefficients, constants)
+        return super().gradient(coefficients, body)
 
     @property
     def counts(self) -> dict[str, int]:
@@ -180,13 +179,11 @@ def plain_least_squares(
     return lambda: least_squares(residual, x0, jac="2-point", jac_sparsity=pattern, **settings)
 
 
-def _marker_jacobian(
-    p: MotionProblem, coefficients: np.ndarray, constants: LinkageModel, columns: np.ndarray
-) -> csr_array:
+def _marker_jacobian(p: MotionProblem, coefficients: np.ndarray, body: LinkageModel, columns: np.ndarray) -> csr_array:
     q = p.basis.evaluate(coefficients)
     nf, nq, nm = len(q), q.shape[1], len(p.data.segment)
-    spatial = jacobian(p.chain, constants, forward(p.chain, constants, q))
-    x = p.positions(coefficients, constants)
+    spatial = Kinematics(body, q).columns
+    x = p.positions(coefficients, body)
     rows, cols, values = [], [], []
     frame = np.arange(nf)
     for m, segment in enumerate(p.data.segment):

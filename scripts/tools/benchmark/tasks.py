@@ -32,9 +32,9 @@ from gaitcal.calibration.joint_calibration import JointFit, JointSearch
 from gaitcal.dynamics.inverse_dynamics import Dynamics
 from gaitcal.faults.study import check_study
 from gaitcal.io.recording import Recording
+from gaitcal.model.chain import build_model
 from gaitcal.model.nominal import published_model
 from gaitcal.model.parameters import JP_NAMES, gait_parameters, isolated_parameters, symmetric_set
-from gaitcal.model.subject_model import build_model
 from gaitcal.motion.banded import BandFactor
 from gaitcal.motion.bandwidth import DenseMotion, with_bandwidth
 from gaitcal.motion.motion import motion_of, track, tracked_motion
@@ -192,13 +192,13 @@ def section_track() -> list[Figure]:
 
 def _parts_of_track() -> list[Figure]:
     p, parameters = problem("gait"), subject().parameters
-    constants, coefficients = p.body(parameters), start_of(p)
-    band = p.equations(coefficients, constants).band
+    body, coefficients = p.body(parameters), start_of(p)
+    band = p.equations(coefficients, body).band
     return [
         Figure("  of it: trial set up", lambda: problem("gait")),
         Figure("  of it: start from rigid fits", lambda: start_of(p)),
-        Figure("  of it: a pass with the matrix", lambda: p.equations(coefficients, constants)),
-        Figure("  of it: a pass without", lambda: p.gradient(coefficients, constants)),
+        Figure("  of it: a pass with the matrix", lambda: p.equations(coefficients, body)),
+        Figure("  of it: a pass without", lambda: p.gradient(coefficients, body)),
         Figure("  of it: a factorisation", lambda: BandFactor(band)),
         Figure("  of it: distances of all markers", lambda: motion_of(p, parameters, coefficients)),
     ]

@@ -49,7 +49,8 @@ from gaitcal import COORDINATES, Calibration, Motion, Study
 from gaitcal.arrays import Array
 from gaitcal.dynamics.inverse_dynamics import Dynamics
 from gaitcal.export.peer_model import Axis
-from gaitcal.model.chain import Chain, forward
+from gaitcal.model.chain import Chain
+from gaitcal.model.kinematics import coordinate_axes
 from gaitcal.model.parameters import Parameters
 from gaitcal.model.segment_frames import Frame, rigid_motions
 from gaitcal.study.study_trial import Role
@@ -160,9 +161,10 @@ def joint_tracks(parameters: Parameters, motion: Motion) -> dict[str, tuple[Arra
     """`hip_r`, ... -> centre (nf, 3) m and axis of flexion (nf, 3), laboratory, of a whole-body motion."""
     chain = Chain()
     order = [motion.coordinates.index(name) for name in chain.coordinates]
-    poses = forward(chain, chain.body(parameters), motion.q[:, order])
+    axes, points = coordinate_axes(chain.body(parameters), motion.q[:, order])
     at = {f"{joint}_{s}": chain.coordinates.index(f"{name}_{s}") for joint, name in JOINT_OF.items() for s in "rl"}
-    return {joint: (poses.origins[k].T, poses.axes[k, 2].T) for joint, k in at.items()}
+    sign = {"hip": 1.0, "knee": -1.0, "ankle": 1.0}  # of z, about which a knee extends
+    return {joint: (points[:, k], sign[joint[:-2]] * axes[:, k]) for joint, k in at.items()}
 
 
 def torque_figures(
