@@ -39,7 +39,6 @@ from gaitcal.study.joint_prior import JointPrior
 
 LEVERAGE_CAP = 0.9  # Leverages are cut here: a marker that alone holds a coordinate has no residual to learn from
 BLOCK = 125  # Frames at a time at most, whose changes by the marker coordinates of all trials are held at once
-COLUMNS_AT_ONCE, ROWS_AT_ONCE = 64, 1000  # Of a product of which only squares are kept
 
 
 @dataclass(frozen=True)
@@ -125,96 +124,98 @@ def errors_by_source(
     )
 
 
-@dataclass(frozen=True, kw_only=True)
-class _NodeMoves:
-    """What moves the nodes of one trial: its own marker coordinates, and unknowns that it shares with others."""
+@dataclass(frozen=True)
+class NodeMoves:
+    """What k independent sources of error make of one trial's nodes and of the joint parameters."""
 
-    coefficients: Array  # (nn * nq, own) n_c: what the own coordinates do, the joint parameters being known
-    sensitivity: Array  # (nn * nq, np) S = - d N / d p, joint parameters before soft tissue
+    nodes: Array
+    """(nn * nq, k) d N_c."""
+    parameters: Array
+    """(np, k) d p_c, joint parameters before soft tissue."""
 
     def moved(self, basis: SplineBasis, frames: slice | IntArray, derivative: int) -> Array:
-        """(frames, nq, own + np) B n_c and - B S in some frames, or their derivatives."""
-        chosen, nq = np.arange(len(basis.time))[frames], len(self.coefficients) // basis.nodes
+        """Compute what they make of coordinates (frames, nq, k), or of a derivative by time."""
+        chosen, nq = np.arange(len(basis.time))[frames], len(self.nodes) // basis.nodes
+        # only the nodes whose splines reach these frames
         near = slice(int(basis.first[chosen[0]]), int(basis.first[chosen[-1]]) + ORDER)
-        rows = slice(near.start * nq, near.stop * nq)  # only the nodes whose splines reach these frames
-        by_node = np.hstack([self.coefficients[rows], -self.sensitivity[rows]]).reshape(near.stop - near.start, -1)
+        by_node = self.nodes[near.start * nq : near.stop * nq].reshape(near.stop - near.start, -1)
         out: Array = basis.matrices[derivative][frames][:, near] @ by_node
         return out.reshape(len(chosen), nq, -1)
 
     def through(self, basis: SplineBasis, frames: slice | IntArray, by_state: Array, by_parameter: Array) -> Array:
-        """(frames, m, own + np) what they do to m quantities with derivatives by coordinates, rates and accelerations
-        (frames, m, 3 nq), and by joint parameters (frames, m, npj).
+        """Compute what they make (frames, m, k) of m quantities.
+
+        Parameters
+        ----------
+        by_state : (frames, m, 3 nq) derivatives by coordinates, rates and accelerations.
+        by_parameter : (frames, m, npj) derivatives by the joint parameters.
         """
         states = np.concatenate([self.moved(basis, frames, derivative) for derivative in range(3)], axis=1)
-        every: Array = by_state @ states
-        count = self.coefficients.shape[1]
-        every[:, :, count : count + by_parameter.shape[2]] += by_parameter
-        return every
+        out: Array = by_state @ states
+        out += by_parameter @ self.parameters[: by_parameter.shape[2]]
+        return out
 
 
 @dataclass(frozen=True, kw_only=True)
-class MarkerScores(_NodeMoves):
+class MarkerScores:
     """What one trial's marker coordinates make of its motion."""
 
+    coefficients: Array  # (nn * nq, own) n_c: what the own coordinates do, the joint parameters being known
+    sensitivity: Array  # (nn * nq, np) S = - d N / d p, joint parameters before soft tissue
     clusters: tuple[str, ...]
     """(own,) which source each column is: `trial/label/axis`, `bandwidth/trial`, `posture/trial/number`."""
 
+    def and_unknowns(self) -> NodeMoves:
+        """The own coordinates, and then a unit of each unknown."""
+        own, unknowns = self.coefficients.shape[1], self.sensitivity.shape[1]
+        nodes = np.hstack([self.coefficients, -self.sensitivity])
+        return NodeMoves(nodes, np.hstack([np.zeros((unknowns, own)), np.eye(unknowns)]))
+
 
 @dataclass(frozen=True, kw_only=True)
-class MotionSensitivity(_NodeMoves):
-    """The same with what moves the unknowns."""
+class MotionSensitivity:
+    """What moves one trial's motion: its own marker coordinates, and errors of the unknowns that trials share."""
 
+    coefficients: Array  # (nn * nq, own) n_c: what the own coordinates do, the joint parameters being known
+    sensitivity: Array  # (nn * nq, np) S = - d N / d p, joint parameters before soft tissue
     shift: Array
     """(np, nc) d p_c of the free joint parameters, then of the skin. The columns of a source are np or fewer with the
     same covariance."""
     own: tuple[ErrorSource, ...]  # (own,) of the columns of `coefficients`
     others: tuple[ErrorSource, ...]  # (nc,) of the columns of `shift`
 
+    @cached_property
+    def by_source(self) -> NodeMoves:
+        """(own + nc columns) of every source: the trial's own, then those of the unknowns."""
+        return self._with(self.shift)
+
+    @cached_property
+    def together(self) -> NodeMoves:
+        """(own + np columns or fewer) the same with the covariance of the unknowns by all sources at once."""
+        return self._with(np.asarray(np.linalg.qr(self.shift.T, mode="r")).T)
+
+    def _with(self, shift: Array) -> NodeMoves:
+        nodes = np.hstack([self.coefficients, -self.sensitivity @ shift])
+        own = np.zeros((len(shift), self.coefficients.shape[1]))
+        return NodeMoves(nodes, np.hstack([own, shift]))
+
     def variances(self, moved: Array) -> dict[ErrorSource, Array]:
-        """ErrorSource -> (frames, m) the variance that it makes; `moved`: (frames, m, own + np) what own coordinates
-        and unknowns do.
-        """
-        (nf, m, _), count, out = moved.shape, self.coefficients.shape[1], dict[ErrorSource, Array]()
-        by_unknown = moved[:, :, count:].reshape(nf * m, -1)
-        for source in dict.fromkeys((*self.own, *self.others)):
-            own = [k for k, of in enumerate(self.own) if of is source]
-            shared = [k for k, of in enumerate(self.others) if of is source]
-            found = squares(moved[:, :, :count] if len(own) == count else moved[:, :, own])
-            out[source] = found + _product_squares(by_unknown, self.shift[:, shared]).reshape(nf, m)
+        """ErrorSource -> (frames, m) the variance that it makes; `moved` (frames, m, own + nc) of `by_source`."""
+        columns = (*self.own, *self.others)
+        out = dict[ErrorSource, Array]()
+        for source in dict.fromkeys(columns):
+            out[source] = squares(moved[:, :, [k for k, of in enumerate(columns) if of is source]])
         return out
 
     def whole_and_own(self, moved: Array) -> tuple[Array, Array]:
-        """(frames, m) variance by all sources together, and by the trial's own markers; `moved` as for `variances`."""
-        (nf, m, _), count = moved.shape, self.coefficients.shape[1]
-        by_own, by_unknown = moved[:, :, :count], moved[:, :, count:].reshape(nf * m, -1)
-        own = squares(by_own[:, :, [k for k, of in enumerate(self.own) if of is ErrorSource.MOTION]])
-        return squares(by_own) + _product_squares(by_unknown, self._root).reshape(nf, m), own
-
-    @cached_property
-    def _root(self) -> Array:
-        """(np, np or fewer) R with R R^T = shift shift^T, the covariance of the unknowns by all sources."""
-        return np.asarray(np.linalg.qr(self.shift.T, mode="r")).T
+        """(frames, m) variance by all sources, and by the trial's own markers; `moved` (frames, m, k) of `together`."""
+        own = [k for k, of in enumerate(self.own) if of is ErrorSource.MOTION]
+        return squares(moved), squares(moved[:, :, own])
 
 
 def squares(moves: Array) -> Array:
     """(nf, m) variance from what independent sources (nf, m, k) make."""
     return np.einsum("fmk,fmk->fm", moves, moves)
-
-
-def _product_squares(left: Array, right: Array) -> Array:
-    """(n,) sums of squares of the rows of left @ right, (n, k) and (k, c); `right` is half zeros, beside a diagonal."""
-    out = np.zeros(len(left))
-    for start in range(0, right.shape[1], COLUMNS_AT_ONCE):
-        part = right[:, start : start + COLUMNS_AT_ONCE]
-        rows = np.flatnonzero(part.any(axis=1))
-        if not len(rows):
-            continue
-        kept = slice(rows[0], rows[-1] + 1)
-        for first in range(0, len(left), ROWS_AT_ONCE):
-            some = slice(first, first + ROWS_AT_ONCE)
-            product = left[some, kept] @ part[kept]
-            out[some] += np.einsum("ij,ij->i", product, product)
-    return out
 
 
 def source_of(name: str) -> ErrorSource:
@@ -340,7 +341,7 @@ def coordinate_variances(
     """
 
     def moved(part: slice | IntArray) -> Array:
-        found = moves.moved(basis, part, 0)
+        found = moves.together.moved(basis, part, 0)
         return found if more is None else np.concatenate([found, more[part] @ found], axis=1)
 
     basis = problem.basis

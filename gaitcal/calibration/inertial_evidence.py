@@ -118,6 +118,7 @@ def residual_noise(
         opened = trial.problem.with_free(sources.free)
         moves = trial.scores or whole_body_scores(trial.problem, trial.coefficients, parameters, sources)
         shift, own = sources.parameters[opened.places_in(sources.free)], moves.coefficients.shape[1]
+        unit_moves = moves.and_unknowns()
         rates = measurement_errors.wrench_rates(basis.time, wrenches)
         coarse = None if trial.problem.penalty else _coarser(basis, trial.coefficients)
         names = [*sources.clusters, *moves.clusters, *feet, "plate/clock"]
@@ -130,7 +131,7 @@ def residual_noise(
                 parameters, opened.chain.free[: opened.joint_parameters], q, v, a, wrenches[at]
             )
             by_state = np.concatenate([residual.by_position, residual.by_velocity, residual.by_acceleration], axis=2)
-            every = moves.through(basis, at, by_state, residual.by_parameter)
+            every = unit_moves.through(basis, at, by_state, residual.by_parameter)
             columns = [every[:, :, own:] @ shift, every[:, :, :own]]
             columns.append(_plate_moves(q, measurement_errors.wrench_errors(wrenches[at], rates[at], plates.errors)))
             columns.append(residual.regressor @ by_kept)

@@ -61,6 +61,7 @@ class ErringForces:
         self.moves = moves or marker_moves(problem, coefficients, parameters, joint)
         self.inertial, self.axes, self.plates = inertial, axes, plates
         self._dynamics = Dynamics(parameters, joint_kinetics.HELD)
+        self._opened = Dynamics(parameters, joint_kinetics.HELD, self.free)
         self._rates = measurement_errors.wrench_rates(problem.basis.time, wrenches)
         self._state = [problem.basis.evaluate(coefficients, k) for k in range(3)]
 
@@ -75,10 +76,11 @@ class ErringForces:
 
     def variances(self, part: slice) -> "Variances":
         """Of some frames."""
-        dynamics, wrenches = self._dynamics, self.wrenches[part]
+        dynamics, opened, wrenches = self._dynamics, self._opened, self.wrenches[part]
         q, v, a = (x[part] for x in self._state)
-        slopes = derivatives.force_derivatives(self.parameters, self.free, q, v, a, wrenches, joint_kinetics.HELD)
-        kinetic = joint_kinetics.kinetic_slopes(self.parameters, q, v, dynamics.forces(q, v, a, wrenches), self.free)
+        placed, forces = opened.placed(q), dynamics.forces(q, v, a, wrenches)
+        slopes = derivatives.differentiate_forces(opened, q, v, a, wrenches, joint_kinetics.ALL_FORCES)
+        kinetic = joint_kinetics.kinetic_slopes(placed, v, forces, self.free)
         through = kinetic.by_force
         by_state = np.concatenate(
             [
@@ -89,18 +91,21 @@ class ErringForces:
             axis=2,
         )
         by_parameter = through @ slopes.by_parameter + kinetic.by_parameter
-        every = self.moves.through(self.problem.basis, part, by_state, by_parameter)
-        torques, kinetics = every[:, : len(FORCES)], every[:, len(FORCES) :]
+        basis, count = self.problem.basis, len(FORCES)
+        # of powers and moments, sources are not told apart: fewer columns do for them
+        torques = self.moves.by_source.through(basis, part, by_state[:, :count], by_parameter[:, :count])
+        kinetics = self.moves.together.through(basis, part, by_state[:, count:], by_parameter[:, count:])
         found = Variances(self.moves.variances(torques), *self.moves.whole_and_own(kinetics))
         if self.inertial is not None:
             heavier = _inertial_moves(dynamics, self.parameters, self.inertial, q, v, a)
             found.add(measurement_errors.ErrorSource.INERTIA, squares(through @ heavier))
         if self.plates is not None and self.plates.any:
-            wrong = dynamics.of_ground(q, measurement_errors.wrench_errors(wrenches, self._rates[part], self.plates))
+            plates = measurement_errors.wrench_errors(wrenches, self._rates[part], self.plates)
+            wrong = dynamics.of_ground(placed, plates)
             found.add(measurement_errors.ErrorSource.PLATES, squares(through @ wrong))
         if self.axes is not None and self.axes.columns:
             moving, turns = self._rate_moves(self.axes, part), self.axes.segment_turns(q)
-            moved = kinetic.moved(self.axes.torque_moves(q, v, a, wrenches), moving, turns)
+            moved = kinetic.moved(self.axes.torque_moves(q, forces), moving, turns)
             found.add(measurement_errors.ErrorSource.FRAMES, squares(moved))
         return found
 

@@ -58,9 +58,7 @@ def force_derivatives(
     `held`: joint parameters whose own generalised forces follow (`Dynamics`). `of`: those of the 29 that are wanted.
     """
     dynamics = inverse_dynamics.Dynamics(parameters, held, free)
-    rows = np.array([dynamics.body.index(name) for name in (*of, *held)])
-    by_parameter = np.array([dynamics.body.index(name) for name in dynamics.free], dtype=np.intp)
-    return _differentiate(dynamics, rows, by_parameter, dynamics.joint_states(q, v, a), wrenches)
+    return differentiate_forces(dynamics, q, v, a, wrenches, (*of, *held))
 
 
 def root_residual(
@@ -85,14 +83,19 @@ def root_residual(
     )
 
 
-def _differentiate(
-    dynamics: inverse_dynamics.Dynamics,
-    rows: IntArray,
-    by_parameter: IntArray,
-    states: tuple[Array, Array, Array],
-    wrenches: Array,
+def differentiate_forces(
+    dynamics: inverse_dynamics.Dynamics, q: Array, v: Array, a: Array, wrenches: Array, of: tuple[str, ...]
 ) -> ForceDerivatives:
-    """Differentiate the generalised forces of the joints `rows` at states (nf, nv) of all joints."""
+    """Differentiate the generalised forces named `of` by coordinates, their derivatives and `dynamics.free`.
+
+    Parameters
+    ----------
+    q, v, a : (nf, 27) coordinates and their derivatives, m and rad.
+    wrenches : (nf, 2, 6) ground on the feet, N and N·m about the laboratory origin.
+    """
+    states = dynamics.joint_states(q, v, a)
+    rows = np.array([dynamics.body.index(name) for name in of])
+    by_parameter = np.array([dynamics.body.index(name) for name in dynamics.free], dtype=np.intp)
     model, data, nf = dynamics.body.model, dynamics.body.data, len(wrenches)
     columns = dynamics.coordinates
     both = np.concatenate([columns, by_parameter])
@@ -103,8 +106,8 @@ def _differentiate(
     of_both, of_columns = np.ix_(rows, both), np.ix_(rows, columns)
     # Pinocchio fills in the upper half of the mass matrix alone
     upper = np.minimum(*of_columns), np.maximum(*of_columns)
-    for k, (q, v, a) in enumerate(zip(*states, strict=True)):
-        dq, dv, da = pin.computeRNEADerivatives(model, data, q, v, a)
+    for k, (q_k, v_k, a_k) in enumerate(zip(*states, strict=True)):
+        dq, dv, da = pin.computeRNEADerivatives(model, data, q_k, v_k, a_k)
         by_q[k], by_v[k], by_a[k] = dq[of_both], dv[of_columns], da[upper]
         jacobians[k] = jacobian
     by_q += _by_moved_contacts(dynamics, rows, both, jacobians, wrenches)

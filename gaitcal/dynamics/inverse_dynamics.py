@@ -205,9 +205,8 @@ class Dynamics:
         """(nf, 3) N: the first three of `forces`, which need no place of the ground reactions."""
         return self.forces(q, v, a)[:, :3] - wrenches[:, :, :3].sum(axis=1)
 
-    def of_ground(self, q: Array, wrenches: Array) -> Array:
+    def of_ground(self, placed: PlacedLinkage, wrenches: Array) -> Array:
         """(nf, nt, k) the part -J_foot^T w of the generalised forces that foot wrenches (nf, 2, 6, k) make."""
-        placed = self.placed(q)
         out = np.zeros((len(wrenches), len(placed.names), wrenches.shape[3]))
         for foot, name in enumerate(FEET):
             moved = np.flatnonzero(placed.moves(name))

@@ -48,7 +48,6 @@ import numpy as np
 from gaitcal.arrays import Array, BoolArray, cross, stretches
 from gaitcal.dynamics.inverse_dynamics import FORCES, Dynamics, PlacedLinkage
 from gaitcal.errors import nearest
-from gaitcal.model.chain import chain_of
 from gaitcal.model.coordinates import JOINT_TABLE, split_side
 from gaitcal.model.linkage import COORDINATES, JOINTS, SIDES, Source, joint_segments
 from gaitcal.model.parameters import JP_INDEX, Parameters
@@ -238,8 +237,9 @@ def kinetics_of(parameters: Parameters, motion: Motion, wrenches: Array) -> Join
 
 def kinetic_values(parameters: Parameters, q: Array, v: Array, a: Array, wrenches: Array) -> tuple[Array, Array]:
     """(nf, 28) W and (nf, 3, 21) N·m at coordinates (nf, nq), their derivatives, and foot wrenches (nf, 2, 6)."""
-    forces = Dynamics(parameters, HELD).forces(q, v, a, wrenches)
-    parts = [moment_slopes(parameters, q[part], forces[part]).values for part in stretches(len(q), BLOCK)]
+    dynamics = Dynamics(parameters, HELD)
+    forces = dynamics.forces(q, v, a, wrenches)
+    parts = [moment_slopes(dynamics.placed(q[part]), forces[part]).values for part in stretches(len(q), BLOCK)]
     return powers(forces[:, : len(COORDINATES)], v), _by_frame(np.concatenate(parts))
 
 
@@ -278,13 +278,18 @@ class MomentSlopes:
     """Segment -> (nf, 63, 3) per turn of its axes in the laboratory (rad), bodies and joints staying."""
 
 
-def moment_slopes(parameters: Parameters, q: Array, forces: Array, free: tuple[str, ...] = ()) -> MomentSlopes:
-    """At coordinates (nf, nq), with generalised forces (nf, 35); `free` are joint parameters to derive by."""
-    chain = chain_of(free=(*free, *(name for name in HELD if name not in free)), reactions=True)
-    placed = PlacedLinkage(chain.body(parameters), q)
-    nf, width = len(q), 3 * len(VECTOR_FRAMES)
+def moment_slopes(placed: PlacedLinkage, forces: Array, free: tuple[str, ...] = ()) -> MomentSlopes:
+    """Differentiate the moments of all joints.
+
+    Parameters
+    ----------
+    placed : the linkage in nf frames, with the joint parameters `HELD` and `free` free.
+    forces : (nf, 35) generalised forces, in the order of `ALL_FORCES`.
+    free : joint parameters to derive by.
+    """
+    nf, width = len(forces), 3 * len(VECTOR_FRAMES)
     rows = width * len(NET_JOINTS)
-    wanted = np.array([placed.names.index(n) for n in (*COORDINATES, *(n for n in chain.free if n in free))])
+    wanted = np.array([placed.names.index(n) for n in (*COORDINATES, *(n for n in placed.chain.free if n in free))])
     values, by_force = np.empty((nf, rows)), np.zeros((nf, rows, len(ALL_FORCES)))
     by_variable = np.zeros((nf, rows, len(wanted)))
     by_turn = {segment: np.zeros((nf, rows, 3)) for joint in NET_JOINTS for segment in (joint.proximal, joint.distal)}
@@ -361,12 +366,10 @@ class KineticSlopes:
         return out
 
 
-def kinetic_slopes(
-    parameters: Parameters, q: Array, v: Array, forces: Array, free: tuple[str, ...] = ()
-) -> KineticSlopes:
-    """At coordinates and rates (nf, nq), with generalised forces (nf, 35); `free` are joint parameters to derive by."""
-    moments = moment_slopes(parameters, q, forces, free)
-    nf, torques, coordinates = len(q), len(FORCES), len(COORDINATES)
+def kinetic_slopes(placed: PlacedLinkage, v: Array, forces: Array, free: tuple[str, ...] = ()) -> KineticSlopes:
+    """Differentiate generalised forces, powers and moments, at rates (nf, nq); the rest as in `moment_slopes`."""
+    moments = moment_slopes(placed, forces, free)
+    nf, torques, coordinates = len(v), len(FORCES), len(COORDINATES)
     rows = torques + len(POWERS) + moments.values.shape[1]
     of_power, of_moment = slice(torques, torques + len(POWERS)), slice(torques + len(POWERS), rows)
     by_force, by_position, by_velocity, by_parameter = (

@@ -61,12 +61,12 @@ from enum import Enum
 import numpy as np
 
 from gaitcal.arrays import Array, BoolArray, cross, stretches
-from gaitcal.dynamics.inverse_dynamics import FORCES, Dynamics, PlacedLinkage
-from gaitcal.dynamics.joint_kinetics import KineticErrors
+from gaitcal.dynamics.inverse_dynamics import FORCES, PlacedLinkage
+from gaitcal.dynamics.joint_kinetics import ALL_FORCES, KineticErrors
 from gaitcal.io.force_plate import LOADED_N, OUTSIDE_M, UP, centre_on_ground
 from gaitcal.io.recording import ForcePlate
 from gaitcal.model import chain, linkage
-from gaitcal.model.parameters import JOINT_PARAMETERS, JP_INDEX, Kind, Parameters
+from gaitcal.model.parameters import JOINT_PARAMETERS, Kind, Parameters
 from gaitcal.study.settings import PlateErrorTable
 
 PALPATED_DEG: Mapping[str, tuple[float, float, float]] = {
@@ -108,8 +108,6 @@ CROSSINGS = tuple(
         *((joint.parent, joint.child, linkage.joint_elements(joint, reactions=True)) for joint in linkage.JOINTS),
     )
 )
-_HELD = tuple(name for crossing in CROSSINGS for name in crossing.carried if name in JP_INDEX)
-"""Joint parameters that complete a knee's moment."""
 
 
 class AxisErrors:
@@ -123,7 +121,6 @@ class AxisErrors:
     ) -> None:
         """`deviations_deg`: standard deviations by segment, with or without its side, about x, y and z."""
         self._body = chain.chain_of(free=_ORIENTATIONS, reactions=True).body(parameters)
-        self._dynamics = Dynamics(parameters, _HELD)
         alike = {s: deviations_deg.get(linkage.segment_kind(s).name, ()) for s in self._body.chain.segments}
         each = {s: deviations_deg.get(s, of_both) for s, of_both in alike.items()}
         self._deviations = {segment: np.deg2rad(turns) for segment, turns in each.items() if any(turns)}
@@ -156,10 +153,9 @@ class AxisErrors:
         moves = self.coordinate_moves(q)
         return np.zeros_like(moves) if len(time) < 2 else np.gradient(moves, time, axis=0)
 
-    def torque_moves(self, q: Array, v: Array, a: Array, wrenches: Array) -> Array:
-        """(nf, nt, k) N·m, N: the same of the generalised forces, foot wrenches being (nf, 2, 6)."""
-        placed, forces = self._placed(q), self._dynamics.forces(q, v, a, wrenches)
-        index = {name: k for k, name in enumerate((*FORCES, *_HELD))}
+    def torque_moves(self, q: Array, forces: Array) -> Array:
+        """(nf, nt, k) N·m, N: the same of the generalised forces, which are (nf, 35), in the order of `ALL_FORCES`."""
+        placed, index = self._placed(q), {name: k for k, name in enumerate(ALL_FORCES)}
         out = np.zeros((len(q), len(FORCES), len(self.columns)))
         for crossing, segment, place, turns, taken in self._taken(placed):
             if not crossing.carried:

@@ -206,7 +206,8 @@ def torque_change(trials: Sequence[ForceEvidence], fit: ForceFit) -> tuple[str, 
     for trial in trials:
         change = trial.wrenches - fit.cause.undo(trial, fit.x).wrenches
         on_feet = [(change * (trial.feet == foot)[:, :, None]).sum(axis=0) for foot in range(len(FEET))]
-        moved = Dynamics(trial.parameters).of_ground(trial.q, np.stack(on_feet, axis=1)[..., None])[:, LEGS, 0]
+        dynamics = Dynamics(trial.parameters)
+        moved = dynamics.of_ground(dynamics.placed(trial.q), np.stack(on_feet, axis=1)[..., None])[:, LEGS, 0]
         size = np.sqrt((moved**2).mean(axis=0)) / trial.bwh
         if size.max() > most:
             worst, most = FORCES[LEGS[int(size.argmax())]], float(size.max())

@@ -23,7 +23,15 @@ from gaitcal.calibration.error_sources import (
 )
 from gaitcal.calibration.torque_errors import ErringForces
 from gaitcal.dynamics.inverse_dynamics import FORCES, Dynamics
-from gaitcal.dynamics.joint_kinetics import COMPONENTS, POWERS, VECTOR_FRAMES, MomentFrame, kinetic_values, power_of
+from gaitcal.dynamics.joint_kinetics import (
+    COMPONENTS,
+    HELD,
+    POWERS,
+    VECTOR_FRAMES,
+    MomentFrame,
+    kinetic_values,
+    power_of,
+)
 from gaitcal.dynamics.measurement_errors import AxisErrors, ErrorSource, PlateErrors
 from gaitcal.model.parameters import IP_NAMES, JP_INDEX, Parameters, gait_parameters
 from gaitcal.model.subject_model import PointNoise
@@ -145,7 +153,8 @@ def test_directions_of_axes_add_their_own_part_to_torques_and_to_coordinates_tha
     for source, variance in exact.by_source.items():
         np.testing.assert_array_equal(moved.by_source[source], variance)
     q, v, a = (problem.basis.evaluate(coefficients, k) for k in range(3))
-    expected = (axes.torque_moves(q, v, a, wrench) ** 2).sum(axis=2)
+    forces = Dynamics(parameters, HELD).forces(q, v, a, wrench)
+    expected = (axes.torque_moves(q, forces) ** 2).sum(axis=2)
     np.testing.assert_allclose(moved.by_source[ErrorSource.FRAMES], expected, rtol=1e-9, atol=1e-12)
     moves, turned = marker_moves(problem, coefficients, parameters, known), axes.coordinate_errors(q)
     plain, whole = coordinate_standard_errors(problem, moves), coordinate_standard_errors(problem, moves, turned)

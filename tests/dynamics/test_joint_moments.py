@@ -170,12 +170,12 @@ def test_slopes_of_moments_by_finite_differences() -> None:
     q, v, a, wrench = (x[:1] for x in state())
 
     def values(q: Array, parameters: Parameters) -> Array:
-        forces = Dynamics(parameters, HELD).forces(q, v, a, wrench)
-        return np.asarray(moment_slopes(parameters, q, forces).values[0])
+        dynamics = Dynamics(parameters, HELD)
+        return np.asarray(moment_slopes(dynamics.placed(q), dynamics.forces(q, v, a, wrench)).values[0])
 
     forces = Dynamics(PARAMETERS, HELD).forces(q, v, a, wrench)
     by_state = force_derivatives(PARAMETERS, free, q, v, a, wrench, HELD)
-    found = moment_slopes(PARAMETERS, q, forces, free)
+    found = moment_slopes(Dynamics(PARAMETERS, HELD, free).placed(q), forces, free)
     through = found.by_force[0]
     by_position = through @ by_state.by_position[0] + found.by_position[0]
     assert_derivative(by_position, lambda x: values(x[None], PARAMETERS), q[0])

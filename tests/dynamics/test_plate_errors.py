@@ -53,7 +53,7 @@ def turned(wrench: Array, angle: float) -> Array:
 def test_the_ground_s_part_is_what_forces_with_and_without_it_differ_by() -> None:
     dynamics, (q, v, a), wrench, _ = walk()
     with_it, without = (dynamics.forces(q, v, a, w) for w in (wrench, np.zeros_like(wrench)))
-    part = dynamics.of_ground(q, wrench[..., None])[..., 0]
+    part = dynamics.of_ground(dynamics.placed(q), wrench[..., None])[..., 0]
     np.testing.assert_allclose(part, with_it - without, rtol=0, atol=LINEAR * np.abs(part).max())
     assert np.abs(part).max() > 10.0
 
@@ -64,7 +64,9 @@ def test_each_part_is_what_plates_that_err_so_make_of_torques(which: str) -> Non
     dynamics, (q, v, a), wrench, time = walk()
     size = {"place": 0.004, "gain": 0.02, "turn": 0.002, "clock": 0.0005}[which]
     errors = PlateErrors(**{"place": 0.0, "gain": 0.0, "clock": 0.0, which: size})
-    found = (dynamics.of_ground(q, wrench_errors(wrench, wrench_rates(time, wrench), errors)) ** 2).sum(axis=2)
+    found = (
+        dynamics.of_ground(dynamics.placed(q), wrench_errors(wrench, wrench_rates(time, wrench), errors)) ** 2
+    ).sum(axis=2)
     true, squares = dynamics.forces(q, v, a, wrench), np.zeros((len(time), len(FORCES)))
     for other in changed(which, size, wrench, time):
         squares += (dynamics.forces(q, v, a, other) - true) ** 2

@@ -183,7 +183,8 @@ def torque_figures(
     ground = np.concatenate([force, moment + np.cross(origin, force)], axis=2).reshape(len(recorded), -1)
     more = at_times(body.time, recorded, ground).reshape(-1, 2, 6) - loads.reactions.wrench
     airborne = more * ~loads.reactions.loaded[:, :, None]
-    of_airborne = Dynamics(calibration.model.parameters).of_ground(body.q, airborne[..., None])[..., 0]
+    dynamics = Dynamics(calibration.model.parameters)
+    of_airborne = dynamics.of_ground(dynamics.placed(body.q), airborne[..., None])[..., 0]
     gaps: dict[str, list[Array]] = {}
     earlier: dict[str, list[Array]] = {}
     held: dict[str, Bars] = {}
