@@ -23,10 +23,10 @@ from gaitcal.dynamics import derivatives, joint_kinetics, measurement_errors
 from gaitcal.dynamics.inverse_dynamics import FORCES, Dynamics
 from gaitcal.model.parameters import Parameters, dynamic_jacobian
 from gaitcal.motion.trial_problem import MotionProblem
+from gaitcal.runtime import LARGEST_BYTES
 
-BLOCK = 32
-"""Frames at a time at most, whose changes by the marker coordinates of all trials are held at once: in arrays below
-`runtime.LARGEST_BYTES`, whose memory is kept."""
+KINETICS = len(joint_kinetics.POWERS) + len(joint_kinetics.COMPONENTS) * len(joint_kinetics.VECTOR_FRAMES)
+"""Powers and components of moment vectors of a frame."""
 
 
 class ErringForces:
@@ -67,8 +67,9 @@ class ErringForces:
 
     @property
     def parts(self) -> list[slice]:
-        """All frames, some at a time."""
-        return stretches(len(self.wrenches), BLOCK)
+        """All frames, some at a time: what sources make of them stays in arrays whose memory is kept."""
+        bytes_of_frame = 8 * KINETICS * self.moves.together.nodes.shape[1]
+        return stretches(len(self.wrenches), max(LARGEST_BYTES // bytes_of_frame, 1))
 
     def errors(self) -> measurement_errors.TorqueErrors:
         """Standard errors in all frames."""

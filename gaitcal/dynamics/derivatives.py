@@ -124,14 +124,14 @@ def _by_moved_contacts(
     dynamics: inverse_dynamics.Dynamics, rows: IntArray, by: IntArray, jacobians: Array, wrenches: Array
 ) -> Array:
     """(nf, n, k) derivatives of -sum_feet J_i^T w, wrenches fixed in the laboratory, by joints j before i."""
-    parts = dynamics.body.parts
+    after = dynamics.body.parts.after
     pulls = np.zeros((len(wrenches), len(rows), 6))
     for foot, joint in enumerate(dynamics.feet):
-        moving = np.flatnonzero(np.isin(rows + 1, parts.supports[joint]))
+        moving = np.flatnonzero(after[joint - 1, rows])
         force, moment = wrenches[:, None, foot, :3], wrenches[:, None, foot, 3:]
         v, w = jacobians[:, rows[moving], :3], jacobians[:, rows[moving], 3:]
         # F . (w_j x v_i) = w_j . (v_i x F), and so on
         pulls[:, moving, :3] -= cross(w, force)
         pulls[:, moving, 3:] -= cross(v, force) + cross(w, moment)
-    before = np.array([np.isin(by + 1, parts.supports[row + 1][:-1]) for row in rows])
+    before = after[rows][:, by] & (rows[:, None] != by)
     return np.asarray((pulls @ jacobians[:, by].transpose(0, 2, 1)) * before)

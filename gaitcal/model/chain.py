@@ -203,6 +203,8 @@ class _Parts:
         """(ns,) joint of the model that carries each segment."""
         self.supports = [list(support) for support in template.supports]
         """(nv + 1,) joints on the way from the ground to each joint, the ground and the joint included."""
+        self.after = np.array([np.isin(np.arange(1, len(kept) + 1), support) for support in self.supports[1:]])
+        """(nv, nv) whether joint i + 1 is joint j + 1, or comes after it on the way from the ground."""
         self._chain, self._secondary, self._template = chain, secondary, template
         self._of_thread = threading.local()
 

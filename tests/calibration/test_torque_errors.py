@@ -14,7 +14,6 @@ from gaitcal.calibration.error_sources import (
     LEVERAGE_CAP,
     ErrorSources,
     MotionSensitivity,
-    _product_squares,
     coordinate_standard_errors,
     marker_moves,
     nominal_errors,
@@ -272,15 +271,6 @@ def test_sources_of_an_influence_stay_apart_when_they_are_compressed() -> None:
         np.testing.assert_allclose(after @ after.T, before @ before.T, rtol=0, atol=1e-12 * before.size)
         assert after.shape[1] <= len(names)
     assert set(moves.own) == {ErrorSource.MOTION}
-
-
-def test_unknowns_that_nothing_moves_have_no_part() -> None:
-    """A whole block of columns of zeros among the sources, as of parameters that are known exactly."""
-    rng = np.random.default_rng(54)
-    left, right = rng.normal(size=(5, 80)), np.zeros((80, 80))
-    right[:10, :10] = rng.normal(size=(10, 10))
-    np.testing.assert_allclose(_product_squares(left, right), ((left @ right) ** 2).sum(axis=1))
-    np.testing.assert_array_equal(_product_squares(left, np.zeros((80, 80))), 0.0)
 
 
 PARAMETERS = perturbed_parameters(np.random.default_rng(81))
