@@ -111,7 +111,9 @@ def _root(pulls: Array) -> Array:
     if not np.isfinite(pulls).all():
         return np.full((3, 3), np.nan)
     values, vectors = np.linalg.eigh(pulls @ pulls.T)
-    out: Array = vectors * np.sqrt(np.maximum(values, 0.0))
+    # an axis points either way: the largest entry of each column is positive
+    largest = np.take_along_axis(vectors, np.abs(vectors).argmax(axis=0)[None], axis=0)
+    out: Array = vectors * np.where(largest < 0, -1.0, 1.0) * np.sqrt(np.maximum(values, 0.0))
     return out
 
 
