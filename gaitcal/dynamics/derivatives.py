@@ -96,8 +96,8 @@ def differentiate_forces(
     states = dynamics.joint_states(q, v, a)
     rows = np.array([dynamics.body.index(name) for name in of])
     by_parameter = np.array([dynamics.body.index(name) for name in dynamics.free], dtype=np.intp)
-    model, data, nf = dynamics.body.model, dynamics.body.data, len(wrenches)
-    columns = dynamics.coordinates
+    model, data, nf = dynamics.body.model, dynamics.body.chain.data, len(wrenches)
+    columns = dynamics.body.chain.at_coordinates
     both = np.concatenate([columns, by_parameter])
     by_q = np.empty((nf, len(rows), len(both)))
     by_v, by_a = (np.empty((nf, len(rows), len(columns))) for _ in range(2))
@@ -124,7 +124,7 @@ def _by_moved_contacts(
     dynamics: inverse_dynamics.Dynamics, rows: IntArray, by: IntArray, jacobians: Array, wrenches: Array
 ) -> Array:
     """(nf, n, k) derivatives of -sum_feet J_i^T w, wrenches fixed in the laboratory, by joints j before i."""
-    after = dynamics.body.parts.after
+    after = dynamics.body.chain.after
     pulls = np.zeros((len(wrenches), len(rows), 6))
     for foot, joint in enumerate(dynamics.feet):
         moving = np.flatnonzero(after[joint - 1, rows])

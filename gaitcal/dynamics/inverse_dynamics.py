@@ -26,7 +26,7 @@ import pinocchio as pin
 from gaitcal.arrays import Array, BoolArray, IntArray, stretches
 from gaitcal.errors import Code, InputError
 from gaitcal.model import linkage
-from gaitcal.model.chain import LinkageModel, build_linkage
+from gaitcal.model.chain import build_linkage
 from gaitcal.model.kinematics import Kinematics, evaluate_joints, view_forces
 from gaitcal.model.parameters import MASSIVE_SEGMENTS, Parameters
 from gaitcal.model.subject_model import SubjectModel
@@ -70,46 +70,6 @@ class Moments:
         return float(force), float(moment)
 
 
-class PlacedLinkage:
-    """A linkage with its locked reactions in some frames, in laboratory axes, the reactions at zero.
-
-    Attributes
-    ----------
-    names : its n variables, coordinates and reactions before free joint parameters.
-    rank : (n,) place of each variable along the linkage: greater than that of all before it.
-    columns : (nf, n, 6) spatial velocity [v; w] about the laboratory origin per unit of each.
-    """
-
-    def __init__(self, body: LinkageModel, q: Array) -> None:
-        self.chain = body.chain
-        self.names = (*self.chain.coordinates, *self.chain.free)
-        self.rank: IntArray = body.parts.at_variables
-        wide = np.zeros((len(q), len(self.chain.coordinates)))
-        for k, name in enumerate(self.chain.coordinates):
-            if name in linkage.COORDINATE_INDEX:
-                wide[:, k] = q[:, linkage.COORDINATE_INDEX[name]]
-        self._placed = Kinematics(body, wide)
-        self.columns = self._placed.columns_by_frame
-
-    @cached_property
-    def segments(self) -> tuple[Array, Array]:
-        """(nf, ns, 3, 3) axes, one a row, and (nf, ns, 3) m origins of the segments."""
-        both = self._placed.segments_by_frame
-        return both[:, :, :3], both[:, :, 3]
-
-    def axis(self, name: str) -> Array:
-        """(nf, 3) about which a variable turns what comes after it."""
-        return self.columns[:, self.names.index(name), 3:]
-
-    def frame(self, segment: str) -> Array:
-        """(nf, 3, 3) axes of a segment, one a row."""
-        return self.segments[0][:, self.chain.segments.index(segment)]
-
-    def moves(self, segment: str) -> BoolArray:
-        """(n,) which variables move a segment."""
-        return np.asarray(self.chain.support[:, self.chain.segments.index(segment)] > 0)
-
-
 class Dynamics:
     """The linkage of one set of parameters, ready for inverse dynamics of any number of frames.
 
@@ -136,29 +96,26 @@ class Dynamics:
         self.body = build_linkage(parameters, opened, segments=segments, reactions=True)
         if bodies is not None:
             self.body.set_inertias(bodies)
-        names = self.body.parts.names
-        self.free = tuple(name for name in self.body.chain.free if name in free)
-        self.forces_of = tuple(name for name in (*FORCES, *held) if name in names)
+        chain = self.body.chain
+        self.free = tuple(name for name in chain.free if name in free)
+        self.forces_of = tuple(name for name in (*FORCES, *held) if name in chain.joints)
         """Names of the nt generalised forces."""
-        self.rows = np.array([names.index(name) for name in self.forces_of], dtype=np.intp)
-        """(nt,) their joints."""
-        moved = [name for name in linkage.COORDINATES if name in names]
-        self._columns = np.array([linkage.COORDINATE_INDEX[name] for name in moved], dtype=np.intp)
-        self.coordinates = np.array([names.index(name) for name in moved], dtype=np.intp)
-        """(nq,) joints of the coordinates."""
-        self.feet = [int(self.body.parts.segment_joint[self.body.chain.segments.index(foot)]) for foot in FEET]
+        self.rows = np.array([chain.joints.index(name) for name in self.forces_of], dtype=np.intp)
+        """(nt,) entries of their joints."""
+        self._columns = [linkage.COORDINATE_INDEX[name] for name in chain.coordinates]
+        self.feet = [int(chain.segment_joint[chain.segments.index(foot)]) for foot in FEET]
+        """Joints that carry the feet."""
 
-    def placed(self, q: Array) -> PlacedLinkage:
-        """Place the linkage at coordinates (nf, 27)."""
-        return PlacedLinkage(self.body, q)
+    def placed(self, q: Array) -> Kinematics:
+        """Place the linkage at coordinates (nf, 27), with the Jacobian of all its variables."""
+        return Kinematics(self.body, q[:, self._columns])
 
     def joint_states(self, q: Array, v: Array, a: Array) -> tuple[Array, Array, Array]:
         """Configurations, velocities and accelerations (nf, nv) of all joints, from (nf, 27)."""
-        wide = np.zeros((3, len(q), self.body.model.nv))
-        wide[0, :, self.body.parts.at_free] = self.body.free_values[:, None]
-        for values, given in zip(wide, (q, v, a), strict=True):
-            values[:, self.coordinates] = given[:, self._columns]
-        return wide[0], wide[1], wide[2]
+        at = self.body.chain.at_coordinates
+        velocity, acceleration = (np.zeros((len(q), self.body.model.nv)) for _ in range(2))
+        velocity[:, at], acceleration[:, at] = v[:, self._columns], a[:, self._columns]
+        return self.body.configurations(q[:, self._columns]), velocity, acceleration
 
     def forces(self, q: Array, v: Array, a: Array, wrenches: Array | None = None) -> Array:
         """Compute generalised forces.
@@ -181,7 +138,7 @@ class Dynamics:
 
     def _forces(self, q: Array, v: Array, a: Array, wrenches: Array | None) -> Array:
         """(nf, nv) of all joints."""
-        model, data = self.body.model, self.body.data
+        model, data = self.body.model, self.body.chain.data
         external = pin.StdVec_Force([pin.Force.Zero() for _ in range(model.njoints)])
         on_feet = None if wrenches is None else self._in_joint_axes(q, wrenches)
         on_joints = view_forces(external)
@@ -205,24 +162,25 @@ class Dynamics:
         """(nf, 3) N: the first three of `forces`, which need no place of the ground reactions."""
         return self.forces(q, v, a)[:, :3] - wrenches[:, :, :3].sum(axis=1)
 
-    def of_ground(self, placed: PlacedLinkage, wrenches: Array) -> Array:
+    def of_ground(self, placed: Kinematics, wrenches: Array) -> Array:
         """(nf, nt, k) the part -J_foot^T w of the generalised forces that foot wrenches (nf, 2, 6, k) make."""
-        out = np.zeros((len(wrenches), len(placed.names), wrenches.shape[3]))
+        columns, variables = placed.columns_by_frame, placed.chain.variables
+        out = np.zeros((len(wrenches), len(variables), wrenches.shape[3]))
         for foot, name in enumerate(FEET):
             moved = np.flatnonzero(placed.moves(name))
-            out[:, moved] -= placed.columns[:, moved] @ wrenches[:, foot]
-        return out[:, [placed.names.index(name) for name in self.forces_of]]
+            out[:, moved] -= columns[:, moved] @ wrenches[:, foot]
+        return out[:, [variables.index(name) for name in self.forces_of]]
 
     @cached_property
     def _to_joints(self) -> tuple[IntArray, Array]:
         """(nb,) joints of the massive segments, and (nb, 10, 10) parameters there by those in the segments."""
         at = [self.body.chain.segments.index(s) for s in MASSIVE_SEGMENTS]
         moves = np.array([transformed_parameters(self.body.segment_placement[k]) for k in at])
-        return self.body.parts.segment_joint[at] - 1, moves
+        return self.body.chain.segment_joint[at] - 1, moves
 
     def regressor(self, q: Array, v: Array, a: Array) -> Array:
         """(nf, nt, 12, 10) generalised forces per dynamic parameter of each massive segment, without the ground's."""
-        model, data = self.body.model, self.body.data
+        model, data = self.body.model, self.body.chain.data
         joints, moves = self._to_joints
         states = self.joint_states(q, v, a)
         out = np.empty((len(q), len(self.rows), len(joints), 10))

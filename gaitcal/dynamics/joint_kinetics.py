@@ -46,9 +46,10 @@ from enum import Enum
 import numpy as np
 
 from gaitcal.arrays import Array, BoolArray, cross, stretches
-from gaitcal.dynamics.inverse_dynamics import FORCES, Dynamics, PlacedLinkage
+from gaitcal.dynamics.inverse_dynamics import FORCES, Dynamics
 from gaitcal.errors import nearest
 from gaitcal.model.coordinates import JOINT_TABLE, split_side
+from gaitcal.model.kinematics import Kinematics
 from gaitcal.model.linkage import COORDINATES, JOINTS, SIDES, Source, joint_segments
 from gaitcal.model.parameters import JP_INDEX, Parameters
 from gaitcal.model.subject_model import SubjectModel
@@ -278,7 +279,7 @@ class MomentSlopes:
     """Segment -> (nf, 63, 3) per turn of its axes in the laboratory (rad), bodies and joints staying."""
 
 
-def moment_slopes(placed: PlacedLinkage, forces: Array, free: tuple[str, ...] = ()) -> MomentSlopes:
+def moment_slopes(placed: Kinematics, forces: Array, free: tuple[str, ...] = ()) -> MomentSlopes:
     """Differentiate the moments of all joints.
 
     Parameters
@@ -289,7 +290,9 @@ def moment_slopes(placed: PlacedLinkage, forces: Array, free: tuple[str, ...] = 
     """
     nf, width = len(forces), 3 * len(VECTOR_FRAMES)
     rows = width * len(NET_JOINTS)
-    wanted = np.array([placed.names.index(n) for n in (*COORDINATES, *(n for n in placed.chain.free if n in free))])
+    rank = placed.chain.at_variables  # joints are numbered along the linkage
+    by = (*COORDINATES, *(n for n in placed.chain.free if n in free))
+    wanted = np.array([placed.chain.variables.index(n) for n in by])
     values, by_force = np.empty((nf, rows)), np.zeros((nf, rows, len(ALL_FORCES)))
     by_variable = np.zeros((nf, rows, len(wanted)))
     by_turn = {segment: np.zeros((nf, rows, 3)) for joint in NET_JOINTS for segment in (joint.proximal, joint.distal)}
@@ -308,11 +311,11 @@ def moment_slopes(placed: PlacedLinkage, forces: Array, free: tuple[str, ...] = 
         by_turn[joint.distal][:, at] += h
         above = np.flatnonzero(placed.moves(joint.distal)[wanted])  # and so those that move the proximal segment
         cols = wanted[above]
-        turning = placed.columns[:, cols, 3:].transpose(0, 2, 1)  # (nf, 3, variables)
+        turning = placed.columns_by_frame[:, cols, 3:].transpose(0, 2, 1)  # (nf, 3, variables)
         found = (g @ turning) * placed.moves(joint.proximal)[cols] + h @ turning
         for k, name in enumerate(joint.turns):
             lever = share[:, :, k, None] * cross(axes[:, k], moment)[:, None]
-            found -= (lever @ turning) * (placed.rank[cols] < placed.rank[placed.names.index(name)])
+            found -= (lever @ turning) * (rank[cols] < rank[placed.chain.variables.index(name)])
         by_variable[:, at][:, :, above] = found
     split = len(COORDINATES)
     return MomentSlopes(values, by_force, by_variable[:, :, :split], by_variable[:, :, split:], by_turn)
@@ -366,7 +369,7 @@ class KineticSlopes:
         return out
 
 
-def kinetic_slopes(placed: PlacedLinkage, v: Array, forces: Array, free: tuple[str, ...] = ()) -> KineticSlopes:
+def kinetic_slopes(placed: Kinematics, v: Array, forces: Array, free: tuple[str, ...] = ()) -> KineticSlopes:
     """Differentiate generalised forces, powers and moments, at rates (nf, nq); the rest as in `moment_slopes`."""
     moments = moment_slopes(placed, forces, free)
     nf, torques, coordinates = len(v), len(FORCES), len(COORDINATES)

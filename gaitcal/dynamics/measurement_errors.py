@@ -61,11 +61,12 @@ from enum import Enum
 import numpy as np
 
 from gaitcal.arrays import Array, BoolArray, cross, stretches
-from gaitcal.dynamics.inverse_dynamics import FORCES, PlacedLinkage
+from gaitcal.dynamics.inverse_dynamics import FORCES
 from gaitcal.dynamics.joint_kinetics import ALL_FORCES, KineticErrors
 from gaitcal.io.force_plate import LOADED_N, OUTSIDE_M, UP, centre_on_ground
 from gaitcal.io.recording import ForcePlate
 from gaitcal.model import chain, linkage
+from gaitcal.model.kinematics import Kinematics
 from gaitcal.model.parameters import JOINT_PARAMETERS, Kind, Parameters
 from gaitcal.study.settings import PlateErrorTable
 
@@ -172,15 +173,15 @@ class AxisErrors:
                     turned = turned + taken[name][:, :, None] * axis
         return out
 
-    def _placed(self, q: Array) -> PlacedLinkage:
-        return PlacedLinkage(self._body, q)
+    def _placed(self, q: Array) -> Kinematics:
+        return Kinematics(self._body, q)
 
-    def _turns(self, placed: PlacedLinkage) -> Iterator[tuple[str, slice, Array]]:
+    def _turns(self, placed: Kinematics) -> Iterator[tuple[str, slice, Array]]:
         """Segment, its three columns, and (nf, 3, 3) rad, laboratory: its turn about each of its axes, one a row."""
         for k, (segment, deviation) in enumerate(self._deviations.items()):
             yield segment, slice(3 * k, 3 * k + 3), placed.frame(segment) * deviation[:, None]
 
-    def _taken(self, placed: PlacedLinkage) -> Iterator[tuple[_Crossing, str, slice, Array, dict[str, Array]]]:
+    def _taken(self, placed: Kinematics) -> Iterator[tuple[_Crossing, str, slice, Array, dict[str, Array]]]:
         """Joint, a segment beside it, its columns and turns; by how much (nf, 3) the joint's turns take these up."""
         for segment, place, turns in self._turns(placed):
             for crossing in CROSSINGS:

@@ -14,7 +14,7 @@ are prescribed: they have amounts in every frame, which may depend on unknowns o
 
 import threading
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
 from typing import Any
 
@@ -73,21 +73,29 @@ def _with_secondary(walk: Iterable[linkage.Element]) -> Iterable[linkage.Element
 class Chain:
     """A part of the linkage below a base segment: its variables, and which segments they move.
 
+    All joints of its models have one degree of freedom: joint k has entry k - 1 of configurations.
+
     Parameters
     ----------
     root : base segment, free in the laboratory (six coordinates).
     segments : segments of the part, the base included.
     free : joint parameters whose derivatives are wanted, and variables of secondary motions (names of
         `SECONDARY` with one of `BENDS`); those that the part does not pass are left out.
-    reactions : whether the knees carry their locked reaction joints (two more coordinates).
+    reactions : whether the knees carry their locked reaction joints.
+    secondary : whether the knees' secondary motions are joints, whose values are prescribed.
 
     Attributes
     ----------
     coordinates : names of the nq coordinates, each after those before it in the linkage.
     free : names of the np free joint parameters and secondary variables.
-    support : (nq + np, ns) 1 where a coordinate or a free variable moves a segment.
-    moved_sets : (n, ns) the distinct rows of `support`.
-    moved_set : (nq + np,) which of them each variable has.
+    variables : coordinates, reactions, then the free: n names.
+    joints : (nv,) names of the joints of its models.
+    at_variables : (n,) entry in configurations of the joint that each variable moves.
+    segment_joint : (ns,) joint that carries each segment.
+    support : (n, ns) 1 where a variable moves a segment.
+    moved_sets : the distinct rows of `support`.
+    moved_set : (n,) which of them each variable has.
+    after : (nv, nv) whether joint i + 1 is joint j + 1, or comes after it on the way from the ground.
     """
 
     def __init__(
@@ -97,131 +105,83 @@ class Chain:
         free: tuple[str, ...] = (),
         *,
         reactions: bool = False,
+        secondary: bool = False,
     ) -> None:
-        self.root, self.reactions = root, reactions
-        self._parts: dict[bool, _Parts] = {}
+        self.root = root
         self.segments = tuple(s for s in linkage.SEGMENTS if s in segments)
-        secondary_variables = {
-            element.name + bend: (coordinate, element, k)
-            for coordinate, motions in linkage.SECONDARY.items()
-            for element in motions
-            for k, bend in enumerate(linkage.BENDS)
-        }
-        asked = any(name in secondary_variables for name in free)
-        model, elements = _open_model(root, self.segments, reactions, asked)
-        self.coordinates: tuple[str, ...] = tuple(
-            name
-            for name, e in elements.items()
-            if e.source is linkage.Source.COORDINATE and name not in linkage.SECONDARY_NAMES
-        )
-        known = {name: elements.get(v[1].name) for name, v in secondary_variables.items()}
-        self.free: tuple[str, ...] = tuple(name for name in free if name in elements or known.get(name))
-        self.secondary: dict[str, tuple[str, str, int]] = {
-            name: (coordinate, element.name, k)
-            for name, (coordinate, element, k) in secondary_variables.items()
-            if name in self.free
-        }
-        """Free secondary variable -> its coordinate, its motion, and its index in `BENDS`."""
+        secondary = secondary or any(name in linkage.SECONDARY_VARIABLES for name in free)
+        self._asked = (root, self.segments, free, reactions, secondary)
+        self._open_model, self.elements = _open_model(root, self.segments, reactions, secondary)
+        passed = list(self.elements)
 
-        of_segment = [set(model.supports[model.frames[model.getFrameId(s)].parentJoint]) for s in self.segments]
-        joints = [model.getJointId(self.motion_of(name)) for name in (*self.coordinates, *self.free)]
-        self.support: Array = np.array([[float(joint in passed) for passed in of_segment] for joint in joints])
+        # variables, by what their values come from
+        moving = [n for n in passed if self.elements[n].source is linkage.Source.COORDINATE]
+        self.coordinates = tuple(n for n in moving if n not in {*linkage.REACTIONS, *linkage.SECONDARY_NAMES})
+        motions = {name: motion for name, (_, motion, _) in linkage.SECONDARY_VARIABLES.items()}
+        self.free = tuple(n for n in free if motions.get(n, n) in self.elements)
+        self.variables = (*self.coordinates, *(n for n in moving if n in linkage.REACTIONS), *self.free)
+
+        # joints of the open model: where the values of parameters go, and which are locked
+        parameters = [n for n in passed if self.elements[n].source is linkage.Source.JOINT_PARAMETER]
+        zeros = [n for n in passed if self.elements[n].source is linkage.Source.ZERO_ANGLE]
+        self._at_parameters = [passed.index(n) for n in parameters]
+        self._parameters = [JP_INDEX[n] for n in parameters]
+        self._at_zeros = [passed.index(n) for n in zeros]
+        self._zeros = [linkage.ZERO_ANGLES.index(n) for n in zeros]
+        locked = {n for n in (*parameters, *zeros) if n not in self.free}
+        self._locked = [passed.index(n) + 1 for n in passed if n in locked]
+
+        # joints of the models that are built
+        self.joints = tuple(n for n in passed if n not in locked)
+        free_parameters = [n for n in self.free if n in JP_INDEX]
+        self.free_parameters = [JP_INDEX[n] for n in free_parameters]
+        self.at_free = [self.joints.index(n) for n in free_parameters]
+        self.at_variables = np.array([self.joints.index(motions.get(n, n)) for n in self.variables])
+        self.at_coordinates = self.at_variables[: len(self.coordinates)]
+        self.at_secondary = {
+            coordinate: [self.joints.index(e.name) for e in elements]
+            for coordinate, elements in linkage.SECONDARY.items()
+            if secondary and coordinate in self.coordinates
+        }
+        """Coordinate -> entries of its secondary motions, in their order."""
+        self._template = pin.buildReducedModel(self._open_model, self._locked, np.zeros(len(passed)))
+        self.segment_frame = [self._template.getFrameId(s) for s in self.segments]
+        carriers = [self._template.frames[k].parentJoint for k in self.segment_frame]
+        self.segment_joint = np.array(carriers, dtype=np.intp)
+        supports = [list(support) for support in self._template.supports]
+        self.after = np.array([np.isin(np.arange(1, len(supports)), on_way) for on_way in supports[1:]])
+        self.support: Array = self.after[self.segment_joint - 1][:, self.at_variables].T.astype(float)
         self.moved_sets, row_of = np.unique(self.support, axis=0, return_inverse=True)
         self.moved_set: IntArray = row_of.ravel()
-
-    def motion_of(self, variable: str) -> str:
-        """Name the joint of the model that a variable moves: itself, but for secondary variables."""
-        return self.secondary[variable][1] if variable in self.secondary else variable
-
-    def __reduce__(self) -> tuple[Any, ...]:
-        return _chain, (self.root, self.segments, self.free, self.reactions)
-
-    def parts(self, secondary: bool) -> "_Parts":
-        """Find out once where the variables are in the models of this chain."""
-        if secondary not in self._parts:
-            self._parts[secondary] = _Parts(self, secondary=secondary)
-        return self._parts[secondary]
-
-    def body(self, parameters: Parameters, *, secondary: bool = False) -> "LinkageModel":
-        """Lock all joints but coordinates, free variables and secondary motions at their values.
-
-        Parameters
-        ----------
-        parameters : values of joint parameters and zero angles (m, rad).
-        secondary : whether the knees' secondary motions are joints of the model.
-        """
-        parts = self.parts(secondary or bool(self.secondary))
-        values = np.zeros(parts.open_model.nq)
-        values[parts.at_joint_parameters] = parameters.joint[parts.joint_parameters]
-        values[parts.at_zero_angles] = parameters.zero_angles[parts.zero_angles]
-        model = pin.buildReducedModel(parts.open_model, parts.locked, values)
-        return LinkageModel(self, parts, model, parameters.joint[parts.free_joint_parameters])
-
-
-class _Parts:
-    """Where the variables of a chain are in the open model, and in the model that is built of it.
-
-    All joints have one degree of freedom: joint k has entry k - 1 of configuration and velocity.
-    """
-
-    def __init__(self, chain: Chain, *, secondary: bool) -> None:
-        self.open_model, elements = _open_model(chain.root, chain.segments, chain.reactions, secondary)
-        names = list(elements)
-        parameters = [n for n in names if elements[n].source is linkage.Source.JOINT_PARAMETER]
-        zeros = [n for n in names if elements[n].source is linkage.Source.ZERO_ANGLE]
-        self.at_joint_parameters = np.array([names.index(n) for n in parameters], dtype=np.intp)
-        self.joint_parameters = np.array([JP_INDEX[n] for n in parameters], dtype=np.intp)
-        self.at_zero_angles = np.array([names.index(n) for n in zeros], dtype=np.intp)
-        self.zero_angles = np.array([linkage.ZERO_ANGLES.index(n) for n in zeros], dtype=np.intp)
-        locked = [n for n in (*parameters, *zeros) if n not in chain.free]
-        self.locked = [names.index(n) + 1 for n in locked]
-
-        kept = [n for n in names if n not in locked]
-        self.names: tuple[str, ...] = tuple(kept)
-        """(nv,) names of the joints of the model that is built."""
-        free = [n for n in chain.free if n in JP_INDEX]
-        self.free_joint_parameters = np.array([JP_INDEX[n] for n in free], dtype=np.intp)
-        self.at_free = np.array([kept.index(n) for n in free], dtype=np.intp)
-        self.at_coordinates = np.array([kept.index(n) for n in chain.coordinates], dtype=np.intp)
-        motions = [chain.motion_of(n) for n in (*chain.coordinates, *chain.free)]
-        self.at_variables = np.array([kept.index(n) for n in motions], dtype=np.intp)
-        """(nq + np,) joint that each variable moves."""
-        self.at_secondary = {
-            coordinate: np.array([kept.index(e.name) for e in motions], dtype=np.intp)
-            for coordinate, motions in linkage.SECONDARY.items()
-            if secondary and coordinate in chain.coordinates
-        }
-        """Coordinate -> joints of its secondary motions, in their order."""
-        self.signs = np.array([elements[n].sign for n in kept])
-        """(nv,) -1 of a joint in a frame that is turned by half about its neighbour's axis."""
-        self.axes = np.array([elements[n].axis for n in kept], dtype=np.intp)
-        self.rotates = np.array([elements[n].rotates for n in kept], dtype=bool)
-        # the structure of all models that are built: the same for any values of the locked joints
-        template = pin.buildReducedModel(self.open_model, self.locked, np.zeros(self.open_model.nq))
-        self.segment_frame = [template.getFrameId(s) for s in chain.segments]
-        self.segment_joint = np.array([template.frames[k].parentJoint for k in self.segment_frame], dtype=np.intp)
-        """(ns,) joint of the model that carries each segment."""
-        self.supports = [list(support) for support in template.supports]
-        """(nv + 1,) joints on the way from the ground to each joint, the ground and the joint included."""
-        self.after = np.array([np.isin(np.arange(1, len(kept) + 1), support) for support in self.supports[1:]])
-        """(nv, nv) whether joint i + 1 is joint j + 1, or comes after it on the way from the ground."""
-        self._chain, self._secondary, self._template = chain, secondary, template
         self._of_thread = threading.local()
 
     def __reduce__(self) -> tuple[Any, ...]:
-        return Chain.parts, (self._chain, self._secondary)
+        return _chain, self._asked
 
     @property
     def data(self) -> pin.Data:
-        """Work space of Pinocchio's algorithms, one for each thread.
+        """Work space of Pinocchio's algorithms, one for each thread, which all models of the chain share.
 
-        It depends on the structure of the model alone. With 100 joints it is 50 MB, of tensors that
-        are not used here: too large to be made for each model.
+        It depends on the structure of a model alone. With 100 joints it is 50 MB, of tensors that are
+        not used here: too large to be made for each model.
         """
         if not hasattr(self._of_thread, "data"):
             self._of_thread.data = self._template.createData()
         found: pin.Data = self._of_thread.data
         return found
+
+    def with_secondary(self) -> "Chain":
+        """Find the chain with the knees' secondary motions as joints."""
+        root, segments, free, reactions, _ = self._asked
+        return _chain(root, segments, free, reactions, True)
+
+    def body(self, parameters: Parameters) -> "LinkageModel":
+        """Lock all joints but coordinates, reactions, free and secondary ones at their values (m, rad)."""
+        values = np.zeros(self._open_model.nq)
+        values[self._at_parameters] = parameters.joint[self._parameters]
+        values[self._at_zeros] = parameters.zero_angles[self._zeros]
+        model = pin.buildReducedModel(self._open_model, self._locked, values)
+        return LinkageModel(self, model, parameters.joint[self.free_parameters])
 
 
 @dataclass(frozen=True, eq=False)
@@ -229,38 +189,35 @@ class LinkageModel:
     """A chain with its parameters: a Pinocchio model in which each variable is a joint."""
 
     chain: Chain
-    parts: _Parts
     model: pin.Model
     """Its joint placements hold the locked joint parameters. Massless until `set_inertias`."""
     free_values: Array
     """Values of the free joint parameters (m, rad)."""
 
-    @property
-    def data(self) -> pin.Data:
-        """Work space of Pinocchio's algorithms, which all models of this structure share."""
-        return self.parts.data
+    def with_free(self, parameters: Parameters) -> "LinkageModel":
+        """Give the free joint parameters other values: nothing is built anew."""
+        return replace(self, free_values=parameters.joint[self.chain.free_parameters])
 
     @cached_property
     def segment_placement(self) -> list[pin.SE3]:
         """(ns,) each segment in the frame of the joint that carries it."""
-        return [self.model.frames[k].placement for k in self.parts.segment_frame]
+        return [self.model.frames[k].placement for k in self.chain.segment_frame]
 
     def index(self, name: str) -> int:
         """Find the entry of a coordinate, free joint parameter or reaction in configurations."""
-        return self.parts.names.index(name)
+        return self.chain.joints.index(name)
 
     def configurations(self, q: Array) -> Array:
         """Fill in all joints (nf, nv) at coordinates (nf, nq); free joint parameters have their values."""
         out = np.zeros((len(q), self.model.nv))
-        out[:, self.parts.at_coordinates] = q
-        out[:, self.parts.at_free] = self.free_values
+        out[:, self.chain.at_coordinates] = q
+        out[:, self.chain.at_free] = self.free_values
         return out
 
     def set_inertias(self, bodies: dict[str, pin.Inertia]) -> None:
         """Give segments their inertias, each in the axes and about the origin of its segment."""
-        for segment, joint, placement in zip(
-            self.chain.segments, self.parts.segment_joint, self.segment_placement, strict=True
-        ):
+        placements = zip(self.chain.segments, self.chain.segment_joint, self.segment_placement, strict=True)
+        for segment, joint, placement in placements:
             if segment in bodies:
                 self.model.inertias[int(joint)] = placement.act(bodies[segment])
 
@@ -286,14 +243,15 @@ def chain_of(
     free: tuple[str, ...] = (),
     *,
     reactions: bool = False,
+    secondary: bool = False,
 ) -> Chain:
     """Make the chain of a part of the linkage once: every trial of a person has the same."""
-    return Chain(root, segments, free, reactions=reactions)
+    return Chain(root, segments, free, reactions=reactions, secondary=secondary)
 
 
-def _chain(root: str, segments: tuple[str, ...], free: tuple[str, ...], reactions: bool) -> Chain:
-    """Find a chain that another process has sent."""
-    return chain_of(root, segments, free, reactions=reactions)
+def _chain(root: str, segments: tuple[str, ...], free: tuple[str, ...], reactions: bool, secondary: bool) -> Chain:
+    """Find the chain of these arguments, for one that another process has sent."""
+    return chain_of(root, segments, free, reactions=reactions, secondary=secondary)
 
 
 def build_linkage(
@@ -315,7 +273,7 @@ def build_linkage(
     reactions : whether the knees carry their locked reaction joints.
     secondary : whether the knees' secondary motions are joints, whose values are prescribed.
     """
-    body = chain_of(root, segments, free, reactions=reactions).body(parameters, secondary=secondary)
+    body = chain_of(root, segments, free, reactions=reactions, secondary=secondary).body(parameters)
     body.set_inertias(inertias(parameters.inertial))
     return body
 

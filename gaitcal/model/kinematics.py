@@ -21,7 +21,8 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
-from gaitcal.arrays import Array, IntArray, stretches
+from gaitcal.arrays import Array, BoolArray, IntArray, stretches
+from gaitcal.model import linkage
 from gaitcal.model.chain import LinkageModel, chain_of
 from gaitcal.model.parameters import Parameters
 
@@ -84,34 +85,36 @@ class Kinematics:
     Attributes
     ----------
     segments : (ns, 4, 3, nf) axes x, y, z of each segment and its origin (m), laboratory.
-    columns : (nq + np, 6, nf) [v; w] about the laboratory origin per unit of each variable.
+    columns : (n, 6, nf) [v; w] about the laboratory origin per unit of each variable of the chain.
     """
 
     def __init__(
         self, body: LinkageModel, q: Array, secondary: SecondaryMotion | None = None, *, columns: bool = True
     ) -> None:
-        chain, parts, nf = body.chain, body.parts, len(q)
+        chain, nf = body.chain, len(q)
         self.chain = chain
         local = _segment_placements(body)
         self.segments = np.empty((len(chain.segments), 4, 3, nf))
-        self.columns = np.empty((len(parts.at_variables), 6, nf) if columns else (0, 6, nf))
+        self.columns = np.empty((len(chain.at_variables), 6, nf) if columns else (0, 6, nf))
         for part in stretches(nf, BLOCK):
             values = body.configurations(q[part])
             if secondary is not None:
-                for name, joints in parts.at_secondary.items():
+                for name, joints in chain.at_secondary.items():
                     values[:, joints] = secondary.amounts[name][:, part].T
             placements, jacobians = evaluate_joints(body, values, jacobians=columns)
-            joint_frames = np.ascontiguousarray(placements[:, parts.segment_joint].transpose(1, 2, 0))
+            joint_frames = np.ascontiguousarray(placements[:, chain.segment_joint].transpose(1, 2, 0))
             width = joint_frames.shape[2]
             joint_frames = joint_frames.reshape(-1, 4, 3 * width)
             placed = (local @ joint_frames[:, :3]).reshape(-1, 4, 3, width)
             placed[:, 3] += joint_frames[:, 3].reshape(-1, 3, width)
             self.segments[..., part] = placed
             if columns:
-                self.columns[..., part] = jacobians[:, parts.at_variables].transpose(1, 2, 0)
+                self.columns[..., part] = jacobians[:, chain.at_variables].transpose(1, 2, 0)
         if columns and secondary is not None:
-            for name, (coordinate, _, bend) in chain.secondary.items():
-                self.columns[len(chain.coordinates) + chain.free.index(name)] *= secondary.regressors[coordinate][bend]
+            for k, name in enumerate(chain.variables):
+                if name in linkage.SECONDARY_VARIABLES:
+                    coordinate, _, bend = linkage.SECONDARY_VARIABLES[name]
+                    self.columns[k] *= secondary.regressors[coordinate][bend]
 
     @property
     def axes(self) -> Array:
@@ -125,13 +128,25 @@ class Kinematics:
 
     @cached_property
     def columns_by_frame(self) -> Array:
-        """(nf, nq + np, 6) the same as `columns`, frames first."""
+        """(nf, n, 6) the same as `columns`, frames first."""
         return np.ascontiguousarray(self.columns.transpose(2, 0, 1))
 
     @cached_property
     def segments_by_frame(self) -> Array:
         """(nf, ns, 4, 3) the same as `segments`, frames first."""
         return np.ascontiguousarray(self.segments.transpose(3, 0, 1, 2))
+
+    def axis(self, name: str) -> Array:
+        """Find the axis (nf, 3) about which a variable turns what comes after it."""
+        return self.columns_by_frame[:, self.chain.variables.index(name), 3:]
+
+    def frame(self, segment: str) -> Array:
+        """Find the axes (nf, 3, 3) of a segment, one a row."""
+        return self.segments_by_frame[:, self.chain.segments.index(segment), :3]
+
+    def moves(self, segment: str) -> BoolArray:
+        """Tell which of the n variables move a segment."""
+        return np.asarray(self.chain.support[:, self.chain.segments.index(segment)] > 0)
 
 
 def evaluate_joints(body: LinkageModel, values: Array, *, jacobians: bool) -> tuple[Array, Array]:
@@ -142,7 +157,7 @@ def evaluate_joints(body: LinkageModel, values: Array, *, jacobians: bool) -> tu
     (nf, nv + 1, 12) axes and origin (m) of every joint, the ground first, in the laboratory; and
     (nf, nv, 6) Jacobian columns, none if they are not wanted.
     """
-    model, data = body.model, body.data
+    model, data = body.model, body.chain.data
     placements = np.empty((len(values), model.njoints, 12))
     columns = np.empty((len(values), model.nv, 6) if jacobians else (0, model.nv, 6))
     placed, jacobian = view_placements(data.oMi), data.J.T
@@ -169,9 +184,10 @@ def coordinate_axes(body: LinkageModel, q: Array) -> tuple[Array, Array]:
     joints' frames on them; laboratory.
     """
     placements, columns = evaluate_joints(body, body.configurations(q), jacobians=True)
-    at = body.parts.at_coordinates
+    at = body.chain.at_coordinates
     moved = columns[:, at]
-    axes = np.where(body.parts.rotates[at][:, None], moved[..., 3:], moved[..., :3])
+    rotates = np.array([body.chain.elements[name].rotates for name in body.chain.coordinates])
+    axes = np.where(rotates[:, None], moved[..., 3:], moved[..., :3])
     return axes, placements[:, at + 1, 9:]
 
 

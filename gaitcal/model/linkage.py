@@ -270,6 +270,13 @@ amounts are given (`motion/soft_tissue.py`), in m and rad; no model has coordina
 SECONDARY_NAMES = frozenset(element.name for motions in SECONDARY.values() for element in motions)
 BENDS = ("^2", "^3")
 """Ends of the names of variables: what of a secondary motion goes with the square of the coordinate, and the cube."""
+SECONDARY_VARIABLES: dict[str, tuple[str, str, int]] = {
+    element.name + bend: (coordinate, element.name, k)
+    for coordinate, motions in SECONDARY.items()
+    for element in motions
+    for k, bend in enumerate(BENDS)
+}
+"""Variable of a secondary motion -> its coordinate, its motion, and its index in `BENDS`."""
 
 
 ISOLATED_JOINTS: tuple[str, ...] = ("hip_r", "knee_r", "ankle_r", "hip_l", "knee_l", "ankle_l")

@@ -110,33 +110,32 @@ class _Links:
     """
 
     def __init__(self, body: LinkageModel) -> None:
-        chain, parts = body.chain, body.parts
-        joints = parts.at_coordinates + 1
+        chain = body.chain
+        joints = chain.at_coordinates + 1
         at_zero = body.configurations(np.zeros((1, len(joints))))
         placed, _ = evaluate_joints(body, at_zero, jacobians=False)
         placed = placed[0].reshape(-1, 4, 3)
-        self.chain = chain
-        self.axes, self.signs = parts.axes[joints - 1].tolist(), parts.signs[joints - 1]
-        self.rotates = parts.rotates[joints - 1].tolist()
-        order = {int(joint): k for k, joint in enumerate(joints)}
-
-        def last_of(joint: int) -> int:
-            return max((order[j] for j in parts.supports[joint] if j in order), default=-1)
-
-        self.parents = [last_of(parts.supports[joint][-2]) for joint in joints]
-        self.segment_coordinate = [last_of(joint) for joint in parts.segment_joint]
+        elements = [chain.elements[name] for name in chain.coordinates]
+        self.axes = [e.axis for e in elements]
+        self.signs = np.array([e.sign for e in elements])
+        self.rotates = [e.rotates for e in elements]
+        # coordinates are in the order of their joints: the last one on the way is the nearest
+        before = chain.after[chain.at_coordinates][:, chain.at_coordinates] & ~np.eye(len(joints), dtype=bool)
+        self.parents = [int(np.flatnonzero(row)[-1]) if row.any() else -1 for row in before]
+        on_way = chain.support[: len(joints)].T > 0
+        self.segment_coordinate = [int(np.flatnonzero(row)[-1]) for row in on_way]
         """(ns,) the last coordinate that moves each segment."""
         rotation = np.append(placed[joints, :3].transpose(0, 2, 1), np.eye(3)[None], axis=0)
         for k, (axis, sign) in enumerate(zip(self.axes, self.signs, strict=True)):
             if sign < 0:
                 rotation[k] = rotation[k] @ HALF_TURNS[axis]
         origin = np.append(placed[joints, 3], np.zeros((1, 3)), axis=0)
-        before = rotation[self.parents].transpose(0, 2, 1)
-        self.offset_rotation = before @ rotation[:-1]
-        self.offset_translation = (before @ (origin[:-1] - origin[self.parents])[:, :, None])[:, :, 0]
+        from_parent = rotation[self.parents].transpose(0, 2, 1)
+        self.offset_rotation = from_parent @ rotation[:-1]
+        self.offset_translation = (from_parent @ (origin[:-1] - origin[self.parents])[:, :, None])[:, :, 0]
         self.plain = (np.abs(self.offset_rotation - np.eye(3)).max(axis=(1, 2)) < ROUNDING).tolist()
         """Whether C_k does not rotate."""
-        carried = [placed[j] for j in parts.segment_joint]
+        carried = [placed[j] for j in chain.segment_joint]
         local = zip(carried, body.segment_placement, strict=True)
         self.segment_pose = [pin.SE3(p[:3].T, p[3]) * placement for p, placement in local]
         """(ns,) in the laboratory, at zero coordinates."""

@@ -160,7 +160,8 @@ class MotionProblem:
 
     def body(self, parameters: Parameters) -> LinkageModel:
         """Build the linkage of this trial with a set of parameters."""
-        return self.chain.body(parameters, secondary=self.data.secondary is not None)
+        chain = self.chain if self.data.secondary is None else self.chain.with_secondary()
+        return chain.body(parameters)
 
     def values(self, parameters: Parameters) -> Array:
         """(np,) values of the free joint parameters, m and rad."""

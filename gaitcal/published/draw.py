@@ -21,10 +21,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from gaitcal.arrays import Array
-from gaitcal.dynamics.inverse_dynamics import FEET, FORCES, Dynamics, PlacedLinkage
+from gaitcal.dynamics.inverse_dynamics import FEET, FORCES, Dynamics
 from gaitcal.io.recording import Recording
 from gaitcal.model.chain import LinkageModel
 from gaitcal.model.coordinates import COORDINATE_TABLE, LEG_COORDINATES
+from gaitcal.model.kinematics import Kinematics
 from gaitcal.model.linkage import LOWER_BODY, SIDES, joint_elements, joints_above
 from gaitcal.model.parameters import JP_INDEX, Parameters, dynamic_parameters, symmetric_set
 from gaitcal.model.subject_model import SubjectModel
@@ -57,11 +58,11 @@ def leg_dynamics(parameters: Parameters) -> Dynamics:
     return Dynamics(parameters, segments=LOWER_BODY)
 
 
-def pose_of_feet(placed: PlacedLinkage) -> FootPose:
+def pose_of_feet(placed: Kinematics) -> FootPose:
     """Where both feet are."""
     feet = [placed.chain.segments.index(foot) for foot in FEET]
-    axes, origins = placed.segments
-    return axes[:, feet], origins[:, feet]
+    both = placed.segments_by_frame[:, feet]
+    return both[:, :, :3], both[:, :, 3]
 
 
 def leg_torques(
@@ -72,7 +73,7 @@ def leg_torques(
     dynamics = leg_dynamics(parameters)
     placed = dynamics.placed(q)
     unloaded = dynamics.forces(q, v, a)[:, [dynamics.forces_of.index(name) for name in LEG_TORQUES]]
-    columns = placed.columns[:, [placed.names.index(name) for name in LEG_TORQUES]]
+    columns = placed.columns_by_frame[:, [placed.chain.variables.index(name) for name in LEG_TORQUES]]
 
     def loaded(wrenches: Array) -> Array:
         tau = unloaded.copy()

@@ -29,9 +29,10 @@ from scipy.linalg import block_diag
 
 from gaitcal.arrays import Array
 from gaitcal.dynamics.derivatives import force_derivatives
-from gaitcal.dynamics.inverse_dynamics import FEET, PlacedLinkage
+from gaitcal.dynamics.inverse_dynamics import FEET
 from gaitcal.model import linkage, parameters
 from gaitcal.model.chain import chain_of
+from gaitcal.model.kinematics import Kinematics
 from gaitcal.published import draw
 from gaitcal.published.protocol import ReactionFrame, Varied
 from gaitcal.runtime import with_one_blas_thread
@@ -222,18 +223,18 @@ def _carried(context: draw.MonteCarloContext, q: Array, change: Array) -> Array:
     """(nf, 14, np) change of J_k . w where the wrenches move with the feet."""
     case = context.case
     chain = chain_of(free=context.names, reactions=True)
-    place, nk = [chain.coordinates.index(name) for name in linkage.COORDINATES], len(chain.coordinates)
-    placed = PlacedLinkage(chain.body(case.parameters), q)
-    columns = placed.columns.transpose(0, 2, 1)
+    nq, first = len(chain.coordinates), len(chain.variables) - len(chain.free)
+    placed = Kinematics(chain.body(case.parameters), q)
+    columns = placed.columns.transpose(2, 1, 0)
     out = np.zeros((len(q), len(draw.LEG_TORQUES), len(context.names)))
     for foot, segment in enumerate(FEET):
         after = placed.moves(segment)
-        twist = (columns[:, :, place] * after[place]) @ change + columns[:, :, nk:] * after[nk:]
+        twist = (columns[:, :, :nq] * after[:nq]) @ change + columns[:, :, first:] * after[first:]
         velocity, turn = twist[:, :3].transpose(0, 2, 1), twist[:, 3:].transpose(0, 2, 1)
         force, moment = case.wrench[:, foot, None, :3], case.wrench[:, foot, None, 3:]
         moved = np.concatenate([np.cross(turn, force), np.cross(turn, moment) + np.cross(velocity, force)], axis=2)
         names = [draw.LEG_TORQUES[k] for k in draw.OF_FOOT[foot]]
-        axes = columns[:, :, [chain.coordinates.index(name) for name in names]]
+        axes = columns[:, :, [chain.variables.index(name) for name in names]]
         out[:, draw.OF_FOOT[foot]] = axes.transpose(0, 2, 1) @ moved.transpose(0, 2, 1)
     return out
 

@@ -37,9 +37,9 @@ def test_power_of_all_forces_is_the_rate_of_energy() -> None:
             pin.computeMechanicalEnergy(body.model, data, q[f] + t * v[f] + 0.5 * t * t * a[f], v[f] + t * a[f])
             for t in (-STEP_S, STEP_S)
         )
-        moving = [placed.names.index(name) for name in COORDINATES]
+        moving = range(len(COORDINATES))
         ground = sum(
-            float(v[f] @ (placed.moves(foot)[moving] * (placed.columns[f, moving] @ wrench[f, k])))
+            float(v[f] @ (placed.moves(foot)[moving] * (placed.columns_by_frame[f, moving] @ wrench[f, k])))
             for k, foot in enumerate(FEET)
         )
         power = float(tau[f, : len(COORDINATES)] @ v[f])

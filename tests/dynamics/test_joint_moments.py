@@ -138,7 +138,7 @@ def test_powers_of_all_joints_change_the_energy_of_the_body() -> None:
         ground = 0.0
         pin.forwardKinematics(linkage.model, data, q[f], v[f])
         for k, foot in enumerate(FEET):
-            joint = int(linkage.parts.segment_joint[linkage.chain.segments.index(foot)])
+            joint = int(linkage.chain.segment_joint[linkage.chain.segments.index(foot)])
             ground += float(data.oMi[joint].act(data.v[joint]).vector @ wrench[f, k])
         pelvis = float(tau[f, :6] @ v[f, :6])
         joints = sum(power[f, POWERS.index(name)] for name in POWER_JOINTS)

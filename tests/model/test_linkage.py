@@ -25,12 +25,12 @@ from gaitcal.model.coordinates import (
 )
 from gaitcal.model.kinematics import Kinematics, SecondaryMotion, evaluate_joints, view_forces
 from gaitcal.model.linkage import (
-    BENDS,
     COORDINATES,
     ISOLATED_JOINTS,
     JOINTS,
     REACTIONS,
     SECONDARY,
+    SECONDARY_VARIABLES,
     SEGMENT_TABLE,
     SEGMENTS,
     ZERO_ANGLES,
@@ -191,8 +191,7 @@ def test_every_joint_is_the_product_that_the_papers_write() -> None:
 
 def opened_body(rng: np.random.Generator) -> tuple[LinkageModel, Array]:
     """A linkage with all joint parameters and the knees' secondary motions free, and coordinates (5, nq)."""
-    bends = tuple(e.name + bend for motions in SECONDARY.values() for e in motions for bend in BENDS)
-    chain = Chain(free=(*JP_NAMES, *bends))
+    chain = Chain(free=(*JP_NAMES, *SECONDARY_VARIABLES))
     return chain.body(perturbed_parameters(rng)), rng.normal(0, 0.5, (5, len(COORDINATES)))
 
 
@@ -223,10 +222,10 @@ def test_segments_and_columns_are_those_of_body_frames_and_finite_differences() 
     def placed(x: Array, frame: int) -> Array:
         """Segment frames (ns, 4, 3) of one frame with its coordinates and free variables at x."""
         moved = {name: values[:, [frame]].copy() for name, values in amounts.items()}
-        joint_parameters = [k for k, name in enumerate(chain.free) if name not in chain.secondary]
+        joint_parameters = [k for k, name in enumerate(chain.free) if name not in SECONDARY_VARIABLES]
         for k, name in enumerate(chain.free):
-            if name in chain.secondary:
-                coordinate, motion, bend = chain.secondary[name]
+            if name in SECONDARY_VARIABLES:
+                coordinate, motion, bend = SECONDARY_VARIABLES[name]
                 row = [e.name for e in SECONDARY[coordinate]].index(motion)
                 moved[coordinate][row] += x[nq + k] * regressors[coordinate][bend][frame]
         free_values = body.free_values + x[nq:][joint_parameters]
@@ -259,7 +258,7 @@ def test_a_free_joint_parameter_is_a_joint_whose_coordinate_is_its_value() -> No
     parameters, q = perturbed_parameters(rng), rng.normal(0, 0.4, (3, len(COORDINATES)))
     locked = Kinematics(Chain().body(parameters), q).segments
     free = Chain(free=JP_NAMES).body(published_subject())
-    moved = replace(free, free_values=parameters.joint)
+    moved = free.with_free(parameters)
     np.testing.assert_allclose(Kinematics(moved, q).segments, locked, atol=EXACT)
 
 
@@ -278,13 +277,21 @@ def test_published_subject_stands_as_documented() -> None:
 
 
 def test_left_is_the_mirror_image_of_right() -> None:
-    """Also with the locked reaction joints of the knees, were they to move."""
-    chain, rng = Chain(reactions=True), np.random.default_rng(2)
-    drawn = {name: rng.normal(0, 0.3) for name in chain.coordinates if name.endswith("_r")}
-    q = np.array([drawn.get(f"{name[:-2]}_r", 0.0) for name in chain.coordinates])
-    _, origin = posed(chain, published_subject(), q)
+    rng = np.random.default_rng(2)
+    drawn = {name: rng.normal(0, 0.3) for name in COORDINATES if name.endswith("_r")}
+    q = np.array([drawn.get(f"{name[:-2]}_r", 0.0) for name in COORDINATES])
+    _, origin = posed(Chain(), published_subject(), q)
     for name in (name for name in SEGMENTS if name.endswith("_r")):
         np.testing.assert_allclose(origin[name] * [1, 1, -1], origin[f"{name[:-2]}_l"], atol=EXACT)
+
+
+def test_reactions_of_both_knees_are_mirror_images() -> None:
+    """Their axes are x of the knee frames, of opposite senses: adduction is positive on both sides."""
+    chain = Chain(reactions=True)
+    placed = Kinematics(chain.body(published_subject()), np.zeros((1, len(COORDINATES))))
+    right, left = (placed.axis(name)[0] for name in REACTIONS)
+    np.testing.assert_allclose(right * [-1, -1, 1], left, atol=EXACT)
+    assert right[0] > 0.9
 
 
 def test_dynamic_parameters_are_those_of_pinocchio_and_differentiate() -> None:

@@ -61,7 +61,7 @@ def test_frame_hessian_is_the_mass_matrix_of_markers_as_point_masses() -> None:
         linkage.model.inertias[joint] = pin.Inertia.Zero()
     for segment, local in zip(problem.data.segment, problem.data.local, strict=True):
         point = linkage.segment_placement[segment].act(local)
-        linkage.model.inertias[int(linkage.parts.segment_joint[segment])] += pin.Inertia(1.0, point, np.zeros((3, 3)))
+        linkage.model.inertias[int(linkage.chain.segment_joint[segment])] += pin.Inertia(1.0, point, np.zeros((3, 3)))
     order = [linkage.index(name) for name in (*problem.chain.coordinates, *problem.chain.free)]
     q = problem.basis.evaluate(true)
     pairs = problem._pairs
