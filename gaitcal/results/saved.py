@@ -117,8 +117,7 @@ def save_uncertainty(uncertainty: Uncertainty, path: Path) -> None:
         arrays["joint"] = uncertainty.joint.parameters
     if uncertainty.inertial is not None:
         arrays["inertial"] = uncertainty.inertial
-    # Compressing it would take a twentieth of a calibration, for a sixth of the size.
-    np.savez(path, **arrays)  # type: ignore[arg-type]
+    np.savez_compressed(path, **arrays)  # type: ignore[arg-type]
 
 
 def load_uncertainty(path: Path) -> Uncertainty:
