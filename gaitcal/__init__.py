@@ -65,6 +65,7 @@ __all__ = [
     "MarkerSet",
     "load_marker_set",
     "monte_carlo",
+    "view",
     "GaitcalError",
     "InputError",
     "ConvergenceError",

@@ -45,3 +45,4 @@ from .session.result import Calibration as Calibration
 from .session.tables import parameter_table as parameter_table
 from .study.study import Study as Study
 from .synthetic.subject import synthesize as synthesize
+from .viewer import view as view

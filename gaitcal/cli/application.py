@@ -24,7 +24,7 @@ from gaitcal.errors import Code, GaitcalError
 from gaitcal.io.atomic import InterruptedWork, Stopped, ended_by_signals
 
 COMMANDS: Final = {
-    "demo": ("calibrate:demonstrate", "gaitcal demo"),
+    "demo": ("synthesize:demonstrate", "gaitcal demo"),
     "example": ("explain:fetch_or_list", "gaitcal example subject01 --out subject01"),
     "init": ("folder:draft_study_file", "gaitcal init recordings --mass 72.6 --height 1.80 --sex male"),
     "check": ("folder:check_recordings", "gaitcal check study.toml"),
@@ -32,7 +32,7 @@ COMMANDS: Final = {
     "cohort": ("cohort:run_people", "gaitcal cohort people --out results --jobs 4"),
     "dynamics": ("calibrate:analyse_further", "gaitcal dynamics result walk2.c3d walk3.c3d"),
     "convert": ("other_programs:convert_recording", "gaitcal convert walk.c3d walk.csv"),
-    "synthesize": ("calibrate:write_subject", "gaitcal synthesize --out person --seed 1 --noise"),
+    "synthesize": ("synthesize:write_subject", "gaitcal synthesize --out person --seed 1 --noise"),
     "montecarlo": ("montecarlo:run_monte_carlo", "gaitcal montecarlo result --vary jp,ip --levels 50,100 --draws 1000"),
     "reproduce": ("montecarlo:run_reproduction", "gaitcal reproduce --out published"),
     "export": ("other_programs:export", "gaitcal export result --format osim,urdf"),

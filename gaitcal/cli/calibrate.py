@@ -1,4 +1,4 @@
-"""`gaitcal calibrate`, `dynamics` (further recordings through the model of a result), `synthesize` and `demo`.
+"""`gaitcal calibrate`, and `dynamics`: further recordings through the model of a result.
 
 Options of a further trial are written on the command line as in a study file; each is read here into what that file
 would hold.
@@ -34,7 +34,6 @@ from gaitcal.study.settings import CalibrationSettings
 from gaitcal.study.study import Study, input_files, with_cohort_priors
 from gaitcal.study.study_file import Side, TrialTable, load_study_file
 from gaitcal.study.study_trial import Role, Trial, read_trial
-from gaitcal.synthetic import subject, truth
 
 LABELS = {Severity.ERROR: "error", Severity.WARNING: "warning", Severity.INFO: "note"}  # How a reason begins
 
@@ -100,11 +99,11 @@ def calibrate_study(
         made_with = {} if normal is None else {"normal": normal.name, "normal_sha256": sha256_of(normal)}
         text = None if drafted is None else draft_text(drafted, out) + settings_text(CalibrationSettings(), priors, out)
         write_results(calibration, out, made_with, drafted=text, normal=bands)
-    _print_calibration(console, calibration)
+    print_calibration(console, calibration)
     for note in loaded.joint_prior.notes if loaded.joint_prior else ():
         console.line(f"priors: {note}")
     _tell_changed(console, loaded.changed_inputs())
-    _tell_kept(console, kept)
+    tell_kept(console, kept)
     if drafted is not None:
         console.line(f"study:  {out / STUDY} (drafted; look at it, and calibrate it again where you change it)")
     console.line(f"page:   {out / PAGE}")
@@ -284,55 +283,10 @@ def _number(text: str) -> float | None:
     return value if abs(value) < 1e9 else None  # neither infinite nor NaN
 
 
-SEED = 2009
-"""Of the demonstration's noise and of its subject's true parameters: the first from 2007 on (the year of the method)
-whose true moments have their peaks within 2 standard deviations of people's (`scripts/tools/walking_person.py`)."""
-
-
-def write_subject(
-    console: Console,
-    out: options.Out,
-    seed: options.Seed = 0,
-    noise: options.Noise = False,
-    perturb: options.Perturb = False,
-    movement: options.Movements = None,
-) -> None:
-    """Write a synthetic subject as a study folder."""
-    kept = require_room(out, ResultKind.SYNTHETIC)
-    with console.working() as step:
-        step("writing C3D files of the synthetic subject")
-        study = subject.synthesize(out, seed=seed, noise=noise, perturb=perturb, also=movement or ())
-    _tell_kept(console, kept)
-    console.line(f"study: {study}")
-    console.line(f"truth: {study.parent / truth.PARAMETERS}, {study.parent / truth.CURVES}")
-    console.line(f"next:  gaitcal calibrate {study} --out {out}-result")
-
-
-def demonstrate(console: Console, out: options.Out = Path("gaitcal-demo")) -> None:
-    """Write a noisy synthetic subject as C3D, and calibrate it: the truth that its study names is in the result."""
-    folder, result = out / "subject", out / "result"
-    require_room(folder, ResultKind.SYNTHETIC)
-    kept = require_room(result, ResultKind.CALIBRATION)
-    with console.working() as step:
-        step("writing C3D files of a synthetic subject with marker noise and wrong nominal parameters")
-        path = subject.synthesize(folder, seed=SEED, noise=True, perturb=True)
-        step("reading them back")
-        study = Study.load(path)
-        calibration = calibrate(study, step)
-        step("writing the results")
-        write_results(calibration, result)
-    console.line(
-        "A synthetic subject (markers with up to 10 mm of noise, two force plates), calibrated from its C3D files:"
-    )
-    _print_calibration(console, calibration)
-    _tell_kept(console, kept)
-    console.line(f"page:   {result / PAGE}")
-
-
 # ------------------------------------------------------------------------------------------------ what is printed
 
 
-def _print_calibration(console: Console, calibration: Calibration) -> None:
+def print_calibration(console: Console, calibration: Calibration) -> None:
     """The summary of a calibration: fit of every trial, pelvis residuals, verdict."""
     _print_trials(console, calibration.trials)
     for total in truth_comparison.sums(calibration, calibration.truth) if calibration.truth else ():
@@ -352,7 +306,7 @@ def _print_verdict(console: Console, verdict: Verdict) -> None:
         console.line(f"what a code means and what to do: gaitcal explain {verdict.reasons[0].code.value}")
 
 
-def _tell_kept(console: Console, kept: Sequence[str]) -> None:
+def tell_kept(console: Console, kept: Sequence[str]) -> None:
     """Which folders of an earlier result are still there."""
     if kept:
         console.line(f"kept from the earlier result, made with its model: {', '.join(kept)}")

@@ -34,6 +34,7 @@ from gaitcal.io.atomic import atomic_text
 from gaitcal.io.result_folder import MANIFEST, ResultKind, file_in_place, require_room
 from gaitcal.page import bone_files, view
 from gaitcal.results import calibration, saved
+from gaitcal.results.our_motions import our_trials
 from gaitcal.results.sessions import compare_results, comparison_content, comparison_html, write_comparison
 from gaitcal.results.shared_model import compare_with_shared_model
 
@@ -278,7 +279,7 @@ def compare_motions(result: Path, osim: Path, console: Console) -> None:
     """Coordinates and moments of an OpenSim model in the recordings of a result, by OpenSim, beside ours."""
     with console.working() as step:
         step("inverse kinematics and dynamics in OpenSim")
-        trials = saved.our_trials(result)
+        trials = our_trials(result)
         found = opensim_motion.compare_motion(saved.load_result_model(result)[0], osim, trials)
     table = frameless_table(("coordinate", "unit"), ("ours, range", "offset", "rest, RMS", "correlation"))
     for curve in found.curves:

@@ -202,15 +202,14 @@ def trial_scene(
     kept = slice(None, None, stride)
     placed = Kinematics(chain_of().body(model.parameters), motion.q[kept], columns=False)
     axes, origins = placed.axes, placed.origins
-    corners = [plate.corners for plate in recording.plates if plate.corners is not None]
-    plates = np.array([c for c in corners if np.isfinite(c).all()], dtype=np.float32).reshape(-1, 4, 3)
+    plates = plate_corners(recording)
     frames = len(motion.time[kept])
     if reactions is None:
         forces = centres = np.full((frames, 2, 3), np.nan, dtype=np.float32)
         valid, legs = np.zeros(frames, dtype=np.bool_), np.zeros((frames, 2), dtype=np.bool_)
     else:
         level = float(np.median(plates[:, :, 1])) if len(plates) else 0.0
-        forces, centres = _arrows(reactions.wrench[kept], level)
+        forces, centres = force_arrows(reactions.wrench[kept], level)
         valid, legs = reactions.valid[kept], reactions.valid_legs[kept]
     return MotionScene(
         name=name,
@@ -220,8 +219,8 @@ def trial_scene(
         time=motion.time[kept],
         origins=origins.transpose(2, 0, 1).astype(np.float32),  # from (ns, 3, nf)
         turns=_quaternions(axes),
-        tracked=_tracked(motion),
-        measured=_measured(model, recording, kept),
+        tracked=tracked_segments(motion),
+        measured=measured_markers(model, recording, kept),
         forces=forces,
         pressure_centres=centres,
         valid=valid,
@@ -241,7 +240,7 @@ def _quaternions(axes: Array) -> Single:
     return out
 
 
-def _tracked(motion: Motion) -> BoolArray:
+def tracked_segments(motion: Motion) -> BoolArray:
     """(ns,) segments with a marker; the talus, which carries none, moves with its foot."""
     distance = motion.errors.distance
     carrying = {s for k, s in enumerate(motion.errors.segments) if np.isfinite(distance[:, k]).any()}
@@ -249,7 +248,13 @@ def _tracked(motion: Motion) -> BoolArray:
     return np.array([s in carrying for s in SEGMENTS], dtype=np.bool_)
 
 
-def _measured(model: SubjectModel, recording: Recording, kept: slice) -> Single:
+def plate_corners(recording: Recording) -> Single:
+    """(np, 4, 3) m, corners of the force plates whose place the recording tells."""
+    corners = [plate.corners for plate in recording.plates if plate.corners is not None]
+    return np.array([c for c in corners if np.isfinite(c).all()], dtype=np.float32).reshape(-1, 4, 3)
+
+
+def measured_markers(model: SubjectModel, recording: Recording, kept: slice) -> Single:
     """(nf, nm, 3) m of the model's markers; NaN where the recording has none of that label or did not see it."""
     column = {label: i for i, label in enumerate(recording.labels)}
     markers = recording.markers[kept]
@@ -260,7 +265,7 @@ def _measured(model: SubjectModel, recording: Recording, kept: slice) -> Single:
     return out
 
 
-def _arrows(wrench: Array, level: float) -> tuple[Single, Single]:
+def force_arrows(wrench: Array, level: float) -> tuple[Single, Single]:
     """Force and centre of pressure on the plane y = `level`, from wrenches (nf, 2, 6) about the laboratory origin."""
     pressed = wrench[..., 1] > LOADED_N
     force, centre = np.full((2, *wrench.shape[:-1], 3), np.nan, dtype=np.float32)

@@ -11,9 +11,7 @@ import numpy as np
 
 from gaitcal.arrays import Array, BoolArray
 from gaitcal.calibration.error_sources import ErrorSources
-from gaitcal.compare.opensim_motion import OurMotion
 from gaitcal.errors import Code, Finding, InputError
-from gaitcal.export.osim import safe_name
 from gaitcal.faults.verdict import Judgement
 from gaitcal.io.labels import FootEvent, FootMoment
 from gaitcal.io.opensim_files import parse_trc
@@ -29,8 +27,6 @@ from gaitcal.motion.spline import spline_basis
 from gaitcal.results.summary import STATIC_ANGLES, SUMMARY, entries_of, of_the_model, table_of
 from gaitcal.session.result import Uncertainty
 from gaitcal.study.settings import CalibrationSettings
-from gaitcal.study.study_trial import Role
-from gaitcal.synthetic.motion import synthetic_markers
 
 MODEL, MARKER_SET, UNCERTAINTY = "model.toml", "marker_set.toml", "uncertainty.npz"
 
@@ -220,39 +216,6 @@ def load_trial(folder: Path, k: int, name: str) -> SavedWalk:
         reasons=_reasons(summary, name),
         events=saved_events(of_trial),
     )
-
-
-def our_trials(folder: Path) -> list[OurMotion]:
-    """Moving trials, as they are set beside another model's; isolated ones, in which one joint moves, only where there
-    are no others.
-    """
-    out = []
-    entries = table_of(read_object(folder / SUMMARY), "trials")
-    names = moving_trials(folder)
-    isolated = {name for name in names if table_of(entries, name).get("role") == Role.JOINT.value}
-    for k, name in enumerate(names):
-        if name in isolated and isolated != {*names}:
-            continue
-        cutoff = table_of(entries, name).get("bandwidth_hz")
-        saved = load_trial(folder, k, name)
-        q = saved.motion.basis.evaluate(saved.motion.coefficients)
-        placed, labels = saved.model.markers, saved.markers.labels
-        compared = [m for m, label in enumerate(placed.labels) if label in labels and placed.weight[m] > 0]
-        modelled = synthetic_markers(saved.model.parameters, placed, q)[:, compared]
-        apart = saved.markers.markers[:, [labels.index(placed.labels[m]) for m in compared]] - modelled
-        missed = np.sqrt(np.nanmean(np.sum(apart**2, axis=2), axis=0))
-        trial = OurMotion(
-            name=name,
-            motion=saved.motion,
-            markers=saved.markers,
-            torques=saved.torques,
-            valid=saved.valid,
-            cutoff=float(cutoff) if isinstance(cutoff, int | float) else None,
-            loads=folder / "forces" / f"{safe_name(name)}.xml",
-            missed={placed.labels[m]: float(e) for m, e in zip(compared, missed, strict=True)},
-        )
-        out.append(trial)
-    return out
 
 
 def saved_events(of_trial: Mapping[str, object]) -> tuple[FootEvent, ...]:

@@ -233,7 +233,8 @@ def _resting(standing: Recording, moving: Sequence[Recording]) -> dict[str, str]
         low = sorted((places[m][-1][1], m) for m in away)
         if away and recording is not standing and np.median([away[m] for _, m in low[: -(-len(low) // 4)]]) > WALKS_M:
             found |= {label for label in away if away[label] < RESTS_M}
-    rests = (m for m in sorted(found) if len(places[m]) > 1 and np.ptp(places[m], axis=0).max() < RESTS_M)
+    # In the order of the files: that of a set differs from run to run.
+    rests = (m for m, at in places.items() if m in found and len(at) > 1 and np.ptp(at, axis=0).max() < RESTS_M)
     return dict.fromkeys(rests, "stays where it is while the person walks")
 
 

@@ -37,6 +37,7 @@ from gaitcal.model.subject_model import SubjectModel
 from gaitcal.motion.joint_floor import joint_floor
 from gaitcal.motion.motion import Motion, rigid_floor, tracked_motion
 from gaitcal.motion.rigid import FEWEST_MARKERS
+from gaitcal.motion.trial_problem import MotionProblem
 from gaitcal.runtime import with_one_blas_thread
 from gaitcal.session.result import Loads, Stage, TrialResult, Uncertainty
 from gaitcal.session.session import MovingTrial, Session, prepare_trial, standing_problem, tracked
@@ -301,7 +302,12 @@ def segment_fits(trial: TrialResult) -> list[RmsErrors]:
 
 def static_angles(model: SubjectModel, parameters: Parameters, static: Recording) -> dict[str, float]:
     """Coordinate -> its value (m, rad) with which the model meets the still window of the static trial."""
-    motion = tracked_motion(standing_problem(model, static), parameters)
+    return _mean_coordinates(standing_problem(model, static), parameters)
+
+
+def _mean_coordinates(standing: MotionProblem, parameters: Parameters) -> dict[str, float]:
+    """Coordinate -> mean (m, rad) of the motion that meets the markers best."""
+    motion = tracked_motion(standing, parameters)
     return dict(zip(motion.coordinates, map(float, motion.q.mean(axis=0)), strict=True))
 
 
@@ -317,7 +323,8 @@ class Counted:
 
 def counted_from_static(model: SubjectModel, parameters: Parameters, static: Recording) -> Counted:
     """Fitted parameters whose ankles have the nominal model's angles in the static posture, by other zero angles."""
-    after, before = (static_angles(model, p, static) for p in (parameters, model.nominal))
+    standing = standing_problem(model, static)
+    after, before = (_mean_coordinates(standing, p) for p in (parameters, model.nominal))
     zero, moved = parameters.zero_angles.copy(), {}
     for joint in JOINTS:
         turns = {e.axis: e for e in joint.elements if e.source is Source.COORDINATE}

@@ -12,7 +12,8 @@ from gaitcal.compare.opensim_motion import BothCurves, _explained, compare_motio
 from gaitcal.export.osim_correspondence import leg_joints
 from gaitcal.export.osim_reader import read_osim
 from gaitcal.model.linkage import is_translation
-from gaitcal.results.saved import load_result_model, our_trials
+from gaitcal.results.our_motions import our_trials
+from gaitcal.results.saved import load_result_model
 from tests.kept import kept_result
 
 SAME_DEG, SAME_NM, MISSED = 0.05, 0.5, 1e-5

@@ -57,6 +57,13 @@ def walking_scene(labels: tuple[str, ...] | None = None, subject: str = "Built-i
 
 
 def walking_trial(model: SubjectModel, true: TrueMotion, name: str, wrench: Array | None) -> MotionScene:
+    """The same as the page has it."""
+    return trial_scene(model, name, "gait", *recorded_walk(model, true, name, wrench))
+
+
+def recorded_walk(
+    model: SubjectModel, true: TrueMotion, name: str, wrench: Array | None
+) -> tuple[Motion, Recording, GroundReactions | None]:
     """Noisy markers with a gap; two plates and frames that do not count where there is a wrench."""
     time, placed = true.basis.time, model.markers
     seen = synthetic_markers(model.parameters, placed, true.q)
@@ -76,7 +83,7 @@ def walking_trial(model: SubjectModel, true: TrueMotion, name: str, wrench: Arra
         name=name, coordinates=COORDINATES, basis=true.basis, coefficients=true.coefficients, errors=errors,
         converged=True,
     )  # fmt: skip
-    return trial_scene(model, name, "gait", motion, recording, reactions)
+    return motion, recording, reactions
 
 
 def long_scene(frames: int = 10_000) -> Scene:

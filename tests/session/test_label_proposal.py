@@ -104,12 +104,13 @@ def test_a_walk_backward_alone_does_not_exchange_the_sides() -> None:
 
 def test_what_stays_in_the_room_is_on_nobody() -> None:
     files, _ = nameless(recordings())
-    room = np.array([[0.3, 0.45, 1.2], [0.3, 0.45, 1.5]])
+    room = np.array([[0.3, 0.45, z] for z in np.linspace(1.2, 2.1, 4)])
 
     files["walk"] = on_the_spot(files["walk"])  # as on a treadmill
     alone = proposed(files)
     found = proposed({name: with_points(r, np.repeat(room[None], len(r.time), axis=0)) for name, r in files.items()})
-    assert found.unused == dict.fromkeys(("X1", "X2"), "stays where it is while the person walks")
+    rests = dict.fromkeys((f"X{i}" for i in range(1, 5)), "stays where it is while the person walks")
+    assert list(found.unused.items()) == list(rests.items()), "in the order of the files, in every run"
     assert found.rename == alone.rename and found.tracking == alone.tracking
     heel = next(m for m, name in alone.rename.items() if name == "heel_r")
     lost = proposed(files, walk=gone(slice(8, None), heel)(files["walk"]))
@@ -121,8 +122,9 @@ def on_the_spot(r: Recording) -> Recording:
 
 
 def with_points(r: Recording, points: np.ndarray) -> Recording:
-    """With X1 and X2 at (nf, 2, 3) m."""
-    return replace(r, labels=(*r.labels, "X1", "X2"), markers=np.concatenate([r.markers, points], axis=1))
+    """With X1, X2, ... at (nf, n, 3) m."""
+    added = (f"X{i + 1}" for i in range(points.shape[1]))
+    return replace(r, labels=(*r.labels, *added), markers=np.concatenate([r.markers, points], axis=1))
 
 
 def test_a_proposal_is_confirmed_before_anything_is_computed(tmp_path: Path) -> None:
