@@ -34,6 +34,7 @@ the laboratory origin are filtered, both linear in the channels; never the centr
 """
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -56,6 +57,8 @@ OFFSET_TOLD_N = 0.1  # An offset smaller than this is left alone
 SIDE_M = (0.1, 6.0)  # Sides of a plate, m; instrumented treadmills are the long ones
 TURNED_ROUND = "its force pointed down; force and moment were turned round to act on the body."
 """Note on a plate that `turned_round` has changed."""
+FOOT_BEYOND_M = 0.1  # A foot reaches that far beyond its markers: toes before the heads of the metatarsals
+SWAY_M = 0.003  # Even quiet standing moves a centre of pressure by more: 10 to 20 mm
 OUTSIDE_M = 0.05  # How far a centre of pressure may lie outside the corners before they are doubted
 
 
@@ -100,9 +103,12 @@ def plate_frame(corners: Array) -> PlateFrame:
     return PlateFrame(np.column_stack([x, cross(z, x), z]), corners.mean(axis=0), corners)
 
 
-def empty_samples(vertical: Array, rate: float) -> BoolArray:
-    """(ns,) bool: where nothing stands on the plate, by a steady small reading of `vertical` (ns,) N."""
-    quiet = np.abs(vertical) < UNLOADED_N
+def empty_samples(vertical: Array, rate: float, nobody: BoolArray | None = None) -> BoolArray:
+    """(ns,) bool: where nothing stands on the plate, by a steady reading of `vertical` (ns,) N.
+
+    The reading is a small one; of any size where `nobody` (ns,) bool is known to be over the plate.
+    """
+    quiet = np.abs(vertical) < UNLOADED_N if nobody is None else nobody.copy()
     if not quiet.any():
         return quiet
     quiet &= np.abs(vertical - np.median(vertical[quiet])) < QUIET_N
@@ -114,12 +120,32 @@ def empty_samples(vertical: Array, rate: float) -> BoolArray:
     return empty
 
 
-def offset(force: Array, moment: Array, rate: float) -> tuple[Array, bool]:
-    """(6,) median wrench of the empty plate, and whether it was ever empty."""
-    empty = empty_samples(force[:, 2], rate)
-    if not empty.any():
-        return np.zeros(6), False
-    return np.median(np.hstack([force, moment])[empty], axis=0), True
+def offset(force: Array, moment: Array, rate: float, nobody: Sequence[BoolArray] = ()) -> Array | None:
+    """Find the wrench of the empty plate.
+
+    Parameters
+    ----------
+    force, moment : (ns, 3) N and N·m in the axes of the plate.
+    nobody : samples (ns,) in which nobody is over the plate, the surest first. They are asked where no reading is
+        small: an amplifier may be off by more than a foot's first touch.
+
+    Returns
+    -------
+    (6,) median, N and N·m; None where the plate is never known to be empty.
+    """
+    for allowed in (None, *nobody):
+        empty = empty_samples(force[:, 2], rate, allowed)
+        if empty.any():
+            return np.asarray(np.median(np.hstack([force, moment])[empty], axis=0))
+    return None
+
+
+def over_plate(points: Array, frame: PlateFrame) -> tuple[BoolArray, BoolArray]:
+    """(nf,) bool each: whether any of the points (nf, np, 3) m is above or below the plate; whether most are known."""
+    known = np.isfinite(points).all(axis=2)
+    local = np.abs((np.where(known[..., None], points, np.inf) - frame.centre) @ frame.rotation[:, :2])
+    above = known & (local < frame.half_sides + FOOT_BEYOND_M).all(axis=2)
+    return above.any(axis=1), known.mean(axis=1) > 0.5
 
 
 def centre_of_pressure(force: Array, moment: Array, normal: Array) -> Array:
@@ -160,6 +186,13 @@ def outside_share(force: Array, moment: Array, frame: PlateFrame) -> float:
         return float("nan")
     point = centre_of_pressure(force[loaded], moment[loaded], np.array([0.0, 0.0, 1.0]))
     return float(np.mean(np.any(np.abs(point[:, :2]) > frame.half_sides + OUTSIDE_M, axis=1)))
+
+
+def travel(force: Array, moment: Array) -> float:
+    """m, way of the centre of pressure under load, from its 5th to its 95th percentile; plate axes."""
+    loaded = np.abs(force[:, 2]) > BODY_N
+    point = centre_of_pressure(force[loaded], moment[loaded], np.array([0.0, 0.0, 1.0]))
+    return float(np.ptp(np.percentile(point, (5.0, 95.0), axis=0), axis=0).max()) if loaded.any() else float("nan")
 
 
 def plate_from_moment(

@@ -12,7 +12,10 @@ dimension fastest), description. A record with a name of length 0 ends the secti
 
 ezc3d reads what is here read twice, but for two cases. It takes the layout of a frame from the parameters: old files
 without ANALOG:RATE or ANALOG:USED are then read askew, the analog values of one frame passing for points of the next;
-where the header accounts for the length of the file and the parameters do not, `read_samples` follows the header. And
+where the header accounts for the length of the file and the parameters do not, `read_samples` follows the header. The
+words of its first and last frame cannot count beyond 65535: where they, or FRAMES, stopped there or began again, the
+number of frames is that of TRIAL, LONG_FRAMES or further turns of the counter with which the data end where the file
+does. And
 ezc3d 1.7 writes parameters anew, and on the way drops groups without a name, changes types, loses the camera masks of
 integer files, and refuses files whose labels are fewer than their points (measured on `c3d_formats`); a
 `ParameterSection` gives every record that is not asked to change back byte for byte.
@@ -31,6 +34,8 @@ from gaitcal.errors import Code
 from gaitcal.io.text_file import FileFault, naming_file, readable_size
 
 BLOCK = 512
+WORD = 1 << 16
+"""Values of a 16-bit word: a header's frame numbers stay at the greatest one, or begin again at zero."""
 C3D_KEY = 0x50
 INTEL, DEC, MIPS = 84, 85, 86
 HEADER_BYTES = 24
@@ -45,7 +50,8 @@ class C3DHeader:
     points: int
     analog_values: int  # A frame: channels times samples a frame
     samples: int  # Analog samples a frame; 0 in some files without ANALOG:RATE
-    frames: int  # By the header; more may follow where the last is 65535
+    frames: int  # By the header, whose counter may have wrapped; more follow where it is `saturated`
+    saturated: bool  # Whether the last frame is the greatest number that the header can hold
     scale: float  # Negative where data are floats; NaN for DEC
     is_float: bool
     start: int  # Byte of the first datum
@@ -53,7 +59,16 @@ class C3DHeader:
     @property
     def data_bytes(self) -> int:
         """Length of the data by the header."""
-        return self.frames * (4 * self.points + self.analog_values) * (4 if self.is_float else 2)
+        return self.frames * self.frame_bytes
+
+    @property
+    def frame_bytes(self) -> int:
+        """Length of one frame: four words of each point, then the analog values."""
+        return (4 * self.points + self.analog_values) * (4 if self.is_float else 2)
+
+    def fills(self, data_bytes: int) -> bool:
+        """Whether data of this length end where the file does, but for the filling of its last block."""
+        return 0 <= self.size - self.start - data_bytes < 2 * BLOCK
 
 
 @naming_file
@@ -84,13 +99,14 @@ def check_c3d_header(path: Path) -> C3DHeader:
         points=words[1],
         analog_values=words[2],
         samples=words[9],
-        frames=words[4] - words[3] + 1,
+        frames=(words[4] - words[3] + 1) % WORD,
+        saturated=words[4] == WORD - 1,
         scale=struct.unpack("<f", head[12:16])[0] if processor == INTEL else float("nan"),
         # The sign bit of the scale sits in the last byte of an IEEE float, in the second of a DEC one.
         is_float=bool(head[15 if processor == INTEL else 13] & 0x80),
         start=(words[8] - 1) * BLOCK,
     )
-    if header.frames < 1:
+    if words[4] < words[3] and not header.fills(header.data_bytes):
         found = f"frame {words[3]} is its first and {words[4]} its last"
         raise FileFault(found, "header", Code.DAMAGED_RECORDING)
     if header.start < BLOCK:
@@ -102,18 +118,58 @@ def check_c3d_header(path: Path) -> C3DHeader:
     return header
 
 
-def is_askew(header: C3DHeader, points: Array, analogs: Array) -> bool:
-    """True where points (3, np, nf) and analogs (na, ns) do not fill the file, while the header does."""
+def layout_of_samples(
+    header: C3DHeader, parameters: Mapping[str, Mapping[str, Any]], points: Array, analogs: Array
+) -> C3DHeader | None:
+    """Find the layout that accounts for the whole file, where what the parser read does not.
+
+    Parameters
+    ----------
+    points, analogs : (3, np, nf) and (na, ns), as the parser read them.
+
+    Returns
+    -------
+    C3DHeader | None
+        The header by which to read the samples, with their number of frames; None where the parser read all of them.
+    """
     frames = points.shape[2]
-    filled = (frames * 4 * points.shape[1] + analogs.size) * (4 if header.is_float else 2)
-    fits = 0 <= header.size - header.start - header.data_bytes < 2 * BLOCK
-    return frames == header.frames and filled != header.data_bytes and fits
+    read = (frames * 4 * points.shape[1] + analogs.size) * (4 if header.is_float else 2)
+    if not header.frame_bytes or (header.fills(read) and frames != header.frames):
+        return None
+    held = (header.size - header.start) // header.frame_bytes
+    # the header as it is; its counter after some turns; then what other parameters count
+    counts = [*range(header.frames, held + 1, WORD), *_counted_frames(parameters)]
+    whole = [n for n in counts if n > 0 and header.fills(n * header.frame_bytes)]
+    if not whole and header.saturated:
+        whole = [held]
+    if not whole or whole[0] * header.frame_bytes == read:
+        return None
+    return replace(header, frames=whole[0])
+
+
+def _counted_frames(parameters: Mapping[str, Mapping[str, Any]]) -> list[int]:
+    """Numbers of frames that parameters give: 32 bits, or one float, where 16 bits are too few."""
+    trial, point = parameters.get("TRIAL", {}), parameters.get("POINT", {})
+    first, last = (long_number(trial.get(f"ACTUAL_{end}_FIELD", ())) for end in ("START", "END"))
+    counts = [] if first is None or last is None else [last - first + 1]
+    given = [long_number(point.get(name, ())) for name in ("LONG_FRAMES", "FRAMES")]
+    return counts + [count for count in given if count is not None]
+
+
+def long_number(words: Any) -> int | None:
+    """A number that stands in two 16-bit words, the lower first, or in one float; None where there is none."""
+    values = np.asarray(words, dtype=np.float64).ravel()
+    if not 1 <= len(values) <= 2 or not np.isfinite(values).all():
+        return None
+    if len(values) == 1:
+        return int(values[0])
+    return int(values[0]) % WORD + WORD * (int(values[1]) % WORD)
 
 
 def read_samples(path: Path, header: C3DHeader, parameters: Mapping[str, Mapping[str, Any]]) -> tuple[Array, Array]:
     """Points (3, np, nf), NaN where missing, and analogs (na, ns), both in the units of the file."""
     if header.processor != INTEL:
-        raise FileFault("found DEC encoding without ANALOG:RATE; save the file again in Intel format")
+        raise FileFault("found DEC encoding, and parameters that do not fit the data; save the file again in Intel format")
     kind = np.dtype("<f4") if header.is_float else np.dtype("<i2")
     length = header.data_bytes // kind.itemsize
     try:
@@ -122,13 +178,15 @@ def read_samples(path: Path, header: C3DHeader, parameters: Mapping[str, Mapping
         raise FileFault(f"cannot be read ({error})", code=Code.UNREADABLE) from None
     # a frame: x y z and residual of every point, then `samples` times all channels; a negative residual is a gap
     rows = raw.reshape(header.frames, -1)
-    quads = rows[:, : 4 * header.points].reshape(header.frames, header.points, 4)
+    if header.saturated:  # nothing but the length of the file may have counted them: its last block is filled with zeros
+        rows = rows[: np.flatnonzero(rows.any(axis=1))[-1] + 1] if rows.any() else rows[:1]
+    quads = rows[:, : 4 * header.points].reshape(len(rows), header.points, 4)
     points = quads[:, :, :3] * (1.0 if header.is_float else header.scale)
     points[quads[:, :, 3] < 0] = np.nan
     samples = max(1, header.samples)
     if header.analog_values % samples:
         samples = 1
-    analogs = rows[:, 4 * header.points :].reshape(header.frames * samples, -1).T
+    analogs = rows[:, 4 * header.points :].reshape(len(rows) * samples, -1).T
     group = parameters.get("ANALOG", {})
 
     def per_channel(name: str, default: float) -> Array:

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from gaitcal.arrays import Array, cross
+from gaitcal.arrays import Array, BoolArray, cross
 from gaitcal.io import force_plate
 from gaitcal.io.recording import ForcePlate
 
@@ -33,13 +33,14 @@ class MeasuredPlate:
 
 
 def measured_plates(
-    parameters: Parameters, analogs: Array, first: float, rate: float, metres: float
+    parameters: Parameters, analogs: Array, first: float, rate: float, metres: float, markers: Array
 ) -> tuple[tuple[MeasuredPlate, ...], tuple[str, ...]]:
     """All usable plates and notes on the rest.
 
     `analogs` (na, ns) are all analog channels at `rate` Hz, in the units of the file (N, and for moments N times the
     length of POINT:UNITS unless ANALOG:UNITS says otherwise); `first` tells how many samples the clock was past zero
-    at the first one. `metres` is the length of POINT:UNITS. A plate that cannot be placed or read is left out, with a
+    at the first one. `metres` is the length of POINT:UNITS. `markers` (nf, nm, 3) m in the axes of the file show when
+    somebody is over a plate. A plate that cannot be placed or read is left out, with a
     note.
     """
     group = parameters.get("FORCE_PLATFORM", {})
@@ -53,7 +54,7 @@ def measured_plates(
     notes: list[str] = []
     for index in range(count):
         try:
-            plate, plate_notes = _plate(parameters, index, analogs, first, rate, metres)
+            plate, plate_notes = _plate(parameters, index, analogs, first, rate, metres, markers)
         except ValueError as fault:
             notes.append(f"Plate {index + 1} left out: {fault}.")
             continue
@@ -82,7 +83,7 @@ def stand_up(plates: tuple[MeasuredPlate, ...], up: Array) -> tuple[tuple[ForceP
 
 
 def _plate(
-    parameters: Parameters, index: int, analogs: Array, first: float, rate: float, metres: float
+    parameters: Parameters, index: int, analogs: Array, first: float, rate: float, metres: float, markers: Array
 ) -> tuple[MeasuredPlate, list[str]]:
     group = parameters["FORCE_PLATFORM"]
     kind = _numbers(group, "TYPE").ravel()[index]
@@ -101,15 +102,24 @@ def _plate(
     origin = np.zeros(3) if kind == 1 else _column(group, "ORIGIN", index, (3,)) * metres
     if kind == 4:
         channels, torque = _column(group, "CAL_MATRIX", index, (6, 6)) @ channels, metres
-    force, moment = wrench_of(int(kind), channels, origin, metres, metres if torque is None else torque)
+    torque = metres if torque is None else torque
+    scale = _unit_scale(int(kind), channels, origin, metres, torque, frame)
+    if scale != 1.0:
+        what, unit, size = ("centres of pressure", "m", metres) if kind == 1 else ("moments", "N·m", torque)
+        notes.append(
+            f"its {what} are in units of {scale * size:g} {unit}, not {size:g} {unit} as its parameters have it: "
+            "only so does the centre of pressure move under the foot, on the plate"
+        )
+        metres, torque = (metres * scale if kind == 1 else metres), torque * scale
+    force, moment = wrench_of(int(kind), channels, origin, metres, torque)
     # ORIGIN without a height does not betray its sign; the plate itself does.
     if kind in (2, 4) and force_plate.outside_share(force, moment, frame) > 0.5:
         other = moment + 2.0 * cross(_below(origin), force)
         if force_plate.outside_share(force, other, frame) < 0.1:
             moment = other
             notes.append("ORIGIN has the opposite sign (the centre of pressure lies on the plate only so)")
-    empty, was_empty = force_plate.offset(force, moment, rate)
-    if not was_empty:
+    empty = force_plate.offset(force, moment, rate, _nobody_over(group, frame, markers, analogs.shape[1], begin, end))
+    if empty is None:
         notes.append("never empty, so that its offset is unknown and was left in")
     elif np.linalg.norm(empty[:3]) > force_plate.OFFSET_TOLD_N:
         force, moment = force - empty[:3], moment - empty[3:]
@@ -123,6 +133,44 @@ def _plate(
         )
     turn, time = frame.rotation.T, np.asarray((first + np.arange(begin, end)) / rate, dtype=np.float64)
     return MeasuredPlate(name=str(index + 1), time=time, force=force @ turn, moment=moment @ turn, frame=frame), notes
+
+
+def _unit_scale(
+    kind: int, channels: Array, origin: Array, metres: float, torque: float, frame: force_plate.PlateFrame
+) -> float:
+    """By what the unit of the moments (type 1: of the centres of pressure) is to be multiplied; nearly always 1.
+
+    Moments in N·m that are taken for N·mm leave the centre of pressure within a millimetre of the sensor's axis, whoever
+    walks; the reverse puts it far beyond the plate. Another unit is taken where this one does either, and that neither.
+    """
+    if kind == 3:
+        return 1.0
+
+    def signs(scale: float) -> tuple[float, bool]:
+        """Share outside of the plate, and whether the centre of pressure moves about the sensor."""
+        units = metres * (scale if kind == 1 else 1.0), torque * scale
+        outside = force_plate.outside_share(*wrench_of(kind, channels, origin, *units), frame)
+        return outside, force_plate.travel(*wrench_of(kind, channels, np.zeros(3), *units)) > force_plate.SWAY_M
+
+    outside, moves = signs(1.0)
+    if np.isnan(outside) or (outside < 0.5 and moves):
+        return 1.0
+    others = [unit / (metres if kind == 1 else torque) for unit in (1e-3, 1.0)]
+    fitting = [scale for scale in others if (found := signs(scale))[0] < 0.1 and found[1]]
+    return fitting[0] if len(fitting) == 1 else 1.0
+
+
+def _nobody_over(
+    group: Mapping[str, Any], frame: force_plate.PlateFrame, markers: Array, samples: int, begin: int, end: int
+) -> list[BoolArray]:
+    """Samples from `begin` to `end` in which nobody is over a plate: by ZERO and no marker, then by the markers."""
+    occupied, known = force_plate.over_plate(markers, frame)
+    named = np.zeros(len(markers), dtype=bool)
+    zero = _numbers(group, "ZERO").ravel()
+    if len(zero) == 2 and 1 <= zero[0] <= zero[1]:
+        named[int(zero[0]) - 1 : int(zero[1])] = True
+    frames = np.arange(begin, end) * len(markers) // samples
+    return [(named & ~occupied)[frames], (known & ~occupied)[frames]]
 
 
 def wrench_of(kind: int, channels: Array, origin: Array, metres: float, torque: float) -> tuple[Array, Array]:
