@@ -48,7 +48,6 @@ from gaitcal.study.study_trial import Trial
 TOGETHER = 0.5
 """Of the time that a plate's load and a foot's contact last together: the common part by which they belong together."""
 WALKING = (0.75, 2.2)  # Body weights that the plates carry at most while somebody walks or runs slowly
-FORCE_UNITS: dict[str, float] = {"N": 1.0, "kgf": 9.80665, "lbf": 4.4482216, "kN": 1000.0}  # N in a unit of force
 STEP_S = 0.02  # Frames nearer to each other say the same: motion and forces hold nothing above about 10 Hz
 MOST_FRAMES = 300  # Of one trial; a longer one is looked at in larger steps
 FEWEST_FRAMES = 10  # Below a fifth of a second nothing can be told
@@ -61,6 +60,12 @@ CENTRE_OTHER_M, CENTRE_HEIGHT_M = 0.010, 1.75  # m, standard deviations of a mas
 BROKEN_S = 0.06  # Frames further apart know nothing of each other
 
 
+def force_units(weight: float) -> dict[str, float]:
+    """Unit that a file may give forces in -> N; `weight` N of the person, by which some programs divide them."""
+    whole = {"N": 1.0, "kgf": 9.80665, "lbf": 4.4482216, "kN": 1000.0}
+    return whole | {"N/kg": weight / GRAVITY, "body weights": weight, "% of body weight": weight / 100.0}
+
+
 def as_walked_on(plates: tuple[ForcePlate, ...], time: Array, weight: float) -> tuple[ForcePlate, ...]:
     """The plates in newtons and without what they read while empty, by which feet can be told to stand; the same where
     they need neither.
@@ -69,7 +74,7 @@ def as_walked_on(plates: tuple[ForcePlate, ...], time: Array, weight: float) -> 
     most = float(loads.sum(axis=0).max()) / weight
     unit = 1.0
     if most < 0.5 * WALKING[0]:
-        unit = next((u for u in FORCE_UNITS.values() if WALKING[0] < most * u < WALKING[1]), 1.0)
+        unit = next((u for u in force_units(weight).values() if WALKING[0] < most * u < WALKING[1]), 1.0)
     empty = [unit * (empty_reading(plate, weight / unit) or 0.0) for plate in plates]
     if unit == 1.0 and max(abs(b) for b in empty) < LOADED_N:
         return plates

@@ -3,7 +3,8 @@
 Only files directly in the folder: one person a folder. A file that cannot be read ends nothing; it keeps its reason.
 
 A recording that has plates of its own needs no table. For another one, a table can be its own only if it covers its
-time and if, under load, the centre of pressure lies near a foot: the feet decide, names only where feet do not.
+time and if, under load, the centre of pressure lies near a foot: the feet decide, names only where feet do not. One
+that is called after a recording which needs no forces is nobody else's.
 """
 
 import difflib
@@ -243,6 +244,7 @@ def trial_names(stems: Sequence[str]) -> list[str]:
     return out
 
 
+CENTRE_UNITS = {"mm": 1e-3, "cm": 1e-2}  # m, units in which centres of pressure may be given instead
 UNDER_M = 0.25
 """Median distance, in the floor's plane, of the centre of pressure from the nearest marker of a foot under load."""
 MOST_CUT = 0.5
@@ -282,7 +284,12 @@ def pair_forces(
     loads = {PureWindowsPath(file.names).name.lower(): file for file in named}  # takes / and \\ alike
     matches: list[_Match] = []
     why: dict[str, str] = {}
+    wanted = {stem for stem, _ in recordings.values()}
     for t, table in enumerate(tables):
+        partner = partner_of(table, files)
+        if partner is not None and partner.path.stem not in wanted:
+            why[table.name] = f"the forces of {partner.name}, which needs none or is not used"
+            continue
         for number, (stem, recording) in recordings.items():
             match = _match(number, stem, recording, marker_set, t, table)
             if isinstance(match, str):
@@ -323,6 +330,12 @@ def pair_forces(
     return out, {table.name: why[table.name] for t, table in enumerate(tables) if t not in used}
 
 
+def partner_of(table: FolderFile, files: Sequence[FolderFile]) -> FolderFile | None:
+    """The recording that a table of forces is called after (`gait.csv`: `gait_forces.csv`); None where there is none."""
+    recordings = (file for file in files if file.kind is FileKind.RECORDING)
+    return next((file for file in recordings if names_alike(file.path.stem, table.path.stem) == 1.0), None)
+
+
 def _rank(match: _Match) -> tuple[object, ...]:
     """Smallest first: no time is lost, names are alike (in steps), the feet are near, then the order of the files."""
     away = np.inf if match.away is None else match.away
@@ -345,25 +358,37 @@ def _match(
     if start > time[0] + step or stop < time[-1] - step:
         inside = time[(time >= start) & (time <= stop)]
         cut = (float(inside[0]), float(inside[-1]))
-    away = _from_feet(recording, marker_set, table)
+    points, feet = _under_load(recording, marker_set, table)
+    away = _away(points, feet)
     if away is not None and away > UNDER_M:
+        # in another unit, centres travel by a power of ten further than any foot
+        if np.ptp(points, axis=0).max() > 10.0 * np.nanmax(np.nanmax(feet, axis=(0, 1)) - np.nanmin(feet, axis=(0, 1))):
+            unit, scaled = min(((u, _away(k * points, feet)) for u, k in CENTRE_UNITS.items()), key=lambda x: x[1] or 0.0)
+            if scaled is not None and scaled <= UNDER_M:
+                return f"its centres of pressure are in {unit}, not in m: only so are they under the feet of {stem}"
         return f"its centres of pressure are {away:.2f} m from the feet of {stem}"
     return _Match(number, t, away, names_alike(stem, table.path.stem), cut)
 
 
-def _from_feet(recording: Recording, marker_set: MarkerSet, table: FolderFile) -> float | None:
-    """m, median distance of centres of pressure under load from the nearest foot marker; None without load."""
+def _under_load(recording: Recording, marker_set: MarkerSet, table: FolderFile) -> tuple[Array, Array]:
+    """Centres of pressure (n, 2) and foot markers (n, k, 2) in the floor's plane, m, of each plate in loaded frames."""
     feet = [i for i, m in enumerate(recording.labels) if marker_set.segment_of.get(m, "").startswith("foot")]
-    distances: list[float] = []
+    points, frames = [np.empty((0, 2))], [np.empty(0, dtype=int)]
     for plate in table.forces.plates if table.forces else ():
         point = np.stack([np.interp(recording.time, plate.time, plate.point[:, k]) for k in (0, 2)], axis=1)
         force = np.interp(recording.time, plate.time, np.nan_to_num(plate.force[:, 1]))
         covered = (recording.time >= plate.time[0]) & (recording.time <= plate.time[-1])
-        loaded = np.flatnonzero((force > force_plate.BODY_N) & covered & np.isfinite(point).all(axis=1))
-        away: Array = np.linalg.norm(recording.markers[loaded][:, feet][:, :, [0, 2]] - point[loaded][:, None], axis=2)
-        away = away[np.isfinite(away).any(axis=1)]
-        distances.extend(np.nanmin(away, axis=1).tolist() if away.size else ())
-    return float(np.median(distances)) if distances else None
+        seen = np.isfinite(recording.markers[:, feet]).all(axis=2).any(axis=1)
+        loaded = np.flatnonzero((force > force_plate.BODY_N) & covered & seen & np.isfinite(point).all(axis=1))
+        points.append(point[loaded])
+        frames.append(loaded)
+    return np.concatenate(points), recording.markers[np.concatenate(frames)][:, feet][:, :, [0, 2]]
+
+
+def _away(points: Array, feet: Array) -> float | None:
+    """m, median distance of centres of pressure from the nearest foot marker; None without load."""
+    away: Array = np.linalg.norm(feet - points[:, None], axis=2)
+    return float(np.median(np.nanmin(away, axis=1))) if away.size else None
 
 
 def names_alike(stem: str, table: str) -> float:
