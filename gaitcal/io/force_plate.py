@@ -54,6 +54,7 @@ QUIET_S = 0.1
 """Shortest stretch taken as empty; EDGE_S at either end of it is left out, where a foot may be landing or leaving."""
 EDGE_S = 0.02
 OFFSET_TOLD_N = 0.1  # An offset smaller than this is left alone
+STANCE_S = 0.3  # A shorter loading is no step
 SIDE_M = (0.1, 6.0)  # Sides of a plate, m; instrumented treadmills are the long ones
 TURNED_ROUND = "its force pointed down; force and moment were turned round to act on the body."
 """Note on a plate that `turned_round` has changed."""
@@ -142,10 +143,9 @@ def offset(force: Array, moment: Array, rate: float, nobody: Sequence[BoolArray]
 
 def over_plate(points: Array, frame: PlateFrame) -> tuple[BoolArray, BoolArray]:
     """(nf,) bool each: whether any of the points (nf, np, 3) m is above or below the plate; whether most are known."""
-    known = np.isfinite(points).all(axis=2)
-    local = np.abs((np.where(known[..., None], points, np.inf) - frame.centre) @ frame.rotation[:, :2])
-    above = known & (local < frame.half_sides + FOOT_BEYOND_M).all(axis=2)
-    return above.any(axis=1), known.mean(axis=1) > 0.5
+    local = np.abs((points - frame.centre) @ frame.rotation[:, :2])
+    above = np.asarray((local < frame.half_sides + FOOT_BEYOND_M).all(axis=2))
+    return np.asarray(above.any(axis=1)), np.asarray(np.isfinite(points).all(axis=2).mean(axis=1) > 0.5)
 
 
 def centre_of_pressure(force: Array, moment: Array, normal: Array) -> Array:
@@ -265,6 +265,12 @@ def _pass(values: Array, warped: float) -> Array:
 
     out: Array = lapack.dtbtrs(band, right, uplo="L")[0]
     return out
+
+
+def covered(plates: Sequence[ForcePlate], time: Array) -> slice:
+    """Frames of `time` (nf,) s for which all plates have samples."""
+    start, stop = max(p.time[0] for p in plates), min(p.time[-1] for p in plates)
+    return slice(int(np.searchsorted(time, start - 1e-9)), int(np.searchsorted(time, stop + 1e-9, side="right")))
 
 
 def filterable(plate: ForcePlate, cutoff_hz: float) -> bool:

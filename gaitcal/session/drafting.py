@@ -81,7 +81,7 @@ def draft_study(folder: folders.Folder, options: Options) -> Draft:
     for choice in choices:
         spelt = {i: _spelt(recordings[i], choice) for i in choice.members}
         # before anything else is looked for: in another unit everybody is another person, or moves
-        units = {i: fault for i, r in spelt.items() if (fault := unit_fault(r, choice.marker_set))}
+        units = {i: wrong for i, r in spelt.items() if (wrong := unit_fault(r, choice.marker_set))}
         sound = {i: r for i, r in spelt.items() if i not in units}
         session = sitting_of(sound, {i: files[i].path.stem for i in sound}, choice.marker_set)
         if session is not None:

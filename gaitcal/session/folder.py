@@ -247,8 +247,6 @@ def trial_names(stems: Sequence[str]) -> list[str]:
 CENTRE_UNITS = {"mm": 1e-3, "cm": 1e-2}  # m, units in which centres of pressure may be given instead
 UNDER_M = 0.25
 """Median distance, in the floor's plane, of the centre of pressure from the nearest marker of a foot under load."""
-MOST_CUT = 0.5
-"""Share of the recording's time that a table may leave uncovered; the trial is then cut to what it covers."""
 SAME_NAME = 0.6
 WORDS = re.compile(r"(grfs?|forces?|force|fp|plates?|analog|kinetics|ext|external|loads?)", re.IGNORECASE)
 """Words of names that say only that a file holds forces."""
@@ -261,7 +259,6 @@ class ForceChoice:
     file: FolderFile  # The table, or the XML that names it
     reason: str
     certain: bool
-    time: tuple[float, float] | None = None  # s: the part that the forces cover, where that is not all
 
 
 @dataclass(frozen=True)
@@ -270,7 +267,8 @@ class _Match:
     table: int
     away: float | None  # m, of the centre of pressure from the feet; None where nothing is loaded
     alike: float
-    time: tuple[float, float] | None
+    covered: tuple[float, float]  # s, from when to when the table has forces
+    lost: float  # Share of the recording's time without forces
 
 
 def pair_forces(
@@ -310,9 +308,10 @@ def pair_forces(
         alike = {number: names_alike(stem, table.path.stem) for number, (stem, _) in recordings.items()}
         best = max(alike, key=lambda number: (alike[number], number == match.recording))
         rival = alike[best] >= SAME_NAME and alike[best] > alike[match.recording]
-        parts = ["covers the time; no foot is loaded in it"]
+        covers = "covers the time" if match.lost == 0.0 else "covers {:.2f} to {:.2f} s".format(*match.covered)
+        parts = [f"{covers}; no foot is loaded in it"]
         if match.away is not None:
-            parts = [f"covers the time, and under load acts {100 * match.away:.0f} cm from the feet"]
+            parts = [f"{covers}, and under load acts {100 * match.away:.0f} cm from the feet"]
         if rival:
             parts.append(f"though its name says {recordings[best][0]}")
         elif match.alike >= SAME_NAME:
@@ -320,7 +319,7 @@ def pair_forces(
         if (by := loads.get(table.path.name.lower())) is not None:
             parts.append(f"{by.name} names it")
         out[match.recording] = ForceChoice(
-            file=table, reason="; ".join(parts), certain=match.away is not None and not rival, time=match.time
+            file=table, reason="; ".join(parts), certain=match.away is not None and not rival
         )
         used.add(match.table)
     for t, table in enumerate(tables):
@@ -331,15 +330,15 @@ def pair_forces(
 
 
 def partner_of(table: FolderFile, files: Sequence[FolderFile]) -> FolderFile | None:
-    """The recording that a table of forces is called after (`gait.csv`: `gait_forces.csv`); None where there is none."""
+    """The recording after which a table of forces is called (`gait.csv`: `gait_forces.csv`), if there is one."""
     recordings = (file for file in files if file.kind is FileKind.RECORDING)
     return next((file for file in recordings if names_alike(file.path.stem, table.path.stem) == 1.0), None)
 
 
 def _rank(match: _Match) -> tuple[object, ...]:
-    """Smallest first: no time is lost, names are alike (in steps), the feet are near, then the order of the files."""
+    """Smallest first: little time is lost, names are alike (in steps), feet are near, then the order of the files."""
     away = np.inf if match.away is None else match.away
-    return (match.away is None, match.time is not None, -round(match.alike, 1), away, match.recording, match.table)
+    return (match.away is None, round(match.lost, 1), -round(match.alike, 1), away, match.recording, match.table)
 
 
 def _match(
@@ -352,22 +351,22 @@ def _match(
     step = float(np.median(np.diff(time)))
     start, stop = max(float(p.time[0]) for p in plates), min(float(p.time[-1]) for p in plates)
     low, high = max(start, float(time[0])), min(stop, float(time[-1]))
-    if high - low < MOST_CUT * float(np.ptp(time)):
+    if high - low < force_plate.STANCE_S:
         return f"its forces run from {start:.2f} to {stop:.2f} s, {stem} from {time[0]:.2f} to {time[-1]:.2f} s"
-    cut = None
-    if start > time[0] + step or stop < time[-1] - step:
-        inside = time[(time >= start) & (time <= stop)]
-        cut = (float(inside[0]), float(inside[-1]))
+    whole = start <= time[0] + step and stop >= time[-1] - step
+    lost = 0.0 if whole else 1.0 - (high - low) / float(np.ptp(time))
     points, feet = _under_load(recording, marker_set, table)
     away = _away(points, feet)
     if away is not None and away > UNDER_M:
         # in another unit, centres travel by a power of ten further than any foot
-        if np.ptp(points, axis=0).max() > 10.0 * np.nanmax(np.nanmax(feet, axis=(0, 1)) - np.nanmin(feet, axis=(0, 1))):
-            unit, scaled = min(((u, _away(k * points, feet)) for u, k in CENTRE_UNITS.items()), key=lambda x: x[1] or 0.0)
-            if scaled is not None and scaled <= UNDER_M:
+        room = float(np.max(np.nanmax(feet, axis=(0, 1)) - np.nanmin(feet, axis=(0, 1))))
+        if np.ptp(points, axis=0).max() > 10.0 * room:
+            scaled = {unit: _away(metres * points, feet) or 0.0 for unit, metres in CENTRE_UNITS.items()}
+            unit = min(scaled, key=lambda name: scaled[name])
+            if scaled[unit] <= UNDER_M:
                 return f"its centres of pressure are in {unit}, not in m: only so are they under the feet of {stem}"
         return f"its centres of pressure are {away:.2f} m from the feet of {stem}"
-    return _Match(number, t, away, names_alike(stem, table.path.stem), cut)
+    return _Match(number, t, away, names_alike(stem, table.path.stem), (low, high), lost)
 
 
 def _under_load(recording: Recording, marker_set: MarkerSet, table: FolderFile) -> tuple[Array, Array]:
@@ -378,7 +377,7 @@ def _under_load(recording: Recording, marker_set: MarkerSet, table: FolderFile) 
         point = np.stack([np.interp(recording.time, plate.time, plate.point[:, k]) for k in (0, 2)], axis=1)
         force = np.interp(recording.time, plate.time, np.nan_to_num(plate.force[:, 1]))
         covered = (recording.time >= plate.time[0]) & (recording.time <= plate.time[-1])
-        seen = np.isfinite(recording.markers[:, feet]).all(axis=2).any(axis=1)
+        seen = np.asarray(np.isfinite(recording.markers[:, feet]).all(axis=2)).any(axis=1)
         loaded = np.flatnonzero((force > force_plate.BODY_N) & covered & seen & np.isfinite(point).all(axis=1))
         points.append(point[loaded])
         frames.append(loaded)

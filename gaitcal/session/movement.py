@@ -32,7 +32,7 @@ STRAIGHT = 0.8
 bent by 40 deg, 0.7 in sitting."""
 LEVEL_M = 0.08  # Difference in height of the two feet's middles: a foot is lifted from there on
 LOW_M, HIGH_M = 0.3, 1.5
-"""From the pelvis to the feet of a person who stands; less than a power of ten lies between a child's and a tall man's."""
+"""m, from the pelvis to the feet of a person who stands: from child to tall adult it is less than a power of ten."""
 UNITS = {
     1000: ("too small", "metres under a header that says mm"),
     100: ("too small", "metres under cm"),

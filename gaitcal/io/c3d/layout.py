@@ -169,7 +169,7 @@ def long_number(words: Any) -> int | None:
 def read_samples(path: Path, header: C3DHeader, parameters: Mapping[str, Mapping[str, Any]]) -> tuple[Array, Array]:
     """Points (3, np, nf), NaN where missing, and analogs (na, ns), both in the units of the file."""
     if header.processor != INTEL:
-        raise FileFault("found DEC encoding, and parameters that do not fit the data; save the file again in Intel format")
+        raise FileFault("found DEC encoding and parameters that do not fit; save the file again in Intel format")
     kind = np.dtype("<f4") if header.is_float else np.dtype("<i2")
     length = header.data_bytes // kind.itemsize
     try:
@@ -178,7 +178,8 @@ def read_samples(path: Path, header: C3DHeader, parameters: Mapping[str, Mapping
         raise FileFault(f"cannot be read ({error})", code=Code.UNREADABLE) from None
     # a frame: x y z and residual of every point, then `samples` times all channels; a negative residual is a gap
     rows = raw.reshape(header.frames, -1)
-    if header.saturated:  # nothing but the length of the file may have counted them: its last block is filled with zeros
+    # where the length of the file alone counts the frames, zeros that fill its last block may pass for some
+    if header.saturated:
         rows = rows[: np.flatnonzero(rows.any(axis=1))[-1] + 1] if rows.any() else rows[:1]
     quads = rows[:, : 4 * header.points].reshape(len(rows), header.points, 4)
     points = quads[:, :, :3] * (1.0 if header.is_float else header.scale)

@@ -140,8 +140,9 @@ def _unit_scale(
 ) -> float:
     """By what the unit of the moments (type 1: of the centres of pressure) is to be multiplied; nearly always 1.
 
-    Moments in N·m that are taken for N·mm leave the centre of pressure within a millimetre of the sensor's axis, whoever
-    walks; the reverse puts it far beyond the plate. Another unit is taken where this one does either, and that neither.
+    Moments in N·m that are taken for N·mm leave the centre of pressure within a millimetre of the sensor's axis,
+    whoever walks; the reverse puts it far beyond the plate. Another unit is taken where this one does either, and that
+    one neither.
     """
     if kind == 3:
         return 1.0

@@ -242,9 +242,7 @@ def _recording(path: Path, header: C3DHeader, raw: Mapping[str, Any]) -> Recordi
         markers[absurd] = np.nan
     markers, gap_notes = zeros_to_missing(markers)
     ratio = analogs.shape[1] / frames
-    plates, plate_notes = measured_plates(
-        parameters, analogs, first * ratio, rate * ratio, 1.0 / per_metre, markers
-    )
+    plates, plate_notes = measured_plates(parameters, analogs, first * ratio, rate * ratio, 1.0 / per_metre, markers)
     vertical = axes.find_vertical(markers, tuple(plate.as_plate() for plate in plates)) or USUAL_VERTICAL
     standing, turn_notes = stand_up(plates, vertical.direction)
     notes += gap_notes + plate_notes + turn_notes
