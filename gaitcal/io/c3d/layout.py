@@ -366,12 +366,33 @@ def parse_section(section: bytes) -> ParameterSection:
             end = at + 2 if group < 0 else at + 2 + _extent(section[at + 2 :])[3]
             end += 1 + section[end]
         if end > len(section) or end < at + 3:
-            raise ValueError(f"the parameter {name} is damaged")
+            raise ValueError(f"{_named(name)} is damaged")
         records.append(Record(abs(group), name, section[at + 2 : end], is_group=group < 0, locked=length < 0))
         if offset == 0:
             break
         at = end
     return ParameterSection(tuple(records), section[3])
+
+
+def _named(name: str) -> str:
+    """The parameter of that name; what follows a damaged one has a name of any bytes."""
+    return f"the parameter {name}" if name.isidentifier() and name.isascii() else "a record of its parameters"
+
+
+def find_damage(content: bytes) -> str:
+    """Say what is wrong with the parameters of a C3D file; empty where every record of them can be read."""
+    at = (content[0] - 1) * BLOCK
+    try:
+        section = parse_section(content[at : at + content[at + 2] * BLOCK])
+        for record in (record for record in section.records if not record.is_group):
+            kind, _, _, end = _extent(record.content)
+            if kind not in (TEXT, *_KINDS):
+                return f"{_named(record.name)} has the type {kind}; allowed are -1, 1, 2 and 4"
+            if end > len(record.content):
+                return f"{_named(record.name)} is longer than its record"
+    except (ValueError, IndexError, struct.error) as fault:
+        return str(fault) if isinstance(fault, ValueError) else "its parameters are cut short"
+    return ""
 
 
 def decode_floats(data: bytes, processor: int) -> Array:

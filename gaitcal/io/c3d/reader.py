@@ -22,7 +22,15 @@ from gaitcal.arrays import Array
 from gaitcal.errors import Code
 from gaitcal.io import axes, segment_poses
 from gaitcal.io import labels as labelling
-from gaitcal.io.c3d.layout import WORD, C3DHeader, check_c3d_header, layout_of_samples, long_number, read_samples
+from gaitcal.io.c3d.layout import (
+    WORD,
+    C3DHeader,
+    check_c3d_header,
+    find_damage,
+    layout_of_samples,
+    long_number,
+    read_samples,
+)
 from gaitcal.io.c3d.plates import measured_plates, stand_up
 from gaitcal.io.recording import Recording, zeros_to_missing
 from gaitcal.io.text_file import FileFault, naming_file
@@ -194,15 +202,22 @@ def read_c3d(path: Path) -> Recording:
     try:
         raw = parse_c3d(path, header.size)
     except ValueError as error:
-        message = f"damaged or not a C3D file: the parser says '{str(error)[:120]}'"
-        raise FileFault(message, code=Code.DAMAGED_RECORDING) from None
+        raise FileFault(_damage(path, str(error)), code=Code.DAMAGED_RECORDING) from None
     except ParserDiedError as error:
         raise FileFault(f"damaged: the parser did not survive it, {error}", code=Code.DAMAGED_RECORDING) from None
     try:
         return _recording(path, header, raw)
     except (ValueError, TypeError, IndexError, OverflowError) as error:
-        message = f"damaged: its parameters contradict each other ({error})"
-        raise FileFault(message, code=Code.DAMAGED_RECORDING) from None
+        raise FileFault(_damage(path, str(error)), code=Code.DAMAGED_RECORDING) from None
+
+
+def _damage(path: Path, error: str) -> str:
+    """What is wrong with a file that a library cannot read, in the words of the format instead of the library's."""
+    found = find_damage(path.read_bytes())
+    if not found and any(word in error for word in ("alloc", "Memory", "length_error", "vector")):
+        found = "a number in its header or parameters asks for more data than the file can hold"
+    found = found or "numbers in its header and its parameters contradict each other"
+    return f"damaged: {found}; export it again from the program that recorded it"
 
 
 def _recording(path: Path, header: C3DHeader, raw: Mapping[str, Any]) -> Recording:
@@ -230,6 +245,7 @@ def _recording(path: Path, header: C3DHeader, raw: Mapping[str, Any]) -> Recordi
     poses, names = _poses(parameters, raw["poses"], frames, per_metre)
     if points.shape[1] or not names:
         keep, labels, label_notes, computed = _markers(parameters, points.shape[1])
+        segment_poses.refuse_origins(labels)
         markers = np.ascontiguousarray(points[:, keep].transpose(2, 1, 0)) / per_metre
         if names:
             label_notes += (f"{len(names)} segment poses left out, as the file has markers.",)
