@@ -48,6 +48,7 @@ from gaitcal.study.study_trial import Trial
 TOGETHER = 0.5
 """Of the time that a plate's load and a foot's contact last together: the common part by which they belong together."""
 WALKING = (0.75, 2.2)  # Body weights that the plates carry at most while somebody walks or runs slowly
+FORCE_UNITS: dict[str, float] = {"N": 1.0, "kgf": 9.80665, "lbf": 4.4482216, "kN": 1000.0}  # N in a unit of force
 STEP_S = 0.02  # Frames nearer to each other say the same: motion and forces hold nothing above about 10 Hz
 MOST_FRAMES = 300  # Of one trial; a longer one is looked at in larger steps
 FEWEST_FRAMES = 10  # Below a fifth of a second nothing can be told
@@ -61,9 +62,8 @@ BROKEN_S = 0.06  # Frames further apart know nothing of each other
 
 
 def force_units(weight: float) -> dict[str, float]:
-    """Unit that a file may give forces in -> N; `weight` N of the person, by which some programs divide them."""
-    whole = {"N": 1.0, "kgf": 9.80665, "lbf": 4.4482216, "kN": 1000.0}
-    return whole | {"N/kg": weight / GRAVITY, "body weights": weight, "% of body weight": weight / 100.0}
+    """N in a unit that a file may give forces in; some programs divide them by the person's `weight` (N) or mass."""
+    return FORCE_UNITS | {"N/kg": weight / GRAVITY, "body weights": weight, "% of body weight": weight / 100.0}
 
 
 def as_walked_on(plates: tuple[ForcePlate, ...], time: Array, weight: float) -> tuple[ForcePlate, ...]:

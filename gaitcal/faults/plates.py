@@ -72,7 +72,7 @@ PELVIS_M_S = 0.4
 `pig_c3d` differs over its single step, 2 % over two strides."""
 VELOCITY_S = 0.1  # Stretch over which the velocity at either end is fitted
 
-_ALARMING = re.compile(r"left out|never empty|outside its corners|no numbers")
+_ALARMING = re.compile(r"left out|never empty|outside its corners|no numbers|says in its UNITS")
 
 
 def told_on_reading(trial: MarkerEvidence) -> Iterator[Finding]:

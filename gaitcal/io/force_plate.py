@@ -122,17 +122,9 @@ def empty_samples(vertical: Array, rate: float, nobody: BoolArray | None = None)
 
 
 def offset(force: Array, moment: Array, rate: float, nobody: Sequence[BoolArray] = ()) -> Array | None:
-    """Find the wrench of the empty plate.
+    """(6,) median wrench of the empty plate; None where it is never known to be empty.
 
-    Parameters
-    ----------
-    force, moment : (ns, 3) N and N·m in the axes of the plate.
-    nobody : samples (ns,) in which nobody is over the plate, the surest first. They are asked where no reading is
-        small: an amplifier may be off by more than a foot's first touch.
-
-    Returns
-    -------
-    (6,) median, N and N·m; None where the plate is never known to be empty.
+    `nobody`: samples (ns,) with nobody over the plate, the surest first; used where no reading is small.
     """
     for allowed in (None, *nobody):
         empty = empty_samples(force[:, 2], rate, allowed)

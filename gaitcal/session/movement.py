@@ -33,15 +33,7 @@ bent by 40 deg, 0.7 in sitting."""
 LEVEL_M = 0.08  # Difference in height of the two feet's middles: a foot is lifted from there on
 LOW_M, HIGH_M = 0.3, 1.5
 """m, from the pelvis to the feet of a person who stands: from child to tall adult it is less than a power of ten."""
-UNITS = {
-    1000: ("too small", "metres under a header that says mm"),
-    100: ("too small", "metres under cm"),
-    10: ("too small", "centimetres under mm"),
-    0.1: ("too large", "millimetres under cm"),
-    0.01: ("too large", "centimetres under m"),
-    0.001: ("too large", "millimetres under a header that says m"),
-}
-"""By what lengths are to be multiplied, and what this means."""
+UNITS = {1000: ("m", "mm"), 100: ("m", "cm"), 10: ("cm", "mm")}  # Longer and shorter unit of files, and their ratio
 STAYS_M = 0.03  # RMS distance of pelvis and feet from their mean places, in a recording that only stands
 BELL_HIP = np.array([-0.19, -0.30, 0.14])
 """Hip centre from the ASIS as a share of their distance: forward, up, inward (Bell, Pedersen and Brand, J Biomech
@@ -145,10 +137,11 @@ def unit_fault(recording: Recording, marker_set: MarkerSet) -> str:
     reach = float(np.percentile(away, 95.0)) if len(away) else np.nan
     if LOW_M <= reach <= HIGH_M:
         return ""
-    for factor, (how, units) in UNITS.items():
-        if LOW_M <= factor * reach <= HIGH_M:
-            factor = round(max(factor, 1 / factor))
-            return f"lengths look {factor} times {how}: {units}; declare the unit that the numbers have"
+    for ratio, (longer, shorter) in UNITS.items():
+        for factor, how, found, said in ((ratio, "small", longer, shorter), (1 / ratio, "large", shorter, longer)):
+            if LOW_M <= factor * reach <= HIGH_M:
+                fault = f"lengths look {ratio} times too {how}: {found} under a header that says {said}"
+                return f"{fault}; declare the unit that the numbers have"
     return ""
 
 

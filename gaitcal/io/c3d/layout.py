@@ -13,12 +13,11 @@ dimension fastest), description. A record with a name of length 0 ends the secti
 ezc3d reads what is here read twice, but for two cases. It takes the layout of a frame from the parameters: old files
 without ANALOG:RATE or ANALOG:USED are then read askew, the analog values of one frame passing for points of the next;
 where the header accounts for the length of the file and the parameters do not, `read_samples` follows the header. The
-words of its first and last frame cannot count beyond 65535: where they, or FRAMES, stopped there or began again, the
-number of frames is that of TRIAL, LONG_FRAMES or further turns of the counter with which the data end where the file
-does. And
-ezc3d 1.7 writes parameters anew, and on the way drops groups without a name, changes types, loses the camera masks of
-integer files, and refuses files whose labels are fewer than their points (measured on `c3d_formats`); a
-`ParameterSection` gives every record that is not asked to change back byte for byte.
+words of its first and last frame cannot count beyond 65535: where they, or FRAMES, stopped there or began again at
+zero, the number of frames is the one of TRIAL, LONG_FRAMES or further turns of the counter with which the data end
+where the file does. And ezc3d 1.7 writes parameters anew, and on the way drops groups without a name, changes types,
+loses the camera masks of integer files, and refuses files whose labels are fewer than their points (measured on
+`c3d_formats`); a `ParameterSection` gives every record that is not asked to change back byte for byte.
 """
 
 import struct
@@ -66,6 +65,11 @@ class C3DHeader:
         """Length of one frame: four words of each point, then the analog values."""
         return (4 * self.points + self.analog_values) * (4 if self.is_float else 2)
 
+    @property
+    def counts(self) -> range:
+        """Numbers of frames that its counter may mean, which begins again at zero; as many as the file can hold."""
+        return range(self.frames, (self.size - self.start) // max(self.frame_bytes, 1) + 1, WORD)
+
     def fills(self, data_bytes: int) -> bool:
         """Whether data of this length end where the file does, but for the filling of its last block."""
         return 0 <= self.size - self.start - data_bytes < 2 * BLOCK
@@ -106,7 +110,7 @@ def check_c3d_header(path: Path) -> C3DHeader:
         is_float=bool(head[15 if processor == INTEL else 13] & 0x80),
         start=(words[8] - 1) * BLOCK,
     )
-    if words[4] < words[3] and not header.fills(header.data_bytes):
+    if words[4] < words[3] and not any(header.fills(n * header.frame_bytes) for n in header.counts if n):
         found = f"frame {words[3]} is its first and {words[4]} its last"
         raise FileFault(found, "header", Code.DAMAGED_RECORDING)
     if header.start < BLOCK:
@@ -121,39 +125,21 @@ def check_c3d_header(path: Path) -> C3DHeader:
 def layout_of_samples(
     header: C3DHeader, parameters: Mapping[str, Mapping[str, Any]], points: Array, analogs: Array
 ) -> C3DHeader | None:
-    """Find the layout that accounts for the whole file, where what the parser read does not.
+    """The header, with its number of frames, by which the samples fill the file; None where those read do.
 
-    Parameters
-    ----------
-    points, analogs : (3, np, nf) and (na, ns), as the parser read them.
-
-    Returns
-    -------
-    C3DHeader | None
-        The header by which to read the samples, with their number of frames; None where the parser read all of them.
+    `points` (3, np, nf), `analogs` (na, ns): as the parser read them.
     """
-    frames = points.shape[2]
-    read = (frames * 4 * points.shape[1] + analogs.size) * (4 if header.is_float else 2)
-    if not header.frame_bytes or (header.fills(read) and frames != header.frames):
+    read = (4 * points[0].size + analogs.size) * (4 if header.is_float else 2)
+    if not header.frame_bytes or (header.fills(read) and points.shape[2] != header.frames):
         return None
-    held = (header.size - header.start) // header.frame_bytes
-    # the header as it is; its counter after some turns; then what other parameters count
-    counts = [*range(header.frames, held + 1, WORD), *_counted_frames(parameters)]
-    whole = [n for n in counts if n > 0 and header.fills(n * header.frame_bytes)]
-    if not whole and header.saturated:
-        whole = [held]
-    if not whole or whole[0] * header.frame_bytes == read:
-        return None
-    return replace(header, frames=whole[0])
-
-
-def _counted_frames(parameters: Mapping[str, Mapping[str, Any]]) -> list[int]:
-    """Numbers of frames that parameters give: 32 bits, or one float, where 16 bits are too few."""
     trial, point = parameters.get("TRIAL", {}), parameters.get("POINT", {})
-    first, last = (long_number(trial.get(f"ACTUAL_{end}_FIELD", ())) for end in ("START", "END"))
-    counts = [] if first is None or last is None else [last - first + 1]
+    start, end = (long_number(trial.get(f"ACTUAL_{name}_FIELD", ())) for name in ("START", "END"))
     given = [long_number(point.get(name, ())) for name in ("LONG_FRAMES", "FRAMES")]
-    return counts + [count for count in given if count is not None]
+    counts = [*header.counts, *([end - start + 1] if start and end else []), *(count for count in given if count)]
+    if header.saturated:
+        counts.append((header.size - header.start) // header.frame_bytes)
+    whole = next((n for n in counts if n > 0 and header.fills(n * header.frame_bytes)), None)
+    return replace(header, frames=whole) if whole and whole * header.frame_bytes != read else None
 
 
 def long_number(words: Any) -> int | None:
@@ -161,9 +147,7 @@ def long_number(words: Any) -> int | None:
     values = np.asarray(words, dtype=np.float64).ravel()
     if not 1 <= len(values) <= 2 or not np.isfinite(values).all():
         return None
-    if len(values) == 1:
-        return int(values[0])
-    return int(values[0]) % WORD + WORD * (int(values[1]) % WORD)
+    return int(values[0]) if len(values) == 1 else int(values[0]) % WORD + WORD * (int(values[1]) % WORD)
 
 
 def read_samples(path: Path, header: C3DHeader, parameters: Mapping[str, Mapping[str, Any]]) -> tuple[Array, Array]:

@@ -13,6 +13,7 @@ from gaitcal.io.recording import ForcePlate
 
 Parameters = Mapping[str, Mapping[str, Any]]
 CHANNELS = {1: 6, 2: 6, 3: 8, 4: 6}  # Channels of each plate type read here
+CONTRADICTED = "says in its UNITS"  # In a note on a unit that the data contradict
 DOUBTFUL = 0.2  # Share of centres of pressure outside the plate from which the user is told
 
 
@@ -40,8 +41,7 @@ def measured_plates(
     `analogs` (na, ns) are all analog channels at `rate` Hz, in the units of the file (N, and for moments N times the
     length of POINT:UNITS unless ANALOG:UNITS says otherwise); `first` tells how many samples the clock was past zero
     at the first one. `metres` is the length of POINT:UNITS. `markers` (nf, nm, 3) m in the axes of the file show when
-    somebody is over a plate. A plate that cannot be placed or read is left out, with a
-    note.
+    somebody is over a plate. A plate that cannot be placed or read is left out, with a note.
     """
     group = parameters.get("FORCE_PLATFORM", {})
     types, used = _numbers(group, "TYPE").ravel(), _numbers(group, "USED").ravel()
@@ -102,14 +102,13 @@ def _plate(
     origin = np.zeros(3) if kind == 1 else _column(group, "ORIGIN", index, (3,)) * metres
     if kind == 4:
         channels, torque = _column(group, "CAL_MATRIX", index, (6, 6)) @ channels, metres
-    torque = metres if torque is None else torque
+    declared, torque = torque is not None and kind != 4, metres if torque is None else torque
     scale = _unit_scale(int(kind), channels, origin, metres, torque, frame)
     if scale != 1.0:
         what, unit, size = ("centres of pressure", "m", metres) if kind == 1 else ("moments", "N·m", torque)
-        notes.append(
-            f"its {what} are in units of {scale * size:g} {unit}, not {size:g} {unit} as its parameters have it: "
-            "only so does the centre of pressure move under the foot, on the plate"
-        )
+        why = f"not {size:g} {unit} as the file {CONTRADICTED if declared or kind == 1 else 'leads to expect'}"
+        why += ": only so does the centre of pressure move under the foot, on the plate"
+        notes.append(f"its {what} are in units of {scale * size:g} {unit}, {why}")
         metres, torque = (metres * scale if kind == 1 else metres), torque * scale
     force, moment = wrench_of(int(kind), channels, origin, metres, torque)
     # ORIGIN without a height does not betray its sign; the plate itself does.
@@ -144,20 +143,18 @@ def _unit_scale(
     whoever walks; the reverse puts it far beyond the plate. Another unit is taken where this one does either, and that
     one neither.
     """
-    if kind == 3:
-        return 1.0
 
-    def signs(scale: float) -> tuple[float, bool]:
-        """Share outside of the plate, and whether the centre of pressure moves about the sensor."""
+    def fits(scale: float, most: float) -> bool:
+        """Whether at most such a share of the centres of pressure is outside the plate, and they move at all."""
         units = metres * (scale if kind == 1 else 1.0), torque * scale
         outside = force_plate.outside_share(*wrench_of(kind, channels, origin, *units), frame)
-        return outside, force_plate.travel(*wrench_of(kind, channels, np.zeros(3), *units)) > force_plate.SWAY_M
+        about_sensor = wrench_of(kind, channels, np.zeros(3), *units)
+        return np.isnan(outside) or (outside < most and force_plate.travel(*about_sensor) > force_plate.SWAY_M)
 
-    outside, moves = signs(1.0)
-    if np.isnan(outside) or (outside < 0.5 and moves):
+    if kind == 3 or fits(1.0, 0.5):
         return 1.0
     others = [unit / (metres if kind == 1 else torque) for unit in (1e-3, 1.0)]
-    fitting = [scale for scale in others if (found := signs(scale))[0] < 0.1 and found[1]]
+    fitting = [scale for scale in others if fits(scale, 0.1)]
     return fitting[0] if len(fitting) == 1 else 1.0
 
 

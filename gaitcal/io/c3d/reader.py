@@ -22,15 +22,8 @@ from gaitcal.arrays import Array
 from gaitcal.errors import Code
 from gaitcal.io import axes, segment_poses
 from gaitcal.io import labels as labelling
-from gaitcal.io.c3d.layout import (
-    WORD,
-    C3DHeader,
-    check_c3d_header,
-    find_damage,
-    layout_of_samples,
-    long_number,
-    read_samples,
-)
+from gaitcal.io.c3d import layout
+from gaitcal.io.c3d.layout import WORD, C3DHeader
 from gaitcal.io.c3d.plates import measured_plates, stand_up
 from gaitcal.io.recording import Recording, zeros_to_missing
 from gaitcal.io.text_file import FileFault, naming_file
@@ -198,7 +191,7 @@ def _content(path: str) -> dict[str, Any]:
 @naming_file
 def read_c3d(path: Path) -> Recording:
     """Markers and plates of a C3D file; InputError where it cannot be read or names no marker."""
-    header = check_c3d_header(path)
+    header = layout.check_c3d_header(path)
     try:
         raw = parse_c3d(path, header.size)
     except ValueError as error:
@@ -213,7 +206,7 @@ def read_c3d(path: Path) -> Recording:
 
 def _damage(path: Path, error: str) -> str:
     """What is wrong with a file that a library cannot read, in the words of the format instead of the library's."""
-    found = find_damage(path.read_bytes())
+    found = layout.find_damage(path.read_bytes())
     if not found and any(word in error for word in ("alloc", "Memory", "length_error", "vector")):
         found = "a number in its header or parameters asks for more data than the file can hold"
     found = found or "numbers in its header and its parameters contradict each other"
@@ -229,13 +222,12 @@ def _recording(path: Path, header: C3DHeader, raw: Mapping[str, Any]) -> Recordi
         raise FileFault(f"{found}; labelled markers are needed, the plates in the same file")
     rate = _rate(parameters, float(raw["rate"]))
     per_metre, notes = _unit(parameters)
-    if not raw["poses"].shape[2] and (whole := layout_of_samples(header, parameters, points, analogs)):
-        parsed = points.shape[2]
-        points, analogs = read_samples(path, whole, parameters)
-        if points.shape[2] == parsed:
-            notes += ("ANALOG parameters are missing or do not fit the data, which were laid out after the header.",)
-        else:
-            notes += (f"The header counts {parsed} frames; the file holds {points.shape[2]}, all of which were read.",)
+    if not raw["poses"].shape[2] and (whole := layout.layout_of_samples(header, parameters, points, analogs)):
+        counted, (points, analogs) = points.shape[2], layout.read_samples(path, whole, parameters)
+        note = "ANALOG parameters are missing or do not fit the data, which were laid out after the header."
+        if points.shape[2] != counted:
+            note = f"The header counts {counted} frames; the file holds {points.shape[2]}, all of which were read."
+        notes += (note,)
     frames = points.shape[2]
     if frames < 1:
         raise FileFault("found no frame of points; at least one is needed")
@@ -308,13 +300,9 @@ def _rate(parameters: Mapping[str, Mapping[str, Any]], header: float) -> float:
 
 
 def _first_frame(parameters: Mapping[str, Mapping[str, Any]], header: int) -> tuple[int, tuple[str, ...]]:
-    """Frames before the first one of the file, and a note where they are not known.
-
-    TRIAL counts them in 32 bits; it is used where the header's 16 bits began again at zero, or stopped at their
-    greatest number.
-    """
+    """Frames before the first one, by TRIAL where the header began again at zero or stopped; a note if unknown."""
     stopped = header >= WORD - 2
-    start = long_number(parameters.get("TRIAL", {}).get("ACTUAL_START_FIELD", ()))
+    start = layout.long_number(parameters.get("TRIAL", {}).get("ACTUAL_START_FIELD", ()))
     if start is not None and start > 0 and ((start - 1 - header) % WORD == 0 or (stopped and start > header)):
         return start - 1, ()
     note = f"The first frame is {WORD - 1}, the greatest that the header can hold: times may begin later."
