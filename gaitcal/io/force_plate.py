@@ -121,15 +121,20 @@ def empty_samples(vertical: Array, rate: float, nobody: BoolArray | None = None)
     return empty
 
 
-def offset(force: Array, moment: Array, rate: float, nobody: Sequence[BoolArray] = ()) -> Array | None:
+def offset(force: Array, moment: Array, rate: float, occupied: BoolArray, *nobody: BoolArray) -> Array | None:
     """(6,) median wrench of the empty plate; None where it is never known to be empty.
 
-    `nobody`: samples (ns,) with nobody over the plate, the surest first; used where no reading is small.
+    `occupied`, each of `nobody`: (ns,) samples with somebody over the plate, with nobody, the surest first. These are
+    used where no reading is small, and if the plate is loaded where somebody is over it: else it lies elsewhere.
     """
     for allowed in (None, *nobody):
         empty = empty_samples(force[:, 2], rate, allowed)
-        if empty.any():
-            return np.asarray(np.median(np.hstack([force, moment])[empty], axis=0))
+        if not empty.any():
+            continue
+        wrench = np.asarray(np.median(np.hstack([force, moment])[empty], axis=0))
+        loaded = np.abs(force[:, 2] - wrench[2]) > BODY_N
+        if allowed is None or (loaded.any() and occupied[loaded].mean() > 0.5):
+            return wrench
     return None
 
 

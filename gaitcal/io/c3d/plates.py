@@ -117,7 +117,8 @@ def _plate(
         if force_plate.outside_share(force, other, frame) < 0.1:
             moment = other
             notes.append("ORIGIN has the opposite sign (the centre of pressure lies on the plate only so)")
-    empty = force_plate.offset(force, moment, rate, _nobody_over(group, frame, markers, analogs.shape[1], begin, end))
+    frames = np.arange(begin, end) * len(markers) // analogs.shape[1]
+    empty = force_plate.offset(force, moment, rate, *(mask[frames] for mask in _presence(group, frame, markers)))
     if empty is None:
         notes.append("never empty, so that its offset is unknown and was left in")
     elif np.linalg.norm(empty[:3]) > force_plate.OFFSET_TOLD_N:
@@ -158,17 +159,16 @@ def _unit_scale(
     return fitting[0] if len(fitting) == 1 else 1.0
 
 
-def _nobody_over(
-    group: Mapping[str, Any], frame: force_plate.PlateFrame, markers: Array, samples: int, begin: int, end: int
-) -> list[BoolArray]:
-    """Samples from `begin` to `end` in which nobody is over a plate: by ZERO and no marker, then by the markers."""
+def _presence(
+    group: Mapping[str, Any], frame: force_plate.PlateFrame, markers: Array
+) -> tuple[BoolArray, BoolArray, BoolArray]:
+    """(nf,) frames with somebody over a plate; with nobody, as ZERO and the markers have it; as the markers have it."""
     occupied, known = force_plate.over_plate(markers, frame)
     named = np.zeros(len(markers), dtype=bool)
     zero = _numbers(group, "ZERO").ravel()
     if len(zero) == 2 and 1 <= zero[0] <= zero[1]:
         named[int(zero[0]) - 1 : int(zero[1])] = True
-    frames = np.arange(begin, end) * len(markers) // samples
-    return [(named & ~occupied)[frames], (known & ~occupied)[frames]]
+    return occupied, named & ~occupied, known & ~occupied
 
 
 def wrench_of(kind: int, channels: Array, origin: Array, metres: float, torque: float) -> tuple[Array, Array]:
