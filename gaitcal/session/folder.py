@@ -331,7 +331,7 @@ def pair_forces(
 
 def partner_of(table: FolderFile, files: Sequence[FolderFile]) -> FolderFile | None:
     """The recording after which a table of forces is called (`gait.csv`: `gait_forces.csv`), if there is one."""
-    recordings = (file for file in files if file.kind is FileKind.RECORDING)
+    recordings = (f for f in files if f.kind is FileKind.RECORDING and names_alike(f.path.stem, "") < 1.0)
     return next((file for file in recordings if names_alike(file.path.stem, table.path.stem) == 1.0), None)
 
 

@@ -172,7 +172,7 @@ def _with_forces_in_part(recording: Recording, trial: TrialTable) -> Recording:
             )
             raise _fault(message + "another unit (ms?); both must be in s", source, f"plate {plate.name}")
         start, stop = max(plate.time[0], time[0]), min(plate.time[-1], time[-1])
-        if stop - start < STANCE_S:
+        if stop - start < min(STANCE_S, whole - step):
             message = (
                 f"found forces from {plate.time[0]:g} to {plate.time[-1]:g} s and markers from {time[0]:g} to "
                 f"{time[-1]:g} s; both must last for a step together: are these the forces of this trial?"
