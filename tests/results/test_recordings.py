@@ -276,10 +276,9 @@ def test_against_the_vendor(data_dir: Path, tmp_path: Path) -> None:
     instead, _ = points(result / "export/gait.c3d")
     assert set(instead) == {name.removeprefix("gc") for name in found}
     assert all(same(instead[name], found.get(f"gc{name}", found.get(name))) for name in instead)
-    for side in "RL":
-        ours, theirs = found[f"gc{side}NormalisedGRF"], found[f"{side}NormalisedGRF"]
-        both = np.isfinite(ours[:, 0]) & np.isfinite(theirs[:, 0]) & (theirs[:, 2] > 50.0)
-        assert both.any() and np.sqrt(np.mean((ours - theirs)[both] ** 2)) < 3.0, "% of body weight: other filters"
+    ours, theirs = found["gcRNormalisedGRF"], found["RNormalisedGRF"]
+    both = np.isfinite(ours[:, 0]) & (theirs[:, 2] > 20.0)
+    assert both.sum() > 50 and np.sqrt(np.mean((ours - theirs)[both] ** 2)) < 0.3, "% of body weight, unfiltered"
     for joint in ("Hip", "Knee", "Ankle"):
         ours, theirs = found[f"gcR{joint}Power"][:, 2], found[f"R{joint}Power"][:, 2]
         both = np.isfinite(ours) & np.isfinite(theirs)
