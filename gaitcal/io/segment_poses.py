@@ -160,12 +160,9 @@ def refuse_origins(labels: Collection[str]) -> None:
     """FileFault where points are called as the segments of a body, of which nothing shows how they turn."""
     segments = [VISUAL3D.get(label.lower(), "") for label in labels]
     if set(NEEDED) <= set(segments) and all(segments):
-        raise FileFault(
-            "its points are the origins of Visual3D's segments, which do not show how these turn; export the poses "
-            "(group ROTATION), or take Theia's file pose_*.c3d",
-            "POINT:LABELS",
-            Code.TOO_LITTLE_SEEN,
-        )
+        found = "its points are the origins of Visual3D's segments, which do not show how these turn"
+        cure = "export the poses (group ROTATION), or take Theia's file pose_*.c3d"
+        raise FileFault(f"{found}; {cure}", "POINT:LABELS", Code.TOO_LITTLE_SEEN)
 
 
 def _axes(rotation: Mapping[str, Array], origin: Mapping[str, Array]) -> Array:

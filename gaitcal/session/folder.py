@@ -244,7 +244,6 @@ def trial_names(stems: Sequence[str]) -> list[str]:
     return out
 
 
-CENTRE_UNITS = {"mm": 1e-3, "cm": 1e-2}  # m, units in which centres of pressure may be given instead
 UNDER_M = 0.25
 """Median distance, in the floor's plane, of the centre of pressure from the nearest marker of a foot under load."""
 SAME_NAME = 0.6
@@ -361,7 +360,7 @@ def _match(
         # in another unit, centres travel by a power of ten further than any foot
         room = float(np.max(np.nanmax(feet, axis=(0, 1)) - np.nanmin(feet, axis=(0, 1))))
         if np.ptp(points, axis=0).max() > 10.0 * room:
-            scaled = {unit: _away(metres * points, feet) or 0.0 for unit, metres in CENTRE_UNITS.items()}
+            scaled = {unit: _away(metres * points, feet) or 0.0 for unit, metres in (("mm", 1e-3), ("cm", 1e-2))}
             unit = min(scaled, key=lambda name: scaled[name])
             if scaled[unit] <= UNDER_M:
                 return f"its centres of pressure are in {unit}, not in m: only so are they under the feet of {stem}"

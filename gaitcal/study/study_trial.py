@@ -179,8 +179,8 @@ def _with_forces_in_part(recording: Recording, trial: TrialTable) -> Recording:
             )
             raise _fault(message, source, f"plate {plate.name}")
         if start > time[0] + step or stop < time[-1] - step:
-            span = f"{start:.2f} to {stop:.2f} s"
-            recording = recording.with_notes(f"Plate {plate.name}: forces from {span} only; no torques beyond.")
+            note = f"Plate {plate.name}: forces from {start:.2f} to {stop:.2f} s only; no torques beyond."
+            recording = recording.with_notes(note)
     return recording
 
 

@@ -159,15 +159,11 @@ def _unit_scale(
     return fitting[0] if len(fitting) == 1 else 1.0
 
 
-def _presence(
-    group: Mapping[str, Any], frame: force_plate.PlateFrame, markers: Array
-) -> tuple[BoolArray, BoolArray, BoolArray]:
+def _presence(group: Mapping[str, Any], frame: force_plate.PlateFrame, markers: Array) -> tuple[BoolArray, ...]:
     """(nf,) frames with somebody over a plate; with nobody, as ZERO and the markers have it; as the markers have it."""
     occupied, known = force_plate.over_plate(markers, frame)
-    named = np.zeros(len(markers), dtype=bool)
-    zero = _numbers(group, "ZERO").ravel()
-    if len(zero) == 2 and 1 <= zero[0] <= zero[1]:
-        named[int(zero[0]) - 1 : int(zero[1])] = True
+    first, last = zero if len(zero := _numbers(group, "ZERO").ravel()) == 2 else (1.0, 0.0)
+    named = np.isin(np.arange(1, len(markers) + 1), np.arange(max(first, 1), last + 1))
     return occupied, named & ~occupied, known & ~occupied
 
 

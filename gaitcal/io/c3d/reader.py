@@ -206,10 +206,10 @@ def read_c3d(path: Path) -> Recording:
 
 def _damage(path: Path, error: str) -> str:
     """What is wrong with a file that a library cannot read, in the words of the format instead of the library's."""
-    found = layout.find_damage(path.read_bytes())
-    if not found and any(word in error for word in ("alloc", "Memory", "length_error", "vector")):
+    found = "numbers in its header and its parameters contradict each other"
+    if any(word in error for word in ("alloc", "Memory", "length_error", "vector")):
         found = "a number in its header or parameters asks for more data than the file can hold"
-    found = found or "numbers in its header and its parameters contradict each other"
+    found = layout.find_damage(path.read_bytes()) or found
     return f"damaged: {found}; export it again from the program that recorded it"
 
 
