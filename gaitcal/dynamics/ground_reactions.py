@@ -156,7 +156,8 @@ def ground_reactions_on_feet(
     partly, beside = off_sole.beside_plates(steps, used, time, feet, loaded)
     shared, both = off_sole.shared_plates(steps, used, time, feet, at_most)
     off, unlike = off_sole.off_sole_frames(steps, time, feet)
-    inner = known & (time >= time[0] + ends) & (time <= time[-1] - ends)
+    there = time[known] if known.any() else time
+    inner = known & (time >= there[0] + ends) & (time <= there[-1] - ends)
     legs = inner[:, None] & ~floor & ~partly & ~shared[:, None]
     return GroundReactions(
         wrench=wrench,

@@ -10,18 +10,19 @@
 | `RKneeMoment` | extension | abduction | 0 |
 | `RAnkleMoment`, `RSubtalarMoment` | plantarflexion; eversion | 0 | 0 |
 | `RHipPower`, `RKneePower`, `RAnklePower` | 0 | 0 | all axes of the joint together |
+| `RNormalisedGRF` | forward along the room's axis of progression | towards the middle of the body | upwards |
 | `RHJC`, `RKJC`, `RAJC` | joint centres, in the axes of the file | | |
 
 Moments are internal, per kg of body mass, and take the negative sign of our coordinates: those tables hold what was
 found on Vicon's own curves (`scripts/validation/vendors` correlates them). Their `POINT:MOMENT_UNITS` say Nmm where
 N·mm/kg is meant, and `POWER_UNITS` W where W/kg is; ours follow. Our knee is a hinge and our ankle two: what cannot
 move is 0. Power is that of the joint's coordinates, the sum of torque times angular velocity; the ankle's holds both
-hinges.
+hinges. Ground reactions are those on the foot, filtered as for the torques, in % of body weight.
 The subtalar axis has points of its own, as Plug-in Gait has no such axis.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -35,6 +36,7 @@ from gaitcal.model.coordinates import COORDINATE_TABLE, LOCKED, Coordinate, with
 from gaitcal.model.kinematics import Kinematics
 from gaitcal.model.linkage import COORDINATES, SEGMENTS, SIDES
 from gaitcal.model.parameters import Parameters
+from gaitcal.model.subject_model import GRAVITY
 
 ANGLE_UNITS = {"deg": 180.0 / np.pi, "degrees": 180.0 / np.pi, "rad": 1.0, "radians": 1.0}
 """Spellings of POINT:ANGLE_UNITS, and each a radian."""
@@ -66,6 +68,7 @@ _WORDS = {
     **{f"{point}Angles": _angle_words(rows) for point, rows in _ANGLES.items()},
     **{f"{point}Moment": _moment_words(rows) for point, rows in _MOMENTS.items()},
     "FootProgressAngles": "0, 0, toes in, against the room's axis of progression",
+    "NormalisedGRF": "% of body weight: forward, medially, upwards",
     "HipPower": "W/kg: 0, 0, all axes",
     "KneePower": "W/kg: 0, 0, flexion",
     "AnklePower": "W/kg: 0, 0, ankle and subtalar axis",
@@ -86,6 +89,7 @@ class SavedMotion:
     valid: Mapping[str, BoolArray]  # Side -> (nf,) frames whose torques count
     mass: float  # kg, of the body
     parameters: Parameters
+    reactions: Mapping[str, Array] = field(default_factory=dict)  # Side -> (nf, 3) N on its foot, laboratory's axes
     frozen: tuple[str, ...] = ()  # Coordinates that the model holds at zero, which say nothing
 
 
@@ -98,7 +102,7 @@ def plug_in_gait_points(motion: SavedMotion, angle: float, moment: float) -> tup
     axes, origins = placed.axes, placed.origins
     points = [*_angles(motion, angle), *_foot_progress(motion, angle, axes), *_places(motion, axes, origins)]
     if motion.torques is not None:
-        points += [*_moments(motion, motion.torques, moment), *_powers(motion, motion.torques)]
+        points += [*_moments(motion, motion.torques, moment), *_powers(motion, motion.torques), *_reactions(motion)]
     return tuple(points)
 
 
@@ -138,6 +142,14 @@ def _powers(motion: SavedMotion, torques: Mapping[str, Array]) -> Iterator[Added
             values[:, 2] = found[:, joint_kinetics.POWERS.index(f"{joint.lower()}_{side}")] / motion.mass
             values[~motion.valid[side]] = np.nan
             yield _point(side, f"{joint}Power", PointKind.POWER, values)
+
+
+def _reactions(motion: SavedMotion) -> Iterator[AddedPoint]:
+    for side, force in motion.reactions.items():
+        values = 100.0 * force[:, [0, 2, 1]] / (motion.mass * GRAVITY)
+        values[:, 1] *= 1.0 if side == "l" else -1.0  # z is to the right, medial of the left foot
+        values[~motion.valid[side]] = np.nan
+        yield _point(side, "NormalisedGRF", PointKind.FORCE, values)
 
 
 def _foot_progress(motion: SavedMotion, unit: float, axes: Array) -> Iterator[AddedPoint]:

@@ -18,7 +18,7 @@ from gaitcal.dynamics.measurement_errors import foot_tip, outline_known
 from gaitcal.dynamics.off_sole import MOST_BESIDE, Place, divided_cause, divided_frames, one_centre, places_of
 from gaitcal.errors import Code, Finding, Severity
 from gaitcal.faults.evidence import MarkerEvidence
-from gaitcal.io.force_plate import BODY_N, LOADED_N, centre_on_ground, resample_wrench
+from gaitcal.io.force_plate import BODY_N, LOADED_N, centre_on_ground, covered, resample_wrench
 from gaitcal.io.recording import duration, runs, spans
 from gaitcal.model.linkage import SIDES
 from gaitcal.runtime import remembered
@@ -90,6 +90,11 @@ class Step(foot_contact.Loading):
     def under_foot(self) -> bool:
         """Whether the foot stands where the load is."""
         return self.distance < foot_contact.UNDER_FOOT
+
+    def is_whole(self, time: Array) -> bool:
+        """Whether it begins and ends while the plate is recorded, at frames of `time` (nf,) s."""
+        inner = covered([self.plate], time)
+        return self.frames.start > inner.start and self.frames.stop < inner.stop
 
 
 @remembered
@@ -259,9 +264,10 @@ def _clocks(trial: MarkerEvidence, feet: Feet, steps: Sequence[Step]) -> Iterato
         if max(common, default=0) <= 0:
             continue
         start, stop = (run := down[int(np.argmax(common))]).start, run.stop
-        if start > 0 and loaded.start > 0:
+        inner = covered([step.plate], feet.time)
+        if start > 0 and loaded.start > inner.start:
             late.append(float(feet.time[loaded.start] - feet.time[start]))
-        if stop < frames and loaded.stop < frames:
+        if stop < frames and loaded.stop < inner.stop:
             late.append(float(feet.time[loaded.stop - 1] - feet.time[stop - 1]))
     shift = float(np.mean(late)) if len(late) >= 2 else 0.0
     if abs(shift) > LATE_S and all(value * shift > 0 for value in late):

@@ -15,7 +15,7 @@ from typing import NamedTuple, TypeAlias
 import numpy as np
 
 from gaitcal.arrays import Array, cross
-from gaitcal.faults.force_evidence import FORCE_UNITS, ForceEvidence
+from gaitcal.faults.force_evidence import ForceEvidence, force_units
 from gaitcal.faults.plate_forces import PlateForces, joined, rotation
 
 LATE_S = tuple((float(s),) for s in np.arange(-0.32, 0.33, 0.04))
@@ -162,7 +162,7 @@ def _units(trials: Sequence[ForceEvidence]) -> Iterator[Cause]:
     """Units that the files may be in, where a glance at their numbers allows it."""
     on = partial(_on_plates, ())
     most = max(float(trial.wrenches[:, :, 1].sum(axis=0).max()) / trial.weight for trial in trials)
-    for unit, newtons in FORCE_UNITS.items() if most < OTHER_UNIT_SHARE else ():
+    for unit, newtons in force_units(trials[0].weight).items() if most < OTHER_UNIT_SHARE else ():
         for change in _in_unit(newtons) if newtons != 1.0 else ():
             yield Cause(kind=Kind.FORCE_UNIT, undo=on(change), unit=unit)
     pairs = [(trial, plate) for trial in trials for plate in trial.plates]

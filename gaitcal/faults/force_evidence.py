@@ -62,6 +62,11 @@ CENTRE_OTHER_M, CENTRE_HEIGHT_M = 0.010, 1.75  # m, standard deviations of a mas
 BROKEN_S = 0.06  # Frames further apart know nothing of each other
 
 
+def force_units(weight: float) -> dict[str, float]:
+    """N in a unit that a file may give forces in; some programs divide them by the person's `weight` (N) or mass."""
+    return FORCE_UNITS | {"N/kg": weight / GRAVITY, "body weights": weight, "% of body weight": weight / 100.0}
+
+
 def as_walked_on(plates: tuple[ForcePlate, ...], time: Array, weight: float) -> tuple[ForcePlate, ...]:
     """The plates in newtons and without what they read while empty, by which feet can be told to stand; the same where
     they need neither.
@@ -70,7 +75,7 @@ def as_walked_on(plates: tuple[ForcePlate, ...], time: Array, weight: float) -> 
     most = float(loads.sum(axis=0).max()) / weight
     unit = 1.0
     if most < 0.5 * WALKING[0]:
-        unit = next((u for u in FORCE_UNITS.values() if WALKING[0] < most * u < WALKING[1]), 1.0)
+        unit = next((u for u in force_units(weight).values() if WALKING[0] < most * u < WALKING[1]), 1.0)
     empty = [unit * (empty_reading(plate, weight / unit) or 0.0) for plate in plates]
     if unit == 1.0 and max(abs(b) for b in empty) < LOADED_N:
         return plates

@@ -31,7 +31,7 @@ from gaitcal.dynamics.measurement_errors import OUTSIDE_SHARE, share_outside
 from gaitcal.errors import Code, Finding, listed
 from gaitcal.faults.evidence import MarkerEvidence
 from gaitcal.faults.foot_on_plate import PLATES_ELSEWHERE, TOPIC, Feet, Step, feet_of, overhang, steps_of
-from gaitcal.io.force_plate import BODY_N, OUTSIDE_M, QUIET_N, UNLOADED_N, empty_samples, resample_wrench
+from gaitcal.io.force_plate import BODY_N, OUTSIDE_M, QUIET_N, STANCE_S, UNLOADED_N, empty_samples, resample_wrench
 from gaitcal.io.recording import ForcePlate, duration, runs, spans, still_window
 from gaitcal.model.subject_model import GRAVITY
 
@@ -42,7 +42,6 @@ CLIPPED_N = 200.0
 DEAD_N, DEAD_SAMPLES = 0.5, 20
 """A horizontal force that changes by less over so many loaded samples is no measured one: noise alone changes more."""
 ASLANT = 0.5  # Horizontal over vertical force, median under load, above which axes are doubted; walking has 0.1 to 0.2
-STANCE_S = 0.3  # Shorter loadings are no step
 DRIVING = -0.1
 """Drift of the force along the walk from braking to driving, sum(F t) / sum(|F|) with t from -1 to 1 over the step:
 0.36 to 0.63 in whole steps of real and synthetic walks; below this it is reversed."""
@@ -73,7 +72,7 @@ PELVIS_M_S = 0.4
 `pig_c3d` differs over its single step, 2 % over two strides."""
 VELOCITY_S = 0.1  # Stretch over which the velocity at either end is fitted
 
-_ALARMING = re.compile(r"left out|never empty|outside its corners|no numbers")
+_ALARMING = re.compile(r"left out|never empty|outside its corners|no numbers|says in its UNITS")
 
 
 def told_on_reading(trial: MarkerEvidence) -> Iterator[Finding]:
@@ -202,7 +201,7 @@ def horizontal(trial: MarkerEvidence) -> Iterator[Finding]:
     for step in steps:
         force = np.nan_to_num(resample_wrench(step.plate, time))[step.frames][:, [0, 2]]
         along = force @ forward
-        if step.frames.start > 0 and step.frames.stop < len(time):
+        if step.is_whole(time):
             drift.append(float(along @ np.linspace(-1.0, 1.0, len(along)) / max(np.abs(along).sum(), 1e-9)))
         aside = float((force @ right).mean()) * (1 if step.foot == 0 else -1) / trial.subject.weight
         outward.setdefault(step.foot, []).append(aside)
@@ -261,9 +260,8 @@ def free_moment(trial: MarkerEvidence) -> Iterator[Finding]:
         return
     of_leg: dict[int, list[float]] = {}
     for step in steps_of(trial):
-        whole = step.frames.start > 0 and step.frames.stop < len(trial.recording.time)
         carried = float(step.load.max()) / trial.subject.weight
-        if whole and step.under_foot and CARRIED[0] < carried < CARRIED[1]:
+        if step.is_whole(trial.recording.time) and step.under_foot and CARRIED[0] < carried < CARRIED[1]:
             of_leg.setdefault(step.foot, []).append(_held(trial, step))
     if not of_leg:
         return

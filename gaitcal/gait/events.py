@@ -52,7 +52,7 @@ from gaitcal.dynamics.ground_reactions import GroundReactions, foot_points, has_
 from gaitcal.errors import Finding
 from gaitcal.gait.cycles import EventSource, FootEvents, GaitCycle, GaitEvent, steady
 from gaitcal.gait.event_clock import SAME_EVENT, checked_events, corrected_findings, order_findings
-from gaitcal.io.force_plate import LOADED_N
+from gaitcal.io.force_plate import LOADED_N, covered
 from gaitcal.io.labels import FootEvent, FootMoment, times_of
 from gaitcal.io.recording import ForcePlate, Recording, runs
 from gaitcal.model.linkage import SIDES
@@ -179,12 +179,13 @@ def motion_events(time: Array, slower: Array) -> list[FootEvent]:
 def plate_events(time: Array, loaded: BoolArray, plates: Sequence[ForcePlate]) -> list[FootEvent]:
     """Where the plates under a foot become loaded and unloaded; `loaded` (nf, 2)."""
     events = []
+    inner = covered(plates, time) if plates else slice(0, len(time))
     for foot, side in enumerate(SIDES):
         for run in runs(steady(time, loaded[:, foot])):
-            if run.start > 0:
+            if run.start > inner.start:
                 moment = _passing(plates, float(time[run.start - 1]), float(time[run.start]), rising=True)
                 events.append(FootEvent(FootMoment.STRIKE, side, moment))
-            if run.stop < len(time):
+            if run.stop < inner.stop:
                 moment = _passing(plates, float(time[run.stop - 1]), float(time[run.stop]), rising=False)
                 events.append(FootEvent(FootMoment.OFF, side, moment))
     return events

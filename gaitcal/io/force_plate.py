@@ -34,6 +34,7 @@ the laboratory origin are filtered, both linear in the channels; never the centr
 """
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -53,9 +54,12 @@ QUIET_S = 0.1
 """Shortest stretch taken as empty; EDGE_S at either end of it is left out, where a foot may be landing or leaving."""
 EDGE_S = 0.02
 OFFSET_TOLD_N = 0.1  # An offset smaller than this is left alone
+STANCE_S = 0.3  # A shorter loading is no step
 SIDE_M = (0.1, 6.0)  # Sides of a plate, m; instrumented treadmills are the long ones
 TURNED_ROUND = "its force pointed down; force and moment were turned round to act on the body."
 """Note on a plate that `turned_round` has changed."""
+FOOT_BEYOND_M = 0.1  # A foot reaches that far beyond its markers: toes before the heads of the metatarsals
+SWAY_M = 0.003  # Even quiet standing moves a centre of pressure by more: 10 to 20 mm
 OUTSIDE_M = 0.05  # How far a centre of pressure may lie outside the corners before they are doubted
 
 
@@ -100,9 +104,12 @@ def plate_frame(corners: Array) -> PlateFrame:
     return PlateFrame(np.column_stack([x, cross(z, x), z]), corners.mean(axis=0), corners)
 
 
-def empty_samples(vertical: Array, rate: float) -> BoolArray:
-    """(ns,) bool: where nothing stands on the plate, by a steady small reading of `vertical` (ns,) N."""
-    quiet = np.abs(vertical) < UNLOADED_N
+def empty_samples(vertical: Array, rate: float, nobody: BoolArray | None = None) -> BoolArray:
+    """(ns,) bool: where nothing stands on the plate, by a steady reading of `vertical` (ns,) N.
+
+    The reading is a small one; of any size where `nobody` (ns,) bool is known to be over the plate.
+    """
+    quiet = np.abs(vertical) < UNLOADED_N if nobody is None else nobody.copy()
     if not quiet.any():
         return quiet
     quiet &= np.abs(vertical - np.median(vertical[quiet])) < QUIET_N
@@ -114,12 +121,28 @@ def empty_samples(vertical: Array, rate: float) -> BoolArray:
     return empty
 
 
-def offset(force: Array, moment: Array, rate: float) -> tuple[Array, bool]:
-    """(6,) median wrench of the empty plate, and whether it was ever empty."""
-    empty = empty_samples(force[:, 2], rate)
-    if not empty.any():
-        return np.zeros(6), False
-    return np.median(np.hstack([force, moment])[empty], axis=0), True
+def offset(force: Array, moment: Array, rate: float, occupied: BoolArray, *nobody: BoolArray) -> Array | None:
+    """(6,) median wrench of the empty plate; None where it is never known to be empty.
+
+    `occupied`, each of `nobody`: (ns,) samples with somebody over the plate, with nobody, the surest first. These are
+    used where no reading is small, and if the plate is loaded where somebody is over it: else it lies elsewhere.
+    """
+    for allowed in (None, *nobody):
+        empty = empty_samples(force[:, 2], rate, allowed)
+        if not empty.any():
+            continue
+        wrench = np.asarray(np.median(np.hstack([force, moment])[empty], axis=0))
+        loaded = np.abs(force[:, 2] - wrench[2]) > BODY_N
+        if allowed is None or (loaded.any() and occupied[loaded].mean() > 0.5):
+            return wrench
+    return None
+
+
+def over_plate(points: Array, frame: PlateFrame) -> tuple[BoolArray, BoolArray]:
+    """(nf,) bool each: whether any of the points (nf, np, 3) m is above or below the plate; whether most are known."""
+    local = np.abs((points - frame.centre) @ frame.rotation[:, :2])
+    above = np.asarray((local < frame.half_sides + FOOT_BEYOND_M).all(axis=2))
+    return np.asarray(above.any(axis=1)), np.asarray(np.isfinite(points).all(axis=2).mean(axis=1) > 0.5)
 
 
 def centre_of_pressure(force: Array, moment: Array, normal: Array) -> Array:
@@ -160,6 +183,13 @@ def outside_share(force: Array, moment: Array, frame: PlateFrame) -> float:
         return float("nan")
     point = centre_of_pressure(force[loaded], moment[loaded], np.array([0.0, 0.0, 1.0]))
     return float(np.mean(np.any(np.abs(point[:, :2]) > frame.half_sides + OUTSIDE_M, axis=1)))
+
+
+def travel(force: Array, moment: Array) -> float:
+    """m, way of the centre of pressure under load, from its 5th to its 95th percentile; plate axes."""
+    loaded = np.abs(force[:, 2]) > BODY_N
+    point = centre_of_pressure(force[loaded], moment[loaded], np.array([0.0, 0.0, 1.0]))
+    return float(np.ptp(np.percentile(point, (5.0, 95.0), axis=0), axis=0).max()) if loaded.any() else float("nan")
 
 
 def plate_from_moment(
@@ -232,6 +262,12 @@ def _pass(values: Array, warped: float) -> Array:
 
     out: Array = lapack.dtbtrs(band, right, uplo="L")[0]
     return out
+
+
+def covered(plates: Sequence[ForcePlate], time: Array) -> slice:
+    """Frames of `time` (nf,) s for which all plates have samples."""
+    start, stop = max(p.time[0] for p in plates), min(p.time[-1] for p in plates)
+    return slice(int(np.searchsorted(time, start - 1e-9)), int(np.searchsorted(time, stop + 1e-9, side="right")))
 
 
 def filterable(plate: ForcePlate, cutoff_hz: float) -> bool:

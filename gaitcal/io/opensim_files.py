@@ -62,6 +62,10 @@ def parse_trc(path: Path) -> Recording:
         start += 1
     width = len(lines[start].rstrip().split(separator)) if start < len(lines) else 0
     names = _names(lines[label_line], separator, width)
+    # Cortex writes trajectories that nobody named after the others, without a cell in the line of names
+    widest = max((len(line.rstrip().split(separator)) for line in lines[start:]), default=0)
+    unnamed, rest = divmod(widest - 2 - 3 * len(names), 3)
+    names += [""] * (unnamed if rest == 0 else 0)
     table = text_file.parse_rows(lines, start, 2 + 3 * len(names), separator, short_step=3)
     text_file.require_increasing(table.values[:, 1], table.lines)
     time, notes = text_file.undo_rounding(table.values[:, 1])

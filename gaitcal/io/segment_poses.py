@@ -68,6 +68,15 @@ PARENT: Mapping[str, str] = {
 }
 """Segment, as Theia calls it (`r_thigh_4X4`), -> the one before it; parents come first."""
 NEEDED = tuple(name for name in PARENT if name == "pelvis" or name[2:] in ("thigh", "shank", "foot", "toes"))
+_BY_CODE = "th thigh thigh, sk shank shank, ft foot foot, to toes toes, ar arm uarm, fa forearm larm, ha hand hand"
+VISUAL3D: dict[str, str] = {"rpv": "pelvis", "rta": "torso", "rtk": "torso", "thorax/ab": "torso", "trunk": "torso"}
+"""Segment as Visual3D calls it, or as its table of names does (RTH, Right Thigh), -> as Theia does.
+
+Qualisys takes Theia's files through Visual3D, so that they have its names."""
+VISUAL3D |= {"rhe": "head", "lab": "worldbody", "vlb": "worldbody"}
+for _code, _word, _segment in map(str.split, _BY_CODE.split(",")):
+    for _side, _sided in (("r", "right"), ("l", "left")):
+        VISUAL3D |= dict.fromkeys((f"{_side}{_code}", f"{_sided} {_word}"), f"{_side}_{_segment}")
 IGNORED = ("worldbody", "head", "neck", "r_clavicle", "l_clavicle")  # Segments that the model does not have
 ENDS = ("toes", "uarm", "larm", "hand")
 """Of these only the origin, their joint, is used: toes bend against the foot, and how an arm turns about its length is
@@ -110,12 +119,15 @@ def points_of_poses(labels: Sequence[str], poses: Array) -> tuple[tuple[str, ...
     Raises FileFault: Segments of the legs are not there, or twice, or their lengths or axes are not those of a body.
     """
     stems = [label.strip().lower().removesuffix("_4x4") for label in labels]
+    theirs = [VISUAL3D.get(stem, stem) for stem in stems]
+    if not set(NEEDED) <= set(stems) and set(NEEDED) <= set(theirs):
+        stems = theirs
     column = {stem: i for i, stem in enumerate(stems) if stem in PARENT}
     if missing := [name for name in NEEDED if name not in column]:
         shown = ", ".join(labels[:12]) + (", ..." if len(labels) > 12 else "")
         raise FileFault(
             f"no marker, but poses of {shown}; missing: {', '.join(f'{name}_4X4' for name in missing)}; segment poses "
-            "must be called as Theia calls them",
+            "must be called as Theia or Visual3D call them (r_thigh_4X4, RTH)",
             "ROTATION:LABELS",
             Code.TOO_LITTLE_SEEN,
         )
@@ -142,6 +154,15 @@ def points_of_poses(labels: Sequence[str], poses: Array) -> tuple[tuple[str, ...
         *([f"segments not used: {', '.join(others)}"] if others else []),
     )
     return tuple(points), np.stack(list(points.values()), axis=1), notes
+
+
+def refuse_origins(labels: Collection[str]) -> None:
+    """FileFault where points are called as the segments of a body, of which nothing shows how they turn."""
+    segments = [VISUAL3D.get(label.lower(), "") for label in labels]
+    if set(NEEDED) <= set(segments) and all(segments):
+        found = "its points are the origins of Visual3D's segments, which do not show how these turn"
+        cure = "export the poses (group ROTATION), or take Theia's file pose_*.c3d"
+        raise FileFault(f"{found}; {cure}", "POINT:LABELS", Code.TOO_LITTLE_SEEN)
 
 
 def _axes(rotation: Mapping[str, Array], origin: Mapping[str, Array]) -> Array:

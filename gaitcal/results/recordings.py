@@ -49,7 +49,7 @@ def write_recordings(
     """
     files = trial_files(folder)
     names = moving_trials(folder)
-    tables = [table for name in names for table in (f"markers/{name}.trc", f"moments/{name}.csv")]
+    tables = [table for name in names for table in (f"markers/{name}.trc", f"moments/{name}.csv", f"forces/{name}.mot")]
     tables = [table for table in tables if (folder / table).exists()]
     saved, snapshot = read_whole(
         folder,
@@ -95,7 +95,7 @@ def _write(
         "REASONS": [text[:255] for text in trial.reasons[:255]],
         "PREFIX": [named],
     }
-    units = {"ANGLE_UNITS": "deg", "MOMENT_UNITS": "Nmm", "POWER_UNITS": "W"}
+    units = {"ANGLE_UNITS": "deg", "MOMENT_UNITS": "Nmm", "POWER_UNITS": "W", "FORCE_UNITS": "N"}
     supplement_c3d(original, target, points, events, ("GAITCAL", group), units)
     _require_same(same, formats.read_recording(target), target, exact=original.header.is_float)
     between.unlink(missing_ok=True)
@@ -197,6 +197,7 @@ def _points(
         valid=trial.valid,
         mass=trial.model.subject.mass,
         parameters=trial.model.parameters,
+        reactions=trial.reactions,
         frozen=tuple(trial.model.frozen),
     )
     angle = ANGLE_UNITS.get(original.unit("ANGLE_UNITS").strip().lower(), ANGLE_UNITS["deg"])
@@ -254,6 +255,7 @@ def _said(trial: SavedWalk, points: list[AddedPoint]) -> tuple[str, ...]:
             (PointKind.PLACE, "joint centres"),
             (PointKind.MOMENT, "moments"),
             (PointKind.POWER, "powers"),
+            (PointKind.FORCE, "ground reactions"),
         )
         if any(p.kind is kind for p in points)
     ]

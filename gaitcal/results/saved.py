@@ -14,7 +14,7 @@ from gaitcal.calibration.error_sources import ErrorSources
 from gaitcal.errors import Code, Finding, InputError
 from gaitcal.faults.verdict import Judgement
 from gaitcal.io.labels import FootEvent, FootMoment
-from gaitcal.io.opensim_files import parse_trc
+from gaitcal.io.opensim_files import parse_trc, read_table
 from gaitcal.io.recording import Recording
 from gaitcal.io.result_folder import MANIFEST, read_object
 from gaitcal.io.snapshot import Snapshot, read_whole
@@ -147,6 +147,7 @@ class SavedWalk:
     torques: Mapping[str, Array] | None
     """Coordinate or knee reaction -> (nf,) N·m; None without force plates, or where the trial is refused."""
     valid: Mapping[str, BoolArray]  # Side -> (nf,) frames whose torques count
+    reactions: Mapping[str, Array]  # Side -> (nf, 3) N on its foot, laboratory's axes; none without force plates
     facts: Mapping[str, str]  # Verdict and the like, of the summary
     reasons: tuple[str, ...]  # Of the verdict, as far as they concern the trial
     events: tuple[FootEvent, ...]  # Of a walk, in order of time; those of the file too
@@ -212,6 +213,7 @@ def load_trial(folder: Path, k: int, name: str) -> SavedWalk:
         markers=parse_trc(folder / "markers" / f"{name}.trc"),
         torques=None if refused else torques,
         valid=valid,
+        reactions=_reactions(folder / "forces" / f"{name}.mot"),
         facts=facts,
         reasons=_reasons(summary, name),
         events=saved_events(of_trial),
@@ -226,6 +228,13 @@ def saved_events(of_trial: Mapping[str, object]) -> tuple[FootEvent, ...]:
         for e in entries_of(of_trial, "events")
         if e.get("event") in known and e.get("side") in SIDES and isinstance(e.get("time"), int | float)
     )
+
+
+def _reactions(path: Path) -> dict[str, Array]:
+    if not path.exists():
+        return {}
+    table = read_table(path)
+    return {s: np.stack([table.column(f"ground_force_{s}_v{axis}") for axis in "xyz"], axis=1) for s in SIDES}
 
 
 def _torques(path: Path, frames: int) -> tuple[Mapping[str, Array] | None, Mapping[str, BoolArray]]:

@@ -256,9 +256,6 @@ def _trial(trial: Drafted, folder: Path | None) -> list[str]:
     lines.append(f"file = {toml_value(_path(trial.file.path, folder))}  # {frames}")
     if trial.forces is not None:
         lines += _line("forces", _path(trial.forces.file.path, folder), trial.forces.reason, trial.forces.certain)
-        if trial.forces.time is not None:
-            start, stop = (round(t, 4) for t in trial.forces.time)
-            lines += _line("time", [start, stop], "the part that the forces cover", True)
     return [*lines, ""]
 
 

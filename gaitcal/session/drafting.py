@@ -22,7 +22,7 @@ from gaitcal.model.subject_model import Subject
 from gaitcal.session import folder as folders
 from gaitcal.session.draft import FIRST_LABELS, Draft, Drafted, Seen, row_of
 from gaitcal.session.marker_sets import MOST_MISSING, SetChoice, choices_of, explained, no_set, respelt
-from gaitcal.session.movement import Movement, Shows, movement, standing
+from gaitcal.session.movement import Movement, Shows, movement, standing, unit_fault
 from gaitcal.session.people import Sitting, same_recording, sitting_of
 from gaitcal.session.person_facts import Options, figures_in_doubt, mass_fault, person_of, weighed, weighed_walking
 from gaitcal.study.study import Study
@@ -80,25 +80,31 @@ def draft_study(folder: folders.Folder, options: Options) -> Draft:
         return refused(folder, *several_people(files, choices[0].people))
     for choice in choices:
         spelt = {i: _spelt(recordings[i], choice) for i in choice.members}
-        session = sitting_of(spelt, {i: files[i].path.stem for i in spelt}, choice.marker_set)
+        # before anything else is looked for: in another unit everybody is another person, or moves
+        units = {i: wrong for i, r in spelt.items() if (wrong := unit_fault(r, choice.marker_set))}
+        sound = {i: r for i, r in spelt.items() if i not in units}
+        session = sitting_of(sound, {i: files[i].path.stem for i in sound}, choice.marker_set)
         if session is not None:
+            session = replace(session, others={**session.others, **units})
             choice = _with_strangers(choice, spelt, session, options)
             draft = _Drafting(folder, files, choice, spelt, session, options).draft()
             other = _another_person(files, [i for i in range(len(files)) if i not in session.members], own)
             return replace(draft, problem=other or draft.problem) if draft.moves else draft
     told, parts, scales = {}, [], []
     for i in choices[0].members:
-        posture, why = standing(_spelt(recordings[i], choices[0]), choices[0].marker_set)
-        nobody = f"nobody stands in it: {why}"
-        if posture is not None:
+        spelling = _spelt(recordings[i], choices[0])
+        posture, why = standing(spelling, choices[0].marker_set)
+        unit = unit_fault(spelling, choices[0].marker_set)
+        nobody = unit or f"nobody stands in it: {why}"
+        if unit:
+            scales.append(f"{files[i].name}: {unit}")
+        elif posture is not None:
             nobody = f"somebody stands from {posture.start:.2f} to {posture.stop:.2f} s, but moves otherwise"
             parts.append(files[i].name)
-        elif "times too small" in why:
-            scales.append(f"{files[i].name}: {why}")
         told[files[i].name] = f"of marker set {choices[0].entry}; {nobody}"
     message = "in no recording does the person only stand still, upright, on both feet: a static trial is needed"
     if scales:
-        message += f"; {scales[0]}"
+        message = scales[0] + (f" (and {len(scales) - 1} more)" if len(scales) > 1 else "")
     elif parts:
         message += f'; in {parts[0]} somebody stands for a part: call the file static, or write role = "static" for it'
     return refused(folder, f"{message} (marker set {choices[0].entry})", told)
@@ -417,7 +423,11 @@ def rejected_forces(draft: Draft) -> tuple[Finding, ...]:
     """A warning for each walk without forces whose name a table of forces bears that is nobody's."""
     walks = {t.file.path.stem: t for t in draft.trials if t.role in ("gait", "motion")}
     out = []
+    tables = {file.name: file for file in draft.folder.of_kind(folders.FileKind.FORCES)}
     for row in (row for row in draft.left_out if row.kind == folders.FileKind.FORCES.value):
+        partner = folders.partner_of(tables[row.name], draft.folder.files)
+        if partner is not None and partner.path.stem not in walks:
+            continue
         trial = walks.get(max(walks, key=lambda name: folders.names_alike(name, PurePath(row.name).stem), default=""))
         if trial is None or trial.forces is not None or (trial.file.recording and trial.file.recording.plates):
             continue

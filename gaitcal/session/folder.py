@@ -3,7 +3,8 @@
 Only files directly in the folder: one person a folder. A file that cannot be read ends nothing; it keeps its reason.
 
 A recording that has plates of its own needs no table. For another one, a table can be its own only if it covers its
-time and if, under load, the centre of pressure lies near a foot: the feet decide, names only where feet do not.
+time and if, under load, the centre of pressure lies near a foot: the feet decide, names only where feet do not. One
+that is called after a recording which needs no forces is nobody else's.
 """
 
 import difflib
@@ -245,8 +246,6 @@ def trial_names(stems: Sequence[str]) -> list[str]:
 
 UNDER_M = 0.25
 """Median distance, in the floor's plane, of the centre of pressure from the nearest marker of a foot under load."""
-MOST_CUT = 0.5
-"""Share of the recording's time that a table may leave uncovered; the trial is then cut to what it covers."""
 SAME_NAME = 0.6
 WORDS = re.compile(r"(grfs?|forces?|force|fp|plates?|analog|kinetics|ext|external|loads?)", re.IGNORECASE)
 """Words of names that say only that a file holds forces."""
@@ -259,7 +258,6 @@ class ForceChoice:
     file: FolderFile  # The table, or the XML that names it
     reason: str
     certain: bool
-    time: tuple[float, float] | None = None  # s: the part that the forces cover, where that is not all
 
 
 @dataclass(frozen=True)
@@ -268,7 +266,8 @@ class _Match:
     table: int
     away: float | None  # m, of the centre of pressure from the feet; None where nothing is loaded
     alike: float
-    time: tuple[float, float] | None
+    covered: tuple[float, float]  # s, from when to when the table has forces
+    lost: float  # Share of the recording's time without forces
 
 
 def pair_forces(
@@ -282,7 +281,12 @@ def pair_forces(
     loads = {PureWindowsPath(file.names).name.lower(): file for file in named}  # takes / and \\ alike
     matches: list[_Match] = []
     why: dict[str, str] = {}
+    wanted = {stem for stem, _ in recordings.values()}
     for t, table in enumerate(tables):
+        partner = partner_of(table, files)
+        if partner is not None and partner.path.stem not in wanted:
+            why[table.name] = f"the forces of {partner.name}, which needs none or is not used"
+            continue
         for number, (stem, recording) in recordings.items():
             match = _match(number, stem, recording, marker_set, t, table)
             if isinstance(match, str):
@@ -303,9 +307,10 @@ def pair_forces(
         alike = {number: names_alike(stem, table.path.stem) for number, (stem, _) in recordings.items()}
         best = max(alike, key=lambda number: (alike[number], number == match.recording))
         rival = alike[best] >= SAME_NAME and alike[best] > alike[match.recording]
-        parts = ["covers the time; no foot is loaded in it"]
+        covers = "covers the time" if match.lost == 0.0 else "covers {:.2f} to {:.2f} s".format(*match.covered)
+        parts = [f"{covers}; no foot is loaded in it"]
         if match.away is not None:
-            parts = [f"covers the time, and under load acts {100 * match.away:.0f} cm from the feet"]
+            parts = [f"{covers}, and under load acts {100 * match.away:.0f} cm from the feet"]
         if rival:
             parts.append(f"though its name says {recordings[best][0]}")
         elif match.alike >= SAME_NAME:
@@ -313,7 +318,7 @@ def pair_forces(
         if (by := loads.get(table.path.name.lower())) is not None:
             parts.append(f"{by.name} names it")
         out[match.recording] = ForceChoice(
-            file=table, reason="; ".join(parts), certain=match.away is not None and not rival, time=match.time
+            file=table, reason="; ".join(parts), certain=match.away is not None and not rival
         )
         used.add(match.table)
     for t, table in enumerate(tables):
@@ -323,10 +328,16 @@ def pair_forces(
     return out, {table.name: why[table.name] for t, table in enumerate(tables) if t not in used}
 
 
+def partner_of(table: FolderFile, files: Sequence[FolderFile]) -> FolderFile | None:
+    """The recording after which a table of forces is called (`gait.csv`: `gait_forces.csv`), if there is one."""
+    recordings = (f for f in files if f.kind is FileKind.RECORDING and names_alike(f.path.stem, "") < 1.0)
+    return next((file for file in recordings if names_alike(file.path.stem, table.path.stem) == 1.0), None)
+
+
 def _rank(match: _Match) -> tuple[object, ...]:
-    """Smallest first: no time is lost, names are alike (in steps), the feet are near, then the order of the files."""
+    """Smallest first: little time is lost, names are alike (in steps), feet are near, then the order of the files."""
     away = np.inf if match.away is None else match.away
-    return (match.away is None, match.time is not None, -round(match.alike, 1), away, match.recording, match.table)
+    return (match.away is None, round(match.lost, 1), -round(match.alike, 1), away, match.recording, match.table)
 
 
 def _match(
@@ -339,31 +350,43 @@ def _match(
     step = float(np.median(np.diff(time)))
     start, stop = max(float(p.time[0]) for p in plates), min(float(p.time[-1]) for p in plates)
     low, high = max(start, float(time[0])), min(stop, float(time[-1]))
-    if high - low < MOST_CUT * float(np.ptp(time)):
+    if high - low < force_plate.STANCE_S:
         return f"its forces run from {start:.2f} to {stop:.2f} s, {stem} from {time[0]:.2f} to {time[-1]:.2f} s"
-    cut = None
-    if start > time[0] + step or stop < time[-1] - step:
-        inside = time[(time >= start) & (time <= stop)]
-        cut = (float(inside[0]), float(inside[-1]))
-    away = _from_feet(recording, marker_set, table)
+    whole = start <= time[0] + step and stop >= time[-1] - step
+    lost = 0.0 if whole else 1.0 - (high - low) / float(np.ptp(time))
+    points, feet = _under_load(recording, marker_set, table)
+    away = _away(points, feet)
     if away is not None and away > UNDER_M:
+        # in another unit, centres travel by a power of ten further than any foot
+        room = float(np.max(np.nanmax(feet, axis=(0, 1)) - np.nanmin(feet, axis=(0, 1))))
+        if np.ptp(points, axis=0).max() > 10.0 * room:
+            scaled = {unit: _away(metres * points, feet) or 0.0 for unit, metres in (("mm", 1e-3), ("cm", 1e-2))}
+            unit = min(scaled, key=lambda name: scaled[name])
+            if scaled[unit] <= UNDER_M:
+                return f"its centres of pressure are in {unit}, not in m: only so are they under the feet of {stem}"
         return f"its centres of pressure are {away:.2f} m from the feet of {stem}"
-    return _Match(number, t, away, names_alike(stem, table.path.stem), cut)
+    return _Match(number, t, away, names_alike(stem, table.path.stem), (low, high), lost)
 
 
-def _from_feet(recording: Recording, marker_set: MarkerSet, table: FolderFile) -> float | None:
-    """m, median distance of centres of pressure under load from the nearest foot marker; None without load."""
+def _under_load(recording: Recording, marker_set: MarkerSet, table: FolderFile) -> tuple[Array, Array]:
+    """Centres of pressure (n, 2) and foot markers (n, k, 2) in the floor's plane, m, of each plate in loaded frames."""
     feet = [i for i, m in enumerate(recording.labels) if marker_set.segment_of.get(m, "").startswith("foot")]
-    distances: list[float] = []
+    points, frames = [np.empty((0, 2))], [np.empty(0, dtype=int)]
     for plate in table.forces.plates if table.forces else ():
         point = np.stack([np.interp(recording.time, plate.time, plate.point[:, k]) for k in (0, 2)], axis=1)
         force = np.interp(recording.time, plate.time, np.nan_to_num(plate.force[:, 1]))
         covered = (recording.time >= plate.time[0]) & (recording.time <= plate.time[-1])
-        loaded = np.flatnonzero((force > force_plate.BODY_N) & covered & np.isfinite(point).all(axis=1))
-        away: Array = np.linalg.norm(recording.markers[loaded][:, feet][:, :, [0, 2]] - point[loaded][:, None], axis=2)
-        away = away[np.isfinite(away).any(axis=1)]
-        distances.extend(np.nanmin(away, axis=1).tolist() if away.size else ())
-    return float(np.median(distances)) if distances else None
+        seen = np.asarray(np.isfinite(recording.markers[:, feet]).all(axis=2)).any(axis=1)
+        loaded = np.flatnonzero((force > force_plate.BODY_N) & covered & seen & np.isfinite(point).all(axis=1))
+        points.append(point[loaded])
+        frames.append(loaded)
+    return np.concatenate(points), recording.markers[np.concatenate(frames)][:, feet][:, :, [0, 2]]
+
+
+def _away(points: Array, feet: Array) -> float | None:
+    """m, median distance of centres of pressure from the nearest foot marker; None without load."""
+    away: Array = np.linalg.norm(feet - points[:, None], axis=2)
+    return float(np.median(np.nanmin(away, axis=1))) if away.size else None
 
 
 def names_alike(stem: str, table: str) -> float:

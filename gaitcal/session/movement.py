@@ -31,8 +31,9 @@ STRAIGHT = 0.8
 """Height of the pelvis over the ankles as a share of the way over the knees: 0.97 to 1.00 in standing, 0.94 with knees
 bent by 40 deg, 0.7 in sitting."""
 LEVEL_M = 0.08  # Difference in height of the two feet's middles: a foot is lifted from there on
-LOW_M, HIGH_M = 0.3, 1.5  # Height of the pelvis over the feet of a person who stands
-TOO_SMALL = {1000: "metres under a header that says mm", 100: "metres under cm", 10: "centimetres under mm"}
+LOW_M, HIGH_M = 0.3, 1.5
+"""m, from the pelvis to the feet of a person who stands: from child to tall adult it is less than a power of ten."""
+UNITS = {1000: ("m", "mm"), 100: ("m", "cm"), 10: ("cm", "mm")}  # Longer and shorter unit of files, and their ratio
 STAYS_M = 0.03  # RMS distance of pelvis and feet from their mean places, in a recording that only stands
 BELL_HIP = np.array([-0.19, -0.30, 0.14])
 """Hip centre from the ASIS as a share of their distance: forward, up, inward (Bell, Pedersen and Brand, J Biomech
@@ -124,10 +125,23 @@ def _not_upright(points: dict[str, Array], landmarks: dict[str, Array], marker_s
     if straight and min(straight) < STRAIGHT:
         return f"the legs are bent or not upright: the pelvis is at {100 * min(straight):.0f} % of their length"
     if height < LOW_M:
-        for factor, units in TOO_SMALL.items():
-            if LOW_M <= factor * height <= HIGH_M:
-                return f"lengths look {factor} times too small: {units}"
         return f"the pelvis is {height:.2f} m above the feet while nothing moves"
+    return ""
+
+
+def unit_fault(recording: Recording, marker_set: MarkerSet) -> str:
+    """Say by which power of ten lengths are wrong, whatever the person does; empty where they are those of a body."""
+    pelvis, *feet = (_middle(recording, marker_set, name) for name in ("pelvis", "foot_r", "foot_l"))
+    away = np.concatenate([np.linalg.norm(foot - pelvis, axis=1) for foot in feet])
+    away = away[np.isfinite(away)]
+    reach = float(np.percentile(away, 95.0)) if len(away) else np.nan
+    if LOW_M <= reach <= HIGH_M:
+        return ""
+    for ratio, (longer, shorter) in UNITS.items():
+        for factor, how, found, said in ((ratio, "small", longer, shorter), (1 / ratio, "large", shorter, longer)):
+            if LOW_M <= factor * reach <= HIGH_M:
+                fault = f"lengths look {ratio} times too {how}: {found} under a header that says {said}"
+                return f"{fault}; declare the unit that the numbers have"
     return ""
 
 

@@ -17,6 +17,7 @@ import numpy as np
 from gaitcal.arrays import Array, IntArray
 from gaitcal.errors import Code, InputError
 from gaitcal.io.csv import events_beside, with_corrected_events
+from gaitcal.io.force_plate import STANCE_S
 from gaitcal.io.formats import read_recording
 from gaitcal.io.opensim_files import loads_tables
 from gaitcal.io.recording import Recording, duration, runs, seen_mask, spans, still_window
@@ -124,7 +125,7 @@ def read_trial(trial: TrialTable, rename: Mapping[str, str], marker_set: MarkerS
         recording = recording.frames(inside)
     if trial.role == Role.STATIC.value:
         recording = upright(recording)
-    _check_forces_cover(recording, trial)
+    recording = _with_forces_in_part(recording, trial)
     files = {"file": trial.file}
     if trial.forces is not None:
         files |= {"forces": trial.forces} | {f"table{k}": path for k, path in enumerate(loads_tables(trial.forces))}
@@ -157,9 +158,10 @@ def _rename(recording: Recording, rename: Mapping[str, str]) -> Recording:
     return renamed.with_notes(f"markers renamed: {', '.join(changed)}") if changed else renamed
 
 
-def _check_forces_cover(recording: Recording, trial: TrialTable) -> None:
+def _with_forces_in_part(recording: Recording, trial: TrialTable) -> Recording:
+    """The recording with a note where its forces cover a part of it; InputError where they cover less than a step."""
     if trial.role not in ("gait", "motion"):
-        return
+        return recording
     time, source = recording.time, trial.forces or trial.file
     step, whole = float(np.median(np.diff(time))), float(np.ptp(time))
     for plate in recording.plates:
@@ -169,12 +171,17 @@ def _check_forces_cover(recording: Recording, trial: TrialTable) -> None:
                 f"found forces that last {lasts:g} s and markers that last {whole:g} s; one of the two times is in "
             )
             raise _fault(message + "another unit (ms?); both must be in s", source, f"plate {plate.name}")
-        if plate.time[0] > time[0] + step or plate.time[-1] < time[-1] - step:
+        start, stop = max(plate.time[0], time[0]), min(plate.time[-1], time[-1])
+        if stop - start < min(STANCE_S, whole - step):
             message = (
                 f"found forces from {plate.time[0]:g} to {plate.time[-1]:g} s and markers from {time[0]:g} to "
-                f"{time[-1]:g} s; forces must cover the markers: shorten the trial with time = [start, end]"
+                f"{time[-1]:g} s; both must last for a step together: are these the forces of this trial?"
             )
             raise _fault(message, source, f"plate {plate.name}")
+        if start > time[0] + step or stop < time[-1] - step:
+            note = f"Plate {plate.name}: forces from {start:.2f} to {stop:.2f} s only; no torques beyond."
+            recording = recording.with_notes(note)
+    return recording
 
 
 FEWEST_FRAMES = 20

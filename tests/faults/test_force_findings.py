@@ -21,6 +21,7 @@ from gaitcal.io.recording import ForcePlate, Recording
 from gaitcal.model.anthropometry import with_joints_of
 from gaitcal.model.nominal import nominal_model
 from gaitcal.model.segment_frames import HipCentre
+from gaitcal.model.subject_model import GRAVITY
 from gaitcal.session.calibrate import calibrate
 from gaitcal.session.trial_result import analyse
 from gaitcal.study.study import Study
@@ -43,6 +44,9 @@ def later(plate: ForcePlate) -> ForcePlate:
     return replace(plate, **moved)
 
 
+WEIGHT = 72.6 * GRAVITY  # N, of subject01
+
+
 @pytest.fixture(scope="module")
 def real_walk(real_study: Callable[[str], Study]) -> Walk:
     """subject01 with its nominal model: enough for faults as large as these."""
@@ -56,6 +60,7 @@ def real_walk(real_study: Callable[[str], Study]) -> Walk:
     ("fault", "cause"),
     [
         (lambda p: replace(p, force=p.force / FORCE_UNITS["kgf"]), "the forces are in kgf, not in N"),
+        (lambda p: replace(p, force=p.force / WEIGHT), "the forces are in body weights, not in N"),
         (lambda p: replace(p, force=p.force * [-1, 1, 1]), "the fore-aft force of all plates has the wrong sign"),
         (lambda p: replace(p, moment=1e3 * p.moment), "the moments of the plates are in N·mm, not in N·m"),
         (times(2.0), "the force of all plates is 2"),

@@ -88,6 +88,16 @@ def test_an_event_of_a_plate_near_an_end_of_the_trial_needs_no_swing() -> None:
         assert [e.time for e in found.events if e.source is EventSource.PLATES] == [time]
 
 
+def test_a_plate_whose_record_begins_and_ends_under_load_tells_no_event_there() -> None:
+    frames = np.arange(0.0, 2.0, 0.02)
+    samples = frames[(frames > 0.5) & (frames < 1.5)]
+    force = np.column_stack([0 * samples, np.full(len(samples), 700.0), 0 * samples])
+    plate = ForcePlate(name="1", time=samples, force=force, point=0 * force, moment=0 * force)
+    loaded = ((frames > 0.5) & (frames < 1.5))[:, None] & np.array([True, False])
+    assert plate_events(frames, loaded, [plate]) == []
+    assert len(plate_events(frames, loaded, [])) == 2
+
+
 def test_plates_tell_the_moment_between_frames() -> None:
     frames, samples = np.arange(0.0, 2.0, 0.02), np.arange(0.0, 2.0, SAMPLE)
     force = np.zeros((len(samples), 3))

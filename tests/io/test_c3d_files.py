@@ -1,6 +1,8 @@
 """C3D files, made up and real: clock, units, gaps, and files larger or odder than the usual."""
 
+import struct
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 
 import ezc3d
@@ -8,7 +10,8 @@ import numpy as np
 import pytest
 
 import gaitcal.io.c3d.reader as parse
-from gaitcal.errors import InputError
+from gaitcal.errors import Code, InputError
+from gaitcal.io.c3d.layout import parse_section
 from gaitcal.io.c3d.reader import ParserDiedError, parse_c3d
 from gaitcal.io.formats import read_recording
 from gaitcal.io.recording import Recording
@@ -183,3 +186,66 @@ def test_a_file_without_points_is_told_as_such_and_not_by_its_rate(tmp_path: Pat
     file.write(str(tmp_path / "forces.c3d"))
     with pytest.raises(InputError, match=f"found {found}; labelled markers are needed"):
         read_recording(tmp_path / "forces.c3d")
+
+
+@pytest.mark.parametrize(("case", "start"), [("late_crop", 700.0), ("crosses_65536", 653.99)])
+def test_frames_that_the_header_cannot_hold_are_those_of_trial(data_dir: Path, case: str, start: float) -> None:
+    """A frame counter that stopped at 65535, and one that began again at zero: all but the clock stays as it was."""
+    found = read_recording(data_dir / "cases" / case / "gait.c3d")
+    usual = read_recording(data_dir / "pig_c3d/gait.c3d")
+    assert found.time[0] == pytest.approx(start) and len(found.time) == len(usual.time)
+    np.testing.assert_array_equal(found.markers, usual.markers)
+    for ours, theirs in zip(found.plates, usual.plates, strict=True):
+        np.testing.assert_array_equal(ours.force, theirs.force)
+        assert ours.time[0] == pytest.approx(start)
+
+
+FRAMES = 66500
+"""More than 16 bits count."""
+
+
+@pytest.mark.parametrize("words", [(1, 65535), (1, FRAMES % 65536), (65535, 65535)])
+def test_frames_beyond_the_greatest_that_a_header_counts_are_read(tmp_path: Path, words: tuple[int, int]) -> None:
+    """Neither TRIAL nor FRAMES knows them: the length of the file does."""
+    points = np.repeat(standing_points_mm(1)[:, :2], FRAMES, axis=0)
+    points[:, 0, 0] += 0.01 * np.arange(FRAMES)
+    path = write_raw_c3d(tmp_path / "long.c3d", points, LABELS[:2])
+    content = bytearray(path.read_bytes())
+    content[6:10] = struct.pack("<2H", *words)
+    path.write_bytes(content)
+    recording = read_recording(path)
+    assert len(recording.time) == FRAMES
+    np.testing.assert_allclose(recording.markers[:, 0, 0], points[:, 0, 0] / 1e3, rtol=1e-6)
+    assert any("65535 frames; the file holds 66500" in note for note in recording.notes)
+    assert any("times may begin later" in note for note in recording.notes) == (words[0] == 65535)
+
+
+def test_a_header_whose_frames_fit_no_length_is_still_refused(tmp_path: Path) -> None:
+    path = write_raw_c3d(tmp_path / "f.c3d", standing_points_mm(50), LABELS)
+    content = bytearray(path.read_bytes())
+    content[6:10] = struct.pack("<2H", 40, 12)
+    path.write_bytes(content)
+    with pytest.raises(InputError, match="frame 40 is its first and 12 its last"):
+        read_recording(path)
+
+
+@pytest.mark.parametrize(("name", "kind"), [("LABELS", 37), ("UNITS", 1), ("RATE", -3)])
+def test_damage_is_told_by_the_record_and_not_in_the_words_of_a_library(tmp_path: Path, name: str, kind: int) -> None:
+    path = write_raw_c3d(tmp_path / "d.c3d", standing_points_mm(5), LABELS)
+    content = path.read_bytes()
+    at, blocks = 512 * (content[0] - 1), content[512 * (content[0] - 1) + 2]
+    section = parse_section(content[at : at + 512 * blocks])
+    damaged = [
+        replace(record, content=struct.pack("<b", kind) + record.content[1:] if record.name == name else record.content)
+        for record in section.records
+    ]
+    changed = replace(section, records=tuple(damaged)).to_bytes()
+    path.write_bytes(content[:at] + changed + content[at + len(changed) :])
+    try:
+        read_recording(path)
+    except InputError as fault:
+        assert fault.code is Code.DAMAGED_RECORDING
+        assert not any(word in str(fault) for word in ("ignoreBadFormatting", "std::", "iostream", "dtype"))
+        assert f"the parameter {name}" in str(fault) if kind == 37 else True
+    else:
+        assert kind != 37, "a type that is none has to be found"

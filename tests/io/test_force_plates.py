@@ -51,7 +51,13 @@ class Truth:
 
 
 def read_plate(
-    folder: Path, kind: int, channels: np.ndarray, origin_mm: np.ndarray, units: list[str] | None = None, **more: Any
+    folder: Path,
+    kind: int,
+    channels: np.ndarray,
+    origin_mm: np.ndarray,
+    units: list[str] | None = None,
+    points: np.ndarray | None = None,
+    **more: Any,
 ) -> Recording:
     platform = {
         "USED": [1],
@@ -65,9 +71,8 @@ def read_plate(
     units = units or ["N"] * 3 + ["Nmm"] * (len(channels) - 3)
     path = folder / "plate.c3d"
     labels = [f"M{i}" for i in range(8)]
-    write_raw_c3d(
-        path, standing_points_mm(FRAMES), labels, analogs=channels, ratio=RATIO, platform=platform, analog_units=units
-    )
+    points = standing_points_mm(FRAMES) if points is None else points
+    write_raw_c3d(path, points, labels, analogs=channels, ratio=RATIO, platform=platform, analog_units=units)
     return read_recording(path)
 
 
@@ -159,6 +164,76 @@ def test_the_offset_of_the_empty_plate_is_found_removed_and_told(tmp_path: Path)
     assert np.abs(away[:, :3]).max() < 3  # N, six standard deviations
     middle = plate.corners.mean(axis=0)
     assert np.abs(away[:, 3:] - np.cross(middle, away[:, :3])).max() < 0.2  # N·m about the middle of the plate
+
+
+BASELINE = np.array([12.0, -18.0, -140.0, 3000.0, -2000.0, 500.0])  # N and N·mm, far beyond what plates should read
+
+
+def walking_points_mm(first: int, last: int) -> np.ndarray:
+    """Points that are over the plate in these frames, and 5 m beside it in the others."""
+    points = standing_points_mm(FRAMES) + [0.0, 400.0, 0.0]
+    points[:first, :, 0] -= 5000.0
+    points[last:, :, 0] += 5000.0
+    return points
+
+
+@pytest.mark.parametrize("zero", [[1, 20], [1, 0], [1, 9999]])
+@pytest.mark.parametrize(
+    ("there", "found"), [((28, 82), True), ((0, FRAMES), False), ((90, 95), False), ((FRAMES, FRAMES), False)]
+)
+def test_a_steady_baseline_of_any_size_is_one_where_nobody_is_over_the_plate(
+    tmp_path: Path, zero: list[int], there: tuple[int, int], found: bool
+) -> None:
+    """With ZERO or without. Not with somebody over it, whatever ZERO says: who sits still weighs as steadily. Nor where
+    the plate is loaded while nobody is over it: then it lies elsewhere.
+    """
+    truth = Truth()
+    channels = truth.sensor_channels(ARM) + BASELINE[:, None]
+    recording = read_plate(tmp_path, 2, channels, 1e3 * ARM, points=walking_points_mm(*there), ZERO=zero)
+    away = recording.plates[0].force[:, 1] + truth.force[:, 2]
+    assert np.abs(away - (0.0 if found else 140.0)).max() < 1e-3
+    assert any("never empty" in note for note in recording.notes) is not found
+
+
+def test_the_baseline_of_a_real_walk_is_that_of_zero(data_dir: Path) -> None:
+    """140 and 95 N: refused before, the same wrench as without now."""
+    found, usual = (read_recording(data_dir / name / "gait.c3d").plates for name in ("cases/plate_zero", "pig_c3d"))
+    for ours, theirs in zip(found, usual, strict=True):
+        assert np.abs(ours.wrench() - theirs.wrench()).max() < 1e-3
+
+
+@pytest.mark.parametrize("unit", ["", "Nmm", "Nm"])
+@pytest.mark.parametrize("newton_metres", [True, False])
+def test_the_unit_of_moments_is_that_with_which_the_centre_of_pressure_moves(
+    tmp_path: Path, unit: str, newton_metres: bool
+) -> None:
+    """Named or not: in another unit it stays at the sensor's axis, or lies beyond the plate. A unit that the file names
+    wrongly is a warning.
+    """
+    truth = Truth()
+    channels = truth.sensor_channels(ARM) * np.array([1.0] * 3 + [1e-3 if newton_metres else 1.0] * 3)[:, None]
+    recording = read_plate(tmp_path, 2, channels, 1e3 * ARM, ["N"] * 3 + [unit] * 3)
+    require_truth(recording, truth)
+    wrong = newton_metres if unit != "Nm" else not newton_metres
+    assert any("its moments are in units of" in note for note in recording.notes) is wrong
+    assert any("says in its UNITS" in note for note in recording.notes) is (wrong and bool(unit))
+
+
+def test_centres_of_a_type_1_plate_in_metres_are_seen_to_be(tmp_path: Path) -> None:
+    truth = Truth()
+    channels = np.concatenate([truth.force.T, truth.point[:, :2].T, truth.free[None]])
+    recording = read_plate(tmp_path, 1, channels, np.zeros(3), ["N"] * 3 + ["m"] * 2 + ["Nm"])
+    loaded = truth.force[:, 2] < -50
+    turn = Z_UP_TO_Y_UP @ ROTATION
+    centre = Z_UP_TO_Y_UP @ (CORNERS_MM.mean(axis=0) / 1e3)
+    np.testing.assert_allclose(recording.plates[0].point[loaded], (truth.point @ turn.T + centre)[loaded], atol=1e-5)
+
+
+def test_moments_of_a_real_walk_in_newton_metres_without_a_unit(data_dir: Path) -> None:
+    """Refused before, for a place of the plates; the same wrench as in N·mm now."""
+    found, usual = (read_recording(data_dir / name / "gait.c3d").plates for name in ("cases/moments_in_nm", "pig_c3d"))
+    for ours, theirs in zip(found, usual, strict=True):
+        assert np.abs(ours.wrench() - theirs.wrench()).max() < 1e-4
 
 
 def test_a_plate_never_empty_keeps_its_offset_and_says_so(tmp_path: Path) -> None:

@@ -9,8 +9,9 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from gaitcal.errors import Code, InputError
 from gaitcal.io.formats import read_recording
-from gaitcal.io.segment_poses import CORNERS, LENGTH_PER_TURN, NEEDED, PARENT, points_of_poses, upright
+from gaitcal.io.segment_poses import CORNERS, LENGTH_PER_TURN, NEEDED, PARENT, VISUAL3D, points_of_poses, upright
 from gaitcal.io.text_file import FileFault
 from tests.io.recordings import standing_points_mm, write_raw_c3d
 
@@ -51,6 +52,37 @@ def test_any_axis_may_point_up(order: tuple[int, ...]) -> None:
     usual, expected, _ = points_of_poses(*body(np.eye(3)))
     assert labels == usual
     np.testing.assert_allclose(points, expected, atol=1e-12)
+
+
+CODES = {theirs: ours.upper() for ours, theirs in VISUAL3D.items() if len(ours) == 3}
+WORDS = {"pelvis": "Pelvis"} | {theirs: ours.title() for ours, theirs in VISUAL3D.items() if len(ours) > 3}
+
+
+@pytest.mark.parametrize("spelling", [CODES, WORDS])
+def test_segments_called_as_visual3d_calls_them(spelling: dict[str, str]) -> None:
+    """`RTH`, or `Right Thigh`, for `r_thigh_4X4`, as in what Qualisys makes of Theia's files."""
+    labels, poses = body(np.eye(3))
+    theirs = [spelling[label.removesuffix("_4X4")] for label in labels]
+    expected, found = points_of_poses(labels, poses), points_of_poses(theirs, poses)
+    assert found[0] == expected[0] and found[2] == expected[2]
+    np.testing.assert_array_equal(found[1], expected[1])
+
+
+def test_both_namings_in_one_file_are_not_the_same_segment_twice() -> None:
+    labels, poses = body(np.eye(3))
+    both = np.concatenate([poses, poses[:, :1]], axis=1)
+    _, points, _ = points_of_poses([*labels, "RPV"], both)
+    np.testing.assert_array_equal(points, points_of_poses(labels, poses)[1])
+
+
+def test_origins_of_segments_alone_are_refused_by_what_they_are(tmp_path: Path) -> None:
+    """The labels of the public thread: 19 points, none of which shows how its segment turns."""
+    labels = [f"{side}{code}" for side in "LR" for code in ("AR", "FA", "FT", "HA", "SK", "TH", "TO")]
+    labels += ["LAB", "RHE", "RPV", "RTA", "VLB"]
+    points = np.random.default_rng(1).normal(0.0, 500.0, (5, len(labels), 3))
+    with pytest.raises(InputError, match="origins of Visual3D's segments") as fault:
+        read_recording(write_raw_c3d(tmp_path / "origins.c3d", points, labels))
+    assert fault.value.code is Code.TOO_LITTLE_SEEN
 
 
 def test_segments_that_are_missing_or_turned_are_named() -> None:

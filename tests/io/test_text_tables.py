@@ -233,6 +233,27 @@ def test_faults_name_line_and_cell(tmp_path: Path, rows: str, units: str, messag
         parse_trc(trc(tmp_path, rows, units=units))
 
 
+@pytest.mark.parametrize(("more", "unlabelled"), [(0, 0), (3, 1), (6, 2)])
+def test_trajectories_beyond_the_names_are_unlabelled(tmp_path: Path, more: int, unlabelled: int) -> None:
+    """In some rows only, too: they are seen for a part of the time."""
+    first, *rows = TRC_ROWS.splitlines()
+    text = "\n".join([first, *(row + "\t7" * more for row in rows)]) + "\n"
+    recording = parse_trc(trc(tmp_path, text))
+    assert recording.labels == ("A", "B") and recording.markers.shape == (3, 2, 3)
+    assert (f"{unlabelled} unlabelled trajectories left out." in recording.notes) is (more > 0)
+
+
+def test_cells_beyond_the_names_that_make_no_trajectory_are_refused(tmp_path: Path) -> None:
+    with refused("found 10 cells; 8 are allowed"):
+        parse_trc(trc(tmp_path, TRC_ROWS.replace("50\t6\n", "50\t6\t1\t2\n")))
+
+
+def test_a_real_file_with_five_trajectories_without_a_name(data_dir: Path) -> None:
+    recording = parse_trc(data_dir / "cases/unnamed_columns/SprintCalib.trc")
+    assert recording.markers.shape == (337, 65, 3)
+    assert "5 unlabelled trajectories left out." in recording.notes
+
+
 def test_names_in_any_layout(tmp_path: Path) -> None:
     assert parse_trc(trc(tmp_path, names="A\tB")).labels == ("A", "B")
     assert parse_trc(trc(tmp_path, names="S:A\t\t\tS:A\t\t\t\t\t")).labels == ("A", "A#2")

@@ -20,6 +20,7 @@ from gaitcal.model.marker_set import load_marker_set
 from gaitcal.session.draft import draft_notes, draft_text, missing_words, study_of
 from gaitcal.session.drafting import draft_study, rejected_forces, without_faulty_trials
 from gaitcal.session.folder import FileKind, Folder, FolderFile
+from gaitcal.session.movement import unit_fault
 from gaitcal.session.people import exchange_told, pair_distances, placed_otherwise
 from gaitcal.session.person_facts import Known, Options
 from gaitcal.study.study import Study
@@ -256,7 +257,27 @@ def test_a_part_that_stands_is_told(tmp_path: Path) -> None:
 
 def test_lengths_a_thousand_times_too_small_are_named(tmp_path: Path) -> None:
     made = drafted(tmp_path, **{name: replace(r, markers=1e-3 * r.markers) for name, r in recordings().items()})
-    assert "lengths look 1000 times too small: metres under a header that says mm" in made.fault
+    assert "lengths look 1000 times too small: m under a header that says mm" in made.fault
+
+
+@pytest.mark.parametrize("name", ["static", "walk"])
+@pytest.mark.parametrize("factor", [1e-3, 1e-2, 0.1, 10.0, 100.0, 1e3])
+def test_a_unit_is_suspected_before_another_person(name: str, factor: float) -> None:
+    """One file in another unit than the others, whatever the person does in it."""
+    recording = recordings()[name]
+    marker_set = load_marker_set("gait2354")
+    assert unit_fault(recording, marker_set) == ""
+    fault = unit_fault(replace(recording, markers=factor * recording.markers), marker_set)
+    times, how = max(factor, 1 / factor), "large" if factor > 1 else "small"
+    assert fault.startswith(f"lengths look {times:.0f} times too {how}: ")
+
+
+def test_a_walk_in_another_unit_is_left_out_for_it(tmp_path: Path) -> None:
+    walk = recordings()["walk"]
+    made = drafted(tmp_path, **(recordings() | {"walk2": replace(walk, markers=10.0 * walk.markers)}))
+    (row,) = (row for row in made.seen if row.name.startswith("walk2"))
+    assert not row.used and row.reason.startswith("lengths look 10 times too large")
+    assert "walk" in roles(made)
 
 
 def test_notes_tell_what_is_likely_unused_and_left_over(tmp_path: Path) -> None:
@@ -335,13 +356,34 @@ def test_forces_of_nobody_are_told(tmp_path: Path) -> None:
     assert rejected_forces(draft(folder)) == (), "a folder without forces is asked for angles"
 
 
-def test_forces_that_cover_a_part_cut_the_trial(tmp_path: Path) -> None:
+@pytest.mark.parametrize("kept", [slice(40, None), slice(40, 110)])
+def test_forces_that_cover_a_part_are_used_and_cut_nothing(tmp_path: Path, kept: slice) -> None:
+    """Most of the walk, and less than half of it; the drafted study reads the whole walk."""
     plates = made_plates(gait_motion())
-    part = [replace(p, **{k: getattr(p, k)[40:] for k in ("time", "force", "point", "moment")}) for p in plates]
-    forces = draft(with_forces(tmp_path, part)).trials[-1].forces
-    assert forces is not None and abs(forces.time[0] - plates[0].time[40]) < 0.01
+    part = [replace(p, **{k: getattr(p, k)[kept] for k in ("time", "force", "point", "moment")}) for p in plates]
+    made = draft(with_forces(tmp_path, part))
+    forces = made.trials[-1].forces
+    assert forces is not None and forces.reason.startswith(f"covers {part[0].time[0]:.2f} to {part[0].time[-1]:.2f} s")
+    trial = study_of(made, proposed=True).moving[-1].recording
+    assert len(trial.time) == len(recordings()["walk"].time)
+    assert sum("no torques beyond" in note for note in trial.notes) == len(part)
     late = with_forces(tmp_path, [replace(p, time=p.time + 100.0) for p in plates])
     assert draft(late).trials[-1].forces is None
+
+
+@pytest.mark.parametrize(("unit", "factor"), [("mm", 1e3), ("cm", 1e2)])
+def test_centres_of_pressure_in_another_unit_are_told_by_it(tmp_path: Path, unit: str, factor: float) -> None:
+    plates = [replace(p, point=factor * p.point) for p in made_plates(gait_motion())]
+    (row,) = (row for row in draft(with_forces(tmp_path, plates)).left_out if row.name == "walk_grf.csv")
+    assert row.reason.startswith(f"its centres of pressure are in {unit}, not in m")
+
+
+def test_forces_called_after_the_static_trial_are_not_those_of_a_walk(tmp_path: Path) -> None:
+    """Even where a walk passes over the same place; and the walk is not said to lack them."""
+    made = draft(with_forces(tmp_path, made_plates(gait_motion()), "static_forces.csv"))
+    (row,) = (row for row in made.left_out if row.name == "static_forces.csv")
+    assert row.reason.startswith("the forces of static.csv") and made.trials[-1].forces is None
+    assert rejected_forces(made) == ()
 
 
 def test_forces_with_their_time_in_milliseconds_are_refused(tmp_path: Path) -> None:

@@ -12,10 +12,12 @@ dimension fastest), description. A record with a name of length 0 ends the secti
 
 ezc3d reads what is here read twice, but for two cases. It takes the layout of a frame from the parameters: old files
 without ANALOG:RATE or ANALOG:USED are then read askew, the analog values of one frame passing for points of the next;
-where the header accounts for the length of the file and the parameters do not, `read_samples` follows the header. And
-ezc3d 1.7 writes parameters anew, and on the way drops groups without a name, changes types, loses the camera masks of
-integer files, and refuses files whose labels are fewer than their points (measured on `c3d_formats`); a
-`ParameterSection` gives every record that is not asked to change back byte for byte.
+where the header accounts for the length of the file and the parameters do not, `read_samples` follows the header. The
+words of its first and last frame cannot count beyond 65535: where they, or FRAMES, stopped there or began again at
+zero, the number of frames is the one of TRIAL, LONG_FRAMES or further turns of the counter with which the data end
+where the file does. And ezc3d 1.7 writes parameters anew, and on the way drops groups without a name, changes types,
+loses the camera masks of integer files, and refuses files whose labels are fewer than their points (measured on
+`c3d_formats`); a `ParameterSection` gives every record that is not asked to change back byte for byte.
 """
 
 import struct
@@ -31,6 +33,8 @@ from gaitcal.errors import Code
 from gaitcal.io.text_file import FileFault, naming_file, readable_size
 
 BLOCK = 512
+WORD = 1 << 16
+"""Values of a 16-bit word: a header's frame numbers stay at the greatest one, or begin again at zero."""
 C3D_KEY = 0x50
 INTEL, DEC, MIPS = 84, 85, 86
 HEADER_BYTES = 24
@@ -45,7 +49,8 @@ class C3DHeader:
     points: int
     analog_values: int  # A frame: channels times samples a frame
     samples: int  # Analog samples a frame; 0 in some files without ANALOG:RATE
-    frames: int  # By the header; more may follow where the last is 65535
+    frames: int  # By the header, whose counter may have wrapped; more follow where it is `saturated`
+    saturated: bool  # Whether the last frame is the greatest number that the header can hold
     scale: float  # Negative where data are floats; NaN for DEC
     is_float: bool
     start: int  # Byte of the first datum
@@ -53,7 +58,21 @@ class C3DHeader:
     @property
     def data_bytes(self) -> int:
         """Length of the data by the header."""
-        return self.frames * (4 * self.points + self.analog_values) * (4 if self.is_float else 2)
+        return self.frames * self.frame_bytes
+
+    @property
+    def frame_bytes(self) -> int:
+        """Length of one frame: four words of each point, then the analog values."""
+        return (4 * self.points + self.analog_values) * (4 if self.is_float else 2)
+
+    @property
+    def counts(self) -> range:
+        """Numbers of frames that its counter may mean, which begins again at zero; as many as the file can hold."""
+        return range(self.frames, (self.size - self.start) // max(self.frame_bytes, 1) + 1, WORD)
+
+    def fills(self, data_bytes: int) -> bool:
+        """Whether data of this length end where the file does, but for the filling of its last block."""
+        return 0 <= self.size - self.start - data_bytes < 2 * BLOCK
 
 
 @naming_file
@@ -84,13 +103,14 @@ def check_c3d_header(path: Path) -> C3DHeader:
         points=words[1],
         analog_values=words[2],
         samples=words[9],
-        frames=words[4] - words[3] + 1,
+        frames=(words[4] - words[3] + 1) % WORD,
+        saturated=words[4] == WORD - 1,
         scale=struct.unpack("<f", head[12:16])[0] if processor == INTEL else float("nan"),
         # The sign bit of the scale sits in the last byte of an IEEE float, in the second of a DEC one.
         is_float=bool(head[15 if processor == INTEL else 13] & 0x80),
         start=(words[8] - 1) * BLOCK,
     )
-    if header.frames < 1:
+    if words[4] < words[3] and not any(header.fills(n * header.frame_bytes) for n in header.counts if n):
         found = f"frame {words[3]} is its first and {words[4]} its last"
         raise FileFault(found, "header", Code.DAMAGED_RECORDING)
     if header.start < BLOCK:
@@ -102,18 +122,38 @@ def check_c3d_header(path: Path) -> C3DHeader:
     return header
 
 
-def is_askew(header: C3DHeader, points: Array, analogs: Array) -> bool:
-    """True where points (3, np, nf) and analogs (na, ns) do not fill the file, while the header does."""
-    frames = points.shape[2]
-    filled = (frames * 4 * points.shape[1] + analogs.size) * (4 if header.is_float else 2)
-    fits = 0 <= header.size - header.start - header.data_bytes < 2 * BLOCK
-    return frames == header.frames and filled != header.data_bytes and fits
+def layout_of_samples(
+    header: C3DHeader, parameters: Mapping[str, Mapping[str, Any]], points: Array, analogs: Array
+) -> C3DHeader | None:
+    """The header, with its number of frames, by which the samples fill the file; None where those read do.
+
+    `points` (3, np, nf), `analogs` (na, ns): as the parser read them.
+    """
+    read = (4 * points[0].size + analogs.size) * (4 if header.is_float else 2)
+    if not header.frame_bytes or (header.fills(read) and points.shape[2] != header.frames):
+        return None
+    trial, point = parameters.get("TRIAL", {}), parameters.get("POINT", {})
+    start, end = (long_number(trial.get(f"ACTUAL_{name}_FIELD", ())) for name in ("START", "END"))
+    given = [long_number(point.get(name, ())) for name in ("LONG_FRAMES", "FRAMES")]
+    counts = [*header.counts, *([end - start + 1] if start and end else []), *(count for count in given if count)]
+    if header.saturated:
+        counts.append((header.size - header.start) // header.frame_bytes)
+    whole = next((n for n in counts if n > 0 and header.fills(n * header.frame_bytes)), None)
+    return replace(header, frames=whole) if whole and whole * header.frame_bytes != read else None
+
+
+def long_number(words: Any) -> int | None:
+    """A number that stands in two 16-bit words, the lower first, or in one float; None where there is none."""
+    values = np.asarray(words, dtype=np.float64).ravel()
+    if not 1 <= len(values) <= 2 or not np.isfinite(values).all():
+        return None
+    return int(values[0]) if len(values) == 1 else int(values[0]) % WORD + WORD * (int(values[1]) % WORD)
 
 
 def read_samples(path: Path, header: C3DHeader, parameters: Mapping[str, Mapping[str, Any]]) -> tuple[Array, Array]:
     """Points (3, np, nf), NaN where missing, and analogs (na, ns), both in the units of the file."""
     if header.processor != INTEL:
-        raise FileFault("found DEC encoding without ANALOG:RATE; save the file again in Intel format")
+        raise FileFault("found DEC encoding and parameters that do not fit; save the file again in Intel format")
     kind = np.dtype("<f4") if header.is_float else np.dtype("<i2")
     length = header.data_bytes // kind.itemsize
     try:
@@ -122,13 +162,16 @@ def read_samples(path: Path, header: C3DHeader, parameters: Mapping[str, Mapping
         raise FileFault(f"cannot be read ({error})", code=Code.UNREADABLE) from None
     # a frame: x y z and residual of every point, then `samples` times all channels; a negative residual is a gap
     rows = raw.reshape(header.frames, -1)
-    quads = rows[:, : 4 * header.points].reshape(header.frames, header.points, 4)
+    # where the length of the file alone counts the frames, zeros that fill its last block may pass for some
+    if header.saturated:
+        rows = rows[: np.flatnonzero(rows.any(axis=1))[-1] + 1] if rows.any() else rows[:1]
+    quads = rows[:, : 4 * header.points].reshape(len(rows), header.points, 4)
     points = quads[:, :, :3] * (1.0 if header.is_float else header.scale)
     points[quads[:, :, 3] < 0] = np.nan
     samples = max(1, header.samples)
     if header.analog_values % samples:
         samples = 1
-    analogs = rows[:, 4 * header.points :].reshape(header.frames * samples, -1).T
+    analogs = rows[:, 4 * header.points :].reshape(len(rows) * samples, -1).T
     group = parameters.get("ANALOG", {})
 
     def per_channel(name: str, default: float) -> Array:
@@ -307,12 +350,33 @@ def parse_section(section: bytes) -> ParameterSection:
             end = at + 2 if group < 0 else at + 2 + _extent(section[at + 2 :])[3]
             end += 1 + section[end]
         if end > len(section) or end < at + 3:
-            raise ValueError(f"the parameter {name} is damaged")
+            raise ValueError(f"{_named(name)} is damaged")
         records.append(Record(abs(group), name, section[at + 2 : end], is_group=group < 0, locked=length < 0))
         if offset == 0:
             break
         at = end
     return ParameterSection(tuple(records), section[3])
+
+
+def _named(name: str) -> str:
+    """The parameter of that name; what follows a damaged one has a name of any bytes."""
+    return f"the parameter {name}" if name.isidentifier() and name.isascii() else "a record of its parameters"
+
+
+def find_damage(content: bytes) -> str:
+    """Say what is wrong with the parameters of a C3D file; empty where every record of them can be read."""
+    at = (content[0] - 1) * BLOCK
+    try:
+        section = parse_section(content[at : at + content[at + 2] * BLOCK])
+        for record in (record for record in section.records if not record.is_group):
+            kind, _, _, end = _extent(record.content)
+            if kind not in (TEXT, *_KINDS):
+                return f"{_named(record.name)} has the type {kind}; allowed are -1, 1, 2 and 4"
+            if end > len(record.content):
+                return f"{_named(record.name)} is longer than its record"
+    except (ValueError, IndexError, struct.error) as fault:
+        return str(fault) if isinstance(fault, ValueError) else "its parameters are cut short"
+    return ""
 
 
 def decode_floats(data: bytes, processor: int) -> Array:

@@ -7,12 +7,13 @@ from typing import Any
 
 import numpy as np
 
-from gaitcal.arrays import Array, cross
+from gaitcal.arrays import Array, BoolArray, cross
 from gaitcal.io import force_plate
 from gaitcal.io.recording import ForcePlate
 
 Parameters = Mapping[str, Mapping[str, Any]]
 CHANNELS = {1: 6, 2: 6, 3: 8, 4: 6}  # Channels of each plate type read here
+CONTRADICTED = "says in its UNITS"  # In a note on a unit that the data contradict
 DOUBTFUL = 0.2  # Share of centres of pressure outside the plate from which the user is told
 
 
@@ -33,14 +34,14 @@ class MeasuredPlate:
 
 
 def measured_plates(
-    parameters: Parameters, analogs: Array, first: float, rate: float, metres: float
+    parameters: Parameters, analogs: Array, first: float, rate: float, metres: float, markers: Array
 ) -> tuple[tuple[MeasuredPlate, ...], tuple[str, ...]]:
     """All usable plates and notes on the rest.
 
     `analogs` (na, ns) are all analog channels at `rate` Hz, in the units of the file (N, and for moments N times the
     length of POINT:UNITS unless ANALOG:UNITS says otherwise); `first` tells how many samples the clock was past zero
-    at the first one. `metres` is the length of POINT:UNITS. A plate that cannot be placed or read is left out, with a
-    note.
+    at the first one. `metres` is the length of POINT:UNITS. `markers` (nf, nm, 3) m in the axes of the file show when
+    somebody is over a plate. A plate that cannot be placed or read is left out, with a note.
     """
     group = parameters.get("FORCE_PLATFORM", {})
     types, used = _numbers(group, "TYPE").ravel(), _numbers(group, "USED").ravel()
@@ -53,7 +54,7 @@ def measured_plates(
     notes: list[str] = []
     for index in range(count):
         try:
-            plate, plate_notes = _plate(parameters, index, analogs, first, rate, metres)
+            plate, plate_notes = _plate(parameters, index, analogs, first, rate, metres, markers)
         except ValueError as fault:
             notes.append(f"Plate {index + 1} left out: {fault}.")
             continue
@@ -82,7 +83,7 @@ def stand_up(plates: tuple[MeasuredPlate, ...], up: Array) -> tuple[tuple[ForceP
 
 
 def _plate(
-    parameters: Parameters, index: int, analogs: Array, first: float, rate: float, metres: float
+    parameters: Parameters, index: int, analogs: Array, first: float, rate: float, metres: float, markers: Array
 ) -> tuple[MeasuredPlate, list[str]]:
     group = parameters["FORCE_PLATFORM"]
     kind = _numbers(group, "TYPE").ravel()[index]
@@ -101,15 +102,24 @@ def _plate(
     origin = np.zeros(3) if kind == 1 else _column(group, "ORIGIN", index, (3,)) * metres
     if kind == 4:
         channels, torque = _column(group, "CAL_MATRIX", index, (6, 6)) @ channels, metres
-    force, moment = wrench_of(int(kind), channels, origin, metres, metres if torque is None else torque)
+    declared, torque = torque is not None and kind != 4, metres if torque is None else torque
+    scale = _unit_scale(int(kind), channels, origin, metres, torque, frame)
+    if scale != 1.0:
+        what, unit, size = ("centres of pressure", "m", metres) if kind == 1 else ("moments", "N·m", torque)
+        why = f"not {size:g} {unit} as the file {CONTRADICTED if declared or kind == 1 else 'leads to expect'}"
+        why += ": only so does the centre of pressure move under the foot, on the plate"
+        notes.append(f"its {what} are in units of {scale * size:g} {unit}, {why}")
+        metres, torque = (metres * scale if kind == 1 else metres), torque * scale
+    force, moment = wrench_of(int(kind), channels, origin, metres, torque)
     # ORIGIN without a height does not betray its sign; the plate itself does.
     if kind in (2, 4) and force_plate.outside_share(force, moment, frame) > 0.5:
         other = moment + 2.0 * cross(_below(origin), force)
         if force_plate.outside_share(force, other, frame) < 0.1:
             moment = other
             notes.append("ORIGIN has the opposite sign (the centre of pressure lies on the plate only so)")
-    empty, was_empty = force_plate.offset(force, moment, rate)
-    if not was_empty:
+    frames = np.arange(begin, end) * len(markers) // analogs.shape[1]
+    empty = force_plate.offset(force, moment, rate, *(mask[frames] for mask in _presence(group, frame, markers)))
+    if empty is None:
         notes.append("never empty, so that its offset is unknown and was left in")
     elif np.linalg.norm(empty[:3]) > force_plate.OFFSET_TOLD_N:
         force, moment = force - empty[:3], moment - empty[3:]
@@ -123,6 +133,38 @@ def _plate(
         )
     turn, time = frame.rotation.T, np.asarray((first + np.arange(begin, end)) / rate, dtype=np.float64)
     return MeasuredPlate(name=str(index + 1), time=time, force=force @ turn, moment=moment @ turn, frame=frame), notes
+
+
+def _unit_scale(
+    kind: int, channels: Array, origin: Array, metres: float, torque: float, frame: force_plate.PlateFrame
+) -> float:
+    """By what the unit of the moments (type 1: of the centres of pressure) is to be multiplied; nearly always 1.
+
+    Moments in N·m that are taken for N·mm leave the centre of pressure within a millimetre of the sensor's axis,
+    whoever walks; the reverse puts it far beyond the plate. Another unit is taken where this one does either, and that
+    one neither.
+    """
+
+    def fits(scale: float, most: float) -> bool:
+        """Whether at most such a share of the centres of pressure is outside the plate, and they move at all."""
+        units = metres * (scale if kind == 1 else 1.0), torque * scale
+        outside = force_plate.outside_share(*wrench_of(kind, channels, origin, *units), frame)
+        about_sensor = wrench_of(kind, channels, np.zeros(3), *units)
+        return np.isnan(outside) or (outside < most and force_plate.travel(*about_sensor) > force_plate.SWAY_M)
+
+    if kind == 3 or fits(1.0, 0.5):
+        return 1.0
+    others = [unit / (metres if kind == 1 else torque) for unit in (1e-3, 1.0)]
+    fitting = [scale for scale in others if fits(scale, 0.1)]
+    return fitting[0] if len(fitting) == 1 else 1.0
+
+
+def _presence(group: Mapping[str, Any], frame: force_plate.PlateFrame, markers: Array) -> tuple[BoolArray, ...]:
+    """(nf,) frames with somebody over a plate; with nobody, as ZERO and the markers have it; as the markers have it."""
+    occupied, known = force_plate.over_plate(markers, frame)
+    first, last = zero if len(zero := _numbers(group, "ZERO").ravel()) == 2 else (1.0, 0.0)
+    named = np.isin(np.arange(1, len(markers) + 1), np.arange(max(first, 1), last + 1))
+    return occupied, named & ~occupied, known & ~occupied
 
 
 def wrench_of(kind: int, channels: Array, origin: Array, metres: float, torque: float) -> tuple[Array, Array]:

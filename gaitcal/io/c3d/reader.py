@@ -22,7 +22,8 @@ from gaitcal.arrays import Array
 from gaitcal.errors import Code
 from gaitcal.io import axes, segment_poses
 from gaitcal.io import labels as labelling
-from gaitcal.io.c3d.layout import C3DHeader, check_c3d_header, is_askew, read_samples
+from gaitcal.io.c3d import layout
+from gaitcal.io.c3d.layout import WORD, C3DHeader
 from gaitcal.io.c3d.plates import measured_plates, stand_up
 from gaitcal.io.recording import Recording, zeros_to_missing
 from gaitcal.io.text_file import FileFault, naming_file
@@ -190,19 +191,26 @@ def _content(path: str) -> dict[str, Any]:
 @naming_file
 def read_c3d(path: Path) -> Recording:
     """Markers and plates of a C3D file; InputError where it cannot be read or names no marker."""
-    header = check_c3d_header(path)
+    header = layout.check_c3d_header(path)
     try:
         raw = parse_c3d(path, header.size)
     except ValueError as error:
-        message = f"damaged or not a C3D file: the parser says '{str(error)[:120]}'"
-        raise FileFault(message, code=Code.DAMAGED_RECORDING) from None
+        raise FileFault(_damage(path, str(error)), code=Code.DAMAGED_RECORDING) from None
     except ParserDiedError as error:
         raise FileFault(f"damaged: the parser did not survive it, {error}", code=Code.DAMAGED_RECORDING) from None
     try:
         return _recording(path, header, raw)
     except (ValueError, TypeError, IndexError, OverflowError) as error:
-        message = f"damaged: its parameters contradict each other ({error})"
-        raise FileFault(message, code=Code.DAMAGED_RECORDING) from None
+        raise FileFault(_damage(path, str(error)), code=Code.DAMAGED_RECORDING) from None
+
+
+def _damage(path: Path, error: str) -> str:
+    """What is wrong with a file that a library cannot read, in the words of the format instead of the library's."""
+    found = "numbers in its header and its parameters contradict each other"
+    if any(word in error for word in ("alloc", "Memory", "length_error", "vector")):
+        found = "a number in its header or parameters asks for more data than the file can hold"
+    found = layout.find_damage(path.read_bytes()) or found
+    return f"damaged: {found}; export it again from the program that recorded it"
 
 
 def _recording(path: Path, header: C3DHeader, raw: Mapping[str, Any]) -> Recording:
@@ -214,17 +222,22 @@ def _recording(path: Path, header: C3DHeader, raw: Mapping[str, Any]) -> Recordi
         raise FileFault(f"{found}; labelled markers are needed, the plates in the same file")
     rate = _rate(parameters, float(raw["rate"]))
     per_metre, notes = _unit(parameters)
-    if is_askew(header, points, analogs):
-        points, analogs = read_samples(path, header, parameters)
-        notes += ("ANALOG parameters are missing or do not fit the data, which were laid out after the header.",)
+    if not raw["poses"].shape[2] and (whole := layout.layout_of_samples(header, parameters, points, analogs)):
+        counted, (points, analogs) = points.shape[2], layout.read_samples(path, whole, parameters)
+        note = "ANALOG parameters are missing or do not fit the data, which were laid out after the header."
+        if points.shape[2] != counted:
+            note = f"The header counts {counted} frames; the file holds {points.shape[2]}, all of which were read."
+        notes += (note,)
     frames = points.shape[2]
     if frames < 1:
         raise FileFault("found no frame of points; at least one is needed")
-    first = _first_frame(parameters, int(raw["first_frame"]))
+    first, first_notes = _first_frame(parameters, int(raw["first_frame"]))
+    notes += first_notes
     computed: dict[str, int] = {}
     poses, names = _poses(parameters, raw["poses"], frames, per_metre)
     if points.shape[1] or not names:
         keep, labels, label_notes, computed = _markers(parameters, points.shape[1])
+        segment_poses.refuse_origins(labels)
         markers = np.ascontiguousarray(points[:, keep].transpose(2, 1, 0)) / per_metre
         if names:
             label_notes += (f"{len(names)} segment poses left out, as the file has markers.",)
@@ -237,7 +250,7 @@ def _recording(path: Path, header: C3DHeader, raw: Mapping[str, Any]) -> Recordi
         markers[absurd] = np.nan
     markers, gap_notes = zeros_to_missing(markers)
     ratio = analogs.shape[1] / frames
-    plates, plate_notes = measured_plates(parameters, analogs, first * ratio, rate * ratio, 1.0 / per_metre)
+    plates, plate_notes = measured_plates(parameters, analogs, first * ratio, rate * ratio, 1.0 / per_metre, markers)
     vertical = axes.find_vertical(markers, tuple(plate.as_plate() for plate in plates)) or USUAL_VERTICAL
     standing, turn_notes = stand_up(plates, vertical.direction)
     notes += gap_notes + plate_notes + turn_notes
@@ -286,14 +299,14 @@ def _rate(parameters: Mapping[str, Mapping[str, Any]], header: float) -> float:
     raise FileFault(f"found {header:g} Hz; 0.1 to 100000 are allowed", "POINT:RATE", Code.DAMAGED_RECORDING)
 
 
-def _first_frame(parameters: Mapping[str, Mapping[str, Any]], header: int) -> int:
-    """Frames before the first one of the file. The header's 16 bits are completed from TRIAL where they agree."""
-    words = np.asarray(parameters.get("TRIAL", {}).get("ACTUAL_START_FIELD", []), dtype=np.int64).ravel()
-    if len(words) == 2:
-        actual = (int(words[0]) & 0xFFFF) + ((int(words[1]) & 0xFFFF) << 16) - 1
-        if actual >= 0 and actual % 65536 == header % 65536:
-            return actual
-    return max(0, header)
+def _first_frame(parameters: Mapping[str, Mapping[str, Any]], header: int) -> tuple[int, tuple[str, ...]]:
+    """Frames before the first one, by TRIAL where the header began again at zero or stopped; a note if unknown."""
+    stopped = header >= WORD - 2
+    start = layout.long_number(parameters.get("TRIAL", {}).get("ACTUAL_START_FIELD", ()))
+    if start is not None and start > 0 and ((start - 1 - header) % WORD == 0 or (stopped and start > header)):
+        return start - 1, ()
+    note = f"The first frame is {WORD - 1}, the greatest that the header can hold: times may begin later."
+    return max(0, header), (note,) if stopped else ()
 
 
 def _unit(parameters: Mapping[str, Mapping[str, Any]]) -> tuple[float, tuple[str, ...]]:

@@ -169,6 +169,7 @@ class PointKind(Enum):
     ANGLE = ("ANGLES", "ANGLE")
     MOMENT = ("MOMENTS", "MOMENT")
     POWER = ("POWERS", "POWER")
+    FORCE = ("FORCES", "FORCE")
     PLACE = ("MODELED_MARKERS", "MODELED_MARKER")
 
 
