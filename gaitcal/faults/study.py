@@ -15,6 +15,7 @@ from gaitcal.errors import Finding, InputError, Severity
 from gaitcal.faults import (
     exchanged,
     foot_on_plate,
+    joint_centres,
     joint_places,
     knee_line,
     knocked,
@@ -152,6 +153,7 @@ def check_study(study: Study) -> tuple[Finding, ...]:
     return (
         *findings,
         *(knee_line.knee_lines(measured, findings) if study.marker_set.noise is None else ()),
+        *joint_centres.named_centres(of.trials),
         *plates.body_mass(of.trials),
         *sampling.rates_differ(of.trials),
         *sampling.same_recording(of.trials),
