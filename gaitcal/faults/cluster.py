@@ -9,9 +9,14 @@ mean, so that a marker that is elsewhere for a while does not bend it) and the s
 
     m = median_f R_f^T (x_f - o_f),      (R_f, o_f) = the rigid motion of m nearest to x_f,
 
-laid on the static shape s by the nearest rigid motion. Then e = m - s is how far each marker sits from its static place
-all the time, and |x_f - R_f m - o_f| how far it strays from its mean place in a frame. A cluster of fewer than three
-markers borrows: a thigh the hip centre as the pelvis carries it, a shank and a foot the lateral marker above.
+over the frames in which the joints beside the segment are flexed about as in the static trial, as soft tissue goes with
+flexion, laid on the static shape s by the nearest rigid motion. Then e = m - s is how far each marker sits from its
+static place all the time, and R_f^T (x_f - o_f) less its median how far it strays from its mean place in a frame. Where
+no frame is near the static posture, what soft tissue does on the way there is unknown: in walking, whose knees spread
+by SPREAD_RAD, it moves each marker by sigma (`soft_tissue_artefact.SIZES`), at f rad beyond by sigma f / SPREAD_RAD.
+
+A cluster of fewer than three markers borrows: a thigh the hip centre as the pelvis carries it, a shank and a foot the
+lateral marker above.
 """
 
 from collections.abc import Callable, Collection, Mapping
@@ -21,6 +26,7 @@ from functools import cached_property
 import numpy as np
 
 from gaitcal.arrays import Array, BoolArray
+from gaitcal.calibration import soft_tissue_artefact
 from gaitcal.io.recording import Recording, seen_mask, still_window
 from gaitcal.model import chain, linkage, segment_frames
 from gaitcal.model.landmarks import static_posture
@@ -34,6 +40,11 @@ USUAL_HEIGHT_M = 1.75
 longer ways between markers, and those grow with them."""
 UP = np.array([0.0, 1.0, 0.0])
 FEWEST = 3  # Points that tell how a segment is turned
+NEAR_RAD = np.deg2rad(30.0)
+"""Flexion from the static posture within which a joint is near it; at least the nearest tenth of the frames."""
+NEAREST_PERCENT = 10.0
+SPREAD_RAD = np.deg2rad(20.0)
+"""Standard deviation of the flexion of a knee over a stride of walking, in which sizes of soft tissue are measured."""
 SEEN_SHARE, SEEN_FRAMES = 0.1, 5  # A marker seen in fewer frames takes no part
 MOST_FRAMES = 150  # Frames, spread over the trial, from which the shape is found
 ROUNDS = 4  # Of the shape: from a start 30 mm off it is then still within 0.1 mm
@@ -130,6 +141,7 @@ class Cluster:
     away: Array  # (nf, n, 3) m, from the mean place, in static axes; NaN where the marker or the segment is not seen
     size: float  # Of the person, by which limits in metres grow
     determined: BoolArray  # (nf,) whether three points not on a line were seen
+    far: float = 0.0  # rad, median flexion of the joints beside it in the frames of the shape, beyond NEAR_RAD
     loose: tuple[int, ...] = ()  # Its own markers that mark no landmark: what is worn as a cluster
 
     @cached_property
@@ -166,6 +178,21 @@ class Cluster:
         return float(sizes[0] / sizes[1])
 
     @property
+    def tissue(self) -> float:
+        """m, what soft tissue does to a marker beside the others between the static posture and the frames of the shape
+        (`tissue_spread`); all together against a point that they borrow.
+        """
+        shift = soft_tissue_artefact.SIZES[self.part].shift if self.borrowed else 0.0
+        return tissue_spread(float(np.hypot(soft_tissue_artefact.SIZES[self.part].own, shift)), self.far)
+
+    @property
+    def size_spread(self) -> float:
+        """Standard deviation of `size_ratio` as soft tissue moves each marker by itself."""
+        own = self.static[: self.own]
+        size = float(np.linalg.norm(own - own.mean(axis=0)))
+        return tissue_spread(soft_tissue_artefact.SIZES[self.part].own, self.far) / size
+
+    @property
     def swelling(self) -> float:
         """Share by which scatter across the lines between markers lengthens them."""
         away = self.static[: self.own] - self.static[: self.own].mean(axis=0)
@@ -194,6 +221,14 @@ class Cluster:
         return path
 
 
+def tissue_spread(size: float, far: float) -> float:
+    """m, standard deviation along each axis of a component of soft tissue artefact, of a `size` (m) in walking, where
+    the joints beside it are flexed by `far` (rad) beyond what is near, in a person of unknown softness.
+    """
+    softness = float(np.exp(soft_tissue_artefact.LOG_SPREAD**2))  # Root mean square of a log-normal scale
+    return softness * size * far / SPREAD_RAD
+
+
 def clusters_of(
     recording: Recording, stance: Stance, landmarks: Mapping[str, tuple[str, ...]], judged: Callable[[str], bool]
 ) -> dict[str, Cluster]:
@@ -218,7 +253,7 @@ def clusters_of(
             return None
         return labels[0], stance.landmarks[name], recording.markers[:, place[labels[0]]]
 
-    for segment in SEGMENTS:
+    def add(segment: str, near: BoolArray | None = None, far: float = 0.0) -> None:
         labels = [label for label in stance.points.get(segment, {}) if usable(label)]
         static = [stance.points[segment][label] for label in labels]
         paths = [recording.markers[:, place[label]] for label in labels]
@@ -226,7 +261,7 @@ def clusters_of(
         if lent is not None:
             name, at, path = lent
             labels, static, paths = [*labels, name], [*static, at], [*paths, path]
-        known = _fitted(np.array(static), np.stack(paths, axis=1)) if len(labels) >= FEWEST else None
+        known = _fitted(np.array(static), np.stack(paths, axis=1), near) if len(labels) >= FEWEST else None
         if known is not None:
             own = len(labels) - (lent is not None)
             shape, fit, away = known
@@ -242,15 +277,40 @@ def clusters_of(
                 away=away,
                 size=stance.size,
                 determined=fit.determined,
+                far=far,
                 loose=tuple(i for i in range(own) if not any(labels[i] in named for named in landmarks.values())),
             )
+
+    for segment in SEGMENTS:
+        add(segment)
+    flexed = {segment: _flexion(out, segment) for segment in out}
+    for segment, flexion in flexed.items():
+        known = np.isfinite(flexion)
+        if known.any() and float(flexion[known].max()) > NEAR_RAD:
+            near = known & (flexion <= max(NEAR_RAD, float(np.percentile(flexion[known], NEAREST_PERCENT))))
+            add(segment, near, max(0.0, float(np.median(flexion[near])) - NEAR_RAD))
     return out
 
 
-def _fitted(static: Array, paths: Array) -> tuple[Array, RigidFit, Array] | None:
-    """Shape, motion and ways away of points with paths (nf, n, 3); None where no frame shows three of them."""
+def _flexion(clusters: Mapping[str, Cluster], segment: str) -> Array:
+    """(nf,) rad, from the static posture, of the joint beside a segment that is flexed most; NaN where none is seen."""
+    part, _, side = segment.partition("_")
+    parts = ("pelvis", "thigh", "shank", "foot")
+    beside = [p for p in parts if abs(parts.index(p) - parts.index(part)) == 1]
+    names = [p if p == "pelvis" else f"{p}_{s}" for p in beside for s in (side or linkage.SIDES)]
+    one, out = clusters[segment], np.full(len(clusters[segment].determined), np.nan)
+    for other in (clusters[name] for name in names if name in clusters):
+        angle = np.abs(chain.root_angles(one.rotation.transpose(0, 2, 1) @ other.rotation)[:, 0])
+        out = np.fmax(out, np.where(one.determined & other.determined, angle, np.nan))
+    return out
+
+
+def _fitted(static: Array, paths: Array, near: BoolArray | None = None) -> tuple[Array, RigidFit, Array] | None:
+    """Shape, in the frames `near` (nf,) where they show it, motion and ways away of points with paths (nf, n, 3); None
+    where no frame shows three of them.
+    """
     visible = seen_mask(paths)
-    enough = np.flatnonzero(visible.sum(axis=1) >= FEWEST)
+    enough = np.flatnonzero((visible.sum(axis=1) >= FEWEST) & (near if near is not None else True))
     if len(enough) < min(SEEN_FRAMES, len(paths)):
         return None
     some = enough[:: max(1, len(enough) // MOST_FRAMES)]
@@ -263,7 +323,7 @@ def _fitted(static: Array, paths: Array) -> tuple[Array, RigidFit, Array] | None
     fit = rigid_fit(shape, measured, weight)
     away = (paths - fit.origin[:, None]) @ fit.rotation - shape
     away[~fit.determined] = np.nan
-    return shape, fit, away
+    return shape, fit, away if near is None else away - np.nanmedian(away, axis=0)
 
 
 def _mean_shape(start: Array, paths: Array, seen: BoolArray, measured: Array, weight: Array) -> Array | None:

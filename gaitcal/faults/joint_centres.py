@@ -86,7 +86,10 @@ def _scatter(recording: Recording, one: str, other: str) -> float:
     """m, standard deviation of the distance of two points; NaN where they are hardly seen together."""
     if not {one, other} <= set(recording.labels):
         return np.nan
-    a, b = (recording.markers[:: max(1, len(recording.time) // MOST_FRAMES), recording.labels.index(m)] for m in (one, other))
+    a, b = (
+        recording.markers[:: max(1, len(recording.time) // MOST_FRAMES), recording.labels.index(m)]
+        for m in (one, other)
+    )
     apart = np.linalg.norm(a - b, axis=1)
     apart = apart[np.isfinite(apart)]
     return float(apart.std()) if len(apart) >= min(TOGETHER, len(recording.time)) else np.nan

@@ -157,9 +157,7 @@ def _with_measured(
     rename |= {old: f"{old} (centre)" for old, new in centres.items() if old == new}
     rename |= {other: named for named, other in found.items()}
     labels = respelt([m for i in choice.members for m in recordings[i].labels], rename)
-    return replace(
-        choice, rename=rename, centres=tuple(centres), explained=explained(choice.marker_set, labels)
-    )
+    return replace(choice, rename=rename, centres=tuple(centres), explained=explained(choice.marker_set, labels))
 
 
 def _with_strangers(choice: SetChoice, spelt: Mapping[int, Recording], session: Sitting, options: Options) -> SetChoice:

@@ -219,8 +219,8 @@ def movement(
         return Movement(shows=Shows.STANDS, evidence=words)
     if len(time) < FEWEST_FRAMES or time[-1] - time[0] < SHORTEST_S:
         return Movement(shows=Shows.NOTHING, evidence=f"{len(time)} frames, too short to tell")
-    pelvis = _middle(recording, marker_set, "pelvis")
-    feet = [_middle(recording, marker_set, f"foot_{side}") for side in linkage.SIDES]
+    pelvis = middle(recording, marker_set, "pelvis")
+    feet = [middle(recording, marker_set, f"foot_{side}") for side in linkage.SIDES]
     walk = _walk(pelvis, feet, _facing(recording, marker_set, reference, pelvis))
     if walk is not None:
         shows, evidence, certain = walk
@@ -236,7 +236,7 @@ def movement(
     return _one_joint(pelvis, turns, sway(recording, marker_set))
 
 
-def _middle(recording: Recording, marker_set: MarkerSet, segment: str) -> Array:
+def middle(recording: Recording, marker_set: MarkerSet, segment: str) -> Array:
     """(nf, 3) m, middle of the markers of a segment that are seen most, in the frames with all of them; else NaN."""
     labels = (*marker_set.tracking.get(segment, ()), *marker_set.static_only.get(segment, ()))
     columns = [i for i, label in enumerate(recording.labels) if label in labels]
