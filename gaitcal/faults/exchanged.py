@@ -57,8 +57,9 @@ class Exchange:
 
 def exchanged(trial: MarkerEvidence) -> Iterator[Finding]:
     """Labels exchanged for a part of the trial, or for all of it."""
-    back = trial.as_read is not None
+    mended, left = trial, set[frozenset[str]]()
     if trial.as_read is not None:
+        left = {frozenset((one.label, one.other)) for one in exchanges(mended)}
         trial = trial.with_recording(trial.as_read)
     for found in exchanges(trial):
         count = int(found.frames.sum())
@@ -69,8 +70,9 @@ def exchanged(trial: MarkerEvidence) -> Iterator[Finding]:
         if max(trial.weight(found.label), trial.weight(found.other)) <= NEGLIGIBLE_WEIGHT:
             severity = Severity.INFO
             cure = "no harm done, as both have little weight or none; label that part again to use them"
-        elif back and _of_a_part(trial, found):
-            severity, code = Severity.WARNING, Code.EXCHANGED_BACK
+        elif mended.as_read is not None and _of_a_part(trial, found):
+            whole = frozenset((found.label, found.other)) not in left
+            severity, code = Severity.INFO if whole else Severity.WARNING, Code.EXCHANGED_BACK
             message, cure = f"{message}; exchanged back", "label that part again, so that other programs have it right"
         elif not _of_a_part(trial, found):
             cure = "exchange the two labels in the file"
@@ -106,8 +108,7 @@ def exchanges(trial: MarkerEvidence) -> tuple[Exchange, ...]:
             found[pair] = exchange
         if known is not None:
             found[pair] = replace(found[pair], frames=known.frames | exchange.frames)
-    for exchange in by_jumps(trial):
-        found.setdefault(frozenset((exchange.label, exchange.other)), exchange)
+    found |= {frozenset((exchange.label, exchange.other)): exchange for exchange in by_jumps(trial)}  # frame by frame
     return tuple(found.values())
 
 

@@ -86,12 +86,14 @@ def missing(trial: MarkerEvidence) -> Iterator[Finding]:
 
 
 def _needed(trial: MarkerEvidence, label: str) -> bool:
-    """Whether the torques of the legs lack a marker: one of pelvis or legs with weight, unless it marks the medial side
-    of a joint, which the static trial shows and nobody wears to move.
+    """Whether torques lack a marker: one with weight of pelvis or legs, unless it marks the medial side of a joint, which
+    the static trial shows and nobody wears to move; or one of a trunk that too few others show. None needs arms.
     """
-    segment = trial.marker_set.segment_of.get(label, "")
-    if trial.weight(label) <= NEGLIGIBLE_WEIGHT or (segment and segment not in linkage.LOWER_BODY):
+    segment = trial.marker_set.segment_of.get(label, "pelvis")
+    if trial.weight(label) <= NEGLIGIBLE_WEIGHT:
         return False
+    if segment not in linkage.LOWER_BODY:
+        return segment == "head_trunk" and len(trial.weighed(segment)) < FEWEST_MARKERS
     shown = () if trial.is_static or trial.stance is None else trial.stance.landmarks
     medial = (m for name in shown if "_med_" in name for option in trial.marker_set.options(name) for m in option)
     return label not in medial

@@ -108,7 +108,7 @@ class Session:
     checked: tuple[Finding, ...] = ()  # What the checks found before anything was fitted
     possible_moves: Mapping[str, Mapping[str, PossibleMove]] = field(default_factory=dict)
     """Trial -> segment -> what its markers may have done since the static trial."""
-    findings: tuple[Finding, ...] = ()  # What robust losses left out or put right
+    findings: tuple[Finding, ...] = ()  # What robust losses left out
     joint: joint_phases.JointCalibration | None = None  # None where the settings leave joint parameters alone
     static_angles: Mapping[str, float] = field(default_factory=dict)
     """Coordinate -> m, rad: with which the last model meets the static posture."""
