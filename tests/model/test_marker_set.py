@@ -42,8 +42,8 @@ def write(folder: Path, text: str) -> Path:
 
 def test_built_in_sets() -> None:
     ours = (
-        "cast conventional73 davis gait2354 ior key-points landmarks opencap opencap-measured plug-in-gait poses published "
-        "rajagopal rcnl ufabc visual3d"
+        "cast conventional73 davis gait2354 ior key-points landmarks opencap opencap-measured plug-in-gait poses "
+        "published rajagopal rcnl ufabc visual3d"
     )
     assert built_in_sets() == tuple(ours.split())
     for name in built_in_sets():
