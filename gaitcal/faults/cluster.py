@@ -9,11 +9,10 @@ mean, so that a marker that is elsewhere for a while does not bend it) and the s
 
     m = median_f R_f^T (x_f - o_f),      (R_f, o_f) = the rigid motion of m nearest to x_f,
 
-over the frames in which the joints beside the segment are flexed about as in the static trial, as soft tissue goes with
-flexion, laid on the static shape s by the nearest rigid motion. Then e = m - s is how far each marker sits from its
-static place all the time, and R_f^T (x_f - o_f) less its median how far it strays from its mean place in a frame. Where
-no frame is near the static posture, what soft tissue does on the way there is unknown: in walking, whose knees spread
-by SPREAD_RAD, it moves each marker by sigma (`soft_tissue_artefact.SIZES`), at f rad beyond by sigma f / SPREAD_RAD.
+over the frames in which the joints beside the segment are flexed about as in the static trial, laid on the static
+shape s by the nearest rigid motion. Then e = m - s is how far each marker sits from its static place all the time, and
+R_f^T (x_f - o_f) less its median how far it strays in a frame. Where no frame is near the static posture, soft tissue
+that moves a marker by sigma in walking (`soft_tissue_artefact.SIZES`) moves it by sigma f / SPREAD_RAD at f rad beyond.
 
 A cluster of fewer than three markers borrows: a thigh the hip centre as the pelvis carries it, a shank and a foot the
 lateral marker above.
@@ -172,31 +171,26 @@ class Cluster:
         return out
 
     @property
+    def static_size(self) -> float:
+        """m, root of the sum of the squares of the distances of its own markers from their middle."""
+        return float(np.linalg.norm(self.static[: self.own] - self.static[: self.own].mean(axis=0)))
+
+    @property
     def size_ratio(self) -> float:
-        """Size of the cluster against the static one, RMS about the middle."""
-        sizes = [np.linalg.norm(p[: self.own] - p[: self.own].mean(axis=0)) for p in (self.shape, self.static)]
-        return float(sizes[0] / sizes[1])
+        """Size of the cluster against the static one."""
+        return float(np.linalg.norm(self.shape[: self.own] - self.shape[: self.own].mean(axis=0))) / self.static_size
 
-    @property
-    def tissue(self) -> float:
-        """m, what soft tissue does to a marker beside the others between the static posture and the frames of the shape
-        (`tissue_spread`); all together against a point that they borrow.
+    def tissue(self, *, together: bool = False) -> float:
+        """m, standard deviation along each axis of what soft tissue does to a marker by itself, or `together` with the
+        others against what they borrow, between the static posture and the frames of the shape.
         """
-        shift = soft_tissue_artefact.SIZES[self.part].shift if self.borrowed else 0.0
-        return tissue_spread(float(np.hypot(soft_tissue_artefact.SIZES[self.part].own, shift)), self.far)
-
-    @property
-    def size_spread(self) -> float:
-        """Standard deviation of `size_ratio` as soft tissue moves each marker by itself."""
-        own = self.static[: self.own]
-        size = float(np.linalg.norm(own - own.mean(axis=0)))
-        return tissue_spread(soft_tissue_artefact.SIZES[self.part].own, self.far) / size
+        size = soft_tissue_artefact.SIZES[self.part]
+        return tissue_spread(float(np.hypot(size.own, size.shift if together and self.borrowed else 0.0)), self.far)
 
     @property
     def swelling(self) -> float:
         """Share by which scatter across the lines between markers lengthens them."""
-        away = self.static[: self.own] - self.static[: self.own].mean(axis=0)
-        return float((self.scatter[: self.own] ** 2).sum() / (away**2).sum())
+        return float((self.scatter[: self.own] ** 2).sum()) / self.static_size**2
 
     def pose_spread(self, point: Array) -> tuple[float, Array]:
         """m, and (3,) rad about x y z: how far the segment's pose at a point (3,) is uncertain as its markers scatter.
@@ -222,17 +216,22 @@ class Cluster:
 
 
 def tissue_spread(size: float, far: float) -> float:
-    """m, standard deviation along each axis of a component of soft tissue artefact, of a `size` (m) in walking, where
-    the joints beside it are flexed by `far` (rad) beyond what is near, in a person of unknown softness.
+    """m, of soft tissue of a `size` (m) in walking, where joints are flexed by `far` (rad) beyond what is near; people
+    are of a softness that is log-normal.
     """
-    softness = float(np.exp(soft_tissue_artefact.LOG_SPREAD**2))  # Root mean square of a log-normal scale
-    return softness * size * far / SPREAD_RAD
+    return float(np.exp(soft_tissue_artefact.LOG_SPREAD**2)) * size * max(0.0, far) / SPREAD_RAD
 
 
 def clusters_of(
-    recording: Recording, stance: Stance, landmarks: Mapping[str, tuple[str, ...]], judged: Callable[[str], bool]
+    recording: Recording,
+    stance: Stance,
+    landmarks: Mapping[str, tuple[str, ...]],
+    judged: Callable[[str], bool],
+    near: Mapping[str, tuple[BoolArray, float]] | None = None,
 ) -> dict[str, Cluster]:
-    """Segment -> its cluster, for pelvis and legs; `judged` tells which markers count."""
+    """Segment -> its cluster, for pelvis and legs; `judged` tells which markers count, `near` of a segment in which
+    frames (nf,) its posture is near the static one, and how far (rad) that still is: without it that is found first.
+    """
     place = {label: i for i, label in enumerate(recording.labels)}
     shares = seen_mask(recording.markers).sum(axis=0)
     needed = max(SEEN_SHARE * len(recording.time), min(SEEN_FRAMES, len(recording.time)))
@@ -253,7 +252,7 @@ def clusters_of(
             return None
         return labels[0], stance.landmarks[name], recording.markers[:, place[labels[0]]]
 
-    def add(segment: str, near: BoolArray | None = None, far: float = 0.0) -> None:
+    for segment in SEGMENTS:
         labels = [label for label in stance.points.get(segment, {}) if usable(label)]
         static = [stance.points[segment][label] for label in labels]
         paths = [recording.markers[:, place[label]] for label in labels]
@@ -261,7 +260,8 @@ def clusters_of(
         if lent is not None:
             name, at, path = lent
             labels, static, paths = [*labels, name], [*static, at], [*paths, path]
-        known = _fitted(np.array(static), np.stack(paths, axis=1), near) if len(labels) >= FEWEST else None
+        frames, far = (near or {}).get(segment, (None, 0.0))
+        known = _fitted(np.array(static), np.stack(paths, axis=1), frames) if len(labels) >= FEWEST else None
         if known is not None:
             own = len(labels) - (lent is not None)
             shape, fit, away = known
@@ -280,16 +280,12 @@ def clusters_of(
                 far=far,
                 loose=tuple(i for i in range(own) if not any(labels[i] in named for named in landmarks.values())),
             )
-
-    for segment in SEGMENTS:
-        add(segment)
-    flexed = {segment: _flexion(out, segment) for segment in out}
-    for segment, flexion in flexed.items():
-        known = np.isfinite(flexion)
-        if known.any() and float(flexion[known].max()) > NEAR_RAD:
-            near = known & (flexion <= max(NEAR_RAD, float(np.percentile(flexion[known], NEAREST_PERCENT))))
-            add(segment, near, max(0.0, float(np.median(flexion[near])) - NEAR_RAD))
-    return out
+    if near is not None:
+        return out
+    flexed = {s: flexion for s in out if np.nanmax(flexion := _flexion(out, s), initial=0.0) > NEAR_RAD}
+    limits = {s: max(NEAR_RAD, float(np.nanpercentile(flexion, NEAREST_PERCENT))) for s, flexion in flexed.items()}
+    near = {s: (f <= limits[s], float(np.median(f[f <= limits[s]])) - NEAR_RAD) for s, f in flexed.items()}
+    return clusters_of(recording, stance, landmarks, judged, near) if near else out
 
 
 def _flexion(clusters: Mapping[str, Cluster], segment: str) -> Array:

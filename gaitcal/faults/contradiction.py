@@ -139,7 +139,7 @@ def possible_moves(clusters: Mapping[str, Cluster], links: Mapping[str, JointLin
 def offset_limit(cluster: Cluster) -> float:
     """m, largest offset of a marker of the cluster, in a person of its size."""
     usual = cluster.size * OFFSET_M[cluster.part] * (REDUCED if cluster.reduced else 1.0)
-    return float(np.hypot(usual, SPREAD * np.sqrt(3.0) * cluster.tissue))
+    return float(np.hypot(usual, SPREAD * np.sqrt(3.0) * cluster.tissue(together=True)))
 
 
 @dataclass

@@ -260,8 +260,7 @@ def odd_scale(trial: MarkerEvidence) -> float | None:
     ratios = np.array([cluster.size_ratio for cluster in trial.clusters.values()])
     scatter = 1.48 * float(np.median(np.abs(ratios - np.median(ratios))))
     margin = min(MOST_MARGIN, 2.5 * scatter / float(np.sqrt(len(ratios))))
-    tissue = np.array([cluster.size_spread for cluster in trial.clusters.values()])
-    margin += 2.0 * float(np.sqrt(np.mean(tissue**2)))
+    margin += 2.0 * float(np.mean([c.tissue() / c.static_size for c in trial.clusters.values()]))
     swollen = float(np.median([c.swelling for c in trial.clusters.values()]))
     return scale if not SCALE[0] - margin <= scale <= SCALE[1] + margin + swollen else None
 

@@ -12,7 +12,7 @@ from pathlib import PurePath, PureWindowsPath
 import numpy as np
 
 from gaitcal.errors import Code, Finding, InputError, Severity
-from gaitcal.faults.joint_centres import measured_instead
+from gaitcal.faults.joint_centres import CENTRE, measured_instead
 from gaitcal.faults.study import check_study
 from gaitcal.io.labels import Facts
 from gaitcal.io.recording import Recording
@@ -82,7 +82,7 @@ def draft_study(folder: folders.Folder, options: Options) -> Draft:
     for choice in choices:
         spelt = {i: _spelt(recordings[i], choice) for i in choice.members}
         session = sitting_of(spelt, {i: files[i].path.stem for i in spelt}, choice.marker_set)
-        if session is not None and (measured := _with_measured(choice, recordings, spelt, session, options)) != choice:
+        if session is not None and (measured := _with_measured(choice, recordings, spelt, session)) is not choice:
             choice = measured
             spelt = {i: _spelt(recordings[i], choice) for i in choice.members}
             session = sitting_of(spelt, {i: files[i].path.stem for i in spelt}, choice.marker_set)
@@ -134,28 +134,19 @@ def _told_height(recordings: Iterable[Recording], options: Options) -> float | N
 
 
 def _with_measured(
-    choice: SetChoice,
-    recordings: Sequence[Recording],
-    spelt: Mapping[int, Recording],
-    session: Sitting,
-    options: Options,
+    choice: SetChoice, recordings: Sequence[Recording], spelt: Mapping[int, Recording], session: Sitting
 ) -> SetChoice:
     """The set with measured markers where files name joint centres as it names lateral markers."""
     static = session.statics[0]
-    posture, moving = session.postures[static], [spelt[i] for i in session.members if i != static]
-    time, tall = spelt[static].time, body_plan.likely_height(session.postures[static].landmarks)
-    height = _told_height(spelt.values(), options) or (tall[0] if tall else None)
-    if choice.proposal is not None or not choice.explained.left_over or height is None:
+    moving = [spelt[i] for i in session.members if i != static]
+    known = choice.proposal is not None or not choice.explained.left_over or choice.marker_set.noise is not None
+    if known or not (found := measured_instead(spelt[static], moving, choice.marker_set)):
         return choice
-    window = slice(*np.searchsorted(time, [posture.start - 1e-9, posture.stop + 1e-9]).tolist())
-    found = measured_instead(spelt[static], window, moving, choice.marker_set, height)
-    if not found:
-        return choice
-    pairs = [pair for i in choice.members for pair in zip(recordings[i].labels, spelt[i].labels, strict=True)]
+    pairs = {pair for i in choice.members for pair in zip(recordings[i].labels, spelt[i].labels, strict=True)}
     centres = {old: new for old, new in pairs if new in found}
     rename = {old: new for old, new in choice.rename.items() if old not in centres}
-    rename |= {old: f"{old} (centre)" for old, new in centres.items() if old == new}
-    rename |= {other: named for named, other in found.items()}
+    rename |= {old: f"{old}{CENTRE}" for old, new in centres.items() if old == new}
+    rename |= {other: label for label, other in found.items()}
     labels = respelt([m for i in choice.members for m in recordings[i].labels], rename)
     return replace(choice, rename=rename, centres=tuple(centres), explained=explained(choice.marker_set, labels))
 

@@ -187,15 +187,13 @@ def _seen(
     """
     why = _resting(standing, moving)
     every = list(dict.fromkeys(m for r in (standing, *moving) for m in r.labels if m not in why))
-    twice = "another path under the name of a marker"
-    why |= {m: twice for m in every if m not in named and m.rpartition("#")[0] in {*named, *every}}
+    why |= {m: "another path under the name of a marker" for m in every if m.rpartition("#")[0] in named}
     every = [m for m in every if m not in why]
     scatter = unnamed_markers.distance_scatter(moving, every)
     words = "keeps its distance from another one better than markers do: computed"
     markers = np.array([not named or m in named for m in every])
     standing_at = unnamed_markers.standing_points(standing, every)
-    computed = {every[i] for i in _computed(scatter, markers, standing_at) if every[i] not in named}
-    why |= dict.fromkeys((m for m in every if m in computed), words)
+    why |= {every[i]: words for i in _computed(scatter, markers, standing_at) if every[i] not in named}
     standing_at = standing_at[[m not in why for m in every]]
     every = [m for m in every if m not in why]
     scatter = unnamed_markers.distance_scatter(moving, every, standing_at)
@@ -215,7 +213,7 @@ def _computed(scatter: Array, markers: BoolArray, points: Array) -> list[int]:
     apart = np.where(np.isfinite(scatter), scatter, np.inf)
     np.fill_diagonal(apart, np.inf)
     together = apart < MEASURED_M
-    rigid = together.any(axis=1)
+    rigid: BoolArray = np.asarray(together.any(axis=1))
     moving = markers & np.isfinite(apart).any(axis=1)
     if 2 * (rigid & moving).sum() > moving.sum():
         return []

@@ -70,17 +70,15 @@ def pair_distances(recording: Recording, marker_set: MarkerSet) -> Distances:
     column = {label: i for i, label in enumerate(recording.labels)}
     worn = sorted({label for group in worn_labels(marker_set, recording.labels).values() for label in group})
     markers = recording.markers[:: max(1, len(recording.markers) // MOST_FRAMES)]
-    some = replace(recording, time=recording.time[:: max(1, len(recording.markers) // MOST_FRAMES)], markers=markers)
-    straight = _straight_frames(some, marker_set) if marker_set.noise is None else {}
+    straight = _straight(recording, marker_set) if marker_set.noise is None else {}
     segment_of = marker_set.segment_of
     out: dict[frozenset[str], float] = {}
     for a, b in combinations(worn, 2):
         apart = np.linalg.norm(markers[:, column[a]] - markers[:, column[b]], axis=1)
-        near = apart[straight[segment_of[a][-1]][0]] if segment_of[a][-1] in straight else apart
-        for frames in (near, apart):
-            if np.isfinite(frames).sum() >= min(FEWEST_FRAMES, len(frames)):
-                out[frozenset((a, b))] = float(np.nanmedian(frames))
-                break
+        if segment_of[a][-1] in straight and np.isfinite(near := apart[straight[segment_of[a][-1]][0]]).any():
+            apart = near
+        if np.isfinite(apart).sum() >= min(FEWEST_FRAMES, len(apart)):
+            out[frozenset((a, b))] = float(np.nanmedian(apart))
     if (noise := marker_set.noise) is None:
         return Distances(out, extension={side: length for side, (_, length) in straight.items()})
     looks = max(float(recording.time[-1] - recording.time[0]) / noise.memory_s, 1.0)
@@ -89,29 +87,16 @@ def pair_distances(recording: Recording, marker_set: MarkerSet) -> Distances:
     return Distances(out, 1e-3 * noise.size_mm * float(np.sqrt(2.0 / (looks * corners))))
 
 
-def _straight_frames(recording: Recording, marker_set: MarkerSet) -> dict[str, tuple[BoolArray, float]]:
-    """Side -> (nf,) frames in which the leg is about as straight as it ever is, and m, how long it is there."""
+def _straight(recording: Recording, marker_set: MarkerSet) -> dict[str, tuple[BoolArray, float]]:
+    """Side -> which of the frames show the leg about as straight as it ever is, and m, how long it is there."""
     out: dict[str, tuple[BoolArray, float]] = {}
-    pelvis = middle(recording, marker_set, "pelvis")
+    pelvis, some = middle(recording, marker_set, "pelvis"), max(1, len(recording.markers) // MOST_FRAMES)
     for side in SIDES:
-        length = np.linalg.norm(middle(recording, marker_set, f"foot_{side}") - pelvis, axis=1)
-        known = length[np.isfinite(length)]
-        if len(known) >= FEWEST_FRAMES:
-            longest = float(np.percentile(known, 100.0 - NEAREST_PERCENT))
-            near = np.nan_to_num(length) >= longest * np.cos(0.5 * NEAR_RAD)
+        length = np.linalg.norm(middle(recording, marker_set, f"foot_{side}") - pelvis, axis=1)[::some]
+        if np.isfinite(length).sum() >= FEWEST_FRAMES:
+            near = np.nan_to_num(length) >= np.nanpercentile(length, 100.0 - NEAREST_PERCENT) * np.cos(0.5 * NEAR_RAD)
             out[side] = near, float(np.median(length[near]))
     return out
-
-
-def _tissue(one: Distances, other: Distances, marker_set: MarkerSet) -> float:
-    """m, standard deviation of what soft tissue does to distances within the legs of two recordings whose straightest
-    postures differ: by the flexion of a knee between two equal parts that makes the leg so much shorter.
-    """
-    sides = one.extension.keys() & other.extension.keys()
-    ratios = [min(pair) / max(pair) for pair in ((one.extension[s], other.extension[s]) for s in sides)]
-    flexed = 2.0 * float(np.arccos(min(ratios, default=1.0)))
-    size = np.sqrt(2.0) * max(size.own for size in SIZES.values())
-    return tissue_spread(float(size), max(0.0, flexed - NEAR_RAD)) if marker_set.noise is None else 0.0
 
 
 def worn_labels(marker_set: MarkerSet, labels: Iterable[str]) -> dict[str, list[str]]:
@@ -156,7 +141,11 @@ def placed_otherwise(one: Distances, other: Distances, marker_set: MarkerSet) ->
     if len(ranked) < 2:
         return ""
     differ = [by_segment[segment] for segment in ranked]
-    doubt = DOUBT * float(np.linalg.norm([one.error, other.error, _tissue(one, other, marker_set)]))
+    lengths = [sorted((one.extension[side], other.extension[side])) for side in one.extension.keys() & other.extension]
+    # of a knee between two equal parts, that makes a leg so much shorter
+    flexed = 2.0 * float(np.arccos(min((short / long for short, long in lengths), default=1.0)))
+    tissue = tissue_spread(float(np.sqrt(2.0)) * max(size.own for size in SIZES.values()), flexed - NEAR_RAD)
+    doubt = DOUBT * float(np.linalg.norm([one.error, other.error, tissue]))
     if differ[1] <= np.hypot(APART_M, doubt) and float(np.median(differ)) <= np.hypot(ALL_APART_M, doubt):
         return ""
     return "distances within segments differ: " + ", ".join(f"{s} {1e3 * by_segment[s]:.0f} mm" for s in ranked[:3])
