@@ -42,7 +42,6 @@ WRONG_SIDE_M = 0.02  # How far a right marker may lie to the left of its left on
 CROSSED_M = 0.06  # The same in most frames of an isolated trial, in which one leg may be held across the other
 LEGS = ("thigh", "shank", "foot")
 MOST_OF_A_PART = 0.5  # Share of the frames: of more, the labels are exchanged in the file
-_CODE = Code.EXCHANGED_LABELS
 
 
 @dataclass(frozen=True)
@@ -57,27 +56,27 @@ class Exchange:
 
 def exchanged(trial: MarkerEvidence) -> Iterator[Finding]:
     """Labels exchanged for a part of the trial, or for all of it."""
-    mended, left = trial, set[frozenset[str]]()
-    if trial.as_read is not None:
-        left = {frozenset((one.label, one.other)) for one in exchanges(mended)}
-        trial = trial.with_recording(trial.as_read)
-    for found in exchanges(trial):
+    read = trial if trial.as_read is None else trial.with_recording(trial.as_read)
+    back = [one for one in exchanges(read) if read is not trial and _of_a_part(read, one)]
+    for k, found in enumerate((*back, *exchanges(trial))):
         count = int(found.frames.sum())
         what = "carry each other's label" if found.mutual else "are confused: the first is where the second should be"
         message = f"'{found.label}' and '{found.other}' {what} in {count} frames, "
         message += spans(trial.recording.time, runs(found.frames))
-        severity, cure, code = Severity.ERROR, "label that part again, or leave it out with time = [start, end]", _CODE
-        if max(trial.weight(found.label), trial.weight(found.other)) <= NEGLIGIBLE_WEIGHT:
+        severity, cure = Severity.ERROR, "label that part again, or leave it out with time = [start, end]"
+        if k < len(back):
+            severity, cure = (
+                Severity.INFO,
+                "exchanged back; label that part again, so that other programs have it right",
+            )
+        elif max(trial.weight(found.label), trial.weight(found.other)) <= NEGLIGIBLE_WEIGHT:
             severity = Severity.INFO
             cure = "no harm done, as both have little weight or none; label that part again to use them"
-        elif mended.as_read is not None and _of_a_part(trial, found):
-            whole = frozenset((found.label, found.other)) not in left
-            severity, code = Severity.INFO if whole else Severity.WARNING, Code.EXCHANGED_BACK
-            message, cure = f"{message}; exchanged back", "label that part again, so that other programs have it right"
-        elif not _of_a_part(trial, found):
+        elif count / max(int(trial.seen[:, trial.place[found.label]].sum()), 1) > MOST_OF_A_PART:
             cure = "exchange the two labels in the file"
         elif not _harmful(trial, found):
-            severity, cure = Severity.WARNING, "label that part again, or leave it out with time = [start, end]"
+            severity = Severity.WARNING
+        code = Code.EXCHANGED_BACK if k < len(back) else Code.EXCHANGED_LABELS
         weight = 1.0 if severity is Severity.INFO else float(count)
         yield trial.finding(severity, "exchanged", message, cure, weight=weight, code=code)
 

@@ -150,22 +150,16 @@ def heading(trial: MarkerEvidence) -> Iterator[Finding]:
         return
     cosine = float(trial.facing @ way) / max(float(np.linalg.norm(trial.facing)) * length, 1e-12)
     angle = float(np.rad2deg(np.arccos(np.clip(cosine, -1, 1))))
-    if angle <= ALONG_DEG:
-        return
-    found = f"the pelvis faces {angle:.0f} deg away from the {length:.2f} m that the body moves{over}"
-    feet, drifts = feet_of(trial), plates.drifts(trial)
-    ahead = np.zeros(2) if feet is None else np.nanmean((feet.toe - feet.heel)[..., [0, 2]], axis=(0, 1))
-    if angle > 180.0 - ALONG_DEG and ahead @ trial.facing > 0 and drifts and min(drifts) > 0:
-        found += "; the feet point where it faces, and the forces brake before they drive: the person walks backwards"
-        yield trial.info("heading", found, code=Code.HEADING)
-        return
-    yield trial.warning(
-        "heading",
-        found,
-        "if the person did not walk backwards or turn, the pelvis markers are exchanged (front and back, or sides), or "
-        "time runs backwards",
-        code=Code.HEADING,
-    )
+    if angle > ALONG_DEG:
+        found = f"the pelvis faces {angle:.0f} deg away from the {length:.2f} m that the body moves{over}"
+        cure = "if the person did not walk backwards or turn, the pelvis markers are exchanged (front and back, or "
+        cure += "sides), or time runs backwards"
+        feet, drifts = feet_of(trial), plates.drifts(trial)
+        ahead = np.zeros(2) if feet is None else np.nanmean((feet.toe - feet.heel)[..., [0, 2]], axis=(0, 1))
+        backwards = angle > 180.0 - ALONG_DEG and ahead @ trial.facing > 0 and min(drifts, default=-1.0) > 0
+        if backwards:
+            cure = "the feet point where it faces, and forces brake before they drive: the person walks backwards"
+        yield trial.finding(Severity.INFO if backwards else Severity.WARNING, "heading", found, cure, code=Code.HEADING)
 
 
 def one_joint_alone(trial: MarkerEvidence) -> Iterator[Finding]:

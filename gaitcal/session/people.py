@@ -75,8 +75,8 @@ def pair_distances(recording: Recording, marker_set: MarkerSet) -> Distances:
     out: dict[frozenset[str], float] = {}
     for a, b in combinations(worn, 2):
         apart = np.linalg.norm(markers[:, column[a]] - markers[:, column[b]], axis=1)
-        if segment_of[a][-1] in straight and np.isfinite(near := apart[straight[segment_of[a][-1]][0]]).any():
-            apart = near
+        near = apart[straight[segment_of[a][-1]][0]] if segment_of[a][-1] in straight else apart
+        apart = near if np.isfinite(near).sum() >= FEWEST_FRAMES else apart
         if np.isfinite(apart).sum() >= min(FEWEST_FRAMES, len(apart)):
             out[frozenset((a, b))] = float(np.nanmedian(apart))
     if (noise := marker_set.noise) is None:
