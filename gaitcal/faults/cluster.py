@@ -306,7 +306,9 @@ def _fitted(static: Array, paths: Array, near: BoolArray | None = None) -> tuple
     where no frame shows three of them.
     """
     visible = seen_mask(paths)
-    enough = np.flatnonzero((visible.sum(axis=1) >= FEWEST) & (near if near is not None else True))
+    shown = visible.sum(axis=1) >= FEWEST
+    alike = shown & near if near is not None else shown
+    enough = np.flatnonzero(alike if alike.sum() >= SEEN_FRAMES else shown)
     if len(enough) < min(SEEN_FRAMES, len(paths)):
         return None
     some = enough[:: max(1, len(enough) // MOST_FRAMES)]
