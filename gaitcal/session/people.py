@@ -75,7 +75,8 @@ def pair_distances(recording: Recording, marker_set: MarkerSet) -> Distances:
     out: dict[frozenset[str], float] = {}
     for a, b in combinations(worn, 2):
         apart = np.linalg.norm(markers[:, column[a]] - markers[:, column[b]], axis=1)
-        near = apart[straight[segment_of[a][-1]][0]] if segment_of[a][-1] in straight else apart
+        side = segment_of.get(a, "")[-1:]
+        near = apart[straight[side][0]] if side in straight else apart
         apart = near if np.isfinite(near).sum() >= FEWEST_FRAMES else apart
         if np.isfinite(apart).sum() >= min(FEWEST_FRAMES, len(apart)):
             out[frozenset((a, b))] = float(np.nanmedian(apart))
