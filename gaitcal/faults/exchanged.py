@@ -52,6 +52,7 @@ class Exchange:
     other: str
     frames: BoolArray  # (nf,)
     mutual: bool  # False where the other marker was not seen meanwhile
+    sure: bool = True  # Whether lengths within segments say so; jumps alone may miss where an exchange ends
 
 
 def exchanged(trial: MarkerEvidence) -> Iterator[Finding]:
@@ -84,7 +85,7 @@ def exchanged(trial: MarkerEvidence) -> Iterator[Finding]:
 def _of_a_part(trial: MarkerEvidence, found: Exchange) -> bool:
     """Whether both labels are right for most of the time, so that their exchange for a part can be undone."""
     seen = max(int(trial.seen[:, trial.place[found.label]].sum()), 1)
-    return found.mutual and int(found.frames.sum()) <= MOST_OF_A_PART * seen
+    return found.mutual and found.sure and int(found.frames.sum()) <= MOST_OF_A_PART * seen
 
 
 def _harmful(trial: MarkerEvidence, found: Exchange) -> bool:
@@ -233,7 +234,9 @@ def by_jumps(trial: MarkerEvidence) -> Iterator[Exchange]:
         frames |= (present > 2.0 * STRANGE_M) & (other < FAR_BELOW * present)
         frames &= ~((other > 2.0 * STRANGE_M) & (present < FAR_BELOW * other))
         if frames.any():
-            yield Exchange(first, second, frames, True)
+            with np.errstate(invalid="ignore"):
+                sure = bool(np.nansum(other[frames]) < FAR_BELOW * np.nansum(present[frames]))
+            yield Exchange(first, second, frames, True, sure)
 
 
 def _crossings(trial: MarkerEvidence) -> dict[tuple[int, int], list[int]]:
