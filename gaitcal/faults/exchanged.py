@@ -58,7 +58,7 @@ class Exchange:
 def exchanged(trial: MarkerEvidence) -> Iterator[Finding]:
     """Labels exchanged for a part of the trial, or for all of it."""
     read = trial if trial.as_read is None else trial.with_recording(trial.as_read)
-    back = [one for one in exchanges(read) if read is not trial and _of_a_part(read, one)]
+    back = [] if read is trial else _restored(read)[1]
     for k, found in enumerate((*back, *exchanges(trial))):
         count = int(found.frames.sum())
         what = "carry each other's label" if found.mutual else "are confused: the first is where the second should be"
@@ -125,8 +125,18 @@ def put_back(trial: MarkerEvidence) -> MarkerEvidence:
     Three markers of a segment of which two are exchanged are a mirror image, and least squares turns the segment round;
     no weight can repair that.
     """
-    found = () if trial.is_static else [one for one in exchanges(trial) if _of_a_part(trial, one)]
-    return replace(_without(trial, found), as_read=trial.recording) if found else trial
+    mended, found = (trial, []) if trial.is_static else _restored(trial)
+    return replace(mended, as_read=trial.recording) if found else trial
+
+
+def _restored(trial: MarkerEvidence) -> tuple[MarkerEvidence, list[Exchange]]:
+    """The trial with exchanges of a part undone until none is left, and these; itself where that cannot be done."""
+    mended, done = trial, list[Exchange]()
+    while found := exchanges(mended):
+        if len(done) > len(trial.place) or not all(_of_a_part(mended, one) for one in found):
+            return trial, []
+        mended, done = _without(mended, found), [*done, *found]
+    return mended, done
 
 
 def _without(trial: MarkerEvidence, found: Sequence[Exchange]) -> MarkerEvidence:
