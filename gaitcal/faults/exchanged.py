@@ -240,9 +240,11 @@ def by_jumps(trial: MarkerEvidence) -> Iterator[Exchange]:
         gain = float(np.nansum(np.where(frames, excess, -excess))) / max(int(np.isfinite(excess).sum()), 1)
         if gain < -DECISIVE_M or (gain < DECISIVE_M and frames.mean() > 0.5):
             frames = ~frames
-        # of many jumps one that is missed puts all after it on the wrong side, which lengths show frame by frame
-        frames |= (present > 2.0 * STRANGE_M) & (other < FAR_BELOW * present)
-        frames &= ~((other > 2.0 * STRANGE_M) & (present < FAR_BELOW * other))
+        # of many jumps one that is missed puts all after it on the wrong side, which lengths show frame by frame; not
+        # between two segments, whose other markers may be exchanged as well
+        if lengths.segment_of.get(first, "") == lengths.segment_of.get(second):
+            frames |= (present > 2.0 * STRANGE_M) & (other < FAR_BELOW * present)
+            frames &= ~((other > 2.0 * STRANGE_M) & (present < FAR_BELOW * other))
         if frames.any():
             with np.errstate(invalid="ignore"):
                 sure = bool(np.nansum(other[frames]) < FAR_BELOW * np.nansum(present[frames]))
