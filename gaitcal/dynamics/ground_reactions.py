@@ -288,10 +288,13 @@ def thighs_lie(motion: Motion, parameters: Parameters) -> BoolArray:
 
 
 def _seated(missing: Array, lying: BoolArray) -> BoolArray:
-    """(nf,) frames with lying thighs in which a seat bears what the plates lack; it bears much at some time."""
+    """(nf,) frames in which a seat bears what the plates lack, more than while the person is off it, from before the
+    thighs lie until after they do: little, so far behind the feet, is much of a moment. It bears much at some time.
+    """
+    usual = float(np.median(missing[~lying])) if not lying.all() else 0.0
     out = np.zeros_like(lying)
-    for run in runs(lying):
-        out[run] = (missing[run] > SEAT) & (missing[run].max() > CONTRADICTION)
+    for run in runs(missing > min(usual, SEAT)):
+        out[run] = (lying[run] & (missing[run] > SEAT)).any() and missing[run].max() > CONTRADICTION
     return out
 
 

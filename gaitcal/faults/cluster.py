@@ -9,9 +9,13 @@ mean, so that a marker that is elsewhere for a while does not bend it) and the s
 
     m = median_f R_f^T (x_f - o_f),      (R_f, o_f) = the rigid motion of m nearest to x_f,
 
-laid on the static shape s by the nearest rigid motion. Then e = m - s is how far each marker sits from its static place
-all the time, and |x_f - R_f m - o_f| how far it strays from its mean place in a frame. A cluster of fewer than three
-markers borrows: a thigh the hip centre as the pelvis carries it, a shank and a foot the lateral marker above.
+over the frames in which the joints beside the segment are flexed about as in the static trial, laid on the static
+shape s by the nearest rigid motion. Then e = m - s is how far each marker sits from its static place all the time, and
+R_f^T (x_f - o_f) less its median how far it strays in a frame. Where no frame is near the static posture, soft tissue
+that moves a marker by sigma in walking (`soft_tissue_artefact.SIZES`) moves it by sigma f / SPREAD_RAD at f rad beyond.
+
+A cluster of fewer than three markers borrows: a thigh the hip centre as the pelvis carries it, a shank and a foot the
+lateral marker above.
 """
 
 from collections.abc import Callable, Collection, Mapping
@@ -21,8 +25,9 @@ from functools import cached_property
 import numpy as np
 
 from gaitcal.arrays import Array, BoolArray
+from gaitcal.calibration import soft_tissue_artefact
 from gaitcal.io.recording import Recording, seen_mask, still_window
-from gaitcal.model import kinematics, linkage, segment_frames
+from gaitcal.model import kinematics, linkage, rotations, segment_frames
 from gaitcal.model.landmarks import static_posture
 from gaitcal.model.marker_set import MarkerSet
 from gaitcal.model.present_markers import complete_static, present_markers
@@ -34,6 +39,11 @@ USUAL_HEIGHT_M = 1.75
 longer ways between markers, and those grow with them."""
 UP = np.array([0.0, 1.0, 0.0])
 FEWEST = 3  # Points that tell how a segment is turned
+NEAR_RAD = np.deg2rad(30.0)
+"""Flexion from the static posture within which a joint is near it; at least the nearest tenth of the frames."""
+NEAREST_PERCENT = 10.0
+SPREAD_RAD = np.deg2rad(20.0)
+"""Standard deviation of the flexion of a knee over a stride of walking, in which sizes of soft tissue are measured."""
 SEEN_SHARE, SEEN_FRAMES = 0.1, 5  # A marker seen in fewer frames takes no part
 MOST_FRAMES = 150  # Frames, spread over the trial, from which the shape is found
 ROUNDS = 4  # Of the shape: from a start 30 mm off it is then still within 0.1 mm
@@ -130,6 +140,7 @@ class Cluster:
     away: Array  # (nf, n, 3) m, from the mean place, in static axes; NaN where the marker or the segment is not seen
     size: float  # Of the person, by which limits in metres grow
     determined: BoolArray  # (nf,) whether three points not on a line were seen
+    far: float = 0.0  # rad, median flexion of the joints beside it in the frames of the shape, beyond NEAR_RAD
     loose: tuple[int, ...] = ()  # Its own markers that mark no landmark: what is worn as a cluster
 
     @cached_property
@@ -160,16 +171,26 @@ class Cluster:
         return out
 
     @property
+    def static_size(self) -> float:
+        """m, root of the sum of the squares of the distances of its own markers from their middle."""
+        return float(np.linalg.norm(self.static[: self.own] - self.static[: self.own].mean(axis=0)))
+
+    @property
     def size_ratio(self) -> float:
-        """Size of the cluster against the static one, RMS about the middle."""
-        sizes = [np.linalg.norm(p[: self.own] - p[: self.own].mean(axis=0)) for p in (self.shape, self.static)]
-        return float(sizes[0] / sizes[1])
+        """Size of the cluster against the static one."""
+        return float(np.linalg.norm(self.shape[: self.own] - self.shape[: self.own].mean(axis=0))) / self.static_size
+
+    def tissue(self, *, together: bool = False) -> float:
+        """m, standard deviation along each axis of what soft tissue does to a marker by itself, or `together` with the
+        others against what they borrow, between the static posture and the frames of the shape.
+        """
+        size = soft_tissue_artefact.SIZES[self.part]
+        return tissue_spread(float(np.hypot(size.own, size.shift if together and self.borrowed else 0.0)), self.far)
 
     @property
     def swelling(self) -> float:
         """Share by which scatter across the lines between markers lengthens them."""
-        away = self.static[: self.own] - self.static[: self.own].mean(axis=0)
-        return float((self.scatter[: self.own] ** 2).sum() / (away**2).sum())
+        return float((self.scatter[: self.own] ** 2).sum()) / self.static_size**2
 
     def pose_spread(self, point: Array) -> tuple[float, Array]:
         """m, and (3,) rad about x y z: how far the segment's pose at a point (3,) is uncertain as its markers scatter.
@@ -194,10 +215,23 @@ class Cluster:
         return path
 
 
+def tissue_spread(size: float, far: float) -> float:
+    """m, of soft tissue of a `size` (m) in walking, where joints are flexed by `far` (rad) beyond what is near; people
+    are of a softness that is log-normal.
+    """
+    return float(np.exp(soft_tissue_artefact.LOG_SPREAD**2)) * size * max(0.0, far) / SPREAD_RAD
+
+
 def clusters_of(
-    recording: Recording, stance: Stance, landmarks: Mapping[str, tuple[str, ...]], judged: Callable[[str], bool]
+    recording: Recording,
+    stance: Stance,
+    landmarks: Mapping[str, tuple[str, ...]],
+    judged: Callable[[str], bool],
+    near: Mapping[str, tuple[BoolArray, float]] | None = None,
 ) -> dict[str, Cluster]:
-    """Segment -> its cluster, for pelvis and legs; `judged` tells which markers count."""
+    """Segment -> its cluster, for pelvis and legs; `judged` tells which markers count, `near` of a segment in which
+    frames (nf,) its posture is near the static one, and how far (rad) that still is: without it that is found first.
+    """
     place = {label: i for i, label in enumerate(recording.labels)}
     shares = seen_mask(recording.markers).sum(axis=0)
     needed = max(SEEN_SHARE * len(recording.time), min(SEEN_FRAMES, len(recording.time)))
@@ -226,7 +260,8 @@ def clusters_of(
         if lent is not None:
             name, at, path = lent
             labels, static, paths = [*labels, name], [*static, at], [*paths, path]
-        known = _fitted(np.array(static), np.stack(paths, axis=1)) if len(labels) >= FEWEST else None
+        frames, far = (near or {}).get(segment, (None, 0.0))
+        known = _fitted(np.array(static), np.stack(paths, axis=1), frames) if len(labels) >= FEWEST else None
         if known is not None:
             own = len(labels) - (lent is not None)
             shape, fit, away = known
@@ -242,15 +277,38 @@ def clusters_of(
                 away=away,
                 size=stance.size,
                 determined=fit.determined,
+                far=far,
                 loose=tuple(i for i in range(own) if not any(labels[i] in named for named in landmarks.values())),
             )
+    if near is not None:
+        return out
+    flexed = {s: flexion for s in out if np.nanmax(flexion := _flexion(out, s), initial=0.0) > NEAR_RAD}
+    limits = {s: max(NEAR_RAD, float(np.nanpercentile(flexion, NEAREST_PERCENT))) for s, flexion in flexed.items()}
+    near = {s: (f <= limits[s], float(np.median(f[f <= limits[s]])) - NEAR_RAD) for s, f in flexed.items()}
+    return clusters_of(recording, stance, landmarks, judged, near) if near else out
+
+
+def _flexion(clusters: Mapping[str, Cluster], segment: str) -> Array:
+    """(nf,) rad, from the static posture, of the joint beside a segment that is flexed most; NaN where none is seen."""
+    part, _, side = segment.partition("_")
+    parts = ("pelvis", "thigh", "shank", "foot")
+    beside = [p for p in parts if abs(parts.index(p) - parts.index(part)) == 1]
+    names = [p if p == "pelvis" else f"{p}_{s}" for p in beside for s in (side or linkage.SIDES)]
+    one, out = clusters[segment], np.full(len(clusters[segment].determined), np.nan)
+    for other in (clusters[name] for name in names if name in clusters):
+        angle = np.abs(rotations.root_angles(one.rotation.transpose(0, 2, 1) @ other.rotation)[:, 0])
+        out = np.fmax(out, np.where(one.determined & other.determined, angle, np.nan))
     return out
 
 
-def _fitted(static: Array, paths: Array) -> tuple[Array, RigidFit, Array] | None:
-    """Shape, motion and ways away of points with paths (nf, n, 3); None where no frame shows three of them."""
+def _fitted(static: Array, paths: Array, near: BoolArray | None = None) -> tuple[Array, RigidFit, Array] | None:
+    """Shape, in the frames `near` (nf,) where they show it, motion and ways away of points with paths (nf, n, 3); None
+    where no frame shows three of them.
+    """
     visible = seen_mask(paths)
-    enough = np.flatnonzero(visible.sum(axis=1) >= FEWEST)
+    shown = visible.sum(axis=1) >= FEWEST
+    alike = shown & near if near is not None else shown
+    enough = np.flatnonzero(alike if alike.sum() >= SEEN_FRAMES else shown)
     if len(enough) < min(SEEN_FRAMES, len(paths)):
         return None
     some = enough[:: max(1, len(enough) // MOST_FRAMES)]
@@ -263,7 +321,7 @@ def _fitted(static: Array, paths: Array) -> tuple[Array, RigidFit, Array] | None
     fit = rigid_fit(shape, measured, weight)
     away = (paths - fit.origin[:, None]) @ fit.rotation - shape
     away[~fit.determined] = np.nan
-    return shape, fit, away
+    return shape, fit, away if near is None else away - np.nanmedian(away, axis=0)
 
 
 def _mean_shape(start: Array, paths: Array, seen: BoolArray, measured: Array, weight: Array) -> Array | None:

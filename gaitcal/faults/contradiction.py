@@ -138,7 +138,8 @@ def possible_moves(clusters: Mapping[str, Cluster], links: Mapping[str, JointLin
 
 def offset_limit(cluster: Cluster) -> float:
     """m, largest offset of a marker of the cluster, in a person of its size."""
-    return cluster.size * OFFSET_M[cluster.part] * (REDUCED if cluster.reduced else 1.0)
+    usual = cluster.size * OFFSET_M[cluster.part] * (REDUCED if cluster.reduced else 1.0)
+    return float(np.hypot(usual, SPREAD * np.sqrt(3.0) * cluster.tissue(together=True)))
 
 
 @dataclass
@@ -233,7 +234,7 @@ class _Body:
         """J without its price, and the C that makes it least, in which those that `slid` hardly count."""
         shape = cluster.shape if shape is None else shape
         taken = self.free(cluster, range(len(cluster.labels)) if kept is None else kept)
-        sigma = offset_limit(cluster) / SPREAD
+        sigma = np.hypot(offset_limit(cluster), cluster.scatter[taken]) / SPREAD
         points, targets = [shape[taken]], [cluster.static[taken]]
         weights = [np.where(np.isin(taken, slid), SLID_WEIGHT, 1.0) * sigma**-2]
         for link, p, q in self.seen_from(cluster.segment) if joints else ():

@@ -34,6 +34,7 @@ class MarkerEvidence:
     model: SubjectModel | None  # Nominal; None where the static trial gives none
     stance: Stance | None = None  # The static posture of pelvis and legs; None where there is no model
     outliers: tuple[Outlier, ...] = ()  # Markers that the recording lacks where they were metres away from the body
+    as_read: Recording | None = None  # Of a moving trial whose exchanged labels were put back: with them exchanged
     rebuilding: Rebuilding | None = None
     """Of the static trial that makes the model: markers that it lost, and what other trials gave back."""
 

@@ -13,7 +13,7 @@ Exchanges that the shape of a whole trial shows are one of the causes of `contra
 one of `static_landmarks.py`, those that only a fit shows one of `after_fit.py`.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations, permutations, zip_longest
 
@@ -24,6 +24,7 @@ from gaitcal.errors import Code, Finding, Severity, listed
 from gaitcal.faults.evidence import NEGLIGIBLE_WEIGHT, MarkerEvidence
 from gaitcal.io.recording import Recording, duration, runs, spans
 from gaitcal.model import linkage, rebuilt_markers
+from gaitcal.runtime import remembered
 
 STRANGE_M = 0.02  # Cost E above which a label is doubted at all; skin movement stays below that in most frames
 FAR_BELOW = 0.5  # The other assignment must cost less than this share of the present one
@@ -40,6 +41,7 @@ SHORTEST = 3  # Frames of a stretch in which lengths say that labels are exchang
 WRONG_SIDE_M = 0.02  # How far a right marker may lie to the left of its left one, as feet may cross
 CROSSED_M = 0.06  # The same in most frames of an isolated trial, in which one leg may be held across the other
 LEGS = ("thigh", "shank", "foot")
+MOST_OF_A_PART = 0.5  # Share of the frames: of more, the labels are exchanged in the file
 
 
 @dataclass(frozen=True)
@@ -50,38 +52,53 @@ class Exchange:
     other: str
     frames: BoolArray  # (nf,)
     mutual: bool  # False where the other marker was not seen meanwhile
+    sure: bool = True  # Whether lengths within segments say so; jumps alone may miss where an exchange ends
 
 
 def exchanged(trial: MarkerEvidence) -> Iterator[Finding]:
     """Labels exchanged for a part of the trial, or for all of it."""
-    for found in exchanges(trial):
+    read = trial if trial.as_read is None else trial.with_recording(trial.as_read)
+    back = [] if read is trial else _restored(read)[1]
+    for k, found in enumerate((*back, *exchanges(trial))):
         count = int(found.frames.sum())
         what = "carry each other's label" if found.mutual else "are confused: the first is where the second should be"
         message = f"'{found.label}' and '{found.other}' {what} in {count} frames, "
         message += spans(trial.recording.time, runs(found.frames))
         severity, cure = Severity.ERROR, "label that part again, or leave it out with time = [start, end]"
-        if max(trial.weight(found.label), trial.weight(found.other)) <= NEGLIGIBLE_WEIGHT:
+        if k < len(back):
+            severity, cure = (
+                Severity.INFO,
+                "exchanged back; label that part again, so that other programs have it right",
+            )
+        elif max(trial.weight(found.label), trial.weight(found.other)) <= NEGLIGIBLE_WEIGHT:
             severity = Severity.INFO
             cure = "no harm done, as both have little weight or none; label that part again to use them"
-        elif count / max(int(trial.seen[:, trial.place[found.label]].sum()), 1) > 0.5:
+        elif count / max(int(trial.seen[:, trial.place[found.label]].sum()), 1) > MOST_OF_A_PART:
             cure = "exchange the two labels in the file"
         elif not _harmful(trial, found):
             severity = Severity.WARNING
-            cure = 'label that part again, leave it out with time = [start, end], or set robust = "cauchy"'
+        code = Code.EXCHANGED_BACK if k < len(back) else Code.EXCHANGED_LABELS
         weight = 1.0 if severity is Severity.INFO else float(count)
-        yield trial.finding(severity, "exchanged", message, cure, weight=weight, code=Code.EXCHANGED_LABELS)
+        yield trial.finding(severity, "exchanged", message, cure, weight=weight, code=code)
+
+
+def _of_a_part(trial: MarkerEvidence, found: Exchange) -> bool:
+    """Whether both labels are right for most of the time, so that their exchange for a part can be undone."""
+    seen = max(int(trial.seen[:, trial.place[found.label]].sum()), 1)
+    return found.mutual and found.sure and int(found.frames.sum()) <= MOST_OF_A_PART * seen
 
 
 def _harmful(trial: MarkerEvidence, found: Exchange) -> bool:
     """Whether a part of the trial turns a segment of the pelvis or legs by it: two full markers, for some time."""
-    if trial.settings.robust != "none" or min(map(trial.weight, (found.label, found.other))) <= NEGLIGIBLE_WEIGHT:
+    if min(map(trial.weight, (found.label, found.other))) <= NEGLIGIBLE_WEIGHT:
         return False
     of_legs = {label for s in linkage.LOWER_BODY if s in trial.templates for label in trial.templates[s][0]}
     longest = max(duration(trial.recording.time, run) for run in runs(found.frames))
     return {found.label, found.other} <= of_legs and longest >= LONG_S
 
 
-def exchanges(trial: MarkerEvidence) -> Iterator[Exchange]:
+@remembered
+def exchanges(trial: MarkerEvidence) -> tuple[Exchange, ...]:
     """Pairs of labels that are exchanged somewhere, each once."""
     found: dict[frozenset[str], Exchange] = {}
     for exchange in by_lengths(trial):
@@ -91,40 +108,45 @@ def exchanges(trial: MarkerEvidence) -> Iterator[Exchange]:
             found[pair] = exchange
         if known is not None:
             found[pair] = replace(found[pair], frames=known.frames | exchange.frames)
-    for exchange in by_jumps(trial):
-        found.setdefault(frozenset((exchange.label, exchange.other)), exchange)
-    yield from found.values()
+    found |= {frozenset((exchange.label, exchange.other)): exchange for exchange in by_jumps(trial)}  # frame by frame
+    return tuple(found.values())
 
 
 def undone(trial: MarkerEvidence) -> MarkerEvidence:
     """The trial with all exchanges undone, so that only what else is wrong with it is seen; itself where there are
     none.
     """
+    return _without(trial, exchanges(trial))
+
+
+def put_back(trial: MarkerEvidence) -> MarkerEvidence:
+    """The moving trial as it is fitted: labels that carry each other's marker for a part of it exchanged back.
+
+    Three markers of a segment of which two are exchanged are a mirror image, and least squares turns the segment round;
+    no weight can repair that.
+    """
+    mended, found = (trial, []) if trial.is_static else _restored(trial)
+    return replace(mended, as_read=trial.recording) if found else trial
+
+
+def _restored(trial: MarkerEvidence) -> tuple[MarkerEvidence, list[Exchange]]:
+    """The trial with exchanges of a part undone until none is left, and these; itself where that cannot be done."""
+    mended, done = trial, list[Exchange]()
+    while found := exchanges(mended):
+        if len(done) > len(trial.place) or not all(_of_a_part(mended, one) for one in found):
+            return trial, []
+        mended, done = _without(mended, found), [*done, *found]
+    return mended, done
+
+
+def _without(trial: MarkerEvidence, found: Sequence[Exchange]) -> MarkerEvidence:
     before = trial.recording.markers
     markers = before.copy()
-    found = list(exchanges(trial))
     for one in found:
         a, b = trial.place[one.label], trial.place[one.other]
         markers[one.frames, b] = before[one.frames, a]
         markers[one.frames, a] = before[one.frames, b] if one.mutual else np.nan
     return trial.with_markers(markers) if found else trial
-
-
-def exchanged_back(trial: MarkerEvidence) -> tuple[Recording, list[Finding]]:
-    """The recording with labels that jumped onto each other exchanged back, and what was done.
-
-    A robust loss alone cannot do it: three markers of a segment of which two are exchanged are a mirror image, and
-    least squares turns the segment round.
-    """
-    markers, findings = trial.recording.markers.copy(), []
-    for jump in by_jumps(trial):
-        a, b = trial.place[jump.label], trial.place[jump.other]
-        markers[jump.frames, a], markers[jump.frames, b] = markers[jump.frames, b], markers[jump.frames, a]
-        found = f"they carried each other's label in {int(jump.frames.sum())} frames, "
-        found += f"{spans(trial.recording.time, runs(jump.frames))}; exchanged back"
-        cause = f"'{jump.label}' and '{jump.other}' are exchanged"
-        findings.append(trial.info("labels", found, cause=cause, code=Code.EXCHANGED_BACK))
-    return (replace(trial.recording, markers=markers) if findings else trial.recording), findings
 
 
 class _Lengths:
@@ -211,14 +233,22 @@ def by_jumps(trial: MarkerEvidence) -> Iterator[Exchange]:
         for start, stop in zip_longest(times[::2], times[1::2], fillvalue=len(frames)):
             frames[start:stop] = True
         first, second = trial.recording.labels[a], trial.recording.labels[b]
-        excess = np.full(len(frames), np.nan)
+        present = other = np.full(len(frames), np.nan)
         if first in lengths.segment_of and second in lengths.segment_of:
-            excess = (lengths.present(first, second) - lengths.exchanged(first, second)).sum(axis=0)
+            present, other = (cost(first, second).sum(axis=0) for cost in (lengths.present, lengths.exchanged))
+        excess = present - other
         gain = float(np.nansum(np.where(frames, excess, -excess))) / max(int(np.isfinite(excess).sum()), 1)
         if gain < -DECISIVE_M or (gain < DECISIVE_M and frames.mean() > 0.5):
             frames = ~frames
+        # of many jumps one that is missed puts all after it on the wrong side, which lengths show frame by frame; not
+        # between two segments, whose other markers may be exchanged as well
+        if lengths.segment_of.get(first, "") == lengths.segment_of.get(second):
+            frames |= (present > 2.0 * STRANGE_M) & (other < FAR_BELOW * present)
+            frames &= ~((other > 2.0 * STRANGE_M) & (present < FAR_BELOW * other))
         if frames.any():
-            yield Exchange(first, second, frames, True)
+            with np.errstate(invalid="ignore"):
+                sure = bool(np.nansum(other[frames]) < FAR_BELOW * np.nansum(present[frames]))
+            yield Exchange(first, second, frames, True, sure)
 
 
 def _crossings(trial: MarkerEvidence) -> dict[tuple[int, int], list[int]]:

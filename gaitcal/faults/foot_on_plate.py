@@ -18,6 +18,7 @@ from gaitcal.dynamics.measurement_errors import foot_tip, outline_known
 from gaitcal.dynamics.off_sole import MOST_BESIDE, Place, divided_cause, divided_frames, one_centre, places_of
 from gaitcal.errors import Code, Finding, Severity
 from gaitcal.faults.evidence import MarkerEvidence
+from gaitcal.io.axes import PROGRESSION_M
 from gaitcal.io.force_plate import BODY_N, LOADED_N, centre_on_ground, covered, resample_wrench
 from gaitcal.io.recording import duration, runs, spans
 from gaitcal.model.linkage import SIDES
@@ -103,6 +104,19 @@ def feet_of(trial: MarkerEvidence) -> Feet | None:
     if not trial.is_gait or len(trial.recording.time) < 3:
         return None
     return feet if (feet := Feet(trial)).seen.any() else None
+
+
+@remembered
+def walked(trial: MarkerEvidence) -> Array:
+    """(2,) m, x and z, by which the person walks: over the floor, or over the belts under the feet; where they do not
+    get on either, a unit vector where the pelvis faces, and nothing where it is not seen.
+    """
+    way, feet = trial.way, feet_of(trial) if trial.on_the_spot else None
+    if feet is not None:
+        way = way - np.ptp(trial.recording.time) * feet.belts.mean(axis=0)[[0, 2]]
+    if np.linalg.norm(way) >= PROGRESSION_M or trial.facing is None:
+        return np.asarray(way)
+    return np.asarray(trial.facing / max(float(np.linalg.norm(trial.facing)), 1e-12))
 
 
 @remembered

@@ -17,13 +17,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from gaitcal.arrays import Array
-from gaitcal.faults.cluster import Cluster
+from gaitcal.faults.cluster import NEAR_RAD, NEAREST_PERCENT, Cluster
 from gaitcal.model import linkage, rotations, segment_frames
 
 CHAIN = {"hip": ("pelvis", "thigh"), "knee": ("thigh", "shank"), "ankle": ("shank", "foot")}
-NEAR_RAD = np.deg2rad(30.0)
-"""Flexion from the static posture within which the joint is near it; at least the nearest tenth of the frames."""
-NEAREST_PERCENT = 10.0
 FEWEST_FRAMES = 5
 STANDS_RAD = np.deg2rad(15.0)  # Turn from the static posture that walks have in their nearest frames
 

@@ -17,7 +17,6 @@ from gaitcal.arrays import Array, BoolArray
 from gaitcal.errors import Code, Finding, Severity, listed
 from gaitcal.faults.cluster import FEWEST, Cluster, alignment
 from gaitcal.faults.evidence import MarkerEvidence, side_of
-from gaitcal.faults.exchanged import undone
 from gaitcal.io.recording import runs, spans
 from gaitcal.runtime import remembered
 
@@ -76,8 +75,6 @@ class Stretch:
 def marker_slip(trial: MarkerEvidence) -> Iterator[Finding]:
     """Markers that leave their place for a while, one finding a marker."""
     found = stretches(trial)
-    if found and (mended := undone(trial)) is not trial:  # exchanges are told by a check of their own
-        found = stretches(mended)
     time = trial.recording.time
     for label, of_marker in found.items():
         frames = [s.frames for s in of_marker]

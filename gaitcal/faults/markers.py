@@ -73,17 +73,30 @@ def outliers(trial: MarkerEvidence) -> Iterator[Finding]:
 def missing(trial: MarkerEvidence) -> Iterator[Finding]:
     """Markers of the set that the trial lacks, with the label that may be meant."""
     absent = [label for label in trial.expected if label not in trial.place]
-    if not absent:
-        return
-    strangers, names = unknown_labels(trial), []
-    for label in absent:
-        close = alike(label, strangers)
-        names.append(f"'{label}' (is it '{close[0]}'?)" if close else f"'{label}'")
+    needed = [] if trial.is_isolated else [label for label in absent if _needed(trial, label)]
+    strangers = unknown_labels(trial)
     cure = 'name them in the file, or with rename = { "label in file" = "label in set" } under [markers]'
-    found = f"{len(absent)} markers of the set are not in the file: {listed(names, 8)}"
-    harmless = trial.is_isolated or all(trial.weight(label) <= NEGLIGIBLE_WEIGHT for label in absent)
-    severity = Severity.INFO if harmless else Severity.WARNING
-    yield trial.finding(severity, "labels", found, cure, code=Code.MISSING_MARKERS)
+    rest = [label for label in absent if label not in needed]
+    for labels, severity in ((needed, Severity.WARNING), (rest, Severity.INFO)):
+        if labels:
+            close = {label: alike(label, strangers) for label in labels}
+            names = [f"'{m}' (is it '{like[0]}'?)" if like else f"'{m}'" for m, like in close.items()]
+            found = f"{len(labels)} markers of the set are not in the file: {listed(names, 8)}"
+            yield trial.finding(severity, "labels", found, cure, code=Code.MISSING_MARKERS)
+
+
+def _needed(trial: MarkerEvidence, label: str) -> bool:
+    """Whether torques lack a marker: one with weight of pelvis or legs, unless it marks the medial side of a joint,
+    which the static trial shows and nobody wears to move; or one of a trunk that too few others show. None needs arms.
+    """
+    segment = trial.marker_set.segment_of.get(label, "pelvis")
+    if trial.weight(label) <= NEGLIGIBLE_WEIGHT:
+        return False
+    if segment not in linkage.LOWER_BODY:
+        return segment == "head_trunk" and len(trial.weighed(segment)) < FEWEST_MARKERS
+    shown = () if trial.is_static or trial.stance is None else trial.stance.landmarks
+    medial = (m for name in shown if "_med_" in name for option in trial.marker_set.options(name) for m in option)
+    return label not in medial
 
 
 def too_few(trial: MarkerEvidence) -> Iterator[Finding]:

@@ -30,7 +30,7 @@ from gaitcal.dynamics.foot_contact import near
 from gaitcal.dynamics.measurement_errors import OUTSIDE_SHARE, share_outside
 from gaitcal.errors import Code, Finding, listed
 from gaitcal.faults.evidence import MarkerEvidence
-from gaitcal.faults.foot_on_plate import PLATES_ELSEWHERE, TOPIC, Feet, Step, feet_of, overhang, steps_of
+from gaitcal.faults.foot_on_plate import PLATES_ELSEWHERE, TOPIC, Feet, Step, feet_of, overhang, steps_of, walked
 from gaitcal.io.force_plate import BODY_N, OUTSIDE_M, QUIET_N, STANCE_S, UNLOADED_N, empty_samples, resample_wrench
 from gaitcal.io.recording import ForcePlate, duration, runs, spans, still_window
 from gaitcal.model.subject_model import GRAVITY
@@ -184,10 +184,20 @@ def _long_steps(trial: MarkerEvidence) -> tuple[Step, ...]:
 
 
 def _directions(trial: MarkerEvidence) -> tuple[Array, Array]:
-    """(2,) unit vectors in x and z, forward and right: along the way of the body, or where the pelvis faces."""
-    way = trial.facing if trial.on_the_spot and trial.facing is not None else trial.way
-    forward = way / max(float(np.linalg.norm(way)), 1e-12)
-    return forward, np.array([-forward[1], forward[0]])
+    """(2,) unit vectors in x and z: where the person walks, and to the right, which is behind who walks backwards."""
+    forward = walked(trial) / max(float(np.linalg.norm(walked(trial))), 1e-12)
+    right = np.array([-forward[1], forward[0]])
+    return forward, right if trial.facing is None or forward @ trial.facing > 0 else -right
+
+
+def drifts(trial: MarkerEvidence) -> list[float]:
+    """Of every whole step, how far it brakes before it drives along the walk, -1 to 1."""
+    (forward, _), time, out = _directions(trial), trial.recording.time, []
+    for step in _long_steps(trial):
+        if step.is_whole(time):
+            along = np.nan_to_num(resample_wrench(step.plate, time))[step.frames][:, [0, 2]] @ forward
+            out.append(float(along @ np.linspace(-1.0, 1.0, len(along)) / max(np.abs(along).sum(), 1e-9)))
+    return out
 
 
 def horizontal(trial: MarkerEvidence) -> Iterator[Finding]:
@@ -195,14 +205,11 @@ def horizontal(trial: MarkerEvidence) -> Iterator[Finding]:
     steps, time = _long_steps(trial), trial.recording.time
     if not steps:
         return
-    forward, right = _directions(trial)
-    drift: list[float] = []
+    _, right = _directions(trial)
+    drift = drifts(trial)
     outward: dict[int, list[float]] = {}
     for step in steps:
         force = np.nan_to_num(resample_wrench(step.plate, time))[step.frames][:, [0, 2]]
-        along = force @ forward
-        if step.is_whole(time):
-            drift.append(float(along @ np.linspace(-1.0, 1.0, len(along)) / max(np.abs(along).sum(), 1e-9)))
         aside = float((force @ right).mean()) * (1 if step.foot == 0 else -1) / trial.subject.weight
         outward.setdefault(step.foot, []).append(aside)
     wrong = {}
@@ -255,8 +262,7 @@ def beside_feet(trial: MarkerEvidence) -> Iterator[Finding]:
 
 def free_moment(trial: MarkerEvidence) -> Iterator[Finding]:
     """Whether free moments hold the feet against turning, or turn them on."""
-    # on a treadmill, or where the body goes where the pelvis faces
-    if trial.facing is None or not (trial.on_the_spot or trial.way @ trial.facing > 0):
+    if trial.facing is None or walked(trial) @ trial.facing <= 0:  # whoever walks backwards
         return
     of_leg: dict[int, list[float]] = {}
     for step in steps_of(trial):

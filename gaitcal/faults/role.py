@@ -21,8 +21,9 @@ import numpy as np
 from gaitcal.arrays import Array
 from gaitcal.dynamics.ground_reactions import SITTING_DEG
 from gaitcal.errors import Code, Finding, InputError, Severity, listed
+from gaitcal.faults import plates
 from gaitcal.faults.evidence import NEGLIGIBLE_WEIGHT, MarkerEvidence
-from gaitcal.faults.foot_on_plate import feet_of
+from gaitcal.faults.foot_on_plate import feet_of, walked
 from gaitcal.io.axes import PROGRESSION_M
 from gaitcal.io.recording import LAG_S, RESTLESS_M_S, STILL_M_S, still_window
 from gaitcal.model.ankle_zero import AnkleZero, standing_ankles
@@ -140,24 +141,25 @@ def heading(trial: MarkerEvidence) -> Iterator[Finding]:
     """Whether the person goes where the pelvis faces, over the floor or a belt, and is not carried along sideways."""
     if trial.facing is None or not trial.is_gait:
         return
-    way, over = trial.way, ""
+    way, over = walked(trial), ""
     if trial.on_the_spot:
-        found = f"the body moves {np.linalg.norm(way):.2f} m (treadmill?): x is where the pelvis faces"
+        found = f"the body moves {np.linalg.norm(trial.way):.2f} m (treadmill?): x is where the pelvis faces"
         yield trial.info("heading", found, code=Code.ON_THE_SPOT)
-        if (feet := feet_of(trial)) is not None:
-            way, over = way - np.ptp(trial.recording.time) * feet.belts.mean(axis=0)[[0, 2]], " over the belt"
+        over = " over the belt"
     if (length := float(np.linalg.norm(way))) < PROGRESSION_M:
         return
     cosine = float(trial.facing @ way) / max(float(np.linalg.norm(trial.facing)) * length, 1e-12)
     angle = float(np.rad2deg(np.arccos(np.clip(cosine, -1, 1))))
     if angle > ALONG_DEG:
-        yield trial.warning(
-            "heading",
-            f"the pelvis faces {angle:.0f} deg away from the {length:.2f} m that the body moves{over}",
-            "if the person did not walk backwards or turn, the pelvis markers are exchanged (front and back, or "
-            "sides), or time runs backwards",
-            code=Code.HEADING,
-        )
+        found = f"the pelvis faces {angle:.0f} deg away from the {length:.2f} m that the body moves{over}"
+        cure = "if the person did not walk backwards or turn, the pelvis markers are exchanged (front and back, or "
+        cure += "sides), or time runs backwards"
+        feet, drifts = feet_of(trial), plates.drifts(trial)
+        ahead = np.zeros(2) if feet is None else np.nanmean((feet.toe - feet.heel)[..., [0, 2]], axis=(0, 1))
+        backwards = angle > 180.0 - ALONG_DEG and ahead @ trial.facing > 0 and min(drifts, default=-1.0) > 0
+        if backwards:
+            cure = "the feet point where it faces, and forces brake before they drive: the person walks backwards"
+        yield trial.finding(Severity.INFO if backwards else Severity.WARNING, "heading", found, cure, code=Code.HEADING)
 
 
 def one_joint_alone(trial: MarkerEvidence) -> Iterator[Finding]:

@@ -64,8 +64,6 @@ def static_consistency(trials: Sequence[MarkerEvidence]) -> Iterator[Finding]:
     spoilt: set[str] = set()
     for trial in sized:
         causes = contradictions_in(trial)
-        if causes and (mended := exchanged.undone(trial)) is not trial:  # exchanges are told by a check of their own
-            trial, causes = mended, contradictions_in(mended)
         if causes and (whole := _whole_trial(trial, causes)) is not None:
             yield whole
             spoilt.add(trial.name)
@@ -118,7 +116,9 @@ def _severity(cause: Contradiction) -> Severity:
     elif cause.fault is Fault.UNKNOWN:
         refused = cause.excess > REFUSED_EXCESS
     else:
-        sure = cause.excess > REFUSED_TIMES_LIMIT or (cause.fault is Fault.MARKER and cause.offset > BEYOND_SKIN_M)
+        # a way that only the joints tell, none of which is beyond its limit, is no measured one
+        far = cause.fault is Fault.MARKER and cause.offset > BEYOND_SKIN_M and cause.excess > 1.0
+        sure = cause.excess > REFUSED_TIMES_LIMIT or far
         refused = sure and (cause.shift > SHIFT_M or cause.turn > TURN_RAD)
     return Severity.ERROR if refused else Severity.WARNING
 
@@ -251,7 +251,8 @@ def odd_scale(trial: MarkerEvidence) -> float | None:
     """The scale of a trial where it is not that of the static trial.
 
     It is uncertain by 2 (1.25 (1.48 median |r - median r|) / sqrt(n)), twice the standard error of a median of n sizes
-    r, and scatter alone enlarges a cluster a little.
+    r, and by what soft tissue does where no posture is like that of the static trial, in all segments alike; and
+    scatter alone enlarges a cluster a little.
     """
     scale = scale_of(trial)
     if scale is None:
@@ -259,6 +260,7 @@ def odd_scale(trial: MarkerEvidence) -> float | None:
     ratios = np.array([cluster.size_ratio for cluster in trial.clusters.values()])
     scatter = 1.48 * float(np.median(np.abs(ratios - np.median(ratios))))
     margin = min(MOST_MARGIN, 2.5 * scatter / float(np.sqrt(len(ratios))))
+    margin += 2.0 * float(np.mean([c.tissue() / c.static_size for c in trial.clusters.values()]))
     swollen = float(np.median([c.swelling for c in trial.clusters.values()]))
     return scale if not SCALE[0] - margin <= scale <= SCALE[1] + margin + swollen else None
 

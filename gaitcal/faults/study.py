@@ -15,6 +15,7 @@ from gaitcal.errors import Finding, InputError, Severity
 from gaitcal.faults import (
     exchanged,
     foot_on_plate,
+    joint_centres,
     joint_places,
     knee_line,
     knocked,
@@ -46,6 +47,9 @@ TrialCheck: TypeAlias = Callable[[MarkerEvidence], Iterator[Finding]]
 
 UNIT_CHECKS: tuple[TrialCheck, ...] = (static_consistency.size, static_consistency.scale)
 """Where these find an error, distances mean nothing, and the other checks of the trial are left out."""
+
+AS_READ: tuple[TrialCheck, ...] = (exchanged.sides, exchanged.exchanged)
+"""These look for exchanged labels; all others see the trial with what was exchanged undone."""
 
 TRIAL_CHECKS: tuple[TrialCheck, ...] = (
     markers.outliers,
@@ -146,12 +150,13 @@ def check_study(study: Study) -> tuple[Finding, ...]:
         found = _check_trial(trial)
         findings += _worst_first(without_consequences([*(of.faults if trial.name == static else ()), *found]))
         if not any(f.topic in SPOILS_BODY and f.severity is Severity.ERROR for f in found):
-            measured.append(trial)
+            measured.append(exchanged.undone(trial))
     if static in [trial.name for trial in measured] and study.marker_set.noise is None:
         findings += static_consistency.static_consistency(measured)
     return (
         *findings,
         *(knee_line.knee_lines(measured, findings) if study.marker_set.noise is None else ()),
+        *joint_centres.named_centres(of.trials),
         *plates.body_mass(of.trials),
         *sampling.rates_differ(of.trials),
         *sampling.same_recording(of.trials),
@@ -234,7 +239,10 @@ def _examined(study: Study, placed: tuple[knocked.Placement, ...]) -> Examined:
         model=model,
         faults=faults,
         trials=tuple(
-            replace(t, model=model, stance=stance, rebuilding=completed if t.trial is static else None) for t in trials
+            exchanged.put_back(
+                replace(t, model=model, stance=stance, rebuilding=completed if t.trial is static else None)
+            )
+            for t in trials
         ),
         placed=placed,
     )
@@ -244,7 +252,8 @@ def further_evidence(
     trial: Trial, model: SubjectModel, marker_set: MarkerSet, settings: CalibrationSettings
 ) -> MarkerEvidence:
     """What the checks look at, of one further trial against a saved model and its marker set."""
-    return MarkerEvidence.of(trial, marker_set, model.subject, settings, model, Stance.of_model(model))
+    found = MarkerEvidence.of(trial, marker_set, model.subject, settings, model, Stance.of_model(model))
+    return exchanged.put_back(found)
 
 
 @np.errstate(all="ignore")
@@ -258,7 +267,8 @@ def further_moves(evidence: MarkerEvidence) -> dict[str, PossibleMove]:
 def check_further(evidence: MarkerEvidence) -> tuple[Finding, ...]:
     """All findings on one further trial (`further_evidence`), the worst first."""
     found = without_consequences(_check_trial(evidence))
-    of_body = (*plates.body_mass((evidence,)), *static_consistency.static_consistency((evidence,)))
+    mended = exchanged.undone(evidence)
+    of_body = (*plates.body_mass((evidence,)), *static_consistency.static_consistency((mended,)))
     return tuple(_worst_first([*found, *of_body]))
 
 
@@ -269,8 +279,9 @@ def _check_trial(trial: MarkerEvidence) -> list[Finding]:
     asked = TRIAL_CHECKS
     if trial.marker_set.noise is not None:
         asked = tuple(check for check in TRIAL_CHECKS if check not in OF_SKIN)
-    found = units + [finding for check in asked for finding in check(trial)]
-    return [*found, *foot_on_plate.outside_sole(trial, found)]
+    mended = exchanged.undone(trial)
+    found = units + [f for check in asked for f in check(trial if check in AS_READ else mended)]
+    return [*found, *foot_on_plate.outside_sole(mended, found)]
 
 
 def _worst_first(findings: Sequence[Finding]) -> list[Finding]:

@@ -188,9 +188,10 @@ def _markers(draft: Draft, folder: Path | None) -> list[str]:
         *_line("set", choice.entry if built_in else _path(Path(choice.entry), folder), reason, choice.certain),
     ]
     if choice.rename:
-        lines += _line(
-            "rename", dict(sorted(choice.rename.items())), "differ only in case, separators or a prefix", False
-        )
+        reason = "differ only in case, separators or a prefix"
+        if choice.centres:
+            reason += f"; or lie outwards of joint centres, which these name: {', '.join(choice.centres)}"
+        lines += _line("rename", dict(sorted(choice.rename.items())), reason, False)
     if found.missing:
         lines.append(f"# No marker of the files gives: {', '.join(found.missing)}")
     if choice.further is not None:
@@ -343,6 +344,7 @@ def study_of(draft: Draft, *, proposed: bool = False) -> Study:
 
 
 LIKELY = "likely, to be looked at: "
+MOST_RENAMED = 12  # Labels that are printed
 
 
 def marker_set_line(draft: Draft) -> str:
@@ -355,6 +357,11 @@ def marker_set_line(draft: Draft) -> str:
         return f"{LIKELY}no marker set knows the labels; proposed for {of} markers: {choice.proposal.told}"
     found = choice.explained
     known = f"knows {found.known} of {found.known + len(found.left_over)} labels"
+    pairs = [f"{old} = {new}" for old, new in sorted(choice.rename.items())]
+    more = f" and {len(pairs) - MOST_RENAMED} more" if len(pairs) > MOST_RENAMED else ""
+    known += f"; renamed: {', '.join(pairs[:MOST_RENAMED])}{more}" if pairs else ""
+    if choice.centres:
+        known += f"; joint centres, not markers: {', '.join(choice.centres)}"
     return f"{'' if choice.certain else LIKELY}marker set: {choice.entry}, {known}{left_over_words(choice)}"
 
 

@@ -12,6 +12,7 @@ from pathlib import PurePath, PureWindowsPath
 import numpy as np
 
 from gaitcal.errors import Code, Finding, InputError, Severity
+from gaitcal.faults.joint_centres import CENTRE, measured_instead
 from gaitcal.faults.study import check_study
 from gaitcal.io.labels import Facts
 from gaitcal.io.recording import Recording
@@ -84,6 +85,11 @@ def draft_study(folder: folders.Folder, options: Options) -> Draft:
         units = {i: wrong for i, r in spelt.items() if (wrong := unit_fault(r, choice.marker_set))}
         sound = {i: r for i, r in spelt.items() if i not in units}
         session = sitting_of(sound, {i: files[i].path.stem for i in sound}, choice.marker_set)
+        if session is not None and (measured := _with_measured(choice, recordings, sound, session)) is not choice:
+            choice = measured
+            spelt = {i: _spelt(recordings[i], choice) for i in choice.members}
+            sound = {i: r for i, r in spelt.items() if i not in units}
+            session = sitting_of(sound, {i: files[i].path.stem for i in sound}, choice.marker_set)
         if session is not None:
             session = replace(session, others={**session.others, **units})
             choice = _with_strangers(choice, spelt, session, options)
@@ -132,6 +138,24 @@ def _proposed(recordings: Sequence[Recording], options: Options) -> SetChoice:
 def _told_height(recordings: Iterable[Recording], options: Options) -> float | None:
     """m, as the user or a file says."""
     return options.height or next((r.facts.height for r in recordings if r.facts.height), None)
+
+
+def _with_measured(
+    choice: SetChoice, recordings: Sequence[Recording], spelt: Mapping[int, Recording], session: Sitting
+) -> SetChoice:
+    """The set with measured markers where files name joint centres as it names lateral markers."""
+    static = session.statics[0]
+    moving = [spelt[i] for i in session.members if i != static]
+    known = choice.proposal is not None or not choice.explained.left_over or choice.marker_set.noise is not None
+    if known or not (found := measured_instead(spelt[static], moving, choice.marker_set)):
+        return choice
+    pairs = {pair for i in choice.members for pair in zip(recordings[i].labels, spelt[i].labels, strict=True)}
+    centres = {old: new for old, new in pairs if new in found}
+    rename = {old: new for old, new in choice.rename.items() if old not in centres}
+    rename |= {old: f"{old}{CENTRE}" for old, new in centres.items() if old == new}
+    rename |= {other: label for label, other in found.items()}
+    labels = respelt([m for i in choice.members for m in recordings[i].labels], rename)
+    return replace(choice, rename=rename, centres=tuple(centres), explained=explained(choice.marker_set, labels))
 
 
 def _with_strangers(choice: SetChoice, spelt: Mapping[int, Recording], session: Sitting, options: Options) -> SetChoice:

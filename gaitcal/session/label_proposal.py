@@ -13,6 +13,7 @@ import numpy as np
 
 from gaitcal.arrays import Array, BoolArray
 from gaitcal.errors import Code, InputError
+from gaitcal.faults.joint_centres import MEASURED_M, computed_of_pair
 from gaitcal.io.recording import Recording, seen_mask
 from gaitcal.model.landmarks import is_device
 from gaitcal.model.linkage import LOWER_BODY, SIDES
@@ -36,8 +37,6 @@ WALKS_M, RESTS_M = 0.1, 0.01
 WITH_ANOTHER = 0.75  # Share of the markers that another one is on a segment with: all but some wrist, elbow or shoulder
 ALONE = 0.09
 """Half as far from the middle as a posterior superior iliac spine, as a share of the distance of the anterior ones."""
-MEASURED_M = 1e-5
-"""Least scatter of a distance that cameras measure while somebody moves; of less, a program computed a point."""
 GLIDING, CLUSTER = ("knee_", "toe_"), 3
 """Landmarks over which skin glides, or that bend, and of how many other markers a segment needs to do without them."""
 KNEE, KNEE_SPREAD = 0.27, 0.08
@@ -188,12 +187,15 @@ def _seen(
     """
     why = _resting(standing, moving)
     every = list(dict.fromkeys(m for r in (standing, *moving) for m in r.labels if m not in why))
+    why |= {m: "another path under the name of a marker" for m in every if m.rpartition("#")[0] in named}
+    every = [m for m in every if m not in why]
     scatter = unnamed_markers.distance_scatter(moving, every)
     words = "keeps its distance from another one better than markers do: computed"
     markers = np.array([not named or m in named for m in every])
-    why |= {every[i]: words for i in _computed(scatter, markers) if every[i] not in named}
-    every = [m for m in every if m not in why]
     standing_at = unnamed_markers.standing_points(standing, every)
+    why |= {every[i]: words for i in _computed(scatter, markers, standing_at) if every[i] not in named}
+    standing_at = standing_at[[m not in why for m in every]]
+    every = [m for m in every if m not in why]
     scatter = unnamed_markers.distance_scatter(moving, every, standing_at)
     points = unnamed_markers.with_missing(standing_at, every, moving, scatter)
     seen = [i for i in range(len(every)) if np.isfinite(points[i]).all()]
@@ -203,15 +205,23 @@ def _seen(
     return every, scatter, points, seen, why
 
 
-def _computed(scatter: Array, markers: BoolArray) -> list[int]:
-    """Numbers of the points that keep their distance from another one as no two markers do; none where most of the
-    points do that are held for `markers` (n,), as those of a made-up person.
+def _computed(scatter: Array, markers: BoolArray, points: Array) -> list[int]:
+    """Numbers of the points that keep their distance from another one as no two markers do, of a pair of them that
+    stand at `points` (n, 3) m those that `computed_of_pair` says; none where most of the points do that are held for
+    `markers` (n,), as those of a made-up person.
     """
     apart = np.where(np.isfinite(scatter), scatter, np.inf)
     np.fill_diagonal(apart, np.inf)
-    rigid = apart.min(axis=1, initial=np.inf) < MEASURED_M
+    together = apart < MEASURED_M
+    rigid: BoolArray = np.asarray(together.any(axis=1))
     moving = markers & np.isfinite(apart).any(axis=1)
-    return [] if 2 * (rigid & moving).sum() > moving.sum() else np.flatnonzero(rigid).tolist()
+    if 2 * (rigid & moving).sum() > moving.sum():
+        return []
+    middle = np.nanmean(points, axis=0)
+    for i, k in zip(*np.nonzero(np.triu(together)), strict=True):
+        if together[i].sum() == together[k].sum() == 1 and np.isfinite(points[[i, k]]).all():
+            rigid[[i, k]] = computed_of_pair(points[i], points[k], middle)
+    return np.flatnonzero(rigid).tolist()
 
 
 def _sway(recording: Recording) -> float:

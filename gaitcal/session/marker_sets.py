@@ -54,6 +54,7 @@ class SetChoice:
     sided_unknown: tuple[str, ...] = ()
     """Labels left over that name a side and that not every recording has: of a static trial, landmarks it may be."""
 
+    centres: tuple[str, ...] = ()  # Labels in the files that name joint centres, in whose places `rename` puts markers
     proposal: "LabelProposal | None" = None
     """What the labels mean by places and movement, where no set knows them; nobody has confirmed it."""
 
@@ -66,7 +67,8 @@ class SetChoice:
         """
         found = self.explained
         known = found.known / max(found.known + len(found.left_over), 1)
-        return self.proposal is None and not found.missing and known >= KNOWN_SHARE and not self.sided_unknown
+        doubted = found.missing or self.sided_unknown or self.centres
+        return self.proposal is None and known >= KNOWN_SHARE and not doubted
 
 
 def explained(marker_set: MarkerSet, labels: Iterable[str], computed: Iterable[str] = ()) -> Explained:

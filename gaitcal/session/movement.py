@@ -131,7 +131,7 @@ def _not_upright(points: dict[str, Array], landmarks: dict[str, Array], marker_s
 
 def unit_fault(recording: Recording, marker_set: MarkerSet) -> str:
     """Say by which power of ten lengths are wrong, whatever the person does; empty where they are those of a body."""
-    pelvis, *feet = (_middle(recording, marker_set, name) for name in ("pelvis", "foot_r", "foot_l"))
+    pelvis, *feet = (middle(recording, marker_set, name) for name in ("pelvis", "foot_r", "foot_l"))
     away = np.concatenate([np.linalg.norm(foot - pelvis, axis=1) for foot in feet])
     away = away[np.isfinite(away)]
     reach = float(np.percentile(away, 95.0)) if len(away) else np.nan
@@ -233,8 +233,8 @@ def movement(
         return Movement(shows=Shows.STANDS, evidence=words)
     if len(time) < FEWEST_FRAMES or time[-1] - time[0] < SHORTEST_S:
         return Movement(shows=Shows.NOTHING, evidence=f"{len(time)} frames, too short to tell")
-    pelvis = _middle(recording, marker_set, "pelvis")
-    feet = [_middle(recording, marker_set, f"foot_{side}") for side in linkage.SIDES]
+    pelvis = middle(recording, marker_set, "pelvis")
+    feet = [middle(recording, marker_set, f"foot_{side}") for side in linkage.SIDES]
     walk = _walk(pelvis, feet, _facing(recording, marker_set, reference, pelvis))
     if walk is not None:
         shows, evidence, certain = walk
@@ -250,7 +250,7 @@ def movement(
     return _one_joint(pelvis, turns, sway(recording, marker_set))
 
 
-def _middle(recording: Recording, marker_set: MarkerSet, segment: str) -> Array:
+def middle(recording: Recording, marker_set: MarkerSet, segment: str) -> Array:
     """(nf, 3) m, middle of the markers of a segment that are seen most, in the frames with all of them; else NaN."""
     labels = (*marker_set.tracking.get(segment, ()), *marker_set.static_only.get(segment, ()))
     columns = [i for i, label in enumerate(recording.labels) if label in labels]

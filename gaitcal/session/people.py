@@ -7,6 +7,10 @@ differ in several segments by more. D(a, b) is the median distance of two marker
 
 Within sessions of eight people the second largest d_s of pelvis and legs is at most 9 mm, between people from 11 mm.
 
+Soft tissue goes with flexion, so D is the median over the frames in which the leg is about as straight as it ever is in
+that recording: e, from its hip to its foot, is at least cos(NEAR_RAD / 2) of the longest. Where that is a posture far
+from the other recording's, as in a lunge that is held, the limits are widened by what soft tissue does on the way.
+
 Points that are no markers (`model/subject_model.py`) show bones, from joint to joint: corners of a pose keep their
 distances whoever moves. Their errors sigma last for a time tau each, so that a median over T errs by
 
@@ -22,19 +26,21 @@ recording stays in the study, and the checks find what is wrong with it.
 
 import re
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from itertools import combinations
 
 import numpy as np
 
-from gaitcal.arrays import Array
+from gaitcal.arrays import Array, BoolArray
+from gaitcal.calibration.soft_tissue_artefact import SIZES
 from gaitcal.errors import other_side
+from gaitcal.faults.cluster import NEAR_RAD, NEAREST_PERCENT, tissue_spread
 from gaitcal.faults.evidence import NEGLIGIBLE_WEIGHT
 from gaitcal.io.recording import Recording
 from gaitcal.io.segment_poses import holds_key_points, holds_poses
-from gaitcal.model.linkage import LOWER_BODY
+from gaitcal.model.linkage import LOWER_BODY, SIDES
 from gaitcal.model.marker_set import REQUIRED, MarkerSet
-from gaitcal.session.movement import Standing, standing
+from gaitcal.session.movement import Standing, middle, standing
 
 APART_M = 0.015
 """Second largest d_s from which the markers are placed otherwise: one marker that fell off spoils one segment only."""
@@ -56,6 +62,7 @@ class Distances:
 
     apart: Mapping[frozenset[str], float]  # Two labels -> m, median distance
     error: float = 0.0  # m, e of points that are no markers
+    extension: Mapping[str, float] = field(default_factory=dict)  # Side -> m, from pelvis to foot where it was measured
 
 
 def pair_distances(recording: Recording, marker_set: MarkerSet) -> Distances:
@@ -63,17 +70,34 @@ def pair_distances(recording: Recording, marker_set: MarkerSet) -> Distances:
     column = {label: i for i, label in enumerate(recording.labels)}
     worn = sorted({label for group in worn_labels(marker_set, recording.labels).values() for label in group})
     markers = recording.markers[:: max(1, len(recording.markers) // MOST_FRAMES)]
+    straight = _straight(recording, marker_set) if marker_set.noise is None else {}
+    segment_of = marker_set.segment_of
     out: dict[frozenset[str], float] = {}
     for a, b in combinations(worn, 2):
         apart = np.linalg.norm(markers[:, column[a]] - markers[:, column[b]], axis=1)
+        side = segment_of.get(a, "")[-1:]
+        near = apart[straight[side][0]] if side in straight else apart
+        apart = near if np.isfinite(near).sum() >= FEWEST_FRAMES else apart
         if np.isfinite(apart).sum() >= min(FEWEST_FRAMES, len(apart)):
             out[frozenset((a, b))] = float(np.nanmedian(apart))
     if (noise := marker_set.noise) is None:
-        return Distances(out)
+        return Distances(out, extension={side: length for side, (_, length) in straight.items()})
     looks = max(float(recording.time[-1] - recording.time[0]) / noise.memory_s, 1.0)
     # where a pose has a joint, four corners say
     corners = 4.0 if holds_poses(recording.labels) and not holds_key_points(recording.labels) else 1.0
     return Distances(out, 1e-3 * noise.size_mm * float(np.sqrt(2.0 / (looks * corners))))
+
+
+def _straight(recording: Recording, marker_set: MarkerSet) -> dict[str, tuple[BoolArray, float]]:
+    """Side -> which of the frames show the leg about as straight as it ever is, and m, how long it is there."""
+    out: dict[str, tuple[BoolArray, float]] = {}
+    pelvis, some = middle(recording, marker_set, "pelvis"), max(1, len(recording.markers) // MOST_FRAMES)
+    for side in SIDES:
+        length = np.linalg.norm(middle(recording, marker_set, f"foot_{side}") - pelvis, axis=1)[::some]
+        if np.isfinite(length).sum() >= FEWEST_FRAMES:
+            near = np.nan_to_num(length) >= np.nanpercentile(length, 100.0 - NEAREST_PERCENT) * np.cos(0.5 * NEAR_RAD)
+            out[side] = near, float(np.median(length[near]))
+    return out
 
 
 def worn_labels(marker_set: MarkerSet, labels: Iterable[str]) -> dict[str, list[str]]:
@@ -118,7 +142,11 @@ def placed_otherwise(one: Distances, other: Distances, marker_set: MarkerSet) ->
     if len(ranked) < 2:
         return ""
     differ = [by_segment[segment] for segment in ranked]
-    doubt = DOUBT * np.hypot(one.error, other.error)
+    lengths = [sorted((one.extension[side], other.extension[side])) for side in one.extension.keys() & other.extension]
+    # of a knee between two equal parts, that makes a leg so much shorter
+    flexed = 2.0 * float(np.arccos(min((short / long for short, long in lengths), default=1.0)))
+    tissue = tissue_spread(float(np.sqrt(2.0)) * max(size.own for size in SIZES.values()), flexed - NEAR_RAD)
+    doubt = DOUBT * float(np.linalg.norm([one.error, other.error, tissue]))
     if differ[1] <= np.hypot(APART_M, doubt) and float(np.median(differ)) <= np.hypot(ALL_APART_M, doubt):
         return ""
     return "distances within segments differ: " + ", ".join(f"{s} {1e3 * by_segment[s]:.0f} mm" for s in ranked[:3])

@@ -16,7 +16,6 @@ from gaitcal.calibration.combined import CombinedFit
 from gaitcal.dynamics.ground_reactions import GroundReactions, reactions_of_motion
 from gaitcal.errors import Finding, InputError
 from gaitcal.faults.contradiction import PossibleMove
-from gaitcal.faults.exchanged import exchanged_back
 from gaitcal.faults.force_diagnosis import ForceDiagnosis
 from gaitcal.faults.study import Examined
 from gaitcal.io.axes import turn_to_progression
@@ -109,7 +108,7 @@ class Session:
     checked: tuple[Finding, ...] = ()  # What the checks found before anything was fitted
     possible_moves: Mapping[str, Mapping[str, PossibleMove]] = field(default_factory=dict)
     """Trial -> segment -> what its markers may have done since the static trial."""
-    findings: tuple[Finding, ...] = ()  # What robust losses left out or put right
+    findings: tuple[Finding, ...] = ()  # What robust losses left out
     joint: joint_phases.JointCalibration | None = None  # None where the settings leave joint parameters alone
     static_angles: Mapping[str, float] = field(default_factory=dict)
     """Coordinate -> m, rad: with which the last model meets the static posture."""
@@ -126,13 +125,9 @@ class Session:
 
 def session_of(of: Examined, checked: Sequence[Finding] = ()) -> Session:
     """The moving trials of an examined study, prepared for its nominal model; InputError where there is none."""
-    study, model, findings, trials = of.study, of.nominal, list[Finding](), []
+    study, model, trials = of.study, of.nominal, []
     for evidence in of.moving:
-        trial = evidence.trial
-        if study.settings.robust != "none":
-            recording, found = exchanged_back(replace(evidence, model=model))
-            trial, findings = replace(trial, recording=recording), [*findings, *found]
-        trials.append(prepare_trial(trial, model, study.settings))
+        trials.append(prepare_trial(evidence.trial, model, study.settings))
     prior, moves = joint_prior.prior_of_study(study.settings.joint_prior, study.joint_prior, model.noise), of.moves()
     return Session(
         model=model,
@@ -143,7 +138,6 @@ def session_of(of: Examined, checked: Sequence[Finding] = ()) -> Session:
         prior=replace(prior.loosened(study.loosened), doubted=_doubted(moves, study.moving)),
         possible_moves=moves,
         checked=tuple(checked),
-        findings=tuple(findings),
     )
 
 

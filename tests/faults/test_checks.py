@@ -111,7 +111,7 @@ CASES = {
     ),
     "one trajectory, two labels": case(ERROR, "labels", put_into(REAR, FRONT), f"'{FRONT}' and '{REAR}'"),
     "label twice": case(WARNING, "labels", relabelled("R.Bicep", "R.ASIS#2"), "R.ASIS"),
-    "unknown label": case(INFO, "labels", relabelled("R.Temple", "Wand1"), "Wand1", others=["labels"]),
+    "unknown label": case(INFO, "labels", relabelled("R.Temple", "Wand1"), "Wand1"),
     "seldom seen": case(WARNING, "gaps", gone(slice(60, None)), f"{FRONT} 29 %"),
     "seldom seen, but others are": case(INFO, "gaps", gone(slice(60, None), "R.Toe.Tip"), "R.Toe.Tip 29 %"),
     "long gap": case(INFO, "gaps", gone(slice(60, 120)), f"{FRONT} 0.30 s"),
@@ -120,13 +120,11 @@ CASES = {
     "flat": case(WARNING, "frozen", moved(FRONT, lambda x: put(x, (slice(None), 2), 0.1)), FRONT),
     "spikes": case(INFO, "jumps", moved(FRONT, spiked), f"left out: {FRONT} (3 frames)", "100 mm"),
     "exchanged a while": case(
-        ERROR, "exchanged", swapped(FRONT, REAR, WHILE), FRONT, REAR, "40 frames", "0.25-0.45 s", others=["jumps"]
+        INFO, "exchanged", swapped(FRONT, REAR, WHILE), FRONT, REAR, "40 frames", "0.25-0.45 s", "exchanged back"
     ),
-    "in another's place": case(
-        ERROR, "exchanged", taken(REAR, SHANK, WHILE), f"'{REAR}' and '{SHANK}' are confused", others=["jumps"]
-    ),
+    "in another's place": case(ERROR, "exchanged", taken(REAR, SHANK, WHILE), f"'{REAR}' and '{SHANK}' are confused"),
     "exchanged across": case(
-        ERROR, "exchanged", swapped(SHANK, LEFT_SHANK, WHILE), SHANK, LEFT_SHANK, "40 frames", others=["jumps"]
+        INFO, "exchanged", swapped(SHANK, LEFT_SHANK, WHILE), SHANK, LEFT_SHANK, "40 frames", "exchanged back"
     ),
     "exchanged for good": case(ERROR, "exchanged", swapped(FRONT, SHANK), "208 frames"),
     "sides exchanged": case(ERROR, "sides", mirrored, "R.Thigh.Upper", "mm", others=["forces"]),
@@ -135,7 +133,7 @@ CASES = {
     ),
     "one pair of sides": case(ERROR, "sides", swapped(SHANK, LEFT_SHANK), SHANK, LEFT_SHANK),
     "lying": case(ERROR, "axes", lying, "deg"),
-    "walking backwards": case(WARNING, "heading", backwards, "180 deg", others=["forces"]),
+    "walking backwards": case(INFO, "heading", backwards, "180 deg", "walks backwards"),
     "never still": case(ERROR, "static trial", drifting(0.3, 0.3, 0.3), "still window", "m/s", trial="static"),
     "restless": case(
         WARNING, "still window", drifting(0.03, 0, 0), "30 mm/s RMS", "4.3 mm RMS", "within 10 mm/s", trial="static"

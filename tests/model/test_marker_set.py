@@ -42,8 +42,8 @@ def write(folder: Path, text: str) -> Path:
 
 def test_built_in_sets() -> None:
     ours = (
-        "cast conventional73 gait2354 ior key-points landmarks opencap opencap-measured plug-in-gait poses published "
-        "rajagopal rcnl ufabc visual3d"
+        "cast conventional73 davis gait2354 ior key-points landmarks opencap opencap-measured plug-in-gait poses "
+        "published rajagopal rcnl ufabc visual3d"
     )
     assert built_in_sets() == tuple(ours.split())
     for name in built_in_sets():
@@ -151,7 +151,7 @@ def test_mistakes_are_told_in_one_line(tmp_path: Path, old: str, new: str, messa
 
 def test_an_unknown_set_names_the_built_in_ones(tmp_path: Path) -> None:
     said = refusal(load_marker_set, "gait2345")
-    assert "allowed: cast, conventional73, gait2354, " in said and said.endswith("; did you mean 'gait2354'?")
+    assert "allowed: cast, conventional73, davis, " in said and said.endswith("; did you mean 'gait2354'?")
     for missing in (tmp_path / "none.toml", "folder/none.toml"):
         assert "no such file" in refusal(load_marker_set, missing)
 
