@@ -21,7 +21,7 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
-from gaitcal.arrays import Array, IntArray
+from gaitcal.arrays import Array, BoolArray, IntArray
 from gaitcal.model import linkage
 from gaitcal.model.parameters import JP_INDEX, MASSIVE_SEGMENTS, Parameters, table
 from gaitcal.model.subject_model import GRAVITY
@@ -92,6 +92,8 @@ class Chain:
     joints : (nv,) names of the joints of its models.
     at_variables : (n,) entry in configurations of the joint that each variable moves.
     segment_joint : (ns,) joint that carries each segment.
+    parents : (nq,) index of the last coordinate before each coordinate; -1 where there is none.
+    segment_coordinate : (ns,) index of the last coordinate that moves each segment.
     support : (n, ns) 1 where a variable moves a segment.
     moved_sets : the distinct rows of `support`.
     moved_set : (n,) which of them each variable has.
@@ -151,6 +153,10 @@ class Chain:
         supports = [list(support) for support in self._template.supports]
         self.after = np.array([np.isin(np.arange(1, len(supports)), on_way) for on_way in supports[1:]])
         self.support: Array = self.after[self.segment_joint - 1][:, self.at_variables].T.astype(float)
+        # coordinates are numbered along the linkage: the last one on the way is the nearest
+        on_way = self.after[self.at_coordinates][:, self.at_coordinates] & ~np.eye(len(self.coordinates), dtype=bool)
+        self.parents = [_last(row) for row in on_way]
+        self.segment_coordinate = [_last(row) for row in self.support[: len(self.coordinates)].T]
         self.moved_sets, row_of = np.unique(self.support, axis=0, return_inverse=True)
         self.moved_set: IntArray = row_of.ravel()
         self._of_thread = threading.local()
@@ -184,6 +190,12 @@ class Chain:
         return LinkageModel(self, model, parameters.joint[self.free_parameters])
 
 
+def _last(flags: Array | BoolArray) -> int:
+    """Find the index of the last entry that is set; -1 where none is."""
+    found = np.flatnonzero(flags)
+    return int(found[-1]) if len(found) else -1
+
+
 @dataclass(frozen=True, eq=False)
 class LinkageModel:
     """A chain with its parameters: a Pinocchio model in which each variable is a joint."""
@@ -202,6 +214,11 @@ class LinkageModel:
     def segment_placement(self) -> list[pin.SE3]:
         """(ns,) each segment in the frame of the joint that carries it."""
         return [self.model.frames[k].placement for k in self.chain.segment_frame]
+
+    @cached_property
+    def segment_frames(self) -> Array:
+        """(ns, 4, 3) axes and origin (m) of each segment in the frame of the joint that carries it."""
+        return np.array([[*m.rotation.T, m.translation] for m in self.segment_placement])
 
     def index(self, name: str) -> int:
         """Find the entry of a coordinate, free joint parameter or reaction in configurations."""

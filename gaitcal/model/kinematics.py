@@ -93,7 +93,7 @@ class Kinematics:
     ) -> None:
         chain, nf = body.chain, len(q)
         self.chain = chain
-        local = _segment_placements(body)
+        local = body.segment_frames
         self.segments = np.empty((len(chain.segments), 4, 3, nf))
         self.columns = np.empty((len(chain.at_variables), 6, nf) if columns else (0, 6, nf))
         for part in stretches(nf, BLOCK):
@@ -189,11 +189,6 @@ def coordinate_axes(body: LinkageModel, q: Array) -> tuple[Array, Array]:
     rotates = np.array([body.chain.elements[name].rotates for name in body.chain.coordinates])
     axes = np.where(rotates[:, None], moved[..., 3:], moved[..., :3])
     return axes, placements[:, at + 1, 9:]
-
-
-def _segment_placements(body: LinkageModel) -> Array:
-    """(ns, 4, 3) axes and origin (m) of each segment in the frame of its joint."""
-    return np.array([np.vstack([m.rotation.T, m.translation]) for m in body.segment_placement])
 
 
 def body_poses(parameters: Parameters, q: Array) -> tuple[dict[str, Array], dict[str, Array]]:

@@ -13,7 +13,6 @@ were seen. Frames that determine neither are interpolated.
 from collections.abc import Mapping
 
 import numpy as np
-import pinocchio as pin
 
 from gaitcal.arrays import Array, BoolArray
 from gaitcal.model.chain import HALF_TURNS, LinkageModel
@@ -112,36 +111,33 @@ class _Links:
     def __init__(self, body: LinkageModel) -> None:
         chain = body.chain
         joints = chain.at_coordinates + 1
-        at_zero = body.configurations(np.zeros((1, len(joints))))
-        placed, _ = evaluate_joints(body, at_zero, jacobians=False)
+        placed, _ = evaluate_joints(body, body.configurations(np.zeros((1, len(joints)))), jacobians=False)
         placed = placed[0].reshape(-1, 4, 3)
         elements = [chain.elements[name] for name in chain.coordinates]
         self.axes = [e.axis for e in elements]
         self.signs = np.array([e.sign for e in elements])
         self.rotates = [e.rotates for e in elements]
-        # coordinates are in the order of their joints: the last one on the way is the nearest
-        before = chain.after[chain.at_coordinates][:, chain.at_coordinates] & ~np.eye(len(joints), dtype=bool)
-        self.parents = [int(np.flatnonzero(row)[-1]) if row.any() else -1 for row in before]
-        on_way = chain.support[: len(joints)].T > 0
-        self.segment_coordinate = [int(np.flatnonzero(row)[-1]) for row in on_way]
-        """(ns,) the last coordinate that moves each segment."""
+        self.parents, self.segment_coordinate = chain.parents, chain.segment_coordinate
+
+        # the ground comes last, so that it is the parent -1
         rotation = np.append(placed[joints, :3].transpose(0, 2, 1), np.eye(3)[None], axis=0)
-        for k, (axis, sign) in enumerate(zip(self.axes, self.signs, strict=True)):
-            if sign < 0:
-                rotation[k] = rotation[k] @ HALF_TURNS[axis]
+        turned = [k for k, e in enumerate(elements) if e.sign < 0]
+        rotation[turned] = rotation[turned] @ np.array([HALF_TURNS[self.axes[k]] for k in turned])
         origin = np.append(placed[joints, 3], np.zeros((1, 3)), axis=0)
-        from_parent = rotation[self.parents].transpose(0, 2, 1)
-        self.offset_rotation = from_parent @ rotation[:-1]
-        self.offset_translation = (from_parent @ (origin[:-1] - origin[self.parents])[:, :, None])[:, :, 0]
+        back = rotation[self.parents].transpose(0, 2, 1)
+        self.offset_rotation = back @ rotation[:-1]
+        self.offset_translation = (back @ (origin[:-1] - origin[self.parents])[:, :, None])[:, :, 0]
         self.plain = (np.abs(self.offset_rotation - np.eye(3)).max(axis=(1, 2)) < ROUNDING).tolist()
         """Whether C_k does not rotate."""
-        carried = [placed[j] for j in chain.segment_joint]
-        local = zip(carried, body.segment_placement, strict=True)
-        self.segment_pose = [pin.SE3(p[:3].T, p[3]) * placement for p, placement in local]
-        """(ns,) in the laboratory, at zero coordinates."""
+
+        # segments at zero coordinates, in the laboratory: rotation, and origin (m)
+        carried = placed[chain.segment_joint]
+        at_zero = body.segment_frames @ carried[:, :3]
+        self.rotation_at_zero = at_zero[:, :3].transpose(0, 2, 1)
+        self.origin_at_zero = at_zero[:, 3] + carried[:, 3]
         back = rotation[self.segment_coordinate].transpose(0, 2, 1)
-        away = np.array([m.translation for m in self.segment_pose]) - origin[self.segment_coordinate]
-        self.segment_rotation = back @ np.array([m.rotation for m in self.segment_pose])
+        away = self.origin_at_zero - origin[self.segment_coordinate]
+        self.segment_rotation = back @ self.rotation_at_zero
         self.segment_translation = (back @ away[:, :, None])[:, :, 0]
 
 
@@ -149,9 +145,8 @@ def _carried_root(links: _Links, fits: Mapping[int, RigidFit]) -> tuple[RigidFit
     """The root as the first segment with a rigid fit carries it, and the coordinates between them, which are zero."""
     for s, fit in sorted(fits.items()):
         if fit.determined.any():
-            pose = links.segment_pose[s]
-            rotation = fit.rotation @ pose.rotation.T
-            return RigidFit(rotation, fit.origin - rotation @ pose.translation, fit.determined), _path(links, s)
+            rotation = fit.rotation @ links.rotation_at_zero[s].T
+            return RigidFit(rotation, fit.origin - rotation @ links.origin_at_zero[s], fit.determined), _path(links, s)
     return None, []
 
 
