@@ -64,9 +64,9 @@ FAULTS: dict[str, tuple[Callable[[Path], None], tuple[str, ...]]] = {
         _table("walk.csv", lambda t: t.assign(**{c: np.nan for c in t if c.startswith(("L.Thigh", "L.Knee"))})),
         ("walk.csv", "L.Thigh.Front", "thigh_l has no other marker", "where worn"),
     ),
-    "forces end early": (
-        _table("walk_forces.csv", lambda t: t[t["time"] < 0.6]),
-        ("walk_forces.csv", "0.595", "1.035", "time"),
+    "forces of another time": (
+        _table("walk_forces.csv", lambda t: t.assign(time=t["time"] + 2.0)),
+        ("walk_forces.csv", "forces from 2 to 3.035 s", "markers from 0 to 1.035 s"),
     ),
 }
 """What is done to the study, and what the line has to name; of single checks and of study files: `tests/faults`,
