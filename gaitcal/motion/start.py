@@ -121,8 +121,9 @@ class _Links:
 
         # the ground comes last, so that it is the parent -1
         rotation = np.append(placed[joints, :3].transpose(0, 2, 1), np.eye(3)[None], axis=0)
-        turned = [k for k, e in enumerate(elements) if e.sign < 0]
-        rotation[turned] = rotation[turned] @ np.array([HALF_TURNS[self.axes[k]] for k in turned])
+        for k, e in enumerate(elements):
+            if e.sign < 0:
+                rotation[k] = rotation[k] @ HALF_TURNS[e.axis]
         origin = np.append(placed[joints, 3], np.zeros((1, 3)), axis=0)
         back = rotation[self.parents].transpose(0, 2, 1)
         self.offset_rotation = back @ rotation[:-1]

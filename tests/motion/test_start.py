@@ -3,8 +3,10 @@
 from dataclasses import replace
 
 import numpy as np
+import pytest
 
 from gaitcal.model.kinematics import Kinematics, coordinate_axes
+from gaitcal.model.linkage import ISOLATED_JOINTS, joint_segments
 from gaitcal.model.parameters import published_subject
 from gaitcal.motion.marker_residual import MarkerData, PlacedMarkers, marker_positions
 from gaitcal.motion.motion import track_nodes
@@ -32,6 +34,17 @@ def test_all_segments_together_are_each_fitted_as_alone() -> None:
             known = alone.determined
             np.testing.assert_allclose(found.rotation[known], alone.rotation[known], rtol=0, atol=ROUNDING)
             np.testing.assert_allclose(found.origin[known], alone.origin[known], rtol=0, atol=ROUNDING)
+
+
+@pytest.mark.parametrize("isolated", ISOLATED_JOINTS)
+def test_a_part_of_the_body_starts_where_its_rigid_segments_are(isolated: str) -> None:
+    """Parts whose axes are all reversed on the left, and parts in which none is."""
+    segments = joint_segments(isolated)
+    _, parameters, problem, true = seeded_trial(26, root=segments[0], segments=segments, frames=20, nodes=6)
+    found = starting_coordinates(problem.body(parameters), problem.data)
+    expected = problem.basis.evaluate(true)
+    turned = np.round((found - expected) / (2 * np.pi)) * 2 * np.pi
+    np.testing.assert_allclose(found - turned, expected, atol=SETTLED)
 
 
 def test_two_markers_and_the_joint_before_them_place_an_arm() -> None:
