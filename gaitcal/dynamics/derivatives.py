@@ -96,20 +96,20 @@ def differentiate_forces(
     states = dynamics.joint_states(q, v, a)
     rows = np.array([dynamics.body.index(name) for name in of])
     by_parameter = np.array([dynamics.body.index(name) for name in dynamics.free], dtype=np.intp)
-    model, data, nf = dynamics.body.model, dynamics.body.chain.data, len(wrenches)
+    model, nf = dynamics.body.model, len(wrenches)
     columns = dynamics.body.chain.at_coordinates
     both = np.concatenate([columns, by_parameter])
     by_q = np.empty((nf, len(rows), len(both)))
     by_v, by_a = (np.empty((nf, len(rows), len(columns))) for _ in range(2))
     jacobians = np.empty((nf, model.nv, 6))
-    jacobian = data.J.T
     of_both, of_columns = np.ix_(rows, both), np.ix_(rows, columns)
     # Pinocchio fills in the upper half of the mass matrix alone
     upper = np.minimum(*of_columns), np.maximum(*of_columns)
-    for k, (q_k, v_k, a_k) in enumerate(zip(*states, strict=True)):
-        dq, dv, da = pin.computeRNEADerivatives(model, data, q_k, v_k, a_k)
-        by_q[k], by_v[k], by_a[k] = dq[of_both], dv[of_columns], da[upper]
-        jacobians[k] = jacobian
+    with dynamics.body.chain.work_space() as data:
+        for k, (q_k, v_k, a_k) in enumerate(zip(*states, strict=True)):
+            dq, dv, da = pin.computeRNEADerivatives(model, data, q_k, v_k, a_k)
+            by_q[k], by_v[k], by_a[k] = dq[of_both], dv[of_columns], da[upper]
+            jacobians[k] = data.J.T
     by_q += _by_moved_contacts(dynamics, rows, both, jacobians, wrenches)
     return ForceDerivatives(
         by_position=by_q[:, :, : len(columns)],

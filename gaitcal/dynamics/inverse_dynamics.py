@@ -17,6 +17,7 @@ joints: with X the pose of a segment in that frame, the pseudo-inertia of a body
     P_joint = X P_segment X^T,      P = [[tr(I)/2 - I, m c], [(m c)^T, m]].
 """
 
+import math
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -79,7 +80,7 @@ class Dynamics:
     held : joint parameters that report their generalised forces, too, as rigid joints that stay where
         they are: after the 29, in their order.
     free : joint parameters by which `derivatives.py` differentiates.
-    segments : part of the body whose forces are wanted, the pelvis included; all unless given.
+    segments : part of the body whose forces are wanted, pelvis and both legs included; all unless given.
     bodies : segment -> inertia in its frame, instead of those of `parameters`.
     """
 
@@ -138,15 +139,16 @@ class Dynamics:
 
     def _forces(self, q: Array, v: Array, a: Array, wrenches: Array | None) -> Array:
         """(nf, nv) of all joints."""
-        model, data = self.body.model, self.body.chain.data
+        model = self.body.model
         external = pin.StdVec_Force([pin.Force.Zero() for _ in range(model.njoints)])
         on_feet = None if wrenches is None else self._in_joint_axes(q, wrenches)
         on_joints = view_forces(external)
         out = np.empty_like(q)
-        for k in range(len(q)):
-            if on_feet is not None:
-                on_joints[self.feet] = on_feet[k]
-            out[k] = pin.rnea(model, data, q[k], v[k], a[k], external)
+        with self.body.chain.work_space() as data:
+            for k in range(len(q)):
+                if on_feet is not None:
+                    on_joints[self.feet] = on_feet[k]
+                out[k] = pin.rnea(model, data, q[k], v[k], a[k], external)
         return out
 
     def _in_joint_axes(self, q: Array, wrenches: Array) -> Array:
@@ -174,20 +176,24 @@ class Dynamics:
     @cached_property
     def _to_joints(self) -> tuple[IntArray, Array]:
         """(nb,) joints of the massive segments, and (nb, 10, 10) parameters there by those in the segments."""
-        at = [self.body.chain.segments.index(s) for s in MASSIVE_SEGMENTS]
+        chain = self.body.chain
+        if not set(MASSIVE_SEGMENTS) <= set(chain.segments):
+            raise ValueError("regressors are of the whole body: a part of it has no place for the other segments")
+        at = [chain.segments.index(s) for s in MASSIVE_SEGMENTS]
         moves = np.array([transformed_parameters(self.body.segment_placement[k]) for k in at])
         return self.body.chain.segment_joint[at] - 1, moves
 
     def regressor(self, q: Array, v: Array, a: Array) -> Array:
         """(nf, nt, 12, 10) generalised forces per dynamic parameter of each massive segment, without the ground's."""
-        model, data = self.body.model, self.body.chain.data
+        model = self.body.model
         joints, moves = self._to_joints
         states = self.joint_states(q, v, a)
         out = np.empty((len(q), len(self.rows), len(joints), 10))
         pick = np.ix_(self.rows, joints)
-        for k, (q_k, v_k, a_k) in enumerate(zip(*states, strict=True)):
-            found = pin.computeJointTorqueRegressor(model, data, q_k, v_k, a_k)
-            out[k] = found.reshape(model.nv, model.nv, 10)[pick]
+        with self.body.chain.work_space() as data:
+            for k, (q_k, v_k, a_k) in enumerate(zip(*states, strict=True)):
+                found = pin.computeJointTorqueRegressor(model, data, q_k, v_k, a_k)
+                out[k] = found.reshape(model.nv, model.nv, 10)[pick]
         for body, move in enumerate(moves):
             out[:, :, body] = out[:, :, body] @ move
         return out
@@ -197,8 +203,9 @@ class Dynamics:
 
         Contracted with `dynamic_parameters` it gives the root wrench without ground reactions, laboratory axes.
         """
-        rows = self.regressor(q, v, a)[:, :6]
-        return root_wrench(q, rows.reshape(len(q), 6, -1)).reshape(rows.shape)
+        parts = stretches(len(q), BLOCK) or [slice(0)]
+        rows = np.concatenate([self.regressor(q[part], v[part], a[part])[:, :6] for part in parts])
+        return root_wrench(q, rows.reshape(len(q), 6, math.prod(rows.shape[2:]))).reshape(rows.shape)
 
 
 _SECOND_MOMENTS = ((0, 0), (0, 1), (1, 1), (0, 2), (1, 2), (2, 2))

@@ -13,7 +13,8 @@ are prescribed: they have amounts in every frame, which may depend on unknowns o
 """
 
 import threading
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
 from typing import Any
@@ -159,22 +160,29 @@ class Chain:
         self.segment_coordinate = [_last(row) for row in self.support[: len(self.coordinates)].T]
         self.moved_sets, row_of = np.unique(self.support, axis=0, return_inverse=True)
         self.moved_set: IntArray = row_of.ravel()
-        self._of_thread = threading.local()
 
     def __reduce__(self) -> tuple[Any, ...]:
         return _chain, self._asked
 
-    @property
-    def data(self) -> pin.Data:
-        """Work space of Pinocchio's algorithms, one for each thread, which all models of the chain share.
+    @contextmanager
+    def work_space(self) -> Iterator[pin.Data]:
+        """Lend a work space of Pinocchio's algorithms to one user at a time.
 
-        It depends on the structure of a model alone. With 100 joints it is 50 MB, of tensors that are
-        not used here: too large to be made for each model.
+        It depends on the structure of a model alone. With 100 joints it is 35 MB, of tensors that are
+        not used here, and takes a tenth of a second to make: it is kept for the next user, of this
+        thread or another, while all that are kept stay below `IDLE_BYTES`.
         """
-        if not hasattr(self._of_thread, "data"):
-            self._of_thread.data = self._template.createData()
-        found: pin.Data = self._of_thread.data
-        return found
+        with _idle_lock:
+            found = next((k for k, (chain, _) in enumerate(_idle) if chain is self), None)
+            data = None if found is None else _idle.pop(found)[1]
+        data = data or self._template.createData()
+        try:
+            yield data
+        finally:
+            with _idle_lock:
+                _idle.append((self, data))
+                while len(_idle) > 1 and sum(_bytes(chain) for chain, _ in _idle) > IDLE_BYTES:
+                    _idle.pop(0)
 
     def with_secondary(self) -> "Chain":
         """Find the chain with the knees' secondary motions as joints."""
@@ -188,6 +196,17 @@ class Chain:
         values[self._at_zeros] = parameters.zero_angles[self._zeros]
         model = pin.buildReducedModel(self._open_model, self._locked, values)
         return LinkageModel(self, model, parameters.joint[self.free_parameters])
+
+
+IDLE_BYTES = 192 << 20
+"""Of work spaces that nobody uses at present: some chains of a calibration with all joint parameters free."""
+_idle: list[tuple[Chain, pin.Data]] = []
+_idle_lock = threading.Lock()
+
+
+def _bytes(chain: Chain) -> int:
+    """Size of a work space: four tensors of (joints, joints, joints) are most of it."""
+    return 4 * 8 * len(chain.joints) ** 3
 
 
 def _last(flags: Array | BoolArray) -> int:
@@ -253,7 +272,6 @@ def inertias(inertial: Array) -> dict[str, pin.Inertia]:
     return out
 
 
-@lru_cache(maxsize=64)
 def chain_of(
     root: str = "pelvis",
     segments: tuple[str, ...] = linkage.SEGMENTS,
@@ -263,12 +281,12 @@ def chain_of(
     secondary: bool = False,
 ) -> Chain:
     """Make the chain of a part of the linkage once: every trial of a person has the same."""
-    return Chain(root, segments, free, reactions=reactions, secondary=secondary)
+    return _chain(root, segments, free, reactions, secondary)
 
 
+@lru_cache(maxsize=64)
 def _chain(root: str, segments: tuple[str, ...], free: tuple[str, ...], reactions: bool, secondary: bool) -> Chain:
-    """Find the chain of these arguments, for one that another process has sent."""
-    return chain_of(root, segments, free, reactions=reactions, secondary=secondary)
+    return Chain(root, segments, free, reactions=reactions, secondary=secondary)
 
 
 def build_linkage(

@@ -92,6 +92,8 @@ class Kinematics:
         self, body: LinkageModel, q: Array, secondary: SecondaryMotion | None = None, *, columns: bool = True
     ) -> None:
         chain, nf = body.chain, len(q)
+        if secondary is None and any(name in linkage.SECONDARY_VARIABLES for name in chain.free):
+            raise ValueError("free variables of secondary motions need the motions that they are of")
         self.chain = chain
         local = body.segment_frames
         self.segments = np.empty((len(chain.segments), 4, 3, nf))
@@ -100,7 +102,8 @@ class Kinematics:
             values = body.configurations(q[part])
             if secondary is not None:
                 for name, joints in chain.at_secondary.items():
-                    values[:, joints] = secondary.amounts[name][:, part].T
+                    if name in secondary.amounts:  # not of a knee that no marker shows
+                        values[:, joints] = secondary.amounts[name][:, part].T
             placements, jacobians = evaluate_joints(body, values, jacobians=columns)
             joint_frames = np.ascontiguousarray(placements[:, chain.segment_joint].transpose(1, 2, 0))
             width = joint_frames.shape[2]
@@ -157,21 +160,20 @@ def evaluate_joints(body: LinkageModel, values: Array, *, jacobians: bool) -> tu
     (nf, nv + 1, 12) axes and origin (m) of every joint, the ground first, in the laboratory; and
     (nf, nv, 6) Jacobian columns, none if they are not wanted.
     """
-    model, data = body.model, body.chain.data
+    model = body.model
     placements = np.empty((len(values), model.njoints, 12))
     columns = np.empty((len(values), model.nv, 6) if jacobians else (0, model.nv, 6))
-    placed, jacobian = view_placements(data.oMi), data.J.T
-    if jacobians:
-        place_joints = pin.computeJointJacobians
-        for row, placement, column in zip(values, placements, columns, strict=True):
-            place_joints(model, data, row)
-            placement[...] = placed
-            column[...] = jacobian
-        return placements, columns
-    place_joints = pin.forwardKinematics
-    for row, placement in zip(values, placements, strict=True):
-        place_joints(model, data, row)
-        placement[...] = placed
+    with body.chain.work_space() as data:
+        placed, jacobian = view_placements(data.oMi), data.J.T
+        if jacobians:
+            for row, placement, column in zip(values, placements, columns, strict=True):
+                pin.computeJointJacobians(model, data, row)
+                placement[...] = placed
+                column[...] = jacobian
+        else:
+            for row, placement in zip(values, placements, strict=True):
+                pin.forwardKinematics(model, data, row)
+                placement[...] = placed
     return placements, columns
 
 

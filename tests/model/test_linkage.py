@@ -1,5 +1,6 @@
 """Kinematics against Pinocchio and the published geometry, the table of coordinates, and a model as a file."""
 
+import pickle
 from dataclasses import fields, replace
 from pathlib import Path
 from typing import Any
@@ -12,7 +13,7 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from gaitcal.gait.conventions import Convention, Signs
-from gaitcal.model.chain import Chain, LinkageModel
+from gaitcal.model.chain import Chain, LinkageModel, chain_of
 from gaitcal.model.coordinates import (
     COORDINATE_TABLE,
     GROUPS,
@@ -245,7 +246,7 @@ def test_segments_and_columns_are_those_of_body_frames_and_finite_differences() 
         assert_derivative(expected, lambda x, frame=frame: placed(x, frame), x)
     data = body.model.createData()
     pin.framesForwardKinematics(body.model, data, body.configurations(q)[0])
-    at_rest = Kinematics(body, q[:1], columns=False)
+    at_rest = Kinematics(body, q[:1], SecondaryMotion(amounts={}, regressors={}), columns=False)
     for s, name in enumerate(chain.segments):
         place = data.oMf[body.model.getFrameId(name)]
         np.testing.assert_allclose(place.translation, at_rest.origins[s, :, 0], atol=EXACT)
@@ -260,6 +261,31 @@ def test_a_free_joint_parameter_is_a_joint_whose_coordinate_is_its_value() -> No
     free = Chain(free=JP_NAMES).body(published_subject())
     moved = free.with_free(parameters)
     np.testing.assert_allclose(Kinematics(moved, q).segments, locked, atol=EXACT)
+
+
+def test_a_knee_whose_secondary_motion_is_not_given_has_none() -> None:
+    """One leg may show no marker: the joints of its secondary motions stay at zero."""
+    rng = np.random.default_rng(9)
+    body, q = Chain(secondary=True).body(perturbed_parameters(rng)), rng.normal(0, 0.4, (3, len(COORDINATES)))
+    zero = {name: (np.zeros(3), np.zeros(3)) for name in SECONDARY}
+    amounts = {"knee_angle_r": rng.normal(0, 0.05, (4, 3))}
+    both = {**amounts, "knee_angle_l": np.zeros((4, 3))}
+    one, all_given = (
+        Kinematics(body, q, SecondaryMotion(amounts=given, regressors=zero)).segments for given in (amounts, both)
+    )
+    np.testing.assert_array_equal(one, all_given)
+    with pytest.raises(ValueError, match="secondary"):
+        Kinematics(opened_body(rng)[0], q)
+
+
+def test_work_spaces_are_lent_to_one_user_at_a_time_and_kept_for_the_next() -> None:
+    chain = Chain()
+    with chain.work_space() as one, chain.work_space() as other:
+        assert one is not other
+    with chain.work_space() as again:
+        assert again is one or again is other
+    again = pickle.loads(pickle.dumps(chain_of(free=("hip_r.pelvis.ant",), reactions=True)))
+    assert again is chain_of("pelvis", SEGMENTS, ("hip_r.pelvis.ant",), reactions=True)
 
 
 def test_published_subject_stands_as_documented() -> None:

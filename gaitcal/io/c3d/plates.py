@@ -163,7 +163,8 @@ def _presence(group: Mapping[str, Any], frame: force_plate.PlateFrame, markers: 
     """(nf,) frames with somebody over a plate; with nobody, as ZERO and the markers have it; as the markers have it."""
     occupied, known = force_plate.over_plate(markers, frame)
     first, last = zero if len(zero := _numbers(group, "ZERO").ravel()) == 2 else (1.0, 0.0)
-    named = np.isin(np.arange(1, len(markers) + 1), np.arange(max(first, 1), last + 1))
+    numbers = np.arange(1, len(markers) + 1)
+    named = (numbers >= first) & (numbers <= last)  # none where a damaged file has no numbers
     return occupied, named & ~occupied, known & ~occupied
 
 
