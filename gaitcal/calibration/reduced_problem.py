@@ -190,6 +190,8 @@ class ReducedProblem:
         """What the cost of each trial counts."""
         self.fixed = [replace(problem.with_free(()), tissue=None) for problem in problems]
         self.open = [problem.with_free(free) for problem in problems]
+        self.bodies = [problem.body(parameters) for problem in self.open]
+        """Of each trial; a free joint parameter is a joint, so that nothing is built anew when it changes."""
         self.columns = [problem.places_in(shared) for problem in self.open]
         self.prior = np.zeros((0, len(shared))) if prior is None else prior
         self.centre = np.zeros(len(shared)) if centre is None else centre
@@ -269,7 +271,7 @@ class ReducedProblem:
 
     def _motion(self, k: int, p: Array, parameters: Parameters) -> tuple[MotionProblem, OpenMotion]:
         fixed, problem = self._placed(k, p)
-        return fixed, OpenMotion(problem, problem.body(parameters), p[self.columns[k]])
+        return fixed, OpenMotion(problem, self.bodies[k].with_free(parameters), p[self.columns[k]])
 
     def _solve(self, k: int, p: Array, parameters: Parameters) -> MotionState:
         """The motion of one trial at p, predicted and then corrected by a few plain steps, or else tracked."""

@@ -114,7 +114,7 @@ class _JointAlone:
         """`data`: its markers in the segments of the `whole` chain; `q` (nf, nq): where its coordinates start."""
         names = tuple(e.name for p in parts for e in p.elements if e.source is Source.JOINT_PARAMETER)
         self.chain = chain = chain_of(parts[0].parent, (parts[0].parent, *(p.child for p in parts)), names)
-        self.parameters, self.shape = parameters, q.shape
+        self.parameters, self.shape, self.body = parameters, q.shape, chain.body(parameters)
         segment = np.array([chain.segments.index(whole.segments[s]) for s in data.segment], np.intp)
         self.data = replace(data, placed=marker_residual.PlacedMarkers(segment, data.local))
         self.pairs = marker_residual.VariablePairs(chain, np.isin(np.arange(len(chain.segments)), segment))
@@ -123,7 +123,8 @@ class _JointAlone:
     def distances(self) -> Array:
         """(markers, nf) m, at the minimum."""
         parameters, q = self.split(descent.descend(self, self.first, SETTINGS).x)
-        model = marker_residual.marker_positions(self.chain.body(parameters), self.data.placed, q)
+        body = self.body.with_free(parameters)
+        model = marker_residual.marker_positions(body, self.data.placed, q)
         return np.linalg.norm(model - self.data.measured, axis=1)
 
     def split(self, x: Array) -> tuple[Parameters, Array]:
@@ -134,7 +135,7 @@ class _JointAlone:
     def equations(self, x: Array, *, hessian: bool) -> marker_residual.FrameEquations:
         """Of every frame, without the matrix or with it."""
         parameters, q = self.split(x)
-        body = self.chain.body(parameters)
+        body = self.body.with_free(parameters)
         return marker_residual.frame_equations(body, self.pairs, self.data, q, hessian=hessian)
 
     def evaluate(self, x: Array) -> descent.Evaluation:
