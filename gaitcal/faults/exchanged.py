@@ -116,6 +116,8 @@ def undone(trial: MarkerEvidence) -> MarkerEvidence:
     """The trial with all exchanges undone, so that only what else is wrong with it is seen; itself where there are
     none.
     """
+    if trial.marker_set.noise is not None:
+        return trial
     return _without(trial, exchanges(trial))
 
 
@@ -125,7 +127,9 @@ def put_back(trial: MarkerEvidence) -> MarkerEvidence:
     Three markers of a segment of which two are exchanged are a mirror image, and least squares turns the segment round;
     no weight can repair that.
     """
-    mended, found = (trial, []) if trial.is_static else _restored(trial)
+    # key points and poses err by centimetres of their own: their lengths prove no exchange
+    confirmed = not trial.is_static and trial.marker_set.noise is None
+    mended, found = _restored(trial) if confirmed else (trial, [])
     return replace(mended, as_read=trial.recording) if found else trial
 
 
