@@ -101,7 +101,7 @@ def _harmful(trial: MarkerEvidence, found: Exchange) -> bool:
 def exchanges(trial: MarkerEvidence) -> tuple[Exchange, ...]:
     """Pairs of labels that are exchanged somewhere, each once."""
     found: dict[frozenset[str], Exchange] = {}
-    for exchange in by_lengths(trial):
+    for exchange in by_lengths(trial) if _keeps_lengths(trial) else ():
         pair = frozenset((exchange.label, exchange.other))
         known = found.get(pair)
         if known is None or (exchange.mutual and not known.mutual):
@@ -112,12 +112,15 @@ def exchanges(trial: MarkerEvidence) -> tuple[Exchange, ...]:
     return tuple(found.values())
 
 
+def _keeps_lengths(trial: MarkerEvidence) -> bool:
+    """Tell whether lengths within segments can show exchanges: key points err by centimetres, which jump too."""
+    return trial.marker_set.noise is None
+
+
 def undone(trial: MarkerEvidence) -> MarkerEvidence:
     """The trial with all exchanges undone, so that only what else is wrong with it is seen; itself where there are
     none.
     """
-    if trial.marker_set.noise is not None:
-        return trial
     return _without(trial, exchanges(trial))
 
 
@@ -127,9 +130,7 @@ def put_back(trial: MarkerEvidence) -> MarkerEvidence:
     Three markers of a segment of which two are exchanged are a mirror image, and least squares turns the segment round;
     no weight can repair that.
     """
-    # key points and poses err by centimetres of their own: their lengths prove no exchange
-    confirmed = not trial.is_static and trial.marker_set.noise is None
-    mended, found = _restored(trial) if confirmed else (trial, [])
+    mended, found = (trial, []) if trial.is_static else _restored(trial)
     return replace(mended, as_read=trial.recording) if found else trial
 
 
@@ -246,13 +247,13 @@ def by_jumps(trial: MarkerEvidence) -> Iterator[Exchange]:
             frames = ~frames
         # of many jumps one that is missed puts all after it on the wrong side, which lengths show frame by frame; not
         # between two segments, whose other markers may be exchanged as well
-        if lengths.segment_of.get(first, "") == lengths.segment_of.get(second):
+        if _keeps_lengths(trial) and lengths.segment_of.get(first, "") == lengths.segment_of.get(second):
             frames |= (present > 2.0 * STRANGE_M) & (other < FAR_BELOW * present)
             frames &= ~((other > 2.0 * STRANGE_M) & (present < FAR_BELOW * other))
         if frames.any():
             with np.errstate(invalid="ignore"):
                 sure = bool(np.nansum(other[frames]) < FAR_BELOW * np.nansum(present[frames]))
-            yield Exchange(first, second, frames, True, sure)
+            yield Exchange(first, second, frames, True, sure or not _keeps_lengths(trial))
 
 
 def _crossings(trial: MarkerEvidence) -> dict[tuple[int, int], list[int]]:
