@@ -1,6 +1,6 @@
 """Recorded poses of a person's Pinocchio model in MeshCat: in a browser, in a notebook, or as a file.
 
-Everything is drawn in laboratory axes (x forward, y up, z to the right), turned once by `UPRIGHT`, as MeshCat's own z
+Everything is drawn in laboratory axes (x forward, y up, z to the right), turned once by `UPRIGHT`, as MeshCat's z
 axis points up. A browser plays the motion by itself: it gets the pose of every moving node at every frame once.
 """
 
@@ -51,7 +51,7 @@ ARROW: Final = {"shaft": (0.88, 0.014, 0.014), "head": (0.12, 0.0, 0.042)}
 AXIS_OF_HEIGHT: Final = 0.056
 """Half the drawn length of a joint axis, of body height, as on the page."""
 HIDDEN: Final = 1e-6
-"""Scale of a node that is not to be seen: at zero MeshCat would divide by it."""
+"""Scale of a hidden node: at zero MeshCat would divide by it."""
 ENDLESS: Final = 1_000_000
 """Repetitions of a motion that plays until it is stopped."""
 FIELD_OF_VIEW_DEG, ASPECT = 32.0, 1.5
@@ -63,7 +63,7 @@ MARGIN_M: Final = (0.3, 0.3, 0.3)
 UPRIGHT: Final = np.array([[1.0, 0, 0, 0], [0, 0, -1, 0], [0, 1, 0, 0], [0, 0, 0, 1]])
 """From laboratory axes to MeshCat's."""
 FLOOR_M, GRID_M = 20.0, 0.5
-"""Side of the floor, and of MeshCat's own grid; distance of the grid's lines."""
+"""Side of the floor, and of MeshCat's grid; distance of the grid's lines."""
 LOOPBACK: Final = "127.0.0.1"
 
 
@@ -86,7 +86,7 @@ def view(
     Returns
     -------
     Pinocchio's `MeshcatVisualizer` of the person, which plays: `viewer.pause()`, `viewer.show(frame)`,
-    `viewer.play(speed)`, `viewer.save(path)`, `viewer.close()`; `viewer.viewer` is MeshCat's own visualizer.
+    `viewer.play(speed)`, `viewer.save(path)`, `viewer.close()`; `viewer.viewer` is MeshCat's visualizer.
 
     Raises
     ------
@@ -266,7 +266,7 @@ class MotionViewer(MeshcatVisualizer):  # type: ignore[misc]
             )
 
     def _add_markers(self, model: SubjectModel, recording: Recording) -> dict[str, "_Poses"]:
-        """The measured markers of the model, where they were seen."""
+        """The measured markers of the model, where they are visible."""
         places = scene.measured_markers(model, recording, slice(None)).astype(float)
         out = {}
         for i, label in enumerate(model.markers.labels):
@@ -368,7 +368,7 @@ class _Poses:
     """A node at every frame, in laboratory axes."""
 
     places: Array  # (nf, 3) m
-    sizes: Array  # (nf,) scale; `HIDDEN` where it is not to be seen
+    sizes: Array  # (nf,) scale; `HIDDEN` where it is hidden
     turns: Array | None = None  # (nf, 3, 3) from the node's axes to the laboratory's; None: as these
 
     def matrix(self, frame: int) -> Array:
@@ -526,7 +526,7 @@ _FILES: Final = {"path": zmqserver.VIEWER_ROOT, "default_filename": zmqserver.VI
 
 
 def _free_port() -> int:
-    """A port of the loopback address on which nobody listens."""
+    """Find a free port of the loopback address."""
     with socket.socket() as probe:
         probe.bind((LOOPBACK, 0))
         return int(probe.getsockname()[1])

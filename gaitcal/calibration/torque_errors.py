@@ -93,7 +93,7 @@ class ErringForces:
         )
         by_parameter = through @ slopes.by_parameter + kinetic.by_parameter
         basis, count = self.problem.basis, len(FORCES)
-        # of powers and moments, sources are not told apart: fewer columns do for them
+        # powers and moments need the sum over all sources only, which fewer columns have
         torques = self.moves.by_source.through(basis, part, by_state[:, :count], by_parameter[:, :count])
         kinetics = self.moves.together.through(basis, part, by_state[:, count:], by_parameter[:, count:])
         found = Variances(self.moves.variances(torques), *self.moves.whole_and_own(kinetics))

@@ -11,10 +11,8 @@ frame's x axis. The six root rows are the pelvis residual, what no ground reacti
 A's rows being the axes of the pelvis rotations in the laboratory, so that T is the moment about the
 pelvis origin in laboratory axes. Without ground reactions tau is linear in the dynamic parameters of
 the segments (m, m c, I about the segment origin). Their matrix is the regressor
-(`pin.computeJointTorqueRegressor`), whose columns Pinocchio gives for bodies in the frames of their
-joints: with X the pose of a segment in that frame, the pseudo-inertia of a body moves by
-
-    P_joint = X P_segment X^T,      P = [[tr(I)/2 - I, m c], [(m c)^T, m]].
+(`pin.computeJointTorqueRegressor`). Pinocchio gives its columns for bodies in the frames of their
+joints; those of segments follow by a constant matrix (`transformed_parameters`).
 """
 
 import math
@@ -208,25 +206,21 @@ class Dynamics:
         return root_wrench(q, rows.reshape(len(q), 6, math.prod(rows.shape[2:]))).reshape(rows.shape)
 
 
-_SECOND_MOMENTS = ((0, 0), (0, 1), (1, 1), (0, 2), (1, 2), (2, 2))
-"""Entries xx, xy, yy, xz, yz, zz of an inertia, in the order of dynamic parameters."""
-
-
 def transformed_parameters(placement: pin.SE3) -> Array:
-    """Find the matrix (10, 10) that takes dynamic parameters of a body into the frame it is placed in."""
-    moved = placement.homogeneous
-    out = np.empty((10, 10))
-    for k, unit in enumerate(np.eye(10)):
-        pseudo = np.zeros((4, 4))
-        pseudo[3, 3], pseudo[3, :3], pseudo[:3, 3] = unit[0], unit[1:4], unit[1:4]
-        inertia = np.zeros((3, 3))
-        for (i, j), moment in zip(_SECOND_MOMENTS, unit[4:], strict=True):
-            inertia[i, j] = inertia[j, i] = moment
-        pseudo[:3, :3] = np.trace(inertia) / 2.0 * np.eye(3) - inertia
-        pseudo = moved @ pseudo @ moved.T
-        inertia = np.trace(pseudo[:3, :3]) * np.eye(3) - pseudo[:3, :3]
-        out[:, k] = [pseudo[3, 3], *pseudo[3, :3], *(inertia[i, j] for i, j in _SECOND_MOMENTS)]
-    return out
+    """Find the matrix (10, 10) that takes dynamic parameters of a body into the frame it is placed in.
+
+    Pinocchio moves ten bodies whose parameters are independent; what it makes of them is the matrix.
+    """
+    unit = np.eye(3)
+    bodies = [pin.Inertia(1.0, np.zeros(3), unit)]
+    bodies += [pin.Inertia(1.0, axis, unit) for axis in unit]
+    for i in range(3):
+        for j in range(i + 1):
+            both = 0.25 * (np.outer(unit[i], unit[j]) + np.outer(unit[j], unit[i]))
+            bodies.append(pin.Inertia(1.0, np.zeros(3), unit + both))
+    before = np.array([body.toDynamicParameters() for body in bodies])
+    after = np.array([placement.act(body).toDynamicParameters() for body in bodies])
+    return np.asarray(np.linalg.solve(before, after).T)
 
 
 def root_wrench(q: Array, rows: Array) -> Array:

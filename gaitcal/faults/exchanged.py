@@ -113,7 +113,7 @@ def exchanges(trial: MarkerEvidence) -> tuple[Exchange, ...]:
 
 
 def _keeps_lengths(trial: MarkerEvidence) -> bool:
-    """Tell whether lengths within segments can show exchanges: key points err by centimetres, which jump too."""
+    """Whether lengths within segments can show swapped labels: those of key points change by centimetres."""
     return trial.marker_set.noise is None
 
 

@@ -87,7 +87,8 @@ def missing(trial: MarkerEvidence) -> Iterator[Finding]:
 
 def _needed(trial: MarkerEvidence, label: str) -> bool:
     """Whether torques lack a marker: one with weight of pelvis or legs, unless it marks the medial side of a joint,
-    which the static trial shows and nobody wears to move; or one of a trunk that too few others show. None needs arms.
+    which the static trial shows and which is not worn to move; or one of a trunk that too few others show. No torque
+    needs arms.
     """
     segment = trial.marker_set.segment_of.get(label, "pelvis")
     if trial.weight(label) <= NEGLIGIBLE_WEIGHT:

@@ -31,6 +31,7 @@ from gaitcal.dynamics.measurement_errors import OUTSIDE_SHARE, share_outside
 from gaitcal.errors import Code, Finding, listed
 from gaitcal.faults.evidence import MarkerEvidence
 from gaitcal.faults.foot_on_plate import PLATES_ELSEWHERE, TOPIC, Feet, Step, feet_of, overhang, steps_of, walked
+from gaitcal.io.c3d.plates import CONTRADICTED
 from gaitcal.io.force_plate import BODY_N, OUTSIDE_M, QUIET_N, STANCE_S, UNLOADED_N, empty_samples, resample_wrench
 from gaitcal.io.recording import ForcePlate, duration, runs, spans, still_window
 from gaitcal.model.subject_model import GRAVITY
@@ -72,7 +73,7 @@ PELVIS_M_S = 0.4
 `pig_c3d` differs over its single step, 2 % over two strides."""
 VELOCITY_S = 0.1  # Stretch over which the velocity at either end is fitted
 
-_ALARMING = re.compile(r"left out|never empty|outside its corners|no numbers|says in its UNITS")
+_ALARMING = re.compile(rf"left out|never empty|outside its corners|no numbers|{CONTRADICTED}")
 
 
 def told_on_reading(trial: MarkerEvidence) -> Iterator[Finding]:

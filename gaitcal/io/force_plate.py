@@ -104,12 +104,12 @@ def plate_frame(corners: Array) -> PlateFrame:
     return PlateFrame(np.column_stack([x, cross(z, x), z]), corners.mean(axis=0), corners)
 
 
-def empty_samples(vertical: Array, rate: float, nobody: BoolArray | None = None) -> BoolArray:
+def empty_samples(vertical: Array, rate: float, unoccupied: BoolArray | None = None) -> BoolArray:
     """(ns,) bool: where nothing stands on the plate, by a steady reading of `vertical` (ns,) N.
 
-    The reading is a small one; of any size where `nobody` (ns,) bool is known to be over the plate.
+    The reading is a small one. It may have any size in `unoccupied` samples (ns,), with no person over the plate.
     """
-    quiet = np.abs(vertical) < UNLOADED_N if nobody is None else nobody.copy()
+    quiet = np.abs(vertical) < UNLOADED_N if unoccupied is None else unoccupied.copy()
     if not quiet.any():
         return quiet
     quiet &= np.abs(vertical - np.median(vertical[quiet])) < QUIET_N
@@ -121,13 +121,14 @@ def empty_samples(vertical: Array, rate: float, nobody: BoolArray | None = None)
     return empty
 
 
-def offset(force: Array, moment: Array, rate: float, occupied: BoolArray, *nobody: BoolArray) -> Array | None:
+def offset(force: Array, moment: Array, rate: float, occupied: BoolArray, *unoccupied: BoolArray) -> Array | None:
     """(6,) median wrench of the empty plate; None where it is never known to be empty.
 
-    `occupied`, each of `nobody`: (ns,) samples with somebody over the plate, with nobody, the surest first. These are
-    used where no reading is small, and if the plate is loaded where somebody is over it: else it lies elsewhere.
+    `occupied` (ns,): samples with a person over the plate. `unoccupied`, each (ns,): samples without one, the surest
+    first. These are used where no reading is small, and only if the plate is loaded while it is occupied: a plate that
+    is not is located elsewhere.
     """
-    for allowed in (None, *nobody):
+    for allowed in (None, *unoccupied):
         empty = empty_samples(force[:, 2], rate, allowed)
         if not empty.any():
             continue

@@ -62,7 +62,7 @@ def parse_trc(path: Path) -> Recording:
         start += 1
     width = len(lines[start].rstrip().split(separator)) if start < len(lines) else 0
     names = _names(lines[label_line], separator, width)
-    # Cortex writes trajectories that nobody named after the others, without a cell in the line of names
+    # Cortex writes unnamed trajectories after the others, without a cell in the line of names
     widest = max((len(line.rstrip().split(separator)) for line in lines[start:]), default=0)
     unnamed, rest = divmod(widest - 2 - 3 * len(names), 3)
     names += [""] * (unnamed if rest == 0 else 0)

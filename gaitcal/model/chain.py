@@ -199,7 +199,7 @@ class Chain:
 
 
 IDLE_BYTES = 192 << 20
-"""Of work spaces that nobody uses at present: some chains of a calibration with all joint parameters free."""
+"""Of idle work spaces: those of some chains of a calibration with all joint parameters free."""
 _idle: list[tuple[Chain, pin.Data]] = []
 _idle_lock = threading.Lock()
 

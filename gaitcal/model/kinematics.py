@@ -5,7 +5,7 @@
 
 as `pin.computeJointJacobians` gives them: a rotation about the unit axis a through the point c is
 [c x a; a], a translation along a is [a; 0]. Pinocchio works on one frame at a time. What it has
-computed is read from its own memory, through views that are made once: copying attribute by
+computed is read from its memory, through views that are made once: copying attribute by
 attribute takes three times as long as the computation.
 
 The frame index is the last one here, so that what follows is one pass over contiguous memory. A
@@ -48,7 +48,7 @@ class SecondaryMotion:
 
 
 class _Memory:
-    """What NumPy needs to know of a vector of Pinocchio's, whose elements hold `count` doubles."""
+    """NumPy's array interface of a `std::vector` of Pinocchio, of `count` doubles an element."""
 
     def __init__(self, elements: Sequence[Any], first: Array, second: Array, count: int) -> None:
         start, after = (x.__array_interface__["data"][0] for x in (first, second))

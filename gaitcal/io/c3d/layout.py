@@ -143,7 +143,7 @@ def layout_of_samples(
 
 
 def long_number(words: Any) -> int | None:
-    """A number that stands in two 16-bit words, the lower first, or in one float; None where there is none."""
+    """Read a number from two 16-bit values, the lower first, or from one float; None where there is none."""
     values = np.asarray(words, dtype=np.float64).ravel()
     if not 1 <= len(values) <= 2 or not np.isfinite(values).all():
         return None

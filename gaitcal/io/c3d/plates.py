@@ -160,7 +160,7 @@ def _unit_scale(
 
 
 def _presence(group: Mapping[str, Any], frame: force_plate.PlateFrame, markers: Array) -> tuple[BoolArray, ...]:
-    """(nf,) frames with somebody over a plate; with nobody, as ZERO and the markers have it; as the markers have it."""
+    """Find the frames (nf,) with a person over a plate; without, by ZERO and the markers; without, by the markers."""
     occupied, known = force_plate.over_plate(markers, frame)
     first, last = zero if len(zero := _numbers(group, "ZERO").ravel()) == 2 else (1.0, 0.0)
     numbers = np.arange(1, len(markers) + 1)

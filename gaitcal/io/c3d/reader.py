@@ -205,7 +205,7 @@ def read_c3d(path: Path) -> Recording:
 
 
 def _damage(path: Path, error: str) -> str:
-    """What is wrong with a file that a library cannot read, in the words of the format instead of the library's."""
+    """Describe what is wrong with a file that a library cannot read, by its format instead of the library's error."""
     found = "numbers in its header and its parameters contradict each other"
     if any(word in error for word in ("alloc", "Memory", "length_error", "vector")):
         found = "a number in its header or parameters asks for more data than the file can hold"
@@ -226,7 +226,7 @@ def _recording(path: Path, header: C3DHeader, raw: Mapping[str, Any]) -> Recordi
         counted, (points, analogs) = points.shape[2], layout.read_samples(path, whole, parameters)
         note = "ANALOG parameters are missing or do not fit the data, which were laid out after the header."
         if points.shape[2] != counted:
-            note = f"The header counts {counted} frames; the file holds {points.shape[2]}, all of which were read."
+            note = f"The header counts {counted} frames; {points.shape[2]} were read, as many as fill the file."
         notes += (note,)
     frames = points.shape[2]
     if frames < 1:
