@@ -117,8 +117,11 @@ def test_nothing_of_the_quick_part_goes_unnoticed(
 ) -> None:
     found = results("attacks", "--quick", "--json", str(tmp_path / "results.json"))
     assert len(found) >= 12
-    placed = [r.attack for r in found if r.ending is Ending.HARMLESS]  # by the rest of the leg
-    assert placed == ["subject01: markers of the walk: thigh_r cluster mirrored"]
+    put_back = {r.attack for r in found if r.ending is Ending.HARMLESS}
+    assert put_back == {
+        "subject01: markers of the walk: thigh_r cluster mirrored",
+        "subject01: markers of the walk: two thigh labels exchanged in a quarter",
+    }
     bad = [r for r in found if r.ending not in (Ending.REFUSED, Ending.NAMED, Ending.HARMLESS)]
     assert not bad, "\n".join(check.lines(bad))
     assert "refused" in capsys.readouterr().out
