@@ -45,7 +45,15 @@ from scipy.linalg import block_diag
 from gaitcal.arrays import Array, IntArray
 from gaitcal.calibration.error_sources import ErrorSources, errors_by_source, nominal_errors
 from gaitcal.calibration.joint_calibration import JointFit, JointSearch, JointSettings
-from gaitcal.calibration.joint_prior import ANATOMY, forbidden_noise, least_noise, prior_of, trial_noises
+from gaitcal.calibration.joint_prior import (
+    ANATOMY,
+    NoisePrior,
+    forbidden_noise,
+    least_noise,
+    noise_prior,
+    prior_of,
+    trial_noises,
+)
 from gaitcal.calibration.reduced_problem import NULL, ReducedState
 from gaitcal.calibration.soft_tissue_artefact import NO_TISSUE, TissuePrior, secondary_prior
 from gaitcal.calibration.tissue_elimination import Arrow, split_by_kind
@@ -131,7 +139,8 @@ def estimate_joints(
     `tissue`: prior of the columns that the problems have.
     `fits_tissue`: whether these are fitted; else markers stay in their places, and the columns are a source of error.
     `prior`: of the joint parameters, about `nominal`; None: nothing is expected of them.
-    `equal_weights`: whether all trials have one noise, the mean of their own.
+    `equal_weights`: whether all trials have one noise, the mean of their own, as they show it; else the noise of people
+    is known before (`joint_prior.noise_prior`).
     `present`: where the search starts, and values of all that is not free; `nominal` unless given.
     `known`: errors of the joint parameters before the fit, those that it keeps fixed too; by the prior of those that
     are free unless given, the rest being exact.
@@ -142,7 +151,8 @@ def estimate_joints(
     problems = with_columns if fits_tissue else [replace(problem, tissue=None) for problem in with_columns]
     noise: list[float] = []
     for kind in tasks:
-        noise += noise_of([p for p, of in zip(problems, kinds, strict=True) if of == kind], present, free)
+        of_kind = [p for p, own in zip(problems, kinds, strict=True) if own == kind]
+        noise += noise_of(of_kind, present, free, None if equal_weights else noise_prior(kind))
     starts = [starting_nodes(p.chain, p.constants(present), p.data, p.basis) for p in problems]
     expected = None if prior is None else _expected(nominal, free, prior)
     search = JointSearch(
@@ -238,9 +248,11 @@ def _weigh(search: JointSearch, noise: Sequence[float], *, equal: bool) -> list[
     return weighed
 
 
-def noise_of(problems: Sequence[MotionProblem], nominal: Parameters, free: tuple[str, ...]) -> list[float]:
+def noise_of(
+    problems: Sequence[MotionProblem], nominal: Parameters, free: tuple[str, ...], expected: NoisePrior | None = None
+) -> list[float]:
     """m, nu of every trial of a kind of task, fitted by itself with markers that stay in their places: what no joint
-    explains, wherever it may lie.
+    explains, wherever it may lie. `expected`: of people's; points that are no markers have a least noise instead.
     """
     problems = [replace(p, tissue=SoftTissue((), p.secondary) if p.secondary else None) for p in problems]
     own = free_of(problems, free)
@@ -248,16 +260,18 @@ def noise_of(problems: Sequence[MotionProblem], nominal: Parameters, free: tuple
     if not own:
         return noise
     starts = [starting_nodes(p.chain, p.constants(nominal), p.data, p.basis) for p in problems]
-    expected = nominal.joint[[JP_INDEX[n] for n in own]], _wide(own)
+    about = nominal.joint[[JP_INDEX[n] for n in own]], _wide(own)
     tissue, least = secondary_prior(problems), [least_noise(p.basis, p.noise) for p in problems]
-    search = JointSearch(problems, nominal, own, starts, BY_EVIDENCE, tissue=tissue, expected=expected)
+    search = JointSearch(problems, nominal, own, starts, BY_EVIDENCE, tissue=tissue, expected=about)
     for _ in range(ROUNDS):
         _weigh(search, noise, equal=False)
         state = search.approach(NOISE_TOLERANCE)
         effective = Arrow(state.kinds, _precision(search)).effective_parameters()
         moved, at = search.problem.moved(state), search.problem.linkage(state.p)
         left = [forbidden_noise(p, at, trial.coefficients) for p, trial in zip(moved, state.trials, strict=True)]
-        noise = trial_noises(left, least, effective)
+        rates = [frame_rate(p.basis) for p in problems]
+        priors = None if expected is None or any(p.noise for p in problems) else [expected] * len(problems)
+        noise = trial_noises(left, least, effective, priors, rates)
     return noise
 
 

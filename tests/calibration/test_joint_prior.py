@@ -18,6 +18,7 @@ from gaitcal.calibration.joint_prior import (
     forbidden_noise,
     frames_per_sample,
     least_noise,
+    noise_prior,
     prior_deviations,
     prior_of,
     trial_noises,
@@ -191,3 +192,21 @@ def test_parameters_use_samples_up_and_cameras_never_err_by_nothing() -> None:
     assert trial_noises([ForbiddenNoise(0.0, 10.0)], [3e-4], 1.0) == [3e-4]
     time = np.arange(100) / 100.0
     assert least_noise(spline_basis(time, 8)) < least_noise(spline_basis(time / 4.0, 8))
+
+
+def test_a_noise_that_its_own_fit_takes_up_is_drawn_towards_peoples_and_none_is_lowered() -> None:
+    """Between the estimate and the median of people, by the precision of each in ln nu; twice the rate, root two."""
+    few, many = ForbiddenNoise(0.35e-3**2, 40.0), ForbiddenNoise(30e-3**2, 40.0)
+
+    def found(estimate: ForbiddenNoise, kind: str, rate: float = 100.0) -> float:
+        return trial_noises([estimate], [1e-4], -2.0, [noise_prior(kind)], [rate])[0]
+
+    prior = noise_prior("ankle_r")
+    precision = 1.0 / (0.5 / 40.0 + prior.absorbed**2), prior.spread**-2.0
+    expected = np.exp(np.average(np.log([0.35e-3, prior.median]), weights=precision))
+    assert found(few, "ankle_r") == pytest.approx(expected)
+    assert found(few, "ankle_r") > 2e-3 > 0.5e-3 > found(few, "gait") > 0.35e-3
+    assert found(many, "ankle_r") == found(many, "gait") == pytest.approx(30e-3)
+    fast = ForbiddenNoise(2.0 * few.variance, few.samples)
+    assert found(fast, "ankle_r", 200.0) == pytest.approx(np.sqrt(2.0) * found(few, "ankle_r"))
+    assert found(ForbiddenNoise(0.0, 40.0), "hip_r") > 10.0 * 1e-4, "never a floor"
