@@ -24,8 +24,10 @@ motions solved as far as tracking alone would solve them.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
+from typing import TypeVar
 
 import numpy as np
 from scipy.linalg import solve_triangular
@@ -39,6 +41,7 @@ from gaitcal.motion.banded import Elimination, NormalEquations, eliminate
 from gaitcal.motion.descent import DescentSettings, Evaluation, descend
 from gaitcal.motion.motion import track_nodes
 from gaitcal.motion.trial_problem import MotionProblem
+from gaitcal.runtime import with_one_blas_thread
 
 KEPT_WITHIN = 0.005
 """m, rad: a matrix formed nearer than this differs from the present one by less than the curvature it leaves out."""
@@ -257,10 +260,12 @@ class ReducedProblem:
             if known is not None and np.array_equal(known.p, p):
                 return known
         self.evaluations += 1
-        kinds = [self._solved(k, p, *self._predicted(k, p)) for k in range(len(self.members))]
+        every = range(len(self.members))
+        kinds = _side_by_side(lambda k: self._solved(k, p, *self._predicted(k, p)), every)
         if self.best is not None and self._sum(p, kinds).total > self.best.total:
             # before SciPy takes a shorter step: soft tissue may have gone too far, and not the joint parameters
-            kinds = [self._followed(k, p, kind) for k, kind in enumerate(kinds)]
+            solved = kinds
+            kinds = _side_by_side(lambda k: self._followed(k, p, solved[k]), every)
         return self._keep(p, kinds)
 
     def _predicted(self, k: int, p: Array) -> tuple[Array, Sequence[MotionState] | None]:
@@ -274,17 +279,17 @@ class ReducedProblem:
     def settle(self, p: Array) -> ReducedState:
         """The same with soft tissue and motions solved as far as the settings ask, nothing kept from other points."""
         state = self.at(p)
-        kinds = list[KindState]()
-        for k, members in enumerate(self.members):
-            here = KindState(tuple(state.trials[t] for t in members), state.kinds[k])
-            here = self._followed(k, p, here)
-            z = here.tissue.z + here.tissue.step
-            trials = [self._settled(t, p, z, last) for t, last in zip(members, here.trials, strict=True)]
-            here = self._summed(k, z, trials)
+
+        def settled(k: int) -> KindState:
+            members = self.members[k]
+            here = self._followed(k, p, KindState(tuple(state.trials[t] for t in members), state.kinds[k]))
+            z, trials = here.tissue.z + here.tissue.step, here.trials
+            here = self._summed(k, z, self._each(k, lambda i: self._settled(members[i], p, z, trials[i])))
             if here.tissue.reduction > self.settings.gain * here.tissue.cost:
                 here = replace(here, trials=tuple(replace(trial, converged=False) for trial in here.trials))
-            kinds.append(here)
-        return self._keep(p, kinds)
+            return here
+
+        return self._keep(p, _side_by_side(settled, range(len(self.members))))
 
     def linkage(self, p: Array) -> Parameters:
         """All joint parameters at p."""
@@ -342,11 +347,18 @@ class ReducedProblem:
         self, k: int, p: Array, z: Array, near: Sequence[MotionState] | None, *, keep: bool = False
     ) -> KindState:
         """One kind with its motions solved at p and z, from those of a point `near`, whose matrices may be kept."""
-        trials = []
-        for i, t in enumerate(self.members[k]):
-            values = np.append(p, z)[self.columns[t]]
-            trials.append(self._solve(t, values, None if near is None else near[i], keep=keep))
-        return self._summed(k, z, trials)
+        unknowns = np.append(p, z)
+
+        def solved(i: int) -> MotionState:
+            t = self.members[k][i]
+            return self._solve(t, unknowns[self.columns[t]], None if near is None else near[i], keep=keep)
+
+        return self._summed(k, z, self._each(k, solved))
+
+    def _each(self, k: int, function: Callable[[int], MotionState]) -> list[MotionState]:
+        """What a function makes of each trial of a kind, two at a time where there is no other kind."""
+        every = range(len(self.members[k]))
+        return _side_by_side(function, every) if len(self.members) == 1 else [function(i) for i in every]
 
     def _summed(self, k: int, z: Array, trials: Sequence[MotionState]) -> KindState:
         """Sum the trials of a kind up, and eliminate its soft tissue."""
@@ -482,3 +494,14 @@ class ReducedProblem:
                 inverse = np.where(size > 0, 1.0 / np.where(size > 0, size, 1.0), 0.0)
                 self._known = state, size[:, None] * vectors.T, inverse[:, None] * vectors.T
         return self._known[1:]
+
+
+_Made = TypeVar("_Made")
+
+
+def _side_by_side(function: Callable[[int], _Made], numbers: Sequence[int]) -> list[_Made]:
+    """What a function makes of each number, two at a time: products of matrices let the other thread compute."""
+    if len(numbers) < 2:
+        return [function(number) for number in numbers]
+    with ThreadPoolExecutor(2) as pool:
+        return list(pool.map(with_one_blas_thread(function), numbers))
