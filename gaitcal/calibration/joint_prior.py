@@ -41,7 +41,9 @@ fitted to its visible samples only,
 
 c_f are the directions that joints forbid in the frame: a segment has as many as its visible markers show (six of three
 markers, five of two, three of one), and the linkage takes as many as its coordinates move these markers in. Segments
-count frame by frame, so that one which is never or seldom whole takes only its own share away.
+count frame by frame, so that one which is never or seldom whole takes only its own share away. Those that wear fewer
+than three markers leave their joints out, where joints are left between others. If none is, all count, with P = 1 for
+such a segment: a pair shows how its skin deforms in one direction only, which is as good as the others.
 rho_k is the autocorrelation of d (summed until it first falls below 0.05; Bartlett 1946), a_k^2 how often a sample that
 is k frames from a visible one is visible, too. Once smoothed, errors that last no longer than the splines and slower
 ones look alike; the first ask for a_k^2 in its place (samples that are missing repeat no other), the second for 1. With
@@ -69,6 +71,7 @@ from gaitcal.model.parameters import JOINT_PARAMETERS, JP_INDEX, JP_NAMES, JP_TO
 from gaitcal.model.subject_model import PointNoise
 from gaitcal.motion import spline, trial_problem
 from gaitcal.motion.marker_residual import MarkerData
+from gaitcal.motion.rigid import FEWEST_MARKERS
 from gaitcal.motion.soft_tissue import together
 from gaitcal.study.joint_prior import SIDES_OF, JointPrior
 from gaitcal.study.settings import ParameterPriorTable
@@ -272,15 +275,19 @@ def forbidden_noise(
     coefficients
         (nn, nq) of the motion.
     """
-    data, constants = problem.data, problem.constants(parameters)
-    model = problem.positions(coefficients, constants)
-    visible = data.weight > 0
-    residual = np.sqrt(data.weight)[:, None] * (data.measured - model) * visible[:, None]
-    moved, shown = _moved_as_rigid(residual, model, data)
-    taken = _linkage_ranks(problem, coefficients, parameters)
-    directions = shown - taken
-    if (directions <= 0).all():
-        moved, directions = residual, 3 * visible.sum(axis=0) - taken
+    model = problem.positions(coefficients, problem.constants(parameters))
+    for counted_markers in (_whole_segments(problem.data), np.ones(len(model), dtype=bool)):
+        weight = problem.data.weight * counted_markers[:, None]
+        some = problem.with_weight(weight)
+        residual = np.sqrt(weight)[:, None] * (problem.data.measured - model)
+        moved, shown = _moved_as_rigid(residual, model, some.data)
+        taken = _linkage_ranks(some, coefficients, parameters)
+        directions = shown - taken
+        if (directions > 0).any():
+            break
+    else:
+        moved, directions = residual, 3 * (weight > 0).sum(axis=0) - taken
+    visible = weight > 0
     counted = visible & (directions > 0)
     total = max(float(np.maximum(directions, 0).sum()), 1.0)
     smooth = np.zeros_like(moved)
@@ -296,6 +303,14 @@ def forbidden_noise(
     return ForbiddenNoise(tau * float((smooth**2).sum()) / total, total / tau)
 
 
+def _whole_segments(data: MarkerData) -> BoolArray:
+    """(nm,) markers of segments that wear three or more with weight."""
+    out = np.zeros(len(data.weight), dtype=bool)
+    for _, markers in data.placed.groups:
+        out[markers] = (data.weight[markers] > 0).any(axis=1).sum() >= FEWEST_MARKERS
+    return out
+
+
 def _moved_as_rigid(residual: Array, model: Array, data: MarkerData) -> tuple[Array, IntArray]:
     """(nm, 3, nf) m, of weighted residuals the part that rigid motions of the segments make, to first order; and (nf,)
     in how many directions the visible markers show such motions.
@@ -303,6 +318,10 @@ def _moved_as_rigid(residual: Array, model: Array, data: MarkerData) -> tuple[Ar
     out, shown = np.zeros_like(residual), np.zeros(residual.shape[-1], dtype=np.intp)
     for _, markers in data.placed.groups:
         weight = data.weight[markers]
+        if (weight > 0).any(axis=1).sum() < FEWEST_MARKERS:
+            out[markers] = residual[markers]
+            shown += 3 * (weight > 0).sum(axis=0)
+            continue
         total = np.maximum(weight.sum(axis=0), 1e-12)
         arm = (model[markers] - (weight[:, None] * model[markers]).sum(axis=0) / total).transpose(0, 2, 1)
         # a rotation in units of one that moves markers as far as a translation does
@@ -346,7 +365,7 @@ class NoisePrior:
 
 
 WALK_NOISE = NoisePrior(0.009, 1.0, 0.0)
-"""Seventeen walks of nine people of five laboratories: legs 9 to 21 mm, median 10.3, trunks and arms 1 to 12 mm."""
+"""Seventeen walks of nine people of six laboratories: legs 9 to 23 mm, trunks and arms 1 to 15 mm."""
 ISOLATED_NOISE = NoisePrior(0.012, 0.8, 1.0)
 """Eight isolated trials of two people: 2.5 to 29 mm, median 12, spread of ln nu 0.8. A fit of its own had a quarter and
 four tenths of the noise of one ankle trial that a fit beside other trials had (5.3 mm): a factor of e."""
