@@ -153,7 +153,7 @@ def estimate_joints(
     for kind in tasks:
         of_kind = [p for p, own in zip(problems, kinds, strict=True) if own == kind]
         noise += noise_of(of_kind, present, free, None if equal_weights else noise_prior(kind))
-    starts = [starting_nodes(p.chain, p.constants(present), p.data, p.basis) for p in problems]
+    starts = [starting_nodes(p.chain, p.body(present), p.data, p.basis) for p in problems]
     expected = None if prior is None else _expected(nominal, free, prior)
     search = JointSearch(
         problems,
@@ -259,7 +259,7 @@ def noise_of(
     noise = [FIRST_NOISE * float(np.sqrt(max(frame_rate(p.basis) * MEMORY_S, 1.0))) for p in problems]
     if not own:
         return noise
-    starts = [starting_nodes(p.chain, p.constants(nominal), p.data, p.basis) for p in problems]
+    starts = [starting_nodes(p.chain, p.body(nominal), p.data, p.basis) for p in problems]
     about = nominal.joint[[JP_INDEX[n] for n in own]], _wide(own)
     tissue, least = secondary_prior(problems), [least_noise(p.basis, p.noise) for p in problems]
     search = JointSearch(problems, nominal, own, starts, BY_EVIDENCE, tissue=tissue, expected=about)
@@ -386,7 +386,7 @@ def _coupling(
         opened = problem.with_free(joints)
         z = [found.get(name, 0.0) for name in opened.unknowns[opened.joint_parameters :]]
         moved = opened.displaced(np.array(z)) if z else opened
-        of_trial = eliminate(moved.equations(coefficients, moved.constants(fit.parameters)))
+        of_trial = eliminate(moved.equations(coefficients, moved.body(fit.parameters)))
         places = moved.places_in(names)
         out[np.ix_(places, places)] += of_trial.hessian / nu**2
     return out[: len(unknowns), len(unknowns) :]

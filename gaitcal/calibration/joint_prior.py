@@ -275,7 +275,7 @@ def forbidden_noise(
     coefficients
         (nn, nq) of the motion.
     """
-    model = problem.positions(coefficients, problem.constants(parameters))
+    model = problem.positions(coefficients, problem.body(parameters))
     for counted_markers in (_whole_segments(problem.data), np.ones(len(model), dtype=bool)):
         weight = problem.data.weight * counted_markers[:, None]
         some = problem.with_weight(weight)
@@ -347,7 +347,7 @@ def _linkage_ranks(problem: trial_problem.MotionProblem, coefficients: Array, pa
     frames = np.sort(first)
     some = replace(problem, basis=problem.basis.at(frames), data=problem.data.frames(frames))
     q = problem.basis.evaluate(coefficients)[frames]
-    hessian = some.frame_hessians(q, some.constants(parameters))
+    hessian = some.frame_hessians(q, some.body(parameters))
     size = np.sqrt(np.einsum("fii->fi", hessian))
     inverse = np.where(size > 0, 1.0 / np.where(size > 0, size, 1.0), 0.0)
     values = np.linalg.eigvalsh(hessian * inverse[:, :, None] * inverse[:, None, :])

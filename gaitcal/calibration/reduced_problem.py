@@ -35,7 +35,7 @@ from scipy.linalg import solve_triangular
 from gaitcal.arrays import Array
 from gaitcal.calibration.soft_tissue_artefact import NO_TISSUE, TissuePrior
 from gaitcal.calibration.tissue_elimination import EliminatedKind, eliminate_tissue, split_by_kind
-from gaitcal.model.chain import ChainConstants
+from gaitcal.model.chain import LinkageModel
 from gaitcal.model.parameters import Parameters
 from gaitcal.motion.banded import Elimination, NormalEquations, eliminate
 from gaitcal.motion.descent import DescentSettings, Evaluation, descend
@@ -113,7 +113,7 @@ class OpenMotion:
     nothing_left = 0.0
     has_curvature = False
 
-    def __init__(self, problem: MotionProblem, constants: ChainConstants, values: Array) -> None:
+    def __init__(self, problem: MotionProblem, constants: LinkageModel, values: Array) -> None:
         self.problem, self.constants, self.values = problem, constants, values
 
     def coefficients(self, x: Array) -> Array:
@@ -413,7 +413,7 @@ class ReducedProblem:
         fixed, problem = self._placed(t, values)
         count = problem.joint_parameters
         parameters = self.parameters.with_joint(problem.unknowns[:count], values[:count])
-        return fixed, OpenMotion(problem, problem.constants(parameters), values)
+        return fixed, OpenMotion(problem, problem.body(parameters), values)
 
     def _settled(self, t: int, p: Array, z: Array, last: MotionState) -> MotionState:
         """The motion of one trial at p and z, with equations formed there."""

@@ -71,7 +71,7 @@ def test_a_joint_seen_from_two_segments_moves_in_both_and_nothing_else_does(row:
     own = [e.name for e in JOINT_OF_CHILD[child].elements if e.source is Source.COORDINATE]
 
     def placed(parameters: Parameters, turned: str = "") -> Array:
-        constants = chain.constants(parameters.joint, parameters.zero_angles)
+        constants = chain.body(parameters)
         q = np.array([[step * (name == turned) for name in chain.coordinates]])
         return segment_transforms(chain, constants, forward(chain, constants, q))[chain.segments.index(child)].ravel()
 
@@ -106,7 +106,7 @@ def test_frames_for_one_that_is_independent(kept: float, expected: float) -> Non
 def test_white_noise_is_found_as_it_is_and_clusters_that_move_together_count_more() -> None:
     segments = ("pelvis", "thigh_r")
     rng, parameters, problem, true = seeded_trial(2, segments=segments, frames=2000, nodes=60, per_segment=4)
-    shape, constants = problem.data.measured.shape, problem.constants(parameters)
+    shape, constants = problem.data.measured.shape, problem.body(parameters)
 
     def found(noise: Array) -> float:
         noisy = problem.with_measured(problem.data.measured + noise)
@@ -132,7 +132,7 @@ def shaken_leg() -> tuple[MotionProblem, Parameters, Array, Array, float]:
         slow[..., f] = 0.9 * slow[..., f - 1] + np.sqrt(1 - 0.9**2) * slow[..., f]
     errors = np.repeat(slow, 4, axis=0) + rng.normal(0, 0.003, (4 * count, 3, frames))
     problem = problem.with_measured(problem.data.measured + errors)
-    found = track_nodes(problem, problem.constants(parameters), true).x
+    found = track_nodes(problem, problem.body(parameters), true).x
     return problem, parameters, found, true, noise_at(problem, parameters, found)
 
 
@@ -163,7 +163,7 @@ def missing_patterns(draw: st.DrawFn) -> BoolArray:
 def test_noise_stays_whatever_samples_are_missing(visible: BoolArray) -> None:
     problem, parameters, found, _, whole = shaken_leg()
     gappy = problem.with_weight(problem.data.weight * visible)
-    nodes = track_nodes(gappy, gappy.constants(parameters), found).x
+    nodes = track_nodes(gappy, gappy.body(parameters), found).x
     assert noise_at(gappy, parameters, nodes) == pytest.approx(whole, rel=MISSING_CHANGES)
 
 
@@ -179,9 +179,9 @@ def test_a_segment_whose_markers_are_nearly_on_a_line_leaves_the_others_their_no
     )
     placed = PlacedMarkers(problem.data.segment, local)
     exact = problem.with_data(replace(problem.data, placed=placed))
-    exact = exact.with_measured(exact.positions(true, exact.constants(parameters)))
+    exact = exact.with_measured(exact.positions(true, exact.body(parameters)))
     noisy = exact.with_measured(exact.data.measured + rng.normal(0, WHITE, exact.data.measured.shape))
-    nodes = track_nodes(noisy, noisy.constants(parameters), true).x
+    nodes = track_nodes(noisy, noisy.body(parameters), true).x
     assert noise_at(noisy, parameters, nodes) == pytest.approx(WHITE, rel=0.2)
 
 
