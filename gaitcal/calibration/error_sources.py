@@ -27,6 +27,7 @@ from scipy.linalg import block_diag
 
 from gaitcal.arrays import Array, IntArray, stretches
 from gaitcal.calibration import joint_prior, soft_tissue_artefact
+from gaitcal.calibration.tissue_elimination import Arrow
 from gaitcal.dynamics.measurement_errors import ErrorSource
 from gaitcal.model.chain import LinkageModel
 from gaitcal.model.kinematics import Kinematics
@@ -101,14 +102,13 @@ def left_of_prior(joint: str, errors: ErrorSources | None, prior: JointPrior | N
 
 
 def errors_by_source(
-    free: tuple[str, ...], scores: ErrorSources, inverse: Array, precision: Array, held: Array, known: ErrorSources
+    free: tuple[str, ...], scores: ErrorSources, arrow: Arrow, held: Array, known: ErrorSources
 ) -> ErrorSources:
     """Errors of parameters that were fitted, and of those known before that the fit leaves alone.
 
     `free`: what was fitted.
     `scores`: (np, nc) u_t of every source of the fit's own.
-    `inverse`: (np, np) H^-1.
-    `precision`: (np, np) Lambda.
+    `arrow`: H, and Lambda.
     `held`: (np, nk) S_pk, in the order of those of `known.free` that were not fitted.
     `known`: errors before the fit, of the priors' centres and of what it kept fixed.
     """
@@ -117,8 +117,8 @@ def errors_by_source(
     given = [name in known.free for name in free]
     centre[given] = known.of([name for name in free if name in known.free]).parameters
     kept = others.parameters
-    of_known = inverse @ (precision @ centre - held @ kept)
-    own = np.vstack([inverse @ scores.parameters, np.zeros((len(kept), scores.parameters.shape[1]))])
+    of_known = arrow.solve(arrow.weighted(centre) - held @ kept)
+    own = np.vstack([arrow.solve(scores.parameters), np.zeros((len(kept), scores.parameters.shape[1]))])
     return ErrorSources(
         (*free, *others.free), np.hstack([own, np.vstack([of_known, kept])]), (*scores.clusters, *known.clusters)
     )

@@ -111,6 +111,8 @@ def residual_noise(
     total, covariance = np.zeros(6), np.zeros((chart.size, chart.size))
     summed: dict[str, Array] = {}
     """Source -> (n,) its scores, over all trials."""
+    of_sources = np.zeros((chart.size, len(sources.clusters)))
+    """(n, nc) the scores of errors of joint parameters and soft tissue."""
     dynamics, frames = inverse_dynamics.Dynamics(parameters), 0
     feet = [f"plate/{foot}/{what}" for foot in inverse_dynamics.FEET for what in measurement_errors.OF_A_PLATE]
     for trial in trials:
@@ -119,9 +121,11 @@ def residual_noise(
         moves = trial.scores or whole_body_scores(trial.problem, trial.coefficients, parameters, sources)
         shift, own = sources.parameters[opened.places_in(sources.free)], moves.coefficients.shape[1]
         unit_moves = moves.and_unknowns()
+        # the same covariance by as many columns as the trial has unknowns, of thousands of sources
+        root = np.asarray(np.linalg.qr(shift.T, mode="r")).T
         rates = measurement_errors.wrench_rates(basis.time, wrenches)
         coarse = None if trial.problem.penalty else _coarser(basis, trial.coefficients)
-        names = [*sources.clusters, *moves.clusters, *feet, "plate/clock"]
+        names = [*moves.clusters, *feet, "plate/clock"]
         names += [f"inertia/{n}" for n in range(by_kept.shape[1])] + (["bandwidth"] if coarse else [])
         repeated = max(plates.memory * spline.frame_rate(basis), 1.0)
         valid = np.flatnonzero(trial.reactions.valid)
@@ -132,7 +136,7 @@ def residual_noise(
             )
             by_state = np.concatenate([residual.by_position, residual.by_velocity, residual.by_acceleration], axis=2)
             every = unit_moves.through(basis, at, by_state, residual.by_parameter)
-            columns = [every[:, :, own:] @ shift, every[:, :, :own]]
+            unknown, columns = every[:, :, own:], [every[:, :, :own]]
             columns.append(_plate_moves(q, measurement_errors.wrench_errors(wrenches[at], rates[at], plates.errors)))
             columns.append(residual.regressor @ by_kept)
             if coarse:
@@ -142,11 +146,15 @@ def residual_noise(
             moved = np.concatenate(columns, axis=2)
             rows = scale[:, None] * (residual.regressor @ by_variable)
             """(frames, 6, n) A."""
-            for name, score in zip(names, np.einsum("fin,fic->cn", rows, scale[:, None] * moved), strict=True):
+            flat = (scale[:, None] * rows).reshape(-1, chart.size)
+            of_sources += flat.T @ unknown.reshape(len(flat), -1) @ shift
+            for name, score in zip(names, moved.reshape(len(flat), -1).T @ flat, strict=True):
                 summed[name] = summed.get(name, 0.0) + score
             covariance += repeated * np.einsum("fin,i,fim->nm", rows, (scale * rest) ** 2, rows)
-            total += (moved**2).sum(axis=(0, 2)) + len(at) * rest**2
+            total += (moved**2).sum(axis=(0, 2)) + ((unknown @ root) ** 2).sum(axis=(0, 2)) + len(at) * rest**2
             frames += len(at)
+    for name, score in zip(sources.clusters, of_sources.T, strict=True):
+        summed[name] = summed.get(name, 0.0) + score
     scores = np.stack(list(summed.values()), axis=1)
     mean = np.sqrt(total.reshape(2, 3).mean(axis=1) / max(frames, 1))
     return ResidualNoise(covariance=covariance + scores @ scores.T, rms_force=float(mean[0]), rms_moment=float(mean[1]))

@@ -10,7 +10,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
-from scipy.linalg import block_diag
 from scipy.optimize import OptimizeResult, least_squares
 
 from gaitcal.arrays import Array
@@ -22,8 +21,6 @@ from gaitcal.motion.trial_problem import MotionProblem
 
 POSITION_SCALE = 0.1
 """m: one unit of a position inside the solver is 1 dm, of an orientation 1 rad, as both move a marker about as far."""
-TISSUE_SCALE = 10.0
-"""Standard deviations of a column of soft tissue that are one unit inside the solver: one moves markers by a few mm."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -48,6 +45,7 @@ class JointFit:
     """Joint parameters found, and everything needed to say how well."""
 
     free: tuple[str, ...]
+    keys: tuple[str, ...]  # Columns of the soft tissue, `kind/regressor/segment/component`, kind by kind
     values: Array  # (np + nz,) m, rad of `free`; then those of the soft tissue, m, rad
     parameters: Parameters
     state: ReducedState
@@ -82,6 +80,7 @@ class JointSearch:
         nominal: Parameters | None = None,
         tissue: TissuePrior = NO_TISSUE,
         expected: tuple[Array, Array] | None = None,
+        kinds: Sequence[str] | None = None,
     ) -> None:
         """Set up the search.
 
@@ -93,17 +92,17 @@ class JointSearch:
         `tissue`: prior of the soft tissue that the problems have.
         `expected`: (np,) m, rad and (np, np) mean and precision of the joint parameters `free` before any trial;
         nothing is expected of them unless given.
+        `kinds`: kind of task of each trial, of which the soft tissue is its own; one for all unless given.
         """
         self.settings = settings or JointSettings()
         self.free = passed(problems, free)
-        index, still = [JP_INDEX[name] for name in self.free], np.zeros(len(tissue.keys))
-        self.present = np.append(parameters.joint[index], still)
-        self.middle = np.append((nominal or parameters).joint[index], still)
-        self.reach = np.append([self.settings.bound(name) for name in self.free], still + np.inf)
+        index = [JP_INDEX[name] for name in self.free]
+        self.present = parameters.joint[index]
+        self.middle = (nominal or parameters).joint[index]
+        self.reach = np.array([self.settings.bound(name) for name in self.free])
         position = np.array([JOINT_PARAMETERS[i].kind is Kind.POSITION for i in index], dtype=bool)
-        scale = np.where(position, POSITION_SCALE, 1.0)
-        self.scale = np.append(scale, TISSUE_SCALE * np.sqrt(np.diag(tissue.covariance)))
-        centre, rows = self.present[: len(index)], np.zeros((0, len(index)))
+        self.scale = np.where(position, POSITION_SCALE, 1.0)
+        centre, rows = self.present, np.zeros((0, len(index)))
         if expected is not None:
             centre, rows = expected[0], np.asarray(np.linalg.cholesky(expected[1]).T, float)
         self.problem = ReducedProblem(
@@ -112,9 +111,10 @@ class JointSearch:
             self.free,
             starts,
             self.settings.tracking,
-            prior=block_diag(rows, np.linalg.inv(np.linalg.cholesky(tissue.covariance))) if tissue.keys else rows,
-            centre=np.append(centre, still),
-            tissue=tissue.keys,
+            prior=rows,
+            centre=centre,
+            tissue=tissue,
+            kinds=kinds,
         )
 
     def run(self, start_values: Array | None = None) -> JointFit:
@@ -126,14 +126,15 @@ class JointSearch:
         edge = bounded & (np.abs(result.x - self.middle) > 0.999 * np.where(bounded, self.reach, 1.0))
         return JointFit(
             free=self.free,
-            values=result.x,
+            keys=tuple(key for kind in state.kinds for key in kind.prior.keys),
+            values=np.concatenate([result.x, *(kind.z for kind in state.kinds)]),
             parameters=self.problem.linkage(result.x),
             state=state,
             iterations=int(result.nfev),
             seconds=time.perf_counter() - began,
             converged=bool(result.status > 0) and all(trial.converged for trial in state.trials),
             message=ending(result),
-            at_bound=tuple(name for name, on_edge in zip(self.free, edge, strict=False) if on_edge),
+            at_bound=tuple(name for name, on_edge in zip(self.free, edge, strict=True) if on_edge),
         )
 
     def approach(self, tolerance: float) -> ReducedState:

@@ -4,7 +4,7 @@
 
 C_t is the marker cost of trial t (a joint alone, or pelvis and legs for gait), N_t its motion, p the joint parameters
 with what anatomy or a cohort expects of them (`joint_prior.py`), z the soft tissue of every kind of task with what
-people show (`soft_tissue_artefact.py`). The motions are eliminated (`reduced_problem.py`), (p, z) found by SciPy.
+people show (`soft_tissue_artefact.py`). Motions and z are eliminated (`reduced_problem.py`), p is found by SciPy.
 The published protocol (Reinbolt et al. 2007, eq. 1) is this with z = 0, without a prior (or a weak one), and with one
 f nu^2 for all trials of a phase, the mean of their own.
 
@@ -45,9 +45,18 @@ from scipy.linalg import block_diag
 from gaitcal.arrays import Array, IntArray
 from gaitcal.calibration.error_sources import ErrorSources, errors_by_source, nominal_errors
 from gaitcal.calibration.joint_calibration import JointFit, JointSearch, JointSettings
-from gaitcal.calibration.joint_prior import ANATOMY, forbidden_noise, least_noise, prior_of, trial_noises
+from gaitcal.calibration.joint_prior import (
+    ANATOMY,
+    NoisePrior,
+    forbidden_noise,
+    least_noise,
+    noise_prior,
+    prior_of,
+    trial_noises,
+)
 from gaitcal.calibration.reduced_problem import NULL, ReducedState
 from gaitcal.calibration.soft_tissue_artefact import NO_TISSUE, TissuePrior, secondary_prior
+from gaitcal.calibration.tissue_elimination import Arrow, split_by_kind
 from gaitcal.model.parameters import JOINT_PARAMETERS, JP_INDEX, Kind, Parameters
 from gaitcal.motion.banded import eliminate
 from gaitcal.motion.coordinate_prior import joints_left_open
@@ -78,20 +87,19 @@ markers, if any."""
 class JointEstimate(JointFit):
     """Joint parameters, soft tissue and motions found together, with their errors."""
 
-    keys: tuple[str, ...]  # Columns of the soft tissue, `kind/regressor/segment/component`
     noise: tuple[float, ...]  # m, sqrt(f) nu of every trial
     repeated: dict[str, float]  # Kind of task -> f, where several trials have it
     apart: float  # The factor b on standard errors by which kinds of task disagree; 1 where their errors explain it
     effective_parameters: float  # Parameters that the markers determined, rather than the priors: trace of H^-1 sum S_t
-    information: Array  # (np + nz, np + nz) sum S_t, what the markers say by themselves
+    information: Array  # (np, np) of p by the markers, and the prior of soft tissue, alone
     covariance: Array
-    """(np + nz, np + nz) of (p, z) by noise and priors; nothing along directions that neither of them tells."""
+    """(np, np) of p by noise and priors; nothing along directions that neither of them tells."""
     by_tissue: Array
-    """(np + nz, nc) what soft tissue that was not fitted makes of (p, z) besides, in columns of variance one."""
+    """(np, nc) what soft tissue that was not fitted makes of p besides, in columns of variance one."""
 
     @property
     def whole_covariance(self) -> Array:
-        """(np + nz, np + nz) by noise, priors and soft tissue that was not fitted."""
+        """(np, np) by noise, priors and soft tissue that was not fitted."""
         return self.covariance + self.by_tissue @ self.by_tissue.T
 
 
@@ -131,7 +139,8 @@ def estimate_joints(
     `tissue`: prior of the columns that the problems have.
     `fits_tissue`: whether these are fitted; else markers stay in their places, and the columns are a source of error.
     `prior`: of the joint parameters, about `nominal`; None: nothing is expected of them.
-    `equal_weights`: whether all trials have one noise, the mean of their own.
+    `equal_weights`: whether all trials have one noise, the mean of their own, as they show it; else the noise of people
+    is known before (`joint_prior.noise_prior`).
     `present`: where the search starts, and values of all that is not free; `nominal` unless given.
     `known`: errors of the joint parameters before the fit, those that it keeps fixed too; by the prior of those that
     are free unless given, the rest being exact.
@@ -140,13 +149,23 @@ def estimate_joints(
     with_columns, present = [problem for problems in tasks.values() for problem in problems], present or nominal
     kinds = [kind for kind, problems in tasks.items() for _ in problems]
     problems = with_columns if fits_tissue else [replace(problem, tissue=None) for problem in with_columns]
-    fitted, unfitted = (tissue, NO_TISSUE) if fits_tissue else (NO_TISSUE, tissue)
     noise: list[float] = []
     for kind in tasks:
-        noise += noise_of([p for p, of in zip(problems, kinds, strict=True) if of == kind], present, free)
+        of_kind = [p for p, own in zip(problems, kinds, strict=True) if own == kind]
+        noise += noise_of(of_kind, present, free, None if equal_weights else noise_prior(kind))
     starts = [starting_nodes(p.body(present), p.data, p.basis) for p in problems]
     expected = None if prior is None else _expected(nominal, free, prior)
-    search = JointSearch(problems, present, free, starts, settings, nominal=nominal, tissue=fitted, expected=expected)
+    search = JointSearch(
+        problems,
+        present,
+        free,
+        starts,
+        settings,
+        nominal=nominal,
+        tissue=tissue if fits_tissue else NO_TISSUE,
+        expected=expected,
+        kinds=kinds,
+    )
     weighed = _weigh(search, noise, equal=equal_weights)
     repeated: dict[str, float] = {}
     if len(kinds) > len(tasks):
@@ -155,42 +174,71 @@ def estimate_joints(
         noise = [nu * float(np.sqrt(repeated.get(kind, 1.0))) for nu, kind in zip(noise, kinds, strict=True)]
         weighed = _weigh(search, noise, equal=equal_weights)
     fit = search.run()
-    parts = []
-    for trial, places, nu in zip(fit.state.trials, search.problem.columns, weighed, strict=True):
-        parts.append(_placed(trial.hessian / nu**2, places, len(fit.values)))
-    precision = np.asarray(search.problem.prior.T @ search.problem.prior, float)
-    information = np.asarray(sum(parts), float)
-    hessian = information + precision
-    if prior is None and hessian.size:  # zero along the directions that nobody sees
-        inverse = np.asarray(np.linalg.pinv(hessian, rcond=NULL, hermitian=True), float)
-    else:
-        inverse = np.asarray(np.linalg.inv(hessian), float)
-    unknowns = (*free, *fitted.keys)
-    apart = 1.0 if prior is None or len(tasks) < 2 else _apart(kinds, search, fit, weighed, precision)
+    arrow = Arrow(fit.state.kinds, _precision(search), NULL if prior is None else None)
+    apart = 1.0 if prior is None or len(tasks) < 2 else _apart(fit.state, arrow.precision)
     sizes = [apart * own / by for own, by in zip(noise, weighed, strict=True)]
-    scores = _scores([p.name for p in problems], unknowns, parts, sizes)
+    unknowns, columns = (*free, *fit.keys), _columns(search, arrow)
+    parts = [trial.hessian / nu**2 for trial, nu in zip(fit.state.trials, weighed, strict=True)]
+    scores = _scores([p.name for p in problems], unknowns, parts, columns, sizes)
     known = known or nominal_errors(free, prior)
+    opened = [[key for problem in task for key in problem.with_free(free).unknowns] for task in tasks.values()]
+    of_kinds = split_by_kind(tissue, opened)
+    tissue_keys = [key for of_kind in of_kinds for key in of_kind.keys]
     known = ErrorSources(
-        (*known.free, *tissue.keys),
-        block_diag(known.parameters, np.linalg.cholesky(tissue.covariance)),
-        (*known.clusters, *(f"skin/{key}" for key in tissue.keys)),
+        (*known.free, *tissue_keys),
+        block_diag(known.parameters, *(of_kind.root for of_kind in of_kinds)),
+        (*known.clusters, *(f"skin/{key}" for key in tissue_keys)),
     )
     considered = tuple(name for name in known.free if name not in unknowns)
     coupling = _coupling(with_columns, fit, unknowns, considered, weighed)
-    of_tissue = [considered.index(key) for key in unfitted.keys]
+    by_tissue = np.zeros((len(free), 0))
+    if not fits_tissue:
+        of_tissue = [considered.index(key) for key in tissue_keys]
+        roots = block_diag(*(of_kind.root for of_kind in of_kinds))
+        by_tissue = -arrow.solve(coupling[:, of_tissue]) @ roots[: len(of_tissue)]
     of_fit = vars(fit) | {"iterations": search.problem.evaluations, "seconds": time.perf_counter() - began}
     estimate = JointEstimate(
         **of_fit,
-        keys=fitted.keys,
         noise=tuple(noise),
         repeated=repeated,
         apart=apart,
-        effective_parameters=float(np.trace(inverse @ information)),
-        information=information,
-        covariance=inverse @ (scores.covariance + precision) @ inverse,
-        by_tissue=-inverse @ coupling[:, of_tissue] @ np.linalg.cholesky(unfitted.covariance),
+        effective_parameters=arrow.effective_parameters(),
+        information=arrow.information,
+        covariance=_covariance(arrow, parts, columns, sizes),
+        by_tissue=by_tissue,
     )
-    return estimate, errors_by_source(unknowns, scores, inverse, precision, coupling, known)
+    return estimate, errors_by_source(unknowns, scores, arrow, coupling, known)
+
+
+def _precision(search: JointSearch) -> Array:
+    """(np, np) of the joint parameters before any trial."""
+    return np.asarray(search.problem.prior.T @ search.problem.prior, float)
+
+
+def _columns(search: JointSearch, arrow: Arrow) -> list[IntArray]:
+    """Per trial, places of its unknowns among the joint parameters and the soft tissue of all kinds."""
+    problem, count = search.problem, len(search.free)
+    out = [np.zeros(0, dtype=np.intp)] * len(problem.columns)
+    for members, places in zip(problem.members, arrow.places, strict=True):
+        every = np.concatenate([np.arange(count), places])
+        for t in members:
+            out[t] = every[problem.columns[t]]
+    return out
+
+
+def _covariance(arrow: Arrow, parts: Sequence[Array], columns: Sequence[IntArray], sizes: Sequence[float]) -> Array:
+    """(np, np) of joint parameters by priors and by the noise of trials, which may be larger than they were weighed by.
+
+    The rows of H^-1 of joint parameters are C [1, -F_1^T, -F_2^T, ...], C theirs alone and F_k the sensitivity of z_k.
+    """
+    along = np.vstack([np.eye(len(arrow.precision)), *(-kind.sensitivity for kind in arrow.kinds)])
+    spread = arrow.precision.copy()
+    for kind in arrow.kinds:
+        spread += kind.sensitivity.T @ kind.prior.precision @ kind.sensitivity
+    for part, places, size in zip(parts, columns, sizes, strict=True):
+        spread += size**2 * (along[places].T @ part @ along[places])
+    covariance = arrow.covariance @ spread @ arrow.covariance
+    return np.asarray(0.5 * (covariance + covariance.T), float)
 
 
 def _weigh(search: JointSearch, noise: Sequence[float], *, equal: bool) -> list[float]:
@@ -200,9 +248,11 @@ def _weigh(search: JointSearch, noise: Sequence[float], *, equal: bool) -> list[
     return weighed
 
 
-def noise_of(problems: Sequence[MotionProblem], nominal: Parameters, free: tuple[str, ...]) -> list[float]:
+def noise_of(
+    problems: Sequence[MotionProblem], nominal: Parameters, free: tuple[str, ...], expected: NoisePrior | None = None
+) -> list[float]:
     """m, nu of every trial of a kind of task, fitted by itself with markers that stay in their places: what no joint
-    explains, wherever it may lie.
+    explains, wherever it may lie. `expected`: of people's; points that are no markers have a least noise instead.
     """
     problems = [replace(p, tissue=SoftTissue((), p.secondary) if p.secondary else None) for p in problems]
     own = free_of(problems, free)
@@ -210,17 +260,18 @@ def noise_of(problems: Sequence[MotionProblem], nominal: Parameters, free: tuple
     if not own:
         return noise
     starts = [starting_nodes(p.body(nominal), p.data, p.basis) for p in problems]
-    expected = nominal.joint[[JP_INDEX[n] for n in own]], _wide(own)
+    about = nominal.joint[[JP_INDEX[n] for n in own]], _wide(own)
     tissue, least = secondary_prior(problems), [least_noise(p.basis, p.noise) for p in problems]
-    search = JointSearch(problems, nominal, own, starts, BY_EVIDENCE, tissue=tissue, expected=expected)
-    precision = search.problem.prior.T @ search.problem.prior
+    search = JointSearch(problems, nominal, own, starts, BY_EVIDENCE, tissue=tissue, expected=about)
     for _ in range(ROUNDS):
         _weigh(search, noise, equal=False)
         state = search.approach(NOISE_TOLERANCE)
-        effective = float(np.trace(np.linalg.solve(state.hessian + precision, state.hessian)))
-        moved, at = search.problem.moved(state.p), search.problem.linkage(state.p)
+        effective = Arrow(state.kinds, _precision(search)).effective_parameters()
+        moved, at = search.problem.moved(state), search.problem.linkage(state.p)
         left = [forbidden_noise(p, at, trial.coefficients) for p, trial in zip(moved, state.trials, strict=True)]
-        noise = trial_noises(left, least, effective)
+        rates = [frame_rate(p.basis) for p in problems]
+        priors = None if expected is None or any(p.noise for p in problems) else [expected] * len(problems)
+        noise = trial_noises(left, least, effective, priors, rates)
     return noise
 
 
@@ -281,10 +332,9 @@ def _independent_share(scores: Sequence[Array], informations: Sequence[Array], p
     return float(min(chi2 / ((len(scores) - 1) * base.shape[1]), 1.0))
 
 
-def _apart(kinds: Sequence[str], search: JointSearch, fit: JointFit, noise: Sequence[float], precision: Array) -> float:
-    """The factor b, at the common estimate; `precision`: (np + nz, np + nz) of all unknowns before any trial."""
-    count, p, z = len(fit.free), slice(len(fit.free)), slice(len(fit.free), None)
-    root = np.linalg.inv(np.linalg.cholesky(precision[p, p])).T
+def _apart(state: ReducedState, precision: Array) -> float:
+    """The factor b, at the common estimate; `precision`: (np, np) of joint parameters before any trial."""
+    root = np.linalg.inv(np.linalg.cholesky(precision)).T
 
     def spread(score: Array, information: Array) -> Array:
         """Chi^2 and its degrees of freedom, of the directions that are determined."""
@@ -292,31 +342,28 @@ def _apart(kinds: Sequence[str], search: JointSearch, fit: JointFit, noise: Sequ
         known = values > DETERMINED
         return np.array([(((root @ vectors[:, known]).T @ score) ** 2 / values[known]).sum(), known.sum()])
 
-    scores, informations = list[Array](), list[Array]()
-    for kind in dict.fromkeys(kinds):
-        score, whole = np.zeros(count), np.zeros_like(precision)
-        for of, trial, places, nu in zip(kinds, fit.state.trials, search.problem.columns, noise, strict=True):
-            if of == kind:
-                score[places[places < count]] += trial.reduced_gradient[places < count] / nu**2
-                whole += _placed(trial.hessian / nu**2, places, len(whole))
-        scores.append(score)
-        informations.append(whole[p, p] - whole[p, z] @ np.linalg.solve(whole[z, z] + precision[z, z], whole[z, p]))
-    kept = [spread(*both) for both in zip(scores, informations, strict=True)]
-    chi2, degrees = np.sum(kept, axis=0) - spread(np.sum(scores, axis=0), np.sum(informations, axis=0))
+    kept = [spread(kind.gradient, kind.hessian) for kind in state.kinds]
+    chi2, degrees = np.sum(kept, axis=0) - spread(state.gradient, state.hessian)
     return float(np.sqrt(max(chi2 / degrees, 1.0))) if degrees else 1.0
 
 
 def _scores(
-    trials: Sequence[str], free: tuple[str, ...], parts: Sequence[Array], sizes: Sequence[float]
+    trials: Sequence[str],
+    unknowns: tuple[str, ...],
+    parts: Sequence[Array],
+    columns: Sequence[IntArray],
+    sizes: Sequence[float],
 ) -> ErrorSources:
     """u_t of every trial by independent columns; `sizes`: its noise over the one that it counts by."""
-    columns, sources = [], []
-    for name, part, size in zip(trials, parts, sizes, strict=True):
+    scores, sources = [], []
+    for name, part, places, size in zip(trials, parts, columns, sizes, strict=True):
         values, vectors = np.linalg.eigh(part)
         kept = values > NULL * max(float(values.max(initial=0.0)), 1e-300)
-        columns.append(vectors[:, kept] * np.sqrt(values[kept]) * size)
-        sources += [f"markers/{name}/{k}" for k in range(int(kept.sum()))]
-    return ErrorSources(free, np.hstack(columns), tuple(sources))
+        of_trial = np.zeros((len(unknowns), int(kept.sum())))
+        of_trial[places] = vectors[:, kept] * np.sqrt(values[kept]) * size
+        scores.append(of_trial)
+        sources += [f"markers/{name}/{k}" for k in range(of_trial.shape[1])]
+    return ErrorSources(unknowns, np.hstack(scores), tuple(sources))
 
 
 def _coupling(
@@ -330,15 +377,16 @@ def _coupling(
 
     Only what moves some trial counts there; its soft tissue and secondary motions are where the fit has them.
     """
+    if not considered:
+        return np.zeros((len(unknowns), 0))
     names, found = (*unknowns, *considered), dict(zip(unknowns, fit.values.tolist(), strict=True))
     out = np.zeros((len(names), len(names)))
-    if considered:
-        joints = tuple(name for name in names if name in JP_INDEX)
-        for problem, coefficients, nu in zip(problems, fit.coefficients, noise, strict=True):
-            opened = problem.with_free(joints)
-            z = [found.get(name, 0.0) for name in opened.unknowns[opened.joint_parameters :]]
-            moved = opened.displaced(np.array(z)) if z else opened
-            of_trial = eliminate(moved.equations(coefficients, moved.body(fit.parameters)))
-            places = moved.places_in(names)
-            out[np.ix_(places, places)] += of_trial.hessian / nu**2
+    joints = tuple(name for name in names if name in JP_INDEX)
+    for problem, coefficients, nu in zip(problems, fit.coefficients, noise, strict=True):
+        opened = problem.with_free(joints)
+        z = [found.get(name, 0.0) for name in opened.unknowns[opened.joint_parameters :]]
+        moved = opened.displaced(np.array(z)) if z else opened
+        of_trial = eliminate(moved.equations(coefficients, moved.body(fit.parameters)))
+        places = moved.places_in(names)
+        out[np.ix_(places, places)] += of_trial.hessian / nu**2
     return out[: len(unknowns), len(unknowns) :]

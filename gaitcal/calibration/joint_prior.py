@@ -32,15 +32,32 @@ others      20 mm and 10 degrees: landmarks of trunk and arms, which one hinge o
 
 Noise of a trial: the part of the markers' errors that a joint can see. A segment's markers follow the segment (its
 rigid fit) up to their deformation; the linkage follows the rigid fits up to what its joints forbid. Joint parameters
-act on the second part alone. With d the difference between the markers of the rigid fits and those of the linkage,
-smoothed by the trial's splines, c = 6 (segments) - (coordinates) the directions that the joints forbid, and nf frames,
+act on the second part alone. In frame f let P project the residuals r of the linkage, weighted, on what rigid motions
+of its segments do to the markers that are visible there. With d = P r, smoothed in each marker by the trial's splines,
+fitted to its visible samples only,
 
-    nu^2 = tau / (c nf) * sum |d|^2 * n / (n - p),      tau = 1 + 2 sum_k rho_k,      n = c nf / tau,
+    nu^2 = tau / D * sum |d|^2 * n / (n - p),     D = sum_f c_f,     n = D / tau,
+    c_f = sum_s rank(P_s) - rank(J_f),            tau = 1 + 2 sum_k a_k rho_k.
 
-rho_k the autocorrelation of d (summed until it first falls below 0.05; Bartlett 1946), n the independent samples and p
-the joint parameters that these have to serve. A cost divided by nu^2 counts every frame as if it were independent: slow
-noise in a short trial weighs little. White noise of variance s^2 gives nu = s; clusters that move as a whole against
-their bones give more than their deformation tells.
+c_f are the directions that joints forbid in the frame: a segment has as many as its visible markers show (six of three
+markers, five of two, three of one), and the linkage takes as many as its coordinates move these markers in. Segments
+count frame by frame, so that one which is never or seldom whole takes only its own share away. Those that wear fewer
+than three markers leave their joints out, where joints are left between others. If none is, all count, with P = 1 for
+such a segment: a pair shows how its skin deforms in one direction only, which is as good as the others.
+rho_k is the autocorrelation of d (summed until it first falls below 0.05; Bartlett 1946), a_k^2 how often a sample that
+is k frames from a visible one is visible, too. Once smoothed, errors that last no longer than the splines and slower
+ones look alike; the first ask for a_k^2 in its place (samples that are missing repeat no other), the second for 1. With
+half of the samples missing nu is 19 % from what either asks for. n are the independent samples
+and p the joint parameters that these have to serve. A cost divided by nu^2 counts every sample as if it were
+independent: slow noise in a short trial weighs little. White noise of variance s^2 gives nu = s; clusters that move as
+a whole against their bones give more than their deformation tells.
+
+A noise has a prior itself, at 100 Hz ln nu ~ N(ln m, s^2) by kind of task (`PEOPLE_NOISE`), and an estimate of it errs.
+It comes from n - p samples, and its own fit takes up what goes with the joints that it moves: much in an isolated
+trial, whose joint parameters are nearly as many as the harmonics of its motion. It can only be too low by that. With
+v = 1 / 2 (n - p) + a^2, a how far ln nu may be too low, the most probable noise is
+
+    ln nu = max(ln nu_hat, (ln nu_hat / v + ln m / s^2) / (1 / v + 1 / s^2)).
 """
 
 from collections.abc import Mapping, Sequence
@@ -49,9 +66,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from gaitcal.arrays import Array, BoolArray, IntArray
+from gaitcal.model.linkage import ISOLATED_JOINTS
 from gaitcal.model.parameters import JOINT_PARAMETERS, JP_INDEX, JP_NAMES, JP_TO_SI, Kind, Parameters
 from gaitcal.model.subject_model import PointNoise
-from gaitcal.motion import rigid, spline, trial_problem
+from gaitcal.motion import spline, trial_problem
+from gaitcal.motion.marker_residual import MarkerData
+from gaitcal.motion.rigid import FEWEST_MARKERS
+from gaitcal.motion.soft_tissue import together
 from gaitcal.study.joint_prior import SIDES_OF, JointPrior
 from gaitcal.study.settings import ParameterPriorTable
 
@@ -187,6 +208,7 @@ def prior_of_study(
 UNCORRELATED = 0.05  # Autocorrelation below which the sum ends
 LONGEST_LAG = 1.0 / 3.0  # Of the trial: beyond, too few pairs of frames are left
 LEAST_SAMPLES = 0.3  # Part of the independent samples that is left at least, however many parameters they serve
+RANK = 1e-8  # Of the largest eigenvalue: below, markers do not show a direction at all
 LEAST_ERROR, MEMORY_S = 5e-5, 0.25  # m, s: cameras err by at least this much, over at least this time
 
 
@@ -198,19 +220,35 @@ class ForbiddenNoise:
     samples: float  # n, independent ones
 
 
-def frames_per_sample(errors: Array, seen: BoolArray | None = None) -> float:
-    """Tau of errors (nf, k): frames for one that is independent, all columns taken together; pairs of `seen` frames."""
+def frames_per_sample(errors: Array, visible: BoolArray | None = None) -> float:
+    """Estimate tau, the samples for one that is independent.
+
+    Parameters
+    ----------
+    errors
+        (nf, k) of which all columns are taken together.
+    visible
+        (nf, k) samples that count; all unless given.
+    """
     nf = len(errors)
-    known = np.ones(nf) if seen is None else seen.astype(np.float64)
-    spectrum = np.abs(np.fft.rfft(errors * known[:, None], 2 * nf, axis=0)) ** 2
-    power = np.fft.irfft(spectrum.sum(axis=1))[:nf]
-    pairs = np.fft.irfft(np.abs(np.fft.rfft(known, 2 * nf)) ** 2)[:nf]
+    known = np.ones(errors.shape) if visible is None else visible.astype(np.float64)
+    power, pairs = _lagged(errors * known), _lagged(known)
     if power[0] <= 0.0:
         return 1.0
     lags = np.arange(1, max(int(nf * LONGEST_LAG), 2))
     rho = power[lags] / power[0] * pairs[0] / np.maximum(pairs[lags], 1.0)
+    # a trial of nf frames has nf - k pairs at lag k at most: what is missing besides is of missing samples
+    shown = np.sqrt(np.clip(pairs[lags] / pairs[0] * nf / (nf - lags), 0.0, 1.0))
     small = np.flatnonzero(rho < UNCORRELATED)
-    return 1.0 + 2.0 * float(rho[: small[0] if len(small) else None].sum())
+    summed = slice(small[0] if len(small) else None)
+    return 1.0 + 2.0 * float((shown * rho)[summed].sum())
+
+
+def _lagged(columns: Array) -> Array:
+    """(nf,) sums of products of entries so many rows apart, over all columns (nf, k)."""
+    nf = len(columns)
+    spectrum = np.abs(np.fft.rfft(columns, 2 * nf, axis=0)) ** 2
+    return np.asarray(np.fft.irfft(spectrum.sum(axis=1))[:nf], float)
 
 
 def least_noise(basis: spline.SplineBasis, noise: PointNoise | None = None) -> float:
@@ -225,53 +263,146 @@ def least_noise(basis: spline.SplineBasis, noise: PointNoise | None = None) -> f
 def forbidden_noise(
     problem: trial_problem.MotionProblem, parameters: Parameters, coefficients: Array
 ) -> ForbiddenNoise:
-    """The noise at a motion, coefficients (nn, nq).
+    """Estimate the noise at a motion.
 
-    Segments of fewer than three markers have no rigid fit, and leave their joints out. Where no joint is left, d is
-    what the linkage leaves of the markers themselves, in c = 3 (markers) - (coordinates) directions.
+    Where no joint is between segments that show markers, d is what the linkage leaves of the markers themselves, in
+    c = 3 (visible markers) - rank(J) directions.
+
+    Parameters
+    ----------
+    problem
+        The trial, no joint parameter free.
+    coefficients
+        (nn, nq) of the motion.
     """
-    chain, count = problem.chain, len(problem.chain.coordinates)
-    gap, segments, visible = _rigid_gap(problem, parameters, coefficients)
-    carried = chain.support[:count][problem.active][:, segments].any(axis=1)
-    directions = 6 * len(segments) - int(carried.sum())
-    if directions < 1:
-        data = problem.data
-        gap = problem.positions(coefficients, problem.body(parameters)) - data.measured
-        gap *= np.sqrt(data.weight)[:, None]
-        pulling = (data.weight > 0).sum(axis=0)
-        visible = pulling > pulling.max(initial=0) // 2
-        directions = max(3 * int(np.median(pulling[visible])) - int(problem.active.sum()), 1)
-    nf = max(int(visible.sum()), 1)
-    flat = gap.reshape(-1, len(visible)).T
-    smooth = problem.basis.evaluate(problem.basis.fit(flat)) * visible[:, None]
-    tau = frames_per_sample(smooth, visible)
-    return ForbiddenNoise(tau * float((smooth**2).sum()) / (directions * nf), directions * nf / tau)
-
-
-def _rigid_gap(
-    problem: trial_problem.MotionProblem, parameters: Parameters, coefficients: Array
-) -> tuple[Array, list[int], BoolArray]:
-    """(nm, 3, nf) m, weighted, from the linkage to the rigid fits; the segments that have one; and the frames (nf,) in
-    which all of them do.
-    """
-    data = problem.data
-    gap, segments = np.zeros_like(data.measured), list[int]()
-    visible = np.ones(data.weight.shape[1], dtype=bool)
     model = problem.positions(coefficients, problem.body(parameters))
-    for segment, markers in data.placed.groups:
-        weight = data.weight[markers]
-        if ((weight > 0).any(axis=1)).sum() < rigid.FEWEST_MARKERS:
+    for counted_markers in (_whole_segments(problem.data), np.ones(len(model), dtype=bool)):
+        weight = problem.data.weight * counted_markers[:, None]
+        some = problem.with_weight(weight)
+        residual = np.sqrt(weight)[:, None] * (problem.data.measured - model)
+        moved, shown = _moved_as_rigid(residual, model, some.data)
+        taken = _linkage_ranks(some, coefficients, parameters)
+        directions = shown - taken
+        if (directions > 0).any():
+            break
+    else:
+        moved, directions = residual, 3 * (weight > 0).sum(axis=0) - taken
+    visible = weight > 0
+    counted = visible & (directions > 0)
+    total = max(float(np.maximum(directions, 0).sum()), 1.0)
+    smooth = np.zeros_like(moved)
+    patterns, which = np.unique(counted, axis=0, return_inverse=True)
+    for k, pattern in enumerate(patterns):
+        if not pattern.any():
             continue
-        fit = rigid.rigid_fit(data.local[markers], data.measured[markers], weight)
-        followed = np.einsum("fij,mj->mif", fit.rotation, data.local[markers]) + fit.origin.T
-        gap[markers] = np.sqrt(weight)[:, None] * (followed - model[markers]) * fit.determined
-        segments.append(segment)
-        visible &= fit.determined
-    return gap, segments, visible
+        markers = np.flatnonzero(which.ravel() == k)
+        columns = moved[markers].reshape(-1, len(pattern)).T
+        fitted = problem.basis.evaluate(problem.basis.fit(columns, pattern.astype(float))).T
+        smooth[markers] = fitted.reshape(len(markers), 3, -1) * pattern
+    tau = frames_per_sample(smooth.reshape(-1, smooth.shape[-1]).T, np.repeat(counted, 3, axis=0).T)
+    return ForbiddenNoise(tau * float((smooth**2).sum()) / total, total / tau)
 
 
-def trial_noises(seen: Sequence[ForbiddenNoise], least: Sequence[float], effective_parameters: float) -> list[float]:
-    """m, nu of every trial of a fit in which so many parameters were found from the samples of all of them."""
-    samples = sum(trial.samples for trial in seen)
-    spent = samples / max(samples - effective_parameters - 2.0, LEAST_SAMPLES * samples)
-    return [max(float(np.sqrt(spent * s.variance)), floor) for s, floor in zip(seen, least, strict=True)]
+def _whole_segments(data: MarkerData) -> BoolArray:
+    """(nm,) markers of segments that wear three or more with weight."""
+    out = np.zeros(len(data.weight), dtype=bool)
+    for _, markers in data.placed.groups:
+        out[markers] = (data.weight[markers] > 0).any(axis=1).sum() >= FEWEST_MARKERS
+    return out
+
+
+def _moved_as_rigid(residual: Array, model: Array, data: MarkerData) -> tuple[Array, IntArray]:
+    """(nm, 3, nf) m, of weighted residuals the part that rigid motions of the segments make, to first order; and (nf,)
+    in how many directions the visible markers show such motions.
+    """
+    out, shown = np.zeros_like(residual), np.zeros(residual.shape[-1], dtype=np.intp)
+    for _, markers in data.placed.groups:
+        weight = data.weight[markers]
+        if (weight > 0).any(axis=1).sum() < FEWEST_MARKERS:
+            out[markers] = residual[markers]
+            shown += 3 * (weight > 0).sum(axis=0)
+            continue
+        total = np.maximum(weight.sum(axis=0), 1e-12)
+        arm = (model[markers] - (weight[:, None] * model[markers]).sum(axis=0) / total).transpose(0, 2, 1)
+        # a rotation in units of one that moves markers as far as a translation does
+        size = max(float(np.sqrt(np.mean(arm**2))), 1e-6)
+        pattern = together((arm / size).reshape(-1, 3)).reshape(*arm.shape[:2], 3, -1)
+        columns = (np.sqrt(weight)[:, :, None, None] * pattern).transpose(1, 0, 2, 3)
+        columns = columns.reshape(residual.shape[-1], -1, pattern.shape[-1])  # (nf, 3 nm, 6)
+        values, vectors = np.linalg.eigh(columns.transpose(0, 2, 1) @ columns)
+        kept = values > RANK * values[:, -1:]
+        inverse = np.where(kept, 1.0 / np.where(kept, values, 1.0), 0.0)
+        basis = columns @ vectors  # orthogonal, of squared length `values`
+        flat = residual[markers].transpose(2, 0, 1).reshape(residual.shape[-1], -1, 1)
+        projected = basis @ (inverse[:, :, None] * (basis.transpose(0, 2, 1) @ flat))
+        out[markers] = projected.reshape(residual.shape[-1], -1, 3).transpose(1, 2, 0)
+        shown += kept.sum(axis=1)
+    return out, shown
+
+
+def _linkage_ranks(problem: trial_problem.MotionProblem, coefficients: Array, parameters: Parameters) -> IntArray:
+    """(nf,) in how many directions the coordinates move the visible markers, the same wherever the same are visible."""
+    visible = np.asarray(problem.data.weight > 0)
+    _, first, which = np.unique(visible, axis=1, return_index=True, return_inverse=True)
+    frames = np.sort(first)
+    some = replace(problem, basis=problem.basis.at(frames), data=problem.data.frames(frames))
+    q = problem.basis.evaluate(coefficients)[frames]
+    hessian = some.frame_hessians(q, some.body(parameters))
+    size = np.sqrt(np.einsum("fii->fi", hessian))
+    inverse = np.where(size > 0, 1.0 / np.where(size > 0, size, 1.0), 0.0)
+    values = np.linalg.eigvalsh(hessian * inverse[:, :, None] * inverse[:, None, :])
+    ranks = (values > RANK * np.maximum(values[:, -1:], 1e-300)).sum(axis=1)
+    return np.asarray(ranks[np.searchsorted(frames, first)][which.ravel()], dtype=np.intp)
+
+
+@dataclass(frozen=True)
+class NoisePrior:
+    """The noise of people in one kind of task, log-normal, and how far an estimate may be too low."""
+
+    median: float  # m, at 100 Hz
+    spread: float  # s of ln nu
+    absorbed: float  # a of ln nu: what a fit of the trial's own joints may take up
+
+
+WALK_NOISE = NoisePrior(0.009, 1.0, 0.0)
+"""Seventeen walks of nine people of six laboratories: legs 9 to 23 mm, trunks and arms 1 to 15 mm."""
+ISOLATED_NOISE = NoisePrior(0.012, 0.8, 1.0)
+"""Eight isolated trials of two people: 2.5 to 29 mm, median 12, spread of ln nu 0.8. A fit of its own had a quarter and
+four tenths of the noise of one ankle trial that a fit beside other trials had (5.3 mm): a factor of e."""
+
+
+def noise_prior(kind: str) -> NoisePrior:
+    """The prior of a kind of task: a walk's where it is no isolated trial's."""
+    return ISOLATED_NOISE if kind in ISOLATED_JOINTS else WALK_NOISE
+
+
+def trial_noises(
+    estimates: Sequence[ForbiddenNoise],
+    least: Sequence[float],
+    effective_parameters: float,
+    priors: Sequence[NoisePrior] | None = None,
+    rates: Sequence[float] | None = None,
+) -> list[float]:
+    """Compute nu (m) of every trial of a fit in which so many parameters were found from the samples of all of them.
+
+    Parameters
+    ----------
+    estimates, least
+        Of every trial its estimate, and what cameras err by at least (m).
+    priors, rates
+        Of every trial, and its frames per second; no prior unless given.
+    """
+    samples = sum(trial.samples for trial in estimates)
+    left = max(samples - effective_parameters - 2.0, LEAST_SAMPLES * samples)
+    out = []
+    for k, (trial, floor) in enumerate(zip(estimates, least, strict=True)):
+        found = max(float(np.sqrt(samples / left * trial.variance)), floor)
+        if priors is not None and rates is not None:
+            # slow errors at twice the rate are the same errors in twice the samples
+            prior, median = priors[k], priors[k].median * float(np.sqrt(rates[k] / 100.0))
+            of_data = 1.0 / (0.5 * samples / (left * max(trial.samples, 1.0)) + prior.absorbed**2)
+            of_prior = prior.spread**-2.0
+            mode = (of_data * np.log(found) + of_prior * np.log(median)) / (of_data + of_prior)
+            found = max(found, float(np.exp(mode)))
+        out.append(found)
+    return out

@@ -1,9 +1,13 @@
-"""What trials share, alone: the motions of all trials eliminated (variable projection).
+"""Variable projection: eliminate the motions of all trials and the soft tissue of each kind of task.
 
-Trials share the joint parameters and the columns of soft tissue, together p. For given p every trial's nodes N(p)
-minimise that trial's marker cost C_t. What is left is a small problem in p with gradient
-g = sum_t g_p and Gauss-Newton matrix S = sum_t (H_pp - H_pq H_qq^-1 H_qp) (Golub and Pereyra 1973; Kaufman 1975). With
-S = V diag(s) V^T it is handed to SciPy as the compressed pair
+For given joint parameters p and soft tissue z every trial's nodes N(p, z) minimise that trial's marker cost C_t, with
+Gauss-Newton matrix H_xx - H_xq H_qq^-1 H_qx and gradient g_x left in x = (p, z) (Golub and Pereyra 1973; Kaufman 1975).
+The z of every kind of task, whose trials and prior tell it for given p, is eliminated in the same way
+(`tissue_elimination.py`): what is left is a small problem in p alone, cost C, gradient g and matrix S, sums over kinds.
+Each new p is met with the z that the last matrices predict for it, one Gauss-Newton step of (p, z, N) together: to have
+z at its minimum for a p that is far off would take more steps, and may lead into another valley. Where that does not
+lower the cost, z is brought to its minimum at p, so that SciPy's shorter steps of p find a lower one.
+With S = V diag(s) V^T it is handed to SciPy as the compressed pair
 
     f = [ s^-1/2 V^T g ; sqrt(C - |s^-1/2 V^T g|^2) ],     J = [ s^1/2 V^T ; 0 ]:
 
@@ -12,27 +16,32 @@ the same cost |f|^2 = C, the same J^T f = g and the same J^T J = S as the full p
 directions are parameters that these trials cannot see, and p does not move along them. Priors add their cost, gradient
 and matrix to C, g and S first.
 
-On the way, a motion is predicted from the last point by dN/dp and solved no further than the next step needs
-(`CORRECTOR`); while parameters and motion have moved less than `KEPT_WITHIN` since H was formed, H, S and dN/dp are
-kept and only the gradient is formed. `settle` ends with all of them formed anew, and with motions solved as far as
-tracking alone would solve them.
+On the way, soft tissue and motion are predicted from the last point by dz/dp and dN/dx and solved no further than the
+next step needs (`CORRECTOR`); while unknowns and motion have moved less than `KEPT_WITHIN` since H was formed, H, S and
+dN/dx are kept and only the gradient is formed. `settle` ends with all of them formed anew, and with soft tissue and
+motions solved as far as tracking alone would solve them.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
+from typing import TypeVar
 
 import numpy as np
 from scipy.linalg import solve_triangular
 
 from gaitcal.arrays import Array
+from gaitcal.calibration.soft_tissue_artefact import NO_TISSUE, TissuePrior
+from gaitcal.calibration.tissue_elimination import EliminatedKind, eliminate_tissue, split_by_kind
 from gaitcal.model.chain import LinkageModel
 from gaitcal.model.parameters import Parameters
 from gaitcal.motion.banded import Elimination, NormalEquations, eliminate
 from gaitcal.motion.descent import DescentSettings, Evaluation, descend
 from gaitcal.motion.motion import track_nodes
 from gaitcal.motion.trial_problem import MotionProblem
+from gaitcal.runtime import with_one_blas_thread
 
 KEPT_WITHIN = 0.005
 """m, rad: a matrix formed nearer than this differs from the present one by less than the curvature it leaves out."""
@@ -42,6 +51,10 @@ steps do not get there, it is tracked."""
 FIRST_GAIN = 0.1
 """What the first motion's last step may gain by, as a part of its cost, before full equations take over."""
 NULL = 1e-12  # Eigenvalues of S below this fraction of the largest count as zero
+TISSUE_GAIN = 1e-7
+"""Part of the cost of its kind below which a step of soft tissue is the last, as SciPy ends where that of all falls by
+no more."""
+MOST_TISSUE_STEPS, KEPT_STEPS = 20, 5  # Of soft tissue at given joint parameters; those that correct the next
 COST_FALLEN_TO = 0.5  # A trial whose cost has fallen to this part tries Gauss-Newton's steps again
 
 
@@ -49,7 +62,7 @@ COST_FALLEN_TO = 0.5  # A trial whose cost has fallen to this part tries Gauss-N
 class Matrices:
     """A trial's normal equations at one point, the coefficients eliminated; kept for points nearby."""
 
-    values: Array  # (np_t,) the free parameters of this trial's chain where they were formed
+    values: Array  # (nx_t,) the unknowns of this trial, joint parameters first, where they were formed
     coefficients: Array  # (nn, nq) where they were formed
     eliminated: Elimination
 
@@ -67,25 +80,31 @@ class Matrices:
 
 @dataclass(frozen=True, kw_only=True)
 class MotionState:
-    """One trial at the joint parameters last visited."""
+    """One trial at the unknowns last visited."""
 
+    values: Array  # (nx_t,) its joint parameters and soft tissue
     coefficients: Array  # (nn, nq)
     matrices: Matrices
     cost: float  # m^2
-    reduced_gradient: Array  # (np_t,) half gradient
+    reduced_gradient: Array  # (nx_t,) half gradient
     converged: bool
 
     @property
     def hessian(self) -> Array:
-        """(np_t, np_t) reduced."""
+        """(nx_t, nx_t) reduced."""
         return self.matrices.eliminated.hessian
+
+    def predicted(self, values: Array) -> Array:
+        """(nn, nq) coefficients at other values of its unknowns (nx_t,)."""
+        ahead = self.matrices.eliminated.follow(values - self.values)
+        return np.asarray(self.coefficients - ahead.reshape(self.coefficients.shape), float)
 
 
 @dataclass(frozen=True)
 class OpenEvaluation(Evaluation):
-    """With the gradient by the joint parameters too."""
+    """With the gradient by joint parameters and soft tissue too."""
 
-    by_parameter: Array  # (np_t,) half gradient
+    by_parameter: Array  # (nx_t,) half gradient
 
 
 class OpenMotion:
@@ -133,6 +152,7 @@ class OpenMotion:
     ) -> MotionState:
         """At coefficients x, reached from `before` by a last step predicted to gain `predicted_reduction`."""
         return MotionState(
+            values=self.values,
             coefficients=self.coefficients(x),
             matrices=matrices,
             cost=max(before.cost - predicted_reduction, 0.0),
@@ -156,21 +176,29 @@ class OpenMatrix:
         return Matrices(self.values, self.coefficients, eliminate(self.equations, damping))
 
 
+@dataclass(frozen=True)
+class KindState:
+    """The trials of one kind of task, and its soft tissue eliminated."""
+
+    trials: tuple[MotionState, ...]
+    tissue: EliminatedKind
+
+
 @dataclass(frozen=True, kw_only=True)
 class ReducedState:
     """All trials at one p."""
 
     p: Array
+    kinds: tuple[EliminatedKind, ...]
     trials: tuple[MotionState, ...]
-    cost: float  # m^2 (as shares have no unit), markers only
-    hessian: Array  # (np, np) S of the markers
-    gradient: Array  # (np,) half gradient of the markers
+    cost: float  # m^2 (as shares have no unit), markers and the prior of soft tissue
+    total: float  # m^2, that of the joint parameters besides
+    hessian: Array  # (np, np) S of the markers, soft tissue following
+    gradient: Array  # (np,) half gradient of the same
 
 
 class ReducedProblem:
-    """The trials' common problem in the joint parameters `free` and the soft tissue's columns `tissue`; remembers the
-    best point as a warm start.
-    """
+    """The trials' common problem in the joint parameters `free`; remembers the best point as a warm start."""
 
     def __init__(
         self,
@@ -181,10 +209,21 @@ class ReducedProblem:
         settings: DescentSettings,
         prior: Array | None = None,
         centre: Array | None = None,
-        tissue: tuple[str, ...] = (),
+        tissue: TissuePrior = NO_TISSUE,
+        kinds: Sequence[str] | None = None,
     ) -> None:
-        """`prior`: (n, np) weights in m per unit of p of the rows prior (p - centre); none unless given."""
-        self.free, shared = free, (*free, *tissue)
+        """Set up the problem.
+
+        Parameters
+        ----------
+        prior, centre
+            (n, np) weights in m per unit of p, and (np,), of the rows prior (p - centre); none unless given.
+        tissue
+            Prior of the soft tissue and secondary motions of the trials.
+        kinds
+            Kind of task of each trial; all of the same unless given.
+        """
+        self.free = free
         self.parameters, self.settings, self.starts = parameters, settings, list(starts)
         self.shares = [1.0] * len(problems)
         """What the cost of each trial counts."""
@@ -192,9 +231,18 @@ class ReducedProblem:
         self.open = [problem.with_free(free) for problem in problems]
         self.bodies = [problem.body(parameters) for problem in self.open]
         """Of each trial; a free joint parameter is a joint, so that nothing is built anew when it changes."""
-        self.columns = [problem.places_in(shared) for problem in self.open]
-        self.prior = np.zeros((0, len(shared))) if prior is None else prior
-        self.centre = np.zeros(len(shared)) if centre is None else centre
+        of_trial = list(kinds or [""] * len(problems))
+        self.members = [[t for t, of in enumerate(of_trial) if of == kind] for kind in dict.fromkeys(of_trial)]
+        """Of each kind of task, its trials."""
+        opened = [[name for t in members for name in self.open[t].unknowns] for members in self.members]
+        self.tissue = split_by_kind(tissue, opened)
+        self.columns = [np.zeros(0, dtype=np.intp)] * len(problems)
+        """Of each trial, places of its unknowns among the joint parameters and the soft tissue of its kind."""
+        for members, own in zip(self.members, self.tissue, strict=True):
+            for t in members:
+                self.columns[t] = self.open[t].places_in((*free, *own.keys))
+        self.prior = np.zeros((0, len(free))) if prior is None else prior
+        self.centre = np.zeros(len(free)) if centre is None else centre
         self.state: ReducedState | None = None
         self.best: ReducedState | None = None
         """The point of least cost so far: where SciPy steps from, and motions are predicted from. A point that it
@@ -207,109 +255,219 @@ class ReducedProblem:
         """m^2, the least cost at which Gauss-Newton's steps of a trial's motion promised more than they held."""
 
     def at(self, p: Array) -> ReducedState:
-        """Solve all motions at p, warm-started from the best point so far and dN/dp."""
+        """Solve soft tissue and motions at p, warm-started from the best point so far."""
         for known in (self.state, self.best):
             if known is not None and np.array_equal(known.p, p):
                 return known
         self.evaluations += 1
-        parameters = self.linkage(p)
-        return self._keep(p, tuple(self._solve(k, p, parameters) for k in range(len(self.open))))
+        every = range(len(self.members))
+        kinds = _side_by_side(lambda k: self._solved(k, p, *self._predicted(k, p)), every)
+        if self.best is not None and self._sum(p, kinds).total > self.best.total:
+            # before SciPy takes a shorter step: soft tissue may have gone too far, and not the joint parameters
+            solved = kinds
+            kinds = _side_by_side(lambda k: self._followed(k, p, solved[k]), every)
+        return self._keep(p, kinds)
+
+    def _predicted(self, k: int, p: Array) -> tuple[Array, Sequence[MotionState] | None]:
+        """Soft tissue of one kind at p, one step beyond that of the best point, and the motions there."""
+        if self.best is None:
+            return self.tissue[k].mean, None
+        last = self.best.kinds[k]
+        z = last.z + last.step - last.sensitivity @ (p - self.best.p)
+        return z, [self.best.trials[t] for t in self.members[k]]
 
     def settle(self, p: Array) -> ReducedState:
-        """The same with every motion solved as far as the settings ask, and nothing kept from other points."""
-        state, parameters = self.at(p), self.linkage(p)
-        trials = list[MotionState]()
-        for k, trial in enumerate(state.trials):
-            fixed, motion = self._motion(k, p, parameters)
-            stepped, share = motion.stepped(trial.coefficients, converged=trial.converged)
-            if share > self.settings.gain:
-                stepped = self._tracked(k, trial.coefficients, fixed, motion, parameters, self.settings)
-            trials.append(stepped)
-        return self._keep(p, tuple(trials))
+        """The same with soft tissue and motions solved as far as the settings ask, nothing kept from other points."""
+        state = self.at(p)
+
+        def settled(k: int) -> KindState:
+            members = self.members[k]
+            here = self._followed(k, p, KindState(tuple(state.trials[t] for t in members), state.kinds[k]))
+            z, trials = here.tissue.z + here.tissue.step, here.trials
+            here = self._summed(k, z, self._each(k, lambda i: self._settled(members[i], p, z, trials[i])))
+            if here.tissue.reduction > self.settings.gain * here.tissue.cost:
+                here = replace(here, trials=tuple(replace(trial, converged=False) for trial in here.trials))
+            return here
+
+        return self._keep(p, _side_by_side(settled, range(len(self.members))))
 
     def linkage(self, p: Array) -> Parameters:
         """All joint parameters at p."""
-        return self.parameters.with_joint(self.free, p[: len(self.free)])
+        return self.parameters.with_joint(self.free, p)
 
-    def moved(self, p: Array) -> list[MotionProblem]:
-        """Per trial, the motion alone, with soft tissue and secondary motions where p has them."""
-        return [self._placed(k, p)[0] for k in range(len(self.open))]
+    def moved(self, state: ReducedState) -> list[MotionProblem]:
+        """Per trial, the motion alone, with soft tissue and secondary motions where a state has them."""
+        return [self._placed(t, trial.values)[0] for t, trial in enumerate(state.trials)]
 
     def weigh(self, shares: Sequence[float]) -> None:
-        """Let the cost of each trial count so much. No motion moves by that: the best point is summed up anew."""
+        """Let the cost of each trial count so much. At given soft tissue no motion moves by that; it moves itself where
+        trials count less or more against its prior.
+        """
         self.shares, best = list(shares), self.best
         self.state = self.best = None
-        if best is not None:
-            self._keep(best.p, best.trials)
+        if best is None:
+            return
+        kinds = [
+            self._summed(k, of.z, [best.trials[t] for t in members])
+            for k, (members, of) in enumerate(zip(self.members, best.kinds, strict=True))
+        ]
+        self._keep(best.p, kinds)
 
-    def _keep(self, p: Array, trials: tuple[MotionState, ...]) -> ReducedState:
-        """Sum the trials up, and remember the point if it is the best."""
-        hessian, gradient, cost = np.zeros((len(p), len(p))), np.zeros(len(p)), 0.0
-        for trial, columns, share in zip(trials, self.columns, self.shares, strict=True):
+    def _followed(self, k: int, p: Array, here: KindState) -> KindState:
+        """One kind where its soft tissue has gone to the minimum at p.
+
+        Gauss-Newton's steps f leave out what large residuals bend, and may overshoot in the few directions that markers
+        hardly tell. Steps of earlier points correct them there (Anderson, J ACM 12:547-560, 1965): of all combinations
+        of these points, the next one is where the combined step is least.
+        """
+        points, steps = list[Array](), list[Array]()
+        for _ in range(MOST_TISSUE_STEPS):
+            tissue = here.tissue
+            if tissue.reduction <= TISSUE_GAIN * tissue.cost:
+                break
+            points, steps = [*points, tissue.z][-KEPT_STEPS:], [*steps, tissue.step][-KEPT_STEPS:]
+            step = steps[-1]
+            if len(steps) > 1:
+                changes = np.diff(steps, axis=0).T
+                moves = np.diff(points, axis=0).T + changes
+                # in units of the matrix here, in which the cost is round
+                weight = np.linalg.lstsq(tissue.root.T @ changes, -tissue.forward, rcond=None)[0]
+                step = step - moves @ weight
+            there = self._solved(k, p, tissue.z + step, here.trials, keep=True)
+            if there.tissue.cost > tissue.cost:
+                # what was learnt there serves from here: the next step is a shorter one
+                points, steps = [there.tissue.z, *points][-KEPT_STEPS:], [there.tissue.step, *steps][-KEPT_STEPS:]
+                there = self._solved(k, p, tissue.z + 0.5 * steps[-1], here.trials, keep=True)
+                if there.tissue.cost > tissue.cost:
+                    break
+            here = there
+        return here
+
+    def _solved(
+        self, k: int, p: Array, z: Array, near: Sequence[MotionState] | None, *, keep: bool = False
+    ) -> KindState:
+        """One kind with its motions solved at p and z, from those of a point `near`, whose matrices may be kept."""
+        unknowns = np.append(p, z)
+
+        def solved(i: int) -> MotionState:
+            t = self.members[k][i]
+            return self._solve(t, unknowns[self.columns[t]], None if near is None else near[i], keep=keep)
+
+        return self._summed(k, z, self._each(k, solved))
+
+    def _each(self, k: int, function: Callable[[int], MotionState]) -> list[MotionState]:
+        """What a function makes of each trial of a kind, two at a time where there is no other kind."""
+        every = range(len(self.members[k]))
+        return _side_by_side(function, every) if len(self.members) == 1 else [function(i) for i in every]
+
+    def _summed(self, k: int, z: Array, trials: Sequence[MotionState]) -> KindState:
+        """Sum the trials of a kind up, and eliminate its soft tissue."""
+        size = len(self.free) + len(z)
+        hessian, gradient, cost = np.zeros((size, size)), np.zeros(size), 0.0
+        for t, trial in zip(self.members[k], trials, strict=True):
+            columns, share = self.columns[t], self.shares[t]
             hessian[np.ix_(columns, columns)] += share * trial.hessian
             gradient[columns] += share * trial.reduced_gradient
             cost += share * trial.cost
-        state = ReducedState(p=p.copy(), trials=trials, cost=cost, hessian=hessian, gradient=gradient)
-        if self.best is None or self._total(state) <= self._total(self.best):
+        return KindState(tuple(trials), eliminate_tissue(self.tissue[k], z, hessian, gradient, cost))
+
+    def _sum(self, p: Array, kinds: Sequence[KindState]) -> ReducedState:
+        """Sum the kinds up."""
+        trials: dict[int, MotionState] = {}
+        for members, kind in zip(self.members, kinds, strict=True):
+            trials |= dict(zip(members, kind.trials, strict=True))
+        hessian, gradient, cost = np.zeros((len(p), len(p))), np.zeros(len(p)), 0.0
+        for kind in kinds:
+            hessian += kind.tissue.hessian
+            gradient += kind.tissue.gradient
+            cost += kind.tissue.cost
+        return ReducedState(
+            p=p.copy(),
+            kinds=tuple(kind.tissue for kind in kinds),
+            trials=tuple(trials[t] for t in range(len(trials))),
+            cost=cost,
+            total=cost + float(np.sum((self.prior @ (p - self.centre)) ** 2)),
+            hessian=hessian,
+            gradient=gradient,
+        )
+
+    def _keep(self, p: Array, kinds: Sequence[KindState]) -> ReducedState:
+        """Sum the kinds up, and remember the point if it is the best."""
+        state = self._sum(p, kinds)
+        if self.best is None or state.total <= self.best.total:
             self.best = state
         self.state = state
         return state
 
-    def _total(self, state: ReducedState) -> float:
-        """m^2, priors included."""
-        return state.cost + float(np.sum((self.prior @ (state.p - self.centre)) ** 2))
-
-    def _placed(self, k: int, p: Array) -> tuple[MotionProblem, MotionProblem]:
-        """A trial with its soft tissue and secondary motions where p has them: for the motion alone, and with all of p
-        open.
+    def _placed(self, t: int, values: Array) -> tuple[MotionProblem, MotionProblem]:
+        """A trial with its soft tissue and secondary motions at its unknowns (nx_t,): for the motion alone, and with
+        all of them open.
         """
-        opened, values = self.open[k], p[self.columns[k]]
+        opened = self.open[t]
         if opened.tissue is None:
-            return self.fixed[k], opened
+            return self.fixed[t], opened
         moved = opened.displaced(values[opened.joint_parameters :])
-        return self.fixed[k].with_data(moved.data), moved
+        return self.fixed[t].with_data(moved.data), moved
 
-    def _motion(self, k: int, p: Array, parameters: Parameters) -> tuple[MotionProblem, OpenMotion]:
-        fixed, problem = self._placed(k, p)
-        return fixed, OpenMotion(problem, self.bodies[k].with_free(parameters), p[self.columns[k]])
+    def _motion(self, t: int, values: Array) -> tuple[MotionProblem, OpenMotion]:
+        fixed, problem = self._placed(t, values)
+        return fixed, OpenMotion(problem, self.bodies[t].with_free(self._linkage_of(t, values)), values)
 
-    def _solve(self, k: int, p: Array, parameters: Parameters) -> MotionState:
-        """The motion of one trial at p, predicted and then corrected by a few plain steps, or else tracked."""
-        fixed, motion = self._motion(k, p, parameters)
-        near = replace(self.settings, gain=max(self.settings.gain, CORRECTOR.gain))
+    def _linkage_of(self, t: int, values: Array) -> Parameters:
+        """All joint parameters at the unknowns (nx_t,) of a trial."""
+        count = self.open[t].joint_parameters
+        return self.parameters.with_joint(self.open[t].unknowns[:count], values[:count])
+
+    def _settled(self, t: int, p: Array, z: Array, last: MotionState) -> MotionState:
+        """The motion of one trial at p and z, with equations formed there."""
+        values = np.append(p, z)[self.columns[t]]
+        fixed, motion = self._motion(t, values)
+        predicted = last.predicted(values)
+        stepped, share = motion.stepped(predicted, converged=last.converged)
+        if share > self.settings.gain:
+            curved = self._curved(t, last)
+            stepped = self._tracked(t, predicted, fixed, motion, self.settings, curved=curved)
+        return stepped
+
+    def _solve(self, t: int, values: Array, near: MotionState | None, *, keep: bool) -> MotionState:
+        """The motion of one trial, predicted from a point near by and corrected by a few plain steps, or tracked."""
+        fixed, motion = self._motion(t, values)
+        nearly = replace(self.settings, gain=max(self.settings.gain, CORRECTOR.gain))
         kept: Matrices | None = None
-        if self.best is None:
+        if near is None:
             damped = self.settings.first_damping > 0.0  # then a small gain may be the damping's
-            about = self.settings if damped else replace(near, gain=max(near.gain, FIRST_GAIN))
-            predicted = track_nodes(fixed, fixed.body(parameters), self.starts[k], about).x
+            about = self.settings if damped else replace(nearly, gain=max(nearly.gain, FIRST_GAIN))
+            predicted = track_nodes(fixed, fixed.body(self._linkage_of(t, values)), self.starts[t], about).x
         else:
-            last = self.best.trials[k]
-            ahead = last.matrices.eliminated.follow((p - self.best.p)[self.columns[k]])
-            predicted = last.coefficients - ahead.reshape(last.coefficients.shape)
-            kept = last.matrices if last.matrices.near(motion.values, predicted) else None
-        if self._curved(k):
-            return self._tracked(k, predicted, fixed, motion, parameters, self.settings)
-        return motion.corrected(predicted, kept) or self._tracked(k, predicted, fixed, motion, parameters, near)
+            predicted = near.predicted(values)
+            kept = near.matrices if keep or near.matrices.near(values, predicted) else None
+        if near is not None and self._curved(t, near):
+            return self._tracked(t, predicted, fixed, motion, self.settings, curved=True)
+        found = motion.corrected(predicted, kept)
+        if found is None and kept is not None:
+            found = motion.corrected(predicted, None)
+        return found or self._tracked(t, predicted, fixed, motion, nearly)
 
     def _tracked(
         self,
-        k: int,
+        t: int,
         coefficients: Array,
         fixed: MotionProblem,
         motion: OpenMotion,
-        parameters: Parameters,
         settings: DescentSettings,
+        *,
+        curved: bool = False,
     ) -> MotionState:
         """The motion found by tracking, and one step of the open equations from there."""
-        settings = replace(settings, first_damping=0.0, curved=self._curved(k))
-        tracked = track_nodes(fixed, fixed.body(parameters), coefficients, settings)
+        settings = replace(settings, first_damping=0.0, curved=curved)
+        tracked = track_nodes(fixed, fixed.body(self._linkage_of(t, motion.values)), coefficients, settings)
         if tracked.curved and not settings.curved:
-            self.slow_at[k] = min(self.slow_at[k], tracked.cost)
+            self.slow_at[t] = min(self.slow_at[t], tracked.cost)
         return motion.stepped(tracked.x, converged=tracked.converged)[0]
 
-    def _curved(self, k: int) -> bool:
+    def _curved(self, t: int, near: MotionState) -> bool:
         """Whether a trial's motion wants Newton's steps: its markers are not much nearer than where it did."""
-        return self.best is not None and self.best.trials[k].cost > COST_FALLEN_TO * self.slow_at[k]
+        return near.cost > COST_FALLEN_TO * self.slow_at[t]
 
     def residual(self, p: Array) -> Array:
         """(np + 1,) compressed residuals f, m."""
@@ -339,3 +497,14 @@ class ReducedProblem:
                 inverse = np.where(size > 0, 1.0 / np.where(size > 0, size, 1.0), 0.0)
                 self._known = state, size[:, None] * vectors.T, inverse[:, None] * vectors.T
         return self._known[1:]
+
+
+_Made = TypeVar("_Made")
+
+
+def _side_by_side(function: Callable[[int], _Made], numbers: Sequence[int]) -> list[_Made]:
+    """What a function makes of each number, two at a time: products of matrices let the other thread compute."""
+    if len(numbers) < 2:
+        return [function(number) for number in numbers]
+    with ThreadPoolExecutor(2) as pool:
+        return list(pool.map(with_one_blas_thread(function), numbers))

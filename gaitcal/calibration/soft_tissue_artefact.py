@@ -305,9 +305,10 @@ class TissuePrior:
 
     keys: tuple[str, ...]  # `kind/regressor/segment/component`
     covariance: Array  # (nz, nz) m^2, m rad, rad^2
+    mean: Array  # (nz,) m, rad
 
 
-NO_TISSUE = TissuePrior((), np.zeros((0, 0)))
+NO_TISSUE = TissuePrior((), np.zeros((0, 0)), np.zeros(0))
 
 
 def tissue_prior(trials: Sequence[MotionProblem], scales: Mapping[str, SoftTissueScale]) -> TissuePrior:
@@ -322,7 +323,8 @@ def tissue_prior(trials: Sequence[MotionProblem], scales: Mapping[str, SoftTissu
                 blocks.setdefault((name, group.carrier), scales[kind].variance(regressor) * own)
     keys = tuple(f"{name}/{segment}/{component}" for name, segment in blocks for component in soft_tissue.COMPONENTS)
     secondary = secondary_prior(trials)
-    return TissuePrior((*secondary.keys, *keys), block_diag(secondary.covariance, *blocks.values()))
+    every = (*secondary.keys, *keys)
+    return TissuePrior(every, block_diag(secondary.covariance, *blocks.values()), np.zeros(len(every)))
 
 
 def secondary_prior(trials: Sequence[MotionProblem]) -> TissuePrior:
@@ -330,7 +332,7 @@ def secondary_prior(trials: Sequence[MotionProblem]) -> TissuePrior:
     keys = tuple(dict.fromkeys(key for problem in trials if problem.secondary for key in problem.secondary.keys))
     square = f"/{BENDS[0]}/"
     sizes = [SECONDARY_SIZES[key.rpartition(".")[2]] * (1.0 if square in key else CUBE_SHARE) for key in keys]
-    return TissuePrior(keys, np.diag(np.square(sizes)))
+    return TissuePrior(keys, np.diag(np.square(sizes)), np.zeros(len(keys)))
 
 
 @dataclass(frozen=True)

@@ -94,7 +94,9 @@ def calibrate_study(
             stop_on_errors(findings, loaded.walks, study)
         calibration = calibrate(loaded, step, leave_out=hold_out, checked=findings)
         notes = draft_notes(drafted) if drafted is not None else drafting.faulty_notes(faulty)
-        calibration = replace(calibration, notes=(*notes, *calibration.notes), left_out=faulty)
+        calibration = replace(
+            calibration, notes=(*notes, *calibration.notes), left_out={**faulty, **calibration.left_out}
+        )
         step("writing the results")
         made_with = {} if normal is None else {"normal": normal.name, "normal_sha256": sha256_of(normal)}
         text = None if drafted is None else draft_text(drafted, out) + settings_text(CalibrationSettings(), priors, out)

@@ -110,7 +110,7 @@ def calibrate_person(person: CohortPerson, out: Path, common: CommonSettings) ->
     calibration = calibrate(study, checked=findings)
     notes = drafts.draft_notes(drafted) if drafted is not None else _contradictions(person, study, common)
     notes += () if drafted is not None else faulty_notes(faulty)
-    calibration = replace(calibration, notes=(*notes, *calibration.notes), left_out=faulty)
+    calibration = replace(calibration, notes=(*notes, *calibration.notes), left_out={**faulty, **calibration.left_out})
     normal = common.normal
     made_with = {} if normal is None else {"normal": normal.name, "normal_sha256": sha256_of(normal)}
     bands = None if normal is None else normal_bands.read_normal_bands(normal)

@@ -11,7 +11,7 @@ one or two markers. With r_f the distance of a marker from the model's in frame 
 
 Bodies: limits that nobody who walks or runs exceeds, whatever the data. Angles, speeds and torques: `Limits` of
 `model/coordinates.py`. Pelvis residual: clean recordings have 2 to 13 % of the body weight, RMS; with more than these
-limits no torque means anything.
+limits no torque means anything. Speeds are means over the time that a trial's splines resolve, away from their ends.
 """
 
 from collections.abc import Iterator, Mapping
@@ -28,6 +28,7 @@ from gaitcal.gait.moments import moment_of
 from gaitcal.io.recording import runs, spans
 from gaitcal.model import coordinates, linkage
 from gaitcal.motion.motion import MarkerErrors, Motion
+from gaitcal.motion.spline import DEGREE, ORDER
 
 LIMIT_M = 0.02
 """Residuals of clean recordings exceed their median by up to 29 mm, but never begin or end that within a frame."""
@@ -52,6 +53,7 @@ RESIDUAL_SHARE, RESIDUAL_MOMENT_SHARE = 0.5, 0.2
 FARTHEST_M = 0.10
 """Largest RMS distance of a leg's or the pelvis' marker with weight; skin moves by 40 mm at most (Leardini et al., Gait
 Posture 21:212-225, 2005)."""
+LARGEST_END = 0.25  # Of a trial, at each end: half of it is always looked at
 CHANGED_DEG, CHANGED_MUCH_DEG = 10.0, 45.0
 """Mean change of an angle by the calibration that is a note, and that puts the result in doubt. Nominal ankle axes are
 another person's: their offsets change by up to 36 deg on clean recordings."""
@@ -255,13 +257,13 @@ def _finding(motion: Motion, code: Code, cause: str, leg: str, broken: list[_Bro
 
 
 def _angles(motion: Motion, side: str) -> Iterator[_Broken]:
-    q, v = motion.q, motion.velocity
+    q = motion.q
     for name, (low, high) in ANGLES_DEG.items():
         coordinate = f"{name}_{side}"
         if coordinate not in motion.coordinates:
             continue
         at = motion.coordinates.index(coordinate)
-        angle, speed = np.rad2deg(q[:, at]), np.abs(np.rad2deg(v[:, at]))
+        angle, speed = np.rad2deg(q[:, at]), _resolved_speed(motion, at)
         beyond = (angle < low) | (angle > high)
         if beyond.any():
             worst = float(angle[np.argmax(np.maximum(low - angle, angle - high))])
@@ -271,6 +273,21 @@ def _angles(motion: Motion, side: str) -> Iterator[_Broken]:
         if (speed > limit).any():
             message = f"{coordinate} changes by {speed.max():.0f} deg/s (allowed: {limit:.0f})"
             yield _Broken(message, float(speed.max()) / limit, speed > limit)
+
+
+def _resolved_speed(motion: Motion, at: int) -> Array:
+    """(nf,) deg/s of one coordinate, as the trial's splines resolve it; zero near the ends.
+
+    A spline tells no change that is shorter than the distance of its knots: the speed is the mean over that time. Its
+    derivatives are those of six polynomials each, which fewer frames hold within half of their reach of an end.
+    """
+    time, basis = motion.time, motion.basis
+    spacing = float(time[-1] - time[0]) / max(basis.nodes - DEGREE, 1)
+    end = min(0.5 * ORDER * spacing, LARGEST_END * float(time[-1] - time[0]))
+    angle = np.rad2deg(motion.q[:, at])
+    before, after = (np.interp(time + by * spacing, time, angle) for by in (-0.5, 0.5))
+    inside = (time >= time[0] + max(end, 0.5 * spacing)) & (time <= time[-1] - max(end, 0.5 * spacing))
+    return np.asarray(np.where(inside, np.abs(after - before) / spacing, 0.0), float)
 
 
 def _torques(moments: Moments, valid: BoolArray, side: str) -> Iterator[_Broken]:

@@ -10,7 +10,8 @@ P the scatter of people about theta_0, in which that of palpation and regression
 noise and skin of the fit's own markers move theta by. A fit that leans on a prior has theta = theta_0 + K (true -
 theta_0 + e), K at most 1, and E = K cov(e) K^T, so that cov(d) = K P K^T + E is at most P + E: a fit without a prior is
 judged alike. The distance between the hips is judged in the same way. A doubted joint is some four scatters off; from
-`UNUSUAL` on, some three, it is named in a note.
+`UNUSUAL` on, some three, it is named in a note. So is one of which a parameter is `FARTHEST` scatters of people off,
+however little the markers tell of it.
 
 A study file or a cohort that knows more of these people has its mean in theta_0; P stays anatomy's.
 """
@@ -36,6 +37,7 @@ from gaitcal.study.joint_prior import JointPrior
 
 RARE = 1e-3  # Of all people: who has a joint there, or who is told so wrongly at most, for each place that is looked at
 UNUSUAL = 0.05  # As `RARE`, of a note: the usual level at which something is looked at that proves nothing by itself
+FARTHEST = 3.0  # Standard deviations of people, of one parameter
 CT_RATIO = "0.65 to 0.82"
 """Distance of the hips over that of the ASIS of ten people in CT (landmarks of Fischer 2021), 0.71 in the mean."""
 LEAST_SHARE = 0.3  # Of the largest offset in units of its scatter: what is smaller is not told
@@ -60,7 +62,7 @@ def joint_place_findings(
         for joint in (f"{name}_{side}" for name in linkage.LEG_JOINTS):
             views = list(places.of(joint))
             limit = RARE if min(place.probability for place in views) < RARE else UNUSUAL
-            if far := [place for place in views if place.probability < limit]:
+            if far := [place for place in views if place.probability < limit or place.farthest > FARTHEST]:
                 yield _finding(joint, far, model, joint in isolated)
                 hip_told = hip_told or joint.startswith("hip")
     apart = places.hips_apart()
@@ -86,6 +88,11 @@ class Place:
     def probability(self) -> float:
         """That a person has a joint so far from where it is expected, or further."""
         return float(chdtrc(len(self.offset), self.square))
+
+    @property
+    def farthest(self) -> float:
+        """The largest offset of a parameter in standard deviations of people, without the fit's error."""
+        return float((np.abs(self.offset) / np.sqrt(np.diag(self.scatter))).max())
 
     @property
     def words(self) -> str:
@@ -138,12 +145,15 @@ def _finding(joint: str, views: Sequence[Place], model: SubjectModel, isolated: 
     kind, side = joint.split("_")
     least = min(place.probability for place in views)
     few = round(1 / (RARE if least < RARE else UNUSUAL))
+    cause = f"the {joint_words(joint)} joint lies where fewer than 1 in {few} people have one"
+    if least >= UNUSUAL:
+        cause = f"the {joint_words(joint)} joint lies {FARTHEST:.0f} scatters of people from where it is expected"
     return Finding(
         severity=Severity.WARNING if least < RARE else Severity.INFO,
         topic=verdict.PLACES,
         where=STUDY,
         leg=side,
-        cause=f"the {joint_words(joint)} joint lies where fewer than 1 in {few} people have one",
+        cause=cause,
         found=f"it lies, from where {coordinates.JOINT_TABLE[kind].landmarks} have it, "
         f"{'; '.join(place.words for place in views)}; {_odds(least)} so far{_few_markers(model, joint)}",
         cure=_cure(kind, isolated) if least < RARE else "",

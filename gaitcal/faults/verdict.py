@@ -33,6 +33,8 @@ OF_FORCES = ("forces", "plates", "plate to foot", "body mass")
 """Topics of what is wrong with the forces of a walk, by which no joint was found."""
 FORCES, PLACES, BOUNDS, MARKERS_AFTER_FIT = "forces", "joint places", "physical bounds", "markers after the fit"
 """Topics of the force diagnosis and of what a finished fit says."""
+LEFT_OUT = "functional trials"
+"""Topic of a functional trial that the joint parameters were found without."""
 _UNEXPLAINED = (Code.UNEXPLAINED_RESIDUAL, Code.FORCES_CONTRADICT)
 _LABEL = re.compile(r"'([^']+)'")
 

@@ -166,23 +166,39 @@ def with_tissue_columns(
         axes, psi = segments[group.segment, :3], group.regressors  # (3 axes, 3, nf), (nr, nf)
         moved = np.flatnonzero(body.chain.support[:, group.segment])
         turning = moved < nq
-        velocity, spin = columns[moved, :3], columns[moved, 3:]
-        pull, met = np.zeros((WIDTH, psi.shape[1])), np.zeros((len(moved), WIDTH, psi.shape[1]))
-        inertia = np.zeros((WIDTH, WIDTH, psi.shape[1]))
+        pull, inertia = np.zeros((WIDTH, psi.shape[1])), np.zeros((WIDTH, WIDTH, psi.shape[1]))
+        # sum_m w B_m^T and sum_m w B_m^T [x_m x]^T: what all markers make of a velocity and a spin, in the segment
+        of_velocity, of_spin = np.zeros((2, WIDTH, 3, psi.shape[1]))
         for m, pattern in zip(range(group.markers.start, group.markers.stop), group.pattern, strict=True):
-            weight, x = data.weight[m], position[m]
-            pull += pattern.T @ (weight * _in_axes(axes, x - data.measured[m]))
-            met += pattern.T @ (weight * _in_axes(axes, velocity + _cross(spin, x)))
+            weight, arm = data.weight[m], _in_axes(axes, position[m])
+            pull += pattern.T @ (weight * (arm - _in_axes(axes, data.measured[m])))
             inertia += weight * (pattern.T @ pattern)[:, :, None]
+            weighted = pattern.T[:, :, None] * weight
+            of_velocity += weighted
+            for i in range(3):
+                j, k = (i + 1) % 3, (i + 2) % 3
+                # (spin x arm)_j = spin_k arm_i - spin_i arm_k,  (spin x arm)_k = spin_i arm_j - spin_j arm_i
+                of_spin[:, i] += weighted[:, k] * arm[j] - weighted[:, j] * arm[k]
+        velocity, spin = _in_axes(axes, columns[moved, :3]), _in_axes(axes, columns[moved, 3:])
+        met = np.zeros((len(moved), WIDTH, psi.shape[1]))
+        for i in range(3):
+            met += of_velocity[:, i] * velocity[:, None, i]
+            met += of_spin[:, i] * spin[:, None, i]
         here = slice(at, at + WIDTH * len(psi))
         gradient[here] = (psi @ pull.T).ravel()
-        corner[here, here] = np.einsum("rf,sf,ijf->risj", psi, psi, inertia, optimize=True).reshape(
-            WIDTH * len(psi), WIDTH * len(psi)
+        both = (psi[:, None] * psi).reshape(-1, psi.shape[1]) @ inertia.reshape(-1, psi.shape[1]).T
+        corner[here, here] = (
+            both.reshape(len(psi), len(psi), WIDTH, WIDTH).transpose(0, 2, 1, 3).reshape(WIDTH * len(psi), -1)
         )
-        shaped = met[:, None] * psi[:, None]  # (nk, nr, 6, nf)
-        by_parameter[moved[~turning] - nq, here] = shaped[~turning].sum(axis=-1).reshape(-1, WIDTH * len(psi))
-        rows = shaped[turning].reshape(-1, psi.shape[1])
-        mixed[:, moved[turning], here] = (spread @ rows.T).reshape(basis.nodes, -1, WIDTH * len(psi))
+        by_parameter[moved[~turning] - nq, here] = (
+            (met[~turning] @ psi.T).transpose(0, 2, 1).reshape(-1, WIDTH * len(psi))
+        )
+        # frame by frame, one regressor at a time: all at once are too many to stay in the processor's memory
+        by_frame = np.ascontiguousarray(met[turning].reshape(-1, psi.shape[1]).T)
+        for r, of_regressor in enumerate(psi):
+            of_columns = slice(here.start + WIDTH * r, here.start + WIDTH * (r + 1))
+            summed = spread @ (of_regressor[:, None] * by_frame)
+            mixed[:, moved[turning], of_columns] = summed.reshape(basis.nodes, -1, WIDTH)
         at = here.stop
     return replace(
         equations,
@@ -210,13 +226,4 @@ def _in_axes(axes: Array, vectors: Array) -> Array:
     out = np.empty_like(vectors)
     for j, axis in enumerate(axes):
         out[..., j, :] = axis[0] * vectors[..., 0, :] + axis[1] * vectors[..., 1, :] + axis[2] * vectors[..., 2, :]
-    return out
-
-
-def _cross(spin: Array, arm: Array) -> Array:
-    """(n, 3, nf) spin x arm for (n, 3, nf) and (3, nf); np.cross makes arrays of that size twice over."""
-    out = np.empty_like(spin)
-    for i in range(3):
-        j, k = (i + 1) % 3, (i + 2) % 3
-        out[:, i] = spin[:, j] * arm[k] - spin[:, k] * arm[j]
     return out

@@ -35,6 +35,7 @@ if TYPE_CHECKING:
 
 DEGREE = 5
 ORDER = DEGREE + 1
+FLOOR, GAP_FLOOR = 1e-12, 1e-9  # Of the largest diagonal entry: control points that no frame reaches
 MINIMUM_NODES = ORDER
 FRAMES_AT_ONCE = 256  # worked on together: bounds memory, and keeps the working set in the processor's cache
 _LOW, _APART = np.array([(low, high - low) for low in range(ORDER) for high in range(low, ORDER)]).T
@@ -104,19 +105,23 @@ class SplineBasis:
         parts = (self.value, self.rate, self.acceleration)
         return tuple(csr_array((weights.ravel(), columns, ends), shape=(nf, self.nodes)) for weights in parts)
 
-    def fit(self, samples: Array) -> Array:
-        """(nn, nq) coefficients that fit samples (nf, nq) in the least-squares sense. Samples must be finite."""
-        nn = self.nodes
+    def fit(self, samples: Array, weight: Array | None = None) -> Array:
+        """(nn, nq) coefficients that fit samples (nf, nq) in the least-squares sense. Samples must be finite.
+
+        `weight`: (nf,) of the frames, one unless given. Control points that no weighted frame reaches are zero.
+        """
+        nn, value = self.nodes, self.value
+        weighted = value if weight is None else weight[:, None] * value
         band, right = np.zeros((ORDER, nn)), np.zeros((nn, samples.shape[1]))
         grams = np.add.reduceat(
-            self.value[:, :, None] * self.value[:, None, :], [frames.start for _, frames in self.spans], axis=0
+            value[:, :, None] * weighted[:, None, :], [frames.start for _, frames in self.spans], axis=0
         )
         firsts = np.array([first for first, _ in self.spans])
         for d in range(ORDER):
             np.add.at(band[d], firsts[:, None] + np.arange(ORDER - d), np.diagonal(grams, -d, axis1=1, axis2=2))
         for first, frames in self.spans:
-            right[first : first + ORDER] += self.value[frames].T @ samples[frames]
-        band[0] += 1e-12 * band[0].max()
+            right[first : first + ORDER] += weighted[frames].T @ samples[frames]
+        band[0] += (FLOOR if weight is None else GAP_FLOOR) * band[0].max()
         return cho_solve_banded((cholesky_banded(band, lower=True), True), right)
 
 

@@ -24,9 +24,10 @@ from gaitcal.calibration.joint_phases import Phase
 from gaitcal.calibration.torque_errors import inertial_square_root
 from gaitcal.dynamics.ground_reactions import GroundReactions
 from gaitcal.dynamics.measurement_errors import PlateErrors
-from gaitcal.errors import Finding, Severity, note_of
+from gaitcal.errors import Finding, Severity, listed, note_of
+from gaitcal.faults.after_fit import impossible
 from gaitcal.faults.study import check_study, examined
-from gaitcal.faults.verdict import judge, stopping, without_consequences
+from gaitcal.faults.verdict import LEFT_OUT, judge, stopping, without_consequences
 from gaitcal.model.anthropometry import table_spread
 from gaitcal.model.parameters import InertialSet, full_set, impossible_bodies, symmetric_set
 from gaitcal.motion.motion import motion_of
@@ -69,11 +70,42 @@ def calibrate(
         checked = check_study(study)
     progress("nominal model from the static trial")
     clean = examined(study)
-    session = session_of(clean, checked)
-    session = fit_joints(session, progress, leave_out=leave_out)
-    session = track(session, progress)
+    prepared = session_of(clean, checked)
+    session = track(fit_joints(prepared, progress, leave_out=leave_out), progress)
+    refused = impossible_functional_trials(session)
+    if refused:
+        progress(f"once more without {listed(list(refused))}")
+        rest = tuple(t for t in prepared.trials if t.name not in refused)
+        prepared = replace(prepared, trials=rest, findings=(*prepared.findings, *refused.values()))
+        session = track(fit_joints(prepared, progress, leave_out=leave_out), progress)
     session = fit_inertia(session, progress)
     return judged(session, clean.study, progress)
+
+
+def impossible_functional_trials(session: Session) -> dict[str, Finding]:
+    """Find functional trials (single-joint) in which a leg moves as none can.
+
+    What is wrong with one trial concerns that trial: the joints are to be found without it, and no torque of a walk is
+    refused for it.
+
+    Parameters
+    ----------
+    session
+        After tracking.
+
+    Returns
+    -------
+    dict
+        Trial -> warning that it is left out; empty where nothing would be left to fit, or no joint was fitted.
+    """
+    if session.joint is None:
+        return {}
+    out = dict[str, Finding]()
+    for trial in (t for t in session.trials if t.joint is not None):
+        for finding in impossible(trial.motion, session.model.subject.weight):
+            left_out = f"{finding.found}; the joint parameters were found without this trial"
+            out[trial.name] = replace(finding, severity=Severity.WARNING, found=left_out, leg="", topic=LEFT_OUT)
+    return out if len(out) < len(session.trials) else {}
 
 
 def track(session: Session, progress: Progress) -> Session:
@@ -120,10 +152,11 @@ def judged(session: Session, study: Study, progress: Progress) -> Calibration:
         *warnings.unmeasured_mass(results, nominal.parameters),
     )
     names = [t.name for t in session.walks]
+    absent = {f.where: f.evidence for f in session.findings if f.topic == LEFT_OUT}
     found = without_consequences((*session.checked, *later, *(finding for t in results for finding in t.findings)))
     notes = _notes(session, results, later)
     calibration = Calibration(
-        study=study,
+        study=replace(study, trials=tuple(t for t in study.trials if t.name not in absent)),
         nominal=nominal,
         model=replace(nominal, parameters=session.parameters, notes=notes),
         static_angles=session.static_angles,
@@ -136,6 +169,7 @@ def judged(session: Session, study: Study, progress: Progress) -> Calibration:
         notes=notes,
         findings=found,
         verdict=judge(found, names, forced=bool(stopping(session.checked, names))),
+        left_out=absent,
     )
     return with_truth(withdrawn(calibration))
 

@@ -4,11 +4,14 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.linalg import block_diag
 
 from gaitcal.calibration import reduced_problem
 from gaitcal.calibration import reduced_problem as open_motion
 from gaitcal.calibration.joint_calibration import JointFit, JointSearch, JointSettings
 from gaitcal.calibration.reduced_problem import ReducedProblem
+from gaitcal.calibration.soft_tissue_artefact import TissuePrior
+from gaitcal.calibration.tissue_elimination import split_by_kind
 from gaitcal.io.recording import Recording
 from gaitcal.model.nominal import published_model
 from gaitcal.model.parameters import JP_INDEX, Parameters, gait_parameters, isolated_parameters, published_subject
@@ -59,41 +62,72 @@ def soft_knee_trial(seed: int, names: tuple[str, ...], segments: tuple[str, ...]
     return replace(problem, tissue=SoftTissue(groups))
 
 
-def test_the_compressed_problem_is_the_whole_one_with_its_prior_and_soft_tissue() -> None:
-    """Two trials that count differently and share some columns of soft tissue, against all their rows: cost, gradient
-    and Gauss-Newton matrix with the motions eliminated.
+def test_the_compressed_problem_is_the_whole_one_with_its_priors_and_the_soft_tissue_of_two_kinds() -> None:
+    """Three trials that count differently, two of a kind that share some columns of soft tissue, against all their
+    rows: cost, gradient and Gauss-Newton matrix with motions and soft tissue eliminated, and what is left of these.
     """
-    trials = [soft_knee_trial(3, ("gait/a", "gait/b"), PART), soft_knee_trial(4, ("gait/b",), PART[1:])]
-    keys, shares, rng, start = trials[0].unknowns, (4.0, 0.5), np.random.default_rng(5), published_subject()
-    assert set(trials[1].unknowns) < set(keys)
-    size = len(KNEE) + len(keys)
-    rows, centre = rng.normal(0, 0.2, (size, size)), rng.normal(0, 0.01, size)
-    starts = [started(problem, start)[1] for problem in trials]
-    settings = DescentSettings(gain=1e-14)
-    reduced = ReducedProblem(trials, start, KNEE, starts, settings, prior=rows, centre=centre, tissue=keys)
+    start, rng, shares = published_subject(), np.random.default_rng(5), (4.0, 0.5, 2.0)
+    trials = [
+        soft_knee_trial(3, ("gait/a", "gait/b"), PART),
+        soft_knee_trial(4, ("squat/a",), PART[1:]),
+        soft_knee_trial(6, ("gait/b",), PART[1:]),
+    ]
+    of_kind = trials[0].unknowns, trials[1].unknowns
+    assert set(trials[2].unknowns) < set(of_kind[0])
+    keys, count = (*of_kind[0], *of_kind[1]), len(KNEE)
+    roots = [rng.normal(0, 0.003, (len(own), len(own))) + 0.01 * np.eye(len(own)) for own in of_kind]
+    mean = rng.normal(0, 0.002, len(keys))
+    prior = TissuePrior(keys, block_diag(*(root @ root.T for root in roots)), mean)
+    whiten = block_diag(*(np.linalg.inv(root) for root in roots))
+    rows, centre = rng.normal(0, 0.2, (count, count)), rng.normal(0, 0.01, count)
+    reduced = ReducedProblem(
+        trials,
+        start,
+        KNEE,
+        [started(problem, start)[1] for problem in trials],
+        DescentSettings(gain=1e-14),
+        prior=rows,
+        centre=centre,
+        tissue=prior,
+        kinds=("gait", "squat", "gait"),
+    )
     reduced.weigh(shares)
-    p = np.concatenate([values(start, KNEE), np.zeros(len(keys))]) + rng.normal(0, 0.005, size)
+    p = values(start, KNEE) + rng.normal(0, 0.005, count)
     state = reduced.settle(p)
-    f, jacobian = reduced.residual(p), reduced.jacobian(p)
+    f, jacobian, size = reduced.residual(p), reduced.jacobian(p), count + len(keys)
+    assert len(f) == count + 1, "SciPy sees joint parameters alone"
 
     def residual(x: Array) -> Array:
-        out, at = [rows @ (x[:size] - centre)], size
+        z, at = x[count:size], size
+        out = [rows @ (x[:count] - centre), whiten @ (z - mean)]
         for problem, share, trial in zip(trials, shares, state.trials, strict=True):
             coefficients = x[at : at + trial.coefficients.size].reshape(trial.coefficients.shape)
-            here = problem.displaced(np.array([x[len(KNEE) + keys.index(key)] for key in problem.unknowns]))
-            model = here.positions(coefficients, here.body(start.with_joint(KNEE, x[: len(KNEE)])))
+            here = problem.displaced(z[[keys.index(key) for key in problem.unknowns]])
+            model = here.positions(coefficients, here.body(start.with_joint(KNEE, x[:count])))
             out.append(np.sqrt(share) * (model - here.data.measured).ravel())
             at += coefficients.size
         return np.concatenate(out)
 
-    x = np.concatenate([p, *(trial.coefficients.ravel() for trial in state.trials)])
+    z = np.concatenate([kind.z for kind in state.kinds])
+    x = np.concatenate([p, z, *(trial.coefficients.ravel() for trial in state.trials)])
     r, slope = residual(x), central_differences(residual, x)
-    along = np.linalg.solve(slope[:, size:].T @ slope[:, size:], slope[:, size:].T @ slope[:, :size])
-    left = slope[:, :size] - slope[:, size:] @ along
+    inner = slope[:, count:].T @ slope[:, count:]
+    along = np.linalg.solve(inner, slope[:, count:].T @ np.column_stack([slope[:, :count], r]))
+    left = slope[:, :count] - slope[:, count:] @ along[:, :-1]
     assert f @ f == pytest.approx(r @ r, rel=1e-9)
+    unit = np.sqrt(np.diag(np.linalg.inv(inner)))
+    assert np.abs(along[:, -1] / unit).max() < 2e-3, "soft tissue and motions are at their minimum"
     matrix, pull = left.T @ left, left.T @ r
     np.testing.assert_allclose(jacobian.T @ jacobian, matrix, rtol=0, atol=1e-6 * matrix.max())
     np.testing.assert_allclose(jacobian.T @ f, pull, rtol=0, atol=1e-6 * np.abs(pull).max())
+
+
+def test_kinds_that_share_soft_tissue_are_refused() -> None:
+    trials = [soft_knee_trial(seed, ("gait/a",), PART) for seed in (3, 4)]
+    keys = trials[0].unknowns
+    prior = TissuePrior(keys, np.eye(len(keys)), np.zeros(len(keys)))
+    with pytest.raises(ValueError, match="share"):
+        split_by_kind(prior, [trial.unknowns for trial in trials])
 
 
 def test_the_cost_told_is_that_where_the_last_step_leads() -> None:

@@ -1,23 +1,27 @@
 """What a finished fit says: what no body can do is refused, leg by leg; residuals with structure are named."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 
 from gaitcal.dynamics.inverse_dynamics import Moments
-from gaitcal.errors import Severity
+from gaitcal.errors import Finding, Severity
 from gaitcal.faults.after_fit import (
     ANGLES_DEG,
+    SPEEDS_DEG_S,
     TORQUES_PERCENT_BWH,
     TrackedMarkers,
     impossible,
     large_changes,
     marker_findings,
 )
+from gaitcal.faults.verdict import Judgement, judge
 from gaitcal.model.linkage import COORDINATE_INDEX, COORDINATES
 from gaitcal.motion.motion import MarkerErrors, Motion
+from gaitcal.session.calibrate import impossible_functional_trials
 from gaitcal.synthetic.motion import gait_motion
 
 Array = NDArray[np.float64]
@@ -83,6 +87,21 @@ def test_a_jump_of_an_angle_is_refused() -> None:
     coefficients[len(coefficients) // 2, COORDINATE_INDEX["knee_angle_l"]] += np.deg2rad(600.0)
     (found,) = impossible(replace(walk, coefficients=coefficients), WEIGHT)
     assert "knee_angle_l changes by" in found.found and found.leg == "l"
+
+
+def bent(walk: Motion, node: int, degrees: float) -> Motion:
+    coefficients = walk.coefficients.copy()
+    coefficients[node, COORDINATE_INDEX["knee_angle_l"]] += np.deg2rad(degrees)
+    return replace(walk, coefficients=coefficients)
+
+
+@pytest.mark.parametrize("node", [0, -1])
+def test_speed_at_the_ends_of_splines_is_no_finding(node: int) -> None:
+    """One control point more by 60 deg at an end is a speed beyond the limit there, and none in the middle."""
+    walk = bent(walking(), node, 60.0)
+    at = COORDINATE_INDEX["knee_angle_l"]
+    assert np.abs(np.rad2deg(walk.velocity[:, at])).max() > SPEEDS_DEG_S["knee_angle"]
+    assert impossible(walk, WEIGHT) == ()
 
 
 @pytest.mark.parametrize("name", TORQUES_PERCENT_BWH)
@@ -204,3 +223,22 @@ def test_what_has_no_weight_is_left_out() -> None:
     spoilt = changed(sound, 0, slice(50, 90), sound.measured[50:90, 0] + [0.0, 0.15, 0.0])
     assert len(marker_findings(spoilt)) == 1
     assert marker_findings(replace(spoilt, weight=sound.weight * [0.0, 1.0, 1.0, 1.0, 1.0])) == ()
+
+
+def test_a_functional_trial_that_no_leg_can_do_is_left_out_with_a_warning_that_bears_no_leg() -> None:
+    walk, other = walking(), bent(walking(), len(walking().coefficients) // 2, 600.0)
+    trials = [
+        SimpleNamespace(name="hip_l", joint="hip_l", motion=other),
+        SimpleNamespace(name="hip_r", joint="hip_r", motion=walk),
+        SimpleNamespace(name="walk", joint=None, motion=other),
+    ]
+    person = SimpleNamespace(subject=SimpleNamespace(weight=WEIGHT))
+
+    def found(trials: list[SimpleNamespace], joint: object) -> dict[str, Finding]:
+        return impossible_functional_trials(SimpleNamespace(joint=joint, trials=trials, model=person))  # type: ignore[arg-type]
+
+    (name, finding), *others = found(trials, "fitted").items()
+    assert (name, finding.severity, finding.leg, others) == ("hip_l", Severity.WARNING, "", [])
+    verdict = judge([finding], ["walk"])
+    assert verdict.judgement is Judgement.DOUBTFUL and not verdict.refused_legs("walk")
+    assert found(trials, None) == {} == found(trials[:1], "fitted"), "nothing to fit, or nothing left"

@@ -158,3 +158,14 @@ def test_pages_tell_from_where_on_a_joint_is_named() -> None:
     ):
         row = next(line for line in told if line.startswith(start))
         assert [" ".join(re.findall(r"\d+", cell)) for cell in row.split("|")[2:4]] == found
+
+
+def test_a_parameter_three_scatters_of_people_off_is_named_however_wide_its_error_bar() -> None:
+    """Nothing of it is doubted, and at two scatters nothing is said."""
+    wide = np.zeros((len(LEGS), 1))
+    wide[LEGS.index("knee_r.thigh.ant")] = 0.030
+    errors = ErrorSources(LEGS, wide, ("markers/walk/R.Thigh/x",))
+    far, near = moved(knee_r__thigh__ant=0.031), moved(knee_r__thigh__ant=0.020)
+    (found,) = joint_place_findings(MODEL, far, errors, ANATOMY)
+    assert found.severity is Severity.INFO and found.code is Code.KNEE_AXIS and found.leg == "r"
+    assert list(joint_place_findings(MODEL, near, errors, ANATOMY)) == []

@@ -214,6 +214,7 @@ def test_a_hip_that_stays_and_a_knee_taken_for_a_hinge_move_the_fit_as_its_error
         there, _ = fit(other_tasks, other)
         rows = errors.parameters[: len(here.values)]
         predicted = rows[:, errors.clusters.index(f"nominal/{kept}")] if fits else -here.by_tissue @ (z / sizes)
-        moved, unit = there.values - here.values, np.sqrt(np.diag(here.covariance))
+        unit = np.array([errors.standard_errors[name] for name in (*free, *here.keys)])
+        moved = there.values - here.values
         assert np.abs(moved / unit).max() > 0.01
         np.testing.assert_allclose(moved / unit, predicted / unit, atol=0.1 * np.abs(moved / unit).max())
