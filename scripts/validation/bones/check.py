@@ -1,6 +1,7 @@
 """Do calibrated joints lie where the bones have them?
 
-    bones [--folder DIR] [--only NAME,...]
+    bones [--folder DIR] [--only NAME,...] [--left-in]
+    bones --learn FILE [--folder DIR]
 
 Each recording of skin markers beside tracked bones (`bones/recordings.py`) is calibrated as what it
 shows, a walk, an isolated trial or an activity (`bones/fits.py`). Reported are
@@ -14,6 +15,10 @@ hip     how far the centre is from the true one in the pelvis (mm)
 for the nominal model, for a hinge or centre fitted to the clusters of skin markers (SARA, SCoRE),
 for the estimator with markers that stay in their places, and for the estimator as it is. Intervals
 of 68 and 95 % are counted over all coordinates of joints in both segments.
+
+The prior of soft tissue is learnt from the bones of GAITCAL_DATA (`bones/learn.py`) with the
+person of each recording left out; `--left-in` takes gaitcal's own, which knows them all. `--learn`
+writes that prior to a file, and prints what it rests on.
 
 The axis of the bones is the one that both bones carry most alike: its direction the mean common
 one, its point SCoRE's. Left legs are mirrored. The folder is `bones` of `GAITCAL_DATA` unless given.
@@ -30,6 +35,7 @@ from pathlib import Path
 import numpy as np
 
 from gaitcal.arrays import Array
+from gaitcal.calibration.soft_tissue_table import SkinTable
 from gaitcal.model.parameters import JP_INDEX
 from gaitcal.model.segment_frames import Frame
 from scripts.validation.bones.fits import (
@@ -37,10 +43,11 @@ from scripts.validation.bones.fits import (
     NominalJoint,
     fit_recording,
     joint_of,
-    knee_flexion,
     nominal_joint,
     problem_of,
+    tracked_flexion,
 )
+from scripts.validation.bones.learn import learn_lines, learn_table, person_of, write_table
 from scripts.validation.bones.recordings import BoneRecording, fit_centre, fit_clusters, fit_hinge, read_recordings
 from scripts.validation.harness import coverage, matching, option, rms, say, side_by_side
 from scripts.validation.recordings import data
@@ -50,7 +57,11 @@ LEAST_BENT_DEG = 20.0
 """Range of flexion from which bones define an axis: fluoroscopy errs by 1 degree and 1 mm."""
 METHODS = ("nominal", "skin alone", "without soft tissue", "calibrated")
 SHARED = ("--jobs", "--only", "--list", "--json")
-OWN = {"--folder": option(Path, "of recordings (default: `bones` of GAITCAL_DATA)")}
+OWN = {
+    "--folder": option(Path, "of recordings (default: `bones` of GAITCAL_DATA)"),
+    "--left-in": option(False, "with gaitcal's own prior of soft tissue, whoever it was learnt from"),
+    "--learn": option(Path, "derive the prior of soft tissue from all recordings, and write it to this file"),
+}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -81,13 +92,16 @@ class Outcome:
     converged: bool = True
 
 
-def assess_recording(recording: BoneRecording) -> Outcome:
-    """Calibrate one recording by every method, and compare joints and angles with those of the bones."""
+def assess_recording(recording: BoneRecording, table: SkinTable | None) -> Outcome:
+    """Calibrate one recording by every method, and compare joints and angles with those of the bones.
+
+    `table`: the skin of people; gaitcal's own unless given.
+    """
     nominal = nominal_joint(recording)
     problem = problem_of(recording, nominal)
     fits = {
         "without soft tissue": fit_recording(recording, nominal, problem, tissue=False),
-        "calibrated": fit_recording(recording, nominal, problem, tissue=True),
+        "calibrated": fit_recording(recording, nominal, problem, tissue=True, table=table),
     }
     return (
         _hip_outcome(recording, nominal, fits) if nominal.joint == "hip_r" else _knee_outcome(recording, nominal, fits)
@@ -110,7 +124,7 @@ def _knee_outcome(recording: BoneRecording, nominal: NominalJoint, fits: Mapping
     thigh, shank = recording.segments["thigh"], recording.segments["shank"]
     flexion = recording.knee_flexion
     bent = float(np.rad2deg(np.ptp(flexion)))
-    angles = {method: knee_flexion(fit.motion) for method, fit in fits.items()}
+    angles = {method: tracked_flexion(fit.motion) for method, fit in fits.items()}
     flexion_deg = {}
     for method, values in angles.items():
         gap = np.rad2deg(values - flexion)
@@ -127,6 +141,7 @@ def _knee_outcome(recording: BoneRecording, nominal: NominalJoint, fits: Mapping
         bent_deg=bent,
         flexion_deg=flexion_deg,
         converged=fits["calibrated"].phase.estimate.converged,
+        softness=fits["calibrated"].softness,
     )
     if bent < LEAST_BENT_DEG:
         return common()
@@ -210,6 +225,7 @@ def _hip_outcome(recording: BoneRecording, nominal: NominalJoint, fits: Mapping[
         error_mm=1e3 * float(np.linalg.norm(size)),
         scores=scores,
         converged=fits["calibrated"].phase.estimate.converged,
+        softness=fits["calibrated"].softness,
     )
 
 
@@ -226,7 +242,7 @@ def outcome_lines(outcomes: Sequence[Outcome]) -> Iterator[str]:
             cells = "".join(f"{_cell(o, m):>22}" for m in METHODS)
             se = f"{o.error_mm:.1f}" + (f", {o.error_deg:.1f}" if joint == "knee" else "")
             offset = " ".join(f"{x:6.1f}" for x in o.offset_mm["calibrated"])
-            yield f"{o.name:26}{cells}{se:>14}   {offset}{'' if o.converged else '   NOT CONVERGED'}"
+            yield f"{o.name:26}{cells}{se:>14}   {offset}   s {o.softness:.2f}{'' if o.converged else '   NOT CONVERGED'}"
         mean = "".join(f"{_summary(of_joint, m):>22}" for m in METHODS)
         yield f"{'RMS':26}{mean}"
         scores = np.array([z for o in of_joint for z in o.scores.values()])
@@ -269,7 +285,17 @@ def run(chosen: argparse.Namespace) -> dict[str, list[Outcome]]:
     if chosen.list:
         say(*(f"{name:26}{joint_of(recordings[name])}" for name in names))
         return {}
-    tasks = [partial(assess_recording, recordings[name]) for name in names]
+    if chosen.learn:
+        every = list(recordings.values())
+        say(*learn_lines(every))
+        write_table(learn_table(every), every, chosen.learn)
+        return {}
+    known = [] if chosen.left_in else list(read_recordings(data() / "bones"))
+    tables: dict[str, SkinTable | None] = {}
+    for name in names:
+        person = person_of(recordings[name])
+        tables[person] = tables.get(person) or (learn_table(known, without=person) if known else None)
+    tasks = [partial(assess_recording, recordings[name], tables[person_of(recordings[name])]) for name in names]
     outcomes = list(side_by_side(tasks, chosen.jobs))
     say(*outcome_lines(outcomes))
     return {"recordings": outcomes}

@@ -1,8 +1,8 @@
 """A recording of bones as a laboratory would calibrate it: nominal joint, estimate, motion.
 
-The recording becomes skin markers in the laboratory. The nominal model has the joint where the
-landmarks of the static posture have it (`recordings.py`), or, without landmarks, where the
-anatomical axes of the bones cross. The two segments of the joint are then fitted by the phase that
+The recording becomes skin markers in the laboratory. The nominal model is made of the anatomical
+axes of the bones, which all recordings have: the knee in the middle of the epicondyles, the origin
+of the thigh, its axis along the thigh's z; the hip by Harrington's regression from the spines. The two segments of the joint are then fitted by the phase that
 fits the legs of a person (`calibration/joint_phases.py`), as the kind of task that the recording
 shows: a walk or a run as gait, a knee or hip that moves alone as its isolated trial, anything else
 as an activity. Bones that were pinned without skin markers carry points that never move.
@@ -20,10 +20,11 @@ from gaitcal.calibration import soft_tissue_artefact
 from gaitcal.calibration.joint_estimate import free_of
 from gaitcal.calibration.joint_phases import LEG_PARAMETERS, FittedPhase, JointPhase, PhaseSettings, fit_phase
 from gaitcal.calibration.joint_prior import ANATOMY
+from gaitcal.calibration.soft_tissue_table import SkinTable
 from gaitcal.io.recording import Recording
-from gaitcal.model.chain import axis_rotation, root_angles
-from gaitcal.model.nominal import published_model
-from gaitcal.model.parameters import JP_INDEX, Parameters
+from gaitcal.model.chain import root_angles
+from gaitcal.model.nominal import knee_flexion, published_model
+from gaitcal.model.parameters import Parameters
 from gaitcal.model.segment_frames import Frame, HipCentre, frame_yz, hip_centre, nearest_rotation, pelvis_frame, unit
 from gaitcal.model.subject_model import MarkerPlacement, Subject, SubjectModel
 from gaitcal.motion.bandwidth import with_bandwidth
@@ -35,8 +36,8 @@ from gaitcal.study.settings import CalibrationSettings
 from gaitcal.study.study_trial import Role, Trial
 from scripts.validation.bones.recordings import BoneRecording
 
-THIGH_OF_HEIGHT, SHANK_OF_HEIGHT = 0.245, 0.246
-"""Lengths over body height (Winter 2009), where no landmark shows the far joint."""
+THIGH_OF_HEIGHT = 0.245
+"""Length of the thigh over body height (Winter 2009)."""
 MEAN_HEIGHT_M, MEAN_MASS_KG = 1.70, 70.0
 PINNED_M = 0.1
 """Half the way between the points of a bone that carries no skin marker."""
@@ -87,7 +88,7 @@ def nominal_joint(recording: BoneRecording) -> NominalJoint:
     away = np.einsum("fji,fj->fi", one.rotation, other.origin - one.origin)[still].mean(axis=0)
     height = MEAN_HEIGHT_M if np.isnan(recording.height) else recording.height
     if joint == "knee_r":
-        frames, values = _knee(recording, turn, away, height)
+        frames, values = _knee(turn, away, height)
     else:
         frames, values = _hip(recording, turn, away)
     parameters = published_model().parameters.with_joint(tuple(values), np.array(list(values.values())))
@@ -118,29 +119,12 @@ def _skin_or_pins(recording: BoneRecording, name: str) -> Array:
     return np.repeat(PINNED_M * np.vstack([np.eye(3), -np.ones(3)])[None], len(bone.origin), axis=0)
 
 
-def _middle(recording: BoneRecording, name: str, pair: tuple[str, str]) -> tuple[Array, Array] | None:
-    """Middle (3,) m of two landmarks and the way from the second to the first; None without them."""
-    known = recording.segments[name].landmarks
-    if not set(pair) <= set(known):
-        return None
-    first, second = (known[landmark] for landmark in pair)
-    return 0.5 * (first + second), first - second
-
-
-def _knee(
-    recording: BoneRecording, turn: Array, away: Array, height: float
-) -> tuple[dict[str, Frame], dict[str, float]]:
+def _knee(turn: Array, away: Array, height: float) -> tuple[dict[str, Frame], dict[str, float]]:
     """Segment axes in the bones' axes, and the nominal knee; `turn`, `away`: static pose of the shank in the thigh."""
-    epicondyles = _middle(recording, "thigh", ("LE", "ME")) or (np.zeros(3), np.array([0.0, 0.0, 1.0]))
-    knee, lateral = epicondyles
-    hip = recording.segments["thigh"].landmarks.get("HJC", knee + [0.0, THIGH_OF_HEIGHT * height, 0.0])
-    thigh = frame_yz(hip, unit(hip - knee), lateral)
-    knee_below = turn.T @ (knee - away)
-    malleoli = _middle(recording, "shank", ("LM", "MM"))
-    if malleoli is None:
-        malleoli = knee_below - [0.0, SHANK_OF_HEIGHT * height, 0.0], np.array([0.0, 0.0, 1.0])
-    shank = frame_yz(knee_below, unit(knee_below - malleoli[0]), malleoli[1])
-    axis = shank.rotation.T @ turn.T @ thigh.rotation[:, 2]
+    knee = np.zeros(3)
+    thigh = Frame(np.eye(3), np.array([0.0, THIGH_OF_HEIGHT * height, 0.0]))
+    shank = Frame(np.eye(3), turn.T @ (knee - away))
+    axis = turn.T @ thigh.rotation[:, 2]
     place = thigh.local(knee)
     values = {
         "knee_r.thigh.ant": place[0],
@@ -164,8 +148,7 @@ def _hip(recording: BoneRecording, turn: Array, away: Array) -> tuple[dict[str, 
     width, depth = float(np.linalg.norm(right - left)), float(np.linalg.norm(pelvis.origin - back))
     place = hip_centre(HipCentre.HARRINGTON, width, depth, "r")
     hip_below = turn.T @ (pelvis.point(place) - away)
-    epicondyles = _middle(recording, "thigh", ("LE", "ME")) or (np.zeros(3), np.array([0.0, 0.0, 1.0]))
-    thigh = frame_yz(hip_below, unit(hip_below - epicondyles[0]), epicondyles[1])
+    thigh = frame_yz(hip_below, unit(hip_below), np.array([0.0, 0.0, 1.0]))
     values = {f"hip_r.pelvis.{d}": x for d, x in zip(("ant", "sup", "lat"), place.tolist(), strict=True)}
     values |= {f"hip_r.thigh.{d}": 0.0 for d in ("ant", "sup", "lat")}
     return {"pelvis": pelvis, "thigh": thigh}, values
@@ -178,11 +161,8 @@ def _posture(joint: str, frames: Mapping[str, Frame], turn: Array, parameters: P
         return dict(
             zip(("hip_flexion_r", "hip_adduction_r", "hip_rotation_r"), map(float, root_angles(hip)), strict=True)
         )
-    front, trans = (parameters.joint[JP_INDEX[f"knee_r.shank.{name}"]] for name in ("front", "trans"))
-    about = (
-        frames["thigh"].rotation.T @ turn @ frames["shank"].rotation @ axis_rotation(0, front) @ axis_rotation(1, trans)
-    )
-    return {"knee_angle_r": float(-np.arctan2(about[1, 0], about[0, 0]))}
+    shank = frames["thigh"].rotation.T @ turn @ frames["shank"].rotation
+    return {"knee_angle_r": knee_flexion(shank, parameters.joint, "r")}
 
 
 def problem_of(recording: BoneRecording, nominal: NominalJoint) -> MotionProblem:
@@ -216,14 +196,24 @@ class BoneFit:
     phase: FittedPhase
     motion: Motion
     """As a calibration would track the trial in the end."""
+    softness: float
+    """How soft the person is, by how the markers deform."""
 
 
-def fit_recording(recording: BoneRecording, nominal: NominalJoint, problem: MotionProblem, *, tissue: bool) -> BoneFit:
+def fit_recording(
+    recording: BoneRecording,
+    nominal: NominalJoint,
+    problem: MotionProblem,
+    *,
+    tissue: bool,
+    table: SkinTable | None = None,
+) -> BoneFit:
     """Calibrate the joint of a recording.
 
     Parameters
     ----------
     tissue : whether skin may move; else markers are taken to stay in their places.
+    table : skin of people; gaitcal's own unless given.
     """
     kind, start = kind_of(recording), nominal.model.nominal
     plan = JointPhase(
@@ -232,14 +222,17 @@ def fit_recording(recording: BoneRecording, nominal: NominalJoint, problem: Moti
         free=free_of([problem], LEG_PARAMETERS),
         recordings=(recording.name,),
     )
-    tracked = problem
+    tracked, softness = problem, 0.0
     if tissue:
-        soft = soft_tissue_artefact.task_tissue({recording.name: kind}, {recording.name: problem}, start)
+        soft = soft_tissue_artefact.task_tissue({recording.name: kind}, {recording.name: problem}, start, table)
         plan = plan.with_tissue(soft)
     phase = fit_phase(plan, start, PhaseSettings(prior=ANATOMY))
-    return BoneFit(phase=phase, motion=tracked_motion(tracked, phase.estimate.parameters))
+    if tissue:
+        tracked = soft_tissue_artefact.displaced_by_tissue(plan.problems[0], phase.estimate.keys, phase.estimate.tissue)
+        softness = soft.scales[kind].mean
+    return BoneFit(phase=phase, motion=tracked_motion(tracked, phase.estimate.parameters), softness=softness)
 
 
-def knee_flexion(motion: Motion) -> Array:
+def tracked_flexion(motion: Motion) -> Array:
     """(nf,) rad."""
     return np.asarray(motion.q[:, motion.coordinates.index("knee_angle_r")])

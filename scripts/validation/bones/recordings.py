@@ -8,10 +8,8 @@ A file `NAME_task.npz` holds `rate_hz`, and for each segment (`thigh_r`, `shank_
     SEGMENT.landmark.NAME   (3,) m        in the bone's axes: LE, ME, LM, MM, HJC, RASI, ...
 
 `bones.csv` beside them names the person of each file. A left leg is read as the mirror image of
-a right one. A laboratory knows landmarks from palpation, and the places of markers from a static
-trial: here, the posture in which the joint is nearest to that of standing. Of that posture and the
-landmarks the segments' axes and the nominal joint are made as of any static trial
-(`model/segment_frames.py`).
+a right one. A laboratory knows the places of markers from a static trial: here, the posture in
+which the joint is nearest to that of standing.
 """
 
 from __future__ import annotations
@@ -70,6 +68,7 @@ class BoneRecording:
     task: str
     reference: str
     """How the bones were tracked."""
+    sex: str
     height: float
     """m; NaN where not known."""
     mass: float
@@ -155,6 +154,7 @@ def _read(file: Path, row: pd.Series) -> BoneRecording | None:
         person=str(row.get("person", person)),
         task=str(row.get("task", task)),
         reference=str(row.get("reference", "")),
+        sex=str(row.get("sex", "")),
         height=float(row.get("height_m", np.nan)),
         mass=float(row.get("mass_kg", np.nan)),
         rate=float(data["rate_hz"]),
