@@ -105,6 +105,7 @@ LEAST_SQUARES = 0.01
 TRUSTED = 0.5
 """Part of its own weight below which a loss let a marker go, and of the frames below which one is seldom seen, and left
 aside where three others are seen more often."""
+TINY = 1e-12  # Mean square of an angle over its unit below which it does not move at all
 SEEN_RANK = 1e-9
 """Part of the largest diagonal entry of a QR factor below which an angle adds nothing to those before it."""
 
@@ -129,7 +130,8 @@ def task_regressors(
     ----------
     angles : of each trial, coordinate -> (nf,) rad.
     posture : coordinate -> rad in the static posture; zero for what is not there.
-    squares : whether each regressor's square follows it, divided by its RMS: as large as it in the task.
+    squares : whether what the angle leaves of its square follows it, by least squares over the task: a bend, which is
+        zero in the static posture too.
 
     Returns
     -------
@@ -143,12 +145,14 @@ def task_regressors(
         every = np.concatenate([of_trial[name] for of_trial in angles if name in of_trial]) - still
         size = max(float(np.sqrt(np.mean(every**2))), soft_tissue.LEAST_SPREAD)
         unit = size if name.startswith(FROM_BONES) else 1.0
+        whole = every / size
+        bend = float(np.mean(whole**3)) / max(float(np.mean(whole**2)), TINY)
         for of_trial, own in zip(angles, out, strict=True):
             if name in of_trial:
                 relative = (of_trial[name] - still) / size
                 own[name] = unit * relative
                 if squares:
-                    own[name + SQUARES] = unit * relative**2
+                    own[name + SQUARES] = relative**2 - bend * relative
     return out
 
 
@@ -221,12 +225,12 @@ class _Cluster:
             self._place = (local - nominal.centre(knee, segment)) * self._mirror / length
 
     def _from_bones(self, regressor: str) -> SkinField | None:
-        return self._field if regressor.startswith(FROM_BONES) else None
+        return self._field if regressor.startswith(FROM_BONES) and not regressor.endswith(SQUARES) else None
 
     def mean(self, regressor: str) -> Array:
         """(nm, 3) m; squares have none."""
         field = self._from_bones(regressor)
-        if field is None or regressor.endswith(SQUARES):
+        if field is None:
             return np.zeros(self.pattern.shape[:2])
         return np.asarray(self._larger * self._mirror * field.mean(self._place))
 
