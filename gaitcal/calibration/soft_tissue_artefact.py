@@ -14,8 +14,8 @@ isolated trials of one joint); in gait knees are no hinges besides.
 Knee flexion moves thigh and shank. There u_c is one radian, and z_c is s times what tracked bones show
 (`soft_tissue_table.py`): a mean that depends on the place of the marker, and a covariance about it.
 
-For all other angles u_c is the RMS of phi_c - phi_c(static) in all trials of the kind (at least 2 deg), the mean is zero,
-all markers of a segment shift together, turn together about their middle, and move each by itself:
+For all other angles u_c is the RMS of phi_c - phi_c(static) in all trials of the kind (at least 2 deg), the mean is
+zero, all markers of a segment shift together, turn together about their middle, and move each by itself:
 
     z_c ~ N(0, s^2 Sigma),     Sigma = B diag(shift^2, turn^2) B^T + own^2 I,     B = [1, -(l - c) x] marker by marker.
 
@@ -47,7 +47,7 @@ do not deform, with even odds before anything is seen, and then say nothing of s
 """
 
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from scipy.linalg import block_diag
@@ -178,7 +178,7 @@ def tissue_of(
     known : columns to keep; all unless given.
     secondary : what knees do besides flexing.
     table : skin of people; gaitcal's own unless given.
-    softness : s, which what is expected is multiplied by.
+    softness : by which what is expected is multiplied; 0: markers are taken to stay in their static places.
     """
     groups = []
     for s, markers in problem.data.placed.groups if problem.noise is None else ():
@@ -198,9 +198,10 @@ def tissue_of(
                     pattern=cluster.pattern,
                     names=tuple(f"{kind}/{name}" for name in names),
                     regressors=np.array([regressors[name] for name in names]),
-                    expected=softness * np.array([cluster.mean(name) for name in names]),
+                    expected=np.array([cluster.mean(name) for name in names]),
                     covariance=np.array([cluster.rigid_covariance(name) for name in names]),
                     by_marker=np.array([cluster.marker_covariance(name) for name in names]),
+                    softness=softness,
                 )
             )
     if known is not None:
@@ -238,7 +239,7 @@ class _Cluster:
         """(3 nm, 3 nm) m^2 about the mean."""
         field = self._from_bones(regressor)
         if field is None:
-            size, more = self._size, 0.0
+            size, more = self._size, np.zeros((len(self._flat),) * 2)
         else:
             size = ArtefactSize(self._larger * field.shift, field.turn, self._larger * field.own)
             mirror = np.tile(self._mirror, len(self.pattern))
@@ -254,9 +255,8 @@ class _Cluster:
         more = np.zeros((soft_tissue.WIDTH,) * 2)
         if field is not None:
             size = ArtefactSize(self._larger * field.shift, field.turn, self._larger * field.own)
-            mirror = np.tile(self._mirror, len(self.pattern))
-            moved = (together * mirror) @ (self._larger**2 * field.uncertainty(self._place)) @ (together * mirror).T
-            more = moved
+            mirrored = self._larger * together * np.tile(self._mirror, len(self.pattern))
+            more = mirrored @ field.uncertainty(self._place) @ mirrored.T
         out = np.diag(np.repeat([size.shift, size.turn], 3) ** 2) + size.own**2 * together @ together.T + more
         return np.asarray(0.5 * (out + out.T))
 
@@ -270,11 +270,12 @@ class SoftTissueScale:
     mean: float = 0.0
     """E[s] of the linear columns."""
 
-    def covariance(self, regressor: str, unit: Array, mean: Array) -> Array:
-        """Of a regressor's columns about E[s] times their mean; `unit`, `mean`: covariance and mean at s = 1."""
+    def covariance(self, regressor: str, unit: Array, mean: Array, softness: float) -> Array:
+        """Of a regressor's columns about `softness` times their mean; `unit`, `mean`: both moments at s = 1."""
         if regressor.endswith(SQUARES):
             return np.asarray(self.squares * unit)
-        return np.asarray(self.linear * unit + max(self.linear - self.mean**2, 0.0) * np.outer(mean, mean))
+        of_scale = max(self.linear - 2.0 * softness * self.mean + softness**2, 0.0)
+        return np.asarray(self.linear * unit + of_scale * np.outer(mean, mean))
 
 
 def soft_tissue_scale(trials: Sequence[MotionProblem], *, possibly_still: bool = False) -> SoftTissueScale:
@@ -427,9 +428,8 @@ def tissue_prior(trials: Sequence[MotionProblem], scales: Mapping[str, SoftTissu
     for problem in trials:
         for group in problem.tissue.groups if problem.tissue else ():
             for name, unit, expected in zip(group.names, group.covariance, group.expected, strict=True):
-                scale = scales[name.partition("/")[0]]
-                mean = group.rigid_part(expected) / scale.mean if scale.mean > 0.0 else np.zeros(len(unit))
-                blocks.setdefault((name, group.carrier), scale.covariance(name, unit, mean))
+                scale, mean = scales[name.partition("/")[0]], group.rigid_part(expected)
+                blocks.setdefault((name, group.carrier), scale.covariance(name, unit, mean, group.softness))
     keys = tuple(f"{name}/{segment}/{component}" for name, segment in blocks for component in soft_tissue.COMPONENTS)
     secondary = secondary_prior(trials)
     return TissuePrior((*secondary.keys, *keys), block_diag(secondary.covariance, *blocks.values()))
@@ -444,6 +444,29 @@ def secondary_prior(trials: Sequence[MotionProblem]) -> TissuePrior:
 
 
 @dataclass(frozen=True)
+class FoundTissue:
+    """The artefact that a calibration found."""
+
+    values: Mapping[str, float] = field(default_factory=dict)
+    """Column -> m, rad, about what is expected."""
+    softness: Mapping[str, float] = field(default_factory=dict)
+    """Kind of task -> by which what is expected is multiplied."""
+
+    def displaced(self, problem: MotionProblem) -> MotionProblem:
+        """A trial, with its soft tissue, whose markers are where the artefact has them; knees stay hinges.
+
+        A column that was not found is as expected.
+        """
+        if problem.tissue is None or not problem.tissue.groups:
+            return problem
+        z = np.array([self.values.get(key, 0.0) for key in problem.tissue.keys])
+        return problem.shifted(problem.tissue.shift(z, len(problem.labels)))
+
+
+NO_FOUND_TISSUE = FoundTissue()
+
+
+@dataclass(frozen=True)
 class TaskTissue:
     """What may move the markers of each trial against their bones, and how far."""
 
@@ -453,6 +476,8 @@ class TaskTissue:
     secondary: Mapping[str, soft_tissue.SecondaryColumns]  # Trial of gait -> what knees do besides flexing
     nominal: Parameters
     table: SkinTable
+    fitted: bool = True
+    """Whether the artefact is fitted; else markers stay in their places, and all of it is a source of error."""
 
     def of(
         self, name: str, problem: MotionProblem, known: Collection[str] | None = None
@@ -467,7 +492,7 @@ class TaskTissue:
             known,
             self.secondary.get(name),
             table=self.table,
-            softness=self.scales[kind].mean,
+            softness=self.scales[kind].mean if self.fitted else 0.0,
         )
 
     def of_bodies(
@@ -477,11 +502,30 @@ class TaskTissue:
         found = {name: self.of(name, body, known) for name, body in bodies.items()}
         return {name: columns for name, columns in found.items() if columns is not None}
 
+    def found(self, keys: Sequence[str], values: Array) -> FoundTissue:
+        """What a fit of the columns `keys` found, (nz,) m and rad."""
+        softness = {kind: scale.mean for kind, scale in self.scales.items()}
+        return FoundTissue(dict(zip(keys, values.tolist(), strict=True)), softness)
+
 
 def task_tissue(
-    kinds: Mapping[str, str], parts: Mapping[str, MotionProblem], nominal: Parameters, table: SkinTable | None = None
+    kinds: Mapping[str, str],
+    parts: Mapping[str, MotionProblem],
+    nominal: Parameters,
+    table: SkinTable | None = None,
+    *,
+    fitted: bool = True,
 ) -> TaskTissue:
-    """The soft tissue of trials, name -> kind of task, each by the part of the body that is fitted to it."""
+    """Size the soft tissue of trials.
+
+    Parameters
+    ----------
+    kinds : trial -> kind of task.
+    parts : trial -> the part of the body that is fitted to it.
+    nominal : by which trials are tracked.
+    table : skin of people; gaitcal's own unless given.
+    fitted : whether the artefact will be fitted, or is a source of error alone.
+    """
     table = table or people_table()
     angles = {name: _angles(nominal, parts[name]) for name in kinds}
     regressors, scales = dict[str, Mapping[str, Array]](), dict[str, SoftTissueScale]()
@@ -501,7 +545,7 @@ def task_tissue(
         if scale.squares < LEAST_SQUARES:
             for n in alike:
                 regressors[n] = {c: psi for c, psi in regressors[n].items() if not c.endswith(SQUARES)}
-    return TaskTissue(kinds, regressors, scales, secondary, nominal, table)
+    return TaskTissue(kinds, regressors, scales, secondary, nominal, table, fitted)
 
 
 def _angles(nominal: Parameters, part: MotionProblem) -> dict[str, Array]:
@@ -510,28 +554,16 @@ def _angles(nominal: Parameters, part: MotionProblem) -> dict[str, Array]:
     return {name: values for name, values, on in zip(part.chain.coordinates, q.T, part.active, strict=True) if on}
 
 
-def displaced_by_tissue(problem: MotionProblem, keys: Sequence[str], values: Array) -> MotionProblem:
-    """A trial with its markers where the soft tissue that was found has them; knees stay hinges.
-
-    Parameters
-    ----------
-    problem : the trial, with its soft tissue.
-    keys, values : names and values (m, rad) of what was found; what is not among them is as expected.
-    """
-    if problem.tissue is None or not problem.tissue.groups:
-        return problem
-    found = dict(zip(keys, values.tolist(), strict=True))
-    z = np.array([found.get(key, 0.0) for key in problem.tissue.keys])
-    return problem.shifted(problem.tissue.shift(z, len(problem.labels)))
-
-
-def tissue_of_walk(walk: MotionProblem, nominal: Parameters, known: Collection[str]) -> soft_tissue.SoftTissue | None:
+def tissue_of_walk(
+    walk: MotionProblem, nominal: Parameters, known: Collection[str], softness: float
+) -> soft_tissue.SoftTissue | None:
     """The soft tissue and secondary motions of a walk that took no part in a calibration: those `known` of its walks
-    (`kind/regressor/...`, of an `ErrorSources`), with the angles of this one.
+    (`kind/regressor/...`, of an `ErrorSources`), with the angles of this one, and `softness` times what is expected.
     """
     angles = _angles(nominal, walk)
     (every,) = task_regressors([angles], walk.posture, squares=True)
     regressors = {name: psi for name, psi in every.items() if any(key.startswith(f"{GAIT}/{name}/") for key in known)}
     knees = {name: phi for name, phi in angles.items() if any(key.startswith(f"{GAIT}/{name}/^") for key in known)}
     (secondary,) = soft_tissue.secondary_columns(GAIT, [knees])
-    return tissue_of(walk, GAIT, regressors, nominal, known, secondary if secondary.names else None)
+    secondary_or_none = secondary if secondary.names else None
+    return tissue_of(walk, GAIT, regressors, nominal, known, secondary_or_none, softness=softness)

@@ -109,9 +109,10 @@ class SegmentTissue:
     pattern: Array  # (nm, 3, 6) B of its markers
     names: tuple[str, ...]  # (nr,) `gait/hip_flexion_r`: the same name on a segment of two trials is the same unknown
     regressors: Array  # (nr, nf) psi
-    expected: Array  # (nr, nm, 3) m, mu: what the markers do before anything is fitted
+    expected: Array  # (nr, nm, 3) m: what the markers of a person of softness 1 do before anything is fitted
     covariance: Array  # (nr, 6, 6) m^2, m rad, rad^2 of z
     by_marker: Array  # (nr, 3 nm, 3 nm) m^2 of the markers about `expected`, deformation and all
+    softness: float = 1.0  # mu is so much of `expected`
 
     def rigid_part(self, moves: Array) -> Array:
         """(6,) the shift and turn nearest to what each marker does, (nm, 3) m."""
@@ -140,7 +141,7 @@ class SoftTissue:
         for group in self.groups:
             part = z[at : at + WIDTH * len(group.names)].reshape(-1, WIDTH)
             out[group.markers] = group.pattern @ (part.T @ group.regressors)
-            out[group.markers] += np.einsum("rmi,rf->mif", group.expected, group.regressors)
+            out[group.markers] += group.softness * np.einsum("rmi,rf->mif", group.expected, group.regressors)
             at += part.size
         return out
 

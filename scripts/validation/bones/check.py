@@ -8,7 +8,7 @@ shows, a walk, an isolated trial or an activity (`bones/fits.py`). Reported are
 
 knee    how far the axis of flexion is from that of the bones where it crosses the middle of the
         thigh's lateral axis (mm), and the angle between both (deg), with standard errors; where the
-        bones bend by 20 degrees or more
+        bones define their axis to 5 mm (`recordings.hinge_errors`), whose error counts beside ours
 flexion RMS of the knee's angle less that of the bones, its mean taken out (deg), and the mean
 hip     how far the centre is from the true one in the pelvis (mm)
 
@@ -48,13 +48,20 @@ from scripts.validation.bones.fits import (
     tracked_flexion,
 )
 from scripts.validation.bones.learn import learn_lines, learn_table, person_of, write_table
-from scripts.validation.bones.recordings import BoneRecording, fit_centre, fit_clusters, fit_hinge, read_recordings
+from scripts.validation.bones.recordings import (
+    BoneRecording,
+    fit_centre,
+    fit_clusters,
+    fit_hinge,
+    hinge_errors,
+    read_recordings,
+)
 from scripts.validation.harness import coverage, matching, option, rms, say, side_by_side
 from scripts.validation.recordings import data
 from scripts.validation.truth.people import z_axis
 
-LEAST_BENT_DEG = 20.0
-"""Range of flexion from which bones define an axis: fluoroscopy errs by 1 degree and 1 mm."""
+DEFINED_M = 5e-3
+"""Error of the bones' own axis from which it is no truth: half of how far nominal knees are off."""
 METHODS = ("nominal", "skin alone", "without soft tissue", "calibrated")
 SHARED = ("--jobs", "--only", "--list", "--json")
 OWN = {
@@ -143,7 +150,8 @@ def _knee_outcome(recording: BoneRecording, nominal: NominalJoint, fits: Mapping
         converged=fits["calibrated"].phase.estimate.converged,
         softness=fits["calibrated"].softness,
     )
-    if bent < LEAST_BENT_DEG:
+    of_truth = hinge_errors(thigh, shank)
+    if of_truth[0] > DEFINED_M:
         return common()
     truth = _parameters_of_axis(nominal, fit_hinge(thigh, shank))
     found = {
@@ -157,7 +165,8 @@ def _knee_outcome(recording: BoneRecording, nominal: NominalJoint, fits: Mapping
     errors = _errors(fits["calibrated"])
     size = np.array([errors.get(name, np.nan) for name in names])
     gaps = {method: (found[method] - true) for method in METHODS}
-    scores = gaps["calibrated"] / size
+    known = np.array([of_truth[0] if name.endswith(("ant", "sup")) else of_truth[1] for name in names])
+    scores = gaps["calibrated"] / np.hypot(size, known)
     return common(
         distance_mm={m: 1e3 * float(np.linalg.norm(gap[place])) for m, gap in gaps.items()},
         offset_mm={m: tuple((1e3 * gap[place]).tolist()) for m, gap in gaps.items()},
@@ -242,7 +251,8 @@ def outcome_lines(outcomes: Sequence[Outcome]) -> Iterator[str]:
             cells = "".join(f"{_cell(o, m):>22}" for m in METHODS)
             se = f"{o.error_mm:.1f}" + (f", {o.error_deg:.1f}" if joint == "knee" else "")
             offset = " ".join(f"{x:6.1f}" for x in o.offset_mm["calibrated"])
-            yield f"{o.name:26}{cells}{se:>14}   {offset}   s {o.softness:.2f}{'' if o.converged else '   NOT CONVERGED'}"
+            more = f"   s {o.softness:.2f}" + ("" if o.converged else "   NOT CONVERGED")
+            yield f"{o.name:26}{cells}{se:>14}   {offset}{more}"
         mean = "".join(f"{_summary(of_joint, m):>22}" for m in METHODS)
         yield f"{'RMS':26}{mean}"
         scores = np.array([z for o in of_joint for z in o.scores.values()])

@@ -228,7 +228,7 @@ def fit_recording(
         plan = plan.with_tissue(soft)
     phase = fit_phase(plan, start, PhaseSettings(prior=ANATOMY))
     if tissue:
-        tracked = soft_tissue_artefact.displaced_by_tissue(plan.problems[0], phase.estimate.keys, phase.estimate.tissue)
+        tracked = soft.found(phase.estimate.keys, phase.estimate.tissue).displaced(plan.problems[0])
         softness = soft.scales[kind].mean
     return BoneFit(phase=phase, motion=tracked_motion(tracked, phase.estimate.parameters), softness=softness)
 

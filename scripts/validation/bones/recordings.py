@@ -186,6 +186,23 @@ def fit_hinge(above: BoneSegment, below: BoneSegment) -> tuple[Array, Array, Arr
     return sign * u[:, 0], first, sign * vt[0], second
 
 
+def hinge_errors(above: BoneSegment, below: BoneSegment) -> tuple[float, float]:
+    """How far the axis that `fit_hinge` finds may be off, m across it and rad.
+
+    Knees are no hinges, and references err by a millimetre and a degree. What the hinge leaves of the
+    motion of the bones, in step with flexion, is as far as another axis would serve them as well.
+    """
+    direction, point, direction_below, point_below = fit_hinge(above, below)
+    gap = np.einsum("fij,j->fi", above.rotation, point) + above.origin
+    gap -= np.einsum("fij,j->fi", below.rotation, point_below) + below.origin
+    gap = np.einsum("fji,fj->fi", above.rotation, gap)
+    turn = above.rotation.swapaxes(1, 2) @ below.rotation
+    apart = turn @ direction_below - direction
+    flexion = np.arctan2(turn[:, 1, 0], turn[:, 0, 0])
+    moved = float(flexion.std())
+    return float(np.sqrt(np.mean(gap[:, :2] ** 2))) / moved, float(np.sqrt(np.mean(apart[:, :2] ** 2))) / moved
+
+
 def fit_clusters(recording: BoneRecording, above: str, below: str) -> tuple[BoneSegment, BoneSegment]:
     """Both segments as a rigid fit of all skin markers to their static places has them; a pinned one as it is."""
     still = recording.standing(above, below)
