@@ -55,7 +55,7 @@ from scipy.special import logsumexp
 
 from gaitcal.arrays import Array
 from gaitcal.calibration.joint_prior import LEAST_SAMPLES, frames_per_sample, least_noise
-from gaitcal.calibration.soft_tissue_table import THIGH_M, SkinField, SkinTable, people_table
+from gaitcal.calibration.soft_tissue_table import THIGH_M, SkinField, SkinTable, people_table, place_functions
 from gaitcal.model.linkage import BENDS, ISOLATED_JOINTS, JOINT_OF_CHILD, JOINTS, LEG_JOINTS, Source, segment_kind
 from gaitcal.model.parameters import Parameters
 from gaitcal.motion import motion, soft_tissue
@@ -180,7 +180,7 @@ def tissue_of(
     table : skin of people; gaitcal's own unless given.
     softness : by which what is expected is multiplied; 0: markers are taken to stay in their static places.
     """
-    groups = []
+    groups, skin = [], people_table() if table is None else table
     for s, markers in problem.data.placed.groups if problem.noise is None else ():
         segment = problem.chain.segments[s]
         if segment.split("_")[0] not in SIZES or not (problem.data.weight[markers] > 0).any():
@@ -189,7 +189,7 @@ def tissue_of(
         names = tuple(name for name in regressors if name.removesuffix(SQUARES) in near)
         pulling = (problem.data.weight[markers] > 0).any(axis=1)
         if names:
-            cluster = _Cluster(segment, local, local[pulling].mean(axis=0), nominal, table or people_table())
+            cluster = _Cluster(segment, local, local[pulling].mean(axis=0), nominal, skin, gait=kind == GAIT)
             groups.append(
                 soft_tissue.SegmentTissue(
                     segment=s,
@@ -212,7 +212,9 @@ def tissue_of(
 class _Cluster:
     """The markers of one segment, and what people's skin does with them per unit of a regressor."""
 
-    def __init__(self, segment: str, local: Array, middle: Array, nominal: Parameters, table: SkinTable) -> None:
+    def __init__(
+        self, segment: str, local: Array, middle: Array, nominal: Parameters, table: SkinTable, *, gait: bool
+    ) -> None:
         self.kind, _, side = segment.partition("_")
         self.pattern = soft_tissue.together(local - middle)
         self._flat = self.pattern.reshape(-1, soft_tissue.WIDTH)
@@ -223,7 +225,8 @@ class _Cluster:
             knee = f"knee_{side}"
             length = float(np.linalg.norm(nominal.centre(knee, f"thigh_{side}")))
             self._larger = length / THIGH_M
-            self._place = (local - nominal.centre(knee, segment)) * self._mirror / length
+            place = (local - nominal.centre(knee, segment)) * self._mirror / length
+            self._functions = place_functions(place, gait=gait)
 
     def _from_bones(self, regressor: str) -> SkinField | None:
         return self._field if regressor.startswith(FROM_BONES) and not regressor.endswith(SQUARES) else None
@@ -233,7 +236,7 @@ class _Cluster:
         field = self._from_bones(regressor)
         if field is None:
             return np.zeros(self.pattern.shape[:2])
-        return np.asarray(self._larger * self._mirror * field.mean(self._place))
+        return np.asarray(self._larger * self._mirror * field.mean(self._functions))
 
     def marker_covariance(self, regressor: str) -> Array:
         """(3 nm, 3 nm) m^2 about the mean."""
@@ -243,7 +246,7 @@ class _Cluster:
         else:
             size = ArtefactSize(self._larger * field.shift, field.turn, self._larger * field.own)
             mirror = np.tile(self._mirror, len(self.pattern))
-            more = self._larger**2 * np.outer(mirror, mirror) * field.uncertainty(self._place)
+            more = self._larger**2 * np.outer(mirror, mirror) * field.uncertainty(self._functions)
         rigid = self._flat * np.repeat([size.shift, size.turn], 3)
         return np.asarray(rigid @ rigid.T + size.own**2 * np.eye(len(rigid)) + more)
 
@@ -256,7 +259,7 @@ class _Cluster:
         if field is not None:
             size = ArtefactSize(self._larger * field.shift, field.turn, self._larger * field.own)
             mirrored = self._larger * together * np.tile(self._mirror, len(self.pattern))
-            more = mirrored @ field.uncertainty(self._place) @ mirrored.T
+            more = mirrored @ field.uncertainty(self._functions) @ mirrored.T
         out = np.diag(np.repeat([size.shift, size.turn], 3) ** 2) + size.own**2 * together @ together.T + more
         return np.asarray(0.5 * (out + out.T))
 
@@ -268,7 +271,8 @@ class SoftTissueScale:
     linear: float
     squares: float = 0.0
     mean: float = 0.0
-    """E[s] of the linear columns."""
+    """E[min(s, 1)] of the linear columns, by which what is expected of them is multiplied: markers that deform more than
+    people's swing or are loose, they do not slide the further for it (bones left out slide 1.0 times as expected)."""
 
     def covariance(self, regressor: str, unit: Array, mean: Array, softness: float) -> Array:
         """Of a regressor's columns about `softness` times their mean; `unit`, `mean`: both moments at s = 1."""
@@ -340,7 +344,7 @@ class _Deformation:
 def _scale_moments(
     parts: Sequence[_Deformation], *, possibly_none: bool = False, possibly_still: bool = False
 ) -> tuple[float, float]:
-    """E[s] and E[s^2]; if `possibly_none`, s is 0 with odds of one to one before anything is seen, if `possibly_still`,
+    """E[min(s, 1)] and E[s^2]; if `possibly_none`, s is 0 with odds of one to one before anything is seen, if `possibly_still`,
     each s_j by itself.
     """
     place = np.log(SCALES)
@@ -361,7 +365,7 @@ def _scale_moments(
     top = max(float(log.max()), 0.0)
     weight, none = np.exp(log - top), float(np.exp(before).sum() * np.exp(-top)) if possibly_none else 0.0
     whole = float(weight.sum()) + none
-    return float(weight @ SCALES) / whole, float(weight @ SCALES**2) / whole
+    return float(weight @ np.minimum(SCALES, 1.0)) / whole, float(weight @ SCALES**2) / whole
 
 
 def _deformation(problem: MotionProblem, group: soft_tissue.SegmentTissue) -> tuple[Array, Array]:
@@ -526,7 +530,7 @@ def task_tissue(
     table : skin of people; gaitcal's own unless given.
     fitted : whether the artefact will be fitted, or is a source of error alone.
     """
-    table = table or people_table()
+    table = people_table() if table is None else table
     angles = {name: _angles(nominal, parts[name]) for name in kinds}
     regressors, scales = dict[str, Mapping[str, Array]](), dict[str, SoftTissueScale]()
     for kind in dict.fromkeys(kinds.values()):

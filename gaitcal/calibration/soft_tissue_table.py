@@ -5,9 +5,9 @@ Per radian of knee flexion from the static posture a marker at x moves against i
     d(x) = s (Phi(x) beta + e_shift + e_turn x (x - c) + e_own),
 
 s how soft the person is, c the middle of the segment's markers. Phi(x) beta is what people have in
-common, linear in six functions of the place x (from the knee's centre, in thigh lengths)
+common, linear in six functions of the place x (from the knee's centre, in thigh lengths) and one of the task
 
-    1,  x/W,  z/W,  k,  k x/W,  k z/W,      k = exp(-|y| / H):
+    1,  x/W,  z/W,  k,  k x/W,  k z/W,  g,      k = exp(-|y| / H),  g = 1/2 in walks and runs, -1/2 elsewhere:
 
 skin in front of the thigh goes down and that behind it up, skin over the epicondyles goes back, skin
 over the fibular head goes down and back. The rest differs from person to person: the whole cluster shifts
@@ -38,21 +38,23 @@ THIGH_M = 0.42
 """Length of the thigh that the figures are for."""
 
 
-def place_functions(place: Array) -> Array:
-    """Evaluate the functions of a place.
+def place_functions(place: Array, *, gait: bool) -> Array:
+    """Evaluate the functions of a place and a task.
 
     Parameters
     ----------
     place : (nm, 3) from the knee's centre in thigh lengths, axes of a right segment.
+    gait : whether the task is a walk or a run, in which thighs stay near the vertical.
 
     Returns
     -------
-    (nm, 6) Phi.
+    (nm, 7) Phi.
     """
     x, y, z = place.T
     near = np.exp(-np.abs(y) / NEAR)
     one = np.ones_like(x)
-    return np.stack([one, x / ACROSS, z / ACROSS, near, near * x / ACROSS, near * z / ACROSS], axis=1)
+    task = one * (0.5 if gait else -0.5)
+    return np.stack([one, x / ACROSS, z / ACROSS, near, near * x / ACROSS, near * z / ACROSS, task], axis=1)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -60,9 +62,9 @@ class SkinField:
     """The skin of one kind of segment, per radian of knee flexion."""
 
     coefficients: Array
-    """(6, 3) m, beta."""
+    """(7, 3) m, beta."""
     covariance: Array
-    """(18, 18) m^2 of beta, function by function, x, y, z."""
+    """(21, 21) m^2 of beta, function by function, x, y, z."""
     shift: float
     """m, standard deviation of each component of the cluster's shift among people."""
     turn: float
@@ -70,13 +72,13 @@ class SkinField:
     own: float
     """m, the same of each marker by itself."""
 
-    def mean(self, place: Array) -> Array:
-        """(nm, 3) m of markers at `place` (nm, 3)."""
-        return np.asarray(place_functions(place) @ self.coefficients)
+    def mean(self, functions: Array) -> Array:
+        """(nm, 3) m of markers with functions Phi (nm, 7)."""
+        return np.asarray(functions @ self.coefficients)
 
-    def uncertainty(self, place: Array) -> Array:
+    def uncertainty(self, functions: Array) -> Array:
         """(3 nm, 3 nm) m^2 of that mean, as few people tell it."""
-        by_marker = np.kron(place_functions(place), np.eye(3))
+        by_marker = np.kron(functions, np.eye(3))
         return np.asarray(by_marker @ self.covariance @ by_marker.T)
 
 

@@ -7,11 +7,12 @@ the static posture, phi(t) in rad: b = sum phi d / sum phi^2. What is left, r, m
 and contacts, which here go with the knee as they like: so b is off by up to rms(r) / rms(phi), counted
 as one sample, for the cluster's shift, its turn, and each marker by itself. The slopes of all markers are
 
-    b = Phi beta + B (u_person + u_recording) + e_own + noise,        beta ~ N(0, ridge^2),
+    b = s (Phi beta + B (u_person + u_recording) + e_own) + noise,        beta ~ N(0, ridge^2),
 
 Phi the functions of a marker's place (`calibration/soft_tissue_table.py`), B shifts and turns of the
 cluster. Half of the variance of u belongs to the person, half to the recording: two tasks of one
-person differ about as much as two people do. The standard deviations of shift, turn, own and ridge
+person differ about as much as two people do. s, how soft a recording is (ln s ~ N(0, 0.7^2)), is the
+likeliest in turn with the others, so that a thigh that sags on a chair teaches no more than one that does not. The standard deviations of shift, turn, own and ridge
 are at the maximum of the marginal likelihood, with priors that know them to a factor of two; beta is
 then Gaussian. A person is who shares sex, height and reference with another file: one person may have
 several names. With another person the skin does Phi beta, with errors of beta, and of shift, turn
@@ -26,7 +27,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -34,10 +35,10 @@ from scipy.linalg import cho_factor, cho_solve
 from scipy.optimize import minimize
 
 from gaitcal.arrays import Array
-from gaitcal.calibration.soft_tissue_artefact import SIZES
+from gaitcal.calibration.soft_tissue_artefact import GAIT, SIZES
 from gaitcal.calibration.soft_tissue_table import THIGH_M, SkinField, place_functions
 from gaitcal.motion.soft_tissue import WIDTH, together
-from scripts.validation.bones.fits import nominal_joint
+from scripts.validation.bones.fits import kind_of, nominal_joint
 from scripts.validation.bones.recordings import BoneRecording
 
 SEGMENTS = ("thigh", "shank")
@@ -47,7 +48,10 @@ BEFORE = np.log([8e-3, np.deg2rad(4.0), 4e-3, 10e-3])
 """ln of shift (m), turn (rad), own (m) and ridge (m) per radian before bones are looked at: the sizes of a walk over
 the 0.4 rad RMS by which its knees bend."""
 FACTOR_OF_TWO = 0.7
-"""Standard deviation of these logarithms."""
+"""Standard deviation of these logarithms, and of ln s."""
+SOFTNESS = np.geomspace(0.2, 5.0, 41)
+"""Values of s that are looked at."""
+ROUNDS = 6
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -59,13 +63,25 @@ class Slopes:
     slopes: Array
     """(3 nm,) m per rad."""
     functions: Array
-    """(3 nm, 18) Phi, marker by marker."""
+    """(3 nm, 21) Phi, marker by marker."""
     pattern: Array
     """(3 nm, 6) B."""
     noise: Array
     """(3 nm, 3 nm) m^2."""
     rest: Array
     """(7,) RMS of what the knee does not explain: shift (3) m, turn (3) rad, own m."""
+
+    def softened(self, softness: float) -> Slopes:
+        """The same for a person of softness 1."""
+        return replace(self, slopes=self.slopes / softness, noise=self.noise / softness**2)
+
+    def about(self, field: SkinField) -> Array:
+        """(3 nm, 3 nm) m^2 about the mean of a person of softness 1."""
+        size = np.repeat([field.shift, field.turn], 3) ** 2
+        own = field.own**2 * np.eye(len(self.slopes))
+        return np.asarray(
+            (self.pattern * size) @ self.pattern.T + own + self.functions @ field.covariance @ self.functions.T
+        )
 
 
 def person_of(recording: BoneRecording) -> str:
@@ -99,7 +115,7 @@ def slopes_of(recording: BoneRecording, segment: str) -> Slopes:
         name=recording.name,
         person=person_of(recording),
         slopes=slopes,
-        functions=np.kron(place_functions(place), np.eye(3)),
+        functions=np.kron(place_functions(place, gait=kind_of(recording) == GAIT), np.eye(3)),
         pattern=pattern,
         noise=noise,
         rest=sizes,
@@ -113,18 +129,32 @@ def all_slopes(recordings: Sequence[BoneRecording], segment: str) -> list[Slopes
 
 
 def learn_field(data: Sequence[Slopes]) -> SkinField:
-    """Estimate the skin of one kind of segment."""
+    """Estimate the skin of one kind of segment, and how soft each recording is beside it."""
+    softness = np.ones(len(data))
+    for _ in range(ROUNDS):
+        field = _field_of([d.softened(s) for d, s in zip(data, softness, strict=True)])
+        softness = np.array([_likeliest_softness(d, field) for d in data])
+    return field
+
+
+def _likeliest_softness(data: Slopes, field: SkinField) -> float:
+    """s of one recording, with all its markers and a log-normal prior."""
+    mean, about = data.functions @ field.coefficients.ravel(), data.about(field)
+    known = -0.5 * (np.log(SOFTNESS) / FACTOR_OF_TWO) ** 2
+    found = [_log_density(data.slopes - s * mean, s**2 * about + data.noise) for s in SOFTNESS]
+    return float(SOFTNESS[np.argmax(known + found)])
+
+
+def _field_of(data: Sequence[Slopes]) -> SkinField:
+    """The field of recordings that are all as soft."""
+    functions, slopes = np.vstack([d.functions for d in data]), np.concatenate([d.slopes for d in data])
 
     def cost(logs: Array) -> float:
-        functions = np.vstack([d.functions for d in data])
         whole = _covariance(data, logs) + np.exp(2 * logs[3]) * functions @ functions.T
-        root, slopes = np.linalg.cholesky(whole), np.concatenate([d.slopes for d in data])
-        scaled = np.linalg.solve(root, slopes)
         known = (((logs - BEFORE) / FACTOR_OF_TWO) ** 2).sum()
-        return float(0.5 * scaled @ scaled + np.log(np.diag(root)).sum() + 0.5 * known)
+        return 0.5 * float(known) - _log_density(slopes, whole)
 
     logs = minimize(cost, BEFORE, method="L-BFGS-B").x
-    functions, slopes = np.vstack([d.functions for d in data]), np.concatenate([d.slopes for d in data])
     factor = cho_factor(_covariance(data, logs))
     information = functions.T @ cho_solve(factor, functions) + np.exp(-2 * logs[3]) * np.eye(functions.shape[1])
     covariance = np.linalg.inv(information)
@@ -179,7 +209,7 @@ def write_table(fields: Mapping[str, SkinField], recordings: Sequence[BoneRecord
         "derived_by": "python -m scripts.validation bones --learn models/soft_tissue.json",
         "source": f"{people} people whose bones pins or fluoroscopy tracked under skin markers; Cereatti et al., "
         "J Biomech 62:5-13, 2017",
-        "functions": ["1", "x/W", "z/W", "k", "k x/W", "k z/W"],
+        "functions": ["1", "x/W", "z/W", "k", "k x/W", "k z/W", "g"],
         "segments": rows,
     }
     file.write_text(json.dumps(whole, indent=1) + "\n", encoding="utf-8")
@@ -201,9 +231,8 @@ def learn_lines(recordings: Sequence[BoneRecording]) -> Iterator[str]:
         for d in data:
             others = learn_field([o for o in data if o.person != d.person])
             mean = d.functions @ others.coefficients.ravel()
-            size = np.repeat([others.shift, others.turn], 3) ** 2
-            about = (d.pattern * size) @ d.pattern.T + others.own**2 * np.eye(len(mean))
-            spread = about + d.functions @ others.covariance @ d.functions.T + d.noise
+            about = d.about(others)
+            spread = about + d.noise
             rigid = np.linalg.pinv(d.pattern, rcond=1e-3)
             found, expected = rigid @ d.slopes, rigid @ mean
             deviation = np.sqrt(np.diag(rigid @ spread @ rigid.T))
