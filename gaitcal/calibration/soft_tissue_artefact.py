@@ -39,9 +39,11 @@ segments deform *together*, joints left out. What the rigid fit of a segment lea
 
 P the projector that takes shifts and turns of a segment's markers out, nu the noise that no angle explains, its frames
 counted as far as they are independent (`joint_prior.py`). Pooling is the point: a cluster that slides as a whole shows
-no deformation itself, so that how far it slides follows the person's s and not the segment's s_j, and z has the
-mean E[s] mu and the variance E[s^2] Sigma + var(s) mu mu^T. That segments differ by a factor of two keeps one soft thigh from softening the feet: with the
-same s for all, hips of people with quadratic artefacts came to 15 mm from the truth, with segments that differ to 8.
+no deformation itself, so that how far it slides follows the person's s and not the segment's s_j. With q = min(s, 1),
+as markers that deform more than people's swing or are loose and do not slide the further for it, z has the mean
+E[q] mu and the variance E[s^2] Sigma + var(q) mu mu^T. That segments differ by a factor of two keeps one soft thigh
+from softening the feet: with the same s for all, hips of people with quadratic artefacts came to 15 mm from the truth,
+with segments that differ to 8.
 An activity that is no walk may leave joints at rest, whose tracked angles follow the errors of others: their segments
 do not deform, with even odds before anything is seen, and then say nothing of s.
 """
@@ -273,12 +275,14 @@ class SoftTissueScale:
     mean: float = 0.0
     """E[min(s, 1)] of the linear columns, by which what is expected of them is multiplied: markers that deform more than
     people's swing or are loose, they do not slide the further for it (bones left out slide 1.0 times as expected)."""
+    mean_square: float = 0.0
+    """E[min(s, 1)^2]."""
 
     def covariance(self, regressor: str, unit: Array, mean: Array, softness: float) -> Array:
         """Of a regressor's columns about `softness` times their mean; `unit`, `mean`: both moments at s = 1."""
         if regressor.endswith(SQUARES):
             return np.asarray(self.squares * unit)
-        of_scale = max(self.linear - 2.0 * softness * self.mean + softness**2, 0.0)
+        of_scale = max(self.mean_square - 2.0 * softness * self.mean + softness**2, 0.0)
         return np.asarray(self.linear * unit + of_scale * np.outer(mean, mean))
 
 
@@ -315,9 +319,8 @@ def soft_tissue_scale(trials: Sequence[MotionProblem], *, possibly_still: bool =
         bent.append(_Deformation(of_squares, right[bends] - mixed @ left[:, -1], mean[bends]))
     squares = 0.0
     if any(len(part.right) for part in bent):
-        _, squares = _scale_moments(bent, possibly_none=True, possibly_still=possibly_still)
-    first, second = _scale_moments(plain, possibly_still=possibly_still)
-    return SoftTissueScale(second, squares, first)
+        squares = _scale_moments(bent, possibly_none=True, possibly_still=possibly_still).linear
+    return replace(_scale_moments(plain, possibly_still=possibly_still), squares=squares)
 
 
 def _together(parts: Sequence[tuple[Sequence[str], Array, Array]]) -> tuple[list[str], Array, Array]:
@@ -343,8 +346,8 @@ class _Deformation:
 
 def _scale_moments(
     parts: Sequence[_Deformation], *, possibly_none: bool = False, possibly_still: bool = False
-) -> tuple[float, float]:
-    """E[min(s, 1)] and E[s^2]; if `possibly_none`, s is 0 with odds of one to one before anything is seen, if `possibly_still`,
+) -> SoftTissueScale:
+    """The moments of s; if `possibly_none`, s is 0 with odds of one to one before anything is seen, if `possibly_still`,
     each s_j by itself.
     """
     place = np.log(SCALES)
@@ -365,7 +368,12 @@ def _scale_moments(
     top = max(float(log.max()), 0.0)
     weight, none = np.exp(log - top), float(np.exp(before).sum() * np.exp(-top)) if possibly_none else 0.0
     whole = float(weight.sum()) + none
-    return float(weight @ np.minimum(SCALES, 1.0)) / whole, float(weight @ SCALES**2) / whole
+    sliding = np.minimum(SCALES, 1.0)
+    return SoftTissueScale(
+        linear=float(weight @ SCALES**2) / whole,
+        mean=float(weight @ sliding) / whole,
+        mean_square=float(weight @ sliding**2) / whole,
+    )
 
 
 def _deformation(problem: MotionProblem, group: soft_tissue.SegmentTissue) -> tuple[Array, Array]:

@@ -135,11 +135,14 @@ def load_uncertainty(path: Path) -> Uncertainty:
             if "joint" in stored:
                 names = tuple(str(n) for n in stored["joint_free"])
                 joint = ErrorSources(names, stored["joint"], tuple(str(c) for c in stored["joint_clusters"]))
-            values, softness = (
-                dict(zip(map(str, stored[f"{name}_names"]), stored[name].tolist(), strict=True))
-                for name in ("tissue", "softness")
-            )
-            return Uncertainty(joint, stored.get("inertial"), FoundTissue(values, softness))
+            found = FoundTissue()  # of results that were tracked with markers in their places
+            if "tissue" in stored:
+                values, softness = (
+                    dict(zip(map(str, stored[f"{name}_names"]), stored[name].tolist(), strict=True))
+                    for name in ("tissue", "softness")
+                )
+                found = FoundTissue(values, softness)
+            return Uncertainty(joint, stored.get("inertial"), found)
     except (OSError, ValueError, KeyError, EOFError, BadZipFile) as error:
         raise InputError(f"cannot be read: {error}", source=path, code=Code.DAMAGED_RESULT) from None
 

@@ -22,11 +22,12 @@ from gaitcal.calibration.soft_tissue_artefact import (
     tissue_of,
     tissue_prior,
 )
+from gaitcal.calibration.soft_tissue_table import THIGH_M, people_table, place_functions
 from gaitcal.model.chain import forward, jacobian, segment_transforms
 from gaitcal.model.parameters import Parameters, isolated_parameters
 from gaitcal.motion.banded import eliminate
 from gaitcal.motion.rigid import rigid_fit
-from gaitcal.motion.soft_tissue import LEAST_SPREAD, SegmentTissue, together
+from gaitcal.motion.soft_tissue import LEAST_SPREAD, SegmentTissue, SoftTissue, together
 from gaitcal.motion.trial_problem import MotionProblem
 from tests.derivatives import Array, assert_covariance, perturbed_parameters, random_trial, started
 from tests.soft_tissue import marker_covariance
@@ -111,7 +112,7 @@ def test_regressors_are_angles_from_the_static_posture_by_their_rms_over_all_tri
     every = np.concatenate([first["flexion"], second["flexion"]])
     size = np.sqrt(np.mean((np.concatenate(flexion) - 0.2) ** 2))
     np.testing.assert_allclose(first["flexion"], (flexion[0] - 0.2) / size)
-    np.testing.assert_allclose(second["still"], still / LEAST_SPREAD)
+    np.testing.assert_allclose(second["still"], still / np.sqrt(np.mean(still**2)))
     bend = np.concatenate([first["flexion" + SQUARES], second["flexion" + SQUARES]])
     np.testing.assert_allclose(every @ bend, 0.0, atol=1e-9 * len(every))
     slope = np.linalg.lstsq(every[:, None], every**2 - bend, rcond=None)[0]
@@ -305,3 +306,54 @@ def test_the_prior_joins_the_columns_of_a_segment_over_trials_and_parts_those_of
             scale.squares if name.endswith(SQUARES) else scale.linear for scale in (scales[kind], scales[KIND])
         )
         assert variance == pytest.approx(there * of_kind_ / of_gait), segment
+
+
+def test_an_angle_that_hardly_moves_moves_the_skin_as_little() -> None:
+    still = np.random.default_rng(3).normal(0.0, 0.2 * LEAST_SPREAD, 60)
+    (psi,) = task_regressors([{"hip_adduction_r": still}])
+    np.testing.assert_allclose(psi["hip_adduction_r"], still / LEAST_SPREAD)
+
+
+def knee_skin(side: str, softness: float = 1.0) -> tuple[SegmentTissue, MotionProblem, Parameters]:
+    """The thigh of a leg whose knee bends, with gaitcal's own table."""
+    rng = np.random.default_rng(5)
+    parameters = perturbed_parameters(rng, 0.0, 0.0)
+    segments = (f"thigh_{side}", f"shank_{side}")
+    problem, _ = random_trial(rng, parameters, segments=segments, frames=40, nodes=8)
+    regressors = {f"knee_angle_{side}": rng.normal(size=40)}
+    tissue = tissue_of(problem, KIND, regressors, parameters, softness=softness)
+    assert tissue is not None
+    return tissue.groups[0], problem, parameters
+
+
+def test_what_is_expected_of_skin_is_the_table_at_the_places_of_the_markers_mirrored_on_the_left() -> None:
+    field = people_table()["thigh"]
+    for side, mirror in (("r", [1.0, 1.0, 1.0]), ("l", [1.0, 1.0, -1.0])):
+        group, problem, parameters = knee_skin(side)
+        knee = parameters.centre(f"knee_{side}", f"thigh_{side}")
+        length = np.linalg.norm(knee)
+        functions = place_functions((problem.data.local[group.markers] - knee) * mirror / length, gait=True)
+        wanted = length / THIGH_M * field.mean(functions) * mirror
+        np.testing.assert_allclose(group.expected[0], wanted, atol=1e-15)
+        still = group.softness * np.einsum("mi,f->mif", wanted, group.regressors[0])
+        moved = problem_tissue(group).shift(np.zeros(6), len(problem.labels))[group.markers]
+        np.testing.assert_allclose(moved, still, atol=1e-15)
+
+
+def problem_tissue(group: SegmentTissue) -> SoftTissue:
+    return SoftTissue((group,))
+
+
+def test_the_rigid_covariance_is_the_markers_own_projected_on_shifts_and_turns() -> None:
+    group, _, _ = knee_skin("l")
+    flat = group.pattern.reshape(-1, 6)
+    inverse = np.linalg.pinv(flat)
+    np.testing.assert_allclose(group.covariance[0], inverse @ group.by_marker[0] @ inverse.T, rtol=1e-6, atol=1e-12)
+
+
+def test_an_artefact_that_is_not_fitted_is_uncertain_by_its_mean_too() -> None:
+    scale = SoftTissueScale(0.8, 0.0, 0.7, 0.6)
+    mean, unit = np.arange(1.0, 7.0), np.eye(6)
+    fitted, left_out = (scale.covariance("knee_angle_r", unit, mean, by) for by in (0.7, 0.0))
+    np.testing.assert_allclose(fitted, 0.8 * unit + (0.6 - 0.49) * np.outer(mean, mean))
+    np.testing.assert_allclose(left_out, 0.8 * unit + 0.6 * np.outer(mean, mean))

@@ -1,6 +1,6 @@
 """What tracked bones show of skin: the numbers of `models/soft_tissue.json`, derived anew.
 
-    bones --learn FILE [--folder DIR] [--without PERSON,...]
+    bones --learn FILE [--folder DIR]
 
 Per recording and marker the displacement against the bone, d(t), is fitted by the knee's flexion from
 the static posture, phi(t) in rad: b = sum phi d / sum phi^2. What is left, r, moves with hips, ankles
@@ -12,9 +12,9 @@ as one sample, for the cluster's shift, its turn, and each marker by itself. The
 Phi the functions of a marker's place (`calibration/soft_tissue_table.py`), B shifts and turns of the
 cluster. Half of the variance of u belongs to the person, half to the recording: two tasks of one
 person differ about as much as two people do. s, how soft a recording is (ln s ~ N(0, 0.7^2)), is the
-likeliest in turn with the others, so that a thigh that sags on a chair teaches no more than one that does not. The standard deviations of shift, turn, own and ridge
-are at the maximum of the marginal likelihood, with priors that know them to a factor of two; beta is
-then Gaussian. A person is who shares sex, height and reference with another file: one person may have
+likeliest in turn with the others, so that a thigh that sags on a chair teaches no more than one that
+does not. The standard deviations of shift, turn, own and ridge are at the maximum of the marginal
+likelihood, with priors that know them to a factor of two; beta is then Gaussian. A person is who shares sex, height and reference with another file: one person may have
 several names. With another person the skin does Phi beta, with errors of beta, and of shift, turn
 and own in full.
 
@@ -138,7 +138,7 @@ def learn_field(data: Sequence[Slopes]) -> SkinField:
 
 
 def _likeliest_softness(data: Slopes, field: SkinField) -> float:
-    """s of one recording, with all its markers and a log-normal prior."""
+    """S of one recording, with all its markers and a log-normal prior."""
     mean, about = data.functions @ field.coefficients.ravel(), data.about(field)
     known = -0.5 * (np.log(SOFTNESS) / FACTOR_OF_TWO) ** 2
     found = [_log_density(data.slopes - s * mean, s**2 * about + data.noise) for s in SOFTNESS]
