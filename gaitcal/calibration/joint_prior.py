@@ -16,8 +16,8 @@ views alike (`in_both_views`), and leave the second cause as it is.
 
 `TABLE` holds mean, d and a; what they rest on:
 
-hip         Harrington's regression against computed tomography of 29 people, 39 hips: 6.5 mm forward, 6.9 up, 7.0 lateral
-            (SD; landmarks of Fischer 2019 to 2023, `python -m scripts.validation people --parts hips`). Palpation and
+hip         Harrington's regression against computed tomography of 29 people, 39 hips: 6.5 mm forward, 6.9 up, 7.0
+            lateral (SD; landmarks of Fischer 2019 to 2023, `python -m scripts.validation people --parts hips`). Palpation and
             flesh over the ASIS come on top, 10, 8 and 6 mm (Della Croce et al., Gait Posture 21:226-237, 2005). The
             means, 2.3, 1.9 and 0.2 mm, differ between both sources by 4 mm, and flesh moves markers the other way: none.
 knee        five raters put the middle of the epicondyles of 19 femurs in images within 1.7 mm along each axis, and their

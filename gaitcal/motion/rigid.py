@@ -105,8 +105,9 @@ class SegmentMoments:
 
 
 def rigid_distances(local: Array, measured: Array, weight: Array) -> Array:
-    """(nm, nf) m, distances that remain when the segment follows its markers, which are at `local` (nm, 3) m, or (nm, 3,
-    nf) where they move in it; NaN where the weight is zero.
+    """(nm, nf) m, distances that remain when the segment follows its markers; NaN where the weight is zero.
+
+    `local`: (nm, 3) m, or (nm, 3, nf) where they move in the segment.
     """
     spread, x_mean, l_mean = _moments(local, measured, weight)
     rotation, determined = best_rotation(spread)

@@ -4,9 +4,9 @@ The markers of a segment shift and turn together about their middle c, in propor
 
     marker m at   l_m + sum_r psi_r(t) (mu_mr + B_m z_r),      B_m = [1, -(l_m - c) x]  (3, 6),
 
-mu_mr what is expected of the marker, z_r three shifts (m) and three turns (rad) about that. They are shared by all frames, and those of the same key by all trials. With
-R the segment's axes, x_m the marker and v_k the velocity that variable k gives it, the half gradient and the entries of
-the Gauss-Newton matrix are
+mu_mr what is expected of the marker, z_r three shifts (m) and three turns (rad) about that. They are shared by all
+frames, and those of the same key by all trials. With R the segment's axes, x_m the marker and v_k the velocity that
+variable k gives it, the half gradient and the entries of the Gauss-Newton matrix are
 
     g_r = sum_t psi_r sum_m w B_m^T R^T r_m,                H_kr = sum_t psi_r sum_m w B_m^T R^T v_k,
     H_rs = sum_t psi_r psi_s sum_m w B_m^T B_m.

@@ -4,8 +4,9 @@ The recording becomes skin markers in the laboratory. The nominal model is made 
 axes of the bones, which all recordings have: the knee in the middle of the epicondyles, the origin
 of the thigh, its axis along the thigh's z; the hip by Harrington's regression from the spines. The
 two segments of the joint are then fitted by the phase that fits the legs of a person
-(`calibration/joint_phases.py`), as the kind of task that the recording shows: a walk or a run as gait, a knee or hip that moves alone as its isolated trial, anything else
-as an activity. Bones that were pinned without skin markers carry points that never move.
+(`calibration/joint_phases.py`), as the kind of task that the recording shows: a walk or a run as
+gait, a knee or hip that moves alone as its isolated trial, anything else as an activity. Bones that
+were pinned without skin markers carry points that never move.
 """
 
 from __future__ import annotations

@@ -14,9 +14,9 @@ cluster. Half of the variance of u belongs to the person, half to the recording:
 person differ about as much as two people do. s, how soft a recording is (ln s ~ N(0, 0.7^2)), is the
 likeliest in turn with the others, so that a thigh that sags on a chair teaches no more than one that
 does not. The standard deviations of shift, turn, own and ridge are at the maximum of the marginal
-likelihood, with priors that know them to a factor of two; beta is then Gaussian. A person is who shares sex, height and reference with another file: one person may have
-several names. With another person the skin does Phi beta, with errors of beta, and of shift, turn
-and own in full.
+likelihood, with priors that know them to a factor of two; beta is then Gaussian. A person is who
+shares sex, height and reference with another file: one person may have several names. With another
+person the skin does Phi beta, with errors of beta, and of shift, turn and own in full.
 
 Printed beside it: for each recording with its person left out, how far its cluster shifts and turns
 from what is expected, in its standard deviations; the same for an artefact without a mean, as large
@@ -226,7 +226,8 @@ def learn_lines(recordings: Sequence[BoneRecording]) -> Iterator[str]:
             f"{segment}, per rad of knee flexion: shift {1e3 * field.shift:.1f} mm, turn {np.rad2deg(field.turn):.1f} "
             f"deg, own {1e3 * field.own:.1f} mm (SD among people)"
         )
-        yield f"  {'person left out':20}{'shift, mm/rad':>22}{'expected':>22}{'(SD)':>7}{'z RMS':>7}{'ln p':>8}{'no mean':>9}"
+        heads = f"{'shift, mm/rad':>22}{'expected':>22}{'(SD)':>7}{'z RMS':>7}{'ln p':>8}{'no mean':>9}"
+        yield f"  {'person left out':20}{heads}"
         sums = np.zeros(2)
         for d in data:
             others = learn_field([o for o in data if o.person != d.person])
@@ -247,9 +248,10 @@ def learn_lines(recordings: Sequence[BoneRecording]) -> Iterator[str]:
             )
         yield f"  {'sum':78}{sums[0]:8.1f}{sums[1]:9.1f}"
         left, size = np.sqrt(np.mean([d.rest**2 for d in data], axis=0)), SIZES[segment]
+        shift, turn = (np.sqrt(np.mean(part**2)) for part in (left[:3], left[3:6]))
         yield (
-            f"  not explained by the knee, RMS a component: shift {1e3 * np.sqrt(np.mean(left[:3] ** 2)):.1f} mm, turn "
-            f"{np.rad2deg(np.sqrt(np.mean(left[3:6] ** 2))):.1f} deg, own {1e3 * left[6]:.1f} mm; in use for each other "
+            f"  not explained by the knee, RMS a component: shift {1e3 * shift:.1f} mm, turn "
+            f"{np.rad2deg(turn):.1f} deg, own {1e3 * left[6]:.1f} mm; in use for each other "
             f"angle: {1e3 * size.shift:.1f} mm, {np.rad2deg(size.turn):.1f} deg, {1e3 * size.own:.1f} mm"
         )
 
