@@ -41,9 +41,10 @@ P the projector that takes shifts and turns of a segment's markers out, nu the n
 counted as far as they are independent (`joint_prior.py`). Pooling is the point: a cluster that slides as a whole shows
 no deformation itself, so that how far it slides follows the person's s and not the segment's s_j. With q = min(s, 1),
 as markers that deform more than people's swing or are loose and do not slide the further for it, z has the mean
-E[q] mu and the variance E[s^2] Sigma + var(q) mu mu^T. That segments differ by a factor of two keeps one soft thigh
-from softening the feet: with the same s for all, hips of people with quadratic artefacts came to 15 mm from the truth,
-with segments that differ to 8.
+E[q] mu and the variance E[s^2] Sigma + (var(q) + 0.7^2 E[q^2]) mu mu^T, as s_j differs from s (thighs of bones left
+out slide 1.0 times as expected, with a standard deviation of 0.5). That segments differ by a factor of two keeps one
+soft thigh from softening the feet: with the same s for all, hips of people with quadratic artefacts came to 15 mm from
+the truth, with segments that differ to 8.
 An activity that is no walk may leave joints at rest, whose tracked angles follow the errors of others: their segments
 do not deform, with even odds before anything is seen, and then say nothing of s.
 """
@@ -273,8 +274,8 @@ class SoftTissueScale:
     linear: float
     squares: float = 0.0
     mean: float = 0.0
-    """E[min(s, 1)] of the linear columns, by which what is expected of them is multiplied: markers that deform more than
-    people's swing or are loose, they do not slide the further for it (bones left out slide 1.0 times as expected)."""
+    """E[min(s, 1)] of the linear columns, by which what is expected of them is multiplied: markers that deform more
+    than people's swing or are loose, they do not slide the further for it."""
     mean_square: float = 0.0
     """E[min(s, 1)^2]."""
 
@@ -282,7 +283,7 @@ class SoftTissueScale:
         """Of a regressor's columns about `softness` times their mean; `unit`, `mean`: both moments at s = 1."""
         if regressor.endswith(SQUARES):
             return np.asarray(self.squares * unit)
-        of_scale = max(self.mean_square - 2.0 * softness * self.mean + softness**2, 0.0)
+        of_scale = max((1.0 + SEGMENT_SPREAD**2) * self.mean_square - 2.0 * softness * self.mean + softness**2, 0.0)
         return np.asarray(self.linear * unit + of_scale * np.outer(mean, mean))
 
 
@@ -347,8 +348,8 @@ class _Deformation:
 def _scale_moments(
     parts: Sequence[_Deformation], *, possibly_none: bool = False, possibly_still: bool = False
 ) -> SoftTissueScale:
-    """The moments of s; if `possibly_none`, s is 0 with odds of one to one before anything is seen, if `possibly_still`,
-    each s_j by itself.
+    """The moments of s; if `possibly_none`, s is 0 with odds of one to one before anything is seen, if
+    `possibly_still`, each s_j by itself.
     """
     place = np.log(SCALES)
     apart = -0.5 * ((place[:, None] - place) / SEGMENT_SPREAD) ** 2

@@ -355,5 +355,5 @@ def test_an_artefact_that_is_not_fitted_is_uncertain_by_its_mean_too() -> None:
     scale = SoftTissueScale(0.8, 0.0, 0.7, 0.6)
     mean, unit = np.arange(1.0, 7.0), np.eye(6)
     fitted, left_out = (scale.covariance("knee_angle_r", unit, mean, by) for by in (0.7, 0.0))
-    np.testing.assert_allclose(fitted, 0.8 * unit + (0.6 - 0.49) * np.outer(mean, mean))
-    np.testing.assert_allclose(left_out, 0.8 * unit + 0.6 * np.outer(mean, mean))
+    np.testing.assert_allclose(fitted, 0.8 * unit + (0.6 * 1.49 - 0.49) * np.outer(mean, mean))
+    np.testing.assert_allclose(left_out, 0.8 * unit + 0.6 * 1.49 * np.outer(mean, mean))
