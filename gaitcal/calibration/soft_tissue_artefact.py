@@ -568,12 +568,14 @@ def _angles(nominal: Parameters, part: MotionProblem) -> dict[str, Array]:
 
 
 def tissue_of_walk(
-    walk: MotionProblem, nominal: Parameters, known: Collection[str], softness: float
+    walk: MotionProblem, legs: MotionProblem, nominal: Parameters, known: Collection[str], softness: float
 ) -> soft_tissue.SoftTissue | None:
     """The soft tissue and secondary motions of a walk that took no part in a calibration: those `known` of its walks
     (`kind/regressor/...`, of an `ErrorSources`), with the angles of this one, and `softness` times what is expected.
+
+    `legs`: the part of the walk that a calibration fits, by which angles are tracked.
     """
-    angles = _angles(nominal, walk)
+    angles = _angles(nominal, legs)
     (every,) = task_regressors([angles], walk.posture, squares=True)
     regressors = {name: psi for name, psi in every.items() if any(key.startswith(f"{GAIT}/{name}/") for key in known)}
     knees = {name: phi for name, phi in angles.items() if any(key.startswith(f"{GAIT}/{name}/^") for key in known)}

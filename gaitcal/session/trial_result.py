@@ -64,7 +64,11 @@ def analyse(
     if uncertainty.joint is not None:
         found = uncertainty.tissue
         tissue = soft_tissue_artefact.tissue_of_walk(
-            prepared.body, model.nominal, uncertainty.joint.free, found.softness.get(soft_tissue_artefact.GAIT, 0.0)
+            prepared.body,
+            joint_phases.segments_of(prepared.joints, LOWER_BODY, model.nominal),
+            model.nominal,
+            uncertainty.joint.free,
+            found.softness.get(soft_tissue_artefact.GAIT, 0.0),
         )
         prepared = prepared.with_tissue(tissue, found)
     session = Session(
