@@ -26,6 +26,7 @@ as it is likeliest; and what the knee's angle does not explain, beside the sizes
 from __future__ import annotations
 
 import json
+import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -212,7 +213,13 @@ def write_table(fields: Mapping[str, SkinField], recordings: Sequence[BoneRecord
         "functions": ["1", "x/W", "z/W", "k", "k x/W", "k z/W", "g"],
         "segments": rows,
     }
-    file.write_text(json.dumps(whole, indent=1) + "\n", encoding="utf-8")
+    text = re.sub(r"\[\s+([^\[\]]+?)\s+\]", _on_one_line, json.dumps(whole, indent=1))
+    file.write_text(text + "\n", encoding="utf-8")
+
+
+def _on_one_line(found: re.Match[str]) -> str:
+    """A list of numbers or words without its line breaks."""
+    return "[" + " ".join(found[1].split()) + "]"
 
 
 def learn_lines(recordings: Sequence[BoneRecording]) -> Iterator[str]:
