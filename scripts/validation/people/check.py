@@ -237,7 +237,7 @@ def half_lines(name: str, found: Mapping[str, tuple[Fit, Fit]]) -> Iterator[str]
 
 SKIN_MM = np.array([10.0, 8.0, 6.0])
 """SD of what palpation and flesh over the spines add to a regression's error (ant, sup, lateral): with that of the 39
-hips it makes the 12, 11 and 9 mm by which regressions miss hips in gait laboratories."""
+hips it makes the 12, 10 and 9 mm by which regressions miss hips in gait laboratories."""
 WITHIN_95 = 2.795
 """Mahalanobis distance within which 95 % of a normal population in space lies."""
 
