@@ -19,8 +19,8 @@ views alike (`in_both_views`), and leave the second cause as it is.
 hip         Harrington's regression against computed tomography of 29 people, 39 hips: 6.5 mm forward, 6.9 up, 7.0
             lateral (SD; landmarks of Fischer 2019 to 2023; `python -m scripts.validation people --parts hips`).
             Palpation and flesh over the ASIS come on top, 10, 8 and 6 mm (Della Croce et al., Gait Posture 21:226-237,
-            2005): 11.9, 10.6 and 9.2, known to a tenth from 29 people. The means, 2.3, 1.9 and 0.2 mm, differ between both sources by 4 mm, and flesh moves markers the
-            other way: none is taken.
+            2005): 11.9, 10.6 and 9.2 together, known to a tenth. The means, 2.3, 1.9 and 0.2 mm, differ between both
+            sources by 4 mm, and flesh moves markers the other way: none is taken.
 knee        five raters put the middle of the epicondyles of 19 femurs in images within 1.7 mm along each axis, and
             their line within 2 degrees; palpated ones scatter by some 4 mm and 5 to 10 degrees about the thigh, by less
             in the frontal plane (Della Croce 2005). The axis about which tracked bones flex is 10 mm (RMS along each
