@@ -28,7 +28,7 @@ from scipy.linalg import block_diag
 from gaitcal.arrays import Array, IntArray, stretches
 from gaitcal.calibration import joint_prior, soft_tissue_artefact
 from gaitcal.dynamics.measurement_errors import ErrorSource
-from gaitcal.model.chain import ChainConstants, forward, jacobian
+from gaitcal.model.chain import LinkageModel, forward, jacobian
 from gaitcal.model.linkage import COORDINATES
 from gaitcal.model.parameters import JOINT_PARAMETERS, JP_INDEX, JP_NAMES, Kind, Parameters
 from gaitcal.motion.banded import eliminate
@@ -234,7 +234,7 @@ def whole_body_scores(
 ) -> MarkerScores:
     """Scores of one trial's markers, for the joint parameters of `joint`; None: no parameter is free."""
     problem = problem.with_free(joint.free if joint else ())
-    constants = problem.constants(parameters)
+    constants = problem.body(parameters)
     eliminated = eliminate(problem.equations(coefficients, constants))
     columns = [_cluster_gradients(problem, constants, coefficients)]
     clusters = [f"{problem.name}/{label}/{axis}" for label in problem.labels for axis in "xyz"]
@@ -249,7 +249,7 @@ def whole_body_scores(
     return MarkerScores(coefficients=moves, sensitivity=eliminated.sensitivity, clusters=tuple(clusters))
 
 
-def _cluster_gradients(problem: MotionProblem, constants: ChainConstants, coefficients: Array) -> Array:
+def _cluster_gradients(problem: MotionProblem, constants: LinkageModel, coefficients: Array) -> Array:
     """(nn * nq, nc) half gradients of each marker coordinate's own cost by the coefficients, residuals inflated."""
     chain, data, basis = problem.chain, problem.data, problem.basis
     nq = len(chain.coordinates)
@@ -288,7 +288,7 @@ def _first_alike(measured: Array) -> IntArray:
     return np.asarray(first[which.ravel()])
 
 
-def _frame_inverses(problem: MotionProblem, constants: ChainConstants, q: Array) -> Array:
+def _frame_inverses(problem: MotionProblem, constants: LinkageModel, q: Array) -> Array:
     """(nf, nq, nq) pseudo-inverses of the frames' own Gauss-Newton matrices."""
     hessian = problem.frame_hessians(q, constants)
     # m^2 and rad^2 on one diagonal: scaled to ones, so that the cut of the pseudo-inverse means the same for all

@@ -239,7 +239,7 @@ def forbidden_noise(
     directions = 6 * len(segments) - int(carried.sum())
     if directions < 1:
         data = problem.data
-        gap = problem.positions(coefficients, problem.constants(parameters)) - data.measured
+        gap = problem.positions(coefficients, problem.body(parameters)) - data.measured
         gap *= np.sqrt(data.weight)[:, None]
         pulling = (data.weight > 0).sum(axis=0)
         visible = pulling > pulling.max(initial=0) // 2
@@ -260,7 +260,7 @@ def _rigid_gap(
     data = problem.data
     gap, segments = np.zeros_like(data.measured), list[int]()
     visible = np.ones(data.weight.shape[1], dtype=bool)
-    model = problem.positions(coefficients, problem.constants(parameters))
+    model = problem.positions(coefficients, problem.body(parameters))
     for segment, markers in data.placed.groups:
         weight = data.weight[markers]
         if ((weight > 0).any(axis=1)).sum() < rigid.FEWEST_MARKERS:

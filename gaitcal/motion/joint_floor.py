@@ -62,7 +62,7 @@ def joint_floor(problem: trial_problem.MotionProblem, parameters: Parameters, q:
     if not joints:
         return None
     frames = spline.spaced(len(q), MOST_FRAMES)
-    data, constants = problem.data.frames(frames), problem.constants(parameters)
+    data, constants = problem.data.frames(frames), problem.body(parameters)
     axes, origins = segment_poses(chain, constants, forward(chain, constants, q[frames]))
     carriers = [segment for parts in joints.values() for segment in _ends(parts)]
     shares = np.array([carriers.count(segment) for segment in rigid.segments], dtype=float)
@@ -122,8 +122,8 @@ class _JointAlone:
     def distances(self) -> Array:
         """(markers, nf) m, at the minimum."""
         parameters, q = self.split(descent.descend(self, self.first, SETTINGS).x)
-        constants = self.chain.constants(parameters.joint, parameters.zero_angles)
-        model = marker_residual.marker_positions(self.chain, constants, self.data.placed, q, self.data.shift)
+        constants = self.chain.body(parameters)
+        model = marker_residual.marker_positions(constants, self.data.placed, q, self.data.shift)
         return np.linalg.norm(model - self.data.measured, axis=1)
 
     def split(self, x: Array) -> tuple[Parameters, Array]:
@@ -134,7 +134,7 @@ class _JointAlone:
     def equations(self, x: Array, *, hessian: bool) -> marker_residual.FrameEquations:
         """Of every frame, without the matrix or with it."""
         parameters, q = self.split(x)
-        constants = self.chain.constants(parameters.joint, parameters.zero_angles)
+        constants = self.chain.body(parameters)
         return marker_residual.frame_equations(self.chain, constants, self.pairs, self.data, q, hessian=hessian)
 
     def evaluate(self, x: Array) -> descent.Evaluation:

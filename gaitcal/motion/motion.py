@@ -27,7 +27,7 @@ import numpy as np
 
 from gaitcal.arrays import Array, BoolArray
 from gaitcal.io.recording import Recording
-from gaitcal.model.chain import ChainConstants
+from gaitcal.model.chain import LinkageModel
 from gaitcal.model.parameters import Parameters
 from gaitcal.model.subject_model import SubjectModel
 from gaitcal.motion.banded import ArrowEquations, BandFactor
@@ -44,7 +44,7 @@ NOTHING_LEFT_M = 1e-14  # m, RMS residual below which there is nothing left to f
 
 def track_nodes(
     problem: MotionProblem,
-    constants: ChainConstants,
+    constants: LinkageModel,
     start: Array,
     settings: DescentSettings | None = None,
     known: BandFactor | None = None,
@@ -60,7 +60,7 @@ def track_nodes(
 class _Tracking:
     """The marker cost of a trial by its coefficients, one after the other; all joint parameters are fixed."""
 
-    def __init__(self, problem: MotionProblem, constants: ChainConstants) -> None:
+    def __init__(self, problem: MotionProblem, constants: LinkageModel) -> None:
         self.problem, self.constants = problem, constants
         self.nothing_left = NOTHING_LEFT_M**2 * float(problem.data.weight.sum())
         self.has_curvature = not problem.chain.free
@@ -127,7 +127,7 @@ class SharedMotions:
         p, coefficients = self.parted(x)
         moved = self.parameters.with_joint(self.free, p)
         trials = [
-            problem.equations(n, problem.constants(moved)) for problem, n in zip(self.open, coefficients, strict=True)
+            problem.equations(n, problem.body(moved)) for problem, n in zip(self.open, coefficients, strict=True)
         ]
         return ArrowEquations(trials, self.columns, self.size)
 
@@ -212,7 +212,7 @@ class Motion:
 
 def motion_of(problem: MotionProblem, parameters: Parameters, coefficients: Array, *, converged: bool = True) -> Motion:
     """The motion that `coefficients` describe, with the errors of every marker."""
-    positions = problem.positions(coefficients, problem.constants(parameters))
+    positions = problem.positions(coefficients, problem.body(parameters))
     distance = np.linalg.norm(positions - problem.data.measured, axis=1).T
     return Motion(
         name=problem.name,
@@ -228,7 +228,7 @@ def motion_of(problem: MotionProblem, parameters: Parameters, coefficients: Arra
 
 def tracked_motion(problem: MotionProblem, parameters: Parameters, settings: DescentSettings | None = None) -> Motion:
     """The motion that meets the markers of a trial best, sought from rigid fits."""
-    constants = problem.constants(parameters)
+    constants = problem.body(parameters)
     start = starting_nodes(problem.chain, constants, problem.data, problem.basis)
     tracked = track_nodes(problem, constants, start, settings)
     again = problem.followed(tracked.x)
@@ -328,7 +328,7 @@ def robust_tracking(
 
     `factor` (nm, nf): where the weights start, if something like them is known already.
     """
-    constants, weight = problem.constants(parameters), problem.data.weight
+    constants, weight = problem.body(parameters), problem.data.weight
     used, begun = weight > 0, 0 if factor is None else FIRST_ROUNDS
     present = np.ones_like(weight) if factor is None else factor
     weighted = problem.with_weight(weight * present)

@@ -34,7 +34,7 @@ from functools import cached_property
 import numpy as np
 
 from gaitcal.arrays import Array
-from gaitcal.model.chain import Chain, ChainConstants, SecondaryMotion, forward, jacobian, segment_transforms
+from gaitcal.model.chain import Chain, LinkageModel, SecondaryMotion, forward, jacobian, segment_transforms
 from gaitcal.model.linkage import BENDS, SECONDARY
 from gaitcal.motion import banded, marker_residual, spline
 
@@ -163,7 +163,7 @@ def with_tissue_columns(
     tissue: SoftTissue,
     equations: banded.NormalEquations,
     coefficients: Array,
-    constants: ChainConstants,
+    constants: LinkageModel,
 ) -> banded.NormalEquations:
     """Normal equations of a trial at `coefficients` with the columns of its soft tissue after its joint parameters."""
     q = basis.evaluate(coefficients)
@@ -171,7 +171,7 @@ def with_tissue_columns(
     poses = forward(chain, constants, q, data.secondary)
     segments = segment_transforms(chain, constants, poses)
     columns = jacobian(chain, constants, poses, data.secondary)
-    position = marker_residual.marker_positions(chain, constants, data.placed, q, data.shift, data.secondary)
+    position = marker_residual.marker_positions(constants, data.placed, q, data.shift, data.secondary)
     mixed = np.zeros((basis.nodes, nq, nz))
     by_parameter, corner, gradient = np.zeros((n_free, nz)), np.zeros((nz, nz)), np.zeros(nz)
     spread, at = basis.matrices[0].T.tocsr(), 0
@@ -206,11 +206,11 @@ def with_tissue_columns(
 
 
 def tissue_gradient(
-    chain: Chain, data: marker_residual.MarkerData, tissue: SoftTissue, q: Array, constants: ChainConstants
+    chain: Chain, data: marker_residual.MarkerData, tissue: SoftTissue, q: Array, constants: LinkageModel
 ) -> Array:
     """(nz,) half gradient of a trial's marker cost by its soft tissue, at coordinates (nf, nq)."""
     segments = segment_transforms(chain, constants, forward(chain, constants, q, data.secondary))
-    position = marker_residual.marker_positions(chain, constants, data.placed, q, data.shift, data.secondary)
+    position = marker_residual.marker_positions(constants, data.placed, q, data.shift, data.secondary)
     out = []
     for group in tissue.groups:
         axes, pull = segments[group.segment, :3], np.zeros((WIDTH, len(q)))

@@ -17,7 +17,7 @@ import numpy as np
 from gaitcal.arrays import Array, BoolArray, IntArray
 from gaitcal.errors import Code, InputError
 from gaitcal.io.recording import Recording
-from gaitcal.model.chain import Chain, ChainConstants, chain_of
+from gaitcal.model.chain import Chain, LinkageModel, chain_of
 from gaitcal.model.linkage import LUMBAR, ROOT_SUFFIXES, SEGMENTS, coordinates_before, moved_joints
 from gaitcal.model.parameters import JP_INDEX, Parameters
 from gaitcal.model.subject_model import PointNoise, SubjectModel
@@ -158,9 +158,9 @@ class MotionProblem:
             priors.append(prior)
         return self._alike(priors=tuple(priors))
 
-    def constants(self, parameters: Parameters) -> ChainConstants:
+    def constants(self, parameters: Parameters) -> LinkageModel:
         """Chain constants for a set of parameters."""
-        return self.chain.constants(parameters.joint, parameters.zero_angles)
+        return self.chain.body(parameters)
 
     def values(self, parameters: Parameters) -> Array:
         """(np,) values of the free joint parameters, m and rad."""
@@ -195,7 +195,7 @@ class MotionProblem:
         return self.with_data(replace(self.data, measured=measured))
 
     def equations(
-        self, coefficients: Array, constants: ChainConstants, *, curved: bool = False
+        self, coefficients: Array, constants: LinkageModel, *, curved: bool = False
     ) -> banded.NormalEquations:
         """Normal equations at `coefficients` (nn, nq); `curved`: with half the whole Hessian, not Gauss-Newton's.
 
@@ -218,14 +218,14 @@ class MotionProblem:
         return with_tissue_columns(self.chain, self.basis, self.data, self.tissue, equations, coefficients, constants)
 
     def _frame_equations(
-        self, frames: slice, constants: ChainConstants, q: Array, *, hessian: bool = True, curved: bool = False
+        self, frames: slice, constants: LinkageModel, q: Array, *, hessian: bool = True, curved: bool = False
     ) -> marker_residual.FrameEquations:
         data = self.data.frames(frames)
         return marker_residual.frame_equations(
             self.chain, constants, self._pairs, data, q[frames], hessian=hessian, curved=curved
         )
 
-    def frame_hessians(self, q: Array, constants: ChainConstants) -> Array:
+    def frame_hessians(self, q: Array, constants: LinkageModel) -> Array:
         """(nf, nq, nq) Gauss-Newton matrices of the frames by themselves, at coordinates (nf, nq)."""
         pairs, nq = self._pairs, len(self.chain.coordinates)
         out = np.zeros((len(q), nq, nq))
@@ -237,12 +237,12 @@ class MotionProblem:
             out[frames, first, second] = out[frames, second, first] = entries
         return out
 
-    def gradient(self, coefficients: Array, constants: ChainConstants) -> tuple[float, Array]:
+    def gradient(self, coefficients: Array, constants: LinkageModel) -> tuple[float, Array]:
         """Cost (m^2) and half gradient by the coefficients (nn, nq), without the matrix."""
         cost, by_nodes, _ = self.both_gradients(coefficients, constants)
         return cost, by_nodes
 
-    def both_gradients(self, coefficients: Array, constants: ChainConstants) -> tuple[float, Array, Array]:
+    def both_gradients(self, coefficients: Array, constants: LinkageModel) -> tuple[float, Array, Array]:
         """Cost (m^2) and half gradients by the coefficients (nn, nq) and by `unknowns` (np,)."""
         q = self.basis.evaluate(coefficients)
         nq = len(self.chain.coordinates)
@@ -260,25 +260,25 @@ class MotionProblem:
             by_values = np.concatenate([by_values, by_tissue])
         return cost, by_nodes, by_values
 
-    def cost(self, coefficients: Array, constants: ChainConstants) -> float:
+    def cost(self, coefficients: Array, constants: LinkageModel) -> float:
         """Sum of w |r|^2, the penalty and what is known of coordinates, m^2."""
         return self.marker_cost(coefficients, constants) + sum(
             penalty.both(coefficients)[0] for penalty in self._penalties
         )
 
-    def marker_cost(self, coefficients: Array, constants: ChainConstants) -> float:
+    def marker_cost(self, coefficients: Array, constants: LinkageModel) -> float:
         """Sum of w |r|^2, m^2."""
         r = self.positions(coefficients, constants) - self.data.measured
         return float(np.vdot(self.data.weight[:, None] * r, r))
 
-    def positions(self, coefficients: Array, constants: ChainConstants) -> Array:
+    def positions(self, coefficients: Array, constants: LinkageModel) -> Array:
         """(nm, 3, nf) m, model markers."""
         q = self.basis.evaluate(coefficients)
         out = np.empty(self.data.measured.shape)
         for stretch in self.basis.stretches:
             frames, part = stretch.frames, self.data.frames(stretch.frames)
             out[:, :, frames] = marker_residual.marker_positions(
-                self.chain, constants, part.placed, q[frames], part.shift, part.secondary
+                constants, part.placed, q[frames], part.shift, part.secondary
             )
         return out
 
@@ -360,7 +360,7 @@ def _with_posture(problem: MotionProblem, model: SubjectModel) -> MotionProblem:
     asked = coordinate_prior.coordinates_asked(chain.segments, of_marker, data.local, data.weight > 0)
     if not asked:
         return problem
-    constants = problem.constants(model.nominal)
+    constants = problem.body(model.nominal)
     frames = spaced(len(problem.basis.time), coordinate_prior.POSES)
     q = start.starting_coordinates(chain, constants, data.frames(frames))
     pulling = data.weight[:, frames] > 0

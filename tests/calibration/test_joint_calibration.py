@@ -105,7 +105,7 @@ def test_the_cost_told_is_that_where_the_last_step_leads() -> None:
     reduced = ReducedProblem([problem], truth, KNEE, [started(problem, truth)[1]], DescentSettings())
     reduced.at(p := values(truth, KNEE))
     (trial,) = reduced.at(p := p + np.random.default_rng(6).normal(0, 0.002, len(p))).trials
-    there = problem.cost(trial.coefficients, problem.constants(truth.with_joint(KNEE, p)))
+    there = problem.cost(trial.coefficients, problem.body(truth.with_joint(KNEE, p)))
     assert trial.cost == pytest.approx(there, rel=1e-6)
 
 
@@ -151,7 +151,7 @@ def test_matrices_kept_on_the_way_are_formed_anew_at_the_end(monkeypatch: pytest
     kept = fit(problem, start, KNEE)
     assert used
     opened = problem.with_free(KNEE)
-    equations = opened.equations(kept.coefficients[0], opened.constants(kept.parameters))
+    equations = opened.equations(kept.coefficients[0], opened.body(kept.parameters))
     solved = BandFactor(equations.band).solve(np.asfortranarray(equations.mixed))
     whole = equations.parameters - equations.mixed.T @ solved
     np.testing.assert_allclose(kept.state.hessian, whole, rtol=0, atol=1e-5 * np.abs(whole).max())

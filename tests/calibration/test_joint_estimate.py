@@ -98,7 +98,7 @@ def test_errors_by_source_sum_to_the_inverse_hessian_and_the_end_is_the_dense_mi
         p, z, n = np.split(x, [len(HIP), len(HIP) + len(prior.keys)])
         at = problem.displaced(z)
         coefficients = n.reshape(estimate.coefficients[0].shape)
-        gap = at.positions(coefficients, at.constants(wrong.with_joint(HIP, p))) - at.data.measured
+        gap = at.positions(coefficients, at.body(wrong.with_joint(HIP, p))) - at.data.measured
         return np.concatenate([gap.ravel() / estimate.noise[0], whiten_p @ (p - centre), whiten_z @ z])
 
     x = np.concatenate([estimate.values, estimate.coefficients[0].ravel()])
@@ -129,7 +129,7 @@ def test_what_is_uncertain_and_not_fitted_makes_the_errors_of_the_dense_formula(
     def residual(x: Array) -> Array:
         p, z, n = np.split(x, [len(HIP), len(HIP) + nz])
         at = problem.displaced(z)
-        gap = at.positions(n.reshape(estimate.coefficients[0].shape), at.constants(nominal.with_joint(HIP, p)))
+        gap = at.positions(n.reshape(estimate.coefficients[0].shape), at.body(nominal.with_joint(HIP, p)))
         return (gap - at.data.measured).ravel() / estimate.noise[0]
 
     z = estimate.tissue if fits_tissue else np.zeros(nz)
@@ -298,7 +298,7 @@ def soft_person(seed: int) -> tuple[MotionProblem, Array]:
             if segment == "pelvis":
                 z += SLIDES.get(name, 0.0)
             shift[markers] += z[:, :, None] * psi[name]
-    seen = problem.shifted(shift).positions(coefficients, problem.constants(parameters))
+    seen = problem.shifted(shift).positions(coefficients, problem.body(parameters))
     problem = problem.with_measured(seen + rng.normal(0, 5e-4, seen.shape))
     truth = parameters.joint[[JP_INDEX[n] for n in HIP]]
     return replace(problem, tissue=tissue_of(problem, "gait", psi, parameters, table={})), truth

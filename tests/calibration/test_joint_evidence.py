@@ -37,7 +37,7 @@ def soft_walk(seed: int, name: str, softness: float, bent: float = 0.0) -> Motio
                 covariance = size**2 * marker_covariance(segment, body.data.local[markers])
                 moved = rng.multivariate_normal(np.zeros(len(covariance)), covariance)
                 shift[markers] += moved.reshape(-1, 3, 1) * psi[name_of_psi]
-    seen = body.shifted(shift).positions(coefficients, body.constants(parameters))
+    seen = body.shifted(shift).positions(coefficients, body.body(parameters))
     return replace(body.with_measured(seen + rng.normal(0, WHITE, seen.shape)), name=name)
 
 

@@ -61,7 +61,7 @@ def person(
             for (segment, name), z in moves.items():
                 if segment == first.chain.segments[s]:
                     shift[markers] += z.reshape(-1, 3, 1) * psi[name]
-        seen = first.shifted(shift).positions(motion, first.constants(parameters))
+        seen = first.shifted(shift).positions(motion, first.body(parameters))
         trial = first.with_measured(seen + rng.normal(0, noise, seen.shape))
         used = psi if squares else {name: values for name, values in psi.items() if not name.endswith(SQUARES)}
         trials.append(replace(trial, name=f"walk {k}", tissue=tissue_of(trial, KIND, used, parameters, table={})))
@@ -130,7 +130,7 @@ def test_knee_flexion_counts_in_radians_and_its_bend_in_the_task() -> None:
 
 def velocities(problem: MotionProblem, coefficients: Array, parameters: Parameters) -> tuple[Array, Array]:
     """(3 nm nf, nn nq + np) derivatives of the markers by nodes and joint parameters, and R (nm, 3, 3, nf)."""
-    constants, q = problem.constants(parameters), problem.basis.evaluate(coefficients)
+    constants, q = problem.body(parameters), problem.basis.evaluate(coefficients)
     poses, nq = forward(problem.chain, constants, q), coefficients.shape[1]
     spatial, x = jacobian(problem.chain, constants, poses), problem.positions(coefficients, constants)
     slope = np.zeros((*x.shape, len(spatial)))
@@ -154,7 +154,7 @@ def test_six_columns_a_segment_leave_the_joints_where_columns_of_every_marker_do
     _, coefficients = started(problem, parameters)
     precision = np.linalg.inv(prior_of(HIP, None)[1])
     prior = tissue_prior([problem], {KIND: scale})
-    eliminated = eliminate(equations := problem.equations(coefficients, problem.constants(parameters)))
+    eliminated = eliminate(equations := problem.equations(coefficients, problem.body(parameters)))
     hessian = eliminated.hessian / NOISE**2 + block_diag(precision, np.linalg.inv(prior.covariance))
     pull = eliminated.reduced(equations.node_gradient, equations.parameter_gradient) / NOISE**2
     found, count = np.linalg.inv(hessian), len(HIP)
@@ -170,7 +170,7 @@ def test_six_columns_a_segment_leave_the_joints_where_columns_of_every_marker_do
             columns.append(moved[..., group.markers, :].reshape(len(slope), -1))
             weights.append(np.linalg.inv((scale.squares if name.endswith(SQUARES) else scale.linear) * covariance))
     whole = np.hstack(columns)
-    gap = (problem.positions(coefficients, problem.constants(parameters)) - problem.data.measured).ravel()
+    gap = (problem.positions(coefficients, problem.body(parameters)) - problem.data.measured).ravel()
     dense = np.linalg.inv(whole.T @ whole / NOISE**2 + block_diag(*weights))
     own = slice(slope.shape[1] - count, slope.shape[1])
     assert_covariance(found[:count, :count], dense[own, own], atol=EXACT)

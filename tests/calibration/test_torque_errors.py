@@ -191,13 +191,13 @@ def test_directions_of_axes_move_components_but_not_what_a_whole_joint_does(monk
 
 def leverages(problem: MotionProblem, parameters: Parameters, coefficients: Array) -> Array:
     """(nm, 3, nf) of each marker coordinate in its frame's own least-squares problem; Jacobian by differences."""
-    q, constants, data = problem.basis.evaluate(coefficients), problem.constants(parameters), problem.data
+    q, constants, data = problem.basis.evaluate(coefficients), problem.body(parameters), problem.data
     out = np.empty(data.measured.shape)
     for f in range(len(q)):
         one = data.frames(slice(f, f + 1))
 
         def placed(x: Array, one: MarkerData = one) -> Array:
-            return marker_positions(problem.chain, constants, one.placed, x[None])
+            return marker_positions(constants, one.placed, x[None])
 
         slope = np.sqrt(np.repeat(one.weight[:, 0], 3))[:, None] * central_differences(placed, q[f])
         out[:, :, f] = np.diag(slope @ np.linalg.pinv(slope)).reshape(-1, 3)
@@ -215,7 +215,7 @@ def test_the_motion_moves_with_a_marker_coordinate_and_with_the_joint_parameters
 
     coefficients = motion(problem, parameters)
     moves = marker_moves(problem, coefficients, parameters, source)
-    residual = problem.positions(coefficients, problem.constants(parameters)) - problem.data.measured
+    residual = problem.positions(coefficients, problem.body(parameters)) - problem.data.measured
     inflated = residual / (1.0 - np.clip(leverages(problem, parameters, coefficients), 0.0, LEVERAGE_CAP))
     for m, axis in ((0, 1), (17, 2)):
         measured = problem.data.measured.copy()
@@ -284,7 +284,7 @@ FIRST_ORDER = 0.05
 
 
 def solved(problem: MotionProblem, start: Array, parameters: Parameters = PARAMETERS) -> Array:
-    return track_nodes(problem, problem.constants(parameters), start, DescentSettings(gain=1e-15)).x
+    return track_nodes(problem, problem.body(parameters), start, DescentSettings(gain=1e-15)).x
 
 
 def smoothed_trial() -> tuple[MotionProblem, Array]:

@@ -126,12 +126,12 @@ def test_gradient_and_matrix_with_soft_tissue_beside_are_those_of_the_markers() 
     def residual(x: Array) -> Array:
         n, values, z = np.split(x, [coefficients.size, coefficients.size + len(LEG_FREE)])
         at = problem.displaced(z)
-        gap = at.positions(n.reshape(coefficients.shape), at.constants(parameters.with_joint(LEG_FREE, values)))
+        gap = at.positions(n.reshape(coefficients.shape), at.body(parameters.with_joint(LEG_FREE, values)))
         return (np.sqrt(at.data.weight)[:, None] * (gap - at.data.measured)).ravel()
 
     x = np.concatenate([coefficients.ravel(), parameters.joint[[JP_INDEX[n] for n in LEG_FREE]], z])
     at = problem.displaced(z)
-    equations = at.equations(coefficients, at.constants(parameters))
+    equations = at.equations(coefficients, at.body(parameters))
     slope, r = central_differences(residual, x), residual(x)
     dense, gradient = slope.T @ slope, slope.T @ r
     found = np.concatenate([equations.node_gradient.ravel(), equations.parameter_gradient])
@@ -140,7 +140,7 @@ def test_gradient_and_matrix_with_soft_tissue_beside_are_those_of_the_markers() 
     np.testing.assert_allclose(corner, dense[:, coefficients.size :], atol=SECOND_ORDER * np.abs(dense).max())
     band = BandFactor(equations.band).solve(dense[: coefficients.size, : coefficients.size])
     np.testing.assert_allclose(band, np.eye(coefficients.size), atol=1e-4)
-    _, by_nodes, by_unknowns = at.both_gradients(coefficients, at.constants(parameters))
+    _, by_nodes, by_unknowns = at.both_gradients(coefficients, at.body(parameters))
     np.testing.assert_allclose(np.append(by_nodes, by_unknowns), found, rtol=0, atol=1e-12 * np.abs(found).max())
 
 
@@ -188,7 +188,7 @@ def test_joints_are_found_where_the_knee_is_no_hinge() -> None:
     assert sizes == pytest.approx(wanted)
     z = drawn(rng, prior)
     at = problem.displaced(z)
-    seen = problem.with_measured(at.positions(true, at.constants(truth)))
+    seen = problem.with_measured(at.positions(true, at.body(truth)))
     free = tuple(n for n in JP_NAMES if n.split(".")[0] in ("hip_r", "knee_r", "talocrural_r", "subtalar_r"))
     mean, covariance = prior_of(free, None)
     index = [JP_INDEX[n] for n in free]
@@ -213,7 +213,7 @@ def test_a_hip_that_stays_and_a_knee_taken_for_a_hinge_move_the_fit_as_its_error
 
     def seen(z: Array) -> Tasks:
         at = problem.displaced(z)
-        return {"gait": (problem.with_measured(at.positions(true, at.constants(truth)) + noise),)}
+        return {"gait": (problem.with_measured(at.positions(true, at.body(truth)) + noise),)}
 
     free = tuple(n for n in JP_NAMES if n.split(".")[0] in ("knee_r", "talocrural_r"))
     kept, step, z = "hip_r.thigh.sup", 1e-4, 0.05 * drawn(rng, prior)
