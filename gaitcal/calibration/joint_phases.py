@@ -113,6 +113,8 @@ class JointCalibration:
     """Trial -> the parameters at the end of its phase, where a later one moves them again."""
     tissue: Mapping[str, SoftTissue] = field(default_factory=dict)
     """Trial -> the columns of its soft tissue on the markers of the whole body."""
+    artefact: soft_tissue_artefact.FoundTissue = soft_tissue_artefact.NO_FOUND_TISSUE
+    """Where the markers of all trials are against their bones."""
 
 
 def parameters_for(joint: JointCalibration | None, trial: str, final: Parameters) -> Parameters:
@@ -309,6 +311,7 @@ def calibrate_by_evidence(
     ]
     free = free_of([t.fitted for t in legs], [n for n in LEG_PARAMETERS if n.split(".")[0][-1] in sides])
     done, tissue = list[FittedPhase](), dict[str, SoftTissue]()
+    artefact = soft_tissue_artefact.NO_FOUND_TISSUE
     with ThreadPoolExecutor(1) as pool:
         upper = pool.submit(with_one_blas_thread(_trunk_and_arms), trials, nominal, how)
         if free:
@@ -317,22 +320,13 @@ def calibrate_by_evidence(
             )
             plan = replace(_phase("joint parameters of the legs", legs, ()), free=free).with_tissue(soft)
             found = fit_phase(plan, nominal, how)
-            errors, notes = _with_found_tissue(found), _tissue_notes(soft.scales, found.estimate)
-            done.append(replace(found, errors=errors, notes=notes))
+            done.append(replace(found, notes=_tissue_notes(soft.scales, found.estimate)))
             tissue = soft.of_bodies({t.name: t.body for t in legs}, plan.tissue.keys)
+            artefact = soft.found(found.estimate.keys, found.estimate.tissue)
     done += upper.result()
     known = nominal_errors(prior=prior)
-    return replace(_calibration_of(done, nominal, prior, bounds, known, [t.fitted for t in legs]), tissue=tissue)
-
-
-def _with_found_tissue(phase: FittedPhase) -> ErrorSources:
-    """Motions are tracked with markers in their places: the soft tissue found is an error of theirs, all of it."""
-    estimate, errors = phase.estimate, phase.errors
-    if not estimate.keys:
-        return errors
-    column = np.zeros((len(errors.free), 1))
-    column[len(estimate.free) :, 0] = estimate.tissue
-    return ErrorSources(errors.free, np.hstack([errors.parameters, column]), (*errors.clusters, "skin/found"))
+    calibration = _calibration_of(done, nominal, prior, bounds, known, [t.fitted for t in legs])
+    return replace(calibration, tissue=tissue, artefact=artefact)
 
 
 def _tissue_notes(

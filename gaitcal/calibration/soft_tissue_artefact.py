@@ -1,44 +1,56 @@
-"""Soft tissue artefact as people have it: sized by the task, with one scale for each person and kind of task.
+"""Soft tissue artefact as people have it: from bones where they tell, sized by the task elsewhere, with one scale for
+each person and kind of task.
 
 A marker of a segment lies, in the segment's axes, at
 
-    l + sum_c z_c psi_c(t),        psi_c = (phi_c - mean phi_c) / max(sd phi_c, 2 deg),
+    l + sum_c z_c psi_c(t),        psi_c = (phi_c - phi_c of the static posture) / u_c,
 
-phi_c the angles of the joints beside the segment that the task moves, mean and sd over all trials of one kind of task
-(gait, an activity, or the isolated trials of one joint), tracked with nominal joints and markers in their places, and
-with them psi_c^2 less its mean where there is evidence. Each kind has unknowns z of its own; in gait knees are no
-hinges besides.
-All markers of a segment shift together, turn together about their middle, and move each by itself:
+phi_c the angles of the joints beside the segment that the task moves, tracked with nominal joints and markers in their
+places. The places l are those of the static trial, so there the artefact is zero by definition; a walk's mean knee
+angle is 20 to 30 degrees from standing, and an artefact of mean zero over the walk leaves that part to the joints. With
+psi_c goes its square where there is evidence. Each kind of task has unknowns z of its own (gait, an activity, or the
+isolated trials of one joint); in gait knees are no hinges besides.
+
+Knee flexion moves thigh and shank. There u_c is one radian, and z_c is s times what tracked bones show
+(`soft_tissue_table.py`): a mean that depends on the place of the marker, and a covariance about it.
+
+For all other angles u_c is the RMS of phi_c - phi_c(static) in all trials of the kind (at least 2 deg), the mean is
+zero, all markers of a segment shift together, turn together about their middle, and move each by itself:
 
     z_c ~ N(0, s^2 Sigma),     Sigma = B diag(shift^2, turn^2) B^T + own^2 I,     B = [1, -(l - c) x] marker by marker.
 
 What the markers do each by themselves is part rigid, (B^T B)^-1 B^T z_c, and part deformation, independent of it, which
-turns and shifts no segment. A fit therefore has six unknowns a regressor and segment (`motion/soft_tissue.py`), of
-covariance s^2 (diag(shift^2, turn^2) + own^2 (B^T B)^-1), and leaves the deformation among its residuals.
+turns and shifts no segment. A fit therefore has six unknowns a regressor and segment (`motion/soft_tissue.py`), the
+rigid part about its mean, and has the deformation where it is expected, s times the mean, the rest among its residuals.
 
-So the artefact has the size that people show *in the task*, whichever angle it goes with, and not so many millimetres a
-degree: in gait hip adduction spans a tenth of what flexion does, and its pelvis is as soft. The sizes are those of bone
-pins, fluoroscopy and magnetic resonance in walking (Leardini et al., Gait Posture 21:212-225, 2005; Peters et al., Gait
-Posture 31:1-8, 2010; Barre et al., J Biomech 48:1965-1971, 2015; Camomilla et al., J Biomech 62:5-13, 2017).
+So such an artefact has the size that people show *in the task*, whichever angle it goes with, and not so many
+millimetres a degree: in gait hip adduction spans a tenth of what flexion does, and its pelvis is as soft. The sizes are
+those of bone pins, fluoroscopy and magnetic resonance in walking (Leardini et al., Gait Posture 21:212-225, 2005;
+Peters et al., Gait Posture 31:1-8, 2010; Barre et al., J Biomech 48:1965-1971, 2015; Camomilla et al., J Biomech
+62:5-13, 2017).
 
 How soft this person is, s, in gait and another one in all isolated trials, is learnt from how the markers of all
 segments deform *together*, joints left out. What the rigid fit of a segment leaves of its markers, e, is
 
     e = P sum_c z_c psi_c + noise,     Q = sum_t psi psi^T (x) P / nu^2,     b = sum_t psi (x) P e / nu^2,
-    2 log L_j(s_j) = b^T (Q + Sigma^-1 / s_j^2)^-1 b - log det(1 + s_j^2 Sigma Q),
+    2 log L_j(s) = c^T (Q + Sigma^-1 / s^2)^-1 c - log det(1 + s^2 Sigma Q) + 2 s mu^T b - s^2 mu^T Q mu,
+    c = b - s Q mu,     mu the mean of z at s = 1,
     p(s) ~ N(ln s; 0, 0.7^2)  prod_j  int L_j(s_j) N(ln s_j; ln s, 0.7^2) d ln s_j,        j: segments,
 
 P the projector that takes shifts and turns of a segment's markers out, nu the noise that no angle explains, its frames
 counted as far as they are independent (`joint_prior.py`). Pooling is the point: a cluster that slides as a whole shows
-no deformation itself, so that how far it slides follows the person's s and not the segment's s_j, and z has the
-variance E[s^2] Sigma. That segments differ by a factor of two keeps one soft thigh from softening the feet: with the
-same s for all, hips of people with quadratic artefacts came to 15 mm from the truth, with segments that differ to 8.
+no deformation itself, so that how far it slides follows the person's s and not the segment's s_j. With q = min(s, 1),
+as markers that deform more than people's swing or are loose and do not slide the further for it, z has the mean
+E[q] mu and the variance E[s^2] Sigma + (var(q) + 0.7^2 E[q^2]) mu mu^T, as s_j differs from s (thighs of bones left
+out slide 1.0 times as expected, with a standard deviation of 0.5). That segments differ by a factor of two keeps one
+soft thigh from softening the feet: with the same s for all, hips of people with quadratic artefacts came to 15 mm from
+the truth, with segments that differ to 8.
 An activity that is no walk may leave joints at rest, whose tracked angles follow the errors of others: their segments
 do not deform, with even odds before anything is seen, and then say nothing of s.
 """
 
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from scipy.linalg import block_diag
@@ -46,6 +58,7 @@ from scipy.special import logsumexp
 
 from gaitcal.arrays import Array
 from gaitcal.calibration.joint_prior import LEAST_SAMPLES, frames_per_sample, least_noise
+from gaitcal.calibration.soft_tissue_table import THIGH_M, SkinField, SkinTable, people_table, place_functions
 from gaitcal.model.linkage import BENDS, ISOLATED_JOINTS, JOINT_OF_CHILD, JOINTS, LEG_JOINTS, Source, segment_kind
 from gaitcal.model.parameters import Parameters
 from gaitcal.motion import motion, soft_tissue
@@ -86,6 +99,8 @@ LOG_SPREAD = 0.7  # Standard deviation of ln s among people: their sizes are kno
 SEGMENT_SPREAD = 0.7  # The same of ln s_j about ln s among the segments of a person
 SCALES = np.geomspace(0.005, 4.0, 41)  # Values of s looked at
 SQUARES = "^2"  # Ends the name of a regressor psi^2
+FROM_BONES = "knee_angle"
+"""Begins the names of coordinates by which tracked bones tell how thigh and shank are moved."""
 GAIT = "gait"
 """Kind of task of a walk; that of isolated trials has their joint's name, that of any other activity its own."""
 LEAST_SQUARES = 0.01
@@ -93,6 +108,7 @@ LEAST_SQUARES = 0.01
 TRUSTED = 0.5
 """Part of its own weight below which a loss let a marker go, and of the frames below which one is seldom seen, and left
 aside where three others are seen more often."""
+TINY = 1e-12  # Mean square of an angle over its unit below which it does not move at all
 SEEN_RANK = 1e-9
 """Part of the largest diagonal entry of a QR factor below which an angle adds nothing to those before it."""
 
@@ -108,19 +124,38 @@ def beside(segment: str) -> tuple[str, ...]:
     return tuple(e.name for joint in joints for e in joint.elements if e.source is Source.COORDINATE)
 
 
-def task_regressors(angles: Sequence[Mapping[str, Array]], *, squares: bool = False) -> list[dict[str, Array]]:
-    """Per trial of one kind of task, coordinate -> (nf,) psi, from coordinate -> (nf,) rad."""
+def task_regressors(
+    angles: Sequence[Mapping[str, Array]], posture: Mapping[str, float] | None = None, *, squares: bool = False
+) -> list[dict[str, Array]]:
+    """Regressors of the trials of one kind of task, zero in the static posture.
+
+    Parameters
+    ----------
+    angles : of each trial, coordinate -> (nf,) rad.
+    posture : coordinate -> rad in the static posture; zero for what is not there.
+    squares : whether what the angle leaves of its square follows it, by least squares over the task: a bend, which is
+        zero in the static posture too.
+
+    Returns
+    -------
+    Of each trial, coordinate -> (nf,) psi: rad for knee flexion, else over its RMS in the task.
+    """
+    posture = posture or {}
     names = dict.fromkeys(name for of_trial in angles for name in of_trial)
     out: list[dict[str, Array]] = [{} for _ in angles]
     for name in names:
-        every = np.concatenate([of_trial[name] for of_trial in angles if name in of_trial])
-        mean, spread = float(every.mean()), max(float(every.std()), soft_tissue.LEAST_SPREAD)
-        square = float(np.mean(((every - mean) / spread) ** 2))
+        still = posture.get(name, 0.0)
+        every = np.concatenate([of_trial[name] for of_trial in angles if name in of_trial]) - still
+        size = max(float(np.sqrt(np.mean(every**2))), soft_tissue.LEAST_SPREAD)
+        unit = size if name.startswith(FROM_BONES) else 1.0
+        whole = every / size
+        bend = float(np.mean(whole**3)) / max(float(np.mean(whole**2)), TINY)
         for of_trial, own in zip(angles, out, strict=True):
             if name in of_trial:
-                own[name] = psi = (of_trial[name] - mean) / spread
+                relative = (of_trial[name] - still) / size
+                own[name] = unit * relative
                 if squares:
-                    own[name + SQUARES] = psi**2 - square
+                    own[name + SQUARES] = relative**2 - bend * relative
     return out
 
 
@@ -128,13 +163,27 @@ def tissue_of(
     problem: MotionProblem,
     kind: str,
     regressors: Mapping[str, Array],
+    nominal: Parameters,
     known: Collection[str] | None = None,
     secondary: soft_tissue.SecondaryColumns | None = None,
+    *,
+    table: SkinTable | None = None,
+    softness: float = 1.0,
 ) -> soft_tissue.SoftTissue | None:
-    """The columns of the artefact on the markers of a trial, or those `known` of them, beside secondary motions; None
-    where there are none. No skin moves points that are no markers.
+    """The columns of the artefact on the markers of a trial; None where there are none.
+
+    Parameters
+    ----------
+    problem : the trial. No skin moves points that are no markers.
+    kind : of task.
+    regressors : coordinate -> (nf,) of `task_regressors`.
+    nominal : where knees are, by which places on the skin are told.
+    known : columns to keep; all unless given.
+    secondary : what knees do besides flexing.
+    table : skin of people; gaitcal's own unless given.
+    softness : by which what is expected is multiplied; 0: markers are taken to stay in their static places.
     """
-    groups = []
+    groups, skin = [], people_table() if table is None else table
     for s, markers in problem.data.placed.groups if problem.noise is None else ():
         segment = problem.chain.segments[s]
         if segment.split("_")[0] not in SIZES or not (problem.data.weight[markers] > 0).any():
@@ -143,14 +192,19 @@ def tissue_of(
         names = tuple(name for name in regressors if name.removesuffix(SQUARES) in near)
         pulling = (problem.data.weight[markers] > 0).any(axis=1)
         if names:
+            cluster = _Cluster(segment, local, local[pulling].mean(axis=0), nominal, skin, gait=kind == GAIT)
             groups.append(
                 soft_tissue.SegmentTissue(
                     segment=s,
                     carrier=segment,
                     markers=markers,
-                    pattern=soft_tissue.together(local - local[pulling].mean(axis=0)),
+                    pattern=cluster.pattern,
                     names=tuple(f"{kind}/{name}" for name in names),
                     regressors=np.array([regressors[name] for name in names]),
+                    expected=np.array([cluster.mean(name) for name in names]),
+                    covariance=np.array([cluster.rigid_covariance(name) for name in names]),
+                    by_marker=np.array([cluster.marker_covariance(name) for name in names]),
+                    softness=softness,
                 )
             )
     if known is not None:
@@ -158,21 +212,59 @@ def tissue_of(
     return soft_tissue.SoftTissue(tuple(groups), secondary) if groups or secondary else None
 
 
-def marker_covariance(segment: str, local: Array) -> Array:
-    """(3 nm, 3 nm) m^2, Sigma of one regressor for markers at `local` (nm, 3) m."""
-    size = SIZES[segment.split("_")[0]]
-    rigid = soft_tissue.together(local - local.mean(axis=0)).reshape(-1, soft_tissue.WIDTH) * np.repeat(
-        [size.shift, size.turn], 3
-    )
-    return rigid @ rigid.T + size.own**2 * np.eye(len(rigid))
+class _Cluster:
+    """The markers of one segment, and what people's skin does with them per unit of a regressor."""
 
+    def __init__(
+        self, segment: str, local: Array, middle: Array, nominal: Parameters, table: SkinTable, *, gait: bool
+    ) -> None:
+        self.kind, _, side = segment.partition("_")
+        self.pattern = soft_tissue.together(local - middle)
+        self._flat = self.pattern.reshape(-1, soft_tissue.WIDTH)
+        self._mirror = np.array([1.0, 1.0, -1.0 if side == "l" else 1.0])
+        self._field = table.get(self.kind)
+        self._size = SIZES[self.kind]
+        if self._field is not None:
+            knee = f"knee_{side}"
+            length = float(np.linalg.norm(nominal.centre(knee, f"thigh_{side}")))
+            self._larger = length / THIGH_M
+            place = (local - nominal.centre(knee, segment)) * self._mirror / length
+            self._functions = place_functions(place, gait=gait)
 
-def rigid_covariance(segment: str, pattern: Array) -> Array:
-    """(6, 6) m^2, m rad, rad^2, of what markers with `pattern` (nm, 3, 6) do together."""
-    size, flat = SIZES[segment.split("_")[0]], pattern.reshape(-1, soft_tissue.WIDTH)
-    out: Array = np.diag(np.repeat([size.shift, size.turn], 3) ** 2)
-    out += size.own**2 * np.linalg.pinv(flat.T @ flat, rcond=1e-6, hermitian=True)
-    return out
+    def _from_bones(self, regressor: str) -> SkinField | None:
+        return self._field if regressor.startswith(FROM_BONES) and not regressor.endswith(SQUARES) else None
+
+    def mean(self, regressor: str) -> Array:
+        """(nm, 3) m; squares have none."""
+        field = self._from_bones(regressor)
+        if field is None:
+            return np.zeros(self.pattern.shape[:2])
+        return np.asarray(self._larger * self._mirror * field.mean(self._functions))
+
+    def marker_covariance(self, regressor: str) -> Array:
+        """(3 nm, 3 nm) m^2 about the mean."""
+        field = self._from_bones(regressor)
+        if field is None:
+            size, more = self._size, np.zeros((len(self._flat),) * 2)
+        else:
+            size = ArtefactSize(self._larger * field.shift, field.turn, self._larger * field.own)
+            mirror = np.tile(self._mirror, len(self.pattern))
+            more = self._larger**2 * np.outer(mirror, mirror) * field.uncertainty(self._functions)
+        rigid = self._flat * np.repeat([size.shift, size.turn], 3)
+        return np.asarray(rigid @ rigid.T + size.own**2 * np.eye(len(rigid)) + more)
+
+    def rigid_covariance(self, regressor: str) -> Array:
+        """(6, 6) m^2, m rad, rad^2 about the mean, of what they do together."""
+        field = self._from_bones(regressor)
+        size = self._size
+        together = np.linalg.pinv(self._flat, rcond=1e-3)
+        more = np.zeros((soft_tissue.WIDTH,) * 2)
+        if field is not None:
+            size = ArtefactSize(self._larger * field.shift, field.turn, self._larger * field.own)
+            mirrored = self._larger * together * np.tile(self._mirror, len(self.pattern))
+            more = mirrored @ field.uncertainty(self._functions) @ mirrored.T
+        out = np.diag(np.repeat([size.shift, size.turn], 3) ** 2) + size.own**2 * together @ together.T + more
+        return np.asarray(0.5 * (out + out.T))
 
 
 @dataclass(frozen=True)
@@ -181,10 +273,18 @@ class SoftTissueScale:
 
     linear: float
     squares: float = 0.0
+    mean: float = 0.0
+    """E[min(s, 1)] of the linear columns, by which what is expected of them is multiplied: markers that deform more
+    than people's swing or are loose, they do not slide the further for it."""
+    mean_square: float = 0.0
+    """E[min(s, 1)^2]."""
 
-    def variance(self, regressor: str) -> float:
-        """E[s^2] of the columns of a regressor."""
-        return self.squares if regressor.endswith(SQUARES) else self.linear
+    def covariance(self, regressor: str, unit: Array, mean: Array, softness: float) -> Array:
+        """Of a regressor's columns about `softness` times their mean; `unit`, `mean`: both moments at s = 1."""
+        if regressor.endswith(SQUARES):
+            return np.asarray(self.squares * unit)
+        of_scale = max((1.0 + SEGMENT_SPREAD**2) * self.mean_square - 2.0 * softness * self.mean + softness**2, 0.0)
+        return np.asarray(self.linear * unit + of_scale * np.outer(mean, mean))
 
 
 def soft_tissue_scale(trials: Sequence[MotionProblem], *, possibly_still: bool = False) -> SoftTissueScale:
@@ -194,27 +294,34 @@ def soft_tissue_scale(trials: Sequence[MotionProblem], *, possibly_still: bool =
     """
     seen: dict[tuple[str, tuple[str, ...]], list[tuple[Sequence[str], Array, Array]]] = {}
     """Segment and its markers -> in every trial, regressors, Q and b by columns of unit variance."""
+    means: dict[tuple[str, tuple[str, ...]], dict[str, Array]] = {}
+    """Segment and its markers -> regressor -> mean by columns of unit variance."""
     for problem in trials:
         for group in problem.tissue.groups if problem.tissue else ():
             information, right = _deformation(problem, group)
             if information.any():
-                root = np.linalg.cholesky(marker_covariance(group.carrier, problem.data.local[group.markers]))
-                every = np.kron(np.eye(len(group.names)), root)
-                parts = seen.setdefault((group.carrier, problem.labels[group.markers]), [])
+                roots = [np.linalg.cholesky(covariance) for covariance in group.by_marker]
+                every, which = block_diag(*roots), (group.carrier, problem.labels[group.markers])
+                parts = seen.setdefault(which, [])
                 parts.append((group.names, every.T @ information @ every, every.T @ right))
-    plain, bent = [], []
-    for parts in seen.values():
+                for name, root, expected in zip(group.names, roots, group.expected, strict=True):
+                    means.setdefault(which, {}).setdefault(name, np.linalg.solve(root, expected.ravel()))
+    plain, bent = list[_Deformation](), list[_Deformation]()
+    for which, parts in seen.items():
         names, information, right = _together(parts)
+        mean = np.concatenate([means[which][name] for name in names])
         bends = np.repeat([name.endswith(SQUARES) for name in names], len(right) // len(names))
         linear, mixed = information[np.ix_(~bends, ~bends)], information[np.ix_(bends, ~bends)]
-        plain.append((linear, right[~bends]))
+        plain.append(_Deformation(linear, right[~bends], mean[~bends]))
         # what is left for the squares once the linear columns are integrated out, however large they may be
         inner = linear + np.eye(len(linear)) / SCALES[-1] ** 2
         left = np.linalg.solve(inner, np.column_stack([mixed.T, right[~bends]]))
-        bent.append((information[np.ix_(bends, bends)] - mixed @ left[:, :-1], right[bends] - mixed @ left[:, -1]))
-    squares_seen = any(len(right) for _, right in bent)
-    squares = _mean_square(bent, possibly_none=True, possibly_still=possibly_still) if squares_seen else 0.0
-    return SoftTissueScale(_mean_square(plain, possibly_still=possibly_still), squares)
+        of_squares = information[np.ix_(bends, bends)] - mixed @ left[:, :-1]
+        bent.append(_Deformation(of_squares, right[bends] - mixed @ left[:, -1], mean[bends]))
+    squares = 0.0
+    if any(len(part.right) for part in bent):
+        squares = _scale_moments(bent, possibly_none=True, possibly_still=possibly_still).linear
+    return replace(_scale_moments(plain, possibly_still=possibly_still), squares=squares)
 
 
 def _together(parts: Sequence[tuple[Sequence[str], Array, Array]]) -> tuple[list[str], Array, Array]:
@@ -229,11 +336,20 @@ def _together(parts: Sequence[tuple[Sequence[str], Array, Array]]) -> tuple[list
     return names, information, right
 
 
-def _mean_square(
-    parts: Sequence[tuple[Array, Array]], *, possibly_none: bool = False, possibly_still: bool = False
-) -> float:
-    """E[s^2] from Q and b of every segment, by columns of unit variance; if `possibly_none`, s is 0 with odds of one to
-    one before anything is seen, if `possibly_still`, each s_j by itself.
+@dataclass(frozen=True)
+class _Deformation:
+    """What one segment shows, by columns of unit variance."""
+
+    information: Array  # (n, n) Q
+    right: Array  # (n,) b
+    mean: Array  # (n,) mu
+
+
+def _scale_moments(
+    parts: Sequence[_Deformation], *, possibly_none: bool = False, possibly_still: bool = False
+) -> SoftTissueScale:
+    """The moments of s; if `possibly_none`, s is 0 with odds of one to one before anything is seen, if
+    `possibly_still`, each s_j by itself.
     """
     place = np.log(SCALES)
     apart = -0.5 * ((place[:, None] - place) / SEGMENT_SPREAD) ** 2
@@ -241,16 +357,24 @@ def _mean_square(
     """(s, s_j) log of the probability that a segment has s_j in a person who has s."""
     before = -0.5 * (place / LOG_SPREAD) ** 2
     log = before.copy()
-    for information, right in parts:
-        values, vectors = np.linalg.eigh(information)
-        values, along = np.maximum(values, 0.0), (vectors.T @ right) ** 2
-        square = SCALES[:, None] ** 2
-        alone = 0.5 * (square * along / (1.0 + square * values) - np.log1p(square * values)).sum(axis=1)
+    for part in parts:
+        values, vectors = np.linalg.eigh(part.information)
+        values, along, mean = np.maximum(values, 0.0), vectors.T @ part.right, vectors.T @ part.mean
+        s = SCALES[:, None]
+        about = along - s * values * mean
+        alone = 0.5 * (s**2 * about**2 / (1.0 + s**2 * values) - np.log1p(s**2 * values)).sum(axis=1)
+        alone += (s * mean * along - 0.5 * s**2 * values * mean**2).sum(axis=1)
         moved = logsumexp(apart + alone, axis=1)
         log += np.logaddexp(moved, 0.0) if possibly_still else moved
     top = max(float(log.max()), 0.0)
     weight, none = np.exp(log - top), float(np.exp(before).sum() * np.exp(-top)) if possibly_none else 0.0
-    return float(weight @ SCALES**2) / (float(weight.sum()) + none)
+    whole = float(weight.sum()) + none
+    sliding = np.minimum(SCALES, 1.0)
+    return SoftTissueScale(
+        linear=float(weight @ SCALES**2) / whole,
+        mean=float(weight @ sliding) / whole,
+        mean_square=float(weight @ sliding**2) / whole,
+    )
 
 
 def _deformation(problem: MotionProblem, group: soft_tissue.SegmentTissue) -> tuple[Array, Array]:
@@ -312,15 +436,14 @@ NO_TISSUE = TissuePrior((), np.zeros((0, 0)), np.zeros(0))
 
 
 def tissue_prior(trials: Sequence[MotionProblem], scales: Mapping[str, SoftTissueScale]) -> TissuePrior:
-    """The prior of the columns that trials have; `scales` by kind of task."""
+    """The prior of the columns that trials have, about what is expected of them; `scales` by kind of task."""
     blocks = dict[tuple[str, str], Array]()
     """(name of a regressor, segment) -> (6, 6)."""
     for problem in trials:
         for group in problem.tissue.groups if problem.tissue else ():
-            own = rigid_covariance(group.carrier, group.pattern)
-            for name in group.names:
-                kind, _, regressor = name.partition("/")
-                blocks.setdefault((name, group.carrier), scales[kind].variance(regressor) * own)
+            for name, unit, expected in zip(group.names, group.covariance, group.expected, strict=True):
+                scale, mean = scales[name.partition("/")[0]], group.rigid_part(expected)
+                blocks.setdefault((name, group.carrier), scale.covariance(name, unit, mean, group.softness))
     keys = tuple(f"{name}/{segment}/{component}" for name, segment in blocks for component in soft_tissue.COMPONENTS)
     secondary = secondary_prior(trials)
     every = (*secondary.keys, *keys)
@@ -336,6 +459,29 @@ def secondary_prior(trials: Sequence[MotionProblem]) -> TissuePrior:
 
 
 @dataclass(frozen=True)
+class FoundTissue:
+    """The artefact that a calibration found."""
+
+    values: Mapping[str, float] = field(default_factory=dict)
+    """Column -> m, rad, about what is expected."""
+    softness: Mapping[str, float] = field(default_factory=dict)
+    """Kind of task -> by which what is expected is multiplied."""
+
+    def displaced(self, problem: MotionProblem) -> MotionProblem:
+        """A trial, with its soft tissue, whose markers are where the artefact has them; knees stay hinges.
+
+        A column that was not found is as expected.
+        """
+        if problem.tissue is None or not problem.tissue.groups:
+            return problem
+        z = np.array([self.values.get(key, 0.0) for key in problem.tissue.keys])
+        return problem.shifted(problem.tissue.shift(z, len(problem.labels)))
+
+
+NO_FOUND_TISSUE = FoundTissue()
+
+
+@dataclass(frozen=True)
 class TaskTissue:
     """What may move the markers of each trial against their bones, and how far."""
 
@@ -343,12 +489,26 @@ class TaskTissue:
     regressors: Mapping[str, Mapping[str, Array]]  # Trial -> coordinate -> (nf,) psi of the joints that its task moves
     scales: Mapping[str, SoftTissueScale]  # Kind of task -> how soft the person is there
     secondary: Mapping[str, soft_tissue.SecondaryColumns]  # Trial of gait -> what knees do besides flexing
+    nominal: Parameters
+    table: SkinTable
+    fitted: bool = True
+    """Whether the artefact is fitted; else markers stay in their places, and all of it is a source of error."""
 
     def of(
         self, name: str, problem: MotionProblem, known: Collection[str] | None = None
     ) -> soft_tissue.SoftTissue | None:
         """The columns of a trial on the markers of some part of the body, or those `known` of them."""
-        return tissue_of(problem, self.kinds[name], self.regressors[name], known, secondary=self.secondary.get(name))
+        kind = self.kinds[name]
+        return tissue_of(
+            problem,
+            kind,
+            self.regressors[name],
+            self.nominal,
+            known,
+            self.secondary.get(name),
+            table=self.table,
+            softness=self.scales[kind].mean if self.fitted else 0.0,
+        )
 
     def of_bodies(
         self, bodies: Mapping[str, MotionProblem], known: Collection[str]
@@ -357,25 +517,50 @@ class TaskTissue:
         found = {name: self.of(name, body, known) for name, body in bodies.items()}
         return {name: columns for name, columns in found.items() if columns is not None}
 
+    def found(self, keys: Sequence[str], values: Array) -> FoundTissue:
+        """What a fit of the columns `keys` found, (nz,) m and rad."""
+        softness = {kind: scale.mean for kind, scale in self.scales.items()}
+        return FoundTissue(dict(zip(keys, values.tolist(), strict=True)), softness)
 
-def task_tissue(kinds: Mapping[str, str], parts: Mapping[str, MotionProblem], nominal: Parameters) -> TaskTissue:
-    """The soft tissue of trials, name -> kind of task, each by the part of the body that is fitted to it."""
+
+def task_tissue(
+    kinds: Mapping[str, str],
+    parts: Mapping[str, MotionProblem],
+    nominal: Parameters,
+    table: SkinTable | None = None,
+    *,
+    fitted: bool = True,
+) -> TaskTissue:
+    """Size the soft tissue of trials.
+
+    Parameters
+    ----------
+    kinds : trial -> kind of task.
+    parts : trial -> the part of the body that is fitted to it.
+    nominal : by which trials are tracked.
+    table : skin of people; gaitcal's own unless given.
+    fitted : whether the artefact will be fitted, or is a source of error alone.
+    """
+    table = people_table() if table is None else table
     angles = {name: _angles(nominal, parts[name]) for name in kinds}
     regressors, scales = dict[str, Mapping[str, Array]](), dict[str, SoftTissueScale]()
     for kind in dict.fromkeys(kinds.values()):
         names = [name for name in kinds if kinds[name] == kind]
-        regressors |= dict(zip(names, task_regressors([angles[n] for n in names], squares=True), strict=True))
+        found = task_regressors([angles[n] for n in names], parts[names[0]].posture, squares=True)
+        regressors |= dict(zip(names, found, strict=True))
     gait = [name for name in kinds if kinds[name] == GAIT]
     secondary = dict(zip(gait, soft_tissue.secondary_columns(GAIT, [angles[n] for n in gait]), strict=True))
     isolated = [name for name in kinds if kinds[name] in ISOLATED_JOINTS]
     for alike in (gait, isolated, *([name] for name in kinds if name not in (*gait, *isolated))):
-        soft = [replace(parts[n], tissue=tissue_of(parts[n], kinds[n], regressors[n])) for n in alike]
+        soft = [
+            replace(parts[n], tissue=tissue_of(parts[n], kinds[n], regressors[n], nominal, table=table)) for n in alike
+        ]
         scale = soft_tissue_scale(soft, possibly_still=alike not in (gait, isolated))
         scales |= {kinds[name]: scale for name in alike}
         if scale.squares < LEAST_SQUARES:
             for n in alike:
                 regressors[n] = {c: psi for c, psi in regressors[n].items() if not c.endswith(SQUARES)}
-    return TaskTissue(kinds, regressors, scales, secondary)
+    return TaskTissue(kinds, regressors, scales, secondary, nominal, table, fitted)
 
 
 def _angles(nominal: Parameters, part: MotionProblem) -> dict[str, Array]:
@@ -384,13 +569,18 @@ def _angles(nominal: Parameters, part: MotionProblem) -> dict[str, Array]:
     return {name: values for name, values, on in zip(part.chain.coordinates, q.T, part.active, strict=True) if on}
 
 
-def tissue_of_walk(walk: MotionProblem, nominal: Parameters, known: Collection[str]) -> soft_tissue.SoftTissue | None:
+def tissue_of_walk(
+    walk: MotionProblem, legs: MotionProblem, nominal: Parameters, known: Collection[str], softness: float
+) -> soft_tissue.SoftTissue | None:
     """The soft tissue and secondary motions of a walk that took no part in a calibration: those `known` of its walks
-    (`kind/regressor/...`, of an `ErrorSources`), with the angles of this one.
+    (`kind/regressor/...`, of an `ErrorSources`), with the angles of this one, and `softness` times what is expected.
+
+    `legs`: the part of the walk that a calibration fits, by which angles are tracked.
     """
-    angles = _angles(nominal, walk)
-    (every,) = task_regressors([angles], squares=True)
+    angles = _angles(nominal, legs)
+    (every,) = task_regressors([angles], walk.posture, squares=True)
     regressors = {name: psi for name, psi in every.items() if any(key.startswith(f"{GAIT}/{name}/") for key in known)}
     knees = {name: phi for name, phi in angles.items() if any(key.startswith(f"{GAIT}/{name}/^") for key in known)}
     (secondary,) = soft_tissue.secondary_columns(GAIT, [knees])
-    return tissue_of(walk, GAIT, regressors, known, secondary if secondary.names else None)
+    secondary_or_none = secondary if secondary.names else None
+    return tissue_of(walk, GAIT, regressors, nominal, known, secondary_or_none, softness=softness)

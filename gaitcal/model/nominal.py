@@ -124,7 +124,7 @@ def nominal_model(
         nominal=parameters,
         markers=markers,
         frozen=linkage.coordinates_before(frozen),
-        posture=_posture(frames, standing.dorsiflexion),
+        posture=_posture(frames, standing.dorsiflexion, joint),
         landmarks={
             name: (_OF_POINT[name], frames[_OF_POINT[name]].local(point))
             for name, point in sorted({**posture.landmarks, **centres}.items())
@@ -146,18 +146,28 @@ def nominal_model(
     )
 
 
-def _posture(frames: Mapping[str, Frame], dorsiflexion: Mapping[str, float]) -> dict[str, float]:
-    """Coordinates (rad) of pelvis, lumbar joint, hips and ankles in the static posture."""
+def _posture(frames: Mapping[str, Frame], dorsiflexion: Mapping[str, float], joint: Array) -> dict[str, float]:
+    """Coordinates (rad) of pelvis, lumbar joint, hips, knees and ankles in the static posture."""
     pelvis = frames["pelvis"].rotation
     ahead = rotations.axis_rotation(1, float(np.arctan2(pelvis[2, 0], pelvis[0, 0]))) @ pelvis
     turns = {linkage.PELVIS_ANGLES: (ahead, 1.0), linkage.LUMBAR: (pelvis.T @ frames["head_trunk"].rotation, 1.0)}
     for side in linkage.SIDES:
         turns[linkage.coordinates_before([f"thigh_{side}"])] = (pelvis.T @ frames[f"thigh_{side}"].rotation, sign(side))
     out = {f"ankle_angle_{side}": float(dorsiflexion[side]) for side in linkage.SIDES}
+    for side in linkage.SIDES:
+        shank = frames[f"thigh_{side}"].rotation.T @ frames[f"shank_{side}"].rotation
+        out[f"knee_angle_{side}"] = knee_flexion(shank, joint, side)
     for names, (rotation, mirrored) in turns.items():
         (angles,) = rotations.root_angles(rotation[None]) * [1.0, mirrored, mirrored]
         out |= dict(zip(names, map(float, angles), strict=True))
     return out
+
+
+def knee_flexion(shank: Array, joint: Array, side: str) -> float:
+    """Flexion (rad) of a knee whose shank has the orientation (3, 3) in the thigh, with joint parameters (98,)."""
+    front, trans = (float(joint[JP_INDEX[f"knee_{side}.shank.{name}"]]) for name in ("front", "trans"))
+    about = shank @ rotations.axis_rotation(0, front) @ rotations.axis_rotation(1, trans)
+    return float(-np.arctan2(about[1, 0], about[0, 0]))
 
 
 def _carried(marker_set: MarkerSet, sides: tuple[str, ...]) -> list[str]:

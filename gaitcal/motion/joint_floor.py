@@ -76,6 +76,7 @@ def joint_floor(problem: trial_problem.MotionProblem, parameters: Parameters, q:
             marker_residual.PlacedMarkers(data.segment[markers], data.local[markers]),
             data.measured[markers],
             data.weight[markers] / shares[markers, None],
+            None if data.shift is None else data.shift[markers],
         )
         root = np.hstack([origins[s].T, root_angles(axes[s].transpose(2, 1, 0))])
         turns = [chain.coordinates.index(name) for name in coordinates_before(p.child for p in parts)]
@@ -124,7 +125,7 @@ class _JointAlone:
         """(markers, nf) m, at the minimum."""
         parameters, q = self.split(descent.descend(self, self.first, SETTINGS).x)
         body = self.body.with_free(parameters)
-        model = marker_residual.marker_positions(body, self.data.placed, q)
+        model = marker_residual.marker_positions(body, self.data.placed, q, self.data.shift)
         return np.linalg.norm(model - self.data.measured, axis=1)
 
     def split(self, x: Array) -> tuple[Parameters, Array]:

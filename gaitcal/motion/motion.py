@@ -241,7 +241,8 @@ def rigid_floor(problem: MotionProblem) -> MarkerErrors:
     distance = np.full((data.weight.shape[1], len(problem.labels)), np.nan)
     for s in np.unique(data.segment).tolist():
         of = np.flatnonzero(data.segment == s)
-        distance[:, of] = rigid_distances(data.local[of], data.measured[of], data.weight[of]).T
+        local = data.local[of] if data.shift is None else data.local[of, :, None] + data.shift[of]
+        distance[:, of] = rigid_distances(local, data.measured[of], data.weight[of]).T
     return _errors(problem, distance)
 
 

@@ -74,6 +74,8 @@ class SegmentMoments:
         for k, (_, markers) in enumerate(groups):
             flat = pull[markers].reshape(-1, 3 * nf)
             np.matmul(data.placed.extended[markers].T, flat, out=self._mixed[k].reshape(4, 3 * nf))
+            if data.shift is not None:
+                self._mixed[k, :3] += np.einsum("mjf,mif->jif", data.shift[markers], pull[markers])
 
     def fits(self) -> dict[int, RigidFit]:
         """Rigid fits of the segments that carry markers."""
@@ -103,25 +105,32 @@ class SegmentMoments:
 
 
 def rigid_distances(local: Array, measured: Array, weight: Array) -> Array:
-    """(nm, nf) m, distances that remain when the segment follows its markers; NaN where the weight is zero."""
+    """(nm, nf) m, distances that remain when the segment follows its markers; NaN where the weight is zero.
+
+    `local`: (nm, 3) m, or (nm, 3, nf) where they move in the segment.
+    """
     spread, x_mean, l_mean = _moments(local, measured, weight)
     rotation, determined = best_rotation(spread)
     if not determined.all():  # one or two markers, or all on a line: any of the best rotations will do
         any_best = nearest_rotation(spread[:, :, ~determined].transpose(2, 0, 1))
         rotation[:, :, ~determined] = any_best.transpose(1, 2, 0)
-    model = np.einsum("ijf,mjf->mif", rotation, local[:, :, None] - l_mean) + x_mean
+    by_frame = local.reshape(*local.shape[:2], -1)
+    model = np.einsum("ijf,mjf->mif", rotation, by_frame - l_mean) + x_mean
     distance: Array = np.linalg.norm(model - measured, axis=1)
     distance[weight <= 0] = np.nan
     return distance
 
 
 def _moments(local: Array, measured: Array, weight: Array) -> tuple[Array, Array, Array]:
-    """B (3, 3, nf), and the weighted means of measured and local positions (3, nf)."""
+    """B (3, 3, nf), and the weighted means of measured positions and of local ones, (nm, 3) or (nm, 3, nf): (3, nf)."""
     total = weight.sum(axis=0)
     safe = np.where(total > 0, total, 1.0)
     x_mean = np.einsum("mf,mif->if", weight, measured) / safe
-    l_mean = (local.T @ weight) / safe
-    return np.einsum("mif,mj->ijf", weight[:, None] * (measured - x_mean), local), x_mean, l_mean
+    pull = weight[:, None] * (measured - x_mean)
+    if local.ndim == 2:
+        return np.einsum("mif,mj->ijf", pull, local), x_mean, (local.T @ weight) / safe
+    l_mean = np.einsum("mf,mjf->jf", weight, local) / safe
+    return np.einsum("mif,mjf->ijf", pull, local), x_mean, l_mean
 
 
 def best_rotation(b: Array) -> tuple[Array, BoolArray]:

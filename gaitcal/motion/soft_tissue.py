@@ -2,11 +2,11 @@
 
 The markers of a segment shift and turn together about their middle c, in proportion to some functions psi of time:
 
-    marker m at   l_m + sum_r psi_r(t) B_m z_r,      B_m = [1, -(l_m - c) x]  (3, 6),
+    marker m at   l_m + sum_r psi_r(t) (mu_mr + B_m z_r),      B_m = [1, -(l_m - c) x]  (3, 6),
 
-z_r three shifts (m) and three turns (rad). They are shared by all frames, and those of the same key by all trials. With
-R the segment's axes, x_m the marker and v_k the velocity that variable k gives it, the half gradient and the entries of
-the Gauss-Newton matrix are
+mu_mr what is expected of the marker, z_r three shifts (m) and three turns (rad) about that. They are shared by all
+frames, and those of the same key by all trials. With R the segment's axes, x_m the marker and v_k the velocity that
+variable k gives it, the half gradient and the entries of the Gauss-Newton matrix are
 
     g_r = sum_t psi_r sum_m w B_m^T R^T r_m,                H_kr = sum_t psi_r sum_m w B_m^T R^T v_k,
     H_rs = sum_t psi_r psi_s sum_m w B_m^T B_m.
@@ -24,6 +24,8 @@ trials of one kind of task, of mean square one: sizes of z are those of the moti
 z are variables of the chain like joint parameters (`Chain.secondary`); their columns are those of a joint that slides
 or turns there, times b, so that all equations of a trial hold them. Tracking and torques keep the hinge.
 """
+
+from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -108,6 +110,15 @@ class SegmentTissue:
     pattern: Array  # (nm, 3, 6) B of its markers
     names: tuple[str, ...]  # (nr,) `gait/hip_flexion_r`: the same name on a segment of two trials is the same unknown
     regressors: Array  # (nr, nf) psi
+    expected: Array  # (nr, nm, 3) m: what the markers of a person of softness 1 do before anything is fitted
+    covariance: Array  # (nr, 6, 6) m^2, m rad, rad^2 of z
+    by_marker: Array  # (nr, 3 nm, 3 nm) m^2 of the markers about `expected`, deformation and all
+    softness: float = 1.0  # mu is so much of `expected`
+
+    def rigid_part(self, moves: Array) -> Array:
+        """(6,) the shift and turn nearest to what each marker does, (nm, 3) m."""
+        flat = self.pattern.reshape(-1, WIDTH)
+        return np.asarray(np.linalg.pinv(flat, rcond=1e-3) @ moves.ravel())
 
 
 @dataclass(frozen=True)
@@ -131,6 +142,7 @@ class SoftTissue:
         for group in self.groups:
             part = z[at : at + WIDTH * len(group.names)].reshape(-1, WIDTH)
             out[group.markers] = group.pattern @ (part.T @ group.regressors)
+            out[group.markers] += group.softness * np.einsum("rmi,rf->mif", group.expected, group.regressors)
             at += part.size
         return out
 

@@ -107,8 +107,8 @@ class MotionProblem:
             data = replace(data, shift=self.tissue.shift(z[count:], len(self.labels)))
         return self.with_data(data)
 
-    def shifted(self, shift: Array) -> MotionProblem:
-        """The same trial with its markers (nm, 3, nf) m from their places."""
+    def shifted(self, shift: Array | None) -> MotionProblem:
+        """The same trial with its markers (nm, 3, nf) m from their places; None: in their places."""
         return self.with_data(replace(self.data, shift=shift))
 
     def with_data(self, data: marker_residual.MarkerData) -> MotionProblem:

@@ -11,6 +11,7 @@ import numpy as np
 
 from gaitcal.arrays import Array, BoolArray
 from gaitcal.calibration.error_sources import ErrorSources
+from gaitcal.calibration.soft_tissue_artefact import FoundTissue
 from gaitcal.errors import Code, Finding, InputError
 from gaitcal.faults.verdict import Judgement
 from gaitcal.io.labels import FootEvent, FootMoment
@@ -109,7 +110,7 @@ def _static_angles(summary: Mapping[str, object], folder: Path) -> dict[str, flo
 
 
 def save_uncertainty(uncertainty: Uncertainty, path: Path) -> None:
-    """What further trials need for standard errors: influences on the joint parameters, spread of the inertial."""
+    """What further trials need: influences on the joint parameters, spread of the inertial, the artefact found."""
     arrays: dict[str, np.ndarray] = {}
     if uncertainty.joint is not None:
         arrays["joint_free"] = np.array(uncertainty.joint.free, dtype=str)
@@ -117,6 +118,8 @@ def save_uncertainty(uncertainty: Uncertainty, path: Path) -> None:
         arrays["joint"] = uncertainty.joint.parameters
     if uncertainty.inertial is not None:
         arrays["inertial"] = uncertainty.inertial
+    for name, values in (("tissue", uncertainty.tissue.values), ("softness", uncertainty.tissue.softness)):
+        arrays[f"{name}_names"], arrays[name] = np.array(list(values), dtype=str), np.array(list(values.values()))
     np.savez_compressed(path, **arrays)  # type: ignore[arg-type]
 
 
@@ -128,7 +131,14 @@ def load_uncertainty(path: Path) -> Uncertainty:
             if "joint" in stored:
                 names = tuple(str(n) for n in stored["joint_free"])
                 joint = ErrorSources(names, stored["joint"], tuple(str(c) for c in stored["joint_clusters"]))
-            return Uncertainty(joint, stored.get("inertial"))
+            found = FoundTissue()  # of results that were tracked with markers in their places
+            if "tissue" in stored:
+                values, softness = (
+                    dict(zip(map(str, stored[f"{name}_names"]), stored[name].tolist(), strict=True))
+                    for name in ("tissue", "softness")
+                )
+                found = FoundTissue(values, softness)
+            return Uncertainty(joint, stored.get("inertial"), found)
     except (OSError, ValueError, KeyError, EOFError, BadZipFile) as error:
         raise InputError(f"cannot be read: {error}", source=path, code=Code.DAMAGED_RESULT) from None
 

@@ -117,7 +117,9 @@ def track(session: Session, progress: Progress) -> Session:
         session,
         parameters=counted.parameters,
         static_angles=counted.static,
-        uncertainty=Uncertainty(nominal_errors() if joint is None else joint.errors, None),
+        uncertainty=Uncertainty(nominal_errors(), None)
+        if joint is None
+        else Uncertainty(joint.errors, None, joint.artefact),
     )
     stage = Stage.NOMINAL if joint is None else Stage.JP
     session = replace(session, trials=tuple(tracked(t, session, stage) for t in session.trials))

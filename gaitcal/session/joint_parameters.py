@@ -64,7 +64,7 @@ def fit_joints(session: Session, progress: Progress = silent, *, leave_out: bool
             progress("joint parameters with blocks of time left out")
             errors = hold_out(trials, nominal, fit)
             trials = tuple(replace(t, held_out=errors.get(t.name)) for t in trials)
-        trials = tuple(replace(t, tissue=joint.tissue.get(t.name)) for t in trials)
+        trials = tuple(t.with_tissue(joint.tissue.get(t.name), joint.artefact) for t in trials)
         if settings.ip != "published":
             parameters = parameters.with_inertial(with_joints_of(parameters.inertial, nominal, parameters))
     return replace(session, trials=trials, joint=joint, parameters=parameters, findings=findings)
@@ -91,7 +91,8 @@ def joint_parameters(
     phases_of = joint_phases.simultaneous_phases if fits_legs_together(settings) else joint_phases.sequential_phases
     phases = phases_of(taking_part, {side: of_gait(side) for side in sides})
     used = [t for t in taking_part if t.joint is None or t.joint[-1] in sides]
-    soft = soft_tissue_artefact.task_tissue({t.name: t.kind for t in used}, {t.name: t.fitted for t in used}, nominal)
+    kinds, parts = {t.name: t.kind for t in used}, {t.name: t.fitted for t in used}
+    soft = soft_tissue_artefact.task_tissue(kinds, parts, nominal, fitted=False)
     phases = [phase.with_tissue(soft) for phase in phases]
     weak = joint_prior.WEAK if settings.prior == "weak" else None
     how = joint_phases.PhaseSettings(search=bounds, prior=weak, equal_weights=True, fits_tissue=False)

@@ -9,6 +9,7 @@ import numpy as np
 from gaitcal.arrays import Array, BoolArray
 from gaitcal.calibration import inertial_calibration, joint_phases
 from gaitcal.calibration.error_sources import ErrorSources
+from gaitcal.calibration.soft_tissue_artefact import NO_FOUND_TISSUE, FoundTissue
 from gaitcal.dynamics import inverse_dynamics, measurement_errors
 from gaitcal.dynamics.expected_residual import ExpectedResidual, ResidualMagnitudes, residual_magnitudes
 from gaitcal.dynamics.ground_reactions import GroundReactions, leg_of
@@ -238,6 +239,8 @@ class Uncertainty:
     """ErrorSources of every source of error on the joint parameters, fitted or not; None: they count as exact."""
     inertial: Array | None
     """(84, n) R with covariance R R^T of the inertial parameters."""
+    tissue: FoundTissue = NO_FOUND_TISSUE
+    """The soft tissue artefact of gait, for further walks."""
 
     @property
     def standard_errors(self) -> Mapping[str, float]:

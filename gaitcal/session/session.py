@@ -13,6 +13,7 @@ import numpy as np
 from gaitcal.arrays import Array
 from gaitcal.calibration import error_sources, inertial_calibration, joint_phases, joint_prior
 from gaitcal.calibration.combined import CombinedFit
+from gaitcal.calibration.soft_tissue_artefact import FoundTissue
 from gaitcal.dynamics.ground_reactions import GroundReactions, reactions_of_motion
 from gaitcal.errors import Finding, InputError
 from gaitcal.faults.contradiction import PossibleMove
@@ -56,6 +57,20 @@ class MovingTrial(Trial):
     reactions: GroundReactions | None = None  # On the feet; None without force plates
     scores: error_sources.MarkerScores | None = None  # Of the markers of a gait trial
     held_out: HeldOut | None = None
+
+    def with_tissue(self, tissue: SoftTissue | None, found: FoundTissue) -> "MovingTrial":
+        """With the skin that moves on the markers of the body, which are where `found` has them."""
+        body = found.displaced(replace(self.body, tissue=tissue))
+        if body.data.shift is None:
+            return replace(self, tissue=tissue)
+        shift = dict(zip(body.labels, body.data.shift, strict=True))
+
+        def displaced(problem: MotionProblem) -> MotionProblem:
+            return problem.shifted(np.array([shift[label] for label in problem.labels]))
+
+        return replace(
+            self, tissue=tissue, body=displaced(self.body), fitted=displaced(self.fitted), joints=displaced(self.joints)
+        )
 
     @property
     def with_skin(self) -> MotionProblem:
@@ -222,7 +237,7 @@ def tracked(trial: MovingTrial, session: Session, stage: Stage) -> MovingTrial:
     """A trial tracked with the nominal and the last model of its session, which is of `stage`, and its forces."""
     model, parameters = session.model, session.parameters
     part = trial.body if trial.joint is None else trial.fitted
-    trial = trial.reached(Stage.NOMINAL, model.nominal, tracked_motion(part, model.nominal))
+    trial = trial.reached(Stage.NOMINAL, model.nominal, tracked_motion(part.shifted(None), model.nominal))
     if trial.joint is not None and stage is Stage.NOMINAL:
         stage = Stage.JP  # the whole body beside the segments of the joint
     if stage is not Stage.NOMINAL:

@@ -63,8 +63,15 @@ def analyse(
     """
     prepared = prepare_trial(trial, model, settings)
     if uncertainty.joint is not None:
-        tissue = soft_tissue_artefact.tissue_of_walk(prepared.body, model.nominal, uncertainty.joint.free)
-        prepared = replace(prepared, tissue=tissue)
+        found = uncertainty.tissue
+        tissue = soft_tissue_artefact.tissue_of_walk(
+            prepared.body,
+            joint_phases.segments_of(prepared.joints, LOWER_BODY, model.nominal),
+            model.nominal,
+            uncertainty.joint.free,
+            found.softness.get(soft_tissue_artefact.GAIT, 0.0),
+        )
+        prepared = prepared.with_tissue(tissue, found)
     session = Session(
         model=model,
         settings=settings,

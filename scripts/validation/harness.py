@@ -42,6 +42,7 @@ T = TypeVar("T")
 MEMBERS = {
     "attacks": "attacks.check",
     "clinics": "clinics.check",
+    "bones": "bones.check",
     "people": "people.check",
     "truth": "truth.check",
     "vendors": "vendors",

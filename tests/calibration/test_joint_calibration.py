@@ -55,6 +55,9 @@ def soft_knee_trial(seed: int, names: tuple[str, ...], segments: tuple[str, ...]
             pattern=together(local[markers] - local[markers].mean(axis=0)),
             names=names,
             regressors=rng.normal(size=(len(names), 30)),
+            expected=np.zeros((len(names), markers.stop - markers.start, 3)),
+            covariance=np.zeros((len(names), 6, 6)),
+            by_marker=np.zeros((len(names), 0, 0)),
         )
         for s, markers in problem.data.placed.groups
         if problem.chain.segments[s] in segments

@@ -81,7 +81,7 @@ def with_tissue(rng: np.random.Generator, frames: int) -> tuple[MotionProblem, T
     problem, _ = hip_trial(3, frames=frames, nodes=7)
     problem = noisy(problem, rng, 0.004)
     (psi,) = task_regressors([{"hip_flexion_r": rng.normal(size=frames)}])
-    problem = replace(problem, tissue=tissue_of(problem, "gait", psi))
+    problem = replace(problem, tissue=tissue_of(problem, "gait", psi, perturbed_parameters(rng)))
     return problem, tissue_prior([problem], {"gait": SoftTissueScale(0.1)})
 
 
@@ -304,7 +304,7 @@ def soft_person(seed: int) -> tuple[MotionProblem, Array]:
     seen = problem.shifted(shift).positions(coefficients, problem.body(parameters))
     problem = problem.with_measured(seen + rng.normal(0, 5e-4, seen.shape))
     truth = parameters.joint[[JP_INDEX[n] for n in HIP]]
-    return replace(problem, tissue=tissue_of(problem, "gait", psi)), truth
+    return replace(problem, tissue=tissue_of(problem, "gait", psi, parameters, table={})), truth
 
 
 @pytest.mark.slow

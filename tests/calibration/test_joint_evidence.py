@@ -9,12 +9,13 @@ import pytest
 from gaitcal.calibration.error_sources import source_of
 from gaitcal.calibration.joint_calibration import JointSettings
 from gaitcal.calibration.joint_phases import LEG_PARAMETERS, JointCalibration, JointProblem, calibrate_by_evidence
-from gaitcal.calibration.soft_tissue_artefact import GAIT, SQUARES, beside, marker_covariance, task_regressors
+from gaitcal.calibration.soft_tissue_artefact import GAIT, SQUARES, beside, task_regressors
 from gaitcal.dynamics.measurement_errors import ErrorSource
 from gaitcal.model.linkage import joint_segments
 from gaitcal.model.parameters import JP_NAMES, Parameters
 from gaitcal.motion.trial_problem import MotionProblem
 from tests.derivatives import perturbed_parameters, random_trial
+from tests.soft_tissue import marker_covariance
 
 WHITE = 0.001
 """m: noise of every marker."""
@@ -74,7 +75,7 @@ def test_phases_name_the_recordings_and_tell_their_noise() -> None:
     assert upper.noise["nominal"] == pytest.approx(WHITE, rel=0.5)
 
 
-def test_motions_have_the_soft_tissue_of_their_kind_and_what_was_found_is_an_error_of_theirs() -> None:
+def test_motions_have_the_soft_tissue_of_their_kind_with_markers_where_it_was_found() -> None:
     """Every kind of task with columns of its own; an isolated trial's on the segments of its joint alone."""
     walk, knee = soft_walk(11, "walk", 1.0), soft_walk(11, "bends", 0.2)
     segments = joint_segments("knee_r")
@@ -89,9 +90,13 @@ def test_motions_have_the_soft_tissue_of_their_kind_and_what_was_found_is_an_err
     assert knees is not None and found.tissue["bends"].secondary is None
     of_skin = {*found.tissue["walk"].keys, *found.tissue["bends"].keys}
     assert {*of_skin, *knees.keys} == set(errors.free) - set(JP_NAMES)
-    column = errors.parameters[:, errors.clusters.index("skin/found")]
-    joints = np.array([name in JP_NAMES for name in errors.free])
-    assert not column[joints].any() and column[~joints].all()
+    assert {*of_skin, *knees.keys} == set(found.artefact.values)
+    assert found.artefact.softness["knee_r"] < 0.5 * found.artefact.softness[GAIT] < 0.8
+    body = replace(walk, tissue=found.tissue["walk"])
+    z = np.array([found.artefact.values[key] for key in body.tissue.keys])
+    shift = found.artefact.displaced(body).data.shift
+    np.testing.assert_array_equal(shift, body.tissue.shift(z, len(body.labels)))
+    assert 5e-4 < np.sqrt(np.mean(shift**2)) < 0.02 and found.artefact.displaced(walk) is walk
     assert found.phases[0].parameters == len(LEG_PARAMETERS) + len(errors.free) - len(JP_NAMES)
 
 

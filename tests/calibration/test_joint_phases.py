@@ -70,6 +70,9 @@ def test_soft_tissue_moves_no_flat_fit_and_a_posterior_is_as_wide_as_it_makes_it
         regressors={"isolated": psi, "walk": {}},
         scales={"knee_r": SoftTissueScale(1e6)},
         secondary={},
+        nominal=truth,
+        table={},
+        fitted=False,
     )
     phases = [phase.with_tissue(soft) for phase in rigid]
     assert phases[0].tissue.keys and not phases[1].tissue.keys

@@ -17,20 +17,20 @@ from gaitcal.calibration.soft_tissue_artefact import (
     SQUARES,
     SoftTissueScale,
     beside,
-    marker_covariance,
-    rigid_covariance,
     soft_tissue_scale,
     task_regressors,
     tissue_of,
     tissue_prior,
 )
+from gaitcal.calibration.soft_tissue_table import THIGH_M, people_table, place_functions
 from gaitcal.model.kinematics import Kinematics
 from gaitcal.model.parameters import Parameters, isolated_parameters
 from gaitcal.motion.banded import eliminate
 from gaitcal.motion.rigid import rigid_fit
-from gaitcal.motion.soft_tissue import LEAST_SPREAD, SegmentTissue, together
+from gaitcal.motion.soft_tissue import LEAST_SPREAD, SegmentTissue, SoftTissue, together
 from gaitcal.motion.trial_problem import MotionProblem
 from tests.derivatives import Array, assert_covariance, perturbed_parameters, random_trial, started
+from tests.soft_tissue import marker_covariance
 
 HIP = isolated_parameters("hip_r")
 SEGMENTS = ("pelvis", "thigh_r")
@@ -64,7 +64,7 @@ def person(
         seen = first.shifted(shift).positions(motion, first.body(parameters))
         trial = first.with_measured(seen + rng.normal(0, noise, seen.shape))
         used = psi if squares else {name: values for name, values in psi.items() if not name.endswith(SQUARES)}
-        trials.append(replace(trial, name=f"walk {k}", tissue=tissue_of(trial, KIND, used)))
+        trials.append(replace(trial, name=f"walk {k}", tissue=tissue_of(trial, KIND, used, parameters, table={})))
     return trials
 
 
@@ -101,19 +101,31 @@ def test_soft_tissue_moves_with_the_joints_at_both_ends_of_its_segment() -> None
     assert set(beside("pelvis")) == {f"hip_{m}_{s}" for m in ("flexion", "adduction", "rotation") for s in "rl"}
 
 
-def test_regressors_are_angles_by_their_spread_over_all_trials_of_a_kind() -> None:
+def test_regressors_are_angles_from_the_static_posture_by_their_rms_over_all_trials_of_a_kind() -> None:
     rng = np.random.default_rng(1)
     flexion, still = [rng.normal(0.3, 0.4, 50), rng.normal(0.5, 0.2, 80)], rng.normal(0.1, 0.2 * LEAST_SPREAD, 80)
-    first, second = task_regressors([{"flexion": flexion[0]}, {"flexion": flexion[1], "still": still}], squares=True)
+    posture = {"flexion": 0.2}
+    first, second = task_regressors(
+        [{"flexion": flexion[0]}, {"flexion": flexion[1], "still": still}], posture, squares=True
+    )
     assert set(first) == {"flexion", "flexion" + SQUARES} and {"still", "still" + SQUARES} < set(second)
     every = np.concatenate([first["flexion"], second["flexion"]])
-    np.testing.assert_allclose([every.mean(), every.std()], [0.0, 1.0], atol=1e-12)
-    np.testing.assert_allclose(np.diff(first["flexion"]), np.diff(flexion[0]) / np.concatenate(flexion).std())
-    np.testing.assert_allclose(second["still"], (still - still.mean()) / LEAST_SPREAD)
-    np.testing.assert_allclose(first["flexion" + SQUARES], first["flexion"] ** 2 - 1.0)  # less their mean over the kind
-    np.testing.assert_allclose(second["flexion" + SQUARES], second["flexion"] ** 2 - 1.0)
-    np.testing.assert_allclose(second["still" + SQUARES], (square := second["still"] ** 2) - square.mean())
-    assert set(task_regressors([{"flexion": flexion[0]}])[0]) == {"flexion"}
+    size = np.sqrt(np.mean((np.concatenate(flexion) - 0.2) ** 2))
+    np.testing.assert_allclose(first["flexion"], (flexion[0] - 0.2) / size)
+    np.testing.assert_allclose(second["still"], still / np.sqrt(np.mean(still**2)))
+    bend = np.concatenate([first["flexion" + SQUARES], second["flexion" + SQUARES]])
+    np.testing.assert_allclose(every @ bend, 0.0, atol=1e-9 * len(every))
+    slope = np.linalg.lstsq(every[:, None], every**2 - bend, rcond=None)[0]
+    np.testing.assert_allclose(bend, every**2 - slope * every)
+
+
+def test_knee_flexion_counts_in_radians_and_its_bend_in_the_task() -> None:
+    angle = np.random.default_rng(2).normal(0.5, 0.3, 90)
+    (psi,) = task_regressors([{"knee_angle_l": angle}], {"knee_angle_l": 0.1}, squares=True)
+    np.testing.assert_allclose(psi["knee_angle_l"], angle - 0.1)
+    relative = (angle - 0.1) / np.sqrt(np.mean((angle - 0.1) ** 2))
+    np.testing.assert_allclose(psi["knee_angle_l" + SQUARES], relative**2 - np.mean(relative**3) * relative)
+    assert set(task_regressors([{"knee_angle_l": angle}])[0]) == {"knee_angle_l"}
 
 
 def velocities(problem: MotionProblem, coefficients: Array, parameters: Parameters) -> tuple[Array, Array]:
@@ -156,7 +168,7 @@ def test_six_columns_a_segment_leave_the_joints_where_columns_of_every_marker_do
             for m in range(group.markers.start, group.markers.stop):
                 moved[m, :, :, m] = (axes[m] * psi).transpose(0, 2, 1)
             columns.append(moved[..., group.markers, :].reshape(len(slope), -1))
-            weights.append(np.linalg.inv(scale.variance(name) * covariance))
+            weights.append(np.linalg.inv((scale.squares if name.endswith(SQUARES) else scale.linear) * covariance))
     whole = np.hstack(columns)
     gap = (problem.positions(coefficients, problem.body(parameters)) - problem.data.measured).ravel()
     dense = np.linalg.inv(whole.T @ whole / NOISE**2 + block_diag(*weights))
@@ -170,7 +182,8 @@ def of_kind(problem: MotionProblem, kind: str) -> MotionProblem:
     """The same trial as one of another kind of task."""
     columns = (column for g in groups_of(problem) for column in zip(g.names, g.regressors, strict=True))
     regressors = {name.split("/")[-1]: psi for name, psi in columns}
-    return replace(problem, tissue=tissue_of(problem, kind, regressors))
+    nominal = perturbed_parameters(np.random.default_rng(0))
+    return replace(problem, tissue=tissue_of(problem, kind, regressors, nominal, table={}))
 
 
 def dense_density(trials: Sequence[MotionProblem], segment: str, variances: Sequence[Mapping[bool, float]]) -> Array:
@@ -245,7 +258,7 @@ def test_a_cluster_that_slides_as_a_whole_borrows_the_scale_of_one_that_deforms(
     at = [k for k, key in enumerate(prior.keys) if key.startswith(f"{KIND}/hip_adduction_r/pelvis/")]
     (group,) = [g for g in groups_of(trials[0]) if g.carrier == "pelvis"]
     own = prior.covariance[np.ix_(at, at)]
-    np.testing.assert_allclose(own, pooled * rigid_covariance("pelvis", group.pattern))
+    np.testing.assert_allclose(own, pooled * group.covariance[group.names.index(f"{KIND}/hip_adduction_r")])
     assert own[1, 1] > pooled * SIZES["pelvis"].shift ** 2
 
 
@@ -289,4 +302,58 @@ def test_the_prior_joins_the_columns_of_a_segment_over_trials_and_parts_those_of
     for key, variance in zip(apart.keys, np.diag(apart.covariance), strict=True):
         kind, name, segment, _ = key.split("/")
         there = np.diag(alike.covariance)[alike.keys.index(key.replace(kind, KIND, 1))]
-        assert variance == pytest.approx(there * scales[kind].variance(name) / scales[KIND].variance(name)), segment
+        of_kind_, of_gait = (
+            scale.squares if name.endswith(SQUARES) else scale.linear for scale in (scales[kind], scales[KIND])
+        )
+        assert variance == pytest.approx(there * of_kind_ / of_gait), segment
+
+
+def test_an_angle_that_hardly_moves_moves_the_skin_as_little() -> None:
+    still = np.random.default_rng(3).normal(0.0, 0.2 * LEAST_SPREAD, 60)
+    (psi,) = task_regressors([{"hip_adduction_r": still}])
+    np.testing.assert_allclose(psi["hip_adduction_r"], still / LEAST_SPREAD)
+
+
+def knee_skin(side: str, softness: float = 1.0) -> tuple[SegmentTissue, MotionProblem, Parameters]:
+    """The thigh of a leg whose knee bends, with gaitcal's own table."""
+    rng = np.random.default_rng(5)
+    parameters = perturbed_parameters(rng, 0.0, 0.0)
+    segments = (f"thigh_{side}", f"shank_{side}")
+    problem, _ = random_trial(rng, parameters, segments=segments, frames=40, nodes=8)
+    regressors = {f"knee_angle_{side}": rng.normal(size=40)}
+    tissue = tissue_of(problem, KIND, regressors, parameters, softness=softness)
+    assert tissue is not None
+    return tissue.groups[0], problem, parameters
+
+
+def test_what_is_expected_of_skin_is_the_table_at_the_places_of_the_markers_mirrored_on_the_left() -> None:
+    field = people_table()["thigh"]
+    for side, mirror in (("r", [1.0, 1.0, 1.0]), ("l", [1.0, 1.0, -1.0])):
+        group, problem, parameters = knee_skin(side)
+        knee = parameters.centre(f"knee_{side}", f"thigh_{side}")
+        length = np.linalg.norm(knee)
+        functions = place_functions((problem.data.local[group.markers] - knee) * mirror / length, gait=True)
+        wanted = length / THIGH_M * field.mean(functions) * mirror
+        np.testing.assert_allclose(group.expected[0], wanted, atol=1e-15)
+        still = group.softness * np.einsum("mi,f->mif", wanted, group.regressors[0])
+        moved = problem_tissue(group).shift(np.zeros(6), len(problem.labels))[group.markers]
+        np.testing.assert_allclose(moved, still, atol=1e-15)
+
+
+def problem_tissue(group: SegmentTissue) -> SoftTissue:
+    return SoftTissue((group,))
+
+
+def test_the_rigid_covariance_is_the_markers_own_projected_on_shifts_and_turns() -> None:
+    group, _, _ = knee_skin("l")
+    flat = group.pattern.reshape(-1, 6)
+    inverse = np.linalg.pinv(flat)
+    np.testing.assert_allclose(group.covariance[0], inverse @ group.by_marker[0] @ inverse.T, rtol=1e-6, atol=1e-12)
+
+
+def test_an_artefact_that_is_not_fitted_is_uncertain_by_its_mean_too() -> None:
+    scale = SoftTissueScale(0.8, 0.0, 0.7, 0.6)
+    mean, unit = np.arange(1.0, 7.0), np.eye(6)
+    fitted, left_out = (scale.covariance("knee_angle_r", unit, mean, by) for by in (0.7, 0.0))
+    np.testing.assert_allclose(fitted, 0.8 * unit + (0.6 * 1.49 - 0.49) * np.outer(mean, mean))
+    np.testing.assert_allclose(left_out, 0.8 * unit + 0.6 * 1.49 * np.outer(mean, mean))

@@ -252,7 +252,6 @@ def test_columns_of_an_influence_belong_to_sources_by_their_names() -> None:
         "nominal/hip_r.pelvis.ant": ErrorSource.JOINT_NOMINAL,
         "skin/gait/knee_angle_r/shank_r/tx": ErrorSource.SKIN,
         "skin/gait/knee_angle_r^2/shank_r/rz": ErrorSource.SKIN,
-        "skin/found": ErrorSource.SKIN,
         "bandwidth/walk": ErrorSource.BANDWIDTH,
         "posture/walk/12": ErrorSource.POSTURE,
         "posture/R.Knee/x": ErrorSource.JOINT_MARKERS,
@@ -264,7 +263,11 @@ def test_sources_of_an_influence_stay_apart_when_they_are_compressed() -> None:
     """Many columns of one source become few with the same covariance."""
     rng, parameters, problem, coefficients = seeded_trial(53, frames=14, nodes=7)
     names = problem.with_free(FREE).chain.free
-    clusters = [*(f"markers/other/{k}" for k in range(90)), *(f"nominal/{name}" for name in names), "skin/found"]
+    clusters = [
+        *(f"markers/other/{k}" for k in range(90)),
+        *(f"nominal/{name}" for name in names),
+        "skin/gait/knee_angle_r/shank_r/tx",
+    ]
     influence = ErrorSources(names, rng.normal(0, 0.01, (len(names), len(clusters))), tuple(clusters))
     moves = marker_moves(problem, coefficients, parameters, influence)
     for source in (ErrorSource.JOINT_MARKERS, ErrorSource.JOINT_NOMINAL, ErrorSource.SKIN):

@@ -35,6 +35,10 @@ def trial_with_tissue(seed: int) -> tuple[MotionProblem, Array, Array]:
             pattern=together(problem.data.local[markers] - problem.data.local[markers].mean(axis=0)),
             names=("gait/hip_flexion_r", "gait/knee_angle_r"),
             regressors=rng.normal(size=(2, 20)),
+            expected=rng.normal(0, 0.01, (2, markers.stop - markers.start, 3)),
+            covariance=np.zeros((2, 6, 6)),
+            by_marker=np.zeros((2, 0, 0)),
+            softness=0.7,
         )
         for s, markers in problem.data.placed.groups
         if s > 0
@@ -58,6 +62,9 @@ def test_markers_shift_and_turn_together_along_the_axes_of_their_segment() -> No
         arms = problem.data.local[group.markers] - problem.data.local[group.markers].mean(axis=0)
         way = np.cross(axis, arms) if component.startswith("r") else np.broadcast_to(axis, arms.shape)
         by_hand[group.markers] += way[:, :, None] * group.regressors[group.names.index(name)]
+    for group in tissue.groups:
+        for expected, psi in zip(group.expected, group.regressors, strict=True):
+            by_hand[group.markers] += 0.7 * expected[:, :, None] * psi
     np.testing.assert_allclose(shift, by_hand, atol=1e-15)
     body = problem.body(perturbed_parameters(np.random.default_rng(4)))
     segments = Kinematics(body, problem.basis.evaluate(coefficients)).segments
@@ -105,6 +112,9 @@ def test_gradient_and_matrix_with_soft_tissue_beside_are_those_of_the_markers() 
         pattern=together(problem.data.local[shank[1]]),
         names=("gait/knee_angle_r",),
         regressors=rng.normal(size=(1, 20)),
+        expected=rng.normal(0, 0.01, (1, shank[1].stop - shank[1].start, 3)),
+        covariance=np.zeros((1, 6, 6)),
+        by_marker=np.zeros((1, 0, 0)),
     )
     problem = replace(problem, tissue=SoftTissue((group,), problem.secondary))
     problem = noisy(problem.with_weight(rng.uniform(0, 1, problem.data.weight.shape)), rng, 0.01).with_free(LEG_FREE)

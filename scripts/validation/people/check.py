@@ -3,7 +3,7 @@
     people [--parts hips,halves,...] [--only NAME,...] [--study FILE ...] [--set key=value ...]
 
 hips      how far calibration moves the joints of real people from their nominal places, and the population's mean and
-          scatter; fitted hips beside those of ten people in CT. A population may scatter, but not move to one side
+          scatter; fitted hips beside those of 29 people in CT. A population may scatter, but not move to one side
 halves    hips by isolated trials alone against gait alone, as told and with a wide prior on hips (others may agree for
           they share their prior); of people with both
 pairs     straight against turn, first walks and strides against last, walk against walk, each calibrated by itself: how
@@ -16,8 +16,8 @@ drawn     the same people with a prior of which they are a draw (`people/simulat
 `GAITCAL_DATA` names the folder of recordings; `--study` adds a person by a study file. Settings are gaitcal's defaults
 but for `--set`, as `[calibration]` has them. All parts fit the joints alone.
 
-Nobody knows where these joints are. But a population scatters about what anatomy and imaging say (hips of ten people
-from CT, `imaging/hip_landmarks_ct.csv`), and two recordings of one person tell one place; they share the static trial,
+Nobody knows where these joints are. But a population scatters about what anatomy and imaging say (hips of 29 people
+from CT, `imaging/*.csv`), and two recordings of one person tell one place; they share the static trial,
 and the errors that come with it. Lateral is outward on both sides.
 """
 
@@ -236,7 +236,7 @@ def half_lines(name: str, found: Mapping[str, tuple[Fit, Fit]]) -> Iterator[str]
 
 
 SKIN_MM = np.array([10.0, 8.0, 6.0])
-"""SD of what palpation and flesh over the spines add to a regression's error (ant, sup, lateral): with that of the 20
+"""SD of what palpation and flesh over the spines add to a regression's error (ant, sup, lateral): with that of the 39
 hips it makes the 12, 10 and 9 mm by which regressions miss hips in gait laboratories."""
 WITHIN_95 = 2.795
 """Mahalanobis distance within which 95 % of a normal population in space lies."""
@@ -245,28 +245,35 @@ WITHIN_95 = 2.795
 @dataclass(frozen=True)
 class Imaged:
     errors: Array
-    """(20, 3) mm: true hip less Harrington's, ant, sup, outward."""
+    """(39, 3) mm: true hip less Harrington's, ant, sup, outward."""
     ratios: Array
-    """(10,) distance of the hips over that of the spines."""
+    """(10,) distance of the hips over that of the spines, of people with both hips."""
 
 
 @lru_cache(maxsize=1)
-def imaged(file: Path) -> Imaged:
-    """Read the landmarks, and hold hips against the regression in each person's own pelvis frame."""
-    table = pd.read_csv(file)
+def imaged(folder: Path) -> Imaged:
+    """Read the landmarks of 29 people, and hold hips against the regression in each person's own pelvis frame."""
+    both, one = (pd.read_csv(folder / name) for name in ("hip_landmarks_ct.csv", "landmarks_ct_raters.csv"))
+    words = {"RASI": "ASIS_R", "LASI": "ASIS_L", "RPSI": "PSIS_R", "LPSI": "PSIS_L", "HJC_r": "HJC_R", "HJC_l": "HJC_L"}
+    renamed = one.replace({"landmark": words})
     errors, ratios = [], []
-    for _, rows in table[table["bone"] == "pelvis"].groupby("person"):
-        points = rows.set_index("landmark")[["x_mm", "y_mm", "z_mm"]]
-        at = {str(name): 1e-3 * point.to_numpy(float) for name, point in points.iterrows()}
-        back = 0.5 * (at["PSIS_R"] + at["PSIS_L"])
-        width, frame = (
-            float(np.linalg.norm(at["ASIS_R"] - at["ASIS_L"])),
-            pelvis_frame(at["ASIS_R"], at["ASIS_L"], back),
-        )
-        for side, mirror in zip(SIDES, (1.0, -1.0), strict=True):
-            told = hip_centre(HipCentre.HARRINGTON, width, float(np.linalg.norm(frame.origin - back)), side)
-            errors.append(1e3 * (frame.local(at[f"HJC_{side.upper()}"]) - told) * [1.0, 1.0, mirror])
-        ratios.append(float(np.linalg.norm(at["HJC_R"] - at["HJC_L"])) / width)
+    for table in (both[both["bone"] == "pelvis"], renamed):
+        for _, rows in table.groupby("person"):
+            points = rows.set_index("landmark")[["x_mm", "y_mm", "z_mm"]]
+            at = {str(name): 1e-3 * point.to_numpy(float) for name, point in points.iterrows()}
+            back = 0.5 * (at["PSIS_R"] + at["PSIS_L"])
+            frame = pelvis_frame(at["ASIS_R"], at["ASIS_L"], back)
+            width, depth = (
+                float(np.linalg.norm(at["ASIS_R"] - at["ASIS_L"])),
+                float(np.linalg.norm(frame.origin - back)),
+            )
+            hips = {side: at[f"HJC_{side.upper()}"] for side in SIDES if f"HJC_{side.upper()}" in at}
+            for side, hip in hips.items():
+                regression = hip_centre(HipCentre.HARRINGTON, width, depth, side)
+                outward = np.array([1.0, 1.0, 1.0 if side == "r" else -1.0])
+                errors.append(1e3 * (frame.local(hip) - regression) * outward)
+            if len(hips) == len(SIDES):
+                ratios.append(float(np.linalg.norm(hips["r"] - hips["l"])) / width)
     return Imaged(np.array(errors), np.array(ratios))
 
 
@@ -316,7 +323,7 @@ Figures = dict[str, float]
 def hips_part(chosen: argparse.Namespace) -> Figures:
     fits = [fitted(name, changed(study_of_person(name), chosen.settings)) for name in chosen.only]
     say(*hip_lines(fits), "", *population_lines(fits), "")
-    images = imaged(data() / "imaging" / "hip_landmarks_ct.csv")
+    images = imaged(data() / "imaging")
     say(*image_lines(fits, images))
     return hip_figures(fits) | outside(fits, images)
 

@@ -1,0 +1,1 @@
+"""Calibration against bones that pins or fluoroscopy tracked under the skin markers."""
