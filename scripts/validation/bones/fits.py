@@ -23,9 +23,9 @@ from gaitcal.calibration.joint_phases import LEG_PARAMETERS, FittedPhase, JointP
 from gaitcal.calibration.joint_prior import ANATOMY
 from gaitcal.calibration.soft_tissue_table import SkinTable
 from gaitcal.io.recording import Recording
-from gaitcal.model.chain import root_angles
 from gaitcal.model.nominal import knee_flexion, published_model
 from gaitcal.model.parameters import Parameters
+from gaitcal.model.rotations import root_angles
 from gaitcal.model.segment_frames import Frame, HipCentre, frame_yz, hip_centre, nearest_rotation, pelvis_frame, unit
 from gaitcal.model.subject_model import MarkerPlacement, Subject, SubjectModel
 from gaitcal.motion.bandwidth import with_bandwidth
