@@ -10,15 +10,16 @@ marker its motion is a guess of the splines: these frames are not valid for that
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
 from gaitcal.arrays import Array, BoolArray
+from gaitcal.display import Displayed
 from gaitcal.dynamics import inverse_dynamics, measurement_errors, off_sole
 from gaitcal.dynamics.foot_contact import FOOT_BREADTH, RESTING, FootPoints, Step, belts, near, on_the_floor, steps_on
 from gaitcal.errors import Code, Finding, InputError, Severity
-from gaitcal.io.force_plate import LOADED_N, filter_plate, filterable, resample_wrench
+from gaitcal.io.force_plate import LOADED_N, filter_plate, filterable, point_and_torque, resample_wrench
 from gaitcal.io.labels import FootEvent
 from gaitcal.io.recording import ForcePlate, Recording, duration, runs, spans
 from gaitcal.model import coordinates, kinematics
@@ -28,6 +29,9 @@ from gaitcal.model.subject_model import GRAVITY, SubjectModel
 from gaitcal.motion.motion import Motion
 from gaitcal.motion.spline import DEGREE
 from gaitcal.runtime import with_one_blas_thread
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 _OF_LEG = tuple(dict.fromkeys(f"{name.split('_')[0]}_" for name in coordinates.LEG_COORDINATES))
 """How the names of what belongs to a leg begin."""
@@ -49,8 +53,8 @@ CONTRADICTION_S = 0.05
 """s that they must last: the impact of a heel, over in 10 to 20 ms (Whittle 1999), is more than a motion can show."""
 
 
-@dataclass(frozen=True, kw_only=True)
-class GroundReactions:
+@dataclass(frozen=True, kw_only=True, repr=False)
+class GroundReactions(Displayed):
     """Ground reactions on the feet at the marker frames."""
 
     wrench: Array
@@ -74,6 +78,39 @@ class GroundReactions:
     """What speaks against these ground reactions, and frames that they leave out; without the name of their trial."""
     seated: BoolArray | None = None
     """(nf,) a seat bears part of the body; None: nowhere."""
+
+    def to_dataframe(self) -> "pd.DataFrame":
+        """Return the ground reactions as a table, a row a marker frame.
+
+        Returns
+        -------
+        pandas.DataFrame
+            `valid`, `valid_r`, `valid_l` (1 or 0), then, with the names of the `.mot` file, force
+            `ground_force_r_vx` (N), point of application `ground_force_r_px` (m) and moment about it
+            `ground_torque_r_x` (N·m) of the right and the left foot.
+        """
+        import pandas as pd
+
+        flags = {"valid": self.valid, "valid_r": self.valid_r, "valid_l": self.valid_l}
+        columns: dict[str, Array] = {name: flag.astype(int) for name, flag in flags.items()}
+        for side, wrench in zip(SIDES, np.moveaxis(self.wrench, 1, 0), strict=True):
+            point, torque = point_and_torque(wrench)
+            for i, axis in enumerate("xyz"):
+                columns[f"ground_force_{side}_v{axis}"] = wrench[:, i]
+                columns[f"ground_force_{side}_p{axis}"] = point[:, i]
+                columns[f"ground_torque_{side}_{axis}"] = torque[:, i]
+        return pd.DataFrame(columns)
+
+    def _description(self) -> tuple[str, list[tuple[str, str]]]:
+        rows = []
+        for k, side in enumerate(("right foot", "left foot")):
+            valid, loaded = int(self.valid_legs[:, k].sum()), int(self.loaded[:, k].sum())
+            peak = float(self.wrench[:, k, 1].max(initial=0.0))
+            rows.append((side, f"on plates in {loaded} frames, largest {peak:.0f} N; torques valid in {valid}"))
+        rows.append(("whole body", f"valid in {int(self.valid.sum())} frames"))
+        if self.warnings:
+            rows.append(("warnings", str(len(self.warnings))))
+        return f"Ground reactions: {len(self.valid)} frames", rows
 
     @property
     def warnings(self) -> tuple[str, ...]:

@@ -18,11 +18,13 @@ joints; those of segments follow by a constant matrix (`transformed_parameters`)
 import math
 from dataclasses import dataclass
 from functools import cached_property
+from typing import TYPE_CHECKING
 
 import numpy as np
 import pinocchio as pin
 
 from gaitcal.arrays import Array, BoolArray, IntArray, stretches
+from gaitcal.display import Displayed, describe_time
 from gaitcal.errors import Code, InputError
 from gaitcal.model import linkage
 from gaitcal.model.chain import build_linkage
@@ -32,6 +34,9 @@ from gaitcal.model.subject_model import SubjectModel
 from gaitcal.motion.motion import Motion
 from gaitcal.runtime import with_one_blas_thread
 
+if TYPE_CHECKING:
+    import pandas as pd
+
 FEET: tuple[str, ...] = ("foot_r", "foot_l")
 """Order of the second axis of every array of foot wrenches."""
 FORCES: tuple[str, ...] = (*linkage.COORDINATES, *linkage.REACTIONS)
@@ -40,8 +45,8 @@ BLOCK = 500
 """Frames at a time: a treadmill's trial may last for minutes."""
 
 
-@dataclass(frozen=True, kw_only=True)
-class Moments:
+@dataclass(frozen=True, kw_only=True, repr=False)
+class Moments(Displayed):
     """Generalised forces of one trial: internal, net of all structures crossing the joint, acting on the child.
 
     Positive along the coordinate of that name.
@@ -62,6 +67,39 @@ class Moments:
     """(nf, 3) N·m about the pelvis origin, laboratory axes."""
     bwh: float
     """Body weight times height, N·m."""
+
+    def to_dataframe(self) -> "pd.DataFrame":
+        """Return the moments as a table, with the columns of `moments/TRIAL.csv` that they determine.
+
+        Returns
+        -------
+        pandas.DataFrame
+            `time` (s), then for every generalised force NAME (N·m; N of the pelvis translations) and
+            `NAME_bwh` (percent of body weight times height; NaN of translations).
+        """
+        import pandas as pd
+
+        values = dict(zip(FORCES, np.hstack([self.tau, self.knee_adduction]).T, strict=True))
+        columns = {"time": self.time}
+        for name in (*linkage.FILE_COORDINATES, *linkage.REACTIONS):
+            columns[name] = values[name]
+            share = np.nan if linkage.is_translation(name) else 100.0 / self.bwh
+            columns[f"{name}_bwh"] = share * values[name]
+        return pd.DataFrame(columns)
+
+    def _description(self) -> tuple[str, list[tuple[str, str]]]:
+        time, peaks = self.time, []
+        for name in ("hip_flexion", "knee_angle", "ankle_angle"):
+            both = [np.abs(self.tau[:, linkage.COORDINATES.index(f"{name}_{side}")]).max() for side in "rl"]
+            peaks.append((name, f"largest {both[0]:.1f} N·m right, {both[1]:.1f} N·m left, over all frames"))
+        force, moment = self.residual_rms(np.ones(len(time), dtype=bool))
+        rate = float(1.0 / np.median(np.diff(time))) if len(time) > 1 else float("nan")
+        rows = [
+            ("time", describe_time(len(time), rate, float(time[-1] - time[0]))),
+            *peaks,
+            ("pelvis residual", f"RMS {force:.1f} N, {moment:.1f} N·m over all frames"),
+        ]
+        return f"Moments: {len(self.coordinates)} generalised forces and the knee adduction moments", rows
 
     def residual_rms(self, valid: BoolArray) -> tuple[float, float]:
         """RMS pelvis residual over valid frames and three components: force (N), torque about the pelvis (N·m)."""

@@ -42,10 +42,12 @@ so that a source of error passes on with all that it moves at once: a torque and
 
 from dataclasses import dataclass
 from enum import Enum
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from gaitcal.arrays import Array, BoolArray, cross, stretches
+from gaitcal.display import Displayed
 from gaitcal.dynamics.inverse_dynamics import FORCES, Dynamics
 from gaitcal.errors import nearest
 from gaitcal.model.coordinates import JOINT_TABLE, split_side
@@ -55,6 +57,9 @@ from gaitcal.model.parameters import JP_INDEX, Parameters
 from gaitcal.model.subject_model import SubjectModel
 from gaitcal.motion.motion import Motion
 from gaitcal.runtime import with_one_blas_thread
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 BLOCK = 500  # Frames at a time
 
@@ -186,8 +191,8 @@ class KineticErrors:
         return KineticErrors(np.where(powers, self.power, np.nan), np.where(moments, self.moment, np.nan), own)
 
 
-@dataclass(frozen=True, kw_only=True)
-class JointKinetics:
+@dataclass(frozen=True, kw_only=True, repr=False)
+class JointKinetics(Displayed):
     """Powers and moment vectors of the joints of one trial: internal, net, acting on the distal segment."""
 
     time: Array
@@ -197,6 +202,32 @@ class JointKinetics:
     moment: Array
     """(nf, 3, 21) N·m, by `VECTOR_FRAMES` and `COMPONENTS`; positive in the sense of the coordinate of that name:
     flexion, adduction, internal rotation, dorsiflexion, inversion on both sides."""
+
+    def to_dataframe(self) -> "pd.DataFrame":
+        """Return powers and moment vectors as a table.
+
+        Returns
+        -------
+        pandas.DataFrame
+            `time` (s), then the powers (W) with the names of `powers/TRIAL.csv` and the components of
+            the moments (N·m) with those of `moment_vectors/TRIAL.csv`.
+        """
+        import pandas as pd
+
+        columns = {"time": self.time}
+        columns |= {power_name(name): power_of(self, name) for name in POWERS}
+        for name in COMPONENTS:
+            columns |= {vector_column(name, frame): component_of(self, name, frame) for frame in VECTOR_FRAMES}
+        return pd.DataFrame(columns)
+
+    def _description(self) -> tuple[str, list[tuple[str, str]]]:
+        rows = []
+        for joint in ("hip", "knee", "ankle"):
+            peaks = [float(power_of(self, f"{joint}_{side}").max(initial=0.0)) for side in "rl"]
+            rows.append((f"{joint} power", f"largest {peaks[0]:.0f} W right, {peaks[1]:.0f} W left, over all frames"))
+        frames = ", ".join(frame.key for frame in VECTOR_FRAMES)
+        rows.append(("moment vectors", f"{len(COMPONENTS)} components, in the axes: {frames}"))
+        return f"Joint kinetics: {len(POWERS)} powers, {len(self.time)} frames", rows
 
 
 def power_of(kinetics: JointKinetics | KineticErrors, name: str) -> Array:
@@ -221,6 +252,11 @@ def component_of(kinetics: JointKinetics | KineticErrors, name: str, frame: Mome
     if frame not in VECTOR_FRAMES:
         raise ValueError(f"'{frame.key}' has no vectors; the torques of the coordinates are in Moments.tau")
     return kinetics.moment[:, VECTOR_FRAMES.index(frame), _place(name, COMPONENTS)]
+
+
+def vector_column(name: str, frame: MomentFrame) -> str:
+    """Name the column of a moment component in a frame: `knee_adduction_r_proximal`."""
+    return f"{name}_{frame.key}"
 
 
 def _place(name: str, names: tuple[str, ...]) -> int:

@@ -14,13 +14,19 @@ at 100 Hz, and as 12 mm/s after that; whoever walks or sways slowly keeps the sp
 import warnings
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from gaitcal.arrays import Array, BoolArray, cross
+from gaitcal.display import Displayed, describe_time, shorten
 from gaitcal.errors import Code, InputError
 from gaitcal.io.labels import ComputedPoints, Facts, FootEvent, clean
 from gaitcal.io.text_file import FileFault
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 LAG_S = 0.1
 STILL_M_S = 0.05
@@ -63,8 +69,8 @@ class ForcePlate:
         return np.hstack([self.force, self.moment + cross(self.point, self.force)])
 
 
-@dataclass(frozen=True, kw_only=True)
-class Recording:
+@dataclass(frozen=True, kw_only=True, repr=False)
+class Recording(Displayed):
     """Markers and plate wrenches of one trial."""
 
     source: str
@@ -95,6 +101,35 @@ class Recording:
         """Frames per second (median step); NaN for fewer than two frames."""
         return float(1.0 / np.median(np.diff(self.time))) if len(self.time) > 1 else float("nan")
 
+    def to_dataframe(self) -> "pd.DataFrame":
+        """Return the marker paths as a table, with the columns of `gaitcal convert`'s CSV file.
+
+        Returns
+        -------
+        pandas.DataFrame
+            `time` (s), then `NAME_x`, `NAME_y` and `NAME_z` (m) of every marker; NaN where it was not
+            visible.
+        """
+        import pandas as pd
+
+        columns = {f"{name}_{axis}": self.markers[:, m, i] for m, name in enumerate(self.labels) for i, axis in AXES}
+        return pd.DataFrame({"time": self.time, **columns})
+
+    def _description(self) -> tuple[str, list[tuple[str, str]]]:
+        extent = describe_time(len(self.time), self.rate, float(np.ptp(self.time)) if len(self.time) else 0.0)
+        visible = f", {100 * seen_mask(self.markers).mean():.1f} % of samples visible" if self.markers.size else ""
+        plates = [f"{plate.name} ({plate_rate(plate):.0f} Hz)" for plate in self.plates]
+        rows = [
+            ("time", extent),
+            ("markers", f"{len(self.labels)}{visible}: {shorten(self.labels)}"),
+            ("force plates", shorten(plates) or "none"),
+        ]
+        if self.events:
+            rows.append(("foot events", str(len(self.events))))
+        if self.notes:
+            rows.append(("notes", str(len(self.notes))))
+        return f"Recording {Path(self.source).name}", rows
+
     def with_notes(self, *notes: str) -> "Recording":
         """The same recording with more notes."""
         return replace(self, notes=self.notes + notes)
@@ -105,6 +140,14 @@ class Recording:
         if computed is not None:
             computed = ComputedPoints(computed.labels, computed.points[chosen])
         return replace(self, time=self.time[chosen], markers=self.markers[chosen], computed=computed)
+
+
+AXES = tuple(enumerate("xyz"))
+
+
+def plate_rate(plate: ForcePlate) -> float:
+    """Return the samples per second of a force plate (median step); NaN for fewer than two."""
+    return float(1.0 / np.median(np.diff(plate.time))) if len(plate.time) > 1 else float("nan")
 
 
 def seen_mask(markers: Array) -> BoolArray:

@@ -25,7 +25,7 @@ import pinocchio as pin
 from gaitcal.arrays import Array, BoolArray, IntArray
 from gaitcal.model import linkage
 from gaitcal.model.parameters import JP_INDEX, MASSIVE_SEGMENTS, Parameters, table
-from gaitcal.model.subject_model import GRAVITY
+from gaitcal.model.subject_model import GRAVITY, SubjectModel
 from gaitcal.runtime import with_one_blas_thread
 
 _REVOLUTE = (pin.JointModelRX, pin.JointModelRY, pin.JointModelRZ)
@@ -314,16 +314,16 @@ def build_linkage(
 
 
 @with_one_blas_thread
-def build_model(parameters: Parameters) -> pin.Model:
+def build_model(model: SubjectModel | Parameters) -> pin.Model:
     """Build the 27-degree-of-freedom model with all joint parameters in its joint placements.
 
     Parameters
     ----------
-    parameters : joint parameters, inertial parameters and zero angles, SI units.
+    model : a person's model, or parameters alone: joint and inertial ones and zero angles, SI units.
 
     Returns
     -------
     Coordinates in the order of `gaitcal.COORDINATES` (m, rad); y up, gravity along -y. Segment frames
     are body frames with the names of the segments.
     """
-    return build_linkage(parameters).model
+    return build_linkage(model.parameters if isinstance(model, SubjectModel) else model).model

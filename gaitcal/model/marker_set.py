@@ -25,6 +25,7 @@ from typing import Annotated
 
 from pydantic import BeforeValidator, Field
 
+from gaitcal.display import Displayed, shorten
 from gaitcal.errors import Code, InputError, nearest
 from gaitcal.io.recording import Recording
 from gaitcal.io.toml import Table, models_path, read_validated, require_known, shown, toml_table, toml_value
@@ -91,8 +92,8 @@ def instead_of(landmark: str) -> str:
     return _INSTEAD.get(landmark) or _INSTEAD[landmark[:-2]]
 
 
-@dataclass(frozen=True, kw_only=True)
-class MarkerSet:
+@dataclass(frozen=True, kw_only=True, repr=False)
+class MarkerSet(Displayed):
     """What the markers of a laboratory's protocol mean.
 
     A set may leave open what a person wears: landmarks with alternatives, markers that some wear and others do not, a
@@ -128,6 +129,17 @@ class MarkerSet:
     """Markers of knee alignment devices that the set knows, and whose part in the static trial is done."""
     notes: tuple[str, ...] = ()
     """What was chosen among alternatives, one sentence each; empty in a set as its file has it."""
+
+    def _description(self) -> tuple[str, list[tuple[str, str]]]:
+        followed = [f"{segment} {len(labels)}" for segment, labels in self.tracking.items()]
+        rows = [
+            ("description", self.description),
+            ("landmarks", f"{len(self.landmarks)}, of {len(self.labels)} markers"),
+            ("tracked markers", shorten(followed, len(followed))),
+        ]
+        if self.weights:
+            rows.append(("weights below 1", shorten(list(self.weights))))
+        return f"Marker set {self.name}", rows
 
     @property
     def labels(self) -> tuple[str, ...]:

@@ -15,6 +15,7 @@ from dataclasses import dataclass, field, replace
 from pydantic import Field
 
 from gaitcal.arrays import Array
+from gaitcal.display import Displayed, shorten
 from gaitcal.io.toml import Table
 from gaitcal.model.parameters import Parameters
 
@@ -102,8 +103,8 @@ class MarkerPlacement:
         return [i for i, (label, of) in both if of == segment and label in labels]
 
 
-@dataclass(frozen=True, kw_only=True)
-class SubjectModel:
+@dataclass(frozen=True, kw_only=True, repr=False)
+class SubjectModel(Displayed):
     """A person's linkage model: nominal (from the static trial) or calibrated."""
 
     subject: Subject
@@ -126,6 +127,18 @@ class SubjectModel:
     notes: tuple[str, ...] = ()
     """What was assumed in making it; shown in every output."""
 
+    def _description(self) -> tuple[str, list[tuple[str, str]]]:
+        subject, count = self.subject, len(set(self.markers.segments))
+        rows = [
+            ("subject", f"{subject.sex or 'sex not given'}, {subject.mass:.1f} kg, {subject.height:.2f} m"),
+            ("joint parameters", _changes(self.nominal.joint, self.parameters.joint)),
+            ("inertial parameters", _changes(self.nominal.inertial, self.parameters.inertial)),
+            ("markers", f"{len(self.markers.labels)} on {count} segments"),
+        ]
+        if self.frozen:
+            rows.append(("not visible", shorten(self.frozen)))
+        return f"Model of {subject.name}", rows
+
     @property
     def locked(self) -> tuple[str, ...]:
         """Those of `frozen` that are zero in every trial: a trunk that no marker shows turns against the pelvis."""
@@ -134,6 +147,11 @@ class SubjectModel:
     def with_parameters(self, parameters: Parameters) -> "SubjectModel":
         """The same person and markers with other parameters."""
         return replace(self, parameters=parameters)
+
+
+def _changes(nominal: Array, present: Array) -> str:
+    changed = int((nominal != present).sum())
+    return f"{len(nominal)}, {changed} of them changed by calibration" if changed else f"{len(nominal)}, nominal"
 
 
 class PointNoise(Table):

@@ -18,25 +18,31 @@ k and c keep 95 % efficiency when the three coordinates of a residual are Gaussi
 1.4826 times the median absolute deviation of the coordinates (from zero), which outliers move little.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from enum import Enum
 from functools import partial
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from gaitcal.arrays import Array, BoolArray
+from gaitcal.display import Displayed, describe_time, shorten
 from gaitcal.io.recording import Recording
 from gaitcal.model.chain import LinkageModel
+from gaitcal.model.linkage import FILE_COORDINATES, is_translation
 from gaitcal.model.parameters import Parameters
 from gaitcal.model.subject_model import SubjectModel
 from gaitcal.motion.banded import ArrowEquations, BandFactor
 from gaitcal.motion.descent import Descent, DescentSettings, Evaluation, descend
 from gaitcal.motion.rigid import rigid_distances
-from gaitcal.motion.spline import HALF_POWER, NodeRule, SplineBasis, cutoff
+from gaitcal.motion.spline import HALF_POWER, NodeRule, SplineBasis, cutoff, frame_rate
 from gaitcal.motion.start import starting_nodes
 from gaitcal.motion.trial_problem import MotionProblem, trial_problem
 from gaitcal.runtime import with_one_blas_thread
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 LARGE_BYTES = 2**27  # of a normal matrix above which only one is held at a time: a trial of some 20 000 frames
 NOTHING_LEFT_M = 1e-14  # m, RMS residual below which there is nothing left to fit
@@ -161,8 +167,13 @@ class MarkerErrors:
         return float(peaks.max()), self.labels[kept[int(peaks.argmax())]]
 
 
-@dataclass(frozen=True, kw_only=True)
-class Motion:
+def taken_off(relative_to: Mapping[str, float] | None) -> dict[str, float]:
+    """Select the joint angles (rad) of the static posture that relative angles leave out; the pelvis keeps its own."""
+    return {name: angle for name, angle in (relative_to or {}).items() if not name.startswith("pelvis")}
+
+
+@dataclass(frozen=True, kw_only=True, repr=False)
+class Motion(Displayed):
     """Coordinates of one trial as splines, with the markers' errors."""
 
     name: str
@@ -181,6 +192,70 @@ class Motion:
     """Half of an oscillation at it passed the penalty; None: the nodes alone limit the motion."""
     guessed: tuple[str, ...] = ()
     """Coordinates that the markers do not determine, and a prior holds."""
+
+    def columns(self, errors: Array | None = None, relative_to: Mapping[str, float] | None = None) -> dict[str, Array]:
+        """Collect the columns of the motion's CSV file.
+
+        Parameters
+        ----------
+        errors
+            (nf, nq) m, rad: standard errors of the coordinates.
+        relative_to
+            Coordinate -> rad in the static posture, subtracted from joint angles; None: angles are
+            anatomical.
+
+        Returns
+        -------
+        `time` (s), then every coordinate (deg, m), its `_velocity` and `_acceleration` and, with
+        `errors`, its standard error `_se`.
+        """
+        names = [name for name in FILE_COORDINATES if name in self.coordinates]
+        static = taken_off(relative_to)
+        parts = {"": self.q, "_velocity": self.velocity, "_acceleration": self.acceleration}
+        parts[""] = self.q - np.array([static.get(name, 0.0) for name in self.coordinates])
+        if errors is not None:
+            parts["_se"] = errors
+        columns = {"time": self.time}
+        for suffix, values in parts.items():
+            for name in names:
+                scale = 1.0 if is_translation(name) else 180.0 / np.pi
+                columns[name + suffix] = values[:, self.coordinates.index(name)] * scale
+        return columns
+
+    def to_dataframe(self, relative_to: Mapping[str, float] | None = None) -> "pd.DataFrame":
+        """Return the motion as a table, with the columns of `motion/TRIAL.csv` but for standard errors.
+
+        Parameters
+        ----------
+        relative_to
+            Coordinate -> rad in the static posture, subtracted from joint angles; None: angles are
+            anatomical.
+
+        Returns
+        -------
+        pandas.DataFrame
+            `time` (s), then every coordinate (deg, m), its `_velocity` and its `_acceleration`.
+        """
+        import pandas as pd
+
+        return pd.DataFrame(self.columns(relative_to=relative_to))
+
+    def _description(self) -> tuple[str, list[tuple[str, str]]]:
+        time, rms, largest = self.time, self.errors.rms(), self.errors.largest()
+        met = "no marker" if rms is None else f"RMS {1e3 * rms:.1f} mm"
+        if largest is not None:
+            met += f", largest {1e3 * largest[0]:.0f} mm ({largest[1]})"
+        rows = [
+            ("time", describe_time(len(time), frame_rate(self.basis), float(time[-1] - time[0]))),
+            ("coordinates", f"{len(self.coordinates)}: {shorten(self.coordinates)}"),
+            ("markers", f"{len(self.errors.labels)}, distance {met}"),
+            ("bandwidth", f"{self.cutoff_hz:.1f} Hz (-3 dB)"),
+        ]
+        if not self.converged:
+            rows.append(("converged", "no"))
+        if self.guessed:
+            rows.append(("from the prior", shorten(self.guessed)))
+        return f"Motion of {self.name}", rows[:5]
 
     @property
     def cutoff_hz(self) -> float:

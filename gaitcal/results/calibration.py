@@ -210,7 +210,7 @@ def write_trial(
         if relative_to is None
         else (*tables.COORDINATE_HEADER, *tables.relative_header(relative_to))
     )
-    coordinates = tables.coordinate_table(body, trial.coordinate_errors, relative_to)
+    coordinates = body.columns(trial.coordinate_errors, relative_to)
     write_csv(coordinates, out / "motion" / f"{trial.name}.csv", (*refused, *header))
     part = "the segments of its joint alone" if trial.joint else "the whole body"
     write_csv(

@@ -18,7 +18,7 @@ import numpy as np
 import pandas as pd
 
 from gaitcal.dynamics.ground_reactions import leg_of
-from gaitcal.dynamics.joint_kinetics import MomentFrame
+from gaitcal.dynamics.joint_kinetics import MomentFrame, vector_column
 from gaitcal.errors import Code, InputError
 from gaitcal.gait.conventions import Convention
 from gaitcal.gait.cycles import POINTS, FootEvents, GaitCycle, Kind, gait_cycles, kind_of, normalise
@@ -29,7 +29,7 @@ from gaitcal.model.subject_model import Subject, SubjectModel
 from gaitcal.results import calibration, saved
 from gaitcal.results.cycles import CYCLES, DIGITS, VERDICT, Json, read_csv, write_csv
 from gaitcal.results.summary import SUMMARY, VECTOR_FOLDER, entries_of, read_vectors, table_of
-from gaitcal.session.tables import told_components, vector_column
+from gaitcal.session.tables import told_components
 
 MOMENT = Kind.MOMENT.ending
 NUMBERS = ("value", "se", "se_stride")

@@ -10,6 +10,7 @@ from gaitcal.arrays import Array, BoolArray
 from gaitcal.calibration import inertial_calibration, joint_phases
 from gaitcal.calibration.error_sources import ErrorSources
 from gaitcal.calibration.soft_tissue_artefact import NO_FOUND_TISSUE, FoundTissue
+from gaitcal.display import Displayed, shorten
 from gaitcal.dynamics import inverse_dynamics, measurement_errors
 from gaitcal.dynamics.expected_residual import ExpectedResidual, ResidualMagnitudes, residual_magnitudes
 from gaitcal.dynamics.ground_reactions import GroundReactions, leg_of
@@ -93,8 +94,8 @@ class Loads:
         return tuple(residual_magnitudes(stage.words, moments, valid) for stage, moments in self.moments.items())
 
 
-@dataclass(frozen=True, kw_only=True)
-class TrialResult:
+@dataclass(frozen=True, kw_only=True, repr=False)
+class TrialResult(Displayed):
     """One moving trial before and after calibration."""
 
     name: str
@@ -138,6 +139,19 @@ class TrialResult:
 
     refused_legs: tuple[str, ...] = ()
     """`r`, `l`: the verdict refuses these legs; their numbers are there to be looked at, and count for nothing."""
+
+    def _description(self) -> tuple[str, list[tuple[str, str]]]:
+        before, after, rigid = ("-" if mm is None else f"{mm:.1f}" for mm in self.rms_mm())
+        rows = [
+            ("motion", f"{len(self.body.time)} frames, {len(self.strides)} strides"),
+            ("marker distance", f"RMS {after} mm; {before} mm with the nominal model, {rigid} mm of rigid segments"),
+        ]
+        if self.loads is not None:
+            right, left = (int(valid.sum()) for valid in self.loads.reactions.valid_legs.T)
+            rows.append(("torques", f"valid in {right} frames right, {left} frames left"))
+        if self.refused_legs:
+            rows.append(("refused", f"legs {', '.join(self.refused_legs)}"))
+        return f"Trial {self.name} ({self.joint or self.role.value})", rows
 
     @property
     def activity(self) -> str:
@@ -252,8 +266,8 @@ class Uncertainty:
         return errors
 
 
-@dataclass(frozen=True, kw_only=True)
-class Calibration:
+@dataclass(frozen=True, kw_only=True, repr=False)
+class Calibration(Displayed):
     """A calibrated person."""
 
     study: Study
@@ -287,6 +301,19 @@ class Calibration:
     """How near it came, where the study names the truth."""
     left_out: Mapping[str, str] = field(default_factory=dict)
     """Trial -> error, of those that the checks took out of the study."""
+
+    def _description(self) -> tuple[str, list[tuple[str, str]]]:
+        fitted = self.joint.free if self.joint else ()
+        moved = self.inertial is not None and self.inertial.moved
+        rows = [
+            ("verdict", f"{self.verdict.judgement.value}, {len(self.verdict.reasons)} reasons"),
+            ("joint parameters", f"{len(fitted)} fitted{'' if self.converged else ', not converged'}"),
+            ("inertial parameters", "fitted" if moved else "of the anthropometric table"),
+            ("trials", shorten([trial.name for trial in self.trials])),
+        ]
+        if self.left_out:
+            rows.append(("left out", shorten(list(self.left_out))))
+        return f"Calibration of {self.model.subject.name}", rows
 
     @property
     def warnings(self) -> tuple[str, ...]:

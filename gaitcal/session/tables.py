@@ -15,7 +15,7 @@ from gaitcal.gait.spatiotemporal import Stride
 from gaitcal.gait.strides import along_line
 from gaitcal.model.linkage import FILE_COORDINATES, REACTIONS, is_translation
 from gaitcal.model.parameters import IP_NAMES, IP_TO_SI, IP_UNITS, JOINT_PARAMETERS
-from gaitcal.motion.motion import Motion
+from gaitcal.motion.motion import taken_off
 from gaitcal.session.result import Calibration, Loads, TrialResult
 
 if TYPE_CHECKING:
@@ -36,11 +36,6 @@ def relative_header(relative_to: Mapping[str, float]) -> tuple[str, ...]:
         "joint angles are relative: those of the static trial are taken off; pelvis coordinates are as they are",
         f"static trial, deg: {static}",
     )
-
-
-def taken_off(relative_to: Mapping[str, float] | None) -> dict[str, float]:
-    """Coordinate -> rad of the static posture that is taken off a table's angles: of joints, not of the pelvis."""
-    return {name: angle for name, angle in (relative_to or {}).items() if not name.startswith("pelvis")}
 
 
 MOMENT_HEADER = (
@@ -100,28 +95,6 @@ def parameter_rows(calibration: Calibration) -> list[dict[str, Any]]:
         segment, quantity = name.split(".", 1)
         rows.append(row(name, kinds[quantity.split(".")[0]], segment, "", unit, values, to_si))
     return rows
-
-
-def coordinate_table(
-    motion: Motion, errors: Array | None = None, relative_to: Mapping[str, float] | None = None
-) -> dict[str, Array]:
-    """time, then each coordinate (deg, m), its velocity, its acceleration and, where known, its standard error.
-
-    `relative_to`: coordinate -> rad in the static posture, taken off the joint angles; None: they are anatomical.
-    """
-    names = [name for name in FILE_COORDINATES if name in motion.coordinates]
-    order = [motion.coordinates.index(name) for name in names]
-    scale = np.array([1.0 if is_translation(name) else 180.0 / np.pi for name in names])
-    static = taken_off(relative_to)
-    still = np.array([static.get(name, 0.0) for name in motion.coordinates])
-    parts = {"": motion.q - still, "_velocity": motion.velocity, "_acceleration": motion.acceleration}
-    if errors is not None:
-        parts["_se"] = errors
-    columns = {"time": motion.time}
-    for suffix, values in parts.items():
-        for k, name in enumerate(names):
-            columns[name + suffix] = values[:, order[k]] * scale[k]
-    return columns
 
 
 def moment_table(loads: Loads) -> dict[str, NDArray[Any]]:
@@ -185,16 +158,11 @@ def vector_table(loads: Loads, kinetics: joint_kinetics.JointKinetics) -> dict[s
     columns = _first(kinetics.time, loads.reactions)
     for name in joint_kinetics.COMPONENTS:
         for frame in joint_kinetics.VECTOR_FRAMES:
-            value, column = joint_kinetics.component_of(kinetics, name, frame), vector_column(name, frame)
-            columns[column] = value
+            column = joint_kinetics.vector_column(name, frame)
+            columns[column] = joint_kinetics.component_of(kinetics, name, frame)
             for ending, of in known.items():
                 columns[column + ending] = unknown if of is None else joint_kinetics.component_of(of, name, frame)
     return columns
-
-
-def vector_column(name: str, frame: joint_kinetics.MomentFrame) -> str:
-    """`knee_adduction_r_proximal`."""
-    return f"{name}_{frame.key}"
 
 
 def told_powers(frozen: tuple[str, ...]) -> Iterator[str]:

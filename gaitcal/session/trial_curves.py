@@ -17,9 +17,9 @@ from gaitcal.gait import cycles, moments, strides
 from gaitcal.model.coordinates import COORDINATE_TABLE, FOOT_PROGRESSION, GROUPS, SEGMENT_ANGLES, split_side
 from gaitcal.model.linkage import PELVIS_ANGLES, SIDES, is_translation
 from gaitcal.model.subject_model import SubjectModel
-from gaitcal.motion.motion import MarkerErrors, Motion
+from gaitcal.motion.motion import MarkerErrors, Motion, taken_off
 from gaitcal.session.result import Loads, TrialResult, angle_counts
-from gaitcal.session.tables import taken_off, told_powers
+from gaitcal.session.tables import told_powers
 from gaitcal.session.truth_errors import CurveTruth, CurveTruths
 
 GROUND: Final = {"ground_reaction_vertical": 1, "ground_reaction_forward": 0, "ground_reaction_sideways": 2}

@@ -15,7 +15,7 @@ from gaitcal.model import linkage
 from gaitcal.model.parameters import IP_NAMES, IP_TO_SI, JOINT_PARAMETERS, JP_INDEX, JP_NAMES, JP_TO_SI
 from gaitcal.model.rotations import axis_rotation
 from gaitcal.session.result import Calibration, TrialResult
-from gaitcal.session.tables import coordinate_table, parameter_rows
+from gaitcal.session.tables import parameter_rows
 from gaitcal.session.truth_errors import INTERVAL, CurveTruth, CurveTruths, FeatureTruth, ParameterTruth, TruthErrors
 from gaitcal.study.truth import TrueCurves, Truth, other_rule
 
@@ -130,7 +130,7 @@ def _angle(directions: tuple[str, ...], one: Array, other: Array) -> float:
 
 def _trial(trial: TrialResult, motions: TrueCurves | None, moments: TrueCurves | None) -> CurveTruths:
     time, coordinates, forces = trial.body.time, {}, {}
-    now, before = coordinate_table(trial.body, trial.coordinate_errors), coordinate_table(trial.nominal)
+    now, before = trial.body.columns(trial.coordinate_errors), trial.nominal.columns()
     for name, true in ({} if motions is None else motions.at(time)).items():
         if name in now:
             coordinates[name] = CurveTruth(

@@ -5,6 +5,7 @@ from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
 
+from gaitcal.display import Displayed, shorten
 from gaitcal.errors import Code, InputError, nearest
 from gaitcal.io.csv import events_beside
 from gaitcal.io.labels import OLDEST, Facts, years_between
@@ -143,8 +144,8 @@ def _age(table: SubjectTable, facts: Sequence[Facts]) -> tuple[float | None, str
     return (round(age, 2 if table.birth_date else 1) if said is None else said), ""
 
 
-@dataclass(frozen=True, kw_only=True)
-class Study:
+@dataclass(frozen=True, kw_only=True, repr=False)
+class Study(Displayed):
     """Who, which markers mean what, which trials, and how to calibrate."""
 
     subject: Subject
@@ -224,6 +225,17 @@ class Study:
             message = f"{other}; allowed: the same, or no [truth]"
             raise InputError(message, source=path, field="truth.landmarks", code=Code.TRUTH)
         return study if file.calibration.priors is None else with_cohort_priors(study, file.calibration.priors)
+
+    def _description(self) -> tuple[str, list[tuple[str, str]]]:
+        person, sex = self.subject, self.subject.sex or "sex not given"
+        age = "" if person.age is None else f", {person.age:g} years"
+        names, frames = [trial.name for trial in self.trials], sum(len(t.recording.time) for t in self.trials)
+        rows = [
+            ("subject", f"{person.name}: {sex}, {person.mass:.1f} kg, {person.height:.2f} m{age}"),
+            ("marker set", f"{self.marker_set.name}, {len(self.marker_set.tracked)} tracked markers"),
+            ("trials", f"{len(names)} of {frames} frames: {shorten(names, 10)}"),
+        ]
+        return f"Study {Path(self.source).name}", rows
 
     def other_truth(self) -> str | None:
         """Why its truth is told in the frames of another static trial than its first; None: it is not, or none is."""

@@ -11,7 +11,7 @@ from gaitcal.model.linkage import COORDINATES
 from gaitcal.model.nominal import published_model
 from gaitcal.model.parameters import JP_INDEX, Parameters
 from gaitcal.session.calibrate import calibrate
-from gaitcal.session.tables import coordinate_table, relative_header
+from gaitcal.session.tables import relative_header
 from gaitcal.session.trial_result import counted_from_static, shifted, static_angles
 from gaitcal.study.settings import CalibrationSettings
 from tests.fake_result import fake_calibration
@@ -106,7 +106,7 @@ def test_the_published_protocol_keeps_the_zero_of_its_nominal_model() -> None:
 def test_relative_angles_are_those_of_the_static_trial_taken_off() -> None:
     trial = fake_calibration().trials[0]
     static = {name: 0.01 * (k + 1) for k, name in enumerate(COORDINATES)}
-    plain, relative = coordinate_table(trial.body), coordinate_table(trial.body, relative_to=static)
+    plain, relative = trial.body.columns(), trial.body.columns(relative_to=static)
     names = ("hip_flexion_r", "ankle_angle_l", "lumbar_bending")
     off = np.column_stack([plain[name] - relative[name] for name in names])
     wanted = [np.rad2deg(static[name]) for name in names]
