@@ -2,11 +2,16 @@
 
     import gaitcal as gc
 
-    study = gc.Study.load("study.toml")
-    calibration = gc.calibrate(study)           # models, motions, torques, errors
-    print(gc.parameter_table(calibration))      # where the joints lie, and how sure
-    gc.write_results(calibration, "result")     # report, view, tables, models
-    walk = calibration.trial("walk")            # a trial, before and after
+    calibration = gc.run_study("session", "result", mass=72.6, height=1.80, sex="male")   # a folder of recordings
+    print(calibration)                              # verdict, parameters, trials
+    print(gc.parameter_table(calibration))          # where the joints are, with standard errors
+    angles = calibration.trial("walk").body.to_dataframe()
+    further = gc.analyse_trial("result", "walk2.c3d")       # torques with error bars, verdict
+
+    study = gc.Study.load("study.toml")             # the same step by step
+    print(gc.check_study(study))
+    calibration = gc.calibrate(study)
+    gc.write_results(calibration, "result")
     motion = gc.track(calibration.model, gc.read_recording("walk2.c3d"))
 
 Units are m, kg, s, N, N·m and rad throughout; axes x forward, y up, z to the right, in every segment and in the
@@ -23,11 +28,15 @@ import lazy_loader
 __getattr__, __dir__, _ = lazy_loader.attach_stub(__name__, __file__)
 
 __all__ = [
+    "run_study",
     "Study",
+    "check_study",
     "calibrate",
     "Calibration",
     "parameter_table",
     "write_results",
+    "analyse_trial",
+    "FurtherTrials",
     "cycles",
     "read_cycles",
     "cycles_to_xarray",

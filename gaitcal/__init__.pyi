@@ -12,6 +12,7 @@ from .dynamics.joint_kinetics import power_of as power_of
 from .errors import ConvergenceError as ConvergenceError
 from .errors import GaitcalError as GaitcalError
 from .errors import InputError as InputError
+from .faults.study import check_study as check_study
 from .gait.conventions import Acting as Acting
 from .gait.conventions import Convention as Convention
 from .gait.conventions import MomentUnit as MomentUnit
@@ -33,6 +34,9 @@ from .model.subject_model import Subject as Subject
 from .model.subject_model import SubjectModel as SubjectModel
 from .motion.motion import Motion as Motion
 from .motion.motion import track as track
+from .pipeline.further_trials import FurtherTrials as FurtherTrials
+from .pipeline.further_trials import analyse_trial as analyse_trial
+from .pipeline.run_study import run_study as run_study
 from .published.study import monte_carlo as monte_carlo
 from .results.calibration import write_results as write_results
 from .results.cycles import cycles as cycles

@@ -5,7 +5,6 @@ would hold.
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Literal, cast, get_args
 
@@ -14,46 +13,25 @@ from rich.text import Text
 
 from gaitcal.cli import options
 from gaitcal.cli.console import Console, frameless_table
-from gaitcal.cli.folder import options_of, stop_on_errors, study_or_draft
-from gaitcal.errors import Code, ConvergenceError, Finding, InputError, Severity, UsageError
-from gaitcal.faults.evidence import MarkerEvidence
-from gaitcal.faults.study import check_further, check_study, further_evidence, further_moves
-from gaitcal.faults.verdict import Judgement, Verdict, judge, stopping, without_consequences
+from gaitcal.cli.folder import options_of, study_or_draft
+from gaitcal.errors import Code, ConvergenceError, InputError, Severity, UsageError
+from gaitcal.faults.verdict import Judgement, Verdict
 from gaitcal.gait import events, normal_bands
 from gaitcal.io.csv import events_beside
-from gaitcal.io.result_folder import ResultKind, require_room, sha256_of
+from gaitcal.io.result_folder import ResultKind, require_room
 from gaitcal.model.linkage import LOWER_BODY
-from gaitcal.results.calibration import PAGE, write_results
-from gaitcal.results.saved import SavedResult, load_result
+from gaitcal.pipeline.further_trials import analyse_trials
+from gaitcal.pipeline.run_study import FaultyStudyError, RunSettings, run_found_study
+from gaitcal.results.calibration import PAGE
+from gaitcal.results.saved import load_result
 from gaitcal.results.trials import write_trials
-from gaitcal.session import drafting, trial_result, truth_comparison
-from gaitcal.session.calibrate import calibrate
-from gaitcal.session.draft import STUDY, Draft, draft_notes, draft_text, files_of, settings_text, study_of
+from gaitcal.session import drafting, truth_comparison
+from gaitcal.session.draft import STUDY
 from gaitcal.session.result import Calibration, Loads, TrialResult
-from gaitcal.study.settings import CalibrationSettings
-from gaitcal.study.study import Study, input_files, with_cohort_priors
 from gaitcal.study.study_file import Side, TrialTable, load_study_file
-from gaitcal.study.study_trial import Role, Trial, read_trial
+from gaitcal.study.study_trial import Role
 
 LABELS = {Severity.ERROR: "error", Severity.WARNING: "warning", Severity.INFO: "note"}  # How a reason begins
-
-
-def _inputs(source: Path | Draft, priors: Path | None) -> tuple[Path, ...]:
-    """The files that a study reads; UsageError where it names priors, and `priors` are given, too."""
-    if isinstance(source, Draft):
-        return files_of(source)
-    file = load_study_file(source)
-    if priors is not None and file.calibration.priors is not None:
-        raise UsageError(f"not beside the priors that {source} names ([calibration] priors)", field="--priors")
-    return input_files(file, source)
-
-
-def _checked(source: Path | Draft, priors: Path | None) -> tuple[Study, tuple[Finding, ...]]:
-    """The study, read, and what the checks find in it."""
-    study = Study.load(source) if isinstance(source, Path) else study_of(source)
-    if priors is not None:
-        study = with_cohort_priors(study, priors)
-    return study, check_study(study)
 
 
 def calibrate_study(
@@ -76,37 +54,22 @@ def calibrate_study(
     where the study file names none.
     """
     normal = None if normal is None else normal_bands.bands_file(normal)
-    bands = None if normal is None else normal_bands.read_normal_bands(normal)
     source = study_or_draft(study, options_of(mass, height, sex, age), console)
-    drafted = source if isinstance(source, Draft) else None
-    inputs = _inputs(source, priors)
-    kept = require_room(out, ResultKind.CALIBRATION, [*inputs, *(file for file in (normal, priors) if file)])
+    if isinstance(source, Path) and priors is not None and load_study_file(source).calibration.priors is not None:
+        raise UsageError(f"not beside the priors that {source} names ([calibration] priors)", field="--priors")
+    settings = RunSettings(normal=normal, priors=priors, leave_out=hold_out, force=force)
     with console.working() as step:
-        step("reading and checking the recordings")
-        loaded, findings = _checked(source, priors)
-        faulty: dict[str, str] = {}
-        if not force and (drafted is not None or stopping(findings, loaded.walks)):
-            loaded, findings, faulty = drafting.without_faulty_trials(loaded, findings)
-            drafted = drafted and drafted.without(faulty)
-        if drafted is not None:
-            findings = (*findings, *drafting.rejected_forces(drafted))
-        if not force:
-            stop_on_errors(findings, loaded.walks, study)
-        calibration = calibrate(loaded, step, leave_out=hold_out, checked=findings)
-        notes = draft_notes(drafted) if drafted is not None else drafting.faulty_notes(faulty)
-        calibration = replace(
-            calibration, notes=(*notes, *calibration.notes), left_out={**faulty, **calibration.left_out}
-        )
-        step("writing the results")
-        made_with = {} if normal is None else {"normal": normal.name, "normal_sha256": sha256_of(normal)}
-        text = None if drafted is None else draft_text(drafted, out) + settings_text(CalibrationSettings(), priors, out)
-        write_results(calibration, out, made_with, drafted=text, normal=bands)
+        try:
+            run = run_found_study(source, out, settings, step)
+        except FaultyStudyError as refused:
+            raise FaultyStudyError(refused.errors, study) from None
+    calibration = run.calibration
     print_calibration(console, calibration)
-    for note in loaded.joint_prior.notes if loaded.joint_prior else ():
+    for note in run.study.joint_prior.notes if run.study.joint_prior else ():
         console.line(f"priors: {note}")
-    _tell_changed(console, loaded.changed_inputs())
-    tell_kept(console, kept)
-    if drafted is not None:
+    _tell_changed(console, run.study.changed_inputs())
+    tell_kept(console, run.kept)
+    if run.drafted:
         console.line(f"study:  {out / STUDY} (drafted; look at it, and calibrate it again where you change it)")
     console.line(f"page:   {out / PAGE}")
     verdict = calibration.verdict
@@ -147,31 +110,18 @@ def analyse_further(
     inputs = [*trials, *([forces] if forces else []), *tables]
     require_room(folder, ResultKind.DYNAMICS, inputs)
     saved = load_result(result)
+    given = {"role": role, "plates": _plates_of(plates), "time": _time_of(time), "filter_hz": _filter_of(filter_hz)}
+    read = [
+        TrialTable(name="trial", role="gait", file=path, forces=forces).model_copy(update={"name": path.stem, **given})
+        for path in trials
+    ]
     with console.working() as step:
-        read = []
-        for path in trials:
-            step(f"{path.name}: reading and checking")
-            given: dict[str, object] = {"role": role, "plates": _plates_of(plates), "time": _time_of(time)}
-            given["filter_hz"] = _filter_of(filter_hz)
-            read.append(_read(path, forces, given, saved))
-        evidence = [_evidence(trial, saved) for trial in read]
-        checked = [finding for one in evidence for finding in check_further(one)]
-        stop_on_errors([*saved.doubts, *checked], [trial.name for trial in read])
-        findings = [*saved.doubts, *checked]
-        done = []
-        for one in evidence:
-            step(f"{one.name}: tracking and inverse dynamics")
-            done.append(
-                trial_result.analyse(saved.model, one.trial, saved.settings, saved.uncertainty, further_moves(one))
-            )
-        late = [trial.name for trial in done if not trial.calibrated.converged]
-        findings += [*_edited(saved, done), *map(_not_tracked, late), *(f for t in done for f in t.findings)]
-        verdict = judge(without_consequences(findings), [trial.name for trial in done])
-        done = [trial.refused(verdict.refused_legs(trial.name)) for trial in done]
-        stale = write_trials(done, saved, folder, inputs, verdict)
-    _print_trials(console, done)
+        run = analyse_trials(saved, read, step)
+        stale = write_trials(run.trials, saved, folder, inputs, run.verdict)
+    verdict, late = run.verdict, run.not_converged
+    _print_trials(console, run.trials)
     _print_verdict(console, verdict)
-    _print_remarks(console, [*stale, *_no_walks(done)], [n for t in done for n in t.notes])
+    _print_remarks(console, [*stale, *_no_walks(run.trials)], [n for t in run.trials for n in t.notes])
     console.line(f"results: {folder}")
     console.line(f"page:    {folder / PAGE}")
     if not late and any(map(verdict.refused_legs, verdict.trials)) and not verdict.refused:
@@ -191,51 +141,6 @@ def _no_walks(trials: Sequence[TrialResult]) -> list[str]:
         for name, found in repeats.items()
         if found
     ]
-
-
-def _edited(saved: SavedResult, trials: Sequence[TrialResult]) -> list[Finding]:
-    """Files of the result that somebody changed since it was written, said of every trial made with them."""
-    return [
-        Finding(
-            severity=Severity.WARNING,
-            topic="result folder",
-            where=trial.name,
-            cause="a file of the result is not as it was written",
-            found=remark,
-            cure="",
-            code=Code.RESULT_EDITED,
-        )
-        for trial in trials
-        for remark in saved.files.remarks
-    ]
-
-
-def _not_tracked(name: str) -> Finding:
-    return Finding(
-        severity=Severity.ERROR,
-        topic="convergence",
-        where=name,
-        cause="tracking did not converge",
-        found="its angles and torques are no minimum",
-        cure="look at its markers",
-        code=Code.NOT_CONVERGED,
-    )
-
-
-def _read(path: Path, forces: Path | None, given: Mapping[str, object], saved: SavedResult) -> Trial:
-    """A recording as a study would have it: labels renamed, time cut out, plates given to feet."""
-    trial = TrialTable(name="trial", role="gait", file=path, forces=forces).model_copy(
-        update={"name": path.stem, **given}
-    )
-    return read_trial(trial, saved.rename, saved.marker_set)
-
-
-def _evidence(trial: Trial, saved: SavedResult) -> MarkerEvidence:
-    labels = saved.model.markers.labels
-    if not set(labels) & set(trial.recording.labels):
-        message = f"found none of the model's {len(labels)} markers, such as {labels[0]}"
-        raise InputError(message, source=trial.recording.source, field="markers", code=Code.UNKNOWN_LABEL)
-    return further_evidence(trial, saved.model, saved.marker_set, saved.settings)
 
 
 def _plates_of(text: str | None) -> dict[str, Side]:

@@ -14,8 +14,8 @@ from gaitcal.cli import options
 from gaitcal.cli.console import Console, frameless_table
 from gaitcal.errors import Code, Finding, InputError, Severity, UsageError
 from gaitcal.faults.study import check_file, check_study
-from gaitcal.faults.verdict import stopping
 from gaitcal.io import atomic, formats
+from gaitcal.pipeline.run_study import require_runnable
 from gaitcal.session import draft as drafts
 from gaitcal.session.drafting import draft_of, draft_study, rejected_forces
 from gaitcal.session.folder import Folder, read_folder
@@ -72,22 +72,18 @@ def draft_study_file(
         raise InputError(draft.fault, source=folder, code=Code.FOLDER)
     atomic.atomic_text(target, drafts.draft_text(draft, atomic.real_path(target).parent))
     console.line(f"study: {target}")
-    _stop_on_problem(draft, target, "is written, but ", "write it there, or run again with --force ")
+    if draft.problem:
+        raise InputError(f"is written, but {draft.problem}", source=target, code=Code.FOLDER)
+    if draft.missing:
+        give = f"write it there, or run again with --force {drafts.missing_options(draft)}"
+        message = f"is written, but {drafts.missing_words(draft)}: {give}"
+        raise InputError(message, source=target, code=Code.WHO_IT_IS)
     nominal_of(drafts.study_of(draft, proposed=True))  # an error of the static trial is told now
     if draft.choice is not None and (proposal := draft.choice.proposal) is not None:
         for label in sorted(proposal.asked):
             console.line(f"asked: is {label} {proposal.rename[label]}?")
         console.line("asked: is each marker what [markers.rename] and [markers.tracking] say? Then confirmed = true")
     console.line(f"next:  look through it, then gaitcal calibrate {target} --out {folder.resolve().name}-result")
-
-
-def _stop_on_problem(draft: drafts.Draft, source: Path, before: str = "", instead: str = "give ") -> None:
-    """InputError for what keeps a drafted study from being run: what no answer cures before what is not told."""
-    if draft.problem:
-        raise InputError(before + draft.problem, source=source, code=Code.FOLDER)
-    if draft.missing:
-        message = f"{before}{drafts.missing_words(draft)}: {instead}{drafts.missing_options(draft)}"
-        raise InputError(message, source=source, code=Code.WHO_IT_IS)
 
 
 def study_or_draft(path: Path, options: Options, console: Console) -> Path | drafts.Draft:
@@ -112,11 +108,9 @@ def study_or_draft(path: Path, options: Options, console: Console) -> Path | dra
     draft = _asked(folder, options, console)
     if draft.fault:
         print_seen(console, draft)
-        raise InputError(draft.fault, source=path, code=Code.FOLDER)
-    tell_draft(console, draft)
-    if words := drafts.unconfirmed_words(draft):
-        raise InputError(words, source=path, code=Code.UNKNOWN_LABEL)
-    _stop_on_problem(draft, path)
+    else:
+        tell_draft(console, draft)
+    require_runnable(draft, path)
     return draft
 
 
@@ -240,16 +234,3 @@ def _table(findings: Sequence[Finding]) -> Table:
             Text(f.cure),
         )
     return table
-
-
-def stop_on_errors(findings: Sequence[Finding], walks: Sequence[str], study: Path | None = None) -> None:
-    """InputError with the first error, and how many more there are (`gaitcal check` on the study shows them).
-
-    Errors that leave a leg to each of the `walks` do not stop: the verdict refuses the other leg.
-    """
-    errors = stopping(findings, walks)
-    if not errors:
-        return
-    shown = f": 'gaitcal check {study}' shows all" if study else ""
-    more = f" (and {len(errors) - 1} more errors{shown})" if len(errors) > 1 else ""
-    raise InputError(errors[0].line + more, code=errors[0].code)

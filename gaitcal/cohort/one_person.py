@@ -15,7 +15,7 @@ import hashlib
 import json
 import math
 from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Final, TypeAlias
 
@@ -24,24 +24,21 @@ import pandas as pd
 
 from gaitcal.cohort.people import CohortPerson, is_folder, no_folder
 from gaitcal.errors import STUDY, Code, InputError
-from gaitcal.faults.study import check_study
-from gaitcal.faults.verdict import Judgement, stopping
-from gaitcal.gait import normal_bands, profile_score, spatiotemporal
+from gaitcal.faults.verdict import Judgement
+from gaitcal.gait import profile_score, spatiotemporal
 from gaitcal.gait.cycles import WALKING, Kind, kind_of
 from gaitcal.gait.peaks import PEAK_COLUMNS, PEAKS
-from gaitcal.io.result_folder import MANIFEST, ResultKind, read_object, require_room, sha256_of
+from gaitcal.io.result_folder import MANIFEST, read_object, sha256_of
 from gaitcal.model.linkage import SIDES
-from gaitcal.results.calibration import write_results
+from gaitcal.pipeline.run_study import FaultyStudyError, RunSettings, run_found_study
 from gaitcal.results.cycles import read_csv
 from gaitcal.results.stride_files import PEAKS as PEAKS_FILE
 from gaitcal.results.summary import SUMMARY
 from gaitcal.session import draft as drafts
-from gaitcal.session.calibrate import calibrate
-from gaitcal.session.drafting import draft_of, faulty_notes, rejected_forces, without_faulty_trials
+from gaitcal.session.drafting import draft_of
 from gaitcal.session.folder import read_folder
-from gaitcal.study import joint_prior, study_file
 from gaitcal.study.settings import CalibrationSettings
-from gaitcal.study.study import Study, input_files, with_cohort_priors
+from gaitcal.study.study import Study
 
 ANYWAY = 0.005
 """Relative difference of a study file's mass or height from what else is said of the person, from which it is told."""
@@ -80,43 +77,20 @@ def calibrate_person(person: CohortPerson, out: Path, common: CommonSettings) ->
             no_folder(person), "put the recordings there, or take the person out of the list", code=Code.FOLDER
         )
     folder = read_folder(person.folder)
-    own = drafts.own_study(folder)
-    drafted = None
-    if own is not None:
-        inputs, study = input_files(study_file.load_study_file(own), own), Study.load(own)
-    else:
-        drafted = _ready(draft_of(folder, person.told))
-        inputs, study = drafts.files_of(drafted), drafts.study_of(drafted)
+    source = drafts.own_study(folder) or _ready(draft_of(folder, person.told))
     del folder  # the recordings of all files, also of those that are not used
-    require_room(out, ResultKind.CALIBRATION, inputs)
-    of_all = {name: value for name, value in common.said.items() if name not in study.settings.model_fields_set}
-    study = replace(study, settings=study.settings.model_copy(update=of_all))
-    joint_prior.require_joint_prior(study.settings, study.source)
-    if common.priors is not None and study.joint_prior is None:
-        study = with_cohort_priors(study, common.priors)
-    findings = check_study(study)
-    faulty: dict[str, str] = {}
-    if drafted is not None or stopping(findings, study.walks):
-        study, findings, faulty = without_faulty_trials(study, findings)
-    if drafted is not None:
-        drafted = drafted.without(faulty)
-        findings = (*findings, *rejected_forces(drafted))
-    if errors := stopping(findings, study.walks):
-        first = errors[0]
+    settings = RunSettings(normal=common.normal, priors=common.priors, calibration=common.calibration)
+
+    def contradictions(study: Study) -> tuple[str, ...]:
+        return _contradictions(person, study, common) if isinstance(source, Path) else ()
+
+    try:
+        run_found_study(source, out, settings, notes_on=contradictions)
+    except FaultyStudyError as refused:
+        first, more = refused.errors[0], len(refused.errors) - 1
         place = "" if first.where == STUDY else f"trial '{first.where}': "
-        more = f" (and {len(errors) - 1} more errors)" if len(errors) > 1 else ""
-        cause, action = f"{place}{first.topic}: {first.evidence}{more}", "gaitcal check shows all of it"
-        raise PersonError(cause, first.cure or action, code=first.code)
-    calibration = calibrate(study, checked=findings)
-    notes = drafts.draft_notes(drafted) if drafted is not None else _contradictions(person, study, common)
-    notes += () if drafted is not None else faulty_notes(faulty)
-    calibration = replace(calibration, notes=(*notes, *calibration.notes), left_out={**faulty, **calibration.left_out})
-    normal = common.normal
-    made_with = {} if normal is None else {"normal": normal.name, "normal_sha256": sha256_of(normal)}
-    bands = None if normal is None else normal_bands.read_normal_bands(normal)
-    settings = drafts.settings_text(common.calibration, common.priors, out)
-    text = None if drafted is None else drafts.draft_text(drafted, out) + settings
-    write_results(calibration, out, made_with, drafted=text, normal=bands)
+        cause = f"{place}{first.topic}: {first.evidence}" + (f" (and {more} more errors)" if more else "")
+        raise PersonError(cause, first.cure or "gaitcal check shows all of it", code=first.code) from None
 
 
 def _ready(draft: drafts.Draft) -> drafts.Draft:

@@ -142,7 +142,18 @@ def _read(file: StudyFile, marker_set: MarkerSet) -> tuple[tuple[Trial, ...], tu
 @np.errstate(all="ignore")  # absurd numbers of a damaged file may overflow on their way to a message
 @with_one_blas_thread
 def check_study(study: Study) -> tuple[Finding, ...]:
-    """All findings on a study whose files could be read, the worst first within each trial."""
+    """Check the recordings of a study before anything is fitted, as `gaitcal check` does.
+
+    Parameters
+    ----------
+    study
+        From `Study.load`.
+
+    Returns
+    -------
+    tuple of Finding
+        Each with severity, trial, cause, evidence, remedy and code; within a trial the worst first.
+    """
     of, static = examined(study), study.static.name
     findings: list[Finding] = [one.finding for one in of.placed]
     measured: list[MarkerEvidence] = []

@@ -1,0 +1,171 @@
+"""Take further trials through the model of a result: check, track, torques with error bars, verdict."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+
+from gaitcal.display import Displayed, shorten
+from gaitcal.errors import Code, Finding, InputError, Severity
+from gaitcal.faults.evidence import MarkerEvidence
+from gaitcal.faults.study import check_further, further_evidence, further_moves
+from gaitcal.faults.verdict import Verdict, judge, stopping, without_consequences
+from gaitcal.io.csv import events_beside
+from gaitcal.io.result_folder import ResultKind, require_room
+from gaitcal.pipeline.run_study import FaultyStudyError
+from gaitcal.results.saved import SavedResult, load_result
+from gaitcal.results.trials import write_trials
+from gaitcal.runtime import Progress, silent
+from gaitcal.session import trial_result
+from gaitcal.session.result import TrialResult
+from gaitcal.study.study_file import Side, TrialTable
+from gaitcal.study.study_trial import Trial, read_trial
+
+
+@dataclass(frozen=True, kw_only=True, repr=False)
+class FurtherTrials(Displayed):
+    """Trials that were taken through the model of a result."""
+
+    trials: tuple[TrialResult, ...]
+    verdict: Verdict
+    """How far each of them can be believed, and why."""
+    not_converged: tuple[str, ...]
+    """Names of the trials whose tracking did not converge."""
+
+    def _description(self) -> tuple[str, list[tuple[str, str]]]:
+        rows = [("trials", shorten([trial.name for trial in self.trials])), ("verdict", self.verdict.judgement.value)]
+        rows += [("because", reason.line) for reason in self.verdict.reasons[:3]]
+        return "Further trials", rows
+
+
+def analyse_trial(
+    result: Path | str,
+    recording: Path | str,
+    *,
+    forces: Path | str | None = None,
+    plates: dict[str, Side] | None = None,
+    time: tuple[float, float] | None = None,
+    filter_hz: float | Literal["none"] | None = None,
+    role: Literal["gait", "motion"] = "gait",
+    out: Path | str | None = None,
+) -> FurtherTrials:
+    """Take a further recording of a calibrated person through the model, as `gaitcal dynamics` does.
+
+    Parameters
+    ----------
+    result
+        Result folder of a calibration.
+    recording
+        C3D, TRC or CSV file of the same session, with the markers of the model.
+    forces
+        Table of forces, where they are not in the recording.
+    plates
+        Plate -> `r`, `l` or `none`, where feet and plates are not found from the data.
+    time
+        Start and end (s) of the part to use.
+    filter_hz
+        Cut-off of the force filter (Hz), or `none`; as in the calibration unless given.
+    role
+        `gait` for a walk, `motion` for any other activity.
+    out
+        Folder to write to, as `gaitcal dynamics --out` does; nothing is written unless given.
+
+    Returns
+    -------
+    FurtherTrials
+        One trial (motion, torques, standard errors) and the verdict on it.
+
+    Raises
+    ------
+    InputError
+        One line: file, field, what was found, what is allowed.
+    """
+    file, table = Path(recording), None if forces is None else Path(forces)
+    given = {"role": role, "plates": plates or {}, "time": time, "filter_hz": filter_hz}
+    trial = TrialTable(name="trial", role="gait", file=file, forces=table).model_copy(
+        update={"name": file.stem, **given}
+    )
+    inputs = [file, *([table] if table else []), *events_beside(file)]
+    if out is not None:
+        require_room(Path(out), ResultKind.DYNAMICS, inputs)
+    saved = load_result(Path(result))
+    done = analyse_trials(saved, [trial])
+    if out is not None:
+        write_trials(done.trials, saved, Path(out), inputs, done.verdict)
+    return done
+
+
+def analyse_trials(saved: SavedResult, tables: Sequence[TrialTable], progress: Progress = silent) -> FurtherTrials:
+    """Check further trials, and find their motions, torques, standard errors and verdict.
+
+    Parameters
+    ----------
+    saved
+        The result whose model is used.
+    tables
+        The trials as a study file would have them.
+
+    Raises
+    ------
+    FaultyStudyError
+        The checks found errors.
+    InputError
+        A recording cannot be read, or has none of the model's markers.
+    """
+    evidence = []
+    for table in tables:
+        progress(f"{table.file.name}: reading and checking")
+        evidence.append(_evidence(read_trial(table, saved.rename, saved.marker_set), saved))
+    checked = [finding for one in evidence for finding in check_further(one)]
+    findings = [*saved.doubts, *checked]
+    if errors := stopping(findings, [one.name for one in evidence]):
+        raise FaultyStudyError(errors)
+    done = []
+    for one in evidence:
+        progress(f"{one.name}: tracking and inverse dynamics")
+        moves = further_moves(one)
+        done.append(trial_result.analyse(saved.model, one.trial, saved.settings, saved.uncertainty, moves))
+    late = [trial.name for trial in done if not trial.calibrated.converged]
+    findings += [*_edited(saved, done), *map(_not_tracked, late), *(f for t in done for f in t.findings)]
+    verdict = judge(without_consequences(findings), [trial.name for trial in done])
+    trials = tuple(trial.refused(verdict.refused_legs(trial.name)) for trial in done)
+    return FurtherTrials(trials=trials, verdict=verdict, not_converged=tuple(late))
+
+
+def _edited(saved: SavedResult, trials: Sequence[TrialResult]) -> list[Finding]:
+    """Files of the result that somebody changed since it was written, said of every trial made with them."""
+    return [
+        Finding(
+            severity=Severity.WARNING,
+            topic="result folder",
+            where=trial.name,
+            cause="a file of the result is not as it was written",
+            found=remark,
+            cure="",
+            code=Code.RESULT_EDITED,
+        )
+        for trial in trials
+        for remark in saved.files.remarks
+    ]
+
+
+def _not_tracked(name: str) -> Finding:
+    return Finding(
+        severity=Severity.ERROR,
+        topic="convergence",
+        where=name,
+        cause="tracking did not converge",
+        found="its angles and torques are no minimum",
+        cure="look at its markers",
+        code=Code.NOT_CONVERGED,
+    )
+
+
+def _evidence(trial: Trial, saved: SavedResult) -> MarkerEvidence:
+    labels = saved.model.markers.labels
+    if not set(labels) & set(trial.recording.labels):
+        message = f"found none of the model's {len(labels)} markers, such as {labels[0]}"
+        raise InputError(message, source=trial.recording.source, field="markers", code=Code.UNKNOWN_LABEL)
+    return further_evidence(trial, saved.model, saved.marker_set, saved.settings)

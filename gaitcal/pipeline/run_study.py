@@ -1,0 +1,229 @@
+"""Run a study: read it, check it, leave out what is faulty, calibrate, and write the result folder.
+
+The source is a study file or the draft that follows from a folder of recordings. The command line, a
+cohort and a Python program run the same steps.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+from gaitcal.errors import Code, Finding, InputError
+from gaitcal.faults.study import check_study
+from gaitcal.faults.verdict import stopping
+from gaitcal.gait import normal_bands
+from gaitcal.io.result_folder import ResultKind, require_room, sha256_of
+from gaitcal.results.calibration import write_results
+from gaitcal.runtime import Progress, silent
+from gaitcal.session import draft as drafts
+from gaitcal.session import drafting
+from gaitcal.session.calibrate import calibrate
+from gaitcal.session.draft import Draft
+from gaitcal.session.folder import read_folder
+from gaitcal.session.person_facts import Options
+from gaitcal.session.result import Calibration
+from gaitcal.study import joint_prior
+from gaitcal.study.settings import CalibrationSettings
+from gaitcal.study.study import Study, input_files, with_cohort_priors
+from gaitcal.study.study_file import load_study_file
+
+
+class FaultyStudyError(InputError):
+    """The checks found errors in a study that leave nothing to calibrate."""
+
+    def __init__(self, errors: Sequence[Finding], study: Path | None = None) -> None:
+        shown = f": 'gaitcal check {study}' shows all" if study else ""
+        more = f" (and {len(errors) - 1} more errors{shown})" if len(errors) > 1 else ""
+        super().__init__(errors[0].line + more, code=errors[0].code)
+        self.errors = tuple(errors)
+
+
+@dataclass(frozen=True, kw_only=True)
+class RunSettings:
+    """How a study is run."""
+
+    normal: Path | None = None
+    """File of normal bands, drawn behind the curves of the page."""
+    priors: Path | None = None
+    """Joint priors of a cohort, for a study that names none."""
+    calibration: CalibrationSettings = field(default_factory=CalibrationSettings)
+    """Settings given outside the study file; those that the study file gives come first."""
+    leave_out: bool = False
+    """Whether the error on frames left out of the fit is found, too."""
+    force: bool = False
+    """Whether to go on past errors of the checks, with every trial."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class StudyRun:
+    """A study that was run, and what the result folder holds of it."""
+
+    study: Study
+    """As it was read and checked, without the trials that were left out."""
+    calibration: Calibration
+    kept: tuple[str, ...]
+    """Folders of an earlier result that are still there."""
+    drafted: bool
+    """Whether the study was drafted from a folder."""
+
+
+def find_study(path: Path, person: Options) -> Path | Draft:
+    """Find the study of a path: the file itself, the one in the folder, or a draft of its recordings.
+
+    Parameters
+    ----------
+    path
+        Study file, or folder of recordings.
+    person
+        What is known of the person besides the files; for a folder without a study file only.
+
+    Raises
+    ------
+    InputError
+        No study follows from the folder: its files, or who the person is, leave a question.
+    """
+    if not path.is_dir():
+        return path
+    folder = read_folder(path)
+    own = drafts.own_study(folder)
+    if own is not None:
+        return own
+    draft = drafting.draft_of(folder, person)
+    require_runnable(draft, path)
+    return draft
+
+
+def require_runnable(draft: Draft, source: Path) -> None:
+    """Raise InputError for the first thing that keeps a drafted study from being run."""
+    if draft.fault:
+        raise InputError(draft.fault, source=source, code=Code.FOLDER)
+    if message := drafts.unconfirmed_words(draft):
+        raise InputError(message, source=source, code=Code.UNKNOWN_LABEL)
+    if draft.problem:
+        raise InputError(draft.problem, source=source, code=Code.FOLDER)
+    if draft.missing:
+        message = f"{drafts.missing_words(draft)}: give {drafts.missing_options(draft)}"
+        raise InputError(message, source=source, code=Code.WHO_IT_IS)
+
+
+def run_study(
+    source: Path | str,
+    out: Path | str,
+    *,
+    mass: float | None = None,
+    height: float | None = None,
+    sex: str | None = None,
+    age: float | None = None,
+    normal: Path | str | None = None,
+    priors: Path | str | None = None,
+    force: bool = False,
+    progress: Progress = silent,
+) -> Calibration:
+    """Calibrate a study, or a folder of recordings, and write the result folder, as `gaitcal calibrate` does.
+
+    Parameters
+    ----------
+    source
+        Study file, or folder of recordings from which a study is drafted.
+    out
+        The result folder; an earlier result is replaced.
+    mass, height, sex, age
+        kg, m, `female` or `male`, years: for a folder whose files do not give them.
+    normal
+        File of normal bands, or the name of those that gaitcal brings.
+    priors
+        Joint priors of a cohort (`priors.json`), for a study that names none.
+    force
+        Go on past errors of the checks.
+    progress
+        Called with a line of text at the beginning of each step.
+
+    Returns
+    -------
+    Calibration
+        As written; its `verdict` says how far it can be believed.
+
+    Raises
+    ------
+    InputError
+        One line: file, field, what was found, what is allowed.
+    """
+    found = find_study(Path(source), Options(mass=mass, height=height, sex=sex, age=age))
+    settings = RunSettings(
+        normal=None if normal is None else normal_bands.bands_file(normal),
+        priors=None if priors is None else Path(priors),
+        force=force,
+    )
+    return run_found_study(found, Path(out), settings, progress).calibration
+
+
+def run_found_study(
+    source: Path | Draft,
+    out: Path,
+    settings: RunSettings,
+    progress: Progress = silent,
+    *,
+    notes_on: Callable[[Study], Sequence[str]] = lambda _: (),
+) -> StudyRun:
+    """Calibrate a study file or a draft, and write the result folder.
+
+    Parameters
+    ----------
+    notes_on
+        Gives further notes on a study, for the result.
+
+    Raises
+    ------
+    FaultyStudyError
+        The checks found errors, and `settings.force` is not set.
+    InputError
+        The study or a recording cannot be read, or `out` cannot be written.
+    """
+    drafted = source if isinstance(source, Draft) else None
+    read = drafts.files_of(source) if isinstance(source, Draft) else input_files(load_study_file(source), source)
+    bands = None if settings.normal is None else normal_bands.read_normal_bands(settings.normal)
+    besides = [file for file in (settings.normal, settings.priors) if file is not None]
+    kept = require_room(out, ResultKind.CALIBRATION, [*read, *besides])
+
+    progress("reading and checking the recordings")
+    study = _with_settings(Study.load(source) if isinstance(source, Path) else drafts.study_of(source), settings)
+    findings = check_study(study)
+    faulty: dict[str, str] = {}
+    if not settings.force and (drafted is not None or stopping(findings, study.walks)):
+        study, findings, faulty = drafting.without_faulty_trials(study, findings)
+        drafted = drafted and drafted.without(faulty)
+    if drafted is not None:
+        findings = (*findings, *drafting.rejected_forces(drafted))
+    if not settings.force and (errors := stopping(findings, study.walks)):
+        raise FaultyStudyError(errors, source if isinstance(source, Path) else source.folder.path)
+
+    calibration = calibrate(study, progress, leave_out=settings.leave_out, checked=findings)
+    of_source = drafts.draft_notes(drafted) if drafted is not None else drafting.faulty_notes(faulty)
+    calibration = replace(
+        calibration,
+        notes=(*notes_on(study), *of_source, *calibration.notes),
+        left_out={**faulty, **calibration.left_out},
+    )
+
+    progress("writing the results")
+    normal = settings.normal
+    made_with = {} if normal is None else {"normal": normal.name, "normal_sha256": sha256_of(normal)}
+    text = None
+    if drafted is not None:
+        text = drafts.draft_text(drafted, out) + drafts.settings_text(settings.calibration, settings.priors, out)
+    write_results(calibration, out, made_with, drafted=text, normal=bands)
+    return StudyRun(study=study, calibration=calibration, kept=tuple(kept), drafted=drafted is not None)
+
+
+def _with_settings(study: Study, settings: RunSettings) -> Study:
+    """Apply settings and priors that the study itself does not give."""
+    given = settings.calibration.model_fields_set - study.settings.model_fields_set
+    if given:
+        update = {name: getattr(settings.calibration, name) for name in sorted(given)}
+        study = replace(study, settings=study.settings.model_copy(update=update))
+        joint_prior.require_joint_prior(study.settings, study.source)
+    if settings.priors is not None and study.joint_prior is None:
+        study = with_cohort_priors(study, settings.priors)
+    return study
