@@ -235,9 +235,18 @@ class LinkageModel:
         return [self.model.frames[k].placement for k in self.chain.segment_frame]
 
     @cached_property
-    def segment_frames(self) -> Array:
-        """(ns, 4, 3) axes and origin (m) of each segment in the frame of the joint that carries it."""
-        return np.array([[*m.rotation.T, m.translation] for m in self.segment_placement])
+    def rest(self) -> tuple[Array, Array]:
+        """Place joints (nv + 1, 4, 3), the ground first, and segments (ns, 4, 3) with all coordinates at zero.
+
+        Axes, and origin (m), in the laboratory.
+        """
+        (values,) = self.configurations(np.zeros((1, len(self.chain.coordinates))))
+        with self.chain.work_space() as data:
+            pin.framesForwardKinematics(self.model, data, values)
+            joints = [place.homogeneous for place in data.oMi]
+            segments = [data.oMf[k].homogeneous for k in self.chain.segment_frame]
+        placed = np.array(joints + segments)[:, :3].transpose(0, 2, 1)
+        return placed[: len(joints)], placed[len(joints) :]
 
     def index(self, name: str) -> int:
         """Find the entry of a coordinate, free joint parameter or reaction in configurations."""

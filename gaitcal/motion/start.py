@@ -16,7 +16,6 @@ import numpy as np
 
 from gaitcal.arrays import Array, BoolArray
 from gaitcal.model.chain import HALF_TURNS, LinkageModel
-from gaitcal.model.kinematics import evaluate_joints
 from gaitcal.model.rotations import root_angles
 from gaitcal.motion.coordinate_prior import within_walls
 from gaitcal.motion.marker_residual import MarkerData
@@ -111,8 +110,7 @@ class _Links:
     def __init__(self, body: LinkageModel) -> None:
         chain = body.chain
         joints = chain.at_coordinates + 1
-        placed, _ = evaluate_joints(body, body.configurations(np.zeros((1, len(joints)))), jacobians=False)
-        placed = placed[0].reshape(-1, 4, 3)
+        placed, segments = body.rest
         elements = [chain.elements[name] for name in chain.coordinates]
         self.axes = [e.axis for e in elements]
         self.signs = np.array([e.sign for e in elements])
@@ -132,10 +130,8 @@ class _Links:
         """Whether C_k does not rotate."""
 
         # segments at zero coordinates, in the laboratory: rotation, and origin (m)
-        carried = placed[chain.segment_joint]
-        at_zero = body.segment_frames @ carried[:, :3]
-        self.rotation_at_zero = at_zero[:, :3].transpose(0, 2, 1)
-        self.origin_at_zero = at_zero[:, 3] + carried[:, 3]
+        self.rotation_at_zero = segments[:, :3].transpose(0, 2, 1)
+        self.origin_at_zero = segments[:, 3]
         back = rotation[self.segment_coordinate].transpose(0, 2, 1)
         away = self.origin_at_zero - origin[self.segment_coordinate]
         self.segment_rotation = back @ self.rotation_at_zero

@@ -24,7 +24,7 @@ from gaitcal.model.coordinates import (
     split_side,
     with_side,
 )
-from gaitcal.model.kinematics import Kinematics, SecondaryMotion, evaluate_joints, view_forces
+from gaitcal.model.kinematics import Kinematics, SecondaryMotion
 from gaitcal.model.linkage import (
     COORDINATES,
     ISOLATED_JOINTS,
@@ -194,23 +194,6 @@ def opened_body(rng: np.random.Generator) -> tuple[LinkageModel, Array]:
     """A linkage with all joint parameters and the knees' secondary motions free, and coordinates (5, nq)."""
     chain = Chain(free=(*JP_NAMES, *SECONDARY_VARIABLES))
     return chain.body(perturbed_parameters(rng)), rng.normal(0, 0.5, (5, len(COORDINATES)))
-
-
-def test_views_of_pinocchios_memory_hold_what_its_attributes_say() -> None:
-    """Placements, Jacobian and forces are read through strided views: the memory layout they rely on."""
-    body, q = opened_body(np.random.default_rng(1))
-    values = body.configurations(q)
-    placements, jacobians = evaluate_joints(body, values, jacobians=True)
-    data = body.model.createData()
-    for f in range(len(q)):
-        pin.computeJointJacobians(body.model, data, values[f])
-        np.testing.assert_array_equal(jacobians[f], data.J.T)
-        for joint, place in enumerate(data.oMi):
-            np.testing.assert_array_equal(placements[f, joint], [*place.rotation.T.ravel(), *place.translation])
-    forces = pin.StdVec_Force([pin.Force(np.arange(6.0) + 6 * k) for k in range(4)])
-    np.testing.assert_array_equal(view_forces(forces).ravel(), np.arange(24.0))
-    view_forces(forces)[2] = -1.0
-    np.testing.assert_array_equal(forces[2].vector, -np.ones(6))
 
 
 def test_segments_and_columns_are_those_of_body_frames_and_finite_differences() -> None:

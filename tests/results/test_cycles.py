@@ -2,6 +2,7 @@
 
 import base64
 import io
+import re
 import sys
 from dataclasses import replace
 from pathlib import Path
@@ -271,7 +272,9 @@ def test_cells_are_those_of_pandas_but_for_the_quotation_marks(tmp_path: Path) -
     by_pandas = io.StringIO()
     table.to_csv(by_pandas, index=False, lineterminator="\n")
     write_csv(table, tmp_path / "t.csv", ["said"])
-    assert (tmp_path / "t.csv").read_text(encoding="utf-8") == f"# said\n{by_pandas.getvalue()}"
+    written = (tmp_path / "t.csv").read_text(encoding="utf-8")
+    # an exponent has no zero in front here
+    assert written == f"# said\n{re.sub('e-0', 'e-', by_pandas.getvalue())}"
 
 
 def test_a_trial_called_as_a_word_of_the_head_does_not_double_it(whole: Calibration, tmp_path: Path) -> None:
