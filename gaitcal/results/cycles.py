@@ -56,8 +56,8 @@ def refused_lines(trial: TrialResult) -> tuple[str, ...]:
 def write_csv(table: Table, path: Path, comments: Iterable[str] = ()) -> None:
     """Write a table below comment lines; columns by name, or a data frame.
 
-    Cells are those of `DataFrame.to_csv` but for exponents (`1e-5`); text with a `#` stands in quotation marks, within which readers that take `#`
-    for the start of a comment leave it alone.
+    Cells are those of `DataFrame.to_csv`, small numbers (`1e-5`) with shorter exponents; text with a `#` stands in
+    quotation marks, within which readers that take `#` for the start of a comment leave it alone.
     """
     if isinstance(table, Mapping):
         names, columns = list(table), list(table.values())
