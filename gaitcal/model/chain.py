@@ -190,12 +190,18 @@ class Chain:
         return _chain(root, segments, free, reactions, True)
 
     def body(self, parameters: Parameters) -> "LinkageModel":
-        """Lock all joints but coordinates, reactions, free and secondary ones at their values (m, rad)."""
+        """Lock all joints but coordinates, reactions, free and secondary ones at their values (m, rad).
+
+        Trials have the same chain and parameters: the last ones are kept, and are not to be changed.
+        """
         values = np.zeros(self._open_model.nq)
         values[self._at_parameters] = parameters.joint[self._parameters]
         values[self._at_zeros] = parameters.zero_angles[self._zeros]
-        model = pin.buildReducedModel(self._open_model, self._locked, values)
-        return LinkageModel(self, model, parameters.joint[self.free_parameters])
+        return _body(self, values.tobytes(), parameters.joint[self.free_parameters].tobytes())
+
+    def locked(self, values: Array) -> pin.Model:
+        """Lock all other joints at `values` of the joints of the open model."""
+        return pin.buildReducedModel(self._open_model, self._locked, values)
 
 
 IDLE_BYTES = 192 << 20
@@ -207,6 +213,11 @@ _idle_lock = threading.Lock()
 def _bytes(chain: Chain) -> int:
     """Size of a work space: four tensors of (joints, joints, joints) are most of it."""
     return 4 * 8 * len(chain.joints) ** 3
+
+
+@lru_cache(maxsize=32)
+def _body(chain: Chain, values: bytes, free: bytes) -> "LinkageModel":
+    return LinkageModel(chain, chain.locked(np.frombuffer(values)), np.frombuffer(free))
 
 
 def _last(flags: Array | BoolArray) -> int:
@@ -317,7 +328,8 @@ def build_linkage(
     reactions : whether the knees carry their locked reaction joints.
     secondary : whether the knees' secondary motions are joints, whose values are prescribed.
     """
-    body = chain_of(root, segments, free, reactions=reactions, secondary=secondary).body(parameters)
+    kept = chain_of(root, segments, free, reactions=reactions, secondary=secondary).body(parameters)
+    body = replace(kept, model=kept.model.copy())
     body.set_inertias(inertias(parameters.inertial))
     return body
 
