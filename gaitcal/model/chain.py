@@ -252,12 +252,19 @@ class LinkageModel:
         Axes, and origin (m), in the laboratory.
         """
         (values,) = self.configurations(np.zeros((1, len(self.chain.coordinates))))
-        with self.chain.work_space() as data:
-            pin.framesForwardKinematics(self.model, data, values)
-            joints = [place.homogeneous for place in data.oMi]
-            segments = [data.oMf[k].homogeneous for k in self.chain.segment_frame]
-        placed = np.array(joints + segments)[:, :3].transpose(0, 2, 1)
-        return placed[: len(joints)], placed[len(joints) :]
+        model, placed = self.model, [pin.SE3.Identity()]
+        joints = zip(model.joints[1:], model.parents.tolist()[1:], model.jointPlacements[1:], values, strict=True)
+        for joint, parent, placement, value in joints:
+            place = placed[parent] * placement
+            if value:
+                motion = joint.createData()
+                joint.calc(motion, values)
+                place = place * motion.M
+            placed.append(place)
+        carriers = zip(self.chain.segment_joint.tolist(), self.segment_placement, strict=True)
+        segments = [placed[joint] * placement for joint, placement in carriers]
+        found = np.array([place.homogeneous for place in (*placed, *segments)])[:, :3].transpose(0, 2, 1)
+        return found[: len(placed)], found[len(placed) :]
 
     def index(self, name: str) -> int:
         """Find the entry of a coordinate, free joint parameter or reaction in configurations."""
@@ -300,8 +307,12 @@ def chain_of(
     reactions: bool = False,
     secondary: bool = False,
 ) -> Chain:
-    """Make the chain of a part of the linkage once: every trial of a person has the same."""
-    return _chain(root, segments, free, reactions, secondary)
+    """Make the chain of a part of the linkage once: every trial of a person has the same.
+
+    Of `free`, names of what is no joint parameter and no secondary variable are left out.
+    """
+    known = tuple(name for name in free if name in JP_INDEX or name in linkage.SECONDARY_VARIABLES)
+    return _chain(root, segments, known, reactions, secondary)
 
 
 @lru_cache(maxsize=64)
