@@ -77,16 +77,14 @@ def _order_of(chain: Chain) -> _Order:
     depth = chain.after[:, free].sum(axis=1)
     moving = np.array(sorted(free.tolist(), key=lambda k: (depth[k], turns[k])), dtype=np.intp)
     still = np.setdiff1d(np.arange(len(turns)), moving)
-    behind = chain.after[:, moving] & (np.arange(len(turns))[:, None] != moving)
-    base = len(moving) - np.argmax(np.column_stack([behind[:, ::-1], np.ones(len(turns))]), axis=1)
-    carriers = chain.after[chain.segment_joint - 1][:, moving]
-    segment_base = len(moving) - np.argmax(np.column_stack([carriers[:, ::-1], np.ones(len(carriers))]), axis=1)
-    levels: list[tuple[slice, bool, slice | IntArray]] = []
-    start = 0
+    # of every joint, the moving ones on the way to it, counted from 1
+    passed = chain.after[:, moving] * np.arange(1, len(moving) + 1)
+    base = (passed * (np.arange(len(turns))[:, None] != moving)).max(axis=1)
+    levels, start = list[tuple[slice, bool, slice | IntArray]](), 0
     for (_, turning), members in groupby(moving.tolist(), key=lambda k: (depth[k], turns[k])):
         on = base[list(members)]
-        side_by_side = (np.diff(on) == 1).all()
-        levels.append((slice(start, start + len(on)), bool(turning), slice(on[0], on[-1] + 1) if side_by_side else on))
+        run = slice(int(on[0]), int(on[-1]) + 1)
+        levels.append((slice(start, start + len(on)), bool(turning), run if (np.diff(on) == 1).all() else on))
         start += len(on)
     return _Order(
         moving=moving,
@@ -95,7 +93,7 @@ def _order_of(chain: Chain) -> _Order:
         slides=~turns[chain.at_variables],
         variables=np.argsort(np.concatenate([moving, still]))[chain.at_variables],
         base=base,
-        segment_base=segment_base,
+        segment_base=passed[chain.segment_joint - 1].max(axis=1),
         levels=levels,
     )
 

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from gaitcal.gait.conventions import Convention, Signs
-from gaitcal.model.chain import Chain, LinkageModel, chain_of
+from gaitcal.model.chain import Chain, LinkageModel, build_linkage, chain_of
 from gaitcal.model.coordinates import (
     COORDINATE_TABLE,
     GROUPS,
@@ -269,6 +269,15 @@ def test_work_spaces_are_lent_to_one_user_at_a_time_and_kept_for_the_next() -> N
         assert again is one or again is other
     again = pickle.loads(pickle.dumps(chain_of(free=("hip_r.pelvis.ant",), reactions=True)))
     assert again is chain_of("pelvis", SEGMENTS, ("hip_r.pelvis.ant",), reactions=True)
+
+
+def test_a_model_that_is_kept_for_others_gets_no_inertias() -> None:
+    """Trials of the same chain and parameters share a body; who asks for inertias gets one of its own."""
+    parameters = published_subject()
+    kept = chain_of().body(parameters)
+    assert sum(body.mass for body in build_linkage(parameters).model.inertias) > 1.0
+    assert chain_of().body(parameters) is kept
+    assert sum(body.mass for body in kept.model.inertias) == 0.0
 
 
 def test_published_subject_stands_as_documented() -> None:
