@@ -25,5 +25,5 @@ def cross(a: Array, b: Array) -> Array:
 
 def stretches(count: int, most: int) -> list[slice]:
     """`count` frames in stretches of nearly the same length, the fewest of at most `most` frames."""
-    edges = np.linspace(0, count, -(-count // most) + 1).round().astype(int).tolist()
-    return [slice(start, stop) for start, stop in pairwise(edges)]
+    parts = -(-count // most)
+    return [slice(start, stop) for start, stop in pairwise(count * k // max(parts, 1) for k in range(parts + 1))]

@@ -21,6 +21,7 @@ derivatives; the squares of what the sources do sum to its variance.
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import pairwise
 
 import numpy as np
 from scipy.linalg import block_diag
@@ -131,16 +132,19 @@ class NodeMoves:
     nodes: Array
     """(nn * nq, k) d N_c."""
     parameters: Array
-    """(np, k) d p_c, joint parameters before soft tissue."""
+    """(np, ku) d p_c, joint parameters before soft tissue, of the last ku sources; the others move none."""
 
-    def moved(self, basis: SplineBasis, frames: slice | IntArray, derivative: int) -> Array:
-        """Compute what they make of coordinates (frames, nq, k), or of a derivative by time."""
-        chosen, nq = np.arange(len(basis.time))[frames], len(self.nodes) // basis.nodes
-        # only the nodes whose splines reach these frames
-        near = slice(int(basis.first[chosen[0]]), int(basis.first[chosen[-1]]) + ORDER)
-        by_node = self.nodes[near.start * nq : near.stop * nq].reshape(near.stop - near.start, -1)
-        out: Array = basis.matrices[derivative][frames][:, near] @ by_node
-        return out.reshape(len(chosen), nq, -1)
+    def moved(self, basis: SplineBasis, frames: slice | IntArray, derivatives: int = 1) -> Array:
+        """Compute what they make of coordinates (frames, nq, k), followed by as many derivatives by time less one."""
+        weights = np.stack([basis.value, basis.rate, basis.acceleration][:derivatives], axis=1)[frames]
+        first = basis.first[frames]
+        by_node = self.nodes.reshape(basis.nodes, -1)
+        out = np.empty((len(first), derivatives, by_node.shape[1]))
+        # frames between the same nodes together
+        for start, stop in pairwise([0, *(np.flatnonzero(np.diff(first)) + 1).tolist(), len(first)]):
+            near = by_node[first[start] : first[start] + ORDER]
+            np.matmul(weights[start:stop].reshape(-1, ORDER), near, out=out[start:stop].reshape(-1, near.shape[1]))
+        return out.reshape(len(first), -1, self.nodes.shape[1])
 
     def through(self, basis: SplineBasis, frames: slice | IntArray, by_state: Array, by_parameter: Array) -> Array:
         """Compute what they make (frames, m, k) of m quantities.
@@ -150,9 +154,9 @@ class NodeMoves:
         by_state : (frames, m, 3 nq) derivatives by coordinates, rates and accelerations.
         by_parameter : (frames, m, npj) derivatives by the joint parameters.
         """
-        states = np.concatenate([self.moved(basis, frames, derivative) for derivative in range(3)], axis=1)
-        out: Array = by_state @ states
-        out += by_parameter @ self.parameters[: by_parameter.shape[2]]
+        out: Array = by_state @ self.moved(basis, frames, 3)
+        last = out.shape[2] - self.parameters.shape[1]
+        out[:, :, last:] += by_parameter @ self.parameters[: by_parameter.shape[2]]
         return out
 
 
@@ -167,9 +171,7 @@ class MarkerScores:
 
     def and_unknowns(self) -> NodeMoves:
         """The own coordinates, and then a unit of each unknown."""
-        own, unknowns = self.coefficients.shape[1], self.sensitivity.shape[1]
-        nodes = np.hstack([self.coefficients, -self.sensitivity])
-        return NodeMoves(nodes, np.hstack([np.zeros((unknowns, own)), np.eye(unknowns)]))
+        return NodeMoves(np.hstack([self.coefficients, -self.sensitivity]), np.eye(self.sensitivity.shape[1]))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -195,9 +197,7 @@ class MotionSensitivity:
         return self._with(np.asarray(np.linalg.qr(self.shift.T, mode="r")).T)
 
     def _with(self, shift: Array) -> NodeMoves:
-        nodes = np.hstack([self.coefficients, -self.sensitivity @ shift])
-        own = np.zeros((len(shift), self.coefficients.shape[1]))
-        return NodeMoves(nodes, np.hstack([own, shift]))
+        return NodeMoves(np.hstack([self.coefficients, -self.sensitivity @ shift]), shift)
 
     def variances(self, moved: Array) -> dict[ErrorSource, Array]:
         """ErrorSource -> (frames, m) the variance that it makes; `moved` (frames, m, own + nc) of `by_source`."""
@@ -341,7 +341,7 @@ def coordinate_variances(
     """
 
     def moved(part: slice | IntArray) -> Array:
-        found = moves.together.moved(basis, part, 0)
+        found = moves.together.moved(basis, part)
         return found if more is None else np.concatenate([found, more[part] @ found], axis=1)
 
     basis = problem.basis

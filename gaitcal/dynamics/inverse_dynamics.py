@@ -23,12 +23,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pinocchio as pin
 
-from gaitcal.arrays import Array, BoolArray, IntArray, stretches
+from gaitcal.arrays import Array, BoolArray, IntArray, cross, stretches
 from gaitcal.display import Displayed, describe_time
 from gaitcal.errors import Code, InputError
 from gaitcal.model import linkage
 from gaitcal.model.chain import build_linkage
-from gaitcal.model.kinematics import Kinematics, evaluate_joints, view_forces
+from gaitcal.model.kinematics import Kinematics
 from gaitcal.model.parameters import MASSIVE_SEGMENTS, Parameters
 from gaitcal.model.subject_model import SubjectModel
 from gaitcal.motion.motion import Motion
@@ -170,31 +170,34 @@ class Dynamics:
         parts = []
         for part in stretches(len(q), BLOCK) or [slice(0)]:
             states = self.joint_states(q[part], v[part], a[part])
-            parts.append(self._forces(*states, None if wrenches is None else wrenches[part]))
+            on_feet = None if wrenches is None else self._in_joint_axes(q[part], wrenches[part])
+            parts.append(self._forces(*states, on_feet))
         return np.concatenate(parts)[:, self.rows]
 
-    def _forces(self, q: Array, v: Array, a: Array, wrenches: Array | None) -> Array:
-        """(nf, nv) of all joints."""
+    def _forces(self, q: Array, v: Array, a: Array, on_feet: Array | None) -> Array:
+        """(nf, nv) of all joints; `on_feet`: (nf, 2, 6) in the axes of the feet's joints, about their origins."""
         model = self.body.model
         external = pin.StdVec_Force([pin.Force.Zero() for _ in range(model.njoints)])
-        on_feet = None if wrenches is None else self._in_joint_axes(q, wrenches)
-        on_joints = view_forces(external)
-        out = np.empty_like(q)
+        feet, out = [external[joint] for joint in self.feet], np.empty_like(q)
         with self.body.chain.work_space() as data:
             for k in range(len(q)):
                 if on_feet is not None:
-                    on_joints[self.feet] = on_feet[k]
+                    for foot, force in zip(feet, on_feet[k], strict=True):
+                        foot.vector = force
                 out[k] = pin.rnea(model, data, q[k], v[k], a[k], external)
         return out
 
     def _in_joint_axes(self, q: Array, wrenches: Array) -> Array:
         """(nf, 2, 6) foot wrenches in the axes of the feet's joints, about their origins."""
-        placements, _ = evaluate_joints(self.body, q, jacobians=False)
-        feet = placements[:, self.feet].reshape(-1, len(FEET), 4, 3)
-        force, moment = wrenches[..., :3], wrenches[..., 3:]
-        both = np.stack([force, moment - np.cross(feet[:, :, 3], force)], axis=3)
-        local = feet[:, :, :3] @ both
-        return np.ascontiguousarray(local.transpose(0, 1, 3, 2)).reshape(-1, len(FEET), 6)
+        placed, out = Kinematics(self.body, q[:, self._columns], columns=False), np.empty_like(wrenches)
+        for foot, name in enumerate(FEET):
+            segment = self.body.chain.segments.index(name)
+            *axes, origin = placed.segments_by_frame[:, segment].transpose(1, 0, 2)
+            force, moment = wrenches[:, foot, :3], wrenches[:, foot, 3:]
+            about = moment - cross(origin, force)
+            local = [np.sum(of * axis, axis=1) for of in (force, about) for axis in axes]
+            out[:, foot] = np.stack(local, axis=1) @ self.body.segment_placement[segment].toDualActionMatrix().T
+        return out
 
     def residual_force(self, q: Array, v: Array, a: Array, wrenches: Array) -> Array:
         """(nf, 3) N: the first three of `forces`, which need no place of the ground reactions."""

@@ -88,7 +88,7 @@ def joint_frames(parameters: Parameters) -> tuple[JointFrames, ...]:
 
 def frames_of(joint: Joint, parameters: Parameters) -> JointFrames:
     """Read one joint off the Pinocchio model."""
-    return _frames_in(chain_of().body(parameters), joint)
+    return _frames_in(chain_of(joint.parent, (joint.parent, joint.child)).body(parameters), joint)
 
 
 def _frames_in(body: LinkageModel, joint: Joint) -> JointFrames:

@@ -228,9 +228,11 @@ def clusters_of(
     landmarks: Mapping[str, tuple[str, ...]],
     judged: Callable[[str], bool],
     near: Mapping[str, tuple[BoolArray, float]] | None = None,
+    before: Mapping[str, Cluster] | None = None,
 ) -> dict[str, Cluster]:
     """Segment -> its cluster, for pelvis and legs; `judged` tells which markers count, `near` of a segment in which
-    frames (nf,) its posture is near the static one, and how far (rad) that still is: without it that is found first.
+    frames (nf,) its posture is near the static one, and how far (rad) that still is: without it that is found first,
+    from the clusters `before`.
     """
     place = {label: i for i, label in enumerate(recording.labels)}
     shares = seen_mask(recording.markers).sum(axis=0)
@@ -260,6 +262,9 @@ def clusters_of(
         if lent is not None:
             name, at, path = lent
             labels, static, paths = [*labels, name], [*static, at], [*paths, path]
+        if before and near and segment not in near and lent is None:
+            out |= {segment: before[segment]} if segment in before else {}
+            continue
         frames, far = (near or {}).get(segment, (None, 0.0))
         known = _fitted(np.array(static), np.stack(paths, axis=1), frames) if len(labels) >= FEWEST else None
         if known is not None:
@@ -285,7 +290,7 @@ def clusters_of(
     flexed = {s: flexion for s in out if np.nanmax(flexion := _flexion(out, s), initial=0.0) > NEAR_RAD}
     limits = {s: max(NEAR_RAD, float(np.nanpercentile(flexion, NEAREST_PERCENT))) for s, flexion in flexed.items()}
     near = {s: (f <= limits[s], float(np.median(f[f <= limits[s]])) - NEAR_RAD) for s, f in flexed.items()}
-    return clusters_of(recording, stance, landmarks, judged, near) if near else out
+    return clusters_of(recording, stance, landmarks, judged, near, out) if near else out
 
 
 def _flexion(clusters: Mapping[str, Cluster], segment: str) -> Array:

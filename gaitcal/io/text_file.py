@@ -11,9 +11,10 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import wraps
 from pathlib import Path
-from typing import Concatenate, ParamSpec, TypeVar
+from typing import Any, Concatenate, ParamSpec, TypeVar
 
 import numpy as np
+from numpy.typing import NDArray
 
 from gaitcal.arrays import Array
 from gaitcal.errors import Code, InputError
@@ -69,8 +70,20 @@ def readable_size(path: Path) -> int:
 
 def number_lines(values: Array, separator: str, missing: str = "") -> str:
     """Rows of numbers as lines, each number in the shortest form that reads back to the same bits."""
-    lines = [separator.join(map(repr, row)) + "\n" for row in values.tolist()]
-    return "".join(lines).replace("nan", missing)
+    rows = _number_text(values, missing)[2:-2].replace("],[", "\n").replace(",", separator)
+    return rows + "\n" if len(values) else ""
+
+
+def number_cells(values: NDArray[Any]) -> list[str]:
+    """Numbers (n,) one by one in that form; nothing where there is none."""
+    return _number_text(values, "")[1:-1].split(",") if len(values) else []
+
+
+def _number_text(values: NDArray[Any], missing: str) -> str:
+    """Write numbers as pydantic does, in a quarter of the time of `repr`."""
+    from pydantic_core import to_json  # the process that parses C3D files does without: it is ready sooner
+
+    return to_json(values.tolist()).decode().replace("NaN", missing).replace("Infinity", "inf")
 
 
 @naming_file

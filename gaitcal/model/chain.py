@@ -190,12 +190,18 @@ class Chain:
         return _chain(root, segments, free, reactions, True)
 
     def body(self, parameters: Parameters) -> "LinkageModel":
-        """Lock all joints but coordinates, reactions, free and secondary ones at their values (m, rad)."""
+        """Lock all joints but coordinates, reactions, free and secondary ones at their values (m, rad).
+
+        Trials have the same chain and parameters: the last ones are kept, and are not to be changed.
+        """
         values = np.zeros(self._open_model.nq)
         values[self._at_parameters] = parameters.joint[self._parameters]
         values[self._at_zeros] = parameters.zero_angles[self._zeros]
-        model = pin.buildReducedModel(self._open_model, self._locked, values)
-        return LinkageModel(self, model, parameters.joint[self.free_parameters])
+        return _body(self, values.tobytes(), parameters.joint[self.free_parameters].tobytes())
+
+    def locked(self, values: Array) -> pin.Model:
+        """Lock all other joints at `values` of the joints of the open model."""
+        return pin.buildReducedModel(self._open_model, self._locked, values)
 
 
 IDLE_BYTES = 192 << 20
@@ -207,6 +213,11 @@ _idle_lock = threading.Lock()
 def _bytes(chain: Chain) -> int:
     """Size of a work space: four tensors of (joints, joints, joints) are most of it."""
     return 4 * 8 * len(chain.joints) ** 3
+
+
+@lru_cache(maxsize=32)
+def _body(chain: Chain, values: bytes, free: bytes) -> "LinkageModel":
+    return LinkageModel(chain, chain.locked(np.frombuffer(values)), np.frombuffer(free))
 
 
 def _last(flags: Array | BoolArray) -> int:
@@ -235,9 +246,25 @@ class LinkageModel:
         return [self.model.frames[k].placement for k in self.chain.segment_frame]
 
     @cached_property
-    def segment_frames(self) -> Array:
-        """(ns, 4, 3) axes and origin (m) of each segment in the frame of the joint that carries it."""
-        return np.array([[*m.rotation.T, m.translation] for m in self.segment_placement])
+    def rest(self) -> tuple[Array, Array]:
+        """Place joints (nv + 1, 4, 3), the ground first, and segments (ns, 4, 3) with all coordinates at zero.
+
+        Axes, and origin (m), in the laboratory.
+        """
+        (values,) = self.configurations(np.zeros((1, len(self.chain.coordinates))))
+        model, placed = self.model, [pin.SE3.Identity()]
+        joints = zip(model.joints[1:], model.parents.tolist()[1:], model.jointPlacements[1:], values, strict=True)
+        for joint, parent, placement, value in joints:
+            place = placed[parent] * placement
+            if value:
+                motion = joint.createData()
+                joint.calc(motion, values)
+                place = place * motion.M
+            placed.append(place)
+        carriers = zip(self.chain.segment_joint.tolist(), self.segment_placement, strict=True)
+        segments = [placed[joint] * placement for joint, placement in carriers]
+        found = np.array([place.homogeneous for place in (*placed, *segments)])[:, :3].transpose(0, 2, 1)
+        return found[: len(placed)], found[len(placed) :]
 
     def index(self, name: str) -> int:
         """Find the entry of a coordinate, free joint parameter or reaction in configurations."""
@@ -280,8 +307,12 @@ def chain_of(
     reactions: bool = False,
     secondary: bool = False,
 ) -> Chain:
-    """Make the chain of a part of the linkage once: every trial of a person has the same."""
-    return _chain(root, segments, free, reactions, secondary)
+    """Make the chain of a part of the linkage once: every trial of a person has the same.
+
+    Of `free`, names of what is no joint parameter and no secondary variable are left out.
+    """
+    known = tuple(name for name in free if name in JP_INDEX or name in linkage.SECONDARY_VARIABLES)
+    return _chain(root, segments, known, reactions, secondary)
 
 
 @lru_cache(maxsize=64)
@@ -308,7 +339,8 @@ def build_linkage(
     reactions : whether the knees carry their locked reaction joints.
     secondary : whether the knees' secondary motions are joints, whose values are prescribed.
     """
-    body = chain_of(root, segments, free, reactions=reactions, secondary=secondary).body(parameters)
+    kept = chain_of(root, segments, free, reactions=reactions, secondary=secondary).body(parameters)
+    body = replace(kept, model=kept.model.copy())
     body.set_inertias(inertias(parameters.inertial))
     return body
 

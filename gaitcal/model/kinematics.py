@@ -1,30 +1,30 @@
-"""Kinematics of a linkage in all frames: segment placements and Jacobian columns, by Pinocchio.
+"""Kinematics of a linkage in all frames: segment placements and Jacobian columns.
 
     R_s(t), o_s(t)      axes and origin of segment s in the laboratory,
     J_k(t) = [v; w]     spatial velocity about the laboratory origin per unit of variable k,
 
 as `pin.computeJointJacobians` gives them: a rotation about the unit axis a through the point c is
-[c x a; a], a translation along a is [a; 0]. Pinocchio works on one frame at a time. What it has
-computed is read from its memory, through views that are made once: copying attribute by
-attribute takes three times as long as the computation.
+[c x a; a], a translation along a is [a; 0]. Pinocchio works on one frame at a time, and a call for
+every frame takes three times as long as the same passes over all frames at once. So Pinocchio
+places the model at rest, with its coordinates at zero. From this each joint that moves in time has
+its place on the one before it, and segments and free joint parameters theirs on the last one.
 
 The frame index is the last one here, so that what follows is one pass over contiguous memory. A
 variable of a secondary motion (`motion/soft_tissue.py`) has the column of the joint that it moves,
 times d amount / d variable.
 """
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
+from itertools import groupby
 
 import numpy as np
-import pinocchio as pin
 
 from gaitcal.arrays import Array, BoolArray, IntArray, stretches
 from gaitcal.model import linkage
-from gaitcal.model.chain import LinkageModel, chain_of
+from gaitcal.model.chain import Chain, LinkageModel, chain_of
 from gaitcal.model.parameters import Parameters
+from gaitcal.runtime import remembered
 
 BLOCK = 512
 """Frames at a time: bounds what is held of all joints of a long recording."""
@@ -47,29 +47,103 @@ class SecondaryMotion:
         )
 
 
-class _Memory:
-    """NumPy's array interface of a `std::vector` of Pinocchio, of `count` doubles an element."""
+@dataclass(frozen=True, kw_only=True)
+class _Order:
+    """The joints of a chain that move in time, those before others first, and what stands on them."""
 
-    def __init__(self, elements: Sequence[Any], first: Array, second: Array, count: int) -> None:
-        start, after = (x.__array_interface__["data"][0] for x in (first, second))
-        self.elements = elements
-        self.__array_interface__ = {
-            "data": (start, False),
-            "shape": (len(elements), count),
-            "strides": (after - start, 8),
-            "typestr": "<f8",
-            "version": 3,
-        }
+    moving: IntArray
+    """(nm,) their entries in configurations."""
+    still: IntArray
+    """Entries of all others."""
+    rows: IntArray
+    """(nv, 4) rows of a placement in the order used here: axis of the joint, the two after it, origin."""
+    slides: BoolArray
+    """(n,) whether a variable translates."""
+    variables: IntArray
+    """(n,) place of the joint of each variable among the moving ones and then the others."""
+    base: IntArray
+    """(nv,) last moving joint before each joint, counted from 1; 0: the ground."""
+    segment_base: IntArray
+    """(ns,) last moving joint before each segment, likewise."""
+    levels: list[tuple[slice, bool, slice | IntArray]]
+    """Moving joints that do not depend on each other, whether they turn, and what they stand on."""
 
 
-def view_placements(placements: Sequence[pin.SE3]) -> Array:
-    """View a `std::vector<SE3>` as (n, 12): the three axes one after the other, then the origin."""
-    return np.asarray(_Memory(placements, placements[0].rotation, placements[1].rotation, 12))
+@remembered
+def _order_of(chain: Chain) -> _Order:
+    turns = np.array([chain.elements[name].rotates for name in chain.joints])
+    axis = np.array([chain.elements[name].axis for name in chain.joints])
+    free = np.concatenate([chain.at_coordinates, *(np.array(at) for at in chain.at_secondary.values())])
+    depth = chain.after[:, free].sum(axis=1)
+    moving = np.array(sorted(free.tolist(), key=lambda k: (depth[k], turns[k])), dtype=np.intp)
+    still = np.setdiff1d(np.arange(len(turns)), moving)
+    # of every joint, the moving ones on the way to it, counted from 1
+    passed = chain.after[:, moving] * np.arange(1, len(moving) + 1)
+    base = (passed * (np.arange(len(turns))[:, None] != moving)).max(axis=1)
+    levels, start = list[tuple[slice, bool, slice | IntArray]](), 0
+    for (_, turning), members in groupby(moving.tolist(), key=lambda k: (depth[k], turns[k])):
+        on = base[list(members)]
+        run = slice(int(on[0]), int(on[-1]) + 1)
+        levels.append((slice(start, start + len(on)), bool(turning), run if (np.diff(on) == 1).all() else on))
+        start += len(on)
+    return _Order(
+        moving=moving,
+        still=still,
+        rows=np.column_stack([axis, (axis + 1) % 3, (axis + 2) % 3, np.full(len(axis), 3)]),
+        slides=~turns[chain.at_variables],
+        variables=np.argsort(np.concatenate([moving, still]))[chain.at_variables],
+        base=base,
+        segment_base=passed[chain.segment_joint - 1].max(axis=1),
+        levels=levels,
+    )
 
 
-def view_forces(forces: Sequence[pin.Force]) -> Array:
-    """View a `std::vector<Force>` as (n, 6): force, then moment."""
-    return np.asarray(_Memory(forces, forces[0].linear, forces[1].linear, 6))
+@remembered
+def _offsets(body: LinkageModel) -> tuple[Array, Array, Array]:
+    """Place moving joints (nm, 4, 3), axes and origins of others (., 2, 3), and segments (ns, 4, 3) on their bases."""
+    order = _order_of(body.chain)
+    joints, segments = body.rest
+    turned = joints[np.arange(1, len(joints))[:, None], order.rows]
+    bases = np.concatenate([np.eye(4, 3)[None], turned[order.moving]])
+
+    def on(placed: Array, base: IntArray) -> Array:
+        from_base = placed.copy()
+        from_base[:, -1] -= bases[base, 3]
+        return np.asarray(from_base @ bases[base, :3].transpose(0, 2, 1))
+
+    return (
+        on(turned[order.moving], order.base[order.moving]),
+        on(turned[order.still, ::3], order.base[order.still]),
+        on(segments, order.segment_base),
+    )
+
+
+def _placed(local: Array, on: Array, out: Array | None = None) -> Array:
+    """Put rows of axes, the last one an origin (n, r, 3), on placements (n, 4, 3, nf): (n, r, 3, nf)."""
+    count, rows, width = *local.shape[:2], on.shape[3]
+    flat = None if out is None else out.reshape(count, rows, 3 * width)
+    placed = np.matmul(local, on[:, :3].reshape(count, 3, 3 * width), out=flat).reshape(count, rows, 3, width)
+    placed[:, -1] += on[:, 3]
+    return placed
+
+
+def _place_moving(body: LinkageModel, values: Array) -> Array:
+    """Place the moving joints, the ground first, at their values (nm, nf): (nm + 1, 4, 3, nf), rows as in `_Order`."""
+    local, _, _ = _offsets(body)
+    cos, sin = np.cos(values), np.sin(values)
+    sines = np.stack([sin, -sin], axis=1)
+    frames = np.empty((len(values) + 1, 4, 3, values.shape[1]))
+    frames[0] = np.eye(4, 3)[:, :, None]
+    for level, turning, on in _order_of(body.chain).levels:
+        placed = _placed(local[level], frames[on], frames[1:][level])
+        if turning:
+            across = placed[:, 1:3]
+            turned = across * cos[level, None, None]
+            turned += across[:, ::-1] * sines[level, :, None]
+            across[...] = turned
+        else:
+            placed[:, 3] += placed[:, 0] * values[level, None]
+    return frames
 
 
 class Kinematics:
@@ -95,24 +169,22 @@ class Kinematics:
         if secondary is None and any(name in linkage.SECONDARY_VARIABLES for name in chain.free):
             raise ValueError("free variables of secondary motions need the motions that they are of")
         self.chain = chain
-        local = body.segment_frames
         self.segments = np.empty((len(chain.segments), 4, 3, nf))
         self.columns = np.empty((len(chain.at_variables), 6, nf) if columns else (0, 6, nf))
+        order = _order_of(chain)
+        _, of_still, of_segments = _offsets(body)
         for part in stretches(nf, BLOCK):
             values = body.configurations(q[part])
             if secondary is not None:
                 for name, joints in chain.at_secondary.items():
                     if name in secondary.amounts:  # not of a knee that no marker shows
                         values[:, joints] = secondary.amounts[name][:, part].T
-            placements, jacobians = evaluate_joints(body, values, jacobians=columns)
-            joint_frames = np.ascontiguousarray(placements[:, chain.segment_joint].transpose(1, 2, 0))
-            width = joint_frames.shape[2]
-            joint_frames = joint_frames.reshape(-1, 4, 3 * width)
-            placed = (local @ joint_frames[:, :3]).reshape(-1, 4, 3, width)
-            placed[:, 3] += joint_frames[:, 3].reshape(-1, 3, width)
-            self.segments[..., part] = placed
+            frames = _place_moving(body, np.ascontiguousarray(values[:, order.moving].T))
+            self.segments[..., part] = _placed(of_segments, frames[order.segment_base])
             if columns:
-                self.columns[..., part] = jacobians[:, chain.at_variables].transpose(1, 2, 0)
+                still = _placed(of_still, frames[order.base[order.still]])
+                lines = np.concatenate([frames[1:, ::3], still])[order.variables]
+                self.columns[..., part] = _columns(lines[:, 0], lines[:, 1], order.slides)
         if columns and secondary is not None:
             for k, name in enumerate(chain.variables):
                 if name in linkage.SECONDARY_VARIABLES:
@@ -152,29 +224,16 @@ class Kinematics:
         return np.asarray(self.chain.support[:, self.chain.segments.index(segment)] > 0)
 
 
-def evaluate_joints(body: LinkageModel, values: Array, *, jacobians: bool) -> tuple[Array, Array]:
-    """Place all joints at configurations (nf, nv).
-
-    Returns
-    -------
-    (nf, nv + 1, 12) axes and origin (m) of every joint, the ground first, in the laboratory; and
-    (nf, nv, 6) Jacobian columns, none if they are not wanted.
-    """
-    model = body.model
-    placements = np.empty((len(values), model.njoints, 12))
-    columns = np.empty((len(values), model.nv, 6) if jacobians else (0, model.nv, 6))
-    with body.chain.work_space() as data:
-        placed, jacobian = view_placements(data.oMi), data.J.T
-        if jacobians:
-            for row, placement, column in zip(values, placements, columns, strict=True):
-                pin.computeJointJacobians(model, data, row)
-                placement[...] = placed
-                column[...] = jacobian
-        else:
-            for row, placement in zip(values, placements, strict=True):
-                pin.forwardKinematics(model, data, row)
-                placement[...] = placed
-    return placements, columns
+def _columns(axes: Array, points: Array, slides: BoolArray) -> Array:
+    """(n, 6, nf) Jacobian columns of joints about or along axes (n, 3, nf) through points (n, 3, nf)."""
+    out = np.empty((len(axes), 6, axes.shape[2]))
+    out[:, 3:] = axes
+    for i in range(3):
+        j, k = (i + 1) % 3, (i + 2) % 3
+        np.multiply(points[:, j], axes[:, k], out=out[:, i])
+        out[:, i] -= points[:, k] * axes[:, j]
+    out[slides, :3], out[slides, 3:] = axes[slides], 0.0
+    return out
 
 
 def coordinate_axes(body: LinkageModel, q: Array) -> tuple[Array, Array]:
@@ -185,12 +244,10 @@ def coordinate_axes(body: LinkageModel, q: Array) -> tuple[Array, Array]:
     (nf, nq, 3) unit axes that positive values move along or about, and (nf, nq, 3) m the origins of the
     joints' frames on them; laboratory.
     """
-    placements, columns = evaluate_joints(body, body.configurations(q), jacobians=True)
-    at = body.chain.at_coordinates
-    moved = columns[:, at]
-    rotates = np.array([body.chain.elements[name].rotates for name in body.chain.coordinates])
-    axes = np.where(rotates[:, None], moved[..., 3:], moved[..., :3])
-    return axes, placements[:, at + 1, 9:]
+    order = _order_of(body.chain)
+    frames = _place_moving(body, body.configurations(q)[:, order.moving].T)
+    lines = frames[1 + order.variables[: q.shape[1]], ::3].transpose(3, 1, 0, 2)
+    return lines[:, 0], lines[:, 1]
 
 
 def body_poses(parameters: Parameters, q: Array) -> tuple[dict[str, Array], dict[str, Array]]:

@@ -16,7 +16,6 @@ import numpy as np
 
 from gaitcal.arrays import Array, BoolArray
 from gaitcal.model.chain import HALF_TURNS, LinkageModel
-from gaitcal.model.kinematics import evaluate_joints
 from gaitcal.model.rotations import root_angles
 from gaitcal.motion.coordinate_prior import within_walls
 from gaitcal.motion.marker_residual import MarkerData
@@ -81,10 +80,11 @@ def starting_coordinates(body: LinkageModel, data: MarkerData) -> Array:
                 if not known.any():  # one marker: the joint's line towards it, turned about it as little as can be
                     spread, known, straight = straight, scale > 0, None
             if known.any():
-                inverse = before.transpose(0, 2, 1)
-                angles = _turns(links, turns, inverse @ spread @ to_joint.T)
+                wanted = spread if straight is None else np.stack([spread, straight])
+                joint = before.transpose(0, 2, 1) @ wanted @ to_joint.T
+                angles = _turns(links, turns, joint.reshape(-1, 3, 3))
                 if straight is not None:
-                    held = _turns(links, turns, inverse @ straight @ to_joint.T)
+                    angles, held = np.split(angles, 2)
                     apart = np.abs(np.angle(np.exp(1j * (angles - held)[known])))
                     angles = held if (apart > BELIEVED).any() else angles  # for the whole trial
                 determined = bool(fit.determined.any())
@@ -111,8 +111,7 @@ class _Links:
     def __init__(self, body: LinkageModel) -> None:
         chain = body.chain
         joints = chain.at_coordinates + 1
-        placed, _ = evaluate_joints(body, body.configurations(np.zeros((1, len(joints)))), jacobians=False)
-        placed = placed[0].reshape(-1, 4, 3)
+        placed, segments = body.rest
         elements = [chain.elements[name] for name in chain.coordinates]
         self.axes = [e.axis for e in elements]
         self.signs = np.array([e.sign for e in elements])
@@ -132,10 +131,8 @@ class _Links:
         """Whether C_k does not rotate."""
 
         # segments at zero coordinates, in the laboratory: rotation, and origin (m)
-        carried = placed[chain.segment_joint]
-        at_zero = body.segment_frames @ carried[:, :3]
-        self.rotation_at_zero = at_zero[:, :3].transpose(0, 2, 1)
-        self.origin_at_zero = at_zero[:, 3] + carried[:, 3]
+        self.rotation_at_zero = segments[:, :3].transpose(0, 2, 1)
+        self.origin_at_zero = segments[:, 3]
         back = rotation[self.segment_coordinate].transpose(0, 2, 1)
         away = self.origin_at_zero - origin[self.segment_coordinate]
         self.segment_rotation = back @ self.rotation_at_zero
@@ -210,10 +207,11 @@ def _fill(values: Array, known: BoolArray) -> Array:
 
 
 def _turned(rotation: Array, axis: int, angle: Array) -> Array:
-    """(nf, 3, 3) rotation @ R_axis(angle)."""
+    """(nf, 3, 3) rotation @ R_axis(angle), of one rotation (1, 3, 3) or of many."""
     a, b = (axis + 1) % 3, (axis + 2) % 3
     c, s = np.cos(angle)[:, None], np.sin(angle)[:, None]
-    out = rotation.copy()
+    out = np.empty((len(angle), 3, 3))
+    out[:, :, axis] = rotation[:, :, axis]
     out[:, :, a] = c * rotation[:, :, a] + s * rotation[:, :, b]
     out[:, :, b] = c * rotation[:, :, b] - s * rotation[:, :, a]
     return out
@@ -230,7 +228,7 @@ def _turns(links: _Links, turns: list[int], target: Array) -> Array:
         # left-hand sides are peeled off as they are settled, right-hand sides kept from the last sweep
         after: list[Array] = []
         for i in range(len(turns) - 1, 0, -1):
-            inner = _turned(np.broadcast_to(links.offset_rotation[turns[i]], target.shape), axes[i], angles[:, i])
+            inner = _turned(links.offset_rotation[None, turns[i]], axes[i], angles[:, i])
             after.append(inner @ after[-1] if after else inner)
         remaining = target
         for i, k in enumerate(turns):

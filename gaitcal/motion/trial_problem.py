@@ -365,8 +365,10 @@ def _with_posture(problem: MotionProblem, model: SubjectModel) -> MotionProblem:
         some = replace(problem, basis=problem.basis.at(frames), data=alike)
         return coordinate_prior.undetermined(asked, chain.coordinates, some.frame_hessians(q, body))
 
-    trunk, others = left_open(pulling & ~on_arms[:, None]), left_open(pulling)
-    names = tuple(name for name in asked if name in (trunk if name in LUMBAR else others))
+    open_now = set(left_open(pulling)) - set(LUMBAR)
+    if set(LUMBAR) & set(asked):
+        open_now |= set(left_open(pulling & ~on_arms[:, None])) & set(LUMBAR)
+    names = tuple(name for name in asked if name in open_now)
     if not names:
         return problem
     known = replace(problem, priors=(*problem.priors, coordinate_prior.about_posture(names, model.posture)))

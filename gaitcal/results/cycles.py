@@ -19,6 +19,7 @@ from gaitcal.gait import ensemble, moments, spatiotemporal
 from gaitcal.gait.cycles import CYCLE_COLUMNS, GROUND_REACTION, POINTS, GaitCycle, conventions_of, normalise, typed
 from gaitcal.gait.strides import TURNING, pelvis_angles, strides_of, turns
 from gaitcal.io.result_folder import put_back
+from gaitcal.io.text_file import number_cells
 from gaitcal.model.coordinates import FOOT_PROGRESSION
 from gaitcal.model.linkage import PELVIS_ANGLES
 from gaitcal.model.subject_model import Subject, SubjectModel
@@ -55,8 +56,8 @@ def refused_lines(trial: TrialResult) -> tuple[str, ...]:
 def write_csv(table: Table, path: Path, comments: Iterable[str] = ()) -> None:
     """Write a table below comment lines; columns by name, or a data frame.
 
-    Cells are those of `DataFrame.to_csv`; text with a `#` stands in quotation marks, within which readers that take `#`
-    for the start of a comment leave it alone.
+    Cells are those of `DataFrame.to_csv`, small numbers (`1e-5`) with shorter exponents; text with a `#` stands in
+    quotation marks, within which readers that take `#` for the start of a comment leave it alone.
     """
     if isinstance(table, Mapping):
         names, columns = list(table), list(table.values())
@@ -86,7 +87,7 @@ def _plain(column: pd.Series) -> Column:
 def _cells(column: Column) -> list[str]:
     """Numbers in the shortest form that reads back the same, and text; empty where there is no value."""
     if isinstance(column, np.ndarray) and column.dtype.kind in "iuf":
-        return ["" if value != value else repr(value) for value in column.tolist()]
+        return number_cells(column)
     text_of = {value: "" if value is None or value != value else _cell(value) for value in set(column)}
     return [text_of[value] for value in column]  # text repeats itself: each is looked at once
 

@@ -97,7 +97,7 @@ def trial_result(trial: MovingTrial, session: Session) -> TrialResult:
     erring = _erring_forces(trial, session, axes, moves)
     if erring is None:
         return _without_torque_errors(trial, session, axes, moves)
-    with ThreadPoolExecutor(2) as pool:  # products of matrices, which let other threads compute
+    with ThreadPoolExecutor(1) as pool:  # products of matrices, which let this thread compute
         parts = pool.map(with_one_blas_thread(erring.variances), erring.parts)
         result = _without_torque_errors(trial, session, axes, moves)
     return _with_torque_errors(result, torque_errors.joined(list(parts)), session.model.subject.weight)

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from gaitcal.gait.conventions import Convention, Signs
-from gaitcal.model.chain import Chain, LinkageModel, chain_of
+from gaitcal.model.chain import Chain, LinkageModel, build_linkage, chain_of
 from gaitcal.model.coordinates import (
     COORDINATE_TABLE,
     GROUPS,
@@ -24,7 +24,7 @@ from gaitcal.model.coordinates import (
     split_side,
     with_side,
 )
-from gaitcal.model.kinematics import Kinematics, SecondaryMotion, evaluate_joints, view_forces
+from gaitcal.model.kinematics import Kinematics, SecondaryMotion
 from gaitcal.model.linkage import (
     COORDINATES,
     ISOLATED_JOINTS,
@@ -196,23 +196,6 @@ def opened_body(rng: np.random.Generator) -> tuple[LinkageModel, Array]:
     return chain.body(perturbed_parameters(rng)), rng.normal(0, 0.5, (5, len(COORDINATES)))
 
 
-def test_views_of_pinocchios_memory_hold_what_its_attributes_say() -> None:
-    """Placements, Jacobian and forces are read through strided views: the memory layout they rely on."""
-    body, q = opened_body(np.random.default_rng(1))
-    values = body.configurations(q)
-    placements, jacobians = evaluate_joints(body, values, jacobians=True)
-    data = body.model.createData()
-    for f in range(len(q)):
-        pin.computeJointJacobians(body.model, data, values[f])
-        np.testing.assert_array_equal(jacobians[f], data.J.T)
-        for joint, place in enumerate(data.oMi):
-            np.testing.assert_array_equal(placements[f, joint], [*place.rotation.T.ravel(), *place.translation])
-    forces = pin.StdVec_Force([pin.Force(np.arange(6.0) + 6 * k) for k in range(4)])
-    np.testing.assert_array_equal(view_forces(forces).ravel(), np.arange(24.0))
-    view_forces(forces)[2] = -1.0
-    np.testing.assert_array_equal(forces[2].vector, -np.ones(6))
-
-
 def test_segments_and_columns_are_those_of_body_frames_and_finite_differences() -> None:
     rng = np.random.default_rng(3)
     body, q = opened_body(rng)
@@ -286,6 +269,15 @@ def test_work_spaces_are_lent_to_one_user_at_a_time_and_kept_for_the_next() -> N
         assert again is one or again is other
     again = pickle.loads(pickle.dumps(chain_of(free=("hip_r.pelvis.ant",), reactions=True)))
     assert again is chain_of("pelvis", SEGMENTS, ("hip_r.pelvis.ant",), reactions=True)
+
+
+def test_a_model_that_is_kept_for_others_gets_no_inertias() -> None:
+    """Trials of the same chain and parameters share a body; who asks for inertias gets one of its own."""
+    parameters = published_subject()
+    kept = chain_of().body(parameters)
+    assert sum(body.mass for body in build_linkage(parameters).model.inertias) > 1.0
+    assert chain_of().body(parameters) is kept
+    assert sum(body.mass for body in kept.model.inertias) == 0.0
 
 
 def test_published_subject_stands_as_documented() -> None:

@@ -1,6 +1,7 @@
 """`cycles.csv`: every stride over 0 to 100 % with the validity of its leg; read from elsewhere; relative angles."""
 
 import base64
+import csv
 import io
 import sys
 from dataclasses import replace
@@ -271,7 +272,10 @@ def test_cells_are_those_of_pandas_but_for_the_quotation_marks(tmp_path: Path) -
     by_pandas = io.StringIO()
     table.to_csv(by_pandas, index=False, lineterminator="\n")
     write_csv(table, tmp_path / "t.csv", ["said"])
-    assert (tmp_path / "t.csv").read_text(encoding="utf-8") == f"# said\n{by_pandas.getvalue()}"
+    comment, *rows = csv.reader(io.StringIO((tmp_path / "t.csv").read_text(encoding="utf-8"), newline=""))
+    expected = list(csv.reader(io.StringIO(by_pandas.getvalue(), newline="")))
+    assert comment == ["# said"] and [row[1:] for row in rows] == [row[1:] for row in expected]
+    assert [row[0] and float(row[0]) for row in rows[1:]] == [row[0] and float(row[0]) for row in expected[1:]]
 
 
 def test_a_trial_called_as_a_word_of_the_head_does_not_double_it(whole: Calibration, tmp_path: Path) -> None:
