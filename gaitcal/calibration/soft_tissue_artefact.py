@@ -19,9 +19,15 @@ zero, all markers of a segment shift together, turn together about their middle,
 
     z_c ~ N(0, s^2 Sigma),     Sigma = B diag(shift^2, turn^2) B^T + own^2 I,     B = [1, -(l - c) x] marker by marker.
 
-What the markers do each by themselves is part rigid, (B^T B)^-1 B^T z_c, and part deformation, independent of it, which
-turns and shifts no segment. A fit therefore has six unknowns a regressor and segment (`motion/soft_tissue.py`), the
-rigid part about its mean, and has the deformation where it is expected, s times the mean, the rest among its residuals.
+What the markers do each by themselves is part rigid, (B^T B)^-1 B^T z_c, and part deformation, which turns and shifts
+no segment. Markers show the deformation whatever the joints do. So it is conditioned on first: with Q and b as below,
+V the covariance of z at this person's s and m its mean,
+
+    z | deformation ~ N(m + C (b - Q m), C),        C = (V^-1 + Q)^-1.
+
+The deformation of that mean is where a fit has the markers, in axes that turn with the cluster. A fit has six unknowns
+a regressor and segment besides (`motion/soft_tissue.py`), with the rigid part of that mean and covariance as their
+prior. A deformation that is expected and does not come is a strain of the linkage: it moved hips of children by 8 mm.
 
 So such an artefact has the size that people show *in the task*, whichever angle it goes with, and not so many
 millimetres a degree: in gait hip adduction spans a tenth of what flexion does, and its pelvis is as soft. The sizes are
@@ -39,12 +45,13 @@ segments deform *together*, joints left out. What the rigid fit of a segment lea
 
 P the projector that takes shifts and turns of a segment's markers out, nu the noise that no angle explains, its frames
 counted as far as they are independent (`joint_prior.py`). Pooling is the point: a cluster that slides as a whole shows
-no deformation itself, so that how far it slides follows the person's s and not the segment's s_j. With q = min(s, 1),
-as markers that deform more than people's swing or are loose and do not slide the further for it, z has the mean
-E[q] mu and the variance E[s^2] Sigma + (var(q) + 0.7^2 E[q^2]) mu mu^T, as s_j differs from s (thighs of bones left
-out slide 1.0 times as expected, with a standard deviation of 0.5). That segments differ by a factor of two keeps one
-soft thigh from softening the feet: with the same s for all, hips of people with quadratic artefacts came to 15 mm from
-the truth, with segments that differ to 8.
+no deformation itself, so that how far it slides follows the person's s and not the segment's s_j. With
+q = min(E[s], 1) and r = min(E[s^2], 1), as markers that deform more than people's swing or are loose and do not slide
+the further for it, z has the mean q mu and the covariance E[s^2] Sigma + (r - q^2 + 0.7^2 r) mu mu^T, as s_j differs
+from s (thighs of bones left out slide 1.0 times as expected, with a standard deviation of 0.5). The second term is of
+the rigid part alone: deformation does not show how far a cluster slides. That segments differ by a factor of two keeps
+one soft thigh from softening the feet: with the same s for all, hips of people with quadratic artefacts came to 15 mm
+from the truth, with segments that differ to 8.
 An activity that is no walk may leave joints at rest, whose tracked angles follow the errors of others: their segments
 do not deform, with even odds before anything is seen, and then say nothing of s.
 """
@@ -277,10 +284,10 @@ class SoftTissueScale:
     linear: float
     squares: float = 0.0
     mean: float = 0.0
-    """E[min(s, 1)] of the linear columns, by which what is expected of them is multiplied: markers that deform more
+    """min(E[s], 1) of the linear columns, by which what is expected of them is multiplied: markers that deform more
     than people's swing or are loose, they do not slide the further for it."""
     mean_square: float = 0.0
-    """E[min(s, 1)^2]."""
+    """min(E[s^2], 1)."""
 
     def covariance(self, regressor: str, unit: Array, mean: Array, softness: float) -> Array:
         """Of a regressor's columns about `softness` times their mean; `unit`, `mean`: both moments at s = 1."""
@@ -393,8 +400,17 @@ class ClusterTissue:
 def cluster_tissue(observed: ObservedDeformation, scale: SoftTissueScale) -> ClusterTissue:
     """Compute the posterior of a cluster from its deformation.
 
-    Shifts and turns of a cluster do not deform it, so that joints have no part in this; but what is known of the field
-    of the skin, and how soft the segment is, goes with both.
+    Shifts and turns of a cluster do not deform it, so that joints have no part in this. What it does as a whole goes
+    with its deformation as far as one field of the skin makes both.
+
+    Parameters
+    ----------
+    observed : what the trials of one kind of task show.
+    scale : how soft the person is there.
+
+    Returns
+    -------
+    Means and covariance per unit of each regressor, in the axes of the segment.
     """
     count, width = observed.expected.shape
     flat = observed.pattern.reshape(-1, soft_tissue.WIDTH)
@@ -461,7 +477,7 @@ def _scale_moments(
 
 def _deformation(problem: MotionProblem, group: soft_tissue.SegmentTissue) -> tuple[Array, Array]:
     """Q (n, n) 1/m^2 and b (n,) of one segment in one trial, regressor by regressor, of each marker by marker, x, y, z;
-    from the markers that have weight in it. Zero where fewer than three show how they deform.
+    from the markers that have weight in it. Of two, their distance is all that deforms.
     """
     data, psi = problem.data, group.regressors
     width = 3 * (group.markers.stop - group.markers.start)
@@ -603,6 +619,20 @@ class FoundTissue:
 NO_FOUND_TISSUE = FoundTissue()
 
 
+def _deformed(
+    tissue: soft_tissue.SoftTissue, problem: MotionProblem, clusters: Mapping[Cluster, ClusterTissue]
+) -> soft_tissue.SoftTissue:
+    """The soft tissue of a trial whose markers deform as they were observed to, where they were."""
+    groups = list[soft_tissue.SegmentTissue]()
+    for group in tissue.groups:
+        found = clusters.get((group.carrier, tuple(problem.labels[group.markers])))
+        if found is not None:
+            rows = [found.names.index(name) for name in group.names]
+            group = replace(group, deformation=found.deformation[rows])
+        groups.append(group)
+    return replace(tissue, groups=tuple(groups))
+
+
 @dataclass(frozen=True)
 class TaskTissue:
     """What may move the markers of each trial against their bones, and how far."""
@@ -642,17 +672,8 @@ class TaskTissue:
         )
         if tissue is None or not self.fitted:
             return tissue
-        groups = [self._as_observed(kind, problem, group) for group in tissue.groups]
-        return replace(tissue, groups=tuple(groups))
-
-    def _as_observed(
-        self, kind: str, problem: MotionProblem, group: soft_tissue.SegmentTissue
-    ) -> soft_tissue.SegmentTissue:
-        """A group whose markers deform as they were observed to, if they were."""
-        found = self.clusters.get((kind, (group.carrier, tuple(problem.labels[group.markers]))))
-        if found is None:
-            return group
-        return replace(group, deformation=found.deformation[[found.names.index(name) for name in group.names]])
+        clusters = {cluster: found for (of_kind, cluster), found in self.clusters.items() if of_kind == kind}
+        return _deformed(tissue, problem, clusters)
 
     def of_bodies(
         self, bodies: Mapping[str, MotionProblem], known: Collection[str]
@@ -727,7 +748,8 @@ def tissue_of_walk(
     walk: MotionProblem, legs: MotionProblem, nominal: Parameters, known: Collection[str], softness: float
 ) -> soft_tissue.SoftTissue | None:
     """The soft tissue and secondary motions of a walk that took no part in a calibration: those `known` of its walks
-    (`kind/regressor/...`, of an `ErrorSources`), with the angles of this one, and `softness` times what is expected.
+    (`kind/regressor/...`, of an `ErrorSources`), with the angles of this one, and `softness` times what is expected of
+    clusters as a whole. How their markers deform is observed in the walk itself.
 
     `legs`: the part of the walk that a calibration fits, by which angles are tracked.
     """
@@ -737,4 +759,11 @@ def tissue_of_walk(
     knees = {name: phi for name, phi in angles.items() if any(key.startswith(f"{GAIT}/{name}/^") for key in known)}
     (secondary,) = soft_tissue.secondary_columns(GAIT, [knees])
     secondary_or_none = secondary if secondary.names else None
-    return tissue_of(walk, GAIT, regressors, nominal, known, secondary_or_none, softness=softness)
+    tissue = tissue_of(walk, GAIT, regressors, nominal, known, secondary_or_none, softness=softness)
+    if tissue is None:
+        return None
+    moved = replace(walk, tissue=tissue)
+    scale = soft_tissue_scale([moved])
+    scale = replace(scale, mean=softness, squares=max(scale.squares, LEAST_SQUARES))
+    observed = observed_deformations([moved])
+    return _deformed(tissue, walk, {cluster: cluster_tissue(of, scale) for cluster, of in observed.items()})

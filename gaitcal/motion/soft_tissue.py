@@ -2,9 +2,12 @@
 
 The markers of a segment shift and turn together about their middle c, in proportion to some functions psi of time:
 
-    marker m at   l_m + sum_r psi_r(t) (mu_mr + B_m z_r),      B_m = [1, -(l_m - c) x]  (3, 6),
+    marker m at   c + t + exp(theta x) (l_m - c + sum_r psi_r(t) d_mr) + sum_r psi_r(t) B_m z_r,
+    (t, theta) = sum_r psi_r(t) mu_r,      B_m = [1, -(l_m - c) x]  (3, 6),
 
-mu_mr what is expected of the marker, z_r three shifts (m) and three turns (rad) about that. They are shared by all
+mu_r what is expected of all markers together, three shifts (m) and three turns (rad), d_mr what a marker does beside
+them, and z_r shifts and turns about mu_r. Turns of tracked bones reach 25 degrees in deep flexion, by which lever arms
+shorten by a tenth: only z_r, some degrees, is taken for small. z_r are shared by all
 frames, and those of the same key by all trials. With R the segment's axes, x_m the marker and v_k the velocity that
 variable k gives it, the half gradient and the entries of the Gauss-Newton matrix are
 

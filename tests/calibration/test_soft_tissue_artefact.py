@@ -17,9 +17,9 @@ from gaitcal.calibration.soft_tissue_artefact import (
     SQUARES,
     ObservedDeformation,
     SoftTissueScale,
+    beside,
     cluster_tissue,
     observed_deformations,
-    beside,
     soft_tissue_scale,
     task_regressors,
     tissue_of,
@@ -363,7 +363,7 @@ def test_an_artefact_that_is_not_fitted_is_uncertain_by_its_mean_too() -> None:
     np.testing.assert_allclose(left_out, 0.8 * unit + 0.6 * 1.49 * np.outer(mean, mean))
 
 
-def deformed(move: Array, labels: slice | None = None) -> tuple[MotionProblem, ObservedDeformation]:
+def deformed(move: Array) -> tuple[MotionProblem, ObservedDeformation]:
     """The thigh and shank of a leg that follows its linkage, but for what markers of the thigh do per radian."""
     rng = np.random.default_rng(11)
     parameters = perturbed_parameters(rng, 0.0, 0.0)
@@ -382,7 +382,7 @@ def deformed(move: Array, labels: slice | None = None) -> tuple[MotionProblem, O
 
 def deformation_of(seed: int) -> tuple[Array, Array]:
     """What markers of the thigh do against each other, (nm, 3) m per radian, and B."""
-    problem, observed = deformed(np.zeros((thigh_markers(), 3)))
+    _, observed = deformed(np.zeros((thigh_markers(), 3)))
     move = np.random.default_rng(seed).normal(0.0, 0.004, (thigh_markers(), 3))
     flat = observed.pattern.reshape(-1, 6)
     return move - (flat @ np.linalg.pinv(flat) @ move.ravel()).reshape(move.shape), observed.pattern

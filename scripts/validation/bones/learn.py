@@ -2,19 +2,22 @@
 
     bones --learn FILE [--folder DIR]
 
-Per recording and marker the displacement against the bone, d(t), is fitted by the knee's flexion from
-the static posture, phi(t) in rad: b = sum phi d / sum phi^2. What is left, r, moves with hips, ankles
-and contacts, which here go with the knee as they like: so b is off by up to rms(r) / rms(phi), counted
-as one sample, for the cluster's shift, its turn, and each marker by itself. The slopes of all markers are
+Per recording the displacement of the markers against the bone is taken apart into the shift of their
+middle, the turn of the cluster and what is left in axes that turn with it; put together as for small
+turns, these are d(t), and are fitted by the knee's flexion from the static posture, phi(t) in rad:
+b = sum phi d / sum phi^2. What is left, r, moves with hips, ankles and contacts, which here go with the
+knee as they like: so b is off by up to rms(r) / rms(phi), counted as one sample, for the cluster's shift, its turn, and each marker by itself. The slopes of all markers are
 
     b = s (Phi beta + B (u_person + u_recording) + e_own) + noise,        beta ~ N(0, ridge^2),
 
 Phi the functions of a marker's place (`calibration/soft_tissue_table.py`), B shifts and turns of the
 cluster. Half of the variance of u belongs to the person, half to the recording: two tasks of one
 person differ about as much as two people do. s, how soft a recording is (ln s ~ N(0, 0.7^2)), is the
-likeliest in turn with the others, so that a thigh that sags on a chair teaches no more than one that
-does not. The standard deviations of shift, turn, own and ridge are at the maximum of the marginal
-likelihood, with priors that know them to a factor of two; beta is then Gaussian. A person is who
+likeliest by how the markers deform, in turn with the others: a calibration observes no more of it, and a
+thigh that sags on a chair without deforming adds to the scatter among people. The standard deviations
+of shift, turn, own and ridge are at the maximum of the marginal likelihood, with priors that know them
+to a factor of two; beta is then Gaussian. What is written are roots of E[size^2] by the curvature there,
+as few people tell these sizes. A person is who
 shares sex, height and reference with another file: one person may have several names. With another
 person the skin does Phi beta, with errors of beta, and of shift, turn and own in full.
 
