@@ -6,7 +6,8 @@ Per recording the displacement of the markers against the bone is taken apart in
 middle, the turn of the cluster and what is left in axes that turn with it; put together as for small
 turns, these are d(t), and are fitted by the knee's flexion from the static posture, phi(t) in rad:
 b = sum phi d / sum phi^2. What is left, r, moves with hips, ankles and contacts, which here go with the
-knee as they like: so b is off by up to rms(r) / rms(phi), counted as one sample, for the cluster's shift, its turn, and each marker by itself. The slopes of all markers are
+knee as they like: so b is off by up to rms(r) / rms(phi), counted as one sample, for the cluster's
+shift, its turn, and each marker by itself. The slopes of all markers are
 
     b = s (Phi beta + B (u_person + u_recording) + e_own) + noise,        beta ~ N(0, ridge^2),
 
