@@ -142,7 +142,7 @@ class JointPhase:
             for kind, problems in self.tasks.items()
         }
         plan = replace(self, tasks=tasks)
-        return replace(plan, tissue=soft_tissue_artefact.tissue_prior(plan.problems, soft.scales))
+        return replace(plan, tissue=soft.prior(plan.problems))
 
     @property
     def problems(self) -> list[MotionProblem]:

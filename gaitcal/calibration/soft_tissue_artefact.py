@@ -19,9 +19,15 @@ zero, all markers of a segment shift together, turn together about their middle,
 
     z_c ~ N(0, s^2 Sigma),     Sigma = B diag(shift^2, turn^2) B^T + own^2 I,     B = [1, -(l - c) x] marker by marker.
 
-What the markers do each by themselves is part rigid, (B^T B)^-1 B^T z_c, and part deformation, independent of it, which
-turns and shifts no segment. A fit therefore has six unknowns a regressor and segment (`motion/soft_tissue.py`), the
-rigid part about its mean, and has the deformation where it is expected, s times the mean, the rest among its residuals.
+What the markers do each by themselves is part rigid, (B^T B)^-1 B^T z_c, and part deformation, which turns and shifts
+no segment. Markers show the deformation whatever the joints do. So it is conditioned on first: with Q and b as below,
+V the covariance of z at this person's s and m its mean,
+
+    z | deformation ~ N(m + C (b - Q m), C),        C = (V^-1 + Q)^-1.
+
+The deformation of that mean is where a fit has the markers, in axes that turn with the cluster. A fit has six unknowns
+a regressor and segment besides (`motion/soft_tissue.py`), with the rigid part of that mean and covariance as their
+prior. A deformation that is expected and does not come is a strain of the linkage: it moved hips of children by 8 mm.
 
 So such an artefact has the size that people show *in the task*, whichever angle it goes with, and not so many
 millimetres a degree: in gait hip adduction spans a tenth of what flexion does, and its pelvis is as soft. The sizes are
@@ -39,12 +45,13 @@ segments deform *together*, joints left out. What the rigid fit of a segment lea
 
 P the projector that takes shifts and turns of a segment's markers out, nu the noise that no angle explains, its frames
 counted as far as they are independent (`joint_prior.py`). Pooling is the point: a cluster that slides as a whole shows
-no deformation itself, so that how far it slides follows the person's s and not the segment's s_j. With q = min(s, 1),
-as markers that deform more than people's swing or are loose and do not slide the further for it, z has the mean
-E[q] mu and the variance E[s^2] Sigma + (var(q) + 0.7^2 E[q^2]) mu mu^T, as s_j differs from s (thighs of bones left
-out slide 1.0 times as expected, with a standard deviation of 0.5). That segments differ by a factor of two keeps one
-soft thigh from softening the feet: with the same s for all, hips of people with quadratic artefacts came to 15 mm from
-the truth, with segments that differ to 8.
+no deformation itself, so that how far it slides follows the person's s and not the segment's s_j. With
+q = min(E[s], 1) and r = min(E[s^2], 1), as markers that deform more than people's swing or are loose and do not slide
+the further for it, z has the mean q mu and the covariance E[s^2] Sigma + (r - q^2 + 0.7^2 r) mu mu^T, as s_j differs
+from s (thighs of bones left out slide 1.0 times as expected, with a standard deviation of 0.5). The second term is of
+the rigid part alone: deformation does not show how far a cluster slides. That segments differ by a factor of two keeps
+one soft thigh from softening the feet: with the same s for all, hips of people with quadratic artefacts came to 15 mm
+from the truth, with segments that differ to 8.
 An activity that is no walk may leave joints at rest, whose tracked angles follow the errors of others: their segments
 do not deform, with even odds before anything is seen, and then say nothing of s.
 """
@@ -109,6 +116,7 @@ TRUSTED = 0.5
 """Part of its own weight below which a loss let a marker go, and of the frames below which one is seldom seen, and left
 aside where three others are seen more often."""
 TINY = 1e-12  # Mean square of an angle over its unit below which it does not move at all
+PAIR = 2  # Markers of which nothing but their distance shows how they deform
 SEEN_RANK = 1e-9
 """Part of the largest diagonal entry of a QR factor below which an angle adds nothing to those before it."""
 
@@ -169,6 +177,7 @@ def tissue_of(
     *,
     table: SkinTable | None = None,
     softness: float = 1.0,
+    pinned: Collection[str] = (),
 ) -> soft_tissue.SoftTissue | None:
     """The columns of the artefact on the markers of a trial; None where there are none.
 
@@ -182,11 +191,12 @@ def tissue_of(
     secondary : what knees do besides flexing.
     table : skin of people; gaitcal's own unless given.
     softness : by which what is expected is multiplied; 0: markers are taken to stay in their static places.
+    pinned : segments whose markers are fixed to the bone.
     """
     groups, skin = [], people_table() if table is None else table
     for s, markers in problem.data.placed.groups if problem.noise is None else ():
         segment = problem.chain.segments[s]
-        if segment.split("_")[0] not in SIZES or not (problem.data.weight[markers] > 0).any():
+        if segment in pinned or segment.split("_")[0] not in SIZES or not (problem.data.weight[markers] > 0).any():
             continue
         near, local = beside(segment), problem.data.local[markers]
         names = tuple(name for name in regressors if name.removesuffix(SQUARES) in near)
@@ -257,7 +267,7 @@ class _Cluster:
         """(6, 6) m^2, m rad, rad^2 about the mean, of what they do together."""
         field = self._from_bones(regressor)
         size = self._size
-        together = np.linalg.pinv(self._flat, rcond=1e-3)
+        together = np.linalg.pinv(self._flat, rcond=soft_tissue.SMALLEST)
         more = np.zeros((soft_tissue.WIDTH,) * 2)
         if field is not None:
             size = ArtefactSize(self._larger * field.shift, field.turn, self._larger * field.own)
@@ -274,17 +284,21 @@ class SoftTissueScale:
     linear: float
     squares: float = 0.0
     mean: float = 0.0
-    """E[min(s, 1)] of the linear columns, by which what is expected of them is multiplied: markers that deform more
+    """min(E[s], 1) of the linear columns, by which what is expected of them is multiplied: markers that deform more
     than people's swing or are loose, they do not slide the further for it."""
     mean_square: float = 0.0
-    """E[min(s, 1)^2]."""
+    """min(E[s^2], 1)."""
 
     def covariance(self, regressor: str, unit: Array, mean: Array, softness: float) -> Array:
         """Of a regressor's columns about `softness` times their mean; `unit`, `mean`: both moments at s = 1."""
         if regressor.endswith(SQUARES):
-            return np.asarray(self.squares * unit)
+            return self.variance(regressor) * unit
         of_scale = max((1.0 + SEGMENT_SPREAD**2) * self.mean_square - 2.0 * softness * self.mean + softness**2, 0.0)
         return np.asarray(self.linear * unit + of_scale * np.outer(mean, mean))
+
+    def variance(self, regressor: str) -> float:
+        """E[s^2] of a regressor's columns."""
+        return self.squares if regressor.endswith(SQUARES) else self.linear
 
 
 def soft_tissue_scale(trials: Sequence[MotionProblem], *, possibly_still: bool = False) -> SoftTissueScale:
@@ -292,25 +306,12 @@ def soft_tissue_scale(trials: Sequence[MotionProblem], *, possibly_still: bool =
 
     `possibly_still`: whether the task may leave joints at rest, whose tracked angles follow errors of others.
     """
-    seen: dict[tuple[str, tuple[str, ...]], list[tuple[Sequence[str], Array, Array]]] = {}
-    """Segment and its markers -> in every trial, regressors, Q and b by columns of unit variance."""
-    means: dict[tuple[str, tuple[str, ...]], dict[str, Array]] = {}
-    """Segment and its markers -> regressor -> mean by columns of unit variance."""
-    for problem in trials:
-        for group in problem.tissue.groups if problem.tissue else ():
-            information, right = _deformation(problem, group)
-            if information.any():
-                roots = [np.linalg.cholesky(covariance) for covariance in group.by_marker]
-                every, which = block_diag(*roots), (group.carrier, problem.labels[group.markers])
-                parts = seen.setdefault(which, [])
-                parts.append((group.names, every.T @ information @ every, every.T @ right))
-                for name, root, expected in zip(group.names, roots, group.expected, strict=True):
-                    means.setdefault(which, {}).setdefault(name, np.linalg.solve(root, expected.ravel()))
     plain, bent = list[_Deformation](), list[_Deformation]()
-    for which, parts in seen.items():
-        names, information, right = _together(parts)
-        mean = np.concatenate([means[which][name] for name in names])
-        bends = np.repeat([name.endswith(SQUARES) for name in names], len(right) // len(names))
+    for observed in observed_deformations(trials).values():
+        root, count = block_diag(*map(np.linalg.cholesky, observed.covariance)), len(observed.names)
+        information, right = root.T @ observed.information @ root, root.T @ observed.right
+        mean = np.linalg.solve(root, observed.expected.ravel())
+        bends = np.repeat([name.endswith(SQUARES) for name in observed.names], len(right) // count)
         linear, mixed = information[np.ix_(~bends, ~bends)], information[np.ix_(bends, ~bends)]
         plain.append(_Deformation(linear, right[~bends], mean[~bends]))
         # what is left for the squares once the linear columns are integrated out, however large they may be
@@ -324,16 +325,117 @@ def soft_tissue_scale(trials: Sequence[MotionProblem], *, possibly_still: bool =
     return replace(_scale_moments(plain, possibly_still=possibly_still), squares=squares)
 
 
-def _together(parts: Sequence[tuple[Sequence[str], Array, Array]]) -> tuple[list[str], Array, Array]:
-    """Regressors, and the sums of Q and b over them, of one segment in all its trials."""
-    names = list(dict.fromkeys(name for own, _, _ in parts for name in own))
-    width = len(parts[0][2]) // len(parts[0][0])
+Cluster = tuple[str, tuple[str, ...]]
+"""A segment, and the labels of its markers."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class ObservedDeformation:
+    """What the trials of one kind of task show of how the markers of one segment move against each other.
+
+    Unknowns are what each marker does per unit of each regressor, regressor by regressor, marker by marker, x, y, z.
+    """
+
+    names: tuple[str, ...]  # (nr,) `kind/regressor`
+    information: Array  # (3 nr nm, 3 nr nm) 1/m^2, Q
+    right: Array  # (3 nr nm,) 1/m, b
+    expected: Array  # (nr, 3 nm) m at s = 1
+    covariance: Array  # (nr, 3 nm, 3 nm) m^2 about that, at s = 1
+    rigid_covariance: Array  # (nr, 6, 6) m^2, m rad, rad^2 of the rigid part of that
+    pattern: Array  # (nm, 3, 6) B
+
+
+def observed_deformations(trials: Sequence[MotionProblem]) -> dict[Cluster, ObservedDeformation]:
+    """Sum up over trials of what their markers show; clusters that show nothing are left out."""
+    out: dict[Cluster, ObservedDeformation] = {}
+    for problem in trials:
+        for group in problem.tissue.groups if problem.tissue else ():
+            information, right = _deformation(problem, group)
+            if information.any():
+                which = group.carrier, tuple(problem.labels[group.markers])
+                of_trial = ObservedDeformation(
+                    names=group.names,
+                    information=information,
+                    right=right,
+                    expected=group.expected.reshape(len(group.names), -1),
+                    covariance=group.by_marker,
+                    rigid_covariance=group.covariance,
+                    pattern=group.pattern,
+                )
+                out[which] = _summed(out[which], of_trial) if which in out else of_trial
+    return out
+
+
+def _summed(one: ObservedDeformation, other: ObservedDeformation) -> ObservedDeformation:
+    """Both together: the regressors of either, the columns of the first where they have one."""
+    new = [r for r, name in enumerate(other.names) if name not in one.names]
+    names = (*one.names, *(other.names[r] for r in new))
+    width = one.expected.shape[1]
     information, right = np.zeros((width * len(names),) * 2), np.zeros(width * len(names))
-    for own, of_trial, score in parts:
-        place = np.concatenate([width * names.index(name) + np.arange(width) for name in own])
-        information[np.ix_(place, place)] += of_trial
-        right[place] += score
-    return names, information, right
+    for part in (one, other):
+        places = np.concatenate([width * names.index(name) + np.arange(width) for name in part.names])
+        information[np.ix_(places, places)] += part.information
+        right[places] += part.right
+    return ObservedDeformation(
+        names=names,
+        information=information,
+        right=right,
+        expected=np.concatenate([one.expected, other.expected[new]]),
+        covariance=np.concatenate([one.covariance, other.covariance[new]]),
+        rigid_covariance=np.concatenate([one.rigid_covariance, other.rigid_covariance[new]]),
+        pattern=one.pattern,
+    )
+
+
+@dataclass(frozen=True, kw_only=True)
+class ClusterTissue:
+    """What the markers of one segment do in one kind of task, given how they were observed to deform."""
+
+    names: tuple[str, ...]  # (nr,) `kind/regressor`
+    mean: Array  # (6 nr,) m, rad, of the rigid part about what was expected before
+    covariance: Array  # (6 nr, 6 nr) of the rigid part
+    deformation: Array  # (nr, nm, 3) m
+
+
+def cluster_tissue(observed: ObservedDeformation, scale: SoftTissueScale) -> ClusterTissue:
+    """Compute the posterior of a cluster from its deformation.
+
+    Shifts and turns of a cluster do not deform it, so that joints have no part in this. What it does as a whole goes
+    with its deformation as far as one field of the skin makes both.
+
+    Parameters
+    ----------
+    observed : what the trials of one kind of task show.
+    scale : how soft the person is there.
+
+    Returns
+    -------
+    Means and covariance per unit of each regressor, in the axes of the segment.
+    """
+    count, width = observed.expected.shape
+    flat = observed.pattern.reshape(-1, soft_tissue.WIDTH)
+    to_rigid = np.linalg.pinv(flat, rcond=soft_tissue.SMALLEST)
+    before, roots, rigid = list[Array](), list[Array](), list[Array]()
+    columns = zip(observed.names, observed.expected, observed.covariance, observed.rigid_covariance, strict=True)
+    for name, moves, by_marker, of_rigid in columns:
+        softness = 0.0 if name.endswith(SQUARES) else scale.mean
+        before.append(softness * moves)
+        roots.append(np.linalg.cholesky(scale.variance(name) * by_marker))
+        rigid.append(scale.covariance(name, of_rigid, to_rigid @ moves, softness))
+    root, mean = block_diag(*roots), np.concatenate(before)
+    left = np.linalg.inv(np.eye(len(root)) + root.T @ observed.information @ root)
+    change = root @ left @ root.T @ (observed.right - observed.information @ mean)
+    after = (mean + change).reshape(count, width)
+    deformation = after - after @ to_rigid.T @ flat.T
+    to_all_rigid = np.kron(np.eye(count), to_rigid)
+    along = to_all_rigid @ root
+    covariance = block_diag(*rigid) - along @ (np.eye(len(root)) - left) @ along.T
+    return ClusterTissue(
+        names=observed.names,
+        mean=to_all_rigid @ change,
+        covariance=0.5 * (covariance + covariance.T),
+        deformation=deformation.reshape(count, -1, 3),
+    )
 
 
 @dataclass(frozen=True)
@@ -369,17 +471,13 @@ def _scale_moments(
     top = max(float(log.max()), 0.0)
     weight, none = np.exp(log - top), float(np.exp(before).sum() * np.exp(-top)) if possibly_none else 0.0
     whole = float(weight.sum()) + none
-    sliding = np.minimum(SCALES, 1.0)
-    return SoftTissueScale(
-        linear=float(weight @ SCALES**2) / whole,
-        mean=float(weight @ sliding) / whole,
-        mean_square=float(weight @ sliding**2) / whole,
-    )
+    moments = [float(weight @ SCALES**power) / whole for power in (1, 2)]
+    return SoftTissueScale(linear=moments[1], mean=min(moments[0], 1.0), mean_square=min(moments[1], 1.0))
 
 
 def _deformation(problem: MotionProblem, group: soft_tissue.SegmentTissue) -> tuple[Array, Array]:
     """Q (n, n) 1/m^2 and b (n,) of one segment in one trial, regressor by regressor, of each marker by marker, x, y, z;
-    from the markers that have weight in it. Zero where fewer than three show how they deform.
+    from the markers that have weight in it. Of two, their distance is all that deforms.
     """
     data, psi = problem.data, group.regressors
     width = 3 * (group.markers.stop - group.markers.start)
@@ -391,17 +489,25 @@ def _deformation(problem: MotionProblem, group: soft_tissue.SegmentTissue) -> tu
     used = group.markers.start + np.flatnonzero((often > 0) & (often >= min(third, TRUSTED * often.max(initial=0))))
     local, weight = data.local[used], data.weight[used]
     fit = rigid_fit(local, data.measured[used], weight)
-    whole = fit.determined & trusted[used - group.markers.start].all(axis=0)
+    # a pair has no turn about its line, and needs none: all that it can do by itself is along it
+    determined = fit.determined | (len(used) == PAIR)
+    whole = determined & trusted[used - group.markers.start].all(axis=0)
     """Frames that show all of them and trust them: in others the projector is another."""
     psi = psi[:, whole]
     if whole.sum() <= len(psi):
         return nothing
-    followed = np.einsum("fij,mj->mif", fit.rotation, local) + fit.origin.T
-    left = np.einsum("fij,mif->mjf", fit.rotation, data.measured[used] - followed)
+    if len(used) == PAIR:
+        line = local[1] - local[0]
+        length = float(np.linalg.norm(line))
+        longer = np.linalg.norm(data.measured[used[1]] - data.measured[used[0]], axis=0) - length
+        left = 0.5 * np.array([-1.0, 1.0])[:, None, None] * (line / length)[:, None] * longer
+    else:
+        followed = np.einsum("fij,mj->mif", fit.rotation, local) + fit.origin.T
+        left = np.einsum("fij,mif->mjf", fit.rotation, data.measured[used] - followed)
     errors = left.reshape(3 * len(used), -1).T[whole]  # (frames, 3 used)
     errors = errors - errors.mean(axis=0)  # where a marker lies is not how it moves
     psi = psi - psi.mean(axis=1, keepdims=True)
-    rigid = np.linalg.qr(soft_tissue.together(local - local.mean(axis=0)).reshape(-1, soft_tissue.WIDTH))[0]
+    rigid = _rigid_directions(soft_tissue.together(local - local.mean(axis=0)).reshape(-1, soft_tissue.WIDTH))
     noise = _noise(errors, psi, 3 * len(used) - rigid.shape[1], least_noise(problem.basis, problem.noise))
     columns = (3 * (used - group.markers.start)[:, None] + np.arange(3)).ravel()
     projector, errors_of_group = np.zeros((width, width)), np.zeros((len(errors), width))
@@ -409,6 +515,12 @@ def _deformation(problem: MotionProblem, group: soft_tissue.SegmentTissue) -> tu
     errors_of_group[:, columns] = errors
     information, right = np.kron(psi @ psi.T, projector), (psi @ errors_of_group @ projector).ravel()
     return np.asarray(information / noise**2, float), np.asarray(right / noise**2, float)
+
+
+def _rigid_directions(flat: Array) -> Array:
+    """(3 nm, 6 or 5) orthonormal columns that span those of B (3 nm, 6)."""
+    columns, sizes, _ = np.linalg.svd(flat, full_matrices=False)
+    return np.asarray(columns[:, sizes > soft_tissue.SMALLEST * sizes[0]])
 
 
 def _noise(errors: Array, psi: Array, directions: int, least: float) -> float:
@@ -435,19 +547,45 @@ class TissuePrior:
 NO_TISSUE = TissuePrior((), np.zeros((0, 0)), np.zeros(0))
 
 
-def tissue_prior(trials: Sequence[MotionProblem], scales: Mapping[str, SoftTissueScale]) -> TissuePrior:
-    """The prior of the columns that trials have, about what is expected of them; `scales` by kind of task."""
-    blocks = dict[tuple[str, str], Array]()
-    """(name of a regressor, segment) -> (6, 6)."""
+def tissue_prior(
+    trials: Sequence[MotionProblem],
+    scales: Mapping[str, SoftTissueScale],
+    clusters: Mapping[tuple[str, Cluster], ClusterTissue] | None = None,
+) -> TissuePrior:
+    """Assemble the prior of the columns that trials have.
+
+    Parameters
+    ----------
+    trials : with their soft tissue.
+    scales : kind of task -> how soft the person is there.
+    clusters : kind of task and cluster -> what its deformation shows; nothing was observed unless given.
+    """
+    names, means, blocks = list[tuple[str, str]](), list[Array](), list[Array]()
+    """(name of a regressor, segment), in the order of the blocks."""
     for problem in trials:
         for group in problem.tissue.groups if problem.tissue else ():
-            for name, unit, expected in zip(group.names, group.covariance, group.expected, strict=True):
-                scale, mean = scales[name.partition("/")[0]], group.rigid_part(expected)
-                blocks.setdefault((name, group.carrier), scale.covariance(name, unit, mean, group.softness))
-    keys = tuple(f"{name}/{segment}/{component}" for name, segment in blocks for component in soft_tissue.COMPONENTS)
+            new = [r for r, name in enumerate(group.names) if (name, group.carrier) not in names]
+            if not new:
+                continue
+            names += [(group.names[r], group.carrier) for r in new]
+            kind = group.names[0].partition("/")[0]
+            found = (clusters or {}).get((kind, (group.carrier, tuple(problem.labels[group.markers]))))
+            if found is not None and not group.softness:
+                found = None
+            if found is not None:
+                starts = [soft_tissue.WIDTH * found.names.index(group.names[r]) for r in new]
+                rows = np.concatenate([start + np.arange(soft_tissue.WIDTH) for start in starts])
+                means.append(found.mean[rows])
+                blocks.append(found.covariance[np.ix_(rows, rows)])
+                continue
+            for r in new:
+                mean = group.rigid_part(group.expected[r])
+                means.append(np.zeros(soft_tissue.WIDTH))
+                blocks.append(scales[kind].covariance(group.names[r], group.covariance[r], mean, group.softness))
+    keys = tuple(f"{name}/{segment}/{component}" for name, segment in names for component in soft_tissue.COMPONENTS)
     secondary = secondary_prior(trials)
-    every = (*secondary.keys, *keys)
-    return TissuePrior(every, block_diag(secondary.covariance, *blocks.values()), np.zeros(len(every)))
+    mean = np.concatenate([secondary.mean, *means])
+    return TissuePrior((*secondary.keys, *keys), block_diag(secondary.covariance, *blocks), mean)
 
 
 def secondary_prior(trials: Sequence[MotionProblem]) -> TissuePrior:
@@ -481,6 +619,20 @@ class FoundTissue:
 NO_FOUND_TISSUE = FoundTissue()
 
 
+def _deformed(
+    tissue: soft_tissue.SoftTissue, problem: MotionProblem, clusters: Mapping[Cluster, ClusterTissue]
+) -> soft_tissue.SoftTissue:
+    """The soft tissue of a trial whose markers deform as they were observed to, where they were."""
+    groups = list[soft_tissue.SegmentTissue]()
+    for group in tissue.groups:
+        found = clusters.get((group.carrier, tuple(problem.labels[group.markers])))
+        if found is not None:
+            rows = [found.names.index(name) for name in group.names]
+            group = replace(group, deformation=found.deformation[rows])
+        groups.append(group)
+    return replace(tissue, groups=tuple(groups))
+
+
 @dataclass(frozen=True)
 class TaskTissue:
     """What may move the markers of each trial against their bones, and how far."""
@@ -491,15 +643,23 @@ class TaskTissue:
     secondary: Mapping[str, soft_tissue.SecondaryColumns]  # Trial of gait -> what knees do besides flexing
     nominal: Parameters
     table: SkinTable
+    clusters: Mapping[tuple[str, Cluster], ClusterTissue] = field(default_factory=dict)
+    """Kind of task and cluster -> what its deformation shows of it."""
     fitted: bool = True
     """Whether the artefact is fitted; else markers stay in their places, and all of it is a source of error."""
+    pinned: Collection[str] = ()
+    """Segments whose markers are fixed to the bone."""
+
+    def prior(self, trials: Sequence[MotionProblem]) -> TissuePrior:
+        """Assemble the prior of the columns that trials have."""
+        return tissue_prior(trials, self.scales, self.clusters if self.fitted else None)
 
     def of(
         self, name: str, problem: MotionProblem, known: Collection[str] | None = None
     ) -> soft_tissue.SoftTissue | None:
         """The columns of a trial on the markers of some part of the body, or those `known` of them."""
         kind = self.kinds[name]
-        return tissue_of(
+        tissue = tissue_of(
             problem,
             kind,
             self.regressors[name],
@@ -508,7 +668,12 @@ class TaskTissue:
             self.secondary.get(name),
             table=self.table,
             softness=self.scales[kind].mean if self.fitted else 0.0,
+            pinned=self.pinned,
         )
+        if tissue is None or not self.fitted:
+            return tissue
+        clusters = {cluster: found for (of_kind, cluster), found in self.clusters.items() if of_kind == kind}
+        return _deformed(tissue, problem, clusters)
 
     def of_bodies(
         self, bodies: Mapping[str, MotionProblem], known: Collection[str]
@@ -530,6 +695,7 @@ def task_tissue(
     table: SkinTable | None = None,
     *,
     fitted: bool = True,
+    pinned: Collection[str] = (),
 ) -> TaskTissue:
     """Size the soft tissue of trials.
 
@@ -540,6 +706,7 @@ def task_tissue(
     nominal : by which trials are tracked.
     table : skin of people; gaitcal's own unless given.
     fitted : whether the artefact will be fitted, or is a source of error alone.
+    pinned : segments whose markers are fixed to the bone, and show nothing of the person's skin.
     """
     table = people_table() if table is None else table
     angles = {name: _angles(nominal, parts[name]) for name in kinds}
@@ -551,16 +718,24 @@ def task_tissue(
     gait = [name for name in kinds if kinds[name] == GAIT]
     secondary = dict(zip(gait, soft_tissue.secondary_columns(GAIT, [angles[n] for n in gait]), strict=True))
     isolated = [name for name in kinds if kinds[name] in ISOLATED_JOINTS]
+
+    def with_columns(name: str) -> MotionProblem:
+        tissue = tissue_of(parts[name], kinds[name], regressors[name], nominal, table=table, pinned=pinned)
+        return replace(parts[name], tissue=tissue)
+
     for alike in (gait, isolated, *([name] for name in kinds if name not in (*gait, *isolated))):
-        soft = [
-            replace(parts[n], tissue=tissue_of(parts[n], kinds[n], regressors[n], nominal, table=table)) for n in alike
-        ]
+        soft = [with_columns(name) for name in alike]
         scale = soft_tissue_scale(soft, possibly_still=alike not in (gait, isolated))
         scales |= {kinds[name]: scale for name in alike}
         if scale.squares < LEAST_SQUARES:
             for n in alike:
                 regressors[n] = {c: psi for c, psi in regressors[n].items() if not c.endswith(SQUARES)}
-    return TaskTissue(kinds, regressors, scales, secondary, nominal, table, fitted)
+    clusters = dict[tuple[str, Cluster], ClusterTissue]()
+    for kind in dict.fromkeys(kinds.values()):
+        soft = [with_columns(name) for name in kinds if kinds[name] == kind]
+        for cluster, observed in observed_deformations(soft).items():
+            clusters[kind, cluster] = cluster_tissue(observed, scales[kind])
+    return TaskTissue(kinds, regressors, scales, secondary, nominal, table, clusters, fitted, pinned)
 
 
 def _angles(nominal: Parameters, part: MotionProblem) -> dict[str, Array]:
@@ -573,7 +748,8 @@ def tissue_of_walk(
     walk: MotionProblem, legs: MotionProblem, nominal: Parameters, known: Collection[str], softness: float
 ) -> soft_tissue.SoftTissue | None:
     """The soft tissue and secondary motions of a walk that took no part in a calibration: those `known` of its walks
-    (`kind/regressor/...`, of an `ErrorSources`), with the angles of this one, and `softness` times what is expected.
+    (`kind/regressor/...`, of an `ErrorSources`), with the angles of this one, and `softness` times what is expected of
+    clusters as a whole. How their markers deform is observed in the walk itself.
 
     `legs`: the part of the walk that a calibration fits, by which angles are tracked.
     """
@@ -583,4 +759,11 @@ def tissue_of_walk(
     knees = {name: phi for name, phi in angles.items() if any(key.startswith(f"{GAIT}/{name}/^") for key in known)}
     (secondary,) = soft_tissue.secondary_columns(GAIT, [knees])
     secondary_or_none = secondary if secondary.names else None
-    return tissue_of(walk, GAIT, regressors, nominal, known, secondary_or_none, softness=softness)
+    tissue = tissue_of(walk, GAIT, regressors, nominal, known, secondary_or_none, softness=softness)
+    if tissue is None:
+        return None
+    moved = replace(walk, tissue=tissue)
+    scale = soft_tissue_scale([moved])
+    scale = replace(scale, mean=softness, squares=max(scale.squares, LEAST_SQUARES))
+    observed = observed_deformations([moved])
+    return _deformed(tissue, walk, {cluster: cluster_tissue(of, scale) for cluster, of in observed.items()})

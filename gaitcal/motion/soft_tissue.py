@@ -2,9 +2,12 @@
 
 The markers of a segment shift and turn together about their middle c, in proportion to some functions psi of time:
 
-    marker m at   l_m + sum_r psi_r(t) (mu_mr + B_m z_r),      B_m = [1, -(l_m - c) x]  (3, 6),
+    marker m at   c + t + exp(theta x) (l_m - c + sum_r psi_r(t) d_mr) + sum_r psi_r(t) B_m z_r,
+    (t, theta) = sum_r psi_r(t) mu_r,      B_m = [1, -(l_m - c) x]  (3, 6),
 
-mu_mr what is expected of the marker, z_r three shifts (m) and three turns (rad) about that. They are shared by all
+mu_r what is expected of all markers together, three shifts (m) and three turns (rad), d_mr what a marker does beside
+them, and z_r shifts and turns about mu_r. Turns of tracked bones reach 25 degrees in deep flexion, by which lever arms
+shorten by a tenth: only z_r, some degrees, is taken for small. z_r are shared by all
 frames, and those of the same key by all trials. With R the segment's axes, x_m the marker and v_k the velocity that
 variable k gives it, the half gradient and the entries of the Gauss-Newton matrix are
 
@@ -32,6 +35,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from gaitcal.arrays import Array
 from gaitcal.model.chain import LinkageModel
@@ -42,6 +46,8 @@ from gaitcal.motion import banded, marker_residual, spline
 LEAST_SPREAD = np.deg2rad(2.0)  # rad: an angle that moves less in a task moves no more with it than one that does
 COMPONENTS = ("tx", "ty", "tz", "rx", "ry", "rz")  # of z_r: shifts along and turns about the segment's axes
 WIDTH = len(COMPONENTS)
+SMALLEST = 1e-3
+"""Part of the largest singular value of B below which markers do not show a motion: a turn about their line."""
 
 
 @dataclass(frozen=True)
@@ -114,11 +120,27 @@ class SegmentTissue:
     covariance: Array  # (nr, 6, 6) m^2, m rad, rad^2 of z
     by_marker: Array  # (nr, 3 nm, 3 nm) m^2 of the markers about `expected`, deformation and all
     softness: float = 1.0  # mu is so much of `expected`
+    deformation: Array | None = None
+    """(nr, nm, 3) m, what the markers were observed to do against each other, in the place of what is expected."""
+
+    @cached_property
+    def displacement(self) -> Array:
+        """(nm, 3, nf) m, of each marker before anything is fitted."""
+        rigid = self.softness * np.array([self.rigid_part(moves) for moves in self.expected])
+        deformation = self.deformation
+        if deformation is None:
+            deformation = self.softness * self.expected - np.array([self.pattern @ moves for moves in rigid])
+        # the lever arms that `together` has made B of
+        arms = np.stack([self.pattern[:, 1, 5], self.pattern[:, 2, 3], self.pattern[:, 0, 4]], axis=1)
+        path = self.regressors.T @ rigid  # (nf, 6)
+        deformed = arms[:, :, None] + np.einsum("rmi,rf->mif", deformation, self.regressors)
+        turned = np.einsum("fij,mjf->mif", Rotation.from_rotvec(path[:, 3:]).as_matrix(), deformed)
+        return np.asarray(turned - arms[:, :, None] + path[:, :3].T)
 
     def rigid_part(self, moves: Array) -> Array:
         """(6,) the shift and turn nearest to what each marker does, (nm, 3) m."""
         flat = self.pattern.reshape(-1, WIDTH)
-        return np.asarray(np.linalg.pinv(flat, rcond=1e-3) @ moves.ravel())
+        return np.asarray(np.linalg.pinv(flat, rcond=SMALLEST) @ moves.ravel())
 
 
 @dataclass(frozen=True)
@@ -142,7 +164,7 @@ class SoftTissue:
         for group in self.groups:
             part = z[at : at + WIDTH * len(group.names)].reshape(-1, WIDTH)
             out[group.markers] = group.pattern @ (part.T @ group.regressors)
-            out[group.markers] += group.softness * np.einsum("rmi,rf->mif", group.expected, group.regressors)
+            out[group.markers] += group.displacement
             at += part.size
         return out
 

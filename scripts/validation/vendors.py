@@ -1,9 +1,11 @@
 """Are our angles, moments and powers those of the laboratory's own program, and are frames valid where they should be?
 
-    vendors [--only kad,multi,children,pig]
+    vendors [--only kad,multi,children,pig] [--calibrated]
 
 Recordings of four laboratories hold Plug-in Gait's angles, moments and powers beside the markers (`GAITCAL_DATA` names
-their folder). Every walk goes through the nominal model of its static trial. The table says of each joint, over all
+their folder). Every walk goes through the nominal model of its static trial, or with `--calibrated` through joints
+fitted to all of them, tracked with the soft tissue artefact that was found; the RMS of the mean differences of angles
+over walks and legs come last. The table says of each joint, over all
 walks of a laboratory: RMS difference of the angles in degrees (raw, and without the mean difference of each walk and
 leg), their correlation; RMS difference of the moments in N·m/kg in stance, over frames that are valid for the whole
 body, for the leg, and for the leg alone ("new": a leg's frames that the whole body's rule leaves out); that of the
@@ -41,16 +43,21 @@ from gaitcal.dynamics.joint_kinetics import (
     kinetics_of,
     power_of,
 )
+from gaitcal.faults.study import examined
 from gaitcal.gait.moments import moment_of
 from gaitcal.io.labels import FootEvent, FootMoment
 from gaitcal.model.linkage import SIDES
+from gaitcal.model.parameters import Parameters
+from gaitcal.model.subject_model import SubjectModel
 from gaitcal.motion.motion import Motion, tracked_motion
-from gaitcal.session.session import measured_reactions, prepare_trial
+from gaitcal.session.joint_parameters import fit_joints
+from gaitcal.session.session import MovingTrial, measured_reactions, prepare_trial, session_of
 from gaitcal.study.study import nominal_of
-from scripts.validation.harness import matching, say
+from scripts.validation.harness import matching, option, rms, say
 from scripts.validation.recordings import CHILDREN, study_of_person
 
 SHARED = ("--only",)
+OWN = {"--calibrated": option(False, "with fitted joints and the artefact that was found")}
 LABS = {"kad": ("kad",), "multi": ("multi",), "children": CHILDREN, "pig": ("pig",)}
 """Laboratory -> its people."""
 UNITS: dict[str, Callable[[float], float]] = {
@@ -191,18 +198,29 @@ def walk_of(study: Study, name: str, trial: str) -> Walk:
     """A gait trial of a study through its nominal model."""
     model = nominal_of(study)
     chosen = next(t for t in study.trials if t.name == trial)
-    prepared = prepare_trial(chosen, model, study.settings)
-    motion = tracked_motion(prepared.body, model.parameters)
-    reactions = measured_reactions(prepared, model, model.parameters, motion, study.settings)
+    return _walk(name, prepare_trial(chosen, model, study.settings), model, model.parameters, study)
+
+
+def calibrated_walks(study: Study, person: str) -> Iterator[Walk]:
+    """The gait trials of a study by joints that are fitted to all of its trials."""
+    session = fit_joints(session_of(examined(study)))
+    for trial in session.trials:
+        if trial.name in study.walks:
+            yield _walk(f"{person} {trial.name}", trial, session.model, session.parameters, study)
+
+
+def _walk(name: str, trial: MovingTrial, model: SubjectModel, parameters: Parameters, study: Study) -> Walk:
+    motion = tracked_motion(trial.body, parameters)
+    reactions = measured_reactions(trial, model, parameters, motion, study.settings)
     return Walk(
         name=name,
         mass=model.subject.mass,
         motion=motion,
-        moments=moments_of(model.parameters, motion, reactions.wrench, model.subject.bwh),
-        kinetics=kinetics_of(model.parameters, motion, reactions.wrench),
+        moments=moments_of(parameters, motion, reactions.wrench, model.subject.bwh),
+        kinetics=kinetics_of(parameters, motion, reactions.wrench),
         reactions=reactions,
-        theirs={k: c for k, c in vendor_curves(chosen.recording.source).items() if len(c) == len(motion.time)},
-        events=prepared.recording.events,
+        theirs={k: c for k, c in vendor_curves(trial.recording.source).items() if len(c) == len(motion.time)},
+        events=trial.recording.events,
     )
 
 
@@ -317,7 +335,24 @@ def in_frames(walks: Sequence[Walk], unit: str) -> Iterator[str]:
         yield f"  {quantity.words.removesuffix(' moment'):24}{cells}"
 
 
+def offset_lines(walks: Sequence[Walk]) -> Iterator[str]:
+    """RMS over walks and legs of the mean difference of each angle, deg."""
+    every = list[float]()
+    for quantity in (q for q in QUANTITIES if q.kind == "angle"):
+        pairs = [walk.pair(quantity, side) for walk in walks for side in SIDES]
+        sign = sign_of(*(np.concatenate(values) for values in zip(*pairs, strict=True)))
+        gaps = [ours - sign * theirs for ours, theirs in pairs]
+        means = [float(np.nanmean(gap)) for gap in gaps if np.isfinite(gap).any()]
+        every += means
+        yield f"  mean {quantity.words:24}{rms(means):6.2f} deg"
+    yield f"  mean angles, all{'':13}{rms(every):6.2f} deg"
+
+
 def run(chosen: argparse.Namespace) -> None:
     for lab in matching(chosen.only, LABS):
         studies = {person: study_of_person(person) for person in LABS[lab]}
-        say(*report(lab, [walk_of(s, f"{person} {walk}", walk) for person, s in studies.items() for walk in s.walks]))
+        if chosen.calibrated:
+            walks = [walk for person, s in studies.items() for walk in calibrated_walks(s, person)]
+        else:
+            walks = [walk_of(s, f"{person} {walk}", walk) for person, s in studies.items() for walk in s.walks]
+        say(*report(lab, walks), *offset_lines(walks))

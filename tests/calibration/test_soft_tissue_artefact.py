@@ -15,8 +15,11 @@ from gaitcal.calibration.soft_tissue_artefact import (
     SEGMENT_SPREAD,
     SIZES,
     SQUARES,
+    ObservedDeformation,
     SoftTissueScale,
     beside,
+    cluster_tissue,
+    observed_deformations,
     soft_tissue_scale,
     task_regressors,
     tissue_of,
@@ -335,9 +338,10 @@ def test_what_is_expected_of_skin_is_the_table_at_the_places_of_the_markers_mirr
         functions = place_functions((problem.data.local[group.markers] - knee) * mirror / length, gait=True)
         wanted = length / THIGH_M * field.mean(functions) * mirror
         np.testing.assert_allclose(group.expected[0], wanted, atol=1e-15)
-        still = group.softness * np.einsum("mi,f->mif", wanted, group.regressors[0])
-        moved = problem_tissue(group).shift(np.zeros(6), len(problem.labels))[group.markers]
-        np.testing.assert_allclose(moved, still, atol=1e-15)
+        small = replace(group, regressors=1e-6 * group.regressors)
+        still = group.softness * np.einsum("mi,f->mif", wanted, small.regressors[0])
+        moved = problem_tissue(small).shift(np.zeros(6), len(problem.labels))[group.markers]
+        np.testing.assert_allclose(moved, still, atol=1e-12)
 
 
 def problem_tissue(group: SegmentTissue) -> SoftTissue:
@@ -357,3 +361,106 @@ def test_an_artefact_that_is_not_fitted_is_uncertain_by_its_mean_too() -> None:
     fitted, left_out = (scale.covariance("knee_angle_r", unit, mean, by) for by in (0.7, 0.0))
     np.testing.assert_allclose(fitted, 0.8 * unit + (0.6 * 1.49 - 0.49) * np.outer(mean, mean))
     np.testing.assert_allclose(left_out, 0.8 * unit + 0.6 * 1.49 * np.outer(mean, mean))
+
+
+def deformed(move: Array) -> tuple[MotionProblem, ObservedDeformation]:
+    """The thigh and shank of a leg that follows its linkage, but for what markers of the thigh do per radian."""
+    rng = np.random.default_rng(11)
+    parameters = perturbed_parameters(rng, 0.0, 0.0)
+    problem, coefficients = random_trial(rng, parameters, segments=("thigh_r", "shank_r"), frames=40, nodes=8)
+    (psi,) = task_regressors([{"knee_angle_r": rng.normal(0.0, 0.5, 40)}])
+    tissue = tissue_of(problem, KIND, psi, parameters)
+    assert tissue is not None
+    thigh = next(group for group in tissue.groups if group.carrier == "thigh_r")
+    shift = np.zeros((len(problem.labels), 3, 40))
+    shift[thigh.markers] = move[:, :, None] * thigh.regressors[0]
+    measured = problem.shifted(shift).positions(coefficients, problem.body(parameters))
+    problem = replace(problem.with_data(replace(problem.data, measured=measured)), tissue=SoftTissue((thigh,)))
+    (observed,) = observed_deformations([problem]).values()
+    return problem, observed
+
+
+def deformation_of(seed: int) -> tuple[Array, Array]:
+    """What markers of the thigh do against each other, (nm, 3) m per radian, and B."""
+    _, observed = deformed(np.zeros((thigh_markers(), 3)))
+    move = np.random.default_rng(seed).normal(0.0, 0.004, (thigh_markers(), 3))
+    flat = observed.pattern.reshape(-1, 6)
+    return move - (flat @ np.linalg.pinv(flat) @ move.ravel()).reshape(move.shape), observed.pattern
+
+
+def thigh_markers() -> int:
+    group, _, _ = knee_skin("r")
+    return len(group.pattern)
+
+
+def test_markers_deform_as_they_are_observed_to_and_not_as_others_do() -> None:
+    wanted, _ = deformation_of(3)
+    _, observed = deformed(wanted)
+    found = cluster_tissue(observed, SoftTissueScale(1.0, 0.0, 1.0, 1.0))
+    others = observed.expected[0].reshape(wanted.shape)
+    assert np.abs(found.deformation[0] - wanted).max() < 5e-4 < 0.1 * np.abs(others).max()
+
+
+def test_a_cluster_that_moves_as_a_whole_shows_nothing_of_it() -> None:
+    wanted, pattern = deformation_of(3)
+    scale = SoftTissueScale(1.0, 0.0, 1.0, 1.0)
+    sliding = pattern @ np.array([1.0, -2.0, 0.5, 0.01, 0.0, -0.02]) * 2e-3
+    found, alike = (cluster_tissue(deformed(move)[1], scale) for move in (wanted, wanted + sliding))
+    np.testing.assert_allclose(found.deformation, alike.deformation, atol=5e-5)
+    np.testing.assert_allclose(found.mean, alike.mean, atol=3e-5)
+    np.testing.assert_allclose(found.covariance, alike.covariance, rtol=0.05, atol=1e-8)
+
+
+def test_deformation_narrows_what_a_cluster_does_as_a_whole_by_what_both_have_in_common() -> None:
+    _, observed = deformed(deformation_of(3)[0])
+    scale, nothing = SoftTissueScale(0.8, 0.0, 0.9, 0.9), 0.0 * observed.information
+    before = cluster_tissue(replace(observed, information=nothing, right=nothing[0]), scale)
+    after = cluster_tissue(observed, scale)
+    assert not before.mean.any()
+    mean = np.linalg.pinv(observed.pattern.reshape(-1, 6)) @ observed.expected[0]
+    unit = observed.rigid_covariance[0]
+    np.testing.assert_allclose(before.covariance, scale.covariance("knee_angle_r", unit, mean, 0.9), rtol=1e-9)
+    assert np.linalg.eigvalsh(before.covariance - after.covariance).min() > -1e-12
+    assert np.linalg.eigvalsh(after.covariance).min() > 0.0
+
+
+def test_a_pair_shows_how_its_distance_changes() -> None:
+    problem, _ = deformed(np.zeros((thigh_markers(), 3)))
+    (thigh,) = problem.tissue.groups if problem.tissue else ()
+    kept = np.arange(thigh.markers.start, thigh.markers.start + 2)
+    local = problem.data.local[kept]
+    line = (local[1] - local[0]) / np.linalg.norm(local[1] - local[0])
+    move = np.zeros((thigh_markers(), 3))
+    move[1] = 0.010 * line
+    problem, _ = deformed(move)
+    weight = problem.data.weight.copy()
+    weight[[k for k in range(len(weight)) if k not in kept]] = 0.0
+    (observed,) = observed_deformations([problem.with_weight(weight)]).values()
+    values, vectors = np.linalg.eigh(observed.information)
+    assert values[-1] > 0.0 and values[-2] < 1e-9 * values[-1]
+    along = np.zeros_like(move)
+    along[:2] = np.sqrt(0.5) * np.array([-line, line])
+    assert abs(vectors[:, -1] @ along.ravel()) == pytest.approx(1.0)
+    assert vectors[:, -1] @ observed.right / values[-1] * (vectors[:, -1] @ along.ravel()) == pytest.approx(
+        0.010 * np.sqrt(0.5), rel=0.02
+    )
+
+
+def test_the_prior_of_a_trial_is_that_of_its_observed_clusters() -> None:
+    problem, observed = deformed(deformation_of(3)[0])
+    scale = SoftTissueScale(1.0, 0.0, 1.0, 1.0)
+    which = KIND, ("thigh_r", tuple(problem.labels[problem.tissue.groups[0].markers]))  # type: ignore[union-attr]
+    prior = tissue_prior([problem], {KIND: scale}, {which: cluster_tissue(observed, scale)})
+    plain = tissue_prior([problem], {KIND: scale})
+    assert prior.keys == plain.keys
+    assert prior.mean.any() and not plain.mean.any()
+    assert (np.diag(prior.covariance) <= np.diag(plain.covariance) * (1 + 1e-9)).all()
+
+
+def test_pinned_markers_do_not_move() -> None:
+    group, problem, parameters = knee_skin("r")
+    psi = {"knee_angle_r": group.regressors[0]}
+    both, one = (tissue_of(problem, KIND, psi, parameters, pinned=pinned) for pinned in ((), ("thigh_r",)))
+    assert both is not None and one is not None
+    assert [g.carrier for g in both.groups] == ["thigh_r", "shank_r"]
+    assert [g.carrier for g in one.groups] == ["shank_r"]

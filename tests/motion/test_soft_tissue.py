@@ -63,14 +63,37 @@ def test_markers_shift_and_turn_together_along_the_axes_of_their_segment() -> No
         way = np.cross(axis, arms) if component.startswith("r") else np.broadcast_to(axis, arms.shape)
         by_hand[group.markers] += way[:, :, None] * group.regressors[group.names.index(name)]
     for group in tissue.groups:
-        for expected, psi in zip(group.expected, group.regressors, strict=True):
-            by_hand[group.markers] += 0.7 * expected[:, :, None] * psi
+        by_hand[group.markers] += group.displacement
     np.testing.assert_allclose(shift, by_hand, atol=1e-15)
     body = problem.body(perturbed_parameters(np.random.default_rng(4)))
     segments = Kinematics(body, problem.basis.evaluate(coefficients)).segments
     moved = problem.displaced(z).positions(coefficients, body) - problem.positions(coefficients, body)
     in_laboratory = np.einsum("mjif,mjf->mif", segments[problem.data.segment, :3], shift)
     np.testing.assert_allclose(moved, in_laboratory, atol=1e-12)
+
+
+def test_what_is_expected_turns_a_cluster_and_deforms_it_in_its_own_axes() -> None:
+    """A turn by half a radian changes no distance between markers; what they do by themselves does."""
+    problem, _, _ = trial_with_tissue(4)
+    assert problem.tissue is not None
+    group = problem.tissue.groups[0]
+    place = problem.data.local[group.markers]
+    rigid = np.array([0.01, -0.02, 0.005, 0.3, -0.2, 0.4])
+    deformation = np.random.default_rng(2).normal(0.0, 0.003, (2, *place.shape))
+    turning = replace(group, expected=np.array([group.pattern @ rigid, 0.0 * place]), softness=1.0)
+    stiff = place[:, :, None] + replace(turning, deformation=0.0 * deformation).displacement
+    soft = place[:, :, None] + replace(turning, deformation=deformation).displacement
+    still = place[:, :, None] + np.einsum("rmi,rf->mif", deformation, group.regressors)
+    for moved, wanted in ((stiff, np.broadcast_to(place[:, :, None], stiff.shape)), (soft, still)):
+        np.testing.assert_allclose(distances(moved), distances(wanted), atol=1e-12)
+    small = replace(turning, regressors=1e-5 * group.regressors)
+    along = np.einsum("rmi,rf->mif", turning.expected, small.regressors)
+    np.testing.assert_allclose(small.displacement, along, atol=1e-10)
+
+
+def distances(places: Array) -> Array:
+    """(nm, nm, nf) m between markers (nm, 3, nf)."""
+    return np.asarray(np.linalg.norm(places[:, None] - places, axis=2))
 
 
 def test_a_part_of_a_trial_has_its_markers_alone() -> None:

@@ -69,4 +69,4 @@ def test_left_out_bones_are_met_better_than_by_landmarks_and_by_skin_alone(data_
     for outcome in results("bones", "--folder", data_dir / "bones", "--only", names)["recordings"]:
         distance = outcome.distance_mm
         assert distance["calibrated"] < min(12.0, distance["skin alone"], distance["without soft tissue"])
-        assert outcome.flexion_deg["calibrated"][0] < 2.5
+        assert outcome.flexion_deg["calibrated"][0] < (2.5 if outcome.name.endswith("walk") else 4.0)

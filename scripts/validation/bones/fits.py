@@ -225,7 +225,10 @@ def fit_recording(
     )
     tracked, softness = problem, 0.0
     if tissue:
-        soft = soft_tissue_artefact.task_tissue({recording.name: kind}, {recording.name: problem}, start, table)
+        bare = [name for name, bone in recording.segments.items() if not bone.markers.shape[1]]
+        pinned = [SEGMENT_NAMES[name] for name in bare]
+        of_trial = {recording.name: kind}, {recording.name: problem}
+        soft = soft_tissue_artefact.task_tissue(*of_trial, start, table, pinned=pinned)
         plan = plan.with_tissue(soft)
     phase = fit_phase(plan, start, PhaseSettings(prior=ANATOMY))
     if tissue:

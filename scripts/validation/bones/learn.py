@@ -2,19 +2,23 @@
 
     bones --learn FILE [--folder DIR]
 
-Per recording and marker the displacement against the bone, d(t), is fitted by the knee's flexion from
-the static posture, phi(t) in rad: b = sum phi d / sum phi^2. What is left, r, moves with hips, ankles
-and contacts, which here go with the knee as they like: so b is off by up to rms(r) / rms(phi), counted
-as one sample, for the cluster's shift, its turn, and each marker by itself. The slopes of all markers are
+Per recording the displacement of the markers against the bone is taken apart into the shift of their
+middle, the turn of the cluster and what is left in axes that turn with it; put together as for small
+turns, these are d(t), and are fitted by the knee's flexion from the static posture, phi(t) in rad:
+b = sum phi d / sum phi^2. What is left, r, moves with hips, ankles and contacts, which here go with the
+knee as they like: so b is off by up to rms(r) / rms(phi), counted as one sample, for the cluster's
+shift, its turn, and each marker by itself. The slopes of all markers are
 
     b = s (Phi beta + B (u_person + u_recording) + e_own) + noise,        beta ~ N(0, ridge^2),
 
 Phi the functions of a marker's place (`calibration/soft_tissue_table.py`), B shifts and turns of the
 cluster. Half of the variance of u belongs to the person, half to the recording: two tasks of one
 person differ about as much as two people do. s, how soft a recording is (ln s ~ N(0, 0.7^2)), is the
-likeliest in turn with the others, so that a thigh that sags on a chair teaches no more than one that
-does not. The standard deviations of shift, turn, own and ridge are at the maximum of the marginal
-likelihood, with priors that know them to a factor of two; beta is then Gaussian. A person is who
+likeliest by how the markers deform, in turn with the others: a calibration observes no more of it, and a
+thigh that sags on a chair without deforming adds to the scatter among people. The standard deviations
+of shift, turn, own and ridge are at the maximum of the marginal likelihood, with priors that know them
+to a factor of two; beta is then Gaussian. What is written are roots of E[size^2] by the curvature there,
+as few people tell these sizes. A person is who
 shares sex, height and reference with another file: one person may have several names. With another
 person the skin does Phi beta, with errors of beta, and of shift, turn and own in full.
 
@@ -27,18 +31,20 @@ from __future__ import annotations
 
 import json
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
-from scipy.linalg import cho_factor, cho_solve
+from scipy.linalg import cho_factor, cho_solve, null_space
 from scipy.optimize import minimize
+from scipy.spatial.transform import Rotation
 
 from gaitcal.arrays import Array
 from gaitcal.calibration.soft_tissue_artefact import GAIT, SIZES
 from gaitcal.calibration.soft_tissue_table import THIGH_M, SkinField, place_functions
-from gaitcal.motion.soft_tissue import WIDTH, together
+from gaitcal.model.segment_frames import rigid_motions
+from gaitcal.motion.soft_tissue import SMALLEST, WIDTH, together
 from scripts.validation.bones.fits import kind_of, nominal_joint
 from scripts.validation.bones.recordings import BoneRecording
 
@@ -53,6 +59,8 @@ FACTOR_OF_TWO = 0.7
 SOFTNESS = np.geomspace(0.2, 5.0, 41)
 """Values of s that are looked at."""
 ROUNDS = 6
+STEP = 0.02
+"""Of logarithms, over which second derivatives are taken."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -101,7 +109,7 @@ def slopes_of(recording: BoneRecording, segment: str) -> Slopes:
     rest = local[still].mean(axis=0)
     flexion = recording.knee_flexion
     flexion = flexion - flexion[still].mean()
-    moved = (local - rest).reshape(len(flexion), -1) * (THIGH_M / length)
+    moved = _displacements(local * (THIGH_M / length), rest * (THIGH_M / length))
     power = float(flexion @ flexion)
     slopes = flexion @ moved / power
     left = moved - flexion[:, None] * slopes
@@ -123,6 +131,15 @@ def slopes_of(recording: BoneRecording, segment: str) -> Slopes:
     )
 
 
+def _displacements(path: Array, rest: Array) -> Array:
+    """(nf, 3 nm) m: the shift, the turn and the deformation of a cluster, put together as for small turns."""
+    middle, arms = path.mean(axis=1), rest - rest.mean(axis=0)
+    rotation, _ = rigid_motions(rest, path)
+    turned = np.einsum("fji,fmj->fmi", rotation, path - middle[:, None])
+    rigid = np.hstack([middle - rest.mean(axis=0), Rotation.from_matrix(rotation).as_rotvec()])
+    return np.asarray(rigid @ together(arms).reshape(-1, WIDTH).T + (turned - arms).reshape(len(path), -1))
+
+
 def all_slopes(recordings: Sequence[BoneRecording], segment: str) -> list[Slopes]:
     """Of every recording that shows the knee and has skin markers on the segment."""
     chosen = [r for r in recordings if r.has("thigh", "shank") and not r.has("pelvis")]
@@ -139,10 +156,13 @@ def learn_field(data: Sequence[Slopes]) -> SkinField:
 
 
 def _likeliest_softness(data: Slopes, field: SkinField) -> float:
-    """S of one recording, with all its markers and a log-normal prior."""
-    mean, about = data.functions @ field.coefficients.ravel(), data.about(field)
+    """S of one recording by how its markers deform, with a log-normal prior; a calibration observes no more."""
+    deforming = null_space(data.pattern.T, rcond=SMALLEST)
+    mean = deforming.T @ (data.functions @ field.coefficients.ravel())
+    about, noise = (deforming.T @ covariance @ deforming for covariance in (data.about(field), data.noise))
     known = -0.5 * (np.log(SOFTNESS) / FACTOR_OF_TWO) ** 2
-    found = [_log_density(data.slopes - s * mean, s**2 * about + data.noise) for s in SOFTNESS]
+    observed = deforming.T @ data.slopes
+    found = [_log_density(observed - s * mean, s**2 * about + noise) for s in SOFTNESS]
     return float(SOFTNESS[np.argmax(known + found)])
 
 
@@ -156,12 +176,25 @@ def _field_of(data: Sequence[Slopes]) -> SkinField:
         return 0.5 * float(known) - _log_density(slopes, whole)
 
     logs = minimize(cost, BEFORE, method="L-BFGS-B").x
+    doubt = np.diag(np.linalg.inv(_curvature(cost, logs)))
     factor = cho_factor(_covariance(data, logs))
     information = functions.T @ cho_solve(factor, functions) + np.exp(-2 * logs[3]) * np.eye(functions.shape[1])
     covariance = np.linalg.inv(information)
     beta = covariance @ functions.T @ cho_solve(factor, slopes)
-    shift, turn, own = np.exp(logs[:3]).tolist()
+    # E[size^2], as the sizes themselves are known from few people
+    shift, turn, own = np.exp(logs + doubt)[:3].tolist()
     return SkinField(coefficients=beta.reshape(-1, 3), covariance=covariance, shift=shift, turn=turn, own=own)
+
+
+def _curvature(function: Callable[[Array], float], at: Array) -> Array:
+    """(n, n) second derivatives of a function, by central differences."""
+    steps = STEP * np.eye(len(at))
+    out = np.empty((len(at), len(at)))
+    for i, one in enumerate(steps):
+        for j, other in enumerate(steps):
+            pairs = ((1, 1), (1, -1), (-1, 1), (-1, -1))
+            out[i, j] = sum(a * b * function(at + a * one + b * other) for a, b in pairs) / (4 * STEP**2)
+    return out
 
 
 def _covariance(data: Sequence[Slopes], logs: Array) -> Array:
