@@ -82,9 +82,6 @@ Movements = Annotated[
         "--movement", help="A trial more, of squat, sit-to-stand, jump, run or stairs; may be given several times."
     ),
 ]
-Sensitivities = Annotated[
-    bool, typer.Option(help="What the paper does not say: trial length, end of re-fits, centre of pressure.")
-]
 
 MODELS = "osim,urdf,mjcf"
 Formats = Annotated[
