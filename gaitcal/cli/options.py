@@ -163,13 +163,6 @@ OtherResult = Annotated[
     Path | None,
     typer.Argument(metavar="[OTHER]", help="Result of the same person's other session; differences are OTHER - DIR."),
 ]
-SharedModel = Annotated[
-    bool, typer.Option("--shared-model", help="Joint parameters from both sessions together, then every trial anew.")
-]
-Studies = Annotated[
-    list[Path] | None,
-    typer.Option(help="For --shared-model: study file of DIR, then of OTHER, where they do not lie in these."),
-]
 
 Pdf = Annotated[
     Path | None, typer.Option("--pdf", help="The file to write; DIR/report.pdf unless given; needed with two results.")
