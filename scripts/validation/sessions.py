@@ -42,7 +42,7 @@ from gaitcal.model.subject_model import SubjectModel
 from gaitcal.results.sessions import load_session
 from gaitcal.synthetic.motion import marker_noise, standing_pose, static_motion, two_strides
 from gaitcal.synthetic.subject import recording_of, synthetic_model
-from gaitcal.synthetic.truth import in_static_frames
+from gaitcal.synthetic.truth import static_frames
 from scripts.validation.harness import coverage, option, rms, say, side_by_side
 from scripts.validation.people.fits import fitted
 from scripts.validation.recordings import only, study_of_person, write_folder
@@ -111,7 +111,7 @@ def made_session(person: SubjectModel, rng: np.random.Generator) -> MadeSession:
     with tempfile.TemporaryDirectory() as name:
         worn = record_session(person, rng, Path(name))
         study = Study.load(Path(name) / "study.toml")
-    truth, found = in_static_frames(worn, HipCentre(study.settings.hip_rule)).joint, fitted("made up", study)
+    truth, found = static_frames(worn, HipCentre(study.settings.hip_rule)).parameters.joint, fitted("made up", study)
     return MadeSession(truth, found.nominal.parameters.joint, found.parameters.joint, found.influence)
 
 
