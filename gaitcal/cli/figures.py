@@ -49,7 +49,6 @@ def draw_figures(
     signs = other_programs.convention_of(
         convention or conventions.Signs.CLINICAL.value, None, units or "Nm/kg", external=external
     )
-    result_folder.put_back(result)
     if not result.is_dir():
         message = "no such folder; allowed: a result of 'gaitcal calibrate' or 'gaitcal dynamics'"
         raise InputError(message, source=result, code=Code.NO_RESULT)

@@ -18,7 +18,7 @@ from gaitcal.cli.console import Console, frameless_table
 from gaitcal.errors import Code, ConvergenceError, InputError, UsageError, nearest
 from gaitcal.figures.monte_carlo import FRAME_WORDS, write_monte_carlo_figures
 from gaitcal.io.atomic import InterruptedWork, Stopped
-from gaitcal.io.result_folder import ResultKind, amended, atomic_directory, put_back, require_room
+from gaitcal.io.result_folder import ResultKind, amended, atomic_directory, require_room
 from gaitcal.page.monte_carlo import with_monte_carlo
 from gaitcal.page.page_data import PAGE_DATA
 from gaitcal.published import draw, tables
@@ -78,7 +78,6 @@ def run_monte_carlo(
     expect: options.Expect = None,
 ) -> None:
     """Run what is missing of a study, write its tables and figures, and print what they say."""
-    put_back(folder)
     store, plan = Store(folder / FOLDER), plan_of(vary, levels, draws)
     settings = MonteCarloSettings(
         seed=seed,

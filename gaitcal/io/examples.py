@@ -25,7 +25,7 @@ from pydantic import Field, field_validator
 
 from gaitcal.errors import Code, InputError, UsageError, nearest
 from gaitcal.io.atomic import InterruptedWork, Stopped
-from gaitcal.io.result_folder import MANIFEST, ResultKind, also_at, atomic_directory, read_object, sha256_of
+from gaitcal.io.result_folder import MANIFEST, ResultKind, atomic_directory, read_object, sha256_of
 from gaitcal.io.toml import Table, models_path, package_version, read_validated
 
 REGISTRY = "examples.toml"
@@ -170,8 +170,17 @@ def download(file: RemoteFile, target: Path, connection: Connection, progress: C
         if urlsplit(url).scheme == "file":
             shutil.copyfile(url2pathname(urlsplit(url).path), output)
             return
-        bar = _Progress(address, file.bytes, progress)
-        pooch.HTTPDownloader(bar, BLOCK, timeout=TIMEOUT_S, headers=HEADERS)(url, output, files)
+        answers: list[requests.Response] = []
+
+        def remember(answer: requests.Response, **_: object) -> None:
+            answers.append(answer)
+
+        bar, hooks = _Progress(address, file.bytes, progress), {"response": remember}
+        try:
+            pooch.HTTPDownloader(bar, BLOCK, timeout=TIMEOUT_S, headers=HEADERS, hooks=hooks)(url, output, files)
+        finally:
+            for answer in answers:  # pooch leaves one that broke off open
+                answer.close()
 
     pooch.get_logger().setLevel(logging.WARNING)
     files = pooch.create(
@@ -243,7 +252,8 @@ def fetch_example(example: Example, folder: Path, connection: Connection, progre
     fault: InputError | KeyboardInterrupt | Stopped | None = None
     with atomic_directory(folder, ResultKind.EXAMPLE) as content:
         for file in right_files(example, folder):
-            also_at(folder / file.name, content / file.name)
+            (content / file.name).parent.mkdir(parents=True, exist_ok=True)
+            shutil.copy2(folder / file.name, content / file.name)
         try:
             _fetch_rest(example, content, connection, progress)
         except (InputError, KeyboardInterrupt, Stopped) as ending:
@@ -252,7 +262,7 @@ def fetch_example(example: Example, folder: Path, connection: Connection, progre
         if fault is not None and not there:
             raise fault
         if (folder / STUDY).is_file():
-            also_at(folder / STUDY, content / STUDY)
+            shutil.copy2(folder / STUDY, content / STUDY)
         elif example.study:
             (content / STUDY).write_text(example.study.lstrip("\n"), encoding="utf-8")
         (content / SOURCE).write_text(source_text(example), encoding="utf-8")

@@ -15,7 +15,7 @@ from gaitcal.errors import Code, InputError
 from gaitcal.figures import document, report_sheets
 from gaitcal.figures.comparison import comparison_page, figure_rows, paper_panels
 from gaitcal.gait import cycles, moments, profile_score, spatiotemporal
-from gaitcal.io.result_folder import MANIFEST, ResultKind, atomic_directory, put_back, read_object, sha256_of
+from gaitcal.io.result_folder import MANIFEST, ResultKind, atomic_directory, read_object, sha256_of
 from gaitcal.io.snapshot import Snapshot, read_whole
 from gaitcal.io.toml import package_version
 from gaitcal.model import coordinates, linkage, model_file
@@ -167,7 +167,6 @@ def load_session(folder: Path) -> tuple[stride_sets.Session, tuple[Snapshot, ...
 
     Raises InputError: It is none, or damaged.
     """
-    put_back(folder)
     manifest = read_object(folder / MANIFEST)
     if not manifest:
         message = (

@@ -36,9 +36,6 @@ from gaitcal.study.study import Study
 from gaitcal.study.study_file import StudyFile
 from tests.commands import gaitcal
 
-# pooch leaves the socket of an answer that broke off to the garbage collector
-pytestmark = pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")
-
 ROOT = Path(__file__).parents[2]
 HOST = "https://example.org"
 TRIES = 2
