@@ -1,4 +1,4 @@
-"""`gaitcal figures`: what a result folder holds, drawn for a paper or for a report."""
+"""`gaitcal figures`: what a result folder holds, drawn for a paper."""
 
 import re
 from collections.abc import Iterable, Mapping, Sequence
@@ -11,9 +11,8 @@ import pandas as pd
 from gaitcal.cli import options, other_programs
 from gaitcal.cli.console import Console
 from gaitcal.errors import Code, InputError, UsageError, nearest
-from gaitcal.figures.chart import Chart
-from gaitcal.figures.paper import Strides, moment_arm_charts, paper_charts
-from gaitcal.figures.report import FORMATS, HealthyBands, Told, report_charts, write_charts
+from gaitcal.figures.chart import FORMATS, Chart, write_charts
+from gaitcal.figures.paper import HealthyBands, Strides, moment_arm_charts, paper_charts
 from gaitcal.gait import conventions, cycles, moments, normal_bands
 from gaitcal.gait.ensemble import ensemble
 from gaitcal.io import result_folder, snapshot
@@ -22,9 +21,7 @@ from gaitcal.page.page_data import PAGE_DATA, page_toe_offs, read_page_data
 from gaitcal.results.cycles import CYCLES, read_cycles
 from gaitcal.results.summary import SUMMARY
 
-PARAMETERS, TRUTH, FOLDER = "parameters.csv", "truth/parameters.csv", "figures"
-PAPER, REPORT = "paper", "report"
-OF_PURPOSE: Final = {PAPER: "svg,pdf", REPORT: "png,svg"}  # Formats unless told
+FOLDER = "figures"
 MILLIMETRES: Final = {"mm": 1.0, "cm": 10.0, "in": 25.4, "": 1.0}
 ALLOWED_WIDTHS: Final = (40.0, 400.0)
 COLUMN: Final = 85.0  # mm: one column of most journals
@@ -34,10 +31,9 @@ def draw_figures(
     console: Console,
     result: options.AnyResult,
     out: options.FiguresFolder = None,
-    purpose: options.Purpose = PAPER,
     only: options.Only = None,
     width: options.Width = None,
-    formats: options.Pictures = None,
+    formats: options.Pictures = "svg,pdf",
     normal: options.FigureBands = None,
     convention: options.FigureSigns = None,
     external: options.FigureExternal = False,
@@ -45,36 +41,23 @@ def draw_figures(
 ) -> None:
     """Draw the figures of a result, or of further trials, into a folder.
 
-    Raises UsageError: An option names something that is not there, or belongs to the other purpose.
+    Raises UsageError: An option names something that is not there.
     Raises InputError: The folder is no result that pages are made of.
     """
-    if purpose not in OF_PURPOSE:
-        found = f"found '{purpose}'; allowed: {', '.join(OF_PURPOSE)}"
-        raise UsageError(f"{found}{nearest(purpose, OF_PURPOSE)}", field="--for")
-    endings = _formats(formats or OF_PURPOSE[purpose])
-    for_papers = {"--width": width, "--convention": convention, "--units": units, "--external": external or None}
-    for field, value in for_papers.items():
-        if purpose == REPORT and value is not None:
-            message = "found with --for report, whose pages show the result as its files do; allowed: with --for paper"
-            raise UsageError(message, field=field)
+    endings = _formats(formats)
     wide = COLUMN if width is None else _width(width)
     signs = other_programs.convention_of(
         convention or conventions.Signs.CLINICAL.value, None, units or "Nm/kg", external=external
     )
-    result_folder.put_back(result)
     if not result.is_dir():
         message = "no such folder; allowed: a result of 'gaitcal calibrate' or 'gaitcal dynamics'"
         raise InputError(message, source=result, code=Code.NO_RESULT)
-    names = [name for name in (PAGE_DATA, SUMMARY, CYCLES, PARAMETERS, TRUTH) if (result / name).exists()]
+    names = [name for name in (PAGE_DATA, SUMMARY, CYCLES) if (result / name).exists()]
     with console.working() as step:
         step("reading the result")
-        if purpose == REPORT:
-            told, read = snapshot.read_whole(result, names, lambda: _told(result, normal))
-            charts, page_data = report_charts(told), told.page_data
-        else:
-            (strides, page_data), read = snapshot.read_whole(result, names, lambda: _strides(result, normal))
-            charts = paper_charts(strides, signs, wide) if signs else []
-            charts += [one for table in _moment_arms(result, only or ()) for one in moment_arm_charts(table, wide)]
+        (strides, page_data), read = snapshot.read_whole(result, names, lambda: _strides(result, normal))
+        charts = paper_charts(strides, signs, wide) if signs else []
+        charts += [one for table in _moment_arms(result, only or ()) for one in moment_arm_charts(table, wide)]
         charts = chosen(charts, only or ())
         folder = out or result / FOLDER
         with result_folder.amended(folder) as stage:
@@ -183,23 +166,6 @@ def _healthy(page_data: Mapping[str, Any], normal: Path | None) -> HealthyBands:
         }
         for band in page_data["bands"]
     }
-
-
-def _told(folder: Path, normal: Path | None) -> Told:
-    page_data = _sheet(folder)
-    if not page_data["trials"]:
-        message = f"has no {PAGE_DATA} of its own; run its trials again, or draw --for paper"
-        raise InputError(message, source=folder, code=Code.NO_RESULT)
-    parameters = pd.read_csv(folder / PARAMETERS).to_dict("records") if (folder / PARAMETERS).exists() else []
-    known = pd.read_csv(folder / TRUTH, comment="#") if (folder / TRUTH).exists() else None
-    truth = {} if known is None else dict(zip(known["name"], known["truth"].astype(float), strict=True))
-    return Told(
-        page_data=page_data,
-        summary=result_folder.read_object(folder / SUMMARY),
-        parameters=parameters,
-        truth=truth,
-        healthy=_healthy(page_data, normal),
-    )
 
 
 def _strides(folder: Path, normal: Path | None) -> tuple[Strides, dict[str, Any]]:

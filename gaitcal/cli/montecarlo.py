@@ -18,14 +18,14 @@ from gaitcal.cli.console import Console, frameless_table
 from gaitcal.errors import Code, ConvergenceError, InputError, UsageError, nearest
 from gaitcal.figures.monte_carlo import FRAME_WORDS, write_monte_carlo_figures
 from gaitcal.io.atomic import InterruptedWork, Stopped
-from gaitcal.io.result_folder import ResultKind, amended, atomic_directory, put_back, require_room
+from gaitcal.io.result_folder import ResultKind, amended, atomic_directory, require_room
 from gaitcal.page.monte_carlo import with_monte_carlo
 from gaitcal.page.page_data import PAGE_DATA
-from gaitcal.published import disturbance_claims, draw, tables
+from gaitcal.published import draw, tables
 from gaitcal.published.case import MODEL, case_from, read_case
-from gaitcal.published.claims import Claim, Kind, Verdict
+from gaitcal.published.claims import Claim, Verdict
 from gaitcal.published.protocol import MOST_LEVEL, MonteCarloSettings, ParameterChoice, Plan, ReactionFrame, Varied
-from gaitcal.published.reproduce import Reproduction, ReproductionSettings, SensitivityDraws, reproduce, write_tables
+from gaitcal.published.reproduce import Reproduction, ReproductionSettings, reproduce, write_tables
 from gaitcal.published.statistics import (
     FEWEST,
     left_out,
@@ -78,7 +78,6 @@ def run_monte_carlo(
     expect: options.Expect = None,
 ) -> None:
     """Run what is missing of a study, write its tables and figures, and print what they say."""
-    put_back(folder)
     store, plan = Store(folder / FOLDER), plan_of(vary, levels, draws)
     settings = MonteCarloSettings(
         seed=seed,
@@ -218,13 +217,6 @@ def _print_study(console: Console, study: MonteCarloStudy, frame: ReactionFrame)
     ]
     if failures:
         console.line(f"left out of all these figures, as they did not converge: {'; '.join(failures)} draws")
-    for conclusion in disturbance_claims.conclusions(table, SHOWN_SIDE):
-        console.line(f"{conclusion.claim} ({conclusion.frame.value}): {conclusion.verdict}. {conclusion.numbers}")
-    for figure in disturbance_claims.PUBLISHED:
-        if ours := disturbance_claims.beside(table, figure, study.settings, SHOWN_SIDE):
-            name = f"{figure.varied.title} {draw.TORQUE_WORDS[figure.torque]}"
-            values = ", ".join(f"{value:.2f} ({frame.value})" for frame, value in ours.items())
-            console.line(f"{name} at 100 %: published {figure.value:.2f}, here {values} %BW*H")
     open_rows = unconverged(table)
     if open_rows.empty:
         console.line("convergence: mean and CV of every torque stay within 2 % over the last tenth of the draws")
@@ -279,8 +271,6 @@ def _print_expectation(console: Console, table: pd.DataFrame, rms_mm: float) -> 
 DATA = "GAITCAL_DATA"
 KEPT = ".draws"
 """Ending of the folder, beside the output, that keeps Monte Carlo draws: an interrupted study goes on there."""
-_CLAIMS = {Kind.PAPER: "claims of the paper", Kind.SENSITIVITY: "sensitivities, ours"}
-_DECIDED = (Verdict.HOLDS, Verdict.FAILS, Verdict.UNDECIDED)
 _SHOWN = ("I", "III", "discussion")
 
 
@@ -290,22 +280,17 @@ def run_reproduction(
     draws: Annotated[int, typer.Option(min=0, help="Monte Carlo draws (published: 5000); 0: the tables only.")] = 0,
     noise_seeds: Annotated[int, typer.Option(min=2, help="Draws of the marker noise behind medians and ranges.")] = 20,
     seed: Annotated[int, typer.Option(min=0, help="Seed of noise, inertial seeds and Monte Carlo draws.")] = 0,
-    sensitivities: options.Sensitivities = True,
 ) -> None:
     """Run the published study, write its tables and print them."""
-    settings = ReproductionSettings(
-        noise_seeds=noise_seeds,
-        seed=seed,
-        draws=draws,
-        sensitivities=SensitivityDraws() if sensitivities else None,
-        data=_data(),
-    )
+    settings = ReproductionSettings(noise_seeds=noise_seeds, seed=seed, draws=draws, data=_data())
     kept = out.with_name(out.name + KEPT) if draws else None
     require_room(out, ResultKind.REPRODUCTION)
     with console.working() as step, atomic_directory(out, ResultKind.REPRODUCTION) as folder:
         reproduction = reproduce(settings, kept, step)
-        step("writing the tables")
+        step("tables and figures")
         write_tables(reproduction, folder)
+        if reproduction.disturbances is not None:
+            write_monte_carlo_figures(reproduction.disturbances, None, folder / "figures", SHOWN_SIDE)
     print_reproduction(console, reproduction)
     console.line(f"tables: {out}")
     if kept is not None:
@@ -354,14 +339,10 @@ def _cell(row: tables.TableRow) -> str:
 
 
 def _print_claims(console: Console, claims: Sequence[Claim]) -> None:
-    """Those of the paper and ours apart: whether ours hold says nothing of the paper."""
-    for kind, title in _CLAIMS.items():
-        of_kind = [claim for claim in claims if claim.kind is kind]
-        table = frameless_table((title, "published", "ours", "verdict"))
-        for claim in of_kind:
-            if claim.verdict in _DECIDED or console.verbose:
-                table.add_row(*(Text(t) for t in (claim.claim, claim.published, claim.ours, claim.verdict.value)))
-        if table.row_count:
-            console.out.print(table)
-        counts = {v: sum(claim.verdict is v for claim in of_kind) for v in Verdict}
-        console.line(f"{title}: " + ", ".join(f"{count} {v.value}" for v, count in counts.items() if count))
+    table = frameless_table(("claims of the paper", "published", "ours", "verdict"))
+    for claim in claims:
+        if claim.verdict is not Verdict.NOT_TESTABLE or console.verbose:
+            table.add_row(*(Text(t) for t in (claim.claim, claim.published, claim.ours, claim.verdict.value)))
+    console.out.print(table)
+    counts = {v: sum(claim.verdict is v for claim in claims) for v in Verdict}
+    console.line("claims of the paper: " + ", ".join(f"{count} {v.value}" for v, count in counts.items() if count))

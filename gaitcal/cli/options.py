@@ -82,9 +82,6 @@ Movements = Annotated[
         "--movement", help="A trial more, of squat, sit-to-stand, jump, run or stairs; may be given several times."
     ),
 ]
-Sensitivities = Annotated[
-    bool, typer.Option(help="What the paper does not say: trial length, end of re-fits, centre of pressure.")
-]
 
 MODELS = "osim,urdf,mjcf"
 Formats = Annotated[
@@ -128,14 +125,6 @@ AnyResult = Annotated[
     Path, typer.Argument(metavar="DIR", help="Result folder of 'gaitcal calibrate' or 'gaitcal dynamics'.")
 ]
 FiguresFolder = Annotated[Path | None, typer.Option("--out", help="Folder for the files; DIR/figures unless given.")]
-Purpose = Annotated[
-    str,
-    typer.Option(
-        "--for",
-        help="paper: a file a variable, mean and SD over strides; report: pages of panels, one trial each, with the "
-        "nominal model, forces, pelvis residuals, marker errors and parameters.",
-    ),
-]
 Only = Annotated[
     list[str] | None,
     typer.Option(
@@ -144,20 +133,15 @@ Only = Annotated[
         help="Only these, by the words that their names begin or end with: knee_adduction, hip, moment. Repeatable.",
     ),
 ]
-Width = Annotated[str | None, typer.Option(help="For paper: 85mm (one column, unless given), 170mm, 17cm, 3.35in.")]
-Pictures = Annotated[
-    str | None,
-    typer.Option("--format", help="Comma-separated: svg, pdf, png (300 dpi); svg,pdf or, for report, png,svg."),
-]
+Width = Annotated[str | None, typer.Option(help="85mm (one column, unless given), 170mm, 17cm, 3.35in.")]
+Pictures = Annotated[str, typer.Option("--format", help="Comma-separated: svg, pdf, png (300 dpi).")]
 FigureBands = Annotated[
     Path | None,
     typer.Option("--normal", help="CSV of normal bands, or schwartz2008; else those of the result, if it has any."),
 ]
-FigureSigns = Annotated[
-    str | None, typer.Option("--convention", help="For paper: signs, clinical (unless given) or opensim.")
-]
-FigureExternal = Annotated[bool, typer.Option("--external", help="For paper: external instead of internal moments.")]
-FigureUnits = Annotated[str | None, typer.Option("--units", help="For paper: Nm/kg (unless given), Nm or %BW*H.")]
+FigureSigns = Annotated[str | None, typer.Option("--convention", help="Signs, clinical (unless given) or opensim.")]
+FigureExternal = Annotated[bool, typer.Option("--external", help="External instead of internal moments.")]
+FigureUnits = Annotated[str | None, typer.Option("--units", help="Nm/kg (unless given), Nm or %BW*H.")]
 
 Other = Annotated[
     Path | None, typer.Argument(metavar="[DIR2]", help="The same person's other session: page or report compare both.")
@@ -165,13 +149,6 @@ Other = Annotated[
 OtherResult = Annotated[
     Path | None,
     typer.Argument(metavar="[OTHER]", help="Result of the same person's other session; differences are OTHER - DIR."),
-]
-SharedModel = Annotated[
-    bool, typer.Option("--shared-model", help="Joint parameters from both sessions together, then every trial anew.")
-]
-Studies = Annotated[
-    list[Path] | None,
-    typer.Option(help="For --shared-model: study file of DIR, then of OTHER, where they do not lie in these."),
 ]
 
 Pdf = Annotated[

@@ -36,7 +36,6 @@ from gaitcal.page import bone_files, view
 from gaitcal.results import calibration, saved
 from gaitcal.results.our_motions import our_trials
 from gaitcal.results.sessions import compare_results, comparison_content, comparison_html, write_comparison
-from gaitcal.results.shared_model import compare_with_shared_model
 
 HOST: Final = "127.0.0.1"
 _THIS_MACHINE: Final = re.compile(r"(127\.0\.0\.1|localhost|\[::1\])(:\d{1,5})?", re.ASCII)
@@ -208,20 +207,16 @@ def compare_sessions_or_models(
     other: options.OtherResult = None,
     osim: Annotated[Path | None, typer.Option(help="An OpenSim model of the same person, instead of OTHER.")] = None,
     out: Annotated[Path | None, typer.Option(help="Folder for the tables; nothing is written unless given.")] = None,
-    shared_model: options.SharedModel = False,
     motion: Annotated[
         bool, typer.Option(help="With --osim: its coordinates and moments in the recordings, by OpenSim, too.")
     ] = False,
-    study: options.Studies = None,
 ) -> None:
     """Compare two results, or one with an OpenSim model."""
-    if osim is not None and (other is not None or out is not None or shared_model):
-        message = "found a second result, --out or --shared-model beside it; allowed: one result and --osim FILE"
+    if osim is not None and (other is not None or out is not None):
+        message = "found a second result or --out beside it; allowed: one result and --osim FILE"
         raise UsageError(message, field="--osim")
     if motion and osim is None:
         raise UsageError("found without --osim, whose model it is for", field="--motion")
-    if study and not shared_model:
-        raise UsageError("found without --shared-model, which alone needs them", field="--study")
     if osim is not None:
         compare_models(result, osim, console)
         if motion:
@@ -231,15 +226,10 @@ def compare_sessions_or_models(
         raise UsageError("found one result; allowed: two results, or one and --osim FILE", field="compare")
     if out is not None:
         require_room(out, ResultKind.COMPARISON, [folder / MANIFEST for folder in (result, other)])
-    shared = None
-    if shared_model:
-        with console.working() as step:
-            comparison, shared = compare_with_shared_model(result, other, study or (), step)
-    else:
-        comparison = compare_results(result, other)
+    comparison = compare_results(result, other)
     tell(comparison, console)
     if out is not None:
-        write_comparison(comparison, out, (result, other), shared)
+        write_comparison(comparison, out, (result, other))
         console.line(f"wrote {out}")
 
 

@@ -6,7 +6,7 @@ the recordings alone say is
 
     S_x = C_x^-1 - 1 (nothing of it negative),      S_x m_x = C_x^-1 x^      <=>      S m = C^-1 d^ - (F F^T)^-1 m0,
 
-m being where they alone would have it (`results/shared_model.py` does the same with two sessions). People are compared
+m being where they alone would have it. People are compared
 in units of anatomy's prior, y = G^-1 (d - a), in which x = F^-1 G y - F^-1 (m0 - a), whatever prior their fit had.
 """
 

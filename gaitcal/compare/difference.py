@@ -13,7 +13,6 @@ c is what the errors c_A, c_B that all strides of a session share leave in the d
     one model            c = |c_A - c_B|                      one error, and as large as the posture makes it in each
     one static trial     c^2 = (f_A - f_B)^2 + (c_A^2 - f_A^2) + (c_B^2 - f_B^2),     f: axes and masses
     a static trial each  c^2 = c_A^2 + c_B^2
-    and shared joints    c^2 = (j_A - j_B)^2 + f_A^2 + f_B^2,      j^2 = c^2 - f^2
 
 Errors of the joint parameters that two calibrations on one static trial share through its nominal joints, and of the
 same force plates, are taken as independent here: c is then rather too large. How a person walks differently on another
@@ -110,11 +109,8 @@ def stride_part(spread: Spread, n_a: Array, n_b: Array) -> Array:
 def shared_variance(common: Common, shared: tuple[Array, Array], frames: tuple[Array, Array]) -> Array:
     """c^2 of errors (m,) that all strides of session A and of session B share."""
     a, b = shared
-    if common in (Common.MODEL, Common.SHARED_FRAMES):
+    if common is Common.MODEL:
         return np.asarray((a - b) ** 2)
-    if common is Common.SHARED_JOINTS:
-        (f_a, f_b), (j_a, j_b) = frames, (np.sqrt(a**2 - frames[0] ** 2), np.sqrt(b**2 - frames[1] ** 2))
-        return np.asarray((j_a - j_b) ** 2 + f_a**2 + f_b**2)
     if common is Common.STATIC:
         f_a, f_b = frames
         return np.asarray((f_a - f_b) ** 2 + (a**2 - f_a**2) + (b**2 - f_b**2))

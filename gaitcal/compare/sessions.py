@@ -32,7 +32,6 @@ class SessionComparison:
     subjects: tuple[Subject, Subject]
     common: measured.Common
     warnings: tuple[str, ...]  # What to know before any figure: refused or doubtful results, signs of another person
-    notes: tuple[str, ...] = ()  # What else was done, a sentence each
     found: tuple[
         difference.Difference, ...
     ]  # Those that exceed what could be missed first, the largest of them before others
@@ -51,15 +50,11 @@ class SessionComparison:
     @property
     def words(self) -> tuple[str, ...]:
         """The same without warnings."""
-        return (*self.notes, *difference.lines_of(self.names, self.common, self.found))
+        return difference.lines_of(self.names, self.common, self.found)
 
 
-def compare_sessions(
-    a: measured.Session, b: measured.Session, common: measured.Common | None = None
-) -> SessionComparison:
+def compare_sessions(a: measured.Session, b: measured.Session) -> SessionComparison:
     """Set two sessions side by side.
-
-    `common`: what they share, where more is known of it than their files tell: shared joints are not compared.
 
     Raises InputError: Their thighs or shanks are of lengths that no two results of one person have.
     """
@@ -67,13 +62,12 @@ def compare_sessions(
     if person.denied:
         message = f"these are not two results of one person: {'; '.join(person.denied)}"
         raise measured.NotComparableError(message, source=f"{a.name}, {b.name}")
-    joints_differ = common is None
-    common = common or measured.common_to(a, b)
+    common = measured.common_to(a, b)
     curves = measured.stride_sets(a), measured.stride_sets(b)
     found = (
         *curve_figures(*curves, common),
         *measure_differences(a, b),
-        *(difference.parameter_differences(a, b, common) if joints_differ else ()),
+        *difference.parameter_differences(a, b, common),
     )
     return SessionComparison(
         names=(a.name, b.name),

@@ -52,7 +52,6 @@ class Session:
     """Torque -> source -> part of the variance of its error, 0 to 1."""
     prior: JointPrior | None = None
     """Of its joint parameters, by its settings; None: anatomy's. A cohort's is not in a result."""
-    leans_on_cohort: bool = False  # Its joint parameters were fitted with priors of a cohort
     relative: bool = False  # Joint angles are counted from the static posture
 
 
@@ -62,9 +61,6 @@ class Common(Enum):
     MODEL = "one model: its errors are the same in both, and cancel"
     STATIC = "one static trial, a calibration each: nominal joints, marker places and segment axes are the same"
     PERSON = "a static trial each: markers were placed anew, and no error is the same in both"
-
-    SHARED_FRAMES = "one static trial and the legs' joints from both: motions, forces and masses differ"
-    SHARED_JOINTS = "the legs' joints from both, a static trial each: markers were placed anew"
 
     def __init__(self, words: str) -> None:
         self.words = words

@@ -7,14 +7,13 @@ matplotlib is loaded when something is drawn, not before.
 from __future__ import annotations
 
 import unicodedata
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
+from pathlib import Path
 from typing import TYPE_CHECKING, Final, Literal
 
 import numpy as np
-
-from gaitcal.gait.moments import SIDE_WORDS
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -24,16 +23,10 @@ if TYPE_CHECKING:
     from matplotlib.patches import Patch
 
 RIGHT, LEFT, WHOLE = "#0072B2", "#C62828", "#009E73"
-STEP = "#E69F00"
-NOMINAL, INK, FAINT, GRID = "#7f7f7f", "#222222", "#666666", "#e6e6e6"
-STANCE, STANCE_KEY = "#000000", "#e4e4e4"
-STANCE_ALPHA = 0.055  # Of one side; where both feet are down the two tints add up
+INK, FAINT, GRID = "#222222", "#666666", "#e6e6e6"
 SIDE_COLOURS = {"r": RIGHT, "l": LEFT, "": WHOLE}
 SIDE_DASHES: dict[str, tuple[float, ...]] = {"r": (), "l": (5.0, 1.6), "": ()}
 """The left side is dashed too: a print in grey stays readable."""
-
-TRUTH_DASHES: dict[str, tuple[float, ...]] = {"r": (1.3, 1.3), "l": (5.0, 1.3, 1.3, 1.3), "": (1.3, 1.3)}
-"""The truth is black, and of no dashes that another line has."""
 
 FONT = "DejaVu Sans"  # Comes with matplotlib: the same figure on every machine
 SMALL, NORMAL, TITLE = 6.6, 7.2, 8.2
@@ -60,14 +53,7 @@ class Key:
     colour: str
     dashes: tuple[float, ...] = ()  # Lengths of dashes and gaps, in line widths; none: a full line
     width: float = 1.6
-    kind: str = "line"  # `line`, `band` (see-through), `area`, `dot`, `ring` or `tick`
-
-
-SIDE_KEYS = tuple(
-    Key(label=SIDE_WORDS[side], colour=SIDE_COLOURS[side], dashes=SIDE_DASHES[side]) for side in ("r", "l")
-)
-"""Right and left in the legend of curves."""
-TRUTH_WORDS = "truth (known: this person is made up)"  # In legends
+    kind: str = "line"  # `line` or `band` (see-through)
 
 
 def line_style(dashes: tuple[float, ...]) -> Literal["-"] | tuple[float, tuple[float, ...]]:
@@ -113,20 +99,6 @@ def dress(axes: Axes, *, xlabel: str = "", ylabel: str = "", title: str = "", si
     if title:
         axes.set_title(title, fontsize=sizes.title, family=FONT, color=INK, loc="left", fontweight="bold", pad=4)
     axes.yaxis.set_major_locator(MaxNLocator(5))
-
-
-def dress_rows(axes: Axes, labels: Sequence[str], *, labelsize: float = NORMAL, least: int = 0) -> None:
-    """A row for each label, the first on top, room for at least `least`: no ticks and no lines between them."""
-    axes.set_yticks(range(len(labels)), labels=labels)
-    axes.tick_params(axis="y", length=0, labelsize=labelsize)
-    axes.set_ylim(max(len(labels), least) - 0.4, -0.6)
-    axes.grid(visible=False, axis="y")
-
-
-def write(axes: Axes, x: float, y: float, text: str, **options: object) -> None:
-    """Small text in axes, `text` already `plain` where it comes from data."""
-    style: dict[str, object] = {"fontsize": SMALL, "family": FONT, "color": FAINT}
-    axes.text(x, y, text, **(style | options))  # type: ignore[arg-type]
 
 
 MARGIN = 0.06  # of the span of all values, at either end of an axis
@@ -249,12 +221,34 @@ def _handle(key: Key) -> Line2D | Patch:
     from matplotlib.lines import Line2D
     from matplotlib.patches import Patch
 
-    if key.kind in ("band", "area"):
-        return Patch(facecolor=key.colour, alpha=0.25 if key.kind == "band" else 1.0, label=key.label)
-    if key.kind == "line":
-        return Line2D([], [], color=key.colour, linestyle=line_style(key.dashes), linewidth=key.width, label=key.label)
-    shape = {"dot": "o", "ring": "o", "tick": "|"}[key.kind]
-    filled = "white" if key.kind == "ring" else key.colour
-    return Line2D(
-        [], [], linestyle="", marker=shape, markersize=5, color=key.colour, markerfacecolor=filled, label=key.label
-    )
+    if key.kind == "band":
+        return Patch(facecolor=key.colour, alpha=0.25, label=key.label)
+    return Line2D([], [], color=key.colour, linestyle=line_style(key.dashes), linewidth=key.width, label=key.label)
+
+
+DPI: Final = 300  # What journals ask for
+FORMATS: Final = ("png", "svg", "pdf")
+_UNSIGNED: Final = {
+    "png": {"Software": None},
+    "svg": {"Date": None, "Creator": None, "Format": None, "Type": None},
+    "pdf": {"CreationDate": None, "Creator": None, "Producer": None},
+}
+"""Without date and program."""
+SALT: Final = "gaitcal"  # Identifiers of an SVG are made of its content and of this, not at random
+
+
+def write_charts(charts: Iterable[Chart], folder: Path | str, formats: Sequence[str]) -> list[Path]:
+    """Draw every chart into `folder` (made if missing), a file a format; returns the files."""
+    import matplotlib as mpl
+
+    folder = Path(folder)
+    folder.mkdir(parents=True, exist_ok=True)
+    written = []
+    with mpl.rc_context({"svg.hashsalt": SALT, "pdf.fonttype": 42}):  # letters of a PDF stay letters
+        for chart in charts:
+            figure = chart_figure(chart)
+            for suffix in formats:
+                path = folder / f"{chart.name}.{suffix}"
+                figure.savefig(path, dpi=DPI, metadata=_UNSIGNED[suffix])
+                written.append(path)
+    return written

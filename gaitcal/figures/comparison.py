@@ -18,8 +18,19 @@ import pandas as pd
 from gaitcal.arrays import Array
 from gaitcal.compare.difference import Difference, numbers_of, subject
 from gaitcal.compare.sessions import SessionComparison
-from gaitcal.figures import report, report_sheets
-from gaitcal.figures.chart import FAINT, FONT, INK, SIDE_COLOURS, SIDE_DASHES, dress, limits, line_style, new_figure
+from gaitcal.figures import report_sheets
+from gaitcal.figures.chart import (
+    FAINT,
+    FONT,
+    INK,
+    SALT,
+    SIDE_COLOURS,
+    SIDE_DASHES,
+    dress,
+    limits,
+    line_style,
+    new_figure,
+)
 from gaitcal.gait.conventions import Convention
 from gaitcal.gait.cycles import POINTS, Kind, kind_of, known_variables
 from gaitcal.gait.moments import SIDE_WORDS
@@ -114,7 +125,7 @@ def _sheet(comparison: SessionComparison, convention: Convention, variables: Seq
         _panel(figure.add_subplot(rows, COLUMNS, k), comparison, convention, of_leg)
     figure.tight_layout(h_pad=0.8, w_pad=0.6)
     text = io.StringIO()
-    with mpl.rc_context({"svg.hashsalt": report.SALT, "svg.fonttype": "none"}):
+    with mpl.rc_context({"svg.hashsalt": SALT, "svg.fonttype": "none"}):
         figure.savefig(text, format="svg", metadata={"Date": None, "Creator": None, "Format": None, "Type": None})
     told = f"Mean curves of {' and '.join(comparison.names)}: {', '.join(dict.fromkeys(v for v, _ in known))}"
     data = base64.b64encode(text.getvalue().encode()).decode("ascii")

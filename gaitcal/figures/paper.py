@@ -12,7 +12,7 @@ import numpy as np
 import pandas as pd
 
 from gaitcal.arrays import Array
-from gaitcal.figures import chart, curves, report
+from gaitcal.figures import chart
 from gaitcal.gait.conventions import Convention, MomentUnit
 from gaitcal.gait.cycles import GROUND_REACTION, Kind, coordinate_of, kind_of
 from gaitcal.gait.moments import SIDE_WORDS, counted
@@ -29,8 +29,13 @@ TALLEST: Final = 80.0  # mm: a wide figure is no taller
 ASPECT: Final = 0.68
 LINE, THIN, TOE_OFF = 1.4, 0.5, 0.6
 BAND: Final = 0.22
-LEAST: Final = {Kind.ANGLE: curves.LEAST_ANGLE, Kind.FORCE: 0.5}
-"""Smallest range of a vertical axis, in deg and N; of moments and powers in N·m/kg and W/kg."""
+LEAST: Final = {Kind.ANGLE: 10.0, Kind.FORCE: 0.5}
+"""Smallest range of a vertical axis, in deg and N, so that nothing small looks dramatic."""
+LEAST_MOMENT: Final = 0.2  # The same of moments and powers, N·m/kg and W/kg
+NORMAL_COLOUR: Final = "#CC79A7"
+"""Okabe and Ito's purple, with dotted edges."""
+HealthyBands = Mapping[str, Mapping[str, tuple[Array, Array]]]
+"""Variable of `cycles.csv` -> side -> mean and SD (101,) of healthy people, in its unit, for that person's size."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -40,7 +45,7 @@ class Strides:
     table: pd.DataFrame  # As `gaitcal.ensemble` gives it, of the strides in `cycles.csv`
     subject: Subject
     offs: Mapping[str, float]  # Side -> mean end of stance, % of the stride
-    healthy: report.HealthyBands = field(default_factory=dict)
+    healthy: HealthyBands = field(default_factory=dict)
 
 
 def paper_charts(strides: Strides, convention: Convention, width: float = 85.0) -> list[chart.Chart]:
@@ -150,7 +155,7 @@ def _chart(variable: str, table: pd.DataFrame, strides: Strides, convention: Con
         axes.axhline(0.0, color=chart.FAINT, linewidth=THIN)
         drawn: list[Array] = []
         for line in bands:
-            drawn += curves.normal_band(axes, *line.healthy) if line.healthy else ()
+            drawn += _normal_band(axes, *line.healthy) if line.healthy else ()
         for line in lines:
             drawn += _mean(axes, line)
             if line.side in strides.offs:
@@ -215,6 +220,15 @@ def _mean(axes: "Axes", line: _Line) -> list[Array]:
     return [line.mean, *ends]
 
 
+def _normal_band(axes: "Axes", mean: Array, sd: Array) -> tuple[Array, Array]:
+    """Draw healthy people's mean +- SD (101,) with dotted edges, and return the edges."""
+    percent, ends = np.arange(float(len(mean))), (mean - sd, mean + sd)
+    axes.fill_between(percent, *ends, color=NORMAL_COLOUR, alpha=0.25, linewidth=0)
+    for edge in ends:
+        axes.plot(percent, edge, color=NORMAL_COLOUR, linewidth=0.8, linestyle=":")
+    return ends
+
+
 def _keys(lines: list[_Line], bands: list[_Line], offs: Mapping[str, float]) -> Iterator[chart.Key]:
     for line in lines:
         yield chart.Key(
@@ -222,7 +236,7 @@ def _keys(lines: list[_Line], bands: list[_Line], offs: Mapping[str, float]) -> 
         )
     for line in bands:
         whose = f", {SIDE_WORDS[line.side]}" if len(bands) > 1 else ""
-        yield chart.Key(label=f"healthy{whose}, mean ± SD (dotted edges)", colour=curves.NORMAL_COLOUR, kind="band")
+        yield chart.Key(label=f"healthy{whose}, mean ± SD (dotted edges)", colour=NORMAL_COLOUR, kind="band")
     if offs:
         yield chart.Key(label="thin upright lines: toe-off", colour=chart.FAINT, width=TOE_OFF)
 
@@ -255,7 +269,7 @@ def _label(variable: str, convention: Convention, subject: Subject) -> str:
 def _least(kind: Kind, convention: Convention, subject: Subject) -> float:
     if kind in LEAST:
         return LEAST[kind]
-    one = np.array([curves.LEAST_MOMENT * subject.mass])
+    one = np.array([LEAST_MOMENT * subject.mass])
     if kind is Kind.MOMENT:
         return float(np.abs(convention.moment("", one, subject))[0])
     return float(convention.power(one, subject)[0])

@@ -132,20 +132,6 @@ def changes(foot: FootEvents) -> list[tuple[float, bool]]:
     return sorted([(t, True) for t in foot.strikes.tolist()] + [(t, False) for t in foot.toe_offs.tolist()])
 
 
-def stances(events: FootEvents, time: Array) -> tuple[tuple[float, float], ...]:
-    """Stretches (s) from a strike to the next toe-off, also those that begin before or end after the trial."""
-    out: list[tuple[float, float]] = []
-    begin: float | None = None
-    for k, (t, down) in enumerate(changes(events)):
-        begin = float(time[0]) if k == 0 and not down else begin
-        if down and begin is None:
-            begin = t
-        elif not down and begin is not None:
-            out.append((begin, t))
-            begin = None
-    return (*out, (begin, float(time[-1]))) if begin is not None else tuple(out)
-
-
 def steady(time: Array, state: BoolArray) -> BoolArray:
     """`state` (nf,) without flickers: short gaps are closed, then short stretches dropped."""
     out = state.copy()

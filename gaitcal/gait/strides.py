@@ -20,7 +20,7 @@ from scipy.spatial.transform import Rotation
 from gaitcal.arrays import Array, BoolArray, cross
 from gaitcal.dynamics.ground_reactions import GroundReactions
 from gaitcal.dynamics.inverse_dynamics import FEET
-from gaitcal.gait.cycles import POINTS, GaitCycle, best_cycle, gait_cycles, normalise, resample, stances
+from gaitcal.gait.cycles import GaitCycle, best_cycle, gait_cycles
 from gaitcal.gait.events import GaitEvents
 from gaitcal.model.chain import chain_of
 from gaitcal.model.kinematics import Kinematics
@@ -28,8 +28,6 @@ from gaitcal.model.linkage import PELVIS_ANGLES, SIDES, coordinates_before
 from gaitcal.model.parameters import Parameters
 from gaitcal.motion.motion import Motion
 
-MOST_POINTS = 400  # a plot against time shows no more: about one a pixel
-MOST_OTHERS = 10  # further strides drawn thin beside the main one
 TURNING: Final = 15.0
 """deg: who turns by more within a stride does not walk straight. From strike to strike of straight walks the pelvis
 faces the same to 6 deg (27 strides of eight people)."""
@@ -44,27 +42,12 @@ class Layout:
     time: Array  # (nf,) s
     valid: BoolArray  # (nf,) torques of the whole body may be used
     valid_legs: BoolArray  # (nf, 2) torques of the right and the left leg may be used
-    down: Mapping[str, tuple[tuple[float, float], ...]]  # side -> stretches (s) in which that foot is on the ground
     cycles: Mapping[str, tuple[GaitCycle, ...]]  # side -> complete cycles; empty where drawn against time
 
     @property
     def by_cycle(self) -> bool:
         """Whether signals are drawn over the gait cycle."""
         return bool(self.cycles)
-
-    @property
-    def xlabel(self) -> str:
-        """Label of the horizontal axis."""
-        return "gait cycle (%)" if self.by_cycle else "time (s)"
-
-    @property
-    def xlimits(self) -> tuple[float, float]:
-        """Ends of the horizontal axis."""
-        return (0.0, 100.0) if self.by_cycle else (float(self.time[0]), float(self.time[-1]))
-
-    def has(self, side: str) -> bool:
-        """Whether a side can be drawn: over the gait cycle its foot needs a complete one."""
-        return not self.by_cycle or bool(self.cycles[self._foot(side)])
 
     def _foot(self, side: str) -> str:
         """Over whose strides a side is drawn: the whole body over those of the right foot, if it has any."""
@@ -92,45 +75,14 @@ class Layout:
         cycle = self.main(side)
         return np.asarray((self.time >= cycle.start) & (self.time <= cycle.stop), dtype=np.bool_)
 
-    def lay(self, side: str, values: Array) -> tuple[Array, Array]:
-        """X and y of the main stride, or of the whole trial; `values` (nf,)."""
-        if self.by_cycle:
-            return np.linspace(0.0, 100.0, POINTS), normalise(self.time, values, self.main(side))
-        return thinned(self.time, values)
-
-    def others(self, side: str, values: Array) -> list[tuple[Array, Array]]:
-        """X and y of the other strides."""
-        if not self.by_cycle:
-            return []
-        main = self.main(side)
-        rest = [c for c in self.cycles[self._foot(side)] if c != main][:MOST_OTHERS]
-        return [(np.linspace(0.0, 100.0, POINTS), normalise(self.time, values, c)) for c in rest]
-
-    def stances(self, side: str) -> list[tuple[float, float]]:
-        """Stretches of the horizontal axis in which a foot is on the ground."""
-        if self.by_cycle:
-            end = self.main(side).stance
-            return [] if end is None else [(0.0, end)]
-        return list(self.down.get(side, ()))
-
-
-def thinned(time: Array, values: Array) -> tuple[Array, Array]:
-    """Time and values (nf,) at no more than `MOST_POINTS` instants."""
-    if len(time) <= MOST_POINTS:
-        return time, values
-    shown = np.linspace(time[0], time[-1], MOST_POINTS)
-    return shown, resample(time, values, shown)
-
 
 def layout(motion: Motion, reactions: GroundReactions | None, events: GaitEvents) -> Layout:
     """Over the gait cycle where both feet of a whole-body motion have a complete one, else against time."""
     time = motion.time
     valid = reactions.valid if reactions else np.ones(len(time), dtype=bool)
     legs = reactions.valid_legs if reactions else np.ones((len(time), 2), dtype=bool)
-    of_feet = {side: events.of(side) for side in SIDES}
     cycles = strides_of(events)
-    down = {side: stances(found, time) for side, found in of_feet.items()}
-    return Layout(time, valid, legs, down, cycles if all(cycles.values()) else {})
+    return Layout(time, valid, legs, cycles if all(cycles.values()) else {})
 
 
 def strides_of(events: GaitEvents) -> dict[str, tuple[GaitCycle, ...]]:

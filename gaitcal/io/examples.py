@@ -1,32 +1,31 @@
 """Public recordings that `gaitcal example NAME` fetches: the registry `models/examples.toml`, and a folder of one.
 
 This is the only module of gaitcal that asks the internet for anything, on `gaitcal example NAME` alone. A request holds
-the address of a public file and the program's name; nothing of the user's data. Never is more read than was announced,
-and a file is checked before it counts.
+the address of a public file and the program's name; nothing of the user's data. Pooch fetches: a passing fault is tried
+again, a file is put in its place once its SHA-256 is right.
 
 The folder holds the recordings, study.toml, and SOURCE.txt, which says whose they are. Files that are right are kept,
 whatever ends a run: the next one asks for the rest only. A folder with anything else in it is refused.
 """
 
-import hashlib
-import http.client
 import json
-import ssl
+import logging
+import shutil
 import textwrap
-import time
-import urllib.error
-import urllib.request
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path, PurePosixPath
 from urllib.parse import urlsplit
+from urllib.request import url2pathname
 
+import pooch
+import requests
 from pydantic import Field, field_validator
 
 from gaitcal.errors import Code, InputError, UsageError, nearest
 from gaitcal.io.atomic import InterruptedWork, Stopped
-from gaitcal.io.result_folder import MANIFEST, ResultKind, also_at, atomic_directory, read_object, sha256_of
+from gaitcal.io.result_folder import MANIFEST, ResultKind, atomic_directory, read_object, sha256_of
 from gaitcal.io.toml import Table, models_path, package_version, read_validated
 
 REGISTRY = "examples.toml"
@@ -106,14 +105,10 @@ def example_named(name: str) -> Example:
 
 
 TIMEOUT_S = 30.0  # For a connection, and for each block of a file
-PAUSES_S = (1.0, 4.0)  # Before a second and a third try, where the fault may pass
-_BLOCK = 1 << 16
-_PASSING = frozenset({408, 429, 500, 502, 503, 504})
+BLOCK = 1 << 16
+HEADERS = {"User-Agent": "gaitcal example", "Accept-Encoding": "identity"}  # Sizes are those of the files
+TRIES = 3
 _SCHEMES = ("https", "http", "file")
-
-
-class _PassingError(Exception):
-    """A fault that another try may not meet."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -121,8 +116,7 @@ class Connection:
     """How files are asked for."""
 
     mirror: str | None = None  # Address that stands for `https://HOST` of every file: `MIRROR/path/of/the/file`
-    timeout_s: float = TIMEOUT_S
-    pauses_s: tuple[float, ...] = PAUSES_S
+    tries: int = TRIES
 
     def __post_init__(self) -> None:
         if self.mirror is None:
@@ -133,89 +127,89 @@ class Connection:
             raise UsageError(f"found '{self.mirror[:100]}'; allowed: {allowed}", field="--mirror")
 
     def address(self, file: RemoteFile) -> str:
-        """Where this file is asked for."""
+        """Return where this file is asked for."""
         if self.mirror is None:
             return file.url
         return self.mirror.rstrip("/") + urlsplit(file.url).path
 
-    @property
-    def schemes(self) -> tuple[str, ...]:
-        """Where a server may send us on to: never from an encrypted address to a plain one."""
-        scheme = "https" if self.mirror is None else urlsplit(self.mirror).scheme
-        return ("https",) if scheme == "https" else ("https", scheme)
+
+class _Progress:
+    """A progress bar as pooch asks for one: hands on the bytes so far, and lets no more be read than announced."""
+
+    def __init__(self, address: str, announced: int, progress: Callable[[int], None]) -> None:
+        self.address, self.announced, self.progress = address, announced, progress
+        self.total = self.done = 0
+
+    def update(self, size: int) -> None:
+        """Count a block; the last one may be shorter than pooch says."""
+        self.done += size
+        if self.done > self.announced + BLOCK:
+            message = f"is longer than the {self.announced} bytes announced"
+            raise InputError(message, source=self.address, code=Code.DOWNLOAD)
+        self.progress(min(self.done, self.announced))
+
+    def reset(self) -> None:
+        """Begin again: pooch tells the whole size when it is done."""
+        self.done = 0
+
+    def close(self) -> None:
+        """Nothing is open."""
 
 
 def download(file: RemoteFile, target: Path, connection: Connection, progress: Callable[[int], None]) -> None:
     """Fetch `file` to `target`; `progress` gets the bytes so far.
 
-    InputError for no network, no such file, another size or SHA-256 than in the registry; `target` is then gone.
+    Raises
+    ------
+    InputError
+        There is no network, no such file, or another size or SHA-256 than in the registry; `target` is not there then.
     """
     address = connection.address(file)
-    for pause in (*connection.pauses_s, None):
-        try:
-            _fetch(file, address, target, connection, progress)
+
+    def fetch(url: str, output: str, files: pooch.Pooch) -> None:
+        if urlsplit(url).scheme == "file":
+            shutil.copyfile(url2pathname(urlsplit(url).path), output)
             return
-        except BaseException as fault:
-            target.unlink(missing_ok=True)
-            if not isinstance(fault, _PassingError):
-                raise
-            if pause is None:
-                tries = len(connection.pauses_s) + 1
-                raise InputError(f"{fault}; tried {tries} times", source=address, code=Code.DOWNLOAD) from None
-            time.sleep(pause)
+        answers: list[requests.Response] = []
 
+        def remember(answer: requests.Response, **_: object) -> None:
+            answers.append(answer)
 
-def _fetch(file: RemoteFile, address: str, target: Path, connection: Connection, step: Callable[[int], None]) -> None:
-    def fault(message: str) -> InputError:
-        return InputError(message, source=address, code=Code.DOWNLOAD)
+        bar, hooks = _Progress(address, file.bytes, progress), {"response": remember}
+        try:
+            pooch.HTTPDownloader(bar, BLOCK, timeout=TIMEOUT_S, headers=HEADERS, hooks=hooks)(url, output, files)
+        finally:
+            for answer in answers:  # pooch leaves one that broke off open
+                answer.close()
 
-    request = urllib.request.Request(address, headers={"User-Agent": "gaitcal example"})
-    opener = urllib.request.build_opener(_Redirects(connection.schemes))
-    digest, size = hashlib.sha256(), 0
+    pooch.get_logger().setLevel(logging.WARNING)
+    files = pooch.create(
+        path=target.parent,
+        base_url="",
+        registry={target.name: f"sha256:{file.sha256}"},
+        urls={target.name: address},
+        retry_if_failed=connection.tries - 1,
+    )
     try:
-        with opener.open(request, timeout=connection.timeout_s) as answer, target.open("wb") as stream:
-            while block := answer.read(_BLOCK):
-                size += len(block)
-                if size > file.bytes:
-                    raise fault(f"is longer than the {file.bytes} bytes announced")
-                digest.update(block)
-                stream.write(block)
-                step(size)
-    except urllib.error.HTTPError as error:
-        with error:
-            message = f"the server answers {error.code} {error.reason}"
-            if error.code in _PASSING:
-                raise _PassingError(message) from None
-            raise fault(message + ("; the file is no longer there" if error.code in (404, 410) else "")) from None
-    except urllib.error.URLError as error:
-        reason = error.reason
-        if isinstance(reason, ssl.SSLCertVerificationError):
-            raise fault(f"the server's certificate is not accepted ({reason.verify_message})") from None
-        if isinstance(reason, FileNotFoundError):
-            raise fault("no such file in the mirror") from None
-        host = urlsplit(address).netloc or "the mirror"
-        raise _PassingError(f"{host} cannot be reached ({getattr(reason, 'strerror', None) or reason})") from None
-    except (http.client.HTTPException, TimeoutError, ConnectionError, ssl.SSLError) as error:
-        raise _PassingError(f"the connection broke off ({type(error).__name__})") from None
-    if size < file.bytes:
-        raise _PassingError(f"broke off after {size} of {file.bytes} bytes")
-    if digest.hexdigest() != file.sha256:
-        found = f"SHA-256 {digest.hexdigest()[:12]}..., registered {file.sha256[:12]}..."
-        raise fault(f"is not the registered file ({found}): it was changed there or on the way")
-
-
-class _Redirects(urllib.request.HTTPRedirectHandler):
-    def __init__(self, schemes: tuple[str, ...]) -> None:
-        self.schemes = schemes
-
-    def redirect_request(  # type: ignore[no-untyped-def]  # as the library calls it
-        self, req, fp, code, msg, headers, newurl
-    ):
-        """Follow to an allowed address only."""
-        if urlsplit(newurl).scheme not in self.schemes:
-            message = f"the server sends on to '{newurl[:100]}', which is not encrypted; not followed"
-            raise InputError(message, source=req.full_url, code=Code.DOWNLOAD)
-        return super().redirect_request(req, fp, code, msg, headers, newurl)
+        files.fetch(target.name, downloader=fetch)
+    except FileNotFoundError:
+        message = "no such file in the mirror"
+    except requests.HTTPError as error:
+        answer = error.response
+        message = "the server refuses" if answer is None else f"the server answers {answer.status_code} {answer.reason}"
+        if answer is not None and answer.status_code in (404, 410):
+            message += "; the file is no longer there"
+    except requests.exceptions.SSLError:
+        message = "the server's certificate is not accepted"
+    except (requests.ConnectionError, requests.Timeout):
+        message = f"{urlsplit(address).netloc} cannot be reached; tried {connection.tries} times"
+    except requests.RequestException as error:
+        message = f"the connection broke off ({type(error).__name__}); tried {connection.tries} times"
+    except ValueError:  # pooch: another SHA-256
+        message = f"is not the registered file (SHA-256 {file.sha256[:12]}...): it was changed there or on the way"
+    else:
+        return
+    raise InputError(message, source=address, code=Code.DOWNLOAD)
 
 
 # ------------------------------------------------------------------------------------------------------ the folder
@@ -258,7 +252,8 @@ def fetch_example(example: Example, folder: Path, connection: Connection, progre
     fault: InputError | KeyboardInterrupt | Stopped | None = None
     with atomic_directory(folder, ResultKind.EXAMPLE) as content:
         for file in right_files(example, folder):
-            also_at(folder / file.name, content / file.name)
+            (content / file.name).parent.mkdir(parents=True, exist_ok=True)
+            shutil.copy2(folder / file.name, content / file.name)
         try:
             _fetch_rest(example, content, connection, progress)
         except (InputError, KeyboardInterrupt, Stopped) as ending:
@@ -267,7 +262,7 @@ def fetch_example(example: Example, folder: Path, connection: Connection, progre
         if fault is not None and not there:
             raise fault
         if (folder / STUDY).is_file():
-            also_at(folder / STUDY, content / STUDY)
+            shutil.copy2(folder / STUDY, content / STUDY)
         elif example.study:
             (content / STUDY).write_text(example.study.lstrip("\n"), encoding="utf-8")
         (content / SOURCE).write_text(source_text(example), encoding="utf-8")

@@ -2,16 +2,14 @@
 
 A result is written into a hidden folder `.gaitcal-tmp-NAME` beside its place, which is then renamed to it: an error, a
 full disk or a signal at any moment leaves the old result, or none where there was none. What SIGKILL leaves is removed
-by the next run. Killed between the two renames that replace an old result, the old one waits as `.gaitcal-old-NAME`,
-and the next run or reader puts it back (`recover`).
+by the next run, which also puts back an old result that was moved aside when the kill came (`.gaitcal-old-NAME`).
 
 All of this happens under the lock of the result, a `filelock` beside it (inside it where nobody may write beside it).
 `dynamics`, `montecarlo` and `export` inside a result are parts of it and have its lock.
 
 The manifest of a folder says what kind of result it is and lists its files with their SHA-256, and that of its own
 content (`SELF`). A folder is replaced only by a result of the same kind, only while every file in it is listed, and
-never while it holds an input of the run. What later commands added to it (`KEPT`) goes on into the new result, by hard
-links, so that it is in both until the old one goes.
+never while it holds an input of the run. What later commands added to it (`KEPT`) is moved into the new result.
 """
 
 import errno
@@ -220,38 +218,23 @@ def _take(lock: FileLock, folder: Path, longest_s: float) -> None:
         _log.warning("gaitcal: this file system has no locks; run one command at a time on this folder")
 
 
-def recover(target: Path) -> list[Path]:
-    """Put back an old result, or a part of one, whose replacement was killed between the two renames; returns which.
-
-    The lock of `target` is held.
-    """
-    back = []
-    for place, old in _places(target):
+def _recover(target: Path) -> None:
+    """Put back an old result, or a part of one, that a killed run had moved aside. The lock of `target` is held."""
+    for place in (target, *(target / name for name in PARTS)):
+        old = place.with_name(OLD + place.name)
         if place.exists():
-            shutil.rmtree(old, ignore_errors=True)
+            _settle(place, old)
         elif old.exists():
             old.rename(place)
-            back.append(place)
-    return back
 
 
-def put_back(folder: Path) -> None:
-    """As `recover`, for who wants to read the result `folder`; where nobody may write, it stays as it is.
-
-    InputError where another process writes it, for longer than `WAIT_S`.
-    """
-    target = Path(os.path.realpath(folder))
-    if any(old.exists() and not place.exists() for place, old in _places(target)):
-        with suppress(OSError), locked(target):  # who holds it may be about to put the new one in the place
-            for place in recover(target):
-                _log.warning(
-                    "gaitcal: %s: the run that was to replace it was killed; the earlier result is back", place
-                )
-
-
-def _places(target: Path) -> list[tuple[Path, Path]]:
-    """Of a result and its parts: where it belongs, and where it waits while it is replaced."""
-    return [(place, place.with_name(OLD + place.name)) for place in (target, *(target / name for name in PARTS))]
+def _settle(place: Path, old: Path) -> None:
+    """Move what later commands added to an old result into the new one at `place`, and remove the old one."""
+    kind = read_object(old / MANIFEST).get("kind")
+    for name in next((names for of, names in KEPT.items() if of.value == kind), ()):
+        if (old / name).is_dir() and not (place / name).exists():
+            (old / name).rename(place / name)
+    shutil.rmtree(old, ignore_errors=True)
 
 
 # --------------------------------------------------------------------------------------------------------- writing
@@ -277,7 +260,7 @@ def atomic_directory(
         with disk_errors(target):
             target.parent.mkdir(parents=True, exist_ok=True)
             stack.enter_context(locked(target))
-            recover(target)
+            _recover(target)
             refuse_others(target, kind, inputs)
             content = stack.enter_context(_empty(target.with_name(UNFINISHED + target.name)))
         with disk_errors(target, only=FULL):
@@ -289,8 +272,6 @@ def atomic_directory(
             manifest = {"gaitcal": "", **read_object(content / MANIFEST), "kind": kind.value, FILES: files}
             more = {"kept_from_earlier_result": list(kept)} if kept else {}
             _write_manifest(content, {**manifest, HASHES: hashes, **more})
-            for name in kept:
-                also_at(target / name, content / name)
             with unbroken():
                 old = target.with_name(OLD + target.name)
                 if target.exists():
@@ -301,7 +282,7 @@ def atomic_directory(
                     if old.exists():
                         old.rename(target)
                     raise
-                shutil.rmtree(old, ignore_errors=True)
+                _settle(target, old)
 
 
 def require_room(target: Path | str, kind: ResultKind, inputs: Iterable[Path] = ()) -> tuple[str, ...]:
@@ -315,29 +296,11 @@ def require_room(target: Path | str, kind: ResultKind, inputs: Iterable[Path] = 
             target.lstat()  # a name too long, a file where a folder should be
         if target.parent.is_dir():
             stack.enter_context(locked(target))
-            recover(target)
+            _recover(target)
         kept = refuse_others(target, kind, inputs)
         parent = next(folder for folder in target.parents if folder.exists())
         stack.enter_context(tempfile.TemporaryDirectory(prefix=UNFINISHED, dir=parent))
     return kept
-
-
-def also_at(source: Path, target: Path) -> None:
-    """Make the file or folder `source` be at `target` too: by hard links, or copies where there are none."""
-    if source.is_symlink():
-        target.symlink_to(source.readlink())
-    elif source.is_dir():
-        shutil.copytree(source, target, symlinks=True, copy_function=_link_or_copy)
-    else:
-        target.parent.mkdir(parents=True, exist_ok=True)
-        _link_or_copy(str(source), str(target))
-
-
-def _link_or_copy(source: str, target: str) -> None:
-    try:
-        os.link(source, target, follow_symlinks=False)
-    except (OSError, NotImplementedError):
-        shutil.copy2(source, target, follow_symlinks=False)
 
 
 @contextmanager

@@ -4,20 +4,16 @@ A file that does not match the SHA-256 in the manifest was damaged (a flipped bi
 is named before it is used.
 """
 
-import time
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TypeVar
 
 from gaitcal.errors import Code, InputError
-from gaitcal.io.result_folder import MANIFEST, ResultKind, listed, put_back, read_object, sha256_of
+from gaitcal.io.result_folder import MANIFEST, ResultKind, listed, read_object, sha256_of
 
 PEOPLE = "people"
 """Folder of the results of all people within that of a cohort."""
-AGAIN_S = 0.1
-TRIES = 20
-"""A result that is being replaced while it is read is read again, for two seconds."""
 
 Content = TypeVar("Content")
 
@@ -50,11 +46,7 @@ class Snapshot:
 
 
 def require_person(folder: Path) -> None:
-    """What every reader of the result of one person begins with: a hidden earlier one is put back.
-
-    InputError where it is a cohort, which names the result of one of its people.
-    """
-    put_back(folder)
+    """Raise InputError where the folder is a cohort, and name the result of one of its people."""
     if read_object(folder / MANIFEST).get("kind") != ResultKind.COHORT.value:
         return
     results = (path.parent for level in ("*", "*/*") for path in sorted(folder.glob(f"{PEOPLE}/{level}/{MANIFEST}")))
@@ -70,26 +62,23 @@ def read_whole(
     """Call `read`, which reads these files of a result, such that all of them are of one state of the folder.
 
     `editable` are those of `names` that people may edit; the snapshot lists them, and they are not refused. InputError
-    where it is a cohort, a file is damaged or missing, or the folder goes on changing; and what `read` raises.
+    where it is a cohort, a file is damaged, missing or changes meanwhile; and what `read` raises.
     """
     require_person(folder)
     wanted, may_differ = (MANIFEST, *names), set(editable)
-    for _ in range(TRIES):
-        before = {name: sha256_of(folder / name) for name in wanted}
-        outcome: tuple[Content, Snapshot] | InputError
-        try:
-            edited = _edited(folder, before, may_differ)
-            known = {name: digest for name, digest in before.items() if name != MANIFEST}
-            outcome = read(), Snapshot(folder, known, edited)
-        except InputError as error:
-            outcome = error
-        if {name: sha256_of(folder / name) for name in wanted} == before:
-            if isinstance(outcome, InputError):
-                raise outcome
-            return outcome
-        time.sleep(AGAIN_S)
-    message = "goes on changing while it is read; run again when nothing writes there"
-    raise InputError(message, source=folder, code=Code.CHANGED_FILE)
+    before = {name: sha256_of(folder / name) for name in wanted}
+    fault: InputError | None = None
+    try:
+        edited = _edited(folder, before, may_differ)
+        content = read()
+    except InputError as error:
+        fault = error
+    if {name: sha256_of(folder / name) for name in wanted} != before:
+        message = "changed while it was read; run again when nothing writes there"
+        raise InputError(message, source=folder, code=Code.CHANGED_FILE)
+    if fault is not None:
+        raise fault
+    return content, Snapshot(folder, {name: digest for name, digest in before.items() if name != MANIFEST}, edited)
 
 
 def _edited(folder: Path, found: Mapping[str, str | None], editable: set[str]) -> tuple[str, ...]:

@@ -29,27 +29,17 @@ class Verdict(Enum):
 
     HOLDS = "holds"
     FAILS = "does not hold"
-    UNDECIDED = "undecided"  # The standard error reaches across the limit
-    NOT_RUN = "not run"
     NOT_TESTABLE = "not testable"
-
-
-class Kind(Enum):
-    """Whose claim it is."""
-
-    PAPER = "paper"
-    SENSITIVITY = "sensitivity"  # Ours, on how figures depend on what the paper does not say
 
 
 @dataclass(frozen=True)
 class Claim:
-    """A claim of the paper, or of ours on what it does not say, put to the test."""
+    """A claim of the paper, put to the test."""
 
     claim: str
     published: str
     ours: str
     verdict: Verdict
-    kind: Kind = Kind.PAPER
 
 
 def tested(claim: str, published: str, ours: str, holds: bool | np.bool_) -> Claim:

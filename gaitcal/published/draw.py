@@ -107,11 +107,8 @@ class MonteCarloContext:
         """The undisturbed motion fits its markers exactly."""
         self.basis, self.data = self.problem.basis, self.problem.data
         body = self.problem.body(case.parameters)
-        band = self.problem.equations(case.coefficients, body).band
-        self.undisturbed_factor = banded.BandFactor(band)
+        self.undisturbed_factor = banded.BandFactor(self.problem.equations(case.coefficients, body).band)
         """Of the Gauss-Newton matrix at the undisturbed motion, with the undisturbed linkage."""
-        self.undisturbed_diagonal = band[:, 0].reshape(case.coefficients.shape).copy()
-        """(nn, nq) of the same matrix, m^2 per m^2 or rad^2."""
         self.sensitivity = np.zeros((*case.coefficients.shape, len(self.names)))
         """(nn, nq, np) change of the nodes by the joint parameters that vary; zero where these move no marker."""
         opened = self.problem.with_free(self.names)

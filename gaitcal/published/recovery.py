@@ -84,9 +84,9 @@ class JointRecovery:
     converged: bool
     parameters: params.Parameters  # All of the linkage, with what was found
     coefficients: Array  # (20, 27) m, rad
-    cost_at_truth: float = np.nan
-    """m^2: with the true joint parameters, the motion fitted; NaN where it was not asked for."""
-    cost_from_truth: float = np.nan
+    cost_at_truth: float
+    """m^2: with the true joint parameters, the motion fitted."""
+    cost_from_truth: float
     """m^2: of the minimum found when the search starts at the true values of the free parameters."""
 
     @property
@@ -107,16 +107,9 @@ def true_model() -> SubjectModel:
 
 
 @cache
-def true_motion(problem: str, isolated_hz: float = motions.RATE) -> motions.TrueMotion:
-    """The true motion of one of `PROBLEMS`; isolated trials have 1200 frames, `isolated_hz` of them a second.
-
-    The nodes are the same at every rate.
-    """
-    return (
-        motions.gait_motion()
-        if problem == "full leg"
-        else motions.isolated_motion(f"{problem}_{SIDE}", rate=isolated_hz)
-    )
+def true_motion(problem: str) -> motions.TrueMotion:
+    """Return the true motion of one of `PROBLEMS`; isolated trials have 1200 frames."""
+    return motions.gait_motion() if problem == "full leg" else motions.isolated_motion(f"{problem}_{SIDE}")
 
 
 def free_parameters(problem: str) -> tuple[str, ...]:
@@ -124,11 +117,9 @@ def free_parameters(problem: str) -> tuple[str, ...]:
     return params.gait_parameters(SIDE) if problem == "full leg" else params.isolated_parameters(f"{problem}_{SIDE}")
 
 
-def synthetic_problem(
-    problem: str, noise: np.random.Generator | None, isolated_hz: float = motions.RATE
-) -> MotionProblem:
+def synthetic_problem(problem: str, noise: np.random.Generator | None) -> MotionProblem:
     """One of `PROBLEMS` as markers on the whole linkage, with noise or without."""
-    model, motion = true_model(), true_motion(problem, isolated_hz)
+    model, motion = true_model(), true_motion(problem)
     markers = motions.synthetic_markers(model.parameters, model.markers, motion.q)
     if noise is not None:
         markers = markers + motions.marker_noise(motion.basis.time, len(model.markers.labels), noise)
@@ -137,21 +128,18 @@ def synthetic_problem(
     return replace(trial_problem(problem, model, recording, spline.NodeRule(fixed=motions.NODES)), priors=())
 
 
-def recover_joints(problems: Mapping[str, MotionProblem], *, compare: bool = True) -> dict[str, JointRecovery]:
-    """Solve all; gait starts from what the isolated trials found for the parameters that it leaves alone.
-
-    `compare`: also from the truth, for the costs there.
-    """
+def recover_joints(problems: Mapping[str, MotionProblem]) -> dict[str, JointRecovery]:
+    """Solve all; gait starts from what the isolated trials found for the parameters that it leaves alone."""
     out: dict[str, JointRecovery] = {}
     for problem, markers in problems.items():
         held = true_model().parameters
         for found in out.values() if problem == "full leg" else ():
             held = held.with_joint(found.names, found.parameters.joint[_index(found.names)])
-        out[problem] = solve(problem, markers, held, compare=compare)
+        out[problem] = solve(problem, markers, held)
     return out
 
 
-def solve(problem: str, markers: MotionProblem, held: params.Parameters, *, compare: bool = True) -> JointRecovery:
+def solve(problem: str, markers: MotionProblem, held: params.Parameters) -> JointRecovery:
     """One problem from absolute zero; `held` gives the joint parameters that are not free."""
     free, truth = free_parameters(problem), true_model().parameters
     began = time.process_time()
@@ -161,7 +149,9 @@ def solve(problem: str, markers: MotionProblem, held: params.Parameters, *, comp
     seconds = time.process_time() - began
     names = LEG if problem == "full leg" else free
     distance = motion_of(markers, fit.parameters, fit.coefficients[0]).errors.distance
-    found = JointRecovery(
+    at_truth = track_nodes(markers, markers.body(truth), true_motion(problem).coefficients)
+    from_truth = joint_calibration.JointSearch([markers], held, free, [at_truth.x]).run(truth.joint[_index(free)])
+    return JointRecovery(
         names=names,
         errors=joint_errors(fit.parameters, truth, names),
         marker_mm=1e3 * float(np.sqrt(np.mean(distance**2))),
@@ -172,12 +162,9 @@ def solve(problem: str, markers: MotionProblem, held: params.Parameters, *, comp
         converged=near.converged and fit.converged,
         parameters=fit.parameters,
         coefficients=fit.coefficients[0],
+        cost_at_truth=at_truth.cost,
+        cost_from_truth=from_truth.state.cost,
     )
-    if not compare:
-        return found
-    at_truth = track_nodes(markers, markers.body(truth), true_motion(problem).coefficients)
-    from_truth = joint_calibration.JointSearch([markers], held, free, [at_truth.x]).run(truth.joint[_index(free)])
-    return replace(found, cost_at_truth=at_truth.cost, cost_from_truth=from_truth.state.cost)
 
 
 def step_together(

@@ -5,56 +5,19 @@ import platform
 import shutil
 import time
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pandas as pd
 
 from gaitcal.io import result_folder, toml
 from gaitcal.published import case, protocol, workers
-from gaitcal.published import draw_sensitivity as refits
-from gaitcal.published import noise_sensitivity as phase_one
 from gaitcal.published import tables as table_rows
-from gaitcal.published.claims import Claim, Kind, table_claims
-from gaitcal.published.disturbance_claims import WIDE_PERCENT, Disturbances, disturbance_claims
+from gaitcal.published.claims import Claim, table_claims
 from gaitcal.published.recovery import RANDOM_SEEDS, InertialRecovery, SeedResult, noiseless, noisy_draws
 from gaitcal.published.study import monte_carlo
 from gaitcal.runtime import Progress, silent, with_one_blas_thread
-
-
-@dataclass(frozen=True, kw_only=True)
-class SensitivityDraws:
-    """How many draws each of the sensitivities has: what the paper does not say and our figures depend on."""
-
-    noise: int = phase_one.DRAWS  # Of phase 1, for each length of the isolated trials
-    absorbed: int = phase_one.ABSORPTION_DRAWS
-    stopped: int = refits.DRAWS  # Of the Monte Carlo study, each set and level, their re-fits stopped on the way
-    centres: int = refits.PAIRED_DRAWS  # Of the Monte Carlo study, for each division of the ground reactions
-
-
-_SENSITIVITIES: tuple[tuple[str, str, Callable[..., Any], Callable[..., Any], Callable[..., Any]], ...] = (
-    (
-        *("noise", "sensitivity to the length of isolated trials"),
-        *(phase_one.trial_lengths, phase_one.trial_length_rows, phase_one.trial_length_claims),
-    ),
-    (
-        *("absorbed", "noise that a motion can absorb"),
-        *(phase_one.absorbed_noise, phase_one.absorbed_rows, phase_one.absorbed_claims),
-    ),
-    (
-        *("stopped", "sensitivity to the end of re-fits"),
-        *(refits.stopped_refits, refits.refit_rows, refits.refit_claims),
-    ),
-    (
-        *("centres", "sensitivity to the centre of pressure"),
-        *(refits.pressure_centres, refits.pressure_centre_rows, refits.pressure_centre_claims),
-    ),
-)
-"""Name in `SensitivityDraws`; what it is; how it is computed (seed, draws, processes); its rows of `tables.csv`; its
-claims, not run where it is None. Shown beside the printed rows; nothing is chosen by it."""
-
 
 NOISE_SEEDS = 20
 
@@ -67,7 +30,6 @@ class ReproductionSettings:
     seed: int = 0
     random_seeds: int = RANDOM_SEEDS  # Of phase 2, for each draw of the noise; at least 2
     draws: int = 0  # Of the Monte Carlo study, each set and level; 0: none
-    sensitivities: SensitivityDraws | None = field(default_factory=SensitivityDraws)  # None: none are computed
     jobs: int = -1  # Processes; -1: one for every core. The results do not depend on it.
     data: Path | None = None  # Folder of real recordings, for the people shown instead of the experimental trial
 
@@ -82,8 +44,7 @@ class Reproduction:
     tables: list[table_rows.TableRow]
     times: list[table_rows.TableRow]
     claims: list[Claim]
-    disturbances: pd.DataFrame | None  # Statistics of the Monte Carlo study; see `montecarlo.statistics`
-    stopped: refits.StoppedRefits | None  # Of the sensitivities, what `iterations.csv` tells of
+    disturbances: pd.DataFrame | None  # Statistics of the Monte Carlo study; see `statistics.statistics`
 
 
 @with_one_blas_thread
@@ -112,20 +73,19 @@ def reproduce(
         *table_rows.discussion_rows(noisy),
     ]
     lap("tables")
-    disturbances, found, claims = None, dict[str, Any](), list[Claim]()
-    for name, description, compute, rows_of, claims_of in _SENSITIVITIES:
-        if settings.sensitivities is not None:
-            progress(description)
-            found[name] = compute(settings.seed, getattr(settings.sensitivities, name), settings.jobs)
-            rows += rows_of(found[name])
-        claims += (replace(claim, kind=Kind.SENSITIVITY) for claim in claims_of(found.get(name)))
-    if found:
-        lap("sensitivities")
     if settings.data is not None:
         rows += case.people_rows(settings.data, progress)
         lap("real people")
+    disturbances = None
     if settings.draws:
-        disturbances = _disturb(settings, draws_folder, progress)
+        disturbances = monte_carlo(
+            case.nominal_case(),
+            draws_folder / "published" if draws_folder else None,
+            settings=protocol.MonteCarloSettings(seed=settings.seed),
+            plan=protocol.Plan(draws=settings.draws),
+            workers=workers.LocalProcesses(settings.jobs),
+            progress=lambda done, todo: progress(f"Monte Carlo: {done} of {todo} draws"),
+        ).statistics
         lap("Monte Carlo study, draws that were not there yet")
     return Reproduction(
         settings=settings,
@@ -133,35 +93,13 @@ def reproduce(
         noisy=noisy,
         tables=rows,
         times=[*table_rows.time_rows([clean, *noisy]), *table_rows.run_time_rows(laps)],
-        claims=[*table_claims(clean, noisy), *disturbance_claims(disturbances), *claims],
-        disturbances=disturbances.table if disturbances else None,
-        stopped=found.get("stopped"),
-    )
-
-
-def _disturb(settings: ReproductionSettings, folder: Path | None, progress: Progress) -> Disturbances:
-    def study(name: str, description: str, bounds: protocol.MonteCarloSettings, plan: protocol.Plan) -> pd.DataFrame:
-        return monte_carlo(
-            case.nominal_case(),
-            folder / name if folder else None,
-            settings=bounds,
-            plan=plan,
-            workers=workers.LocalProcesses(settings.jobs),
-            progress=lambda done, todo: progress(f"Monte Carlo, {description}: {done} of {todo} draws"),
-        ).statistics
-
-    published = protocol.MonteCarloSettings(seed=settings.seed)
-    wide = replace(published, inertial_percent=WIDE_PERCENT)
-    only_inertial = protocol.Plan((protocol.Varied.IP,), (100,), settings.draws)
-    return Disturbances(
-        study("published", "published bounds", published, protocol.Plan(draws=settings.draws)),
-        study("inertial50", "inertial parameters +-50 %", wide, only_inertial),
-        settings.draws,
+        claims=table_claims(clean, noisy),
+        disturbances=disturbances,
     )
 
 
 TABLE_COLUMNS = ("table", "row", "column", "published", "ours", "unit", "note")
-CLAIM_COLUMNS = ("kind", "claim", "published", "ours", "verdict")
+CLAIM_COLUMNS = ("claim", "published", "ours", "verdict")
 DIGITS = 6  # Significant digits of figures
 
 
@@ -173,7 +111,6 @@ def write_tables(reproduction: Reproduction, folder: Path) -> None:
         "draws": draw_frame(reproduction.noisy),
         "times": table_frame(reproduction.times),
         "montecarlo": reproduction.disturbances,
-        "iterations": refits.iteration_frame(reproduction.stopped) if reproduction.stopped else None,
     }
     for name, frame in tables.items():
         if frame is not None:
@@ -186,7 +123,6 @@ def write_tables(reproduction: Reproduction, folder: Path) -> None:
         "versions": versions | {"python": platform.python_version()},
         "settings": {
             **{name: getattr(settings, name) for name in ("noise_seeds", "seed", "draws")},
-            "sensitivities": settings.sensitivities and asdict(settings.sensitivities),
             "real_people": settings.data is not None,
         },
     }
@@ -205,7 +141,7 @@ def table_frame(rows: Iterable[table_rows.TableRow]) -> pd.DataFrame:
 
 def claim_frame(claims: Iterable[Claim]) -> pd.DataFrame:
     """`claims.csv`."""
-    rows = [(c.kind.value, c.claim, c.published, c.ours, c.verdict.value) for c in claims]
+    rows = [(c.claim, c.published, c.ours, c.verdict.value) for c in claims]
     return pd.DataFrame(rows, columns=list(CLAIM_COLUMNS))
 
 

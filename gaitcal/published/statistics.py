@@ -41,7 +41,7 @@ PERCENTILES = (10, 25, 50, 75, 90)
 TOLERANCE_PERCENT = 2.0
 LAST_PART = 0.1
 FEWEST = 20
-"""Draws below which nothing is claimed: neither convergence nor a conclusion."""
+"""Draws below which nothing is said of convergence."""
 EXPECTED = ("average", "p10", "p50", "p90")
 """Columns of `statistics` that are told of the errors to expect."""
 

@@ -14,7 +14,6 @@ from gaitcal.calibration.inertial_calibration import TorqueScale
 from gaitcal.published.protocol import PROBLEMS, cpu_seconds, table_four, table_one, table_three, table_two, text
 from gaitcal.published.recovery import NOISELESS_DECAY, InertialRecovery, JointRecovery, SeedResult
 
-SENSITIVITY = "sensitivity"  # Of `tables.csv`: the table of what the paper does not say and our figures depend on
 EXPERIMENT = "needs the unpublished experimental trial; cannot be reproduced"
 JOINT_FIGURES: tuple[tuple[str, str, str, Callable[[JointRecovery], float | None]], ...] = (
     ("marker_distance_mm", "marker distance RMS", "mm", lambda r: r.marker_mm),

@@ -18,7 +18,6 @@ from gaitcal.errors import Code, InputError
 from gaitcal.gait import ensemble, moments, spatiotemporal
 from gaitcal.gait.cycles import CYCLE_COLUMNS, GROUND_REACTION, POINTS, GaitCycle, conventions_of, normalise, typed
 from gaitcal.gait.strides import TURNING, pelvis_angles, strides_of, turns
-from gaitcal.io.result_folder import put_back
 from gaitcal.io.text_file import number_cells
 from gaitcal.model.coordinates import FOOT_PROGRESSION
 from gaitcal.model.linkage import PELVIS_ANGLES
@@ -191,7 +190,6 @@ def read_cycles(path: Path | str) -> pd.DataFrame:
         It is not there, or is no such table.
     """
     source = Path(path)
-    put_back(source)
     source = source / CYCLES if source.is_dir() else source
     try:
         table, _ = read_csv(source)

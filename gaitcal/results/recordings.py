@@ -1,8 +1,8 @@
 """The recordings of a result with angles, moments, powers, events and joint centres in them, as C3D files.
 
-A C3D recording keeps all that it has (`io/c3d/supplement.py`); one of another format becomes a C3D of its
-markers and, where its forces can be laid on the markers' clock, its plates. Torques are there in the frames that
-count; of a trial that is refused there are none.
+A C3D recording keeps all that ezc3d can write (`io/c3d/writer.py`); what it cannot is reported. One of another format
+becomes a C3D of its markers and, where its forces can be laid on the markers' clock, its plates. Torques are there in
+the frames that count; of a trial that is refused there are none.
 """
 
 import itertools
@@ -96,11 +96,13 @@ def _write(
         "PREFIX": [named],
     }
     units = {"ANGLE_UNITS": "deg", "MOMENT_UNITS": "Nmm", "POWER_UNITS": "W", "FORCE_UNITS": "N"}
-    supplement_c3d(original, target, points, events, ("GAITCAL", group), units)
+    lost = supplement_c3d(original, target, points, events, ("GAITCAL", group), units)
     _require_same(same, formats.read_recording(target), target, exact=original.header.is_float)
     between.unlink(missing_ok=True)
     if not original.header.is_float:
         notes += ("the file was one of integers and is one of 32-bit floats now",)
+    if lost:
+        notes += (f"not copied as in the file: {', '.join(lost)}",)
     if named:
         hint = "" if instead else ", --replace writes them in place of the file's"
         notes += (f"the file has points of such names; ours begin with {named}{hint}",)

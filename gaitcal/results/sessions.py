@@ -15,7 +15,7 @@ from gaitcal.errors import Code, InputError
 from gaitcal.figures import document, report_sheets
 from gaitcal.figures.comparison import comparison_page, figure_rows, paper_panels
 from gaitcal.gait import cycles, moments, profile_score, spatiotemporal
-from gaitcal.io.result_folder import MANIFEST, ResultKind, atomic_directory, put_back, read_object, sha256_of
+from gaitcal.io.result_folder import MANIFEST, ResultKind, atomic_directory, read_object, sha256_of
 from gaitcal.io.snapshot import Snapshot, read_whole
 from gaitcal.io.toml import package_version
 from gaitcal.model import coordinates, linkage, model_file
@@ -23,27 +23,18 @@ from gaitcal.page.page_data import SHOWN_MEASURES, person_facts
 from gaitcal.results import calibration, cycles_export, gait_report, stride_files
 from gaitcal.results.cycles import CYCLES, Json, read_csv, read_cycles, write_csv
 from gaitcal.results.saved import MODEL, UNCERTAINTY, load_uncertainty, settings_of
-from gaitcal.results.summary import JOINT_PRIOR, SUMMARY, entries_of, table_of
+from gaitcal.results.summary import SUMMARY, entries_of, table_of
 from gaitcal.runtime import with_one_blas_thread
 from gaitcal.session.trial_result import axis_deviations
 
 DIFFERENCES, CURVES, WORDS, PAGE = "differences.csv", "curve_differences.csv", "comparison.txt", "comparison.html"
-SHARED = "shared_parameters.csv"
-SHARED_HEADER = (
-    "joint parameters of a and b, each in its own segment frames: by its own trials alone, and by those of both; se:",
-    "standard error",
-)
 
 PRINTED = 30  # Figures beside steps that a report on paper lists; `differences.csv` has all
 SHEETS = {"Kinematics": gait_report.KINEMATICS, "Kinetics": gait_report.KINETICS}
 
 
-def write_comparison(
-    comparison: SessionComparison, folder: Path, results: Sequence[Path], shared: pd.DataFrame | None = None
-) -> Path:
+def write_comparison(comparison: SessionComparison, folder: Path, results: Sequence[Path]) -> Path:
     """Write the tables and the words of a comparison of two `results`, whole or not at all. Returns the folder.
-
-    `shared`: the joint parameters of a shared model.
 
     Raises InputError: The folder cannot be written, or holds something else than an earlier comparison.
     """
@@ -62,8 +53,6 @@ def write_comparison(
         head = (*told, f"a: {names[0]}; b: {names[1]}; {comparison.common.words}")
         write_csv(comparison.differences, out / DIFFERENCES, (*head, *difference.DIFFERENCES_HEADER))
         write_csv(comparison.curves, out / CURVES, (*head, *CURVE_HEADER))
-        if shared is not None:
-            write_csv(shared, out / SHARED, SHARED_HEADER)
         (out / PAGE).write_text(comparison_html(comparison, results), encoding="utf-8")
         (out / WORDS).write_text("".join(f"{one_line(line)}\n" for line in comparison.lines), encoding="utf-8")
     return folder
@@ -178,7 +167,6 @@ def load_session(folder: Path) -> tuple[stride_sets.Session, tuple[Snapshot, ...
 
     Raises InputError: It is none, or damaged.
     """
-    put_back(folder)
     manifest = read_object(folder / MANIFEST)
     if not manifest:
         message = (
@@ -216,7 +204,6 @@ def load_session(folder: Path) -> tuple[stride_sets.Session, tuple[Snapshot, ...
         axis_deviations=axis_deviations(settings, model),
         error_shares=_shares(summary),
         prior=prior_of_study(settings.joint_prior, noise=model.noise),
-        leans_on_cohort=JOINT_PRIOR in (read_object(calibrated / SUMMARY) if calibrated is not folder else summary),
         relative=settings.angles == "relative",
     )
     return session, (read, of_model)

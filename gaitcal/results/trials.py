@@ -1,5 +1,6 @@
 """The folder of further trials (`gaitcal dynamics`): every run adds its trials to those that are there."""
 
+import shutil
 from collections.abc import Iterable, Mapping, Sequence
 from contextlib import ExitStack
 from pathlib import Path
@@ -154,7 +155,8 @@ def write_trials(
         for path in sorted(folder.glob("*/*")):
             if path.is_file() and path.stem in owners:
                 name = path.relative_to(folder).as_posix()
-                result_folder.also_at(path, out / name)
+                (out / name).parent.mkdir(exist_ok=True)
+                shutil.copy2(path, out / name)
                 if name in earlier:
                     carried[name] = earlier[name]
     return stale

@@ -148,12 +148,8 @@ def _walk(parameters: Parameters, time: Array, begin: float, nodes: int, meant: 
 
 
 @with_one_blas_thread
-def isolated_motion(joint: str, standing: Array | None = None, rate: float = RATE) -> TrueMotion:
-    """An isolated trial of `hip_r` ... `ankle_l`: 1200 frames at 200 Hz; the rest of the body nearly still.
-
-    At another `rate` (frames per second) the same 1200 poses follow one another more slowly or faster: the cycles are
-    as many, so that 20 nodes still hold them exactly.
-    """
+def isolated_motion(joint: str, standing: Array | None = None) -> TrueMotion:
+    """An isolated trial of `hip_r` ... `ankle_l`: 1200 frames at 200 Hz; the rest of the body nearly still."""
     kind, side = joint.split("_")
     time = np.arange(ISOLATED_FRAMES) / RATE
     q = np.tile(standing_pose() if standing is None else standing, (ISOLATED_FRAMES, 1))
@@ -177,12 +173,7 @@ def isolated_motion(joint: str, standing: Array | None = None, rate: float = RAT
     q[:, COORDINATE_INDEX["pelvis_tx"]] += sway
     q[:, COORDINATE_INDEX["pelvis_tz"]] += 0.5 * sway
     q[:, COORDINATE_INDEX["pelvis_tilt"]] += np.deg2rad(1.0) * np.sin(2 * np.pi * 0.25 * time)
-    moved = _in_spline_space(time, q)
-    return (
-        moved
-        if rate == RATE
-        else TrueMotion(spline_basis(np.arange(ISOLATED_FRAMES) / rate, NODES), moved.coefficients)
-    )
+    return _in_spline_space(time, q)
 
 
 def standing_pose(parameters: Parameters | None = None) -> Array:

@@ -56,16 +56,11 @@ class StaticFrames:
     frames: Mapping[str, Frame]  # Segment -> its frame in the laboratory while standing; no talus
 
 
-def in_static_frames(model: SubjectModel, hip_centre: HipCentre = HipCentre.BELL) -> params.Parameters:
-    """The linkage of a model with its static markers, told in the frames that quiet standing gives a calibration.
+def static_frames(model: SubjectModel, hip_centre: HipCentre = HipCentre.BELL) -> StaticFrames:
+    """Express the linkage of a model with its static markers in the frames that quiet standing gives a calibration.
 
     `hip_centre`: the regression that this calibration places hips with, from which its thighs begin.
     """
-    return static_frames(model, hip_centre).parameters
-
-
-def static_frames(model: SubjectModel, hip_centre: HipCentre = HipCentre.BELL) -> StaticFrames:
-    """The same, with the frames and the posture that they are from."""
     true, pose = model.parameters, standing_pose(model.parameters)
     markers = synthetic_markers(true, model.markers, pose[None])
     still = Recording(source="static", time=np.zeros(1), labels=model.markers.labels, markers=markers)

@@ -14,7 +14,6 @@ from pathlib import Path
 from distributed import LocalCluster
 
 from gaitcal.published.case import nominal_case
-from gaitcal.published.disturbance_claims import conclusions
 from gaitcal.published.protocol import Plan
 from gaitcal.published.study import MonteCarloStudy, monte_carlo
 from gaitcal.published.workers import Cluster
@@ -36,8 +35,8 @@ def main(arguments: list[str] | None = None) -> None:
     else:
         with LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=None) as cluster:
             study = run(chosen.out, cluster.scheduler_address, chosen.draws)
-    for conclusion in conclusions(study.statistics):
-        print(f"{conclusion.claim} ({conclusion.frame.value}): {conclusion.verdict}. {conclusion.numbers}")
+    torques = study.statistics[(study.statistics["measure"] == "rms") & (study.statistics["unit"] == "%BW*H")]
+    print(torques.pivot_table(index="quantity", columns=["set", "grf"], values="average").to_string())
 
 
 if __name__ == "__main__":

@@ -51,7 +51,7 @@ from gaitcal.synthetic.motion import (
     synthetic_markers,
     two_strides,
 )
-from gaitcal.synthetic.truth import in_static_frames
+from gaitcal.synthetic.truth import static_frames
 from scripts.validation.harness import option, rms, say, shares
 from scripts.validation.people.fits import Fit, fitted
 from scripts.validation.recordings import only, write_folder
@@ -152,7 +152,7 @@ def recorded(person: Person, deviation: Array, rng: np.random.Generator, *, isol
     with tempfile.TemporaryDirectory() as name:
         recordings = {trial: recording(trial, tall, motion, size, rng) for trial, motion in motions.items()}
         study = Study.load(write_folder(Path(name), recordings, ("made up", 70.0, person.height, person.sex)))
-    truth = in_static_frames(tall, HipCentre(study.settings.hip_rule)).joint
+    truth = static_frames(tall, HipCentre(study.settings.hip_rule)).parameters.joint
     return MadePerson(study=study, truth=truth, nominal=nominal_of(study), person=person)
 
 

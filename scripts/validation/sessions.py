@@ -1,4 +1,4 @@
-"""Do two recordings of one person differ by as much as their error bars say, and does a shared model help?
+"""Do two recordings of one person differ by as much as their error bars say?
 
     sessions [--parts real,made-up,angles] [--people 10] [--seed 0] [--out DIR]
 
@@ -6,7 +6,7 @@ real      every walk of `labs_c3d/multi` calibrated by itself: how many differen
           95 % (joint parameters of real recordings: `people --parts pairs`). How strides vary is taken from one
           calibration of all walks, so that what calibrations differ by is not in it
 made-up   two sessions of a person of our own linkage: the same joints, markers put on anew by 10 mm, other noise;
-          errors of the joint parameters of each alone and of both together (`gaitcal compare A B --shared-model`)
+          errors of the joint parameters of each, and of their difference
 angles    the angles of the same people's sessions, through result folders: inside their error bars?
 
 A made-up person (`gaitcal synthesize --perturb`: wrong in every joint parameter by up to 10 mm and 10 deg) walks the
@@ -40,10 +40,9 @@ from gaitcal.model.parameters import JOINT_PARAMETERS, JP_INDEX, Kind
 from gaitcal.model.segment_frames import HipCentre
 from gaitcal.model.subject_model import SubjectModel
 from gaitcal.results.sessions import load_session
-from gaitcal.results.shared_model import JointKnowledge, joined
 from gaitcal.synthetic.motion import marker_noise, standing_pose, static_motion, two_strides
 from gaitcal.synthetic.subject import recording_of, synthetic_model
-from gaitcal.synthetic.truth import in_static_frames
+from gaitcal.synthetic.truth import static_frames
 from scripts.validation.harness import coverage, option, rms, say, side_by_side
 from scripts.validation.people.fits import fitted
 from scripts.validation.recordings import only, study_of_person, write_folder
@@ -77,13 +76,10 @@ class Outcome:
     """Errors of the joint parameters of one person's two sessions."""
 
     names: tuple[str, ...]
-    alone: Array
-    """(2, n) m, rad: each session by itself."""
-    shared: Array
-    """(2, n) m, rad: both together."""
-    errors_alone: Array
-    """(2, n) m, rad: standard errors."""
-    errors_shared: Array
+    fitted: Array
+    """(2, n) m, rad: errors of each session's joints."""
+    stated: Array
+    """(2, n) m, rad: their standard errors."""
     nominal: Array
     """(2, n) m, rad: errors of the nominal joints."""
     difference: Array
@@ -115,7 +111,7 @@ def made_session(person: SubjectModel, rng: np.random.Generator) -> MadeSession:
     with tempfile.TemporaryDirectory() as name:
         worn = record_session(person, rng, Path(name))
         study = Study.load(Path(name) / "study.toml")
-    truth, found = in_static_frames(worn, HipCentre(study.settings.hip_rule)).joint, fitted("made up", study)
+    truth, found = static_frames(worn, HipCentre(study.settings.hip_rule)).parameters.joint, fitted("made up", study)
     return MadeSession(truth, found.nominal.parameters.joint, found.parameters.joint, found.influence)
 
 
@@ -125,42 +121,27 @@ def outcome(seed: int) -> Outcome:
     told = set(told_parameters(b.influence))
     names = tuple(n for n in told_parameters(a.influence) if n in told and n.startswith(LEG_JOINTS))
     index = [JP_INDEX[n] for n in names]
-    known = [_knowledge(s, names) for s in (a, b)]
-    both = joined(names, *known, placed_anew=True)
+    fitted = np.array([s.fitted[index] for s in (a, b)])
     truth = np.array([s.truth[index] for s in (a, b)])
     variance = difference_variance((a.influence, b.influence), names, Common.PERSON)
     return Outcome(
         names=names,
-        alone=np.array([k.fitted for k in known]) - truth,
-        shared=np.array([both.a, both.b]) - truth,
-        errors_alone=np.array([np.sqrt(np.diag(k.covariance)) for k in known]),
-        errors_shared=np.array(both.errors),
-        nominal=np.array([k.nominal for k in known]) - truth,
-        difference=(known[1].fitted - known[0].fitted) / np.sqrt(variance),
+        fitted=fitted - truth,
+        stated=np.array([[s.influence.standard_errors[n] for n in names] for s in (a, b)]),
+        nominal=np.array([s.nominal[index] for s in (a, b)]) - truth,
+        difference=(fitted[1] - fitted[0]) / np.sqrt(variance),
     )
 
 
-def _knowledge(session: MadeSession, names: tuple[str, ...]) -> JointKnowledge:
-    index, rows = [JP_INDEX[n] for n in names], [session.influence.free.index(n) for n in names]
-    found = session.influence.parameters[rows]
-    return JointKnowledge(nominal=session.nominal[index], fitted=session.fitted[index], covariance=found @ found.T)
-
-
 def report(outcomes: list[Outcome]) -> Iterator[str]:
-    """Errors alone and shared, coverage of both, coverage of differences."""
+    """Errors and their coverage, coverage of differences."""
     kinds = [JOINT_PARAMETERS[JP_INDEX[n]].kind for n in outcomes[0].names]
     for kind, factor in ((Kind.POSITION, 1e3), (Kind.ORIENTATION, 180.0 / np.pi)):
         chosen = [k is kind for k in kinds]
-        columns = ("nominal", "alone", "errors_alone", "shared", "errors_shared")
+        columns = ("nominal", "fitted", "stated")
         found = [factor * rms([getattr(o, name)[:, chosen] for o in outcomes]) for name in columns]
-        yield ("joint {}s, {} RMS: nominal {:.2f}, alone {:.2f} (stated {:.2f}), shared {:.2f} (stated {:.2f})").format(
-            kind.value, kind.unit, *found
-        )
-    better = sum(rms(o.shared / o.errors_alone) < rms(o.alone / o.errors_alone) for o in outcomes)
-    yield f"nearer the truth together than alone: {better} of {len(outcomes)} people"
-    for told in ("alone", "shared"):
-        z = [(getattr(o, told) / getattr(o, f"errors_{told}")).ravel() for o in outcomes]
-        yield f"{told}: {coverage(np.concatenate(z))}"
+        yield "joint {}s, {} RMS: nominal {:.2f}, fitted {:.2f} (stated {:.2f})".format(kind.value, kind.unit, *found)
+    yield f"joints: {coverage(np.concatenate([(o.fitted / o.stated).ravel() for o in outcomes]))}"
     yield f"differences between sessions: {coverage(np.concatenate([o.difference for o in outcomes]))}"
 
 

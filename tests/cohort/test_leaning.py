@@ -23,8 +23,6 @@ from gaitcal.errors import InputError, UsageError
 from gaitcal.io.result_folder import sha256_of
 from gaitcal.model.parameters import JP_INDEX, JP_NAMES
 from gaitcal.results.saved import load_result
-from gaitcal.results.sessions import load_session
-from gaitcal.results.shared_model import require_fit_to_share
 from gaitcal.session.draft import settings_text
 from gaitcal.study.joint_prior import JointPrior
 from gaitcal.study.settings import CalibrationSettings, ParameterPriorTable
@@ -149,9 +147,6 @@ def test_from_results_to_priors_and_to_a_person_who_leans_on_them(
     assert not (tmp_path / "neither").exists()
     with pytest.raises(NotUsedError, match="priors of a cohort itself"):
         evidence_of(tmp_path / "result", "P0")
-    leaning, by_itself = (load_session(folder)[0] for folder in (tmp_path / "result", result))
-    with pytest.raises(InputError, match="leans on priors of a cohort"):
-        require_fit_to_share(replace(by_itself, name="a"), leaning)
 
 
 @pytest.mark.slow

@@ -4,7 +4,6 @@ import json
 import shutil
 import subprocess
 import sys
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -19,25 +18,20 @@ from gaitcal.cli.figures import draw_figures as run
 from gaitcal.cli.view import print_report
 from gaitcal.errors import InputError, UsageError
 from gaitcal.export.account import MusclePath, muscle_changes, muscles_csv
-from gaitcal.figures import report
 from gaitcal.figures.chart import SIDE_COLOURS, Chart
 from gaitcal.figures.paper import LINE, Strides, moment_arm_charts, paper_charts
-from gaitcal.figures.report import SheetRecording, report_charts, unpacked
 from gaitcal.gait.conventions import Acting, Convention, MomentUnit, Signs
 from gaitcal.gait.ensemble import ensemble
 from gaitcal.io.result_folder import ResultKind, atomic_directory, refuse_others
 from gaitcal.page.page_data import PAGE_DATA, calibration_page_data, write_page_data
-from gaitcal.page.plain_data import lengths
 from gaitcal.results.cycles import read_cycles, write_csv
 from gaitcal.results.stride_files import write_stride_files
 from gaitcal.results.summary import summary
 from gaitcal.session.result import Calibration
 from gaitcal.session.tables import parameter_table
 from tests.fake_result import ANGLE_ERROR
-from tests.figures.told import panel_figure, told
+from tests.figures.test_figures import panel_figure
 
-PACKED = 1 / 60_000
-"""Of the range of a curve: a page_data holds 16-bit integers."""
 AS_WRITTEN = 1e-6
 """`cycles.csv` has six decimals."""
 
@@ -161,41 +155,13 @@ def test_only_takes_the_words_that_names_begin_or_end_with(folder: Path, whole: 
     assert all(chart.name in str(caught.value) for chart in every)
 
 
-@pytest.mark.slow
-def test_a_report_has_the_pages_of_the_result(folder: Path, tmp_path: Path) -> None:
-    assert figures(folder, "--for", "report", "--out", tmp_path, "--format", "svg").exit_code == 0
-    walk = ("angles", "moments", "ground_reactions", "pelvis_residuals", "moment_change")
-    expected = {"joint_parameters.svg", "marker_errors.svg", *(f"01_walk_{kind}.svg" for kind in walk)}
-    assert {path.name for path in tmp_path.iterdir()} == expected
-
-
-def test_packed_curves_are_read_back() -> None:
-    values = np.array([1.5, np.nan, -3.0, 7.25, np.inf])
-    back = unpacked(lengths(values))
-    assert np.isnan(back[[1, 4]]).all()
-    np.testing.assert_allclose(back[[0, 2, 3]], values[[0, 2, 3]], atol=PACKED * 10.25)
-
-
-def test_a_foot_without_a_stride_does_not_cost_the_other_its_cycle(whole: Calibration) -> None:
-    page_data = calibration_page_data(whole)
-    content = page_data["trials"][0]
-    content["strides"] = [stride for stride in content["strides"] if stride["side"] == "l"]
-    layout = SheetRecording(content).layout
-    assert layout.by_cycle and layout.has("l") and not layout.has("r") and layout.has("")
-    for chart in report_charts(replace(told(whole), page_data=page_data)):
-        for panel in chart.panels:
-            panel_figure(panel)
-
-
 @pytest.mark.parametrize(
     "changes, message",
     [
-        ({"purpose": "poster"}, "--for: found 'poster'"),
         ({"formats": "jpg"}, "--format: found 'jpg'; allowed: png, svg, pdf"),
         ({"formats": ","}, "--format: found ','"),
         ({"width": "3mm"}, "--width: found '3mm'; allowed: 40mm to 400mm"),
         ({"width": "wide"}, "--width: found 'wide'"),
-        ({"purpose": "report", "units": "Nm"}, "--units: found with --for report"),
         ({"convention": "clincal"}, "--convention: found 'clincal'"),
     ],
 )
@@ -244,10 +210,6 @@ def test_drawing_alone_loads_matplotlib() -> None:
         program = f"import sys, {named}; {heavy}"
         done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
         assert done.stdout.strip() == f"[] {draws_pdf}"
-
-
-def test_stems_are_plain() -> None:
-    assert [report.stem(3, name) for name in ("Walk 1", "", "../../x")] == ["03_walk-1", "03", "03_x"]
 
 
 def test_moment_arms_of_a_model_beside_the_result(folder: Path, tmp_path: Path) -> None:

@@ -20,7 +20,6 @@ from gaitcal.gait.cycles import (
     known_variables,
     normalise,
     resample,
-    stances,
     steady,
 )
 from gaitcal.gait.ensemble import ENSEMBLE_COLUMNS, ensemble, spread
@@ -55,12 +54,6 @@ def test_flickers_of_the_threshold_are_no_steps() -> None:
     loaded[50:54] = False
     loaded[100:103] = True
     assert np.array_equal(steady(TIME, loaded), contact(TIME, 0.2))
-
-
-def test_stances_also_at_the_ends_of_the_trial() -> None:
-    found = stances(FootEvents(np.array([0.8, 1.9]), np.array([0.36, 1.46])), TIME[:200])
-    assert found == ((0.0, 0.36), (0.8, 1.46), (1.9, TIME[199]))
-    assert stances(FootEvents(np.array([]), np.array([])), TIME) == ()
 
 
 def test_the_drawn_cycle_is_the_one_with_most_valid_frames() -> None:

@@ -16,12 +16,11 @@ from scipy.spatial.transform import Rotation
 from gaitcal.arrays import Array
 from gaitcal.dynamics.inverse_dynamics import Moments
 from gaitcal.dynamics.measurement_errors import TorqueErrors
-from gaitcal.gait.cycles import POINTS, GaitCycle
+from gaitcal.gait.cycles import GaitCycle
 from gaitcal.gait.moments import MomentNumbers, moment_numbers
 from gaitcal.gait.spatiotemporal import Stride, stride_lines
 from gaitcal.gait.strides import (
     AXES,
-    MOST_POINTS,
     TURNING,
     FootAxes,
     Layout,
@@ -29,7 +28,6 @@ from gaitcal.gait.strides import (
     facing,
     foot_axes,
     out_of_plane,
-    thinned,
     turn_between,
     turns,
 )
@@ -49,7 +47,6 @@ CYCLES = {
     "r": (GaitCycle(0.0, 1.0, 0.62), GaitCycle(1.0, 2.0, 1.6), GaitCycle(2.0, 3.0, None)),
     "l": (GaitCycle(0.5, 1.5, 1.1),),
 }
-DOWN = {"r": ((0.0, 0.62),), "l": ()}
 MASS, HEIGHT = 80.0, 1.75
 KNEE = COORDINATE_INDEX["knee_angle_r"]
 
@@ -57,25 +54,7 @@ KNEE = COORDINATE_INDEX["knee_angle_r"]
 def layout(by_cycle: bool = True) -> Layout:
     """The second right stride is the one with valid frames; nothing is valid before 0.9 s and after 2.1 s."""
     valid = (TIME > 0.9) & (TIME < 2.1)
-    return Layout(TIME, valid, np.stack([valid] * 2, axis=1), DOWN, CYCLES if by_cycle else {})
-
-
-def test_stance_is_drawn_from_strike_to_toe_off() -> None:
-    for side in ("r", "l", ""):
-        assert layout().stances(side) == [pytest.approx((0.0, 60.0))], "the trunk over the right cycle"
-    assert [layout(by_cycle=False).stances(side) for side in "rl"] == [[(0.0, 0.62)], []]
-
-
-def test_the_stride_with_valid_frames_is_drawn_in_full_and_the_others_thin() -> None:
-    values = TIME**2
-    percent, main = layout().lay("r", values)
-    at = np.linspace(1.0, 2.0, POINTS)
-    assert percent == pytest.approx(np.linspace(0.0, 100.0, POINTS))
-    assert main == pytest.approx(at**2, abs=1e-4)  # linear between frames 10 ms apart
-    others = layout().others("r", values)
-    assert [y[0] for _, y in others] == pytest.approx([0.0, 4.0]), "the first and the third stride"
-    assert layout(by_cycle=False).others("r", values) == []
-    assert layout().drawn("r").sum() == 101 and layout(by_cycle=False).drawn("r").all()
+    return Layout(TIME, valid, np.stack([valid] * 2, axis=1), CYCLES if by_cycle else {})
 
 
 def test_each_leg_has_its_own_main_and_complete_strides() -> None:
@@ -85,12 +64,7 @@ def test_each_leg_has_its_own_main_and_complete_strides() -> None:
     assert drawn.main("r") == CYCLES["r"][2] == drawn.main("") and drawn.main("l") == CYCLES["l"][0]
     assert (drawn.complete("r"), drawn.complete("l")) == (1, 0)
     assert layout().complete("r") == 1
-
-
-def test_against_time_a_long_trial_is_thinned() -> None:
-    x, y = thinned(np.linspace(0.0, 50.0, 5001), np.linspace(0.0, 100.0, 5001))
-    assert len(x) == MOST_POINTS and y == pytest.approx(2 * x)
-    assert thinned(TIME, TIME) == (TIME, TIME)
+    assert layout().drawn("r").sum() == 101 and layout(by_cycle=False).drawn("r").all()
 
 
 def numbers(by_cycle: bool) -> MomentNumbers:

@@ -2,7 +2,6 @@
 
 import struct
 from collections.abc import Iterator
-from dataclasses import replace
 from pathlib import Path
 
 import ezc3d
@@ -11,7 +10,7 @@ import pytest
 
 import gaitcal.io.c3d.reader as parse
 from gaitcal.errors import Code, InputError
-from gaitcal.io.c3d.layout import parse_section
+from gaitcal.io.c3d.layout import parse_records
 from gaitcal.io.c3d.reader import ParserDiedError, parse_c3d
 from gaitcal.io.formats import read_recording
 from gaitcal.io.recording import Recording
@@ -233,14 +232,8 @@ def test_a_header_whose_frames_fit_no_length_is_still_refused(tmp_path: Path) ->
 def test_damage_is_told_by_the_record_and_not_in_the_words_of_a_library(tmp_path: Path, name: str, kind: int) -> None:
     path = write_raw_c3d(tmp_path / "d.c3d", standing_points_mm(5), LABELS)
     content = path.read_bytes()
-    at, blocks = 512 * (content[0] - 1), content[512 * (content[0] - 1) + 2]
-    section = parse_section(content[at : at + 512 * blocks])
-    damaged = [
-        replace(record, content=struct.pack("<b", kind) + record.content[1:] if record.name == name else record.content)
-        for record in section.records
-    ]
-    changed = replace(section, records=tuple(damaged)).to_bytes()
-    path.write_bytes(content[:at] + changed + content[at + len(changed) :])
+    record = next(record for record in parse_records(content) if record.name == name)
+    path.write_bytes(content.replace(record.content, struct.pack("<b", kind) + record.content[1:], 1))
     try:
         read_recording(path)
     except InputError as fault:

@@ -104,5 +104,5 @@ def test_example_script(tmp_path: Path, start: Start, capsys: pytest.CaptureFixt
     worker(start, address)
     script = runpy.run_path(str(ROOT / "scripts" / "examples" / "03_monte_carlo_cluster.py"))
     script["main"]([str(tmp_path / "out"), address, "--draws", "5"])
-    assert "joint parameters dominate (foot): not judged: 5 draws" in capsys.readouterr().out
+    assert "hip_flexion_l" in capsys.readouterr().out
     assert (tmp_path / "out" / "montecarlo.csv").exists()

@@ -42,12 +42,7 @@ def run(*words: object) -> str:
 def test_a_study_and_its_tables(tmp_path: Path) -> None:
     small = ("--draws", 3, "--levels", "50,100", "--jobs", 1)
     told = run(tmp_path, *small, "--grf", "foot")
-    for words in (
-        "carried with the foot",
-        "joint parameters dominate (lab): not judged: 3 draws",
-        "published 4.14, here 0.",
-        "draws: 24, of which 24 in this run and 0 not converged",
-    ):
+    for words in ("carried with the foot", "draws: 24, of which 24 in this run and 0 not converged"):
         assert words in told
     assert "left out of" not in told
     table = pd.read_csv(tmp_path / "montecarlo" / "montecarlo.csv")

@@ -1,18 +1,15 @@
-"""Distributions, convergence, conclusions, linearised contributions of the parameters, and their figures."""
+"""Distributions, convergence, linearised contributions of the parameters, and their figures."""
 
 import numpy as np
 import pandas as pd
 import pytest
 
 from gaitcal.figures.monte_carlo import boxplot_figure, contribution_figure
-from gaitcal.model.coordinates import LEG_COORDINATES
 from gaitcal.model.parameters import leg_parameters
 from gaitcal.published.case import MonteCarloCase
-from gaitcal.published.disturbance_claims import PUBLISHED, beside, conclusions
 from gaitcal.published.draw import COLUMNS, LEG_TORQUES, TORQUES, MonteCarloContext, leg_torques, refit, torque_column
-from gaitcal.published.protocol import MonteCarloSettings, Plan, ReactionFrame, Varied
+from gaitcal.published.protocol import Plan, ReactionFrame, Varied
 from gaitcal.published.statistics import (
-    FEWEST,
     TOLERANCE_PERCENT,
     expect,
     left_out,
@@ -98,65 +95,6 @@ def test_expectation_from_a_marker_distance() -> None:
     assert below.level < first["level"]
     assert knee["average"] == pytest.approx(first["average"] * below.level / first["level"])  # a line from nothing
     assert expect(statistics(made_up(sets=("ip",))), 4.0) == ()
-
-
-def refuted(table: pd.DataFrame) -> set[str]:
-    return {c.claim for c in conclusions(table) if not c.holds}
-
-
-def scaled(table: pd.DataFrame, factor: float, *sets: str, quantity: str = "") -> pd.DataFrame:
-    """Averages of some sets, and of one quantity or all, times a factor."""
-    chosen = table["set"].isin(sets) & table["quantity"].str.startswith(quantity)
-    return table.assign(average=table["average"].where(~chosen, factor * table["average"]))
-
-
-def test_conclusions_hold_where_they_do_and_fail_where_they_do_not() -> None:
-    table = statistics(made_up())
-    found = conclusions(table)
-    assert [c.verdict for c in found] == ["holds"] * 8
-    assert ": 10." in next(c.numbers for c in found if c.claim == "joint parameters dominate")
-    assert "limit 0.25" in next(c.numbers for c in found if c.claim == "marker noise matters little")
-    inertial = {"joint parameters dominate", "inertial parameters matter little", "no interaction"}
-    assert refuted(scaled(table, 20, "ip")) == inertial
-    noisy = scaled(table, 3, "noise", quantity="hip_flexion_l")
-    assert refuted(noisy) == {"marker noise matters little"}
-    assert (noisy[noisy["set"] == "noise"]["average"].max()) < table[table["set"] == "jp"]["average"].max()
-    # noise is far below the IP's limit, but joint parameters are smaller still
-    assert "marker noise matters little" in refuted(scaled(table, 0.05, "jp", "both"))
-    assert refuted(scaled(table, 1.17, "both")) == {"no interaction"}
-    assert conclusions(statistics(made_up(sets=("noise",)))) == ()
-
-
-def verdicts(table: pd.DataFrame) -> dict[str, str]:
-    return {c.claim: c.verdict for c in conclusions(table)}
-
-
-def test_few_draws_and_an_interaction_that_chance_could_make_are_not_judged() -> None:
-    few = conclusions(statistics(made_up(FEWEST - 1)))
-    assert {(c.holds, c.verdict) for c in few} == {(None, f"not judged: {FEWEST - 1} draws")}
-    assert all(c.numbers for c in few)
-    table = statistics(made_up(FEWEST))
-    assert set(verdicts(table).values()) == {"holds"}
-    draws = made_up(FEWEST)
-    draws.loc[(draws["set"] == "noise") & (draws["draw"] == 0), "failure"] = "did not settle"
-    told = verdicts(statistics(draws))
-    assert told["marker noise matters little"] == f"not judged: {FEWEST - 1} draws"
-    assert told["no interaction"] == "holds"
-    # far more scatter than in `made_up`, so that three standard errors are wider than the limit
-    table.loc[table["set"] == "both", "sd"] = 0.5 * table["average"]
-    assert verdicts(table)["no interaction"] == f"not judged: {FEWEST} draws"
-    assert verdicts(table)["joint parameters dominate"] == "holds"
-
-
-def test_published_figures_stand_beside_ours_only_where_they_mean_the_same() -> None:
-    table = statistics(made_up())
-    flexion, inertial = PUBLISHED[0], PUBLISHED[-1]
-    ours = beside(table, flexion, MonteCarloSettings())
-    assert ours == pytest.approx({ReactionFrame.LAB: 1.0, ReactionFrame.FOOT: 2.0}, rel=0.02)
-    assert beside(table, inertial, MonteCarloSettings()) == {}
-    assert set(beside(table, inertial, MonteCarloSettings(inertial_percent=50.0))) == set(ReactionFrame)
-    assert beside(statistics(made_up(levels=(25, 50))), flexion, MonteCarloSettings()) == {}
-    assert TORQUES == LEG_COORDINATES
 
 
 @pytest.fixture(scope="module")

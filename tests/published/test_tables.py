@@ -4,6 +4,8 @@ import json
 import re
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -27,8 +29,8 @@ from gaitcal.model.parameters import (
 )
 from gaitcal.published import reproduce
 from gaitcal.published.case import people_rows
-from gaitcal.published.claims import Kind, Verdict
-from gaitcal.published.protocol import PROBLEMS, table_four, table_one, table_three, table_two
+from gaitcal.published.claims import Verdict
+from gaitcal.published.protocol import PROBLEMS, MonteCarloSettings, Plan, table_four, table_one, table_three, table_two
 from gaitcal.published.recovery import (
     LEG,
     SEED_RANGE,
@@ -51,7 +53,6 @@ from gaitcal.published.reproduce import (
     TABLE_COLUMNS,
     Reproduction,
     ReproductionSettings,
-    SensitivityDraws,
     draw_frame,
     write_tables,
 )
@@ -68,8 +69,7 @@ from gaitcal.published.tables import (
 from tests.published.conftest import FEW_SEEDS
 from tests.refusal import refusal
 
-FEW = SensitivityDraws(noise=1, absorbed=2, stopped=1, centres=1)
-TINY = ReproductionSettings(noise_seeds=2, random_seeds=FEW_SEEDS, sensitivities=FEW, jobs=1)
+TINY = ReproductionSettings(noise_seeds=2, random_seeds=FEW_SEEDS, draws=1, jobs=1)
 
 
 @pytest.fixture(scope="module")
@@ -154,11 +154,11 @@ def test_experimental_rows_have_no_figure_of_ours(clean: SeedResult, draws: list
 
 def test_csv_schema(files: Path) -> None:
     names = {path.name for path in files.iterdir()}
-    tables = {"tables.csv", "claims.csv", "draws.csv", "times.csv", "iterations.csv"}
+    tables = {"tables.csv", "claims.csv", "draws.csv", "times.csv", "montecarlo.csv"}
     assert names == tables | {"README.txt", "manifest.json"}
     tables = pd.read_csv(files / "tables.csv")
     assert tuple(tables.columns) == TABLE_COLUMNS
-    assert set(tables["table"]) == {"I", "II", "III", "IV", "discussion", "sensitivity"}
+    assert set(tables["table"]) == {"I", "II", "III", "IV", "discussion"}
     assert tables[["published", "ours"]].dtypes.eq(float).all()
     assert not tables[["table", "row", "column"]].duplicated().any()
     claims = pd.read_csv(files / "claims.csv", keep_default_na=False)
@@ -171,24 +171,27 @@ def test_csv_schema(files: Path) -> None:
     assert all(name in readme for name in names - {"README.txt"})
 
 
-def test_every_sensitivity_has_claims_and_may_be_left_out(
-    reproduction: Reproduction, clean: SeedResult, draws: list[SeedResult], monkeypatch: pytest.MonkeyPatch
+def test_draws_have_the_published_sets_levels_and_bounds(
+    clean: SeedResult, draws: list[SeedResult], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    asked: list[tuple[object, ...]] = []
+
+    def study(case: object, folder: Path | None, **options: Any) -> SimpleNamespace:
+        asked.append((folder, options["settings"], options["plan"]))
+        return SimpleNamespace(statistics=None)
+
     monkeypatch.setattr(reproduce, "noiseless", lambda *_: clean)
     monkeypatch.setattr(reproduce, "noisy_draws", lambda *_: draws)
-    without = run(replace(TINY, sensitivities=None))
-    assert [(c.claim, c.kind) for c in without.claims] == [(c.claim, c.kind) for c in reproduction.claims]
-    of_them = [c for c in without.claims if c.kind is Kind.SENSITIVITY]
-    assert of_them == without.claims[-6:] and {c.verdict for c in of_them} == {Verdict.NOT_RUN}
-    # nothing else depends on them
-    assert without.tables == [row for row in reproduction.tables if row.table != "sensitivity"]
+    monkeypatch.setattr(reproduce, "monte_carlo", study)
+    run(replace(TINY, draws=0))
+    assert asked == []
+    run(replace(TINY, seed=3, draws=7), tmp_path)
+    assert asked == [(tmp_path / "published", MonteCarloSettings(seed=3), Plan(draws=7))]
 
 
-def reproduced(
-    out: Path, *, quiet: bool = True, noise_seeds: int = 2, seed: int = 0, sensitivities: bool = True
-) -> None:
+def reproduced(out: Path, *, quiet: bool = True, draws: int = 0, noise_seeds: int = 2, seed: int = 0) -> None:
     console = Console(quiet=quiet, verbose=False)
-    command.run_reproduction(console, out, draws=0, noise_seeds=noise_seeds, seed=seed, sensitivities=sensitivities)
+    command.run_reproduction(console, out, draws=draws, noise_seeds=noise_seeds, seed=seed)
 
 
 def test_command_prints_and_writes(
@@ -198,24 +201,17 @@ def test_command_prints_and_writes(
     monkeypatch.setenv("COLUMNS", "200")
     monkeypatch.delenv("GAITCAL_DATA", raising=False)
     monkeypatch.setattr(command, "reproduce", lambda settings, kept, _: asked.append((settings, kept)) or reproduction)
-    reproduced(tmp_path / "out", quiet=False, noise_seeds=5, seed=3, sensitivities=False)
-    assert asked == [(ReproductionSettings(seed=3, noise_seeds=5, draws=0, sensitivities=None, data=None), None)]
+    reproduced(tmp_path / "out", quiet=False, draws=1, noise_seeds=5, seed=3)
+    assert asked == [(ReproductionSettings(seed=3, noise_seeds=5, draws=1, data=None), tmp_path / "out.draws")]
     assert (tmp_path / "out" / "tables.csv").is_file()
+    figures = {path.stem for path in (tmp_path / "out" / "figures").glob("*.png")}
+    assert figures == {"figure_3_lab", "figure_3_foot", "figure_4_lab", "figure_4_foot"}
     printed = capsys.readouterr().out
-    for words in (
-        "synthetic with noise: position error RMS",
-        "380 s",
-        "claims of the paper: ",
-        "sensitivities, ours: ",
-        "this run: tables ",
-        "everything",
-    ):
+    for words in ("synthetic with noise: position error RMS", "380 s", "this run: tables ", "everything"):
         assert words in printed
-    of_paper, of_ours = (
-        sum(int(n) for n in re.findall(r"(\d+) [a-z]", re.search(f"{t}: (.*)", printed)[1]))
-        for t in ("claims of the paper", "sensitivities, ours")
-    )
-    assert (of_paper, of_ours) == (len(reproduction.claims) - 6, 6)
+    counts = re.search("claims of the paper: (.*)", printed)
+    assert counts is not None
+    assert sum(int(n) for n in re.findall(r"(\d+) [a-z]", counts[1])) == len(reproduction.claims)
 
 
 def test_command_refuses_a_foreign_folder_and_data_that_are_not_there_before_it_works(

@@ -230,13 +230,14 @@ def test_points_of_a_vendors_names_take_their_place_and_nothing_else_moves(
         AddedPoint(name=n, kind=PointKind.ANGLE, values=values + k, description=f"ours {k}")
         for k, n in enumerate(names)
     ]
-    supplement_c3d(original, target, [*ours, AddedPoint(name="new", kind=PointKind.ANGLE, values=values)])
+    lost = supplement_c3d(original, target, [*ours, AddedPoint(name="new", kind=PointKind.ANGLE, values=values)])
     after, written = points(target)
     assert set(after) - set(before) == {"new"} and len(after) == len(before) + 1
     for k, name in enumerate(names):
         assert same(after[name], values + k) and not same(after[name], before[name])
     assert all(same(after[name], before[name]) for name in before if name not in names)
-    assert entries(written, "DESCRIPTIONS")[list(after).index("RHipAngles")] == "ours 1"
+    described = entries(written, "DESCRIPTIONS")[list(after).index("RHipAngles")]
+    assert described == "ours 1" or (described == "" and "POINT:DESCRIPTIONS" in lost)
     assert entries(written, "ANGLES").count("RHipAngles") == entries(whole, "ANGLES").count("RHipAngles")
     assert np.array_equal(whole["data"]["analogs"], written["data"]["analogs"])
     old, new = read_recording(source), read_recording(target)

@@ -3,7 +3,6 @@
 import json
 from dataclasses import replace
 from pathlib import Path
-from typing import Literal
 
 import numpy as np
 import pandas as pd
@@ -16,9 +15,7 @@ from gaitcal.compare.stride_sets import Common
 from gaitcal.errors import Code, InputError, UsageError
 from gaitcal.figures.document import write_pdf
 from gaitcal.io.result_folder import MANIFEST, ResultKind, atomic_directory
-from gaitcal.model.anthropometry import with_joints_of
 from gaitcal.model.linkage import NEEDED_JOINTS
-from gaitcal.model.marker_set import load_marker_set
 from gaitcal.model.model_file import save_model
 from gaitcal.model.parameters import JP_NAMES
 from gaitcal.results.calibration import json_text, write_results
@@ -34,17 +31,13 @@ from gaitcal.results.sessions import (
     comparison_content,
     write_comparison,
 )
-from gaitcal.results.shared_model import compare_with_shared_model, retracked, study_of_result
 from gaitcal.results.stride_files import write_stride_files
 from gaitcal.results.summary import SUMMARY, summary
 from gaitcal.session.calibrate import calibrate
-from gaitcal.session.result import Calibration, Uncertainty
+from gaitcal.session.result import Calibration
 from gaitcal.study.settings import CalibrationSettings
 from gaitcal.study.study import Study
-from gaitcal.study.study_trial import Role, Trial
-from tests.compare.made_sessions import made_session
 from tests.fake_result import HOSTILE, Names, fake_calibration
-from tests.synthetic_studies import made_recording, static_motion
 
 
 def write_result(calibration: Calibration, folder: Path) -> None:
@@ -129,13 +122,12 @@ def test_names_stay_as_they_are_on_the_screen(results: tuple[Path, Path], capsys
     assert "after against before #1 [bold]x" in capsys.readouterr().out
 
 
-@pytest.mark.parametrize("shared", [False, True])
-def test_a_folder_that_is_taken_is_told_first(tmp_path: Path, *, shared: bool) -> None:
+def test_a_folder_that_is_taken_is_told_first(tmp_path: Path) -> None:
     out = tmp_path / "full"
     out.mkdir()
     (out / "thesis.txt").write_text("")
     with pytest.raises(InputError, match="holds 'thesis.txt'") as caught:
-        run(Console(quiet=True, verbose=False), tmp_path / "not", tmp_path / "read", out=out, shared_model=shared)
+        run(Console(quiet=True, verbose=False), tmp_path / "not", tmp_path / "read", out=out)
     assert caught.value.code is Code.FOLDER_TAKEN
 
 
@@ -172,43 +164,9 @@ def test_no_result_and_no_room_are_told(results: tuple[Path, Path], tmp_path: Pa
 def test_options_that_cannot_be(results: tuple[Path, Path], tmp_path: Path) -> None:
     before, after = results
     console = Console(quiet=True, verbose=False)
-    for other, options in (
-        (None, {}),
-        (after, {"osim": tmp_path / "model.osim"}),
-        (after, {"study": (tmp_path / "study.toml",)}),
-    ):
+    for other, options in ((None, {}), (after, {"osim": tmp_path / "model.osim"})):
         with pytest.raises(UsageError):
             run(console, before, other, **options)
-
-
-def test_a_shared_model_says_what_it_needs(results: tuple[Path, Path], tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="evidence of all trials"):
-        compare_with_shared_model(*results)
-    with pytest.raises(InputError, match="one model already"):
-        compare_with_shared_model(results[0], results[0])
-    with pytest.raises(InputError, match="--study FILE"):
-        study_of_result(results[0], tmp_path / "study.toml")
-
-
-@pytest.mark.parametrize("ip", ["none", "consistent", "published"])
-def test_masses_that_followed_their_joints_follow_the_shared_ones(
-    ip: Literal["none", "consistent", "published"],
-) -> None:
-    """Two sessions whose knees lie 5 mm apart, and masses by what that moves: with one knee they are the same."""
-    before, knee = made_session(), ("knee_r.thigh.sup",)
-    settings = CalibrationSettings(ip=ip)
-    static = Trial(name="static", role=Role.STATIC, recording=made_recording(static_motion(), static=True))
-    subject, markers = before.model.subject, load_marker_set("published")
-    study = Study(subject=subject, marker_set=markers, trials=(static,), settings=settings, weights={}, inputs={})
-    masses = []
-    for place in (-0.420, -0.415):
-        own = before.model.parameters.with_joint(knee, np.array([place]))
-        if ip != "published":
-            own = own.with_inertial(with_joints_of(own.inertial, before.model.parameters, own))
-        session = replace(before, model=before.model.with_parameters(own))
-        anew = retracked(session, study, knee, np.array([-0.41]), Uncertainty(joint=None, inertial=None))
-        masses.append(anew.model.parameters.inertial)
-    np.testing.assert_allclose(masses[0], masses[1], rtol=0.0, atol=1e-12)
 
 
 WALKS = ("walk03", "walk04")
@@ -235,9 +193,3 @@ def test_walk_against_walk(data_dir: Path, tmp_path: Path) -> None:
     assert len(joints) == sum(name.startswith(NEEDED_JOINTS) for name in JP_NAMES)
     assert np.mean([not d.exceeds for d in joints]) >= EXPECTED
     assert any(d.difference != 0.0 for d in joints)
-    comparison, parameters = compare_with_shared_model(*results, studies)
-    assert (parameters["a_shared"] == parameters["b_shared"]).all()
-    ratio = parameters[["a_shared_se", "b_shared_se"]].to_numpy() / parameters[["a_alone_se", "b_alone_se"]].to_numpy()
-    assert np.median(ratio) < 1.0
-    assert comparison.common is Common.SHARED_FRAMES
-    assert not [d for d in comparison.found if d.kind.startswith("joint")]

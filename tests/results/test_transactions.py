@@ -13,7 +13,6 @@ from gaitcal.cli import calibrate as calibrate_command
 from gaitcal.cli import montecarlo as montecarlo_command
 from gaitcal.cli import other_programs
 from gaitcal.errors import InputError
-from gaitcal.io import result_folder
 from gaitcal.io.result_folder import listed, locked, sha256_of
 from gaitcal.results.saved import load_result
 from gaitcal.session import trial_result
@@ -78,7 +77,6 @@ def test_no_other_command_comes_between_reading_and_writing(folder: Path, monkey
         thread.join()
 
     monkeypatch.setattr(trials_module, "trial_summary", after(trials_module.trial_summary, between))
-    monkeypatch.setattr(result_folder, "also_at", after(result_folder.also_at, between))
     assert run("dynamics", folder / "result", second_trial(folder)).exit_code == 0
     assert told
     assert all("is being written by another process" in line for line in told)

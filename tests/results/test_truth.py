@@ -9,15 +9,11 @@ from typing import Any
 import numpy as np
 import pandas as pd
 import pytest
-from matplotlib.lines import Line2D
 
 from gaitcal.dynamics.ground_reactions import leg_of
 from gaitcal.errors import InputError
-from gaitcal.figures.chart import INK, TRUTH_DASHES, Panel, line_style
-from gaitcal.figures.curves import TRUTH_WIDTH
-from gaitcal.figures.report import SheetRecording
 from gaitcal.io.csv import write_markers_csv
-from gaitcal.model.linkage import COORDINATES, SIDES
+from gaitcal.model.linkage import COORDINATES
 from gaitcal.model.parameters import IP_NAMES, JP_NAMES
 from gaitcal.page.page_data import calibration_page_data
 from gaitcal.results.calibration import json_text
@@ -30,7 +26,6 @@ from gaitcal.study.study import Study
 from gaitcal.study.study_trial import Role
 from gaitcal.study.truth import TrueCurves
 from gaitcal.synthetic.motion import WALK_NODES
-from tests.figures.told import charts, panel_figure, told
 from tests.kept import copied_person, kept_person
 from tests.page.walked_blocks import page_words
 
@@ -138,32 +133,6 @@ def test_the_page_draws_and_tells_it(known: Calibration) -> None:
     assert {("knee_angle", "r", "angle"), ("knee_adduction", "l", "moment")} <= drawn
 
 
-def drawn(panel: Panel, style: tuple[float, ...]) -> list[np.ndarray]:
-    """Heights of the black lines of these dashes in a panel."""
-    (axes,) = panel_figure(panel).axes
-    found = [line for line in axes.lines if line.get_color() == INK]
-    wanted = Line2D([], [], linestyle=line_style(style), linewidth=TRUTH_WIDTH)
-    return [np.asarray(line.get_ydata()) for line in found if line._dash_pattern == wanted._dash_pattern]
-
-
-def test_curves_of_the_truth_are_drawn_beside_the_fitted_ones(known: Calibration) -> None:
-    found, shown = charts(known), SheetRecording(told(known).page_data["trials"][-1]).layout
-    truth, mass = errors(known).of("gait"), known.model.subject.mass
-    for kind, curves, name, title, scale in (
-        ("angles", truth.coordinates, "knee_angle", "Knee flexion", 1.0),
-        ("moments", truth.forces, "knee_adduction", "Knee adduction", mass),
-    ):
-        (panel,) = (p for p in found[kind].panels if p.label.startswith(title))
-        for side in SIDES:
-            (line,) = drawn(panel, TRUTH_DASHES[side])
-            true = curves[f"{name}_{side}"].truth / scale
-            np.testing.assert_allclose(line, shown.lay(side, true)[1], atol=np.ptp(true[np.isfinite(true)]) / 60_000)
-    (axes,) = panel_figure(found["joint_parameters"].panels[0]).axes
-    rings = [line for line in axes.lines if line.get_markerfacecolor() == "none"]
-    changes = sorted(p.truth - p.nominal for p in errors(known).fitted("joint position"))
-    np.testing.assert_allclose(sorted(float(ring.get_xdata()[0]) for ring in rings), changes, atol=1e-12)
-
-
 def test_without_truth_nothing_of_it_is_there(known: Calibration, tmp_path: Path) -> None:
     unknown = replace(known, truth=None)
     page = page_words(unknown)
@@ -171,7 +140,6 @@ def test_without_truth_nothing_of_it_is_there(known: Calibration, tmp_path: Path
     assert "truth" not in summary(unknown)
     write_truth(unknown.truth, tmp_path)
     assert not list(tmp_path.iterdir())
-    assert not any("truth" in key.label for chart in charts(unknown).values() for key in chart.keys)
 
 
 def test_other_frames_are_not_compared(known: Calibration) -> None:

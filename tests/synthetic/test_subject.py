@@ -25,7 +25,7 @@ from gaitcal.session.tables import parameter_table
 from gaitcal.study.study import Study
 from gaitcal.synthetic.motion import NOISE_AMPLITUDE, NOISE_OMEGA, marker_noise, standing_pose, synthetic_markers
 from gaitcal.synthetic.subject import synthesize, synthetic_model
-from gaitcal.synthetic.truth import in_static_frames, inertial_parameters_in, joint_parameters_in, segment_frames
+from gaitcal.synthetic.truth import inertial_parameters_in, joint_parameters_in, segment_frames, static_frames
 from gaitcal.synthetic.walk import GAIT_CYCLE
 from tests.derivatives import perturbed_parameters
 from tests.kept import kept_calibration, kept_person
@@ -90,9 +90,11 @@ def test_truth_is_told_in_the_frames_of_the_static_trial(kept: Path) -> None:
     found = nominal_model(study.static.recording, study.marker_set, study.subject, hip_centre=HipCentre.BELL)
     nominal = found.parameters.joint
     model = synthetic_model(np.random.default_rng(0), perturb=False)
-    truth = in_static_frames(model, HipCentre.BELL).joint / JP_TO_SI
+    truth = static_frames(model, HipCentre.BELL).parameters.joint / JP_TO_SI
     told = pd.read_csv(file.parent / "truth.csv")["value"].to_numpy()[: len(JP_NAMES)]
-    np.testing.assert_allclose(told, in_static_frames(model, HipCentre(study.settings.hip_rule)).joint / JP_TO_SI)
+    np.testing.assert_allclose(
+        told, static_frames(model, HipCentre(study.settings.hip_rule)).parameters.joint / JP_TO_SI
+    )
     legs = slice(0, 54)
     # the published hip centre is printed as 88.0 mm for 87.955, the knee and ankle angles follow
     np.testing.assert_allclose(nominal[legs] / JP_TO_SI[legs], truth[legs], atol=0.1)

@@ -21,7 +21,7 @@ from gaitcal.model.parameters import JP_INDEX, JP_NAMES, JP_TO_SI, leg_parameter
 from gaitcal.model.segment_frames import HipCentre
 from gaitcal.study.study_trial import Role
 from gaitcal.synthetic.subject import synthetic_model, true_gait
-from gaitcal.synthetic.truth import _joint_lines, in_static_frames, segment_frames
+from gaitcal.synthetic.truth import _joint_lines, segment_frames, static_frames
 from scripts.validation import harness
 from scripts.validation.harness import results
 from scripts.validation.truth import check, made_up, people, report, skin
@@ -259,7 +259,7 @@ def test_the_truth_is_told_in_the_frames_of_the_calibration(kept: Path) -> None:
     )
     nominal = parameter_table(calibrate(study)).set_index("name")["nominal"]
     person = replace(published_model(static_only=True), parameters=true_gait(3)[0])
-    truth = dict(zip(JP_NAMES, in_static_frames(person, rule).joint / JP_TO_SI, strict=True))
+    truth = dict(zip(JP_NAMES, static_frames(person, rule).parameters.joint / JP_TO_SI, strict=True))
     # one hip joins two frames: its true place in the thigh, which begins at the nominal hip, is where it misses that
     for side in "rl":
         names = [f"hip_{side}.{{}}.{direction}" for direction in ("ant", "sup", "lat")]

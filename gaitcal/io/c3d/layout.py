@@ -15,13 +15,12 @@ without ANALOG:RATE or ANALOG:USED are then read askew, the analog values of one
 where the header accounts for the length of the file and the parameters do not, `read_samples` follows the header. The
 words of its first and last frame cannot count beyond 65535: where they, or FRAMES, stopped there or began again at
 zero, the number of frames is the one of TRIAL, LONG_FRAMES or further turns of the counter with which the data end
-where the file does. And ezc3d 1.7 writes parameters anew, and on the way drops groups without a name, changes types,
-loses the camera masks of integer files, and refuses files whose labels are fewer than their points (measured on
-`c3d_formats`); a `ParameterSection` gives every record that is not asked to change back byte for byte.
+where the file does. And its errors do not name the record of the parameters that is damaged (`find_damage`), nor does
+it tell which it writes otherwise than they were read: groups without a name, and types (`parameters_not_copied`).
 """
 
 import struct
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -186,11 +185,8 @@ def read_samples(path: Path, header: C3DHeader, parameters: Mapping[str, Mapping
 
 # ------------------------------------------------------------------------------------------------------ parameters
 
-MOST_BLOCKS = 255
-LONGEST_LIST = 255  # Dimensions are bytes: a longer list of text goes on in NAME2, NAME3, ...
-LONGEST_RECORD = 32767
-TEXT, INTEGER, FLOAT = -1, 2, 4
-_KINDS = {1: "<i1", INTEGER: "<i2", FLOAT: "<f4"}
+TEXT, FLOAT = -1, 4
+_KINDS = (TEXT, 1, 2, FLOAT)
 
 
 @dataclass(frozen=True)
@@ -200,141 +196,23 @@ class Record:
     group: int  # Number of the group, positive
     name: str
     content: bytes  # What follows the offset
-    is_group: bool = False
-    locked: bool = False
+    is_group: bool
 
 
-@dataclass(frozen=True)
-class ParameterSection:
-    """All records of a file, in their order."""
-
-    records: tuple[Record, ...]
-    processor: int  # 84 Intel, 85 DEC: how the file writes floats
-
-    def names(self, group: str) -> tuple[str, ...]:
-        """Names of the parameters of a group; none where there is no such group."""
-        number = self._number(group)
-        return tuple(r.name for r in self.records if r.group == number and not r.is_group)
-
-    def texts(self, group: str, name: str) -> list[str] | None:
-        """The entries of one parameter, trailing blanks taken off; None where there is none, or it is no text."""
-        kind, dims, data = self._parts(group, name)
-        if kind != TEXT:
-            return None
-        width = dims[0] if dims else 1
-        count = int(np.prod(dims[1:])) if len(dims) > 1 else 1
-        return [data[i * width : (i + 1) * width].decode("latin-1").rstrip(" \0") for i in range(count)]
-
-    def list_of(self, group: str, name: str) -> list[str]:
-        """The entries of a list of text with its continuations NAME2, NAME3, ..."""
-        entries: list[str] = []
-        for number in range(1, 100):
-            part = self.texts(group, name if number == 1 else f"{name}{number}")
-            if part is None:
-                break
-            entries += part
-        return entries
-
-    def numbers(self, group: str, name: str) -> Array | None:
-        """The numbers of one parameter, in its dimensions; None where there is none, or it is text."""
-        kind, dims, data = self._parts(group, name)
-        if kind not in _KINDS:
-            return None
-        decoded = decode_floats(data, self.processor) if kind == FLOAT else np.frombuffer(data, dtype=_KINDS[kind])
-        values = decoded.astype(np.float64)
-        return values.reshape(dims, order="F") if dims else values
-
-    def with_list(self, group: str, name: str, entries: Sequence[str], rows: int = 1) -> "ParameterSection":
-        """A list of text instead of the one that is there, continued in NAME2, ... where it is longer than 255.
-
-        `rows` is the second of three dimensions, of lists of pairs such as TYPE_GROUPS.
-        """
-        section, most = self, LONGEST_LIST * rows
-        parts = [list(entries[i : i + most]) for i in range(0, len(entries), most)] or [[]]
-        while self.texts(group, f"{name}{len(parts) + 1}") is not None:
-            parts.append([])  # a continuation that is needed no more
-        for number, part in enumerate(parts, start=1):
-            words = [entry.encode("latin-1", "replace") for entry in part]
-            width = min(255, max([1, *map(len, words)]))
-            data = b"".join(word[:width].ljust(width) for word in words)
-            dims = (width, len(words)) if rows == 1 else (width, rows, len(words) // rows)
-            section = section._with(group, name if number == 1 else f"{name}{number}", TEXT, dims, data)
-        return section
-
-    def with_numbers(self, group: str, name: str, values: Array, kind: int = FLOAT) -> "ParameterSection":
-        """Numbers (dimensions as those of `values`) instead of those that are there."""
-        flat = np.asarray(values).ravel(order="F")
-        data = encode_floats(flat, self.processor) if kind == FLOAT else flat.astype(_KINDS[kind]).tobytes()
-        return self._with(group, name, kind, np.asarray(values).shape, data)
-
-    def with_group(self, group: str, description: str = "") -> "ParameterSection":
-        """The section with a group of that name, which may be there already."""
-        if self._number(group) is not None:
-            return self
-        taken = {r.group for r in self.records}
-        number = next(n for n in range(1, 128) if n not in taken)
-        text = description.encode("latin-1", "replace")[:255]
-        return replace(self, records=(*self.records, Record(number, group, bytes([len(text)]) + text, is_group=True)))
-
-    def to_bytes(self) -> bytes:
-        """The section as whole blocks; ValueError where it is too long for the format."""
-        out = bytearray(4)
-        for record in self.records:
-            name = record.name.encode("latin-1")
-            if len(record.content) + 2 > LONGEST_RECORD:
-                raise ValueError(f"the parameter {record.name} is longer than {LONGEST_RECORD} bytes")
-            signed = -record.group if record.is_group else record.group
-            out += struct.pack("<bb", -len(name) if record.locked else len(name), signed)
-            out += name + struct.pack("<h", len(record.content) + 2) + record.content
-        out += bytes(2)
-        blocks = -(-len(out) // BLOCK)
-        if blocks > MOST_BLOCKS:
-            raise ValueError(f"its parameters need {blocks} blocks; {MOST_BLOCKS} are allowed")
-        out[:4] = bytes([1, 0x50, blocks, self.processor])
-        return bytes(out.ljust(blocks * BLOCK, b"\0"))
-
-    def _number(self, group: str) -> int | None:
-        return next((r.group for r in self.records if r.is_group and r.name.upper() == group.upper()), None)
-
-    def _place(self, group: str, name: str) -> int | None:
-        """Where the record of a parameter stands; None where there is none."""
-        number, upper = self._number(group), name.upper()
-        places = enumerate(self.records)
-        return next((i for i, r in places if r.group == number and not r.is_group and r.name.upper() == upper), None)
-
-    def _parts(self, group: str, name: str) -> tuple[int | None, tuple[int, ...], bytes]:
-        """Type, dimensions and data of a parameter; type None where there is none, or it is damaged."""
-        place = self._place(group, name)
-        if place is None:
-            return None, (), b""
-        content = self.records[place].content
-        kind, dims, start, end = _extent(content)
-        data = content[start:end]
-        return (kind, dims, data) if len(data) == end - start else (None, (), b"")
-
-    def _with(self, group: str, name: str, kind: int, dims: Sequence[int], data: bytes) -> "ParameterSection":
-        """A parameter in the place of the one of that name, whose description it keeps, or as the last of its group."""
-        number, place = self._number(group), self._place(group, name)
-        if number is None:
-            raise ValueError(f"no group {group}")
-        content = struct.pack("<bB", kind, len(dims)) + bytes(dims) + data
-        if place is None:
-            return replace(self, records=(*self.records, Record(number, name, content + b"\0")))
-        records = list(self.records)
-        description = records[place].content[_extent(records[place].content)[3] :] or b"\0"
-        records[place] = replace(records[place], content=content + description)
-        return replace(self, records=tuple(records))
-
-
-def _extent(content: bytes) -> tuple[int, tuple[int, ...], int, int]:
-    """Type and dimensions of a parameter, and where its data begin and end."""
+def _extent(content: bytes) -> tuple[int, tuple[int, ...], int]:
+    """Type and dimensions of a parameter, and where its data end."""
     kind, count = struct.unpack("<bB", content[:2])
     dims = tuple(content[2 : 2 + count])
-    return kind, dims, 2 + count, 2 + count + abs(kind) * int(np.prod(dims))
+    return kind, dims, 2 + count + abs(kind) * int(np.prod(dims))
 
 
-def parse_section(section: bytes) -> ParameterSection:
-    """The records of a parameter section, which begins with its four bytes; ValueError where it is damaged."""
+def parse_records(content: bytes) -> tuple[Record, ...]:
+    """Return the records of the parameter section of a C3D file, in their order.
+
+    Raises ValueError, IndexError or struct.error: They are damaged.
+    """
+    start = (content[0] - 1) * BLOCK
+    section = content[start : start + content[start + 2] * BLOCK]
     records: list[Record] = []
     at = 4
     while at + 1 < len(section) and section[at] != 0:
@@ -347,15 +225,15 @@ def parse_section(section: bytes) -> ParameterSection:
         if offset:
             end = at + offset
         else:  # some programs write that of the last record as 0
-            end = at + 2 if group < 0 else at + 2 + _extent(section[at + 2 :])[3]
+            end = at + 2 if group < 0 else at + 2 + _extent(section[at + 2 :])[2]
             end += 1 + section[end]
         if end > len(section) or end < at + 3:
             raise ValueError(f"{_named(name)} is damaged")
-        records.append(Record(abs(group), name, section[at + 2 : end], is_group=group < 0, locked=length < 0))
+        records.append(Record(abs(group), name, section[at + 2 : end], is_group=group < 0))
         if offset == 0:
             break
         at = end
-    return ParameterSection(tuple(records), section[3])
+    return tuple(records)
 
 
 def _named(name: str) -> str:
@@ -365,12 +243,10 @@ def _named(name: str) -> str:
 
 def find_damage(content: bytes) -> str:
     """Say what is wrong with the parameters of a C3D file; empty where every record of them can be read."""
-    at = (content[0] - 1) * BLOCK
     try:
-        section = parse_section(content[at : at + content[at + 2] * BLOCK])
-        for record in (record for record in section.records if not record.is_group):
-            kind, _, _, end = _extent(record.content)
-            if kind not in (TEXT, *_KINDS):
+        for record in (record for record in parse_records(content) if not record.is_group):
+            kind, _, end = _extent(record.content)
+            if kind not in _KINDS:
                 return f"{_named(record.name)} has the type {kind}; allowed are -1, 1, 2 and 4"
             if end > len(record.content):
                 return f"{_named(record.name)} is longer than its record"
@@ -379,18 +255,27 @@ def find_damage(content: bytes) -> str:
     return ""
 
 
-def decode_floats(data: bytes, processor: int) -> Array:
-    """(n,) float32 of an Intel or a DEC file: DEC's have their halves exchanged, and an exponent greater by two."""
-    if processor != DEC:
-        return np.frombuffer(data, dtype="<f4")
-    swapped = np.frombuffer(data, dtype="<u2").reshape(-1, 2)[:, ::-1]
-    return np.frombuffer(swapped.tobytes(), dtype="<f4") * np.float32(0.25)
+def parameters_not_copied(source: bytes, target: bytes) -> tuple[str, ...]:
+    """Names `GROUP:NAME` of the parameters of one C3D file that another does not have with the same type and values."""
+    old, new = _values(source), _values(target)
+    return tuple(name for name, value in old.items() if new.get(name.upper(), new.get(name)) != value)
 
 
-def encode_floats(values: Array, processor: int) -> bytes:
-    """Float32 numbers as an Intel or a DEC file holds them."""
-    single = np.ascontiguousarray(values, dtype="<f4")
-    if processor != DEC:
-        return single.tobytes()
-    halves = np.frombuffer((single * np.float32(4.0)).tobytes(), dtype="<u2").reshape(-1, 2)
-    return halves[:, ::-1].tobytes()
+def _values(content: bytes) -> dict[str, tuple[int, tuple[int, ...], list[bytes]]]:
+    """`GROUP:NAME` -> type, columns of a table of texts, and the texts without trailing blanks, or the numbers."""
+    records, out = parse_records(content), {}
+    is_dec = content[(content[0] - 1) * BLOCK + 3] == DEC
+    groups = {record.group: record.name for record in records if record.is_group}
+    for record in (record for record in records if not record.is_group):
+        kind, dims, end = _extent(record.content)
+        data = record.content[2 + len(dims) : end]
+        if kind == FLOAT and is_dec:
+            # the halves of a DEC float are exchanged, and its exponent is greater by two
+            halves = np.frombuffer(data, dtype="<u2").reshape(-1, 2)[:, ::-1].tobytes()
+            data = (np.frombuffer(halves, dtype="<f4") * np.float32(0.25)).tobytes()
+        width = dims[0] if kind == TEXT and dims else 0
+        values = [data[at : at + width].rstrip(b" \0") for at in range(0, len(data), width)] if width else [data]
+        table = dims[1:-1] if kind == TEXT else ()
+        name = f"{groups.get(record.group, record.group)}:{record.name}"
+        out[name] = kind, table, [value for value in values if value]
+    return out

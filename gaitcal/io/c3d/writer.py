@@ -3,14 +3,13 @@
 From a recording: Vicon's usual shape, millimetres, z up, type-2 plates. C3D keeps 32-bit floats, so markers come back
 to 1e-7 of their size, and wrenches likewise.
 
-As a copy: of a file of floats, every word of its points, residuals, camera masks and analog samples is copied as it
-stands. A file of integers becomes one of floats, as ours do not fit its steps: analog samples, residuals and camera
-masks keep their values exactly, coordinates are those integers times the file's scale, to the precision of a 32-bit
-float. Parameters that are not concerned are copied byte for byte.
+As a copy: read and written by ezc3d, with points, residuals and analog samples as numbers of 32 bits. A file of
+integers becomes one of floats. Which parameters are not those of the file any more, byte by byte, is returned.
 """
 
+import itertools
 import struct
-from collections.abc import Mapping, Sequence
+from collections.abc import Container, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from enum import Enum
 from pathlib import Path
@@ -30,7 +29,9 @@ Y_TO_Z_UP = Turn((0, 2, 1), (1, -1, 1))  # Our axes to the laboratory's: the inv
 CHANNEL_NAMES = ("Fx", "Fy", "Fz", "Mx", "My", "Mz")
 MARGIN_M = 0.1  # Around the points of a plate whose corners are unknown
 MOST_FRAMES = 65535  # First and last frame are 16-bit numbers
-MOST_LABELS = 255  # A list of names counts them in one byte; nobody wears more markers
+MOST_LABELS = 255  # A list of names counts them in one byte
+LONGEST_TEXT = 255  # Bytes
+INTEGER = 2  # Type of a parameter
 CLOCK_SAMPLES = 1e-3  # Departure, in samples, up to which times count as uniform
 
 
@@ -161,6 +162,17 @@ EVENT_WORDS = {
 }
 """Label, description and icon, as Vicon's programs have them."""
 MOST_EVENTS = 255
+POINTS = frozenset(
+    (
+        *(f"POINT:{name}" for name in ("USED", "LABELS", "DESCRIPTIONS", "DATA_START", "SCALE")),
+        *(f"POINT:{name}" for name in ("ANGLES", "MOMENTS", "POWERS", "FORCES", "MODELED_MARKERS")),
+    )
+)
+EVENTS = frozenset(
+    f"EVENT:{name}"
+    for name in (*("USED", "TIMES", "CONTEXTS", "LABELS"), *("DESCRIPTIONS", "SUBJECTS", "ICON_IDS", "GENERIC_FLAGS"))
+)
+"""Parameters that change where points and events are added."""
 
 
 class PointKind(Enum):
@@ -188,41 +200,58 @@ class C3DOriginal:
     """A C3D file that is to be supplemented, in its own axes and units."""
 
     path: Path
-    content: bytes
     header: layout.C3DHeader
-    section: layout.ParameterSection
-    frames: int
+    file: Any  # The `ezc3d.c3d` of it, its samples laid out as `read_c3d` has them
+
+    @property
+    def frames(self) -> int:
+        """How many frames it has."""
+        return int(self.file["data"]["points"].shape[2])
 
     @property
     def labels(self) -> tuple[str, ...]:
         """Names of its points, as far as they have names."""
-        return tuple(self.section.list_of("POINT", "LABELS")[: self.header.points])
+        return tuple(_list(self.file, "POINT", "LABELS")[: self.file["data"]["points"].shape[1]])
 
     def unit(self, name: str) -> str:
         """A POINT parameter that names a unit, such as `ANGLE_UNITS`; the empty string where it is missing."""
-        return next(iter(self.section.texts("POINT", name) or []), "")
+        return next(iter(_list(self.file, "POINT", name)), "")
 
     def places(self) -> Array:
-        """(nf, np, 3) of all points as they stand in the file, zeros where it has zeros."""
-        rows, own = _rows(self), 4 * self.header.points
-        if self.header.is_float:
-            values = layout.decode_floats(rows[:, :own].tobytes(), self.header.processor).astype(np.float64)
-        else:
-            values = _as_floats(rows, self)[:, :own]
-        return values.reshape(self.frames, self.header.points, 4)[:, :, :3]
+        """(nf, np, 3) of all points, NaN where they are missing."""
+        return np.asarray(self.file["data"]["points"][:3].transpose(2, 1, 0))
 
 
 @text_file.naming_file
 def c3d_original(path: Path, frames: int) -> C3DOriginal:
-    """The C3D file at `path`, of so many frames as its reader counts; InputError where it is damaged."""
+    """Open the C3D file at `path`, which `read_c3d` could read, of so many frames.
+
+    Raises InputError: It is damaged, or has another number of frames.
+    """
+    import ezc3d
+
     header = layout.check_c3d_header(path)
-    content = path.read_bytes()
-    at = (content[0] - 1) * layout.BLOCK
     try:
-        section = layout.parse_section(content[at : at + content[at + 2] * layout.BLOCK])
-    except (ValueError, IndexError, struct.error) as fault:
+        file = ezc3d.c3d(str(path))
+    except (RuntimeError, ValueError, IndexError) as fault:
         raise text_file.FileFault(f"damaged: {fault}", code=Code.DAMAGED_RECORDING) from None
-    return C3DOriginal(path=path, content=content, header=header, section=section, frames=frames)
+    points, analogs = file["data"]["points"], file["data"]["analogs"]
+    parameters = {
+        group: {name: entry["value"] for name, entry in entries.items() if name != "__METADATA__"}
+        for group, entries in file["parameters"].items()
+    }
+    whole = layout.layout_of_samples(header, parameters, points[:3], analogs[0])
+    if whole:
+        places, samples = layout.read_samples(path, whole, parameters)
+        file["data"]["points"] = points = np.concatenate([places, np.ones((1, *places.shape[1:]))])
+        file["data"]["analogs"] = samples[None]
+        file["data"]["meta_points"] = {
+            "residuals": np.where(np.isnan(places).any(axis=0), -1.0, 0.0)[None],
+            "camera_masks": np.zeros((7, *places.shape[1:]), dtype=bool),
+        }
+    if points.shape[2] != frames:
+        raise text_file.FileFault(f"it has {points.shape[2]} frames; {frames} were read", code=Code.DAMAGED_RECORDING)
+    return C3DOriginal(path=path, header=header, file=file)
 
 
 def supplement_c3d(
@@ -232,8 +261,8 @@ def supplement_c3d(
     events: Sequence[FootEvent] = (),
     group: tuple[str, Mapping[str, Sequence[str]]] | None = None,
     units: Mapping[str, str] | None = None,
-) -> None:
-    """Write a C3D file with `points` after its own, and `events` after its own.
+) -> tuple[str, ...]:
+    """Write a C3D file with `points` after those of the original, and `events` after its events.
 
     Parameters
     ----------
@@ -241,148 +270,187 @@ def supplement_c3d(
     group : a group of parameters of that name, each a list of text.
     units : POINT parameter -> unit, such as `ANGLE_UNITS`, where the file has none.
 
-    Raises InputError: The file cannot take them: its layout is damaged, or a limit of the format is met.
+    Returns
+    -------
+    What could not be copied as it was, besides what was asked for: parameters as `GROUP:NAME`.
+
+    Raises
+    ------
+    InputError
+        The file cannot take them: a limit of the format is met.
     """
-    header, content, labels = original.header, original.content, original.labels
-    at = (content[0] - 1) * layout.BLOCK
-    new = [point for point in points if point.name not in labels]
-    instead = {labels.index(point.name): point for point in points if point.name in labels}
+    file = c3d_original(original.path, original.frames).file
+    if "" in file["parameters"]:  # a record without a name ends the section
+        del file["parameters"][""]
+    if not file["data"]["rotations"].shape[2]:  # else an empty group of them is added
+        del file["data"]["rotations"]
     try:
-        section = _with_points(original.section, header.points, new, units or {})
-        told = section.list_of("POINT", "DESCRIPTIONS")
-        told = [instead[k].description if k in instead else text for k, text in enumerate(told)]
-        section = section.with_list("POINT", "DESCRIPTIONS", told) if instead else section
-        section = _with_events(section, events)
+        _add_points(file, points)
+        _complete_channels(file)
+        _add_events(file, events)
+        for name, unit in (units or {}).items():
+            if not original.unit(name):
+                _put(file, "POINT", name, [unit])
         if group is not None:
-            section = section.with_group(group[0], "what gaitcal added to this file")
             for name, texts in group[1].items():
-                section = section.with_list(group[0], name, texts)
-        start = at + len(section.to_bytes())
-        section = _with_count(section, "POINT", "DATA_START", start // layout.BLOCK + 1)
-        out = bytearray(content[:at]) + section.to_bytes()
-        out[2:4] = (header.points + len(new)).to_bytes(2, "little")
-        out[13 if header.processor == layout.DEC else 15] |= 0x80  # a negative scale: floats
-        out[16:18] = (start // layout.BLOCK + 1).to_bytes(2, "little")
-        out += _data(original, new, instead)
-    except (ValueError, OverflowError, IndexError, StopIteration, struct.error) as fault:
+                _put(file, group[0], name, list(texts))
+        with atomic.atomic_file(target) as part:
+            written = part.with_suffix(".c3d")
+            file.write(str(written))
+            is_restored = _restore_residuals(original, written, {point.name for point in points})
+            written.replace(part)
+    except (ValueError, RuntimeError, KeyError, IndexError, TypeError) as fault:
         message = f"cannot be given further points: {fault}"
         raise InputError(message, source=original.path, code=Code.NOT_WRITABLE) from None
-    target.write_bytes(bytes(out) + bytes(-len(out) % layout.BLOCK))
+    asked = {*POINTS, *(f"{group[0]}:{name}" for name in group[1])} if group else POINTS
+    asked = asked | EVENTS if events else asked
+    names = layout.parameters_not_copied(original.path.read_bytes(), target.read_bytes())
+    names = tuple(name for name in names if name.rstrip("23456789") not in asked)
+    names = names if is_restored else (*names, "residuals of points")
+    # ezc3d leaves out the descriptions of the first 255 points where there are more
+    described, asked_for = (
+        _list(f, "POINT", "DESCRIPTIONS") for f in (c3d_original(target, original.frames).file, file)
+    )
+    is_described = described == [text.rstrip() for text in asked_for]
+    return names if is_described else (*names, "POINT:DESCRIPTIONS")
 
 
-def _rows(original: C3DOriginal) -> Array:
-    """(frames, width) words of the file: four of each point, then the analog samples of the frame."""
-    header = original.header
-    width = 4 * header.points + header.analog_values
-    kind = np.dtype("<u4" if header.is_float else "<i2")
-    if header.start + original.frames * width * kind.itemsize > len(original.content):
-        message = f"ends before its {original.frames} frames do"
-        raise InputError(message, source=original.path, code=Code.DAMAGED_RECORDING)
-    return np.frombuffer(original.content, kind, original.frames * width, header.start).reshape(original.frames, width)
+def _restore_residuals(original: C3DOriginal, path: Path, replaced: Container[str]) -> bool:
+    """Give the points of the original the fourth word that they have there, and the header the scale of it.
+
+    That word holds the residual and the cameras of a point. ezc3d keeps 15 of its 16 bits, and writes -1 as the scale
+    into the header, whatever the parameters say. Returns whether they could be found: not among DEC floats.
+    """
+    header, frames, group = original.header, original.frames, original.file["parameters"]["POINT"]
+    scale = float(np.ravel(group["SCALE"]["value"])[0]) if "SCALE" in group else 1.0
+    with path.open("r+b") as stream:
+        stream.seek(12)
+        stream.write(struct.pack("<f", -abs(scale)))
+    if header.processor == layout.DEC and header.is_float:
+        return False
+    kind = np.dtype("<f4" if header.is_float else "<i2")
+    new = layout.check_c3d_header(path)
+    shapes = [(frames, h.frame_bytes // size) for h, size in ((header, kind.itemsize), (new, 4))]
+    theirs = np.memmap(original.path, kind, "r", header.start, shapes[0])
+    ours = np.memmap(path, "<f4", "r+", new.start, shapes[1])
+    places = [
+        4 * k + 3 for k, label in enumerate(_completed(list(original.labels), header.points)) if label not in replaced
+    ]
+    is_missing = original.file["data"]["meta_points"]["residuals"][0].T < 0
+    if not np.array_equal(theirs[:, 3 : 4 * header.points : 4] < 0, is_missing):
+        return False
+    ours[:, places] = theirs[:, places]
+    ours.flush()
+    return True
 
 
-def _data(original: C3DOriginal, points: Sequence[AddedPoint], instead: Mapping[int, AddedPoint]) -> bytes:
-    """All frames, each the file's own points, ours, and the analog samples; `instead`: of the file's own by number."""
-    header, frames, rows = original.header, original.frames, _rows(original)
-    own = 4 * header.points
-    if not header.is_float:
-        rows = _words(_as_floats(rows, original), header.processor)
-    every = [*points, *instead.values()]
-    added = np.zeros((frames, len(every), 4))
-    for number, point in enumerate(every):
+def _list(file: Any, group: str, name: str) -> list[str]:
+    """Return a list of text with its continuations NAME2, NAME3, ...; empty where there is none."""
+    entries = file["parameters"].get(group, {})
+    out: list[str] = []
+    for key in itertools.takewhile(entries.__contains__, _names(name)):
+        out += map(str, entries[key]["value"])
+    return out
+
+
+def _names(name: str) -> Iterator[str]:
+    """NAME, NAME2, NAME3, ..."""
+    return itertools.chain([name], (f"{name}{number}" for number in itertools.count(2)))
+
+
+def _put(file: Any, group: str, name: str, value: Any) -> None:
+    """Set a parameter, which keeps its description where it is there; a long list of text goes on in NAME2, ..."""
+    entries = file["parameters"].get(group, {})
+    if not isinstance(value, list):
+        parts: list[Any] = [value]
+    else:
+        texts = [text.encode()[:LONGEST_TEXT].decode(errors="ignore") for text in value]
+        parts = [texts[at : at + MOST_LABELS] for at in range(0, len(texts), MOST_LABELS)] or [[]]
+    for key, part in zip(_names(name), parts, strict=False):
+        if key not in entries:
+            integer = isinstance(part, np.ndarray) and part.dtype.kind == "i"
+            file.add_parameter(group, key, part.astype(float) if integer else part)
+            entries = file["parameters"][group]
+            if integer:
+                entries[key]["type"] = INTEGER
+        entries[key]["value"] = part
+
+
+def _completed(entries: list[str], count: int) -> list[str]:
+    """So many entries, the missing ones empty."""
+    return entries[:count] + [""] * (count - len(entries))
+
+
+def _add_points(file: Any, points: Sequence[AddedPoint]) -> None:
+    data, masks = file["data"], file["data"]["meta_points"]["camera_masks"]
+    values, residuals = data["points"], data["meta_points"]["residuals"]
+    count, frames = values.shape[1], values.shape[2]
+    labels = _completed(_list(file, "POINT", "LABELS"), count)
+    descriptions = _completed(_list(file, "POINT", "DESCRIPTIONS"), count)
+    more = [point.name for point in points if point.name not in labels]
+    labels += more
+    descriptions += [""] * len(more)
+    values = np.concatenate([values, np.ones((values.shape[0], len(more), frames))], axis=1)
+    residuals = np.concatenate([residuals, np.zeros((1, len(more), frames))], axis=1)
+    masks = np.concatenate([masks, np.zeros((7, len(more), frames), dtype=bool)], axis=1)
+    for point in points:
         if point.values.shape != (frames, 3):
             raise ValueError(f"{point.name} has values of shape {point.values.shape}")
-        known = np.asarray(np.isfinite(point.values).all(axis=1))
-        added[:, number, :3] = np.where(known[:, None], point.values, 0.0)
-        added[:, number, 3] = np.where(known, 0.0, -1.0)
-    ours = _words(added.reshape(frames, -1), header.processor)
-    theirs = rows[:, :own].copy()
-    for number, place in enumerate(instead, start=len(points)):
-        theirs[:, 4 * place : 4 * place + 4] = ours[:, 4 * number : 4 * number + 4]
-    return np.hstack([theirs, ours[:, : 4 * len(points)], rows[:, own:]]).tobytes()
-
-
-def _words(values: Array, processor: int) -> Array:
-    """Numbers as the 32-bit words of the file."""
-    return np.frombuffer(layout.encode_floats(values, processor), dtype="<u4").reshape(values.shape)
-
-
-def _as_floats(rows: Array, original: C3DOriginal) -> Array:
-    """(frames, width) the numbers that a file of integers means: coordinates scaled, all others as they are."""
-    own = 4 * original.header.points
-    scale = layout.decode_floats(original.content[12:16], original.header.processor)[0]
-    values = rows.astype(np.float64)
-    places = values[:, :own].reshape(len(rows), -1, 4)
-    places[:, :, :3] *= scale
-    if "UNSIGNED" in [word.upper() for word in original.section.texts("ANALOG", "FORMAT") or []]:
-        values[:, own:] = rows[:, own:].astype("<u2")
-    return np.asarray(values)
-
-
-def _with_points(
-    section: layout.ParameterSection, count: int, points: Sequence[AddedPoint], units: Mapping[str, str]
-) -> layout.ParameterSection:
-    names = [point.name for point in points]
-    for name, texts in (("LABELS", names), ("DESCRIPTIONS", [point.description for point in points])):
-        entries = section.list_of("POINT", name)[:count]
-        section = section.with_list("POINT", name, [*entries, *[""] * (count - len(entries)), *texts])
-    section = _with_count(section, "POINT", "USED", count + len(points))
-    scale = section.numbers("POINT", "SCALE")
-    if scale is not None:
-        section = section.with_numbers("POINT", "SCALE", -np.abs(scale))
-    pairs = section.texts("POINT", "TYPE_GROUPS") or []
+        place = labels.index(point.name)
+        values[:3, place] = point.values.T
+        residuals[0, place] = np.where(np.isfinite(point.values).all(axis=1), 0.0, -1.0)
+        masks[:, place] = False
+        descriptions[place] = point.description
+    data["points"], data["meta_points"] = values, {"residuals": residuals, "camera_masks": masks}
+    _put(file, "POINT", "LABELS", labels)
+    _put(file, "POINT", "DESCRIPTIONS", descriptions)
+    pairs = _list(file, "POINT", "TYPE_GROUPS")
     for kind in PointKind:
         lists, word = kind.value
-        ours = [point.name for point in points if point.kind is kind]
-        if ours:
-            section = section.with_list("POINT", lists, [*section.list_of("POINT", lists), *ours])
+        if new := [point.name for point in points if point.kind is kind and point.name in more]:
+            _put(file, "POINT", lists, [*_list(file, "POINT", lists), *new])
             pairs += [] if lists in pairs else [lists, word]
-    section = section.with_list("POINT", "TYPE_GROUPS", pairs, rows=2)
-    for name, unit in units.items():
-        if not section.texts("POINT", name):
-            section = section.with_list("POINT", name, [unit])
-    return section
+    if pairs and "TYPE_GROUPS" in file["parameters"]["POINT"]:
+        _put(file, "POINT", "TYPE_GROUPS", pairs)
 
 
-def _with_events(section: layout.ParameterSection, events: Sequence[FootEvent]) -> layout.ParameterSection:
-    """The file's own events, and after them those given."""
+def _complete_channels(file: Any) -> None:
+    """As many names, units and scales of channels as there are channels, which the writer asks for."""
+    count = file["data"]["analogs"].shape[1]
+    group = file["parameters"]["ANALOG"]
+    for name in ("LABELS", "DESCRIPTIONS", "UNITS"):
+        _put(file, "ANALOG", name, _completed(_list(file, "ANALOG", name), count))
+    scales = np.asarray(group["SCALE"]["value"], dtype=float).ravel()[:count] if "SCALE" in group else np.zeros(0)
+    _put(file, "ANALOG", "SCALE", np.concatenate([scales, np.ones(count - len(scales))]))
+
+
+def _add_events(file: Any, events: Sequence[FootEvent]) -> None:
+    """Write `events` after those of the file."""
     if not events:
-        return section
-    section = section.with_group("EVENT")
-    times = section.numbers("EVENT", "TIMES")
-    there = times.shape[1] if times is not None and times.ndim == 2 and times.shape[0] == 2 else 0
-    if times is not None and times.size and not there:
-        raise ValueError(f"EVENT:TIMES has the shape {times.shape}; (2, events) is needed")
-    total = there + len(events)
-    if total > MOST_EVENTS:
-        raise ValueError(f"it would have {total} events; {MOST_EVENTS} are allowed")
-    old = np.zeros((2, 0)) if times is None or not there else times
-    new = np.array([[e.time // 60.0 for e in events], [e.time % 60.0 for e in events]])
-    words = [EVENT_WORDS[e.moment] for e in events]
-    subject = next(iter(section.texts("EVENT", "SUBJECTS") or section.texts("SUBJECTS", "NAMES") or []), "")
+        return
+    entries = file["parameters"].get("EVENT", {})
+    times = np.asarray(entries["TIMES"]["value"], dtype=float) if "TIMES" in entries else np.zeros((2, 0))
+    if times.ndim != 2 or times.shape[0] != 2:
+        if times.size:
+            raise ValueError(f"EVENT:TIMES has the shape {times.shape}; (2, events) is needed")
+        times = np.zeros((2, 0))
+    there = times.shape[1]
+    if there + len(events) > MOST_EVENTS:
+        raise ValueError(f"it would have {there + len(events)} events; {MOST_EVENTS} are allowed")
+    words = [EVENT_WORDS[event.moment] for event in events]
+    subject = next(iter(_list(file, "EVENT", "SUBJECTS") or _list(file, "SUBJECTS", "NAMES")), "")
     columns = {
-        "CONTEXTS": [CONTEXTS[e.side] for e in events],
+        "CONTEXTS": [CONTEXTS[event.side] for event in events],
         "LABELS": [label for label, _, _ in words],
         "DESCRIPTIONS": [text for _, text, _ in words],
         "SUBJECTS": [subject] * len(events),
     }
+    new = np.array([[event.time // 60.0 for event in events], [event.time % 60.0 for event in events]])
+    _put(file, "EVENT", "TIMES", np.hstack([times, new]))
     for name, texts in columns.items():
-        entries = section.list_of("EVENT", name)[:there]
-        section = section.with_list("EVENT", name, [*entries, *[""] * (there - len(entries)), *texts])
-    for name, kind, values in (
-        ("ICON_IDS", layout.INTEGER, [icon for _, _, icon in words]),
-        ("GENERIC_FLAGS", 1, None),
-    ):
-        flags = section.numbers("EVENT", name)
-        known = np.zeros(0) if flags is None else flags.ravel()[:there]
-        filled = np.concatenate([known, np.zeros(there - len(known)), values or np.zeros(len(events))])
-        section = section.with_numbers("EVENT", name, filled, kind)
-    section = section.with_numbers("EVENT", "TIMES", np.hstack([old, new]))
-    return _with_count(section, "EVENT", "USED", total)
-
-
-def _with_count(section: layout.ParameterSection, group: str, name: str, value: int) -> layout.ParameterSection:
-    """A whole number, in the dimensions of the one that is there."""
-    old = section.numbers(group, name)
-    shape = old.shape if old is not None and old.size == 1 else (1,)
-    return section.with_numbers(group, name, np.full(shape, value), layout.INTEGER)
+        _put(file, "EVENT", name, _completed(_list(file, "EVENT", name), there) + texts)
+    for name, numbers in (("ICON_IDS", [icon for _, _, icon in words]), ("GENERIC_FLAGS", [0] * len(events))):
+        known = np.asarray(entries[name]["value"]).ravel()[:there] if name in entries else np.zeros(0, dtype=int)
+        flags = np.concatenate([known, np.zeros(there - len(known)), numbers]).astype(int)
+        _put(file, "EVENT", name, flags)
+    _put(file, "EVENT", "USED", np.array([there + len(events)]))
