@@ -29,6 +29,7 @@ class FurtherTrials(Displayed):
     """Trials that were taken through the model of a result."""
 
     trials: tuple[TrialResult, ...]
+    """In the order in which they were given."""
     verdict: Verdict
     """How far each of them can be believed, and why."""
     not_converged: tuple[str, ...]
