@@ -351,19 +351,19 @@ def observed_deformations(trials: Sequence[MotionProblem]) -> dict[Cluster, Obse
     for problem in trials:
         for group in problem.tissue.groups if problem.tissue else ():
             information, right = _deformation(problem, group)
-            if information.any():
-                which = group.carrier, tuple(problem.labels[group.markers])
-                of_trial = ObservedDeformation(
-                    names=group.names,
-                    information=information,
-                    right=right,
-                    expected=group.expected.reshape(len(group.names), -1),
-                    covariance=group.by_marker,
-                    rigid_covariance=group.covariance,
-                    pattern=group.pattern,
-                )
-                out[which] = _summed(out[which], of_trial) if which in out else of_trial
-    return out
+            which = group.carrier, tuple(problem.labels[group.markers])
+            of_trial = ObservedDeformation(
+                names=group.names,
+                information=information,
+                right=right,
+                expected=group.expected.reshape(len(group.names), -1),
+                covariance=group.by_marker,
+                rigid_covariance=group.covariance,
+                pattern=group.pattern,
+            )
+            out[which] = _summed(out[which], of_trial) if which in out else of_trial
+    # a trial that shows nothing has its regressors here, as others may show how the same markers deform
+    return {which: observed for which, observed in out.items() if observed.information.any()}
 
 
 def _summed(one: ObservedDeformation, other: ObservedDeformation) -> ObservedDeformation:
