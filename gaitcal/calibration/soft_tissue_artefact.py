@@ -308,6 +308,9 @@ def soft_tissue_scale(trials: Sequence[MotionProblem], *, possibly_still: bool =
     """
     plain, bent = list[_Deformation](), list[_Deformation]()
     for observed in observed_deformations(trials).values():
+        # one distance does not tell the skin of a person from a wand that swings
+        if observed.markers < FEWEST_MARKERS:
+            continue
         root, count = block_diag(*map(np.linalg.cholesky, observed.covariance)), len(observed.names)
         information, right = root.T @ observed.information @ root, root.T @ observed.right
         mean = np.linalg.solve(root, observed.expected.ravel())
@@ -343,6 +346,12 @@ class ObservedDeformation:
     covariance: Array  # (nr, 3 nm, 3 nm) m^2 about that, at s = 1
     rigid_covariance: Array  # (nr, 6, 6) m^2, m rad, rad^2 of the rigid part of that
     pattern: Array  # (nm, 3, 6) B
+
+    @property
+    def markers(self) -> int:
+        """How many of them show anything."""
+        shown = np.diag(self.information).reshape(len(self.names), -1, 3) > 0
+        return int(shown.any(axis=(0, 2)).sum())
 
 
 def observed_deformations(trials: Sequence[MotionProblem]) -> dict[Cluster, ObservedDeformation]:
