@@ -496,3 +496,14 @@ def test_a_trial_that_shows_no_deformation_has_its_regressors_in_that_of_others(
     prior = tissue_prior([shown, blind], {KIND: scale}, {which: two})
     assert len(prior.keys) == len(two.mean)
     np.testing.assert_allclose(prior.covariance, two.covariance, atol=1e-15)
+
+
+def test_pairs_say_nothing_of_how_soft_a_person_is() -> None:
+    problem, _ = deformed(deformation_of(3)[0])
+    (group,) = problem.tissue.groups if problem.tissue else ()
+    weight = problem.data.weight.copy()
+    weight[group.markers.start + 2 : group.markers.stop] = 0.0
+    pair = problem.with_weight(weight)
+    assert [observed.markers for observed in observed_deformations([pair]).values()] == [2]
+    assert soft_tissue_scale([pair]) == soft_tissue_scale([])
+    assert soft_tissue_scale([problem]) != soft_tissue_scale([])
