@@ -308,6 +308,9 @@ def soft_tissue_scale(trials: Sequence[MotionProblem], *, possibly_still: bool =
     """
     plain, bent = list[_Deformation](), list[_Deformation]()
     for observed in observed_deformations(trials).values():
+        # one distance does not tell the skin of a person from a wand that swings
+        if observed.markers < FEWEST_MARKERS:
+            continue
         root, count = block_diag(*map(np.linalg.cholesky, observed.covariance)), len(observed.names)
         information, right = root.T @ observed.information @ root, root.T @ observed.right
         mean = np.linalg.solve(root, observed.expected.ravel())
@@ -344,6 +347,12 @@ class ObservedDeformation:
     rigid_covariance: Array  # (nr, 6, 6) m^2, m rad, rad^2 of the rigid part of that
     pattern: Array  # (nm, 3, 6) B
 
+    @property
+    def markers(self) -> int:
+        """How many of them show anything."""
+        shown = np.diag(self.information).reshape(len(self.names), -1, 3) > 0
+        return int(shown.any(axis=(0, 2)).sum())
+
 
 def observed_deformations(trials: Sequence[MotionProblem]) -> dict[Cluster, ObservedDeformation]:
     """Sum up over trials of what their markers show; clusters that show nothing are left out."""
@@ -351,19 +360,19 @@ def observed_deformations(trials: Sequence[MotionProblem]) -> dict[Cluster, Obse
     for problem in trials:
         for group in problem.tissue.groups if problem.tissue else ():
             information, right = _deformation(problem, group)
-            if information.any():
-                which = group.carrier, tuple(problem.labels[group.markers])
-                of_trial = ObservedDeformation(
-                    names=group.names,
-                    information=information,
-                    right=right,
-                    expected=group.expected.reshape(len(group.names), -1),
-                    covariance=group.by_marker,
-                    rigid_covariance=group.covariance,
-                    pattern=group.pattern,
-                )
-                out[which] = _summed(out[which], of_trial) if which in out else of_trial
-    return out
+            which = group.carrier, tuple(problem.labels[group.markers])
+            of_trial = ObservedDeformation(
+                names=group.names,
+                information=information,
+                right=right,
+                expected=group.expected.reshape(len(group.names), -1),
+                covariance=group.by_marker,
+                rigid_covariance=group.covariance,
+                pattern=group.pattern,
+            )
+            out[which] = _summed(out[which], of_trial) if which in out else of_trial
+    # a trial that shows nothing has its regressors here, as others may show how the same markers deform
+    return {which: observed for which, observed in out.items() if observed.information.any()}
 
 
 def _summed(one: ObservedDeformation, other: ObservedDeformation) -> ObservedDeformation:

@@ -464,3 +464,46 @@ def test_pinned_markers_do_not_move() -> None:
     assert both is not None and one is not None
     assert [g.carrier for g in both.groups] == ["thigh_r", "shank_r"]
     assert [g.carrier for g in one.groups] == ["shank_r"]
+
+
+def test_a_trial_that_shows_no_deformation_has_its_regressors_in_that_of_others() -> None:
+    """Two trials of the same markers, one of which sees a single marker of them and an angle more."""
+    shown, _ = deformed(deformation_of(3)[0])
+    assert shown.tissue is not None
+    (group,) = shown.tissue.groups
+    weight = shown.data.weight.copy()
+    weight[group.markers.start + 1 : group.markers.stop] = 0.0
+    more = replace(
+        group,
+        names=(*group.names, f"{KIND}/hip_flexion_r"),
+        regressors=np.vstack([group.regressors, np.ones(40)]),
+        expected=np.concatenate([group.expected, 0.0 * group.expected]),
+        covariance=np.concatenate([group.covariance, group.covariance]),
+        by_marker=np.concatenate([group.by_marker, group.by_marker]),
+    )
+    blind = replace(shown.with_weight(weight), name="blind", tissue=SoftTissue((more,)))
+    assert not observed_deformations([blind])
+    (alone,), (both,) = (observed_deformations(trials).values() for trials in ([shown], [shown, blind]))
+    assert both.names == more.names
+    count = len(alone.right)
+    np.testing.assert_array_equal(both.information[:count, :count], alone.information)
+    assert not both.information[count:].any()
+    scale = SoftTissueScale(1.0, 0.0, 1.0, 1.0)
+    one, two = cluster_tissue(alone, scale), cluster_tissue(both, scale)
+    np.testing.assert_allclose(two.deformation[0], one.deformation[0], atol=1e-12)
+    assert not two.deformation[1].any()
+    which = KIND, ("thigh_r", tuple(shown.labels[group.markers]))
+    prior = tissue_prior([shown, blind], {KIND: scale}, {which: two})
+    assert len(prior.keys) == len(two.mean)
+    np.testing.assert_allclose(prior.covariance, two.covariance, atol=1e-15)
+
+
+def test_pairs_say_nothing_of_how_soft_a_person_is() -> None:
+    problem, _ = deformed(deformation_of(3)[0])
+    (group,) = problem.tissue.groups if problem.tissue else ()
+    weight = problem.data.weight.copy()
+    weight[group.markers.start + 2 : group.markers.stop] = 0.0
+    pair = problem.with_weight(weight)
+    assert [observed.markers for observed in observed_deformations([pair]).values()] == [2]
+    assert soft_tissue_scale([pair]) == soft_tissue_scale([])
+    assert soft_tissue_scale([problem]) != soft_tissue_scale([])

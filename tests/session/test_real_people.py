@@ -26,7 +26,7 @@ def test_subject01_fits_its_walk(data_dir: Path, kept: Path) -> None:
         MM * (e.rms(*LOWER_BODY) or 0) for e in (walk.nominal.errors, walk.calibrated.errors, walk.floor)
     )
     assert int(walk.calibrated.errors.kept(*LOWER_BODY).sum()) == 25  # of 27 the toe tips have no weight
-    assert floor == pytest.approx(2.5, abs=0.1)
+    assert floor == pytest.approx(2.3, abs=0.1)
     assert floor < (walk.joint_floor_mm(*LOWER_BODY) or 0) < fitted < 5.6 < nominal < 12.0
 
 
@@ -90,10 +90,10 @@ def test_uf3_isolated_trials_come_near_their_floor(data_dir: Path, kept: Path) -
         nominal, fitted, floor = (e.rms() or 0.0 for e in (trial.nominal.errors, trial.calibrated.errors, trial.floor))
         assert fitted < nominal
         if trial.joint:
-            # 1.46 as measured: joints are where skin that moves is counted, motions are tracked as if it did not
-            assert floor < fitted < 1.5 * 1e-3 * (trial.joint_floor_mm() or 0.0), trial.name
+            # 2.62 at most as measured; with the deformation that other people's skin has it was 3.73
+            assert floor < 1e-3 * (trial.joint_floor_mm() or 0.0) < fitted < 2.7e-3, trial.name
     knee = calibration.trial("knee_r").floor.rms() or 0.0
-    assert MM * knee == pytest.approx(2.0, abs=0.1)
+    assert MM * knee == pytest.approx(1.4, abs=0.1)
     gait = calibration.trial("gait")  # legs and pelvis over what each joint by itself reaches: 1.83 as measured
     assert MM * gait.calibrated.errors.rms(*LOWER_BODY) / gait.joint_floor_mm(*LOWER_BODY) < 1.9
 
