@@ -18,20 +18,20 @@ from zipfile import BadZipFile
 
 import numpy as np
 import pandas as pd
+from joblib import Parallel, delayed
 
 from gaitcal.arrays import Array, BoolArray
-from gaitcal.calibration.inertial_calibration import LoadedMotion, equations_of, fit_published
 from gaitcal.errors import Code, InputError, nearest
 from gaitcal.io.snapshot import Snapshot, read_whole, require_person
 from gaitcal.model.linkage import COORDINATES, LOWER_BODY
 from gaitcal.model.marker_set import load_marker_set
 from gaitcal.model.model_file import load_model
 from gaitcal.model.nominal import published_model
-from gaitcal.model.parameters import Parameters, is_physical, symmetric_set
+from gaitcal.model.parameters import Parameters
 from gaitcal.model.subject_model import MarkerPlacement, Subject
 from gaitcal.motion.spline import spline_basis
-from gaitcal.published import protocol, recovery
-from gaitcal.published.tables import RESIDUALS, SCALES, TableRow
+from gaitcal.published import protocol
+from gaitcal.published.tables import RESIDUALS, TableRow
 from gaitcal.runtime import Progress, silent, with_one_blas_thread
 from gaitcal.session.calibrate import calibrate
 from gaitcal.session.result import Calibration, Loads, Stage, TrialResult
@@ -252,20 +252,23 @@ _PEOPLE = {
 }
 
 
-def people_rows(data: Path, progress: Progress = silent) -> list[TableRow]:
-    """Rows for the people whose recordings are in the folder."""
-    rows: list[TableRow] = []
-    for name, person in _PEOPLE.items():
-        if (data / name).is_dir():
-            progress(f"{name}: calibration")
-            calibration = calibrate(_study(data / name, person))
-            rows += _marker_rows(name, calibration)
-            if any(trial.forces for trial in person.trials):
-                rows += _scale_rows(name, calibration)
-                progress(f"{name}: third step")
-                calibration = calibrate(_study(data / name, person, joint_step=True))
-            rows += _residual_rows(name, calibration)
-    return rows
+def people_rows(data: Path, jobs: int = -1, progress: Progress = silent) -> list[TableRow]:
+    """Rows for the people whose recordings are in the folder, each person in a process."""
+    names = [name for name in _PEOPLE if (data / name).is_dir()]
+    for name in names:
+        progress(f"{name}: calibration and third step")
+    found = Parallel(n_jobs=jobs)(delayed(_person_rows)(name, data / name) for name in names)
+    return [row for rows in found for row in rows]
+
+
+@with_one_blas_thread
+def _person_rows(name: str, folder: Path) -> list[TableRow]:
+    person = _PEOPLE[name]
+    calibration = calibrate(_study(folder, person))
+    rows = list(_marker_rows(name, calibration))
+    if any(trial.forces for trial in person.trials):
+        calibration = calibrate(_study(folder, person, joint_step=True))
+    return [*rows, *_residual_rows(name, calibration)]
 
 
 def _study(folder: Path, person: _Person, **settings: object) -> Study:
@@ -313,18 +316,3 @@ def _residual_rows(name: str, calibration: Calibration) -> Iterator[TableRow]:
 def _loaded(calibration: Calibration) -> list[tuple[TrialResult, Loads]]:
     """Trials with a frame whose ground reactions are valid."""
     return [(t, t.loads) for t in calibration.trials if t.loads is not None and t.loads.reactions.valid.any()]
-
-
-def _scale_rows(name: str, calibration: Calibration) -> Iterator[TableRow]:
-    """The published cost with each normalisation, with the joints and motions of phase 1."""
-    nominal, motions = calibration.nominal, []
-    for trial, loads in _loaded(calibration):
-        motions.append(LoadedMotion.of(trial.body, loads.reactions))
-    for scale, (_, divisor) in SCALES.items() if motions else ():
-        parameters, width = calibration.model.parameters, recovery.pelvis_width(nominal)
-        equations = equations_of(motions, parameters, nominal.subject, scale, width)
-        fit = fit_published(equations, nominal.parameters.inertial, symmetric_set())
-        possible = "" if is_physical(fit.inertial).all() else "some bodies could not exist"
-        for (column, unit, _), value in zip(RESIDUALS, (fit.rms_force, fit.rms_moment), strict=True):
-            cell = TableRow("discussion", f"{name}, torque divided by {divisor}", column, unit)
-            yield cell.filled(None, value, NOTE, possible, "published cost")

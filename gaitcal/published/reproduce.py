@@ -74,7 +74,7 @@ def reproduce(
     ]
     lap("tables")
     if settings.data is not None:
-        rows += case.people_rows(settings.data, progress)
+        rows += case.people_rows(settings.data, settings.jobs, progress)
         lap("real people")
     disturbances = None
     if settings.draws:

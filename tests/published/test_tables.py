@@ -229,7 +229,7 @@ def test_command_refuses_a_foreign_folder_and_data_that_are_not_there_before_it_
 @pytest.mark.slow
 def test_subject01_and_uf3(data_dir: Path) -> None:
     said: list[str] = []
-    rows = people_rows(data_dir, said.append)
+    rows = people_rows(data_dir, 1, said.append)
     assert all(r.published is None and r.ours is not None and "another person" in r.note for r in rows)
     ours = {(r.table, r.row, r.column): r.ours or 0.0 for r in rows}
     for joint in ("hip", "knee", "ankle"):
@@ -238,10 +238,6 @@ def test_subject01_and_uf3(data_dir: Path) -> None:
         assert 0.0 < after < before
     joints, loads = (ours["III", f"subject01, {words}", "residual force RMS"] for words in ("phase 1", "third step"))
     assert loads < 0.6 * joints
-    height, mm = (
-        ours["discussion", f"subject01, torque divided by {w}", "residual torque RMS"] for w in ("BW*H", "BW*1 mm")
-    )
-    assert mm < height
     assert any("third step" in line for line in said)
 
 
