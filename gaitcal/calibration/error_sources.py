@@ -224,7 +224,7 @@ def source_of(name: str) -> ErrorSource:
     if first == "nominal" and rest in JP_INDEX:
         return ErrorSource.JOINT_NOMINAL
     parts = {part.removesuffix(soft_tissue_artefact.SQUARES) for part in rest.split("/")}
-    if first == "skin" and not parts.isdisjoint(COORDINATES):
+    if first == "skin" and (rest == "found" or not parts.isdisjoint(COORDINATES)):
         return ErrorSource.SKIN
     if first == "posture" and rest.rpartition("/")[2].isdigit():
         return ErrorSource.POSTURE

@@ -320,13 +320,25 @@ def calibrate_by_evidence(
             )
             plan = replace(_phase("joint parameters of the legs", legs, ()), free=free).with_tissue(soft)
             found = fit_phase(plan, nominal, how)
-            done.append(replace(found, notes=_tissue_notes(soft.scales, found.estimate)))
+            errors = _with_untracked_tissue(found)
+            done.append(replace(found, errors=errors, notes=_tissue_notes(soft.scales, found.estimate)))
             tissue = soft.of_bodies({t.name: t.body for t in legs}, plan.tissue.keys)
             artefact = soft.found(found.estimate.keys, found.estimate.tissue)
     done += upper.result()
     known = nominal_errors(prior=prior)
     calibration = _calibration_of(done, nominal, prior, bounds, known, [t.fitted for t in legs])
     return replace(calibration, tissue=tissue, artefact=artefact)
+
+
+def _with_untracked_tissue(phase: FittedPhase) -> ErrorSources:
+    """Add the soft tissue with which motions are not tracked to their errors, all of what was found."""
+    estimate, errors = phase.estimate, phase.errors
+    if not estimate.keys:
+        return errors
+    tracked = [soft_tissue_artefact.is_from_bones(key) for key in estimate.keys]
+    column = np.zeros((len(errors.free), 1))
+    column[len(estimate.free) : len(estimate.free) + len(tracked), 0] = np.where(tracked, 0.0, estimate.tissue)
+    return ErrorSources(errors.free, np.hstack([errors.parameters, column]), (*errors.clusters, "skin/found"))
 
 
 def _tissue_notes(

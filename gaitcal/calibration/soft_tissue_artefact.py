@@ -605,9 +605,21 @@ def secondary_prior(trials: Sequence[MotionProblem]) -> TissuePrior:
     return TissuePrior(keys, np.diag(np.square(sizes)), np.zeros(len(keys)))
 
 
+def is_from_bones(key: str) -> bool:
+    """Tell whether a column is of skin that tracked bones show, `kind/regressor/segment/component`.
+
+    Secondary motions of a knee, `kind/regressor/^2/motion`, are none.
+    """
+    return key.partition("/")[2].startswith(FROM_BONES) and "/^" not in key
+
+
 @dataclass(frozen=True)
 class FoundTissue:
-    """The artefact that a calibration found."""
+    """The artefact that a calibration found, by columns that tracked bones show: motions are tracked with it.
+
+    Of others, the pelvis' first, nothing is expected, and markers hardly show them: what a fit found of them is
+    an error of the motions.
+    """
 
     values: Mapping[str, float] = field(default_factory=dict)
     """Column -> m, rad, about what is expected."""
@@ -694,7 +706,8 @@ class TaskTissue:
     def found(self, keys: Sequence[str], values: Array) -> FoundTissue:
         """What a fit of the columns `keys` found, (nz,) m and rad."""
         softness = {kind: scale.mean for kind, scale in self.scales.items()}
-        return FoundTissue(dict(zip(keys, values.tolist(), strict=True)), softness)
+        found = dict(zip(keys, values.tolist(), strict=True))
+        return FoundTissue({key: value for key, value in found.items() if is_from_bones(key)}, softness)
 
 
 def task_tissue(

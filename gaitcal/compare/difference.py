@@ -294,7 +294,7 @@ def _others(d: Difference, beyond: Sequence[Difference]) -> str:
 
 
 PLACED = 0.006  # m, of a landmark along each axis
-NOMINAL, SKIN = "nominal/", "skin/"
+NOMINAL, SKIN, FOUND = "nominal/", "skin/", "skin/found"
 """How columns of an `ErrorSources` begin, and the skin's one that moves no joint."""
 
 
@@ -367,7 +367,7 @@ def difference_variance(
     out = ((nominal[1] - nominal[0]) ** 2).sum(axis=1) + (0.0 if shared else 2.0 * placement(names) ** 2)
     for column in dict.fromkeys((*of_a, *of_b)):
         one, other = of_a.get(column), of_b.get(column)
-        if shared and column.startswith(SKIN) and one is not None and other is not None:
+        if shared and column.startswith(SKIN) and column != FOUND and one is not None and other is not None:
             out = out + (other - one) ** 2
         else:
             out = out + sum(c**2 for c in (one, other) if c is not None)
