@@ -54,6 +54,8 @@ def calibrate_study(
     where the study file names none.
     """
     normal = None if normal is None else normal_bands.bands_file(normal)
+    if normal is not None:
+        normal_bands.read_normal_bands(normal)  # a wrong file ends the command before recordings are read
     source = study_or_draft(study, options_of(mass, height, sex, age), console)
     if isinstance(source, Path) and priors is not None and load_study_file(source).calibration.priors is not None:
         raise UsageError(f"not beside the priors that {source} names ([calibration] priors)", field="--priors")

@@ -135,7 +135,7 @@ class MarkerSet(Displayed):
         rows = [
             ("description", self.description),
             ("landmarks", f"{len(self.landmarks)}, of {len(self.labels)} markers"),
-            ("tracked markers", shorten(followed, len(followed))),
+            ("tracked markers", shorten(followed, 7)),
         ]
         if self.weights:
             rows.append(("weights below 1", shorten(list(self.weights))))

@@ -17,7 +17,7 @@ from gaitcal.io.result_folder import ResultKind, require_room
 from gaitcal.pipeline.run_study import FaultyStudyError
 from gaitcal.results.saved import SavedResult, load_result
 from gaitcal.results.trials import write_trials
-from gaitcal.runtime import Progress, silent
+from gaitcal.runtime import Progress, silent, with_one_blas_thread
 from gaitcal.session import trial_result
 from gaitcal.session.result import TrialResult
 from gaitcal.study.study_file import Side, TrialTable
@@ -41,6 +41,7 @@ class FurtherTrials(Displayed):
         return "Further trials", rows
 
 
+@with_one_blas_thread
 def analyse_trial(
     result: Path | str,
     recording: Path | str,

@@ -16,7 +16,7 @@ from gaitcal.faults.verdict import stopping
 from gaitcal.gait import normal_bands
 from gaitcal.io.result_folder import ResultKind, require_room, sha256_of
 from gaitcal.results.calibration import write_results
-from gaitcal.runtime import Progress, silent
+from gaitcal.runtime import Progress, silent, with_one_blas_thread
 from gaitcal.session import draft as drafts
 from gaitcal.session import drafting
 from gaitcal.session.calibrate import calibrate
@@ -108,6 +108,7 @@ def require_runnable(draft: Draft, source: Path) -> None:
         raise InputError(message, source=source, code=Code.WHO_IT_IS)
 
 
+@with_one_blas_thread
 def run_study(
     source: Path | str,
     out: Path | str,

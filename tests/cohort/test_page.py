@@ -203,7 +203,6 @@ def test_lines_name_people_without_a_session(tmp_path: Path, capsys: pytest.Capt
         ("export", "COHORT"),
         ("export", "COHORT", "--format", "cycles"),
         ("figures", "COHORT"),
-        ("figures", "COHORT", "--for", "paper"),
         ("montecarlo", "COHORT"),
     ],
 )
