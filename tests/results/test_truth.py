@@ -32,8 +32,8 @@ from tests.page.walked_blocks import page_words
 pytestmark = pytest.mark.slow
 
 SAME_ANGLE, SAME_PLACE = 0.05, 0.4
-"""deg, mm: a C3D's 32-bit millimetres, and priors that pull, as noise is never taken for zero; the documented 0.02 deg of
-leg angles are RMS."""
+"""deg, mm: a C3D's 32-bit millimetres, and priors that pull, as noise is never taken for zero; the documented 0.02 deg
+of leg angles are RMS."""
 SAME_ANKLE = 0.06
 """deg, of a walk alone: what an ankle does and what skin over the shank does with it are nearly one."""
 SAME_TORQUE = 1.0
