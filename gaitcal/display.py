@@ -35,4 +35,4 @@ def shorten(names: Sequence[str], most: int = 6) -> str:
 
 def describe_time(frames: int, rate: float, duration: float) -> str:
     """Describe a recording's extent: frames, frames per second and seconds."""
-    return f"{frames} frames, {rate:.4g} Hz, {duration:.2f} s" if frames > 1 else f"{frames} frame"
+    return f"{frames} frames, {rate:.4g} Hz, {duration:.2f} s" if frames > 1 else f"{frames} frame{'s' * (frames != 1)}"

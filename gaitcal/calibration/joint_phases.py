@@ -65,7 +65,9 @@ class JointProblem:
     @property
     def kind(self) -> str:
         """Of task; an activity has none of a walk's or a joint's, whatever its trial is called."""
-        return self.joint or (f"activity {self.activity}" if self.activity else soft_tissue_artefact.GAIT)
+        return self.joint or (
+            f"{soft_tissue_artefact.ACTIVITY}{self.activity}" if self.activity else soft_tissue_artefact.GAIT
+        )
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -108,7 +108,7 @@ SCALES = np.geomspace(0.005, 4.0, 41)  # Values of s looked at
 SQUARES = "^2"  # Ends the name of a regressor psi^2
 FROM_BONES = "knee_angle"
 """Begins the names of coordinates by which tracked bones tell how thigh and shank are moved."""
-GAIT = "gait"
+GAIT, ACTIVITY = "gait", "activity "
 """Kind of task of a walk; that of isolated trials has their joint's name, that of any other activity its own."""
 LEAST_SQUARES = 0.01
 """E[s^2] below which columns of squares would move next to nothing: markers by a tenth of what people show."""
@@ -608,9 +608,11 @@ def secondary_prior(trials: Sequence[MotionProblem]) -> TissuePrior:
 def is_from_bones(key: str) -> bool:
     """Tell whether a column is of skin that tracked bones show, `kind/regressor/segment/component`.
 
-    Secondary motions of a knee, `kind/regressor/^2/motion`, are none.
+    Secondary motions of a knee, `kind/regressor/^2/motion`, and squares of its angle, of which nothing is expected,
+    are none.
     """
-    return key.partition("/")[2].startswith(FROM_BONES) and "/^" not in key
+    regressor = key.split("/")[1]
+    return regressor.startswith(FROM_BONES) and not regressor.endswith(SQUARES) and "/^" not in key
 
 
 @dataclass(frozen=True)
@@ -766,26 +768,52 @@ def _angles(nominal: Parameters, part: MotionProblem) -> dict[str, Array]:
     return {name: values for name, values, on in zip(part.chain.coordinates, q.T, part.active, strict=True) if on}
 
 
-def tissue_of_walk(
-    walk: MotionProblem, legs: MotionProblem, nominal: Parameters, known: Collection[str], softness: float
-) -> soft_tissue.SoftTissue | None:
-    """The soft tissue and secondary motions of a walk that took no part in a calibration: those `known` of its walks
-    (`kind/regressor/...`, of an `ErrorSources`), with the angles of this one, and `softness` times what is expected of
-    clusters as a whole. How their markers deform is observed in the walk itself.
+def kind_of_further(found: FoundTissue, activity: str) -> str:
+    """Choose the kind of task of a calibration whose soft tissue a further trial has.
 
-    `legs`: the part of the walk that a calibration fits, by which angles are tracked.
+    An activity has that of the activity of its name; where the calibration knows none, that of walks, else of any
+    other activity, as nothing says how its own differs.
+
+    Parameters
+    ----------
+    activity
+        Name of the activity; empty for a walk.
+    """
+    wanted = [*([f"{ACTIVITY}{activity}"] if activity else []), GAIT]
+    known = [kind for kind in found.softness if kind == GAIT or kind.startswith(ACTIVITY)]
+    return next((kind for kind in (*wanted, *known) if kind in found.softness), GAIT)
+
+
+def tissue_of_further(
+    trial: MotionProblem, legs: MotionProblem, nominal: Parameters, known: Collection[str], kind: str, softness: float
+) -> soft_tissue.SoftTissue | None:
+    """Find the soft tissue and secondary motions of a trial that took no part in a calibration.
+
+    Those of the calibration's kind of task, with the angles of this trial, and `softness` times what is expected of
+    clusters as a whole. How their markers deform is observed in the trial itself.
+
+    Parameters
+    ----------
+    trial, legs
+        The whole body, and the part of it that a calibration fits, by which angles are tracked.
+    known
+        Columns of the calibration, `kind/regressor/...`, of an `ErrorSources`.
+    kind
+        Of task, of `kind_of_further`.
+    softness
+        Of that kind; 0: the calibration took markers to stay in their places, and so are they here.
     """
     angles = _angles(nominal, legs)
-    (every,) = task_regressors([angles], walk.posture, squares=True)
-    regressors = {name: psi for name, psi in every.items() if any(key.startswith(f"{GAIT}/{name}/") for key in known)}
-    knees = {name: phi for name, phi in angles.items() if any(key.startswith(f"{GAIT}/{name}/^") for key in known)}
-    (secondary,) = soft_tissue.secondary_columns(GAIT, [knees])
+    (every,) = task_regressors([angles], trial.posture, squares=True)
+    regressors = {name: psi for name, psi in every.items() if any(key.startswith(f"{kind}/{name}/") for key in known)}
+    knees = {name: phi for name, phi in angles.items() if any(key.startswith(f"{kind}/{name}/^") for key in known)}
+    (secondary,) = soft_tissue.secondary_columns(kind, [knees])
     secondary_or_none = secondary if secondary.names else None
-    tissue = tissue_of(walk, GAIT, regressors, nominal, known, secondary_or_none, softness=softness)
-    if tissue is None:
-        return None
-    moved = replace(walk, tissue=tissue)
-    scale = soft_tissue_scale([moved])
+    tissue = tissue_of(trial, kind, regressors, nominal, known, secondary_or_none, softness=softness)
+    if tissue is None or not softness:
+        return tissue
+    moved = replace(trial, tissue=tissue)
+    scale = soft_tissue_scale([moved], possibly_still=kind != GAIT)
     scale = replace(scale, mean=softness, squares=max(scale.squares, LEAST_SQUARES))
     observed = observed_deformations([moved])
-    return _deformed(tissue, walk, {cluster: cluster_tissue(of, scale) for cluster, of in observed.items()})
+    return _deformed(tissue, trial, {cluster: cluster_tissue(of, scale) for cluster, of in observed.items()})

@@ -21,14 +21,14 @@ from gaitcal.io.csv import events_beside
 from gaitcal.io.result_folder import ResultKind, require_room
 from gaitcal.model.linkage import LOWER_BODY
 from gaitcal.pipeline.further_trials import analyse_trials
-from gaitcal.pipeline.run_study import FaultyStudyError, RunSettings, run_found_study
+from gaitcal.pipeline.run_study import FaultyStudyError, RunSettings, require_one_prior, run_found_study
 from gaitcal.results.calibration import PAGE
 from gaitcal.results.saved import load_result
 from gaitcal.results.trials import write_trials
 from gaitcal.session import drafting, truth_comparison
 from gaitcal.session.draft import STUDY
 from gaitcal.session.result import Calibration, Loads, TrialResult
-from gaitcal.study.study_file import Side, TrialTable, load_study_file
+from gaitcal.study.study_file import Side, TrialTable
 from gaitcal.study.study_trial import Role
 
 LABELS = {Severity.ERROR: "error", Severity.WARNING: "warning", Severity.INFO: "note"}  # How a reason begins
@@ -57,8 +57,7 @@ def calibrate_study(
     if normal is not None:
         normal_bands.read_normal_bands(normal)  # a wrong file ends the command before recordings are read
     source = study_or_draft(study, options_of(mass, height, sex, age), console)
-    if isinstance(source, Path) and priors is not None and load_study_file(source).calibration.priors is not None:
-        raise UsageError(f"not beside the priors that {source} names ([calibration] priors)", field="--priors")
+    require_one_prior(source, priors)
     settings = RunSettings(normal=normal, priors=priors, leave_out=hold_out, force=force)
     with console.working() as step:
         try:

@@ -90,12 +90,12 @@ class Moments(Displayed):
     def _description(self) -> tuple[str, list[tuple[str, str]]]:
         time, peaks = self.time, []
         for name in ("hip_flexion", "knee_angle", "ankle_angle"):
-            both = [np.abs(self.tau[:, linkage.COORDINATES.index(f"{name}_{side}")]).max() for side in "rl"]
+            both = [np.abs(self.tau[:, linkage.COORDINATES.index(f"{name}_{side}")]).max(initial=0.0) for side in "rl"]
             peaks.append((name, f"largest {both[0]:.1f} N·m right, {both[1]:.1f} N·m left, over all frames"))
-        force, moment = self.residual_rms(np.ones(len(time), dtype=bool))
+        force, moment = self.residual_rms(np.ones(len(time), dtype=bool)) if len(time) else (0.0, 0.0)
         rate = float(1.0 / np.median(np.diff(time))) if len(time) > 1 else float("nan")
         rows = [
-            ("time", describe_time(len(time), rate, float(time[-1] - time[0]))),
+            ("time", describe_time(len(time), rate, float(np.ptp(time)) if len(time) else 0.0)),
             *peaks,
             ("pelvis residual", f"RMS {force:.1f} N, {moment:.1f} N·m over all frames"),
         ]

@@ -1,7 +1,6 @@
 """A study examined: its trials clean, its static trial whole, and all checks over them; solves nothing.
 
-`examined` is the one place where a study becomes a clean one. Checks, calibration and comparisons with a shared model
-read what it gives.
+`examined` is the one place where a study becomes a clean one. Checks and calibration read what it gives.
 """
 
 from collections.abc import Callable, Iterator, Sequence

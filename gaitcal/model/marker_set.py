@@ -138,7 +138,7 @@ class MarkerSet(Displayed):
             ("tracked markers", shorten(followed, 7)),
         ]
         if self.weights:
-            rows.append(("weights below 1", shorten(list(self.weights))))
+            rows.append(("weights not 1", shorten(list(self.weights))))
         return f"Marker set {self.name}", rows
 
     @property

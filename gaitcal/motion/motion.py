@@ -246,7 +246,7 @@ class Motion(Displayed):
         if largest is not None:
             met += f", largest {1e3 * largest[0]:.0f} mm ({largest[1]})"
         rows = [
-            ("time", describe_time(len(time), frame_rate(self.basis), float(time[-1] - time[0]))),
+            ("time", describe_time(len(time), frame_rate(self.basis), float(np.ptp(time)) if len(time) else 0.0)),
             ("coordinates", f"{len(self.coordinates)}: {shorten(self.coordinates)}"),
             ("markers", f"{len(self.errors.labels)}, distance {met}"),
             ("bandwidth", f"{self.cutoff_hz:.1f} Hz (-3 dB)"),

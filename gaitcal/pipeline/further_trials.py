@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal
+from typing import Literal, get_args
 
 from gaitcal.display import Displayed, shorten
 from gaitcal.errors import Code, Finding, InputError, Severity
@@ -21,7 +21,7 @@ from gaitcal.runtime import Progress, silent, with_one_blas_thread
 from gaitcal.session import trial_result
 from gaitcal.session.result import TrialResult
 from gaitcal.study.study_file import Side, TrialTable
-from gaitcal.study.study_trial import Trial, read_trial
+from gaitcal.study.study_trial import Role, Trial, read_trial
 
 
 @dataclass(frozen=True, kw_only=True, repr=False)
@@ -84,6 +84,11 @@ def analyse_trial(
     InputError
         One line: file, field, what was found, what is allowed.
     """
+    if role not in (Role.GAIT.value, Role.MOTION.value):
+        raise InputError(f"found '{role}'; allowed: gait or motion", field="role", code=Code.ARGUMENT)
+    for side in (plates or {}).values():
+        if side not in get_args(Side):
+            raise InputError(f"found '{side}'; allowed: r, l or none", field="plates", code=Code.ARGUMENT)
     file, table = Path(recording), None if forces is None else Path(forces)
     given = {"role": role, "plates": plates or {}, "time": time, "filter_hz": filter_hz}
     trial = TrialTable(name="trial", role="gait", file=file, forces=table).model_copy(

@@ -9,8 +9,9 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import Any
 
-from gaitcal.errors import Code, Finding, InputError
+from gaitcal.errors import Code, Finding, InputError, UsageError
 from gaitcal.faults.study import check_study
 from gaitcal.faults.verdict import stopping
 from gaitcal.gait import normal_bands
@@ -22,7 +23,7 @@ from gaitcal.session import drafting
 from gaitcal.session.calibrate import calibrate
 from gaitcal.session.draft import Draft
 from gaitcal.session.folder import read_folder
-from gaitcal.session.person_facts import Options
+from gaitcal.session.person_facts import NOTHING_SAID, Options
 from gaitcal.session.result import Calibration
 from gaitcal.study import joint_prior
 from gaitcal.study.settings import CalibrationSettings
@@ -38,6 +39,10 @@ class FaultyStudyError(InputError):
         more = f" (and {len(errors) - 1} more errors{shown})" if len(errors) > 1 else ""
         super().__init__(errors[0].line + more, code=errors[0].code)
         self.errors = tuple(errors)
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Pickle by the errors: the message follows from them."""
+        return type(self), (self.errors,)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -85,14 +90,29 @@ def find_study(path: Path, person: Options) -> Path | Draft:
         No study follows from the folder: its files, or who the person is, leave a question.
     """
     if not path.is_dir():
+        require_nothing_beside(path, person)
         return path
     folder = read_folder(path)
     own = drafts.own_study(folder)
     if own is not None:
+        require_nothing_beside(own, person)
         return own
     draft = drafting.draft_of(folder, person)
     require_runnable(draft, path)
     return draft
+
+
+def require_nothing_beside(study: Path, person: Options) -> None:
+    """Raise UsageError where something is said of the person beside a study file, which says it."""
+    if person != NOTHING_SAID:
+        message = "mass, height, sex and age are for folders without a study; write them there"
+        raise UsageError(message, source=study)
+
+
+def require_one_prior(source: Path | Draft, priors: Path | None) -> None:
+    """Raise UsageError where priors are given beside those that a study file names."""
+    if isinstance(source, Path) and priors is not None and load_study_file(source).calibration.priors is not None:
+        raise UsageError(f"not beside the priors that {source} names ([calibration] priors)", field="--priors")
 
 
 def require_runnable(draft: Draft, source: Path) -> None:
@@ -152,6 +172,7 @@ def run_study(
         One line: file, field, what was found, what is allowed.
     """
     found = find_study(Path(source), Options(mass=mass, height=height, sex=sex, age=age))
+    require_one_prior(found, None if priors is None else Path(priors))
     settings = RunSettings(
         normal=None if normal is None else normal_bands.bands_file(normal),
         priors=None if priors is None else Path(priors),

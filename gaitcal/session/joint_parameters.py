@@ -113,7 +113,9 @@ def hold_out(trials: Sequence[MovingTrial], nominal: Parameters, fit: JointFitte
         for t in trials:
             held = blocks[t.name] == fold
             if held.any():
-                after[t.name][held] = distances(t.fitted, joint_phases.parameters_for(joint, t.name, parameters))[held]
+                moved = t if joint is None else t.with_tissue(joint.tissue.get(t.name), joint.artefact)
+                fitted = joint_phases.parameters_for(joint, t.name, parameters)
+                after[t.name][held] = distances(moved.fitted, fitted)[held]
     out = {}
     for t in (t for t in trials if np.isfinite(before[t.name]).any()):
         both = before[t.name], after[t.name]

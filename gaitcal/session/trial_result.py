@@ -64,12 +64,15 @@ def analyse(
     prepared = prepare_trial(trial, model, settings)
     if uncertainty.joint is not None:
         found = uncertainty.tissue
-        tissue = soft_tissue_artefact.tissue_of_walk(
+        activity = trial.name if trial.role is Role.MOTION else ""
+        kind = soft_tissue_artefact.kind_of_further(found, activity)
+        tissue = soft_tissue_artefact.tissue_of_further(
             prepared.body,
             joint_phases.segments_of(prepared.joints, LOWER_BODY, model.nominal),
             model.nominal,
             uncertainty.joint.free,
-            found.softness.get(soft_tissue_artefact.GAIT, 0.0),
+            kind,
+            found.softness.get(kind, 0.0),
         )
         prepared = prepared.with_tissue(tissue, found)
     session = Session(

@@ -1,7 +1,9 @@
 """A study or folder is run, and further trials are analysed, from Python as from the command line."""
 
+import pickle
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -59,3 +61,24 @@ def test_a_run_writes_what_the_command_writes_and_takes_further_trials(kept: Pat
     assert further.verdict.judgement.value in repr(further)
     written = pd.read_csv(next((tmp_path / "further" / "motion").glob("*.csv")), comment="#")
     np.testing.assert_allclose(written.knee_angle_r, trial.body.to_dataframe().knee_angle_r, atol=1e-4)
+
+
+def test_what_a_study_says_is_not_said_beside_it(kept: Path, tmp_path: Path) -> None:
+    study = copied_person(kept, tmp_path / "person")
+    for source in (study, study.parent):
+        with pytest.raises(gc.InputError):
+            gc.run_study(source, tmp_path / "result", mass=200.0)
+    assert not (tmp_path / "result").exists()
+
+
+@pytest.mark.parametrize("wrong", [{"role": "joint"}, {"role": "walk"}, {"plates": {"1": "x"}}])
+def test_a_further_trial_of_no_kind_is_refused(wrong: dict[str, Any], tmp_path: Path) -> None:
+    with pytest.raises(gc.InputError) as refused:
+        gc.analyse_trial(tmp_path, tmp_path / "walk.c3d", **wrong)
+    assert refused.value.code is Code.ARGUMENT
+
+
+def test_errors_that_stop_a_run_can_be_sent_between_processes(kept: Path) -> None:
+    finding = gc.check_study(gc.Study.load(kept_result(kept) / "study" / "study.toml"))[0]
+    again = pickle.loads(pickle.dumps(pipeline.FaultyStudyError([finding])))
+    assert again.errors == (finding,)
