@@ -112,7 +112,7 @@ def test_notebook_runs_from_top_to_bottom(kept: Path, tmp_path: Path, monkeypatc
     assert (tmp_path / "first-study" / "result" / "result.html").exists()
     assert any("image/png" in output.get("data", {}) for cell in code for output in cell.outputs)
     said = "".join(output.get("text", "") for cell in code for output in cell.outputs)
-    assert float(re.findall(r"it differs by (\S+) N·m", said)[0]) < 1.0
+    assert float(re.findall(r"it differs by (\S+) N·m", said)[0]) < 2.0
 
 
 ROWS = "time,knee_angle_r\n0.0,10.0\n0.1,{}\n"

@@ -608,11 +608,10 @@ def secondary_prior(trials: Sequence[MotionProblem]) -> TissuePrior:
 def is_from_bones(key: str) -> bool:
     """Tell whether a column is of skin that tracked bones show, `kind/regressor/segment/component`.
 
-    Secondary motions of a knee, `kind/regressor/^2/motion`, and squares of its angle, of which nothing is expected,
-    are none.
+    Those of knee flexion, its square included: in deep flexion the skin of thigh and shank does not move in proportion.
+    Secondary motions of a knee, `kind/regressor/^2/motion`, are none.
     """
-    regressor = key.split("/")[1]
-    return regressor.startswith(FROM_BONES) and not regressor.endswith(SQUARES) and "/^" not in key
+    return key.split("/")[1].startswith(FROM_BONES) and "/^" not in key
 
 
 @dataclass(frozen=True)

@@ -9,11 +9,11 @@ from pathlib import Path
 import pytest
 
 import gaitcal.results.trials as trials_module
-from gaitcal.cli import calibrate as calibrate_command
 from gaitcal.cli import montecarlo as montecarlo_command
 from gaitcal.cli import other_programs
 from gaitcal.errors import InputError
 from gaitcal.io.result_folder import listed, locked, sha256_of
+from gaitcal.pipeline import run_study
 from gaitcal.results.saved import load_result
 from gaitcal.session import trial_result
 from gaitcal.study import study as study_module
@@ -119,7 +119,7 @@ def test_draws_of_a_model_that_changes_meanwhile(folder: Path, monkeypatch: pyte
 def test_inputs_that_change_while_calibrating_are_told(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     path = folder / "study/walk.csv"
     was = sha256_of(path)
-    monkeypatch.setattr(calibrate_command, "calibrate", after(calibrate_command.calibrate, lambda: edit(path)))
+    monkeypatch.setattr(run_study, "calibrate", after(run_study.calibrate, lambda: edit(path)))
     told = run("calibrate", folder / "study/study.toml", "--out", folder / "new").stdout
     assert "warning: changed while this ran, the result is of what was read: walk.csv; run again" in told
     manifest = json.loads((folder / "new/manifest.json").read_text(encoding="utf-8"))

@@ -67,6 +67,7 @@ def test_errors_are_those_of_the_last_step(made: tuple[Study, Calibration]) -> N
     spread, hz = done.uncertainty, trial.bandwidth.motion_hz if trial.bandwidth else 0.0
     plain = trial_problem("walk", done.nominal, trial.recording, NodeRule())
     problem = replace(with_bandwidth(plain, done.nominal.parameters, hz), tissue=done.joint.tissue["walk"])
+    problem = done.joint.artefact.displaced(problem)
     turned = axis_deviations(study.settings, done.nominal, examined(study).moves()["walk"])
     errors = ErringForces(
         problem,

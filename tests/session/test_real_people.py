@@ -90,8 +90,9 @@ def test_uf3_isolated_trials_come_near_their_floor(data_dir: Path, kept: Path) -
         nominal, fitted, floor = (e.rms() or 0.0 for e in (trial.nominal.errors, trial.calibrated.errors, trial.floor))
         assert fitted < nominal
         if trial.joint:
-            # 2.83 at most as measured; with the deformation that other people's skin has it was 3.73
-            assert floor < 1e-3 * (trial.joint_floor_mm() or 0.0) < fitted < 3.0e-3, trial.name
+            # 1.51 at most as measured: joints are where skin that moves is counted, hips are tracked as if it did not
+            joint_floor = 1e-3 * (trial.joint_floor_mm() or 0.0)
+            assert floor < joint_floor < fitted < 1.6 * joint_floor, trial.name
     knee = calibration.trial("knee_r").floor.rms() or 0.0
     assert MM * knee == pytest.approx(1.4, abs=0.1)
     gait = calibration.trial("gait")  # legs and pelvis over what each joint by itself reaches: 1.83 as measured

@@ -73,4 +73,4 @@ def test_a_bare_folder_reaches_torques(data_dir: Path, tmp_path: Path) -> None:
 def test_a_made_up_person_comes_twice(capsys: pytest.CaptureFixture[str]) -> None:
     results("sessions", "--parts", "made-up", "--people", "1")
     said = capsys.readouterr().out
-    assert "joint positions, mm RMS: nominal" in said and "nearer the truth together than alone" in said
+    assert "joint positions, mm RMS: nominal" in said and "differences between sessions" in said
