@@ -16,8 +16,9 @@ from gaitcal.results.our_motions import our_trials
 from gaitcal.results.saved import load_result_model
 from tests.kept import kept_result
 
-SAME_DEG, SAME_NM, MISSED = 0.05, 0.5, 1e-5
-"""deg and N·m RMS, m: markers without noise; what the solver's accuracy leaves."""
+SAME_DEG, SAME_NM, MISSED = 0.05, 0.5, 5e-5
+"""deg and N·m RMS, m: markers without noise; what the solver's accuracy leaves, and a prior of soft tissue, which is
+never quite absent."""
 
 
 @pytest.mark.slow
