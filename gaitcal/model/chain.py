@@ -93,6 +93,7 @@ class Chain:
     joints : (nv,) names of the joints of its models.
     at_variables : (n,) entry in configurations of the joint that each variable moves.
     segment_joint : (ns,) joint that carries each segment.
+    frames_when_locked : frames of the joints, then of the segments, in a model with all joints locked.
     parents : (nq,) index of the last coordinate before each coordinate; -1 where there is none.
     segment_coordinate : (ns,) index of the last coordinate that moves each segment.
     support : (n, ns) 1 where a variable moves a segment.
@@ -149,6 +150,9 @@ class Chain:
         """Coordinate -> entries of its secondary motions, in their order."""
         self._template = pin.buildReducedModel(self._open_model, self._locked, np.zeros(len(passed)))
         self.segment_frame = [self._template.getFrameId(s) for s in self.segments]
+        every = list(range(1, self._template.njoints))
+        locked_too = pin.buildReducedModel(self._template, every, np.zeros(self._template.nq))
+        self.frames_when_locked = [locked_too.getFrameId(name) for name in (*self.joints, *self.segments)]
         carriers = [self._template.frames[k].parentJoint for k in self.segment_frame]
         self.segment_joint = np.array(carriers, dtype=np.intp)
         supports = [list(support) for support in self._template.supports]
@@ -252,19 +256,12 @@ class LinkageModel:
         Axes, and origin (m), in the laboratory.
         """
         (values,) = self.configurations(np.zeros((1, len(self.chain.coordinates))))
-        model, placed = self.model, [pin.SE3.Identity()]
-        joints = zip(model.joints[1:], model.parents.tolist()[1:], model.jointPlacements[1:], values, strict=True)
-        for joint, parent, placement, value in joints:
-            place = placed[parent] * placement
-            if value:
-                motion = joint.createData()
-                joint.calc(motion, values)
-                place = place * motion.M
-            placed.append(place)
-        carriers = zip(self.chain.segment_joint.tolist(), self.segment_placement, strict=True)
-        segments = [placed[joint] * placement for joint, placement in carriers]
-        found = np.array([place.homogeneous for place in (*placed, *segments)])[:, :3].transpose(0, 2, 1)
-        return found[: len(placed)], found[len(placed) :]
+        # with all joints locked, each is a frame of the ground
+        locked = pin.buildReducedModel(self.model, list(range(1, self.model.njoints)), values)
+        frames = [locked.frames[k].placement.homogeneous for k in self.chain.frames_when_locked]
+        placed = np.array([np.eye(4), *frames])[:, :3].transpose(0, 2, 1)
+        joints = len(self.chain.joints) + 1
+        return placed[:joints], placed[joints:]
 
     def index(self, name: str) -> int:
         """Find the entry of a coordinate, free joint parameter or reaction in configurations."""

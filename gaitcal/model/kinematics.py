@@ -15,7 +15,7 @@ times d amount / d variable.
 """
 
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 from itertools import groupby
 
 import numpy as np
@@ -24,7 +24,6 @@ from gaitcal.arrays import Array, BoolArray, IntArray, stretches
 from gaitcal.model import linkage
 from gaitcal.model.chain import Chain, LinkageModel, chain_of
 from gaitcal.model.parameters import Parameters
-from gaitcal.runtime import remembered
 
 BLOCK = 512
 """Frames at a time: bounds what is held of all joints of a long recording."""
@@ -69,7 +68,7 @@ class _Order:
     """Moving joints that do not depend on each other, whether they turn, and what they stand on."""
 
 
-@remembered
+@lru_cache(maxsize=64)
 def _order_of(chain: Chain) -> _Order:
     turns = np.array([chain.elements[name].rotates for name in chain.joints])
     axis = np.array([chain.elements[name].axis for name in chain.joints])
@@ -98,7 +97,7 @@ def _order_of(chain: Chain) -> _Order:
     )
 
 
-@remembered
+@lru_cache(maxsize=64)
 def _offsets(body: LinkageModel) -> tuple[Array, Array, Array]:
     """Place moving joints (nm, 4, 3), axes and origins of others (., 2, 3), and segments (ns, 4, 3) on their bases."""
     order = _order_of(body.chain)
