@@ -132,8 +132,35 @@ def beside(segment: str) -> tuple[str, ...]:
     return tuple(e.name for joint in joints for e in joint.elements if e.source is Source.COORDINATE)
 
 
+@dataclass(frozen=True)
+class AngleUnit:
+    """The unit in which an angle moves soft tissue in a kind of task."""
+
+    size: float  # rad, RMS from the static posture
+    bend: float  # what the angle over `size` explains of its square, by least squares
+
+
+def angle_units(
+    angles: Sequence[Mapping[str, Array]], posture: Mapping[str, float] | None = None
+) -> dict[str, AngleUnit]:
+    """Find the units of all angles (nf,) rad of the trials of one kind of task."""
+    out = dict[str, AngleUnit]()
+    for name in dict.fromkeys(name for of_trial in angles for name in of_trial):
+        still = (posture or {}).get(name, 0.0)
+        every = np.concatenate([of_trial[name] for of_trial in angles if name in of_trial]) - still
+        size = max(float(np.sqrt(np.mean(every**2))), soft_tissue.LEAST_SPREAD)
+        relative = every / size
+        bend = float(np.mean(relative**3)) / max(float(np.mean(relative**2)), TINY)
+        out[name] = AngleUnit(size, bend)
+    return out
+
+
 def task_regressors(
-    angles: Sequence[Mapping[str, Array]], posture: Mapping[str, float] | None = None, *, squares: bool = False
+    angles: Sequence[Mapping[str, Array]],
+    posture: Mapping[str, float] | None = None,
+    units: Mapping[str, AngleUnit] | None = None,
+    *,
+    squares: bool = False,
 ) -> list[dict[str, Array]]:
     """Regressors of the trials of one kind of task, zero in the static posture.
 
@@ -141,6 +168,7 @@ def task_regressors(
     ----------
     angles : of each trial, coordinate -> (nf,) rad.
     posture : coordinate -> rad in the static posture; zero for what is not there.
+    units : of other trials of the kind, whose columns these are to have; by these trials where not given.
     squares : whether what the angle leaves of its square follows it, by least squares over the task: a bend, which is
         zero in the static posture too.
 
@@ -148,22 +176,17 @@ def task_regressors(
     -------
     Of each trial, coordinate -> (nf,) psi: rad for knee flexion, else over its RMS in the task.
     """
-    posture = posture or {}
-    names = dict.fromkeys(name for of_trial in angles for name in of_trial)
-    out: list[dict[str, Array]] = [{} for _ in angles]
-    for name in names:
-        still = posture.get(name, 0.0)
-        every = np.concatenate([of_trial[name] for of_trial in angles if name in of_trial]) - still
-        size = max(float(np.sqrt(np.mean(every**2))), soft_tissue.LEAST_SPREAD)
-        unit = size if name.startswith(FROM_BONES) else 1.0
-        whole = every / size
-        bend = float(np.mean(whole**3)) / max(float(np.mean(whole**2)), TINY)
-        for of_trial, own in zip(angles, out, strict=True):
-            if name in of_trial:
-                relative = (of_trial[name] - still) / size
-                own[name] = unit * relative
-                if squares:
-                    own[name + SQUARES] = relative**2 - bend * relative
+    units = {**angle_units(angles, posture), **(units or {})}
+    out: list[dict[str, Array]] = []
+    for of_trial in angles:
+        psi = dict[str, Array]()
+        for name, angle in of_trial.items():
+            unit = units[name]
+            relative = (angle - (posture or {}).get(name, 0.0)) / unit.size
+            psi[name] = (unit.size if name.startswith(FROM_BONES) else 1.0) * relative
+            if squares:
+                psi[name + SQUARES] = relative**2 - unit.bend * relative
+        out.append(psi)
     return out
 
 
@@ -626,6 +649,13 @@ class FoundTissue:
     """Column -> m, rad, about what is expected."""
     softness: Mapping[str, float] = field(default_factory=dict)
     """Kind of task -> by which what is expected is multiplied."""
+    units: Mapping[str, AngleUnit] = field(default_factory=dict)
+    """`kind/coordinate` -> unit of the columns, which further trials share."""
+
+    def units_of(self, kind: str) -> dict[str, AngleUnit]:
+        """Select the units of a kind of task, by coordinate."""
+        start = f"{kind}/"
+        return {name.removeprefix(start): unit for name, unit in self.units.items() if name.startswith(start)}
 
     def displaced(self, problem: MotionProblem) -> MotionProblem:
         """A trial, with its soft tissue, whose markers are where the artefact has them; knees stay hinges.
@@ -665,6 +695,8 @@ class TaskTissue:
     secondary: Mapping[str, soft_tissue.SecondaryColumns]  # Trial of gait -> what knees do besides flexing
     nominal: Parameters
     table: SkinTable
+    units: Mapping[str, AngleUnit] = field(default_factory=dict)
+    """`kind/coordinate` -> unit of the regressors."""
     clusters: Mapping[tuple[str, Cluster], ClusterTissue] = field(default_factory=dict)
     """Kind of task and cluster -> what its deformation shows of it."""
     fitted: bool = True
@@ -708,7 +740,8 @@ class TaskTissue:
         """What a fit of the columns `keys` found, (nz,) m and rad."""
         softness = {kind: scale.mean for kind, scale in self.scales.items()}
         found = dict(zip(keys, values.tolist(), strict=True))
-        return FoundTissue({key: value for key, value in found.items() if is_from_bones(key)}, softness)
+        from_bones = {key: value for key, value in found.items() if is_from_bones(key)}
+        return FoundTissue(from_bones, softness, self.units)
 
 
 def task_tissue(
@@ -734,10 +767,13 @@ def task_tissue(
     table = people_table() if table is None else table
     angles = {name: _angles(nominal, parts[name]) for name in kinds}
     regressors, scales = dict[str, Mapping[str, Array]](), dict[str, SoftTissueScale]()
+    units = dict[str, AngleUnit]()
     for kind in dict.fromkeys(kinds.values()):
         names = [name for name in kinds if kinds[name] == kind]
-        found = task_regressors([angles[n] for n in names], parts[names[0]].posture, squares=True)
-        regressors |= dict(zip(names, found, strict=True))
+        of_kind, posture = [angles[n] for n in names], parts[names[0]].posture
+        found = angle_units(of_kind, posture)
+        units |= {f"{kind}/{name}": unit for name, unit in found.items()}
+        regressors |= dict(zip(names, task_regressors(of_kind, posture, found, squares=True), strict=True))
     gait = [name for name in kinds if kinds[name] == GAIT]
     secondary = dict(zip(gait, soft_tissue.secondary_columns(GAIT, [angles[n] for n in gait]), strict=True))
     isolated = [name for name in kinds if kinds[name] in ISOLATED_JOINTS]
@@ -758,7 +794,7 @@ def task_tissue(
         soft = [with_columns(name) for name in kinds if kinds[name] == kind]
         for cluster, observed in observed_deformations(soft).items():
             clusters[kind, cluster] = cluster_tissue(observed, scales[kind])
-    return TaskTissue(kinds, regressors, scales, secondary, nominal, table, clusters, fitted, pinned)
+    return TaskTissue(kinds, regressors, scales, secondary, nominal, table, units, clusters, fitted, pinned)
 
 
 def _angles(nominal: Parameters, part: MotionProblem) -> dict[str, Array]:
@@ -784,12 +820,17 @@ def kind_of_further(found: FoundTissue, activity: str) -> str:
 
 
 def tissue_of_further(
-    trial: MotionProblem, legs: MotionProblem, nominal: Parameters, known: Collection[str], kind: str, softness: float
+    trial: MotionProblem,
+    legs: MotionProblem,
+    nominal: Parameters,
+    known: Collection[str],
+    found: FoundTissue,
+    kind: str,
 ) -> soft_tissue.SoftTissue | None:
     """Find the soft tissue and secondary motions of a trial that took no part in a calibration.
 
-    Those of the calibration's kind of task, with the angles of this trial, and `softness` times what is expected of
-    clusters as a whole. How their markers deform is observed in the trial itself.
+    Those of the calibration's kind of task, with the angles of this trial in the units of that kind. What is expected
+    of clusters as a whole is multiplied by its softness; how their markers deform is observed in the trial itself.
 
     Parameters
     ----------
@@ -797,13 +838,13 @@ def tissue_of_further(
         The whole body, and the part of it that a calibration fits, by which angles are tracked.
     known
         Columns of the calibration, `kind/regressor/...`, of an `ErrorSources`.
+    found
+        What the calibration found. Where it took markers to stay in their places, so are they here.
     kind
         Of task, of `kind_of_further`.
-    softness
-        Of that kind; 0: the calibration took markers to stay in their places, and so are they here.
     """
-    angles = _angles(nominal, legs)
-    (every,) = task_regressors([angles], trial.posture, squares=True)
+    angles, softness = _angles(nominal, legs), found.softness.get(kind, 0.0)
+    (every,) = task_regressors([angles], trial.posture, found.units_of(kind), squares=True)
     regressors = {name: psi for name, psi in every.items() if any(key.startswith(f"{kind}/{name}/") for key in known)}
     knees = {name: phi for name, phi in angles.items() if any(key.startswith(f"{kind}/{name}/^") for key in known)}
     (secondary,) = soft_tissue.secondary_columns(kind, [knees])

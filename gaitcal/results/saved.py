@@ -11,7 +11,7 @@ import numpy as np
 
 from gaitcal.arrays import Array, BoolArray
 from gaitcal.calibration.error_sources import ErrorSources
-from gaitcal.calibration.soft_tissue_artefact import FoundTissue
+from gaitcal.calibration.soft_tissue_artefact import AngleUnit, FoundTissue
 from gaitcal.errors import Code, Finding, InputError
 from gaitcal.faults.verdict import Judgement
 from gaitcal.io.labels import FootEvent, FootMoment
@@ -120,6 +120,9 @@ def save_uncertainty(uncertainty: Uncertainty, path: Path) -> None:
         arrays["inertial"] = uncertainty.inertial
     for name, values in (("tissue", uncertainty.tissue.values), ("softness", uncertainty.tissue.softness)):
         arrays[f"{name}_names"], arrays[name] = np.array(list(values), dtype=str), np.array(list(values.values()))
+    units = uncertainty.tissue.units
+    arrays["unit_names"] = np.array(list(units), dtype=str)
+    arrays["units"] = np.array([[unit.size, unit.bend] for unit in units.values()]).reshape(-1, 2)
     np.savez_compressed(path, **arrays)  # type: ignore[arg-type]
 
 
@@ -137,7 +140,11 @@ def load_uncertainty(path: Path) -> Uncertainty:
                     dict(zip(map(str, stored[f"{name}_names"]), stored[name].tolist(), strict=True))
                     for name in ("tissue", "softness")
                 )
-                found = FoundTissue(values, softness)
+                names_of_units = map(str, stored["unit_names"])
+                units = {
+                    name: AngleUnit(*unit) for name, unit in zip(names_of_units, stored["units"].tolist(), strict=True)
+                }
+                found = FoundTissue(values, softness, units)
             return Uncertainty(joint, stored.get("inertial"), found)
     except (OSError, ValueError, KeyError, EOFError, BadZipFile) as error:
         raise InputError(f"cannot be read: {error}", source=path, code=Code.DAMAGED_RESULT) from None

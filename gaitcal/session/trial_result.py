@@ -71,8 +71,8 @@ def analyse(
             joint_phases.segments_of(prepared.joints, LOWER_BODY, model.nominal),
             model.nominal,
             uncertainty.joint.free,
+            found,
             kind,
-            found.softness.get(kind, 0.0),
         )
         prepared = prepared.with_tissue(tissue, found)
     session = Session(
