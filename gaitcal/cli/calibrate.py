@@ -20,7 +20,7 @@ from gaitcal.gait import events, normal_bands
 from gaitcal.io.csv import events_beside
 from gaitcal.io.result_folder import ResultKind, require_room
 from gaitcal.model.linkage import LOWER_BODY
-from gaitcal.pipeline.further_trials import analyse_trials
+from gaitcal.pipeline.further_trials import analyse_trials, trial_table
 from gaitcal.pipeline.run_study import FaultyStudyError, RunSettings, require_one_prior, run_found_study
 from gaitcal.results.calibration import PAGE
 from gaitcal.results.saved import load_result
@@ -28,7 +28,7 @@ from gaitcal.results.trials import write_trials
 from gaitcal.session import drafting, truth_comparison
 from gaitcal.session.draft import STUDY
 from gaitcal.session.result import Calibration, Loads, TrialResult
-from gaitcal.study.study_file import Side, TrialTable
+from gaitcal.study.study_file import Side
 from gaitcal.study.study_trial import Role
 
 LABELS = {Severity.ERROR: "error", Severity.WARNING: "warning", Severity.INFO: "note"}  # How a reason begins
@@ -112,12 +112,8 @@ def analyse_further(
     require_room(folder, ResultKind.DYNAMICS, inputs)
     saved = load_result(result)
     given = {"role": role, "plates": _plates_of(plates), "time": _time_of(time), "filter_hz": _filter_of(filter_hz)}
-    read = [
-        TrialTable(name="trial", role="gait", file=path, forces=forces).model_copy(update={"name": path.stem, **given})
-        for path in trials
-    ]
     with console.working() as step:
-        run = analyse_trials(saved, read, step)
+        run = analyse_trials(saved, [trial_table(path, forces, **given) for path in trials], step)
         stale = write_trials(run.trials, saved, folder, inputs, run.verdict)
     verdict, late = run.verdict, run.not_converged
     _print_trials(console, run.trials)

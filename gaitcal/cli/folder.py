@@ -15,11 +15,11 @@ from gaitcal.cli.console import Console, frameless_table
 from gaitcal.errors import Code, Finding, InputError, Severity, UsageError
 from gaitcal.faults.study import check_file, check_study
 from gaitcal.io import atomic, formats
-from gaitcal.pipeline.run_study import require_runnable
+from gaitcal.pipeline.run_study import require_runnable, study_file_or_folder
 from gaitcal.session import draft as drafts
 from gaitcal.session.drafting import draft_of, draft_study, rejected_forces
 from gaitcal.session.folder import Folder, read_folder
-from gaitcal.session.person_facts import NOTHING_SAID, Options
+from gaitcal.session.person_facts import Options
 from gaitcal.study.study import nominal_of
 from gaitcal.study.study_trial import Role
 
@@ -94,30 +94,21 @@ def study_or_draft(path: Path, options: Options, console: Console) -> Path | dra
     """
     if path.suffix.lower() in formats.MARKER_READERS and path.is_file():
         raise UsageError("is a recording; name its folder, with the static trial in it, or a study file", source=path)
-    if not path.is_dir():
-        _no_options_beside(path, options)
-        return path
     with console.working() as step:
-        step("reading the folder")
-        folder = read_folder(path)
-    own = drafts.own_study(folder)
-    if own is not None:
-        _no_options_beside(own, options)
-        console.line(f"the folder's own study is used: {own}")
-        return own
-    draft = _asked(folder, options, console)
+        if path.is_dir():
+            step("reading the folder")
+        found = study_file_or_folder(path, options)
+    if isinstance(found, Path):
+        if found != path:
+            console.line(f"the folder's own study is used: {found}")
+        return found
+    draft = _asked(found, options, console)
     if draft.fault:
         print_seen(console, draft)
     else:
         tell_draft(console, draft)
     require_runnable(draft, path)
     return draft
-
-
-def _no_options_beside(study: Path, options: Options) -> None:
-    if options != NOTHING_SAID:
-        message = "--mass, --height, --sex and --age are for folders without a study; write them there"
-        raise UsageError(message, source=study)
 
 
 def _asked(folder: Folder, options: Options, console: Console) -> drafts.Draft:

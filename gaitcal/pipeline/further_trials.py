@@ -90,10 +90,7 @@ def analyse_trial(
         if side not in get_args(Side):
             raise InputError(f"found '{side}'; allowed: r, l or none", field="plates", code=Code.ARGUMENT)
     file, table = Path(recording), None if forces is None else Path(forces)
-    given = {"role": role, "plates": plates or {}, "time": time, "filter_hz": filter_hz}
-    trial = TrialTable(name="trial", role="gait", file=file, forces=table).model_copy(
-        update={"name": file.stem, **given}
-    )
+    trial = trial_table(file, table, role=role, plates=plates or {}, time=time, filter_hz=filter_hz)
     inputs = [file, *([table] if table else []), *events_beside(file)]
     if out is not None:
         require_room(Path(out), ResultKind.DYNAMICS, inputs)
@@ -102,6 +99,12 @@ def analyse_trial(
     if out is not None:
         write_trials(done.trials, saved, Path(out), inputs, done.verdict)
     return done
+
+
+def trial_table(file: Path, forces: Path | None, **given: object) -> TrialTable:
+    """Describe a further recording as a study file would, under the name of its file, which may be any."""
+    table = TrialTable(name="trial", role="gait", file=file, forces=forces)
+    return table.model_copy(update={"name": file.stem, **given})
 
 
 def analyse_trials(saved: SavedResult, tables: Sequence[TrialTable], progress: Progress = silent) -> FurtherTrials:

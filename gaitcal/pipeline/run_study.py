@@ -22,7 +22,7 @@ from gaitcal.session import draft as drafts
 from gaitcal.session import drafting
 from gaitcal.session.calibrate import calibrate
 from gaitcal.session.draft import Draft
-from gaitcal.session.folder import read_folder
+from gaitcal.session.folder import Folder, read_folder
 from gaitcal.session.person_facts import NOTHING_SAID, Options
 from gaitcal.session.result import Calibration
 from gaitcal.study import joint_prior
@@ -89,24 +89,34 @@ def find_study(path: Path, person: Options) -> Path | Draft:
     InputError
         No study follows from the folder: its files, or who the person is, leave a question.
     """
-    if not path.is_dir():
-        require_nothing_beside(path, person)
-        return path
-    folder = read_folder(path)
-    own = drafts.own_study(folder)
-    if own is not None:
-        require_nothing_beside(own, person)
-        return own
-    draft = drafting.draft_of(folder, person)
+    found = study_file_or_folder(path, person)
+    if isinstance(found, Path):
+        return found
+    draft = drafting.draft_of(found, person)
     require_runnable(draft, path)
     return draft
 
 
-def require_nothing_beside(study: Path, person: Options) -> None:
-    """Raise UsageError where something is said of the person beside a study file, which says it."""
+def study_file_or_folder(path: Path, person: Options) -> Path | Folder:
+    """Find the study file of a path, the file itself or the one in the folder; without one read the folder.
+
+    Raises
+    ------
+    UsageError
+        Mass, height, sex or age are given beside a study file, which has them.
+    InputError
+        The folder has several study files.
+    """
+    study: Path | None = path
+    if path.is_dir():
+        folder = read_folder(path)
+        study = drafts.own_study(folder)
+        if study is None:
+            return folder
     if person != NOTHING_SAID:
-        message = "mass, height, sex and age are for folders without a study; write them there"
+        message = "mass, height, sex and age are for folders without a study file; write them there"
         raise UsageError(message, source=study)
+    return study
 
 
 def require_one_prior(source: Path | Draft, priors: Path | None) -> None:
