@@ -93,7 +93,7 @@ class JointEstimate(JointFit):
     effective_parameters: float  # Parameters that the markers determined, rather than the priors: trace of H^-1 sum S_t
     information: Array  # (np, np) of p by the markers, and the prior of soft tissue, alone
     covariance: Array
-    """(np, np) of p by noise and priors; nothing along directions that neither of them tells."""
+    """(np, np) of p by noise and priors; zero along directions that neither of them determines."""
     by_tissue: Array
     """(np, nc) what soft tissue that was not fitted makes of p besides, in columns of variance one."""
 

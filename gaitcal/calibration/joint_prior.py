@@ -53,11 +53,11 @@ ones look alike; the first ask for a_k^2 in its place (samples that are missing 
 half of the samples missing nu is 19 % from what either asks for. n are the independent samples
 and p the joint parameters that these have to serve. A cost divided by nu^2 counts every sample as if it were
 independent: slow noise in a short trial weighs little. White noise of variance s^2 gives nu = s; clusters that move as
-a whole against their bones give more than their deformation tells.
+a whole against their bones give more than their deformation shows.
 
 A noise has a prior itself, at 100 Hz ln nu ~ N(ln m, s^2) by kind of task (`PEOPLE_NOISE`), and an estimate of it errs.
 It comes from n - p samples, and its own fit takes up what goes with the joints that it moves: much in an isolated
-trial, whose joint parameters are nearly as many as the harmonics of its motion. It can only be too low by that. With
+trial, which has nearly as many joint parameters as its motion has harmonics. It can only be too low by that. With
 v = 1 / 2 (n - p) + a^2, a how far ln nu may be too low, the most probable noise is
 
     ln nu = max(ln nu_hat, (ln nu_hat / v + ln m / s^2) / (1 / v + 1 / s^2)).

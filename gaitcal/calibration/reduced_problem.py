@@ -2,7 +2,7 @@
 
 For given joint parameters p and soft tissue z every trial's nodes N(p, z) minimise that trial's marker cost C_t, with
 Gauss-Newton matrix H_xx - H_xq H_qq^-1 H_qx and gradient g_x left in x = (p, z) (Golub and Pereyra 1973; Kaufman 1975).
-The z of every kind of task, whose trials and prior tell it for given p, is eliminated in the same way
+The z of every kind of task, which its trials and prior determine for given p, is eliminated in the same way
 (`tissue_elimination.py`): what is left is a small problem in p alone, cost C, gradient g and matrix S, sums over kinds.
 Each new p is met with the z that the last matrices predict for it, one Gauss-Newton step of (p, z, N) together: to have
 z at its minimum for a p that is far off would take more steps, and may lead into another valley. Where that does not
@@ -316,9 +316,9 @@ class ReducedProblem:
     def _followed(self, k: int, p: Array, here: KindState) -> KindState:
         """One kind where its soft tissue has gone to the minimum at p.
 
-        Gauss-Newton's steps f leave out what large residuals bend, and may overshoot in the few directions that markers
-        hardly tell. Steps of earlier points correct them there (Anderson, J ACM 12:547-560, 1965): of all combinations
-        of these points, the next one is where the combined step is least.
+        Gauss-Newton steps f leave out the curvature of large residuals, and may overshoot in the few directions that
+        markers hardly determine. Steps of earlier points correct them there (Anderson, J ACM 12:547-560, 1965): the
+        next point is the combination of these points that has the smallest combined step.
         """
         points, steps = list[Array](), list[Array]()
         for _ in range(MOST_TISSUE_STEPS):
@@ -346,7 +346,7 @@ class ReducedProblem:
     def _solved(
         self, k: int, p: Array, z: Array, near: Sequence[MotionState] | None, *, keep: bool = False
     ) -> KindState:
-        """One kind with its motions solved at p and z, from those of a point `near`, whose matrices may be kept."""
+        """One kind with its motions solved at p and z, from those of a point `near`, of which matrices may be kept."""
         unknowns = np.append(p, z)
 
         def solved(i: int) -> MotionState:

@@ -1,5 +1,5 @@
-"""Soft tissue artefact as people have it: from bones where they tell, sized by the task elsewhere, with one scale for
-each person and kind of task.
+"""Soft tissue artefact of people: learnt from tracked bones where they show it, sized by the task elsewhere, with one
+scale for each person and kind of task.
 
 A marker of a segment lies, in the segment's axes, at
 
@@ -107,7 +107,7 @@ SEGMENT_SPREAD = 0.7  # The same of ln s_j about ln s among the segments of a pe
 SCALES = np.geomspace(0.005, 4.0, 41)  # Values of s looked at
 SQUARES = "^2"  # Ends the name of a regressor psi^2
 FROM_BONES = "knee_angle"
-"""Begins the names of coordinates by which tracked bones tell how thigh and shank are moved."""
+"""Begins the names of coordinates of which tracked bones show how they move the skin of thigh and shank."""
 GAIT, ACTIVITY = "gait", "activity "
 """Kind of task of a walk; that of isolated trials has their joint's name, that of any other activity its own."""
 LEAST_SQUARES = 0.01
@@ -168,7 +168,7 @@ def task_regressors(
     ----------
     angles : of each trial, coordinate -> (nf,) rad.
     posture : coordinate -> rad in the static posture; zero for what is not there.
-    units : of other trials of the kind, whose columns these are to have; by these trials where not given.
+    units : of other trials of the kind, so that columns mean the same; found from these trials unless given.
     squares : whether what the angle leaves of its square follows it, by least squares over the task: a bend, which is
         zero in the static posture too.
 
@@ -209,12 +209,12 @@ def tissue_of(
     problem : the trial. No skin moves points that are no markers.
     kind : of task.
     regressors : coordinate -> (nf,) of `task_regressors`.
-    nominal : where knees are, by which places on the skin are told.
+    nominal : where knees are; positions on the skin are relative to them.
     known : columns to keep; all unless given.
     secondary : what knees do besides flexing.
-    table : skin of people; gaitcal's own unless given.
+    table : skin of people; that of gaitcal unless given.
     softness : by which what is expected is multiplied; 0: markers are taken to stay in their static places.
-    pinned : segments whose markers are fixed to the bone.
+    pinned : segments with markers fixed to the bone.
     """
     groups, skin = [], people_table() if table is None else table
     for s, markers in problem.data.placed.groups if problem.noise is None else ():
@@ -331,7 +331,7 @@ def soft_tissue_scale(trials: Sequence[MotionProblem], *, possibly_still: bool =
     """
     plain, bent = list[_Deformation](), list[_Deformation]()
     for observed in observed_deformations(trials).values():
-        # one distance does not tell the skin of a person from a wand that swings
+        # one distance cannot distinguish soft skin from a wand that swings
         if observed.markers < FEWEST_MARKERS:
             continue
         root, count = block_diag(*map(np.linalg.cholesky, observed.covariance)), len(observed.names)
@@ -482,7 +482,7 @@ class _Deformation:
 def _scale_moments(
     parts: Sequence[_Deformation], *, possibly_none: bool = False, possibly_still: bool = False
 ) -> SoftTissueScale:
-    """The moments of s; if `possibly_none`, s is 0 with odds of one to one before anything is seen, if
+    """The moments of s; if `possibly_none`, s is 0 with odds of one to one before any data, if
     `possibly_still`, each s_j by itself.
     """
     place = np.log(SCALES)
@@ -629,7 +629,7 @@ def secondary_prior(trials: Sequence[MotionProblem]) -> TissuePrior:
 
 
 def is_from_bones(key: str) -> bool:
-    """Tell whether a column is of skin that tracked bones show, `kind/regressor/segment/component`.
+    """Return whether a column is of skin that tracked bones show, `kind/regressor/segment/component`.
 
     Those of knee flexion, its square included: in deep flexion the skin of thigh and shank does not move in proportion.
     Secondary motions of a knee, `kind/regressor/^2/motion`, are none.
@@ -658,7 +658,7 @@ class FoundTissue:
         return {name.removeprefix(start): unit for name, unit in self.units.items() if name.startswith(start)}
 
     def displaced(self, problem: MotionProblem) -> MotionProblem:
-        """A trial, with its soft tissue, whose markers are where the artefact has them; knees stay hinges.
+        """Displace the markers of a trial, with its soft tissue, by the artefact; knees stay hinges.
 
         A column that was not found is as expected.
         """
@@ -674,7 +674,7 @@ NO_FOUND_TISSUE = FoundTissue()
 def _deformed(
     tissue: soft_tissue.SoftTissue, problem: MotionProblem, clusters: Mapping[Cluster, ClusterTissue]
 ) -> soft_tissue.SoftTissue:
-    """The soft tissue of a trial whose markers deform as they were observed to, where they were."""
+    """Let the markers of a trial deform as observed, where they were observed."""
     groups = list[soft_tissue.SegmentTissue]()
     for group in tissue.groups:
         found = clusters.get((group.carrier, tuple(problem.labels[group.markers])))
@@ -702,7 +702,7 @@ class TaskTissue:
     fitted: bool = True
     """Whether the artefact is fitted; else markers stay in their places, and all of it is a source of error."""
     pinned: Collection[str] = ()
-    """Segments whose markers are fixed to the bone."""
+    """Segments with markers fixed to the bone."""
 
     def prior(self, trials: Sequence[MotionProblem]) -> TissuePrior:
         """Assemble the prior of the columns that trials have."""
@@ -760,9 +760,9 @@ def task_tissue(
     kinds : trial -> kind of task.
     parts : trial -> the part of the body that is fitted to it.
     nominal : by which trials are tracked.
-    table : skin of people; gaitcal's own unless given.
+    table : skin of people; that of gaitcal unless given.
     fitted : whether the artefact will be fitted, or is a source of error alone.
-    pinned : segments whose markers are fixed to the bone, and show nothing of the person's skin.
+    pinned : segments with markers fixed to the bone, which do not show how the person's skin moves.
     """
     table = people_table() if table is None else table
     angles = {name: _angles(nominal, parts[name]) for name in kinds}
@@ -807,7 +807,7 @@ def kind_of_further(found: FoundTissue, activity: str) -> str:
     """Choose the kind of task of a calibration whose soft tissue a further trial has.
 
     An activity has that of the activity of its name; where the calibration knows none, that of walks, else of any
-    other activity, as nothing says how its own differs.
+    other activity, as nothing is known of how it differs.
 
     Parameters
     ----------

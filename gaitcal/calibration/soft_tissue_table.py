@@ -11,7 +11,7 @@ common, linear in six functions of the place x (from the knee's centre, in thigh
 
 skin in front of the thigh goes down and that behind it up, skin over the epicondyles goes back, skin
 over the fibular head goes down and back. The rest differs from person to person: the whole cluster shifts
-(`shift`) and turns (`turn`), every marker moves by itself (`own`), and beta itself is known from few
+(`shift`) and turns (`turn`), every marker moves by itself (`own`), and beta is known from few
 people (`covariance`). Lengths are those of a thigh of 0.42 m and grow in proportion to it.
 
 The figures are in `models/soft_tissue.json`, which `python -m scripts.validation bones --learn FILE`
@@ -77,7 +77,7 @@ class SkinField:
         return np.asarray(functions @ self.coefficients)
 
     def uncertainty(self, functions: Array) -> Array:
-        """(3 nm, 3 nm) m^2 of that mean, as few people tell it."""
+        """(3 nm, 3 nm) m^2 of that mean, as few people were measured."""
         by_marker = np.kron(functions, np.eye(3))
         return np.asarray(by_marker @ self.covariance @ by_marker.T)
 
@@ -88,7 +88,7 @@ SkinTable = Mapping[str, SkinField]
 
 def read_table(file: Path) -> dict[str, SkinField]:
     """Read the skin of all segments from a file of `models/` or of `--learn`."""
-    told = json.loads(file.read_text(encoding="utf-8"))
+    content = json.loads(file.read_text(encoding="utf-8"))
     return {
         name: SkinField(
             coefficients=1e-3 * np.array(row["coefficients_mm"]),
@@ -97,7 +97,7 @@ def read_table(file: Path) -> dict[str, SkinField]:
             turn=float(np.deg2rad(row["turn_deg"])),
             own=1e-3 * row["own_mm"],
         )
-        for name, row in told["segments"].items()
+        for name, row in content["segments"].items()
     }
 
 

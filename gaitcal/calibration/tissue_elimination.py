@@ -8,7 +8,7 @@ equations of p and all z are an arrow,
     [       S_2     C_2 ] [dz_2] = - [g_2]     C_k = sum_t S_zp,      sums over the trials t of kind k,
     [ C_1^T C_2^T   P   ] [dp  ]     [g_p]     P = sum_t S_pp + Lambda_p,
 
-whose corner is solved by the Schur complements of its kinds. With S_k = L_k L_k^T and Y_k = L_k^-1 C_k,
+with a corner that is solved by the Schur complements of its kinds. With S_k = L_k L_k^T and Y_k = L_k^-1 C_k,
 
     H = P - sum_k Y_k^T Y_k,       g = g_p - sum_k Y_k^T L_k^-1 g_k,       dz_k = -L_k^-T (L_k^-1 g_k + Y_k dp).
 
@@ -169,7 +169,7 @@ class Arrow:
     def __init__(self, kinds: Sequence[EliminatedKind], precision: Array, null: float | None = None) -> None:
         self.kinds, self.precision = kinds, precision
         self.information = np.zeros_like(precision)
-        """(np, np) what trials and the prior of soft tissue say of joint parameters."""
+        """(np, np) information of the trials and of the prior of soft tissue on joint parameters."""
         for kind in kinds:
             self.information += kind.hessian
         hessian = self.information + precision

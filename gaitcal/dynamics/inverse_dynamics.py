@@ -250,7 +250,7 @@ class Dynamics:
 def transformed_parameters(placement: pin.SE3) -> Array:
     """Find the matrix (10, 10) that takes dynamic parameters of a body into the frame it is placed in.
 
-    Pinocchio moves ten bodies whose parameters are independent; what it makes of them is the matrix.
+    Pinocchio moves ten bodies with independent parameters; their moved parameters give the matrix.
     """
     unit = np.eye(3)
     bodies = [pin.Inertia(1.0, np.zeros(3), unit)]

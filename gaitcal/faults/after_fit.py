@@ -278,8 +278,8 @@ def _angles(motion: Motion, side: str) -> Iterator[_Broken]:
 def _resolved_speed(motion: Motion, at: int) -> Array:
     """(nf,) deg/s of one coordinate, as the trial's splines resolve it; zero near the ends.
 
-    A spline tells no change that is shorter than the distance of its knots: the speed is the mean over that time. Its
-    derivatives are those of six polynomials each, which fewer frames hold within half of their reach of an end.
+    A spline does not resolve changes shorter than the distance of its knots, so the speed is the mean over that time.
+    Near the ends of a trial fewer frames determine it: half of the reach of a spline is left out there.
     """
     time, basis = motion.time, motion.basis
     spacing = float(time[-1] - time[0]) / max(basis.nodes - DEGREE, 1)

@@ -10,8 +10,8 @@ P the scatter of people about theta_0, in which that of palpation and regression
 noise and skin of the fit's own markers move theta by. A fit that leans on a prior has theta = theta_0 + K (true -
 theta_0 + e), K at most 1, and E = K cov(e) K^T, so that cov(d) = K P K^T + E is at most P + E: a fit without a prior is
 judged alike. The distance between the hips is judged in the same way. A doubted joint is some four scatters off; from
-`UNUSUAL` on, some three, it is named in a note. So is one of which a parameter is `FARTHEST` scatters of people off,
-however little the markers tell of it.
+`UNUSUAL` on, some three, it is named in a note. So is one with a parameter more than `FARTHEST` standard deviations
+of people away, however uncertain it is.
 
 A study file or a cohort that knows more of these people has its mean in theta_0; P stays anatomy's.
 """

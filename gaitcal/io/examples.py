@@ -141,7 +141,7 @@ class _Progress:
         self.total = self.done = 0
 
     def update(self, size: int) -> None:
-        """Count a block; the last one may be shorter than pooch says."""
+        """Count a block; the last one may be shorter than announced."""
         self.done += size
         if self.done > self.announced + BLOCK:
             message = f"is longer than the {self.announced} bytes announced"
@@ -149,7 +149,7 @@ class _Progress:
         self.progress(min(self.done, self.announced))
 
     def reset(self) -> None:
-        """Begin again: pooch tells the whole size when it is done."""
+        """Begin again: pooch calls this with the whole size when it is done."""
         self.done = 0
 
     def close(self) -> None:

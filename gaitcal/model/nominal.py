@@ -164,7 +164,7 @@ def _posture(frames: Mapping[str, Frame], dorsiflexion: Mapping[str, float], joi
 
 
 def knee_flexion(shank: Array, joint: Array, side: str) -> float:
-    """Flexion (rad) of a knee whose shank has the orientation (3, 3) in the thigh, with joint parameters (98,)."""
+    """Compute a knee's flexion (rad) from the shank's orientation (3, 3) in the thigh and joint parameters (98,)."""
     front, trans = (float(joint[JP_INDEX[f"knee_{side}.shank.{name}"]]) for name in ("front", "trans"))
     about = shank @ rotations.axis_rotation(0, front) @ rotations.axis_rotation(1, trans)
     return float(-np.arctan2(about[1, 0], about[0, 0]))

@@ -33,7 +33,7 @@ class FurtherTrials(Displayed):
     verdict: Verdict
     """How far each of them can be believed, and why."""
     not_converged: tuple[str, ...]
-    """Names of the trials whose tracking did not converge."""
+    """Names of the trials for which tracking did not converge."""
 
     def _description(self) -> tuple[str, list[tuple[str, str]]]:
         rows = [("trials", shorten([trial.name for trial in self.trials])), ("verdict", self.verdict.judgement.value)]
@@ -113,7 +113,7 @@ def analyse_trials(saved: SavedResult, tables: Sequence[TrialTable], progress: P
     Parameters
     ----------
     saved
-        The result whose model is used.
+        The result that has the model.
     tables
         The trials as a study file would have them.
 

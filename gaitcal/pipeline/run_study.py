@@ -107,12 +107,13 @@ def study_file_or_folder(path: Path, person: Options) -> Path | Folder:
     InputError
         The folder has several study files.
     """
-    study: Path | None = path
+    study = path
     if path.is_dir():
         folder = read_folder(path)
-        study = drafts.own_study(folder)
-        if study is None:
+        in_folder = drafts.own_study(folder)
+        if in_folder is None:
             return folder
+        study = in_folder
     if person != NOTHING_SAID:
         message = "mass, height, sex and age are for folders without a study file; write them there"
         raise UsageError(message, source=study)
@@ -161,7 +162,7 @@ def run_study(
     out
         The result folder; an earlier result is replaced.
     mass, height, sex, age
-        kg, m, `female` or `male`, years: for a folder whose files do not give them.
+        kg, m, `female` or `male`, years: for a folder in which no file gives them.
     normal
         File of normal bands, or the name of those that gaitcal brings.
     priors
@@ -174,7 +175,7 @@ def run_study(
     Returns
     -------
     Calibration
-        As written; its `verdict` says how far it can be believed.
+        As written, with its `verdict`.
 
     Raises
     ------

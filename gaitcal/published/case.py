@@ -253,7 +253,7 @@ _PEOPLE = {
 
 
 def people_rows(data: Path, jobs: int = -1, progress: Progress = silent) -> list[TableRow]:
-    """Rows for the people whose recordings are in the folder, each person in a process."""
+    """Compute the rows of all people with recordings in the folder, each person in a process."""
     names = [name for name in _PEOPLE if (data / name).is_dir()]
     for name in names:
         progress(f"{name}: calibration and third step")

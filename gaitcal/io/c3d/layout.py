@@ -16,7 +16,7 @@ where the header accounts for the length of the file and the parameters do not, 
 words of its first and last frame cannot count beyond 65535: where they, or FRAMES, stopped there or began again at
 zero, the number of frames is the one of TRIAL, LONG_FRAMES or further turns of the counter with which the data end
 where the file does. And its errors do not name the record of the parameters that is damaged (`find_damage`), nor does
-it tell which it writes otherwise than they were read: groups without a name, and types (`parameters_not_copied`).
+it name those that it writes otherwise than they were read: groups without a name, and types (`parameters_not_copied`).
 """
 
 import struct

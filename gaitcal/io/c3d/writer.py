@@ -319,7 +319,7 @@ def _restore_residuals(original: C3DOriginal, path: Path, replaced: Container[st
     """Give the points of the original the fourth word that they have there, and the header the scale of it.
 
     That word holds the residual and the cameras of a point. ezc3d keeps 15 of its 16 bits, and writes -1 as the scale
-    into the header, whatever the parameters say. Returns whether they could be found: not among DEC floats.
+    into the header, whatever the parameters have. Returns whether those words could be restored: not of DEC floats.
     """
     header, frames, group = original.header, original.frames, original.file["parameters"]["POINT"]
     scale = float(np.ravel(group["SCALE"]["value"])[0]) if "SCALE" in group else 1.0
