@@ -367,3 +367,10 @@ def _unexplained(body: _Body, joint: str, excess: float) -> Contradiction:
         excess=excess,
         seen_at=(joint,),
     )
+
+
+@remembered
+def contradictions_in(trial: MarkerEvidence) -> tuple[Contradiction, ...]:
+    """All in which a moving trial contradicts the static one, of what it is fitted by; every segment is a witness."""
+    found, joint = contradictions(trial.clusters, trial.links), trial.trial.joint
+    return found if joint is None else tuple(c for c in found if c.segment in (joint, *joint_segments(joint)))

@@ -80,13 +80,6 @@ def static_consistency(trials: Sequence[MarkerEvidence]) -> Iterator[Finding]:
     yield from _between_walks([t for t in sound if t.is_gait], {segment for _, segment, _ in found})
 
 
-@remembered
-def contradictions_in(trial: MarkerEvidence) -> tuple[Contradiction, ...]:
-    """All in which a moving trial contradicts the static one, of what it is fitted by; every segment is a witness."""
-    found, joint = contradictions(trial.clusters, trial.links), trial.trial.joint
-    return found if joint is None else tuple(c for c in found if c.segment in (joint, *joint_segments(joint)))
-
-
 def _of_cause(group: list[tuple[MarkerEvidence, Contradiction]], moving: int) -> Finding:
     """One cause, and the trials that show it, of so many moving ones."""
     trial, worst = max(group, key=lambda pair: pair[1].excess)

@@ -30,71 +30,14 @@ from gaitcal.runtime import with_one_blas_thread
 from gaitcal.session import tables
 from gaitcal.session.result import Calibration, Loads, TrialResult
 
-PAGE: Final = "result.html"
-SCENE: Final = "scene.npz"
-DYNAMICS: Final = "dynamics"  # Folder of a result that `gaitcal dynamics` writes
-OTHER_MODEL: Final = f"made by an earlier run with another model than {saved.MODEL} now is"
-AGAIN: Final = "run it again"
 
 
-def write_page(folder: Path, scene: Scene, page_data: Mapping[str, Any]) -> None:
-    """Write scene, data and page into a folder that is being written."""
-    save_scene(scene, folder / SCENE)
-    rewrite_page(folder, scene, page_data)
 
 
-def rewrite_page(folder: Path, scene: Scene, page_data: Mapping[str, Any]) -> None:
-    """Write the page with another page_data; the scene is there already."""
-    write_page_data(page_data, folder / PAGE_DATA)
-    (folder / PAGE).write_text(page_html(Shown(scene, page_data)), encoding="utf-8", newline="")
 
 
-def read_page(folder: Path) -> Shown:
-    """What a folder's page is made of.
-
-    Raises InputError: It holds no page, or one that is damaged.
-    """
-
-    def read() -> Shown:
-        page_data = read_page_data(folder / PAGE_DATA)
-        shown = Shown(load_scene(folder / SCENE), page_data)
-        if [t["name"] for t in page_data["trials"]] != [t.name for t in shown.scene.trials]:
-            message = "tells of other trials than scene.npz; calibrate again"
-            raise InputError(message, source=folder / PAGE_DATA, code=Code.DAMAGED_RESULT)
-        return shown
-
-    shown, _ = snapshot.read_whole(folder, (SCENE, PAGE_DATA), read)
-    return shown
 
 
-def result_page(folder: Path) -> tuple[Shown, tuple[str, ...]]:
-    """A result with the further trials that `gaitcal dynamics` added, and lines on those that are stale or left out.
-
-    Raises InputError: As of `read_page`; what is wrong with the further trials is such a line.
-    """
-    shown = read_page(folder)
-    if not (folder / DYNAMICS).is_dir():
-        return shown, ()
-    try:
-        further = read_page(folder / DYNAMICS)
-    except InputError:
-        return shown, (f"{folder / DYNAMICS}: its page is missing or damaged; run its trials again to see them",)
-    stale = other_model(folder / DYNAMICS, [t.name for t in further.scene.trials], sha256_of(folder / saved.MODEL))
-    lines = tuple(f"{name}: {OTHER_MODEL}; {AGAIN}" for name in stale)
-    taken = {trial.name for trial in shown.scene.trials}
-    names = {t.name: f"{t.name} ({DYNAMICS})" for t in further.scene.trials if t.name in taken}
-    scene = with_trials(shown.scene, further.scene, names)
-    if scene is None:
-        return shown, (f"{folder / DYNAMICS}: another body than {folder}; run its trials again to see them",)
-    about = only(further.data or {}, [t.name for t in further.scene.trials])
-    page_data = renamed(doubted(about, [(name, OTHER_MODEL, AGAIN) for name in stale]), names)
-    return Shown(scene, followed_by(shown.data or {}, page_data)), lines
-
-
-def other_model(folder: Path, trials: list[str], digest: str | None) -> tuple[str, ...]:
-    """Those of these trials in a folder of further trials that were made with another model than that of `digest`."""
-    digests = table_of(read_object(folder / MANIFEST), "model_sha256")
-    return tuple(name for name in trials if digests.get(name) != digest)
 
 
 VERSIONED = ("gaitcal", "pin", "numpy", "scipy", "ezc3d", "pandas")
@@ -178,11 +121,6 @@ def manifest(calibration: Calibration, settings: Mapping[str, Json] | None = Non
         "inputs_sha256": dict(calibration.study.inputs),
         "inputs_changed_while_it_ran": list(calibration.study.changed_inputs()),
     }
-
-
-def json_text(content: Json) -> str:
-    """The text of a JSON file, as results have it."""
-    return json.dumps(content, indent=1, ensure_ascii=False, allow_nan=False) + "\n"
 
 
 def _models(model: SubjectModel, out: Path) -> None:

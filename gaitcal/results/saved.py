@@ -269,3 +269,12 @@ def _torques(path: Path, frames: int) -> tuple[Mapping[str, Array] | None, Mappi
 def _reasons(summary: Mapping[str, object], trial: str) -> tuple[str, ...]:
     concern = [e for e in entries_of(summary, "reasons") if not e.get("trials") or trial in e["trials"]]
     return tuple(f"{entry.get('cause')}: {entry.get('evidence')}" for entry in concern)
+
+
+AGAIN: Final = "run it again"
+OTHER_MODEL: Final = f"made by an earlier run with another model than {MODEL} now is"
+DYNAMICS: Final = "dynamics"  # Folder of a result that `gaitcal dynamics` writes
+def other_model(folder: Path, trials: list[str], digest: str | None) -> tuple[str, ...]:
+    """Those of these trials in a folder of further trials that were made with another model than that of `digest`."""
+    digests = table_of(read_object(folder / MANIFEST), "model_sha256")
+    return tuple(name for name in trials if digests.get(name) != digest)
