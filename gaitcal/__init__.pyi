@@ -1,5 +1,8 @@
 """Where the public names live: read by type checkers, and by `__init__.py` when a name is first used."""
 
+from .analysis.calibrate import calibrate as calibrate
+from .analysis.parameter_table import parameter_table as parameter_table
+from .analysis.result import Calibration as Calibration
 from .dynamics.ground_reactions import GroundReactions as GroundReactions
 from .dynamics.ground_reactions import ground_reactions as ground_reactions
 from .dynamics.inverse_dynamics import Moments as Moments
@@ -12,7 +15,6 @@ from .dynamics.joint_kinetics import power_of as power_of
 from .errors import ConvergenceError as ConvergenceError
 from .errors import GaitcalError as GaitcalError
 from .errors import InputError as InputError
-from .faults.study import check_study as check_study
 from .gait.conventions import Acting as Acting
 from .gait.conventions import Convention as Convention
 from .gait.conventions import MomentUnit as MomentUnit
@@ -32,21 +34,19 @@ from .model.nominal import published_model as published_model
 from .model.parameters import Parameters as Parameters
 from .model.subject_model import Subject as Subject
 from .model.subject_model import SubjectModel as SubjectModel
-from .motion.motion import Motion as Motion
-from .motion.motion import track as track
+from .montecarlo.draw_study import monte_carlo as monte_carlo
 from .pipeline.further_trials import FurtherTrials as FurtherTrials
 from .pipeline.further_trials import analyse_trial as analyse_trial
 from .pipeline.run_study import run_study as run_study
-from .published.study import monte_carlo as monte_carlo
-from .results.calibration import write_results as write_results
-from .results.cycles import cycles as cycles
-from .results.cycles import cycles_to_xarray as cycles_to_xarray
-from .results.cycles import read_cycles as read_cycles
-from .results.sessions import compare_results as compare_results
+from .pipeline.write_results import write_results as write_results
+from .quality.study_checks import check_study as check_study
+from .report.session_report import compare_results as compare_results
+from .results.cycle_tables import cycles as cycles
+from .results.cycle_tables import cycles_to_xarray as cycles_to_xarray
+from .results.cycle_tables import read_cycles as read_cycles
 from .results.stride_files import spatiotemporal as spatiotemporal
-from .session.calibrate import calibrate as calibrate
-from .session.result import Calibration as Calibration
-from .session.tables import parameter_table as parameter_table
 from .study.study import Study as Study
 from .synthetic.subject import synthesize as synthesize
+from .tracking.motion import Motion as Motion
+from .tracking.motion import track as track
 from .viewer import view as view

@@ -34,10 +34,10 @@ from gaitcal.io.recording import Recording
 from gaitcal.model.chain import build_model
 from gaitcal.model.linkage import COORDINATES, SEGMENTS
 from gaitcal.model.subject_model import SubjectModel
-from gaitcal.motion.motion import Motion
-from gaitcal.page import scene
-from gaitcal.page.body_meshes import body_meshes, fitted_meshes
+from gaitcal.report.page import scene
+from gaitcal.report.page.body_meshes import body_meshes, fitted_meshes
 from gaitcal.runtime import with_one_blas_thread
+from gaitcal.tracking.motion import Motion
 
 BODY, MEASURED, FORCE, PLATE, JOINT = 0xD3C4B0, 0x0072B2, 0x009E73, 0x56738C, 0x8A3FFC
 """Colours of the page (`page/scripts/body.js`)."""

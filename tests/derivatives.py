@@ -10,10 +10,10 @@ from gaitcal.model.chain import Chain, LinkageModel
 from gaitcal.model.coordinates import split_side
 from gaitcal.model.linkage import COORDINATES
 from gaitcal.model.parameters import JOINT_PARAMETERS, JP_NAMES, Kind, Parameters, published_subject
-from gaitcal.motion.marker_residual import MarkerData, PlacedMarkers, marker_positions
-from gaitcal.motion.spline import spline_basis
-from gaitcal.motion.start import starting_nodes
-from gaitcal.motion.trial_problem import MotionProblem
+from gaitcal.tracking.marker_residual import MarkerData, PlacedMarkers, marker_positions
+from gaitcal.tracking.spline import spline_basis
+from gaitcal.tracking.start import starting_nodes
+from gaitcal.tracking.trial_problem import MotionProblem
 
 Array = NDArray[np.float64]
 PUBLISHED_JOINTS = ("hip", "knee", "talocrural", "subtalar", "back", "shoulder", "elbow")

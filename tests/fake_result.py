@@ -6,6 +6,7 @@ from typing import Any, cast
 
 import numpy as np
 
+from gaitcal.analysis.result import Calibration, Loads, Stage, TrialResult, Uncertainty
 from gaitcal.calibration.error_sources import ErrorSources
 from gaitcal.calibration.inertial_calibration import InertialFit
 from gaitcal.calibration.joint_phases import JointCalibration, Phase
@@ -14,20 +15,19 @@ from gaitcal.dynamics.ground_reactions import GroundReactions
 from gaitcal.dynamics.inverse_dynamics import Moments
 from gaitcal.dynamics.measurement_errors import ErrorSource, TorqueErrors
 from gaitcal.errors import STUDY, Code, Finding, Severity
-from gaitcal.faults.verdict import judge
 from gaitcal.gait.events import trial_events
 from gaitcal.gait.spatiotemporal import strides_measured
 from gaitcal.io.recording import ForcePlate, Recording
 from gaitcal.model.linkage import COORDINATES, SEGMENTS, coordinates_of, joint_segments
 from gaitcal.model.parameters import IP_NAMES, JP_INDEX, published_subject, symmetric_set
 from gaitcal.model.subject_model import MarkerPlacement, Subject, SubjectModel
-from gaitcal.motion.joint_floor import JointFloor
-from gaitcal.motion.motion import MarkerErrors, Motion
-from gaitcal.motion.spline import spline_basis
-from gaitcal.session.result import Calibration, Loads, Stage, TrialResult, Uncertainty
+from gaitcal.quality.verdict import judge
 from gaitcal.study.settings import CalibrationSettings
 from gaitcal.study.study import Study
 from gaitcal.study.study_trial import Role, Trial
+from gaitcal.tracking.joint_floor import JointFloor
+from gaitcal.tracking.motion import MarkerErrors, Motion
+from gaitcal.tracking.spline import spline_basis
 
 FRAMES, RATE = 241, 100.0
 ANGLE_ERROR = 0.02

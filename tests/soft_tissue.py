@@ -4,7 +4,7 @@ import numpy as np
 
 from gaitcal.arrays import Array
 from gaitcal.calibration.soft_tissue_artefact import SIZES
-from gaitcal.motion.soft_tissue import together
+from gaitcal.tracking.soft_tissue import together
 
 
 def marker_covariance(segment: str, local: Array) -> Array:

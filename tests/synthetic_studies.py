@@ -7,12 +7,12 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from gaitcal.io.csv import write_forces_csv, write_markers_csv
+from gaitcal.io.csv_recordings import write_forces_csv, write_markers_csv
 from gaitcal.io.force_plate import plate_from_moment
 from gaitcal.io.recording import ForcePlate, Recording
 from gaitcal.model.nominal import published_model
 from gaitcal.model.parameters import Parameters
-from gaitcal.synthetic.motion import (
+from gaitcal.synthetic.synthetic_motion import (
     TrueMotion,
     gait_motion,
     isolated_motion,

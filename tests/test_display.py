@@ -8,9 +8,9 @@ import pandas as pd
 import pytest
 
 import gaitcal as gc
+from gaitcal.analysis.result import Calibration
 from gaitcal.display import Displayed
-from gaitcal.results.calibration import write_results
-from gaitcal.session.result import Calibration
+from gaitcal.pipeline.write_results import write_results
 from tests.kept import kept_calibration
 
 

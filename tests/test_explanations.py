@@ -11,8 +11,8 @@ from typer.testing import CliRunner
 from gaitcal.cli.application import COMMANDS, HELP, app, loaded
 from gaitcal.errors import Code, Finding, InputError, Severity, UsageError
 from gaitcal.explanations import PARTS, Paragraph, all_explanations, explanation_of, parts_of
-from gaitcal.faults.verdict import judge
-from gaitcal.page.page_data import explained_code, verdict_page_data
+from gaitcal.quality.verdict import judge
+from gaitcal.report.page.page_data import explained_code, verdict_page_data
 
 PACKAGE = Path(__file__).parents[1] / "gaitcal"
 PAGES = PACKAGE / "explanations" / "pages"

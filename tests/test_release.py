@@ -115,8 +115,8 @@ def test_what_contributors_are_told_is_there() -> None:
     [
         ("gaitcal", ["meshcat", "matplotlib", "dask", "distributed", "jinja2", "typer", "rich", "IPython"]),
         # for who asks for a data frame or a page in the browser; they take a third of the imports' time
-        ("gaitcal.cli.calibrate", ["pandas", "pyarrow", "http.server", "matplotlib"]),
-        ("gaitcal.cli.folder", ["pandas", "pyarrow", "http.server", "matplotlib"]),
+        ("gaitcal.cli.calibrate_command", ["pandas", "pyarrow", "http.server", "matplotlib"]),
+        ("gaitcal.cli.study_folder", ["pandas", "pyarrow", "http.server", "matplotlib"]),
     ],
 )
 def test_imports_load_no_library_that_is_for_others(module: str, heavy: list[str], tmp_path: Path) -> None:

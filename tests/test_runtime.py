@@ -83,7 +83,7 @@ def test_every_numerical_function_asks_for_it() -> None:
 
 def test_a_command_called_by_a_program_asks_for_it(monkeypatch: pytest.MonkeyPatch) -> None:
     seen: list[set[int]] = []
-    monkeypatch.setattr("gaitcal.cli.view.view_result", lambda console, result: seen.append(threads()))
+    monkeypatch.setattr("gaitcal.cli.view_command.view_result", lambda console, result: seen.append(threads()))
     with threadpool_limits(limits=2, user_api="blas"):
         CliRunner().invoke(app, ["view", "."], catch_exceptions=False)
     assert seen == [{1}]

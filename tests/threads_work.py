@@ -17,12 +17,12 @@ import scipy.linalg  # noqa: F401  # brings a BLAS of its own, whose threads are
 from threadpoolctl import threadpool_limits
 
 import gaitcal as gc
-from gaitcal.published.case import nominal_case
-from gaitcal.published.draw import COLUMNS, MonteCarloContext, draw
-from gaitcal.published.protocol import MonteCarloSettings, Plan, Varied
-from gaitcal.published.recovery import noisy_draw
-from gaitcal.published.workers import LocalProcesses, Workers
-from gaitcal.synthetic.motion import gait_motion, residual_free_wrench
+from gaitcal.montecarlo.case import nominal_case
+from gaitcal.montecarlo.draw import COLUMNS, MonteCarloContext, draw
+from gaitcal.montecarlo.protocol import MonteCarloSettings, Plan, Varied
+from gaitcal.montecarlo.workers import LocalProcesses, Workers
+from gaitcal.reproduction.recovery import noisy_draw
+from gaitcal.synthetic.synthetic_motion import gait_motion, residual_free_wrench
 from tests.synthetic_studies import made_recording
 
 PLAN = Plan(levels=(50,), draws=1)

@@ -6,7 +6,7 @@ sigma_m is the marker residual that phase 1 left (per coordinate); sigma_F = s B
 s, the weight between markers and loads: how large a pelvis residual measurement alone explains. x are the variables of
 `inertial_calibration.py`. Residual loads depend on positions, velocities and accelerations, hence on the same six nodes
 as the markers of the frame: the normal matrix keeps its band, and (joint, inertial) parameters are the arrow's point
-(`motion/banded.py`). Levenberg-Marquardt from the end of phases 1 and 2.
+(`tracking/banded.py`). Levenberg-Marquardt from the end of phases 1 and 2.
 """
 
 import time
@@ -20,11 +20,11 @@ from gaitcal.calibration.inertial_calibration import ConsistentSettings, LogChar
 from gaitcal.dynamics.derivatives import RootResidual, root_residual
 from gaitcal.model.parameters import JP_INDEX, InertialSet, Parameters, dynamic_jacobian
 from gaitcal.model.subject_model import Subject
-from gaitcal.motion.banded import ArrowEquations, NormalEquations, SharedPrior
-from gaitcal.motion.descent import DescentSettings, Ending, Evaluation, descend
-from gaitcal.motion.motion import SharedMotions
-from gaitcal.motion.spline import ORDER, SplineBasis
-from gaitcal.motion.trial_problem import MotionProblem
+from gaitcal.tracking.banded import ArrowEquations, NormalEquations, SharedPrior
+from gaitcal.tracking.descent import DescentSettings, Ending, Evaluation, descend
+from gaitcal.tracking.motion import SharedMotions
+from gaitcal.tracking.spline import ORDER, SplineBasis
+from gaitcal.tracking.trial_problem import MotionProblem
 
 DESCENT = DescentSettings(first_damping=1e-4, lowered_by=10.0, keep_within=0.0, most_steps=60)
 """A little damped at first: markers and loads pull apart where phases 1 and 2 ended."""

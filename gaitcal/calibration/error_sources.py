@@ -34,10 +34,10 @@ from gaitcal.model.chain import LinkageModel
 from gaitcal.model.kinematics import Kinematics
 from gaitcal.model.linkage import COORDINATES
 from gaitcal.model.parameters import JOINT_PARAMETERS, JP_INDEX, JP_NAMES, Kind, Parameters
-from gaitcal.motion.banded import eliminate
-from gaitcal.motion.spline import ORDER, SplineBasis
-from gaitcal.motion.trial_problem import MotionProblem
-from gaitcal.study.joint_prior import JointPrior
+from gaitcal.study.cohort_prior import JointPrior
+from gaitcal.tracking.banded import eliminate
+from gaitcal.tracking.spline import ORDER, SplineBasis
+from gaitcal.tracking.trial_problem import MotionProblem
 
 LEVERAGE_CAP = 0.9  # Leverages are cut here: a marker that alone holds a coordinate has no residual to learn from
 BLOCK = 125  # Frames at a time at most, whose changes by the marker coordinates of all trials are held at once

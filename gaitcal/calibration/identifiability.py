@@ -21,8 +21,8 @@ from gaitcal.calibration.reduced_problem import NULL
 from gaitcal.errors import STUDY, Code, Finding, Severity, listed
 from gaitcal.model import coordinates, linkage
 from gaitcal.model.parameters import JOINT_PARAMETERS, JP_INDEX, Kind, Parameters
-from gaitcal.motion import motion, rigid, trial_problem
-from gaitcal.motion.start import starting_nodes
+from gaitcal.tracking import motion, rigid, trial_problem
+from gaitcal.tracking.start import starting_nodes
 
 LARGEST_POSITION = 0.020  # m, standard error above which a joint position counts as not determined
 LARGEST_ORIENTATION = np.deg2rad(20.0)  # rad, the same for an axis' direction

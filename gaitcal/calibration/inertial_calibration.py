@@ -37,7 +37,7 @@ from gaitcal.dynamics.ground_reactions import GroundReactions
 from gaitcal.dynamics.inverse_dynamics import Dynamics
 from gaitcal.model import parameters as params
 from gaitcal.model.subject_model import Subject
-from gaitcal.motion.motion import Motion
+from gaitcal.tracking.motion import Motion
 
 RESEED_CHANGE = 1e-3
 """The published stop: RMS residuals change by less than 0.1 %."""

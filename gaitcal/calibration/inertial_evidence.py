@@ -45,7 +45,7 @@ from gaitcal.dynamics import derivatives, inverse_dynamics, measurement_errors
 from gaitcal.dynamics.ground_reactions import GroundReactions
 from gaitcal.model.parameters import InertialSet, Parameters, dynamic_jacobian, dynamic_parameters, full_set
 from gaitcal.model.subject_model import Subject
-from gaitcal.motion import spline, trial_problem
+from gaitcal.tracking import spline, trial_problem
 
 BLOCK = 500  # Frames whose changes are held at once
 COARSER = np.sqrt(2.0)  # Spans of the motion that bandwidth is judged by, over those of the motion: half an octave

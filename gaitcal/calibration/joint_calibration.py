@@ -16,8 +16,8 @@ from gaitcal.arrays import Array
 from gaitcal.calibration.reduced_problem import ReducedProblem, ReducedState
 from gaitcal.calibration.soft_tissue_artefact import NO_TISSUE, TissuePrior
 from gaitcal.model.parameters import JOINT_PARAMETERS, JP_INDEX, Kind, Parameters
-from gaitcal.motion.descent import DescentSettings
-from gaitcal.motion.trial_problem import MotionProblem
+from gaitcal.tracking.descent import DescentSettings
+from gaitcal.tracking.trial_problem import MotionProblem
 
 POSITION_SCALE = 0.1
 """m: one unit of a position inside the solver is 1 dm, of an orientation 1 rad, as both move a marker about as far."""

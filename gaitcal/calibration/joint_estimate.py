@@ -58,13 +58,13 @@ from gaitcal.calibration.reduced_problem import NULL, ReducedState
 from gaitcal.calibration.soft_tissue_artefact import NO_TISSUE, TissuePrior, secondary_prior
 from gaitcal.calibration.tissue_elimination import Arrow, split_by_kind
 from gaitcal.model.parameters import JOINT_PARAMETERS, JP_INDEX, Kind, Parameters
-from gaitcal.motion.banded import eliminate
-from gaitcal.motion.coordinate_prior import joints_left_open
-from gaitcal.motion.soft_tissue import SoftTissue
-from gaitcal.motion.spline import frame_rate
-from gaitcal.motion.start import starting_nodes
-from gaitcal.motion.trial_problem import MotionProblem
-from gaitcal.study.joint_prior import JointPrior
+from gaitcal.study.cohort_prior import JointPrior
+from gaitcal.tracking.banded import eliminate
+from gaitcal.tracking.coordinate_prior import joints_left_open
+from gaitcal.tracking.soft_tissue import SoftTissue
+from gaitcal.tracking.spline import frame_rate
+from gaitcal.tracking.start import starting_nodes
+from gaitcal.tracking.trial_problem import MotionProblem
 
 BY_EVIDENCE = JointSettings(tolerance=1e-7)
 """Far below the error bars; an axis that trials hardly determine is held by its prior."""

@@ -30,11 +30,11 @@ from gaitcal.calibration.joint_estimate import BY_EVIDENCE, JointEstimate, Tasks
 from gaitcal.errors import Finding
 from gaitcal.model.linkage import ISOLATED_JOINTS, LEG_JOINTS, LOWER_BODY, SEGMENTS
 from gaitcal.model.parameters import JP_INDEX, JP_NAMES, Parameters, isolated_parameters
-from gaitcal.motion.bandwidth import with_bandwidth
-from gaitcal.motion.soft_tissue import SoftTissue
-from gaitcal.motion.trial_problem import MotionProblem
 from gaitcal.runtime import with_one_blas_thread
-from gaitcal.study.joint_prior import JointPrior
+from gaitcal.study.cohort_prior import JointPrior
+from gaitcal.tracking.bandwidth import with_bandwidth
+from gaitcal.tracking.soft_tissue import SoftTissue
+from gaitcal.tracking.trial_problem import MotionProblem
 
 LEARNT = 0.9
 """A parameter whose standard error is more than this part of its prior's is not determined by the trials."""

@@ -72,12 +72,12 @@ from gaitcal.arrays import Array, BoolArray, IntArray
 from gaitcal.model.linkage import ISOLATED_JOINTS
 from gaitcal.model.parameters import JOINT_PARAMETERS, JP_INDEX, JP_NAMES, JP_TO_SI, Kind, Parameters
 from gaitcal.model.subject_model import PointNoise
-from gaitcal.motion import spline, trial_problem
-from gaitcal.motion.marker_residual import MarkerData
-from gaitcal.motion.rigid import FEWEST_MARKERS
-from gaitcal.motion.soft_tissue import together
-from gaitcal.study.joint_prior import SIDES_OF, JointPrior
+from gaitcal.study.cohort_prior import SIDES_OF, JointPrior
 from gaitcal.study.settings import ParameterPriorTable
+from gaitcal.tracking import spline, trial_problem
+from gaitcal.tracking.marker_residual import MarkerData
+from gaitcal.tracking.rigid import FEWEST_MARKERS
+from gaitcal.tracking.soft_tissue import together
 
 
 @dataclass(frozen=True, kw_only=True)

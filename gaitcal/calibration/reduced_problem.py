@@ -37,11 +37,11 @@ from gaitcal.calibration.soft_tissue_artefact import NO_TISSUE, TissuePrior
 from gaitcal.calibration.tissue_elimination import EliminatedKind, eliminate_tissue, split_by_kind
 from gaitcal.model.chain import LinkageModel
 from gaitcal.model.parameters import Parameters
-from gaitcal.motion.banded import Elimination, NormalEquations, eliminate
-from gaitcal.motion.descent import DescentSettings, Evaluation, descend
-from gaitcal.motion.motion import track_nodes
-from gaitcal.motion.trial_problem import MotionProblem
 from gaitcal.runtime import with_one_blas_thread
+from gaitcal.tracking.banded import Elimination, NormalEquations, eliminate
+from gaitcal.tracking.descent import DescentSettings, Evaluation, descend
+from gaitcal.tracking.motion import track_nodes
+from gaitcal.tracking.trial_problem import MotionProblem
 
 KEPT_WITHIN = 0.005
 """m, rad: a matrix formed nearer than this differs from the present one by less than the curvature it leaves out."""

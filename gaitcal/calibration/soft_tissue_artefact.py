@@ -26,7 +26,7 @@ V the covariance of z at this person's s and m its mean,
     z | deformation ~ N(m + C (b - Q m), C),        C = (V^-1 + Q)^-1.
 
 The deformation of that mean is where a fit has the markers, in axes that turn with the cluster. A fit has six unknowns
-a regressor and segment besides (`motion/soft_tissue.py`), with the rigid part of that mean and covariance as their
+a regressor and segment besides (`tracking/soft_tissue.py`), with the rigid part of that mean and covariance as their
 prior. A deformation that is expected and does not come is a strain of the linkage: it moved hips of children by 8 mm.
 
 So such an artefact has the size that people show *in the task*, whichever angle it goes with, and not so many
@@ -68,9 +68,9 @@ from gaitcal.calibration.joint_prior import LEAST_SAMPLES, frames_per_sample, le
 from gaitcal.calibration.soft_tissue_table import THIGH_M, SkinField, SkinTable, people_table, place_functions
 from gaitcal.model.linkage import BENDS, ISOLATED_JOINTS, JOINT_OF_CHILD, JOINTS, LEG_JOINTS, Source, segment_kind
 from gaitcal.model.parameters import Parameters
-from gaitcal.motion import motion, soft_tissue
-from gaitcal.motion.rigid import FEWEST_MARKERS, rigid_fit
-from gaitcal.motion.trial_problem import MotionProblem
+from gaitcal.tracking import motion, soft_tissue
+from gaitcal.tracking.rigid import FEWEST_MARKERS, rigid_fit
+from gaitcal.tracking.trial_problem import MotionProblem
 
 
 @dataclass(frozen=True)

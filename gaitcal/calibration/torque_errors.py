@@ -22,8 +22,8 @@ from gaitcal.calibration.inertial_calibration import InertialFit
 from gaitcal.dynamics import derivatives, joint_kinetics, measurement_errors
 from gaitcal.dynamics.inverse_dynamics import FORCES, Dynamics
 from gaitcal.model.parameters import Parameters, dynamic_jacobian
-from gaitcal.motion.trial_problem import MotionProblem
 from gaitcal.runtime import LARGEST_BYTES
+from gaitcal.tracking.trial_problem import MotionProblem
 
 KINETICS = len(joint_kinetics.POWERS) + len(joint_kinetics.COMPONENTS) * len(joint_kinetics.VECTOR_FRAMES)
 """Powers and components of moment vectors of a frame."""

@@ -23,19 +23,19 @@ from gaitcal.arrays import Array
 from gaitcal.calibration.error_sources import ErrorSources
 from gaitcal.calibration.joint_phases import LEG_PARAMETERS, UPPER_PARAMETERS
 from gaitcal.calibration.joint_prior import prior_deviations, prior_of, prior_of_study, prior_root
+from gaitcal.cohort.cohort_people import Cohort
 from gaitcal.cohort.learning import FEWEST, PartEvidence, PersonEvidence, folds_of, heights_of, learn_part
 from gaitcal.cohort.outcome import kept
-from gaitcal.cohort.people import Cohort
-from gaitcal.compare.difference import told_parameters
 from gaitcal.errors import Code, InputError
 from gaitcal.io.result_folder import MANIFEST, amended, read_object
 from gaitcal.io.toml import package_version
 from gaitcal.model.parameters import JOINT_PARAMETERS, JP_INDEX, JP_NAMES
 from gaitcal.results.cycles_export import trial_files
-from gaitcal.results.saved import load_result
+from gaitcal.results.saved_result import load_result
+from gaitcal.results.session_difference import told_parameters
 from gaitcal.results.summary import JOINT_PRIOR, SUMMARY
 from gaitcal.runtime import Progress, silent
-from gaitcal.study import joint_prior
+from gaitcal.study import cohort_prior
 from gaitcal.study.settings import Protocol
 
 PRIORS, PRIORS_CSV = "priors.json", "priors.csv"
@@ -123,7 +123,7 @@ def evidence_of(folder: Path, name: str) -> Found:
     hashes = manifest.get("inputs_sha256")
     files = (files.get("file", "") for files in trial_files(folder).values())
     recordings = frozenset(str(hashes[file]) for file in files if isinstance(hashes, dict) and file in hashes)
-    person = joint_prior.Person(height=subject.height, sex=subject.sex)
+    person = cohort_prior.Person(height=subject.height, sex=subject.sex)
     marker_set = str(manifest.get("marker_set") or "")
     return Found(
         PersonEvidence(name=name, person=person, recordings=recordings, parts=parts),
@@ -132,7 +132,7 @@ def evidence_of(folder: Path, name: str) -> Found:
 
 
 def parts_of(
-    errors: ErrorSources, deviation: Array, names: tuple[str, ...], prior: joint_prior.JointPrior | None
+    errors: ErrorSources, deviation: Array, names: tuple[str, ...], prior: cohort_prior.JointPrior | None
 ) -> dict[str, PartEvidence] | None:
     """What a calibration says of every part of the body; None where its errors are no covariance of rank.
 
@@ -190,7 +190,7 @@ def learn_cohort(
     rules: Rules,
     left_out: Sequence[str] = (),
     progress: Progress = silent,
-) -> joint_prior.CohortPriors:
+) -> cohort_prior.CohortPriors:
     """What people teach of the next one.
 
     Parameters
@@ -212,7 +212,7 @@ def learn_cohort(
     for part, names in PARTS.items():
         prior = learn_part(part, names, people, folds, progress)
         populations = [
-            joint_prior.StoredPopulation(
+            cohort_prior.StoredPopulation(
                 effects=_numbers(population.effects),
                 effect_covariance=_lower(population.effect_covariance),
                 spread=_lower(population.spread),
@@ -220,7 +220,7 @@ def learn_cohort(
             for population in prior.populations
         ]
         parts.append(
-            joint_prior.StoredPart(
+            cohort_prior.StoredPart(
                 part=part,
                 parameters=list(names),
                 origin=_numbers(prior_of(names, None)[0]),
@@ -232,9 +232,9 @@ def learn_cohort(
                 populations=populations,
             )
         )
-    return joint_prior.CohortPriors(
-        format=joint_prior.FORMAT,
-        kind=joint_prior.KIND,
+    return cohort_prior.CohortPriors(
+        format=cohort_prior.FORMAT,
+        kind=cohort_prior.KIND,
         gaitcal=package_version("gaitcal"),
         cohort=cohort,
         marker_set=rules.marker_set,
@@ -243,8 +243,8 @@ def learn_cohort(
         heights_m=[float(h) for h in heights_of(people)],
         left_out=list(left_out),
         people=[
-            joint_prior.StoredPerson(
-                name_sha256=joint_prior.name_hash(cohort, p.name),
+            cohort_prior.StoredPerson(
+                name_sha256=cohort_prior.name_hash(cohort, p.name),
                 recordings_sha256=sorted(p.recordings),
                 fold=int(fold),
             )
@@ -267,17 +267,17 @@ def _numbers(values: Array) -> list[float]:
     return [float(f"{value:.{DIGITS}g}") for value in values]
 
 
-def priors_text(priors: joint_prior.CohortPriors) -> str:
+def priors_text(priors: cohort_prior.CohortPriors) -> str:
     """The content of `priors.json`."""
     return json.dumps(priors.model_dump(), ensure_ascii=False) + "\n"
 
 
-def priors_rows(priors: joint_prior.CohortPriors) -> Iterator[dict[str, object]]:
+def priors_rows(priors: cohort_prior.CohortPriors) -> Iterator[dict[str, object]]:
     """The rows of `priors.csv`, for people: mean and standard deviation of a person of middle height, in mm and deg."""
     low, high = priors.heights_m
-    person = joint_prior.Person(height=0.5 * (low + high), sex="")
+    person = cohort_prior.Person(height=0.5 * (low + high), sex="")
     for part in priors.parts:
-        mean, covariance = joint_prior.expected(part, 0, person, (low, high))
+        mean, covariance = cohort_prior.expected(part, 0, person, (low, high))
         spread, default = np.sqrt(np.diag(covariance)), prior_deviations(part.parameters)
         for name, *values in zip(part.parameters, mean, spread, default, strict=True):
             kind = JOINT_PARAMETERS[JP_INDEX[name]].kind
@@ -285,7 +285,7 @@ def priors_rows(priors: joint_prior.CohortPriors) -> Iterator[dict[str, object]]
             yield dict(zip(COLUMNS, (name, kind.unit, *numbers, part.learning), strict=True))
 
 
-def priors_words(priors: joint_prior.CohortPriors) -> Iterator[str]:
+def priors_words(priors: cohort_prior.CohortPriors) -> Iterator[str]:
     """What was learnt, a line each part."""
     for part in priors.parts:
         gain, error = part.gain

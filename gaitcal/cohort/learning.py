@@ -9,7 +9,7 @@ error of that gain. Spreads that still turn out too narrow for people left out a
 
 Mean and spread of the joint parameters of people, of each of whom recordings tell something.
 
-The recordings of person i say of the n deviations y_i (`study/joint_prior.py`), priors left out,
+The recordings of person i say of the n deviations y_i (`study/cohort_prior.py`), priors left out,
 
     log p(recordings | y) = r_i^T y - y^T S_i y / 2 + constant,     S_i the information, r_i = S_i m_i,
 
@@ -35,7 +35,7 @@ import numpy as np
 
 from gaitcal.arrays import Array, IntArray
 from gaitcal.runtime import Progress, silent
-from gaitcal.study.joint_prior import UNLEARNT, Person, design, mirror, sided_directions
+from gaitcal.study.cohort_prior import UNLEARNT, Person, design, mirror, sided_directions
 
 MOST_STEPS, RISE = 50, 5e-3  # Of the iteration, and rise of the log likelihood of each person at which it ends
 COMMON = (0.5, 0.2, 0.05)

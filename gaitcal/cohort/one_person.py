@@ -22,21 +22,21 @@ from typing import Any, Final, TypeAlias
 import numpy as np
 import pandas as pd
 
-from gaitcal.cohort.people import CohortPerson, is_folder, no_folder
+from gaitcal.cohort.cohort_people import CohortPerson, is_folder, no_folder
 from gaitcal.errors import STUDY, Code, InputError
-from gaitcal.faults.verdict import Judgement
 from gaitcal.gait import profile_score, spatiotemporal
 from gaitcal.gait.cycles import WALKING, Kind, kind_of
 from gaitcal.gait.peaks import PEAK_COLUMNS, PEAKS
+from gaitcal.intake import draft_file as drafts
+from gaitcal.intake.drafting import draft_of
+from gaitcal.intake.recordings_folder import read_folder
 from gaitcal.io.result_folder import MANIFEST, read_object, sha256_of
 from gaitcal.model.linkage import SIDES
 from gaitcal.pipeline.run_study import FaultyStudyError, RunSettings, run_found_study
-from gaitcal.results.cycles import read_csv
+from gaitcal.quality.verdict import Judgement
 from gaitcal.results.stride_files import PEAKS as PEAKS_FILE
 from gaitcal.results.summary import SUMMARY
-from gaitcal.session import draft as drafts
-from gaitcal.session.drafting import draft_of
-from gaitcal.session.folder import read_folder
+from gaitcal.results.table_files import read_csv
 from gaitcal.study.settings import CalibrationSettings
 from gaitcal.study.study import Study
 

@@ -19,21 +19,21 @@ from typing import Any
 import pyarrow as pa
 import pyarrow.parquet as pq
 
+from gaitcal.cohort.cohort_people import CohortPerson, is_folder
 from gaitcal.cohort.one_person import Cell, CommonSettings, calibrate_person, mean_curves, reasons_of, row_of
-from gaitcal.cohort.people import CohortPerson, is_folder
 from gaitcal.errors import Code, GaitcalError, InputError
 from gaitcal.gait.cycles import CYCLE_COLUMNS
+from gaitcal.intake.draft_file import study_files
+from gaitcal.intake.recordings_folder import MARKER_ENDINGS, TABLE_ENDINGS
 from gaitcal.io import atomic, opensim_files
-from gaitcal.io.csv import plates_file
+from gaitcal.io.csv_recordings import plates_file
 from gaitcal.io.result_folder import MANIFEST, SELF, read_object, sha256_of
 from gaitcal.io.toml import MAX_BYTES, package_version, read_validated
 from gaitcal.model.linkage import SIDES
-from gaitcal.results import cycles, stride_files
+from gaitcal.results import cycle_tables, stride_files
 from gaitcal.runtime import keep_freed_memory, with_one_blas_thread
-from gaitcal.session.draft import study_files
-from gaitcal.session.folder import MARKER_ENDINGS, TABLE_ENDINGS
+from gaitcal.study.declared_truth import truth_files
 from gaitcal.study.study_file import StudyFile
-from gaitcal.study.truth import truth_files
 
 STATE = "state"
 AGAIN = "run the same command again: it tries this person once more"
@@ -287,7 +287,7 @@ def _ended(task: Task) -> Outcome:
         return replace(before, computed=False)
     keep_freed_memory()
     calibrate_person(person, result, task.common)
-    strides = cycles.read_cycles(result).assign(person=person.name, session=person.session)
+    strides = cycle_tables.read_cycles(result).assign(person=person.name, session=person.session)
     table = pa.Table.from_pandas(strides[list(CYCLE_COLUMNS)], schema=STRIDES, preserve_index=False)
     with atomic.atomic_file(state_file(task.out, person.place, ".parquet")) as target:
         pq.write_table(table.replace_schema_metadata(), target, compression=COMPRESSION)

@@ -36,7 +36,7 @@ from gaitcal.io.force_plate import low_pass
 from gaitcal.io.recording import ForcePlate
 from gaitcal.model import chain, linkage
 from gaitcal.model.parameters import Parameters
-from gaitcal.motion.motion import Motion
+from gaitcal.tracking.motion import Motion
 
 BASELINE = np.array([0.030, 0.045, 0.015, 0.0060, 0.0020, 0.0080])
 """U of force (body weight) and moment (body weight times height) forward, up and to the right."""

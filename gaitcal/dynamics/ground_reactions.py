@@ -26,9 +26,9 @@ from gaitcal.model import coordinates, kinematics
 from gaitcal.model.linkage import COORDINATES, LEG_SEGMENTS, SIDE_WORDS, SIDES
 from gaitcal.model.parameters import Parameters
 from gaitcal.model.subject_model import GRAVITY, SubjectModel
-from gaitcal.motion.motion import Motion
-from gaitcal.motion.spline import DEGREE
 from gaitcal.runtime import with_one_blas_thread
+from gaitcal.tracking.motion import Motion
+from gaitcal.tracking.spline import DEGREE
 
 if TYPE_CHECKING:
     import pandas as pd

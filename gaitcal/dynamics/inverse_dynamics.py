@@ -31,8 +31,8 @@ from gaitcal.model.chain import build_linkage
 from gaitcal.model.kinematics import Kinematics
 from gaitcal.model.parameters import MASSIVE_SEGMENTS, Parameters
 from gaitcal.model.subject_model import SubjectModel
-from gaitcal.motion.motion import Motion
 from gaitcal.runtime import with_one_blas_thread
+from gaitcal.tracking.motion import Motion
 
 if TYPE_CHECKING:
     import pandas as pd

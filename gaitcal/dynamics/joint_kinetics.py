@@ -55,8 +55,8 @@ from gaitcal.model.kinematics import Kinematics
 from gaitcal.model.linkage import COORDINATES, JOINTS, SIDES, Source, joint_segments
 from gaitcal.model.parameters import JP_INDEX, Parameters
 from gaitcal.model.subject_model import SubjectModel
-from gaitcal.motion.motion import Motion
 from gaitcal.runtime import with_one_blas_thread
+from gaitcal.tracking.motion import Motion
 
 if TYPE_CHECKING:
     import pandas as pd

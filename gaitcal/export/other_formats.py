@@ -31,7 +31,7 @@ import pinocchio as pin
 from gaitcal.arrays import Array
 from gaitcal.dynamics.inverse_dynamics import FEET
 from gaitcal.errors import Code, InputError
-from gaitcal.export import osim
+from gaitcal.export.opensim import osim_writer
 from gaitcal.io import atomic, force_plate
 from gaitcal.io.opensim_files import StorageTable
 from gaitcal.model.linkage import COORDINATE_INDEX, COORDINATES, FILE_COORDINATES, SEGMENTS, Element, is_translation
@@ -63,7 +63,7 @@ def write_mjcf(model: SubjectModel, path: Path | str) -> None:
     """
     for segment, physical in zip(MASSIVE_SEGMENTS, is_physical(model.parameters.inertial), strict=True):
         if not physical:
-            inertia = osim.segment_inertia(model.parameters, segment)
+            inertia = osim_writer.segment_inertia(model.parameters, segment)
             raise InputError(
                 f"found mass {inertia.mass:.4g} kg, principal moments {inertia.moments[0]:.4g}, "
                 f"{inertia.moments[1]:.4g}, {inertia.moments[2]:.4g} kg m^2, which no rigid body has; MuJoCo takes "
@@ -72,31 +72,33 @@ def write_mjcf(model: SubjectModel, path: Path | str) -> None:
                 field=segment,
                 code=Code.IMPOSSIBLE_BODY,
             )
-    document = ET.Element("mujoco", model=osim.safe_name(model.subject.name))
+    document = ET.Element("mujoco", model=osim_writer.safe_name(model.subject.name))
     compiler = {"angle": "radian", "autolimits": "true", "inertiafromgeom": "false", "balanceinertia": "false"}
-    osim.child(document, "compiler", **compiler)
-    osim.child(document, "option", gravity=osim.numbers((0.0, -GRAVITY, 0.0)))
-    osim.child(osim.child(document, "default"), "joint", limited="false", damping="0", armature="0", frictionloss="0")
-    parents = {osim.GROUND: osim.child(document, "worldbody")}
-    chains: dict[str, tuple[osim.JointFrames, ...]] = {}
+    osim_writer.child(document, "compiler", **compiler)
+    osim_writer.child(document, "option", gravity=osim_writer.numbers((0.0, -GRAVITY, 0.0)))
+    osim_writer.child(
+        osim_writer.child(document, "default"), "joint", limited="false", damping="0", armature="0", frictionloss="0"
+    )
+    parents = {osim_writer.GROUND: osim_writer.child(document, "worldbody")}
+    chains: dict[str, tuple[osim_writer.JointFrames, ...]] = {}
     """Joints above a segment that is folded away."""
-    for joint in osim.joint_frames(model.parameters):
+    for joint in osim_writer.joint_frames(model.parameters):
         chain = (*chains.pop(joint.parent, ()), joint)
         if (
-            osim.segment_inertia(model.parameters, joint.child).mass == 0.0
+            osim_writer.segment_inertia(model.parameters, joint.child).mass == 0.0
             and joint.child not in model.markers.segments
         ):
             chains[joint.child] = chain
         else:
             parents[joint.child] = _add_body(parents[chain[0].parent], chain, model)
     if model.locked:
-        equality = osim.child(document, "equality")
+        equality = osim_writer.child(document, "equality")
         for name in model.locked:
-            osim.child(equality, "joint", joint1=name, polycoef="0 0 0 0 0")
-    osim.write_xml(document, path)
+            osim_writer.child(equality, "joint", joint1=name, polycoef="0 0 0 0 0")
+    osim_writer.write_xml(document, path)
 
 
-def body_joints(chain: tuple[osim.JointFrames, ...]) -> tuple[pin.SE3, tuple[BodyJoint, ...]]:
+def body_joints(chain: tuple[osim_writer.JointFrames, ...]) -> tuple[pin.SE3, tuple[BodyJoint, ...]]:
     """Pose of the last child in the first parent at q = 0, and the coordinates between as joints of that child."""
     to_end = pin.SE3.Identity()  # S_k: all constants that come after the coordinate in hand
     joints: list[BodyJoint] = []
@@ -104,85 +106,107 @@ def body_joints(chain: tuple[osim.JointFrames, ...]) -> tuple[pin.SE3, tuple[Bod
         to_end = frames.to_child * to_end
         inverse = to_end.inverse()
         for motion in reversed(frames.motions):
-            joints.append(BodyJoint(motion, inverse.rotation @ osim.axis_vector(motion), inverse.translation))
+            joints.append(BodyJoint(motion, inverse.rotation @ osim_writer.axis_vector(motion), inverse.translation))
         to_end = frames.in_parent * to_end
     return to_end, tuple(reversed(joints))
 
 
-def _add_body(parent: ET.Element, chain: tuple[osim.JointFrames, ...], model: SubjectModel) -> ET.Element:
+def _add_body(parent: ET.Element, chain: tuple[osim_writer.JointFrames, ...], model: SubjectModel) -> ET.Element:
     segment = chain[-1].child
     place, joints = body_joints(chain)
     quaternion = pin.Quaternion(place.rotation)
     wxyz = (quaternion.w, quaternion.x, quaternion.y, quaternion.z)
-    body = osim.child(parent, "body", name=segment, pos=osim.numbers(place.translation), quat=osim.numbers(wxyz))
-    inertia = osim.segment_inertia(model.parameters, segment)
+    body = osim_writer.child(
+        parent, "body", name=segment, pos=osim_writer.numbers(place.translation), quat=osim_writer.numbers(wxyz)
+    )
+    inertia = osim_writer.segment_inertia(model.parameters, segment)
     mass, moments = (inertia.mass, inertia.moments) if inertia.mass else (TALUS_MASS, [_TALUS_MOMENT] * 3)
-    osim.child(
-        body, "inertial", pos=osim.numbers(inertia.centre), mass=osim.numbers([mass]), diaginertia=osim.numbers(moments)
+    osim_writer.child(
+        body,
+        "inertial",
+        pos=osim_writer.numbers(inertia.centre),
+        mass=osim_writer.numbers([mass]),
+        diaginertia=osim_writer.numbers(moments),
     )
     for joint in joints:
-        element = osim.child(body, "joint", name=joint.motion.name, type="hinge" if joint.motion.rotates else "slide")
-        element.set("axis", osim.numbers(joint.axis))
+        element = osim_writer.child(
+            body, "joint", name=joint.motion.name, type="hinge" if joint.motion.rotates else "slide"
+        )
+        element.set("axis", osim_writer.numbers(joint.axis))
         if joint.motion.rotates:
-            element.set("pos", osim.numbers(joint.point))
-        element.set("range", osim.numbers(osim.COORDINATE_RANGES[joint.motion.name]))
+            element.set("pos", osim_writer.numbers(joint.point))
+        element.set("range", osim_writer.numbers(osim_writer.COORDINATE_RANGES[joint.motion.name]))
     markers = model.markers
     for label, carrier, local in zip(markers.labels, markers.segments, markers.local, strict=True):
         if carrier == segment:
-            osim.child(
-                body, "site", name=osim.safe_name(label), pos=osim.numbers(local), size=osim.numbers([_SITE_RADIUS])
+            osim_writer.child(
+                body,
+                "site",
+                name=osim_writer.safe_name(label),
+                pos=osim_writer.numbers(local),
+                size=osim_writer.numbers([_SITE_RADIUS]),
             )
     return body
 
 
 def write_urdf(model: SubjectModel, path: Path | str) -> None:
     """Write `model`: m, kg, rad; root link `ground` with y up; joints named as our 27 coordinates."""
-    robot = ET.Element("robot", name=osim.safe_name(model.subject.name))
+    robot = ET.Element("robot", name=osim_writer.safe_name(model.subject.name))
     robot.append(ET.Comment(f" Written by gaitcal. y is up: gravity is (0, -{GRAVITY}, 0) in the root link. "))
-    osim.child(robot, "link", name=osim.GROUND)
-    for number, joint in enumerate(osim.joint_frames(model.parameters)):
+    osim_writer.child(robot, "link", name=osim_writer.GROUND)
+    for number, joint in enumerate(osim_writer.joint_frames(model.parameters)):
         _add_chain(robot, f"{number:02d}_{joint.name}", joint, model.locked)
     for segment in SEGMENTS:
-        link = osim.child(robot, "link", name=segment)
-        inertia = osim.segment_inertia(model.parameters, segment)
+        link = osim_writer.child(robot, "link", name=segment)
+        inertia = osim_writer.segment_inertia(model.parameters, segment)
         if inertia.mass:
-            inertial = osim.child(link, "inertial")
-            osim.child(inertial, "origin", xyz=osim.numbers(inertia.centre), rpy="0 0 0")
-            osim.child(inertial, "mass", value=osim.numbers([inertia.mass]))
-            x, y, z = (osim.numbers([moment]) for moment in inertia.moments)
-            osim.child(inertial, "inertia", ixx=x, iyy=y, izz=z, ixy="0", ixz="0", iyz="0")
+            inertial = osim_writer.child(link, "inertial")
+            osim_writer.child(inertial, "origin", xyz=osim_writer.numbers(inertia.centre), rpy="0 0 0")
+            osim_writer.child(inertial, "mass", value=osim_writer.numbers([inertia.mass]))
+            x, y, z = (osim_writer.numbers([moment]) for moment in inertia.moments)
+            osim_writer.child(inertial, "inertia", ixx=x, iyy=y, izz=z, ixy="0", ixz="0", iyz="0")
     markers = model.markers
     for label, segment, local in zip(markers.labels, markers.segments, markers.local, strict=True):
-        name = MARKER_PREFIX + osim.safe_name(label)
-        osim.child(robot, "link", name=name)
+        name = MARKER_PREFIX + osim_writer.safe_name(label)
+        osim_writer.child(robot, "link", name=name)
         _add_fixed(robot, f"{name}_fixed", segment, name, pin.SE3(pin.SE3.Identity().rotation, local))
-    osim.write_xml(robot, path)
+    osim_writer.write_xml(robot, path)
 
 
-def _add_chain(robot: ET.Element, name: str, frames: osim.JointFrames, frozen: tuple[str, ...]) -> None:
+def _add_chain(robot: ET.Element, name: str, frames: osim_writer.JointFrames, frozen: tuple[str, ...]) -> None:
     """A joint of ours as a fixed joint, one joint for each coordinate, and another fixed joint."""
-    osim.child(robot, "link", name=name)
+    osim_writer.child(robot, "link", name=name)
     _add_fixed(robot, f"{name}_in_{frames.parent}", frames.parent, name, frames.in_parent)
-    link, bound = name, osim.numbers([_UNLIMITED])
+    link, bound = name, osim_writer.numbers([_UNLIMITED])
     for motion in frames.motions:
         moved = f"{name}_{motion.name}"
-        osim.child(robot, "link", name=moved)
-        joint = osim.child(robot, "joint", name=motion.name, type="revolute" if motion.rotates else "prismatic")
-        osim.child(joint, "parent", link=link)
-        osim.child(joint, "child", link=moved)
-        osim.child(joint, "axis", xyz=osim.numbers(osim.axis_vector(motion)))
-        low, high = (0.0, 0.0) if motion.name in frozen else osim.COORDINATE_RANGES[motion.name]
-        osim.child(joint, "limit", lower=osim.numbers([low]), upper=osim.numbers([high]), effort=bound, velocity=bound)
+        osim_writer.child(robot, "link", name=moved)
+        joint = osim_writer.child(robot, "joint", name=motion.name, type="revolute" if motion.rotates else "prismatic")
+        osim_writer.child(joint, "parent", link=link)
+        osim_writer.child(joint, "child", link=moved)
+        osim_writer.child(joint, "axis", xyz=osim_writer.numbers(osim_writer.axis_vector(motion)))
+        low, high = (0.0, 0.0) if motion.name in frozen else osim_writer.COORDINATE_RANGES[motion.name]
+        osim_writer.child(
+            joint,
+            "limit",
+            lower=osim_writer.numbers([low]),
+            upper=osim_writer.numbers([high]),
+            effort=bound,
+            velocity=bound,
+        )
         link = moved
     _add_fixed(robot, f"{name}_to_{frames.child}", link, frames.child, frames.to_child)
 
 
 def _add_fixed(robot: ET.Element, name: str, parent: str, link: str, place: pin.SE3) -> None:
-    joint = osim.child(robot, "joint", name=name, type="fixed")
-    osim.child(joint, "parent", link=parent)
-    osim.child(joint, "child", link=link)
-    osim.child(
-        joint, "origin", xyz=osim.numbers(place.translation), rpy=osim.numbers(osim.space_fixed_xyz(place.rotation))
+    joint = osim_writer.child(robot, "joint", name=name, type="fixed")
+    osim_writer.child(joint, "parent", link=parent)
+    osim_writer.child(joint, "child", link=link)
+    osim_writer.child(
+        joint,
+        "origin",
+        xyz=osim_writer.numbers(place.translation),
+        rpy=osim_writer.numbers(osim_writer.space_fixed_xyz(place.rotation)),
     )
 
 
@@ -235,15 +259,15 @@ def write_external_loads(
 
     Raises InputError: Shapes do not agree or a number is not finite.
     """
-    name = osim.safe_name(stem)
+    name = osim_writer.safe_name(stem)
     path, loads = Path(folder) / f"{name}.mot", Path(folder) / f"{name}.xml"
     if wrenches.shape != (len(time), len(FEET), 6):
         raise _fault(path, f"found wrenches of shape {wrenches.shape}, expected (frames, 2, 6)")
     if not np.isfinite(wrenches).all():
         raise _fault(path, "a ground reaction is not finite; leave out frames without one")
-    document = ET.Element("OpenSimDocument", Version=osim.DOCUMENT_VERSION)
-    external = osim.child(document, "ExternalLoads", name="ground_reactions")
-    objects = osim.child(external, "objects")
+    document = ET.Element("OpenSimDocument", Version=osim_writer.DOCUMENT_VERSION)
+    external = osim_writer.child(document, "ExternalLoads", name="ground_reactions")
+    objects = osim_writer.child(external, "objects")
     names: list[str] = []
     columns: list[Array] = []
     for foot, wrench in zip(FEET, np.moveaxis(wrenches, 1, 0), strict=True):
@@ -251,18 +275,18 @@ def write_external_loads(
         force, point, torque = f"ground_force_{side}_v", f"ground_force_{side}_p", f"ground_torque_{side}_"
         names += [f"{identifier}{axis}" for identifier in (force, point, torque) for axis in "xyz"]
         columns += [wrench[:, :3], *force_plate.point_and_torque(wrench)]
-        load = osim.child(objects, "ExternalForce", name=f"ground_on_{foot}")
-        osim.child(load, "applied_to_body", foot)
-        osim.child(load, "force_expressed_in_body", "ground")
-        osim.child(load, "point_expressed_in_body", "ground")
-        osim.child(load, "force_identifier", force)
-        osim.child(load, "point_identifier", point)
-        osim.child(load, "torque_identifier", torque)
-    osim.child(external, "datafile", path.name)
+        load = osim_writer.child(objects, "ExternalForce", name=f"ground_on_{foot}")
+        osim_writer.child(load, "applied_to_body", foot)
+        osim_writer.child(load, "force_expressed_in_body", "ground")
+        osim_writer.child(load, "point_expressed_in_body", "ground")
+        osim_writer.child(load, "force_identifier", force)
+        osim_writer.child(load, "point_identifier", point)
+        osim_writer.child(load, "torque_identifier", torque)
+    osim_writer.child(external, "datafile", path.name)
     comments = ("Ground reactions on the feet, laboratory axes: force N, point m, moment about the point N m.",)
     table = StorageTable(np.asarray(time), tuple(names), np.hstack(columns), False)
     _write(path, "Ground reactions", comments, table)
-    osim.write_xml(document, loads)
+    osim_writer.write_xml(document, loads)
     return path, loads
 
 

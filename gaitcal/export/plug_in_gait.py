@@ -28,7 +28,7 @@ import numpy as np
 
 from gaitcal.arrays import Array, BoolArray
 from gaitcal.dynamics import inverse_dynamics, joint_kinetics
-from gaitcal.export.osim import joint_frames
+from gaitcal.export.opensim.osim_writer import joint_frames
 from gaitcal.gait.strides import FootAxes
 from gaitcal.io.c3d.writer import AddedPoint, PointKind
 from gaitcal.model.chain import chain_of

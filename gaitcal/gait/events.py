@@ -57,7 +57,7 @@ from gaitcal.io.labels import FootEvent, FootMoment, times_of
 from gaitcal.io.recording import ForcePlate, Recording, runs
 from gaitcal.model.linkage import SIDES
 from gaitcal.model.subject_model import GRAVITY, SubjectModel
-from gaitcal.motion.motion import Motion
+from gaitcal.tracking.motion import Motion
 
 PLATE_AGREES = 0.1
 """s between a plate's loading and the motion's strike: more, and the foot came onto the plate otherwise."""

@@ -26,7 +26,7 @@ from gaitcal.model.chain import chain_of
 from gaitcal.model.kinematics import Kinematics
 from gaitcal.model.linkage import PELVIS_ANGLES, SIDES, coordinates_before
 from gaitcal.model.parameters import Parameters
-from gaitcal.motion.motion import Motion
+from gaitcal.tracking.motion import Motion
 
 TURNING: Final = 15.0
 """deg: who turns by more within a stride does not walk straight. From strike to strike of straight walks the pelvis

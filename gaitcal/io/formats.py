@@ -22,7 +22,7 @@ from typing import TypeVar
 import numpy as np
 
 from gaitcal.errors import Code, InputError, nearest
-from gaitcal.io import csv as csv_files
+from gaitcal.io import csv_recordings as csv_files
 from gaitcal.io import segment_poses, text_file
 from gaitcal.io.c3d.reader import read_c3d
 from gaitcal.io.c3d.writer import write_c3d

@@ -31,7 +31,7 @@ class ClinicalSense:
 
 @dataclass(frozen=True, kw_only=True)
 class Limits:
-    """What nobody who walks or runs exceeds (`faults/after_fit.py`).
+    """What nobody who walks or runs exceeds (`quality/after_fit.py`).
 
     Angles: the largest passive ranges of grown people (American Academy of Orthopaedic Surgeons, Joint Motion, 1965;
     Boone and Azen, J Bone Joint Surg 61-A:756-759, 1979) widened by 20 deg, as zero angles differ from model to model.

@@ -10,7 +10,7 @@ places the model at rest, with its coordinates at zero. From this each joint tha
 its place on the one before it, and segments and free joint parameters theirs on the last one.
 
 The frame index is the last one here, so that what follows is one pass over contiguous memory. A
-variable of a secondary motion (`motion/soft_tissue.py`) has the column of the joint that it moves,
+variable of a secondary motion (`tracking/soft_tissue.py`) has the column of the joint that it moves,
 times d amount / d variable.
 """
 

@@ -266,7 +266,7 @@ SECONDARY: dict[str, tuple[Element, ...]] = {
 }
 """Coordinate -> motions of its joint that go with it and that the linkage leaves out, in the axes of the knee's flexion
 before it flexes: slides along x and y, then turns about them, as a knee rolls, glides and turns when it flexes. Their
-amounts are given (`motion/soft_tissue.py`), in m and rad; no model has coordinates of them."""
+amounts are given (`tracking/soft_tissue.py`), in m and rad; no model has coordinates of them."""
 SECONDARY_NAMES = frozenset(element.name for motions in SECONDARY.values() for element in motions)
 BENDS = ("^2", "^3")
 """Ends of the names of variables: what of a secondary motion goes with the square of the coordinate, and the cube."""

@@ -203,7 +203,9 @@ def _placement(
         present = [label for label in tracking if label in posture.markers]
         missing = [label for label in tracking if label not in posture.markers]
         kept = sum(weight(label) > 0 for label in present)
-        needed = FULL_SUPPORT if segment == "pelvis" else 1  # whether the joints tell the rest: faults/markers.py
+        needed = (
+            FULL_SUPPORT if segment == "pelvis" else 1
+        )  # whether the joints tell the rest: quality/marker_checks.py
         if kept < needed and segment in ("pelvis", *linkage.LEG_SEGMENTS):
             lost = ", ".join(f"'{label}'" for label in missing if weight(label) > 0)
             why = f"{lost} not seen while the subject stood still" if lost else "the marker set gives it no more"

@@ -117,7 +117,7 @@ class SubjectModel(Displayed):
     """Where the tracking markers sit in their segments."""
     frozen: tuple[str, ...] = ()
     """Coordinates that no marker of the static trial moves with (no arms, no head): arms hang along the trunk, and the
-    trunk stays upright (`motion/coordinate_prior.py`)."""
+    trunk stays upright (`tracking/coordinate_prior.py`)."""
     posture: Mapping[str, float] = field(default_factory=dict)
     """Coordinate -> rad in the static posture, the pelvis as if it faced along x; what is not there is zero."""
     landmarks: dict[str, tuple[str, Array]] = field(default_factory=dict)

@@ -7,19 +7,19 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal, get_args
 
+from gaitcal.analysis import trial_result
+from gaitcal.analysis.result import TrialResult
 from gaitcal.display import Displayed, shorten
 from gaitcal.errors import Code, Finding, InputError, Severity
-from gaitcal.faults.evidence import MarkerEvidence
-from gaitcal.faults.study import check_further, further_evidence, further_moves
-from gaitcal.faults.verdict import Verdict, judge, stopping, without_consequences
-from gaitcal.io.csv import events_beside
+from gaitcal.io.csv_recordings import events_beside
 from gaitcal.io.result_folder import ResultKind, require_room
 from gaitcal.pipeline.run_study import FaultyStudyError
-from gaitcal.results.saved import SavedResult, load_result
-from gaitcal.results.trials import write_trials
+from gaitcal.pipeline.write_trials import write_trials
+from gaitcal.preprocess.trial_evidence import MarkerEvidence
+from gaitcal.quality.study_checks import check_further, further_evidence, further_moves
+from gaitcal.quality.verdict import Verdict, judge, stopping, without_consequences
+from gaitcal.results.saved_result import SavedResult, load_result
 from gaitcal.runtime import Progress, silent, with_one_blas_thread
-from gaitcal.session import trial_result
-from gaitcal.session.result import TrialResult
 from gaitcal.study.study_file import Side, TrialTable
 from gaitcal.study.study_trial import Role, Trial, read_trial
 

@@ -11,21 +11,21 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
+from gaitcal.analysis.calibrate import calibrate
+from gaitcal.analysis.result import Calibration
 from gaitcal.errors import Code, Finding, InputError, UsageError
-from gaitcal.faults.study import check_study
-from gaitcal.faults.verdict import stopping
 from gaitcal.gait import normal_bands
+from gaitcal.intake import draft_file as drafts
+from gaitcal.intake import drafting
+from gaitcal.intake.draft_file import Draft
+from gaitcal.intake.recordings_folder import Folder, read_folder
+from gaitcal.intake.subject_metadata import NOTHING_SAID, Options
 from gaitcal.io.result_folder import ResultKind, require_room, sha256_of
-from gaitcal.results.calibration import write_results
+from gaitcal.pipeline.write_results import write_results
+from gaitcal.quality.study_checks import check_study
+from gaitcal.quality.verdict import stopping
 from gaitcal.runtime import Progress, silent, with_one_blas_thread
-from gaitcal.session import draft as drafts
-from gaitcal.session import drafting
-from gaitcal.session.calibrate import calibrate
-from gaitcal.session.draft import Draft
-from gaitcal.session.folder import Folder, read_folder
-from gaitcal.session.person_facts import NOTHING_SAID, Options
-from gaitcal.session.result import Calibration
-from gaitcal.study import joint_prior
+from gaitcal.study import cohort_prior
 from gaitcal.study.settings import CalibrationSettings
 from gaitcal.study.study import Study, input_files, with_cohort_priors
 from gaitcal.study.study_file import load_study_file
@@ -256,7 +256,7 @@ def _with_settings(study: Study, settings: RunSettings) -> Study:
     if given:
         update = {name: getattr(settings.calibration, name) for name in sorted(given)}
         study = replace(study, settings=study.settings.model_copy(update=update))
-        joint_prior.require_joint_prior(study.settings, study.source)
+        cohort_prior.require_joint_prior(study.settings, study.source)
     if settings.priors is not None and study.joint_prior is None:
         study = with_cohort_priors(study, settings.priors)
     return study

@@ -26,10 +26,11 @@ from gaitcal.io import labels, result_folder, toml
 from gaitcal.io.snapshot import Snapshot, read_whole
 from gaitcal.model.linkage import SIDES
 from gaitcal.model.subject_model import Subject, SubjectModel
-from gaitcal.results import calibration, saved
-from gaitcal.results.cycles import CYCLES, DIGITS, VERDICT, Json, read_csv, write_csv
+from gaitcal.results import saved_result
+from gaitcal.results.cycle_tables import CYCLES, DIGITS
 from gaitcal.results.summary import SUMMARY, VECTOR_FOLDER, entries_of, read_vectors, table_of
-from gaitcal.session.tables import told_components
+from gaitcal.results.table_files import VERDICT, Json, json_text, read_csv, write_csv
+from gaitcal.results.trial_tables import told_components
 
 MOMENT = Kind.MOMENT.ending
 NUMBERS = ("value", "se", "se_stride")
@@ -96,7 +97,7 @@ def _read(folder: Path, frame: MomentFrame, model: SubjectModel) -> _Result:
     strides: dict[tuple[str, str], tuple[GaitCycle, ...]] = {}
     vectors = {}
     for name in dict.fromkeys(table["trial"]):
-        events = saved.saved_events(table_of(trials, name))
+        events = saved_result.saved_events(table_of(trials, name))
         right, left = (
             FootEvents(
                 np.array(labels.times_of(events, side, labels.FootMoment.STRIKE)),
@@ -226,7 +227,7 @@ def write_export_manifest(
         result_folder.HASHES: dict[str, Json](sorted(hashes.items())),
     }
     manifest[result_folder.SELF] = result_folder.self_hash(manifest)
-    (stage / result_folder.MANIFEST).write_text(calibration.json_text(manifest), encoding="utf-8")
+    (stage / result_folder.MANIFEST).write_text(json_text(manifest), encoding="utf-8")
 
 
 STUDY = "study.toml"

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any, Final, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
+from gaitcal.analysis.result import Calibration, TrialResult
 from gaitcal.arrays import Array
 from gaitcal.gait import ensemble, normal_bands, profile_score
 from gaitcal.gait.cycles import CYCLE_COLUMNS, POINTS, WALKING, typed
@@ -17,9 +18,8 @@ from gaitcal.gait.spatiotemporal import MEASURES, Average, counting, counts, mea
 from gaitcal.gait.strides import TURNING
 from gaitcal.io.result_folder import sha256_of
 from gaitcal.model.subject_model import Subject, SubjectModel
-from gaitcal.results import cycles as csv_tables
+from gaitcal.results import cycle_tables, table_files
 from gaitcal.runtime import with_one_blas_thread
-from gaitcal.session.result import Calibration, TrialResult
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -51,7 +51,7 @@ def spatiotemporal_table(subject: Subject, trials: Sequence[TrialResult]) -> "pd
     return pd.DataFrame(spatiotemporal_columns(subject, trials)).astype({"stride": "Int64"})
 
 
-def spatiotemporal_columns(subject: Subject, trials: Sequence[TrialResult]) -> dict[str, csv_tables.Column]:
+def spatiotemporal_columns(subject: Subject, trials: Sequence[TrialResult]) -> dict[str, table_files.Column]:
     """Every measure of every stride of the gait trials, with `SPATIOTEMPORAL_COLUMNS`; strides without number: None."""
     rows = [
         {
@@ -74,7 +74,7 @@ def spatiotemporal_columns(subject: Subject, trials: Sequence[TrialResult]) -> d
         for stride in trial.strides
         for name, value in stride.measures.items()
     ]
-    columns: dict[str, csv_tables.Column] = {name: [row[name] for row in rows] for name in SPATIOTEMPORAL_COLUMNS}
+    columns: dict[str, table_files.Column] = {name: [row[name] for row in rows] for name in SPATIOTEMPORAL_COLUMNS}
     for name, digits in {"start": TIME_DIGITS, "stop": TIME_DIGITS, "value": TIME_DIGITS, "turn": TURN_DIGITS}.items():
         columns[name] = np.round(np.array(columns[name], dtype=np.float64), digits)
     return columns | {"valid": np.array(columns["valid"], dtype=int)}
@@ -91,15 +91,15 @@ def spatiotemporal(calibration: Calibration) -> "pd.DataFrame":
     return spatiotemporal_table(calibration.model.subject, calibration.trials)
 
 
-def means_summary(trials: Sequence[TrialResult]) -> dict[str, csv_tables.Json]:
+def means_summary(trials: Sequence[TrialResult]) -> dict[str, table_files.Json]:
     """Measure -> unit; of each leg mean, SD and number of strides; symmetry index (%) and its error.
 
     Over strides and trials, without strides that turn and legs that are refused.
     """
-    out: dict[str, csv_tables.Json] = {}
+    out: dict[str, table_files.Json] = {}
     walks = trials if len(trials) == 1 else [t for t in trials if t.activity == WALKING]  # one trial tells of itself
     for found in measure_means({t.name: counting(t.strides, t.refused_legs) for t in walks}):
-        entry: dict[str, csv_tables.Json] = {"unit": found.unit}
+        entry: dict[str, table_files.Json] = {"unit": found.unit}
         entry |= {side: _entry(of) for side, of in (("r", found.right), ("l", found.left)) if of is not None}
         if found.symmetry is not None and found.symmetry_error is not None:
             entry["symmetry_percent"] = round(found.symmetry, TIME_DIGITS)
@@ -108,16 +108,16 @@ def means_summary(trials: Sequence[TrialResult]) -> dict[str, csv_tables.Json]:
     return out
 
 
-def _entry(average: Average) -> dict[str, csv_tables.Json]:
+def _entry(average: Average) -> dict[str, table_files.Json]:
     known = {"mean": average.mean, "sd": average.sd, "sd_within": average.sd_within, "sd_between": average.sd_between}
-    figures: dict[str, csv_tables.Json] = {
+    figures: dict[str, table_files.Json] = {
         name: round(value, TIME_DIGITS) for name, value in known.items() if value is not None
     }
     return {**figures, "strides": average.n, "trials": average.trials}
 
 
 ENSEMBLE: Final = "ensemble.csv"
-STRIDE_FILES: Final = {csv_tables.CYCLES: CYCLE_COLUMNS, SPATIOTEMPORAL: SPATIOTEMPORAL_COLUMNS}
+STRIDE_FILES: Final = {cycle_tables.CYCLES: CYCLE_COLUMNS, SPATIOTEMPORAL: SPATIOTEMPORAL_COLUMNS}
 """With their columns, those that are read back when further trials join them."""
 ENSEMBLE_HEADER: Final = (
     "mean curves of cycles.csv over its repetitions and strides, of gait straight ones, where valid; units as there",
@@ -149,27 +149,27 @@ def write_stride_files(
     trials: Sequence[TrialResult],
     relative_to: Mapping[str, float] | None = None,
     earlier: EarlierStrides = NO_STRIDES,
-) -> Mapping[str, csv_tables.Column]:
+) -> Mapping[str, table_files.Column]:
     """Write all files of strides of gait trials, those of earlier ones before them; returns columns of `cycles.csv`.
 
     `relative_to`: coordinate -> rad in the static posture, from which joint angles are counted.
     """
-    cycles = csv_tables.write_cycles(
-        folder / csv_tables.CYCLES, model, trials, relative_to, *earlier[csv_tables.CYCLES]
+    cycles = cycle_tables.write_cycles(
+        folder / cycle_tables.CYCLES, model, trials, relative_to, *earlier[cycle_tables.CYCLES]
     )
     rows, lines = earlier[SPATIOTEMPORAL]
     strides = cycles if isinstance(cycles, Mapping) else _numbers(cycles)
-    csv_tables.write_csv(_mean_curves(strides), folder / ENSEMBLE, (*_turning_lines(strides), *ENSEMBLE_HEADER))
-    table: csv_tables.Table = spatiotemporal_columns(model.subject, trials)
+    table_files.write_csv(_mean_curves(strides), folder / ENSEMBLE, (*_turning_lines(strides), *ENSEMBLE_HEADER))
+    table: table_files.Table = spatiotemporal_columns(model.subject, trials)
     if rows is not None and len(rows):
         import pandas as pd
 
         table = pd.concat([rows, pd.DataFrame(table, dtype=object)], ignore_index=True)
-    refused = (f"{t.name}: {line}" for t in trials if t.joint is None for line in csv_tables.refused_lines(t))
-    csv_tables.write_csv(
+    refused = (f"{t.name}: {line}" for t in trials if t.joint is None for line in table_files.refused_lines(t))
+    table_files.write_csv(
         peak_columns(_peaks(strides, table)), folder / PEAKS, (*_turning_lines(strides), *PEAKS_HEADER)
     )
-    csv_tables.write_csv(table, folder / SPATIOTEMPORAL, (*lines, *refused, *SPATIOTEMPORAL_HEADER))
+    table_files.write_csv(table, folder / SPATIOTEMPORAL, (*lines, *refused, *SPATIOTEMPORAL_HEADER))
     return strides
 
 
@@ -187,23 +187,23 @@ def write_profile(folder: Path, norm: normal_bands.Norm, scores: Sequence[profil
     """Write `gait_profile.csv`; nothing where no norm fits or an angle is missing."""
     if not scores:
         return
-    table: dict[str, csv_tables.Column] = {"side": [s.side for s in scores], "variable": [s.variable for s in scores]}
+    table: dict[str, table_files.Column] = {"side": [s.side for s in scores], "variable": [s.variable for s in scores]}
     table |= {
         name: np.round([getattr(s, field) for s in scores], 4)
         for name, field in (("score", "score"), ("se", "error"), ("norm", "norm"))
     }
     table["strides"] = np.array([s.strides for s in scores])
-    csv_tables.write_csv(table, folder / PROFILE, (*PROFILE_HEADER, f"norm: {norm.words}"))
+    table_files.write_csv(table, folder / PROFILE, (*PROFILE_HEADER, f"norm: {norm.words}"))
 
 
-def profile_summary(norm: normal_bands.Norm, scores: Sequence[profile_score.Score]) -> dict[str, csv_tables.Json]:
+def profile_summary(norm: normal_bands.Norm, scores: Sequence[profile_score.Score]) -> dict[str, table_files.Json]:
     """Whom the person is held against, and the scores, as `summary.json` has them."""
-    told: dict[str, csv_tables.Json] = {k: v for k, v in {"words": norm.words, "remark": norm.remark}.items() if v}
-    out: dict[str, csv_tables.Json] = {"norm": told}
-    sides: dict[str, dict[str, csv_tables.Json]] = {}
+    told: dict[str, table_files.Json] = {k: v for k, v in {"words": norm.words, "remark": norm.remark}.items() if v}
+    out: dict[str, table_files.Json] = {"norm": told}
+    sides: dict[str, dict[str, table_files.Json]] = {}
     for s in scores:
         known = {"score": s.score, "se": s.error, "norm": s.norm}
-        figures: dict[str, csv_tables.Json] = {
+        figures: dict[str, table_files.Json] = {
             name: round(value, 4) for name, value in known.items() if np.isfinite(value)
         }
         sides.setdefault(s.side, {})[s.variable] = {**figures, "strides": s.strides}
@@ -216,21 +216,21 @@ def mean_speed(means: Mapping[str, Any]) -> float | None:
     return float(np.mean(of_legs)) if of_legs else None
 
 
-def _numbers(strides: "pd.DataFrame") -> dict[str, csv_tables.Column]:
+def _numbers(strides: "pd.DataFrame") -> dict[str, table_files.Column]:
     """The columns of a table of strides that may hold text, each stride once."""
     table = typed(strides)
     ensemble.require_once(table)
     return {name: table[name].to_numpy() for name in CYCLE_COLUMNS}
 
 
-def _mean_curves(strides: Mapping[str, csv_tables.Column]) -> dict[str, NDArray[Any]]:
+def _mean_curves(strides: Mapping[str, table_files.Column]) -> dict[str, NDArray[Any]]:
     if not len(strides["value"]):
         return {name: np.empty(0) for name in ensemble.ENSEMBLE_COLUMNS}
     curves = ensemble.mean_curves(strides)
-    return {name: np.round(v, csv_tables.DIGITS) if v.dtype.kind == "f" else v for name, v in curves.items()}
+    return {name: np.round(v, cycle_tables.DIGITS) if v.dtype.kind == "f" else v for name, v in curves.items()}
 
 
-def _peaks(strides: Mapping[str, csv_tables.Column], measures: csv_tables.Table) -> tuple[PeakMean, ...]:
+def _peaks(strides: Mapping[str, table_files.Column], measures: table_files.Table) -> tuple[PeakMean, ...]:
     """Of straight strides, and of repetitions; `measures`: of `spatiotemporal.csv`, which know where stance ends."""
     rows = zip(*(measures[name] for name in ("trial", "side", "stride", "variable", "value")), strict=True)
     toe_off = {
@@ -252,7 +252,7 @@ def _peaks(strides: Mapping[str, csv_tables.Column], measures: csv_tables.Table)
     )
 
 
-def _turning_lines(strides: Mapping[str, csv_tables.Column]) -> tuple[str, ...]:
+def _turning_lines(strides: Mapping[str, table_files.Column]) -> tuple[str, ...]:
     """A comment line that names the strides that turn; none where all go straight."""
     turning = np.flatnonzero(np.abs(np.asarray(strides["turn"], dtype=np.float64)) > TURNING)
     named = dict.fromkeys((strides["trial"][k], strides["side"][k], strides["stride"][k]) for k in turning)
@@ -271,10 +271,10 @@ def earlier_strides(folder: Path, hashes: Mapping[str, str], kept: Iterable[str]
     for file in STRIDE_FILES:
         table, lines = None, tuple[str, ...]()
         if file in hashes and sha256_of(folder / file) == hashes[file]:
-            table, comments = csv_tables.read_csv(folder / file)
+            table, comments = table_files.read_csv(folder / file)
             # with the word that follows: a trial may be called `se`, of which the head speaks as well
             lines = tuple(
-                line for line in comments if line.startswith(tuple(f"{name}: {csv_tables.VERDICT}" for name in names))
+                line for line in comments if line.startswith(tuple(f"{name}: {table_files.VERDICT}" for name in names))
             )
             table = table[table["trial"].isin(names)]
         out[file] = table, lines

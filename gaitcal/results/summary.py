@@ -10,21 +10,21 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from gaitcal.analysis.fit_findings import is_trunk_unmeasured
+from gaitcal.analysis.result import Calibration, Loads, TrialResult
+from gaitcal.analysis.truth_errors import CurveTruth, FeatureTruth, TruthErrors
 from gaitcal.arrays import Array
 from gaitcal.dynamics.inverse_dynamics import FORCES
 from gaitcal.errors import STUDY, Code, Finding, InputError, Severity
-from gaitcal.faults.verdict import Judgement, Verdict, touches_model
 from gaitcal.gait.moments import moment_of
 from gaitcal.io.result_folder import read_object
 from gaitcal.model.linkage import COORDINATES, LOWER_BODY, REACTIONS, SEGMENTS, is_translation
 from gaitcal.model.subject_model import Subject, SubjectModel
-from gaitcal.results.cycles import Json, columns_of, refused_lines, write_csv
+from gaitcal.quality.verdict import Judgement, Verdict, touches_model
 from gaitcal.results.stride_files import means_summary
-from gaitcal.session.result import Calibration, Loads, TrialResult
-from gaitcal.session.tables import POWER_HEADER, VECTOR_HEADER, power_table, vector_table
-from gaitcal.session.truth_errors import CurveTruth, FeatureTruth, TruthErrors
-from gaitcal.session.warnings import is_trunk_unmeasured
-from gaitcal.study.truth import MOMENTS, MOTION
+from gaitcal.results.table_files import Json, columns_of, refused_lines, write_csv
+from gaitcal.results.trial_tables import POWER_HEADER, VECTOR_HEADER, power_table, vector_table
+from gaitcal.study.declared_truth import MOMENTS, MOTION
 
 if TYPE_CHECKING:
     import pandas as pd

@@ -1,25 +1,19 @@
-"""Write and read the CSV and JSON files of a result; comment lines above a CSV header give the verdict of the numbers."""
+"""Write and read CSV and JSON files of a result; comment lines above a CSV header give the verdict of its numbers."""
 
 from __future__ import annotations
+
+import json
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, TypeAlias
+
 import numpy as np
 from numpy.typing import NDArray
-from gaitcal.arrays import Array
-from gaitcal.errors import Code, InputError
-from gaitcal.gait import ensemble, moments, spatiotemporal
-from gaitcal.gait.cycles import CYCLE_COLUMNS, GROUND_REACTION, POINTS, GaitCycle, conventions_of, normalise, typed
-from gaitcal.gait.strides import TURNING, pelvis_angles, strides_of, turns
+
+from gaitcal.analysis.result import TrialResult
+from gaitcal.gait import moments
 from gaitcal.io.text_file import number_cells
-from gaitcal.model.coordinates import FOOT_PROGRESSION
-from gaitcal.model.linkage import PELVIS_ANGLES
-from gaitcal.model.subject_model import Subject, SubjectModel
-from gaitcal.runtime import with_one_blas_thread
-from gaitcal.session.result import Calibration, TrialResult
-from gaitcal.session.tables import foot_in_stride, pelvis_in_stride, relative_header
-from gaitcal.session.trial_curves import Curve, curves_of, joint_of
+
 if TYPE_CHECKING:
     import pandas as pd  # loaded by who asks for a data frame: it takes a third of a second
 
@@ -45,7 +39,6 @@ def refused_lines(trial: TrialResult) -> tuple[str, ...]:
     return tuple(REFUSED_LEG_HEADER.format(leg=moments.SIDE_WORDS[side]) for side in trial.refused_legs)
 
 
-
 def write_csv(table: Table, path: Path, comments: Iterable[str] = ()) -> None:
     """Write a table below comment lines; columns by name, or a data frame.
 
@@ -65,11 +58,9 @@ def write_csv(table: Table, path: Path, comments: Iterable[str] = ()) -> None:
             stream.writelines(",".join(row) + "\n" for row in zip(*cells, strict=True))
 
 
-
 def columns_of(rows: Sequence[Mapping[str, object]]) -> dict[str, list[Any]]:
     """Rows with the same names as columns by name."""
     return {name: [row[name] for row in rows] for name in rows[0]} if rows else {}
-
 
 
 def _plain(column: pd.Series) -> Column:
@@ -77,7 +68,6 @@ def _plain(column: pd.Series) -> Column:
     if isinstance(column.dtype, np.dtype) and column.dtype.kind in "iuf":
         return np.asarray(column)
     return column.astype(object).where(column.notna(), None).tolist()
-
 
 
 def _cells(column: Column) -> list[str]:
@@ -88,12 +78,10 @@ def _cells(column: Column) -> list[str]:
     return [text_of[value] for value in column]  # text repeats itself: each is looked at once
 
 
-
 def _cell(value: object) -> str:
     """Text in quotation marks where it holds what would end a cell, or begin a comment."""
     text = str(value)
     return f'"{text.replace(_QUOTE, 2 * _QUOTE)}"' if any(sign in text for sign in _SPECIAL) else text
-
 
 
 def read_csv(path: Path) -> tuple[pd.DataFrame, tuple[str, ...]]:
@@ -106,6 +94,7 @@ def read_csv(path: Path) -> tuple[pd.DataFrame, tuple[str, ...]]:
             comments.append(line.removeprefix("# ").rstrip("\n"))
     table = pd.read_csv(path, skiprows=len(comments), dtype=str, keep_default_na=False, encoding="utf-8")
     return table, tuple(comments)
+
 
 Json: TypeAlias = "bool | int | float | str | list[Json] | dict[str, Json] | None"
 

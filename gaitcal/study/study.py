@@ -7,7 +7,7 @@ from pathlib import Path
 
 from gaitcal.display import Displayed, shorten
 from gaitcal.errors import Code, InputError, nearest
-from gaitcal.io.csv import events_beside
+from gaitcal.io.csv_recordings import events_beside
 from gaitcal.io.labels import OLDEST, Facts, years_between
 from gaitcal.io.opensim_files import loads_tables
 from gaitcal.io.recording import Recording, still_window
@@ -20,7 +20,7 @@ from gaitcal.model.present_markers import complete_static, present_markers
 from gaitcal.model.segment_frames import HipCentre
 from gaitcal.model.subject_model import PatientRecord, Subject, SubjectModel
 from gaitcal.runtime import with_one_blas_thread
-from gaitcal.study.joint_prior import (
+from gaitcal.study.cohort_prior import (
     CohortPriors,
     JointPrior,
     Person,
@@ -29,10 +29,10 @@ from gaitcal.study.joint_prior import (
     read_cohort_priors,
     require_joint_prior,
 )
+from gaitcal.study.declared_truth import Truth, other_landmarks, read_truth, truth_files
 from gaitcal.study.settings import AUTOMATIC, CalibrationSettings
 from gaitcal.study.study_file import StudyFile, SubjectTable, load_study_file
 from gaitcal.study.study_trial import Role, Trial, cleaned_trial, model_with_trunk, read_trial
-from gaitcal.study.truth import Truth, other_landmarks, read_truth, truth_files
 
 AGES_DIFFER = 1.0
 """Years, from which an age and the dates contradict each other."""

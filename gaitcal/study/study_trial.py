@@ -16,7 +16,7 @@ import numpy as np
 
 from gaitcal.arrays import Array, IntArray
 from gaitcal.errors import Code, InputError
-from gaitcal.io.csv import events_beside, with_corrected_events
+from gaitcal.io.csv_recordings import events_beside, with_corrected_events
 from gaitcal.io.force_plate import STANCE_S
 from gaitcal.io.formats import read_recording
 from gaitcal.io.opensim_files import loads_tables

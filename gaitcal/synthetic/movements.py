@@ -19,10 +19,10 @@ from gaitcal.arrays import Array
 from gaitcal.model.linkage import COORDINATE_INDEX, SIDES
 from gaitcal.model.nominal import published_model
 from gaitcal.model.parameters import Parameters
-from gaitcal.motion.spline import DEGREE, spline_basis, to_bspline
 from gaitcal.runtime import with_one_blas_thread
 from gaitcal.synthetic import walk
-from gaitcal.synthetic.motion import TrueMotion, is_nominal, looking_like_nominal, standing_pose
+from gaitcal.synthetic.synthetic_motion import TrueMotion, is_nominal, looking_like_nominal, standing_pose
+from gaitcal.tracking.spline import DEGREE, spline_basis, to_bspline
 
 
 class Activity(Enum):

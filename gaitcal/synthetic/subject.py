@@ -25,9 +25,9 @@ from gaitcal.model.subject_model import Subject, SubjectModel
 from gaitcal.runtime import with_one_blas_thread
 from gaitcal.study.settings import CalibrationSettings, PlateErrorTable
 from gaitcal.study.study_file import Markers, StudyFile, SubjectTable, TrialTable
-from gaitcal.synthetic import motion as motions
+from gaitcal.synthetic import synthetic_motion as motions
 from gaitcal.synthetic.movements import Activity, Contact, Movement, movement
-from gaitcal.synthetic.truth import TRUTH, write_truth
+from gaitcal.synthetic.synthetic_truth import TRUTH, write_truth
 from gaitcal.synthetic.walk import CLEARANCE
 
 POSITION_BOUND = 0.010
@@ -70,7 +70,7 @@ def synthesize(
     ----------
     out : the folder, replaced if an earlier one is there.
     seed : the same seed gives the same files.
-    noise : add the paper's marker noise, up to 10 mm (`synthetic/motion.py`); the static trial has none.
+    noise : add the paper's marker noise, up to 10 mm (`synthetic/synthetic_motion.py`); the static trial has none.
     perturb : draw the true parameters at random within 10 mm, 10 degrees and 10 %; else they are the published ones.
     also : movements that are no walk, each as a trial more: squat, sit-to-stand, jump, run, stairs.
 

@@ -37,7 +37,7 @@ from gaitcal.model.chain import chain_of
 from gaitcal.model.kinematics import Kinematics
 from gaitcal.model.linkage import COORDINATE_INDEX, COORDINATES, SIDES, is_translation
 from gaitcal.model.parameters import Parameters
-from gaitcal.motion.spline import ORDER, SplineBasis
+from gaitcal.tracking.spline import ORDER, SplineBasis
 
 GAIT_CYCLE = 1.035  # s, `cycle_s` of the nominal gait
 STANCE = 0.62  # Share of a stride in which a foot is on the ground; double support is 0.12 of it, twice

@@ -13,10 +13,10 @@ from pathlib import Path
 
 from distributed import LocalCluster
 
-from gaitcal.published.case import nominal_case
-from gaitcal.published.protocol import Plan
-from gaitcal.published.study import MonteCarloStudy, monte_carlo
-from gaitcal.published.workers import Cluster
+from gaitcal.montecarlo.case import nominal_case
+from gaitcal.montecarlo.draw_study import MonteCarloStudy, monte_carlo
+from gaitcal.montecarlo.protocol import Plan
+from gaitcal.montecarlo.workers import Cluster
 
 
 def run(out: Path, address: str, draws: int) -> MonteCarloStudy:

@@ -1,6 +1,6 @@
 #!/bin/sh
 # Fetches axe-core, which finds what keeps people from using a page, and prints the path of its script: GAITCAL_AXE of
-# tests/page/test_accessible.py. It is no part of this repository; where it cannot be had those tests are skipped.
+# tests/report/page/test_accessible.py. It is no part of this repository; where it cannot be had those tests are skipped.
 set -eu
 version=4.14.1
 folder=${XDG_CACHE_HOME:-$HOME/.cache}/gaitcal/axe-core-$version

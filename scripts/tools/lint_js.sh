@@ -1,5 +1,5 @@
 #!/bin/sh
-# Lints the JavaScript of the pages (gaitcal/page/scripts) by biome.json. For CI: nothing else here needs Node, and
+# Lints the JavaScript of the pages (gaitcal/report/page/scripts) by biome.json. For CI: nothing else here needs Node, and
 # where it cannot be had the run goes on without, saying so.
 set -eu
 cd "$(dirname "$0")/../.."

@@ -19,7 +19,7 @@ from typing import Any
 
 from scripts.validation.cohorts import copy_people, write_many
 from scripts.validation.harness import gaitcal
-from tests.page.browser import Page, browser, chromium
+from tests.report.page.browser import Page, browser, chromium
 
 ROOT = Path(__file__).resolve().parents[2]
 

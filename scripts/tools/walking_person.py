@@ -36,9 +36,9 @@ from gaitcal.gait.normal_bands import read_normal_bands
 from gaitcal.io.force_plate import point_and_torque
 from gaitcal.model.linkage import SIDES
 from gaitcal.model.nominal import published_model
-from gaitcal.motion.motion import Motion
-from gaitcal.synthetic.motion import residual_free_wrench, two_strides
 from gaitcal.synthetic.subject import true_gait
+from gaitcal.synthetic.synthetic_motion import residual_free_wrench, two_strides
+from gaitcal.tracking.motion import Motion
 
 LOADED_N = 20.0
 """Vertical force above which a foot counts as loaded: of less, rounding makes the centre of pressure."""

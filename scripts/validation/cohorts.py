@@ -36,17 +36,23 @@ from pathlib import Path
 
 import numpy as np
 
+from gaitcal.cohort.cohort_page import PAGE
+from gaitcal.cohort.cohort_people import CohortPerson
 from gaitcal.cohort.one_person import COLUMNS, GAP, CommonSettings
 from gaitcal.cohort.outcome import Outcome, Outcomes, keep, kept, state_file
-from gaitcal.cohort.page import PAGE
-from gaitcal.cohort.people import CohortPerson
-from gaitcal.cohort.run import write_tables
+from gaitcal.cohort.run_cohort import write_tables
 from gaitcal.io.recording import Recording
 from gaitcal.model.nominal import published_model
 from gaitcal.model.subject_model import SubjectModel
 from gaitcal.study.settings import CalibrationSettings
-from gaitcal.synthetic.motion import marker_noise, residual_free_wrench, standing_pose, static_motion, two_strides
 from gaitcal.synthetic.subject import EXACT_PLATES, on_the_floor, plates_under, recording_of, synthetic_model
+from gaitcal.synthetic.synthetic_motion import (
+    marker_noise,
+    residual_free_wrench,
+    standing_pose,
+    static_motion,
+    two_strides,
+)
 from scripts.validation.harness import judged, option, say
 from scripts.validation.recordings import write_folder
 
@@ -164,7 +170,7 @@ def write_many(out: Path, people: int) -> None:
 
 def ready(page: Path) -> float:
     """Seconds from opening the page in a headless browser until it has been drawn; the slowest of three."""
-    from tests.page.browser import browser, chromium
+    from tests.report.page.browser import browser, chromium
 
     binary = chromium()
     if binary is None:

@@ -18,6 +18,7 @@ from pathlib import Path
 import numpy as np
 
 from gaitcal import Study
+from gaitcal.analysis.prepared_trials import measured_reactions, prepare_trial
 from gaitcal.arrays import Array
 from gaitcal.dynamics.foot_contact import FootPoints
 from gaitcal.dynamics.ground_reactions import foot_points
@@ -27,10 +28,9 @@ from gaitcal.io.force_plate import LOADED_N
 from gaitcal.io.labels import FootEvent, FootMoment, times_of
 from gaitcal.io.recording import Recording
 from gaitcal.model.linkage import SIDES
-from gaitcal.motion.motion import tracked_motion
-from gaitcal.session.session import measured_reactions, prepare_trial
 from gaitcal.study.study import nominal_of
 from gaitcal.study.study_trial import Role
+from gaitcal.tracking.motion import tracked_motion
 
 SHARED = ()
 OWN = {"study": {"type": Path, "nargs": "+", "metavar": "STUDY", "help": "a study file with gait trials"}}

@@ -34,9 +34,10 @@ from scipy.ndimage import gaussian_filter1d
 from scipy.spatial.transform import Rotation
 
 from gaitcal import Study, calibrate, read_recording
+from gaitcal.analysis.result import Calibration
 from gaitcal.arrays import Array
 from gaitcal.dynamics.inverse_dynamics import FORCES, Dynamics
-from gaitcal.io.csv import write_forces_csv, write_markers_csv
+from gaitcal.io.csv_recordings import write_forces_csv, write_markers_csv
 from gaitcal.io.recording import Recording
 from gaitcal.io.segment_poses import points_of_poses
 from gaitcal.model.chain import Chain
@@ -44,9 +45,8 @@ from gaitcal.model.kinematics import Kinematics
 from gaitcal.model.linkage import SIDES
 from gaitcal.model.parameters import JP_INDEX, Parameters
 from gaitcal.model.segment_frames import rigid_motions
-from gaitcal.session.result import Calibration
-from gaitcal.synthetic.motion import residual_free_wrench
 from gaitcal.synthetic.subject import plates_under, true_gait
+from gaitcal.synthetic.synthetic_motion import residual_free_wrench
 from scripts.validation.harness import option, rms, say
 from scripts.validation.recordings import SIMULATED, data
 from scripts.validation.truth.check import whole_turn

@@ -42,19 +42,19 @@ from scipy.stats import t as student
 from gaitcal import calibrate
 from gaitcal.arrays import Array
 from gaitcal.errors import InputError
-from gaitcal.export.account import MusclePath, leg_ranges, muscle_paths
-from gaitcal.export.joint_transfer import into_osim
-from gaitcal.export.osim import frames_of
-from gaitcal.export.osim_correspondence import Hinge, LegJoint, leg_joints
-from gaitcal.export.osim_reader import Place, peer_of, read_document, read_osim
-from gaitcal.export.peer_model import Axis, PeerModel
+from gaitcal.export.opensim.joint_transfer import into_osim
+from gaitcal.export.opensim.osim_correspondence import Hinge, LegJoint, leg_joints
+from gaitcal.export.opensim.osim_reader import Place, peer_of, read_document, read_osim
+from gaitcal.export.opensim.osim_writer import frames_of
+from gaitcal.export.opensim.peer_model import Axis, PeerModel
+from gaitcal.export.opensim.transfer_account import MusclePath, leg_ranges, muscle_paths
 from gaitcal.model.linkage import JOINTS, SIDES, ZERO_ANGLES
 from gaitcal.model.parameters import Parameters, published_subject
 from gaitcal.model.rotations import axis_rotation
 from gaitcal.model.segment_frames import Frame
 from gaitcal.model.subject_model import MarkerPlacement, Subject, SubjectModel
-from gaitcal.results.saved import where_they_move
-from gaitcal.synthetic.motion import marker_noise
+from gaitcal.results.saved_result import where_they_move
+from gaitcal.synthetic.synthetic_motion import marker_noise
 from scripts.validation.harness import judged, matching, option, rms, say, side_by_side
 from scripts.validation.people.simulated import prior_about_truth
 from scripts.validation.recordings import only

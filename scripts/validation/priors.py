@@ -40,9 +40,9 @@ from gaitcal.model.nominal import published_model
 from gaitcal.model.parameters import JOINT_PARAMETERS, JP_INDEX, JP_NAMES, JP_TO_SI, Kind
 from gaitcal.model.segment_frames import HipCentre
 from gaitcal.model.subject_model import SubjectModel
-from gaitcal.study.joint_prior import HEIGHT, STEP, CohortPriors, JointPrior, Person, mirror
+from gaitcal.study.cohort_prior import HEIGHT, STEP, CohortPriors, JointPrior, Person, mirror
 from gaitcal.study.study import cohort_prior, nominal_of
-from gaitcal.synthetic.motion import (
+from gaitcal.synthetic.synthetic_motion import (
     TrueMotion,
     isolated_motion,
     marker_noise,
@@ -51,7 +51,7 @@ from gaitcal.synthetic.motion import (
     synthetic_markers,
     two_strides,
 )
-from gaitcal.synthetic.truth import static_frames
+from gaitcal.synthetic.synthetic_truth import static_frames
 from scripts.validation.harness import option, rms, say, shares
 from scripts.validation.people.fits import Fit, fitted
 from scripts.validation.recordings import only, write_folder

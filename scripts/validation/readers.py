@@ -25,9 +25,8 @@ import numpy as np
 
 from gaitcal.errors import GaitcalError, InputError
 from gaitcal.export.other_formats import write_external_loads
-from gaitcal.faults.study import check_file
 from gaitcal.io.c3d.writer import AddedPoint, PointKind, c3d_original, supplement_c3d, write_c3d
-from gaitcal.io.csv import with_corners, write_forces_csv, write_markers_csv, write_plates_csv
+from gaitcal.io.csv_recordings import with_corners, write_forces_csv, write_markers_csv, write_plates_csv
 from gaitcal.io.force_plate import plate_from_moment
 from gaitcal.io.force_tables import Forces
 from gaitcal.io.formats import read_forces, read_recording
@@ -38,8 +37,9 @@ from gaitcal.io.toml import models_path
 from gaitcal.model.marker_set import load_marker_set
 from gaitcal.model.model_file import load_model, save_model
 from gaitcal.model.nominal import published_model
+from gaitcal.quality.study_checks import check_file
 from gaitcal.study.study_file import load_study_file
-from gaitcal.synthetic.motion import gait_motion, residual_free_wrench, static_motion, synthetic_markers
+from gaitcal.synthetic.synthetic_motion import gait_motion, residual_free_wrench, static_motion, synthetic_markers
 from scripts.validation.harness import option, side_by_side
 
 SHARED = ("--jobs", "--seed")

@@ -13,12 +13,12 @@ from typing import TypeAlias
 
 from gaitcal import Study, synthesize
 from gaitcal.cli.console import Console
-from gaitcal.cli.folder import options_of, study_or_draft
+from gaitcal.cli.study_folder import options_of, study_or_draft
+from gaitcal.intake.draft_file import study_of
 from gaitcal.io.c3d.writer import write_c3d
 from gaitcal.io.recording import Recording
 from gaitcal.io.toml import tomllib
 from gaitcal.model.linkage import ISOLATED_JOINTS
-from gaitcal.session.draft import study_of
 from gaitcal.study.settings import CalibrationSettings
 from gaitcal.study.study_file import Joint, Markers, StudyFile, SubjectTable, TrialTable, load_study_file
 from gaitcal.study.study_trial import Role

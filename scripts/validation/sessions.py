@@ -31,18 +31,18 @@ import numpy as np
 from gaitcal import Study, calibrate, write_results
 from gaitcal.arrays import Array
 from gaitcal.calibration.error_sources import ErrorSources
-from gaitcal.compare.difference import difference_variance, pooled, shared_variance, told_parameters
-from gaitcal.compare.stride_sets import Common, Session, StrideSet, common_to, mean_over, stride_sets
 from gaitcal.gait.cycles import kind_of
 from gaitcal.model.linkage import LEG_JOINTS
 from gaitcal.model.nominal import published_model
 from gaitcal.model.parameters import JOINT_PARAMETERS, JP_INDEX, Kind
 from gaitcal.model.segment_frames import HipCentre
 from gaitcal.model.subject_model import SubjectModel
-from gaitcal.results.sessions import load_session
-from gaitcal.synthetic.motion import marker_noise, standing_pose, static_motion, two_strides
+from gaitcal.report.session_report import load_session
+from gaitcal.results.session_difference import difference_variance, pooled, shared_variance, told_parameters
+from gaitcal.results.stride_sets import Common, Session, StrideSet, common_to, mean_over, stride_sets
 from gaitcal.synthetic.subject import recording_of, synthetic_model
-from gaitcal.synthetic.truth import static_frames
+from gaitcal.synthetic.synthetic_motion import marker_noise, standing_pose, static_motion, two_strides
+from gaitcal.synthetic.synthetic_truth import static_frames
 from scripts.validation.harness import coverage, option, rms, say, side_by_side
 from scripts.validation.people.fits import fitted
 from scripts.validation.recordings import only, study_of_person, write_folder

@@ -32,6 +32,8 @@ import ezc3d
 import numpy as np
 
 from gaitcal import Study
+from gaitcal.analysis.fit_joints import fit_joints
+from gaitcal.analysis.prepared_trials import MovingTrial, measured_reactions, prepare_trial, session_of
 from gaitcal.arrays import Array, BoolArray
 from gaitcal.dynamics.ground_reactions import GroundReactions
 from gaitcal.dynamics.inverse_dynamics import Moments, moments_of
@@ -43,16 +45,14 @@ from gaitcal.dynamics.joint_kinetics import (
     kinetics_of,
     power_of,
 )
-from gaitcal.faults.study import examined
 from gaitcal.gait.moments import moment_of
 from gaitcal.io.labels import FootEvent, FootMoment
 from gaitcal.model.linkage import SIDES
 from gaitcal.model.parameters import Parameters
 from gaitcal.model.subject_model import SubjectModel
-from gaitcal.motion.motion import Motion, tracked_motion
-from gaitcal.session.joint_parameters import fit_joints
-from gaitcal.session.session import MovingTrial, measured_reactions, prepare_trial, session_of
+from gaitcal.quality.study_checks import examined
 from gaitcal.study.study import nominal_of
+from gaitcal.tracking.motion import Motion, tracked_motion
 from scripts.validation.harness import matching, option, rms, say
 from scripts.validation.recordings import CHILDREN, study_of_person
 

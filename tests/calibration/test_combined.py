@@ -7,6 +7,8 @@ import numpy as np
 import pytest
 from scipy.optimize import least_squares
 
+from gaitcal.analysis.calibrate import calibrate
+from gaitcal.analysis.result import Stage
 from gaitcal.calibration.combined import DESCENT, CombinedProblem, CombinedSettings, combined_fit
 from gaitcal.calibration.inertial_calibration import (
     ConsistentSettings,
@@ -22,13 +24,11 @@ from gaitcal.io.recording import Recording
 from gaitcal.model.nominal import published_model
 from gaitcal.model.parameters import Parameters, gait_parameters, is_physical, symmetric_set, table
 from gaitcal.model.subject_model import Subject
-from gaitcal.motion.descent import DescentSettings
-from gaitcal.motion.motion import track_nodes
-from gaitcal.motion.spline import NodeRule
-from gaitcal.motion.trial_problem import MotionProblem, trial_problem
-from gaitcal.session.calibrate import calibrate
-from gaitcal.session.result import Stage
-from gaitcal.synthetic.motion import gait_motion, marker_noise, residual_free_wrench, synthetic_markers
+from gaitcal.synthetic.synthetic_motion import gait_motion, marker_noise, residual_free_wrench, synthetic_markers
+from gaitcal.tracking.descent import DescentSettings
+from gaitcal.tracking.motion import track_nodes
+from gaitcal.tracking.spline import NodeRule
+from gaitcal.tracking.trial_problem import MotionProblem, trial_problem
 from tests.calibration.test_torque_errors import PARAMETERS, smoothed_trial
 from tests.derivatives import Array, started
 from tests.real_studies import load_study

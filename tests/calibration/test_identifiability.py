@@ -22,7 +22,7 @@ from gaitcal.calibration.identifiability import (
 from gaitcal.errors import Severity
 from gaitcal.model.parameters import JP_NAMES
 from tests.derivatives import perturbed_parameters, random_trial, started
-from tests.faults.spoilt import drafted
+from tests.quality.spoilt import drafted
 
 UNSEEN = ("talocrural_r.shank.front", "subtalar_r.foot.sag")
 PARAMETERS = perturbed_parameters(np.random.default_rng(3), 0.0, 0.0)

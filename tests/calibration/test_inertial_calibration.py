@@ -23,7 +23,7 @@ from gaitcal.model.parameters import (
     symmetric_set,
     table,
 )
-from gaitcal.synthetic.motion import gait_motion
+from gaitcal.synthetic.synthetic_motion import gait_motion
 from tests.derivatives import Array, assert_derivative
 
 MODEL, MOTION = published_model(), gait_motion()

@@ -33,10 +33,10 @@ from gaitcal.dynamics.inverse_dynamics import Dynamics, pelvis_residual
 from gaitcal.dynamics.measurement_errors import PlateErrors
 from gaitcal.model.nominal import published_model
 from gaitcal.model.parameters import MASSIVE_SEGMENTS, Parameters, full_set, is_physical, symmetric_set, table
-from gaitcal.motion.motion import tracked_motion
-from gaitcal.motion.spline import NodeRule, frame_rate, spline_basis
-from gaitcal.motion.trial_problem import MotionProblem, trial_problem
-from gaitcal.synthetic.motion import gait_motion, residual_free_wrench
+from gaitcal.synthetic.synthetic_motion import gait_motion, residual_free_wrench
+from gaitcal.tracking.motion import tracked_motion
+from gaitcal.tracking.spline import NodeRule, frame_rate, spline_basis
+from gaitcal.tracking.trial_problem import MotionProblem, trial_problem
 from tests.derivatives import noisy
 from tests.synthetic_studies import made_recording
 

@@ -15,12 +15,12 @@ from gaitcal.calibration.tissue_elimination import split_by_kind
 from gaitcal.io.recording import Recording
 from gaitcal.model.nominal import published_model
 from gaitcal.model.parameters import JP_INDEX, Parameters, gait_parameters, isolated_parameters, published_subject
-from gaitcal.motion.banded import BandFactor
-from gaitcal.motion.descent import DescentSettings
-from gaitcal.motion.soft_tissue import SegmentTissue, SoftTissue, together
-from gaitcal.motion.spline import NodeRule
-from gaitcal.motion.trial_problem import MotionProblem, trial_problem
-from gaitcal.synthetic.motion import gait_motion, marker_noise, synthetic_markers
+from gaitcal.synthetic.synthetic_motion import gait_motion, marker_noise, synthetic_markers
+from gaitcal.tracking.banded import BandFactor
+from gaitcal.tracking.descent import DescentSettings
+from gaitcal.tracking.soft_tissue import SegmentTissue, SoftTissue, together
+from gaitcal.tracking.spline import NodeRule
+from gaitcal.tracking.trial_problem import MotionProblem, trial_problem
 from tests.derivatives import Array, central_differences, noisy, perturbed_parameters, random_trial, started
 
 KNEE = isolated_parameters("knee_r")

@@ -30,9 +30,9 @@ from gaitcal.calibration.soft_tissue_artefact import (
 )
 from gaitcal.model.linkage import JOINTS, LEGS, LOWER_BODY
 from gaitcal.model.parameters import JP_INDEX, JP_NAMES, Parameters, isolated_parameters, leg_parameters
-from gaitcal.motion.soft_tissue import together
-from gaitcal.motion.trial_problem import MotionProblem
-from gaitcal.study.joint_prior import JointPrior
+from gaitcal.study.cohort_prior import JointPrior
+from gaitcal.tracking.soft_tissue import together
+from gaitcal.tracking.trial_problem import MotionProblem
 from scripts.validation.harness import shares
 from scripts.validation.truth import made_up as check
 from tests.derivatives import Array, assert_covariance, central_differences, noisy, perturbed_parameters, random_trial

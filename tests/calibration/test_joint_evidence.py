@@ -13,7 +13,7 @@ from gaitcal.calibration.soft_tissue_artefact import GAIT, SQUARES, beside, task
 from gaitcal.dynamics.measurement_errors import ErrorSource
 from gaitcal.model.linkage import joint_segments
 from gaitcal.model.parameters import JP_NAMES, Parameters
-from gaitcal.motion.trial_problem import MotionProblem
+from gaitcal.tracking.trial_problem import MotionProblem
 from tests.derivatives import perturbed_parameters, random_trial
 from tests.soft_tissue import marker_covariance
 

@@ -18,7 +18,7 @@ from gaitcal.calibration.joint_phases import (
 from gaitcal.calibration.joint_prior import WEAK
 from gaitcal.calibration.soft_tissue_artefact import GAIT, SoftTissueScale, TaskTissue, task_regressors
 from gaitcal.model.parameters import Parameters, published_subject
-from gaitcal.motion.trial_problem import MotionProblem
+from gaitcal.tracking.trial_problem import MotionProblem
 from tests.calibration.test_joint_calibration import KNEE, PART, knee_trial, values
 from tests.derivatives import noisy, perturbed_parameters, random_trial, started
 

@@ -27,11 +27,11 @@ from gaitcal.model.chain import Chain
 from gaitcal.model.kinematics import Kinematics
 from gaitcal.model.linkage import JOINT_OF_CHILD, Source
 from gaitcal.model.parameters import JOINT_PARAMETERS, JP_INDEX, JP_NAMES, JP_TO_SI, Kind, Parameters, published_subject
-from gaitcal.motion.marker_residual import PlacedMarkers
-from gaitcal.motion.motion import track_nodes
-from gaitcal.motion.spline import spline_basis
-from gaitcal.motion.trial_problem import MotionProblem
-from gaitcal.study.joint_prior import other_side
+from gaitcal.study.cohort_prior import other_side
+from gaitcal.tracking.marker_residual import PlacedMarkers
+from gaitcal.tracking.motion import track_nodes
+from gaitcal.tracking.spline import spline_basis
+from gaitcal.tracking.trial_problem import MotionProblem
 from tests.derivatives import seeded_trial
 
 LEG = ("pelvis", "thigh_r", "shank_r")

@@ -28,10 +28,10 @@ from gaitcal.calibration.soft_tissue_artefact import (
 from gaitcal.calibration.soft_tissue_table import THIGH_M, people_table, place_functions
 from gaitcal.model.kinematics import Kinematics
 from gaitcal.model.parameters import Parameters, isolated_parameters
-from gaitcal.motion.banded import eliminate
-from gaitcal.motion.rigid import rigid_fit
-from gaitcal.motion.soft_tissue import LEAST_SPREAD, SegmentTissue, SoftTissue, together
-from gaitcal.motion.trial_problem import MotionProblem
+from gaitcal.tracking.banded import eliminate
+from gaitcal.tracking.rigid import rigid_fit
+from gaitcal.tracking.soft_tissue import LEAST_SPREAD, SegmentTissue, SoftTissue, together
+from gaitcal.tracking.trial_problem import MotionProblem
 from tests.derivatives import Array, assert_covariance, perturbed_parameters, random_trial, started
 from tests.soft_tissue import marker_covariance
 

@@ -34,11 +34,11 @@ from gaitcal.dynamics.joint_kinetics import (
 from gaitcal.dynamics.measurement_errors import AxisErrors, ErrorSource, PlateErrors
 from gaitcal.model.parameters import IP_NAMES, JP_INDEX, Parameters, gait_parameters
 from gaitcal.model.subject_model import PointNoise
-from gaitcal.motion.descent import DescentSettings
-from gaitcal.motion.marker_residual import MarkerData, marker_positions
-from gaitcal.motion.motion import track_nodes
-from gaitcal.motion.spline import smoothing
-from gaitcal.motion.trial_problem import MotionProblem
+from gaitcal.tracking.descent import DescentSettings
+from gaitcal.tracking.marker_residual import MarkerData, marker_positions
+from gaitcal.tracking.motion import track_nodes
+from gaitcal.tracking.spline import smoothing
+from gaitcal.tracking.trial_problem import MotionProblem
 from tests.derivatives import (
     Array,
     central_differences,

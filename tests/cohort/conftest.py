@@ -5,8 +5,8 @@ from pathlib import Path
 import pytest
 
 from gaitcal.cohort import outcome as tasks
+from gaitcal.cohort.cohort_people import CohortPerson
 from gaitcal.cohort.one_person import CommonSettings, PersonError
-from gaitcal.cohort.people import CohortPerson
 from gaitcal.errors import Code
 from tests.cohort.stubs import write_result
 

@@ -11,14 +11,14 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
+from gaitcal.cohort.cohort_page import PAGE
+from gaitcal.cohort.cohort_people import CohortPerson
 from gaitcal.cohort.learn_priors import PARTS
 from gaitcal.cohort.learning import PartEvidence, PersonEvidence
 from gaitcal.cohort.one_person import GAP, SHAPE, CommonSettings
 from gaitcal.cohort.outcome import STRIDES, Outcome, Outcomes, keep, state_file
-from gaitcal.cohort.page import PAGE
-from gaitcal.cohort.people import CohortPerson
-from gaitcal.cohort.run import mark, write_tables
-from gaitcal.study.joint_prior import Person
+from gaitcal.cohort.run_cohort import mark, write_tables
+from gaitcal.study.cohort_prior import Person
 
 Array = NDArray[np.float64]
 NAMES = PARTS["legs"]

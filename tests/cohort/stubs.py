@@ -10,15 +10,15 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
+from gaitcal.cohort.cohort_people import CohortPerson, people_in
 from gaitcal.cohort.one_person import CommonSettings
 from gaitcal.cohort.outcome import Outcome, Task
-from gaitcal.cohort.people import CohortPerson, people_in
-from gaitcal.cohort.run import run_cohort
+from gaitcal.cohort.run_cohort import run_cohort
 from gaitcal.gait import peaks as gait
 from gaitcal.gait.cycles import CYCLE_COLUMNS
 from gaitcal.gait.ensemble import ensemble
 from gaitcal.gait.peaks import PeakMean, peak_columns
-from gaitcal.results.cycles import write_csv
+from gaitcal.results.table_files import write_csv
 
 MASS = 50.0
 

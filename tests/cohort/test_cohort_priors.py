@@ -25,7 +25,7 @@ from gaitcal.cohort.learning import Evidence, PersonEvidence, Structure, learn, 
 from gaitcal.errors import InputError
 from gaitcal.io.toml import package_version
 from gaitcal.model.parameters import JP_INDEX, JP_NAMES
-from gaitcal.study.joint_prior import (
+from gaitcal.study.cohort_prior import (
     CohortPriors,
     JointPrior,
     Person,

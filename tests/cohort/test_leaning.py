@@ -14,17 +14,17 @@ import pytest
 
 from gaitcal.calibration.joint_estimate import estimate_joints
 from gaitcal.calibration.joint_prior import ANATOMY, prior_of, prior_of_study, prior_root
+from gaitcal.cohort.cohort_people import Cohort, CohortPerson, read_cohort
 from gaitcal.cohort.learn_priors import PRIORS, PRIORS_CSV, NotUsedError, evidence_of, learn_priors
 from gaitcal.cohort.one_person import CommonSettings, _contradictions
 from gaitcal.cohort.outcome import Outcome, fingerprint, keep
-from gaitcal.cohort.people import Cohort, CohortPerson, read_cohort
-from gaitcal.cohort.run import mark
+from gaitcal.cohort.run_cohort import mark
 from gaitcal.errors import InputError, UsageError
+from gaitcal.intake.draft_file import settings_text
 from gaitcal.io.result_folder import sha256_of
 from gaitcal.model.parameters import JP_INDEX, JP_NAMES
-from gaitcal.results.saved import load_result
-from gaitcal.session.draft import settings_text
-from gaitcal.study.joint_prior import JointPrior
+from gaitcal.results.saved_result import load_result
+from gaitcal.study.cohort_prior import JointPrior
 from gaitcal.study.settings import CalibrationSettings, ParameterPriorTable
 from gaitcal.study.study import Study
 from tests.calibration.test_joint_estimate import HIP, gait, hip_trial
@@ -183,15 +183,15 @@ def test_other_priors_are_another_fingerprint(tmp_path: Path, named_by: str) -> 
 def test_the_command_learns_when_everybody_has_ended(
     one_folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    from gaitcal.cli import cohort as command
-    from gaitcal.cohort.run import FAILURES
+    from gaitcal.cli import cohort_command as command
+    from gaitcal.cohort.run_cohort import FAILURES
 
     def ended(*_: object, **__: object) -> Counter[str]:
         (tmp_path / "out").mkdir()
         (tmp_path / "out" / FAILURES).write_text("person,session,group,folder,cause,what_to_do\n")
         return Counter(trustworthy=9)
 
-    monkeypatch.setattr("gaitcal.cohort.run.run_cohort", ended)
+    monkeypatch.setattr("gaitcal.cohort.run_cohort.run_cohort", ended)
     monkeypatch.setattr(command, "learn", lambda cohort, out, told: ("legs: offset learnt of 9 people",))
     said = run("cohort", one_folder, "--out", tmp_path / "out", "--learn-priors").output
     assert "legs: offset learnt of 9 people" in said and "priors:" in said
@@ -232,7 +232,7 @@ def test_a_cohort_file_names_priors_for_everyone(one_folder: Path, tmp_path: Pat
 def test_priors_of_a_cohort_file_are_those_of_everyone_and_no_setting(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    from gaitcal.cli import cohort as command
+    from gaitcal.cli import cohort_command as command
 
     monkeypatch.setattr(command, "read_cohort_priors", lambda path: None)
     said = CalibrationSettings(ip="none", priors=tmp_path / "p.json")

@@ -13,21 +13,21 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from gaitcal.cli.cohort import _teller, duration
+from gaitcal.cli.cohort_command import _teller, duration
 from gaitcal.cli.console import Console
+from gaitcal.cohort.cohort_page import MEASURES, NO_STRIDE
+from gaitcal.cohort.cohort_people import people_in
 from gaitcal.cohort.one_person import EVERY, GAP, NAMES, SHAPE, STEPS, VARIABLES, CommonSettings, mean_curves, no_curves
-from gaitcal.cohort.page import MEASURES, NO_STRIDE
-from gaitcal.cohort.people import people_in
 from gaitcal.errors import Code, InputError, UsageError
 from gaitcal.gait.conventions import Signs
 from gaitcal.gait.cycles import Kind
 from gaitcal.gait.normal_bands import bands_file, read_normal_bands
 from gaitcal.io.result_folder import listed
-from gaitcal.results.cycles import write_csv
+from gaitcal.results.table_files import write_csv
 from tests.cohort.made_people import FORCES, KNEE, Kept, some_people, write_cohort
 from tests.commands import run
-from tests.page.walked_blocks import held, scripts
-from tests.session.folders import recordings, write
+from tests.intake.folders import recordings, write
+from tests.report.page.walked_blocks import held, scripts
 
 MASS = 50.0
 HOSTILE = "</script><script>window.hacked=1</script><img src=x onerror=window.hacked=1>@@PAGE@@"

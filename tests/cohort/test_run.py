@@ -11,17 +11,17 @@ import pyarrow.parquet as pq
 import pytest
 
 from gaitcal.cohort import outcome as tasks
+from gaitcal.cohort.cohort_page import PAGE
+from gaitcal.cohort.cohort_people import CohortPerson, people_in, read_cohort, read_sheet, safe_name
 from gaitcal.cohort.one_person import COLUMNS, NAMES, CommonSettings
 from gaitcal.cohort.outcome import Outcome, Task, fingerprint, inputs_of, keep, state_file
-from gaitcal.cohort.page import PAGE
-from gaitcal.cohort.people import CohortPerson, people_in, read_cohort, read_sheet, safe_name
-from gaitcal.cohort.run import CYCLES, FAILURES, MOST_MIB, PEOPLE_CSV, PEOPLE_PARQUET, processes, run_cohort
+from gaitcal.cohort.run_cohort import CYCLES, FAILURES, MOST_MIB, PEOPLE_CSV, PEOPLE_PARQUET, processes, run_cohort
 from gaitcal.errors import InputError
+from gaitcal.intake.draft_file import settings_text
 from gaitcal.io.atomic import disk_errors
-from gaitcal.session.draft import settings_text
 from tests.cohort.stubs import MASS, Here, of_a_process, rows, run, strides, write_result
 from tests.commands import refused
-from tests.session.folders import recordings, write
+from tests.intake.folders import recordings, write
 
 SAME = (PEOPLE_CSV, PEOPLE_PARQUET, CYCLES, FAILURES, PAGE, "manifest.json")
 

@@ -11,7 +11,7 @@ from scripts.tools import make_pictures
 from scripts.tools.documentation import __main__ as check
 from tests.docs.pages import DOCS, NOT_RUN, ROOT, blocks_of, lint
 from tests.kept import kept_result
-from tests.page.browser import browser, chromium
+from tests.report.page.browser import browser, chromium
 
 PAGES = sorted(DOCS.rglob("*.md"))
 SEARCH = """new Promise(done => setTimeout(done, 3000)).then(() => {

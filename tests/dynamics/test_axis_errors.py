@@ -11,7 +11,7 @@ from gaitcal.model.chain import Chain
 from gaitcal.model.kinematics import Kinematics
 from gaitcal.model.linkage import COORDINATES, JOINTS, SEGMENTS
 from gaitcal.model.parameters import IP_INDEX, JOINT_PARAMETERS, JP_INDEX, Kind, Parameters
-from gaitcal.motion.marker_residual import PlacedMarkers, marker_positions
+from gaitcal.tracking.marker_residual import PlacedMarkers, marker_positions
 from tests.derivatives import Array, perturbed_parameters
 
 TURN, STEP_S = 1e-4, 1e-3

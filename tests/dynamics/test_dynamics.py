@@ -13,8 +13,8 @@ from gaitcal.model.chain import build_linkage
 from gaitcal.model.linkage import COORDINATES, LOWER_BODY
 from gaitcal.model.nominal import published_model
 from gaitcal.model.parameters import JP_INDEX, dynamic_parameters, gait_parameters, leg_parameters
-from gaitcal.motion.motion import MarkerErrors, Motion
-from gaitcal.synthetic.motion import gait_motion
+from gaitcal.synthetic.synthetic_motion import gait_motion
+from gaitcal.tracking.motion import MarkerErrors, Motion
 from tests.derivatives import Array, assert_derivative, perturbed_parameters, random_state
 
 RNG = np.random.default_rng(12)

@@ -6,6 +6,7 @@ from functools import lru_cache
 import numpy as np
 import pytest
 
+from gaitcal.analysis.result import Loads, TrialResult
 from gaitcal.arrays import Array
 from gaitcal.dynamics import expected_residual as module
 from gaitcal.dynamics.expected_residual import (
@@ -23,7 +24,6 @@ from gaitcal.dynamics.measurement_errors import TorqueErrors
 from gaitcal.io.recording import ForcePlate
 from gaitcal.model.linkage import COORDINATES
 from gaitcal.model.parameters import published_subject
-from gaitcal.session.result import Loads, TrialResult
 from tests.fake_result import fake_calibration
 
 WEIGHT = 70.0 * 9.81

@@ -13,12 +13,12 @@ from gaitcal.dynamics.foot_contact import FOOT_BREADTH, RESTING, FootPoints, sol
 from gaitcal.dynamics.ground_reactions import GroundReactions, foot_points, ground_reactions_on_feet, unseen_frames
 from gaitcal.dynamics.off_sole import DIVIDED, MOMENT_NM, OUTLINE_M, outside_hull, sole_edge
 from gaitcal.errors import Severity
-from gaitcal.faults.foot_on_plate import Feet
 from gaitcal.io.recording import Recording
 from gaitcal.model.subject_model import GRAVITY
-from gaitcal.synthetic.motion import gait_motion
+from gaitcal.quality.foot_on_plate import Feet
+from gaitcal.synthetic.synthetic_motion import gait_motion
 from tests.dynamics.test_ground_contact import STANCE, TIME, found, right_foot, square
-from tests.faults.test_foot_on_plate import HEIGHT, divided_walk, evidence
+from tests.quality.test_foot_on_plate import HEIGHT, divided_walk, evidence
 from tests.refusal import refusal
 from tests.synthetic_studies import made_plates, made_recording
 

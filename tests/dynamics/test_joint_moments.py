@@ -25,7 +25,7 @@ from gaitcal.dynamics.joint_kinetics import (
     moment_slopes,
     power_of,
 )
-from gaitcal.export.osim import joint_frames
+from gaitcal.export.opensim.osim_writer import joint_frames
 from gaitcal.model.chain import build_linkage
 from gaitcal.model.linkage import COORDINATES, JOINT_OF_CHILD
 from gaitcal.model.parameters import JP_INDEX, MASSIVE_SEGMENTS, Parameters, gait_parameters, leg_parameters, table

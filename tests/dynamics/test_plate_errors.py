@@ -10,21 +10,21 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from gaitcal import Study
+from gaitcal.analysis.prepared_trials import measured_reactions, prepare_trial
 from gaitcal.dynamics.ground_reactions import GroundReactions
 from gaitcal.dynamics.inverse_dynamics import FORCES, Dynamics
 from gaitcal.dynamics.measurement_errors import ErrorSource, PlateErrors, TorqueErrors, wrench_errors, wrench_rates
 from gaitcal.errors import Severity
-from gaitcal.faults import plates
-from gaitcal.faults.foot_on_plate import feet_of
-from gaitcal.faults.study import check_study, examined
 from gaitcal.io.force_plate import LOADED_N, centre_on_ground, resample_wrench
 from gaitcal.io.recording import Recording
-from gaitcal.motion.motion import tracked_motion
-from gaitcal.session.session import measured_reactions, prepare_trial
+from gaitcal.quality import plate_checks
+from gaitcal.quality.foot_on_plate import feet_of
+from gaitcal.quality.study_checks import check_study, examined
 from gaitcal.study.settings import PlateErrorTable
 from gaitcal.study.study import nominal_of
 from gaitcal.study.study_trial import Role
-from gaitcal.synthetic.motion import gait_motion, residual_free_wrench
+from gaitcal.synthetic.synthetic_motion import gait_motion, residual_free_wrench
+from gaitcal.tracking.motion import tracked_motion
 from tests.derivatives import Array, perturbed_parameters
 
 LINEAR = 1e-9
@@ -178,4 +178,4 @@ def test_a_body_is_not_weighed_while_a_heel_stands_beside_the_plate_that_it_is_a
     early = (missed.recording.time > 2.325) & (missed.recording.time < 2.365)
     for trial, weighed in ((missed, False), (whole, True)):
         feet = feet_of(trial)
-        assert feet is not None and plates._all_on_plates(trial, feet)[early].any() == weighed
+        assert feet is not None and plate_checks._all_on_plates(trial, feet)[early].any() == weighed

@@ -6,7 +6,7 @@ from typing import Any
 
 import pytest
 
-from gaitcal.export.osim import write_osim
+from gaitcal.export.opensim.osim_writer import write_osim
 from gaitcal.model.nominal import published_model
 from gaitcal.model.subject_model import SubjectModel
 from tests.export.peer_programs import peer

@@ -13,7 +13,7 @@ import pinocchio as pin
 from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
-from gaitcal.export.osim import safe_name
+from gaitcal.export.opensim.osim_writer import safe_name
 from gaitcal.io.opensim_files import read_table
 from gaitcal.model.chain import Chain
 from gaitcal.model.kinematics import Kinematics

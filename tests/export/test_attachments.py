@@ -12,11 +12,11 @@ import pinocchio as pin
 import pytest
 
 from gaitcal.errors import InputError
-from gaitcal.export.account import leg_ranges, muscle_paths
-from gaitcal.export.joint_moves import CARRIED_HEADER, Bone, carried, carried_csv
-from gaitcal.export.joint_transfer import into_osim
-from gaitcal.export.osim_correspondence import leg_joints
-from gaitcal.export.osim_reader import Place, peer_of, read_document, read_osim
+from gaitcal.export.opensim.joint_moves import CARRIED_HEADER, Bone, carried, carried_csv
+from gaitcal.export.opensim.joint_transfer import into_osim
+from gaitcal.export.opensim.osim_correspondence import leg_joints
+from gaitcal.export.opensim.osim_reader import Place, peer_of, read_document, read_osim
+from gaitcal.export.opensim.transfer_account import leg_ranges, muscle_paths
 from scripts.validation.muscles import person_of
 
 MODELS = ("opensim_truth/p01/subject01.osim", "subject01/reference/subject01_simbody.osim")

@@ -10,10 +10,10 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from gaitcal.compare.comparison import ComparisonRow, compare
 from gaitcal.errors import InputError
-from gaitcal.export.osim import body_fixed_xyz, from_body_fixed_xyz, numbers, write_osim
-from gaitcal.export.osim_reader import read_osim
+from gaitcal.export.opensim.model_comparison import ComparisonRow, compare
+from gaitcal.export.opensim.osim_reader import read_osim
+from gaitcal.export.opensim.osim_writer import body_fixed_xyz, from_body_fixed_xyz, numbers, write_osim
 from gaitcal.model.linkage import LEGS
 from gaitcal.model.subject_model import SubjectModel
 from tests.commands import refused

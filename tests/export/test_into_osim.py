@@ -12,10 +12,17 @@ import pinocchio as pin
 import pytest
 
 from gaitcal import cli
+from gaitcal.analysis.calibrate import calibrate
 from gaitcal.calibration.error_sources import ErrorSources, nominal_errors
 from gaitcal.calibration.joint_prior import prior_deviations
 from gaitcal.errors import InputError
-from gaitcal.export.account import (
+from gaitcal.export.opensim.joint_moves import JOINTS_HEADER, Verdict, joints_csv
+from gaitcal.export.opensim.joint_transfer import into_osim
+from gaitcal.export.opensim.osim_correspondence import hinge_of, leg_joints
+from gaitcal.export.opensim.osim_reader import peer_of, read_document, read_osim
+from gaitcal.export.opensim.osim_writer import write_osim
+from gaitcal.export.opensim.peer_model import PeerModel, our_leg, read_numbers
+from gaitcal.export.opensim.transfer_account import (
     MusclePath,
     joint_tables,
     leg_ranges,
@@ -24,18 +31,11 @@ from gaitcal.export.account import (
     muscle_table,
     muscles_csv,
 )
-from gaitcal.export.joint_moves import JOINTS_HEADER, Verdict, joints_csv
-from gaitcal.export.joint_transfer import into_osim
-from gaitcal.export.osim import write_osim
-from gaitcal.export.osim_correspondence import hinge_of, leg_joints
-from gaitcal.export.osim_reader import peer_of, read_document, read_osim
-from gaitcal.export.peer_model import PeerModel, our_leg, read_numbers
 from gaitcal.model.linkage import COORDINATES, JOINTS, LEG_SEGMENTS, LEGS, NEEDED_JOINTS, SIDES
 from gaitcal.model.marker_set import MarkerSet
 from gaitcal.model.model_file import load_model
 from gaitcal.model.parameters import JP_NAMES, MASSIVE_SEGMENTS, table
 from gaitcal.model.subject_model import MarkerPlacement, SubjectModel
-from gaitcal.session.calibrate import calibrate
 from gaitcal.study.study import Study
 from scripts.validation.muscles import OFF, disturbed, person_of
 from tests.export.test_compare import edited, in_old_format, in_other_frames
@@ -642,7 +642,7 @@ def test_the_command(
     told = ("001.osim", "002.osim")
     assert f"of an earlier run: {', '.join(f'mine_draws/{n}' for n in told)}, mine.muscles.csv" in printed
     assert "draws have" not in printed, "every joint is known"
-    monkeypatch.setattr("gaitcal.export.joint_transfer.UNDETERMINED_SHARE", 0.0)
+    monkeypatch.setattr("gaitcal.export.opensim.joint_transfer.UNDETERMINED_SHARE", 0.0)
     assert run("export", str(result), "--into", str(mine), "--out", str(out), "--draws", "1") == 0
     assert "draws have hip_r, knee_r, " in " ".join(capsys.readouterr().out.split())
 

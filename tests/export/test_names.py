@@ -11,8 +11,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from gaitcal.export.osim import original_name, plain_text, safe_name, write_osim
-from gaitcal.export.osim_reader import read_osim
+from gaitcal.export.opensim.osim_reader import read_osim
+from gaitcal.export.opensim.osim_writer import original_name, plain_text, safe_name, write_osim
 from gaitcal.export.other_formats import write_mjcf, write_urdf
 from gaitcal.model.linkage import SEGMENTS
 from gaitcal.model.subject_model import SubjectModel

@@ -11,8 +11,8 @@ import pinocchio as pin
 import pytest
 
 from gaitcal.errors import InputError
-from gaitcal.export.osim import write_osim
-from gaitcal.export.osim_reader import read_osim
+from gaitcal.export.opensim.osim_reader import read_osim
+from gaitcal.export.opensim.osim_writer import write_osim
 from gaitcal.export.other_formats import write_mjcf, write_urdf
 from gaitcal.model.linkage import COORDINATES
 from gaitcal.model.parameters import MASSIVE_SEGMENTS, table

@@ -15,11 +15,11 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from gaitcal.analysis.calibrate import calibrate
 from gaitcal.model.subject_model import SubjectModel
-from gaitcal.results.calibration import write_results
-from gaitcal.session.calibrate import calibrate
+from gaitcal.pipeline.write_results import write_results
 from gaitcal.study.study import Study
-from gaitcal.synthetic.motion import synthetic_markers
+from gaitcal.synthetic.synthetic_motion import synthetic_markers
 from tests.export.mechanics import FORCE_TOLERANCE, IK_TOLERANCE, POSITION_TOLERANCE, PRINTED, State, our_forces
 from tests.export.peers import (
     Answers,

@@ -7,6 +7,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from gaitcal.analysis.result import Calibration
 from gaitcal.dynamics.joint_kinetics import COMPONENTS, MomentFrame
 from gaitcal.errors import InputError
 from gaitcal.gait.conventions import GROUND_FORCES, Acting, Convention, MomentUnit, Signs
@@ -28,8 +29,7 @@ from gaitcal.gait.profile_score import ANGLES, BOTH, GPS, profile_scores
 from gaitcal.model.coordinates import COORDINATE_TABLE
 from gaitcal.model.linkage import COORDINATES, PELVIS_ANGLES, REACTIONS
 from gaitcal.model.subject_model import GRAVITY, Subject
-from gaitcal.results.cycles import cycle_table
-from gaitcal.session.result import Calibration
+from gaitcal.results.cycle_tables import cycle_table
 
 PERSON = Subject("x", 60.0, 1.7, "female")
 COLUMNS = "variable,unit,percent,mean,sd\n"

@@ -8,10 +8,10 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from gaitcal.analysis.trial_result import _crouch_findings
 from gaitcal.arrays import Array
 from gaitcal.gait.cycles import FootEvents
 from gaitcal.gait.events import GaitEvents, alternate, crouches, repetitions
-from gaitcal.session.trial_result import _crouch_findings
 from gaitcal.synthetic.walk import ramp
 
 RATE = 100.0

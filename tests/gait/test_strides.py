@@ -13,6 +13,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
+from gaitcal.analysis.prepared_trials import prepare_trial
+from gaitcal.analysis.trial_result import _foot_axes
 from gaitcal.arrays import Array
 from gaitcal.dynamics.inverse_dynamics import Moments
 from gaitcal.dynamics.measurement_errors import TorqueErrors
@@ -35,12 +37,10 @@ from gaitcal.io.labels import FootMoment
 from gaitcal.model.linkage import COORDINATE_INDEX, COORDINATES
 from gaitcal.model.nominal import published_model
 from gaitcal.model.subject_model import Subject
-from gaitcal.motion.motion import Motion, tracked_motion
-from gaitcal.session.session import prepare_trial
-from gaitcal.session.trial_result import _foot_axes
 from gaitcal.study.study import nominal_of
+from gaitcal.tracking.motion import Motion, tracked_motion
 from scripts.validation.recordings import study_of_person
-from tests.page.people import subject_model
+from tests.report.page.people import subject_model
 
 TIME = np.arange(0.0, 3.001, 0.01)
 CYCLES = {

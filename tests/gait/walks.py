@@ -8,13 +8,13 @@ from pathlib import Path
 import ezc3d
 import numpy as np
 
+from gaitcal.analysis.prepared_trials import prepare_trial
 from gaitcal.dynamics.ground_reactions import foot_points, ground_reactions, unseen_frames
 from gaitcal.gait.events import trial_events
 from gaitcal.gait.spatiotemporal import Stride, strides_measured
 from gaitcal.io.labels import FootEvent, FootMoment
-from gaitcal.motion.motion import tracked_motion
-from gaitcal.session.session import prepare_trial
 from gaitcal.study.study import nominal_of
+from gaitcal.tracking.motion import tracked_motion
 from scripts.validation.recordings import study_of_person
 
 PEOPLE = {"multi": "labs_c3d/multi", "HC030A": "children/HC030A", "HC031A": "children/HC031A"}

@@ -5,13 +5,13 @@ from pathlib import Path
 import pytest
 
 from gaitcal.errors import InputError
-from gaitcal.io.csv import EVENTS, with_corrected_events, write_markers_csv
+from gaitcal.intake.draft_file import study_of
+from gaitcal.intake.recordings_folder import FileKind, read_folder
+from gaitcal.io.csv_recordings import EVENTS, with_corrected_events, write_markers_csv
 from gaitcal.io.labels import FootEvent, FootMoment
-from gaitcal.session.draft import study_of
-from gaitcal.session.folder import FileKind, read_folder
 from tests.commands import refused
+from tests.intake.folders import draft, recordings, write
 from tests.io.recordings import body
-from tests.session.folders import draft, recordings, write
 
 HEAD = "file,time,side,event\n"
 

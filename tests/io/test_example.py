@@ -14,7 +14,7 @@ from urllib.parse import quote, urlsplit
 import pytest
 
 from gaitcal.cli.console import Console
-from gaitcal.cli.explain import fetch_or_list as run
+from gaitcal.cli.explain_command import fetch_or_list as run
 from gaitcal.errors import Code, InputError, UsageError
 from gaitcal.io import examples as example_folder
 from gaitcal.io.atomic import InterruptedWork

@@ -90,7 +90,7 @@ def test_exit_codes_and_the_one_line(
     def end(console: object, result: str) -> None:
         raise ending
 
-    monkeypatch.setattr("gaitcal.cli.view.view_result", end)
+    monkeypatch.setattr("gaitcal.cli.view_command.view_result", end)
     monkeypatch.setattr(sys, "argv", ["gaitcal", "view", "."])
     with pytest.raises(SystemExit) as exit_:
         cli.main()

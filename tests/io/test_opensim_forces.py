@@ -9,7 +9,7 @@ import pytest
 
 from gaitcal.errors import InputError
 from gaitcal.io.axes import UP_TO_Y, Turn, turn_recording
-from gaitcal.io.csv import write_forces_csv, write_markers_csv, write_plates_csv
+from gaitcal.io.csv_recordings import write_forces_csv, write_markers_csv, write_plates_csv
 from gaitcal.io.force_tables import Forces
 from gaitcal.io.formats import convert, read_forces, read_recording
 from gaitcal.io.opensim_files import loads_tables, read_table, write_forces_mot, write_trc

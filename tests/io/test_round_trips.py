@@ -12,7 +12,7 @@ from hypothesis.extra.numpy import arrays
 
 from gaitcal.errors import InputError
 from gaitcal.io.c3d.writer import write_c3d
-from gaitcal.io.csv import write_forces_csv, write_markers_csv, write_plates_csv
+from gaitcal.io.csv_recordings import write_forces_csv, write_markers_csv, write_plates_csv
 from gaitcal.io.formats import convert, read_forces, read_recording
 from gaitcal.io.labels import clean, common_prefix, is_unlabelled
 from gaitcal.io.opensim_files import parse_trc, write_forces_mot, write_trc

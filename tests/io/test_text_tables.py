@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from gaitcal.errors import InputError
 from gaitcal.io.axes import Turn
 from gaitcal.io.c3d.writer import write_c3d
-from gaitcal.io.csv import write_forces_csv
+from gaitcal.io.csv_recordings import write_forces_csv
 from gaitcal.io.formats import read_forces, read_recording
 from gaitcal.io.opensim_files import parse_trc, write_trc
 from gaitcal.io.text_file import read_lines, undo_rounding

@@ -15,8 +15,8 @@ from gaitcal.model.nominal import PUBLISHED
 from gaitcal.model.segment_frames import HipCentre, hip_centre
 from gaitcal.study.settings import CalibrationSettings
 from gaitcal.study.study import nominal_of
-from tests.faults.spoilt import findings, sound_study, with_trial
 from tests.model.people import from_published, published_static
+from tests.quality.spoilt import findings, sound_study, with_trial
 from tests.refusal import refusal
 
 ROUNDING = 1e-12

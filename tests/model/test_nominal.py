@@ -31,8 +31,8 @@ from gaitcal.model.rotations import axis_rotation
 from gaitcal.model.segment_frames import Frame, HipCentre, half_width
 from gaitcal.model.subject_model import SubjectModel
 from gaitcal.model.trunk import measured_arm
-from gaitcal.motion.motion import MarkerErrors, track
-from gaitcal.motion.spline import NodeRule
+from gaitcal.tracking.motion import MarkerErrors, track
+from gaitcal.tracking.spline import NodeRule
 from tests.model.people import (
     ARMS_HANG,
     PEOPLE,

@@ -21,8 +21,8 @@ from gaitcal.model.rotations import axis_rotation
 from gaitcal.model.segment_frames import Frame, HipCentre, lower_body
 from gaitcal.model.subject_model import Subject
 from gaitcal.model.trunk import MIDLINE, Trunk, neck_above_shoulders, trunk_of
-from gaitcal.motion.motion import track
-from gaitcal.motion.spline import NodeRule
+from gaitcal.tracking.motion import track
+from gaitcal.tracking.spline import NodeRule
 from tests.model.people import PEOPLE, from_published, published_static
 from tests.refusal import refusal
 

@@ -23,8 +23,8 @@ from gaitcal.model.present_markers import complete_static, present_markers
 from gaitcal.model.rebuilt_markers import Rebuilding, rebuild_lost, without_spikes
 from gaitcal.model.subject_model import SubjectModel
 from gaitcal.study.study import Study, completed_static, nominal_of
-from tests.faults.spoilt import findings, serious, with_trial
 from tests.model.people import PEOPLE, without
+from tests.quality.spoilt import findings, serious, with_trial
 from tests.refusal import refusal
 
 PIG = "plug-in-gait"

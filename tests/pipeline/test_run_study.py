@@ -11,8 +11,8 @@ import pytest
 
 import gaitcal as gc
 from gaitcal.errors import Code, Severity
+from gaitcal.intake.subject_metadata import Options
 from gaitcal.pipeline import run_study as pipeline
-from gaitcal.session.person_facts import Options
 from tests.kept import copied_person, kept_result
 
 

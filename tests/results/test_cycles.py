@@ -12,6 +12,7 @@ import pandas as pd
 import pytest
 from scipy.spatial.transform import Rotation
 
+from gaitcal.analysis.result import Calibration
 from gaitcal.dynamics.measurement_errors import ErrorSource
 from gaitcal.errors import InputError
 from gaitcal.gait.cycles import CYCLE_COLUMNS, GROUND_REACTION, POINTS, typed, unit_of
@@ -20,24 +21,22 @@ from gaitcal.gait.strides import AXES, strides_of
 from gaitcal.io.opensim_files import read_table
 from gaitcal.io.result_folder import sha256_of
 from gaitcal.model.linkage import COORDINATES, PELVIS_ANGLES
-from gaitcal.page.plain_data import LARGEST
-from gaitcal.page.trial_data import trial_page_data
-from gaitcal.results.calibration import write_trial
-from gaitcal.results.cycles import (
+from gaitcal.pipeline.write_results import write_trial
+from gaitcal.report.page.plain_data import LARGEST
+from gaitcal.report.page.trial_data import trial_page_data
+from gaitcal.results.cycle_tables import (
     CYCLE_HEADER,
     CYCLES,
     cycle_table,
     cycles,
     cycles_to_xarray,
-    read_csv,
     read_cycles,
-    write_csv,
     write_cycles,
 )
-from gaitcal.results.saved import _static_angles
+from gaitcal.results.saved_result import _static_angles
 from gaitcal.results.stride_files import SPATIOTEMPORAL, STRIDE_FILES, earlier_strides, write_stride_files
 from gaitcal.results.summary import STATIC_ANGLES, summary
-from gaitcal.session.result import Calibration
+from gaitcal.results.table_files import read_csv, write_csv
 from tests.fake_result import ANGLE_ERROR, ERROR_SHARES, OWN_ANGLE_ERROR, fake_calibration
 
 ROUNDED = 1e-6

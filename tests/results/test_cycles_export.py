@@ -11,17 +11,17 @@ import pandas as pd
 import pytest
 
 from gaitcal.errors import InputError
-from gaitcal.figures.document import LEAST_SHEET, ReportContent, _story, write_pdf
-from gaitcal.figures.report_sheets import CurvePanel, SheetOfCurves, limits_of
 from gaitcal.gait.cycles import EventSource, GaitCycle, GaitEvent, normalise
 from gaitcal.gait.ensemble import ensemble
 from gaitcal.gait.events import GaitEvents
 from gaitcal.gait.normal_bands import read_normal_bands
 from gaitcal.gait.profile_score import ANGLES
 from gaitcal.io.labels import FootMoment
-from gaitcal.results.cycles import read_cycles
-from gaitcal.results.gait_report import KINEMATICS, KINETICS, _no_curves, read_comments, report_content
-from gaitcal.results.saved import load_result_model
+from gaitcal.report.figures.document import LEAST_SHEET, ReportContent, _story, write_pdf
+from gaitcal.report.figures.report_sheets import CurvePanel, SheetOfCurves, limits_of
+from gaitcal.report.gait_report import KINEMATICS, KINETICS, _no_curves, read_comments, report_content
+from gaitcal.results.cycle_tables import read_cycles
+from gaitcal.results.saved_result import load_result_model
 from tests.commands import edited
 from tests.commands import tried as run
 from tests.fake_result import HOSTILE
@@ -45,7 +45,7 @@ def kept_strides(kept: Path) -> Path:
 
     def make(folder: Path) -> None:
         with pytest.MonkeyPatch.context() as patch:
-            patch.setattr("gaitcal.session.trial_result.trial_events", strides)
+            patch.setattr("gaitcal.analysis.trial_result.trial_events", strides)
             done = run("calibrate", write_synthetic_study(folder / "study"), "--out", folder / "result", "-q")
         assert done.exit_code == 0, done.output
 
@@ -157,7 +157,7 @@ def test_powers_of_a_result_are_torques_times_velocities(made: Path) -> None:
 def test_further_trials_have_a_table_of_their_own(result: Path) -> None:
     """Told where the model has changed since."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("gaitcal.session.trial_result.trial_events", strides)
+        patch.setattr("gaitcal.analysis.trial_result.trial_events", strides)
         study = result.parent / "study"
         done = run("dynamics", result, study / "walk.csv", "--forces", study / "walk_forces.csv", "-q")
     assert done.exit_code == 0, done.output

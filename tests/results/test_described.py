@@ -7,14 +7,14 @@ from pathlib import Path
 import pytest
 
 from gaitcal.cohort.learn_priors import COLUMNS as PRIORS_COLUMNS
-from gaitcal.cohort.run import FAILURE_COLUMNS, TIME_COLUMNS
-from gaitcal.compare.difference import COLUMNS as DIFFERENCE_COLUMNS
-from gaitcal.compare.sessions import CURVE_COLUMNS
+from gaitcal.cohort.run_cohort import FAILURE_COLUMNS, TIME_COLUMNS
 from gaitcal.gait.cycles import CYCLE_COLUMNS
 from gaitcal.gait.ensemble import ENSEMBLE_COLUMNS
 from gaitcal.gait.peaks import PEAK_COLUMNS
 from gaitcal.io.result_folder import MANIFEST, ResultKind, files_of, read_object
-from gaitcal.published.reproduce import CLAIM_COLUMNS, TABLE_COLUMNS
+from gaitcal.reproduction.reproduce import CLAIM_COLUMNS, TABLE_COLUMNS
+from gaitcal.results.session_comparison import CURVE_COLUMNS
+from gaitcal.results.session_difference import COLUMNS as DIFFERENCE_COLUMNS
 from gaitcal.results.stride_files import SPATIOTEMPORAL_COLUMNS
 from scripts.tools.documentation.tables import FILES, SUMMARY, TABLES, column_of, file_of
 from tests.kept import kept_result

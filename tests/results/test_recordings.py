@@ -12,7 +12,7 @@ import pytest
 
 from gaitcal.errors import InputError, UsageError
 from gaitcal.io.c3d.writer import AddedPoint, PointKind, c3d_original, supplement_c3d
-from gaitcal.io.csv import EVENTS
+from gaitcal.io.csv_recordings import EVENTS
 from gaitcal.io.formats import convert, read_recording
 from gaitcal.io.labels import FootMoment
 from gaitcal.io.result_folder import listed, sha256_of

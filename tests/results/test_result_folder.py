@@ -18,7 +18,7 @@ from gaitcal.errors import InputError
 from gaitcal.io.toml import toml_table, toml_value
 from gaitcal.model.marker_set import load_marker_set
 from gaitcal.model.model_file import load_model
-from gaitcal.results.calibration import read_page
+from gaitcal.report.page.page_folder import read_page
 from tests.commands import content, gaitcal, run
 from tests.kept import copied_person
 from tests.synthetic_studies import write_synthetic_study
@@ -57,7 +57,7 @@ def test_a_study_is_never_replaced_by_its_result(kept: Path, folder: Path, tmp_p
 
 def test_refused_before_the_work(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     (folder / "result/mynotes.txt").touch()
-    monkeypatch.setattr("gaitcal.session.calibrate.calibrate", None)
+    monkeypatch.setattr("gaitcal.analysis.calibrate.calibrate", None)
     with pytest.raises(InputError, match="holds 'mynotes.txt'"):
         run("calibrate", folder / "study/study.toml", "--out", folder / "result")
 

@@ -8,15 +8,16 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from gaitcal.cli.calibrate import _residuals
+from gaitcal.analysis.result import Calibration
+from gaitcal.cli.calibrate_command import _residuals
 from gaitcal.errors import Severity
 from gaitcal.gait.ensemble import ENSEMBLE_COLUMNS
 from gaitcal.gait.events import joined_events
 from gaitcal.io.labels import FootEvent
 from gaitcal.io.result_folder import sha256_of
 from gaitcal.model.coordinates import LEG_COORDINATES
-from gaitcal.page.page_data import calibration_page_data
-from gaitcal.results.cycles import CYCLES
+from gaitcal.report.page.page_data import calibration_page_data
+from gaitcal.results.cycle_tables import CYCLES
 from gaitcal.results.stride_files import (
     ENSEMBLE,
     SPATIOTEMPORAL,
@@ -27,10 +28,9 @@ from gaitcal.results.stride_files import (
     write_stride_files,
 )
 from gaitcal.results.summary import summary, trial_summary
-from gaitcal.session.result import Calibration
 from gaitcal.study.study_trial import Role
 from tests.fake_result import ERROR_SHARES, fake_calibration
-from tests.page.walked_blocks import page_words, rows_of, walked
+from tests.report.page.walked_blocks import page_words, rows_of, walked
 
 
 def hashes(folder: Path) -> dict[str, str]:

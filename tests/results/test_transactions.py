@@ -8,14 +8,14 @@ from pathlib import Path
 
 import pytest
 
-import gaitcal.results.trials as trials_module
-from gaitcal.cli import montecarlo as montecarlo_command
-from gaitcal.cli import other_programs
+import gaitcal.pipeline.write_trials as trials_module
+from gaitcal.analysis import trial_result
+from gaitcal.cli import export_commands
+from gaitcal.cli import montecarlo_command as montecarlo_command
 from gaitcal.errors import InputError
 from gaitcal.io.result_folder import listed, locked, sha256_of
 from gaitcal.pipeline import run_study
-from gaitcal.results.saved import load_result
-from gaitcal.session import trial_result
+from gaitcal.results.saved_result import load_result
 from gaitcal.study import study as study_module
 from gaitcal.study.study import Study
 from tests.commands import content, run
@@ -95,9 +95,9 @@ def test_dynamics_of_a_model_that_changes_meanwhile(name: str, folder: Path, mon
 
 
 def test_export_of_a_model_that_changes_meanwhile(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    write, name = other_programs.WRITERS["urdf"]
+    write, name = export_commands.WRITERS["urdf"]
     changing = after(write, lambda: edit(folder / "result/model.toml"))
-    monkeypatch.setitem(other_programs.WRITERS, "urdf", (changing, name))
+    monkeypatch.setitem(export_commands.WRITERS, "urdf", (changing, name))
     with pytest.raises(InputError, match=CHANGED):
         run("export", folder / "result")
     assert not (folder / "result/export").exists()

@@ -10,24 +10,24 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from gaitcal.analysis.calibrate import calibrate
+from gaitcal.analysis.result import Calibration
+from gaitcal.analysis.truth_comparison import settings_sentence, sums, two_marker_segments, with_truth
+from gaitcal.analysis.truth_errors import TruthErrors
 from gaitcal.dynamics.ground_reactions import leg_of
 from gaitcal.errors import InputError
-from gaitcal.io.csv import write_markers_csv
+from gaitcal.io.csv_recordings import write_markers_csv
 from gaitcal.model.linkage import COORDINATES
 from gaitcal.model.parameters import IP_NAMES, JP_NAMES
-from gaitcal.page.page_data import calibration_page_data
-from gaitcal.results.calibration import json_text
+from gaitcal.report.page.page_data import calibration_page_data
 from gaitcal.results.summary import summary, write_truth
-from gaitcal.session.calibrate import calibrate
-from gaitcal.session.result import Calibration
-from gaitcal.session.truth_comparison import settings_sentence, sums, two_marker_segments, with_truth
-from gaitcal.session.truth_errors import TruthErrors
+from gaitcal.results.table_files import json_text
+from gaitcal.study.declared_truth import TrueCurves
 from gaitcal.study.study import Study
 from gaitcal.study.study_trial import Role
-from gaitcal.study.truth import TrueCurves
-from gaitcal.synthetic.motion import WALK_NODES
+from gaitcal.synthetic.synthetic_motion import WALK_NODES
 from tests.kept import copied_person, kept_person
-from tests.page.walked_blocks import page_words
+from tests.report.page.walked_blocks import page_words
 
 pytestmark = pytest.mark.slow
 

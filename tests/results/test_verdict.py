@@ -8,17 +8,17 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from gaitcal.cli.calibrate import calibrate_study as run_calibrate
+from gaitcal.analysis.result import Calibration, withdrawn
+from gaitcal.cli.calibrate_command import calibrate_study as run_calibrate
 from gaitcal.cli.console import Console
 from gaitcal.errors import STUDY, Code, Finding, InputError, Severity
-from gaitcal.faults.verdict import judge
-from gaitcal.results.cycles import REFUSED_HEADER
-from gaitcal.results.saved import load_result
+from gaitcal.quality.verdict import judge
+from gaitcal.results.saved_result import load_result
 from gaitcal.results.summary import of_the_model, require_not_refused, summary
-from gaitcal.session.result import Calibration, withdrawn
-from gaitcal.session.tables import moment_table
+from gaitcal.results.table_files import REFUSED_HEADER
+from gaitcal.results.trial_tables import moment_table
 from tests.fake_result import fake_calibration
-from tests.page.walked_blocks import page_words
+from tests.report.page.walked_blocks import page_words
 from tests.synthetic_studies import write_synthetic_study
 
 

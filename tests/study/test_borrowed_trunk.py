@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from gaitcal.study.study import Study, nominal_of
-from tests.faults.spoilt import with_trial, without
+from tests.quality.spoilt import with_trial, without
 
 THORAX = ("C7", "T10", "CLAV", "STRN", "RSHO", "LSHO", "RBAK")
 POSTURE_MM = 25.0

@@ -7,7 +7,7 @@ import pytest
 
 from gaitcal.calibration.joint_prior import COVARIANCE, MEAN, prior_of, prior_of_study
 from gaitcal.model.parameters import JP_INDEX, JP_NAMES
-from gaitcal.study.joint_prior import JointPrior
+from gaitcal.study.cohort_prior import JointPrior
 from gaitcal.study.settings import CalibrationSettings, ParameterPriorTable
 from gaitcal.study.study import Study
 from gaitcal.study.study_file import load_study_file

@@ -8,16 +8,16 @@ import numpy as np
 import pytest
 from pydantic import ValidationError
 
-from gaitcal.io.csv import write_markers_csv
+from gaitcal.intake.draft_file import draft_text, study_of
+from gaitcal.io.csv_recordings import write_markers_csv
 from gaitcal.io.labels import Facts
 from gaitcal.io.recording import Recording
 from gaitcal.io.toml import validated
-from gaitcal.session.draft import draft_text, study_of
 from gaitcal.study.study import Study, subject_of
 from gaitcal.study.study_file import SubjectTable
+from tests.intake.folders import SAID, draft, recordings, write
 from tests.real_studies import write_study
 from tests.refusal import refusal
-from tests.session.folders import SAID, draft, recordings, write
 
 TABLE = SubjectTable(name="S07", mass_kg=70, height_m=1.8, sex="male")
 

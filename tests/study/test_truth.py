@@ -12,9 +12,7 @@ from gaitcal.model.linkage import COORDINATES, REACTIONS
 from gaitcal.model.marker_set import load_marker_set
 from gaitcal.model.parameters import JP_NAMES
 from gaitcal.model.rotations import axis_rotation
-from gaitcal.study.settings import CalibrationSettings
-from gaitcal.study.study_file import TruthTable, load_study_file
-from gaitcal.study.truth import (
+from gaitcal.study.declared_truth import (
     Truth,
     landmarks_text,
     moments_text,
@@ -23,7 +21,9 @@ from gaitcal.study.truth import (
     read_truth,
     truth_files,
 )
-from gaitcal.synthetic.motion import static_motion
+from gaitcal.study.settings import CalibrationSettings
+from gaitcal.study.study_file import TruthTable, load_study_file
+from gaitcal.synthetic.synthetic_motion import static_motion
 from tests.refusal import refusal
 from tests.synthetic_studies import made_recording
 

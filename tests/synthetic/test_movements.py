@@ -11,17 +11,17 @@ from gaitcal.dynamics.ground_reactions import ground_reactions
 from gaitcal.dynamics.inverse_dynamics import Dynamics, inverse_dynamics, pelvis_residual
 from gaitcal.gait.events import activity_events, trial_events
 from gaitcal.gait.strides import strides_of
+from gaitcal.intake.trial_movement import Shows, movement, standing
 from gaitcal.model.coordinates import LEG_COORDINATES
 from gaitcal.model.linkage import COORDINATE_INDEX, SIDES
 from gaitcal.model.marker_set import load_marker_set
-from gaitcal.motion.motion import track
-from gaitcal.session.movement import Shows, movement, standing
 from gaitcal.study.study_file import load_study_file
 from gaitcal.synthetic import subject
-from gaitcal.synthetic.motion import ground_on_feet, standing_pose, static_motion
 from gaitcal.synthetic.movements import Activity, Movement
 from gaitcal.synthetic.movements import movement as made_up
 from gaitcal.synthetic.subject import footholds, on_the_floor, recording_of, synthetic_model
+from gaitcal.synthetic.synthetic_motion import ground_on_feet, standing_pose, static_motion
+from gaitcal.tracking.motion import track
 from tests.commands import gaitcal
 
 FLYING_N = 10.0
@@ -43,7 +43,7 @@ LEFT_ON_SEAT = 0.1
 def test_command_writes_a_trial_of_each_movement(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     stands = static_motion(standing=standing_pose())
     monkeypatch.setattr(subject, "ISOLATED_JOINTS", ())
-    monkeypatch.setattr("gaitcal.synthetic.motion.two_strides", lambda _: stands)
+    monkeypatch.setattr("gaitcal.synthetic.synthetic_motion.two_strides", lambda _: stands)
     monkeypatch.setattr(subject, "movement", lambda *_: Movement(motion=stands))
     words = ("synthesize", "--out", str(tmp_path / "person"), "--movement", "sit-to-stand", "--movement")
     refused = gaitcal(*words, "stars")

@@ -7,6 +7,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from gaitcal.analysis.parameter_table import parameter_table
 from gaitcal.io.toml import models_path
 from gaitcal.model.linkage import COORDINATES
 from gaitcal.model.nominal import nominal_model, published_model
@@ -21,11 +22,16 @@ from gaitcal.model.parameters import (
     table,
 )
 from gaitcal.model.segment_frames import Frame, HipCentre
-from gaitcal.session.tables import parameter_table
 from gaitcal.study.study import Study
-from gaitcal.synthetic.motion import NOISE_AMPLITUDE, NOISE_OMEGA, marker_noise, standing_pose, synthetic_markers
 from gaitcal.synthetic.subject import synthesize, synthetic_model
-from gaitcal.synthetic.truth import inertial_parameters_in, joint_parameters_in, segment_frames, static_frames
+from gaitcal.synthetic.synthetic_motion import (
+    NOISE_AMPLITUDE,
+    NOISE_OMEGA,
+    marker_noise,
+    standing_pose,
+    synthetic_markers,
+)
+from gaitcal.synthetic.synthetic_truth import inertial_parameters_in, joint_parameters_in, segment_frames, static_frames
 from gaitcal.synthetic.walk import GAIT_CYCLE
 from tests.derivatives import perturbed_parameters
 from tests.kept import kept_calibration, kept_person

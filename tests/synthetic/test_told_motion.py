@@ -6,10 +6,10 @@ import pytest
 from gaitcal.dynamics.inverse_dynamics import Dynamics, pelvis_residual
 from gaitcal.model.linkage import COORDINATE_INDEX, COORDINATES
 from gaitcal.model.subject_model import MarkerPlacement, SubjectModel
-from gaitcal.motion.spline import spline_basis
-from gaitcal.synthetic.motion import TrueMotion, residual_free_wrench, standing_pose, synthetic_markers
 from gaitcal.synthetic.subject import synthetic_model, true_gait
-from gaitcal.synthetic.truth import Teller, ToldMotion, segment_frames, static_frames
+from gaitcal.synthetic.synthetic_motion import TrueMotion, residual_free_wrench, standing_pose, synthetic_markers
+from gaitcal.synthetic.synthetic_truth import Teller, ToldMotion, segment_frames, static_frames
+from gaitcal.tracking.spline import spline_basis
 
 SEED = 11
 SPLINE = 5e-3

@@ -11,9 +11,8 @@ from gaitcal.io.recording import runs
 from gaitcal.model.linkage import COORDINATES
 from gaitcal.model.nominal import published_model
 from gaitcal.model.parameters import Parameters
-from gaitcal.motion.spline import spline_basis
-from gaitcal.synthetic.motion import TrueMotion, gait_motion, ground_on_feet, isolated_motion, two_strides
 from gaitcal.synthetic.subject import synthetic_model
+from gaitcal.synthetic.synthetic_motion import TrueMotion, gait_motion, ground_on_feet, isolated_motion, two_strides
 from gaitcal.synthetic.walk import (
     DOUBLE_SUPPORT,
     GAIT_CYCLE,
@@ -26,6 +25,7 @@ from gaitcal.synthetic.walk import (
     stride_of,
     walking_ground,
 )
+from gaitcal.tracking.spline import spline_basis
 
 RESIDUAL = 1e-9
 """N, N·m: rounding of some hundred N at lever arms of a metre."""

@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from scripts.validation.harness import main
-from tests.page.browser import chromium
+from tests.report.page.browser import chromium
 
 
 @pytest.fixture(scope="module")

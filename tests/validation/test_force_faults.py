@@ -10,7 +10,7 @@ from scripts.validation.harness import main
 
 
 def test_every_fault_changes_a_recording_and_says_how_large_it_is() -> None:
-    from tests.faults.walks import exact_walk
+    from tests.quality.walks import exact_walk
 
     recording = exact_walk().recording
     kinds = set()

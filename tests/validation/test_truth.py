@@ -13,7 +13,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from gaitcal import Study, calibrate, parameter_table
-from gaitcal.export.peer_model import Axis, displacement_axis
+from gaitcal.export.opensim.peer_model import Axis, displacement_axis
 from gaitcal.io.recording import Recording
 from gaitcal.model.linkage import COORDINATES, NEEDED_JOINTS
 from gaitcal.model.nominal import published_model
@@ -21,7 +21,7 @@ from gaitcal.model.parameters import JP_INDEX, JP_NAMES, JP_TO_SI, leg_parameter
 from gaitcal.model.segment_frames import HipCentre
 from gaitcal.study.study_trial import Role
 from gaitcal.synthetic.subject import synthetic_model, true_gait
-from gaitcal.synthetic.truth import _joint_lines, segment_frames, static_frames
+from gaitcal.synthetic.synthetic_truth import _joint_lines, segment_frames, static_frames
 from scripts.validation import harness
 from scripts.validation.harness import results
 from scripts.validation.truth import check, made_up, people, report, skin

@@ -26,7 +26,7 @@ from scipy.optimize import OptimizeResult, least_squares
 from scipy.sparse import csr_array
 
 from gaitcal.calibration.joint_calibration import JointFit, JointSearch
-from gaitcal.export.osim import write_osim
+from gaitcal.export.opensim.osim_writer import write_osim
 from gaitcal.io.opensim_files import write_trc
 from gaitcal.io.recording import Recording
 from gaitcal.model.chain import LinkageModel, build_model
@@ -35,12 +35,12 @@ from gaitcal.model.linkage import COORDINATES, SEGMENTS, joint_segments
 from gaitcal.model.nominal import published_model
 from gaitcal.model.parameters import gait_parameters
 from gaitcal.model.subject_model import SubjectModel
-from gaitcal.motion.banded import NormalEquations
-from gaitcal.motion.motion import track, track_nodes
-from gaitcal.motion.spline import NodeRule
-from gaitcal.motion.start import starting_nodes
-from gaitcal.motion.trial_problem import MotionProblem, trial_problem
-from gaitcal.synthetic.motion import gait_motion, isolated_motion, marker_noise, synthetic_markers
+from gaitcal.synthetic.synthetic_motion import gait_motion, isolated_motion, marker_noise, synthetic_markers
+from gaitcal.tracking.banded import NormalEquations
+from gaitcal.tracking.motion import track, track_nodes
+from gaitcal.tracking.spline import NodeRule
+from gaitcal.tracking.start import starting_nodes
+from gaitcal.tracking.trial_problem import MotionProblem, trial_problem
 
 NODES = NodeRule(fixed=20)
 GAIT_JPS = (*gait_parameters("r"), *gait_parameters("l"))

@@ -30,21 +30,21 @@ from gaitcal.calibration.inertial_calibration import (
 )
 from gaitcal.calibration.joint_calibration import JointFit, JointSearch
 from gaitcal.dynamics.inverse_dynamics import Dynamics
-from gaitcal.faults.study import check_study
 from gaitcal.io.recording import Recording
 from gaitcal.model.chain import build_model
 from gaitcal.model.nominal import published_model
 from gaitcal.model.parameters import JP_NAMES, gait_parameters, isolated_parameters, symmetric_set
-from gaitcal.motion.banded import BandFactor
-from gaitcal.motion.bandwidth import DenseMotion, with_bandwidth
-from gaitcal.motion.motion import motion_of, track, tracked_motion
-from gaitcal.motion.spline import NodeRule
-from gaitcal.published.case import nominal_case
-from gaitcal.published.protocol import Plan
-from gaitcal.published.study import monte_carlo
-from gaitcal.published.workers import LocalProcesses, Workers
+from gaitcal.montecarlo.case import nominal_case
+from gaitcal.montecarlo.draw_study import monte_carlo
+from gaitcal.montecarlo.protocol import Plan
+from gaitcal.montecarlo.workers import LocalProcesses, Workers
+from gaitcal.quality.study_checks import check_study
 from gaitcal.study.study import Study
-from gaitcal.synthetic.motion import gait_motion, residual_free_wrench, synthetic_markers
+from gaitcal.synthetic.synthetic_motion import gait_motion, residual_free_wrench, synthetic_markers
+from gaitcal.tracking.banded import BandFactor
+from gaitcal.tracking.bandwidth import DenseMotion, with_bandwidth
+from gaitcal.tracking.motion import motion_of, track, tracked_motion
+from gaitcal.tracking.spline import NodeRule
 from scripts.tools.benchmark.references import (
     GAIT_JPS,
     NODES,
@@ -298,7 +298,7 @@ def section_inverse_dynamics() -> list[Figure]:
 
 
 DRAWS = Plan(levels=(100,), draws=100)
-IMPORTS = "import gaitcal.cli.calibrate, gaitcal.session.calibrate, gaitcal.results.calibration"
+IMPORTS = "import gaitcal.cli.calibrate_command, gaitcal.analysis.calibrate, gaitcal.pipeline.write_results"
 """The second and third beside reading and checking."""
 
 
@@ -360,7 +360,7 @@ def section_calibrate_walk() -> list[Figure]:
         Figure("gaitcal calibrate subject01", _gaitcal("calibrate", *person, "--out", out), said),
         Figure("gaitcal check subject01", _gaitcal("check", *person), "wanted below a second"),
         Figure("  of both: imports for calibrate", _python("-c", IMPORTS), "below 0.9 s"),
-        Figure("  of both: imports for check", _python("-c", "import gaitcal.cli.folder")),
+        Figure("  of both: imports for check", _python("-c", "import gaitcal.cli.study_folder")),
     ]
 
 

@@ -15,8 +15,8 @@ from pydantic_core import PydanticUndefined
 from typer.models import ArgumentInfo, OptionInfo
 
 from gaitcal.cli.application import COMMANDS, HELP, declared
+from gaitcal.cohort.cohort_people import CohortFile, ListedPerson
 from gaitcal.cohort.one_person import COLUMNS
-from gaitcal.cohort.people import CohortFile, ListedPerson
 from gaitcal.io.examples import examples
 from gaitcal.io.toml import tomllib
 from gaitcal.model import marker_set

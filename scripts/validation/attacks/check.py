@@ -55,11 +55,11 @@ from time import perf_counter
 import numpy as np
 
 from gaitcal import COORDINATES, Calibration, GaitcalError, Study, calibrate
+from gaitcal.analysis.result import TrialResult
 from gaitcal.arrays import Array, BoolArray
 from gaitcal.errors import Severity
-from gaitcal.faults.study import check_study
-from gaitcal.faults.verdict import Judgement
-from gaitcal.session.result import TrialResult
+from gaitcal.quality.study_checks import check_study
+from gaitcal.quality.verdict import Judgement
 from scripts.validation.attacks.corpus import Attack, CorpusError, Kind, by_title, corpus, once_each, pattern, spoilt
 from scripts.validation.harness import option, say, side_by_side
 from scripts.validation.recordings import EVERY, SYNTHETIC, loaded

@@ -16,6 +16,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from gaitcal.analysis.trial_bandwidth import bandwidth_of
 from gaitcal.arrays import Array
 from gaitcal.calibration import soft_tissue_artefact
 from gaitcal.calibration.joint_estimate import free_of
@@ -28,13 +29,12 @@ from gaitcal.model.parameters import Parameters
 from gaitcal.model.rotations import root_angles
 from gaitcal.model.segment_frames import Frame, HipCentre, frame_yz, hip_centre, nearest_rotation, pelvis_frame, unit
 from gaitcal.model.subject_model import MarkerPlacement, Subject, SubjectModel
-from gaitcal.motion.bandwidth import with_bandwidth
-from gaitcal.motion.motion import Motion, tracked_motion
-from gaitcal.motion.spline import NodeRule
-from gaitcal.motion.trial_problem import MotionProblem, trial_problem
-from gaitcal.session.bandwidth import bandwidth_of
 from gaitcal.study.settings import CalibrationSettings
 from gaitcal.study.study_trial import Role, Trial
+from gaitcal.tracking.bandwidth import with_bandwidth
+from gaitcal.tracking.motion import Motion, tracked_motion
+from gaitcal.tracking.spline import NodeRule
+from gaitcal.tracking.trial_problem import MotionProblem, trial_problem
 from scripts.validation.bones.recordings import BoneRecording
 
 THIGH_OF_HEIGHT = 0.245

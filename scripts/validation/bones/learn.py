@@ -44,7 +44,7 @@ from gaitcal.arrays import Array
 from gaitcal.calibration.soft_tissue_artefact import GAIT, SIZES
 from gaitcal.calibration.soft_tissue_table import THIGH_M, SkinField, place_functions
 from gaitcal.model.segment_frames import rigid_motions
-from gaitcal.motion.soft_tissue import SMALLEST, WIDTH, together
+from gaitcal.tracking.soft_tissue import SMALLEST, WIDTH, together
 from scripts.validation.bones.fits import kind_of, nominal_joint
 from scripts.validation.bones.recordings import BoneRecording
 

@@ -46,13 +46,13 @@ import numpy as np
 import pandas as pd
 
 from gaitcal.errors import GaitcalError
+from gaitcal.intake.draft_file import STUDY, draft_text
+from gaitcal.intake.drafting import draft_of
+from gaitcal.intake.recordings_folder import read_folder
+from gaitcal.intake.subject_metadata import Options
 from gaitcal.io.formats import read_recording
 from gaitcal.model.linkage import SIDES
 from gaitcal.model.marker_set import SEGMENT_OF, MarkerSet, load_marker_set
-from gaitcal.session.draft import STUDY, draft_text
-from gaitcal.session.drafting import draft_of
-from gaitcal.session.folder import read_folder
-from gaitcal.session.person_facts import Options
 from scripts.validation.clinics.variants import VARIANTS, Trial, cases
 from scripts.validation.harness import gaitcal, matching, option, said
 from scripts.validation.recordings import CLINICS, EVERYBODY, HERE, data

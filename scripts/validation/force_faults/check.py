@@ -24,22 +24,28 @@ from pathlib import Path
 
 import numpy as np
 
+from gaitcal.analysis.fit_joints import fit_joints
+from gaitcal.analysis.prepared_trials import (
+    MovingTrial,
+    forward_direction,
+    measured_reactions,
+    prepare_trial,
+    session_of,
+)
 from gaitcal.errors import InputError
-from gaitcal.faults.force_causes import Kind
-from gaitcal.faults.force_choice import ForceFit, Named, choose, fits, told_size
-from gaitcal.faults.force_evidence import ForceEvidence, ForceResidual, force_evidence
-from gaitcal.faults.study import examined
 from gaitcal.io.axes import turn_to_progression
 from gaitcal.io.recording import Recording
 from gaitcal.model.parameters import Parameters
 from gaitcal.model.subject_model import SubjectModel
-from gaitcal.motion.motion import Motion, tracked_motion
-from gaitcal.session.joint_parameters import fit_joints
-from gaitcal.session.session import MovingTrial, forward_direction, measured_reactions, prepare_trial, session_of
+from gaitcal.quality.force_causes import Kind
+from gaitcal.quality.force_choice import ForceFit, Named, choose, fits, told_size
+from gaitcal.quality.force_evidence import ForceEvidence, ForceResidual, force_evidence
+from gaitcal.quality.study_checks import examined
 from gaitcal.study.settings import CalibrationSettings
 from gaitcal.study.study import Study
 from gaitcal.study.study_trial import Role, Trial
 from gaitcal.synthetic.subject import synthesize
+from gaitcal.tracking.motion import Motion, tracked_motion
 from scripts.validation.force_faults.faults import FAULTS, Fault
 from scripts.validation.harness import matching, option, say
 from scripts.validation.recordings import CHILDREN, SIMULATED, data, study_of_person

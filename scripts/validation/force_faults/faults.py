@@ -14,10 +14,10 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from gaitcal.arrays import Array
-from gaitcal.faults.force_causes import Kind
-from gaitcal.faults.force_evidence import FORCE_UNITS
 from gaitcal.io.force_plate import LOADED_N, UP, plate_from_moment, pushes_down, turned_round
 from gaitcal.io.recording import ForcePlate, Recording
+from gaitcal.quality.force_causes import Kind
+from gaitcal.quality.force_evidence import FORCE_UNITS
 
 Change = Callable[[ForcePlate], ForcePlate]
 

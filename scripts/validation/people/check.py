@@ -36,11 +36,11 @@ import pandas as pd
 import gaitcal
 from gaitcal import Study
 from gaitcal.arrays import Array
-from gaitcal.compare.difference import difference_variance, told_parameters
-from gaitcal.compare.stride_sets import Common
 from gaitcal.model.linkage import LEG_JOINTS, SIDES
 from gaitcal.model.parameters import JP_INDEX
 from gaitcal.model.segment_frames import HipCentre, hip_centre, pelvis_frame
+from gaitcal.results.session_difference import difference_variance, told_parameters
+from gaitcal.results.stride_sets import Common
 from gaitcal.study.study_trial import Role, Trial
 from scripts.validation.harness import coverage, each_part, matching, option, say, shares, words_of
 from scripts.validation.people import knees, simulated

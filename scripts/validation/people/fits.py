@@ -7,14 +7,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from gaitcal import Study, SubjectModel
+from gaitcal.analysis.fit_joints import fit_joints
+from gaitcal.analysis.prepared_trials import session_of
 from gaitcal.arrays import Array
 from gaitcal.calibration.error_sources import ErrorSources
-from gaitcal.faults.study import examined
 from gaitcal.model.linkage import SIDES
 from gaitcal.model.parameters import JOINT_PARAMETERS, JP_INDEX, JP_NAMES, Parameters, leg_parameters
-from gaitcal.session.joint_parameters import fit_joints
-from gaitcal.session.session import session_of
-from gaitcal.study.joint_prior import JointPrior
+from gaitcal.quality.study_checks import examined
+from gaitcal.study.cohort_prior import JointPrior
 
 LEG = tuple(name.replace("_r", "", 1) for name in leg_parameters("r"))
 """The 27 joint parameters of a leg without its side: `hip.pelvis.ant`."""

@@ -16,15 +16,15 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from gaitcal.analysis.prepared_trials import MovingTrial, session_of
 from gaitcal.arrays import Array
-from gaitcal.faults.study import examined
 from gaitcal.model.linkage import SIDES
 from gaitcal.model.parameters import JP_INDEX
 from gaitcal.model.subject_model import SubjectModel
-from gaitcal.motion.motion import tracked_motion
-from gaitcal.motion.rigid import FEWEST_MARKERS, rigid_fit
-from gaitcal.session.session import MovingTrial, session_of
+from gaitcal.quality.study_checks import examined
 from gaitcal.study.study_trial import Role
+from gaitcal.tracking.motion import tracked_motion
+from gaitcal.tracking.rigid import FEWEST_MARKERS, rigid_fit
 from scripts.validation.people.fits import Fit, fitted
 from scripts.validation.recordings import changed, study_of_person
 

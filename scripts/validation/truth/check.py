@@ -48,7 +48,7 @@ import numpy as np
 from gaitcal import COORDINATES, Calibration, Motion, Study
 from gaitcal.arrays import Array
 from gaitcal.dynamics.inverse_dynamics import Dynamics
-from gaitcal.export.peer_model import Axis
+from gaitcal.export.opensim.peer_model import Axis
 from gaitcal.model.chain import Chain
 from gaitcal.model.kinematics import coordinate_axes
 from gaitcal.model.parameters import Parameters

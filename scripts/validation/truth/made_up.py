@@ -46,10 +46,9 @@ from gaitcal.io.recording import Recording
 from gaitcal.model.linkage import REACTIONS, SEGMENTS, joint_segments
 from gaitcal.model.nominal import published_model
 from gaitcal.model.parameters import JP_INDEX, Parameters, gait_parameters, isolated_parameters
-from gaitcal.motion.spline import NodeRule
-from gaitcal.motion.trial_problem import MotionProblem, trial_problem
 from gaitcal.study.study_trial import Role
-from gaitcal.synthetic.motion import (
+from gaitcal.synthetic.subject import synthesize, true_gait
+from gaitcal.synthetic.synthetic_motion import (
     NODES,
     gait_motion,
     isolated_motion,
@@ -57,7 +56,8 @@ from gaitcal.synthetic.motion import (
     residual_free_wrench,
     synthetic_markers,
 )
-from gaitcal.synthetic.subject import synthesize, true_gait
+from gaitcal.tracking.spline import NodeRule
+from gaitcal.tracking.trial_problem import MotionProblem, trial_problem
 from scripts.validation.harness import bars, rms, shares, side_by_side
 from scripts.validation.truth.people import with_settings
 from scripts.validation.truth.report import Figure, Outcome, TimedFit, timed_fit

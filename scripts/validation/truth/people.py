@@ -33,11 +33,11 @@ import pinocchio as pin
 
 from gaitcal import Recording, Study, SubjectModel, read_recording
 from gaitcal.arrays import Array
-from gaitcal.export.peer_model import Axis, displacement_axis
+from gaitcal.export.opensim.peer_model import Axis, displacement_axis
 from gaitcal.io.opensim_files import read_table, write_trc
 from gaitcal.model.segment_frames import Frame, rigid_motions
 from gaitcal.study.study_file import StudyFile, TrialTable, load_study_file
-from gaitcal.synthetic.truth import common_perpendicular
+from gaitcal.synthetic.synthetic_truth import common_perpendicular
 
 RATE, SECONDS, STANDING = 200.0, 6.0, 1.0
 HERTZ = 0.6

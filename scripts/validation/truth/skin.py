@@ -44,7 +44,7 @@ from gaitcal import Study
 from gaitcal.arrays import Array
 from gaitcal.io.recording import Recording
 from gaitcal.model.segment_frames import rigid_motions
-from gaitcal.synthetic.motion import marker_noise
+from gaitcal.synthetic.synthetic_motion import marker_noise
 
 TABLE_MM = 15.0
 SIZES = {"thigh": {"hip": 15.0, "knee": 10.0}, "shank": {"knee": 6.0, "ankle": 3.0}, "pelvis": {"hip": 4.0}}

@@ -1,0 +1,191 @@
+"""`gaitcal figures`: what a result folder holds, drawn for a paper."""
+
+import re
+from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+import pandas as pd
+
+from gaitcal.cli import export_commands, options
+from gaitcal.cli.console import Console
+from gaitcal.errors import Code, InputError, UsageError, nearest
+from gaitcal.gait import conventions, cycles, moments, normal_bands
+from gaitcal.gait.ensemble import ensemble
+from gaitcal.io import result_folder, snapshot
+from gaitcal.model.subject_model import Subject
+from gaitcal.report.figures.chart import FORMATS, Chart, write_charts
+from gaitcal.report.figures.journal_figures import HealthyBands, Strides, moment_arm_charts, paper_charts
+from gaitcal.report.page.page_data import PAGE_DATA, page_toe_offs, read_page_data
+from gaitcal.results.cycle_tables import CYCLES, read_cycles
+from gaitcal.results.summary import SUMMARY
+
+FOLDER = "figures"
+MILLIMETRES: Final = {"mm": 1.0, "cm": 10.0, "in": 25.4, "": 1.0}
+ALLOWED_WIDTHS: Final = (40.0, 400.0)
+COLUMN: Final = 85.0  # mm: one column of most journals
+
+
+def draw_figures(
+    console: Console,
+    result: options.AnyResult,
+    out: options.FiguresFolder = None,
+    only: options.Only = None,
+    width: options.Width = None,
+    formats: options.Pictures = "svg,pdf",
+    normal: options.FigureBands = None,
+    convention: options.FigureSigns = None,
+    external: options.FigureExternal = False,
+    units: options.FigureUnits = None,
+) -> None:
+    """Draw the figures of a result, or of further trials, into a folder.
+
+    Raises UsageError: An option names something that is not there.
+    Raises InputError: The folder is no result that pages are made of.
+    """
+    endings = _formats(formats)
+    wide = COLUMN if width is None else _width(width)
+    signs = export_commands.convention_of(
+        convention or conventions.Signs.CLINICAL.value, None, units or "Nm/kg", external=external
+    )
+    if not result.is_dir():
+        message = "no such folder; allowed: a result of 'gaitcal calibrate' or 'gaitcal dynamics'"
+        raise InputError(message, source=result, code=Code.NO_RESULT)
+    names = [name for name in (PAGE_DATA, SUMMARY, CYCLES) if (result / name).exists()]
+    with console.working() as step:
+        step("reading the result")
+        (strides, page_data), read = snapshot.read_whole(result, names, lambda: _strides(result, normal))
+        charts = paper_charts(strides, signs, wide) if signs else []
+        charts += [one for table in _moment_arms(result, only or ()) for one in moment_arm_charts(table, wide)]
+        charts = chosen(charts, only or ())
+        folder = out or result / FOLDER
+        with result_folder.amended(folder) as stage:
+            step(f"drawing {moments.counted(len(charts), 'figure')}")
+            files = write_charts(charts, stage, endings)
+            read.require_unchanged()
+    for remark in read.remarks:
+        console.line(f"warning: {remark}")
+    verdict = page_data["verdict"]
+    if verdict["judgement"] != "trustworthy":
+        console.line(f"warning: the result is {verdict['judgement']}. {verdict['sentence']}")
+    for file in files:
+        console.line(f"wrote {folder / file.name}")
+
+
+MOMENT_ARMS = "moment_arms"
+
+
+def _moment_arms(result: Path, only: Sequence[str]) -> list[pd.DataFrame]:
+    """Tables of muscles that `export --into --muscles` wrote into this folder.
+
+    Raises InputError: They are asked for, and there is none; or more than one, whose figures would have the same names.
+    """
+    found = sorted(path for folder in (result, result / "export") for path in folder.glob("*.muscles.csv"))
+    asked = any(word.strip().startswith(MOMENT_ARMS) for words in only for word in words.split(","))
+    if (asked and not found) or len(found) > 1:
+        names = ", ".join(path.name for path in found) or "none"
+        out = result / "export" / "NAME.osim"
+        message = (
+            f"found {names}; allowed: one; gaitcal export {result} --into MODEL.osim --out {out} --muscles writes it"
+        )
+        raise InputError(message, source=result, field="*.muscles.csv", code=Code.NOTHING_TO_SHOW)
+    return [pd.read_csv(path) for path in found]
+
+
+def chosen(charts: Sequence[Chart], only: Iterable[str]) -> list[Chart]:
+    """Those whose name is one of `only`, or begins or ends with the words of one; all where nothing is asked for.
+
+    Raises UsageError: There is none of such a name.
+    """
+    if not charts:
+        message = "found nothing to draw: the result has no complete stride"
+        raise InputError(message, field=CYCLES, code=Code.NOTHING_TO_SHOW)
+    wanted = [name.strip().lower() for names in only for name in names.split(",") if name.strip()]
+    names = [chart.name for chart in charts]
+    for word in wanted:
+        if not any(_is_named(name, word) for name in names):
+            message = f"found '{word}'; allowed: {', '.join(names)}, or the words that they begin or end with"
+            raise UsageError(f"{message}{nearest(word, names)}", field="--only")
+    return [chart for chart in charts if not wanted or any(_is_named(chart.name, word) for word in wanted)]
+
+
+def _is_named(name: str, word: str) -> bool:
+    return f"_{name}_".startswith(f"_{word}_") or f"_{name}_".endswith(f"_{word}_")
+
+
+def _formats(text: str) -> list[str]:
+    found = list(dict.fromkeys(part.strip().lower() for part in text.split(",") if part.strip()))
+    for name in found or [text]:
+        if name not in FORMATS:
+            message = f"found '{name}'; allowed: {', '.join(FORMATS)}, with commas between them"
+            raise UsageError(f"{message}{nearest(name, FORMATS)}", field="--format")
+    return found
+
+
+def _width(text: str) -> float:
+    """mm: `85mm`, `8.5cm`, `3.35in`, `85`."""
+    low, high = ALLOWED_WIDTHS
+    match = re.fullmatch(r"\s*(\d+(?:\.\d*)?)\s*(mm|cm|in|)\s*", text.lower())
+    width = float(match[1]) * MILLIMETRES[match[2]] if match else 0.0
+    if not low <= width <= high:
+        message = f"found '{text}'; allowed: {low:g}mm to {high:g}mm, such as 85mm, 17cm or 3.35in"
+        raise UsageError(message, field="--width")
+    return width
+
+
+def _sheet(folder: Path) -> dict[str, Any]:
+    """Of the folder, or, of further trials that have none, of the result that they lie in."""
+    if (folder / PAGE_DATA).exists():
+        return read_page_data(folder / PAGE_DATA)
+    around = folder.resolve().parent / PAGE_DATA
+    if (folder / CYCLES).exists() and around.exists():
+        return {**read_page_data(around), "trials": []}
+    message = f"has no {PAGE_DATA}; calibrate again, or name a result folder"
+    raise InputError(message, source=folder, code=Code.NO_RESULT)
+
+
+def _subject(page_data: Mapping[str, Any]) -> Subject:
+    person = page_data["person"]
+    return Subject(
+        name=person["name"], mass=person["mass"], height=person["height"], sex=person["sex"], session=person["session"]
+    )
+
+
+def _healthy(page_data: Mapping[str, Any], normal: Path | None) -> HealthyBands:
+    """Bands of the file the user names, else those the result was made with."""
+    if normal is not None:
+        subject = _subject(page_data)
+        bands = normal_bands.read_normal_bands(normal)
+        return {name: {side: band.for_person(subject, side) for side in "rl"} for name, band in bands.items()}
+    endings = {kind.words: kind.ending for kind in cycles.Kind if kind is not cycles.Kind.FORCE}
+    return {
+        f"{band['base']}{endings.get(band['kind'], '')}": {
+            side: (np.array(band[side][0], dtype=np.float64), np.array(band[side][1], dtype=np.float64))
+            for side in "rl"
+        }
+        for band in page_data["bands"]
+    }
+
+
+def _strides(folder: Path, normal: Path | None) -> tuple[Strides, dict[str, Any]]:
+    page_data = _sheet(folder)
+    if not (folder / CYCLES).exists():
+        raise InputError(f"has no {CYCLES}; calibrate again", source=folder, code=Code.NO_RESULT)
+    return Strides(
+        table=ensemble(_of_one_activity(read_cycles(folder), folder)),
+        subject=_subject(page_data),
+        offs=page_toe_offs(page_data["trials"]),
+        healthy=_healthy(page_data, normal),
+    ), page_data
+
+
+def _of_one_activity(strides: pd.DataFrame, folder: Path) -> pd.DataFrame:
+    """Strides of walks; where there are none, what one other activity repeats."""
+    found = list(strides["activity"].unique())
+    if cycles.WALKING in found or not found:
+        return strides[strides["activity"] == cycles.WALKING]
+    if len(found) > 1:
+        message = f"holds no walk, and several other activities: {', '.join(found)}; one alone can be drawn"
+        raise InputError(message, source=folder / CYCLES, code=Code.NOTHING_TO_SHOW)
+    return strides

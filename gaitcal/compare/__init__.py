@@ -1,1 +1,0 @@
-"""Two sessions of one person, or an OpenSim model of the same person, beside ours."""

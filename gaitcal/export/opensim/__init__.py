@@ -1,0 +1,1 @@
+"""OpenSim models: ours written, and users' own read, compared and given calibrated joints."""

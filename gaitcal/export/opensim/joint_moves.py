@@ -1,0 +1,256 @@
+"""What became of a model's joints, and of what is fixed to the bones between them.
+
+A bone between two joints, whose centres a, b in the body have gone to a', b', takes along what is fixed to it by the
+affine map
+
+    x' = m' + R (I + (k - 1) u u^T) (x - m),    m = (a + b) / 2,    u = (b - a) / |b - a|,    k = |b' - a'| / |b - a|,
+
+R the smallest turn from b - a to b' - a': it is stretched along itself as scaling would, and no thicker. Such bones are
+the pelvis, between its hips, thighs, and shanks. Muscle points, contact spheres and places of other joints in the bone
+follow the map; wraps and meshes are shifted and turned, and keep their size; of a point that moves with a coordinate
+all places are shifted as their mean is. Markers stay, as they tell where the body is, and so do mass centres.
+"""
+
+import xml.etree.ElementTree as ET
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from enum import Enum
+
+import numpy as np
+import pinocchio as pin
+
+from gaitcal.arrays import Array
+from gaitcal.errors import Code, InputError
+from gaitcal.export.opensim import osim_correspondence, osim_reader, osim_writer
+from gaitcal.export.opensim.peer_model import PeerModel, read_numbers
+
+UNMOVED_M, UNMOVED_RAD = 1e-7, 1e-7
+"""Below these a joint and its bone stay in the very bytes of the file: the solvers' rounding."""
+
+
+class Verdict(Enum):
+    """What became of a joint."""
+
+    MOVED = "moved"
+    UNDETERMINED = "left as it is: the recordings say little of it"
+    ABSENT = "the model has no such joint"
+
+
+@dataclass(frozen=True, kw_only=True)
+class JointEnd:
+    """Where a joint sits in one of its bodies, and how far that is from where it was."""
+
+    body: str
+    centre: Array  # (3,) m, in the body, as it was
+    place: pin.SE3  # Of the joint's frame in the body
+    shift: Array  # (3,) m, in the body's axes: of the centre, of a hinge across its axis
+    turn: float  # rad, of a hinge's axis; of a ball joint's frame
+    errors: tuple[float, float]
+    """m and rad, standard errors of the centre (of a hinge across its axis) and of the direction of a hinge's axis: the
+    root of the sum of squares in all directions, of the joint parameters and of the registration. NaN where unknown."""
+    changed: bool  # Whether the file is changed here
+    landmarks: float
+    """m, by which landmarks of the static trial alone would have moved it; NaN in a body that is no segment of ours."""
+
+    @property
+    def moved(self) -> float:
+        """Length of the shift, m."""
+        return float(np.linalg.norm(self.shift))
+
+
+@dataclass(frozen=True, kw_only=True)
+class JointMove:
+    """What became of one joint."""
+
+    joint: str  # Ours: `hip_r`, ...
+    theirs: str  # Name in the model; empty where it has none
+    verdict: Verdict
+    known: float  # Standard error of its parameters over that before any trial, the larger of positions and directions
+    standing: Mapping[str, float]  # Coordinate of theirs -> rad (m) as the person stands, before and after
+    rolls: tuple[float, float] = (0.0, 0.0)
+    """m and rad, by which the standing bones are then off: what the joint rolls, or cannot do."""
+    parent: JointEnd | None = None
+    child: JointEnd | None = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class Bone:
+    """How a bone follows its two joints, in the axes of its body."""
+
+    was: Array  # (3,) m, the middle between its joints
+    now: Array
+    turn: Array  # (3, 3)
+    along: Array  # (3,) unit vector, from joint to joint as they were
+    stretch: float
+
+    def point(self, x: Array) -> Array:
+        """(3,) m: where a point (3,) of the bone goes."""
+        from_middle = x - self.was
+        long = self.along * float(self.along @ from_middle)
+        out: Array = self.now + self.turn @ (from_middle + (self.stretch - 1.0) * long)
+        return out
+
+    def seen_from(self, frame: pin.SE3) -> "Bone":
+        """The same in the axes of a frame in the body."""
+        turn = frame.rotation.T
+        was, now = frame.actInv(self.was), frame.actInv(self.now)
+        return replace(self, was=was, now=now, turn=turn @ self.turn @ turn.T, along=turn @ self.along)
+
+    @property
+    def rigid(self) -> pin.SE3:
+        """The same without the stretch."""
+        return pin.SE3(self.turn, self.now - self.turn @ self.was)
+
+
+def bones_of(
+    moves: Sequence[JointMove], peer: PeerModel, legs: Sequence[osim_correspondence.LegJoint]
+) -> dict[str, Bone]:
+    """Body -> how it follows; of those between two joints of ours of which one at least was moved."""
+    ends: dict[str, list[tuple[Array, Array]]] = {}
+    for move, leg in ((m, leg) for m in moves for leg in legs if leg.ours == m.joint):
+        joint = leg.theirs
+        at_rest = (peer.joint_pose(joint, move.standing) * joint.in_child).translation
+        for body, centre, end in (
+            (joint.parent, at_rest, move.parent),
+            (joint.child, joint.in_child.translation, move.child),
+        ):
+            found = (centre, centre) if end is None else (end.centre, end.centre + end.shift)
+            ends.setdefault(body, []).append(found)
+    out = {}
+    for body, pair in ends.items():
+        if len(pair) != 2 or all(np.linalg.norm(now - was) < UNMOVED_M for was, now in pair):
+            continue
+        (a, a_now), (b, b_now) = pair
+        before, after = b - a, b_now - a_now
+        length = float(np.linalg.norm(before))
+        if length < SHORTEST:
+            continue
+        out[body] = Bone(
+            was=0.5 * (a + b),
+            now=0.5 * (a_now + b_now),
+            turn=pin.Quaternion.FromTwoVectors(before, after).toRotationMatrix(),
+            along=before / length,
+            stretch=float(np.linalg.norm(after)) / length,
+        )
+    return out
+
+
+SHORTEST = 0.1  # m; joints that are nearer, as those of a talus, have no bone between them that could be stretched
+
+Change = tuple[ET.Element, tuple[str, ...], tuple[Array, ...]]  # Of an element the numbers of these children
+
+
+def carried(document: osim_reader.OsimDocument, bones: Mapping[str, Bone]) -> Iterator[Change]:
+    """What changes in the document: points and wraps that are fixed to these bodies, markers excepted."""
+    source, bone_at = document.source, _by_frame(document, bones)
+    for element in document.model.iter() if bones else ():
+        bone = bone_at.get(_fixed_to(element))
+        if bone is None or element.tag == "Marker":
+            continue
+        if element.find("location") is not None:  # of a moving point, too, in OpenSim 3
+            place = read_numbers(element, "location", source, count=3)
+            yield element, ("location",), (bone.point(place),)
+        if element.tag == "MovingPathPoint":
+            yield from _moving_point(element, bone, document)
+    for body in bones:
+        for path, _, frame in document.frames_of(body):
+            for wrap in frame.findall("WrapObjectSet/objects/*"):
+                at, angles = (read_numbers(wrap, tag, source, count=3) for tag in ("translation", "xyz_body_rotation"))
+                turned = bone_at[path].turn @ osim_writer.from_body_fixed_xyz(angles)
+                yield (
+                    wrap,
+                    ("translation", "xyz_body_rotation"),
+                    (bone_at[path].point(at), osim_writer.body_fixed_xyz(turned)),
+                )
+
+
+def _by_frame(document: osim_reader.OsimDocument, bones: Mapping[str, Bone]) -> dict[str, Bone]:
+    """Path of a body or of an offset frame in it, from the body on -> how the bone goes, in the axes of the frame."""
+    return {path: bone.seen_from(pose) for body, bone in bones.items() for path, pose, _ in document.frames_of(body)}
+
+
+def _fixed_to(element: ET.Element) -> str:
+    """The path, from a body on, of what an element with a place is fixed to, of either generation of files; empty where
+    it has none.
+    """
+    found = (osim_reader.socket_of(element, tag) for tag in ("socket_parent_frame", "socket_frame"))
+    named = next((e for e in (*found, element.find("body")) if e is not None), None)
+    text = "" if named is None else (named.text or "").strip()
+    return text.rpartition("bodyset/")[2].rpartition("../")[2]
+
+
+def _moving_point(element: ET.Element, bone: Bone, document: osim_reader.OsimDocument) -> Iterator[Change]:
+    found = []
+    for axis in "xyz":
+        function = element.find(f"{axis}_location")
+        holder, tag = None, ""
+        for tag in ("y", "value") if function is not None else ():  # of a spline, of a constant
+            holder = function.find(f".//{tag}/..") if function is not None else None
+            if holder is not None:
+                break
+        if function is None or holder is None:
+            message = f"found {axis}_location of another kind, allowed: a spline or a constant (or --attachments stay)"
+            raise InputError(message, source=document.source, field=element.get("name"), code=Code.OTHER_MODEL)
+        scale = next((float(e.text or 1.0) for e in function.iter("scale")), 1.0)
+        found.append((holder, tag, read_numbers(holder, tag, document.source), scale))
+    mean = np.array([scale * numbers.mean() for _, _, numbers, scale in found])
+    for (holder, tag, numbers, scale), by in zip(found, bone.point(mean) - mean, strict=True):
+        yield holder, (tag,), (numbers + by / scale,)
+
+
+@dataclass(frozen=True, kw_only=True)
+class CarriedPoints:
+    """The points of one muscle that went with their bones."""
+
+    muscle: str
+    points: int
+    farthest: float  # m
+
+
+def carried_by_muscles(document: osim_reader.OsimDocument, bones: Mapping[str, Bone]) -> tuple[CarriedPoints, ...]:
+    """Every muscle with such points, the one with the farthest first."""
+    out, bone_at = [], _by_frame(document, bones)
+    for force in document.model.findall("ForceSet/objects/*") if bones else ():
+        moves = []
+        for point in force.iter():
+            bone = bone_at.get(_fixed_to(point))
+            if bone is not None and point.find("location") is not None:
+                place = read_numbers(point, "location", document.source, count=3)
+                moves.append(float(np.linalg.norm(bone.point(place) - place)))
+        if moves:
+            out.append(CarriedPoints(muscle=force.get("name", ""), points=len(moves), farthest=max(moves)))
+    return tuple(sorted(out, key=lambda m: -m.farthest))
+
+
+JOINTS_HEADER = (
+    "joint,theirs,verdict,standard_error_left,in,body,shift_x_mm,shift_y_mm,shift_z_mm,moved_mm,moved_se_mm,turned_deg,"
+    "turned_se_deg,standing_mm,standing_deg,landmarks_mm"
+)
+
+
+def joints_csv(moves: Sequence[JointMove]) -> str:
+    """A row for either end of every joint; a figure that does not exist is left out."""
+    lines = [JOINTS_HEADER]
+    for move in moves:
+        known = f"{move.known:.3f}" if np.isfinite(move.known) else ""
+        start = f'{move.joint},"{move.theirs}",{move.verdict.name.lower()},{known}'
+        for name, end in (("parent", move.parent), ("child", move.child)):
+            if end is None:
+                continue
+            numbers = [*(1e3 * end.shift), 1e3 * end.moved, 1e3 * end.errors[0]]
+            numbers += [np.degrees(end.turn), np.degrees(end.errors[1]), 1e3 * move.rolls[0], np.degrees(move.rolls[1])]
+            numbers += [1e3 * end.landmarks]
+            words = ",".join(f"{x:.4f}" if np.isfinite(x) else "" for x in numbers)
+            lines.append(f'{start},{name},"{end.body}",{words}')
+        if move.parent is None:
+            lines.append(start + "," * (JOINTS_HEADER.count(",") - start.count(",")))
+    return "\n".join(lines) + "\n"
+
+
+def carried_csv(points: Sequence[CarriedPoints]) -> str:
+    """A row for every muscle."""
+    rows = [f'"{m.muscle}",{m.points},{1e3 * m.farthest:.4f}' for m in points]
+    return "\n".join([CARRIED_HEADER, *rows]) + "\n"
+
+
+CARRIED_HEADER = "muscle,points,farthest_mm"

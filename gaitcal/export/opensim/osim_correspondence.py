@@ -1,0 +1,403 @@
+"""Which joints of an OpenSim model are those of our legs, the hinge that stands for each, and that put elsewhere.
+
+Joints are found by the names of their coordinates (those of Gait2354, Gait2392, Rajagopal2016), else by topology: the
+pelvis is the body with two legs, a leg a chain of three or more joints that move and that does not branch into two
+such chains; its first three are hip, knee and ankle; a fourth within `TALUS` of the third is the subtalar joint. A file
+of the user's own goes before both.
+
+A knee of theirs may roll and slide: what stands for it is the hinge that comes nearest to its motion in the
+postures of the recordings (else of a stride of the built-in person), by least squares over points `LEVER` from its
+centre,
+
+    X_parent_child(q) = A Rz(theta(q)) B^-1    (nearly),
+
+so that a linkage with that hinge is what markers of such a knee would tell. For a hinge it is the hinge itself.
+"""
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+import pinocchio as pin
+from pydantic import Field
+from scipy.optimize import least_squares
+
+from gaitcal.arrays import Array
+from gaitcal.errors import Code, InputError
+from gaitcal.export.opensim.peer_model import Axis, PeerJoint, PeerModel, displacement_axis
+from gaitcal.io.toml import Table, read_validated, require_known
+from gaitcal.model.linkage import COORDINATE_INDEX, NEEDED_JOINTS, SEGMENTS, SIDES
+from gaitcal.model.parameters import MASSIVE_SEGMENTS
+from gaitcal.model.rotations import axis_rotation
+from gaitcal.synthetic.walk import gait_curves
+
+COORDINATE_OF = {"hip": "hip_flexion", "knee": "knee_angle", "talocrural": "ankle_angle", "subtalar": "subtalar_angle"}
+"""Joint of a leg -> its first coordinate, in our linkage and in the usual models."""
+TALUS = 0.08  # m; a joint farther from the ankle than the talus is high and long is one of the toes
+LEVER = 0.2  # m: as far as markers sit from a joint
+POSTURES = 20  # Of a stride, or of the recordings: quantiles of the coordinate
+EXACT = 1e-9  # m; a joint that is so near to a hinge is one
+
+
+@dataclass(frozen=True)
+class Hinge:
+    """A hinge: its frame, z along the axis, in either body, so placed along it that on the mean it does not slide."""
+
+    in_parent: pin.SE3
+    in_child: pin.SE3
+    off: float = 0.0  # m RMS, how far points `LEVER` from its centre are from where the joint that rolls has them
+
+    def angle(self, pose: pin.SE3) -> float:
+        """The hinge's angle, rad, that is nearest to a pose of the child in the parent."""
+        r = (self.in_parent.rotation.T @ pose.rotation) @ self.in_child.rotation
+        return float(np.arctan2(r[1, 0] - r[0, 1], r[0, 0] + r[1, 1]))
+
+    def slide(self, pose: pin.SE3) -> float:
+        """How far the child lies along the axis, m."""
+        return float((self.in_parent.actInv(pose) * self.in_child).translation[2])
+
+    def pose(self, angle: float) -> pin.SE3:
+        """Of the child in the parent."""
+        return self.in_parent * pin.SE3(axis_rotation(2, angle), np.zeros(3)) * self.in_child.inverse()
+
+
+@dataclass(frozen=True, kw_only=True)
+class LegJoint:
+    """A joint of a leg in the user's model."""
+
+    ours: str  # `hip_r`, `knee_r`, `talocrural_r`, `subtalar_r`, or `_l`
+    theirs: PeerJoint
+    coordinate: str  # The coordinate whose motion shows its axis
+    found_by: str  # `name`, `topology`, or the user's file
+    hinge: Hinge | None  # What stands for a knee, talocrural or subtalar joint; None of a hip
+
+
+class _NamesFile(Table):
+    joints: dict[str, str] = Field(default={})
+    coordinates: dict[str, str] = Field(default={})
+
+
+def read_names(path: Path) -> tuple[Mapping[str, str], Mapping[str, str]]:
+    """Joint of ours -> name of theirs, and joint of ours -> coordinate of theirs, of a TOML file with the tables
+    `joints` and `coordinates`; InputError where it is none.
+    """
+    file = read_validated(_NamesFile, path)
+    allowed = [f"{joint}_{side}" for side in SIDES for joint in NEEDED_JOINTS]
+    for field in ("joints", "coordinates"):
+        require_known(getattr(file, field), allowed, "joint of a leg", source=path, field=field, listed=True)
+    return file.joints, file.coordinates
+
+
+def leg_joints(
+    peer: PeerModel, names: Path | None = None, recorded: Mapping[str, Array] | None = None
+) -> tuple[LegJoint, ...]:
+    """The joints of both legs, as far as the model has them; each after the one above it.
+
+    `recorded`: our coordinate -> (n,) rad in the postures that its hinge shall stand for.
+
+    Raises InputError: No hip and knee is found of a leg, or a name of the user's is not in the model.
+    """
+    joints, coordinates = ({}, {}) if names is None else read_names(names)
+    by_name = {j.name: j for j in peer.joints.values()}
+    require_known(joints.values(), by_name, "joint of the model", source=names or Path(), field="joints")
+    with_usual_names = [s for s in SIDES if peer.joint_of(f"hip_flexion_{s}") and peer.joint_of(f"knee_angle_{s}")]
+    shape = None if with_usual_names or any(name.startswith("hip") for name in joints) else _by_topology(peer)
+    out = []
+    for side in SIDES:
+        told = {joint: by_name[joints[f"{joint}_{side}"]] for joint in NEEDED_JOINTS if f"{joint}_{side}" in joints}
+        named = {k: j for k, c in COORDINATE_OF.items() if (j := peer.joint_of(f"{c}_{side}")) is not None}
+        ours, found_by = {**named, **told}, "name"
+        if shape is not None:
+            ours = {k.removesuffix(f"_{side}"): j for k, j in shape.items() if k.endswith(f"_{side}")} | told
+            found_by = "topology"
+        for joint in NEEDED_JOINTS:
+            if joint not in ours or (joint == "subtalar" and ours[joint] is ours.get("talocrural")):
+                continue
+            known = [c.name for c in ours[joint].coordinates]
+            first, own = f"{COORDINATE_OF[joint]}_{side}", coordinates.get(f"{joint}_{side}")
+            if own is not None:
+                require_known([own], known, "coordinate of that joint", source=names or Path(), field="coordinates")
+            name = own or (first if first in known else _main_coordinate(peer, ours, joint))
+            by = "your file" if joint in told else found_by
+            leg = LegJoint(ours=f"{joint}_{side}", theirs=ours[joint], coordinate=name, found_by=by, hinge=None)
+            out.append(leg)
+    _require_chain(peer, out)
+    return tuple(
+        leg if leg.ours.startswith("hip") else replace(leg, hinge=hinge_of(peer, leg, recorded or {})) for leg in out
+    )
+
+
+def hinge_of(peer: PeerModel, leg: LegJoint, recorded: Mapping[str, Array]) -> Hinge:
+    """The hinge that comes nearest to a joint's motion; InputError where the joint does not turn."""
+    c = next(c for c in leg.theirs.coordinates if c.name == leg.coordinate)
+    kind, side = leg.ours.split("_")
+    name = f"{COORDINATE_OF[kind]}_{side}"
+    if name in recorded:
+        stride = np.quantile(recorded[name], (np.arange(POSTURES) + 0.5) / POSTURES)
+    else:
+        stride = gait_curves(np.arange(POSTURES) / POSTURES)[0][:, COORDINATE_INDEX[name]]
+    stride = stride if kind != "knee" or c.high >= -c.low else -stride
+    poses = [peer.joint_pose(leg.theirs, {c.name: float(value)}) for value in stride]
+    ends = poses[int(np.argmin(stride))], poses[int(np.argmax(stride))]
+    axis = displacement_axis(*ends)
+    if axis is None:
+        message = f"does not turn with its coordinate {c.name}"
+        raise InputError(message, source=peer.source, field=f"joint {leg.theirs.name}", code=Code.OTHER_MODEL)
+    centre = axis.nearest((ends[0] * leg.theirs.in_child).translation)
+    along = pin.Quaternion.FromTwoVectors(np.eye(3)[2], axis.direction).toRotationMatrix()
+    first = pin.SE3(along, centre)
+    hinge = Hinge(first, ends[0].actInv(first))
+    tips = LEVER * np.vstack([np.eye(3), -np.eye(3)])
+    points = np.array([leg.theirs.in_child.act(tip) for tip in tips])
+    measured = np.array([[pose.act(p) for p in points] for pose in poses])
+
+    def moved(x: Array) -> Hinge:
+        def off(turn: Array, shift: Array) -> pin.SE3:
+            return pin.SE3(pin.exp3(np.array([*turn, 0.0])), shift)
+
+        in_parent = hinge.in_parent * off(x[:2], np.array([*x[2:4], 0.0]))
+        return Hinge(in_parent, hinge.in_child * off(x[4:6], x[6:9]))
+
+    def residual(x: Array) -> Array:
+        near = moved(x)
+        told = [near.pose(near.angle(pose)) for pose in poses]
+        return (np.array([[pose.act(p) for p in points] for pose in told]) - measured).ravel()
+
+    if np.abs(residual(np.zeros(9))).max() > EXACT:
+        best = least_squares(residual, np.zeros(9), method="lm", xtol=1e-12, ftol=1e-12)
+        hinge = replace(moved(best.x), off=float(np.sqrt(3.0 * np.mean(np.square(best.fun)))))
+    return hinge
+
+
+def _main_coordinate(peer: PeerModel, leg: Mapping[str, PeerJoint], of: str) -> str:
+    """The coordinate that turns most nearly about the pelvis' z, to the right, as hips, knees and ankles flex;
+    of a subtalar joint, whose axis is oblique, that of the widest range. `leg`: kind of joint of ours -> theirs.
+    """
+    joint, hip = leg[of], leg.get("hip")
+    turning = {a.coordinate: a.axis for a in joint.axes or () if a.rotates and a.coordinate is not None}
+    if of != "subtalar" and len(turning) > 1 and hip is not None and peer.is_below(joint.parent, hip.parent):
+        z = (peer.body_pose(joint.parent, hip.parent) * joint.in_parent).rotation[2]
+        return max(turning, key=lambda name: abs(float(z @ turning[name])))
+    found = [c for c in joint.coordinates if c.name in turning] or list(joint.coordinates)
+    return max(found, key=lambda c: c.high - c.low).name if found else ""
+
+
+def _require_chain(peer: PeerModel, found: Iterable[LegJoint]) -> None:
+    """InputError unless every joint can move and hangs below the one above it."""
+    above: LegJoint | None = None
+    for leg in found:
+        where = f"joint {leg.theirs.name} ({leg.ours})"
+        if not leg.coordinate:
+            raise InputError("has no coordinate", source=peer.source, field=where, code=Code.OTHER_MODEL)
+        for body in (leg.theirs.parent, leg.theirs.child):
+            if body not in peer.masses:
+                message = f"is fixed to '{body}', which is no body of the model"
+                raise InputError(message, source=peer.source, field=where, code=Code.OTHER_MODEL)
+        if (
+            above is not None
+            and above.ours[-2:] == leg.ours[-2:]
+            and not peer.is_below(leg.theirs.parent, above.theirs.child)
+        ):
+            message = f"does not hang below {above.theirs.name} ({above.ours})"
+            raise InputError(message, source=peer.source, field=where, code=Code.OTHER_MODEL)
+        above = leg
+
+
+def _by_topology(peer: PeerModel) -> dict[str, PeerJoint]:
+    """`hip_r` and so on -> joint; InputError where no body has two legs."""
+    below: dict[str, list[PeerJoint]] = {}
+    for joint in peer.joints.values():
+        below.setdefault(joint.parent, []).append(joint)
+
+    def chain(joint: PeerJoint, depth: int = 0) -> list[PeerJoint]:
+        """The longest row of moving joints from this one on."""
+        further = below.get(joint.child, []) if depth <= len(peer.joints) else []
+        rest = max((chain(j, depth + 1) for j in further), key=len, default=[])
+        return [joint, *rest] if joint.coordinates else rest
+
+    def is_leg(joint: PeerJoint) -> bool:
+        bodies, row = [joint.child], chain(joint)
+        for body in bodies:
+            bodies += [j.child for j in below.get(body, []) if len(bodies) <= len(peer.joints)]
+            if sum(len(chain(j)) > 1 for j in below.get(body, [])) > 1:
+                return False
+        return len(row) >= 3
+
+    for body in peer.masses:
+        legs = [j for j in below.get(body, []) if is_leg(j)]
+        if len(legs) == 2:
+            right, left = sorted(legs, key=lambda j: -j.in_parent.translation[2])
+            out: dict[str, PeerJoint] = {}
+            for side, leg in (("r", right), ("l", left)):
+                row = chain(leg)
+                out |= {f"{k}_{side}": j for k, j in zip(NEEDED_JOINTS[:3], row, strict=False)}
+                if len(row) > 3 and np.linalg.norm(peer.body_pose(row[3].child, row[2].child).translation) < TALUS:
+                    out[f"subtalar_{side}"] = row[3]
+            return out
+    raise InputError(
+        "has no pelvis with two legs of three joints or more, nor coordinates hip_flexion_r, knee_angle_r (and _l); "
+        f"found the bodies {', '.join(peer.masses)}; --names FILE.toml says which joints are meant",
+        source=peer.source,
+        code=Code.OTHER_MODEL,
+    )
+
+
+@dataclass(frozen=True, kw_only=True)
+class PutJoint:
+    """A joint's frames, parent's before child's, and how far centre and axis have gone in either body."""
+
+    in_parent: pin.SE3
+    in_child: pin.SE3
+    centre: Array  # (3,) m, in the parent, now
+    shifts: tuple[Array, Array]
+    turns: tuple[float, float]
+
+
+def put_ball(leg: LegJoint, was: pin.SE3, target: Axis, standing: pin.SE3 | None) -> PutJoint:
+    """The centre of a joint taken to the point of `target`.
+
+    `was`: pose of the child in the parent at q0; `standing`: the same of the standing bones, None where the joint keeps
+    its place in the child.
+    """
+    joint = leg.theirs
+    at = (was * joint.in_child).translation
+    shift = target.point - at
+    in_parent = pin.SE3(np.eye(3), shift) * joint.in_parent
+    in_child = joint.in_child
+    if standing is not None:
+        in_child = standing.actInv(in_parent * joint.in_parent.actInv(was * joint.in_child))
+    shifts = shift, in_child.translation - joint.in_child.translation
+    return PutJoint(
+        in_parent=in_parent,
+        in_child=in_child,
+        centre=target.point,
+        shifts=shifts,
+        turns=(0.0, turn_between(joint.in_child, in_child)),
+    )
+
+
+def put_hinge(leg: LegJoint, was: pin.SE3, target: Axis, standing: pin.SE3 | None) -> PutJoint:
+    """The axis of a joint taken to `target`; arguments as of `put_ball`."""
+    joint, hinge = leg.theirs, leg.hinge
+    if hinge is None:
+        raise ValueError(f"{leg.ours} is no hinge")
+    step, shift, to = smallest_motion(hinge.in_parent, target, (was * joint.in_child).translation)
+    in_child, shift_child, turn_child = joint.in_child, np.zeros(3), 0.0
+    if standing is not None:
+        other, shift_child, _ = smallest_motion(
+            hinge.in_child, target.moved(standing.inverse()), joint.in_child.translation
+        )
+        new = Hinge(step * hinge.in_parent, other * hinge.in_child)
+        turn = new.angle(standing) - hinge.angle(was)
+        back = pin.SE3(axis_rotation(2, -turn), np.array([0.0, 0.0, -new.slide(standing)]))
+        in_child = new.in_child * back * hinge.in_child.actInv(joint.in_child)
+        old_axis, new_axis = hinge.in_child.rotation[:, 2], new.in_child.rotation[:, 2]
+        turn_child = float(np.arctan2(np.linalg.norm(np.cross(old_axis, new_axis)), old_axis @ new_axis))
+    return PutJoint(
+        in_parent=step * joint.in_parent,
+        in_child=in_child,
+        centre=to,
+        shifts=(shift, shift_child),
+        turns=(turn_between(pin.SE3.Identity(), step), turn_child),
+    )
+
+
+def smallest_motion(hinge: pin.SE3, target: Axis, centre: Array) -> tuple[pin.SE3, Array, Array]:
+    """The rigid motion that takes a hinge's axis (z of its frame) to a line, how far that shifts the point of the axis
+    next to `centre`, and where that point is then.
+    """
+    axis = Axis(hinge.translation, hinge.rotation[:, 2])
+    direction = target.direction * (1.0 if target.direction @ axis.direction >= 0 else -1.0)
+    at = axis.nearest(centre)
+    to = target.nearest(at)
+    turn = pin.Quaternion.FromTwoVectors(axis.direction, direction).toRotationMatrix()
+    return pin.SE3(np.eye(3), to) * pin.SE3(turn, np.zeros(3)) * pin.SE3(np.eye(3), -at), to - at, to
+
+
+def turn_between(a: pin.SE3, b: pin.SE3) -> float:
+    """rad, from one frame to the other."""
+    return float(np.linalg.norm(pin.log3(a.rotation.T @ b.rotation)))
+
+
+def shift_between(a: pin.SE3, b: pin.SE3) -> float:
+    """m, between the origins of two frames."""
+    return float(np.linalg.norm(a.translation - b.translation))
+
+
+def standing_coordinates(
+    peer: PeerModel, row: Sequence[PeerJoint], target: pin.SE3, legs: Mapping[str, LegJoint]
+) -> dict[str, float]:
+    """Coordinates of the model as it was with which its bodies are turned against each other as `target` is (one
+    hinge: by its angle); locked ones keep their value.
+    """
+    used = [{a.coordinate for a in j.axes or () if a.coordinate is not None} for j in row]
+    free = [c for j, names in zip(row, used, strict=True) for c in j.coordinates if c.name in names]
+    held = {c.name: c.default for c in free if c.locked}
+    free = [c for c in free if not c.locked]
+
+    def values(q: Array) -> dict[str, float]:
+        return held | {c.name: float(x) for c, x in zip(free, q, strict=True)}
+
+    single = legs[row[0].name].hinge if len(row) == 1 and row[0].name in legs and len(free) == 1 else None
+
+    def residual(q: Array) -> Array:
+        if single is not None:
+            return np.array([single.angle(peer.joint_pose(row[0], values(q))) - single.angle(target)])
+        turned = np.eye(3)
+        for joint in row:
+            turned = turned @ peer.joint_pose(joint, values(q)).rotation
+        return np.concatenate([pin.log3(turned.T @ target.rotation), 1e-9 * q])
+
+    if not free:
+        return held
+    start = np.zeros(len(free))
+    return values(least_squares(residual, start, xtol=1e-14, ftol=1e-14, gtol=1e-14).x)
+
+
+ARMS: tuple[str, ...] = tuple(f"{part}_{side}" for side in SIDES for part in ("upper_arm", "forearm_hand"))
+_MIDDLE = {"pelvis": "pelvis", "torso": "head_trunk", "trunk": "head_trunk", "head": "head_trunk"}
+_SIDED = {
+    "femur": "thigh",
+    "patella": "thigh",
+    "tibia": "shank",
+    "fibula": "shank",
+    "pretalus": "foot",
+    "talus": "foot",
+    "calcn": "foot",
+    "toes": "foot",
+    "humerus": "upper_arm",
+    "ulna": "forearm_hand",
+    "radius": "forearm_hand",
+    "hand": "forearm_hand",
+}
+
+
+def slides(body: str) -> bool:
+    """Whether a peer's body slides on the segment it is counted with, so that its markers are no part of it."""
+    return body.startswith("patella_")
+
+
+def segment_of(body: str) -> str | None:
+    """Our segment for a peer's body (the talus counts with the foot), or None."""
+    if body in MASSIVE_SEGMENTS:
+        return body
+    if body in _MIDDLE:
+        return _MIDDLE[body]
+    stem, _, side = body.rpartition("_")
+    if side in SIDES and stem in _SIDED:
+        return f"{_SIDED[stem]}_{side}"
+    return body if body in SEGMENTS else None
+
+
+def same_label(label: str, candidates: tuple[str, ...]) -> str | None:
+    """The candidate with this name; else the only one that is the same but for case and punctuation; else None."""
+    if label in candidates:
+        return label
+    plain = _plain(label)
+    alike = [c for c in candidates if _plain(c) == plain]
+    return alike[0] if len(alike) == 1 and plain else None
+
+
+def _plain(label: str) -> str:
+    return "".join(c for c in label.casefold() if c.isalnum())

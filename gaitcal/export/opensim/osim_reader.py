@@ -1,0 +1,425 @@
+"""An OpenSim model file of either generation (3.x, 4.x): read into a `PeerModel`, and its joints put elsewhere in its
+text, every byte that is not one of their numbers staying. No OpenSim is needed.
+
+The file is parsed once, and of every element it is remembered where its tags begin and end. A joint's places in its two
+bodies stand in `PhysicalOffsetFrame`s (OpenSim 4) or in the joint (OpenSim 3); where there is no frame, or no number in
+it, text is put in.
+"""
+
+import re
+import xml.etree.ElementTree as ET
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from xml.parsers import expat
+
+import numpy as np
+import pinocchio as pin
+
+from gaitcal.arrays import Array
+from gaitcal.errors import Code, InputError
+from gaitcal.export.opensim.osim_writer import body_fixed_xyz, from_body_fixed_xyz, numbers, original_name
+from gaitcal.export.opensim.peer_model import (
+    PeerAxis,
+    PeerCoordinate,
+    PeerJoint,
+    PeerModel,
+    read_function,
+    read_numbers,
+)
+
+_TAG = re.compile(rb"""<(?:[^<>"']|"[^"]*"|'[^']*')*>""")
+_BLANK = re.compile(rb"\s*")
+TAGS_3 = {"parent": ("location_in_parent", "orientation_in_parent"), "child": ("location", "orientation")}
+"""Where a joint of OpenSim 3 has its place in either body."""
+INERTIA_TAGS = ("inertia", *(f"inertia_{a}" for a in ("xx", "yy", "zz", "xy", "xz", "yz")))
+"""Moments of inertia of a body, of OpenSim 4 and 3."""
+TAGS_4 = ("translation", "orientation")  # The same of a frame of OpenSim 4
+
+
+@dataclass(frozen=True)
+class _Span:
+    """Where an element stands in the bytes of its file."""
+
+    start: int
+    inside: int  # After its first tag
+    end: int  # Before its last tag; the same as `inside` where its only tag closes itself
+
+    def alone(self, content: bytes) -> bool:
+        """Whether its only tag closes itself."""
+        return content[self.inside - 2 : self.inside] == b"/>"
+
+
+@dataclass(frozen=True)
+class Place:
+    """Where a joint's frame sits in a body; None: as it is."""
+
+    translation: Array | None  # (3,) m
+    rotation: Array | None  # (3, 3)
+
+
+@dataclass(frozen=True)
+class Weight:
+    """What a body weighs now."""
+
+    mass: float  # kg
+    centre: Array | None  # (3,) m, in the body; None: as it is
+    inertia: float  # By which its moments of inertia are multiplied
+
+
+@dataclass(frozen=True)
+class OsimDocument:
+    """A model file as it was read."""
+
+    source: Path
+    content: bytes
+    model: ET.Element  # Its `<Model>`
+    _spans: dict[ET.Element, _Span] = field(repr=False)
+
+    def joint(self, name: str) -> ET.Element:
+        """The element of a joint."""
+        return next(e for e in self.joints() if e.get("name", "") == name)
+
+    def body(self, name: str) -> ET.Element:
+        """The element of a body."""
+        return next(e for e in self.model.findall("BodySet/objects/Body") if e.get("name", "") == name)
+
+    def frames_of(self, name: str) -> Iterator[tuple[str, pin.SE3, ET.Element]]:
+        """A body and the offset frames in it (OpenSim 4): path from the body on, pose in the body, element."""
+        held = [(name, pin.SE3.Identity(), self.body(name))]
+        while held:
+            path, pose, element = held.pop()
+            yield path, pose, element
+            for frame in element.findall("components/PhysicalOffsetFrame"):
+                if _named(frame, "socket_parent").rpartition("/")[2] in ("..", path.rpartition("/")[2]):
+                    place = pose * _place(frame, *TAGS_4, self.source)
+                    held.append((f"{path}/{frame.get('name', '')}", place, frame))
+
+    def mass_centre(self, name: str) -> Array:
+        """(3,) m, of a body, in it."""
+        return read_numbers(self.body(name), "mass_center", self.source, count=3)
+
+    def joints(self) -> Iterator[ET.Element]:
+        """All joints, of either generation of files."""
+        yield from self.model.findall("BodySet/objects/Body/Joint/*")
+        yield from self.model.findall("JointSet/objects/*")
+
+    def hangs_on(self, joint: str) -> list[str]:
+        """Names of elements elsewhere that are fixed to a frame of this joint, and so would move with it."""
+        frames = {f"{joint}/{f.get('name')}" for f in self.joint(joint).findall("frames/*")}
+        out = []
+        for element in self.model.iter():
+            for child in element:
+                if child.tag.startswith("socket_") and (child.text or "").strip().endswith(tuple(frames)) and frames:
+                    out.append(element.get("name", element.tag))
+        return out
+
+    def changed(
+        self,
+        places: Mapping[tuple[str, str], Place],
+        weights: Mapping[str, Weight] | None = None,
+        further: Iterable[tuple[ET.Element, Sequence[str], Sequence[Array]]] = (),
+        meshes: Mapping[str, pin.SE3] | None = None,
+    ) -> bytes:
+        """The file with joints elsewhere and bodies of other masses.
+
+        `places`: (joint, `parent` or `child`) -> its place in that body; `weights`: by body; `further`: elements, and
+        the numbers of some of their children; `meshes`: body -> motion of what is drawn of it.
+        """
+        edits = _Edits(self)
+        for (name, end), place in places.items():
+            edits.place(self.joint(name), end, place)
+        for body, weight in (weights or {}).items():
+            edits.weigh(self.body(body), weight)
+        for element, tags, values in further:
+            edits.numbers(element, tags, values)
+        for body, motion in (meshes or {}).items():
+            for _, frame, element in self.frames_of(body):
+                edits.draw(element, frame.actInv(motion * frame))
+        return edits.applied()
+
+
+@dataclass
+class _Edits:
+    """Replacements of stretches of bytes, none over another."""
+
+    document: OsimDocument
+    found: list[tuple[int, int, bytes]] = field(default_factory=list)
+    new_frames: dict[ET.Element, list[str]] = field(default_factory=dict)
+
+    def place(self, joint: ET.Element, end: str, place: Place) -> None:
+        values = (place.translation, None if place.rotation is None else body_fixed_xyz(place.rotation))
+        if joint.find("location_in_parent") is not None or joint.find("parent_body") is not None:
+            self.numbers(joint, TAGS_3[end], values)
+            return
+        socket = socket_of(joint, f"socket_{end}_frame")
+        connected = "" if socket is None else (socket.text or "").strip()
+        frame = next((f for f in joint.findall("frames/*") if f.get("name") == connected.rpartition("/")[2]), None)
+        if frame is not None:
+            self.numbers(frame, TAGS_4, values)
+        elif socket is not None:
+            name = f"{connected.rpartition('/')[2]}_{end}_offset"
+            span = self.document._spans[socket]
+            self.found.append((span.inside, span.end, name.encode()))
+            body = connected if connected.startswith("/") else f"/bodyset/{connected}"
+            inside = f"<socket_parent>{body}</socket_parent>"
+            inside += "".join(
+                f"<{tag}>{numbers(v)}</{tag}>" for tag, v in zip(TAGS_4, values, strict=True) if v is not None
+            )
+            frame_text = f'<PhysicalOffsetFrame name="{name}">{inside}</PhysicalOffsetFrame>'
+            self.new_frames.setdefault(joint, []).append(frame_text)
+
+    def weigh(self, body: ET.Element, weight: Weight) -> None:
+        source = self.document.source
+        self.numbers(body, ("mass", "mass_center"), (np.array([weight.mass]), weight.centre))
+        for tag in INERTIA_TAGS:
+            if body.find(tag) is not None and weight.inertia != 1.0:
+                self.numbers(body, (tag,), (weight.inertia * read_numbers(body, tag, source),))
+
+    def draw(self, body: ET.Element, pose: pin.SE3) -> None:
+        """Meshes of a body or of an offset frame in it go into a further frame (OpenSim 4); in OpenSim 3 they get a
+        place of their own.
+        """
+        content, spans = self.document.content, self.document._spans
+        for mesh in body.findall("VisibleObject/GeometrySet/objects/DisplayGeometry"):
+            old = read_numbers(mesh, "transform", self.document.source, count=6)
+            now = pose * pin.SE3(from_body_fixed_xyz(old[:3]), old[3:])
+            self.numbers(mesh, ("transform",), (np.concatenate([body_fixed_xyz(now.rotation), now.translation]),))
+        drawn = body.find("attached_geometry")
+        if drawn is None or not len(drawn):
+            return
+        span, holder = spans[drawn], body.find("components")
+        values = zip(TAGS_4, (pose.translation, body_fixed_xyz(pose.rotation)), strict=True)
+        places = "".join(f"<{tag}>{numbers(v)}</{tag}>" for tag, v in values)
+        head = f'<PhysicalOffsetFrame name="{body.get("name")}_meshes"><socket_parent>..</socket_parent>{places}'
+        end = content.index(b">", span.end) + 1
+        frame = b"".join([head.encode(), content[span.start : end], b"</PhysicalOffsetFrame>"])
+        if holder is None or spans[holder].alone(content):
+            frame = b"<components>" + frame + b"</components>"
+        if holder is not None:
+            at = spans[holder]
+            self.found.append((at.start if at.alone(content) else at.inside, at.inside, frame))
+            frame = b""
+        self.found.append((span.start, end, frame))
+
+    def numbers(self, holder: ET.Element, tags: Sequence[str], all_values: Sequence[Array | None]) -> None:
+        for tag, values in zip(tags, all_values, strict=True):
+            if values is None:
+                continue
+            element, content = holder.find(tag), self.document.content
+            span = self.document._spans[holder if element is None else element]
+            if element is None:  # after the first tag of its holder, on a line of its own
+                blank = _BLANK.match(content, span.inside)
+                lead = blank.group() if blank else b""
+                self.found.append((span.inside, span.inside, lead + f"<{tag}>{numbers(values)}</{tag}>".encode()))
+            elif span.alone(content):
+                self.found.append((span.start, span.inside, f"<{tag}>{numbers(values)}</{tag}>".encode()))
+            else:
+                self.found.append((span.inside, span.end, numbers(values).encode()))
+
+    def applied(self) -> bytes:
+        content, spans = self.document.content, self.document._spans
+        for joint, frames in self.new_frames.items():
+            text, holder = "".join(frames), joint.find("frames")
+            if holder is None:
+                at = spans[joint].inside
+                self.found.append((at, at, f"<frames>{text}</frames>".encode()))
+            elif spans[holder].alone(content):
+                self.found.append((spans[holder].start, spans[holder].inside, f"<frames>{text}</frames>".encode()))
+            else:
+                self.found.append((spans[holder].inside, spans[holder].inside, text.encode()))
+        out, last = list[bytes](), 0
+        for start, end, put in sorted(self.found, key=lambda e: e[:2]):
+            out += [content[last:start], put]
+            last = end
+        return b"".join([*out, content[last:]])
+
+
+def socket_of(element: ET.Element, socket: str) -> ET.Element | None:
+    """The element that says what a socket is connected to; it is spelt otherwise in the betas of OpenSim 4."""
+    beta = f"{socket}_connectee_name"
+    found = (element.find(tag) for tag in (socket, beta, beta.replace("socket_", "connector_", 1)))
+    return next((e for e in found if e is not None and (e.text or "").strip()), None)
+
+
+def read_document(path: Path | str) -> OsimDocument:
+    """Read an OpenSim model file.
+
+    Raises InputError: The file cannot be read or is no OpenSim model.
+    """
+    path = Path(path)
+
+    def fault(message: str, code: Code = Code.OTHER_MODEL) -> InputError:
+        return InputError(message, source=path, code=code)
+
+    try:
+        content = path.read_bytes()
+    except OSError as error:
+        raise fault(f"cannot be read: {error.strerror}", Code.UNREADABLE) from None
+    if content.startswith((b"\xff\xfe", b"\xfe\xff")):
+        raise fault("found UTF-16 text; save the file as UTF-8", Code.NOT_TEXT)
+    try:
+        root, spans = _parsed(content)
+    except (expat.ExpatError, ValueError, LookupError) as error:
+        raise fault(f"is not well-formed XML: {error}") from None
+    model = root.find("Model") if root.tag == "OpenSimDocument" else None
+    if model is None:
+        raise fault(f"found <{root.tag}>, expected <OpenSimDocument> with <Model>; a model file (.osim) is needed")
+    return OsimDocument(path, content, model, spans)
+
+
+def _parsed(content: bytes) -> tuple[ET.Element, dict[ET.Element, _Span]]:
+    """The root element, and where every element stands."""
+    parser, builder = expat.ParserCreate(), ET.TreeBuilder()
+    parser.buffer_text = True
+    spans: dict[ET.Element, _Span] = {}
+    opened: list[tuple[ET.Element, int, int]] = []
+
+    def start(tag: str, attributes: dict[str, str]) -> None:
+        at = parser.CurrentByteIndex
+        whole = _TAG.match(content, at)
+        if whole is None:
+            raise ValueError("a tag could not be found again")
+        opened.append((builder.start(tag, attributes), at, whole.end()))
+
+    def end(tag: str) -> None:
+        builder.end(tag)
+        element, at, inside = opened.pop()
+        alone = content[inside - 2 : inside] == b"/>"
+        spans[element] = _Span(at, inside, inside if alone else parser.CurrentByteIndex)
+
+    parser.StartElementHandler, parser.EndElementHandler = start, end
+    parser.CharacterDataHandler = builder.data
+    parser.Parse(content, True)
+    return builder.close(), spans
+
+
+# -------------------------------------------------------------------------------------------- what the file says
+
+_X, _Y, _Z = (np.eye(3)[i] for i in range(3))
+_SIMPLE: dict[str, tuple[tuple[bool, Array], ...]] = {
+    "WeldJoint": (),
+    "PinJoint": ((True, _Z),),
+    "SliderJoint": ((False, _X),),
+    "UniversalJoint": ((True, _X), (True, _Y)),
+    "GimbalJoint": ((True, _X), (True, _Y), (True, _Z)),
+    "BallJoint": ((True, _X), (True, _Y), (True, _Z)),
+    "PlanarJoint": ((True, _Z), (False, _X), (False, _Y)),
+    "FreeJoint": ((True, _X), (True, _Y), (True, _Z), (False, _X), (False, _Y), (False, _Z)),
+}
+"""Kinds of joints whose axes are fixed, in the order of their coordinates."""
+
+
+def read_osim(path: Path | str) -> PeerModel:
+    """Bodies, joints and markers of an OpenSim model file.
+
+    Raises InputError: The file cannot be read, is no OpenSim model, or holds something that is not understood.
+    """
+    return peer_of(read_document(path))
+
+
+def peer_of(document: OsimDocument) -> PeerModel:
+    """Bodies, joints and markers of a model file that was read; InputError where something is not understood."""
+    model, path = document.model, document.source
+    masses: dict[str, float] = {}
+    joints: dict[str, PeerJoint] = {}
+    for body in model.findall("BodySet/objects/Body"):
+        name = body.get("name", "")
+        masses[name] = float(read_numbers(body, "mass", path, count=1)[0])
+        for element in body.findall("Joint/*"):
+            joints[name] = _joint(element, path, name)
+    for element in model.findall("JointSet/objects/*"):
+        joint = _joint(element, path)
+        joints[joint.child] = joint
+    for joint in joints.values():
+        if missing := {joint.parent, joint.child} - masses.keys() - {"ground"}:
+            message = f"found no body {', '.join(sorted(missing))}, which it joins"
+            raise InputError(message, source=path, field=f"joint {joint.name}", code=Code.OTHER_MODEL)
+    masses.pop("ground", None)
+    if not masses or not joints:
+        raise InputError("found no bodies or no joints", source=path, code=Code.OTHER_MODEL)
+    return PeerModel(str(path), masses, joints, _markers(document, masses))
+
+
+def _markers(document: OsimDocument, bodies: Iterable[str]) -> dict[str, tuple[str, Array]]:
+    markers: dict[str, tuple[str, Array]] = {}
+    offset = {path: (body, pose) for body in bodies for path, pose, _ in document.frames_of(body) if path != body}
+    for marker in document.model.findall("MarkerSet/objects/Marker"):
+        frame = (_named(marker, "socket_parent_frame") or marker.findtext("body") or "").strip()
+        body, pose = offset.get(frame.rpartition("bodyset/")[2], (frame.rpartition("/")[2], pin.SE3.Identity()))
+        at = read_numbers(marker, "location", document.source, count=3)
+        markers[original_name(marker.get("name", ""))] = (body, pose.act(at))
+    return markers
+
+
+def _joint(element: ET.Element, path: Path, child: str | None = None) -> PeerJoint:
+    """A joint of OpenSim 4 with its frames; with `child` one of OpenSim 3, which stands inside that body."""
+    frames = {f.get("name", ""): f for f in element.findall("frames/PhysicalOffsetFrame")}
+
+    def end(socket: str) -> tuple[str, pin.SE3]:
+        body = _named(element, socket).rpartition("/")[2]
+        if body not in frames:
+            return body, pin.SE3.Identity()
+        owner = _named(frames[body], "socket_parent")
+        return owner.rpartition("/")[2], _place(frames[body], "translation", "orientation", path)
+
+    if child is None:
+        (parent, in_parent), (child, in_child) = end("socket_parent_frame"), end("socket_child_frame")
+    else:
+        parent = (element.findtext("parent_body") or "").strip()
+        in_parent = _place(element, "location_in_parent", "orientation_in_parent", path)
+        in_child = _place(element, "location", "orientation", path)
+    coordinates = tuple(_coordinate(c, path) for c in element.iter("Coordinate"))
+    return PeerJoint(
+        name=element.get("name", ""),
+        kind=element.tag,
+        parent=parent,
+        child=child,
+        in_parent=in_parent,
+        in_child=in_child,
+        coordinates=coordinates,
+        axes=_axes(element, coordinates, path),
+    )
+
+
+def _named(element: ET.Element, socket: str) -> str:
+    """What a socket is connected to."""
+    found = socket_of(element, socket)
+    return "" if found is None else (found.text or "").strip()
+
+
+def _place(element: ET.Element, translation: str, orientation: str, path: Path) -> pin.SE3:
+    angles = read_numbers(element, orientation, path, count=3)
+    return pin.SE3(from_body_fixed_xyz(angles), read_numbers(element, translation, path, count=3))
+
+
+def _axes(element: ET.Element, coordinates: tuple[PeerCoordinate, ...], path: Path) -> tuple[PeerAxis, ...] | None:
+    if element.tag in _SIMPLE:
+        kinds = _SIMPLE[element.tag]
+        names = [c.name for c in coordinates] + [None] * len(kinds)
+        return tuple(PeerAxis(turn, axis, names[i], float) for i, (turn, axis) in enumerate(kinds))
+    if element.tag != "CustomJoint":
+        return None
+    axes = []
+    for entry in element.findall("SpatialTransform/TransformAxis"):
+        words = (entry.findtext("coordinates") or "").split()
+        function = read_function(entry, path)
+        if function is None or len(words) > 1:
+            return None
+        vector = read_numbers(entry, "axis", path, count=3) if (entry.findtext("axis") or "").strip() else _X
+        length = float(np.linalg.norm(vector))
+        if length == 0.0:
+            message = "found an axis of length zero"
+            raise InputError(message, source=path, field=element.get("name"), code=Code.OTHER_MODEL)
+        rotates = entry.get("name", "").startswith("rotation")
+        axes.append(PeerAxis(rotates, vector / length, words[0] if words else None, function))
+    return tuple(axes)
+
+
+def _coordinate(element: ET.Element, path: Path) -> PeerCoordinate:
+    low, high = read_numbers(element, "range", path, count=2)
+    default = float(read_numbers(element, "default_value", path, count=1)[0])
+    locked = (element.findtext("locked") or "").strip() == "true"
+    return PeerCoordinate(
+        name=element.get("name", ""), default=default, low=float(low), high=float(high), locked=locked
+    )

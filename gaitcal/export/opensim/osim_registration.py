@@ -1,0 +1,361 @@
+"""Where the bodies of an OpenSim model lie in our segments, how well that is known, how they stand, what they weigh.
+
+A body is laid on our segment by the rigid motion that fits the markers that both have on it, Kabsch's. With residuals
+e of n markers at x_k about their mean c and s^2 = |e|^2 / (3 n - 6), a point p of the body then has the covariance
+
+    s^2 ( I / n + [p - c] J^-1 [p - c]^T ),    J = sum |x_k|^2 I - x_k x_k^T,
+
+and its turn s^2 J^-1. Where fewer than three are shared, points on the joints' axes stand in for markers, as both
+models have them; what they disagree in is then in the residual as well.
+"""
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+import pinocchio as pin
+from scipy.optimize import least_squares
+
+from gaitcal.arrays import Array
+from gaitcal.errors import Code, InputError
+from gaitcal.export.opensim import osim_reader, osim_writer
+from gaitcal.export.opensim.osim_correspondence import ARMS, Hinge, LegJoint, same_label, segment_of, slides
+from gaitcal.export.opensim.peer_model import Axis, PeerModel
+from gaitcal.model.chain import LinkageModel, chain_of
+from gaitcal.model.kinematics import Kinematics
+from gaitcal.model.linkage import HANGS_ON, JOINTS, LOWER_BODY
+from gaitcal.model.marker_set import MarkerSet
+from gaitcal.model.parameters import MASSIVE_SEGMENTS, Parameters
+from gaitcal.model.subject_model import MarkerPlacement, SubjectModel
+from gaitcal.tracking.rigid import FEWEST_MARKERS, rigid_distances, rigid_fit
+
+JOINT_OF = {joint.name: joint for joint in JOINTS}
+MISFIT = 0.05  # m RMS; markers of a generic model, unscaled, on another person agree to 20 to 30 mm
+MISFIT_OF_AXES = 0.02
+"""m RMS, of joints' axes where no three markers are shared: `FAR_M` of `joint_transfer.py`, as far as regressions ever
+miss a joint of the same person; a larger gap is another person's size. (To two children's an adult's had 28 and 32.)"""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Registration:
+    """Where a body of the model lies in our segment, and how well that is known."""
+
+    segment: str
+    body: str
+    markers: int  # Our markers on the segment
+    common: int
+    by_axes: bool  # Laid on the segment by the axes of its joints, as no three shared markers tell its place
+    pose: pin.SE3  # Of the body in our segment
+    rms: float  # m, of the distances that remain
+    centre: Array  # (3,) m, mean of the shared points in our segment
+    turn_covariance: Array  # (3, 3) rad^2, axes of our segment
+    shift_variance: float  # m^2, of `centre` in each direction
+
+    def point_covariance(self, point: Array) -> Array:
+        """(3, 3) m^2, of a point (3,) of our segment as a place in the body."""
+        arm = pin.skew(point - self.centre)
+        out: Array = self.shift_variance * np.eye(3) + arm @ self.turn_covariance @ arm.T
+        return out
+
+    def drawn(self, rng: np.random.Generator) -> pin.SE3:
+        """The pose with an error of its size."""
+        turn = rng.multivariate_normal(np.zeros(3), self.turn_covariance, method="eigh")
+        shift = rng.normal(size=3) * np.sqrt(self.shift_variance)
+        about = pin.SE3(pin.exp3(turn), self.centre + shift) * pin.SE3(np.eye(3), -self.centre)
+        return about * self.pose
+
+
+def with_landmarks(model: SubjectModel, marker_set: MarkerSet) -> SubjectModel:
+    """The same person wearing the markers of the static trial, too, which stand at the ends of bones."""
+    m = model.markers
+    at = {labels[0]: model.landmarks.get(name) for name, labels in marker_set.landmarks.items() if len(labels) == 1}
+    further = {label: place for label, place in at.items() if place is not None and label not in m.labels}
+    if not further:
+        return model
+    segments, places = zip(*further.values(), strict=True)
+    markers = MarkerPlacement(
+        labels=(*m.labels, *further),
+        segments=(*m.segments, *segments),
+        local=np.vstack([m.local, *places]),
+        weight=np.concatenate([m.weight, np.zeros(len(further))]),
+    )
+    return replace(model, markers=markers)
+
+
+def shared_markers(
+    model: SubjectModel, peer: PeerModel, segment: str, body: str, moved: Iterable[str] = ()
+) -> tuple[Array, Array]:
+    """Places (n, 3) m of the markers that both have on a segment: in the peer's body, and in our segment.
+
+    `moved`: bodies below which a marker belongs to another segment.
+    """
+    theirs, ours = [], []
+    labels, others = tuple(peer.markers), [b for b in moved if b != body]
+    for label, of, local in zip(model.markers.labels, model.markers.segments, model.markers.local, strict=True):
+        same = same_label(label, labels) if of == segment else None
+        if same is None:
+            continue
+        carrier, position = peer.markers[same]
+        on = segment_of(carrier)
+        if slides(carrier) or HANGS_ON.get(on or "", on) not in (segment, None) or not peer.is_below(carrier, body):
+            continue
+        if any(peer.is_below(carrier, b) and peer.is_below(b, body) for b in others):
+            continue
+        theirs.append(peer.body_pose(carrier, body).act(position))
+        ours.append(local)
+    return np.array(theirs).reshape(-1, 3), np.array(ours).reshape(-1, 3)
+
+
+def registered(
+    segment: str, body: str, markers: int, theirs: Array, ours: Array, common: int | None = None
+) -> Registration | None:
+    """A body laid on a segment by points (n, 3) m that both have; None where they do not determine how it is turned.
+
+    `common`: shared markers, where the points are not these but of the joints' axes.
+    """
+    n = len(theirs)
+    if n < FEWEST_MARKERS:
+        return None
+    shared = theirs, ours[:, :, None], np.ones((n, 1))  # one "frame"
+    fit = rigid_fit(*shared)
+    if not fit.determined[0]:
+        return None
+    distances = rigid_distances(*shared)
+    centre = ours.mean(axis=0)
+    x = ours - centre
+    variance = float((distances**2).sum()) / (3 * n - 6)
+    return Registration(
+        segment=segment,
+        body=body,
+        markers=markers,
+        common=n if common is None else common,
+        by_axes=common is not None,
+        pose=pin.SE3(fit.rotation[0], fit.origin[0]),
+        rms=float(np.sqrt(np.mean(distances**2))),
+        centre=centre,
+        turn_covariance=variance * np.linalg.inv(float((x**2).sum()) * np.eye(3) - x.T @ x),
+        shift_variance=variance / n,
+    )
+
+
+def axis_of_ours(joint: str, parameters: Parameters, in_parent: bool) -> Axis:
+    """The axis of one of our joints (of the hip the centre, and its first axis) in the frame of its parent or child."""
+    frames = osim_writer.frames_of(JOINT_OF[joint], parameters)
+    place = frames.in_parent if in_parent else frames.in_child
+    return Axis(place.translation, place.rotation[:, frames.motions[0].axis])
+
+
+def about_its_place(
+    leg: LegJoint, peer: PeerModel, bodies: Mapping[str, Registration], was: Parameters, drawn: Parameters
+) -> LegJoint:
+    """A joint of theirs, moved in both of its bodies as our axis is from one set of joint parameters to another."""
+    ours, joint, hinge = JOINT_OF[leg.ours], leg.theirs, leg.hinge
+    steps = []
+    for segment, body, frame in (
+        (ours.parent, joint.parent, joint.in_parent),
+        (ours.child, joint.child, joint.in_child),
+    ):
+        turned = _turned_into(body, segment, peer, bodies, was)
+        a, b = (axis_of_ours(leg.ours, p, segment == ours.parent).moved(turned) for p in (was, drawn))
+        shift, turn = b.point - a.point, np.eye(3)
+        if hinge is not None:
+            turn = pin.Quaternion.FromTwoVectors(a.direction, b.direction).toRotationMatrix()
+            shift = b.nearest(a.point) - a.point
+        about = pin.SE3(np.eye(3), frame.translation)
+        steps.append(about * pin.SE3(turn, shift) * about.inverse())
+    if hinge is not None:
+        hinge = Hinge(steps[0] * hinge.in_parent, steps[1] * hinge.in_child)
+    theirs = replace(joint, in_parent=steps[0] * joint.in_parent, in_child=steps[1] * joint.in_child)
+    return replace(leg, theirs=theirs, hinge=hinge)
+
+
+def _turned_into(
+    body: str, segment: str, peer: PeerModel, bodies: Mapping[str, Registration], parameters: Parameters
+) -> pin.SE3:
+    """The turn from the axes of our segment to those of their body; of the talus all coordinates zero."""
+    turn, side = np.eye(3), segment[-1]
+    if segment not in bodies and (foot := f"foot_{side}") in bodies:
+        frames = osim_writer.frames_of(JOINT_OF[f"subtalar_{side}"], parameters)
+        segment, turn = foot, (frames.in_child * frames.in_parent.inverse()).rotation
+    if segment in bodies:
+        main = bodies[segment]
+        turn = between_bodies(peer, main.body, body).rotation @ main.pose.rotation.T @ turn
+    return pin.SE3(turn, np.zeros(3))
+
+
+def registrations(model: SubjectModel, peer: PeerModel, legs: Sequence[LegJoint]) -> dict[str, Registration]:
+    """By our segment; pelvis, thighs, shanks and feet, as far as the model has them.
+
+    Raises InputError: A body has another person's size: `MISFIT`, and `MISFIT_OF_AXES` where no three shared markers
+    lay it on.
+    """
+    bodies: dict[str, str] = {}
+    for leg in legs:
+        kind, side = leg.ours[:-2], leg.ours[-1]
+        if kind == "hip":
+            bodies.setdefault("pelvis", leg.theirs.parent)
+        child = {"hip": "thigh", "knee": "shank", "talocrural": "foot", "subtalar": "foot"}[kind]
+        bodies[f"{child}_{side}"] = leg.theirs.child
+    out = {}
+    for segment, body in bodies.items():
+        count = model.markers.segments.count(segment)
+        theirs, ours = shared_markers(model, peer, segment, body, bodies.values())
+        found = registered(segment, body, count, theirs, ours)
+        if found is None:
+            points = _axis_points(model, peer, legs, segment, body)
+            found = registered(segment, body, count, *points, common=len(theirs))
+        if found is None:
+            known = ", ".join(leg.theirs.name for leg in legs)
+            message = (
+                f"shares {len(theirs)} markers with {segment}, and the axes of the joints found ({known}) do not tell "
+                "its place: name the model's markers as the recordings do, or tell the others by --names FILE.toml"
+            )
+            raise InputError(message, source=peer.source, field=f"body {body}", code=Code.OTHER_MODEL)
+        allowed = MISFIT_OF_AXES if found.by_axes else MISFIT
+        if found.rms > allowed:
+            what, then = "its markers lie", ": scale the model to this person first, with these markers"
+            if found.by_axes:
+                what, then = (
+                    "the axes of its joints are",
+                    f"; it shares {found.common or 'no'} markers with it: {NAME_OR_SCALE}",
+                )
+            message = (
+                f"{what} {1e3 * found.rms:.0f} mm (RMS) from this person's on {segment}; allowed: up to "
+                f"{1e3 * allowed:.0f} mm{then}"
+            )
+            raise InputError(message, source=peer.source, field=f"body {body}", code=Code.OTHER_MODEL)
+        out[segment] = found
+    return out
+
+
+NAME_OR_SCALE = "name the model's markers as the recordings do, or scale it to this person first"
+_ARM = 0.05  # m, on either side of a joint's centre: points that stand for its axis
+
+
+def _axis_points(
+    model: SubjectModel, peer: PeerModel, legs: Sequence[LegJoint], segment: str, body: str
+) -> tuple[Array, Array]:
+    """Points (n, 3) m of the joints' axes in a body and in our segment, nominal joints; of pelvis and foot, whose
+    joints leave a turn open, also along the axes of their frames, taken to be parallel.
+    """
+    theirs: list[Array] = []
+    ours: list[Array] = []
+    for leg in legs:
+        ends = JOINT_OF[leg.ours]
+        of_ours = {ends.parent: True, ends.child: False}
+        if segment not in of_ours and not (segment.startswith("foot") and leg.ours == f"talocrural_{segment[-1]}"):
+            continue
+        if segment not in of_ours and any(other.ours == f"subtalar_{segment[-1]}" for other in legs):
+            continue
+        our_axis = axis_of_ours(leg.ours, model.nominal, of_ours.get(segment, False))
+        in_parent = of_ours.get(segment, False)
+        carrier = leg.theirs.parent if in_parent else leg.theirs.child
+        frame = (peer.joint_pose(leg.theirs, {}) * leg.theirs.in_child) if in_parent else leg.theirs.in_child
+        hinge = None if leg.hinge is None else leg.hinge.in_parent if in_parent else leg.hinge.in_child
+        to_body = peer.body_pose(carrier, body) if peer.is_below(carrier, body) else pin.SE3.Identity()
+        if hinge is None:
+            theirs.append(to_body.act(frame.translation))
+            ours.append(our_axis.point)
+            continue
+        axis = Axis(to_body.act(hinge.translation), to_body.rotation @ hinge.rotation[:, 2])
+        axis = Axis(axis.nearest(to_body.act(frame.translation)), axis.direction)
+        direction = our_axis.direction * (1.0 if our_axis.direction @ axis.direction >= 0 else -1.0)
+        for reach in (-_ARM, _ARM):
+            theirs.append(axis.point + reach * axis.direction)
+            ours.append(our_axis.point + reach * direction)
+    if theirs and segment.startswith(("pelvis", "foot")):
+        a, b = np.mean(theirs, axis=0), np.mean(ours, axis=0)
+        for direction in np.eye(3)[:2]:
+            theirs += [a + _ARM * direction]
+            ours += [b + _ARM * direction]
+    return np.array(theirs).reshape(-1, 3), np.array(ours).reshape(-1, 3)
+
+
+_HOLD = 1e-6  # m per rad: what holds a coordinate of the standing posture that no marker shows
+
+
+def standing_segments(model: SubjectModel, parameters: Parameters) -> dict[str, pin.SE3]:
+    """Segment of pelvis and legs -> pose in the laboratory of the static trial.
+
+    The linkage with these parameters, fitted to the markers where the nominal one in the static posture has them.
+    """
+    chain = chain_of("pelvis", LOWER_BODY)
+    start = np.array([model.posture.get(name, 0.0) for name in chain.coordinates])
+    at = [k for k, s in enumerate(model.markers.segments) if s in LOWER_BODY]
+    of = [chain.segments.index(model.markers.segments[k]) for k in at]
+    local = model.markers.local[at]
+
+    def poses(body: LinkageModel, q: Array) -> tuple[Array, Array]:
+        placed = Kinematics(body, q[None], columns=False)
+        return placed.axes[..., 0], placed.origins[..., 0]
+
+    def places(body: LinkageModel, q: Array) -> Array:
+        axes, origins = poses(body, q)
+        out: Array = np.einsum("mji,mj->mi", axes[of], local) + origins[of]
+        return out
+
+    nominal, now = (chain.body(p) for p in (model.nominal, parameters))
+    measured = places(nominal, start)
+
+    def residual(q: Array) -> Array:
+        return np.concatenate([(places(now, q) - measured).ravel(), _HOLD * (q - start)])
+
+    q = least_squares(residual, start, method="lm", xtol=1e-12, ftol=1e-12, gtol=1e-12).x
+    axes, origins = poses(now, q)
+    return {s: pin.SE3(axes[k].T, origins[k]) for k, s in enumerate(chain.segments)}
+
+
+# -------------------------------------------------------------------------------------------------------------- masses
+
+
+@dataclass(frozen=True, kw_only=True)
+class SegmentMass:
+    """A segment's mass in both models."""
+
+    segment: str
+    bodies: tuple[str, ...]
+    theirs: float  # kg, of these bodies together, as they were
+    ours: float
+
+
+def body_weights(
+    parameters: Parameters, document: osim_reader.OsimDocument, peer: PeerModel, bodies: Mapping[str, Registration]
+) -> tuple[dict[str, osim_reader.Weight], tuple[SegmentMass, ...]]:
+    """What the model's bodies weigh with our masses.
+
+    The bodies of a segment keep their shares of its mass, and their moments of inertia grow with it. Of a segment that
+    is registered (pelvis, thighs, shanks, feet), they are shifted together so that its mass centre is ours, all
+    coordinates zero. The trunk has the arms' mass where the model has none. Bodies of no segment of ours keep theirs.
+    """
+    groups: dict[str, list[str]] = {}
+    for body in peer.masses:
+        on = next((s for s, r in bodies.items() if r.body == body), None) or segment_of(body)
+        if on is not None:
+            groups.setdefault(on, []).append(body)
+    ours = {s: osim_writer.segment_inertia(parameters, s) for s in MASSIVE_SEGMENTS}
+    mass = {s: inertia.mass for s, inertia in ours.items()}
+    if not any(arm in groups for arm in ARMS):
+        mass["head_trunk"] += sum(mass[arm] for arm in ARMS)
+    weights: dict[str, osim_reader.Weight] = {}
+    masses = []
+    for segment, group in groups.items():
+        theirs = sum(peer.masses[body] for body in group)
+        if segment not in mass or theirs <= 0.0:
+            continue
+        share = mass[segment] / theirs
+        moved = dict[str, Array]()
+        if segment in bodies:
+            main = bodies[segment]
+            centres = {body: document.mass_centre(body) for body in group}
+            poses = {body: between_bodies(peer, body, main.body) for body in group}
+            was = sum(peer.masses[b] * poses[b].act(centres[b]) for b in group) / theirs
+            shift = main.pose.actInv(ours[segment].centre) - was
+            moved = {b: centres[b] + poses[b].rotation.T @ shift for b in group}
+        weights |= {b: osim_reader.Weight(share * peer.masses[b], moved.get(b), share) for b in group}
+        masses.append(SegmentMass(segment=segment, bodies=tuple(group), theirs=theirs, ours=mass[segment]))
+    return weights, tuple(masses)
+
+
+def between_bodies(peer: PeerModel, body: str, main: str) -> pin.SE3:
+    """Pose of a body in another of its segment, above or below it."""
+    return peer.body_pose(body, main) if peer.is_below(body, main) else peer.body_pose(main, body).inverse()

@@ -1,0 +1,411 @@
+"""An OpenSim model as far as comparing joint axes needs it: bodies, joints, markers; read from the XML alone.
+
+Files of OpenSim 3 keep each joint inside its child body, those of OpenSim 4 in a `JointSet` with offset frames; both
+come out as the same `PeerJoint`. With P and C the offset frames in parent and child body,
+
+    X_parent_child(q) = P  Tr(translation(q)) R_1(q) R_2(q) R_3(q)  C^-1,
+
+each amount a function of one coordinate, evaluated here without OpenSim. Its `SimmSpline` is the cubic spline of
+Forsythe, Malcolm, Moler 1977 (chapter 4): at either end its third derivative is that of the cubic through the four
+points there; beyond the points it goes on as a straight line.
+
+Hip centre, knee, talocrural and subtalar axis of one leg: of our model and of a peer's, in the same terms.
+
+A peer's joints may roll and slide: its axes are those of the whole displacement over the range of walking. Such a
+displacement x -> R x + t is a turn by theta about an axis n and a slide along it (Chasles). n is the fixed direction of
+R; with t_p the part of t across n, a point of the axis is
+
+    c = (t_p + cot(theta / 2) n x t_p) / 2.
+
+The centre of a joint is the point of its axis nearest to the origin of its joint frame, all coordinates zero; for a
+hinge that is the origin itself. Lengths, from centre to centre, need no common frame.
+"""
+
+from __future__ import annotations
+
+import math
+import xml.etree.ElementTree as ET
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+import pinocchio as pin
+from scipy.interpolate import make_interp_spline
+
+from gaitcal.arrays import Array
+from gaitcal.errors import Code, InputError
+from gaitcal.export.opensim.osim_writer import joint_frames
+from gaitcal.model.parameters import Parameters
+
+
+@dataclass(frozen=True, kw_only=True)
+class PeerCoordinate:
+    """One coordinate."""
+
+    name: str
+    default: float  # rad or m
+    low: float
+    high: float
+    locked: bool
+
+
+@dataclass(frozen=True)
+class PeerAxis:
+    """One of up to six elementary motions of a joint."""
+
+    rotates: bool
+    axis: Array  # (3,) unit vector
+    coordinate: str | None
+    function: Function
+
+
+@dataclass(frozen=True, kw_only=True)
+class PeerJoint:
+    """A joint between two bodies."""
+
+    name: str
+    kind: str  # Tag of the element: CustomJoint, PinJoint, ..
+    parent: str
+    child: str
+    in_parent: pin.SE3
+    in_child: pin.SE3
+    coordinates: tuple[PeerCoordinate, ...]
+    axes: tuple[PeerAxis, ...] | None
+    """None for a kind of joint that is not understood; an error only where its motion is asked for."""
+
+
+@dataclass(frozen=True)
+class PeerModel:
+    """What was read."""
+
+    source: str
+    masses: dict[str, float]  # Body -> kg, in the order of the file
+    joints: dict[str, PeerJoint]  # By child body
+    markers: dict[str, tuple[str, Array]]  # Label -> body and position (3,) m in it
+
+    def joint_of(self, coordinate: str) -> PeerJoint | None:
+        """The joint that has a coordinate of this name."""
+        return next((j for j in self.joints.values() if any(c.name == coordinate for c in j.coordinates)), None)
+
+    def with_joints(self, joints: Iterable[PeerJoint]) -> PeerModel:
+        """With other joints for those between the same bodies."""
+        return replace(self, joints=self.joints | {joint.child: joint for joint in joints})
+
+    def joint_pose(self, joint: PeerJoint, values: Mapping[str, float]) -> pin.SE3:
+        """Pose of the child in the parent; coordinates not in `values` are zero, or at their default if locked."""
+        if joint.axes is None:
+            message = f"a {joint.kind} is not understood"
+            raise InputError(message, source=self.source, field=f"joint {joint.name}", code=Code.OTHER_MODEL)
+        used = {c.name: c.default if c.locked else 0.0 for c in joint.coordinates} | dict(values)
+        motion = pin.SE3.Identity()
+        for axis in sorted(joint.axes, key=lambda a: a.rotates):
+            amount = axis.function(used.get(axis.coordinate, 0.0) if axis.coordinate is not None else 0.0)
+            if axis.rotates:
+                motion = motion * pin.SE3(pin.exp3(amount * axis.axis), np.zeros(3))
+            else:
+                motion = motion * pin.SE3(np.eye(3), amount * axis.axis)
+        return joint.in_parent * motion * joint.in_child.inverse()
+
+    def body_pose(self, body: str, ancestor: str, values: Mapping[str, float] | None = None) -> pin.SE3:
+        """Pose of a body in the frame of one of its ancestors; coordinates as in `joint_pose`."""
+        pose = pin.SE3.Identity()
+        for joint in reversed(self.joints_between(ancestor, body)):
+            pose = self.joint_pose(joint, values or {}) * pose
+        return pose
+
+    def is_below(self, body: str, ancestor: str) -> bool:
+        """Whether `ancestor` is the body itself or on its way to the ground."""
+        return None not in self._way_up(body, ancestor)
+
+    def joints_between(self, ancestor: str, body: str) -> list[PeerJoint]:
+        """The joints from a body down to one below it, in that order."""
+        joints: list[PeerJoint] = []
+        for joint in self._way_up(body, ancestor):
+            if joint is None:
+                raise InputError(f"body {body} does not hang on {ancestor}", source=self.source, code=Code.OTHER_MODEL)
+            joints.insert(0, joint)
+        return joints
+
+    def _way_up(self, body: str, ancestor: str) -> list[PeerJoint | None]:
+        """The joints from a body up to one of its ancestors; None at the end where it does not hang on that one."""
+        joints: list[PeerJoint | None] = []
+        while body != ancestor:
+            joint = self.joints.get(body) if len(joints) <= len(self.joints) else None  # a file may hold a circle
+            joints.append(joint)
+            if joint is None:
+                break
+            body = joint.parent
+        return joints
+
+
+Function = Callable[[float], float]
+
+_SPLINES = ("SimmSpline", "NaturalCubicSpline", "natCubicSpline", "GCVSpline")
+_TAGS = ("Constant", "LinearFunction", "PolynomialFunction", "PiecewiseLinearFunction", "MultiplierFunction", *_SPLINES)
+
+
+def read_numbers(element: ET.Element | None, tag: str, source: Path, *, count: int | None = None) -> Array:
+    """The numbers in the child `tag`; zeros (`count`) where it is absent; InputError where they are not numbers."""
+    text = element.findtext(tag) if element is not None else None
+    if text is None or not text.strip():
+        return np.zeros(count or 0)
+    try:
+        values = np.array([float(word) for word in text.split()])
+    except ValueError:
+        message = f"found '{text.strip()[:60]}', expected numbers"
+        raise InputError(message, source=source, field=tag, code=Code.OTHER_MODEL) from None
+    if (count is not None and len(values) != count) or not np.isfinite(values).all():
+        expected = "finite numbers" if count is None else f"{count} finite numbers"
+        message = f"found '{text.strip()[:60]}', expected {expected}"
+        raise InputError(message, source=source, field=tag, code=Code.OTHER_MODEL)
+    return values
+
+
+def read_function(holder: ET.Element, source: Path) -> Function | None:
+    """The function inside `holder` (a `TransformAxis` or a `MultiplierFunction`), of either generation of files.
+
+    Where there is none, zero: the default of OpenSim's own `TransformAxis` (Constant(0), TransformAxis.cpp). None for a
+    function of a kind that is not understood.
+    """
+    wrapped = holder.find("function")
+    inside = holder if wrapped is None else wrapped
+    element = next((e for e in inside if e.tag in _TAGS), None)
+    if element is None:
+        other = [e for e in inside if e.get("name") == "function" or inside is wrapped]
+        return None if other else lambda _: 0.0
+    return _function(element, source)
+
+
+def _function(element: ET.Element, source: Path) -> Function | None:
+    if element.tag == "Constant":
+        value = float(read_numbers(element, "value", source, count=1)[0])
+        return lambda _: value
+    if element.tag == "MultiplierFunction":
+        inner = read_function(element, source)
+        scale = float(read_numbers(element, "scale", source, count=1)[0]) if element.find("scale") is not None else 1.0
+        return None if inner is None else lambda x: scale * inner(x)
+    if element.tag in ("LinearFunction", "PolynomialFunction"):
+        coefficients = read_numbers(element, "coefficients", source)
+        if not len(coefficients):
+            raise InputError("found no coefficients", source=source, field=element.tag, code=Code.OTHER_MODEL)
+        return lambda x: float(np.polyval(coefficients, x))
+    x, y = read_numbers(element, "x", source), read_numbers(element, "y", source)
+    if len(x) != len(y) or len(x) < 2 or (np.diff(x) <= 0).any():
+        message = "x must increase and have as many numbers as y"
+        raise InputError(message, source=source, field=element.tag, code=Code.OTHER_MODEL)
+    if element.tag == "PiecewiseLinearFunction" or len(x) < 4:
+        return lambda value: float(np.interp(value, x, y))
+    return _spline(x, y)
+
+
+def _spline(x: Array, y: Array) -> Function:
+    ends = [6.0 * _third_difference(x[part], y[part]) for part in (slice(None, 4), slice(-4, None))]
+    spline = make_interp_spline(x, y, k=3, bc_type=([(3, ends[0])], [(3, ends[1])]))
+    slope = spline.derivative()
+
+    def evaluate(value: float) -> float:
+        inside = min(max(value, float(x[0])), float(x[-1]))
+        return float(spline(inside) + slope(inside) * (value - inside))
+
+    return evaluate
+
+
+def _third_difference(x: Array, y: Array) -> float:
+    for order in range(1, 4):
+        y = np.diff(y) / (x[order:] - x[:-order])
+    return float(y[0])
+
+
+KNEE_SWEEP = math.radians(60.0)  # Flexion over which a peer's knee axis is taken: what walking uses
+ANKLE_SWEEP = math.radians(20.0)  # To either side
+SUBTALAR_SWEEP = math.radians(10.0)  # To either side
+
+
+@dataclass(frozen=True, kw_only=True)
+class LegGeometry:
+    """Where the joints of one leg lie, each in the frames of the segments it connects; None where unknown."""
+
+    hip_in_pelvis: Array | None  # (3,) m
+    hip_in_thigh: Array | None  # (3,) m
+    knee_in_thigh: Axis | None
+    knee_in_shank: Axis | None
+    ankle_in_shank: Axis | None  # The talocrural axis
+    subtalar_in_foot: Axis | None
+    thigh_length: float | None  # m
+    shank_length: float | None  # m
+    ankle_axes_distance: float | None  # m, between talocrural and subtalar axis
+
+
+def our_leg(parameters: Parameters, side: str) -> LegGeometry:
+    """The geometry of one leg (`r` or `l`) of our linkage, in its segment frames."""
+    frames = {joint.name: joint for joint in joint_frames(parameters)}
+    hip, knee, ankle, subtalar = (frames[f"{name}_{side}"] for name in ("hip", "knee", "talocrural", "subtalar"))
+    hip_in_thigh = hip.in_child.translation
+    knee_in_thigh, knee_in_shank = _axis_of(knee.in_parent, 2), _axis_of(knee.in_child, 2)
+    ankle_in_shank = _axis_of(ankle.in_parent, 2)
+    return LegGeometry(
+        hip_in_pelvis=hip.in_parent.translation,
+        hip_in_thigh=hip_in_thigh,
+        knee_in_thigh=knee_in_thigh,
+        knee_in_shank=knee_in_shank,
+        ankle_in_shank=ankle_in_shank,
+        subtalar_in_foot=_axis_of(subtalar.in_child, 0),
+        thigh_length=_between(hip_in_thigh, knee_in_thigh.point),
+        shank_length=_between(knee_in_shank.point, ankle_in_shank.point),
+        # In the talus, whose frame is that of the talocrural joint.
+        ankle_axes_distance=line_distance(_axis_of(subtalar.in_parent, 0), _axis_of(pin.SE3.Identity(), 2)),
+    )
+
+
+def leg_bodies(peer: PeerModel, side: str) -> dict[str, str]:
+    """The peer's body for each of our segments `pelvis`, `thigh_r`, `shank_r`, `foot_r`, as far as it has them."""
+    bodies: dict[str, str] = {}
+    if hip := peer.joint_of(f"hip_flexion_{side}"):
+        bodies |= {"pelvis": hip.parent, f"thigh_{side}": hip.child}
+    if knee := peer.joint_of(f"knee_angle_{side}"):
+        bodies |= {f"thigh_{side}": knee.parent, f"shank_{side}": knee.child}
+    foot = peer.joint_of(f"subtalar_angle_{side}") or peer.joint_of(f"ankle_angle_{side}")
+    if foot is not None:
+        bodies[f"foot_{side}"] = foot.child
+    return bodies
+
+
+def peer_leg(peer: PeerModel, side: str, registration: dict[str, pin.SE3]) -> LegGeometry:
+    """The geometry of one leg (`r` or `l`) of a peer's model.
+
+    `registration` holds, per segment of ours, the pose of the peer's body of that segment (`leg_bodies`) in our segment
+    frame; positions and directions in a segment that is not listed stay None.
+    """
+    bodies = leg_bodies(peer, side)
+    hip, knee = peer.joint_of(f"hip_flexion_{side}"), peer.joint_of(f"knee_angle_{side}")
+    ankle, subtalar = peer.joint_of(f"ankle_angle_{side}"), peer.joint_of(f"subtalar_angle_{side}")
+    thigh, shank, foot = (bodies.get(f"{name}_{side}") for name in ("thigh", "shank", "foot"))
+
+    hip_pelvis = None if hip is None else (peer.joint_pose(hip, {}) * hip.in_child).translation
+    hip_thigh = None if hip is None or hip.child != thigh else hip.in_child.translation
+    knee_thigh = knee_shank = None
+    if knee is not None and (axis := _knee_axis(peer, knee, f"knee_angle_{side}")) is not None:
+        knee_thigh = _centred(peer, knee, axis)
+        knee_shank = knee_thigh.moved(peer.joint_pose(knee, {}).inverse())
+    ankle_shank = None
+    if ankle is not None and shank is not None and peer.is_below(ankle.parent, shank):
+        ankle_shank = _swept_axis(peer, ankle, f"ankle_angle_{side}", -ANKLE_SWEEP, ANKLE_SWEEP)
+        if ankle_shank is not None:
+            ankle_shank = _centred(peer, ankle, ankle_shank).moved(peer.body_pose(ankle.parent, shank)).pointing(2)
+    subtalar_foot = axes_distance = None
+    if subtalar is not None:
+        subtalar_parent = _swept_axis(peer, subtalar, f"subtalar_angle_{side}", -SUBTALAR_SWEEP, SUBTALAR_SWEEP)
+        if subtalar_parent is not None:
+            subtalar_foot = subtalar_parent.moved(peer.joint_pose(subtalar, {}).inverse()).pointing(0)
+            if ankle_shank is not None and shank is not None and peer.is_below(subtalar.parent, shank):
+                subtalar_shank = subtalar_parent.moved(peer.body_pose(subtalar.parent, shank))
+                axes_distance = line_distance(ankle_shank, subtalar_shank)
+
+    thigh_length = shank_length = None
+    if hip_thigh is not None and knee_thigh is not None:
+        thigh_length = _between(hip_thigh, knee_thigh.point)
+    if knee_shank is not None and ankle_shank is not None:
+        shank_length = _between(knee_shank.point, ankle_shank.point)
+
+    to_pelvis, to_foot = registration.get("pelvis"), registration.get(f"foot_{side}")
+    to_thigh, to_shank = registration.get(f"thigh_{side}"), registration.get(f"shank_{side}")
+    return LegGeometry(
+        hip_in_pelvis=_point(hip_pelvis, to_pelvis),
+        hip_in_thigh=_point(hip_thigh, to_thigh),
+        knee_in_thigh=_axis(knee_thigh, to_thigh, 2),
+        knee_in_shank=_axis(knee_shank, to_shank, 2),
+        ankle_in_shank=_axis(ankle_shank, to_shank, 2),
+        subtalar_in_foot=_axis(subtalar_foot, to_foot if foot is not None else None, 0),
+        thigh_length=thigh_length,
+        shank_length=shank_length,
+        ankle_axes_distance=axes_distance,
+    )
+
+
+def _axis_of(frame: pin.SE3, coordinate: int) -> Axis:
+    """An axis of a joint's frame."""
+    return Axis(frame.translation, frame.rotation[:, coordinate])
+
+
+def _knee_axis(peer: PeerModel, knee: PeerJoint, coordinate: str) -> Axis | None:
+    """In the frame of the joint's parent; flexion is the direction in which the range is longer."""
+    c = next(c for c in knee.coordinates if c.name == coordinate)
+    axis = _swept_axis(peer, knee, coordinate, 0.0, KNEE_SWEEP if c.high >= -c.low else -KNEE_SWEEP)
+    return None if axis is None else axis.pointing(2)
+
+
+def _swept_axis(peer: PeerModel, joint: PeerJoint, coordinate: str, start: float, end: float) -> Axis | None:
+    """Axis, in the joint's parent, of the motion from one value of a coordinate to another."""
+    return displacement_axis(*(peer.joint_pose(joint, {coordinate: amount}) for amount in (start, end)))
+
+
+def _centred(peer: PeerModel, joint: PeerJoint, axis: Axis) -> Axis:
+    """The axis, in the joint's parent, told by the centre of the joint."""
+    return Axis(axis.nearest((peer.joint_pose(joint, {}) * joint.in_child).translation), axis.direction)
+
+
+def _between(a: Array, b: Array) -> float:
+    return float(np.linalg.norm(a - b))
+
+
+def _point(point: Array | None, pose: pin.SE3 | None) -> Array | None:
+    return None if point is None or pose is None else np.asarray(pose.act(point))
+
+
+def _axis(axis: Axis | None, pose: pin.SE3 | None, positive: int) -> Axis | None:
+    return None if axis is None or pose is None else axis.moved(pose).pointing(positive)
+
+
+@dataclass(frozen=True)
+class Axis:
+    """A directed line."""
+
+    point: Array  # (3,) m, on the line
+    direction: Array  # (3,) unit vector
+
+    def moved(self, pose: pin.SE3) -> Axis:
+        """The same line in the frame in which `pose` is given."""
+        return Axis(pose.act(self.point), pose.rotation @ self.direction)
+
+    def nearest(self, point: Array) -> Array:
+        """(3,) m: the point of the line nearest to `point`."""
+        nearest: Array = self.point + self.direction * float(self.direction @ (point - self.point))
+        return nearest
+
+    def distance(self, point: Array) -> float:
+        """Distance of a point from the line, m."""
+        return float(np.linalg.norm(self.nearest(point) - point))
+
+    def crossing(self, axis: int) -> Array:
+        """(3,) m: where the line crosses the plane on which coordinate `axis` is zero."""
+        crossing: Array = self.point - self.direction * (self.point[axis] / self.direction[axis])
+        return crossing
+
+    def pointing(self, axis: int) -> Axis:
+        """The line directed so that coordinate `axis` of its direction is positive."""
+        return Axis(self.point, self.direction if self.direction[axis] >= 0.0 else -self.direction)
+
+
+SMALLEST_TURN = 1e-6  # rad; a displacement that turns less has no axis worth the name
+
+
+def displacement_axis(start: pin.SE3, end: pin.SE3) -> Axis | None:
+    """Axis of the displacement from one pose to another, in the frame in which both are given; None without a turn."""
+    step = end * start.inverse()
+    turn = pin.log3(step.rotation)
+    angle = float(np.linalg.norm(turn))
+    if angle < SMALLEST_TURN:
+        return None
+    n = turn / angle
+    across = step.translation - n * float(n @ step.translation)
+    return Axis(0.5 * (across + np.cross(n, across) / np.tan(0.5 * angle)), n)
+
+
+def line_distance(a: Axis, b: Axis) -> float:
+    """Shortest distance of two lines, m."""
+    normal = np.cross(a.direction, b.direction)
+    size = float(np.linalg.norm(normal))
+    if size < 1e-9:
+        return a.distance(b.point)
+    return abs(float(normal @ (b.point - a.point))) / size

@@ -1,0 +1,268 @@
+"""What putting joints into a model did, in tables and sentences: for the screen, and for a page beside the model.
+
+Lengths and moment arms of muscles are OpenSim's own, where it is installed. Every coordinate of the legs goes through
+its range, the others at their default. A moment arm r is minus the change of a muscle's length with the coordinate, all
+constraints held. Between two neighbouring values the length must change by -(r_1 + r_2) / 2 times the step; where it
+does not by more than `JUMP`, the muscle has jumped over a wrapping surface.
+"""
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from importlib.util import find_spec
+from pathlib import Path
+
+import numpy as np
+
+from gaitcal.arrays import Array
+from gaitcal.errors import Code, InputError
+from gaitcal.export.opensim import joint_moves, joint_transfer, osim_correspondence
+
+VALUES = 13  # Of a coordinate, over its range
+JUMP = 2e-3  # m; steps of a tenth of a range are too coarse to see less
+CROSSES = 1e-4  # m, by which the length of a muscle changes with a coordinate that it crosses, at least
+
+
+@dataclass(frozen=True, kw_only=True)
+class MusclePath:
+    """One muscle over the range of one coordinate."""
+
+    muscle: str
+    coordinate: str
+    values: Array  # (n,) rad
+    length: Array  # (n,) m
+    arm: Array  # (n,) m
+
+    @property
+    def jumps(self) -> tuple[float, ...]:
+        """rad, middles of the steps in which the length jumps."""
+        step = np.diff(self.values)
+        smooth = -0.5 * (self.arm[1:] + self.arm[:-1]) * step
+        found = np.abs(np.diff(self.length) - smooth) > JUMP
+        return tuple(float(v) for v in (self.values[:-1] + 0.5 * step)[found])
+
+
+@dataclass(frozen=True, kw_only=True)
+class MuscleChange:
+    """A muscle about a coordinate, before and after."""
+
+    before: MusclePath
+    after: MusclePath
+
+    @property
+    def worst(self) -> int:
+        """Where in the range its moment arm changes most."""
+        return int(np.argmax(np.abs(self.after.arm - self.before.arm)))
+
+    @property
+    def lengthened(self) -> float:
+        """m, the largest change of its length, with its sign."""
+        by = self.after.length - self.before.length
+        return float(by[np.argmax(np.abs(by))])
+
+    @property
+    def new_jumps(self) -> tuple[float, ...]:
+        """rad, where the muscle jumps that did not before."""
+        return tuple(v for v in self.after.jumps if v not in self.before.jumps)
+
+
+def opensim_is_installed() -> bool:
+    """Whether muscles can be looked at."""
+    return find_spec("opensim") is not None
+
+
+def leg_ranges(legs: Sequence[osim_correspondence.LegJoint]) -> dict[str, Array]:
+    """Coordinate of the model's legs -> (n,) rad, its range; locked ones are left out."""
+    return {
+        c.name: np.linspace(c.low, c.high, VALUES)
+        for leg in legs
+        for c in leg.theirs.coordinates
+        if not c.locked and c.high > c.low and any(a.coordinate == c.name and a.rotates for a in leg.theirs.axes or ())
+    }
+
+
+def muscle_paths(osim: Path, ranges: Mapping[str, Array]) -> dict[tuple[str, str], MusclePath]:
+    """(muscle, coordinate) -> its path, of every muscle that crosses the coordinate.
+
+    Raises InputError: OpenSim cannot load or assemble the model.
+    """
+    import opensim  # type: ignore[import-untyped,import-not-found,unused-ignore]
+
+    opensim.Logger.removeFileSink()  # it writes opensim.log where the user stands
+    opensim.Logger.setLevelString("Off")
+    out = {}
+    try:
+        model = opensim.Model(str(osim))
+        state = model.initSystem()
+        found = model.getMuscles()
+        muscles = [found.get(i) for i in range(found.getSize())]
+        rest = opensim.Vector(state.getQ())
+        for name, values in ranges.items():
+            coordinate = model.getCoordinateSet().get(name)
+            lengths = np.empty((len(values), len(muscles)))
+            postures = []
+            for i, value in enumerate(values):
+                coordinate.setValue(state, float(value), False)
+                model.realizePosition(state)
+                if np.abs(state.getQErr().to_numpy()).max(initial=0.0) > model.get_assembly_accuracy():
+                    model.assemble(state)  # takes longer than all the rest, and only a patella needs it
+                    model.realizePosition(state)
+                postures.append(opensim.Vector(state.getQ()))
+                lengths[i] = [m.getLength(state) for m in muscles]
+            crossing = np.flatnonzero(np.ptp(lengths, axis=0) > CROSSES)
+            arms = np.empty((len(values), len(crossing)))
+            for i, posture in enumerate(postures):
+                state.setQ(posture)
+                model.realizePosition(state)
+                arms[i] = [muscles[k].computeMomentArm(state, coordinate) for k in crossing]
+            state.setQ(rest)
+            for k, arm in zip(crossing, arms.T, strict=True):
+                muscle = muscles[k].getName()
+                out[muscle, name] = MusclePath(
+                    muscle=muscle, coordinate=name, values=values, length=lengths[:, k], arm=arm
+                )
+    except RuntimeError as error:
+        message = f"OpenSim cannot use it: {' '.join(str(error).split())[:300]}"
+        raise InputError(message, source=osim, code=Code.OTHER_MODEL) from None
+    return out
+
+
+def muscle_changes(
+    before: Mapping[tuple[str, str], MusclePath], after: Mapping[tuple[str, str], MusclePath]
+) -> list[MuscleChange]:
+    """Muscles that cross a coordinate in both models, the largest change of a moment arm first."""
+    both = [MuscleChange(before=path, after=after[key]) for key, path in before.items() if key in after]
+    return sorted(both, key=lambda c: -float(np.abs(c.after.arm - c.before.arm).max()))
+
+
+def arm_deviations(change: MuscleChange, draws: Sequence[Mapping[tuple[str, str], MusclePath]]) -> Array | None:
+    """(n,) m, standard deviations of its moment arm over draws of the model; None with fewer than two."""
+    key = change.before.muscle, change.before.coordinate
+    arms = np.array([draw[key].arm for draw in draws if key in draw])
+    return arms.std(axis=0, ddof=1) if len(arms) > 1 else None
+
+
+MUSCLES_HEADER = "muscle,coordinate,deg,length_before_mm,length_after_mm,arm_before_mm,arm_after_mm,arm_sd_mm"
+
+
+def muscles_csv(changes: Sequence[MuscleChange], draws: Sequence[Mapping[tuple[str, str], MusclePath]] = ()) -> str:
+    """A row for every muscle, coordinate and value; `arm_sd_mm` is empty with fewer than two draws."""
+    lines = [MUSCLES_HEADER]
+    for change in changes:
+        key, spread = (change.before.muscle, change.before.coordinate), arm_deviations(change, draws)
+        for k, value in enumerate(change.before.values):
+            figures = (
+                (p.length[k] for p in (change.before, change.after)),
+                (p.arm[k] for p in (change.before, change.after)),
+            )
+            words = [f"{1e3 * x:.4f}" for pair in figures for x in pair]
+            last = "" if spread is None else f"{1e3 * spread[k]:.4f}"
+            lines.append(",".join([f'"{key[0]}"', f'"{key[1]}"', f"{np.degrees(value):.3f}", *words, last]))
+    return "\n".join(lines) + "\n"
+
+
+# --------------------------------------------------------------------------------------------------- told
+
+ROLLS = 0.1  # mm, deg: standing bones that are off by more are told
+
+
+@dataclass(frozen=True, kw_only=True)
+class AccountTable:
+    """Columns of words to the left of columns of numbers."""
+
+    title: str
+    says: str  # What its figures are, in a sentence
+    words: tuple[str, ...]
+    numbers: tuple[str, ...]
+    rows: tuple[tuple[str, ...], ...]  # Those that matter most first, where not every one is of interest
+    of_muscles: bool = False  # Long, and the whole of it in a file
+
+
+def joint_tables(done: joint_transfer.CalibratedOsim) -> Iterator[AccountTable]:
+    """Bodies and segments, joints, masses, and what went with bones."""
+    yield AccountTable(
+        title="Which body is which segment",
+        says="Markers of the segment, those that the model has, too, and how far these disagree, RMS.",
+        words=("segment", "body"),
+        numbers=("markers", "shared", "apart mm"),
+        rows=tuple(
+            (r.segment, r.body, str(r.markers), str(r.common), f"{1e3 * r.rms:.1f}") for r in done.registrations
+        ),
+    )
+    yield AccountTable(
+        title="Every joint, in both of its bodies",
+        says="How far its centre (of a hinge, its axis) has moved and turned, with standard errors; left: as it was.",
+        words=("joint", "theirs", "verdict", "in body"),
+        numbers=("moved mm", "+-", "deg", "+-"),
+        rows=tuple(_joint_rows(done)),
+    )
+    if done.masses:
+        yield AccountTable(
+            title="Masses",
+            says="Of the bodies of a segment together, before and now.",
+            words=("segment", "bodies"),
+            numbers=("kg", "now"),
+            rows=tuple((m.segment, ", ".join(m.bodies), f"{m.theirs:.2f}", f"{m.ours:.2f}") for m in done.masses),
+        )
+    if done.carried:
+        yield AccountTable(
+            title="Muscles whose points went with their bones",
+            says="How many points, and how far the farthest.",
+            words=("muscle",),
+            numbers=("points carried", "farthest mm"),
+            rows=tuple((m.muscle, str(m.points), f"{1e3 * m.farthest:.1f}") for m in done.carried),
+            of_muscles=True,
+        )
+
+
+def _joint_rows(done: joint_transfer.CalibratedOsim) -> Iterator[tuple[str, ...]]:
+    legs = {leg.ours: leg for leg in done.legs}
+    for move in done.joints:
+        found_by = legs[move.joint].found_by if move.joint in legs else ""
+        theirs = move.theirs if found_by in ("", "name") else f"{move.theirs} (by {found_by})"
+        ends = [end for end in (move.parent, move.child) if end is not None]
+        if not ends:
+            yield move.joint, theirs, "left" if theirs else "none", *[""] * 5
+        verdict = "moved" if any(end.changed for end in ends) else "in place"
+        for end in ends:
+            numbers = (1e3 * end.moved, 1e3 * end.errors[0], np.degrees(end.turn), np.degrees(end.errors[1]))
+            words = (f"{x:.1f}" if np.isfinite(x) else "" for x in numbers)
+            yield move.joint, theirs, verdict, end.body, *words
+
+
+def sentences(done: joint_transfer.CalibratedOsim) -> Iterator[str]:
+    """Joints that stay, joints that are no hinges, and what else the user should know."""
+    for verdict in (joint_moves.Verdict.UNDETERMINED, joint_moves.Verdict.ABSENT):
+        if which := [move.joint for move in done.joints if move.verdict is verdict]:
+            yield f"{', '.join(which)}: {verdict.value}"
+    for move in done.joints:
+        if max(1e3 * move.rolls[0], np.degrees(move.rolls[1])) > ROLLS:
+            yield (
+                f"{move.theirs} rolls, or cannot turn as the bones are turned: "
+                f"as the person stands, it and our hinge differ by {1e3 * move.rolls[0]:.1f} mm, "
+                f"{np.degrees(move.rolls[1]):.1f} deg"
+            )
+    yield from (f"note: {note}" for note in done.notes)
+
+
+def muscle_table(
+    changes: Sequence[MuscleChange], draws: Sequence[Mapping[tuple[str, str], MusclePath]] = ()
+) -> AccountTable:
+    """Every muscle about every coordinate, where in the range its moment arm changes most."""
+    rows = []
+    for change in changes:
+        k, spread = change.worst, arm_deviations(change, draws)
+        arms = (f"{1e3 * path.arm[k]:.1f}" for path in (change.before, change.after))
+        error = "" if spread is None else f"{1e3 * spread[k]:.1f}"
+        at = f"{np.degrees(change.before.values[k]):.0f}"
+        longer = f"{1e3 * change.lengthened:+.1f}"
+        jumps = ", ".join(f"{np.degrees(v):.0f}" for v in change.new_jumps)
+        rows.append((change.before.muscle, change.before.coordinate, *arms, error, at, longer, jumps))
+    return AccountTable(
+        title="Muscles",
+        says="Moment arm before and after where in the range it changes most, with its standard deviation over "
+        "draws; the largest change of length; where the muscle jumps over a wrapping surface that it did not before.",
+        words=("muscle", "coordinate"),
+        numbers=("arm mm", "after", "+-", "at deg", "longer mm", "new jumps"),
+        rows=tuple(rows),
+        of_muscles=True,
+    )

@@ -1,0 +1,1 @@
+"""Monte Carlo draws of parameters and marker noise, and the workers that compute them."""

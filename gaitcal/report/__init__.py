@@ -1,0 +1,1 @@
+"""What people read: the page of a result, the report on paper, figures."""

@@ -1,0 +1,260 @@
+"""Pages without a script: one HTML file of words, tables and SVG that opens offline and requests nothing.
+
+Above all that of two sessions side by side: who and when, what differs in words, mean curves of both sessions with the
+band within which a difference could have been missed, scores and steps, and the table of figures, the largest
+difference first; on paper in the same order. Moments and powers are by each session's own body mass, as people grow
+between two visits.
+"""
+
+import base64
+import io
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from html import escape
+from typing import TYPE_CHECKING, Final
+
+import numpy as np
+import pandas as pd
+
+from gaitcal.arrays import Array
+from gaitcal.gait.conventions import Convention
+from gaitcal.gait.cycles import POINTS, Kind, kind_of, known_variables
+from gaitcal.gait.moments import SIDE_WORDS
+from gaitcal.model.linkage import SIDES
+from gaitcal.report.figures import report_sheets
+from gaitcal.report.figures.chart import (
+    FAINT,
+    FONT,
+    INK,
+    SALT,
+    SIDE_COLOURS,
+    SIDE_DASHES,
+    dress,
+    limits,
+    line_style,
+    new_figure,
+)
+from gaitcal.results.session_comparison import SessionComparison
+from gaitcal.results.session_difference import Difference, numbers_of, subject
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+SHOWN: Final = 40  # Rows of the table of figures; `differences.csv` has all
+COLUMNS: Final = 4
+PANEL: Final = (2.75, 1.75)  # inches
+
+
+def comparison_page(
+    comparison: SessionComparison,
+    convention: Convention,
+    sheets: Mapping[str, Sequence[str]],
+    people: Sequence[Sequence[tuple[str, str]]],
+    scores: "Sequence[Row]" = (),
+    norms: "Row" = ("", ""),
+) -> str:
+    """The whole page.
+
+    `convention`: of angles, moments and powers; moments by body mass.
+    `sheets`: title -> variables of `cycles.csv`, in the order in which they are drawn.
+    `people`: of each session, label and value of what is known of person and day.
+    `scores`: angle or score, A, B and their difference, in words.
+    `norms`: whom the scores of each session are held against.
+    """
+    names = comparison.names
+    title = f"{comparison.subjects[1].name}: {names[1]} against {names[0]}"
+    facts = [dict(known) for known in people]
+    labels = dict.fromkeys(label for known in facts for label in known)
+    parts = [
+        plain_table(
+            "Person and session",
+            ("", *names),
+            [(label, *(known.get(label, "–") for known in facts)) for label in labels],
+            name="who",
+        ),
+        *map(warning, comparison.warnings),
+        "<h2>What differs</h2>",
+        listed(comparison.words),
+    ]
+    for sheet, variables in sheets.items():
+        if picture := _sheet(comparison, convention, variables):
+            words = (
+                f"{sheet}: means of {names[0]} (grey) and {names[1]} (right blue, left red, dashed) over the stride "
+                "of each foot. Grey band: within it a difference could have been missed (95 %); black bars: beyond it."
+            )
+            parts += [
+                f"<h2>{escape(sheet)}</h2>",
+                f"<figure>{picture}<figcaption>{escape(words)}</figcaption></figure>",
+            ]
+    if scores:
+        against = (f"{name}, against {norm}" if norm else name for name, norm in zip(names, norms, strict=True))
+        head = ("deg, ± standard error", *against, "difference")
+        parts += ["<h2>Gait Profile Score and Movement Analysis Profile</h2>", plain_table("Scores", head, scores)]
+    steps = [d for d in comparison.found if d.kind == "spatiotemporal"]
+    rest = [d for d in comparison.found if d.kind != "spatiotemporal"]
+    parts += [
+        *_figures("Steps and phases", names, steps, len(steps)),
+        *_figures("All other figures", names, rest, SHOWN),
+    ]
+    return plain_page(title, parts)
+
+
+def _figures(title: str, names: tuple[str, str], found: Sequence[Difference], most: int) -> Iterator[str]:
+    if not found:
+        return
+    yield f"<h2>{title}</h2>"
+    rows = figure_rows(found[:most])
+    head = ("figure", "unit", *names, "difference", "missed below", "times")
+    yield plain_table(title, head, rows, beyond=[d.exceeds for d in found[:most]])
+    if len(found) > most:
+        yield f'<p class="soft">and {len(found) - most} more in differences.csv</p>'
+    yield '<p class="soft">Missed below: minimal detectable change (95 %). Times: difference over it; bold: beyond.</p>'
+
+
+def _sheet(comparison: SessionComparison, convention: Convention, variables: Sequence[str]) -> str:
+    """An `<img>` with a panel for each variable and leg; empty where both sessions have none of them."""
+    import matplotlib as mpl
+
+    curves = comparison.curves
+    known = [(v, s) for v in variables for s in SIDES if ((curves["variable"] == v) & (curves["side"] == s)).any()]
+    if not known:
+        return ""
+    rows = -(-len(known) // COLUMNS)
+    figure = new_figure(COLUMNS * PANEL[0], rows * PANEL[1])
+    for k, (variable, side) in enumerate(known, start=1):
+        of_leg = curves[(curves["variable"] == variable) & (curves["side"] == side)]
+        _panel(figure.add_subplot(rows, COLUMNS, k), comparison, convention, of_leg)
+    figure.tight_layout(h_pad=0.8, w_pad=0.6)
+    text = io.StringIO()
+    with mpl.rc_context({"svg.hashsalt": SALT, "svg.fonttype": "none"}):
+        figure.savefig(text, format="svg", metadata={"Date": None, "Creator": None, "Format": None, "Type": None})
+    told = f"Mean curves of {' and '.join(comparison.names)}: {', '.join(dict.fromkeys(v for v, _ in known))}"
+    data = base64.b64encode(text.getvalue().encode()).decode("ascii")
+    return f'<img alt="{escape(told)}" src="data:image/svg+xml;base64,{data}">'
+
+
+def _panel(axes: "Axes", comparison: SessionComparison, convention: Convention, curve: pd.DataFrame) -> None:
+    variable, side, percent = curve["variable"].iloc[0], curve["side"].iloc[0], curve["percent"].to_numpy()
+    kind = kind_of(variable)
+    before, after, band = told_curves(comparison, convention, curve)
+    positive, title = convention.senses(variable, side)[0], convention.title(variable)
+    dress(axes, ylabel=f"{report_sheets.UNITS[kind]}\n{positive} +")
+    axes.set_title(f"{title}, {SIDE_WORDS[side]}", fontsize=7.6, family=FONT, loc="left", pad=3)
+    axes.axhline(0.0, color=FAINT, linewidth=0.5)
+    axes.fill_between(percent, before - band, before + band, color="#000000", alpha=0.12, linewidth=0)
+    axes.plot(percent, before, color="#555555", linewidth=1.3)
+    axes.plot(percent, after, color=SIDE_COLOURS[side], linestyle=line_style(SIDE_DASHES[side]), linewidth=1.5)
+    low, high = limits([before, after, before - band, before + band], report_sheets.LEAST[kind])
+    beyond = np.where(curve["exceeds"].to_numpy() == 1, low, np.nan)
+    axes.plot(percent, beyond, color=INK, linewidth=5.0, solid_capstyle="butt")
+    axes.set_xlim(0.0, 100.0)
+    axes.set_ylim(low, high)
+
+
+def told_curves(comparison: SessionComparison, convention: Convention, curve: pd.DataFrame) -> tuple[Array, ...]:
+    """(101,) means before and after, by each session's own body mass, and how far apart they could be unnoticed.
+
+    `curve`: the rows of one variable and side of `curve_differences.csv`.
+    """
+    variable, side = curve["variable"].iloc[0], curve["side"].iloc[0]
+
+    def told(name: str, session: int) -> Array:
+        person = comparison.subjects[session]
+        by_mass = 1.0 / person.mass if kind_of(variable) is Kind.FORCE else 1.0
+        return by_mass * convention.values(variable, curve[name].to_numpy(dtype=float), side, person)
+
+    return told("a", 0), told("b", 1), 0.5 * (np.abs(told("mdc95", 0)) + np.abs(told("mdc95", 1)))
+
+
+def paper_panels(
+    comparison: SessionComparison, convention: Convention, variables: Sequence[str]
+) -> Iterator[report_sheets.CurvePanel | str]:
+    """Of a sheet on paper: before thin, after thick in the band within which a difference could have been missed."""
+    curves, none = comparison.curves, np.full(POINTS, np.nan)
+    for variable in variables:
+        if variable not in known_variables():
+            yield variable
+            continue
+        of = {side: curves[(curves["variable"] == variable) & (curves["side"] == side)] for side in SIDES}
+        told = {
+            side: told_curves(comparison, convention, rows) if len(rows) else (none, none, none)
+            for side, rows in of.items()
+        }
+        kind = kind_of(variable)
+        yield report_sheets.CurvePanel(
+            title=convention.title(variable),
+            unit=report_sheets.UNITS[kind],
+            senses=convention.senses(variable, "r"),
+            strides={side: (before,) for side, (before, _, _) in told.items()},
+            mean={side: after for side, (_, after, _) in told.items()},
+            error={side: band for side, (_, _, band) in told.items()},
+            norm=None,
+            least=report_sheets.LEAST[kind],
+            thin=(0.7, 0.9),
+        )
+
+
+def figure_rows(found: Sequence[Difference]) -> list[tuple[str, ...]]:
+    """Figure, unit, both sessions, difference, what could be missed, and how many times that it is."""
+    return [(subject(d), d.unit, *numbers_of(d)) for d in found]
+
+
+STYLE: Final = """
+body{font:15px/1.45 system-ui,sans-serif;color:#1a1a1a;background:#fff;margin:0 auto;max-width:1160px;padding:20px}
+h1{font-size:24px;margin:0 0 4px}h2{font-size:18px;margin:26px 0 6px}
+table{border-collapse:collapse;width:100%}th,td{padding:4px 8px;border-bottom:1px solid #ccc;text-align:right}
+th:first-child,td:first-child,.text{text-align:left}thead th{border-bottom:2px solid #333}
+.who{max-width:760px}.who td,.who th{text-align:left}.beyond td,.beyond th{font-weight:650}tbody th{font-weight:400}
+.warning{background:#fff3cd;border-left:4px solid #8a6100;padding:6px 10px;margin:6px 0}.scroll{overflow-x:auto}
+img{width:100%;height:auto}figure{margin:0}figcaption,.soft{color:#484848;font-size:13.5px}
+@media print{body{max-width:none;padding:0;font-size:11px}@page{size:A4;margin:14mm}h2{break-after:avoid}
+tr,figure,.warning{break-inside:avoid}.scroll{overflow:visible}th,td{padding:2px 5px}figure img{max-height:245mm}}
+"""
+POLICY: Final = "default-src 'none'; style-src 'unsafe-inline'; img-src data:"
+
+Row = Sequence[str]
+
+
+def plain_page(title: str, parts: Iterable[str]) -> str:
+    """The whole page; `parts`: HTML below its title."""
+    return (
+        f'<!DOCTYPE html><html lang="en"><head><meta charset="utf-8"><title>{escape(title)}</title>'
+        '<meta name="viewport" content="width=device-width, initial-scale=1">'
+        f'<meta http-equiv="Content-Security-Policy" content="{POLICY}">'
+        f"<style>{STYLE}</style></head><body><main><h1>{escape(title)}</h1>{''.join(parts)}</main></body></html>\n"
+    )
+
+
+def plain_table(
+    label: str, head: Row, rows: Iterable[Row], name: str = "", beyond: Sequence[bool] = (), words: int = 1
+) -> str:
+    """A table that scrolls sideways where it is too wide.
+
+    `label`: what it holds.
+    `name`: class of the table; `who`: all of its columns are words.
+    `beyond`: of the first rows, whether they stand out.
+    `words`: columns of words, to the left of those of numbers.
+    """
+
+    def cells(row: Row, tag: str, further: str = "") -> str:
+        left = (' class="text"' if k < words else "" for k in range(1, len(row) + 1))
+        return "".join(f"<{tag}{further}{of}>{escape(cell)}</{tag}>" for of, cell in zip(left, row, strict=True))
+
+    top = (f'<th scope="col">{escape(head[0])}</th>' if head[0] else "<td></td>") + cells(
+        head[1:], "th", ' scope="col"'
+    )
+    body = ""
+    for k, (first, *rest) in enumerate(rows):
+        marked = ' class="beyond"' if k < len(beyond) and beyond[k] else ""
+        body += f'<tr{marked}><th scope="row">{escape(first)}</th>{cells(rest, "td")}</tr>'
+    table = f'<table class="{name}"><thead><tr>{top}</tr></thead><tbody>{body}</tbody></table>'
+    return f'<div class="scroll" tabindex="0" role="region" aria-label="{escape(label)}">{table}</div>'
+
+
+def warning(text: str) -> str:
+    """A sentence in a box of its own."""
+    return f'<p class="warning" role="note">{escape(text)}</p>'
+
+
+def listed(lines: Iterable[str]) -> str:
+    """A list of sentences."""
+    return "<ul>" + "".join(f"<li>{escape(line)}</li>" for line in lines) + "</ul>"

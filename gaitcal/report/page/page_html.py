@@ -1,0 +1,288 @@
+"""`result.html`: body, curves and tables of a result in one file that opens offline; `cohort.html` likewise.
+
+MeshCat's own JavaScript viewer, uPlot, our scripts, and the result as data stand inline. A Content-Security-Policy in
+the file lets exactly these scripts run, known by their SHA-256, and forbids every request: whatever a marker or a
+subject is called, it is text.
+
+Page data of several runs of one person are joined here: further trials after those of a calibration, or some alone.
+"""
+
+import base64
+import hashlib
+import re
+from collections.abc import Collection, Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from importlib.metadata import PackageNotFoundError, distribution
+from importlib.resources import files
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+
+from gaitcal.errors import Code, GaitcalError
+from gaitcal.model.linkage import SIDES
+from gaitcal.quality.verdict import Judgement, Verdict, WalkVerdict
+from gaitcal.report.page import bone_files, bone_placement, page_data, plain_data, scene_file
+from gaitcal.report.page.body_meshes import PACKAGE, body_meshes
+from gaitcal.report.page.scene import MotionScene, Scene
+
+SCRIPTS = (
+    "dom.js", "unpack.js", "body.js", "bones.js", "markers.js", "joints.js", "figure.js", "layers.js", "camera.js",
+    "stage.js", "chosen.js", "state.js", "timeline.js", "controls.js", "keys.js", "switches.js", "counting.js",
+    "statistics.js", "sheet.js", "convention.js", "strides.js", "traces.js", "plot.js", "panel.js", "peaks.js",
+    "curves.js", "blocks.js", "pictures.js", "trial_curves.js", "steps.js", "verdict.js", "sections.js", "events.js",
+    "comments.js", "print.js", "page.js",
+)  # fmt: skip
+"""In the order in which they run: the body in 3-D; what is shown when; curves; tables; all together."""
+STYLES = ("page.css", "stage.css", "curves.css", "sections.css", "print.css")
+COHORT_SCRIPTS: Final = (
+    *("dom.js", "unpack.js", "chosen.js", "statistics.js", "plot.js", "blocks.js", "pictures.js", "verdict.js"),
+    *("cohort/people.js", "cohort/choices.js", "cohort/filters.js", "cohort/triage.js", "cohort/table.js"),
+    *("cohort/distributions.js", "cohort/means.js", "cohort/cohort.js"),
+)
+"""In the order in which they run: what `result.html` has too; people and what is chosen; each part; all together."""
+COHORT_STYLES: Final = ("page.css", "sections.css", "cohort.css")
+COHORT_DATA: Final = ("CURVES", "COHORT")
+"""What `cohort.html` is of: packed mean curves, and everything else as JSON, in the order of the file."""
+PLOTS = "libraries/uPlot"  # The library that draws curves
+
+
+def policy(*scripts: str) -> str:
+    """A Content-Security-Policy under which only these inline scripts run and nothing is requested."""
+    hashes = " ".join(f"'sha256-{base64.b64encode(hashlib.sha256(s.encode()).digest()).decode()}'" for s in scripts)
+    return (
+        f"default-src 'none'; script-src {hashes}; style-src 'unsafe-inline'; img-src data: blob:; "
+        "base-uri 'none'; form-action 'none'"
+    )
+
+
+def _inline(script: str) -> str:
+    """A script that may stand between `<script>` and `</script>`, and that a browser hashes as we do."""
+    text = script.replace("\r\n", "\n").replace("\r", "\n")
+    return text.replace("<!--", "<\\!--").replace("</script", "<\\/script").replace("</SCRIPT", "<\\/SCRIPT")
+
+
+def _part(name: str) -> str:
+    """A file of this folder."""
+    return (files("gaitcal.report.page") / name).read_text(encoding="utf-8")
+
+
+@dataclass(frozen=True)
+class Shown:
+    """One result as the page takes it."""
+
+    scene: Scene
+    data: Mapping[str, Any] | None = None  # Curves and tables (`gaitcal.report.page.page_data`); None: the body alone
+
+
+def page_html(shown: Shown, bones: bone_files.BoneMeshes | None = None) -> str:
+    """The page of a result.
+
+    `bones`: None: those of the installed `myo-sim`, and no bones where it is not installed.
+
+    Raises GaitcalError: MeshCat is not installed.
+    """
+    bones = bones or bone_files.installed_bones()
+    scene = scene_file.scene_json(
+        shown.scene, body_meshes(), None if bones is None else bone_placement.landmarked(bones)
+    )
+    data = plain_data.script_json(
+        shown.data and {**page_data.thinned(shown.data), "peaks": page_data.peak_page_rows(shown.data)}
+    )
+    viewer, licences = _meshcat()
+    content = _scripts_and_styles(SCRIPTS, STYLES, meshcat=viewer)
+    content["CONVENTIONS"] = plain_data.script_json(page_data.conventions_data())
+    content["RESULT"] = f'{{"scene":{scene},"sheet":{data}}}'
+    of_bones = f"Bones of {bones.source}\n\n{bones.licence}" if bones and bones.licence else ""
+    content["LICENCES"] = "\n\n".join(filter(None, [*licences, content["LICENCES"], of_bones])).replace("<", "‹")
+    # One pass over the template: what a name holds is never looked at again.
+    return re.sub(r"@@([A-Z]+)@@", lambda found: content[found.group(1)], _part("templates/page.html"))
+
+
+def write_cohort_page(path: Path, data: Mapping[str, Iterable[str]]) -> None:
+    """Write the page of a cohort, piece by piece, as its people may be many.
+
+    `data`: the pieces of each of `COHORT_DATA`, asked for when they are due.
+    """
+    content = _scripts_and_styles(COHORT_SCRIPTS, COHORT_STYLES)
+    with path.open("w", encoding="utf-8", newline="\n") as stream:
+        for number, piece in enumerate(re.split(r"@@([A-Z]+)@@", _part("templates/cohort.html"))):
+            if number % 2 == 0:
+                stream.write(piece)
+            elif piece in COHORT_DATA:
+                stream.writelines(data[piece])
+            else:
+                stream.write(content[piece])
+
+
+def _scripts_and_styles(scripts: Sequence[str], styles: Sequence[str], **first: str) -> dict[str, str]:
+    """What a template has a place for; `first`: scripts that run before all others."""
+    running = {
+        **{name.upper(): _inline(script) for name, script in first.items()},
+        "PLOTS": _inline(_part(f"{PLOTS}.iife.min.js")),
+        "PAGE": _inline("\n".join(_part(f"scripts/{name}") for name in scripts)),
+    }
+    return {
+        "POLICY": policy(*running.values()),
+        "STYLE": "\n".join([_part(f"{PLOTS}.min.css"), *(_part(f"styles/{name}") for name in styles)]),
+        "LICENCES": f"uPlot\n\n{_part(f'{PLOTS}.LICENSE.txt')}".replace("<", "‹"),
+        **running,
+    }
+
+
+def _meshcat() -> tuple[str, list[str]]:
+    """MeshCat's viewer and the licences of what stands in the page, without importing MeshCat's server."""
+    spec = find_spec("meshcat")
+    places = list(spec.submodule_search_locations or ()) if spec else []
+    if not places:
+        raise GaitcalError("meshcat is not installed; install gaitcal again")
+    folder = Path(places[0]) / "viewer"
+    viewer = folder / "dist" / "main.min.js"
+    texts = [
+        ("MeshCat", folder / "LICENSE"),
+        ("three.js and others inside MeshCat", folder / "dist" / "main.min.js.LICENSE.txt"),
+    ]
+    try:
+        script = viewer.read_text(encoding="utf-8")
+        licences = [f"{name}\n\n{path.read_text(encoding='utf-8')}" for name, path in texts if path.is_file()]
+    except OSError as error:
+        raise GaitcalError(f"{viewer}: cannot be read ({error.strerror}); install meshcat again") from error
+    try:
+        text = distribution(PACKAGE).read_text("licenses/LICENSE")
+    except PackageNotFoundError:
+        text = None
+    return script, [*licences, *([f"Body meshes of {PACKAGE}\n\n{text}"] if text else [])]
+
+
+def sentences(shown: Shown) -> tuple[str, ...]:
+    """What the page of a result leaves out, for every trial of which it holds some frames only."""
+    curves = () if shown.data is None else page_data.curves_left_out(page_data.thinned(shown.data))
+    return (*scene_file.left_out(shown.scene), *curves)
+
+
+def with_trials(scene: Scene, further: Scene, names: Mapping[str, str] | None = None) -> Scene | None:
+    """The scene with the trials of another one after its own; None where they have other segments.
+
+    `names`: other names for trials of `further`: old -> new.
+    """
+    if further.segments != scene.segments:
+        return None
+    new = names or {}
+    trials = (
+        replace(_with_markers(trial, further.labels, scene.labels), name=new.get(trial.name, trial.name))
+        for trial in further.trials
+    )
+    return replace(scene, trials=(*scene.trials, *trials))
+
+
+def after_trials(scene: Scene, earlier: Scene) -> Scene | None:
+    """The scene with those trials of an earlier one before its own whose names it does not have; None as above."""
+    names = {trial.name for trial in scene.trials}
+    kept = tuple(trial for trial in earlier.trials if trial.name not in names)
+    joined = with_trials(replace(scene, trials=()), replace(earlier, trials=kept))
+    return None if joined is None else replace(joined, trials=(*joined.trials, *scene.trials))
+
+
+def _with_markers(trial: MotionScene, labels: tuple[str, ...], wanted: tuple[str, ...]) -> MotionScene:
+    """The trial with the measured markers in the order of another model; NaN for one that it did not have."""
+    if labels == wanted:
+        return trial
+    measured = np.full((len(trial.time), len(wanted), 3), np.nan, dtype=np.float32)
+    for k, label in enumerate(wanted):
+        if label in labels:
+            measured[:, k] = trial.measured[:, labels.index(label)]
+    return replace(trial, measured=measured)
+
+
+def merged(earlier: Mapping[str, Any], new: Mapping[str, Any]) -> dict[str, Any]:
+    """Page data of further trials, after those of an earlier run that it does not hold itself."""
+    names = {trial["name"] for trial in new["trials"]}
+    kept = only(earlier, [trial["name"] for trial in earlier["trials"] if trial["name"] not in names])
+    verdict, rest = _joined_verdict(kept, new), list(new["lines"][1:])
+    if kept["trials"]:
+        last = ", ".join(plain_data.visible(name) for name in sorted(names))
+        rest[-1:] = [{**line, "text": f"{last}: {line['text']}"} for line in rest[-1:]]
+    trials = [*kept["trials"], *new["trials"]]
+    return {**new, "trials": trials, "verdict": verdict, "lines": [page_data.verdict_line(verdict), *rest]}
+
+
+def followed_by(data: Mapping[str, Any], further: Mapping[str, Any]) -> dict[str, Any]:
+    """Page data of a calibration with further trials after its own; none of them may have the name of its own."""
+    verdict, lines = _joined_verdict(data, further), list(data["lines"])
+    if verdict["sentence"] != data["verdict"]["sentence"]:
+        lines[:1] = [page_data.verdict_line(verdict)]
+    return {
+        **data,
+        "lines": lines,
+        "trials": [*data["trials"], *further["trials"]],
+        "verdict": verdict,
+        "bands": data["bands"] or further["bands"],
+    }
+
+
+def only(data: Mapping[str, Any], names: Collection[str]) -> dict[str, Any]:
+    """Page data of further trials with some of them alone, and the reasons about these."""
+    trials = [trial for trial in data["trials"] if trial["name"] in names]
+    about = [reason for reason in data["verdict"]["reasons"] if set(reason["trials"]) & set(names)]
+    judgement = _common(trial["verdict"]["judgement"] for trial in trials if trial["verdict"] is not None)
+    if about and judgement is Judgement.TRUSTWORTHY:
+        judgement = Judgement.DOUBTFUL
+    return {**data, "trials": trials, "verdict": {**data["verdict"], "judgement": judgement.value, "reasons": about}}
+
+
+def doubted(data: Mapping[str, Any], doubts: Iterable[tuple[str, str, str]]) -> dict[str, Any]:
+    """Page data with a warning more for each (trial, what is wrong with it, what to do), unless it is there already."""
+    verdict = data["verdict"]
+    known = {(reason["cause"], *reason["trials"]) for reason in verdict["reasons"]}
+    code = page_data.explained_code(Code.RESULT_EDITED)
+    new = [
+        {**code, "severity": "warning", "cause": cause, "evidence": "", "action": action, "trials": [name], "leg": ""}
+        for name, cause, action in doubts
+        if (cause, name) not in known
+    ]
+    if not new:
+        return dict(data)
+    judgement = verdict["judgement"]
+    if judgement == Judgement.TRUSTWORTHY.value:
+        judgement = Judgement.DOUBTFUL.value
+    return {**data, "verdict": {**verdict, "judgement": judgement, "reasons": [*verdict["reasons"], *new]}}
+
+
+def renamed(data: Mapping[str, Any], names: Mapping[str, str]) -> dict[str, Any]:
+    """Page data whose trials have other names: old -> new."""
+    reasons = [
+        {**reason, "trials": [names.get(name, name) for name in reason["trials"]]}
+        for reason in data["verdict"]["reasons"]
+    ]
+    trials = [{**trial, "name": names.get(trial["name"], trial["name"])} for trial in data["trials"]]
+    return {**data, "trials": trials, "verdict": {**data["verdict"], "reasons": reasons}}
+
+
+def _joined_verdict(one: Mapping[str, Any], other: Mapping[str, Any]) -> dict[str, Any]:
+    """The verdict on both: refused or trustworthy where everything is, and doubtful otherwise."""
+    parts = [data["verdict"] for data in (one, other) if data["trials"]]
+    trials = {}
+    for trial in (*one["trials"], *other["trials"]):
+        if (verdict := trial["verdict"]) is not None:
+            legs = {side: Judgement(verdict[side]) for side in SIDES if side in verdict}
+            trials[trial["name"]] = WalkVerdict(judgement=Judgement(verdict["judgement"]), legs=legs)
+    judged = Verdict(
+        judgement=_common(part["judgement"] for part in parts),
+        reasons=(),
+        trials=trials,
+        forced=any(part.get("forced", False) for part in parts),
+    )
+    reasons = sorted((r for part in parts for r in part["reasons"]), key=lambda reason: reason["severity"] != "error")
+    return {
+        "judgement": judged.judgement.value,
+        "sentence": judged.sentence,
+        "reasons": reasons,
+        "forced": judged.forced,
+    }
+
+
+def _common(judgements: Iterable[str]) -> Judgement:
+    """What all are; doubtful where they differ, trustworthy where there are none."""
+    found = {Judgement(name) for name in judgements} or {Judgement.TRUSTWORTHY}
+    return found.pop() if len(found) == 1 else Judgement.DOUBTFUL

@@ -1,0 +1,176 @@
+"""One trial of the page beside its body in motion: curves, events, strides, verdict, sections.
+
+Everything is as in the files of a result: angles in degrees, internal moments in N·m with OpenSim's signs, powers in W,
+forces in N. The page brings them into the convention that its reader chooses.
+"""
+
+from collections.abc import Mapping, Sequence
+from pathlib import PureWindowsPath
+from typing import Any
+
+import numpy as np
+
+from gaitcal.analysis import result, truth_errors
+from gaitcal.arrays import Array, BoolArray
+from gaitcal.gait import moments, peaks, spatiotemporal, strides
+from gaitcal.gait.cycles import WALKING, GaitCycle, normalise, source_words, usable
+from gaitcal.model.coordinates import FOOT_PROGRESSION
+from gaitcal.model.linkage import PELVIS_ANGLES, SIDES
+from gaitcal.model.subject_model import SubjectModel
+from gaitcal.quality.verdict import WalkVerdict
+from gaitcal.report.page import key_figures, scene, trust_sections
+from gaitcal.report.page.plain_data import Sections, base64_of, floats, lengths, rounded
+from gaitcal.results import trial_tables
+from gaitcal.results.trial_curves import Curve, curves_of, joint_of, line_of, pelvis_parts
+
+
+def packed_curves(curves: tuple[Curve, ...], every: int) -> dict[str, Any]:
+    """`curves` for the page, of every so many frames; `masks` are shared: a curve's `valid` is the number of one."""
+    kept = slice(None, None, every)
+    masks = masks_of(curves)
+    numbers = {mask.tobytes(): number for number, mask in enumerate(masks)}
+
+    def packed(values: Array | None) -> dict[str, Any] | None:
+        return None if values is None or not np.isfinite(values).any() else lengths(values[kept])
+
+    of_curves = [
+        {
+            "base": c.base,
+            "side": c.side,
+            "joint": joint_of(c.base),
+            "kind": c.kind,
+            "unit": c.unit,
+            "valid": numbers[c.valid.tobytes()],
+            "value": lengths(c.value[kept]),
+            "se": packed(c.error),
+            "own": packed(c.own),
+            "nominal": packed(c.nominal),
+            "truth": packed(c.truth),
+        }
+        for c in curves
+    ]
+    return {"curves": of_curves, "masks": [base64_of(mask[kept].astype("<u1")) for mask in masks]}
+
+
+def masks_of(curves: tuple[Curve, ...]) -> list[BoolArray]:
+    """The different `valid` of the curves, in the order of `masks` of `packed_curves`."""
+    return list({c.valid.tobytes(): c.valid for c in curves}.values())
+
+
+def trial_page_data(
+    model: SubjectModel,
+    trial: result.TrialResult,
+    *,
+    verdict: WalkVerdict | None,
+    relative_to: Mapping[str, float] | None = None,
+    truth: truth_errors.CurveTruths | None = None,
+) -> dict[str, Any]:
+    """What the page tells of a trial; numbers packed as in `plain_data.py`.
+
+    `verdict`: None of a trial that is not judged by itself.
+    `relative_to`, `truth`: as of `curves_of`.
+    """
+    time, start = trial.body.time, float(trial.body.time[0])
+    every = max(1, -(-len(time) // scene.MOST_FRAMES))
+    curves = curves_of(model, trial, relative_to, truth)
+    return {
+        "name": trial.name,
+        "file": PureWindowsPath(trial.recording.source).name,
+        "role": moments.role_words(trial.role, trial.joint),
+        "joint": trial.joint,
+        "activity": trial.activity,
+        "repeats": bool(trial.events.repeats),
+        "verdict": None
+        if verdict is None
+        else {"judgement": verdict.judgement.value, **{side: of.value for side, of in verdict.legs.items()}},
+        "start": start,
+        "duration": float(time[-1] - time[0]),
+        "frames": len(time),
+        "every": every,
+        "time": floats((time - time[0])[::every]),
+        **packed_curves(curves, every),
+        "events": [
+            {"side": e.side, "kind": e.moment.value, "time": e.time - start, "source": source_words([e.source])}
+            for e in trial.events.events
+        ],
+        "strides": _strides(trial, pelvis_parts(trial, truth), curves),
+        "measures": [  # what counts, also of a stride of which the recording shows a part
+            {"side": stride.side, "number": stride.number, "values": {n: float(v) for n, v in stride.measures.items()}}
+            for stride in spatiotemporal.counting(trial.strides, trial.refused_legs)
+        ],
+        "line": line_of(trial),
+        "relative": relative_to is not None,
+        "sections": trial_sections(model, trial),
+    }
+
+
+def trial_sections(model: SubjectModel, trial: result.TrialResult) -> Sections:
+    """Of one trial, calibrated or further; presets to which it has nothing to say are left out."""
+    sections = {"fit": trust_sections.trial_fit_blocks(trial)}
+    if (walk := key_figures.gait_numbers(model, trial)) is not None:
+        sections |= {
+            "clinician": key_figures.trial_clinician_blocks(walk),
+            "trust": trust_sections.trial_trust_blocks(model, walk),
+        }
+    return {preset: blocks for preset, blocks in sections.items() if blocks}
+
+
+def _strides(trial: result.TrialResult, pelvis: Mapping[str, Array], curves: tuple[Curve, ...]) -> list[dict[str, Any]]:
+    """Complete strides of both feet: s from the begin of the trial; `number`, pelvis, of each mask of the curves valid
+    percents as in `cycles.csv`, and peaks. `pelvis`: parts of `pelvis_parts`, over each stride against its own line.
+    """
+    if trial.joint is not None:
+        return []
+    time, start = trial.body.time, float(trial.body.time[0])
+    measured = {(s.side, s.number): s for s in trial.strides}
+    uses = {(use.side, use.number): use for use in key_figures.stride_uses(trial)}
+    out = []
+    for side in SIDES:
+        for number, cycle in enumerate(strides.strides_of(trial.events)[side], start=1):
+            stride, use = measured.get((side, number)), uses[side, number]
+            foot = trial_tables.foot_in_stride(trial, side, cycle, stride)
+            laid = {
+                part: normalise(time, trial_tables.pelvis_in_stride(trial, angles, cycle, stride), cycle)
+                for part, angles in pelvis.items()
+            }
+            out.append(
+                {
+                    "side": side,
+                    "number": number,
+                    "start": cycle.start - start,
+                    "stop": cycle.stop - start,
+                    "off": None if cycle.toe_off is None else cycle.toe_off - start,
+                    "turns": use.turns,
+                    "plate": use.plate,
+                    "reason": use.reason,
+                    "pelvis": {
+                        name: {part: lengths(angles[:, k]) for part, angles in laid.items()}
+                        for k, name in enumerate(PELVIS_ANGLES)
+                    }
+                    | ({} if foot is None else {FOOT_PROGRESSION: {"value": lengths(normalise(time, foot, cycle))}}),
+                    "valid": [base64_of(usable(time, mask, cycle).astype("<u1")) for mask in masks_of(curves)],
+                    "peaks": peaks_in(
+                        time,
+                        cycle,
+                        [c for c in curves if c.side in (side, "")],
+                        laid["value"],
+                        walks=trial.activity == WALKING,
+                    ),
+                }
+            )
+    return out
+
+
+def peaks_in(
+    time: Array, cycle: GaitCycle, curves: Sequence[Curve], pelvis: Array, *, walks: bool = True
+) -> dict[str, list[float | None]]:
+    """Peak -> what `gait/peaks.py` says of it, None for NaN. `pelvis`: (101, 3) deg, `PELVIS_ANGLES`."""
+    unknown = np.full(len(time), np.nan)
+    laid = {}
+    for curve in curves:
+        parts = [unknown if part is None else part for part in (curve.value, curve.error, curve.own)]
+        value, error, own = normalise(time, np.stack(parts, axis=1), cycle).T
+        value = pelvis[:, PELVIS_ANGLES.index(curve.base)] if curve.base in PELVIS_ANGLES else value
+        laid[curve.variable] = (np.where(usable(time, curve.valid, cycle), value, np.nan), error, own)
+    found = peaks.stride_peaks(laid, cycle.stance) if walks else peaks.phase_peaks(laid, cycle.phases)
+    return {name: [rounded(v) for v in values] for name, values in found.items()}

@@ -1,0 +1,270 @@
+"""The recordings of a result with angles, moments, powers, events and joint centres in them, as C3D files.
+
+A C3D recording keeps all that ezc3d can write (`io/c3d/writer.py`); what it cannot is reported. One of another format
+becomes a C3D of its markers and, where its forces can be laid on the markers' clock, its plates. Torques are there in
+the frames that count; of a trial that is refused there are none.
+"""
+
+import itertools
+from collections.abc import Mapping
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from gaitcal.arrays import Array, IntArray
+from gaitcal.errors import Code, InputError
+from gaitcal.export.plug_in_gait import ANGLE_UNITS, MOMENT_UNITS, SavedMotion, plug_in_gait_points
+from gaitcal.gait import event_clock, moments
+from gaitcal.io import formats, result_folder, segment_poses, toml
+from gaitcal.io.axes import Turn
+from gaitcal.io.c3d.reader import PER_METRE
+from gaitcal.io.c3d.writer import AddedPoint, C3DOriginal, PointKind, c3d_original, supplement_c3d, write_c3d
+from gaitcal.io.csv_recordings import EVENTS
+from gaitcal.io.labels import FootEvent
+from gaitcal.io.recording import Recording, seen_mask
+from gaitcal.io.snapshot import Snapshot, read_whole
+from gaitcal.quality.verdict import Judgement
+from gaitcal.results.cycles_export import find_original, trial_files
+from gaitcal.results.saved_result import MODEL, SPLINES, SavedWalk, load_trial, moving_trials
+from gaitcal.results.summary import SUMMARY
+
+PREFIX = "gc"  # Before our names where the file has points of such names already
+SINGLE = 2.0**-23  # Relative rounding of a 32-bit float
+SAME_TIME = 1e-6  # s
+SAME_PLACE = 1e-6  # m, between a marker of the file and of the result: both are the same number, turned by quarters
+
+
+def write_recordings(
+    folder: Path, inputs: Path | None, out: Path, *, instead: bool = False
+) -> tuple[dict[str, tuple[str, str, tuple[str, ...]]], Snapshot]:
+    """Write a C3D file `TRIAL.c3d` for every moving trial of the result in `folder` into the folder `out`.
+
+    Returns trial -> input that it is a copy of, as the manifest names it, its SHA-256, and notes.
+
+    `inputs`: where the recordings lie, if not beside the result. `instead`: what another program computed under our
+    names makes room for ours; else ours have names of their own beside it.
+
+    Raises InputError: The result or a recording is damaged, missing or changed.
+    """
+    files = trial_files(folder)
+    names = moving_trials(folder)
+    tables = [table for name in names for table in (f"markers/{name}.trc", f"moments/{name}.csv", f"forces/{name}.mot")]
+    tables = [table for table in tables if (folder / table).exists()]
+    saved, snapshot = read_whole(
+        folder,
+        (MODEL, SPLINES, SUMMARY, *tables),
+        lambda: [load_trial(folder, k, name) for k, name in enumerate(names)],
+    )
+    written = {}
+    for trial in saved:
+        if "file" not in files.get(trial.name, {}):
+            raise InputError(f"trial '{trial.name}' was not made from a file", source=folder, code=Code.CHANGED_FILE)
+        paths = {kind: find_original(folder, name, inputs) for kind, name in files[trial.name].items()}
+        notes = _write(trial, paths, out / f"{trial.name}.c3d", out / f".{trial.name}.c3d", instead=instead)
+        source = files[trial.name]["file"]
+        written[trial.name] = source, result_folder.sha256_of(paths["file"]) or "", notes
+    return written, snapshot
+
+
+def _write(
+    trial: SavedWalk, paths: Mapping[str, Path], target: Path, between: Path, *, instead: bool
+) -> tuple[str, ...]:
+    """Write the C3D of one trial; `between` is a path for a file that is removed again. Returns what to tell."""
+    recording = formats.read_recording(paths["file"], forces=paths.get("forces"))
+    notes: tuple[str, ...] = ()
+    made = segment_poses.holds_poses(recording.labels)
+    if made and paths["file"].suffix.lower() == ".c3d":
+        notes = ("written anew: without poses and events of the file, with the points that stand for its body",)
+    if paths["file"].suffix.lower() == ".c3d" and not made:
+        source, same = paths["file"], formats.read_recording(paths["file"])
+    else:
+        notes += _as_c3d(recording, between)
+        source, same = between, formats.read_recording(between)
+    original = c3d_original(source, len(recording.time))
+    rows = _rows(recording.time, trial.motion.time, paths["file"])
+    per_metre = PER_METRE.get(original.unit("UNITS").strip().lower(), 1e3)
+    turn = _turn_to_file(trial.markers, original.places()[rows] / per_metre, paths["file"])
+    kept = set(same.labels) if instead else set(original.labels)
+    points, named = _points(trial, original, rows, turn, per_metre, kept)
+    events, event_notes = _new_events(trial, recording, corrected="events" in paths)
+    group = {
+        "VERSION": [f"gaitcal {toml.package_version('gaitcal')}"],
+        "TRIAL": [trial.name],
+        **{key.upper(): [value] for key, value in trial.facts.items()},
+        "REASONS": [text[:255] for text in trial.reasons[:255]],
+        "PREFIX": [named],
+    }
+    units = {"ANGLE_UNITS": "deg", "MOMENT_UNITS": "Nmm", "POWER_UNITS": "W", "FORCE_UNITS": "N"}
+    lost = supplement_c3d(original, target, points, events, ("GAITCAL", group), units)
+    _require_same(same, formats.read_recording(target), target, exact=original.header.is_float)
+    between.unlink(missing_ok=True)
+    if not original.header.is_float:
+        notes += ("the file was one of integers and is one of 32-bit floats now",)
+    if lost:
+        notes += (f"not copied as in the file: {', '.join(lost)}",)
+    if named:
+        hint = "" if instead else ", --replace writes them in place of the file's"
+        notes += (f"the file has points of such names; ours begin with {named}{hint}",)
+    if gone := [point.name for point in points if point.name in original.labels]:
+        rest = "what else it holds of another program's, also in other frames, is not ours"
+        notes += (f"{moments.counted(len(gone), 'point')} of the file replaced ({', '.join(gone)}); {rest}",)
+    return (*_said(trial, points), *notes, *event_notes)
+
+
+def _as_c3d(recording: Recording, target: Path) -> tuple[str, ...]:
+    """Write markers and plates of a recording that was no C3D; the plates are left out where a C3D cannot hold them."""
+    filled, notes = _whole_frames(recording)
+    try:
+        write_c3d(target, filled)
+    except InputError as fault:
+        if not recording.plates:
+            raise
+        write_c3d(target, replace(recording, plates=()))
+        why = str(fault).removeprefix(f"{target}: ")
+        return (f"without its force plates, which a C3D cannot hold as they are ({why})",)
+    return notes
+
+
+def _whole_frames(recording: Recording) -> tuple[Recording, tuple[str, ...]]:
+    """Plates that end with the last frame go on for the rest of it: a C3D has as many samples in every frame."""
+    frames = len(recording.time)
+    plates, longest = [], 0
+    for plate in recording.plates:
+        ratio = (len(plate.time) - 1) // max(1, frames - 1)
+        more = ratio - 1 if ratio > 1 and len(plate.time) == ratio * (frames - 1) + 1 else 0
+        step = float(np.median(np.diff(plate.time))) if more else 0.0
+        plates.append(
+            replace(
+                plate,
+                time=np.concatenate([plate.time, plate.time[-1] + step * np.arange(1, more + 1)]),
+                force=_prolonged(plate.force, more),
+                point=_prolonged(plate.point, more),
+                moment=_prolonged(plate.moment, more),
+            )
+        )
+        longest = max(longest, more)
+    note = f"the last sample of the plates repeated {longest} times, to fill the last frame"
+    return replace(recording, plates=tuple(plates)), (note,) if longest else ()
+
+
+def _prolonged(values: Array, more: int) -> Array:
+    """(ns + more, 3): the last row repeated."""
+    return np.concatenate([values, np.repeat(values[-1:], more, axis=0)])
+
+
+def _rows(file: Array, trial: Array, source: Path) -> IntArray:
+    """(nf,) frames of the file at the times of the trial."""
+    rows = np.clip(np.searchsorted(file, trial - SAME_TIME), 0, len(file) - 1)
+    if np.abs(file[rows] - trial).max() > SAME_TIME:
+        message = "its frames are at other times than those of the result"
+        raise InputError(message, source=source, code=Code.CHANGED_FILE)
+    return np.asarray(rows, dtype=np.intp)
+
+
+def _turn_to_file(markers: Recording, places: Array, source: Path) -> Turn:
+    """The turn by quarters from the result's axes to those of the file, of which `places` (nf, np, 3) m are the points.
+
+    Told by the markers themselves: each has the same numbers in both, in another order and with other signs.
+    """
+    visible = seen_mask(markers.markers)
+    frames = np.flatnonzero(visible.sum(axis=1) >= min(3, visible.sum(axis=1).max()))
+    frames = frames[:: max(1, len(frames) // 5)]
+    for order in itertools.permutations(range(3)):
+        for signs in itertools.product((1, -1), repeat=3):
+            matrix = np.zeros((3, 3))
+            matrix[range(3), order] = signs
+            if np.linalg.det(matrix) < 0:
+                continue
+            turn = Turn((order[0], order[1], order[2]), (signs[0], signs[1], signs[2]))
+            if len(frames) and all(_found(turn.apply(markers.markers[i, visible[i]]), places[i]) for i in frames):
+                return turn
+    raise InputError("its markers are not those of the result", source=source, code=Code.CHANGED_FILE)
+
+
+def _found(wanted: Array, among: Array) -> bool:
+    """Whether every point (n, 3) is one of the others (m, 3)."""
+    gaps = np.abs(wanted[:, None] - among[None]).max(axis=2)
+    return bool((np.nanmin(gaps, axis=1) < SAME_PLACE).all())
+
+
+def _points(
+    trial: SavedWalk, original: C3DOriginal, rows: IntArray, turn: Turn, per_metre: float, kept: set[str]
+) -> tuple[list[AddedPoint], str]:
+    """Our points in every frame, axes and units of the file; and the start of their names, so that none is `kept`."""
+    motion = SavedMotion(
+        q=trial.motion.q,
+        velocity=trial.motion.velocity,
+        torques=trial.torques,
+        valid=trial.valid,
+        mass=trial.model.subject.mass,
+        parameters=trial.model.parameters,
+        reactions=trial.reactions,
+        frozen=tuple(trial.model.frozen),
+    )
+    angle = ANGLE_UNITS.get(original.unit("ANGLE_UNITS").strip().lower(), ANGLE_UNITS["deg"])
+    moment = MOMENT_UNITS.get(original.unit("MOMENT_UNITS").strip().lower(), MOMENT_UNITS["nmm"])
+    points = plug_in_gait_points(motion, angle, moment)
+    heads = {label.partition(":")[0] for label in original.labels if ":" in label}
+    head = f"{heads.pop()}:" if len(heads) == 1 else ""
+    starts = ("", PREFIX, *(f"{PREFIX}{n}" for n in range(2, 100)))
+    start = next(s for s in starts if not kept & {f"{head}{s}{point.name}" for point in points})
+    out = []
+    for point in points:
+        values = np.full((original.frames, 3), np.nan)
+        places = point.kind is PointKind.PLACE
+        values[rows] = turn.apply(point.values) * per_metre if places else point.values
+        out.append(replace(point, name=f"{head}{start}{point.name}", values=values))
+    return out, start
+
+
+def _new_events(trial: SavedWalk, recording: Recording, *, corrected: bool) -> tuple[list[FootEvent], tuple[str, ...]]:
+    """Events of a walk that the file does not tell itself, in order of time; none where they contradict the file's."""
+    if not trial.events:
+        return [], ()
+    if corrected and recording.events:
+        return [], (f"{len(recording.events)} events of the file kept; those that were corrected stand in {EVENTS}",)
+
+    def known(event: FootEvent) -> bool:
+        return any(
+            e.side == event.side and e.moment is event.moment and abs(e.time - event.time) < event_clock.SAME_EVENT
+            for e in recording.events
+        )
+
+    new = [event for event in trial.events if not known(event)]
+    kept = f"{len(recording.events)} events of the file kept, " if recording.events else ""
+    return new, (f"{kept}{len(new)} events added",)
+
+
+def _require_same(old: Recording, new: Recording, target: Path, *, exact: bool) -> None:
+    """InputError unless markers, plates and the file's own events read back as they were."""
+    same = old.labels == new.labels and len(old.plates) == len(new.plates)
+    if same:
+        rounding = 0.0 if exact else SINGLE
+        same = np.allclose(old.markers, new.markers, rtol=rounding, atol=0.0, equal_nan=True)
+    same = same and all(np.array_equal(a.wrench(), b.wrench()) for a, b in zip(old.plates, new.plates, strict=True))
+    if not (same and set(old.events) <= set(new.events)):
+        message = "reads back with other markers, plates or events; please report it"
+        raise InputError(message, source=target, code=Code.INTERNAL)
+
+
+def _said(trial: SavedWalk, points: list[AddedPoint]) -> tuple[str, ...]:
+    """Which kinds of points there are, and why others are not."""
+    counts = [
+        f"{sum(p.kind is kind for p in points)} {words}"
+        for kind, words in (
+            (PointKind.ANGLE, "angles"),
+            (PointKind.PLACE, "joint centres"),
+            (PointKind.MOMENT, "moments"),
+            (PointKind.POWER, "powers"),
+            (PointKind.FORCE, "ground reactions"),
+        )
+        if any(p.kind is kind for p in points)
+    ]
+    said = (f"{', '.join(counts)}",)
+    if Judgement.REFUSED.value in trial.facts.values() and trial.torques is None:
+        return (*said, "the trial is refused: no moments and no powers")
+    if trial.torques is None:
+        return (*said, "no force plates, so no moments and no powers")
+    shares = ", ".join(f"{word} leg {100 * trial.valid[s].mean():.0f} %" for s, word in (("r", "right"), ("l", "left")))
+    return (*said, f"moments and powers in the frames that count: {shares}")

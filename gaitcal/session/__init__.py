@@ -1,1 +1,0 @@
-"""The main job: from a folder or a study to a calibrated person."""

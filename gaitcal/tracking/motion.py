@@ -1,0 +1,422 @@
+"""Tracking, and a person's motion in one trial that it gives: the nodes that bring the model's markers nearest to the
+measured ones over the whole trial, and how well each marker is met.
+
+As problems for `descend`: one trial with fixed joint parameters, whose x are the nodes and whose matrix is a band, and
+several trials that share joint parameters, whose matrix is an arrow (`banded.py`). From rigid fits undamped
+Gauss-Newton steps nearly always do; markers that stay far from where the model has them ask for Newton's.
+
+Robust tracking: markers that are far out of line get less weight, sample by sample.
+
+Instead of  sum w |r|^2  the cost is  s^2 sum rho(u),  u = sqrt(w) |r| / s,  |r| the distance of a marker from its place
+on the model. Its minimum is that of least squares with weights w f(u), f = rho'(u) / (2 u), iterated until the
+weights settle (Holland and Welsch 1977):
+
+    Huber    f = min(1, k / u)            convex: one minimum, outliers pull with a constant force
+    Cauchy   f = 1 / (1 + (u / c)^2)      outliers let go; begun from Huber's solution, as it may have several minima
+
+k and c keep 95 % efficiency when the three coordinates of a residual are Gaussian. The scale s of one coordinate is
+1.4826 times the median absolute deviation of the coordinates (from zero), which outliers move little.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from enum import Enum
+from functools import partial
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from gaitcal.arrays import Array, BoolArray
+from gaitcal.display import Displayed, describe_time, shorten
+from gaitcal.io.recording import Recording
+from gaitcal.model.chain import LinkageModel
+from gaitcal.model.linkage import FILE_COORDINATES, is_translation
+from gaitcal.model.parameters import Parameters
+from gaitcal.model.subject_model import SubjectModel
+from gaitcal.runtime import with_one_blas_thread
+from gaitcal.tracking.banded import ArrowEquations, BandFactor
+from gaitcal.tracking.descent import Descent, DescentSettings, Evaluation, descend
+from gaitcal.tracking.rigid import rigid_distances
+from gaitcal.tracking.spline import HALF_POWER, NodeRule, SplineBasis, cutoff, frame_rate
+from gaitcal.tracking.start import starting_nodes
+from gaitcal.tracking.trial_problem import MotionProblem, trial_problem
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+LARGE_BYTES = 2**27  # of a normal matrix above which only one is held at a time: a trial of some 20 000 frames
+NOTHING_LEFT_M = 1e-14  # m, RMS residual below which there is nothing left to fit
+
+
+def track_nodes(
+    problem: MotionProblem,
+    body: LinkageModel,
+    start: Array,
+    settings: DescentSettings | None = None,
+    known: BandFactor | None = None,
+) -> Descent[Evaluation, BandFactor]:
+    """Minimise the weighted sum of squared marker distances over the coefficients x (nn, nq), starting at `start`.
+
+    `known`: the factor of a matrix that serves at `start`, if there is one: it does not depend on the markers.
+    """
+    end = descend(_Tracking(problem, body), start.ravel(), settings or DescentSettings(), known)
+    return replace(end, x=end.x.reshape(start.shape), factor=None)  # a large factor makes room
+
+
+class _Tracking:
+    """The marker cost of a trial by its coefficients, one after the other; all joint parameters are fixed."""
+
+    def __init__(self, problem: MotionProblem, body: LinkageModel) -> None:
+        self.problem, self.body = problem, body
+        self.nothing_left = NOTHING_LEFT_M**2 * float(problem.data.weight.sum())
+        self.has_curvature = not problem.chain.free
+
+    def coefficients(self, x: Array) -> Array:
+        return x.reshape(self.problem.basis.nodes, -1)
+
+    def evaluate(self, x: Array) -> Evaluation:
+        cost, gradient = self.problem.gradient(self.coefficients(x), self.body)
+        return Evaluation(cost, gradient.ravel())
+
+    def linearise(self, x: Array, *, curved: bool) -> "_TrackingMatrix":
+        return _TrackingMatrix(self, x, curved)
+
+
+class _TrackingMatrix:
+    """The normal equations at some coefficients. A large matrix is factorised in its own place."""
+
+    def __init__(self, tracking: _Tracking, x: Array, curved: bool) -> None:
+        self._form = partial(tracking.problem.equations, tracking.coefficients(x), tracking.body, curved=curved)
+        equations = self._form()
+        self.evaluation = Evaluation(equations.cost, equations.node_gradient.ravel())
+        self._band: Array | None = equations.band
+        self.spent = equations.band.nbytes > LARGE_BYTES
+
+    def factor(self, damping: float) -> BandFactor:
+        band = self._form().band if self._band is None else self._band
+        if not self.spent:
+            return BandFactor(band, damping)
+        self._band = None
+        try:
+            return BandFactor(band, damping, overwrite=True)
+        except np.linalg.LinAlgError:
+            return BandFactor(self._form().band, damping)  # with a copy: a larger floor may do
+
+
+class SharedMotions:
+    """Markers of several trials by x = (joint parameters, coefficients of each trial), as a problem for `descend`."""
+
+    has_curvature = False
+
+    def __init__(self, problems: Sequence[MotionProblem], parameters: Parameters, free: tuple[str, ...]) -> None:
+        self.parameters, self.free, self.size = parameters, free, len(free)
+        self.open = [problem.with_free(free) for problem in problems]
+        self.columns = [problem.places_in(free) for problem in self.open]
+        self.nothing_left = NOTHING_LEFT_M**2 * sum(float(problem.data.weight.sum()) for problem in self.open)
+
+    def joined(self, p: Array, coefficients: Sequence[Array]) -> Array:
+        """The vector x."""
+        return np.concatenate([p, *(of_trial.ravel() for of_trial in coefficients)])
+
+    def parted(self, x: Array) -> tuple[Array, list[Array]]:
+        """The shared parameters (np,) and the coefficients (nn, nq) of each trial."""
+        sizes = [self.size, *(problem.basis.nodes * len(problem.chain.coordinates) for problem in self.open)]
+        p, *coefficients = np.split(x, np.cumsum(sizes)[:-1])
+        return p, [flat.reshape(problem.basis.nodes, -1) for flat, problem in zip(coefficients, self.open, strict=True)]
+
+    def evaluate(self, x: Array) -> Evaluation:
+        """Cost (m^2) and half gradient."""
+        return self.linearise(x, curved=False).evaluation
+
+    def linearise(self, x: Array, *, curved: bool) -> ArrowEquations:
+        """The same with the arrow."""
+        p, coefficients = self.parted(x)
+        moved = self.parameters.with_joint(self.free, p)
+        trials = [problem.equations(n, problem.body(moved)) for problem, n in zip(self.open, coefficients, strict=True)]
+        return ArrowEquations(trials, self.columns, self.size)
+
+
+@dataclass(frozen=True)
+class MarkerErrors:
+    """Distances between measured and model markers."""
+
+    labels: tuple[str, ...]
+    segments: tuple[str, ...]
+    weight: Array  # (nm,) of each marker in the fit (its largest over the frames)
+    distance: Array  # (nf, nm) m; NaN where a marker was not seen
+
+    def rms(self, *segments: str) -> float | None:
+        """RMS distance (m) over markers with weight, of some segments or all; None where there are none."""
+        kept = self.kept(*segments)
+        if not kept.any():
+            return None
+        return float(np.sqrt(np.nanmean(self.distance[:, kept] ** 2)))
+
+    def kept(self, *segments: str) -> BoolArray:
+        """(nm,) markers with weight that were seen at all, of some segments or all."""
+        visible = np.isfinite(self.distance).any(axis=0)
+        here = np.array([not segments or s in segments for s in self.segments], dtype=bool)
+        return (self.weight > 0) & visible & here
+
+    def largest(self) -> tuple[float, str] | None:
+        """Largest distance (m) over markers with weight, and which marker."""
+        kept = np.flatnonzero(self.kept())
+        if not len(kept):
+            return None
+        peaks = np.nanmax(self.distance[:, kept], axis=0)
+        return float(peaks.max()), self.labels[kept[int(peaks.argmax())]]
+
+
+def taken_off(relative_to: Mapping[str, float] | None) -> dict[str, float]:
+    """Select the joint angles (rad) of the static posture that relative angles leave out; the pelvis keeps its own."""
+    return {name: angle for name, angle in (relative_to or {}).items() if not name.startswith("pelvis")}
+
+
+@dataclass(frozen=True, kw_only=True, repr=False)
+class Motion(Displayed):
+    """Coordinates of one trial as splines, with the markers' errors."""
+
+    name: str
+    """Of the trial or file."""
+    coordinates: tuple[str, ...]
+    """Names of the columns: the 27, or those of the part that was tracked."""
+    basis: SplineBasis
+    """Quintic B-splines at the frames of the trial."""
+    coefficients: Array
+    """(nn, nq) m, rad."""
+    errors: MarkerErrors
+    """Distance of every marker in every frame."""
+    converged: bool
+    """Whether tracking reached its tolerance."""
+    smoothed_hz: float | None = None
+    """Half of an oscillation at it passed the penalty; None: the nodes alone limit the motion."""
+    guessed: tuple[str, ...] = ()
+    """Coordinates that the markers do not determine, and a prior holds."""
+
+    def columns(self, errors: Array | None = None, relative_to: Mapping[str, float] | None = None) -> dict[str, Array]:
+        """Collect the columns of the motion's CSV file.
+
+        Parameters
+        ----------
+        errors
+            (nf, nq) m, rad: standard errors of the coordinates.
+        relative_to
+            Coordinate -> rad in the static posture, subtracted from joint angles; None: angles are
+            anatomical.
+
+        Returns
+        -------
+        `time` (s), then every coordinate (deg, m), its `_velocity` and `_acceleration` and, with
+        `errors`, its standard error `_se`.
+        """
+        names = [name for name in FILE_COORDINATES if name in self.coordinates]
+        static = taken_off(relative_to)
+        parts = {"": self.q, "_velocity": self.velocity, "_acceleration": self.acceleration}
+        parts[""] = self.q - np.array([static.get(name, 0.0) for name in self.coordinates])
+        if errors is not None:
+            parts["_se"] = errors
+        columns = {"time": self.time}
+        for suffix, values in parts.items():
+            for name in names:
+                scale = 1.0 if is_translation(name) else 180.0 / np.pi
+                columns[name + suffix] = values[:, self.coordinates.index(name)] * scale
+        return columns
+
+    def to_dataframe(self, relative_to: Mapping[str, float] | None = None) -> "pd.DataFrame":
+        """Return the motion as a table, with the columns of `motion/TRIAL.csv` but for standard errors.
+
+        Parameters
+        ----------
+        relative_to
+            Coordinate -> rad in the static posture, subtracted from joint angles; None: angles are
+            anatomical.
+
+        Returns
+        -------
+        pandas.DataFrame
+            `time` (s), then every coordinate (deg, m), its `_velocity` and its `_acceleration`.
+        """
+        import pandas as pd
+
+        return pd.DataFrame(self.columns(relative_to=relative_to))
+
+    def _description(self) -> tuple[str, list[tuple[str, str]]]:
+        time, rms, largest = self.time, self.errors.rms(), self.errors.largest()
+        met = "no marker" if rms is None else f"RMS {1e3 * rms:.1f} mm"
+        if largest is not None:
+            met += f", largest {1e3 * largest[0]:.0f} mm ({largest[1]})"
+        rows = [
+            ("time", describe_time(len(time), frame_rate(self.basis), float(np.ptp(time)) if len(time) else 0.0)),
+            ("coordinates", f"{len(self.coordinates)}: {shorten(self.coordinates)}"),
+            ("markers", f"{len(self.errors.labels)}, distance {met}"),
+            ("bandwidth", f"{self.cutoff_hz:.1f} Hz (-3 dB)"),
+        ]
+        if not self.converged:
+            rows.append(("converged", "no"))
+        if self.guessed:
+            rows.append(("from the prior", shorten(self.guessed)))
+        return f"Motion of {self.name}", rows[:5]
+
+    @property
+    def cutoff_hz(self) -> float:
+        """Hz at which 71 % (-3 dB) of an oscillation is in the motion."""
+        return cutoff(self.time, self.basis.nodes) if self.smoothed_hz is None else HALF_POWER * self.smoothed_hz
+
+    @property
+    def time(self) -> Array:
+        """(nf,) s."""
+        return self.basis.time
+
+    @property
+    def q(self) -> Array:
+        """(nf, nq) coordinates, m and rad."""
+        return self.basis.evaluate(self.coefficients)
+
+    @property
+    def velocity(self) -> Array:
+        """(nf, nq) m/s, rad/s."""
+        return self.basis.evaluate(self.coefficients, 1)
+
+    @property
+    def acceleration(self) -> Array:
+        """(nf, nq) m/s^2, rad/s^2."""
+        return self.basis.evaluate(self.coefficients, 2)
+
+
+def motion_of(problem: MotionProblem, parameters: Parameters, coefficients: Array, *, converged: bool = True) -> Motion:
+    """The motion that `coefficients` describe, with the errors of every marker."""
+    positions = problem.positions(coefficients, problem.body(parameters))
+    distance = np.linalg.norm(positions - problem.data.measured, axis=1).T
+    return Motion(
+        name=problem.name,
+        coordinates=problem.chain.coordinates,
+        basis=problem.basis,
+        coefficients=coefficients,
+        errors=_errors(problem, distance),
+        converged=converged,
+        smoothed_hz=problem.smoothing.cutoff_hz if problem.smoothing else None,
+        guessed=problem.guessed,
+    )
+
+
+def tracked_motion(problem: MotionProblem, parameters: Parameters, settings: DescentSettings | None = None) -> Motion:
+    """The motion that meets the markers of a trial best, sought from rigid fits."""
+    body = problem.body(parameters)
+    start = starting_nodes(body, problem.data, problem.basis)
+    tracked = track_nodes(problem, body, start, settings)
+    again = problem.followed(tracked.x)
+    if again is not problem:  # what an undetermined trunk does hangs on the pelvis, which is known now
+        tracked = track_nodes(again, body, tracked.x, settings)
+    return motion_of(problem, parameters, tracked.x, converged=tracked.converged)
+
+
+def rigid_floor(problem: MotionProblem) -> MarkerErrors:
+    """Errors when each segment follows its own markers, with no joints: no linkage of these segments can do better."""
+    data = problem.data
+    distance = np.full((data.weight.shape[1], len(problem.labels)), np.nan)
+    for s in np.unique(data.segment).tolist():
+        of = np.flatnonzero(data.segment == s)
+        local = data.local[of] if data.shift is None else data.local[of, :, None] + data.shift[of]
+        distance[:, of] = rigid_distances(local, data.measured[of], data.weight[of]).T
+    return _errors(problem, distance)
+
+
+def _errors(problem: MotionProblem, distance: Array) -> MarkerErrors:
+    data = problem.data
+    unseen = ~data.measured.any(axis=1).T
+    segments = tuple(problem.chain.segments[s] for s in data.segment)
+    return MarkerErrors(problem.labels, segments, data.weight.max(axis=1), np.where(unseen, np.nan, distance))
+
+
+@with_one_blas_thread
+def track(model: SubjectModel, recording: Recording, *, rule: NodeRule | None = None) -> Motion:
+    """Track the markers of a recording with a person's model: 27 quintic splines that bring the model's markers
+    nearest to the measured ones, over all frames at once.
+
+    Parameters
+    ----------
+    model : the person's model, nominal or calibrated.
+    recording : markers in m, y up; gaps are NaN and get no weight.
+    rule : number of spline nodes; 20 spans a second unless given (`NODES_PER_SECOND`).
+
+    Raises
+    ------
+    InputError
+        Too few markers of a segment are seen, or the recording is too short for its nodes.
+    """
+    problem = trial_problem(recording.source, model, recording, rule or NodeRule())
+    return tracked_motion(problem, model.parameters)
+
+
+HUBER = 1.7
+CAUCHY = 2.8
+MAD = 1.4826
+LEAST_SCALE = 0.0005  # m: residuals of half a millimetre are measurement noise, however well the rest fits
+SETTLED = 0.02  # largest change of a factor at which the iteration ends
+MOST_ROUNDS = 30
+FIRST_ROUNDS = 4  # of Huber's loss before Cauchy's
+OUTLIER = 0.25
+"""A sample whose factor is below this was all but left out: sqrt(3) c scales away for Cauchy, 4 k for Huber."""
+
+
+class Loss(Enum):
+    """How residuals count."""
+
+    HUBER = "huber"
+    CAUCHY = "cauchy"
+
+    def factor(self, u: Array) -> Array:
+        """f(u) in (0, 1]: what a sample `u` scales away keeps of its weight."""
+        if self is Loss.HUBER:
+            return np.minimum(1.0, HUBER / np.maximum(u, 1e-300))
+        return 1.0 / (1.0 + (u / CAUCHY) ** 2)
+
+
+@dataclass(frozen=True, kw_only=True)
+class RobustTracking:
+    """Where the iteration ended."""
+
+    problem: MotionProblem  # with the weights w f(u)
+    factor: Array  # (nm, nf) f(u); 1 where a marker was not seen or has no weight
+    scale: float  # m, s
+    tracked: Descent[Evaluation, BandFactor]
+
+    @property
+    def outliers(self) -> BoolArray:
+        """(nm, nf) samples all but left out."""
+        return np.less(self.factor, OUTLIER)
+
+
+def residual_scale(standardised: Array) -> float:
+    """m, s from residual coordinates sqrt(w) r (n, 3) of the samples with weight."""
+    if not len(standardised):
+        return LEAST_SCALE
+    return max(MAD * float(np.median(np.abs(standardised))), LEAST_SCALE)
+
+
+def robust_tracking(
+    problem: MotionProblem, parameters: Parameters, loss: Loss, factor: Array | None = None
+) -> RobustTracking:
+    """Track one trial from rigid fits under a robust loss; its own weights are those that the marker set gives.
+
+    `factor` (nm, nf): where the weights start, if something like them is known already.
+    """
+    body, weight = problem.body(parameters), problem.data.weight
+    used, begun = weight > 0, 0 if factor is None else FIRST_ROUNDS
+    present = np.ones_like(weight) if factor is None else factor
+    weighted = problem.with_weight(weight * present)
+    coefficients = starting_nodes(body, weighted.data, problem.basis)
+    tracked = track_nodes(weighted, body, coefficients)
+    scale, settled, count = LEAST_SCALE, False, 0
+    while count < MOST_ROUNDS and not settled:
+        shape = Loss.HUBER if begun + count < FIRST_ROUNDS else loss
+        residual = problem.positions(tracked.x, body) - problem.data.measured
+        standardised = np.sqrt(weight)[:, None] * residual
+        scale = residual_scale(standardised.transpose(0, 2, 1)[used])
+        changed = np.where(used, shape.factor(np.linalg.norm(standardised, axis=1) / scale), 1.0)
+        settled = shape is loss and float(np.abs(changed - present).max(initial=0.0)) < SETTLED
+        present = changed
+        weighted = problem.with_weight(weight * present)
+        tracked = track_nodes(weighted, body, tracked.x)
+        count += 1
+    return RobustTracking(problem=weighted, factor=present, scale=scale, tracked=tracked)

@@ -1,0 +1,178 @@
+"""Each segment alone: the rigid motion that fits its markers best, frame by frame.
+
+With weights w_m, model positions l_m and measured x_m about their weighted means, the best rotation maximises
+trace(R^T B),  B = sum_m w_m x_m l_m^T  (Wahba 1965). Markley's closed form (FOAM, J. Astronautical Sciences 41, 1993)
+needs no singular value decomposition and works for markers in a plane, as three always are:
+
+    R = [ (k + |B|^2) B + s adj(B)^T - B B^T B ] / (k s - det B),   k = (s^2 - |B|^2) / 2,
+
+s the largest root of (s^2 - |B|^2)^2 - 8 s det B - 4 |adj B|^2, by Newton from above. What then remains is the
+rigid-segment floor: no linkage of these segments can fit better. Arrays have the frame index last.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from gaitcal.arrays import Array, BoolArray
+from gaitcal.io.recording import Recording, seen_mask
+from gaitcal.model.segment_frames import nearest_rotation
+from gaitcal.model.subject_model import MarkerPlacement
+from gaitcal.tracking.marker_residual import MarkerData
+
+COLLINEAR = 1e-3
+"""Ratio of the second to the first singular value of B below which the turn about the markers' line is unknown."""
+MOST_STEPS = 60
+FEWEST_MARKERS = 3  # that tell where a segment is and how it is turned
+
+
+@dataclass(frozen=True)
+class RigidFit:
+    """Rigid motion of one segment."""
+
+    rotation: Array  # (nf, 3, 3) segment to laboratory
+    origin: Array  # (nf, 3) m, of the segment frame
+    determined: BoolArray  # (nf,) whether at least three markers that are not on one line were seen
+
+
+def rigid_fit(local: Array, measured: Array, weight: Array) -> RigidFit:
+    """Fit local positions (nm, 3) to measured ones (nm, 3, nf) with weights (nm, nf)."""
+    spread, x_mean, l_mean = _moments(local, measured, weight)
+    rotation, two_dimensional = best_rotation(spread)
+    determined = ((weight > 0).sum(axis=0) >= FEWEST_MARKERS) & two_dimensional
+    origin = x_mean - np.einsum("ijf,jf->if", rotation, l_mean)
+    return RigidFit(np.ascontiguousarray(rotation.transpose(2, 0, 1)), origin.T.copy(), determined)
+
+
+def segment_fit(markers: MarkerPlacement, segment: str, recording: Recording) -> RigidFit | None:
+    """Of the markers on a segment that a recording names; None of fewer than three, or where none of it shows its turn.
+
+    Every marker counts as much.
+    """
+    column = {label: i for i, label in enumerate(recording.labels)}
+    on = markers.on(segment, column)
+    if len(on) < FEWEST_MARKERS:
+        return None
+    measured = recording.markers[:, [column[markers.labels[i]] for i in on]]
+    seen = seen_mask(measured)
+    placed = np.where(seen[:, :, None], measured, 0.0).transpose(1, 2, 0)
+    fit = rigid_fit(markers.local[on], placed, seen.T.astype(float))
+    return fit if fit.determined.any() else None
+
+
+class SegmentMoments:
+    """First and second moments of every segment's markers together: fits of all segments at once."""
+
+    def __init__(self, data: MarkerData) -> None:
+        nf = data.measured.shape[-1]
+        pull = data.weight[:, None] * data.measured
+        groups = data.placed.groups
+        self._place = {s: k for k, (s, _) in enumerate(groups)}
+        self._seen = np.array([(data.weight[markers] > 0).sum(axis=0) for _, markers in groups])
+        self._local = data.moments
+        self._mixed = np.empty((len(groups), 4, 3, nf))  # sum of w [l; 1]_j x
+        for k, (_, markers) in enumerate(groups):
+            flat = pull[markers].reshape(-1, 3 * nf)
+            np.matmul(data.placed.extended[markers].T, flat, out=self._mixed[k].reshape(4, 3 * nf))
+            if data.shift is not None:
+                self._mixed[k, :3] += np.einsum("mjf,mif->jif", data.shift[markers], pull[markers])
+
+    def fits(self) -> dict[int, RigidFit]:
+        """Rigid fits of the segments that carry markers."""
+        n, nf = len(self._place), self._mixed.shape[-1]
+        total = np.broadcast_to(self._local[:, 3, 3], (n, nf))
+        safe = np.where(total > 0, total, 1.0)
+        x_mean, l_mean = self._mixed[:, 3] / safe[:, None], self._local[:, 3, :3] / safe[:, None]
+        spread = self._mixed[:, :3] - l_mean[:, :, None] * self._mixed[:, 3, None]
+        rotation, two_dimensional = best_rotation(spread.transpose(2, 1, 0, 3).reshape(3, 3, n * nf))
+        rotation = rotation.reshape(3, 3, n, nf)
+        determined = (self._seen >= FEWEST_MARKERS) & two_dimensional.reshape(n, nf)
+        origin = x_mean - np.einsum("ijsf,sjf->sif", rotation, l_mean)
+        by_frame = np.ascontiguousarray(rotation.transpose(2, 3, 0, 1))
+        return {s: RigidFit(by_frame[k], origin[k].T, determined[k]) for s, k in self._place.items()}
+
+    def about(self, segment: int, centre: Array, local_centre: Array) -> tuple[Array, BoolArray]:
+        """(nf, 3, 3) sum of w (x - c) (l - l_c)^T about known centres (nf, 3) and (3,), and (nf,) whether it
+        determines a rotation.
+        """
+        k = self._place[segment]
+        mixed, local = self._mixed[k], self._local[k]
+        arm = local[:3, 3] - local_centre[:, None] * local[3, 3]  # (3, nf) sum of w (l - l_c)
+        spread = mixed[:3] - local_centre[:, None, None] * mixed[3] - arm[:, None] * centre.T
+        scale, minors = (spread * spread).sum(axis=(0, 1)), _row_products(spread)
+        two_dimensional = np.sqrt((minors * minors).sum(axis=(0, 1))) > COLLINEAR * scale
+        return spread.transpose(2, 1, 0), (scale > 0) & two_dimensional
+
+
+def rigid_distances(local: Array, measured: Array, weight: Array) -> Array:
+    """(nm, nf) m, distances that remain when the segment follows its markers; NaN where the weight is zero.
+
+    `local`: (nm, 3) m, or (nm, 3, nf) where they move in the segment.
+    """
+    spread, x_mean, l_mean = _moments(local, measured, weight)
+    rotation, determined = best_rotation(spread)
+    if not determined.all():  # one or two markers, or all on a line: any of the best rotations will do
+        any_best = nearest_rotation(spread[:, :, ~determined].transpose(2, 0, 1))
+        rotation[:, :, ~determined] = any_best.transpose(1, 2, 0)
+    by_frame = local.reshape(*local.shape[:2], -1)
+    model = np.einsum("ijf,mjf->mif", rotation, by_frame - l_mean) + x_mean
+    distance: Array = np.linalg.norm(model - measured, axis=1)
+    distance[weight <= 0] = np.nan
+    return distance
+
+
+def _moments(local: Array, measured: Array, weight: Array) -> tuple[Array, Array, Array]:
+    """B (3, 3, nf), and the weighted means of measured positions and of local ones, (nm, 3) or (nm, 3, nf): (3, nf)."""
+    total = weight.sum(axis=0)
+    safe = np.where(total > 0, total, 1.0)
+    x_mean = np.einsum("mf,mif->if", weight, measured) / safe
+    pull = weight[:, None] * (measured - x_mean)
+    if local.ndim == 2:
+        return np.einsum("mif,mj->ijf", pull, local), x_mean, (local.T @ weight) / safe
+    l_mean = np.einsum("mf,mjf->jf", weight, local) / safe
+    return np.einsum("mif,mjf->ijf", pull, local), x_mean, l_mean
+
+
+def best_rotation(b: Array) -> tuple[Array, BoolArray]:
+    """(3, 3, nf) rotations nearest to matrices (3, 3, nf), and (nf,) whether each is determined.
+
+    Undetermined rotations are identities.
+    """
+    scale = np.sqrt((b * b).sum(axis=(0, 1)))
+    safe = np.where(scale > 0, scale, 1.0)
+    b = b / safe
+    adjugate = _row_products(b)
+    determinant = (b[0] * adjugate[0]).sum(axis=0)
+    square = (adjugate * adjugate).sum(axis=(0, 1))
+    determined = (scale > 0) & (np.sqrt(square) > COLLINEAR)
+    # the largest root s of (s^2 - 1)^2 - 8 s det - 4 |adj|^2, for |B| = 1 at most sqrt(3): Newton falls onto it. Only
+    # where a rotation is determined, as others have a double root, which takes Newton long
+    s = np.full_like(determinant, np.sqrt(3.0))
+    for _ in range(MOST_STEPS):
+        gap = s * s - 1.0
+        slope = 4.0 * s * gap - 8.0 * determinant
+        step = (gap * gap - 8.0 * s * determinant - 4.0 * square) / np.where(np.abs(slope) > 1e-14, slope, 1.0)
+        s = s - step
+        if np.abs(step[determined]).max(initial=0.0) < 1e-15:
+            break
+    k = 0.5 * (s * s - 1.0)
+    bbb = np.einsum("ikf,klf->ilf", np.einsum("ijf,kjf->ikf", b, b), b)
+    numerator = (k + 1.0) * b + s * adjugate - bbb
+    denominator = k * s - determinant
+    determined &= denominator > 1e-12
+    rotation = np.where(determined, numerator / np.where(determined, denominator, 1.0), np.eye(3)[:, :, None])
+    # one step towards the nearest rotation, R (3 - R^T R) / 2, squares the rounding error
+    gram = np.einsum("kif,kjf->ijf", rotation, rotation)
+    return 1.5 * rotation - 0.5 * np.einsum("ikf,kjf->ijf", rotation, gram), determined
+
+
+def _row_products(b: Array) -> Array:
+    """(3, 3, nf) adj(B)^T: its rows are the cross products of the rows of B."""
+    out = np.empty_like(b)
+    for i in range(3):
+        first, second = b[(i + 1) % 3], b[(i + 2) % 3]
+        for j in range(3):
+            k, m = (j + 1) % 3, (j + 2) % 3
+            np.multiply(first[k], second[m], out=out[i, j])
+            out[i, j] -= first[m] * second[k]
+    return out

@@ -1,0 +1,24 @@
+"""What is said against a finished calibration: when, with which numbers, and with which cure."""
+
+from dataclasses import replace
+
+from gaitcal.analysis.fit_findings import disagreements, unfinished
+from gaitcal.analysis.result import Calibration
+from gaitcal.errors import Severity
+from tests.fake_result import with_phase
+
+
+def test_a_trial_that_is_met_worse_is_told(whole: Calibration) -> None:
+    knee = whole.trial("knee")
+    errors = replace(knee.final.errors, distance=3.0 * knee.final.errors.distance)
+    worse = replace(knee, final=replace(knee.final, errors=errors))
+    assert list(disagreements([knee])) == []
+    (told,) = disagreements([worse])
+    assert (told.where, told.severity) == ("knee", Severity.WARNING)
+    assert told.cause == "the trials disagree about the joints"
+
+
+def test_a_fit_that_stopped_early_is_told(whole: Calibration) -> None:
+    assert list(unfinished(whole.phases)) == []
+    told = list(unfinished(with_phase(whole, converged=False).phases))
+    assert [f.cause for f in told] == [f"the fit of {phase.name} did not converge" for phase in whole.phases]

@@ -1,0 +1,60 @@
+"""OpenSim's own motion and moments with a model, beside ours."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from gaitcal.export.opensim.motion_comparison import BothCurves, _explained, compare_motion
+from gaitcal.export.opensim.osim_correspondence import leg_joints
+from gaitcal.export.opensim.osim_reader import read_osim
+from gaitcal.model.linkage import is_translation
+from gaitcal.results.opensim_motions import our_trials
+from gaitcal.results.saved_result import load_result_model
+from tests.kept import kept_result
+
+SAME_DEG, SAME_NM, MISSED = 0.05, 0.5, 5e-5
+"""deg and N·m RMS, m: markers without noise; what the solver's accuracy leaves, and a prior of soft tissue, which is
+never quite absent."""
+
+
+@pytest.mark.slow
+@pytest.mark.peers
+def test_our_own_model_moves_and_pulls_as_ours(
+    kept: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
+    pytest.importorskip("opensim")
+    monkeypatch.chdir(tmp_path)
+    result = kept_result(kept) / "result"
+    trials = [t for t in our_trials(result) if t.torques is not None]
+    for k, trial in enumerate(trials):
+        seen = trial.markers.markers.copy()
+        seen[3:6, -1] = np.nan  # the last of a row
+        trials[k] = replace(trial, markers=replace(trial.markers, markers=seen))
+    found = compare_motion(load_result_model(result)[0], result / "model.osim", trials)
+    assert "MODEL" not in capfd.readouterr().out, "OpenSim's tools print what a model holds"
+    assert not list(tmp_path.iterdir()), "its log"
+    curves = {(c.coordinate, c.unit): c for c in found.curves}
+    for joint in ("hip_flexion", "hip_adduction", "knee_angle", "ankle_angle"):
+        for side in "rl":
+            angle, moment = (curves[f"{joint}_{side}", unit] for unit in ("deg", "N·m"))
+            assert max(abs(angle.offset), angle.rest) < SAME_DEG, angle
+            assert max(abs(moment.offset), moment.rest) < SAME_NM < np.ptp(moment.ours), moment
+    assert not any(is_translation(name) for name, _ in curves)
+    assert max(found.missed) < MISSED and not found.notes
+
+
+def test_what_is_another_zero_or_a_knee_that_rolls_is_said(data_dir: Path) -> None:
+    peer = read_osim(data_dir / "subject01/reference/subject01_simbody.osim")
+    knee = np.linspace(0.0, 90.0, 50)
+    curve = BothCurves(coordinate="knee_angle_r", unit="deg", ours=knee, theirs=knee + 6.0 + 0.1 * np.sin(knee))
+    assert curve.offset == pytest.approx(6.0, abs=0.05) and 0.0 < curve.rest < 0.1 and curve.correlation > 0.99
+    rolls, zero = _explained(peer, leg_joints(peer), [curve])
+    assert rolls.startswith("knee_r rolls: over these angles its centre leaves the hinge nearest to it by up to")
+    assert zero == "knee_angle_r: mostly a constant, +6.0 deg: its zero is another one in their model"
+    locked = replace(curve, coordinate="subtalar_angle_r", theirs=np.zeros(50))
+    assert [*_explained(peer, leg_joints(peer), [locked])][-1].startswith("subtalar_angle_r: locked in their model")
+    assert np.isnan(locked.correlation)

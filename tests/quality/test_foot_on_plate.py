@@ -1,0 +1,297 @@
+"""Centres of pressure outside of the feet: accused where they are, by frame, and nowhere else."""
+
+from collections.abc import Callable
+from dataclasses import replace
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from gaitcal.dynamics.off_sole import DIVIDED, EQUAL_M, sole_edge
+from gaitcal.errors import Code, Finding, Severity
+from gaitcal.io.force_plate import plate_from_moment, resample_wrench
+from gaitcal.io.formats import read_recording
+from gaitcal.io.recording import ForcePlate, Recording
+from gaitcal.model.marker_set import load_marker_set
+from gaitcal.model.subject_model import Subject
+from gaitcal.preprocess.trial_evidence import MarkerEvidence
+from gaitcal.quality.foot_on_plate import PLATES_ELSEWHERE, Feet, contacts, outside_sole
+from gaitcal.study.settings import CalibrationSettings
+from gaitcal.study.study import Study
+from gaitcal.study.study_trial import Role, Trial
+from tests.quality import spoilt
+from tests.quality.spoilt import Array, Change, drafted, plates
+
+RECORDINGS = Path(__file__).parent / "recordings"
+UP = np.array([0.0, 1.0, 0.0])
+HEIGHT = 1.70
+
+
+def evidence(recording: Recording, plates: dict[str, str] | None = None) -> MarkerEvidence:
+    """A walk of the published markers."""
+    trial = Trial(name="walk", role=Role.GAIT, recording=recording, plates=plates or {})
+    subject = Subject("synthetic", 69.4, HEIGHT, "male")
+    return MarkerEvidence.of(trial, load_marker_set("published"), subject, CalibrationSettings(), None)
+
+
+def told(trial: MarkerEvidence) -> list[Finding]:
+    """What is said of centres of pressure, with nothing else found."""
+    return list(outside_sole(trial, ()))
+
+
+def outline(back: float, front: float, left: float, right: float) -> Array:
+    """(4, 3) m, the corners of a plate."""
+    return np.array([[back, 0.0, left], [front, 0.0, left], [front, 0.0, right], [back, 0.0, right]])
+
+
+@cache
+def divided_walk() -> Recording:
+    return read_recording(RECORDINGS / "divided_total.csv", forces=RECORDINGS / "divided_total_forces.csv")
+
+
+@pytest.mark.parametrize("corners", [False, True])
+@pytest.mark.parametrize("named", [False, True])
+def test_a_total_force_divided_between_two_feet_is_told_as_such(named: bool, corners: bool) -> None:
+    """With and without the plates' outlines, and the feet that stand on them."""
+    recording = divided_walk()
+    if corners:
+        own = zip(recording.plates, (0.0, -0.6), strict=True)
+        recording = replace(recording, plates=tuple(replace(p, corners=outline(-0.7, 1.9, z, z + 0.6)) for p, z in own))
+    trial = evidence(recording, {"1": "r", "2": "l"} if named else None)
+    (found,) = told(trial)
+    assert (found.severity, found.leg, found.cause) == (Severity.WARNING, "", f"{DIVIDED} (plates 1 and 2)")
+    assert "0.02-0.10, 0.54-0.62 s: 220 mm (at most 416 mm) outside of the foot" in found.found
+    assert "no torque of either leg counts" in found.cure
+    assert [f for f in contacts(trial) if f.severity is not Severity.INFO] == []
+
+
+@pytest.mark.parametrize("every", [0.5, 1.0])
+def test_a_total_on_both_plates_throughout_is_told_once(every: float) -> None:
+    """Half of it, or all, on each: far from both feet most of the time, which `contacts` does not tell again."""
+    recording = divided_walk()
+    total = np.sum([resample_wrench(p, recording.time) for p in recording.plates], axis=0) * every
+    both = [plate_from_moment(name, recording.time, total[:, :3], total[:, 3:], np.zeros(3), UP, None) for name in "12"]
+    trial = evidence(replace(recording, plates=tuple(both)))
+    (found,) = told(trial)
+    assert found.cause.startswith(DIVIDED) and "0.00-1.03 s" in found.found
+    assert [f for f in contacts(trial) if f.severity is not Severity.INFO and f.topic == "plate to foot"] == []
+
+
+AHEAD = np.array([1.0, 0.0])
+TIME = np.arange(101) / 100.0
+LOADED = slice(20, 81)
+
+
+def standing(toe: Array, other: Array | None = None) -> Recording:
+    """The right foot stands, its toe marker 0.19 m from the heel along `toe`; the left heel at `other`, or swings."""
+    line = 0.19 * toe / np.linalg.norm(toe)
+    markers = np.zeros((len(TIME), 4, 3))
+    markers[:, 1, [0, 2]] = line
+    markers[:, :2, 1] = 0.03
+    markers[:, 2:, [0, 2]] = [np.zeros(2) if other is None else other] + np.array([np.zeros(2), line])
+    markers[:, 2:, 1] = 0.03
+    if other is None:
+        markers[:, 2:] += np.outer(TIME, [1.5, 0.0, 0.0])[:, None] + [0.0, 0.1, -0.2]
+    labels = ("R.Heel", "R.Toe.Tip", "L.Heel", "L.Toe.Tip")
+    return Recording(source="made up", time=TIME, labels=labels, markers=markers, plates=())
+
+
+def pressed(path: Array, load: Array, name: str = "1", corners: Array | None = None) -> ForcePlate:
+    """A plate with the centre of pressure `path` (n, 2) m under loads (n,) N in the loaded frames, and nothing else."""
+    force, point = np.zeros((len(TIME), 3)), np.zeros((len(TIME), 3))
+    force[LOADED, 1] = load
+    point[LOADED, 0], point[LOADED, 2] = path.T
+    return ForcePlate(name=name, time=TIME, force=force, point=point, moment=np.zeros_like(force), corners=corners)
+
+
+def edge_of(recording: Recording, foot: int = 0) -> Array:
+    """(m, 2) m, the edge of a sole of somebody who stands."""
+    feet = Feet(evidence(recording)).points(HEIGHT)
+    return sole_edge(feet, foot, slice(0, 1))[0]
+
+
+ARCH = 60.0 + 640.0 * np.sin(np.linspace(0.0, np.pi, 61))
+"""N: 60 at first, 700 at most, 60 at last."""
+weights = st.lists(st.floats(0.01, 1.0), min_size=12, max_size=12)
+
+
+@settings(max_examples=25)
+@given(weights, weights, st.floats(0.0, 2.0 * np.pi), st.floats(0.0, 2.0 * np.pi))
+def test_inside_the_sole_nobody_is_accused_and_80_mm_off_it_always(
+    first: list[float], last: list[float], turn: float, way: float
+) -> None:
+    recording = standing(np.array([np.cos(turn), np.sin(turn)]))
+    edge = edge_of(recording)
+    ends = [np.array(w) @ edge / np.sum(w) for w in (first, last)]
+    path = ends[0] + np.linspace(0.0, 1.0, 61)[:, None] * (ends[1] - ends[0])
+    assert told(evidence(replace(recording, plates=(pressed(path, ARCH),)))) == []
+
+    out = np.array([np.cos(way), np.sin(way)])
+    path = path + (float((edge @ out).max()) + 0.08 - path @ out)[:, None] * out
+    trial = evidence(replace(recording, plates=(pressed(path, ARCH),)))
+    (found,) = [f for f in (*told(trial), *contacts(trial)) if f.severity is not Severity.INFO]
+    if found.leg:  # otherwise it is so far from both feet that `contacts` says so
+        assert found.cause == "the centre of pressure of plate 1 leaves the right foot"
+        assert "0.20-0.80 s" in found.found and "100 % of the impulse" in found.found
+
+
+@pytest.mark.parametrize(
+    ("way", "words"),
+    [
+        ((1.0, 0.0), "in front of the toes"),
+        ((-1.0, 0.0), "behind the heel"),
+        ((0.0, 1.0), "beside the foot, to its right"),
+        ((0.0, -1.0), "beside the foot, to its left"),
+    ],
+)
+def test_where_it_lies_and_for_how_long(way: tuple[float, float], words: str) -> None:
+    recording = standing(AHEAD)
+    edge = edge_of(recording)
+    path = np.tile(edge.mean(axis=0), (61, 1))
+    path[30:50] = edge[(edge @ way).argmax()] + 0.06 * np.array(way)
+    (found,) = told(evidence(replace(recording, plates=(pressed(path, np.full(61, 600.0)),))))
+    assert f"0.50-0.69 s: 60 mm (at most 60 mm) {words}, in 33 % of the loaded frames" in found.found
+    assert told(evidence(replace(recording, plates=(pressed(path, np.full(61, 600.0)),)), {"1": "none"})) == []
+
+
+def test_noise_of_moments_at_small_loads_accuses_nobody() -> None:
+    """1 N·m of noise moves the centre of 25 N by 40 mm, and that of 600 N by 2 mm."""
+    recording = standing(AHEAD)
+    edge = edge_of(recording)
+    heel, tip = edge[:, 0].min() + 0.01, edge[:, 0].max() - 0.01
+    load = np.interp(np.arange(61), [0, 15, 45, 60], [25.0, 600.0, 600.0, 25.0])
+    for seed in range(20):
+        noise = np.random.default_rng(seed).normal(0.0, 1.0, (61, 2)) / load[:, None]
+        path = np.column_stack([np.linspace(heel, tip, 61), np.zeros(61)]) + noise
+        assert told(evidence(replace(recording, plates=(pressed(path, load),)))) == []
+
+
+def test_both_feet_on_one_plate_press_with_the_ground_between() -> None:
+    """Unless its outline holds one of them alone."""
+    recording = standing(AHEAD, np.array([0.0, -0.25]))
+    between = np.tile([0.08, -0.10], (61, 1))
+    load = np.full(61, 650.0)
+    assert told(evidence(replace(recording, plates=(pressed(between, load),)))) == []
+    alone = pressed(between, load, corners=outline(-0.1, 0.4, -0.12, 0.3))
+    (found,) = told(evidence(replace(recording, plates=(alone,))))
+    assert "beside the foot, to its left" in found.found
+    other = pressed(np.tile([0.08, -0.25], (61, 1)), load, "2")
+    (found,) = told(evidence(replace(recording, plates=(pressed(between, load), other))))
+    assert found.leg == "r", "the left foot has a plate of its own"
+
+
+def test_a_foot_across_two_plates_is_not_divided() -> None:
+    """The centre on either side of the border is near to it, but not the same point."""
+    recording = standing(AHEAD)
+    parts = [np.tile([0.1, z], (61, 1)) for z in (-3.0 * EQUAL_M, 3.0 * EQUAL_M)]
+    two = tuple(pressed(path, np.full(61, 300.0), name) for path, name in zip(parts, "12", strict=True))
+    assert told(evidence(replace(recording, plates=two))) == []
+
+
+@cache
+def real_walks(name: str, data: Path) -> tuple[MarkerEvidence, ...]:
+    """The walks over plates of one folder."""
+    file = data / name / "study.toml"
+    study = Study.load(file) if file.exists() else drafted(data / name)
+    return walks_of(study)
+
+
+def walks_of(study: Study) -> tuple[MarkerEvidence, ...]:
+    walks = [t for t in study.trials if t.role is Role.GAIT and t.recording.plates]
+    return tuple(spoilt.evidence(study, t) for t in walks)
+
+
+@pytest.fixture(scope="module")
+def treadmill(real_study: Callable[[str], Study]) -> MarkerEvidence:
+    (walk,) = walks_of(real_study("subject01"))
+    return walk
+
+
+@pytest.mark.parametrize(
+    "name",
+    ["children/HC002D", "children/HC032A", "labs_c3d/kad", "labs_c3d/multi", "opensim_truth/p01", "opensim_truth/p18"],
+)
+def test_real_people_press_under_their_feet(name: str, data_dir: Path) -> None:
+    """Adults, children, turns, feet across two plates, two feet one after the other on one plate."""
+    walks = real_walks(name, data_dir)
+    assert walks and [f.line for walk in walks for f in told(walk)] == []
+
+
+def with_recording(trial: MarkerEvidence, change: Change) -> MarkerEvidence:
+    return replace(trial, trial=replace(trial.trial, recording=change(trial.recording)))
+
+
+def moved(trial: MarkerEvidence, x: float, z: float, number: int | None = None) -> MarkerEvidence:
+    """Some plates, or all, elsewhere, m."""
+    return with_recording(trial, plates(lambda p: replace(p, point=p.point + [x, 0.0, z]), number))
+
+
+def test_plates_of_a_treadmill_that_lie_elsewhere(treadmill: MarkerEvidence) -> None:
+    assert told(treadmill) == [] == told(moved(treadmill, 0.03, 0.0))
+    (both,) = told(moved(treadmill, -0.12, 0.0))
+    assert both.cause == PLATES_ELSEWHERE and both.found.count("behind the heel") == 2
+    (one,) = told(moved(treadmill, 0.0, 0.08, 1))
+    assert one.leg == "r" and "plate 1, right foot" in one.found and "beside the foot, to its right" in one.found
+
+
+@pytest.mark.parametrize(
+    ("topic", "cause", "legs"),
+    [
+        ("time", "clocks differ", []),
+        ("plates", "plate 2: saturated", ["r"]),
+        ("left its place", "marker '{heel}'", ["l"]),
+    ],
+)
+def test_one_fault_is_told_once(treadmill: MarkerEvidence, topic: str, cause: str, legs: list[str]) -> None:
+    """What another check says already, unless it is a note: clocks, the plate itself, its heel marker."""
+    walk = moved(treadmill, -0.12, 0.0)
+    cause = cause.format(heel=walk.marker_set.landmarks["heel_r"][0])
+    blamed = walk.warning(topic, cause, "", code=Code.CLOCKS_DIFFER)
+    assert [f.leg for f in outside_sole(walk, [blamed])] == legs
+    assert len(list(outside_sole(walk, [replace(blamed, severity=Severity.INFO)]))) == 1
+
+
+def test_a_plate_that_is_loaded_for_a_part_of_a_stance_is_no_matter_of_clocks(sound: Study) -> None:
+    """Loaded 0.3 s after the foot came down, and free before it leaves."""
+
+    def part(p: ForcePlate) -> ForcePlate:
+        loaded = p.time[p.force[:, 1] > 50.0]
+        inside = (p.time > loaded[0] + 0.3) & (p.time < loaded[-1] - 0.05)
+        return replace(p, force=p.force * inside[:, None])
+
+    walk = spoilt.with_trial(sound, "walk", lambda r: replace(r, plates=(part(r.plates[0]),)))
+    found = list(contacts(spoilt.evidence(walk, walk.trials[1])))
+    assert found and Code.CLOCKS_DIFFER not in {f.code for f in found}
+
+
+def test_forces_that_come_late_are_a_matter_of_clocks(data_dir: Path) -> None:
+    """On a floor, where only the ends of a loading leave the foot."""
+    for walk in real_walks("labs_c3d/multi", data_dir):
+        (found,) = told(with_recording(walk, plates(lambda p: replace(p, time=p.time + 0.12))))
+        assert found.cause == "plates are loaded while the foot that stood on them is in the air"
+        assert "clocks" in found.cure
+
+
+@pytest.mark.parametrize(
+    ("corners", "severity", "words"),
+    [
+        (0.0, Severity.WARNING, "though the right foot stands on them (0.00-1.00 s)"),
+        (5.0, Severity.INFO, ""),
+        (None, Severity.WARNING, ""),
+    ],
+    ids=["dead", "missed", "no outline"],
+)
+def test_plates_that_nobody_loads_are_a_fault_only_where_a_foot_stands_on_them(
+    corners: float | None, severity: Severity, words: str
+) -> None:
+    square = None if corners is None else outline(corners - 0.5, corners + 0.5, -0.5, 0.5)
+    plate = pressed(np.zeros((61, 2)), np.zeros(61), corners=square)
+    recording = replace(standing(AHEAD), plates=(plate,))
+    (found,) = contacts(evidence(recording))
+    assert (found.code, found.severity) == (Code.NO_STEP_ON_PLATE, severity)
+    unseen = replace(recording, labels=("R.Heel", "a", "L.Heel", "b"))  # toes that the static trial alone has
+    assert [f.severity for f in contacts(evidence(unseen))] == [Severity.WARNING]
+    assert found.found == "no plate is stepped on: at most 0 N" + (f", {words}" if words else "")

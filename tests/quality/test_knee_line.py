@@ -1,0 +1,84 @@
+"""Epicondyles off their line on both legs, or one, against pelvis, malleoli and the bending of the knees in walks."""
+
+import numpy as np
+import pytest
+
+from gaitcal.errors import Finding, Severity
+from gaitcal.model.body_plan import body_axes
+from gaitcal.quality.knee_axes import ODD_BOTH, OddLine, bending, knee_lines, odd_lines
+from gaitcal.quality.static_landmarks import landmarks
+from gaitcal.quality.study_checks import examined
+from gaitcal.study.study import Study
+from tests.quality.spoilt import Array, findings, moved, with_trial
+
+
+def told(study: Study) -> list[Finding]:
+    return findings(study, cause="on which a knee bends")
+
+
+def seen(study: Study) -> tuple[dict[str, Array], dict[str, float]]:
+    trials = examined(study).trials
+    return landmarks(next(t for t in trials if t.is_static)), bending(trials)
+
+
+def off(study: Study, lateral: float, medial: float, sides: str = "RL") -> Study:
+    """Epicondyles of the static trial moved forward by so many m."""
+    for side in sides:
+        for end, by in (("Lat", lateral), ("Med", medial)):
+            study = with_trial(study, "static", moved(f"{side}.Knee.{end}", lambda x, by=by: x + [by, 0.0, 0.0]))  # type: ignore[misc]
+    return study
+
+
+def test_both_knees_off_are_one_finding_with_degrees_and_markers(sound: Study) -> None:
+    assert told(sound) == [] and told(off(sound, 0.01, 0.0)) == [], "ten millimetres are below the floor"
+    (found,) = told(off(sound, 0.02, -0.02))
+    assert (found.severity, found.topic, found.leg) == (Severity.WARNING, "landmarks", "")
+    assert "both knees" in found.cause and "too far forward" in found.cause
+    for part in ("bend in walks", "ASIS", "malleoli"):
+        assert part in found.found
+    for label in ("R.Knee.Lat", "L.Knee.Med"):
+        assert label in found.cure
+
+
+def test_a_turn_the_other_way_and_of_one_knee(sound: Study) -> None:
+    (back,) = told(off(sound, -0.025, 0.025))
+    assert "too far back" in back.cause
+    left = off(sound, 0.022, -0.022, "L")
+    p, turns = seen(left)
+    (one,) = odd_lines(p, turns)
+    assert one.sides == ("l",) and one.turn == pytest.approx(25.0, abs=8.0)
+    (said,) = knee_lines(examined(left).trials, ())
+    assert said.leg == "l" and "the left knee" in said.cause
+
+
+def turned(p: dict[str, Array], degrees: float, names: tuple[str, ...]) -> dict[str, Array]:
+    """Landmarks of both legs turned about the vertical through their mean, lateral ends forward."""
+    axes = body_axes(p)
+    out = dict(p)
+    for side, way in (("r", 1.0), ("l", -1.0)):
+        own = [f"{name}_{side}" for name in names]
+        centre = np.mean([p[name] for name in own], axis=0)
+        a = way * np.deg2rad(degrees)
+        x, y, z = axes.T
+        for name in own:
+            u, v, w = (p[name] - centre) @ axes
+            out[name] = centre + (u * np.cos(a) + w * np.sin(a)) * x + v * y + (w * np.cos(a) - u * np.sin(a)) * z
+    return out
+
+
+def test_somebody_whose_bones_are_twisted_bends_about_the_epicondyles(sound: Study) -> None:
+    p, turns = seen(sound)
+    twisted = turned(p, 35.0, ("knee_lat", "knee_med"))
+    assert list(odd_lines(twisted, turns)) == []  # the axis of bending went along
+    (found,) = odd_lines(twisted, {side: x + 35.0 for side, x in turns.items()})
+    assert isinstance(found, OddLine) and found.sides == ("r", "l")
+    assert found.turn == pytest.approx(35.0, abs=4.0)
+
+
+def test_without_malleoli_two_witnesses_are_left(sound: Study) -> None:
+    p, turns = seen(off(sound, 0.02, -0.02))
+    some = {name: x for name, x in p.items() if not name.startswith("ankle_med")}
+    (found,) = odd_lines(some, turns)
+    assert set(found.side_evidence) == {"bending", "pelvis"}
+    assert found.baseline > ODD_BOTH * 4.3
+    assert list(odd_lines({n: x for n, x in some.items() if not n.startswith("asis")}, turns)) == []

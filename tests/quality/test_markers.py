@@ -1,0 +1,189 @@
+"""Markers that are metres away, gone for a while, or alone on their segment; gaps accuse nobody of exchanged labels."""
+
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from gaitcal.analysis.prepared_trials import prepare_trial
+from gaitcal.errors import Finding, Severity
+from gaitcal.io.recording import Recording
+from gaitcal.model.linkage import LOWER_BODY
+from gaitcal.model.rebuilt_markers import without_outliers
+from gaitcal.preprocess.swapped_labels import exchanged
+from gaitcal.quality.marker_checks import gaps
+from gaitcal.study.study import Study, cleaned, nominal_of
+from gaitcal.tracking.motion import Motion, tracked_motion
+from gaitcal.tracking.spline import NodeRule
+from gaitcal.tracking.trial_problem import trial_problem
+from tests.quality.spoilt import Change, evidence, findings, gone, moved, put, recording_of, with_trial
+from tests.real_studies import REAL
+
+RealStudies = Callable[[str], Study]
+
+
+def accused(study: Study, seed: int) -> list[Finding]:
+    """Who is said to carry another's label where a fifth of the samples and a tenth of the markers are missing."""
+    rng = np.random.default_rng(seed)
+    model, out = nominal_of(study), []
+    for trial in study.moving[:3]:
+        markers = trial.recording.markers.copy()
+        markers[rng.random(markers.shape[:2]) < 0.2] = np.nan
+        markers[:, rng.random(markers.shape[1]) < 0.1] = np.nan
+        spoilt = replace(trial, recording=replace(trial.recording, markers=markers))
+        out += exchanged(evidence(study, spoilt, model))
+    return out
+
+
+@pytest.mark.parametrize("seed", range(2))
+def test_gaps_accuse_nobody(seed: int, sound: Study) -> None:
+    assert accused(sound, seed) == []
+
+
+@pytest.mark.parametrize("name", ["subject01", "uf3"])
+def test_gaps_of_real_people_accuse_nobody_whatever_the_weights(name: str, real_study: RealStudies) -> None:
+    study = real_study(name)
+    study = replace(study, weights=dict.fromkeys(study.marker_set.tracked, 1.0))
+    for seed in range(3):
+        assert accused(study, seed) == []
+
+
+def test_arms_that_turn_under_their_skin_are_not_accused(real_study: RealStudies) -> None:
+    """In `knee_r` of functional_c3d both elbows' epicondyles lie a right angle from where the static trial has them."""
+    study = real_study("functional_c3d")
+    (trial,) = [t for t in study.trials if t.name == "knee_r"]
+    found = exchanged(evidence(study, trial, nominal_of(study)))
+    assert [f.found for f in found if "LHE" in f.found] == []
+
+
+def without_pelvis(study: Study, lost: Callable[[float, int], bool]) -> Change:
+    """All but two markers of the pelvis unseen where `lost` (s, frame)."""
+
+    def spoil(r: Recording) -> Recording:
+        markers = r.markers.copy()
+        away = np.array([lost(float(t), k) for k, t in enumerate(r.time)])
+        of_pelvis = [i for i, label in enumerate(r.labels) if study.marker_set.segment_of.get(label) == "pelvis"]
+        for i in of_pelvis[2:]:
+            markers[away, i] = np.nan
+        return replace(r, markers=markers)
+
+    return spoil
+
+
+def pelvis_found(study: Study) -> tuple[Finding, ...]:
+    """What is said of the walk's gaps, beside each marker's own."""
+    return tuple(f for f in gaps(evidence(study, study.trials[1], nominal_of(study))) if "pelvis markers" in f.found)
+
+
+def test_single_frames_without_the_pelvis_need_no_cure(sound: Study) -> None:
+    (found,) = pelvis_found(with_trial(sound, "walk", without_pelvis(sound, lambda t, k: k % 12 == 5)))
+    assert found.severity is Severity.INFO and "8 % of the frames" in found.found and not found.cure
+
+
+def test_a_walk_is_cut_to_the_part_that_shows_the_pelvis(sound: Study) -> None:
+    """47 % without three pelvis markers were fitted for minutes, to angles of thousands of degrees."""
+    lost = without_pelvis(sound, lambda t, k: 0.1 < t < 0.34 or t > 0.79 or k % 12 == 5)
+    study = with_trial(sound, "walk", lost)
+    cut, bridged = pelvis_found(study)
+    assert cut.severity is bridged.severity is Severity.INFO
+    assert "cut to 0.34-0.79 s" in cut.found and "0.10-0.34, 0.80-1.03 s" in cut.found
+    walk, whole = recording_of(cleaned(study)), recording_of(study)
+    inside = (whole.time > 0.3375) & (whole.time < 0.7925)
+    np.testing.assert_array_equal(walk.time, whole.time[inside])
+    np.testing.assert_array_equal(walk.markers, whole.markers[inside])
+    assert not cleaned(study).static.cut
+
+
+@pytest.mark.parametrize("name", REAL)
+def test_nothing_of_real_recordings_is_left_out(name: str, real_study: RealStudies) -> None:
+    study = real_study(name)
+    for trial in study.trials:
+        assert without_outliers(trial.recording, study.marker_set.segment_of)[1] == (), trial.name
+
+
+@pytest.mark.parametrize("label", ["L.Heel", "R.Wrist.Lat"])
+def test_a_marker_two_metres_off_is_told_and_left_out_throughout(sound: Study, label: str) -> None:
+    spoilt = with_trial(sound, "walk", moved(label, lambda x: x + [0.0, 2.0, 0.0]))
+    (told,) = findings(spoilt, "strays")
+    assert told.severity is Severity.WARNING
+    assert f"'{label}' is metres away" in told.cause and "208 of 208 frames (0.00-1.03 s)" in told.found
+    fitted = prepare_trial(cleaned(spoilt).trials[1], nominal_of(spoilt), spoilt.settings).recording
+    assert label not in fitted.labels and any(label in note for note in fitted.notes)
+
+
+def test_a_marker_that_flies_off_is_left_out_there_alone(sound: Study) -> None:
+    spoilt = with_trial(sound, "walk", moved("R.Thigh.Front", lambda x: put(x, slice(50, 60), [5.0, 3.0, 0.0])))
+    kept, strays = without_outliers(recording_of(spoilt), spoilt.marker_set.segment_of)
+    gone = ~np.isfinite(kept.markers[:, kept.labels.index("R.Thigh.Front")]).all(axis=1)
+    assert np.flatnonzero(gone).tolist() == list(range(50, 60))
+    assert [(s.label, s.frames) for s in strays] == [("R.Thigh.Front", 10)]
+    assert any("0.25-0.29 s" in f.found for f in findings(spoilt, "strays"))
+
+
+def test_a_tracking_marker_metres_away_in_the_static_trial_is_in_no_model(sound: Study) -> None:
+    spoilt = with_trial(sound, "static", moved("R.Thigh.Front", lambda x: x + [0.0, 0.0, 2.0]))
+    assert "R.Thigh.Front" not in nominal_of(replace(spoilt, weights={"R.Thigh.Front": 0.0})).markers.labels
+    assert any(f.where == "static" for f in findings(spoilt, "strays"))
+
+
+CLOSE_DEG = 6.0
+"""RMS between hip, knee and ankle angles with and without the second markers of thighs and shanks: at most 3.6."""
+
+
+@pytest.fixture(scope="module")
+def pig(real_study: RealStudies) -> Study:
+    return real_study("pig_c3d")
+
+
+def renamed(study: Study, names: Mapping[str, str], trials: tuple[str, ...] = ("gait",)) -> Study:
+    for trial in trials:
+        study = with_trial(study, trial, lambda r: replace(r, labels=tuple(names.get(x, x) for x in r.labels)))
+    return study
+
+
+def of_one_marker(study: Study) -> list[Finding]:
+    return findings(study, "one marker")
+
+
+def test_wands_that_the_set_does_not_know_are_named_and_the_joints_tell_the_rest(pig: Study) -> None:
+    thigh, shank = of_one_marker(renamed(pig, {"RTHI": "WandA", "RTIB": "WandB"}, ("static", "gait")))
+    for found, wand, other in ((thigh, "WandA", "WandB"), (shank, "WandB", "WandA")):
+        assert (found.severity, found.leg) == (Severity.WARNING, "r")
+        assert f"'{wand}'" in found.cure and f"'{other}'" not in found.cure
+    assert "('RKNE')" in thigh.found
+
+
+def test_a_foot_without_its_toe_is_refused_with_the_angles_that_nobody_knows(pig: Study) -> None:
+    (found,) = of_one_marker(renamed(pig, {"RTOE": "Unknown"}))
+    assert found.severity is Severity.ERROR
+    assert "subtalar_angle_r" in found.found  # the heel and the posture tell the ankle's
+    assert "'Unknown'" in found.cure
+
+
+def test_one_marker_on_each_segment_of_a_leg_is_refused(pig: Study) -> None:
+    found = of_one_marker(renamed(pig, {"LTHI": "A", "LTIB": "B", "LHEE": "C"}))
+    assert [(f.severity, f.leg) for f in found] == [(Severity.ERROR, "l")] * 3
+
+
+def test_a_while_with_one_marker_is_a_note_with_its_seconds(pig: Study) -> None:
+    (found,) = of_one_marker(with_trial(pig, "gait", gone(slice(100, 140), "RTHI")))
+    start = recording_of(pig, "gait").time[100]
+    assert found.severity is Severity.INFO
+    assert f"thigh_r shows fewer than two markers with weight in {start:.2f}" in found.found
+
+
+def tracked(study: Study) -> Motion:
+    model, recording = nominal_of(study), study.trials[1].recording
+    problem = trial_problem("gait", model, recording, NodeRule(), root="pelvis", segments=LOWER_BODY)
+    return tracked_motion(problem, model.parameters)
+
+
+def test_the_posture_found_is_that_of_all_markers(pig: Study) -> None:
+    """Started with the thigh straight below the pelvis, both legs fell into another posture 33 to 56 deg away."""
+    whole = tracked(pig)
+    reduced = tracked(renamed(pig, {f"{s}{m}": f"{s}{m}x" for s in "RL" for m in ("THI", "TIB")}))
+    away = np.degrees(np.sqrt(np.mean((whole.q - reduced.q) ** 2, axis=0)))
+    judged = {n: a for n, a in zip(whole.coordinates, away, strict=True) if n.startswith(("hip", "knee", "ankle"))}
+    assert reduced.converged
+    assert max(judged.values()) < CLOSE_DEG, judged
