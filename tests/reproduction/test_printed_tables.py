@@ -74,7 +74,7 @@ from gaitcal.reproduction.reproduce import (
     write_tables,
 )
 from gaitcal.reproduction.reproduce import reproduce as run
-from tests.published.conftest import FEW_SEEDS
+from tests.reproduction.conftest import FEW_SEEDS
 from tests.refusal import refusal
 
 TINY = ReproductionSettings(noise_seeds=2, random_seeds=FEW_SEEDS, draws=1, jobs=1)
