@@ -1,4 +1,5 @@
-"""gaitcal: fits a full-body linkage model to one person's motion capture and says how far to trust the result.
+"""gaitcal: fits a full-body linkage model to one person's motion capture and says how far to trust
+the result.
 
     import gaitcal as gc
 
@@ -14,13 +15,14 @@
     gc.write_results(calibration, "result")
     motion = gc.track(calibration.model, gc.read_recording("walk2.c3d"))
 
-Units are m, kg, s, N, N·m and rad throughout; axes x forward, y up, z to the right, in every segment and in the
-laboratory. Arrays over frames have the frame first. `COORDINATES` names the 27 columns of every array of coordinates,
-velocities, accelerations and generalised forces: three pelvis translations (m, N), then rotations (rad, N·m).
-Faults of the input are an `InputError` of one line.
+Units are m, kg, s, N, N·m and rad throughout; axes x forward, y up, z to the right, in every
+segment and in the laboratory. Arrays over frames have the frame first. `COORDINATES` names the 27
+columns of every array of coordinates, velocities, accelerations and generalised forces: three
+pelvis translations (m, N), then rotations (rad, N·m). Faults of the input are an `InputError` of
+one line.
 
-Names are loaded when they are first used, so that `import gaitcal` is quick; `__init__.pyi` beside this file says where
-each of them lives.
+Names are loaded when they are first used, so that `import gaitcal` is quick; `__init__.pyi` beside
+this file says where each of them lives.
 """
 
 import lazy_loader

@@ -1,4 +1,6 @@
-"""The arrays of this project, by what they hold. Shapes and units stand beside each field and in each docstring."""
+"""The arrays of this project, by what they hold. Shapes and units stand beside each field and in
+each docstring.
+"""
 
 from itertools import pairwise
 
@@ -14,7 +16,9 @@ IntArray = NDArray[np.intp]
 
 
 def cross(a: Array, b: Array) -> Array:
-    """(..., 3) a x b of vectors (..., 3): what `np.cross` gives, which on few vectors is busy with the axes' order."""
+    """(..., 3) a x b of vectors (..., 3): what `np.cross` gives, which on few vectors is busy with
+    the axes' order.
+    """
     out = np.empty(np.broadcast_shapes(a.shape, b.shape))
     for i in range(3):
         j, k = (i + 1) % 3, (i + 2) % 3
@@ -26,4 +30,7 @@ def cross(a: Array, b: Array) -> Array:
 def stretches(count: int, most: int) -> list[slice]:
     """`count` frames in stretches of nearly the same length, the fewest of at most `most` frames."""
     parts = -(-count // most)
-    return [slice(start, stop) for start, stop in pairwise(count * k // max(parts, 1) for k in range(parts + 1))]
+    return [
+        slice(start, stop)
+        for start, stop in pairwise(count * k // max(parts, 1) for k in range(parts + 1))
+    ]

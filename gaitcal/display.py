@@ -23,7 +23,9 @@ class Displayed:
     def _repr_html_(self) -> str:
         """Show the description as a table."""
         title, rows = self._description()
-        cells = "".join(f"<tr><th>{escape(label)}</th><td>{escape(value)}</td></tr>" for label, value in rows)
+        cells = "".join(
+            f"<tr><th>{escape(label)}</th><td>{escape(value)}</td></tr>" for label, value in rows
+        )
         return f"<table><caption>{escape(title)}</caption>{cells}</table>"
 
 
@@ -35,4 +37,8 @@ def shorten(names: Sequence[str], most: int = 6) -> str:
 
 def describe_time(frames: int, rate: float, duration: float) -> str:
     """Describe a recording's extent: frames, frames per second and seconds."""
-    return f"{frames} frames, {rate:.4g} Hz, {duration:.2f} s" if frames > 1 else f"{frames} frame{'s' * (frames != 1)}"
+    return (
+        f"{frames} frames, {rate:.4g} Hz, {duration:.2f} s"
+        if frames > 1
+        else f"{frames} frame{'s' * (frames != 1)}"
+    )

@@ -1,8 +1,9 @@
-"""What can be wrong with data and results: one code a kind, the error that refuses, the finding that tells.
+"""What can be wrong with data and results: one code a kind, the error that refuses, the finding
+that tells.
 
-`gaitcal explain GC-020` prints the page of a code. GC-0..: what the checks find in recordings. GC-1..: what a result
-tells of itself. GC-2..: what stops a command. A code is never used for another kind, nor taken away and given again:
-papers, notes and scripts name them.
+`gaitcal explain GC-020` prints the page of a code. GC-0..: what the checks find in recordings.
+GC-1..: what a result tells of itself. GC-2..: what stops a command. A code is never used for
+another kind, nor taken away and given again: papers, notes and scripts name them.
 """
 
 import difflib
@@ -183,7 +184,9 @@ class Code(Enum):
 
 
 class GaitcalError(Exception):
-    """Root of every error that gaitcal raises on purpose. `exit_code` is what the command line returns."""
+    """Root of every error that gaitcal raises on purpose. `exit_code` is what the command line
+    returns.
+    """
 
     exit_code = 1
     """1: the input is at fault."""
@@ -198,7 +201,12 @@ class InputError(GaitcalError):
     """Unless whoever raises it says a nearer one."""
 
     def __init__(
-        self, message: str, *, source: object = None, field: str | None = None, code: Code | None = None
+        self,
+        message: str,
+        *,
+        source: object = None,
+        field: str | None = None,
+        code: Code | None = None,
     ) -> None:
         self.code = code or type(self).code
         where = ": ".join(str(part) for part in (source, field) if part is not None)
@@ -207,7 +215,9 @@ class InputError(GaitcalError):
 
 
 class UsageError(InputError):
-    """An option of the command line is at fault. The message is one line: option, what was found, what is allowed."""
+    """An option of the command line is at fault. The message is one line: option, what was found,
+    what is allowed.
+    """
 
     code = Code.OPTION
     exit_code = 2  # 2: usage, as for options that the command line's own parser refuses
@@ -227,8 +237,8 @@ _SIDE = re.compile(
     r"(?<=[a-z0-9])([RL])$|"
     r"^([rl])(?=[A-Z])|^(Right|Left)(?=[A-Z_.])"
 )
-"""Where a label names its side: right or left as a word; R or L alone between separators, or before a capital, or last
-after a small letter or digit."""
+"""Where a label names its side: right or left as a word; R or L alone between separators, or before
+a capital, or last after a small letter or digit."""
 
 
 def side_named(label: str) -> str:
@@ -240,13 +250,17 @@ def side_named(label: str) -> str:
 def alike(name: str, allowed: Iterable[str]) -> list[str]:
     """The one of `allowed` that `name` may be a misspelling of; never one of the other side.
 
-    Names that differ by capitals, blanks, dots, dashes and underscores alone come first: `l_asis` for `L.ASIS`.
+    Names that differ by capitals, blanks, dots, dashes and underscores alone come first: `l_asis`
+    for `L.ASIS`.
     """
     side = side_named(name)
     there = [other for other in allowed if not side or side_named(other) in ("", side)]
     there = [other for other in there if not other_side(name, other)]
     same = [other for other in there if other != name and _plain(other) == _plain(name)]
-    return [*same, *(m for m in difflib.get_close_matches(name, there, n=1, cutoff=0.6) if m not in same)][:1]
+    return [
+        *same,
+        *(m for m in difflib.get_close_matches(name, there, n=1, cutoff=0.6) if m not in same),
+    ][:1]
 
 
 def _plain(name: str) -> str:
@@ -264,7 +278,9 @@ def other_side(name: str, other: str) -> bool:
 
 
 def nearest(name: str, allowed: Iterable[str]) -> str:
-    """`; did you mean 'X'?`, or the empty string where nothing is close. For the end of an error message."""
+    """`; did you mean 'X'?`, or the empty string where nothing is close. For the end of an error
+    message.
+    """
     return "".join(f"; did you mean '{close}'?" for close in alike(name, allowed))
 
 
@@ -305,12 +321,14 @@ class Finding:
     source: str = ""
     """The file at fault."""
     cause: str = ""
-    """What is wrong, in a clause of its own ("the heel marker R_Heel left its place"); empty where the topic and the
-    evidence say it. Findings of one cause are told once."""
+    """What is wrong, in a clause of its own ("the heel marker R_Heel left its place"); empty where
+    the topic and the evidence say it. Findings of one cause are told once."""
     leg: str = ""
     """`r` or `l` where it concerns one leg alone."""
     weight: float = 1.0
-    """How many times its own error bar a torque may be wrong by this, roughly: the worst is told first."""
+    """How many times its own error bar a torque may be wrong by this, roughly: the worst is told
+    first.
+    """
 
     @property
     def evidence(self) -> str:
@@ -328,7 +346,14 @@ class Finding:
     def of_fault(cls, fault: InputError, where: str, source: str, topic: str) -> "Finding":
         """An InputError as a finding; its text already tells what is allowed."""
         text = str(fault).removeprefix(f"{source}: ")
-        return cls(code=fault.code, severity=Severity.ERROR, topic=topic, where=where, found=text, source=source)
+        return cls(
+            code=fault.code,
+            severity=Severity.ERROR,
+            topic=topic,
+            where=where,
+            found=text,
+            source=source,
+        )
 
 
 def listed(names: list[str], most: int = 6) -> str:

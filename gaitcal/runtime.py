@@ -1,19 +1,21 @@
-"""What a fit asks of the process it runs in, the type of a callable that is told how long work goes on, and what is
-computed once.
+"""What a fit asks of the process it runs in, the type of a callable that is told how long work goes
+on, and what is computed once.
 
-Freed memory is kept for the next array. A fit passes over a few megabytes of arrays again and again. As long as a
-process has freed none larger, glibc gives those back to the system and gets them again, page by page, for the next
-pass: tracking a walk then takes half as long again, and a draw in a dask worker (started with
-MALLOC_TRIM_THRESHOLD_=65536) more than twice its time. What glibc does by itself in a process that has once freed a
-large array is asked for here, once in each process, before it fits.
+Freed memory is kept for the next array. A fit passes over a few megabytes of arrays again and
+again. As long as a process has freed none larger, glibc gives those back to the system and gets
+them again, page by page, for the next pass: tracking a walk then takes half as long again, and a
+draw in a dask worker (started with MALLOC_TRIM_THRESHOLD_=65536) more than twice its time. What
+glibc does by itself in a process that has once freed a large array is asked for here, once in each
+process, before it fits.
 
-BLAS uses one thread. The matrices here are small, and threads would only wait for each other: with two, tracking a walk
-takes more than twice its time, and the last bits depend on how many there are. Whatever computes and may be called from
-outside (the names of `import gaitcal`, what a worker is handed, the parts of a study that are compared bit for bit) is
-therefore `with_one_blas_thread`. The number belongs to the whole process, so the first that enters sets it and the last
-that leaves gives the user's own back: neither two threads that calibrate at once nor one call within another restore it
-too early. A call costs microseconds, one within another less. The command line asks for one thread before NumPy is
-loaded.
+BLAS uses one thread. The matrices here are small, and threads would only wait for each other: with
+two, tracking a walk takes more than twice its time, and the last bits depend on how many there are.
+Whatever computes and may be called from outside (the names of `import gaitcal`, what a worker is
+handed, the parts of a study that are compared bit for bit) is therefore `with_one_blas_thread`. The
+number belongs to the whole process, so the first that enters sets it and the last that leaves gives
+the user's own back: neither two threads that calibrate at once nor one call within another restore
+it too early. A call costs microseconds, one within another less. The command line asks for one
+thread before NumPy is loaded.
 """
 
 import ctypes
@@ -34,7 +36,9 @@ LARGEST_BYTES = 16 << 20  # Arrays below this come from the heap
 
 @cache
 def keep_freed_memory() -> bool:
-    """Let this process keep up to 64 MiB that it has freed; False where the system's allocator cannot be asked."""
+    """Let this process keep up to 64 MiB that it has freed; False where the system's allocator
+    cannot be asked.
+    """
     if not sys.platform.startswith("linux"):
         return False
     try:
@@ -54,7 +58,9 @@ def _blas_libraries() -> tuple[Any, ...]:
     """Looked for once in each process, as that takes milliseconds."""
     for owner in ("numpy", "scipy.linalg"):
         import_module(owner)  # each brings a BLAS of its own
-    return tuple(library for library in ThreadpoolController().lib_controllers if library.user_api == "blas")
+    return tuple(
+        library for library in ThreadpoolController().lib_controllers if library.user_api == "blas"
+    )
 
 
 _entering = threading.Lock()
@@ -101,7 +107,9 @@ def _leave(before: tuple[int, ...]) -> None:
 
 
 def _set_threads(library: Any, number: int) -> None:
-    """Set it whichever thread did so before, which threadpoolctl 3.8 refuses by itself; `_entering` orders them."""
+    """Set it whichever thread did so before, which threadpoolctl 3.8 refuses by itself; `_entering`
+    orders them.
+    """
     let_all = getattr(library, "clear_controlling_thread", lambda **_: None)
     let_all(force=True)
     library.set_num_threads(number)
@@ -123,7 +131,9 @@ _T = TypeVar("_T")
 
 
 def remembered(function: Callable[[_T], _R]) -> Callable[[_T], _R]:
-    """The same function of an object that does not change, computed once: the object keeps what it gives."""
+    """The same function of an object that does not change, computed once: the object keeps what it
+    gives.
+    """
     name = f"_{function.__module__}.{function.__name__}"
 
     @wraps(function)

@@ -1,7 +1,9 @@
-"""Recorded poses of a person's Pinocchio model in MeshCat: in a browser, in a notebook, or as a file.
+"""Recorded poses of a person's Pinocchio model in MeshCat: in a browser, in a notebook, or as a
+file.
 
-Everything is drawn in laboratory axes (x forward, y up, z to the right), turned once by `UPRIGHT`, as MeshCat's z
-axis points up. A browser plays the motion by itself: it gets the pose of every moving node at every frame once.
+Everything is drawn in laboratory axes (x forward, y up, z to the right), turned once by `UPRIGHT`,
+as MeshCat's z axis points up. A browser plays the motion by itself: it gets the pose of every
+moving node at every frame once.
 """
 
 import asyncio
@@ -69,32 +71,40 @@ LOOPBACK: Final = "127.0.0.1"
 
 @with_one_blas_thread
 def view(
-    model: SubjectModel, motion: Motion, recording: Recording | None = None, ground: GroundReactions | None = None
+    model: SubjectModel,
+    motion: Motion,
+    recording: Recording | None = None,
+    ground: GroundReactions | None = None,
 ) -> "MotionViewer":
     """Show and play a tracked motion of the Pinocchio model in MeshCat.
 
-    In a notebook the viewer is shown where it is the last expression of a cell; elsewhere `viewer.open()` opens
-    `viewer.url` in a browser. Its server answers this computer only, and ends with `viewer.close()` or the program.
+    In a notebook the viewer is shown where it is the last expression of a cell; elsewhere
+    `viewer.open()` opens `viewer.url` in a browser. Its server answers this computer only, and ends
+    with `viewer.close()` or the program.
 
     Parameters
     ----------
-    model : the person's model, with the parameters that the motion was tracked with.
-    motion : from `gaitcal.track`, all coordinates.
-    recording : the one that was tracked, whose markers and force plates are shown; None: neither.
-    ground : from `gaitcal.ground_reactions`, at the frames of the motion, 1 mm of arrow per N; None: no arrows.
+    model : the person's model, with the parameters that the motion was tracked with. motion : from
+    `gaitcal.track`, all coordinates. recording : the one that was tracked, whose markers and force
+    plates are shown; None: neither. ground : from `gaitcal.ground_reactions`, at the frames of the
+    motion, 1 mm of arrow per N; None: no arrows.
 
     Returns
     -------
-    Pinocchio's `MeshcatVisualizer` of the person, which plays: `viewer.pause()`, `viewer.show(frame)`,
-    `viewer.play(speed)`, `viewer.save(path)`, `viewer.close()`; `viewer.viewer` is MeshCat's visualizer.
+    Pinocchio's `MeshcatVisualizer` of the person, which plays: `viewer.pause()`,
+    `viewer.show(frame)`, `viewer.play(speed)`, `viewer.save(path)`, `viewer.close()`;
+    `viewer.viewer` is MeshCat's visualizer.
 
     Raises
     ------
     InputError
-        The motion is of a part of the body only, or recording or forces have other frames than the motion.
+        The motion is of a part of the body only, or recording or forces have other frames than the
+        motion.
     """
     if motion.coordinates != COORDINATES:
-        message = f"the viewer needs a motion of the whole body, with all {len(COORDINATES)} coordinates"
+        message = (
+            f"the viewer needs a motion of the whole body, with all {len(COORDINATES)} coordinates"
+        )
         raise InputError(message, field="motion", code=Code.ARGUMENT)
     frames = len(motion.time)
     for field, found in (
@@ -111,10 +121,16 @@ class MotionViewer(MeshcatVisualizer):  # type: ignore[misc]
     """A person's motion in MeshCat; made by `gaitcal.view`."""
 
     def __init__(
-        self, model: SubjectModel, motion: Motion, recording: Recording | None, ground: GroundReactions | None
+        self,
+        model: SubjectModel,
+        motion: Motion,
+        recording: Recording | None,
+        ground: GroundReactions | None,
     ) -> None:
         linkage = build_model(model.parameters)
-        segments = [s for s, shown in zip(SEGMENTS, scene.tracked_segments(motion), strict=True) if shown]
+        segments = [
+            s for s, shown in zip(SEGMENTS, scene.tracked_segments(motion), strict=True) if shown
+        ]
         super().__init__(linkage, visual_model=body_geometry(model, linkage, segments))
         self.time = motion.time
         self.frame = 0
@@ -127,7 +143,11 @@ class MotionViewer(MeshcatVisualizer):  # type: ignore[misc]
             otherwise.pop_all()
 
     def _draw(
-        self, model: SubjectModel, motion: Motion, recording: Recording | None, ground: GroundReactions | None
+        self,
+        model: SubjectModel,
+        motion: Motion,
+        recording: Recording | None,
+        ground: GroundReactions | None,
     ) -> None:
         """Make all nodes, and play."""
         self.loadViewerModel("gaitcal")
@@ -222,16 +242,23 @@ class MotionViewer(MeshcatVisualizer):  # type: ignore[misc]
         """Poses of the body meshes at every frame, by Pinocchio's forward kinematics; q: (nf, nq)."""
         placements = np.empty((len(q), self.visual_model.ngeoms, 4, 4))
         for k, posture in enumerate(q):
-            pin.updateGeometryPlacements(self.model, self.data, self.visual_model, self.visual_data, posture)
+            pin.updateGeometryPlacements(
+                self.model, self.data, self.visual_model, self.visual_data, posture
+            )
             placements[k] = [placement.homogeneous for placement in self.visual_data.oMg]
-        names = (self.getViewerNodeName(g, pin.GeometryType.VISUAL) for g in self.visual_model.geometryObjects)
+        names = (
+            self.getViewerNodeName(g, pin.GeometryType.VISUAL)
+            for g in self.visual_model.geometryObjects
+        )
         return {
             name: _Poses(placements[:, i, :3, 3], np.ones(len(q)), placements[:, i, :3, :3])
             for i, name in enumerate(names)
         }
 
     def _add_joints(self, model: SubjectModel) -> None:
-        """Centres and axes of the joints, each in the first of its segments that is shown, drawn over the body."""
+        """Centres and axes of the joints, each in the first of its segments that is shown, drawn
+        over the body.
+        """
         half = AXIS_OF_HEIGHT * model.subject.height
         material = _over_the_body(JOINT)
         done = set[str]()
@@ -246,7 +273,9 @@ class MotionViewer(MeshcatVisualizer):  # type: ignore[misc]
                 balls += [*ends]
                 rod = node["axis"]
                 rod.set_object(geometry.Cylinder(2 * half, 0.0034), material)
-                rod.set_transform(_matrix(mark.fitted_centre, _from_y_to(mark.fitted_axis[None])[0]))
+                rod.set_transform(
+                    _matrix(mark.fitted_centre, _from_y_to(mark.fitted_axis[None])[0])
+                )
             for i, centre in enumerate(balls):
                 node[f"{i}"].set_object(geometry.Sphere(0.0085 if i == 0 else 0.0075), material)
                 node[f"{i}"].set_transform(_matrix(centre, np.eye(3)))
@@ -276,7 +305,9 @@ class MotionViewer(MeshcatVisualizer):  # type: ignore[misc]
             out[path] = _poses(places[:, i], np.ones(len(places)))
         return out
 
-    def _add_arrows(self, ground: GroundReactions, plates: NDArray[np.floating[Any]]) -> dict[str, "_Poses"]:
+    def _add_arrows(
+        self, ground: GroundReactions, plates: NDArray[np.floating[Any]]
+    ) -> dict[str, "_Poses"]:
         """Ground reactions, from the centre of pressure."""
         level = float(np.median(plates[:, :, 1])) if len(plates) else 0.0
         forces, centres = (x.astype(float) for x in scene.force_arrows(ground.wrench, level))
@@ -287,7 +318,8 @@ class MotionViewer(MeshcatVisualizer):  # type: ignore[misc]
             for part, (length, top, bottom) in ARROW.items():
                 node = self.viewer[f"{path}/{part}"]
                 node.set_object(
-                    geometry.Cylinder(length, radiusTop=top, radiusBottom=bottom), _over_the_body(FORCE, 0x002A1E)
+                    geometry.Cylinder(length, radiusTop=top, radiusBottom=bottom),
+                    _over_the_body(FORCE, 0x002A1E),
                 )
                 node.set_transform(_matrix(np.array([0.0, begin + length / 2, 0.0]), np.eye(3)))
                 begin += length
@@ -299,7 +331,8 @@ class MotionViewer(MeshcatVisualizer):  # type: ignore[misc]
     def _set_stage(self) -> None:
         """Floor, colours, and a camera that has the whole motion in its picture.
 
-        MeshCat's camera looks at the origin of its world, wherever it is: the middle of the motion is put there.
+        MeshCat's camera looks at the origin of its world, wherever it is: the middle of the motion
+        is put there.
         """
         body = np.concatenate([pose.places for pose in self._poses.values()])
         low, high = body.min(axis=0) - MARGIN_M, body.max(axis=0) + MARGIN_M
@@ -310,7 +343,9 @@ class MotionViewer(MeshcatVisualizer):  # type: ignore[misc]
         camera.set_property("position", list(_distance(high - low) * np.array(DIRECTION)))
         ground = middle * [1.0, 0.0, 1.0]
         floor = self._root["floor"]
-        floor.set_object(geometry.Box([FLOOR_M, 0.004, FLOOR_M]), geometry.MeshBasicMaterial(color=FLOOR))
+        floor.set_object(
+            geometry.Box([FLOOR_M, 0.004, FLOOR_M]), geometry.MeshBasicMaterial(color=FLOOR)
+        )
         floor.set_transform(_matrix(ground - [0.0, 0.006, 0.0], np.eye(3)))
         lines = np.round(ground / GRID_M) * GRID_M - middle
         self.viewer["/Grid"].set_transform(_matrix(UPRIGHT[:3, :3] @ lines, np.eye(3)))
@@ -323,13 +358,20 @@ class MotionViewer(MeshcatVisualizer):  # type: ignore[misc]
         kept = slice(None, None, max(1, -(-len(self.time) // scene.MOST_FRAMES)))
         seconds = (self.time[kept] - self.time[0]) / speed
         clips = [
-            {"path": self.viewer[path].path.lower(), "clip": {"fps": 1, "name": "motion", "tracks": tracks}}
-            for path, tracks in ((path, pose.tracks(seconds, kept)) for path, pose in self._poses.items())
+            {
+                "path": self.viewer[path].path.lower(),
+                "clip": {"fps": 1, "name": "motion", "tracks": tracks},
+            }
+            for path, tracks in (
+                (path, pose.tracks(seconds, kept)) for path, pose in self._poses.items()
+            )
         ]
         self.viewer.window.send(SetAnimation(_Clips(clips), play=play, repetitions=ENDLESS))
 
 
-def body_geometry(model: SubjectModel, linkage: pin.Model, segments: Sequence[str]) -> pin.GeometryModel:
+def body_geometry(
+    model: SubjectModel, linkage: pin.Model, segments: Sequence[str]
+) -> pin.GeometryModel:
     """Make the body meshes of a person's segments, one geometry a segment, called like it.
 
     Parameters
@@ -347,7 +389,9 @@ def body_geometry(model: SubjectModel, linkage: pin.Model, segments: Sequence[st
             mesh, turn = meshes[part.mesh], part.place[:, :3]
             corners.append(mesh.vertices @ turn.T + part.place[:, 3])
             # The outside of a mirror image would be its inside.
-            triangles.append(count + (mesh.triangles if np.linalg.det(turn) > 0 else mesh.triangles[:, ::-1]))
+            triangles.append(
+                count + (mesh.triangles if np.linalg.det(turn) > 0 else mesh.triangles[:, ::-1])
+            )
             count += len(mesh.vertices)
         if not count:
             continue
@@ -369,7 +413,9 @@ class _Poses:
 
     places: Array  # (nf, 3) m
     sizes: Array  # (nf,) scale; `HIDDEN` where it is hidden
-    turns: Array | None = None  # (nf, 3, 3) from the node's axes to the laboratory's; None: as these
+    turns: Array | None = (
+        None  # (nf, 3, 3) from the node's axes to the laboratory's; None: as these
+    )
 
     def matrix(self, frame: int) -> Array:
         """(4, 4) at a frame."""
@@ -382,15 +428,24 @@ class _Poses:
         if np.ptp(self.sizes) > 0.0:
             values.append(("scale", "vector3", np.repeat(self.sizes[kept, None], 3, axis=1)))
         if self.turns is not None:
-            values.append(("quaternion", "quaternion", Rotation.from_matrix(self.turns[kept]).as_quat()))
+            values.append(
+                ("quaternion", "quaternion", Rotation.from_matrix(self.turns[kept]).as_quat())
+            )
         return [
-            {"name": f".{name}", "type": kind, "times": _packed(seconds), "values": _packed(value.ravel())}
+            {
+                "name": f".{name}",
+                "type": kind,
+                "times": _packed(seconds),
+                "values": _packed(value.ravel()),
+            }
             for name, kind, value in values
         ]
 
 
 def _poses(places: Array, sizes: Array, turns: Array | None = None) -> _Poses:
-    """Of a node that is hidden where its place (nf, 3) is not known (NaN), and waits there at the last known one."""
+    """Of a node that is hidden where its place (nf, 3) is not known (NaN), and waits there at the
+    last known one.
+    """
     known = np.asarray(np.isfinite(places).all(axis=1))
     last = np.maximum.accumulate(np.where(known, np.arange(len(known)), -1))
     last[last < 0] = np.argmax(known)
@@ -422,7 +477,9 @@ def _matrix(place: Array, turn: Array) -> Array:
 
 
 def _from_y_to(directions: Array) -> Array:
-    """(n, 3, 3) shortest rotations that bring the y axis to unit vectors (n, 3); any for a vector that is not known."""
+    """(n, 3, 3) shortest rotations that bring the y axis to unit vectors (n, 3); any for a vector
+    that is not known.
+    """
     x, y, z = np.nan_to_num(directions, nan=1.0).T
     quaternions = np.stack([z, np.zeros_like(x), -x, 1.0 + y], axis=1)
     # To the opposite direction all ways are as short: half a turn about x.
@@ -434,12 +491,19 @@ def _from_y_to(directions: Array) -> Array:
 def _over_the_body(colour: int, emissive: int = 0) -> geometry.MeshPhongMaterial:
     """A material that the body does not hide."""
     return geometry.MeshPhongMaterial(
-        color=colour, emissive=emissive, shininess=20, specular=0x222222, transparent=True, depthTest=False
+        color=colour,
+        emissive=emissive,
+        shininess=20,
+        specular=0x222222,
+        transparent=True,
+        depthTest=False,
     )
 
 
 def _distance(size: Array) -> float:
-    """Factor of `DIRECTION` at which a box (3,) m around the camera's target is just in the picture."""
+    """Factor of `DIRECTION` at which a box (3,) m around the camera's target is just in the
+    picture.
+    """
     away = np.array(DIRECTION) / np.linalg.norm(DIRECTION)
     right = np.cross([0.0, 1.0, 0.0], away)
     right /= np.linalg.norm(right)
@@ -461,7 +525,8 @@ class _Window(ViewerWindow):  # type: ignore[misc]
 class _Server:
     """MeshCat's server in a thread of this program, which answers this computer only.
 
-    The program that MeshCat itself would start listens on every network, to which recordings of patients do not belong.
+    The program that MeshCat itself would start listens on every network, to which recordings of
+    patients do not belong.
     """
 
     def __init__(self) -> None:
@@ -473,7 +538,9 @@ class _Server:
 
     def _run(self) -> None:
         asyncio.set_event_loop(asyncio.new_event_loop())
-        bridge = _Bridge(zmq_url=f"tcp://{LOOPBACK}:{_free_port()}", host=LOOPBACK, port=_free_port())
+        bridge = _Bridge(
+            zmq_url=f"tcp://{LOOPBACK}:{_free_port()}", host=LOOPBACK, port=_free_port()
+        )
         self.zmq_url, self.web_url, self._loop = bridge.zmq_url, bridge.web_url, bridge.ioloop
         self._ready.set()
         bridge.run()
@@ -491,7 +558,10 @@ class _Bridge(zmqserver.ZMQWebSocketBridge):  # type: ignore[misc]
     def make_app(self) -> Any:
         """The web application, which `listen`s on the loopback address."""
         app = zmqserver.tornado.web.Application(
-            [(r"/static/(.*)", zmqserver.StaticFileHandlerNoCache, _FILES), (r"/", _Connection, {"bridge": self})],
+            [
+                (r"/static/(.*)", zmqserver.StaticFileHandlerNoCache, _FILES),
+                (r"/", _Connection, {"bridge": self}),
+            ],
             log_function=lambda handler: None,
         )
         self.server: Any = None

@@ -1,4 +1,6 @@
-"""What stands beside the package: examples, tools of its makers, and what validates it. Run from a checkout."""
+"""What stands beside the package: examples, tools of its makers, and what validates it. Run from a
+checkout.
+"""
 
 import os
 

@@ -53,19 +53,27 @@ def tried(*words: object) -> Result:
 
 def content(folder: Path) -> dict[str, bytes]:
     """Every file in a folder and below."""
-    return {p.relative_to(folder).as_posix(): p.read_bytes() for p in sorted(folder.rglob("*")) if p.is_file()}
+    return {
+        p.relative_to(folder).as_posix(): p.read_bytes()
+        for p in sorted(folder.rglob("*"))
+        if p.is_file()
+    }
 
 
 def sign(result: Path) -> None:
     """The manifest of a result as if `gaitcal` had written the files as they are."""
     manifest = json.loads((result / MANIFEST).read_text(encoding="utf-8"))
     manifest[HASHES] = {name: sha256_of(result / name) for name in manifest.get(HASHES, {})}
-    (result / MANIFEST).write_text(json.dumps({**manifest, SELF: self_hash(manifest)}), encoding="utf-8")
+    (result / MANIFEST).write_text(
+        json.dumps({**manifest, SELF: self_hash(manifest)}), encoding="utf-8"
+    )
 
 
 @contextmanager
 def edited(result: Path, name: str) -> Iterator[dict[str, Any]]:
-    """A JSON file of a result, which becomes what is left of it at the end; the manifest is signed anew."""
+    """A JSON file of a result, which becomes what is left of it at the end; the manifest is signed
+    anew.
+    """
     data: dict[str, Any] = json.loads((result / name).read_text(encoding="utf-8"))
     yield data
     (result / name).write_text(json.dumps(data), encoding="utf-8")

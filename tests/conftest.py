@@ -22,33 +22,44 @@ if TYPE_CHECKING:
     from gaitcal import Calibration
     from gaitcal.study.study import Study
 
-# A busy machine may take ten times as long for one example: time is judged by the benchmarks, not here.
+# A busy machine may take ten times as long for one example: time is judged by the benchmarks, not
+# here.
 settings.register_profile("patient", deadline=None, suppress_health_check=[HealthCheck.too_slow])
 settings.load_profile("patient")
 
 
 @pytest.hookimpl(tryfirst=True)
 def pytest_configure(config: pytest.Config) -> None:
-    """Processes of `-n` take files in the order below, not those of fewest tests last; children hear signals."""
+    """Processes of `-n` take files in the order below, not those of fewest tests last; children
+    hear signals.
+    """
     if hasattr(config.option, "loadscopereorder"):
         config.option.loadscopereorder = False
     _let_children_hear()
 
 
 def _let_children_hear() -> None:
-    """Programs that tests start have the usual dispositions of signals, however the tests themselves were started.
+    """Programs that tests start have the usual dispositions of signals, however the tests
+    themselves were started.
 
-    `nohup`, cron, a CI system, and a shell for what it runs in the background let Ctrl-C or SIGHUP be ignored, which
-    is inherited. A handler is not: here SIGHUP and SIGTERM stay without effect, in a new program they end it.
+    `nohup`, cron, a CI system, and a shell for what it runs in the background let Ctrl-C or SIGHUP
+    be ignored, which is inherited. A handler is not: here SIGHUP and SIGTERM stay without effect,
+    in a new program they end it.
     """
     for name in ("SIGINT", "SIGHUP", "SIGTERM"):
         number = getattr(signal, name, None)  # not every system has SIGHUP
         if number is not None and signal.getsignal(number) is signal.SIG_IGN:
-            signal.signal(number, signal.default_int_handler if name == "SIGINT" else lambda *_: None)
+            signal.signal(
+                number, signal.default_int_handler if name == "SIGINT" else lambda *_: None
+            )
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
-    parser.addoption("--skipped-in", metavar="CHECKOUT", help="only the tests that the last run in CHECKOUT skipped")
+    parser.addoption(
+        "--skipped-in",
+        metavar="CHECKOUT",
+        help="only the tests that the last run in CHECKOUT skipped",
+    )
 
 
 _skipped: set[str] = set()
@@ -69,12 +80,17 @@ def pytest_collectreport(report: pytest.CollectReport) -> None:
 
 def pytest_sessionfinish(session: pytest.Session) -> None:
     """Keep it for `--skipped-in`."""
-    if not hasattr(session.config, "workerinput") and getattr(session.config, "cache", None) is not None:
+    if (
+        not hasattr(session.config, "workerinput")
+        and getattr(session.config, "cache", None) is not None
+    ):
         session.config.cache.set("gaitcal/skipped", sorted(_skipped))
 
 
 def pytest_itemcollected(item: pytest.Item) -> None:
-    """A test that asks for another program needs the extra `peers`: nobody has to remember to mark it."""
+    """A test that asks for another program needs the extra `peers`: nobody has to remember to mark
+    it.
+    """
     if not {"osim", "mujoco"}.isdisjoint(getattr(item, "fixturenames", ())):
         item.add_marker(pytest.mark.peers)
 
@@ -83,13 +99,20 @@ def pytest_itemcollected(item: pytest.Item) -> None:
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
     """Those that another run skipped, where they are asked for.
 
-    Among several processes, files with slow tests come first, so that none is left to one process at the end.
+    Among several processes, files with slow tests come first, so that none is left to one process
+    at the end.
 
     Of the others, those with many tests come first.
     """
     if checkout := config.getoption("--skipped-in"):
-        wanted = set(json.loads((Path(checkout) / ".pytest_cache/v/gaitcal/skipped").read_text(encoding="utf-8")))
-        left = [item for item in items if not wanted & {item.nodeid, item.nodeid.partition("::")[0]}]
+        wanted = set(
+            json.loads(
+                (Path(checkout) / ".pytest_cache/v/gaitcal/skipped").read_text(encoding="utf-8")
+            )
+        )
+        left = [
+            item for item in items if not wanted & {item.nodeid, item.nodeid.partition("::")[0]}
+        ]
         config.hook.pytest_deselected(items=left)
         items[:] = [item for item in items if item not in set(left)]
     if not hasattr(config, "workerinput"):
@@ -103,9 +126,11 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
 
 @pytest.fixture(autouse=True, scope="session")
 def _one_blas_thread() -> Iterator[None]:
-    """What lies below the functions of `import gaitcal` is called here by itself, and runs as they run it.
+    """What lies below the functions of `import gaitcal` is called here by itself, and runs as they
+    run it.
 
-    That they and programs ask for it themselves is shown in `test_runtime.py`, where the user allows more.
+    That they and programs ask for it themselves is shown in `test_runtime.py`, where the user
+    allows more.
     """
     import scipy.linalg  # noqa: F401  # brings a BLAS of its own
 
@@ -115,7 +140,9 @@ def _one_blas_thread() -> Iterator[None]:
 
 @pytest.fixture(autouse=True)
 def _nobody_is_quiet() -> None:
-    """A command that was asked to be quiet in this process, in an earlier test or a fixture, quiets no test."""
+    """A command that was asked to be quiet in this process, in an earlier test or a fixture, quiets
+    no test.
+    """
     logging.getLogger("gaitcal").setLevel(logging.NOTSET)
 
 
@@ -135,7 +162,9 @@ def whole() -> Calibration:
 
 @pytest.fixture(scope="session")
 def data_dir() -> Path:
-    """The folder of real recordings that GAITCAL_DATA names. Without it tests skip; in CI they fail."""
+    """The folder of real recordings that GAITCAL_DATA names. Without it tests skip; in CI they
+    fail.
+    """
     named = os.environ.get("GAITCAL_DATA")
     if named and Path(named).is_dir():
         return Path(named)

@@ -1,4 +1,6 @@
-"""The one finite-difference checker that every analytic derivative meets, and the random linkages they are tried on."""
+"""The one finite-difference checker that every analytic derivative meets, and the random linkages
+they are tried on.
+"""
 
 from collections.abc import Callable
 from typing import Any
@@ -32,18 +34,28 @@ def central_differences(function: Callable[[Array], Array], x: Array, step: floa
 
 
 def assert_derivative(
-    analytic: Array, function: Callable[[Array], Array], x: Array, *, relative: float = 1e-6, step: float = 1e-6
+    analytic: Array,
+    function: Callable[[Array], Array],
+    x: Array,
+    *,
+    relative: float = 1e-6,
+    step: float = 1e-6,
 ) -> None:
     """Fail unless `analytic` is the derivative of `function` at x, relative to its largest entry."""
     numeric = central_differences(function, x, step)
     assert analytic.shape == numeric.shape
-    np.testing.assert_allclose(analytic, numeric, rtol=0, atol=relative * max(1.0, float(np.abs(numeric).max())))
+    np.testing.assert_allclose(
+        analytic, numeric, rtol=0, atol=relative * max(1.0, float(np.abs(numeric).max()))
+    )
 
 
-def perturbed_parameters(rng: np.random.Generator, position: float = 0.01, angle: float = 0.17) -> Parameters:
+def perturbed_parameters(
+    rng: np.random.Generator, position: float = 0.01, angle: float = 0.17
+) -> Parameters:
     """The published subject with all joint parameters moved at random (m, rad).
 
-    Parameters of joints that somebody added draw from a generator of their own: a seed means the same person still.
+    Parameters of joints that somebody added draw from a generator of their own: a seed means the
+    same person still.
     """
     base = published_subject()
     reach = np.array([position if p.kind is Kind.POSITION else angle for p in JOINT_PARAMETERS])
@@ -64,7 +76,9 @@ def random_trial(
     root: str = "pelvis",
     segments: tuple[str, ...] | None = None,
 ) -> tuple[MotionProblem, Array]:
-    """A trial whose markers are exactly those of a random smooth motion, and the nodes of that motion."""
+    """A trial whose markers are exactly those of a random smooth motion, and the nodes of that
+    motion.
+    """
     chain = Chain(root, free=free) if segments is None else Chain(root, segments, free)
     massive = [i for i, s in enumerate(chain.segments) if not s.startswith("talus")]
     segment = np.repeat(np.array(massive, dtype=np.intp), per_segment)
@@ -78,15 +92,21 @@ def random_trial(
     return MotionProblem(name="random", chain=chain, basis=basis, data=data, labels=labels), true
 
 
-def seeded_trial(seed: int, **shape: Any) -> tuple[np.random.Generator, Parameters, MotionProblem, Array]:
-    """A generator of that seed, the person and the trial that it draws (`random_trial`), and the trial's true nodes."""
+def seeded_trial(
+    seed: int, **shape: Any
+) -> tuple[np.random.Generator, Parameters, MotionProblem, Array]:
+    """A generator of that seed, the person and the trial that it draws (`random_trial`), and the
+    trial's true nodes.
+    """
     rng = np.random.default_rng(seed)
     parameters = perturbed_parameters(rng)
     return rng, parameters, *random_trial(rng, parameters, **shape)
 
 
 def random_state(rng: np.random.Generator, frames: int) -> tuple[Array, Array, Array, Array]:
-    """Coordinates (nf, nq), their derivatives, and wrenches of the ground on the feet (nf, 2, 6) N and N·m."""
+    """Coordinates (nf, nq), their derivatives, and wrenches of the ground on the feet (nf, 2, 6) N
+    and N·m.
+    """
     q, v, a = (rng.normal(0, scale, (frames, len(COORDINATES))) for scale in (0.4, 2.0, 9.0))
     return q, v, a, rng.normal(0, 300, (frames, 2, 6))
 
@@ -103,10 +123,14 @@ def with_gaps(problem: MotionProblem, rng: np.random.Generator) -> MotionProblem
     return problem.with_weight(rng.uniform(0.2, 2.0, shape) * (rng.random(shape) > 0.2))
 
 
-def without_segments(problem: MotionProblem, *segments: str, frames: slice = slice(None)) -> MotionProblem:
+def without_segments(
+    problem: MotionProblem, *segments: str, frames: slice = slice(None)
+) -> MotionProblem:
     """The trial with no marker of some segments seen in some frames."""
     weight = problem.data.weight.copy()
-    weight[np.isin(problem.data.segment, [problem.chain.segments.index(s) for s in segments]), frames] = 0.0
+    weight[
+        np.isin(problem.data.segment, [problem.chain.segments.index(s) for s in segments]), frames
+    ] = 0.0
     return problem.with_weight(weight)
 
 

@@ -76,14 +76,22 @@ def fake_calibration(
     cycles: bool = True,
     isolated: bool = True,
 ) -> Calibration:
-    """A whole calibration, or one without force plates, gait, standard errors, joint parameters, full cycles."""
+    """A whole calibration, or one without force plates, gait, standard errors, joint parameters,
+    full cycles.
+    """
     names = names or Names()
     rng = np.random.default_rng(3)
     parameters = published_subject()
-    fitted = parameters.with_joint(FREE, parameters.joint[[JP_INDEX[n] for n in FREE]] + 0.004) if joint else parameters
+    fitted = (
+        parameters.with_joint(FREE, parameters.joint[[JP_INDEX[n] for n in FREE]] + 0.004)
+        if joint
+        else parameters
+    )
     subject = Subject(names.subject, 70.0, 1.75, "female")
     markers = MarkerPlacement((names.marker,), ("thigh_r",), np.zeros((1, 3)), np.ones(1))
-    model = SubjectModel(subject=subject, parameters=parameters, nominal=parameters, markers=markers)
+    model = SubjectModel(
+        subject=subject, parameters=parameters, nominal=parameters, markers=markers
+    )
     trials, study_trials = [], [_study_trial("static", Role.STATIC, None, names)]
     if gait:
         trials.append(held(_gait(names, rng, plates, valid, errors, cycles)))
@@ -100,17 +108,28 @@ def fake_calibration(
         inputs={names.file: "ab" * 32},
     )
     inertial = gait and plates and valid
-    told = ("joint:knee_r", "knee", 9, 7, 0.4, "small step"), ("gait", names.trial, 34, 9, 1.2, "`ftol` reached")
+    told = (
+        ("joint:knee_r", "knee", 9, 7, 0.4, "small step"),
+        ("gait", names.trial, 34, 9, 1.2, "`ftol` reached"),
+    )
     phases = tuple(
         Phase(name=n, trials=(t,), parameters=p, iterations=i, seconds=s, converged=True, message=m)
         for n, t, p, i, s, m in told
     )
-    doubt = {"severity": Severity.WARNING, "topic": "joints", "where": STUDY, "found": "by 3 mm", "cure": "look at it"}
+    doubt = {
+        "severity": Severity.WARNING,
+        "topic": "joints",
+        "where": STUDY,
+        "found": "by 3 mm",
+        "cure": "look at it",
+    }
     doubts = (Finding(code=Code.TRIALS_DISAGREE, cause=names.warning, **doubt),)
     return Calibration(
         study=study,
         nominal=model,
-        model=model.with_parameters(fitted.with_inertial(parameters.inertial * 1.02) if inertial else fitted),
+        model=model.with_parameters(
+            fitted.with_inertial(parameters.inertial * 1.02) if inertial else fitted
+        ),
         trials=tuple(trials),
         phases=phases if joint else (),
         joint=_joint(fitted) if joint else None,
@@ -124,7 +143,9 @@ def fake_calibration(
 
 
 def with_phase(calibration: Calibration, converged: bool) -> Calibration:
-    return replace(calibration, phases=tuple(replace(p, converged=converged) for p in calibration.phases))
+    return replace(
+        calibration, phases=tuple(replace(p, converged=converged) for p in calibration.phases)
+    )
 
 
 def _joint(parameters: Any) -> JointCalibration:
@@ -146,7 +167,10 @@ def _inertial(values: np.ndarray) -> InertialFit:
 def _uncertainty(known: bool) -> Uncertainty:
     if not known:
         return Uncertainty(None, None)
-    return Uncertainty(ErrorSources(FREE, np.full((len(FREE), 1), 0.003), ("a",)), np.full((len(IP_NAMES), 1), 1e-3))
+    return Uncertainty(
+        ErrorSources(FREE, np.full((len(FREE), 1), 0.003), ("a",)),
+        np.full((len(IP_NAMES), 1), 1e-3),
+    )
 
 
 def _recording(names: Names) -> Recording:
@@ -155,7 +179,9 @@ def _recording(names: Names) -> Recording:
     zero = np.zeros((FRAMES, 3))
     plate = ForcePlate(name="1", time=time, force=zero, point=zero, moment=zero, corners=corners)
     source, markers = f"/home/somebody/{names.file}", np.zeros((FRAMES, 1, 3))
-    return Recording(source=source, time=time, labels=(names.marker,), markers=markers, plates=(plate,))
+    return Recording(
+        source=source, time=time, labels=(names.marker,), markers=markers, plates=(plate,)
+    )
 
 
 def _study_trial(name: str, role: Role, joint: str | None, names: Names) -> Trial:
@@ -172,10 +198,16 @@ def _errors(names: Names, level: float, segments: tuple[str, ...]) -> MarkerErro
 def _joint_floor(floor: MarkerErrors, joints: dict[str, float]) -> JointFloor:
     """A little above the rigid one."""
     ends = {joint_segments(joint)[k] for joint in joints for k in (0, -1)}
-    return JointFloor(replace(floor, distance=1.1 * floor.distance), joints, tuple(s for s in SEGMENTS if s in ends))
+    return JointFloor(
+        replace(floor, distance=1.1 * floor.distance),
+        joints,
+        tuple(s for s in SEGMENTS if s in ends),
+    )
 
 
-def _motion(names: Names, coordinates: tuple[str, ...], level: float, segments: tuple[str, ...]) -> Motion:
+def _motion(
+    names: Names, coordinates: tuple[str, ...], level: float, segments: tuple[str, ...]
+) -> Motion:
     basis = spline_basis(np.arange(FRAMES) / RATE, 30)
     phase = np.linspace(0.0, 5.0, 30)[:, None] + np.arange(len(coordinates))
     coefficients = 0.3 * np.sin(2.0 * phase) + level
@@ -183,7 +215,12 @@ def _motion(names: Names, coordinates: tuple[str, ...], level: float, segments: 
         coefficients[:, coordinates.index("pelvis_ty")] = 1.0
     errors = _errors(names, level, segments)
     return Motion(
-        name="m", coordinates=coordinates, basis=basis, coefficients=coefficients, errors=errors, converged=True
+        name="m",
+        coordinates=coordinates,
+        basis=basis,
+        coefficients=coefficients,
+        errors=errors,
+        converged=True,
     )
 
 
@@ -191,7 +228,10 @@ def _isolated(names: Names, rng: np.random.Generator) -> TrialResult:
     segments = joint_segments("knee_r")
     own = coordinates_of(segments[0], segments)
     before, after = (_motion(names, own, level, segments * 4) for level in (0.006, 0.004))
-    floor, body = _errors(names, 0.003, segments * 4), _motion(names, COORDINATES, 0.004, segments * 4)
+    floor, body = (
+        _errors(names, 0.003, segments * 4),
+        _motion(names, COORDINATES, 0.004, segments * 4),
+    )
     return TrialResult(
         name="knee", role=Role.JOINT, joint="knee_r", recording=_recording(names), nominal=before, calibrated=after,
         final=_motion(names, own, 0.005, segments * 4), floor=floor,
@@ -199,13 +239,27 @@ def _isolated(names: Names, rng: np.random.Generator) -> TrialResult:
     )  # fmt: skip
 
 
-def _gait(names: Names, rng: np.random.Generator, plates: bool, valid: bool, errors: bool, cycles: bool) -> TrialResult:
-    segments = ("pelvis", "thigh_r", "shank_r", "foot_r", "thigh_l", "shank_l", "foot_l", "head_trunk")
+def _gait(
+    names: Names, rng: np.random.Generator, plates: bool, valid: bool, errors: bool, cycles: bool
+) -> TrialResult:
+    segments = (
+        "pelvis",
+        "thigh_r",
+        "shank_r",
+        "foot_r",
+        "thigh_l",
+        "shank_l",
+        "foot_l",
+        "head_trunk",
+    )
     before, after = (_motion(names, COORDINATES, level, segments) for level in (0.011, 0.006))
     floor = _errors(names, 0.005, segments)
     loads = _loads(rng, valid, errors, cycles) if plates else None
     events = trial_events(
-        cast(Any, SimpleNamespace(landmarks={})), after, loads.reactions if loads else None, _recording(names)
+        cast(Any, SimpleNamespace(landmarks={})),
+        after,
+        loads.reactions if loads else None,
+        _recording(names),
     )
     return TrialResult(
         name=names.trial, role=Role.GAIT, joint=None, recording=_recording(names),
@@ -242,7 +296,11 @@ def _loads(rng: np.random.Generator, valid: bool, errors: bool, cycles: bool) ->
 
     stages = {Stage.NOMINAL: moments(1.0), Stage.JP: moments(0.9), Stage.JP_IP: moments(0.7)}
     sizes = np.append(np.full(len(COORDINATES), 2.0), [1.0, 1.0]) * np.ones((FRAMES, 1))
-    spread = TorqueErrors.of({source: share * sizes**2 for source, share in ERROR_SHARES.items()}) if errors else None
+    spread = (
+        TorqueErrors.of({source: share * sizes**2 for source, share in ERROR_SHARES.items()})
+        if errors
+        else None
+    )
     return Loads(reactions, stages, spread)
 
 

@@ -1,4 +1,6 @@
-"""What several test files need and nobody changes: made once a run, by whichever process asks first."""
+"""What several test files need and nobody changes: made once a run, by whichever process asks
+first.
+"""
 
 from __future__ import annotations
 
@@ -28,7 +30,9 @@ def run_folder(factory: pytest.TempPathFactory) -> Path:
 
 
 def kept_folder(folder: Path, make: Callable[[Path], object]) -> Path:
-    """`folder`, which `make` writes unless this run has it already. Tests that change anything change a copy."""
+    """`folder`, which `make` writes unless this run has it already. Tests that change anything
+    change a copy.
+    """
     done = folder.with_name(f"{folder.name}.made")
     folder.parent.mkdir(parents=True, exist_ok=True)
     with locked(folder, "kept", wait_s=LONGEST_S):
@@ -45,20 +49,30 @@ def kept_person(kept: Path, *, seed: int = 0, noise: bool = False, perturb: bool
 
     options = [f"--seed{seed}"] * (seed > 0) + ["--noise"] * noise + ["--perturb"] * perturb
     folder = kept / "".join(["person", *options])
-    return kept_folder(folder, lambda out: synthesize(out, seed=seed, noise=noise, perturb=perturb)) / "study.toml"
+    return (
+        kept_folder(folder, lambda out: synthesize(out, seed=seed, noise=noise, perturb=perturb))
+        / "study.toml"
+    )
 
 
 def copied_person(kept: Path, out: Path | str, **options: Any) -> Path:
     """In place of `gaitcal.synthesize`: the same files in `out`."""
-    return Path(shutil.copytree(kept_person(kept, **options).parent, out, dirs_exist_ok=True)) / "study.toml"
+    return (
+        Path(shutil.copytree(kept_person(kept, **options).parent, out, dirs_exist_ok=True))
+        / "study.toml"
+    )
 
 
 def kept_calibration(kept: Path) -> Calibration:
-    """Of the person of seed 3 with noise, whose joints and masses are not the nominal ones; a copy of one's own."""
+    """Of the person of seed 3 with noise, whose joints and masses are not the nominal ones; a copy
+    of one's own.
+    """
     from gaitcal import Study, calibrate
 
     study = kept_person(kept, seed=3, noise=True, perturb=True)
-    return kept_object(kept / "calibration--seed3--noise--perturb", lambda: calibrate(Study.load(study)))
+    return kept_object(
+        kept / "calibration--seed3--noise--perturb", lambda: calibrate(Study.load(study))
+    )
 
 
 def kept_real(kept: Path, name: str, data: Path) -> Calibration:
@@ -75,12 +89,16 @@ def kept_real(kept: Path, name: str, data: Path) -> Calibration:
 
 
 def kept_result(kept: Path) -> Path:
-    """A folder with the `study` that `write_synthetic_study` writes, and its `result`; nobody changes it."""
+    """A folder with the `study` that `write_synthetic_study` writes, and its `result`; nobody
+    changes it.
+    """
     from gaitcal import Study, calibrate, write_results
     from tests.synthetic_studies import write_synthetic_study
 
     def make(folder: Path) -> None:
-        write_results(calibrate(Study.load(write_synthetic_study(folder / "study"))), folder / "result")
+        write_results(
+            calibrate(Study.load(write_synthetic_study(folder / "study"))), folder / "result"
+        )
 
     return kept_folder(kept / "synthetic", make)
 

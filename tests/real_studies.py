@@ -70,9 +70,13 @@ REAL = {
 
 
 def study_text(name: str, data: Path, calibration: str = "") -> str:
-    """The study file of one of `REAL`, its recordings read in place; `calibration` are lines of that table."""
+    """The study file of one of `REAL`, its recordings read in place; `calibration` are lines of
+    that table.
+    """
     study = REAL[name]
-    subject = f'name = "{name}"\nmass_kg = {study.mass}\nheight_m = {study.height}\nsex = "{study.sex}"\n'
+    subject = (
+        f'name = "{name}"\nmass_kg = {study.mass}\nheight_m = {study.height}\nsex = "{study.sex}"\n'
+    )
     tables = [f"[subject]\n{subject}", f'[markers]\nset = "{study.markers}"\n', *study.trials]
     if calibration:
         tables.append(f"[calibration]\n{calibration}\n")

@@ -52,15 +52,21 @@ AS_PUBLISHED = 'hip_centre = "bell"\nankle_zero = "markers"\n'
 """As the published subject was made, so that its nominal model is the truth."""
 
 
-def made_recording(motion: TrueMotion, parameters: Parameters | None = None, *, static: bool = False) -> Recording:
+def made_recording(
+    motion: TrueMotion, parameters: Parameters | None = None, *, static: bool = False
+) -> Recording:
     """The published markers of a motion."""
     model = published_model(static_only=static)
     own = model.parameters if parameters is None else parameters
     markers = synthetic_markers(own, model.markers, motion.q)
-    return Recording(source="made up", time=motion.basis.time, labels=model.markers.labels, markers=markers)
+    return Recording(
+        source="made up", time=motion.basis.time, labels=model.markers.labels, markers=markers
+    )
 
 
-def made_plates(motion: TrueMotion, parameters: Parameters | None = None) -> tuple[ForcePlate, ForcePlate]:
+def made_plates(
+    motion: TrueMotion, parameters: Parameters | None = None
+) -> tuple[ForcePlate, ForcePlate]:
     """A plate under each foot that carries what the motion asks for."""
     own = published_model().parameters if parameters is None else parameters
     wrench = residual_free_wrench(own, motion)
@@ -82,7 +88,10 @@ def write_synthetic_study(folder: Path, joints: Sequence[str] = (), more: str = 
     text = STUDY
     for joint in joints:
         write_markers_csv(folder / f"{joint}.csv", made_recording(isolated_motion(joint)))
-        text += f'\n[[trial]]\nname = "{joint}"\nrole = "joint"\njoint = "{joint}"\nfile = "{joint}.csv"\n'
+        text += (
+            f'\n[[trial]]\nname = "{joint}"\nrole = "joint"\njoint = "{joint}"\nfile = '
+            f'"{joint}.csv"\n'
+        )
     path = folder / "study.toml"
     table = "[calibration]\n"
     more = more if table in more else f"{more}\n{table}"
@@ -93,4 +102,6 @@ def write_synthetic_study(folder: Path, joints: Sequence[str] = (), more: str = 
 def only(recording: Recording, kept: Callable[[str], bool]) -> Recording:
     """The recording with some of its markers."""
     at = [i for i, label in enumerate(recording.labels) if kept(label)]
-    return replace(recording, labels=tuple(recording.labels[i] for i in at), markers=recording.markers[:, at])
+    return replace(
+        recording, labels=tuple(recording.labels[i] for i in at), markers=recording.markers[:, at]
+    )

@@ -40,7 +40,9 @@ def test_the_version_is_told() -> None:
     assert (told.exit_code, told.output) == (0, f"gaitcal {version('gaitcal')}\n")
 
 
-@pytest.mark.parametrize("words", [("montecarlo", ".", "--levels", "abc"), ("export", ".", "--format", "foo")])
+@pytest.mark.parametrize(
+    "words", [("montecarlo", ".", "--levels", "abc"), ("export", ".", "--format", "foo")]
+)
 def test_usage_errors_end_with_2(words: tuple[str, ...]) -> None:
     assert [gaitcal(word).returncode for word in ("calibrate", "no-such-command")] == [2, 2]
     done = gaitcal(*words)
@@ -51,13 +53,18 @@ def test_usage_errors_end_with_2(words: tuple[str, ...]) -> None:
 def test_a_wrong_file_of_normal_bands_ends_with_1_before_anything_is_read(tmp_path: Path) -> None:
     bands = tmp_path / "normal.csv"
     bands.write_text("variable,unit,percent,mean,sd\nhip_flexion,deg,0,1,1\n", encoding="utf-8")
-    done = gaitcal("calibrate", "no-study.toml", "--out", str(tmp_path / "out"), "--normal", str(bands))
+    done = gaitcal(
+        "calibrate", "no-study.toml", "--out", str(tmp_path / "out"), "--normal", str(bands)
+    )
     assert done.returncode == 1 and "normal.csv: signs: missing; allowed: " in done.stderr
     assert len(done.stderr.splitlines()) == 1
 
 
 def test_the_reference_tells_every_command_and_setting() -> None:
-    pages = [(ROOT / f"docs/reference/{name}.md").read_text(encoding="utf-8") for name in ("commands", "study-file")]
+    pages = [
+        (ROOT / f"docs/reference/{name}.md").read_text(encoding="utf-8")
+        for name in ("commands", "study-file")
+    ]
     for name in (*ORDER, "compare"):
         assert f"## {name}\n\n{{{{ command: {name} }}}}\n" in pages[0], name
     assert "\n{{ table: calibration }}\n" in pages[1]
@@ -81,15 +88,30 @@ def test_calibrate_dynamics_export_on_a_real_walk(data_dir: Path, tmp_path: Path
     assert summary["trials"]["walk"]["pelvis_and_legs_mm"]["calibrated"] < 6.0
     parameters = pd.read_csv(out / "parameters.csv")
     assert list(parameters.columns) == [
-        *("name", "kind", "segment", "joint", "unit", "nominal", "fitted", "standard_error", "status")
+        *(
+            "name",
+            "kind",
+            "segment",
+            "joint",
+            "unit",
+            "nominal",
+            "fitted",
+            "standard_error",
+            "status",
+        )
     ]
     assert len(parameters) == len(JP_NAMES) + len(IP_NAMES)
     fitted = parameters[parameters["status"] == "fitted"]
     assert (fitted["standard_error"] > 0).all()
     moments = pd.read_csv(out / "moments/walk.csv", comment="#")
-    assert {"time", "valid", "hip_flexion_r", "hip_flexion_r_se", "hip_flexion_r_bwh", "knee_adduction_l"} <= set(
-        moments
-    )
+    assert {
+        "time",
+        "valid",
+        "hip_flexion_r",
+        "hip_flexion_r_se",
+        "hip_flexion_r_bwh",
+        "knee_adduction_l",
+    } <= set(moments)
 
     walk = data_dir / "subject01/subject01_walk1.trc"
     forces = data_dir / "subject01/subject01_walk1_grf.mot"
@@ -105,12 +127,16 @@ def test_calibrate_dynamics_export_on_a_real_walk(data_dir: Path, tmp_path: Path
 
     assert gaitcal("export", str(out), "--format", "osim,urdf").returncode == 0
     assert (out / "export/model.osim").read_bytes() == (out / "model.osim").read_bytes()
-    peer = gaitcal("compare", str(out), "--osim", str(data_dir / "subject01/reference/subject01_simbody.osim"))
+    peer = gaitcal(
+        "compare", str(out), "--osim", str(data_dir / "subject01/reference/subject01_simbody.osim")
+    )
     assert "hip_r centre in pelvis" in peer.stdout
 
 
 @pytest.mark.slow
-def test_demo_recovers_its_subject(kept: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_demo_recovers_its_subject(
+    kept: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """The person is one of those that other tests ask for, too."""
     person = partial(copied_person, kept, seed=3, noise=True, perturb=True)
     monkeypatch.setattr("gaitcal.synthetic.subject.synthesize", lambda out, **_: person(out))
@@ -118,7 +144,11 @@ def test_demo_recovers_its_subject(kept: Path, tmp_path: Path, monkeypatch: pyte
     assert done.returncode == 0, done.stderr
     assert "result.html" in done.stdout and "…" not in done.stdout, "no word of a table is cut"
     assert (tmp_path / "demo/result/page.json").exists()
-    assert f"gait: leg moments against the truth (RMS over {2 * len(LEG_COORDINATES)})" in done.stdout
+    assert (
+        f"gait: leg moments against the truth (RMS over {2 * len(LEG_COORDINATES)})" in done.stdout
+    )
     manifest = json.loads((tmp_path / "demo/result/manifest.json").read_text(encoding="utf-8"))
     assert "truth/gait_moments.csv" in manifest["files"], "what a result holds is in its manifest"
-    assert "truth/gait_moments.csv" in manifest["inputs_sha256"], "it is an input like the recordings"
+    assert "truth/gait_moments.csv" in manifest["inputs_sha256"], (
+        "it is an input like the recordings"
+    )

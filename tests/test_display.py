@@ -37,7 +37,9 @@ def public_objects(calibration: Calibration) -> dict[str, Displayed]:
     }
 
 
-def test_public_objects_are_printed_in_two_to_six_short_lines(public_objects: dict[str, Displayed]) -> None:
+def test_public_objects_are_printed_in_two_to_six_short_lines(
+    public_objects: dict[str, Displayed],
+) -> None:
     for name, shown in public_objects.items():
         lines = repr(shown).splitlines()
         assert 2 <= len(lines) <= 6, name
@@ -46,7 +48,9 @@ def test_public_objects_are_printed_in_two_to_six_short_lines(public_objects: di
         assert len(table.findall("tr")) == len(lines) - 1, name
 
 
-def test_numbers_of_a_description_are_those_of_the_object(public_objects: dict[str, Displayed]) -> None:
+def test_numbers_of_a_description_are_those_of_the_object(
+    public_objects: dict[str, Displayed],
+) -> None:
     motion, study = public_objects["Motion"], public_objects["Study"]
     assert isinstance(motion, gc.Motion) and isinstance(study, gc.Study)
     rms = motion.errors.rms()
@@ -57,7 +61,9 @@ def test_numbers_of_a_description_are_those_of_the_object(public_objects: dict[s
 
 
 def test_names_of_files_are_escaped_in_notebooks() -> None:
-    recording = gc.Recording(source="a<b>.csv", time=np.zeros(1), labels=("<i>",), markers=np.zeros((1, 1, 3)))
+    recording = gc.Recording(
+        source="a<b>.csv", time=np.zeros(1), labels=("<i>",), markers=np.zeros((1, 1, 3))
+    )
     assert "<i>" in repr(recording)
     assert "<i>" not in recording._repr_html_()
 
@@ -66,7 +72,11 @@ def test_tables_have_the_columns_and_values_of_the_csv_files(
     calibration: Calibration, public_objects: dict[str, Displayed], tmp_path: Path
 ) -> None:
     write_results(calibration, tmp_path)
-    files = {"Motion": ("motion",), "Moments": ("moments",), "JointKinetics": ("powers", "moment_vectors")}
+    files = {
+        "Motion": ("motion",),
+        "Moments": ("moments",),
+        "JointKinetics": ("powers", "moment_vectors"),
+    }
     for name, folders in files.items():
         table = public_objects[name].to_dataframe()  # type: ignore[attr-defined]
         written = [pd.read_csv(tmp_path / folder / "gait.csv", comment="#") for folder in folders]
@@ -76,7 +86,9 @@ def test_tables_have_the_columns_and_values_of_the_csv_files(
             left = [c for c in of_file if c not in table and not c.startswith("valid")]
             assert all(c.endswith(("_se", "_se_stride", "_per_kg")) for c in left)
             for column in set(of_file) & set(table):
-                np.testing.assert_allclose(of_file[column], table[column], rtol=1e-5, atol=1e-4, err_msg=column)
+                np.testing.assert_allclose(
+                    of_file[column], table[column], rtol=1e-5, atol=1e-4, err_msg=column
+                )
 
 
 def test_tables_of_recordings_and_ground_reactions(public_objects: dict[str, Displayed]) -> None:
@@ -84,15 +96,22 @@ def test_tables_of_recordings_and_ground_reactions(public_objects: dict[str, Dis
     assert isinstance(recording, gc.Recording) and isinstance(ground, gc.GroundReactions)
     paths = recording.to_dataframe()
     label = recording.labels[3]
-    np.testing.assert_array_equal(paths[[f"{label}_{axis}" for axis in "xyz"]], recording.markers[:, 3])
+    np.testing.assert_array_equal(
+        paths[[f"{label}_{axis}" for axis in "xyz"]], recording.markers[:, 3]
+    )
     table = ground.to_dataframe()
     force = table[[f"ground_force_l_v{axis}" for axis in "xyz"]].to_numpy()
     point = table[[f"ground_force_l_p{axis}" for axis in "xyz"]].to_numpy()
     torque = table[[f"ground_torque_l_{axis}" for axis in "xyz"]].to_numpy()
-    np.testing.assert_allclose(np.hstack([force, torque + np.cross(point, force)]), ground.wrench[:, 1], atol=1e-9)
+    np.testing.assert_allclose(
+        np.hstack([force, torque + np.cross(point, force)]), ground.wrench[:, 1], atol=1e-9
+    )
     assert (table.valid == ground.valid).all()
 
 
 def test_a_model_is_built_from_a_person_or_from_parameters(calibration: Calibration) -> None:
-    person, parameters = gc.build_model(calibration.model), gc.build_model(calibration.model.parameters)
+    person, parameters = (
+        gc.build_model(calibration.model),
+        gc.build_model(calibration.model.parameters),
+    )
     assert person == parameters

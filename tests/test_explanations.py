@@ -1,4 +1,6 @@
-"""Every finding and every error has a code, every code a page, and no code ever changes its meaning."""
+"""Every finding and every error has a code, every code a page, and no code ever changes its
+meaning.
+"""
 
 import ast
 import re
@@ -23,7 +25,9 @@ LONGEST_LINES = 60
 
 
 def test_no_code_changes_its_meaning() -> None:
-    """A line for each code; a new one is added at the end of its series, none is taken away or given again."""
+    """A line for each code; a new one is added at the end of its series, none is taken away or
+    given again.
+    """
     known = dict(line.split() for line in LIST.read_text(encoding="utf-8").splitlines())
     now = {code.value: code.name for code in Code}
     assert now == known
@@ -49,7 +53,9 @@ def test_every_code_is_used() -> None:
 
 
 def test_every_code_has_a_page_and_every_page_a_code() -> None:
-    assert {path.stem for path in PAGES.iterdir() if path.suffix == ".md"} == {code.value for code in Code}
+    assert {path.stem for path in PAGES.iterdir() if path.suffix == ".md"} == {
+        code.value for code in Code
+    }
     assert [told.code for told in all_explanations()] == list(Code)
 
 
@@ -96,7 +102,12 @@ def test_a_fault_that_is_told_as_a_finding_keeps_its_code() -> None:
 
 def test_the_page_of_a_result_holds_the_page_of_each_reason() -> None:
     finding = Finding(
-        code=Code.SPIKES, severity=Severity.WARNING, topic="jumps", where="walk", found="64 mm", cure="label again"
+        code=Code.SPIKES,
+        severity=Severity.WARNING,
+        topic="jumps",
+        where="walk",
+        found="64 mm",
+        cure="label again",
     )
     (reason,) = verdict_page_data(judge([finding], ["walk"]))["reasons"]
     assert reason["code"] == "GC-018"
@@ -113,4 +124,6 @@ def test_every_command_has_an_example_that_parses() -> None:
         program, told, *arguments = shlex.split(line)
         assert (program, told) == ("gaitcal", name)
         loaded(name).make_context(name, arguments)  # raises where an argument or option cannot be
-        assert f"Example: {line}" in " ".join(CliRunner().invoke(app, [name, "--help"]).output.split())
+        assert f"Example: {line}" in " ".join(
+            CliRunner().invoke(app, [name, "--help"]).output.split()
+        )

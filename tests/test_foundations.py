@@ -1,4 +1,6 @@
-"""What everything stands on: arithmetic of arrays, properties that are computed once, names that are alike."""
+"""What everything stands on: arithmetic of arrays, properties that are computed once, names that
+are alike.
+"""
 
 from dataclasses import dataclass, replace
 
@@ -10,7 +12,9 @@ from gaitcal.errors import alike, nearest, side_named
 from gaitcal.runtime import remembered
 
 
-@pytest.mark.parametrize(("left", "right"), [((3,), (3,)), ((5, 3), (3,)), ((3,), (5, 3)), ((4, 1, 3), (5, 3))])
+@pytest.mark.parametrize(
+    ("left", "right"), [((3,), (3,)), ((5, 3), (3,)), ((3,), (5, 3)), ((4, 1, 3), (5, 3))]
+)
 def test_cross_is_that_of_numpy(left: tuple[int, ...], right: tuple[int, ...]) -> None:
     rng = np.random.default_rng(0)
     a, b = rng.normal(size=left), rng.normal(size=right)
@@ -58,10 +62,32 @@ def test_a_fault_is_raised_every_time() -> None:
     [
         *[
             (label, "r")
-            for label in ("RKNE", "R.Knee", "R_Knee", "knee_r", "kneeR", "Right_Knee", "Knee_Right", "rKnee")
+            for label in (
+                "RKNE",
+                "R.Knee",
+                "R_Knee",
+                "knee_r",
+                "kneeR",
+                "Right_Knee",
+                "Knee_Right",
+                "rKnee",
+            )
         ],
         *[(label, "l") for label in ("LKNE", "L.Knee", "hip_l", "left knee", "LeftKnee")],
-        *[(label, "") for label in ("V.Sacral", "C7", "role", "rule", "clav", "Lumbar", "Rate", "Sternum", "legs")],
+        *[
+            (label, "")
+            for label in (
+                "V.Sacral",
+                "C7",
+                "role",
+                "rule",
+                "clav",
+                "Lumbar",
+                "Rate",
+                "Sternum",
+                "legs",
+            )
+        ],
     ],
 )
 def test_the_side_that_a_label_names(label: str, side: str) -> None:

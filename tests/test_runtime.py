@@ -1,4 +1,6 @@
-"""One BLAS thread and the same bits for everybody; the memory that is given back; signals of programs in tests."""
+"""One BLAS thread and the same bits for everybody; the memory that is given back; signals of
+programs in tests.
+"""
 
 import inspect
 import json
@@ -28,7 +30,9 @@ NEEDS = {"Haswell": ("avx2", "1,2"), "SkylakeX": ("avx512f", "1,4")}
 
 
 def threads() -> set[int]:
-    return {library["num_threads"] for library in threadpool_info() if library["user_api"] == "blas"}
+    return {
+        library["num_threads"] for library in threadpool_info() if library["user_api"] == "blas"
+    }
 
 
 @with_one_blas_thread
@@ -83,7 +87,9 @@ def test_every_numerical_function_asks_for_it() -> None:
 
 def test_a_command_called_by_a_program_asks_for_it(monkeypatch: pytest.MonkeyPatch) -> None:
     seen: list[set[int]] = []
-    monkeypatch.setattr("gaitcal.cli.view_command.view_result", lambda console, result: seen.append(threads()))
+    monkeypatch.setattr(
+        "gaitcal.cli.view_command.view_result", lambda console, result: seen.append(threads())
+    )
     with threadpool_limits(limits=2, user_api="blas"):
         CliRunner().invoke(app, ["view", "."], catch_exceptions=False)
     assert seen == [{1}]
@@ -92,13 +98,25 @@ def test_a_command_called_by_a_program_asks_for_it(monkeypatch: pytest.MonkeyPat
 @pytest.mark.slow
 @pytest.mark.parametrize("core", NEEDS)
 def test_the_number_of_threads_changes_no_bit(core: str, tmp_path: Path) -> None:
-    """Nor does the process: workers and this process draw the same, a part of a study and a draw alone, too."""
+    """Nor does the process: workers and this process draw the same, a part of a study and a draw
+    alone, too.
+    """
     flags, (needed, counts) = Path("/proc/cpuinfo"), NEEDS[core]
     if not flags.exists() or needed not in flags.read_text().split():
         pytest.skip(f"no processor with {needed}")
-    command = [sys.executable, "-m", "tests.threads_work", counts, str(write_synthetic_study(tmp_path))]
-    environment = {k: v for k, v in os.environ.items() if not k.endswith("_NUM_THREADS")} | {"OPENBLAS_CORETYPE": core}
-    done = subprocess.run(command, cwd=ROOT, env=environment, stdout=subprocess.PIPE, text=True, check=True)
+    command = [
+        sys.executable,
+        "-m",
+        "tests.threads_work",
+        counts,
+        str(write_synthetic_study(tmp_path)),
+    ]
+    environment = {k: v for k, v in os.environ.items() if not k.endswith("_NUM_THREADS")} | {
+        "OPENBLAS_CORETYPE": core
+    }
+    done = subprocess.run(
+        command, cwd=ROOT, env=environment, stdout=subprocess.PIPE, text=True, check=True
+    )
     one, more = json.loads(done.stdout).values()
     assert [name for name in one if one[name] != more[name]] == []
     for what in ("monte_carlo", "a draw"):
@@ -135,7 +153,10 @@ def test_arrays_are_made_from_kept_memory() -> None:
     assert faults_per_array("keep") < 5
 
 
-IGNORED = "import os, signal, sys; [signal.signal(int(n), signal.SIG_IGN) for n in sys.argv[1].split(',')]; "
+IGNORED = (
+    "import os, signal, sys; [signal.signal(int(n), signal.SIG_IGN) for n in "
+    "sys.argv[1].split(',')]; "
+)
 CHILD = "import signal; print([signal.getsignal(n) is signal.SIG_IGN for n in (1, 2, 15)])"
 
 
@@ -152,6 +173,10 @@ sys.stdout.flush()
 subprocess.run(ask)
 """
     done = subprocess.run(
-        [sys.executable, "-c", code, "1,2,15"], cwd=ROOT, env=dict(os.environ), capture_output=True, text=True
+        [sys.executable, "-c", code, "1,2,15"],
+        cwd=ROOT,
+        env=dict(os.environ),
+        capture_output=True,
+        text=True,
     )
     assert done.stdout.splitlines() == [str([True] * 3), str([False] * 3)]

@@ -1,4 +1,6 @@
-"""The scripts are thin programs over the public API: examples, benchmark and the comparison of results run."""
+"""The scripts are thin programs over the public API: examples, benchmark and the comparison of
+results run.
+"""
 
 import importlib.util
 import json
@@ -29,30 +31,46 @@ def example(name: str) -> ModuleType:
     return module
 
 
-def test_benchmark_runs_a_section_and_writes_its_figures(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_benchmark_runs_a_section_and_writes_its_figures(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     out = tmp_path / "figures.json"
     benchmark.main(["ip", "inverse-dynamics", "--runs", "1", "--json", str(out)])
     figures = json.loads(out.read_text(encoding="utf-8"))
     assert figures["machine"]["blas_threads"] == 1
-    assert all(f["seconds"] > 0 for section in ("ip", "inverse-dynamics") for f in figures[section].values())
+    assert all(
+        f["seconds"] > 0
+        for section in ("ip", "inverse-dynamics")
+        for f in figures[section].values()
+    )
     assert "physically consistent" in capsys.readouterr().out
 
 
 @pytest.fixture
 def once(kept: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """The person of the first two scripts is one of which other tests ask, too."""
-    monkeypatch.setattr(gc, "synthesize", lambda out, **_: copied_person(kept, out, seed=3, noise=True, perturb=True))
+    monkeypatch.setattr(
+        gc,
+        "synthesize",
+        lambda out, **_: copied_person(kept, out, seed=3, noise=True, perturb=True),
+    )
     calibration = kept_calibration(kept)  # by the true function, before its name is another's
     monkeypatch.setattr(gc, "calibrate", lambda *_: calibration)
 
 
 @pytest.mark.slow
 @pytest.mark.usefixtures("once")
-def test_calibrate_script_writes_a_result_folder(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_calibrate_script_writes_a_result_folder(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     example("01_calibrate").main([str(tmp_path)])
     said = capsys.readouterr().out
-    assert {"result.html", "page.json", "scene.npz", "model.osim"} <= {p.name for p in (tmp_path / "result").iterdir()}
-    nominal, calibrated, floor = (float(word) for word in re.findall(r"^gait +(.*)$", said, re.M)[0].split())
+    assert {"result.html", "page.json", "scene.npz", "model.osim"} <= {
+        p.name for p in (tmp_path / "result").iterdir()
+    }
+    nominal, calibrated, floor = (
+        float(word) for word in re.findall(r"^gait +(.*)$", said, re.M)[0].split()
+    )
     assert floor < calibrated < nominal
     assert (tmp_path / "result" / "result.html").as_posix() in said
 
@@ -64,7 +82,9 @@ def test_uncertainty_script_sets_errors_beside_standard_errors(
 ) -> None:
     example("02_uncertainty").main([str(tmp_path)])
     said = capsys.readouterr().out
-    within, of = map(int, re.findall(r"within 2 standard errors of the truth: (\d+) of (\d+)", said)[0])
+    within, of = map(
+        int, re.findall(r"within 2 standard errors of the truth: (\d+) of (\d+)", said)[0]
+    )
     assert of >= 54  # the legs', and those of trunk and arms that gait tells of
     assert within > 0.8 * of
     table = pd.read_csv(tmp_path / "parameters.csv", index_col="name")
@@ -85,14 +105,18 @@ def test_marker_set_script_compares_two_sets(
     own.main([str(tmp_path)])
     said = capsys.readouterr().out
     assert "my_markers: 36 markers on 10 segments" in said
-    first, second = map(float, re.findall(r"gait: RMS marker error (\S+) mm, with the other set (\S+) mm", said)[0])
+    first, second = map(
+        float, re.findall(r"gait: RMS marker error (\S+) mm, with the other set (\S+) mm", said)[0]
+    )
     assert first != second
     change = re.findall(r"knee_angle_r: torque differs by (\S+) %", said)
     assert 0 < float(change[0]) < 1
 
 
 @pytest.mark.slow
-def test_notebook_runs_from_top_to_bottom(kept: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_notebook_runs_from_top_to_bottom(
+    kept: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """As it stands, but for the person and the calibration, which are those of other tests."""
     nbformat = pytest.importorskip("nbformat", reason="extra `docs`")
     nbclient = pytest.importorskip("nbclient", reason="extra `docs`")
@@ -100,15 +124,25 @@ def test_notebook_runs_from_top_to_bottom(kept: Path, tmp_path: Path, monkeypatc
     notebook = nbformat.read(EXAMPLES / "first_study.ipynb", as_version=4)
     nbformat.validate(notebook)
     code = [cell for cell in notebook.cells if cell.cell_type == "code"]
-    assert not any(cell.outputs or cell.execution_count for cell in code), "outputs are not committed"
+    assert not any(cell.outputs or cell.execution_count for cell in code), (
+        "outputs are not committed"
+    )
     place = f"Path({str(kept)!r})"
-    lines = ["from pathlib import Path", "import gaitcal", "from tests.kept import copied_person, kept_calibration"]
+    lines = [
+        "from pathlib import Path",
+        "import gaitcal",
+        "from tests.kept import copied_person, kept_calibration",
+    ]
     lines.append(f"person = copied_person({place}, 'person', seed=3, noise=True, perturb=True)")
     lines.append(f"found = kept_calibration({place})")
-    lines.append("gaitcal.synthesize, gaitcal.calibrate = lambda out, **_: person, lambda *_: found")
+    lines.append(
+        "gaitcal.synthesize, gaitcal.calibrate = lambda out, **_: person, lambda *_: found"
+    )
     notebook.cells.insert(0, nbformat.v4.new_code_cell("\n".join(lines)))
     monkeypatch.setenv("PYTHONPATH", str(ROOT))
-    nbclient.NotebookClient(notebook, timeout=300, resources={"metadata": {"path": str(tmp_path)}}).execute()
+    nbclient.NotebookClient(
+        notebook, timeout=300, resources={"metadata": {"path": str(tmp_path)}}
+    ).execute()
     assert (tmp_path / "first-study" / "result" / "result.html").exists()
     assert any("image/png" in output.get("data", {}) for cell in code for output in cell.outputs)
     said = "".join(output.get("text", "") for cell in code for output in cell.outputs)
@@ -123,23 +157,31 @@ def folders(tmp_path: Path) -> tuple[Path, Path]:
     before = tmp_path / "before"
     before.mkdir()
     (before / "walk.csv").write_text(ROWS.format(20.0))
-    (before / "summary.json").write_text(json.dumps({"seconds": 1.5, "status": "converged", "rms": 5.5}, indent=1))
+    (before / "summary.json").write_text(
+        json.dumps({"seconds": 1.5, "status": "converged", "rms": 5.5}, indent=1)
+    )
     np.savez(before / "splines.npz", coefficients=np.arange(4.0), trials=np.array(["walk"]))
     (before / "report.html").write_text("<p>before</p>")
     shutil.copytree(before, tmp_path / "after")
     return before, tmp_path / "after"
 
 
-def test_the_same_is_the_same_whatever_time_it_took(folders: tuple[Path, Path], capsys: pytest.CaptureFixture) -> None:
+def test_the_same_is_the_same_whatever_time_it_took(
+    folders: tuple[Path, Path], capsys: pytest.CaptureFixture
+) -> None:
     before, after = folders
-    (after / "summary.json").write_text(json.dumps({"seconds": 9.0, "status": "converged", "rms": 5.5}, indent=1))
+    (after / "summary.json").write_text(
+        json.dumps({"seconds": 9.0, "status": "converged", "rms": 5.5}, indent=1)
+    )
     (after / "walk.csv").write_text(ROWS.format(20.0 * (1 + 1e-10)))
     (after / "report.html").write_text("<p>after</p>")
     assert compare_results.main([str(before), str(after)]) == 0
     assert "1 pages" in capsys.readouterr().out
 
 
-def test_other_numbers_gaps_words_arrays_and_missing_files_are_told(folders: tuple[Path, Path]) -> None:
+def test_other_numbers_gaps_words_arrays_and_missing_files_are_told(
+    folders: tuple[Path, Path],
+) -> None:
     before, after = folders
     of_run = {"seconds": 1.5, "status": "converged", "rms": 5.5}
     for name, content in (

@@ -1,9 +1,11 @@
-"""What the package computes, as a program whose BLAS may use some threads: prints hashes of every result's bits.
+"""What the package computes, as a program whose BLAS may use some threads: prints hashes of every
+result's bits.
 
     python -m tests.threads_work THREADS[,THREADS...] FOLDER
 
-All is computed once for each number of threads, which is set as a user's own program would have it, after the
-libraries are loaded: OPENBLAS_NUM_THREADS would be cut to the cores of the machine. FOLDER holds a study.
+All is computed once for each number of threads, which is set as a user's own program would have it,
+after the libraries are loaded: OPENBLAS_NUM_THREADS would be cut to the cores of the machine.
+FOLDER holds a study.
 """
 
 import hashlib
@@ -29,7 +31,9 @@ PLAN = Plan(levels=(50,), draws=1)
 
 
 def results(study: Path) -> Iterator[tuple[str, bytes]]:
-    """Names of entry points, and the bits of what they return. `A: B` and `A: C` must have the same."""
+    """Names of entry points, and the bits of what they return. `A: B` and `A: C` must have the
+    same.
+    """
     model, walk = gc.published_model(), gait_motion()
     motion = gc.track(model, made_recording(walk))
     yield "track", motion.q.tobytes()
@@ -43,13 +47,25 @@ def results(study: Path) -> Iterator[tuple[str, bytes]]:
         yield f"monte_carlo: {name}", draws[list(COLUMNS)].to_numpy().tobytes()
     settings = MonteCarloSettings()
     noise = draws[draws["set"] == Varied.NOISE.value]
-    yield "a draw: of the study", np.ascontiguousarray(noise[list(COLUMNS)].iloc[0], float).tobytes()
-    yield "a draw: alone", draw(MonteCarloContext(case, settings), Varied.NOISE, 50, 0).values.tobytes()
+    yield (
+        "a draw: of the study",
+        np.ascontiguousarray(noise[list(COLUMNS)].iloc[0], float).tobytes(),
+    )
+    yield (
+        "a draw: alone",
+        draw(MonteCarloContext(case, settings), Varied.NOISE, 50, 0).values.tobytes(),
+    )
     joints = noisy_draw(0, 0, random_seeds=1).joints
-    yield "noisy_draw", np.concatenate([joint.coefficients.ravel() for joint in joints.values()]).tobytes()
+    yield (
+        "noisy_draw",
+        np.concatenate([joint.coefficients.ravel() for joint in joints.values()]).tobytes(),
+    )
 
     found = gc.calibrate(gc.Study.load(study))
-    yield "calibrate", found.model.parameters.joint.tobytes() + found.model.parameters.inertial.tobytes()
+    yield (
+        "calibrate",
+        found.model.parameters.joint.tobytes() + found.model.parameters.inertial.tobytes(),
+    )
     yield "cycles", gc.cycles(found).to_csv().encode()
 
 
@@ -57,5 +73,7 @@ if __name__ == "__main__":
     told = {}
     for count in map(int, sys.argv[1].split(",")):
         with threadpool_limits(count, user_api="blas"):
-            told[count] = {name: hashlib.sha256(bits).hexdigest() for name, bits in results(Path(sys.argv[2]))}
+            told[count] = {
+                name: hashlib.sha256(bits).hexdigest() for name, bits in results(Path(sys.argv[2]))
+            }
     sys.stdout.write(json.dumps(told))

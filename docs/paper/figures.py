@@ -54,7 +54,9 @@ def reduced(files: list[Path]) -> list[Row]:
         for fit in json.loads(file.read_text(encoding="utf-8")):
             kind = next((kind for kind in NAMES if fit["case"].startswith(kind)), None)
             if fit["part"] in PARTS and kind:
-                found.setdefault((fit["part"], kind), []).extend(fit["figures"][name] for name in FIGURES)
+                found.setdefault((fit["part"], kind), []).extend(
+                    fit["figures"][name] for name in FIGURES
+                )
     rows = []
     for part in PARTS:
         for kind in NAMES:
@@ -65,7 +67,10 @@ def reduced(files: list[Path]) -> list[Row]:
 
 
 def _row(part: str, kind: str, figures: list[dict]) -> Row:  # type: ignore[type-arg]
-    held, count = sum(f["bars"]["within"][1] for f in figures), sum(f["bars"]["count"] for f in figures)
+    held, count = (
+        sum(f["bars"]["within"][1] for f in figures),
+        sum(f["bars"]["count"] for f in figures),
+    )
     return Row(
         part=part,
         kind=kind,
@@ -88,7 +93,9 @@ def write(rows: list[Row], file: Path) -> None:
         out.writerow(names)
         for row in rows:
             values = (getattr(row, name) for name in names)
-            out.writerow([f"{value:.4g}" if isinstance(value, float) else value for value in values])  # None: empty
+            out.writerow(
+                [f"{value:.4g}" if isinstance(value, float) else value for value in values]
+            )  # None: empty
 
 
 def read(file: Path) -> list[Row]:
@@ -112,9 +119,26 @@ def draw(rows: list[Row], file: Path) -> None:
     figure = Figure(figsize=(6.7, 3.4), dpi=220, layout="constrained")
     left, right = figure.subplots(1, 2, sharey=True, width_ratios=(3, 1.4))
     places = _places(rows)
-    told = [(place, r.nominal_mm, r.calibrated_mm) for place, r in zip(places, rows, strict=True) if r.nominal_mm]
-    left.hlines([p for p, *_ in told], [c for *_, c in told], [n for _, n, _ in told], color="#cccccc", lw=1.2)
-    left.plot([n for _, n, _ in told], [p for p, *_ in told], "o", mfc="white", mec=BEFORE, label="nominal")
+    told = [
+        (place, r.nominal_mm, r.calibrated_mm)
+        for place, r in zip(places, rows, strict=True)
+        if r.nominal_mm
+    ]
+    left.hlines(
+        [p for p, *_ in told],
+        [c for *_, c in told],
+        [n for _, n, _ in told],
+        color="#cccccc",
+        lw=1.2,
+    )
+    left.plot(
+        [n for _, n, _ in told],
+        [p for p, *_ in told],
+        "o",
+        mfc="white",
+        mec=BEFORE,
+        label="nominal",
+    )
     left.plot([r.calibrated_mm for r in rows], places, "o", color=AFTER, label="calibrated")
     left.set(xscale="log", xlabel="hip centre, distance from the truth, RMS, mm")
     left.set_yticks(places, [NAMES[r.kind] for r in rows], fontsize=8)

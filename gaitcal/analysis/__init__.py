@@ -1,1 +1,3 @@
-"""From a study to a calibrated person: joint fit, inertial fit, torques, error bars, verdict; the result objects."""
+"""From a study to a calibrated person: joint fit, inertial fit, torques, error bars, verdict; the
+result objects.
+"""

@@ -1,9 +1,11 @@
 """Calibrate a study, in five stages that hand on one `Session`.
 
-1. `examined`: clean the trials, build the nominal model from the static trial (`quality/study_checks.py`).
+1. `examined`: clean the trials, build the nominal model from the static trial
+   (`quality/study_checks.py`).
 2. `session_of`: rotate the trials to the direction of progression and pose their tracking problems.
 3. `fit_joints`: joint parameters and soft tissue from the markers of all trials.
-4. `track`: motions with the nominal and the fitted model, forces under the feet, disagreement of both.
+4. `track`: motions with the nominal and the fitted model, forces under the feet, disagreement of
+   both.
 5. `fit_inertia`: inertial parameters from the pelvis residual; on demand all parameters together.
    `judged`: standard errors, torques, findings and the verdict.
 """
@@ -21,11 +23,22 @@ from gaitcal.analysis import fit_findings
 from gaitcal.analysis.fit_joints import fit_joints
 from gaitcal.analysis.prepared_trials import MovingTrial, Session, session_of, tracked
 from gaitcal.analysis.result import Calibration, Stage, TrialResult, Uncertainty, withdrawn
-from gaitcal.analysis.trial_result import Counted, counted_from_static, shifted, static_angles, trial_result
+from gaitcal.analysis.trial_result import (
+    Counted,
+    counted_from_static,
+    shifted,
+    static_angles,
+    trial_result,
+)
 from gaitcal.analysis.truth_comparison import with_truth
 from gaitcal.arrays import Array
 from gaitcal.calibration import inertial_calibration, inertial_evidence
-from gaitcal.calibration.combined import CombinedFit, CombinedProblem, CombinedSettings, combined_fit
+from gaitcal.calibration.combined import (
+    CombinedFit,
+    CombinedProblem,
+    CombinedSettings,
+    combined_fit,
+)
 from gaitcal.calibration.error_sources import nominal_errors
 from gaitcal.calibration.joint_phases import Phase
 from gaitcal.calibration.torque_errors import inertial_square_root
@@ -47,24 +60,31 @@ Loaded: TypeAlias = tuple[MovingTrial, GroundReactions]
 
 @with_one_blas_thread
 def calibrate(
-    study: Study, progress: Progress = silent, *, leave_out: bool = False, checked: Sequence[Finding] | None = None
+    study: Study,
+    progress: Progress = silent,
+    *,
+    leave_out: bool = False,
+    checked: Sequence[Finding] | None = None,
 ) -> Calibration:
-    """Fit a person's joint and inertial parameters and compute the joint torques of every gait trial.
+    """Fit a person's joint and inertial parameters and compute the joint torques of every gait
+    trial.
 
     Parameters
     ----------
-    study : from `Study.load`.
-    progress : called with a line of text at the beginning of each step.
-    leave_out : find the held-out error too (`analysis/fit_joints.py`), which takes four more fits of the joint
+    study : from `Study.load`. progress : called with a line of text at the beginning of each step.
+    leave_out : find the held-out error too (`analysis/fit_joints.py`), which takes four more fits
+    of the joint
         parameters.
-    checked : what `gaitcal.check_study` found; made here unless given. Errors among it do not stop the calibration, but
+    checked : what `gaitcal.check_study` found; made here unless given. Errors among it do not stop
+    the calibration, but
         its verdict is "refused" then: no torque counts as valid, and no error bar is given.
 
     Raises
     ------
     InputError
-        The recordings do not allow it: landmarks missing in the static trial, too few markers of a segment, forces
-        that fit no foot. A phase that stops early is no error: see `Calibration.converged` and `phases`.
+        The recordings do not allow it: landmarks missing in the static trial, too few markers of a
+        segment, forces that fit no foot. A phase that stops early is no error: see
+        `Calibration.converged` and `phases`.
     """
     if checked is None:
         progress("checking the recordings")
@@ -86,8 +106,8 @@ def calibrate(
 def impossible_functional_trials(session: Session) -> dict[str, Finding]:
     """Find functional trials (single-joint) in which a leg moves as none can.
 
-    What is wrong with one trial concerns that trial: the joints are to be found without it, and no torque of a walk is
-    refused for it.
+    What is wrong with one trial concerns that trial: the joints are to be found without it, and no
+    torque of a walk is refused for it.
 
     Parameters
     ----------
@@ -97,7 +117,8 @@ def impossible_functional_trials(session: Session) -> dict[str, Finding]:
     Returns
     -------
     dict
-        Trial -> warning that it is left out; empty where nothing would be left to fit, or no joint was fitted.
+        Trial -> warning that it is left out; empty where nothing would be left to fit, or no joint
+        was fitted.
     """
     if session.joint is None:
         return {}
@@ -105,7 +126,9 @@ def impossible_functional_trials(session: Session) -> dict[str, Finding]:
     for trial in (t for t in session.trials if t.joint is not None):
         for finding in impossible(trial.motion, session.model.subject.weight):
             left_out = f"{finding.found}; the joint parameters were found without this trial"
-            out[trial.name] = replace(finding, severity=Severity.WARNING, found=left_out, leg="", topic=LEFT_OUT)
+            out[trial.name] = replace(
+                finding, severity=Severity.WARNING, found=left_out, leg="", topic=LEFT_OUT
+            )
     return out if len(out) < len(session.trials) else {}
 
 
@@ -139,7 +162,9 @@ def fit_inertia(session: Session, progress: Progress) -> Session:
         session = replace(session, inertial=inertial, parameters=parameters, trials=trials)
         if settings.joint_step and not fit_findings.is_trunk_unmeasured(loaded[0][0].motion):
             session = _fit_together(session, loaded, progress)
-    return replace(session, uncertainty=replace(session.uncertainty, inertial=_inertial_spread(session)))
+    return replace(
+        session, uncertainty=replace(session.uncertainty, inertial=_inertial_spread(session))
+    )
 
 
 def judged(session: Session, study: Study, progress: Progress) -> Calibration:
@@ -156,7 +181,9 @@ def judged(session: Session, study: Study, progress: Progress) -> Calibration:
     )
     names = [t.name for t in session.walks]
     absent = {f.where: f.evidence for f in session.findings if f.topic == LEFT_OUT}
-    found = without_consequences((*session.checked, *later, *(finding for t in results for finding in t.findings)))
+    found = without_consequences(
+        (*session.checked, *later, *(finding for t in results for finding in t.findings))
+    )
     notes = _notes(session, results, later)
     calibration = Calibration(
         study=replace(study, trials=tuple(t for t in study.trials if t.name not in absent)),
@@ -177,8 +204,12 @@ def judged(session: Session, study: Study, progress: Progress) -> Calibration:
     return with_truth(withdrawn(calibration))
 
 
-def _notes(session: Session, results: Sequence[TrialResult], later: Sequence[Finding]) -> tuple[str, ...]:
-    """What was assumed: of the model, the joint and inertial parameters, the trials, and remarks among the findings."""
+def _notes(
+    session: Session, results: Sequence[TrialResult], later: Sequence[Finding]
+) -> tuple[str, ...]:
+    """What was assumed: of the model, the joint and inertial parameters, the trials, and remarks
+    among the findings.
+    """
     joint, inertial = session.joint, session.inertial
     return (
         *session.model.notes,
@@ -191,23 +222,31 @@ def _notes(session: Session, results: Sequence[TrialResult], later: Sequence[Fin
 
 
 def _counted(session: Session) -> Counted:
-    """The session's parameters with ankle angles counted from the static posture, where its settings ask for it."""
+    """The session's parameters with ankle angles counted from the static posture, where its
+    settings ask for it.
+    """
     if session.static is None:
         return Counted(session.parameters, {}, {})
     if session.settings.keeps_ankle_zero and session.joint is not None:
         return counted_from_static(session.model, session.parameters, session.static)
-    return Counted(session.parameters, {}, static_angles(session.model, session.parameters, session.static))
+    return Counted(
+        session.parameters, {}, static_angles(session.model, session.parameters, session.static)
+    )
 
 
 def weighing(session: Session) -> list[Loaded]:
-    """Tracked trials whose forces tell of masses: those whose trunk is seen, or all where it is seen in none."""
+    """Tracked trials whose forces tell of masses: those whose trunk is seen, or all where it is
+    seen in none.
+    """
     silent_on_masses = session.forces.faulty | fit_findings.spoilt_motions(session.checked)
     believed = [
         (t, t.reactions)
         for t in session.trials
         if t.reactions is not None and t.reactions.valid.any() and t.name not in silent_on_masses
     ]
-    return [(t, r) for t, r in believed if not fit_findings.is_trunk_unmeasured(t.motion)] or believed
+    return [
+        (t, r) for t, r in believed if not fit_findings.is_trunk_unmeasured(t.motion)
+    ] or believed
 
 
 def _inertial_fit(session: Session, loaded: Sequence[Loaded]) -> inertial_calibration.InertialFit:
@@ -219,16 +258,24 @@ def _inertial_fit(session: Session, loaded: Sequence[Loaded]) -> inertial_calibr
     scale = inertial_calibration.TorqueScale(settings.torque_scale)
     equations = inertial_calibration.equations_of(motions, parameters, subject, scale, width)
     if fit_findings.is_trunk_unmeasured(loaded[0][0].motion):
-        rms, unseen = equations.rms(parameters.inertial), fit_findings.unmeasured_words(loaded[0][0].motion, parameters)
+        rms, unseen = (
+            equations.rms(parameters.inertial),
+            fit_findings.unmeasured_words(loaded[0][0].motion, parameters),
+        )
         left = inertial_evidence.residual_words(rms)
         why = f"markers do not determine {unseen}; {left} tells how that moves, not what it weighs"
-        return inertial_evidence.stay_nominal(parameters.inertial, which, spread_of_people(session), rms, why)
+        return inertial_evidence.stay_nominal(
+            parameters.inertial, which, spread_of_people(session), rms, why
+        )
     if settings.ip == "published":
         return inertial_calibration.fit_published(equations, parameters.inertial, which)
     noise = inertial_evidence.residual_noise(
         [
             inertial_evidence.LoadedProblem(
-                problem=t.with_skin, coefficients=t.motion.coefficients, reactions=r, scores=t.scores
+                problem=t.with_skin,
+                coefficients=t.motion.coefficients,
+                reactions=r,
+                scores=t.scores,
             )
             for t, r in loaded
         ],
@@ -240,12 +287,16 @@ def _inertial_fit(session: Session, loaded: Sequence[Loaded]) -> inertial_calibr
         inertial_evidence.PlateNoise(PlateErrors.of(settings.plate_error)),
         inertial_evidence.spread_of_the_rest(parameters.inertial, which),
     )
-    fit = inertial_evidence.fit_by_evidence(equations, parameters.inertial, which, noise, spread_of_people(session))
+    fit = inertial_evidence.fit_by_evidence(
+        equations, parameters.inertial, which, noise, spread_of_people(session)
+    )
     return replace(fit, seconds=time.perf_counter() - began)
 
 
 def spread_of_people(session: Session) -> inertial_calibration.ConsistentSettings:
-    """How far people scatter about the table of the nominal masses: further where it may be the wrong one."""
+    """How far people scatter about the table of the nominal masses: further where it may be the
+    wrong one.
+    """
     return inertial_calibration.ConsistentSettings(more_of=table_spread(session.model.subject))
 
 
@@ -254,7 +305,9 @@ def _inertial_set(settings: CalibrationSettings) -> InertialSet:
 
 
 def _fit_together(session: Session, loaded: Sequence[Loaded], progress: Progress) -> Session:
-    """Joint and inertial parameters together; as it was for impossible bodies, which the fit's chart cannot hold."""
+    """Joint and inertial parameters together; as it was for impossible bodies, which the fit's
+    chart cannot hold.
+    """
     joint, settings = session.joint, session.settings
     if joint is None or impossible_bodies(session.parameters.inertial):
         return session
@@ -266,29 +319,52 @@ def _fit_together(session: Session, loaded: Sequence[Loaded], progress: Progress
         wrench, valid = (None, None) if r is None else (r.wrench, r.valid)
         steps.append(CombinedProblem(t.body.followed(coefficients), coefficients, wrench, valid))
     determined = tuple(name for name in joint.free if name not in joint.unidentifiable)
-    chosen = CombinedSettings(load_share=settings.joint_step_load_share, spread=spread_of_people(session))
-    fit = combined_fit(steps, session.parameters, determined, _inertial_set(settings), session.model.subject, chosen)
+    chosen = CombinedSettings(
+        load_share=settings.joint_step_load_share, spread=spread_of_people(session)
+    )
+    fit = combined_fit(
+        steps,
+        session.parameters,
+        determined,
+        _inertial_set(settings),
+        session.model.subject,
+        chosen,
+    )
     counted = _counted(replace(session, parameters=fit.parameters))
     trials = []
     for t, coefficients in zip(session.trials, fit.coefficients, strict=True):
         moved = shifted(coefficients, t.body.chain.coordinates, counted.moved)
         motion = motion_of(t.body, counted.parameters, moved, converged=fit.converged)
-        trials.append(t.reached(Stage.COMBINED, counted.parameters, motion).scored(session.uncertainty))
+        trials.append(
+            t.reached(Stage.COMBINED, counted.parameters, motion).scored(session.uncertainty)
+        )
     return replace(
-        session, combined=fit, parameters=counted.parameters, static_angles=counted.static, trials=tuple(trials)
+        session,
+        combined=fit,
+        parameters=counted.parameters,
+        static_angles=counted.static,
+        trials=tuple(trials),
     )
 
 
 def _inertial_spread(session: Session) -> Array | None:
-    """(84, n) R with covariance R R^T: of the fit, and of people where it moves nothing; None: unknown."""
-    inertial, nominal, which = session.inertial, session.parameters.inertial, _inertial_set(session.settings)
+    """(84, n) R with covariance R R^T: of the fit, and of people where it moves nothing; None:
+    unknown.
+    """
+    inertial, nominal, which = (
+        session.inertial,
+        session.parameters.inertial,
+        _inertial_set(session.settings),
+    )
     if inertial is None:
         if impossible_bodies(nominal):
             return None
         inertial = inertial_evidence.stay_nominal(nominal, which, spread_of_people(session))
     if not inertial.statistical:
         return None
-    return np.hstack([inertial_square_root(inertial), inertial_evidence.spread_of_the_rest(nominal, which)])
+    return np.hstack(
+        [inertial_square_root(inertial), inertial_evidence.spread_of_the_rest(nominal, which)]
+    )
 
 
 def phases_of(session: Session) -> tuple[Phase, ...]:
@@ -296,10 +372,15 @@ def phases_of(session: Session) -> tuple[Phase, ...]:
     joint, inertial, combined = session.joint, session.inertial, session.combined
     fits = list[tuple[str, inertial_calibration.InertialFit | CombinedFit, int, int, str]]()
     if inertial is not None:
-        fits.append(("inertial", inertial, len(inertial.names), inertial.iterations, inertial.message))
+        fits.append(
+            ("inertial", inertial, len(inertial.names), inertial.iterations, inertial.message)
+        )
     if combined is not None and joint is not None and inertial is not None:
         text = "" if combined.converged else f"{combined.ending.value}; "
-        text += f"marker sigma {1e3 * combined.marker_sigma:.2f} mm a coordinate, load share {combined.load_share:g}"
+        text += (
+            f"marker sigma {1e3 * combined.marker_sigma:.2f} mm a coordinate, load share "
+            f"{combined.load_share:g}"
+        )
         count = len(joint.free) + len(inertial.names)
         fits.append(("joint and inertial", combined, count, combined.steps, text))
     trials = tuple(t.name for t, _ in weighing(session))

@@ -1,12 +1,14 @@
-"""What speaks against a finished calibration: one finding for each thing that its own figures put in doubt.
+"""What speaks against a finished calibration: one finding for each thing that its own figures put
+in doubt.
 
-A segment without the markers it needs moves as a prior has it (`coordinate_prior.py`). What its mass does otherwise
-appears at the pelvis as force and moment that nothing explains: so long as the trunk is such a segment, the pelvis
-residual says how it moves, and nothing of masses. Torques of the legs are summed from the feet upwards and do not
-depend on it.
+A segment without the markers it needs moves as a prior has it (`coordinate_prior.py`). What its
+mass does otherwise appears at the pelvis as force and moment that nothing explains: so long as the
+trunk is such a segment, the pelvis residual says how it moves, and nothing of masses. Torques of
+the legs are summed from the feet upwards and do not depend on it.
 
-Forces are judged after the joint parameters and with nominal masses: inertial parameters, and joint ones fitted with
-them, take a fault of the forces up (a clock 66 ms late leaves 96 N before and 7 N after).
+Forces are judged after the joint parameters and with nominal masses: inertial parameters, and joint
+ones fitted with them, take a fault of the forces up (a clock 66 ms late leaves 96 N before and 7 N
+after).
 """
 
 from collections.abc import Iterator, Sequence
@@ -29,7 +31,10 @@ from gaitcal.quality.marker_checks import ONE_MARKER
 from gaitcal.quality.verdict import touches_model
 from gaitcal.tracking.motion import Motion
 
-WORSE_M, WORSE = 5e-4, 0.02  # m, and share of the nominal error, by how much markers are met worse before it is told
+WORSE_M, WORSE = (
+    5e-4,
+    0.02,
+)  # m, and share of the nominal error, by how much markers are met worse before it is told
 
 
 def calibration_findings(
@@ -39,7 +44,9 @@ def calibration_findings(
     places = tuple[Finding, ...]()
     if session.joint is not None:
         isolated = {t.joint for t in results if t.joint is not None}
-        found = joint_place_findings(session.model, session.parameters, session.joint.errors, session.prior, isolated)
+        found = joint_place_findings(
+            session.model, session.parameters, session.joint.errors, session.prior, isolated
+        )
         places = tuple(found)
     return (*bodies_that_cannot_be(session), *disagreements(results), *unfinished(phases), *places)
 
@@ -49,7 +56,11 @@ def bodies_that_cannot_be(session: Session) -> Iterator[Finding]:
     bodies = impossible_bodies(session.parameters.inertial)
     if not bodies:
         return
-    left_out = "; the third step needs possible ones and was left out" if session.settings.joint_step else ""
+    left_out = (
+        "; the third step needs possible ones and was left out"
+        if session.settings.joint_step
+        else ""
+    )
     yield Finding(
         severity=Severity.WARNING,
         topic="inertial parameters",
@@ -64,17 +75,25 @@ def bodies_that_cannot_be(session: Session) -> Iterator[Finding]:
 def disagreements(results: Sequence[TrialResult]) -> Iterator[Finding]:
     """Trials whose markers the final model meets worse than the nominal one."""
     for t in results:
-        segments = () if t.joint else LOWER_BODY  # arms that were raised in the static trial would hide worse legs
+        segments = (
+            () if t.joint else LOWER_BODY
+        )  # arms that were raised in the static trial would hide worse legs
         first, last = t.nominal.errors.rms(*segments), t.final.errors.rms(*segments)
-        if first is not None and last is not None and last > max(first + WORSE_M, (1 + WORSE) * first):
+        if (
+            first is not None
+            and last is not None
+            and last > max(first + WORSE_M, (1 + WORSE) * first)
+        ):
             yield Finding(
                 severity=Severity.WARNING,
                 topic="trials",
                 where=t.name,
                 cause="the trials disagree about the joints",
-                found=f"with the final model its markers are met worse ({1e3 * last:.1f} mm) than with the nominal one "
+                found=f"with the final model its markers are met worse ({1e3 * last:.1f} mm) than "
+                "with the nominal one "
                 f"({1e3 * first:.1f} mm)",
-                cure="see whether the trials are of one person with the markers in one place; leave the odd one out",
+                cure="see whether the trials are of one person with the markers in one place; "
+                "leave the odd one out",
                 code=Code.TRIALS_DISAGREE,
             )
 
@@ -95,7 +114,9 @@ def unfinished(phases: Sequence[Phase]) -> Iterator[Finding]:
 
 
 def trial_findings(trial: MovingTrial, loads: Loads | None, weight: float) -> tuple[Finding, ...]:
-    """Findings on one tracked trial: residuals with structure, and what no body can do. `weight`: of the body, N."""
+    """Findings on one tracked trial: residuals with structure, and what no body can do. `weight`:
+    of the body, N.
+    """
     problem, motion = trial.body, trial.motion
     measured = problem.data.measured.transpose(2, 0, 1)
     seen: BoolArray = np.any(measured != 0.0, axis=2)
@@ -106,7 +127,9 @@ def trial_findings(trial: MovingTrial, loads: Loads | None, weight: float) -> tu
         segments=motion.errors.segments,
         weight=motion.errors.weight,
         measured=np.where(seen[:, :, None], measured, np.nan),
-        model=problem.positions(motion.coefficients, problem.body(trial.parameters)).transpose(2, 0, 1),
+        model=problem.positions(motion.coefficients, problem.body(trial.parameters)).transpose(
+            2, 0, 1
+        ),
     )
     moments, valid, legs = None, None, None
     if loads is not None:
@@ -125,8 +148,8 @@ def is_trunk_unmeasured(motion: Motion) -> bool:
 
 
 def unmeasured_words(motion: Motion, parameters: Parameters) -> str:
-    """Segments of the upper body that markers do not determine ("head and trunk, upper arms: 44 % of the body's
-    mass"); nothing where none is.
+    """Segments of the upper body that markers do not determine ("head and trunk, upper arms: 44 %
+    of the body's mass"); nothing where none is.
     """
     segments = _unmeasured(motion)
     mass = dict(zip(MASSIVE_SEGMENTS, table(parameters.inertial)[:, 0], strict=True))
@@ -136,12 +159,18 @@ def unmeasured_words(motion: Motion, parameters: Parameters) -> str:
 
 
 def _unmeasured(motion: Motion) -> tuple[str, ...]:
-    turns = {s: {e.name for e in JOINT_OF_CHILD[s].elements} for s in MASSIVE_SEGMENTS if s not in LOWER_BODY}
+    turns = {
+        s: {e.name for e in JOINT_OF_CHILD[s].elements}
+        for s in MASSIVE_SEGMENTS
+        if s not in LOWER_BODY
+    }
     return tuple(s for s, names in turns.items() if names & set(motion.guessed))
 
 
 def unmeasured_mass(results: Sequence[TrialResult], parameters: Parameters) -> Iterator[Finding]:
-    """Mass whose motion no marker determines, and the pelvis residual that it makes: no doubt of leg torques."""
+    """Mass whose motion no marker determines, and the pelvis residual that it makes: no doubt of
+    leg torques.
+    """
     walks = [t for t in results if t.joint is None and t.loads is not None and t.loads.residuals]
     blind = [t for t in walks if is_trunk_unmeasured(t.body)]
     if not blind:
@@ -154,45 +183,73 @@ def unmeasured_mass(results: Sequence[TrialResult], parameters: Parameters) -> I
         topic="pelvis residual",
         where=blind[0].name if len(walks) > len(blind) == 1 else STUDY,
         cause=f"markers do not determine {unmeasured_words(blind[0].body, parameters)}",
-        found="a trunk is taken to stay upright, arms to hang along it, unless markers say otherwise; how they really "
-        f"move is the first cause of the pelvis residual (up to {force:.0f} N and {moment:.0f} N·m RMS){where} and in "
-        "the error bars of pelvis and trunk, and inertial parameters are not fitted against it; torques of the legs "
+        found="a trunk is taken to stay upright, arms to hang along it, unless markers say "
+        "otherwise; how they really "
+        f"move is the first cause of the pelvis residual (up to {force:.0f} N and {moment:.0f} N·m "
+        f"RMS){where} and in "
+        "the error bars of pelvis and trunk, and inertial parameters are not fitted against it; "
+        "torques of the legs "
         "are summed from the feet upwards and do not depend on it",
-        cure="three markers on the thorax that do not lie on one line (C7, T10, jugular notch, xiphoid) in all trials",
+        cure="three markers on the thorax that do not lie on one line (C7, T10, jugular notch, "
+        "xiphoid) in all trials",
         code=Code.UNMEASURED_MASS,
     )
 
 
 def spoilt_motions(checked: Sequence[Finding]) -> frozenset[str]:
-    """Trials whose markers do not tell how a leg moves: their motion asks for forces that nobody exerted."""
-    return frozenset(f.where for f in checked if f.leg and f.severity is Severity.ERROR and touches_model(f.topic))
+    """Trials whose markers do not tell how a leg moves: their motion asks for forces that nobody
+    exerted.
+    """
+    return frozenset(
+        f.where
+        for f in checked
+        if f.leg and f.severity is Severity.ERROR and touches_model(f.topic)
+    )
 
 
 def diagnose_forces(session: Session) -> ForceDiagnosis:
-    """What is wrong with the forces of the tracked trials, by their motions and nominal inertial parameters.
+    """What is wrong with the forces of the tracked trials, by their motions and nominal inertial
+    parameters.
 
     What the checks said of the markers tells whose motion is doubtful.
     """
     model, checked = session.model, session.checked
-    doubtful = spoilt_motions(checked) | {f.where for f in checked if f.topic == ONE_MARKER and f.cause}
+    doubtful = spoilt_motions(checked) | {
+        f.where for f in checked if f.topic == ONE_MARKER and f.cause
+    }
     parameters = session.parameters.with_inertial(model.nominal.inertial)
     if impossible_bodies(parameters.inertial):
         return ForceDiagnosis()
     evidence = (
-        force_evidence(replace(t, recording=t.in_file_axes), t.recording, model, parameters, t.motion, t.reactions)
+        force_evidence(
+            replace(t, recording=t.in_file_axes),
+            t.recording,
+            model,
+            parameters,
+            t.motion,
+            t.reactions,
+        )
         for t in session.trials
         if t.reactions is not None
     )
-    return force_findings([replace(one, doubtful=one.name in doubtful) for one in evidence if one is not None])
+    return force_findings(
+        [replace(one, doubtful=one.name in doubtful) for one in evidence if one is not None]
+    )
 
 
 def left_out_of_masses(session: Session) -> list[str]:
     """Notes on the trials that say nothing of masses."""
     faulty, spoilt = session.forces.faulty, spoilt_motions(session.checked)
     words = {
-        "forces at fault say nothing of masses": [t.name for t in session.trials if t.name in faulty],
+        "forces at fault say nothing of masses": [
+            t.name for t in session.trials if t.name in faulty
+        ],
         "a leg that its markers do not show says nothing of masses": [
             t.name for t in session.walks if t.name in spoilt and t.name not in faulty
         ],
     }
-    return [f"inertial parameters: {why}; left out: {', '.join(names)}" for why, names in words.items() if names]
+    return [
+        f"inertial parameters: {why}; left out: {', '.join(names)}"
+        for why, names in words.items()
+        if names
+    ]

@@ -1,13 +1,16 @@
-"""Joint parameters of a session: plain or under a robust loss, with or without the error on frames left out.
+"""Joint parameters of a session: plain or under a robust loss, with or without the error on frames
+left out.
 
-Robust loss: calibrate, weigh every marker sample anew by its residual, calibrate again. The weights of a trial come
-from tracking it under the loss with the joint parameters of the round before, the first time with the nominal ones;
-rounds end when the joint parameters settle. What is all but left out in the end becomes a finding.
+Robust loss: calibrate, weigh every marker sample anew by its residual, calibrate again. The weights
+of a trial come from tracking it under the loss with the joint parameters of the round before, the
+first time with the nominal ones; rounds end when the joint parameters settle. What is all but left
+out in the end becomes a finding.
 
-Held-out error: every trial is cut into blocks of time. Each fold leaves out every fourth block of all trials, fits the
-joint parameters to the rest, and then tracks the whole trials with these; what counts is the marker error in the
-blocks left out. The four folds together visit every frame once. The motion in a block left out is fitted to its own
-markers, as for the nominal model: what is tested is the joint parameters, not a guess of the motion.
+Held-out error: every trial is cut into blocks of time. Each fold leaves out every fourth block of
+all trials, fits the joint parameters to the rest, and then tracks the whole trials with these; what
+counts is the marker error in the blocks left out. The four folds together visit every frame once.
+The motion in a block left out is fitted to its own markers, as for the nominal model: what is
+tested is the joint parameters, not a guess of the motion.
 """
 
 from collections.abc import Callable, Sequence
@@ -41,23 +44,35 @@ NAMED_SHARE = 0.01
 """Share of a marker's samples left out from which it is named."""
 SIDES = {"both": ("r", "l"), "right": ("r",), "left": ("l",)}
 
-JointFitter = Callable[[Sequence[MovingTrial]], tuple[joint_phases.JointCalibration | None, Parameters]]
+JointFitter = Callable[
+    [Sequence[MovingTrial]], tuple[joint_phases.JointCalibration | None, Parameters]
+]
 """Calibrates the joint parameters of trials."""
 
 
-def fit_joints(session: Session, progress: Progress = silent, *, leave_out: bool = False) -> Session:
-    """The session with the joint parameters that its settings ask for, the table's mass centres going with its joints.
+def fit_joints(
+    session: Session, progress: Progress = silent, *, leave_out: bool = False
+) -> Session:
+    """The session with the joint parameters that its settings ask for, the table's mass centres
+    going with its joints.
 
     `leave_out`: with the held-out error too.
     """
-    settings, nominal, trials, findings = session.settings, session.model.parameters, session.trials, session.findings
+    settings, nominal, trials, findings = (
+        session.settings,
+        session.model.parameters,
+        session.trials,
+        session.findings,
+    )
     fit = partial(joint_parameters, session)
     if settings.jp and trials:
         progress("joint parameters")
     if settings.robust == "none":
         joint, parameters = fit(trials)
     else:
-        trials, joint, parameters, outliers = calibrate_robustly(trials, nominal, Loss(settings.robust), fit)
+        trials, joint, parameters, outliers = calibrate_robustly(
+            trials, nominal, Loss(settings.robust), fit
+        )
         findings += outliers
     if joint is not None:
         if leave_out:
@@ -66,7 +81,9 @@ def fit_joints(session: Session, progress: Progress = silent, *, leave_out: bool
             trials = tuple(replace(t, held_out=errors.get(t.name)) for t in trials)
         trials = tuple(t.with_tissue(joint.tissue.get(t.name), joint.artefact) for t in trials)
         if settings.ip != "published":
-            parameters = parameters.with_inertial(with_joints_of(parameters.inertial, nominal, parameters))
+            parameters = parameters.with_inertial(
+                with_joints_of(parameters.inertial, nominal, parameters)
+            )
     return replace(session, trials=trials, joint=joint, parameters=parameters, findings=findings)
 
 
@@ -78,31 +95,45 @@ def joint_parameters(
     if not settings.jp or not trials:
         return None, nominal
     bounds = joint_calibration.JointSettings(
-        position_bound=1e-3 * settings.position_bound_mm, orientation_bound=np.deg2rad(settings.orientation_bound_deg)
+        position_bound=1e-3 * settings.position_bound_mm,
+        orientation_bound=np.deg2rad(settings.orientation_bound_deg),
     )
     sides = SIDES[settings.legs]
     taking_part = [
-        joint_phases.JointProblem(t.body, t.joints, t.joint, t.name if t.role is Role.MOTION else "") for t in trials
+        joint_phases.JointProblem(
+            t.body, t.joints, t.joint, t.name if t.role is Role.MOTION else ""
+        )
+        for t in trials
     ]
     if settings.decided_by is Protocol.EVIDENCE:
-        joint = joint_phases.calibrate_by_evidence(taking_part, nominal, bounds, sides, session.prior)
+        joint = joint_phases.calibrate_by_evidence(
+            taking_part, nominal, bounds, sides, session.prior
+        )
         return joint, joint.parameters
     of_gait = leg_parameters if settings.gait_parameters == "leg" else gait_parameters
-    phases_of = joint_phases.simultaneous_phases if fits_legs_together(settings) else joint_phases.sequential_phases
+    phases_of = (
+        joint_phases.simultaneous_phases
+        if fits_legs_together(settings)
+        else joint_phases.sequential_phases
+    )
     phases = phases_of(taking_part, {side: of_gait(side) for side in sides})
     used = [t for t in taking_part if t.joint is None or t.joint[-1] in sides]
     kinds, parts = {t.name: t.kind for t in used}, {t.name: t.fitted for t in used}
     soft = soft_tissue_artefact.task_tissue(kinds, parts, nominal, fitted=False)
     phases = [phase.with_tissue(soft) for phase in phases]
     weak = joint_prior.WEAK if settings.prior == "weak" else None
-    how = joint_phases.PhaseSettings(search=bounds, prior=weak, equal_weights=True, fits_tissue=False)
+    how = joint_phases.PhaseSettings(
+        search=bounds, prior=weak, equal_weights=True, fits_tissue=False
+    )
     joint = joint_phases.calibrate_in_phases(phases, nominal, how)
     keys = [key for phase in phases for key in phase.tissue.keys]
     joint = replace(joint, tissue=soft.of_bodies({t.name: t.body for t in used}, keys))
     return joint, joint.parameters
 
 
-def hold_out(trials: Sequence[MovingTrial], nominal: Parameters, fit: JointFitter) -> dict[str, HeldOut]:
+def hold_out(
+    trials: Sequence[MovingTrial], nominal: Parameters, fit: JointFitter
+) -> dict[str, HeldOut]:
     """Held-out error of every trial; `fit` calibrates the joint parameters of trials."""
     before = {t.name: distances(t.fitted, nominal) for t in trials}
     after = {name: np.full_like(d, np.nan) for name, d in before.items()}
@@ -113,7 +144,9 @@ def hold_out(trials: Sequence[MovingTrial], nominal: Parameters, fit: JointFitte
         for t in trials:
             held = blocks[t.name] == fold
             if held.any():
-                moved = t if joint is None else t.with_tissue(joint.tissue.get(t.name), joint.artefact)
+                moved = (
+                    t if joint is None else t.with_tissue(joint.tissue.get(t.name), joint.artefact)
+                )
                 fitted = joint_phases.parameters_for(joint, t.name, parameters)
                 after[t.name][held] = distances(moved.fitted, fitted)[held]
     out = {}
@@ -126,10 +159,14 @@ def hold_out(trials: Sequence[MovingTrial], nominal: Parameters, fit: JointFitte
 
 
 def fold_of_frame(trial: MovingTrial) -> IntArray:
-    """(nf,) the fold that leaves out each frame; a trial of fewer blocks than folds is left out less often."""
+    """(nf,) the fold that leaves out each frame; a trial of fewer blocks than folds is left out
+    less often.
+    """
     since = trial.fitted.basis.time - trial.fitted.basis.time[0]
     block = (since / BLOCK_S + 1e-9).astype(np.intp)
-    folds: IntArray = block % FOLDS if since[-1] >= FOLDS * BLOCK_S else np.minimum(block, FOLDS - 1)
+    folds: IntArray = (
+        block % FOLDS if since[-1] >= FOLDS * BLOCK_S else np.minimum(block, FOLDS - 1)
+    )
     return folds
 
 
@@ -143,7 +180,9 @@ def without(trial: MovingTrial, held: BoolArray) -> MovingTrial:
 
 
 def distances(problem: MotionProblem, parameters: Parameters) -> Array:
-    """(nf, nm) m, distances of the markers with weight from the model tracked with `parameters`; NaN elsewhere."""
+    """(nf, nm) m, distances of the markers with weight from the model tracked with `parameters`;
+    NaN elsewhere.
+    """
     errors = tracked_motion(problem, parameters).errors
     return np.where(errors.kept(), errors.distance, np.nan)
 
@@ -154,11 +193,15 @@ def _rms(distance: Array) -> float:
 
 def calibrate_robustly(
     trials: Sequence[MovingTrial], nominal: Parameters, loss: Loss, fit: JointFitter
-) -> tuple[tuple[MovingTrial, ...], joint_phases.JointCalibration | None, Parameters, tuple[Finding, ...]]:
+) -> tuple[
+    tuple[MovingTrial, ...], joint_phases.JointCalibration | None, Parameters, tuple[Finding, ...]
+]:
     """Trials with their last weights, the joint parameters fitted with them, and what was left out."""
     last: dict[str, RobustTracking] = {}
 
-    def weigh(joint: joint_phases.JointCalibration | None, parameters: Parameters) -> list[MovingTrial]:
+    def weigh(
+        joint: joint_phases.JointCalibration | None, parameters: Parameters
+    ) -> list[MovingTrial]:
         for t in trials:
             factor = last[t.name].factor if t.name in last else None
             last[t.name] = robust_tracking(
@@ -187,7 +230,8 @@ def calibrate_robustly(
                 topic="robust",
                 where=STUDY,
                 cause=f"robust weights did not settle in {MOST_ROUNDS} rounds",
-                found=f"joint parameters still moved by {1e3 * change:.2f} mm or {np.rad2deg(change):.2f} deg",
+                found=f"joint parameters still moved by {1e3 * change:.2f} mm or "
+                f"{np.rad2deg(change):.2f} deg",
                 cure="look for markers that are often left out, and give them weight 0",
                 code=Code.ROBUST_UNSETTLED,
             )
@@ -214,6 +258,12 @@ def _outliers_of(name: str, tracking: RobustTracking) -> list[Finding]:
     cause = "the robust loss all but left out some samples"
     return [
         Finding(
-            severity=Severity.INFO, topic="robust", where=name, cause=cause, found=found, cure="", code=Code.OUTLIERS
+            severity=Severity.INFO,
+            topic="robust",
+            where=name,
+            cause=cause,
+            found=found,
+            cure="",
+            code=Code.OUTLIERS,
         )
     ]

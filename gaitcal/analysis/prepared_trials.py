@@ -1,7 +1,9 @@
-"""A session: one person's moving trials and models, as far as the stages of a calibration have come.
+"""A session: one person's moving trials and models, as far as the stages of a calibration have
+come.
 
-A `MovingTrial` is a trial of the study that grows: cleaned and turned so that x is forward, with its least-squares
-problems (`prepared`), then with a motion and forces under the feet for every model that is reached (`tracked`).
+A `MovingTrial` is a trial of the study that grows: cleaned and turned so that x is forward, with
+its least-squares problems (`prepared`), then with a motion and forces under the feet for every
+model that is reached (`tracked`).
 """
 
 import warnings
@@ -21,7 +23,13 @@ from gaitcal.errors import Finding, InputError
 from gaitcal.io.axes import turn_to_progression
 from gaitcal.io.recording import Recording, still_window
 from gaitcal.model.linkage import LEGS, LOWER_BODY, carrier_of, joint_segments
-from gaitcal.model.parameters import JOINT_PARAMETERS, JP_NAMES, Kind, Parameters, isolated_parameters
+from gaitcal.model.parameters import (
+    JOINT_PARAMETERS,
+    JP_NAMES,
+    Kind,
+    Parameters,
+    isolated_parameters,
+)
 from gaitcal.model.subject_model import SubjectModel
 from gaitcal.preprocess.static_disagreement import PossibleMove
 from gaitcal.quality.force_diagnosis import ForceDiagnosis
@@ -47,13 +55,19 @@ class MovingTrial(Trial):
     bandwidth: Bandwidth
     body: MotionProblem  # The whole body, with the bandwidth of the motion that leaves the trial
     fitted: MotionProblem
-    """What fit figures are about: the segments of an isolated trial's joint alone, or the whole body."""
+    """What fit figures are about: the segments of an isolated trial's joint alone, or the whole
+    body.
+    """
     joints: MotionProblem
-    """What joint parameters are fitted by: `fitted`, or pelvis and legs where all trials are fitted at once."""
-    tissue: SoftTissue | None = None  # The skin that moves on the markers of `body`: what error bars count
+    """What joint parameters are fitted by: `fitted`, or pelvis and legs where all trials are fitted
+    at once.
+    """
+    tissue: SoftTissue | None = (
+        None  # The skin that moves on the markers of `body`: what error bars count
+    )
     stages: Mapping[Stage, tuple[Parameters, Motion]] = field(default_factory=dict)
-    """Every model that was reached, in order, each with the whole-body motion tracked with it; the nominal motion of an
-    isolated trial is of the segments of its joint."""
+    """Every model that was reached, in order, each with the whole-body motion tracked with it; the
+    nominal motion of an isolated trial is of the segments of its joint."""
     reactions: GroundReactions | None = None  # On the feet; None without force plates
     scores: error_sources.MarkerScores | None = None  # Of the markers of a gait trial
     held_out: HeldOut | None = None
@@ -69,7 +83,11 @@ class MovingTrial(Trial):
             return problem.shifted(np.array([shift[label] for label in problem.labels]))
 
         return replace(
-            self, tissue=tissue, body=displaced(self.body), fitted=displaced(self.fitted), joints=displaced(self.joints)
+            self,
+            tissue=tissue,
+            body=displaced(self.body),
+            fitted=displaced(self.fitted),
+            joints=displaced(self.joints),
         )
 
     @property
@@ -114,17 +132,24 @@ class MovingTrial(Trial):
 class Session:
     """What the stages of a calibration hand on."""
 
-    model: SubjectModel  # The person: nominal in a calibration, calibrated where further trials are analysed
+    # The person: nominal in a calibration, calibrated where further trials are analysed
+    model: SubjectModel
     settings: CalibrationSettings
     parameters: Parameters  # Of the last model that was reached
     trials: tuple[MovingTrial, ...]
-    static: Recording | None = None  # The static trial, completed; None where further trials are analysed
-    prior: JointPrior = field(default_factory=lambda: joint_prior.prior_of_study({}))  # Of anatomy, study and cohort
+    static: Recording | None = (
+        None  # The static trial, completed; None where further trials are analysed
+    )
+    prior: JointPrior = field(
+        default_factory=lambda: joint_prior.prior_of_study({})
+    )  # Of anatomy, study and cohort
     checked: tuple[Finding, ...] = ()  # What the checks found before anything was fitted
     possible_moves: Mapping[str, Mapping[str, PossibleMove]] = field(default_factory=dict)
     """Trial -> segment -> what its markers may have done since the static trial."""
     findings: tuple[Finding, ...] = ()  # What robust losses left out
-    joint: joint_phases.JointCalibration | None = None  # None where the settings leave joint parameters alone
+    joint: joint_phases.JointCalibration | None = (
+        None  # None where the settings leave joint parameters alone
+    )
     static_angles: Mapping[str, float] = field(default_factory=dict)
     """Coordinate -> m, rad: with which the last model meets the static posture."""
     forces: ForceDiagnosis = field(default_factory=ForceDiagnosis)
@@ -139,11 +164,16 @@ class Session:
 
 
 def session_of(of: Examined, checked: Sequence[Finding] = ()) -> Session:
-    """The moving trials of an examined study, prepared for its nominal model; InputError where there is none."""
+    """The moving trials of an examined study, prepared for its nominal model; InputError where
+    there is none.
+    """
     study, model, trials = of.study, of.nominal, []
     for evidence in of.moving:
         trials.append(prepare_trial(evidence.trial, model, study.settings))
-    prior, moves = joint_prior.prior_of_study(study.settings.joint_prior, study.joint_prior, model.noise), of.moves()
+    prior, moves = (
+        joint_prior.prior_of_study(study.settings.joint_prior, study.joint_prior, model.noise),
+        of.moves(),
+    )
     return Session(
         model=model,
         settings=study.settings,
@@ -156,8 +186,12 @@ def session_of(of: Examined, checked: Sequence[Finding] = ()) -> Session:
     )
 
 
-def _doubted(moves: Mapping[str, Mapping[str, PossibleMove]], trials: Sequence[Trial]) -> dict[str, float]:
-    """Joint parameter -> m, rad by which it may be wrong if markers moved in any trial that shows its joint."""
+def _doubted(
+    moves: Mapping[str, Mapping[str, PossibleMove]], trials: Sequence[Trial]
+) -> dict[str, float]:
+    """Joint parameter -> m, rad by which it may be wrong if markers moved in any trial that shows
+    its joint.
+    """
     out = dict[str, float]()
     for trial in trials:
         shown = JP_NAMES if trial.joint is None else isolated_parameters(trial.joint)
@@ -171,7 +205,11 @@ def _doubted(moves: Mapping[str, Mapping[str, PossibleMove]], trials: Sequence[T
 
 def fits_legs_together(settings: CalibrationSettings) -> bool:
     """Whether the joint parameters of all trials are fitted at once, by pelvis and legs."""
-    return settings.jp and settings.decided_by is Protocol.PUBLISHED and settings.mode == "simultaneous"
+    return (
+        settings.jp
+        and settings.decided_by is Protocol.PUBLISHED
+        and settings.mode == "simultaneous"
+    )
 
 
 def prepare_trial(trial: Trial, model: SubjectModel, settings: CalibrationSettings) -> MovingTrial:
@@ -182,17 +220,29 @@ def prepare_trial(trial: Trial, model: SubjectModel, settings: CalibrationSettin
 
     def part(segments: Sequence[str]) -> MotionProblem:
         return trial_problem(
-            trial.name, model, recording, rule, root=segments[0], segments=tuple(segments), isolated=joint
+            trial.name,
+            model,
+            recording,
+            rule,
+            root=segments[0],
+            segments=tuple(segments),
+            isolated=joint,
         )
 
-    body = trial_problem(trial.name, model, recording, rule, carrier=carrier_of(joint), isolated=joint)
+    body = trial_problem(
+        trial.name, model, recording, rule, carrier=carrier_of(joint), isolated=joint
+    )
     if body.guessed:
         recording = recording.with_notes(
-            f"markers do not determine {', '.join(body.guessed)}: what is known of walking does, as uncertain as that "
+            f"markers do not determine {', '.join(body.guessed)}: what is known of walking does, "
+            "as uncertain as that "
             "is (a trunk stays upright in the laboratory, arms hang along it)"
         )
     if body.held:
-        held = f"The pelvis is not seen: {carrier_of(joint)} carries the body, {', '.join(body.held)} held at zero."
+        held = (
+            f"The pelvis is not seen: {carrier_of(joint)} carries the body, {', '.join(body.held)} "
+            "held at zero."
+        )
         recording = recording.with_notes(held)
     alone = body if joint is None else part(joint_segments(joint))
     turned = replace(trial, recording=recording)
@@ -203,7 +253,9 @@ def prepare_trial(trial: Trial, model: SubjectModel, settings: CalibrationSettin
 
     body = smoothed(body, bandwidth.motion_hz)
     same = joint is None and bandwidth.joints_hz == bandwidth.motion_hz
-    fitted = joints = body if same else smoothed(body if joint is None else alone, bandwidth.joints_hz)
+    fitted = joints = (
+        body if same else smoothed(body if joint is None else alone, bandwidth.joints_hz)
+    )
     if fits_legs_together(settings):
         legs = LOWER_BODY[1:] if joint is None else LEGS[joint[-1]]
         try:
@@ -211,18 +263,24 @@ def prepare_trial(trial: Trial, model: SubjectModel, settings: CalibrationSettin
         except InputError:  # the pelvis is not seen in an isolated trial
             if joint is None:
                 raise
-    read = {f.name: getattr(turned, f.name) for f in fields(turned)} | {"in_file_axes": trial.recording}
+    read = {f.name: getattr(turned, f.name) for f in fields(turned)} | {
+        "in_file_axes": trial.recording
+    }
     return MovingTrial(**read, bandwidth=bandwidth, body=body, fitted=fitted, joints=joints)
 
 
 def forward_direction(model: SubjectModel, recording: Recording) -> Array | None:
-    """(3,) where the pelvis faces, from its markers in all frames; None where they are never seen together."""
+    """(3,) where the pelvis faces, from its markers in all frames; None where they are never seen
+    together.
+    """
     fit = rigid.segment_fit(model.markers, "pelvis", recording)
     return None if fit is None else np.asarray(fit.rotation[fit.determined][:, :, 0].mean(axis=0))
 
 
 def standing_problem(model: SubjectModel, static: Recording) -> MotionProblem:
-    """The mean posture of the still window of the static trial, where every marker is in its place, as a trial."""
+    """The mean posture of the still window of the static trial, where every marker is in its place,
+    as a trial.
+    """
     still = still_window(static, model.markers.labels).frames
     # in one order of memory, so that a file and its conversion give the same bits
     with warnings.catch_warnings():
@@ -234,10 +292,14 @@ def standing_problem(model: SubjectModel, static: Recording) -> MotionProblem:
 
 
 def tracked(trial: MovingTrial, session: Session, stage: Stage) -> MovingTrial:
-    """A trial tracked with the nominal and the last model of its session, which is of `stage`, and its forces."""
+    """A trial tracked with the nominal and the last model of its session, which is of `stage`, and
+    its forces.
+    """
     model, parameters = session.model, session.parameters
     part = trial.body if trial.joint is None else trial.fitted
-    trial = trial.reached(Stage.NOMINAL, model.nominal, tracked_motion(part.shifted(None), model.nominal))
+    trial = trial.reached(
+        Stage.NOMINAL, model.nominal, tracked_motion(part.shifted(None), model.nominal)
+    )
     if trial.joint is not None and stage is Stage.NOMINAL:
         stage = Stage.JP  # the whole body beside the segments of the joint
     if stage is not Stage.NOMINAL:
@@ -249,7 +311,11 @@ def tracked(trial: MovingTrial, session: Session, stage: Stage) -> MovingTrial:
 
 
 def measured_reactions(
-    trial: Trial, model: SubjectModel, parameters: Parameters, motion: Motion, settings: CalibrationSettings
+    trial: Trial,
+    model: SubjectModel,
+    parameters: Parameters,
+    motion: Motion,
+    settings: CalibrationSettings,
 ) -> GroundReactions:
     """Ground reactions on the feet at the frames of a whole-body motion."""
     hz = force_cutoff(trial, motion, settings)

@@ -14,7 +14,11 @@ from gaitcal.calibration.error_sources import ErrorSources
 from gaitcal.calibration.soft_tissue_artefact import NO_FOUND_TISSUE, FoundTissue
 from gaitcal.display import Displayed, shorten
 from gaitcal.dynamics import inverse_dynamics, measurement_errors
-from gaitcal.dynamics.expected_residual import ExpectedResidual, ResidualMagnitudes, residual_magnitudes
+from gaitcal.dynamics.expected_residual import (
+    ExpectedResidual,
+    ResidualMagnitudes,
+    residual_magnitudes,
+)
 from gaitcal.dynamics.ground_reactions import GroundReactions, leg_of
 from gaitcal.dynamics.joint_kinetics import JointKinetics
 from gaitcal.errors import Code, Finding, InputError, Severity, nearest, note_of
@@ -33,7 +37,8 @@ from gaitcal.tracking.motion import MarkerErrors, Motion
 
 
 class Stage(Enum):
-    """The models of a calibration, in the order in which they are reached; each gives torques of its own.
+    """The models of a calibration, in the order in which they are reached; each gives torques of
+    its own.
 
     `key`: in `summary.json`; `words`: in the report; `short`: on the command line.
     """
@@ -67,13 +72,19 @@ class Loads:
 
     reactions: GroundReactions
     moments: Mapping[Stage, inverse_dynamics.Moments]
-    """Of every model that was reached, with the motion that belongs to it; the nominal one is always there."""
+    """Of every model that was reached, with the motion that belongs to it; the nominal one is
+    always there.
+    """
     errors: measurement_errors.TorqueErrors | None = None
     """Standard errors of `final`."""
     kinetics: JointKinetics | None = None
-    """Powers and moment vectors with the model of `final`; `errors.kinetics` has their standard errors."""
+    """Powers and moment vectors with the model of `final`; `errors.kinetics` has their standard
+    errors.
+    """
     expected: ExpectedResidual | None = None
-    """The pelvis residual of `final` against what its errors let expect; None where they are not known."""
+    """The pelvis residual of `final` against what its errors let expect; None where they are not
+    known.
+    """
 
     @property
     def nominal(self) -> inverse_dynamics.Moments:
@@ -91,7 +102,10 @@ class Loads:
         valid = self.reactions.valid
         if not valid.any():
             return ()
-        return tuple(residual_magnitudes(stage.words, moments, valid) for stage, moments in self.moments.items())
+        return tuple(
+            residual_magnitudes(stage.words, moments, valid)
+            for stage, moments in self.moments.items()
+        )
 
 
 @dataclass(frozen=True, kw_only=True, repr=False)
@@ -109,7 +123,9 @@ class TrialResult(Displayed):
     calibrated: Motion
     """With the parameters at the end of the trial's own phase."""
     final: Motion
-    """With the parameters at the end of the whole calibration: the same, but for isolated trials before gait."""
+    """With the parameters at the end of the whole calibration: the same, but for isolated trials
+    before gait.
+    """
     floor: MarkerErrors
     """Rigid-segment floor of the same markers."""
     joint_floor: JointFloor | None
@@ -119,10 +135,12 @@ class TrialResult(Displayed):
     loads: Loads | None
     """None without force plates."""
     coordinate_errors: Array | None = None
-    """(nf, 27) m, rad: standard errors of `body.q`, from markers through joint parameters and motion; gait only."""
+    """(nf, 27) m, rad: standard errors of `body.q`, from markers through joint parameters and
+    motion; gait only.
+    """
     own_coordinate_errors: Array | None = None
-    """(nf, 27) m, rad: the part of `coordinate_errors` that this trial's own markers make; the rest is shared by all
-    strides of the calibration."""
+    """(nf, 27) m, rad: the part of `coordinate_errors` that this trial's own markers make; the rest
+    is shared by all strides of the calibration."""
     foot_axes: FootAxes | None = None
     """Where the feet point, with `coordinate_errors`' errors; gait only."""
     held_out: HeldOut | None = None
@@ -130,21 +148,28 @@ class TrialResult(Displayed):
     bandwidth: Bandwidth | None = None
     """How fast `body` may change, and who said so."""
     events: GaitEvents = field(default=GaitEvents())
-    """When the feet meet and leave the ground, each moment with its source; none in an isolated trial."""
+    """When the feet meet and leave the ground, each moment with its source; none in an isolated
+    trial.
+    """
     strides: tuple[spatiotemporal.Stride, ...] = ()
     """Speed, steps, stance and swing of each stride of both feet; none in an isolated trial."""
     doubts: tuple[Finding, ...] = ()
-    """What residuals, angles and torques of `body` say against it, and of a further trial its forces, too: those of a
-    calibration are told for its trials together."""
+    """What residuals, angles and torques of `body` say against it, and of a further trial its
+    forces, too: those of a calibration are told for its trials together."""
 
     refused_legs: tuple[str, ...] = ()
-    """`r`, `l`: the verdict refuses these legs; their numbers are there to be looked at, and count for nothing."""
+    """`r`, `l`: the verdict refuses these legs; their numbers are there to be looked at, and count
+    for nothing.
+    """
 
     def _description(self) -> tuple[str, list[tuple[str, str]]]:
         before, after, rigid = ("-" if mm is None else f"{mm:.1f}" for mm in self.rms_mm())
         rows = [
             ("motion", f"{len(self.body.time)} frames, {len(self.strides)} strides"),
-            ("marker distance", f"RMS {after} mm; {before} mm with the nominal model, {rigid} mm of rigid segments"),
+            (
+                "marker distance",
+                f"RMS {after} mm; {before} mm with the nominal model, {rigid} mm of rigid segments",
+            ),
         ]
         if self.loads is not None:
             right, left = (int(valid.sum()) for valid in self.loads.reactions.valid_legs.T)
@@ -155,8 +180,8 @@ class TrialResult(Displayed):
 
     @property
     def activity(self) -> str:
-        """`gait` of a walk, else the trial's own name: whose strides, or repetitions, belong together. A trial called
-        `gait` that is none is no walk for its name.
+        """`gait` of a walk, else the trial's own name: whose strides, or repetitions, belong
+        together. A trial called `gait` that is none is no walk for its name.
         """
         if self.role is not Role.MOTION:
             return cycles.WALKING
@@ -168,8 +193,8 @@ class TrialResult(Displayed):
         return set(self.refused_legs) == set(linkage.SIDES)
 
     def rms_mm(self, *segments: str) -> tuple[float | None, float | None, float | None]:
-        """RMS marker distance (mm) with the nominal and the calibrated model and of rigid segments, over all markers
-        with weight or those of some segments; None where there are none.
+        """RMS marker distance (mm) with the nominal and the calibrated model and of rigid segments,
+        over all markers with weight or those of some segments; None where there are none.
         """
         nominal, calibrated, floor = (
             None if (value := errors.rms(*segments)) is None else 1e3 * value
@@ -178,7 +203,9 @@ class TrialResult(Displayed):
         return nominal, calibrated, floor
 
     def joint_floor_mm(self, *segments: str) -> float | None:
-        """RMS marker distance (mm) that each joint by itself can reach, over the same markers; None where none is."""
+        """RMS marker distance (mm) that each joint by itself can reach, over the same markers; None
+        where none is.
+        """
         value = None if self.joint_floor is None else self.joint_floor.rms(*segments)
         return None if value is None else 1e3 * value
 
@@ -186,7 +213,11 @@ class TrialResult(Displayed):
     def notes(self) -> tuple[str, ...]:
         """What was assumed about this trial, each with its name."""
         of_motion = self.bandwidth.notes if self.bandwidth else ()
-        notes = (*self.recording.notes, *of_motion, *(self.loads.reactions.notes if self.loads else ()))
+        notes = (
+            *self.recording.notes,
+            *of_motion,
+            *(self.loads.reactions.notes if self.loads else ()),
+        )
         remarks = (note_of(f) for f in self.findings if f.severity is Severity.INFO)
         return (*(f"{self.name}: {note}" for note in notes), *remarks)
 
@@ -194,7 +225,12 @@ class TrialResult(Displayed):
     def findings(self) -> tuple[Finding, ...]:
         """What speaks against its markers, its motion and its ground reactions."""
         of_events = (replace(f, where=self.name) for f in self.events.findings)
-        return (*(self.bandwidth.findings if self.bandwidth else ()), *self._of_loads(), *of_events, *self.doubts)
+        return (
+            *(self.bandwidth.findings if self.bandwidth else ()),
+            *self._of_loads(),
+            *of_events,
+            *self.doubts,
+        )
 
     def _of_loads(self) -> tuple[Finding, ...]:
         if self.loads is None:
@@ -202,14 +238,21 @@ class TrialResult(Displayed):
         found = [replace(f, where=self.name) for f in self.loads.reactions.findings]
         if not self.loads.reactions.has_torques:
             swing = self.loads.reactions.valid_legs.any()
-            # of walks, that nobody stepped on a plate is a finding of its own: no fault where feet passed beside them
-            loaded = any(np.nan_to_num(plate.force[:, 1]).max() >= BODY_N for plate in self.recording.plates)
+            # of walks, that nobody stepped on a plate is a finding of its own: no fault where feet
+            # passed beside them
+            loaded = any(
+                np.nan_to_num(plate.force[:, 1]).max() >= BODY_N for plate in self.recording.plates
+            )
             found.append(
                 Finding(
-                    severity=Severity.WARNING if loaded or self.role is not Role.GAIT else Severity.INFO,
+                    severity=Severity.WARNING
+                    if loaded or self.role is not Role.GAIT
+                    else Severity.INFO,
                     topic="plates",
                     where=self.name,
-                    cause="no stance has torques; those of the swing remain" if swing else "no torque is valid",
+                    cause="no stance has torques; those of the swing remain"
+                    if swing
+                    else "no torque is valid",
                     found="no frame has a foot on the ground wholly on force plates of its own",
                     cure="use a trial in which feet step on plates, or leave the forces out",
                     code=Code.NO_STANCE,
@@ -218,7 +261,8 @@ class TrialResult(Displayed):
         return tuple(found)
 
     def refused(self, legs: Sequence[str] = linkage.SIDES) -> "TrialResult":
-        """The same with no torque valid and no error bar of these legs, nor of the pelvis, trunk and arms.
+        """The same with no torque valid and no error bar of these legs, nor of the pelvis, trunk
+        and arms.
 
         What is wrong with them is told elsewhere.
         """
@@ -226,11 +270,15 @@ class TrialResult(Displayed):
             return self
         loads, errors, own = self.loads, self.coordinate_errors, self.own_coordinate_errors
         whole = set(legs) == set(linkage.SIDES)
-        kept = np.array([leg_of(name) in {*linkage.SIDES} - {*legs} for name in linkage.COORDINATES])
+        kept = np.array(
+            [leg_of(name) in {*linkage.SIDES} - {*legs} for name in linkage.COORDINATES]
+        )
         if loads is not None:
             of_torques = None if whole or loads.errors is None else loads.errors.only(kept)
             loads = replace(loads, reactions=loads.reactions.without(legs), errors=of_torques)
-        errors, own = (None if whole or e is None else np.where(kept, e, np.nan) for e in (errors, own))
+        errors, own = (
+            None if whole or e is None else np.where(kept, e, np.nan) for e in (errors, own)
+        )
         feet = self.foot_axes
         if feet is not None and feet.error is not None:
             known = np.array([side not in legs for side in linkage.SIDES])
@@ -250,7 +298,9 @@ class Uncertainty:
     """How far the fitted parameters can be trusted."""
 
     joint: ErrorSources | None
-    """ErrorSources of every source of error on the joint parameters, fitted or not; None: they count as exact."""
+    """ErrorSources of every source of error on the joint parameters, fitted or not; None: they
+    count as exact.
+    """
     inertial: Array | None
     """(84, n) R with covariance R R^T of the inertial parameters."""
     tissue: FoundTissue = NO_FOUND_TISSUE
@@ -258,11 +308,15 @@ class Uncertainty:
 
     @property
     def standard_errors(self) -> Mapping[str, float]:
-        """Parameter name -> standard error (SI) of joint parameters, fitted or nominal, and fitted inertial ones."""
+        """Parameter name -> standard error (SI) of joint parameters, fitted or nominal, and fitted
+        inertial ones.
+        """
         errors = dict(self.joint.standard_errors) if self.joint else {}
         if self.inertial is not None:
             each = np.sqrt((self.inertial**2).sum(axis=1))
-            errors |= {name: float(e) for name, e in zip(parameters.IP_NAMES, each, strict=True) if e > 0}
+            errors |= {
+                name: float(e) for name, e in zip(parameters.IP_NAMES, each, strict=True) if e > 0
+            }
         return errors
 
 
@@ -287,8 +341,8 @@ class Calibration(Displayed):
     uncertainty: Uncertainty
     """How the parameters would scatter; `standard_errors` gives it by name."""
     unidentifiable: tuple[str, ...]
-    """Parameters that were to be fitted and that these trials cannot see; they keep their nominal value, or
-    stay where their prior holds them."""
+    """Parameters that were to be fitted and that these trials cannot see; they keep their nominal
+    value, or stay where their prior holds them."""
     notes: tuple[str, ...]
     """What was assumed."""
     findings: tuple[Finding, ...]
@@ -307,7 +361,10 @@ class Calibration(Displayed):
         moved = self.inertial is not None and self.inertial.moved
         rows = [
             ("verdict", f"{self.verdict.judgement.value}, {len(self.verdict.reasons)} reasons"),
-            ("joint parameters", f"{len(fitted)} fitted{'' if self.converged else ', not converged'}"),
+            (
+                "joint parameters",
+                f"{len(fitted)} fitted{'' if self.converged else ', not converged'}",
+            ),
             ("inertial parameters", "fitted" if moved else "of the anthropometric table"),
             ("trials", shorten([trial.name for trial in self.trials])),
         ]
@@ -324,7 +381,11 @@ class Calibration(Displayed):
     def standard_errors(self) -> Mapping[str, float]:
         """Parameter name -> standard error (m, rad, kg, kg m^2) of every fitted parameter."""
         fitted = set(self.joint.free if self.joint else ()) | set(parameters.IP_NAMES)
-        return {name: error for name, error in self.uncertainty.standard_errors.items() if name in fitted}
+        return {
+            name: error
+            for name, error in self.uncertainty.standard_errors.items()
+            if name in fitted
+        }
 
     @property
     def relative_to(self) -> Mapping[str, float] | None:
@@ -353,7 +414,9 @@ class Calibration(Displayed):
 
 
 def withdrawn(calibration: Calibration) -> Calibration:
-    """The same without valid torques and error bars of what its verdict refuses: legs, trials, or the whole."""
+    """The same without valid torques and error bars of what its verdict refuses: legs, trials, or
+    the whole.
+    """
     verdict = calibration.verdict
     trials = tuple(t.refused(verdict.refused_legs(t.name)) for t in calibration.trials)
     uncertainty = calibration.uncertainty
@@ -363,7 +426,9 @@ def withdrawn(calibration: Calibration) -> Calibration:
 
 
 def _shown_by(joint: linkage.Joint) -> tuple[str, ...]:
-    """The nearest segments on either side of a joint that carry markers, but for the pelvis, whose frame they make."""
+    """The nearest segments on either side of a joint that carry markers, but for the pelvis, whose
+    frame they make.
+    """
     ends = [joint.parent, joint.child]
     while not linkage.segment_kind(ends[0]).markers:
         ends[0] = linkage.JOINT_OF_CHILD[ends[0]].parent

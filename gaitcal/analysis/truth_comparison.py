@@ -1,4 +1,6 @@
-"""A calibration held against the truth that its study names: figures, rows, sentences, for files, page and terminal."""
+"""A calibration held against the truth that its study names: figures, rows, sentences, for files,
+page and terminal.
+"""
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
@@ -10,12 +12,26 @@ import numpy as np
 
 from gaitcal.analysis.parameter_table import parameter_rows
 from gaitcal.analysis.result import Calibration, TrialResult
-from gaitcal.analysis.truth_errors import INTERVAL, CurveTruth, CurveTruths, FeatureTruth, ParameterTruth, TruthErrors
+from gaitcal.analysis.truth_errors import (
+    INTERVAL,
+    CurveTruth,
+    CurveTruths,
+    FeatureTruth,
+    ParameterTruth,
+    TruthErrors,
+)
 from gaitcal.arrays import Array
 from gaitcal.dynamics.ground_reactions import leg_of
 from gaitcal.gait.moments import joint_words, moment_names, moment_of
 from gaitcal.model import linkage
-from gaitcal.model.parameters import IP_NAMES, IP_TO_SI, JOINT_PARAMETERS, JP_INDEX, JP_NAMES, JP_TO_SI
+from gaitcal.model.parameters import (
+    IP_NAMES,
+    IP_TO_SI,
+    JOINT_PARAMETERS,
+    JP_INDEX,
+    JP_NAMES,
+    JP_TO_SI,
+)
 from gaitcal.model.rotations import axis_rotation
 from gaitcal.study.declared_truth import TrueCurves, Truth, other_rule
 
@@ -24,18 +40,26 @@ _FEATURES: tuple[tuple[str, str, str, str, tuple[str, ...]], ...] = (
     ("knee", "thigh", "axis_place", "axis in the thigh: its place", ("ant", "sup")),
     ("knee", "thigh", "axis_direction", "axis in the thigh: its direction", ("front", "trans")),
     ("talocrural", "shank", "axis_place", "axis in the shank: its place", ("ant", "sup")),
-    ("talocrural", "shank", "axis_direction", "axis in the shank: its direction", ("front", "trans")),
+    (
+        "talocrural",
+        "shank",
+        "axis_direction",
+        "axis in the shank: its direction",
+        ("front", "trans"),
+    ),
     ("subtalar", "foot", "axis_direction", "axis in the foot: its direction", ("trans", "sag")),
 )
-"""Joint, segment, part, words and the parameters of one joint centre or axis. The place of an axis is told in the plane
-across it; a point along it means nothing by itself."""
+"""Joint, segment, part, words and the parameters of one joint centre or axis. The place of an axis
+is told in the plane across it; a point along it means nothing by itself."""
 
 
 def with_truth(calibration: Calibration) -> Calibration:
-    """The same with `truth`, where the study names one: computed once, for files, page and terminal alike.
+    """The same with `truth`, where the study names one: computed once, for files, page and terminal
+    alike.
 
-    Where settings or static trial were changed since the study was read so that frames are others, there is no
-    `truth` but a note. Trials whose true curves have other times than their recording are noted, and not compared.
+    Where settings or static trial were changed since the study was read so that frames are others,
+    there is no `truth` but a note. Trials whose true curves have other times than their recording
+    are noted, and not compared.
     """
     known, study = calibration.study.truth, calibration.study
     if known is None:
@@ -50,7 +74,9 @@ def with_truth(calibration: Calibration) -> Calibration:
         note = f"the truth that the study names is not compared: {why}"
         return replace(calibration, notes=(*calibration.notes, note))
     truth = _errors(calibration, known)
-    notes = tuple(f"{name}: not held against the truth, as {why}" for name, why in truth.not_compared.items())
+    notes = tuple(
+        f"{name}: not held against the truth, as {why}" for name, why in truth.not_compared.items()
+    )
     return replace(calibration, truth=truth, notes=(*calibration.notes, *notes))
 
 
@@ -66,15 +92,24 @@ def _errors(calibration: Calibration, known: Truth) -> TruthErrors:
         elif beside:
             times = (f"{what}, {c.time[0]:.2f} to {c.time[-1]:.2f} s" for what, c in beside.items())
             recorded = f"{trial.body.time[0]:.2f} to {trial.body.time[-1]:.2f} s"
-            why_not[trial.name] = f"its true curves ({'; '.join(times)}) have no frame of the result ({recorded})"
+            why_not[trial.name] = (
+                f"its true curves ({'; '.join(times)}) have no frame of the result ({recorded})"
+            )
         if len(beside) < len(there):
-            trials[trial.name] = _trial(trial, *(None if what in beside else c for what, c in curves.items()))
+            trials[trial.name] = _trial(
+                trial, *(None if what in beside else c for what, c in curves.items())
+            )
     return TruthErrors(
-        parameters=parameters, features=_features({p.name: p for p in parameters}), trials=trials, not_compared=why_not
+        parameters=parameters,
+        features=_features({p.name: p for p in parameters}),
+        trials=trials,
+        not_compared=why_not,
     )
 
 
-def _parameters(rows: Sequence[Mapping[str, Any]], true: Mapping[str, float]) -> tuple[ParameterTruth, ...]:
+def _parameters(
+    rows: Sequence[Mapping[str, Any]], true: Mapping[str, float]
+) -> tuple[ParameterTruth, ...]:
     to_si = dict(zip((*JP_NAMES, *IP_NAMES), (*JP_TO_SI, *IP_TO_SI), strict=True))
     kept = ("name", "kind", "unit", "nominal", "fitted", "status")
     return tuple(
@@ -97,7 +132,8 @@ def _features(parameters: Mapping[str, ParameterTruth]) -> tuple[FeatureTruth, .
             if len(rows) < len(names) or all(row.status == "fixed" for row in rows):
                 continue
             nominal, fitted, true = (
-                np.array([getattr(row, which) for row in rows]) for which in ("nominal", "fitted", "truth")
+                np.array([getattr(row, which) for row in rows])
+                for which in ("nominal", "fitted", "truth")
             )
             gap = _distance if rows[0].unit == "mm" else partial(_angle, directions)
             out.append(
@@ -119,16 +155,22 @@ def _distance(one: Array, other: Array) -> float:
 
 
 def _angle(directions: tuple[str, ...], one: Array, other: Array) -> float:
-    """Degrees between two joint axes, each given by two angles: z of Rx(front) Ry(trans), x of Ry(trans) Rz(sag)."""
+    """Degrees between two joint axes, each given by two angles: z of Rx(front) Ry(trans), x of
+    Ry(trans) Rz(sag).
+    """
     turns, axis = ((0, 1), 2) if directions == ("front", "trans") else ((1, 2), 0)
     a, b = (
-        (axis_rotation(turns[0], np.deg2rad(first)) @ axis_rotation(turns[1], np.deg2rad(second)))[:, axis]
+        (axis_rotation(turns[0], np.deg2rad(first)) @ axis_rotation(turns[1], np.deg2rad(second)))[
+            :, axis
+        ]
         for first, second in (one, other)
     )
     return float(np.rad2deg(np.arctan2(np.linalg.norm(np.cross(a, b)), a @ b)))
 
 
-def _trial(trial: TrialResult, motions: TrueCurves | None, moments: TrueCurves | None) -> CurveTruths:
+def _trial(
+    trial: TrialResult, motions: TrueCurves | None, moments: TrueCurves | None
+) -> CurveTruths:
     time, coordinates, forces = trial.body.time, {}, {}
     now, before = trial.body.columns(trial.coordinate_errors), trial.nominal.columns()
     for name, true in ({} if motions is None else motions.at(time)).items():
@@ -161,13 +203,17 @@ UNDETERMINED = "unidentifiable"
 
 @dataclass(frozen=True, kw_only=True)
 class TruthSum:
-    """One number for many: RMS error before and after calibration, and how often the truth lies within."""
+    """One number for many: RMS error before and after calibration, and how often the truth lies
+    within.
+    """
 
     words: str
     unit: str
     count: int  # Parameters, or curves
     undetermined: int = 0
-    """Of these parameters: such as the trials do not show, which their prior holds; they have no part in `bars`."""
+    """Of these parameters: such as the trials do not show, which their prior holds; they have no
+    part in `bars`.
+    """
     nominal: float
     fitted: float
     within: int  # Parameters or frames with a standard error whose truth lies within 1.96 of it
@@ -186,19 +232,34 @@ class TruthSum:
     @property
     def over(self) -> str:
         """`58, 2 of them undetermined`."""
-        return f"{self.count}, {self.undetermined} of them undetermined" if self.undetermined else str(self.count)
+        return (
+            f"{self.count}, {self.undetermined} of them undetermined"
+            if self.undetermined
+            else str(self.count)
+        )
 
     @property
     def sentence(self) -> str:
-        """`joint positions against the truth (RMS over 58): nominal 5.6 mm, calibrated 1.2 mm; ...`."""
-        text = f"{self.words} against the truth (RMS over {self.over}): nominal {self.nominal:.2f} {self.unit}, "
+        """`joint positions against the truth (RMS over 58): nominal 5.6 mm, calibrated 1.2 mm;
+        ...`.
+        """
+        text = (
+            f"{self.words} against the truth (RMS over {self.over}): nominal {self.nominal:.2f} "
+            f"{self.unit}, "
+        )
         text += f"calibrated {self.fitted:.2f} {self.unit}"
-        return text if self.share is None else f"{text}; within 1.96 standard errors: {100 * self.share:.0f} %"
+        return (
+            text
+            if self.share is None
+            else f"{text}; within 1.96 standard errors: {100 * self.share:.0f} %"
+        )
 
 
 @dataclass(frozen=True, kw_only=True)
 class CurveRow:
-    """One leg coordinate of one trial: its angle and its moment beside the true ones; what is unknown is None."""
+    """One leg coordinate of one trial: its angle and its moment beside the true ones; what is
+    unknown is None.
+    """
 
     name: str
     angle: CurveTruth | None
@@ -206,7 +267,9 @@ class CurveRow:
 
 
 def sums(calibration: Calibration, truth: TruthErrors) -> tuple[TruthSum, ...]:
-    """Joint parameters that were sought, of legs and of the others; masses; angles and moments of legs in each walk."""
+    """Joint parameters that were sought, of legs and of the others; masses; angles and moments of
+    legs in each walk.
+    """
     turning = two_marker_segments(calibration)
     groups = [
         (f"{kind}s, {part}", tuple(p for p in truth.sought(kind) if _part(p.name, turning) == part))
@@ -231,7 +294,9 @@ def curve_rows(calibration: Calibration, truth: TruthErrors, trial: str) -> tupl
     """The coordinates and moments of both legs, in the order of the result."""
     known = truth.of(trial)
     names = [name for name in moment_names(calibration.model) if leg_of(name)]
-    rows = (CurveRow(name=n, angle=known.coordinates.get(n), moment=known.forces.get(n)) for n in names)
+    rows = (
+        CurveRow(name=n, angle=known.coordinates.get(n), moment=known.forces.get(n)) for n in names
+    )
     return tuple(row for row in rows if row.angle is not None or row.moment is not None)
 
 
@@ -241,10 +306,14 @@ def compared_trials(calibration: Calibration, truth: TruthErrors) -> tuple[str, 
 
 
 def two_marker_segments(calibration: Calibration) -> tuple[str, ...]:
-    """Segments outside of the legs that two markers or fewer track: how these turn about their line, none shows."""
+    """Segments outside of the legs that two markers or fewer track: how these turn about their
+    line, none shows.
+    """
     markers = calibration.model.markers
     counted = Counter(s for s, w in zip(markers.segments, markers.weight, strict=True) if w > 0)
-    known = dict.fromkeys(p.segment for p in JOINT_PARAMETERS if p.joint.split("_")[0] not in linkage.LEG_JOINTS)
+    known = dict.fromkeys(
+        p.segment for p in JOINT_PARAMETERS if p.joint.split("_")[0] not in linkage.LEG_JOINTS
+    )
     return tuple(s for s in known if 0 < counted[s] <= 2)
 
 
@@ -254,8 +323,10 @@ def turning_sentence(calibration: Calibration) -> str:
     if not segments:
         return ""
     return (
-        f"Two markers track {', '.join(segments)}: how such a segment is turned about the line through them no motion "
-        "shows, and an axis that is turned with it meets the markers as well. There the nominal value decides, which "
+        f"Two markers track {', '.join(segments)}: how such a segment is turned about the line "
+        "through them no motion "
+        "shows, and an axis that is turned with it meets the markers as well. There the nominal "
+        "value decides, which "
         "the landmarks of the static trial may place tens of degrees off."
     )
 
@@ -277,7 +348,11 @@ def settings_sentence(calibration: Calibration) -> str:
 
 
 def _shown(value: object) -> str:
-    return ", ".join(f"{k} {_shown(v)}" for k, v in value.items()) if isinstance(value, dict) else str(value)
+    return (
+        ", ".join(f"{k} {_shown(v)}" for k, v in value.items())
+        if isinstance(value, dict)
+        else str(value)
+    )
 
 
 def not_compared_sentence(truth: TruthErrors) -> str:
@@ -290,8 +365,10 @@ def truth_sentence(truth: TruthErrors) -> str:
     """What the error bars are held to."""
     unknown = "" if truth.trials else " No true curves are known."
     return (
-        f"Of honest error bars, ±{INTERVAL} standard errors hold the truth in 95 of 100 cases; neighbouring frames of "
-        f"a curve err together, so that the share of one person scatters widely about that.{unknown}"
+        f"Of honest error bars, ±{INTERVAL} standard errors hold the truth in 95 of 100 cases; "
+        "neighbouring frames of "
+        "a curve err together, so that the share of one person scatters widely about "
+        f"that.{unknown}"
     )
 
 

@@ -1,6 +1,8 @@
-"""How near a calibration came to the truth, where it is known: errors, and whether the standard errors cover them.
+"""How near a calibration came to the truth, where it is known: errors, and whether the standard
+errors cover them.
 
-A curve or parameter e with standard error s is *within* where |e| <= 1.96 s: of true 95 % intervals 95 of 100 are.
+A curve or parameter e with standard error s is *within* where |e| <= 1.96 s: of true 95 % intervals
+95 of 100 are.
 """
 
 from collections.abc import Mapping
@@ -134,7 +136,9 @@ class TruthErrors:
     parameters: tuple[ParameterTruth, ...]
     """That the truth has, in the order of `parameters.csv`."""
     features: tuple[FeatureTruth, ...]
-    """Joint centres and axes of the legs whose parameters are all in the truth, and any of them fitted."""
+    """Joint centres and axes of the legs whose parameters are all in the truth, and any of them
+    fitted.
+    """
     trials: Mapping[str, CurveTruths]
     """Trials of which true curves are known, in the order of the result."""
     not_compared: Mapping[str, str] = field(default_factory=dict)
@@ -145,7 +149,9 @@ class TruthErrors:
         return self.trials.get(trial, CurveTruths(np.zeros(0)))
 
     def sought(self, kind: str) -> tuple[ParameterTruth, ...]:
-        """The same, and those that the trials do not determine, which stay where their prior holds them."""
+        """The same, and those that the trials do not determine, which stay where their prior holds
+        them.
+        """
         return tuple(p for p in self.parameters if p.status != "fixed" and p.kind.startswith(kind))
 
     def fitted(self, kind: str) -> tuple[ParameterTruth, ...]:

@@ -1,11 +1,13 @@
-"""Third step: joint parameters, inertial parameters and motions combined, against markers and ground reactions.
+"""Third step: joint parameters, inertial parameters and motions combined, against markers and
+ground reactions.
 
     min  sum_m w |r_m|^2 / sigma_m^2  +  sum_f { |F|^2 / sigma_F^2 + |T|^2 / sigma_T^2 }  +  |x / spread|^2
 
-sigma_m is the marker residual that phase 1 left (per coordinate); sigma_F = s BW and sigma_T = s BW H with one figure
-s, the weight between markers and loads: how large a pelvis residual measurement alone explains. x are the variables of
-`inertial_calibration.py`. Residual loads depend on positions, velocities and accelerations, hence on the same six nodes
-as the markers of the frame: the normal matrix keeps its band, and (joint, inertial) parameters are the arrow's point
+sigma_m is the marker residual that phase 1 left (per coordinate); sigma_F = s BW and sigma_T = s BW
+H with one figure s, the weight between markers and loads: how large a pelvis residual measurement
+alone explains. x are the variables of `inertial_calibration.py`. Residual loads depend on
+positions, velocities and accelerations, hence on the same six nodes as the markers of the frame:
+the normal matrix keeps its band, and (joint, inertial) parameters are the arrow's point
 (`tracking/banded.py`). Levenberg-Marquardt from the end of phases 1 and 2.
 """
 
@@ -36,7 +38,9 @@ class CombinedProblem:
 
     problem: MotionProblem
     coefficients: Array  # (nn, nq) where phases 1 and 2 ended
-    wrench: Array | None = None  # (nf, 2, 6) ground reactions of a whole-body trial; None: markers only
+    wrench: Array | None = (
+        None  # (nf, 2, 6) ground reactions of a whole-body trial; None: markers only
+    )
     valid: BoolArray | None = None  # (nf,) frames whose residual counts; None: all
 
 
@@ -44,7 +48,9 @@ class CombinedProblem:
 class CombinedSettings:
     """Weights and tolerances."""
 
-    load_share: float = 0.005  # s: standard deviation of F / BW and of T / (BW H) that measurement alone explains
+    load_share: float = (
+        0.005  # s: standard deviation of F / BW and of T / (BW H) that measurement alone explains
+    )
     spread: ConsistentSettings = field(default_factory=ConsistentSettings)
     descent: DescentSettings = DESCENT
 
@@ -80,8 +86,12 @@ def combined_fit(
     began = time.perf_counter()
     settings = settings or CombinedSettings()
     problem = _MarkersAndLoads(trials, parameters, free, which, subject, settings)
-    theta = np.concatenate([parameters.joint[[JP_INDEX[n] for n in free]], np.zeros(problem.chart.size)])
-    end = descend(problem, problem.joined(theta, [trial.coefficients for trial in trials]), settings.descent)
+    theta = np.concatenate(
+        [parameters.joint[[JP_INDEX[n] for n in free]], np.zeros(problem.chart.size)]
+    )
+    end = descend(
+        problem, problem.joined(theta, [trial.coefficients for trial in trials]), settings.descent
+    )
     theta, coefficients = problem.parted(end.x)
     return CombinedFit(
         parameters=problem.parameters_at(theta),
@@ -96,7 +106,9 @@ def combined_fit(
 
 
 class _MarkersAndLoads(SharedMotions):
-    """The cost by theta = (joint parameters, inertial variables) and the coefficients of each trial."""
+    """The cost by theta = (joint parameters, inertial variables) and the coefficients of each
+    trial.
+    """
 
     def __init__(
         self,
@@ -138,15 +150,21 @@ class _MarkersAndLoads(SharedMotions):
         theta, coefficients = self.parted(x)
         parameters = self.parameters_at(theta)
         equations = [self._trial(k, parameters, theta, n) for k, n in enumerate(coefficients)]
-        precision = np.concatenate([np.zeros(len(self.free)), self.precision])  # markers alone hold joint parameters
+        precision = np.concatenate(
+            [np.zeros(len(self.free)), self.precision]
+        )  # markers alone hold joint parameters
         scaled = precision * theta
         prior = SharedPrior(float(scaled @ scaled), precision * scaled, np.diag(precision**2))
         return ArrowEquations(equations, [np.arange(self.size)] * len(equations), self.size, prior)
 
-    def _trial(self, k: int, parameters: Parameters, theta: Array, coefficients: Array) -> NormalEquations:
+    def _trial(
+        self, k: int, parameters: Parameters, theta: Array, coefficients: Array
+    ) -> NormalEquations:
         """One trial's markers in units of sigma_m, its parameters placed in theta, and its loads."""
         problem, trial, columns = self.open[k], self.trials[k], self.columns[k]
-        marker = problem.equations(coefficients, problem.body(parameters)).scaled(1.0 / self.sigma**2)
+        marker = problem.equations(coefficients, problem.body(parameters)).scaled(
+            1.0 / self.sigma**2
+        )
         mixed, corner = np.zeros((coefficients.size, self.size)), np.zeros((self.size, self.size))
         gradient = np.zeros(self.size)
         mixed[:, columns], gradient[columns] = marker.mixed, marker.parameter_gradient
@@ -174,7 +192,12 @@ class _MarkersAndLoads(SharedMotions):
 
 
 def _with_loads(
-    markers: NormalEquations, basis: SplineBasis, valid: BoolArray, load: RootResidual, by_theta: Array, weight: Array
+    markers: NormalEquations,
+    basis: SplineBasis,
+    valid: BoolArray,
+    load: RootResidual,
+    by_theta: Array,
+    weight: Array,
 ) -> NormalEquations:
     """The equations of the markers, the root residuals of the valid frames added in place."""
     value = load.value * weight
@@ -182,15 +205,19 @@ def _with_loads(
     corner_gradient = markers.parameter_gradient + np.einsum("fri,fr->i", by_theta, value)
     nn, nq = markers.node_gradient.shape
     gradient = markers.node_gradient.reshape(nn * nq)
-    # Row of each frame in the arrays over valid frames; the six nodes of a span are neighbours in the band.
+    # Row of each frame in the arrays over valid frames; the six nodes of a span are neighbours in
+    # the band.
     row, within = np.cumsum(valid) - 1, ORDER * nq
     i, j = np.tril_indices(within)
     for first_node, frames in basis.spans:
         here = row[frames][valid[frames]]
         if not len(here):
             continue
-        # d residual / d node k, coordinate q = d/dq B_k + d/dv B'_k + d/da B''_k: (frames, 6 rows, 6 nodes, nq)
-        b, rate, acceleration = (w[frames][valid[frames]] for w in (basis.value, basis.rate, basis.acceleration))
+        # d residual / d node k, coordinate q = d/dq B_k + d/dv B'_k + d/da B''_k: (frames, 6 rows,
+        # 6 nodes, nq)
+        b, rate, acceleration = (
+            w[frames][valid[frames]] for w in (basis.value, basis.rate, basis.acceleration)
+        )
         by_node = (
             np.einsum("fk,frq->frkq", b, load.by_position[here])
             + np.einsum("fk,frq->frkq", rate, load.by_velocity[here])
@@ -199,7 +226,9 @@ def _with_loads(
         matrix = (by_node.reshape(len(here), 6, within) * weight[None, :, None]).reshape(-1, within)
         start = first_node * nq
         gram = matrix.T @ matrix
-        markers.band[start + j, i - j] += gram[i, j]  # entry (i, j) of a lower band stands at row j, column i - j
+        markers.band[start + j, i - j] += gram[
+            i, j
+        ]  # entry (i, j) of a lower band stands at row j, column i - j
         span = slice(start, start + within)
         markers.mixed[span] += matrix.T @ by_theta[here].reshape(len(matrix), -1)
         gradient[span] += matrix.T @ value[here].ravel()

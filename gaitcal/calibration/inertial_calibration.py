@@ -2,25 +2,29 @@
 
     min_p  sum_frames { |F|^2 / BW^2 + |T|^2 / L^2 } + sum_n ((p_n - p'_n) / s_n)^2
 
-F, T the root wrench that no ground reaction explains, in laboratory axes about the pelvis origin; L = BW * H (or
-another scale); p' the seed. F and T are linear in the dynamic parameters phi(p) = (m, m c, I_origin) of the bodies: the
-rows of all valid frames are compressed once by a QR factorisation of their regressor to at most 121 rows, whose norm is
-that of the full residual exactly. The iteration never sees the frames.
+F, T the root wrench that no ground reaction explains, in laboratory axes about the pelvis origin; L
+= BW * H (or another scale); p' the seed. F and T are linear in the dynamic parameters phi(p) = (m,
+m c, I_origin) of the bodies: the rows of all valid frames are compressed once by a QR factorisation
+of their regressor to at most 121 rows, whose norm is that of the full residual exactly. The
+iteration never sees the frames.
 
-`published`: s_n = p'_n, the result becomes the next seed until the residuals change by less than 0.1 %. That is a
-proximal-point iteration: its fixed points are those of the residual alone, whatever the penalty's weight w, but along a
-direction with singular value s of the scaled residual each seed keeps w / (w + s^2) of the distance. With s^2 down to
-1e-11 it never gets there, and stops early: on measured data that is what keeps weak directions near the first seed.
-Data without noise can be solved exactly by lowering w at every seed (`decay`): same fixed points, quickly reached.
+`published`: s_n = p'_n, the result becomes the next seed until the residuals change by less than
+0.1 %. That is a proximal-point iteration: its fixed points are those of the residual alone,
+whatever the penalty's weight w, but along a direction with singular value s of the scaled residual
+each seed keeps w / (w + s^2) of the distance. With s^2 down to 1e-11 it never gets there, and stops
+early: on measured data that is what keeps weak directions near the first seed. Data without noise
+can be solved exactly by lowering w at every seed (`decay`): same fixed points, quickly reached.
 
-`consistent`: every body stays physically possible, total mass and left-right symmetry are exact, by variables x, 0 at
-the seed: masses are shares of the seed's total, m_k = M m_k^0 exp(x) / sum; mass centres are shifted by x; the second
-moments of mass about the mass centre, sum x_i^2, are scaled by exp(x). Moments of inertia are sums of two second
-moments each, so they are positive and obey the triangle inequality: the pseudo-inertia stays positive definite
-(Wensing, Kim and Slotine 2017; the axes of a body being fixed, its log-Cholesky parameters are these logarithms). s_n
-is the spread of people about the anthropometric table. What is left of F / BW and T / (BW L) is the noise that the
-spread is weighed against: its standard deviation is what the fit leaves, found by repeating (feasible generalised least
-squares), and at least what measurement alone brings. The main job weighs them with `inertial_evidence.py`.
+`consistent`: every body stays physically possible, total mass and left-right symmetry are exact, by
+variables x, 0 at the seed: masses are shares of the seed's total, m_k = M m_k^0 exp(x) / sum; mass
+centres are shifted by x; the second moments of mass about the mass centre, sum x_i^2, are scaled by
+exp(x). Moments of inertia are sums of two second moments each, so they are positive and obey the
+triangle inequality: the pseudo-inertia stays positive definite (Wensing, Kim and Slotine 2017; the
+axes of a body being fixed, its log-Cholesky parameters are these logarithms). s_n is the spread of
+people about the anthropometric table. What is left of F / BW and T / (BW L) is the noise that the
+spread is weighed against: its standard deviation is what the fit leaves, found by repeating
+(feasible generalised least squares), and at least what measurement alone brings. The main job
+weighs them with `inertial_evidence.py`.
 """
 
 import time
@@ -48,24 +52,31 @@ NOISE_CHANGE = 1e-3
 
 @dataclass(frozen=True, kw_only=True)
 class ConsistentSettings:
-    """Spread of people about the anthropometric table, and how good a root wrench can be expected to be."""
+    """Spread of people about the anthropometric table, and how good a root wrench can be expected
+    to be.
+    """
 
     mass_spread: float = 0.10
     """Standard deviation of the logarithm of a segment's share of body mass."""
     foot_mass_spread: float = 0.30
-    """The same of a foot, some 1 kg, which tables have bare: a shoe adds 0.3 to 0.4 kg. (Predictions from tables err by
-    up to 40 % on some segment: Durkin and Dowling, J Biomech Eng 125:515, 2003.)"""
+    """The same of a foot, some 1 kg, which tables have bare: a shoe adds 0.3 to 0.4 kg.
+    (Predictions from tables err by up to 40 % on some segment: Durkin and Dowling, J Biomech Eng
+    125:515, 2003.)"""
     centre_spread: float = 0.010
     """m, standard deviation of a mass-centre coordinate."""
     foot_centre_spread: float = 0.015
-    """The same of a foot, whose axes markers make: those on heel and toe are 10 mm off the points of the table."""
+    """The same of a foot, whose axes markers make: those on heel and toe are 10 mm off the points
+    of the table.
+    """
     moment_spread: float = 0.15
     """Standard deviation of the logarithm of a second moment of mass."""
     more_of: Mapping[str, float] = field(default_factory=dict)
-    """Parameter without its side (`thigh.mass`) -> standard deviation of its variable beside that of people: of a table
-    that may not be this person's."""
+    """Parameter without its side (`thigh.mass`) -> standard deviation of its variable beside that
+    of people: of a table that may not be this person's."""
     residual: float = 0.01
-    """Least standard deviation of F / BW and T / (BW L) that stems from measurement and motion, not from inertia."""
+    """Least standard deviation of F / BW and T / (BW L) that stems from measurement and motion, not
+    from inertia.
+    """
     independent: float = 10.0
     """Frames per independent sample: neighbouring frames of a residual repeat each other."""
 
@@ -74,11 +85,15 @@ PEOPLE = ConsistentSettings()
 
 
 class LogChart:
-    """Variables x (0 at the seed) -> IPs: masses by softmax, centres shifted, second moments scaled by exp."""
+    """Variables x (0 at the seed) -> IPs: masses by softmax, centres shifted, second moments scaled
+    by exp.
+    """
 
     def __init__(self, seed: Array, which: params.InertialSet) -> None:
         if not params.is_physical(seed).all():
-            raise ValueError("the seed of a physically consistent calibration must itself be physically possible")
+            raise ValueError(
+                "the seed of a physically consistent calibration must itself be physically possible"
+            )
         self.names, self.size = which.names, len(which.names)
         self.rows = params.table(seed)
         kinds = [name.split(".", 1)[1] for name in which.names]
@@ -94,7 +109,9 @@ class LogChart:
         """(n,) prior standard deviation of each variable."""
         of_others = [settings.mass_spread, settings.centre_spread, settings.moment_spread]
         of_feet = [settings.foot_mass_spread, settings.foot_centre_spread, settings.moment_spread]
-        of_people = np.where(self.of_foot, np.array(of_feet)[self.kind], np.array(of_others)[self.kind])
+        of_people = np.where(
+            self.of_foot, np.array(of_feet)[self.kind], np.array(of_others)[self.kind]
+        )
         return np.hypot(of_people, [settings.more_of.get(name, 0.0) for name in self.unsided])
 
     def inertial(self, x: Array) -> Array:
@@ -120,7 +137,9 @@ class LogChart:
 
 
 class TorqueScale(Enum):
-    """Length L/BW by which residual torques are normalised (the three choices of the paper's discussion)."""
+    """Length L/BW by which residual torques are normalised (the three choices of the paper's
+    discussion).
+    """
 
     BODY_HEIGHT = "bwh"
     PELVIS_WIDTH = "pelvis_width"
@@ -145,16 +164,18 @@ class RootEquations:
         """RMS residual force (N) and moment (N·m) over frames and the three components."""
         phi = np.append(params.dynamic_parameters(inertial).ravel(), 1.0)
         count = np.sqrt(3.0 * self.frames)
-        force, moment = np.linalg.norm(self.force_rows @ phi), np.linalg.norm(self.moment_rows @ phi)
+        force, moment = (
+            np.linalg.norm(self.force_rows @ phi),
+            np.linalg.norm(self.moment_rows @ phi),
+        )
         return float(force / count), float(moment / count)
 
 
 def root_equations(regressor: Array, ground: Array, weight: float, length: float) -> RootEquations:
     """Compress the root wrench of the valid frames.
 
-    `regressor`: (nf, 6, 12, 10) of `Dynamics.root_regressor`.
-    `ground`: (nf, 6) what the ground reactions contribute, force and moment about the pelvis origin.
-    `weight`: body weight, N.
+    `regressor`: (nf, 6, 12, 10) of `Dynamics.root_regressor`. `ground`: (nf, 6) what the ground
+    reactions contribute, force and moment about the pelvis origin. `weight`: body weight, N.
     `length`: m, torques are divided by weight * length.
     """
     nf = len(regressor)
@@ -163,8 +184,16 @@ def root_equations(regressor: Array, ground: Array, weight: float, length: float
     # triangular rows with the same norm in every direction
     parts = (part.reshape(3 * nf, width) for part in (rows[:, :3], rows[:, 3:]))
     force, moment = (np.asarray(np.linalg.qr(part, mode="r")) for part in parts)
-    stacked = np.asarray(np.linalg.qr(np.vstack([force / weight, moment / (weight * length)]), mode="r"))
-    return RootEquations(factor=stacked[:, :-1], target=stacked[:, -1], frames=nf, force_rows=force, moment_rows=moment)
+    stacked = np.asarray(
+        np.linalg.qr(np.vstack([force / weight, moment / (weight * length)]), mode="r")
+    )
+    return RootEquations(
+        factor=stacked[:, :-1],
+        target=stacked[:, -1],
+        frames=nf,
+        force_rows=force,
+        moment_rows=moment,
+    )
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -215,7 +244,9 @@ def equations_of(
         total = motion.wrench[at].sum(axis=1)
         about_pelvis = total[:, 3:] - np.cross(q[:, :3], total[:, :3])
         grounds.append(-np.hstack([total[:, :3], about_pelvis]))
-    return root_equations(np.concatenate(regressors), np.concatenate(grounds), subject.weight, length)
+    return root_equations(
+        np.concatenate(regressors), np.concatenate(grounds), subject.weight, length
+    )
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -241,17 +272,28 @@ class InertialFit:
     converged: bool
     message: str
     statistical: bool = True
-    """Whether residual rows are in standard deviations, so that a covariance follows; the published ones are not."""
+    """Whether residual rows are in standard deviations, so that a covariance follows; the published
+    ones are not.
+    """
     moved: bool = True
-    """False: nothing asked for other values than the seed's, and the covariance is the spread of people about it."""
+    """False: nothing asked for other values than the seed's, and the covariance is the spread of
+    people about it.
+    """
 
 
 def fit_published(
-    equations: RootEquations, seed: Array, which: params.InertialSet, *, reseed: bool = True, decay: float = 1.0
+    equations: RootEquations,
+    seed: Array,
+    which: params.InertialSet,
+    *,
+    reseed: bool = True,
+    decay: float = 1.0,
 ) -> InertialFit:
-    """The published cost; `seed` (84,) gives the constants too. Relative penalties, re-seeded until nothing changes.
+    """The published cost; `seed` (84,) gives the constants too. Relative penalties, re-seeded until
+    nothing changes.
 
-    `decay` multiplies the penalty's weight at every re-seed: 1 is the published procedure, 0.1 for data without noise.
+    `decay` multiplies the penalty's weight at every re-seed: 1 is the published procedure, 0.1 for
+    data without noise.
     """
     began = time.perf_counter()
     inertial, centre = seed.copy(), seed
@@ -259,7 +301,10 @@ def fit_published(
     norm = (s * s).sum(axis=0)
 
     def residual(x: Array, base: Array, scale: Array, prior: Array, root: float) -> Array:
-        gap = equations.factor @ params.dynamic_parameters(base + s @ (x * scale)).ravel() + equations.target
+        gap = (
+            equations.factor @ params.dynamic_parameters(base + s @ (x * scale)).ravel()
+            + equations.target
+        )
         return np.concatenate([gap, root * (x - prior / scale)])
 
     def jacobian(x: Array, base: Array, scale: Array, _prior: Array, root: float) -> Array:
@@ -274,12 +319,22 @@ def fit_published(
         given = base, scale, prior, float(np.sqrt(penalty))
         begin = s.T @ inertial / norm / scale
         result = least_squares(
-            residual, begin, jac=jacobian, args=given, method="lm", ftol=1e-15, xtol=1e-15, gtol=1e-15
+            residual,
+            begin,
+            jac=jacobian,
+            args=given,
+            method="lm",
+            ftol=1e-15,
+            xtol=1e-15,
+            gtol=1e-15,
         )
         inertial = centre = base + s @ (result.x * scale)
         seeds, iterations, penalty = seeds + 1, iterations + int(result.nfev), penalty * decay
         rms = equations.rms(inertial)
-        settled = all(abs(new - old) <= RESEED_CHANGE * old or new < 1e-9 for new, old in zip(rms, last, strict=True))
+        settled = all(
+            abs(new - old) <= RESEED_CHANGE * old or new < 1e-9
+            for new, old in zip(rms, last, strict=True)
+        )
         stopped = settled or not reseed
     return InertialFit(
         names=which.names,
@@ -292,7 +347,9 @@ def fit_published(
         iterations=iterations,
         seconds=time.perf_counter() - began,
         converged=stopped and bool(result.status > 0),
-        message=ending(result) if stopped else f"the residuals still change after {MOST_SEEDS} seeds",
+        message=ending(result)
+        if stopped
+        else f"the residuals still change after {MOST_SEEDS} seeds",
         statistical=False,
     )
 
@@ -306,9 +363,14 @@ def by_inertial(factor: Array, inertial: Array) -> Array:
 
 
 def fit_consistent(
-    equations: RootEquations, seed: Array, which: params.InertialSet, settings: ConsistentSettings = PEOPLE
+    equations: RootEquations,
+    seed: Array,
+    which: params.InertialSet,
+    settings: ConsistentSettings = PEOPLE,
 ) -> InertialFit:
-    """Physically possible inertias nearest to the residual-free ones; total mass is exactly the seed's."""
+    """Physically possible inertias nearest to the residual-free ones; total mass is exactly the
+    seed's.
+    """
     began = time.perf_counter()
     chart = LogChart(seed, which)
     x, noise, iterations = np.zeros(chart.size), settings.residual, 0
@@ -316,15 +378,25 @@ def fit_consistent(
         weight = 1.0 / (noise * np.sqrt(settings.independent))
         result, slopes = fit_chart(equations, chart, chart.spread(settings), weight, x)
         x, iterations = result.x, iterations + int(result.nfev)
-        gap = equations.factor @ params.dynamic_parameters(chart.inertial(x)).ravel() + equations.target
-        last, noise = noise, max(settings.residual, float(np.linalg.norm(gap) / np.sqrt(6.0 * equations.frames)))
+        gap = (
+            equations.factor @ params.dynamic_parameters(chart.inertial(x)).ravel()
+            + equations.target
+        )
+        last, noise = (
+            noise,
+            max(settings.residual, float(np.linalg.norm(gap) / np.sqrt(6.0 * equations.frames))),
+        )
         if abs(noise - last) < NOISE_CHANGE * last:
             break
     return replace(fit_of(equations, chart, result, slopes, began), iterations=iterations)
 
 
 def fit_of(
-    equations: RootEquations, chart: LogChart, result: OptimizeResult, slopes: Callable[[Array], Array], began: float
+    equations: RootEquations,
+    chart: LogChart,
+    result: OptimizeResult,
+    slopes: Callable[[Array], Array],
+    began: float,
 ) -> InertialFit:
     """What `fit_chart` found, in a search that began at a time of `perf_counter`."""
     inertial = chart.inertial(result.x)
@@ -346,14 +418,21 @@ def fit_of(
 def fit_chart(
     equations: RootEquations, chart: LogChart, spread: Array, weigh: float | Array, start: Array
 ) -> tuple[OptimizeResult, Callable[[Array], Array]]:
-    """The least of |weigh gap|^2 + |x / spread|^2 by the variables of a chart, and the Jacobian of its residual."""
+    """The least of |weigh gap|^2 + |x / spread|^2 by the variables of a chart, and the Jacobian of
+    its residual.
+    """
 
     def residual(x: Array) -> Array:
-        gap = equations.factor @ params.dynamic_parameters(chart.inertial(x)).ravel() + equations.target
+        gap = (
+            equations.factor @ params.dynamic_parameters(chart.inertial(x)).ravel()
+            + equations.target
+        )
         return np.concatenate([np.dot(weigh, gap), x / spread])
 
     def jacobian(x: Array) -> Array:
         by_x = by_inertial(equations.factor, chart.inertial(x)) @ chart.jacobian(x)
         return np.vstack([np.dot(weigh, by_x), np.diag(1.0 / spread)])
 
-    return least_squares(residual, start, jac=jacobian, method="lm", ftol=1e-13, xtol=1e-13), jacobian
+    return least_squares(
+        residual, start, jac=jacobian, method="lm", ftol=1e-13, xtol=1e-13
+    ), jacobian

@@ -1,8 +1,9 @@
 """Inertial parameters move where the pelvis residual asks for it, and nowhere else.
 
-Marker noise alone makes a pelvis residual of 12 to 20 N; least squares turn it into masses (0.34 kg off where the table
-was 0.22 kg off). Here the residual is weighed against what makes residuals without wrong masses. With rho the pelvis
-residual [F; T] of the valid frames, in units of a scale, every source c of error moves it by
+Marker noise alone makes a pelvis residual of 12 to 20 N; least squares turn it into masses (0.34 kg
+off where the table was 0.22 kg off). Here the residual is weighed against what makes residuals
+without wrong masses. With rho the pelvis residual [F; T] of the valid frames, in units of a scale,
+every source c of error moves it by
 
     d rho_c = (d rho/d q) B d N_c + (d rho/d v) B' d N_c + (d rho/d a) B'' d N_c + (d rho/d p) d p_c
 
@@ -12,24 +13,26 @@ for marker coordinates and nominal joint parameters (`error_sources.py`), and di
                  (`dynamics/measurement_errors.py`, with the sources of their sizes)
     inertia      what the fit does not move and people scatter in:  d rho = (d rho/d IP) d IP
     bandwidth    rho of this motion less rho of its fit with 1 / sqrt 2 of the knot spans: what half an octave holds
-                 (a motion that a penalty smooths has a source of its own for that, `whole_body_scores`)
+                 (a motion that a penalty smooths has a source of its own for that,
+                 `whole_body_scores`)
     the rest     independent errors of force and moment, repeated for `memory`: what plates bend, and the spline leaves.
 
-With x the variables of the chart (0 at the nominal model) and A = d rho/d x at 0, what a fit can hear are the scores
-g(x) = A^T rho(x). At the true x they have the covariance of the noise, s_c = A^T d rho_c summed over trials,
+With x the variables of the chart (0 at the nominal model) and A = d rho/d x at 0, what a fit can
+hear are the scores g(x) = A^T rho(x). At the true x they have the covariance of the noise, s_c =
+A^T d rho_c summed over trials,
 
     G = sum_c s_c s_c^T + sigma^2 A^T A times the frames that repeat each other,
 
     min_x  g^T G^-1 g + sum_n (x_n / s_n)^2,        s_n the spread of people about the anthropometric table,
 
-generalised least squares, whose posterior covariance is (M^T G^-1 M + diag(1 / s^2))^-1, M = d g/d x. Whether it is to
-be believed at all is asked first: how much likelier are the scores with people's spread than with exactly nominal
-values? Linear in x, the Bayes factor is
+generalised least squares, whose posterior covariance is (M^T G^-1 M + diag(1 / s^2))^-1, M = d g/d
+x. Whether it is to be believed at all is asked first: how much likelier are the scores with
+people's spread than with exactly nominal values? Linear in x, the Bayes factor is
 
     2 ln K = g0^T (G^-1 - (G + M S^2 M^T)^-1) g0 - ln det (1 + G^-1 M S^2 M^T).
 
-Below `STRONG` (Kass and Raftery, J. Am. Stat. Assoc. 90, 1995: "strong evidence") the parameters stay the table's, and
-the spread of people is their covariance.
+Below `STRONG` (Kass and Raftery, J. Am. Stat. Assoc. 90, 1995: "strong evidence") the parameters
+stay the table's, and the spread of people is their covariance.
 """
 
 import time
@@ -43,14 +46,23 @@ from gaitcal.calibration import inertial_calibration
 from gaitcal.calibration.error_sources import ErrorSources, MarkerScores, whole_body_scores
 from gaitcal.dynamics import derivatives, inverse_dynamics, measurement_errors
 from gaitcal.dynamics.ground_reactions import GroundReactions
-from gaitcal.model.parameters import InertialSet, Parameters, dynamic_jacobian, dynamic_parameters, full_set
+from gaitcal.model.parameters import (
+    InertialSet,
+    Parameters,
+    dynamic_jacobian,
+    dynamic_parameters,
+    full_set,
+)
 from gaitcal.model.subject_model import Subject
 from gaitcal.tracking import spline, trial_problem
 
 BLOCK = 500  # Frames whose changes are held at once
-COARSER = np.sqrt(2.0)  # Spans of the motion that bandwidth is judged by, over those of the motion: half an octave
+COARSER = np.sqrt(
+    2.0
+)  # Spans of the motion that bandwidth is judged by, over those of the motion: half an octave
 STRONG = float(np.log(20.0))  # ln K from which the inertial parameters move: odds of 20 to 1
-UNHEARD = 1e-10  # Part of the largest variance of the scores below which a direction of x makes no residual at all
+# Part of the largest variance of the scores below which a direction of x makes no residual at all
+UNHEARD = 1e-10
 
 
 @dataclass(frozen=True)
@@ -59,7 +71,9 @@ class PlateNoise:
 
     errors: measurement_errors.PlateErrors = measurement_errors.DEFAULT
     rest: float = 0.005
-    """Body weights (force), body weights times height (moment), independent from one `memory` to the next."""
+    """Body weights (force), body weights times height (moment), independent from one `memory` to
+    the next.
+    """
     memory: float = 0.1  # s, for which an error of the rest repeats itself
 
 
@@ -78,7 +92,8 @@ class ResidualNoise:
     """What a fit of inertial variables hears that is not theirs."""
 
     covariance: Array  # (n, n) of the scores A^T rho, rho in units of the scale
-    rms_force: float  # N, RMS over valid frames and three components of the residual that is to be expected
+    # N, RMS over valid frames and three components of the residual that is to be expected
+    rms_force: float
     rms_moment: float  # N·m
 
 
@@ -95,15 +110,17 @@ def residual_noise(
     """What noise makes of the pelvis residual over the valid frames of all trials.
 
     `parameters`: joint parameters of the motions; the inertial ones are where `chart` begins.
-    `sources`: errors of the joint parameters.
-    `length`: m, torques are divided by body weight times this, as in the equations that are to be fitted.
-    `unmoved`: (84, n) R with covariance R R^T of inertial parameters that `chart` does not move; exact unless given.
+    `sources`: errors of the joint parameters. `length`: m, torques are divided by body weight times
+    this, as in the equations that are to be fitted. `unmoved`: (84, n) R with covariance R R^T of
+    inertial parameters that `chart` does not move; exact unless given.
     """
     plates = plates or PlateNoise()
     slopes = dynamic_jacobian(parameters.inertial)
     kept = np.zeros((len(parameters.inertial), 0)) if unmoved is None else unmoved
     by_variable, by_kept = (
-        np.einsum("sdk,skn->sdn", slopes, x.reshape(len(slopes), 7, -1)).reshape(10 * len(slopes), -1)
+        np.einsum("sdk,skn->sdn", slopes, x.reshape(len(slopes), 7, -1)).reshape(
+            10 * len(slopes), -1
+        )
         for x in (chart.jacobian(np.zeros(chart.size)), kept)
     )
     scale = np.repeat([1.0 / subject.weight, 1.0 / (subject.weight * length)], 3)
@@ -114,11 +131,17 @@ def residual_noise(
     of_sources = np.zeros((chart.size, len(sources.clusters)))
     """(n, nc) the scores of errors of joint parameters and soft tissue."""
     dynamics, frames = inverse_dynamics.Dynamics(parameters), 0
-    feet = [f"plate/{foot}/{what}" for foot in inverse_dynamics.FEET for what in measurement_errors.OF_A_PLATE]
+    feet = [
+        f"plate/{foot}/{what}"
+        for foot in inverse_dynamics.FEET
+        for what in measurement_errors.OF_A_PLATE
+    ]
     for trial in trials:
         basis, wrenches = trial.problem.basis, trial.reactions.wrench
         opened = trial.problem.with_free(sources.free)
-        moves = trial.scores or whole_body_scores(trial.problem, trial.coefficients, parameters, sources)
+        moves = trial.scores or whole_body_scores(
+            trial.problem, trial.coefficients, parameters, sources
+        )
         shift, own = sources.parameters[opened.places_in(sources.free)], moves.coefficients.shape[1]
         unit_moves = moves.and_unknowns()
         # the same covariance by as many columns as the trial has unknowns, of thousands of sources
@@ -126,7 +149,9 @@ def residual_noise(
         rates = measurement_errors.wrench_rates(basis.time, wrenches)
         coarse = None if trial.problem.penalty else _coarser(basis, trial.coefficients)
         names = [*moves.clusters, *feet, "plate/clock"]
-        names += [f"inertia/{n}" for n in range(by_kept.shape[1])] + (["bandwidth"] if coarse else [])
+        names += [f"inertia/{n}" for n in range(by_kept.shape[1])] + (
+            ["bandwidth"] if coarse else []
+        )
         repeated = max(plates.memory * spline.frame_rate(basis), 1.0)
         valid = np.flatnonzero(trial.reactions.valid)
         for at in (valid[k : k + BLOCK] for k in range(0, len(valid), BLOCK)):
@@ -134,10 +159,16 @@ def residual_noise(
             residual = derivatives.root_residual(
                 parameters, opened.chain.free[: opened.joint_parameters], q, v, a, wrenches[at]
             )
-            by_state = np.concatenate([residual.by_position, residual.by_velocity, residual.by_acceleration], axis=2)
+            by_state = np.concatenate(
+                [residual.by_position, residual.by_velocity, residual.by_acceleration], axis=2
+            )
             every = unit_moves.through(basis, at, by_state, residual.by_parameter)
             unknown, columns = every[:, :, own:], [every[:, :, :own]]
-            columns.append(_plate_moves(q, measurement_errors.wrench_errors(wrenches[at], rates[at], plates.errors)))
+            columns.append(
+                _plate_moves(
+                    q, measurement_errors.wrench_errors(wrenches[at], rates[at], plates.errors)
+                )
+            )
             columns.append(residual.regressor @ by_kept)
             if coarse:
                 q, v, a = (coarse[0].evaluate(coarse[1], k)[at] for k in range(3))
@@ -151,13 +182,21 @@ def residual_noise(
             for name, score in zip(names, moved.reshape(len(flat), -1).T @ flat, strict=True):
                 summed[name] = summed.get(name, 0.0) + score
             covariance += repeated * np.einsum("fin,i,fim->nm", rows, (scale * rest) ** 2, rows)
-            total += (moved**2).sum(axis=(0, 2)) + ((unknown @ root) ** 2).sum(axis=(0, 2)) + len(at) * rest**2
+            total += (
+                (moved**2).sum(axis=(0, 2))
+                + ((unknown @ root) ** 2).sum(axis=(0, 2))
+                + len(at) * rest**2
+            )
             frames += len(at)
     for name, score in zip(sources.clusters, of_sources.T, strict=True):
         summed[name] = summed.get(name, 0.0) + score
     scores = np.stack(list(summed.values()), axis=1)
     mean = np.sqrt(total.reshape(2, 3).mean(axis=1) / max(frames, 1))
-    return ResidualNoise(covariance=covariance + scores @ scores.T, rms_force=float(mean[0]), rms_moment=float(mean[1]))
+    return ResidualNoise(
+        covariance=covariance + scores @ scores.T,
+        rms_force=float(mean[0]),
+        rms_moment=float(mean[1]),
+    )
 
 
 def _plate_moves(q: Array, errors: Array) -> Array:
@@ -180,7 +219,9 @@ def stay_nominal(
     rms: tuple[float, float] = (np.nan, np.nan),
     why: str = "",
 ) -> inertial_calibration.InertialFit:
-    """The seed as it is, with the spread of people about it; `rms` (N, N·m) of its residual, `why` in words."""
+    """The seed as it is, with the spread of people about it; `rms` (N, N·m) of its residual, `why`
+    in words.
+    """
     chart = inertial_calibration.LogChart(seed, which)
     return inertial_calibration.InertialFit(
         names=which.names,
@@ -205,15 +246,21 @@ def residual_words(rms: tuple[float, float]) -> str:
 def spread_of_the_rest(inertial: Array, which: InertialSet) -> Array:
     """(84, n) R with covariance R R^T of the mass centres that no variable of `which` moves.
 
-    They stay the table's, and people scatter about them as about others; pelvis and trunk are taken to be symmetric.
+    They stay the table's, and people scatter about them as about others; pelvis and trunk are taken
+    to be symmetric.
     """
     every = full_set()
     chart = inertial_calibration.LogChart(inertial, every)
     free = np.abs(which.selection).sum(axis=1) > 0
     limb = [name.split(".")[0].endswith(("_r", "_l")) for name in every.names]
-    scatter = [".com." in n and (paired or not n.endswith(".lat")) for n, paired in zip(every.names, limb, strict=True)]
+    scatter = [
+        ".com." in n and (paired or not n.endswith(".lat"))
+        for n, paired in zip(every.names, limb, strict=True)
+    ]
     kept = np.flatnonzero(scatter & ~free)
-    return (chart.jacobian(np.zeros(chart.size)) * chart.spread(inertial_calibration.PEOPLE))[:, kept]
+    return (chart.jacobian(np.zeros(chart.size)) * chart.spread(inertial_calibration.PEOPLE))[
+        :, kept
+    ]
 
 
 def fit_by_evidence(
@@ -223,7 +270,8 @@ def fit_by_evidence(
     noise: ResidualNoise,
     settings: inertial_calibration.ConsistentSettings = inertial_calibration.PEOPLE,
 ) -> inertial_calibration.InertialFit:
-    """Physically possible inertias of unchanged total mass; the seed itself unless the residual tells against it.
+    """Physically possible inertias of unchanged total mass; the seed itself unless the residual
+    tells against it.
 
     `noise`: of the chart that begins at `seed`, with the scale of `equations`.
     """
@@ -242,16 +290,24 @@ def fit_by_evidence(
     if factor < STRONG:
         beyond = before[0] > noise.rms_force or before[1] > noise.rms_moment
         why = (
-            f"is more than marker noise, bandwidth and plates explain {explained}, but not what other masses would make"
+            f"is more than marker noise, bandwidth and plates explain {explained}, but not what "
+            "other masses would make"
             if beyond
             else f"is what marker noise, bandwidth and plates explain {explained}"
         )
-        stay = stay_nominal(seed, which, settings, before, f"{residual_words(before)} {why}; ln K = {factor:.1f}")
+        stay = stay_nominal(
+            seed, which, settings, before, f"{residual_words(before)} {why}; ln K = {factor:.1f}"
+        )
         return replace(stay, seconds=time.perf_counter() - began)
     result, slopes = inertial_calibration.fit_chart(equations, chart, spread, weigh, start)
     found = inertial_calibration.fit_of(equations, chart, result, slopes, began)
-    message = f"{found.message}; {residual_words(before)} moves as wrong masses make it, ln K = {factor:.1f}, beside "
-    return replace(found, message=f"{message}what marker noise, bandwidth and plates explain {explained}")
+    message = (
+        f"{found.message}; {residual_words(before)} moves as wrong masses make it, ln K = "
+        f"{factor:.1f}, beside "
+    )
+    return replace(
+        found, message=f"{message}what marker noise, bandwidth and plates explain {explained}"
+    )
 
 
 def log_bayes_factor(scores: Array, slopes: Array) -> float:

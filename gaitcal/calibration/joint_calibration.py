@@ -1,6 +1,8 @@
-"""Joint parameters, soft tissue and motions from markers: SciPy's `least_squares` on the compressed problem.
+"""Joint parameters, soft tissue and motions from markers: SciPy's `least_squares` on the compressed
+problem.
 
-Without a prior and without soft tissue this is phase 1 of Reinbolt et al. 2007, eq. 1 (`reduced_problem.py`).
+Without a prior and without soft tissue this is phase 1 of Reinbolt et al. 2007, eq. 1
+(`reduced_problem.py`).
 """
 
 from __future__ import annotations
@@ -20,7 +22,9 @@ from gaitcal.tracking.descent import DescentSettings
 from gaitcal.tracking.trial_problem import MotionProblem
 
 POSITION_SCALE = 0.1
-"""m: one unit of a position inside the solver is 1 dm, of an orientation 1 rad, as both move a marker about as far."""
+"""m: one unit of a position inside the solver is 1 dm, of an orientation 1 rad, as both move a
+marker about as far.
+"""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -30,7 +34,9 @@ class JointSettings:
     position_bound: float = np.inf  # m, largest distance of a position from its nominal value
     orientation_bound: float = np.inf  # rad, the same for orientations
     tolerance: float = 1e-11
-    """Relative tolerance on cost and parameters: with 1e-10 a hardly determined subtalar axis ends 6e-5 rad off."""
+    """Relative tolerance on cost and parameters: with 1e-10 a hardly determined subtalar axis ends
+    6e-5 rad off.
+    """
     most_evaluations: int = 100
     tracking: DescentSettings = field(default_factory=DescentSettings)
 
@@ -45,7 +51,9 @@ class JointFit:
     """Joint parameters found, and everything needed to say how well."""
 
     free: tuple[str, ...]
-    keys: tuple[str, ...]  # Columns of the soft tissue, `kind/regressor/segment/component`, kind by kind
+    keys: tuple[
+        str, ...
+    ]  # Columns of the soft tissue, `kind/regressor/segment/component`, kind by kind
     values: Array  # (np + nz,) m, rad of `free`; then those of the soft tissue, m, rad
     parameters: Parameters
     state: ReducedState
@@ -67,7 +75,9 @@ class JointFit:
 
 
 class JointSearch:
-    """The fit of joint parameters to some trials, which may be run again with trials that count more or less."""
+    """The fit of joint parameters to some trials, which may be run again with trials that count
+    more or less.
+    """
 
     def __init__(
         self,
@@ -85,14 +95,13 @@ class JointSearch:
         """Set up the search.
 
         `problems`: the trials; each has its own motion, all share the joint parameters.
-        `parameters`: where the search starts, and the values of all that is not free.
-        `free`: of these, the joint parameters that some trial passes are fitted.
-        `starts`: per trial, coefficients (nn, nq) to start from.
-        `nominal`: where bounds are centred; `parameters` unless given.
-        `tissue`: prior of the soft tissue that the problems have.
-        `expected`: (np,) m, rad and (np, np) mean and precision of the joint parameters `free` before any trial;
-        nothing is expected of them unless given.
-        `kinds`: kind of task of each trial, of which the soft tissue is its own; one for all unless given.
+        `parameters`: where the search starts, and the values of all that is not free. `free`: of
+        these, the joint parameters that some trial passes are fitted. `starts`: per trial,
+        coefficients (nn, nq) to start from. `nominal`: where bounds are centred; `parameters`
+        unless given. `tissue`: prior of the soft tissue that the problems have. `expected`: (np,)
+        m, rad and (np, np) mean and precision of the joint parameters `free` before any trial;
+        nothing is expected of them unless given. `kinds`: kind of task of each trial, of which the
+        soft tissue is its own; one for all unless given.
         """
         self.settings = settings or JointSettings()
         self.free = passed(problems, free)
@@ -123,7 +132,9 @@ class JointSearch:
         result = self._least_squares(self.settings.tolerance, start_values)
         state = self.problem.settle(result.x)
         bounded = np.isfinite(self.reach)
-        edge = bounded & (np.abs(result.x - self.middle) > 0.999 * np.where(bounded, self.reach, 1.0))
+        edge = bounded & (
+            np.abs(result.x - self.middle) > 0.999 * np.where(bounded, self.reach, 1.0)
+        )
         return JointFit(
             free=self.free,
             keys=tuple(key for kind in state.kinds for key in kind.prior.keys),

@@ -1,34 +1,41 @@
-"""One estimate of all joint parameters: every trial, every parameter that a trial can move, soft tissue, the motions.
+"""One estimate of all joint parameters: every trial, every parameter that a trial can move, soft
+tissue, the motions.
 
     min  sum_t C_t(p, z, N_t) / (f_t nu_t^2)  +  |(p - p_0)|^2_Sigma_p  +  |z|^2_Sigma_z
 
-C_t is the marker cost of trial t (a joint alone, or pelvis and legs for gait), N_t its motion, p the joint parameters
-with what anatomy or a cohort expects of them (`joint_prior.py`), z the soft tissue of every kind of task with what
-people show (`soft_tissue_artefact.py`). Motions and z are eliminated (`reduced_problem.py`), p is found by SciPy.
-The published protocol (Reinbolt et al. 2007, eq. 1) is this with z = 0, without a prior (or a weak one), and with one
-f nu^2 for all trials of a phase, the mean of their own.
+C_t is the marker cost of trial t (a joint alone, or pelvis and legs for gait), N_t its motion, p
+the joint parameters with what anatomy or a cohort expects of them (`joint_prior.py`), z the soft
+tissue of every kind of task with what people show (`soft_tissue_artefact.py`). Motions and z are
+eliminated (`reduced_problem.py`), p is found by SciPy. The published protocol (Reinbolt et al.
+2007, eq. 1) is this with z = 0, without a prior (or a weak one), and with one f nu^2 for all trials
+of a phase, the mean of their own.
 
-nu_t is the noise of the trial's independent samples (`joint_prior.py`), from a fit of its own kind of task alone: what
-gait disagrees with is no noise of an isolated trial. Trials of one task repeat their errors. With g_t and H_t the
-reduced gradients and matrices by p at the common estimate, in units of each trial's own noise, K trials err
-independently if
+nu_t is the noise of the trial's independent samples (`joint_prior.py`), from a fit of its own kind
+of task alone: what gait disagrees with is no noise of an isolated trial. Trials of one task repeat
+their errors. With g_t and H_t the reduced gradients and matrices by p at the common estimate, in
+units of each trial's own noise, K trials err independently if
 
     chi^2 = sum_t g_t^T H_t^-1 g_t - (sum g_t)^T (sum H_t)^-1 (sum g_t)
 
-has (K - 1) n degrees of freedom, over the n directions that they determine. A smaller share s of that says that they
+has (K - 1) n degrees of freedom, over the n directions that they determine. A smaller share s of
+that says that they
 have 1 - s of their variance in common, so that together they count as  K / (s + K (1 - s))  trials: f = s + K (1 - s).
-Kinds of task may disagree more than their errors allow: a cluster was put on anew for one, skin is not linear. With the
-same chi^2 between kinds, the soft tissue of each eliminated, b^2 = max(chi^2 / degrees of freedom, 1) is by how much
-the variances of all are too small (Birge, Phys Rev 40:207, 1932); the estimate stays.
+Kinds of task may disagree more than their errors allow: a cluster was put on anew for one, skin is
+not linear. With the same chi^2 between kinds, the soft tissue of each eliminated, b^2 = max(chi^2 /
+degrees of freedom, 1) is by how much the variances of all are too small (Birge, Phys Rev 40:207,
+1932); the estimate stays.
 
-With H the Hessian at the end, motions eliminated, and S_t the part of trial t, the errors of (p, z) are
+With H the Hessian at the end, motions eliminated, and S_t the part of trial t, the errors of (p, z)
+are
 
     -H^-1 ( sum_t b S_t^1/2 n_t  -  Sigma_p^-1 F_p e_p  -  Sigma_z^-1 F_z e_z ),    n, e_p, e_z independent, variance 1:
 
-F F^T = Sigma, the columns of F_p being causes (`joint_prior.py`): columns of an `ErrorSources` by source, markers of
-each trial, nominal values, soft tissue (`error_sources.py`). Their squares sum to H^-1.
+F F^T = Sigma, the columns of F_p being causes (`joint_prior.py`): columns of an `ErrorSources` by
+source, markers of each trial, nominal values, soft tissue (`error_sources.py`). Their squares sum
+to H^-1.
 
-What is uncertain and not fitted, k, is considered (Schmidt-Kalman): joint parameters that stay as they are, and z where
+What is uncertain and not fitted, k, is considered (Schmidt-Kalman): joint parameters that stay as
+they are, and z where
 it stays zero. With S_pk of the same trials with k open, and errors R_k R_k^T of k, it makes errors  -H^-1 S_pk R_k.
 Residuals do not tell these: skin in step with a joint looks just like a joint that lies elsewhere.
 """
@@ -71,16 +78,19 @@ BY_EVIDENCE = JointSettings(tolerance=1e-7)
 FIRST_NOISE, MEMORY_S = 0.010, 0.1  # m, s: noise before any is known, and how long it lasts
 ROUNDS = 3  # Fits after which the noise of every trial is found anew
 NOISE_TOLERANCE = 1e-4
-"""Relative tolerance of those: the nu of a walk's legs, trunk and single joints are then within 2 % of where searches
-to the end have them, and a noise that is taken from a hundred samples is itself known to 7 %."""
+"""Relative tolerance of those: the nu of a walk's legs, trunk and single joints are then within 2 %
+of where searches to the end have them, and a noise that is taken from a hundred samples is itself
+known to 7 %."""
 WIDE_M, WIDE_RAD = 0.020, np.deg2rad(10.0)
-"""m, rad: how far joints may lie from nominal places where noise is sought, and what directions are measured by where
-nothing is expected: further than anatomy has them."""
-DETERMINED = 4.0  # Information of trials over that of the prior from which they determine a direction
+"""m, rad: how far joints may lie from nominal places where noise is sought, and what directions are
+measured by where nothing is expected: further than anatomy has them."""
+DETERMINED = (
+    4.0  # Information of trials over that of the prior from which they determine a direction
+)
 
 Tasks = Mapping[str, Sequence[MotionProblem]]
-"""Kind of task, `gait` or the joint that isolated trials move -> trials, with the soft tissue that may move their
-markers, if any."""
+"""Kind of task, `gait` or the joint that isolated trials move -> trials, with the soft tissue that
+may move their markers, if any."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -89,13 +99,17 @@ class JointEstimate(JointFit):
 
     noise: tuple[float, ...]  # m, sqrt(f) nu of every trial
     repeated: dict[str, float]  # Kind of task -> f, where several trials have it
-    apart: float  # The factor b on standard errors by which kinds of task disagree; 1 where their errors explain it
-    effective_parameters: float  # Parameters that the markers determined, rather than the priors: trace of H^-1 sum S_t
+    # The factor b on standard errors by which kinds of task disagree; 1 where their errors explain
+    # it
+    apart: float
+    # Parameters that the markers determined, rather than the priors: trace of H^-1 sum S_t
+    effective_parameters: float
     information: Array  # (np, np) of p by the markers, and the prior of soft tissue, alone
     covariance: Array
     """(np, np) of p by noise and priors; zero along directions that neither of them determines."""
     by_tissue: Array
-    """(np, nc) what soft tissue that was not fitted makes of p besides, in columns of variance one."""
+    """(np, nc) what soft tissue that was not fitted makes of p besides, in columns of variance one.
+    """
 
     @property
     def whole_covariance(self) -> Array:
@@ -104,8 +118,8 @@ class JointEstimate(JointFit):
 
 
 def free_of(problems: Sequence[MotionProblem], wanted: Sequence[str]) -> tuple[str, ...]:
-    """The joint parameters of `wanted` that some trial can move: their joint lies between segments that it shows, and
-    its markers determine the joint's angles.
+    """The joint parameters of `wanted` that some trial can move: their joint lies between segments
+    that it shows, and its markers determine the joint's angles.
     """
     passed = set()
     for problem in problems:
@@ -115,8 +129,14 @@ def free_of(problems: Sequence[MotionProblem], wanted: Sequence[str]) -> tuple[s
         count = len(opened.chain.coordinates)
         beyond = opened.chain.support[count:] * shown
         before = (1.0 - opened.chain.support[count:]) * shown
-        found = {name for name, b, a in zip(opened.chain.free, before, beyond, strict=True) if a.any() and b.any()}
-        passed |= {name for name in found if name.split(".")[0] not in joints_left_open(problem.guessed)}
+        found = {
+            name
+            for name, b, a in zip(opened.chain.free, before, beyond, strict=True)
+            if a.any() and b.any()
+        }
+        passed |= {
+            name for name in found if name.split(".")[0] not in joints_left_open(problem.guessed)
+        }
     return tuple(name for name in wanted if name in passed)
 
 
@@ -133,22 +153,27 @@ def estimate_joints(
     present: Parameters | None = None,
     known: ErrorSources | None = None,
 ) -> tuple[JointEstimate, ErrorSources]:
-    """Fit the joint parameters `free` and the soft tissue to all trials together, and tell their errors by source.
+    """Fit the joint parameters `free` and the soft tissue to all trials together, and tell their
+    errors by source.
 
-    `nominal`: what the prior is about, and bounds.
-    `tissue`: prior of the columns that the problems have.
-    `fits_tissue`: whether these are fitted; else markers stay in their places, and the columns are a source of error.
-    `prior`: of the joint parameters, about `nominal`; None: nothing is expected of them.
-    `equal_weights`: whether all trials have one noise, the mean of their own, as they show it; else the noise of people
-    is known before (`joint_prior.noise_prior`).
+    `nominal`: what the prior is about, and bounds. `tissue`: prior of the columns that the problems
+    have. `fits_tissue`: whether these are fitted; else markers stay in their places, and the
+    columns are a source of error. `prior`: of the joint parameters, about `nominal`; None: nothing
+    is expected of them. `equal_weights`: whether all trials have one noise, the mean of their own,
+    as they show it; else the noise of people is known before (`joint_prior.noise_prior`).
     `present`: where the search starts, and values of all that is not free; `nominal` unless given.
-    `known`: errors of the joint parameters before the fit, those that it keeps fixed too; by the prior of those that
-    are free unless given, the rest being exact.
+    `known`: errors of the joint parameters before the fit, those that it keeps fixed too; by the
+    prior of those that are free unless given, the rest being exact.
     """
     began = time.perf_counter()
-    with_columns, present = [problem for problems in tasks.values() for problem in problems], present or nominal
+    with_columns, present = (
+        [problem for problems in tasks.values() for problem in problems],
+        present or nominal,
+    )
     kinds = [kind for kind, problems in tasks.items() for _ in problems]
-    problems = with_columns if fits_tissue else [replace(problem, tissue=None) for problem in with_columns]
+    problems = (
+        with_columns if fits_tissue else [replace(problem, tissue=None) for problem in with_columns]
+    )
     noise: list[float] = []
     for kind in tasks:
         of_kind = [p for p, own in zip(problems, kinds, strict=True) if own == kind]
@@ -170,8 +195,13 @@ def estimate_joints(
     repeated: dict[str, float] = {}
     if len(kinds) > len(tasks):
         state = search.approach(NOISE_TOLERANCE)
-        repeated = _repeated(kinds, search, state, noise, _wide(free) if expected is None else expected[1])
-        noise = [nu * float(np.sqrt(repeated.get(kind, 1.0))) for nu, kind in zip(noise, kinds, strict=True)]
+        repeated = _repeated(
+            kinds, search, state, noise, _wide(free) if expected is None else expected[1]
+        )
+        noise = [
+            nu * float(np.sqrt(repeated.get(kind, 1.0)))
+            for nu, kind in zip(noise, kinds, strict=True)
+        ]
         weighed = _weigh(search, noise, equal=equal_weights)
     fit = search.run()
     arrow = Arrow(fit.state.kinds, _precision(search), NULL if prior is None else None)
@@ -181,7 +211,10 @@ def estimate_joints(
     parts = [trial.hessian / nu**2 for trial, nu in zip(fit.state.trials, weighed, strict=True)]
     scores = _scores([p.name for p in problems], unknowns, parts, columns, sizes)
     known = known or nominal_errors(free, prior)
-    opened = [[key for problem in task for key in problem.with_free(free).unknowns] for task in tasks.values()]
+    opened = [
+        [key for problem in task for key in problem.with_free(free).unknowns]
+        for task in tasks.values()
+    ]
     of_kinds = split_by_kind(tissue, opened)
     tissue_keys = [key for of_kind in of_kinds for key in of_kind.keys]
     known = ErrorSources(
@@ -196,7 +229,10 @@ def estimate_joints(
         of_tissue = [considered.index(key) for key in tissue_keys]
         roots = block_diag(*(of_kind.root for of_kind in of_kinds))
         by_tissue = -arrow.solve(coupling[:, of_tissue]) @ roots[: len(of_tissue)]
-    of_fit = vars(fit) | {"iterations": search.problem.evaluations, "seconds": time.perf_counter() - began}
+    of_fit = vars(fit) | {
+        "iterations": search.problem.evaluations,
+        "seconds": time.perf_counter() - began,
+    }
     estimate = JointEstimate(
         **of_fit,
         noise=tuple(noise),
@@ -216,7 +252,9 @@ def _precision(search: JointSearch) -> Array:
 
 
 def _columns(search: JointSearch, arrow: Arrow) -> list[IntArray]:
-    """Per trial, places of its unknowns among the joint parameters and the soft tissue of all kinds."""
+    """Per trial, places of its unknowns among the joint parameters and the soft tissue of all
+    kinds.
+    """
     problem, count = search.problem, len(search.free)
     out = [np.zeros(0, dtype=np.intp)] * len(problem.columns)
     for members, places in zip(problem.members, arrow.places, strict=True):
@@ -226,10 +264,14 @@ def _columns(search: JointSearch, arrow: Arrow) -> list[IntArray]:
     return out
 
 
-def _covariance(arrow: Arrow, parts: Sequence[Array], columns: Sequence[IntArray], sizes: Sequence[float]) -> Array:
-    """(np, np) of joint parameters by priors and by the noise of trials, which may be larger than they were weighed by.
+def _covariance(
+    arrow: Arrow, parts: Sequence[Array], columns: Sequence[IntArray], sizes: Sequence[float]
+) -> Array:
+    """(np, np) of joint parameters by priors and by the noise of trials, which may be larger than
+    they were weighed by.
 
-    The rows of H^-1 of joint parameters are C [1, -F_1^T, -F_2^T, ...], C theirs alone and F_k the sensitivity of z_k.
+    The rows of H^-1 of joint parameters are C [1, -F_1^T, -F_2^T, ...], C theirs alone and F_k the
+    sensitivity of z_k.
     """
     along = np.vstack([np.eye(len(arrow.precision)), *(-kind.sensitivity for kind in arrow.kinds)])
     spread = arrow.precision.copy()
@@ -249,14 +291,22 @@ def _weigh(search: JointSearch, noise: Sequence[float], *, equal: bool) -> list[
 
 
 def noise_of(
-    problems: Sequence[MotionProblem], nominal: Parameters, free: tuple[str, ...], expected: NoisePrior | None = None
+    problems: Sequence[MotionProblem],
+    nominal: Parameters,
+    free: tuple[str, ...],
+    expected: NoisePrior | None = None,
 ) -> list[float]:
-    """m, nu of every trial of a kind of task, fitted by itself with markers that stay in their places: what no joint
-    explains, wherever it may lie. `expected`: of people's; points that are no markers have a least noise instead.
+    """m, nu of every trial of a kind of task, fitted by itself with markers that stay in their
+    places: what no joint explains, wherever it may lie. `expected`: of people's; points that are no
+    markers have a least noise instead.
     """
-    problems = [replace(p, tissue=SoftTissue((), p.secondary) if p.secondary else None) for p in problems]
+    problems = [
+        replace(p, tissue=SoftTissue((), p.secondary) if p.secondary else None) for p in problems
+    ]
     own = free_of(problems, free)
-    noise = [FIRST_NOISE * float(np.sqrt(max(frame_rate(p.basis) * MEMORY_S, 1.0))) for p in problems]
+    noise = [
+        FIRST_NOISE * float(np.sqrt(max(frame_rate(p.basis) * MEMORY_S, 1.0))) for p in problems
+    ]
     if not own:
         return noise
     starts = [starting_nodes(p.body(nominal), p.data, p.basis) for p in problems]
@@ -268,23 +318,34 @@ def noise_of(
         state = search.approach(NOISE_TOLERANCE)
         effective = Arrow(state.kinds, _precision(search)).effective_parameters()
         moved, at = search.problem.moved(state), search.problem.linkage(state.p)
-        left = [forbidden_noise(p, at, trial.coefficients) for p, trial in zip(moved, state.trials, strict=True)]
+        left = [
+            forbidden_noise(p, at, trial.coefficients)
+            for p, trial in zip(moved, state.trials, strict=True)
+        ]
         rates = [frame_rate(p.basis) for p in problems]
-        priors = None if expected is None or any(p.noise for p in problems) else [expected] * len(problems)
+        priors = (
+            None
+            if expected is None or any(p.noise for p in problems)
+            else [expected] * len(problems)
+        )
         noise = trial_noises(left, least, effective, priors, rates)
     return noise
 
 
 def _wide(names: Sequence[str]) -> Array:
     """(np, np) precision of joint parameters that may lie `WIDE_M` or `WIDE_RAD` off."""
-    wide = np.array([WIDE_M if JOINT_PARAMETERS[JP_INDEX[n]].kind is Kind.POSITION else WIDE_RAD for n in names])
+    wide = np.array(
+        [WIDE_M if JOINT_PARAMETERS[JP_INDEX[n]].kind is Kind.POSITION else WIDE_RAD for n in names]
+    )
     return np.diag(1.0 / wide**2)
 
 
 def _expected(nominal: Parameters, free: tuple[str, ...], prior: JointPrior) -> tuple[Array, Array]:
     """(np,) expected values and (np, np) precision of joint parameters before any trial."""
     mean, covariance = prior_of(free, prior)
-    return nominal.joint[[JP_INDEX[n] for n in free]] + mean, np.asarray(np.linalg.inv(covariance), float)
+    return nominal.joint[[JP_INDEX[n] for n in free]] + mean, np.asarray(
+        np.linalg.inv(covariance), float
+    )
 
 
 def _placed(part: Array, places: IntArray, size: int) -> Array:
@@ -295,7 +356,11 @@ def _placed(part: Array, places: IntArray, size: int) -> Array:
 
 
 def _repeated(
-    kinds: Sequence[str], search: JointSearch, state: ReducedState, noise: Sequence[float], precision: Array
+    kinds: Sequence[str],
+    search: JointSearch,
+    state: ReducedState,
+    noise: Sequence[float],
+    precision: Array,
 ) -> dict[str, float]:
     """Kind of task -> f, of those with several trials."""
     out, count = dict[str, float](), len(precision)
@@ -310,13 +375,17 @@ def _repeated(
             score = np.zeros(count)
             score[places[joint]] = trial.reduced_gradient[joint] / noise[k] ** 2
             scores.append(score)
-            informations.append(_placed(trial.hessian[np.ix_(joint, joint)] / noise[k] ** 2, places[joint], count))
+            informations.append(
+                _placed(trial.hessian[np.ix_(joint, joint)] / noise[k] ** 2, places[joint], count)
+            )
         share = _independent_share(scores, informations, precision)
         out[kind] = share + len(members) * (1.0 - share)
     return out
 
 
-def _independent_share(scores: Sequence[Array], informations: Sequence[Array], precision: Array) -> float:
+def _independent_share(
+    scores: Sequence[Array], informations: Sequence[Array], precision: Array
+) -> float:
     """S = chi^2 over its degrees of freedom, at most 1, of K scores (n,) with matrices (n, n)."""
     root = np.linalg.inv(np.linalg.cholesky(precision)).T
     values, vectors = np.linalg.eigh(root.T @ sum(informations) @ root)
@@ -333,14 +402,18 @@ def _independent_share(scores: Sequence[Array], informations: Sequence[Array], p
 
 
 def _apart(state: ReducedState, precision: Array) -> float:
-    """The factor b, at the common estimate; `precision`: (np, np) of joint parameters before any trial."""
+    """The factor b, at the common estimate; `precision`: (np, np) of joint parameters before any
+    trial.
+    """
     root = np.linalg.inv(np.linalg.cholesky(precision)).T
 
     def spread(score: Array, information: Array) -> Array:
         """Chi^2 and its degrees of freedom, of the directions that are determined."""
         values, vectors = np.linalg.eigh(root.T @ information @ root)
         known = values > DETERMINED
-        return np.array([(((root @ vectors[:, known]).T @ score) ** 2 / values[known]).sum(), known.sum()])
+        return np.array(
+            [(((root @ vectors[:, known]).T @ score) ** 2 / values[known]).sum(), known.sum()]
+        )
 
     kept = [spread(kind.gradient, kind.hessian) for kind in state.kinds]
     chi2, degrees = np.sum(kept, axis=0) - spread(state.gradient, state.hessian)
@@ -373,9 +446,11 @@ def _coupling(
     considered: tuple[str, ...],
     noise: Sequence[float],
 ) -> Array:
-    """(np + nz, nk) S_pk: what errors of all that was not fitted do to the scores of what was, `unknowns`.
+    """(np + nz, nk) S_pk: what errors of all that was not fitted do to the scores of what was,
+    `unknowns`.
 
-    Only what moves some trial counts there; its soft tissue and secondary motions are where the fit has them.
+    Only what moves some trial counts there; its soft tissue and secondary motions are where the fit
+    has them.
     """
     if not considered:
         return np.zeros((len(unknowns), 0))

@@ -1,64 +1,75 @@
-"""What is known of a joint parameter before any trial is looked at, and how much of what a trial then says is noise.
+"""What is known of a joint parameter before any trial is looked at, and how much of what a trial
+then says is noise.
 
-Deviations d from nominal values are N(m0, P0): by anatomy (`TABLE`), of which a study file may change means and
-deviations (`[calibration] joint_prior`), and what a cohort has learnt takes the place of both (`prior_of_study`).
+Deviations d from nominal values are N(m0, P0): by anatomy (`TABLE`), of which a study file may
+change means and deviations (`[calibration] joint_prior`), and what a cohort has learnt takes the
+place of both (`prior_of_study`).
 
-A joint's centre is one place of one bone end, seen from two segments: hip in pelvis and thigh, knee in thigh and shank,
-the talus in shank and foot, and the subtalar axis in talus and foot. A landmark or regression that misses it misses it
-in both. In each direction
+A joint's centre is one place of one bone end, seen from two segments: hip in pelvis and thigh, knee
+in thigh and shank, the talus in shank and foot, and the subtalar axis in talus and foot. A landmark
+or regression that misses it misses it in both. In each direction
 
     cov(parent, child) = [ d^2   d^2       ]      d: the centre about its nominal place,
                          [ d^2   d^2 + a^2 ]      a: how far apart the two segments may have it.
 
-The lower triangle [d, 0; d, a] is the Cholesky root F of that: its columns are the causes, the error of the centre
-under the parent's name and that of being apart under the child's. Markers that are put on anew move the centre, in both
-views alike (`in_both_views`), and leave the second cause as it is.
+The lower triangle [d, 0; d, a] is the Cholesky root F of that: its columns are the causes, the
+error of the centre under the parent's name and that of being apart under the child's. Markers that
+are put on anew move the centre, in both views alike (`in_both_views`), and leave the second cause
+as it is.
 
 `TABLE` holds mean, d and a; what they rest on:
 
 hip         Harrington's regression against computed tomography of 29 people, 39 hips: 6.5 mm forward, 6.9 up, 7.0
-            lateral (SD; landmarks of Fischer 2019 to 2023; `python -m scripts.validation people --parts hips`).
-            Palpation and flesh over the ASIS come on top, 10, 8 and 6 mm (Della Croce et al., Gait Posture 21:226-237,
-            2005): 11.9, 10.6 and 9.2 together, known to a tenth. The means, 2.3, 1.9 and 0.2 mm, differ between both
-            sources by 4 mm, and flesh moves markers the other way: none is taken.
+            lateral (SD; landmarks of Fischer 2019 to 2023; `python -m scripts.validation people
+            --parts hips`). Palpation and flesh over the ASIS come on top, 10, 8 and 6 mm (Della
+            Croce et al., Gait Posture 21:226-237, 2005): 11.9, 10.6 and 9.2 together, known to a
+            tenth. The means, 2.3, 1.9 and 0.2 mm, differ between both sources by 4 mm, and flesh
+            moves markers the other way: none is taken.
 knee        five raters put the middle of the epicondyles of 19 femurs in images within 1.7 mm along each axis, and
-            their line within 2 degrees; palpated ones scatter by some 4 mm and 5 to 10 degrees about the thigh, by less
-            in the frontal plane (Della Croce 2005). The axis about which tracked bones flex is 10 mm (RMS along each
-            axis, four people) and 5 degrees from the transepicondylar one (`bones`).
+            their line within 2 degrees; palpated ones scatter by some 4 mm and 5 to 10 degrees
+            about the thigh, by less in the frontal plane (Della Croce 2005). The axis about which
+            tracked bones flex is 10 mm (RMS along each axis, four people) and 5 degrees from the
+            transepicondylar one (`bones`).
 talocrural  its axis runs just below the tips of the malleoli (Inman 1976), markers sit on their most prominent points,
-            in front of its middle: 5 mm behind and 10 mm below; axes of living ankles scatter by 9 to 11 degrees.
+            in front of its middle: 5 mm behind and 10 mm below; axes of living ankles scatter by 9
+            to 11 degrees.
 subtalar    deviates by 23 +- 11 degrees (nominal) from the midline of cadavers' feet (Inman 1976), by 18 +- 16 of
-            living ones (van den Bogert et al., J Biomech 27:1477-1488, 1994): one axis, seen from talus and foot. It is
-            42 +- 9 degrees steep, by which the talus's turn about it is smaller (12 for 16 in the foot: 14, and 6
-            apart); its place goes with the talocrural one.
+            living ones (van den Bogert et al., J Biomech 27:1477-1488, 1994): one axis, seen from
+            talus and foot. It is 42 +- 9 degrees steep, by which the talus's turn about it is
+            smaller (12 for 16 in the foot: 14, and 6 apart); its place goes with the talocrural
+            one.
 others      20 mm and 10 degrees: landmarks of trunk and arms, which one hinge or ball stands for.
 
-Noise of a trial: the part of the markers' errors that a joint can see. A segment's markers follow the segment (its
-rigid fit) up to their deformation; the linkage follows the rigid fits up to what its joints forbid. Joint parameters
-act on the second part alone. In frame f let P project the residuals r of the linkage, weighted, on what rigid motions
-of its segments do to the markers that are visible there. With d = P r, smoothed in each marker by the trial's splines,
-fitted to its visible samples only,
+Noise of a trial: the part of the markers' errors that a joint can see. A segment's markers follow
+the segment (its rigid fit) up to their deformation; the linkage follows the rigid fits up to what
+its joints forbid. Joint parameters act on the second part alone. In frame f let P project the
+residuals r of the linkage, weighted, on what rigid motions of its segments do to the markers that
+are visible there. With d = P r, smoothed in each marker by the trial's splines, fitted to its
+visible samples only,
 
     nu^2 = tau / D * sum |d|^2 * n / (n - p),     D = sum_f c_f,     n = D / tau,
     c_f = sum_s rank(P_s) - rank(J_f),            tau = 1 + 2 sum_k a_k rho_k.
 
-c_f are the directions that joints forbid in the frame: a segment has as many as its visible markers show (six of three
-markers, five of two, three of one), and the linkage takes as many as its coordinates move these markers in. Segments
-count frame by frame, so that one which is never or seldom whole takes only its own share away. Those that wear fewer
-than three markers leave their joints out, where joints are left between others. If none is, all count, with P = 1 for
-such a segment: a pair shows how its skin deforms in one direction only, which is as good as the others.
-rho_k is the autocorrelation of d (summed until it first falls below 0.05; Bartlett 1946), a_k^2 how often a sample that
-is k frames from a visible one is visible, too. Once smoothed, errors that last no longer than the splines and slower
-ones look alike; the first ask for a_k^2 in its place (samples that are missing repeat no other), the second for 1. With
-half of the samples missing nu is 19 % from what either asks for. n are the independent samples
-and p the joint parameters that these have to serve. A cost divided by nu^2 counts every sample as if it were
-independent: slow noise in a short trial weighs little. White noise of variance s^2 gives nu = s; clusters that move as
-a whole against their bones give more than their deformation shows.
+c_f are the directions that joints forbid in the frame: a segment has as many as its visible markers
+show (six of three markers, five of two, three of one), and the linkage takes as many as its
+coordinates move these markers in. Segments count frame by frame, so that one which is never or
+seldom whole takes only its own share away. Those that wear fewer than three markers leave their
+joints out, where joints are left between others. If none is, all count, with P = 1 for such a
+segment: a pair shows how its skin deforms in one direction only, which is as good as the others.
+rho_k is the autocorrelation of d (summed until it first falls below 0.05; Bartlett 1946), a_k^2 how
+often a sample that is k frames from a visible one is visible, too. Once smoothed, errors that last
+no longer than the splines and slower ones look alike; the first ask for a_k^2 in its place (samples
+that are missing repeat no other), the second for 1. With half of the samples missing nu is 19 %
+from what either asks for. n are the independent samples and p the joint parameters that these have
+to serve. A cost divided by nu^2 counts every sample as if it were independent: slow noise in a
+short trial weighs little. White noise of variance s^2 gives nu = s; clusters that move as a whole
+against their bones give more than their deformation shows.
 
-A noise has a prior itself, at 100 Hz ln nu ~ N(ln m, s^2) by kind of task (`PEOPLE_NOISE`), and an estimate of it errs.
-It comes from n - p samples, and its own fit takes up what goes with the joints that it moves: much in an isolated
-trial, which has nearly as many joint parameters as its motion has harmonics. It can only be too low by that. With
-v = 1 / 2 (n - p) + a^2, a how far ln nu may be too low, the most probable noise is
+A noise has a prior itself, at 100 Hz ln nu ~ N(ln m, s^2) by kind of task (`PEOPLE_NOISE`), and an
+estimate of it errs. It comes from n - p samples, and its own fit takes up what goes with the joints
+that it moves: much in an isolated trial, which has nearly as many joint parameters as its motion
+has harmonics. It can only be too low by that. With v = 1 / 2 (n - p) + a^2, a how far ln nu may be
+too low, the most probable noise is
 
     ln nu = max(ln nu_hat, (ln nu_hat / v + ln m / s^2) / (1 / v + 1 / s^2)).
 """
@@ -70,7 +81,14 @@ import numpy as np
 
 from gaitcal.arrays import Array, BoolArray, IntArray
 from gaitcal.model.linkage import ISOLATED_JOINTS
-from gaitcal.model.parameters import JOINT_PARAMETERS, JP_INDEX, JP_NAMES, JP_TO_SI, Kind, Parameters
+from gaitcal.model.parameters import (
+    JOINT_PARAMETERS,
+    JP_INDEX,
+    JP_NAMES,
+    JP_TO_SI,
+    Kind,
+    Parameters,
+)
 from gaitcal.model.subject_model import PointNoise
 from gaitcal.study.cohort_prior import SIDES_OF, JointPrior
 from gaitcal.study.settings import ParameterPriorTable
@@ -92,14 +110,20 @@ class _Row:
     @property
     def by_side(self) -> tuple[list[int], ...]:
         """Of each side, the indices of its parameters."""
-        return tuple([JP_INDEX[SIDES_OF[name][side]] for name in self.parameters] for side in (0, 1))
+        return tuple(
+            [JP_INDEX[SIDES_OF[name][side]] for name in self.parameters] for side in (0, 1)
+        )
 
 
 def _seen_twice(
     joint: str, parent: str, child: str, directions: str, deviation: Sequence[float], apart: float
 ) -> tuple[_Row, ...]:
     return tuple(
-        _Row(parameters=(f"{joint}.{parent}.{name}", f"{joint}.{child}.{name}"), deviation=d, apart=apart)
+        _Row(
+            parameters=(f"{joint}.{parent}.{name}", f"{joint}.{child}.{name}"),
+            deviation=d,
+            apart=apart,
+        )
         for name, d in zip(directions.split(), deviation, strict=True)
     )
 
@@ -109,14 +133,31 @@ TABLE: tuple[_Row, ...] = (
     *_seen_twice("knee", "thigh", "shank", "ant sup", (10.0, 10.0), 4.0),
     _Row(parameters=("knee.shank.lat",), deviation=10.0),
     *_seen_twice("knee", "thigh", "shank", "front trans", (6.0, 10.0), 4.0),
-    _Row(parameters=("talocrural.shank.ant", "subtalar.foot.ant"), deviation=8.0, apart=5.0, mean=-5.0),
-    _Row(parameters=("talocrural.shank.sup", "subtalar.foot.sup"), deviation=8.0, apart=5.0, mean=-10.0),
+    _Row(
+        parameters=("talocrural.shank.ant", "subtalar.foot.ant"),
+        deviation=8.0,
+        apart=5.0,
+        mean=-5.0,
+    ),
+    _Row(
+        parameters=("talocrural.shank.sup", "subtalar.foot.sup"),
+        deviation=8.0,
+        apart=5.0,
+        mean=-10.0,
+    ),
     _Row(parameters=("talocrural.shank.lat", "subtalar.foot.lat"), deviation=8.0, apart=5.0),
-    _Row(parameters=("subtalar.talus.trans", "subtalar.foot.trans"), deviation=14.0, apart=6.0, mean=-4.0),
+    _Row(
+        parameters=("subtalar.talus.trans", "subtalar.foot.trans"),
+        deviation=14.0,
+        apart=6.0,
+        mean=-4.0,
+    ),
 )
 """Joints of the legs; what is not here has `OTHER_MM` or `OTHER_DEG`."""
 OTHER_MM, OTHER_DEG = 20.0, 10.0
-OTHER = np.where([p.kind is Kind.POSITION for p in JOINT_PARAMETERS], OTHER_MM, OTHER_DEG)  # (98,) mm, deg
+OTHER = np.where(
+    [p.kind is Kind.POSITION for p in JOINT_PARAMETERS], OTHER_MM, OTHER_DEG
+)  # (98,) mm, deg
 
 
 def _first_views() -> IntArray:
@@ -128,12 +169,14 @@ def _first_views() -> IntArray:
 
 
 FIRST_VIEW = _first_views()
-"""(98,) of every joint parameter, the parent's of the same direction of the same bone end; itself where none is."""
+"""(98,) of every joint parameter, the parent's of the same direction of the same bone end; itself
+where none is.
+"""
 
 
 def in_both_views(deviation: Array) -> Array:
-    """(98, 98) covariance of errors of bone ends, each the same in both segments that see it; `deviation`: (98,), of
-    which those of first views count.
+    """(98, 98) covariance of errors of bone ends, each the same in both segments that see it;
+    `deviation`: (98,), of which those of first views count.
     """
     size = deviation[FIRST_VIEW]
     return np.outer(size, size) * (FIRST_VIEW[:, None] == FIRST_VIEW)
@@ -152,8 +195,12 @@ def _anatomy() -> JointPrior:
 
 
 ANATOMY = _anatomy()
-WEAK = JointPrior(names=JP_NAMES, mean=np.zeros(len(JP_NAMES)), covariance=np.diag((JP_TO_SI * OTHER) ** 2))
-"""Of the published protocol, where it has one (`prior = "weak"`): the same for all joints, none tied to another."""
+WEAK = JointPrior(
+    names=JP_NAMES, mean=np.zeros(len(JP_NAMES)), covariance=np.diag((JP_TO_SI * OTHER) ** 2)
+)
+"""Of the published protocol, where it has one (`prior = "weak"`): the same for all joints, none
+tied to another.
+"""
 MEAN, COVARIANCE = ANATOMY.mean, ANATOMY.covariance
 
 
@@ -163,30 +210,38 @@ def prior_deviations(names: Sequence[str]) -> Array:
 
 
 def prior_of(names: Sequence[str], prior: JointPrior | None) -> tuple[Array, Array]:
-    """(n,) m, rad and (n, n): mean m0 and covariance P0 of deviations from nominal values; anatomy's where `prior` says
-    nothing of a parameter.
+    """(n,) m, rad and (n, n): mean m0 and covariance P0 of deviations from nominal values;
+    anatomy's where `prior` says nothing of a parameter.
     """
-    at, whole = [JP_INDEX[name] for name in names], ANATOMY if prior is None else ANATOMY.updated(prior)
+    at, whole = (
+        [JP_INDEX[name] for name in names],
+        ANATOMY if prior is None else ANATOMY.updated(prior),
+    )
     return whole.mean[at], whole.covariance[np.ix_(at, at)]
 
 
 def prior_root(names: Sequence[str], prior: JointPrior | None) -> Array:
-    """(n, n) F, lower triangular, F F^T = P0: each column what one cause does, under its parameter's name."""
+    """(n, n) F, lower triangular, F F^T = P0: each column what one cause does, under its
+    parameter's name.
+    """
     return np.asarray(np.linalg.cholesky(prior_of(names, prior)[1]), float)
 
 
 def prior_of_study(
-    told: Mapping[str, ParameterPriorTable], learnt: JointPrior | None = None, noise: PointNoise | None = None
+    told: Mapping[str, ParameterPriorTable],
+    learnt: JointPrior | None = None,
+    noise: PointNoise | None = None,
 ) -> JointPrior:
-    """What is expected of all joint parameters: by anatomy, by a study file in its place, by a cohort in that of both.
+    """What is expected of all joint parameters: by anatomy, by a study file in its place, by a
+    cohort in that of both.
 
-    Anatomy's deviations are for palpated markers; points that are no markers have `noise.joints` times these,
-    hinges `noise.hinges` times.
+    Anatomy's deviations are for palpated markers; points that are no markers have `noise.joints`
+    times these, hinges `noise.hinges` times.
 
-    A study file tells mean and standard deviation of a parameter; correlations stay as anatomy has them. Rows and
-    columns of P0 are scaled, so that two views of one bone end to which it gives d and e, of correlation c, may be
-    (d^2 + e^2 - 2 c d e)^1/2 apart. Without a side a name is for both, the left as the mirror image of the right one;
-    what is said of a side comes before that.
+    A study file tells mean and standard deviation of a parameter; correlations stay as anatomy has
+    them. Rows and columns of P0 are scaled, so that two views of one bone end to which it gives d
+    and e, of correlation c, may be (d^2 + e^2 - 2 c d e)^1/2 apart. Without a side a name is for
+    both, the left as the mirror image of the right one; what is said of a side comes before that.
     """
     mean, scale = MEAN.copy(), np.ones(len(JP_NAMES))
     if noise is not None:
@@ -196,7 +251,11 @@ def prior_of_study(
         for side, own in enumerate(SIDES_OF[name]):
             k, said = JP_INDEX[own], told[name]
             if said.mean is not None:
-                mean[k] = JP_TO_SI[k] * said.mean * (-1.0 if side and JOINT_PARAMETERS[k].mirrored else 1.0)
+                mean[k] = (
+                    JP_TO_SI[k]
+                    * said.mean
+                    * (-1.0 if side and JOINT_PARAMETERS[k].mirrored else 1.0)
+                )
             if said.deviation is not None:
                 scale[k] = JP_TO_SI[k] * said.deviation / np.sqrt(COVARIANCE[k, k])
     of_study = tuple(dict.fromkeys(own for name in told for own in SIDES_OF[name]))
@@ -210,9 +269,14 @@ def prior_of_study(
 
 UNCORRELATED = 0.05  # Autocorrelation below which the sum ends
 LONGEST_LAG = 1.0 / 3.0  # Of the trial: beyond, too few pairs of frames are left
-LEAST_SAMPLES = 0.3  # Part of the independent samples that is left at least, however many parameters they serve
+LEAST_SAMPLES = (
+    0.3  # Part of the independent samples that is left at least, however many parameters they serve
+)
 RANK = 1e-8  # Of the largest eigenvalue: below, markers do not show a direction at all
-LEAST_ERROR, MEMORY_S = 5e-5, 0.25  # m, s: cameras err by at least this much, over at least this time
+LEAST_ERROR, MEMORY_S = (
+    5e-5,
+    0.25,
+)  # m, s: cameras err by at least this much, over at least this time
 
 
 @dataclass(frozen=True)
@@ -240,7 +304,8 @@ def frames_per_sample(errors: Array, visible: BoolArray | None = None) -> float:
         return 1.0
     lags = np.arange(1, max(int(nf * LONGEST_LAG), 2))
     rho = power[lags] / power[0] * pairs[0] / np.maximum(pairs[lags], 1.0)
-    # a trial of nf frames has nf - k pairs at lag k at most: what is missing besides is of missing samples
+    # a trial of nf frames has nf - k pairs at lag k at most: what is missing besides is of missing
+    # samples
     shown = np.sqrt(np.clip(pairs[lags] / pairs[0] * nf / (nf - lags), 0.0, 1.0))
     small = np.flatnonzero(rho < UNCORRELATED)
     summed = slice(small[0] if len(small) else None)
@@ -255,8 +320,8 @@ def _lagged(columns: Array) -> Array:
 
 
 def least_noise(basis: spline.SplineBasis, noise: PointNoise | None = None) -> float:
-    """m, nu below which nothing is believed: that of the cameras, at the frames of a trial, or that of points that are
-    no markers.
+    """m, nu below which nothing is believed: that of the cameras, at the frames of a trial, or that
+    of points that are no markers.
     """
     if noise is not None:
         return noise.least(spline.frame_rate(basis))
@@ -268,8 +333,8 @@ def forbidden_noise(
 ) -> ForbiddenNoise:
     """Estimate the noise at a motion.
 
-    Where no joint is between segments that show markers, d is what the linkage leaves of the markers themselves, in
-    c = 3 (visible markers) - rank(J) directions.
+    Where no joint is between segments that show markers, d is what the linkage leaves of the
+    markers themselves, in c = 3 (visible markers) - rank(J) directions.
 
     Parameters
     ----------
@@ -315,8 +380,8 @@ def _whole_segments(data: MarkerData) -> BoolArray:
 
 
 def _moved_as_rigid(residual: Array, model: Array, data: MarkerData) -> tuple[Array, IntArray]:
-    """(nm, 3, nf) m, of weighted residuals the part that rigid motions of the segments make, to first order; and (nf,)
-    in how many directions the visible markers show such motions.
+    """(nm, 3, nf) m, of weighted residuals the part that rigid motions of the segments make, to
+    first order; and (nf,) in how many directions the visible markers show such motions.
     """
     out, shown = np.zeros_like(residual), np.zeros(residual.shape[-1], dtype=np.intp)
     for _, markers in data.placed.groups:
@@ -326,7 +391,9 @@ def _moved_as_rigid(residual: Array, model: Array, data: MarkerData) -> tuple[Ar
             shown += 3 * (weight > 0).sum(axis=0)
             continue
         total = np.maximum(weight.sum(axis=0), 1e-12)
-        arm = (model[markers] - (weight[:, None] * model[markers]).sum(axis=0) / total).transpose(0, 2, 1)
+        arm = (model[markers] - (weight[:, None] * model[markers]).sum(axis=0) / total).transpose(
+            0, 2, 1
+        )
         # a rotation in units of one that moves markers as far as a translation does
         size = max(float(np.sqrt(np.mean(arm**2))), 1e-6)
         pattern = together((arm / size).reshape(-1, 3)).reshape(*arm.shape[:2], 3, -1)
@@ -343,8 +410,12 @@ def _moved_as_rigid(residual: Array, model: Array, data: MarkerData) -> tuple[Ar
     return out, shown
 
 
-def _linkage_ranks(problem: trial_problem.MotionProblem, coefficients: Array, parameters: Parameters) -> IntArray:
-    """(nf,) in how many directions the coordinates move the visible markers, the same wherever the same are visible."""
+def _linkage_ranks(
+    problem: trial_problem.MotionProblem, coefficients: Array, parameters: Parameters
+) -> IntArray:
+    """(nf,) in how many directions the coordinates move the visible markers, the same wherever the
+    same are visible.
+    """
     visible = np.asarray(problem.data.weight > 0)
     _, first, which = np.unique(visible, axis=1, return_index=True, return_inverse=True)
     frames = np.sort(first)
@@ -368,10 +439,12 @@ class NoisePrior:
 
 
 WALK_NOISE = NoisePrior(0.009, 1.0, 0.0)
-"""Seventeen walks of nine people of six laboratories: legs 9 to 23 mm, trunks and arms 1 to 15 mm."""
+"""Seventeen walks of nine people of six laboratories: legs 9 to 23 mm, trunks and arms 1 to 15 mm.
+"""
 ISOLATED_NOISE = NoisePrior(0.012, 0.8, 1.0)
-"""Eight isolated trials of two people: 2.5 to 29 mm, median 12, spread of ln nu 0.8. A fit of its own had a quarter and
-four tenths of the noise of one ankle trial that a fit beside other trials had (5.3 mm): a factor of e."""
+"""Eight isolated trials of two people: 2.5 to 29 mm, median 12, spread of ln nu 0.8. A fit of its
+own had a quarter and four tenths of the noise of one ankle trial that a fit beside other trials had
+(5.3 mm): a factor of e."""
 
 
 def noise_prior(kind: str) -> NoisePrior:
@@ -386,7 +459,8 @@ def trial_noises(
     priors: Sequence[NoisePrior] | None = None,
     rates: Sequence[float] | None = None,
 ) -> list[float]:
-    """Compute nu (m) of every trial of a fit in which so many parameters were found from the samples of all of them.
+    """Compute nu (m) of every trial of a fit in which so many parameters were found from the
+    samples of all of them.
 
     Parameters
     ----------

@@ -1,25 +1,28 @@
-"""Variable projection: eliminate the motions of all trials and the soft tissue of each kind of task.
+"""Variable projection: eliminate the motions of all trials and the soft tissue of each kind of
+task.
 
-For given joint parameters p and soft tissue z every trial's nodes N(p, z) minimise that trial's marker cost C_t, with
-Gauss-Newton matrix H_xx - H_xq H_qq^-1 H_qx and gradient g_x left in x = (p, z) (Golub and Pereyra 1973; Kaufman 1975).
-The z of every kind of task, which its trials and prior determine for given p, is eliminated in the same way
-(`tissue_elimination.py`): what is left is a small problem in p alone, cost C, gradient g and matrix S, sums over kinds.
-Each new p is met with the z that the last matrices predict for it, one Gauss-Newton step of (p, z, N) together: to have
-z at its minimum for a p that is far off would take more steps, and may lead into another valley. Where that does not
-lower the cost, z is brought to its minimum at p, so that SciPy's shorter steps of p find a lower one.
-With S = V diag(s) V^T it is handed to SciPy as the compressed pair
+For given joint parameters p and soft tissue z every trial's nodes N(p, z) minimise that trial's
+marker cost C_t, with Gauss-Newton matrix H_xx - H_xq H_qq^-1 H_qx and gradient g_x left in x = (p,
+z) (Golub and Pereyra 1973; Kaufman 1975). The z of every kind of task, which its trials and prior
+determine for given p, is eliminated in the same way (`tissue_elimination.py`): what is left is a
+small problem in p alone, cost C, gradient g and matrix S, sums over kinds. Each new p is met with
+the z that the last matrices predict for it, one Gauss-Newton step of (p, z, N) together: to have z
+at its minimum for a p that is far off would take more steps, and may lead into another valley.
+Where that does not lower the cost, z is brought to its minimum at p, so that SciPy's shorter steps
+of p find a lower one. With S = V diag(s) V^T it is handed to SciPy as the compressed pair
 
     f = [ s^-1/2 V^T g ; sqrt(C - |s^-1/2 V^T g|^2) ],     J = [ s^1/2 V^T ; 0 ]:
 
-the same cost |f|^2 = C, the same J^T f = g and the same J^T J = S as the full problem of tens of thousands of rows
-(where priors make S regular, with its Cholesky factor in place of V s^1/2). A singular S is no obstacle: its null
-directions are parameters that these trials cannot see, and p does not move along them. Priors add their cost, gradient
-and matrix to C, g and S first.
+the same cost |f|^2 = C, the same J^T f = g and the same J^T J = S as the full problem of tens of
+thousands of rows (where priors make S regular, with its Cholesky factor in place of V s^1/2). A
+singular S is no obstacle: its null directions are parameters that these trials cannot see, and p
+does not move along them. Priors add their cost, gradient and matrix to C, g and S first.
 
-On the way, soft tissue and motion are predicted from the last point by dz/dp and dN/dx and solved no further than the
-next step needs (`CORRECTOR`); while unknowns and motion have moved less than `KEPT_WITHIN` since H was formed, H, S and
-dN/dx are kept and only the gradient is formed. `settle` ends with all of them formed anew, and with soft tissue and
-motions solved as far as tracking alone would solve them.
+On the way, soft tissue and motion are predicted from the last point by dz/dp and dN/dx and solved
+no further than the next step needs (`CORRECTOR`); while unknowns and motion have moved less than
+`KEPT_WITHIN` since H was formed, H, S and dN/dx are kept and only the gradient is formed. `settle`
+ends with all of them formed anew, and with soft tissue and motions solved as far as tracking alone
+would solve them.
 """
 
 from __future__ import annotations
@@ -44,17 +47,24 @@ from gaitcal.tracking.motion import track_nodes
 from gaitcal.tracking.trial_problem import MotionProblem
 
 KEPT_WITHIN = 0.005
-"""m, rad: a matrix formed nearer than this differs from the present one by less than the curvature it leaves out."""
+"""m, rad: a matrix formed nearer than this differs from the present one by less than the curvature
+it leaves out.
+"""
 CORRECTOR = DescentSettings(gain=1e-4, kept_gain=1.0, keep_within=KEPT_WITHIN, persistent=False)
-"""A predicted motion is near enough, after one more step, where that step gains less than 1e-4 of the cost; where plain
-steps do not get there, it is tracked."""
+"""A predicted motion is near enough, after one more step, where that step gains less than 1e-4 of
+the cost; where plain steps do not get there, it is tracked."""
 FIRST_GAIN = 0.1
-"""What the first motion's last step may gain by, as a part of its cost, before full equations take over."""
+"""What the first motion's last step may gain by, as a part of its cost, before full equations take
+over.
+"""
 NULL = 1e-12  # Eigenvalues of S below this fraction of the largest count as zero
 TISSUE_GAIN = 1e-7
-"""Part of the cost of its kind below which a step of soft tissue is the last, as SciPy ends where that of all falls by
-no more."""
-MOST_TISSUE_STEPS, KEPT_STEPS = 20, 5  # Of soft tissue at given joint parameters; those that correct the next
+"""Part of the cost of its kind below which a step of soft tissue is the last, as SciPy ends where
+that of all falls by no more."""
+MOST_TISSUE_STEPS, KEPT_STEPS = (
+    20,
+    5,
+)  # Of soft tissue at given joint parameters; those that correct the next
 COST_FALLEN_TO = 0.5  # A trial whose cost has fallen to this part tries Gauss-Newton's steps again
 
 
@@ -62,14 +72,17 @@ COST_FALLEN_TO = 0.5  # A trial whose cost has fallen to this part tries Gauss-N
 class Matrices:
     """A trial's normal equations at one point, the coefficients eliminated; kept for points nearby."""
 
-    values: Array  # (nx_t,) the unknowns of this trial, joint parameters first, where they were formed
+    values: (
+        Array  # (nx_t,) the unknowns of this trial, joint parameters first, where they were formed
+    )
     coefficients: Array  # (nn, nq) where they were formed
     eliminated: Elimination
 
     def near(self, values: Array, coefficients: Array) -> bool:
         """Whether another point is near enough."""
         apart = max(
-            np.abs(values - self.values).max(initial=0.0), np.abs(coefficients - self.coefficients).max(initial=0.0)
+            np.abs(values - self.values).max(initial=0.0),
+            np.abs(coefficients - self.coefficients).max(initial=0.0),
         )
         return bool(apart < KEPT_WITHIN)
 
@@ -108,7 +121,9 @@ class OpenEvaluation(Evaluation):
 
 
 class OpenMotion:
-    """A trial's marker cost by its coefficients; what the free joint parameters would change is carried along."""
+    """A trial's marker cost by its coefficients; what the free joint parameters would change is
+    carried along.
+    """
 
     nothing_left = 0.0
     has_curvature = False
@@ -128,10 +143,16 @@ class OpenMotion:
     def linearise(self, x: Array, *, curved: bool) -> OpenMatrix:
         """The equations there."""
         coefficients = self.coefficients(x)
-        return OpenMatrix(self.values, coefficients, self.problem.equations(coefficients, self.body, curved=curved))
+        return OpenMatrix(
+            self.values,
+            coefficients,
+            self.problem.equations(coefficients, self.body, curved=curved),
+        )
 
     def corrected(self, coefficients: Array, kept: Matrices | None) -> MotionState | None:
-        """The trial where plain steps from `coefficients` (nn, nq) converge; None where they do not."""
+        """The trial where plain steps from `coefficients` (nn, nq) converge; None where they do
+        not.
+        """
         end = descend(self, coefficients.ravel(), CORRECTOR, kept)
         if not end.converged:
             return None
@@ -139,18 +160,30 @@ class OpenMotion:
         return self._state(end.x, end.evaluation, matrices, end.predicted_reduction, converged=True)
 
     def stepped(self, coefficients: Array, *, converged: bool) -> tuple[MotionState, float]:
-        """The trial one plain step from `coefficients` (nn, nq), and the share of the cost that it should gain."""
+        """The trial one plain step from `coefficients` (nn, nq), and the share of the cost that it
+        should gain.
+        """
         matrix = self.linearise(coefficients.ravel(), curved=False)
         here, matrices = matrix.evaluation, matrix.factor(0.0)
         step = -matrices.solve(here.gradient)
         predicted_reduction = -float(here.gradient @ step)
-        state = self._state(coefficients.ravel() + step, here, matrices, predicted_reduction, converged=converged)
+        state = self._state(
+            coefficients.ravel() + step, here, matrices, predicted_reduction, converged=converged
+        )
         return state, predicted_reduction / here.cost if here.cost > 0.0 else 0.0
 
     def _state(
-        self, x: Array, before: OpenEvaluation, matrices: Matrices, predicted_reduction: float, *, converged: bool
+        self,
+        x: Array,
+        before: OpenEvaluation,
+        matrices: Matrices,
+        predicted_reduction: float,
+        *,
+        converged: bool,
     ) -> MotionState:
-        """At coefficients x, reached from `before` by a last step predicted to gain `predicted_reduction`."""
+        """At coefficients x, reached from `before` by a last step predicted to gain
+        `predicted_reduction`.
+        """
         return MotionState(
             values=self.values,
             coefficients=self.coefficients(x),
@@ -198,7 +231,9 @@ class ReducedState:
 
 
 class ReducedProblem:
-    """The trials' common problem in the joint parameters `free`; remembers the best point as a warm start."""
+    """The trials' common problem in the joint parameters `free`; remembers the best point as a warm
+    start.
+    """
 
     def __init__(
         self,
@@ -217,7 +252,8 @@ class ReducedProblem:
         Parameters
         ----------
         prior, centre
-            (n, np) weights in m per unit of p, and (np,), of the rows prior (p - centre); none unless given.
+            (n, np) weights in m per unit of p, and (np,), of the rows prior (p - centre); none
+            unless given.
         tissue
             Prior of the soft tissue and secondary motions of the trials.
         kinds
@@ -230,14 +266,22 @@ class ReducedProblem:
         self.fixed = [replace(problem.with_free(()), tissue=None) for problem in problems]
         self.open = [problem.with_free(free) for problem in problems]
         self.bodies = [problem.body(parameters) for problem in self.open]
-        """Of each trial; a free joint parameter is a joint, so that nothing is built anew when it changes."""
+        """Of each trial; a free joint parameter is a joint, so that nothing is built anew when it
+        changes.
+        """
         of_trial = list(kinds or [""] * len(problems))
-        self.members = [[t for t, of in enumerate(of_trial) if of == kind] for kind in dict.fromkeys(of_trial)]
+        self.members = [
+            [t for t, of in enumerate(of_trial) if of == kind] for kind in dict.fromkeys(of_trial)
+        ]
         """Of each kind of task, its trials."""
-        opened = [[name for t in members for name in self.open[t].unknowns] for members in self.members]
+        opened = [
+            [name for t in members for name in self.open[t].unknowns] for members in self.members
+        ]
         self.tissue = split_by_kind(tissue, opened)
         self.columns = [np.zeros(0, dtype=np.intp)] * len(problems)
-        """Of each trial, places of its unknowns among the joint parameters and the soft tissue of its kind."""
+        """Of each trial, places of its unknowns among the joint parameters and the soft tissue of
+        its kind.
+        """
         for members, own in zip(self.members, self.tissue, strict=True):
             for t in members:
                 self.columns[t] = self.open[t].places_in((*free, *own.keys))
@@ -245,14 +289,17 @@ class ReducedProblem:
         self.centre = np.zeros(len(free)) if centre is None else centre
         self.state: ReducedState | None = None
         self.best: ReducedState | None = None
-        """The point of least cost so far: where SciPy steps from, and motions are predicted from. A point that it
-        refused may have motions that folded up, and they would lead into valleys of their own.
+        """The point of least cost so far: where SciPy steps from, and motions are predicted from. A
+        point that it refused may have motions that folded up, and they would lead into valleys of
+        their own.
         """
         self._known: tuple[ReducedState, Array, Array] | None = None
         """The last matrix that was taken apart."""
         self.evaluations = 0
         self.slow_at = [np.inf] * len(self.open)
-        """m^2, the least cost at which Gauss-Newton's steps of a trial's motion promised more than they held."""
+        """m^2, the least cost at which Gauss-Newton's steps of a trial's motion promised more than
+        they held.
+        """
 
     def at(self, p: Array) -> ReducedState:
         """Solve soft tissue and motions at p, warm-started from the best point so far."""
@@ -263,13 +310,16 @@ class ReducedProblem:
         every = range(len(self.members))
         kinds = _side_by_side(lambda k: self._solved(k, p, *self._predicted(k, p)), every)
         if self.best is not None and self._sum(p, kinds).total > self.best.total:
-            # before SciPy takes a shorter step: soft tissue may have gone too far, and not the joint parameters
+            # before SciPy takes a shorter step: soft tissue may have gone too far, and not the
+            # joint parameters
             solved = kinds
             kinds = _side_by_side(lambda k: self._followed(k, p, solved[k]), every)
         return self._keep(p, kinds)
 
     def _predicted(self, k: int, p: Array) -> tuple[Array, Sequence[MotionState] | None]:
-        """Soft tissue of one kind at p, one step beyond that of the best point, and the motions there."""
+        """Soft tissue of one kind at p, one step beyond that of the best point, and the motions
+        there.
+        """
         if self.best is None:
             return self.tissue[k].mean, None
         last = self.best.kinds[k]
@@ -277,16 +327,24 @@ class ReducedProblem:
         return z, [self.best.trials[t] for t in self.members[k]]
 
     def settle(self, p: Array) -> ReducedState:
-        """The same with soft tissue and motions solved as far as the settings ask, nothing kept from other points."""
+        """The same with soft tissue and motions solved as far as the settings ask, nothing kept
+        from other points.
+        """
         state = self.at(p)
 
         def settled(k: int) -> KindState:
             members = self.members[k]
-            here = self._followed(k, p, KindState(tuple(state.trials[t] for t in members), state.kinds[k]))
+            here = self._followed(
+                k, p, KindState(tuple(state.trials[t] for t in members), state.kinds[k])
+            )
             z, trials = here.tissue.z + here.tissue.step, here.trials
-            here = self._summed(k, z, self._each(k, lambda i: self._settled(members[i], p, z, trials[i])))
+            here = self._summed(
+                k, z, self._each(k, lambda i: self._settled(members[i], p, z, trials[i]))
+            )
             if here.tissue.reduction > self.settings.gain * here.tissue.cost:
-                here = replace(here, trials=tuple(replace(trial, converged=False) for trial in here.trials))
+                here = replace(
+                    here, trials=tuple(replace(trial, converged=False) for trial in here.trials)
+                )
             return here
 
         return self._keep(p, _side_by_side(settled, range(len(self.members))))
@@ -296,12 +354,14 @@ class ReducedProblem:
         return self.parameters.with_joint(self.free, p)
 
     def moved(self, state: ReducedState) -> list[MotionProblem]:
-        """Per trial, the motion alone, with soft tissue and secondary motions where a state has them."""
+        """Per trial, the motion alone, with soft tissue and secondary motions where a state has
+        them.
+        """
         return [self._placed(t, trial.values)[0] for t, trial in enumerate(state.trials)]
 
     def weigh(self, shares: Sequence[float]) -> None:
-        """Let the cost of each trial count so much. At given soft tissue no motion moves by that; it moves itself where
-        trials count less or more against its prior.
+        """Let the cost of each trial count so much. At given soft tissue no motion moves by that;
+        it moves itself where trials count less or more against its prior.
         """
         self.shares, best = list(shares), self.best
         self.state = self.best = None
@@ -316,9 +376,10 @@ class ReducedProblem:
     def _followed(self, k: int, p: Array, here: KindState) -> KindState:
         """One kind where its soft tissue has gone to the minimum at p.
 
-        Gauss-Newton steps f leave out the curvature of large residuals, and may overshoot in the few directions that
-        markers hardly determine. Steps of earlier points correct them there (Anderson, J ACM 12:547-560, 1965): the
-        next point is the combination of these points that has the smallest combined step.
+        Gauss-Newton steps f leave out the curvature of large residuals, and may overshoot in the
+        few directions that markers hardly determine. Steps of earlier points correct them there
+        (Anderson, J ACM 12:547-560, 1965): the next point is the combination of these points that
+        has the smallest combined step.
         """
         points, steps = list[Array](), list[Array]()
         for _ in range(MOST_TISSUE_STEPS):
@@ -336,7 +397,10 @@ class ReducedProblem:
             there = self._solved(k, p, tissue.z + step, here.trials, keep=True)
             if there.tissue.cost > tissue.cost:
                 # what was learnt there serves from here: the next step is a shorter one
-                points, steps = [there.tissue.z, *points][-KEPT_STEPS:], [there.tissue.step, *steps][-KEPT_STEPS:]
+                points, steps = (
+                    [there.tissue.z, *points][-KEPT_STEPS:],
+                    [there.tissue.step, *steps][-KEPT_STEPS:],
+                )
                 there = self._solved(k, p, tissue.z + 0.5 * steps[-1], here.trials, keep=True)
                 if there.tissue.cost > tissue.cost:
                     break
@@ -346,19 +410,29 @@ class ReducedProblem:
     def _solved(
         self, k: int, p: Array, z: Array, near: Sequence[MotionState] | None, *, keep: bool = False
     ) -> KindState:
-        """One kind with its motions solved at p and z, from those of a point `near`, of which matrices may be kept."""
+        """One kind with its motions solved at p and z, from those of a point `near`, of which
+        matrices may be kept.
+        """
         unknowns = np.append(p, z)
 
         def solved(i: int) -> MotionState:
             t = self.members[k][i]
-            return self._solve(t, unknowns[self.columns[t]], None if near is None else near[i], keep=keep)
+            return self._solve(
+                t, unknowns[self.columns[t]], None if near is None else near[i], keep=keep
+            )
 
         return self._summed(k, z, self._each(k, solved))
 
     def _each(self, k: int, function: Callable[[int], MotionState]) -> list[MotionState]:
-        """What a function makes of each trial of a kind, two at a time where there is no other kind."""
+        """What a function makes of each trial of a kind, two at a time where there is no other
+        kind.
+        """
         every = range(len(self.members[k]))
-        return _side_by_side(function, every) if len(self.members) == 1 else [function(i) for i in every]
+        return (
+            _side_by_side(function, every)
+            if len(self.members) == 1
+            else [function(i) for i in every]
+        )
 
     def _summed(self, k: int, z: Array, trials: Sequence[MotionState]) -> KindState:
         """Sum the trials of a kind up, and eliminate its soft tissue."""
@@ -369,7 +443,9 @@ class ReducedProblem:
             hessian[np.ix_(columns, columns)] += share * trial.hessian
             gradient[columns] += share * trial.reduced_gradient
             cost += share * trial.cost
-        return KindState(tuple(trials), eliminate_tissue(self.tissue[k], z, hessian, gradient, cost))
+        return KindState(
+            tuple(trials), eliminate_tissue(self.tissue[k], z, hessian, gradient, cost)
+        )
 
     def _sum(self, p: Array, kinds: Sequence[KindState]) -> ReducedState:
         """Sum the kinds up."""
@@ -400,8 +476,8 @@ class ReducedProblem:
         return state
 
     def _placed(self, t: int, values: Array) -> tuple[MotionProblem, MotionProblem]:
-        """A trial with its soft tissue and secondary motions at its unknowns (nx_t,): for the motion alone, and with
-        all of them open.
+        """A trial with its soft tissue and secondary motions at its unknowns (nx_t,): for the
+        motion alone, and with all of them open.
         """
         opened = self.open[t]
         if opened.tissue is None:
@@ -411,7 +487,9 @@ class ReducedProblem:
 
     def _motion(self, t: int, values: Array) -> tuple[MotionProblem, OpenMotion]:
         fixed, problem = self._placed(t, values)
-        return fixed, OpenMotion(problem, self.bodies[t].with_free(self._linkage_of(t, values)), values)
+        return fixed, OpenMotion(
+            problem, self.bodies[t].with_free(self._linkage_of(t, values)), values
+        )
 
     def _linkage_of(self, t: int, values: Array) -> Parameters:
         """All joint parameters at the unknowns (nx_t,) of a trial."""
@@ -430,14 +508,18 @@ class ReducedProblem:
         return stepped
 
     def _solve(self, t: int, values: Array, near: MotionState | None, *, keep: bool) -> MotionState:
-        """The motion of one trial, predicted from a point near by and corrected by a few plain steps, or tracked."""
+        """The motion of one trial, predicted from a point near by and corrected by a few plain
+        steps, or tracked.
+        """
         fixed, motion = self._motion(t, values)
         nearly = replace(self.settings, gain=max(self.settings.gain, CORRECTOR.gain))
         kept: Matrices | None = None
         if near is None:
             damped = self.settings.first_damping > 0.0  # then a small gain may be the damping's
             about = self.settings if damped else replace(nearly, gain=max(nearly.gain, FIRST_GAIN))
-            predicted = track_nodes(fixed, fixed.body(self._linkage_of(t, values)), self.starts[t], about).x
+            predicted = track_nodes(
+                fixed, fixed.body(self._linkage_of(t, values)), self.starts[t], about
+            ).x
         else:
             predicted = near.predicted(values)
             kept = near.matrices if keep or near.matrices.near(values, predicted) else None
@@ -460,13 +542,17 @@ class ReducedProblem:
     ) -> MotionState:
         """The motion found by tracking, and one step of the open equations from there."""
         settings = replace(settings, first_damping=0.0, curved=curved)
-        tracked = track_nodes(fixed, fixed.body(self._linkage_of(t, motion.values)), coefficients, settings)
+        tracked = track_nodes(
+            fixed, fixed.body(self._linkage_of(t, motion.values)), coefficients, settings
+        )
         if tracked.curved and not settings.curved:
             self.slow_at[t] = min(self.slow_at[t], tracked.cost)
         return motion.stepped(tracked.x, converged=tracked.converged)[0]
 
     def _curved(self, t: int, near: MotionState) -> bool:
-        """Whether a trial's motion wants Newton's steps: its markers are not much nearer than where it did."""
+        """Whether a trial's motion wants Newton's steps: its markers are not much nearer than where
+        it did.
+        """
         return near.cost > COST_FALLEN_TO * self.slow_at[t]
 
     def residual(self, p: Array) -> Array:
@@ -482,8 +568,9 @@ class ReducedProblem:
         return np.vstack([self._root(self.at(p))[0], np.zeros((1, len(p)))])
 
     def _root(self, state: ReducedState) -> tuple[Array, Array]:
-        """(np, np) R with R^T R = S and the prior, and the inverse of R^T: by Cholesky where a prior holds every
-        direction, in a tenth of the time of the eigenvectors that tell which directions count as zero elsewhere.
+        """(np, np) R with R^T R = S and the prior, and the inverse of R^T: by Cholesky where a
+        prior holds every direction, in a tenth of the time of the eigenvectors that tell which
+        directions count as zero elsewhere.
         """
         if self._known is None or self._known[0] is not state:
             matrix = state.hessian + self.prior.T @ self.prior
@@ -503,7 +590,9 @@ _Made = TypeVar("_Made")
 
 
 def _side_by_side(function: Callable[[int], _Made], numbers: Sequence[int]) -> list[_Made]:
-    """What a function makes of each number, two at a time: products of matrices let the other thread compute."""
+    """What a function makes of each number, two at a time: products of matrices let the other
+    thread compute.
+    """
     if len(numbers) < 2:
         return [function(number) for number in numbers]
     with ThreadPoolExecutor(2) as pool:

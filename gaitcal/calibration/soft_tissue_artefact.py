@@ -1,59 +1,68 @@
-"""Soft tissue artefact of people: learnt from tracked bones where they show it, sized by the task elsewhere, with one
-scale for each person and kind of task.
+"""Soft tissue artefact of people: learnt from tracked bones where they show it, sized by the task
+elsewhere, with one scale for each person and kind of task.
 
 A marker of a segment lies, in the segment's axes, at
 
     l + sum_c z_c psi_c(t),        psi_c = (phi_c - phi_c of the static posture) / u_c,
 
-phi_c the angles of the joints beside the segment that the task moves, tracked with nominal joints and markers in their
-places. The places l are those of the static trial, so there the artefact is zero by definition; a walk's mean knee
-angle is 20 to 30 degrees from standing, and an artefact of mean zero over the walk leaves that part to the joints. With
-psi_c goes its square where there is evidence. Each kind of task has unknowns z of its own (gait, an activity, or the
-isolated trials of one joint); in gait knees are no hinges besides.
+phi_c the angles of the joints beside the segment that the task moves, tracked with nominal joints
+and markers in their places. The places l are those of the static trial, so there the artefact is
+zero by definition; a walk's mean knee angle is 20 to 30 degrees from standing, and an artefact of
+mean zero over the walk leaves that part to the joints. With psi_c goes its square where there is
+evidence. Each kind of task has unknowns z of its own (gait, an activity, or the isolated trials of
+one joint); in gait knees are no hinges besides.
 
-Knee flexion moves thigh and shank. There u_c is one radian, and z_c is s times what tracked bones show
-(`soft_tissue_table.py`): a mean that depends on the place of the marker, and a covariance about it.
+Knee flexion moves thigh and shank. There u_c is one radian, and z_c is s times what tracked bones
+show (`soft_tissue_table.py`): a mean that depends on the place of the marker, and a covariance
+about it.
 
-For all other angles u_c is the RMS of phi_c - phi_c(static) in all trials of the kind (at least 2 deg), the mean is
-zero, all markers of a segment shift together, turn together about their middle, and move each by itself:
+For all other angles u_c is the RMS of phi_c - phi_c(static) in all trials of the kind (at least 2
+deg), the mean is zero, all markers of a segment shift together, turn together about their middle,
+and move each by itself:
 
     z_c ~ N(0, s^2 Sigma),     Sigma = B diag(shift^2, turn^2) B^T + own^2 I,     B = [1, -(l - c) x] marker by marker.
 
-What the markers do each by themselves is part rigid, (B^T B)^-1 B^T z_c, and part deformation, which turns and shifts
-no segment. Markers show the deformation whatever the joints do. So it is conditioned on first: with Q and b as below,
-V the covariance of z at this person's s and m its mean,
+What the markers do each by themselves is part rigid, (B^T B)^-1 B^T z_c, and part deformation,
+which turns and shifts no segment. Markers show the deformation whatever the joints do. So it is
+conditioned on first: with Q and b as below, V the covariance of z at this person's s and m its
+mean,
 
     z | deformation ~ N(m + C (b - Q m), C),        C = (V^-1 + Q)^-1.
 
-The deformation of that mean is where a fit has the markers, in axes that turn with the cluster. A fit has six unknowns
-a regressor and segment besides (`tracking/soft_tissue.py`), with the rigid part of that mean and covariance as their
-prior. A deformation that is expected and does not come is a strain of the linkage: it moved hips of children by 8 mm.
+The deformation of that mean is where a fit has the markers, in axes that turn with the cluster. A
+fit has six unknowns a regressor and segment besides (`tracking/soft_tissue.py`), with the rigid
+part of that mean and covariance as their prior. A deformation that is expected and does not come is
+a strain of the linkage: it moved hips of children by 8 mm.
 
-So such an artefact has the size that people show *in the task*, whichever angle it goes with, and not so many
-millimetres a degree: in gait hip adduction spans a tenth of what flexion does, and its pelvis is as soft. The sizes are
-those of bone pins, fluoroscopy and magnetic resonance in walking (Leardini et al., Gait Posture 21:212-225, 2005;
-Peters et al., Gait Posture 31:1-8, 2010; Barre et al., J Biomech 48:1965-1971, 2015; Camomilla et al., J Biomech
-62:5-13, 2017).
+So such an artefact has the size that people show *in the task*, whichever angle it goes with, and
+not so many millimetres a degree: in gait hip adduction spans a tenth of what flexion does, and its
+pelvis is as soft. The sizes are those of bone pins, fluoroscopy and magnetic resonance in walking
+(Leardini et al., Gait Posture 21:212-225, 2005; Peters et al., Gait Posture 31:1-8, 2010; Barre et
+al., J Biomech 48:1965-1971, 2015; Camomilla et al., J Biomech 62:5-13, 2017).
 
-How soft this person is, s, in gait and another one in all isolated trials, is learnt from how the markers of all
-segments deform *together*, joints left out. What the rigid fit of a segment leaves of its markers, e, is
+How soft this person is, s, in gait and another one in all isolated trials, is learnt from how the
+markers of all segments deform *together*, joints left out. What the rigid fit of a segment leaves
+of its markers, e, is
 
     e = P sum_c z_c psi_c + noise,     Q = sum_t psi psi^T (x) P / nu^2,     b = sum_t psi (x) P e / nu^2,
-    2 log L_j(s) = c^T (Q + Sigma^-1 / s^2)^-1 c - log det(1 + s^2 Sigma Q) + 2 s mu^T b - s^2 mu^T Q mu,
+    2 log L_j(s) = c^T (Q + Sigma^-1 / s^2)^-1 c - log det(1 + s^2 Sigma Q) + 2 s mu^T b - s^2 mu^T
+    Q mu,
     c = b - s Q mu,     mu the mean of z at s = 1,
     p(s) ~ N(ln s; 0, 0.7^2)  prod_j  int L_j(s_j) N(ln s_j; ln s, 0.7^2) d ln s_j,        j: segments,
 
-P the projector that takes shifts and turns of a segment's markers out, nu the noise that no angle explains, its frames
-counted as far as they are independent (`joint_prior.py`). Pooling is the point: a cluster that slides as a whole shows
-no deformation itself, so that how far it slides follows the person's s and not the segment's s_j. With
-q = min(E[s], 1) and r = min(E[s^2], 1), as markers that deform more than people's swing or are loose and do not slide
-the further for it, z has the mean q mu and the covariance E[s^2] Sigma + (r - q^2 + 0.7^2 r) mu mu^T, as s_j differs
-from s (thighs of bones left out slide 1.0 times as expected, with a standard deviation of 0.5). The second term is of
-the rigid part alone: deformation does not show how far a cluster slides. That segments differ by a factor of two keeps
-one soft thigh from softening the feet: with the same s for all, hips of people with quadratic artefacts came to 15 mm
-from the truth, with segments that differ to 8.
-An activity that is no walk may leave joints at rest, whose tracked angles follow the errors of others: their segments
-do not deform, with even odds before anything is seen, and then say nothing of s.
+P the projector that takes shifts and turns of a segment's markers out, nu the noise that no angle
+explains, its frames counted as far as they are independent (`joint_prior.py`). Pooling is the
+point: a cluster that slides as a whole shows no deformation itself, so that how far it slides
+follows the person's s and not the segment's s_j. With q = min(E[s], 1) and r = min(E[s^2], 1), as
+markers that deform more than people's swing or are loose and do not slide the further for it, z has
+the mean q mu and the covariance E[s^2] Sigma + (r - q^2 + 0.7^2 r) mu mu^T, as s_j differs from s
+(thighs of bones left out slide 1.0 times as expected, with a standard deviation of 0.5). The second
+term is of the rigid part alone: deformation does not show how far a cluster slides. That segments
+differ by a factor of two keeps one soft thigh from softening the feet: with the same s for all,
+hips of people with quadratic artefacts came to 15 mm from the truth, with segments that differ to
+8. An activity that is no walk may leave joints at rest, whose tracked angles follow the errors of
+others: their segments do not deform, with even odds before anything is seen, and then say nothing
+of s.
 """
 
 from collections.abc import Collection, Mapping, Sequence
@@ -65,8 +74,22 @@ from scipy.special import logsumexp
 
 from gaitcal.arrays import Array
 from gaitcal.calibration.joint_prior import LEAST_SAMPLES, frames_per_sample, least_noise
-from gaitcal.calibration.soft_tissue_table import THIGH_M, SkinField, SkinTable, people_table, place_functions
-from gaitcal.model.linkage import BENDS, ISOLATED_JOINTS, JOINT_OF_CHILD, JOINTS, LEG_JOINTS, Source, segment_kind
+from gaitcal.calibration.soft_tissue_table import (
+    THIGH_M,
+    SkinField,
+    SkinTable,
+    people_table,
+    place_functions,
+)
+from gaitcal.model.linkage import (
+    BENDS,
+    ISOLATED_JOINTS,
+    JOINT_OF_CHILD,
+    JOINTS,
+    LEG_JOINTS,
+    Source,
+    segment_kind,
+)
 from gaitcal.model.parameters import Parameters
 from gaitcal.tracking import motion, soft_tissue
 from gaitcal.tracking.rigid import FEWEST_MARKERS, rigid_fit
@@ -95,41 +118,60 @@ SECONDARY_SIZES: Mapping[str, float] = {
     "front": np.deg2rad(0.5),
     "trans": np.deg2rad(1.0),
 }
-"""m, rad: what a knee does besides flexing, RMS over a task of what goes with the square of its angle. Bone pins in
-walking people showed some 10 mm and 10 degrees from end to end, less along the shank and in the frontal plane
-(Lafortune et al., J Biomech 25:347-357, 1992; fluoroscopy: Kozanek et al., J Biomech 42:1877-1884, 2009); knees of
-cadavers that flex by 60 degrees turn by 0.8 (trans) and 0.4 degrees (front) RMS with the square of it (polynomials of
-Walker et al., J Biomech 21:965-974, 1988)."""
+"""m, rad: what a knee does besides flexing, RMS over a task of what goes with the square of its
+angle. Bone pins in walking people showed some 10 mm and 10 degrees from end to end, less along the
+shank and in the frontal plane (Lafortune et al., J Biomech 25:347-357, 1992; fluoroscopy: Kozanek
+et al., J Biomech 42:1877-1884, 2009); knees of cadavers that flex by 60 degrees turn by 0.8 (trans)
+and 0.4 degrees (front) RMS with the square of it (polynomials of Walker et al., J Biomech
+21:965-974, 1988)."""
 CUBE_SHARE = 0.25
-"""Part of these sizes that goes with the cube. The same polynomials have 0.04 and less; walking adds load."""
-LOG_SPREAD = 0.7  # Standard deviation of ln s among people: their sizes are known to a factor of two
+"""Part of these sizes that goes with the cube. The same polynomials have 0.04 and less; walking
+adds load.
+"""
+LOG_SPREAD = (
+    0.7  # Standard deviation of ln s among people: their sizes are known to a factor of two
+)
 SEGMENT_SPREAD = 0.7  # The same of ln s_j about ln s among the segments of a person
 SCALES = np.geomspace(0.005, 4.0, 41)  # Values of s looked at
 SQUARES = "^2"  # Ends the name of a regressor psi^2
 FROM_BONES = "knee_angle"
-"""Begins the names of coordinates of which tracked bones show how they move the skin of thigh and shank."""
+"""Begins the names of coordinates of which tracked bones show how they move the skin of thigh and
+shank.
+"""
 GAIT, ACTIVITY = "gait", "activity "
-"""Kind of task of a walk; that of isolated trials has their joint's name, that of any other activity its own."""
+"""Kind of task of a walk; that of isolated trials has their joint's name, that of any other
+activity its own.
+"""
 LEAST_SQUARES = 0.01
-"""E[s^2] below which columns of squares would move next to nothing: markers by a tenth of what people show."""
+"""E[s^2] below which columns of squares would move next to nothing: markers by a tenth of what
+people show.
+"""
 TRUSTED = 0.5
-"""Part of its own weight below which a loss let a marker go, and of the frames below which one is seldom seen, and left
-aside where three others are seen more often."""
+"""Part of its own weight below which a loss let a marker go, and of the frames below which one is
+seldom seen, and left aside where three others are seen more often."""
 TINY = 1e-12  # Mean square of an angle over its unit below which it does not move at all
 PAIR = 2  # Markers of which nothing but their distance shows how they deform
 SEEN_RANK = 1e-9
-"""Part of the largest diagonal entry of a QR factor below which an angle adds nothing to those before it."""
+"""Part of the largest diagonal entry of a QR factor below which an angle adds nothing to those
+before it.
+"""
 
 
 def beside(segment: str) -> tuple[str, ...]:
-    """Coordinates of the joints of the legs at both ends of a segment: up to the next one that carries skin, which the
-    talus does not.
+    """Coordinates of the joints of the legs at both ends of a segment: up to the next one that
+    carries skin, which the talus does not.
     """
     above = JOINT_OF_CHILD.get(segment)
     near = {j.child for j in JOINTS if j.parent == segment} | ({above.parent} if above else set())
     ends = {segment, *(other for other in near if not segment_kind(other).markers)}
-    joints = [j for j in JOINTS if j.name.startswith(LEG_JOINTS) and not ends.isdisjoint((j.parent, j.child))]
-    return tuple(e.name for joint in joints for e in joint.elements if e.source is Source.COORDINATE)
+    joints = [
+        j
+        for j in JOINTS
+        if j.name.startswith(LEG_JOINTS) and not ends.isdisjoint((j.parent, j.child))
+    ]
+    return tuple(
+        e.name for joint in joints for e in joint.elements if e.source is Source.COORDINATE
+    )
 
 
 @dataclass(frozen=True)
@@ -166,10 +208,10 @@ def task_regressors(
 
     Parameters
     ----------
-    angles : of each trial, coordinate -> (nf,) rad.
-    posture : coordinate -> rad in the static posture; zero for what is not there.
-    units : of other trials of the kind, so that columns mean the same; found from these trials unless given.
-    squares : whether what the angle leaves of its square follows it, by least squares over the task: a bend, which is
+    angles : of each trial, coordinate -> (nf,) rad. posture : coordinate -> rad in the static
+    posture; zero for what is not there. units : of other trials of the kind, so that columns mean
+    the same; found from these trials unless given. squares : whether what the angle leaves of its
+    square follows it, by least squares over the task: a bend, which is
         zero in the static posture too.
 
     Returns
@@ -206,26 +248,29 @@ def tissue_of(
 
     Parameters
     ----------
-    problem : the trial. No skin moves points that are no markers.
-    kind : of task.
-    regressors : coordinate -> (nf,) of `task_regressors`.
-    nominal : where knees are; positions on the skin are relative to them.
-    known : columns to keep; all unless given.
-    secondary : what knees do besides flexing.
-    table : skin of people; that of gaitcal unless given.
-    softness : by which what is expected is multiplied; 0: markers are taken to stay in their static places.
-    pinned : segments with markers fixed to the bone.
+    problem : the trial. No skin moves points that are no markers. kind : of task. regressors :
+    coordinate -> (nf,) of `task_regressors`. nominal : where knees are; positions on the skin are
+    relative to them. known : columns to keep; all unless given. secondary : what knees do besides
+    flexing. table : skin of people; that of gaitcal unless given. softness : by which what is
+    expected is multiplied; 0: markers are taken to stay in their static places. pinned : segments
+    with markers fixed to the bone.
     """
     groups, skin = [], people_table() if table is None else table
     for s, markers in problem.data.placed.groups if problem.noise is None else ():
         segment = problem.chain.segments[s]
-        if segment in pinned or segment.split("_")[0] not in SIZES or not (problem.data.weight[markers] > 0).any():
+        if (
+            segment in pinned
+            or segment.split("_")[0] not in SIZES
+            or not (problem.data.weight[markers] > 0).any()
+        ):
             continue
         near, local = beside(segment), problem.data.local[markers]
         names = tuple(name for name in regressors if name.removesuffix(SQUARES) in near)
         pulling = (problem.data.weight[markers] > 0).any(axis=1)
         if names:
-            cluster = _Cluster(segment, local, local[pulling].mean(axis=0), nominal, skin, gait=kind == GAIT)
+            cluster = _Cluster(
+                segment, local, local[pulling].mean(axis=0), nominal, skin, gait=kind == GAIT
+            )
             groups.append(
                 soft_tissue.SegmentTissue(
                     segment=s,
@@ -241,7 +286,9 @@ def tissue_of(
                 )
             )
     if known is not None:
-        groups = [group for group in groups if set(soft_tissue.SoftTissue((group,)).keys) <= set(known)]
+        groups = [
+            group for group in groups if set(soft_tissue.SoftTissue((group,)).keys) <= set(known)
+        ]
     return soft_tissue.SoftTissue(tuple(groups), secondary) if groups or secondary else None
 
 
@@ -249,7 +296,14 @@ class _Cluster:
     """The markers of one segment, and what people's skin does with them per unit of a regressor."""
 
     def __init__(
-        self, segment: str, local: Array, middle: Array, nominal: Parameters, table: SkinTable, *, gait: bool
+        self,
+        segment: str,
+        local: Array,
+        middle: Array,
+        nominal: Parameters,
+        table: SkinTable,
+        *,
+        gait: bool,
     ) -> None:
         self.kind, _, side = segment.partition("_")
         self.pattern = soft_tissue.together(local - middle)
@@ -265,7 +319,11 @@ class _Cluster:
             self._functions = place_functions(place, gait=gait)
 
     def _from_bones(self, regressor: str) -> SkinField | None:
-        return self._field if regressor.startswith(FROM_BONES) and not regressor.endswith(SQUARES) else None
+        return (
+            self._field
+            if regressor.startswith(FROM_BONES) and not regressor.endswith(SQUARES)
+            else None
+        )
 
     def mean(self, regressor: str) -> Array:
         """(nm, 3) m; squares have none."""
@@ -296,7 +354,11 @@ class _Cluster:
             size = ArtefactSize(self._larger * field.shift, field.turn, self._larger * field.own)
             mirrored = self._larger * together * np.tile(self._mirror, len(self.pattern))
             more = mirrored @ field.uncertainty(self._functions) @ mirrored.T
-        out = np.diag(np.repeat([size.shift, size.turn], 3) ** 2) + size.own**2 * together @ together.T + more
+        out = (
+            np.diag(np.repeat([size.shift, size.turn], 3) ** 2)
+            + size.own**2 * together @ together.T
+            + more
+        )
         return np.asarray(0.5 * (out + out.T))
 
 
@@ -307,16 +369,21 @@ class SoftTissueScale:
     linear: float
     squares: float = 0.0
     mean: float = 0.0
-    """min(E[s], 1) of the linear columns, by which what is expected of them is multiplied: markers that deform more
-    than people's swing or are loose, they do not slide the further for it."""
+    """min(E[s], 1) of the linear columns, by which what is expected of them is multiplied: markers
+    that deform more than people's swing or are loose, they do not slide the further for it."""
     mean_square: float = 0.0
     """min(E[s^2], 1)."""
 
     def covariance(self, regressor: str, unit: Array, mean: Array, softness: float) -> Array:
-        """Of a regressor's columns about `softness` times their mean; `unit`, `mean`: both moments at s = 1."""
+        """Of a regressor's columns about `softness` times their mean; `unit`, `mean`: both moments
+        at s = 1.
+        """
         if regressor.endswith(SQUARES):
             return self.variance(regressor) * unit
-        of_scale = max((1.0 + SEGMENT_SPREAD**2) * self.mean_square - 2.0 * softness * self.mean + softness**2, 0.0)
+        of_scale = max(
+            (1.0 + SEGMENT_SPREAD**2) * self.mean_square - 2.0 * softness * self.mean + softness**2,
+            0.0,
+        )
         return np.asarray(self.linear * unit + of_scale * np.outer(mean, mean))
 
     def variance(self, regressor: str) -> float:
@@ -324,10 +391,14 @@ class SoftTissueScale:
         return self.squares if regressor.endswith(SQUARES) else self.linear
 
 
-def soft_tissue_scale(trials: Sequence[MotionProblem], *, possibly_still: bool = False) -> SoftTissueScale:
-    """The scale of a person in one kind of task from trials whose soft tissue holds every column that may be.
+def soft_tissue_scale(
+    trials: Sequence[MotionProblem], *, possibly_still: bool = False
+) -> SoftTissueScale:
+    """The scale of a person in one kind of task from trials whose soft tissue holds every column
+    that may be.
 
-    `possibly_still`: whether the task may leave joints at rest, whose tracked angles follow errors of others.
+    `possibly_still`: whether the task may leave joints at rest, whose tracked angles follow errors
+    of others.
     """
     plain, bent = list[_Deformation](), list[_Deformation]()
     for observed in observed_deformations(trials).values():
@@ -340,7 +411,8 @@ def soft_tissue_scale(trials: Sequence[MotionProblem], *, possibly_still: bool =
         bends = np.repeat([name.endswith(SQUARES) for name in observed.names], len(right) // count)
         linear, mixed = information[np.ix_(~bends, ~bends)], information[np.ix_(bends, ~bends)]
         plain.append(_Deformation(linear, right[~bends], mean[~bends]))
-        # what is left for the squares once the linear columns are integrated out, however large they may be
+        # what is left for the squares once the linear columns are integrated out, however large
+        # they may be
         inner = linear + np.eye(len(linear)) / SCALES[-1] ** 2
         left = np.linalg.solve(inner, np.column_stack([mixed.T, right[~bends]]))
         of_squares = information[np.ix_(bends, bends)] - mixed @ left[:, :-1]
@@ -357,9 +429,11 @@ Cluster = tuple[str, tuple[str, ...]]
 
 @dataclass(frozen=True, kw_only=True)
 class ObservedDeformation:
-    """What the trials of one kind of task show of how the markers of one segment move against each other.
+    """What the trials of one kind of task show of how the markers of one segment move against each
+    other.
 
-    Unknowns are what each marker does per unit of each regressor, regressor by regressor, marker by marker, x, y, z.
+    Unknowns are what each marker does per unit of each regressor, regressor by regressor, marker by
+    marker, x, y, z.
     """
 
     names: tuple[str, ...]  # (nr,) `kind/regressor`
@@ -394,7 +468,8 @@ def observed_deformations(trials: Sequence[MotionProblem]) -> dict[Cluster, Obse
                 pattern=group.pattern,
             )
             out[which] = _summed(out[which], of_trial) if which in out else of_trial
-    # a trial that shows nothing has its regressors here, as others may show how the same markers deform
+    # a trial that shows nothing has its regressors here, as others may show how the same markers
+    # deform
     return {which: observed for which, observed in out.items() if observed.information.any()}
 
 
@@ -405,7 +480,9 @@ def _summed(one: ObservedDeformation, other: ObservedDeformation) -> ObservedDef
     width = one.expected.shape[1]
     information, right = np.zeros((width * len(names),) * 2), np.zeros(width * len(names))
     for part in (one, other):
-        places = np.concatenate([width * names.index(name) + np.arange(width) for name in part.names])
+        places = np.concatenate(
+            [width * names.index(name) + np.arange(width) for name in part.names]
+        )
         information[np.ix_(places, places)] += part.information
         right[places] += part.right
     return ObservedDeformation(
@@ -421,7 +498,9 @@ def _summed(one: ObservedDeformation, other: ObservedDeformation) -> ObservedDef
 
 @dataclass(frozen=True, kw_only=True)
 class ClusterTissue:
-    """What the markers of one segment do in one kind of task, given how they were observed to deform."""
+    """What the markers of one segment do in one kind of task, given how they were observed to
+    deform.
+    """
 
     names: tuple[str, ...]  # (nr,) `kind/regressor`
     mean: Array  # (6 nr,) m, rad, of the rigid part about what was expected before
@@ -432,8 +511,8 @@ class ClusterTissue:
 def cluster_tissue(observed: ObservedDeformation, scale: SoftTissueScale) -> ClusterTissue:
     """Compute the posterior of a cluster from its deformation.
 
-    Shifts and turns of a cluster do not deform it, so that joints have no part in this. What it does as a whole goes
-    with its deformation as far as one field of the skin makes both.
+    Shifts and turns of a cluster do not deform it, so that joints have no part in this. What it
+    does as a whole goes with its deformation as far as one field of the skin makes both.
 
     Parameters
     ----------
@@ -448,7 +527,13 @@ def cluster_tissue(observed: ObservedDeformation, scale: SoftTissueScale) -> Clu
     flat = observed.pattern.reshape(-1, soft_tissue.WIDTH)
     to_rigid = np.linalg.pinv(flat, rcond=soft_tissue.SMALLEST)
     before, roots, rigid = list[Array](), list[Array](), list[Array]()
-    columns = zip(observed.names, observed.expected, observed.covariance, observed.rigid_covariance, strict=True)
+    columns = zip(
+        observed.names,
+        observed.expected,
+        observed.covariance,
+        observed.rigid_covariance,
+        strict=True,
+    )
     for name, moves, by_marker, of_rigid in columns:
         softness = 0.0 if name.endswith(SQUARES) else scale.mean
         before.append(softness * moves)
@@ -496,20 +581,28 @@ def _scale_moments(
         values, along, mean = np.maximum(values, 0.0), vectors.T @ part.right, vectors.T @ part.mean
         s = SCALES[:, None]
         about = along - s * values * mean
-        alone = 0.5 * (s**2 * about**2 / (1.0 + s**2 * values) - np.log1p(s**2 * values)).sum(axis=1)
+        alone = 0.5 * (s**2 * about**2 / (1.0 + s**2 * values) - np.log1p(s**2 * values)).sum(
+            axis=1
+        )
         alone += (s * mean * along - 0.5 * s**2 * values * mean**2).sum(axis=1)
         moved = logsumexp(apart + alone, axis=1)
         log += np.logaddexp(moved, 0.0) if possibly_still else moved
     top = max(float(log.max()), 0.0)
-    weight, none = np.exp(log - top), float(np.exp(before).sum() * np.exp(-top)) if possibly_none else 0.0
+    weight, none = (
+        np.exp(log - top),
+        float(np.exp(before).sum() * np.exp(-top)) if possibly_none else 0.0,
+    )
     whole = float(weight.sum()) + none
     moments = [float(weight @ SCALES**power) / whole for power in (1, 2)]
-    return SoftTissueScale(linear=moments[1], mean=min(moments[0], 1.0), mean_square=min(moments[1], 1.0))
+    return SoftTissueScale(
+        linear=moments[1], mean=min(moments[0], 1.0), mean_square=min(moments[1], 1.0)
+    )
 
 
 def _deformation(problem: MotionProblem, group: soft_tissue.SegmentTissue) -> tuple[Array, Array]:
-    """Q (n, n) 1/m^2 and b (n,) of one segment in one trial, regressor by regressor, of each marker by marker, x, y, z;
-    from the markers that have weight in it. Of two, their distance is all that deforms.
+    """Q (n, n) 1/m^2 and b (n,) of one segment in one trial, regressor by regressor, of each marker
+    by marker, x, y, z; from the markers that have weight in it. Of two, their distance is all that
+    deforms.
     """
     data, psi = problem.data, group.regressors
     width = 3 * (group.markers.stop - group.markers.start)
@@ -518,7 +611,9 @@ def _deformation(problem: MotionProblem, group: soft_tissue.SegmentTissue) -> tu
     trusted = (given > 0) & (given > TRUSTED * given.max(axis=1, keepdims=True))
     often = trusted.sum(axis=1)
     third = np.sort(often)[-FEWEST_MARKERS] if len(often) >= FEWEST_MARKERS else 0
-    used = group.markers.start + np.flatnonzero((often > 0) & (often >= min(third, TRUSTED * often.max(initial=0))))
+    used = group.markers.start + np.flatnonzero(
+        (often > 0) & (often >= min(third, TRUSTED * often.max(initial=0)))
+    )
     local, weight = data.local[used], data.weight[used]
     fit = rigid_fit(local, data.measured[used], weight)
     # a pair has no turn about its line, and needs none: all that it can do by itself is along it
@@ -539,13 +634,20 @@ def _deformation(problem: MotionProblem, group: soft_tissue.SegmentTissue) -> tu
     errors = left.reshape(3 * len(used), -1).T[whole]  # (frames, 3 used)
     errors = errors - errors.mean(axis=0)  # where a marker lies is not how it moves
     psi = psi - psi.mean(axis=1, keepdims=True)
-    rigid = _rigid_directions(soft_tissue.together(local - local.mean(axis=0)).reshape(-1, soft_tissue.WIDTH))
-    noise = _noise(errors, psi, 3 * len(used) - rigid.shape[1], least_noise(problem.basis, problem.noise))
+    rigid = _rigid_directions(
+        soft_tissue.together(local - local.mean(axis=0)).reshape(-1, soft_tissue.WIDTH)
+    )
+    noise = _noise(
+        errors, psi, 3 * len(used) - rigid.shape[1], least_noise(problem.basis, problem.noise)
+    )
     columns = (3 * (used - group.markers.start)[:, None] + np.arange(3)).ravel()
     projector, errors_of_group = np.zeros((width, width)), np.zeros((len(errors), width))
     projector[np.ix_(columns, columns)] = np.eye(len(columns)) - rigid @ rigid.T
     errors_of_group[:, columns] = errors
-    information, right = np.kron(psi @ psi.T, projector), (psi @ errors_of_group @ projector).ravel()
+    information, right = (
+        np.kron(psi @ psi.T, projector),
+        (psi @ errors_of_group @ projector).ravel(),
+    )
     return np.asarray(information / noise**2, float), np.asarray(right / noise**2, float)
 
 
@@ -588,9 +690,8 @@ def tissue_prior(
 
     Parameters
     ----------
-    trials : with their soft tissue.
-    scales : kind of task -> how soft the person is there.
-    clusters : kind of task and cluster -> what its deformation shows; nothing was observed unless given.
+    trials : with their soft tissue. scales : kind of task -> how soft the person is there. clusters
+    : kind of task and cluster -> what its deformation shows; nothing was observed unless given.
     """
     names, means, blocks = list[tuple[str, str]](), list[Array](), list[Array]()
     """(name of a regressor, segment), in the order of the blocks."""
@@ -601,7 +702,9 @@ def tissue_prior(
                 continue
             names += [(group.names[r], group.carrier) for r in new]
             kind = group.names[0].partition("/")[0]
-            found = (clusters or {}).get((kind, (group.carrier, tuple(problem.labels[group.markers]))))
+            found = (clusters or {}).get(
+                (kind, (group.carrier, tuple(problem.labels[group.markers])))
+            )
             if found is not None and not group.softness:
                 found = None
             if found is not None:
@@ -613,8 +716,16 @@ def tissue_prior(
             for r in new:
                 mean = group.rigid_part(group.expected[r])
                 means.append(np.zeros(soft_tissue.WIDTH))
-                blocks.append(scales[kind].covariance(group.names[r], group.covariance[r], mean, group.softness))
-    keys = tuple(f"{name}/{segment}/{component}" for name, segment in names for component in soft_tissue.COMPONENTS)
+                blocks.append(
+                    scales[kind].covariance(
+                        group.names[r], group.covariance[r], mean, group.softness
+                    )
+                )
+    keys = tuple(
+        f"{name}/{segment}/{component}"
+        for name, segment in names
+        for component in soft_tissue.COMPONENTS
+    )
     secondary = secondary_prior(trials)
     mean = np.concatenate([secondary.mean, *means])
     return TissuePrior((*secondary.keys, *keys), block_diag(secondary.covariance, *blocks), mean)
@@ -622,27 +733,36 @@ def tissue_prior(
 
 def secondary_prior(trials: Sequence[MotionProblem]) -> TissuePrior:
     """The prior of the secondary motions that trials have."""
-    keys = tuple(dict.fromkeys(key for problem in trials if problem.secondary for key in problem.secondary.keys))
+    keys = tuple(
+        dict.fromkeys(
+            key for problem in trials if problem.secondary for key in problem.secondary.keys
+        )
+    )
     square = f"/{BENDS[0]}/"
-    sizes = [SECONDARY_SIZES[key.rpartition(".")[2]] * (1.0 if square in key else CUBE_SHARE) for key in keys]
+    sizes = [
+        SECONDARY_SIZES[key.rpartition(".")[2]] * (1.0 if square in key else CUBE_SHARE)
+        for key in keys
+    ]
     return TissuePrior(keys, np.diag(np.square(sizes)), np.zeros(len(keys)))
 
 
 def is_from_bones(key: str) -> bool:
-    """Return whether a column is of skin that tracked bones show, `kind/regressor/segment/component`.
+    """Return whether a column is of skin that tracked bones show,
+    `kind/regressor/segment/component`.
 
-    Those of knee flexion, its square included: in deep flexion the skin of thigh and shank does not move in proportion.
-    Secondary motions of a knee, `kind/regressor/^2/motion`, are none.
+    Those of knee flexion, its square included: in deep flexion the skin of thigh and shank does not
+    move in proportion. Secondary motions of a knee, `kind/regressor/^2/motion`, are none.
     """
     return key.split("/")[1].startswith(FROM_BONES) and "/^" not in key
 
 
 @dataclass(frozen=True)
 class FoundTissue:
-    """The artefact that a calibration found, by columns that tracked bones show: motions are tracked with it.
+    """The artefact that a calibration found, by columns that tracked bones show: motions are
+    tracked with it.
 
-    Of others, the pelvis' first, nothing is expected, and markers hardly show them: what a fit found of them is
-    an error of the motions.
+    Of others, the pelvis' first, nothing is expected, and markers hardly show them: what a fit
+    found of them is an error of the motions.
     """
 
     values: Mapping[str, float] = field(default_factory=dict)
@@ -655,10 +775,15 @@ class FoundTissue:
     def units_of(self, kind: str) -> dict[str, AngleUnit]:
         """Select the units of a kind of task, by coordinate."""
         start = f"{kind}/"
-        return {name.removeprefix(start): unit for name, unit in self.units.items() if name.startswith(start)}
+        return {
+            name.removeprefix(start): unit
+            for name, unit in self.units.items()
+            if name.startswith(start)
+        }
 
     def displaced(self, problem: MotionProblem) -> MotionProblem:
-        """Displace the markers of a trial, with its soft tissue, by the artefact; knees stay hinges.
+        """Displace the markers of a trial, with its soft tissue, by the artefact; knees stay
+        hinges.
 
         A column that was not found is as expected.
         """
@@ -672,7 +797,9 @@ NO_FOUND_TISSUE = FoundTissue()
 
 
 def _deformed(
-    tissue: soft_tissue.SoftTissue, problem: MotionProblem, clusters: Mapping[Cluster, ClusterTissue]
+    tissue: soft_tissue.SoftTissue,
+    problem: MotionProblem,
+    clusters: Mapping[Cluster, ClusterTissue],
 ) -> soft_tissue.SoftTissue:
     """Let the markers of a trial deform as observed, where they were observed."""
     groups = list[soft_tissue.SegmentTissue]()
@@ -690,9 +817,13 @@ class TaskTissue:
     """What may move the markers of each trial against their bones, and how far."""
 
     kinds: Mapping[str, str]  # Trial -> kind of task
-    regressors: Mapping[str, Mapping[str, Array]]  # Trial -> coordinate -> (nf,) psi of the joints that its task moves
+    regressors: Mapping[
+        str, Mapping[str, Array]
+    ]  # Trial -> coordinate -> (nf,) psi of the joints that its task moves
     scales: Mapping[str, SoftTissueScale]  # Kind of task -> how soft the person is there
-    secondary: Mapping[str, soft_tissue.SecondaryColumns]  # Trial of gait -> what knees do besides flexing
+    secondary: Mapping[
+        str, soft_tissue.SecondaryColumns
+    ]  # Trial of gait -> what knees do besides flexing
     nominal: Parameters
     table: SkinTable
     units: Mapping[str, AngleUnit] = field(default_factory=dict)
@@ -700,7 +831,9 @@ class TaskTissue:
     clusters: Mapping[tuple[str, Cluster], ClusterTissue] = field(default_factory=dict)
     """Kind of task and cluster -> what its deformation shows of it."""
     fitted: bool = True
-    """Whether the artefact is fitted; else markers stay in their places, and all of it is a source of error."""
+    """Whether the artefact is fitted; else markers stay in their places, and all of it is a source
+    of error.
+    """
     pinned: Collection[str] = ()
     """Segments with markers fixed to the bone."""
 
@@ -726,13 +859,17 @@ class TaskTissue:
         )
         if tissue is None or not self.fitted:
             return tissue
-        clusters = {cluster: found for (of_kind, cluster), found in self.clusters.items() if of_kind == kind}
+        clusters = {
+            cluster: found for (of_kind, cluster), found in self.clusters.items() if of_kind == kind
+        }
         return _deformed(tissue, problem, clusters)
 
     def of_bodies(
         self, bodies: Mapping[str, MotionProblem], known: Collection[str]
     ) -> dict[str, soft_tissue.SoftTissue]:
-        """Trial -> the columns `known` on the markers of the whole body; without those that have none."""
+        """Trial -> the columns `known` on the markers of the whole body; without those that have
+        none.
+        """
         found = {name: self.of(name, body, known) for name, body in bodies.items()}
         return {name: columns for name, columns in found.items() if columns is not None}
 
@@ -773,13 +910,19 @@ def task_tissue(
         of_kind, posture = [angles[n] for n in names], parts[names[0]].posture
         found = angle_units(of_kind, posture)
         units |= {f"{kind}/{name}": unit for name, unit in found.items()}
-        regressors |= dict(zip(names, task_regressors(of_kind, posture, found, squares=True), strict=True))
+        regressors |= dict(
+            zip(names, task_regressors(of_kind, posture, found, squares=True), strict=True)
+        )
     gait = [name for name in kinds if kinds[name] == GAIT]
-    secondary = dict(zip(gait, soft_tissue.secondary_columns(GAIT, [angles[n] for n in gait]), strict=True))
+    secondary = dict(
+        zip(gait, soft_tissue.secondary_columns(GAIT, [angles[n] for n in gait]), strict=True)
+    )
     isolated = [name for name in kinds if kinds[name] in ISOLATED_JOINTS]
 
     def with_columns(name: str) -> MotionProblem:
-        tissue = tissue_of(parts[name], kinds[name], regressors[name], nominal, table=table, pinned=pinned)
+        tissue = tissue_of(
+            parts[name], kinds[name], regressors[name], nominal, table=table, pinned=pinned
+        )
         return replace(parts[name], tissue=tissue)
 
     for alike in (gait, isolated, *([name] for name in kinds if name not in (*gait, *isolated))):
@@ -788,26 +931,34 @@ def task_tissue(
         scales |= {kinds[name]: scale for name in alike}
         if scale.squares < LEAST_SQUARES:
             for n in alike:
-                regressors[n] = {c: psi for c, psi in regressors[n].items() if not c.endswith(SQUARES)}
+                regressors[n] = {
+                    c: psi for c, psi in regressors[n].items() if not c.endswith(SQUARES)
+                }
     clusters = dict[tuple[str, Cluster], ClusterTissue]()
     for kind in dict.fromkeys(kinds.values()):
         soft = [with_columns(name) for name in kinds if kinds[name] == kind]
         for cluster, observed in observed_deformations(soft).items():
             clusters[kind, cluster] = cluster_tissue(observed, scales[kind])
-    return TaskTissue(kinds, regressors, scales, secondary, nominal, table, units, clusters, fitted, pinned)
+    return TaskTissue(
+        kinds, regressors, scales, secondary, nominal, table, units, clusters, fitted, pinned
+    )
 
 
 def _angles(nominal: Parameters, part: MotionProblem) -> dict[str, Array]:
     """Coordinate -> (nf,) rad, of those that a marker of the trial shows."""
     q = motion.tracked_motion(part, nominal).q
-    return {name: values for name, values, on in zip(part.chain.coordinates, q.T, part.active, strict=True) if on}
+    return {
+        name: values
+        for name, values, on in zip(part.chain.coordinates, q.T, part.active, strict=True)
+        if on
+    }
 
 
 def kind_of_further(found: FoundTissue, activity: str) -> str:
     """Choose the kind of task of a calibration whose soft tissue a further trial has.
 
-    An activity has that of the activity of its name; where the calibration knows none, that of walks, else of any
-    other activity, as nothing is known of how it differs.
+    An activity has that of the activity of its name; where the calibration knows none, that of
+    walks, else of any other activity, as nothing is known of how it differs.
 
     Parameters
     ----------
@@ -829,8 +980,9 @@ def tissue_of_further(
 ) -> soft_tissue.SoftTissue | None:
     """Find the soft tissue and secondary motions of a trial that took no part in a calibration.
 
-    Those of the calibration's kind of task, with the angles of this trial in the units of that kind. What is expected
-    of clusters as a whole is multiplied by its softness; how their markers deform is observed in the trial itself.
+    Those of the calibration's kind of task, with the angles of this trial in the units of that
+    kind. What is expected of clusters as a whole is multiplied by its softness; how their markers
+    deform is observed in the trial itself.
 
     Parameters
     ----------
@@ -845,15 +997,27 @@ def tissue_of_further(
     """
     angles, softness = _angles(nominal, legs), found.softness.get(kind, 0.0)
     (every,) = task_regressors([angles], trial.posture, found.units_of(kind), squares=True)
-    regressors = {name: psi for name, psi in every.items() if any(key.startswith(f"{kind}/{name}/") for key in known)}
-    knees = {name: phi for name, phi in angles.items() if any(key.startswith(f"{kind}/{name}/^") for key in known)}
+    regressors = {
+        name: psi
+        for name, psi in every.items()
+        if any(key.startswith(f"{kind}/{name}/") for key in known)
+    }
+    knees = {
+        name: phi
+        for name, phi in angles.items()
+        if any(key.startswith(f"{kind}/{name}/^") for key in known)
+    }
     (secondary,) = soft_tissue.secondary_columns(kind, [knees])
     secondary_or_none = secondary if secondary.names else None
-    tissue = tissue_of(trial, kind, regressors, nominal, known, secondary_or_none, softness=softness)
+    tissue = tissue_of(
+        trial, kind, regressors, nominal, known, secondary_or_none, softness=softness
+    )
     if tissue is None or not softness:
         return tissue
     moved = replace(trial, tissue=tissue)
     scale = soft_tissue_scale([moved], possibly_still=kind != GAIT)
     scale = replace(scale, mean=softness, squares=max(scale.squares, LEAST_SQUARES))
     observed = observed_deformations([moved])
-    return _deformed(tissue, trial, {cluster: cluster_tissue(of, scale) for cluster, of in observed.items()})
+    return _deformed(
+        tissue, trial, {cluster: cluster_tissue(of, scale) for cluster, of in observed.items()}
+    )

@@ -1,21 +1,23 @@
-"""How skin markers of thigh and shank move against the bone as the knee flexes, as bones of people have it.
+"""How skin markers of thigh and shank move against the bone as the knee flexes, as bones of people
+have it.
 
 Per radian of knee flexion from the static posture a marker at x moves against its bone by
 
     d(x) = s (Phi(x) beta + e_shift + e_turn x (x - c) + e_own),
 
 s how soft the person is, c the middle of the segment's markers. Phi(x) beta is what people have in
-common, linear in six functions of the place x (from the knee's centre, in thigh lengths) and one of the task
+common, linear in six functions of the place x (from the knee's centre, in thigh lengths) and one of
+the task
 
     1,  x/W,  z/W,  k,  k x/W,  k z/W,  g,      k = exp(-|y| / H),  g = 1/2 in walks and runs, -1/2 elsewhere:
 
-skin in front of the thigh goes down and that behind it up, skin over the epicondyles goes back, skin
-over the fibular head goes down and back. The rest differs from person to person: the whole cluster shifts
-(`shift`) and turns (`turn`), every marker moves by itself (`own`), and beta is known from few
-people (`covariance`). Lengths are those of a thigh of 0.42 m and grow in proportion to it.
+skin in front of the thigh goes down and that behind it up, skin over the epicondyles goes back,
+skin over the fibular head goes down and back. The rest differs from person to person: the whole
+cluster shifts (`shift`) and turns (`turn`), every marker moves by itself (`own`), and beta is known
+from few people (`covariance`). Lengths are those of a thigh of 0.42 m and grow in proportion to it.
 
-The figures are in `models/soft_tissue.json`, which `python -m scripts.validation bones --learn FILE`
-derives from recordings of skin markers and tracked bones.
+The figures are in `models/soft_tissue.json`, which `python -m scripts.validation bones --learn
+FILE` derives from recordings of skin markers and tracked bones.
 """
 
 from __future__ import annotations
@@ -33,7 +35,9 @@ from gaitcal.io.toml import models_path
 
 FILE = "soft_tissue.json"
 NEAR, ACROSS = 0.15, 0.20
-"""H and W in thigh lengths: how far beyond the knee its skin still slides over it, and half the width of a thigh."""
+"""H and W in thigh lengths: how far beyond the knee its skin still slides over it, and half the
+width of a thigh.
+"""
 THIGH_M = 0.42
 """Length of the thigh that the figures are for."""
 
@@ -54,7 +58,9 @@ def place_functions(place: Array, *, gait: bool) -> Array:
     near = np.exp(-np.abs(y) / NEAR)
     one = np.ones_like(x)
     task = one * (0.5 if gait else -0.5)
-    return np.stack([one, x / ACROSS, z / ACROSS, near, near * x / ACROSS, near * z / ACROSS, task], axis=1)
+    return np.stack(
+        [one, x / ACROSS, z / ACROSS, near, near * x / ACROSS, near * z / ACROSS, task], axis=1
+    )
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -1,18 +1,21 @@
-"""Soft tissue of each kind of task, eliminated after the motions: what is left are the joint parameters.
+"""Soft tissue of each kind of task, eliminated after the motions: what is left are the joint
+parameters.
 
-Trials share the joint parameters p; those of one kind of task k share the columns of its soft tissue z_k besides, which
-no other kind has. With the motions eliminated (`reduced_problem.py`) and a prior z_k ~ N(m_k, Lambda_k^-1), the normal
-equations of p and all z are an arrow,
+Trials share the joint parameters p; those of one kind of task k share the columns of its soft
+tissue z_k besides, which no other kind has. With the motions eliminated (`reduced_problem.py`) and
+a prior z_k ~ N(m_k, Lambda_k^-1), the normal equations of p and all z are an arrow,
 
     [ S_1           C_1 ] [dz_1]     [g_1]     S_k = sum_t S_zz + Lambda_k,      g_k = sum_t g_z + Lambda_k (z_k - m_k),
     [       S_2     C_2 ] [dz_2] = - [g_2]     C_k = sum_t S_zp,      sums over the trials t of kind k,
     [ C_1^T C_2^T   P   ] [dp  ]     [g_p]     P = sum_t S_pp + Lambda_p,
 
-with a corner that is solved by the Schur complements of its kinds. With S_k = L_k L_k^T and Y_k = L_k^-1 C_k,
+with a corner that is solved by the Schur complements of its kinds. With S_k = L_k L_k^T and Y_k =
+L_k^-1 C_k,
 
     H = P - sum_k Y_k^T Y_k,       g = g_p - sum_k Y_k^T L_k^-1 g_k,       dz_k = -L_k^-T (L_k^-1 g_k + Y_k dp).
 
-At given p the kinds are independent of each other: time and memory grow with their number, and not with its cube.
+At given p the kinds are independent of each other: time and memory grow with their number, and not
+with its cube.
 """
 
 from __future__ import annotations
@@ -62,7 +65,8 @@ def split_by_kind(tissue: TissuePrior, unknowns: Sequence[Sequence[str]]) -> tup
     Raises
     ------
     ValueError
-        Where two kinds share a column, or are correlated: they cannot be eliminated one by one then.
+        Where two kinds share a column, or are correlated: they cannot be eliminated one by one
+        then.
     """
     kinds = []
     for names in unknowns:
@@ -83,7 +87,9 @@ def split_by_kind(tissue: TissuePrior, unknowns: Sequence[Sequence[str]]) -> tup
 
 @dataclass(frozen=True)
 class EliminatedKind:
-    """The soft tissue of one kind eliminated, at z; joint parameters in the order that all kinds share."""
+    """The soft tissue of one kind eliminated, at z; joint parameters in the order that all kinds
+    share.
+    """
 
     prior: KindPrior
     z: Array  # (nz,) m, rad, where its trials were solved
@@ -113,20 +119,26 @@ class EliminatedKind:
         """L^-1 times columns (nz, nc)."""
         if not len(columns):
             return columns
-        return np.asarray(solve_triangular(self.root, columns, lower=True, check_finite=False), float)
+        return np.asarray(
+            solve_triangular(self.root, columns, lower=True, check_finite=False), float
+        )
 
     def backward(self, columns: Array) -> Array:
         """L^-T times a vector or columns."""
         if not len(columns):
             return columns
-        return np.asarray(solve_triangular(self.root, columns, lower=True, trans=1, check_finite=False), float)
+        return np.asarray(
+            solve_triangular(self.root, columns, lower=True, trans=1, check_finite=False), float
+        )
 
     def solved(self, columns: Array) -> Array:
         """S_k^-1 times columns (nz, nc)."""
         return self.backward(self.divided(columns))
 
 
-def eliminate_tissue(prior: KindPrior, z: Array, hessian: Array, gradient: Array, cost: float) -> EliminatedKind:
+def eliminate_tissue(
+    prior: KindPrior, z: Array, hessian: Array, gradient: Array, cost: float
+) -> EliminatedKind:
     """Eliminate the soft tissue of one kind.
 
     Parameters
@@ -136,7 +148,8 @@ def eliminate_tissue(prior: KindPrior, z: Array, hessian: Array, gradient: Array
     z
         (nz,) m, rad, where its trials were solved.
     hessian, gradient, cost
-        (np + nz, np + nz), (np + nz,) and sum over its trials, joint parameters first, motions eliminated.
+        (np + nz, np + nz), (np + nz,) and sum over its trials, joint parameters first, motions
+        eliminated.
     """
     count = len(gradient) - len(z)
     corner = hessian[count:, count:] + prior.precision
@@ -162,14 +175,18 @@ def eliminate_tissue(prior: KindPrior, z: Array, hessian: Array, gradient: Array
 class Arrow:
     """The Hessian of joint parameters and all soft tissue: unknowns in the order p, z_1, z_2, ...
 
-    `precision`: (np, np) Lambda_p. `null`: where nothing is expected of joint parameters, eigenvalues
-    below this part of the largest belong to directions that no trial shows, and count as zero in the inverse.
+    `precision`: (np, np) Lambda_p. `null`: where nothing is expected of joint parameters,
+    eigenvalues below this part of the largest belong to directions that no trial shows, and count
+    as zero in the inverse.
     """
 
-    def __init__(self, kinds: Sequence[EliminatedKind], precision: Array, null: float | None = None) -> None:
+    def __init__(
+        self, kinds: Sequence[EliminatedKind], precision: Array, null: float | None = None
+    ) -> None:
         self.kinds, self.precision = kinds, precision
         self.information = np.zeros_like(precision)
-        """(np, np) information of the trials and of the prior of soft tissue on joint parameters."""
+        """(np, np) information of the trials and of the prior of soft tissue on joint parameters.
+        """
         for kind in kinds:
             self.information += kind.hessian
         hessian = self.information + precision
@@ -210,7 +227,9 @@ class Arrow:
         return out
 
     def effective_parameters(self) -> float:
-        """How many unknowns the trials determine, rather than the priors: the trace of H^-1 (H - Lambda)."""
+        """How many unknowns the trials determine, rather than the priors: the trace of H^-1 (H -
+        Lambda).
+        """
         found = float(np.sum(self.covariance * self.information))
         for kind in self.kinds:
             moved = kind.sensitivity

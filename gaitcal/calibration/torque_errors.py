@@ -5,10 +5,11 @@ Every source of error c moves the joint parameters by d p_c and the motion by d 
 
     d tau_c = T n_c + G d p_c,      T = (d tau/d q) B + (d tau/d v) B' + (d tau/d a) B'',    G = d tau/d p - T S.
 
-Squares sum over the coordinates and columns of each source; the inertial parameters add the diagonal of
-(d tau/d IP) cov (d tau/d IP)^T, force plates and segments' axes the squares of `dynamics/measurement_errors.py` and
-`dynamics/measurement_errors.py`. Powers and moment vectors are linear in the generalised forces
-(`dynamics/joint_kinetics.py`): what a source does to these, to posture, rates and joint parameters moves them together.
+Squares sum over the coordinates and columns of each source; the inertial parameters add the
+diagonal of (d tau/d IP) cov (d tau/d IP)^T, force plates and segments' axes the squares of
+`dynamics/measurement_errors.py` and `dynamics/measurement_errors.py`. Powers and moment vectors are
+linear in the generalised forces (`dynamics/joint_kinetics.py`): what a source does to these, to
+posture, rates and joint parameters moves them together.
 """
 
 from collections.abc import Sequence
@@ -25,13 +26,15 @@ from gaitcal.model.parameters import Parameters, dynamic_jacobian
 from gaitcal.runtime import LARGEST_BYTES
 from gaitcal.tracking.trial_problem import MotionProblem
 
-KINETICS = len(joint_kinetics.POWERS) + len(joint_kinetics.COMPONENTS) * len(joint_kinetics.VECTOR_FRAMES)
+KINETICS = len(joint_kinetics.POWERS) + len(joint_kinetics.COMPONENTS) * len(
+    joint_kinetics.VECTOR_FRAMES
+)
 """Powers and components of moment vectors of a frame."""
 
 
 class ErringForces:
-    """The 27 generalised forces and two knee reactions of one whole-body trial, the powers and moment vectors that
-    follow, and all that may be wrong with them; told of some frames at a time.
+    """The 27 generalised forces and two knee reactions of one whole-body trial, the powers and
+    moment vectors that follow, and all that may be wrong with them; told of some frames at a time.
     """
 
     def __init__(
@@ -48,13 +51,13 @@ class ErringForces:
     ) -> None:
         """Set up.
 
-        `problem`, `coefficients`: the whole-body trial and its motion, (nn, 27) m, rad.
-        `wrenches`: (nf, 2, 6) N, N·m, ground reactions on the feet.
-        `joint`: errors of the joint parameters; None where they were not calibrated.
-        `inertial`: (84, n) R with covariance R R^T of the inertial parameters; None where they were not calibrated.
-        `moves`: what the markers move, where it is known already.
-        `plates`: how far the ground reactions are to be believed; exact unless given.
-        `axes`: how far the directions of segments' axes are, with these parameters; exact unless given.
+        `problem`, `coefficients`: the whole-body trial and its motion, (nn, 27) m, rad. `wrenches`:
+        (nf, 2, 6) N, N·m, ground reactions on the feet. `joint`: errors of the joint parameters;
+        None where they were not calibrated. `inertial`: (84, n) R with covariance R R^T of the
+        inertial parameters; None where they were not calibrated. `moves`: what the markers move,
+        where it is known already. `plates`: how far the ground reactions are to be believed; exact
+        unless given. `axes`: how far the directions of segments' axes are, with these parameters;
+        exact unless given.
         """
         self.problem, self.parameters, self.wrenches = problem, parameters, wrenches
         self.free: tuple[str, ...] = joint.free if joint else ()
@@ -67,7 +70,9 @@ class ErringForces:
 
     @property
     def parts(self) -> list[slice]:
-        """All frames, some at a time: what sources make of them stays in arrays whose memory is kept."""
+        """All frames, some at a time: what sources make of them stays in arrays whose memory is
+        kept.
+        """
         bytes_of_frame = 8 * KINETICS * self.moves.together.nodes.shape[1]
         return stretches(len(self.wrenches), max(LARGEST_BYTES // bytes_of_frame, 1))
 
@@ -80,7 +85,9 @@ class ErringForces:
         dynamics, opened, wrenches = self._dynamics, self._opened, self.wrenches[part]
         q, v, a = (x[part] for x in self._state)
         placed, forces = opened.placed(q), dynamics.forces(q, v, a, wrenches)
-        slopes = derivatives.differentiate_forces(opened, q, v, a, wrenches, joint_kinetics.ALL_FORCES)
+        slopes = derivatives.differentiate_forces(
+            opened, q, v, a, wrenches, joint_kinetics.ALL_FORCES
+        )
         kinetic = joint_kinetics.kinetic_slopes(placed, v, forces, self.free)
         through = kinetic.by_force
         by_state = np.concatenate(
@@ -94,8 +101,12 @@ class ErringForces:
         by_parameter = through @ slopes.by_parameter + kinetic.by_parameter
         basis, count = self.problem.basis, len(FORCES)
         # powers and moments need the sum over all sources only, which fewer columns have
-        torques = self.moves.by_source.through(basis, part, by_state[:, :count], by_parameter[:, :count])
-        kinetics = self.moves.together.through(basis, part, by_state[:, count:], by_parameter[:, count:])
+        torques = self.moves.by_source.through(
+            basis, part, by_state[:, :count], by_parameter[:, :count]
+        )
+        kinetics = self.moves.together.through(
+            basis, part, by_state[:, count:], by_parameter[:, count:]
+        )
         found = Variances(self.moves.variances(torques), *self.moves.whole_and_own(kinetics))
         if self.inertial is not None:
             heavier = _inertial_moves(dynamics, self.parameters, self.inertial, q, v, a)
@@ -111,7 +122,9 @@ class ErringForces:
         return found
 
     def _rate_moves(self, axes: measurement_errors.AxisErrors, part: slice) -> Array:
-        """(frames, 27, k) what errors of the segments' axes make of rates; none of what no marker moves with."""
+        """(frames, 27, k) what errors of the segments' axes make of rates; none of what no marker
+        moves with.
+        """
         wide = slice(max(part.start - 1, 0), part.stop + 1)
         moves = axes.rate_moves(self._state[0][wide], self.problem.basis.time[wide])
         moves = moves[part.start - wide.start :][: part.stop - part.start]
@@ -134,15 +147,26 @@ class Variances:
 
 def joined(parts: Sequence[Variances]) -> measurement_errors.TorqueErrors:
     """The errors of a trial from the variances of all its frames, part after part."""
-    torques = {source: np.concatenate([part.torques[source] for part in parts]) for source in parts[0].torques}
-    kinetics, own = (np.concatenate([getattr(part, name) for part in parts]) for name in ("kinetics", "own"))
+    torques = {
+        source: np.concatenate([part.torques[source] for part in parts])
+        for source in parts[0].torques
+    }
+    kinetics, own = (
+        np.concatenate([getattr(part, name) for part in parts]) for name in ("kinetics", "own")
+    )
     return measurement_errors.TorqueErrors.of(torques, joint_kinetics.kinetic_errors(kinetics, own))
 
 
-def _inertial_moves(dynamics: Dynamics, parameters: Parameters, spread: Array, q: Array, v: Array, a: Array) -> Array:
-    """(nf, 35, n) what the columns of the spread (84, n) of the inertial parameters make of the generalised forces."""
+def _inertial_moves(
+    dynamics: Dynamics, parameters: Parameters, spread: Array, q: Array, v: Array, a: Array
+) -> Array:
+    """(nf, 35, n) what the columns of the spread (84, n) of the inertial parameters make of the
+    generalised forces.
+    """
     slopes, sources = dynamic_jacobian(parameters.inertial), spread.shape[1]
-    by_source = slopes @ spread.reshape(len(slopes), 7, sources)  # (12, 10, n) change of the dynamic parameters
+    by_source = slopes @ spread.reshape(
+        len(slopes), 7, sources
+    )  # (12, 10, n) change of the dynamic parameters
     regressor = dynamics.regressor(q, v, a).reshape(len(q), -1, 10 * len(slopes))
     return regressor @ by_source.reshape(-1, sources)
 

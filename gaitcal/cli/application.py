@@ -1,9 +1,9 @@
-"""The command line. Thin: every command is a call of the public API and a few lines of text, declared where it is
-carried out, with two options that all have and an example that ends its help.
+"""The command line. Thin: every command is a call of the public API and a few lines of text,
+declared where it is carried out, with two options that all have and an example that ends its help.
 
-One that does not succeed ends with a line on standard error, and an exit code: 1 the input is at fault, 2 usage, 3 did
-not converge; 130 after Ctrl-C, 143 after SIGTERM, 129 after SIGHUP. Libraries are imported by the command that needs
-them, so that `gaitcal --help` is there at once.
+One that does not succeed ends with a line on standard error, and an exit code: 1 the input is at
+fault, 2 usage, 3 did not converge; 130 after Ctrl-C, 143 after SIGTERM, 129 after SIGHUP. Libraries
+are imported by the command that needs them, so that `gaitcal --help` is there at once.
 """
 
 import atexit
@@ -26,23 +26,34 @@ from gaitcal.io.atomic import InterruptedWork, Stopped, ended_by_signals
 COMMANDS: Final = {
     "demo": ("synthesize:demonstrate", "gaitcal demo"),
     "example": ("explain:fetch_or_list", "gaitcal example subject01 --out subject01"),
-    "init": ("folder:draft_study_file", "gaitcal init recordings --mass 72.6 --height 1.80 --sex male"),
+    "init": (
+        "folder:draft_study_file",
+        "gaitcal init recordings --mass 72.6 --height 1.80 --sex male",
+    ),
     "check": ("folder:check_recordings", "gaitcal check study.toml"),
     "calibrate": ("calibrate:calibrate_study", "gaitcal calibrate study.toml --out result"),
     "cohort": ("cohort:run_people", "gaitcal cohort people --out results --jobs 4"),
     "dynamics": ("calibrate:analyse_further", "gaitcal dynamics result walk2.c3d walk3.c3d"),
     "convert": ("other_programs:convert_recording", "gaitcal convert walk.c3d walk.csv"),
     "synthesize": ("synthesize:write_subject", "gaitcal synthesize --out person --seed 1 --noise"),
-    "montecarlo": ("montecarlo:run_monte_carlo", "gaitcal montecarlo result --vary jp,ip --levels 50,100 --draws 1000"),
+    "montecarlo": (
+        "montecarlo:run_monte_carlo",
+        "gaitcal montecarlo result --vary jp,ip --levels 50,100 --draws 1000",
+    ),
     "reproduce": ("montecarlo:run_reproduction", "gaitcal reproduce --out published"),
     "export": ("other_programs:export", "gaitcal export result --format osim,urdf"),
-    "figures": ("figures:draw_figures", "gaitcal figures result --only knee_adduction --width 85mm"),
+    "figures": (
+        "figures:draw_figures",
+        "gaitcal figures result --only knee_adduction --width 85mm",
+    ),
     "view": ("view:view_result", "gaitcal view result"),
     "report": ("view:print_report", "gaitcal report result --pdf report.pdf"),
     "compare": ("view:compare_sessions_or_models", "gaitcal compare before after --out difference"),
     "explain": ("explain:explain_code", "gaitcal explain GC-020"),
 }
-"""Command -> `module:function` in this package that declares it and carries it out; a whole line that can be typed."""
+"""Command -> `module:function` in this package that declares it and carries it out; a whole line
+that can be typed.
+"""
 HELP: Final[dict[str, str]] = dict(
     line.split(": ", 1)
     for line in """
@@ -86,7 +97,8 @@ app = typer.Typer(
     rich_markup_mode=None,
     pretty_exceptions_enable=False,
     context_settings=OPTIONS_OF_HELP,
-    help="Fits a full-body linkage model to one person's motion capture: joint axes, masses, joint torques, "
+    help="Fits a full-body linkage model to one person's motion capture: joint axes, masses, joint "
+    "torques, "
     "and how far each can be trusted.",
 )
 
@@ -99,7 +111,9 @@ def _tell_version(asked: bool) -> None:
         raise typer.Exit
 
 
-_Version = Annotated[bool, typer.Option("--version", callback=_tell_version, is_eager=True, help="Show the version.")]
+_Version = Annotated[
+    bool, typer.Option("--version", callback=_tell_version, is_eager=True, help="Show the version.")
+]
 
 
 @app.callback()
@@ -108,20 +122,26 @@ def _without_a_command(*, version: _Version = False) -> None:
 
 
 RARELY = (200_000, 20, 20)
-"""Allocations before a search for cycles of garbage: more than libraries make while they load, which are no garbage."""
+"""Allocations before a search for cycles of garbage: more than libraries make while they load,
+which are no garbage.
+"""
 
 
 def set_up() -> None:
     """Prepare the process, before any library is loaded."""
     for name in ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "OMP_NUM_THREADS"):
-        os.environ[name] = "1"  # whatever the user set, as the numbers depend on it: see gaitcal/runtime.py
+        os.environ[name] = (
+            "1"  # whatever the user set, as the numbers depend on it: see gaitcal/runtime.py
+        )
     gc.set_threshold(*RARELY)
     # as it ends, Python else looks twice through all that libraries made, a fifth of a second
     atexit.register(gc.freeze)
 
 
 def _one_blas_thread() -> AbstractContextManager[None]:
-    """For a program that calls the command line and has NumPy loaded, so that `set_up` came too late."""
+    """For a program that calls the command line and has NumPy loaded, so that `set_up` came too
+    late.
+    """
     if "numpy" not in sys.modules:
         return nullcontext()
     from gaitcal.runtime import one_blas_thread
@@ -130,11 +150,15 @@ def _one_blas_thread() -> AbstractContextManager[None]:
 
 
 Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="Print nothing but errors.")]
-Verbose = Annotated[bool, typer.Option("--verbose", "-v", help="Print every step, and everything that was assumed.")]
+Verbose = Annotated[
+    bool, typer.Option("--verbose", "-v", help="Print every step, and everything that was assumed.")
+]
 
 
 def declared(name: str) -> Callable[..., None]:
-    """The function that carries a command out, as typer takes it: with its options and two that every command has."""
+    """The function that carries a command out, as typer takes it: with its options and two that
+    every command has.
+    """
     module, _, function = COMMANDS[name][0].partition(":")
     carried_out: Callable[..., None] = getattr(import_module(f"gaitcal.cli.{module}"), function)
 
@@ -155,7 +179,10 @@ def loaded(name: str) -> TyperCommand:
     """A command with all of its options."""
     alone = typer.Typer(add_completion=False, rich_markup_mode=None, pretty_exceptions_enable=False)
     register = alone.command(
-        name, context_settings=OPTIONS_OF_HELP, help=HELP[name], epilog=f"Example: {COMMANDS[name][1]}"
+        name,
+        context_settings=OPTIONS_OF_HELP,
+        help=HELP[name],
+        epilog=f"Example: {COMMANDS[name][1]}",
     )
     register(declared(name))
     command: TyperCommand = typer.main.get_command(alone)  # type: ignore[assignment]  # there is one alone
@@ -168,7 +195,9 @@ INTERRUPTED = 130  # Exit code after Ctrl-C, as shells have it
 
 
 def _in_a_line(run: Callable[[], object], *, verbose: bool) -> None:
-    """Call `run`; end the program with a line and an exit code where it fails. `verbose`: show where a bug is."""
+    """Call `run`; end the program with a line and an exit code where it fails. `verbose`: show
+    where a bug is.
+    """
     try:
         with ended_by_signals():
             run()
@@ -207,4 +236,7 @@ def _say_error(text: str) -> None:
 def main() -> None:
     """Entry point: one clear line for every fault, and its exit code."""
     set_up()
-    _in_a_line(lambda: app(standalone_mode=True), verbose=any(a in ("-v", "--verbose") for a in sys.argv[1:]))
+    _in_a_line(
+        lambda: app(standalone_mode=True),
+        verbose=any(a in ("-v", "--verbose") for a in sys.argv[1:]),
+    )

@@ -1,7 +1,7 @@
 """`gaitcal calibrate`, and `dynamics`: further recordings through the model of a result.
 
-Options of a further trial are written on the command line as in a study file; each is read here into what that file
-would hold.
+Options of a further trial are written on the command line as in a study file; each is read here
+into what that file would hold.
 """
 
 from collections.abc import Mapping, Sequence
@@ -24,7 +24,12 @@ from gaitcal.io.csv_recordings import events_beside
 from gaitcal.io.result_folder import ResultKind, require_room
 from gaitcal.model.linkage import LOWER_BODY
 from gaitcal.pipeline.further_trials import analyse_trials, trial_table
-from gaitcal.pipeline.run_study import FaultyStudyError, RunSettings, require_one_prior, run_found_study
+from gaitcal.pipeline.run_study import (
+    FaultyStudyError,
+    RunSettings,
+    require_one_prior,
+    run_found_study,
+)
 from gaitcal.pipeline.write_trials import write_trials
 from gaitcal.quality.verdict import Judgement, Verdict
 from gaitcal.report.page.page_folder import PAGE
@@ -32,7 +37,11 @@ from gaitcal.results.saved_result import load_result
 from gaitcal.study.study_file import Side
 from gaitcal.study.study_trial import Role
 
-LABELS = {Severity.ERROR: "error", Severity.WARNING: "warning", Severity.INFO: "note"}  # How a reason begins
+LABELS = {
+    Severity.ERROR: "error",
+    Severity.WARNING: "warning",
+    Severity.INFO: "note",
+}  # How a reason begins
 
 
 def calibrate_study(
@@ -43,20 +52,25 @@ def calibrate_study(
     height: options.Height = None,
     sex: options.Sex = None,
     age: options.Age = None,
-    force: Annotated[bool, typer.Option("--force", help="Go on past errors that the checks find.")] = False,
+    force: Annotated[
+        bool, typer.Option("--force", help="Go on past errors that the checks find.")
+    ] = False,
     hold_out: options.HoldOut = False,
     normal: options.Normal = None,
     priors: options.Priors = None,
 ) -> None:
-    """Check and calibrate a study, or what a folder of recordings drafts, and write the result folder.
+    """Check and calibrate a study, or what a folder of recordings drafts, and write the result
+    folder.
 
-    `force` goes on past errors that the checks find, and keeps every trial of a drafted study. `normal`: file of normal
-    bands, or the name of those that gaitcal brings. `priors`: file of a cohort, on which joint parameters lean
-    where the study file names none.
+    `force` goes on past errors that the checks find, and keeps every trial of a drafted study.
+    `normal`: file of normal bands, or the name of those that gaitcal brings. `priors`: file of a
+    cohort, on which joint parameters lean where the study file names none.
     """
     normal = None if normal is None else normal_bands.bands_file(normal)
     if normal is not None:
-        normal_bands.read_normal_bands(normal)  # a wrong file ends the command before recordings are read
+        normal_bands.read_normal_bands(
+            normal
+        )  # a wrong file ends the command before recordings are read
     source = study_or_draft(study, options_of(mass, height, sex, age), console)
     require_one_prior(source, priors)
     settings = RunSettings(normal=normal, priors=priors, leave_out=hold_out, force=force)
@@ -72,7 +86,10 @@ def calibrate_study(
     _tell_changed(console, run.study.changed_inputs())
     tell_kept(console, run.kept)
     if run.drafted:
-        console.line(f"study:  {out / STUDY} (drafted; look at it, and calibrate it again where you change it)")
+        console.line(
+            f"study:  {out / STUDY} (drafted; look at it, and calibrate it again where you change "
+            "it)"
+        )
     console.line(f"page:   {out / PAGE}")
     verdict = calibration.verdict
     if verdict.judgement is Judgement.REFUSED and not force:
@@ -81,7 +98,9 @@ def calibrate_study(
         raise _refused("a leg is refused in every walk (the result was written)", verdict)
     if not calibration.converged:
         late = next(phase for phase in calibration.phases if not phase.converged)
-        raise ConvergenceError(f"phase {late.name} did not converge: {late.message} (the results were written)")
+        raise ConvergenceError(
+            f"phase {late.name} did not converge: {late.message} (the results were written)"
+        )
 
 
 def _refused(words: str, verdict: Verdict) -> InputError:
@@ -91,7 +110,10 @@ def _refused(words: str, verdict: Verdict) -> InputError:
 def analyse_further(
     console: Console,
     result: options.Result,
-    trials: Annotated[list[Path], typer.Argument(metavar="TRIAL...", help="Further recordings: .c3d, .trc or .csv.")],
+    trials: Annotated[
+        list[Path],
+        typer.Argument(metavar="TRIAL...", help="Further recordings: .c3d, .trc or .csv."),
+    ],
     forces: options.Forces = None,
     plates: options.Plates = None,
     time: options.Part = None,
@@ -112,14 +134,21 @@ def analyse_further(
     inputs = [*trials, *([forces] if forces else []), *tables]
     require_room(folder, ResultKind.DYNAMICS, inputs)
     saved = load_result(result)
-    given = {"role": role, "plates": _plates_of(plates), "time": _time_of(time), "filter_hz": _filter_of(filter_hz)}
+    given = {
+        "role": role,
+        "plates": _plates_of(plates),
+        "time": _time_of(time),
+        "filter_hz": _filter_of(filter_hz),
+    }
     with console.working() as step:
         run = analyse_trials(saved, [trial_table(path, forces, **given) for path in trials], step)
         stale = write_trials(run.trials, saved, folder, inputs, run.verdict)
     verdict, late = run.verdict, run.not_converged
     _print_trials(console, run.trials)
     _print_verdict(console, verdict)
-    _print_remarks(console, [*stale, *_no_walks(run.trials)], [n for t in run.trials for n in t.notes])
+    _print_remarks(
+        console, [*stale, *_no_walks(run.trials)], [n for t in run.trials for n in t.notes]
+    )
     console.line(f"results: {folder}")
     console.line(f"page:    {folder / PAGE}")
     if not late and any(map(verdict.refused_legs, verdict.trials)) and not verdict.refused:
@@ -127,14 +156,21 @@ def analyse_further(
     if verdict.refused and not late:
         raise _refused("refused (written, with no torque valid)", verdict)
     if late:
-        raise ConvergenceError(f"tracking of {', '.join(late)} did not converge (the results were written)")
+        raise ConvergenceError(
+            f"tracking of {', '.join(late)} did not converge (the results were written)"
+        )
 
 
 def _no_walks(trials: Sequence[TrialResult]) -> list[str]:
     """What a trial that was taken as a walk looks like, where its feet do not strike in turn."""
-    repeats = {t.name: events.activity_events(t.body, t.events).repeats for t in trials if t.role is Role.GAIT}
+    repeats = {
+        t.name: events.activity_events(t.body, t.events).repeats
+        for t in trials
+        if t.role is Role.GAIT
+    }
     return [
-        f"{name}: taken as a walk, but its feet do not strike in turn and the pelvis goes down and up: "
+        f"{name}: taken as a walk, but its feet do not strike in turn and the pelvis goes down and "
+        "up: "
         "if it is a squat, a rise or a jump, run again with --role motion"
         for name, found in repeats.items()
         if found
@@ -158,9 +194,16 @@ def _time_of(text: str | None) -> tuple[float, float] | None:
     if text is None:
         return None
     numbers = [_number(part) for part in text.split(",")]
-    if len(numbers) == 2 and numbers[0] is not None and numbers[1] is not None and numbers[0] < numbers[1]:
+    if (
+        len(numbers) == 2
+        and numbers[0] is not None
+        and numbers[1] is not None
+        and numbers[0] < numbers[1]
+    ):
         return numbers[0], numbers[1]
-    raise UsageError(f"found '{text}'; allowed: two increasing numbers, start,end in seconds", field="--time")
+    raise UsageError(
+        f"found '{text}'; allowed: two increasing numbers, start,end in seconds", field="--time"
+    )
 
 
 def _filter_of(text: str | None) -> float | Literal["none"] | None:
@@ -208,7 +251,9 @@ def _print_verdict(console: Console, verdict: Verdict) -> None:
     for reason in verdict.reasons:
         console.line(f"{LABELS[reason.severity]}: {reason.line} [{reason.code.value}]")
     if verdict.reasons:
-        console.line(f"what a code means and what to do: gaitcal explain {verdict.reasons[0].code.value}")
+        console.line(
+            f"what a code means and what to do: gaitcal explain {verdict.reasons[0].code.value}"
+        )
 
 
 def tell_kept(console: Console, kept: Sequence[str]) -> None:
@@ -220,7 +265,10 @@ def tell_kept(console: Console, kept: Sequence[str]) -> None:
 def _tell_changed(console: Console, inputs: Sequence[str]) -> None:
     """Which inputs are no longer those that were read: the result is of what they held before."""
     if inputs:
-        console.line(f"warning: changed while this ran, the result is of what was read: {', '.join(inputs)}; run again")
+        console.line(
+            "warning: changed while this ran, the result is of what was read: "
+            f"{', '.join(inputs)}; run again"
+        )
 
 
 def _print_remarks(console: Console, warnings: Sequence[str], notes: Sequence[str]) -> None:
@@ -236,19 +284,34 @@ def _print_trials(console: Console, trials: Sequence[TrialResult]) -> None:
     """Fit of every trial beside its floors, its ratio to that of the joints, and pelvis residuals."""
     table = frameless_table(())
     table.add_column("trial", no_wrap=True)
-    for name in ("frames", "markers", "nominal mm", "calibrated mm", "rigid floor mm", "joint floor mm", "ratio"):
-        table.add_column(name, justify="right", min_width=max(map(len, name.split())))  # no word of it is cut
+    for name in (
+        "frames",
+        "markers",
+        "nominal mm",
+        "calibrated mm",
+        "rigid floor mm",
+        "joint floor mm",
+        "ratio",
+    ):
+        table.add_column(
+            name, justify="right", min_width=max(map(len, name.split()))
+        )  # no word of it is cut
     for trial in trials:
-        rows = {trial.name: ()} if trial.joint else {trial.name: (), "  pelvis and legs": LOWER_BODY}
+        rows = (
+            {trial.name: ()} if trial.joint else {trial.name: (), "  pelvis and legs": LOWER_BODY}
+        )
         for name, segments in rows.items():
             table.add_row(Text(name), str(len(trial.calibrated.time)), *_fit(trial, segments))
     console.out.print(table)
     for trial in trials:
         if held := trial.held_out:
-            parts = {"": (held.nominal, held.calibrated)} | ({", pelvis and legs": held.legs} if held.legs else {})
+            parts = {"": (held.nominal, held.calibrated)} | (
+                {", pelvis and legs": held.legs} if held.legs else {}
+            )
             for part, (nominal, calibrated) in parts.items():
                 console.line(
-                    f"{trial.name}{part}: on time blocks left out of the fit ({held.folds} folds), nominal "
+                    f"{trial.name}{part}: on time blocks left out of the fit ({held.folds} folds), "
+                    "nominal "
                     f"{1e3 * nominal:.2f} mm, calibrated {1e3 * calibrated:.2f} mm"
                 )
     for trial in trials:
@@ -268,8 +331,13 @@ def _fit(trial: TrialResult, segments: tuple[str, ...]) -> list[str]:
 
 def _valid(name: str, loads: Loads) -> str:
     reactions = loads.reactions
-    right, left, both = (int(v.sum()) for v in (reactions.valid_r, reactions.valid_l, reactions.valid))
-    return f"{name}: torques are valid in {right} frames of the right leg, {left} of the left, {both} of the whole body"
+    right, left, both = (
+        int(v.sum()) for v in (reactions.valid_r, reactions.valid_l, reactions.valid)
+    )
+    return (
+        f"{name}: torques are valid in {right} frames of the right leg, {left} of the left, {both} "
+        "of the whole body"
+    )
 
 
 def _residuals(name: str, loads: Loads) -> str:

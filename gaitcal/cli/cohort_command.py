@@ -41,8 +41,13 @@ def run_people(
     priors: options.Priors = None,
     learn_priors: options.LearnPriors = False,
 ) -> None:
-    """Calibrate everyone who changed, write the tables, print a line for each; exit code 1 where somebody failed."""
-    told, engine = study_folder.options_of(mass, height, sex, age), workers_of(jobs, cluster, run_cohort.processes)
+    """Calibrate everyone who changed, write the tables, print a line for each; exit code 1 where
+    somebody failed.
+    """
+    told, engine = (
+        study_folder.options_of(mass, height, sex, age),
+        workers_of(jobs, cluster, run_cohort.processes),
+    )
     normal = None if normal is None else bands_file(normal).resolve()
     if normal is not None:
         read_normal_bands(normal)  # what is wrong with it is told before the night
@@ -51,18 +56,30 @@ def run_people(
         read_cohort_priors(priors)
     cohort, calibration = read_cohort(source, out)
     priors, calibration = _priors(priors, calibration, learn_priors=learn_priors)
-    cohort = replace(cohort, people=tuple(replace(p, told=joined(told, p.told)) for p in cohort.people))
+    cohort = replace(
+        cohort, people=tuple(replace(p, told=joined(told, p.told)) for p in cohort.people)
+    )
     for name in cohort.ignored:
         console.line(f"not used: {name}: holds no recordings")
     for note in cohort.notes:
         console.line(note)
-    if learn_priors and (people := len({person.name for person in cohort.people})) < learning.FEWEST:
-        console.line(f"no priors will be learnt: {people} people, of {learning.FEWEST} or more they can be")
+    if (
+        learn_priors
+        and (people := len({person.name for person in cohort.people})) < learning.FEWEST
+    ):
+        console.line(
+            f"no priors will be learnt: {people} people, of {learning.FEWEST} or more they can be"
+        )
     common = one_person.CommonSettings(calibration=calibration, normal=normal, priors=priors)
     try:
         with console.working() as step:
             written = run_cohort.run_cohort(
-                cohort, out, common, engine=engine, retry=retry, told=_teller(console, step, len(cohort.people))
+                cohort,
+                out,
+                common,
+                engine=engine,
+                retry=retry,
+                told=_teller(console, step, len(cohort.people)),
             )
     except (KeyboardInterrupt, Stopped) as ending:
         work = "whoever had ended is kept, the same command goes on with the others"
@@ -73,20 +90,27 @@ def run_people(
             lines = learn(cohort, out, step)
         for line in lines:
             console.line(line)
-        console.line(f"priors: {out / PRIORS} (for 'gaitcal calibrate --priors' and 'gaitcal cohort --priors')")
+        console.line(
+            f"priors: {out / PRIORS} (for 'gaitcal calibrate --priors' and 'gaitcal cohort "
+            "--priors')"
+        )
     if written["failed"]:
         sys.exit(1)
 
 
 def _require_none_to_learn(named: str, *, learn_priors: bool) -> None:
     if learn_priors:
-        raise UsageError(f"not with {named}: priors are learnt of people who lean on none", field="--learn-priors")
+        raise UsageError(
+            f"not with {named}: priors are learnt of people who lean on none",
+            field="--learn-priors",
+        )
 
 
 def _priors(
     said: Path | None, settings: CalibrationSettings, *, learn_priors: bool
 ) -> tuple[Path | None, CalibrationSettings]:
-    """The file of priors for everyone, by the option or the settings of a `cohort.toml`, and the other settings.
+    """The file of priors for everyone, by the option or the settings of a `cohort.toml`, and the
+    other settings.
 
     Raises UsageError: Both name one, or some are to be learnt.
     Raises InputError: What the settings name is no such file.
@@ -94,14 +118,18 @@ def _priors(
     if settings.priors is None:
         return said and said.resolve(), settings
     if said is not None:
-        raise UsageError(f"not beside the priors that {COHORT} names ([calibration] priors)", field="--priors")
+        raise UsageError(
+            f"not beside the priors that {COHORT} names ([calibration] priors)", field="--priors"
+        )
     _require_none_to_learn(f"[calibration] priors of {COHORT}", learn_priors=learn_priors)
     read_cohort_priors(settings.priors)
     others = settings.model_dump(exclude_unset=True, exclude={"priors"})
     return settings.priors.resolve(), CalibrationSettings.model_validate(others)
 
 
-def _teller(console: Console, step: Progress, people: int) -> Callable[[Outcome, int, float | None], None]:
+def _teller(
+    console: Console, step: Progress, people: int
+) -> Callable[[Outcome, int, float | None], None]:
     step(f"0 of {people} people")
 
     def tell(outcome: Outcome, done: int, remaining_s: float | None) -> None:
@@ -137,6 +165,11 @@ def _tell_end(console: Console, written: Counter[str], out: Path) -> None:
         who = " ".join(filter(None, (line["person"], line["session"])))
         console.line(f"failed: {who}: {line['cause']}; {line['what_to_do']}")
     if failed:
-        console.line(f"failures: {out / run_cohort.FAILURES} (--retry tries them again where nothing changed)")
+        console.line(
+            f"failures: {out / run_cohort.FAILURES} (--retry tries them again where nothing "
+            "changed)"
+        )
     console.line(f"page: {out / PAGE}")
-    console.line(f"tables: {out / run_cohort.PEOPLE_CSV} and beside it; columns.csv says what they mean")
+    console.line(
+        f"tables: {out / run_cohort.PEOPLE_CSV} and beside it; columns.csv says what they mean"
+    )

@@ -1,4 +1,6 @@
-"""What a command prints: steps while it works, a table at the end. Nothing on standard output but results."""
+"""What a command prints: steps while it works, a table at the end. Nothing on standard output but
+results.
+"""
 
 import logging
 from collections.abc import Iterable, Iterator
@@ -17,7 +19,9 @@ class Console:
 
     def __init__(self, *, quiet: bool, verbose: bool) -> None:
         self.quiet, self.verbose = quiet, verbose
-        logging.getLogger("gaitcal").setLevel(logging.ERROR if quiet else logging.WARNING)  # waiting for a lock
+        logging.getLogger("gaitcal").setLevel(
+            logging.ERROR if quiet else logging.WARNING
+        )  # waiting for a lock
         self.out = rich.console.Console(quiet=quiet, highlight=False, soft_wrap=True)
         self.err = rich.console.Console(stderr=True, quiet=quiet, highlight=False)
 
@@ -27,7 +31,9 @@ class Console:
 
     @contextmanager
     def working(self) -> Iterator[Progress]:
-        """While working: a spinner with the present step on a terminal, plain lines with -v, else nothing."""
+        """While working: a spinner with the present step on a terminal, plain lines with -v, else
+        nothing.
+        """
         if self.err.is_terminal and not self.quiet:
             with self.err.status("starting") as status:
                 yield lambda text: status.update(escape(text))
@@ -38,7 +44,9 @@ class Console:
 
 
 def frameless_table(words: Iterable[str], numbers: Iterable[str] = ()) -> Table:
-    """An empty table without a frame: columns of words to the left, then columns of numbers to the right."""
+    """An empty table without a frame: columns of words to the left, then columns of numbers to the
+    right.
+    """
     table = Table(show_edge=False, pad_edge=False)
     for head in words:
         table.add_column(head)

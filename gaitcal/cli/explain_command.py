@@ -1,4 +1,6 @@
-"""`gaitcal explain`, the page of a code, and `gaitcal example`, public recordings that are fetched into a folder."""
+"""`gaitcal explain`, the page of a code, and `gaitcal example`, public recordings that are fetched
+into a folder.
+"""
 
 import re
 import shlex
@@ -13,7 +15,14 @@ from gaitcal.cli import options
 from gaitcal.cli.console import Console, frameless_table
 from gaitcal.cli.study_folder import PLAIN_WIDTH
 from gaitcal.errors import Code, UsageError, nearest
-from gaitcal.explanations import Bullets, Explanation, Paragraph, all_explanations, explanation_of, parts_of
+from gaitcal.explanations import (
+    Bullets,
+    Explanation,
+    Paragraph,
+    all_explanations,
+    explanation_of,
+    parts_of,
+)
 from gaitcal.io import examples as offered
 from gaitcal.io.result_folder import ResultKind, require_room
 
@@ -32,13 +41,17 @@ def explain_code(console: Console, code: options.CodeName = None) -> None:
 
 
 def code_named(name: str) -> Code:
-    """The code that somebody means: `GC-012`, `gc-12`, `12`; UsageError with the nearest for one that is not there."""
+    """The code that somebody means: `GC-012`, `gc-12`, `12`; UsageError with the nearest for one
+    that is not there.
+    """
     said = re.fullmatch(r"\[?(?:gc)?[-_ ]?(\d{1,3})\]?", name.strip(), re.IGNORECASE)
     known = [code.value for code in Code]
     wanted = f"GC-{int(said.group(1)):03d}" if said else name.strip()[:40]
     if wanted not in known:
         hint = nearest(wanted.upper(), known)
-        message = f"found '{wanted}'; allowed: a code as {known[0]} ('gaitcal explain' lists all){hint}"
+        message = (
+            f"found '{wanted}'; allowed: a code as {known[0]} ('gaitcal explain' lists all){hint}"
+        )
         raise UsageError(message, field="explain")
     return Code(wanted)
 
@@ -77,16 +90,24 @@ def _wrapped(text: str, width: int, mark: str = "") -> list[str]:
     """Lines indented below their heading, without the marks of Markdown."""
     plain = re.sub(r"[`*]", "", text) if "`" in text or "**" in text else text
     indent = "  " + " " * len(mark)
-    return textwrap.wrap(plain, width, initial_indent=f"  {mark}", subsequent_indent=indent, break_long_words=False)
+    return textwrap.wrap(
+        plain, width, initial_indent=f"  {mark}", subsequent_indent=indent, break_long_words=False
+    )
 
 
 def fetch_or_list(
-    console: Console, name: options.ExampleName = None, out: options.ExampleOut = None, mirror: options.Mirror = None
+    console: Console,
+    name: options.ExampleName = None,
+    out: options.ExampleOut = None,
+    mirror: options.Mirror = None,
 ) -> None:
     """List the examples, or fetch one: what is asked of whom is told before."""
     if name is None:
         if out is not None or mirror is not None:
-            raise UsageError("says where to put an example, and none is named", field="--out" if out else "--mirror")
+            raise UsageError(
+                "says where to put an example, and none is named",
+                field="--out" if out else "--mirror",
+            )
         _list(console)
         return
     example = offered.example_named(name)
@@ -100,7 +121,8 @@ def fetch_or_list(
         with console.working() as step:
             offered.fetch_example(example, folder, connection, lambda at: step(_progress(at)))
         console.line(
-            f"{len(example.files)} files, SHA-256 as registered: {folder} ({offered.SOURCE} says whose they are)"
+            f"{len(example.files)} files, SHA-256 as registered: {folder} ({offered.SOURCE} says "
+            "whose they are)"
         )
     console.line(f"note:  {example.remark}")
     console.line(f"next:  gaitcal {example.command.format(dir=shlex.quote(str(folder)))}")
@@ -124,13 +146,18 @@ def _list(console: Console) -> None:
     console.line("fetch one:  gaitcal example NAME --out FOLDER")
 
 
-def _announce(example: offered.Example, folder: Path, connection: offered.Connection, console: Console) -> None:
+def _announce(
+    example: offered.Example, folder: Path, connection: offered.Connection, console: Console
+) -> None:
     there = offered.right_files(example, folder)
     rest = [file for file in example.files if file not in there]
     host = connection.mirror or f"https://{', '.join(example.hosts)}"
     kept = f" ({len(there)} are there already)" if there else ""
     console.line(f"{example.name}: {example.title}")
-    console.line(f"fetching {len(rest)} files, {sum(file.bytes for file in rest) / 1e6:.1f} MB, from {host}{kept}")
+    console.line(
+        f"fetching {len(rest)} files, {sum(file.bytes for file in rest) / 1e6:.1f} MB, from "
+        f"{host}{kept}"
+    )
     console.line(f"published by {example.of}: {example.repository}, licence {example.licence}")
 
 

@@ -1,4 +1,6 @@
-"""`gaitcal convert` and `export`: files from other programs, and for them, and joints for a model of the user's own."""
+"""`gaitcal convert` and `export`: files from other programs, and for them, and joints for a model
+of the user's own.
+"""
 
 import re
 from collections.abc import Iterable, Mapping, Sequence
@@ -29,7 +31,10 @@ from gaitcal.results.saved_result import MODEL, load_result, load_result_model, 
 from gaitcal.results.table_files import Json
 
 C3D, STRIDES, DYNAMICS = "c3d", "cycles", "dynamics"
-JOINTS, MASSES = "joints", "masses"  # What `--parameters` allows; the second never without the first
+JOINTS, MASSES = (
+    "joints",
+    "masses",
+)  # What `--parameters` allows; the second never without the first
 STAY, FOLLOW = "stay", "follow"  # What `--attachments` allows
 SIGNS = {s.value: s for s in Signs} | {"gaitcal": Signs.OPENSIM}
 """What `--convention` allows; a file of normal bands says `gaitcal` or `opensim` for the same."""
@@ -42,7 +47,9 @@ WRITERS = {
 
 def convert_recording(
     console: Console,
-    source: Annotated[Path, typer.Argument(metavar="IN", help="A .c3d, .trc, .mot, .sto or .csv file.")],
+    source: Annotated[
+        Path, typer.Argument(metavar="IN", help="A .c3d, .trc, .mot, .sto or .csv file.")
+    ],
     target: Annotated[Path, typer.Argument(metavar="OUT", help="A .csv, .trc or .mot file.")],
 ) -> None:
     """Convert one recording and say which files were written."""
@@ -53,7 +60,9 @@ def convert_recording(
 Choice = TypeVar("Choice", Signs, MomentFrame, MomentUnit)
 
 
-def convention_of(signs: str | None, moments: str | None, units: str | None, *, external: bool) -> Convention | None:
+def convention_of(
+    signs: str | None, moments: str | None, units: str | None, *, external: bool
+) -> Convention | None:
     """The convention that the options of `export` say; None where they say none.
 
     Raises UsageError: There is no convention of such a name.
@@ -66,7 +75,9 @@ def convention_of(signs: str | None, moments: str | None, units: str | None, *, 
         if moments is None
         else _chosen({f.key: f for f in MomentFrame}, moments, "--moments"),
         acting=Acting.EXTERNAL if external else Acting.INTERNAL,
-        unit=MomentUnit.NM if units is None else _chosen({u.key: u for u in MomentUnit}, units, "--units"),
+        unit=MomentUnit.NM
+        if units is None
+        else _chosen({u.key: u for u in MomentUnit}, units, "--units"),
     )
 
 
@@ -75,7 +86,9 @@ def _chosen(known: Mapping[str, Choice], text: str, field: str) -> Choice:
     for name, member in known.items():
         if name.lower() == text.strip().lower():
             return member
-    raise UsageError(f"found '{text}'; allowed: {', '.join(known)}{nearest(text, tuple(known))}", field=field)
+    raise UsageError(
+        f"found '{text}'; allowed: {', '.join(known)}{nearest(text, tuple(known))}", field=field
+    )
 
 
 def export(
@@ -98,7 +111,12 @@ def export(
     seed: options.ModelSeed = 0,
 ) -> None:
     """The fitted model in other programs' formats, or its joints in the user's own model."""
-    of_result: dict[str, object] = {"inputs": inputs, "replace": replace, "convention": convention, "moments": moments}
+    of_result: dict[str, object] = {
+        "inputs": inputs,
+        "replace": replace,
+        "convention": convention,
+        "moments": moments,
+    }
     of_result |= {"format": formats != MODELS, "external": external, "units": units}
     of_model: dict[str, object] = {
         "names": names,
@@ -108,7 +126,9 @@ def export(
     of_model |= {"muscles": muscles, "draws": draws, "seed": seed}
     for name, value in (of_model if into is None else of_result).items():
         if value and into is None:
-            raise UsageError("found without --into; allowed: with --into MODEL.osim", field=f"--{name}")
+            raise UsageError(
+                "found without --into; allowed: with --into MODEL.osim", field=f"--{name}"
+            )
         if value:
             message = "found with --into, which writes one OpenSim model; allowed: without --into"
             raise UsageError(message, field=f"--{name}")
@@ -130,24 +150,37 @@ def export_model(
     *,
     replace: bool,
 ) -> None:
-    """Write the fitted model of a result in other programs' formats, its recordings as C3D files, its strides.
+    """Write the fitted model of a result in other programs' formats, its recordings as C3D files,
+    its strides.
 
-    `convention`: of the strides; None: as in `cycles.csv`. `replace`: of recordings, `write_recordings`.
+    `convention`: of the strides; None: as in `cycles.csv`. `replace`: of recordings,
+    `write_recordings`.
     """
     allowed = (*WRITERS, C3D, STRIDES)
     chosen = [name.strip() for name in formats.split(",") if name.strip()]
     if not chosen:
-        raise UsageError(f"found nothing; at least one of {', '.join(allowed)} is needed", field="--format")
+        raise UsageError(
+            f"found nothing; at least one of {', '.join(allowed)} is needed", field="--format"
+        )
     for name in chosen:
         if name not in allowed:
-            raise UsageError(f"found '{name}'; allowed: {', '.join(allowed)}{nearest(name, allowed)}", field="--format")
+            raise UsageError(
+                f"found '{name}'; allowed: {', '.join(allowed)}{nearest(name, allowed)}",
+                field="--format",
+            )
     if inputs is not None and not inputs.is_dir():
-        raise UsageError(f"found '{inputs}'; allowed: a folder that holds the recordings", field="--inputs")
+        raise UsageError(
+            f"found '{inputs}'; allowed: a folder that holds the recordings", field="--inputs"
+        )
     if convention is not None and STRIDES not in chosen:
-        message = f"found a convention without the format it is for; allowed: with --format {STRIDES}"
+        message = (
+            f"found a convention without the format it is for; allowed: with --format {STRIDES}"
+        )
         raise UsageError(message, field="--convention, --moments, --external, --units")
     if replace and C3D not in chosen:
-        raise UsageError("found without the format it is for; allowed: with --format c3d", field="--replace")
+        raise UsageError(
+            "found without the format it is for; allowed: with --format c3d", field="--replace"
+        )
     strides = convention or Convention()
     model, read, doubts = load_result_model(result)
     folder = out or result / "export"
@@ -168,18 +201,32 @@ def export_model(
             step("strides")
             for source, file in ((result, CYCLES), (result / DYNAMICS, f"{DYNAMICS}_{CYCLES}")):
                 if source == result or (source / CYCLES).exists():
-                    tables[file], table = cycles_export.write_cycles_export(source, strides, stage / file, model)
+                    tables[file], table = cycles_export.write_cycles_export(
+                        source, strides, stage / file, model
+                    )
                     table.require_unchanged()
                     start = "" if source == result else f"{DYNAMICS}/"
-                    of_recordings = {**of_recordings, **{start + name: sha for name, sha in table.sha256.items()}}
+                    of_recordings = {
+                        **of_recordings,
+                        **{start + name: sha for name, sha in table.sha256.items()},
+                    }
                     further = cycles_export.made_with_another_model(source, read.sha256[MODEL])
         read.require_unchanged()
-        written: dict[str, dict[str, Json]] = {WRITERS[n][1]: {"format": n} for n in chosen if n in WRITERS}
+        written: dict[str, dict[str, Json]] = {
+            WRITERS[n][1]: {"format": n} for n in chosen if n in WRITERS
+        }
         written |= {
-            f"{trial}.c3d": {"format": C3D, "source": source, "source_sha256": digest, "notes": list(notes)}
+            f"{trial}.c3d": {
+                "format": C3D,
+                "source": source,
+                "source_sha256": digest,
+                "notes": list(notes),
+            }
             for trial, (source, digest, notes) in recordings.items()
         }
-        written |= {f: {"format": STRIDES, "convention": dict[str, Json](strides.keys)} for f in tables}
+        written |= {
+            f: {"format": STRIDES, "convention": dict[str, Json](strides.keys)} for f in tables
+        }
         cycles_export.write_export_manifest(
             stage, folder, {**read.sha256, **of_recordings}, model.subject.name, written
         )
@@ -192,8 +239,13 @@ def export_model(
     for file, rows in tables.items():
         console.line(f"wrote {folder / file}: {rows} rows; {', '.join(strides.keys.values())}")
     if further:
-        console.line(f"warning: made with another model than {MODEL} now is: {', '.join(further)}; run dynamics again")
-    if C3D in chosen and (still := sorted(set(cycles_export.trial_files(result)) - set(recordings))):
+        console.line(
+            f"warning: made with another model than {MODEL} now is: {', '.join(further)}; run "
+            "dynamics again"
+        )
+    if C3D in chosen and (
+        still := sorted(set(cycles_export.trial_files(result)) - set(recordings))
+    ):
         console.line(f"not written: {', '.join(still)}; a result holds no motion of static trials")
 
 
@@ -202,7 +254,9 @@ def _draws_folder(out: Path) -> Path:
 
 
 def _earlier(out: Path) -> list[Path]:
-    """Draws and tables of muscles that an earlier run wrote for this file, which then fit it no more."""
+    """Draws and tables of muscles that an earlier run wrote for this file, which then fit it no
+    more.
+    """
     draws = sorted(p for p in _draws_folder(out).glob("*.osim") if re.fullmatch(r"\d{3,}", p.stem))
     tables = (out.with_suffix(end) for end in (".muscles.csv", ".attachments.csv"))
     return [*draws, *(p for p in tables if p.is_file())]
@@ -220,22 +274,33 @@ def export_into(
     draws: int,
     seed: int,
 ) -> None:
-    """Write the user's OpenSim model with this person's joints, tables of what was done, and draws of it."""
+    """Write the user's OpenSim model with this person's joints, tables of what was done, and draws
+    of it.
+    """
     if out is None or out.suffix != ".osim":
-        message = f"found {'nothing' if out is None else repr(str(out))}; allowed: a file FILE.osim to be written"
+        message = (
+            f"found {'nothing' if out is None else repr(str(out))}; allowed: a file FILE.osim to "
+            "be written"
+        )
         raise UsageError(message, field="--out")
     if out.resolve() == model.resolve():
         raise UsageError("found the model that is read; allowed: another file", field="--out")
     if model.resolve().parent == _draws_folder(out).resolve():
-        raise UsageError("found a draw of --out, whose draws are replaced; allowed: another file", field="--into")
+        raise UsageError(
+            "found a draw of --out, whose draws are replaced; allowed: another file", field="--into"
+        )
     wanted = {word.strip() for word in parameters.split(",")}
     if wanted not in ({JOINTS}, {JOINTS, MASSES}):
         message = f"found '{parameters}'; allowed: {JOINTS} or {JOINTS},{MASSES}"
         raise UsageError(message, field="--parameters")
     if attachments not in (STAY, FOLLOW):
-        raise UsageError(f"found '{attachments}'; allowed: {STAY} or {FOLLOW}", field="--attachments")
+        raise UsageError(
+            f"found '{attachments}'; allowed: {STAY} or {FOLLOW}", field="--attachments"
+        )
     if muscles and not transfer_account.opensim_is_installed():
-        raise UsageError("needs OpenSim, which is not installed: pip install opensim", field="--muscles")
+        raise UsageError(
+            "needs OpenSim, which is not installed: pip install opensim", field="--muscles"
+        )
     saved = load_result(result)
     if saved.uncertainty.joint is None:
         message = "its joint parameters were not calibrated: there is nothing to put into a model"
@@ -263,7 +328,10 @@ def export_into(
         with disk_errors(path):
             path.unlink()
     if earlier:
-        console.line(f"removed, as of an earlier run: {', '.join(str(p.relative_to(out.parent)) for p in earlier)}")
+        console.line(
+            "removed, as of an earlier run: "
+            f"{', '.join(str(p.relative_to(out.parent)) for p in earlier)}"
+        )
     if done.carried:
         atomic_text(out.with_suffix(".attachments.csv"), joint_moves.carried_csv(done.carried))
     tables, said = [*transfer_account.joint_tables(done)], [*transfer_account.sentences(done)]
@@ -282,30 +350,46 @@ def export_into(
             step("muscles before")
             before = transfer_account.muscle_paths(model, ranges)
             step("muscles after")
-            changes = transfer_account.muscle_changes(before, transfer_account.muscle_paths(out, ranges))
+            changes = transfer_account.muscle_changes(
+                before, transfer_account.muscle_paths(out, ranges)
+            )
             spread: list[Mapping[tuple[str, str], transfer_account.MusclePath]] = []
             for k, path in enumerate(drawn):
                 step(f"muscles of draw {k + 1} of {len(drawn)}")
                 spread.append(transfer_account.muscle_paths(path, ranges))
-            atomic_text(out.with_suffix(".muscles.csv"), transfer_account.muscles_csv(changes, spread))
+            atomic_text(
+                out.with_suffix(".muscles.csv"), transfer_account.muscles_csv(changes, spread)
+            )
             tables.append(transfer_account.muscle_table(changes, spread))
     console.line()
     if muscles:
         _tell_table(console, tables[-1])
     else:
-        said.append("muscles: not computed; --muscles has OpenSim compute lengths and moment arms before and after")
+        said.append(
+            "muscles: not computed; --muscles has OpenSim compute lengths and moment arms before "
+            "and after"
+        )
         console.line(said[-1])
     facts = (("result", str(result)), ("model", str(model)), ("now", str(out)))
-    page = account_page(out.name, (("person", saved.model.subject.name), *facts), warnings, said, tables)
+    page = account_page(
+        out.name, (("person", saved.model.subject.name), *facts), warnings, said, tables
+    )
     atomic_text(out.with_suffix(".html"), page)
-    written = (".osim", ".html", ".joints.csv", *[".attachments.csv"] * bool(done.carried), *[".muscles.csv"] * muscles)
+    written = (
+        ".osim",
+        ".html",
+        ".joints.csv",
+        *[".attachments.csv"] * bool(done.carried),
+        *[".muscles.csv"] * muscles,
+    )
     for end in written:
         console.line(f"wrote {out.with_suffix(end)}")
     if drawn:
         console.line(f"wrote {len(drawn)} draws: {drawn[0].parent}")
         if done.left:
             console.line(
-                f"draws have {', '.join(done.left)} about the place that the model gives them, by their standard errors"
+                f"draws have {', '.join(done.left)} about the place that the model gives them, by "
+                "their standard errors"
             )
         if done.masses and saved.uncertainty.inertial is None:
             console.line("all draws have the same masses: the result holds no errors of them")

@@ -16,7 +16,12 @@ from gaitcal.gait.ensemble import ensemble
 from gaitcal.io import result_folder, snapshot
 from gaitcal.model.subject_model import Subject
 from gaitcal.report.figures.chart import FORMATS, Chart, write_charts
-from gaitcal.report.figures.journal_figures import HealthyBands, Strides, moment_arm_charts, paper_charts
+from gaitcal.report.figures.journal_figures import (
+    HealthyBands,
+    Strides,
+    moment_arm_charts,
+    paper_charts,
+)
 from gaitcal.report.page.page_data import PAGE_DATA, page_toe_offs, read_page_data
 from gaitcal.results.cycle_tables import CYCLES, read_cycles
 from gaitcal.results.summary import SUMMARY
@@ -55,9 +60,15 @@ def draw_figures(
     names = [name for name in (PAGE_DATA, SUMMARY, CYCLES) if (result / name).exists()]
     with console.working() as step:
         step("reading the result")
-        (strides, page_data), read = snapshot.read_whole(result, names, lambda: _strides(result, normal))
+        (strides, page_data), read = snapshot.read_whole(
+            result, names, lambda: _strides(result, normal)
+        )
         charts = paper_charts(strides, signs, wide) if signs else []
-        charts += [one for table in _moment_arms(result, only or ()) for one in moment_arm_charts(table, wide)]
+        charts += [
+            one
+            for table in _moment_arms(result, only or ())
+            for one in moment_arm_charts(table, wide)
+        ]
         charts = chosen(charts, only or ())
         folder = out or result / FOLDER
         with result_folder.amended(folder) as stage:
@@ -79,22 +90,27 @@ MOMENT_ARMS = "moment_arms"
 def _moment_arms(result: Path, only: Sequence[str]) -> list[pd.DataFrame]:
     """Tables of muscles that `export --into --muscles` wrote into this folder.
 
-    Raises InputError: They are asked for, and there is none; or more than one, whose figures would have the same names.
+    Raises InputError: They are asked for, and there is none; or more than one, whose figures would
+    have the same names.
     """
-    found = sorted(path for folder in (result, result / "export") for path in folder.glob("*.muscles.csv"))
+    found = sorted(
+        path for folder in (result, result / "export") for path in folder.glob("*.muscles.csv")
+    )
     asked = any(word.strip().startswith(MOMENT_ARMS) for words in only for word in words.split(","))
     if (asked and not found) or len(found) > 1:
         names = ", ".join(path.name for path in found) or "none"
         out = result / "export" / "NAME.osim"
         message = (
-            f"found {names}; allowed: one; gaitcal export {result} --into MODEL.osim --out {out} --muscles writes it"
+            f"found {names}; allowed: one; gaitcal export {result} --into MODEL.osim --out {out} "
+            "--muscles writes it"
         )
         raise InputError(message, source=result, field="*.muscles.csv", code=Code.NOTHING_TO_SHOW)
     return [pd.read_csv(path) for path in found]
 
 
 def chosen(charts: Sequence[Chart], only: Iterable[str]) -> list[Chart]:
-    """Those whose name is one of `only`, or begins or ends with the words of one; all where nothing is asked for.
+    """Those whose name is one of `only`, or begins or ends with the words of one; all where nothing
+    is asked for.
 
     Raises UsageError: There is none of such a name.
     """
@@ -105,9 +121,16 @@ def chosen(charts: Sequence[Chart], only: Iterable[str]) -> list[Chart]:
     names = [chart.name for chart in charts]
     for word in wanted:
         if not any(_is_named(name, word) for name in names):
-            message = f"found '{word}'; allowed: {', '.join(names)}, or the words that they begin or end with"
+            message = (
+                f"found '{word}'; allowed: {', '.join(names)}, or the words that they begin or end "
+                "with"
+            )
             raise UsageError(f"{message}{nearest(word, names)}", field="--only")
-    return [chart for chart in charts if not wanted or any(_is_named(chart.name, word) for word in wanted)]
+    return [
+        chart
+        for chart in charts
+        if not wanted or any(_is_named(chart.name, word) for word in wanted)
+    ]
 
 
 def _is_named(name: str, word: str) -> bool:
@@ -148,7 +171,11 @@ def _sheet(folder: Path) -> dict[str, Any]:
 def _subject(page_data: Mapping[str, Any]) -> Subject:
     person = page_data["person"]
     return Subject(
-        name=person["name"], mass=person["mass"], height=person["height"], sex=person["sex"], session=person["session"]
+        name=person["name"],
+        mass=person["mass"],
+        height=person["height"],
+        sex=person["sex"],
+        session=person["session"],
     )
 
 
@@ -157,11 +184,17 @@ def _healthy(page_data: Mapping[str, Any], normal: Path | None) -> HealthyBands:
     if normal is not None:
         subject = _subject(page_data)
         bands = normal_bands.read_normal_bands(normal)
-        return {name: {side: band.for_person(subject, side) for side in "rl"} for name, band in bands.items()}
+        return {
+            name: {side: band.for_person(subject, side) for side in "rl"}
+            for name, band in bands.items()
+        }
     endings = {kind.words: kind.ending for kind in cycles.Kind if kind is not cycles.Kind.FORCE}
     return {
         f"{band['base']}{endings.get(band['kind'], '')}": {
-            side: (np.array(band[side][0], dtype=np.float64), np.array(band[side][1], dtype=np.float64))
+            side: (
+                np.array(band[side][0], dtype=np.float64),
+                np.array(band[side][1], dtype=np.float64),
+            )
             for side in "rl"
         }
         for band in page_data["bands"]
@@ -186,6 +219,9 @@ def _of_one_activity(strides: pd.DataFrame, folder: Path) -> pd.DataFrame:
     if cycles.WALKING in found or not found:
         return strides[strides["activity"] == cycles.WALKING]
     if len(found) > 1:
-        message = f"holds no walk, and several other activities: {', '.join(found)}; one alone can be drawn"
+        message = (
+            f"holds no walk, and several other activities: {', '.join(found)}; one alone can be "
+            "drawn"
+        )
         raise InputError(message, source=folder / CYCLES, code=Code.NOTHING_TO_SHOW)
     return strides

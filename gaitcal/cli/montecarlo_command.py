@@ -31,7 +31,14 @@ from gaitcal.montecarlo.draw_statistics import (
 )
 from gaitcal.montecarlo.draw_statistics import expect as causes_of
 from gaitcal.montecarlo.draw_study import PURPOSE, DrawProgress, MonteCarloStudy, Store, monte_carlo
-from gaitcal.montecarlo.protocol import MOST_LEVEL, MonteCarloSettings, ParameterChoice, Plan, ReactionFrame, Varied
+from gaitcal.montecarlo.protocol import (
+    MOST_LEVEL,
+    MonteCarloSettings,
+    ParameterChoice,
+    Plan,
+    ReactionFrame,
+    Varied,
+)
 from gaitcal.montecarlo.workers import alone, workers_of
 from gaitcal.report.figures.monte_carlo_figures import FRAME_WORDS, write_monte_carlo_figures
 from gaitcal.report.page.monte_carlo_sections import with_monte_carlo
@@ -39,7 +46,12 @@ from gaitcal.report.page.page_data import PAGE_DATA
 from gaitcal.report.page.page_folder import PAGE, read_page, rewrite_page
 from gaitcal.reproduction import printed_tables
 from gaitcal.reproduction.claims import Claim, Verdict
-from gaitcal.reproduction.reproduce import Reproduction, ReproductionSettings, reproduce, write_tables
+from gaitcal.reproduction.reproduce import (
+    Reproduction,
+    ReproductionSettings,
+    reproduce,
+    write_tables,
+)
 from gaitcal.results.summary import require_not_refused
 
 FOLDER, SUMMARY = "montecarlo", "summary.json"
@@ -52,29 +64,52 @@ def plan_of(vary: str, levels: str, draws: int) -> Plan:
     sets = [_one_of(name, [varied.value for varied in Varied], "--vary") for name in _split(vary)]
     for level in _split(levels):
         if not level.isdecimal() or not 1 <= int(level) <= MOST_LEVEL:
-            raise UsageError(f"found '{level}'; allowed: whole per cents from 1 to {MOST_LEVEL}", field="--levels")
+            raise UsageError(
+                f"found '{level}'; allowed: whole per cents from 1 to {MOST_LEVEL}",
+                field="--levels",
+            )
     numbers = tuple(int(level) for level in _split(levels))
     if not sets or not numbers:
-        raise UsageError("found nothing; at least one is needed", field="--levels" if sets else "--vary")
+        raise UsageError(
+            "found nothing; at least one is needed", field="--levels" if sets else "--vary"
+        )
     return Plan(tuple(Varied(name) for name in sets), numbers, draws)
 
 
 def run_monte_carlo(
     console: Console,
     folder: options.ResultOrStudy,
-    vary: Annotated[str, typer.Option(help="Comma-separated: jp, ip, both, noise.")] = "jp,ip,both,noise",
-    levels: Annotated[str, typer.Option(help="Comma-separated per cents of the bounds.")] = "25,50,75,100",
+    vary: Annotated[
+        str, typer.Option(help="Comma-separated: jp, ip, both, noise.")
+    ] = "jp,ip,both,noise",
+    levels: Annotated[
+        str, typer.Option(help="Comma-separated per cents of the bounds.")
+    ] = "25,50,75,100",
     draws: Annotated[int, typer.Option(min=1, help="Draws of each set at each level.")] = 5000,
     jobs: options.Jobs = -1,
     cluster: options.Scheduler = None,
     seed: Annotated[int, typer.Option(min=0, help="Seed of all draws.")] = 0,
-    grf: Annotated[str, typer.Option(help="Ground reactions fixed in the laboratory (lab) or on the foot.")] = "lab",
-    parameters: Annotated[str, typer.Option(help="Joint parameters: 27 or 17 of each leg, or all 98.")] = "27",
-    position_bound: Annotated[float, typer.Option(min=0, help="Bound of joint positions, mm.")] = 10.0,
-    orientation_bound: Annotated[float, typer.Option(min=0, max=45, help="Bound of joint orientations, deg.")] = 10.0,
-    ip_bound: Annotated[float, typer.Option(min=0, max=90, help="Bound of inertial parameters, %.")] = 10.0,
-    noise_bound: Annotated[float, typer.Option(min=0, help="Largest amplitude of marker noise, mm.")] = 10.0,
-    trial: Annotated[str | None, typer.Option(help="Gait trial; the first with ground reactions unless given.")] = None,
+    grf: Annotated[
+        str, typer.Option(help="Ground reactions fixed in the laboratory (lab) or on the foot.")
+    ] = "lab",
+    parameters: Annotated[
+        str, typer.Option(help="Joint parameters: 27 or 17 of each leg, or all 98.")
+    ] = "27",
+    position_bound: Annotated[
+        float, typer.Option(min=0, help="Bound of joint positions, mm.")
+    ] = 10.0,
+    orientation_bound: Annotated[
+        float, typer.Option(min=0, max=45, help="Bound of joint orientations, deg.")
+    ] = 10.0,
+    ip_bound: Annotated[
+        float, typer.Option(min=0, max=90, help="Bound of inertial parameters, %.")
+    ] = 10.0,
+    noise_bound: Annotated[
+        float, typer.Option(min=0, help="Largest amplitude of marker noise, mm.")
+    ] = 10.0,
+    trial: Annotated[
+        str | None, typer.Option(help="Gait trial; the first with ground reactions unless given.")
+    ] = None,
     until_converged: options.UntilConverged = False,
     expect: options.Expect = None,
 ) -> None:
@@ -82,7 +117,9 @@ def run_monte_carlo(
     store, plan = Store(folder / FOLDER), plan_of(vary, levels, draws)
     settings = MonteCarloSettings(
         seed=seed,
-        parameters=ParameterChoice(int(_one_of(parameters, [str(c.value) for c in ParameterChoice], "--parameters"))),
+        parameters=ParameterChoice(
+            int(_one_of(parameters, [str(c.value) for c in ParameterChoice], "--parameters"))
+        ),
         position_mm=position_bound,
         orientation_deg=orientation_bound,
         inertial_percent=ip_bound,
@@ -119,7 +156,9 @@ def run_monte_carlo(
             context = draw.MonteCarloContext(case, settings)
             contributions = variance_contributions(context)
             contributions.to_csv(stage / "contributions.csv", index=False, lineterminator="\n")
-            write_monte_carlo_figures(study.statistics, contributions, stage / "figures", SHOWN_SIDE)
+            write_monte_carlo_figures(
+                study.statistics, contributions, stage / "figures", SHOWN_SIDE
+            )
             read.require_unchanged()
             on_page = _put_on_page(folder, study, contributions)
     for remark in read.remarks:
@@ -132,7 +171,9 @@ def run_monte_carlo(
     if on_page:
         console.line(on_page)
     if until_converged and not study.converged:
-        raise ConvergenceError(f"not converged after {study.plan.draws} draws of each set and level")
+        raise ConvergenceError(
+            f"not converged after {study.plan.draws} draws of each set and level"
+        )
 
 
 def _put_on_page(folder: Path, study: MonteCarloStudy, contributions: pd.DataFrame) -> str:
@@ -145,13 +186,17 @@ def _put_on_page(folder: Path, study: MonteCarloStudy, contributions: pd.DataFra
         except InputError as error:
             return f"warning: the page was not brought up to date: {error}"
         rms = _marker_rms(folder, study.case.name)
-        page_data = with_monte_carlo(shown.data or {}, study, marker_rms=rms, contributions=contributions)
+        page_data = with_monte_carlo(
+            shown.data or {}, study, marker_rms=rms, contributions=contributions
+        )
         rewrite_page(stage, shown.scene, page_data)
     return f"page: {folder / PAGE}, preset Trust"
 
 
 def _marker_rms(folder: Path, trial: str) -> float | None:
-    """Marker error (mm) of pelvis and legs after calibration, as the summary beside the page tells it."""
+    """Marker error (mm) of pelvis and legs after calibration, as the summary beside the page tells
+    it.
+    """
     try:
         summary = json.loads((folder / SUMMARY).read_text(encoding="utf-8"))["trials"][trial]
         return float((summary.get("pelvis_and_legs_mm") or summary["rms_mm"])["calibrated"])
@@ -165,13 +210,17 @@ def _split(text: str) -> list[str]:
 
 def _one_of(name: str, allowed: list[str], option: str) -> str:
     if name not in allowed:
-        raise UsageError(f"found '{name}'; allowed: {', '.join(allowed)}{nearest(name, allowed)}", field=option)
+        raise UsageError(
+            f"found '{name}'; allowed: {', '.join(allowed)}{nearest(name, allowed)}", field=option
+        )
     return name
 
 
 @contextmanager
 def _draw_progress(console: Console) -> Iterator[DrawProgress]:
-    """A bar with draws per second and time left on a terminal; with -v elsewhere a line for every tenth."""
+    """A bar with draws per second and time left on a terminal; with -v elsewhere a line for every
+    tenth.
+    """
     started = time.monotonic()
     if console.err.is_terminal and not console.quiet:
         columns = (
@@ -186,7 +235,9 @@ def _draw_progress(console: Console) -> Iterator[DrawProgress]:
             task = bar.add_task("draws", total=None, rate="")
 
             def show(done: int, todo: int) -> None:
-                bar.update(task, total=todo, completed=done, rate=f"{_rate(done, started):.0f} draws/s")
+                bar.update(
+                    task, total=todo, completed=done, rate=f"{_rate(done, started):.0f} draws/s"
+                )
 
             yield show
         return
@@ -198,7 +249,9 @@ def _draw_progress(console: Console) -> Iterator[DrawProgress]:
             tenths = 10 * done // max(todo, 1)
             rate = _rate(done, started)
             left = (todo - done) / rate
-            console.err.print(Text(f"{done} of {todo} draws, {rate:.0f} draws/s, {left:.0f} s left"))
+            console.err.print(
+                Text(f"{done} of {todo} draws, {rate:.0f} draws/s, {left:.0f} s left")
+            )
 
     yield tell
 
@@ -209,33 +262,52 @@ def _rate(done: int, started: float) -> float:
 
 def _print_study(console: Console, study: MonteCarloStudy, frame: ReactionFrame) -> None:
     table = study.statistics
-    console.line(f"{study.case.name}: mean RMS torque errors, left leg, %BW*H; {FRAME_WORDS[frame]}")
+    console.line(
+        f"{study.case.name}: mean RMS torque errors, left leg, %BW*H; {FRAME_WORDS[frame]}"
+    )
     _print_errors(console, table, frame)
     for note in study.notes:
         console.line(note)
     failures = [
-        f"{row.set} {row.level} %: {row.failed} of {row.draws + row.failed}" for row in left_out(table).itertuples()
+        f"{row.set} {row.level} %: {row.failed} of {row.draws + row.failed}"
+        for row in left_out(table).itertuples()
     ]
     if failures:
-        console.line(f"left out of all these figures, as they did not converge: {'; '.join(failures)} draws")
+        console.line(
+            f"left out of all these figures, as they did not converge: {'; '.join(failures)} draws"
+        )
     open_rows = unconverged(table)
     if open_rows.empty:
-        console.line("convergence: mean and CV of every torque stay within 2 % over the last tenth of the draws")
+        console.line(
+            "convergence: mean and CV of every torque stay within 2 % over the last tenth of the "
+            "draws"
+        )
     else:
         settles = open_rows[["mean_settles", "cv_settles"]].max(axis=1)
         worst = "too few draws to tell" if settles.isna().any() else f"worst {settles.max():.1f} %"
         rows = int((table["measure"].eq("rms") & table["grf"].ne("")).sum())
-        console.line(f"convergence: not met by {len(open_rows)} of {rows} distributions, {worst}; --until-converged")
-    console.line(f"draws: {len(study.draws)}, of which {study.computed} in this run and {study.failed} not converged")
+        console.line(
+            f"convergence: not met by {len(open_rows)} of {rows} distributions, {worst}; "
+            "--until-converged"
+        )
+    console.line(
+        f"draws: {len(study.draws)}, of which {study.computed} in this run and {study.failed} not "
+        "converged"
+    )
 
 
-def _print_linearity(console: Console, context: draw.MonteCarloContext, study: MonteCarloStudy) -> None:
+def _print_linearity(
+    console: Console, context: draw.MonteCarloContext, study: MonteCarloStudy
+) -> None:
     """How well the linearised contributions of the parameters predict the draws."""
     if study.plan.draws < FEWEST:
         return
     for varied, level in study.plan.cells:
         if varied is Varied.JP and level in (min(study.plan.levels), max(study.plan.levels)):
-            agreement = [linear_agreement(context, study.draws, (varied, level), frame) for frame in ReactionFrame]
+            agreement = [
+                linear_agreement(context, study.draws, (varied, level), frame)
+                for frame in ReactionFrame
+            ]
             ranges = ", ".join(
                 f"R² {r.min():.2f} to {r.max():.2f} ({frame.value})"
                 for r, frame in zip(agreement, ReactionFrame, strict=True)
@@ -244,7 +316,9 @@ def _print_linearity(console: Console, context: draw.MonteCarloContext, study: M
 
 
 def _print_errors(console: Console, table: pd.DataFrame, frame: ReactionFrame) -> None:
-    shown = frameless_table(("set",), (head.replace(" ", "\n") for head in ("level %", *HEADS, "markers mm")))
+    shown = frameless_table(
+        ("set",), (head.replace(" ", "\n") for head in ("level %", *HEADS, "markers mm"))
+    )
     for varied in Varied:
         columns = [levels_of(table, varied, f"{t}_{SHOWN_SIDE}", frame) for t in draw.TORQUES]
         columns.append(levels_of(table, varied, f"markers_{SHOWN_SIDE}"))
@@ -261,8 +335,13 @@ def _print_expectation(console: Console, table: pd.DataFrame, rms_mm: float) -> 
         raise InputError(message, field="--expect", code=Code.MONTE_CARLO)
     for cause in causes:
         more = "more than " if cause.beyond else ""
-        console.line(f"a marker RMS of {rms_mm:g} mm corresponds to {cause.varied.title} at {more}{cause.level:.0f} %:")
-        shown = frameless_table(("RMS error, %BW*H", "ground reactions"), ("average", "10 %", "50 %", "90 %"))
+        console.line(
+            f"a marker RMS of {rms_mm:g} mm corresponds to {cause.varied.title} at "
+            f"{more}{cause.level:.0f} %:"
+        )
+        shown = frameless_table(
+            ("RMS error, %BW*H", "ground reactions"), ("average", "10 %", "50 %", "90 %")
+        )
         for row in cause.torques.itertuples():
             numbers = (f"{value:.3f}" for value in (row.average, row.p10, row.p50, row.p90))
             shown.add_row(draw.TORQUE_WORDS[row.torque[:-2]], str(row.grf), *numbers)
@@ -271,16 +350,24 @@ def _print_expectation(console: Console, table: pd.DataFrame, rms_mm: float) -> 
 
 DATA = "GAITCAL_DATA"
 KEPT = ".draws"
-"""Ending of the folder, beside the output, that keeps Monte Carlo draws: an interrupted study goes on there."""
+"""Ending of the folder, beside the output, that keeps Monte Carlo draws: an interrupted study goes
+on there.
+"""
 _SHOWN = ("I", "III", "discussion")
 
 
 def run_reproduction(
     console: Console,
     out: options.Out,
-    draws: Annotated[int, typer.Option(min=0, help="Monte Carlo draws (published: 5000); 0: the tables only.")] = 0,
-    noise_seeds: Annotated[int, typer.Option(min=2, help="Draws of the marker noise behind medians and ranges.")] = 20,
-    seed: Annotated[int, typer.Option(min=0, help="Seed of noise, inertial seeds and Monte Carlo draws.")] = 0,
+    draws: Annotated[
+        int, typer.Option(min=0, help="Monte Carlo draws (published: 5000); 0: the tables only.")
+    ] = 0,
+    noise_seeds: Annotated[
+        int, typer.Option(min=2, help="Draws of the marker noise behind medians and ranges.")
+    ] = 20,
+    seed: Annotated[
+        int, typer.Option(min=0, help="Seed of noise, inertial seeds and Monte Carlo draws.")
+    ] = 0,
 ) -> None:
     """Run the published study, write its tables and print them."""
     settings = ReproductionSettings(noise_seeds=noise_seeds, seed=seed, draws=draws, data=_data())
@@ -291,7 +378,9 @@ def run_reproduction(
         step("tables and figures")
         write_tables(reproduction, folder)
         if reproduction.disturbances is not None:
-            write_monte_carlo_figures(reproduction.disturbances, None, folder / "figures", SHOWN_SIDE)
+            write_monte_carlo_figures(
+                reproduction.disturbances, None, folder / "figures", SHOWN_SIDE
+            )
     print_reproduction(console, reproduction)
     console.line(f"tables: {out}")
     if kept is not None:
@@ -316,10 +405,15 @@ def print_reproduction(console: Console, reproduction: Reproduction) -> None:
         _print_rows(console, rows)
     console.line()
     console.line(
-        f"Medians of {len(reproduction.noisy)} noise draws where there is noise; ranges are in tables.csv. Times:"
+        f"Medians of {len(reproduction.noisy)} noise draws where there is noise; ranges are in "
+        "tables.csv. Times:"
     )
     _print_rows(console, [row for row in reproduction.times if row.row != printed_tables.RUN])
-    laps = (f"{row.column} {row.ours:.0f} s" for row in reproduction.times if row.row == printed_tables.RUN)
+    laps = (
+        f"{row.column} {row.ours:.0f} s"
+        for row in reproduction.times
+        if row.row == printed_tables.RUN
+    )
     console.line(f"{printed_tables.RUN}: {', '.join(laps)}")
     console.line()
     _print_claims(console, reproduction.claims)
@@ -335,7 +429,9 @@ def _print_rows(console: Console, rows: Sequence[printed_tables.TableRow]) -> No
 
 
 def _cell(row: printed_tables.TableRow) -> str:
-    ours, published = ("-" if value is None else f"{value:.3g}" for value in (row.ours, row.published))
+    ours, published = (
+        "-" if value is None else f"{value:.3g}" for value in (row.ours, row.published)
+    )
     return f"{ours} | {published} {row.unit}"
 
 
@@ -343,7 +439,12 @@ def _print_claims(console: Console, claims: Sequence[Claim]) -> None:
     table = frameless_table(("claims of the paper", "published", "ours", "verdict"))
     for claim in claims:
         if claim.verdict is not Verdict.NOT_TESTABLE or console.verbose:
-            table.add_row(*(Text(t) for t in (claim.claim, claim.published, claim.ours, claim.verdict.value)))
+            table.add_row(
+                *(Text(t) for t in (claim.claim, claim.published, claim.ours, claim.verdict.value))
+            )
     console.out.print(table)
     counts = {v: sum(claim.verdict is v for claim in claims) for v in Verdict}
-    console.line("claims of the paper: " + ", ".join(f"{count} {v.value}" for v, count in counts.items() if count))
+    console.line(
+        "claims of the paper: "
+        + ", ".join(f"{count} {v.value}" for v, count in counts.items() if count)
+    )

@@ -29,7 +29,9 @@ QUESTIONS = {"mass_kg": "body mass in kg", "height_m": "body height in m", "sex"
 PLAIN_WIDTH = 170  # Columns of the table where the output is no terminal
 
 
-def options_of(mass: float | None, height: float | None, sex: str | None, age: float | None) -> Options:
+def options_of(
+    mass: float | None, height: float | None, sex: str | None, age: float | None
+) -> Options:
     """What the user says of the person; UsageError where it cannot be."""
     _within("--mass", mass, MASS_KG, "kg")
     hint = {True: f"; {height or 0:g} looks like centimetres: --height {(height or 0) / 100:g}"}
@@ -40,9 +42,13 @@ def options_of(mass: float | None, height: float | None, sex: str | None, age: f
     return Options(mass=mass, height=height, sex=sex, age=age)
 
 
-def _within(option: str, value: float | None, allowed: tuple[float, float], unit: str, hint: str = "") -> None:
+def _within(
+    option: str, value: float | None, allowed: tuple[float, float], unit: str, hint: str = ""
+) -> None:
     if value is not None and not allowed[0] <= value <= allowed[1]:
-        raise UsageError(f"found {value:g}; allowed: {allowed[0]:g} to {allowed[1]:g} {unit}{hint}", field=option)
+        raise UsageError(
+            f"found {value:g}; allowed: {allowed[0]:g} to {allowed[1]:g} {unit}{hint}", field=option
+        )
 
 
 def draft_study_file(
@@ -53,13 +59,17 @@ def draft_study_file(
     height: options.Height = None,
     sex: options.Sex = None,
     age: options.Age = None,
-    force: Annotated[bool, typer.Option("--force", help="Replace a study file that is there.")] = False,
+    force: Annotated[
+        bool, typer.Option("--force", help="Replace a study file that is there.")
+    ] = False,
 ) -> None:
     """Draft the study file of a folder; exit code 1 where something in it is missing."""
     options = options_of(mass, height, sex, age)
     target = folder / drafts.STUDY if out is None else out
     if target.suffix.lower() != ".toml":
-        raise UsageError(f"found '{target.name}'; allowed: the name of a file ending in .toml", field="--out")
+        raise UsageError(
+            f"found '{target.name}'; allowed: the name of a file ending in .toml", field="--out"
+        )
     if not force and target.exists():
         message = "is there already; --force replaces it, --out FILE names another"
         raise InputError(message, source=target, code=Code.FOLDER_TAKEN)
@@ -82,18 +92,28 @@ def draft_study_file(
     if draft.choice is not None and (proposal := draft.choice.proposal) is not None:
         for label in sorted(proposal.asked):
             console.line(f"asked: is {label} {proposal.rename[label]}?")
-        console.line("asked: is each marker what [markers.rename] and [markers.tracking] say? Then confirmed = true")
-    console.line(f"next:  look through it, then gaitcal calibrate {target} --out {folder.resolve().name}-result")
+        console.line(
+            "asked: is each marker what [markers.rename] and [markers.tracking] say? Then "
+            "confirmed = true"
+        )
+    console.line(
+        f"next:  look through it, then gaitcal calibrate {target} --out "
+        f"{folder.resolve().name}-result"
+    )
 
 
 def study_or_draft(path: Path, options: Options, console: Console) -> Path | drafts.Draft:
-    """The study file itself, the one in a folder, or the draft of a folder without one, ready to run.
+    """The study file itself, the one in a folder, or the draft of a folder without one, ready to
+    run.
 
     Raises UsageError: Options of the person beside a study file, which says it.
     Raises InputError: A folder with several study files, or from which no study follows.
     """
     if path.suffix.lower() in formats.MARKER_READERS and path.is_file():
-        raise UsageError("is a recording; name its folder, with the static trial in it, or a study file", source=path)
+        raise UsageError(
+            "is a recording; name its folder, with the static trial in it, or a study file",
+            source=path,
+        )
     with console.working() as step:
         if path.is_dir():
             step("reading the folder")
@@ -126,7 +146,9 @@ def _asked(folder: Folder, options: Options, console: Console) -> drafts.Draft:
         while True:
             question, spare = f"no file says the {QUESTIONS[field]}", field in draft.estimated
             question += " (Enter: estimated, with wider errors)" if spare else ""
-            answer = str(typer.prompt(question, default="" if spare else None, show_default=False, err=True)).strip()
+            answer = str(
+                typer.prompt(question, default="" if spare else None, show_default=False, err=True)
+            ).strip()
             if spare and not answer:
                 break
             try:
@@ -153,7 +175,15 @@ def print_seen(console: Console, draft: drafts.Draft) -> None:
         table.add_column(head)
     for row in draft.seen:
         frames = "" if row.frames is None else str(row.frames)
-        cells = (row.name, row.kind, frames, row.labels, row.shows, row.used or "not used", row.reason)
+        cells = (
+            row.name,
+            row.kind,
+            frames,
+            row.labels,
+            row.shows,
+            row.used or "not used",
+            row.reason,
+        )
         table.add_row(*(Text(cell) for cell in cells))
     if not console.out.is_terminal:
         console.out.width = PLAIN_WIDTH
@@ -187,7 +217,9 @@ def check_recordings(
     sex: options.Sex = None,
     age: options.Age = None,
 ) -> None:
-    """Print what the checks find in a study, or in what a folder drafts; exit code 1 where there is an error."""
+    """Print what the checks find in a study, or in what a folder drafts; exit code 1 where there is
+    an error.
+    """
     source = study_or_draft(study, options_of(mass, height, sex, age), console)
     with console.working() as step:
         step("reading and checking the recordings")

@@ -13,8 +13,9 @@ from gaitcal.study.study import Study
 from gaitcal.synthetic import subject, synthetic_truth
 
 SEED = 2009
-"""Of the demonstration's noise and of its subject's true parameters: the first from 2007 on (the year of the method)
-whose true moments have their peaks within 2 standard deviations of people's (`scripts/tools/walking_person.py`)."""
+"""Of the demonstration's noise and of its subject's true parameters: the first from 2007 on (the
+year of the method) whose true moments have their peaks within 2 standard deviations of people's
+(`scripts/tools/walking_person.py`)."""
 
 
 def write_subject(
@@ -29,20 +30,30 @@ def write_subject(
     kept = require_room(out, ResultKind.SYNTHETIC)
     with console.working() as step:
         step("writing C3D files of the synthetic subject")
-        study = subject.synthesize(out, seed=seed, noise=noise, perturb=perturb, also=movement or ())
+        study = subject.synthesize(
+            out, seed=seed, noise=noise, perturb=perturb, also=movement or ()
+        )
     tell_kept(console, kept)
     console.line(f"study: {study}")
-    console.line(f"truth: {study.parent / synthetic_truth.PARAMETERS}, {study.parent / synthetic_truth.CURVES}")
+    console.line(
+        f"truth: {study.parent / synthetic_truth.PARAMETERS}, "
+        f"{study.parent / synthetic_truth.CURVES}"
+    )
     console.line(f"next:  gaitcal calibrate {study} --out {out}-result")
 
 
 def demonstrate(console: Console, out: options.Out = Path("gaitcal-demo")) -> None:
-    """Write a noisy synthetic subject as C3D, and calibrate it: the truth that its study names is in the result."""
+    """Write a noisy synthetic subject as C3D, and calibrate it: the truth that its study names is
+    in the result.
+    """
     folder, result = out / "subject", out / "result"
     require_room(folder, ResultKind.SYNTHETIC)
     kept = require_room(result, ResultKind.CALIBRATION)
     with console.working() as step:
-        step("writing C3D files of a synthetic subject with marker noise and wrong nominal parameters")
+        step(
+            "writing C3D files of a synthetic subject with marker noise and wrong nominal "
+            "parameters"
+        )
         path = subject.synthesize(folder, seed=SEED, noise=True, perturb=True)
         step("reading them back")
         study = Study.load(path)
@@ -50,7 +61,8 @@ def demonstrate(console: Console, out: options.Out = Path("gaitcal-demo")) -> No
         step("writing the results")
         write_results(calibration, result)
     console.line(
-        "A synthetic subject (markers with up to 10 mm of noise, two force plates), calibrated from its C3D files:"
+        "A synthetic subject (markers with up to 10 mm of noise, two force plates), calibrated "
+        "from its C3D files:"
     )
     print_calibration(console, calibration)
     tell_kept(console, kept)

@@ -2,10 +2,10 @@
 
 `gaitcal compare`: two sessions of one person, or an OpenSim model beside ours.
 
-The page is served on the loopback interface only.
-MeshCat's own server listens on all interfaces. Ours serves a single page from memory, to requests that name this
-machine (a page elsewhere that points its own name at 127.0.0.1 gets nothing) and the token in its address (nor does
-another user of this machine), and nothing else.
+The page is served on the loopback interface only. MeshCat's own server listens on all interfaces.
+Ours serves a single page from memory, to requests that name this machine (a page elsewhere that
+points its own name at 127.0.0.1 gets nothing) and the token in its address (nor does another user
+of this machine), and nothing else.
 """
 
 import os
@@ -33,7 +33,12 @@ from gaitcal.gait import moments, normal_bands
 from gaitcal.io.atomic import atomic_text
 from gaitcal.io.result_folder import MANIFEST, ResultKind, file_in_place, require_room
 from gaitcal.report.page import bone_files, page_folder, page_html
-from gaitcal.report.session_report import compare_results, comparison_content, comparison_html, write_comparison
+from gaitcal.report.session_report import (
+    compare_results,
+    comparison_content,
+    comparison_html,
+    write_comparison,
+)
 from gaitcal.results import saved_result, session_comparison, session_difference
 from gaitcal.results.opensim_motions import our_trials
 
@@ -50,7 +55,9 @@ class ViewServer(ThreadingHTTPServer):
         self.page = html.encode("utf-8")
         self.path = f"/{secrets.token_urlsafe()}/"
         in_page = re.search(r'http-equiv="Content-Security-Policy" content="([^"]*)"', html)
-        self.policy = f"{in_page.group(1)}; frame-ancestors 'none'" if in_page else "default-src 'none'"
+        self.policy = (
+            f"{in_page.group(1)}; frame-ancestors 'none'" if in_page else "default-src 'none'"
+        )
         try:
             super().__init__((HOST, port), _Handler)
         except (OSError, OverflowError) as error:
@@ -106,7 +113,13 @@ class _Handler(BaseHTTPRequestHandler):
         """Silent: the terminal belongs to the command."""
 
 
-def serve(html: str, port: int = 0, open_browser: bool = True, *, ready: Callable[[str], None] | None = None) -> None:
+def serve(
+    html: str,
+    port: int = 0,
+    open_browser: bool = True,
+    *,
+    ready: Callable[[str], None] | None = None,
+) -> None:
     """Show a page in the browser until Ctrl-C.
 
     Parameters
@@ -130,7 +143,9 @@ def serve(html: str, port: int = 0, open_browser: bool = True, *, ready: Callabl
 
 def _has_display() -> bool:
     """Without one, a browser for text terminals would be opened, in this very terminal."""
-    return sys.platform != "linux" or bool(os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY"))
+    return sys.platform != "linux" or bool(
+        os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")
+    )
 
 
 REPORT, COMMENTS = "report.pdf", "comments.toml"
@@ -143,7 +158,8 @@ def view_result(
     html: options.Html = None,
     geometry: options.Geometry = None,
 ) -> None:
-    """Show the page of a result in the browser, or write it; with another one, that of their comparison.
+    """Show the page of a result in the browser, or write it; with another one, that of their
+    comparison.
 
     `geometry`: bones of this folder, else the installed ones.
     """
@@ -155,7 +171,10 @@ def view_result(
         page = page_html.page_html(shown, bones)
     else:
         if geometry is not None:
-            raise UsageError("found two results, whose page has no bones; allowed: with one result", field="--geometry")
+            raise UsageError(
+                "found two results, whose page has no bones; allowed: with one result",
+                field="--geometry",
+            )
         page = comparison_html(compare_results(result, other), (result, other))
     if html is not None:
         with file_in_place(html) as path:
@@ -173,7 +192,9 @@ def print_report(
     comments: options.Comments = None,
     normal: options.Normal = None,
 ) -> None:
-    """Write the report of a result, or of two sessions, as a PDF, with the comments that somebody wrote for it."""
+    """Write the report of a result, or of two sessions, as a PDF, with the comments that somebody
+    wrote for it.
+    """
     from gaitcal.report.figures.document import ComparisonContent, ReportContent, write_pdf
     from gaitcal.report.gait_report import read_comments, report_content
 
@@ -194,7 +215,10 @@ def print_report(
     target = pdf or result / REPORT
     with file_in_place(target) as path:
         pages = write_pdf(content, path)
-    console.line(f"wrote {target}: {moments.counted(pages, 'page')}" + (f", comments of {file}" if file else ""))
+    console.line(
+        f"wrote {target}: {moments.counted(pages, 'page')}"
+        + (f", comments of {file}" if file else "")
+    )
 
 
 SHOWN = 30  # Rows of the table on the screen; the file has all
@@ -205,10 +229,17 @@ def compare_sessions_or_models(
     console: Console,
     result: options.Result,
     other: options.OtherResult = None,
-    osim: Annotated[Path | None, typer.Option(help="An OpenSim model of the same person, instead of OTHER.")] = None,
-    out: Annotated[Path | None, typer.Option(help="Folder for the tables; nothing is written unless given.")] = None,
+    osim: Annotated[
+        Path | None, typer.Option(help="An OpenSim model of the same person, instead of OTHER.")
+    ] = None,
+    out: Annotated[
+        Path | None, typer.Option(help="Folder for the tables; nothing is written unless given.")
+    ] = None,
     motion: Annotated[
-        bool, typer.Option(help="With --osim: its coordinates and moments in the recordings, by OpenSim, too.")
+        bool,
+        typer.Option(
+            help="With --osim: its coordinates and moments in the recordings, by OpenSim, too."
+        ),
     ] = False,
 ) -> None:
     """Compare two results, or one with an OpenSim model."""
@@ -223,7 +254,9 @@ def compare_sessions_or_models(
             compare_motions(result, osim, console)
         return
     if other is None:
-        raise UsageError("found one result; allowed: two results, or one and --osim FILE", field="compare")
+        raise UsageError(
+            "found one result; allowed: two results, or one and --osim FILE", field="compare"
+        )
     if out is not None:
         require_room(out, ResultKind.COMPARISON, [folder / MANIFEST for folder in (result, other)])
     comparison = compare_results(result, other)
@@ -239,10 +272,14 @@ def tell(comparison: session_comparison.SessionComparison, console: Console) -> 
         console.line(line)
     if not comparison.found:
         return
-    table = frameless_table(("figure", "unit"), (*comparison.names, "difference", "missed below", "times"))
+    table = frameless_table(
+        ("figure", "unit"), (*comparison.names, "difference", "missed below", "times")
+    )
     table.columns[0].min_width = WIDTH
     for d in comparison.found[:SHOWN]:
-        table.add_row(Text(session_difference.subject(d)), d.unit, *session_difference.numbers_of(d))
+        table.add_row(
+            Text(session_difference.subject(d)), d.unit, *session_difference.numbers_of(d)
+        )
     console.line()
     console.out.print(table)
     if (rest := len(comparison.found) - SHOWN) > 0:
@@ -250,7 +287,9 @@ def tell(comparison: session_comparison.SessionComparison, console: Console) -> 
 
 
 def compare_models(result: Path, osim: Path, console: Console) -> None:
-    """Say in words what an OpenSim model differs in, then print its joint axes, masses and lengths beside ours."""
+    """Say in words what an OpenSim model differs in, then print its joint axes, masses and lengths
+    beside ours.
+    """
     table = frameless_table(("quantity", "unit"), ("ours", "theirs", "difference"))
     model, read, doubts = saved_result.load_result_model(result)
     for text in (*read.remarks, *map(note_of, doubts)):
@@ -266,18 +305,26 @@ def compare_models(result: Path, osim: Path, console: Console) -> None:
 
 
 def compare_motions(result: Path, osim: Path, console: Console) -> None:
-    """Coordinates and moments of an OpenSim model in the recordings of a result, by OpenSim, beside ours."""
+    """Coordinates and moments of an OpenSim model in the recordings of a result, by OpenSim, beside
+    ours.
+    """
     with console.working() as step:
         step("inverse kinematics and dynamics in OpenSim")
         trials = our_trials(result)
-        found = motion_comparison.compare_motion(saved_result.load_result_model(result)[0], osim, trials)
-    table = frameless_table(("coordinate", "unit"), ("ours, range", "offset", "rest, RMS", "correlation"))
+        found = motion_comparison.compare_motion(
+            saved_result.load_result_model(result)[0], osim, trials
+        )
+    table = frameless_table(
+        ("coordinate", "unit"), ("ours, range", "offset", "rest, RMS", "correlation")
+    )
     for curve in found.curves:
         numbers = (float(np.ptp(curve.ours)), curve.offset, curve.rest)
         r = "" if np.isnan(curve.correlation) else f"{curve.correlation:.3f}"
         table.add_row(Text(curve.coordinate), curve.unit, *(f"{v:.1f}" for v in numbers), r)
     console.line()
-    console.line(f"in {', '.join(t.name for t in trials)}, by OpenSim; theirs - ours = offset + rest:")
+    console.line(
+        f"in {', '.join(t.name for t in trials)}, by OpenSim; theirs - ours = offset + rest:"
+    )
     console.out.print(table)
     ours, theirs = (f"{1e3 * missed:.1f}" for missed in found.missed)
     console.line(f"markers are missed by {ours} mm RMS in our model, by {theirs} in theirs")

@@ -1,7 +1,7 @@
 """What `cohort.html` shows, from the tables of a cohort and from what is kept of every person.
 
-Curves come from the people one by one, so that little is held in memory. There is no date in it: the same people give
-the same bytes.
+Curves come from the people one by one, so that little is held in memory. There is no date in it:
+the same people give the same bytes.
 """
 
 import csv
@@ -17,7 +17,15 @@ import pyarrow.parquet as pq
 
 from gaitcal.arrays import Array
 from gaitcal.cohort.cohort_people import CohortPerson
-from gaitcal.cohort.one_person import COLUMNS, EVERY, PER_KG, STEPS, VARIABLES, CommonSettings, no_curves
+from gaitcal.cohort.one_person import (
+    COLUMNS,
+    EVERY,
+    PER_KG,
+    STEPS,
+    VARIABLES,
+    CommonSettings,
+    no_curves,
+)
 from gaitcal.cohort.outcome import Outcome, Outcomes
 from gaitcal.gait import conventions, normal_bands
 from gaitcal.gait.cycles import Kind, coordinate_of, kind_of, unit_of
@@ -38,30 +46,56 @@ class Measure:
     title: str
     unit: str
     digits: int
-    column: str  # Of the table of people; `{}` stands for the leg, `r` or `l`, where it has one for each
+    # Of the table of people; `{}` stands for the leg, `r` or `l`, where it has one for each
+    column: str
     error: str = ""  # Column of its standard error
     sign: int = 1  # -1: it is the column's opposite
     joined: str = ""
-    """How the legs' columns become one number: `mean`, or `asymmetry` = 200 % (r - l) / (r + l); empty: each has its
-    own."""
+    """How the legs' columns become one number: `mean`, or `asymmetry` = 200 % (r - l) / (r + l);
+    empty: each has its own."""
 
 
 def _peak(name: str, title: str, peak: Peak) -> Measure:
     kind, sign = kind_of(peak.variable), -1 if peak.figure is Figure.LOWEST else 1
     digits, title = (1 if kind is Kind.ANGLE else 2), f"{title}, peak in {peak.phase}"
     column, error = f"{peak.name}_{{}}", f"{peak.name}_se_{{}}"
-    return Measure(name=name, title=title, unit=PER_KG[kind], digits=digits, column=column, error=error, sign=sign)
+    return Measure(
+        name=name,
+        title=title,
+        unit=PER_KG[kind],
+        digits=digits,
+        column=column,
+        error=error,
+        sign=sign,
+    )
 
 
 MEASURES: Final = (
     Measure(name="mass", title="Mass", unit="kg", digits=1, column="mass_kg"),
     Measure(name="height", title="Height", unit="m", digits=2, column="height_m"),
     Measure(
-        name="marker_rms", title="Marker RMS, pelvis and legs", unit="mm", digits=1, column="legs_rms_calibrated_mm"
+        name="marker_rms",
+        title="Marker RMS, pelvis and legs",
+        unit="mm",
+        digits=1,
+        column="legs_rms_calibrated_mm",
     ),
-    Measure(name="residual", title="Pelvis residual", unit="N", digits=1, column="residual_force_calibrated_N"),
+    Measure(
+        name="residual",
+        title="Pelvis residual",
+        unit="N",
+        digits=1,
+        column="residual_force_calibrated_N",
+    ),
     Measure(name="speed", title="Speed", unit="m/s", digits=2, column="speed_{}", joined="mean"),
-    Measure(name="cadence", title="Cadence", unit="steps/min", digits=0, column="cadence_{}", joined="mean"),
+    Measure(
+        name="cadence",
+        title="Cadence",
+        unit="steps/min",
+        digits=0,
+        column="cadence_{}",
+        joined="mean",
+    ),
     Measure(
         name="step_asymmetry",
         title="Step length asymmetry",
@@ -79,9 +113,11 @@ MEASURES: Final = (
 
 
 def measured(measure: Measure, read: Callable[[str], Array]) -> list[dict[str, Any]]:
-    """The columns of a measure as the page takes them: of the person, or of each leg; none that nobody has.
+    """The columns of a measure as the page takes them: of the person, or of each leg; none that
+    nobody has.
 
-    `read`: name of a column of the table of people -> its numbers (people,), NaN where there is none.
+    `read`: name of a column of the table of people -> its numbers (people,), NaN where there is
+    none.
     """
     about = {"title": measure.title, "unit": measure.unit, "digits": measure.digits}
     per_leg = "{}" in measure.column
@@ -91,10 +127,16 @@ def measured(measure: Measure, read: Callable[[str], Array]) -> list[dict[str, A
             joined = 200.0 * (right - left) / (right + left)
             words = "200 % (right − left) / (right + left): positive where the right is longer"
         else:
-            joined = np.where(np.isnan(right), left, np.where(np.isnan(left), right, (right + left) / 2))
+            joined = np.where(
+                np.isnan(right), left, np.where(np.isnan(left), right, (right + left) / 2)
+            )
             words = f"mean of both legs' {measure.column.replace('_{}', '')}"
         known = bool(np.isfinite(joined).any())
-        return [{"name": measure.name, **about, "meaning": words, "numbers": floats(joined)}] if known else []
+        return (
+            [{"name": measure.name, **about, "meaning": words, "numbers": floats(joined)}]
+            if known
+            else []
+        )
     out = []
     for side in SIDES if per_leg else ("",):
         column = measure.column.format(side)
@@ -132,7 +174,8 @@ PAGE: Final = "cohort.html"
 NO_STRIDE: Final = (
     "info",
     "no stride of these walks counts",
-    "no numbers of gait are known: see in the person's page which strides turn or are cut off, and record walks along "
+    "no numbers of gait are known: see in the person's page which strides turn or are cut off, and "
+    "record walks along "
     "a straight line in which each foot comes down twice",
 )
 """Severity, cause and action where the verdict has nothing to say of strides, and there is none."""
@@ -140,11 +183,18 @@ _DIGITS: Final = 4
 
 
 def write_page(
-    path: Path, tables: Mapping[str, Path], people: Sequence[CohortPerson], ended: Outcomes, common: CommonSettings
+    path: Path,
+    tables: Mapping[str, Path],
+    people: Sequence[CohortPerson],
+    ended: Outcomes,
+    common: CommonSettings,
 ) -> None:
     """Write the page. `tables`: `people` (Parquet) and `failures`, as they are written."""
     causes = _Causes()
-    data = {"CURVES": _curves(people, ended, causes), "COHORT": _content(tables, people, common, causes)}
+    data = {
+        "CURVES": _curves(people, ended, causes),
+        "COHORT": _content(tables, people, common, causes),
+    }
     write_cohort_page(path, data)
 
 
@@ -160,7 +210,9 @@ class _Causes:
         keys = [(r["severity"], r["cause"], r["action"]) for r in outcome.reasons]
         if outcome.strideless:
             keys.append(NO_STRIDE)
-        self._of.append(list(dict.fromkeys(self._known.setdefault(key, len(self._known)) for key in keys)))
+        self._of.append(
+            list(dict.fromkeys(self._known.setdefault(key, len(self._known)) for key in keys))
+        )
 
     @property
     def content(self) -> dict[str, Any]:
@@ -170,12 +222,16 @@ class _Causes:
         return {"causes": causes, "of": self._of, "strideless": self._known.get(NO_STRIDE)}
 
     def ranked(self, failures: Sequence[Mapping[str, str]]) -> list[dict[str, Any]]:
-        """Each cause once, those of `failures` too, with what to do and how many people; that of most first."""
+        """Each cause once, those of `failures` too, with what to do and how many people; that of
+        most first.
+        """
         keys = list(self._known)
         found: dict[str, dict[str, Any]] = {}
 
         def noted(severity: str, cause: str, action: str) -> str:
-            entry = found.setdefault(cause, {"severity": severity, "cause": cause, "actions": [], "count": 0})
+            entry = found.setdefault(
+                cause, {"severity": severity, "cause": cause, "actions": [], "count": 0}
+            )
             if severity == "error":
                 entry["severity"] = severity
             if action and action not in entry["actions"]:
@@ -191,7 +247,9 @@ class _Causes:
 
 
 def _curves(people: Sequence[CohortPerson], ended: Outcomes, causes: _Causes) -> Iterator[str]:
-    """Packed curves of everyone with a result, in the order of the table, whose causes are noted meanwhile."""
+    """Packed curves of everyone with a result, in the order of the table, whose causes are noted
+    meanwhile.
+    """
     for person in people:
         outcome = ended.of(person)
         if outcome.failed:
@@ -201,7 +259,10 @@ def _curves(people: Sequence[CohortPerson], ended: Outcomes, causes: _Causes) ->
 
 
 def _content(
-    tables: Mapping[str, Path], people: Sequence[CohortPerson], common: CommonSettings, causes: _Causes
+    tables: Mapping[str, Path],
+    people: Sequence[CohortPerson],
+    common: CommonSettings,
+    causes: _Causes,
 ) -> Iterator[str]:
     with pq.ParquetFile(tables["people"]) as table:
 
@@ -215,8 +276,16 @@ def _content(
             "version": package_version("gaitcal"),
             "settings": json.loads(common.calibration.model_dump_json(exclude_unset=True)),
         }
-        content = {"about": about, "usual": DEFAULTS, "every": EVERY, "columns": list(_columns(table, read))}
-        sizes = [read(name) if table.metadata.num_rows else np.array([]) for name in ("mass_kg", "height_m")]
+        content = {
+            "about": about,
+            "usual": DEFAULTS,
+            "every": EVERY,
+            "columns": list(_columns(table, read)),
+        }
+        sizes = [
+            read(name) if table.metadata.num_rows else np.array([])
+            for name in ("mass_kg", "height_m")
+        ]
         mass, height = (
             float(np.nanmean(values)) if np.isfinite(values).any() else default
             for values, default in zip(sizes, (70.0, 1.7), strict=True)
@@ -228,11 +297,18 @@ def _content(
 
 
 def _columns(table: pq.ParquetFile, read: Callable[[str], Array]) -> Iterator[dict[str, Any]]:
-    """The columns of the page that somebody has a value in: words that stand first, measures, and every other one."""
+    """The columns of the page that somebody has a value in: words that stand first, measures, and
+    every other one.
+    """
     columns = {column.name: column for column in COLUMNS}
 
     def known(name: str, title: str) -> Iterator[dict[str, Any]]:
-        about = {"name": name, "title": title, "unit": columns[name].unit, "meaning": columns[name].meaning}
+        about = {
+            "name": name,
+            "title": title,
+            "unit": columns[name].unit,
+            "meaning": columns[name].meaning,
+        }
         if columns[name].kind is str:
             words = [str(value or "") for value in table.read(columns=[name]).column(0).to_numpy()]
             numbered = {word: number for number, word in enumerate(dict.fromkeys(words))}
@@ -262,7 +338,9 @@ def _digits_of(numbers: Array) -> int:
 
 
 def _variables(common: CommonSettings, mass: float, height: float) -> list[dict[str, Any]]:
-    """What the packed curves are of, with normal bands where there are some, per kg for a body of mean size."""
+    """What the packed curves are of, with normal bands where there are some, per kg for a body of
+    mean size.
+    """
     bands = {} if common.normal is None else normal_bands.read_normal_bands(common.normal)
     body = Subject(name="", mass=mass, height=height, sex="male")
     clinical, out = conventions.Convention(signs=conventions.Signs.CLINICAL), []
@@ -281,7 +359,11 @@ def _variables(common: CommonSettings, mass: float, height: float) -> list[dict[
         if name in bands:
             scale = 1.0 if kind is Kind.ANGLE else 1.0 / mass
             mean, sd = (scale * values[::EVERY] for values in bands[name].for_person(body))
-            variable["normal"] = {"mean": _rounded(sign * mean), "sd": _rounded(sd), "source": bands[name].source}
+            variable["normal"] = {
+                "mean": _rounded(sign * mean),
+                "sd": _rounded(sd),
+                "source": bands[name].source,
+            }
         out.append(variable)
     return out
 

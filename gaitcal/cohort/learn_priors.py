@@ -1,13 +1,13 @@
 """`gaitcal cohort --learn-priors`: what all people of a cohort say of the next one.
 
-A calibration says of deviations d from nominal joints the estimate d^ with covariance C, in which the prior of the fit,
-N(m0, F F^T), counts already. In its units, x = F^-1 (d - m0), that is N(0, 1), and with x^ and its covariance C_x what
-the recordings alone say is
+A calibration says of deviations d from nominal joints the estimate d^ with covariance C, in which
+the prior of the fit, N(m0, F F^T), counts already. In its units, x = F^-1 (d - m0), that is N(0,
+1), and with x^ and its covariance C_x what the recordings alone say is
 
     S_x = C_x^-1 - 1 (nothing of it negative),      S_x m_x = C_x^-1 x^      <=>      S m = C^-1 d^ - (F F^T)^-1 m0,
 
-m being where they alone would have it. People are compared
-in units of anatomy's prior, y = G^-1 (d - a), in which x = F^-1 G y - F^-1 (m0 - a), whatever prior their fit had.
+m being where they alone would have it. People are compared in units of anatomy's prior, y = G^-1 (d
+- a), in which x = F^-1 G y - F^-1 (m0 - a), whatever prior their fit had.
 """
 
 import csv
@@ -24,7 +24,14 @@ from gaitcal.calibration.error_sources import ErrorSources
 from gaitcal.calibration.joint_phases import LEG_PARAMETERS, UPPER_PARAMETERS
 from gaitcal.calibration.joint_prior import prior_deviations, prior_of, prior_of_study, prior_root
 from gaitcal.cohort.cohort_people import Cohort
-from gaitcal.cohort.learning import FEWEST, PartEvidence, PersonEvidence, folds_of, heights_of, learn_part
+from gaitcal.cohort.learning import (
+    FEWEST,
+    PartEvidence,
+    PersonEvidence,
+    folds_of,
+    heights_of,
+    learn_part,
+)
 from gaitcal.cohort.outcome import kept
 from gaitcal.errors import Code, InputError
 from gaitcal.io.result_folder import MANIFEST, amended, read_object
@@ -53,7 +60,9 @@ class NotUsedError(Exception):
 
 @dataclass(frozen=True, kw_only=True)
 class Rules:
-    """What nominal joints depend on: the same in everybody that is learnt of, and in whom it is used for."""
+    """What nominal joints depend on: the same in everybody that is learnt of, and in whom it is
+    used for.
+    """
 
     marker_set: str
     hip_centre: str
@@ -69,7 +78,8 @@ class Found:
 
 
 def learn_priors(cohort: Cohort, out: Path, progress: Progress = silent) -> Sequence[str]:
-    """Learn of the results in the folder of a cohort, and write `priors.json` and `priors.csv` into it.
+    """Learn of the results in the folder of a cohort, and write `priors.json` and `priors.csv` into
+    it.
 
     Returns what was learnt and who did not count, a line each.
 
@@ -90,7 +100,9 @@ def learn_priors(cohort: Cohort, out: Path, progress: Progress = silent) -> Sequ
     if rules is None:
         message = f"nobody's joint parameters can be learnt of: {_counted(reasons)}"
         raise InputError(message, source=out, code=Code.PRIORS)
-    priors = learn_cohort(cohort.source.resolve().name or "cohort", people, rules, reasons, progress)
+    priors = learn_cohort(
+        cohort.source.resolve().name or "cohort", people, rules, reasons, progress
+    )
     with amended(out) as stage:
         (stage / PRIORS).write_text(priors_text(priors), encoding="utf-8")
         with (stage / PRIORS_CSV).open("w", encoding="utf-8", newline="") as stream:
@@ -103,9 +115,8 @@ def learn_priors(cohort: Cohort, out: Path, progress: Progress = silent) -> Sequ
 def evidence_of(folder: Path, name: str) -> Found:
     """What a result folder of `gaitcal calibrate` says.
 
-    Raises NotUsedError: Its verdict is not "trustworthy", it leans on a cohort itself, or its joint parameters were not
-    calibrated by the evidence.
-    Raises InputError: It is damaged.
+    Raises NotUsedError: Its verdict is not "trustworthy", it leans on a cohort itself, or its joint
+    parameters were not calibrated by the evidence. Raises InputError: It is damaged.
     """
     summary, manifest = read_object(folder / SUMMARY), read_object(folder / MANIFEST)
     if (verdict := summary.get("verdict")) != TRUSTED:
@@ -122,7 +133,9 @@ def evidence_of(folder: Path, name: str) -> Found:
         raise NotUsedError("its joint parameters were not calibrated by the evidence of all trials")
     hashes = manifest.get("inputs_sha256")
     files = (files.get("file", "") for files in trial_files(folder).values())
-    recordings = frozenset(str(hashes[file]) for file in files if isinstance(hashes, dict) and file in hashes)
+    recordings = frozenset(
+        str(hashes[file]) for file in files if isinstance(hashes, dict) and file in hashes
+    )
     person = cohort_prior.Person(height=subject.height, sex=subject.sex)
     marker_set = str(manifest.get("marker_set") or "")
     return Found(
@@ -132,9 +145,13 @@ def evidence_of(folder: Path, name: str) -> Found:
 
 
 def parts_of(
-    errors: ErrorSources, deviation: Array, names: tuple[str, ...], prior: cohort_prior.JointPrior | None
+    errors: ErrorSources,
+    deviation: Array,
+    names: tuple[str, ...],
+    prior: cohort_prior.JointPrior | None,
 ) -> dict[str, PartEvidence] | None:
-    """What a calibration says of every part of the body; None where its errors are no covariance of rank.
+    """What a calibration says of every part of the body; None where its errors are no covariance of
+    rank.
 
     `errors`: of joint parameters by source; those that no trial moved tell nothing.
     `deviation`: (98,) m, rad: fitted minus nominal, in the order of `names`.
@@ -146,11 +163,15 @@ def parts_of(
         information, right = np.zeros((len(wanted),) * 2), np.zeros(len(wanted))
         if free:
             mean, root = prior_of(free, prior)[0], prior_root(free, prior)
-            rows = np.linalg.solve(root, errors.parameters[[errors.free.index(name) for name in free]])
+            rows = np.linalg.solve(
+                root, errors.parameters[[errors.free.index(name) for name in free]]
+            )
             values, vectors = np.linalg.eigh(rows @ rows.T)
             if values[0] <= RANK * values[-1]:
                 return None
-            estimate = vectors.T @ np.linalg.solve(root, deviation[[names.index(name) for name in free]] - mean)
+            estimate = vectors.T @ np.linalg.solve(
+                root, deviation[[names.index(name) for name in free]] - mean
+            )
             # eigenvectors of C_x are those of S_x: what the recordings add along each
             added = np.maximum(1.0 / values - 1.0, 0.0)
             # from units of the fit's prior to those of anatomy's
@@ -164,7 +185,8 @@ def parts_of(
 
 
 def one_each(found: Sequence[Found]) -> tuple[list[PersonEvidence], Rules | None, list[str]]:
-    """Each person once, from the session that tells most; the rules that most have; and who has others.
+    """Each person once, from the session that tells most; the rules that most have; and who has
+    others.
 
     Recordings of all sessions of a person are kept, by which they are recognised.
     """
@@ -178,10 +200,16 @@ def one_each(found: Sequence[Found]) -> tuple[list[PersonEvidence], Rules | None
     people = []
     for name in sorted(used):
         best = max((p for p in by_rules[rules] if p.name == name), key=lambda p: p.seen)
-        every = frozenset().union(*(one.evidence.recordings for one in found if one.evidence.name == name))
+        every = frozenset().union(
+            *(one.evidence.recordings for one in found if one.evidence.name == name)
+        )
         people.append(replace(best, recordings=every))
     others = sorted({one.evidence.name for one in found} - used)
-    return people, rules, [f"{name}: other markers, nominal hips or ankle zeros than most" for name in others]
+    return (
+        people,
+        rules,
+        [f"{name}: other markers, nominal hips or ankle zeros than most" for name in others],
+    )
 
 
 def learn_cohort(
@@ -273,7 +301,9 @@ def priors_text(priors: cohort_prior.CohortPriors) -> str:
 
 
 def priors_rows(priors: cohort_prior.CohortPriors) -> Iterator[dict[str, object]]:
-    """The rows of `priors.csv`, for people: mean and standard deviation of a person of middle height, in mm and deg."""
+    """The rows of `priors.csv`, for people: mean and standard deviation of a person of middle
+    height, in mm and deg.
+    """
     low, high = priors.heights_m
     person = cohort_prior.Person(height=0.5 * (low + high), sex="")
     for part in priors.parts:
@@ -292,6 +322,7 @@ def priors_words(priors: cohort_prior.CohortPriors) -> Iterator[str]:
         size = ", by size and sex" if part.by_size else ""
         wider = f", variances times {part.wider:g}" if part.wider > 1.0 else ""
         yield (
-            f"{part.part}: {part.learning}{size}{wider} learnt of {len(priors.people)} people; people left out are "
+            f"{part.part}: {part.learning}{size}{wider} learnt of {len(priors.people)} people; "
+            "people left out are "
             f"likelier by {gain:.1f} +/- {error:.1f} (log) than by the default prior"
         )

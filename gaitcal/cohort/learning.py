@@ -1,11 +1,13 @@
 """Which prior of joint parameters a cohort supports, decided by people who were left out.
 
-Anatomy's prior says N(0, 1) of every deviation in its own units (`learn_priors.py`). Of that variance a part
-(`COMMON`) is the same in all people along directions in which both sides deviate alike: an error of the nominal model.
-From there on more and more is learnt (`Learning`): nothing; where people are on average; how far they spread along each
-direction that their recordings show; how all of it goes together; whether it goes with size and sex. People are dealt
-into folds; each step is taken if people of a fold are likelier by what the other folds teach, by more than the standard
-error of that gain. Spreads that still turn out too narrow for people left out are widened until they fit.
+Anatomy's prior says N(0, 1) of every deviation in its own units (`learn_priors.py`). Of that
+variance a part (`COMMON`) is the same in all people along directions in which both sides deviate
+alike: an error of the nominal model. From there on more and more is learnt (`Learning`): nothing;
+where people are on average; how far they spread along each direction that their recordings show;
+how all of it goes together; whether it goes with size and sex. People are dealt into folds; each
+step is taken if people of a fold are likelier by what the other folds teach, by more than the
+standard error of that gain. Spreads that still turn out too narrow for people left out are widened
+until they fit.
 
 Mean and spread of the joint parameters of people, of each of whom recordings tell something.
 
@@ -13,18 +15,18 @@ The recordings of person i say of the n deviations y_i (`study/cohort_prior.py`)
 
     log p(recordings | y) = r_i^T y - y^T S_i y / 2 + constant,     S_i the information, r_i = S_i m_i,
 
-of which S_i may be singular: what recordings do not show counts for nothing. People are y_i = X_i w + u_i with
-u_i ~ N(0, Sigma) and w ~ N(0, W), W the part of the default prior that may be an error of the nominal model in all of
-them. With P = Sigma^-1, L_i = (S_i + P)^-1, G_i = S_i - S_i L_i S_i and g_i = r_i - S_i L_i r_i, and w integrated out
-(restricted likelihood; Laird and Ware 1982),
+of which S_i may be singular: what recordings do not show counts for nothing. People are y_i = X_i w
++ u_i with u_i ~ N(0, Sigma) and w ~ N(0, W), W the part of the default prior that may be an error
+of the nominal model in all of them. With P = Sigma^-1, L_i = (S_i + P)^-1, G_i = S_i - S_i L_i S_i
+and g_i = r_i - S_i L_i r_i, and w integrated out (restricted likelihood; Laird and Ware 1982),
 
     w | all ~ N(A^-1 g, A^-1),      A = W^-1 + sum_i X_i^T G_i X_i,    g = sum_i X_i^T g_i,
     u_i | all:  mean L_i (r_i - S_i X_i w),  covariance L_i + L_i S_i X_i A^-1 X_i^T S_i L_i,
     2 log p = sum_i (r_i^T L_i r_i - log det(1 + Sigma S_i)) + g^T A^-1 g - log det(A W).
 
-Sigma follows by expectation and maximisation (Dempster, Laird and Rubin 1977), sum_i E[u_i u_i^T] with its mirror image
-going into a `Structure`, which has a prior of its own: with few people Sigma stays near what it begins with, and along
-directions that nobody's recordings show it stays there.
+Sigma follows by expectation and maximisation (Dempster, Laird and Rubin 1977), sum_i E[u_i u_i^T]
+with its mirror image going into a `Structure`, which has a prior of its own: with few people Sigma
+stays near what it begins with, and along directions that nobody's recordings show it stays there.
 """
 
 from collections.abc import Sequence
@@ -37,9 +39,13 @@ from gaitcal.arrays import Array, IntArray
 from gaitcal.runtime import Progress, silent
 from gaitcal.study.cohort_prior import UNLEARNT, Person, design, mirror, sided_directions
 
-MOST_STEPS, RISE = 50, 5e-3  # Of the iteration, and rise of the log likelihood of each person at which it ends
+MOST_STEPS, RISE = (
+    50,
+    5e-3,
+)  # Of the iteration, and rise of the log likelihood of each person at which it ends
 COMMON = (0.5, 0.2, 0.05)
-"""Of the default variance, the part that is the same in all people; the likeliest of them is taken."""
+"""Of the default variance, the part that is the same in all people; the likeliest of them is taken.
+"""
 BY_SIZE = 0.25  # Variance of what goes with 10 cm of height, and with sex, before anybody is known
 FEWEST, FOLDS = 8, 8
 SURE_OF_AXES, SURE_OF_ALL = 3.0, 30.0  # People as many as whom the first spread counts
@@ -56,7 +62,11 @@ class Evidence:
 
     def of(self, chosen: IntArray) -> "Evidence":
         """Some of the people."""
-        return Evidence(information=self.information[chosen], right=self.right[chosen], design=self.design[chosen])
+        return Evidence(
+            information=self.information[chosen],
+            right=self.right[chosen],
+            design=self.design[chosen],
+        )
 
 
 @dataclass(frozen=True)
@@ -65,7 +75,9 @@ class Structure:
 
     first: Array  # (n, n) Sigma before anybody is known
     weight: float = np.inf  # Infinite: nothing is learnt of it
-    directions: Array | None = None  # (n, n) orthonormal columns along which people are independent; None: any spread
+    directions: Array | None = (
+        None  # (n, n) orthonormal columns along which people are independent; None: any spread
+    )
 
     def updated(self, moment: Array, people: int) -> Array:
         """(n, n) the likeliest Sigma for sum_i E[u u^T] = `moment`, its mirror image among it."""
@@ -76,7 +88,9 @@ class Structure:
         return spread
 
     def penalty(self, spread: Array) -> float:
-        """Twice the log density of the prior, but for what is the same in all priors of as much weight."""
+        """Twice the log density of the prior, but for what is the same in all priors of as much
+        weight.
+        """
         if np.isinf(self.weight):
             return 0.0
         ratio = np.linalg.solve(spread, self.first)
@@ -118,17 +132,23 @@ def learn(evidence: Evidence, effects: Array, reflected: Array, structure: Struc
         inverse = np.linalg.inv(information + np.linalg.inv(spread))  # L
         pulled = information @ inverse  # S L
         score = right - np.einsum("nij,nj->ni", pulled, right)
-        normal = np.diag(1.0 / effects) + (across @ (information - pulled @ information) @ design).sum(axis=0)
+        normal = np.diag(1.0 / effects) + (
+            across @ (information - pulled @ information) @ design
+        ).sum(axis=0)
         covariance = np.linalg.inv(normal)
         gradient = np.einsum("nik,ni->k", design, score)
         found = covariance @ gradient
         determinants = np.linalg.slogdet(np.eye(len(spread)) + spread @ information)[1]
-        likelihood = np.einsum("ni,nij,nj->", right, inverse, right, optimize=True) - determinants.sum()
+        likelihood = (
+            np.einsum("ni,nij,nj->", right, inverse, right, optimize=True) - determinants.sum()
+        )
         likelihood += gradient @ found - np.linalg.slogdet(normal * effects)[1]
         rises.append(float(likelihood) + structure.penalty(spread))
         ended = len(rises) > 1 and rises[-1] - rises[-2] < RISE * people
         if np.isinf(structure.weight) or not people or ended or len(rises) > MOST_STEPS:
-            return Learnt(Population(effects=found, effect_covariance=covariance, spread=spread), tuple(rises))
+            return Learnt(
+                Population(effects=found, effect_covariance=covariance, spread=spread), tuple(rises)
+            )
         left = right - np.einsum("nij,nj->ni", information, design @ found)
         mean = np.einsum("nij,nj->ni", inverse, left)
         carried = np.swapaxes(pulled, 1, 2) @ design  # L S X
@@ -138,7 +158,9 @@ def learn(evidence: Evidence, effects: Array, reflected: Array, structure: Struc
 
 
 def log_density(information: Array, right: Array, mean: Array, covariance: Array) -> float:
-    """Log p of one person's recordings if deviations are N(mean, covariance); 0 for recordings that say nothing."""
+    """Log p of one person's recordings if deviations are N(mean, covariance); 0 for recordings that
+    say nothing.
+    """
     left = right - information @ mean
     inner = np.eye(len(right)) + covariance @ information
     explained = left @ np.linalg.solve(inner, covariance @ left)
@@ -165,8 +187,15 @@ class PersonEvidence:
 
     @property
     def seen(self) -> float:
-        """How much the recordings tell: how far the prior is narrowed, in units of its volume's logarithm."""
-        return float(sum(np.linalg.slogdet(np.eye(len(p.right)) + p.information)[1] for p in self.parts.values()))
+        """How much the recordings tell: how far the prior is narrowed, in units of its volume's
+        logarithm.
+        """
+        return float(
+            sum(
+                np.linalg.slogdet(np.eye(len(p.right)) + p.information)[1]
+                for p in self.parts.values()
+            )
+        )
 
 
 class Learning(Enum):
@@ -188,7 +217,9 @@ class PartPrior:
     wider: float  # Factor of the covariance of a new person
     populations: tuple[Population, ...]  # Of everybody, then without each fold
     gain: tuple[float, float]
-    """Mean rise of the log likelihood of a person left out against the default prior, and its standard error."""
+    """Mean rise of the log likelihood of a person left out against the default prior, and its
+    standard error.
+    """
 
 
 @dataclass(frozen=True)
@@ -206,7 +237,11 @@ class _Tried:
         out = []
         for i, fold in enumerate(self.folds):
             mean, covariance = self.populations[fold + 1].expected(self.evidence.design[i])
-            out.append(log_density(self.evidence.information[i], self.evidence.right[i], mean, wider * covariance))
+            out.append(
+                log_density(
+                    self.evidence.information[i], self.evidence.right[i], mean, wider * covariance
+                )
+            )
         return np.array(out)
 
     def or_better(self, other: "_Tried") -> "_Tried":
@@ -216,7 +251,9 @@ class _Tried:
 
 
 def folds_of(names: Sequence[str]) -> IntArray:
-    """(N,) the fold of each person: dealt out in the order of their names, so that all are as large."""
+    """(N,) the fold of each person: dealt out in the order of their names, so that all are as
+    large.
+    """
     order = np.argsort(np.array(names, dtype=str), kind="stable")
     out = np.empty(len(names), dtype=np.intp)
     out[order] = np.arange(len(names)) % min(FOLDS, max(len(names), 1))
@@ -230,7 +267,11 @@ def heights_of(people: Sequence[PersonEvidence]) -> tuple[float, float]:
 
 
 def learn_part(
-    part: str, names: tuple[str, ...], people: Sequence[PersonEvidence], folds: IntArray, progress: Progress = silent
+    part: str,
+    names: tuple[str, ...],
+    people: Sequence[PersonEvidence],
+    folds: IntArray,
+    progress: Progress = silent,
 ) -> PartPrior:
     """What people teach of the joint parameters `names` of a part of the body."""
     heights, parts = heights_of(people), [person.parts[part] for person in people]
@@ -242,7 +283,8 @@ def learn_part(
             design=np.array([design(names, p.person, heights, by_size=by_size) for p in people]),
         )
         populations = tuple(
-            _population(evidence.of(np.flatnonzero(folds != k)), names, learning) for k in range(-1, max(folds) + 1)
+            _population(evidence.of(np.flatnonzero(folds != k)), names, learning)
+            for k in range(-1, max(folds) + 1)
         )
         return _Tried(learning, by_size, populations, evidence, folds)
 
@@ -275,23 +317,33 @@ def _population(evidence: Evidence, names: tuple[str, ...], learning: Learning) 
     alike, opposite = sided_directions(names)
     if learning is Learning.NOTHING:
         nothing = np.zeros(count)
-        return Population(effects=nothing, effect_covariance=np.diag(nothing), spread=np.eye(len(names)))
+        return Population(
+            effects=nothing, effect_covariance=np.diag(nothing), spread=np.eye(len(names))
+        )
     reflected = mirror(names)
     # Axes go by how well recordings show them, so that what is seen tells nothing of what is not.
     seen = evidence.information.sum(axis=0)
     seen = 0.5 * (seen + reflected @ seen @ reflected.T)
-    axes = np.hstack([basis @ np.linalg.eigh(basis.T @ seen @ basis)[1] for basis in (alike, opposite)])
+    axes = np.hstack(
+        [basis @ np.linalg.eigh(basis.T @ seen @ basis)[1] for basis in (alike, opposite)]
+    )
 
     def learnt(common: float, spread: Array | None = None) -> Learnt:
-        """Where the variance `common` is that of all people alike; `spread`: only how likely that is, given it."""
+        """Where the variance `common` is that of all people alike; `spread`: only how likely that
+        is, given it.
+        """
         effects = np.full(count, BY_SIZE)
         effects[: alike.shape[1]] = common
         rest = np.eye(len(names)) - common * alike @ alike.T
         if spread is not None or learning is Learning.OFFSET:
-            return learn(evidence, effects, reflected, Structure(rest if spread is None else spread))
+            return learn(
+                evidence, effects, reflected, Structure(rest if spread is None else spread)
+            )
         found = learn(evidence, effects, reflected, Structure(rest, SURE_OF_AXES, axes))
         if learning is Learning.WHOLE:
-            found = learn(evidence, effects, reflected, Structure(found.population.spread, SURE_OF_ALL))
+            found = learn(
+                evidence, effects, reflected, Structure(found.population.spread, SURE_OF_ALL)
+            )
         return found
 
     first = learnt(COMMON[0])

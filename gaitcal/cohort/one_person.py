@@ -1,13 +1,15 @@
-"""One person of a cohort, from the folder of recordings to the result folder: what `gaitcal calibrate FOLDER` does,
-with nobody to ask; and the row and curves that a result gives.
+"""One person of a cohort, from the folder of recordings to the result folder: what `gaitcal
+calibrate FOLDER` does, with nobody to ask; and the row and curves that a result gives.
 
-A result folder's row of the table of people, and its mean curves for the page, come from its files alone. Fits join the
-walks: RMS = sqrt(sum n_i rms_i^2 / sum n_i) over n_i frames (residuals: valid frames) of walk i. Peaks are those of the
-phases of the stride (`gait/peaks.py`); loads are by body mass.
+A result folder's row of the table of people, and its mean curves for the page, come from its files
+alone. Fits join the walks: RMS = sqrt(sum n_i rms_i^2 / sum n_i) over n_i frames (residuals: valid
+frames) of walk i. Peaks are those of the phases of the stride (`gait/peaks.py`); loads are by body
+mass.
 
-Curves are means over valid strides (`gait/ensemble.py`) at every second percent, as 16-bit integers in steps of a size
-that is the same for everybody: people can be packed one by one. Three bytes are four letters of base64, and a person's
-bytes are divisible by three, so that people's texts one behind the other are the text of all.
+Curves are means over valid strides (`gait/ensemble.py`) at every second percent, as 16-bit integers
+in steps of a size that is the same for everybody: people can be packed one by one. Three bytes are
+four letters of base64, and a person's bytes are divisible by three, so that people's texts one
+behind the other are the text of all.
 """
 
 import base64
@@ -41,7 +43,9 @@ from gaitcal.study.settings import CalibrationSettings
 from gaitcal.study.study import Study
 
 ANYWAY = 0.005
-"""Relative difference of a study file's mass or height from what else is said of the person, from which it is told."""
+"""Relative difference of a study file's mass or height from what else is said of the person, from
+which it is told.
+"""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -56,7 +60,10 @@ class CommonSettings:
     @property
     def said(self) -> dict[str, object]:
         """The settings that were said."""
-        return {name: getattr(self.calibration, name) for name in sorted(self.calibration.model_fields_set)}
+        return {
+            name: getattr(self.calibration, name)
+            for name in sorted(self.calibration.model_fields_set)
+        }
 
 
 class PersonError(InputError):
@@ -70,16 +77,21 @@ class PersonError(InputError):
 def calibrate_person(person: CohortPerson, out: Path, common: CommonSettings) -> None:
     """Calibrate a person and write the result folder `out`; a refused verdict is a result, too.
 
-    Raises InputError: No study follows from the folder, or the checks find an error: a `PersonError` says what to do.
+    Raises InputError: No study follows from the folder, or the checks find an error: a
+    `PersonError` says what to do.
     """
     if not is_folder(person.folder):
         raise PersonError(
-            no_folder(person), "put the recordings there, or take the person out of the list", code=Code.FOLDER
+            no_folder(person),
+            "put the recordings there, or take the person out of the list",
+            code=Code.FOLDER,
         )
     folder = read_folder(person.folder)
     source = drafts.own_study(folder) or _ready(draft_of(folder, person.told))
     del folder  # the recordings of all files, also of those that are not used
-    settings = RunSettings(normal=common.normal, priors=common.priors, calibration=common.calibration)
+    settings = RunSettings(
+        normal=common.normal, priors=common.priors, calibration=common.calibration
+    )
 
     def contradictions(study: Study) -> tuple[str, ...]:
         return _contradictions(person, study, common) if isinstance(source, Path) else ()
@@ -89,8 +101,12 @@ def calibrate_person(person: CohortPerson, out: Path, common: CommonSettings) ->
     except FaultyStudyError as refused:
         first, more = refused.errors[0], len(refused.errors) - 1
         place = "" if first.where == STUDY else f"trial '{first.where}': "
-        cause = f"{place}{first.topic}: {first.evidence}" + (f" (and {more} more errors)" if more else "")
-        raise PersonError(cause, first.cure or "gaitcal check shows all of it", code=first.code) from None
+        cause = f"{place}{first.topic}: {first.evidence}" + (
+            f" (and {more} more errors)" if more else ""
+        )
+        raise PersonError(
+            cause, first.cure or "gaitcal check shows all of it", code=first.code
+        ) from None
 
 
 def _ready(draft: drafts.Draft) -> drafts.Draft:
@@ -102,14 +118,19 @@ def _ready(draft: drafts.Draft) -> drafts.Draft:
     if draft.missing:
         fields = ", ".join(draft.missing)
         raise PersonError(
-            drafts.missing_words(draft), f"give {fields} in people.csv or cohort.toml", code=Code.WHO_IT_IS
+            drafts.missing_words(draft),
+            f"give {fields} in people.csv or cohort.toml",
+            code=Code.WHO_IT_IS,
         )
     return draft
 
 
 def _contradictions(person: CohortPerson, study: Study, common: CommonSettings) -> tuple[str, ...]:
     """What was said of a person whose own study file says otherwise, and is used."""
-    said = (("mass_kg", person.told.mass, study.subject.mass), ("height_m", person.told.height, study.subject.height))
+    said = (
+        ("mass_kg", person.told.mass, study.subject.mass),
+        ("height_m", person.told.height, study.subject.height),
+    )
     found = [
         f"{field} = {other:g} was said for the cohort; the study file's {value:g} is used"
         for field, other, value in said
@@ -117,7 +138,10 @@ def _contradictions(person: CohortPerson, study: Study, common: CommonSettings) 
     ]
     own = study.joint_prior
     if own is not None and common.priors is not None and own.sha256 != sha256_of(common.priors):
-        found.append(f"priors = {common.priors.name} was said for the cohort; the study file's {own.file} is used")
+        found.append(
+            f"priors = {common.priors.name} was said for the cohort; the study file's {own.file} "
+            "is used"
+        )
     return tuple(found)
 
 
@@ -127,7 +151,15 @@ Cell: TypeAlias = str | int | float | None  # Of the table of people
 PER_KG: Final = {Kind.ANGLE: "deg", Kind.MOMENT: "N m/kg", Kind.POWER: "W/kg", Kind.FORCE: "N/kg"}
 """Unit of what is by body mass, but for angles."""
 MEASURED: Final = (
-    *("speed", "cadence", "stride_length", "step_length", "step_width", "stride_time", "stance_percent"),
+    *(
+        "speed",
+        "cadence",
+        "stride_length",
+        "step_length",
+        "step_width",
+        "stride_time",
+        "stance_percent",
+    ),
     *("double_support_percent", "single_support_percent"),
 )
 _FIT: Final = {
@@ -161,7 +193,10 @@ def _columns() -> tuple[Column, ...]:
             ("folder", "result folder, from where this table lies"),
             ("page", "the result's page, from where this table lies"),
             ("verdict", "trustworthy, doubtful or refused"),
-            ("verdict_r", "of the right leg: refused in every walk, or the worst of the other walks"),
+            (
+                "verdict_r",
+                "of the right leg: refused in every walk, or the worst of the other walks",
+            ),
             ("verdict_l", "of the left leg"),
             ("first_cause", "the worst reason of the verdict"),
             ("first_action", "what to do about it"),
@@ -179,12 +214,27 @@ def _columns() -> tuple[Column, ...]:
             ("laboratory", "as the study file says"),
         ),
         Column("walks", int, "", "walks that were used"),
-        Column("activities", str, "", "trials of any other activity; activity_peaks.csv has what they repeat"),
-        *(Column(f"walks_refused_{s}", int, "", f"walks in which the {leg} leg is refused") for s, leg in _LEGS),
+        Column(
+            "activities",
+            str,
+            "",
+            "trials of any other activity; activity_peaks.csv has what they repeat",
+        ),
+        *(
+            Column(f"walks_refused_{s}", int, "", f"walks in which the {leg} leg is refused")
+            for s, leg in _LEGS
+        ),
     ]
-    for where, markers in (("marker_rms", "all markers"), ("legs_rms", "markers of pelvis and legs")):
+    for where, markers in (
+        ("marker_rms", "all markers"),
+        ("legs_rms", "markers of pelvis and legs"),
+    ):
         for name, what in _FIT.items():
-            out.append(Column(f"{where}_{name}_mm", float, "mm", f"RMS distance of {markers} {what}, {_WALKS}"))
+            out.append(
+                Column(
+                    f"{where}_{name}_mm", float, "mm", f"RMS distance of {markers} {what}, {_WALKS}"
+                )
+            )
     for stage, meaning in (
         ("nominal", "pelvis residual of the nominal model"),
         ("calibrated", "pelvis residual of the calibrated model"),
@@ -196,11 +246,21 @@ def _columns() -> tuple[Column, ...]:
     for name in MEASURED:
         for side, leg in _LEGS:
             where = f"{name} of the {leg} leg's valid straight strides"
-            out.append(Column(f"{name}_{side}", float, spatiotemporal.MEASURES[name], f"mean {where}"))
             out.append(
-                Column(f"{name}_sd_{side}", float, spatiotemporal.MEASURES[name], f"standard deviation, {where}")
+                Column(f"{name}_{side}", float, spatiotemporal.MEASURES[name], f"mean {where}")
             )
-    out += [Column(f"strides_{side}", int, "", f"valid straight strides of the {leg} leg") for side, leg in _LEGS]
+            out.append(
+                Column(
+                    f"{name}_sd_{side}",
+                    float,
+                    spatiotemporal.MEASURES[name],
+                    f"standard deviation, {where}",
+                )
+            )
+    out += [
+        Column(f"strides_{side}", int, "", f"valid straight strides of the {leg} leg")
+        for side, leg in _LEGS
+    ]
     for peak in PEAKS.values():
         for side, leg in _LEGS:
             meant = f"{peak.title()} ({peak.words}): mean over straight strides of the {leg} foot"
@@ -210,7 +270,9 @@ def _columns() -> tuple[Column, ...]:
     for side, leg in (*_LEGS, (profile_score.BOTH, "both legs")):
         meant = f"Gait Profile Score of {leg}, against healthy people of that age and speed"
         out.append(Column(f"gait_profile_score_{side}", float, "deg", meant))
-        out.append(Column(f"gait_profile_score_se_{side}", float, "deg", f"standard error: {meant}"))
+        out.append(
+            Column(f"gait_profile_score_se_{side}", float, "deg", f"standard error: {meant}")
+        )
     out += words(
         ("gaitcal", "version"),
         ("settings_sha256", "of the settings in manifest.json"),
@@ -227,7 +289,14 @@ GAP: Final = -32768
 STEPS: Final = {Kind.ANGLE: 0.01, Kind.MOMENT: 0.0005, Kind.POWER: 0.002}
 """What one of the whole numbers is: deg, N m/kg, W/kg."""
 VARIABLES: Final = (
-    *("hip_flexion", "hip_flexion_moment", "hip_power", "hip_adduction", "hip_adduction_moment", "hip_rotation"),
+    *(
+        "hip_flexion",
+        "hip_flexion_moment",
+        "hip_power",
+        "hip_adduction",
+        "hip_adduction_moment",
+        "hip_rotation",
+    ),
     *("knee_angle", "knee_angle_moment", "knee_power", "knee_adduction_moment"),
     *("ankle_angle", "ankle_angle_moment", "ankle_power"),
 )
@@ -239,7 +308,9 @@ _FITS = {"marker_rms": "rms_mm", "legs_rms": "pelvis_and_legs_mm"}
 
 
 def _table(path: Path, *, walking: bool = True) -> pd.DataFrame | None:
-    """A table of a result, as text, of walking, or of other activities, alone; None where there is none."""
+    """A table of a result, as text, of walking, or of other activities, alone; None where there is
+    none.
+    """
     try:
         table, _ = read_csv(path)
     except (OSError, pd.errors.EmptyDataError):
@@ -263,24 +334,35 @@ def _peaks(peaks: Path, mass: float) -> Iterator[tuple[str, float]]:
     table = _table(peaks)
     for row in () if table is None else table.to_dict("records"):
         for column, name in (("mean", row["peak"]), ("se", f"{row['peak']}_se")):
-            yield f"{name}_{row['side']}", _by_mass(row["variable"], mass) * float(row[column] or "nan")
+            yield (
+                f"{name}_{row['side']}",
+                _by_mass(row["variable"], mass) * float(row[column] or "nan"),
+            )
 
 
 def mean_curves(ensemble: Path, mass: float) -> str:
-    """Base64 of the curves of `ensemble.csv`, little-endian integers of `SHAPE`; empty where there is none.
+    """Base64 of the curves of `ensemble.csv`, little-endian integers of `SHAPE`; empty where there
+    is none.
 
     `mass`: kg.
     """
     packed, table = np.full(SHAPE, GAP, dtype="<i2"), _table(ensemble)
-    known = [] if table is None else table[table["variable"].isin(VARIABLES)].groupby(["variable", "side"], sort=False)
+    known = (
+        []
+        if table is None
+        else table[table["variable"].isin(VARIABLES)].groupby(["variable", "side"], sort=False)
+    )
     for (variable, side), rows in known:
         percent, mean = (
-            pd.to_numeric(rows[name], errors="coerce").to_numpy(np.float64) for name in ("percent", "mean")
+            pd.to_numeric(rows[name], errors="coerce").to_numpy(np.float64)
+            for name in ("percent", "mean")
         )
         mean = _by_mass(variable, mass) * mean
         here = np.isfinite(mean) & (percent % EVERY == 0)
         whole = np.clip(np.rint(mean[here] / STEPS[kind_of(variable)]), GAP + 1, -GAP - 1)
-        packed[VARIABLES.index(variable), SIDES.index(side), (percent[here] / EVERY).astype(int)] = whole
+        packed[
+            VARIABLES.index(variable), SIDES.index(side), (percent[here] / EVERY).astype(int)
+        ] = whole
     return "" if (packed == GAP).all() else base64.b64encode(packed.tobytes()).decode("ascii")
 
 
@@ -309,9 +391,13 @@ def row_of(folder: Path) -> dict[str, Cell]:
         "first_action": reasons[0].get("action", ""),
         "reasons": len(summary.get("reasons") or ()),
         "status": summary.get("status", ""),
-        **{name: subject.get(name) for name in ("sex", "mass_kg", "height_m", "age_years", *RECORD)},
+        **{
+            name: subject.get(name) for name in ("sex", "mass_kg", "height_m", "age_years", *RECORD)
+        },
         "walks": len(walks),
-        "activities": " ".join(name for name, trial in trials.items() if trial.get("role") == "motion"),
+        "activities": " ".join(
+            name for name, trial in trials.items() if trial.get("role") == "motion"
+        ),
         **_legs(walks),
         **dict(_fits(walks or list(trials.values()))),
         **dict(_residuals(walks)),
@@ -320,7 +406,8 @@ def row_of(folder: Path) -> dict[str, Cell]:
         **dict(_peaks(folder / PEAKS_FILE, float(subject["mass_kg"]))),
         "gaitcal": manifest["gaitcal"],
         **{
-            f"{key.removesuffix('_sha256')}_sha256": _digest(manifest.get(key)) for key in ("settings", "inputs_sha256")
+            f"{key.removesuffix('_sha256')}_sha256": _digest(manifest.get(key))
+            for key in ("settings", "inputs_sha256")
         },
     }
     for name, value in row.items():
@@ -333,7 +420,10 @@ def reasons_of(folder: Path) -> tuple[dict[str, str], ...]:
     """Severity, cause and action of every reason of a result folder's verdict, the worst first."""
     summary: dict[str, Any] = read_object(folder / SUMMARY)
     found: Iterable[Mapping[str, Any]] = summary.get("reasons") or ()
-    return tuple({name: str(reason.get(name) or "") for name in ("severity", "cause", "action")} for reason in found)
+    return tuple(
+        {name: str(reason.get(name) or "") for name in ("severity", "cause", "action")}
+        for reason in found
+    )
 
 
 def _digest(content: object) -> str:
@@ -356,20 +446,38 @@ def _fits(trials: Iterable[Mapping[str, Any]]) -> Iterator[tuple[str, Cell]]:
     found = list(trials)
     for where, entry in _FITS.items():
         for name in ("nominal", "calibrated", "rigid_floor", "joint_floor"):
-            pairs = [(t["frames"], (t.get(entry) or t.get("rms_mm") or {}).get(name)) for t in found if "frames" in t]
+            pairs = [
+                (t["frames"], (t.get(entry) or t.get("rms_mm") or {}).get(name))
+                for t in found
+                if "frames" in t
+            ]
             yield f"{where}_{name}_mm", _together(pairs)
 
 
 def _residuals(walks: Iterable[Mapping[str, Any]]) -> Iterator[tuple[str, Cell]]:
-    stages = [(w["valid_frames"], list(w["pelvis_residual"].values())) for w in walks if "pelvis_residual" in w]
-    limits = [(w["valid_frames"], w["pelvis_residual_limit"]) for w in walks if "pelvis_residual_limit" in w]
+    stages = [
+        (w["valid_frames"], list(w["pelvis_residual"].values()))
+        for w in walks
+        if "pelvis_residual" in w
+    ]
+    limits = [
+        (w["valid_frames"], w["pelvis_residual_limit"])
+        for w in walks
+        if "pelvis_residual_limit" in w
+    ]
     for stage, found in (
         ("nominal", [(frames, of_stage[0]) for frames, of_stage in stages]),
         ("calibrated", [(frames, of_stage[-1]) for frames, of_stage in stages]),
         ("limit", limits),
     ):
-        yield f"residual_force_{stage}_N", _together([(frames, one["force_N"]) for frames, one in found])
-        yield f"residual_moment_{stage}_Nm", _together([(frames, one["torque_Nm"]) for frames, one in found])
+        yield (
+            f"residual_force_{stage}_N",
+            _together([(frames, one["force_N"]) for frames, one in found]),
+        )
+        yield (
+            f"residual_moment_{stage}_Nm",
+            _together([(frames, one["torque_Nm"]) for frames, one in found]),
+        )
 
 
 def _together(pairs: Iterable[tuple[int, float | None]]) -> float | None:

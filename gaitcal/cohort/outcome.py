@@ -1,8 +1,10 @@
-"""What becomes of one person, and how it is kept on disk beside the results: a small file, and the strides as Parquet.
+"""What becomes of one person, and how it is kept on disk beside the results: a small file, and the
+strides as Parquet.
 
-`state/people/P01/pre.json` and `.parquet` belong to `people/P01/pre`. They are written whole when the person has ended,
-so that nothing but people at work is lost, whatever ends the run. What a result follows from (files, what is said,
-settings, version) is one SHA-256, `fingerprint`: where it has not changed, a worker does nothing.
+`state/people/P01/pre.json` and `.parquet` belong to `people/P01/pre`. They are written whole when
+the person has ended, so that nothing but people at work is lost, whatever ends the run. What a
+result follows from (files, what is said, settings, version) is one SHA-256, `fingerprint`: where it
+has not changed, a worker does nothing.
 """
 
 import hashlib
@@ -20,7 +22,14 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from gaitcal.cohort.cohort_people import CohortPerson, is_folder
-from gaitcal.cohort.one_person import Cell, CommonSettings, calibrate_person, mean_curves, reasons_of, row_of
+from gaitcal.cohort.one_person import (
+    Cell,
+    CommonSettings,
+    calibrate_person,
+    mean_curves,
+    reasons_of,
+    row_of,
+)
 from gaitcal.errors import Code, GaitcalError, InputError
 from gaitcal.gait.cycles import CYCLE_COLUMNS
 from gaitcal.intake.draft_file import study_files
@@ -50,12 +59,15 @@ class Outcome:
     cause: str = ""  # Why there is no result; empty where there is one
     action: str = ""  # What to do about it
     code: str = ""  # Kind of the cause: `gaitcal explain` tells of it
-    passing: bool = False  # Whether the cause was of the moment, as a full disk, so that the next run tries again
+    # Whether the cause was of the moment, as a full disk, so that the next run tries again
+    passing: bool = False
     result: str = ""  # SHA-256 by which the manifest of the result tells itself
     seconds: float = 0.0
     mebibytes: float = 0.0  # Largest memory of the worker until then
     row: Mapping[str, Cell] = field(default_factory=dict)  # Of the table of people
-    reasons: Sequence[Mapping[str, str]] = ()  # Of its verdict, the worst first: severity, cause, action
+    reasons: Sequence[
+        Mapping[str, str]
+    ] = ()  # Of its verdict, the worst first: severity, cause, action
     curves: str = ""  # Mean curves over the stride (`row.mean_curves`)
     computed: bool = True  # Whether this run did it; False where nothing had changed
 
@@ -77,7 +89,9 @@ class Outcome:
     @property
     def strideless(self) -> bool:
         """There are walks, and no stride of either leg counts: nothing of their gait is known."""
-        return bool(self.row.get("walks")) and not any(self.row.get(f"strides_{side}") for side in SIDES)
+        return bool(self.row.get("walks")) and not any(
+            self.row.get(f"strides_{side}") for side in SIDES
+        )
 
     @property
     def first_cause(self) -> str:
@@ -94,7 +108,8 @@ def keep(out: Path, outcome: Outcome) -> None:
     """Write an outcome, whole or not at all."""
     content = asdict(replace(outcome, row={**outcome.row}))
     atomic.atomic_text(
-        state_file(out, outcome.place, ".json"), json.dumps(content, ensure_ascii=False, allow_nan=False) + "\n"
+        state_file(out, outcome.place, ".json"),
+        json.dumps(content, ensure_ascii=False, allow_nan=False) + "\n",
     )
 
 
@@ -104,7 +119,9 @@ class Outcomes:
 
     out: Path  # Folder of the cohort
     failed: Mapping[tuple[str, str], Outcome] = field(default_factory=dict)
-    """Those without a result as the run returned them, by name and session: the disk may not have taken them."""
+    """Those without a result as the run returned them, by name and session: the disk may not have
+    taken them.
+    """
 
     def of(self, person: CohortPerson) -> Outcome:
         """As the run returned it, else as it is kept on disk; a failure where it is neither."""
@@ -113,7 +130,9 @@ class Outcomes:
         return found or _failure(person, Code.WORKER, cause, AGAIN, passing=True)
 
 
-def _failure(person: CohortPerson, code: Code, cause: str, action: str, *, passing: bool, mark: str = "") -> Outcome:
+def _failure(
+    person: CohortPerson, code: Code, cause: str, action: str, *, passing: bool, mark: str = ""
+) -> Outcome:
     return Outcome(
         name=person.name,
         session=person.session,
@@ -135,13 +154,21 @@ def kept(out: Path, person: CohortPerson) -> Outcome | None:
         return None
 
 
-READ = (*MARKER_ENDINGS, *TABLE_ENDINGS, ".csv", ".toml", ".xml")  # Endings of files that a draft or a study may read
+READ = (
+    *MARKER_ENDINGS,
+    *TABLE_ENDINGS,
+    ".csv",
+    ".toml",
+    ".xml",
+)  # Endings of files that a draft or a study may read
 
 
 def inputs_of(folder: Path) -> dict[str, Path]:
-    """The files by names that differ, each once; those that a study names also where they are missing.
+    """The files by names that differ, each once; those that a study names also where they are
+    missing.
 
-    Names are as seen from the folder, or the one above it, so that a cohort may be moved; of others the whole path.
+    Names are as seen from the folder, or the one above it, so that a cohort may be moved; of others
+    the whole path.
     """
     folder = folder.absolute()
     out = {}
@@ -157,12 +184,18 @@ def inputs_of(folder: Path) -> dict[str, Path]:
 def _files(folder: Path) -> Iterator[Path]:
     if not is_folder(folder):
         return
-    below = [path for path in sorted(folder.iterdir()) if path.is_dir() and path.name[0] not in ".~"]
+    below = [
+        path for path in sorted(folder.iterdir()) if path.is_dir() and path.name[0] not in ".~"
+    ]
     lying = [file for place in (folder, *below) for file in _read_in(place)]
     yield from lying
     yield from (place for file in lying for place in _drawn_on(file))
     for path in _read_in(folder.parent):
-        if path.suffix.lower() == ".toml" and path.stat().st_size <= MAX_BYTES and b"landmarks" in path.read_bytes():
+        if (
+            path.suffix.lower() == ".toml"
+            and path.stat().st_size <= MAX_BYTES
+            and b"landmarks" in path.read_bytes()
+        ):
             yield path  # a marker set for everyone
     for study in study_files(folder):
         yield study
@@ -184,12 +217,20 @@ def _named_in(study: Path) -> Iterator[Path]:
                 yield study.parent / named
                 yield from _drawn_on(study.parent / named)
     if file.truth is not None:
-        at = {key: study.parent / path for key, path in vars(file.truth).items() if isinstance(path, Path)}
-        yield from truth_files(file.truth.model_copy(update=at), [trial.name for trial in file.trials])
+        at = {
+            key: study.parent / path
+            for key, path in vars(file.truth).items()
+            if isinstance(path, Path)
+        }
+        yield from truth_files(
+            file.truth.model_copy(update=at), [trial.name for trial in file.trials]
+        )
 
 
 def _drawn_on(file: Path) -> Iterator[Path]:
-    """Files that come into it with a file: tables of an XML of external forces, corners of plates beside a table."""
+    """Files that come into it with a file: tables of an XML of external forces, corners of plates
+    beside a table.
+    """
     yield from opensim_files.tables_there(file)
     if (corners := plates_file(file)).is_file():
         yield corners
@@ -208,7 +249,10 @@ def fingerprint(person: CohortPerson, common: CommonSettings) -> str:
     content = {
         "format": FORMAT,
         "gaitcal": package_version("gaitcal"),
-        "person": [*person.key, *(None if value is None else str(value) for value in vars(person.told).values())],
+        "person": [
+            *person.key,
+            *(None if value is None else str(value) for value in vars(person.told).values()),
+        ],
         "calibration": {name: str(value) for name, value in common.said.items()},
         "normal": None if common.normal is None else sha256_of(common.normal),
         "files": {name: sha256_of(path) for name, path in sorted(inputs_of(person.folder).items())},
@@ -219,7 +263,9 @@ def fingerprint(person: CohortPerson, common: CommonSettings) -> str:
 
 
 STRIDE_TYPES = {
-    **dict.fromkeys(("person", "session", "trial", "side", "variable", "activity", "phase"), pa.string()),
+    **dict.fromkeys(
+        ("person", "session", "trial", "side", "variable", "activity", "phase"), pa.string()
+    ),
     **dict.fromkeys(("stride", "percent"), pa.int32()),
     "valid": pa.int8(),
     **dict.fromkeys(("value", "se", "se_stride", "turn"), pa.float64()),
@@ -241,10 +287,11 @@ class Task:
 
 
 def end_person(task: Task) -> Outcome:
-    """Calibrate a person where anything changed, and keep the outcome on disk; no exception leaves it.
+    """Calibrate a person where anything changed, and keep the outcome on disk; no exception leaves
+    it.
 
-    What is returned has neither row nor curves: they stay on disk. Where nothing can be written there, it is a failure
-    that says so.
+    What is returned has neither row nor curves: they stay on disk. Where nothing can be written
+    there, it is a failure that says so.
     """
     began = time.monotonic()
     try:
@@ -260,26 +307,35 @@ def end_person(task: Task) -> Outcome:
 
 def lost_person(task: Task, words: str) -> Outcome:
     """The outcome of a person over whom a worker died several times."""
-    cause, action = f"its worker process died: {words}", f"too little memory for so many --jobs does this; {AGAIN}"
+    cause, action = (
+        f"its worker process died: {words}",
+        f"too little memory for so many --jobs does this; {AGAIN}",
+    )
     return _kept(task, _failure(task.person, Code.WORKER, cause, action, passing=True))
 
 
 def _kept(task: Task, outcome: Outcome) -> Outcome:
-    """The outcome, kept on disk; a failure where the disk does not take it: an earlier one no longer holds."""
+    """The outcome, kept on disk; a failure where the disk does not take it: an earlier one no
+    longer holds.
+    """
     try:
         keep(task.out, outcome)
     except Exception as error:  # noqa: BLE001 - a full disk
         with suppress(OSError):
             state_file(task.out, outcome.place, ".json").unlink(missing_ok=True)
         if not outcome.failed:
-            outcome = replace(_failed_by(task, error), seconds=outcome.seconds, mebibytes=outcome.mebibytes)
+            outcome = replace(
+                _failed_by(task, error), seconds=outcome.seconds, mebibytes=outcome.mebibytes
+            )
     return outcome
 
 
 @with_one_blas_thread
 def _ended(task: Task) -> Outcome:
     if package_version("gaitcal") != task.version:
-        raise _PassingError(f"the worker has gaitcal {package_version('gaitcal')}, not {task.version}")
+        raise _PassingError(
+            f"the worker has gaitcal {package_version('gaitcal')}, not {task.version}"
+        )
     person, result = task.person, task.out / task.person.place
     mark = fingerprint(person, task.common)
     before = kept(task.out, person)
@@ -291,7 +347,11 @@ def _ended(task: Task) -> Outcome:
     table = pa.Table.from_pandas(strides[list(CYCLE_COLUMNS)], schema=STRIDES, preserve_index=False)
     with atomic.atomic_file(state_file(task.out, person.place, ".parquet")) as target:
         pq.write_table(table.replace_schema_metadata(), target, compression=COMPRESSION)
-    row = row_of(result) | {"person": person.name, "session": person.session, "folder": person.place}
+    row = row_of(result) | {
+        "person": person.name,
+        "session": person.session,
+        "folder": person.place,
+    }
     row |= {"page": f"{person.place}/{row['page']}" if row["page"] else ""}
     return Outcome(
         name=person.name,
@@ -324,7 +384,9 @@ class _PassingError(GaitcalError):
 
 
 def _failed_by(task: Task, error: Exception) -> Outcome:
-    """The failure that an exception is; of one that was not raised on purpose, the machine's or our own."""
+    """The failure that an exception is; of one that was not raised on purpose, the machine's or our
+    own.
+    """
     person, cause = task.person, str(error)
     for known in (f"{person.folder}: ", f"{person.folder}/", f"{task.out}/"):
         cause = cause.replace(known, "")
@@ -335,7 +397,9 @@ def _failed_by(task: Task, error: Exception) -> Outcome:
         cause = f"internal error: {type(error).__name__}: {cause}"
         if isinstance(error, (MemoryError, OSError)):
             code = Code.WORKER
-    passing = isinstance(error, (_PassingError, MemoryError, OSError)) or isinstance(error.__cause__, OSError)
+    passing = isinstance(error, (_PassingError, MemoryError, OSError)) or isinstance(
+        error.__cause__, OSError
+    )
     action = getattr(error, "action", "") or (AGAIN if passing else default)
     try:
         mark = fingerprint(person, task.common)

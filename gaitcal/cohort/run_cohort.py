@@ -1,8 +1,9 @@
-"""A cohort from its folder to its tables: everyone whose inputs or settings changed is calibrated, the others stay.
+"""A cohort from its folder to its tables: everyone whose inputs or settings changed is calibrated,
+the others stay.
 
-Tables are made of what is kept of every person, one at a time, in the order of names and sessions. The same people give
-the same bytes, in whatever order, on whatever machine and in however many runs they were computed; what differs
-(seconds, memory) is in `times.csv` alone.
+Tables are made of what is kept of every person, one at a time, in the order of names and sessions.
+The same people give the same bytes, in whatever order, on whatever machine and in however many runs
+they were computed; what differs (seconds, memory) is in `times.csv` alone.
 """
 
 import csv
@@ -48,7 +49,9 @@ def run_cohort(
     *,
     engine: Workers | None = None,
     retry: bool = False,
-    told: Callable[[outcome_files.Outcome, int, float | None], None] = lambda outcome, done, remaining_s: None,
+    told: Callable[
+        [outcome_files.Outcome, int, float | None], None
+    ] = lambda outcome, done, remaining_s: None,
 ) -> Counter[str]:
     """Calibrate everyone of a cohort into `out/people`, and write its tables.
 
@@ -56,12 +59,11 @@ def run_cohort(
 
     Parameters
     ----------
-    cohort : of `people.people_in` or `people.read_cohort`.
-    out : the folder of the cohort; what is there of an earlier run, and still holds, is kept.
-    common : settings of everyone.
-    engine : who computes; processes of this machine unless given.
-    retry : try again who failed before though nothing changed.
-    told : called whenever somebody has ended: how, how many have, seconds that are left (None: nobody was computed).
+    cohort : of `people.people_in` or `people.read_cohort`. out : the folder of the cohort; what is
+    there of an earlier run, and still holds, is kept. common : settings of everyone. engine : who
+    computes; processes of this machine unless given. retry : try again who failed before though
+    nothing changed. told : called whenever somebody has ended: how, how many have, seconds that are
+    left (None: nobody was computed).
 
     Raises InputError: `out` cannot be written, holds something else, or another run works in it.
     """
@@ -69,7 +71,9 @@ def run_cohort(
     require_cohort(out)
     with alone(out, "cohort", WAIT_S):
         mark(out)
-        for unfinished in (out / outcome_files.STATE).rglob(f"{atomic.UNFINISHED}*"):  # of workers that were killed
+        for unfinished in (out / outcome_files.STATE).rglob(
+            f"{atomic.UNFINISHED}*"
+        ):  # of workers that were killed
             shutil.rmtree(unfinished, ignore_errors=True)
         version = toml.package_version("gaitcal")
         tasks = (
@@ -87,7 +91,9 @@ def run_cohort(
                 left = len(cohort.people) - done
                 remaining = left * (time.monotonic() - began) / computed if computed else None
                 told(outcome, done, remaining)
-        return write_tables(cohort.people, cohort.source, outcome_files.Outcomes(out, failed), common)
+        return write_tables(
+            cohort.people, cohort.source, outcome_files.Outcomes(out, failed), common
+        )
 
 
 def processes(jobs: int = -1) -> LocalProcesses:
@@ -114,7 +120,8 @@ def require_cohort(out: Path) -> None:
     names = sorted(p.name for p in out.iterdir() if not p.name.startswith("."))
     if (
         names
-        and result_folder.read_object(out / result_folder.MANIFEST).get("kind") != result_folder.ResultKind.COHORT.value
+        and result_folder.read_object(out / result_folder.MANIFEST).get("kind")
+        != result_folder.ResultKind.COHORT.value
     ):
         message = f"holds '{names[0]}', and is no cohort; name a new or an empty folder"
         raise InputError(message, source=out, code=Code.FOLDER_TAKEN)
@@ -131,16 +138,29 @@ def mark(out: Path) -> None:
 
 def _text(content: Mapping[str, object]) -> str:
     made = {"gaitcal": toml.package_version("gaitcal"), **content}
-    return json.dumps({**made, result_folder.SELF: result_folder.self_hash(made)}, indent=1, ensure_ascii=False) + "\n"
+    return (
+        json.dumps(
+            {**made, result_folder.SELF: result_folder.self_hash(made)},
+            indent=1,
+            ensure_ascii=False,
+        )
+        + "\n"
+    )
 
 
 def _manifest(people: Sequence[CohortPerson], common: CommonSettings, stage: Path) -> str:
     names = sorted(path.name for path in stage.iterdir() if path.name != TIMES)
     settings: dict[str, object] = json.loads(common.calibration.model_dump_json(exclude_unset=True))
     if common.normal is not None:
-        settings |= {"normal": common.normal.name, "normal_sha256": result_folder.sha256_of(common.normal)}
+        settings |= {
+            "normal": common.normal.name,
+            "normal_sha256": result_folder.sha256_of(common.normal),
+        }
     if common.priors is not None:
-        settings |= {"priors": common.priors.name, "priors_sha256": result_folder.sha256_of(common.priors)}
+        settings |= {
+            "priors": common.priors.name,
+            "priors_sha256": result_folder.sha256_of(common.priors),
+        }
     return _text(
         {
             "kind": result_folder.ResultKind.COHORT.value,
@@ -154,11 +174,19 @@ def _manifest(people: Sequence[CohortPerson], common: CommonSettings, stage: Pat
 
 
 def write_tables(
-    people: Sequence[CohortPerson], source: Path, ended: outcome_files.Outcomes, common: CommonSettings
+    people: Sequence[CohortPerson],
+    source: Path,
+    ended: outcome_files.Outcomes,
+    common: CommonSettings,
 ) -> Counter[str]:
-    """Write all tables of a cohort into its folder, together. `source`: where the people's folders are."""
+    """Write all tables of a cohort into its folder, together. `source`: where the people's folders
+    are.
+    """
     verdicts = Counter[str]()
-    schema, home = pa.schema([(column.name, _ARROW[column.kind]) for column in COLUMNS]), source.resolve()
+    schema, home = (
+        pa.schema([(column.name, _ARROW[column.kind]) for column in COLUMNS]),
+        source.resolve(),
+    )
     with result_folder.amended(ended.out) as stage:
         with ExitStack() as stack:
             of_tables = {
@@ -167,9 +195,13 @@ def write_tables(
                 TIMES: TIME_COLUMNS,
                 PEAKS: ("person", "session", "group", *PEAK_COLUMNS),
             }
-            table, failed, times, peaks = (_csv(stack, stage / name, of) for name, of in of_tables.items())
+            table, failed, times, peaks = (
+                _csv(stack, stage / name, of) for name, of in of_tables.items()
+            )
             rows = stack.enter_context(
-                pq.ParquetWriter(stage / PEOPLE_PARQUET, schema, compression=outcome_files.COMPRESSION)
+                pq.ParquetWriter(
+                    stage / PEOPLE_PARQUET, schema, compression=outcome_files.COMPRESSION
+                )
             )
             strides = stack.enter_context(
                 pq.ParquetWriter(stage / CYCLES, _GROUPED, compression=outcome_files.COMPRESSION)
@@ -181,18 +213,25 @@ def write_tables(
                 times.writerow((*person.key, outcome.seconds, outcome.mebibytes))
                 if outcome.failed:
                     below = person.folder.is_relative_to(home)
-                    folder = person.folder.relative_to(home).as_posix() if below else person.folder.name
+                    folder = (
+                        person.folder.relative_to(home).as_posix() if below else person.folder.name
+                    )
                     cause = (outcome.code, outcome.cause, outcome.action)
                     failed.writerow((*person.key, person.group, folder, *cause))
                     continue
                 row = {**outcome.row, "group": person.group}
                 table.writerow(["" if row.get(name) is None else row[name] for name in NAMES])
-                peaks.writerows((*person.key, person.group, *of) for of in activity_peaks(ended.out / person.place))
+                peaks.writerows(
+                    (*person.key, person.group, *of)
+                    for of in activity_peaks(ended.out / person.place)
+                )
                 waiting.append(row)
                 if len(waiting) == ROWS:
                     rows.write_table(_rows(waiting, schema))
                     waiting = []
-                of_person = pq.read_table(outcome_files.state_file(ended.out, person.place, ".parquet"))
+                of_person = pq.read_table(
+                    outcome_files.state_file(ended.out, person.place, ".parquet")
+                )
                 group = pa.array([person.group] * len(of_person), pa.string())
                 of_person = of_person.add_column(_GROUPED.get_field_index("group"), "group", group)
                 if len(of_person):
@@ -203,7 +242,9 @@ def write_tables(
             meanings.writerows((column.name, column.unit, column.meaning) for column in COLUMNS)
         written = {"people": stage / PEOPLE_PARQUET, "failures": stage / FAILURES}
         write_page(stage / PAGE, written, people, ended, common)
-        (stage / result_folder.MANIFEST).write_text(_manifest(people, common, stage), encoding="utf-8")
+        (stage / result_folder.MANIFEST).write_text(
+            _manifest(people, common, stage), encoding="utf-8"
+        )
     return verdicts
 
 

@@ -1,4 +1,5 @@
-"""Derivatives of the generalised forces and of the pelvis residual: by motion, joint and dynamic parameters.
+"""Derivatives of the generalised forces and of the pelvis residual: by motion, joint and dynamic
+parameters.
 
 The joint parameters of interest are joints of the linkage, constant in time, so that
 `pin.computeRNEADerivatives` gives all derivatives, by coordinates, rates, accelerations and joint
@@ -23,7 +24,8 @@ from gaitcal.model.parameters import Parameters
 
 @dataclass(frozen=True, kw_only=True)
 class ForceDerivatives:
-    """Of n generalised forces: the 29 in the order of `FORCES`, or some of them, then those of held joint parameters.
+    """Of n generalised forces: the 29 in the order of `FORCES`, or some of them, then those of held
+    joint parameters.
 
     N·m or N per m, rad, and their rates.
     """
@@ -53,9 +55,11 @@ def force_derivatives(
     held: tuple[str, ...] = (),
     of: tuple[str, ...] = inverse_dynamics.FORCES,
 ) -> ForceDerivatives:
-    """Derivatives of `Dynamics.forces` at coordinates (nf, nq), their derivatives, and foot wrenches (nf, 2, 6).
+    """Derivatives of `Dynamics.forces` at coordinates (nf, nq), their derivatives, and foot
+    wrenches (nf, 2, 6).
 
-    `held`: joint parameters whose own generalised forces follow (`Dynamics`). `of`: those of the 29 that are wanted.
+    `held`: joint parameters whose own generalised forces follow (`Dynamics`). `of`: those of the 29
+    that are wanted.
     """
     dynamics = inverse_dynamics.Dynamics(parameters, held, free)
     return differentiate_forces(dynamics, q, v, a, wrenches, (*of, *held))
@@ -84,9 +88,15 @@ def root_residual(
 
 
 def differentiate_forces(
-    dynamics: inverse_dynamics.Dynamics, q: Array, v: Array, a: Array, wrenches: Array, of: tuple[str, ...]
+    dynamics: inverse_dynamics.Dynamics,
+    q: Array,
+    v: Array,
+    a: Array,
+    wrenches: Array,
+    of: tuple[str, ...],
 ) -> ForceDerivatives:
-    """Differentiate the generalised forces named `of` by coordinates, their derivatives and `dynamics.free`.
+    """Differentiate the generalised forces named `of` by coordinates, their derivatives and
+    `dynamics.free`.
 
     Parameters
     ----------
@@ -121,9 +131,15 @@ def differentiate_forces(
 
 
 def _by_moved_contacts(
-    dynamics: inverse_dynamics.Dynamics, rows: IntArray, by: IntArray, jacobians: Array, wrenches: Array
+    dynamics: inverse_dynamics.Dynamics,
+    rows: IntArray,
+    by: IntArray,
+    jacobians: Array,
+    wrenches: Array,
 ) -> Array:
-    """(nf, n, k) derivatives of -sum_feet J_i^T w, wrenches fixed in the laboratory, by joints j before i."""
+    """(nf, n, k) derivatives of -sum_feet J_i^T w, wrenches fixed in the laboratory, by joints j
+    before i.
+    """
     after = dynamics.body.chain.after
     pulls = np.zeros((len(wrenches), len(rows), 6))
     for foot, joint in enumerate(dynamics.feet):

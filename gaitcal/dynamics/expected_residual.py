@@ -1,4 +1,5 @@
-"""How large the pelvis residual of a trial may be: what its own errors let expect, and what only 1 in 1000 exceeds.
+"""How large the pelvis residual of a trial may be: what its own errors let expect, and what only 1
+in 1000 exceeds.
 
 Of the residual's three components i (force, or moment), laboratory axes, over the valid frames f,
 
@@ -6,19 +7,21 @@ Of the residual's three components i (force, or moment), laboratory axes, over t
     V_i = S_i + A_i,     S_i = mean_f SE_if^2,     A_i = U_i^2 + mean_f B_if^2
     expected^2 = mean_i V_i,     limit^2 = expected^2 chi^2_n(1 - RARE) / n
 
-SE is the error bar of the generalised forces of the pelvis (`calibration/torque_errors.py`). U is what walks without a
-fault leave once inertial parameters have taken their part, as no body is made of rigid segments. B is what the plates
-hold above the cut-off of the motion: the impact of a heel is over before a smoothed motion can follow it. The error bar
-counts as one draw a component in a whole trial, since masses, joints and skin are in error from its first frame to its
-last; the rest forgets itself within `TAU`. With T the duration of the valid frames, a sum of squares is chi^2
+SE is the error bar of the generalised forces of the pelvis (`calibration/torque_errors.py`). U is
+what walks without a fault leave once inertial parameters have taken their part, as no body is made
+of rigid segments. B is what the plates hold above the cut-off of the motion: the impact of a heel
+is over before a smoothed motion can follow it. The error bar counts as one draw a component in a
+whole trial, since masses, joints and skin are in error from its first frame to its last; the rest
+forgets itself within `TAU`. With T the duration of the valid frames, a sum of squares is chi^2
 distributed (Satterthwaite, Biometrics Bulletin 2:110-114, 1946) with
 
     n = (sum_i V_i)^2 / sum_i (S_i^2 + A_i^2 / max(1, T / TAU)).
 
-What is asked of simulations (Hicks et al., Journal of Biomechanical Engineering 2015), a residual force under 5 % of
-the peak net external force and a residual moment under 1 % of the height of the mass centre times that force, are
-limits of a magnitude, for motions that were changed until they agree with the forces. They are drawn beside its course;
-nothing is judged by them: plates have the impact of a heel, and a smoothed motion does not.
+What is asked of simulations (Hicks et al., Journal of Biomechanical Engineering 2015), a residual
+force under 5 % of the peak net external force and a residual moment under 1 % of the height of the
+mass centre times that force, are limits of a magnitude, for motions that were changed until they
+agree with the forces. They are drawn beside its course; nothing is judged by them: plates have the
+impact of a heel, and a smoothed motion does not.
 """
 
 from collections.abc import Sequence
@@ -44,9 +47,12 @@ TAU = 0.07
 """s, over which what clean walks leave forgets itself."""
 RARE = 1e-3
 """Of all trials without a fault: those whose residual is beyond its limit."""
-PELVIS = [linkage.COORDINATE_INDEX[f"pelvis_{name}"] for name in ("tx", "ty", "tz", "list", "rotation", "tilt")]
-"""Generalised forces whose errors are those of force and moment forward, up and to the right: the pelvis leans little
-enough for its three axes to count as those of the laboratory."""
+PELVIS = [
+    linkage.COORDINATE_INDEX[f"pelvis_{name}"]
+    for name in ("tx", "ty", "tz", "list", "rotation", "tilt")
+]
+"""Generalised forces whose errors are those of force and moment forward, up and to the right: the
+pelvis leans little enough for its three axes to count as those of the laboratory."""
 FORCE_SHARE, MOMENT_SHARE = 0.05, 0.01
 """Of the peak net external force; of that times the height of the mass centre."""
 MOST_FRAMES = 50
@@ -86,9 +92,15 @@ class ExpectedResidual:
 
 
 def expected_residual(
-    moments: Moments, errors: TorqueErrors, reactions: GroundReactions, motion: Motion, weight: float
+    moments: Moments,
+    errors: TorqueErrors,
+    reactions: GroundReactions,
+    motion: Motion,
+    weight: float,
 ) -> ExpectedResidual | None:
-    """Of the final moments of a trial; None without a valid frame or a standard error. `weight`: of the body, N."""
+    """Of the final moments of a trial; None without a valid frame or a standard error. `weight`: of
+    the body, N.
+    """
     frames = reactions.valid & np.isfinite(errors.tau[:, PELVIS]).all(axis=1)
     if not frames.any():
         return None
@@ -98,7 +110,9 @@ def expected_residual(
     other = baseline + (_faster(reactions, motion, frames) ** 2).mean(axis=0)
     draws = max(1.0, float(frames.sum()) * _step(motion.time) / TAU)
     squares = (residual**2).mean(axis=0)
-    force, moment = (_held(squares[of], bar[of], other[of], draws) for of in (slice(0, 3), slice(3, 6)))
+    force, moment = (
+        _held(squares[of], bar[of], other[of], draws) for of in (slice(0, 3), slice(3, 6))
+    )
     return ExpectedResidual(force=force, moment=moment)
 
 
@@ -108,12 +122,16 @@ def _held(squares: Array, bar: Array, other: Array, draws: float) -> HeldResidua
     n = total**2 / float((bar**2 + other**2 / draws).sum())
     expected = float(np.sqrt(total / 3.0))
     return HeldResidual(
-        rms=float(np.sqrt(squares.mean())), expected=expected, limit=expected * float(np.sqrt(chdtri(n, RARE) / n))
+        rms=float(np.sqrt(squares.mean())),
+        expected=expected,
+        limit=expected * float(np.sqrt(chdtri(n, RARE) / n)),
     )
 
 
 def _faster(reactions: GroundReactions, motion: Motion, frames: BoolArray) -> Array:
-    """(k, 6) N, N·m about the pelvis: what all ground reactions together hold above the motion's cut-off."""
+    """(k, 6) N, N·m about the pelvis: what all ground reactions together hold above the motion's
+    cut-off.
+    """
     total = np.nan_to_num(reactions.wrench.sum(axis=1))
     rate = 1.0 / _step(motion.time)
     if len(total) < 3 or not 0.0 < motion.cutoff_hz < 0.5 * rate:
@@ -163,8 +181,12 @@ class ResidualMagnitudes:
 
 
 def residual_magnitudes(name: str, moments: Moments, valid: BoolArray) -> ResidualMagnitudes:
-    """Magnitudes of a residual in every frame, and its figures over the valid frames (nf,), of which there are some."""
-    force, moment = (np.linalg.norm(r, axis=1) for r in (moments.residual_force, moments.residual_moment))
+    """Magnitudes of a residual in every frame, and its figures over the valid frames (nf,), of
+    which there are some.
+    """
+    force, moment = (
+        np.linalg.norm(r, axis=1) for r in (moments.residual_force, moments.residual_moment)
+    )
     rms_force, rms_moment = moments.residual_rms(valid)
     return ResidualMagnitudes(
         name=name,

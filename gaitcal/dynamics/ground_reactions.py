@@ -1,11 +1,13 @@
 """What the ground does to each foot, and in which frames that is known for each leg.
 
-A leg's torques need its own foot: on the ground wholly on plates that together carry it, or in the air. Where a foot is
-down and no plate carries it, where it rests partly beside its plates, where a plate carries both feet, or where the
-centre of pressure is not under it, the torques of that leg are not valid; those of the other leg may be. Pelvis, trunk
-and the fit of masses need both feet at once. Whether a foot is down at all is told by its motion, or by events
-(`foot_contact.py`). The size of the forces plays no part in this: residuals stay a check. Where a leg segment shows no
-marker its motion is a guess of the splines: these frames are not valid for that leg, nor for the whole body.
+A leg's torques need its own foot: on the ground wholly on plates that together carry it, or in the
+air. Where a foot is down and no plate carries it, where it rests partly beside its plates, where a
+plate carries both feet, or where the centre of pressure is not under it, the torques of that leg
+are not valid; those of the other leg may be. Pelvis, trunk and the fit of masses need both feet at
+once. Whether a foot is down at all is told by its motion, or by events (`foot_contact.py`). The
+size of the forces plays no part in this: residuals stay a check. Where a leg segment shows no
+marker its motion is a guess of the splines: these frames are not valid for that leg, nor for the
+whole body.
 """
 
 from collections.abc import Mapping, Sequence
@@ -17,9 +19,24 @@ import numpy as np
 from gaitcal.arrays import Array, BoolArray
 from gaitcal.display import Displayed
 from gaitcal.dynamics import inverse_dynamics, measurement_errors, off_sole
-from gaitcal.dynamics.foot_contact import FOOT_BREADTH, RESTING, FootPoints, Step, belts, near, on_the_floor, steps_on
+from gaitcal.dynamics.foot_contact import (
+    FOOT_BREADTH,
+    RESTING,
+    FootPoints,
+    Step,
+    belts,
+    near,
+    on_the_floor,
+    steps_on,
+)
 from gaitcal.errors import Code, Finding, InputError, Severity
-from gaitcal.io.force_plate import LOADED_N, filter_plate, filterable, point_and_torque, resample_wrench
+from gaitcal.io.force_plate import (
+    LOADED_N,
+    filter_plate,
+    filterable,
+    point_and_torque,
+    resample_wrench,
+)
 from gaitcal.io.labels import FootEvent
 from gaitcal.io.recording import ForcePlate, Recording, duration, runs, spans
 from gaitcal.model import coordinates, kinematics
@@ -35,22 +52,32 @@ if TYPE_CHECKING:
 
 _OF_LEG = tuple(dict.fromkeys(f"{name.split('_')[0]}_" for name in coordinates.LEG_COORDINATES))
 """How the names of what belongs to a leg begin."""
-SPLINE_ENDS = 2  # Knot spans at either end of a trial whose accelerations nothing before or after supports; not valid
+# Knot spans at either end of a trial whose accelerations nothing before or after supports; not
+# valid
+SPLINE_ENDS = 2
 FORCE_HZ = 50.0
-"""Filter of the plates unless told otherwise. RMS errors of leg torques on synthetic walks whose truth is known, true
-model, mean of three seeds, N·m (50 Hz, filtered like the motion, not filtered): impacts that shake the whole body
-2.16, 5.06, 2.64; the same under skin movement 3.46, 10.19, 3.78; impacts of the feet 3.83, 4.25, 4.10; no impacts
-1.52, 2.09, 1.66.
+"""Filter of the plates unless told otherwise. RMS errors of leg torques on synthetic walks whose
+truth is known, true model, mean of three seeds, N·m (50 Hz, filtered like the motion, not
+filtered): impacts that shake the whole body 2.16, 5.06, 2.64; the same under skin movement 3.46,
+10.19, 3.78; impacts of the feet 3.83, 4.25, 4.10; no impacts 1.52, 2.09, 1.66.
 """
 SMOOTHED_ENDS = 0.5
-"""Oscillations at f at either end of a smoothed motion whose accelerations lean on one side only; not valid."""
-CONTRADICTION = 0.25  # Of body weight: vertical residuals above this are told, and left in; subject01's largest is 0.11
-FALLING = 0.5  # Of gravity, by which heel and toe of a foot accelerate downwards together that is in the air
-SITTING_DEG = 60.0  # Lean of the thighs from the vertical; standing: up to 10 degrees, crouching children up to 40
-SEAT = 0.05  # Of body weight: what is left of it on the seat that somebody rises from; residuals are as large
+"""Oscillations at f at either end of a smoothed motion whose accelerations lean on one side only;
+not valid.
+"""
+# Of body weight: vertical residuals above this are told, and left in; subject01's largest is 0.11
+CONTRADICTION = 0.25
+# Of gravity, by which heel and toe of a foot accelerate downwards together that is in the air
+FALLING = 0.5
+# Lean of the thighs from the vertical; standing: up to 10 degrees, crouching children up to 40
+SITTING_DEG = 60.0
+# Of body weight: what is left of it on the seat that somebody rises from; residuals are as large
+SEAT = 0.05
 CONTRADICTED = "the plates' vertical force is not what the motion asks for"
 CONTRADICTION_S = 0.05
-"""s that they must last: the impact of a heel, over in 10 to 20 ms (Whittle 1999), is more than a motion can show."""
+"""s that they must last: the impact of a heel, over in 10 to 20 ms (Whittle 1999), is more than a
+motion can show.
+"""
 
 
 @dataclass(frozen=True, kw_only=True, repr=False)
@@ -58,14 +85,17 @@ class GroundReactions(Displayed):
     """Ground reactions on the feet at the marker frames."""
 
     wrench: Array
-    """(nf, 2, 6) [force N; moment N·m about the laboratory origin] on the right and left foot; 0 where none."""
+    """(nf, 2, 6) [force N; moment N·m about the laboratory origin] on the right and left foot; 0
+    where none.
+    """
     valid: BoolArray
-    """(nf,) whole body: each foot is wholly on plates of its own or in the air, by its motion alone, too, and a plate
-    carries the body. Masses are fitted to these frames: no event that somebody set decides on them, and no centre of
-    pressure, which would make a residual small by construction."""
+    """(nf,) whole body: each foot is wholly on plates of its own or in the air, by its motion
+    alone, too, and a plate carries the body. Masses are fitted to these frames: no event that
+    somebody set decides on them, and no centre of pressure, which would make a residual small by
+    construction."""
     valid_legs: BoolArray
-    """(nf, 2) right, left: that foot is on the ground wholly on plates of its own, with the centre of pressure under
-    it, or in the air."""
+    """(nf, 2) right, left: that foot is on the ground wholly on plates of its own, with the centre
+    of pressure under it, or in the air."""
     loaded: BoolArray
     """(nf, 2) a plate carries the foot."""
     resting: BoolArray
@@ -75,7 +105,9 @@ class GroundReactions(Displayed):
     steps: tuple[tuple[str, int, slice], ...] = ()
     """Each loading of a plate that a foot was given: plate, foot (0 right, 1 left), frames."""
     findings: tuple[Finding, ...] = ()
-    """What speaks against these ground reactions, and frames that they leave out; without the name of their trial."""
+    """What speaks against these ground reactions, and frames that they leave out; without the name
+    of their trial.
+    """
     seated: BoolArray | None = None
     """(nf,) a seat bears part of the body; None: nowhere."""
 
@@ -86,8 +118,8 @@ class GroundReactions(Displayed):
         -------
         pandas.DataFrame
             `valid`, `valid_r`, `valid_l` (1 or 0), then, with the names of the `.mot` file, force
-            `ground_force_r_vx` (N), point of application `ground_force_r_px` (m) and moment about it
-            `ground_torque_r_x` (N·m) of the right and the left foot.
+            `ground_force_r_vx` (N), point of application `ground_force_r_px` (m) and moment about
+            it `ground_torque_r_x` (N·m) of the right and the left foot.
         """
         import pandas as pd
 
@@ -106,7 +138,12 @@ class GroundReactions(Displayed):
         for k, side in enumerate(("right foot", "left foot")):
             valid, loaded = int(self.valid_legs[:, k].sum()), int(self.loaded[:, k].sum())
             peak = float(self.wrench[:, k, 1].max(initial=0.0))
-            rows.append((side, f"on plates in {loaded} frames, largest {peak:.0f} N; torques valid in {valid}"))
+            rows.append(
+                (
+                    side,
+                    f"on plates in {loaded} frames, largest {peak:.0f} N; torques valid in {valid}",
+                )
+            )
         rows.append(("whole body", f"valid in {int(self.valid.sum())} frames"))
         if self.warnings:
             rows.append(("warnings", str(len(self.warnings))))
@@ -133,7 +170,9 @@ class GroundReactions(Displayed):
         return bool((self.valid_legs & self.loaded).any())
 
     def valid_for(self, name: str) -> BoolArray:
-        """(nf,) of a coordinate or torque: `hip_flexion_r` as its leg, what belongs to no leg as the whole body."""
+        """(nf,) of a coordinate or torque: `hip_flexion_r` as its leg, what belongs to no leg as
+        the whole body.
+        """
         side = leg_of(name)
         return self.valid_legs[:, SIDES.index(side)] if side else self.valid
 
@@ -160,11 +199,11 @@ def ground_reactions_on_feet(
 ) -> GroundReactions:
     """Assign plates to feet, filter their wrenches and bring them to the marker frames.
 
-    `time`: (nf,) s of the marker frames.
-    `cutoff`: Hz of the zero-lag low-pass filter on the wrenches; None: none.
-    `ends`: s at the beginning and end of the trial that are not valid, as accelerations are not supported there.
-    `assigned`: plate name -> "r", "l" or "none", from the study; the rest is found.
-    `events`: of the file, for feet beside all plates; used where they agree with the plates.
+    `time`: (nf,) s of the marker frames. `cutoff`: Hz of the zero-lag low-pass filter on the
+    wrenches; None: none. `ends`: s at the beginning and end of the trial that are not valid, as
+    accelerations are not supported there. `assigned`: plate name -> "r", "l" or "none", from the
+    study; the rest is found. `events`: of the file, for feet beside all plates; used where they
+    agree with the plates.
     """
     wrench, loaded = np.zeros((len(time), 2, 6)), np.zeros((len(time), 2), dtype=bool)
     notes, findings = list[str](), list[Finding]()
@@ -172,7 +211,11 @@ def ground_reactions_on_feet(
     used, steps = list[ForcePlate](), list[Step]()
     for plate in plates:
         raw = np.nan_to_num(resample_wrench(plate, time))
-        filtered = plate if cutoff is None or not filterable(plate, cutoff) else filter_plate(plate, cutoff)
+        filtered = (
+            plate
+            if cutoff is None or not filterable(plate, cutoff)
+            else filter_plate(plate, cutoff)
+        )
         smooth = resample_wrench(filtered, time)
         known &= np.isfinite(smooth).all(axis=1)
         side = (assigned or {}).get(plate.name)
@@ -238,24 +281,30 @@ def ground_reactions(
 
     Parameters
     ----------
-    model : the person's model, with the parameters that the motion was tracked with.
-    motion : from `gaitcal.track`, all coordinates.
-    recording : the one that was tracked, in the same axes.
-    plates : plate name -> "r", "l" or "none"; the foot under the centre of pressure unless given.
-    cutoff_hz : zero-lag low-pass filter of the forces, left out where a plate is sampled at twice that or less;
+    model : the person's model, with the parameters that the motion was tracked with. motion : from
+    `gaitcal.track`, all coordinates. recording : the one that was tracked, in the same axes. plates
+    : plate name -> "r", "l" or "none"; the foot under the centre of pressure unless given.
+    cutoff_hz : zero-lag low-pass filter of the forces, left out where a plate is sampled at twice
+    that or less;
         "matched": that of the motion; None: no filter.
 
     Raises
     ------
     InputError
-        The motion is of a part of the body only, or the recording has no plates or none of a name in `plates`.
+        The motion is of a part of the body only, or the recording has no plates or none of a name
+        in `plates`.
     """
     if motion.coordinates != COORDINATES:
-        message = f"ground reactions need a motion of the whole body, with all {len(COORDINATES)} coordinates"
+        message = (
+            f"ground reactions need a motion of the whole body, with all {len(COORDINATES)} "
+            "coordinates"
+        )
         raise InputError(message, field="motion", code=Code.ARGUMENT)
     known = [plate.name for plate in recording.plates]
     if not known:
-        raise InputError("found no force plates", source=recording.source, field="plates", code=Code.ARGUMENT)
+        raise InputError(
+            "found no force plates", source=recording.source, field="plates", code=Code.ARGUMENT
+        )
     for name in plates or {}:
         if name not in known:
             message = f"found '{name}'; allowed: {', '.join(known)}"
@@ -272,13 +321,21 @@ def reactions_of_motion(
     plates: Mapping[str, str],
     hz: float | None,
 ) -> GroundReactions:
-    """Ground reactions at the frames of a whole-body motion, filtered at `hz` (None: not), and what speaks against."""
+    """Ground reactions at the frames of a whole-body motion, filtered at `hz` (None: not), and what
+    speaks against.
+    """
     feet = foot_points(model, motion, parameters)
     ends = SPLINE_ENDS * float(np.ptp(motion.basis.knots)) / (motion.basis.nodes - DEGREE)
     if motion.smoothed_hz is not None:
         ends = max(ends, SMOOTHED_ENDS / motion.smoothed_hz)
     measured = ground_reactions_on_feet(
-        recording.plates, motion.time, feet, cutoff=hz, ends=ends, assigned=plates, events=recording.events
+        recording.plates,
+        motion.time,
+        feet,
+        cutoff=hz,
+        ends=ends,
+        assigned=plates,
+        events=recording.events,
     )
     unseen = unseen_frames(motion)
     valid, legs = measured.valid.copy(), measured.valid_legs.copy()
@@ -301,9 +358,13 @@ def reactions_of_motion(
 
 
 def _filter_words(recording: Recording, hz: float | None) -> str:
-    plain = [plate.name for plate in recording.plates if hz is not None and not filterable(plate, hz)]
+    plain = [
+        plate.name for plate in recording.plates if hz is not None and not filterable(plate, hz)
+    ]
     if hz is None or len(plain) == len(recording.plates):
-        return "forces not filtered" + ("" if hz is None else f": sampled at twice {hz:.4g} Hz or less")
+        return "forces not filtered" + (
+            "" if hz is None else f": sampled at twice {hz:.4g} Hz or less"
+        )
     but = f"; not those of plate {', '.join(plain)}, sampled at twice that or less" if plain else ""
     return f"forces low-pass filtered at {hz:.1f} Hz (zero lag, 4th order){but}"
 
@@ -325,8 +386,9 @@ def thighs_lie(motion: Motion, parameters: Parameters) -> BoolArray:
 
 
 def _seated(missing: Array, lying: BoolArray) -> BoolArray:
-    """(nf,) frames in which a seat bears what the plates lack, more than while the person is off it, from before the
-    thighs lie until after they do: little, so far behind the feet, is much of a moment. It bears much at some time.
+    """(nf,) frames in which a seat bears what the plates lack, more than while the person is off
+    it, from before the thighs lie until after they do: little, so far behind the feet, is much of a
+    moment. It bears much at some time.
     """
     usual = float(np.median(missing[~lying])) if not lying.all() else 0.0
     out = np.zeros_like(lying)
@@ -337,7 +399,10 @@ def _seated(missing: Array, lying: BoolArray) -> BoolArray:
 
 def _seat(seated: BoolArray, time: Array) -> list[Finding]:
     """That a seat bears part of the body, and when."""
-    found = f"{spans(time, runs(seated))}: both thighs lie, and the plates under the feet carry less than the "
+    found = (
+        f"{spans(time, runs(seated))}: both thighs lie, and the plates under the feet carry less "
+        "than the "
+    )
     found += "body weighs; where the seat pushes is not known, so that torques are not valid then"
     cause, note = "a seat bears part of the body", Severity.INFO
     seat = Finding(severity=note, topic="forces", cause=cause, found=found, code=Code.SEATED)
@@ -345,7 +410,8 @@ def _seat(seated: BoolArray, time: Array) -> list[Finding]:
 
 
 def _contradictions(missing: Array, valid: BoolArray, time: Array) -> list[Finding]:
-    """Valid frames whose vertical force is far from what the body's acceleration asks for; they stay valid.
+    """Valid frames whose vertical force is far from what the body's acceleration asks for; they
+    stay valid.
 
     To leave them out would make every residual look small by construction.
     """
@@ -361,7 +427,8 @@ def _contradictions(missing: Array, valid: BoolArray, time: Array) -> list[Findi
             severity=Severity.WARNING,
             topic="forces",
             cause=CONTRADICTED,
-            found=f"{spans(time, runs(apart), most=len(apart))}: it differs by up to {most:.0f} % of body weight",
+            found=f"{spans(time, runs(apart), most=len(apart))}: it differs by up to {most:.0f} % "
+            "of body weight",
             cure="is a foot partly off its plate, a contact not measured, or mass_kg wrong?",
             weight=most / (100 * CONTRADICTION),
             code=Code.FORCES_CONTRADICT,
@@ -381,14 +448,22 @@ def foot_points(model: SubjectModel, motion: Motion, parameters: Parameters) -> 
     for end in ("heel", "toe"):
         local = {foot: model.landmarks[f"{end}_{foot[-1]}"][1] for foot in inverse_dynamics.FEET}
         points[end] = np.stack(
-            [np.einsum("j,jif->fi", at, axes[foot]) + origins[foot].T for foot, at in local.items()], axis=1
+            [
+                np.einsum("j,jif->fi", at, axes[foot]) + origins[foot].T
+                for foot, at in local.items()
+            ],
+            axis=1,
         )
     velocity = {end: np.gradient(p, motion.time, axis=0) for end, p in points.items()}
     ground = belts(*(np.concatenate([of["heel"], of["toe"]], axis=1) for of in (points, velocity)))
     speed = {end: np.linalg.norm(v - ground, axis=2) for end, v in velocity.items()}
     # the feet of who jumps stand still at the top, and rest on nothing
-    falls = [np.gradient(v[:, :, 1], motion.time, axis=0) < -FALLING * GRAVITY for v in velocity.values()]
-    speed = {end: np.where(np.all(falls, axis=0), np.maximum(s, RESTING), s) for end, s in speed.items()}
+    falls = [
+        np.gradient(v[:, :, 1], motion.time, axis=0) < -FALLING * GRAVITY for v in velocity.values()
+    ]
+    speed = {
+        end: np.where(np.all(falls, axis=0), np.maximum(s, RESTING), s) for end, s in speed.items()
+    }
     return FootPoints(
         heel=points["heel"],
         toe=points["toe"],
@@ -401,7 +476,9 @@ def foot_points(model: SubjectModel, motion: Motion, parameters: Parameters) -> 
 
 
 def unseen_frames(motion: Motion) -> dict[str, BoolArray]:
-    """Leg segment -> (nf,) frames in which none of its markers with weight is seen; segments always seen left out."""
+    """Leg segment -> (nf,) frames in which none of its markers with weight is seen; segments always
+    seen left out.
+    """
     errors = motion.errors
     names = np.array(errors.segments, dtype=str)
     out: dict[str, BoolArray] = {}
@@ -434,7 +511,9 @@ def _unseen_findings(frames: Mapping[str, BoolArray], motion: Motion) -> list[Fi
                 topic="markers",
                 cause=f"no marker of {', '.join(segments)} with weight is seen",
                 found=found,
-                cure="label them, or leave the trial out" if whole else "fill short gaps when labelling",
+                cure="label them, or leave the trial out"
+                if whole
+                else "fill short gaps when labelling",
                 leg=leg,
                 code=Code.UNSEEN_SEGMENT,
             )

@@ -9,8 +9,8 @@ frame's x axis. The six root rows are the pelvis residual, what no ground reacti
     F = tau_(tx, ty, tz),   A(q) T = tau_(tilt, list, rotation),
 
 A's rows being the axes of the pelvis rotations in the laboratory, so that T is the moment about the
-pelvis origin in laboratory axes. Without ground reactions tau is linear in the dynamic parameters of
-the segments (m, m c, I about the segment origin). Their matrix is the regressor
+pelvis origin in laboratory axes. Without ground reactions tau is linear in the dynamic parameters
+of the segments (m, m c, I about the segment origin). Their matrix is the regressor
 (`pin.computeJointTorqueRegressor`). Pinocchio gives its columns for bodies in the frames of their
 joints; those of segments follow by a constant matrix (`transformed_parameters`).
 """
@@ -40,14 +40,16 @@ if TYPE_CHECKING:
 FEET: tuple[str, ...] = ("foot_r", "foot_l")
 """Order of the second axis of every array of foot wrenches."""
 FORCES: tuple[str, ...] = (*linkage.COORDINATES, *linkage.REACTIONS)
-"""Order of the 29 generalised forces of a frame: the 27 coordinates, then the two knee reactions."""
+"""Order of the 29 generalised forces of a frame: the 27 coordinates, then the two knee reactions.
+"""
 BLOCK = 500
 """Frames at a time: a treadmill's trial may last for minutes."""
 
 
 @dataclass(frozen=True, kw_only=True, repr=False)
 class Moments(Displayed):
-    """Generalised forces of one trial: internal, net of all structures crossing the joint, acting on the child.
+    """Generalised forces of one trial: internal, net of all structures crossing the joint, acting
+    on the child.
 
     Positive along the coordinate of that name.
     """
@@ -59,8 +61,8 @@ class Moments(Displayed):
     tau: Array
     """(nf, nq) N·m; N for the three pelvis translations."""
     knee_adduction: Array
-    """(nf, 2) N·m, right and left: internal reaction moment of the thigh on the shank about the knee frame's x axis,
-    adduction positive."""
+    """(nf, 2) N·m, right and left: internal reaction moment of the thigh on the shank about the
+    knee frame's x axis, adduction positive."""
     residual_force: Array
     """(nf, 3) N, laboratory axes: what the ground reactions do not explain."""
     residual_moment: Array
@@ -69,13 +71,14 @@ class Moments(Displayed):
     """Body weight times height, N·m."""
 
     def to_dataframe(self) -> "pd.DataFrame":
-        """Return the moments as a table, with the columns of `moments/TRIAL.csv` that they determine.
+        """Return the moments as a table, with the columns of `moments/TRIAL.csv` that they
+        determine.
 
         Returns
         -------
         pandas.DataFrame
-            `time` (s), then for every generalised force NAME (N·m; N of the pelvis translations) and
-            `NAME_bwh` (percent of body weight times height; NaN of translations).
+            `time` (s), then for every generalised force NAME (N·m; N of the pelvis translations)
+            and `NAME_bwh` (percent of body weight times height; NaN of translations).
         """
         import pandas as pd
 
@@ -90,20 +93,34 @@ class Moments(Displayed):
     def _description(self) -> tuple[str, list[tuple[str, str]]]:
         time, peaks = self.time, []
         for name in ("hip_flexion", "knee_angle", "ankle_angle"):
-            both = [np.abs(self.tau[:, linkage.COORDINATES.index(f"{name}_{side}")]).max(initial=0.0) for side in "rl"]
-            peaks.append((name, f"largest {both[0]:.1f} N·m right, {both[1]:.1f} N·m left, over all frames"))
-        force, moment = self.residual_rms(np.ones(len(time), dtype=bool)) if len(time) else (0.0, 0.0)
+            both = [
+                np.abs(self.tau[:, linkage.COORDINATES.index(f"{name}_{side}")]).max(initial=0.0)
+                for side in "rl"
+            ]
+            peaks.append(
+                (name, f"largest {both[0]:.1f} N·m right, {both[1]:.1f} N·m left, over all frames")
+            )
+        force, moment = (
+            self.residual_rms(np.ones(len(time), dtype=bool)) if len(time) else (0.0, 0.0)
+        )
         rate = float(1.0 / np.median(np.diff(time))) if len(time) > 1 else float("nan")
         rows = [
             ("time", describe_time(len(time), rate, float(np.ptp(time)) if len(time) else 0.0)),
             *peaks,
             ("pelvis residual", f"RMS {force:.1f} N, {moment:.1f} N·m over all frames"),
         ]
-        return f"Moments: {len(self.coordinates)} generalised forces and the knee adduction moments", rows
+        return (
+            f"Moments: {len(self.coordinates)} generalised forces and the knee adduction moments",
+            rows,
+        )
 
     def residual_rms(self, valid: BoolArray) -> tuple[float, float]:
-        """RMS pelvis residual over valid frames and three components: force (N), torque about the pelvis (N·m)."""
-        force, moment = (np.sqrt(np.mean(r[valid] ** 2)) for r in (self.residual_force, self.residual_moment))
+        """RMS pelvis residual over valid frames and three components: force (N), torque about the
+        pelvis (N·m).
+        """
+        force, moment = (
+            np.sqrt(np.mean(r[valid] ** 2)) for r in (self.residual_force, self.residual_moment)
+        )
         return float(force), float(moment)
 
 
@@ -112,12 +129,12 @@ class Dynamics:
 
     Parameters
     ----------
-    parameters : joint and inertial parameters, SI units.
-    held : joint parameters that report their generalised forces, too, as rigid joints that stay where
+    parameters : joint and inertial parameters, SI units. held : joint parameters that report their
+    generalised forces, too, as rigid joints that stay where
         they are: after the 29, in their order.
-    free : joint parameters by which `derivatives.py` differentiates.
-    segments : part of the body whose forces are wanted, pelvis and both legs included; all unless given.
-    bodies : segment -> inertia in its frame, instead of those of `parameters`.
+    free : joint parameters by which `derivatives.py` differentiates. segments : part of the body
+    whose forces are wanted, pelvis and both legs included; all unless given. bodies : segment ->
+    inertia in its frame, instead of those of `parameters`.
     """
 
     def __init__(
@@ -159,8 +176,8 @@ class Dynamics:
 
         Parameters
         ----------
-        q, v, a : (nf, 27) coordinates and their derivatives, m and rad.
-        wrenches : (nf, 2, 6) ground on the right and left foot: force (N) and moment (N·m) about the
+        q, v, a : (nf, 27) coordinates and their derivatives, m and rad. wrenches : (nf, 2, 6)
+        ground on the right and left foot: force (N) and moment (N·m) about the
             laboratory origin; none unless given.
 
         Returns
@@ -175,7 +192,9 @@ class Dynamics:
         return np.concatenate(parts)[:, self.rows]
 
     def _forces(self, q: Array, v: Array, a: Array, on_feet: Array | None) -> Array:
-        """(nf, nv) of all joints; `on_feet`: (nf, 2, 6) in the axes of the feet's joints, about their origins."""
+        """(nf, nv) of all joints; `on_feet`: (nf, 2, 6) in the axes of the feet's joints, about
+        their origins.
+        """
         model = self.body.model
         external = pin.StdVec_Force([pin.Force.Zero() for _ in range(model.njoints)])
         feet, out = [external[joint] for joint in self.feet], np.empty_like(q)
@@ -189,14 +208,20 @@ class Dynamics:
 
     def _in_joint_axes(self, q: Array, wrenches: Array) -> Array:
         """(nf, 2, 6) foot wrenches in the axes of the feet's joints, about their origins."""
-        placed, out = Kinematics(self.body, q[:, self._columns], columns=False), np.empty_like(wrenches)
+        placed, out = (
+            Kinematics(self.body, q[:, self._columns], columns=False),
+            np.empty_like(wrenches),
+        )
         for foot, name in enumerate(FEET):
             segment = self.body.chain.segments.index(name)
             *axes, origin = placed.segments_by_frame[:, segment].transpose(1, 0, 2)
             force, moment = wrenches[:, foot, :3], wrenches[:, foot, 3:]
             about = moment - cross(origin, force)
             local = [np.sum(of * axis, axis=1) for of in (force, about) for axis in axes]
-            out[:, foot] = np.stack(local, axis=1) @ self.body.segment_placement[segment].toDualActionMatrix().T
+            out[:, foot] = (
+                np.stack(local, axis=1)
+                @ self.body.segment_placement[segment].toDualActionMatrix().T
+            )
         return out
 
     def residual_force(self, q: Array, v: Array, a: Array, wrenches: Array) -> Array:
@@ -204,7 +229,9 @@ class Dynamics:
         return self.forces(q, v, a)[:, :3] - wrenches[:, :, :3].sum(axis=1)
 
     def of_ground(self, placed: Kinematics, wrenches: Array) -> Array:
-        """(nf, nt, k) the part -J_foot^T w of the generalised forces that foot wrenches (nf, 2, 6, k) make."""
+        """(nf, nt, k) the part -J_foot^T w of the generalised forces that foot wrenches (nf, 2, 6,
+        k) make.
+        """
         columns, variables = placed.columns_by_frame, placed.chain.variables
         out = np.zeros((len(wrenches), len(variables), wrenches.shape[3]))
         for foot, name in enumerate(FEET):
@@ -214,16 +241,22 @@ class Dynamics:
 
     @cached_property
     def _to_joints(self) -> tuple[IntArray, Array]:
-        """(nb,) joints of the massive segments, and (nb, 10, 10) parameters there by those in the segments."""
+        """(nb,) joints of the massive segments, and (nb, 10, 10) parameters there by those in the
+        segments.
+        """
         chain = self.body.chain
         if not set(MASSIVE_SEGMENTS) <= set(chain.segments):
-            raise ValueError("regressors are of the whole body: a part of it has no place for the other segments")
+            raise ValueError(
+                "regressors are of the whole body: a part of it has no place for the other segments"
+            )
         at = [chain.segments.index(s) for s in MASSIVE_SEGMENTS]
         moves = np.array([transformed_parameters(self.body.segment_placement[k]) for k in at])
         return self.body.chain.segment_joint[at] - 1, moves
 
     def regressor(self, q: Array, v: Array, a: Array) -> Array:
-        """(nf, nt, 12, 10) generalised forces per dynamic parameter of each massive segment, without the ground's."""
+        """(nf, nt, 12, 10) generalised forces per dynamic parameter of each massive segment,
+        without the ground's.
+        """
         model = self.body.model
         joints, moves = self._to_joints
         states = self.joint_states(q, v, a)
@@ -238,17 +271,22 @@ class Dynamics:
         return out
 
     def root_regressor(self, q: Array, v: Array, a: Array) -> Array:
-        """(nf, 6, 12, 10): force and moment about the pelvis origin per dynamic parameter of each massive segment.
+        """(nf, 6, 12, 10): force and moment about the pelvis origin per dynamic parameter of each
+        massive segment.
 
-        Contracted with `dynamic_parameters` it gives the root wrench without ground reactions, laboratory axes.
+        Contracted with `dynamic_parameters` it gives the root wrench without ground reactions,
+        laboratory axes.
         """
         parts = stretches(len(q), BLOCK) or [slice(0)]
         rows = np.concatenate([self.regressor(q[part], v[part], a[part])[:, :6] for part in parts])
-        return root_wrench(q, rows.reshape(len(q), 6, math.prod(rows.shape[2:]))).reshape(rows.shape)
+        return root_wrench(q, rows.reshape(len(q), 6, math.prod(rows.shape[2:]))).reshape(
+            rows.shape
+        )
 
 
 def transformed_parameters(placement: pin.SE3) -> Array:
-    """Find the matrix (10, 10) that takes dynamic parameters of a body into the frame it is placed in.
+    """Find the matrix (10, 10) that takes dynamic parameters of a body into the frame it is placed
+    in.
 
     Pinocchio moves ten bodies with independent parameters; their moved parameters give the matrix.
     """
@@ -265,7 +303,9 @@ def transformed_parameters(placement: pin.SE3) -> Array:
 
 
 def root_wrench(q: Array, rows: Array) -> Array:
-    """(nf, 6, k) [F; T] of the pelvis in laboratory axes, T about its origin, from the six root rows (nf, 6, k)."""
+    """(nf, 6, k) [F; T] of the pelvis in laboratory axes, T about its origin, from the six root
+    rows (nf, 6, k).
+    """
     axes, _, _ = pelvis_axes(q)
     return np.concatenate([rows[:, :3], np.linalg.solve(axes, rows[:, 3:])], axis=1)
 
@@ -276,7 +316,9 @@ def pelvis_residual(q: Array, forces: Array) -> Array:
 
 
 def pelvis_axes(q: Array) -> tuple[Array, Array, Array]:
-    """(nf, 3, 3) laboratory axes of tilt, list and rotation as rows; and their derivatives by tilt and by list."""
+    """(nf, 3, 3) laboratory axes of tilt, list and rotation as rows; and their derivatives by tilt
+    and by list.
+    """
     ct, st, cl, sl = np.cos(q[:, 3]), np.sin(q[:, 3]), np.cos(q[:, 4]), np.sin(q[:, 4])
     zero, one = np.zeros(len(q)), np.ones(len(q))
 
@@ -311,9 +353,9 @@ def inverse_dynamics(model: SubjectModel, motion: Motion, forces: Array) -> Mome
 
     Parameters
     ----------
-    model : the person's model; its parameters should be those the motion was tracked with.
-    motion : from `gaitcal.track`, all coordinates.
-    forces : (nf, 2, 6) ground on right and left foot at the frames of the motion: force (N) and moment (N·m) about
+    model : the person's model; its parameters should be those the motion was tracked with. motion :
+    from `gaitcal.track`, all coordinates. forces : (nf, 2, 6) ground on right and left foot at the
+    frames of the motion: force (N) and moment (N·m) about
         the laboratory origin, laboratory axes; zeros where a foot is in the air: the `wrench` that
         `gaitcal.ground_reactions` makes of a recording's plates.
 
@@ -325,11 +367,15 @@ def inverse_dynamics(model: SubjectModel, motion: Motion, forces: Array) -> Mome
         The motion is of a part of the body only, or there is not one row of forces for every frame.
     """
     if motion.coordinates != linkage.COORDINATES:
-        message = f"inverse dynamics needs a motion of the whole body, with all {len(linkage.COORDINATES)} coordinates"
+        message = (
+            "inverse dynamics needs a motion of the whole body, with all "
+            f"{len(linkage.COORDINATES)} coordinates"
+        )
         raise ValueError(message)
     if not isinstance(forces, np.ndarray):
         raise InputError(
-            f"found {type(forces).__name__}; allowed: an array (frames, 2, 6) of the forces on right and left foot, as "
+            f"found {type(forces).__name__}; allowed: an array (frames, 2, 6) of the forces on "
+            "right and left foot, as "
             "gaitcal.ground_reactions(model, motion, recording).wrench gives it for force plates",
             field="forces",
             code=Code.ARGUMENT,

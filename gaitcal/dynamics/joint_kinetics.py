@@ -1,43 +1,53 @@
-"""Powers of the joints, net moments between two segments as vectors, and how errors of motion and forces move them.
+"""Powers of the joints, net moments between two segments as vectors, and how errors of motion and
+forces move them.
 
-M is the moment that the proximal segment puts on the distal one, about the joint centre, net of all structures that
-cross the joint. Three turns of the linkage pass through that centre, about axes a_k; their generalised forces are
+M is the moment that the proximal segment puts on the distal one, about the joint centre, net of all
+structures that cross the joint. Three turns of the linkage pass through that centre, about axes
+a_k; their generalised forces are
 
     tau_k = a_k . M,      so that      M = A^-1 tau,      A's rows being the a_k.
 
-All three are coordinates at the hip and the back; a knee adds its locked reaction and, held still, the joint parameter
-of its turn about the length; an ankle the two joint parameters of its hinge. The components are m_i = e_i . M:
+All three are coordinates at the hip and the back; a knee adds its locked reaction and, held still,
+the joint parameter of its turn about the length; an ankle the two joint parameters of its hinge.
+The components are m_i = e_i . M:
 
     proximal, distal     e_1, e_2, e_3 = z, x, y of that segment (x forward, y up, z right: Wu and Cavanagh, J Biomech
                          28:1257-1261, 1995)
     joint coordinate     e_1 = z of the proximal segment, e_3 = y of the distal one, e_2 = e_3 x e_1 / |e_3 x e_1|, the
     system               floating axis (Grood and Suntay, J Biomech Eng 105:136-144, 1983)
 
-The axes e_1 and e_3 are not at right angles to each other. m_i is the orthogonal projection ("motor torque": what turns
-the joint about that axis), not the part of M along it (Desroches, Cheze and Dumas, J Biomech Eng 132:114503, 2010). How
-much the frame matters: Schache and Baker, Gait Posture 25:440-452, 2007.
+The axes e_1 and e_3 are not at right angles to each other. m_i is the orthogonal projection ("motor
+torque": what turns the joint about that axis), not the part of M along it (Desroches, Cheze and
+Dumas, J Biomech Eng 132:114503, 2010). How much the frame matters: Schache and Baker, Gait Posture
+25:440-452, 2007.
 
-Turning the proximal segment by a small p and the distal one by d, M staying, moves m_i by p . g_i + d . h_i,
+Turning the proximal segment by a small p and the distal one by d, M staying, moves m_i by p . g_i +
+d . h_i,
 
     proximal   g_i = e_i x M;    distal   h_i = e_i x M;    joint   g_1 = e_1 x M,  h_3 = e_3 x M,
     g_2 = e_1 x (b x e_3),  h_2 = e_3 x (e_1 x b),   b = (M - m_2 e_2) / |e_3 x e_1|.
 
-A variable x_j of the chain that turns about w_j what comes after it moves a_k, where it comes before turn k, so that
+A variable x_j of the chain that turns about w_j what comes after it moves a_k, where it comes
+before turn k, so that
 
-    d m_i / d x_j = w_j . (g_i [j moves the proximal] + h_i [j moves the distal] - sum_k c_ik (a_k x M) [j before k])
+    d m_i / d x_j = w_j . (g_i [j moves the proximal] + h_i [j moves the distal] - sum_k c_ik (a_k x
+    M) [j before k])
 
 besides c_i . d tau, with c_i = A^-T e_i.
 
-Powers: P_k = tau_k v_k of a coordinate, their sum of a joint. Positive: work is done on the segments (generated,
-concentric); negative: it is taken from them (absorbed, eccentric). At joints whose axes meet in one point (hip, back)
-and at hinges (knee, elbow) the sum is the joint moment times the angular velocity of the distal segment relative to the
-proximal one, M . w; the ankle holds both of its hinges, whose axes do not meet. The pelvis has no joint.
+Powers: P_k = tau_k v_k of a coordinate, their sum of a joint. Positive: work is done on the
+segments (generated, concentric); negative: it is taken from them (absorbed, eccentric). At joints
+whose axes meet in one point (hip, back) and at hinges (knee, elbow) the sum is the joint moment
+times the angular velocity of the distal segment relative to the proximal one, M . w; the ankle
+holds both of its hinges, whose axes do not meet. The pelvis has no joint.
 
-Powers and moments are linear in the generalised forces f, with coefficients that posture and rates give, y = L(q, v) f,
+Powers and moments are linear in the generalised forces f, with coefficients that posture and rates
+give, y = L(q, v) f,
 
     d y = L d f + (dL/dq f) d q + (dL/dv f) d v + (dL/dp f) d p,
 
-so that a source of error passes on with all that it moves at once: a torque and the rate beside it are not independent.
+so that a source of error passes on with all that it moves at once: a torque and the rate beside it
+are not independent.
 """
 
 from dataclasses import dataclass
@@ -67,7 +77,10 @@ BLOCK = 500  # Frames at a time
 class MomentFrame(Enum):
     """Along which axes a joint moment is told. `words`: in files and on pages."""
 
-    COORDINATES = ("coordinates", "about the axis of each coordinate of the model (generalised force)")
+    COORDINATES = (
+        "coordinates",
+        "about the axis of each coordinate of the model (generalised force)",
+    )
     """About the axis of each coordinate."""
     PROXIMAL = ("proximal", "in the frame of the proximal segment (x forward, y up, z right; ISB)")
     """Along the axes of the proximal segment."""
@@ -75,7 +88,8 @@ class MomentFrame(Enum):
     """Along the axes of the distal segment."""
     JCS = (
         "jcs",
-        "orthogonal projection on the axes of the joint coordinate system (Grood and Suntay 1983): z of the "
+        "orthogonal projection on the axes of the joint coordinate system (Grood and Suntay 1983): "
+        "z of the "
         "proximal segment, the floating axis, y of the distal segment",
     )
     """Projected on the axes of the joint coordinate system."""
@@ -95,7 +109,9 @@ class NetJoint:
     name: str  # `hip_r`
     proximal: str
     distal: str
-    turns: tuple[str, str, str]  # Coordinates, a reaction, joint parameters, in their order along the linkage
+    turns: tuple[
+        str, str, str
+    ]  # Coordinates, a reaction, joint parameters, in their order along the linkage
     components: tuple[str, str, str]  # Names of the moments about z, x and y
     signs: tuple[float, float, float]
     """About z, x and y: in the sense of the coordinates, which mean the same on both sides."""
@@ -104,7 +120,10 @@ class NetJoint:
 _LEG = {
     "hip": ("hip_flexion_{0} hip_adduction_{0} hip_rotation_{0}", "flexion adduction rotation"),
     "knee": ("knee_angle_{0} knee_adduction_{0} knee_{0}.shank.trans", "angle adduction rotation"),
-    "ankle": ("talocrural_{0}.shank.front talocrural_{0}.shank.trans ankle_angle_{0}", "angle inversion rotation"),
+    "ankle": (
+        "talocrural_{0}.shank.front talocrural_{0}.shank.trans ankle_angle_{0}",
+        "angle inversion rotation",
+    ),
 }
 """Joint -> its turns in their order, and what moments about z, x and y are called."""
 _BACK = ("lumbar_extension", "lumbar_bending", "lumbar_rotation")
@@ -129,15 +148,26 @@ def _joint_of_leg(kind: str, side: str) -> NetJoint:
 NET_JOINTS = (
     *(_joint_of_leg(kind, side) for side in SIDES for kind in _LEG),
     NetJoint(
-        name="lumbar", proximal="pelvis", distal="head_trunk", turns=_BACK, components=_BACK, signs=(1.0, 1.0, 1.0)
+        name="lumbar",
+        proximal="pelvis",
+        distal="head_trunk",
+        turns=_BACK,
+        components=_BACK,
+        signs=(1.0, 1.0, 1.0),
     ),
 )
 """Legs, right and left, then the back: the order of every array of joint moments."""
-HELD: tuple[str, ...] = tuple(name for joint in NET_JOINTS for name in joint.turns if name in JP_INDEX)
+HELD: tuple[str, ...] = tuple(
+    name for joint in NET_JOINTS for name in joint.turns if name in JP_INDEX
+)
 """Joint parameters among their turns, as `Dynamics` takes them."""
-ALL_FORCES: tuple[str, ...] = (*FORCES, *HELD)  # The 35 generalised forces that the moments follow from
+ALL_FORCES: tuple[str, ...] = (
+    *FORCES,
+    *HELD,
+)  # The 35 generalised forces that the moments follow from
 COMPONENTS: tuple[str, ...] = tuple(name for joint in NET_JOINTS for name in joint.components)
-"""Name of every component, joint by joint: `hip_flexion_r`, `knee_rotation_r`, `ankle_inversion_r`."""
+"""Name of every component, joint by joint: `hip_flexion_r`, `knee_rotation_r`, `ankle_inversion_r`.
+"""
 
 
 def _power_joints() -> dict[str, tuple[str, ...]]:
@@ -152,21 +182,34 @@ def _power_joints() -> dict[str, tuple[str, ...]]:
 
 POWER_JOINTS: dict[str, tuple[str, ...]] = _power_joints()
 """Joint (`hip_r`, ..., `lumbar`, `shoulder_r`, `elbow_r`) -> its coordinates."""
-POWERS: tuple[str, ...] = (*POWER_JOINTS, *(name for own in POWER_JOINTS.values() if len(own) > 1 for name in own))
-"""Order of every array of powers: of each joint, then of each coordinate of those that have several."""
-POWER_COORDINATES: dict[str, tuple[str, ...]] = {name: POWER_JOINTS.get(name, (name,)) for name in POWERS}
-POWER_SUMS: Array = np.array([[float(c in own) for c in COORDINATES] for own in POWER_COORDINATES.values()])
+POWERS: tuple[str, ...] = (
+    *POWER_JOINTS,
+    *(name for own in POWER_JOINTS.values() if len(own) > 1 for name in own),
+)
+"""Order of every array of powers: of each joint, then of each coordinate of those that have
+several.
+"""
+POWER_COORDINATES: dict[str, tuple[str, ...]] = {
+    name: POWER_JOINTS.get(name, (name,)) for name in POWERS
+}
+POWER_SUMS: Array = np.array(
+    [[float(c in own) for c in COORDINATES] for own in POWER_COORDINATES.values()]
+)
 """(np, nq) which coordinates' powers make each power."""
 
 
 def power_name(name: str) -> str:
-    """What a power is called in files: `hip_power_r` of `hip_r`, `hip_flexion_power_r` of `hip_flexion_r`."""
+    """What a power is called in files: `hip_power_r` of `hip_r`, `hip_flexion_power_r` of
+    `hip_flexion_r`.
+    """
     sided = name[-2:] in ("_r", "_l")
     return f"{name[:-2]}_power{name[-2:]}" if sided else f"{name}_power"
 
 
 def powers(tau: Array, velocity: Array) -> Array:
-    """(nf, np) W, in the order of `POWERS`, from generalised forces and rates of the coordinates (nf, nq)."""
+    """(nf, np) W, in the order of `POWERS`, from generalised forces and rates of the coordinates
+    (nf, nq).
+    """
     return (tau * velocity) @ POWER_SUMS.T
 
 
@@ -179,7 +222,9 @@ class KineticErrors:
     moment: Array
     """(nf, 3, 21) N·m, by `VECTOR_FRAMES` and `COMPONENTS`."""
     own: "KineticErrors | None" = None
-    """The part that the trial's own markers make, which differs from stride to stride; None where it is not known."""
+    """The part that the trial's own markers make, which differs from stride to stride; None where
+    it is not known.
+    """
 
     def only(self, coordinates: BoolArray) -> "KineticErrors":
         """The same with NaN for all that is not made of some coordinates (nq,) alone."""
@@ -188,20 +233,24 @@ class KineticErrors:
         powers = [kept.issuperset(POWER_COORDINATES[name]) for name in POWERS]
         moments = [joint.name in joints for joint in NET_JOINTS for _ in joint.components]
         own = None if self.own is None else self.own.only(coordinates)
-        return KineticErrors(np.where(powers, self.power, np.nan), np.where(moments, self.moment, np.nan), own)
+        return KineticErrors(
+            np.where(powers, self.power, np.nan), np.where(moments, self.moment, np.nan), own
+        )
 
 
 @dataclass(frozen=True, kw_only=True, repr=False)
 class JointKinetics(Displayed):
-    """Powers and moment vectors of the joints of one trial: internal, net, acting on the distal segment."""
+    """Powers and moment vectors of the joints of one trial: internal, net, acting on the distal
+    segment.
+    """
 
     time: Array
     """(nf,) s."""
     power: Array
     """(nf, 28) W, in the order of `POWERS`; positive where work is done on the segments."""
     moment: Array
-    """(nf, 3, 21) N·m, by `VECTOR_FRAMES` and `COMPONENTS`; positive in the sense of the coordinate of that name:
-    flexion, adduction, internal rotation, dorsiflexion, inversion on both sides."""
+    """(nf, 3, 21) N·m, by `VECTOR_FRAMES` and `COMPONENTS`; positive in the sense of the coordinate
+    of that name: flexion, adduction, internal rotation, dorsiflexion, inversion on both sides."""
 
     def to_dataframe(self) -> "pd.DataFrame":
         """Return powers and moment vectors as a table.
@@ -209,29 +258,38 @@ class JointKinetics(Displayed):
         Returns
         -------
         pandas.DataFrame
-            `time` (s), then the powers (W) with the names of `powers/TRIAL.csv` and the components of
-            the moments (N·m) with those of `moment_vectors/TRIAL.csv`.
+            `time` (s), then the powers (W) with the names of `powers/TRIAL.csv` and the components
+            of the moments (N·m) with those of `moment_vectors/TRIAL.csv`.
         """
         import pandas as pd
 
         columns = {"time": self.time}
         columns |= {power_name(name): power_of(self, name) for name in POWERS}
         for name in COMPONENTS:
-            columns |= {vector_column(name, frame): component_of(self, name, frame) for frame in VECTOR_FRAMES}
+            columns |= {
+                vector_column(name, frame): component_of(self, name, frame)
+                for frame in VECTOR_FRAMES
+            }
         return pd.DataFrame(columns)
 
     def _description(self) -> tuple[str, list[tuple[str, str]]]:
         rows = []
         for joint in ("hip", "knee", "ankle"):
             peaks = [float(power_of(self, f"{joint}_{side}").max(initial=0.0)) for side in "rl"]
-            rows.append((f"{joint} power", f"largest {peaks[0]:.0f} W right, {peaks[1]:.0f} W left, over all frames"))
+            rows.append(
+                (
+                    f"{joint} power",
+                    f"largest {peaks[0]:.0f} W right, {peaks[1]:.0f} W left, over all frames",
+                )
+            )
         frames = ", ".join(frame.key for frame in VECTOR_FRAMES)
         rows.append(("moment vectors", f"{len(COMPONENTS)} components, in the axes: {frames}"))
         return f"Joint kinetics: {len(POWERS)} powers, {len(self.time)} frames", rows
 
 
 def power_of(kinetics: JointKinetics | KineticErrors, name: str) -> Array:
-    """(nf,) W, or its standard error, of a joint (`hip_r`, `ankle_l`, `lumbar`) or coordinate (`hip_flexion_r`).
+    """(nf,) W, or its standard error, of a joint (`hip_r`, `ankle_l`, `lumbar`) or coordinate
+    (`hip_flexion_r`).
 
     Raises
     ------
@@ -242,15 +300,19 @@ def power_of(kinetics: JointKinetics | KineticErrors, name: str) -> Array:
 
 
 def component_of(kinetics: JointKinetics | KineticErrors, name: str, frame: MomentFrame) -> Array:
-    """(nf,) N·m, or its standard error: a component (`knee_adduction_r`) along the axes of one of `VECTOR_FRAMES`.
+    """(nf,) N·m, or its standard error: a component (`knee_adduction_r`) along the axes of one of
+    `VECTOR_FRAMES`.
 
     Raises
     ------
     ValueError
-        There is no component of that name, or the frame is that of the coordinates (`Moments.tau` has those).
+        There is no component of that name, or the frame is that of the coordinates (`Moments.tau`
+        has those).
     """
     if frame not in VECTOR_FRAMES:
-        raise ValueError(f"'{frame.key}' has no vectors; the torques of the coordinates are in Moments.tau")
+        raise ValueError(
+            f"'{frame.key}' has no vectors; the torques of the coordinates are in Moments.tau"
+        )
     return kinetics.moment[:, VECTOR_FRAMES.index(frame), _place(name, COMPONENTS)]
 
 
@@ -272,24 +334,33 @@ def kinetics_of(parameters: Parameters, motion: Motion, wrenches: Array) -> Join
     return JointKinetics(time=motion.time, power=power, moment=moment)
 
 
-def kinetic_values(parameters: Parameters, q: Array, v: Array, a: Array, wrenches: Array) -> tuple[Array, Array]:
-    """(nf, 28) W and (nf, 3, 21) N·m at coordinates (nf, nq), their derivatives, and foot wrenches (nf, 2, 6)."""
+def kinetic_values(
+    parameters: Parameters, q: Array, v: Array, a: Array, wrenches: Array
+) -> tuple[Array, Array]:
+    """(nf, 28) W and (nf, 3, 21) N·m at coordinates (nf, nq), their derivatives, and foot wrenches
+    (nf, 2, 6).
+    """
     dynamics = Dynamics(parameters, HELD)
     forces = dynamics.forces(q, v, a, wrenches)
-    parts = [moment_slopes(dynamics.placed(q[part]), forces[part]).values for part in stretches(len(q), BLOCK)]
+    parts = [
+        moment_slopes(dynamics.placed(q[part]), forces[part]).values
+        for part in stretches(len(q), BLOCK)
+    ]
     return powers(forces[:, : len(COORDINATES)], v), _by_frame(np.concatenate(parts))
 
 
 @with_one_blas_thread
 def joint_kinetics(model: SubjectModel, motion: Motion, forces: Array) -> JointKinetics:
-    """Powers and moment vectors of the joints of a whole-body motion, as `inverse_dynamics` gives its torques.
+    """Powers and moment vectors of the joints of a whole-body motion, as `inverse_dynamics` gives
+    its torques.
 
     Parameters
     ----------
-    model : the person's model; its parameters should be those the motion was tracked with.
-    motion : from `gaitcal.track`, all coordinates.
-    forces : (nf, 2, 6) ground on right and left foot: force (N) and moment (N·m) about the laboratory origin, as in
-        `gaitcal.ground_reactions(...).wrench`. A leg's powers and moments count where that leg is valid.
+    model : the person's model; its parameters should be those the motion was tracked with. motion :
+    from `gaitcal.track`, all coordinates. forces : (nf, 2, 6) ground on right and left foot: force
+    (N) and moment (N·m) about the laboratory origin, as in
+        `gaitcal.ground_reactions(...).wrench`. A leg's powers and moments count where that leg is
+        valid.
 
     Raises
     ------
@@ -297,7 +368,10 @@ def joint_kinetics(model: SubjectModel, motion: Motion, forces: Array) -> JointK
         The motion is of a part of the body only, or there is not one row of forces for every frame.
     """
     if motion.coordinates != COORDINATES:
-        raise ValueError(f"joint kinetics need a motion of the whole body, with all {len(COORDINATES)} coordinates")
+        raise ValueError(
+            f"joint kinetics need a motion of the whole body, with all {len(COORDINATES)} "
+            "coordinates"
+        )
     if forces.shape != (len(motion.time), 2, 6):
         raise ValueError(f"forces have shape {forces.shape}, expected ({len(motion.time)}, 2, 6)")
     return kinetics_of(model.parameters, motion, forces)
@@ -305,14 +379,20 @@ def joint_kinetics(model: SubjectModel, motion: Motion, forces: Array) -> JointK
 
 @dataclass(frozen=True)
 class MomentSlopes:
-    """Moments of all joints and what they depend on; rows run over joint, frame (`VECTOR_FRAMES`), component."""
+    """Moments of all joints and what they depend on; rows run over joint, frame (`VECTOR_FRAMES`),
+    component.
+    """
 
     values: Array  # (nf, 63) N·m
-    by_force: Array  # (nf, 63, 35) per generalised force (`ALL_FORCES`), posture and joint parameters staying
+    # (nf, 63, 35) per generalised force (`ALL_FORCES`), posture and joint parameters staying
+    by_force: Array
     by_position: Array  # (nf, 63, nq) per coordinate, generalised forces staying
-    by_parameter: Array  # (nf, 63, np) per free joint parameter, generalised forces staying; in the order of the chain
+    # (nf, 63, np) per free joint parameter, generalised forces staying; in the order of the chain
+    by_parameter: Array
     by_turn: dict[str, Array]
-    """Segment -> (nf, 63, 3) per turn of its axes in the laboratory (rad), bodies and joints staying."""
+    """Segment -> (nf, 63, 3) per turn of its axes in the laboratory (rad), bodies and joints
+    staying.
+    """
 
 
 def moment_slopes(placed: Kinematics, forces: Array, free: tuple[str, ...] = ()) -> MomentSlopes:
@@ -331,21 +411,33 @@ def moment_slopes(placed: Kinematics, forces: Array, free: tuple[str, ...] = ())
     wanted = np.array([placed.chain.variables.index(n) for n in by])
     values, by_force = np.empty((nf, rows)), np.zeros((nf, rows, len(ALL_FORCES)))
     by_variable = np.zeros((nf, rows, len(wanted)))
-    by_turn = {segment: np.zeros((nf, rows, 3)) for joint in NET_JOINTS for segment in (joint.proximal, joint.distal)}
+    by_turn = {
+        segment: np.zeros((nf, rows, 3))
+        for joint in NET_JOINTS
+        for segment in (joint.proximal, joint.distal)
+    }
     for j, joint in enumerate(NET_JOINTS):
-        axes = np.stack([placed.axis(name) for name in joint.turns], axis=1)  # (nf, 3, 3), an axis a row
+        axes = np.stack(
+            [placed.axis(name) for name in joint.turns], axis=1
+        )  # (nf, 3, 3), an axis a row
         columns = [ALL_FORCES.index(name) for name in joint.turns]
-        moment = np.asarray(np.linalg.solve(axes, forces[:, columns, None])[:, :, 0], dtype=np.float64)
+        moment = np.asarray(
+            np.linalg.solve(axes, forces[:, columns, None])[:, :, 0], dtype=np.float64
+        )
         e, g, h = _components(placed.frame(joint.proximal), placed.frame(joint.distal), moment)
         signs = np.tile(joint.signs, len(VECTOR_FRAMES))[:, None]
         e, g, h = (signs * x for x in (e, g, h))
         at = slice(width * j, width * (j + 1))
         values[:, at] = (e @ moment[:, :, None])[:, :, 0]
-        share = np.linalg.solve(axes.transpose(0, 2, 1), e.transpose(0, 2, 1)).transpose(0, 2, 1)  # c_i, a row each
+        share = np.linalg.solve(axes.transpose(0, 2, 1), e.transpose(0, 2, 1)).transpose(
+            0, 2, 1
+        )  # c_i, a row each
         by_force[:, at, columns] = share
         by_turn[joint.proximal][:, at] += g
         by_turn[joint.distal][:, at] += h
-        above = np.flatnonzero(placed.moves(joint.distal)[wanted])  # and so those that move the proximal segment
+        above = np.flatnonzero(
+            placed.moves(joint.distal)[wanted]
+        )  # and so those that move the proximal segment
         cols = wanted[above]
         turning = placed.columns_by_frame[:, cols, 3:].transpose(0, 2, 1)  # (nf, 3, variables)
         found = (g @ turning) * placed.moves(joint.proximal)[cols] + h @ turning
@@ -354,11 +446,15 @@ def moment_slopes(placed: Kinematics, forces: Array, free: tuple[str, ...] = ())
             found -= (lever @ turning) * (rank[cols] < rank[placed.chain.variables.index(name)])
         by_variable[:, at][:, :, above] = found
     split = len(COORDINATES)
-    return MomentSlopes(values, by_force, by_variable[:, :, :split], by_variable[:, :, split:], by_turn)
+    return MomentSlopes(
+        values, by_force, by_variable[:, :, :split], by_variable[:, :, split:], by_turn
+    )
 
 
 def _components(proximal: Array, distal: Array, moment: Array) -> tuple[Array, Array, Array]:
-    """(nf, 9, 3) each: e_i of the three frames, g_i and h_i, from segment axes (nf, 3, 3), one a row, and M (nf, 3)."""
+    """(nf, 9, 3) each: e_i of the three frames, g_i and h_i, from segment axes (nf, 3, 3), one a
+    row, and M (nf, 3).
+    """
     order = [2, 0, 1]
     e, still = [proximal[:, order], distal[:, order]], np.zeros_like(proximal)
     across = moment[:, None]
@@ -378,7 +474,8 @@ def _components(proximal: Array, distal: Array, moment: Array) -> tuple[Array, A
 
 @dataclass(frozen=True)
 class KineticSlopes:
-    """How the 29 generalised forces, the 28 powers and the 63 components of moments depend on what they are made of.
+    """How the 29 generalised forces, the 28 powers and the 63 components of moments depend on what
+    they are made of.
 
     Rows run over these quantities.
     """
@@ -387,26 +484,36 @@ class KineticSlopes:
     by_position: Array  # (nf, 120, nq), generalised forces staying; so are the following
     by_velocity: Array  # (nf, 120, nq)
     by_parameter: Array  # (nf, 120, np) per free joint parameter
-    by_turn: dict[str, Array]  # Segment -> (nf, 63, 3), of the moments per turn of that segment's axes
+    by_turn: dict[
+        str, Array
+    ]  # Segment -> (nf, 63, 3), of the moments per turn of that segment's axes
 
     def moved(self, forces: Array, velocity: Array, turns: dict[str, Array]) -> Array:
         """(nf, 120, k) what errors in the direction of segments' axes make, in k columns.
 
-        They move the generalised forces by `forces` (nf, nt, k), rates by `velocity` (nf, nq, k), and turn segments by
-        `turns` (nf, k, 3), rad, bodies and joints staying where they are.
+        They move the generalised forces by `forces` (nf, nt, k), rates by `velocity` (nf, nq, k),
+        and turn segments by `turns` (nf, k, 3), rad, bodies and joints staying where they are.
         """
         count = len(FORCES) + len(POWERS)
         out = np.zeros((forces.shape[0], self.by_force.shape[1], forces.shape[2]))
-        # moments stay where they are in the laboratory: of the forces only torques and powers are made
-        out[:, :count] = self.by_force[:, :count, : len(FORCES)] @ forces + self.by_velocity[:, :count] @ velocity
+        # moments stay where they are in the laboratory: of the forces only torques and powers are
+        # made
+        out[:, :count] = (
+            self.by_force[:, :count, : len(FORCES)] @ forces
+            + self.by_velocity[:, :count] @ velocity
+        )
         for segment, turn in turns.items():
             if segment in self.by_turn:
                 out[:, count:] += self.by_turn[segment] @ turn.transpose(0, 2, 1)
         return out
 
 
-def kinetic_slopes(placed: Kinematics, v: Array, forces: Array, free: tuple[str, ...] = ()) -> KineticSlopes:
-    """Differentiate generalised forces, powers and moments, at rates (nf, nq); the rest as in `moment_slopes`."""
+def kinetic_slopes(
+    placed: Kinematics, v: Array, forces: Array, free: tuple[str, ...] = ()
+) -> KineticSlopes:
+    """Differentiate generalised forces, powers and moments, at rates (nf, nq); the rest as in
+    `moment_slopes`.
+    """
     moments = moment_slopes(placed, forces, free)
     nf, torques, coordinates = len(v), len(FORCES), len(COORDINATES)
     rows = torques + len(POWERS) + moments.values.shape[1]
@@ -424,7 +531,9 @@ def kinetic_slopes(placed: Kinematics, v: Array, forces: Array, free: tuple[str,
 
 
 def kinetic_errors(variance: Array, own: Array | None = None) -> KineticErrors:
-    """From the variances (nf, 91) of powers and moment vectors; `own`: the part of the trial's own markers."""
+    """From the variances (nf, 91) of powers and moment vectors; `own`: the part of the trial's own
+    markers.
+    """
     errors, part = np.sqrt(variance), None if own is None else kinetic_errors(own)
     return KineticErrors(errors[:, : len(POWERS)], _by_frame(errors[:, len(POWERS) :]), part)
 

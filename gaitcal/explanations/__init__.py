@@ -1,7 +1,8 @@
-"""What every code means: one page each, in Markdown, brought with the package and read without a network.
+"""What every code means: one page each, in Markdown, brought with the package and read without a
+network.
 
-A page has a title, says how bad it can be, and has the parts `PARTS`. The program, the page of a result and the
-documentation show the same text.
+A page has a title, says how bad it can be, and has the parts `PARTS`. The program, the page of a
+result and the documentation show the same text.
 """
 
 import functools
@@ -29,8 +30,11 @@ class Explanation:
 
     code: Code
     title: str  # What is wrong, in a clause
-    severity: str  # How bad it can be: `Error`, `Warning`, `Note`, or several of them: `Error or warning`
-    text: str  # Markdown below the title and the severity: a heading of the second level for each of `PARTS`
+    severity: (
+        str  # How bad it can be: `Error`, `Warning`, `Note`, or several of them: `Error or warning`
+    )
+    # Markdown below the title and the severity: a heading of the second level for each of `PARTS`
+    text: str
 
     @property
     def markdown(self) -> str:
@@ -68,7 +72,9 @@ class Bullets:
 
 @dataclass(frozen=True)
 class Verbatim:
-    """A message as the program prints it; its lines are those of the page, and are one line of the program."""
+    """A message as the program prints it; its lines are those of the page, and are one line of the
+    program.
+    """
 
     lines: tuple[str, ...]
 
@@ -91,7 +97,11 @@ def _pieces(body: str) -> Iterator[Piece]:
         if lines[0].startswith("```"):
             yield Verbatim(tuple(lines[1:-1]))
         elif lines[0].startswith("- "):
-            items = " ".join(line.strip() if line.startswith("  ") else f"\n{line}" for line in lines)
-            yield Bullets(tuple(item.removeprefix("- ").strip() for item in items.split("\n") if item.strip()))
+            items = " ".join(
+                line.strip() if line.startswith("  ") else f"\n{line}" for line in lines
+            )
+            yield Bullets(
+                tuple(item.removeprefix("- ").strip() for item in items.split("\n") if item.strip())
+            )
         else:
             yield Paragraph(" ".join(line.strip() for line in lines))

@@ -1,24 +1,29 @@
-"""The model as MuJoCo XML (MJCF) and as URDF; motion, generalised forces and ground reactions for OpenSim's tools.
+"""The model as MuJoCo XML (MJCF) and as URDF; motion, generalised forces and ground reactions for
+OpenSim's tools.
 
-MJCF: every segment with mass is a body with all its joints inside. MuJoCo applies the joints of a body in order, each
-about an axis given in the body's own frame at q = 0. For a chain of constants C and motions M,
+MJCF: every segment with mass is a body with all its joints inside. MuJoCo applies the joints of a
+body in order, each about an axis given in the body's own frame at q = 0. For a chain of constants C
+and motions M,
 
     X(q) = C_0 M_1 C_1 M_2 ... M_n C_n = (C_0 ... C_n) M'_1 ... M'_n,   M'_k = S_k^-1 M_k S_k,   S_k = C_k ... C_n,
 
-so joint k has the axis R_k^T a_k and passes through the point -R_k^T t_k, with (R_k, t_k) = S_k. Bodies that move
-must have mass in MuJoCo: the talus, which has none, is folded into the foot's body by the same formula, exactly. Only
-where a marker sits on the talus is it a body of its own, of `TALUS_MASS`. Not limited, damped or actuated: the same
-mechanical system. Coordinates held at zero are tied there by an equality.
+so joint k has the axis R_k^T a_k and passes through the point -R_k^T t_k, with (R_k, t_k) = S_k.
+Bodies that move must have mass in MuJoCo: the talus, which has none, is folded into the foot's body
+by the same formula, exactly. Only where a marker sits on the talus is it a body of its own, of
+`TALUS_MASS`. Not limited, damped or actuated: the same mechanical system. Coordinates held at zero
+are tied there by an equality.
 
-URDF: a joint has one degree of freedom, so a joint of ours becomes a chain: a fixed joint to its frame in the parent,
-one link without inertia per coordinate, a fixed joint to the child segment. Readers such as Pinocchio take siblings
-in alphabetical order; the fixed joints are numbered so that this is our order, and q is the same vector as ours. URDF
-knows no gravity. The root link `ground` is our laboratory, **y up**: set gravity to (0, -9.81, 0). Markers are links
-`marker_NAME` without inertia. Coordinates that are held at zero have equal limits of zero.
+URDF: a joint has one degree of freedom, so a joint of ours becomes a chain: a fixed joint to its
+frame in the parent, one link without inertia per coordinate, a fixed joint to the child segment.
+Readers such as Pinocchio take siblings in alphabetical order; the fixed joints are numbered so that
+this is our order, and q is the same vector as ours. URDF knows no gravity. The root link `ground`
+is our laboratory, **y up**: set gravity to (0, -9.81, 0). Markers are links `marker_NAME` without
+inertia. Coordinates that are held at zero have equal limits of zero.
 
-Motions and forces are tables of OpenSim's Storage (`.mot`, `.sto`), which stops reading at the first NaN, without a
-word: a row that holds one is left out, and the header says so. Ground reactions are written as the force at the centre
-of pressure and the moment about it, with an XML file that says which columns act on which foot.
+Motions and forces are tables of OpenSim's Storage (`.mot`, `.sto`), which stops reading at the
+first NaN, without a word: a row that holds one is left out, and the header says so. Ground
+reactions are written as the force at the centre of pressure and the moment about it, with an XML
+file that says which columns act on which foot.
 """
 
 import xml.etree.ElementTree as ET
@@ -34,12 +39,21 @@ from gaitcal.errors import Code, InputError
 from gaitcal.export.opensim import osim_writer
 from gaitcal.io import atomic, force_plate
 from gaitcal.io.opensim_files import StorageTable
-from gaitcal.model.linkage import COORDINATE_INDEX, COORDINATES, FILE_COORDINATES, SEGMENTS, Element, is_translation
+from gaitcal.model.linkage import (
+    COORDINATE_INDEX,
+    COORDINATES,
+    FILE_COORDINATES,
+    SEGMENTS,
+    Element,
+    is_translation,
+)
 from gaitcal.model.parameters import MASSIVE_SEGMENTS, is_physical
 from gaitcal.model.subject_model import GRAVITY, SubjectModel
 
 TALUS_MASS = 1e-12
-"""kg, of a talus that carries a marker: its weight is 1e-11 N, far below what any result here resolves."""
+"""kg, of a talus that carries a marker: its weight is 1e-11 N, far below what any result here
+resolves.
+"""
 _TALUS_MOMENT = 1e-14  # kg m^2; MuJoCo accepts nothing below 1e-15
 _SITE_RADIUS = 0.008  # m, of the spheres that show markers
 MARKER_PREFIX = "marker_"
@@ -56,28 +70,44 @@ class BodyJoint:
 
 
 def write_mjcf(model: SubjectModel, path: Path | str) -> None:
-    """Write `model`: m, kg, rad; y up; qpos, qvel and qacc are the same vectors as ours; markers are sites.
+    """Write `model`: m, kg, rad; y up; qpos, qvel and qacc are the same vectors as ours; markers
+    are sites.
 
-    Raises InputError: An inertia that no rigid body can have (a principal moment larger than the sum of the others, or
-    not positive): MuJoCo refuses to load it, and to change it would be another mechanical system.
+    Raises InputError: An inertia that no rigid body can have (a principal moment larger than the
+    sum of the others, or not positive): MuJoCo refuses to load it, and to change it would be
+    another mechanical system.
     """
-    for segment, physical in zip(MASSIVE_SEGMENTS, is_physical(model.parameters.inertial), strict=True):
+    for segment, physical in zip(
+        MASSIVE_SEGMENTS, is_physical(model.parameters.inertial), strict=True
+    ):
         if not physical:
             inertia = osim_writer.segment_inertia(model.parameters, segment)
             raise InputError(
                 f"found mass {inertia.mass:.4g} kg, principal moments {inertia.moments[0]:.4g}, "
-                f"{inertia.moments[1]:.4g}, {inertia.moments[2]:.4g} kg m^2, which no rigid body has; MuJoCo takes "
-                "only positive ones, none larger than the sum of the other two (osim and urdf can be written)",
+                f"{inertia.moments[1]:.4g}, {inertia.moments[2]:.4g} kg m^2, which no rigid body "
+                "has; MuJoCo takes "
+                "only positive ones, none larger than the sum of the other two (osim and urdf can "
+                "be written)",
                 source=path,
                 field=segment,
                 code=Code.IMPOSSIBLE_BODY,
             )
     document = ET.Element("mujoco", model=osim_writer.safe_name(model.subject.name))
-    compiler = {"angle": "radian", "autolimits": "true", "inertiafromgeom": "false", "balanceinertia": "false"}
+    compiler = {
+        "angle": "radian",
+        "autolimits": "true",
+        "inertiafromgeom": "false",
+        "balanceinertia": "false",
+    }
     osim_writer.child(document, "compiler", **compiler)
     osim_writer.child(document, "option", gravity=osim_writer.numbers((0.0, -GRAVITY, 0.0)))
     osim_writer.child(
-        osim_writer.child(document, "default"), "joint", limited="false", damping="0", armature="0", frictionloss="0"
+        osim_writer.child(document, "default"),
+        "joint",
+        limited="false",
+        damping="0",
+        armature="0",
+        frictionloss="0",
     )
     parents = {osim_writer.GROUND: osim_writer.child(document, "worldbody")}
     chains: dict[str, tuple[osim_writer.JointFrames, ...]] = {}
@@ -98,29 +128,45 @@ def write_mjcf(model: SubjectModel, path: Path | str) -> None:
     osim_writer.write_xml(document, path)
 
 
-def body_joints(chain: tuple[osim_writer.JointFrames, ...]) -> tuple[pin.SE3, tuple[BodyJoint, ...]]:
-    """Pose of the last child in the first parent at q = 0, and the coordinates between as joints of that child."""
+def body_joints(
+    chain: tuple[osim_writer.JointFrames, ...],
+) -> tuple[pin.SE3, tuple[BodyJoint, ...]]:
+    """Pose of the last child in the first parent at q = 0, and the coordinates between as joints of
+    that child.
+    """
     to_end = pin.SE3.Identity()  # S_k: all constants that come after the coordinate in hand
     joints: list[BodyJoint] = []
     for frames in reversed(chain):
         to_end = frames.to_child * to_end
         inverse = to_end.inverse()
         for motion in reversed(frames.motions):
-            joints.append(BodyJoint(motion, inverse.rotation @ osim_writer.axis_vector(motion), inverse.translation))
+            joints.append(
+                BodyJoint(
+                    motion, inverse.rotation @ osim_writer.axis_vector(motion), inverse.translation
+                )
+            )
         to_end = frames.in_parent * to_end
     return to_end, tuple(reversed(joints))
 
 
-def _add_body(parent: ET.Element, chain: tuple[osim_writer.JointFrames, ...], model: SubjectModel) -> ET.Element:
+def _add_body(
+    parent: ET.Element, chain: tuple[osim_writer.JointFrames, ...], model: SubjectModel
+) -> ET.Element:
     segment = chain[-1].child
     place, joints = body_joints(chain)
     quaternion = pin.Quaternion(place.rotation)
     wxyz = (quaternion.w, quaternion.x, quaternion.y, quaternion.z)
     body = osim_writer.child(
-        parent, "body", name=segment, pos=osim_writer.numbers(place.translation), quat=osim_writer.numbers(wxyz)
+        parent,
+        "body",
+        name=segment,
+        pos=osim_writer.numbers(place.translation),
+        quat=osim_writer.numbers(wxyz),
     )
     inertia = osim_writer.segment_inertia(model.parameters, segment)
-    mass, moments = (inertia.mass, inertia.moments) if inertia.mass else (TALUS_MASS, [_TALUS_MOMENT] * 3)
+    mass, moments = (
+        (inertia.mass, inertia.moments) if inertia.mass else (TALUS_MASS, [_TALUS_MOMENT] * 3)
+    )
     osim_writer.child(
         body,
         "inertial",
@@ -152,7 +198,11 @@ def _add_body(parent: ET.Element, chain: tuple[osim_writer.JointFrames, ...], mo
 def write_urdf(model: SubjectModel, path: Path | str) -> None:
     """Write `model`: m, kg, rad; root link `ground` with y up; joints named as our 27 coordinates."""
     robot = ET.Element("robot", name=osim_writer.safe_name(model.subject.name))
-    robot.append(ET.Comment(f" Written by gaitcal. y is up: gravity is (0, -{GRAVITY}, 0) in the root link. "))
+    robot.append(
+        ET.Comment(
+            f" Written by gaitcal. y is up: gravity is (0, -{GRAVITY}, 0) in the root link. "
+        )
+    )
     osim_writer.child(robot, "link", name=osim_writer.GROUND)
     for number, joint in enumerate(osim_writer.joint_frames(model.parameters)):
         _add_chain(robot, f"{number:02d}_{joint.name}", joint, model.locked)
@@ -161,7 +211,9 @@ def write_urdf(model: SubjectModel, path: Path | str) -> None:
         inertia = osim_writer.segment_inertia(model.parameters, segment)
         if inertia.mass:
             inertial = osim_writer.child(link, "inertial")
-            osim_writer.child(inertial, "origin", xyz=osim_writer.numbers(inertia.centre), rpy="0 0 0")
+            osim_writer.child(
+                inertial, "origin", xyz=osim_writer.numbers(inertia.centre), rpy="0 0 0"
+            )
             osim_writer.child(inertial, "mass", value=osim_writer.numbers([inertia.mass]))
             x, y, z = (osim_writer.numbers([moment]) for moment in inertia.moments)
             osim_writer.child(inertial, "inertia", ixx=x, iyy=y, izz=z, ixy="0", ixz="0", iyz="0")
@@ -169,11 +221,15 @@ def write_urdf(model: SubjectModel, path: Path | str) -> None:
     for label, segment, local in zip(markers.labels, markers.segments, markers.local, strict=True):
         name = MARKER_PREFIX + osim_writer.safe_name(label)
         osim_writer.child(robot, "link", name=name)
-        _add_fixed(robot, f"{name}_fixed", segment, name, pin.SE3(pin.SE3.Identity().rotation, local))
+        _add_fixed(
+            robot, f"{name}_fixed", segment, name, pin.SE3(pin.SE3.Identity().rotation, local)
+        )
     osim_writer.write_xml(robot, path)
 
 
-def _add_chain(robot: ET.Element, name: str, frames: osim_writer.JointFrames, frozen: tuple[str, ...]) -> None:
+def _add_chain(
+    robot: ET.Element, name: str, frames: osim_writer.JointFrames, frozen: tuple[str, ...]
+) -> None:
     """A joint of ours as a fixed joint, one joint for each coordinate, and another fixed joint."""
     osim_writer.child(robot, "link", name=name)
     _add_fixed(robot, f"{name}_in_{frames.parent}", frames.parent, name, frames.in_parent)
@@ -181,11 +237,15 @@ def _add_chain(robot: ET.Element, name: str, frames: osim_writer.JointFrames, fr
     for motion in frames.motions:
         moved = f"{name}_{motion.name}"
         osim_writer.child(robot, "link", name=moved)
-        joint = osim_writer.child(robot, "joint", name=motion.name, type="revolute" if motion.rotates else "prismatic")
+        joint = osim_writer.child(
+            robot, "joint", name=motion.name, type="revolute" if motion.rotates else "prismatic"
+        )
         osim_writer.child(joint, "parent", link=link)
         osim_writer.child(joint, "child", link=moved)
         osim_writer.child(joint, "axis", xyz=osim_writer.numbers(osim_writer.axis_vector(motion)))
-        low, high = (0.0, 0.0) if motion.name in frozen else osim_writer.COORDINATE_RANGES[motion.name]
+        low, high = (
+            (0.0, 0.0) if motion.name in frozen else osim_writer.COORDINATE_RANGES[motion.name]
+        )
         osim_writer.child(
             joint,
             "limit",
@@ -210,25 +270,36 @@ def _add_fixed(robot: ET.Element, name: str, parent: str, link: str, place: pin.
     )
 
 
-MOTION_COMMENTS = ("Coordinates of the model.osim beside this file; rotations in degrees, translations in m.",)
+MOTION_COMMENTS = (
+    "Coordinates of the model.osim beside this file; rotations in degrees, translations in m.",
+)
 
 MOMENT_COMMENTS = (
     "Units: N m for rotations (NAME_moment), N for translations (NAME_force); time in s.",
-    "Internal and net: the generalised force of all structures that cross the joint, on the child segment.",
-    "Sign: positive drives the coordinate of that name in its positive direction; an external moment is the negative.",
-    "Frame: each about or along the axis of its own coordinate; laboratory x forward, y up, z right.",
+    "Internal and net: the generalised force of all structures that cross the joint, on the child "
+    "segment.",
+    "Sign: positive drives the coordinate of that name in its positive direction; an external "
+    "moment is the negative.",
+    "Frame: each about or along the axis of its own coordinate; laboratory x forward, y up, z "
+    "right.",
     "pelvis rows are the residual: what the ground reactions do not explain.",
 )
 
 
 def write_mot(path: Path | str, time: Array, coordinates: tuple[str, ...], q: Array) -> None:
-    """Write `q` (nf, len(coordinates)), m and rad, as an OpenSim motion: m and degrees, pelvis rotations first.
+    """Write `q` (nf, len(coordinates)), m and rad, as an OpenSim motion: m and degrees, pelvis
+    rotations first.
 
     Raises InputError: A name is none of the 27 coordinates, or shapes do not agree.
     """
     names, values = _in_file_order(path, coordinates, q)
     scale = np.array([1.0 if is_translation(name) else 180.0 / np.pi for name in names])
-    _write(path, "Coordinates", MOTION_COMMENTS, StorageTable(np.asarray(time), names, values * scale, True))
+    _write(
+        path,
+        "Coordinates",
+        MOTION_COMMENTS,
+        StorageTable(np.asarray(time), names, values * scale, True),
+    )
 
 
 def write_sto_moments(
@@ -239,7 +310,8 @@ def write_sto_moments(
     *,
     comments: tuple[str, ...] = (),
 ) -> None:
-    """Write generalised forces `tau` (nf, len(coordinates)), N·m and N, with the column names of OpenSim's own tool.
+    """Write generalised forces `tau` (nf, len(coordinates)), N·m and N, with the column names of
+    OpenSim's own tool.
 
     `comments` are further lines of the header, after those that say frame, sign and what is meant.
     """
@@ -252,10 +324,12 @@ def write_sto_moments(
 def write_external_loads(
     folder: Path | str, time: Array, wrenches: Array, stem: str = "ground_reactions"
 ) -> tuple[Path, Path]:
-    """Write ground reactions on the feet as `STEM.mot` and `STEM.xml` (OpenSim's ExternalLoads on foot_r and foot_l).
+    """Write ground reactions on the feet as `STEM.mot` and `STEM.xml` (OpenSim's ExternalLoads on
+    foot_r and foot_l).
 
-    `time` (nf,) s; `wrenches` (nf, 2, 6) on the right and the left foot, force (N) and moment (N·m) about the
-    laboratory origin. `stem` is made safe first, so a trial's name may be given as it is. Returns table and loads.
+    `time` (nf,) s; `wrenches` (nf, 2, 6) on the right and the left foot, force (N) and moment (N·m)
+    about the laboratory origin. `stem` is made safe first, so a trial's name may be given as it is.
+    Returns table and loads.
 
     Raises InputError: Shapes do not agree or a number is not finite.
     """
@@ -272,7 +346,11 @@ def write_external_loads(
     columns: list[Array] = []
     for foot, wrench in zip(FEET, np.moveaxis(wrenches, 1, 0), strict=True):
         side = foot[-1]
-        force, point, torque = f"ground_force_{side}_v", f"ground_force_{side}_p", f"ground_torque_{side}_"
+        force, point, torque = (
+            f"ground_force_{side}_v",
+            f"ground_force_{side}_p",
+            f"ground_torque_{side}_",
+        )
         names += [f"{identifier}{axis}" for identifier in (force, point, torque) for axis in "xyz"]
         columns += [wrench[:, :3], *force_plate.point_and_torque(wrench)]
         load = osim_writer.child(objects, "ExternalForce", name=f"ground_on_{foot}")
@@ -283,7 +361,10 @@ def write_external_loads(
         osim_writer.child(load, "point_identifier", point)
         osim_writer.child(load, "torque_identifier", torque)
     osim_writer.child(external, "datafile", path.name)
-    comments = ("Ground reactions on the feet, laboratory axes: force N, point m, moment about the point N m.",)
+    comments = (
+        "Ground reactions on the feet, laboratory axes: force N, point m, moment about the point N "
+        "m.",
+    )
     table = StorageTable(np.asarray(time), tuple(names), np.hstack(columns), False)
     _write(path, "Ground reactions", comments, table)
     osim_writer.write_xml(document, loads)
@@ -294,19 +375,28 @@ def _fault(path: Path | str, message: str, field: str | None = None) -> InputErr
     return InputError(message, source=path, field=field, code=Code.NOT_WRITABLE)
 
 
-def _in_file_order(path: Path | str, coordinates: tuple[str, ...], values: Array) -> tuple[tuple[str, ...], Array]:
-    """The coordinates as OpenSim's files order them, and the columns of `values` (nf, len(coordinates)) likewise."""
+def _in_file_order(
+    path: Path | str, coordinates: tuple[str, ...], values: Array
+) -> tuple[tuple[str, ...], Array]:
+    """The coordinates as OpenSim's files order them, and the columns of `values` (nf,
+    len(coordinates)) likewise.
+    """
     for name in coordinates:
         if name not in COORDINATE_INDEX:
-            raise _fault(path, f"found '{name}'; allowed are {', '.join(FILE_COORDINATES)}", "columns")
+            raise _fault(
+                path, f"found '{name}'; allowed are {', '.join(FILE_COORDINATES)}", "columns"
+            )
     if values.ndim != 2 or values.shape[1] != len(coordinates):
-        raise _fault(path, f"found values of shape {values.shape}, expected (frames, {len(coordinates)})")
+        raise _fault(
+            path, f"found values of shape {values.shape}, expected (frames, {len(coordinates)})"
+        )
     names = tuple(name for name in FILE_COORDINATES if name in coordinates)
     return names, values[:, [coordinates.index(name) for name in names]]
 
 
 def _write(path: Path | str, title: str, comments: tuple[str, ...], table: StorageTable) -> None:
-    """Write a table, rows with NaN left out: OpenSim's Storage stops reading at the first one, without a word.
+    """Write a table, rows with NaN left out: OpenSim's Storage stops reading at the first one,
+    without a word.
 
     A title or comment that would end the header or be taken for an entry of it is made harmless.
     """
@@ -324,4 +414,6 @@ def _write(path: Path | str, title: str, comments: tuple[str, ...], table: Stora
 
 
 def _one_line(text: str) -> str:
-    return " ".join(text.split()).replace("=", ":").replace("endheader", "end of header") or "gaitcal"
+    return (
+        " ".join(text.split()).replace("=", ":").replace("endheader", "end of header") or "gaitcal"
+    )

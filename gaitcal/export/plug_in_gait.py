@@ -1,4 +1,5 @@
-"""Angles, moments, powers and joint centres of a motion, named and signed as Plug-in Gait writes them into C3D files.
+"""Angles, moments, powers and joint centres of a motion, named and signed as Plug-in Gait writes
+them into C3D files.
 
 | point | x | y | z |
 |---|---|---|---|
@@ -13,12 +14,13 @@
 | `RNormalisedGRF` | forward along the room's axis of progression | towards the middle of the body | upwards |
 | `RHJC`, `RKJC`, `RAJC` | joint centres, in the axes of the file | | |
 
-Moments are internal, per kg of body mass, and take the negative sign of our coordinates: those tables hold what was
-found on Vicon's own curves (`scripts/validation/vendors` correlates them). Their `POINT:MOMENT_UNITS` say Nmm where
-N·mm/kg is meant, and `POWER_UNITS` W where W/kg is; ours follow. Our knee is a hinge and our ankle two: what cannot
-move is 0. Power is that of the joint's coordinates, the sum of torque times angular velocity; the ankle's holds both
-hinges. Ground reactions are those on the foot, filtered as for the torques, in % of body weight.
-The subtalar axis has points of its own, as Plug-in Gait has no such axis.
+Moments are internal, per kg of body mass, and take the negative sign of our coordinates: those
+tables hold what was found on Vicon's own curves (`scripts/validation/vendors` correlates them).
+Their `POINT:MOMENT_UNITS` say Nmm where N·mm/kg is meant, and `POWER_UNITS` W where W/kg is; ours
+follow. Our knee is a hinge and our ankle two: what cannot move is 0. Power is that of the joint's
+coordinates, the sum of torque times angular velocity; the ankle's holds both hinges. Ground
+reactions are those on the foot, filtered as for the torques, in % of body weight. The subtalar axis
+has points of its own, as Plug-in Gait has no such axis.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -52,16 +54,22 @@ for _row in COORDINATE_TABLE.values():
 
 def _angle_words(rows: Sequence[Coordinate]) -> str:
     """`flexion, 0, 0 (a hinge)`."""
-    words = [row.clinical.words if row.clinical else (row.senses or (row.angle,))[0] for row in rows]
+    words = [
+        row.clinical.words if row.clinical else (row.senses or (row.angle,))[0] for row in rows
+    ]
     return ", ".join([*words, "0", "0"][:3]) + (" (a hinge)" if len(rows) == 1 else "")
 
 
 def _moment_words(rows: Sequence[Coordinate]) -> str:
     """`internal, per kg: extension, abduction, 0`: moments of legs take the other sense."""
-    return "internal, per kg: " + ", ".join([*(row.senses[1] for row in rows if row.senses), "0", "0"][:3])
+    return "internal, per kg: " + ", ".join(
+        [*(row.senses[1] for row in rows if row.senses), "0", "0"][:3]
+    )
 
 
-_ANGLES = {point: [row for row in rows if row.name not in LOCKED] for point, rows in _MOMENTS.items()}
+_ANGLES = {
+    point: [row for row in rows if row.name not in LOCKED] for point, rows in _MOMENTS.items()
+}
 del _MOMENTS["Pelvis"]  # its residual is none of the body's
 _POWERS = ("Hip", "Knee", "Ankle")
 _WORDS = {
@@ -85,28 +93,44 @@ class SavedMotion:
     q: Array  # (nf, nq) m, rad
     velocity: Array  # (nf, nq) m/s, rad/s
     torques: Mapping[str, Array] | None
-    """Coordinate or knee reaction -> (nf,) N·m; None without force plates, or where the trial is refused."""
+    """Coordinate or knee reaction -> (nf,) N·m; None without force plates, or where the trial is
+    refused.
+    """
     valid: Mapping[str, BoolArray]  # Side -> (nf,) frames whose torques count
     mass: float  # kg, of the body
     parameters: Parameters
-    reactions: Mapping[str, Array] = field(default_factory=dict)  # Side -> (nf, 3) N on its foot, laboratory's axes
+    reactions: Mapping[str, Array] = field(
+        default_factory=dict
+    )  # Side -> (nf, 3) N on its foot, laboratory's axes
     frozen: tuple[str, ...] = ()  # Coordinates that the model holds at zero, which say nothing
 
 
 def plug_in_gait_points(motion: SavedMotion, angle: float, moment: float) -> tuple[AddedPoint, ...]:
-    """Points of all frames of a motion, in the laboratory's axes: x forward, y up, z right; places in m.
+    """Points of all frames of a motion, in the laboratory's axes: x forward, y up, z right; places
+    in m.
 
-    `angle` is a radian in the file's unit, `moment` 1 N·m. Torques and powers are NaN in frames that do not count.
+    `angle` is a radian in the file's unit, `moment` 1 N·m. Torques and powers are NaN in frames
+    that do not count.
     """
     placed = Kinematics(chain_of().body(motion.parameters), motion.q, columns=False)
     axes, origins = placed.axes, placed.origins
-    points = [*_angles(motion, angle), *_foot_progress(motion, angle, axes), *_places(motion, axes, origins)]
+    points = [
+        *_angles(motion, angle),
+        *_foot_progress(motion, angle, axes),
+        *_places(motion, axes, origins),
+    ]
     if motion.torques is not None:
-        points += [*_moments(motion, motion.torques, moment), *_powers(motion, motion.torques), *_reactions(motion)]
+        points += [
+            *_moments(motion, motion.torques, moment),
+            *_powers(motion, motion.torques),
+            *_reactions(motion),
+        ]
     return tuple(points)
 
 
-def _shown(motion: SavedMotion, table: Mapping[str, list[Coordinate]]) -> Iterator[tuple[str, str, list[str]]]:
+def _shown(
+    motion: SavedMotion, table: Mapping[str, list[Coordinate]]
+) -> Iterator[tuple[str, str, list[str]]]:
     """First word of a point, side, and its coordinates, where the model holds none of them."""
     for joint, rows in table.items():
         for side in SIDES:
@@ -124,7 +148,9 @@ def _angles(motion: SavedMotion, unit: float) -> Iterator[AddedPoint]:
         yield _point(side, f"{joint}Angles", PointKind.ANGLE, values)
 
 
-def _moments(motion: SavedMotion, torques: Mapping[str, Array], unit: float) -> Iterator[AddedPoint]:
+def _moments(
+    motion: SavedMotion, torques: Mapping[str, Array], unit: float
+) -> Iterator[AddedPoint]:
     for joint, side, ours in _shown(motion, _MOMENTS):
         values = np.zeros((len(motion.q), 3))
         for axis, name in enumerate(ours):
@@ -139,7 +165,9 @@ def _powers(motion: SavedMotion, torques: Mapping[str, Array]) -> Iterator[Added
     for joint in _POWERS:
         for side in SIDES:
             values = np.zeros((len(motion.q), 3))
-            values[:, 2] = found[:, joint_kinetics.POWERS.index(f"{joint.lower()}_{side}")] / motion.mass
+            values[:, 2] = (
+                found[:, joint_kinetics.POWERS.index(f"{joint.lower()}_{side}")] / motion.mass
+            )
             values[~motion.valid[side]] = np.nan
             yield _point(side, f"{joint}Power", PointKind.POWER, values)
 
@@ -154,7 +182,9 @@ def _reactions(motion: SavedMotion) -> Iterator[AddedPoint]:
 
 def _foot_progress(motion: SavedMotion, unit: float, axes: Array) -> Iterator[AddedPoint]:
     """`axes`: (ns, 3, 3, nf) of the segments."""
-    feet = FootAxes(np.stack([axes[SEGMENTS.index(foot), 0].T for foot in inverse_dynamics.FEET], axis=1))
+    feet = FootAxes(
+        np.stack([axes[SEGMENTS.index(foot), 0].T for foot in inverse_dynamics.FEET], axis=1)
+    )
     for side in (side for side in SIDES if f"ankle_angle_{side}" not in motion.frozen):
         values = np.zeros((len(motion.q), 3))
         values[:, 2] = unit * feet.progression(side, 0.0)
@@ -167,9 +197,13 @@ def _places(motion: SavedMotion, axes: Array, origins: Array) -> Iterator[AddedP
         for side in SIDES:
             of = frames[f"{joint}_{side}"]
             segment = SEGMENTS.index(of.parent)
-            place = np.einsum("j,jif->fi", of.in_parent.translation, axes[segment]) + origins[segment].T
+            place = (
+                np.einsum("j,jif->fi", of.in_parent.translation, axes[segment]) + origins[segment].T
+            )
             yield _point(side, name, PointKind.PLACE, place)
 
 
 def _point(side: str, name: str, kind: PointKind, values: Array) -> AddedPoint:
-    return AddedPoint(name=side.upper() + name, kind=kind, values=values, description=f"gaitcal: {_WORDS[name]}")
+    return AddedPoint(
+        name=side.upper() + name, kind=kind, values=values, description=f"gaitcal: {_WORDS[name]}"
+    )

@@ -1,21 +1,24 @@
 """Signs and units: in which convention angles, moments and powers are told.
 
-Inside, and in the files of a result, everything is as OpenSim has it: internal moments, positive in the sense of their
-coordinate (flexion, adduction, internal rotation, dorsiflexion, inversion), N·m. `Convention` brings them into others:
+Inside, and in the files of a result, everything is as OpenSim has it: internal moments, positive in
+the sense of their coordinate (flexion, adduction, internal rotation, dorsiflexion, inversion), N·m.
+`Convention` brings them into others:
 
     signs       opensim     positive: hip and knee flexion, adduction, internal rotation, dorsiflexion, inversion; trunk
                             extension; pelvis posterior tilt, right side down, left turn
                 clinical    angles positive: as before; pelvis anterior tilt, this side up, this side forward; trunk
-                            flexion, to this side, this side forward. Internal moments positive in the opposite sense
-                            (extension, abduction, external rotation, plantarflexion, eversion), external ones in the
-                            sense of the angle (flexion, adduction): the same numbers
+                            flexion, to this side, this side forward. Internal moments positive in
+                            the opposite sense (extension, abduction, external rotation,
+                            plantarflexion, eversion), external ones in the sense of the angle
+                            (flexion, adduction): the same numbers
     whose       internal    what muscles, ligaments and bones do; external: what they work against, the opposite
     frame       coordinates, proximal, distal, jcs      `dynamics/joint_kinetics.py`
     unit        N·m; N·m/kg; %BW*H, percent of body weight times height
 
-Clinical signs are Plug-in Gait's (`export/plug_in_gait.py`): every graph of the right side has the shape of that of the
-left; the knee adduction moment is above zero in stance, internal (abduction positive) or external. Powers are positive
-where generated, in W beside N·m, else in W/kg: percent of body weight times height has no power.
+Clinical signs are Plug-in Gait's (`export/plug_in_gait.py`): every graph of the right side has the
+shape of that of the left; the knee adduction moment is above zero in stance, internal (abduction
+positive) or external. Powers are positive where generated, in W beside N·m, else in W/kg: percent
+of body weight times height has no power.
 """
 
 from collections.abc import Mapping
@@ -36,15 +39,23 @@ class Signs(Enum):
     OPENSIM = "opensim"
     """Flexion, adduction, internal rotation, dorsiflexion, inversion."""
     CLINICAL = "clinical"
-    """Plug-in Gait's: of internal moments extension, abduction, external rotation, plantarflexion, eversion."""
+    """Plug-in Gait's: of internal moments extension, abduction, external rotation, plantarflexion,
+    eversion.
+    """
 
 
 class Acting(Enum):
     """Whose moment it is. `words`: in files."""
 
-    INTERNAL = ("internal", "internal: of the structures that cross the joint, net, on the distal segment")
+    INTERNAL = (
+        "internal",
+        "internal: of the structures that cross the joint, net, on the distal segment",
+    )
     """What muscles, ligaments and bones do."""
-    EXTERNAL = ("external", "external: what the structures that cross the joint work against, on the distal segment")
+    EXTERNAL = (
+        "external",
+        "external: what the structures that cross the joint work against, on the distal segment",
+    )
     """What they work against."""
 
     def __init__(self, key: str, words: str) -> None:
@@ -81,11 +92,13 @@ class Convention:
     def moment(self, name: str, values: Array, subject: Subject, side: str = "r") -> Array:
         """Moments or their standard errors in the unit and with the sign of this convention.
 
-        `values`: N·m, internal and with OpenSim's sign, of a coordinate or component `name` (`hip_flexion_r`), in the
-        frame of this convention already; `side`: of the stride, which matters to pelvis and trunk. Standard errors keep
-        their sign: take `abs`.
+        `values`: N·m, internal and with OpenSim's sign, of a coordinate or component `name`
+        (`hip_flexion_r`), in the frame of this convention already; `side`: of the stride, which
+        matters to pelvis and trunk. Standard errors keep their sign: take `abs`.
         """
-        factor = {MomentUnit.NM: 1.0, MomentUnit.NM_PER_KG: 1.0 / subject.mass}.get(self.unit, 100.0 / subject.bwh)
+        factor = {MomentUnit.NM: 1.0, MomentUnit.NM_PER_KG: 1.0 / subject.mass}.get(
+            self.unit, 100.0 / subject.bwh
+        )
         return factor * self._sign(name, Kind.MOMENT, side) * values
 
     def power(self, values: Array, subject: Subject) -> Array:
@@ -93,13 +106,17 @@ class Convention:
         return values if self.unit is MomentUnit.NM else values / subject.mass
 
     def angle(self, name: str, values: Array, side: str) -> Array:
-        """Angles of a stride of one side (`r`, `l`) with the sign of this convention; their unit stays."""
+        """Angles of a stride of one side (`r`, `l`) with the sign of this convention; their unit
+        stays.
+        """
         return self._sign(name, Kind.ANGLE, side) * values
 
     def values(self, variable: str, values: Array, side: str, subject: Subject) -> Array:
-        """Values of a variable of `cycles.csv`, in its unit there, of strides of one side; of errors take `abs`.
+        """Values of a variable of `cycles.csv`, in its unit there, of strides of one side; of
+        errors take `abs`.
 
-        `side`: empty where no stride says it: what the sides count otherwise then has OpenSim's sign.
+        `side`: empty where no stride says it: what the sides count otherwise then has OpenSim's
+        sign.
         """
         name, kind = coordinate_of(variable), kind_of(variable)
         match kind:
@@ -111,13 +128,17 @@ class Convention:
                 return self._sign(name, kind, side) * values
 
     def senses(self, variable: str, side: str) -> tuple[str, str]:
-        """What positive and negative values of a variable mean in strides of one side; empty: where none says it."""
+        """What positive and negative values of a variable mean in strides of one side; empty: where
+        none says it.
+        """
         name, kind = coordinate_of(variable), kind_of(variable)
         if kind is Kind.POWER:
             return "generated", "absorbed"
         clinical = self._clinical(name, side)
         one, other = (clinical.words, clinical.opposite) if clinical else _senses(name)
-        opposed = kind is Kind.MOMENT and self.signs is Signs.CLINICAL and self.acting is Acting.INTERNAL
+        opposed = (
+            kind is Kind.MOMENT and self.signs is Signs.CLINICAL and self.acting is Acting.INTERNAL
+        )
         return (other, one) if opposed else (one, other)
 
     def title(self, variable: str) -> str:
@@ -127,7 +148,11 @@ class Convention:
             return GROUND_FORCES[name].title
         if kind is Kind.POWER:
             return f"{coordinate_words(name).title.capitalize()} power"
-        title, positive, sense = coordinate_words(name).title, self.senses(variable, "r")[0], _senses(name)[0]
+        title, positive, sense = (
+            coordinate_words(name).title,
+            self.senses(variable, "r")[0],
+            _senses(name)[0],
+        )
         turns = kind is Kind.MOMENT and sense.endswith(" rotation")
         if title.endswith(f" {sense}") or turns:
             title = f"{title.split()[0]} {positive}"
@@ -137,17 +162,22 @@ class Convention:
     def lines(self) -> tuple[str, ...]:
         """What it is in words, for the head of a file."""
         signs = {
-            Signs.OPENSIM: "signs: of the coordinates (OpenSim): flexion, adduction, internal rotation, dorsiflexion "
+            Signs.OPENSIM: "signs: of the coordinates (OpenSim): flexion, adduction, internal "
+            "rotation, dorsiflexion "
             "positive; pelvis: posterior tilt, right side down, rotation to the left",
-            Signs.CLINICAL: "signs: clinical (Plug-in Gait): angles of flexion, adduction, internal rotation, "
-            "dorsiflexion positive; pelvis: anterior tilt, this side up and forward; trunk: flexion, to this side, "
-            "this side forward; internal moments positive in the opposite sense, external ones in the same",
+            Signs.CLINICAL: "signs: clinical (Plug-in Gait): angles of flexion, adduction, "
+            "internal rotation, "
+            "dorsiflexion positive; pelvis: anterior tilt, this side up and forward; trunk: "
+            "flexion, to this side, "
+            "this side forward; internal moments positive in the opposite sense, external ones in "
+            "the same",
         }[self.signs]
         return (
             f"moments are {self.acting.words}",
             f"moments are told {self.frame.words}",
             f"{signs}; column 'positive' says it of each variable",
-            f"units: angles deg, moments {self.unit.words}, powers {self.unit.power} (positive: generated)",
+            f"units: angles deg, moments {self.unit.words}, powers {self.unit.power} (positive: "
+            "generated)",
         )
 
     @property

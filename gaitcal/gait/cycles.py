@@ -4,12 +4,12 @@ Signals are brought to 0 to 100 % of a cycle,
 
     percent(t) = 100 (t - t_strike) / (t_next strike - t_strike).
 
-Strikes and toe-offs come from `gait/events.py`, each with its source. A cycle inside which events show that a strike
-is missing is none.
+Strikes and toe-offs come from `gait/events.py`, each with its source. A cycle inside which events
+show that a strike is missing is none.
 
-A variable of the table of strides (`cycles.csv`) is named after its coordinate, without the side of its leg; an ending
-says what it is if not the angle: `hip_flexion` (deg), `hip_flexion_moment` (N m). A further kind is one more member of
-`Kind`.
+A variable of the table of strides (`cycles.csv`) is named after its coordinate, without the side of
+its leg; an ending says what it is if not the angle: `hip_flexion` (deg), `hip_flexion_moment` (N
+m). A further kind is one more member of `Kind`.
 """
 
 import itertools
@@ -31,7 +31,10 @@ if TYPE_CHECKING:
 
 SHORTEST_PHASE = 0.1  # s: a shorter contact, or a shorter swing, is a flicker of the threshold
 SINGLE = float(np.finfo(np.float32).eps)  # relative rounding of times in single precision
-CYCLE_RANGE = (0.4, 4.0)  # s: from running to very slow pathological gait; anything else is no stride
+CYCLE_RANGE = (
+    0.4,
+    4.0,
+)  # s: from running to very slow pathological gait; anything else is no stride
 POINTS = 101  # 0, 1, ..., 100 %
 
 
@@ -60,7 +63,9 @@ class GaitEvent(FootEvent):
 
 
 def source_words(sources: Iterable[EventSource]) -> str:
-    """`force plates and the motion of the feet`: each source once, the best first; empty without sources."""
+    """`force plates and the motion of the feet`: each source once, the best first; empty without
+    sources.
+    """
     found = set(sources)
     return " and ".join(words for source, words in _SOURCE_WORDS.items() if source in found)
 
@@ -82,7 +87,9 @@ class GaitCycle:
     stop: float  # s, next strike of the same foot
     toe_off: float | None  # s, end of stance; None where it is not known
     sources: tuple[EventSource, ...] = ()  # of its first and of its second strike
-    parts: tuple[tuple[str, float], ...] = ()  # of a repetition, in order: phase, and when it ends, s
+    parts: tuple[
+        tuple[str, float], ...
+    ] = ()  # of a repetition, in order: phase, and when it ends, s
 
     def percent(self, time: Array | float) -> Array:
         """Percent of the cycle at `time` (s)."""
@@ -95,21 +102,33 @@ class GaitCycle:
 
     @property
     def phases(self) -> list[str]:
-        """Phase at 0, 1, ... 100 %: of a repetition its `parts`, else stance and swing; empty: not known."""
-        of_stride = (("", self.stop),) if self.toe_off is None else (("stance", self.toe_off), ("swing", self.stop))
+        """Phase at 0, 1, ... 100 %: of a repetition its `parts`, else stance and swing; empty: not
+        known.
+        """
+        of_stride = (
+            (("", self.stop),)
+            if self.toe_off is None
+            else (("stance", self.toe_off), ("swing", self.stop))
+        )
         names, ends = zip(*(self.parts or of_stride), strict=True)
         at = np.searchsorted(ends[:-1], np.linspace(self.start, self.stop, POINTS), side="right")
         return [names[k] for k in at]
 
 
 def is_stride(start: float, stop: float, foot: FootEvents, other: FootEvents | None = None) -> bool:
-    """Whether a foot makes one stride from its strike at `start` (s) to the next one that is known, at `stop`.
+    """Whether a foot makes one stride from its strike at `start` (s) to the next one that is known,
+    at `stop`.
 
-    Two offs of its own between them, or two strikes of the other foot, and a strike of its own is missing there.
+    Two offs of its own between them, or two strikes of the other foot, and a strike of its own is
+    missing there.
     """
     long_enough = CYCLE_RANGE[0] <= stop - start <= CYCLE_RANGE[1]
     theirs = np.array([]) if other is None else other.strikes
-    return long_enough and len(between(foot.toe_offs, start, stop)) < 2 and len(between(theirs, start, stop)) < 2
+    return (
+        long_enough
+        and len(between(foot.toe_offs, start, stop)) < 2
+        and len(between(theirs, start, stop)) < 2
+    )
 
 
 def between(times: Array, start: float, stop: float) -> Array:
@@ -118,18 +137,26 @@ def between(times: Array, start: float, stop: float) -> Array:
 
 
 def gait_cycles(events: FootEvents, other: FootEvents | None = None) -> tuple[GaitCycle, ...]:
-    """All complete cycles of one foot, in time order; `other`: of the other foot, which shows missing strikes, too."""
+    """All complete cycles of one foot, in time order; `other`: of the other foot, which shows
+    missing strikes, too.
+    """
     cycles = []
     for k, (start, stop) in enumerate(itertools.pairwise(events.strikes.tolist())):
         if is_stride(start, stop, events, other):
             off = between(events.toe_offs, start, stop)
-            cycles.append(GaitCycle(start, stop, float(off[0]) if len(off) else None, events.sources[k : k + 2]))
+            cycles.append(
+                GaitCycle(
+                    start, stop, float(off[0]) if len(off) else None, events.sources[k : k + 2]
+                )
+            )
     return tuple(cycles)
 
 
 def changes(foot: FootEvents) -> list[tuple[float, bool]]:
     """Time (s) and whether the foot is down after it, in order of time."""
-    return sorted([(t, True) for t in foot.strikes.tolist()] + [(t, False) for t in foot.toe_offs.tolist()])
+    return sorted(
+        [(t, True) for t in foot.strikes.tolist()] + [(t, False) for t in foot.toe_offs.tolist()]
+    )
 
 
 def steady(time: Array, state: BoolArray) -> BoolArray:
@@ -159,8 +186,8 @@ def usable(time: Array, valid: BoolArray, cycle: GaitCycle) -> BoolArray:
 def resample(time: Array, values: Array, at: Array) -> Array:
     """(len(at), ...) `values` (nf, ...) at the times `at`, linear; NaN in gaps and outside.
 
-    A time that is a frame's but for rounding takes nothing from a neighbour that is a gap: C3D files keep the times of
-    their events in single precision.
+    A time that is a frame's but for rounding takes nothing from a neighbour that is a gap: C3D
+    files keep the times of their events in single precision.
     """
     right = np.clip(np.searchsorted(time, at), 1, len(time) - 1)
     left = right - 1
@@ -200,7 +227,9 @@ def kind_of(variable: str) -> Kind:
     """Of a variable of `cycles.csv`: `knee_angle` is an angle, `knee_angle_moment` a moment."""
     if variable.startswith("ground_reaction_"):
         return Kind.FORCE
-    return next((kind for kind in Kind if kind.ending and variable.endswith(kind.ending)), Kind.ANGLE)
+    return next(
+        (kind for kind in Kind if kind.ending and variable.endswith(kind.ending)), Kind.ANGLE
+    )
 
 
 def unit_of(variable: str) -> str:
@@ -230,13 +259,29 @@ def known_variables() -> tuple[str, ...]:
 
 
 CYCLE_COLUMNS: Final = (
-    *("person", "session", "trial", "side", "stride", "percent", "variable", "value", "se", "valid", "se_stride"),
+    *(
+        "person",
+        "session",
+        "trial",
+        "side",
+        "stride",
+        "percent",
+        "variable",
+        "value",
+        "se",
+        "valid",
+        "se_stride",
+    ),
     *("turn", "activity", "phase"),
 )
 WALKING: Final = "gait"
-"""`activity` of strides of walks; repetitions, or strides, of any other activity have the name of their trial."""
+"""`activity` of strides of walks; repetitions, or strides, of any other activity have the name of
+their trial.
+"""
 TOLD: Final = ("unit", "positive")
-"""Further columns of a table in another convention (`gaitcal export --format cycles`): they say which."""
+"""Further columns of a table in another convention (`gaitcal export --format cycles`): they say
+which.
+"""
 _NAMES: Final = {
     "person": "",
     "session": "",
@@ -255,11 +300,12 @@ def _fault(text: str, source: object, field: str | None = None) -> InputError:
 def typed(table: "pd.DataFrame", source: object = None) -> "pd.DataFrame":
     """A table of strides, which may hold text or be read by pandas alone, made whole.
 
-    Numbers stand where numbers belong; a person or session that is not named is empty text, strides of no activity are
-    of walks, an error or a turn that the table lacks is NaN. Columns: `CYCLE_COLUMNS`, then what else there is.
+    Numbers stand where numbers belong; a person or session that is not named is empty text, strides
+    of no activity are of walks, an error or a turn that the table lacks is NaN. Columns:
+    `CYCLE_COLUMNS`, then what else there is.
 
-    Raises InputError: A column is missing, or holds something else than numbers. `source`: what the message says it is
-    of.
+    Raises InputError: A column is missing, or holds something else than numbers. `source`: what the
+    message says it is of.
     """
     missing = [name for name in _NEEDED if name not in table]
     if missing:
@@ -272,12 +318,19 @@ def typed(table: "pd.DataFrame", source: object = None) -> "pd.DataFrame":
         values = _number(table, name, source)
         if not np.isfinite(values).all():
             at = int(np.flatnonzero(~np.isfinite(values))[0]) + 1
-            allowed = "a whole number (a line that is read as if it ended at a # in a name loses them: "
+            allowed = (
+                "a whole number (a line that is read as if it ended at a # in a name loses them: "
+            )
             allowed += "gaitcal.read_cycles reads it whole)"
             raise _fault(f"found nothing in row {at}; allowed: {allowed}", source, name)
         numbers[name] = values.astype(int)
-    names = {n: table[n].where(table[n].notna(), lacked) if n in table else lacked for n, lacked in _NAMES.items()}
-    whole = table.assign(**names, **numbers, **{name: np.nan for name in _LACKING if name not in table})
+    names = {
+        n: table[n].where(table[n].notna(), lacked) if n in table else lacked
+        for n, lacked in _NAMES.items()
+    }
+    whole = table.assign(
+        **names, **numbers, **{name: np.nan for name in _LACKING if name not in table}
+    )
     return whole[[*CYCLE_COLUMNS, *(name for name in table.columns if name not in CYCLE_COLUMNS)]]
 
 
@@ -295,7 +348,8 @@ def _number(table: "pd.DataFrame", name: str, source: object) -> "pd.Series":
 
 
 def conventions_of(strides: "pd.DataFrame") -> dict[str, tuple[str, str]]:
-    """Variable -> its unit and what is positive (nothing where the table does not say it: as in `cycles.csv`).
+    """Variable -> its unit and what is positive (nothing where the table does not say it: as in
+    `cycles.csv`).
 
     Raises InputError: A variable is there in two conventions.
     """

@@ -1,14 +1,16 @@
-"""Mean and spread of strides, percent by percent: how much is stride to stride, trial to trial, and measurement error.
+"""Mean and spread of strides, percent by percent: how much is stride to stride, trial to trial, and
+measurement error.
 
 The value of stride j of trial i, at one percent of the stride of one foot, is taken to be
 
     y_ij = mu + a_i + b_ij + e_ij + c,
 
-a_i what trials differ by (variance V_b), b_ij what strides of a trial differ by (V_w), e_ij the measurement error that
-each stride has of its own (variance s_ij^2), and c the error that all strides of one calibrated person share: joint
-centres and axes, masses, the direction of the segments' axes, bandwidth, force plates. c moves the mean and every
-stride alike and is no part of any spread between strides. From n strides in k trials, n_i in each (Searle, Casella &
-McCulloch, Variance Components, 1992, chapter 3):
+a_i what trials differ by (variance V_b), b_ij what strides of a trial differ by (V_w), e_ij the
+measurement error that each stride has of its own (variance s_ij^2), and c the error that all
+strides of one calibrated person share: joint centres and axes, masses, the direction of the
+segments' axes, bandwidth, force plates. c moves the mean and every stride alike and is no part of
+any spread between strides. From n strides in k trials, n_i in each (Searle, Casella & McCulloch,
+Variance Components, 1992, chapter 3):
 
     mean  = sum y_ij / n                     every stride counts the same
     sd^2  = sum (y_ij - mean)^2 / (n - 1)    what gait reports call the standard deviation
@@ -16,16 +18,17 @@ McCulloch, Variance Components, 1992, chapter 3):
     V_b   = max(0, (sum n_i (mean_i - mean)^2 / (k - 1) - V_w) / n_0),    n_0 = (n - sum n_i^2 / n) / (k - 1)
     sd_error^2 = mean of s_ij^2              part of sd^2 and of V_w, not beside them
 
-V_w needs a trial with two strides, V_b in addition a second trial; where every trial has one stride the two cannot be
-told apart, and only sd is known. s_ij is the standard error by the markers of the trial itself (`se_stride` of
-`cycles.csv`). Skin that moves alike in every stride is in it, though it makes strides no less alike, so that sd_error
-is an upper limit: where it is larger than sd the error bars are wider than the strides show. The standard error of the
-mean joins both kinds of error; c, the same in all, does not become smaller by more strides:
+V_w needs a trial with two strides, V_b in addition a second trial; where every trial has one stride
+the two cannot be told apart, and only sd is known. s_ij is the standard error by the markers of the
+trial itself (`se_stride` of `cycles.csv`). Skin that moves alike in every stride is in it, though
+it makes strides no less alike, so that sd_error is an upper limit: where it is larger than sd the
+error bars are wider than the strides show. The standard error of the mean joins both kinds of
+error; c, the same in all, does not become smaller by more strides:
 
     se^2 = sd^2 / n + mean(sqrt(se_ij^2 - s_ij^2))^2         n >= 2;   one stride: its own se
 
-Samples that are not valid are left out one by one, so that n may change along the stride. Strides that turn
-(`gait/strides.py`) are left out whole: legs and trunk, too, move otherwise in a turn.
+Samples that are not valid are left out one by one, so that n may change along the stride. Strides
+that turn (`gait/strides.py`) are left out whole: legs and trunk, too, move otherwise in a turn.
 """
 
 from collections.abc import Mapping
@@ -59,7 +62,9 @@ class Spread:
     se: Array  # (m,) standard error of the mean, shared errors included
 
 
-def spread(values: Array, trials: NDArray[Any], own: Array | None = None, total: Array | None = None) -> Spread:
+def spread(
+    values: Array, trials: NDArray[Any], own: Array | None = None, total: Array | None = None
+) -> Spread:
     """Statistics over strides.
 
     `values`: (n, m) n strides at m points; NaN where a value is not valid.
@@ -72,7 +77,9 @@ def spread(values: Array, trials: NDArray[Any], own: Array | None = None, total:
     n = there.sum(axis=0)
     zeroed = np.where(there, values, 0.0)
     labels = [trials == label for label in dict.fromkeys(np.asarray(trials).tolist())]
-    in_trial = np.array([there[rows].sum(axis=0) for rows in labels], dtype=np.float64).reshape(len(labels), -1)
+    in_trial = np.array([there[rows].sum(axis=0) for rows in labels], dtype=np.float64).reshape(
+        len(labels), -1
+    )
     sums = np.array([zeroed[rows].sum(axis=0) for rows in labels]).reshape(len(labels), -1)
     k, squares = (in_trial > 0).sum(axis=0), (in_trial**2).sum(axis=0)
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -83,7 +90,9 @@ def spread(values: Array, trials: NDArray[Any], own: Array | None = None, total:
         inside = np.maximum((n - 1) * variance - apart, 0.0)
         within = np.where(n > k, inside / (n - k), np.nan)
         size = (n - squares / n) / (k - 1)
-        between = np.where((n > k) & (k > 1), np.maximum((apart / (k - 1) - within) / size, 0.0), np.nan)
+        between = np.where(
+            (n > k) & (k > 1), np.maximum((apart / (k - 1) - within) / size, 0.0), np.nan
+        )
         error = _mean_over(np.square(own), there) if own is not None else np.full(len(n), np.nan)
         se = np.full(len(n), np.nan)
         if own is not None and total is not None:
@@ -108,17 +117,33 @@ def _mean_over(values: Array, there: Array) -> Array:
     return np.where(there, values, 0.0).sum(axis=0) / there.sum(axis=0)
 
 
-GROUP: Final = ("person", "session", "activity", "side", "variable")  # of `cycles.csv`: whose strides belong together
-WHERE: Final = [*GROUP, "trial", "stride", "percent"]  # columns that tell one sample from all others
+GROUP: Final = (
+    "person",
+    "session",
+    "activity",
+    "side",
+    "variable",
+)  # of `cycles.csv`: whose strides belong together
+WHERE: Final = [
+    *GROUP,
+    "trial",
+    "stride",
+    "percent",
+]  # columns that tell one sample from all others
 STATISTICS: Final = ("n", "trials", "mean", "sd", "sd_within", "sd_between", "sd_error", "se")
 ENSEMBLE_COLUMNS: Final = (*GROUP, "percent", *STATISTICS)
 
 
 def require_once(strides: "pd.DataFrame") -> None:
-    """InputError where a table of strides has one twice, as those of two sessions without a name have."""
+    """InputError where a table of strides has one twice, as those of two sessions without a name
+    have.
+    """
     if (twice := strides.duplicated(WHERE)).any():
         row = strides.loc[twice].iloc[0]
-        message = f"found stride {row['stride']} of {row['trial']}, side {row['side']}, twice; allowed: once for each "
+        message = (
+            f"found stride {row['stride']} of {row['trial']}, side {row['side']}, twice; allowed: "
+            "once for each "
+        )
         message += "person and session; name the sessions"
         raise InputError(message, field="strides", code=Code.STRIDE_TABLE)
 
@@ -129,7 +154,8 @@ def ensemble(strides: "pd.DataFrame") -> "pd.DataFrame":
 
     Parameters
     ----------
-    strides : as `gaitcal.cycles` or `gaitcal.read_cycles` give it, or pandas reads it; samples with `valid` 0 and
+    strides : as `gaitcal.cycles` or `gaitcal.read_cycles` give it, or pandas reads it; samples with
+    `valid` 0 and
         strides that turn are left out.
 
     Raises
@@ -139,9 +165,9 @@ def ensemble(strides: "pd.DataFrame") -> "pd.DataFrame":
 
     Returns
     -------
-    One row a percent, with `ENSEMBLE_COLUMNS`, in the units of `strides`: `n` strides of `trials` trials; `mean`; `sd`
-    over strides; `sd_within`, `sd_between` trials; `sd_error`, the part that is measurement error; `se` of the mean;
-    `unit` and `positive` where `strides` have them.
+    One row a percent, with `ENSEMBLE_COLUMNS`, in the units of `strides`: `n` strides of `trials`
+    trials; `mean`; `sd` over strides; `sd_within`, `sd_between` trials; `sd_error`, the part that
+    is measurement error; `se` of the mean; `unit` and `positive` where `strides` have them.
     """
     import pandas as pd
 
@@ -151,12 +177,19 @@ def ensemble(strides: "pd.DataFrame") -> "pd.DataFrame":
     require_once(strides)
     found = mean_curves({name: strides[name].to_numpy() for name in CYCLE_COLUMNS})
     conventions = conventions_of(strides) if any(name in strides for name in TOLD) else {}
-    senses = [conventions.get(str(variable), ("", "")) for variable in found["variable"]] if conventions else []
-    return pd.DataFrame({**found, **{name: [of[k] for of in senses] for k, name in enumerate(TOLD) if senses}})
+    senses = (
+        [conventions.get(str(variable), ("", "")) for variable in found["variable"]]
+        if conventions
+        else []
+    )
+    return pd.DataFrame(
+        {**found, **{name: [of[k] for of in senses] for k, name in enumerate(TOLD) if senses}}
+    )
 
 
 def mean_curves(strides: Mapping[str, NDArray[Any] | list[Any]]) -> dict[str, NDArray[Any]]:
-    """`ENSEMBLE_COLUMNS` of the columns of strides, each of which is there once (`CYCLE_COLUMNS`, numbers as numbers).
+    """`ENSEMBLE_COLUMNS` of the columns of strides, each of which is there once (`CYCLE_COLUMNS`,
+    numbers as numbers).
 
     Groups are in the order in which they come first.
     """

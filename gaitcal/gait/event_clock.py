@@ -1,18 +1,22 @@
-"""Whether the events of a file fit its own forces and motion, and what is wrong with them where they do not.
+"""Whether the events of a file fit its own forces and motion, and what is wrong with them where
+they do not.
 
-Every event that lies inside the trial is held against the nearest moment of the same foot and kind that plates or
-motion show. Where most of them do not fit, the faults that are known are undone in turn: times that are counted from
-the file's first frame, or once too often from frame 0; left and right exchanged; one offset common to all. Only times
-that are counted otherwise are used after all: there the right ones are known to the millisecond.
+Every event that lies inside the trial is held against the nearest moment of the same foot and kind
+that plates or motion show. Where most of them do not fit, the faults that are known are undone in
+turn: times that are counted from the file's first frame, or once too often from frame 0; left and
+right exchanged; one offset common to all. Only times that are counted otherwise are used after all:
+there the right ones are known to the millisecond.
 
-Where most of them fit, an offset common to one foot or to one kind is looked for, too, and every event that a plate
-under its own foot contradicts gives way to that plate.
+Where most of them fit, an offset common to one foot or to one kind is looked for, too, and every
+event that a plate under its own foot contradicts gives way to that plate.
 
-Strikes and offs of a foot take turns: two of a kind in a row, and the event between them is missing.
+Strikes and offs of a foot take turns: two of a kind in a row, and the event between them is
+missing.
 
-Whether a foot is on the ground at a moment is known where the events around it agree: down after a strike and before an
-off, in the air after an off and before a strike. The ends of a recording hide nothing that matters of a foot that is
-down; a foot whose first strike comes later may have been down before it, and have left the ground out of sight.
+Whether a foot is on the ground at a moment is known where the events around it agree: down after a
+strike and before an off, in the air after an off and before a strike. The ends of a recording hide
+nothing that matters of a foot that is down; a foot whose first strike comes later may have been
+down before it, and have left the ground out of sight.
 """
 
 import itertools
@@ -29,18 +33,26 @@ from gaitcal.io.labels import FootEvent, FootMoment
 from gaitcal.model.linkage import OTHER_SIDE, SIDE_WORDS
 
 AGREE: Final = 0.1
-"""s: motion alone misses contacts by up to 0.08 s where a foot drags (`python -m scripts.validation events STUDY`)."""
+"""s: motion alone misses contacts by up to 0.08 s where a foot drags (`python -m scripts.validation
+events STUDY`).
+"""
 FIT: Final = 0.75  # share of the events that must agree
-RIVAL: Final = 0.4  # s: where the motion has the event this near, but does not agree, the file's is at the wrong place
+# s: where the motion has the event this near, but does not agree, the file's is at the wrong place
+RIVAL: Final = 0.4
 FEWEST: Final = 4  # events from which a fault common to all can be told
-SAME_EVENT: Final = 0.2  # s: an event of one foot this near to another of its kind is the same event
+SAME_EVENT: Final = (
+    0.2  # s: an event of one foot this near to another of its kind is the same event
+)
 PLATE_OFFSET: Final = 0.04
-"""s against the forces, of one event or common to several: who sets events by eye stays within that (laboratories
-seen: 0.014)."""
+"""s against the forces, of one event or common to several: who sets events by eye stays within that
+(laboratories seen: 0.014)."""
 MOTION_OFFSET: Final = 0.06
-"""s common to strikes and offs against the motion: its own faults have opposite signs for the two."""
+"""s common to strikes and offs against the motion: its own faults have opposite signs for the two.
+"""
 SCATTER: Final = 0.02  # s, median distance from the common offset, above which it is no common one
-ALIKE: Final = 0.03  # s, most distance of one event of a foot or a kind from the offset that they are to share
+ALIKE: Final = (
+    0.03  # s, most distance of one event of a foot or a kind from the offset that they are to share
+)
 WHOLE: Final = 0.9  # share of the events that lie inside the trial where they are counted otherwise
 EDGE: Final = 0.2  # s at either end of a trial, where the motion may not show the event
 
@@ -64,7 +76,9 @@ class _Fit:
 def checked_events(
     file: Sequence[FootEvent], plates: Sequence[FootEvent], motion: Sequence[FootEvent], time: Array
 ) -> tuple[list[FootEvent], tuple[Finding, ...]]:
-    """The events of the file that may be used, inside the trial `time` (nf,) s, and what is said of the rest."""
+    """The events of the file that may be used, inside the trial `time` (nf,) s, and what is said of
+    the rest.
+    """
     half = 0.5 * float(np.median(np.diff(time))) if len(time) > 1 else 0.0
     file, twice = _once(file, plates, motion)
     inside = [e for e in file if time[0] - half <= e.time <= time[-1] + half]
@@ -75,12 +89,20 @@ def checked_events(
     if fit.good:
         used, findings = _without_offset(inside, plates, motion)
         astray = [e for e in used if AGREE < abs(_nearest(e, shown)) < RIVAL]
-        apart = [e for e in used if e not in astray and PLATE_OFFSET < abs(_from_plate(e, plates, motion)) < SAME_EVENT]
+        apart = [
+            e
+            for e in used
+            if e not in astray and PLATE_OFFSET < abs(_from_plate(e, plates, motion)) < SAME_EVENT
+        ]
         if astray:
             found = f"{', '.join(_name(e) for e in astray)}; not used, forces or motion tell them"
-            findings += (_info("single events of the file do not fit its forces and motion", found),)
+            findings += (
+                _info("single events of the file do not fit its forces and motion", found),
+            )
         if apart:
-            named = ", ".join(f"{_name(e)} (plate {e.time + _nearest(e, plates):.2f} s)" for e in apart)
+            named = ", ".join(
+                f"{_name(e)} (plate {e.time + _nearest(e, plates):.2f} s)" for e in apart
+            )
             cause = "single events of the file do not fit the plate under their foot"
             findings += (_info(cause, f"{named}; not used, the plates tell them"),)
         return [e for e in used if e not in astray and e not in apart], (*twice, *findings)
@@ -97,34 +119,52 @@ def checked_events(
         whole = len(moved) >= WHOLE * len(file) and again.good and again.judged >= FEWEST
         if abs(offset) > AGREE and whole and abs(float(np.median(rest))) < PLATE_OFFSET:
             later = "later" if offset > 0 else "earlier"
-            return moved, (*twice, _info(cause, f"{_stand(fit)}; {abs(offset):.3f} s {later}, {again}: used so"))
+            return moved, (
+                *twice,
+                _info(cause, f"{_stand(fit)}; {abs(offset):.3f} s {later}, {again}: used so"),
+            )
     return [], (*twice, _fault(file, shown, time, fit))
 
 
-def corrected_findings(events: Sequence[FootEvent], shown: Sequence[FootEvent], time: Array) -> tuple[Finding, ...]:
-    """Where the events that a person set differ from what forces and motion show; they are used all the same.
+def corrected_findings(
+    events: Sequence[FootEvent], shown: Sequence[FootEvent], time: Array
+) -> tuple[Finding, ...]:
+    """Where the events that a person set differ from what forces and motion show; they are used all
+    the same.
 
-    A foot of which a whole kind is missing is warned of: it has no strides, or none of their phases, in any table.
+    A foot of which a whole kind is missing is warned of: it has no strides, or none of their
+    phases, in any table.
     """
     low, high = time[0] + EDGE, time[-1] - EDGE
     inside = [e for e in events if shown and low < e.time < high]
     apart = [_name(e) for e in inside if abs(_nearest(e, shown)) > AGREE]
     lacking = list[FootEvent]()
     for event in (e for e in shown if low < e.time < high):
-        if abs(_nearest(event, [*events, *lacking])) > SAME_EVENT:  # plates and motion have the same one
+        if (
+            abs(_nearest(event, [*events, *lacking])) > SAME_EVENT
+        ):  # plates and motion have the same one
             lacking.append(event)
     findings = list[Finding]()
     for side, word in SIDE_WORDS.items():
         counts = {m: sum(e.side == side and e.moment is m for e in events) for m in FootMoment}
-        unset = {m: sum(e.side == side and e.moment is m for e in lacking) for m in FootMoment if not counts[m]}
+        unset = {
+            m: sum(e.side == side and e.moment is m for e in lacking)
+            for m in FootMoment
+            if not counts[m]
+        }
         lacking = [e for e in lacking if e.side != side or counts[e.moment]]
         if any(unset.values()) or (unset and max(counts.values()) > 1):
             kinds = " and no ".join(m.value for m in unset)
             seen = " and ".join(f"{n} {m.value}{'s' * (n != 1)}" for m, n in unset.items())
             missing = "strides" if FootMoment.STRIKE in unset else "stance and swing"
-            found = f"forces and motion show {seen}, which are not used: {missing} of this foot are not told"
+            found = (
+                f"forces and motion show {seen}, which are not used: {missing} of this foot are "
+                "not told"
+            )
             cure = "set them, too, or take the recording out of events.csv"
-            findings.append(_warning(f"corrected events have no {kinds} of the {word} foot", found, cure))
+            findings.append(
+                _warning(f"corrected events have no {kinds} of the {word} foot", found, cure)
+            )
     if lacking:
         names = listed([_name(e) for e in sorted(lacking, key=lambda e: e.time)])
         found = f"{names}: forces or motion show them; not used"
@@ -136,8 +176,12 @@ def corrected_findings(events: Sequence[FootEvent], shown: Sequence[FootEvent], 
     return tuple(findings)
 
 
-def _fault(file: Sequence[FootEvent], shown: Sequence[FootEvent], time: Array, fit: _Fit) -> Finding:
-    """The single fault that makes most of the events agree, with its rival; else that none is known."""
+def _fault(
+    file: Sequence[FootEvent], shown: Sequence[FootEvent], time: Array, fit: _Fit
+) -> Finding:
+    """The single fault that makes most of the events agree, with its rival; else that none is
+    known.
+    """
     swapped = _fit([replace(e, side=OTHER_SIDE[e.side]) for e in file], shown, time)
     offset = _common_offset(file, shown, time)
     shifted = _fit(_moved(file, offset), shown, time)
@@ -145,12 +189,20 @@ def _fault(file: Sequence[FootEvent], shown: Sequence[FootEvent], time: Array, f
     unused = "not used; strides are those of forces and motion"
     if can_swap and not (can_shift and shifted.spread < 0.5 * swapped.spread):
         found = f"{_stand(fit)}; with the sides exchanged, {swapped}"
-        found += f" ({abs(offset):.2f} s {'later' if offset > 0 else 'earlier'}, {shifted})" if can_shift else ""
+        found += (
+            f" ({abs(offset):.2f} s {'later' if offset > 0 else 'earlier'}, {shifted})"
+            if can_shift
+            else ""
+        )
         cure = "see whether the events or the markers bear the wrong side"
-        return _warning("left and right of the file's events are exchanged", f"{found}; {unused}", cure)
+        return _warning(
+            "left and right of the file's events are exchanged", f"{found}; {unused}", cure
+        )
     if can_shift:
         found = f"{_stand(fit)}; moved by as much, {shifted}; {unused}"
-        cause = f"the file's events come {abs(offset):.2f} s too {'early' if offset > 0 else 'late'}"
+        cause = (
+            f"the file's events come {abs(offset):.2f} s too {'early' if offset > 0 else 'late'}"
+        )
         return _warning(cause, found, "correct the events, or the clock that they were set with")
     return _info("the file's events do not fit its forces and motion", f"{_stand(fit)}; {unused}")
 
@@ -158,11 +210,15 @@ def _fault(file: Sequence[FootEvent], shown: Sequence[FootEvent], time: Array, f
 def _once(
     file: Sequence[FootEvent], plates: Sequence[FootEvent], motion: Sequence[FootEvent]
 ) -> tuple[list[FootEvent], tuple[Finding, ...]]:
-    """The events without those that stand there twice: of two, the one that plates, else the motion, have nearer."""
+    """The events without those that stand there twice: of two, the one that plates, else the
+    motion, have nearer.
+    """
     kept: list[FootEvent] = []
     named: list[str] = []
     for event in sorted(file, key=lambda e: e.time):
-        alike = next((e for e in kept if _same(e, event) and event.time - e.time < SAME_EVENT), None)
+        alike = next(
+            (e for e in kept if _same(e, event) and event.time - e.time < SAME_EVENT), None
+        )
         if alike is None:
             kept.append(event)
             continue
@@ -179,17 +235,27 @@ def _once(
 def _without_offset(
     inside: list[FootEvent], plates: Sequence[FootEvent], motion: Sequence[FootEvent]
 ) -> tuple[list[FootEvent], tuple[Finding, ...]]:
-    """The events without those that come early or late by as much: all, those of a foot, or those of a kind."""
+    """The events without those that come early or late by as much: all, those of a foot, or those
+    of a kind.
+    """
     if len(_differences(inside, plates)) < FEWEST - 1:
         against = _differences(inside, motion)
         kinds = [_differences([e for e in inside if e.moment is m], motion) for m in FootMoment]
         middles = [float(np.median(d)) if len(d) > 1 else 0.0 for d in kinds]
         offset = min(middles, key=abs)
-        if abs(offset) > MOTION_OFFSET and middles[0] * middles[1] > 0 and np.median(_from_median(against)) <= SCATTER:
-            return [], (_offset_finding("", offset, f"{len(against)} against the motion of the feet"),)
+        if (
+            abs(offset) > MOTION_OFFSET
+            and middles[0] * middles[1] > 0
+            and np.median(_from_median(against)) <= SCATTER
+        ):
+            return [], (
+                _offset_finding("", offset, f"{len(against)} against the motion of the feet"),
+            )
     groups = {"": inside}
     groups |= {f"{m.value} ": [e for e in inside if e.moment is m] for m in FootMoment}
-    groups |= {f"{word} ": [e for e in inside if e.side == side] for side, word in SIDE_WORDS.items()}
+    groups |= {
+        f"{word} ": [e for e in inside if e.side == side] for side, word in SIDE_WORDS.items()
+    }
     used, findings = inside, []
     for one_speaks, word in itertools.product((False, True), groups):
         group = groups[word]
@@ -197,10 +263,22 @@ def _without_offset(
         against, beside = [d for d in from_plate if abs(d) <= AGREE], _differences(group, motion)
         enough = len(against) >= (2 if word else FEWEST - 1)
         if one_speaks:  # one event on a plate, for those that the motion has late by as much
-            enough = bool(against and word) and len(beside) >= FEWEST - 1 and _from_median(beside).max() <= 2 * SCATTER
-        if enough and abs(float(np.median(against))) > PLATE_OFFSET and _from_median(against).max() <= ALIKE:
+            enough = (
+                bool(against and word)
+                and len(beside) >= FEWEST - 1
+                and _from_median(beside).max() <= 2 * SCATTER
+            )
+        if (
+            enough
+            and abs(float(np.median(against))) > PLATE_OFFSET
+            and _from_median(against).max() <= ALIKE
+        ):
             used = [e for e in used if e not in group]
-            findings.append(_offset_finding(word, float(np.median(against)), f"{len(against)} against force plates"))
+            findings.append(
+                _offset_finding(
+                    word, float(np.median(against)), f"{len(against)} against force plates"
+                )
+            )
     return used, tuple(findings)
 
 
@@ -210,16 +288,23 @@ def _from_median(differences: Sequence[float]) -> Array:
 
 
 def _offset_finding(of: str, offset: float, by: str) -> Finding:
-    cause = f"the file's {of}events come {1e3 * abs(offset):.0f} ms too {'late' if offset > 0 else 'early'}"
+    cause = (
+        f"the file's {of}events come {1e3 * abs(offset):.0f} ms too "
+        f"{'late' if offset > 0 else 'early'}"
+    )
     found = f"median of {by}; not used; strides are those of forces and motion"
     return _warning(cause, found, "correct the events, or the clock that they were set with")
 
 
-def _from_plate(event: FootEvent, plates: Sequence[FootEvent], motion: Sequence[FootEvent]) -> float:
-    """Time (s) from an event to that of the plate under the foot; infinite where the plate need not be right.
+def _from_plate(
+    event: FootEvent, plates: Sequence[FootEvent], motion: Sequence[FootEvent]
+) -> float:
+    """Time (s) from an event to that of the plate under the foot; infinite where the plate need not
+    be right.
 
-    A foot that comes down in front of a plate loads it late, one that rolls over its edge unloads it early: there the
-    plate is right only where the motion does not have the event of the file. It is never loaded without a foot.
+    A foot that comes down in front of a plate loads it late, one that rolls over its edge unloads
+    it early: there the plate is right only where the motion does not have the event of the file. It
+    is never loaded without a foot.
     """
     from_plate, from_motion = _nearest(event, plates), _nearest(event, motion)
     beside = from_plate > 0 if event.moment is FootMoment.STRIKE else from_plate < 0
@@ -229,19 +314,27 @@ def _from_plate(event: FootEvent, plates: Sequence[FootEvent], motion: Sequence[
 
 
 def _fit(events: Sequence[FootEvent], shown: Sequence[FootEvent], time: Array) -> _Fit:
-    """Events before and after the trial count as not agreeing: unless others do, nothing tells that they were cut."""
+    """Events before and after the trial count as not agreeing: unless others do, nothing tells that
+    they were cut.
+    """
     nearest = [_nearest(event, shown) for event in events]
     agreeing = [d for d in nearest if abs(d) <= AGREE]
     inside = [time[0] + EDGE < event.time < time[-1] - EDGE for event in events]
     judged = sum(abs(d) <= AGREE or is_inside for d, is_inside in zip(nearest, inside, strict=True))
     if judged == 0:  # all of them lie outside of the trial
         judged = sum(not time[0] <= e.time <= time[-1] for e in events)
-    return _Fit(len(agreeing), judged, float(np.sqrt(np.mean(np.square(agreeing)))) if agreeing else np.inf)
+    return _Fit(
+        len(agreeing), judged, float(np.sqrt(np.mean(np.square(agreeing)))) if agreeing else np.inf
+    )
 
 
 def _common_offset(file: Sequence[FootEvent], shown: Sequence[FootEvent], time: Array) -> float:
-    """Time (s) by which the events must be moved so that most of them agree; of equals the smallest."""
-    steps = [s.time - e.time for e in file for s in shown if s.side == e.side and s.moment is e.moment]
+    """Time (s) by which the events must be moved so that most of them agree; of equals the
+    smallest.
+    """
+    steps = [
+        s.time - e.time for e in file for s in shown if s.side == e.side and s.moment is e.moment
+    ]
     if not steps:
         return 0.0
     best = max(steps, key=lambda d: (_fit(_moved(file, d), shown, time).agreeing, -abs(d)))
@@ -249,7 +342,9 @@ def _common_offset(file: Sequence[FootEvent], shown: Sequence[FootEvent], time: 
 
 
 def _nearest(event: FootEvent, shown: Sequence[FootEvent]) -> float:
-    """Time (s) from an event to the nearest one of the same foot and kind; infinite where there is none."""
+    """Time (s) from an event to the nearest one of the same foot and kind; infinite where there is
+    none.
+    """
     steps = [s.time - event.time for s in shown if _same(s, event)]
     return min(steps, key=abs) if steps else float("inf")
 
@@ -276,7 +371,14 @@ def _stand(fit: _Fit) -> str:
 
 
 def _warning(cause: str, found: str, cure: str, severity: Severity = Severity.WARNING) -> Finding:
-    return Finding(severity=severity, topic="events", cause=cause, found=found, cure=cure, code=Code.FILE_EVENTS)
+    return Finding(
+        severity=severity,
+        topic="events",
+        cause=cause,
+        found=found,
+        cure=cure,
+        code=Code.FILE_EVENTS,
+    )
 
 
 def _info(cause: str, found: str) -> Finding:
@@ -284,7 +386,8 @@ def _info(cause: str, found: str) -> Finding:
 
 
 def is_down(before: bool | None, after: bool | None) -> bool | None:
-    """Whether a foot is on the ground between two of its events that follow each other; None where it is not known.
+    """Whether a foot is on the ground between two of its events that follow each other; None where
+    it is not known.
 
     `before`, `after`: whether they are strikes; None where the recording has none there.
     """
@@ -303,16 +406,22 @@ def order_findings(feet: Mapping[str, FootEvents]) -> tuple[Finding, ...]:
         for (first, struck), (second, again) in itertools.pairwise(changes(foot)):
             if both and struck == again:
                 kind, missing = ("strike", "off") if struck else ("off", "strike")
-                named.append(f"{SIDE_WORDS[side]} {kind} {first:.2f} and {second:.2f} s without {missing} between")
+                named.append(
+                    f"{SIDE_WORDS[side]} {kind} {first:.2f} and {second:.2f} s without {missing} "
+                    "between"
+                )
     if not named:
         return ()
-    found = f"{listed(named)}; phases that need them are not told, and stretches with a missing strike are no strides"
+    found = (
+        f"{listed(named)}; phases that need them are not told, and stretches with a missing strike "
+        "are no strides"
+    )
     return (replace(_info("foot strikes or offs are missing", found), code=Code.MISSING_EVENTS),)
 
 
 def double_support(other: FootEvents, strike: float, off: float) -> dict[str, float]:
-    """Double and single support (s) of a stance from `strike` to `off`, of which it is known when the other foot is
-    down: 0 where it is in the air (running), absent where an event is missing.
+    """Double and single support (s) of a stance from `strike` to `off`, of which it is known when
+    the other foot is down: 0 where it is in the air (running), absent where an event is missing.
     """
     out: dict[str, float] = {}
     of_other = changes(other)

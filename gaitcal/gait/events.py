@@ -1,38 +1,43 @@
-"""When the feet of a trial meet and leave the ground, each moment with its source; repetitions of what is no gait.
+"""When the feet of a trial meet and leave the ground, each moment with its source; repetitions of
+what is no gait.
 
-The file's own events come first, where they fit (`gait/event_clock.py`); where it has none, the moments at which a
-plate becomes loaded or unloaded; away from plates the motion. What the motion alone tells is moved by the median
-difference to the events that are known better, so that all of a foot mean the same. A plate that becomes loaded while
-the foot is long down, or unloaded long before the foot leaves, was entered or left by a foot that rolls over its edge:
-that is no event of the foot.
+The file's own events come first, where they fit (`gait/event_clock.py`); where it has none, the
+moments at which a plate becomes loaded or unloaded; away from plates the motion. What the motion
+alone tells is moved by the median difference to the events that are known better, so that all of a
+foot mean the same. A plate that becomes loaded while the foot is long down, or unloaded long before
+the foot leaves, was entered or left by a foot that rolls over its edge: that is no event of the
+foot.
 
 By motion alone: when the slower of a foot's two ends comes to rest, and when it leaves,
 
     s(t) = min(|v_heel|, |v_toe|)        against the ground, so that a treadmill's belt counts as the floor
     a swing is a peak p of s;  off: s rises through OFF p before it;  strike: s falls through STRIKE p after it.
 
-The speed of heel and toe (Ghoussayni, Stevens, Durham & Ewins, Gait & Posture 2004), with thresholds that follow how
-fast this swing is (Bruening & Ridge, Gait & Posture 2014, took the walking speed), holds for any direction of walking,
-in turns and from one step to the next, also where a foot lands on its toes. Where the heel is furthest in front of the
-pelvis (Zeni, Richards & Higginson 2008) it still travels at the pelvis' own speed: 20 to 60 ms before the contact. Both
-thresholds lie where vertical forces pass 20 N, as the median of laboratories has it
-(`python -m scripts.validation events STUDY`). A foot that drags slides on before and after its contact: the strike then
-comes late, and the off early.
+The speed of heel and toe (Ghoussayni, Stevens, Durham & Ewins, Gait & Posture 2004), with
+thresholds that follow how fast this swing is (Bruening & Ridge, Gait & Posture 2014, took the
+walking speed), holds for any direction of walking, in turns and from one step to the next, also
+where a foot lands on its toes. Where the heel is furthest in front of the pelvis (Zeni, Richards &
+Higginson 2008) it still travels at the pelvis' own speed: 20 to 60 ms before the contact. Both
+thresholds lie where vertical forces pass 20 N, as the median of laboratories has it (`python -m
+scripts.validation events STUDY`). A foot that drags slides on before and after its contact: the
+strike then comes late, and the off early.
 
-Strides are what an activity repeats where one foot strikes after the other, whatever speed, slope or flight there is.
-Else it repeats what the pelvis does between two rests: with its height h(t) and rate h'(t),
+Strides are what an activity repeats where one foot strikes after the other, whatever speed, slope
+or flight there is. Else it repeats what the pelvis does between two rests: with its height h(t) and
+rate h'(t),
 
     still     |h'| < `STILL` of its largest value, or h' changes sign
     rest      still, and within `NEAR` of the range of h of the height of the first still frame
     repetition   from a rest to the next, where h leaves it by more than `FAR` of the range between them.
 
-So one squat is from standing to standing, one sit-to-stand from sitting to sitting where the person sits first, one
-jump from standing to standing with the flight in it. Who ends elsewhere (stands up once, drops from a box) repeats
-nothing: that is one repetition, from the first rest to where the pelvis comes to stay. A pelvis that keeps its height
-has none.
+So one squat is from standing to standing, one sit-to-stand from sitting to sitting where the person
+sits first, one jump from standing to standing with the flight in it. Who ends elsewhere (stands up
+once, drops from a box) repeats nothing: that is one repetition, from the first rest to where the
+pelvis comes to stay. A pelvis that keeps its height has none.
 
-The phases of a repetition are what the pelvis does while feet stand, and flight. Each stretch on the ground parts at
-its lowest or highest h, where that is beyond both its ends by more than `NEAR` of the range:
+The phases of a repetition are what the pelvis does while feet stand, and flight. Each stretch on
+the ground parts at its lowest or highest h, where that is beyond both its ends by more than `NEAR`
+of the range:
 
     lowering, rising   h falls, rises               (squat: descent and ascent; sit-to-stand: rising, then sitting down)
     push-off           h rises, and flight follows
@@ -60,14 +65,20 @@ from gaitcal.model.subject_model import GRAVITY, SubjectModel
 from gaitcal.tracking.motion import Motion
 
 PLATE_AGREES = 0.1
-"""s between a plate's loading and the motion's strike: more, and the foot came onto the plate otherwise."""
-UNSEEN = 0.2  # s at either end of a trial, where the swing before a strike or after an off is not in the recording
+"""s between a plate's loading and the motion's strike: more, and the foot came onto the plate
+otherwise.
+"""
+# s at either end of a trial, where the swing before a strike or after an off is not in the
+# recording
+UNSEEN = 0.2
 STRIKE: Final = 0.10  # of the swing's peak
 OFF: Final = 0.25  # of the swing's peak
 SLOWEST_SWING: Final = 0.25  # m/s: a foot that is never faster does not swing
 SMALLEST_SWING: Final = 0.12  # of the trial's fastest swing: a lower peak is a shuffle on the spot
-DIP: Final = 0.7  # of the peak, by which the speed falls on both sides of a swing: less is a dip within one swing
-LEAST_TRAVEL: Final = 0.1  # m that the slower end of the foot travels in a swing, as far as it is seen: less is no step
+# of the peak, by which the speed falls on both sides of a swing: less is a dip within one swing
+DIP: Final = 0.7
+# m that the slower end of the foot travels in a swing, as far as it is seen: less is no step
+LEAST_TRAVEL: Final = 0.1
 
 
 @dataclass(frozen=True)
@@ -82,7 +93,9 @@ class GaitEvents:
         """Strikes and offs of one foot."""
         strikes = [e for e in self.events if e.side == side and e.moment is FootMoment.STRIKE]
         offs = np.array(times_of(self.events, side, FootMoment.OFF))
-        return FootEvents(np.array([e.time for e in strikes]), offs, tuple(e.source for e in strikes))
+        return FootEvents(
+            np.array([e.time for e in strikes]), offs, tuple(e.source for e in strikes)
+        )
 
 
 def trial_events(
@@ -90,15 +103,17 @@ def trial_events(
 ) -> GaitEvents:
     """Foot strikes and offs of a whole-body motion, each with its source.
 
-    `model`: its heel and toe landmarks are needed for events of the motion; without them there are none.
-    `reactions`: None without force plates.
-    `recording`: of the same trial; its file's events, and its plates, which tell the moment between frames.
+    `model`: its heel and toe landmarks are needed for events of the motion; without them there are
+    none. `reactions`: None without force plates. `recording`: of the same trial; its file's events,
+    and its plates, which tell the moment between frames.
     """
     by_motion: list[FootEvent] = []
     if has_feet(model):
         feet = foot_points(model, motion, model.parameters)
         by_motion = motion_events(motion.time, np.minimum(feet.heel_speed, feet.toe_speed))
-    by_plates = [] if reactions is None else plate_events(motion.time, reactions.loaded, recording.plates)
+    by_plates = (
+        [] if reactions is None else plate_events(motion.time, reactions.loaded, recording.plates)
+    )
     if recording.corrected:
         own = _of_their_foot(by_plates, by_motion, motion.time)
         return corrected(motion.time, recording.events, [*own, *by_motion])
@@ -106,17 +121,25 @@ def trial_events(
 
 
 def activity_events(motion: Motion, found: GaitEvents) -> GaitEvents:
-    """Of any activity, from the events `found` of its feet: those of strides, or else what the pelvis repeats."""
+    """Of any activity, from the events `found` of its feet: those of strides, or else what the
+    pelvis repeats.
+    """
     feet = [found.of(side) for side in SIDES]
     if alternate(*feet):
         return found
-    return GaitEvents(repeats=repetitions(motion.time, motion.q[:, motion.coordinates.index("pelvis_ty")], feet))
+    return GaitEvents(
+        repeats=repetitions(motion.time, motion.q[:, motion.coordinates.index("pelvis_ty")], feet)
+    )
 
 
 def corrected(time: Array, events: Sequence[FootEvent], shown: Sequence[FootEvent]) -> GaitEvents:
-    """The events that a person set, inside the trial `time` (nf,) s; `shown`: by plates and motion, to tell of."""
+    """The events that a person set, inside the trial `time` (nf,) s; `shown`: by plates and motion,
+    to tell of.
+    """
     inside = [e for e in events if time[0] - 1e-3 <= e.time <= time[-1] + 1e-3]
-    found = GaitEvents(tuple(GaitEvent(e.moment, e.side, e.time, EventSource.PERSON) for e in inside))
+    found = GaitEvents(
+        tuple(GaitEvent(e.moment, e.side, e.time, EventSource.PERSON) for e in inside)
+    )
     orders = order_findings({side: found.of(side) for side in SIDES})
     return replace(found, findings=(*corrected_findings(inside, shown, time), *orders))
 
@@ -130,17 +153,25 @@ def joined_events(
     events: list[GaitEvent] = []
     for side in SIDES:
         for moment in FootMoment:
-            known = [GaitEvent(moment, side, t, EventSource.FILE) for t in times_of(used, side, moment)]
-            known += _further(known, times_of(plates, side, moment), EventSource.PLATES, moment, side)
+            known = [
+                GaitEvent(moment, side, t, EventSource.FILE) for t in times_of(used, side, moment)
+            ]
+            known += _further(
+                known, times_of(plates, side, moment), EventSource.PLATES, moment, side
+            )
             alone = times_of(motion, side, moment)
             shift = _median_difference([e.time for e in known], alone)
             alone = [t + shift for t in alone if time[0] <= t + shift <= time[-1]]
             events += known + _further(known, alone, EventSource.MOTION, moment, side)
     joined = GaitEvents(tuple(sorted(events, key=lambda e: e.time)), findings)
-    return replace(joined, findings=(*findings, *order_findings({side: joined.of(side) for side in SIDES})))
+    return replace(
+        joined, findings=(*findings, *order_findings({side: joined.of(side) for side in SIDES}))
+    )
 
 
-def _of_their_foot(plates: Sequence[FootEvent], motion: Sequence[FootEvent], time: Array) -> list[FootEvent]:
+def _of_their_foot(
+    plates: Sequence[FootEvent], motion: Sequence[FootEvent], time: Array
+) -> list[FootEvent]:
     """The events of plates that the motion has, too, or where it shows nothing of that foot."""
 
     def is_of_foot(event: FootEvent) -> bool:
@@ -152,7 +183,11 @@ def _of_their_foot(plates: Sequence[FootEvent], motion: Sequence[FootEvent], tim
 
 
 def _further(
-    known: list[GaitEvent], times: Sequence[float], source: EventSource, moment: FootMoment, side: str
+    known: list[GaitEvent],
+    times: Sequence[float],
+    source: EventSource,
+    moment: FootMoment,
+    side: str,
 ) -> list[GaitEvent]:
     """Events at those `times` that no known event means."""
     new = [t for t in times if all(abs(t - e.time) >= SAME_EVENT for e in known)]
@@ -160,7 +195,9 @@ def _further(
 
 
 def _median_difference(known: Sequence[float], other: Sequence[float]) -> float:
-    """Time (s) by which known events come after the others' of the same step; 0 where none is known."""
+    """Time (s) by which known events come after the others' of the same step; 0 where none is
+    known.
+    """
     pairs = [min((k - t for k in known), key=abs) for t in other] if known else []
     near = [d for d in pairs if abs(d) < SAME_EVENT]
     return float(np.median(near)) if near else 0.0
@@ -183,16 +220,22 @@ def plate_events(time: Array, loaded: BoolArray, plates: Sequence[ForcePlate]) -
     for foot, side in enumerate(SIDES):
         for run in runs(steady(time, loaded[:, foot])):
             if run.start > inner.start:
-                moment = _passing(plates, float(time[run.start - 1]), float(time[run.start]), rising=True)
+                moment = _passing(
+                    plates, float(time[run.start - 1]), float(time[run.start]), rising=True
+                )
                 events.append(FootEvent(FootMoment.STRIKE, side, moment))
             if run.stop < inner.stop:
-                moment = _passing(plates, float(time[run.stop - 1]), float(time[run.stop]), rising=False)
+                moment = _passing(
+                    plates, float(time[run.stop - 1]), float(time[run.stop]), rising=False
+                )
                 events.append(FootEvent(FootMoment.OFF, side, moment))
     return events
 
 
 def _passing(plates: Sequence[ForcePlate], begin: float, end: float, *, rising: bool) -> float:
-    """When a plate's vertical force passes `LOADED_N` between two frames; the loaded frame where no sample tells."""
+    """When a plate's vertical force passes `LOADED_N` between two frames; the loaded frame where no
+    sample tells.
+    """
     for plate in plates:
         near = (plate.time >= begin - 1e-9) & (plate.time <= end + 1e-9)
         pressed = np.nan_to_num(plate.force[near, 1]) > LOADED_N
@@ -218,7 +261,10 @@ def swing_events(time: Array, slower: Array) -> tuple[Array, Array]:
         # A swing that the trial cuts has its peak outside: the others tell how fast it was.
         cut = k in (0, len(time) - 1)
         peak = max(float(slower[k]), float(np.median(inner))) if cut and inner else float(slower[k])
-        begin, end = _below(slower, int(k), OFF * peak, -1), _below(slower, int(k), STRIKE * peak, 1)
+        begin, end = (
+            _below(slower, int(k), OFF * peak, -1),
+            _below(slower, int(k), STRIKE * peak, 1),
+        )
         path = slower[slice((begin or 0), (len(time) if end is None else end + 1))]
         if float(path.sum()) * float(np.median(np.diff(time))) < LEAST_TRAVEL:
             continue
@@ -230,11 +276,14 @@ def swing_events(time: Array, slower: Array) -> tuple[Array, Array]:
 
 
 def _peaks(values: Array, least: float) -> Array:
-    """Samples of at least that height that are higher than those beside them; of a flat top the middle one.
+    """Samples of at least that height that are higher than those beside them; of a flat top the
+    middle one.
 
     As `scipy.signal.find_peaks`, whose package takes half a second to load.
     """
-    turns = np.flatnonzero(np.diff(values))  # the last sample of each flat stretch, whose length is mostly one
+    turns = np.flatnonzero(
+        np.diff(values)
+    )  # the last sample of each flat stretch, whose length is mostly one
     starts, ends = np.concatenate([[0], turns + 1]), np.concatenate([turns, [len(values) - 1]])
     height = values[starts]
     top = np.zeros(len(height), dtype=bool)
@@ -243,17 +292,23 @@ def _peaks(values: Array, least: float) -> Array:
 
 
 def _alone(speed: Array, peak: int) -> bool:
-    """Whether no higher peak follows or precedes before the speed has fallen by `DIP`; of equals, the first counts."""
+    """Whether no higher peak follows or precedes before the speed has fallen by `DIP`; of equals,
+    the first counts.
+    """
 
     def first(marked: BoolArray) -> int:
         return int(np.argmax(marked)) if marked.any() else len(marked)
 
     low, before, after = (1.0 - DIP) * speed[peak], speed[:peak][::-1], speed[peak + 1 :]
-    return first(before < low) < first(before >= speed[peak]) and first(after < low) < first(after > speed[peak])
+    return first(before < low) < first(before >= speed[peak]) and first(after < low) < first(
+        after > speed[peak]
+    )
 
 
 def _below(speed: Array, start: int, threshold: float, step: int) -> int | None:
-    """The first frame after `start`, forwards or backwards, that is slower than the threshold; None without one."""
+    """The first frame after `start`, forwards or backwards, that is slower than the threshold; None
+    without one.
+    """
     slow = np.flatnonzero((speed[start:] if step > 0 else speed[start::-1]) < threshold)
     return start + step * int(slow[0]) if len(slow) and slow[0] else None
 
@@ -266,27 +321,38 @@ def _crossing(time: Array, speed: Array, before: int, threshold: float) -> float
 
 
 STILL, NEAR, FAR = 0.05, 0.1, 0.5  # Parts of the fastest rate, and of the range of heights
-FALLING = 0.8  # Of gravity, by which the pelvis accelerates downwards at the top of a jump, where it rests on nothing
-LEAST_RANGE_M = 0.05  # m: a pelvis goes up and down by as much in walking; less is no squat, rise or jump
-CROUCH_M = 0.12  # m that a pelvis goes down and up while no foot strikes or leaves: who walks or runs, by less than 0.1
+# Of gravity, by which the pelvis accelerates downwards at the top of a jump, where it rests on
+# nothing
+FALLING = 0.8
+LEAST_RANGE_M = (
+    0.05  # m: a pelvis goes up and down by as much in walking; less is no squat, rise or jump
+)
+# m that a pelvis goes down and up while no foot strikes or leaves: who walks or runs, by less than
+# 0.1
+CROUCH_M = 0.12
 SHORTEST_FLIGHT_S = 0.1  # s that the pelvis falls: a hop of 12 mm
 TOGETHER_S = 0.1
-"""s between the pelvis' fall and the feet's events in a jump, and between the strikes of both feet of one, at most;
-sprinters' steps last 0.2 s."""
+"""s between the pelvis' fall and the feet's events in a jump, and between the strikes of both feet
+of one, at most; sprinters' steps last 0.2 s."""
 
 
 def alternate(right: FootEvents, left: FootEvents) -> bool:
-    """Whether feet strike and leave in turn, as of who walks, climbs or runs; not together, as in a jump, of which a
-    strike may be late in markers that slide.
+    """Whether feet strike and leave in turn, as of who walks, climbs or runs; not together, as in a
+    jump, of which a strike may be late in markers that slide.
     """
     if not len(right.strikes) or not len(left.strikes):
         return False
     both = ((right.strikes, left.strikes), (right.toe_offs, left.toe_offs))
     apart = [np.abs(a[:, None] - b) for a, b in both if len(a) and len(b)]
-    return float(np.median(np.concatenate([[*d.min(axis=0), *d.min(axis=1)] for d in apart]))) > TOGETHER_S
+    return (
+        float(np.median(np.concatenate([[*d.min(axis=0), *d.min(axis=1)] for d in apart])))
+        > TOGETHER_S
+    )
 
 
-def repetitions(time: Array, height: Array, feet: Sequence[FootEvents] = ()) -> tuple[GaitCycle, ...]:
+def repetitions(
+    time: Array, height: Array, feet: Sequence[FootEvents] = ()
+) -> tuple[GaitCycle, ...]:
     """The repetitions of a trial with their phases, in order of time.
 
     `time`, `height`: (nf,) s, m: of the pelvis.
@@ -297,7 +363,9 @@ def repetitions(time: Array, height: Array, feet: Sequence[FootEvents] = ()) -> 
         return ()
     rate = np.gradient(height, time)
     falls = np.gradient(rate, time) < -FALLING * GRAVITY
-    turns = np.append(rate[1:] * rate[:-1] < 0.0, False)  # of who goes on at once there may be no slow frame
+    turns = np.append(
+        rate[1:] * rate[:-1] < 0.0, False
+    )  # of who goes on at once there may be no slow frame
     still = np.flatnonzero(((np.abs(rate) < STILL * np.abs(rate).max()) | turns) & ~falls)
     if not len(still):
         return ()
@@ -312,14 +380,25 @@ def repetitions(time: Array, height: Array, feet: Sequence[FootEvents] = ()) -> 
         inner = [(spans[0][0], there.start)]
     flights = list(_flights(time, falls, feet))
     return tuple(
-        GaitCycle(start, stop, None, parts=tuple(_phases(time, height, (start, stop), flights, NEAR * reach)))
+        GaitCycle(
+            start,
+            stop,
+            None,
+            parts=tuple(_phases(time, height, (start, stop), flights, NEAR * reach)),
+        )
         for start, stop in ((float(time[a]), float(time[b])) for a, b in inner)
     )
 
 
 def crouches(time: Array, height: Array, feet: Sequence[FootEvents]) -> list[tuple[float, float]]:
-    """From which event of the `feet` to which (s) the pelvis goes down and up further than in any step, among steps."""
-    moments = [float(time[0]), *(t for foot in feet for t in (*foot.strikes, *foot.toe_offs)), float(time[-1])]
+    """From which event of the `feet` to which (s) the pelvis goes down and up further than in any
+    step, among steps.
+    """
+    moments = [
+        float(time[0]),
+        *(t for foot in feet for t in (*foot.strikes, *foot.toe_offs)),
+        float(time[-1]),
+    ]
     out = []
     for start, stop in pairwise(sorted(moments)):
         inner = height[(time >= start) & (time <= stop)]
@@ -328,20 +407,32 @@ def crouches(time: Array, height: Array, feet: Sequence[FootEvents]) -> list[tup
     return out
 
 
-def _flights(time: Array, falls: BoolArray, feet: Sequence[FootEvents]) -> Iterator[tuple[float, float]]:
+def _flights(
+    time: Array, falls: BoolArray, feet: Sequence[FootEvents]
+) -> Iterator[tuple[float, float]]:
     """Take-off and landing (s) of each flight."""
     for run in runs(falls):
         begin, end = float(time[run.start]), float(time[run.stop - 1])
         if end - begin >= SHORTEST_FLIGHT_S:
-            offs = [t for foot in feet for t in foot.toe_offs.tolist() if abs(t - begin) < TOGETHER_S]
-            strikes = [t for foot in feet for t in foot.strikes.tolist() if abs(t - end) < TOGETHER_S]
+            offs = [
+                t for foot in feet for t in foot.toe_offs.tolist() if abs(t - begin) < TOGETHER_S
+            ]
+            strikes = [
+                t for foot in feet for t in foot.strikes.tolist() if abs(t - end) < TOGETHER_S
+            ]
             yield max(offs, default=begin), min(strikes, default=end)
 
 
 def _phases(
-    time: Array, height: Array, ends: tuple[float, float], flights: Sequence[tuple[float, float]], least: float
+    time: Array,
+    height: Array,
+    ends: tuple[float, float],
+    flights: Sequence[tuple[float, float]],
+    least: float,
 ) -> Iterator[tuple[str, float]]:
-    """Name and end (s) of each phase between the `ends` of a repetition; `least`: m, of a turning point."""
+    """Name and end (s) of each phase between the `ends` of a repetition; `least`: m, of a turning
+    point.
+    """
     inner = [flight for flight in flights if ends[0] < flight[0] and flight[1] < ends[1]]
     moments = [ends[0], *(t for flight in inner for t in flight), ends[1]]
     for k, (start, stop) in enumerate(pairwise(moments)):

@@ -1,7 +1,8 @@
-"""Joint moments in numbers, their peaks and how much calibration changed them; and words for what the program names.
+"""Joint moments in numbers, their peaks and how much calibration changed them; and words for what
+the program names.
 
-A gait laboratory reads the right hip's flexion for `hip_flexion_r`. Coordinates, segments, joints and parameters have
-words here; names from the data (markers, trials) stay as they are.
+A gait laboratory reads the right hip's flexion for `hip_flexion_r`. Coordinates, segments, joints
+and parameters have words here; names from the data (markers, trials) stay as they are.
 """
 
 import re
@@ -36,7 +37,9 @@ def moment_of(forces: Moments | TorqueErrors, name: str) -> Array:
 
 
 def own_error_of(errors: TorqueErrors, name: str) -> Array | None:
-    """(nf,) N·m, the part of the standard error of one moment that the trial's own markers make; None: not known."""
+    """(nf,) N·m, the part of the standard error of one moment that the trial's own markers make;
+    None: not known.
+    """
     variance = errors.by_source.get(ErrorSource.MOTION)
     return None if variance is None else np.sqrt(variance[:, FORCES.index(name)])
 
@@ -56,8 +59,11 @@ class MomentNumbers:
     """One joint moment of one trial."""
 
     name: str  # `hip_flexion_r`
-    highest: Extreme | None  # over the valid frames of the stride that is drawn; None where there are none
-    change: float  # N·m/kg, RMS over all valid frames of the difference between calibrated and nominal model
+    highest: (
+        Extreme | None
+    )  # over the valid frames of the stride that is drawn; None where there are none
+    # N·m/kg, RMS over all valid frames of the difference between calibrated and nominal model
+    change: float
     change_bwh: float  # the change in % of body weight times height
     peak: float  # N·m/kg, largest absolute value over all valid frames
 
@@ -73,9 +79,14 @@ class MomentNumbers:
 
 
 def moment_numbers(
-    model: SubjectModel, layout: Layout, final: Moments, nominal: Moments, errors: TorqueErrors | None = None
+    model: SubjectModel,
+    layout: Layout,
+    final: Moments,
+    nominal: Moments,
+    errors: TorqueErrors | None = None,
 ) -> tuple[MomentNumbers, ...]:
-    """Of all joint moments with valid frames, right and left side by side; a leg's frames are valid by its own foot.
+    """Of all joint moments with valid frames, right and left side by side; a leg's frames are valid
+    by its own foot.
 
     `final` and `nominal`: with the calibrated and with the nominal model; `errors`: of `final`.
     """
@@ -84,7 +95,9 @@ def moment_numbers(
     names = moment_names(model)
     bases = list(dict.fromkeys(split_side(name)[0] for name in names))
     numbers = []
-    for name in sorted(names, key=lambda n: (bases.index(split_side(n)[0]), split_side(n)[1] == "l")):
+    for name in sorted(
+        names, key=lambda n: (bases.index(split_side(n)[0]), split_side(n)[1] == "l")
+    ):
         side, valid = split_side(name)[1], layout.valid_for(leg_of(name))
         if not valid.any():
             continue
@@ -94,7 +107,11 @@ def moment_numbers(
         highest = None
         if len(frames):
             frame = frames[moment[frames].argmax()]
-            value, spread, time = float(moment[frame]), float(error[frame]), float(layout.time[frame])
+            value, spread, time = (
+                float(moment[frame]),
+                float(error[frame]),
+                float(layout.time[frame]),
+            )
             at = float(layout.main(side).percent(time)) if layout.by_cycle else time
             highest = Extreme(value, spread if np.isfinite(spread) else None, to_bwh * value, at)
         change = float(np.sqrt(np.mean((moment - before)[valid] ** 2)))
@@ -132,7 +149,9 @@ def _with_side(word: str, side: str) -> str:
 def segment_words(segment: str) -> str:
     """`thigh_r` -> `right thigh`."""
     base, side = split_side(segment)
-    return _with_side(SEGMENT_TABLE[base].words or base if base in SEGMENT_TABLE else base.replace("_", " "), side)
+    return _with_side(
+        SEGMENT_TABLE[base].words or base if base in SEGMENT_TABLE else base.replace("_", " "), side
+    )
 
 
 def joint_words(joint: str) -> str:
@@ -155,7 +174,9 @@ _INERTIAL = {
 
 
 def parameter_place(name: str) -> str:
-    """`hip_r.pelvis.ant` -> `hip centre in the pelvis`; `thigh_r.com.sup` -> `mass centre`; nothing for a mass."""
+    """`hip_r.pelvis.ant` -> `hip centre in the pelvis`; `thigh_r.com.sup` -> `mass centre`; nothing
+    for a mass.
+    """
     if name in IP_INDEX:
         return _INERTIAL[name.split(".", 1)[1]][0]
     parameter = JOINT_PARAMETERS[JP_INDEX[name]]
@@ -172,13 +193,17 @@ def parameter_direction(name: str) -> str:
 
 
 def parameter_words(name: str) -> str:
-    """`hip_r.pelvis.ant` -> `hip centre in the pelvis, forward`; `thigh_r.com.sup` -> `mass centre up`."""
+    """`hip_r.pelvis.ant` -> `hip centre in the pelvis, forward`; `thigh_r.com.sup` -> `mass centre
+    up`.
+    """
     between = " " if name in IP_INDEX else ", "
     return f"{parameter_place(name)}{between}{parameter_direction(name)}".strip()
 
 
 def explained(text: str) -> str:
-    """A message with every parameter's name followed by what it means: `hip_r.pelvis.ant (right hip centre ...)`."""
+    """A message with every parameter's name followed by what it means: `hip_r.pelvis.ant (right hip
+    centre ...)`.
+    """
 
     def explain(match: re.Match[str]) -> str:
         name = match[0]
@@ -196,7 +221,13 @@ def role_words(role: Role, joint: str | None) -> str:
     """What a trial is for: `right hip alone`, `walking`."""
     if role is Role.STATIC:
         return "standing still"
-    return f"{joint_words(joint)} alone" if joint else "any movement" if role is Role.MOTION else "walking"
+    return (
+        f"{joint_words(joint)} alone"
+        if joint
+        else "any movement"
+        if role is Role.MOTION
+        else "walking"
+    )
 
 
 def counted(number: int, noun: str) -> str:
@@ -206,4 +237,6 @@ def counted(number: int, noun: str) -> str:
 
 def listed(words: list[str]) -> str:
     """`a, b and c`."""
-    return words[0] if len(words) == 1 else f"{', '.join(words[:-1])} and {words[-1]}" if words else ""
+    return (
+        words[0] if len(words) == 1 else f"{', '.join(words[:-1])} and {words[-1]}" if words else ""
+    )

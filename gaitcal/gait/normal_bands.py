@@ -7,8 +7,9 @@
     hip_flexion,deg,2,34.9,6.1
     hip_flexion_moment,N m/kg,0,0.31,0.14
 
-Lines that begin with `#` are comments, but for `signs`, which must be there, as no number shows it. Empty cells at the
-end of a line and lines of empty cells, as spreadsheet programs write them, are left out.
+Lines that begin with `#` are comments, but for `signs`, which must be there, as no number shows it.
+Empty cells at the end of a line and lines of empty cells, as spreadsheet programs write them, are
+left out.
 
 | signs | angles | moments |
 |---|---|---|
@@ -19,27 +20,29 @@ end of a line and lines of empty cells, as spreadsheet programs write them, are 
 
 Angles of legs mean the same in all three; powers and ground reactions have one sign.
 
-Variables are those of `cycles.csv` and have no side; percents are of the stride of that foot, from its strike,
-increasing, at any steps: between them a straight line. Other percents are empty, not extended.
+Variables are those of `cycles.csv` and have no side; percents are of the stride of that foot, from
+its strike, increasing, at any steps: between them a straight line. Other percents are empty, not
+extended.
 
 `norm_for` chooses which healthy people somebody is held against, by age and non-dimensional speed.
 
-Gait changes with speed more than with age, and speed means the same for a small and a tall body once length and time
-are told in leg length L and sqrt(L / g) (Hof, Gait Posture 4:222-223, 1996):
+Gait changes with speed more than with age, and speed means the same for a small and a tall body
+once length and time are told in leg length L and sqrt(L / g) (Hof, Gait Posture 4:222-223, 1996):
 
     speed v / sqrt(g L)        cadence f sqrt(L / g), f in steps/s        step length s / L
 
-L is from the anterior superior iliac spine to the medial malleolus, as clinics measure it; where nobody did, 0.52 of
-body height, as in the 81 children below (SD 0.028).
+L is from the anterior superior iliac spine to the medial malleolus, as clinics measure it; where
+nobody did, 0.52 of body height, as in the 81 children below (SD 0.028).
 
-Curves: typically developing children of 4 to 17 years at five speeds (Schwartz, Rozumalski and Trost, J Biomech
-41:1639-1650, 2008), in files that gaitcal brings (`models/norms/`). Their limits between speeds are the paper's; the 81
-children of the same laboratory whose own figures are published (Pinzone et al., Gait Posture 40:286-290, 2014, centre
-one) walk freely at 0.431 (SD 0.069), so that `free` is mean -+ SD, and `slow` and `fast` the next two SD. From the
-same 81 come the spatiotemporal norms.
+Curves: typically developing children of 4 to 17 years at five speeds (Schwartz, Rozumalski and
+Trost, J Biomech 41:1639-1650, 2008), in files that gaitcal brings (`models/norms/`). Their limits
+between speeds are the paper's; the 81 children of the same laboratory whose own figures are
+published (Pinzone et al., Gait Posture 40:286-290, 2014, centre one) walk freely at 0.431 (SD
+0.069), so that `free` is mean -+ SD, and `slow` and `fast` the next two SD. From the same 81 come
+the spatiotemporal norms.
 
-There are no curves of adults that gaitcal could bring, and whose age is not told may be a small adult: neither is held
-against children. Own norms (`--normal FILE`) are taken as they are.
+There are no curves of adults that gaitcal could bring, and whose age is not told may be a small
+adult: neither is held against children. Own norms (`--normal FILE`) are taken as they are.
 """
 
 import csv
@@ -63,7 +66,8 @@ COLUMNS: Final = ("variable", "unit", "percent", "mean", "sd")
 LEAST_POINTS: Final = 2
 _SPEEDS: Final = ("very_slow", "slow", "free", "fast", "very_fast")
 SHIPPED: Final[Mapping[str, str]] = {"schwartz2008": "norms/schwartz2008_free.csv"} | {
-    f"schwartz2008-{speed.replace('_', '-')}": f"norms/schwartz2008_{speed}.csv" for speed in _SPEEDS
+    f"schwartz2008-{speed.replace('_', '-')}": f"norms/schwartz2008_{speed}.csv"
+    for speed in _SPEEDS
 }
 """Bands that gaitcal brings -> their file in `models/`, whose first lines say of whom they are."""
 
@@ -109,10 +113,14 @@ class NormalBand:
     source: str = ""  # what the file says of where it is from
 
     def for_person(self, subject: Subject, side: str = "r") -> tuple[Array, Array]:
-        """Mean and SD (101,) at 0 to 100 %, in the unit and with the sign of `cycles.csv`, for a body of that size."""
+        """Mean and SD (101,) at 0 to 100 %, in the unit and with the sign of `cycles.csv`, for a
+        body of that size.
+        """
         at = np.arange(float(POINTS))
         factor = _to_ours(self.unit, subject)
-        mean, sd = (np.interp(at, self.percent, v, left=np.nan, right=np.nan) for v in (self.mean, self.sd))
+        mean, sd = (
+            np.interp(at, self.percent, v, left=np.nan, right=np.nan) for v in (self.mean, self.sd)
+        )
         # in `cycles.csv`'s own unit a convention is a sign, which leads back as well
         return self.signs.values(self.variable, factor * mean, side, subject), factor * sd
 
@@ -136,7 +144,8 @@ def _to_ours(unit: str, subject: Subject) -> float:
 
 
 def bands_file(name: Path | str) -> Path:
-    """The file of normal bands of that path, or of that name among those that gaitcal brings (`schwartz2008`).
+    """The file of normal bands of that path, or of that name among those that gaitcal brings
+    (`schwartz2008`).
 
     Raises InputError: There is neither.
     """
@@ -145,7 +154,9 @@ def bands_file(name: Path | str) -> Path:
         return path
     if shipped is None:
         allowed = f"a CSV file, or the name of bands that gaitcal brings: {', '.join(SHIPPED)}"
-        raise _BandsError(f"no such file; allowed: {allowed}{nearest(str(name), SHIPPED)}", source=path)
+        raise _BandsError(
+            f"no such file; allowed: {allowed}{nearest(str(name), SHIPPED)}", source=path
+        )
     return toml.models_path() / shipped
 
 
@@ -163,14 +174,21 @@ def read_normal_bands(path: Path | str) -> dict[str, NormalBand]:
     signs = _signs(named.get("signs", []), source)
     header = tuple(rows[0][1]) if rows else ()
     if header != COLUMNS:
-        raise _BandsError(f"found '{','.join(header)}'; allowed: '{','.join(COLUMNS)}'", source=source, field="columns")
+        raise _BandsError(
+            f"found '{','.join(header)}'; allowed: '{','.join(COLUMNS)}'",
+            source=source,
+            field="columns",
+        )
     points: dict[str, list[_Row]] = {}
     for row in _read(rows[1:], source):
         points.setdefault(row.variable, []).append(row)
     if not points:
         raise _BandsError("found no row below the names of the columns", source=source)
     origin = "; ".join(named.get("source", []))
-    return {variable: _band(variable, found, signs, origin, source) for variable, found in points.items()}
+    return {
+        variable: _band(variable, found, signs, origin, source)
+        for variable, found in points.items()
+    }
 
 
 def _parted(source: Path) -> tuple[list[str], list[tuple[int, list[str]]]]:
@@ -205,7 +223,9 @@ def _signs(texts: Sequence[str], source: Path) -> Convention:
     if not found and len({names[text.lower()] for text in texts}) > 1:
         found = f"found {' and '.join(map(repr, texts))}"
     if found:
-        raise _BandsError(f"{found}; allowed: a line '# signs: {' | '.join(names)}'", source=source, field="signs")
+        raise _BandsError(
+            f"{found}; allowed: a line '# signs: {' | '.join(names)}'", source=source, field="signs"
+        )
     return names[texts[0].lower()]
 
 
@@ -244,7 +264,9 @@ def _plain(unit: str) -> str:
     return unit.replace("·", "").replace("*", "").replace(" ", "").lower()
 
 
-def _band(variable: str, rows: Sequence[_Row], signs: Convention, origin: str, source: Path) -> NormalBand:
+def _band(
+    variable: str, rows: Sequence[_Row], signs: Convention, origin: str, source: Path
+) -> NormalBand:
     for before, row in itertools.pairwise(rows):
         fault = ""
         if row.unit != before.unit:
@@ -285,12 +307,16 @@ SPEEDS: Final = (
     _Speed("schwartz2008-very-fast", "very fast", 0.705),
 )
 SLOWEST: Final = 0.158
-"""Non-dimensional speed below which none holds. This and the highest are one SD of `FREE` beyond the paper's limits:
-outside few of those children walked."""
+"""Non-dimensional speed below which none holds. This and the highest are one SD of `FREE` beyond
+the paper's limits: outside few of those children walked."""
 FREE: Final = {"speed": (0.431, 0.069), "cadence": (0.561, 0.050), "step_length": (0.765, 0.080)}
 """Measure -> mean and SD, non-dimensional, of 81 children at the speed of their choice."""
-MODEL: Final = "Theirs is Plug-in Gait's model: offsets of hip rotation and adduction are partly that."
-"""In a child's straight walk the vendor's hip rotation is 15 and 5 deg from ours, adduction 2 and 3.5."""
+MODEL: Final = (
+    "Theirs is Plug-in Gait's model: offsets of hip rotation and adduction are partly that."
+)
+"""In a child's straight walk the vendor's hip rotation is 15 and 5 deg from ours, adduction 2 and
+3.5.
+"""
 FREE_WORDS: Final = "children 4 to 17 years, free speed, n = 81 (Pinzone 2014), by leg length"
 
 
@@ -300,7 +326,9 @@ class Norm:
 
     bands: Bands = field(default_factory=dict)
     steps: Mapping[str, tuple[float, float]] = field(default_factory=dict)
-    """Measure of `spatiotemporal.MEASURES` -> mean and SD, in its unit, for a leg of this length, at free speed."""
+    """Measure of `spatiotemporal.MEASURES` -> mean and SD, in its unit, for a leg of this length,
+    at free speed.
+    """
     words: str = ""  # Who they are: for legends
     remark: str = ""  # Why these, or why none: a sentence
 
@@ -322,27 +350,48 @@ def norm_for(subject: Subject, speed: float | None) -> Norm:
         return Norm(remark=f"No norm: no age is told (age_years), and {theirs}.")
     if not low <= subject.age < high:
         age = _years(subject.age)
-        return Norm(remark=f"No norm fits an age of {age} years: {theirs}. Your laboratory's own: --normal FILE.")
+        return Norm(
+            remark=f"No norm fits an age of {age} years: {theirs}. Your laboratory's own: --normal "
+            "FILE."
+        )
     length, how = leg_length(subject)
     steps = free_steps(length)
     if speed is None:
-        return Norm(steps=steps, remark="No norm of curves: no stride tells the speed, which chooses it.")
+        return Norm(
+            steps=steps, remark="No norm of curves: no stride tells the speed, which chooses it."
+        )
     relative = speed / np.sqrt(GRAVITY * length)
     walk = f"Walks at {speed:.2f} m/s, {relative:.2f} times √(g · leg length), {how}"
     chosen = next((of for of in SPEEDS if SLOWEST <= relative < of.high), None)
     if chosen is None:
         limits = f"{SLOWEST:g} to {SPEEDS[-1].high:g}"
-        return Norm(steps=steps, remark=f"{walk}: no norm of curves fits, those that gaitcal brings are of {limits}.")
+        return Norm(
+            steps=steps,
+            remark=f"{walk}: no norm of curves fits, those that gaitcal brings are of {limits}.",
+        )
     bands = read_normal_bands(chosen.name)
-    return Norm(bands=bands, steps=steps, words=sources(bands), remark=f"{walk}: {chosen.words} speed. {MODEL}")
+    return Norm(
+        bands=bands,
+        steps=steps,
+        words=sources(bands),
+        remark=f"{walk}: {chosen.words} speed. {MODEL}",
+    )
 
 
 def own_norm(bands: Bands, name: str, subject: Subject) -> Norm:
-    """The norm that somebody names (`--normal`), with a word where those of children are taken for an adult."""
+    """The norm that somebody names (`--normal`), with a word where those of children are taken for
+    an adult.
+    """
     low, high = AGES
     remark = ""
-    if name.lower().startswith("schwartz2008") and not (subject.age is not None and low <= subject.age < high):
-        age = "no age is told" if subject.age is None else f"this person is {_years(subject.age)} years old"
+    if name.lower().startswith("schwartz2008") and not (
+        subject.age is not None and low <= subject.age < high
+    ):
+        age = (
+            "no age is told"
+            if subject.age is None
+            else f"this person is {_years(subject.age)} years old"
+        )
         remark = f"Bands of children of {low:.0f} to {high - 1:.0f} years, as asked for: {age}."
     return Norm(bands=bands, words=sources(bands), remark=remark)
 
@@ -358,7 +407,16 @@ def sources(bands: Bands) -> str:
 
 
 def free_steps(length: float) -> dict[str, tuple[float, float]]:
-    """`speed` m/s, `cadence` steps/min, `step_length` and `stride_length` m: mean and SD for a leg of `length` m."""
-    units = {"speed": np.sqrt(GRAVITY * length), "cadence": 60.0 * np.sqrt(GRAVITY / length), "step_length": length}
-    out = {name: (float(unit * FREE[name][0]), float(unit * FREE[name][1])) for name, unit in units.items()}
+    """`speed` m/s, `cadence` steps/min, `step_length` and `stride_length` m: mean and SD for a leg
+    of `length` m.
+    """
+    units = {
+        "speed": np.sqrt(GRAVITY * length),
+        "cadence": 60.0 * np.sqrt(GRAVITY / length),
+        "step_length": length,
+    }
+    out = {
+        name: (float(unit * FREE[name][0]), float(unit * FREE[name][1]))
+        for name, unit in units.items()
+    }
     return out | {"stride_length": (2.0 * out["step_length"][0], 2.0 * out["step_length"][1])}

@@ -1,23 +1,26 @@
 """Peaks as clinics name them: each has a window of the stride, from the events of the foot itself.
 
-Where a foot is in its stride is told in parts of its own stance and swing, whatever share of the stride they have,
+Where a foot is in its stride is told in parts of its own stance and swing, whatever share of the
+stride they have,
 
     u = percent / toe-off                                     0 to 1   stance
     u = 1 + (percent - toe-off) / (100 - toe-off)             1 to 2   swing
 
-so that a window means the same in a slow walk. With stance at 62 % of the stride the windows hold the phases of Perry &
-Burnfield (Gait Analysis, 2010, chapter 1): loading response to 12 %, mid-stance to 31 %, terminal stance to 50 %,
-pre-swing to toe-off. Windows of loads begin at 8 % of stance (5 % of the stride): before, the foot strikes, and what
-filters leave of that shock is no muscle's work.
+so that a window means the same in a slow walk. With stance at 62 % of the stride the windows hold
+the phases of Perry & Burnfield (Gait Analysis, 2010, chapter 1): loading response to 12 %,
+mid-stance to 31 %, terminal stance to 50 %, pre-swing to toe-off. Windows of loads begin at 8 % of
+stance (5 % of the stride): before, the foot strikes, and what filters leave of that shock is no
+muscle's work.
 
-The highest or lowest value of a window is a peak only where the curve turns there. Where it lies at the edge of the
-window, and the curve goes on, it belongs to another phase: there is none, whatever wiggles lie beside it. Each stride
-has its own peaks, and means are of these: the peak of a mean curve is flatter than those of its strides
-(`gait/ensemble.py` has their statistics and errors).
+The highest or lowest value of a window is a peak only where the curve turns there. Where it lies at
+the edge of the window, and the curve goes on, it belongs to another phase: there is none, whatever
+wiggles lie beside it. Each stride has its own peaks, and means are of these: the peak of a mean
+curve is flatter than those of its strides (`gait/ensemble.py` has their statistics and errors).
 
-Other activities have whole phases for windows: stance and swing of runs and stairs, and what the pelvis does in a
-repetition (`gait/events.py`). Their highest or lowest value counts wherever it lies in the phase, but not beside
-samples that are not valid, as on a seat: the curve may go on there.
+Other activities have whole phases for windows: stance and swing of runs and stairs, and what the
+pelvis does in a repetition (`gait/events.py`). Their highest or lowest value counts wherever it
+lies in the phase, but not beside samples that are not valid, as on a seat: the curve may go on
+there.
 """
 
 from collections.abc import Iterable, Mapping, Sequence
@@ -56,11 +59,20 @@ class Peak:
     window: tuple[float, float] | None = None  # u, see the module; None: the whole phase
 
     def title(self, *, external: bool = False) -> str:
-        """`Hip extension moment, loading response`: loads by what they do, so that no choice of signs changes it."""
-        kind, name, low = kind_of(self.variable), coordinate_of(self.variable), self.figure is Figure.LOWEST
+        """`Hip extension moment, loading response`: loads by what they do, so that no choice of
+        signs changes it.
+        """
+        kind, name, low = (
+            kind_of(self.variable),
+            coordinate_of(self.variable),
+            self.figure is Figure.LOWEST,
+        )
         title = "Vertical ground reaction" if kind is Kind.FORCE else coordinate_words(name).title
         if kind is Kind.MOMENT:
-            return f"{title.split()[0]} {(senses_of(name) or ('', ''))[low != external]} moment, {self.phase}"
+            return (
+                f"{title.split()[0]} {(senses_of(name) or ('', ''))[low != external]} moment, "
+                f"{self.phase}"
+            )
         if kind is Kind.POWER:
             return f"{title.capitalize()} power {'absorbed' if low else 'generated'}, {self.phase}"
         return f"{title}, {self.measure}"
@@ -72,7 +84,9 @@ class Peak:
 
     @property
     def words(self) -> str:
-        """Its window: `8 to 45 % of stance`, `60 % of stance to 15 % of swing`, `the pelvis goes down`."""
+        """Its window: `8 to 45 % of stance`, `60 % of stance to 15 % of swing`, `the pelvis goes
+        down`.
+        """
         if self.window is None:
             return PHASES[self.phase]
         begin, end = (round(100 * (u if u < 1 else u - 1)) for u in self.window)
@@ -140,8 +154,8 @@ def _peak(row: str) -> Peak:
 
 
 PEAKS: Final = {peak.name: peak for peak in map(_peak, _ROWS.strip().splitlines())}
-"""Powers are numbered as H1 to H3, K1 to K4, A1 and A2 of Winter (The Biomechanics and Motor Control of Human Gait,
-1991)."""
+"""Powers are numbered as H1 to H3, K1 to K4, A1 and A2 of Winter (The Biomechanics and Motor
+Control of Human Gait, 1991)."""
 PHASES: Final = {
     "stance": "strike to off of the foot",
     "swing": "off of the foot to its next strike",
@@ -150,8 +164,12 @@ PHASES: Final = {
     "push-off": "the pelvis goes up until both feet are off the ground",
     "landing": "from the first strike until the pelvis is lowest",
 }
-"""Phase of a stride or a repetition of an activity that is no gait -> what it is; flight has no peaks."""
-LEAST_SEEN: Final = 0.5  # of a phase whose peak counts: what comes before somebody leaves a seat is not valid
+"""Phase of a stride or a repetition of an activity that is no gait -> what it is; flight has no
+peaks.
+"""
+LEAST_SEEN: Final = (
+    0.5  # of a phase whose peak counts: what comes before somebody leaves a seat is not valid
+)
 _IN_PHASES: Final = """
 hip_flexion            hip_flexion              highest stance swing lowering rising push-off landing
 hip_extension          hip_flexion              lowest  stance
@@ -178,24 +196,35 @@ PHASE_PEAKS: Final = {
 }
 """Of activities that are no gait."""
 ADDUCTION_PEAK: Final = PEAKS["knee_abduction_moment_1"]
-"""The first peak of the external knee adduction moment, which the internal one resists by abduction."""
+"""The first peak of the external knee adduction moment, which the internal one resists by
+abduction.
+"""
 
 PeakValue: TypeAlias = tuple[float, float, float, float]
-"""Of one stride: value, standard error, the part of it that is the stride's own, percent; NaN where not known."""
+"""Of one stride: value, standard error, the part of it that is the stride's own, percent; NaN where
+not known.
+"""
 
 
-def stride_peaks(curves: Mapping[str, tuple[Array, Array, Array]], toe_off: float | None) -> dict[str, PeakValue]:
+def stride_peaks(
+    curves: Mapping[str, tuple[Array, Array, Array]], toe_off: float | None
+) -> dict[str, PeakValue]:
     """Peak -> what it is in one stride; only those that the stride has.
 
-    `curves`: variable of `cycles.csv` -> value, standard error, its own part (101,), NaN where not valid or not known.
-    `toe_off`: % at which stance ends; None: not known, and no phase but the strike and the whole stride.
+    `curves`: variable of `cycles.csv` -> value, standard error, its own part (101,), NaN where not
+    valid or not known. `toe_off`: % at which stance ends; None: not known, and no phase but the
+    strike and the whole stride.
     """
     percent = np.arange(float(POINTS))
     out: dict[str, PeakValue] = {}
     at = percent if toe_off is None else np.interp(percent, [0.0, toe_off, 100.0], [0.0, 1.0, 2.0])
     for peak in PEAKS.values():
         known, window = curves.get(peak.variable), peak.window
-        if known is None or window is None or (toe_off is None and window not in ((0.0, 0.0), (0.0, 2.0))):
+        if (
+            known is None
+            or window is None
+            or (toe_off is None and window not in ((0.0, 0.0), (0.0, 2.0)))
+        ):
             continue
         (value, error, own), (low, high) = known, window
         inside = np.flatnonzero((at >= low) & (at <= high))
@@ -208,8 +237,15 @@ def stride_peaks(curves: Mapping[str, tuple[Array, Array, Array]], toe_off: floa
             case Figure.RANGE:
                 ends = inside[[np.nanargmin(value[inside]), np.nanargmax(value[inside])]]
                 shared = np.sqrt(np.maximum(error[ends] ** 2 - own[ends] ** 2, 0.0))
-                apart = float(np.hypot(*own[ends]))  # what all strides share is about the same at both ends
-                out[peak.name] = (float(np.ptp(value[ends])), float(np.hypot(apart, np.ptp(shared))), apart, np.nan)
+                apart = float(
+                    np.hypot(*own[ends])
+                )  # what all strides share is about the same at both ends
+                out[peak.name] = (
+                    float(np.ptp(value[ends])),
+                    float(np.hypot(apart, np.ptp(shared))),
+                    apart,
+                    np.nan,
+                )
             case Figure.STRIKE:
                 out[peak.name] = (float(value[0]), float(error[0]), float(own[0]), 0.0)
             case _:
@@ -220,16 +256,25 @@ def stride_peaks(curves: Mapping[str, tuple[Array, Array, Array]], toe_off: floa
     return out
 
 
-def phase_peaks(curves: Mapping[str, tuple[Array, Array, Array]], phases: Sequence[str]) -> dict[str, PeakValue]:
-    """The same of a stride or repetition of an activity that is no gait; `phases`: of each percent (`cycles.csv`)."""
+def phase_peaks(
+    curves: Mapping[str, tuple[Array, Array, Array]], phases: Sequence[str]
+) -> dict[str, PeakValue]:
+    """The same of a stride or repetition of an activity that is no gait; `phases`: of each percent
+    (`cycles.csv`).
+    """
     out: dict[str, PeakValue] = {}
     for peak in PHASE_PEAKS.values():
         inside = np.flatnonzero(np.array(phases) == peak.phase)
         if peak.variable in curves and len(inside):
             value, error, own = curves[peak.variable]
-            signed = np.where(np.isfinite(value), value if peak.figure is Figure.HIGHEST else -value, -np.inf)
+            signed = np.where(
+                np.isfinite(value), value if peak.figure is Figure.HIGHEST else -value, -np.inf
+            )
             k = int(inside[signed[inside].argmax()])
-            if np.isfinite(value[max(k - 1, 0) : k + 2]).all() and np.isfinite(value[inside]).mean() >= LEAST_SEEN:
+            if (
+                np.isfinite(value[max(k - 1, 0) : k + 2]).all()
+                and np.isfinite(value[inside]).mean() >= LEAST_SEEN
+            ):
                 out[peak.name] = (float(value[k]), float(error[k]), float(own[k]), float(k))
     return out
 
@@ -250,25 +295,49 @@ class PeakMean:
 
 
 PEAK_COLUMNS: Final = (
-    *("side", "peak", "variable", "phase", "window", "unit", "strides", "n", "mean", "sd", "se", "percent", "activity"),
+    *(
+        "side",
+        "peak",
+        "variable",
+        "phase",
+        "window",
+        "unit",
+        "strides",
+        "n",
+        "mean",
+        "sd",
+        "se",
+        "percent",
+        "activity",
+    ),
 )
 DIGITS: Final = 6
 
 
-def peak_means(strides: Iterable[tuple[str, str, str, Mapping[str, PeakValue | Array]]]) -> tuple[PeakMean, ...]:
+def peak_means(
+    strides: Iterable[tuple[str, str, str, Mapping[str, PeakValue | Array]]],
+) -> tuple[PeakMean, ...]:
     """Means of peaks over the strides that count, activity by activity.
 
     `strides`: activity, trial, side and peaks of each stride or repetition.
     """
     known = list(strides)
     out = []
-    for activity, peak, side in product(dict.fromkeys(of for of, *_ in known), (PEAKS | PHASE_PEAKS).values(), SIDES):
-        of_leg = [(trial, found.get(peak.name)) for of, trial, leg, found in known if (of, leg) == (activity, side)]
+    for activity, peak, side in product(
+        dict.fromkeys(of for of, *_ in known), (PEAKS | PHASE_PEAKS).values(), SIDES
+    ):
+        of_leg = [
+            (trial, found.get(peak.name))
+            for of, trial, leg, found in known
+            if (of, leg) == (activity, side)
+        ]
         rows = [(trial, one) for trial, one in of_leg if one is not None]
         if not rows:
             continue
         value, error, own, percent = np.array([one for _, one in rows], dtype=np.float64).T
-        over = ensemble.spread(value[:, None], np.array([trial for trial, _ in rows]), own[:, None], error[:, None])
+        over = ensemble.spread(
+            value[:, None], np.array([trial for trial, _ in rows]), own[:, None], error[:, None]
+        )
         out.append(
             PeakMean(
                 activity=activity,
@@ -288,7 +357,16 @@ def peak_means(strides: Iterable[tuple[str, str, str, Mapping[str, PeakValue | A
 def peak_columns(means: Sequence[PeakMean]) -> dict[str, list[object]]:
     """`PEAK_COLUMNS` of means, as in `peaks.csv`."""
     rows = [
-        (m.side, m.peak.name, m.peak.variable, m.peak.phase, m.peak.words, unit_of(m.peak.variable), m.strides, m.n)
+        (
+            m.side,
+            m.peak.name,
+            m.peak.variable,
+            m.peak.phase,
+            m.peak.words,
+            unit_of(m.peak.variable),
+            m.strides,
+            m.n,
+        )
         + (*(round(value, DIGITS) for value in (m.mean, m.sd, m.se, m.percent)), m.activity)
         for m in means
     ]

@@ -1,18 +1,21 @@
-"""How far the angles of a gait are from healthy people's: Gait Profile Score and Movement Analysis Profile.
+"""How far the angles of a gait are from healthy people's: Gait Profile Score and Movement Analysis
+Profile.
 
-Baker, McGinley, Schwartz, Beynon, Rozumalski, Graham and Tirosh, Gait Posture 30:265-269, 2009. For stride s and angle
-i, x at 51 points of the stride (0, 2, ... 100 %), m the healthy mean,
+Baker, McGinley, Schwartz, Beynon, Rozumalski, Graham and Tirosh, Gait Posture 30:265-269, 2009. For
+stride s and angle i, x at 51 points of the stride (0, 2, ... 100 %), m the healthy mean,
 
     GVS_i,s = sqrt(mean_t (x_i,s(t) - m_i(t))^2)        deg; GVS_i is the mean over straight strides
 
-nine of a side make the Movement Analysis Profile, and the score of the side is their RMS; that of both holds the pelvis
-once, of left strides, and the other six of each side: 15 angles. 0 is the healthy mean itself, which nobody walks like.
-What healthy people score follows from their spread: the RMS over the stride of their standard deviation.
+nine of a side make the Movement Analysis Profile, and the score of the side is their RMS; that of
+both holds the pelvis once, of left strides, and the other six of each side: 15 angles. 0 is the
+healthy mean itself, which nobody walks like. What healthy people score follows from their spread:
+the RMS over the stride of their standard deviation.
 
-Standard errors: strides differ (SD / sqrt(n)), and each angle has errors that all strides share, of joint centres and
-axes. These are nearly an offset: x moves by z e(t), z standard normal, e the shared standard error. The SD of GVS over
-z is taken by Gauss-Hermite quadrature, as a score near 0 is no linear function of z. Scores add up as if the errors of
-different angles were independent. An error makes a score larger in the mean, as any noise does.
+Standard errors: strides differ (SD / sqrt(n)), and each angle has errors that all strides share, of
+joint centres and axes. These are nearly an offset: x moves by z e(t), z standard normal, e the
+shared standard error. The SD of GVS over z is taken by Gauss-Hermite quadrature, as a score near 0
+is no linear function of z. Scores add up as if the errors of different angles were independent. An
+error makes a score larger in the mean, as any noise does.
 """
 
 from collections.abc import Mapping, Sequence
@@ -30,7 +33,14 @@ from gaitcal.model.subject_model import Subject
 
 ANGLES: Final = (
     *linkage.PELVIS_ANGLES,
-    *("hip_flexion", "hip_adduction", "hip_rotation", "knee_angle", "ankle_angle", coordinates.FOOT_PROGRESSION),
+    *(
+        "hip_flexion",
+        "hip_adduction",
+        "hip_rotation",
+        "knee_angle",
+        "ankle_angle",
+        coordinates.FOOT_PROGRESSION,
+    ),
 )
 EVERY: Final = 2  # %: between points
 GPS, BOTH = "gps", "both"
@@ -52,7 +62,8 @@ class Score:
 def profile_scores(
     strides: Mapping[str, Sequence[Any] | NDArray[Any]], bands: normal_bands.Bands, subject: Subject
 ) -> tuple[Score, ...]:
-    """Nine angles and the score of each side that has a whole straight stride of all, and that of both.
+    """Nine angles and the score of each side that has a whole straight stride of all, and that of
+    both.
 
     Empty where the norm lacks an angle.
 
@@ -61,9 +72,14 @@ def profile_scores(
     if not set(ANGLES) <= set(bands):
         return ()
     column = {name: np.asarray(strides[name]) for name in ("side", "variable")}
-    wanted = np.isin(column["variable"], ANGLES) & (np.asarray(strides["activity"]) == cycles.WALKING)
+    wanted = np.isin(column["variable"], ANGLES) & (
+        np.asarray(strides["activity"]) == cycles.WALKING
+    )
     column = {n: v[wanted] for n, v in column.items()}
-    numbers = {n: np.asarray(strides[n])[wanted].astype(float) for n in ("value", "se", "se_stride", "valid", "turn")}
+    numbers = {
+        n: np.asarray(strides[n])[wanted].astype(float)
+        for n in ("value", "se", "se_stride", "valid", "turn")
+    }
     counts = (numbers["valid"] == 1) & ~(np.abs(numbers["turn"]) > TURNING)
     value = np.where(counts, numbers["value"], np.nan)
     shared = np.sqrt(np.maximum(numbers["se"] ** 2 - numbers["se_stride"] ** 2, 0.0))
@@ -77,17 +93,27 @@ def profile_scores(
             if not whole.any():
                 break
             mean, sd = (part[::EVERY] for part in bands[name].for_person(subject, side))
-            of_side.append(_of_angle(side, name, x[whole] - mean, e[whole].mean(axis=0), float(_rms(sd))))
+            of_side.append(
+                _of_angle(side, name, x[whole] - mean, e[whole].mean(axis=0), float(_rms(sd)))
+            )
         out += [*of_side, _joined(side, of_side)] if len(of_side) == len(ANGLES) else []
     if len({s.side for s in out}) < len(linkage.SIDES):
         return tuple(out)
-    legs = [s for s in out if s.variable in ANGLES and (s.side == "l" or s.variable not in linkage.PELVIS_ANGLES)]
+    legs = [
+        s
+        for s in out
+        if s.variable in ANGLES and (s.side == "l" or s.variable not in linkage.PELVIS_ANGLES)
+    ]
     return (*out, _joined(BOTH, legs))
 
 
 def score_title(score: Score) -> str:
     """`Hip rotation`, `Gait Profile Score`."""
-    return "Gait Profile Score" if score.variable == GPS else coordinates.coordinate_words(score.variable).title
+    return (
+        "Gait Profile Score"
+        if score.variable == GPS
+        else coordinates.coordinate_words(score.variable).title
+    )
 
 
 def _of_angle(side: str, name: str, away: Array, shared: Array, norm: float) -> Score:
@@ -98,12 +124,21 @@ def _of_angle(side: str, name: str, away: Array, shared: Array, norm: float) -> 
     of_axes = weights @ moved**2 - (weights @ moved) ** 2
     of_strides = scores.var(ddof=1) / len(scores) if len(scores) > 1 else 0.0
     error = float(np.sqrt(max(of_axes, 0.0) + of_strides)) if np.isfinite(of_axes) else np.nan
-    return Score(side=side, variable=name, score=float(scores.mean()), error=error, norm=norm, strides=len(scores))
+    return Score(
+        side=side,
+        variable=name,
+        score=float(scores.mean()),
+        error=error,
+        norm=norm,
+        strides=len(scores),
+    )
 
 
 def _joined(side: str, parts: Sequence[Score]) -> Score:
     """RMS of the scores of angles."""
-    score, error, norm = (np.array([getattr(p, name) for p in parts]) for name in ("score", "error", "norm"))
+    score, error, norm = (
+        np.array([getattr(p, name) for p in parts]) for name in ("score", "error", "norm")
+    )
     whole = float(_rms(score))
     share = score / whole if whole > 0.0 else np.ones(len(parts))
     return Score(

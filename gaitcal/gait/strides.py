@@ -1,13 +1,16 @@
-"""How a trial's signals are laid along the horizontal axis, by gait cycle or by time, and along which line strides go.
+"""How a trial's signals are laid along the horizontal axis, by gait cycle or by time, and along
+which line strides go.
 
-That line is from the foot's strike to its next one (`gait/spatiotemporal.py`), pointed to where the pelvis faces,
-so that walking backwards is no turn. With its direction theta about the vertical, and R the pelvis in the laboratory,
+That line is from the foot's strike to its next one (`gait/spatiotemporal.py`), pointed to where the
+pelvis faces, so that walking backwards is no turn. With its direction theta about the vertical, and
+R the pelvis in the laboratory,
 
     Ry(-theta) R = Rz(tilt) Rx(list) Ry(rotation)
 
-are the angles of the pelvis against a laboratory that is turned into the line: the same for any direction in the room.
-Because the rotation comes last, tilt and list change, too: a forward tilt in the room is a list of who walks across.
-A stride turns by what the pelvis faces otherwise at its end than at its beginning, where gait itself is the same.
+are the angles of the pelvis against a laboratory that is turned into the line: the same for any
+direction in the room. Because the rotation comes last, tilt and list change, too: a forward tilt in
+the room is a list of who walks across. A stride turns by what the pelvis faces otherwise at its end
+than at its beginning, where gait itself is the same.
 """
 
 from collections.abc import Mapping
@@ -29,8 +32,8 @@ from gaitcal.model.parameters import Parameters
 from gaitcal.tracking.motion import Motion
 
 TURNING: Final = 15.0
-"""deg: who turns by more within a stride does not walk straight. From strike to strike of straight walks the pelvis
-faces the same to 6 deg (27 strides of eight people)."""
+"""deg: who turns by more within a stride does not walk straight. From strike to strike of straight
+walks the pelvis faces the same to 6 deg (27 strides of eight people)."""
 AXES: Final = "ZXY"
 LEG_PARTS: Final = ("thigh", "shank", "talus", "foot")
 
@@ -42,7 +45,9 @@ class Layout:
     time: Array  # (nf,) s
     valid: BoolArray  # (nf,) torques of the whole body may be used
     valid_legs: BoolArray  # (nf, 2) torques of the right and the left leg may be used
-    cycles: Mapping[str, tuple[GaitCycle, ...]]  # side -> complete cycles; empty where drawn against time
+    cycles: Mapping[
+        str, tuple[GaitCycle, ...]
+    ]  # side -> complete cycles; empty where drawn against time
 
     @property
     def by_cycle(self) -> bool:
@@ -50,11 +55,15 @@ class Layout:
         return bool(self.cycles)
 
     def _foot(self, side: str) -> str:
-        """Over whose strides a side is drawn: the whole body over those of the right foot, if it has any."""
+        """Over whose strides a side is drawn: the whole body over those of the right foot, if it
+        has any.
+        """
         return side or ("r" if self.cycles["r"] else "l")
 
     def main(self, side: str) -> GaitCycle:
-        """The stride that is drawn in full: the one with the largest share of frames valid for that leg."""
+        """The stride that is drawn in full: the one with the largest share of frames valid for that
+        leg.
+        """
         foot = self._foot(side)
         return best_cycle(self.cycles[foot], self.time, self.valid_for(foot))
 
@@ -65,7 +74,9 @@ class Layout:
     def complete(self, side: str) -> int:
         """How many strides of a leg have no frame without valid torques."""
         valid = self.valid_for(side)
-        inside = (valid[(self.time >= c.start) & (self.time <= c.stop)] for c in self.cycles.get(side, ()))
+        inside = (
+            valid[(self.time >= c.start) & (self.time <= c.stop)] for c in self.cycles.get(side, ())
+        )
         return sum(bool(frames.size and frames.all()) for frames in inside)
 
     def drawn(self, side: str) -> BoolArray:
@@ -77,7 +88,9 @@ class Layout:
 
 
 def layout(motion: Motion, reactions: GroundReactions | None, events: GaitEvents) -> Layout:
-    """Over the gait cycle where both feet of a whole-body motion have a complete one, else against time."""
+    """Over the gait cycle where both feet of a whole-body motion have a complete one, else against
+    time.
+    """
     time = motion.time
     valid = reactions.valid if reactions else np.ones(len(time), dtype=bool)
     legs = reactions.valid_legs if reactions else np.ones((len(time), 2), dtype=bool)
@@ -86,7 +99,9 @@ def layout(motion: Motion, reactions: GroundReactions | None, events: GaitEvents
 
 
 def strides_of(events: GaitEvents) -> dict[str, tuple[GaitCycle, ...]]:
-    """Side -> all complete cycles of that foot, whether the other foot has any or not; of no gait, what repeats."""
+    """Side -> all complete cycles of that foot, whether the other foot has any or not; of no gait,
+    what repeats.
+    """
     if events.repeats:
         return dict.fromkeys(SIDES, events.repeats)
     right, left = (events.of(side) for side in SIDES)
@@ -108,9 +123,11 @@ def facing(angles: Array) -> Array:
 
 
 def out_of_plane(axes: Array, line: Array | float) -> tuple[Array, Array]:
-    """By how much unit vectors point out of the vertical plane along a line, as a star stands above an equator.
+    """By how much unit vectors point out of the vertical plane along a line, as a star stands above
+    an equator.
 
-    arcsin(u . left), left = (-sin(line), 0, -cos(line)); a turn w of u adds w . e, e = (u x left) / |u x left|.
+    arcsin(u . left), left = (-sin(line), 0, -cos(line)); a turn w of u adds w . e, e = (u x left) /
+    |u x left|.
 
     `axes`: (..., 3) on the laboratory's axes.
     `line`: (...) or one, rad to the left of the room's x axis.
@@ -122,7 +139,9 @@ def out_of_plane(axes: Array, line: Array | float) -> tuple[Array, Array]:
     left = np.stack([-np.sin(line), np.zeros_like(line), -np.cos(line)], axis=-1)
     about = cross(axes, left)
     length = np.linalg.norm(about, axis=-1, keepdims=True)
-    return np.arcsin(np.clip((axes * left).sum(axis=-1), -1.0, 1.0)), about / np.where(length > 0.0, length, 1.0)
+    return np.arcsin(np.clip((axes * left).sum(axis=-1), -1.0, 1.0)), about / np.where(
+        length > 0.0, length, 1.0
+    )
 
 
 @dataclass(frozen=True)
@@ -131,16 +150,21 @@ class FootAxes:
 
     axes: Array  # (nf, 2, 3) unit vectors on the laboratory's axes
     error: Array | None = None
-    """(nf, 2) rad, standard error of `progression` in each stride, by markers and by where heel and toe markers sit."""
+    """(nf, 2) rad, standard error of `progression` in each stride, by markers and by where heel and
+    toe markers sit.
+    """
     own: Array | None = None  # (nf, 2) rad, the part of it that this trial's own markers make
 
     def progression(self, side: str, line: float, inside: BoolArray | None = None) -> Array:
-        """(nf,) rad: how far the foot points inwards of a line of progression, the nearer way along it.
+        """(nf,) rad: how far the foot points inwards of a line of progression, the nearer way along
+        it.
 
-        Plug-in Gait's `FootProgressAngles`: how far the axis points out of the vertical plane along the line, which
-        does not grow where the heel is above the toes. Toes in (internal) is positive on both sides.
+        Plug-in Gait's `FootProgressAngles`: how far the axis points out of the vertical plane along
+        the line, which does not grow where the heel is above the toes. Toes in (internal) is
+        positive on both sides.
 
-        `inside`: (nf,) frames that tell whether the foot goes along the line or backwards; None: all.
+        `inside`: (nf,) frames that tell whether the foot goes along the line or backwards; None:
+        all.
         """
         axes = self.axes[:, SIDES.index(side)]
         off, _ = out_of_plane(axes, line)
@@ -150,9 +174,11 @@ class FootAxes:
 
 
 def foot_axes(motion: Motion, parameters: Parameters, lines: Array) -> tuple[Array, Array]:
-    """Long axes u (nf, 2, 3) of both feet, and what each coordinate (nf, 2, nq) adds to `out_of_plane` of them.
+    """Long axes u (nf, 2, 3) of both feet, and what each coordinate (nf, 2, nq) adds to
+    `out_of_plane` of them.
 
-    u is x of the foot's frame, from heel to toe marker as in the static trial; `lines`: (nf, 2) rad.
+    u is x of the foot's frame, from heel to toe marker as in the static trial; `lines`: (nf, 2)
+    rad.
     """
     chain = chain_of()
     placed = Kinematics(chain.body(parameters), motion.q)
@@ -173,16 +199,18 @@ def turn_between(time: Array, faced: Array, start: float, stop: float) -> float:
 
 
 def turns(turn: float | None) -> bool:
-    """Whether a stride that turns by so much (deg) is no straight one; one of which it is not known counts as such."""
+    """Whether a stride that turns by so much (deg) is no straight one; one of which it is not known
+    counts as such.
+    """
     return turn is not None and abs(turn) > TURNING
 
 
 def along_line(angles: Array, line: float, inside: BoolArray) -> Array:
     """(nf, 3) rad, `PELVIS_ANGLES` against a line of progression; NaN where an angle is not known.
 
-    `angles`: (nf, 3) rad, against the room.
-    `line`: rad, direction of progression, to the left of the room's x axis.
-    `inside`: (nf,) frames of the stride; the line is turned about where the pelvis faces backwards in them.
+    `angles`: (nf, 3) rad, against the room. `line`: rad, direction of progression, to the left of
+    the room's x axis. `inside`: (nf,) frames of the stride; the line is turned about where the
+    pelvis faces backwards in them.
     """
     known = np.isfinite(angles).all(axis=1)
     out = np.full(angles.shape, np.nan)

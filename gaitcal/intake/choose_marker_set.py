@@ -1,7 +1,9 @@
-"""Which marker set the labels of the files are: every built-in set, and those that lie in the folder, is scored.
+"""Which marker set the labels of the files are: every built-in set, and those that lie in the
+folder, is scored.
 
-A label counts for a set where the set knows it; by another spelling (dots, blanks, a prefix) it counts too, and is
-offered as a `rename`; capitals a set forgives by itself. `explained` is the one function that looks into a set.
+A label counts for a set where the set knows it; by another spelling (dots, blanks, a prefix) it
+counts too, and is offered as a `rename`; capitals a set forgives by itself. `explained` is the one
+function that looks into a set.
 """
 
 import re
@@ -21,10 +23,14 @@ if TYPE_CHECKING:
 
 FEWEST_LABELS = 6  # Markers of pelvis and legs that a file shares with a set of which it is
 NEARLY = 0.8
-"""A file is of a set where it shares at least so many of the labels that it shares with the set that fits it best."""
+"""A file is of a set where it shares at least so many of the labels that it shares with the set
+that fits it best.
+"""
 KNOWN_SHARE = 0.8  # Share of the labels that a set knows from which it is beyond doubt
 MOST_MISSING = 4
-"""Required landmarks without markers, of 11, with which a set is still offered, for a person to look at."""
+"""Required landmarks without markers, of 11, with which a set is still offered, for a person to
+look at.
+"""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -45,25 +51,40 @@ class SetChoice:
 
     marker_set: MarkerSet
     entry: str  # As the study names it: a built-in name, or the path of its file
-    rename: Mapping[str, str] = field(default_factory=dict)  # Label in the files -> label in the set
+    rename: Mapping[str, str] = field(
+        default_factory=dict
+    )  # Label in the files -> label in the set
     explained: Explained  # Of the labels of its recordings together
     members: tuple[int, ...]  # Which recordings are of this set
-    clashes: tuple[str, ...] = ()  # Labels that could be renamed but for another one of the same name
+    clashes: tuple[
+        str, ...
+    ] = ()  # Labels that could be renamed but for another one of the same name
     people: Mapping[int, tuple[str, ...]] = field(default_factory=dict)
-    """Recording -> prefixes under which it has the same markers more than once: those of several people."""
+    """Recording -> prefixes under which it has the same markers more than once: those of several
+    people.
+    """
     sided_unknown: tuple[str, ...] = ()
-    """Labels left over that name a side and that not every recording has: of a static trial, landmarks it may be."""
+    """Labels left over that name a side and that not every recording has: of a static trial,
+    landmarks it may be.
+    """
 
-    centres: tuple[str, ...] = ()  # Labels in the files that name joint centres, in whose places `rename` puts markers
+    centres: tuple[
+        str, ...
+    ] = ()  # Labels in the files that name joint centres, in whose places `rename` puts markers
     proposal: "LabelProposal | None" = None
-    """What the labels mean by places and movement, where no set knows them; nobody has confirmed it."""
+    """What the labels mean by places and movement, where no set knows them; nobody has confirmed
+    it.
+    """
 
-    further: "LabelProposal | None" = None  # What moves with the segments besides the markers that the set knows
+    further: "LabelProposal | None" = (
+        None  # What moves with the segments besides the markers that the set knows
+    )
 
     @property
     def certain(self) -> bool:
-        """Whether nothing speaks against the set: all landmarks there, most labels known, none left over that only
-        some recordings have on one side of the body, as landmarks of a static trial are.
+        """Whether nothing speaks against the set: all landmarks there, most labels known, none left
+        over that only some recordings have on one side of the body, as landmarks of a static trial
+        are.
         """
         found = self.explained
         known = found.known / max(found.known + len(found.left_over), 1)
@@ -71,8 +92,12 @@ class SetChoice:
         return self.proposal is None and known >= KNOWN_SHARE and not doubted
 
 
-def explained(marker_set: MarkerSet, labels: Iterable[str], computed: Iterable[str] = ()) -> Explained:
-    """How well a set explains labels, spelt as in the set, and those of points that another program computed."""
+def explained(
+    marker_set: MarkerSet, labels: Iterable[str], computed: Iterable[str] = ()
+) -> Explained:
+    """How well a set explains labels, spelt as in the set, and those of points that another program
+    computed.
+    """
     given = tuple(dict.fromkeys(labels))
     told = marker_set.coverage(given, tuple(dict.fromkeys(computed)))
     unknown = set(told.unknown)
@@ -105,10 +130,11 @@ def choose_set(
     own: Sequence[tuple[str, MarkerSet]] = (),
     computed: Sequence[tuple[str, ...]] | None = None,
 ) -> list[SetChoice]:
-    """The marker sets that recordings with these labels may be of, the best first; empty where none fits.
+    """The marker sets that recordings with these labels may be of, the best first; empty where none
+    fits.
 
-    `own`: entry of the study file and set, of sets that are not built in; `computed`: labels of the computed points of
-    each recording.
+    `own`: entry of the study file and set, of sets that are not built in; `computed`: labels of the
+    computed points of each recording.
     """
     points = computed or [()] * len(recordings)
     sets = candidates(own)
@@ -117,9 +143,17 @@ def choose_set(
     legs = [_legs(s, labels, points) for (_, s), labels in zip(sets, spelt, strict=True)]
     best = [max(counts) for counts in zip(*legs, strict=True)]
     choices: list[SetChoice] = []
-    for (entry, marker_set), (rename, clashes), labels, counts in zip(sets, spellings, spelt, legs, strict=True):
-        members = tuple(i for i, n in enumerate(counts) if n >= max(FEWEST_LABELS, NEARLY * best[i]))
-        found = explained(marker_set, [m for i in members for m in labels[i]], [m for i in members for m in points[i]])
+    for (entry, marker_set), (rename, clashes), labels, counts in zip(
+        sets, spellings, spelt, legs, strict=True
+    ):
+        members = tuple(
+            i for i, n in enumerate(counts) if n >= max(FEWEST_LABELS, NEARLY * best[i])
+        )
+        found = explained(
+            marker_set,
+            [m for i in members for m in labels[i]],
+            [m for i in members for m in points[i]],
+        )
         if not members or len(found.missing) > MOST_MISSING:
             continue
         # labels left over that some recordings have and others not, once for each side
@@ -127,19 +161,31 @@ def choose_set(
         choice = SetChoice(
             marker_set=marker_set,
             entry=entry,
-            rename={old: new for old, new in rename.items() if any(old in recordings[i] for i in members)},
+            rename={
+                old: new
+                for old, new in rename.items()
+                if any(old in recordings[i] for i in members)
+            },
             explained=found,
             members=members,
             clashes=clashes,
-            sided_unknown=tuple(label for label in some if any(other_side(label, other) for other in some)),
-            people={i: prefixes for i in members if (prefixes := people_in(marker_set, recordings[i]))},
+            sided_unknown=tuple(
+                label for label in some if any(other_side(label, other) for other in some)
+            ),
+            people={
+                i: prefixes for i in members if (prefixes := people_in(marker_set, recordings[i]))
+            },
         )
         choices.append(choice)
     return sorted(choices, key=_rank)
 
 
-def _legs(marker_set: MarkerSet, recordings: Sequence[tuple[str, ...]], points: Sequence[tuple[str, ...]]) -> list[int]:
-    """How many markers of pelvis and legs each recording has, as the set spells them; most have the same labels."""
+def _legs(
+    marker_set: MarkerSet, recordings: Sequence[tuple[str, ...]], points: Sequence[tuple[str, ...]]
+) -> list[int]:
+    """How many markers of pelvis and legs each recording has, as the set spells them; most have the
+    same labels.
+    """
     forgiven = _forgiven(marker_set)
 
     @cache
@@ -151,9 +197,9 @@ def _legs(marker_set: MarkerSet, recordings: Sequence[tuple[str, ...]], points: 
 
 
 def _rank(choice: SetChoice) -> tuple[int | str, ...]:
-    """Smallest first: more recordings, fewer landmarks missing, a set of one's own, fewer segments with one marker,
-    more labels explained, fewer of the set unused; of sets with the same labels the one that gives reasons for its
-    weights.
+    """Smallest first: more recordings, fewer landmarks missing, a set of one's own, fewer segments
+    with one marker, more labels explained, fewer of the set unused; of sets with the same labels
+    the one that gives reasons for its weights.
     """
     found = choice.explained
     return (
@@ -177,9 +223,10 @@ def respelt(labels: Iterable[str], rename: Mapping[str, str]) -> tuple[str, ...]
 def spelt_otherwise(
     marker_set: MarkerSet, recordings: Sequence[tuple[str, ...]]
 ) -> tuple[dict[str, str], tuple[str, ...]]:
-    """Label in the files -> label of the set that differs from it in case, separators or a prefix only; and labels
-    that would become one that is taken. Of several spellings of one label the most frequent is renamed. Of several
-    prefixes in one recording only the one with most labels of the set: a body has one, another is somebody else's.
+    """Label in the files -> label of the set that differs from it in case, separators or a prefix
+    only; and labels that would become one that is taken. Of several spellings of one label the most
+    frequent is renamed. Of several prefixes in one recording only the one with most labels of the
+    set: a body has one, another is somebody else's.
     """
     forgiven = _forgiven(marker_set)
     by_key: dict[str, list[str]] = {}
@@ -202,7 +249,10 @@ def spelt_otherwise(
         if len(targets) != 1 or label.casefold() in forgiven or label in theirs:
             continue
         spelt = {form.casefold() for form in (targets[0], *marker_set.aliases.get(targets[0], ()))}
-        taken = any(label in labels and not spelt.isdisjoint(map(str.casefold, labels)) for labels in recordings)
+        taken = any(
+            label in labels and not spelt.isdisjoint(map(str.casefold, labels))
+            for labels in recordings
+        )
         if taken or targets[0] in rename.values():
             clashes.append(label)
         else:
@@ -211,9 +261,13 @@ def spelt_otherwise(
 
 
 def people_in(marker_set: MarkerSet, labels: Sequence[str]) -> tuple[str, ...]:
-    """Prefixes under which labels of the set occur that occur under another prefix, too; empty for one person."""
+    """Prefixes under which labels of the set occur that occur under another prefix, too; empty for
+    one person.
+    """
     groups = _by_prefix(marker_set, labels)
-    return tuple(p for p, own in groups if any(own & other for prefix, other in groups if prefix != p))
+    return tuple(
+        p for p, own in groups if any(own & other for prefix, other in groups if prefix != p)
+    )
 
 
 def _by_prefix(marker_set: MarkerSet, labels: Sequence[str]) -> list[tuple[str, set[str]]]:
@@ -237,7 +291,9 @@ def _key(label: str) -> str:
     return re.sub(r"[^a-z0-9]", "", label.rpartition(":")[2].lower())
 
 
-def choices_of(recordings: Sequence[Recording], own: Sequence[tuple[str, MarkerSet]]) -> list[SetChoice]:
+def choices_of(
+    recordings: Sequence[Recording], own: Sequence[tuple[str, MarkerSet]]
+) -> list[SetChoice]:
     """The marker sets that the recordings may be of; none of no recordings."""
     computed = [() if r.computed is None else r.computed.labels for r in recordings]
     return choose_set([r.labels for r in recordings], own, computed) if recordings else []
@@ -253,7 +309,9 @@ def no_set(recordings: Sequence[Recording], own: Sequence[tuple[str, MarkerSet]]
     lacks = ", ".join(found.missing[:6]) + (", ..." if len(found.missing) > 6 else "")
     shown = ", ".join(labels[:12]) + (", ..." if len(labels) > 12 else "")
     return (
-        f"no marker set knows enough of the labels {shown}; the nearest, {nearest}, knows {found.known} of "
-        f"{len(labels)} and misses {lacks or 'nothing'}; name your own in a TOML file in the folder "
+        f"no marker set knows enough of the labels {shown}; the nearest, {nearest}, knows "
+        f"{found.known} of "
+        f"{len(labels)} and misses {lacks or 'nothing'}; name your own in a TOML file in the "
+        "folder "
         "(models/markersets has examples), or put the labels right by 'rename' in a study file"
     )

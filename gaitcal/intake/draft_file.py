@@ -1,9 +1,10 @@
-"""A drafted study: what each file of a folder is taken for, the trials, the person, what is missing, and its text.
+"""A drafted study: what each file of a folder is taken for, the trials, the person, what is
+missing, and its text.
 
-Every file of the folder is a row of `Draft.seen`, with what it is used as or why it is not. In the text every line has
-its reason: `sure` where a file or the user says so, or figures are far from every limit;
-`likely` by figures near one. What nobody says stands as a comment that names the field, so that reading the study ends
-with its name.
+Every file of the folder is a row of `Draft.seen`, with what it is used as or why it is not. In the
+text every line has its reason: `sure` where a file or the user says so, or figures are far from
+every limit; `likely` by figures near one. What nobody says stands as a comment that names the
+field, so that reading the study ends with its name.
 """
 
 import os
@@ -15,7 +16,13 @@ from typing import TYPE_CHECKING
 
 from gaitcal.errors import Code, InputError, alike
 from gaitcal.intake import choose_marker_set, subject_metadata
-from gaitcal.intake.recordings_folder import FileKind, Folder, FolderFile, ForceChoice, declares_study
+from gaitcal.intake.recordings_folder import (
+    FileKind,
+    Folder,
+    FolderFile,
+    ForceChoice,
+    declares_study,
+)
 from gaitcal.io.toml import read_toml, toml_table, toml_value
 from gaitcal.model.linkage import SIDES
 from gaitcal.model.marker_set import built_in_sets
@@ -66,10 +73,14 @@ class Draft:
     trials: tuple[Drafted, ...]
     seen: tuple[Seen, ...]
     fault: str = ""  # Why no study follows from the folder; empty where one does
-    strangers: bool = False  # Whether recordings of the same labels show another person, or another session
+    strangers: bool = (
+        False  # Whether recordings of the same labels show another person, or another session
+    )
     problem: str = ""  # Why the drafted study cannot be run as it is, apart from what is missing
 
-    doubts: tuple[str, ...] = ()  # What files say of the person that can be in no unit it should be in
+    doubts: tuple[
+        str, ...
+    ] = ()  # What files say of the person that can be in no unit it should be in
 
     @property
     def moves(self) -> bool:
@@ -83,7 +94,9 @@ class Draft:
 
     @property
     def estimated(self) -> tuple[str, ...]:
-        """Fields of the person that nobody tells, and that do without, at the price of wider errors."""
+        """Fields of the person that nobody tells, and that do without, at the price of wider
+        errors.
+        """
         height = ("height_m",) if "height_error_m" in self.person else ()
         return (*height, *(() if "sex" in self.person else ("sex",)))
 
@@ -98,14 +111,19 @@ class Draft:
         return replace(
             self,
             trials=tuple(trial for trial in self.trials if trial.name not in trials),
-            seen=tuple(replace(row, used="", reason=out[row.name]) if row.name in out else row for row in self.seen),
+            seen=tuple(
+                replace(row, used="", reason=out[row.name]) if row.name in out else row
+                for row in self.seen
+            ),
         )
 
 
 FIRST_LABELS = 8  # Shown of a recording that no marker set explains
 
 
-def row_of(file: FolderFile, *, labels: str = "", shows: str = "", used: str = "", reason: str = "") -> Seen:
+def row_of(
+    file: FolderFile, *, labels: str = "", shows: str = "", used: str = "", reason: str = ""
+) -> Seen:
     """A file as it was read, and what became of it."""
     frames = None if file.recording is None else len(file.recording.time)
     if file.recording is not None and not labels:
@@ -124,50 +142,88 @@ def row_of(file: FolderFile, *, labels: str = "", shows: str = "", used: str = "
 STUDY = "study.toml"
 WIDEST = 70  # Characters of a line up to which its comment stands beside it; else above
 MISSING = {"mass_kg": "body mass in kg", "height_m": "body height in m"}
-"""What is to be written where nobody says it; no value that could be taken over without a thought."""
+"""What is to be written where nobody says it; no value that could be taken over without a thought.
+"""
 
 
 def draft_text(draft: Draft, folder: Path | None) -> str:
     """The study as the text of a study file, paths relative to `folder`; absolute with None."""
     lines = [
-        f"# Drafted from the folder '{draft.folder.name}'. Each line says what told it; look at what is 'likely'.",
+        f"# Drafted from the folder '{draft.folder.name}'. Each line says what told it; look at "
+        "what is 'likely'.",
         "",
         *_subject(draft),
         *_markers(draft, folder),
     ]
     for trial in draft.trials:
         lines += _trial(trial, folder)
-    left = [row for row in draft.left_out if row.kind != FileKind.STUDY.value]  # one of them is this text, later
+    left = [
+        row for row in draft.left_out if row.kind != FileKind.STUDY.value
+    ]  # one of them is this text, later
     if left:
-        lines += ["# Not used:", *(f"#   {_one_line(row.name)}: {_one_line(row.reason or row.kind)}" for row in left)]
+        lines += [
+            "# Not used:",
+            *(f"#   {_one_line(row.name)}: {_one_line(row.reason or row.kind)}" for row in left),
+        ]
     return "\n".join(lines).rstrip() + "\n"
 
 
-def settings_text(settings: CalibrationSettings, priors: Path | None = None, folder: Path | None = None) -> str:
-    """What is said of how to calibrate, as the table of a study file in `folder`; empty where nothing is."""
-    said = settings.model_dump(exclude_unset=True) | ({} if priors is None else {"priors": _path(priors, folder)})
+def settings_text(
+    settings: CalibrationSettings, priors: Path | None = None, folder: Path | None = None
+) -> str:
+    """What is said of how to calibrate, as the table of a study file in `folder`; empty where
+    nothing is.
+    """
+    said = settings.model_dump(exclude_unset=True) | (
+        {} if priors is None else {"priors": _path(priors, folder)}
+    )
     return "\n" + toml_table("[calibration]", said) if said else ""
 
 
 def _subject(draft: Draft) -> list[str]:
     lines = ["[subject]"]
-    for field in ("name", "session", "session_date", "mass_kg", "height_m", "height_error_m", "sex", "age_years"):
+    for field in (
+        "name",
+        "session",
+        "session_date",
+        "mass_kg",
+        "height_m",
+        "height_error_m",
+        "sex",
+        "age_years",
+    ):
         known = draft.person.get(field)
         if known is not None:
             lines += _line(field, known.value, known.reason, known.certain)
         elif field in MISSING:
             write = f"write {MISSING[field]}, and take the first # away"
             lines.append(f"# {field} =   # MISSING: {_nobody(draft)} says it; {write}")
-    for field in ("knee_width_mm", "ankle_width_mm", "leg_length_mm", "asis_distance_mm", "marker_diameter_mm"):
+    for field in (
+        "knee_width_mm",
+        "ankle_width_mm",
+        "leg_length_mm",
+        "asis_distance_mm",
+        "marker_diameter_mm",
+    ):
         if (known := draft.person.get(field)) is not None:
             lines += _line(field, known.value, known.reason, known.certain)
     if "sex" not in draft.person:
-        lines.append('# sex = "female"   # no file says it; without it the mean of both tables counts, with its error')
+        lines.append(
+            '# sex = "female"   # no file says it; without it the mean of both tables counts, with '
+            "its error"
+        )
     if "age_years" not in draft.person:
-        lines.append("# age_years =   # no file says it; tables of masses and norms of gait go by it")
+        lines.append(
+            "# age_years =   # no file says it; tables of masses and norms of gait go by it"
+        )
     if "session_date" not in draft.person:
-        lines.append('# session_date = "YYYY-MM-DD"   # no file says it; with birth_date it gives the age')
-    lines.append("# For reports and tables, where wanted: birth_date, diagnosis, affected_side, aids, laboratory")
+        lines.append(
+            '# session_date = "YYYY-MM-DD"   # no file says it; with birth_date it gives the age'
+        )
+    lines.append(
+        "# For reports and tables, where wanted: birth_date, diagnosis, affected_side, aids, "
+        "laboratory"
+    )
     return [*lines, ""]
 
 
@@ -176,7 +232,10 @@ def _markers(draft: Draft, folder: Path | None) -> list[str]:
     if choice is None:
         raise InputError(draft.fault, source=draft.folder.path, code=Code.FOLDER)
     found = choice.explained
-    reason = f"knows {found.known} of {found.known + len(found.left_over)} labels of {len(choice.members)} files"
+    reason = (
+        f"knows {found.known} of {found.known + len(found.left_over)} labels of "
+        f"{len(choice.members)} files"
+    )
     reason += left_over_words(choice)
     if choice.clashes:
         reason += f"; not renamed, as the name is taken: {', '.join(choice.clashes[:4])}"
@@ -185,12 +244,19 @@ def _markers(draft: Draft, folder: Path | None) -> list[str]:
         return [*_proposed(choice.proposal), ""]
     lines = [
         "[markers]",
-        *_line("set", choice.entry if built_in else _path(Path(choice.entry), folder), reason, choice.certain),
+        *_line(
+            "set",
+            choice.entry if built_in else _path(Path(choice.entry), folder),
+            reason,
+            choice.certain,
+        ),
     ]
     if choice.rename:
         reason = "differ only in case, separators or a prefix"
         if choice.centres:
-            reason += f"; or lie outwards of joint centres, which these name: {', '.join(choice.centres)}"
+            reason += (
+                f"; or lie outwards of joint centres, which these name: {', '.join(choice.centres)}"
+            )
         lines += _line("rename", dict(sorted(choice.rename.items())), reason, False)
     if found.missing:
         lines.append(f"# No marker of the files gives: {', '.join(found.missing)}")
@@ -200,7 +266,9 @@ def _markers(draft: Draft, folder: Path | None) -> list[str]:
 
 
 def _proposed(proposal: "LabelProposal") -> list[str]:
-    """What labels mean that say nothing, each with its evidence, to be confirmed; what is asked is a comment."""
+    """What labels mean that say nothing, each with its evidence, to be confirmed; what is asked is
+    a comment.
+    """
     lines = [
         "[markers]",
         f"# likely: no marker set knows the labels; {proposal.told}",
@@ -211,35 +279,52 @@ def _proposed(proposal: "LabelProposal") -> list[str]:
     ]
     for label, name in sorted(proposal.rename.items(), key=lambda item: item[1]):
         line = f"{toml_value({label: name})[1:-1].strip()}  # {proposal.evidence[label]}"
-        question = "; ASKED: is it? Then take the first # away; else name its segment under markers.tracking"
+        question = (
+            "; ASKED: is it? Then take the first # away; else name its segment under "
+            "markers.tracking"
+        )
         lines.append(f"# {line}{question}" if label in proposal.asked else line)
     return lines + _followers(proposal)
 
 
 def _followers(proposal: "LabelProposal") -> list[str]:
     """Markers that move with segments, each with its evidence, and labels that are nowhere."""
-    lines = ["[markers.tracking]  # segment = further markers that move with it"] if proposal.tracking else []
+    lines = (
+        ["[markers.tracking]  # segment = further markers that move with it"]
+        if proposal.tracking
+        else []
+    )
     for segment, labels in proposal.tracking.items():
         lines.append(f"{segment} = [")
         lines += [f"    {toml_value(label)},  # {proposal.evidence[label]}" for label in labels]
         lines.append("]")
     if proposal.weights:
         lines.append(
-            "[markers.weights]  # 0: shown only; the neck moves the head, the toes bend, skin glides over knees"
+            "[markers.weights]  # 0: shown only; the neck moves the head, the toes bend, skin "
+            "glides over knees"
         )
-        lines += [f"{toml_value({label: weight})[1:-1].strip()}" for label, weight in proposal.weights.items()]
-    return lines + [f"# not used: {_one_line(label)}: {why}" for label, why in proposal.unused.items()]
+        lines += [
+            f"{toml_value({label: weight})[1:-1].strip()}"
+            for label, weight in proposal.weights.items()
+        ]
+    return lines + [
+        f"# not used: {_one_line(label)}: {why}" for label, why in proposal.unused.items()
+    ]
 
 
 def left_over_words(choice: choose_marker_set.SetChoice) -> str:
-    """`; left over: ...`, and which labels of the set they look like; empty where the set knows all labels."""
+    """`; left over: ...`, and which labels of the set they look like; empty where the set knows all
+    labels.
+    """
     left = choice.explained.left_over
     if not left:
         return ""
     more = f" and {len(left) - 8} more" if len(left) > 8 else ""
     meant = {label: alike(label, choice.marker_set.labels) for label in left[:8]}
     hints = ", ".join(f"{label} like {like[0]}" for label, like in meant.items() if like)
-    return f"; left over: {', '.join(left[:8])}{more}" + (f" ({hints}: rename them if they are)" if hints else "")
+    return f"; left over: {', '.join(left[:8])}{more}" + (
+        f" ({hints}: rename them if they are)" if hints else ""
+    )
 
 
 def _trial(trial: Drafted, folder: Path | None) -> list[str]:
@@ -252,11 +337,20 @@ def _trial(trial: Drafted, folder: Path | None) -> list[str]:
     plates = 0 if recording is None else len(recording.plates)
     if trial.role in ("gait", "motion"):
         frames += (
-            f", {plates} plates of its own" if plates else "" if trial.forces else ", no forces: angles, no torques"
+            f", {plates} plates of its own"
+            if plates
+            else ""
+            if trial.forces
+            else ", no forces: angles, no torques"
         )
     lines.append(f"file = {toml_value(_path(trial.file.path, folder))}  # {frames}")
     if trial.forces is not None:
-        lines += _line("forces", _path(trial.forces.file.path, folder), trial.forces.reason, trial.forces.certain)
+        lines += _line(
+            "forces",
+            _path(trial.forces.file.path, folder),
+            trial.forces.reason,
+            trial.forces.certain,
+        )
     return [*lines, ""]
 
 
@@ -290,7 +384,11 @@ def _path(path: Path, folder: Path | None) -> Path:
 def missing_words(draft: Draft) -> str:
     """What nobody tells."""
     doubts = f" ({'; '.join(draft.doubts[:2])})" if draft.doubts else ""
-    return f"{_nobody(draft)} says " + ", ".join(f"subject.{field}" for field in draft.missing) + doubts
+    return (
+        f"{_nobody(draft)} says "
+        + ", ".join(f"subject.{field}" for field in draft.missing)
+        + doubts
+    )
 
 
 def _nobody(draft: Draft) -> str:
@@ -310,16 +408,18 @@ def unconfirmed_words(draft: Draft) -> str:
     labels = list(draft.choice.proposal.evidence)
     shown = ", ".join(labels[:4]) + (", ..." if len(labels) > 4 else "")
     return (
-        f"no marker set knows the labels {shown}; what each marker is can be proposed, and has to be confirmed: "
+        f"no marker set knows the labels {shown}; what each marker is can be proposed, and has to "
+        "be confirmed: "
         f"'gaitcal init {draft.folder.path}' writes the proposal"
     )
 
 
 def study_of(draft: Draft, *, proposed: bool = False) -> Study:
-    """The drafted study with its recordings, without a study file on disk; `proposed`: also where what the labels mean
-    is proposed only.
+    """The drafted study with its recordings, without a study file on disk; `proposed`: also where
+    what the labels mean is proposed only.
 
-    Raises InputError: No study follows from the folder; something is missing; or as of `Study.load`.
+    Raises InputError: No study follows from the folder; something is missing; or as of
+    `Study.load`.
     """
     path = draft.folder.path / STUDY
     if draft.fault:
@@ -337,9 +437,13 @@ def study_of(draft: Draft, *, proposed: bool = False) -> Study:
         written.write_text(draft_text(draft, None), encoding="utf-8")
         file = study_file.load_study_file(written)
     marker_set = marker_set_of(file, path, proposed=True)
-    trials = tuple(study_trial.read_trial(trial, file.markers.rename, marker_set) for trial in file.trials)
+    trials = tuple(
+        study_trial.read_trial(trial, file.markers.rename, marker_set) for trial in file.trials
+    )
     study = Study.assemble(file, marker_set, trials, path)
-    inputs = {name: sha256 for name, sha256 in study.inputs.items() if name != STUDY}  # there is no such file
+    inputs = {
+        name: sha256 for name, sha256 in study.inputs.items() if name != STUDY
+    }  # there is no such file
     return replace(study, files=tuple(f for f in study.files if f != path), inputs=inputs)
 
 
@@ -354,7 +458,10 @@ def marker_set_line(draft: Draft) -> str:
         return ""
     if choice.proposal is not None:
         of = len(choice.proposal.rename) + sum(map(len, choice.proposal.tracking.values()))
-        return f"{LIKELY}no marker set knows the labels; proposed for {of} markers: {choice.proposal.told}"
+        return (
+            f"{LIKELY}no marker set knows the labels; proposed for {of} markers: "
+            f"{choice.proposal.told}"
+        )
     found = choice.explained
     known = f"knows {found.known} of {found.known + len(found.left_over)} labels"
     pairs = [f"{old} = {new}" for old, new in sorted(choice.rename.items())]
@@ -362,7 +469,10 @@ def marker_set_line(draft: Draft) -> str:
     known += f"; renamed: {', '.join(pairs[:MOST_RENAMED])}{more}" if pairs else ""
     if choice.centres:
         known += f"; joint centres, not markers: {', '.join(choice.centres)}"
-    return f"{'' if choice.certain else LIKELY}marker set: {choice.entry}, {known}{left_over_words(choice)}"
+    return (
+        f"{'' if choice.certain else LIKELY}marker set: {choice.entry}, "
+        f"{known}{left_over_words(choice)}"
+    )
 
 
 def doubtful_lines(draft: Draft) -> tuple[str, ...]:
@@ -373,23 +483,38 @@ def doubtful_lines(draft: Draft) -> tuple[str, ...]:
         if not trial.certain:
             out.append(f"{LIKELY}{trial.name} as {role}: {trial.reason}")
         if trial.forces is not None and not trial.forces.certain:
-            out.append(f"{LIKELY}{trial.forces.file.name} as forces of {trial.name}: {trial.forces.reason}")
+            out.append(
+                f"{LIKELY}{trial.forces.file.name} as forces of {trial.name}: {trial.forces.reason}"
+            )
     for field, known in draft.person.items():
         if field != "name" and not known.certain:
             out.append(f"{LIKELY}{_assignment(field, known.value)}: {known.reason}")
     if "sex" not in draft.person and not draft.missing:
-        out.append(f"{LIKELY}sex: no file says it; masses are the mean of women's and men's tables (--sex says which)")
+        out.append(
+            f"{LIKELY}sex: no file says it; masses are the mean of women's and men's tables (--sex "
+            "says which)"
+        )
     if "age_years" not in draft.person and not draft.missing:
-        out.append("age: no file says it; without it no norms of gait and adults' tables of masses (--age says it)")
+        out.append(
+            "age: no file says it; without it no norms of gait and adults' tables of masses (--age "
+            "says it)"
+        )
     further = None if draft.choice is None else draft.choice.further
     if further is not None and further.tracking:
-        words = "; ".join(f"{', '.join(group)} with {segment}" for segment, group in further.tracking.items())
-        out.append(f"{LIKELY}markers that the set does not know follow what they move with: {words}")
+        words = "; ".join(
+            f"{', '.join(group)} with {segment}" for segment, group in further.tracking.items()
+        )
+        out.append(
+            f"{LIKELY}markers that the set does not know follow what they move with: {words}"
+        )
     if further is not None and further.unused:
         by_reason: dict[str, list[str]] = {}
         for label, why in further.unused.items():
             by_reason.setdefault(why, []).append(label)
-        out.append("labels not used: " + "; ".join(f"{', '.join(group)} ({why})" for why, group in by_reason.items()))
+        out.append(
+            "labels not used: "
+            + "; ".join(f"{', '.join(group)} ({why})" for why, group in by_reason.items())
+        )
     return (*out, *(f"not used: {row.name}: {row.reason or row.kind}" for row in draft.left_out))
 
 
@@ -411,7 +536,11 @@ def own_study(folder: Folder) -> Path | None:
 
 def study_files(folder: Path) -> tuple[Path, ...]:
     """The study files in a folder, found without reading its recordings."""
-    return tuple(p for p in sorted(folder.iterdir()) if p.suffix.lower() == ".toml" and p.is_file() and _is_study(p))
+    return tuple(
+        p
+        for p in sorted(folder.iterdir())
+        if p.suffix.lower() == ".toml" and p.is_file() and _is_study(p)
+    )
 
 
 def _is_study(path: Path) -> bool:
@@ -425,6 +554,8 @@ def _is_study(path: Path) -> bool:
 
 def files_of(draft: Draft) -> tuple[Path, ...]:
     """The files that a drafted study reads."""
-    own = [Path(draft.choice.entry)] if draft.choice and draft.choice.entry.endswith(".toml") else []
+    own = (
+        [Path(draft.choice.entry)] if draft.choice and draft.choice.entry.endswith(".toml") else []
+    )
     forces = [trial.forces.file.path for trial in draft.trials if trial.forces]
     return (*(trial.file.path for trial in draft.trials), *forces, *own)

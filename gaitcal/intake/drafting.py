@@ -1,7 +1,8 @@
-"""From a folder as it was read to the study that follows: marker set, session, roles, forces, person.
+"""From a folder as it was read to the study that follows: marker set, session, roles, forces,
+person.
 
-Where none follows: why, in one line and file by file. Trials in which the checks find an error, while others are sound,
-are left out of a drafted study.
+Where none follows: why, in one line and file by file. Trials in which the checks find an error,
+while others are sound, are left out of a drafted study.
 """
 
 from collections.abc import Iterable, Mapping, Sequence
@@ -13,10 +14,24 @@ import numpy as np
 
 from gaitcal.errors import Code, Finding, InputError, Severity
 from gaitcal.intake import recordings_folder as folders
-from gaitcal.intake.choose_marker_set import MOST_MISSING, SetChoice, choices_of, explained, no_set, respelt
+from gaitcal.intake.choose_marker_set import (
+    MOST_MISSING,
+    SetChoice,
+    choices_of,
+    explained,
+    no_set,
+    respelt,
+)
 from gaitcal.intake.draft_file import FIRST_LABELS, Draft, Drafted, Seen, row_of
 from gaitcal.intake.people_in_folder import Sitting, same_recording, sitting_of
-from gaitcal.intake.subject_metadata import Options, figures_in_doubt, mass_fault, person_of, weighed, weighed_walking
+from gaitcal.intake.subject_metadata import (
+    Options,
+    figures_in_doubt,
+    mass_fault,
+    person_of,
+    weighed,
+    weighed_walking,
+)
 from gaitcal.intake.trial_movement import Movement, Shows, movement, standing, unit_fault
 from gaitcal.io.labels import Facts
 from gaitcal.io.recording import Recording
@@ -33,10 +48,16 @@ def several_people(
     files: Sequence[folders.FolderFile], people: Mapping[int, tuple[str, ...]]
 ) -> tuple[str, dict[str, str]]:
     """That files hold the markers of several people, in one line, and file -> of whom."""
-    told = {files[i].name: f"markers of {len(found)} people ({', '.join(found)})" for i, found in people.items()}
+    told = {
+        files[i].name: f"markers of {len(found)} people ({', '.join(found)})"
+        for i, found in people.items()
+    }
     name, words = next(iter(told.items()))
     more = f", and {len(told) - 1} more files too" if len(told) > 1 else ""
-    return f"{words} in one file, {name}{more}: write each person's markers into a file of their own", told
+    return (
+        f"{words} in one file, {name}{more}: write each person's markers into a file of their own",
+        told,
+    )
 
 
 def refused(folder: folders.Folder, fault: str, told: Mapping[str, str]) -> Draft:
@@ -45,12 +66,14 @@ def refused(folder: folders.Folder, fault: str, told: Mapping[str, str]) -> Draf
     return Draft(folder=folder, choice=None, person={}, trials=(), seen=seen, fault=fault)
 
 
-MOST_BELOW = 60  # Recordings in subfolders that are read to see whether they are of one person's session
+MOST_BELOW = (
+    60  # Recordings in subfolders that are read to see whether they are of one person's session
+)
 
 
 def draft_of(folder: folders.Folder, options: Options) -> Draft:
-    """The study of a folder; its subfolders are looked into where it is not whole without them and they are of one
-    person.
+    """The study of a folder; its subfolders are looked into where it is not whole without them and
+    they are of one person.
     """
     draft = draft_study(folder, options)
     below = sum(count for _, count in folder.subfolders)
@@ -68,7 +91,8 @@ def draft_study(folder: folders.Folder, options: Options) -> Draft:
         return refused(folder, folders.nothing_here(folder), {})
     own = [
         (str(f.path), f.marker_set)
-        for f in folder.of_kind(folders.FileKind.MARKER_SET) or folders.marker_sets_above(folder.path)
+        for f in folder.of_kind(folders.FileKind.MARKER_SET)
+        or folders.marker_sets_above(folder.path)
         if f.marker_set is not None
     ]
     choices = choices_of(recordings, own)
@@ -76,7 +100,11 @@ def draft_study(folder: folders.Folder, options: Options) -> Draft:
         try:
             choices = [_proposed(recordings, options)]
         except InputError as fault:
-            return refused(folder, f"{no_set(recordings, own)}; nor do places and movement tell them: {fault}", {})
+            return refused(
+                folder,
+                f"{no_set(recordings, own)}; nor do places and movement tell them: {fault}",
+                {},
+            )
     if choices[0].people:
         return refused(folder, *several_people(files, choices[0].people))
     for choice in choices:
@@ -85,7 +113,10 @@ def draft_study(folder: folders.Folder, options: Options) -> Draft:
         units = {i: wrong for i, r in spelt.items() if (wrong := unit_fault(r, choice.marker_set))}
         sound = {i: r for i, r in spelt.items() if i not in units}
         session = sitting_of(sound, {i: files[i].path.stem for i in sound}, choice.marker_set)
-        if session is not None and (measured := _with_measured(choice, recordings, sound, session)) is not choice:
+        if (
+            session is not None
+            and (measured := _with_measured(choice, recordings, sound, session)) is not choice
+        ):
             choice = measured
             spelt = {i: _spelt(recordings[i], choice) for i in choice.members}
             sound = {i: r for i, r in spelt.items() if i not in units}
@@ -94,7 +125,9 @@ def draft_study(folder: folders.Folder, options: Options) -> Draft:
             session = replace(session, others={**session.others, **units})
             choice = _with_strangers(choice, spelt, session, options)
             draft = _Drafting(folder, files, choice, spelt, session, options).draft()
-            other = _another_person(files, [i for i in range(len(files)) if i not in session.members], own)
+            other = _another_person(
+                files, [i for i in range(len(files)) if i not in session.members], own
+            )
             return replace(draft, problem=other or draft.problem) if draft.moves else draft
     told, parts, scales = {}, [], []
     for i in choices[0].members:
@@ -105,26 +138,46 @@ def draft_study(folder: folders.Folder, options: Options) -> Draft:
         if unit:
             scales.append(f"{files[i].name}: {unit}")
         elif posture is not None:
-            nobody = f"somebody stands from {posture.start:.2f} to {posture.stop:.2f} s, but moves otherwise"
+            nobody = (
+                f"somebody stands from {posture.start:.2f} to {posture.stop:.2f} s, but moves "
+                "otherwise"
+            )
             parts.append(files[i].name)
         told[files[i].name] = f"of marker set {choices[0].entry}; {nobody}"
-    message = "in no recording does the person only stand still, upright, on both feet: a static trial is needed"
+    message = (
+        "in no recording does the person only stand still, upright, on both feet: a static trial "
+        "is needed"
+    )
     if scales:
         message = scales[0] + (f" (and {len(scales) - 1} more)" if len(scales) > 1 else "")
     elif parts:
-        message += f'; in {parts[0]} somebody stands for a part: call the file static, or write role = "static" for it'
+        message += (
+            f"; in {parts[0]} somebody stands for a part: call the file static, or write role = "
+            '"static" for it'
+        )
     return refused(folder, f"{message} (marker set {choices[0].entry})", told)
 
 
 def _proposed(recordings: Sequence[Recording], options: Options) -> SetChoice:
-    """The set "landmarks", labels as places and movement propose them; InputError where they tell too little."""
-    from gaitcal.intake.label_proposal import LANDMARK_SET, propose_labels  # with two libraries that few folders need
+    """The set "landmarks", labels as places and movement propose them; InputError where they tell
+    too little.
+    """
+    from gaitcal.intake.label_proposal import (
+        LANDMARK_SET,
+        propose_labels,
+    )  # with two libraries that few folders need
 
     proposal = propose_labels(recordings, _told_height(recordings, options))
-    marker_set = load_marker_set(LANDMARK_SET).with_further(proposal.tracking).with_weights(proposal.weights)
-    found = explained(marker_set, respelt([label for r in recordings for label in r.labels], proposal.rename))
+    marker_set = (
+        load_marker_set(LANDMARK_SET).with_further(proposal.tracking).with_weights(proposal.weights)
+    )
+    found = explained(
+        marker_set, respelt([label for r in recordings for label in r.labels], proposal.rename)
+    )
     if len(found.missing) > MOST_MISSING:
-        raise InputError(f"no marker lies where these are: {', '.join(found.missing)}", code=Code.LANDMARKS)
+        raise InputError(
+            f"no marker lies where these are: {', '.join(found.missing)}", code=Code.LANDMARKS
+        )
     return SetChoice(
         marker_set=marker_set,
         entry=LANDMARK_SET,
@@ -141,25 +194,45 @@ def _told_height(recordings: Iterable[Recording], options: Options) -> float | N
 
 
 def _with_measured(
-    choice: SetChoice, recordings: Sequence[Recording], spelt: Mapping[int, Recording], session: Sitting
+    choice: SetChoice,
+    recordings: Sequence[Recording],
+    spelt: Mapping[int, Recording],
+    session: Sitting,
 ) -> SetChoice:
     """The set with measured markers where files name joint centres as it names lateral markers."""
     static = session.statics[0]
     moving = [spelt[i] for i in session.members if i != static]
-    known = choice.proposal is not None or not choice.explained.left_over or choice.marker_set.noise is not None
+    known = (
+        choice.proposal is not None
+        or not choice.explained.left_over
+        or choice.marker_set.noise is not None
+    )
     if known or not (found := measured_instead(spelt[static], moving, choice.marker_set)):
         return choice
-    pairs = {pair for i in choice.members for pair in zip(recordings[i].labels, spelt[i].labels, strict=True)}
+    pairs = {
+        pair
+        for i in choice.members
+        for pair in zip(recordings[i].labels, spelt[i].labels, strict=True)
+    }
     centres = {old: new for old, new in pairs if new in found}
     rename = {old: new for old, new in choice.rename.items() if old not in centres}
     rename |= {old: f"{old}{CENTRE}" for old, new in centres.items() if old == new}
     rename |= {other: label for label, other in found.items()}
     labels = respelt([m for i in choice.members for m in recordings[i].labels], rename)
-    return replace(choice, rename=rename, centres=tuple(centres), explained=explained(choice.marker_set, labels))
+    return replace(
+        choice,
+        rename=rename,
+        centres=tuple(centres),
+        explained=explained(choice.marker_set, labels),
+    )
 
 
-def _with_strangers(choice: SetChoice, spelt: Mapping[int, Recording], session: Sitting, options: Options) -> SetChoice:
-    """The set with markers that it does not know on the segments that they move with, where that can be told."""
+def _with_strangers(
+    choice: SetChoice, spelt: Mapping[int, Recording], session: Sitting, options: Options
+) -> SetChoice:
+    """The set with markers that it does not know on the segments that they move with, where that
+    can be told.
+    """
     if choice.proposal is not None or not choice.explained.left_over:
         return choice
     from gaitcal.intake.label_proposal import place_strangers
@@ -167,12 +240,23 @@ def _with_strangers(choice: SetChoice, spelt: Mapping[int, Recording], session: 
     static = session.statics[0]
     moving = [spelt[i] for i in session.members if i != static]
     marker_set, rods = choice.marker_set, choice.marker_set.knee_device
-    known = {m: SEGMENT_OF[n] for n in marker_set.landmarks for group in marker_set.options(n) for m in group}
-    known |= {m: marker_set.segment_of[label] for label, parts in rods.items() for m in parts} | marker_set.segment_of
+    known = {
+        m: SEGMENT_OF[n]
+        for n in marker_set.landmarks
+        for group in marker_set.options(n)
+        for m in group
+    }
+    known |= {
+        m: marker_set.segment_of[label] for label, parts in rods.items() for m in parts
+    } | marker_set.segment_of
     given = marker_set.coverage([m for r in spelt.values() for m in r.labels]).landmarks
-    lacking = [n for n in marker_set.landmarks if n not in given and SEGMENT_OF[n] in linkage.LOWER_BODY]
+    lacking = [
+        n for n in marker_set.landmarks if n not in given and SEGMENT_OF[n] in linkage.LOWER_BODY
+    ]
     try:
-        found = place_strangers(spelt[static], moving, known, lacking, _told_height(spelt.values(), options))
+        found = place_strangers(
+            spelt[static], moving, known, lacking, _told_height(spelt.values(), options)
+        )
     except InputError:
         return choice
     labels = respelt([label for r in spelt.values() for label in r.labels], choice.rename)
@@ -183,7 +267,9 @@ def _with_strangers(choice: SetChoice, spelt: Mapping[int, Recording], session: 
 def _another_person(
     files: Sequence[folders.FolderFile], rest: Sequence[int], own: Sequence[tuple[str, MarkerSet]]
 ) -> str:
-    """That recordings which are left over show a whole session of their own; empty where they do not."""
+    """That recordings which are left over show a whole session of their own; empty where they do
+    not.
+    """
     found = {i: recording for i in rest if (recording := files[i].recording) is not None}
     for choice in choices_of(list(found.values()), own):
         numbers = [list(found)[k] for k in choice.members]
@@ -192,11 +278,15 @@ def _another_person(
         if session is None:
             continue
         reference = session.postures[session.statics[0]].stance
-        shown = (movement(spelt[i], session.worn, session.postures.get(i), reference) for i in session.members)
+        shown = (
+            movement(spelt[i], session.worn, session.postures.get(i), reference)
+            for i in session.members
+        )
         if any(found.shows in (Shows.WALKS, Shows.ONE_JOINT, Shows.MOVES) for found in shown):
             names = ", ".join(files[i].name for i in session.members)
             return (
-                f"two people, or two sessions, lie in one folder; {names} are the other one, static trial "
+                f"two people, or two sessions, lie in one folder; {names} are the other one, "
+                "static trial "
                 f"{files[session.statics[0]].name}: put each into a folder of its own"
             )
     return ""
@@ -204,12 +294,16 @@ def _another_person(
 
 def _spelt(recording: Recording, choice: SetChoice) -> Recording:
     """A recording with the labels of the set."""
-    return choice.marker_set.renamed(replace(recording, labels=respelt(recording.labels, choice.rename)))
+    return choice.marker_set.renamed(
+        replace(recording, labels=respelt(recording.labels, choice.rename))
+    )
 
 
 @dataclass(frozen=True)
 class _Drafting:
-    """What a draft is made of, once marker set and static trial are found; recordings by their number."""
+    """What a draft is made of, once marker set and static trial are found; recordings by their
+    number.
+    """
 
     folder: folders.Folder
     files: tuple[folders.FolderFile, ...]
@@ -222,15 +316,25 @@ class _Drafting:
         """Roles, forces and person."""
         session = self.session
         reference = session.postures[session.statics[0]].stance
-        moves = {i: movement(self.spelt[i], session.worn, session.postures.get(i), reference) for i in session.members}
-        # of what does not only stand, the first static trial is one that is declared so, of which a part stands
-        statics = [i for i in session.statics if moves[i].shows is Shows.STANDS or i == session.statics[0]]
+        moves = {
+            i: movement(self.spelt[i], session.worn, session.postures.get(i), reference)
+            for i in session.members
+        }
+        # of what does not only stand, the first static trial is one that is declared so, of which a
+        # part stands
+        statics = [
+            i for i in session.statics if moves[i].shows is Shows.STANDS or i == session.statics[0]
+        ]
         out = dict(session.others) | {
             i: f"the same recording as {self.files[j].name}" for i, j in self._copies(statics)
         }
         statics = self._with_model([i for i in statics if i not in out])
         # segment poses make a standing posture of any movement, which is a trial beside it
-        made = [i for i in statics[:1] if holds_poses(self.spelt[i].labels) and moves[i].shows is not Shows.STANDS]
+        made = [
+            i
+            for i in statics[:1]
+            if holds_poses(self.spelt[i].labels) and moves[i].shows is not Shows.STANDS
+        ]
         statics = [i for i in statics if i not in made]
         roles: dict[int, tuple[str, str]] = dict.fromkeys(statics, ("static", ""))
         for i, found in moves.items():
@@ -243,16 +347,23 @@ class _Drafting:
             elif found.shows is Shows.MOVES:
                 roles[i] = ("motion", "")
             else:
-                out[i] = f"{found.shows.value}: {found.evidence}; neither standing nor moving the body or one joint"
+                out[i] = (
+                    f"{found.shows.value}: {found.evidence}; neither standing nor moving the body "
+                    "or one joint"
+                )
         walks = {
             i: (self.files[i].path.stem, self.spelt[i])
             for i, (role, _) in roles.items()
             if role in ("gait", "motion") and not self.spelt[i].plates
         }
         forces, unpaired = folders.pair_forces(walks, self.choice.marker_set, self.folder.files)
-        order = sorted(roles, key=lambda i: (_ORDER[roles[i][0]], statics.index(i) if i in statics else 0, i))
+        order = sorted(
+            roles, key=lambda i: (_ORDER[roles[i][0]], statics.index(i) if i in statics else 0, i)
+        )
         stems = [self.files[i].path.stem for i in order]
-        first, *names = folders.trial_names([f"{self.files[i].path.stem}_upright" for i in made] + stems)
+        first, *names = folders.trial_names(
+            [f"{self.files[i].path.stem}_upright" for i in made] + stems
+        )
         names = names if made else [first, *names]
         upright = tuple(
             Drafted(
@@ -274,9 +385,17 @@ class _Drafting:
         facts = self._facts([*statics, *(i for i in order if i not in statics)])
         tall = body_plan.likely_height(session.postures[(made or statics)[0]].landmarks)
         on_plates = {i: self.spelt[i].plates for i, (role, _) in roles.items() if role == "gait"}
-        on_plates |= {i: choice.file.forces.plates for i, choice in forces.items() if choice.file.forces}
-        strides = {self.files[i].name: kg for i, of in on_plates.items() if (kg := weighed_walking(of)) is not None}
-        walking = (", ".join(strides), float(np.median(list(strides.values())))) if strides else None
+        on_plates |= {
+            i: choice.file.forces.plates for i, choice in forces.items() if choice.file.forces
+        }
+        strides = {
+            self.files[i].name: kg
+            for i, of in on_plates.items()
+            if (kg := weighed_walking(of)) is not None
+        }
+        walking = (
+            (", ".join(strides), float(np.median(list(strides.values())))) if strides else None
+        )
         person = person_of(self.folder.name, self.options, facts, plates, tall, walking)
         moving = any(trial.role != "static" for trial in trials)
         number = {file.name: i for i, file in enumerate(self.files)}
@@ -294,7 +413,9 @@ class _Drafting:
             trials=trials,
             seen=seen,
             strangers=bool(session.others),
-            problem=mass_fault(person, self.options, plates) if moving else self._nothing_moves(out),
+            problem=mass_fault(person, self.options, plates)
+            if moving
+            else self._nothing_moves(out),
             doubts=figures_in_doubt(facts),
         )
 
@@ -306,7 +427,9 @@ class _Drafting:
         return "; ".join([used, *why[:2]]) + more
 
     def _copies(self, statics: Sequence[int]) -> list[tuple[int, int]]:
-        """Recordings that are another one again, and which; the one with plates is kept, then the longest."""
+        """Recordings that are another one again, and which; the one with plates is kept, then the
+        longest.
+        """
 
         def worth(i: int) -> tuple[object, ...]:
             recording = self.spelt[i]
@@ -325,7 +448,9 @@ class _Drafting:
         return copies
 
     def _with_model(self, statics: list[int]) -> list[int]:
-        """Static trials, one that gives a model by itself first; where none does, the study's other trials may help."""
+        """Static trials, one that gives a model by itself first; where none does, the study's other
+        trials may help.
+        """
         person = person_of("", self.options, self._facts(statics), None)
         if len(statics) < 2 or "height_m" not in person:
             return statics
@@ -364,20 +489,38 @@ class _Drafting:
             certain = posture.throughout
             if not certain:
                 reason = (
-                    f"the file is called static, and from {posture.start:.2f} to {posture.stop:.2f} s somebody stands"
+                    f"the file is called static, and from {posture.start:.2f} to "
+                    f"{posture.stop:.2f} s somebody stands"
                 )
             elif len(statics) > 1:
-                reason += "; the best static trial" if i == statics[0] else "; has to agree with the first"
+                reason += (
+                    "; the best static trial"
+                    if i == statics[0]
+                    else "; has to agree with the first"
+                )
             if extra := self.session.only_standing.get(i, ()):
-                reason += f"; has {', '.join(extra[:4])}{', ...' if len(extra) > 4 else ''}, worn for standing only"
+                reason += (
+                    f"; has {', '.join(extra[:4])}{', ...' if len(extra) > 4 else ''}, worn for "
+                    "standing only"
+                )
         elif said := folders.name_contradicts(self.files[i].path.stem, role):
             reason, certain = f"{reason}; {said}", False
         return Drafted(
-            name=name, role=role[0], joint=role[1], file=self.files[i], forces=forces, reason=reason, certain=certain
+            name=name,
+            role=role[0],
+            joint=role[1],
+            file=self.files[i],
+            forces=forces,
+            reason=reason,
+            certain=certain,
         )
 
     def _recording_row(
-        self, i: int, roles: Mapping[int, tuple[str, str]], out: Mapping[int, str], moves: Mapping[int, Movement]
+        self,
+        i: int,
+        roles: Mapping[int, tuple[str, str]],
+        out: Mapping[int, str],
+        moves: Mapping[int, Movement],
     ) -> Seen:
         file, choice = self.files[i], self.choice
         labels = file.recording.labels if file.recording is not None else ()
@@ -385,17 +528,27 @@ class _Drafting:
         counts = f"{found.known} of {len(labels)} known"
         if i not in self.spelt:
             more = " ..." if len(labels) > FIRST_LABELS else ""
-            reason = f"not of marker set {choice.entry}: has {' '.join(labels[:FIRST_LABELS])}{more}"
+            reason = (
+                f"not of marker set {choice.entry}: has {' '.join(labels[:FIRST_LABELS])}{more}"
+            )
             return row_of(file, labels=counts, reason=reason)
         shows, evidence = (moves[i].shows.value, moves[i].evidence) if i in moves else ("", "")
         used = " ".join(filter(None, roles.get(i, ())))
-        return row_of(file, labels=counts, shows=shows, used=used, reason=out.get(i, "") or evidence)
+        return row_of(
+            file, labels=counts, shows=shows, used=used, reason=out.get(i, "") or evidence
+        )
 
-    def _other_row(self, file: folders.FolderFile, owner: Mapping[str, str], unpaired: Mapping[str, str]) -> Seen:
-        """A row of a file that is no recording; `owner`: table of forces -> recording, `unpaired`: -> why none."""
+    def _other_row(
+        self, file: folders.FolderFile, owner: Mapping[str, str], unpaired: Mapping[str, str]
+    ) -> Seen:
+        """A row of a file that is no recording; `owner`: table of forces -> recording, `unpaired`:
+        -> why none.
+        """
         if file.forces is not None:
             used = f"forces of {owner[file.name]}" if file.name in owner else ""
-            return row_of(file, used=used, reason="" if used else unpaired.get(file.name, "no walk needs it"))
+            return row_of(
+                file, used=used, reason="" if used else unpaired.get(file.name, "no walk needs it")
+            )
         if file.kind is folders.FileKind.EXTERNAL_LOADS:
             table = PureWindowsPath(file.names).name  # takes / and \ alike
             if any(PureWindowsPath(name).name == table for name in owner):
@@ -403,14 +556,25 @@ class _Drafting:
             return row_of(file, reason=f"names {table}, which is not used")
         if file.kind is folders.FileKind.MARKER_SET:
             chosen = str(file.path) == self.choice.entry
-            return row_of(file, used="marker set" * chosen, reason="" if chosen else "another set knows more labels")
+            return row_of(
+                file,
+                used="marker set" * chosen,
+                reason="" if chosen else "another set knows more labels",
+            )
         if file.kind is folders.FileKind.CORNERS:
             return row_of(file, used="corners of the plates in the table of forces beside it")
         if file.kind is folders.FileKind.FACTS:
-            return row_of(file, used="what the file of the recording beside it said of person and events")
+            return row_of(
+                file, used="what the file of the recording beside it said of person and events"
+            )
         if file.kind is folders.FileKind.EVENTS:
             return row_of(file, used="foot events of the recordings that it names")
-        return row_of(file, reason="a study file; it is not looked into" if file.kind is folders.FileKind.STUDY else "")
+        return row_of(
+            file,
+            reason="a study file; it is not looked into"
+            if file.kind is folders.FileKind.STUDY
+            else "",
+        )
 
 
 _ORDER = {"static": 0, "joint": 1, "gait": 2, "motion": 3}
@@ -419,16 +583,20 @@ _ORDER = {"static": 0, "joint": 1, "gait": 2, "motion": 3}
 def without_faulty_trials(
     study: Study, findings: tuple[Finding, ...]
 ) -> tuple[Study, tuple[Finding, ...], dict[str, str]]:
-    """The study without trials that an error speaks against, what the checks find then, and trial -> error.
+    """The study without trials that an error speaks against, what the checks find then, and trial
+    -> error.
 
-    Nothing is left out where the first static trial, or the study as a whole, is at fault, or where no trial of a kind
-    (walks, or isolated trials without walks) would be left. A folder holds what was recorded, bad takes too; of a study
-    file a trial is left out where its errors would stop the others.
+    Nothing is left out where the first static trial, or the study as a whole, is at fault, or where
+    no trial of a kind (walks, or isolated trials without walks) would be left. A folder holds what
+    was recorded, bad takes too; of a study file a trial is left out where its errors would stop the
+    others.
     """
     faulty: dict[str, str] = {}
     for f in findings:
         if f.severity is Severity.ERROR:
-            faulty.setdefault(f.where, f"{f.topic}: {f.evidence}" + (f"; {f.cure}" if f.cure else ""))
+            faulty.setdefault(
+                f.where, f"{f.topic}: {f.evidence}" + (f"; {f.cure}" if f.cure else "")
+            )
     names = {trial.name for trial in study.trials}
     whole = set(study.walks) or {trial.name for trial in study.moving}
     sound = not whole <= set(faulty)
@@ -452,8 +620,18 @@ def rejected_forces(draft: Draft) -> tuple[Finding, ...]:
         partner = folders.partner_of(tables[row.name], draft.folder.files)
         if partner is not None and partner.path.stem not in walks:
             continue
-        trial = walks.get(max(walks, key=lambda name: folders.names_alike(name, PurePath(row.name).stem), default=""))
-        if trial is None or trial.forces is not None or (trial.file.recording and trial.file.recording.plates):
+        trial = walks.get(
+            max(
+                walks,
+                key=lambda name: folders.names_alike(name, PurePath(row.name).stem),
+                default="",
+            )
+        )
+        if (
+            trial is None
+            or trial.forces is not None
+            or (trial.file.recording and trial.file.recording.plates)
+        ):
             continue
         warning = Finding(
             severity=Severity.WARNING,
@@ -461,7 +639,8 @@ def rejected_forces(draft: Draft) -> tuple[Finding, ...]:
             where=trial.name,
             found=f"{row.name} is not used: {row.reason}",
             cause="no forces, no torques",
-            cure="find the forces of this walk; or take the table out of the folder, if angles are wanted",
+            cure="find the forces of this walk; or take the table out of the folder, if angles are "
+            "wanted",
             code=Code.FORCES_NOT_USED,
         )
         out.append(warning)

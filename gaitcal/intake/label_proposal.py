@@ -1,4 +1,5 @@
-"""What markers are whose labels say nothing: which landmark each may be, else which segment it moves with; to be asked.
+"""What markers are whose labels say nothing: which landmark each may be, else which segment it
+moves with; to be asked.
 
 One recording stands, the others move. Height, heading and posture of the arms are tried in turn
 (`place_markers`); the likeliest is kept, unless the opposite heading is nearly as likely.
@@ -21,26 +22,43 @@ from gaitcal.quality.named_joint_centres import MEASURED_M, computed_of_pair
 
 LANDMARK_SET = "landmarks"
 BOTH_FEET = 0.5
-"""How far both feet must say the same of the way forward to be believed without asking where feet and pelvis point."""
-BEYOND_DOUBT = 4.6  # Log of the odds, 100 to 1, from which left and right, or a segment, are told without a doubt
+"""How far both feet must say the same of the way forward to be believed without asking where feet
+and pelvis point.
+"""
+# Log of the odds, 100 to 1, from which left and right, or a segment, are told without a doubt
+BEYOND_DOUBT = 4.6
 ONE_IN_20, ONE_IN_100 = 7.81, 11.34
-"""Chi-squared of three, which one landmark in so many exceeds: of one in a hundred a person is asked."""
+"""Chi-squared of three, which one landmark in so many exceeds: of one in a hundred a person is
+asked.
+"""
 FLOOR_M = 0.02  # Of the lowest marker over the floor
 TALL, STEP, STEPS = 1.03, 1.06, 12
-"""Heights that are tried: the highest marker's, as if it were over the head, and so on to where it is on the pelvis."""
+"""Heights that are tried: the highest marker's, as if it were over the head, and so on to where it
+is on the pelvis.
+"""
 NEAREST = 5
 LIKELIEST = 3  # Of these heights, where one is told
-HEIGHT_TOLD = 0.03  # Standard deviation of a height that is told, as a share, against that by which markers fit best
+# Standard deviation of a height that is told, as a share, against that by which markers fit best
+HEIGHT_TOLD = 0.03
 FEWEST_MARKERS = 10
 WALKS_M, RESTS_M = 0.1, 0.01
-"""RMS distance from their mean place of markers on feet that walk, on a treadmill, too, and of those in the room."""
-WITH_ANOTHER = 0.75  # Share of the markers that another one is on a segment with: all but some wrist, elbow or shoulder
+"""RMS distance from their mean place of markers on feet that walk, on a treadmill, too, and of
+those in the room.
+"""
+# Share of the markers that another one is on a segment with: all but some wrist, elbow or shoulder
+WITH_ANOTHER = 0.75
 ALONE = 0.09
-"""Half as far from the middle as a posterior superior iliac spine, as a share of the distance of the anterior ones."""
+"""Half as far from the middle as a posterior superior iliac spine, as a share of the distance of
+the anterior ones.
+"""
 GLIDING, CLUSTER = ("knee_", "toe_"), 3
-"""Landmarks over which skin glides, or that bend, and of how many other markers a segment needs to do without them."""
+"""Landmarks over which skin glides, or that bend, and of how many other markers a segment needs to
+do without them.
+"""
 KNEE, KNEE_SPREAD = 0.27, 0.08
-"""Height of the knee, and how far a device's markers may be above or below, as shares of the body's."""
+"""Height of the knee, and how far a device's markers may be above or below, as shares of the
+body's.
+"""
 DEVICE = ("knee_axis", "knee_device_2", "knee_device_3")
 
 
@@ -49,19 +67,22 @@ class LabelProposal:
     """What each label may mean."""
 
     rename: Mapping[str, str]  # Label -> landmark, as the marker set "landmarks" names it
-    tracking: Mapping[str, tuple[str, ...]]  # Segment -> labels of the other markers that move with it
+    tracking: Mapping[
+        str, tuple[str, ...]
+    ]  # Segment -> labels of the other markers that move with it
     weights: Mapping[str, float]  # Label, of a landmark its name -> 0: shown only
     evidence: Mapping[str, str]  # Label -> by what it was told, in words
     unused: Mapping[str, str]  # Label -> why it is nowhere
     asked: frozenset[str] = frozenset()
-    """Labels of `rename` that lie where few markers of that landmark do, or that no trial shows moving and that may be
-    of another segment: not named so unless a person says it.
+    """Labels of `rename` that lie where few markers of that landmark do, or that no trial shows
+    moving and that may be of another segment: not named so unless a person says it.
     """
     told: str  # By what height and heading were told, in words
 
 
 def propose_labels(recordings: Sequence[Recording], height: float | None = None) -> LabelProposal:
-    """What the labels of recordings mean that all name the same markers; `height` in m, where somebody tells it.
+    """What the labels of recordings mean that all name the same markers; `height` in m, where
+    somebody tells it.
 
     InputError where nobody stands still, or where it cannot be told which way the person faces.
     """
@@ -71,18 +92,23 @@ def propose_labels(recordings: Sequence[Recording], height: float | None = None)
     rows = np.isfinite(scatter).any(axis=1)
     if (
         rows.any()
-        and (share := float((unnamed_markers.on_one_segment(scatter)[rows] > 0).any(axis=1).mean())) < WITH_ANOTHER
+        and (share := float((unnamed_markers.on_one_segment(scatter)[rows] > 0).any(axis=1).mean()))
+        < WITH_ANOTHER
     ):
         raise InputError(
-            f"{100 * share:.0f} % of the labels keep their distance from another one in all recordings, as markers of "
-            f"one segment do; {100 * WITH_ANOTHER:.0f} % or more are needed: a label has to name the same marker "
+            f"{100 * share:.0f} % of the labels keep their distance from another one in all "
+            "recordings, as markers of "
+            f"one segment do; {100 * WITH_ANOTHER:.0f} % or more are needed: a label has to name "
+            "the same marker "
             "in all files",
             code=Code.LANDMARKS,
         )
     forward = unnamed_markers.forward_direction(moving, points[seen], [every[i] for i in seen])
     placed, view, told = _likeliest(*_of(seen, points, scatter), forward, height)
     still_only = [every[i] for i in seen if not np.isfinite(scatter[i]).any()]
-    devices = _devices(standing, still_only, view.origin[1] + KNEE * placed.height, KNEE_SPREAD * placed.height)
+    devices = _devices(
+        standing, still_only, view.origin[1] + KNEE * placed.height, KNEE_SPREAD * placed.height
+    )
     on_device = {label for parts in devices for label in parts}
     if on_device:
         seen = [i for i in seen if every[i] not in on_device]
@@ -90,8 +116,14 @@ def propose_labels(recordings: Sequence[Recording], height: float | None = None)
     placed = _with_whole_arms(placed, view, *_of(seen, points, scatter))
     labels = [every[i] for i in seen]
     found = _read_off(labels, placed, scatter[np.ix_(seen, seen)])
-    odd = dict(zip(labels, unnamed_markers.out_of_place(view.of(points[seen]), placed), strict=True))
-    unsure = {m for m, ahead in zip(labels, placed.ahead, strict=True) if m in still_only and ahead < BEYOND_DOUBT}
+    odd = dict(
+        zip(labels, unnamed_markers.out_of_place(view.of(points[seen]), placed), strict=True)
+    )
+    unsure = {
+        m
+        for m, ahead in zip(labels, placed.ahead, strict=True)
+        if m in still_only and ahead < BEYOND_DOUBT
+    }
     segment = {m: placed.body.segments[p] for m, p in zip(labels, placed.places, strict=True)}
     found = _sacral(found, {label: points[i] for i, label in enumerate(every)})
     out = {label: float(view.of(points[[every.index(label)]])[0, 2]) for label in on_device}
@@ -100,15 +132,25 @@ def propose_labels(recordings: Sequence[Recording], height: float | None = None)
         outwards = sorted(parts, key=lambda label: -abs(out[label]))
         side = SIDES[0] if out[outwards[0]] > 0 else SIDES[1]
         rods |= {label: f"{part}_{side}" for label, part in zip(outwards, DEVICE, strict=True)}
-    words = dict.fromkeys(rods, "at the knee, as far from two others as the markers of a knee alignment device are")
+    words = dict.fromkeys(
+        rods, "at the knee, as far from two others as the markers of a knee alignment device are"
+    )
     known = {every[i] for i in seen} | on_device
     return LabelProposal(
         rename={**found.rename, **rods},
         tracking=found.tracking,
         weights=found.weights,
         evidence={**found.evidence, **words},
-        unused={**found.unused, **why, **{m: "never seen with the others" for m in every if m not in known}},
-        asked=frozenset(m for m in found.rename if m in unsure or (odd[m] > ONE_IN_100 and segment[m] in LOWER_BODY)),
+        unused={
+            **found.unused,
+            **why,
+            **{m: "never seen with the others" for m in every if m not in known},
+        },
+        asked=frozenset(
+            m
+            for m in found.rename
+            if m in unsure or (odd[m] > ONE_IN_100 and segment[m] in LOWER_BODY)
+        ),
         told=f"{told}; {PureWindowsPath(standing.source).name} stands",
     )
 
@@ -120,34 +162,55 @@ def place_strangers(
     lacking: Sequence[str] = (),
     height: float | None = None,
 ) -> LabelProposal:
-    """Which segments the labels move with that a set does not know; `segment_of`: label that it knows -> segment.
+    """Which segments the labels move with that a set does not know; `segment_of`: label that it
+    knows -> segment.
 
-    Of each landmark in `lacking`, which nothing gives, the label is told that lies there: only a person names it so.
-    InputError as of `propose_labels`.
+    Of each landmark in `lacking`, which nothing gives, the label is told that lies there: only a
+    person names it so. InputError as of `propose_labels`.
     """
     every, scatter, points, seen, why = _seen(standing, moving, segment_of)
-    at = {m: place for m, place in zip(every, points, strict=True) if m not in segment_of and np.isfinite(place).all()}
-    why |= {m: "in no trial that moves" for m, row in zip(every, scatter, strict=True) if not np.isfinite(row).any()}
+    at = {
+        m: place
+        for m, place in zip(every, points, strict=True)
+        if m not in segment_of and np.isfinite(place).all()
+    }
+    why |= {
+        m: "in no trial that moves"
+        for m, row in zip(every, scatter, strict=True)
+        if not np.isfinite(row).any()
+    }
     seen = [i for i in seen if every[i] in segment_of or every[i] not in why]
     labels, body = [every[i] for i in seen], unnamed_markers.standing_bodies()[0]
     points, beside = _of(seen, points, scatter)
     segments, scatter = np.array(body.segments), scatter[np.ix_(seen, seen)]
     own = [segment_of.get(label) for label in labels]
-    allowed = np.array([~body.landmark if segment is None else segments == segment for segment in own])
+    allowed = np.array(
+        [~body.landmark if segment is None else segments == segment for segment in own]
+    )
     known = [k for k, segment in enumerate(own) if segment is not None]
     forward = unnamed_markers.forward_direction(moving, points[known], [labels[k] for k in known])
     placed, view, told = _likeliest(points, replace(beside, allowed=allowed), forward, height)
     found = _read_off(labels, placed, scatter)
     lies = _lying_at(lacking, at, view, points[known], replace(placed, places=placed.places[known]))
     near_two = {m for m, ahead in zip(labels, placed.ahead, strict=True) if ahead < BEYOND_DOUBT}
-    why |= dict.fromkeys(sorted(near_two), "moves with two segments about as well") | dict(found.unused)
+    why |= dict.fromkeys(sorted(near_two), "moves with two segments about as well") | dict(
+        found.unused
+    )
     why |= {m: "never seen with the others" for m in every if m not in labels and m not in why}
     place = segments[placed.places]
     same = beside.known & (place[:, None] == place)
-    loose = {m for m, t, mates in zip(labels, beside.moves, same, strict=True) if mates.any() and t[mates].mean() < 0}
-    why |= dict.fromkeys(sorted(loose - near_two), "does not keep its distance from the segment on which it stands")
+    loose = {
+        m
+        for m, t, mates in zip(labels, beside.moves, same, strict=True)
+        if mates.any() and t[mates].mean() < 0
+    }
+    why |= dict.fromkeys(
+        sorted(loose - near_two), "does not keep its distance from the segment on which it stands"
+    )
     alone = {m for s, group in found.tracking.items() if s not in own for m in group}
-    why |= dict.fromkeys(sorted(alone - near_two - loose), "on a segment of which the set knows no marker")
+    why |= dict.fromkeys(
+        sorted(alone - near_two - loose), "on a segment of which the set knows no marker"
+    )
     out = {*segment_of, *near_two, *loose, *alone}
     apart = {s: tuple(m for m in group if m not in out) for s, group in found.tracking.items()}
     tracking = {segment: group for segment, group in apart.items() if group}
@@ -157,22 +220,33 @@ def place_strangers(
         tracking=tracking,
         weights={label: weight for label, weight in found.weights.items() if label in kept},
         evidence={label: found.evidence[label] + lies.get(label, "") for label in kept},
-        unused={label: words + lies.get(label, "") for label, words in why.items() if label not in segment_of},
+        unused={
+            label: words + lies.get(label, "")
+            for label, words in why.items()
+            if label not in segment_of
+        },
         told=told,
     )
 
 
 def _lying_at(
-    lacking: Sequence[str], at: Mapping[str, Array], view: "_View", points: Array, placed: unnamed_markers.Placed
+    lacking: Sequence[str],
+    at: Mapping[str, Array],
+    view: "_View",
+    points: Array,
+    placed: unnamed_markers.Placed,
 ) -> dict[str, str]:
-    """Label -> at which landmark it lies, in words: of each that lacks the nearest one, (3,) m in `at`, if 19 in 20 are
-    as near to where the markers that stand at `points` put it.
+    """Label -> at which landmark it lies, in words: of each that lacks the nearest one, (3,) m in
+    `at`, if 19 in 20 are as near to where the markers that stand at `points` put it.
     """
     out = {}
     for name in (name for name in lacking if name in placed.body.labels):
         places = np.append(placed.places, placed.body.labels.index(name))
         with_one = replace(placed, places=places)
-        away = {m: unnamed_markers.out_of_place(view.of(np.vstack([points, p])), with_one)[-1] for m, p in at.items()}
+        away = {
+            m: unnamed_markers.out_of_place(view.of(np.vstack([points, p])), with_one)[-1]
+            for m, p in at.items()
+        }
         nearest = min(away, key=away.__getitem__, default="")
         if nearest and away[nearest] < ONE_IN_20:
             out[nearest] = f"; lies where {name} does: rename it, if it is"
@@ -182,33 +256,41 @@ def _lying_at(
 def _seen(
     standing: Recording, moving: Sequence[Recording], named: Collection[str] = ()
 ) -> tuple[list[str], Array, Array, list[int], dict[str, str]]:
-    """All labels of markers, (n, n) m scatter of their distances, (n, 3) m where they stand, the numbers of those seen,
-    and label -> why it is no marker on a person, of which nothing else is said; those `named` are.
+    """All labels of markers, (n, n) m scatter of their distances, (n, 3) m where they stand, the
+    numbers of those seen, and label -> why it is no marker on a person, of which nothing else is
+    said; those `named` are.
     """
     why = _resting(standing, moving)
     every = list(dict.fromkeys(m for r in (standing, *moving) for m in r.labels if m not in why))
-    why |= {m: "another path under the name of a marker" for m in every if m.rpartition("#")[0] in named}
+    why |= {
+        m: "another path under the name of a marker" for m in every if m.rpartition("#")[0] in named
+    }
     every = [m for m in every if m not in why]
     scatter = unnamed_markers.distance_scatter(moving, every)
     words = "keeps its distance from another one better than markers do: computed"
     markers = np.array([not named or m in named for m in every])
     standing_at = unnamed_markers.standing_points(standing, every)
-    why |= {every[i]: words for i in _computed(scatter, markers, standing_at) if every[i] not in named}
+    why |= {
+        every[i]: words for i in _computed(scatter, markers, standing_at) if every[i] not in named
+    }
     standing_at = standing_at[[m not in why for m in every]]
     every = [m for m in every if m not in why]
     scatter = unnamed_markers.distance_scatter(moving, every, standing_at)
     points = unnamed_markers.with_missing(standing_at, every, moving, scatter)
     seen = [i for i in range(len(every)) if np.isfinite(points[i]).all()]
     if len(seen) < FEWEST_MARKERS:
-        message = f"{len(seen)} markers are seen while somebody stands; {FEWEST_MARKERS} or more are needed"
+        message = (
+            f"{len(seen)} markers are seen while somebody stands; {FEWEST_MARKERS} or more are "
+            "needed"
+        )
         raise InputError(message, code=Code.LANDMARKS)
     return every, scatter, points, seen, why
 
 
 def _computed(scatter: Array, markers: BoolArray, points: Array) -> list[int]:
-    """Numbers of the points that keep their distance from another one as no two markers do, of a pair of them that
-    stand at `points` (n, 3) m those that `computed_of_pair` says; none where most of the points do that are held for
-    `markers` (n,), as those of a made-up person.
+    """Numbers of the points that keep their distance from another one as no two markers do, of a
+    pair of them that stand at `points` (n, 3) m those that `computed_of_pair` says; none where most
+    of the points do that are held for `markers` (n,), as those of a made-up person.
     """
     apart = np.where(np.isfinite(scatter), scatter, np.inf)
     np.fill_diagonal(apart, np.inf)
@@ -231,42 +313,76 @@ def _sway(recording: Recording) -> float:
 
 
 def _resting(standing: Recording, moving: Sequence[Recording]) -> dict[str, str]:
-    """Label of what is not on the person -> why: it stays where the lowest quarter of the markers walks, and is at the
-    same place in all recordings, as no foot is that is seen while it stands.
+    """Label of what is not on the person -> why: it stays where the lowest quarter of the markers
+    walks, and is at the same place in all recordings, as no foot is that is seen while it stands.
     """
     found: set[str] = set()
     places: dict[str, list[Array]] = {}
     for recording in (standing, *moving):
-        away, markers = _sways(recording), dict(zip(recording.labels, recording.markers.swapaxes(0, 1), strict=True))
+        away, markers = (
+            _sways(recording),
+            dict(zip(recording.labels, recording.markers.swapaxes(0, 1), strict=True)),
+        )
         for label in away:
             places.setdefault(label, []).append(np.nanmean(markers[label], axis=0))
         low = sorted((places[m][-1][1], m) for m in away)
-        if away and recording is not standing and np.median([away[m] for _, m in low[: -(-len(low) // 4)]]) > WALKS_M:
+        if (
+            away
+            and recording is not standing
+            and np.median([away[m] for _, m in low[: -(-len(low) // 4)]]) > WALKS_M
+        ):
             found |= {label for label in away if away[label] < RESTS_M}
     # In the order of the files: that of a set differs from run to run.
-    rests = (m for m, at in places.items() if m in found and len(at) > 1 and np.ptp(at, axis=0).max() < RESTS_M)
+    rests = (
+        m
+        for m, at in places.items()
+        if m in found and len(at) > 1 and np.ptp(at, axis=0).max() < RESTS_M
+    )
     return dict.fromkeys(rests, "stays where it is while the person walks")
 
 
 def _sways(recording: Recording) -> dict[str, float]:
     """Label -> m, RMS distance from its mean place, where it is seen."""
     seen = seen_mask(recording.markers)
-    paths = {m: recording.markers[seen[:, i], i] for i, m in enumerate(recording.labels) if seen[:, i].any()}
-    return {m: float(np.sqrt(np.square(path - path.mean(axis=0)).sum(axis=1).mean())) for m, path in paths.items()}
+    paths = {
+        m: recording.markers[seen[:, i], i]
+        for i, m in enumerate(recording.labels)
+        if seen[:, i].any()
+    }
+    return {
+        m: float(np.sqrt(np.square(path - path.mean(axis=0)).sum(axis=1).mean()))
+        for m, path in paths.items()
+    }
 
 
-def _devices(standing: Recording, labels: Sequence[str], knee: float, spread: float) -> list[tuple[str, str, str]]:
-    """Threes of markers, of the standing trial only, as far from each other as those of a device, and at a knee (m)."""
+def _devices(
+    standing: Recording, labels: Sequence[str], knee: float, spread: float
+) -> list[tuple[str, str, str]]:
+    """Threes of markers, of the standing trial only, as far from each other as those of a device,
+    and at a knee (m).
+    """
     out: list[tuple[str, str, str]] = []
-    paths = {label: standing.markers[:, standing.labels.index(label)] for label in labels if label in standing.labels}
-    paths = {label: path for label, path in paths.items() if abs(np.nanmedian(path[:, 1]) - knee) < spread}
+    paths = {
+        label: standing.markers[:, standing.labels.index(label)]
+        for label in labels
+        if label in standing.labels
+    }
+    paths = {
+        label: path
+        for label, path in paths.items()
+        if abs(np.nanmedian(path[:, 1]) - knee) < spread
+    }
     for three in combinations(paths, 3):
-        if not any(set(three) & set(other) for other in out) and is_device(*(paths[label] for label in three)):
+        if not any(set(three) & set(other) for other in out) and is_device(
+            *(paths[label] for label in three)
+        ):
             out.append(three)
     return out
 
 
-def _of(rows: Sequence[int], points: Array, scatter: Array) -> tuple[Array, unnamed_markers.Together]:
+def _of(
+    rows: Sequence[int], points: Array, scatter: Array
+) -> tuple[Array, unnamed_markers.Together]:
     """Where some of the markers stand, and what is known of them besides."""
     scatter = scatter[np.ix_(rows, rows)]
     known = np.isfinite(scatter)
@@ -279,7 +395,9 @@ def _of(rows: Sequence[int], points: Array, scatter: Array) -> tuple[Array, unna
 
 @dataclass(frozen=True)
 class _View:
-    """How a standing person is seen: `heading` (x, z) and `origin`, (3,) m, on the floor in the body's middle."""
+    """How a standing person is seen: `heading` (x, z) and `origin`, (3,) m, on the floor in the
+    body's middle.
+    """
 
     heading: Array
     origin: Array
@@ -306,7 +424,9 @@ def _likeliest(
         axes = np.array([forward, [-forward[1], forward[0]]]) / said
     headings = [sign * axis for axis in axes for sign in (1.0, -1.0)]  # that of the feet first
     usual, spread = (
-        (height, HEIGHT_TOLD * height) if height else (unnamed_markers.HEIGHT_M, unnamed_markers.HEIGHT_SD_M)
+        (height, HEIGHT_TOLD * height)
+        if height
+        else (unnamed_markers.HEIGHT_M, unnamed_markers.HEIGHT_SD_M)
     )
 
     def seen_from(heading: Array) -> _View:
@@ -322,11 +442,21 @@ def _likeliest(
     views = [seen_from(heading) for heading in headings]
     seen, tried = [view.of(points) for view in views], []
     for k, tall in product(range(len(views)), heights):
-        tried.append((cost(unnamed_markers.place_markers(seen[k], hanging, tall, evidence, rounds=4)), float(tall), k))
+        tried.append(
+            (
+                cost(unnamed_markers.place_markers(seen[k], hanging, tall, evidence, rounds=4)),
+                float(tall),
+                k,
+            )
+        )
     best = {k: sorted(t for t in tried if t[2] == k)[:LIKELIEST] for k in range(len(headings))}
     whole = {
         k: min(
-            (unnamed_markers.place_markers(seen[k], body, tall, evidence) for _, tall, _ in best[k] for body in bodies),
+            (
+                unnamed_markers.place_markers(seen[k], body, tall, evidence)
+                for _, tall, _ in best[k]
+                for body in bodies
+            ),
             key=cost,
         )
         for k in {*sorted(best, key=lambda k: best[k][0])[:2], *([0] if walks else [])}
@@ -334,13 +464,17 @@ def _likeliest(
     for k, found in whole.items():
         for side in SIDES:  # both arms alike so far
             armed = (found.body.with_arm(side, body) for body in bodies)
-            tried_too = [unnamed_markers.place_markers(seen[k], body, found.height, evidence) for body in armed]
+            tried_too = [
+                unnamed_markers.place_markers(seen[k], body, found.height, evidence)
+                for body in armed
+            ]
             found = min((found, *tried_too), key=cost)
         whole[k] = found
     chosen = min(whole, key=lambda k: cost(whole[k]))
     if walks and cost(whole[0]) - cost(whole[chosen]) > BEYOND_DOUBT:
         raise InputError(
-            "it cannot be told which way the person faces: feet swing otherwise than feet and pelvis point, as of who "
+            "it cannot be told which way the person faces: feet swing otherwise than feet and "
+            "pelvis point, as of who "
             "walks backward or sideways; a walk forward among the recordings tells it",
             code=Code.LANDMARKS,
         )
@@ -348,24 +482,31 @@ def _likeliest(
     odds = min((cost(whole[k]) - cost(whole[chosen]) for k in whole if k != chosen), default=np.inf)
     if not walks and odds < BEYOND_DOUBT:
         raise InputError(
-            "it cannot be told which way the person faces: nobody walks, and feet and pelvis fit forward and backward; "
+            "it cannot be told which way the person faces: nobody walks, and feet and pelvis fit "
+            "forward and backward; "
             "a walk among the recordings tells it",
             code=Code.LANDMARKS,
         )
-    how = f"both feet swing forward (agreement {said:.2f})" if walks else "feet and pelvis point forward"
+    how = (
+        f"both feet swing forward (agreement {said:.2f})"
+        if walks
+        else "feet and pelvis point forward"
+    )
     return whole[chosen], views[chosen], f"{how}; fits a person of {whole[chosen].height:.2f} m"
 
 
 def _with_whole_arms(
     placed: unnamed_markers.Placed, view: _View, points: Array, beside: unnamed_markers.Together
 ) -> unnamed_markers.Placed:
-    """Markers placed again without a forearm if neither its upper arm nor the trunk has a marker: a cluster of the
-    thigh lies where hands hang.
+    """Markers placed again without a forearm if neither its upper arm nor the trunk has a marker: a
+    cluster of the thigh lies where hands hang.
     """
     segments = np.array(placed.body.segments)
     on = set(segments[placed.places[placed.places >= 0]].tolist())
     lone = [
-        f"forearm_hand_{s}" for s in SIDES if f"forearm_hand_{s}" in on and not on & {f"upper_arm_{s}", "head_trunk"}
+        f"forearm_hand_{s}"
+        for s in SIDES
+        if f"forearm_hand_{s}" in on and not on & {f"upper_arm_{s}", "head_trunk"}
     ]
     if not lone:
         return placed
@@ -374,20 +515,35 @@ def _with_whole_arms(
 
 
 def _sacral(found: LabelProposal, at: Mapping[str, Array]) -> LabelProposal:
-    """The proposal with a single marker behind the pelvis as that on the sacrum, where it lies in the middle."""
-    back = {name: label for label, name in found.rename.items() if name.startswith(("asis", "psis", "sacrum"))}
+    """The proposal with a single marker behind the pelvis as that on the sacrum, where it lies in
+    the middle.
+    """
+    back = {
+        name: label
+        for label, name in found.rename.items()
+        if name.startswith(("asis", "psis", "sacrum"))
+    }
     if len(back) != 3 or not {"asis_r", "asis_l"} <= set(back) or "sacrum" in back:
         return found
     (label,) = (label for name, label in back.items() if name.startswith("psis"))
     across = at[back["asis_r"]] - at[back["asis_l"]]
-    aside = float((at[label] - 0.5 * (at[back["asis_r"]] + at[back["asis_l"]])) @ across / (across @ across))
+    aside = float(
+        (at[label] - 0.5 * (at[back["asis_r"]] + at[back["asis_l"]])) @ across / (across @ across)
+    )
     if abs(aside) > ALONE:
         return found
-    words = f"alone behind the pelvis, {1e3 * abs(aside) * np.linalg.norm(across):.0f} mm from its middle"
-    return replace(found, rename={**found.rename, label: "sacrum"}, evidence={**found.evidence, label: words})
+    words = (
+        f"alone behind the pelvis, {1e3 * abs(aside) * np.linalg.norm(across):.0f} mm from its "
+        "middle"
+    )
+    return replace(
+        found, rename={**found.rename, label: "sacrum"}, evidence={**found.evidence, label: words}
+    )
 
 
-def _read_off(labels: Sequence[str], placed: unnamed_markers.Placed, scatter: Array) -> LabelProposal:
+def _read_off(
+    labels: Sequence[str], placed: unnamed_markers.Placed, scatter: Array
+) -> LabelProposal:
     """What the places of markers say of their labels."""
     body, on = placed.body, placed.places
     rename, tracking, weights, evidence, unused = {}, dict[str, list[str]](), {}, {}, {}
@@ -400,9 +556,15 @@ def _read_off(labels: Sequence[str], placed: unnamed_markers.Placed, scatter: Ar
         mates = scatter[i, (segments == segment) & (np.arange(len(labels)) != i)]
         words = ["likely" if placed.ahead[i] < BEYOND_DOUBT else "sure of the segment"]
         if body.labels[on[i]]:
-            words.append(f"{1e3 * placed.away[i] * placed.height:.0f} mm from where the others put this landmark")
+            words.append(
+                f"{1e3 * placed.away[i] * placed.height:.0f} mm from where the others put this "
+                "landmark"
+            )
         if np.isfinite(mates).any():
-            words.append(f"keeps its distance from markers of {segment} to {1e3 * np.nanmedian(mates):.0f} mm")
+            words.append(
+                f"keeps its distance from markers of {segment} to {1e3 * np.nanmedian(mates):.0f} "
+                "mm"
+            )
         evidence[label] = ", ".join(words)
         if body.labels[on[i]]:
             rename[label] = body.labels[on[i]]

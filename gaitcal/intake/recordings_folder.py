@@ -1,10 +1,12 @@
 """Every file of a folder, read once, and which table of forces belongs to which recording.
 
-Only files directly in the folder: one person a folder. A file that cannot be read ends nothing; it keeps its reason.
+Only files directly in the folder: one person a folder. A file that cannot be read ends nothing; it
+keeps its reason.
 
-A recording that has plates of its own needs no table. For another one, a table can be its own only if it covers its
-time and if, under load, the centre of pressure lies near a foot: the feet decide, names only where feet do not. One
-that is called after a recording which needs no forces is nobody else's.
+A recording that has plates of its own needs no table. For another one, a table can be its own only
+if it covers its time and if, under load, the centre of pressure lies near a foot: the feet decide,
+names only where feet do not. One that is called after a recording which needs no forces is nobody
+else's.
 """
 
 import difflib
@@ -36,7 +38,9 @@ class FileKind(Enum):
 
     RECORDING = "recording"
     FORCES = "forces"
-    EXTERNAL_LOADS = "external forces"  # OpenSim's XML that says which columns of a table are which force
+    EXTERNAL_LOADS = (
+        "external forces"  # OpenSim's XML that says which columns of a table are which force
+    )
     CORNERS = "corners of plates"
     FACTS = "person and events"
     EVENTS = "foot events"
@@ -80,18 +84,27 @@ class Folder:
 
 
 def read_folder(path: Path, *, deep: bool = False) -> Folder:
-    """Read every file that lies in a folder; `deep`: and in the folders directly in it that hold recordings.
+    """Read every file that lies in a folder; `deep`: and in the folders directly in it that hold
+    recordings.
 
     Raises InputError: It is no folder, cannot be listed, or holds more than `MOST_FILES` files.
     """
     if not path.is_dir():
-        raise InputError("is no folder; a folder with one person's recordings is needed", source=path, code=Code.FOLDER)
+        raise InputError(
+            "is no folder; a folder with one person's recordings is needed",
+            source=path,
+            code=Code.FOLDER,
+        )
     try:
         entries = sorted(path.iterdir(), key=lambda p: (p.name.lower(), p.name))
     except OSError as error:
-        raise InputError(f"cannot be listed: {error.strerror}", source=path, code=Code.UNREADABLE) from None
+        raise InputError(
+            f"cannot be listed: {error.strerror}", source=path, code=Code.UNREADABLE
+        ) from None
     files = _files_in(path)
-    below = [(p.name, _recordings_in(p)) for p in entries if p.is_dir() and not _HIDDEN.match(p.name)]
+    below = [
+        (p.name, _recordings_in(p)) for p in entries if p.is_dir() and not _HIDDEN.match(p.name)
+    ]
     subfolders = tuple((name, count) for name, count in below if count)
     if deep:
         files += [file for name, _ in subfolders for file in _files_in(path / name)]
@@ -156,7 +169,10 @@ def _csv(file: FolderFile) -> FolderFile:
         header = csv_files.read_header(file.path)
     except InputError:
         lines = file.path.read_bytes()[:4000].decode("utf-8", "replace").lower().splitlines()
-        for columns, kind in ((csv_files.CORNER_HEADER, FileKind.CORNERS), (csv_files.FACT_HEADER, FileKind.FACTS)):
+        for columns, kind in (
+            (csv_files.CORNER_HEADER, FileKind.CORNERS),
+            (csv_files.FACT_HEADER, FileKind.FACTS),
+        ):
             if ",".join(columns) in map(str.strip, lines):
                 return replace(file, kind=kind)
         raise
@@ -187,7 +203,9 @@ def _xml(file: FolderFile) -> FolderFile:
             raise InputError("is no XML of external forces", source=path, code=Code.FILE_FORMAT)
         root = ElementTree.fromstring(text)
     except (ElementTree.ParseError, OSError) as error:
-        raise InputError(f"is no readable XML: {error}", source=path, code=Code.FILE_FORMAT) from None
+        raise InputError(
+            f"is no readable XML: {error}", source=path, code=Code.FILE_FORMAT
+        ) from None
     table = (root.findtext(".//datafile") or "").strip()
     if not table:
         return replace(file, reason="an XML that names no table of external forces")
@@ -212,7 +230,11 @@ def marker_sets_above(folder: Path) -> tuple[FolderFile, ...]:
         files = sorted(p for p in above.iterdir() if p.suffix.lower() == ".toml" and p.is_file())
     except OSError:
         return ()
-    return tuple(found for found in (_read(file, file.name) for file in files) if found.kind is FileKind.MARKER_SET)
+    return tuple(
+        found
+        for found in (_read(file, file.name) for file in files)
+        if found.kind is FileKind.MARKER_SET
+    )
 
 
 _JOINT_WORD = re.compile(r"(hip|knee|ankle)(?![a-z]*cent)", re.IGNORECASE)
@@ -245,9 +267,13 @@ def trial_names(stems: Sequence[str]) -> list[str]:
 
 
 UNDER_M = 0.25
-"""Median distance, in the floor's plane, of the centre of pressure from the nearest marker of a foot under load."""
+"""Median distance, in the floor's plane, of the centre of pressure from the nearest marker of a
+foot under load.
+"""
 SAME_NAME = 0.6
-WORDS = re.compile(r"(grfs?|forces?|force|fp|plates?|analog|kinetics|ext|external|loads?)", re.IGNORECASE)
+WORDS = re.compile(
+    r"(grfs?|forces?|force|fp|plates?|analog|kinetics|ext|external|loads?)", re.IGNORECASE
+)
 """Words of names that say only that a file holds forces."""
 
 
@@ -271,14 +297,18 @@ class _Match:
 
 
 def pair_forces(
-    recordings: Mapping[int, tuple[str, Recording]], marker_set: MarkerSet, files: Sequence[FolderFile]
+    recordings: Mapping[int, tuple[str, Recording]],
+    marker_set: MarkerSet,
+    files: Sequence[FolderFile],
 ) -> tuple[dict[int, ForceChoice], dict[str, str]]:
-    """Recording -> its forces, and table -> why it is nobody's. `recordings`: number -> file name without ending, and
-    recording with the set's labels; those of which forces are wanted.
+    """Recording -> its forces, and table -> why it is nobody's. `recordings`: number -> file name
+    without ending, and recording with the set's labels; those of which forces are wanted.
     """
     tables = [file for file in files if file.forces is not None]
     named = [file for file in files if file.kind is FileKind.EXTERNAL_LOADS]
-    loads = {PureWindowsPath(file.names).name.lower(): file for file in named}  # takes / and \\ alike
+    loads = {
+        PureWindowsPath(file.names).name.lower(): file for file in named
+    }  # takes / and \\ alike
     matches: list[_Match] = []
     why: dict[str, str] = {}
     wanted = {stem for stem, _ in recordings.values()}
@@ -302,12 +332,20 @@ def pair_forces(
         rivals = [m for m in matches if m.recording == match.recording and m.table != match.table]
         unsure = match.away is None and match.alike < SAME_NAME
         if unsure and (rivals or len(recordings) > 1):
-            why[table.name] = "nothing tells whose forces these are: no foot is loaded, and no name is alike"
+            why[table.name] = (
+                "nothing tells whose forces these are: no foot is loaded, and no name is alike"
+            )
             continue
-        alike = {number: names_alike(stem, table.path.stem) for number, (stem, _) in recordings.items()}
+        alike = {
+            number: names_alike(stem, table.path.stem) for number, (stem, _) in recordings.items()
+        }
         best = max(alike, key=lambda number: (alike[number], number == match.recording))
         rival = alike[best] >= SAME_NAME and alike[best] > alike[match.recording]
-        covers = "covers the time" if match.lost == 0.0 else "covers {:.2f} to {:.2f} s".format(*match.covered)
+        covers = (
+            "covers the time"
+            if match.lost == 0.0
+            else "covers {:.2f} to {:.2f} s".format(*match.covered)
+        )
         parts = [f"{covers}; no foot is loaded in it"]
         if match.away is not None:
             parts = [f"{covers}, and under load acts {100 * match.away:.0f} cm from the feet"]
@@ -324,20 +362,37 @@ def pair_forces(
     for t, table in enumerate(tables):
         if t not in used:
             better = "its recording has another table that fits better"
-            why.setdefault(table.name, better if recordings else "no walk without plates of its own needs it")
+            why.setdefault(
+                table.name, better if recordings else "no walk without plates of its own needs it"
+            )
     return out, {table.name: why[table.name] for t, table in enumerate(tables) if t not in used}
 
 
 def partner_of(table: FolderFile, files: Sequence[FolderFile]) -> FolderFile | None:
-    """The recording after which a table of forces is called (`gait.csv`: `gait_forces.csv`), if there is one."""
-    recordings = (f for f in files if f.kind is FileKind.RECORDING and names_alike(f.path.stem, "") < 1.0)
-    return next((file for file in recordings if names_alike(file.path.stem, table.path.stem) == 1.0), None)
+    """The recording after which a table of forces is called (`gait.csv`: `gait_forces.csv`), if
+    there is one.
+    """
+    recordings = (
+        f for f in files if f.kind is FileKind.RECORDING and names_alike(f.path.stem, "") < 1.0
+    )
+    return next(
+        (file for file in recordings if names_alike(file.path.stem, table.path.stem) == 1.0), None
+    )
 
 
 def _rank(match: _Match) -> tuple[object, ...]:
-    """Smallest first: little time is lost, names are alike (in steps), feet are near, then the order of the files."""
+    """Smallest first: little time is lost, names are alike (in steps), feet are near, then the
+    order of the files.
+    """
     away = np.inf if match.away is None else match.away
-    return (match.away is None, round(match.lost, 1), -round(match.alike, 1), away, match.recording, match.table)
+    return (
+        match.away is None,
+        round(match.lost, 1),
+        -round(match.alike, 1),
+        away,
+        match.recording,
+        match.table,
+    )
 
 
 def _match(
@@ -351,7 +406,10 @@ def _match(
     start, stop = max(float(p.time[0]) for p in plates), min(float(p.time[-1]) for p in plates)
     low, high = max(start, float(time[0])), min(stop, float(time[-1]))
     if high - low < force_plate.STANCE_S:
-        return f"its forces run from {start:.2f} to {stop:.2f} s, {stem} from {time[0]:.2f} to {time[-1]:.2f} s"
+        return (
+            f"its forces run from {start:.2f} to {stop:.2f} s, {stem} from {time[0]:.2f} to "
+            f"{time[-1]:.2f} s"
+        )
     whole = start <= time[0] + step and stop >= time[-1] - step
     lost = 0.0 if whole else 1.0 - (high - low) / float(np.ptp(time))
     points, feet = _under_load(recording, marker_set, table)
@@ -360,24 +418,42 @@ def _match(
         # in another unit, centres travel by a power of ten further than any foot
         room = float(np.max(np.nanmax(feet, axis=(0, 1)) - np.nanmin(feet, axis=(0, 1))))
         if np.ptp(points, axis=0).max() > 10.0 * room:
-            scaled = {unit: _away(metres * points, feet) or 0.0 for unit, metres in (("mm", 1e-3), ("cm", 1e-2))}
+            scaled = {
+                unit: _away(metres * points, feet) or 0.0
+                for unit, metres in (("mm", 1e-3), ("cm", 1e-2))
+            }
             unit = min(scaled, key=lambda name: scaled[name])
             if scaled[unit] <= UNDER_M:
-                return f"its centres of pressure are in {unit}, not in m: only so are they under the feet of {stem}"
+                return (
+                    f"its centres of pressure are in {unit}, not in m: only so are they under the "
+                    f"feet of {stem}"
+                )
         return f"its centres of pressure are {away:.2f} m from the feet of {stem}"
     return _Match(number, t, away, names_alike(stem, table.path.stem), (low, high), lost)
 
 
-def _under_load(recording: Recording, marker_set: MarkerSet, table: FolderFile) -> tuple[Array, Array]:
-    """Centres of pressure (n, 2) and foot markers (n, k, 2) in the floor's plane, m, of each plate in loaded frames."""
-    feet = [i for i, m in enumerate(recording.labels) if marker_set.segment_of.get(m, "").startswith("foot")]
+def _under_load(
+    recording: Recording, marker_set: MarkerSet, table: FolderFile
+) -> tuple[Array, Array]:
+    """Centres of pressure (n, 2) and foot markers (n, k, 2) in the floor's plane, m, of each plate
+    in loaded frames.
+    """
+    feet = [
+        i
+        for i, m in enumerate(recording.labels)
+        if marker_set.segment_of.get(m, "").startswith("foot")
+    ]
     points, frames = [np.empty((0, 2))], [np.empty(0, dtype=int)]
     for plate in table.forces.plates if table.forces else ():
-        point = np.stack([np.interp(recording.time, plate.time, plate.point[:, k]) for k in (0, 2)], axis=1)
+        point = np.stack(
+            [np.interp(recording.time, plate.time, plate.point[:, k]) for k in (0, 2)], axis=1
+        )
         force = np.interp(recording.time, plate.time, np.nan_to_num(plate.force[:, 1]))
         covered = (recording.time >= plate.time[0]) & (recording.time <= plate.time[-1])
         seen = np.asarray(np.isfinite(recording.markers[:, feet]).all(axis=2)).any(axis=1)
-        loaded = np.flatnonzero((force > force_plate.BODY_N) & covered & seen & np.isfinite(point).all(axis=1))
+        loaded = np.flatnonzero(
+            (force > force_plate.BODY_N) & covered & seen & np.isfinite(point).all(axis=1)
+        )
         points.append(point[loaded])
         frames.append(loaded)
     return np.concatenate(points), recording.markers[np.concatenate(frames)][:, feet][:, :, [0, 2]]
@@ -399,7 +475,10 @@ def nothing_here(folder: Folder) -> str:
     """That a folder has no recording, and where some are."""
     if folder.subfolders:
         below = ", ".join(f"{name} ({count})" for name, count in folder.subfolders[:6])
-        return f"holds no recording that can be read; folders in it do: {below}; name one of them, one person a folder"
+        return (
+            f"holds no recording that can be read; folders in it do: {below}; name one of them, "
+            "one person a folder"
+        )
     if not folder.files:
         return "is empty; .c3d, .trc or .csv files of one person are needed"
     files = "1 file" if len(folder.files) == 1 else f"{len(folder.files)} files"

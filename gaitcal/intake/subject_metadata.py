@@ -1,8 +1,10 @@
-"""Who the person is: what the files say, what the plates weigh, what the user says; and what nobody says.
+"""Who the person is: what the files say, what the plates weigh, what the user says; and what nobody
+says.
 
-The user's word comes first, then the static trial's file, then the others; the reason names files that contradict. The
-subject's name is that of the folder: a file's may be the patient's. A mass is held against the plates under the
-standing person, and the height: in pounds it is 2.2 times, as a weight in newtons 9.81 times the mass in kg.
+The user's word comes first, then the static trial's file, then the others; the reason names files
+that contradict. The subject's name is that of the folder: a file's may be the patient's. A mass is
+held against the plates under the standing person, and the height: in pounds it is 2.2 times, as a
+weight in newtons 9.81 times the mass in kg.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -58,12 +60,16 @@ def person_of(
 ) -> dict[str, Known]:
     """Field of `[subject]` -> what is known of it; fields that nobody tells are not in it.
 
-    `files`: name and facts of every file of the person, the static trial's first.
-    `plates`: name of the static trial that stands wholly on plates, and the mass (kg) that these weigh.
-    `markers`: height (m) that the standing markers tell, and its standard deviation.
-    `walks`: names of walks with whole strides on plates, and the mass (kg) that these weigh.
+    `files`: name and facts of every file of the person, the static trial's first. `plates`: name of
+    the static trial that stands wholly on plates, and the mass (kg) that these weigh. `markers`:
+    height (m) that the standing markers tell, and its standard deviation. `walks`: names of walks
+    with whole strides on plates, and the mass (kg) that these weigh.
     """
-    out = {"name": Known(value=options.name or folder, reason="option" if options.name else "name of the folder")}
+    out = {
+        "name": Known(
+            value=options.name or folder, reason="option" if options.name else "name of the folder"
+        )
+    }
     if options.session:
         out["session"] = Known(value=options.session, reason="option")
     if (mass := _number(options.mass, files, lambda f: f.mass, "kg", 2)) is not None:
@@ -72,21 +78,36 @@ def person_of(
             mass = Known(value=mass.value, reason=words, certain=False)
         out["mass_kg"] = mass
     elif plates is not None:
-        doubts = "".join(f"; {name} says {f.doubtful['mass'][0]}" for name, f in files if "mass" in f.doubtful)
-        reason = f"weighed by the plates under {plates[0]}, where no file says it{' in kg' if doubts else ''}{doubts}"
+        doubts = "".join(
+            f"; {name} says {f.doubtful['mass'][0]}" for name, f in files if "mass" in f.doubtful
+        )
+        reason = (
+            f"weighed by the plates under {plates[0]}, where no file says "
+            f"it{' in kg' if doubts else ''}{doubts}"
+        )
         out["mass_kg"] = Known(value=round(plates[1], 1), reason=reason, certain=False)
     elif (mass := _doubtful(files, "mass", 2)) is not None:
         out["mass_kg"] = mass
     elif walks is not None:
-        reason = f"weighed by the plates over whole strides of {walks[0]}, to some 3 %, where no file says it"
+        reason = (
+            f"weighed by the plates over whole strides of {walks[0]}, to some 3 %, where no file "
+            "says it"
+        )
         out["mass_kg"] = Known(value=round(walks[1], 1), reason=reason, certain=False)
-    height = _number(options.height, files, lambda f: f.height, "m", 4) or _doubtful(files, "height", 4)
+    height = _number(options.height, files, lambda f: f.height, "m", 4) or _doubtful(
+        files, "height", 4
+    )
     if height is not None:
         out["height_m"] = height
     elif markers is not None:
-        reason = f"no file says it; people of this height, give or take {100 * markers[1]:.0f} cm, have legs as long"
+        reason = (
+            f"no file says it; people of this height, give or take {100 * markers[1]:.0f} cm, have "
+            "legs as long"
+        )
         out["height_m"] = Known(value=round(markers[0], 2), reason=reason, certain=False)
-        out["height_error_m"] = Known(value=round(markers[1], 3), reason="one standard deviation; counts in the errors")
+        out["height_error_m"] = Known(
+            value=round(markers[1], 3), reason="one standard deviation; counts in the errors"
+        )
     if options.sex:
         out["sex"] = Known(value=options.sex, reason="option")
     if options.age is not None:
@@ -114,18 +135,26 @@ def person_of(
 
 
 def _age_by_dates(files: Sequence[tuple[str, Facts]]) -> Known | None:
-    """Years in tenths by the first dates that somebody can have; the date of birth itself is not told."""
+    """Years in tenths by the first dates that somebody can have; the date of birth itself is not
+    told.
+    """
     ages = [(name, years_between(facts.birth_date, facts.session_date)) for name, facts in files]
     told = [(name, round(age, 1)) for name, age in ages if age is not None and 0.0 <= age <= OLDEST]
     if not told:
         return None
     others = [f"of {name} {age:g}" for name, age in told if age != told[0][1]]
-    words = f"by the dates of birth and session of {told[0][0]}" + (f", but by those {others[0]}" if others else "")
+    words = f"by the dates of birth and session of {told[0][0]}" + (
+        f", but by those {others[0]}" if others else ""
+    )
     return Known(value=told[0][1], reason=words, certain=not others)
 
 
 def _number(
-    said: float | None, files: Sequence[tuple[str, Facts]], get: Callable[[Facts], float | None], unit: str, digits: int
+    said: float | None,
+    files: Sequence[tuple[str, Facts]],
+    get: Callable[[Facts], float | None],
+    unit: str,
+    digits: int,
 ) -> Known | None:
     """A number from the user or from the first file that has it, and the files that have another."""
     found = [(name, value) for name, facts in files if (value := get(facts)) is not None]
@@ -137,11 +166,20 @@ def _number(
         return Known(value=said, reason="option" + (f"; but {others[0]}" if others else ""))
     reason = f"{found[0][0]} says so"
     if others:
-        return Known(value=round(chosen, digits), reason=f"{reason}, but {', '.join(others[:3])}", certain=False)
-    return Known(value=round(chosen, digits), reason=reason + (f", and {len(found) - 1} more" if found[1:] else ""))
+        return Known(
+            value=round(chosen, digits),
+            reason=f"{reason}, but {', '.join(others[:3])}",
+            certain=False,
+        )
+    return Known(
+        value=round(chosen, digits),
+        reason=reason + (f", and {len(found) - 1} more" if found[1:] else ""),
+    )
 
 
-def _sided(files: Sequence[tuple[str, Facts]], get: Callable[[Facts], Mapping[str, float]]) -> Known | None:
+def _sided(
+    files: Sequence[tuple[str, Facts]], get: Callable[[Facts], Mapping[str, float]]
+) -> Known | None:
     """Widths in mm from the first file that has them."""
     for name, facts in files:
         if widths := get(facts):
@@ -151,7 +189,9 @@ def _sided(files: Sequence[tuple[str, Facts]], get: Callable[[Facts], Mapping[st
 
 
 def figures_in_doubt(files: Sequence[tuple[str, Facts]]) -> tuple[str, ...]:
-    """What files say of mass, height and widths that can be in no unit they should be in, each figure once."""
+    """What files say of mass, height and widths that can be in no unit they should be in, each
+    figure once.
+    """
     told = {words: name for name, facts in reversed(files) for words, _ in facts.doubtful.values()}
     return tuple(f"{name} says {words}" for words, name in sorted(told.items()))
 
@@ -167,7 +207,11 @@ def _doubtful(files: Sequence[tuple[str, Facts]], fact: str, digits: int) -> Kno
 
 def _doubtful_sides(files: Sequence[tuple[str, Facts]], fact: str) -> Known | None:
     """Widths (mm) in another unit."""
-    found = {side: width for side in linkage.SIDES if (width := _doubtful(files, f"{fact}_{side}", 4)) is not None}
+    found = {
+        side: width
+        for side in linkage.SIDES
+        if (width := _doubtful(files, f"{fact}_{side}", 4)) is not None
+    }
     if not found:
         return None
     value = {side: round(1e3 * float(str(width.value)), 1) for side, width in found.items()}
@@ -175,12 +219,16 @@ def _doubtful_sides(files: Sequence[tuple[str, Facts]], fact: str) -> Known | No
 
 
 def weighed(recording: Recording, marker_set: MarkerSet, posture: Standing) -> float | None:
-    """Mass (kg) by plates on which the person stands wholly and still; None where that cannot be said."""
+    """Mass (kg) by plates on which the person stands wholly and still; None where that cannot be
+    said.
+    """
     total, still = 0.0, 0.0
     loaded: list[Array] = []
     for plate in recording.plates:
         force = plate.force[:, 1]
-        force = force[(plate.time >= posture.start) & (plate.time <= posture.stop) & np.isfinite(force)]
+        force = force[
+            (plate.time >= posture.start) & (plate.time <= posture.stop) & np.isfinite(force)
+        ]
         if not len(force):
             return None
         mean = float(np.mean(force))
@@ -194,8 +242,15 @@ def weighed(recording: Recording, marker_set: MarkerSet, posture: Standing) -> f
     if not loaded or not MASS_KG[0] <= mass <= MASS_KG[1] or still > STEADY * total:
         return None
     inside = (recording.time >= posture.start) & (recording.time <= posture.stop)
-    feet = [i for i, m in enumerate(recording.labels) if marker_set.segment_of.get(m, "").startswith("foot")]
-    paths = (path[np.isfinite(path).all(axis=1)] for path in recording.markers[inside][:, feet].transpose(1, 0, 2))
+    feet = [
+        i
+        for i, m in enumerate(recording.labels)
+        if marker_set.segment_of.get(m, "").startswith("foot")
+    ]
+    paths = (
+        path[np.isfinite(path).all(axis=1)]
+        for path in recording.markers[inside][:, feet].transpose(1, 0, 2)
+    )
     places = [path.mean(axis=0)[[0, 2]] for path in paths if len(path)]
     if len(places) < 4 or not all(any(_inside(p, corners) for corners in loaded) for p in places):
         return None
@@ -203,12 +258,13 @@ def weighed(recording: Recording, marker_set: MarkerSet, posture: Standing) -> f
 
 
 def weighed_walking(plates: Sequence[ForcePlate]) -> float | None:
-    """Mass (kg) by the plates of a walk: over a whole stride the mean vertical force of both feet is body weight.
+    """Mass (kg) by the plates of a walk: over a whole stride the mean vertical force of both feet
+    is body weight.
 
-    Three steps in a row that overlap, the third after the first has ended, are a stride from the first's beginning to
-    the third's: what the first and the second push in all, wherever in time, carries the body for so long. They are
-    taken for whole where they push alike, and the third's beginning for its strike where both double supports last as
-    long; None where no stride is.
+    Three steps in a row that overlap, the third after the first has ended, are a stride from the
+    first's beginning to the third's: what the first and the second push in all, wherever in time,
+    carries the body for so long. They are taken for whole where they push alike, and the third's
+    beginning for its strike where both double supports last as long; None where no stride is.
     """
     steps = []
     for plate in plates:
@@ -216,7 +272,9 @@ def weighed_walking(plates: Sequence[ForcePlate]) -> float | None:
         for run in runs(up > BODY_N):
             if run.start > 0 and run.stop < len(up) and duration(plate.time, run) > STEP_S:
                 pushed = float(np.trapezoid(up[run], plate.time[run]))
-                steps.append((float(plate.time[run.start]), float(plate.time[run.stop - 1]), pushed))
+                steps.append(
+                    (float(plate.time[run.start]), float(plate.time[run.stop - 1]), pushed)
+                )
     told = []
     for (begin, end, one), (second, off, other), (third, _, _) in zip(
         *(sorted(steps)[k:] for k in range(3)), strict=False
@@ -239,14 +297,20 @@ def _inside(point: Array, corners: Array) -> bool:
 WEIGHS_ANOTHER = 0.2  # Relative difference from the plates with which no torque is worth anything
 BODY_MASS_INDEX = (8.0, 70.0)  # kg/m^2, outside of which nobody is recorded walking
 FACTORS = {"lb": 2.2046, "N": subject_model.GRAVITY}  # Unit -> how many of it are a kilogram
-ALIKE = 0.1  # Relative difference from such a factor up to which it is named; and of what two whole steps push
+# Relative difference from such a factor up to which it is named; and of what two whole steps push
+ALIKE = 0.1
 STEP_S = 0.3  # Shorter loadings are no step of walking
 EVEN = 0.03
-"""Of a stride, by which two double supports may differ: a plate loaded later or earlier than that is no strike."""
+"""Of a stride, by which two double supports may differ: a plate loaded later or earlier than that
+is no strike.
+"""
 
 
-def mass_fault(person: Mapping[str, Known], options: Options, plates: tuple[str, float] | None) -> str:
-    """Why the mass of a file cannot be that of the person; empty where it can, or where the user says it.
+def mass_fault(
+    person: Mapping[str, Known], options: Options, plates: tuple[str, float] | None
+) -> str:
+    """Why the mass of a file cannot be that of the person; empty where it can, or where the user
+    says it.
 
     `plates`: static trial, and the mass (kg) that the plates weigh in it.
     """
@@ -259,9 +323,17 @@ def mass_fault(person: Mapping[str, Known], options: Options, plates: tuple[str,
     if plates is not None and abs(mass / plates[1] - 1) > WEIGHS_ANOTHER:
         ratio = mass / plates[1]
         unit = next(
-            (f": {mass / by:.1f} kg if it is in {u}" for u, by in FACTORS.items() if abs(ratio / by - 1) < ALIKE), ""
+            (
+                f": {mass / by:.1f} kg if it is in {u}"
+                for u, by in FACTORS.items()
+                if abs(ratio / by - 1) < ALIKE
+            ),
+            "",
         )
-        return f"{said}, {ratio:.2f} times the {plates[1]:.1f} kg that the plates weigh in {plates[0]}{unit}; {cure}"
+        return (
+            f"{said}, {ratio:.2f} times the {plates[1]:.1f} kg that the plates weigh in "
+            f"{plates[0]}{unit}; {cure}"
+        )
     if (height := person.get("height_m")) is not None:
         tall = float(str(height.value)) ** 2
         low, high = (limit * tall for limit in BODY_MASS_INDEX)

@@ -1,11 +1,12 @@
-"""What a recording shows: standing, walking, one joint that moves alone, any other activity, or something else.
+"""What a recording shows: standing, walking, one joint that moves alone, any other activity, or
+something else.
 
-Standing is: a still window; knees not bent far (the pelvis is nearly as high above the ankles as the legs are long);
-both feet at one height. A walk may hold a still window too; it is a worse static trial than one that only stands.
-Walking is seen by the feet: from the pelvis, along where it faces, one foot goes back while the other goes forth, over
-the ground or on a treadmill. One joint alone is seen by how far the joints turn about their mean postures
-(`quality/trial_role.py`), while pelvis and other leg stay. Who runs, climbs, squats, rises or jumps moves the whole
-body.
+Standing is: a still window; knees not bent far (the pelvis is nearly as high above the ankles as
+the legs are long); both feet at one height. A walk may hold a still window too; it is a worse
+static trial than one that only stands. Walking is seen by the feet: from the pelvis, along where it
+faces, one foot goes back while the other goes forth, over the ground or on a treadmill. One joint
+alone is seen by how far the joints turn about their mean postures (`quality/trial_role.py`), while
+pelvis and other leg stay. Who runs, climbs, squats, rises or jumps moves the whole body.
 """
 
 import warnings
@@ -29,16 +30,24 @@ from gaitcal.preprocess.trial_evidence import NEGLIGIBLE_WEIGHT
 from gaitcal.quality.trial_role import LEAD, MOVES_RAD, STEPS_RAD, TRAVEL_M
 
 STRAIGHT = 0.8
-"""Height of the pelvis over the ankles as a share of the way over the knees: 0.97 to 1.00 in standing, 0.94 with knees
-bent by 40 deg, 0.7 in sitting."""
+"""Height of the pelvis over the ankles as a share of the way over the knees: 0.97 to 1.00 in
+standing, 0.94 with knees bent by 40 deg, 0.7 in sitting."""
 LEVEL_M = 0.08  # Difference in height of the two feet's middles: a foot is lifted from there on
 LOW_M, HIGH_M = 0.3, 1.5
-"""m, from the pelvis to the feet of a person who stands: from child to tall adult it is less than a power of ten."""
-UNITS = {1000: ("m", "mm"), 100: ("m", "cm"), 10: ("cm", "mm")}  # Longer and shorter unit of files, and their ratio
-STAYS_M = 0.03  # RMS distance of pelvis and feet from their mean places, in a recording that only stands
+"""m, from the pelvis to the feet of a person who stands: from child to tall adult it is less than a
+power of ten.
+"""
+UNITS = {
+    1000: ("m", "mm"),
+    100: ("m", "cm"),
+    10: ("cm", "mm"),
+}  # Longer and shorter unit of files, and their ratio
+STAYS_M = (
+    0.03  # RMS distance of pelvis and feet from their mean places, in a recording that only stands
+)
 BELL_HIP = np.array([-0.19, -0.30, 0.14])
-"""Hip centre from the ASIS as a share of their distance: forward, up, inward (Bell, Pedersen and Brand, J Biomech
-23:617-621, 1990). Only to tell which joint turns: the model has its own."""
+"""Hip centre from the ASIS as a share of their distance: forward, up, inward (Bell, Pedersen and
+Brand, J Biomech 23:617-621, 1990). Only to tell which joint turns: the model has its own."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -60,7 +69,9 @@ class Standing:
 
 
 def standing(recording: Recording, marker_set: MarkerSet) -> tuple[Standing | None, str]:
-    """The standing posture, or None and why there is none; that of segment poses whatever the person does."""
+    """The standing posture, or None and why there is none; that of segment poses whatever the
+    person does.
+    """
     moving, recording = recording, complete_static(upright(recording), marker_set)
     marker_set = present_markers(marker_set, recording)
     try:
@@ -87,22 +98,38 @@ def _positions(recording: Recording, marker_set: MarkerSet, frames: slice) -> di
     """Marker of the set -> (3,) m, mean over frames; those that were seen."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", RuntimeWarning)  # all NaN: not seen
-        means = {label: np.nanmean(recording.markers[frames, i], axis=0) for i, label in enumerate(recording.labels)}
-    return {label: m for label, m in means.items() if label in marker_set.labels and np.isfinite(m).all()}
+        means = {
+            label: np.nanmean(recording.markers[frames, i], axis=0)
+            for i, label in enumerate(recording.labels)
+        }
+    return {
+        label: m
+        for label, m in means.items()
+        if label in marker_set.labels and np.isfinite(m).all()
+    }
 
 
 def _landmarks(
     recording: Recording, marker_set: MarkerSet, frames: slice, points: dict[str, Array]
 ) -> dict[str, Array]:
-    """Landmarks as the model will have them; where it cannot be made, those whose markers are there."""
+    """Landmarks as the model will have them; where it cannot be made, those whose markers are
+    there.
+    """
     try:
         return dict(static_posture(recording, marker_set, frames).landmarks)
     except InputError:
-        whole = {n: m for n, m in marker_set.landmarks.items() if all(label in points for label in m)}
-        return {name: np.mean([points[label] for label in labels], axis=0) for name, labels in whole.items()}
+        whole = {
+            n: m for n, m in marker_set.landmarks.items() if all(label in points for label in m)
+        }
+        return {
+            name: np.mean([points[label] for label in labels], axis=0)
+            for name, labels in whole.items()
+        }
 
 
-def _not_upright(points: dict[str, Array], landmarks: dict[str, Array], marker_set: MarkerSet) -> str:
+def _not_upright(
+    points: dict[str, Array], landmarks: dict[str, Array], marker_set: MarkerSet
+) -> str:
     """Why a posture is not standing; empty where it may be."""
     groups: dict[str, list[Array]] = {}
     for label, segment in marker_set.segment_of.items():
@@ -115,23 +142,32 @@ def _not_upright(points: dict[str, Array], landmarks: dict[str, Array], marker_s
     if len(feet) < 2:
         return "not both feet are seen while nothing moves"
     if abs(feet[0][1] - feet[1][1]) > LEVEL_M:
-        return f"one foot is {abs(feet[0][1] - feet[1][1]):.2f} m above the other while nothing moves"
+        return (
+            f"one foot is {abs(feet[0][1] - feet[1][1]):.2f} m above the other while nothing moves"
+        )
     straight = []
     for side in linkage.SIDES:
-        hip, knee, ankle = (landmarks.get(f"{name}_{side}") for name in ("asis", "knee_lat", "ankle_lat"))
+        hip, knee, ankle = (
+            landmarks.get(f"{name}_{side}") for name in ("asis", "knee_lat", "ankle_lat")
+        )
         if hip is not None and knee is not None and ankle is not None:
             way = float(np.linalg.norm(hip - knee) + np.linalg.norm(knee - ankle))
             straight.append(float(hip[1] - ankle[1]) / way)
     height = float(middle["pelvis"][1] - np.mean(feet, axis=0)[1])
     if straight and min(straight) < STRAIGHT:
-        return f"the legs are bent or not upright: the pelvis is at {100 * min(straight):.0f} % of their length"
+        return (
+            f"the legs are bent or not upright: the pelvis is at {100 * min(straight):.0f} % of "
+            "their length"
+        )
     if height < LOW_M:
         return f"the pelvis is {height:.2f} m above the feet while nothing moves"
     return ""
 
 
 def unit_fault(recording: Recording, marker_set: MarkerSet) -> str:
-    """Say by which power of ten lengths are wrong, whatever the person does; empty where they are those of a body."""
+    """Say by which power of ten lengths are wrong, whatever the person does; empty where they are
+    those of a body.
+    """
     pelvis, *feet = (middle(recording, marker_set, name) for name in ("pelvis", "foot_r", "foot_l"))
     away = np.concatenate([np.linalg.norm(foot - pelvis, axis=1) for foot in feet])
     away = away[np.isfinite(away)]
@@ -139,15 +175,22 @@ def unit_fault(recording: Recording, marker_set: MarkerSet) -> str:
     if LOW_M <= reach <= HIGH_M:
         return ""
     for ratio, (longer, shorter) in UNITS.items():
-        for factor, how, found, said in ((ratio, "small", longer, shorter), (1 / ratio, "large", shorter, longer)):
+        for factor, how, found, said in (
+            (ratio, "small", longer, shorter),
+            (1 / ratio, "large", shorter, longer),
+        ):
             if LOW_M <= factor * reach <= HIGH_M:
-                fault = f"lengths look {ratio} times too {how}: {found} under a header that says {said}"
+                fault = (
+                    f"lengths look {ratio} times too {how}: {found} under a header that says {said}"
+                )
                 return f"{fault}; declare the unit that the numbers have"
     return ""
 
 
 def sway(recording: Recording, marker_set: MarkerSet) -> float:
-    """m, RMS distance of the markers from their mean places; of pelvis and feet the one that moves most."""
+    """m, RMS distance of the markers from their mean places; of pelvis and feet the one that moves
+    most.
+    """
     segments = marker_set.segment_of
     out: dict[str, list[float]] = {}
     for i, label in enumerate(recording.labels):
@@ -159,8 +202,12 @@ def sway(recording: Recording, marker_set: MarkerSet) -> float:
     return max((float(np.median(found)) for found in out.values()), default=np.inf)
 
 
-def rough_stance(points: dict[str, Array], landmarks: dict[str, Array], marker_set: MarkerSet) -> Stance | None:
-    """The posture as turns of segments are told against, with joint centres good to some centimetres."""
+def rough_stance(
+    points: dict[str, Array], landmarks: dict[str, Array], marker_set: MarkerSet
+) -> Stance | None:
+    """The posture as turns of segments are told against, with joint centres good to some
+    centimetres.
+    """
     if not {"asis_r", "asis_l"} <= set(landmarks):
         return None
     wide = float(np.linalg.norm(landmarks["asis_r"] - landmarks["asis_l"]))
@@ -181,18 +228,24 @@ def rough_stance(points: dict[str, Array], landmarks: dict[str, Array], marker_s
     return Stance(points=by_segment, centres=centres, landmarks=turned)
 
 
-OPPOSITE = -0.4  # Correlation of the two feet's places, forward of the pelvis: -0.7 to -1.0 in walks
+OPPOSITE = (
+    -0.4
+)  # Correlation of the two feet's places, forward of the pelvis: -0.7 to -1.0 in walks
 TURNING_DEG = 0.5  # RMS from which a joint is named among those that turn
 SWING_M = 0.05
-"""Standard deviation of a foot's place, forward of the pelvis: 0.15 to 0.25 m in walks, 0.09 m in children's."""
+"""Standard deviation of a foot's place, forward of the pelvis: 0.15 to 0.25 m in walks, 0.09 m in
+children's.
+"""
 EVEN = 0.35  # The less moving foot's standard deviation as a share of the other's
 CLIMB_M = 0.25  # Net rise or fall of the pelvis: stairs, or lying down
 CROUCH_M = 0.12
-"""Range of the pelvis' height (5th to 95th percentile) in a trial of one joint: more is a squat or sitting down."""
+"""Range of the pelvis' height (5th to 95th percentile) in a trial of one joint: more is a squat or
+sitting down.
+"""
 SHORTEST_S, FEWEST_FRAMES = 0.3, 15  # Of a recording in which somebody moves
 FLYING, FLIGHT = 0.2, 0.05
-"""Part of the fastest marker's speed at which every marker of both feet moves in flight; share of frames from which
-somebody runs: walking has none."""
+"""Part of the fastest marker's speed at which every marker of both feet moves in flight; share of
+frames from which somebody runs: walking has none."""
 UP_M = 0.02  # m over where it mostly rests, above which a marker of a foot is in the air
 CLEAR_LEAD = 1.6  # How many times the next joint the moving one must turn to be beyond doubt
 
@@ -240,19 +293,27 @@ def movement(
     if walk is not None:
         shows, evidence, certain = walk
         if shows is Shows.WALKS and (share := _flight(recording, marker_set)) > FLIGHT:
-            shows, evidence = Shows.MOVES, f"{evidence}, and both feet fly in {100 * share:.0f} % of the frames"
+            shows, evidence = (
+                Shows.MOVES,
+                f"{evidence}, and both feet fly in {100 * share:.0f} % of the frames",
+            )
         return Movement(shows=shows, evidence=evidence, certain=certain)
     turns: dict[str, float] = {}
     if reference is not None:
         clusters = clusters_of(
-            recording, reference, marker_set.landmarks, lambda m: marker_set.weight(m) > NEGLIGIBLE_WEIGHT
+            recording,
+            reference,
+            marker_set.landmarks,
+            lambda m: marker_set.weight(m) > NEGLIGIBLE_WEIGHT,
         )
         turns = {joint: link.rms for joint, link in links_of(clusters, reference.centres).items()}
     return _one_joint(pelvis, turns, sway(recording, marker_set))
 
 
 def middle(recording: Recording, marker_set: MarkerSet, segment: str) -> Array:
-    """(nf, 3) m, middle of the markers of a segment that are seen most, in the frames with all of them; else NaN."""
+    """(nf, 3) m, middle of the markers of a segment that are seen most, in the frames with all of
+    them; else NaN.
+    """
     labels = (*marker_set.tracking.get(segment, ()), *marker_set.static_only.get(segment, ()))
     columns = [i for i, label in enumerate(recording.labels) if label in labels]
     seen = np.isfinite(recording.markers[:, columns]).all(axis=2)
@@ -265,8 +326,15 @@ def middle(recording: Recording, marker_set: MarkerSet, segment: str) -> Array:
 
 
 def _flight(recording: Recording, marker_set: MarkerSet) -> float:
-    """Share of the frames in which no marker of either foot is at rest or near the ground: none in walking."""
-    labels = [m for side in linkage.SIDES for m in marker_set.tracking.get(f"foot_{side}", ()) if m in recording.labels]
+    """Share of the frames in which no marker of either foot is at rest or near the ground: none in
+    walking.
+    """
+    labels = [
+        m
+        for side in linkage.SIDES
+        for m in marker_set.tracking.get(f"foot_{side}", ())
+        if m in recording.labels
+    ]
     points = recording.markers[:, [recording.labels.index(m) for m in labels]]
     if not labels:
         return 0.0
@@ -281,8 +349,12 @@ def _flight(recording: Recording, marker_set: MarkerSet) -> float:
     return float(np.mean(moving & up))
 
 
-def _facing(recording: Recording, marker_set: MarkerSet, reference: Stance | None, pelvis: Array) -> Array | None:
-    """(nf, 2) where the pelvis faces, x and z; without a static trial the way that it goes; None where neither."""
+def _facing(
+    recording: Recording, marker_set: MarkerSet, reference: Stance | None, pelvis: Array
+) -> Array | None:
+    """(nf, 2) where the pelvis faces, x and z; without a static trial the way that it goes; None
+    where neither.
+    """
     if reference is not None:
         alone = replace(reference, points={"pelvis": reference.points.get("pelvis", {})})
         clusters = clusters_of(recording, alone, marker_set.landmarks, lambda m: True)
@@ -304,22 +376,45 @@ def _walk(pelvis: Array, feet: list[Array], facing: Array | None) -> tuple[Shows
     travel = float(np.linalg.norm(np.ptp(middle[:, [0, 2]], axis=0)))
     rise = float(middle[-1, 1] - middle[0, 1])
     if abs(rise) > CLIMB_M:
-        return Shows.MOVES, f"the pelvis ends {abs(rise):.2f} m {'higher' if rise > 0 else 'lower'}", True
+        return (
+            Shows.MOVES,
+            f"the pelvis ends {abs(rise):.2f} m {'higher' if rise > 0 else 'lower'}",
+            True,
+        )
     if facing is not None:
-        both = known & np.isfinite(feet[0]).all(axis=1) & np.isfinite(feet[1]).all(axis=1) & np.isfinite(facing[:, 0])
+        both = (
+            known
+            & np.isfinite(feet[0]).all(axis=1)
+            & np.isfinite(feet[1]).all(axis=1)
+            & np.isfinite(facing[:, 0])
+        )
         if both.sum() >= FEWEST_FRAMES:
             unit = facing[both] / np.linalg.norm(facing[both], axis=1, keepdims=True)
-            right, left = (np.sum((foot[both] - pelvis[both])[:, [0, 2]] * unit, axis=1) for foot in feet)
+            right, left = (
+                np.sum((foot[both] - pelvis[both])[:, [0, 2]] * unit, axis=1) for foot in feet
+            )
             swing = sorted([float(right.std()), float(left.std())])
             together = float(np.corrcoef(right, left)[0, 1]) if swing[0] > 1e-6 else 0.0
             if together < OPPOSITE and swing[1] > SWING_M and swing[0] > EVEN * swing[1]:
                 where = f"over {travel:.1f} m" if travel > TRAVEL_M else "on the spot (treadmill?)"
                 words = f"the feet go to and fro in turn (correlation {together:.2f}), {where}"
-                return Shows.WALKS, words, together < 1.5 * OPPOSITE and swing[0] > 2 * EVEN * swing[1]
+                return (
+                    Shows.WALKS,
+                    words,
+                    together < 1.5 * OPPOSITE and swing[0] > 2 * EVEN * swing[1],
+                )
             if travel > TRAVEL_M:
-                return Shows.MOVES, f"the body goes {travel:.1f} m, but not with one foot after the other", False
+                return (
+                    Shows.MOVES,
+                    f"the body goes {travel:.1f} m, but not with one foot after the other",
+                    False,
+                )
     if travel > TRAVEL_M:
-        return Shows.OTHER, f"the body goes {travel:.1f} m, but not both feet can be followed", False
+        return (
+            Shows.OTHER,
+            f"the body goes {travel:.1f} m, but not both feet can be followed",
+            False,
+        )
     return None
 
 
@@ -329,7 +424,11 @@ def _one_joint(pelvis: Array, turns: dict[str, float], sway: float) -> Movement:
     degrees = {joint: np.rad2deg(turns[joint]) for joint in ranked}
     turning = [joint for joint in ranked[:3] if degrees[joint] >= TURNING_DEG] or ranked[:1]
     words = ", ".join(f"{joint} {degrees[joint]:.0f}" for joint in turning)
-    said = f"joints turn by {words} deg RMS" if words else "no joint can be followed (markers, or no static trial)"
+    said = (
+        f"joints turn by {words} deg RMS"
+        if words
+        else "no joint can be followed (markers, or no static trial)"
+    )
     other = Movement(shows=Shows.OTHER, evidence=said)
     if not ranked:
         return other
@@ -340,9 +439,15 @@ def _one_joint(pelvis: Array, turns: dict[str, float], sway: float) -> Movement:
     crouch = float(np.diff(np.percentile(heights, (5, 95)))[0]) if len(heights) else 0.0
     lead = turns[first] / turns[ranked[1]] if len(ranked) > 1 and turns[ranked[1]] > 0 else np.inf
     if crouch > CROUCH_M:
-        return replace(other, shows=Shows.MOVES, evidence=f"{said}, and the pelvis goes up and down {crouch:.2f} m")
+        return replace(
+            other,
+            shows=Shows.MOVES,
+            evidence=f"{said}, and the pelvis goes up and down {crouch:.2f} m",
+        )
     if turns[first] < 2 * MOVES_RAD:
-        return replace(other, evidence=f"hardly anything moves: {said}" + (", swaying" * (sway > STAYS_M)))
+        return replace(
+            other, evidence=f"hardly anything moves: {said}" + (", swaying" * (sway > STAYS_M))
+        )
     if lead < LEAD or min(steps) > STEPS_RAD:
         return replace(other, shows=Shows.MOVES, certain=False)
     certain = lead >= CLEAR_LEAD and len(ranked) > 2

@@ -1,35 +1,41 @@
-"""Markers whatever they are called: what moves together, which way the person faces, which one sits where.
+"""Markers whatever they are called: what moves together, which way the person faces, which one sits
+where.
 
-Skin moves the markers of a segment against each other by some millimetres; those of two segments change their distance
-by a few centimetres and more as joints turn. S_ij, the standard deviation of the distance of markers i and j over a
-trial (the largest over all of them; half of what its mean differs between two trials, where that is more), is
-log-normal about ON_ONE if they are on one segment, about APART if not.
+Skin moves the markers of a segment against each other by some millimetres; those of two segments
+change their distance by a few centimetres and more as joints turn. S_ij, the standard deviation of
+the distance of markers i and j over a trial (the largest over all of them; half of what its mean
+differs between two trials, where that is more), is log-normal about ON_ONE if they are on one
+segment, about APART if not.
 
-Where a foot is higher it swings forward, over the ground and on a treadmill, and where it is lower it stays, or goes
-back with the belt. With h the height and u the horizontal velocity of a low marker, in the axes of the standing person
-(`_turns_to`: the turn about the vertical that fits all markers best),
+Where a foot is higher it swings forward, over the ground and on a treadmill, and where it is lower
+it stays, or goes back with the belt. With h the height and u the horizontal velocity of a low
+marker, in the axes of the standing person (`_turns_to`: the turn about the vertical that fits all
+markers best),
 
     forward ~ sum over frames of (h - mean h) (u - mean u),
 
-by each foot for itself; what counts is in how far both say the same, 2 min(a, b) / (a + b) with a and b how much each
-says, and a recording counts by 2 min(a, b): one in which one foot moves says nothing.
+by each foot for itself; what counts is in how far both say the same, 2 min(a, b) / (a + b) with a
+and b how much each says, and a recording counts by 2 min(a, b): one in which one foot moves says
+nothing.
 
-Which marker of a standing person sits where is one likelihood of places and of what moves together. A body of height 1
-has landmarks, which one marker each may show, and surfaces, about which any number lie (`models/body_places.toml`). Its
-place p, with joints k that carry it (body, pelvis, hip, knee, ...), is Gaussian,
+Which marker of a standing person sits where is one likelihood of places and of what moves together.
+A body of height 1 has landmarks, which one marker each may show, and surfaces, about which any
+number lie (`models/body_places.toml`). Its place p, with joints k that carry it (body, pelvis, hip,
+knee, ...), is Gaussian,
 
     p ~ N(at, C + diag(own^2)),   C_pq = sum over common joints k of spread_k^2  +  SCALE^2 at_p at_q  (each axis),
 
-so that markers which are already known tell where the others have to be: a tree along the body. Marker i at x_i costs
-at place p, on a segment s with n markers,
+so that markers which are already known tell where the others have to be: a tree along the body.
+Marker i at x_i costs at place p, on a segment s with n markers,
 
-    c_ip = 1/2 sum over axes [ (x_i - m_p)^2 / v_p + log v_p ] - log(w_p / (1 - w_p)) - min(n, 3) t_is,
+    c_ip = 1/2 sum over axes [ (x_i - m_p)^2 / v_p + log v_p ] - log(w_p / (1 - w_p)) - min(n, 3)
+    t_is,
 
-m, v the mean and variance of p given the markers that are placed so far, w_p the share of laboratories that use a
-landmark, t_is the mean over the markers j of s of how likely i and j move together, of the
-likelier one of its two segments for a landmark at a joint. The best one-to-one assignment (scipy's
-`linear_sum_assignment`) and (m, v) follow from each other in turn, as in coherent point drift (Myronenko
-and Song, IEEE PAMI 32:2262-2275, 2010).
+m, v the mean and variance of p given the markers that are placed so far, w_p the share of
+laboratories that use a landmark, t_is the mean over the markers j of s of how likely i and j move
+together, of the likelier one of its two segments for a landmark at a joint. The best one-to-one
+assignment (scipy's `linear_sum_assignment`) and (m, v) follow from each other in turn, as in
+coherent point drift (Myronenko and Song, IEEE PAMI 32:2262-2275, 2010).
 """
 
 import warnings
@@ -49,17 +55,20 @@ from gaitcal.model.linkage import SIDES
 from gaitcal.tracking.rigid import best_rotation
 
 ON_ONE, APART = (0.005, 0.8), (0.05, 1.2)
-"""Median of S_ij (m) and standard deviation of its logarithm, of two markers on one segment and on two: skin and flesh
-against bone move by 5 mm RMS, give or take a factor of two (Leardini et al., Gait Posture 21:212-225, 2005)."""
+"""Median of S_ij (m) and standard deviation of its logarithm, of two markers on one segment and on
+two: skin and flesh against bone move by 5 mm RMS, give or take a factor of two (Leardini et al.,
+Gait Posture 21:212-225, 2005)."""
 MOST_FRAMES = 150
 FEWEST_FRAMES = 10
 LAG_S = 0.05
 LOW_M = 0.16  # Height over the lowest marker of those that are taken for the feet's
-SEEN_BESIDE = 6  # Markers, those that keep their distance best, by which one is placed that the static trial lacks
+# Markers, those that keep their distance best, by which one is placed that the static trial lacks
+SEEN_BESIDE = 6
 
 
 def standing_points(recording: Recording, labels: Sequence[str]) -> Array:
-    """(n, 3) m, where markers are in the stillest part of a recording; NaN of those that are not seen in it.
+    """(n, 3) m, where markers are in the stillest part of a recording; NaN of those that are not
+    seen in it.
 
     InputError where nobody stands still in it.
     """
@@ -75,9 +84,11 @@ def standing_points(recording: Recording, labels: Sequence[str]) -> Array:
     return out
 
 
-def distance_scatter(recordings: Sequence[Recording], labels: Sequence[str], standing: Array | None = None) -> Array:
-    """(n, n) m, S_ij; NaN where two markers are never seen together for long enough. `standing`: (n, 3) m, where they
-    are in a further trial, in which nothing moves.
+def distance_scatter(
+    recordings: Sequence[Recording], labels: Sequence[str], standing: Array | None = None
+) -> Array:
+    """(n, n) m, S_ij; NaN where two markers are never seen together for long enough. `standing`:
+    (n, 3) m, where they are in a further trial, in which nothing moves.
     """
     number = {label: i for i, label in enumerate(labels)}
     out = np.full((len(labels), len(labels)), np.nan)
@@ -104,7 +115,9 @@ def distance_scatter(recordings: Sequence[Recording], labels: Sequence[str], sta
 
 
 def on_one_segment(scatter: Array) -> Array:
-    """(n, n) log ratio of the likelihoods that two markers are on one segment or on two; 0 where nothing is known."""
+    """(n, n) log ratio of the likelihoods that two markers are on one segment or on two; 0 where
+    nothing is known.
+    """
     log = np.log(np.maximum(scatter, 1e-3))
 
     def density(median: float, deviation: float) -> Array:
@@ -116,8 +129,12 @@ def on_one_segment(scatter: Array) -> Array:
     return out
 
 
-def with_missing(points: Array, labels: Sequence[str], recordings: Sequence[Recording], scatter: Array) -> Array:
-    """`points` (n, 3) with markers that only the moving trials have, placed by those that they move with."""
+def with_missing(
+    points: Array, labels: Sequence[str], recordings: Sequence[Recording], scatter: Array
+) -> Array:
+    """`points` (n, 3) with markers that only the moving trials have, placed by those that they move
+    with.
+    """
     out = points.copy()
     known = np.isfinite(points).all(axis=1)
     for i in np.flatnonzero(~known):
@@ -132,7 +149,9 @@ def with_missing(points: Array, labels: Sequence[str], recordings: Sequence[Reco
             if len(paths) < FEWEST_FRAMES:
                 continue
             middle, place = paths[:, 1:].mean(axis=1), points[beside].mean(axis=0)
-            moments = np.einsum("fmi,mj->ijf", paths[:, 1:] - middle[:, None], points[beside] - place)
+            moments = np.einsum(
+                "fmi,mj->ijf", paths[:, 1:] - middle[:, None], points[beside] - place
+            )
             turn = best_rotation(moments)[0]
             out[i] = place + np.einsum("ijf,fi->fj", turn, paths[:, 0] - middle).mean(axis=0)
             break
@@ -140,21 +159,29 @@ def with_missing(points: Array, labels: Sequence[str], recordings: Sequence[Reco
 
 
 def _turns_to(markers: Array, points: Array) -> Array:
-    """(nf,) rad, turn about the vertical that brings markers (nf, n, 3) nearest to where they stand (n, 3)."""
+    """(nf,) rad, turn about the vertical that brings markers (nf, n, 3) nearest to where they stand
+    (n, 3).
+    """
     seen = seen_mask(markers).astype(np.float64)[..., None]
     count = np.maximum(seen.sum(axis=1), 1.0)
     x = np.where(seen > 0, markers, 0.0)
     here = x - (x * seen).sum(axis=1, keepdims=True) / count[:, None]
     there = points[None] - ((seen * points).sum(axis=1) / count)[:, None]
-    along = (seen[..., 0] * (here[..., 0] * there[..., 0] + here[..., 2] * there[..., 2])).sum(axis=1)
-    across = (seen[..., 0] * (here[..., 0] * there[..., 2] - here[..., 2] * there[..., 0])).sum(axis=1)
+    along = (seen[..., 0] * (here[..., 0] * there[..., 0] + here[..., 2] * there[..., 2])).sum(
+        axis=1
+    )
+    across = (seen[..., 0] * (here[..., 0] * there[..., 2] - here[..., 2] * there[..., 0])).sum(
+        axis=1
+    )
     out: Array = np.arctan2(across, along)
     return out
 
 
-def forward_direction(recordings: Sequence[Recording], points: Array, labels: Sequence[str]) -> Array:
-    """(2,) horizontal direction (x, z) in which the person faces who stands at `points` (n, 3); its length, 0 to 1, is
-    how far both feet of all recordings say the same. Zero where nobody walks.
+def forward_direction(
+    recordings: Sequence[Recording], points: Array, labels: Sequence[str]
+) -> Array:
+    """(2,) horizontal direction (x, z) in which the person faces who stands at `points` (n, 3); its
+    length, 0 to 1, is how far both feet of all recordings say the same. Zero where nobody walks.
     """
     total, weight = np.zeros(2), 0.0
     known = {label: k for k, label in enumerate(labels) if np.isfinite(points[k]).all()}
@@ -167,23 +194,34 @@ def forward_direction(recordings: Sequence[Recording], points: Array, labels: Se
         standing = points[[known[name] for name in names]]
         markers = recording.markers[:, columns]
         low = standing[:, 1] < standing[:, 1].min() + LOW_M
-        feet = _two_groups(distance_scatter([recording], [n for n, k in zip(names, low, strict=True) if k]))
+        feet = _two_groups(
+            distance_scatter([recording], [n for n, k in zip(names, low, strict=True) if k])
+        )
         if feet is None:
             continue
         turn = _turns_to(markers, standing)[lag:-lag, None]
         velocity = (markers[2 * lag :, low] - markers[: -2 * lag, low]) / (2 * lag / recording.rate)
         height = markers[lag:-lag, low, 1]
         cos, sin = np.cos(turn), np.sin(turn)
-        u = np.stack([cos * velocity[..., 0] - sin * velocity[..., 2], sin * velocity[..., 0] + cos * velocity[..., 2]])
+        u = np.stack(
+            [
+                cos * velocity[..., 0] - sin * velocity[..., 2],
+                sin * velocity[..., 0] + cos * velocity[..., 2],
+            ]
+        )
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", RuntimeWarning)
-            swing = np.nansum((height - np.nanmean(height, axis=0)) * (u - np.nanmean(u, axis=1)[:, None]), axis=1)
+            swing = np.nansum(
+                (height - np.nanmean(height, axis=0)) * (u - np.nanmean(u, axis=1)[:, None]), axis=1
+            )
         one, other = swing[:, feet == 1].sum(axis=1), swing[:, feet == 2].sum(axis=1)
         sizes = np.linalg.norm(one), np.linalg.norm(other)
         both = 2 * float(min(sizes))
         weight += both
         if one @ other > 0:
-            total += both**2 / float(sum(sizes)) * (one + other) / float(np.linalg.norm(one + other))
+            total += (
+                both**2 / float(sum(sizes)) * (one + other) / float(np.linalg.norm(one + other))
+            )
     out: Array = total / weight if weight > 0 else total
     return out
 
@@ -197,9 +235,14 @@ def _two_groups(scatter: Array) -> IntArray | None:
 
 
 SCALE = 0.04  # Standard deviation of a person's proportions as a share of the lengths
-HEIGHT_M, HEIGHT_SD_M = 1.6, 0.25  # Of people who are recorded, children among them, where nobody tells a height
+HEIGHT_M, HEIGHT_SD_M = (
+    1.6,
+    0.25,
+)  # Of people who are recorded, children among them, where nobody tells a height
 SURFACE = 2.0  # Cost of a place on a surface, which is one of many, against a landmark's
-NOWHERE = 3.0  # Cost of a marker that is on nobody: evenly likely in a body's box, one marker in fifty
+NOWHERE = (
+    3.0  # Cost of a marker that is on nobody: evenly likely in a body's box, one marker in fifty
+)
 MOST_WITNESSES = 3
 ROUNDS = 8
 
@@ -210,7 +253,9 @@ class Body:
 
     labels: tuple[str, ...]  # in the marker set "landmarks"; empty of a surface
     segments: tuple[str, ...]
-    neighbours: tuple[str, ...]  # segment that it moves with, too: of landmarks at joints; else the same
+    neighbours: tuple[
+        str, ...
+    ]  # segment that it moves with, too: of landmarks at joints; else the same
     joints: tuple[str, ...]  # that carries it
     at: Array  # (np, 3) forward, up, to the right
     own: Array  # (np,) spread about where its joints put it
@@ -224,7 +269,9 @@ class Body:
 
     def with_arm(self, side: str, other: "Body") -> "Body":
         """The body with an arm as another one holds it."""
-        arm = [segment in (f"upper_arm_{side}", f"forearm_hand_{side}") for segment in self.segments]
+        arm = [
+            segment in (f"upper_arm_{side}", f"forearm_hand_{side}") for segment in self.segments
+        ]
         return replace(self, at=np.where(np.array(arm)[:, None], other.at, self.at))
 
 
@@ -238,7 +285,16 @@ def standing_bodies() -> tuple[Body, ...]:
     table = read_toml(models_path() / "body_places.toml")
     rows: list[tuple[str, str, str, str, list[float], float, float]] = []
 
-    def add(name: str, label: str, segment: str, other: str, joint: str, at: list[float], own: float, p: float) -> None:
+    def add(
+        name: str,
+        label: str,
+        segment: str,
+        other: str,
+        joint: str,
+        at: list[float],
+        own: float,
+        p: float,
+    ) -> None:
         sides = SIDES if "{s}" in name + segment + joint or at[2] else ("r",)
         for side in sides:
             words = [_both(text, side) for text in (label, segment, other, joint)]
@@ -264,16 +320,28 @@ def standing_bodies() -> tuple[Body, ...]:
     spreads: dict[str, tuple[str, Array]] = {}
     for name, entry in table["joints"].items():
         for side in SIDES:
-            spreads[_both(name, side)] = (_both(entry.get("beyond", ""), side), np.square(entry["spread"]))
+            spreads[_both(name, side)] = (
+                _both(entry.get("beyond", ""), side),
+                np.square(entry["spread"]),
+            )
 
     def carriers(joint: str) -> set[str]:
         return {joint} | carriers(spreads[joint][0]) if joint else set()
 
     chains = [carriers(joint) for joint in joints]
-    shared = np.array([[sum((spreads[k][1] for k in one & other), np.zeros(3)) for other in chains] for one in chains])
-    hanging = Body(labels, segments, neighbours, joints, np.array(at), np.array(own), np.array(worn), shared)
+    shared = np.array(
+        [
+            [sum((spreads[k][1] for k in one & other), np.zeros(3)) for other in chains]
+            for one in chains
+        ]
+    )
+    hanging = Body(
+        labels, segments, neighbours, joints, np.array(at), np.array(own), np.array(worn), shared
+    )
     arms = table["arms"]
-    return tuple(replace(hanging, at=_raised(hanging, arms, np.deg2rad(turns))) for turns in arms["postures"])
+    return tuple(
+        replace(hanging, at=_raised(hanging, arms, np.deg2rad(turns))) for turns in arms["postures"]
+    )
 
 
 def _raised(body: Body, arms: dict[str, Any], turns: Array) -> Array:
@@ -302,7 +370,9 @@ def _raised(body: Body, arms: dict[str, Any], turns: Array) -> Array:
 class Placed:
     """Markers on a body."""
 
-    cost: float  # Negative log likelihood, for comparison with other heights, headings and postures of the same markers
+    # Negative log likelihood, for comparison with other heights, headings and postures of the same
+    # markers
+    cost: float
     places: IntArray  # (n,) of each marker; -1 on nobody
     away: Array  # (n,) share of the height, from where the others put its place
     ahead: Array  # (n,) how much the next best segment would cost more
@@ -314,13 +384,18 @@ class Placed:
 class Together:
     """What is known of markers besides their places."""
 
-    moves: Array  # (n, n) log likelihood ratio that two markers are on one segment; 0 where nothing is known
+    # (n, n) log likelihood ratio that two markers are on one segment; 0 where nothing is known
+    moves: Array
     known: BoolArray  # (n, n) whether something is known
     allowed: BoolArray  # (n, np) places that a marker may have
 
 
-def place_markers(points: Array, body: Body, height: float, evidence: Together, *, rounds: int = ROUNDS) -> Placed:
-    """Assign markers to places; `points` (n, 3) m: forward, up from the floor, right of the body's middle."""
+def place_markers(
+    points: Array, body: Body, height: float, evidence: Together, *, rounds: int = ROUNDS
+) -> Placed:
+    """Assign markers to places; `points` (n, 3) m: forward, up from the floor, right of the body's
+    middle.
+    """
     x, n, landmark = points / height, len(points), body.landmark
     of, segments = _numbers(body)
     spread = body.shared + SCALE**2 * body.at[:, None] * body.at[None]
@@ -349,7 +424,9 @@ def place_markers(points: Array, body: Body, height: float, evidence: Together, 
     on, found = places >= 0, places[places >= 0]
     total = fit + NOWHERE * float((~on).sum()) + float(free[found].sum()) + 3 * n * np.log(height)
     total -= 0.5 * float(_motion(evidence, places, of, segments)[np.flatnonzero(on), found].sum())
-    others = np.where(np.array(of)[None] == np.where(on, np.array(of)[places], -1)[:, None], np.inf, cost)
+    others = np.where(
+        np.array(of)[None] == np.where(on, np.array(of)[places], -1)[:, None], np.inf, cost
+    )
     return Placed(
         cost=total,
         places=places,
@@ -361,9 +438,9 @@ def place_markers(points: Array, body: Body, height: float, evidence: Together, 
 
 
 def out_of_place(points: Array, placed: Placed) -> Array:
-    """(n,) chi-squared of three: how far each of `points` (n, 3), those of `place_markers`, lies from where all
-    others put its place; NaN on nobody. With K their covariance and r their residuals, the sum over the axes of
-    (K^-1 r)_i^2 / (K^-1)_ii.
+    """(n,) chi-squared of three: how far each of `points` (n, 3), those of `place_markers`, lies
+    from where all others put its place; NaN on nobody. With K their covariance and r their
+    residuals, the sum over the axes of (K^-1 r)_i^2 / (K^-1)_ii.
     """
     body, on = placed.body, placed.places >= 0
     found, out = placed.places[on], np.full(len(points), np.nan)
@@ -384,7 +461,9 @@ def _numbers(body: Body) -> tuple[list[int], list[int]]:
 
 
 def _motion(evidence: Together, places: IntArray, of: list[int], neighbours: list[int]) -> Array:
-    """(n, np) log likelihood that each marker moves with those that are on the segment of each place."""
+    """(n, np) log likelihood that each marker moves with those that are on the segment of each
+    place.
+    """
     member = np.zeros((len(places), max(of) + 1))
     on = places >= 0
     member[on, np.array(of)[places[on]]] = 1.0
@@ -394,8 +473,12 @@ def _motion(evidence: Together, places: IntArray, of: list[int], neighbours: lis
     return out
 
 
-def _given(x: Array, places: IntArray, body: Body, spread: Array, own: Array) -> tuple[Array, Array, float]:
-    """Mean and variance (np, 3) of all places given the markers that are placed, and what those cost together."""
+def _given(
+    x: Array, places: IntArray, body: Body, spread: Array, own: Array
+) -> tuple[Array, Array, float]:
+    """Mean and variance (np, 3) of all places given the markers that are placed, and what those
+    cost together.
+    """
     on = places >= 0
     found = places[on]
     mean, variance, total = np.empty_like(body.at), np.empty_like(body.at), 0.0

@@ -1,1 +1,3 @@
-"""Files to arrays in SI units and back: recordings of every format, plain safe writing, the data of the package."""
+"""Files to arrays in SI units and back: recordings of every format, plain safe writing, the data of
+the package.
+"""

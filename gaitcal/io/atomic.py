@@ -1,8 +1,9 @@
 """What ends a run, and files that are written whole or not at all.
 
-Ctrl-C, SIGTERM (`kill`, a batch system at its time limit) and SIGHUP (a closed terminal) end a run as an error would:
-what it was writing is removed, locks are freed. The first signal raises an exception in the main thread; those after
-it are ignored, so that cleaning up is not itself cut off. A signal within `unbroken()` waits until its end.
+Ctrl-C, SIGTERM (`kill`, a batch system at its time limit) and SIGHUP (a closed terminal) end a run
+as an error would: what it was writing is removed, locks are freed. The first signal raises an
+exception in the main thread; those after it are ignored, so that cleaning up is not itself cut off.
+A signal within `unbroken()` waits until its end.
 
 A file is written under its own name in a hidden folder beside its place, and then renamed.
 """
@@ -20,9 +21,13 @@ from typing import Any
 
 from gaitcal.errors import Code, InputError
 
-ENDINGS = tuple(getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name))
+ENDINGS = tuple(
+    getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name)
+)
 """Signals by which a user ends a command; not every system has the last."""
-FULL = frozenset({errno.ENOSPC, errno.EDQUOT, errno.EFBIG})  # No room is left, on the disk or for this user
+FULL = frozenset(
+    {errno.ENOSPC, errno.EDQUOT, errno.EFBIG}
+)  # No room is left, on the disk or for this user
 UNFINISHED = ".gaitcal-tmp-"  # Beginning of the hidden names of what is being written
 
 
@@ -66,7 +71,9 @@ def ended_by_signals() -> Iterator[None]:
             cause: BaseException | None = error
             while cause is not None and not isinstance(cause, (KeyboardInterrupt, Stopped)):
                 cause = cause.__cause__ or cause.__context__
-            if cause is not None:  # a library that was loading made an error of its own of the signal
+            if (
+                cause is not None
+            ):  # a library that was loading made an error of its own of the signal
                 raise cause from None
             raise
 
@@ -83,11 +90,15 @@ def unbroken() -> Iterator[None]:
 
 @contextmanager
 def _answered_by(handler: Callable[[int, FrameType | None], Any]) -> Iterator[None]:
-    """Inside, `handler` answers the signals that are not ignored; nothing to do in a thread, which hears none."""
+    """Inside, `handler` answers the signals that are not ignored; nothing to do in a thread, which
+    hears none.
+    """
     if threading.current_thread() is not threading.main_thread():
         yield
         return
-    before = {n: signal.getsignal(n) for n in ENDINGS if signal.getsignal(n) not in (signal.SIG_IGN, None)}
+    before = {
+        n: signal.getsignal(n) for n in ENDINGS if signal.getsignal(n) not in (signal.SIG_IGN, None)
+    }
     try:
         for number in before:
             signal.signal(number, handler)
@@ -101,11 +112,15 @@ def _answered_by(handler: Callable[[int, FrameType | None], Any]) -> Iterator[No
 
 
 def real_path(target: Path | str) -> Path:
-    """Absolute, links followed: a link keeps pointing where it does, and what it points to is replaced."""
+    """Absolute, links followed: a link keeps pointing where it does, and what it points to is
+    replaced.
+    """
     try:
         return Path(os.path.realpath(target))
     except (OSError, ValueError) as error:
-        raise InputError(f"no usable path: {error}", source=repr(str(target)), code=Code.NOT_WRITABLE) from None
+        raise InputError(
+            f"no usable path: {error}", source=repr(str(target)), code=Code.NOT_WRITABLE
+        ) from None
 
 
 @contextmanager
@@ -116,12 +131,15 @@ def disk_errors(target: Path, only: frozenset[int] | None = None) -> Iterator[No
     except OSError as error:
         if only is not None and error.errno not in only:
             raise
-        raise InputError(f"cannot be written: {error.strerror}", source=target, code=Code.NOT_WRITABLE) from error
+        raise InputError(
+            f"cannot be written: {error.strerror}", source=target, code=Code.NOT_WRITABLE
+        ) from error
 
 
 @contextmanager
 def atomic_file(target: Path | str) -> Iterator[Path]:
-    """Yield a path of the same file name in a hidden folder; the file written there becomes `target` on success.
+    """Yield a path of the same file name in a hidden folder; the file written there becomes
+    `target` on success.
 
     InputError where `target` is a folder, cannot be written, or the disk is full.
     """
@@ -129,9 +147,15 @@ def atomic_file(target: Path | str) -> Iterator[Path]:
     with ExitStack() as stack:
         with disk_errors(target):
             if target.is_dir():
-                raise InputError("is a folder; the name of a file is needed", source=target, code=Code.FOLDER_TAKEN)
+                raise InputError(
+                    "is a folder; the name of a file is needed",
+                    source=target,
+                    code=Code.FOLDER_TAKEN,
+                )
             target.parent.mkdir(parents=True, exist_ok=True)
-            stage = stack.enter_context(tempfile.TemporaryDirectory(prefix=UNFINISHED, dir=target.parent))
+            stage = stack.enter_context(
+                tempfile.TemporaryDirectory(prefix=UNFINISHED, dir=target.parent)
+            )
         with disk_errors(target, only=FULL):
             yield Path(stage) / target.name
         with disk_errors(target):

@@ -1,11 +1,14 @@
-"""Public recordings that `gaitcal example NAME` fetches: the registry `models/examples.toml`, and a folder of one.
+"""Public recordings that `gaitcal example NAME` fetches: the registry `models/examples.toml`, and a
+folder of one.
 
-This is the only module of gaitcal that asks the internet for anything, on `gaitcal example NAME` alone. A request holds
-the address of a public file and the program's name; nothing of the user's data. Pooch fetches: a passing fault is tried
-again, a file is put in its place once its SHA-256 is right.
+This is the only module of gaitcal that asks the internet for anything, on `gaitcal example NAME`
+alone. A request holds the address of a public file and the program's name; nothing of the user's
+data. Pooch fetches: a passing fault is tried again, a file is put in its place once its SHA-256 is
+right.
 
-The folder holds the recordings, study.toml, and SOURCE.txt, which says whose they are. Files that are right are kept,
-whatever ends a run: the next one asks for the rest only. A folder with anything else in it is refused.
+The folder holds the recordings, study.toml, and SOURCE.txt, which says whose they are. Files that
+are right are kept, whatever ends a run: the next one asks for the rest only. A folder with anything
+else in it is refused.
 """
 
 import json
@@ -34,7 +37,9 @@ REGISTRY = "examples.toml"
 class RemoteFile(Table):
     """`[[example.file]]`: a recording at its public address."""
 
-    name: str = Field(max_length=200)  # Where it is put, below the folder of the example: `HC002D/static.c3d`
+    name: str = Field(
+        max_length=200
+    )  # Where it is put, below the folder of the example: `HC002D/static.c3d`
     url: str
     bytes: int = Field(gt=0)
     sha256: str = Field(pattern="^[0-9a-f]{64}$")
@@ -96,7 +101,9 @@ def examples() -> tuple[Example, ...]:
 
 
 def example_named(name: str) -> Example:
-    """The example of this name; UsageError, with the nearest name or all names, where there is none."""
+    """The example of this name; UsageError, with the nearest name or all names, where there is
+    none.
+    """
     names = [example.name for example in examples()]
     if name not in names:
         hint = nearest(name, names) or f"; allowed: {', '.join(names)}"
@@ -106,7 +113,10 @@ def example_named(name: str) -> Example:
 
 TIMEOUT_S = 30.0  # For a connection, and for each block of a file
 BLOCK = 1 << 16
-HEADERS = {"User-Agent": "gaitcal example", "Accept-Encoding": "identity"}  # Sizes are those of the files
+HEADERS = {
+    "User-Agent": "gaitcal example",
+    "Accept-Encoding": "identity",
+}  # Sizes are those of the files
 TRIES = 3
 _SCHEMES = ("https", "http", "file")
 
@@ -115,7 +125,9 @@ _SCHEMES = ("https", "http", "file")
 class Connection:
     """How files are asked for."""
 
-    mirror: str | None = None  # Address that stands for `https://HOST` of every file: `MIRROR/path/of/the/file`
+    mirror: str | None = (
+        None  # Address that stands for `https://HOST` of every file: `MIRROR/path/of/the/file`
+    )
     tries: int = TRIES
 
     def __post_init__(self) -> None:
@@ -134,7 +146,9 @@ class Connection:
 
 
 class _Progress:
-    """A progress bar as pooch asks for one: hands on the bytes so far, and lets no more be read than announced."""
+    """A progress bar as pooch asks for one: hands on the bytes so far, and lets no more be read
+    than announced.
+    """
 
     def __init__(self, address: str, announced: int, progress: Callable[[int], None]) -> None:
         self.address, self.announced, self.progress = address, announced, progress
@@ -156,13 +170,16 @@ class _Progress:
         """Nothing is open."""
 
 
-def download(file: RemoteFile, target: Path, connection: Connection, progress: Callable[[int], None]) -> None:
+def download(
+    file: RemoteFile, target: Path, connection: Connection, progress: Callable[[int], None]
+) -> None:
     """Fetch `file` to `target`; `progress` gets the bytes so far.
 
     Raises
     ------
     InputError
-        There is no network, no such file, or another size or SHA-256 than in the registry; `target` is not there then.
+        There is no network, no such file, or another size or SHA-256 than in the registry; `target`
+        is not there then.
     """
     address = connection.address(file)
 
@@ -177,7 +194,9 @@ def download(file: RemoteFile, target: Path, connection: Connection, progress: C
 
         bar, hooks = _Progress(address, file.bytes, progress), {"response": remember}
         try:
-            pooch.HTTPDownloader(bar, BLOCK, timeout=TIMEOUT_S, headers=HEADERS, hooks=hooks)(url, output, files)
+            pooch.HTTPDownloader(bar, BLOCK, timeout=TIMEOUT_S, headers=HEADERS, hooks=hooks)(
+                url, output, files
+            )
         finally:
             for answer in answers:  # pooch leaves one that broke off open
                 answer.close()
@@ -196,7 +215,11 @@ def download(file: RemoteFile, target: Path, connection: Connection, progress: C
         message = "no such file in the mirror"
     except requests.HTTPError as error:
         answer = error.response
-        message = "the server refuses" if answer is None else f"the server answers {answer.status_code} {answer.reason}"
+        message = (
+            "the server refuses"
+            if answer is None
+            else f"the server answers {answer.status_code} {answer.reason}"
+        )
         if answer is not None and answer.status_code in (404, 410):
             message += "; the file is no longer there"
     except requests.exceptions.SSLError:
@@ -204,9 +227,14 @@ def download(file: RemoteFile, target: Path, connection: Connection, progress: C
     except (requests.ConnectionError, requests.Timeout):
         message = f"{urlsplit(address).netloc} cannot be reached; tried {connection.tries} times"
     except requests.RequestException as error:
-        message = f"the connection broke off ({type(error).__name__}); tried {connection.tries} times"
+        message = (
+            f"the connection broke off ({type(error).__name__}); tried {connection.tries} times"
+        )
     except ValueError:  # pooch: another SHA-256
-        message = f"is not the registered file (SHA-256 {file.sha256[:12]}...): it was changed there or on the way"
+        message = (
+            f"is not the registered file (SHA-256 {file.sha256[:12]}...): it was changed there or "
+            "on the way"
+        )
     else:
         return
     raise InputError(message, source=address, code=Code.DOWNLOAD)
@@ -237,11 +265,14 @@ def is_complete(example: Example, folder: Path) -> bool:
     return is_same and len(right_files(example, folder)) == len(example.files)
 
 
-def fetch_example(example: Example, folder: Path, connection: Connection, progress: Callable[[Step], None]) -> None:
-    """Fetch what is not there, and put all of it into `folder`. A study file that is there stays as its user left it.
+def fetch_example(
+    example: Example, folder: Path, connection: Connection, progress: Callable[[Step], None]
+) -> None:
+    """Fetch what is not there, and put all of it into `folder`. A study file that is there stays as
+    its user left it.
 
-    InputError where the folder holds something else; where a file cannot be had, or is not the registered one, and
-    InterruptedWork after Ctrl-C or a signal: what was fetched before is kept.
+    InputError where the folder holds something else; where a file cannot be had, or is not the
+    registered one, and InterruptedWork after Ctrl-C or a signal: what was fetched before is kept.
     """
     if is_complete(example, folder):
         return
@@ -276,7 +307,9 @@ def fetch_example(example: Example, folder: Path, connection: Connection, progre
     raise InterruptedWork(fault, kept) from fault
 
 
-def _fetch_rest(example: Example, content: Path, connection: Connection, progress: Callable[[Step], None]) -> None:
+def _fetch_rest(
+    example: Example, content: Path, connection: Connection, progress: Callable[[Step], None]
+) -> None:
     missing = [file for file in example.files if not (content / file.name).exists()]
     done = example.size - sum(file.bytes for file in missing)
     for file in missing:
@@ -292,13 +325,19 @@ def _fetch_rest(example: Example, content: Path, connection: Connection, progres
 def source_text(example: Example) -> str:
     """Whose the recordings are, and under which licence."""
     paragraphs = (
-        f"{example.title}. Fetched by 'gaitcal example {example.name}'; the recordings are no part of gaitcal.",
+        f"{example.title}. Fetched by 'gaitcal example {example.name}'; the recordings are no part "
+        "of gaitcal.",
         f"From: {example.of}",
         f"Repository: {example.repository}, commit {example.commit}",
         f"Licence: {example.licence}, {example.licence_text}",
         f"Cite: {example.cite}",
         f"Note: {example.remark}",
     )
-    files = "\n".join(f"{file.name}\n  {file.url}\n  SHA-256 {file.sha256}" for file in example.files)
-    wrapped = (textwrap.fill(line, 100, break_long_words=False, break_on_hyphens=False) for line in paragraphs)
+    files = "\n".join(
+        f"{file.name}\n  {file.url}\n  SHA-256 {file.sha256}" for file in example.files
+    )
+    wrapped = (
+        textwrap.fill(line, 100, break_long_words=False, break_on_hyphens=False)
+        for line in paragraphs
+    )
     return "\n".join(wrapped) + f"\n\n{files}\n"

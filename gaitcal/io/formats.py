@@ -27,7 +27,13 @@ from gaitcal.io import segment_poses, text_file
 from gaitcal.io.c3d.reader import read_c3d
 from gaitcal.io.c3d.writer import write_c3d
 from gaitcal.io.force_tables import Forces
-from gaitcal.io.opensim_files import read_external_loads, read_mot_forces, read_trc, write_forces_mot, write_trc
+from gaitcal.io.opensim_files import (
+    read_external_loads,
+    read_mot_forces,
+    read_trc,
+    write_forces_mot,
+    write_trc,
+)
 from gaitcal.io.recording import ForcePlate, Recording
 from gaitcal.runtime import with_one_blas_thread
 
@@ -39,18 +45,24 @@ FORCE_READERS = {
     ".xml": read_external_loads,
 }
 MARKER_WRITERS = {".csv": csv_files.write_markers_csv, ".trc": write_trc, ".c3d": write_c3d}
-FORCE_WRITERS = {".csv": csv_files.write_forces_csv, ".mot": write_forces_mot, ".sto": write_forces_mot}
+FORCE_WRITERS = {
+    ".csv": csv_files.write_forces_csv,
+    ".mot": write_forces_mot,
+    ".sto": write_forces_mot,
+}
 
 _T = TypeVar("_T")
 
 
 @with_one_blas_thread
-def read_recording(path: str | PathLike[str], *, forces: str | PathLike[str] | None = None) -> Recording:
+def read_recording(
+    path: str | PathLike[str], *, forces: str | PathLike[str] | None = None
+) -> Recording:
     """Markers of a .c3d, .trc or .csv file, and its plates.
 
-    The plates are those of `forces` (.mot, .sto, .csv, .xml) if given, else the C3D file's own. Metres, seconds,
-    newtons, y up; the turn to the progression is `turn_to_progression`. Sizes are not judged here: millimetres declared
-    as metres are for `gaitcal check`.
+    The plates are those of `forces` (.mot, .sto, .csv, .xml) if given, else the C3D file's own.
+    Metres, seconds, newtons, y up; the turn to the progression is `turn_to_progression`. Sizes are
+    not judged here: millimetres declared as metres are for `gaitcal check`.
 
     Raises
     ------
@@ -63,12 +75,17 @@ def read_recording(path: str | PathLike[str], *, forces: str | PathLike[str] | N
     read = read_forces(forces)
     notes = read.notes
     if recording.plates:
-        notes = (f"The {len(recording.plates)} plates of the C3D file gave way to those of {read.source}.", *notes)
+        notes = (
+            f"The {len(recording.plates)} plates of the C3D file gave way to those of "
+            f"{read.source}.",
+            *notes,
+        )
     return replace(recording, plates=read.plates, feet=read.feet, notes=recording.notes + notes)
 
 
 def read_forces(path: str | PathLike[str]) -> Forces:
-    """Plates of a .mot, .sto or .csv file or of an ExternalLoads .xml, in m, N and N·m by definition of these formats.
+    """Plates of a .mot, .sto or .csv file or of an ExternalLoads .xml, in m, N and N·m by
+    definition of these formats.
 
     Their corners are those of NAME_plates.csv, where it lies beside NAME_forces.csv.
     """
@@ -83,12 +100,16 @@ def _read(file: Path, readers: Mapping[str, Callable[[Path], _T]]) -> _T:
         ending = f"found the ending '{file.suffix[:20]}'" if file.suffix else "found no ending"
         allowed = f"allowed are {', '.join(readers)}{nearest(file.suffix, readers)}"
         raise InputError(f"{ending}; {allowed}", source=file, code=Code.FILE_FORMAT)
-    with np.errstate(all="ignore"):  # absurd numbers of a damaged file may overflow on their way to a message
+    with np.errstate(
+        all="ignore"
+    ):  # absurd numbers of a damaged file may overflow on their way to a message
         return reader(file)
 
 
 def convert(source: str | PathLike[str], target: str | PathLike[str]) -> tuple[Path, ...]:
-    """Write `source` anew as `target`; the endings say how. Returns the files written, the target first."""
+    """Write `source` anew as `target`; the endings say how. Returns the files written, the target
+    first.
+    """
     return _convert(Path(target), Path(source))
 
 
@@ -106,7 +127,9 @@ def _convert(new: Path, old: Path) -> tuple[Path, ...]:
     allowed = FORCE_WRITERS if holds_forces else MARKER_WRITERS
     if ending not in allowed:
         found = new.suffix[:20] or "no ending"
-        raise text_file.FileFault(f"found {found}; {old.name} can become {', '.join(allowed)}", code=Code.NOT_WRITABLE)
+        raise text_file.FileFault(
+            f"found {found}; {old.name} can become {', '.join(allowed)}", code=Code.NOT_WRITABLE
+        )
     if holds_forces:
         return _write_forces(new, read_forces(old).plates)
     beside = old.with_name(f"{old.stem}_forces.csv")
@@ -115,7 +138,9 @@ def _convert(new: Path, old: Path) -> tuple[Path, ...]:
     written: tuple[Path, ...] = ()
     if recording.plates and ending != ".c3d":
         forces_ending = ".csv" if ending == ".csv" else ".mot"
-        written = _write_forces(new.with_name(f"{new.stem}_forces{forces_ending}"), recording.plates)
+        written = _write_forces(
+            new.with_name(f"{new.stem}_forces{forces_ending}"), recording.plates
+        )
     MARKER_WRITERS[ending](new, recording)
     if ending == ".csv" and csv_files.facts_file(new).is_file():
         written = (*written, csv_files.facts_file(new))

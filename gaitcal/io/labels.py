@@ -1,10 +1,13 @@
-"""What a file says beside its samples: names of markers, facts about the person, moments at which feet meet the ground.
+"""What a file says beside its samples: names of markers, facts about the person, moments at which
+feet meet the ground.
 
-A C3D file's POINT list may hold, besides markers, everything a vendor's pipeline computed: angles, moments, powers,
-joint centres, four points for each segment's axes. None of these was measured; none may be fitted.
+A C3D file's POINT list may hold, besides markers, everything a vendor's pipeline computed: angles,
+moments, powers, joint centres, four points for each segment's axes. None of these was measured;
+none may be fitted.
 
-Its group PROCESSING is where Vicon's programs keep what was measured by hand: kg and mm, angles in rad. EVENT is the
-standard's own group: TIMES is (2, n), minutes and seconds from the beginning of the recording, as the frames count.
+Its group PROCESSING is where Vicon's programs keep what was measured by hand: kg and mm, angles in
+rad. EVENT is the standard's own group: TIMES is (2, n), minutes and seconds from the beginning of
+the recording, as the frames count.
 """
 
 import contextlib
@@ -33,8 +36,8 @@ COMPUTED = re.compile(
 """Names that vendors give to computed points; used besides the file's own lists."""
 
 SEGMENT_POINT = re.compile(r"(?P<stem>[A-Z][A-Z0-9]{2}|\w+_M?)(?P<point>[OALP])", re.IGNORECASE)
-"""Segment axes: origin, anterior, lateral, proximal, as PELO PELA PELL PELP (Vicon) or Pelvis_MO _MA _ML _MP, in
-capitals or not. Only where all four are there."""
+"""Segment axes: origin, anterior, lateral, proximal, as PELO PELA PELL PELP (Vicon) or Pelvis_MO
+_MA _ML _MP, in capitals or not. Only where all four are there."""
 
 
 def clean(label: str) -> str:
@@ -44,7 +47,9 @@ def clean(label: str) -> str:
 
 
 def common_prefix(labels: Sequence[str]) -> tuple[str, tuple[str, ...]]:
-    """`Subj:` where every label begins so, else the empty string; and a note that it is taken off, if any."""
+    """`Subj:` where every label begins so, else the empty string; and a note that it is taken off,
+    if any.
+    """
     heads = {label.partition(":")[0] if ":" in label else "" for label in labels}
     head = heads.pop() if len(heads) == 1 else ""
     prefix = head + ":" if head and all(len(label) > len(head) + 1 for label in labels) else ""
@@ -52,7 +57,9 @@ def common_prefix(labels: Sequence[str]) -> tuple[str, tuple[str, ...]]:
 
 
 def unique(labels: Iterable[str]) -> tuple[tuple[str, ...], tuple[str, ...]]:
-    """Labels with every repetition numbered, `X`, `X#2`, `X#3`, and a note that tells the new names, if any."""
+    """Labels with every repetition numbered, `X`, `X#2`, `X#3`, and a note that tells the new
+    names, if any.
+    """
     given = list(labels)
     spellings = set(given)
     names: list[str] = []
@@ -67,7 +74,11 @@ def unique(labels: Iterable[str]) -> tuple[tuple[str, ...], tuple[str, ...]]:
         names.append(name)
         if name != label:
             renamed.append(name)
-    notes = (f"Marker names that occur more than once were numbered: {', '.join(renamed)}.",) if renamed else ()
+    notes = (
+        (f"Marker names that occur more than once were numbered: {', '.join(renamed)}.",)
+        if renamed
+        else ()
+    )
     return tuple(names), notes
 
 
@@ -77,7 +88,9 @@ def is_unlabelled(label: str) -> bool:
 
 
 def is_number(label: str) -> bool:
-    """True for computed points that are no places by their spelling: angles, moments, forces, powers."""
+    """True for computed points that are no places by their spelling: angles, moments, forces,
+    powers.
+    """
     return NUMBER.fullmatch(label) is not None
 
 
@@ -142,10 +155,13 @@ class Facts:
     leg_length: dict[str, float] = field(default_factory=dict)
     """Side -> m, from the anterior superior iliac spine to the medial malleolus."""
     static_plantarflexion: dict[str, float] = field(default_factory=dict)
-    """Side -> rad, from the line ankle centre to toe marker up to the foot's long axis (`StaticPlantFlex`)."""
+    """Side -> rad, from the line ankle centre to toe marker up to the foot's long axis
+    (`StaticPlantFlex`).
+    """
     doubtful: dict[str, tuple[str, float | None]] = field(default_factory=dict)
-    """Fact, as `height` or `knee_width_r` -> what the file says that cannot be in its units, in words, and what it is
-    in the only other unit that makes sense of it; None where several do, or none."""
+    """Fact, as `height` or `knee_width_r` -> what the file says that cannot be in its units, in
+    words, and what it is in the only other unit that makes sense of it; None where several do, or
+    none."""
     session_date: str | None = None
     """Day of the recording, as 2016-03-09."""
     birth_date: str | None = None
@@ -160,7 +176,9 @@ OLDEST: Final = 110.0
 
 
 def years_between(birth_date: str | None, session_date: str | None) -> float | None:
-    """Age by two dates as 2016-03-09, negative where the first is the later one; None where one is not known."""
+    """Age by two dates as 2016-03-09, negative where the first is the later one; None where one is
+    not known.
+    """
     try:
         born, then = (datetime.date.fromisoformat(day or "") for day in (birth_date, session_date))
     except ValueError:
@@ -170,7 +188,9 @@ def years_between(birth_date: str | None, session_date: str | None) -> float | N
 
 @dataclass(frozen=True)
 class ComputedPoints:
-    """Points that another program computed: joint centres, modelled markers. Not measured, and in no fit."""
+    """Points that another program computed: joint centres, modelled markers. Not measured, and in
+    no fit.
+    """
 
     labels: tuple[str, ...]
     points: Array
@@ -196,55 +216,90 @@ _Range = tuple[float, float]
 
 @dataclass(frozen=True)
 class _Figure:
-    """A number of PROCESSING: its parameters (of a side: without R and L), its units, and what it may be."""
+    """A number of PROCESSING: its parameters (of a side: without R and L), its units, and what it
+    may be.
+    """
 
     parameters: tuple[str, ...]
     units: tuple[float, ...]
-    """Each in kg, m or rad; the first in which the number lies in `allowed` is the one that was meant."""
+    """Each in kg, m or rad; the first in which the number lies in `allowed` is the one that was
+    meant.
+    """
     allowed: _Range
-    """kg, m, rad; outside of it a number is none of these: 0 stands where nobody filled in the form."""
+    """kg, m, rad; outside of it a number is none of these: 0 stands where nobody filled in the
+    form.
+    """
     no: str = ""
     """What a number is not where none of `units` fits; then it may be in one of the `others`."""
     others: Mapping[str, float] = field(default_factory=dict)
     likely: _Range = (0.0, 0.0)
-    """Of a person whose figures are in another unit than they should be: a guess has to be a likely one."""
+    """Of a person whose figures are in another unit than they should be: a guess has to be a likely
+    one.
+    """
 
 
 _MASS = _Figure(
-    ("Bodymass", "Mass", "Weight"), (1.0,), (2.0, 400.0), "mass in kg", {"N": _NEWTON, "g": 1e-3}, (5.0, 250.0)
+    ("Bodymass", "Mass", "Weight"),
+    (1.0,),
+    (2.0, 400.0),
+    "mass in kg",
+    {"N": _NEWTON, "g": 1e-3},
+    (5.0, 250.0),
 )
-_HEIGHT = _Figure(("Height",), (_MM, 1.0), (0.3, 2.6), "height in mm or m", {"cm": _CM, "inches": _INCH}, (0.5, 2.3))
+_HEIGHT = _Figure(
+    ("Height",),
+    (_MM, 1.0),
+    (0.3, 2.6),
+    "height in mm or m",
+    {"cm": _CM, "inches": _INCH},
+    (0.5, 2.3),
+)
 _DIAMETER = _Figure(("MarkerDiameter",), (_MM,), (0.003, 0.04))
 _ASIS = _Figure(("InterAsisDistance",), (_MM,), (0.08, 0.5))
 _SIDED = {
-    "knee_width": _Figure(("KneeWidth",), (_MM,), (0.02, 0.3), "width in mm", {"cm": _CM}, (0.05, 0.2)),
-    "ankle_width": _Figure(("AnkleWidth",), (_MM,), (0.02, 0.3), "width in mm", {"cm": _CM}, (0.03, 0.15)),
-    "leg_length": _Figure(("LegLength",), (_MM,), (0.15, 1.5), "length in mm", {"cm": _CM}, (0.3, 1.3)),
+    "knee_width": _Figure(
+        ("KneeWidth",), (_MM,), (0.02, 0.3), "width in mm", {"cm": _CM}, (0.05, 0.2)
+    ),
+    "ankle_width": _Figure(
+        ("AnkleWidth",), (_MM,), (0.02, 0.3), "width in mm", {"cm": _CM}, (0.03, 0.15)
+    ),
+    "leg_length": _Figure(
+        ("LegLength",), (_MM,), (0.15, 1.5), "length in mm", {"cm": _CM}, (0.3, 1.3)
+    ),
     "static_plantarflexion": _Figure(("StaticPlantFlex",), (1.0,), (-1.5, 1.5)),
 }
 
 
 def facts_of(parameters: Mapping[str, Mapping[str, Any]]) -> Facts:
-    """What the groups PROCESSING and SUBJECTS say; a number that cannot be meant is taken as not given."""
+    """What the groups PROCESSING and SUBJECTS say; a number that cannot be meant is taken as not
+    given.
+    """
     group = {str(name).lower(): value for name, value in parameters.get("PROCESSING", {}).items()}
     subjects = parameters.get("SUBJECTS", {})
     doubtful: dict[str, tuple[str, float | None]] = {}
 
     def number(fact: str, figure: _Figure, side: str = "") -> float | None:
         names = [side.upper() + name for name in figure.parameters]
-        values = {name: value for name in names if (value := _first_number(group.get(name.lower())))}
+        values = {
+            name: value for name in names if (value := _first_number(group.get(name.lower())))
+        }
         for unit in figure.units:
             for value in values.values():
                 if figure.allowed[0] <= value * unit <= figure.allowed[1]:
                     return value * unit
         for name, value in values.items():
             low, high = figure.likely
-            meant = {unit: value * by for unit, by in figure.others.items() if low <= value * by <= high}
+            meant = {
+                unit: value * by for unit, by in figure.others.items() if low <= value * by <= high
+            }
             if meant:
                 si = "kg" if figure is _MASS else "m"
                 words = " or ".join(f"{size:.4g} {si} if {unit}" for unit, size in meant.items())
                 only = next(iter(meant.values())) if len(meant) == 1 else None
-                doubtful[f"{fact}_{side}" if side else fact] = (f"{name} = {value:g}: no {figure.no}; {words}", only)
+                doubtful[f"{fact}_{side}" if side else fact] = (
+                    f"{name} = {value:g}: no {figure.no}; {words}",
+                    only,
+                )
                 break
         return None
 
@@ -286,14 +341,18 @@ def events_of(parameters: Mapping[str, Mapping[str, Any]]) -> tuple[FootEvent, .
 
 
 def _texts(values: Any) -> list[str]:
-    return [clean(text) if isinstance(text, str) else "" for text in ([] if values is None else values)]
+    return [
+        clean(text) if isinstance(text, str) else "" for text in ([] if values is None else values)
+    ]
 
 
 def _first_text(values: Any) -> str | None:
     return next((text for text in _texts(values) if text), None)
 
 
-def _first_day(parameters: Mapping[str, Mapping[str, Any]], groups: Sequence[str], names: Sequence[str]) -> str | None:
+def _first_day(
+    parameters: Mapping[str, Mapping[str, Any]], groups: Sequence[str], names: Sequence[str]
+) -> str | None:
     """The first date among such parameters that can be read in one way only: year, month, day."""
     for group in groups:
         told = {str(name).upper(): value for name, value in parameters.get(group, {}).items()}

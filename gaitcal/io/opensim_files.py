@@ -1,19 +1,21 @@
-"""Files of OpenSim and its neighbours: markers in TRC, ground reactions in MOT and STO tables, ExternalLoads.
+"""Files of OpenSim and its neighbours: markers in TRC, ground reactions in MOT and STO tables,
+ExternalLoads.
 
-TRC (Motion Analysis): marker coordinates, tab-separated. The header is believed only where nothing better is there:
-marker names and data columns are counted, the number of frames is what follows, and the Time column is the clock.
-Line 3 gives the unit; the vertical is found from the data.
+TRC (Motion Analysis): marker coordinates, tab-separated. The header is believed only where nothing
+better is there: marker names and data columns are counted, the number of frames is what follows,
+and the Time column is the clock. Line 3 gives the unit; the vertical is found from the data.
 
-MOT, STO (OpenSim, SIMM): the header ends at `endheader`; its counts are not believed. Files of forces are in m, N and
-N·m, by definition of the format's users (OpenSim's ExternalLoads in the ground frame), and already as their maker
-wants them: no offset is removed here. They are y up there; one whose forces act along another axis is turned as its
-markers are (`axes.py`).
+MOT, STO (OpenSim, SIMM): the header ends at `endheader`; its counts are not believed. Files of
+forces are in m, N and N·m, by definition of the format's users (OpenSim's ExternalLoads in the
+ground frame), and already as their maker wants them: no offset is removed here. They are y up
+there; one whose forces act along another axis is turned as its markers are (`axes.py`).
 
-ExternalLoads (`grf.xml`): a table of forces (`datafile`, relative to its own folder; it overrides the
-`data_source_name` of single forces) and, for each ExternalForce, the body it acts on and how the names of its columns
-begin: with `ground_force_v` for the force, its columns are `ground_force_vx`, `_vy`, `_vz`. Each becomes a plate of
-that name, given to the foot to which its body belongs. Refused by name: a force on another body than a foot, and one
-expressed in the frame of a body that moves.
+ExternalLoads (`grf.xml`): a table of forces (`datafile`, relative to its own folder; it overrides
+the `data_source_name` of single forces) and, for each ExternalForce, the body it acts on and how
+the names of its columns begin: with `ground_force_v` for the force, its columns are
+`ground_force_vx`, `_vy`, `_vz`. Each becomes a plate of that name, given to the foot to which its
+body belongs. Refused by name: a force on another body than a foot, and one expressed in the frame
+of a body that moves.
 """
 
 import re
@@ -29,7 +31,14 @@ import numpy as np
 from gaitcal.arrays import Array
 from gaitcal.errors import Code, InputError, nearest, side_named
 from gaitcal.io import atomic, axes, text_file
-from gaitcal.io.force_tables import Forces, PlateColumns, build_plate, find_plates, on_one_time, standing
+from gaitcal.io.force_tables import (
+    Forces,
+    PlateColumns,
+    build_plate,
+    find_plates,
+    on_one_time,
+    standing,
+)
 from gaitcal.io.labels import clean, common_prefix, is_unlabelled, unique
 from gaitcal.io.recording import ForcePlate, Recording, require_plain_labels, zeros_to_missing
 
@@ -71,7 +80,9 @@ def parse_trc(path: Path) -> Recording:
     time, notes = text_file.undo_rounding(table.values[:, 1])
     frames = len(time)
     if table.filled_rows:
-        notes += (f"{table.filled_rows} rows end before their last markers, which were taken as gaps.",)
+        notes += (
+            f"{table.filled_rows} rows end before their last markers, which were taken as gaps.",
+        )
     if facts.get("numframes", str(frames)) not in (str(frames), f"{frames}.0"):
         notes += (f"Header says {facts['numframes'][:20]} frames; {frames} found.",)
     keep = [i for i, name in enumerate(names) if not is_unlabelled(name)]
@@ -82,7 +93,9 @@ def parse_trc(path: Path) -> Recording:
     unit = PER_METRE.get(facts.get("units", "mm").lower())
     if unit is None:
         name = facts["units"]
-        raise text_file.FileFault(f"found '{name[:20]}'; allowed are mm, cm and m{nearest(name, PER_METRE)}", "Units")
+        raise text_file.FileFault(
+            f"found '{name[:20]}'; allowed are mm, cm and m{nearest(name, PER_METRE)}", "Units"
+        )
     if "units" not in facts:
         notes += ("The header names no unit; millimetres were taken.",)
     markers = table.values[:, 2:].reshape(frames, len(names), 3)[:, keep] / unit
@@ -95,8 +108,8 @@ def parse_trc(path: Path) -> Recording:
 
 @text_file.naming_file
 def write_trc(path: Path, recording: Recording) -> None:
-    """Markers in metres, y up; every float in the shortest form that reads back to the same bits. A gap is NaN, as
-    OpenSim refuses a row that ends with an empty cell.
+    """Markers in metres, y up; every float in the shortest form that reads back to the same bits. A
+    gap is NaN, as OpenSim refuses a row that ends with an empty cell.
     """
     require_plain_labels(recording)
     rate = recording.rate if len(recording.time) > 1 else 0.0
@@ -114,7 +127,10 @@ def write_trc(path: Path, recording: Recording) -> None:
         numbers = text_file.number_lines(
             np.column_stack([recording.time, recording.markers.reshape(frames, -1)]), "\t", "NaN"
         )
-        file.writelines(f"{index}\t{line}" for index, line in enumerate(numbers.splitlines(keepends=True), start=1))
+        file.writelines(
+            f"{index}\t{line}"
+            for index, line in enumerate(numbers.splitlines(keepends=True), start=1)
+        )
 
 
 def _facts(lines: Sequence[str]) -> dict[str, str]:
@@ -124,13 +140,16 @@ def _facts(lines: Sequence[str]) -> dict[str, str]:
             separator = "\t" if "\t" in keys else None
             given = [keys.lower().split(separator), values.split(separator)]
             filled = [[cell for cell in cells if cell.strip()] for cells in given]
-            words, numbers = filled if len(filled[0]) == len(filled[1]) else given  # tabs may be doubled in one line
+            words, numbers = (
+                filled if len(filled[0]) == len(filled[1]) else given
+            )  # tabs may be doubled in one line
             return {key.strip(): value.strip() for key, value in zip(words, numbers, strict=False)}
     return {}
 
 
 def _single_tabs(line: str) -> str:
-    """The line with single tabs, where all its tabs are doubled (some programs write so, in headers or throughout).
+    """The line with single tabs, where all its tabs are doubled (some programs write so, in headers
+    or throughout).
 
     A gap in a line with single tabs leaves some tabs alone, so that it is not touched.
     """
@@ -140,12 +159,18 @@ def _single_tabs(line: str) -> str:
 
 
 def _names(line: str, separator: str | None, width: int) -> list[str]:
-    """Names by their places, three columns each; by their order, where that alone fits the `width` of a row."""
+    """Names by their places, three columns each; by their order, where that alone fits the `width`
+    of a row.
+    """
     cells = [clean(cell) for cell in line.split(separator)]
-    place = next((i for i, cell in enumerate(cells[1:], start=1) if cell), 0)  # after tabs of its own, in some files
+    place = next(
+        (i for i, cell in enumerate(cells[1:], start=1) if cell), 0
+    )  # after tabs of its own, in some files
     cells = cells[:1] + cells[place:]
     if len(cells) < 3 or cells[1].lower() != "time":
-        raise text_file.FileFault("'Frame#' must be followed by 'Time' and marker names", "marker names")
+        raise text_file.FileFault(
+            "'Frame#' must be followed by 'Time' and marker names", "marker names"
+        )
     filled = [i for i, cell in enumerate(cells[2:]) if cell]
     if not filled:
         raise text_file.FileFault("found no marker name after 'Time'", "marker names")
@@ -174,7 +199,9 @@ class StorageTable:
         return np.asarray(self.values[:, self.names.index(name)])
 
     def text(self, title: str, comments: tuple[str, ...] = ()) -> str:
-        """The table as a file holds it: every number in the shortest form that reads back to the same bits."""
+        """The table as a file holds it: every number in the shortest form that reads back to the
+        same bits.
+        """
         header = [
             title,
             "version=1",
@@ -195,7 +222,8 @@ class StorageTable:
 def read_table(path: str | PathLike[str]) -> StorageTable:
     """Any MOT or STO table.
 
-    Raises InputError: Every fault of the file, in one line: file, field, what was found, what is allowed.
+    Raises InputError: Every fault of the file, in one line: file, field, what was found, what is
+    allowed.
     """
     return _read_table(Path(path))
 
@@ -213,7 +241,9 @@ def _read_table(path: Path) -> StorageTable:
     separator = "\t" if "\t" in lines[first] else None
     names = [name.strip() for name in lines[first].rstrip().split(separator)]
     if names[0].lower() != "time":
-        raise text_file.FileFault(f"found '{names[0][:40]}'; the first column must be 'time'", f"line {first + 1}")
+        raise text_file.FileFault(
+            f"found '{names[0][:40]}'; the first column must be 'time'", f"line {first + 1}"
+        )
     rows = text_file.parse_rows(lines, first + 1, len(names), separator)
     time = rows.values[:, 0]
     text_file.require_increasing(time, rows.lines)
@@ -230,22 +260,34 @@ def read_mot_forces(path: Path) -> Forces:
     found = find_plates(table.names)
     if not found:
         names = ", ".join(table.names[:6])
-        raise text_file.FileFault(f"found no force columns among {names}...; names like ground_force_vx are needed")
+        raise text_file.FileFault(
+            f"found no force columns among {names}...; names like ground_force_vx are needed"
+        )
     time, notes = text_file.undo_rounding(table.time)
     plates = []
     for number, columns in enumerate(found, start=1):
         plate, plate_notes = build_plate(str(number), time, table.values, columns)
         plates.append(plate)
-        notes += (*plate_notes, f"Plate {number} holds the columns {columns.names[0]} and following.")
+        notes += (
+            *plate_notes,
+            f"Plate {number} holds the columns {columns.names[0]} and following.",
+        )
     return standing(path, plates, notes)
 
 
 @text_file.naming_file
 def write_forces_mot(path: Path, plates: tuple[ForcePlate, ...]) -> None:
-    """Plates with one common time as an OpenSim MOT file: ground_force_1_vx, _px, ground_moment_1_mx, and so on."""
+    """Plates with one common time as an OpenSim MOT file: ground_force_1_vx, _px,
+    ground_moment_1_mx, and so on.
+    """
     time, values = on_one_time(plates)
     kinds = ("ground_force_{}_v", "ground_force_{}_p", "ground_moment_{}_m")
-    names = [f"{kind.format(k + 1)}{axis}" for k in range(len(plates)) for kind in kinds for axis in "xyz"]
+    names = [
+        f"{kind.format(k + 1)}{axis}"
+        for k in range(len(plates))
+        for kind in kinds
+        for axis in "xyz"
+    ]
     atomic.atomic_text(path, StorageTable(time, tuple(names), values, True).text(path.name))
 
 
@@ -265,7 +307,9 @@ class ExternalForce:
     body: str
     frames: dict[str, str]  # `force` and `point` -> the body in whose frame they are expressed
     columns: dict[str, str]
-    """`force`, `point`, `moment` -> how the names of its columns begin; the empty string where none are named."""
+    """`force`, `point`, `moment` -> how the names of its columns begin; the empty string where none
+    are named.
+    """
     table: str  # File of its columns, as written; the empty string where the file does not say
 
 
@@ -273,13 +317,16 @@ class ExternalForce:
 def read_external_loads(path: Path) -> Forces:
     """The plates of an ExternalLoads file, and the foot of each.
 
-    Raises InputError: The file or its table cannot be read, or it holds a force that is none of the ground on a foot.
+    Raises InputError: The file or its table cannot be read, or it holds a force that is none of the
+    ground on a foot.
     """
     forces, off = _forces(path)
     notes = tuple(f"The force '{name}' is switched off in the file and left out." for name in off)
     if not forces:
         raise text_file.FileFault("found no ExternalForce that is switched on")
-    tables = {name: read_table(_table(path, name)) for name in dict.fromkeys(f.table for f in forces)}
+    tables = {
+        name: read_table(_table(path, name)) for name in dict.fromkeys(f.table for f in forces)
+    }
     names, _ = unique(clean(force.name) or "force" for force in forces)
     plates, feet = [], {}
     for name, force in zip(names, forces, strict=True):
@@ -292,18 +339,25 @@ def read_external_loads(path: Path) -> Forces:
         side = side_named(force.body)
         if not (side and FOOT.search(force.body)):
             if not np.nan_to_num(table.values[:, list(found.columns["force"].values())]).any():
-                notes += (f"The force '{name}' on {force.body} is zero throughout and was left out.",)
+                notes += (
+                    f"The force '{name}' on {force.body} is zero throughout and was left out.",
+                )
                 continue
             allowed = "allowed are forces on the right and left foot (calcn_r, calcn_l)"
             raise text_file.FileFault(f"found a force on '{force.body}'; {allowed}", field)
         for quantity, frame in force.frames.items():
             if frame.lower() not in GROUND:
-                raise text_file.FileFault(f"found its {quantity} expressed in '{frame}'; allowed is ground", field)
+                raise text_file.FileFault(
+                    f"found its {quantity} expressed in '{frame}'; allowed is ground", field
+                )
         time, time_notes = text_file.undo_rounding(table.time)
         plate, plate_notes = build_plate(name, time, table.values, found)
         plates.append(plate)
         feet[name] = side
-        columns = f"Plate {name} holds the columns {force.columns['force']}x and following, on {force.body}."
+        columns = (
+            f"Plate {name} holds the columns {force.columns['force']}x and following, on "
+            f"{force.body}."
+        )
         notes += (*(n for n in time_notes if n not in notes), *plate_notes, columns)
     if not plates:
         raise text_file.FileFault("found no force on a foot")
@@ -315,7 +369,9 @@ def loads_tables(path: Path) -> tuple[Path, ...]:
     """The tables that an ExternalLoads file draws on; none for a file of another kind."""
     if path.suffix.lower() != ".xml":
         return ()
-    return tuple(_table(path, name) for name in dict.fromkeys(force.table for force in _forces(path)[0]))
+    return tuple(
+        _table(path, name) for name in dict.fromkeys(force.table for force in _forces(path)[0])
+    )
 
 
 def tables_there(path: Path) -> tuple[Path, ...]:
@@ -345,14 +401,24 @@ def _forces(path: Path) -> tuple[list[ExternalForce], list[str]]:
     forces, off = [], []
     for element in loads.iter("ExternalForce"):
         name = element.get("name", "")
-        if text(element, "isDisabled").lower() == "true" or text(element, "appliesForce").lower() == "false":
+        if (
+            text(element, "isDisabled").lower() == "true"
+            or text(element, "appliesForce").lower() == "false"
+        ):
             off.append(name)
             continue
-        identifiers = {"force": "force_identifier", "point": "point_identifier", "moment": "torque_identifier"}
+        identifiers = {
+            "force": "force_identifier",
+            "point": "point_identifier",
+            "moment": "torque_identifier",
+        }
         force = ExternalForce(
             name=name,
             body=text(element, "applied_to_body").rpartition("/")[2],
-            frames={quantity: text(element, f"{quantity}_expressed_in_body") for quantity in ("force", "point")},
+            frames={
+                quantity: text(element, f"{quantity}_expressed_in_body")
+                for quantity in ("force", "point")
+            },
             columns={quantity: text(element, tag) for quantity, tag in identifiers.items()},
             table=common or text(element, "datafile") or text(element, "data_source_name"),
         )
@@ -361,14 +427,18 @@ def _forces(path: Path) -> tuple[list[ExternalForce], list[str]]:
 
 
 def _table(path: Path, name: str) -> Path:
-    """The table of that name: from the folder of the file, or of the same name in it, where it was moved with it."""
+    """The table of that name: from the folder of the file, or of the same name in it, where it was
+    moved with it.
+    """
     if not name:
         raise text_file.FileFault("names no table of forces", "datafile")
     written = PureWindowsPath(name)  # takes / and \\ alike
     for place in (path.parent / Path(*written.parts), path.parent / written.name):
         if place.is_file():
             return place
-    raise text_file.FileFault(f"found '{name}', which does not exist beside it", "datafile", Code.NO_FILE)
+    raise text_file.FileFault(
+        f"found '{name}', which does not exist beside it", "datafile", Code.NO_FILE
+    )
 
 
 def _columns(force: ExternalForce, table: StorageTable) -> PlateColumns:
@@ -384,6 +454,8 @@ def _columns(force: ExternalForce, table: StorageTable) -> PlateColumns:
         if len(names) != 3:
             message = f"found {len(names)} columns; {start}x, {start}y and {start}z are needed"
             raise text_file.FileFault(message, f"ExternalForce {force.name}, {quantity}")
-        found.columns[quantity] = {axis: lower.index(name.lower()) for axis, name in enumerate(names)}
+        found.columns[quantity] = {
+            axis: lower.index(name.lower()) for axis, name in enumerate(names)
+        }
         found.names += names
     return found

@@ -1,15 +1,19 @@
-"""Result folders: written whole or not at all, by one writer at a time, and read as they were written.
+"""Result folders: written whole or not at all, by one writer at a time, and read as they were
+written.
 
-A result is written into a hidden folder `.gaitcal-tmp-NAME` beside its place, which is then renamed to it: an error, a
-full disk or a signal at any moment leaves the old result, or none where there was none. What SIGKILL leaves is removed
-by the next run, which also puts back an old result that was moved aside when the kill came (`.gaitcal-old-NAME`).
+A result is written into a hidden folder `.gaitcal-tmp-NAME` beside its place, which is then renamed
+to it: an error, a full disk or a signal at any moment leaves the old result, or none where there
+was none. What SIGKILL leaves is removed by the next run, which also puts back an old result that
+was moved aside when the kill came (`.gaitcal-old-NAME`).
 
-All of this happens under the lock of the result, a `filelock` beside it (inside it where nobody may write beside it).
-`dynamics`, `montecarlo` and `export` inside a result are parts of it and have its lock.
+All of this happens under the lock of the result, a `filelock` beside it (inside it where nobody may
+write beside it). `dynamics`, `montecarlo` and `export` inside a result are parts of it and have its
+lock.
 
-The manifest of a folder says what kind of result it is and lists its files with their SHA-256, and that of its own
-content (`SELF`). A folder is replaced only by a result of the same kind, only while every file in it is listed, and
-never while it holds an input of the run. What later commands added to it (`KEPT`) is moved into the new result.
+The manifest of a folder says what kind of result it is and lists its files with their SHA-256, and
+that of its own content (`SELF`). A folder is replaced only by a result of the same kind, only while
+every file in it is listed, and never while it holds an input of the run. What later commands added
+to it (`KEPT`) is moved into the new result.
 """
 
 import errno
@@ -34,8 +38,12 @@ MANIFEST = "manifest.json"  # The file that marks a folder as a result of gaitca
 FILES, HASHES, SELF = "files", "sha256", "own_sha256"
 """Entries of a manifest: names of files, file -> SHA-256, and SHA-256 of all other entries."""
 OLD, LOCK = ".gaitcal-old-", ".gaitcal-lock-"
-"""Beginnings of hidden names beside or in a folder: what is being replaced, and that somebody writes now."""
-_LITTER = frozenset({".DS_Store", "Thumbs.db", "desktop.ini"})  # written by file browsers, into any folder they show
+"""Beginnings of hidden names beside or in a folder: what is being replaced, and that somebody
+writes now.
+"""
+_LITTER = frozenset(
+    {".DS_Store", "Thumbs.db", "desktop.ini"}
+)  # written by file browsers, into any folder they show
 WAIT_S = 60.0  # A result of many trials with all its figures is written in less
 NOTICE_S = 1.0  # Waiting for longer is logged
 POLL_S = 0.05
@@ -71,7 +79,9 @@ PARTS = frozenset(name for names in KEPT.values() for name in names)
 
 
 def read_object(path: Path) -> dict[str, object]:
-    """The JSON object in a manifest or summary; empty where there is none, which is then no result of ours."""
+    """The JSON object in a manifest or summary; empty where there is none, which is then no result
+    of ours.
+    """
     try:
         content = json.loads(path.read_text(encoding="utf-8"))
     except (OSError, ValueError):
@@ -117,7 +127,9 @@ def listed(folder: Path) -> dict[str, str]:
     """
     manifest = read_object(folder / MANIFEST)
     unreadable = not manifest and (folder / MANIFEST).exists()
-    if unreadable or ((SELF in manifest or HASHES in manifest) and manifest.get(SELF) != self_hash(manifest)):
+    if unreadable or (
+        (SELF in manifest or HASHES in manifest) and manifest.get(SELF) != self_hash(manifest)
+    ):
         message = "is damaged, or was edited: not as gaitcal wrote it; run again what wrote it"
         raise InputError(message, source=folder / MANIFEST, code=Code.DAMAGED_RESULT)
     hashes = manifest.get(HASHES)
@@ -126,20 +138,26 @@ def listed(folder: Path) -> dict[str, str]:
 
 def _write_manifest(folder: Path, manifest: dict[str, object]) -> None:
     manifest[SELF] = self_hash(manifest)
-    (folder / MANIFEST).write_text(json.dumps(manifest, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
+    (folder / MANIFEST).write_text(
+        json.dumps(manifest, indent=1, ensure_ascii=False) + "\n", encoding="utf-8"
+    )
 
 
 def refuse_others(target: Path, kind: ResultKind, inputs: Iterable[Path] = ()) -> tuple[str, ...]:
-    """Make sure that `target` may become a result of this kind; returns the folders in it that are to be kept.
+    """Make sure that `target` may become a result of this kind; returns the folders in it that are
+    to be kept.
 
-    InputError where it is a file, holds one of the inputs, another kind of result, or a file that gaitcal did not write
-    there.
+    InputError where it is a file, holds one of the inputs, another kind of result, or a file that
+    gaitcal did not write there.
     """
 
     def refuse(message: str) -> InputError:
         return InputError(message, source=target, code=Code.FOLDER_TAKEN)
 
-    foreign = "holds '{}', which gaitcal did not write there; move it away, or name a new or an empty folder"
+    foreign = (
+        "holds '{}', which gaitcal did not write there; move it away, or name a new or an empty "
+        "folder"
+    )
     if not target.exists():
         return ()
     if not target.is_dir():
@@ -148,12 +166,18 @@ def refuse_others(target: Path, kind: ResultKind, inputs: Iterable[Path] = ()) -
         if path.resolve().is_relative_to(target.resolve()):
             shown = path.resolve().relative_to(target.resolve()).as_posix()
             raise refuse(f"holds '{shown}', an input of this run; name another folder")
-    kept = tuple(sorted(entry.name for entry in target.iterdir() if entry.is_dir() and entry.name in KEPT[kind]))
+    kept = tuple(
+        sorted(
+            entry.name for entry in target.iterdir() if entry.is_dir() and entry.name in KEPT[kind]
+        )
+    )
     files = files_of(target, kept)
     if not files and not kept:
         return ()
     manifest = read_object(target / MANIFEST)
-    old_kind = next((k for k in ResultKind if "gaitcal" in manifest and k.value == manifest.get("kind")), None)
+    old_kind = next(
+        (k for k in ResultKind if "gaitcal" in manifest and k.value == manifest.get("kind")), None
+    )
     if old_kind is None:
         raise refuse(foreign.format((*files, *kept)[0]))
     if old_kind is not kind:
@@ -171,12 +195,14 @@ def refuse_others(target: Path, kind: ResultKind, inputs: Iterable[Path] = ()) -
 
 @contextmanager
 def locked(folder: Path, purpose: str = "", *, wait_s: float | None = None) -> Iterator[None]:
-    """Hold the lock of the result that `folder` is or is a part of; within it, taking it again does nothing.
+    """Hold the lock of the result that `folder` is or is a part of; within it, taking it again does
+    nothing.
 
-    InputError where another process holds it for longer, OSError where no file can be made beside or in the folder.
+    InputError where another process holds it for longer, OSError where no file can be made beside
+    or in the folder.
 
-    `purpose`: another lock on the same folder, such as that of a Monte Carlo study which goes on for hours.
-    `wait_s`: how long to wait for another process; `WAIT_S` unless given.
+    `purpose`: another lock on the same folder, such as that of a Monte Carlo study which goes on
+    for hours. `wait_s`: how long to wait for another process; `WAIT_S` unless given.
     """
     folder = Path(os.path.realpath(folder))
     is_part = folder.name in PARTS and "gaitcal" in read_object(folder.parent / MANIFEST)
@@ -185,7 +211,9 @@ def locked(folder: Path, purpose: str = "", *, wait_s: float | None = None) -> I
     place = result.with_name(name)
     if result.is_dir() and not place.exists() and not os.access(result.parent, os.W_OK):
         place = result / name
-    os.close(os.open(place, os.O_RDWR | os.O_CREAT, 0o644))  # filelock waits in vain where no file can be made
+    os.close(
+        os.open(place, os.O_RDWR | os.O_CREAT, 0o644)
+    )  # filelock waits in vain where no file can be made
     lock = FileLock(place, is_singleton=True)
     _take(lock, folder, WAIT_S if wait_s is None else wait_s)
     try:
@@ -200,13 +228,16 @@ def locked(folder: Path, purpose: str = "", *, wait_s: float | None = None) -> I
 def _take(lock: FileLock, folder: Path, longest_s: float) -> None:
     try:
         with warnings.catch_warnings():
-            # Without locks in the system, filelock would warn and take a file for one, which outlives who is killed.
+            # Without locks in the system, filelock would warn and take a file for one, which
+            # outlives who is killed.
             warnings.filterwarnings("error", "flock not supported", UserWarning)
             try:
                 lock.acquire(timeout=min(NOTICE_S, longest_s), poll_interval=POLL_S)
             except Timeout:
                 if longest_s > NOTICE_S:
-                    message = "gaitcal: %s is being written by another process; waiting up to %.0f s"
+                    message = (
+                        "gaitcal: %s is being written by another process; waiting up to %.0f s"
+                    )
                     _log.warning(message, folder, longest_s)
                 lock.acquire(timeout=max(longest_s - NOTICE_S, 0.0), poll_interval=POLL_S)
     except Timeout:
@@ -215,11 +246,15 @@ def _take(lock: FileLock, folder: Path, longest_s: float) -> None:
     except (OSError, UserWarning) as error:
         if isinstance(error, OSError) and error.errno not in _NO_LOCKS:
             raise
-        _log.warning("gaitcal: this file system has no locks; run one command at a time on this folder")
+        _log.warning(
+            "gaitcal: this file system has no locks; run one command at a time on this folder"
+        )
 
 
 def _recover(target: Path) -> None:
-    """Put back an old result, or a part of one, that a killed run had moved aside. The lock of `target` is held."""
+    """Put back an old result, or a part of one, that a killed run had moved aside. The lock of
+    `target` is held.
+    """
     for place in (target, *(target / name for name in PARTS)):
         old = place.with_name(OLD + place.name)
         if place.exists():
@@ -229,7 +264,9 @@ def _recover(target: Path) -> None:
 
 
 def _settle(place: Path, old: Path) -> None:
-    """Move what later commands added to an old result into the new one at `place`, and remove the old one."""
+    """Move what later commands added to an old result into the new one at `place`, and remove the
+    old one.
+    """
     kind = read_object(old / MANIFEST).get("kind")
     for name in next((names for of, names in KEPT.items() if of.value == kind), ()):
         if (old / name).is_dir() and not (place / name).exists():
@@ -242,18 +279,24 @@ def _settle(place: Path, old: Path) -> None:
 
 @contextmanager
 def atomic_directory(
-    target: Path | str, kind: ResultKind, inputs: Iterable[Path] = (), carried: Mapping[str, str] | None = None
+    target: Path | str,
+    kind: ResultKind,
+    inputs: Iterable[Path] = (),
+    carried: Mapping[str, str] | None = None,
 ) -> Iterator[Path]:
-    """Yield an empty folder; on success it becomes `target`, replacing what an earlier run of this kind wrote there.
+    """Yield an empty folder; on success it becomes `target`, replacing what an earlier run of this
+    kind wrote there.
 
-    To the `manifest.json` that the body writes are added the kind and the list of files with their SHA-256. Folders
-    that later commands put into the earlier result (`KEPT`) go on into the new one. The lock of the target is held.
+    To the `manifest.json` that the body writes are added the kind and the list of files with their
+    SHA-256. Folders that later commands put into the earlier result (`KEPT`) go on into the new
+    one. The lock of the target is held.
 
-    InputError where `target` is a file, or a folder that holds one of the `inputs`, another kind of result, or files
-    that gaitcal did not write there; where it cannot be written; the disk is full; another process writes it.
+    InputError where `target` is a file, or a folder that holds one of the `inputs`, another kind of
+    result, or files that gaitcal did not write there; where it cannot be written; the disk is full;
+    another process writes it.
 
-    `carried`: SHA-256 of files that the body carries over from the earlier result, as that one listed them, so that
-    what was damaged there stays damaged here; may be filled by the body.
+    `carried`: SHA-256 of files that the body carries over from the earlier result, as that one
+    listed them, so that what was damaged there stays damaged here; may be filled by the body.
     """
     target, inputs = real_path(target), tuple(inputs)
     with ExitStack() as stack:
@@ -268,8 +311,15 @@ def atomic_directory(
         with disk_errors(target):
             kept = refuse_others(target, kind, inputs)
             files = [name for name in files_of(content) if name != MANIFEST]
-            hashes = {name: (carried or {}).get(name) or sha256_of(content / name) for name in files}
-            manifest = {"gaitcal": "", **read_object(content / MANIFEST), "kind": kind.value, FILES: files}
+            hashes = {
+                name: (carried or {}).get(name) or sha256_of(content / name) for name in files
+            }
+            manifest = {
+                "gaitcal": "",
+                **read_object(content / MANIFEST),
+                "kind": kind.value,
+                FILES: files,
+            }
             more = {"kept_from_earlier_result": list(kept)} if kept else {}
             _write_manifest(content, {**manifest, HASHES: hashes, **more})
             with unbroken():
@@ -285,7 +335,9 @@ def atomic_directory(
                 _settle(target, old)
 
 
-def require_room(target: Path | str, kind: ResultKind, inputs: Iterable[Path] = ()) -> tuple[str, ...]:
+def require_room(
+    target: Path | str, kind: ResultKind, inputs: Iterable[Path] = ()
+) -> tuple[str, ...]:
     """Raise before long work what `atomic_directory` would raise after it; leaves nothing behind.
 
     Returns the names of the folders of an earlier result that the new one will keep.
@@ -317,12 +369,14 @@ def _empty(folder: Path) -> Iterator[Path]:
 
 @contextmanager
 def amended(folder: Path | str) -> Iterator[Path]:
-    """Yield an empty folder; on success the files in it take their places in `folder`, which need not be there.
+    """Yield an empty folder; on success the files in it take their places in `folder`, which need
+    not be there.
 
-    They are moved when all are written, one rename each, and no signal is felt meanwhile. A manifest of `folder` that
-    lists one of them gets its new SHA-256, unless a manifest is among them, and is moved last: killed between two
-    renames (some milliseconds), what does not belong together is damaged, and the same command makes it anew.
-    InputError where the folder cannot be written, the disk is full, or another process writes it.
+    They are moved when all are written, one rename each, and no signal is felt meanwhile. A
+    manifest of `folder` that lists one of them gets its new SHA-256, unless a manifest is among
+    them, and is moved last: killed between two renames (some milliseconds), what does not belong
+    together is damaged, and the same command makes it anew. InputError where the folder cannot be
+    written, the disk is full, or another process writes it.
     """
     folder = real_path(folder)
     with ExitStack() as stack:
@@ -360,7 +414,9 @@ def _remove_if_empty(folder: Path) -> None:
 
 @contextmanager
 def file_in_place(target: Path | str) -> Iterator[Path]:
-    """Yield a path of the same name for a file that is written whole; beside a manifest, that file is an amendment."""
+    """Yield a path of the same name for a file that is written whole; beside a manifest, that file
+    is an amendment.
+    """
     target = real_path(target)
     if "gaitcal" in read_object(target.parent / MANIFEST):
         with amended(target.parent) as stage:

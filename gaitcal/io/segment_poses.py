@@ -1,8 +1,8 @@
 """What a recording without markers shows of a body: segment poses as points, or key points.
 
-Segment poses: markerless programs (Theia) write a C3D group ROTATION, a 4x4 matrix per segment and frame: for segment s
-and frame f its axes R (columns, laboratory) and its origin o. A pose that errs by dp (m, each axis) and by a small turn
-dt (rad, about each axis) moves the four corners
+Segment poses: markerless programs (Theia) write a C3D group ROTATION, a 4x4 matrix per segment and
+frame: for segment s and frame f its axes R (columns, laboratory) and its origin o. A pose that errs
+by dp (m, each axis) and by a small turn dt (rad, about each axis) moves the four corners
 
     p_k = o + R d_k,      d_k = L/sqrt(3) (1 1 1), (1 -1 -1), (-1 1 -1), (-1 -1 1),      L = sqrt(3/2) sigma_p/sigma_t
 
@@ -10,30 +10,34 @@ of a regular tetrahedron about its origin, for which  sum d_k = 0  and  sum d_k 
 
     sum_k |dp_k|^2 = 4 |dp|^2 + (8 L^2 / 3) |dt|^2 = 4 (|dp|^2 + (sigma_p / sigma_t)^2 |dt|^2):
 
-the sum of squares of four points is the residual of position and turn, each weighed by its own deviation; four points
-whose coordinates err by 2 sigma_p are the pose. So a pose is tracked as four markers are, exactly, and nothing after
-this module knows of matrices. sigma_p / sigma_t is `LENGTH_PER_TURN` for all segments.
+the sum of squares of four points is the residual of position and turn, each weighed by its own
+deviation; four points whose coordinates err by 2 sigma_p are the pose. So a pose is tracked as four
+markers are, exactly, and nothing after this module knows of matrices. sigma_p / sigma_t is
+`LENGTH_PER_TURN` for all segments.
 
-Axes: programs differ in which axis points up. Hips, knees, ankles and toes of the file tell: up is from knee to hip in
-the thighs, right from the left hip to the right one in the pelvis, each the nearest axis; the points have x forward, y
-up, z right. The origin of thigh, shank, foot, upper arm, forearm and hand is its joint, as markerless programs have it;
-that of the toes their joint with the foot. All else that makes a body follows from there (`_LANDMARKS`): points beside
-the joints show the axes of the segments; ASIS and sacrum lie where Harrington 2007 has them for these hips.
+Axes: programs differ in which axis points up. Hips, knees, ankles and toes of the file tell: up is
+from knee to hip in the thighs, right from the left hip to the right one in the pelvis, each the
+nearest axis; the points have x forward, y up, z right. The origin of thigh, shank, foot, upper arm,
+forearm and hand is its joint, as markerless programs have it; that of the toes their joint with the
+foot. All else that makes a body follows from there (`_LANDMARKS`): points beside the joints show
+the axes of the segments; ASIS and sacrum lie where Harrington 2007 has them for these hips.
 
-A standing posture is none of the recording's (`upright`): the segments of the file with their axes in line, each on the
-one before it where it is on average. All trials of a person give the same one, standing is not needed.
+A standing posture is none of the recording's (`upright`): the segments of the file with their axes
+in line, each on the one before it where it is on average. All trials of a person give the same one,
+standing is not needed.
 
-Key points: programs that find a body in video (OpenPose's BODY_25 and HALPE_26, which OpenCap and Pose2Sim use) write
-hips, knees, ankles, heels, toes, shoulders, elbows and wrists under the labels below. No point shows how thigh and
-shank turn about their length, and none but the hips is on the pelvis. Axes of segments, x forward, y up, z right, as
-far as the points show them:
+Key points: programs that find a body in video (OpenPose's BODY_25 and HALPE_26, which OpenCap and
+Pose2Sim use) write hips, knees, ankles, heels, toes, shoulders, elbows and wrists under the labels
+below. No point shows how thigh and shank turn about their length, and none but the hips is on the
+pelvis. Axes of segments, x forward, y up, z right, as far as the points show them:
 
     pelvis      z from the left hip to the right one; y upwards across z, so that it has no tilt; trunk alike
     thigh       y from knee to hip, shank from ankle to knee; z the pelvis's across y
     foot        x from the heel to the middle of the toes; z across x, along the line of the toes
 
 They make a standing posture as segment poses do, and the frame of the pelvis. All else is followed
-by the key points themselves: how a leg turns about its length is then told by knee, ankle and foot together.
+by the key points themselves: how a leg turns about its length is then told by knee, ankle and foot
+together.
 """
 
 from collections.abc import Collection, Mapping, Sequence
@@ -47,7 +51,9 @@ from gaitcal.io.recording import Recording
 from gaitcal.io.text_file import FileFault
 
 LENGTH_PER_TURN = 0.005 / np.deg2rad(2.0)  # m per rad, sigma_p / sigma_t: 5 mm for 2 degrees
-CORNERS = np.sqrt(0.5) * LENGTH_PER_TURN * np.array([[1, 1, 1], [1, -1, -1], [-1, 1, -1], [-1, -1, 1]])
+CORNERS = (
+    np.sqrt(0.5) * LENGTH_PER_TURN * np.array([[1, 1, 1], [1, -1, -1], [-1, 1, -1], [-1, -1, 1]])
+)
 """(4, 3) m, d_k in the segment's axes; L / sqrt(3) = sqrt(1/2) sigma_p / sigma_t."""
 PARENT: Mapping[str, str] = {
     "pelvis": "",
@@ -67,9 +73,20 @@ PARENT: Mapping[str, str] = {
     },
 }
 """Segment, as Theia calls it (`r_thigh_4X4`), -> the one before it; parents come first."""
-NEEDED = tuple(name for name in PARENT if name == "pelvis" or name[2:] in ("thigh", "shank", "foot", "toes"))
-_BY_CODE = "th thigh thigh, sk shank shank, ft foot foot, to toes toes, ar arm uarm, fa forearm larm, ha hand hand"
-VISUAL3D: dict[str, str] = {"rpv": "pelvis", "rta": "torso", "rtk": "torso", "thorax/ab": "torso", "trunk": "torso"}
+NEEDED = tuple(
+    name for name in PARENT if name == "pelvis" or name[2:] in ("thigh", "shank", "foot", "toes")
+)
+_BY_CODE = (
+    "th thigh thigh, sk shank shank, ft foot foot, to toes toes, ar arm uarm, fa forearm larm, ha "
+    "hand hand"
+)
+VISUAL3D: dict[str, str] = {
+    "rpv": "pelvis",
+    "rta": "torso",
+    "rtk": "torso",
+    "thorax/ab": "torso",
+    "trunk": "torso",
+}
 """Segment as Visual3D calls it, or as its table of names does (RTH, Right Thigh), -> as Theia does.
 
 Qualisys takes Theia's files through Visual3D, so that they have its names."""
@@ -77,30 +94,53 @@ VISUAL3D |= {"rhe": "head", "lab": "worldbody", "vlb": "worldbody"}
 for _code, _word, _segment in map(str.split, _BY_CODE.split(",")):
     for _side, _sided in (("r", "right"), ("l", "left")):
         VISUAL3D |= dict.fromkeys((f"{_side}{_code}", f"{_sided} {_word}"), f"{_side}_{_segment}")
-IGNORED = ("worldbody", "head", "neck", "r_clavicle", "l_clavicle")  # Segments that the model does not have
+IGNORED = (
+    "worldbody",
+    "head",
+    "neck",
+    "r_clavicle",
+    "l_clavicle",
+)  # Segments that the model does not have
 ENDS = ("toes", "uarm", "larm", "hand")
-"""Of these only the origin, their joint, is used: toes bend against the foot, and how an arm turns about its length is
-what markerless programs tell worst and what the model has no coordinate for."""
-ALONG = 0.8  # Share of its length by which a direction must lie along an axis of its segment: within 37 degrees
+"""Of these only the origin, their joint, is used: toes bend against the foot, and how an arm turns
+about its length is what markerless programs tell worst and what the model has no coordinate for."""
+# Share of its length by which a direction must lie along an axis of its segment: within 37 degrees
+ALONG = 0.8
 THIGH_M = 0.1, 0.8  # From hip to knee, of anybody
 BESIDE = {"knee": 0.05, "ankle": 0.04, "elbow": 0.04}
 """m from a joint to the points that show its axis; any length shows the same."""
 BEHIND = 0.35  # From ankle to heel over that from ankle to toes, along the foot
-DEPTH = 0.69  # From the middle of the ASIS to the sacrum over the distance of the ASIS, of the nominal subject
-ABOVE = 0.17  # From shoulder up to acromion over the distance of the two: Rab 2002, as the trunk is made of acromia
+# From the middle of the ASIS to the sacrum over the distance of the ASIS, of the nominal subject
+DEPTH = 0.69
+# From shoulder up to acromion over the distance of the two: Rab 2002, as the trunk is made of
+# acromia
+ABOVE = 0.17
 _NOT_OF_KEY_POINTS = (*(f"{side}_" for side in "rl"), "torso", "heel", "toe")
 """Corners of other segments than the pelvis, and landmarks that key points are themselves."""
 _SHARED = ("r_thigh", "l_thigh", "r_shank", "l_shank", "r_foot", "l_foot")
-"""Of key points: a joint is a point of both its segments, so that it stays where the points have it."""
+"""Of key points: a joint is a point of both its segments, so that it stays where the points have
+it.
+"""
 FRAMES, RATE = 60, 100.0
 FLOOR = 0.03  # m, height of the lowest point of the upright body
-_JOINTS = {"thigh": "Hip", "shank": "Knee", "foot": "Ankle", "uarm": "Shoulder", "larm": "Elbow", "hand": "Wrist"}
+_JOINTS = {
+    "thigh": "Hip",
+    "shank": "Knee",
+    "foot": "Ankle",
+    "uarm": "Shoulder",
+    "larm": "Elbow",
+    "hand": "Wrist",
+}
 _FOOT = ("Heel", "BigToe", "SmallToe")
 _BOTH = tuple((side, side.lower()) for side in "RL")
-KEY_POINTS = tuple(f"{side}{name}" for side, _ in _BOTH for name in ("Hip", "Knee", "Ankle", *_FOOT))
+KEY_POINTS = tuple(
+    f"{side}{name}" for side, _ in _BOTH for name in ("Hip", "Knee", "Ankle", *_FOOT)
+)
 """Labels without which a recording is none of key points."""
 AUGMENTED = "_study"
-"""How labels of markers end that OpenCap and Pose2Sim make of key points, which they leave in the same file."""
+"""How labels of markers end that OpenCap and Pose2Sim make of key points, which they leave in the
+same file.
+"""
 CARRIER: Mapping[str, str] = {
     **{f"{side}{name}": f"{s}_{segment}" for side, s in _BOTH for segment, name in _JOINTS.items()},
     **{f"{side}{name}": f"{s}_foot" for side, s in _BOTH for name in _FOOT},
@@ -109,14 +149,20 @@ CARRIER: Mapping[str, str] = {
 
 
 def holds_poses(labels: Collection[str]) -> bool:
-    """Whether a recording with these labels holds the points of segment poses, or of the pelvis of key points."""
+    """Whether a recording with these labels holds the points of segment poses, or of the pelvis of
+    key points.
+    """
     return "pelvis_pose1" in labels
 
 
-def points_of_poses(labels: Sequence[str], poses: Array) -> tuple[tuple[str, ...], Array, tuple[str, ...]]:
-    """Labels, (nf, np, 3) m points, and notes, of segments `labels` with poses (nf, ns, 4, 4), m; NaN where unknown.
+def points_of_poses(
+    labels: Sequence[str], poses: Array
+) -> tuple[tuple[str, ...], Array, tuple[str, ...]]:
+    """Labels, (nf, np, 3) m points, and notes, of segments `labels` with poses (nf, ns, 4, 4), m;
+    NaN where unknown.
 
-    Raises FileFault: Segments of the legs are not there, or twice, or their lengths or axes are not those of a body.
+    Raises FileFault: Segments of the legs are not there, or twice, or their lengths or axes are not
+    those of a body.
     """
     stems = [label.strip().lower().removesuffix("_4x4") for label in labels]
     theirs = [VISUAL3D.get(stem, stem) for stem in stems]
@@ -126,41 +172,63 @@ def points_of_poses(labels: Sequence[str], poses: Array) -> tuple[tuple[str, ...
     if missing := [name for name in NEEDED if name not in column]:
         shown = ", ".join(labels[:12]) + (", ..." if len(labels) > 12 else "")
         raise FileFault(
-            f"no marker, but poses of {shown}; missing: {', '.join(f'{name}_4X4' for name in missing)}; segment poses "
+            f"no marker, but poses of {shown}; missing: "
+            f"{', '.join(f'{name}_4X4' for name in missing)}; segment poses "
             "must be called as Theia or Visual3D call them (r_thigh_4X4, RTH)",
             "ROTATION:LABELS",
             Code.TOO_LITTLE_SEEN,
         )
     if twice := [labels[stems.index(stem)] for stem in column if stems.count(stem) > 1]:
-        raise FileFault(f"found two poses of {', '.join(twice)}", "ROTATION:LABELS", Code.DAMAGED_RECORDING)
-    if lost := [labels[column[name]] for name in NEEDED if not np.isfinite(poses[:, column[name]]).all((1, 2)).any()]:
         raise FileFault(
-            f"no frame has a pose of right-handed axes of {', '.join(lost)}", "ROTATION", Code.TOO_LITTLE_SEEN
+            f"found two poses of {', '.join(twice)}", "ROTATION:LABELS", Code.DAMAGED_RECORDING
+        )
+    if lost := [
+        labels[column[name]]
+        for name in NEEDED
+        if not np.isfinite(poses[:, column[name]]).all((1, 2)).any()
+    ]:
+        raise FileFault(
+            f"no frame has a pose of right-handed axes of {', '.join(lost)}",
+            "ROTATION",
+            Code.TOO_LITTLE_SEEN,
         )
     rotation = {name: poses[:, i, :3, :3] for name, i in column.items()}
     origin = {name: poses[:, i, :3, 3] for name, i in column.items()}
-    thigh = float(_mean(np.linalg.norm(origin["r_shank"] - origin["r_thigh"], axis=1, keepdims=True))[0])
+    thigh = float(
+        _mean(np.linalg.norm(origin["r_shank"] - origin["r_thigh"], axis=1, keepdims=True))[0]
+    )
     if not THIGH_M[0] < thigh < THIGH_M[1]:
         allowed = f"{THIGH_M[0]:g} to {THIGH_M[1]:g} m; look at the units, POINT:UNITS"
         raise FileFault(
-            f"from hip to knee it is {thigh:.2g} m; allowed: {allowed}", "pose of r_thigh", Code.UNIT_OF_LENGTH
+            f"from hip to knee it is {thigh:.2g} m; allowed: {allowed}",
+            "pose of r_thigh",
+            Code.UNIT_OF_LENGTH,
         )
     axes = _axes(rotation, origin)
     rotation = {name: r @ axes for name, r in rotation.items()}
     points = _points(rotation, origin)
-    others = [label for label, stem in zip(labels, stems, strict=True) if stem not in PARENT and stem not in IGNORED]
+    others = [
+        label
+        for label, stem in zip(labels, stems, strict=True)
+        if stem not in PARENT and stem not in IGNORED
+    ]
     notes = (
-        f"poses of {len(column)} segments, no markers: four points stand for each, which err by its position and turn",
+        f"poses of {len(column)} segments, no markers: four points stand for each, which err by "
+        "its position and turn",
         *([f"segments not used: {', '.join(others)}"] if others else []),
     )
     return tuple(points), np.stack(list(points.values()), axis=1), notes
 
 
 def refuse_origins(labels: Collection[str]) -> None:
-    """FileFault where points are called as the segments of a body, of which nothing shows how they turn."""
+    """FileFault where points are called as the segments of a body, of which nothing shows how they
+    turn.
+    """
     segments = [VISUAL3D.get(label.lower(), "") for label in labels]
     if set(NEEDED) <= set(segments) and all(segments):
-        found = "its points are the origins of Visual3D's segments, which do not show how these turn"
+        found = (
+            "its points are the origins of Visual3D's segments, which do not show how these turn"
+        )
         cure = "export the poses (group ROTATION), or take Theia's file pose_*.c3d"
         raise FileFault(f"{found}; {cure}", "POINT:LABELS", Code.TOO_LITTLE_SEEN)
 
@@ -174,20 +242,34 @@ def _axes(rotation: Mapping[str, Array], origin: Mapping[str, Array]) -> Array:
         if not np.abs(way[largest]) >= ALONG * np.linalg.norm(way):
             found = ", ".join(f"{1e3 * x:.0f}" for x in way)
             raise FileFault(
-                f"{what} it is ({found}) mm; allowed: along one of its axes", f"pose of {segment}", Code.LANDMARKS
+                f"{what} it is ({found}) mm; allowed: along one of its axes",
+                f"pose of {segment}",
+                Code.LANDMARKS,
             )
         return np.asarray(np.sign(way[largest]) * np.eye(3)[largest])
 
     right = along("from hip to hip", "pelvis", "l_thigh", "r_thigh")
-    ups = {s: along("from knee to hip", s, s.replace("thigh", "shank"), s) for s in ("r_thigh", "l_thigh")}
-    ups |= {s: along("from ankle to knee", s, s.replace("shank", "foot"), s) for s in ("r_shank", "l_shank")}
+    ups = {
+        s: along("from knee to hip", s, s.replace("thigh", "shank"), s)
+        for s in ("r_thigh", "l_thigh")
+    }
+    ups |= {
+        s: along("from ankle to knee", s, s.replace("shank", "foot"), s)
+        for s in ("r_shank", "l_shank")
+    }
     up = ups["r_thigh"]
     forward = np.cross(up, right)
-    toes = {s: along("from ankle to toes", s, s, s.replace("foot", "toes")) for s in ("r_foot", "l_foot")}
-    wrong = [s for s, way in ups.items() if way @ up < 1.0] + [s for s, way in toes.items() if way @ forward < 1.0]
+    toes = {
+        s: along("from ankle to toes", s, s, s.replace("foot", "toes"))
+        for s in ("r_foot", "l_foot")
+    }
+    wrong = [s for s, way in ups.items() if way @ up < 1.0] + [
+        s for s, way in toes.items() if way @ forward < 1.0
+    ]
     if wrong or not forward.any():
         raise FileFault(
-            f"its axes point otherwise than those of r_thigh and pelvis; allowed: the same axis up, forward and right "
+            "its axes point otherwise than those of r_thigh and pelvis; allowed: the same axis "
+            "up, forward and right "
             f"in all segments (found wrong: {', '.join(wrong) or 'pelvis'})",
             "poses",
             Code.LANDMARKS,
@@ -207,7 +289,9 @@ def _mean(vectors: Array) -> Array:
 
 
 def _offsets(rotation: Mapping[str, Array], origin: Mapping[str, Array]) -> dict[str, Array]:
-    """Segment -> (3,) m, its origin in the axes of the one before it, on average; straight below a joint of an arm."""
+    """Segment -> (3,) m, its origin in the axes of the one before it, on average; straight below a
+    joint of an arm.
+    """
     out: dict[str, Array] = {}
     for name, parent in PARENT.items():
         if name in origin and parent in origin:
@@ -220,7 +304,9 @@ def _offsets(rotation: Mapping[str, Array], origin: Mapping[str, Array]) -> dict
 
 
 def _points(rotation: Mapping[str, Array], origin: Mapping[str, Array]) -> dict[str, Array]:
-    """Label -> (nf, 3) m: corners, ends and landmarks of segments whose axes are forward, up and right."""
+    """Label -> (nf, 3) m: corners, ends and landmarks of segments whose axes are forward, up and
+    right.
+    """
     out: dict[str, Array] = {}
     for name in origin:
         if name.endswith(ENDS):
@@ -236,8 +322,8 @@ def _points(rotation: Mapping[str, Array], origin: Mapping[str, Array]) -> dict[
 
 
 def _landmarks(offset: Mapping[str, Array]) -> dict[str, tuple[str, Array]]:
-    """Landmark -> the segment from whose origin it lies (3,) m forward, up and right in its axes; an arm's in those of
-    the torso.
+    """Landmark -> the segment from whose origin it lies (3,) m forward, up and right in its axes;
+    an arm's in those of the torso.
     """
     hips = offset["r_thigh"], offset["l_thigh"]
     width = max((0.5 * float(np.linalg.norm(hips[0] - hips[1])) - 0.0073) / 0.33, 0.0)
@@ -250,7 +336,10 @@ def _landmarks(offset: Mapping[str, Array]) -> dict[str, tuple[str, Array]]:
         out[f"hjc_{side}"] = f"{side}_thigh", np.zeros(3)
         for joint, segment in (("knee", "shank"), ("ankle", "foot"), ("elbow", "larm")):
             for word, away in (("lat", s), ("med", -s)):
-                out[f"{joint}_{word}_{side}"] = f"{side}_{segment}", np.array([0.0, 0.0, away * BESIDE[joint]])
+                out[f"{joint}_{word}_{side}"] = (
+                    f"{side}_{segment}",
+                    np.array([0.0, 0.0, away * BESIDE[joint]]),
+                )
         toes = offset[f"{side}_toes"]
         out[f"toe_{side}"] = f"{side}_foot", toes
         out[f"heel_{side}"] = f"{side}_foot", toes * [-BEHIND, 1.0, 1.0]
@@ -261,17 +350,26 @@ def _landmarks(offset: Mapping[str, Array]) -> dict[str, tuple[str, Array]]:
 
 
 def with_landmarks(recording: Recording) -> Recording:
-    """A recording of key points with the pelvis's corners and landmarks, which follow from them; any other as it is."""
+    """A recording of key points with the pelvis's corners and landmarks, which follow from them;
+    any other as it is.
+    """
     if holds_poses(recording.labels) or not holds_key_points(recording.labels):
         return recording
     rotation, origin = segments_of(_paths(recording))
-    made = {k: path for k, path in _points(rotation, origin).items() if not k.startswith(_NOT_OF_KEY_POINTS)}
+    made = {
+        k: path
+        for k, path in _points(rotation, origin).items()
+        if not k.startswith(_NOT_OF_KEY_POINTS)
+    }
     made |= {f"{name}_origin": origin[name] for name in _SHARED}
     return replace(
         recording,
         labels=(*recording.labels, *made),
         markers=np.concatenate([recording.markers, np.stack(list(made.values()), axis=1)], axis=1),
-    ).with_notes("key points of video, no markers: the pelvis has no tilt, as nothing shows it between two hips")
+    ).with_notes(
+        "key points of video, no markers: the pelvis has no tilt, as nothing shows it between two "
+        "hips"
+    )
 
 
 def _paths(recording: Recording) -> dict[str, Array]:
@@ -287,14 +385,18 @@ def _decoded(at: Mapping[str, Array]) -> tuple[dict[str, Array], dict[str, Array
         if len(corners) == len(CORNERS):
             origin[name] = np.mean(corners, axis=0)
             size = float((CORNERS**2).sum()) / 3.0
-            rotation[name] = np.einsum("kfi,kj->fij", np.array(corners) - origin[name], CORNERS) / size
+            rotation[name] = (
+                np.einsum("kfi,kj->fij", np.array(corners) - origin[name], CORNERS) / size
+            )
         elif f"{name}_origin" in at:
             origin[name] = at[f"{name}_origin"]
     return rotation, origin
 
 
 def upright(recording: Recording) -> Recording:
-    """The standing posture of a recording of poses or key points, whatever the person does; any other as it is."""
+    """The standing posture of a recording of poses or key points, whatever the person does; any
+    other as it is.
+    """
     if not holds_poses(recording.labels):
         return recording
     at = _paths(recording)
@@ -324,7 +426,8 @@ def upright(recording: Recording) -> Recording:
         events=(),
         computed=None,
     ).with_notes(
-        "posture made of a movement: the axes of all segments in line, each on the one before it as on average over "
+        "posture made of a movement: the axes of all segments in line, each on the one before it "
+        "as on average over "
         f"{len(recording.time)} frames; angles count from the axes that poses or key points show"
     )
 
@@ -333,21 +436,34 @@ def upright(recording: Recording) -> Recording:
 
 
 def holds_key_points(labels: Collection[str]) -> bool:
-    """Whether a recording with these labels is one of key points, without markers that were made of them."""
+    """Whether a recording with these labels is one of key points, without markers that were made of
+    them.
+    """
     return set(KEY_POINTS) <= set(labels) and not any(label.endswith(AUGMENTED) for label in labels)
 
 
 def segments_of(at: Mapping[str, Array]) -> tuple[dict[str, Array], dict[str, Array]]:
-    """Axes (nf, 3, 3) and origins (nf, 3) m of segments, called as those of poses; `at`: key point -> (nf, 3) m."""
-    joints = {f"{s}_{segment}": f"{side}{name}" for side, s in _BOTH for segment, name in _JOINTS.items()}
+    """Axes (nf, 3, 3) and origins (nf, 3) m of segments, called as those of poses; `at`: key point
+    -> (nf, 3) m.
+    """
+    joints = {
+        f"{s}_{segment}": f"{side}{name}" for side, s in _BOTH for segment, name in _JOINTS.items()
+    }
     origin = {segment: at[label] for segment, label in joints.items() if label in at}
     origin["pelvis"] = 0.5 * (at["RHip"] + at["LHip"])
     right = _unit(at["RHip"] - at["LHip"])
-    rotation = {"pelvis": _axes_along(np.broadcast_to([0.0, 1.0, 0.0], right.shape), right, keeps=right)}
+    rotation = {
+        "pelvis": _axes_along(np.broadcast_to([0.0, 1.0, 0.0], right.shape), right, keeps=right)
+    }
     if {"r_uarm", "l_uarm"} <= set(origin):
-        origin["torso"], rotation["torso"] = 0.5 * (origin["r_uarm"] + origin["l_uarm"]), rotation["pelvis"]
+        origin["torso"], rotation["torso"] = (
+            0.5 * (origin["r_uarm"] + origin["l_uarm"]),
+            rotation["pelvis"],
+        )
     for side, s in _BOTH:
-        hip, knee, ankle, heel, big, small = (at[label] for label in KEY_POINTS if label.startswith(side))
+        hip, knee, ankle, heel, big, small = (
+            at[label] for label in KEY_POINTS if label.startswith(side)
+        )
         rotation[f"{s}_thigh"] = _axes_along(hip - knee, right)
         rotation[f"{s}_shank"] = _axes_along(knee - ankle, right)
         origin[f"{s}_toes"] = 0.5 * (big + small)
@@ -358,8 +474,14 @@ def segments_of(at: Mapping[str, Array]) -> tuple[dict[str, Array], dict[str, Ar
 
 
 def _axes_along(up: Array, right: Array, keeps: Array | None = None) -> Array:
-    """(nf, 3, 3) columns x, y, z with y along `up` and z near `right`; or with z as it `keeps` it, and y near `up`."""
-    y = _unit(up) if keeps is None else _unit(up - np.sum(up * right, axis=1, keepdims=True) * right)
+    """(nf, 3, 3) columns x, y, z with y along `up` and z near `right`; or with z as it `keeps` it,
+    and y near `up`.
+    """
+    y = (
+        _unit(up)
+        if keeps is None
+        else _unit(up - np.sum(up * right, axis=1, keepdims=True) * right)
+    )
     x = _unit(cross(y, right))
     return np.stack([x, y, cross(x, y)], axis=2)
 

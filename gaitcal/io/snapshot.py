@@ -1,7 +1,8 @@
-"""Reading a result as it was written, all files of one state, and whether they still are the same when work is done.
+"""Reading a result as it was written, all files of one state, and whether they still are the same
+when work is done.
 
-A file that does not match the SHA-256 in the manifest was damaged (a flipped bit, a half copied folder) or edited, and
-is named before it is used.
+A file that does not match the SHA-256 in the manifest was damaged (a flipped bit, a half copied
+folder) or edited, and is named before it is used.
 """
 
 from collections.abc import Callable, Iterable, Mapping
@@ -32,7 +33,8 @@ class Snapshot:
     def remarks(self) -> tuple[str, ...]:
         """What a reader of results that come from these files should know, a line for each."""
         return tuple(
-            f"{name} is not as 'gaitcal calibrate' wrote it: these results are of the edited file; if you did not edit "
+            f"{name} is not as 'gaitcal calibrate' wrote it: these results are of the edited file; "
+            "if you did not edit "
             "it, it is damaged: calibrate again"
             for name in self.edited
         )
@@ -49,7 +51,11 @@ def require_person(folder: Path) -> None:
     """Raise InputError where the folder is a cohort, and name the result of one of its people."""
     if read_object(folder / MANIFEST).get("kind") != ResultKind.COHORT.value:
         return
-    results = (path.parent for level in ("*", "*/*") for path in sorted(folder.glob(f"{PEOPLE}/{level}/{MANIFEST}")))
+    results = (
+        path.parent
+        for level in ("*", "*/*")
+        for path in sorted(folder.glob(f"{PEOPLE}/{level}/{MANIFEST}"))
+    )
     one = next(results, None)
     such = "" if one is None else f", such as {one.as_posix()}"
     message = f"is a cohort; name the result of one person, a folder in its {PEOPLE}/{such}"
@@ -59,10 +65,12 @@ def require_person(folder: Path) -> None:
 def read_whole(
     folder: Path, names: Iterable[str], read: Callable[[], Content], editable: Iterable[str] = ()
 ) -> tuple[Content, Snapshot]:
-    """Call `read`, which reads these files of a result, such that all of them are of one state of the folder.
+    """Call `read`, which reads these files of a result, such that all of them are of one state of
+    the folder.
 
-    `editable` are those of `names` that people may edit; the snapshot lists them, and they are not refused. InputError
-    where it is a cohort, a file is damaged, missing or changes meanwhile; and what `read` raises.
+    `editable` are those of `names` that people may edit; the snapshot lists them, and they are not
+    refused. InputError where it is a cohort, a file is damaged, missing or changes meanwhile; and
+    what `read` raises.
     """
     require_person(folder)
     wanted, may_differ = (MANIFEST, *names), set(editable)
@@ -78,12 +86,16 @@ def read_whole(
         raise InputError(message, source=folder, code=Code.CHANGED_FILE)
     if fault is not None:
         raise fault
-    return content, Snapshot(folder, {name: digest for name, digest in before.items() if name != MANIFEST}, edited)
+    return content, Snapshot(
+        folder, {name: digest for name, digest in before.items() if name != MANIFEST}, edited
+    )
 
 
 def _edited(folder: Path, found: Mapping[str, str | None], editable: set[str]) -> tuple[str, ...]:
     """Files that differ from what the manifest lists and may; InputError for one that may not."""
-    differ = tuple(name for name, digest in listed(folder).items() if name in found and found[name] != digest)
+    differ = tuple(
+        name for name, digest in listed(folder).items() if name in found and found[name] != digest
+    )
     for name in differ:
         if found[name] is None:
             message = "is missing, though manifest.json lists it; calibrate again"

@@ -1,10 +1,12 @@
-"""What all readers of files share: faults that name the file, lines, rows of numbers, a column of times.
+"""What all readers of files share: faults that name the file, lines, rows of numbers, a column of
+times.
 
 Every way in which a file cannot be read ends in one InputError that names file, line and column.
 
-Times increase strictly, and are freed of the rounding that text suffers: a file that prints 60 Hz to the millisecond
-says 0.017, 0.033, 0.050, up to 0.5 ms off, which at 5 m/s is 2.5 mm. Where all times lie within their own rounding of
-a uniform grid of a whole number of hertz, that grid is what was meant, and is put back. Else they stay as they are.
+Times increase strictly, and are freed of the rounding that text suffers: a file that prints 60 Hz
+to the millisecond says 0.017, 0.033, 0.050, up to 0.5 ms off, which at 5 m/s is 2.5 mm. Where all
+times lie within their own rounding of a uniform grid of a whole number of hertz, that grid is what
+was meant, and is put back. Else they stay as they are.
 """
 
 from collections.abc import Callable, Sequence
@@ -20,7 +22,20 @@ from gaitcal.arrays import Array
 from gaitcal.errors import Code, InputError
 
 MISSING = frozenset(
-    ["", "nan", "-nan", "+nan", "na", "n/a", "none", "null", "-nan(ind)", "nan(ind)", "1.#qnan", "-1.#ind"]
+    [
+        "",
+        "nan",
+        "-nan",
+        "+nan",
+        "na",
+        "n/a",
+        "none",
+        "null",
+        "-nan(ind)",
+        "nan(ind)",
+        "1.#qnan",
+        "-1.#ind",
+    ]
 )
 """What writers put where there is no number."""
 MOST_DECIMALS = 6  # Times given more finely than this are as good as exact
@@ -34,13 +49,19 @@ _T = TypeVar("_T")
 class FileFault(Exception):  # noqa: N818  it never leaves this package: `naming_file` makes an InputError of it
     """What is wrong with the file that is being read or written."""
 
-    def __init__(self, message: str, field: str | None = None, code: Code = Code.FILE_FORMAT) -> None:
+    def __init__(
+        self, message: str, field: str | None = None, code: Code = Code.FILE_FORMAT
+    ) -> None:
         super().__init__(message)
         self.field, self.code = field, code
 
 
-def naming_file(function: Callable[Concatenate[Path, _P], _T]) -> Callable[Concatenate[Path, _P], _T]:
-    """A reader or writer whose every FileFault becomes an InputError on the file that is its first argument."""
+def naming_file(
+    function: Callable[Concatenate[Path, _P], _T],
+) -> Callable[Concatenate[Path, _P], _T]:
+    """A reader or writer whose every FileFault becomes an InputError on the file that is its first
+    argument.
+    """
 
     @wraps(function)
     def named(path: Path, /, *args: _P.args, **kwargs: _P.kwargs) -> _T:
@@ -81,7 +102,9 @@ def number_cells(values: NDArray[Any]) -> list[str]:
 
 def _number_text(values: NDArray[Any], missing: str) -> str:
     """Write numbers as pydantic does, in a quarter of the time of `repr`."""
-    from pydantic_core import to_json  # the process that parses C3D files does without: it is ready sooner
+    from pydantic_core import (
+        to_json,
+    )  # the process that parses C3D files does without: it is ready sooner
 
     return to_json(values.tolist()).decode().replace("NaN", missing).replace("Infinity", "inf")
 
@@ -90,7 +113,8 @@ def _number_text(values: NDArray[Any], missing: str) -> str:
 def read_lines(path: Path) -> list[str]:
     """Lines of a text file, without their ends; UTF-8 (with or without mark), else Latin-1.
 
-    Only CR and LF end a line: `str.splitlines` would also break at separators that may stand inside a marker name.
+    Only CR and LF end a line: `str.splitlines` would also break at separators that may stand inside
+    a marker name.
     """
     readable_size(path)
     try:
@@ -98,7 +122,9 @@ def read_lines(path: Path) -> list[str]:
     except OSError as error:
         raise FileFault(f"cannot be read ({error})", code=Code.UNREADABLE) from None
     start = content[:2000]
-    every_other_zero = any(start[k::2].count(0) > 0.9 * len(start[k::2]) and 0 not in start[1 - k :: 2] for k in (0, 1))
+    every_other_zero = any(
+        start[k::2].count(0) > 0.9 * len(start[k::2]) and 0 not in start[1 - k :: 2] for k in (0, 1)
+    )
     if content.startswith((b"\xff\xfe", b"\xfe\xff")) or (0 in content and every_other_zero):
         raise FileFault("found UTF-16 text; save the file as UTF-8", code=Code.NOT_TEXT)
     if 0 in content:
@@ -122,11 +148,15 @@ class NumberTable:
     values: Array  # (rows, columns); NaN where a cell is empty or says so
     lines: tuple[int, ...]  # (rows,) line in the file of each row, from 1, for messages
     filled_rows: int
-    """How many rows ended before their last columns (whole triples of empty cells left away by the writer)."""
+    """How many rows ended before their last columns (whole triples of empty cells left away by the
+    writer).
+    """
 
 
 def parse_number(cell: str) -> float:
-    """A float, NaN for the usual words for nothing; ValueError for anything else (also for Python's `1_000`)."""
+    """A float, NaN for the usual words for nothing; ValueError for anything else (also for Python's
+    `1_000`).
+    """
     cell = cell.strip()
     if cell.lower() in MISSING:
         return float("nan")
@@ -135,11 +165,14 @@ def parse_number(cell: str) -> float:
     return float(cell)
 
 
-def parse_rows(lines: Sequence[str], start: int, width: int, separator: str | None, short_step: int = 0) -> NumberTable:
+def parse_rows(
+    lines: Sequence[str], start: int, width: int, separator: str | None, short_step: int = 0
+) -> NumberTable:
     """Every non-blank line from index `start` on, as `width` numbers.
 
-    `separator` None means any white space. Further cells must be empty. A row, other than the last, may lack its last
-    cells if their count is a multiple of `short_step` (0: never): some writers drop trailing empty cells.
+    `separator` None means any white space. Further cells must be empty. A row, other than the last,
+    may lack its last cells if their count is a multiple of `short_step` (0: never): some writers
+    drop trailing empty cells.
     """
     rows: list[list[float]] = []
     numbers: list[int] = []
@@ -155,14 +188,18 @@ def parse_rows(lines: Sequence[str], start: int, width: int, separator: str | No
             is_last = number == len(lines)
             if not short_step or lacking % short_step or len(cells) < 2 or is_last:
                 tail = " (file cut short?)" if is_last else ""
-                raise FileFault(f"found {len(cells)} cells{tail}; {width} are needed", f"line {number}")
+                raise FileFault(
+                    f"found {len(cells)} cells{tail}; {width} are needed", f"line {number}"
+                )
             cells += [""] * lacking
             filled += 1
         rows.append(_numbers(cells[:width], number))
         numbers.append(number)
     values = np.array(rows, dtype=np.float64).reshape(-1, width)
     for row, column in np.argwhere(np.isinf(values)).tolist():
-        raise FileFault("found an infinite number", f"line {numbers[row]}, column {column + 1}", Code.BAD_NUMBER)
+        raise FileFault(
+            "found an infinite number", f"line {numbers[row]}, column {column + 1}", Code.BAD_NUMBER
+        )
     return NumberTable(values, tuple(numbers), filled)
 
 
@@ -184,9 +221,13 @@ def _numbers(cells: list[str], number: int) -> list[float]:
 
 
 def require_increasing(time: Array, lines: Sequence[int]) -> None:
-    """FileFault unless times (ns,), which stand in these `lines`, are finite and strictly increasing."""
+    """FileFault unless times (ns,), which stand in these `lines`, are finite and strictly
+    increasing.
+    """
     if len(time) == 0:
-        raise FileFault("found no row of numbers; at least one frame is needed", code=Code.BAD_NUMBER)
+        raise FileFault(
+            "found no row of numbers; at least one frame is needed", code=Code.BAD_NUMBER
+        )
     for i in np.flatnonzero(~np.isfinite(time)).tolist():
         raise FileFault("found no number", f"line {lines[i]}, time", Code.BAD_NUMBER)
     for i in (np.flatnonzero(np.diff(time) <= 0) + 1).tolist():
@@ -199,7 +240,9 @@ def undo_rounding(time: Array) -> tuple[Array, tuple[str, ...]]:
     if len(time) < 3:
         return time, ()
     finest = range(1, MOST_DECIMALS + 1)
-    decimals = next((n for n in finest if np.all(np.abs(time - np.round(time, n)) <= EXACT_S)), None)
+    decimals = next(
+        (n for n in finest if np.all(np.abs(time - np.round(time, n)) <= EXACT_S)), None
+    )
     rate = round((len(time) - 1) / float(time[-1] - time[0]))
     if decimals is not None and rate > 0:
         unit = 10.0**-decimals
@@ -209,9 +252,13 @@ def undo_rounding(time: Array) -> tuple[Array, tuple[str, ...]]:
             return time, ()
         if away <= 1.0001 * unit and unit < 0.5 / rate:
             change = f"largest change {1e3 * away:.2g} ms"
-            return grid, (f"Times rounded to {unit:g} s were put back on their {rate} Hz grid ({change}).",)
+            return grid, (
+                f"Times rounded to {unit:g} s were put back on their {rate} Hz grid ({change}).",
+            )
     steps = np.diff(time)
     middle = float(np.median(steps))
     if np.any(np.abs(steps - middle) > UNEVEN * middle):
-        return time, (f"Time steps are uneven: {1e3 * steps.min():.3g} to {1e3 * steps.max():.3g} ms.",)
+        return time, (
+            f"Time steps are uneven: {1e3 * steps.min():.3g} to {1e3 * steps.max():.3g} ms.",
+        )
     return time, ()

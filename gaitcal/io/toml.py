@@ -1,6 +1,8 @@
-"""TOML files that users write: read, checked against a table of fields, and written, every mistake told in one line.
+"""TOML files that users write: read, checked against a table of fields, and written, every mistake
+told in one line.
 
-Also the data folder `models/`, whose tables are read in the same way, and versions of installed packages.
+Also the data folder `models/`, whose tables are read in the same way, and versions of installed
+packages.
 """
 
 import json
@@ -23,8 +25,10 @@ if sys.version_info >= (3, 11):
 else:
     import tomli as tomllib
 
-MAX_BYTES = 100_000  # No TOML file that a person writes comes near this size: a study of 300 trials has 40 kB
-MAX_DOTS = 30  # Parts of a dotted key or table name; the parser's time grows with the square of their number
+# No TOML file that a person writes comes near this size: a study of 300 trials has 40 kB
+MAX_BYTES = 100_000
+# Parts of a dotted key or table name; the parser's time grows with the square of their number
+MAX_DOTS = 30
 
 
 _DOTTED = re.compile(rf"(?:[\w\"'-]{{1,200}}[ \t]*\.[ \t]*){{{MAX_DOTS},}}")
@@ -34,7 +38,8 @@ _DOTTED = re.compile(rf"(?:[\w\"'-]{{1,200}}[ \t]*\.[ \t]*){{{MAX_DOTS},}}")
 def require_file(path: Path, *, source: object = None, field: str | None = None) -> Path:
     """Return `path` if a regular file lies there.
 
-    Else an InputError names it and what lies beside it: the nearest name, or the first few names of the folder.
+    Else an InputError names it and what lies beside it: the nearest name, or the first few names of
+    the folder.
     """
     # os.path answers False where pathlib raises: over-long names, embedded null characters.
     if os.path.isfile(path):  # noqa: PTH113
@@ -59,14 +64,21 @@ def _beside(path: Path) -> str:
     hint = nearest(path.name, names)
     if hint or not names:
         return hint or "; the folder is empty of files"
-    return "; the folder holds " + ", ".join(f"'{name}'" for name in names[:4]) + (", ..." if len(names) > 4 else "")
+    return (
+        "; the folder holds "
+        + ", ".join(f"'{name}'" for name in names[:4])
+        + (", ..." if len(names) > 4 else "")
+    )
 
 
-def read_toml(path: Path, parse_float: Callable[[str], Any] = float, most_bytes: int = MAX_BYTES) -> dict[str, Any]:
-    """Read the TOML file at `path` (UTF-8, a byte order mark is allowed), numbers with a point by `parse_float`.
+def read_toml(
+    path: Path, parse_float: Callable[[str], Any] = float, most_bytes: int = MAX_BYTES
+) -> dict[str, Any]:
+    """Read the TOML file at `path` (UTF-8, a byte order mark is allowed), numbers with a point by
+    `parse_float`.
 
-    InputError where it is missing or unreadable, over `most_bytes`, nested absurdly, not UTF-8, or not TOML (with the
-    line).
+    InputError where it is missing or unreadable, over `most_bytes`, nested absurdly, not UTF-8, or
+    not TOML (with the line).
     """
     require_file(path)
 
@@ -86,7 +98,9 @@ def read_toml(path: Path, parse_float: Callable[[str], Any] = float, most_bytes:
         text = raw.decode("utf-8-sig")
     except UnicodeDecodeError as error:
         line = raw.count(b"\n", 0, error.start) + 1
-        raise fault(f"line {line} is not UTF-8 text; save the file as UTF-8", Code.NOT_TEXT) from None
+        raise fault(
+            f"line {line} is not UTF-8 text; save the file as UTF-8", Code.NOT_TEXT
+        ) from None
     if deep := _DOTTED.search(text):
         line = text.count("\n", 0, deep.start()) + 1
         raise fault(f"line {line} nests tables over {MAX_DOTS} deep; no file of this kind does")
@@ -95,9 +109,19 @@ def read_toml(path: Path, parse_float: Callable[[str], Any] = float, most_bytes:
     except RecursionError:
         raise fault("not valid TOML: brackets nested too deeply") from None
     except ValueError as error:  # TOMLDecodeError, and numbers too long to be read
-        message = str(error).replace("at end of document", f"at the end, line {text.count(chr(10)) + 1}")
-        hint = "; a table that repeats is written [[name]], with two brackets" if "Cannot declare" in message else ""
-        hint += "; in double quotes a backslash starts an escape: use single quotes or '/'" if "\\" in message else ""
+        message = str(error).replace(
+            "at end of document", f"at the end, line {text.count(chr(10)) + 1}"
+        )
+        hint = (
+            "; a table that repeats is written [[name]], with two brackets"
+            if "Cannot declare" in message
+            else ""
+        )
+        hint += (
+            "; in double quotes a backslash starts an escape: use single quotes or '/'"
+            if "\\" in message
+            else ""
+        )
         raise fault(f"not valid TOML: {message}{hint}") from None
 
 
@@ -112,20 +136,30 @@ def toml_value(value: object) -> str:
     if isinstance(value, str):
         return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007F")
     if isinstance(value, Mapping):
-        return "{ " + ", ".join(f"{toml_value(str(k))} = {toml_value(v)}" for k, v in value.items()) + " }"
+        return (
+            "{ "
+            + ", ".join(f"{toml_value(str(k))} = {toml_value(v)}" for k, v in value.items())
+            + " }"
+        )
     if isinstance(value, Sequence):
         return "[" + ", ".join(toml_value(v) for v in value) + "]"
     raise TypeError(f"{type(value).__name__} has no TOML form")
 
 
 def toml_table(header: str, content: Mapping[str, object]) -> str:
-    """A table as text: `header` (`[subject]`, `[[trial]]`) and one line a key. Keys must be bare TOML keys."""
-    return "\n".join([header, *(f"{key} = {toml_value(value)}" for key, value in content.items())]) + "\n"
+    """A table as text: `header` (`[subject]`, `[[trial]]`) and one line a key. Keys must be bare
+    TOML keys.
+    """
+    return (
+        "\n".join([header, *(f"{key} = {toml_value(value)}" for key, value in content.items())])
+        + "\n"
+    )
 
 
 # ------------------------------------------------------------------------------- tables checked by pydantic
 
-# pydantic's name of an error -> what is allowed instead; the names in braces are entries of the error's context
+# pydantic's name of an error -> what is allowed instead; the names in braces are entries of the
+# error's context
 _ALLOWED = {
     "string_type": "text in quotes",
     "path_type": "a file name in quotes",
@@ -143,8 +177,10 @@ _ALLOWED = {
     "less_than_equal": "a number at most {le:g}",
     "is_instance_of": "an instance of {class}",
     "string_too_short": "String should have at least {min_length} character{s}",
-    "too_short": "{field_type} should have at least {min_length} item{s} after validation, not {actual_length}",
-    "too_long": "{field_type} should have at most {max_length} item{s} after validation, not {actual_length}",
+    "too_short": "{field_type} should have at least {min_length} item{s} after validation, not "
+    "{actual_length}",
+    "too_long": "{field_type} should have at most {max_length} item{s} after validation, not "
+    "{actual_length}",
 }
 
 
@@ -152,7 +188,10 @@ def shown(value: object) -> str:
     """`value` as a message shows it: quoted if text, in one line, cut off where long."""
     try:
         text = repr(value)
-    except (ValueError, RecursionError):  # an integer of thousands of digits, a table nested as deeply
+    except (
+        ValueError,
+        RecursionError,
+    ):  # an integer of thousands of digits, a table nested as deeply
         text = f"a {type(value).__name__} too large to show"
     return text if len(text) <= 60 else f"{text[:57]}..."
 
@@ -167,14 +206,19 @@ _T = TypeVar("_T", bound=Table)
 
 
 def read_validated(
-    table: type[_T], path: Path, parse_float: Callable[[str], Any] = float, most_bytes: int = MAX_BYTES
+    table: type[_T],
+    path: Path,
+    parse_float: Callable[[str], Any] = float,
+    most_bytes: int = MAX_BYTES,
 ) -> _T:
     """The TOML file at `path` as a table; InputError, in one line, where it is none."""
     return validated(table, read_toml(path, parse_float, most_bytes), path)
 
 
 def validated(table: type[_T], content: Mapping[str, object], source: object) -> _T:
-    """What a file says as a table; InputError, in one line, where it is none. `source`: the file, for the message."""
+    """What a file says as a table; InputError, in one line, where it is none. `source`: the file,
+    for the message.
+    """
     try:
         return table.model_validate(content)
     except ValidationError as error:
@@ -182,9 +226,17 @@ def validated(table: type[_T], content: Mapping[str, object], source: object) ->
 
 
 def require_known(
-    names: Iterable[str], allowed: Iterable[str], kind: str, *, source: Path, field: str, listed: bool = False
+    names: Iterable[str],
+    allowed: Iterable[str],
+    kind: str,
+    *,
+    source: Path,
+    field: str,
+    listed: bool = False,
 ) -> None:
-    """InputError for the first name that is not allowed, with the nearest that is, or else (`listed`) with all."""
+    """InputError for the first name that is not allowed, with the nearest that is, or else
+    (`listed`) with all.
+    """
     known = list(allowed)
     for name in names:
         if name not in known:
@@ -194,7 +246,9 @@ def require_known(
 
 
 def _input_error(error: ValidationError, model: type[BaseModel], source: object) -> InputError:
-    """The first mistake in `error` as an `InputError`; a misspelt key comes before what is missing because of it."""
+    """The first mistake in `error` as an `InputError`; a misspelt key comes before what is missing
+    because of it.
+    """
     details = error.errors(include_url=False)
     first = next((d for d in details if d["type"] == "extra_forbidden"), details[0])
     location, kind, found = first["loc"], first["type"], first["input"]
@@ -203,7 +257,9 @@ def _input_error(error: ValidationError, model: type[BaseModel], source: object)
         allowed = _keys(_table_and_field(model, location[:-1])[0])
         close = nearest(str(location[-1]), allowed)
         message = f"unknown key {shown(location[-1])}{close or '; allowed: ' + ', '.join(allowed)}"
-        return InputError(message, source=source, field=_field_name(location[:-1]), code=Code.UNKNOWN_FIELD)
+        return InputError(
+            message, source=source, field=_field_name(location[:-1]), code=Code.UNKNOWN_FIELD
+        )
     table, field = _table_and_field(model, location)
     if kind == "missing":
         message = f"missing: {field.description}" if field and field.description else "missing"
@@ -223,7 +279,9 @@ def _input_error(error: ValidationError, model: type[BaseModel], source: object)
 
 
 def _allowed(kind: str, context: Mapping[str, Any], field: FieldInfo | None) -> str:
-    """What is allowed instead, by the kind of error; of a kind that is not in the list, what the field is about."""
+    """What is allowed instead, by the kind of error; of a kind that is not in the list, what the
+    field is about.
+    """
     if kind not in _ALLOWED:
         return field.description or "another value" if field else "another value"
     length = context.get("min_length", context.get("max_length"))
@@ -242,10 +300,13 @@ def _field_name(location: Sequence[str | int]) -> str | None:
     return text or None
 
 
-def _table_and_field(model: type[BaseModel], location: Sequence[str | int]) -> tuple[type[BaseModel], FieldInfo | None]:
+def _table_and_field(
+    model: type[BaseModel], location: Sequence[str | int]
+) -> tuple[type[BaseModel], FieldInfo | None]:
     """The table that `location` leads to or ends in, and the last field on the way there, if any.
 
-    Numbers in lists and the free keys of a dict are no fields: there the field is the one that holds the list or dict.
+    Numbers in lists and the free keys of a dict are no fields: there the field is the one that
+    holds the list or dict.
     """
     last = None
     for part in location:
@@ -260,11 +321,15 @@ def _model_in(annotation: Any) -> type[BaseModel] | None:
     """The model that an annotation like `tuple[Trial, ...]` is about; None where it is about none."""
     if isinstance(annotation, type) and issubclass(annotation, BaseModel):
         return annotation
-    return next((found for argument in get_args(annotation) if (found := _model_in(argument))), None)
+    return next(
+        (found for argument in get_args(annotation) if (found := _model_in(argument))), None
+    )
 
 
 def _choices(annotation: Any) -> list[str]:
-    """All words that the literals in an annotation like `dict[str, Literal["r", "l"]] | None` allow."""
+    """All words that the literals in an annotation like `dict[str, Literal["r", "l"]] | None`
+    allow.
+    """
     if get_origin(annotation) is Literal:
         return list(get_args(annotation))
     return [word for argument in get_args(annotation) for word in _choices(argument)]
@@ -280,8 +345,9 @@ def _keys(table: type[BaseModel]) -> list[str]:
 def models_path() -> Path:
     """The folder `models/`: linkage, marker sets, anthropometric tables, the nominal subject.
 
-    A wheel carries it as `gaitcal/models`; a source checkout, also one installed in editable mode, has it beside the
-    package. GaitcalError where neither place holds it: the installation is incomplete.
+    A wheel carries it as `gaitcal/models`; a source checkout, also one installed in editable mode,
+    has it beside the package. GaitcalError where neither place holds it: the installation is
+    incomplete.
     """
     package = Path(str(files("gaitcal")))
     for folder in (package / "models", package.parent / "models"):

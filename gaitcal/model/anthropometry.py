@@ -1,11 +1,13 @@
-"""Nominal inertial parameters from de Leva 1996 (`models/de_leva_1996.json`), with this person's mass and lengths.
+"""Nominal inertial parameters from de Leva 1996 (`models/de_leva_1996.json`), with this person's
+mass and lengths.
 
-Mass fractions, mass centres and radii of gyration are de Leva's; the fractions are divided by their sum (99.99 % for
-women), so that the total is the person's mass. Those of a child whose age is known are changed as Jensen's change with
-age. Lengths: thigh, shank, upper arm and forearm as measured between the
-person's joint centres; pelvis, trunk, head, hand and foot as de Leva's, scaled by height, because no marker set
-measures them well (vertex, suprasternale, third metacarpal, toe in a shoe). Axes: sagittal = x, longitudinal = y,
-transverse = z; in the foot longitudinal = x, transverse = y, sagittal = z.
+Mass fractions, mass centres and radii of gyration are de Leva's; the fractions are divided by their
+sum (99.99 % for women), so that the total is the person's mass. Those of a child whose age is known
+are changed as Jensen's change with age. Lengths: thigh, shank, upper arm and forearm as measured
+between the person's joint centres; pelvis, trunk, head, hand and foot as de Leva's, scaled by
+height, because no marker set measures them well (vertex, suprasternale, third metacarpal, toe in a
+shoe). Axes: sagittal = x, longitudinal = y, transverse = z; in the foot longitudinal = x,
+transverse = y, sagittal = z.
 
     pelvis           lower trunk, its lower end at the height of the hip centres, its mass centre straight above them
     head and trunk   middle trunk, upper trunk and head stacked on it along y; head from cervicale up (parallel axes)
@@ -13,14 +15,14 @@ transverse = z; in the foot longitudinal = x, transverse = y, sagittal = z.
 
 How the shares of body mass change as a child grows (Jensen 1989, `models/jensen_1989.json`).
 
-Tables of adults and of children cut the body in different places (Jensen's thigh of an 18 year old has 11 % of the
-mass, de Leva's of an adult 14 %), so that one cannot stand for the other. What children's tables tell reliably is the
-change with age, a ratio in which the cut cancels:
+Tables of adults and of children cut the body in different places (Jensen's thigh of an 18 year old
+has 11 % of the mass, de Leva's of an adult 14 %), so that one cannot stand for the other. What
+children's tables tell reliably is the change with age, a ratio in which the cut cancels:
 
     growth(age) = Jensen's share at that age / Jensen's share at 18 years
 
-for head, upper arm, forearm with hand, thigh, and shank with foot. The torso has what these leave. Measured on boys;
-no polynomials of girls were found.
+for head, upper arm, forearm with hand, thigh, and shank with foot. The torso has what these leave.
+Measured on boys; no polynomials of girls were found.
 """
 
 import functools
@@ -40,11 +42,13 @@ from gaitcal.model.subject_model import Subject
 
 CHILD_HEIGHT = 1.45  # m; few adults are shorter, and most children before puberty are
 YOUTH_HEIGHT, YOUTH_MASS = 1.60, 50.0
-"""m and kg; somebody below both may be a child of 10 to 14 years: the median child passes both shortly before the 14th
-birthday (2000 CDC Growth Charts, Vital Health Stat 11(246), 2002); some slender women are below both, too."""
+"""m and kg; somebody below both may be a child of 10 to 14 years: the median child passes both
+shortly before the 14th birthday (2000 CDC Growth Charts, Vital Health Stat 11(246), 2002); some
+slender women are below both, too."""
 UNKNOWN_AGE, UNKNOWN_AGE_OF_YOUTH = 8.0, 12.0
-"""Years that a child counts as where its age is not known, to say how wrong the table of adults may be: one shorter
-than CHILD_HEIGHT, and any other; half of the children of 12 are taller than 1.50 m."""
+"""Years that a child counts as where its age is not known, to say how wrong the table of adults may
+be: one shorter than CHILD_HEIGHT, and any other; half of the children of 12 are taller than 1.50 m.
+"""
 
 UNSIDED = tuple(name.replace("_r.", ".").replace("_l.", ".") for name in IP_NAMES)
 """(ni,) names of inertial parameters without their side."""
@@ -64,15 +68,23 @@ def youngest_and_adult_age() -> tuple[float, float]:
 
 def jensen_share(part: str, age: float) -> float:
     """Share of body mass, 0 to 1, of one part of Jensen's, at an age in years."""
-    return float(np.polynomial.polynomial.polyval(age, _tables("jensen_1989.json")["mass_share"][part]))
+    return float(
+        np.polynomial.polynomial.polyval(age, _tables("jensen_1989.json")["mass_share"][part])
+    )
 
 
 def growth(age: float) -> dict[str, float]:
-    """Segment of de Leva's -> its share of body mass at this age (years) over that of an adult; 1 from 18 years on."""
+    """Segment of de Leva's -> its share of body mass at this age (years) over that of an adult; 1
+    from 18 years on.
+    """
     youngest, adult = youngest_and_adult_age()
     at = float(np.clip(age, youngest, adult))
     parts: dict[str, str] = _tables("jensen_1989.json")["part_of"]
-    return {name: jensen_share(part, at) / jensen_share(part, adult) for name, part in parts.items() if name in _WHOLE}
+    return {
+        name: jensen_share(part, at) / jensen_share(part, adult)
+        for name, part in parts.items()
+        if name in _WHOLE
+    }
 
 
 def looks_like_child(subject: Subject) -> bool:
@@ -86,7 +98,9 @@ def supposed_age(subject: Subject) -> float:
     return UNKNOWN_AGE if subject.height < CHILD_HEIGHT else UNKNOWN_AGE_OF_YOUTH
 
 
-FOOT_CENTRE_UP = 0.0004 / 1.70  # of the foot's mass centre above the heel-toe line over body height: costs divide by it
+FOOT_CENTRE_UP = (
+    0.0004 / 1.70
+)  # of the foot's mass centre above the heel-toe line over body height: costs divide by it
 _DIAGONAL = {"sagittal": 0, "longitudinal": 1, "transverse": 2}
 _FORWARD = {"longitudinal": 0, "transverse": 1, "sagittal": 2}
 
@@ -96,8 +110,11 @@ class BodyLengths:
     """What of a person's lengths inertia depends on, m."""
 
     limbs: Mapping[str, float]
-    """`thigh_r`, `shank_r`, `upper_arm_r`, `forearm_hand_r` (elbow to wrist) and `_l`: between joint centres."""
-    hip_centre: Array  # (2,) anterior and superior coordinate of the middle of the hip centres in the pelvis frame
+    """`thigh_r`, `shank_r`, `upper_arm_r`, `forearm_hand_r` (elbow to wrist) and `_l`: between
+    joint centres.
+    """
+    # (2,) anterior and superior coordinate of the middle of the hip centres in the pelvis frame
+    hip_centre: Array
     lumbar_above_hips: float  # from there up to the lumbar joint, along the pelvis's y
 
 
@@ -118,12 +135,16 @@ _WHOLE = tuple(part for segment in MASSIVE_SEGMENTS for part in segment_kind(seg
 def _row(name: str, sex: str) -> dict[str, float]:
     """A row of the table; where nobody says the sex, the mean of both."""
     rows: dict[str, dict[str, float]] = _tables("de_leva_1996.json")["table"][name]
-    return rows[sex] if sex else {key: 0.5 * (value + rows["male"][key]) for key, value in rows["female"].items()}
+    return (
+        rows[sex]
+        if sex
+        else {key: 0.5 * (value + rows["male"][key]) for key, value in rows["female"].items()}
+    )
 
 
 def mass_shares(sex: str, age: float | None) -> dict[str, float]:
-    """Share of body mass of each of de Leva's segments that make up the body, those of limbs for one side; their sum
-    over the whole body is 1. `age` in years; None for an adult.
+    """Share of body mass of each of de Leva's segments that make up the body, those of limbs for
+    one side; their sum over the whole body is 1. `age` in years; None for an adult.
     """
     percent = {name: _row(name, sex)["mass_pct"] for name in _WHOLE}
     total = sum(percent[name] for name in _WHOLE)
@@ -142,11 +163,17 @@ def table_words(subject: Subject) -> str:
     source = f"de Leva 1996, {subject.sex or 'the mean of women and men, as nobody says the sex'}"
     if unknown := _unknown_spread(subject):
         thigh, trunk = 100 * unknown.get("thigh.mass", 0.0), 1e3 * unknown["head_trunk.com.sup"]
-        source += f"; what is not known of the person counts as an error, {thigh:.0f} % of the mass of a thigh and "
+        source += (
+            f"; what is not known of the person counts as an error, {thigh:.0f} % of the mass of a "
+            "thigh and "
+        )
         source += f"{trunk:.0f} mm of the trunk's mass centre among it"
     youngest, adult = youngest_and_adult_age()
     if subject.age is not None and subject.age < adult:
-        source += f"; masses changed to {max(subject.age, youngest):g} years of age by Jensen 1989, measured on boys"
+        source += (
+            f"; masses changed to {max(subject.age, youngest):g} years of age by Jensen 1989, "
+            "measured on boys"
+        )
         if subject.age < youngest:
             source += f" of {youngest:g} years and more: the person is {subject.age:g} years old"
     elif looks_like_child(subject):
@@ -154,8 +181,10 @@ def table_words(subject: Subject) -> str:
         source += (
             f"; a table of adults, though {subject.height:.2f} m looks like a child's, with "
             f"{subject.mass:.0f} kg, and no age is known: its masses count as less certain, "
-            f"by {100 * more['thigh']:.0f} % for thighs and {100 * more['head_trunk']:.0f} % for head and trunk, as "
-            f"those of children of {supposed_age(subject):g} differ (Jensen 1989); age_years tells which table to use"
+            f"by {100 * more['thigh']:.0f} % for thighs and {100 * more['head_trunk']:.0f} % for "
+            "head and trunk, as "
+            f"those of children of {supposed_age(subject):g} differ (Jensen 1989); age_years tells "
+            "which table to use"
         )
     elif subject.age is None:
         source += "; a table of adults: no age is known"
@@ -163,8 +192,9 @@ def table_words(subject: Subject) -> str:
 
 
 def child_spread(subject: Subject) -> dict[str, float]:
-    """How far (standard deviation of the logarithm) the table of adults may be from the masses of a child whose age is
-    not known: what Jensen's shares change from `supposed_age` to adults. By segment without its side; empty for others.
+    """How far (standard deviation of the logarithm) the table of adults may be from the masses of a
+    child whose age is not known: what Jensen's shares change from `supposed_age` to adults. By
+    segment without its side; empty for others.
     """
     if not looks_like_child(subject):
         return {}
@@ -176,9 +206,9 @@ def child_spread(subject: Subject) -> dict[str, float]:
 
 
 def table_spread(subject: Subject) -> dict[str, float]:
-    """How far (standard deviation) the nominal inertia may be off, beside how people scatter about the tables, as facts
-    of the person are not known: parameter without its side (`thigh.mass`, ...) -> logarithm of masses and second
-    moments, m of mass centres.
+    """How far (standard deviation) the nominal inertia may be off, beside how people scatter about
+    the tables, as facts of the person are not known: parameter without its side (`thigh.mass`, ...)
+    -> logarithm of masses and second moments, m of mass centres.
     """
     out = _unknown_spread(subject)
     for segment, more in child_spread(subject).items():
@@ -188,11 +218,15 @@ def table_spread(subject: Subject) -> dict[str, float]:
 
 
 def _unknown_spread(subject: Subject) -> dict[str, float]:
-    """Of sex and height: half of what women's table differs from men's, or a height one standard deviation too large
-    from one as much too small.
+    """Of sex and height: half of what women's table differs from men's, or a height one standard
+    deviation too large from one as much too small.
     """
     low, high = subject.height - subject.height_error, subject.height + subject.height_error
-    pairs = [(replace(subject, height=low), replace(subject, height=high))] if subject.height_error else []
+    pairs = (
+        [(replace(subject, height=low), replace(subject, height=high))]
+        if subject.height_error
+        else []
+    )
     if not subject.sex:
         pairs.append((replace(subject, sex="female"), replace(subject, sex="male")))
     lengths = BodyLengths(default_limbs(subject), np.zeros(2), 0.0)
@@ -204,20 +238,32 @@ def _unknown_spread(subject: Subject) -> dict[str, float]:
             rows[:, 4:7] = np.log(0.5 * moments.sum(axis=1, keepdims=True) - moments)
             rows[:, 0] = np.log(rows[:, 0])
         variance += (0.5 * (second - first)) ** 2
-    return {name: s for name, s in zip(UNSIDED, np.sqrt(variance).ravel().tolist(), strict=True) if s > 0}
+    return {
+        name: s
+        for name, s in zip(UNSIDED, np.sqrt(variance).ravel().tolist(), strict=True)
+        if s > 0
+    }
 
 
 def default_length(name: str, subject: Subject) -> float:
     """Length (m) of a segment of de Leva's table, scaled by height."""
     people = _tables("de_leva_1996.json")["population"]
-    shares = [_row(name, sex)["length_mm"] / people[sex]["height_mm"] for sex in people if subject.sex in ("", sex)]
+    shares = [
+        _row(name, sex)["length_mm"] / people[sex]["height_mm"]
+        for sex in people
+        if subject.sex in ("", sex)
+    ]
     return sum(shares) / len(shares) * subject.height
 
 
 def default_limbs(subject: Subject) -> dict[str, float]:
     """Lengths of the limbs where nothing is measured, m."""
     limbs = ("thigh", "shank", "upper_arm", "forearm_hand")
-    return {f"{s}_{side}": default_length(SEGMENT_TABLE[s].parts[0], subject) for s in limbs for side in SIDES}
+    return {
+        f"{s}_{side}": default_length(SEGMENT_TABLE[s].parts[0], subject)
+        for s in limbs
+        for side in SIDES
+    }
 
 
 def _part(name: str, subject: Subject, length: float | None = None) -> _Part:
@@ -226,7 +272,9 @@ def _part(name: str, subject: Subject, length: float | None = None) -> _Part:
     length = default_length(name, subject) if length is None else length
     gyration = {axis: length * row[f"r_{axis}_pct"] / 100 for axis in _DIAGONAL}
     centre = length * row["cm_pct_from_first_endpoint"] / 100
-    return _Part(subject.mass * mass_shares(subject.sex, subject.age)[name], length, centre, gyration)
+    return _Part(
+        subject.mass * mass_shares(subject.sex, subject.age)[name], length, centre, gyration
+    )
 
 
 def inertial_parameters(subject: Subject, lengths: BodyLengths) -> Array:
@@ -241,10 +289,14 @@ def inertial_parameters(subject: Subject, lengths: BodyLengths) -> Array:
     xiphoid = lower.length - lengths.lumbar_above_hips + middle.length
     vertex = xiphoid + default_length("UpperTrunk2", subject) + head.length
     upper_centre, head_centre = xiphoid + upper.length - upper.centre, vertex - head.centre
-    rows["head_trunk"] = _in_line([(middle, xiphoid - middle.centre), (upper, upper_centre), (head, head_centre)])
+    rows["head_trunk"] = _in_line(
+        [(middle, xiphoid - middle.centre), (upper, upper_centre), (head, head_centre)]
+    )
     for segment in (s for s in MASSIVE_SEGMENTS if s not in rows):
         kind, end, placed = segment_kind(segment), 0.0, list[tuple[_Part, float]]()
-        for name in kind.parts:  # one after another from the origin of the segment; the first is what was measured
+        for name in (
+            kind.parts
+        ):  # one after another from the origin of the segment; the first is what was measured
             part = _part(name, subject, None if placed else lengths.limbs.get(segment))
             placed.append((part, end + part.centre if kind.forward else end - part.centre))
             end += part.length if kind.forward else -part.length
@@ -254,21 +306,31 @@ def inertial_parameters(subject: Subject, lengths: BodyLengths) -> Array:
     return np.concatenate([rows[segment] for segment in MASSIVE_SEGMENTS])
 
 
-LIMB_ENDS = {"thigh": ("hip", "knee"), "shank": ("knee", "talocrural"), "upper_arm": ("shoulder", "elbow")}
-"""Segment -> the joints at its ends. Forearm with hand ends at no joint of the linkage, the foot at markers."""
+LIMB_ENDS = {
+    "thigh": ("hip", "knee"),
+    "shank": ("knee", "talocrural"),
+    "upper_arm": ("shoulder", "elbow"),
+}
+"""Segment -> the joints at its ends. Forearm with hand ends at no joint of the linkage, the foot at
+markers.
+"""
 
 
 def with_joints_of(inertial: Array, before: Parameters, after: Parameters) -> Array:
-    """(ni,) inertial parameters, SI, of a table, when the joints that it counts from are found elsewhere.
+    """(ni,) inertial parameters, SI, of a table, when the joints that it counts from are found
+    elsewhere.
 
-    Mass centres of limbs keep their share of the way between both joints, and second moments go with the square of its
-    length. Pelvis and trunk stay: counted from the hips found, they explain pelvis residuals worse, of people as well.
+    Mass centres of limbs keep their share of the way between both joints, and second moments go
+    with the square of its length. Pelvis and trunk stay: counted from the hips found, they explain
+    pelvis residuals worse, of people as well.
     """
     rows = table(inertial).copy()
     for side, (segment, ends) in product(SIDES, LIMB_ENDS.items()):
         name = f"{segment}_{side}"
         row, joints = rows[MASSIVE_SEGMENTS.index(name)], [f"{end}_{side}" for end in ends]
-        old, new = (np.array([parameters.centre(j, name) for j in joints]) for parameters in (before, after))
+        old, new = (
+            np.array([parameters.centre(j, name) for j in joints]) for parameters in (before, after)
+        )
         square = float(np.sum((old[1] - old[0]) ** 2))
         share = float((row[1:4] - old[0]) @ (old[1] - old[0])) / square
         row[1:4] += (1.0 - share) * (new - old)[0] + share * (new - old)[1]
@@ -277,8 +339,8 @@ def with_joints_of(inertial: Array, before: Parameters, after: Parameters) -> Ar
 
 
 def _in_line(parts: Sequence[tuple[_Part, float]], axes: Mapping[str, int] = _DIAGONAL) -> Array:
-    """(7,) one body of parts whose mass centres lie at these places (m) on the axis that is longitudinal; `axes` of the
-    segment's frame by the names of de Leva's.
+    """(7,) one body of parts whose mass centres lie at these places (m) on the axis that is
+    longitudinal; `axes` of the segment's frame by the names of de Leva's.
     """
     mass = sum(part.mass for part, _ in parts)
     centre, moments = np.zeros(3), np.zeros(3)

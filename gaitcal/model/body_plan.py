@@ -1,26 +1,30 @@
-"""How a standing body's landmarks lie to each other, measured against people: lengths by height, left against right.
+"""How a standing body's landmarks lie to each other, measured against people: lengths by height,
+left against right.
 
 A measure m of the landmarks p is held against what people have, in its own standard deviations,
 
     z = (m(p) - mean) / sd,        J(p) = sum z^2,
 
-lengths as shares of body height (so that children serve too), differences between right and left in mm. Body axes: x
-the mean direction from heels to toes (without one of the feet, across the pelvis), horizontal; y up; z = x x y, to the
-right. Widths and distances have the sign of their component along the axis that they lie along, so that whatever lies
-on the wrong side stands out by twice its length. Means of lengths: de Leva 1996 (thigh, shank), Winter 2009 (foot,
-height of the hips), ANSUR II (ankle width 0.0415, lateral epicondyle less malleolus 0.240 of stature, standard
-deviations 0.0022 and 0.007), widths with 7 mm of marker and skin on either side. Standard deviations are wider than
-either: they hold landmarks as laboratories palpate them, measured on thirteen recordings of grown people and children
-(greatest |z| 2.5).
+lengths as shares of body height (so that children serve too), differences between right and left in
+mm. Body axes: x the mean direction from heels to toes (without one of the feet, across the pelvis),
+horizontal; y up; z = x x y, to the right. Widths and distances have the sign of their component
+along the axis that they lie along, so that whatever lies on the wrong side stands out by twice its
+length. Means of lengths: de Leva 1996 (thigh, shank), Winter 2009 (foot, height of the hips), ANSUR
+II (ankle width 0.0415, lateral epicondyle less malleolus 0.240 of stature, standard deviations
+0.0022 and 0.007), widths with 7 mm of marker and skin on either side. Standard deviations are wider
+than either: they hold landmarks as laboratories palpate them, measured on thirteen recordings of
+grown people and children (greatest |z| 2.5).
 
-People are built and stand otherwise by no fault of any landmark: legs bow, bones are twisted, feet turn, somebody
-leans. A joint turned by theta and shifted by s moves all landmarks beyond it and nothing else, whether posture or bone
-made it do so. With theta ~ N(0, TURN_DEG^2) and s ~ N(0, SHIFT_M^2) about and along each body axis at hips, knees and
-ankles of both sides, and B = [dz / dtheta TURN_DEG, dz / ds SHIFT_M], the best such explanation of deviations z costs
+People are built and stand otherwise by no fault of any landmark: legs bow, bones are twisted, feet
+turn, somebody leans. A joint turned by theta and shifted by s moves all landmarks beyond it and
+nothing else, whether posture or bone made it do so. With theta ~ N(0, TURN_DEG^2) and s ~ N(0,
+SHIFT_M^2) about and along each body axis at hips, knees and ankles of both sides, and B = [dz /
+dtheta TURN_DEG, dz / ds SHIFT_M], the best such explanation of deviations z costs
 
     min over x of |z - B x|^2 + |x|^2  =  z^T (I + B B^T)^-1 z,
 
-to be held against what one landmark off its bone would cost. B is taken at the landmarks as they are.
+to be held against what one landmark off its bone would cost. B is taken at the landmarks as they
+are.
 """
 
 import math
@@ -36,8 +40,8 @@ from gaitcal.model.segment_frames import sign
 
 Landmarks = Mapping[str, Array]  # Name -> (3,) m, y up
 WIDTHS = {"knee": (0.066, 0.009), "ankle": (0.052, 0.006)}
-"""Mean and sd of the distance from lateral to medial marker. Knees of four heavy children and women, by callipers:
-0.057 to 0.078 of height, 0.009 more with markers."""
+"""Mean and sd of the distance from lateral to medial marker. Knees of four heavy children and
+women, by callipers: 0.057 to 0.078 of height, 0.009 more with markers."""
 LENGTHS: dict[str, tuple[str, str, float, float]] = {
     "shank": ("knee_lat", "ankle_lat", 0.245, 0.011),
     "medial shank": ("knee_med", "ankle_med", 0.235, 0.015),
@@ -72,7 +76,14 @@ DIFFERENCES_MM = {
     "ankle": 4.0,
 }
 """Measure -> sd of its right less its left."""
-HEIGHTS_MM = {"asis": 12.0, "knee_lat": 12.0, "knee_med": 10.0, "ankle_lat": 5.0, "ankle_med": 7.0, "heel": 6.0}
+HEIGHTS_MM = {
+    "asis": 12.0,
+    "knee_lat": 12.0,
+    "knee_med": 10.0,
+    "ankle_lat": 5.0,
+    "ankle_med": 7.0,
+    "heel": 6.0,
+}
 HEIGHTS_MM |= {"toe": 6.0}
 """Landmark -> sd of the difference in height of its right and left, standing."""
 APART: dict[str, tuple[float, float]] = {
@@ -85,16 +96,22 @@ APART: dict[str, tuple[float, float]] = {
     "toe": (0.16, 0.07),
 }
 """Landmark -> mean and sd of how far its right lies to the right of its left, share of height."""
-HIP_HEIGHT = (0.53, 0.035)  # Height of the ASIS above the lateral malleoli, share of height: mean and sd
+HIP_HEIGHT = (
+    0.53,
+    0.035,
+)  # Height of the ASIS above the lateral malleoli, share of height: mean and sd
 BOW_DEG, BEND_DEG = 2.5, 5.0
-"""sd of the difference between right and left of the angle at the lateral knee, from the front and from the side."""
+"""sd of the difference between right and left of the angle at the lateral knee, from the front and
+from the side.
+"""
 LINES_DEG = {("asis", "knee_lat"): 4.0, ("knee_lat", "ankle_lat"): 4.0}
 """sd of the angle from above between the lines from left to right through two landmarks."""
 AXIS_DEG = 11.0  # sd of the difference between right and left of a joint's line, seen from above
 TURN_DEG = 8.0
-"""Standard deviation about each axis. Torsion of the tibia scatters by 8 deg, version of the femur by 9 (Strecker et
-al. 1997), the line of the leg from the front by 2 to 3, all more in patients."""
-SHIFT_M = 0.006  # Standard deviation along each axis: as joints lie otherwise in their segments than in most people
+"""Standard deviation about each axis. Torsion of the tibia scatters by 8 deg, version of the femur
+by 9 (Strecker et al. 1997), the line of the leg from the front by 2 to 3, all more in patients."""
+# Standard deviation along each axis: as joints lie otherwise in their segments than in most people
+SHIFT_M = 0.006
 STEP_DEG, STEP_M = 0.5, 5e-4
 BEYOND = {
     "hip": ("knee_lat", "knee_med", "ankle_lat", "ankle_med", "heel", "toe"),
@@ -129,7 +146,10 @@ class Measure:
         """What was measured, and what people have."""
         if self.absolute:
             low, high = self.mean - 3 * self.sd, self.mean + 3 * self.sd
-            return f"{self.name} {self.value:.0f} {self.unit} (people of this height have {low:.0f} to {high:.0f})"
+            return (
+                f"{self.name} {self.value:.0f} {self.unit} (people of this height have {low:.0f} "
+                f"to {high:.0f})"
+            )
         return f"{self.name} {self.value:+.0f} {self.unit} (usual within {3 * self.sd:.0f})"
 
 
@@ -141,9 +161,12 @@ def cost(found: Sequence[Measure]) -> float:
 def body_axes(p: Landmarks) -> Array | None:
     """(3, 3), columns x forward, y up, z to the right; None where nothing gives a direction.
 
-    Forward is the mean of both feet. One foot alone turns out by up to 26 degrees: then across the pelvis.
+    Forward is the mean of both feet. One foot alone turns out by up to 26 degrees: then across the
+    pelvis.
     """
-    feet = np.array([p[f"toe_{s}"] - p[f"heel_{s}"] for s in SIDES if f"toe_{s}" in p and f"heel_{s}" in p])
+    feet = np.array(
+        [p[f"toe_{s}"] - p[f"heel_{s}"] for s in SIDES if f"toe_{s}" in p and f"heel_{s}" in p]
+    )
     if len(feet) < len(SIDES) and "asis_r" in p and "asis_l" in p:
         feet = cross(np.array([0.0, 1.0, 0.0]), p["asis_r"] - p["asis_l"])[None]
     if not len(feet):
@@ -160,7 +183,8 @@ def body_axes(p: Landmarks) -> Array | None:
 def measures(p: Landmarks, height: float, *, even: bool = True) -> list[Measure]:
     """All measures of the landmarks p that are there, of a person of this height (m).
 
-    Where the person does not stand evenly on straight legs (not `even`), without those that depend on the posture.
+    Where the person does not stand evenly on straight legs (not `even`), without those that depend
+    on the posture.
     """
     axes = body_axes(p)
     if axes is None:
@@ -171,19 +195,25 @@ def measures(p: Landmarks, height: float, *, even: bool = True) -> list[Measure]
 
 
 def likely_height(p: Landmarks) -> tuple[float, float] | None:
-    """Body height (m) of people with legs like these standing landmarks, and its standard deviation; None without legs.
+    """Body height (m) of people with legs like these standing landmarks, and its standard
+    deviation; None without legs.
 
-    Each length tells a height with the deviation that its share has among people. Whoever has long thighs has long
-    shanks, too: the errors are taken as if they went wholly together. (Eleven people: 3.5 % RMS, 4.8 % claimed.)
+    Each length tells a height with the deviation that its share has among people. Whoever has long
+    thighs has long shanks, too: the errors are taken as if they went wholly together. (Eleven
+    people: 3.5 % RMS, 4.8 % claimed.)
     """
     heights = []
     for name in ("shank", "medial shank", "ASIS to knee"):
         a, b, mean, sd = LENGTHS[name]
-        pairs = [(p[f"{a}_{s}"], p[f"{b}_{s}"]) for s in SIDES if {f"{a}_{s}", f"{b}_{s}"} <= set(p)]
+        pairs = [
+            (p[f"{a}_{s}"], p[f"{b}_{s}"]) for s in SIDES if {f"{a}_{s}", f"{b}_{s}"} <= set(p)
+        ]
         heights += [(math.dist(*pair) / mean, sd / mean) for pair in pairs]
     share, sd = HIP_HEIGHT
     standing = [s for s in SIDES if {f"asis_{s}", f"ankle_lat_{s}"} <= set(p)]
-    heights += [(float(p[f"asis_{s}"][1] - p[f"ankle_lat_{s}"][1]) / share, sd / share) for s in standing]
+    heights += [
+        (float(p[f"asis_{s}"][1] - p[f"ankle_lat_{s}"][1]) / share, sd / share) for s in standing
+    ]
     if not heights:
         return None
     height, relative = np.array(heights).T
@@ -192,7 +222,9 @@ def likely_height(p: Landmarks) -> tuple[float, float] | None:
 
 
 def _lengths(q: Landmarks, height: float) -> Iterator[Measure]:
-    """Lengths of a leg, negative where the two lie the wrong way round along the axis that they should lie along."""
+    """Lengths of a leg, negative where the two lie the wrong way round along the axis that they
+    should lie along.
+    """
     for name, (a, b, mean, sd) in LENGTHS.items():
         found, pairs = {}, {s: (f"{a}_{s}", b if b == "sacrum" else f"{b}_{s}") for s in SIDES}
         axis, towards = ALONG.get(name, (0, 0.0))
@@ -214,14 +246,21 @@ def _widths(q: Landmarks, height: float) -> Iterator[Measure]:
 
 
 def _of_sides(
-    name: str, found: Mapping[str, float], pairs: Mapping[str, tuple[str, str]], people: tuple[float, float]
+    name: str,
+    found: Mapping[str, float],
+    pairs: Mapping[str, tuple[str, str]],
+    people: tuple[float, float],
 ) -> Iterator[Measure]:
-    """A length (mm) of the sides on which it was `found` against mean and sd of people, and right against left."""
+    """A length (mm) of the sides on which it was `found` against mean and sd of people, and right
+    against left.
+    """
     for side, value in found.items():
         yield Measure(f"{name}, {SIDE_WORDS[side]}", value, *people, pairs[side], absolute=True)
     if len(found) == 2:
         sd = DIFFERENCES_MM[name.removesuffix(" width")]
-        yield Measure(f"{name}, right less left", found["r"] - found["l"], 0.0, sd, (*pairs["r"], *pairs["l"]))
+        yield Measure(
+            f"{name}, right less left", found["r"] - found["l"], 0.0, sd, (*pairs["r"], *pairs["l"])
+        )
 
 
 def _sides(q: Landmarks, height: float) -> Iterator[Measure]:
@@ -229,8 +268,12 @@ def _sides(q: Landmarks, height: float) -> Iterator[Measure]:
         both = (f"{name}_r", f"{name}_l")
         if all(end in q for end in both):
             _, up, right = (q[both[0]] - q[both[1]]).tolist()
-            yield Measure(f"{name} right of left", right, mean * height, sd * height, both, absolute=True)
-            yield Measure(f"height of {name}, right less left", up, 0.0, HEIGHTS_MM[name], both, postural=True)
+            yield Measure(
+                f"{name} right of left", right, mean * height, sd * height, both, absolute=True
+            )
+            yield Measure(
+                f"height of {name}, right less left", up, 0.0, HEIGHTS_MM[name], both, postural=True
+            )
     ends = tuple(f"{name}_{side}" for name in ("asis", "ankle_lat") for side in SIDES)
     if all(name in q for name in ends):
         above = 0.5 * float(q[ends[0]][1] + q[ends[1]][1] - q[ends[2]][1] - q[ends[3]][1])
@@ -244,7 +287,10 @@ def _knees(q: Landmarks) -> Iterator[Measure]:
     names = tuple(f"{name}_{side}" for side in SIDES for name in chain)
     if not all(name in q for name in names):
         return
-    for axis, what, sd in ((2, "bow of the leg from the front", BOW_DEG), (0, "bend of the knee", BEND_DEG)):
+    for axis, what, sd in (
+        (2, "bow of the leg from the front", BOW_DEG),
+        (0, "bend of the knee", BEND_DEG),
+    ):
         at_knee = {}
         for side in SIDES:
             hip, knee, ankle = (q[f"{name}_{side}"] for name in chain)
@@ -257,7 +303,9 @@ def _knees(q: Landmarks) -> Iterator[Measure]:
 
 
 def _lines(q: Landmarks) -> Iterator[Measure]:
-    """Angles from above: between lines of a joint, right less left, and between lines from left to right."""
+    """Angles from above: between lines of a joint, right less left, and between lines from left to
+    right.
+    """
 
     def from_above(across: Array) -> float:
         return float(np.rad2deg(np.arctan2(across[0], across[2])))
@@ -274,7 +322,9 @@ def _lines(q: Landmarks) -> Iterator[Measure]:
         if all(name in q for name in ends):
             upper, lower = (from_above(q[f"{name}_r"] - q[f"{name}_l"]) for name in pair)
             name = f"line through {pair[0]} against {pair[1]} from above"
-            yield Measure(name, _within_half_turn(upper - lower), 0.0, sd, ends, "deg", postural=True)
+            yield Measure(
+                name, _within_half_turn(upper - lower), 0.0, sd, ends, "deg", postural=True
+            )
 
 
 def _within_half_turn(degrees: float) -> float:
@@ -296,7 +346,9 @@ def cost_of_build(p: Landmarks, height: float, *, even: bool = True) -> float:
 
 
 def moved(p: Landmarks) -> Iterator[tuple[dict[str, Array], float]]:
-    """Landmarks with one joint turned or shifted a little, and how many such steps its standard deviation has."""
+    """Landmarks with one joint turned or shifted a little, and how many such steps its standard
+    deviation has.
+    """
     axes = body_axes(p)
     if axes is None:
         return
@@ -309,5 +361,8 @@ def moved(p: Landmarks) -> Iterator[tuple[dict[str, Array], float]]:
             origin = np.mean(centre, axis=0)
             for axis in axes.T:
                 R = pin.exp3(np.deg2rad(STEP_DEG) * axis)
-                yield {**p, **{n: origin + R @ (p[n] - origin) for n in points}}, TURN_DEG / STEP_DEG
+                yield (
+                    {**p, **{n: origin + R @ (p[n] - origin) for n in points}},
+                    TURN_DEG / STEP_DEG,
+                )
                 yield {**p, **{n: p[n] + STEP_M * axis for n in points}}, SHIFT_M / STEP_M

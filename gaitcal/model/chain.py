@@ -1,4 +1,5 @@
-"""The linkage as a `pinocchio.Model`: the whole body or a part of it, with any joint parameters free.
+"""The linkage as a `pinocchio.Model`: the whole body or a part of it, with any joint parameters
+free.
 
 Every element of the linkage (`linkage.py`) is a joint of one degree of freedom here: coordinates,
 joint parameters and zero angles alike, in one *open* model for each part of the body. Where their
@@ -39,7 +40,9 @@ about -x is a joint about x in a turned frame, which Pinocchio evaluates faster 
 def _open_model(
     root: str, segments: tuple[str, ...], reactions: bool, secondary: bool
 ) -> tuple[pin.Model, dict[str, linkage.Element]]:
-    """Build the model in which every element is a joint, named like the element; and these elements."""
+    """Build the model in which every element is a joint, named like the element; and these
+    elements.
+    """
     model = pin.Model()
     model.name = "gaitcal"
     model.gravity.linear = np.array([0.0, -GRAVITY, 0.0])
@@ -49,7 +52,9 @@ def _open_model(
     walks = [(linkage.root_elements(root), "", root)]
     for joint in linkage.JOINTS:
         if joint.child in segments and joint.child != root:
-            walks.append((linkage.joint_elements(joint, reactions=reactions), joint.parent, joint.child))
+            walks.append(
+                (linkage.joint_elements(joint, reactions=reactions), joint.parent, joint.child)
+            )
     for walk, parent, child in walks:
         on, place = carrier[parent]
         for e in _with_secondary(walk) if secondary else walk:
@@ -78,28 +83,25 @@ class Chain:
 
     Parameters
     ----------
-    root : base segment, free in the laboratory (six coordinates).
-    segments : segments of the part, the base included.
-    free : joint parameters whose derivatives are wanted, and variables of secondary motions (names of
+    root : base segment, free in the laboratory (six coordinates). segments : segments of the part,
+    the base included. free : joint parameters whose derivatives are wanted, and variables of
+    secondary motions (names of
         `SECONDARY` with one of `BENDS`); those that the part does not pass are left out.
     reactions : whether the knees carry their locked reaction joints.
     secondary : whether the knees' secondary motions are joints, whose values are prescribed.
 
     Attributes
     ----------
-    coordinates : names of the nq coordinates, each after those before it in the linkage.
-    free : names of the np free joint parameters and secondary variables.
-    variables : coordinates, reactions, then the free: n names.
-    joints : (nv,) names of the joints of its models.
-    at_variables : (n,) entry in configurations of the joint that each variable moves.
-    segment_joint : (ns,) joint that carries each segment.
-    frames_when_locked : frames of the joints, then of the segments, in a model with all joints locked.
-    parents : (nq,) index of the last coordinate before each coordinate; -1 where there is none.
-    segment_coordinate : (ns,) index of the last coordinate that moves each segment.
-    support : (n, ns) 1 where a variable moves a segment.
-    moved_sets : the distinct rows of `support`.
-    moved_set : (n,) which of them each variable has.
-    after : (nv, nv) whether joint i + 1 is joint j + 1, or comes after it on the way from the ground.
+    coordinates : names of the nq coordinates, each after those before it in the linkage. free :
+    names of the np free joint parameters and secondary variables. variables : coordinates,
+    reactions, then the free: n names. joints : (nv,) names of the joints of its models.
+    at_variables : (n,) entry in configurations of the joint that each variable moves. segment_joint
+    : (ns,) joint that carries each segment. frames_when_locked : frames of the joints, then of the
+    segments, in a model with all joints locked. parents : (nq,) index of the last coordinate before
+    each coordinate; -1 where there is none. segment_coordinate : (ns,) index of the last coordinate
+    that moves each segment. support : (n, ns) 1 where a variable moves a segment. moved_sets : the
+    distinct rows of `support`. moved_set : (n,) which of them each variable has. after : (nv, nv)
+    whether joint i + 1 is joint j + 1, or comes after it on the way from the ground.
     """
 
     def __init__(
@@ -120,13 +122,21 @@ class Chain:
 
         # variables, by what their values come from
         moving = [n for n in passed if self.elements[n].source is linkage.Source.COORDINATE]
-        self.coordinates = tuple(n for n in moving if n not in {*linkage.REACTIONS, *linkage.SECONDARY_NAMES})
+        self.coordinates = tuple(
+            n for n in moving if n not in {*linkage.REACTIONS, *linkage.SECONDARY_NAMES}
+        )
         motions = {name: motion for name, (_, motion, _) in linkage.SECONDARY_VARIABLES.items()}
         self.free = tuple(n for n in free if motions.get(n, n) in self.elements)
-        self.variables = (*self.coordinates, *(n for n in moving if n in linkage.REACTIONS), *self.free)
+        self.variables = (
+            *self.coordinates,
+            *(n for n in moving if n in linkage.REACTIONS),
+            *self.free,
+        )
 
         # joints of the open model: where the values of parameters go, and which are locked
-        parameters = [n for n in passed if self.elements[n].source is linkage.Source.JOINT_PARAMETER]
+        parameters = [
+            n for n in passed if self.elements[n].source is linkage.Source.JOINT_PARAMETER
+        ]
         zeros = [n for n in passed if self.elements[n].source is linkage.Source.ZERO_ANGLE]
         self._at_parameters = [passed.index(n) for n in parameters]
         self._parameters = [JP_INDEX[n] for n in parameters]
@@ -148,18 +158,28 @@ class Chain:
             if secondary and coordinate in self.coordinates
         }
         """Coordinate -> entries of its secondary motions, in their order."""
-        self._template = pin.buildReducedModel(self._open_model, self._locked, np.zeros(len(passed)))
+        self._template = pin.buildReducedModel(
+            self._open_model, self._locked, np.zeros(len(passed))
+        )
         self.segment_frame = [self._template.getFrameId(s) for s in self.segments]
         every = list(range(1, self._template.njoints))
         locked_too = pin.buildReducedModel(self._template, every, np.zeros(self._template.nq))
-        self.frames_when_locked = [locked_too.getFrameId(name) for name in (*self.joints, *self.segments)]
+        self.frames_when_locked = [
+            locked_too.getFrameId(name) for name in (*self.joints, *self.segments)
+        ]
         carriers = [self._template.frames[k].parentJoint for k in self.segment_frame]
         self.segment_joint = np.array(carriers, dtype=np.intp)
         supports = [list(support) for support in self._template.supports]
-        self.after = np.array([np.isin(np.arange(1, len(supports)), on_way) for on_way in supports[1:]])
-        self.support: Array = self.after[self.segment_joint - 1][:, self.at_variables].T.astype(float)
+        self.after = np.array(
+            [np.isin(np.arange(1, len(supports)), on_way) for on_way in supports[1:]]
+        )
+        self.support: Array = self.after[self.segment_joint - 1][:, self.at_variables].T.astype(
+            float
+        )
         # coordinates are numbered along the linkage: the last one on the way is the nearest
-        on_way = self.after[self.at_coordinates][:, self.at_coordinates] & ~np.eye(len(self.coordinates), dtype=bool)
+        on_way = self.after[self.at_coordinates][:, self.at_coordinates] & ~np.eye(
+            len(self.coordinates), dtype=bool
+        )
         self.parents = [_last(row) for row in on_way]
         self.segment_coordinate = [_last(row) for row in self.support[: len(self.coordinates)].T]
         self.moved_sets, row_of = np.unique(self.support, axis=0, return_inverse=True)
@@ -172,9 +192,9 @@ class Chain:
     def work_space(self) -> Iterator[pin.Data]:
         """Lend a work space of Pinocchio's algorithms to one user at a time.
 
-        It depends on the structure of a model alone. With 100 joints it is 35 MB, of tensors that are
-        not used here, and takes a tenth of a second to make: it is kept for the next user, of this
-        thread or another, while all that are kept stay below `IDLE_BYTES`.
+        It depends on the structure of a model alone. With 100 joints it is 35 MB, of tensors that
+        are not used here, and takes a tenth of a second to make: it is kept for the next user, of
+        this thread or another, while all that are kept stay below `IDLE_BYTES`.
         """
         with _idle_lock:
             found = next((k for k, (chain, _) in enumerate(_idle) if chain is self), None)
@@ -194,9 +214,11 @@ class Chain:
         return _chain(root, segments, free, reactions, True)
 
     def body(self, parameters: Parameters) -> "LinkageModel":
-        """Lock all joints but coordinates, reactions, free and secondary ones at their values (m, rad).
+        """Lock all joints but coordinates, reactions, free and secondary ones at their values (m,
+        rad).
 
-        Trials have the same chain and parameters: the last ones are kept, and are not to be changed.
+        Trials have the same chain and parameters: the last ones are kept, and are not to be
+        changed.
         """
         values = np.zeros(self._open_model.nq)
         values[self._at_parameters] = parameters.joint[self._parameters]
@@ -251,7 +273,8 @@ class LinkageModel:
 
     @cached_property
     def rest(self) -> tuple[Array, Array]:
-        """Place joints (nv + 1, 4, 3), the ground first, and segments (ns, 4, 3) with all coordinates at zero.
+        """Place joints (nv + 1, 4, 3), the ground first, and segments (ns, 4, 3) with all
+        coordinates at zero.
 
         Axes, and origin (m), in the laboratory.
         """
@@ -268,7 +291,9 @@ class LinkageModel:
         return self.chain.joints.index(name)
 
     def configurations(self, q: Array) -> Array:
-        """Fill in all joints (nf, nv) at coordinates (nf, nq); free joint parameters have their values."""
+        """Fill in all joints (nf, nv) at coordinates (nf, nq); free joint parameters have their
+        values.
+        """
         out = np.zeros((len(q), self.model.nv))
         out[:, self.chain.at_coordinates] = q
         out[:, self.chain.at_free] = self.free_values
@@ -276,14 +301,17 @@ class LinkageModel:
 
     def set_inertias(self, bodies: dict[str, pin.Inertia]) -> None:
         """Give segments their inertias, each in the axes and about the origin of its segment."""
-        placements = zip(self.chain.segments, self.chain.segment_joint, self.segment_placement, strict=True)
+        placements = zip(
+            self.chain.segments, self.chain.segment_joint, self.segment_placement, strict=True
+        )
         for segment, joint, placement in placements:
             if segment in bodies:
                 self.model.inertias[int(joint)] = placement.act(bodies[segment])
 
 
 def inertias(inertial: Array) -> dict[str, pin.Inertia]:
-    """Make the bodies of inertial parameters (ni,): massive segment -> inertia in the segment's frame.
+    """Make the bodies of inertial parameters (ni,): massive segment -> inertia in the segment's
+    frame.
 
     The published cost may return bodies that cannot exist. These are reported elsewhere, so the
     inertias are filled in piece by piece: Pinocchio's constructor would refuse them.
@@ -313,7 +341,9 @@ def chain_of(
 
 
 @lru_cache(maxsize=64)
-def _chain(root: str, segments: tuple[str, ...], free: tuple[str, ...], reactions: bool, secondary: bool) -> Chain:
+def _chain(
+    root: str, segments: tuple[str, ...], free: tuple[str, ...], reactions: bool, secondary: bool
+) -> Chain:
     return Chain(root, segments, free, reactions=reactions, secondary=secondary)
 
 
@@ -348,11 +378,12 @@ def build_model(model: SubjectModel | Parameters) -> pin.Model:
 
     Parameters
     ----------
-    model : a person's model, or parameters alone: joint and inertial ones and zero angles, SI units.
+    model : a person's model, or parameters alone: joint and inertial ones and zero angles, SI
+    units.
 
     Returns
     -------
-    Coordinates in the order of `gaitcal.COORDINATES` (m, rad); y up, gravity along -y. Segment frames
-    are body frames with the names of the segments.
+    Coordinates in the order of `gaitcal.COORDINATES` (m, rad); y up, gravity along -y. Segment
+    frames are body frames with the names of the segments.
     """
     return build_linkage(model.parameters if isinstance(model, SubjectModel) else model).model

@@ -1,7 +1,9 @@
-"""What each coordinate, and each joint, is called and means: one row each. All that speaks of them reads these tables.
+"""What each coordinate, and each joint, is called and means: one row each. All that speaks of them
+reads these tables.
 
-How they move, and in which order, is told by the linkage (`linkage.py`); here stand words, signs, and what is known of
-people's angles. Signs are OpenSim's (Rajagopal et al. 2016); both sides mean the same, so that a row has no side:
+How they move, and in which order, is told by the linkage (`linkage.py`); here stand words, signs,
+and what is known of people's angles. Signs are OpenSim's (Rajagopal et al. 2016); both sides mean
+the same, so that a row has no side:
 
     angle       what a positive angle means, moment: what a positive internal moment does; senses: both ways, in words
     clinical    clinical signs: angles that differ, of pelvis and trunk, by the side whose stride it is
@@ -33,10 +35,11 @@ class ClinicalSense:
 class Limits:
     """What nobody who walks or runs exceeds (`quality/after_fit.py`).
 
-    Angles: the largest passive ranges of grown people (American Academy of Orthopaedic Surgeons, Joint Motion, 1965;
-    Boone and Azen, J Bone Joint Surg 61-A:756-759, 1979) widened by 20 deg, as zero angles differ from model to model.
-    Speeds: above those of kicking and sprinting; no clean walk or isolated trial exceeds 600. Torques: beyond those of
-    sprinters at 9 m/s (Schache et al., Med Sci Sports Exerc 43:1260-1271, 2011); clean walks reach 10 %BW*H.
+    Angles: the largest passive ranges of grown people (American Academy of Orthopaedic Surgeons,
+    Joint Motion, 1965; Boone and Azen, J Bone Joint Surg 61-A:756-759, 1979) widened by 20 deg, as
+    zero angles differ from model to model. Speeds: above those of kicking and sprinting; no clean
+    walk or isolated trial exceeds 600. Torques: beyond those of sprinters at 9 m/s (Schache et al.,
+    Med Sci Sports Exerc 43:1260-1271, 2011); clean walks reach 10 %BW*H.
     """
 
     angle: tuple[float, float] | None = None  # deg, smallest and largest
@@ -53,20 +56,27 @@ class Coordinate:
     title: str  # `Hip flexion`
     angle: str  # what a positive angle means: `flexion`
     moment: str  # what a positive internal moment does: `flexor`
-    senses: tuple[str, str] | None = None  # what positive and negative values mean, of angles and of moments
+    senses: tuple[str, str] | None = (
+        None  # what positive and negative values mean, of angles and of moments
+    )
     clinical: ClinicalSense | None = None  # with clinical signs, where they are others
-    point: str = ""  # first word of the Plug-in Gait point that holds it: `Hip` of `RHipAngles`; empty: none does
-    usual: tuple[float, float]  # deg: living people stay within, for sliders of other programs; contains Rajagopal's
+    # first word of the Plug-in Gait point that holds it: `Hip` of `RHipAngles`; empty: none does
+    point: str = ""
+    usual: tuple[
+        float, float
+    ]  # deg: living people stay within, for sliders of other programs; contains Rajagopal's
     wall: tuple[float, float] | None = None
-    """deg from the static posture, how far the joint may turn in tracking. Passive ranges of adults: hip adduction 30
-    and abduction 45, rotation 45 each way, dorsiflexion 20, plantarflexion 50, inversion 35, eversion 15 (American
-    Academy of Orthopaedic Surgeons 1965); about as much again for what axes that are off make of them."""
+    """deg from the static posture, how far the joint may turn in tracking. Passive ranges of
+    adults: hip adduction 30 and abduction 45, rotation 45 each way, dorsiflexion 20, plantarflexion
+    50, inversion 35, eversion 15 (American Academy of Orthopaedic Surgeons 1965); about as much
+    again for what axes that are off make of them."""
     spread: float | None = None
-    """deg, standard deviation about the expected angle where markers do not determine it. Thorax in the laboratory: it
-    turns through 4 deg (tilt), 5 (list) and 8 (rotation) in a stride of normal gait, an RMS of 1.5 to 3 deg, and leans
-    by 2 to 4 deg otherwise than in standing (Krebs et al. 1992; Leardini et al. 2011). Shoulder: 25 to 40 deg of swing,
-    an RMS of 9 to 14, and as much of posture; elbow bent by 10 to 40 deg (Murray, Sepic and Barnard 1967). Legs: RMS of
-    a stride of normal gait, and 5 deg of posture."""
+    """deg, standard deviation about the expected angle where markers do not determine it. Thorax in
+    the laboratory: it turns through 4 deg (tilt), 5 (list) and 8 (rotation) in a stride of normal
+    gait, an RMS of 1.5 to 3 deg, and leans by 2 to 4 deg otherwise than in standing (Krebs et al.
+    1992; Leardini et al. 2011). Shoulder: 25 to 40 deg of swing, an RMS of 9 to 14, and as much of
+    posture; elbow bent by 10 to 40 deg (Murray, Sepic and Barnard 1967). Legs: RMS of a stride of
+    normal gait, and 5 deg of posture."""
     limits: Limits | None = None
 
 
@@ -89,17 +99,22 @@ GROUPS: Final = {
 """In the order of pages."""
 LEG_GROUPS: Final = ("hip", "knee", "ankle")
 
-_FORWARD = ClinicalSense(right=1.0, left=-1.0, words="this side forward", opposite="this side backward")
+_FORWARD = ClinicalSense(
+    right=1.0, left=-1.0, words="this side forward", opposite="this side backward"
+)
 
 # fmt: off
 _ROWS: Final = (
     Coordinate(name="pelvis_tilt", group="pelvis", title="Pelvic tilt", angle="posterior", moment="posterior",
         senses=("posterior tilt", "anterior tilt"),
-        clinical=ClinicalSense(right=-1.0, left=-1.0, words="anterior tilt", opposite="posterior tilt"),
+        clinical=ClinicalSense(right=-1.0, left=-1.0, words="anterior tilt", opposite="posterior "
+                                                                                      "tilt"),
         point="Pelvis", usual=(-90.0, 90.0)),
-    Coordinate(name="pelvis_list", group="pelvis", title="Pelvic obliquity", angle="right side down",
+    Coordinate(name="pelvis_list", group="pelvis", title="Pelvic obliquity", angle="right side "
+                                                                                   "down",
         moment="right side down", senses=("right side down", "left side down"),
-        clinical=ClinicalSense(right=-1.0, left=1.0, words="this side up", opposite="this side down"), point="Pelvis",
+        clinical=ClinicalSense(right=-1.0, left=1.0, words="this side up", opposite="this side "
+                                                                                    "down"), point="Pelvis",
         usual=(-90.0, 90.0)),
     Coordinate(name="pelvis_rotation", group="pelvis", title="Pelvic rotation", angle="turned left",
         moment="to the left", senses=("rotation to the left", "rotation to the right"),
@@ -130,7 +145,8 @@ _ROWS: Final = (
     Coordinate(name="lumbar_bending", group="trunk", title="Lumbar bending", angle="to the right",
         moment="to the right", senses=("bending to the right", "bending to the left"), usual=(-90.0, 90.0),
         spread=5.0,
-        clinical=ClinicalSense(right=1.0, left=-1.0, words="to this side", opposite="to the other side")),
+        clinical=ClinicalSense(right=1.0, left=-1.0, words="to this side", opposite="to the other "
+                                                                                    "side")),
     Coordinate(name="lumbar_rotation", group="trunk", title="Lumbar rotation", angle="to the left",
         moment="to the left", senses=("rotation to the left", "rotation to the right"), usual=(-90.0, 90.0),
         spread=5.0, clinical=_FORWARD),
@@ -143,7 +159,9 @@ _ROWS: Final = (
 )
 # fmt: on
 COORDINATE_TABLE: Final[dict[str, Coordinate]] = {row.name: row for row in _ROWS}
-"""Name without its side -> what it is: every angle in the order of the linkage, a reaction after its joint's angle."""
+"""Name without its side -> what it is: every angle in the order of the linkage, a reaction after
+its joint's angle.
+"""
 FOOT_PROGRESSION: Final = "foot_progression"
 # fmt: off
 _SEGMENT_ROWS: Final = (
@@ -152,8 +170,14 @@ _SEGMENT_ROWS: Final = (
 )
 # fmt: on
 SEGMENT_ANGLES: Final[dict[str, Coordinate]] = {row.name: row for row in _SEGMENT_ROWS}
-"""Angles of legs that are no coordinate, against each stride's line of progression: no torque belongs to them."""
-TRANSLATION_RANGES: Final = {"pelvis_tx": (-20.0, 20.0), "pelvis_ty": (-1.0, 3.0), "pelvis_tz": (-20.0, 20.0)}
+"""Angles of legs that are no coordinate, against each stride's line of progression: no torque
+belongs to them.
+"""
+TRANSLATION_RANGES: Final = {
+    "pelvis_tx": (-20.0, 20.0),
+    "pelvis_ty": (-1.0, 3.0),
+    "pelvis_tz": (-20.0, 20.0),
+}
 """m, as `usual`."""
 
 COMPONENT_SENSES: Final = {
@@ -161,21 +185,31 @@ COMPONENT_SENSES: Final = {
     "ankle_inversion": ("inversion", "eversion"),
     "ankle_rotation": ("internal rotation", "external rotation"),
 }
-"""Moments of legs along axes that have no coordinate (`dynamics/joint_kinetics.py`) -> their senses."""
+"""Moments of legs along axes that have no coordinate (`dynamics/joint_kinetics.py`) -> their
+senses.
+"""
 
 
 def split_side(name: str) -> tuple[str, str]:
     """`hip_flexion_r` -> (`hip_flexion`, `r`); `lumbar_bending` -> (`lumbar_bending`, ``)."""
-    return (name[:-2], name[-1]) if name.endswith(tuple(f"_{side}" for side in SIDES)) else (name, "")
+    return (
+        (name[:-2], name[-1]) if name.endswith(tuple(f"_{side}" for side in SIDES)) else (name, "")
+    )
 
 
 def group_of(name: str) -> str:
-    """Key of `GROUPS` of a coordinate or reaction, with or without its side; translations belong to the pelvis."""
+    """Key of `GROUPS` of a coordinate or reaction, with or without its side; translations belong to
+    the pelvis.
+    """
     return "pelvis" if is_translation(name) else COORDINATE_TABLE[split_side(name)[0]].group
 
 
-LEG_COORDINATES: Final[tuple[str, ...]] = tuple(row.name for row in _ROWS if row.group in LEG_GROUPS)
-"""Torques of one leg from hip to foot, without the side: its coordinates, each locked joint's reaction among them."""
+LEG_COORDINATES: Final[tuple[str, ...]] = tuple(
+    row.name for row in _ROWS if row.group in LEG_GROUPS
+)
+"""Torques of one leg from hip to foot, without the side: its coordinates, each locked joint's
+reaction among them.
+"""
 LOCKED: Final[tuple[str, ...]] = tuple(dict.fromkeys(name[:-2] for name in REACTIONS))
 """Reactions, without the side: they have moments and no angle."""
 
@@ -186,19 +220,28 @@ def with_side(name: str, side: str) -> str:
 
 
 def coordinate_words(name: str) -> Coordinate:
-    """The row of a coordinate or reaction, with or without its side; of a joint or component its name alone."""
+    """The row of a coordinate or reaction, with or without its side; of a joint or component its
+    name alone.
+    """
     base = split_side(name)[0]
     return (
         COORDINATE_TABLE.get(base)
         or SEGMENT_ANGLES.get(base)
         or Coordinate(
-            name=base, group="", title=base.replace("_", " "), angle="positive", moment="positive", usual=(0.0, 0.0)
+            name=base,
+            group="",
+            title=base.replace("_", " "),
+            angle="positive",
+            moment="positive",
+            usual=(0.0, 0.0),
         )
     )
 
 
 def senses_of(name: str) -> tuple[str, str] | None:
-    """What positive and negative values of a coordinate, reaction or component mean, with or without its side."""
+    """What positive and negative values of a coordinate, reaction or component mean, with or
+    without its side.
+    """
     return COMPONENT_SENSES.get(split_side(name)[0]) or coordinate_words(name).senses
 
 
@@ -211,7 +254,9 @@ class JointWords:
     centre: str = ""  # landmark that is its centre, without the side: `hjc`; empty: it has none
     power: str  # joint as people name it, with whose power its own is summed: `ankle` of `subtalar`
     landmarks: str = "the landmarks"  # what tells where it lies
-    markers: str = "the markers of the segments beside it"  # what to look at where it lies elsewhere
+    markers: str = (
+        "the markers of the segments beside it"  # what to look at where it lies elsewhere
+    )
 
 
 # fmt: off

@@ -10,8 +10,8 @@ places the model at rest, with its coordinates at zero. From this each joint tha
 its place on the one before it, and segments and free joint parameters theirs on the last one.
 
 The frame index is the last one here, so that what follows is one pass over contiguous memory. A
-variable of a secondary motion (`tracking/soft_tissue.py`) has the column of the joint that it moves,
-times d amount / d variable.
+variable of a secondary motion (`tracking/soft_tissue.py`) has the column of the joint that it
+moves, times d amount / d variable.
 """
 
 from dataclasses import dataclass
@@ -55,7 +55,9 @@ class _Order:
     still: IntArray
     """Entries of all others."""
     rows: IntArray
-    """(nv, 4) rows of a placement in the order used here: axis of the joint, the two after it, origin."""
+    """(nv, 4) rows of a placement in the order used here: axis of the joint, the two after it,
+    origin.
+    """
     slides: BoolArray
     """(n,) whether a variable translates."""
     variables: IntArray
@@ -72,7 +74,9 @@ class _Order:
 def _order_of(chain: Chain) -> _Order:
     turns = np.array([chain.elements[name].rotates for name in chain.joints])
     axis = np.array([chain.elements[name].axis for name in chain.joints])
-    free = np.concatenate([chain.at_coordinates, *(np.array(at) for at in chain.at_secondary.values())])
+    free = np.concatenate(
+        [chain.at_coordinates, *(np.array(at) for at in chain.at_secondary.values())]
+    )
     depth = chain.after[:, free].sum(axis=1)
     moving = np.array(sorted(free.tolist(), key=lambda k: (depth[k], turns[k])), dtype=np.intp)
     still = np.setdiff1d(np.arange(len(turns)), moving)
@@ -83,7 +87,9 @@ def _order_of(chain: Chain) -> _Order:
     for (_, turning), members in groupby(moving.tolist(), key=lambda k: (depth[k], turns[k])):
         on = base[list(members)]
         run = slice(int(on[0]), int(on[-1]) + 1)
-        levels.append((slice(start, start + len(on)), bool(turning), run if (np.diff(on) == 1).all() else on))
+        levels.append(
+            (slice(start, start + len(on)), bool(turning), run if (np.diff(on) == 1).all() else on)
+        )
         start += len(on)
     return _Order(
         moving=moving,
@@ -99,7 +105,9 @@ def _order_of(chain: Chain) -> _Order:
 
 @lru_cache(maxsize=64)
 def _offsets(body: LinkageModel) -> tuple[Array, Array, Array]:
-    """Place moving joints (nm, 4, 3), axes and origins of others (., 2, 3), and segments (ns, 4, 3) on their bases."""
+    """Place moving joints (nm, 4, 3), axes and origins of others (., 2, 3), and segments (ns, 4, 3)
+    on their bases.
+    """
     order = _order_of(body.chain)
     joints, segments = body.rest
     turned = joints[np.arange(1, len(joints))[:, None], order.rows]
@@ -118,16 +126,22 @@ def _offsets(body: LinkageModel) -> tuple[Array, Array, Array]:
 
 
 def _placed(local: Array, on: Array, out: Array | None = None) -> Array:
-    """Put rows of axes, the last one an origin (n, r, 3), on placements (n, 4, 3, nf): (n, r, 3, nf)."""
+    """Put rows of axes, the last one an origin (n, r, 3), on placements (n, 4, 3, nf): (n, r, 3,
+    nf).
+    """
     count, rows, width = *local.shape[:2], on.shape[3]
     flat = None if out is None else out.reshape(count, rows, 3 * width)
-    placed = np.matmul(local, on[:, :3].reshape(count, 3, 3 * width), out=flat).reshape(count, rows, 3, width)
+    placed = np.matmul(local, on[:, :3].reshape(count, 3, 3 * width), out=flat).reshape(
+        count, rows, 3, width
+    )
     placed[:, -1] += on[:, 3]
     return placed
 
 
 def _place_moving(body: LinkageModel, values: Array) -> Array:
-    """Place the moving joints, the ground first, at their values (nm, nf): (nm + 1, 4, 3, nf), rows as in `_Order`."""
+    """Place the moving joints, the ground first, at their values (nm, nf): (nm + 1, 4, 3, nf), rows
+    as in `_Order`.
+    """
     local, _, _ = _offsets(body)
     cos, sin = np.cos(values), np.sin(values)
     sines = np.stack([sin, -sin], axis=1)
@@ -162,11 +176,18 @@ class Kinematics:
     """
 
     def __init__(
-        self, body: LinkageModel, q: Array, secondary: SecondaryMotion | None = None, *, columns: bool = True
+        self,
+        body: LinkageModel,
+        q: Array,
+        secondary: SecondaryMotion | None = None,
+        *,
+        columns: bool = True,
     ) -> None:
         chain, nf = body.chain, len(q)
         if secondary is None and any(name in linkage.SECONDARY_VARIABLES for name in chain.free):
-            raise ValueError("free variables of secondary motions need the motions that they are of")
+            raise ValueError(
+                "free variables of secondary motions need the motions that they are of"
+            )
         self.chain = chain
         self.segments = np.empty((len(chain.segments), 4, 3, nf))
         self.columns = np.empty((len(chain.at_variables), 6, nf) if columns else (0, 6, nf))
@@ -224,7 +245,9 @@ class Kinematics:
 
 
 def _columns(axes: Array, points: Array, slides: BoolArray) -> Array:
-    """(n, 6, nf) Jacobian columns of joints about or along axes (n, 3, nf) through points (n, 3, nf)."""
+    """(n, 6, nf) Jacobian columns of joints about or along axes (n, 3, nf) through points (n, 3,
+    nf).
+    """
     out = np.empty((len(axes), 6, axes.shape[2]))
     out[:, 3:] = axes
     for i in range(3):
@@ -240,8 +263,8 @@ def coordinate_axes(body: LinkageModel, q: Array) -> tuple[Array, Array]:
 
     Returns
     -------
-    (nf, nq, 3) unit axes that positive values move along or about, and (nf, nq, 3) m the origins of the
-    joints' frames on them; laboratory.
+    (nf, nq, 3) unit axes that positive values move along or about, and (nf, nq, 3) m the origins of
+    the joints' frames on them; laboratory.
     """
     order = _order_of(body.chain)
     frames = _place_moving(body, body.configurations(q)[:, order.moving].T)
@@ -258,4 +281,7 @@ def body_poses(parameters: Parameters, q: Array) -> tuple[dict[str, Array], dict
     """
     chain = chain_of()
     found = Kinematics(chain.body(parameters), q, columns=False)
-    return (dict(zip(chain.segments, found.axes, strict=True)), dict(zip(chain.segments, found.origins, strict=True)))
+    return (
+        dict(zip(chain.segments, found.axes, strict=True)),
+        dict(zip(chain.segments, found.origins, strict=True)),
+    )

@@ -1,18 +1,21 @@
-"""The static posture: where markers and landmarks are while the person stands still, and whether that can be a person.
+"""The static posture: where markers and landmarks are while the person stands still, and whether
+that can be a person.
 
-Everything a wrong file can spoil is caught here, so that the geometry after it need not doubt its input: landmarks
-missing or never seen, sides or medial and lateral exchanged, lengths that belong to no body of that height.
+Everything a wrong file can spoil is caught here, so that the geometry after it need not doubt its
+input: landmarks missing or never seen, sides or medial and lateral exchanged, lengths that belong
+to no body of that height.
 
-A knee alignment device (KAD) sits on the knee in place of the lateral marker. Its three markers are the ends of three
-rods of one length L at right angles to each other, which meet where the marker would be; the rod of the first lies
-along the flexion axis. So the three are L sqrt(2) apart, and with their mean c, the unit normal n of their plane and
-their mean distance d
+A knee alignment device (KAD) sits on the knee in place of the lateral marker. Its three markers are
+the ends of three rods of one length L at right angles to each other, which meet where the marker
+would be; the rod of the first lies along the flexion axis. So the three are L sqrt(2) apart, and
+with their mean c, the unit normal n of their plane and their mean distance d
 
     corner = c + n d / sqrt(6),      n towards the other knee.
 
-The rods stand at 55 deg to n: it points inwards along the line between the two ASIS as far as the knee's axis does. The
-way to the middle of the pelvis would not do, as it is mostly vertical. (Vicon, Plug-in Gait reference guide; in static
-trials of two hospitals the corner lies within 0.1 mm of the knee marker that Vicon's own program computed.)
+The rods stand at 55 deg to n: it points inwards along the line between the two ASIS as far as the
+knee's axis does. The way to the middle of the pelvis would not do, as it is mostly vertical.
+(Vicon, Plug-in Gait reference guide; in static trials of two hospitals the corner lies within 0.1
+mm of the knee marker that Vicon's own program computed.)
 """
 
 from collections.abc import Collection, Iterable, Mapping
@@ -26,10 +29,16 @@ from gaitcal.io.recording import Recording, seen_means
 from gaitcal.model.linkage import SIDES
 from gaitcal.model.marker_set import PARTNER, REQUIRED, MarkerSet, instead_of
 
-PLAUSIBLE = {"distance between the ASIS": (0.08, 0.25), "knee to ankle": (0.15, 0.36), "heel to toe": (0.05, 0.25)}
+PLAUSIBLE = {
+    "distance between the ASIS": (0.08, 0.25),
+    "knee to ankle": (0.15, 0.36),
+    "heel to toe": (0.05, 0.25),
+}
 """Allowed lengths as fractions of height. The nominal subject has 0.144, 0.222, 0.160."""
 FOOT_TO_SHANK = 0.46
-"""Heel to toe marker, on the second metatarsal, over knee to ankle marker: 0.38 to 0.49 on ten feet of five people."""
+"""Heel to toe marker, on the second metatarsal, over knee to ankle marker: 0.38 to 0.49 on ten feet
+of five people.
+"""
 
 
 @dataclass(frozen=True)
@@ -38,11 +47,15 @@ class StaticPosture:
 
     source: str
     markers: Mapping[str, Array]  # label -> (3,) m, for every marker of the set that was seen
-    landmarks: Mapping[str, Array]  # landmark -> (3,) m, for every landmark whose markers were all seen
+    landmarks: Mapping[
+        str, Array
+    ]  # landmark -> (3,) m, for every landmark whose markers were all seen
     absent: Mapping[str, tuple[str, ...]]  # landmark of the set -> its markers that were not seen
     notes: tuple[str, ...] = ()  # landmarks that no marker shows, and how they were guessed
     hips: Mapping[str, Array] = field(default_factory=dict)
-    """Side -> (3,) m: hip centres that the file itself has, measured or computed by another program."""
+    """Side -> (3,) m: hip centres that the file itself has, measured or computed by another
+    program.
+    """
     hip_labels: Mapping[str, str] = field(default_factory=dict)  # side -> what they are called
 
     def has(self, *names: str) -> bool:
@@ -59,10 +72,13 @@ class StaticPosture:
 def static_posture(recording: Recording, marker_set: MarkerSet, window: slice) -> StaticPosture:
     """Mean positions over the frames `window` of a static trial whose labels are those of the set.
 
-    Raises InputError: A required landmark is missing; the message names its marker and what would do instead.
+    Raises InputError: A required landmark is missing; the message names its marker and what would
+    do instead.
     """
     column = {label: i for i, label in enumerate(recording.labels)}
-    markers = seen_means({m: recording.markers[window, column[m]] for m in marker_set.labels if m in column})
+    markers = seen_means(
+        {m: recording.markers[window, column[m]] for m in marker_set.labels if m in column}
+    )
     landmarks: dict[str, Array] = {}
     absent: dict[str, tuple[str, ...]] = {}
     for name, labels in marker_set.landmarks.items():
@@ -73,7 +89,8 @@ def static_posture(recording: Recording, marker_set: MarkerSet, window: slice) -
     notes: list[str] = []
     one = one_psis(marker_set, markers)
     if one and "sacrum" in absent and {"asis_r", "asis_l"} <= set(landmarks):
-        # the middle of one posterior spine and its mirror image, in the plane midway between the ASIS and across them
+        # the middle of one posterior spine and its mirror image, in the plane midway between the
+        # ASIS and across them
         across = landmarks["asis_r"] - landmarks["asis_l"]
         across = across / np.linalg.norm(across)
         aside = (markers[one[0]] - 0.5 * (landmarks["asis_r"] + landmarks["asis_l"])) @ across
@@ -93,11 +110,15 @@ def static_posture(recording: Recording, marker_set: MarkerSet, window: slice) -
         length = 1e3 * float(np.linalg.norm(at - landmarks[PARTNER[name]]))
         line = "the malleoli" if f"ankle_med_{name[-1]}" in landmarks else "the pelvis"
         notes.append(
-            f"{name}: no marker; assumed {length:.0f} mm from {PARTNER[name]}, level with it and straight across the "
-            f"line of {line}: the foot's own direction, and with it the zero of its ankle's angles, is a guess"
+            f"{name}: no marker; assumed {length:.0f} mm from {PARTNER[name]}, level with it and "
+            "straight across the "
+            f"line of {line}: the foot's own direction, and with it the zero of its ankle's "
+            "angles, is a guess"
         )
     hips, hip_labels = _hips(recording, landmarks, window)
-    return StaticPosture(recording.source, markers, landmarks | guesses, absent, tuple(notes), hips, hip_labels)
+    return StaticPosture(
+        recording.source, markers, landmarks | guesses, absent, tuple(notes), hips, hip_labels
+    )
 
 
 def one_psis(marker_set: MarkerSet, seen: Collection[str]) -> tuple[str, ...]:
@@ -110,13 +131,15 @@ def one_psis(marker_set: MarkerSet, seen: Collection[str]) -> tuple[str, ...]:
 def sacrum_words(label: str) -> str:
     """How the sacrum is guessed from one posterior spine."""
     return (
-        f"sacrum: only '{label}' of its two markers is seen; assumed midway between it and its mirror image in the "
+        f"sacrum: only '{label}' of its two markers is seen; assumed midway between it and its "
+        "mirror image in the "
         "plane across the line of the ASIS, as in an even pelvis"
     )
 
 
 def _end_of_foot(name: str, p: Mapping[str, Array]) -> Array:
-    """(3,) m, heel or toe of a foot whose other end alone is marked: level with that and straight ahead of the ankle.
+    """(3,) m, heel or toe of a foot whose other end alone is marked: level with that and straight
+    ahead of the ankle.
 
     Ahead is the horizontal direction across the line of the malleoli, or else of the pelvis.
     """
@@ -134,13 +157,19 @@ def _end_of_foot(name: str, p: Mapping[str, Array]) -> Array:
 def _hips(
     recording: Recording, landmarks: Mapping[str, Array], window: slice
 ) -> tuple[dict[str, Array], dict[str, str]]:
-    """Side -> hip centre (3,) m and what it is called: a landmark of the set, else a point with a usual label."""
+    """Side -> hip centre (3,) m and what it is called: a landmark of the set, else a point with a
+    usual label.
+    """
     tracks = {label: recording.markers[:, i] for i, label in enumerate(recording.labels)}
     if recording.computed is not None:
-        tracks = {n: recording.computed.points[:, i] for i, n in enumerate(recording.computed.labels)} | tracks
+        tracks = {
+            n: recording.computed.points[:, i] for i, n in enumerate(recording.computed.labels)
+        } | tracks
     places, names = {}, {}
     labels = labelled_hips(tracks)
-    for side, mean in seen_means({side: tracks[label][window] for side, label in labels.items()}).items():
+    for side, mean in seen_means(
+        {side: tracks[label][window] for side, label in labels.items()}
+    ).items():
         by = "" if labels[side] in recording.labels else " (computed by another program)"
         places[side], names[side] = mean, f"{labels[side]}{by}"
     for side in SIDES:
@@ -160,8 +189,12 @@ def labelled_hips(labels: Iterable[str]) -> dict[str, str]:
     return out
 
 
-def _missing(name: str, labels: tuple[str, ...], recording: Recording, marker_set: MarkerSet) -> str:
-    """Why a required landmark is missing, whose markers `labels` were not seen, and what would do instead."""
+def _missing(
+    name: str, labels: tuple[str, ...], recording: Recording, marker_set: MarkerSet
+) -> str:
+    """Why a required landmark is missing, whose markers `labels` were not seen, and what would do
+    instead.
+    """
     if not labels:
         return f"the marker set does not name it; it needs {instead_of(name)}"
     label, instead = labels[0], instead_of(name)
@@ -169,11 +202,16 @@ def _missing(name: str, labels: tuple[str, ...], recording: Recording, marker_se
         return f"marker '{label}' was not seen while the subject stood still; it needs {instead}"
     taken = {m for group in marker_set.landmarks.values() for m in group}
     known = nearest(label, [other for other in recording.labels if other not in taken])
-    return f"the file has no marker '{label}'{known}; instead it could be {instead}, put in place by 'rename'"
+    return (
+        f"the file has no marker '{label}'{known}; instead it could be {instead}, put in place by "
+        "'rename'"
+    )
 
 
 def check_plausible(posture: StaticPosture, height: float) -> None:
-    """InputError where the landmarks cannot be those of a person of this height (m) standing upright."""
+    """InputError where the landmarks cannot be those of a person of this height (m) standing
+    upright.
+    """
 
     def fault(found: str, of: str) -> InputError:
         return InputError(found, source=posture.source, field=of, code=Code.LANDMARKS)
@@ -182,7 +220,11 @@ def check_plausible(posture: StaticPosture, height: float) -> None:
         found = float(np.linalg.norm(p[one] - p[other]))
         low, high = (share * height for share in PLAUSIBLE[what])
         if not low <= found <= high:
-            hint = "; is the file's unit of length right?" if found > 50 * height or found < height / 100 else ""
+            hint = (
+                "; is the file's unit of length right?"
+                if found > 50 * height or found < height / 100
+                else ""
+            )
             raise fault(
                 f"found {1e3 * found:.4g} mm; allowed: {1e3 * low:.0f} to {1e3 * high:.0f} mm "
                 f"for a height of {height:.2f} m{hint}",
@@ -195,7 +237,8 @@ def check_plausible(posture: StaticPosture, height: float) -> None:
     right = asis / np.linalg.norm(asis)
     if right @ (p["knee_lat_r"] - p["knee_lat_l"]) < 0:
         raise fault(
-            "the right knee lies to the left of the left one, seen along the pelvis: are the sides exchanged?",
+            "the right knee lies to the left of the left one, seen along the pelvis: are the sides "
+            "exchanged?",
             "landmarks asis_r, asis_l, knee_lat_r, knee_lat_l",
         )
     for s, side in zip((1.0, -1.0), SIDES, strict=True):
@@ -205,7 +248,8 @@ def check_plausible(posture: StaticPosture, height: float) -> None:
             medial = p.get(f"{joint}_med_{side}")
             if medial is not None and s * right @ (p[f"{joint}_lat_{side}"] - medial) < 0:
                 raise fault(
-                    f"the lateral marker lies on the medial side of {joint}_med_{side}: are the two exchanged?",
+                    f"the lateral marker lies on the medial side of {joint}_med_{side}: are the "
+                    "two exchanged?",
                     f"landmark {joint}_lat_{side}",
                 )
     middle = 0.5 * (p["asis_r"] + p["asis_l"])
@@ -218,15 +262,20 @@ def check_plausible(posture: StaticPosture, height: float) -> None:
 
 
 EQUAL = 0.15
-"""Share by which the distances between the three markers may differ from their mean: real devices are within 0.01, a
-triangle of other markers is not equilateral."""
+"""Share by which the distances between the three markers may differ from their mean: real devices
+are within 0.01, a triangle of other markers is not equilateral."""
 SIZE_M = (0.05, 0.25)  # m, allowed distance between the three; the usual device has 0.134
 
 
 def corner(
-    axis: Array, second: Array, third: Array, inwards: Array | None = None, modelled: Array | None = None
+    axis: Array,
+    second: Array,
+    third: Array,
+    inwards: Array | None = None,
+    modelled: Array | None = None,
 ) -> Array | None:
-    """(nf, 3) m, where the rods meet: markers (nf, 3) m, that on the axis first; None where nothing tells its side.
+    """(nf, 3) m, where the rods meet: markers (nf, 3) m, that on the axis first; None where nothing
+    tells its side.
 
     Which side of the three is the same in all frames: the device is rigid.
 
@@ -247,7 +296,9 @@ def corner(
 
 
 def is_device(axis: Array, second: Array, third: Array) -> bool:
-    """Whether three markers (nf, 3) m, NaN where not seen, are as far from each other as those of a device."""
+    """Whether three markers (nf, 3) m, NaN where not seen, are as far from each other as those of a
+    device.
+    """
     distances = _distances(axis, second, third)
     distances = distances[np.isfinite(distances).all(axis=1)]
     typical = np.median(distances, axis=0) if len(distances) else np.full(3, np.nan)

@@ -1,7 +1,8 @@
-"""The linkage: segments, coordinates, joint parameters, and the elementary motions that make each joint.
+"""The linkage: segments, coordinates, joint parameters, and the elementary motions that make each
+joint.
 
-Reinbolt 2003 and Reinbolt et al. 2007; frames x anterior, y superior, z right; s = +1 right, -1 left;
-A = Rx(front) Ry(trans), B = Ry(trans) Rz(sag); Tr a translation, R a right-handed rotation:
+Reinbolt 2003 and Reinbolt et al. 2007; frames x anterior, y superior, z right; s = +1 right, -1
+left; A = Rx(front) Ry(trans), B = Ry(trans) Rz(sag); Tr a translation, R a right-handed rotation:
 
     hip         Tr(pelvis) Rz(flexion) R(s x)(adduction) R(s y)(rotation) Tr(-thigh)
     knee        Tr(thigh) A_thigh Rz(-flexion) [Tr(shank) A_shank]^-1
@@ -9,10 +10,10 @@ A = Rx(front) Ry(trans), B = Ry(trans) Rz(sag); Tr a translation, R a right-hand
     subtalar    Tr(0, sup, 0) Ry(trans) R(s x)(inversion) Rx(zero) [Tr(foot) B_foot]^-1
     back        as hip; shoulder  Tr(trunk) A_trunk Rz(flexion) R(s x)(adduction) [Tr(arm) B_arm]^-1; elbow as knee
 
-The tables `_LEG`, `_BACK` and `_ARM` say this once for all, `_SEGMENTS` what the segments are: order of segments and
-coordinates, zero angles and the catalogue of joint parameters (`parameters.py`) are read from them. A joint parameter
-enters in exactly one element of one joint, a coordinate in exactly one. What coordinates and joints are called stands
-in `coordinates.py`.
+The tables `_LEG`, `_BACK` and `_ARM` say this once for all, `_SEGMENTS` what the segments are:
+order of segments and coordinates, zero angles and the catalogue of joint parameters
+(`parameters.py`) are read from them. A joint parameter enters in exactly one element of one joint,
+a coordinate in exactly one. What coordinates and joints are called stands in `coordinates.py`.
 """
 
 from collections.abc import Iterable, Iterator
@@ -34,15 +35,22 @@ class Segment:
     words: str = ""  # as people say, where that is not the name: `head and trunk`
     paired: bool = True  # there is one of each side
     markers: bool = True  # markers can sit on it, and so soft tissue between them and the bone
-    needed: bool = False  # a segment of a leg without whose markers there are no joint torques of that leg
+    needed: bool = (
+        False  # a segment of a leg without whose markers there are no joint torques of that leg
+    )
     parts: tuple[str, ...] = ()
-    """Rows of `models/de_leva_1996.json` in it, from which it has its inertia; none: it is massless."""
-    forward: bool = False  # its parts follow one another along x from its origin, as those of feet; else along -y
+    """Rows of `models/de_leva_1996.json` in it, from which it has its inertia; none: it is
+    massless.
+    """
+    # its parts follow one another along x from its origin, as those of feet; else along -y
+    forward: bool = False
     palpated: tuple[float, float, float] | None = None
     """deg, standard deviations of turns of its axes about x, y and z by landmarks off their place
     (`dynamics/measurement_errors.py`); None: it has no landmarks, and no error."""
     free_centre: tuple[str, ...] = ()
-    """Coordinates of its mass centre that the symmetric set of inertial parameters frees (Reinbolt et al. 2007)."""
+    """Coordinates of its mass centre that the symmetric set of inertial parameters frees (Reinbolt
+    et al. 2007).
+    """
 
 
 # fmt: off
@@ -67,7 +75,9 @@ _SEGMENTS = (
         palpated=(2.0, 6.0, 2.0), free_centre=("com.sup",)),
 )
 # fmt: on
-SEGMENT_TABLE: dict[str, Segment] = {row.name: row for row in _SEGMENTS}  # name without its side -> what it is
+SEGMENT_TABLE: dict[str, Segment] = {
+    row.name: row for row in _SEGMENTS
+}  # name without its side -> what it is
 _OF_SHORT = {row.short or row.name: row for row in _SEGMENTS}
 
 
@@ -100,21 +110,50 @@ class Joint:
     elements: tuple[Element, ...]
 
 
-# Joint, parent, child, joint parameters in the parent, motions, joint parameters in the child. A joint parameter is a
-# translation along x y z (`ant sup lat`) or a rotation about them (`front trans sag`); those in the child enter
-# reversed. A motion is an axis and a coordinate, `s` where it is mirrored on the left; `zero` is a zero angle.
+# Joint, parent, child, joint parameters in the parent, motions, joint parameters in the child. A
+# joint parameter is a translation along x y z (`ant sup lat`) or a rotation about them (`front
+# trans sag`); those in the child enter reversed. A motion is an axis and a coordinate, `s` where it
+# is mirrored on the left; `zero` is a zero angle.
 _Row: TypeAlias = tuple[str, str, str, str, str, str]
 _LEG: tuple[_Row, ...] = (
-    ("hip", "pelvis", "thigh", "ant sup lat", "z hip_flexion, sx hip_adduction, sy hip_rotation", "ant sup lat"),
+    (
+        "hip",
+        "pelvis",
+        "thigh",
+        "ant sup lat",
+        "z hip_flexion, sx hip_adduction, sy hip_rotation",
+        "ant sup lat",
+    ),
     ("knee", "thigh", "shank", "ant sup front trans", "-z knee_angle", "trans front ant sup lat"),
     ("talocrural", "shank", "talus", "ant sup lat front trans", "z ankle_angle, z zero", ""),
-    ("subtalar", "talus", "foot", "sup trans", "sx subtalar_angle, x zero", "sag trans ant sup lat"),
+    (
+        "subtalar",
+        "talus",
+        "foot",
+        "sup trans",
+        "sx subtalar_angle, x zero",
+        "sag trans ant sup lat",
+    ),
 )
 _LUMBAR = "z lumbar_extension, x lumbar_bending, y lumbar_rotation"
 _BACK: tuple[_Row, ...] = (("back", "pelvis", "trunk", "ant sup lat", _LUMBAR, "ant sup lat"),)
 _ARM: tuple[_Row, ...] = (
-    ("shoulder", "trunk", "upperarm", "ant sup lat front trans", "z arm_flex, sx arm_add", "sag trans ant sup lat"),
-    ("elbow", "upperarm", "forearm", "ant sup front trans", "z elbow_flex", "trans front ant sup lat"),
+    (
+        "shoulder",
+        "trunk",
+        "upperarm",
+        "ant sup lat front trans",
+        "z arm_flex, sx arm_add",
+        "sag trans ant sup lat",
+    ),
+    (
+        "elbow",
+        "upperarm",
+        "forearm",
+        "ant sup front trans",
+        "z elbow_flex",
+        "trans front ant sup lat",
+    ),
 )
 
 _TRANSLATIONS, _ROTATIONS = ("ant", "sup", "lat"), ("front", "trans", "sag")
@@ -180,27 +219,45 @@ def segment_kind(segment: str) -> Segment:
 MARKED_SEGMENTS: tuple[str, ...] = tuple(s for s in SEGMENTS if segment_kind(s).markers)
 """Those on which markers can sit."""
 LOWER_BODY: tuple[str, ...] = SEGMENTS[: SEGMENTS.index("head_trunk")]  # pelvis and legs
-LEGS: dict[str, tuple[str, ...]] = {side: tuple(s for s in LOWER_BODY if s.endswith(f"_{side}")) for side in SIDES}
+LEGS: dict[str, tuple[str, ...]] = {
+    side: tuple(s for s in LOWER_BODY if s.endswith(f"_{side}")) for side in SIDES
+}
 """Side -> segments of that leg, each after its parent."""
-LEG_JOINTS: tuple[str, ...] = tuple(row[0] for row in _LEG)  # joints of a leg from hip to foot, without the side
-NEEDED_JOINTS: tuple[str, ...] = LEG_JOINTS[: 1 + max(k for k, row in enumerate(_LEG) if _OF_SHORT[row[2]].needed)]
+LEG_JOINTS: tuple[str, ...] = tuple(
+    row[0] for row in _LEG
+)  # joints of a leg from hip to foot, without the side
+NEEDED_JOINTS: tuple[str, ...] = LEG_JOINTS[
+    : 1 + max(k for k, row in enumerate(_LEG) if _OF_SHORT[row[2]].needed)
+]
 """Those on the way to a segment that needs markers."""
-HANGS_ON: dict[str, str] = {j.child: j.parent for j in JOINTS if j.name[:-2] in LEG_JOINTS[len(NEEDED_JOINTS) :]}
+HANGS_ON: dict[str, str] = {
+    j.child: j.parent for j in JOINTS if j.name[:-2] in LEG_JOINTS[len(NEEDED_JOINTS) :]
+}
 """Segment of a leg beyond those -> the one with which it goes where it has no markers."""
-LEG_SEGMENTS: tuple[str, ...] = tuple(f"{row.name}_{side}" for side in SIDES for row in _SEGMENTS if row.needed)
+LEG_SEGMENTS: tuple[str, ...] = tuple(
+    f"{row.name}_{side}" for side in SIDES for row in _SEGMENTS if row.needed
+)
 """Without markers on these there are no joint torques of a leg."""
 
-ZERO_ANGLES: tuple[str, ...] = tuple(e.name for j in JOINTS for e in j.elements if e.source is Source.ZERO_ANGLE)
-"""Constants, not JPs: they make zero ankle coordinates the posture with the foot at right angles to the shank."""
+ZERO_ANGLES: tuple[str, ...] = tuple(
+    e.name for j in JOINTS for e in j.elements if e.source is Source.ZERO_ANGLE
+)
+"""Constants, not JPs: they make zero ankle coordinates the posture with the foot at right angles to
+the shank.
+"""
 
 ROOT_SUFFIXES = ("tx", "ty", "tz", "tilt", "list", "rotation")
 
 
 def root_elements(root: str) -> tuple[Element, ...]:
-    """Six coordinates of a root segment in the laboratory: Tr(tx, ty, tz) Rz(tilt) Rx(list) Ry(rotation)."""
+    """Six coordinates of a root segment in the laboratory: Tr(tx, ty, tz) Rz(tilt) Rx(list)
+    Ry(rotation).
+    """
     motions = ((False, 0), (False, 1), (False, 2), (True, 2), (True, 0), (True, 1))
     return tuple(
-        Element(rotates=rotates, axis=axis, sign=1.0, source=Source.COORDINATE, name=f"{root}_{suffix}")
+        Element(
+            rotates=rotates, axis=axis, sign=1.0, source=Source.COORDINATE, name=f"{root}_{suffix}"
+        )
         for (rotates, axis), suffix in zip(motions, ROOT_SUFFIXES, strict=True)
     )
 
@@ -224,7 +281,9 @@ def coordinates_of(root: str, segments: tuple[str, ...]) -> tuple[str, ...]:
 
 
 COORDINATES: tuple[str, ...] = coordinates_of("pelvis", SEGMENTS)
-"""The coordinates in the order of every (nf, nq) array; m for the three translations, rad otherwise."""
+"""The coordinates in the order of every (nf, nq) array; m for the three translations, rad
+otherwise.
+"""
 
 PELVIS_ANGLES: tuple[str, ...] = COORDINATES[3:6]
 """Tilt, list and rotation of the pelvis: about z, x and y, each moved by those before it."""
@@ -243,33 +302,53 @@ def is_translation(coordinate: str) -> bool:
 
 
 REACTIONS: tuple[str, ...] = tuple(f"knee_adduction_{side}" for side in SIDES)
-"""Locked joints whose generalised force is the internal reaction moment about the knee frame's x axis (shank side)."""
+"""Locked joints whose generalised force is the internal reaction moment about the knee frame's x
+axis (shank side).
+"""
 
 
 def joint_elements(joint: Joint, *, reactions: bool = False) -> tuple[Element, ...]:
-    """The elements of a joint; with `reactions`, a knee also has its locked reaction joint after the flexion."""
+    """The elements of a joint; with `reactions`, a knee also has its locked reaction joint after
+    the flexion.
+    """
     if not reactions or not joint.name.startswith("knee"):
         return joint.elements
     side = joint.name[-1]
     sign = 1.0 if side == "r" else -1.0
-    reaction = Element(rotates=True, axis=0, sign=sign, source=Source.COORDINATE, name=f"knee_adduction_{side}")
+    reaction = Element(
+        rotates=True, axis=0, sign=sign, source=Source.COORDINATE, name=f"knee_adduction_{side}"
+    )
     after = next(i for i, e in enumerate(joint.elements) if e.source is Source.COORDINATE) + 1
     return (*joint.elements[:after], reaction, *joint.elements[after:])
 
 
 SECONDARY: dict[str, tuple[Element, ...]] = {
     f"knee_angle_{side}": tuple(
-        Element(rotates=r, axis=k, sign=1.0, source=Source.COORDINATE, name=f"knee_{side}.secondary.{name}")
-        for name, r, k in (("ant", False, 0), ("sup", False, 1), ("front", True, 0), ("trans", True, 1))
+        Element(
+            rotates=r,
+            axis=k,
+            sign=1.0,
+            source=Source.COORDINATE,
+            name=f"knee_{side}.secondary.{name}",
+        )
+        for name, r, k in (
+            ("ant", False, 0),
+            ("sup", False, 1),
+            ("front", True, 0),
+            ("trans", True, 1),
+        )
     )
     for side in SIDES
 }
-"""Coordinate -> motions of its joint that go with it and that the linkage leaves out, in the axes of the knee's flexion
-before it flexes: slides along x and y, then turns about them, as a knee rolls, glides and turns when it flexes. Their
-amounts are given (`tracking/soft_tissue.py`), in m and rad; no model has coordinates of them."""
+"""Coordinate -> motions of its joint that go with it and that the linkage leaves out, in the axes
+of the knee's flexion before it flexes: slides along x and y, then turns about them, as a knee
+rolls, glides and turns when it flexes. Their amounts are given (`tracking/soft_tissue.py`), in m
+and rad; no model has coordinates of them."""
 SECONDARY_NAMES = frozenset(element.name for motions in SECONDARY.values() for element in motions)
 BENDS = ("^2", "^3")
-"""Ends of the names of variables: what of a secondary motion goes with the square of the coordinate, and the cube."""
+"""Ends of the names of variables: what of a secondary motion goes with the square of the
+coordinate, and the cube.
+"""
 SECONDARY_VARIABLES: dict[str, tuple[str, str, int]] = {
     element.name + bend: (coordinate, element.name, k)
     for coordinate, motions in SECONDARY.items()
@@ -284,14 +363,20 @@ ISOLATED_JOINTS: tuple[str, ...] = ("hip_r", "knee_r", "ankle_r", "hip_l", "knee
 
 
 def moved_joints(isolated: str) -> tuple[Joint, ...]:
-    """The joints that an isolated trial of `hip_r`, `knee_r`, `ankle_r` (or `_l`) moves, proximal first."""
+    """The joints that an isolated trial of `hip_r`, `knee_r`, `ankle_r` (or `_l`) moves, proximal
+    first.
+    """
     name, side = isolated.split("_")
-    names = [f"{joint}_{side}" for joint in (("talocrural", "subtalar") if name == "ankle" else (name,))]
+    names = [
+        f"{joint}_{side}" for joint in (("talocrural", "subtalar") if name == "ankle" else (name,))
+    ]
     return tuple(joint for joint in JOINTS if joint.name in names)
 
 
 def carrier_of(isolated: str | None) -> str:
-    """The segment that carries the body in an isolated trial that does not show the pelvis; empty for gait."""
+    """The segment that carries the body in an isolated trial that does not show the pelvis; empty
+    for gait.
+    """
     return joint_segments(isolated)[0] if isolated else ""
 
 

@@ -1,4 +1,5 @@
-"""Marker sets as data: what each marker of a laboratory's protocol is for, a landmark, a segment, a weight.
+"""Marker sets as data: what each marker of a laboratory's protocol is for, a landmark, a segment, a
+weight.
 
 A set is a TOML file, one of the built-in ones in `models/markersets/` or a user's own:
 
@@ -14,8 +15,9 @@ A set is a TOML file, one of the built-in ones in `models/markersets/` or a user
     [aliases]        marker -> other spellings of its label in files
     [noise]          how points err that are no markers on skin (`subject_model.PointNoise`)
 
-`{S}` in a name stands for R and L, `{s}` for r and l, so that one line serves both sides. `marker_set_text` writes a
-set as such a file again, so that a result can keep the one it was made with.
+`{S}` in a name stands for R and L, `{s}` for r and l, so that one line serves both sides.
+`marker_set_text` writes a set as such a file again, so that a result can keep the one it was made
+with.
 """
 
 from collections.abc import Iterable, Mapping
@@ -28,7 +30,15 @@ from pydantic import BeforeValidator, Field
 from gaitcal.display import Displayed, shorten
 from gaitcal.errors import Code, InputError, nearest
 from gaitcal.io.recording import Recording
-from gaitcal.io.toml import Table, models_path, read_validated, require_known, shown, toml_table, toml_value
+from gaitcal.io.toml import (
+    Table,
+    models_path,
+    read_validated,
+    require_known,
+    shown,
+    toml_table,
+    toml_value,
+)
 from gaitcal.model.linkage import LEG_SEGMENTS, MARKED_SEGMENTS, SIDES, of_side
 from gaitcal.model.subject_model import PointNoise
 
@@ -50,22 +60,28 @@ SEGMENT_OF: dict[str, str] = {
 }
 """Landmark -> the segment that it lies in."""
 LANDMARKS: tuple[str, ...] = tuple(SEGMENT_OF)
-"""All names a set may give a landmark. `elbow_lat` alone is enough for an elbow; `wrist` is its centre; `knee_axis` is
-a point on the knee's flexion axis outwards of the lateral epicondyle, as a knee alignment device shows it; `hjc` the
-centre of a hip, for `hip_centre = "given"`. Those of the trunk's midline tell where it faces where acromia are missing,
-`c7` and `jugular_notch` also where the shoulders are; `t10` may be any spinous process from T6 to T12."""
+"""All names a set may give a landmark. `elbow_lat` alone is enough for an elbow; `wrist` is its
+centre; `knee_axis` is a point on the knee's flexion axis outwards of the lateral epicondyle, as a
+knee alignment device shows it; `hjc` the centre of a hip, for `hip_centre = "given"`. Those of the
+trunk's midline tell where it faces where acromia are missing, `c7` and `jugular_notch` also where
+the shoulders are; `t10` may be any spinous process from T6 to T12."""
 _INSTEAD = {
     "asis": "a marker on the anterior superior iliac spine",
-    "sacrum": "a marker midway between the posterior superior iliac spines, or the list of the two on them",
+    "sacrum": "a marker midway between the posterior superior iliac spines, or the list of the two "
+    "on them",
     "knee_lat": "a marker on the lateral femoral epicondyle",
     "ankle_lat": "a marker on the lateral malleolus",
     "heel": "a marker on the back of the heel",
     "toe": "a marker on the tip of the foot or over the head of the second metatarsal",
 }
-REQUIRED: tuple[str, ...] = tuple(name for name in LANDMARKS if name == "sacrum" or name[:-2] in _INSTEAD)
+REQUIRED: tuple[str, ...] = tuple(
+    name for name in LANDMARKS if name == "sacrum" or name[:-2] in _INSTEAD
+)
 """Landmarks without which there is no model; all others have a default or freeze their segment."""
 PARTNER: dict[str, str] = {
-    f"{one}_{side}": f"{other}_{side}" for side in SIDES for one, other in (("heel", "toe"), ("toe", "heel"))
+    f"{one}_{side}": f"{other}_{side}"
+    for side in SIDES
+    for one, other in (("heel", "toe"), ("toe", "heel"))
 }
 """Landmark of a foot -> the one from which it is guessed where no marker shows it."""
 PELVIS_NEEDS = 3  # markers of the pelvis, from which the pose of the body starts
@@ -77,7 +93,9 @@ _OF_FURTHER = {
     "upper_arm": (0.02, _GIRDLE),
     "forearm_hand": (0.02, _GIRDLE),
 }
-"""Segment without its last word -> weight of further markers on it, and why it is not 1; as in the built-in sets."""
+"""Segment without its last word -> weight of further markers on it, and why it is not 1; as in the
+built-in sets.
+"""
 _FOLLOWING = ("tracking", "static_only", "optional")  # tables segment -> markers
 
 
@@ -96,8 +114,9 @@ def instead_of(landmark: str) -> str:
 class MarkerSet(Displayed):
     """What the markers of a laboratory's protocol mean.
 
-    A set may leave open what a person wears: landmarks with alternatives, markers that some wear and others do not, a
-    device at the knee. `model/present_markers.py` makes of it the set of one static trial, in which nothing is open.
+    A set may leave open what a person wears: landmarks with alternatives, markers that some wear
+    and others do not, a device at the knee. `model/present_markers.py` makes of it the set of one
+    static trial, in which nothing is open.
     """
 
     name: str
@@ -105,7 +124,8 @@ class MarkerSet(Displayed):
     description: str
     """One line."""
     landmarks: Mapping[str, tuple[str, ...]]
-    """Landmark -> the markers whose mean it is; where there are alternatives, the preferred ones."""
+    """Landmark -> the markers whose mean it is; where there are alternatives, the preferred ones.
+    """
     tracking: Mapping[str, tuple[str, ...]]
     """Segment -> markers fixed in it."""
     static_only: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
@@ -115,8 +135,8 @@ class MarkerSet(Displayed):
     alternatives: Mapping[str, tuple[tuple[str, ...], ...]] = field(default_factory=dict)
     """Landmark -> what serves instead of `landmarks`, in order of preference."""
     knee_device: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
-    """Lateral knee marker -> the three markers of a knee alignment device that stands in for it in the static trial,
-    the one on the flexion axis first."""
+    """Lateral knee marker -> the three markers of a knee alignment device that stands in for it in
+    the static trial, the one on the flexion axis first."""
     weights: Mapping[str, float] = field(default_factory=dict)
     """Marker -> weight, where it is not 1."""
     reasons: Mapping[str, str] = field(default_factory=dict)
@@ -126,7 +146,9 @@ class MarkerSet(Displayed):
     noise: PointNoise | None = None
     """Of points that are no markers; None of markers, which skin moves."""
     devices: tuple[str, ...] = field(default=(), compare=False)
-    """Markers of knee alignment devices that the set knows, and whose part in the static trial is done."""
+    """Markers of knee alignment devices that the set knows, and whose part in the static trial is
+    done.
+    """
     notes: tuple[str, ...] = ()
     """What was chosen among alternatives, one sentence each; empty in a set as its file has it."""
 
@@ -164,7 +186,9 @@ class MarkerSet(Displayed):
         return {label: segment for segment, labels in self.following for label in labels}
 
     def options(self, landmark: str) -> tuple[tuple[str, ...], ...]:
-        """All that serves as a landmark, in order of preference; each is the markers whose mean it is."""
+        """All that serves as a landmark, in order of preference; each is the markers whose mean it
+        is.
+        """
         return (self.landmarks[landmark], *self.alternatives.get(landmark, ()))
 
     def weight(self, label: str) -> float:
@@ -175,12 +199,22 @@ class MarkerSet(Displayed):
         """The same set with other weights for some markers."""
         return replace(self, weights={**self.weights, **weights}) if weights else self
 
-    def with_further(self, markers: Mapping[str, Iterable[str]], source: Path = Path()) -> "MarkerSet":
-        """The same set with further markers, segment -> labels, that are tracked where a trial has them.
+    def with_further(
+        self, markers: Mapping[str, Iterable[str]], source: Path = Path()
+    ) -> "MarkerSet":
+        """The same set with further markers, segment -> labels, that are tracked where a trial has
+        them.
 
         InputError for a segment that markers cannot be on, and for a label that the set knows.
         """
-        require_known(markers, MARKED_SEGMENTS, "segment", source=source, field="markers.tracking", listed=True)
+        require_known(
+            markers,
+            MARKED_SEGMENTS,
+            "segment",
+            source=source,
+            field="markers.tracking",
+            listed=True,
+        )
         known, segments = set(self.labels), self.segment_of
         further = {segment: tuple(labels) for segment, labels in markers.items()}
         for segment, labels in further.items():
@@ -188,14 +222,23 @@ class MarkerSet(Displayed):
                 if label in known:
                     on = f"on {segments[label]}" if label in segments else "as a landmark"
                     message = f"found '{label}' on {segment}; the marker set has it {on}"
-                    raise InputError(message, source=source, field="markers.tracking", code=Code.MARKER_SET)
+                    raise InputError(
+                        message, source=source, field="markers.tracking", code=Code.MARKER_SET
+                    )
                 known.add(label)
                 segments[label] = segment
-        kinds = {label: segment.rsplit("_", 1)[0] for segment, labels in further.items() for label in labels}
+        kinds = {
+            label: segment.rsplit("_", 1)[0]
+            for segment, labels in further.items()
+            for label in labels
+        }
         weak = {label: _OF_FURTHER[kind] for label, kind in kinds.items() if kind in _OF_FURTHER}
         return replace(
             self,
-            optional={s: (*self.optional.get(s, ()), *further.get(s, ())) for s in {**self.optional, **further}},
+            optional={
+                s: (*self.optional.get(s, ()), *further.get(s, ()))
+                for s in {**self.optional, **further}
+            },
             weights={**self.weights, **{label: weight for label, (weight, _) in weak.items()}},
             reasons={**self.reasons, **{label: why for label, (_, why) in weak.items()}},
         )
@@ -210,18 +253,24 @@ class MarkerSet(Displayed):
         return replace(recording, labels=spelt).with_notes(f"markers renamed: {changes}")
 
     def _spelt(self, labels: Iterable[str]) -> tuple[str, ...]:
-        """Labels as the set spells them: by its aliases, and where only the case differs and one label is meant."""
+        """Labels as the set spells them: by its aliases, and where only the case differs and one
+        label is meant.
+        """
         given, of_all = tuple(labels), self.labels
         in_file, known = set(given), set(of_all)
         new_names: dict[str, str] = {}
         for label, others in self.aliases.items():
             letters = {other.casefold() for other in others}
             there = [other for other in others if other in in_file]
-            there += [other for other in given if other not in known and other.casefold() in letters]
+            there += [
+                other for other in given if other not in known and other.casefold() in letters
+            ]
             if there and label not in in_file:
                 new_names[there[0]] = label
         taken = in_file | set(new_names.values())
-        strangers = _by_letters(label for label in given if label not in known and label not in new_names)
+        strangers = _by_letters(
+            label for label in given if label not in known and label not in new_names
+        )
         in_set = _by_letters(of_all)
         for label in of_all:
             same_in_file = strangers.get(label.casefold(), [])
@@ -230,14 +279,20 @@ class MarkerSet(Displayed):
         return tuple(new_names.get(label, label) for label in given)
 
     def coverage(self, labels: Iterable[str], computed: Iterable[str] = ()) -> "Coverage":
-        """What a file with these marker labels gives of the set; points that another program `computed` serve as
-        landmarks only. A device at the knee counts as the lateral knee marker that it stands in for.
+        """What a file with these marker labels gives of the set; points that another program
+        `computed` serve as landmarks only. A device at the knee counts as the lateral knee marker
+        that it stands in for.
         """
         given = self._spelt(labels)
         known, seen, segment_of = set(self.labels), set(given), self.segment_of
         virtual = {label for label, parts in self.knee_device.items() if seen.issuperset(parts)}
-        virtual |= set(computed) & {m for name in self.landmarks for group in self.options(name) for m in group}
-        options = {name: [o for o in self.options(name) if (seen | virtual).issuperset(o)] for name in self.landmarks}
+        virtual |= set(computed) & {
+            m for name in self.landmarks for group in self.options(name) for m in group
+        }
+        options = {
+            name: [o for o in self.options(name) if (seen | virtual).issuperset(o)]
+            for name in self.landmarks
+        }
         landmarks = {name: there[0] for name, there in options.items() if there}
         tracked: dict[str, tuple[str, ...]] = {}
         for label in (*given, *sorted(virtual - seen)):
@@ -262,14 +317,23 @@ class MarkerSet(Displayed):
 class Coverage:
     """What the labels of a file give of a marker set."""
 
-    required_missing: tuple[str, ...]  # landmarks without which there is no model, and that no marker of the file gives
-    landmarks: Mapping[str, tuple[str, ...]]  # that the file gives -> the markers whose mean each is, by preference
-    tracked: Mapping[str, tuple[str, ...]]  # segment -> markers of the file that follow it, of segments that have some
-    bare: tuple[str, ...]  # segments of pelvis and legs that nothing follows (pelvis: fewer than three markers)
+    required_missing: tuple[
+        str, ...
+    ]  # landmarks without which there is no model, and that no marker of the file gives
+    landmarks: Mapping[
+        str, tuple[str, ...]
+    ]  # that the file gives -> the markers whose mean each is, by preference
+    tracked: Mapping[
+        str, tuple[str, ...]
+    ]  # segment -> markers of the file that follow it, of segments that have some
+    bare: tuple[
+        str, ...
+    ]  # segments of pelvis and legs that nothing follows (pelvis: fewer than three markers)
     unknown: tuple[str, ...]  # markers of the file that the set does not know
     score: float
-    """Share of the file's labels that the set knows, 0 to 1, and 1 more where the set is complete for the legs: so a
-    complete set comes before any other. An incomplete one has that share times the share of landmarks it gives."""
+    """Share of the file's labels that the set knows, 0 to 1, and 1 more where the set is complete
+    for the legs: so a complete set comes before any other. An incomplete one has that share times
+    the share of landmarks it gives."""
 
     @property
     def complete(self) -> bool:
@@ -286,22 +350,30 @@ def _by_letters(labels: Iterable[str]) -> dict[str, list[str]]:
 
 
 _Labels = Annotated[
-    list[str], BeforeValidator(lambda value: [value] if isinstance(value, str) else value), Field(min_length=1)
+    list[str],
+    BeforeValidator(lambda value: [value] if isinstance(value, str) else value),
+    Field(min_length=1),
 ]
 
 
 class _FirstOf(Table):
-    first_of: list[_Labels] = Field(min_length=1, description="a list of markers, or of lists of them")
+    first_of: list[_Labels] = Field(
+        min_length=1, description="a list of markers, or of lists of them"
+    )
 
 
 def _as_options(value: object) -> object:
     if not isinstance(value, dict | list | str):
-        raise ValueError(f"found {shown(value)}; allowed: a list, [a, b], a marker, or {{ first_of = [...] }}")
+        raise ValueError(
+            f"found {shown(value)}; allowed: a list, [a, b], a marker, or {{ first_of = [...] }}"
+        )
     return value if isinstance(value, dict) else {"first_of": [value]}
 
 
 class _Weight(Table):
-    weight: float = Field(ge=0, description="how strongly the marker pulls, 0 or more; 0 only reports it")
+    weight: float = Field(
+        ge=0, description="how strongly the marker pulls, 0 or more; 0 only reports it"
+    )
     reason: str = Field(min_length=1, description="why the weight is not 1")
 
 
@@ -311,13 +383,27 @@ class _File(Table):
     landmarks: dict[str, Annotated[_FirstOf, BeforeValidator(_as_options)]] = Field(
         default={}, description="a table, landmark = marker or list of markers"
     )
-    tracking: dict[str, _Labels] = Field(default={}, description="a table, segment = list of markers")
-    static_only: dict[str, _Labels] = Field(default={}, description="a table, segment = list of markers")
-    optional: dict[str, _Labels] = Field(default={}, description="a table, segment = list of markers")
-    knee_device: dict[str, _Labels] = Field(default={}, description="a table, marker = list of three markers")
-    weights: dict[str, _Weight] = Field(default={}, description="a table, marker = { weight = ..., reason = ... }")
-    aliases: dict[str, _Labels] = Field(default={}, description="a table, marker = list of other spellings")
-    noise: PointNoise | None = Field(default=None, description="a table, of points that are no markers on skin")
+    tracking: dict[str, _Labels] = Field(
+        default={}, description="a table, segment = list of markers"
+    )
+    static_only: dict[str, _Labels] = Field(
+        default={}, description="a table, segment = list of markers"
+    )
+    optional: dict[str, _Labels] = Field(
+        default={}, description="a table, segment = list of markers"
+    )
+    knee_device: dict[str, _Labels] = Field(
+        default={}, description="a table, marker = list of three markers"
+    )
+    weights: dict[str, _Weight] = Field(
+        default={}, description="a table, marker = { weight = ..., reason = ... }"
+    )
+    aliases: dict[str, _Labels] = Field(
+        default={}, description="a table, marker = list of other spellings"
+    )
+    noise: PointNoise | None = Field(
+        default=None, description="a table, of points that are no markers on skin"
+    )
 
 
 def built_in_sets() -> tuple[str, ...]:
@@ -336,8 +422,15 @@ def load_marker_set(name_or_path: str | Path) -> MarkerSet:
     text, known = str(name_or_path), built_in_sets()
     if text in known:
         return _read(models_path() / "markersets" / f"{text}.toml", text)
-    if not isinstance(name_or_path, Path) and not text.lower().endswith(".toml") and "/" not in text:
-        message = f"found {shown(text)}; allowed: {', '.join(known)}, or the path of a TOML file{nearest(text, known)}"
+    if (
+        not isinstance(name_or_path, Path)
+        and not text.lower().endswith(".toml")
+        and "/" not in text
+    ):
+        message = (
+            f"found {shown(text)}; allowed: {', '.join(known)}, or the path of a TOML "
+            f"file{nearest(text, known)}"
+        )
         raise InputError(message, field="marker set", code=Code.MARKER_SET)
     return _read(Path(text), Path(text).stem)
 
@@ -353,13 +446,22 @@ def _read(path: Path, name: str) -> MarkerSet:
             if not getattr(file, where):
                 raise fault("missing: a table", where)
     else:
-        require_known([file.extends], built_in_sets(), "built-in marker set", source=path, field="extends", listed=True)
+        require_known(
+            [file.extends],
+            built_in_sets(),
+            "built-in marker set",
+            source=path,
+            field="extends",
+            listed=True,
+        )
         if path == models_path() / "markersets" / f"{file.extends}.toml":
             raise fault("found the set itself; allowed: another built-in set", "extends")
         base = load_marker_set(file.extends)
 
     def both_sides(where: str, table: Mapping[str, list[str]]) -> dict[str, tuple[str, ...]]:
-        """The table with both sides written out: a sided name takes the labels of its side, any other those of both."""
+        """The table with both sides written out: a sided name takes the labels of its side, any
+        other those of both.
+        """
         out: dict[str, tuple[str, ...]] = {}
         for pattern, labels in table.items():
             names = _sides(pattern)
@@ -367,11 +469,16 @@ def _read(path: Path, name: str) -> MarkerSet:
                 if name in out:
                     raise fault(f"'{name}' is given twice", where)
                 # a label without a side stands once in `_sides`, and serves either side
-                each = [_sides(label) if len(names) == 1 else (_sides(label) * 2)[i : i + 1] for label in labels]
+                each = [
+                    _sides(label) if len(names) == 1 else (_sides(label) * 2)[i : i + 1]
+                    for label in labels
+                ]
                 out[name] = tuple(dict.fromkeys(label for both in each for label in both))
         return out
 
-    options: dict[str, list[tuple[str, ...]]] = {}  # landmark -> what serves as it, in order of preference
+    options: dict[
+        str, list[tuple[str, ...]]
+    ] = {}  # landmark -> what serves as it, in order of preference
     for pattern, entry in file.landmarks.items():
         if twice := [name for name in _sides(pattern) if name in options]:
             raise fault(f"'{twice[0]}' is given twice", "landmarks")
@@ -380,10 +487,15 @@ def _read(path: Path, name: str) -> MarkerSet:
                 options.setdefault(landmark, []).append(group)
     preferred = {name: given[0] for name, given in options.items()}
     others = {name: tuple(given[1:]) for name, given in options.items() if len(given) > 1}
-    groups = {where: both_sides(where, getattr(file, where)) for where in (*_FOLLOWING, "knee_device", "aliases")}
+    groups = {
+        where: both_sides(where, getattr(file, where))
+        for where in (*_FOLLOWING, "knee_device", "aliases")
+    }
     require_known(preferred, LANDMARKS, "landmark", source=path, field="landmarks", listed=True)
     for where in _FOLLOWING:
-        require_known(groups[where], MARKED_SEGMENTS, "segment", source=path, field=where, listed=True)
+        require_known(
+            groups[where], MARKED_SEGMENTS, "segment", source=path, field=where, listed=True
+        )
     for label, parts in groups["knee_device"].items():
         if len(parts) != DEVICE_MARKERS:
             allowed = "allowed: three, the one on the flexion axis first"
@@ -406,7 +518,9 @@ def _read(path: Path, name: str) -> MarkerSet:
     for landmark in missing_landmarks(made.landmarks):
         raise fault(f"'{landmark}' is missing: give {instead_of(landmark)}", "landmarks")
     segment_of: dict[str, str] = {}
-    for label, segment in ((label, segment) for segment, followers in made.following for label in followers):
+    for label, segment in (
+        (label, segment) for segment, followers in made.following for label in followers
+    ):
         if label in segment_of:
             on = f"{segment_of[label]} and on {segment}; a marker is fixed in one segment"
             raise fault(f"marker '{label}' is on {on}", "tracking")
@@ -416,9 +530,12 @@ def _read(path: Path, name: str) -> MarkerSet:
     known, tracked = set(made.labels), set(made.tracked)
     return replace(
         made,
-        weights={label: w for label, w in base.weights.items() if label in tracked} | dict(made.weights),
-        reasons={label: why for label, why in base.reasons.items() if label in tracked} | dict(made.reasons),
-        aliases={label: names for label, names in base.aliases.items() if label in known} | dict(made.aliases),
+        weights={label: w for label, w in base.weights.items() if label in tracked}
+        | dict(made.weights),
+        reasons={label: why for label, why in base.reasons.items() if label in tracked}
+        | dict(made.reasons),
+        aliases={label: names for label, names in base.aliases.items() if label in known}
+        | dict(made.aliases),
     )
 
 
@@ -435,10 +552,14 @@ def marker_set_text(marker_set: MarkerSet) -> str:
     """
 
     def table(name: str, content: Mapping[str, object]) -> str:
-        entries = {toml_value(n): list(v) if isinstance(v, tuple) else v for n, v in content.items()}
+        entries = {
+            toml_value(n): list(v) if isinstance(v, tuple) else v for n, v in content.items()
+        }
         return toml_table(f"[{name}]", entries)
 
-    options = {name: [list(group) for group in marker_set.options(name)] for name in marker_set.landmarks}
+    options = {
+        name: [list(group) for group in marker_set.options(name)] for name in marker_set.landmarks
+    }
     weights = {
         label: {"weight": float(weight), "reason": marker_set.reasons.get(label, NO_REASON)}
         for label, weight in marker_set.weights.items()
@@ -446,10 +567,17 @@ def marker_set_text(marker_set: MarkerSet) -> str:
     }
     tables = [
         toml_table("", {"description": marker_set.description}).lstrip(),
-        table("landmarks", {name: of[0] if len(of) == 1 else {"first_of": of} for name, of in options.items()}),
+        table(
+            "landmarks",
+            {name: of[0] if len(of) == 1 else {"first_of": of} for name, of in options.items()},
+        ),
         table("tracking", marker_set.tracking),
         table("static_only", marker_set.static_only),
-        *(table(name, group) for name in ("optional", "knee_device") if (group := getattr(marker_set, name))),
+        *(
+            table(name, group)
+            for name in ("optional", "knee_device")
+            if (group := getattr(marker_set, name))
+        ),
         table("aliases", marker_set.aliases),
         table("weights", weights),
         *([table("noise", marker_set.noise.model_dump())] if marker_set.noise else []),

@@ -1,8 +1,10 @@
-"""A person's model as a TOML file: in mm, deg, kg and kg*mm^2 for people, and back to the very same numbers.
+"""A person's model as a TOML file: in mm, deg, kg and kg*mm^2 for people, and back to the very same
+numbers.
 
-A number x in SI units is written as a decimal d in file units for which float(d * factor) == x, the product taken in
-decimal arithmetic of PRECISION digits: with 15 digits where they serve, else with as many more as it takes (a double
-is told apart from its neighbours by 17). Reading keeps the text as a decimal, so that nothing is lost on either way.
+A number x in SI units is written as a decimal d in file units for which float(d * factor) == x, the
+product taken in decimal arithmetic of PRECISION digits: with 15 digits where they serve, else with
+as many more as it takes (a double is told apart from its neighbours by 17). Reading keeps the text
+as a decimal, so that nothing is lost on either way.
 """
 
 from decimal import Context, Decimal, InvalidOperation
@@ -18,7 +20,13 @@ from gaitcal.io.atomic import atomic_file
 from gaitcal.io.toml import Table, read_validated, require_known, shown, toml_table, toml_value
 from gaitcal.model.linkage import COORDINATES, SEGMENTS, ZERO_ANGLES
 from gaitcal.model.parameters import IP_NAMES, IP_UNITS, JOINT_PARAMETERS, JP_NAMES, Parameters
-from gaitcal.model.subject_model import MarkerPlacement, PatientRecord, PointNoise, Subject, SubjectModel
+from gaitcal.model.subject_model import (
+    MarkerPlacement,
+    PatientRecord,
+    PointNoise,
+    Subject,
+    SubjectModel,
+)
 
 FORMAT = 1
 PRECISION = 60
@@ -33,18 +41,26 @@ _TO_SI = {
     "kg*mm^2": Decimal("1e-6"),
     "m": Decimal(1),
 }
-_ZERO_WORDS = "deg; constants that make zero ankle coordinates the foot at right angles to the shank"
+_ZERO_WORDS = (
+    "deg; constants that make zero ankle coordinates the foot at right angles to the shank"
+)
 _TABLES = {
     "joint_parameters": (JP_NAMES, tuple(p.kind.unit for p in JOINT_PARAMETERS), "mm, deg"),
     "zero_angles": (ZERO_ANGLES, ("deg",) * len(ZERO_ANGLES), _ZERO_WORDS),
     "inertial_parameters": (IP_NAMES, IP_UNITS, "kg, mm, kg*mm^2; moments about the mass centre"),
 }
 """Table of the file -> names and units of its entries, and what the file says of them."""
-_ARRAYS = {"joint_parameters": "joint", "zero_angles": "zero_angles", "inertial_parameters": "inertial"}
+_ARRAYS = {
+    "joint_parameters": "joint",
+    "zero_angles": "zero_angles",
+    "inertial_parameters": "inertial",
+}
 """Table of the file -> field of `Parameters`."""
 _MEASURED = {"age": ("age_years", "kg"), "asis_distance": ("asis_distance_mm", "mm")}
 _MEASURED |= {"marker_diameter": ("marker_diameter_mm", "mm")}
-"""Field of a subject that may be unknown -> its name in the file, and its unit there (years: as they are)."""
+"""Field of a subject that may be unknown -> its name in the file, and its unit there (years: as
+they are).
+"""
 _HEADER = """\
 # A person's linkage model. Frames: x anterior, y superior, z to the right, on both sides; ant sup lat = x y z,
 # front trans sag = turns about x y z. `value` is in use, `nominal` what calibration started from. All digits count.
@@ -149,10 +165,16 @@ def model_text(model: SubjectModel) -> str:
         f"height_m = {_text(s.height, 'm')}",
         f"sex = {toml_value(s.sex)}",
         *([f"height_error_m = {_text(s.height_error, 'm')}"] if s.height_error else []),
-        *(f"{name} = {_text(value, unit)}" for name, (value, unit) in measured.items() if value is not None),
+        *(
+            f"{name} = {_text(value, unit)}"
+            for name, (value, unit) in measured.items()
+            if value is not None
+        ),
     ]
     for field in ("knee_width", "ankle_width", "leg_length"):
-        inner = ", ".join(f"{side} = {_text(length, 'mm')}" for side, length in getattr(s, field).items())
+        inner = ", ".join(
+            f"{side} = {_text(length, 'mm')}" for side, length in getattr(s, field).items()
+        )
         lines += [f"{field}_mm = {{ {inner} }}"] if inner else []
     lines += [f"session = {toml_value(s.session)}"] if s.session else []
     lines += [f"record = {toml_value(s.record.known)}"] if s.record.known else []
@@ -236,16 +258,26 @@ def load_model(path: Path | str) -> SubjectModel:
             more = f" and {len(missing) - 1} more" if len(missing) > 1 else ""
             raise fault(f"'{missing[0]}'{more} missing", table)
         for out, column in ((values, "value"), (nominal, "nominal")):
-            numbers = [_si(getattr(found[name], column), unit) for name, unit in zip(names, units, strict=True)]
+            numbers = [
+                _si(getattr(found[name], column), unit)
+                for name, unit in zip(names, units, strict=True)
+            ]
             out[_ARRAYS[table]] = np.array(numbers)
     s = file.subject
     if s.sex not in ("male", "female", ""):
-        raise fault(f"found {shown(s.sex)}; allowed: 'male', 'female', '' where nobody says it", "subject.sex")
-    require_known(s.record, vars(PatientRecord()), "field of a record", source=source, field="subject.record")
+        raise fault(
+            f"found {shown(s.sex)}; allowed: 'male', 'female', '' where nobody says it",
+            "subject.sex",
+        )
+    require_known(
+        s.record, vars(PatientRecord()), "field of a record", source=source, field="subject.record"
+    )
     for coordinates, field in ((file.frozen, "frozen"), (file.posture_deg, "posture_deg")):
         require_known(coordinates, COORDINATES, "coordinate", source=source, field=field)
     for places, field in ((file.marker, "marker"), (file.landmarks.values(), "landmarks")):
-        require_known((place.segment for place in places), SEGMENTS, "segment", source=source, field=field)
+        require_known(
+            (place.segment for place in places), SEGMENTS, "segment", source=source, field=field
+        )
     labels = tuple(m.label for m in file.marker)
     for label in labels:
         if labels.count(label) > 1:
@@ -263,7 +295,10 @@ def load_model(path: Path | str) -> SubjectModel:
             leg_length={side: _si(length, "mm") for side, length in s.leg_length_mm.items()},
             session=s.session,
             record=PatientRecord(**s.record),
-            **{f: None if value is None else _si(value, unit) for f, (value, unit) in measured.items()},
+            **{
+                f: None if value is None else _si(value, unit)
+                for f, (value, unit) in measured.items()
+            },
         ),
         parameters=Parameters(**values),
         nominal=Parameters(**nominal),
@@ -276,7 +311,8 @@ def load_model(path: Path | str) -> SubjectModel:
         frozen=tuple(file.frozen),
         posture={name: _si(angle, "deg") for name, angle in file.posture_deg.items()},
         landmarks={
-            name: (place.segment, np.array(_position(place.position_mm))) for name, place in file.landmarks.items()
+            name: (place.segment, np.array(_position(place.position_mm)))
+            for name, place in file.landmarks.items()
         },
         noise=file.noise,
         notes=tuple(file.notes),

@@ -1,19 +1,22 @@
 """A person's nominal model from the static trial, and the published nominal subject.
 
-still window -> static posture -> segment frames -> joint parameters, marker positions, lengths -> inertial parameters
+still window -> static posture -> segment frames -> joint parameters, marker positions, lengths ->
+inertial parameters
 
-Positions are the coordinates of the joint centre in the two segments that the joint connects, but for the subtalar one.
-A hinge (knee, elbow) lies along the proximal segment's z axis through the joint centre: A_proximal = 1, and with its
-direction a in the distal frame, A_distal = Rx(front) Ry(trans) has trans = asin(a_x), front = atan2(-a_y, a_z).
+Positions are the coordinates of the joint centre in the two segments that the joint connects, but
+for the subtalar one. A hinge (knee, elbow) lies along the proximal segment's z axis through the
+joint centre: A_proximal = 1, and with its direction a in the distal frame, A_distal = Rx(front)
+Ry(trans) has trans = asin(a_x), front = atan2(-a_y, a_z).
 
-Ankle. With A = Rx(front) the talocrural axis in the shank, B = Ry(trans) Rz(sag) the subtalar one in the foot and R
-the static orientation of the foot in the shank, the chain A Rz(alpha) Ry(t) Rx(beta) B^-1 = R gives
+Ankle. With A = Rx(front) the talocrural axis in the shank, B = Ry(trans) Rz(sag) the subtalar one
+in the foot and R the static orientation of the foot in the shank, the chain A Rz(alpha) Ry(t)
+Rx(beta) B^-1 = R gives
 
     M = A^T R B:   t = -asin(M_zx) = talus.trans,   alpha = atan2(M_yx, M_xx),   beta = atan2(M_zy, M_zz).
 
-The zero angles are alpha - delta and beta, delta the dorsiflexion of the static posture (`ankle_zero.py`): zero ankle
-angle is the foot at right angles to the shank. The subtalar point of the foot closes the chain. So the static foot
-pose is met exactly, whatever the person's feet are.
+The zero angles are alpha - delta and beta, delta the dorsiflexion of the static posture
+(`ankle_zero.py`): zero ankle angle is the foot at right angles to the shank. The subtalar point of
+the foot closes the chain. So the static foot pose is met exactly, whatever the person's feet are.
 """
 
 import json
@@ -44,8 +47,8 @@ SUBTALAR_BELOW = 0.010  # m below the talocrural axis, along the talus's y
 _ROUNDING = 1e-13  # m or rad: below it a coordinate is zero by construction, and is told as zero
 FULL_SUPPORT = 3  # markers that the pelvis needs, which no joint holds
 RAISED = 0.1
-"""Factor of the weights of shoulder and arm markers where the arm is raised sideways in the static trial: the acromion
-is then some 40 mm higher and nearer to the neck than in walking."""
+"""Factor of the weights of shoulder and arm markers where the arm is raised sideways in the static
+trial: the acromion is then some 40 mm higher and nearer to the neck than in walking."""
 
 CENTRE_OF: dict[str, str] = {
     joint.name: centre + (f"_{side}" if side else "")
@@ -54,7 +57,9 @@ CENTRE_OF: dict[str, str] = {
     if (centre := coordinates.JOINT_TABLE[kind].centre)
 }
 """Joint -> landmark that is its centre."""
-_OF_POINT = SEGMENT_OF | {CENTRE_OF[joint.name]: joint.parent for joint in linkage.JOINTS if joint.name in CENTRE_OF}
+_OF_POINT = SEGMENT_OF | {
+    CENTRE_OF[joint.name]: joint.parent for joint in linkage.JOINTS if joint.name in CENTRE_OF
+}
 """Landmark or joint centre -> the segment that keeps it."""
 
 
@@ -84,7 +89,8 @@ def nominal_model(
     Raises
     ------
     InputError
-        No still window; a landmark that is needed is missing; a leg segment has too few markers; no human proportions.
+        No still window; a landmark that is needed is missing; a leg segment has too few markers; no
+        human proportions.
     """
     marker_set = marker_set.with_weights(weights or {})
     static = complete_static(marker_set.renamed(static), marker_set)
@@ -117,7 +123,11 @@ def nominal_model(
     markers, notes = _placement(posture, marker_set.with_weights(raised), frames, frozen)
     if raised:
         names = ", ".join(raised)
-        notes = (*notes, f"arms raised in the static trial displace the shoulders: weights times {RAISED:g} on {names}")
+        notes = (
+            *notes,
+            f"arms raised in the static trial displace the shoulders: weights times {RAISED:g} on "
+            f"{names}",
+        )
     return SubjectModel(
         subject=subject,
         parameters=parameters,
@@ -133,26 +143,39 @@ def nominal_model(
         noise=marker_set.noise,
         notes=(
             *(f"static trial: {note}" for note in static.notes),
-            f"static posture: mean of {len(frames_used)} frames from {static.time[frames_used[0]]:.2f} s{scatter}",
+            f"static posture: mean of {len(frames_used)} frames from "
+            f"{static.time[frames_used[0]]:.2f} s{scatter}",
             *marker_set.notes,
             *posture.notes,
             *legs.notes,
             *standing.notes,
             *body.notes,
             *notes,
-            *([f"points that are no markers on skin: {marker_set.noise.words}"] if marker_set.noise else []),
+            *(
+                [f"points that are no markers on skin: {marker_set.noise.words}"]
+                if marker_set.noise
+                else []
+            ),
             f"inertia: {anthropometry.table_words(subject)}",
         ),
     )
 
 
-def _posture(frames: Mapping[str, Frame], dorsiflexion: Mapping[str, float], joint: Array) -> dict[str, float]:
+def _posture(
+    frames: Mapping[str, Frame], dorsiflexion: Mapping[str, float], joint: Array
+) -> dict[str, float]:
     """Coordinates (rad) of pelvis, lumbar joint, hips, knees and ankles in the static posture."""
     pelvis = frames["pelvis"].rotation
     ahead = rotations.axis_rotation(1, float(np.arctan2(pelvis[2, 0], pelvis[0, 0]))) @ pelvis
-    turns = {linkage.PELVIS_ANGLES: (ahead, 1.0), linkage.LUMBAR: (pelvis.T @ frames["head_trunk"].rotation, 1.0)}
+    turns = {
+        linkage.PELVIS_ANGLES: (ahead, 1.0),
+        linkage.LUMBAR: (pelvis.T @ frames["head_trunk"].rotation, 1.0),
+    }
     for side in linkage.SIDES:
-        turns[linkage.coordinates_before([f"thigh_{side}"])] = (pelvis.T @ frames[f"thigh_{side}"].rotation, sign(side))
+        turns[linkage.coordinates_before([f"thigh_{side}"])] = (
+            pelvis.T @ frames[f"thigh_{side}"].rotation,
+            sign(side),
+        )
     out = {f"ankle_angle_{side}": float(dorsiflexion[side]) for side in linkage.SIDES}
     for side in linkage.SIDES:
         shank = frames[f"thigh_{side}"].rotation.T @ frames[f"shank_{side}"].rotation
@@ -164,8 +187,12 @@ def _posture(frames: Mapping[str, Frame], dorsiflexion: Mapping[str, float], joi
 
 
 def knee_flexion(shank: Array, joint: Array, side: str) -> float:
-    """Compute a knee's flexion (rad) from the shank's orientation (3, 3) in the thigh and joint parameters (98,)."""
-    front, trans = (float(joint[JP_INDEX[f"knee_{side}.shank.{name}"]]) for name in ("front", "trans"))
+    """Compute a knee's flexion (rad) from the shank's orientation (3, 3) in the thigh and joint
+    parameters (98,).
+    """
+    front, trans = (
+        float(joint[JP_INDEX[f"knee_{side}.shank.{name}"]]) for name in ("front", "trans")
+    )
     about = shank @ rotations.axis_rotation(0, front) @ rotations.axis_rotation(1, trans)
     return float(-np.arctan2(about[1, 0], about[0, 0]))
 
@@ -175,7 +202,11 @@ def _carried(marker_set: MarkerSet, sides: tuple[str, ...]) -> list[str]:
     labels: list[str] = []
     for side in sides:
         labels += marker_set.landmarks.get(f"acromion_{side}", ())
-        labels += [m for part in ("upper_arm", "forearm_hand") for m in marker_set.tracking.get(f"{part}_{side}", ())]
+        labels += [
+            m
+            for part in ("upper_arm", "forearm_hand")
+            for m in marker_set.tracking.get(f"{part}_{side}", ())
+        ]
     return [label for label in labels if marker_set.weight(label) > 0]
 
 
@@ -189,11 +220,16 @@ def _lengths(pelvis: Frame, centres: Mapping[str, Array]) -> anthropometry.BodyL
         for side in linkage.SIDES
     }
     hips = pelvis.local(0.5 * (centres["hjc_r"] + centres["hjc_l"]))
-    return anthropometry.BodyLengths(limbs, hips[:2], float(pelvis.local(centres["lumbar"])[1] - hips[1]))
+    return anthropometry.BodyLengths(
+        limbs, hips[:2], float(pelvis.local(centres["lumbar"])[1] - hips[1])
+    )
 
 
 def _placement(
-    posture: StaticPosture, marker_set: MarkerSet, frames: Mapping[str, Frame], frozen: tuple[str, ...]
+    posture: StaticPosture,
+    marker_set: MarkerSet,
+    frames: Mapping[str, Frame],
+    frozen: tuple[str, ...],
 ) -> tuple[MarkerPlacement, tuple[str, ...]]:
     """Local positions of all markers that were seen, in segments that move."""
     weight = marker_set.weight
@@ -208,20 +244,42 @@ def _placement(
         )  # whether the joints tell the rest: quality/marker_checks.py
         if kept < needed and segment in ("pelvis", *linkage.LEG_SEGMENTS):
             lost = ", ".join(f"'{label}'" for label in missing if weight(label) > 0)
-            why = f"{lost} not seen while the subject stood still" if lost else "the marker set gives it no more"
+            why = (
+                f"{lost} not seen while the subject stood still"
+                if lost
+                else "the marker set gives it no more"
+            )
             message = f"found {kept} markers with weight, {why}; allowed: at least {needed}"
-            raise InputError(message, source=posture.source, field=f"segment {segment}", code=Code.TOO_LITTLE_SEEN)
+            raise InputError(
+                message,
+                source=posture.source,
+                field=f"segment {segment}",
+                code=Code.TOO_LITTLE_SEEN,
+            )
         dropped += missing
-        static_only = [label for label in marker_set.static_only.get(segment, ()) if label in posture.markers]
+        static_only = [
+            label for label in marker_set.static_only.get(segment, ()) if label in posture.markers
+        ]
         labels += [*present, *static_only]
         segments += [segment] * (len(present) + len(static_only))
-    local = np.array([frames[s].local(posture.markers[m]) for m, s in zip(labels, segments, strict=True)])
-    notes = (f"markers of the set that the static trial lacks, left out: {', '.join(dropped)}",) if dropped else ()
-    return MarkerPlacement(tuple(labels), tuple(segments), local, np.array([weight(m) for m in labels])), notes
+    local = np.array(
+        [frames[s].local(posture.markers[m]) for m, s in zip(labels, segments, strict=True)]
+    )
+    notes = (
+        (f"markers of the set that the static trial lacks, left out: {', '.join(dropped)}",)
+        if dropped
+        else ()
+    )
+    return MarkerPlacement(
+        tuple(labels), tuple(segments), local, np.array([weight(m) for m in labels])
+    ), notes
 
 
 def nominal_joint_parameters(
-    frames: dict[str, Frame], centres: dict[str, Array], body: trunk.UpperBody, dorsiflexion: Mapping[str, float]
+    frames: dict[str, Frame],
+    centres: dict[str, Array],
+    body: trunk.UpperBody,
+    dorsiflexion: Mapping[str, float],
 ) -> tuple[Array, Array]:
     """Joint parameters (np,) and zero angles (nz,), m and rad.
 
@@ -248,7 +306,9 @@ def nominal_joint_parameters(
             values[f"{hinge}.trans"] = np.arcsin(np.clip(a[0], -1.0, 1.0))
         s, shank, foot = sign(side), frames[f"shank_{side}"], frames[f"foot_{side}"]
         first = rotations.axis_rotation(0, s * TALOCRURAL_FRONT)
-        second = rotations.axis_rotation(1, s * SUBTALAR_TRANS) @ rotations.axis_rotation(2, SUBTALAR_SAG)
+        second = rotations.axis_rotation(1, s * SUBTALAR_TRANS) @ rotations.axis_rotation(
+            2, SUBTALAR_SAG
+        )
         m = first.T @ (shank.rotation.T @ foot.rotation) @ second
         alpha, beta = np.arctan2(m[1, 0], m[0, 0]), np.arctan2(m[2, 1], m[2, 2])
         talus = shank.rotation @ first @ rotations.axis_rotation(2, float(alpha))
@@ -259,9 +319,15 @@ def nominal_joint_parameters(
             f"subtalar_{side}.talus.sup": -SUBTALAR_BELOW,
             f"subtalar_{side}.foot.trans": s * SUBTALAR_TRANS,
             f"subtalar_{side}.foot.sag": SUBTALAR_SAG,
-            **{f"subtalar_{side}.foot.{d}": x for d, x in zip(("ant", "sup", "lat"), subtalar, strict=True)},
+            **{
+                f"subtalar_{side}.foot.{d}": x
+                for d, x in zip(("ant", "sup", "lat"), subtalar, strict=True)
+            },
         }
-        zero |= {f"talocrural_{side}.zero": alpha - dorsiflexion[side], f"subtalar_{side}.zero": beta}
+        zero |= {
+            f"talocrural_{side}.zero": alpha - dorsiflexion[side],
+            f"subtalar_{side}.zero": beta,
+        }
     joint = np.array([values.get(name, 0.0) for name in JP_INDEX])
     joint[np.abs(joint) < _ROUNDING] = 0.0
     return joint, np.array([zero[name] for name in linkage.ZERO_ANGLES])
@@ -274,7 +340,8 @@ PUBLISHED = Subject("published nominal subject", 69.4, 1.70, "male")
 def published_model(*, static_only: bool = False) -> SubjectModel:
     """The published nominal subject with the published markers (`models/nominal_subject.json`).
 
-    With `static_only`, the medial and lateral knee and ankle markers of the static trial are there too.
+    With `static_only`, the medial and lateral knee and ankle markers of the static trial are there
+    too.
     """
     data = json.loads((models_path() / "nominal_subject.json").read_text(encoding="utf-8"))
     placed: dict[str, tuple[str, Array]] = {}
@@ -305,12 +372,17 @@ def published_model(*, static_only: bool = False) -> SubjectModel:
     }
     for joint in linkage.JOINTS:
         if joint.name in CENTRE_OF:
-            landmarks[CENTRE_OF[joint.name]] = (joint.parent, parameters.centre(joint.name, joint.parent))
+            landmarks[CENTRE_OF[joint.name]] = (
+                joint.parent,
+                parameters.centre(joint.name, joint.parent),
+            )
     return SubjectModel(
         subject=PUBLISHED,
         parameters=parameters,
         nominal=parameters,
         markers=markers,
         landmarks=dict(sorted(landmarks.items())),
-        notes=("the published nominal subject; markers and inertia as in models/nominal_subject.json",),
+        notes=(
+            "the published nominal subject; markers and inertia as in models/nominal_subject.json",
+        ),
     )

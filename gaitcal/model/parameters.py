@@ -1,15 +1,18 @@
-"""All numbers of one person's linkage: joint parameters, inertial parameters, and the ankles' zero angles.
+"""All numbers of one person's linkage: joint parameters, inertial parameters, and the ankles' zero
+angles.
 
-Joint parameters (JPs) say where each joint axis lies in the two segments it connects. Which joint has which is told
-once, by the tables of `linkage.py`; here is their list in the order of files and arrays. Reinbolt et al., IEEE TBME
-2007, Table II lists the 27 of one leg; the lists for back, shoulder and elbow (6, 10, 9) are the natural split of the
-remaining 98 - 2 * 27 = 44. Positions are `ant sup lat` (x y z), orientations `front trans sag` (about x, y, z) of the
-segment's frame: x anterior, y superior, z to the right on both sides. A left value is the mirror image z -> -z of the
+Joint parameters (JPs) say where each joint axis lies in the two segments it connects. Which joint
+has which is told once, by the tables of `linkage.py`; here is their list in the order of files and
+arrays. Reinbolt et al., IEEE TBME 2007, Table II lists the 27 of one leg; the lists for back,
+shoulder and elbow (6, 10, 9) are the natural split of the remaining 98 - 2 * 27 = 44. Positions are
+`ant sup lat` (x y z), orientations `front trans sag` (about x, y, z) of the segment's frame: x
+anterior, y superior, z to the right on both sides. A left value is the mirror image z -> -z of the
 right one.
 
-Inertial parameters (IPs): mass, mass centre and principal moments of the segments that have mass. Moments are about the
-mass centre, principal axes parallel to the segment axes. The talus is massless. The 36 symmetric IPs (left = right) are
-those of Reinbolt et al. 2007, Table IV, less `foot superior`.
+Inertial parameters (IPs): mass, mass centre and principal moments of the segments that have mass.
+Moments are about the mass centre, principal axes parallel to the segment axes. The talus is
+massless. The 36 symmetric IPs (left = right) are those of Reinbolt et al. 2007, Table IV, less
+`foot superior`.
 """
 
 import json
@@ -23,7 +26,9 @@ from gaitcal.arrays import Array, BoolArray
 from gaitcal.io.toml import models_path
 from gaitcal.model import linkage
 
-MASSIVE_SEGMENTS: tuple[str, ...] = tuple(s for s in linkage.SEGMENTS if linkage.segment_kind(s).parts)
+MASSIVE_SEGMENTS: tuple[str, ...] = tuple(
+    s for s in linkage.SEGMENTS if linkage.segment_kind(s).parts
+)
 """Those with inertia: row s of a (ns, 7) table of IPs is [mass, com x y z, moment x y z]."""
 
 QUANTITIES = ("mass", "com.ant", "com.sup", "com.lat", "moi.ant", "moi.sup", "moi.lat")
@@ -35,23 +40,39 @@ IP_NAMES: tuple[str, ...] = tuple(f"{s}.{q}" for s in MASSIVE_SEGMENTS for q in 
 
 IP_INDEX: dict[str, int] = {name: i for i, name in enumerate(IP_NAMES)}
 IP_UNITS: tuple[str, ...] = UNITS * len(MASSIVE_SEGMENTS)
-IP_TO_SI: Array = np.array(_TO_SI * len(MASSIVE_SEGMENTS))  # (ni,) factors from kg, mm, kg mm^2 to SI
+IP_TO_SI: Array = np.array(
+    _TO_SI * len(MASSIVE_SEGMENTS)
+)  # (ni,) factors from kg, mm, kg mm^2 to SI
 
 
 @dataclass(frozen=True)
 class InertialSet:
-    """Free variables x of an IP calibration: IPs = selection @ x, and as they were where no variable enters."""
+    """Free variables x of an IP calibration: IPs = selection @ x, and as they were where no
+    variable enters.
+    """
 
-    names: tuple[str, ...]  # of the free variables: `pelvis.mass`, `thigh.com.sup`, ... or the IP names (all)
+    names: tuple[
+        str, ...
+    ]  # of the free variables: `pelvis.mass`, `thigh.com.sup`, ... or the IP names (all)
     selection: Array
-    """(ni, n): column k holds the factors (1, or -1 for a mirrored coordinate) with which variable k enters the IPs."""
+    """(ni, n): column k holds the factors (1, or -1 for a mirrored coordinate) with which variable
+    k enters the IPs.
+    """
 
 
 def symmetric_set() -> InertialSet:
     """The symmetric IPs: masses, those mass-centre coordinates that `free_centre` names, moments."""
     centres = {row.name: row.free_centre for row in linkage.SEGMENT_TABLE.values() if row.parts}
-    masses, moments = dict.fromkeys(centres, ("mass",)), dict.fromkeys(centres, ("moi.ant", "moi.sup", "moi.lat"))
-    free = [(body, q) for group in (masses, centres, moments) for body, quantities in group.items() for q in quantities]
+    masses, moments = (
+        dict.fromkeys(centres, ("mass",)),
+        dict.fromkeys(centres, ("moi.ant", "moi.sup", "moi.lat")),
+    )
+    free = [
+        (body, q)
+        for group in (masses, centres, moments)
+        for body, quantities in group.items()
+        for q in quantities
+    ]
     selection = np.zeros((len(IP_NAMES), len(free)))
     for k, (body, quantity) in enumerate(free):
         for segment in MASSIVE_SEGMENTS:
@@ -75,7 +96,8 @@ _DIAGONAL, _BESIDE_DIAGONAL = ((0, 4), (1, 6), (2, 9)), ((0, 1, 5), (0, 2, 7), (
 
 
 def dynamic_parameters(inertial: Array) -> Array:
-    """(ns, 10) parameters in which dynamics is linear: m, m c, and the inertia about the segment origin.
+    """(ns, 10) parameters in which dynamics is linear: m, m c, and the inertia about the segment
+    origin.
 
     Order of Pinocchio: m, mcx, mcy, mcz, Ixx, Ixy, Iyy, Ixz, Iyz, Izz; kg, kg m, kg m^2.
     """
@@ -116,7 +138,9 @@ def dynamic_jacobian(inertial: Array) -> Array:
 
 
 def is_physical(inertial: Array) -> BoolArray:
-    """(ns,) whether mass and moments are positive and moments obey the triangle inequality (pseudo-inertia > 0)."""
+    """(ns,) whether mass and moments are positive and moments obey the triangle inequality
+    (pseudo-inertia > 0).
+    """
     rows = table(inertial)
     moments = np.sort(rows[:, 4:7], axis=1)
     return (rows[:, 0] > 0) & (moments[:, 0] > 0) & (moments[:, 0] + moments[:, 1] > moments[:, 2])
@@ -124,7 +148,11 @@ def is_physical(inertial: Array) -> BoolArray:
 
 def impossible_bodies(inertial: Array) -> tuple[str, ...]:
     """Names of the segments whose inertial parameters no real body can have."""
-    return tuple(s for s, possible in zip(MASSIVE_SEGMENTS, is_physical(inertial), strict=True) if not possible)
+    return tuple(
+        s
+        for s, possible in zip(MASSIVE_SEGMENTS, is_physical(inertial), strict=True)
+        if not possible
+    )
 
 
 class Kind(Enum):
@@ -162,14 +190,23 @@ class JointParameter:
 
 
 def _catalogue() -> Iterator[JointParameter]:
-    """Joint by joint; the parent's before the child's, of each orientations before positions, by axis."""
+    """Joint by joint; the parent's before the child's, of each orientations before positions, by
+    axis.
+    """
     for joint in linkage.JOINTS:
-        moves = next(i for i, e in enumerate(joint.elements) if e.source is linkage.Source.COORDINATE)
-        for segment, elements in ((joint.parent, joint.elements[:moves]), (joint.child, joint.elements[moves:])):
+        moves = next(
+            i for i, e in enumerate(joint.elements) if e.source is linkage.Source.COORDINATE
+        )
+        for segment, elements in (
+            (joint.parent, joint.elements[:moves]),
+            (joint.child, joint.elements[moves:]),
+        ):
             for e in sorted(elements, key=lambda e: (not e.rotates, e.axis)):
                 if e.source is linkage.Source.JOINT_PARAMETER:
                     kind = Kind.ORIENTATION if e.rotates else Kind.POSITION
-                    yield JointParameter(name=e.name, joint=joint.name, segment=segment, kind=kind, axis=e.axis)
+                    yield JointParameter(
+                        name=e.name, joint=joint.name, segment=segment, kind=kind, axis=e.axis
+                    )
 
 
 JOINT_PARAMETERS: tuple[JointParameter, ...] = tuple(_catalogue())
@@ -177,17 +214,22 @@ JOINT_PARAMETERS: tuple[JointParameter, ...] = tuple(_catalogue())
 
 JP_NAMES: tuple[str, ...] = tuple(p.name for p in JOINT_PARAMETERS)
 JP_INDEX: dict[str, int] = {name: i for i, name in enumerate(JP_NAMES)}
-JP_TO_SI: Array = np.array([p.kind.to_si for p in JOINT_PARAMETERS])  # (np,) factors from mm and deg to m and rad
+JP_TO_SI: Array = np.array(
+    [p.kind.to_si for p in JOINT_PARAMETERS]
+)  # (np,) factors from mm and deg to m and rad
 
 
 def isolated_parameters(isolated: str) -> tuple[str, ...]:
-    """The JPs that an isolated trial of `hip_r`, `knee_r`, `ankle_r` (or `_l`) determines: 6, 9 or 12."""
+    """The JPs that an isolated trial of `hip_r`, `knee_r`, `ankle_r` (or `_l`) determines: 6, 9 or
+    12.
+    """
     joints = [joint.name for joint in linkage.moved_joints(isolated)]
     return tuple(p.name for p in JOINT_PARAMETERS if p.joint in joints)
 
 
 def gait_parameters(side: str) -> tuple[str, ...]:
-    """The 17 JPs of one leg that a gait trial determines: the rows of Table II that change from the isolated trials.
+    """The 17 JPs of one leg that a gait trial determines: the rows of Table II that change from the
+    isolated trials.
 
     Hip: pelvis and thigh, anterior and superior; knee: all nine; talocrural: all but lateral.
     """
@@ -211,10 +253,11 @@ class Parameters:
     joint: Array
     """(np,) m, rad: joint parameters in the order of `gaitcal.model.parameters.JP_NAMES`."""
     inertial: Array
-    """(ni,) kg, m, kg m^2: inertial parameters in the order of `gaitcal.model.parameters.IP_NAMES`."""
+    """(ni,) kg, m, kg m^2: inertial parameters in the order of `gaitcal.model.parameters.IP_NAMES`.
+    """
     zero_angles: Array
-    """(nz,) rad: constants that make zero ankle coordinates the posture with the foot at right angles to the shank, in
-    the order of `gaitcal.model.linkage.ZERO_ANGLES`."""
+    """(nz,) rad: constants that make zero ankle coordinates the posture with the foot at right
+    angles to the shank, in the order of `gaitcal.model.linkage.ZERO_ANGLES`."""
 
     def with_joint(self, names: tuple[str, ...], values: Array) -> "Parameters":
         """A copy with some joint parameters (m, rad) replaced."""
@@ -233,7 +276,9 @@ class Parameters:
         return element.sign * float(self.zero_angles[linkage.ZERO_ANGLES.index(element.name)])
 
     def centre(self, joint: str, segment: str) -> Array:
-        """(3,) m of a joint in a segment beside it; what is no parameter is zero by definition of the frames."""
+        """(3,) m of a joint in a segment beside it; what is no parameter is zero by definition of
+        the frames.
+        """
         out = np.zeros(3)
         for p in JOINT_PARAMETERS:
             if (p.joint, p.segment, p.kind) == (joint, segment, Kind.POSITION):
@@ -247,7 +292,9 @@ class Parameters:
 
 
 def published_subject() -> Parameters:
-    """The built-in nominal subject of the reproduction (`models/nominal_subject.json`; male, 69.4 kg, 1.70 m)."""
+    """The built-in nominal subject of the reproduction (`models/nominal_subject.json`; male, 69.4
+    kg, 1.70 m).
+    """
     data = json.loads((models_path() / "nominal_subject.json").read_text(encoding="utf-8"))
     listed = data["joint_parameters"]
     joint = np.empty(len(JP_NAMES))

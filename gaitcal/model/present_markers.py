@@ -1,9 +1,11 @@
-"""The marker set of one static trial: what is open in a protocol is decided by the markers that the person wears.
+"""The marker set of one static trial: what is open in a protocol is decided by the markers that the
+person wears.
 
-- A landmark is the first of its alternatives whose markers are all seen. A medial marker that lies too far from the
-  lateral one to be on the same joint is none.
-- A lateral knee marker that the trial lacks is put where a knee alignment device has its corner, else where the file's
-  own modelled marker is. Neither was measured in walks: they serve the static trial only.
+- A landmark is the first of its alternatives whose markers are all seen. A medial marker that lies
+  too far from the lateral one to be on the same joint is none.
+- A lateral knee marker that the trial lacks is put where a knee alignment device has its corner,
+  else where the file's own modelled marker is. Neither was measured in walks: they serve the static
+  trial only.
 - A marker that only an alternative needs which was not chosen is missed by nobody.
 """
 
@@ -19,12 +21,19 @@ from gaitcal.model.landmarks import corner, is_device
 from gaitcal.model.linkage import SIDE_WORDS, SIDES
 from gaitcal.model.marker_set import PARTNER, REQUIRED, MarkerSet
 
-ROD_M = (0.05, 0.15)  # m, allowed length of a rod of a knee alignment device; the usual one has 0.095
-JOINT_WIDTH_M = (0.03, 0.2)  # m, allowed distance between the lateral and the medial marker of a knee or an ankle
+ROD_M = (
+    0.05,
+    0.15,
+)  # m, allowed length of a rod of a knee alignment device; the usual one has 0.095
+JOINT_WIDTH_M = (
+    0.03,
+    0.2,
+)  # m, allowed distance between the lateral and the medial marker of a knee or an ankle
 
 
 def complete_static(static: Recording, marker_set: MarkerSet) -> Recording:
-    """The static trial with the lateral knee markers, and others of landmarks, that it has in another way; with notes.
+    """The static trial with the lateral knee markers, and others of landmarks, that it has in
+    another way; with notes.
 
     `static`: its labels as the set spells them. A recording that lacks nothing comes back as it is.
 
@@ -39,29 +48,38 @@ def complete_static(static: Recording, marker_set: MarkerSet) -> Recording:
     if at_corner:
         added |= at_corner
         notes.append(
-            f"{', '.join(at_corner)}: not a marker of this trial, but the corner of a knee alignment device; the "
+            f"{', '.join(at_corner)}: not a marker of this trial, but the corner of a knee "
+            "alignment device; the "
             "marker worn in walks may sit some mm from there"
         )
     modelled = _modelled(static, marker_set, seen | set(added))
     if modelled:
         added |= modelled
-        notes.append(f"{', '.join(modelled)}: not a marker of this trial, but a point that the file's program modelled")
+        notes.append(
+            f"{', '.join(modelled)}: not a marker of this trial, but a point that the file's "
+            "program modelled"
+        )
     if not added:
         return static
     kept = [i for i, label in enumerate(static.labels) if label not in added]
-    markers = np.concatenate([static.markers[:, kept], np.stack(list(added.values()), axis=1)], axis=1)
+    markers = np.concatenate(
+        [static.markers[:, kept], np.stack(list(added.values()), axis=1)], axis=1
+    )
     labels = (*(static.labels[i] for i in kept), *added)
     return replace(static, labels=labels, markers=markers).with_notes(*notes)
 
 
 def _check_no_rod_is_a_knee(static: Recording, marker_set: MarkerSet) -> None:
-    """The end of a rod under the name of the knee marker would put the knee 95 mm outwards of where it is."""
+    """The end of a rod under the name of the knee marker would put the knee 95 mm outwards of where
+    it is.
+    """
     seen = _seen(static)
     for label, (axis, second, third) in marker_set.knee_device.items():
         rods = {label, second, third} <= seen and axis not in seen
         if rods and is_device(*(path_of(static, part) for part in (label, second, third))):
             raise InputError(
-                f"found the end of a rod of a knee alignment device, as far from '{second}' and '{third}' as they are "
+                f"found the end of a rod of a knee alignment device, as far from '{second}' and "
+                f"'{third}' as they are "
                 "from each other; allowed: a marker on the knee. "
                 f"Leave its label as '{axis}': the set knows the device",
                 source=static.source,
@@ -71,7 +89,9 @@ def _check_no_rod_is_a_knee(static: Recording, marker_set: MarkerSet) -> None:
 
 
 def _modelled(static: Recording, marker_set: MarkerSet, seen: set[str]) -> dict[str, Array]:
-    """Marker -> (nf, 3) m, points that another program computed, for landmarks that no marker `seen` gives."""
+    """Marker -> (nf, 3) m, points that another program computed, for landmarks that no marker
+    `seen` gives.
+    """
     labels = () if static.computed is None else static.computed.labels
     paths = {label: path for label in labels if (path := _computed(static, label)) is not None}
     at = {label: path for label, path in paths.items() if np.isfinite(path).any()}
@@ -84,11 +104,15 @@ def _modelled(static: Recording, marker_set: MarkerSet, seen: set[str]) -> dict[
     return out
 
 
-def present_markers(marker_set: MarkerSet, static: Recording, elsewhere: Iterable[str] = ()) -> MarkerSet:
-    """The set with nothing left open, as the static trial (from `complete_static`) shows it worn; its notes say how.
+def present_markers(
+    marker_set: MarkerSet, static: Recording, elsewhere: Iterable[str] = ()
+) -> MarkerSet:
+    """The set with nothing left open, as the static trial (from `complete_static`) shows it worn;
+    its notes say how.
 
-    A required landmark that the trial gives in no way stays as the set prefers it, so that its absence can be told; but
-    heel or toe, where no trial has it (`elsewhere`: labels of the other trials) and the other end of the foot is there.
+    A required landmark that the trial gives in no way stays as the set prefers it, so that its
+    absence can be told; but heel or toe, where no trial has it (`elsewhere`: labels of the other
+    trials) and the other end of the foot is there.
     """
     if not (marker_set.alternatives or marker_set.optional or marker_set.knee_device):
         return marker_set
@@ -103,13 +127,21 @@ def present_markers(marker_set: MarkerSet, static: Recording, elsewhere: Iterabl
             if seen.issuperset(group) and _fits(name, group, marker_set, landmarks, static, notes):
                 chosen = group
                 break
-        if chosen is None and name in REQUIRED and not _guessed(name, marker_set, static, seen, set(elsewhere)):
+        if (
+            chosen is None
+            and name in REQUIRED
+            and not _guessed(name, marker_set, static, seen, set(elsewhere))
+        ):
             chosen = options[0]
         if chosen is None:
             continue
         landmarks[name] = chosen
         if len(options) > 1 and seen.issuperset(chosen):
-            instead = f", as {', '.join(options[0])} are not worn" if name in REQUIRED and chosen != options[0] else ""
+            instead = (
+                f", as {', '.join(options[0])} are not worn"
+                if name in REQUIRED and chosen != options[0]
+                else ""
+            )
             choices.append(f"{name} is {', '.join(chosen)}{instead}")
     whole = _devices(static, marker_set)
     for label, parts in marker_set.knee_device.items():
@@ -118,7 +150,8 @@ def present_markers(marker_set: MarkerSet, static: Recording, elsewhere: Iterabl
             landmarks[f"knee_axis_{side}"] = (parts[0],)
             of = ", ".join(parts) if label in whole else f"{parts[0]} and the modelled {label}"
             notes.append(
-                f"knee, {SIDE_WORDS[side]}: {of} taken as a knee alignment device, whose rod is the "
+                f"knee, {SIDE_WORDS[side]}: {of} taken as a knee alignment device, whose rod is "
+                "the "
                 "direction of the knee's axis"
             )
     tracking, static_only = _groups(marker_set, landmarks, seen)
@@ -128,7 +161,14 @@ def present_markers(marker_set: MarkerSet, static: Recording, elsewhere: Iterabl
         alternatives={},
         knee_device={},
         devices=tuple(m for parts in marker_set.knee_device.values() for m in parts),
-        notes=(*([f"landmarks of the set that have alternatives: {'; '.join(choices)}"] if choices else []), *notes),
+        notes=(
+            *(
+                [f"landmarks of the set that have alternatives: {'; '.join(choices)}"]
+                if choices
+                else []
+            ),
+            *notes,
+        ),
         tracking=tracking,
         static_only=static_only,
         optional={},
@@ -142,34 +182,65 @@ def present_markers(marker_set: MarkerSet, static: Recording, elsewhere: Iterabl
     )
 
 
-def _guessed(name: str, marker_set: MarkerSet, static: Recording, seen: set[str], elsewhere: set[str]) -> bool:
+def _guessed(
+    name: str, marker_set: MarkerSet, static: Recording, seen: set[str], elsewhere: set[str]
+) -> bool:
     """Whether this end of a foot has no marker in any trial, while the other end has one."""
     if name not in PARTNER:
         return False
     known = {label for group in marker_set.options(name) for label in group}
     other = marker_set.options(PARTNER[name]) if PARTNER[name] in marker_set.landmarks else ()
-    return known.isdisjoint({*static.labels, *elsewhere}) and any(seen.issuperset(group) for group in other)
+    return known.isdisjoint({*static.labels, *elsewhere}) and any(
+        seen.issuperset(group) for group in other
+    )
 
 
 def _groups(
     marker_set: MarkerSet, landmarks: Mapping[str, tuple[str, ...]], seen: set[str]
 ) -> Iterator[dict[str, tuple[str, ...]]]:
-    """`tracking` and `static_only`, those of `optional` among them, without what nobody wears and nobody misses."""
+    """`tracking` and `static_only`, those of `optional` among them, without what nobody wears and
+    nobody misses.
+    """
     in_use = {label for group in landmarks.values() for label in group}
-    open_names = [name for name in marker_set.landmarks if name in marker_set.alternatives or name not in landmarks]
-    rejected = {m for name in open_names for group in marker_set.options(name) for m in group} - in_use - seen
-    tracking = {s: tuple(m for m in labels if m not in rejected) for s, labels in marker_set.tracking.items()}
-    static_only = {s: tuple(m for m in labels if m not in rejected) for s, labels in marker_set.static_only.items()}
+    open_names = [
+        name
+        for name in marker_set.landmarks
+        if name in marker_set.alternatives or name not in landmarks
+    ]
+    rejected = (
+        {m for name in open_names for group in marker_set.options(name) for m in group}
+        - in_use
+        - seen
+    )
+    tracking = {
+        s: tuple(m for m in labels if m not in rejected)
+        for s, labels in marker_set.tracking.items()
+    }
+    static_only = {
+        s: tuple(m for m in labels if m not in rejected)
+        for s, labels in marker_set.static_only.items()
+    }
     lasting = {m for name, group in landmarks.items() if "_med_" not in name for m in group}
     for segment, labels in marker_set.optional.items():
         there = tuple(m for m in labels if m in seen)
-        always = there if seen.isdisjoint(tracking.get(segment, ())) else tuple(m for m in there if m in lasting)
+        always = (
+            there
+            if seen.isdisjoint(tracking.get(segment, ()))
+            else tuple(m for m in there if m in lasting)
+        )
         tracking[segment] = (*tracking.get(segment, ()), *always)
-        static_only[segment] = (*static_only.get(segment, ()), *(m for m in there if m not in always))
-    followed = {s for s, labels in tracking.items() if any(marker_set.weight(m) > 0 for m in labels)}
+        static_only[segment] = (
+            *static_only.get(segment, ()),
+            *(m for m in there if m not in always),
+        )
+    followed = {
+        s for s, labels in tracking.items() if any(marker_set.weight(m) > 0 for m in labels)
+    }
     for segment in set(static_only) - followed:  # landmarks without a cluster
         tracking[segment] = (*tracking.get(segment, ()), *static_only.pop(segment))
-    return ({s: labels for s, labels in table.items() if labels} for table in (tracking, static_only))
+    return (
+        {s: labels for s, labels in table.items() if labels} for table in (tracking, static_only)
+    )
 
 
 def _seen(recording: Recording) -> set[str]:
@@ -214,7 +285,8 @@ def _computed(static: Recording, label: str) -> Array | None:
 
 
 def _on_rod(static: Recording, label: str, end: str) -> bool:
-    """Whether a modelled knee marker and a measured one are as far apart as a rod of the device is long.
+    """Whether a modelled knee marker and a measured one are as far apart as a rod of the device is
+    long.
 
     Its other markers were then seen by the program that modelled the knee, if not by us.
     """
@@ -243,14 +315,21 @@ def _fits(
     static: Recording,
     notes: list[str],
 ) -> bool:
-    """Whether markers can be a landmark: a medial one lies as far from the lateral one as a joint is wide."""
+    """Whether markers can be a landmark: a medial one lies as far from the lateral one as a joint
+    is wide.
+    """
     joint, _, side = name.partition("_med_")
-    lateral = landmarks.get(f"{joint}_lat_{side}", marker_set.landmarks.get(f"{joint}_lat_{side}", ()))
+    lateral = landmarks.get(
+        f"{joint}_lat_{side}", marker_set.landmarks.get(f"{joint}_lat_{side}", ())
+    )
     if joint not in ("knee", "ankle") or not lateral or not _seen(static).issuperset(lateral):
         return True
     apart = _apart(_mean(static, group), _mean(static, lateral))
     if JOINT_WIDTH_M[0] <= apart <= JOINT_WIDTH_M[1]:
         return True
     found = f"{1e3 * apart:.0f} mm from" if np.isfinite(apart) else "never seen with"
-    notes.append(f"{', '.join(group)} not taken for {name}: {found} {', '.join(lateral)}, no width of a joint")
+    notes.append(
+        f"{', '.join(group)} not taken for {name}: {found} {', '.join(lateral)}, no width of a "
+        "joint"
+    )
     return False

@@ -1,6 +1,7 @@
 """Segment frames and joint centres of pelvis and legs in the static posture (laboratory).
 
-Every frame is x anterior, y superior, z to the right. With unit(a) = a / |a| and a - (a.y) y the part of a across y:
+Every frame is x anterior, y superior, z to the right. With unit(a) = a / |a| and a - (a.y) y the
+part of a across y:
 
     pelvis   origin mid-ASIS; z = unit(R.ASIS - L.ASIS); y across z and the line to the sacrum; x = y x z
     thigh    origin hip centre; y = unit(HJC - KJC), KJC mid-epicondyles; z the epicondylar line across y
@@ -9,30 +10,35 @@ Every frame is x anterior, y superior, z to the right. With unit(a) = a / |a| an
 
 The lumbar joint is the nominal subject's, scaled by the distance between the two ASIS.
 
-Hip centres, by a regression or as the file has them. In the pelvis frame, right side; PW is the distance between the
-two ASIS, PD that from their middle to the middle of the two PSIS (or the one sacral marker between them):
+Hip centres, by a regression or as the file has them. In the pelvis frame, right side; PW is the
+distance between the two ASIS, PD that from their middle to the middle of the two PSIS (or the one
+sacral marker between them):
 
     Bell        x = -0.193 PW            y = -0.304 PW             z = 0.359 PW
     OrthoTrak   x = -0.22 PW             y = -0.34 PW              z = 0.32 PW
     Harrington  x = -0.24 PD - 9.9 mm    y = -0.30 PW - 10.9 mm    z = 0.33 PW + 7.3 mm
 
-Bell, Pedersen and Brand, J Biomech 23:617-621, 1990, as Reinbolt et al. 2007 quote them; OrthoTrak as deduced from the
-differences that the latter print in Table II; Harrington, Zavatsky, Lawson, Yuan and Theologis, J Biomech 40:595-602,
-2007, from magnetic resonance images of 8 adults, 14 children and 10 children with cerebral palsy: of the regressions
-held against images the nearest (Mantovani, Ng and Lamontagne, Gait Posture 44:48-54, 2016; Sangeux, Peters and Baker,
-Gait Posture 34:324-328, 2011 and 40:20-25, 2014; Peters, Baker, Morris and Sangeux, Gait Posture 36:282-286, 2012). PD
-is a distance of marker centres, and so is PW unless somebody measured it by hand, between the bones; OrthoTrak's
-factors are for markers. The radius and the skin beneath the markers are not taken off.
+Bell, Pedersen and Brand, J Biomech 23:617-621, 1990, as Reinbolt et al. 2007 quote them; OrthoTrak
+as deduced from the differences that the latter print in Table II; Harrington, Zavatsky, Lawson,
+Yuan and Theologis, J Biomech 40:595-602, 2007, from magnetic resonance images of 8 adults, 14
+children and 10 children with cerebral palsy: of the regressions held against images the nearest
+(Mantovani, Ng and Lamontagne, Gait Posture 44:48-54, 2016; Sangeux, Peters and Baker, Gait Posture
+34:324-328, 2011 and 40:20-25, 2014; Peters, Baker, Morris and Sangeux, Gait Posture 36:282-286,
+2012). PD is a distance of marker centres, and so is PW unless somebody measured it by hand, between
+the bones; OrthoTrak's factors are for markers. The radius and the skin beneath the markers are not
+taken off.
 
-Centres and axes of knee and ankle, in order of preference: the middle between the lateral and the medial marker; a knee
-alignment device, whose rod has the direction of the knee's axis; neither, and then the direction comes from the segment
-above: the pelvis's z for the knee, the knee's z turned outwards by the tibial torsion for the ankle. Without a medial
-marker the centre C lies h inwards of the lateral marker M along z, where z is the part of that direction across the
-line from C to the joint above:
+Centres and axes of knee and ankle, in order of preference: the middle between the lateral and the
+medial marker; a knee alignment device, whose rod has the direction of the knee's axis; neither, and
+then the direction comes from the segment above: the pelvis's z for the knee, the knee's z turned
+outwards by the tibial torsion for the ankle. Without a medial marker the centre C lies h inwards of
+the lateral marker M along z, where z is the part of that direction across the line from C to the
+joint above:
 
     C = M -+ h z(C),      h = width / 2 + radius of the marker,
 
-the width as measured by hand, else h in proportion to height. For the knee this is the `chord` of Davis et al. 1991.
+the width as measured by hand, else h in proportion to height. For the knee this is the `chord` of
+Davis et al. 1991.
 """
 
 from collections.abc import Mapping
@@ -51,23 +57,31 @@ from gaitcal.model.subject_model import Subject
 _NOMINAL_ASIS = 0.245  # m, of the nominal subject
 _NOMINAL_LUMBAR = (-0.095, 0.077, 0.0)
 """m in its pelvis frame: about the third lumbar vertebra, as in Anderson and Pandy 1999."""
-NOMINAL_HEIGHT = 1.70  # m; joint widths below are the nominal subject's, between marker centres, and go with height
+# m; joint widths below are the nominal subject's, between marker centres, and go with height
+NOMINAL_HEIGHT = 1.70
 WIDTH = {"knee": 0.1118, "ankle": 0.0852, "elbow": 0.080}
 MARKER_DIAMETER_M = 0.014  # of the markers of most clinics, where nothing tells
 PLAUSIBLE_WIDTH = (0.5, 1.8)
-"""Allowed measured width as a multiple of that in proportion to height; a width outside of it is a slip of the pen."""
-TIBIAL_TORSION = np.deg2rad(5.0)  # the malleolar line is turned outwards by this much against the epicondylar one
+"""Allowed measured width as a multiple of that in proportion to height; a width outside of it is a
+slip of the pen.
+"""
+TIBIAL_TORSION = np.deg2rad(
+    5.0
+)  # the malleolar line is turned outwards by this much against the epicondylar one
 SETTLED, ROUNDS = 1e-15, 200
-"""m or share of height by which a joint centre moves at most in the last round of a fixed-point iteration."""
+"""m or share of height by which a joint centre moves at most in the last round of a fixed-point
+iteration.
+"""
 FARTHEST_GIVEN = 0.40
-"""Share of the distance between the ASIS by which a given hip centre may lie off Harrington's. The regression misses
-hips by some 5 %, of the people here by 12 % at worst; the other side's hip lies 75 % away."""
+"""Share of the distance between the ASIS by which a given hip centre may lie off Harrington's. The
+regression misses hips by some 5 %, of the people here by 12 % at worst; the other side's hip lies
+75 % away."""
 DOUBTED_GIVEN, UNEVEN_GIVEN = 0.22, 0.15
-"""The same from which given hips are doubted, as Plug-in Gait's own lie up to 15 % off Harrington's; and how far the
-two may be from mirror images of each other."""
+"""The same from which given hips are doubted, as Plug-in Gait's own lie up to 15 % off
+Harrington's; and how far the two may be from mirror images of each other."""
 PLAUSIBLE_SHARE = (0.6, 1.1)
-"""Allowed distance between the ASIS as measured by hand over that between their markers: 0.86 to 1.00 of seven people;
-less of stout ones, and hardly more, as bones lie inside of the skin."""
+"""Allowed distance between the ASIS as measured by hand over that between their markers: 0.86 to
+1.00 of seven people; less of stout ones, and hardly more, as bones lie inside of the skin."""
 
 
 @dataclass(frozen=True)
@@ -115,7 +129,9 @@ def sign(side: str) -> float:
 
 
 def rigid_motions(points: Array, paths: Array) -> tuple[Array, Array]:
-    """R (nf, 3, 3) and o (nf, 3) of the rigid motions of points (n, 3) nearest to paths (nf, n, 3), Kabsch 1976."""
+    """R (nf, 3, 3) and o (nf, 3) of the rigid motions of points (n, 3) nearest to paths (nf, n, 3),
+    Kabsch 1976.
+    """
     middle, middles = points.mean(axis=0), paths.mean(axis=1)
     rotation = nearest_rotation(np.einsum("fni,nj->fij", paths - middles[:, None], points - middle))
     return rotation, middles - rotation @ middle
@@ -129,7 +145,8 @@ def nearest_rotation(matrix: Array) -> Array:
 
 
 def place_variance(points: Array, place: Array) -> float:
-    """Variance of a place (3,) that points (n, 3) carry, for one of every point: 1/n + trace([r] I^-1 [r]^T) / 3.
+    """Variance of a place (3,) that points (n, 3) carry, for one of every point: 1/n + trace([r]
+    I^-1 [r]^T) / 3.
 
     I is the inertia of n unit masses at the points, r the way from their middle to the place.
     """
@@ -158,7 +175,11 @@ class HipCentre(Enum):
 _FRACTIONS = {HipCentre.BELL: (-0.193, -0.304, 0.359), HipCentre.ORTHOTRAK: (-0.22, -0.34, 0.32)}
 _HARRINGTON = ((-0.24, -0.0099), (-0.30, -0.0109), (0.33, 0.0073))
 """Factor and constant (m) of x (by PD), y and z (by PW)."""
-_PRINTED = {HipCentre.BELL: "Bell 1990", HipCentre.ORTHOTRAK: "OrthoTrak", HipCentre.HARRINGTON: "Harrington 2007"}
+_PRINTED = {
+    HipCentre.BELL: "Bell 1990",
+    HipCentre.ORTHOTRAK: "OrthoTrak",
+    HipCentre.HARRINGTON: "Harrington 2007",
+}
 
 
 @dataclass(frozen=True)
@@ -171,7 +192,10 @@ class PelvicWidth:
     @property
     def is_plausible(self) -> bool:
         """Whether there is a measured distance that can belong to these markers."""
-        return self.measured is not None and PLAUSIBLE_SHARE[0] <= self.measured / self.markers <= PLAUSIBLE_SHARE[1]
+        return (
+            self.measured is not None
+            and PLAUSIBLE_SHARE[0] <= self.measured / self.markers <= PLAUSIBLE_SHARE[1]
+        )
 
     def of(self, rule: HipCentre) -> float:
         """PW of a regression."""
@@ -181,23 +205,36 @@ class PelvicWidth:
 
     def words(self, rule: HipCentre) -> str:
         """Which is taken, and what speaks against it."""
-        taken, markers = f"{1e3 * self.of(rule):.0f} mm between the ASIS", f"{1e3 * self.markers:.0f} mm"
+        taken, markers = (
+            f"{1e3 * self.of(rule):.0f} mm between the ASIS",
+            f"{1e3 * self.markers:.0f} mm",
+        )
         if self.measured is None:
             return taken
         if not self.is_plausible:
             low, high = PLAUSIBLE_SHARE
-            why = f"the measured {1e3 * self.measured:.0f} mm are not used: allowed: {low:g} to {high:g} times that"
+            why = (
+                f"the measured {1e3 * self.measured:.0f} mm are not used: allowed: {low:g} to "
+                f"{high:g} times that"
+            )
             return f"{taken} (between their markers; {why})"
         if rule is HipCentre.ORTHOTRAK:
-            return f"{taken} (between their markers, which it is made for; measured {1e3 * self.measured:.0f} mm)"
+            return (
+                f"{taken} (between their markers, which it is made for; measured "
+                f"{1e3 * self.measured:.0f} mm)"
+            )
         return f"{taken} (as measured by hand; {markers} between their markers)"
 
 
 def hip_centre(rule: HipCentre, asis_distance: float, pelvic_depth: float, side: str) -> Array:
-    """(3,) m, hip centre in the pelvis frame by a regression from PW = `asis_distance` and PD = `pelvic_depth`, m."""
+    """(3,) m, hip centre in the pelvis frame by a regression from PW = `asis_distance` and PD =
+    `pelvic_depth`, m.
+    """
     if rule is HipCentre.HARRINGTON:
         sizes = (pelvic_depth, asis_distance, asis_distance)
-        ant, sup, lat = (factor * size + more for (factor, more), size in zip(_HARRINGTON, sizes, strict=True))
+        ant, sup, lat = (
+            factor * size + more for (factor, more), size in zip(_HARRINGTON, sizes, strict=True)
+        )
     else:
         ant, sup, lat = asis_distance * np.array(_FRACTIONS[rule])
     return np.array([ant, sup, lat if side == "r" else -lat])
@@ -208,29 +245,39 @@ def _hips(
 ) -> tuple[Mapping[str, Array], list[str]]:
     """Side -> hip centre (3,) m in the laboratory, and where it is from.
 
-    Raises InputError: Those of the file are asked for, and there are none; or one lies where no hip can be.
+    Raises InputError: Those of the file are asked for, and there are none; or one lies where no hip
+    can be.
     """
     depth = float(np.linalg.norm(pelvis.origin - posture.landmarks["sacrum"]))
     regression = HipCentre.HARRINGTON if rule is HipCentre.GIVEN else rule
     hips = {s: pelvis.point(hip_centre(regression, width.of(regression), depth, s)) for s in SIDES}
-    gaps = {s: 1e3 * float(np.linalg.norm(posture.hips[s] - hips[s])) for s in SIDES if s in posture.hips}
+    gaps = {
+        s: 1e3 * float(np.linalg.norm(posture.hips[s] - hips[s]))
+        for s in SIDES
+        if s in posture.hips
+    }
     if rule is not HipCentre.GIVEN:
         back = (
-            f" and {1e3 * depth:.0f} mm from their middle to the sacral markers" if rule is HipCentre.HARRINGTON else ""
+            f" and {1e3 * depth:.0f} mm from their middle to the sacral markers"
+            if rule is HipCentre.HARRINGTON
+            else ""
         )
         notes = [f"hip centres by the {_PRINTED[rule]} regression from {width.words(rule)}{back}"]
         if len(gaps) == len(SIDES):
             labels = ", ".join(posture.hip_labels[s] for s in SIDES)
             away = ", ".join(f"{gaps[s]:.0f} mm ({s})" for s in SIDES)
             notes.append(
-                f"the static trial has hip centres {labels}, {away} from these; hip_centre = 'given' takes them instead"
+                f"the static trial has hip centres {labels}, {away} from these; hip_centre = "
+                "'given' takes them instead"
             )
         return hips, notes
     missing = [f"hjc_{side}" for side in SIDES if side not in gaps]
     if missing:
         raise InputError(
-            f"the static trial has no hip centre {' and '.join(missing)}; allowed: markers or computed "
-            "points called RHJC, LHJC (R_HJC, RHJ, ...), landmarks hjc_r and hjc_l of the marker set, or another "
+            f"the static trial has no hip centre {' and '.join(missing)}; allowed: markers or "
+            "computed "
+            "points called RHJC, LHJC (R_HJC, RHJ, ...), landmarks hjc_r and hjc_l of the marker "
+            "set, or another "
             "hip_centre",
             source=posture.source,
             field="calibration.hip_centre = 'given'",
@@ -240,18 +287,23 @@ def _hips(
     for side in SIDES:
         if gaps[side] > most:
             raise InputError(
-                f"found it {gaps[side]:.0f} mm from where the pelvis's markers tell; allowed: at most {most:.0f} mm; "
+                f"found it {gaps[side]:.0f} mm from where the pelvis's markers tell; allowed: at "
+                f"most {most:.0f} mm; "
                 "are the sides exchanged?",
                 source=posture.source,
                 field=f"hip centre {posture.hip_labels[side]}",
                 code=Code.GIVEN_BY_FILE,
             )
     away = ", ".join(f"{posture.hip_labels[s]} {gaps[s]:.0f} mm" for s in SIDES)
-    return posture.hips, [f"hip centres are points of the file, this far from where Harrington 2007 has them: {away}"]
+    return posture.hips, [
+        f"hip centres are points of the file, this far from where Harrington 2007 has them: {away}"
+    ]
 
 
 def half_width(joint: str, height: float) -> float:
-    """Distance (m) from a lateral marker's centre to the middle of the joint, for a person of this height (m)."""
+    """Distance (m) from a lateral marker's centre to the middle of the joint, for a person of this
+    height (m).
+    """
     return 0.5 * WIDTH[joint] * height / NOMINAL_HEIGHT
 
 
@@ -263,13 +315,19 @@ class JointWidths:
     measured: Mapping[tuple[str, str], float] = field(default_factory=dict)
     """(`knee` or `ankle`, side) -> m across the joint."""
     marker_diameter: float | None = None  # m; None where nobody told
-    asis_distance: float | None = None  # m between the ASIS, measured by hand, for the hips; None where nobody told
+    asis_distance: float | None = (
+        None  # m between the ASIS, measured by hand, for the hips; None where nobody told
+    )
 
     @classmethod
     def of(cls, subject: Subject) -> "JointWidths":
         """Those of a person."""
         widths = {"knee": subject.knee_width, "ankle": subject.ankle_width}
-        measured = {(joint, side): width for joint, by_side in widths.items() for side, width in by_side.items()}
+        measured = {
+            (joint, side): width
+            for joint, by_side in widths.items()
+            for side, width in by_side.items()
+        }
         return cls(subject.height, measured, subject.marker_diameter, subject.asis_distance)
 
     @property
@@ -291,11 +349,18 @@ class JointWidths:
 
 
 def joint_centre(
-    posture: StaticPosture, joint: str, side: str, above: Array, z_above: Array, turn: float, widths: JointWidths
+    posture: StaticPosture,
+    joint: str,
+    side: str,
+    above: Array,
+    z_above: Array,
+    turn: float,
+    widths: JointWidths,
 ) -> tuple[Array, Array]:
     """Joint centre (3,) m, and the direction (3,) its segment's z is taken from, to the right.
 
-    `above`: (3,) m, centre of the joint above; `z_above`: (3,) direction to fall back on, turned by `turn` rad.
+    `above`: (3,) m, centre of the joint above; `z_above`: (3,) direction to fall back on, turned by
+    `turn` rad.
     """
     lateral = posture.landmarks[f"{joint}_lat_{side}"]
     s = sign(side)
@@ -325,13 +390,18 @@ def centre_notes(posture: StaticPosture, widths: JointWidths) -> list[str]:
             return f"{inwards}, in proportion to height"
         assumed = "" if widths.marker_diameter is not None else " (assumed: nothing tells it)"
         width, diameter = 1e3 * widths.measured[joint, side], 2e3 * widths.marker_radius
-        return f"{inwards}: half of the measured {width:.0f} mm and of the marker's {diameter:.0f} mm{assumed}"
+        return (
+            f"{inwards}: half of the measured {width:.0f} mm and of the marker's {diameter:.0f} "
+            f"mm{assumed}"
+        )
 
     def axis(joint: str, side: str) -> str:
         if posture.has(f"{joint}_axis_{side}"):
             return "its axis is that of the knee alignment device, across the thigh"
         if joint == "knee":
-            return "its axis is the pelvis's lateral direction across the thigh in the static posture"
+            return (
+                "its axis is the pelvis's lateral direction across the thigh in the static posture"
+            )
         return f"a tibial torsion of {np.rad2deg(TIBIAL_TORSION):.0f} deg is assumed"
 
     notes: list[str] = []
@@ -342,13 +412,17 @@ def centre_notes(posture: StaticPosture, widths: JointWidths) -> list[str]:
                 found.setdefault((place(joint, side), axis(joint, side)), []).append(side)
         for (at, along), sides in found.items():
             where = "both sides" if len(sides) == len(SIDES) else SIDE_WORDS[sides[0]]
-            notes.append(f"{joint}, {where}: no medial marker; its centre is assumed {at}, and {along}")
+            notes.append(
+                f"{joint}, {where}: no medial marker; its centre is assumed {at}, and {along}"
+            )
     for (joint, side), width in widths.measured.items():
         if not widths.is_measured(joint, side):
             expected_mm = 2e3 * half_width(joint, widths.height)
             notes.append(
-                f"{joint}, {SIDE_WORDS[side]}: a width of {1e3 * width:.0f} mm is not used: found, that is, "
-                f"{1e3 * width / expected_mm:.1f} times the {expected_mm:.0f} mm of a person of this height; allowed: "
+                f"{joint}, {SIDE_WORDS[side]}: a width of {1e3 * width:.0f} mm is not used: found, "
+                "that is, "
+                f"{1e3 * width / expected_mm:.1f} times the {expected_mm:.0f} mm of a person of "
+                "this height; allowed: "
                 f"{PLAUSIBLE_WIDTH[0]:g} to {PLAUSIBLE_WIDTH[1]:g} times"
             )
     return notes
@@ -366,7 +440,9 @@ class LowerBody:
 def lower_body(
     posture: StaticPosture, height: float, rule: HipCentre, *, widths: JointWidths | None = None
 ) -> LowerBody:
-    """Frames and centres of pelvis and legs; `height` in m; `widths` as measured, else in proportion to it."""
+    """Frames and centres of pelvis and legs; `height` in m; `widths` as measured, else in
+    proportion to it.
+    """
     widths = widths or JointWidths(height)
     p = posture.landmarks
     pelvis = pelvis_frame(p["asis_r"], p["asis_l"], p["sacrum"])
@@ -377,10 +453,14 @@ def lower_body(
     notes.append("lumbar joint as in the nominal subject, scaled by the distance between the ASIS")
     for side in SIDES:
         hip, heel = hips[side], p[f"heel_{side}"]
-        knee, towards_z = joint_centre(posture, "knee", side, hip, pelvis.rotation[:, 2], 0.0, widths)
+        knee, towards_z = joint_centre(
+            posture, "knee", side, hip, pelvis.rotation[:, 2], 0.0, widths
+        )
         thigh = frame_yz(hip, unit(hip - knee), towards_z)
         torsion = -sign(side) * TIBIAL_TORSION
-        ankle, towards_z = joint_centre(posture, "ankle", side, knee, thigh.rotation[:, 2], torsion, widths)
+        ankle, towards_z = joint_centre(
+            posture, "ankle", side, knee, thigh.rotation[:, 2], torsion, widths
+        )
         shank = frame_yz(knee, unit(knee - ankle), towards_z)
         x = unit(p[f"toe_{side}"] - heel)
         z = unit(cross(x, shank.rotation[:, 1]))

@@ -1,12 +1,14 @@
 """One person's model: who, which parameters, which markers where.
 
-`PointNoise`: how points err that are no markers on skin, the corners of segment poses and the key points of markerless
-programs. A marker's error is skin that moves with the joints (`calibration/soft_tissue_artefact.py`), and cameras that
-err by tenths of a millimetre: the residuals tell both. What a program sees in pictures errs otherwise. Most of it is
-constant: the joint centre of thousands of annotated pictures is not this person's, which no residual shows, and which
-joints and axes are widened by (`joints`). The rest changes as slowly as what the cameras see, so that frames near to
-each other say the same (`memory_s`); and where the program has fitted a body of its own, its residuals are smaller than
-its errors (`size_mm` is the least that is believed of them).
+`PointNoise`: how points err that are no markers on skin, the corners of segment poses and the key
+points of markerless programs. A marker's error is skin that moves with the joints
+(`calibration/soft_tissue_artefact.py`), and cameras that err by tenths of a millimetre: the
+residuals tell both. What a program sees in pictures errs otherwise. Most of it is constant: the
+joint centre of thousands of annotated pictures is not this person's, which no residual shows, and
+which joints and axes are widened by (`joints`). The rest changes as slowly as what the cameras see,
+so that frames near to each other say the same (`memory_s`); and where the program has fitted a body
+of its own, its residuals are smaller than its errors (`size_mm` is the least that is believed of
+them).
 """
 
 from collections.abc import Collection, Mapping
@@ -24,7 +26,8 @@ GRAVITY = 9.81  # m/s^2, downwards along -y
 
 @dataclass(frozen=True, kw_only=True)
 class PatientRecord:
-    """What a clinic writes down of a person and a session, as reports and tables show it; empty: nobody says it.
+    """What a clinic writes down of a person and a session, as reports and tables show it; empty:
+    nobody says it.
 
     Nothing is computed from it but the age (`study/study.py`). Dates are `2016-03-09`.
     """
@@ -32,7 +35,9 @@ class PatientRecord:
     birth_date: str = ""
     """Only where the study has it, never from a recording."""
     session_date: str = ""
-    """Of the recordings: from the study, else from the files themselves; never that of the computation."""
+    """Of the recordings: from the study, else from the files themselves; never that of the
+    computation.
+    """
     diagnosis: str = ""
     affected_side: str = ""
     """`right`, `left`, `both` or `none`."""
@@ -57,7 +62,9 @@ class Subject:
     height: float
     """m."""
     sex: str
-    """`male` or `female`: the column of the anthropometric table; empty where nobody says: the mean of both."""
+    """`male` or `female`: the column of the anthropometric table; empty where nobody says: the mean
+    of both.
+    """
     age: float | None = None
     """Years; None where not known."""
     height_error: float = 0.0
@@ -116,12 +123,16 @@ class SubjectModel(Displayed):
     markers: MarkerPlacement
     """Where the tracking markers sit in their segments."""
     frozen: tuple[str, ...] = ()
-    """Coordinates that no marker of the static trial moves with (no arms, no head): arms hang along the trunk, and the
-    trunk stays upright (`tracking/coordinate_prior.py`)."""
+    """Coordinates that no marker of the static trial moves with (no arms, no head): arms hang along
+    the trunk, and the trunk stays upright (`tracking/coordinate_prior.py`)."""
     posture: Mapping[str, float] = field(default_factory=dict)
-    """Coordinate -> rad in the static posture, the pelvis as if it faced along x; what is not there is zero."""
+    """Coordinate -> rad in the static posture, the pelvis as if it faced along x; what is not there
+    is zero.
+    """
     landmarks: dict[str, tuple[str, Array]] = field(default_factory=dict)
-    """Named points: segment and position (3,) m in its frame (`asis_r`, `hjc_r`, `knee_lat_r`, ...)."""
+    """Named points: segment and position (3,) m in its frame (`asis_r`, `hjc_r`, `knee_lat_r`,
+    ...).
+    """
     noise: "PointNoise | None" = None
     """How its markers err where they are none on skin, but segment poses or key points."""
     notes: tuple[str, ...] = ()
@@ -130,7 +141,10 @@ class SubjectModel(Displayed):
     def _description(self) -> tuple[str, list[tuple[str, str]]]:
         subject, count = self.subject, len(set(self.markers.segments))
         rows = [
-            ("subject", f"{subject.sex or 'sex not given'}, {subject.mass:.1f} kg, {subject.height:.2f} m"),
+            (
+                "subject",
+                f"{subject.sex or 'sex not given'}, {subject.mass:.1f} kg, {subject.height:.2f} m",
+            ),
             ("joint parameters", _changes(self.nominal.joint, self.parameters.joint)),
             ("inertial parameters", _changes(self.nominal.inertial, self.parameters.inertial)),
             ("markers", f"{len(self.markers.labels)} on {count} segments"),
@@ -141,7 +155,9 @@ class SubjectModel(Displayed):
 
     @property
     def locked(self) -> tuple[str, ...]:
-        """Those of `frozen` that are zero in every trial: a trunk that no marker shows turns against the pelvis."""
+        """Those of `frozen` that are zero in every trial: a trunk that no marker shows turns
+        against the pelvis.
+        """
         return tuple(name for name in self.frozen if not name.startswith("lumbar"))
 
     def with_parameters(self, parameters: Parameters) -> "SubjectModel":
@@ -151,27 +167,41 @@ class SubjectModel(Displayed):
 
 def _changes(nominal: Array, present: Array) -> str:
     changed = int((nominal != present).sum())
-    return f"{len(nominal)}, {changed} of them changed by calibration" if changed else f"{len(nominal)}, nominal"
+    return (
+        f"{len(nominal)}, {changed} of them changed by calibration"
+        if changed
+        else f"{len(nominal)}, nominal"
+    )
 
 
 class PointNoise(Table):
     """The table `[noise]` of a marker set and of a model."""
 
-    size_mm: float = Field(gt=0, description="how far a coordinate of a point errs, constants left out, in mm")
+    size_mm: float = Field(
+        gt=0, description="how far a coordinate of a point errs, constants left out, in mm"
+    )
     memory_s: float = Field(gt=0, description="how long such an error lasts, in s")
-    joints: float = Field(ge=1, description="times as far as by palpated markers joints and segments' axes may be off")
-    hinges: float = Field(ge=1, description="times as far as by palpated markers the axes of hinges may be off")
+    joints: float = Field(
+        ge=1, description="times as far as by palpated markers joints and segments' axes may be off"
+    )
+    hinges: float = Field(
+        ge=1, description="times as far as by palpated markers the axes of hinges may be off"
+    )
     reason: str = Field(min_length=1, description="what these figures rest on")
 
     @property
     def words(self) -> str:
         """For notes."""
         return (
-            f"each coordinate is taken to err by {self.size_mm:g} mm for {self.memory_s:g} s at a time, joints "
-            f"and axes of segments by {self.joints:g} times, hinges by {self.hinges:g} times what palpated markers "
+            f"each coordinate is taken to err by {self.size_mm:g} mm for {self.memory_s:g} s at a "
+            "time, joints "
+            f"and axes of segments by {self.joints:g} times, hinges by {self.hinges:g} times what "
+            "palpated markers "
             f"have; {self.reason}"
         )
 
     def least(self, rate: float) -> float:
-        """m, noise of a frame below which none is believed, at a rate (Hz), that counts every frame as independent."""
+        """m, noise of a frame below which none is believed, at a rate (Hz), that counts every frame
+        as independent.
+        """
         return 1e-3 * self.size_mm * max(self.memory_s * rate, 1.0) ** 0.5

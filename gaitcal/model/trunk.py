@@ -3,40 +3,45 @@
     origin  lumbar joint L
     y       unit(S - L), S the middle of the shoulder centres
     z       to the right: the line of the acromia, else the normal n of the plane of the midline landmarks (C7, T10,
-            jugular notch, xiphoid; the sagittal plane of Wu et al., J Biomech 38:981-992, 2005), else the pelvis's
-            lateral direction made horizontal; each across y
+            jugular notch, xiphoid; the sagittal plane of Wu et al., J Biomech 38:981-992, 2005),
+            else the pelvis's lateral direction made horizontal; each across y
 
 The shoulder centres lie, by what is known of the person,
 
 1. below both acromia, by 17 % of their distance along y (Rab, Petuskey and Bagley 2002);
-2. the same with one acromion and its mirror image across the sagittal plane, whose normal is z as above;
-3. beside S = M - a y, M the middle of C7 and jugular notch, a the height of M above the shoulders in de Leva's
-   table (mean of CERV-MIDS and SUPR-MIDS: 52 mm in men, 74 mm in women, in proportion to height), each half the
-   nominal subject's shoulder width from it, in proportion to height;
+2. the same with one acromion and its mirror image across the sagittal plane, whose normal is z as
+   above;
+3. beside S = M - a y, M the middle of C7 and jugular notch, a the height of M above the shoulders
+   in de Leva's table (mean of CERV-MIDS and SUPR-MIDS: 52 mm in men, 74 mm in women, in proportion
+   to height), each half the nominal subject's shoulder width from it, in proportion to height;
 4. straight above the lumbar joint as the person stands, at the nominal subject's height and width.
 
-Only 1 and 2 are measured. How the trunk then moves is what its markers say, however few (`coordinate_prior.py`).
+Only 1 and 2 are measured. How the trunk then moves is what its markers say, however few
+(`coordinate_prior.py`).
 
-A part without any marker is frozen: its place is assumed, its lengths are de Leva's, scaled by height. A frozen trunk
-is upright, its mass and shoulders straight above the lumbar joint. A frozen arm hangs along the trunk.
+A part without any marker is frozen: its place is assumed, its lengths are de Leva's, scaled by
+height. A frozen trunk is upright, its mass and shoulders straight above the lumbar joint. A frozen
+arm hangs along the trunk.
 
-Frames in the static posture as in `segment_frames.py`; one marker at the elbow and one at the wrist do for an arm:
+Frames in the static posture as in `segment_frames.py`; one marker at the elbow and one at the wrist
+do for an arm:
 
     trunk       as above: y from the lumbar joint to the middle of the shoulders, z to the right
     upper arm   origin shoulder centre; y = unit(shoulder - elbow); z the elbow's axis across y
     forearm     origin elbow centre; y = unit(elbow - wrist); z the same axis across y
 
-The shoulder turns about two axes, Rz(flexion) Rx(adduction), so how the upper arm is turned about its own length is a
-constant, Ry(-trans). Elbow axis, in this order of preference:
+The shoulder turns about two axes, Rz(flexion) Rx(adduction), so how the upper arm is turned about
+its own length is a constant, Ry(-trans). Elbow axis, in this order of preference:
 
 1. the line of a medial and a lateral marker;
-2. the normal n of the plane of shoulder S, elbow centre E and wrist W: with the lateral marker M = E + s d n, d half
-   the elbow's width, n . (W - S) = 0 and n . (M - S) = s d, where the elbow is bent enough to tell;
+2. the normal n of the plane of shoulder S, elbow centre E and wrist W: with the lateral marker M =
+   E + s d n, d half the elbow's width, n . (W - S) = 0 and n . (M - S) = s d, where the elbow is
+   bent enough to tell;
 3. where the z axis of a hanging arm goes by flexion and adduction alone.
 
-With an arm raised sideways by more than RAISED, flexion and turn about the arm's length are nearly the same motion:
-the turn seen there says nothing of walking, and `trans` is taken as zero; with one elbow marker, so is the angle
-between upper arm and forearm across the elbow's axis.
+With an arm raised sideways by more than RAISED, flexion and turn about the arm's length are nearly
+the same motion: the turn seen there says nothing of walking, and `trans` is taken as zero; with one
+elbow marker, so is the angle between upper arm and forearm across the elbow's axis.
 """
 
 from dataclasses import dataclass
@@ -53,12 +58,16 @@ from gaitcal.model.subject_model import Subject
 
 IN_A_PLANE = 3  # landmarks that a plane goes through
 OFF_LINE = 0.020
-"""m, RMS distance of these markers from the straight line that is nearest to them. Skin that moves by 5 mm turns
-markers which are nearer to one line by more than 15 degrees about it."""
+"""m, RMS distance of these markers from the straight line that is nearest to them. Skin that moves
+by 5 mm turns markers which are nearer to one line by more than 15 degrees about it."""
 TWISTED = np.deg2rad(30.0)
-"""More than this between the plane of the midline landmarks and the pelvis's sagittal plane, and one is mislabelled."""
+"""More than this between the plane of the midline landmarks and the pelvis's sagittal plane, and
+one is mislabelled.
+"""
 SHOULDER_BELOW_ACROMION = 0.17
-"""Of the distance between the acromia, along the trunk: Rab, Petuskey and Bagley, Gait & Posture 15 (2002)."""
+"""Of the distance between the acromia, along the trunk: Rab, Petuskey and Bagley, Gait & Posture 15
+(2002).
+"""
 SHOULDER_UP, SHOULDER_OUT = 0.3519, 0.165  # m from the lumbar joint in the nominal subject
 _WORDS = {"c7": "C7", "t10": "T10", "jugular_notch": "jugular notch", "xiphoid": "xiphoid"}
 MIDLINE = tuple(_WORDS)  # landmarks in the trunk's sagittal plane
@@ -76,14 +85,21 @@ class Trunk:
 
 
 def trunk_of(
-    posture: StaticPosture, marker_set: MarkerSet, pelvis: axes.Frame, lumbar: Array, subject: Subject
+    posture: StaticPosture,
+    marker_set: MarkerSet,
+    pelvis: axes.Frame,
+    lumbar: Array,
+    subject: Subject,
 ) -> Trunk:
     """The trunk as its landmarks show it, or upright on the pelvis.
 
     `pelvis`, `lumbar`: frame of the pelvis and (3,) m lumbar joint in the static posture.
     `subject`: whose height and sex give the proportions where no acromion is known.
     """
-    shown = any(m in posture.markers and marker_set.weight(m) > 0 for m in marker_set.tracking.get("head_trunk", ()))
+    shown = any(
+        m in posture.markers and marker_set.weight(m) > 0
+        for m in marker_set.tracking.get("head_trunk", ())
+    )
     shoulders, z, notes = _shoulders(posture, pelvis, lumbar, subject)
     y = axes.unit(0.5 * (shoulders["sjc_r"] + shoulders["sjc_l"]) - lumbar)
     if not shown:
@@ -118,22 +134,39 @@ def _shoulders(
         out = SHOULDER_OUT / axes.NOMINAL_HEIGHT * subject.height
         sideways = axes.across(z, axes.unit(centre - lumbar))
         note = (
-            f"no acromion is known: shoulder centres {1e3 * down:.0f} mm below the middle of C7 and jugular notch "
-            f"(de Leva 1996) and {1e3 * out:.0f} mm beside it (nominal subject), both in proportion to height; the "
+            f"no acromion is known: shoulder centres {1e3 * down:.0f} mm below the middle of C7 "
+            "and jugular notch "
+            f"(de Leva 1996) and {1e3 * out:.0f} mm beside it (nominal subject), both in "
+            "proportion to height; the "
             f"trunk faces along the {plane}"
         )
-        return {f"sjc_{side}": centre + axes.sign(side) * out * sideways for side in SIDES}, z, (note,)
+        return (
+            {f"sjc_{side}": centre + axes.sign(side) * out * sideways for side in SIDES},
+            z,
+            (note,),
+        )
     note = (
-        "neither acromia nor both C7 and jugular notch are known: shoulder centres straight above the lumbar joint in "
-        f"the static trial, as in the nominal subject, in proportion to height; the trunk faces along the {plane}"
+        "neither acromia nor both C7 and jugular notch are known: shoulder centres straight above "
+        "the lumbar joint in "
+        "the static trial, as in the nominal subject, in proportion to height; the trunk faces "
+        f"along the {plane}"
     )
     scale, sideways = subject.height / axes.NOMINAL_HEIGHT, _horizontal(z)
     above = lumbar + scale * SHOULDER_UP * _UP
-    return {f"sjc_{side}": above + axes.sign(side) * scale * SHOULDER_OUT * sideways for side in SIDES}, z, (note,)
+    return (
+        {
+            f"sjc_{side}": above + axes.sign(side) * scale * SHOULDER_OUT * sideways
+            for side in SIDES
+        },
+        z,
+        (note,),
+    )
 
 
 def neck_above_shoulders(subject: Subject) -> float:
-    """Height (m) of the middle of cervicale and suprasternale above that of the shoulder centres, along the trunk."""
+    """Height (m) of the middle of cervicale and suprasternale above that of the shoulder centres,
+    along the trunk.
+    """
     whole = [anthropometry.default_length(name, subject) for name in ("Trunk", "Trunk2")]
     return float(np.mean(whole)) - anthropometry.default_length("Trunk3", subject)
 
@@ -151,7 +184,8 @@ def _lateral(posture: StaticPosture, pelvis: axes.Frame) -> tuple[Array, str]:
     names = ", ".join(_WORDS[name] for name in there)
     if angle > TWISTED:
         return of_pelvis, (
-            f"pelvis's sagittal plane (that of {names} is turned by {np.rad2deg(angle):.0f} deg against it, more than "
+            f"pelvis's sagittal plane (that of {names} is turned by {np.rad2deg(angle):.0f} deg "
+            "against it, more than "
             f"{np.rad2deg(TWISTED):.0f} deg: one of them is not where its name says)"
         )
     return normal, f"plane of {names}"
@@ -159,7 +193,11 @@ def _lateral(posture: StaticPosture, pelvis: axes.Frame) -> tuple[Array, str]:
 
 def _below(right: Array, left: Array, lumbar: Array) -> dict[str, Array]:
     """Shoulder centres below the acromia, each (3,) m."""
-    down = -SHOULDER_BELOW_ACROMION * float(np.linalg.norm(right - left)) * axes.unit(0.5 * (right + left) - lumbar)
+    down = (
+        -SHOULDER_BELOW_ACROMION
+        * float(np.linalg.norm(right - left))
+        * axes.unit(0.5 * (right + left) - lumbar)
+    )
     return {"sjc_r": right + down, "sjc_l": left + down}
 
 
@@ -168,8 +206,12 @@ def _horizontal(direction: Array) -> Array:
 
 
 RAISED = np.deg2rad(45.0)
-"""How far an arm may hang from the trunk's sagittal plane and still show its turn about its own length."""
-BENT = 1.5  # distance of the elbow marker from the line shoulder-wrist, in half elbow widths, for the plane to be used
+"""How far an arm may hang from the trunk's sagittal plane and still show its turn about its own
+length.
+"""
+# distance of the elbow marker from the line shoulder-wrist, in half elbow widths, for the plane to
+# be used
+BENT = 1.5
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -179,13 +221,17 @@ class UpperBody:
     frames: dict[str, axes.Frame]
     centres: dict[str, Array]  # `sjc ejc wjc` of both sides, (3,) m
     shoulder_turn: dict[str, float]  # side -> `shoulder.upperarm.trans`, rad
-    elbow_axis: dict[str, Array]  # side -> (3,) direction in the laboratory of the elbow's axis as the forearm has it
+    elbow_axis: dict[
+        str, Array
+    ]  # side -> (3,) direction in the laboratory of the elbow's axis as the forearm has it
     raised: tuple[str, ...]  # sides whose arm is raised sideways in the static trial
     frozen_segments: tuple[str, ...]
     notes: tuple[str, ...]
 
 
-def upper_body(posture: StaticPosture, marker_set: MarkerSet, legs: axes.LowerBody, subject: Subject) -> UpperBody:
+def upper_body(
+    posture: StaticPosture, marker_set: MarkerSet, legs: axes.LowerBody, subject: Subject
+) -> UpperBody:
     """Trunk and arms, measured as far as there are markers."""
     body = trunk_of(posture, marker_set, legs.frames["pelvis"], legs.centres["lumbar"], subject)
     trunk, centres, notes, frozen = body.frame, dict(body.shoulders), [*body.notes], list[str]()
@@ -207,7 +253,10 @@ def upper_body(posture: StaticPosture, marker_set: MarkerSet, legs: axes.LowerBo
             frozen += [upper_arm, forearm]
             notes.append(f"{upper_arm} and {forearm} hang along the trunk, as {no_arm}")
             elbow = shoulder + limbs[upper_arm] * down
-            frames |= {upper_arm: axes.Frame(trunk.rotation, shoulder), forearm: axes.Frame(trunk.rotation, elbow)}
+            frames |= {
+                upper_arm: axes.Frame(trunk.rotation, shoulder),
+                forearm: axes.Frame(trunk.rotation, elbow),
+            }
             centres |= {f"ejc_{side}": elbow, f"wjc_{side}": elbow + limbs[forearm] * down}
             continue
         arm = measured_arm(posture, side, trunk, shoulder, subject.height)
@@ -221,7 +270,10 @@ def upper_body(posture: StaticPosture, marker_set: MarkerSet, legs: axes.LowerBo
         else:
             frozen.append(forearm)
             notes.append(f"{forearm} is taken to be straight with the upper arm, as {no_forearm}")
-            frames[forearm], axis[side] = axes.Frame(arm.upper.rotation, arm.elbow), arm.upper.rotation[:, 2]
+            frames[forearm], axis[side] = (
+                axes.Frame(arm.upper.rotation, arm.elbow),
+                arm.upper.rotation[:, 2],
+            )
             centres[f"wjc_{side}"] = arm.elbow - limbs[forearm] * arm.upper.rotation[:, 1]
     if not body.seen and all(f"upper_arm_{side}" in frozen for side in SIDES):
         frozen.insert(0, "head_trunk")
@@ -250,41 +302,61 @@ class Arm:
     notes: tuple[str, ...]
 
 
-def measured_arm(posture: StaticPosture, side: str, trunk: axes.Frame, shoulder: Array, height: float) -> Arm:
-    """Frames of one arm from `elbow_lat` and, where they are known, `elbow_med` and `wrist`; height in m."""
+def measured_arm(
+    posture: StaticPosture, side: str, trunk: axes.Frame, shoulder: Array, height: float
+) -> Arm:
+    """Frames of one arm from `elbow_lat` and, where they are known, `elbow_med` and `wrist`; height
+    in m.
+    """
     p = posture.landmarks
     lateral, wrist = p[f"elbow_lat_{side}"], p.get(f"wrist_{side}")
     notes: list[str] = []
-    elbow_words, shoulder_words = (f"{joint}, {SIDE_WORDS[side]}" for joint in ("elbow", "shoulder"))
+    elbow_words, shoulder_words = (
+        f"{joint}, {SIDE_WORDS[side]}" for joint in ("elbow", "shoulder")
+    )
     if posture.has(f"elbow_med_{side}"):
         medial = p[f"elbow_med_{side}"]
         elbow = 0.5 * (lateral + medial)
         axis = axes.sign(side) * (lateral - medial)
         if axis @ _unturned(axes.unit(shoulder - elbow), trunk) < 0:
             axis = -axis
-            notes.append(f"{elbow_words}: the lateral marker lies medially; the two markers were exchanged")
+            notes.append(
+                f"{elbow_words}: the lateral marker lies medially; the two markers were exchanged"
+            )
     else:
         inwards = axes.sign(side) * axes.half_width("elbow", height)
         normal = None if wrist is None else _plane_normal(shoulder, lateral, wrist, inwards)
         elbow = axis = lateral
-        for _ in range(1 if normal is not None else axes.ROUNDS):  # without a bent arm, as of an arm not turned
+        for _ in range(
+            1 if normal is not None else axes.ROUNDS
+        ):  # without a bent arm, as of an arm not turned
             before = elbow
             axis = _unturned(axes.unit(shoulder - elbow), trunk) if normal is None else normal
             elbow = lateral - inwards * axis
             if np.abs(elbow - before).max() <= axes.SETTLED:
                 break
-        how = "at right angles to the plane of the bent arm" if normal is not None else "as in an arm not turned"
+        how = (
+            "at right angles to the plane of the bent arm"
+            if normal is not None
+            else "as in an arm not turned"
+        )
         notes.append(
-            f"{elbow_words}: one marker; its centre is assumed {1e3 * abs(inwards):.0f} mm inwards, its axis {how}"
+            f"{elbow_words}: one marker; its centre is assumed {1e3 * abs(inwards):.0f} mm "
+            f"inwards, its axis {how}"
         )
     upper = axes.frame_yz(shoulder, axes.unit(shoulder - elbow), axis)
-    forearm = None if wrist is None else axes.frame_yz(elbow, axes.unit(elbow - wrist), upper.rotation[:, 2])
+    forearm = (
+        None
+        if wrist is None
+        else axes.frame_yz(elbow, axes.unit(elbow - wrist), upper.rotation[:, 2])
+    )
     rotation = trunk.rotation.T @ upper.rotation  # Rz Rx Ry(-trans)
     is_raised = abs(np.arcsin(np.clip(rotation[2, 1], -1.0, 1.0))) > RAISED
     axis = upper.rotation[:, 2]
     if is_raised:
         notes.append(
-            f"{shoulder_words}: the arm is raised sideways in the static trial, so that its turn about its own "
+            f"{shoulder_words}: the arm is raised sideways in the static trial, so that its turn "
+            "about its own "
             "length is assumed zero; the static posture of the arm is met less closely"
         )
         if forearm is not None and not posture.has(f"elbow_med_{side}"):
@@ -311,10 +383,12 @@ def _unturned(y: Array, trunk: axes.Frame) -> Array:
 
 
 def _plane_normal(shoulder: Array, lateral: Array, wrist: Array, inwards: float) -> Array | None:
-    """Rule 2 above: the normal of the plane of the bent arm, (3,); None where the elbow is too straight to tell.
+    """Rule 2 above: the normal of the plane of the bent arm, (3,); None where the elbow is too
+    straight to tell.
 
-    With w from shoulder to wrist and m from their line to the marker: n = cos m - sin (w x m), cos = s d / |marker -
-    line|. The other solution, + sin, is the one about which the forearm would be bent backwards.
+    With w from shoulder to wrist and m from their line to the marker: n = cos m - sin (w x m), cos
+    = s d / |marker - line|. The other solution, + sin, is the one about which the forearm would be
+    bent backwards.
     """
     w = axes.unit(wrist - shoulder)
     off = (lateral - shoulder) - ((lateral - shoulder) @ w) * w

@@ -1,11 +1,14 @@
-"""The undisturbed case: a model in motion with its ground reactions, small enough to travel with every task.
+"""The undisturbed case: a model in motion with its ground reactions, small enough to travel with
+every task.
 
-The draws disturb it: its own markers, without noise, are what each disturbed model is fitted to, and its own torques
-are what each disturbed torque is compared with. It is the built-in subject of the reproduction, a calibrated person in
-one gait trial, or the person of a folder: the result of a calibration, or a study that is calibrated first.
+The draws disturb it: its own markers, without noise, are what each disturbed model is fitted to,
+and its own torques are what each disturbed torque is compared with. It is the built-in subject of
+the reproduction, a calibrated person in one gait trial, or the person of a folder: the result of a
+calibration, or a study that is calibrated first.
 
-Two real people stand beside the unpublished experimental trial: `subject01` (a walk with ground reactions) and `uf3`
-(isolated trials of six joints and a walk), from the folder that GAITCAL_DATA names, as any user's study.
+Two real people stand beside the unpublished experimental trial: `subject01` (a walk with ground
+reactions) and `uf3` (isolated trials of six joints and a walk), from the folder that GAITCAL_DATA
+names, as any user's study.
 """
 
 import hashlib
@@ -61,7 +64,9 @@ class MonteCarloCase:
             "subject": _hash(repr((s.mass, s.height)).encode()),
             "joint parameters": _hash(p.joint.tobytes(), p.zero_angles.tobytes()),
             "inertial parameters": _hash(p.inertial.tobytes()),
-            "markers": _hash(repr((m.labels, m.segments)).encode(), m.local.tobytes(), m.weight.tobytes()),
+            "markers": _hash(
+                repr((m.labels, m.segments)).encode(), m.local.tobytes(), m.weight.tobytes()
+            ),
             "motion": _hash(self.time.tobytes(), self.coefficients.tobytes()),
             "ground reactions": _hash(self.wrench.tobytes(), self.valid.tobytes()),
         }
@@ -77,7 +82,9 @@ def _hash(*parts: bytes) -> str:
 
 @with_one_blas_thread
 def nominal_case() -> MonteCarloCase:
-    """The built-in subject of the reproduction: one gait cycle, 208 frames, ground reactions without residual."""
+    """The built-in subject of the reproduction: one gait cycle, 208 frames, ground reactions
+    without residual.
+    """
     model, motion = published_model(), gait_motion()
     return MonteCarloCase(
         name="nominal subject",
@@ -93,18 +100,26 @@ def nominal_case() -> MonteCarloCase:
 
 @with_one_blas_thread
 def case_of(calibration: Calibration, trial: str | None = None) -> MonteCarloCase:
-    """A calibrated person in one gait trial: the first with valid ground reactions, or the one named.
+    """A calibrated person in one gait trial: the first with valid ground reactions, or the one
+    named.
 
-    Raises InputError: No such trial, or none with a frame in which every foot on the ground is on a force plate.
+    Raises InputError: No such trial, or none with a frame in which every foot on the ground is on a
+    force plate.
     """
-    reactions = {t.name: t.loads.reactions for t in calibration.trials if t.loads and t.loads.reactions.valid.any()}
+    reactions = {
+        t.name: t.loads.reactions
+        for t in calibration.trials
+        if t.loads and t.loads.reactions.valid.any()
+    }
     name = _chosen_trial(tuple(reactions), trial, calibration.study.source)
     model, motion = calibration.model, calibration.trial(name).body
     return MonteCarloCase(
         name=name,
         subject=model.subject,
         parameters=model.parameters,
-        markers=_tracked(model.markers, np.array(motion.errors.labels)[motion.errors.kept()].tolist()),
+        markers=_tracked(
+            model.markers, np.array(motion.errors.labels)[motion.errors.kept()].tolist()
+        ),
         time=motion.time,
         coefficients=motion.coefficients,
         wrench=reactions[name].wrench,
@@ -115,7 +130,10 @@ def case_of(calibration: Calibration, trial: str | None = None) -> MonteCarloCas
 def _chosen_trial(loaded: tuple[str, ...], wanted: str | None, source: object) -> str:
     """The trial to study, among those with valid ground reactions."""
     if not loaded:
-        message = "found no gait trial with ground reactions under every foot; a Monte Carlo study of torques needs one"
+        message = (
+            "found no gait trial with ground reactions under every foot; a Monte Carlo study of "
+            "torques needs one"
+        )
         raise InputError(message, source=source, code=Code.MONTE_CARLO)
     if wanted is not None and wanted not in loaded:
         message = f"found '{wanted}'; allowed: {', '.join(loaded)}{nearest(wanted, loaded)}"
@@ -130,12 +148,17 @@ def _tracked(markers: MarkerPlacement, labels: Container[str]) -> MarkerPlacemen
     return MarkerPlacement(names, segments, markers.local[kept], markers.weight[kept])
 
 
-def case_from(folder: Path | str, trial: str | None = None, progress: Progress = silent) -> MonteCarloCase:
-    """The calibrated person of a result folder, in its first gait trial with ground reactions or the one named.
+def case_from(
+    folder: Path | str, trial: str | None = None, progress: Progress = silent
+) -> MonteCarloCase:
+    """The calibrated person of a result folder, in its first gait trial with ground reactions or
+    the one named.
 
-    A folder with a `study.toml` and no result (as `gaitcal synthesize` writes it) is calibrated first.
+    A folder with a `study.toml` and no result (as `gaitcal synthesize` writes it) is calibrated
+    first.
 
-    Raises InputError: The folder is neither, or no gait trial has ground reactions under every foot.
+    Raises InputError: The folder is neither, or no gait trial has ground reactions under every
+    foot.
     """
     return read_case(folder, trial, progress)[0]
 
@@ -154,13 +177,18 @@ def read_case(
     if (folder / STUDY).exists():
         study = Study.load(folder / STUDY)
         return case_of(calibrate(study, progress), trial), study.as_read
-    message = f"found neither {MODEL} nor {STUDY}; allowed: a result folder of 'gaitcal calibrate', or a study folder"
+    message = (
+        f"found neither {MODEL} nor {STUDY}; allowed: a result folder of 'gaitcal calibrate', or a "
+        "study folder"
+    )
     raise InputError(message, source=folder, code=Code.NO_RESULT)
 
 
 @contextmanager
 def _splines(path: Path) -> Iterator[Mapping[str, Array]]:
-    """The arrays of `splines.npz`; InputError on what NumPy, zipfile and zlib raise where it is not what it seems."""
+    """The arrays of `splines.npz`; InputError on what NumPy, zipfile and zlib raise where it is not
+    what it seems.
+    """
     try:
         with np.load(path, allow_pickle=False) as stored:
             yield stored
@@ -173,7 +201,9 @@ def _trial_of(folder: Path, trial: str | None) -> str:
     """The trial of a result to study: the one named, or the first with valid ground reactions."""
     with _splines(folder / SPLINES) as stored:
         names = enumerate(str(name) for name in stored["trials"])
-        loaded = tuple(name for k, name in names if f"valid_{k}" in stored and stored[f"valid_{k}"].any())
+        loaded = tuple(
+            name for k, name in names if f"valid_{k}" in stored and stored[f"valid_{k}"].any()
+        )
     return _chosen_trial(loaded, trial, folder)
 
 
@@ -182,8 +212,14 @@ def _of_result(folder: Path, name: str) -> MonteCarloCase:
     with _splines(path) as stored:
         k = [str(trial) for trial in stored["trials"]].index(name)
         parts = ("time", "knots", "nodes", "wrench", "valid")
-        time, knots, coefficients, wrench, valid = (np.array(stored[f"{part}_{k}"]) for part in parts)
-    whole = coefficients.ndim == 2 and coefficients.shape[1] == len(COORDINATES) and wrench.shape == (len(time), 2, 6)
+        time, knots, coefficients, wrench, valid = (
+            np.array(stored[f"{part}_{k}"]) for part in parts
+        )
+    whole = (
+        coefficients.ndim == 2
+        and coefficients.shape[1] == len(COORDINATES)
+        and wrench.shape == (len(time), 2, 6)
+    )
     if not whole or not np.array_equal(spline_basis(time, len(coefficients)).knots, knots):
         message = f"found other splines than this version writes for trial '{name}'"
         raise InputError(message, source=path, code=Code.DAMAGED_RESULT)
@@ -191,12 +227,16 @@ def _of_result(folder: Path, name: str) -> MonteCarloCase:
     try:
         table = pd.read_csv(errors, comment="#")
     except (OSError, ValueError) as error:
-        raise InputError(f"cannot be read: {error}", source=errors, code=Code.DAMAGED_RESULT) from None
+        raise InputError(
+            f"cannot be read: {error}", source=errors, code=Code.DAMAGED_RESULT
+        ) from None
     return MonteCarloCase(
         name=name,
         subject=model.subject,
         parameters=model.parameters,
-        markers=_tracked(model.markers, [label for label in table.columns if table[label].notna().any()]),
+        markers=_tracked(
+            model.markers, [label for label in table.columns if table[label].notna().any()]
+        ),
         time=time,
         coefficients=coefficients,
         wrench=wrench,

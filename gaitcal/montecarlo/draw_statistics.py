@@ -1,23 +1,28 @@
-"""What the draws of a study say: distributions, what a marker error may mean, and which parameter matters.
+"""What the draws of a study say: distributions, what a marker error may mean, and which parameter
+matters.
 
-Convergence (method, section 6): over the last 10 % of the draws the running mean and the running coefficient of
-variation, CV = 100 SD / mean, stay within 2 % of their final values, for every torque's RMS error.
+Convergence (method, section 6): over the last 10 % of the draws the running mean and the running
+coefficient of variation, CV = 100 SD / mean, stay within 2 % of their final values, for every
+torque's RMS error.
 
-A person's marker distance is turned into the torque errors to expect (`expect`) as the published discussion does by
-hand: a marker RMS of 4 mm corresponds to less than 25 % of the JP bounds, or to 50 % of the noise amplitude, and to the
-torque errors there. Between levels, and from nothing at level zero, straight lines.
+A person's marker distance is turned into the torque errors to expect (`expect`) as the published
+discussion does by hand: a marker RMS of 4 mm corresponds to less than 25 % of the JP bounds, or to
+50 % of the noise amplitude, and to the torque errors there. Between levels, and from nothing at
+level zero, straight lines.
 
-Which parameter matters is the variance of each torque error, linearised, shared out parameter by parameter. With p the
-joint parameters, N the nodes, and all derivatives at the undisturbed case,
+Which parameter matters is the variance of each torque error, linearised, shared out parameter by
+parameter. With p the joint parameters, N the nodes, and all derivatives at the undisturbed case,
 
     d tau / dp = @tau/@p + (@tau/@q B + @tau/@v B' + @tau/@a B'') dN/dp,          dN/dp = -H_qq^-1 H_qp,
 
-@tau from `dynamics/derivatives.py` (ground reactions fixed in the laboratory). Carried along with the foot, whose frame
-moves by the twist xi = J_foot dq/dp + J_p, the wrench changes by dw = xi x* w and the torque of joint k by -J_k . dw:
+@tau from `dynamics/derivatives.py` (ground reactions fixed in the laboratory). Carried along with
+the foot, whose frame moves by the twist xi = J_foot dq/dp + J_p, the wrench changes by dw = xi x* w
+and the torque of joint k by -J_k . dw:
 
     d force = w x force,        d moment = w x moment + v x force,        xi = [v; w].
 
-Inertial parameters enter by the regressor. For independent uniform disturbances within +-b_i the variance of an error,
+Inertial parameters enter by the regressor. For independent uniform disturbances within +-b_i the
+variance of an error,
 averaged over the frames, is a sum:  sum_i b_i^2 / 3 <(d tau / dp_i)^2>;  each term is what parameter i contributes.
 """
 
@@ -47,7 +52,8 @@ EXPECTED = ("average", "p10", "p50", "p90")
 
 
 def settling(values: Array) -> tuple[float, float]:
-    """How far the running mean and CV of `values` (n,) are, over the last tenth, from their final values, per cent.
+    """How far the running mean and CV of `values` (n,) are, over the last tenth, from their final
+    values, per cent.
 
     In the order of the draws; NaN for too few.
     """
@@ -61,16 +67,20 @@ def settling(values: Array) -> tuple[float, float]:
     with np.errstate(divide="ignore", invalid="ignore"):
         cv = np.where(mean != 0.0, spread / mean, 0.0)
         last = slice(int(np.ceil(n * (1.0 - LAST_PART))) - 1, None)
-        apart = [100.0 * np.abs(run[last] - run[-1]).max() / abs(run[-1]) if run[-1] else 0.0 for run in (mean, cv)]
+        apart = [
+            100.0 * np.abs(run[last] - run[-1]).max() / abs(run[-1]) if run[-1] else 0.0
+            for run in (mean, cv)
+        ]
     return float(apart[0]), float(apart[1])
 
 
 def statistics(draws: pd.DataFrame) -> pd.DataFrame:
     """One row per set, level, quantity, ground-reaction frame and measure.
 
-    `quantity` is a torque (`hip_flexion_l`; %BW*H) or the markers of a leg (`markers_l`; mm); `measure` is `rms`,
-    `mean` (signed, over the frames of a draw) or `abs_mean`. Failed draws are counted in `failed` and left out of the
-    distribution. `mean_settles`, `cv_settles` (per cent) are given for `rms`; see `settling`.
+    `quantity` is a torque (`hip_flexion_l`; %BW*H) or the markers of a leg (`markers_l`; mm);
+    `measure` is `rms`, `mean` (signed, over the frames of a draw) or `abs_mean`. Failed draws are
+    counted in `failed` and left out of the distribution. `mean_settles`, `cv_settles` (per cent)
+    are given for `rms`; see `settling`.
     """
     rows = [
         {"set": varied, "level": level, **row}
@@ -87,12 +97,26 @@ def _cell(cell: pd.DataFrame) -> list[dict[str, object]]:
     for frame in ReactionFrame:
         for torque in draw.LEG_TORQUES:
             for measure in (*draw.MEASURES, "abs_mean"):
-                values = good[draw.torque_column(torque, frame, measure.removeprefix("abs_"))].to_numpy()
-                rows.append({"quantity": torque, "grf": frame.value, **_distribution(measure, "%BW*H", values, failed)})
+                values = good[
+                    draw.torque_column(torque, frame, measure.removeprefix("abs_"))
+                ].to_numpy()
+                rows.append(
+                    {
+                        "quantity": torque,
+                        "grf": frame.value,
+                        **_distribution(measure, "%BW*H", values, failed),
+                    }
+                )
     for side in linkage.SIDES:
         for measure in draw.MEASURES:
             values = good[draw.marker_column(side, measure)].to_numpy()
-            rows.append({"quantity": f"markers_{side}", "grf": "", **_distribution(measure, "mm", values, failed)})
+            rows.append(
+                {
+                    "quantity": f"markers_{side}",
+                    "grf": "",
+                    **_distribution(measure, "mm", values, failed),
+                }
+            )
     return rows
 
 
@@ -114,23 +138,40 @@ def _distribution(measure: str, unit: str, values: Array, failed: int) -> dict[s
 
 
 def unconverged(table: pd.DataFrame) -> pd.DataFrame:
-    """Rows of `statistics` whose torque RMS does not meet the published criterion (or has too few draws to tell)."""
+    """Rows of `statistics` whose torque RMS does not meet the published criterion (or has too few
+    draws to tell).
+    """
     torques = table[(table["measure"] == "rms") & table["grf"].ne("")]
-    met = (torques["mean_settles"] <= TOLERANCE_PERCENT) & (torques["cv_settles"] <= TOLERANCE_PERCENT)
+    met = (torques["mean_settles"] <= TOLERANCE_PERCENT) & (
+        torques["cv_settles"] <= TOLERANCE_PERCENT
+    )
     return torques[~met]
 
 
 def left_out(table: pd.DataFrame) -> pd.DataFrame:
-    """Columns `set`, `level`, `draws` (in the distributions), `failed`: cells with draws that did not converge."""
-    cells: pd.DataFrame = table[["set", "level", "draws", "failed"]].drop_duplicates(ignore_index=True)
+    """Columns `set`, `level`, `draws` (in the distributions), `failed`: cells with draws that did
+    not converge.
+    """
+    cells: pd.DataFrame = table[["set", "level", "draws", "failed"]].drop_duplicates(
+        ignore_index=True
+    )
     return cells[cells["failed"] > 0]
 
 
 def levels_of(
-    table: pd.DataFrame, varied: Varied, quantity: str, frame: ReactionFrame | None = None, measure: str = "rms"
+    table: pd.DataFrame,
+    varied: Varied,
+    quantity: str,
+    frame: ReactionFrame | None = None,
+    measure: str = "rms",
 ) -> pd.DataFrame:
     """The rows of one quantity of a set, ordered by level; markers have no frame."""
-    wanted = {"set": varied.value, "quantity": quantity, "grf": frame.value if frame else "", "measure": measure}
+    wanted = {
+        "set": varied.value,
+        "quantity": quantity,
+        "grf": frame.value if frame else "",
+        "measure": measure,
+    }
     return table[(table[list(wanted)] == list(wanted.values())).all(axis=1)].sort_values("level")
 
 
@@ -142,19 +183,25 @@ class CauseOfMarkerError:
     level: float
     """Per cent of the bounds; the highest level studied where `beyond`."""
     beyond: bool
-    """The marker distance is larger than at the highest level: the torque errors are lower limits."""
+    """The marker distance is larger than at the highest level: the torque errors are lower limits.
+    """
     torques: pd.DataFrame
     """torque, grf, average, p10, p50, p90: RMS errors, %BW*H."""
 
 
 def expect(table: pd.DataFrame, rms_mm: float, side: str = "l") -> tuple[CauseOfMarkerError, ...]:
-    """JP and noise levels that correspond to a marker RMS (mm) of a leg, and the torque errors to expect there.
+    """JP and noise levels that correspond to a marker RMS (mm) of a leg, and the torque errors to
+    expect there.
 
-    `table`: from `statistics`, with the sets `jp` or `noise` in it; a set that is not there is left out.
-    `side`: whose markers and torques; left as published.
+    `table`: from `statistics`, with the sets `jp` or `noise` in it; a set that is not there is left
+    out. `side`: whose markers and torques; left as published.
     """
     causes = (Varied.JP, Varied.NOISE)
-    return tuple(_cause(table, varied, rms_mm, side) for varied in causes if (table["set"] == varied.value).any())
+    return tuple(
+        _cause(table, varied, rms_mm, side)
+        for varied in causes
+        if (table["set"] == varied.value).any()
+    )
 
 
 def _cause(table: pd.DataFrame, varied: Varied, rms_mm: float, side: str) -> CauseOfMarkerError:
@@ -176,8 +223,9 @@ _ROWS = [(*linkage.COORDINATES, *linkage.REACTIONS).index(name) for name in draw
 
 
 def linear_torques(context: draw.MonteCarloContext) -> tuple[dict[ReactionFrame, Array], Array]:
-    """Derivatives of the 14 torques at the undisturbed case: by joint parameters (nf, 14, np) N·m per m or rad, in
-    either frame, and (nf, 14, 36) N·m per relative change of each symmetric inertial parameter.
+    """Derivatives of the 14 torques at the undisturbed case: by joint parameters (nf, 14, np) N·m
+    per m or rad, in either frame, and (nf, 14, 36) N·m per relative change of each symmetric
+    inertial parameter.
     """
     case, basis = context.case, context.basis
     q, v, a = (basis.evaluate(case.coefficients, k) for k in range(3))
@@ -186,22 +234,33 @@ def linear_torques(context: draw.MonteCarloContext) -> tuple[dict[ReactionFrame,
     moved = context.sensitivity.reshape(len(case.coefficients), -1)
     motion = [(basis.matrices[k] @ moved).reshape(nf, nq, n_free) for k in range(3)]
     laboratory = slopes.by_parameter[:, _ROWS]
-    for slope, change in zip((slopes.by_position, slopes.by_velocity, slopes.by_acceleration), motion, strict=True):
+    for slope, change in zip(
+        (slopes.by_position, slopes.by_velocity, slopes.by_acceleration), motion, strict=True
+    ):
         laboratory = laboratory + slope[:, _ROWS] @ change
     carried = laboratory - _carried(context, q, motion[0])
     inertial = case.parameters.inertial
-    relative = block_diag(*parameters.dynamic_jacobian(inertial)) @ (inertial[:, None] * context.inertial_set.selection)
+    relative = block_diag(*parameters.dynamic_jacobian(inertial)) @ (
+        inertial[:, None] * context.inertial_set.selection
+    )
     by_inertial = (context.regressor @ relative).reshape(nf, len(draw.LEG_TORQUES), -1)
     return {ReactionFrame.LAB: laboratory, ReactionFrame.FOOT: carried}, by_inertial
 
 
 @with_one_blas_thread
 def linear_agreement(
-    context: draw.MonteCarloContext, draws: pd.DataFrame, cell: tuple[Varied, int], frame: ReactionFrame
+    context: draw.MonteCarloContext,
+    draws: pd.DataFrame,
+    cell: tuple[Varied, int],
+    frame: ReactionFrame,
 ) -> Array:
-    """(14,) R^2 of the linearised RMS errors as a prediction of those of the first 300 draws of a set at a level."""
+    """(14,) R^2 of the linearised RMS errors as a prediction of those of the first 300 draws of a
+    set at a level.
+    """
     varied, level = cell
-    of = draws[(draws["set"] == varied.value) & (draws["level"] == level) & (draws["failure"] == "")].head(300)
+    of = draws[
+        (draws["set"] == varied.value) & (draws["level"] == level) & (draws["failure"] == "")
+    ].head(300)
     by_joint, by_inertial = linear_torques(context)
     valid, to_percent = context.case.valid, 100.0 / context.case.subject.bwh
     predicted = np.empty((len(of), len(draw.LEG_TORQUES)))
@@ -232,7 +291,9 @@ def _carried(context: draw.MonteCarloContext, q: Array, change: Array) -> Array:
         twist = (columns[:, :, :nq] * after[:nq]) @ change + columns[:, :, first:] * after[first:]
         velocity, turn = twist[:, :3].transpose(0, 2, 1), twist[:, 3:].transpose(0, 2, 1)
         force, moment = case.wrench[:, foot, None, :3], case.wrench[:, foot, None, 3:]
-        moved = np.concatenate([np.cross(turn, force), np.cross(turn, moment) + np.cross(velocity, force)], axis=2)
+        moved = np.concatenate(
+            [np.cross(turn, force), np.cross(turn, moment) + np.cross(velocity, force)], axis=2
+        )
         names = [draw.LEG_TORQUES[k] for k in draw.OF_FOOT[foot]]
         axes = columns[:, :, [chain.variables.index(name) for name in names]]
         out[:, draw.OF_FOOT[foot]] = axes.transpose(0, 2, 1) @ moved.transpose(0, 2, 1)
@@ -243,8 +304,9 @@ def _carried(context: draw.MonteCarloContext, q: Array, change: Array) -> Array:
 def variance_contributions(context: draw.MonteCarloContext) -> pd.DataFrame:
     """One row per torque, ground-reaction frame and parameter, at 100 % of the bounds.
 
-    Columns: `torque`, `grf`, `parameter`, `kind` (`jp` or `ip`), `rms` (%BW*H, the RMS error that this parameter alone
-    causes), `share` (per cent of the variance of the torque when joint and inertial parameters vary together).
+    Columns: `torque`, `grf`, `parameter`, `kind` (`jp` or `ip`), `rms` (%BW*H, the RMS error that
+    this parameter alone causes), `share` (per cent of the variance of the torque when joint and
+    inertial parameters vary together).
     """
     (by_joint, by_inertial), settings = linear_torques(context), context.settings
     valid, to_percent = context.case.valid, 100.0 / context.case.subject.bwh
@@ -257,21 +319,32 @@ def variance_contributions(context: draw.MonteCarloContext) -> pd.DataFrame:
         slopes = np.concatenate([by_joint[frame], by_inertial], axis=2)[valid]
         variance = (bounds**2 / 3.0) * ((to_percent * slopes) ** 2).mean(axis=0)
         for k, torque in enumerate(draw.LEG_TORQUES):
-            share = 100.0 * variance[k] / (variance[k].sum() or 1.0)  # where nothing changes a torque: none of it
-            columns = {"parameter": names, "kind": kinds, "rms": np.sqrt(variance[k]), "share": share}
+            share = (
+                100.0 * variance[k] / (variance[k].sum() or 1.0)
+            )  # where nothing changes a torque: none of it
+            columns = {
+                "parameter": names,
+                "kind": kinds,
+                "rms": np.sqrt(variance[k]),
+                "share": share,
+            }
             parts.append(pd.DataFrame({"torque": torque, "grf": frame.value, **columns}))
     return pd.concat(parts, ignore_index=True)
 
 
-def variance_shares(contributions: pd.DataFrame, frame: ReactionFrame, side: str) -> tuple[pd.DataFrame, pd.DataFrame]:
-    """Per cent of the variance of each of a leg's seven torques: by each of its joint parameters, and by all others.
+def variance_shares(
+    contributions: pd.DataFrame, frame: ReactionFrame, side: str
+) -> tuple[pd.DataFrame, pd.DataFrame]:
+    """Per cent of the variance of each of a leg's seven torques: by each of its joint parameters,
+    and by all others.
 
-    `contributions`: rows of parameter, kind, torque, grf and share (per cent), as a Monte Carlo study has them.
-    `side`: `r` or `l`.
+    `contributions`: rows of parameter, kind, torque, grf and share (per cent), as a Monte Carlo
+    study has them. `side`: `r` or `l`.
 
     Returns
     -------
-    Rows: the leg's joint parameters by name, and the rest in two groups; columns: its torques, `TORQUES` with the side.
+    Rows: the leg's joint parameters by name, and the rest in two groups; columns: its torques,
+    `TORQUES` with the side.
     """
     rows = contributions[contributions["grf"] == frame.value]
     wide = rows.pivot_table(index="parameter", columns="torque", values="share", sort=False)
@@ -279,7 +352,9 @@ def variance_shares(contributions: pd.DataFrame, frame: ReactionFrame, side: str
     inertial = set(rows.loc[rows["kind"] == "ip", "parameter"])
     of_leg = [name for name in wide.index if name in parameters.leg_parameters(side)]
     rest = {
-        "joint parameters elsewhere": [name for name in wide.index if name not in {*of_leg, *inertial}],
+        "joint parameters elsewhere": [
+            name for name in wide.index if name not in {*of_leg, *inertial}
+        ],
         f"inertial parameters ({len(inertial)})": [name for name in wide.index if name in inertial],
     }
     groups = pd.DataFrame({label: wide.loc[names].sum() for label, names in rest.items()}).T

@@ -1,13 +1,16 @@
-"""The Monte Carlo study of a case: what is missing is computed, all is kept, and the whole is returned.
+"""The Monte Carlo study of a case: what is missing is computed, all is kept, and the whole is
+returned.
 
-Workers get the case and the settings with every chunk of draws (some ten kilobytes), so that a worker can join or be
-replaced at any time. A chunk is a run of draws of one cell (a set at a level): the unit that is computed, stored, and
-lost when a process dies. Chunks are Parquet files in `DIR/montecarlo/draws`, which can be read as one data set; the
-files that are there tell what is missing, so that a run killed at any moment goes on where it was.
+Workers get the case and the settings with every chunk of draws (some ten kilobytes), so that a
+worker can join or be replaced at any time. A chunk is a run of draws of one cell (a set at a
+level): the unit that is computed, stored, and lost when a process dies. Chunks are Parquet files in
+`DIR/montecarlo/draws`, which can be read as one data set; the files that are there tell what is
+missing, so that a run killed at any moment goes on where it was.
 
-`settings.json` says what the draws depend on; a store made with other settings or another model is refused. The name of
-a chunk ends in the beginning of its SHA-256: a chunk that was damaged is removed, named, and made again. Each also says
-which settings it was made with, so that a damaged `settings.json` costs no draw.
+`settings.json` says what the draws depend on; a store made with other settings or another model is
+refused. The name of a chunk ends in the beginning of its SHA-256: a chunk that was damaged is
+removed, named, and made again. Each also says which settings it was made with, so that a damaged
+`settings.json` costs no draw.
 """
 
 import hashlib
@@ -44,9 +47,12 @@ PURPOSE = "monte carlo study"  # Of the lock on a store
 CHUNK_DRAWS = 250  # Some seconds of work
 STEP = 1.2  # Factor by which `until_converged` raises the number of draws
 MOST_DRAWS = 100_000
-TRIES = 3  # The draws are all there after the first, unless somebody removes files meanwhile or a disk is bad
+# The draws are all there after the first, unless somebody removes files meanwhile or a disk is bad
+TRIES = 3
 _NAME = re.compile(r"(jp|ip|both|noise)_(\d{4})_(\d{8})_(\d{8})_([0-9a-f]{16})\.parquet")
-_MADE_WITH = b"gaitcal.made_with"  # Entry of a chunk's Parquet schema: SHA-256 of format, settings and model
+_MADE_WITH = (
+    b"gaitcal.made_with"  # Entry of a chunk's Parquet schema: SHA-256 of format, settings and model
+)
 _VERSIONED = ("gaitcal", "numpy", "scipy", "pin")
 
 DrawProgress = Callable[[int, int], None]
@@ -78,15 +84,24 @@ class Store:
         self._made_with = ""
 
     def open(self, case: MonteCarloCase, settings: MonteCarloSettings) -> tuple[str, ...]:
-        """Make the store, or make sure that it holds draws of this case with these settings; remove damaged chunks.
+        """Make the store, or make sure that it holds draws of this case with these settings; remove
+        damaged chunks.
 
-        Returns notes: what was damaged, and libraries of other versions than those that the store was made with.
+        Returns notes: what was damaged, and libraries of other versions than those that the store
+        was made with.
 
-        Raises InputError: It was made with other settings or another model; the message names the differences.
+        Raises InputError: It was made with other settings or another model; the message names the
+        differences.
         """
-        wanted = {"format": FORMAT, "settings": dict(settings.as_json()), "model": dict(case.fingerprint())}
+        wanted = {
+            "format": FORMAT,
+            "settings": dict(settings.as_json()),
+            "model": dict(case.fingerprint()),
+        }
         self._made_with = self_hash(wanted)
-        notes = [f"{path.name}: was damaged; its draws are made again" for path in self._remove_damaged()]
+        notes = [
+            f"{path.name}: was damaged; its draws are made again" for path in self._remove_damaged()
+        ]
         chunks = list(self.draws.glob("*.parquet"))
         if self._settings.exists():
             try:
@@ -94,15 +109,26 @@ class Store:
                 self._refuse_other(held, wanted)
                 return (*notes, *_other_versions(held.get("versions")))
             except _DamagedError:
-                made_with = [(pq.read_schema(path).metadata or {}).get(_MADE_WITH) for path in chunks]
+                made_with = [
+                    (pq.read_schema(path).metadata or {}).get(_MADE_WITH) for path in chunks
+                ]
                 if any(hashed != self._made_with.encode() for hashed in made_with):
                     raise
-                notes.append(f"{self._settings.name} was damaged; it is written again, the draws say what it held")
+                notes.append(
+                    f"{self._settings.name} was damaged; it is written again, the draws say what "
+                    "it held"
+                )
         elif chunks:
             message = "found draws without the settings they were made with; remove the folder"
             raise InputError(message, source=self.folder, code=Code.MONTE_CARLO)
-        content = {**wanted, "case": case.name, "versions": {name: toml.package_version(name) for name in _VERSIONED}}
-        atomic.atomic_text(self._settings, json.dumps({**content, SELF: self_hash(content)}, indent=1) + "\n")
+        content = {
+            **wanted,
+            "case": case.name,
+            "versions": {name: toml.package_version(name) for name in _VERSIONED},
+        }
+        atomic.atomic_text(
+            self._settings, json.dumps({**content, SELF: self_hash(content)}, indent=1) + "\n"
+        )
         return tuple(notes)
 
     @property
@@ -122,8 +148,12 @@ class Store:
         try:
             content = json.loads(self._settings.read_text(encoding="utf-8"))
         except (OSError, ValueError) as error:
-            raise _DamagedError(f"cannot be read: {error}; remove the folder", source=self._settings) from None
-        if not isinstance(content, dict) or (SELF in content and content[SELF] != self_hash(content)):
+            raise _DamagedError(
+                f"cannot be read: {error}; remove the folder", source=self._settings
+            ) from None
+        if not isinstance(content, dict) or (
+            SELF in content and content[SELF] != self_hash(content)
+        ):
             message = "is damaged, or was edited: not as gaitcal wrote it; remove the folder"
             raise _DamagedError(message, source=self._settings)
         return content
@@ -131,15 +161,23 @@ class Store:
     def _refuse_other(self, held: Mapping[str, object], wanted: Mapping[str, object]) -> None:
         differences = []
         if held.get("format") != wanted["format"]:
-            differences.append(f"its format is {held.get('format')}, this version writes {wanted['format']}")
+            differences.append(
+                f"its format is {held.get('format')}, this version writes {wanted['format']}"
+            )
         for part in ("settings", "model"):
-            old, new = (content if isinstance(content, dict) else {} for content in (held.get(part), wanted[part]))
+            old, new = (
+                content if isinstance(content, dict) else {}
+                for content in (held.get(part), wanted[part])
+            )
             for name in sorted({*old, *new}):
                 if old.get(name) != new.get(name):  # of the model there are hashes only
                     values = f"{name} = {old.get(name)}, not {new.get(name)}"
                     differences.append(values if part == "settings" else f"other {name}")
         if differences:
-            message = f"this store was made with {'; '.join(differences)}; ask for the same again, or remove the folder"
+            message = (
+                f"this store was made with {'; '.join(differences)}; ask for the same again, or "
+                "remove the folder"
+            )
             raise InputError(message, source=self.folder, code=Code.MONTE_CARLO)
 
     def write(self, chunk: Chunk, draws: pa.Table) -> None:
@@ -149,12 +187,19 @@ class Store:
         content: bytes = buffer.getvalue().to_pybytes()
         cell = f"{chunk.varied.value}_{chunk.level:04d}_{chunk.first:08d}_{chunk.stop:08d}"
         target = self.draws / f"{cell}_{_beginning(content)}.parquet"
-        # Under the lock of the result: not while another one takes its place, and this folder along.
-        with atomic.disk_errors(self.folder), locked(self.folder), atomic.atomic_file(target) as path:
+        # Under the lock of the result: not while another one takes its place, and this folder
+        # along.
+        with (
+            atomic.disk_errors(self.folder),
+            locked(self.folder),
+            atomic.atomic_file(target) as path,
+        ):
             path.write_bytes(content)
 
     def missing(self, plan: Plan, size: int) -> Iterator[Chunk]:
-        """What a plan still needs beside the chunks that are there, cut at multiples of `size` draws."""
+        """What a plan still needs beside the chunks that are there, cut at multiples of `size`
+        draws.
+        """
         held = [chunk for path, chunk in self._named() if _content(path) is not None]
         for varied, level in plan.cells:
             absent = np.ones(plan.draws, dtype=bool)
@@ -167,7 +212,8 @@ class Store:
                 yield Chunk(varied, level, int(run[0]), int(run[-1]) + 1)
 
     def read(self, plan: Plan | None = None) -> pd.DataFrame:
-        """All draws that are there, or those of a plan, ordered by set, level and number; columns `FIELDS`.
+        """All draws that are there, or those of a plan, ordered by set, level and number; columns
+        `FIELDS`.
 
         Raises InputError: A chunk is damaged.
         """
@@ -183,13 +229,19 @@ class Store:
         draws = pa.concat_tables(tables).to_pandas()
         if plan is not None:
             sets, levels = [varied.value for varied in plan.sets], list(plan.levels)
-            draws = draws[(draws["draw"] < plan.draws) & draws["set"].isin(sets) & draws["level"].isin(levels)]
+            draws = draws[
+                (draws["draw"] < plan.draws) & draws["set"].isin(sets) & draws["level"].isin(levels)
+            ]
         return in_order(draws.drop_duplicates(list(KEYS)), KEYS)
 
     def _named(self) -> list[tuple[Path, Chunk]]:
         """Every file with the name of a chunk, in the order of names."""
-        matches = ((path, _NAME.fullmatch(path.name)) for path in sorted(self.draws.glob("*.parquet")))
-        return [(path, Chunk(Varied(m[1]), int(m[2]), int(m[3]), int(m[4]))) for path, m in matches if m]
+        matches = (
+            (path, _NAME.fullmatch(path.name)) for path in sorted(self.draws.glob("*.parquet"))
+        )
+        return [
+            (path, Chunk(Varied(m[1]), int(m[2]), int(m[3]), int(m[4]))) for path, m in matches if m
+        ]
 
     def _remove_damaged(self) -> list[Path]:
         damaged = [path for path, _ in self._named() if _content(path) is None]
@@ -211,7 +263,9 @@ def _beginning(content: bytes) -> str:
 
 
 def _content(path: Path) -> bytes | None:
-    """A chunk's file; None where it is not as it was written (power failed, a disk is bad, a copy broke off)."""
+    """A chunk's file; None where it is not as it was written (power failed, a disk is bad, a copy
+    broke off).
+    """
     try:
         content = path.read_bytes()
     except OSError:
@@ -220,11 +274,20 @@ def _content(path: Path) -> bytes | None:
 
 
 def _other_versions(versions: object) -> tuple[str, ...]:
-    """A note where libraries changed since: draws of one seed may then differ in their last digits, no more."""
+    """A note where libraries changed since: draws of one seed may then differ in their last digits,
+    no more.
+    """
     held = versions if isinstance(versions, dict) else {}
     now = {name: toml.package_version(name) for name in _VERSIONED}
-    changed = [f"{n} {held[n]}, now {version}" for n, version in now.items() if held.get(n, version) != version]
-    note = f"draws kept here were begun with {'; '.join(changed)}: old and new ones may differ in their last digits"
+    changed = [
+        f"{n} {held[n]}, now {version}"
+        for n, version in now.items()
+        if held.get(n, version) != version
+    ]
+    note = (
+        f"draws kept here were begun with {'; '.join(changed)}: old and new ones may differ in "
+        "their last digits"
+    )
     return (note,) if changed else ()
 
 
@@ -232,7 +295,10 @@ def in_order(frame: pd.DataFrame, keys: Sequence[str]) -> pd.DataFrame:
     """Rows sorted by these columns, sets as in `Varied`."""
     order = {varied.value: varied.key for varied in Varied}
     return frame.sort_values(
-        list(keys), key=lambda c: c.map(order) if c.name == "set" else c, kind="stable", ignore_index=True
+        list(keys),
+        key=lambda c: c.map(order) if c.name == "set" else c,
+        kind="stable",
+        ignore_index=True,
     )
 
 
@@ -279,21 +345,26 @@ def monte_carlo(
 
     Parameters
     ----------
-    case : `nominal_case()`, `case_of(calibration)` or `case_from(folder)` of `gaitcal.montecarlo.case`.
-    folder : where draws are kept and a later run goes on, and where `montecarlo.csv` goes; None keeps nothing.
-    settings : seed and bounds: what a draw depends on; as published unless given.
-    plan : which sets are disturbed, at which levels, how often; as published unless given.
-    workers : who computes; `LocalProcesses()` unless given.
-    progress : called with the numbers of draws done and to be done.
-    until_converged : raise the number of draws until the published criterion is met (or `MOST_DRAWS` is reached).
-    chunk_draws : draws computed and stored together; the results do not depend on it.
+    case : `nominal_case()`, `case_of(calibration)` or `case_from(folder)` of
+    `gaitcal.montecarlo.case`. folder : where draws are kept and a later run goes on, and where
+    `montecarlo.csv` goes; None keeps nothing. settings : seed and bounds: what a draw depends on;
+    as published unless given. plan : which sets are disturbed, at which levels, how often; as
+    published unless given. workers : who computes; `LocalProcesses()` unless given. progress :
+    called with the numbers of draws done and to be done. until_converged : raise the number of
+    draws until the published criterion is met (or `MOST_DRAWS` is reached). chunk_draws : draws
+    computed and stored together; the results do not depend on it.
 
     Raises
     ------
     InputError
-        The folder holds a study of another model or with other settings, or another process works in it.
+        The folder holds a study of another model or with other settings, or another process works
+        in it.
     """
-    settings, plan, workers = settings or MonteCarloSettings(), plan or Plan(), workers or LocalProcesses()
+    settings, plan, workers = (
+        settings or MonteCarloSettings(),
+        plan or Plan(),
+        workers or LocalProcesses(),
+    )
     work = partial(run_chunk, case, settings)
     with ExitStack() as stack:
         if folder is None:
@@ -302,7 +373,9 @@ def monte_carlo(
         stack.enter_context(alone(store.folder, PURPOSE))
         notes, computed = store.open(case, settings), 0
         while True:
-            computed += _compute(store, plan, work, workers, progress or (lambda done, todo: None), chunk_draws)
+            computed += _compute(
+                store, plan, work, workers, progress or (lambda done, todo: None), chunk_draws
+            )
             draws = store.read(plan)
             table = statistics(draws)
             if not until_converged or plan.draws >= MOST_DRAWS or unconverged(table).empty:
@@ -311,7 +384,13 @@ def monte_carlo(
         with atomic.atomic_file(store.folder / "montecarlo.csv") as path:
             table.to_csv(path, index=False, lineterminator="\n")
     return MonteCarloStudy(
-        case=case, settings=settings, plan=plan, draws=draws, statistics=table, computed=computed, notes=notes
+        case=case,
+        settings=settings,
+        plan=plan,
+        draws=draws,
+        statistics=table,
+        computed=computed,
+        notes=notes,
     )
 
 
@@ -331,28 +410,38 @@ def _compute(
             return computed
         done, todo = 0, sum(len(chunk.numbers) for chunk in chunks)
         progress(done, todo)
-        with closing(result for result in workers.run(work, chunks)) as results:  # interrupted, workers end at once
+        with closing(
+            result for result in workers.run(work, chunks)
+        ) as results:  # interrupted, workers end at once
             for chunk, draws in results:
                 store.write(chunk, draws)
                 done += len(chunk.numbers)
                 progress(done, todo)
         computed += done
-    raise GaitcalError("draws that were written are not there when they are read back; is the disk sound?")
+    raise GaitcalError(
+        "draws that were written are not there when they are read back; is the disk sound?"
+    )
 
 
 _kept = threading.local()
 
 
 @with_one_blas_thread
-def run_chunk(case: MonteCarloCase, settings: MonteCarloSettings, chunk: Chunk) -> tuple[Chunk, pa.Table]:
+def run_chunk(
+    case: MonteCarloCase, settings: MonteCarloSettings, chunk: Chunk
+) -> tuple[Chunk, pa.Table]:
     """Compute a chunk: its draws, in order, as a table with the columns `FIELDS`.
 
     BLAS works with one thread, wherever this runs: more would change the last bits.
     """
     key = (case.fingerprint(), settings)
-    if getattr(_kept, "key", None) != key:  # made once per thread, and kept until another case comes
+    if (
+        getattr(_kept, "key", None) != key
+    ):  # made once per thread, and kept until another case comes
         _kept.key, _kept.context = key, MonteCarloContext(case, settings)
-    results: list[DrawResult] = [draw(_kept.context, chunk.varied, chunk.level, number) for number in chunk.numbers]
+    results: list[DrawResult] = [
+        draw(_kept.context, chunk.varied, chunk.level, number) for number in chunk.numbers
+    ]
     values = np.array([result.values for result in results])
     columns = {
         "set": [chunk.varied.value] * len(results),

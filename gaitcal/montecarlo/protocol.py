@@ -1,7 +1,9 @@
-"""The published study (Reinbolt et al. 2007) as settings: its printed figures, and what its Monte Carlo study varies.
+"""The published study (Reinbolt et al. 2007) as settings: its printed figures, and what its Monte
+Carlo study varies.
 
-Levels are per cent of the bounds; at 100 % joint positions move by up to 10 mm, orientations by up to 10 degrees,
-inertial parameters by up to 10 % of themselves, and marker noise has amplitudes of up to 10 mm.
+Levels are per cent of the bounds; at 100 % joint positions move by up to 10 mm, orientations by up
+to 10 degrees, inertial parameters by up to 10 % of themselves, and marker noise has amplitudes of
+up to 10 mm.
 
 Printed figures are in `published_results.json`, parameters by the names of this project.
 """
@@ -19,7 +21,14 @@ import numpy as np
 
 from gaitcal.arrays import Array
 from gaitcal.model.linkage import SIDES
-from gaitcal.model.parameters import JOINT_PARAMETERS, JP_INDEX, JP_NAMES, Kind, gait_parameters, leg_parameters
+from gaitcal.model.parameters import (
+    JOINT_PARAMETERS,
+    JP_INDEX,
+    JP_NAMES,
+    Kind,
+    gait_parameters,
+    leg_parameters,
+)
 
 PUBLISHED_LEVELS = (25, 50, 75, 100)
 PUBLISHED_DRAWS = 5000
@@ -57,7 +66,9 @@ class Varied(Enum):
 
 
 class ReactionFrame(Enum):
-    """Where the ground reactions stay when the model changes: the paper does not say (method, section 8)."""
+    """Where the ground reactions stay when the model changes: the paper does not say (method,
+    section 8).
+    """
 
     LAB = "lab"
     """Fixed in the laboratory, as force plates measure them."""
@@ -66,7 +77,9 @@ class ReactionFrame(Enum):
 
 
 class ParameterChoice(Enum):
-    """Which joint parameters vary, the two legs independently; named by how many the published linkage has."""
+    """Which joint parameters vary, the two legs independently; named by how many the published
+    linkage has.
+    """
 
     LEG = 27
     """All of each leg."""
@@ -95,7 +108,9 @@ class MonteCarloSettings:
     inertial_percent: float = 10.0
     noise_mm: float = 10.0
     refit_tolerance: float = 1e-6
-    """Largest change of a node (m, rad) in the last step; the error left is smaller by the rate of convergence."""
+    """Largest change of a node (m, rad) in the last step; the error left is smaller by the rate of
+    convergence.
+    """
     refit_most_evaluations: int = 80
     """Evaluations of the gradient after which a draw counts as failed."""
 
@@ -123,7 +138,12 @@ class Plan:
     @property
     def cells(self) -> tuple[tuple[Varied, int], ...]:
         """Every set with every level, in the order of tables."""
-        return tuple((varied, level) for varied in Varied if varied in self.sets for level in sorted(set(self.levels)))
+        return tuple(
+            (varied, level)
+            for varied in Varied
+            if varied in self.sets
+            for level in sorted(set(self.levels))
+        )
 
     @property
     def total(self) -> int:
@@ -134,7 +154,9 @@ class Plan:
 PROBLEMS: tuple[str, ...] = ("hip", "knee", "ankle", "full leg")
 """Columns of Table I: three isolated trials and gait."""
 SIDE = "l"
-"""The paper's leg is the left one: only then do the signs of Table II fit frames with z to the right."""
+"""The paper's leg is the left one: only then do the signs of Table II fit frames with z to the
+right.
+"""
 
 
 @cache
@@ -145,28 +167,32 @@ def _content() -> dict[str, Any]:
 
 
 def table_one(row: str, quantity: str) -> dict[str, float | None]:
-    """Problem -> figure, for a row of Table I (`synthetic_with_noise`, ...) and `marker_distance_mm`, `position_mm`,
-    `orientation_deg`.
+    """Problem -> figure, for a row of Table I (`synthetic_with_noise`, ...) and
+    `marker_distance_mm`, `position_mm`, `orientation_deg`.
     """
     return dict(zip(PROBLEMS, _content()["table_I"][row][quantity], strict=True))
 
 
 def table_two() -> list[Any]:
-    """Table II, 27 rows: name of the joint parameter (left leg), title, unit (mm, deg); single_joint, full_leg: pairs
-    of the difference from the true (synthetic) and from the nominal (experimental) value.
+    """Table II, 27 rows: name of the joint parameter (left leg), title, unit (mm, deg);
+    single_joint, full_leg: pairs of the difference from the true (synthetic) and from the nominal
+    (experimental) value.
     """
     return [SimpleNamespace(**row) for row in _content()["table_II"]]
 
 
 def table_three(row: str) -> list[Any]:
-    """Force N, torque N·m, then inertia kg mm^2, mass kg, mass centre mm; each [mean, sd] for the random seeds."""
+    """Force N, torque N·m, then inertia kg mm^2, mass kg, mass centre mm; each [mean, sd] for the
+    random seeds.
+    """
     figures: list[Any] = _content()["table_III"][row]
     return figures
 
 
 def table_four() -> list[Any]:
-    """Table IV, 37 rows: name of the symmetric parameter, title, unit (kg, mm, kg mm^2), note; difference from the true
-    (correct_seed, and random_seeds: mean and SD) or nominal value (experimental). `foot.com.sup` was held.
+    """Table IV, 37 rows: name of the symmetric parameter, title, unit (kg, mm, kg mm^2), note;
+    difference from the true (correct_seed, and random_seeds: mean and SD) or nominal value
+    (experimental). `foot.com.sup` was held.
     """
     return [SimpleNamespace(**{"note": ""} | row) for row in _content()["table_IV"]]
 

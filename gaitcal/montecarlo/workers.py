@@ -1,8 +1,10 @@
-"""Who computes the chunks: this process, processes of this machine, or a cluster. All give the same bits.
+"""Who computes the chunks: this process, processes of this machine, or a cluster. All give the same
+bits.
 
-Processes and clusters are executors as of `concurrent.futures`, served by one loop (`_Executing.run`). Tasks are taken
-from their iterator as there is room for them, so that memory stays bounded. One over which a worker dies is handed in
-again, a few times: who killed the worker is not known.
+Processes and clusters are executors as of `concurrent.futures`, served by one loop
+(`_Executing.run`). Tasks are taken from their iterator as there is room for them, so that memory
+stays bounded. One over which a worker dies is handed in again, a few times: who killed the worker
+is not known.
 """
 
 import os
@@ -41,7 +43,9 @@ Result = TypeVar("Result")
 
 
 class Workers:
-    """Whoever maps a picklable function over tasks: this process, one after the other; others run them elsewhere."""
+    """Whoever maps a picklable function over tasks: this process, one after the other; others run
+    them elsewhere.
+    """
 
     def run(
         self,
@@ -49,7 +53,9 @@ class Workers:
         tasks: Iterable[Task],
         lost: Callable[[Task, str], Result] | None = None,
     ) -> Iterator[Result]:
-        """Yield `function(task)` for every task, in any order; without `lost`, one that is given up ends the run."""
+        """Yield `function(task)` for every task, in any order; without `lost`, one that is given up
+        ends the run.
+        """
         return map(function, tasks)
 
 
@@ -96,13 +102,17 @@ class _Executing(Workers, ABC):
                     return
                 for future in wait(running, return_when=FIRST_COMPLETED).done:
                     task, tries = running.pop(future)
-                    error = CancelledError("cancelled") if future.cancelled() else future.exception()
+                    error = (
+                        CancelledError("cancelled") if future.cancelled() else future.exception()
+                    )
                     if error is None:
                         yield future.result()
                     elif isinstance(error, (crew.death, CancelledError)) and tries > 1:
                         again.append((task, tries - 1))
                     elif lost is None:
-                        raise GaitcalError(f"{crew.name} could not compute a chunk: {crew.words(error)}")
+                        raise GaitcalError(
+                            f"{crew.name} could not compute a chunk: {crew.words(error)}"
+                        )
                     else:
                         yield lost(task, crew.words(error))
 
@@ -114,9 +124,13 @@ class LocalProcesses(_Executing):
     jobs: int = -1
     """How many; -1: one for every core."""
     each: int | None = None
-    """Tasks after which a process is replaced, so that memory does not grow with their number; None: never."""
+    """Tasks after which a process is replaced, so that memory does not grow with their number;
+    None: never.
+    """
     ages: Callable[[Any], int] = lambda result: 1
-    """As how many tasks a result counts: 0 where it cost no work, `each` where its process has to go at once."""
+    """As how many tasks a result counts: 0 where it cost no work, `each` where its process has to
+    go at once.
+    """
 
     @contextmanager
     def crew(self) -> Iterator[_Crew]:
@@ -127,14 +141,18 @@ class LocalProcesses(_Executing):
 
 
 class _Processes(Executor):
-    """A pool of loky for each process: such a pool ends as a whole where a process dies, and the task must be known."""
+    """A pool of loky for each process: such a pool ends as a whole where a process dies, and the
+    task must be known.
+    """
 
     def __init__(self, each: int | None, ages: Callable[[Any], int]) -> None:
         self._each, self._ages = each, ages
         self._last: dict[ProcessPoolExecutor, tuple[Future[Any], int]] = {}
         """The last task of every process, and the process's age before it."""
 
-    def submit(self, function: Callable[..., Result], /, *args: Any, **kwargs: Any) -> Future[Result]:
+    def submit(
+        self, function: Callable[..., Result], /, *args: Any, **kwargs: Any
+    ) -> Future[Result]:
         """As of `concurrent.futures`, to a process that has ended its last task, or to a new one."""
         pool, age = None, 0
         for idle, (last, before) in list(self._last.items()):
@@ -164,7 +182,9 @@ class _Processes(Executor):
 
 
 def _death(error: BaseException) -> str:
-    """How a process ended, of loky's words on it; raises what was no death but the function's own error."""
+    """How a process ended, of loky's words on it; raises what was no death but the function's own
+    error.
+    """
     if not isinstance(error, BrokenProcessPool):
         raise error
     code = re.search(r"\{(SIG\w+)\(-?\d+\)\}", str(error))
@@ -172,7 +192,9 @@ def _death(error: BaseException) -> str:
 
 
 def _begin(parent: int) -> None:
-    """In a worker process: Ctrl-C is the parent's to answer, and its end is this one's, whatever is done here then."""
+    """In a worker process: Ctrl-C is the parent's to answer, and its end is this one's, whatever is
+    done here then.
+    """
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     threading.Thread(target=_end_with, args=(parent,), daemon=True).start()
 
@@ -199,13 +221,21 @@ class Cluster(_Executing):
         try:
             library = import_module("distributed")
         except ImportError:
-            message = "a cluster needs the packages of the extra 'cluster': pip install 'gaitcal[cluster]'"
+            message = (
+                "a cluster needs the packages of the extra 'cluster': pip install "
+                "'gaitcal[cluster]'"
+            )
             raise InputError(message, field="--cluster", code=Code.CLUSTER) from None
         try:
             client = library.Client(self.address, timeout=WAIT_S, set_as_default=False)
         except (OSError, ValueError) as error:
-            message = f"found '{self.address}': {error}; allowed: the address of a running dask scheduler, as "
-            raise InputError(f"{message}tcp://host:port", field="--cluster", code=Code.CLUSTER) from None
+            message = (
+                f"found '{self.address}': {error}; allowed: the address of a running dask "
+                "scheduler, as "
+            )
+            raise InputError(
+                f"{message}tcp://host:port", field="--cluster", code=Code.CLUSTER
+            ) from None
         with client:
             try:
                 client.wait_for_workers(1, timeout=WAIT_S)
@@ -220,11 +250,18 @@ class Cluster(_Executing):
             executor = client.get_executor(pure=False)
             death = library.KilledWorker
             yield _Crew(
-                "the cluster", executor, room, death, CLUSTER_TRIES, lambda e: f"error: {type(e).__name__}: {e}"
+                "the cluster",
+                executor,
+                room,
+                death,
+                CLUSTER_TRIES,
+                lambda e: f"error: {type(e).__name__}: {e}",
             )
 
 
-def workers_of(jobs: int, cluster: str | None, local: Callable[[int], Workers] = LocalProcesses) -> Workers:
+def workers_of(
+    jobs: int, cluster: str | None, local: Callable[[int], Workers] = LocalProcesses
+) -> Workers:
     """Who computes by the options `--jobs` and `--cluster`; UsageError where these cannot be."""
     if cluster is not None:
         return Cluster(cluster)
@@ -235,7 +272,9 @@ def workers_of(jobs: int, cluster: str | None, local: Callable[[int], Workers] =
 
 @contextmanager
 def alone(folder: Path, purpose: str, wait_s: float | None = None) -> Iterator[None]:
-    """No other run of this purpose works in the folder meanwhile: it would compute the same a second time."""
+    """No other run of this purpose works in the folder meanwhile: it would compute the same a
+    second time.
+    """
     with ExitStack() as stack:
         with atomic.disk_errors(folder):
             folder.parent.mkdir(parents=True, exist_ok=True)

@@ -1,1 +1,3 @@
-"""From files to a written result: a study, a folder of recordings, or further trials of a calibrated person."""
+"""From files to a written result: a study, a folder of recordings, or further trials of a
+calibrated person.
+"""

@@ -1,4 +1,6 @@
-"""Take further trials through the model of a result: check, track, torques with error bars, verdict."""
+"""Take further trials through the model of a result: check, track, torques with error bars,
+verdict.
+"""
 
 from __future__ import annotations
 
@@ -36,7 +38,10 @@ class FurtherTrials(Displayed):
     """Names of the trials for which tracking did not converge."""
 
     def _description(self) -> tuple[str, list[tuple[str, str]]]:
-        rows = [("trials", shorten([trial.name for trial in self.trials])), ("verdict", self.verdict.judgement.value)]
+        rows = [
+            ("trials", shorten([trial.name for trial in self.trials])),
+            ("verdict", self.verdict.judgement.value),
+        ]
         rows += [("because", reason.line) for reason in self.verdict.reasons[:3]]
         return "Further trials", rows
 
@@ -53,7 +58,8 @@ def analyse_trial(
     role: Literal["gait", "motion"] = "gait",
     out: Path | str | None = None,
 ) -> FurtherTrials:
-    """Take a further recording of a calibrated person through the model, as `gaitcal dynamics` does.
+    """Take a further recording of a calibrated person through the model, as `gaitcal dynamics`
+    does.
 
     Parameters
     ----------
@@ -85,10 +91,14 @@ def analyse_trial(
         One line: file, field, what was found, what is allowed.
     """
     if role not in (Role.GAIT.value, Role.MOTION.value):
-        raise InputError(f"found '{role}'; allowed: gait or motion", field="role", code=Code.ARGUMENT)
+        raise InputError(
+            f"found '{role}'; allowed: gait or motion", field="role", code=Code.ARGUMENT
+        )
     for side in (plates or {}).values():
         if side not in get_args(Side):
-            raise InputError(f"found '{side}'; allowed: r, l or none", field="plates", code=Code.ARGUMENT)
+            raise InputError(
+                f"found '{side}'; allowed: r, l or none", field="plates", code=Code.ARGUMENT
+            )
     file, table = Path(recording), None if forces is None else Path(forces)
     trial = trial_table(file, table, role=role, plates=plates or {}, time=time, filter_hz=filter_hz)
     inputs = [file, *([table] if table else []), *events_beside(file)]
@@ -102,12 +112,16 @@ def analyse_trial(
 
 
 def trial_table(file: Path, forces: Path | None, **given: object) -> TrialTable:
-    """Describe a further recording as a study file would, under the name of its file, which may be any."""
+    """Describe a further recording as a study file would, under the name of its file, which may be
+    any.
+    """
     table = TrialTable(name="trial", role="gait", file=file, forces=forces)
     return table.model_copy(update={"name": file.stem, **given})
 
 
-def analyse_trials(saved: SavedResult, tables: Sequence[TrialTable], progress: Progress = silent) -> FurtherTrials:
+def analyse_trials(
+    saved: SavedResult, tables: Sequence[TrialTable], progress: Progress = silent
+) -> FurtherTrials:
     """Check further trials, and find their motions, torques, standard errors and verdict.
 
     Parameters
@@ -136,16 +150,24 @@ def analyse_trials(saved: SavedResult, tables: Sequence[TrialTable], progress: P
     for one in evidence:
         progress(f"{one.name}: tracking and inverse dynamics")
         moves = further_moves(one)
-        done.append(trial_result.analyse(saved.model, one.trial, saved.settings, saved.uncertainty, moves))
+        done.append(
+            trial_result.analyse(saved.model, one.trial, saved.settings, saved.uncertainty, moves)
+        )
     late = [trial.name for trial in done if not trial.calibrated.converged]
-    findings += [*_edited(saved, done), *map(_not_tracked, late), *(f for t in done for f in t.findings)]
+    findings += [
+        *_edited(saved, done),
+        *map(_not_tracked, late),
+        *(f for t in done for f in t.findings),
+    ]
     verdict = judge(without_consequences(findings), [trial.name for trial in done])
     trials = tuple(trial.refused(verdict.refused_legs(trial.name)) for trial in done)
     return FurtherTrials(trials=trials, verdict=verdict, not_converged=tuple(late))
 
 
 def _edited(saved: SavedResult, trials: Sequence[TrialResult]) -> list[Finding]:
-    """Files of the result that somebody changed since it was written, said of every trial made with them."""
+    """Files of the result that somebody changed since it was written, said of every trial made with
+    them.
+    """
     return [
         Finding(
             severity=Severity.WARNING,
@@ -177,5 +199,7 @@ def _evidence(trial: Trial, saved: SavedResult) -> MarkerEvidence:
     labels = saved.model.markers.labels
     if not set(labels) & set(trial.recording.labels):
         message = f"found none of the model's {len(labels)} markers, such as {labels[0]}"
-        raise InputError(message, source=trial.recording.source, field="markers", code=Code.UNKNOWN_LABEL)
+        raise InputError(
+            message, source=trial.recording.source, field="markers", code=Code.UNKNOWN_LABEL
+        )
     return further_evidence(trial, saved.model, saved.marker_set, saved.settings)

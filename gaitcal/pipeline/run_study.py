@@ -1,7 +1,7 @@
 """Run a study: read it, check it, leave out what is faulty, calibrate, and write the result folder.
 
-The source is a study file or the draft that follows from a folder of recordings. The command line, a
-cohort and a Python program run the same steps.
+The source is a study file or the draft that follows from a folder of recordings. The command line,
+a cohort and a Python program run the same steps.
 """
 
 from __future__ import annotations
@@ -75,7 +75,8 @@ class StudyRun:
 
 
 def find_study(path: Path, person: Options) -> Path | Draft:
-    """Find the study of a path: the file itself, the one in the folder, or a draft of its recordings.
+    """Find the study of a path: the file itself, the one in the folder, or a draft of its
+    recordings.
 
     Parameters
     ----------
@@ -98,7 +99,8 @@ def find_study(path: Path, person: Options) -> Path | Draft:
 
 
 def study_file_or_folder(path: Path, person: Options) -> Path | Folder:
-    """Find the study file of a path, the file itself or the one in the folder; without one read the folder.
+    """Find the study file of a path, the file itself or the one in the folder; without one read the
+    folder.
 
     Raises
     ------
@@ -122,8 +124,14 @@ def study_file_or_folder(path: Path, person: Options) -> Path | Folder:
 
 def require_one_prior(source: Path | Draft, priors: Path | None) -> None:
     """Raise UsageError where priors are given beside those that a study file names."""
-    if isinstance(source, Path) and priors is not None and load_study_file(source).calibration.priors is not None:
-        raise UsageError(f"not beside the priors that {source} names ([calibration] priors)", field="--priors")
+    if (
+        isinstance(source, Path)
+        and priors is not None
+        and load_study_file(source).calibration.priors is not None
+    ):
+        raise UsageError(
+            f"not beside the priors that {source} names ([calibration] priors)", field="--priors"
+        )
 
 
 def require_runnable(draft: Draft, source: Path) -> None:
@@ -153,7 +161,8 @@ def run_study(
     force: bool = False,
     progress: Progress = silent,
 ) -> Calibration:
-    """Calibrate a study, or a folder of recordings, and write the result folder, as `gaitcal calibrate` does.
+    """Calibrate a study, or a folder of recordings, and write the result folder, as `gaitcal
+    calibrate` does.
 
     Parameters
     ----------
@@ -215,13 +224,19 @@ def run_found_study(
         The study or a recording cannot be read, or `out` cannot be written.
     """
     drafted = source if isinstance(source, Draft) else None
-    read = drafts.files_of(source) if isinstance(source, Draft) else input_files(load_study_file(source), source)
+    read = (
+        drafts.files_of(source)
+        if isinstance(source, Draft)
+        else input_files(load_study_file(source), source)
+    )
     bands = None if settings.normal is None else normal_bands.read_normal_bands(settings.normal)
     besides = [file for file in (settings.normal, settings.priors) if file is not None]
     kept = require_room(out, ResultKind.CALIBRATION, [*read, *besides])
 
     progress("reading and checking the recordings")
-    study = _with_settings(Study.load(source) if isinstance(source, Path) else drafts.study_of(source), settings)
+    study = _with_settings(
+        Study.load(source) if isinstance(source, Path) else drafts.study_of(source), settings
+    )
     findings = check_study(study)
     faulty: dict[str, str] = {}
     if not settings.force and (drafted is not None or stopping(findings, study.walks)):
@@ -233,7 +248,9 @@ def run_found_study(
         raise FaultyStudyError(errors, source if isinstance(source, Path) else source.folder.path)
 
     calibration = calibrate(study, progress, leave_out=settings.leave_out, checked=findings)
-    of_source = drafts.draft_notes(drafted) if drafted is not None else drafting.faulty_notes(faulty)
+    of_source = (
+        drafts.draft_notes(drafted) if drafted is not None else drafting.faulty_notes(faulty)
+    )
     calibration = replace(
         calibration,
         notes=(*notes_on(study), *of_source, *calibration.notes),
@@ -242,12 +259,18 @@ def run_found_study(
 
     progress("writing the results")
     normal = settings.normal
-    made_with = {} if normal is None else {"normal": normal.name, "normal_sha256": sha256_of(normal)}
+    made_with = (
+        {} if normal is None else {"normal": normal.name, "normal_sha256": sha256_of(normal)}
+    )
     text = None
     if drafted is not None:
-        text = drafts.draft_text(drafted, out) + drafts.settings_text(settings.calibration, settings.priors, out)
+        text = drafts.draft_text(drafted, out) + drafts.settings_text(
+            settings.calibration, settings.priors, out
+        )
     write_results(calibration, out, made_with, drafted=text, normal=bands)
-    return StudyRun(study=study, calibration=calibration, kept=tuple(kept), drafted=drafted is not None)
+    return StudyRun(
+        study=study, calibration=calibration, kept=tuple(kept), drafted=drafted is not None
+    )
 
 
 def _with_settings(study: Study, settings: RunSettings) -> Study:

@@ -1,5 +1,5 @@
-"""The result folder of a calibration, written whole or not at all, and its page, which is read back and joined with
-those of further trials. `saved.py` reads back what further trials need.
+"""The result folder of a calibration, written whole or not at all, and its page, which is read back
+and joined with those of further trials. `saved.py` reads back what further trials need.
 """
 
 import json
@@ -44,19 +44,19 @@ def write_results(
 
     Parameters
     ----------
-    calibration : from `gaitcal.calibrate`.
-    folder : replaced if an earlier calibration is there; what `gaitcal montecarlo`, `dynamics` and `export` put into
+    calibration : from `gaitcal.calibrate`. folder : replaced if an earlier calibration is there;
+    what `gaitcal montecarlo`, `dynamics` and `export` put into
         it is kept.
-    settings : further entries of `manifest.json`, beside those of the study.
-    drafted : text of the study file that was drafted from a folder of recordings; kept as `study.toml`.
+    settings : further entries of `manifest.json`, beside those of the study. drafted : text of the
+    study file that was drafted from a folder of recordings; kept as `study.toml`.
 
     normal : bands of healthy people (`gaitcal.read_normal_bands`), drawn behind angles and moments.
 
     Raises
     ------
     InputError
-        The folder cannot be written, or holds an input of the study, another kind of result, or files that are not
-        ours.
+        The folder cannot be written, or holds an input of the study, another kind of result, or
+        files that are not ours.
     """
     folder = Path(folder)
     with atomic_directory(folder, ResultKind.CALIBRATION, calibration.study.files) as out:
@@ -65,13 +65,22 @@ def write_results(
         write_csv(columns_of(parameter_rows(calibration)), out / "parameters.csv")
         marker_set = calibration.study.marker_set.with_weights(calibration.study.weights)
         (out / saved_result.MARKER_SET).write_text(marker_set_text(marker_set), encoding="utf-8")
-        strides = stride_files.write_stride_files(out, calibration.model, calibration.trials, calibration.relative_to)
+        strides = stride_files.write_stride_files(
+            out, calibration.model, calibration.trials, calibration.relative_to
+        )
         norm = _norm(calibration, normal, settings)
-        # angles from the static posture are no anatomical ones: no healthy people's curves are those
-        scores = profile_scores(strides, norm.bands, calibration.model.subject) if not calibration.relative_to else ()
+        # angles from the static posture are no anatomical ones: no healthy people's curves are
+        # those
+        scores = (
+            profile_scores(strides, norm.bands, calibration.model.subject)
+            if not calibration.relative_to
+            else ()
+        )
         content = manifest(calibration, settings)
         (out / MANIFEST).write_text(json_text(content), encoding="utf-8")
-        write_page(out, scene_of(calibration), calibration_page_data(calibration, norm, content, scores))
+        write_page(
+            out, scene_of(calibration), calibration_page_data(calibration, norm, content, scores)
+        )
         stride_files.write_profile(out, norm, scores)
         write_truth(calibration.truth, out)
         for trial in calibration.trials:
@@ -84,28 +93,42 @@ def write_results(
     return folder
 
 
-def _norm(calibration: Calibration, normal: Bands | None, settings: Mapping[str, Json] | None) -> Norm:
-    """Of those that the user names, else what gaitcal brings for that age and speed; none beside angles of its own."""
+def _norm(
+    calibration: Calibration, normal: Bands | None, settings: Mapping[str, Json] | None
+) -> Norm:
+    """Of those that the user names, else what gaitcal brings for that age and speed; none beside
+    angles of its own.
+    """
     subject = calibration.model.subject
     if normal is not None:
         return own_norm(normal, str((settings or {}).get("normal", "")), subject)
     if calibration.relative_to:
         return Norm(remark="No norm: angles are counted from the static posture.")
-    return norm_for(subject, stride_files.mean_speed(stride_files.means_summary(calibration.trials)))
+    return norm_for(
+        subject, stride_files.mean_speed(stride_files.means_summary(calibration.trials))
+    )
 
 
-def manifest(calibration: Calibration, settings: Mapping[str, Json] | None = None) -> dict[str, Json]:
+def manifest(
+    calibration: Calibration, settings: Mapping[str, Json] | None = None
+) -> dict[str, Json]:
     """Versions, settings and input hashes of a result."""
     subject, prior = calibration.model.subject, calibration.study.joint_prior
     leaning = {} if prior is None else {"priors_sha256": prior.sha256}
     return {
         "gaitcal": toml.package_version("gaitcal"),
-        "versions": {name: toml.package_version(name) for name in VERSIONED} | {"python": platform.python_version()},
+        "versions": {name: toml.package_version(name) for name in VERSIONED}
+        | {"python": platform.python_version()},
         "subject": subject_summary(subject),
         "marker_set": calibration.study.marker_set.name,
         "rename": dict(calibration.study.rename),
-        "settings": json.loads(calibration.study.settings.model_dump_json()) | leaning | dict(settings or {}),
-        "trials": {trial.name: {**calibration.study.input_names(trial)} for trial in calibration.study.trials},
+        "settings": json.loads(calibration.study.settings.model_dump_json())
+        | leaning
+        | dict(settings or {}),
+        "trials": {
+            trial.name: {**calibration.study.input_names(trial)}
+            for trial in calibration.study.trials
+        },
         "inputs_sha256": dict(calibration.study.inputs),
         "inputs_changed_while_it_ran": list(calibration.study.changed_inputs()),
     }
@@ -115,22 +138,30 @@ def _models(model: SubjectModel, out: Path) -> None:
     model_file.save_model(model, out / saved_result.MODEL)
     osim_writer.write_osim(model, out / "model.osim")
     other_formats.write_urdf(model, out / "model.urdf")
-    if not parameters.impossible_bodies(model.parameters.inertial):  # a warning of the calibration tells
+    if not parameters.impossible_bodies(
+        model.parameters.inertial
+    ):  # a warning of the calibration tells
         other_formats.write_mjcf(model, out / "model.xml")
 
 
 def write_trial(
-    trial: TrialResult, model: SubjectModel, out: Path, relative_to: Mapping[str, float] | None = None
+    trial: TrialResult,
+    model: SubjectModel,
+    out: Path,
+    relative_to: Mapping[str, float] | None = None,
 ) -> None:
-    """Motion, marker errors and markers of a trial; with force plates also torques and ground reactions.
+    """Motion, marker errors and markers of a trial; with force plates also torques and ground
+    reactions.
 
-    `relative_to`: coordinate -> rad in the static posture, from which the table counts joint angles; the .mot, which
-    moves `model.osim`, never does.
+    `relative_to`: coordinate -> rad in the static posture, from which the table counts joint
+    angles; the .mot, which moves `model.osim`, never does.
     """
     for name in ("motion", "marker_errors", "markers"):
         (out / name).mkdir(exist_ok=True)
     body, refused = trial.body, refused_lines(trial)
-    other_formats.write_mot(out / "motion" / f"{trial.name}.mot", body.time, body.coordinates, body.q)
+    other_formats.write_mot(
+        out / "motion" / f"{trial.name}.mot", body.time, body.coordinates, body.q
+    )
     header = (
         trial_tables.COORDINATE_HEADER
         if relative_to is None
@@ -154,24 +185,40 @@ def _write_loads(trial: TrialResult, loads: Loads, model: SubjectModel, out: Pat
         (out / name).mkdir(exist_ok=True)
     body, refused = trial.body, refused_lines(trial)
     write_csv(
-        trial_tables.moment_table(loads), out / "moments" / f"{trial.name}.csv", (*refused, *trial_tables.MOMENT_HEADER)
+        trial_tables.moment_table(loads),
+        out / "moments" / f"{trial.name}.csv",
+        (*refused, *trial_tables.MOMENT_HEADER),
     )
     other_formats.write_sto_moments(
         out / "moments" / f"{trial.name}.sto",
         body.time,
         loads.final.tau,
         body.coordinates,
-        comments=(*refused, *(line for line in trial_tables.MOMENT_HEADER if line.startswith("valid"))),
+        comments=(
+            *refused,
+            *(line for line in trial_tables.MOMENT_HEADER if line.startswith("valid")),
+        ),
     )
-    other_formats.write_external_loads(out / "forces", body.time, loads.reactions.wrench, stem=trial.name)
+    other_formats.write_external_loads(
+        out / "forces", body.time, loads.reactions.wrench, stem=trial.name
+    )
     write_kinetics(trial, model, out)
 
 
 def _save_splines(trials: Sequence[TrialResult], path: Path) -> None:
-    """Whole-body motions as splines, with the ground reactions: what a Monte Carlo study starts from."""
+    """Whole-body motions as splines, with the ground reactions: what a Monte Carlo study starts
+    from.
+    """
     arrays: dict[str, np.ndarray] = {"trials": np.array([t.name for t in trials], dtype=str)}
     for k, t in enumerate(trials):
-        arrays |= {f"time_{k}": t.body.time, f"knots_{k}": t.body.basis.knots, f"nodes_{k}": t.body.coefficients}
+        arrays |= {
+            f"time_{k}": t.body.time,
+            f"knots_{k}": t.body.basis.knots,
+            f"nodes_{k}": t.body.coefficients,
+        }
         if t.loads is not None:
-            arrays |= {f"wrench_{k}": t.loads.reactions.wrench, f"valid_{k}": t.loads.reactions.valid}
+            arrays |= {
+                f"wrench_{k}": t.loads.reactions.wrench,
+                f"valid_{k}": t.loads.reactions.valid,
+            }
     np.savez_compressed(path, **arrays)  # type: ignore[arg-type]

@@ -1,4 +1,6 @@
-"""The folder of further trials (`gaitcal dynamics`): every run adds its trials to those that are there."""
+"""The folder of further trials (`gaitcal dynamics`): every run adds its trials to those that are
+there.
+"""
 
 import shutil
 from collections.abc import Iterable, Mapping, Sequence
@@ -24,17 +26,28 @@ from gaitcal.results.table_files import Json, json_text
 
 
 def write_further_page(
-    out: Path, trials: Sequence[TrialResult], saved: SavedResult, verdict: Verdict, earlier: Shown | None
+    out: Path,
+    trials: Sequence[TrialResult],
+    saved: SavedResult,
+    verdict: Verdict,
+    earlier: Shown | None,
 ) -> None:
-    """Write scene, page_data and page of these trials into a folder, those of `earlier` before them.
+    """Write scene, page_data and page of these trials into a folder, those of `earlier` before
+    them.
 
-    Normal bands, and what is told of the model, are those of the result's own page, where it can be read.
+    Normal bands, and what is told of the model, are those of the result's own page, where it can be
+    read.
     """
     scene = person_scene(
         saved.model,
         tuple(
             trial_scene(
-                saved.model, t.name, t.role.value, t.body, t.recording, None if t.loads is None else t.loads.reactions
+                saved.model,
+                t.name,
+                t.role.value,
+                t.body,
+                t.recording,
+                None if t.loads is None else t.loads.reactions,
             )
             for t in trials
         ),
@@ -46,7 +59,11 @@ def write_further_page(
         **further_page_data(saved.model, trials, verdict, saved.relative_to, origin),
         "bands": bands if isinstance(bands, list) else [],
     }
-    if earlier is not None and earlier.data is not None and (joined := after_trials(scene, earlier.scene)) is not None:
+    if (
+        earlier is not None
+        and earlier.data is not None
+        and (joined := after_trials(scene, earlier.scene)) is not None
+    ):
         scene, page_data = joined, merged(earlier.data, page_data)
     write_page(out, scene, page_data)
 
@@ -54,7 +71,8 @@ def write_further_page(
 def earlier_page(
     folder: Path, hashes: Mapping[str, str], kept: Iterable[str], stale: Iterable[str]
 ) -> tuple[Shown | None, tuple[str, ...]]:
-    """The page of the trials `kept` of an earlier run, and a warning on each that cannot stay in it.
+    """The page of the trials `kept` of an earlier run, and a warning on each that cannot stay in
+    it.
 
     `hashes`: file -> SHA-256 as it was written.
     `stale`: those that were made with another model.
@@ -70,7 +88,9 @@ def earlier_page(
         except InputError:
             fault = f"{SCENE} and {PAGE_DATA} cannot be read"
     if shown is None or shown.data is None:
-        return None, tuple(f"{name}: {fault}: the page leaves this trial out; {AGAIN}" for name in names)
+        return None, tuple(
+            f"{name}: {fault}: the page leaves this trial out; {AGAIN}" for name in names
+        )
     doubts = [(name, OTHER_MODEL, AGAIN) for name in stale]
     return Shown(shown.scene, doubted(only(shown.data, names), doubts)), ()
 
@@ -95,21 +115,27 @@ RUN_AGAIN = f"; {AGAIN}"  # How warnings on stale trials end: a later run makes 
 
 
 def write_trials(
-    trials: Sequence[TrialResult], saved: SavedResult, folder: Path, inputs: Sequence[Path], verdict: Verdict
+    trials: Sequence[TrialResult],
+    saved: SavedResult,
+    folder: Path,
+    inputs: Sequence[Path],
+    verdict: Verdict,
 ) -> tuple[str, ...]:
-    """Write further trials into `folder`, whole or not at all; those of earlier runs stay, but for the same names.
+    """Write further trials into `folder`, whole or not at all; those of earlier runs stay, but for
+    the same names.
 
-    `saved`: what the trials were made with. Nothing is written where one of its files has changed since; the model's
-    hash tells later whether an earlier trial was made with it.
-    `inputs`: recordings and forces, which the folder must not hold.
-    `verdict`: on these trials; `summary.json` tells it for each, with its reasons among the warnings.
+    `saved`: what the trials were made with. Nothing is written where one of its files has changed
+    since; the model's hash tells later whether an earlier trial was made with it. `inputs`:
+    recordings and forces, which the folder must not hold. `verdict`: on these trials;
+    `summary.json` tells it for each, with its reasons among the warnings.
 
     Returns
     -------
-    Warnings on earlier trials that are kept: made with another model, or no longer as they were written.
+    Warnings on earlier trials that are kept: made with another model, or no longer as they were
+    written.
 
-    Raises InputError: The folder cannot be written, or holds files that are not ours; the model has changed; the
-    earlier summary or manifest is damaged.
+    Raises InputError: The folder cannot be written, or holds files that are not ours; the model has
+    changed; the earlier summary or manifest is damaged.
     """
     names = {trial.name for trial in trials}
     model, relative_to = saved.model, saved.relative_to
@@ -117,7 +143,9 @@ def write_trials(
     carried: dict[str, str] = {}
     with (
         ExitStack() as until_done,
-        result_folder.atomic_directory(folder, result_folder.ResultKind.DYNAMICS, inputs, carried) as out,
+        result_folder.atomic_directory(
+            folder, result_folder.ResultKind.DYNAMICS, inputs, carried
+        ) as out,
     ):
         for trial in trials:
             write_trial(trial, model, out, relative_to)
@@ -129,7 +157,9 @@ def write_trials(
             result_folder.read_object(folder / SUMMARY),
             result_folder.read_object(folder / result_folder.MANIFEST),
         )
-        digests = _others(table_of(manifest, "model_sha256"), names) | dict.fromkeys(sorted(names), digest)
+        digests = _others(table_of(manifest, "model_sha256"), names) | dict.fromkeys(
+            sorted(names), digest
+        )
         kept = _others(table_of(summary, "trials"), names)
         aged = [name for name in kept if digests.get(name) != digest]
         page, unseen = earlier_page(folder, earlier, kept, aged)
@@ -137,12 +167,19 @@ def write_trials(
         stale += (*_damaged(folder, earlier, kept), *unseen)
         write_stride_files(out, model, trials, relative_to, earlier_strides(folder, earlier, kept))
         write_further_page(out, trials, saved, verdict, page)
-        earlier_warnings = (w for w in _lines_about(kept, summary, "warnings") if not w.endswith(RUN_AGAIN))
-        reasons = (r for r in entries_of(summary, "reasons") if set(r.get("trials") or []) & set(kept))
+        earlier_warnings = (
+            w for w in _lines_about(kept, summary, "warnings") if not w.endswith(RUN_AGAIN)
+        )
+        reasons = (
+            r for r in entries_of(summary, "reasons") if set(r.get("trials") or []) & set(kept)
+        )
         new_summary: dict[str, Json] = {
             "trials": {**kept, **{t.name: trial_summary(t, verdict) for t in trials}},
             "reasons": [*reasons, *cast(list[Json], verdict_summary(verdict)["reasons"])],
-            "notes": [*_lines_about(kept, summary, "notes"), *(note for t in trials for note in t.notes)],
+            "notes": [
+                *_lines_about(kept, summary, "notes"),
+                *(note for t in trials for note in t.notes),
+            ],
             "warnings": [*earlier_warnings, *stale, *(reason.line for reason in verdict.reasons)],
         }
         (out / SUMMARY).write_text(json_text(new_summary), encoding="utf-8")

@@ -1,1 +1,3 @@
-"""Prepare the trials of a study, once: swapped labels, outliers, gaps, knocked clusters, static trial."""
+"""Prepare the trials of a study, once: swapped labels, outliers, gaps, knocked clusters, static
+trial.
+"""

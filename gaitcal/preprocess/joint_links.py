@@ -1,14 +1,16 @@
 """Two neighbouring segments of a trial at their joint, near the posture of the static trial.
 
-Both carry the joint centre c and the medial-lateral axis z of the static posture. With M_f = R_above^T R_below and
-t_f = R_above^T (o_below - o_above), a point p of the lower segment lies in the upper one's static axes at
+Both carry the joint centre c and the medial-lateral axis z of the static posture. With M_f =
+R_above^T R_below and t_f = R_above^T (o_below - o_above), a point p of the lower segment lies in
+the upper one's static axes at
 
     M_f p + t_f  ~  B (p - c) + g,      B = median M_f,   g = median (M_f c + t_f)
 
-over the frames whose flexion is near that of the static trial. g - c is the gap of the two joint centres, and B = Rz(f)
-Rx(a) Ry(r) holds the ab/adduction a and the axial turn r against the static posture. A centre that is wrong by e opens
-a gap |(M_f - 1) e|, and a joint may move about all its axes: how far those frames turn from the static posture on the
-whole says how much the gap and B can tell.
+over the frames whose flexion is near that of the static trial. g - c is the gap of the two joint
+centres, and B = Rz(f) Rx(a) Ry(r) holds the ab/adduction a and the axial turn r against the static
+posture. A centre that is wrong by e opens a gap |(M_f - 1) e|, and a joint may move about all its
+axes: how far those frames turn from the static posture on the whole says how much the gap and B can
+tell.
 """
 
 from collections.abc import Mapping
@@ -22,23 +24,32 @@ from gaitcal.preprocess.marker_clusters import NEAR_RAD, NEAREST_PERCENT, Cluste
 
 CHAIN = {"hip": ("pelvis", "thigh"), "knee": ("thigh", "shank"), "ankle": ("shank", "foot")}
 FEWEST_FRAMES = 5
-STANDS_RAD = np.deg2rad(15.0)  # Turn from the static posture that walks have in their nearest frames
+STANDS_RAD = np.deg2rad(
+    15.0
+)  # Turn from the static posture that walks have in their nearest frames
 
 GAP_M: Mapping[str, float] = {"hip": 0.035, "knee": 0.028, "ankle": 0.016}
 """Gap of a joint. Clean recordings reach 27, 25 and 13 mm, noise that scatters apart."""
 TURN_RAD: Mapping[str, tuple[float, float]] = {
     name: (float(np.deg2rad(ab)), float(np.deg2rad(axial)))
-    for name, (ab, axial) in {"hip": (15.0, 18.0), "knee": (12.0, 15.0), "ankle": (20.0, 18.0)}.items()
+    for name, (ab, axial) in {
+        "hip": (15.0, 18.0),
+        "knee": (12.0, 15.0),
+        "ankle": (20.0, 18.0),
+    }.items()
 }
-"""Ab/adduction and axial turn of a joint against the static posture. Clean recordings reach 11 and 13, 6 and 15, 16
-and 15 deg."""
+"""Ab/adduction and axial turn of a joint against the static posture. Clean recordings reach 11 and
+13, 6 and 15, 16 and 15 deg."""
 SCATTERED = 2.0
-"""Standard deviations, as markers scatter within the trial, that widen the limits of gap and turn: a small cluster far
-from the joint tells little of it."""
+"""Standard deviations, as markers scatter within the trial, that widen the limits of gap and turn:
+a small cluster far from the joint tells little of it."""
 GAP_PER_RAD, TURN_PER_RAD = 0.10, 1.0
-"""m and rad that widen them for each rad by which the trial stays away from the static posture. Parts of clean trials
-in which a thigh stays flexed reach gaps of 43 mm at 20 deg, feet that stay inverted turns of 30 deg at 35 deg."""
-KNEE_TURN_FROM = float(np.deg2rad(10.0))  # rad, from where on those of the knee, a hinge whose turns stay small, widen
+"""m and rad that widen them for each rad by which the trial stays away from the static posture.
+Parts of clean trials in which a thigh stays flexed reach gaps of 43 mm at 20 deg, feet that stay
+inverted turns of 30 deg at 35 deg."""
+KNEE_TURN_FROM = float(
+    np.deg2rad(10.0)
+)  # rad, from where on those of the knee, a hinge whose turns stay small, widen
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -53,9 +64,12 @@ class JointLink:
     rotation: Array  # (3, 3) B
     carried_up: Array  # (3,) m, g: the lower segment's centre in the upper segment's static axes
     carried_down: Array  # (3,) m: the upper segment's centre in the lower one's
-    gap_spread: float  # m, standard deviation of the gap as the markers of both segments scatter in the trial
+    # m, standard deviation of the gap as the markers of both segments scatter in the trial
+    gap_spread: float
     turn_spread: Array  # (2,) rad, the same of ab/adduction and axial turn
-    far: float  # rad, median turn of those frames from the static posture, beyond the usual of walks; 0 within it
+    # rad, median turn of those frames from the static posture, beyond the usual of walks; 0 within
+    # it
+    far: float
     size: float  # Of the person, as of the clusters
 
     @property
@@ -94,17 +108,23 @@ class JointLink:
 
     @property
     def reach(self) -> float:
-        """m, from the joint centre to the points on its axis at which the limits of gap and turn weigh alike."""
+        """m, from the joint centre to the points on its axis at which the limits of gap and turn
+        weigh alike.
+        """
         return self.gap_base / float(np.mean(self.turn_base))
 
 
 def links_of(clusters: Mapping[str, Cluster], centres: Mapping[str, Array]) -> dict[str, JointLink]:
-    """Joint -> its link, where both segments are seen; `centres` (3,) m of the joints in the static posture."""
+    """Joint -> its link, where both segments are seen; `centres` (3,) m of the joints in the static
+    posture.
+    """
     out: dict[str, JointLink] = {}
     for name, (upper, lower) in CHAIN.items():
         for side in linkage.SIDES:
             joint = f"{name}_{side}"
-            above, below = (clusters.get(linkage.of_side(segment, side)) for segment in (upper, lower))
+            above, below = (
+                clusters.get(linkage.of_side(segment, side)) for segment in (upper, lower)
+            )
             if above is not None and below is not None and joint in centres:
                 link = _link(joint, above, below, centres[joint])
                 if link is not None:
@@ -121,7 +141,10 @@ def _link(joint: str, above: Cluster, below: Cluster, centre: Array) -> JointLin
     shift = np.einsum("fji,fj->fi", upper, below.origin[known] - above.origin[known])
     away = np.abs(rotations.root_angles(turn)[:, 0])
     near = away <= max(NEAR_RAD, float(np.percentile(away, NEAREST_PERCENT)))
-    (place_above, turn_above), (place_below, turn_below) = above.pose_spread(centre), below.pose_spread(centre)
+    (place_above, turn_above), (place_below, turn_below) = (
+        above.pose_spread(centre),
+        below.pose_spread(centre),
+    )
     return JointLink(
         joint=joint,
         above=above.segment,

@@ -1,18 +1,21 @@
-"""A cluster that was knocked between the static trial and the moving ones, put where the rest of the leg has it.
+"""A cluster that was knocked between the static trial and the moving ones, put where the rest of
+the leg has it.
 
-A cluster that slid or turned on its segment (`contradiction.py`) says nothing of the bone by its static place; its
-place while the person moves is told by what it did not take along. Points p_k that the bone has in the static posture
-(the joint centres, the axis of the knee, markers of the segment on landmarks) are seen in every frame at x_k, joints as
-the neighbouring segments carry them. With R_f, o_f the rigid motion of the p_k nearest to the x_k, marker i at y_i is
+A cluster that slid or turned on its segment (`contradiction.py`) says nothing of the bone by its
+static place; its place while the person moves is told by what it did not take along. Points p_k
+that the bone has in the static posture (the joint centres, the axis of the knee, markers of the
+segment on landmarks) are seen in every frame at x_k, joints as the neighbouring segments carry
+them. With R_f, o_f the rigid motion of the p_k nearest to the x_k, marker i at y_i is
 
     l_i = median_f R_f^T (y_i,f - o_f)
 
-in the static posture, the mean over the trials that tell of it. The neighbours may borrow no points, and all moving
-trials must agree with the static posture then: else nothing is placed.
+in the static posture, the mean over the trials that tell of it. The neighbours may borrow no
+points, and all moving trials must agree with the static posture then: else nothing is placed.
 
-How far R_f, o_f and the cluster wander about each other, RMS over the frames, and how far joints of people who move lie
-from where they stand (the limits of `joint_link.py` over SPREAD) is how far the place of the cluster is uncertain: by
-so much the joint parameters in that segment may lie elsewhere than its neighbours say.
+How far R_f, o_f and the cluster wander about each other, RMS over the frames, and how far joints of
+people who move lie from where they stand (the limits of `joint_link.py` over SPREAD) is how far the
+place of the cluster is uncertain: by so much the joint parameters in that segment may lie elsewhere
+than its neighbours say.
 """
 
 from collections.abc import Sequence
@@ -50,27 +53,42 @@ class Placement:
             joint_links.angle_of(alignment(self.before, self.place)[0]),
             (self.place - self.before).mean(axis=0),
         )
-        found = f"{listed([repr(m) for m in self.labels])} of {self.segment} sit {1e3 * np.linalg.norm(shift):.0f} mm "
-        found += f"and {np.rad2deg(turn):.0f} deg from where the static trial has them; they are placed by the rest of "
+        found = (
+            f"{listed([repr(m) for m in self.labels])} of {self.segment} sit "
+            f"{1e3 * np.linalg.norm(shift):.0f} mm "
+        )
+        found += (
+            f"and {np.rad2deg(turn):.0f} deg from where the static trial has them; they are placed "
+            "by the rest of "
+        )
         found += f"the leg in {listed(list(self.trials))}, to {1e3 * self.shift_spread:.0f} mm and "
         return f"{found}{np.rad2deg(self.turn_spread):.0f} deg, which the error bars count"
 
     @property
     def finding(self) -> Finding:
         """The same as a note."""
-        cure, topic = "another static trial, recorded with the markers as they sit in the others, is better", "one body"
+        cure, topic = (
+            "another static trial, recorded with the markers as they sit in the others, is better",
+            "one body",
+        )
         code, note = Code.CLUSTER_SLID, Severity.INFO
-        return Finding(code=code, severity=note, topic=topic, where=STUDY, found=self.words, cure=cure)
+        return Finding(
+            code=code, severity=note, topic=topic, where=STUDY, found=self.words, cure=cure
+        )
 
 
 def placement(trials: Sequence[trial_evidence.MarkerEvidence]) -> Placement | None:
-    """The cluster that most moving trials have elsewhere than the static one, where the rest of the leg tells where."""
+    """The cluster that most moving trials have elsewhere than the static one, where the rest of the
+    leg tells where.
+    """
     told: dict[tuple[str, tuple[str, ...]], list[tuple[float, trial_evidence.MarkerEvidence]]] = {}
     for trial in trials:
         for cause in static_disagreement.contradictions_in(trial):
             if cause.fault is static_disagreement.Fault.CLUSTER:
                 told.setdefault((cause.segment, cause.labels), []).append((cause.excess, trial))
-    for (segment, labels), of in sorted(told.items(), key=lambda pair: -sum(excess for excess, _ in pair[1])):
+    for (segment, labels), of in sorted(
+        told.items(), key=lambda pair: -sum(excess for excess, _ in pair[1])
+    ):
         if (placed := _placement(segment, labels, [trial for _, trial in of])) is not None:
             return placed
     return None
@@ -89,21 +107,32 @@ def _placement(
     middle, wander = place.mean(axis=0), np.concatenate(places)
     turn, _ = segment_frames.rigid_motions(place, wander)
     away = wander.mean(axis=1) - middle
-    links = [link for t in trials for link in t.links.values() if segment in (link.above, link.below)]
-    limits = np.max([(k.gap_base, k.turn_base.max()) for k in links], axis=0) / static_disagreement.SPREAD
+    links = [
+        link for t in trials for link in t.links.values() if segment in (link.above, link.below)
+    ]
+    limits = (
+        np.max([(k.gap_base, k.turn_base.max()) for k in links], axis=0)
+        / static_disagreement.SPREAD
+    )
     return Placement(
         segment=segment,
         labels=labels,
         before=before,
         place=place,
         shift_spread=float(np.hypot(limits[0], np.sqrt(np.mean((away**2).sum(axis=1)) / 3.0))),
-        turn_spread=float(np.hypot(limits[1], np.sqrt(np.mean(joint_links.angle_of(turn) ** 2) / 3.0))),
+        turn_spread=float(
+            np.hypot(limits[1], np.sqrt(np.mean(joint_links.angle_of(turn) ** 2) / 3.0))
+        ),
         trials=tuple(t.name for t in trials),
     )
 
 
-def _local(trial: trial_evidence.MarkerEvidence, segment: str, labels: Sequence[str]) -> Array | None:
-    """(nf, n, 3) m, the cluster's markers in the static posture of the bone, by frame; None where nothing tells."""
+def _local(
+    trial: trial_evidence.MarkerEvidence, segment: str, labels: Sequence[str]
+) -> Array | None:
+    """(nf, n, 3) m, the cluster's markers in the static posture of the bone, by frame; None where
+    nothing tells.
+    """
     stance, (part, _, side) = trial.stance, segment.partition("_")
     cluster = trial.clusters[segment]
     if stance is None or part not in ("thigh", "shank"):
@@ -133,7 +162,9 @@ def _local(trial: trial_evidence.MarkerEvidence, segment: str, labels: Sequence[
 
 
 def with_placement(study: Study, static: trial_evidence.MarkerEvidence, one: Placement) -> Study:
-    """The study with a cluster of its static trial where the moving trials have it, and its joints less known."""
+    """The study with a cluster of its static trial where the moving trials have it, and its joints
+    less known.
+    """
     recording = study.static.recording
     axes, _ = alignment(one.before, np.array([static.still_positions[m] for m in one.labels]))
     markers = recording.markers.copy()
@@ -143,6 +174,8 @@ def with_placement(study: Study, static: trial_evidence.MarkerEvidence, one: Pla
         for p in parameters.JOINT_PARAMETERS
         if p.segment == one.segment
     }
-    placed = replace(study.static, recording=replace(recording, markers=markers).with_notes(one.words))
+    placed = replace(
+        study.static, recording=replace(recording, markers=markers).with_notes(one.words)
+    )
     trials = tuple(placed if t is study.static else t for t in study.trials)
     return replace(study, trials=trials, loosened={**study.loosened, **less})

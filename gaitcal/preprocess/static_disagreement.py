@@ -1,21 +1,24 @@
-"""What makes a trial's body another one than the static trial's: the one cause that explains it best.
+"""What makes a trial's body another one than the static trial's: the one cause that explains it
+best.
 
-A trial contradicts the static one where a cluster's offsets, a joint's gap or its turn (`cluster.py`, `joint_link.py`)
-exceed what clean recordings show. A marker that moved bends its cluster and, through the segment's pose, both joints of
-the segment; so the cause is sought with all of them together. For a segment with markers m_i (static place s_i) and the
-axis points p_k of its joints, which the neighbours have at q_k, every explanation has a cost
+A trial contradicts the static one where a cluster's offsets, a joint's gap or its turn
+(`cluster.py`, `joint_link.py`) exceed what clean recordings show. A marker that moved bends its
+cluster and, through the segment's pose, both joints of the segment; so the cause is sought with all
+of them together. For a segment with markers m_i (static place s_i) and the axis points p_k of its
+joints, which the neighbours have at q_k, every explanation has a cost
 
     J = min over rigid C of   sum_i |C m_i - s_i|^2 / sigma^2  +  sum_k |C q_k - p_k|^2 / (2 sigma_k^2)   +  price:
 
-one marker left its place (without its term), two markers carry each other's label (m exchanged), the cluster is
-mirrored (m reflected), or all of it, or all but the markers on landmarks, slid or turned on the segment (the terms of
-those with a C of their own). The price is
-what a free quantity gains by chance. The cheapest of the segments concerned is told; its C puts the pose right, all
+one marker left its place (without its term), two markers carry each other's label (m exchanged),
+the cluster is mirrored (m reflected), or all of it, or all but the markers on landmarks, slid or
+turned on the segment (the terms of those with a C of their own). The price is what a free quantity
+gains by chance. The cheapest of the segments concerned is told; its C puts the pose right, all
 quantities are read with it, and what is left is explained anew.
 
-What is too weak to be told may be so all the same. An explanation that saves S of J is exp(S / 2) times as likely as
-that nothing moved (its price holds the odds before anything was seen), and if it is true the pose is wrong by its C.
-Over all explanations of a segment, weighed by their probabilities, that is an error of its pose (`possible_moves`).
+What is too weak to be told may be so all the same. An explanation that saves S of J is exp(S / 2)
+times as likely as that nothing moved (its price holds the odds before anything was seen), and if it
+is true the pose is wrong by its C. Over all explanations of a segment, weighed by their
+probabilities, that is an error of its pose (`possible_moves`).
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -36,27 +39,34 @@ from gaitcal.preprocess.trial_evidence import MarkerEvidence
 from gaitcal.runtime import remembered
 
 OFFSET_M: Mapping[str, float] = {"pelvis": 0.008, "thigh": 0.010, "shank": 0.008, "foot": 0.008}
-"""Largest offset of a cluster. 91 clean trials of 20 people (10 of them synthetic, with noise) reach
-5.4, 6.4, 5.2 and 6.1 mm."""
+"""Largest offset of a cluster. 91 clean trials of 20 people (10 of them synthetic, with noise)
+reach 5.4, 6.4, 5.2 and 6.1 mm."""
 STEADY_M, STEADY_RATIO, JITTER_M = 0.007, 4.0, 0.0015
-"""A smaller offset counts where it is so many times its own scatter in time, which is at least JITTER."""
+"""A smaller offset counts where it is so many times its own scatter in time, which is at least
+JITTER.
+"""
 REDUCED = 1.6
-"""Factor of the offset where a cluster of a large set borrows from the segment above, whose skin moves otherwise; sets
-that always borrow stay within the limits without it."""
+"""Factor of the offset where a cluster of a large set borrows from the segment above, whose skin
+moves otherwise; sets that always borrow stay within the limits without it."""
 SPREAD = 3.0  # A limit is taken as so many standard deviations
 PRICE = {"marker": 12.0, "labels": 4.0, "mirrored": 12.0, "cluster": 12.0, "loose": 18.0}
-"""Of an explanation. A marker's way is three free quantities that the cluster tells sharply, a cluster's motion and a
-mirror's plane are six and three that the joints tell roughly: by chance they gain about as much. A cluster that left
-the landmarks of its segment behind looks like one of these that moved: odds of 20 to 1 must speak for it."""
+"""Of an explanation. A marker's way is three free quantities that the cluster tells sharply, a
+cluster's motion and a mirror's plane are six and three that the joints tell roughly: by chance they
+gain about as much. A cluster that left the landmarks of its segment behind looks like one of these
+that moved: odds of 20 to 1 must speak for it."""
 CERTAIN = {"marker": 5.0, "labels": 4.0, "mirrored": 4.0, "cluster": 4.0}
-"""Saving from which a cause is told though no single quantity exceeds its limit. On 91 clean trials of 20 people no
-marker saves more than 2.0, no cluster more than 0.1, no exchange anything."""
+"""Saving from which a cause is told though no single quantity exceeds its limit. On 91 clean trials
+of 20 people no marker saves more than 2.0, no cluster more than 0.1, no exchange anything."""
 LIKELY = -6.0  # Saving from which a cause is taken for the quantities that exceed their limits
 WAY_M = 0.04
-"""Spread of the ways that markers go when they are put on again or lie elsewhere: a longer one is the less likely."""
+"""Spread of the ways that markers go when they are put on again or lie elsewhere: a longer one is
+the less likely.
+"""
 ALIKE_M = 0.008  # Two markers whose exchange moves neither by more are not told apart by it
 SLID_WEIGHT = 1e-3
-"""Weight of the markers of a cluster that moved as a whole: enough to tell its flexion, which joints leave free."""
+"""Weight of the markers of a cluster that moved as a whole: enough to tell its flexion, which
+joints leave free.
+"""
 MIRRORED = 0.5  # Share of the offsets that a reflection may leave
 MOST_CAUSES = 4
 
@@ -84,7 +94,9 @@ class Contradiction:
     turn: float  # rad, by which the segment's pose is wrong
     shift: float  # m, by which the pose carries a joint centre away
     direction: Array
-    """(3,) m, forward, up, to the right: offset of the marker, of the largest one, or by which a cluster slid."""
+    """(3,) m, forward, up, to the right: offset of the marker, of the largest one, or by which a
+    cluster slid.
+    """
     excess: float  # How many times the limits were exceeded, the worst
     seen_at: tuple[str, ...]  # Segments and joints that exceeded their limits
     rivals: tuple[str, ...] = ()
@@ -104,14 +116,18 @@ class _Explanation:
     pose: Pose  # The C that belongs to it
 
 
-def contradictions(clusters: Mapping[str, Cluster], links: Mapping[str, JointLink]) -> tuple[Contradiction, ...]:
+def contradictions(
+    clusters: Mapping[str, Cluster], links: Mapping[str, JointLink]
+) -> tuple[Contradiction, ...]:
     """The causes found in one trial, in the order in which they explain most."""
     body, found = _Body(clusters, links), []
     for _ in range(MOST_CAUSES):
         excess = body.excesses()
         best = _cheapest(body, excess)
         if best is None:
-            found += [_unexplained(body, joint, excess[joint]) for joint in excess if joint in links]
+            found += [
+                _unexplained(body, joint, excess[joint]) for joint in excess if joint in links
+            ]
             break
         cause, pose = best
         found.append(cause)
@@ -121,19 +137,25 @@ def contradictions(clusters: Mapping[str, Cluster], links: Mapping[str, JointLin
 
 @dataclass(frozen=True)
 class PossibleMove:
-    """How far the pose of a segment may be wrong by what markers did since the static trial: standard deviations."""
+    """How far the pose of a segment may be wrong by what markers did since the static trial:
+    standard deviations.
+    """
 
     turn: Array  # (3,) rad, about forward, up, to the right in the static posture
     shift: float  # m, at its joints
 
 
-def possible_moves(clusters: Mapping[str, Cluster], links: Mapping[str, JointLink]) -> dict[str, PossibleMove]:
+def possible_moves(
+    clusters: Mapping[str, Cluster], links: Mapping[str, JointLink]
+) -> dict[str, PossibleMove]:
     """Segment -> what its markers may have done, told or not."""
     body, out = _Body(clusters, links), dict[str, PossibleMove]()
     for segment, cluster in clusters.items():
         before, found = body.cost(cluster)[0], list(_explanations(body, cluster))
         share = softmax([0.0, *(0.5 * _saving(body, cluster, before, e) for e in found)])[1:]
-        turns = np.array([Rotation.from_matrix(e.pose[0]).as_rotvec() for e in found]).reshape(-1, 3)
+        turns = np.array([Rotation.from_matrix(e.pose[0]).as_rotvec() for e in found]).reshape(
+            -1, 3
+        )
         shifts = np.array([_carried_away(body, segment, e.pose) for e in found])
         out[segment] = PossibleMove(np.sqrt(share @ turns**2), float(np.sqrt(share @ shifts**2)))
     return out
@@ -152,19 +174,30 @@ class _Body:
     clusters: Mapping[str, Cluster]
     links: Mapping[str, JointLink]
     pose: dict[str, Pose] = field(default_factory=dict)
-    """Segment -> rigid motion that puts its mean shape where it belongs, where that is not the nearest."""
-    cleared: dict[str, tuple[str, ...]] = field(default_factory=dict)  # Segment -> markers that are explained
+    """Segment -> rigid motion that puts its mean shape where it belongs, where that is not the
+    nearest.
+    """
+    cleared: dict[str, tuple[str, ...]] = field(
+        default_factory=dict
+    )  # Segment -> markers that are explained
 
     def explained_by(self, cause: Contradiction, pose: Pose) -> None:
         """Put the pose of a segment right, and leave out what rested on what was wrong with it.
 
-        These are the clusters that borrow of it and their joints, of a mirrored one its own joints too.
+        These are the clusters that borrow of it and their joints, of a mirrored one its own joints
+        too.
         """
         segment, labels = cause.segment, cause.labels
         self.pose[segment] = pose
         whole = len(labels) == self.clusters[segment].own
-        if not (cause.fault is Fault.CLUSTER and whole):  # a reflection or an exchange is in the shape
-            explained = labels if cause.fault in (Fault.MARKER, Fault.CLUSTER) else self.clusters[segment].labels
+        if not (
+            cause.fault is Fault.CLUSTER and whole
+        ):  # a reflection or an exchange is in the shape
+            explained = (
+                labels
+                if cause.fault in (Fault.MARKER, Fault.CLUSTER)
+                else self.clusters[segment].labels
+            )
             self.cleared[segment] = (*self.cleared.get(segment, ()), *explained)
         lost = {
             name
@@ -184,13 +217,17 @@ class _Body:
 
     def relation(self, link: JointLink) -> Pose:
         """Turn (3, 3) and gap (3,) m of a joint, both segments' poses as corrected."""
-        (rp, tp), (rq, tq) = (self.pose.get(segment, NO_MOTION) for segment in (link.above, link.below))
+        (rp, tp), (rq, tq) = (
+            self.pose.get(segment, NO_MOTION) for segment in (link.above, link.below)
+        )
         at = rq.T @ (link.centre - tq)
         carried = link.rotation @ (at - link.centre) + link.carried_up
         return rp @ link.rotation @ rq.T, rp @ carried + tp - link.centre
 
     def seen_from(self, segment: str) -> Iterator[tuple[JointLink, Array, Array]]:
-        """Joint, p (2, 3) and q (2, 3) m, the axis points of a segment's joints where its neighbours have them."""
+        """Joint, p (2, 3) and q (2, 3) m, the axis points of a segment's joints where its
+        neighbours have them.
+        """
         for link in self.links.values():
             if segment not in (link.above, link.below):
                 continue
@@ -198,11 +235,15 @@ class _Body:
             aside = [0.0, 0.0, link.reach]
             points = np.array([link.centre + aside, link.centre - aside])
             turn, shift = self.pose.get(link.below if up else link.above, NO_MOTION)
-            rotation, carried = (link.rotation, link.carried_up) if up else (link.rotation.T, link.carried_down)
+            rotation, carried = (
+                (link.rotation, link.carried_up) if up else (link.rotation.T, link.carried_down)
+            )
             yield link, points, ((points - shift) @ turn - link.centre) @ rotation.T + carried
 
     def excesses(self) -> dict[str, float]:
-        """Segment or joint -> the largest of its quantities in units of the limit, where that is above 1."""
+        """Segment or joint -> the largest of its quantities in units of the limit, where that is
+        above 1.
+        """
         out = {name: self.offset_excess(cluster) for name, cluster in self.clusters.items()}
         for joint, link in self.links.items():
             turn, gap = self.relation(link)
@@ -234,7 +275,9 @@ class _Body:
         joints: bool = True,
         slid: Sequence[int] = (),
     ) -> tuple[float, Pose]:
-        """J without its price, and the C that makes it least, in which those that `slid` hardly count."""
+        """J without its price, and the C that makes it least, in which those that `slid` hardly
+        count.
+        """
         shape = cluster.shape if shape is None else shape
         taken = self.free(cluster, range(len(cluster.labels)) if kept is None else kept)
         sigma = np.hypot(offset_limit(cluster), cluster.scatter[taken]) / SPREAD
@@ -252,12 +295,17 @@ class _Body:
 
 
 def _cheapest(body: _Body, excess: Mapping[str, float]) -> tuple[Contradiction, Pose] | None:
-    """The explanation that leaves least of the whole body, if it saves enough; of the pelvis first, where both thighs
-    borrow from it.
+    """The explanation that leaves least of the whole body, if it saves enough; of the pelvis first,
+    where both thighs borrow from it.
     """
     best, least = None, np.inf
     for segment, cluster in body.clusters.items():
-        if best is not None and best[0].segment == "pelvis" and cluster.borrowed and {"hip_r", "hip_l"} <= set(excess):
+        if (
+            best is not None
+            and best[0].segment == "pelvis"
+            and cluster.borrowed
+            and {"hip_r", "hip_l"} <= set(excess)
+        ):
             break
         joints = [link.joint for link in body.links.values() if segment in (link.above, link.below)]
         concerned = tuple(name for name in (segment, *joints) if name in excess)
@@ -270,13 +318,23 @@ def _cheapest(body: _Body, excess: Mapping[str, float]) -> tuple[Contradiction, 
             left = rest + before - saving
             if left < least:
                 worst = max((excess[name] for name in concerned), default=1.0)
-                best, least = (_contradiction(body, cluster, found, worst, concerned or (segment,)), found.pose), left
+                best, least = (
+                    (
+                        _contradiction(body, cluster, found, worst, concerned or (segment,)),
+                        found.pose,
+                    ),
+                    left,
+                )
     return best
 
 
 def _cost_of_the_rest(body: _Body, segment: str) -> float:
     """Cost of all other clusters, and of the joints that are not this segment's, poses as they are."""
-    total = sum(body.cost(other, joints=False)[0] for name, other in body.clusters.items() if name != segment)
+    total = sum(
+        body.cost(other, joints=False)[0]
+        for name, other in body.clusters.items()
+        if name != segment
+    )
     for link in body.links.values():
         if segment not in (link.above, link.below):
             turn, shift = body.pose.get(link.below, NO_MOTION)
@@ -286,11 +344,17 @@ def _cost_of_the_rest(body: _Body, segment: str) -> float:
 
 
 def _saving(body: _Body, cluster: Cluster, before: float, found: _Explanation) -> float:
-    """What an explanation saves of the cost `before` it; a marker's absence, in the cluster that borrows it, too."""
+    """What an explanation saves of the cost `before` it; a marker's absence, in the cluster that
+    borrows it, too.
+    """
     saving = before - found.cost
     for name, other in body.clusters.items() if found.fault is Fault.MARKER else ():
         if other.borrowed and name != cluster.segment and other.labels[-1] in found.labels:
-            return saving + body.cost(other)[0] - body.cost(other, kept=range(len(other.labels) - 1))[0]
+            return (
+                saving
+                + body.cost(other)[0]
+                - body.cost(other, kept=range(len(other.labels) - 1))[0]
+            )
     return saving
 
 
@@ -354,7 +418,9 @@ def _contradiction(
         direction=direction,
         excess=excess,
         seen_at=seen_at,
-        rivals=tuple(m for m in cluster.labels[: cluster.own] if m not in found.labels) if of_two else (),
+        rivals=tuple(m for m in cluster.labels[: cluster.own] if m not in found.labels)
+        if of_two
+        else (),
     )
 
 
@@ -374,6 +440,12 @@ def _unexplained(body: _Body, joint: str, excess: float) -> Contradiction:
 
 @remembered
 def contradictions_in(trial: MarkerEvidence) -> tuple[Contradiction, ...]:
-    """All in which a moving trial contradicts the static one, of what it is fitted by; every segment is a witness."""
+    """All in which a moving trial contradicts the static one, of what it is fitted by; every
+    segment is a witness.
+    """
     found, joint = contradictions(trial.clusters, trial.links), trial.trial.joint
-    return found if joint is None else tuple(c for c in found if c.segment in (joint, *joint_segments(joint)))
+    return (
+        found
+        if joint is None
+        else tuple(c for c in found if c.segment in (joint, *joint_segments(joint)))
+    )

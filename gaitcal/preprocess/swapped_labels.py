@@ -1,16 +1,19 @@
 """Exchanged labels: found by lengths, by jumps and by sides; exchanged back; told.
 
-By lengths: d0(a, c) is the distance of markers a and c of one segment in the static posture. A trajectory y under the
+By lengths: d0(a, c) is the distance of markers a and c of one segment in the static posture. A
+trajectory y under the
 label a costs  E_a(y) = mean_c | |y - x_c| - d0(a, c) |  over the others c of its segment. Labels a and b are exchanged
-where E_a(x_b) + E_b(x_a) is far below E_a(x_a) + E_b(x_b), and neither term is more than skin makes; a has taken the
-place of a marker b that is not seen where E_b(x_a) is far below E_a(x_a). By jumps: from one frame to the next a goes
-where b was, and b where a was. By sides: right markers lie to the left of their left namesakes, seen along the pelvis.
+where E_a(x_b) + E_b(x_a) is far below E_a(x_a) + E_b(x_b), and neither term is more than skin
+makes; a has taken the place of a marker b that is not seen where E_b(x_a) is far below E_a(x_a). By
+jumps: from one frame to the next a goes where b was, and b where a was. By sides: right markers lie
+to the left of their left namesakes, seen along the pelvis.
 
-Lengths are no evidence in arms: the humerus and the radius turn under the skin by up to a right angle, so that the two
-epicondyles, or the two sides of the wrist, come to where the other should be. They are judged by jumps alone.
+Lengths are no evidence in arms: the humerus and the radius turn under the skin by up to a right
+angle, so that the two epicondyles, or the two sides of the wrist, come to where the other should
+be. They are judged by jumps alone.
 
-Exchanges that the shape of a whole trial shows are one of the causes of `contradiction.py`, those of the static trial
-one of `static_landmarks.py`, those that only a fit shows one of `after_fit.py`.
+Exchanges that the shape of a whole trial shows are one of the causes of `contradiction.py`, those
+of the static trial one of `static_landmarks.py`, those that only a fit shows one of `after_fit.py`.
 """
 
 from collections.abc import Iterator, Sequence
@@ -26,20 +29,25 @@ from gaitcal.model import linkage, rebuilt_markers
 from gaitcal.preprocess.trial_evidence import NEGLIGIBLE_WEIGHT, MarkerEvidence
 from gaitcal.runtime import remembered
 
-STRANGE_M = 0.02  # Cost E above which a label is doubted at all; skin movement stays below that in most frames
+# Cost E above which a label is doubted at all; skin movement stays below that in most frames
+STRANGE_M = 0.02
 FAR_BELOW = 0.5  # The other assignment must cost less than this share of the present one
 DECISIVE_M = 0.003
-"""Difference of cost, mean over frames, from which lengths decide which side of a jump carries the right labels."""
+"""Difference of cost, mean over frames, from which lengths decide which side of a jump carries the
+right labels.
+"""
 BRIDGED_S = 0.1  # Gap within which two markers may change places
 JUMP_M = 0.03
 ARMS = ("upper_arm", "forearm_hand")
 FEWEST_OTHERS = 2
-"""Others of the segment that must be seen in a frame to say that a marker is where another, unseen one should be: at
-one distance from one marker there are many places."""
-LONG_S = 0.05  # Longer than a filter bridges: angles of the segment are wrong by tens of degrees for so long
+"""Others of the segment that must be seen in a frame to say that a marker is where another, unseen
+one should be: at one distance from one marker there are many places."""
+# Longer than a filter bridges: angles of the segment are wrong by tens of degrees for so long
+LONG_S = 0.05
 SHORTEST = 3  # Frames of a stretch in which lengths say that labels are exchanged
 WRONG_SIDE_M = 0.02  # How far a right marker may lie to the left of its left one, as feet may cross
-CROSSED_M = 0.06  # The same in most frames of an isolated trial, in which one leg may be held across the other
+# The same in most frames of an isolated trial, in which one leg may be held across the other
+CROSSED_M = 0.06
 LEGS = ("thigh", "shank", "foot")
 MOST_OF_A_PART = 0.5  # Share of the frames: of more, the labels are exchanged in the file
 
@@ -52,7 +60,9 @@ class Exchange:
     other: str
     frames: BoolArray  # (nf,)
     mutual: bool  # False where the other marker was not seen meanwhile
-    sure: bool = True  # Whether lengths within segments say so; jumps alone may miss where an exchange ends
+    sure: bool = (
+        True  # Whether lengths within segments say so; jumps alone may miss where an exchange ends
+    )
 
 
 def exchanged(trial: MarkerEvidence) -> Iterator[Finding]:
@@ -61,10 +71,17 @@ def exchanged(trial: MarkerEvidence) -> Iterator[Finding]:
     back = [] if read is trial else _restored(read)[1]
     for k, found in enumerate((*back, *exchanges(trial))):
         count = int(found.frames.sum())
-        what = "carry each other's label" if found.mutual else "are confused: the first is where the second should be"
+        what = (
+            "carry each other's label"
+            if found.mutual
+            else "are confused: the first is where the second should be"
+        )
         message = f"'{found.label}' and '{found.other}' {what} in {count} frames, "
         message += spans(trial.recording.time, runs(found.frames))
-        severity, cure = Severity.ERROR, "label that part again, or leave it out with time = [start, end]"
+        severity, cure = (
+            Severity.ERROR,
+            "label that part again, or leave it out with time = [start, end]",
+        )
         if k < len(back):
             severity, cure = (
                 Severity.INFO,
@@ -72,7 +89,10 @@ def exchanged(trial: MarkerEvidence) -> Iterator[Finding]:
             )
         elif max(trial.weight(found.label), trial.weight(found.other)) <= NEGLIGIBLE_WEIGHT:
             severity = Severity.INFO
-            cure = "no harm done, as both have little weight or none; label that part again to use them"
+            cure = (
+                "no harm done, as both have little weight or none; label that part again to use "
+                "them"
+            )
         elif count / max(int(trial.seen[:, trial.place[found.label]].sum()), 1) > MOST_OF_A_PART:
             cure = "exchange the two labels in the file"
         elif not _harmful(trial, found):
@@ -83,16 +103,22 @@ def exchanged(trial: MarkerEvidence) -> Iterator[Finding]:
 
 
 def _of_a_part(trial: MarkerEvidence, found: Exchange) -> bool:
-    """Whether both labels are right for most of the time, so that their exchange for a part can be undone."""
+    """Whether both labels are right for most of the time, so that their exchange for a part can be
+    undone.
+    """
     seen = max(int(trial.seen[:, trial.place[found.label]].sum()), 1)
     return found.mutual and found.sure and int(found.frames.sum()) <= MOST_OF_A_PART * seen
 
 
 def _harmful(trial: MarkerEvidence, found: Exchange) -> bool:
-    """Whether a part of the trial turns a segment of the pelvis or legs by it: two full markers, for some time."""
+    """Whether a part of the trial turns a segment of the pelvis or legs by it: two full markers,
+    for some time.
+    """
     if min(map(trial.weight, (found.label, found.other))) <= NEGLIGIBLE_WEIGHT:
         return False
-    of_legs = {label for s in linkage.LOWER_BODY if s in trial.templates for label in trial.templates[s][0]}
+    of_legs = {
+        label for s in linkage.LOWER_BODY if s in trial.templates for label in trial.templates[s][0]
+    }
     longest = max(duration(trial.recording.time, run) for run in runs(found.frames))
     return {found.label, found.other} <= of_legs and longest >= LONG_S
 
@@ -108,34 +134,41 @@ def exchanges(trial: MarkerEvidence) -> tuple[Exchange, ...]:
             found[pair] = exchange
         if known is not None:
             found[pair] = replace(found[pair], frames=known.frames | exchange.frames)
-    found |= {frozenset((exchange.label, exchange.other)): exchange for exchange in by_jumps(trial)}  # frame by frame
+    found |= {
+        frozenset((exchange.label, exchange.other)): exchange for exchange in by_jumps(trial)
+    }  # frame by frame
     return tuple(found.values())
 
 
 def _keeps_lengths(trial: MarkerEvidence) -> bool:
-    """Whether lengths within segments can show swapped labels: those of key points change by centimetres."""
+    """Whether lengths within segments can show swapped labels: those of key points change by
+    centimetres.
+    """
     return trial.marker_set.noise is None
 
 
 def undone(trial: MarkerEvidence) -> MarkerEvidence:
-    """The trial with all exchanges undone, so that only what else is wrong with it is seen; itself where there are
-    none.
+    """The trial with all exchanges undone, so that only what else is wrong with it is seen; itself
+    where there are none.
     """
     return _without(trial, exchanges(trial))
 
 
 def put_back(trial: MarkerEvidence) -> MarkerEvidence:
-    """The moving trial as it is fitted: labels that carry each other's marker for a part of it exchanged back.
+    """The moving trial as it is fitted: labels that carry each other's marker for a part of it
+    exchanged back.
 
-    Three markers of a segment of which two are exchanged are a mirror image, and least squares turns the segment round;
-    no weight can repair that.
+    Three markers of a segment of which two are exchanged are a mirror image, and least squares
+    turns the segment round; no weight can repair that.
     """
     mended, found = (trial, []) if trial.is_static else _restored(trial)
     return replace(mended, as_read=trial.recording) if found else trial
 
 
 def _restored(trial: MarkerEvidence) -> tuple[MarkerEvidence, list[Exchange]]:
-    """The trial with exchanges of a part undone until none is left, and these; itself where that cannot be done."""
+    """The trial with exchanges of a part undone until none is left, and these; itself where that
+    cannot be done.
+    """
     mended, done = trial, list[Exchange]()
     while found := exchanges(mended):
         if len(done) > len(trial.place) or not all(_of_a_part(mended, one) for one in found):
@@ -167,8 +200,8 @@ class _Lengths:
         }
 
     def cost(self, label: str, trajectory: str, without: tuple[str, ...], fewest: int = 1) -> Array:
-        """(nf,) m, E_label(trajectory) over the others of the segment, `without` some; NaN where fewer are seen than
-        `fewest`.
+        """(nf,) m, E_label(trajectory) over the others of the segment, `without` some; NaN where
+        fewer are seen than `fewest`.
         """
         labels, local = self._trial.templates[self.segment_of[label]]
         here, place = labels.index(label), self._trial.place
@@ -177,7 +210,9 @@ class _Lengths:
         if not others:
             return np.full(len(x), np.nan)
         apart = x[:, [place[labels[k]] for k in others]] - x[:, [place[trajectory]]]
-        wrong = np.abs(np.linalg.norm(apart, axis=2) - np.linalg.norm(local[others] - local[here], axis=1))
+        wrong = np.abs(
+            np.linalg.norm(apart, axis=2) - np.linalg.norm(local[others] - local[here], axis=1)
+        )
         known = np.isfinite(wrong)
         count = known.sum(axis=1)
         total = np.where(known, wrong, 0.0).sum(axis=1)
@@ -201,7 +236,10 @@ def by_lengths(trial: MarkerEvidence) -> Iterator[Exchange]:
     for a, b in combinations(doubted, 2):
         both = strange[a] & strange[b]
         if both.sum() >= SHORTEST:
-            present, other = lengths.present(a, b), lengths.exchanged(a, b)  # comparisons with NaN are false
+            present, other = (
+                lengths.present(a, b),
+                lengths.exchanged(a, b),
+            )  # comparisons with NaN are false
             marked = _long_enough(both & (other.sum(axis=0) < FAR_BELOW * present.sum(axis=0)))
             # a third marker that is elsewhere makes a wrong exchange cheaper, and no exchange right
             if marked.any() and np.median(other.max(axis=0)[marked]) < STRANGE_M:
@@ -227,9 +265,11 @@ def _long_enough(marked: BoolArray) -> BoolArray:
 
 
 def by_jumps(trial: MarkerEvidence) -> Iterator[Exchange]:
-    """Exchanges that happen from one frame to the next, or within a short gap; lengths tell which side is right.
+    """Exchanges that happen from one frame to the next, or within a short gap; lengths tell which
+    side is right.
 
-    Where lengths do not tell (the two are alike in their distances to the others), the shorter side is the wrong one.
+    Where lengths do not tell (the two are alike in their distances to the others), the shorter side
+    is the wrong one.
     """
     trial = trial.as_fitted
     lengths = _Lengths(trial)
@@ -240,14 +280,20 @@ def by_jumps(trial: MarkerEvidence) -> Iterator[Exchange]:
         first, second = trial.recording.labels[a], trial.recording.labels[b]
         present = other = np.full(len(frames), np.nan)
         if first in lengths.segment_of and second in lengths.segment_of:
-            present, other = (cost(first, second).sum(axis=0) for cost in (lengths.present, lengths.exchanged))
+            present, other = (
+                cost(first, second).sum(axis=0) for cost in (lengths.present, lengths.exchanged)
+            )
         excess = present - other
-        gain = float(np.nansum(np.where(frames, excess, -excess))) / max(int(np.isfinite(excess).sum()), 1)
+        gain = float(np.nansum(np.where(frames, excess, -excess))) / max(
+            int(np.isfinite(excess).sum()), 1
+        )
         if gain < -DECISIVE_M or (gain < DECISIVE_M and frames.mean() > 0.5):
             frames = ~frames
-        # of many jumps one that is missed puts all after it on the wrong side, which lengths show frame by frame; not
-        # between two segments, whose other markers may be exchanged as well
-        if _keeps_lengths(trial) and lengths.segment_of.get(first, "") == lengths.segment_of.get(second):
+        # of many jumps one that is missed puts all after it on the wrong side, which lengths show
+        # frame by frame; not between two segments, whose other markers may be exchanged as well
+        if _keeps_lengths(trial) and lengths.segment_of.get(first, "") == lengths.segment_of.get(
+            second
+        ):
             frames |= (present > 2.0 * STRANGE_M) & (other < FAR_BELOW * present)
             frames &= ~((other > 2.0 * STRANGE_M) & (present < FAR_BELOW * other))
         if frames.any():
@@ -257,17 +303,23 @@ def by_jumps(trial: MarkerEvidence) -> Iterator[Exchange]:
 
 
 def _crossings(trial: MarkerEvidence) -> dict[tuple[int, int], list[int]]:
-    """Pairs of columns -> frames at which one comes to where the other was, and the other way round."""
+    """Pairs of columns -> frames at which one comes to where the other was, and the other way
+    round.
+    """
     x = trial.recording.markers
     out: dict[tuple[int, int], list[int]] = {}
     if len(x) < 3:
         return out
     before = _last_seen(x, max(1, round(BRIDGED_S * trial.recording.rate)))[:-1]
     length = np.linalg.norm(x[1:] - before, axis=2)
-    jumping = np.nan_to_num(length) > max(rebuilt_markers.jump_limit(trial.recording, trial.marker_set.noise), JUMP_M)
+    jumping = np.nan_to_num(length) > max(
+        rebuilt_markers.jump_limit(trial.recording, trial.marker_set.noise), JUMP_M
+    )
     for t in np.flatnonzero(jumping.sum(axis=1) >= 2):
         for a, b in combinations(np.flatnonzero(jumping[t]).tolist(), 2):
-            crossed = np.linalg.norm(x[t + 1, a] - before[t, b]) + np.linalg.norm(x[t + 1, b] - before[t, a])
+            crossed = np.linalg.norm(x[t + 1, a] - before[t, b]) + np.linalg.norm(
+                x[t + 1, b] - before[t, a]
+            )
             if crossed < FAR_BELOW * (length[t, a] + length[t, b]):
                 out.setdefault((a, b), []).append(int(t) + 1)
     return out
@@ -289,7 +341,9 @@ def sides(trial: MarkerEvidence) -> Iterator[Finding]:
     when: list[slice] = []
     farthest = 0.0
     for name, other in _namesakes(trial):
-        lateral = np.einsum("fi,fi->f", trial.path(name) - trial.path(other), trial.pelvis.rotation[:, :, 2])
+        lateral = np.einsum(
+            "fi,fi->f", trial.path(name) - trial.path(other), trial.pelvis.rotation[:, :, 2]
+        )
         known = np.isfinite(lateral) & trial.pelvis.determined
         bad = known & (lateral < -WRONG_SIDE_M)
         if known.sum() >= 3 and bad.sum() > 0.5 * known.sum():
@@ -302,7 +356,8 @@ def sides(trial: MarkerEvidence) -> Iterator[Finding]:
         yield trial.finding(
             Severity.WARNING if crossed else Severity.ERROR,
             "sides",
-            f"right markers lie to the left of their left ones: {listed(wrong)} ({spans(trial.recording.time, when)})",
+            f"right markers lie to the left of their left ones: {listed(wrong)} "
+            f"({spans(trial.recording.time, when)})",
             "exchange the labels of right and left in the file",
             cause="" if crossed else "right and left are exchanged in the labels",
             weight=10.0,
@@ -315,9 +370,14 @@ def _namesakes(trial: MarkerEvidence) -> Iterator[tuple[str, str]]:
     tracking = trial.marker_set.tracking
     pairs = [*permutations(tracking.get("pelvis", ()), 2)]
     for segment in LEGS:
-        # A built-in pattern with {S} or {s} gives both sides in one order; a user's own lists may differ.
-        pairs += zip(tracking.get(f"{segment}_r", ()), tracking.get(f"{segment}_l", ()), strict=False)
-    yield from ((a, b) for a, b in pairs if a in trial.place and b in trial.place and is_right_of(a, b))
+        # A built-in pattern with {S} or {s} gives both sides in one order; a user's own lists may
+        # differ.
+        pairs += zip(
+            tracking.get(f"{segment}_r", ()), tracking.get(f"{segment}_l", ()), strict=False
+        )
+    yield from (
+        (a, b) for a, b in pairs if a in trial.place and b in trial.place and is_right_of(a, b)
+    )
 
 
 def is_right_of(a: str, b: str) -> bool:

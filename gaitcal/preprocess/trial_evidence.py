@@ -20,7 +20,9 @@ from gaitcal.study.study_trial import Role, Trial, cleaned_trial
 from gaitcal.tracking.rigid import RigidFit, segment_fit
 
 NEGLIGIBLE_WEIGHT = 0.1
-"""Weight up to which a marker decides nothing: arms, whose skin stays behind when the bone turns, among others."""
+"""Weight up to which a marker decides nothing: arms, whose skin stays behind when the bone turns,
+among others.
+"""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -32,11 +34,19 @@ class MarkerEvidence:
     subject: Subject
     settings: CalibrationSettings
     model: SubjectModel | None  # Nominal; None where the static trial gives none
-    stance: Stance | None = None  # The static posture of pelvis and legs; None where there is no model
-    outliers: tuple[Outlier, ...] = ()  # Markers that the recording lacks where they were metres away from the body
-    as_read: Recording | None = None  # Of a moving trial whose exchanged labels were put back: with them exchanged
+    stance: Stance | None = (
+        None  # The static posture of pelvis and legs; None where there is no model
+    )
+    outliers: tuple[
+        Outlier, ...
+    ] = ()  # Markers that the recording lacks where they were metres away from the body
+    as_read: Recording | None = (
+        None  # Of a moving trial whose exchanged labels were put back: with them exchanged
+    )
     rebuilding: Rebuilding | None = None
-    """Of the static trial that makes the model: markers that it lost, and what other trials gave back."""
+    """Of the static trial that makes the model: markers that it lost, and what other trials gave
+    back.
+    """
 
     @classmethod
     def of(
@@ -48,9 +58,13 @@ class MarkerEvidence:
         model: SubjectModel | None,
         stance: Stance | None = None,
     ) -> "MarkerEvidence":
-        """The evidence of a trial without markers that are metres away from the body, as it will be fitted."""
+        """The evidence of a trial without markers that are metres away from the body, as it will be
+        fitted.
+        """
         trial = cleaned_trial(trial, marker_set.segment_of, marker_set.noise)
-        found = cls(trial=trial, marker_set=marker_set, subject=subject, settings=settings, model=model)
+        found = cls(
+            trial=trial, marker_set=marker_set, subject=subject, settings=settings, model=model
+        )
         return replace(found, stance=stance, outliers=trial.outliers or ())
 
     def with_recording(self, recording: Recording) -> "MarkerEvidence":
@@ -88,7 +102,9 @@ class MarkerEvidence:
         leg: str = "",
         weight: float = 1.0,
     ) -> Finding:
-        """Something found in this trial; it puts blame on the file of its markers, unless it is a note."""
+        """Something found in this trial; it puts blame on the file of its markers, unless it is a
+        note.
+        """
         return Finding(
             code=code,
             severity=severity,
@@ -128,13 +144,17 @@ class MarkerEvidence:
 
     @cached_property
     def as_fitted(self) -> "MarkerEvidence":
-        """The trial with the markers that it is fitted by alone: of an isolated trial those of its joint's segments."""
+        """The trial with the markers that it is fitted by alone: of an isolated trial those of its
+        joint's segments.
+        """
         if self.trial.joint is None:
             return self
         segments, of = joint_segments(self.trial.joint), self.marker_set.segment_of
         kept = [i for i, label in enumerate(self.recording.labels) if of.get(label) in segments]
         labels = tuple(self.recording.labels[i] for i in kept)
-        return self.with_recording(replace(self.recording, labels=labels, markers=self.recording.markers[:, kept]))
+        return self.with_recording(
+            replace(self.recording, labels=labels, markers=self.recording.markers[:, kept])
+        )
 
     @property
     def makes_model(self) -> bool:
@@ -153,7 +173,8 @@ class MarkerEvidence:
 
     @cached_property
     def expected(self) -> tuple[str, ...]:
-        """Markers with weight that this trial should have: those that are tracked, and in the static trial all.
+        """Markers with weight that this trial should have: those that are tracked, and in the
+        static trial all.
 
         What it lost is told by itself (`markers.rebuilt`, `markers.not_rebuilt`).
         """
@@ -161,8 +182,12 @@ class MarkerEvidence:
         if self.is_static:
             groups += list(self.marker_set.static_only.items())
         lost = {outlier.label for outlier in self.outliers if outlier.frames == outlier.of}
-        lost |= set() if self.rebuilding is None else {*self.rebuilding.labels, *self.rebuilding.left}
-        return tuple(m for _, labels in groups for m in labels if self.weight(m) > 0 and m not in lost)
+        lost |= (
+            set() if self.rebuilding is None else {*self.rebuilding.labels, *self.rebuilding.left}
+        )
+        return tuple(
+            m for _, labels in groups for m in labels if self.weight(m) > 0 and m not in lost
+        )
 
     @cached_property
     def present(self) -> tuple[str, ...]:
@@ -199,19 +224,27 @@ class MarkerEvidence:
 
     @cached_property
     def posture(self) -> dict[str, Array] | None:
-        """Landmark -> (3,) m, mean of the still window of a static trial; None where nobody stands still in it."""
+        """Landmark -> (3,) m, mean of the still window of a static trial; None where nobody stands
+        still in it.
+        """
         if not self.is_static:
             return None
-        if self.rebuilding is not None and self.rebuilding.markers:  # the others are judged beside what was rebuilt
+        if (
+            self.rebuilding is not None and self.rebuilding.markers
+        ):  # the others are judged beside what was rebuilt
             return replace(self.with_recording(self.rebuilding.static), rebuilding=None).posture
         if self.still_frames is None:
             return None
         paths = {name: self.landmark(name) for name in self.marker_set.landmarks}
-        return seen_means({name: path[self.still_frames] for name, path in paths.items() if path is not None})
+        return seen_means(
+            {name: path[self.still_frames] for name, path in paths.items() if path is not None}
+        )
 
     @cached_property
     def still_positions(self) -> dict[str, Array]:
-        """Label -> (3,) m, mean over the still window, of the set's markers; empty where nobody stands still."""
+        """Label -> (3,) m, mean over the still window, of the set's markers; empty where nobody
+        stands still.
+        """
         if self.still_frames is None:
             return {}
         labels = [label for label in self.marker_set.labels if label in self.place]
@@ -219,12 +252,17 @@ class MarkerEvidence:
 
     @cached_property
     def templates(self) -> dict[str, tuple[tuple[str, ...], Array]]:
-        """Segment -> labels that are in this trial, and their positions (nm, 3) m in the static posture."""
+        """Segment -> labels that are in this trial, and their positions (nm, 3) m in the static
+        posture.
+        """
         if self.model is None:
             return {}
         markers = self.model.markers
         rows = {segment: markers.on(segment, self.place) for segment in markers.segments}
-        return {s: (tuple(markers.labels[i] for i in own), markers.local[own]) for s, own in rows.items()}
+        return {
+            s: (tuple(markers.labels[i] for i in own), markers.local[own])
+            for s, own in rows.items()
+        }
 
     def weighed(self, segment: str) -> list[str]:
         """Markers of a segment of the model that this trial shows and that have weight."""
@@ -233,11 +271,15 @@ class MarkerEvidence:
 
     @cached_property
     def clusters(self) -> dict[str, Cluster]:
-        """Segment -> its markers against the static posture, of pelvis and legs; empty in the static trial."""
+        """Segment -> its markers against the static posture, of pelvis and legs; empty in the
+        static trial.
+        """
         if self.stance is None or self.is_static:
             return {}
         landmarks = self.marker_set.landmarks
-        return clusters_of(self.recording, self.stance, landmarks, lambda m: self.weight(m) > NEGLIGIBLE_WEIGHT)
+        return clusters_of(
+            self.recording, self.stance, landmarks, lambda m: self.weight(m) > NEGLIGIBLE_WEIGHT
+        )
 
     @cached_property
     def links(self) -> dict[str, JointLink]:
@@ -246,8 +288,14 @@ class MarkerEvidence:
 
     @cached_property
     def pelvis(self) -> RigidFit | None:
-        """Rigid fit of the pelvis markers; None with fewer than three, or where they never show its turn."""
-        return None if self.model is None else segment_fit(self.model.markers, "pelvis", self.recording)
+        """Rigid fit of the pelvis markers; None with fewer than three, or where they never show its
+        turn.
+        """
+        return (
+            None
+            if self.model is None
+            else segment_fit(self.model.markers, "pelvis", self.recording)
+        )
 
     @cached_property
     def way(self) -> Array:

@@ -1,4 +1,5 @@
-"""Quality control: checks of recordings, forces and fits, their findings, and the verdict. Changes no data.
+"""Quality control: checks of recordings, forces and fits, their findings, and the verdict. Changes
+no data.
 
 | checks | module |
 |---|---|

@@ -1,8 +1,9 @@
-"""Feet on plates: which foot, whether wholly on it, under the centre of pressure, and loaded when it touches down.
+"""Feet on plates: which foot, whether wholly on it, under the centre of pressure, and loaded when
+it touches down.
 
-Which frames a centre of pressure is outside of its foot is told by `dynamics/off_sole.py`, as for the tracked motion,
-whose torques do not count there. A fault that puts soles, plates or clocks in disorder is told by its own check, and
-what it does here is not told again (`_explained`).
+Which frames a centre of pressure is outside of its foot is told by `dynamics/off_sole.py`, as for
+the tracked motion, whose torques do not count there. A fault that puts soles, plates or clocks in
+disorder is told by its own check, and what it does here is not told again (`_explained`).
 """
 
 import re
@@ -15,7 +16,14 @@ import numpy as np
 from gaitcal.arrays import Array, BoolArray
 from gaitcal.dynamics import foot_contact
 from gaitcal.dynamics.measurement_errors import foot_tip, outline_known
-from gaitcal.dynamics.off_sole import MOST_BESIDE, Place, divided_cause, divided_frames, one_centre, places_of
+from gaitcal.dynamics.off_sole import (
+    MOST_BESIDE,
+    Place,
+    divided_cause,
+    divided_frames,
+    one_centre,
+    places_of,
+)
 from gaitcal.errors import Code, Finding, Severity
 from gaitcal.io.axes import PROGRESSION_M
 from gaitcal.io.force_plate import BODY_N, LOADED_N, centre_on_ground, covered, resample_wrench
@@ -32,11 +40,15 @@ FEET = ("right", "left")
 FLOOR_M = (-0.03, 0.15)  # Height of a resting heel or toe marker above the centre of pressure
 LATE_S = 0.08  # Difference between the clocks of markers and forces that is told
 TOLD_SHARE, TOLD_S = 0.02, 0.03
-"""Share of the impulse of a plate under a foot, and s, that must lie outside to be told: landing and lifting off are
-over in 10 to 20 ms (Whittle 1999), and bear less than that share where clocks differ by a few frames."""
+"""Share of the impulse of a plate under a foot, and s, that must lie outside to be told: landing
+and lifting off are over in 10 to 20 ms (Whittle 1999), and bear less than that share where clocks
+differ by a few frames."""
 ALIKE = 0.7  # Cosine between directions that are told as one
-ENDWAYS = 0.7  # Cosine with the line of the foot above which a place is behind or in front of it, and not beside it
-IN_AIR = 0.5  # Of the load outside of a foot: that much while it moves is a matter of clocks, not of places
+# Cosine with the line of the foot above which a place is behind or in front of it, and not beside
+# it
+ENDWAYS = 0.7
+# Of the load outside of a foot: that much while it moves is a matter of clocks, not of places
+IN_AIR = 0.5
 
 
 class Feet:
@@ -61,7 +73,9 @@ class Feet:
         """(nf, 2) the foot is down: its heel or its toe moves with the ground."""
 
     def points(self, height: float) -> foot_contact.FootPoints:
-        """Heels, toes and tips of the feet of a person of this height (m); NaN where they are not seen."""
+        """Heels, toes and tips of the feet of a person of this height (m); NaN where they are not
+        seen.
+        """
         return foot_contact.FootPoints(
             heel=self.heel,
             toe=self.toe,
@@ -72,19 +86,29 @@ class Feet:
         )
 
     def distance(self, foot: int, point: Array, frames: slice, load: Array) -> float:
-        """m, mean distance of points (n, 3) from the line heel-toe, seen from above; infinite where it is not seen."""
+        """m, mean distance of points (n, 3) from the line heel-toe, seen from above; infinite where
+        it is not seen.
+        """
         known = self.seen[frames, foot]
         if not known.any():
             return float("inf")
         a, b = self.heel[frames, foot][known][:, [0, 2]], self.toe[frames, foot][known][:, [0, 2]]
-        return float(np.average(foot_contact.distance_to_line(point[known][:, [0, 2]], a, b), weights=load[known]))
+        return float(
+            np.average(
+                foot_contact.distance_to_line(point[known][:, [0, 2]], a, b), weights=load[known]
+            )
+        )
 
 
 @dataclass(frozen=True, kw_only=True)
 class Step(foot_contact.Loading):
-    """A plate under load, and the foot whose line from heel to toe is nearest to the centre of pressure."""
+    """A plate under load, and the foot whose line from heel to toe is nearest to the centre of
+    pressure.
+    """
 
-    distance: float  # m, mean distance of the centre of pressure from that line, weighed by the load
+    distance: (
+        float  # m, mean distance of the centre of pressure from that line, weighed by the load
+    )
     other: float  # m, the same for the other foot
 
     @property
@@ -108,8 +132,9 @@ def feet_of(trial: MarkerEvidence) -> Feet | None:
 
 @remembered
 def walked(trial: MarkerEvidence) -> Array:
-    """(2,) m, x and z, by which the person walks: over the floor, or over the belts under the feet; where they do not
-    get on either, a unit vector where the pelvis faces, and nothing where it is not seen.
+    """(2,) m, x and z, by which the person walks: over the floor, or over the belts under the feet;
+    where they do not get on either, a unit vector where the pelvis faces, and nothing where it is
+    not seen.
     """
     way, feet = trial.way, feet_of(trial) if trial.on_the_spot else None
     if feet is not None:
@@ -126,22 +151,38 @@ def steps_of(trial: MarkerEvidence) -> tuple[Step, ...]:
     if feet is None:
         return ()
     points = feet.points(trial.subject.height)
-    wrenches = [np.nan_to_num(resample_wrench(plate, feet.time)) for plate in trial.recording.plates]
+    wrenches = [
+        np.nan_to_num(resample_wrench(plate, feet.time)) for plate in trial.recording.plates
+    ]
     one_loaded = np.sum([wrench[:, 1] > LOADED_N for wrench in wrenches], axis=0) == 1
     for plate, wrench in zip(trial.recording.plates, wrenches, strict=True):
         loadings = list[slice]()
         for whole in runs(wrench[:, 1] > LOADED_N, 2):
-            turns = foot_contact.taken_in_turn(wrench, whole, feet.time, points) if one_loaded[whole].all() else []
+            turns = (
+                foot_contact.taken_in_turn(wrench, whole, feet.time, points)
+                if one_loaded[whole].all()
+                else []
+            )
             loadings += [part for part, _ in turns] or [whole]
         for run in loadings:
             if duration(feet.time, run) < foot_contact.SHORTEST or wrench[run, 1].max() < BODY_N:
                 continue
-            height = float(np.nanmedian(plate.point[:, 1])) if np.isfinite(plate.point[:, 1]).any() else 0.0
+            height = (
+                float(np.nanmedian(plate.point[:, 1]))
+                if np.isfinite(plate.point[:, 1]).any()
+                else 0.0
+            )
             point, load = centre_on_ground(wrench[run], height), wrench[run, 1]
             away = [feet.distance(k, point, run, load) for k in range(len(FEET))]
             foot = int(np.argmin(away))
             step = Step(
-                plate=plate, frames=run, foot=foot, distance=away[foot], other=away[1 - foot], point=point, load=load
+                plate=plate,
+                frames=run,
+                foot=foot,
+                distance=away[foot],
+                other=away[1 - foot],
+                point=point,
+                load=load,
             )
             found.append(step)
     return tuple(found)
@@ -167,8 +208,13 @@ def contacts(trial: MarkerEvidence) -> Iterator[Finding]:
     for step in on_feet:
         yield from _height(trial, feet, step)
     partly = [finding for step in on_feet for finding in overhang(trial, step)]
-    # where another step of the trial lies on its plate the plates are where the file has them: a fact of this step
-    yield from partly if len(partly) == len(on_feet) else (replace(f, severity=Severity.INFO) for f in partly)
+    # where another step of the trial lies on its plate the plates are where the file has them: a
+    # fact of this step
+    yield from (
+        partly
+        if len(partly) == len(on_feet)
+        else (replace(f, severity=Severity.INFO) for f in partly)
+    )
     yield from _clocks(trial, feet, on_feet)
 
 
@@ -177,17 +223,26 @@ def _words(trial: MarkerEvidence, step: Step) -> str:
 
 
 def _which_foot(trial: MarkerEvidence, step: Step) -> Iterator[Finding]:
-    """Whether the foot that the study names stands on the plate; if it names none, whether any does, and which."""
+    """Whether the foot that the study names stands on the plate; if it names none, whether any
+    does, and which.
+    """
     name, side = _words(trial, step), trial.trial.plates.get(step.plate.name)
     mm, foot = 1e3 * step.distance, FEET[step.foot]
     if side == "none":
         return
-    if side is not None and step.foot != SIDES.index(side) and step.other > foot_contact.UNDER_FOOT and step.under_foot:
+    if (
+        side is not None
+        and step.foot != SIDES.index(side)
+        and step.other > foot_contact.UNDER_FOOT
+        and step.under_foot
+    ):
         yield trial.error(
             TOPIC,
-            f"{name}: the study gives it to the {FEET[SIDES.index(side)]} foot, {1e3 * step.other:.0f} mm off the "
+            f"{name}: the study gives it to the {FEET[SIDES.index(side)]} foot, "
+            f"{1e3 * step.other:.0f} mm off the "
             f"centre of pressure (the {foot} foot: {mm:.0f} mm)",
-            f'write plates = {{ {step.plate.name} = "{SIDES[step.foot]}" }}, or leave it out to have it found',
+            f'write plates = {{ {step.plate.name} = "{SIDES[step.foot]}" }}, or leave it out to '
+            "have it found",
             code=Code.WRONG_FOOT,
         )
     elif step.distance > foot_contact.UNDER_FOOT and np.isinf(step.other):
@@ -198,12 +253,16 @@ def _which_foot(trial: MarkerEvidence, step: Step) -> Iterator[Finding]:
         yield trial.warning(
             TOPIC,
             f"{name}: the centre of pressure is {mm:.0f} mm from the {foot} and "
-            f"{1e3 * step.other:.0f} mm from the other foot; allowed: {1e3 * foot_contact.UNDER_FOOT:.0f} mm",
-            "check the position of the plate (corners), the axes of the forces, and that they belong to this trial",
+            f"{1e3 * step.other:.0f} mm from the other foot; allowed: "
+            f"{1e3 * foot_contact.UNDER_FOOT:.0f} mm",
+            "check the position of the plate (corners), the axes of the forces, and that they "
+            "belong to this trial",
             code=Code.UNDER_NO_FOOT,
         )
     else:
-        found = f"{name}: {foot} foot, whose line heel-toe passes the centre of pressure at {mm:.0f} mm"
+        found = (
+            f"{name}: {foot} foot, whose line heel-toe passes the centre of pressure at {mm:.0f} mm"
+        )
         yield trial.info(TOPIC, found, code=Code.FOOT_OF_PLATE)
 
 
@@ -212,12 +271,15 @@ def _height(trial: MarkerEvidence, feet: Feet, step: Step) -> Iterator[Finding]:
     down = feet.resting[step.frames, step.foot]
     if not down.any():
         return
-    lowest = np.fmin(feet.heel[step.frames, step.foot, 1], feet.toe[step.frames, step.foot, 1])[down]
+    lowest = np.fmin(feet.heel[step.frames, step.foot, 1], feet.toe[step.frames, step.foot, 1])[
+        down
+    ]
     above = float(np.nanmedian(lowest)) - float(np.median(step.point[:, 1]))
     if not FLOOR_M[0] <= above <= FLOOR_M[1]:
         yield trial.warning(
             "plates",
-            f"plate {step.plate.name}: its surface lies {1e3 * above:.0f} mm below the lower of heel and toe marker; "
+            f"plate {step.plate.name}: its surface lies {1e3 * above:.0f} mm below the lower of "
+            "heel and toe marker; "
             f"allowed: {1e3 * FLOOR_M[0]:.0f} to {1e3 * FLOOR_M[1]:.0f} mm",
             "check the height of the plate's corners, or the origin of the markers",
             code=Code.PLATE_HEIGHT,
@@ -225,12 +287,16 @@ def _height(trial: MarkerEvidence, feet: Feet, step: Step) -> Iterator[Finding]:
 
 
 def _no_step(trial: MarkerEvidence, feet: Feet | None, most: float) -> Finding:
-    """No plate is loaded: a fault where a foot stands on one, or where a foot is never seen or outlines are missing;
-    else the walk has missed them. `most`: N.
+    """No plate is loaded: a fault where a foot stands on one, or where a foot is never seen or
+    outlines are missing; else the walk has missed them. `most`: N.
     """
     found, severity = f"no plate is stepped on: at most {most:.0f} N", Severity.INFO
     outlined = [plate for plate in trial.recording.plates if plate.corners is not None]
-    if feet is None or not feet.seen.any(axis=0).all() or len(outlined) < len(trial.recording.plates):
+    if (
+        feet is None
+        or not feet.seen.any(axis=0).all()
+        or len(outlined) < len(trial.recording.plates)
+    ):
         severity = Severity.WARNING
     for foot, name in enumerate(FEET):
         if feet is None or not feet.seen[:, foot].any():
@@ -238,19 +304,30 @@ def _no_step(trial: MarkerEvidence, feet: Feet | None, most: float) -> Finding:
         sole = foot_contact.sole_of(feet.points(trial.subject.height), foot, slice(None))
         on_plate = sole.share_of_halves(sole.beside(outlined)).max(axis=1) <= MOST_BESIDE
         stands = sole.resting.all(axis=1) & on_plate & feet.seen[:, foot]
-        if long := [run for run in runs(stands, 2) if duration(feet.time, run) > foot_contact.SHORTEST]:
+        if long := [
+            run for run in runs(stands, 2) if duration(feet.time, run) > foot_contact.SHORTEST
+        ]:
             found += f", though the {name} foot stands on them ({spans(feet.time, long)})"
             severity = Severity.WARNING
-    cure = "no stance will have torques, only the swing; are these the forces of this trial, and were the plates on?"
+    cure = (
+        "no stance will have torques, only the swing; are these the forces of this trial, and were "
+        "the plates on?"
+    )
     return trial.finding(severity, "plates", found, cure, code=Code.NO_STEP_ON_PLATE)
 
 
 def overhang(trial: MarkerEvidence, step: Step) -> Iterator[Finding]:
-    """A step whose foot rests partly beside its plate, and beside every other: plates that touch are one surface."""
+    """A step whose foot rests partly beside its plate, and beside every other: plates that touch
+    are one surface.
+    """
     feet = feet_of(trial)
     if feet is None or step.plate.corners is None:
         return
-    surface = [plate for plate in trial.recording.plates if plate is step.plate or outline_known(plate, BODY_N)]
+    surface = [
+        plate
+        for plate in trial.recording.plates
+        if plate is step.plate or outline_known(plate, BODY_N)
+    ]
     sole = foot_contact.sole_of(feet.points(trial.subject.height), step.foot, step.frames)
     still = sole.resting.any(axis=1) & feet.seen[step.frames, step.foot]
     if still.sum() < 3:
@@ -260,9 +337,11 @@ def overhang(trial: MarkerEvidence, step: Step) -> Iterator[Finding]:
         share = float(sole.share_of(beside)[still].max())
         yield trial.warning(
             TOPIC,
-            f"{_words(trial, step)}: the {FEET[step.foot]} foot rests partly beside it ({100 * share:.0f} % of the "
+            f"{_words(trial, step)}: the {FEET[step.foot]} foot rests partly beside it "
+            f"({100 * share:.0f} % of the "
             "sole)",
-            "the plate misses a part of the force, and no torque of this leg counts meanwhile; are its corners right?",
+            "the plate misses a part of the force, and no torque of this leg counts meanwhile; are "
+            "its corners right?",
             leg=SIDES[step.foot],
             code=Code.FOOT_BESIDE_PLATE,
         )
@@ -287,7 +366,8 @@ def _clocks(trial: MarkerEvidence, feet: Feet, steps: Sequence[Step]) -> Iterato
     if abs(shift) > LATE_S and all(value * shift > 0 for value in late):
         yield trial.warning(
             "time",
-            f"feet touch down and lift off {abs(shift):.2f} s {'later' if shift > 0 else 'sooner'} by force than by "
+            f"feet touch down and lift off {abs(shift):.2f} s {'later' if shift > 0 else 'sooner'} "
+            "by force than by "
             "motion",
             "the clocks of markers and forces differ: correct the time column of one of the files",
             code=Code.CLOCKS_DIFFER,
@@ -302,12 +382,14 @@ class _Outside:
     foot: int
     words: str  # Plate and foot, when, how far and where, and how much of the load it is
     moving: float  # Of the load in these frames: while the foot is in the air by its motion
-    shift: Array  # (2,) x and z of the laboratory, unit: the mean way outwards, weighed by load and distance
+    # (2,) x and z of the laboratory, unit: the mean way outwards, weighed by load and distance
+    shift: Array
     impulse: float  # Share of the loadings' impulse
 
 
 def outside_sole(trial: MarkerEvidence, others: Sequence[Finding]) -> Iterator[Finding]:
-    """Loaded frames of all plates whose centre of pressure is outside of the soles that may press on the plate.
+    """Loaded frames of all plates whose centre of pressure is outside of the soles that may press
+    on the plate.
 
     `others`: what the other checks found in this trial.
     """
@@ -327,13 +409,21 @@ def outside_sole(trial: MarkerEvidence, others: Sequence[Finding]) -> Iterator[F
         )
     divided = np.zeros_like(outside)
     for i, k in combinations(range(len(loadings)), 2):
-        divided[[i, k]] |= divided_frames(loadings[i], loadings[k], (places[i], places[k]), len(feet.time))
+        divided[[i, k]] |= divided_frames(
+            loadings[i], loadings[k], (places[i], places[k]), len(feet.time)
+        )
     if divided.any():
         yield _divided(trial, loadings, places, divided)
-    made_up = {one.plate.name for one, frames in zip(loadings, divided, strict=True) if frames.any()}
+    made_up = {
+        one.plate.name for one, frames in zip(loadings, divided, strict=True) if frames.any()
+    }
     found = []
-    for plate, foot in dict.fromkeys((x.plate.name, x.foot) for x in loadings if x.plate.name not in made_up):
-        of_pair = [i for i, one in enumerate(loadings) if (one.plate.name, one.foot) == (plate, foot)]
+    for plate, foot in dict.fromkeys(
+        (x.plate.name, x.foot) for x in loadings if x.plate.name not in made_up
+    ):
+        of_pair = [
+            i for i, one in enumerate(loadings) if (one.plate.name, one.foot) == (plate, foot)
+        ]
         off = _outside(feet, [(loadings[i], places[i], outside[i]) for i in of_pair])
         if off is not None and not _explained(trial, off, others):
             found.append(off)
@@ -341,8 +431,12 @@ def outside_sole(trial: MarkerEvidence, others: Sequence[Finding]) -> Iterator[F
         yield from _told(trial, found)
 
 
-def _outside(feet: Feet, parts: Sequence[tuple[foot_contact.Loading, Place, BoolArray]]) -> _Outside | None:
-    """What the loadings of one plate by one foot have outside, in (nf,) frames each; None where it is too little."""
+def _outside(
+    feet: Feet, parts: Sequence[tuple[foot_contact.Loading, Place, BoolArray]]
+) -> _Outside | None:
+    """What the loadings of one plate by one foot have outside, in (nf,) frames each; None where it
+    is too little.
+    """
     plate, foot = parts[0][0].plate.name, parts[0][0].foot
     chosen = np.concatenate([off[one.frames] for one, _, off in parts])
     loaded = np.concatenate([one.load for one, *_ in parts])
@@ -351,13 +445,17 @@ def _outside(feet: Feet, parts: Sequence[tuple[foot_contact.Loading, Place, Bool
     if impulse < TOLD_SHARE or chosen.sum() * float(np.median(np.diff(feet.time))) < TOLD_S:
         return None
     way = np.concatenate([place.way for _, place, _ in parts])[chosen]
-    line = np.concatenate([(feet.toe - feet.heel)[one.frames, foot][:, [0, 2]] for one, *_ in parts])[chosen]
+    line = np.concatenate(
+        [(feet.toe - feet.heel)[one.frames, foot][:, [0, 2]] for one, *_ in parts]
+    )[chosen]
     line = line / np.maximum(np.linalg.norm(line, axis=1, keepdims=True), 1e-9)
     right = np.column_stack([-line[:, 1], line[:, 0]])
     down = foot_contact.near(feet.resting[:, foot], feet.time)
     in_air = np.concatenate([~down[one.frames] for one, *_ in parts])[chosen]
     weights = loaded[chosen]
-    along, across = (float(np.average(np.sum(way * axis, axis=1), weights=weights)) for axis in (line, right))
+    along, across = (
+        float(np.average(np.sum(way * axis, axis=1), weights=weights)) for axis in (line, right)
+    )
     where = f"beside the foot, to its {'right' if across > 0 else 'left'}"
     if abs(along / max(float(np.linalg.norm([along, across])), 1e-9)) > ENDWAYS:
         where = "in front of the toes" if along > 0 else "behind the heel"
@@ -366,8 +464,10 @@ def _outside(feet: Feet, parts: Sequence[tuple[foot_contact.Loading, Place, Bool
     return _Outside(
         plate=plate,
         foot=foot,
-        words=f"plate {plate}, {FEET[foot]} foot, {spans(feet.time, runs(frames))}: {1e3 * np.median(away):.0f} mm (at "
-        f"most {1e3 * away.max():.0f} mm) {where}, in {100 * float(chosen.mean()):.0f} % of the loaded frames "
+        words=f"plate {plate}, {FEET[foot]} foot, {spans(feet.time, runs(frames))}: "
+        f"{1e3 * np.median(away):.0f} mm (at "
+        f"most {1e3 * away.max():.0f} mm) {where}, in {100 * float(chosen.mean()):.0f} % of the "
+        "loaded frames "
         f"({100 * impulse:.0f} % of the impulse)",
         moving=float(np.average(in_air, weights=weights)),
         shift=shift / np.linalg.norm(shift),
@@ -376,8 +476,8 @@ def _outside(feet: Feet, parts: Sequence[tuple[foot_contact.Loading, Place, Bool
 
 
 def _told(trial: MarkerEvidence, found: Sequence[_Outside]) -> Iterator[Finding]:
-    """One finding where feet are in the air meanwhile, one where all plates are off in one direction of the room, else
-    one a plate and foot.
+    """One finding where feet are in the air meanwhile, one where all plates are off in one
+    direction of the room, else one a plate and foot.
     """
     message = "; ".join(off.words for off in found)
     shifts = np.array([off.shift for off in found])
@@ -385,7 +485,8 @@ def _told(trial: MarkerEvidence, found: Sequence[_Outside]) -> Iterator[Finding]
         yield trial.warning(
             TOPIC,
             message,
-            "compare the clocks of markers and forces (time columns, first frames); no torque of a leg counts in these "
+            "compare the clocks of markers and forces (time columns, first frames); no torque of a "
+            "leg counts in these "
             "frames",
             cause="plates are loaded while the foot that stood on them is in the air",
             weight=2.0,
@@ -395,7 +496,8 @@ def _told(trial: MarkerEvidence, found: Sequence[_Outside]) -> Iterator[Finding]
         yield trial.warning(
             TOPIC,
             message,
-            "check the positions of the plates in the room (corners), and the origin of the markers; no torque of a "
+            "check the positions of the plates in the room (corners), and the origin of the "
+            "markers; no torque of a "
             "leg counts in these frames",
             cause=PLATES_ELSEWHERE,
             weight=2.0,
@@ -406,9 +508,11 @@ def _told(trial: MarkerEvidence, found: Sequence[_Outside]) -> Iterator[Finding]
             yield trial.warning(
                 TOPIC,
                 off.words,
-                "check the place of this plate (corners, origin of its moments), whether something else stood on it, "
+                "check the place of this plate (corners, origin of its moments), whether something "
+                "else stood on it, "
                 "and the heel and toe markers; no torque of this leg counts in these frames",
-                cause=f"the centre of pressure of plate {off.plate} leaves the {FEET[off.foot]} foot",
+                cause=f"the centre of pressure of plate {off.plate} leaves the {FEET[off.foot]} "
+                "foot",
                 leg=SIDES[off.foot],
                 weight=2.0,
                 code=Code.PRESSURE_LEAVES_FOOT,
@@ -416,22 +520,39 @@ def _told(trial: MarkerEvidence, found: Sequence[_Outside]) -> Iterator[Finding]
 
 
 def _divided(
-    trial: MarkerEvidence, loadings: Sequence[foot_contact.Loading], places: Sequence[Place], divided: BoolArray
+    trial: MarkerEvidence,
+    loadings: Sequence[foot_contact.Loading],
+    places: Sequence[Place],
+    divided: BoolArray,
 ) -> Finding:
     """Two plates with one centre of pressure, (loadings, nf) frames."""
-    shared = [(one, p, own) for one, p, own in zip(loadings, places, divided, strict=True) if own.any()]
+    shared = [
+        (one, p, own) for one, p, own in zip(loadings, places, divided, strict=True) if own.any()
+    ]
     away = 1e3 * np.concatenate([p.away[own[one.frames] & p.outside] for one, p, own in shared])
-    how_far = f": {np.median(away):.0f} mm (at most {away.max():.0f} mm) outside of the foot" if len(away) else ""
+    how_far = (
+        f": {np.median(away):.0f} mm (at most {away.max():.0f} mm) outside of the foot"
+        if len(away)
+        else ""
+    )
     both: BoolArray = np.asarray(divided.any(axis=0))
     share = divided.sum() / sum(len(one.load) for one, *_ in shared)
-    found = f"{spans(trial.recording.time, runs(both))}{how_far}, in {100 * share:.0f} % of the loaded frames"
-    cure = "export what each plate or belt measured by itself; no torque of either leg counts in these frames"
+    found = (
+        f"{spans(trial.recording.time, runs(both))}{how_far}, in {100 * share:.0f} % of the loaded "
+        "frames"
+    )
+    cure = (
+        "export what each plate or belt measured by itself; no torque of either leg counts in "
+        "these frames"
+    )
     cause = divided_cause(list(dict.fromkeys(one.plate.name for one, *_ in shared)))
     return trial.warning(TOPIC, found, cure, cause=cause, weight=3.0, code=Code.DIVIDED_FORCE)
 
 
 def _explained(trial: MarkerEvidence, off: _Outside, others: Sequence[Finding]) -> bool:
-    """Whether another warning or error of the trial says why the centre of pressure is not under the foot."""
+    """Whether another warning or error of the trial says why the centre of pressure is not under
+    the foot.
+    """
     blaming = [f for f in others if f.severity is not Severity.INFO]
     if any(f.topic in DISORDERS_PRESSURE or f.cause == PLATES_ELSEWHERE for f in blaming):
         return True

@@ -1,8 +1,9 @@
 """What can be wrong with ground reactions, each cause with how a fault of a given size is undone.
 
-Coefficients x are 0 where there is no fault; where they are a vector they are one in the room, (x, z), and reach
-`OnePlate` as (3,) in the axes of the trial. For a *linear* cause the undone wrenches are affine in x, as they are for
-places and for the inverse of a gain: f = g f_true, f_true = (1 + x) f, g = 1 / (1 + x).
+Coefficients x are 0 where there is no fault; where they are a vector they are one in the room, (x,
+z), and reach `OnePlate` as (3,) in the axes of the trial. For a *linear* cause the undone wrenches
+are affine in x, as they are for places and for the inverse of a gain: f = g f_true, f_true = (1 +
+x) f, g = 1 / (1 + x).
 """
 
 from collections.abc import Callable, Iterator, Sequence
@@ -19,10 +20,13 @@ from gaitcal.quality.force_evidence import ForceEvidence, force_units
 from gaitcal.quality.plate_forces import PlateForces, joined, rotation
 
 LATE_S = tuple((float(s),) for s in np.arange(-0.32, 0.33, 0.04))
-TURNS = tuple((float(a),) for a in np.deg2rad([0.0, 45.0, 90.0, 135.0, 180.0, -135.0, -90.0, -45.0]))
+TURNS = tuple(
+    (float(a),) for a in np.deg2rad([0.0, 45.0, 90.0, 135.0, 180.0, -135.0, -90.0, -45.0])
+)
 NO_WALKS_FREE_MOMENT, NO_WALKS_CENTRE_M = 0.3, 5.0
-"""A moment of 0.3 of body weight times height, and a centre of pressure 5 m away: no walk has it, and only then are
-units of length asked for. A free moment is about 0.003 of body weight times height."""
+"""A moment of 0.3 of body weight times height, and a centre of pressure 5 m away: no walk has it,
+and only then are units of length asked for. A free moment is about 0.003 of body weight times
+height."""
 OTHER_UNIT_SHARE = 0.5  # Of body weight: plates that carry less at most may be in another unit
 
 
@@ -76,7 +80,9 @@ class Cause:
     starts: tuple[tuple[float, ...], ...] = ()
     """Where the coefficients of a cause that is not linear are sought from; none: it is linear."""
     by_side_evidence: bool = False
-    """Whether its size is sought by the side evidence as well (`plate_forces.py`), which is linear in it."""
+    """Whether its size is sought by the side evidence as well (`plate_forces.py`), which is linear
+    in it.
+    """
     unit: str = ""  # The unit that the file has, for causes about units
 
     @property
@@ -100,7 +106,11 @@ def _sign(*axes: float) -> tuple[OnePlate, OnePlate]:
 
 LINEAR: tuple[tuple[Kind, int, tuple[OnePlate, ...]], ...] = (
     (Kind.PLACE, 2, (lambda p, x: p.moved(-x),)),
-    (Kind.GAIN, 1, (lambda p, x: (1.0 + x[0]) * p.wrench, lambda p, x: p.moments_kept((1.0 + x[0]) * p.force))),
+    (
+        Kind.GAIN,
+        1,
+        (lambda p, x: (1.0 + x[0]) * p.wrench, lambda p, x: p.moments_kept((1.0 + x[0]) * p.force)),
+    ),
     (Kind.VERTICAL_GAIN, 1, _gain(0.0, 1.0, 0.0)),
     (Kind.HORIZONTAL_GAIN, 1, _gain(1.0, 0.0, 1.0)),
     (Kind.FORE_AFT_GAIN, 1, _gain(1.0, 0.0, 0.0)),
@@ -109,7 +119,8 @@ LINEAR: tuple[tuple[Kind, int, tuple[OnePlate, ...]], ...] = (
     (Kind.SIGN_FORE_AFT, 0, _sign(-1.0, 1.0, 1.0)),
     (Kind.SIGN_SIDEWAYS, 0, _sign(1.0, 1.0, -1.0)),
     (Kind.SIGN_HORIZONTAL, 0, _sign(-1.0, 1.0, -1.0)),
-    # on reading, a force that points down is turned round as a whole: only the vertical column was wrong
+    # on reading, a force that points down is turned round as a whole: only the vertical column was
+    # wrong
     (
         Kind.SIGN_VERTICAL,
         0,
@@ -128,7 +139,9 @@ LINEAR: tuple[tuple[Kind, int, tuple[OnePlate, ...]], ...] = (
         ),
     ),
 )
-"""Kind, number of coefficients, (plate, coefficients) -> (k, 6) wrench without the fault, in one way or another."""
+"""Kind, number of coefficients, (plate, coefficients) -> (k, 6) wrench without the fault, in one
+way or another.
+"""
 
 
 def causes_of(trials: Sequence[ForceEvidence]) -> Iterator[Cause]:
@@ -141,14 +154,33 @@ def causes_of(trials: Sequence[ForceEvidence]) -> Iterator[Cause]:
         for kind, parameters, changes in LINEAR:
             for change in changes:
                 undo, place = on(change), kind is Kind.PLACE
-                yield Cause(kind=kind, plates=which, undo=undo, parameters=parameters, by_side_evidence=place)
-        yield Cause(kind=Kind.YAW, plates=which, undo=on(lambda p, x: p.turned(_yaw(x))), parameters=1, starts=TURNS)
+                yield Cause(
+                    kind=kind,
+                    plates=which,
+                    undo=undo,
+                    parameters=parameters,
+                    by_side_evidence=place,
+                )
+        yield Cause(
+            kind=Kind.YAW,
+            plates=which,
+            undo=on(lambda p, x: p.turned(_yaw(x))),
+            parameters=1,
+            starts=TURNS,
+        )
         offset = _without_offset(which)
-        yield Cause(kind=Kind.OFFSET, plates=which, undo=offset, parameters=1, by_side_evidence=True)
+        yield Cause(
+            kind=Kind.OFFSET, plates=which, undo=offset, parameters=1, by_side_evidence=True
+        )
         tilted = on(_tilted if which else lambda p, x: p.turned_in_the_room(rotation(-x)))
         yield Cause(kind=Kind.TILT, plates=which, undo=tilted, parameters=2, starts=((0.0, 0.0),))
     on = partial(_on_plates, ())
-    yield Cause(kind=Kind.YAW, undo=on(lambda p, x: p.turned_in_the_room(_yaw(x))), parameters=1, starts=TURNS)
+    yield Cause(
+        kind=Kind.YAW,
+        undo=on(lambda p, x: p.turned_in_the_room(_yaw(x))),
+        parameters=1,
+        starts=TURNS,
+    )
     # column x of force, point and moment holds z, and the other way round
     columns = on(lambda p, x: joined(p.force[:, ::-1], p.centre[:, ::-1], p.free[:, ::-1]))
     yield Cause(kind=Kind.AXES, undo=columns)
@@ -169,16 +201,23 @@ def _units(trials: Sequence[ForceEvidence]) -> Iterator[Cause]:
     free = max(float(np.abs(plate.free).max()) / trial.bwh for trial, plate in pairs)
     away = max(float(np.abs(plate.centre[:, [0, 2]]).max()) for _, plate in pairs)
     if free > NO_WALKS_FREE_MOMENT:
-        yield Cause(kind=Kind.MOMENT_UNIT, undo=on(lambda p, x: p.centre_kept(p.force, 1e-3 * p.free)))
+        yield Cause(
+            kind=Kind.MOMENT_UNIT, undo=on(lambda p, x: p.centre_kept(p.force, 1e-3 * p.free))
+        )
     if free > NO_WALKS_FREE_MOMENT or away > NO_WALKS_CENTRE_M:
         yield Cause(kind=Kind.MOMENT_UNIT, undo=on(lambda p, x: p.moments_kept(p.force, 1e-3)))
     if away > NO_WALKS_CENTRE_M:
-        for unit, change in (("mm", lambda p, x: p.nearer(1e-3)), ("cm", lambda p, x: p.nearer(1e-2))):
+        for unit, change in (
+            ("mm", lambda p, x: p.nearer(1e-3)),
+            ("cm", lambda p, x: p.nearer(1e-2)),
+        ):
             yield Cause(kind=Kind.CENTRE_UNIT, undo=on(change), unit=unit)
 
 
 def _in_unit(newtons: float) -> tuple[OnePlate, ...]:
-    """Forces alone in another unit; with their free moments; with the moments of the channels left as they are."""
+    """Forces alone in another unit; with their free moments; with the moments of the channels left
+    as they are.
+    """
     return (
         lambda p, x: p.centre_kept(newtons * p.force),
         lambda p, x: newtons * p.wrench,
@@ -202,8 +241,12 @@ def _without_offset(which: tuple[str, ...]) -> Undo:
     """x[0] N less on each of the plates, in their middle."""
 
     def undo(trial: ForceEvidence, x: Array) -> Corrected:
-        less = np.array([float(x[0]) if not which or p.name in which else 0.0 for p in trial.plates])
-        wrenches = [p.moments_kept(p.force - [0.0, n, 0.0]) for p, n in zip(trial.plates, less, strict=True)]
+        less = np.array(
+            [float(x[0]) if not which or p.name in which else 0.0 for p in trial.plates]
+        )
+        wrenches = [
+            p.moments_kept(p.force - [0.0, n, 0.0]) for p, n in zip(trial.plates, less, strict=True)
+        ]
         return Corrected(np.stack(wrenches), None, less)
 
     return undo
@@ -228,7 +271,9 @@ def _tilted(plate: PlateForces, x: Array) -> Array:
 
 
 def _markers_upright(trial: ForceEvidence, x: Array) -> Corrected:
-    """Markers tilted by x rad about x and z: seen from them, plates and weight are tilted the same way."""
+    """Markers tilted by x rad about x and z: seen from them, plates and weight are tilted the same
+    way.
+    """
     turn = rotation(trial.room[:, [0, 2]] @ x)
     up = np.array([0.0, trial.weight_of_model, 0.0])
     lean = turn @ up - up

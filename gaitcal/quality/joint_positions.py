@@ -1,17 +1,19 @@
-"""Do the joints of the legs lie where people have them: those that a fit found, and hip centres that a file gives?
+"""Do the joints of the legs lie where people have them: those that a fit found, and hip centres
+that a file gives?
 
-Each segment beside a joint places it by some parameters theta: the pelvis a hip's centre, the thigh a knee's axis by
-two positions and two turns. Landmarks and what is known of people expect theta_0, the nominal values and the mean of
-the prior. With d = theta - theta_0, of n parameters,
+Each segment beside a joint places it by some parameters theta: the pelvis a hip's centre, the thigh
+a knee's axis by two positions and two turns. Landmarks and what is known of people expect theta_0,
+the nominal values and the mean of the prior. With d = theta - theta_0, of n parameters,
 
     z^2 = d^T (P + E)^-1 d,     doubted where chi^2 of n degrees of freedom is larger in `RARE` of all cases only,
 
-P the scatter of people about theta_0, in which that of palpation and regressions is (`joint_prior.py`), and E what
-noise and skin of the fit's own markers move theta by. A fit that leans on a prior has theta = theta_0 + K (true -
-theta_0 + e), K at most 1, and E = K cov(e) K^T, so that cov(d) = K P K^T + E is at most P + E: a fit without a prior is
-judged alike. The distance between the hips is judged in the same way. A doubted joint is some four scatters off; from
-`UNUSUAL` on, some three, it is named in a note. So is one with a parameter more than `FARTHEST` standard deviations
-of people away, however uncertain it is.
+P the scatter of people about theta_0, in which that of palpation and regressions is
+(`joint_prior.py`), and E what noise and skin of the fit's own markers move theta by. A fit that
+leans on a prior has theta = theta_0 + K (true - theta_0 + e), K at most 1, and E = K cov(e) K^T, so
+that cov(d) = K P K^T + E is at most P + E: a fit without a prior is judged alike. The distance
+between the hips is judged in the same way. A doubted joint is some four scatters off; from
+`UNUSUAL` on, some three, it is named in a note. So is one with a parameter more than `FARTHEST`
+standard deviations of people away, however uncertain it is.
 
 A study file or a cohort that knows more of these people has its mean in theta_0; P stays anatomy's.
 """
@@ -28,29 +30,54 @@ from gaitcal.calibration.joint_prior import COVARIANCE
 from gaitcal.errors import STUDY, Code, Finding, Severity
 from gaitcal.gait.moments import joint_words
 from gaitcal.model import coordinates, linkage
-from gaitcal.model.parameters import JOINT_PARAMETERS, JP_INDEX, JP_NAMES, JP_TO_SI, Kind, Parameters
-from gaitcal.model.segment_frames import DOUBTED_GIVEN, UNEVEN_GIVEN, HipCentre, PelvicWidth, hip_centre
+from gaitcal.model.parameters import (
+    JOINT_PARAMETERS,
+    JP_INDEX,
+    JP_NAMES,
+    JP_TO_SI,
+    Kind,
+    Parameters,
+)
+from gaitcal.model.segment_frames import (
+    DOUBTED_GIVEN,
+    UNEVEN_GIVEN,
+    HipCentre,
+    PelvicWidth,
+    hip_centre,
+)
 from gaitcal.model.subject_model import SubjectModel
 from gaitcal.preprocess import trial_evidence
 from gaitcal.quality import verdict
 from gaitcal.study.cohort_prior import JointPrior
 from gaitcal.tracking.rigid import FEWEST_MARKERS
 
-RARE = 1e-3  # Of all people: who has a joint there, or who is told so wrongly at most, for each place that is looked at
-UNUSUAL = 0.05  # As `RARE`, of a note: the usual level at which something is looked at that proves nothing by itself
+# Of all people: who has a joint there, or who is told so wrongly at most, for each place that is
+# looked at
+RARE = 1e-3
+# As `RARE`, of a note: the usual level at which something is looked at that proves nothing by
+# itself
+UNUSUAL = 0.05
 FARTHEST = 3.0  # Standard deviations of people, of one parameter
 CT_RATIO = "0.65 to 0.82"
-"""Distance of the hips over that of the ASIS of ten people in CT (landmarks of Fischer 2021), 0.71 in the mean."""
+"""Distance of the hips over that of the ASIS of ten people in CT (landmarks of Fischer 2021), 0.71
+in the mean.
+"""
 LEAST_SHARE = 0.3  # Of the largest offset in units of its scatter: what is smaller is not told
-NOMINAL = "nominal/"  # Beginning of the names of error sources that are no markers but the prior's own error
+# Beginning of the names of error sources that are no markers but the prior's own error
+NOMINAL = "nominal/"
 _WAYS = {"ant": ("forward", "back"), "sup": ("up", "down"), "lat": ("outward", "inward")}
 _SEEN_FROM = {"front": "the front", "trans": "above", "sag": "the side"}
 
 
 def joint_place_findings(
-    model: SubjectModel, fitted: Parameters, errors: ErrorSources, prior: JointPrior, isolated: Collection[str] = ()
+    model: SubjectModel,
+    fitted: Parameters,
+    errors: ErrorSources,
+    prior: JointPrior,
+    isolated: Collection[str] = (),
 ) -> Iterator[Finding]:
-    """Joints of the legs that lie where fewer than `RARE` of all people have them, each once; notes from `UNUSUAL` on.
+    """Joints of the legs that lie where fewer than `RARE` of all people have them, each once; notes
+    from `UNUSUAL` on.
 
     `model`: the nominal one, with the landmarks of the static trial.
     `errors`: of the fitted joint parameters.
@@ -63,7 +90,9 @@ def joint_place_findings(
         for joint in (f"{name}_{side}" for name in linkage.LEG_JOINTS):
             views = list(places.of(joint))
             limit = RARE if min(place.probability for place in views) < RARE else UNUSUAL
-            if far := [place for place in views if place.probability < limit or place.farthest > FARTHEST]:
+            if far := [
+                place for place in views if place.probability < limit or place.farthest > FARTHEST
+            ]:
                 yield _finding(joint, far, model, joint in isolated)
                 hip_told = hip_told or joint.startswith("hip")
     apart = places.hips_apart()
@@ -92,29 +121,43 @@ class Place:
 
     @property
     def farthest(self) -> float:
-        """The largest offset of a parameter in standard deviations of people, without the fit's error."""
+        """The largest offset of a parameter in standard deviations of people, without the fit's
+        error.
+        """
         return float((np.abs(self.offset) / np.sqrt(np.diag(self.scatter))).max())
 
     @property
     def words(self) -> str:
-        """`in the pelvis 34 mm outward and 12 mm down (people scatter by 9 and 10; markers leave ± 3 and 4)`."""
+        """`in the pelvis 34 mm outward and 12 mm down (people scatter by 9 and 10; markers leave ±
+        3 and 4)`.
+        """
         deviation, error = (np.sqrt(np.diag(of)) for of in (self.scatter, self.error))
         times = np.abs(self.offset) / deviation
         large = [k for k in np.argsort(-times) if times[k] >= LEAST_SHARE * times.max()]
         ways = " and ".join(_way(self.names[k], float(self.offset[k])) for k in large)
-        people, fit = (" and ".join(f"{_size(self.names[k], of[k]):.0f}" for k in large) for of in (deviation, error))
+        people, fit = (
+            " and ".join(f"{_size(self.names[k], of[k]):.0f}" for k in large)
+            for of in (deviation, error)
+        )
         segment = self.names[0].split(".")[1]
-        return f"in the {segment} {ways} (people scatter by {people}; the fit's own markers leave ± {fit})"
+        return (
+            f"in the {segment} {ways} (people scatter by {people}; the fit's own markers leave ± "
+            f"{fit})"
+        )
 
 
 class _Places:
     """Where the joints of one fit lie against what is expected."""
 
-    def __init__(self, model: SubjectModel, fitted: Parameters, errors: ErrorSources, prior: JointPrior) -> None:
+    def __init__(
+        self, model: SubjectModel, fitted: Parameters, errors: ErrorSources, prior: JointPrior
+    ) -> None:
         expected = model.nominal.joint.copy()
         expected[[JP_INDEX[name] for name in prior.names]] += prior.mean
         self._offset = fitted.joint - expected
-        measured_clusters = [k for k, name in enumerate(errors.clusters) if not name.startswith(NOMINAL)]
+        measured_clusters = [
+            k for k, name in enumerate(errors.clusters) if not name.startswith(NOMINAL)
+        ]
         self._moves = np.zeros((len(JP_NAMES), len(measured_clusters)))
         known = [(JP_INDEX[name], row) for row, name in enumerate(errors.free) if name in JP_INDEX]
         for at, row in known:
@@ -122,12 +165,16 @@ class _Places:
 
     def of(self, joint: str) -> Iterator[Place]:
         """A joint as each segment beside it has it."""
-        for segment in dict.fromkeys(name.split(".")[1] for name in JP_NAMES if name.startswith(f"{joint}.")):
+        for segment in dict.fromkeys(
+            name.split(".")[1] for name in JP_NAMES if name.startswith(f"{joint}.")
+        ):
             names = tuple(name for name in JP_NAMES if name.startswith(f"{joint}.{segment}."))
             yield self._along(names, np.eye(len(names)))
 
     def hips_apart(self) -> Place:
-        """The distance between the hips in the pelvis, across it; positive where they lie further apart."""
+        """The distance between the hips in the pelvis, across it; positive where they lie further
+        apart.
+        """
         return self._along(("hip_r.pelvis.lat", "hip_l.pelvis.lat"), np.array([[1.0, -1.0]]))
 
     def _along(self, names: tuple[str, ...], directions: Array) -> Place:
@@ -148,7 +195,10 @@ def _finding(joint: str, views: Sequence[Place], model: SubjectModel, isolated: 
     few = round(1 / (RARE if least < RARE else UNUSUAL))
     cause = f"the {joint_words(joint)} joint lies where fewer than 1 in {few} people have one"
     if least >= UNUSUAL:
-        cause = f"the {joint_words(joint)} joint lies {FARTHEST:.0f} scatters of people from where it is expected"
+        cause = (
+            f"the {joint_words(joint)} joint lies {FARTHEST:.0f} scatters of people from where it "
+            "is expected"
+        )
     return Finding(
         severity=Severity.WARNING if least < RARE else Severity.INFO,
         topic=verdict.PLACES,
@@ -156,7 +206,8 @@ def _finding(joint: str, views: Sequence[Place], model: SubjectModel, isolated: 
         leg=side,
         cause=cause,
         found=f"it lies, from where {coordinates.JOINT_TABLE[kind].landmarks} have it, "
-        f"{'; '.join(place.words for place in views)}; {_odds(least)} so far{_few_markers(model, joint)}",
+        f"{'; '.join(place.words for place in views)}; {_odds(least)} so "
+        f"far{_few_markers(model, joint)}",
         cure=_cure(kind, isolated) if least < RARE else "",
         weight=_weight(views),
         code=Code.KNEE_AXIS if kind == "knee" else Code.JOINT_PLACE,
@@ -164,7 +215,10 @@ def _finding(joint: str, views: Sequence[Place], model: SubjectModel, isolated: 
 
 
 def _apart(place: Place, model: SubjectModel, fitted: Parameters) -> Finding:
-    hips = [[p.centre(f"hip_{side}", "pelvis") for side in linkage.SIDES] for p in (fitted, model.nominal)]
+    hips = [
+        [p.centre(f"hip_{side}", "pelvis") for side in linkage.SIDES]
+        for p in (fitted, model.nominal)
+    ]
     gap, nominal = (1e3 * float(np.linalg.norm(right - left)) for right, left in hips)
     deviation, error = (1e3 * float(np.sqrt(of[0, 0])) for of in (place.scatter, place.error))
     others = f"{'further apart' if place.offset[0] > 0 else 'nearer together'} than"
@@ -172,9 +226,12 @@ def _apart(place: Place, model: SubjectModel, fitted: Parameters) -> Finding:
         severity=Severity.WARNING if place.probability < RARE else Severity.INFO,
         topic=verdict.PLACES,
         where=STUDY,
-        cause=f"the hips lie {others} {'999 in 1000' if place.probability < RARE else '19 in 20'} people's",
-        found=f"{gap:.0f} mm apart{_over_spines(model, gap)}; {coordinates.JOINT_TABLE['hip'].landmarks} have them "
-        f"{nominal:.0f} mm apart, people scatter by {deviation:.0f} about that, and the fit's own markers leave "
+        cause=f"the hips lie {others} {'999 in 1000' if place.probability < RARE else '19 in 20'} "
+        "people's",
+        found=f"{gap:.0f} mm apart{_over_spines(model, gap)}; "
+        f"{coordinates.JOINT_TABLE['hip'].landmarks} have them "
+        f"{nominal:.0f} mm apart, people scatter by {deviation:.0f} about that, and the fit's own "
+        "markers leave "
         f"± {error:.0f} mm; {_odds(place.probability)} so far",
         cure=_cure("hip", isolated=False) if place.probability < RARE else "",
         weight=_weight([place]),
@@ -183,12 +240,19 @@ def _apart(place: Place, model: SubjectModel, fitted: Parameters) -> Finding:
 
 
 def _over_spines(model: SubjectModel, gap_mm: float) -> str:
-    """The distance of the hips as a share of that of the ASIS: as measured by hand, else between their markers."""
+    """The distance of the hips as a share of that of the ASIS: as measured by hand, else between
+    their markers.
+    """
     ends = [model.landmarks[name][1] for name in ("asis_r", "asis_l") if name in model.landmarks]
-    width = model.subject.asis_distance or (float(np.linalg.norm(ends[0] - ends[1])) if len(ends) == 2 else 0.0)
+    width = model.subject.asis_distance or (
+        float(np.linalg.norm(ends[0] - ends[1])) if len(ends) == 2 else 0.0
+    )
     if not width:
         return ""
-    return f", {1e-3 * gap_mm / width:.2f} of the {1e3 * width:.0f} mm between the ASIS (in CT {CT_RATIO})"
+    return (
+        f", {1e-3 * gap_mm / width:.2f} of the {1e3 * width:.0f} mm between the ASIS (in CT "
+        f"{CT_RATIO})"
+    )
 
 
 def _weight(places: Sequence[Place]) -> float:
@@ -222,7 +286,11 @@ def _few_markers(model: SubjectModel, joint: str) -> str:
     """Segments beside a joint on which skin that moves cannot show by deforming."""
     beside = dict.fromkeys(p.segment for p in JOINT_PARAMETERS if p.joint == joint)
     pairs = list(zip(model.markers.segments, model.markers.weight, strict=True))
-    count = {part: sum(s == part and w > 0 for s, w in pairs) for part in beside if not part.startswith("talus")}
+    count = {
+        part: sum(s == part and w > 0 for s, w in pairs)
+        for part in beside
+        if not part.startswith("talus")
+    }
     few = [f"{n} on the {part.split('_')[0]}" for part, n in count.items() if n < FEWEST_MARKERS]
     return f"; too few markers show how skin moves: {' and '.join(few)}" if few else ""
 
@@ -232,20 +300,34 @@ def _cure(kind: str, isolated: bool) -> str:
     trial = "compare with a slow isolated trial of large range, non-weight-bearing"
     if not isolated:
         trial = 'an isolated trial of the joint (role "joint") tells more'
-    keep = "where imaging shows it there, say so ([calibration] joint_prior); jp = false keeps the nominal joints"
-    return f"look at {coordinates.JOINT_TABLE[kind].markers} in the static trial; {skin}; {trial}; {keep}"
+    keep = (
+        "where imaging shows it there, say so ([calibration] joint_prior); jp = false keeps the "
+        "nominal joints"
+    )
+    return (
+        f"look at {coordinates.JOINT_TABLE[kind].markers} in the static trial; {skin}; {trial}; "
+        f"{keep}"
+    )
 
 
 def given_hips(trial: trial_evidence.MarkerEvidence) -> Iterator[Finding]:
-    """Given hip centres far from where the pelvis's markers tell, or of which one lies otherwise than the other."""
-    if not trial.makes_model or trial.model is None or trial.settings.hip_rule != HipCentre.GIVEN.value:
+    """Given hip centres far from where the pelvis's markers tell, or of which one lies otherwise
+    than the other.
+    """
+    if (
+        not trial.makes_model
+        or trial.model is None
+        or trial.settings.hip_rule != HipCentre.GIVEN.value
+    ):
         return
     p = {name: at for name, (_, at) in trial.model.landmarks.items()}
     between = float(np.linalg.norm(p["asis_r"] - p["asis_l"]))
     width = PelvicWidth(between, trial.subject.asis_distance).of(HipCentre.HARRINGTON)
     depth = float(np.linalg.norm(0.5 * (p["asis_r"] + p["asis_l"]) - p["sacrum"]))
     gaps = {
-        side: float(np.linalg.norm(p[f"hjc_{side}"] - hip_centre(HipCentre.HARRINGTON, width, depth, side)))
+        side: float(
+            np.linalg.norm(p[f"hjc_{side}"] - hip_centre(HipCentre.HARRINGTON, width, depth, side))
+        )
         for side in linkage.SIDES
     }
     uneven = p["hjc_r"] - [1.0, 1.0, -1.0] * p["hjc_l"]  # in the mirror
@@ -257,10 +339,14 @@ def given_hips(trial: trial_evidence.MarkerEvidence) -> Iterator[Finding]:
     allowed = [1e3 * share * between for share in (DOUBTED_GIVEN, UNEVEN_GIVEN)]
     yield trial.warning(
         "hip centres",
-        f"{1e3 * gaps['r']:.0f} mm (right) and {1e3 * gaps['l']:.0f} mm (left) from where Harrington 2007 has them, "
-        f"usual is up to {allowed[0]:.0f}; the right one lies {ahead:+.0f} mm forward, {up:+.0f} mm up and "
-        f"{outwards:+.0f} mm outwards of the left one's mirror image, usual is up to {allowed[1]:.0f}",
-        "look where that program has them from, or take hip_centre = 'harrington' under [calibration]",
+        f"{1e3 * gaps['r']:.0f} mm (right) and {1e3 * gaps['l']:.0f} mm (left) from where "
+        "Harrington 2007 has them, "
+        f"usual is up to {allowed[0]:.0f}; the right one lies {ahead:+.0f} mm forward, {up:+.0f} "
+        "mm up and "
+        f"{outwards:+.0f} mm outwards of the left one's mirror image, usual is up to "
+        f"{allowed[1]:.0f}",
+        "look where that program has them from, or take hip_centre = 'harrington' under "
+        "[calibration]",
         cause="the hip centres of the file are not where hips usually are",
         weight=too_far,
         code=Code.GIVEN_HIPS,

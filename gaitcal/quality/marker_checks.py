@@ -1,15 +1,18 @@
-"""Markers of the set in a trial: metres away, missing, unknown, named twice, seldom seen, lost, beside their segment.
+"""Markers of the set in a trial: metres away, missing, unknown, named twice, seldom seen, lost,
+beside their segment.
 
-In the static trial each segment is a line between landmarks: ASIS to knee, knee to ankle, heel to toe, sacrum to the
-middle of the ASIS. A marker lies at most 0.088 body heights from the line of its segment on thirteen people.
+In the static trial each segment is a line between landmarks: ASIS to knee, knee to ankle, heel to
+toe, sacrum to the middle of the ASIS. A marker lies at most 0.088 body heights from the line of its
+segment on thirteen people.
 
-A segment of a leg that one marker follows is no rigid body, but the joints beside it may tell how it turns. Whether
-they do is asked of the trial: pelvis and legs are tracked with the nominal model, and s_f is how uncertain markers
-leave the angles of frame f (`tracking/coordinate_prior.py`).
+A segment of a leg that one marker follows is no rigid body, but the joints beside it may tell how
+it turns. Whether they do is asked of the trial: pelvis and legs are tracked with the nominal model,
+and s_f is how uncertain markers leave the angles of frame f (`tracking/coordinate_prior.py`).
 
-Without the second marker of both thighs, both shanks, or all four (9 Plug-in Gait walks of 5 people) hip, knee and
-ankle came out within 5 deg RMS of those with all markers, s being 6 to 12 deg; without the toes, s was 29 to 55 deg
-and angles were wrong by up to 31. With one marker on each of the three, s is no guide: a leg has two postures then.
+Without the second marker of both thighs, both shanks, or all four (9 Plug-in Gait walks of 5
+people) hip, knee and ankle came out within 5 deg RMS of those with all markers, s being 6 to 12
+deg; without the toes, s was 29 to 55 deg and angles were wrong by up to 31. With one marker on each
+of the three, s is no guide: a leg has two postures then.
 """
 
 from collections import Counter
@@ -35,22 +38,28 @@ from gaitcal.tracking.trial_problem import CARRIES_ITSELF, shown_share, trial_pr
 
 SAME_M = 1e-4  # Two markers always nearer than this are one trajectory under two names
 HALF = 0.5
-"""Share of the frames: in which a marker must be seen to say much, and a segment show two to be called followed."""
+"""Share of the frames: in which a marker must be seen to say much, and a segment show two to be
+called followed.
+"""
 LANDMARK_M = 0.008
 """Uncertainty from which a rebuilt landmark is doubted: palpated again they scatter by 6 to 21 mm
 (Della Croce et al., Med Biol Eng Comput 37:155-161, 1999)."""
 LIMBS = ("thigh", "shank")
 FARTHEST = 0.14  # Share of body height; a marker on a stick is farther off than skin, by some 0.05
 ELSEWHERE, CLEARLY = 0.06, 0.4
-"""From the first share of body height on, a marker of a thigh or shank that another of these is nearer to by the second
-belongs to that one: on thirteen people the nearest such neighbour is 0.9 times as far as the marker's own segment."""
+"""From the first share of body height on, a marker of a thigh or shank that another of these is
+nearer to by the second belongs to that one: on thirteen people the nearest such neighbour is 0.9
+times as far as the marker's own segment."""
 ONE_MARKER = "one marker"
 TWO = 2  # Markers that follow a segment, at least, where the joints beside it say the rest
-TOLD_RAD = np.deg2rad(12.0)  # Uncertainty from which an angle is not determined, in a tenth of the frames
+TOLD_RAD = np.deg2rad(
+    12.0
+)  # Uncertainty from which an angle is not determined, in a tenth of the frames
 WORST_SHARE = 0.9
 KEEPS_M, BESIDE_JOINT_M, MOVES_M = 0.010, 0.015, 0.030
-"""Standard deviation of the distance from a marker of the same segment, at most, and from one near its upper joint; and
-from others, at least: in a trial in which nothing moves every distance is kept."""
+"""Standard deviation of the distance from a marker of the same segment, at most, and from one near
+its upper joint; and from others, at least: in a trial in which nothing moves every distance is
+kept."""
 TOGETHER = 20  # Frames in which two markers must be seen together for that
 
 
@@ -75,20 +84,25 @@ def missing(trial: MarkerEvidence) -> Iterator[Finding]:
     absent = [label for label in trial.expected if label not in trial.place]
     needed = [] if trial.is_isolated else [label for label in absent if _needed(trial, label)]
     strangers = unknown_labels(trial)
-    cure = 'name them in the file, or with rename = { "label in file" = "label in set" } under [markers]'
+    cure = (
+        'name them in the file, or with rename = { "label in file" = "label in set" } under '
+        "[markers]"
+    )
     rest = [label for label in absent if label not in needed]
     for labels, severity in ((needed, Severity.WARNING), (rest, Severity.INFO)):
         if labels:
             close = {label: alike(label, strangers) for label in labels}
-            names = [f"'{m}' (is it '{like[0]}'?)" if like else f"'{m}'" for m, like in close.items()]
+            names = [
+                f"'{m}' (is it '{like[0]}'?)" if like else f"'{m}'" for m, like in close.items()
+            ]
             found = f"{len(labels)} markers of the set are not in the file: {listed(names, 8)}"
             yield trial.finding(severity, "labels", found, cure, code=Code.MISSING_MARKERS)
 
 
 def _needed(trial: MarkerEvidence, label: str) -> bool:
-    """Whether torques lack a marker: one with weight of pelvis or legs, unless it marks the medial side of a joint,
-    which the static trial shows and which is not worn to move; or one of a trunk that too few others show. No torque
-    needs arms.
+    """Whether torques lack a marker: one with weight of pelvis or legs, unless it marks the medial
+    side of a joint, which the static trial shows and which is not worn to move; or one of a trunk
+    that too few others show. No torque needs arms.
     """
     segment = trial.marker_set.segment_of.get(label, "pelvis")
     if trial.weight(label) <= NEGLIGIBLE_WEIGHT:
@@ -96,12 +110,20 @@ def _needed(trial: MarkerEvidence, label: str) -> bool:
     if segment not in linkage.LOWER_BODY:
         return segment == "head_trunk" and len(trial.weighed(segment)) < FEWEST_MARKERS
     shown = () if trial.is_static or trial.stance is None else trial.stance.landmarks
-    medial = (m for name in shown if "_med_" in name for option in trial.marker_set.options(name) for m in option)
+    medial = (
+        m
+        for name in shown
+        if "_med_" in name
+        for option in trial.marker_set.options(name)
+        for m in option
+    )
     return label not in medial
 
 
 def too_few(trial: MarkerEvidence) -> Iterator[Finding]:
-    """Whether the first segment of the part that is fitted has three markers: the pelvis, or what carries it."""
+    """Whether the first segment of the part that is fitted has three markers: the pelvis, or what
+    carries it.
+    """
     if trial.is_static or trial.model is None:
         return
     joint, of_pelvis = trial.trial.joint, trial.weighed("pelvis")
@@ -111,7 +133,8 @@ def too_few(trial: MarkerEvidence) -> Iterator[Finding]:
         of = "the pelvis" if carrier == "pelvis" else f"{carrier}, which carries {joint},"
         yield trial.error(
             "labels",
-            f"found {len(shown)} markers of {of} with weight ({', '.join(shown) or 'none'}); allowed: at least "
+            f"found {len(shown)} markers of {of} with weight ({', '.join(shown) or 'none'}); "
+            "allowed: at least "
             f"{FEWEST_MARKERS}",
             "label them in this trial, or name others of that segment in the marker set",
             code=Code.FEW_MARKERS,
@@ -119,7 +142,10 @@ def too_few(trial: MarkerEvidence) -> Iterator[Finding]:
     elif carrier != "pelvis":
         columns = [trial.place[m] for m in of_pelvis]
         if shown_share(trial.seen[:, columns].T.astype(float)) < CARRIES_ITSELF:
-            found = f"the pelvis does not show three markers in half of the frames: {carrier} carries the body, the "
+            found = (
+                f"the pelvis does not show three markers in half of the frames: {carrier} carries "
+                "the body, the "
+            )
             found += "joints between them are held straight"
             yield trial.info("labels", found, code=Code.PELVIS_CARRIED)
 
@@ -127,8 +153,8 @@ def too_few(trial: MarkerEvidence) -> Iterator[Finding]:
 def never_seen(trial: MarkerEvidence) -> Iterator[Finding]:
     """Markers whose label is in the file without a single position: as if it had no such label.
 
-    An error where pelvis or leg lose all that they have, in an isolated trial the segments of its joint: then somebody
-    meant these columns.
+    An error where pelvis or leg lose all that they have, in an isolated trial the segments of its
+    joint: then somebody meant these columns.
     """
     empty = [m for m in trial.present if not trial.ever_seen(m)]
     if not empty:
@@ -141,9 +167,14 @@ def never_seen(trial: MarkerEvidence) -> Iterator[Finding]:
     joint = trial.trial.joint
     needed = linkage.joint_segments(joint) if joint else ("pelvis", *linkage.LEG_SEGMENTS)
     lost = [s for s in left if s in needed and not left[s]]
-    light = all(trial.weight(m) <= NEGLIGIBLE_WEIGHT or left[segment_of[m]] >= FEWEST_MARKERS for m in empty)
+    light = all(
+        trial.weight(m) <= NEGLIGIBLE_WEIGHT or left[segment_of[m]] >= FEWEST_MARKERS for m in empty
+    )
     harmless = trial.is_isolated or light
-    found = f"{listed([repr(m) for m in empty])} named in the file, but never seen: found 0 of {len(trial.seen)} frames"
+    found = (
+        f"{listed([repr(m) for m in empty])} named in the file, but never seen: found 0 of "
+        f"{len(trial.seen)} frames"
+    )
     if lost:
         found += f"; {listed(lost)} {'has' if len(lost) == 1 else 'have'} no other marker"
     yield trial.finding(
@@ -156,11 +187,16 @@ def never_seen(trial: MarkerEvidence) -> Iterator[Finding]:
 
 
 def one_sacral(trial: MarkerEvidence) -> Iterator[Finding]:
-    """A static trial in which one posterior spine of two is marked: the model's pelvis stands on its mirror image."""
+    """A static trial in which one posterior spine of two is marked: the model's pelvis stands on
+    its mirror image.
+    """
     if not trial.is_static or trial.model is None:
         return
     for label in one_psis(trial.marker_set, [m for m in trial.present if trial.ever_seen(m)]):
-        found = f"{sacrum_words(label)}; 10 mm that it sits higher or lower than the other turn the pelvis by 2 deg"
+        found = (
+            f"{sacrum_words(label)}; 10 mm that it sits higher or lower than the other turn the "
+            "pelvis by 2 deg"
+        )
         cure = "record the static trial again with both, or give one marker midway between the two"
         cause = "one posterior spine alone tells where the sacrum is"
         yield trial.warning("landmarks", found, cure, cause=cause, code=Code.ONE_POSTERIOR_SPINE)
@@ -171,7 +207,9 @@ def unknown(trial: MarkerEvidence) -> Iterator[Finding]:
     strangers = unknown_labels(trial)
     if strangers:
         found = f"{len(strangers)} labels unknown to the set: {listed(strangers)}"
-        yield trial.info("labels", found, "nothing, if they are meant to be left out", code=Code.UNKNOWN_LABELS)
+        yield trial.info(
+            "labels", found, "nothing, if they are meant to be left out", code=Code.UNKNOWN_LABELS
+        )
 
 
 def unknown_labels(trial: MarkerEvidence) -> list[str]:
@@ -181,12 +219,20 @@ def unknown_labels(trial: MarkerEvidence) -> list[str]:
 
 
 def doubled(trial: MarkerEvidence) -> Iterator[Finding]:
-    """Labels that occur twice, and trajectories that have two names: markers that always lie on each other."""
+    """Labels that occur twice, and trajectories that have two names: markers that always lie on
+    each other.
+    """
     names = [label.rpartition("#")[0] for label in trial.recording.labels if "#" in label]
     if twice := [name for name in names if name in trial.place]:
         found = f"labels that occur twice: {listed(twice)}; the first was taken"
-        yield trial.warning("labels", found, "give every marker a label of its own", code=Code.LABEL_TWICE)
-    labels = [label for label in trial.marker_set.labels if label in trial.place and trial.weight(label) > 0]
+        yield trial.warning(
+            "labels", found, "give every marker a label of its own", code=Code.LABEL_TWICE
+        )
+    labels = [
+        label
+        for label in trial.marker_set.labels
+        if label in trial.place and trial.weight(label) > 0
+    ]
     some = slice(None, None, max(1, len(trial.seen) // 20))  # some twenty frames tell
     paths = trial.recording.markers[some][:, [trial.place[label] for label in labels]]
     same = []
@@ -198,28 +244,41 @@ def doubled(trial: MarkerEvidence) -> Iterator[Finding]:
         same += [f"'{labels[k]}' and '{label}'" for k in on_it]
     if same:
         cure = "one of the two is wrong: label the trial again, or give it no weight"
-        yield trial.error("labels", f"one trajectory under two labels: {listed(same)}", cure, code=Code.ONE_TRAJECTORY)
+        yield trial.error(
+            "labels",
+            f"one trajectory under two labels: {listed(same)}",
+            cure,
+            code=Code.ONE_TRAJECTORY,
+        )
 
 
 def bare_segments(trial: MarkerEvidence) -> Iterator[Finding]:
-    """Segments of the legs, and others that the model tracks, that show no marker with weight in a trial."""
+    """Segments of the legs, and others that the model tracks, that show no marker with weight in a
+    trial.
+    """
     if not trial.is_whole_body or trial.model is None:
         return
     visible = {m for m in trial.place if trial.ever_seen(m) and trial.weight(m) > 0}
     markers = trial.model.markers
     wanted: dict[str, list[str]] = {segment: [] for segment in linkage.LEG_SEGMENTS}
-    for label, segment, weight in zip(markers.labels, markers.segments, markers.weight, strict=True):
+    for label, segment, weight in zip(
+        markers.labels, markers.segments, markers.weight, strict=True
+    ):
         if weight > 0:
             wanted.setdefault(segment, []).append(label)
     bare = [segment for segment, labels in wanted.items() if visible.isdisjoint(labels)]
     if bare:
         sides = {segment[-1] for segment in bare if segment in linkage.LEG_SEGMENTS}
-        torques = f"; no torque{' of this leg' if len(sides) == 1 else ''} is valid" if sides else ""
+        torques = (
+            f"; no torque{' of this leg' if len(sides) == 1 else ''} is valid" if sides else ""
+        )
         yield trial.warning(
             "labels",
             f"no marker with weight of {listed(bare)}: nothing tells how it moves{torques}",
             "label them in this trial, or see [markers] rename and weights of the study",
-            leg=next(iter(sides)) if len(sides) == 1 and set(bare) <= set(linkage.LEG_SEGMENTS) else "",
+            leg=next(iter(sides))
+            if len(sides) == 1 and set(bare) <= set(linkage.LEG_SEGMENTS)
+            else "",
             code=Code.BARE_SEGMENT,
         )
 
@@ -229,26 +288,47 @@ def gaps(trial: MarkerEvidence) -> Iterator[Finding]:
     used = {m for m in trial.as_fitted.present if trial.ever_seen(m)}
     markers = [gap for gap in marker_gaps(trial.recording) if gap.label in used]
     rare = {g.label: f"{g.label} {100 * g.seen:.0f} %" for g in markers if g.seen < HALF}
-    kept = Counter(segment for segment in trial.templates for m in trial.weighed(segment) if m in used - set(rare))
+    kept = Counter(
+        segment
+        for segment in trial.templates
+        for m in trial.weighed(segment)
+        if m in used - set(rare)
+    )
     harmful = [m for m in rare if trial.weight(m) > NEGLIGIBLE_WEIGHT]
     harmful = [m for m in harmful if kept[trial.marker_set.segment_of[m]] < FEWEST_MARKERS]
-    for labels, severity in ((harmful, Severity.WARNING), (set(rare) - set(harmful), Severity.INFO)):
+    for labels, severity in (
+        (harmful, Severity.WARNING),
+        (set(rare) - set(harmful), Severity.INFO),
+    ):
         if labels:
-            found = f"seen in less than half of the frames: {listed([told for m, told in rare.items() if m in labels])}"
+            found = (
+                "seen in less than half of the frames: "
+                f"{listed([told for m, told in rare.items() if m in labels])}"
+            )
             cure = "they say little of this trial; label it further, or look at the camera setup"
             if severity is Severity.INFO:
-                cure = f"{FEWEST_MARKERS} others tell how their segments lie, or they have hardly any weight"
+                cure = (
+                    f"{FEWEST_MARKERS} others tell how their segments lie, or they have hardly any "
+                    "weight"
+                )
             yield trial.finding(severity, "gaps", found, cure, code=Code.GAPS)
-    long = sorted((g for g in markers if g.seen >= HALF and g.longest_gap > BRIDGED_S), key=lambda g: -g.longest_gap)
+    long = sorted(
+        (g for g in markers if g.seen >= HALF and g.longest_gap > BRIDGED_S),
+        key=lambda g: -g.longest_gap,
+    )
     if long:
         longest = listed([f"{g.label} {g.longest_gap:.2f} s" for g in long])
         cure = "gaps get no weight and are not filled; the rest of the segment carries it"
-        yield trial.info("gaps", f"gaps longer than {BRIDGED_S:g} s: {longest}", cure, code=Code.GAPS)
+        yield trial.info(
+            "gaps", f"gaps longer than {BRIDGED_S:g} s: {longest}", cure, code=Code.GAPS
+        )
     yield from _pelvis_lost(trial.as_fitted)
 
 
 def _pelvis_lost(trial: MarkerEvidence) -> Iterator[Finding]:
-    """Where the pelvis has no pose: the splines carry it over moments, and no trial is longer than what shows it."""
+    """Where the pelvis has no pose: the splines carry it over moments, and no trial is longer than
+    what shows it.
+    """
     cure = "label or fill the markers of the pelvis there"
     if trial.trial.cut:
         yield trial.info("gaps", trial.trial.cut, cure, code=Code.PELVIS_LOST)
@@ -272,14 +352,21 @@ def rebuilt(trial: MarkerEvidence) -> Iterator[Finding]:
     markers = trial.rebuilding.markers
     doubted = [m for m in markers if m.landmarks and (m.uncertainty > LANDMARK_M or m.stranger)]
     for marker in doubted:
-        cure = "look whether the angles of that segment are plausible; a static trial that shows it is better"
+        cure = (
+            "look whether the angles of that segment are plausible; a static trial that shows it "
+            "is better"
+        )
         if marker.stranger:
-            cure = f'rename = {{ "{marker.stranger}" = "{marker.label}" }} under [markers], if it is the same'
+            cure = (
+                f'rename = {{ "{marker.stranger}" = "{marker.label}" }} under [markers], if it is '
+                "the same"
+            )
         yield trial.warning(
             "lost markers",
             marker.words,
             cure,
-            cause=f"the static trial lost '{marker.label}', which makes {listed(list(marker.landmarks))}",
+            cause=f"the static trial lost '{marker.label}', which makes "
+            f"{listed(list(marker.landmarks))}",
             weight=marker.uncertainty / LANDMARK_M,
             code=Code.REBUILT_MARKER,
         )
@@ -292,7 +379,9 @@ def not_rebuilt(trial: MarkerEvidence) -> Iterator[Finding]:
     if trial.rebuilding is None or trial.model is None or not trial.rebuilding.left:
         return
     reasons = [f"'{label}': {why}" for label, why in trial.rebuilding.left.items()]
-    found = f"not seen in this trial, seen in others, and left out of the model: {'; '.join(reasons)}"
+    found = (
+        f"not seen in this trial, seen in others, and left out of the model: {'; '.join(reasons)}"
+    )
     cure = "name a static trial that shows them, or give them no weight"
     yield trial.warning("lost markers", found, cure, code=Code.MARKER_LEFT_OUT)
 
@@ -308,19 +397,34 @@ def on_segments(trial: MarkerEvidence) -> Iterator[Finding]:
         away = {other: float(distance_to_line(position, *ends)) for other, ends in lines.items()}
         nearest = min(away, key=lambda other: away[other])
         limbs = segment.startswith(LIMBS) and nearest.startswith(LIMBS)
-        other = limbs and away[segment] / height > ELSEWHERE and away[nearest] < CLEARLY * away[segment]
+        other = (
+            limbs and away[segment] / height > ELSEWHERE and away[nearest] < CLEARLY * away[segment]
+        )
         if away[segment] / height > FARTHEST or other:
-            wrong.append(f"'{label}' {1e3 * away[segment]:.0f} mm from {segment} (nearest: {nearest})")
+            wrong.append(
+                f"'{label}' {1e3 * away[segment]:.0f} mm from {segment} (nearest: {nearest})"
+            )
     if wrong:
-        found = f"{listed(wrong)}; usual: up to {1e3 * ELSEWHERE * height:.0f} mm, and nearer than any other"
-        cure = "label the static trial again, or give the marker no weight and leave it out of the file"
+        found = (
+            f"{listed(wrong)}; usual: up to {1e3 * ELSEWHERE * height:.0f} mm, and nearer than any "
+            "other"
+        )
+        cure = (
+            "label the static trial again, or give the marker no weight and leave it out of the "
+            "file"
+        )
         cause = "markers do not lie at the segments that they are to follow"
-        yield trial.error("marker places", found, cure, cause=cause, weight=5.0, code=Code.MARKER_ELSEWHERE)
+        yield trial.error(
+            "marker places", found, cure, cause=cause, weight=5.0, code=Code.MARKER_ELSEWHERE
+        )
 
 
 def _lines(trial: MarkerEvidence) -> dict[str, tuple[Array, Array]]:
     """Segment -> its two ends, (3,) m."""
-    p, parts = trial.posture or {}, (("thigh", "asis", "knee_lat"), ("shank", "knee_lat", "ankle_lat"))
+    p, parts = (
+        trial.posture or {},
+        (("thigh", "asis", "knee_lat"), ("shank", "knee_lat", "ankle_lat")),
+    )
     ends = {
         f"{segment}_{side}": (f"{a}_{side}", f"{b}_{side}")
         for side in linkage.SIDES
@@ -339,37 +443,56 @@ def followed(trial: MarkerEvidence) -> Iterator[Finding]:
     counts = {segment: count for segment, count in _counts(trial).items() if count.any()}
     single = [s for s, count in counts.items() if np.mean(count >= TWO) < HALF]
     for segment, count in counts.items():
-        lasting = [run for run in runs(count < TWO) if duration(trial.recording.time, run) > BRIDGED_S]
+        lasting = [
+            run for run in runs(count < TWO) if duration(trial.recording.time, run) > BRIDGED_S
+        ]
         if segment not in single and lasting:
-            found = f"{segment} shows fewer than two markers with weight in {spans(trial.recording.time, lasting)}"
+            found = (
+                f"{segment} shows fewer than two markers with weight in "
+                f"{spans(trial.recording.time, lasting)}"
+            )
             yield trial.info(ONE_MARKER, found, code=Code.ONE_MARKER_SEGMENT)
     unsure = _undetermined(trial, trial.model) if trial.is_whole_body and single else {}
     for segment in single:
         side, labels = segment[-1], listed([f"'{m}'" for m in trial.weighed(segment)])
         share = 100 * np.mean(counts[segment] >= TWO)
         found = f"{segment} shows two markers with weight in {share:.0f} % of the frames ({labels})"
-        cure = "label its other markers, here and in the static trial, or add them to this segment in the marker set"
+        cure = (
+            "label its other markers, here and in the static trial, or add them to this segment in "
+            "the marker set"
+        )
         if along := listed([f"'{label}'" for label in moving_along(trial, segment)]):
-            cure = f"{along} of the file moves with it: add it to this segment in the marker set, or rename it"
+            cure = (
+                f"{along} of the file moves with it: add it to this segment in the marker set, or "
+                "rename it"
+            )
         angles = {name: s for name, s in (unsure or {}).items() if name.endswith(f"_{side}")}
         severity, worst = Severity.ERROR, max(angles.values(), default=0.0)
         if unsure is None or sum(s[-1] == side for s in single) == len(linkage.LEG_SEGMENTS) // 2:
             found += "; what the joints beside it leave open has no one answer"
         elif worst > TOLD_RAD:
-            named = listed([f"{name} ({np.rad2deg(s):.0f} deg)" for name, s in angles.items() if s > TOLD_RAD])
+            named = listed(
+                [f"{name} ({np.rad2deg(s):.0f} deg)" for name, s in angles.items() if s > TOLD_RAD]
+            )
             found += f"; markers {1e3 * MARKER_M:.0f} mm off leave {named} undetermined"
         else:
             severity, found = Severity.WARNING, f"{found}; the joints beside it tell how it turns"
-            found += f", to {np.rad2deg(worst):.0f} deg where markers are {1e3 * MARKER_M:.0f} mm off" if worst else ""
+            found += (
+                f", to {np.rad2deg(worst):.0f} deg where markers are {1e3 * MARKER_M:.0f} mm off"
+                if worst
+                else ""
+            )
         weight = 3.0 if severity is Severity.WARNING else 1.0
         cause = f"one marker alone follows {segment}"
         code = Code.ONE_MARKER_SEGMENT
-        yield trial.finding(severity, ONE_MARKER, found, cure, cause=cause, leg=side, weight=weight, code=code)
+        yield trial.finding(
+            severity, ONE_MARKER, found, cure, cause=cause, leg=side, weight=weight, code=code
+        )
 
 
 def _counts(trial: MarkerEvidence) -> dict[str, Array]:
-    """Segment -> (nf,) markers with weight that are seen, of the segments of the legs whose turns the trial is to show;
-    what carries an isolated joint needs three markers.
+    """Segment -> (nf,) markers with weight that are seen, of the segments of the legs whose turns
+    the trial is to show; what carries an isolated joint needs three markers.
     """
     joint = trial.trial.joint
     judged = (
@@ -377,15 +500,24 @@ def _counts(trial: MarkerEvidence) -> dict[str, Array]:
         if joint is None
         else tuple(s for s in linkage.joint_segments(joint)[1:] if s in linkage.LEG_SEGMENTS)
     )
-    return {s: trial.seen[:, [trial.place[m] for m in trial.weighed(s)]].sum(axis=1) for s in judged}
+    return {
+        s: trial.seen[:, [trial.place[m] for m in trial.weighed(s)]].sum(axis=1) for s in judged
+    }
 
 
 def _undetermined(trial: MarkerEvidence, model: SubjectModel) -> dict[str, float] | None:
-    """Angle of a leg -> rad, how uncertain it is in the worst tenth of the frames; None where tracking fails."""
+    """Angle of a leg -> rad, how uncertain it is in the worst tenth of the frames; None where
+    tracking fails.
+    """
     nominal = model.nominal
     try:
         problem = trial_problem(
-            trial.name, model, trial.recording, NodeRule(), root="pelvis", segments=linkage.LOWER_BODY
+            trial.name,
+            model,
+            trial.recording,
+            NodeRule(),
+            root="pelvis",
+            segments=linkage.LOWER_BODY,
         )
         motion = tracked_motion(problem, nominal)
     except (GaitcalError, np.linalg.LinAlgError):
@@ -395,15 +527,18 @@ def _undetermined(trial: MarkerEvidence, model: SubjectModel) -> dict[str, float
     uncertain = left_uncertain(problem.frame_hessians(motion.q, problem.body(nominal)))
     frames = slice(None) if trial.pelvis is None else trial.pelvis.determined
     worst = np.quantile(uncertain[frames], WORST_SHARE, axis=0)
-    names, beyond = zip(problem.chain.coordinates, worst, strict=True), linkage.coordinates_before(linkage.HANGS_ON)
+    names, beyond = (
+        zip(problem.chain.coordinates, worst, strict=True),
+        linkage.coordinates_before(linkage.HANGS_ON),
+    )
     return {name: float(s) for name, s in names if name[-2:] in ("_r", "_l") and name not in beyond}
 
 
 def moving_along(trial: MarkerEvidence, segment: str) -> list[str]:
     """Labels unknown to the set whose distance from the markers of a leg's segment stays the same.
 
-    A shank or a foot must keep its distance from the lateral marker of the joint above, too: near that joint's axis a
-    marker keeps its distance from both segments.
+    A shank or a foot must keep its distance from the lateral marker of the joint above, too: near
+    that joint's axis a marker keeps its distance from both segments.
     """
     part, _, side = segment.partition("_")
     below = {"thigh": f"shank_{side}", "shank": f"foot_{side}"}.get(part)
@@ -419,7 +554,9 @@ def moving_along(trial: MarkerEvidence, segment: str) -> list[str]:
 def _keeps(trial: MarkerEvidence, label: str, segment: str) -> bool:
     part, _, side = segment.partition("_")
     above = {"shank": f"knee_lat_{side}", "foot": f"ankle_lat_{side}"}.get(part, "")
-    near_joint = {m: BESIDE_JOINT_M for m in trial.marker_set.landmarks.get(above, ()) if m in trial.place}
+    near_joint = {
+        m: BESIDE_JOINT_M for m in trial.marker_set.landmarks.get(above, ()) if m in trial.place
+    }
     near_joint |= dict.fromkeys(trial.weighed(segment), KEEPS_M)
     spread = [(_spread(trial, label, other), most) for other, most in near_joint.items()]
     others = [
@@ -428,11 +565,15 @@ def _keeps(trial: MarkerEvidence, label: str, segment: str) -> bool:
         for m in trial.weighed(f"foot_{s}") + trial.weighed(f"thigh_{s}")
     ]
     moved = max((s for s in others if s is not None), default=0.0)
-    return bool(spread) and all(s is not None and s < most for s, most in spread) and moved > MOVES_M
+    return (
+        bool(spread) and all(s is not None and s < most for s, most in spread) and moved > MOVES_M
+    )
 
 
 def _spread(trial: MarkerEvidence, one: str, other: str) -> float | None:
-    """m, standard deviation of the distance of two markers; None where they are hardly seen together."""
+    """m, standard deviation of the distance of two markers; None where they are hardly seen
+    together.
+    """
     away = np.linalg.norm(trial.path(one) - trial.path(other), axis=1)
     away = away[np.isfinite(away)]
     return float(np.std(away)) if len(away) >= TOGETHER else None

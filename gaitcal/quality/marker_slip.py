@@ -1,11 +1,13 @@
-"""Markers that leave their place in the segment for a while, and paths that software held or made up over a gap.
+"""Markers that leave their place in the segment for a while, and paths that software held or made
+up over a gap.
 
-A marker's distance from its mean place in the trial (`Cluster.strayed`) shows when it is elsewhere. Where it slips from
-one frame to the next and stays there, the whole cluster's fit jumps: the means of its markers' places over a quarter of
-a second before and after differ as much as the two frames do, which skin never does; the marker that slipped is the one
-that jumps in the laboratory. A path that is held still, or drawn as a straight line from one frame to another, has no
-second difference while the others go their way. A position repeated bit for bit while others move, or a coordinate that
-never changes, needs no static trial to be told.
+A marker's distance from its mean place in the trial (`Cluster.strayed`) shows when it is elsewhere.
+Where it slips from one frame to the next and stays there, the whole cluster's fit jumps: the means
+of its markers' places over a quarter of a second before and after differ as much as the two frames
+do, which skin never does; the marker that slipped is the one that jumps in the laboratory. A path
+that is held still, or drawn as a straight line from one frame to another, has no second difference
+while the others go their way. A position repeated bit for bit while others move, or a coordinate
+that never changes, needs no static trial to be told.
 """
 
 from collections.abc import Iterator
@@ -21,8 +23,8 @@ from gaitcal.preprocess.trial_evidence import MarkerEvidence, side_of
 from gaitcal.runtime import remembered
 
 AWAY_M = {"pelvis": 0.012, "thigh": 0.012, "shank": 0.012, "foot": 0.025}
-"""Beyond the usual distance from its mean place; a foot bends and strikes the floor, and its markers stray
-farther."""
+"""Beyond the usual distance from its mean place; a foot bends and strikes the floor, and its
+markers stray farther."""
 TIMES_BASELINE = 5.0  # Times the marker's usual distance, if that is more
 SHORTEST_FRAMES, SHORTEST_S = 5, 0.05
 REFUSED_M = 0.025
@@ -30,34 +32,46 @@ REFUSED_SURE_M = {"pelvis": 0.015, "thigh": 0.015, "shank": 0.015, "foot": 0.025
 """The same where it slipped or its path was made up, which skin never does."""
 LONG_S = 0.1  # So far for so long moves the joints' angles by more than their error bars: an error
 SLIP_M = 6e-3
-"""Change of a marker's place in its segment from one frame to the next, and at least so much between the means; no
-clean recording of 20 people has one that lasts and is one marker's alone."""
-MOST_SLIPS = 2  # In a cluster: more are a rattling marker or a foot that strikes, not tape that came off
-MOST_JUMPS = 3  # Of one marker, whether it stays or comes back at once: more are cameras that lose it
+"""Change of a marker's place in its segment from one frame to the next, and at least so much
+between the means; no clean recording of 20 people has one that lasts and is one marker's alone."""
+MOST_SLIPS = (
+    2  # In a cluster: more are a rattling marker or a foot that strikes, not tape that came off
+)
+MOST_JUMPS = (
+    3  # Of one marker, whether it stays or comes back at once: more are cameras that lose it
+)
 SLIP_S, SLIP_FRAMES = 0.25, 8  # Stretch of the means before and after, and fewest frames of it
-TIMES_OTHERS = 2.0  # Times the others' jump in the laboratory: a foot that strikes the floor jumps as a whole
+TIMES_OTHERS = (
+    2.0  # Times the others' jump in the laboratory: a foot that strikes the floor jumps as a whole
+)
 SLIP_TIMES_BASELINE = 6.0  # Times the usual change from frame to frame
-SLIP_RATE = 0.6  # m/s of the same: skin goes on moving between two frames, and slow cameras see it jump
+SLIP_RATE = (
+    0.6  # m/s of the same: skin goes on moving between two frames, and slow cameras see it jump
+)
 SLIP_SUDDEN, SUDDEN_S = 2.5, 0.1
-"""Times the changes of the frames so near before and after (but for the next ones): tape that comes off does so at
-once, skin deforms over several frames."""
+"""Times the changes of the frames so near before and after (but for the next ones): tape that comes
+off does so at once, skin deforms over several frames."""
 SHORTEST_STAY_S = 0.15
 SLIP_STAYS = 0.6  # Share of a change that must last
-SLIPPED_WEIGHT = 0.05  # Weight of a marker that slipped, where the two others alone do not tell how the segment lies
+# Weight of a marker that slipped, where the two others alone do not tell how the segment lies
+SLIPPED_WEIGHT = 0.05
 STILL_M = 2e-5  # Second difference of a path that nobody measured: half the noise of good cameras
 STRAIGHT_FRAMES = 6
 STRAIGHT_M = 2e-4
 CUBIC_SHARE = 0.01
-"""Fourth difference of a path over that of its neighbours, below which nobody measured it: a cubic polynomial has none,
-measured paths have the noise of their cameras."""
+"""Fourth difference of a path over that of its neighbours, below which nobody measured it: a cubic
+polynomial has none, measured paths have the noise of their cameras."""
 BENT_M = 8e-3  # How far the path of another marker of the segment must bend meanwhile
 WRONG_M = 4e-3  # Beyond the usual distance, from which a made-up path is told
 
 HALF = 0.5  # Share of the markers
-FROZEN_S = 0.1  # A position repeated bit for bit for so long, while others move, is held by software
+FROZEN_S = (
+    0.1  # A position repeated bit for bit for so long, while others move, is held by software
+)
 MOVED_M = 0.01
-"""How far the others must have moved meanwhile: somebody who stands still repeats rounded positions honestly. As far
-must a marker have moved in one coordinate for another, which never changes, to be odd."""
+"""How far the others must have moved meanwhile: somebody who stands still repeats rounded positions
+honestly. As far must a marker have moved in one coordinate for another, which never changes, to be
+odd."""
 
 
 @dataclass(frozen=True)
@@ -80,16 +94,26 @@ def marker_slip(trial: MarkerEvidence) -> Iterator[Finding]:
         frames = [s.frames for s in of_marker]
         worst = max(of_marker, key=lambda s: s.distance)
         part = worst.cluster.segment
-        what = f"marker '{label}' {'slipped' if any(s.slipped for s in of_marker) else 'left its place'} on {part}"
+        what = (
+            f"marker '{label}' "
+            f"{'slipped' if any(s.slipped for s in of_marker) else 'left its place'} on {part}"
+        )
         if worst.straight:
-            what = f"the path of marker '{label}' on {part} was held or drawn as a straight or smooth line over a gap"
+            what = (
+                f"the path of marker '{label}' on {part} was held or drawn as a straight or smooth "
+                "line over a gap"
+            )
         cure = f'export gaps as gaps, or weights = {{ "{worst.label}" = 0 }} under [markers]'
         if worst.cluster.own < FEWEST:
-            cure = "or export gaps as gaps: without this marker the other does not tell how the segment lies"
+            cure = (
+                "or export gaps as gaps: without this marker the other does not tell how the "
+                "segment lies"
+            )
         yield trial.finding(
             Severity.ERROR if any(_harmful(s, time) for s in of_marker) else Severity.WARNING,
             "left its place",
-            f"up to {1e3 * worst.distance:.0f} mm away in {sum(f.stop - f.start for f in frames)} frames, "
+            f"up to {1e3 * worst.distance:.0f} mm away in {sum(f.stop - f.start for f in frames)} "
+            "frames, "
             f"{spans(time, frames)}",
             f"leave that part out with time = [start, end], {cure}",
             cause=what,
@@ -102,7 +126,10 @@ def marker_slip(trial: MarkerEvidence) -> Iterator[Finding]:
 def _harmful(stretch: Stretch, time: Array) -> bool:
     sure = stretch.slipped or stretch.straight
     lasts = float(time[min(stretch.frames.stop, len(time) - 1)] - time[stretch.frames.start])
-    return stretch.distance > (REFUSED_SURE_M[stretch.cluster.part] if sure else REFUSED_M) and lasts >= LONG_S
+    return (
+        stretch.distance > (REFUSED_SURE_M[stretch.cluster.part] if sure else REFUSED_M)
+        and lasts >= LONG_S
+    )
 
 
 @remembered
@@ -111,9 +138,15 @@ def stretches(trial: MarkerEvidence) -> dict[str, list[Stretch]]:
     found: dict[str, list[Stretch]] = {}
     trial = trial.as_fitted
     for cluster in trial.clusters.values():
-        for stretch in (*made_up(trial, cluster), *slipped(trial, cluster), *strayed(trial, cluster)):
+        for stretch in (
+            *made_up(trial, cluster),
+            *slipped(trial, cluster),
+            *strayed(trial, cluster),
+        ):
             here, at = found.setdefault(stretch.label, []), stretch.frames
-            if not any(at.start < other.frames.stop and other.frames.start < at.stop for other in here):
+            if not any(
+                at.start < other.frames.stop and other.frames.start < at.stop for other in here
+            ):
                 here.append(stretch)
     return found
 
@@ -154,28 +187,42 @@ def slipped(trial: MarkerEvidence, cluster: Cluster) -> Iterator[Stretch]:
             continue
         edge = int(frames[f + 1])
         jumps = _jumps(trial, cluster, edge)
-        if jumpers.count(k) > MOST_JUMPS or jumps[k] < TIMES_OTHERS * float(np.delete(jumps, k).max()):
+        if jumpers.count(k) > MOST_JUMPS or jumps[k] < TIMES_OTHERS * float(
+            np.delete(jumps, k).max()
+        ):
             continue
         shape = cluster.shape[: cluster.own]
-        slips.append((edge, k, _alone(cluster, k, shape + before.mean(axis=0), shape + after.mean(axis=0))))
+        slips.append(
+            (edge, k, _alone(cluster, k, shape + before.mean(axis=0), shape + after.mean(axis=0)))
+        )
     if len(slips) > MOST_SLIPS:
         return
     for i, (edge, k, size) in enumerate(slips):
-        again = next((other for other, marker, _ in slips[i + 1 :] if marker == k), len(cluster.away))
+        again = next(
+            (other for other, marker, _ in slips[i + 1 :] if marker == k), len(cluster.away)
+        )
         yield Stretch(cluster, cluster.labels[k], slice(edge, again), size, slipped=True)
 
 
 def _around(step: Array, f: int, near: int) -> float:
     """m, the largest change from frame to frame near change f, without its neighbours."""
-    return float(np.concatenate([step[max(0, f - near) : max(0, f - 1)], step[f + 2 : f + 1 + near]]).max(initial=0.0))
+    return float(
+        np.concatenate([step[max(0, f - near) : max(0, f - 1)], step[f + 2 : f + 1 + near]]).max(
+            initial=0.0
+        )
+    )
 
 
 def _alone(cluster: Cluster, k: int, before: Array, after: Array) -> float:
     """m, how far marker k went between two mean places (own, 3) of the markers, if it alone moved."""
     rest = [i for i in range(cluster.own) if i != k]
     turn, shift = alignment(after[rest], before[rest])
-    if len(rest) < FEWEST:  # two points leave a turn about their line free: the smallest way that explains it
-        turn, shift = alignment(after, before, np.where(np.arange(cluster.own) == k, SLIPPED_WEIGHT, 1.0))
+    if (
+        len(rest) < FEWEST
+    ):  # two points leave a turn about their line free: the smallest way that explains it
+        turn, shift = alignment(
+            after, before, np.where(np.arange(cluster.own) == k, SLIPPED_WEIGHT, 1.0)
+        )
     return float(np.linalg.norm(turn @ after[k] + shift - before[k]))
 
 
@@ -190,7 +237,9 @@ def _farthest(cluster: Cluster, k: int, frames: slice) -> float:
 
 
 def _jumps(trial: MarkerEvidence, cluster: Cluster, edge: int) -> Array:
-    """(own,) m, how far each marker jumps out of line in the laboratory between the frames edge - 1 and edge."""
+    """(own,) m, how far each marker jumps out of line in the laboratory between the frames edge - 1
+    and edge.
+    """
     columns = [trial.place[label] for label in cluster.labels[: cluster.own]]
     x = trial.recording.markers[:, columns]
     two_before, two_after = max(edge - 2, 0), min(edge + 1, len(x) - 1)
@@ -200,7 +249,9 @@ def _jumps(trial: MarkerEvidence, cluster: Cluster, edge: int) -> Array:
 
 
 def _culprit(trial: MarkerEvidence, cluster: Cluster, run: slice) -> int:
-    """Which marker of a cluster left: without it the others are in their places; of three, the one that jumps."""
+    """Which marker of a cluster left: without it the others are in their places; of three, the one
+    that jumps.
+    """
     columns = [trial.place[label] for label in cluster.labels[: cluster.own]]
     middle = trial.recording.markers[(run.start + run.stop) // 2, columns]
     if len(columns) > FEWEST and np.isfinite(middle).all():
@@ -212,11 +263,17 @@ def _culprit(trial: MarkerEvidence, cluster: Cluster, run: slice) -> int:
         return int(np.argmin(costs))
     inside = np.nan_to_num(cluster.strayed[run, : cluster.own]).max(axis=0)
     edges = [edge for edge in (run.start, run.stop) if 0 < edge < len(cluster.away)]
-    return int(np.argmax(inside + sum((_jumps(trial, cluster, edge) for edge in edges), np.zeros(cluster.own))))
+    return int(
+        np.argmax(
+            inside + sum((_jumps(trial, cluster, edge) for edge in edges), np.zeros(cluster.own))
+        )
+    )
 
 
 def made_up(trial: MarkerEvidence, cluster: Cluster) -> Iterator[Stretch]:
-    """Stretches in which a marker stands still, goes straight or along a cubic while others of its segment do not."""
+    """Stretches in which a marker stands still, goes straight or along a cubic while others of its
+    segment do not.
+    """
     columns = [trial.place[label] for label in cluster.labels[: cluster.own]]
     x = trial.recording.markers[:, columns]
     if len(x) < STRAIGHT_FRAMES + 2:
@@ -224,7 +281,9 @@ def made_up(trial: MarkerEvidence, cluster: Cluster) -> Iterator[Stretch]:
     second, fourth = (np.linalg.norm(np.diff(x, order, axis=0), axis=2) for order in (2, 4))
     for k, label in enumerate(cluster.labels[: cluster.own]):
         baseline = float(np.nanmedian(cluster.strayed[:, k]))
-        drawn = [slice(run.start, run.stop + 2) for run in runs(second[:, k] < STILL_M, STRAIGHT_FRAMES)]
+        drawn = [
+            slice(run.start, run.stop + 2) for run in runs(second[:, k] < STILL_M, STRAIGHT_FRAMES)
+        ]
         drawn = [frames for frames in drawn if bend(x[frames, k]) <= STRAIGHT_M]
         smooth = fourth[:, k] < CUBIC_SHARE * np.median(np.delete(fourth, k, axis=1), axis=1)
         drawn += [slice(run.start, run.stop + 4) for run in runs(smooth, STRAIGHT_FRAMES)]
@@ -257,16 +316,22 @@ def frozen(trial: MarkerEvidence) -> Iterator[Finding]:
     if labels:
         yield trial.warning(
             "frozen",
-            f"positions repeated bit for bit while others move: {listed(labels)} ({spans(trial.recording.time, when)})",
-            "software held the last value over a gap: export gaps as gaps, or give the marker no weight",
+            f"positions repeated bit for bit while others move: {listed(labels)} "
+            f"({spans(trial.recording.time, when)})",
+            "software held the last value over a gap: export gaps as gaps, or give the marker no "
+            "weight",
             code=Code.FROZEN_MARKER,
         )
 
 
 def _others_move(x: Array, run: slice) -> bool:
-    """Whether most of the markers (nf, nm, 3) are elsewhere at the end of a run of steps than at its beginning."""
+    """Whether most of the markers (nf, nm, 3) are elsewhere at the end of a run of steps than at
+    its beginning.
+    """
     moved = np.linalg.norm(x[run.stop] - x[run.start], axis=1)
-    return bool(np.median(moved[np.isfinite(moved)]) > MOVED_M) if np.isfinite(moved).any() else False
+    return (
+        bool(np.median(moved[np.isfinite(moved)]) > MOVED_M) if np.isfinite(moved).any() else False
+    )
 
 
 def flat(trial: MarkerEvidence) -> Iterator[Finding]:
@@ -277,7 +342,8 @@ def flat(trial: MarkerEvidence) -> Iterator[Finding]:
         if len(x) <= 10:
             continue
         way = np.ptp(x, axis=0)
-        # A segment that is held still moves by rounding alone: there a coordinate without a change says nothing.
+        # A segment that is held still moves by rounding alone: there a coordinate without a change
+        # says nothing.
         if (way == 0).any() and way.max() > MOVED_M:
             labels.append(label)
     if 0 < len(labels) < HALF * len(trial.present):

@@ -1,8 +1,10 @@
-"""Joint centres under the names of lateral markers: a program exports what it computed beside what it measured.
+"""Joint centres under the names of lateral markers: a program exports what it computed beside what
+it measured.
 
-Of two points that stay together, no skin is half a joint's width outwards of a lateral epicondyle or malleolus: then
-the inner one, whatever its name, is the centre of the joint, and the outer one the marker. Nor are two points that keep
-their distance to a hundredth of a millimetre, while somebody moves, both on skin: the inner one is computed.
+Of two points that stay together, no skin is half a joint's width outwards of a lateral epicondyle
+or malleolus: then the inner one, whatever its name, is the centre of the joint, and the outer one
+the marker. Nor are two points that keep their distance to a hundredth of a millimetre, while
+somebody moves, both on skin: the inner one is computed.
 """
 
 from collections.abc import Iterator, Sequence
@@ -21,31 +23,47 @@ from gaitcal.preprocess.trial_evidence import MarkerEvidence
 from gaitcal.quality.marker_checks import KEEPS_M, TOGETHER
 
 MEASURED_M = 1e-5
-"""Least scatter of a distance that cameras measure while somebody moves; of less, a program computed a point."""
+"""Least scatter of a distance that cameras measure while somebody moves; of less, a program
+computed a point.
+"""
 CENTRE = " (centre)"  # Ends the name of a joint centre that bore the label of a marker
 
 
-def measured_instead(standing: Recording, moving: Sequence[Recording], marker_set: MarkerSet) -> dict[str, str]:
+def measured_instead(
+    standing: Recording, moving: Sequence[Recording], marker_set: MarkerSet
+) -> dict[str, str]:
     """Find the measured markers of joints whose centres bear the names of lateral markers.
 
     Parameters
     ----------
     standing, moving : Recording, sequence of Recording
-        Where points are, and which stay together, spelt as in the set; InputError where nobody stands still.
+        Where points are, and which stay together, spelt as in the set; InputError where nobody
+        stands still.
 
     Returns
     -------
     dict of str to str
-        Lateral marker of the set -> the label that the set does not know, of joints of which both sides show it.
+        Lateral marker of the set -> the label that the set does not know, of joints of which both
+        sides show it.
     """
     window = still_window(standing, marker_set.labels).frames
     at = seen_means({m: standing.markers[window, i] for i, m in enumerate(standing.labels)})
-    named = {n: m[0] for n, m in present_markers(marker_set, standing).landmarks.items() if len(m) == 1 and m[0] in at}
-    if not {f"{name}_{side}" for name in ("asis", "knee_lat", "ankle_lat") for side in SIDES} <= named.keys():
+    named = {
+        n: m[0]
+        for n, m in present_markers(marker_set, standing).landmarks.items()
+        if len(m) == 1 and m[0] in at
+    }
+    if (
+        not {f"{name}_{side}" for name in ("asis", "knee_lat", "ankle_lat") for side in SIDES}
+        <= named.keys()
+    ):
         return {}
     right = (at[named["asis_r"]] - at[named["asis_l"]]) * [1.0, 0.0, 1.0]
     right /= np.linalg.norm(right)
-    height = float(np.linalg.norm(at[named["knee_lat_r"]] - at[named["ankle_lat_r"]])) / LENGTHS["shank"][2]
+    height = (
+        float(np.linalg.norm(at[named["knee_lat_r"]] - at[named["ankle_lat_r"]]))
+        / LENGTHS["shank"][2]
+    )
     strangers = [m for m in at if m not in marker_set.labels and m not in marker_set.devices]
     out: dict[str, str] = {}
     for joint in ("knee", "ankle"):
@@ -54,31 +72,49 @@ def measured_instead(standing: Recording, moving: Sequence[Recording], marker_se
             for other in strangers:
                 away = at[other] - at[lateral]
                 outwards = sign(side) * float(away @ right)
-                wide = PLAUSIBLE_WIDTH[0] <= outwards / half_width(joint, height) <= PLAUSIBLE_WIDTH[1]
-                if wide and 2.0 * outwards**2 > away @ away and _stay_together(moving, lateral, other, strangers):
+                wide = (
+                    PLAUSIBLE_WIDTH[0] <= outwards / half_width(joint, height) <= PLAUSIBLE_WIDTH[1]
+                )
+                if (
+                    wide
+                    and 2.0 * outwards**2 > away @ away
+                    and _stay_together(moving, lateral, other, strangers)
+                ):
                     found[lateral] = other
         out |= found if len(found) == len(SIDES) else {}
     return out
 
 
-def _stay_together(moving: Sequence[Recording], one: str, other: str, strangers: Sequence[str]) -> bool:
-    """Whether two points keep their distance, and the second one is no computed point that a third one shows."""
+def _stay_together(
+    moving: Sequence[Recording], one: str, other: str, strangers: Sequence[str]
+) -> bool:
+    """Whether two points keep their distance, and the second one is no computed point that a third
+    one shows.
+    """
 
     def scatter(recording: Recording, label: str) -> float:
         if not {label, other} <= set(recording.labels):
             return np.nan
         a, b = (recording.markers[:, recording.labels.index(m)] for m in (label, other))
         apart = np.linalg.norm(a - b, axis=1)
-        return float(np.nanstd(apart)) if np.isfinite(apart).sum() >= min(TOGETHER, len(apart)) else np.nan
+        return (
+            float(np.nanstd(apart))
+            if np.isfinite(apart).sum() >= min(TOGETHER, len(apart))
+            else np.nan
+        )
 
     kept = [value for r in moving if np.isfinite(value := scatter(r, one))]
     thirds = (m for m in strangers if m != other)
-    return bool(kept) and max(kept) < KEEPS_M and not any(scatter(r, m) < MEASURED_M for m in thirds for r in moving)
+    return (
+        bool(kept)
+        and max(kept) < KEEPS_M
+        and not any(scatter(r, m) < MEASURED_M for m in thirds for r in moving)
+    )
 
 
 def computed_of_pair(one: Array, other: Array, middle: Array) -> tuple[bool, bool]:
-    """Which of two points (3,) that keep their distance exactly are computed: the inner one; both, where the body's
-    `middle` (3,) lies between them.
+    """Which of two points (3,) that keep their distance exactly are computed: the inner one; both,
+    where the body's `middle` (3,) lies between them.
     """
     along = (other - one) * [1.0, 0.0, 1.0]
     first, second = along @ (one - middle), along @ (other - middle)
@@ -92,13 +128,17 @@ def named_centres(trials: Sequence[MarkerEvidence]) -> Iterator[Finding]:
         return
     moving = [t.recording for t in trials if not t.is_static]
     if found := measured_instead(static.recording, moving, static.marker_set):
-        names = ", ".join(f'"{label}" = "{label}{CENTRE}", "{other}" = "{label}"' for label, other in found.items())
+        names = ", ".join(
+            f'"{label}" = "{label}{CENTRE}", "{other}" = "{label}"'
+            for label, other in found.items()
+        )
         pairs = ", ".join(f"'{other}' outwards of '{label}'" for label, other in found.items())
         yield static.error(
             "landmarks",
             f"half a joint's width apart, and together in every trial: {pairs}",
             f"rename = {{ {names} }} under [markers]",
-            cause=f"{', '.join(map(repr, found))} are joint centres that a program computed, not lateral markers",
+            cause=f"{', '.join(map(repr, found))} are joint centres that a program computed, not "
+            "lateral markers",
             weight=10.0,
             code=Code.LANDMARK_DISPLACED,
         )

@@ -5,24 +5,26 @@ Force, centre of pressure, moment about that:
     w = [f; t + c x f]                  the wrench about the laboratory origin; c the centre of pressure, t free moment
     M = t + (c - m) x f                 the moment about the middle m of the plate's surface
 
-A fault of the force f -> f' keeps either what the file gives as centre of pressure and free moment (tables of forces),
-or the moments of the plate's channels (C3D, plate types 2 to 4):
+A fault of the force f -> f' keeps either what the file gives as centre of pressure and free moment
+(tables of forces), or the moments of the plate's channels (C3D, plate types 2 to 4):
 
     centre kept   w' = [f'; t' + c x f']
     moments kept  w' = [f'; M + m x f']
 
-Side evidence is the foot under the centre of pressure, and the empty plate. For each plate and the foot that stands
-while it is loaded, with c the centre of pressure averaged by the load over frames of more than `LOADED_SHARE` of body
-weight, h and t heel and toe, L = |t - h|, u = (t - h) / L, n across u:
+Side evidence is the foot under the centre of pressure, and the empty plate. For each plate and the
+foot that stands while it is loaded, with c the centre of pressure averaged by the load over frames
+of more than `LOADED_SHARE` of body weight, h and t heel and toe, L = |t - h|, u = (t - h) / L, n
+across u:
 
     z = (n . (c - h)) / ACROSS_M,     z = (u . (c - h) - MIDDLE L) / ALONG_M
 
-and for each plate that is ever empty, with its reading b there and an offset x that a cause takes away:
+and for each plate that is ever empty, with its reading b there and an offset x that a cause takes
+away:
 
     z = (b - x) / EMPTY_N
 
-A cause gains sum (rho(z_0) - rho(z)) / 2 with rho(z) = B^2 log(1 + z^2 / B^2), B = `BELIEVED_Z`, so that no piece of it
-is believed beyond all bounds (Cauchy-like).
+A cause gains sum (rho(z_0) - rho(z)) / 2 with rho(z) = B^2 log(1 + z^2 / B^2), B = `BELIEVED_Z`, so
+that no piece of it is believed beyond all bounds (Cauchy-like).
 """
 
 from collections.abc import Sequence
@@ -39,12 +41,15 @@ from gaitcal.io.force_plate import LOADED_N, centre_on_ground
 from gaitcal.io.recording import ForcePlate, duration, runs
 
 ACROSS_M, ALONG_M, MIDDLE = 0.020, 0.050, 0.70
-"""Over 39 steps of clean walks, centres of pressure lie 2 (SD 15) mm outside the line heel-toe, and at 0.69 (SD 0.21,
-steps cut short by the end of the valid frames included) of its 150 to 290 mm."""
+"""Over 39 steps of clean walks, centres of pressure lie 2 (SD 15) mm outside the line heel-toe, and
+at 0.69 (SD 0.21, steps cut short by the end of the valid frames included) of its 150 to 290 mm."""
 LOADED_SHARE, FEWEST = 0.4, 4  # Of body weight; frames
 EMPTY_N = 10.0  # N: unloaded plates read so much with nothing wrong
 BELIEVED_Z = 3.0
-STEADY_N, STEADY_S = 10.0, 0.1  # An empty plate's reading stays this close to its own low for at least so long
+STEADY_N, STEADY_S = (
+    10.0,
+    0.1,
+)  # An empty plate's reading stays this close to its own low for at least so long
 EMPTY_SHARE = 0.3  # Of body weight: a steady low reading above it is somebody standing
 
 
@@ -70,14 +75,16 @@ class PlateForces:
         middle: Array | None = None,
         place: Array | None = None,
     ) -> "PlateForces":
-        """At the times (k,) s. The centre of pressure lies at the height of `middle` (3,) m; it and `place` (3,) m
-        are the middle of the load where they are not known.
+        """At the times (k,) s. The centre of pressure lies at the height of `middle` (3,) m; it and
+        `place` (3,) m are the middle of the load where they are not known.
         """
         wrench = path(time)
         height = 0.0 if middle is None else float(middle[1])
         loaded = np.abs(wrench[:, 1]) > LOADED_N
         if not loaded.any():
-            loaded = np.abs(wrench[:, 1]) >= 0.5 * np.abs(wrench[:, 1]).max()  # in other units, or empty
+            loaded = (
+                np.abs(wrench[:, 1]) >= 0.5 * np.abs(wrench[:, 1]).max()
+            )  # in other units, or empty
         centre = np.zeros((len(time), 3))
         with np.errstate(all="ignore"):
             centre[loaded] = np.nan_to_num(centre_on_ground(wrench[loaded], height))
@@ -91,7 +98,9 @@ class PlateForces:
             centre=centre,
             free=wrench[:, 3:] - cross(centre, force),
             middle=middle,
-            place=np.average(centre, axis=0, weights=np.abs(force[:, 1]) + 1e-9) if place is None else place,
+            place=np.average(centre, axis=0, weights=np.abs(force[:, 1]) + 1e-9)
+            if place is None
+            else place,
             path=path,
             until=until,
         )
@@ -102,11 +111,15 @@ class PlateForces:
         return joined(self.force, self.centre, self.free)
 
     def centre_kept(self, force: Array, free: Array | None = None) -> Array:
-        """(k, 6) wrench of another force (k, 3) at the same centre; free moment as measured unless given."""
+        """(k, 6) wrench of another force (k, 3) at the same centre; free moment as measured unless
+        given.
+        """
         return joined(force, self.centre, self.free if free is None else free)
 
     def moments_kept(self, force: Array, factor: float = 1.0) -> Array:
-        """(k, 6) wrench of another force (k, 3) with `factor` times the same moment about the middle of the plate."""
+        """(k, 6) wrench of another force (k, 3) with `factor` times the same moment about the
+        middle of the plate.
+        """
         about = self.free + cross(self.centre - self.middle, self.force)
         return joined(force, self.middle, factor * about)
 
@@ -117,7 +130,8 @@ class PlateForces:
     def nearer(self, factor: float) -> Array:
         """(k, 6) wrench with centres of pressure `factor` times as far from the laboratory origin.
 
-        The free moment goes with them: a filter has mixed it with what far centres make of the horizontal force.
+        The free moment goes with them: a filter has mixed it with what far centres make of the
+        horizontal force.
         """
         return np.hstack([self.force, factor * self.wrench[:, 3:]])
 
@@ -137,7 +151,9 @@ class PlateForces:
 
 
 def joined(force: Array, point: Array, moment: Array) -> Array:
-    """(k, 6) wrench about the laboratory origin of forces (k, 3) at points (3,) or (k, 3) with moments (k, 3) there."""
+    """(k, 6) wrench about the laboratory origin of forces (k, 3) at points (3,) or (k, 3) with
+    moments (k, 3) there.
+    """
     return np.hstack([force, moment + cross(point, force)])
 
 
@@ -157,8 +173,12 @@ class Sole:
     toe: Array  # (n, 2) m
 
 
-def soles_of(standing: IntArray, frames: IntArray, feet: foot_contact.FootPoints) -> tuple[Sole, ...]:
-    """Every foot on every plate: `standing` (plates, k) as in the evidence, whose frames of the trial are `frames`."""
+def soles_of(
+    standing: IntArray, frames: IntArray, feet: foot_contact.FootPoints
+) -> tuple[Sole, ...]:
+    """Every foot on every plate: `standing` (plates, k) as in the evidence, whose frames of the
+    trial are `frames`.
+    """
     out = []
     for plate, row in enumerate(standing):
         for foot in range(len(inverse_dynamics.FEET)):
@@ -173,7 +193,9 @@ def empty_reading(plate: ForcePlate, weight: float) -> float | None:
     """N of vertical force while nobody is on the plate; None where somebody always is."""
     up = np.nan_to_num(plate.force[:, 1])
     low = float(np.quantile(up, 0.05))
-    steady = [run for run in runs(np.abs(up - low) < STEADY_N) if duration(plate.time, run) >= STEADY_S]
+    steady = [
+        run for run in runs(np.abs(up - low) < STEADY_N) if duration(plate.time, run) >= STEADY_S
+    ]
     if not steady:
         return None
     longest = max(steady, key=lambda run: run.stop - run.start)
@@ -182,7 +204,9 @@ def empty_reading(plate: ForcePlate, weight: float) -> float | None:
 
 
 def under_feet(wrenches: Array, soles: Sequence[Sole], heights: Array, weight: float) -> Array:
-    """(2 soles,) z of wrenches (plates, k, 6) on plates of `heights` (plates,) m; 0 where one carries too little."""
+    """(2 soles,) z of wrenches (plates, k, 6) on plates of `heights` (plates,) m; 0 where one
+    carries too little.
+    """
     out = np.zeros((len(soles), 2))
     for i, sole in enumerate(soles):
         wrench = wrenches[sole.plate, sole.frames]

@@ -1,17 +1,19 @@
-"""Frames and their times: rates, time columns, seams, single positions out of line; splines and filters that suit them.
+"""Frames and their times: rates, time columns, seams, single positions out of line; splines and
+filters that suit them.
 
-A seam is where frames were cut out, a frame stands twice, or two parts were joined, and the times run on over it: all
-markers make one step that their paths do not lead to. With the H frames on either side of it, a marker leaves
+A seam is where frames were cut out, a frame stands twice, or two parts were joined, and the times
+run on over it: all markers make one step that their paths do not lead to. With the H frames on
+either side of it, a marker leaves
 
     Q_one    sum of squares about one quintic through all of them
     Q_two    about a parabola through either half: as many coefficients, and a step between the halves
 
     gain = ln (Q_one + f) / (Q_two + f),    f = the squares of NOISE_M in the 2 H - 6 degrees of freedom of each axis
 
-A seam is where the median gain of the markers is above ln 2 and the median step above half of what a marker moves in a
-frame, and above what a velocity that breaks there makes of a step, as in landing: half of its change in a frame more.
-The step d along the velocity v tells how many frames of length h are missing: n = d v / (v^2 h), -1 for one that stands
-twice.
+A seam is where the median gain of the markers is above ln 2 and the median step above half of what
+a marker moves in a frame, and above what a velocity that breaks there makes of a step, as in
+landing: half of its change in a frame more. The step d along the velocity v tells how many frames
+of length h are missing: n = d v / (v^2 h), -1 for one that stands twice.
 """
 
 import re
@@ -39,15 +41,22 @@ SLOW_GAIT = 50.0  # Hz below which a heel strike falls between frames
 STEADY_HZ = 4.0  # Walking has content up to about this frequency; splines that pass less blunt it
 SPEED_M_S = 4.5  # Nobody walks faster; a faster one runs, or the clock is wrong
 OTHER_RATE = 2.5
-"""Laboratories record at 50 and 100, or 100 and 200 Hz; a time column that is wrong may be wrong by more."""
+"""Laboratories record at 50 and 100, or 100 and 200 Hz; a time column that is wrong may be wrong by
+more.
+"""
 HALF_WINDOW = 5
-"""H. At 50 to 200 Hz 25 to 100 ms on either side, in which nothing of a walk but a foot's impact bends twice."""
+"""H. At 50 to 200 Hz 25 to 100 ms on either side, in which nothing of a walk but a foot's impact
+bends twice.
+"""
 NOISE_M = 0.0002  # m, of cameras: what bends less cannot be told from it
 GAIN = float(np.log(2.0))
-"""One path leaves twice the squares of two. In 36 clean recordings of nine laboratories, walks, turns and isolated
-trials, the median gain is at most 0.02; with one frame cut out of a walk or doubled anywhere, 1.2 to 4."""
+"""One path leaves twice the squares of two. In 36 clean recordings of nine laboratories, walks,
+turns and isolated trials, the median gain is at most 0.02; with one frame cut out of a walk or
+doubled anywhere, 1.2 to 4."""
 STEP_FRAMES = 0.5
-"""Of the movement in a frame: whole frames are lost or doubled, and half of one lies between none and one."""
+"""Of the movement in a frame: whole frames are lost or doubled, and half of one lies between none
+and one.
+"""
 FEWEST_MARKERS = 6
 FAR_FRAMES = 20.0  # Above that the velocity says nothing of where the body would be
 
@@ -56,8 +65,13 @@ def rate(trial: MarkerEvidence) -> Iterator[Finding]:
     """Whether the frame rate is one of motion capture."""
     time = trial.recording.time
     if not trial.is_static and len(time) < FEWEST_FRAMES:
-        found, cause = f"found {len(time)} frames; allowed: at least {FEWEST_FRAMES}", "the trial is too short"
-        yield trial.error("sampling", found, "export the whole trial", cause=cause, code=Code.SHORT_TRIAL)
+        found, cause = (
+            f"found {len(time)} frames; allowed: at least {FEWEST_FRAMES}",
+            "the trial is too short",
+        )
+        yield trial.error(
+            "sampling", found, "export the whole trial", cause=cause, code=Code.SHORT_TRIAL
+        )
     if len(time) < 2:
         return
     hz = trial.recording.rate
@@ -68,17 +82,27 @@ def rate(trial: MarkerEvidence) -> Iterator[Finding]:
             cure = "the time column counts frames: divide it by the frame rate"
         yield trial.error("time", found, cure, cause=cause, code=Code.TIME_UNIT)
     elif trial.is_gait and hz < SLOW_GAIT:
-        cure, cause = "joint moments at heel strike will be blunted; record at 100 Hz", "frames come slowly for walking"
-        yield trial.warning("sampling", f"frames come at {hz:.4g} Hz", cure, cause=cause, code=Code.SLOW_FRAMES)
+        cure, cause = (
+            "joint moments at heel strike will be blunted; record at 100 Hz",
+            "frames come slowly for walking",
+        )
+        yield trial.warning(
+            "sampling", f"frames come at {hz:.4g} Hz", cure, cause=cause, code=Code.SLOW_FRAMES
+        )
     steps = np.diff(time)
     middle = float(np.median(steps))
     odd = np.abs(steps - middle) > UNEVEN * middle
     if odd.any():
-        found = f"{int(odd.sum())} time steps depart from {1e3 * middle:.3g} ms by more than {100 * UNEVEN:.0f} %, the "
+        found = (
+            f"{int(odd.sum())} time steps depart from {1e3 * middle:.3g} ms by more than "
+            f"{100 * UNEVEN:.0f} %, the "
+        )
         found += f"first at {time[int(np.argmax(odd))]:.3f} s ({1e3 * steps[odd].min():.3g} to "
         found += f"{1e3 * steps[odd].max():.3g} ms)"
         cure = "frames are missing, or the time column was put together: export the trial again"
-        yield trial.warning("time", found, cure, cause="time steps are not even", code=Code.UNEVEN_TIME)
+        yield trial.warning(
+            "time", found, cure, cause="time steps are not even", code=Code.UNEVEN_TIME
+        )
 
 
 def speed(trial: MarkerEvidence) -> Iterator[Finding]:
@@ -105,8 +129,10 @@ def header_rate(trial: MarkerEvidence) -> Iterator[Finding]:
         yield trial.finding(
             Severity.INFO if trial.is_isolated or trial.is_static else Severity.WARNING,
             "time",
-            f"time goes at {hz:.4g} Hz{agreed}; the header names {', '.join(f'{k} {v:g}' for k, v in apart.items())}",
-            "if frames were not left out on export, the time column was invented: correct it (velocities and torques "
+            f"time goes at {hz:.4g} Hz{agreed}; the header names "
+            f"{', '.join(f'{k} {v:g}' for k, v in apart.items())}",
+            "if frames were not left out on export, the time column was invented: correct it "
+            "(velocities and torques "
             "follow from it; joint axes do not)",
             cause="the header and the time column name different frame rates",
             code=Code.HEADER_RATE,
@@ -123,8 +149,14 @@ def _header_rates(path: Path) -> dict[str, float]:
         return {}
     for keys, values in pairwise(lines):
         if "DataRate" in keys:
-            pairs = zip(re.split(r"\s+", keys.strip()), re.split(r"\s+", values.strip()), strict=False)
-            return {k: float(v) for k, v in pairs if k in ("DataRate", "CameraRate") and re.fullmatch(r"[\d.]*\d", v)}
+            pairs = zip(
+                re.split(r"\s+", keys.strip()), re.split(r"\s+", values.strip()), strict=False
+            )
+            return {
+                k: float(v)
+                for k, v in pairs
+                if k in ("DataRate", "CameraRate") and re.fullmatch(r"[\d.]*\d", v)
+            }
     return {}
 
 
@@ -136,10 +168,18 @@ def splines(trial: MarkerEvidence) -> Iterator[Finding]:
     settings = trial.settings
     passed, of_what = _passed(settings, time)
     if settings.nodes is not None and settings.nodes > len(time):
-        found, cure = f"nodes = {settings.nodes} for {len(time)} frames", "fewer nodes than frames are needed"
-        yield trial.error("sampling", found, cure, cause="there are too many spline nodes", code=Code.MANY_NODES)
+        found, cure = (
+            f"nodes = {settings.nodes} for {len(time)} frames",
+            "fewer nodes than frames are needed",
+        )
+        yield trial.error(
+            "sampling", found, cure, cause="there are too many spline nodes", code=Code.MANY_NODES
+        )
     elif passed is not None and passed < STEADY_HZ and trial.is_gait:
-        found = f"{of_what} in {time[-1] - time[0]:.2f} s pass {passed:.1f} Hz; walking needs {STEADY_HZ:g} Hz"
+        found = (
+            f"{of_what} in {time[-1] - time[0]:.2f} s pass {passed:.1f} Hz; walking needs "
+            f"{STEADY_HZ:g} Hz"
+        )
         cure = "leave nodes, nodes_per_second and bandwidth_hz out of [calibration]"
         cause = "the settings smooth the motion too much"
         yield trial.warning("sampling", found, cure, cause=cause, code=Code.SMOOTHED_TOO_MUCH)
@@ -156,7 +196,10 @@ def splines(trial: MarkerEvidence) -> Iterator[Finding]:
             found = f"{name}: forces sampled at {sampled:.4g} Hz hold nothing above {chosen:.3g} Hz"
             yield trial.info("sampling", found, "they are not filtered", code=Code.FORCE_FILTER)
         else:
-            found = f"{name}: forces are filtered at {chosen:.3g} Hz and sampled at {sampled:.4g} Hz; allowed: "
+            found = (
+                f"{name}: forces are filtered at {chosen:.3g} Hz and sampled at {sampled:.4g} Hz; "
+                "allowed: "
+            )
             found += f"below half of that, {0.5 * sampled:.4g} Hz"
             cause, cure = f"the filter does not suit {name}", 'lower filter_hz, or set it to "none"'
             yield trial.error("sampling", found, cure, cause=cause, code=Code.FORCE_FILTER)
@@ -169,7 +212,9 @@ def _passed(settings: CalibrationSettings, time: Array) -> tuple[float | None, s
         return cutoff(time, nodes), f"{nodes} spline nodes"
     if settings.bandwidth_hz == AUTOMATIC:
         return None, ""
-    return HALF_POWER * float(settings.bandwidth_hz), f"bandwidth_hz = {settings.bandwidth_hz:g}: splines"
+    return HALF_POWER * float(
+        settings.bandwidth_hz
+    ), f"bandwidth_hz = {settings.bandwidth_hz:g}: splines"
 
 
 def rates_differ(trials: Sequence[MarkerEvidence]) -> Iterator[Finding]:
@@ -184,14 +229,18 @@ def rates_differ(trials: Sequence[MarkerEvidence]) -> Iterator[Finding]:
             topic="sampling",
             where=STUDY,
             cause="trials of one study have different frame rates",
-            found=f"most have {common:.4g} Hz, but {', '.join(f'{name} {rate:.4g} Hz' for name, rate in odd.items())}",
-            cure="look whether their time columns are right" if far else "as it should be, if recorded or exported so",
+            found=f"most have {common:.4g} Hz, but "
+            f"{', '.join(f'{name} {rate:.4g} Hz' for name, rate in odd.items())}",
+            cure="look whether their time columns are right"
+            if far
+            else "as it should be, if recorded or exported so",
             code=Code.RATES_DIFFER,
         )
 
 
 def same_recording(trials: Sequence[MarkerEvidence]) -> Iterator[Finding]:
-    """Trials whose markers are the same in every frame, whatever their files are called: one would count twice.
+    """Trials whose markers are the same in every frame, whatever their files are called: one would
+    count twice.
 
     Parts of one long file, chosen by `time`, are trials of their own.
     """
@@ -201,23 +250,38 @@ def same_recording(trials: Sequence[MarkerEvidence]) -> Iterator[Finding]:
             continue  # one frame is soon compared, and tells most apart
         if np.array_equal(a.markers, b.markers, equal_nan=True):
             found = f"holds the same {len(b.time)} frames as trial '{one.name}' ({one.source})"
-            cure = "name the file of this trial, leave the trial out, or give each its part with time = [start, end]"
+            cure = (
+                "name the file of this trial, leave the trial out, or give each its part with time "
+                "= [start, end]"
+            )
             yield other.error("trials", found, cure, code=Code.SAME_RECORDING)
 
 
 def spikes(trial: MarkerEvidence) -> Iterator[Finding]:
-    """Single positions out of line with the frames before and after: those that were left out, and the rest."""
+    """Single positions out of line with the frames before and after: those that were left out, and
+    the rest.
+    """
     x, fitted = trial.recording.markers, set(trial.as_fitted.present)
     if gone := {label: spikes for label, spikes in trial.trial.spikes.items() if label in fitted}:
-        found = f"single positions up to {1e3 * max(m for _, m in gone.values()):.0f} mm out of line with their "
-        found += f"neighbours are left out: {listed([f'{label} ({n} frames)' for label, (n, _) in gone.items()])}"
-        yield trial.info("jumps", found, "nothing: their paths go on without them", code=Code.SPIKES)
+        found = (
+            f"single positions up to {1e3 * max(m for _, m in gone.values()):.0f} mm out of line "
+            "with their "
+        )
+        found += (
+            "neighbours are left out: "
+            f"{listed([f'{label} ({n} frames)' for label, (n, _) in gone.items()])}"
+        )
+        yield trial.info(
+            "jumps", found, "nothing: their paths go on without them", code=Code.SPIKES
+        )
     if len(x) < 3:
         return
     away = np.linalg.norm(x[1:-1] - 0.5 * (x[2:] + x[:-2]), axis=2)
     limit = jump_limit(trial.recording, trial.marker_set.noise)
     sides = np.nan_to_num(np.pad(away, ((1, 1), (0, 0))))
-    peak = (sides[1:-1] >= sides[:-2]) & (sides[1:-1] >= sides[2:])  # a spike is out of line, and so are its neighbours
+    peak = (sides[1:-1] >= sides[:-2]) & (
+        sides[1:-1] >= sides[2:]
+    )  # a spike is out of line, and so are its neighbours
     for one in seams(x):  # the frames on either side of a seam
         peak[max(one.frame - 2, 0) : one.frame + 2] = False
     labels, largest = [], 0.0
@@ -229,10 +293,19 @@ def spikes(trial: MarkerEvidence) -> Iterator[Finding]:
             largest = max(largest, float(out.max()))
     if not labels:
         return
-    severity, cure = Severity.WARNING, 'label the trial again there, or set robust = "cauchy" under [calibration]'
+    severity, cure = (
+        Severity.WARNING,
+        'label the trial again there, or set robust = "cauchy" under [calibration]',
+    )
     if trial.is_static:
-        severity, cure = Severity.INFO, "no harm done: of a static trial only the mean over its still window counts"
-    found = f"positions up to {1e3 * largest:.0f} mm out of line with their neighbours: {listed(labels)}"
+        severity, cure = (
+            Severity.INFO,
+            "no harm done: of a static trial only the mean over its still window counts",
+        )
+    found = (
+        f"positions up to {1e3 * largest:.0f} mm out of line with their neighbours: "
+        f"{listed(labels)}"
+    )
     yield trial.finding(severity, "jumps", found, cure, code=Code.SPIKES)
 
 
@@ -251,14 +324,19 @@ class Seam:
 
 
 def seam(trial: MarkerEvidence) -> Iterator[Finding]:
-    """Whether frames are missing and their times, too, one stands twice, or parts of recordings were joined."""
+    """Whether frames are missing and their times, too, one stands twice, or parts of recordings
+    were joined.
+    """
     found = seams(trial.recording.markers)
     if not found or trial.is_static:
         return
     where = listed([f"{trial.recording.time[one.frame]:.2f} s ({one.words})" for one in found])
     cure = "no harm done in a joint moved by itself: joint axes do not depend on the times"
     if trial.is_whole_body:
-        cure = "velocities, accelerations and torques are wrong there, and the plates' clock after it: choose a part "
+        cure = (
+            "velocities, accelerations and torques are wrong there, and the plates' clock after "
+            "it: choose a part "
+        )
         cure += "with time = [start, end]"
     twice = all(-1.5 < one.lost < -0.5 for one in found)
     cause = "a frame stands in it twice" if twice else "frames were cut out, or two parts joined"
@@ -297,8 +375,8 @@ def seams(x: Array) -> list[Seam]:
 
 @lru_cache(maxsize=1)
 def _fits() -> tuple[Array, Array, Array]:
-    """(2 H, 2 H - 6) what a quintic leaves, and two parabolas; (2 H, 3) the step between these, their mean velocity
-    and its change there, a frame.
+    """(2 H, 2 H - 6) what a quintic leaves, and two parabolas; (2 H, 3) the step between these,
+    their mean velocity and its change there, a frame.
     """
     t = np.arange(2 * HALF_WINDOW) - HALF_WINDOW + 0.5
     half = np.vander(t, 3)
@@ -311,7 +389,9 @@ def _fits() -> tuple[Array, Array, Array]:
 
 
 def _squares(x: Array, basis: Array) -> Array:
-    """(nf - 2 H + 1, nm) sums of squares of x (nf, nm, 3) in the directions of a basis (2 H, n), from each frame on."""
+    """(nf - 2 H + 1, nm) sums of squares of x (nf, nm, 3) in the directions of a basis (2 H, n),
+    from each frame on.
+    """
     count = len(x) - len(basis) + 1
     out = np.zeros((count, x.shape[1]))
     for column in basis.T:

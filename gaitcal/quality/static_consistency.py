@@ -1,9 +1,11 @@
-"""One body in all trials: unit and scale, each moving trial against the static one, walks against each other.
+"""One body in all trials: unit and scale, each moving trial against the static one, walks against
+each other.
 
-What a cause does to a result is judged by what it does to the pose of its segment: a joint centre carried away, a
-segment turned. Skin and honest placement differ by 4 to 6 mm and 2 to 4 deg at the joints of clean recordings; from
-twice that on the result is wrong by more than its own error bar. Skin and gaps change the size of one cluster by some
-per cent; the median of seven says more than any of them.
+What a cause does to a result is judged by what it does to the pose of its segment: a joint centre
+carried away, a segment turned. Skin and honest placement differ by 4 to 6 mm and 2 to 4 deg at the
+joints of clean recordings; from twice that on the result is wrong by more than its own error bar.
+Skin and gaps change the size of one cluster by some per cent; the median of seven says more than
+any of them.
 """
 
 from collections.abc import Iterator, Sequence
@@ -27,7 +29,9 @@ REFUSED_TIMES_LIMIT = 1.15
 BEYOND_SKIN_M = 0.025  # Way of a single marker that no skin goes for a whole trial
 REFUSED_EXCESS = 2.0  # Times a limit, for a contradiction without a known cause
 BETWEEN_WALKS = 0.6
-"""Factor of the limits of offsets between walks of one session: clean ones differ by 1.5 mm, the pelvis by 2.6."""
+"""Factor of the limits of offsets between walks of one session: clean ones differ by 1.5 mm, the
+pelvis by 2.6.
+"""
 WAYS = (("forward", "backward"), ("up", "down"), ("to the right", "to the left"))
 PART_OF_OFFSET = 0.4  # A direction is named where it has so much of an offset
 FEWEST_WALKS = 3  # Of which one can be the odd one
@@ -43,21 +47,28 @@ SCALE = (0.983, 1.011)
 clean trials together, lie between 0.985 and 1.002."""
 FEWEST_CLUSTERS = 6
 MOST_MARGIN = 0.006
-"""By which the scatter of the clusters' sizes about their median widens the limits, at most: two standard errors of it.
-Halves of a clean walk with Plug-in Gait markers, two to four a segment, have a median of 0.980."""
-CERTAIN = 0.012  # Beyond these limits by so much it is another body or another calibration of the cameras
+"""By which the scatter of the clusters' sizes about their median widens the limits, at most: two
+standard errors of it. Halves of a clean walk with Plug-in Gait markers, two to four a segment, have
+a median of 0.980."""
+CERTAIN = (
+    0.012  # Beyond these limits by so much it is another body or another calibration of the cameras
+)
 SIZE = (0.05, 4.0)
-"""Size of the cloud of markers, in body heights, outside which the unit of length must be wrong. One shank with its
-foot measures 0.3."""
+"""Size of the cloud of markers, in body heights, outside which the unit of length must be wrong.
+One shank with its foot measures 0.3."""
 LENGTHS_SCALE = (0.8, 1.25)
-"""Lengths within segments against those of the static trial: outside, unit or camera calibration must be wrong."""
+"""Lengths within segments against those of the static trial: outside, unit or camera calibration
+must be wrong.
+"""
 SCALE_DOUBTED = 0.04  # Departure of the same ratio from one that skin movement does not explain
 SHORTEST_M = 0.03  # Markers nearer to each other do not tell a scale
 UNITS = {"millimetres": 1e3, "centimetres": 1e2, "inches": 39.4}
 
 
 def static_consistency(trials: Sequence[MarkerEvidence]) -> Iterator[Finding]:
-    """Everything in which moving trials contradict the static one or each other, one finding a cause."""
+    """Everything in which moving trials contradict the static one or each other, one finding a
+    cause.
+    """
     yield from body_scale(trials)
     sized = [rescaled(t) for t in trials if not t.is_static]
     found: dict[tuple[Fault, str, tuple[str, ...]], list[tuple[MarkerEvidence, Contradiction]]] = {}
@@ -72,7 +83,9 @@ def static_consistency(trials: Sequence[MarkerEvidence]) -> Iterator[Finding]:
             if not (
                 cause.fault is Fault.MARKER and cause.labels[0] in marker_slip.stretches(trial)
             ):  # told with its time
-                found.setdefault((cause.fault, cause.segment, cause.labels), []).append((trial, cause))
+                found.setdefault((cause.fault, cause.segment, cause.labels), []).append(
+                    (trial, cause)
+                )
     sound = [t for t in sized if t.name not in spoilt]
     for group in found.values():
         yield _of_cause(group, len(sound))
@@ -122,10 +135,16 @@ def _told(cause: Contradiction, other: str) -> tuple[str, str, str]:
     mm, deg = 1e3 * cause.offset, np.rad2deg(cause.turn)
     if cause.fault is Fault.MARKER:
         which = " or ".join([labels[0], *map(repr, cause.rivals)])
-        pose = f"{1e3 * cause.shift:.0f} mm at its joints and by {deg:.0f} deg" if cause.shift else f"{deg:.0f} deg"
+        pose = (
+            f"{1e3 * cause.shift:.0f} mm at its joints and by {deg:.0f} deg"
+            if cause.shift
+            else f"{deg:.0f} deg"
+        )
         cure = f'weights = {{ "{cause.labels[0]}" = 0 }} under [markers] leaves it out; or {other}'
         if cause.rivals:
-            cure = f"{other}; neither can be left out, as one alone does not tell how the segment lies"
+            cure = (
+                f"{other}; neither can be left out, as one alone does not tell how the segment lies"
+            )
         return (
             f"marker {which} is not where the static trial has it on the {place}",
             f"{mm:.0f} mm off{_ways(cause)}; the pose of the segment is off by {pose}",
@@ -133,7 +152,8 @@ def _told(cause: Contradiction, other: str) -> tuple[str, str, str]:
         )
     if cause.fault is Fault.LABELS:
         return (
-            f"{labels[0]} and {labels[1]} on the {place} carry each other's label, or did in the static trial",
+            f"{labels[0]} and {labels[1]} on the {place} carry each other's label, or did in the "
+            "static trial",
             f"exchanging them explains offsets of up to {mm:.0f} mm",
             "exchange the two labels in the file that is wrong",
         )
@@ -144,12 +164,21 @@ def _told(cause: Contradiction, other: str) -> tuple[str, str, str]:
             f"label this cluster again in the trial or in the static one; or {other}",
         )
     if cause.fault is Fault.CLUSTER:
-        offset = f"{mm:.0f} mm{_ways(cause)} and {deg:.0f} deg, seen at {listed([_part(j) for j in cause.seen_at])}"
-        plane = f"; one of {listed(labels)} out of their plane would look alike" if len(labels) <= FEWEST else ""
+        offset = (
+            f"{mm:.0f} mm{_ways(cause)} and {deg:.0f} deg, seen at "
+            f"{listed([_part(j) for j in cause.seen_at])}"
+        )
+        plane = (
+            f"; one of {listed(labels)} out of their plane would look alike"
+            if len(labels) <= FEWEST
+            else ""
+        )
         return (
-            f"the markers of the {place} slid or turned together on the segment since the static trial",
+            f"the markers of the {place} slid or turned together on the segment since the static "
+            "trial",
             offset + plane,
-            f"{other}, recorded with the markers as they sit in the trial; or label the segment again",
+            f"{other}, recorded with the markers as they sit in the trial; or label the segment "
+            "again",
         )
     return (
         f"the segments at the {place} do not meet as in the static trial",
@@ -193,11 +222,15 @@ def _whole_trial(trial: MarkerEvidence, causes: Sequence[Contradiction]) -> Find
     if not found:
         return None
     most = max(1e3 * c.offset for c in causes)
-    explained = f"explains contradictions at {listed([_part(c.segment) for c in causes])} of up to {most:.0f} mm"
+    explained = (
+        f"explains contradictions at {listed([_part(c.segment) for c in causes])} of up to "
+        f"{most:.0f} mm"
+    )
     return trial.error(
         "one body",
         f"undoing it {explained} ({_whole_time(trial)})",
-        "exchange right and left in the labels of the file, or export it again with right-handed axes",
+        "exchange right and left in the labels of the file, or export it again with right-handed "
+        "axes",
         cause=f"{', or '.join(found)}, in this trial or in the static one",
         weight=max(c.excess for c in causes),
         code=Code.SIDES_EXCHANGED,
@@ -210,10 +243,16 @@ def axis_mirrored(recording: Recording) -> Recording:
 
 
 def _between_walks(walks: Sequence[MarkerEvidence], told: set[str]) -> Iterator[Finding]:
-    """The walk of a session in which a cluster has another shape than in the rest; not of segments `told`."""
+    """The walk of a session in which a cluster has another shape than in the rest; not of segments
+    `told`.
+    """
     for trial in walks:
         for segment, cluster in trial.clusters.items():
-            same = [c for t in walks if (c := t.clusters.get(segment)) is not None and c.labels == cluster.labels]
+            same = [
+                c
+                for t in walks
+                if (c := t.clusters.get(segment)) is not None and c.labels == cluster.labels
+            ]
             if len(same) < FEWEST_WALKS or segment in told:
                 continue
             baseline = np.median([c.shape for c in same], axis=0)
@@ -226,8 +265,10 @@ def _between_walks(walks: Sequence[MarkerEvidence], told: set[str]) -> Iterator[
             yield trial.warning(
                 "one body",
                 f"{listed(names, 3)} ({_whole_time(trial)})",
-                f'weights = {{ "{cluster.labels[int(away.argmax())]}" = 0 }} under [markers], or leave the trial out',
-                cause=f"the markers of the {_part(segment)} sit otherwise than in the other {len(walks) - 1} walks",
+                f'weights = {{ "{cluster.labels[int(away.argmax())]}" = 0 }} under [markers], or '
+                "leave the trial out",
+                cause=f"the markers of the {_part(segment)} sit otherwise than in the other "
+                f"{len(walks) - 1} walks",
                 leg=side_of(segment),
                 weight=worst,
                 code=Code.ODD_WALK,
@@ -243,9 +284,9 @@ def scale_of(trial: MarkerEvidence) -> float | None:
 def odd_scale(trial: MarkerEvidence) -> float | None:
     """The scale of a trial where it is not that of the static trial.
 
-    It is uncertain by 2 (1.25 (1.48 median |r - median r|) / sqrt(n)), twice the standard error of a median of n sizes
-    r, and by what soft tissue does where no posture is like that of the static trial, in all segments alike; and
-    scatter alone enlarges a cluster a little.
+    It is uncertain by 2 (1.25 (1.48 median |r - median r|) / sqrt(n)), twice the standard error of
+    a median of n sizes r, and by what soft tissue does where no posture is like that of the static
+    trial, in all segments alike; and scatter alone enlarges a cluster a little.
     """
     scale = scale_of(trial)
     if scale is None:
@@ -259,33 +300,47 @@ def odd_scale(trial: MarkerEvidence) -> float | None:
 
 
 def rescaled(trial: MarkerEvidence) -> MarkerEvidence:
-    """The trial in the size of the static one, where it has another: what else is wrong can be seen then."""
+    """The trial in the size of the static one, where it has another: what else is wrong can be seen
+    then.
+    """
     scale = odd_scale(trial)
     return trial if scale is None else trial.with_markers(trial.recording.markers / scale)
 
 
 def body_scale(trials: Sequence[MarkerEvidence]) -> Iterator[Finding]:
     """Whether all trials show a body of one size."""
-    scales = {t.name: (t, scale) for t in trials if not t.is_static and (scale := scale_of(t)) is not None}
+    scales = {
+        t.name: (t, scale) for t in trials if not t.is_static and (scale := scale_of(t)) is not None
+    }
     odd = [(t, scale) for t, scale in scales.values() if odd_scale(t) is not None]
     if not odd:
         return
     away = {t.name: max(SCALE[0] - scale, scale - SCALE[1]) for t, scale in odd}
-    found = f"the clusters of all segments are {', '.join(f'{t.name} {scale:.3f}' for t, scale in odd)} times as large "
+    found = (
+        "the clusters of all segments are "
+        f"{', '.join(f'{t.name} {scale:.3f}' for t, scale in odd)} times as large "
+    )
     found += f"as in the static trial (median); allowed: {SCALE[0]:g} to {SCALE[1]:g}"
     blamed = [(t, away[t.name]) for t, _ in odd]
     cause = "the trial shows a body of another size than the others"
-    cure = "use the trial of this person, exported with the calibration of the cameras of the others"
+    cure = (
+        "use the trial of this person, exported with the calibration of the cameras of the others"
+    )
     if len(odd) == len(scales):
         blamed = [(next((t for t in trials if t.is_static), odd[0][0]), max(away.values()))]
         cause = "the static trial shows a body of another size than "
         cause += "the moving trial" if len(odd) == 1 else "all moving trials"
-        cure = "use the static trial of this person and session, with the calibration of the cameras of the other "
+        cure = (
+            "use the static trial of this person and session, with the calibration of the cameras "
+            "of the other "
+        )
         cure += "trials"
     weight = 1.0 + max(away.values()) / (1.0 - SCALE[0])
     for t, by in blamed:
         severity = Severity.ERROR if by > CERTAIN else Severity.WARNING
-        yield t.finding(severity, "body size", found, cure, cause=cause, weight=weight, code=Code.BODY_SIZE)
+        yield t.finding(
+            severity, "body size", found, cure, cause=cause, weight=weight, code=Code.BODY_SIZE
+        )
 
 
 def size(trial: MarkerEvidence) -> Iterator[Finding]:
@@ -293,18 +348,32 @@ def size(trial: MarkerEvidence) -> Iterator[Finding]:
     height, found = trial.subject.height, cloud_size(trial)
     if found is None or SIZE[0] * height < found < SIZE[1] * height:
         return
-    likely = next((name for name, unit in UNITS.items() if 0.15 * height < found / unit < 2.5 * height), None)
+    likely = next(
+        (name for name, unit in UNITS.items() if 0.15 * height < found / unit < 2.5 * height), None
+    )
     cure = "check the unit of length that the file declares"
     if likely == "millimetres":
-        cure = f"it would be {found / 1e3:.3g} m if the numbers were mm: declare mm, or divide by 1000"
+        cure = (
+            f"it would be {found / 1e3:.3g} m if the numbers were mm: declare mm, or divide by 1000"
+        )
     elif likely:
-        cure = f"it would be {found / UNITS[likely]:.3g} m if the numbers were {likely}: declare their unit"
+        cure = (
+            f"it would be {found / UNITS[likely]:.3g} m if the numbers were {likely}: declare "
+            "their unit"
+        )
     allowed = f"{SIZE[0] * height:.2g} to {SIZE[1] * height:.2g} m"
-    yield trial.error("units", f"the markers span {found:.4g} m; allowed: {allowed}", cure, code=Code.UNIT_OF_LENGTH)
+    yield trial.error(
+        "units",
+        f"the markers span {found:.4g} m; allowed: {allowed}",
+        cure,
+        code=Code.UNIT_OF_LENGTH,
+    )
 
 
 def cloud_size(trial: MarkerEvidence) -> float | None:
-    """m, diagonal of the box around the markers of the set, median over frames; None where too few are seen."""
+    """m, diagonal of the box around the markers of the set, median over frames; None where too few
+    are seen.
+    """
     columns = [trial.place[m] for m in trial.marker_set.labels if m in trial.place]
     frames = np.flatnonzero(trial.seen[:, columns].sum(axis=1) >= 3)
     if not len(frames):
@@ -321,7 +390,9 @@ def scale(trial: MarkerEvidence) -> Iterator[Finding]:
     if not ratios:
         return
     ratio = float(np.median(ratios))
-    message = f"lengths between markers of one segment are {ratio:.3g} times those of the static trial"
+    message = (
+        f"lengths between markers of one segment are {ratio:.3g} times those of the static trial"
+    )
     if not LENGTHS_SCALE[0] <= ratio <= LENGTHS_SCALE[1]:
         cure = "check the unit of length of both files, and that both show the same person"
         if 500 < ratio < 2000:
@@ -333,7 +404,9 @@ def scale(trial: MarkerEvidence) -> Iterator[Finding]:
 
 
 def _length_ratios(trial: MarkerEvidence) -> Iterator[float]:
-    """Median distance of every pair of markers with weight in a segment, over that in the static posture."""
+    """Median distance of every pair of markers with weight in a segment, over that in the static
+    posture.
+    """
     for labels, local in trial.templates.values():
         for i, a in enumerate(labels):
             for j in range(i):

@@ -1,13 +1,14 @@
-"""The landmarks of a static trial against the body of a person: exchanged, displaced, or of another height.
+"""The landmarks of a static trial against the body of a person: exchanged, displaced, or of another
+height.
 
-Which fault would explain that their measures are not those of a body? Every candidate changes the landmarks p to
-p' and is judged by J of `body_plan.py`:
+Which fault would explain that their measures are not those of a body? Every candidate changes the
+landmarks p to p' and is judged by J of `body_plan.py`:
 
     exchange    two landmarks, or two groups of them, carry each other's labels:  J(p')
     displaced   one landmark lies d elsewhere:  min over d of  J(p with p_k - d) + |d|^2 / D^2      (Gauss-Newton)
 
-The candidate with the least cost is told if it saves enough; what it leaves is searched again, as faults come together.
-Candidates that cost hardly more than the best are told beside it.
+The candidate with the least cost is told if it saves enough; what it leaves is searched again, as
+faults come together. Candidates that cost hardly more than the best are told beside it.
 """
 
 from collections.abc import Iterator, Sequence
@@ -19,38 +20,52 @@ import numpy as np
 from gaitcal.arrays import Array
 from gaitcal.errors import Code, Finding, Severity, listed
 from gaitcal.model import linkage, marker_set
-from gaitcal.model.body_plan import HIP_HEIGHT, Landmarks, Measure, body_axes, cost, cost_of_build, measures
+from gaitcal.model.body_plan import (
+    HIP_HEIGHT,
+    Landmarks,
+    Measure,
+    body_axes,
+    cost,
+    cost_of_build,
+    measures,
+)
 from gaitcal.preprocess.trial_evidence import MarkerEvidence
 from gaitcal.quality.trial_role import standing_legs
 
 EXCHANGE_SAVES = 12.0
-"""Least gain of J that an exchange is told for: on clean recordings the best one costs 15 more than none."""
+"""Least gain of J that an exchange is told for: on clean recordings the best one costs 15 more than
+none.
+"""
 DISPLACED_SAVES = 18.0
-"""Least gain of J that a displaced landmark is told for. On the thirteen recordings one saves at most 11.5; where all
-landmarks are put on with 3 mm of error along each axis, which makes J what it is there, none of 50 is told, with 4 mm
-1 or 2."""
+"""Least gain of J that a displaced landmark is told for. On the thirteen recordings one saves at
+most 11.5; where all landmarks are put on with 3 mm of error along each axis, which makes J what it
+is there, none of 50 is told, with 4 mm 1 or 2."""
 DISPLACED_M = 0.022  # Smallest displacement told
 SPREAD_M = 0.060  # D: landmarks that are wrong are rarely wrong by more
 RIVAL = 6.0  # Candidates within this much of the best J (odds of 20 to 1) are told beside it
 BUILD_SAVES = 12.0
-"""By how much build and stance must explain the measures better than one landmark does for none to be blamed: people
-whose joint axes are turned at random by up to 10 deg in every segment save 17 to 160; one landmark displaced by 30 to
-60 mm, never more than 8."""
+"""By how much build and stance must explain the measures better than one landmark does for none to
+be blamed: people whose joint axes are turned at random by up to 10 deg in every segment save 17 to
+160; one landmark displaced by 30 to 60 mm, never more than 8."""
 SUSPICIOUS_Z = 2.2  # Largest |z| up to which nothing is searched
 MOST_FAULTS = 3
 TALLER = np.exp(np.linspace(-0.5, 0.5, 101))  # Factors of body height that are tried
 HEIGHT_OFF, HEIGHT_SAVES = 0.075, 12.0
-"""Departure from 1 of the factor that fits best, and gain of J, from which body height is doubted: 0.961 to 1.041, and
-6 at most, on clean recordings of grown people and children."""
+"""Departure from 1 of the factor that fits best, and gain of J, from which body height is doubted:
+0.961 to 1.041, and 6 at most, on clean recordings of grown people and children."""
 STEPS = 6
 STEP_M = 1e-4
 
 LEG = ("knee_lat", "knee_med", "ankle_lat", "ankle_med", "heel", "toe")
 LEGS_TOLD, LEGS_DOUBTED = 1.96, 3.29
-"""Standard deviations of people's legs beside a body height: beyond lie 1 person in 20 and 1 in 1000."""
+"""Standard deviations of people's legs beside a body height: beyond lie 1 person in 20 and 1 in
+1000.
+"""
 IMPOSSIBLE_Z = 5.5  # Standard deviations from which no body has such a length
 GROSS_M = 0.060
-"""A landmark this far off moves a joint centre by more than the 20 mm that its prior allows: the trial is refused."""
+"""A landmark this far off moves a joint centre by more than the 20 mm that its prior allows: the
+trial is refused.
+"""
 EVIDENCE = 3  # Measures that are told as evidence
 _WAYS = (("back", "forward"), ("down", "up"), ("left", "right"))
 
@@ -69,7 +84,9 @@ class Displaced:
 
     landmark: str
     away: Array  # (3,) m, by how much it lies off, in body axes: forward, up, right
-    rivals: tuple[tuple[str, float], ...]  # Other landmarks of which the same could be said, and their m
+    rivals: tuple[
+        tuple[str, float], ...
+    ]  # Other landmarks of which the same could be said, and their m
     before: tuple[Measure, ...]
 
     @property
@@ -79,8 +96,12 @@ class Displaced:
 
 
 def height_factor(p: Landmarks, height: float, *, even: bool = True) -> float:
-    """Factor of the given body height (m) that all lengths together ask for; 1 where they agree with it."""
-    lengths = [(m.value, m.mean, m.sd) for m in measures(p, height, even=even) if m.absolute]  # others know no height
+    """Factor of the given body height (m) that all lengths together ask for; 1 where they agree
+    with it.
+    """
+    lengths = [
+        (m.value, m.mean, m.sd) for m in measures(p, height, even=even) if m.absolute
+    ]  # others know no height
     value, mean, sd = np.reshape(lengths, (-1, 3)).T
     costs = ((value / TALLER[:, None] - mean) ** 2 / sd**2).sum(axis=1)
     best = int(np.argmin(costs))
@@ -90,9 +111,11 @@ def height_factor(p: Landmarks, height: float, *, even: bool = True) -> float:
 
 
 def faults(p: Landmarks, height: float, *, even: bool = True) -> Iterator[Exchange | Displaced]:
-    """What is wrong with the landmarks p ((3,) m each, y up) of a person of this height (m), one after another.
+    """What is wrong with the landmarks p ((3,) m each, y up) of a person of this height (m), one
+    after another.
 
-    `even`: the person stands on both straight legs, so that right and left are alike in posture, too.
+    `even`: the person stands on both straight legs, so that right and left are alike in posture,
+    too.
     """
     p = dict(p)
     for _ in range(MOST_FAULTS):
@@ -120,9 +143,13 @@ def _worst(p: Landmarks, height: float, even: bool) -> Exchange | Displaced | No
         return None
     j = cost(present)
     best, pairs = min(
-        ((cost(measures(exchanged(p, c), height, even=even)), c) for c in _candidates(p)), key=lambda found: found[0]
+        ((cost(measures(exchanged(p, c), height, even=even)), c) for c in _candidates(p)),
+        key=lambda found: found[0],
     )
-    moved = sorted((_displace(p, height, name, even) for name in p if name != "sacrum"), key=lambda found: found[1])
+    moved = sorted(
+        (_displace(p, height, name, even) for name in p if name != "sacrum"),
+        key=lambda found: found[1],
+    )
     suspicious = tuple(m for m in worst if abs(m.z) >= SUSPICIOUS_Z)
     if j - best > EXCHANGE_SAVES and best < moved[0][1] + RIVAL:
         return Exchange(pairs=pairs, before=suspicious)
@@ -130,13 +157,17 @@ def _worst(p: Landmarks, height: float, even: bool) -> Exchange | Displaced | No
     if j - least < DISPLACED_SAVES or np.linalg.norm(away) < DISPLACED_M:
         return None
     if cost_of_build(p, height, even=even) < least - BUILD_SAVES:
-        return None  # somebody who is built so, or stands so: many landmarks lie otherwise, and no one is to blame
+        # somebody who is built so, or stands so: many landmarks lie otherwise, and no one is to
+        # blame
+        return None
     rivals = tuple((n, float(np.linalg.norm(a))) for n, c, a in moved[1:] if c - least < RIVAL)
     return Displaced(landmark=name, away=away, rivals=rivals, before=suspicious)
 
 
 def _candidates(p: Landmarks) -> Iterator[tuple[tuple[str, str], ...]]:
-    """Exchanges that people make: sides of a landmark, joint, segment or leg; the two sides of a joint; two joints."""
+    """Exchanges that people make: sides of a landmark, joint, segment or leg; the two sides of a
+    joint; two joints.
+    """
 
     def there(*pairs: tuple[str, str]) -> tuple[tuple[str, str], ...]:
         return tuple(pair for pair in pairs if pair[0] in p and pair[1] in p)
@@ -144,7 +175,13 @@ def _candidates(p: Landmarks) -> Iterator[tuple[tuple[str, str], ...]]:
     def sides(*names: str) -> tuple[tuple[str, str], ...]:
         return there(*((f"{name}_r", f"{name}_l") for name in names))
 
-    groups: list[tuple[str, ...]] = [*((name,) for name in ("asis", *LEG)), LEG[:2], LEG[2:4], LEG[4:], LEG[2:]]
+    groups: list[tuple[str, ...]] = [
+        *((name,) for name in ("asis", *LEG)),
+        LEG[:2],
+        LEG[2:4],
+        LEG[4:],
+        LEG[2:],
+    ]
     groups += [("knee_med", "ankle_med"), LEG, ("asis", *LEG), LEG[:4]]
     found = [sides(*group) for group in groups]
     for joint in ("knee", "ankle"):
@@ -159,7 +196,9 @@ def _candidates(p: Landmarks) -> Iterator[tuple[tuple[str, str], ...]]:
 
 
 def _displace(p: Landmarks, height: float, name: str, even: bool) -> tuple[str, float, Array]:
-    """The landmark, the least cost with it put elsewhere, and by how much it lies off (3,) m, in body axes."""
+    """The landmark, the least cost with it put elsewhere, and by how much it lies off (3,) m, in
+    body axes.
+    """
 
     def residuals(d: Array) -> Array:
         there = {**p, name: p[name] - d}
@@ -184,7 +223,9 @@ def _displace(p: Landmarks, height: float, name: str, even: bool) -> tuple[str, 
 
 
 def proportions(trial: MarkerEvidence) -> Iterator[Finding]:
-    """Landmarks that carry each other's labels, or lie off their bones, in a static trial; a height that is wrong."""
+    """Landmarks that carry each other's labels, or lie off their bones, in a static trial; a height
+    that is wrong.
+    """
     p = landmarks(trial)
     if not p:
         return
@@ -200,10 +241,13 @@ def proportions(trial: MarkerEvidence) -> Iterator[Finding]:
         )
         return
     if any(name not in p for name in marker_set.REQUIRED):
-        return  # told already as what keeps the nominal model from being made: the rest would be read askew without it
+        # told already as what keeps the nominal model from being made: the rest would be read askew
+        # without it
+        return
     found = list(faults(p, given))
     if any(isinstance(fault, Displaced) for fault in found):
-        # A leg that is bent or lifted looks like landmarks off their bones: then only what posture leaves alone counts.
+        # A leg that is bent or lifted looks like landmarks off their bones: then only what posture
+        # leaves alone counts.
         stands = standing_legs(p, given)
         even = stands is None or not (stands.uneven or stands.bent or stands.sitting)
         found = found if even else list(faults(p, given, even=False))
@@ -226,7 +270,9 @@ def proportions(trial: MarkerEvidence) -> Iterator[Finding]:
 
 def hip_height(trial: MarkerEvidence) -> float | None:
     """m, median height of the ASIS above the lateral malleoli."""
-    paths = [trial.landmark(f"{name}_{side}") for name in ("asis", "ankle_lat") for side in linkage.SIDES]
+    paths = [
+        trial.landmark(f"{name}_{side}") for name in ("asis", "ankle_lat") for side in linkage.SIDES
+    ]
     if any(path is None for path in paths):
         return None
     up = np.array([path[:, 1] for path in paths if path is not None])
@@ -236,7 +282,9 @@ def hip_height(trial: MarkerEvidence) -> float | None:
 
 
 def landmarks(trial: MarkerEvidence) -> dict[str, Array]:
-    """Landmark -> (3,) m, of pelvis and legs, mean of the still window of a static trial; empty where there is none."""
+    """Landmark -> (3,) m, of pelvis and legs, mean of the still window of a static trial; empty
+    where there is none.
+    """
     used = {"sacrum", *(f"{name}_{side}" for name in ("asis", *LEG) for side in linkage.SIDES)}
     return {name: point for name, point in (trial.posture or {}).items() if name in used}
 
@@ -250,7 +298,8 @@ def _exchanged(trial: MarkerEvidence, fault: Exchange) -> Finding:
     return trial.error(
         "landmarks",
         _evidence(fault.before),
-        f"exchange the labels in this file or, where every trial that has them has them so, with [markers] rename = "
+        "exchange the labels in this file or, where every trial that has them has them so, with "
+        "[markers] rename = "
         f"{{ {swaps} }}",
         cause=f"{exchanged_labels} carry each other's labels in the static trial",
         leg=_leg(*(name for pair in fault.pairs for name in pair)),
@@ -267,24 +316,36 @@ def _displaced(trial: MarkerEvidence, fault: Displaced) -> Finding:
     return trial.finding(
         Severity.ERROR if fault.size > GROSS_M else Severity.WARNING,
         "landmarks",
-        _evidence(fault.before) + (f"; as well it could be {' or '.join(rivals)}" if rivals else ""),
-        "look where the marker sat (person, photograph, video), and record or label the static trial again",
-        cause=f"{name} lies about {1e3 * fault.size:.0f} mm off its bone in the static trial, mostly {where}",
+        _evidence(fault.before)
+        + (f"; as well it could be {' or '.join(rivals)}" if rivals else ""),
+        "look where the marker sat (person, photograph, video), and record or label the static "
+        "trial again",
+        cause=f"{name} lies about {1e3 * fault.size:.0f} mm off its bone in the static trial, "
+        f"mostly {where}",
         leg=_leg(fault.landmark),
         weight=fault.size / 0.02,
         code=Code.LANDMARK_DISPLACED,
     )
 
 
-def _height(trial: MarkerEvidence, p: Landmarks, severity: Severity, factor: float, legs: float | None) -> Finding:
+def _height(
+    trial: MarkerEvidence, p: Landmarks, severity: Severity, factor: float, legs: float | None
+) -> Finding:
     given = trial.subject.height
     lengths = [m for m in measures(p, given) if m.absolute and abs(m.z) > 1.0]
     found = ""
     if legs is not None:
         share, sd = HIP_HEIGHT
-        found = f"the ASIS stand {legs:.3f} m above the ankles; people of {given:.2f} m have {share * given:.2f} m, "
+        found = (
+            f"the ASIS stand {legs:.3f} m above the ankles; people of {given:.2f} m have "
+            f"{share * given:.2f} m, "
+        )
         found += f"SD {sd * given:.2f}; "
-    likely = f"all lengths together fit {factor * given:.2f} m" if factor != 1.0 else "other lengths do not decide"
+    likely = (
+        f"all lengths together fit {factor * given:.2f} m"
+        if factor != 1.0
+        else "other lengths do not decide"
+    )
     return trial.finding(
         severity,
         "height",
@@ -301,9 +362,18 @@ def _impossible(trial: MarkerEvidence, found: Sequence[Measure]) -> Iterator[Fin
     worst = [m for m in found if m.absolute and abs(m.z) > IMPOSSIBLE_Z]
     if worst:
         names = dict.fromkeys(name for m in worst for name in m.landmarks)
-        cure = f"look at {', '.join(label_words(trial, name) for name in names)}: labels, place, unit"
+        cure = (
+            f"look at {', '.join(label_words(trial, name) for name in names)}: labels, place, unit"
+        )
         cause = "the static trial shows lengths that nobody has"
-        yield trial.error("landmarks", _evidence(worst), cure, cause=cause, weight=10.0, code=Code.IMPOSSIBLE_LENGTHS)
+        yield trial.error(
+            "landmarks",
+            _evidence(worst),
+            cure,
+            cause=cause,
+            weight=10.0,
+            code=Code.IMPOSSIBLE_LENGTHS,
+        )
 
 
 def _evidence(found: Sequence[Measure]) -> str:
@@ -320,7 +390,9 @@ def label_words(trial: MarkerEvidence, landmark: str) -> str:
 def label_pairs(trial: MarkerEvidence, pairs: tuple[tuple[str, str], ...]) -> list[tuple[str, str]]:
     """The markers of exchanged landmarks, pair by pair."""
     of = trial.marker_set.landmarks
-    return [labels for a, b in pairs for labels in zip(of.get(a, (a,)), of.get(b, (b,)), strict=False)]
+    return [
+        labels for a, b in pairs for labels in zip(of.get(a, (a,)), of.get(b, (b,)), strict=False)
+    ]
 
 
 def _leg(*names: str) -> str:

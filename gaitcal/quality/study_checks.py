@@ -1,6 +1,8 @@
-"""A study examined: its trials clean, its static trial whole, and all checks over them; solves nothing.
+"""A study examined: its trials clean, its static trial whole, and all checks over them; solves
+nothing.
 
-`examined` is the one place where a study becomes a clean one. Checks and calibration read what it gives.
+`examined` is the one place where a study becomes a clean one. Checks and calibration read what it
+gives.
 """
 
 from collections.abc import Callable, Iterator, Sequence
@@ -44,7 +46,9 @@ MOST_PLACED = 3  # Clusters; more that were knocked are another static posture
 TrialCheck: TypeAlias = Callable[[MarkerEvidence], Iterator[Finding]]
 
 UNIT_CHECKS: tuple[TrialCheck, ...] = (static_consistency.size, static_consistency.scale)
-"""Where these find an error, distances mean nothing, and the other checks of the trial are left out."""
+"""Where these find an error, distances mean nothing, and the other checks of the trial are left
+out.
+"""
 
 AS_READ: tuple[TrialCheck, ...] = (swapped_labels.sides, swapped_labels.exchanged)
 """These look for exchanged labels; all others see the trial with what was exchanged undone."""
@@ -104,12 +108,16 @@ OF_SKIN: tuple[TrialCheck, ...] = (
     trial_role.standing_flat,
     static_landmarks.proportions,
 )
-"""These ask where a hand put each marker, and whether it stayed there: nothing to ask of points that are no markers."""
+"""These ask where a hand put each marker, and whether it stayed there: nothing to ask of points
+that are no markers.
+"""
 
 
 @with_one_blas_thread
 def check_file(path: Path | str) -> tuple[Finding, ...]:
-    """Check the study file at `path` and everything that it names; a file that cannot be read is a finding too."""
+    """Check the study file at `path` and everything that it names; a file that cannot be read is a
+    finding too.
+    """
     path = Path(path)
     try:
         file = load_study_file(path)
@@ -137,7 +145,9 @@ def _read(file: StudyFile, marker_set: MarkerSet) -> tuple[tuple[Trial, ...], tu
     return tuple(trial for trial in found if isinstance(trial, Trial)), unreadable
 
 
-@np.errstate(all="ignore")  # absurd numbers of a damaged file may overflow on their way to a message
+@np.errstate(
+    all="ignore"
+)  # absurd numbers of a damaged file may overflow on their way to a message
 @with_one_blas_thread
 def check_study(study: Study) -> tuple[Finding, ...]:
     """Check the recordings of a study before anything is fitted, as `gaitcal check` does.
@@ -157,7 +167,9 @@ def check_study(study: Study) -> tuple[Finding, ...]:
     measured: list[MarkerEvidence] = []
     for trial in of.trials:
         found = _check_trial(trial)
-        findings += _worst_first(without_consequences([*(of.faults if trial.name == static else ()), *found]))
+        findings += _worst_first(
+            without_consequences([*(of.faults if trial.name == static else ()), *found])
+        )
         if not any(f.topic in SPOILS_BODY and f.severity is Severity.ERROR for f in found):
             measured.append(swapped_labels.undone(trial))
     if static in [trial.name for trial in measured] and study.marker_set.noise is None:
@@ -178,12 +190,18 @@ class Examined:
     """A study with clean trials, and what they are measured against."""
 
     study: Study
-    """As it was read, but for knocked clusters of its static trial, which are where the moving trials have them."""
+    """As it was read, but for knocked clusters of its static trial, which are where the moving
+    trials have them.
+    """
     completed: Rebuilding  # The static trial, with what the other trials give back to it
-    model: SubjectModel | None  # Nominal; None where the static trial gives none, or its unit is wrong
+    model: (
+        SubjectModel | None
+    )  # Nominal; None where the static trial gives none, or its unit is wrong
     faults: tuple[Finding, ...]  # What keeps the static trial from giving a model
     trials: tuple[MarkerEvidence, ...]
-    """Every trial without markers metres away and positions out of line, cut to what shows the pelvis."""
+    """Every trial without markers metres away and positions out of line, cut to what shows the
+    pelvis.
+    """
     placed: tuple[knocked_clusters.Placement, ...]  # The clusters that were put back
 
     @property
@@ -193,27 +211,37 @@ class Examined:
 
     @property
     def nominal(self) -> SubjectModel:
-        """The nominal model, also of a static trial in a wrong unit; InputError where there is none."""
+        """The nominal model, also of a static trial in a wrong unit; InputError where there is
+        none.
+        """
         return self.model or nominal_of(self.study, self.completed)
 
     def moves(self) -> dict[str, dict[str, PossibleMove]]:
-        """Trial -> segment that it is fitted by -> what its markers may have done since the static trial; a cluster
-        that was put back is as uncertain as its place.
+        """Trial -> segment that it is fitted by -> what its markers may have done since the static
+        trial; a cluster that was put back is as uncertain as its place.
         """
         out, loosened = dict[str, dict[str, PossibleMove]](), self.study.loosened
-        placed = {p.segment: loosened.get(p.name, 0.0) for p in JOINT_PARAMETERS if p.kind is Kind.ORIENTATION}
+        placed = {
+            p.segment: loosened.get(p.name, 0.0)
+            for p in JOINT_PARAMETERS
+            if p.kind is Kind.ORIENTATION
+        }
         for t in self.trials if self.study.marker_set.noise is None else ():
             fitted = SEGMENTS if t.trial.joint is None else joint_segments(t.trial.joint)
-            moves = {s: move for s, move in possible_moves(t.clusters, t.links).items() if s in fitted}
-            out[t.name] = {s: replace(m, turn=np.hypot(m.turn, placed.get(s, 0.0))) for s, m in moves.items()}
+            moves = {
+                s: move for s, move in possible_moves(t.clusters, t.links).items() if s in fitted
+            }
+            out[t.name] = {
+                s: replace(m, turn=np.hypot(m.turn, placed.get(s, 0.0))) for s, m in moves.items()
+            }
         return out
 
 
 @remembered
 @np.errstate(all="ignore")
 def examined(study: Study) -> Examined:
-    """The study with clean trials, and with knocked clusters where its moving trials have them; these are as they were
-    where one that was placed still does not agree with some trial.
+    """The study with clean trials, and with knocked clusters where its moving trials have them;
+    these are as they were where one that was placed still does not agree with some trial.
     """
     first = found = _examined(study, ())
     while len(found.placed) < MOST_PLACED:
@@ -224,7 +252,9 @@ def examined(study: Study) -> Examined:
         one = knocked_clusters.placement(found.moving)
         if one is None:
             break
-        found = _examined(knocked_clusters.with_placement(found.study, static[0], one), (*found.placed, one))
+        found = _examined(
+            knocked_clusters.with_placement(found.study, static[0], one), (*found.placed, one)
+        )
     return found
 
 
@@ -232,13 +262,20 @@ def _examined(study: Study, placed: tuple[knocked_clusters.Placement, ...]) -> E
     """Its trials cleaned, its static trial completed, its nominal model."""
     clean, marker_set = cleaned(study), study.marker_set.with_weights(study.weights)
     static, completed = clean.static, completed_static(clean)
-    trials = [MarkerEvidence.of(trial, marker_set, study.subject, study.settings, None) for trial in clean.trials]
+    trials = [
+        MarkerEvidence.of(trial, marker_set, study.subject, study.settings, None)
+        for trial in clean.trials
+    ]
     model, faults, stance = None, tuple[Finding, ...](), None
-    if not any(finding for t in trials if t.trial is static for finding in static_consistency.size(t)):
+    if not any(
+        finding for t in trials if t.trial is static for finding in static_consistency.size(t)
+    ):
         try:
             model = nominal_of(clean, completed)
         except InputError as fault:
-            faults = (Finding.of_fault(fault, static.name, static.recording.source, "static trial"),)
+            faults = (
+                Finding.of_fault(fault, static.name, static.recording.source, "static trial"),
+            )
     if model is not None:
         whole = Stance.of_recording(completed.static, study.marker_set, model, study.hip_centre)
         stance = whole.without(completed.labels)
@@ -249,7 +286,12 @@ def _examined(study: Study, placed: tuple[knocked_clusters.Placement, ...]) -> E
         faults=faults,
         trials=tuple(
             swapped_labels.put_back(
-                replace(t, model=model, stance=stance, rebuilding=completed if t.trial is static else None)
+                replace(
+                    t,
+                    model=model,
+                    stance=stance,
+                    rebuilding=completed if t.trial is static else None,
+                )
             )
             for t in trials
         ),
@@ -261,7 +303,9 @@ def further_evidence(
     trial: Trial, model: SubjectModel, marker_set: MarkerSet, settings: CalibrationSettings
 ) -> MarkerEvidence:
     """What the checks look at, of one further trial against a saved model and its marker set."""
-    found = MarkerEvidence.of(trial, marker_set, model.subject, settings, model, Stance.of_model(model))
+    found = MarkerEvidence.of(
+        trial, marker_set, model.subject, settings, model, Stance.of_model(model)
+    )
     return swapped_labels.put_back(found)
 
 
@@ -277,7 +321,10 @@ def check_further(evidence: MarkerEvidence) -> tuple[Finding, ...]:
     """All findings on one further trial (`further_evidence`), the worst first."""
     found = without_consequences(_check_trial(evidence))
     mended = swapped_labels.undone(evidence)
-    of_body = (*plate_checks.body_mass((evidence,)), *static_consistency.static_consistency((mended,)))
+    of_body = (
+        *plate_checks.body_mass((evidence,)),
+        *static_consistency.static_consistency((mended,)),
+    )
     return tuple(_worst_first([*found, *of_body]))
 
 

@@ -1,15 +1,18 @@
-"""Does a trial show what its role says: a body upright, standing still on both legs, walking, moving one joint alone?
+"""Does a trial show what its role says: a body upright, standing still on both legs, walking,
+moving one joint alone?
 
-Which joint of which side moves in an isolated trial: the one that turns most about its own mean posture. Arms play no
-part.
+Which joint of which side moves in an isolated trial: the one that turns most about its own mean
+posture. Arms play no part.
 
-With the joint centres of the nominal model (hips by Bell) and the body axes of `body_plan.py`: the knee bends by the
-angle between thigh and shank in the thigh's sagittal plane, and the thigh leans by its angle to the vertical.
+With the joint centres of the nominal model (hips by Bell) and the body axes of `body_plan.py`: the
+knee bends by the angle between thigh and shank in the thigh's sagittal plane, and the thigh leans
+by its angle to the vertical.
 
-Several static trials of one person: each segment's markers, and lengths across joints, must be those of the first. The
-markers of a segment that both trials show are laid on each other (rotation R and shift t, least squares); what is left
-of marker k, e_k = R x_k + t - x0_k, is its disagreement. Of three markers a displaced one shares its disagreement with
-the others; of four or more the one without which the rest agrees best is named. Where fewer than three are common, the
+Several static trials of one person: each segment's markers, and lengths across joints, must be
+those of the first. The markers of a segment that both trials show are laid on each other (rotation
+R and shift t, least squares); what is left of marker k, e_k = R x_k + t - x0_k, is its
+disagreement. Of three markers a displaced one shares its disagreement with the others; of four or
+more the one without which the rest agrees best is named. Where fewer than three are common, the
 distance between them is compared.
 """
 
@@ -36,82 +39,126 @@ from gaitcal.tracking.rigid import rigid_fit
 
 FEWEST_FRAMES, SHORTEST_S = 3, LAG_S  # Of a static trial: speed is told over that time
 RESTLESS = 0.5
-"""Share of the speed of a still window above which the stillest one is doubted: 1 to 7 mm/s in clean static trials."""
+"""Share of the speed of a still window above which the stillest one is doubted: 1 to 7 mm/s in
+clean static trials.
+"""
 ALONG_DEG = 50.0  # Angle between facing and going above which the person does not walk forwards
 LEAD = 1.25
-"""How many times the declared joint another one must turn. In 38 isolated trials (20 real, 18 synthetic) the declared
-one led the next by 1.7 times at least."""
-TRAVEL_M, STAYS_M = 0.8, 0.3  # How far the pelvis goes in a walk, and how far in isolated trials at most
+"""How many times the declared joint another one must turn. In 38 isolated trials (20 real, 18
+synthetic) the declared one led the next by 1.7 times at least."""
+TRAVEL_M, STAYS_M = (
+    0.8,
+    0.3,
+)  # How far the pelvis goes in a walk, and how far in isolated trials at most
 STEPS_RAD = np.deg2rad(12.0)
-"""RMS turn of hip and knee of the other leg, both, from which it walks: 17 and 22 deg in walks; in isolated trials of
-a hip, the knee of the leg that stands turns by 7 and 11 deg at most."""
-MOVES_RAD = np.deg2rad(4.0)  # RMS turn below which no joint is said to move: the smallest isolated trial reaches 14 deg
+"""RMS turn of hip and knee of the other leg, both, from which it walks: 17 and 22 deg in walks; in
+isolated trials of a hip, the knee of the leg that stands turns by 7 and 11 deg at most."""
+MOVES_RAD = np.deg2rad(
+    4.0
+)  # RMS turn below which no joint is said to move: the smallest isolated trial reaches 14 deg
 TILT_DEG = 60.0  # Largest tilt of the pelvis in standing and walking
-LYING_DEG = 120.0  # The same for an isolated trial, in which the person may lie on a bench, face up or down
+LYING_DEG = (
+    120.0  # The same for an isolated trial, in which the person may lie on a bench, face up or down
+)
 HEAD_DOWN = 0.2
-"""Share of body height by which knees, ankles and heels may be above the pelvis, as when a leg is raised lying."""
+"""Share of body height by which knees, ankles and heels may be above the pelvis, as when a leg is
+raised lying.
+"""
 LEGS = ("thigh", "shank", "foot")
 BENT_DEG = 30.0
-"""Of a knee: in clean static trials of grown people and children it bends by -7 to 11 degrees; 20 more is a posture."""
+"""Of a knee: in clean static trials of grown people and children it bends by -7 to 11 degrees; 20
+more is a posture.
+"""
 UNEVEN_DEG, UNEVEN_M = 18.0, 0.045
-"""Difference between the knees, and between the heights of the heels, from which somebody stands on one leg; up to 7
-degrees and 5 mm in clean trials."""
+"""Difference between the knees, and between the heights of the heels, from which somebody stands on
+one leg; up to 7 degrees and 5 mm in clean trials."""
 DISAGREE_M = 0.008
-"""Largest disagreement of a marker between two times that one person stands: within a session markers of a segment keep
-their shape to 5 mm (p99 over pelvis, thigh, shank and foot, standing against moving)."""
+"""Largest disagreement of a marker between two times that one person stands: within a session
+markers of a segment keep their shape to 5 mm (p99 over pelvis, thigh, shank and foot, standing
+against moving)."""
 GROSS_M = 0.020  # From here it moves a joint by more than nominal joints are uncertain: an error
 
 
 def upright(trial: MarkerEvidence) -> Iterator[Finding]:
-    """Whether the body is the right way up in the y-up axes that were made of the file's, in every kind of trial.
+    """Whether the body is the right way up in the y-up axes that were made of the file's, in every
+    kind of trial.
 
-    A pelvis whose right and left are exchanged, by labels or by a mirrored axis, looks the same as itself turned about
-    its forward axis: upside down. Where the feet are above it, the vertical is.
+    A pelvis whose right and left are exchanged, by labels or by a mirrored axis, looks the same as
+    itself turned about its forward axis: upside down. Where the feet are above it, the vertical is.
     """
     if trial.pelvis is None:
         return
-    tilt = np.rad2deg(np.arccos(np.clip(trial.pelvis.rotation[trial.pelvis.determined][:, 1, 1], -1, 1)))
+    tilt = np.rad2deg(
+        np.arccos(np.clip(trial.pelvis.rotation[trial.pelvis.determined][:, 1, 1], -1, 1))
+    )
     allowed = LYING_DEG if trial.is_isolated else TILT_DEG
     middle, above = float(np.median(tilt)), _feet_above(trial)
-    found = f"the pelvis is tilted by {middle:.0f} deg against the vertical found; allowed: {allowed:.0f} deg"
+    found = (
+        f"the pelvis is tilted by {middle:.0f} deg against the vertical found; allowed: "
+        f"{allowed:.0f} deg"
+    )
     cause, cure = "the body does not stand upright", "write the file with one of its axes vertical"
     if above is not None and above > HEAD_DOWN * trial.subject.height:
-        cause, cure = "the vertical axis points down", "write the file with its vertical axis upwards"
+        cause, cure = (
+            "the vertical axis points down",
+            "write the file with its vertical axis upwards",
+        )
         found = f"the legs are {above:.2f} m above the pelvis"
     elif middle <= allowed:
         return
     elif middle > LYING_DEG:
-        cause = "right and left are exchanged: the labels (of the pelvis, or of all markers), or an axis is mirrored"
-        cure = "exchange the labels of right and left in the file, or change the sign of the axis that was mirrored"
+        cause = (
+            "right and left are exchanged: the labels (of the pelvis, or of all markers), or an "
+            "axis is mirrored"
+        )
+        cure = (
+            "exchange the labels of right and left in the file, or change the sign of the axis "
+            "that was mirrored"
+        )
     yield trial.error("axes", found, cure, cause=cause, weight=10.0, code=Code.NOT_UPRIGHT)
 
 
 def _feet_above(trial: MarkerEvidence) -> float | None:
-    """m, median height of knees, ankles or heels, or else of all markers of the legs, over the ASIS."""
+    """m, median height of knees, ankles or heels, or else of all markers of the legs, over the
+    ASIS.
+    """
     hips = [path[:, 1] for side in SIDES if (path := trial.landmark(f"asis_{side}")) is not None]
     ends = [f"{name}_{side}" for name in ("ankle_lat", "heel", "knee_lat") for side in SIDES]
     feet = [path[:, 1] for name in ends if (path := trial.landmark(name)) is not None]
     if not feet:
-        legs = [m for s, labels in trial.marker_set.tracking.items() if s[:-2] in LEGS for m in labels]
-        feet = list(trial.recording.markers[:, [trial.place[m] for m in legs if m in trial.place], 1].T)
+        legs = [
+            m for s, labels in trial.marker_set.tracking.items() if s[:-2] in LEGS for m in labels
+        ]
+        feet = list(
+            trial.recording.markers[:, [trial.place[m] for m in legs if m in trial.place], 1].T
+        )
     if not hips or not np.isfinite(feet).any():
         return None
     return float(np.nanmedian(np.array(feet)) - np.nanmedian(np.array(hips)))
 
 
 def length(trial: MarkerEvidence) -> Iterator[Finding]:
-    """Whether the static trial is long enough to tell that anybody stands still; one that is not is taken as it is."""
+    """Whether the static trial is long enough to tell that anybody stands still; one that is not is
+    taken as it is.
+    """
     time = trial.recording.time
     if not trial.is_static or (len(time) >= FEWEST_FRAMES and time[-1] - time[0] >= SHORTEST_S):
         return
     if len(time) == 1:  # landmarks of one moment: however the person moves, nothing blurs them
-        found = "one frame is the whole static trial: noise of the cameras is not averaged, some tenths of a "
-        found += "millimetre beside the 5 to 10 mm of palpation; whether the person stood still cannot be told"
+        found = (
+            "one frame is the whole static trial: noise of the cameras is not averaged, some "
+            "tenths of a "
+        )
+        found += (
+            "millimetre beside the 5 to 10 mm of palpation; whether the person stood still cannot "
+            "be told"
+        )
         yield trial.info("still window", found, code=Code.SHORT_STATIC)
         return
     yield trial.warning(
         "still window",
-        f"found {len(time)} frames over {time[-1] - time[0]:.3g} s, all of them used; at least {FEWEST_FRAMES} frames "
+        f"found {len(time)} frames over {time[-1] - time[0]:.3g} s, all of them used; at least "
+        f"{FEWEST_FRAMES} frames "
         f"over {SHORTEST_S:g} s tell standing still from moving",
         "make sure that the person stands still there, or give a longer part of the recording",
         cause="the static trial is too short to tell whether the person stands still",
@@ -127,23 +174,35 @@ def stillness(trial: MarkerEvidence) -> Iterator[Finding]:
         window = still_window(trial.recording, trial.marker_set.labels)
     except InputError:
         return  # told as what keeps the nominal model from being made
-    text = f"stillest window {window.start:.2f}-{window.stop:.2f} s, markers move at {1e3 * window.speed:.0f} mm/s RMS"
+    text = (
+        f"stillest window {window.start:.2f}-{window.stop:.2f} s, markers move at "
+        f"{1e3 * window.speed:.0f} mm/s RMS"
+    )
     text += f" and stray by {1e3 * window.scatter:.1f} mm RMS from their means"
     if window.speed <= RESTLESS * STILL_M_S:
         yield trial.info("still window", text, code=Code.STILLNESS)
         return
-    found = f"{text}; most people stand within 10 mm/s, more than {1e3 * RESTLESS_M_S:.0f} are refused"
+    found = (
+        f"{text}; most people stand within 10 mm/s, more than {1e3 * RESTLESS_M_S:.0f} are refused"
+    )
     cure = "let the person stand still for some seconds; segment frames come from this posture"
-    yield trial.warning("still window", found, cure, weight=window.speed / STILL_M_S, code=Code.STILLNESS)
+    yield trial.warning(
+        "still window", found, cure, weight=window.speed / STILL_M_S, code=Code.STILLNESS
+    )
 
 
 def heading(trial: MarkerEvidence) -> Iterator[Finding]:
-    """Whether the person goes where the pelvis faces, over the floor or a belt, and is not carried along sideways."""
+    """Whether the person goes where the pelvis faces, over the floor or a belt, and is not carried
+    along sideways.
+    """
     if trial.facing is None or not trial.is_gait:
         return
     way, over = walked(trial), ""
     if trial.on_the_spot:
-        found = f"the body moves {np.linalg.norm(trial.way):.2f} m (treadmill?): x is where the pelvis faces"
+        found = (
+            f"the body moves {np.linalg.norm(trial.way):.2f} m (treadmill?): x is where the pelvis "
+            "faces"
+        )
         yield trial.info("heading", found, code=Code.ON_THE_SPOT)
         over = " over the belt"
     if (length := float(np.linalg.norm(way))) < PROGRESSION_M:
@@ -151,15 +210,36 @@ def heading(trial: MarkerEvidence) -> Iterator[Finding]:
     cosine = float(trial.facing @ way) / max(float(np.linalg.norm(trial.facing)) * length, 1e-12)
     angle = float(np.rad2deg(np.arccos(np.clip(cosine, -1, 1))))
     if angle > ALONG_DEG:
-        found = f"the pelvis faces {angle:.0f} deg away from the {length:.2f} m that the body moves{over}"
-        cure = "if the person did not walk backwards or turn, the pelvis markers are exchanged (front and back, or "
+        found = (
+            f"the pelvis faces {angle:.0f} deg away from the {length:.2f} m that the body "
+            f"moves{over}"
+        )
+        cure = (
+            "if the person did not walk backwards or turn, the pelvis markers are exchanged (front "
+            "and back, or "
+        )
         cure += "sides), or time runs backwards"
         feet, drifts = feet_of(trial), plate_checks.drifts(trial)
-        ahead = np.zeros(2) if feet is None else np.nanmean((feet.toe - feet.heel)[..., [0, 2]], axis=(0, 1))
-        backwards = angle > 180.0 - ALONG_DEG and ahead @ trial.facing > 0 and min(drifts, default=-1.0) > 0
+        ahead = (
+            np.zeros(2)
+            if feet is None
+            else np.nanmean((feet.toe - feet.heel)[..., [0, 2]], axis=(0, 1))
+        )
+        backwards = (
+            angle > 180.0 - ALONG_DEG and ahead @ trial.facing > 0 and min(drifts, default=-1.0) > 0
+        )
         if backwards:
-            cure = "the feet point where it faces, and forces brake before they drive: the person walks backwards"
-        yield trial.finding(Severity.INFO if backwards else Severity.WARNING, "heading", found, cure, code=Code.HEADING)
+            cure = (
+                "the feet point where it faces, and forces brake before they drive: the person "
+                "walks backwards"
+            )
+        yield trial.finding(
+            Severity.INFO if backwards else Severity.WARNING,
+            "heading",
+            found,
+            cure,
+            code=Code.HEADING,
+        )
 
 
 def one_joint_alone(trial: MarkerEvidence) -> Iterator[Finding]:
@@ -172,9 +252,15 @@ def one_joint_alone(trial: MarkerEvidence) -> Iterator[Finding]:
         places = trial.pelvis.origin[trial.pelvis.determined][:, [0, 2]]
         travel = float(np.linalg.norm(places[-1] - places[0]))
         if travel > TRAVEL_M:
-            signs.append(f"the pelvis goes {travel:.2f} m (in trials of one joint up to {STAYS_M:.1f} m)")
+            signs.append(
+                f"the pelvis goes {travel:.2f} m (in trials of one joint up to {STAYS_M:.1f} m)"
+            )
     other = "l" if declared.endswith("r") else "r"
-    turns = [trial.links[f"{joint}_{other}"].rms for joint in ("hip", "knee") if f"{joint}_{other}" in trial.links]
+    turns = [
+        trial.links[f"{joint}_{other}"].rms
+        for joint in ("hip", "knee")
+        if f"{joint}_{other}" in trial.links
+    ]
     if len(turns) == 2 and min(turns) > STEPS_RAD:
         hip, knee = np.rad2deg(turns)
         signs.append(f"hip and knee of the other leg turn by {hip:.0f} and {knee:.0f} deg RMS")
@@ -200,9 +286,11 @@ def declared_joint(trial: MarkerEvidence) -> Iterator[Finding]:
     rest = max((np.rad2deg(turns[j]) for j in others), default=0.0)
     yield trial.error(
         "joint",
-        f"it turns by {np.rad2deg(most):.0f} deg RMS about its mean posture, {declared} {turned}, the others by at "
+        f"it turns by {np.rad2deg(most):.0f} deg RMS about its mean posture, {declared} {turned}, "
+        "the others by at "
         f"most {rest:.0f} deg",
-        f'write joint = "{joint}", name the file of {declared}, or exchange the labels of right and left',
+        f'write joint = "{joint}", name the file of {declared}, or exchange the labels of right '
+        "and left",
         cause=f"the trial is declared for {declared}, but this looks like {joint}",
         weight=most / max(turn or 0.0, MOVES_RAD),
         code=Code.OTHER_JOINT,
@@ -234,7 +322,9 @@ class StandingLegs:
 
 
 def standing_legs(p: Mapping[str, Array], height: float) -> StandingLegs | None:
-    """The stance that landmarks p ((3,) m each, y up) of a person of this height (m) show; None where some lack."""
+    """The stance that landmarks p ((3,) m each, y up) of a person of this height (m) show; None
+    where some lack.
+    """
     axes = body_axes(p)
     if axes is None or any(name not in p for name in REQUIRED):
         return None
@@ -252,19 +342,30 @@ def standing_legs(p: Mapping[str, Array], height: float) -> StandingLegs | None:
 def standing_flat(trial: MarkerEvidence) -> Iterator[Finding]:
     """Whether the feet of a static trial stand as the zero of the ankle angles was taken from them."""
     p, rule = trial.posture, AnkleZero(trial.settings.ankle_rule)
-    if p is None or not trial.makes_model or rule is not AnkleZero.AUTO or any(name not in p for name in REQUIRED):
+    if (
+        p is None
+        or not trial.makes_model
+        or rule is not AnkleZero.AUTO
+        or any(name not in p for name in REQUIRED)
+    ):
         return
     posture = StaticPosture(trial.source, {}, p, {})
-    legs = lower_body(posture, trial.subject.height, HipCentre.HARRINGTON, widths=JointWidths.of(trial.subject))
-    doubts = standing_ankles(posture, legs, trial.recording.facts.static_plantarflexion, rule).doubts
+    legs = lower_body(
+        posture, trial.subject.height, HipCentre.HARRINGTON, widths=JointWidths.of(trial.subject)
+    )
+    doubts = standing_ankles(
+        posture, legs, trial.recording.facts.static_plantarflexion, rule
+    ).doubts
     if doubts:
         yield trial.finding(
             Severity.WARNING,
             "posture",
             "; ".join(f"{SIDE_WORDS[side]} foot: {why}" for side, why in doubts.items()),
-            "look at the feet in that trial and say it under [calibration]: ankle_zero = 'sole' if they stand flat, "
+            "look at the feet in that trial and say it under [calibration]: ankle_zero = 'sole' if "
+            "they stand flat, "
             "'file' or 'markers' if the heels are off the floor",
-            cause="the feet may not stand flat in the static trial, from which ankle angles are counted",
+            cause="the feet may not stand flat in the static trial, from which ankle angles are "
+            "counted",
             leg="" if len(doubts) == 2 else next(iter(doubts)),
             code=Code.FEET_NOT_FLAT,
         )
@@ -292,7 +393,8 @@ def standing_straight(trial: MarkerEvidence) -> Iterator[Finding]:
         yield trial.warning(
             "posture",
             f"{knees}, right heel {1e3 * found.heels:+.0f} mm above the left one",
-            "choose the part in which both feet stand with time = [start, end], or record standing again; nothing to "
+            "choose the part in which both feet stand with time = [start, end], or record standing "
+            "again; nothing to "
             "do if the person cannot stand otherwise",
             cause="the person stands unevenly in the static trial",
             code=Code.UNEVEN_STANCE,
@@ -301,7 +403,8 @@ def standing_straight(trial: MarkerEvidence) -> Iterator[Finding]:
         yield trial.warning(
             "posture",
             f"{message}; most people stand within 10 deg",
-            "record it again if the person can stand straighter; nothing to do if not: only the skin lies a little "
+            "record it again if the person can stand straighter; nothing to do if not: only the "
+            "skin lies a little "
             "otherwise than over straight legs",
             cause="the person stands with bent knees in the static trial",
             code=Code.BENT_KNEES,
@@ -320,7 +423,11 @@ def statics_agree(trials: Sequence[MarkerEvidence]) -> Iterator[Finding]:
         disagreeing = [
             (away, label, segment)
             for segment, labels in _segments(first).items()
-            if (found := _disagreement([m for m in labels if m in reference and m in positions], reference, positions))
+            if (
+                found := _disagreement(
+                    [m for m in labels if m in reference and m in positions], reference, positions
+                )
+            )
             for away, label in [found]
             if away > DISAGREE_M
         ]
@@ -333,12 +440,16 @@ def statics_agree(trials: Sequence[MarkerEvidence]) -> Iterator[Finding]:
                 )
             continue
         disagreeing.sort(reverse=True)
-        labels_off = listed([f"'{label}' {1e3 * away:.0f} mm ({segment})" for away, label, segment in disagreeing])
+        labels_off = listed(
+            [f"'{label}' {1e3 * away:.0f} mm ({segment})" for away, label, segment in disagreeing]
+        )
         yield other.finding(
             Severity.ERROR if disagreeing[0][0] > GROSS_M else Severity.WARNING,
             "static trial",
-            f"against the other markers of its segment: {labels_off}; allowed: {1e3 * DISAGREE_M:.0f} mm",
-            f"leave out the static trial whose markers moved or whose labels are wrong; '{first.name}', the first, "
+            f"against the other markers of its segment: {labels_off}; allowed: "
+            f"{1e3 * DISAGREE_M:.0f} mm",
+            "leave out the static trial whose markers moved or whose labels are wrong; "
+            f"'{first.name}', the first, "
             "gives the model",
             cause=f"static trials '{first.name}' and '{other.name}' do not show the same body",
             weight=disagreeing[0][0] / DISAGREE_M,
@@ -347,12 +458,16 @@ def statics_agree(trials: Sequence[MarkerEvidence]) -> Iterator[Finding]:
 
 
 def _segments(trial: MarkerEvidence) -> dict[str, list[str]]:
-    """Segment -> its markers that decide anything, those of the static trial alone and landmarks included."""
+    """Segment -> its markers that decide anything, those of the static trial alone and landmarks
+    included.
+    """
     marker_set = trial.marker_set
     out: dict[str, list[str]] = {}
     for group in (marker_set.tracking, marker_set.static_only):
         for segment, labels in group.items():
-            out.setdefault(segment, []).extend(m for m in labels if not 0 < marker_set.weight(m) <= NEGLIGIBLE_WEIGHT)
+            out.setdefault(segment, []).extend(
+                m for m in labels if not 0 < marker_set.weight(m) <= NEGLIGIBLE_WEIGHT
+            )
     loose = ("head_trunk", "upper_arm", "forearm")
     return {segment: labels for segment, labels in out.items() if not segment.startswith(loose)}
 
@@ -377,7 +492,9 @@ def _disagreement(
 
 
 def _left(a: Array, b: Array, fitted: list[int] | None = None) -> Array:
-    """(nm,) m, distances of b (nm, 3) from a (nm, 3) after the rigid motion that fits the markers `fitted` best."""
+    """(nm,) m, distances of b (nm, 3) from a (nm, 3) after the rigid motion that fits the markers
+    `fitted` best.
+    """
     weight = np.zeros((len(a), 1))
     weight[slice(None) if fitted is None else fitted] = 1.0
     fit = rigid_fit(a, b[:, :, None], weight)

@@ -1,13 +1,15 @@
 """What follows from what, and the verdict: trustworthy, doubtful or refused, with its reasons.
 
-What only follows from a fault that is told already is not told beside it (`without_consequences`): one fault, one
-finding.
+What only follows from a fault that is told already is not told beside it (`without_consequences`):
+one fault, one finding.
 
-Findings of one cause become one reason, and the worst is told first. An error refuses, a warning makes doubtful, a note
-does neither. What is wrong with the static trial, an isolated trial or the study itself concerns every walk, since all
-stand on its model. What is wrong with one walk concerns that one; where it is about markers, which took part in finding
-the joints, the others are in doubt. What is wrong with one leg concerns that leg alone: where it is refused, so are its
-torques, and those of pelvis and trunk, which need both; the walk is doubtful then, and refused where both legs are.
+Findings of one cause become one reason, and the worst is told first. An error refuses, a warning
+makes doubtful, a note does neither. What is wrong with the static trial, an isolated trial or the
+study itself concerns every walk, since all stand on its model. What is wrong with one walk concerns
+that one; where it is about markers, which took part in finding the joints, the others are in doubt.
+What is wrong with one leg concerns that leg alone: where it is refused, so are its torques, and
+those of pelvis and trunk, which need both; the walk is doubtful then, and refused where both legs
+are.
 """
 
 import re
@@ -26,12 +28,19 @@ SPOILS = {
     "axes": ("sides", "exchanged", "heading", "plate to foot", "plates", "time", "joint"),
     "sides": ("exchanged", "heading", "plate to foot", "plates", "joint"),
 }
-"""Topic of an error whose cause is known -> topics of the same trial that it puts in disorder by itself."""
+"""Topic of an error whose cause is known -> topics of the same trial that it puts in disorder by
+itself.
+"""
 SPOILS_BODY = ("units", "axes", "sides", "landmarks")
 """Topics of errors of a trial that put its whole body in disorder against the other trials'."""
 OF_FORCES = ("forces", "plates", "plate to foot", "body mass")
 """Topics of what is wrong with the forces of a walk, by which no joint was found."""
-FORCES, PLACES, BOUNDS, MARKERS_AFTER_FIT = "forces", "joint places", "physical bounds", "markers after the fit"
+FORCES, PLACES, BOUNDS, MARKERS_AFTER_FIT = (
+    "forces",
+    "joint places",
+    "physical bounds",
+    "markers after the fit",
+)
 """Topics of the force diagnosis and of what a finished fit says."""
 LEFT_OUT = "functional trials"
 """Topic of a functional trial that the joint parameters were found without."""
@@ -55,10 +64,12 @@ def _follows(effect: Finding, cause: Finding) -> bool:
     here, error = cause.where == effect.where, cause.severity is Severity.ERROR
     if here and error and cause.cause and effect.topic in SPOILS.get(cause.topic, ()):
         return True
-    # where markers do not tell how a leg moves, its motion asks for torques and forces that nobody exerted
+    # where markers do not tell how a leg moves, its motion asks for torques and forces that nobody
+    # exerted
     lost_leg = here and error and bool(cause.leg) and touches_model(cause.topic)
     lost_leg &= cause.topic not in (BOUNDS, MARKERS_AFTER_FIT)
-    # a fault of the forces of this walk, or of all, is what motion and forces say against each other
+    # a fault of the forces of this walk, or of all, is what motion and forces say against each
+    # other
     of_forces = cause.topic == FORCES and cause.where in (effect.where, STUDY)
     if effect.code is Code.FORCES_CONTRADICT:
         return lost_leg or (of_forces and cause.code is not Code.FORCES_CONTRADICT)
@@ -69,8 +80,13 @@ def _follows(effect: Finding, cause: Finding) -> bool:
         return lost_leg and (effect.code is Code.FORCES_OF_ANOTHER or cause.leg == effect.leg)
     if effect.topic == MARKERS_AFTER_FIT:  # of a marker that was named before the fit
         labels = set(_LABEL.findall(effect.cause))
-        return here and cause.topic != MARKERS_AFTER_FIT and not labels.isdisjoint(_LABEL.findall(cause.cause))
-    # joints of another body lie elsewhere, and one that lies where nobody has it is beyond its bounds
+        return (
+            here
+            and cause.topic != MARKERS_AFTER_FIT
+            and not labels.isdisjoint(_LABEL.findall(cause.cause))
+        )
+    # joints of another body lie elsewhere, and one that lies where nobody has it is beyond its
+    # bounds
     if effect.topic == PLACES:
         return cause.code is Code.OTHER_BODY
     if effect.code is Code.JOINT_AT_BOUND:
@@ -119,7 +135,9 @@ class Reason:
     def line(self) -> str:
         """In one line: where, what, evidence, what to do."""
         where = ", ".join(self.trials) or STUDY
-        return f"{where}: {self.cause}: {self.evidence}" + (f"; {self.action}" if self.action else "")
+        return f"{where}: {self.cause}: {self.evidence}" + (
+            f"; {self.action}" if self.action else ""
+        )
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -146,10 +164,14 @@ class Verdict:
     @property
     def refused(self) -> tuple[str, ...]:
         """Names of the walks that are refused."""
-        return tuple(name for name, trial in self.trials.items() if trial.judgement is Judgement.REFUSED)
+        return tuple(
+            name for name, trial in self.trials.items() if trial.judgement is Judgement.REFUSED
+        )
 
     def refused_legs(self, walk: str) -> tuple[str, ...]:
-        """The legs (`r`, `l`) of a walk that are refused; none of a trial that is not judged by itself."""
+        """The legs (`r`, `l`) of a walk that are refused; none of a trial that is not judged by
+        itself.
+        """
         trial = self.trials.get(walk)
         legs = {} if trial is None else trial.legs
         return tuple(side for side in SIDES if legs.get(side) is Judgement.REFUSED)
@@ -161,7 +183,9 @@ class Verdict:
         parts = [*self.refused]
         for walk in self.trials:
             if walk not in self.refused:
-                parts += [f"the {SIDE_WORDS[side]} leg of {walk}" for side in self.refused_legs(walk)]
+                parts += [
+                    f"the {SIDE_WORDS[side]} leg of {walk}" for side in self.refused_legs(walk)
+                ]
         if self.judgement is not Judgement.REFUSED and parts:
             text += f" Refused: {', '.join(parts)}."
         return text + (" It was made with --force, past errors." if self.forced else "")
@@ -169,20 +193,26 @@ class Verdict:
 
 _SENTENCES = {
     Judgement.TRUSTWORTHY: "Nothing speaks against this result beyond its error bars.",
-    Judgement.DOUBTFUL: "This result may be wrong by more than its error bars: look at the reasons.",
-    Judgement.REFUSED: "This result is not to be used: no torque counts as valid, and no error bar is given.",
+    Judgement.DOUBTFUL: "This result may be wrong by more than its error bars: look at the "
+    "reasons.",
+    Judgement.REFUSED: "This result is not to be used: no torque counts as valid, and no error bar "
+    "is given.",
 }
 
 
 def judge(findings: Sequence[Finding], walks: Sequence[str], *, forced: bool = False) -> Verdict:
     """The verdict on a result with these findings.
 
-    `walks`: names of the trials that are judged each by itself; findings of any other concern all of them.
-    `forced`: whether errors of the checks were passed over.
+    `walks`: names of the trials that are judged each by itself; findings of any other concern all
+    of them. `forced`: whether errors of the checks were passed over.
     """
     shared = [f for f in findings if f.where not in walks]
     of_all = _of_legs(shared)
-    spoilt = {f.where for f in findings if f.where in walks and f.severity is Severity.ERROR and touches_model(f.topic)}
+    spoilt = {
+        f.where
+        for f in findings
+        if f.where in walks and f.severity is Severity.ERROR and touches_model(f.topic)
+    }
     trials: dict[str, WalkVerdict] = {}
     for walk in walks:
         of_walk = _of_legs([f for f in findings if f.where == walk])
@@ -192,11 +222,14 @@ def judge(findings: Sequence[Finding], walks: Sequence[str], *, forced: bool = F
         if spoilt - {walk}:
             legs = {side: Judgement.worst((leg, Judgement.DOUBTFUL)) for side, leg in legs.items()}
         trials[walk] = WalkVerdict(judgement=Judgement.worst((whole, _of_both(legs))), legs=legs)
-    return Verdict(judgement=_overall(of_all, trials), reasons=reasons(findings), trials=trials, forced=forced)
+    return Verdict(
+        judgement=_overall(of_all, trials), reasons=reasons(findings), trials=trials, forced=forced
+    )
 
 
 def stopping(findings: Sequence[Finding], walks: Sequence[str]) -> tuple[Finding, ...]:
-    """The errors that leave nothing to compute, the first one first; none where every walk keeps a leg.
+    """The errors that leave nothing to compute, the first one first; none where every walk keeps a
+    leg.
 
     Where an error bears a leg, and the other leg has none, the result tells of the other leg.
     """
@@ -229,7 +262,11 @@ def _overall(shared: Mapping[str, Judgement], trials: Mapping[str, WalkVerdict])
     """Refused where all is: a walk that is refused beside others that are not leaves doubt alone."""
     walks = [trial.judgement for trial in trials.values()]
     everything = [*shared.values(), *walks]
-    nothing_left = all(j is Judgement.REFUSED for j in walks) if walks else Judgement.REFUSED in shared.values()
+    nothing_left = (
+        all(j is Judgement.REFUSED for j in walks)
+        if walks
+        else Judgement.REFUSED in shared.values()
+    )
     if shared[""] is Judgement.REFUSED or nothing_left:
         return Judgement.REFUSED
     return _GOOD if all(j is _GOOD for j in everything) else Judgement.DOUBTFUL
@@ -240,10 +277,14 @@ def reasons(findings: Iterable[Finding]) -> tuple[Reason, ...]:
     groups: dict[tuple[str, str], list[Finding]] = {}
     for f in findings:
         if f.severity is not Severity.INFO:
-            groups.setdefault((f.topic, f.cause or re.sub(r"[\d.,+-]+", "#", f.found)), []).append(f)
+            groups.setdefault((f.topic, f.cause or re.sub(r"[\d.,+-]+", "#", f.found)), []).append(
+                f
+            )
     for group in groups.values():
         group.sort(key=_rank)
-    return tuple(_reason(group) for group in sorted(groups.values(), key=lambda group: _rank(group[0])))
+    return tuple(
+        _reason(group) for group in sorted(groups.values(), key=lambda group: _rank(group[0]))
+    )
 
 
 def _rank(finding: Finding) -> tuple[int, float]:
@@ -255,7 +296,9 @@ def _reason(group: Sequence[Finding]) -> Reason:
     trials = tuple(dict.fromkeys(f.where for f in group if f.where != STUDY))
     several = len(trials) > 1
     pieces = list(dict.fromkeys(f"{f.where}: {f.found}" if several else f.found for f in group))
-    evidence = "; ".join(pieces[:SHOWN]) + (f"; and {len(pieces) - SHOWN} more" if len(pieces) > SHOWN else "")
+    evidence = "; ".join(pieces[:SHOWN]) + (
+        f"; and {len(pieces) - SHOWN} more" if len(pieces) > SHOWN else ""
+    )
     legs: Collection[str] = {f.leg for f in group}
     return Reason(
         cause=first.cause or first.topic,

@@ -1,7 +1,9 @@
-"""What a printed gait report says of a result folder: read from its files, in the clinical convention.
+"""What a printed gait report says of a result folder: read from its files, in the clinical
+convention.
 
-Curves are means over straight strides of all walks with the standard error of `ensemble.csv`'s kind, from `cycles.csv`
-in clinical signs (`gait/conventions.py`); comments come from a file that the clinic writes.
+Curves are means over straight strides of all walks with the standard error of `ensemble.csv`'s
+kind, from `cycles.csv` in clinical signs (`gait/conventions.py`); comments come from a file that
+the clinic writes.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -18,7 +20,15 @@ from gaitcal.gait import conventions, peaks, profile_score
 from gaitcal.gait.cycles import GROUND_REACTION, POINTS, WALKING, Kind, kind_of, known_variables
 from gaitcal.gait.ensemble import ensemble
 from gaitcal.gait.moments import SIDE_WORDS, counted, joint_words, parameter_words
-from gaitcal.gait.normal_bands import BAND_SIGNS, FREE_WORDS, Bands, Norm, NormalBand, norm_for, own_norm
+from gaitcal.gait.normal_bands import (
+    BAND_SIGNS,
+    FREE_WORDS,
+    Bands,
+    Norm,
+    NormalBand,
+    norm_for,
+    own_norm,
+)
 from gaitcal.gait.strides import TURNING
 from gaitcal.io.result_folder import MANIFEST, read_object
 from gaitcal.io.toml import read_toml
@@ -38,23 +48,53 @@ from gaitcal.report.page.page_data import (
 from gaitcal.results import cycle_tables, cycles_export, saved_result, stride_files
 from gaitcal.results.summary import SUMMARY, entries_of, table_of
 
-CLINICAL: Final = conventions.Convention(signs=conventions.Signs.CLINICAL, unit=conventions.MomentUnit.NM_PER_KG)
+CLINICAL: Final = conventions.Convention(
+    signs=conventions.Signs.CLINICAL, unit=conventions.MomentUnit.NM_PER_KG
+)
 HINGE: Final = "{} is not told: the knee is a hinge in this model."
 CLINICAL_SIGNS: Final = BAND_SIGNS["clinical"]
 KINEMATICS: Final = (
-    *("pelvis_tilt", "pelvis_list", "pelvis_rotation", "hip_flexion", "hip_adduction", "hip_rotation"),
+    *(
+        "pelvis_tilt",
+        "pelvis_list",
+        "pelvis_rotation",
+        "hip_flexion",
+        "hip_adduction",
+        "hip_rotation",
+    ),
     *("knee_angle", HINGE.format("Knee varus"), HINGE.format("Knee rotation")),
     *("ankle_angle", coordinates.FOOT_PROGRESSION, "subtalar_angle"),
 )
 """Variables of `cycles.csv` in the order of the sheet; a sentence where there is none."""
 KINETICS: Final = (
     *("hip_flexion_moment", "hip_adduction_moment", "hip_rotation_moment"),
-    *("knee_angle_moment", "knee_adduction_moment", "ankle_angle_moment", "hip_power", "knee_power", "ankle_power"),
+    *(
+        "knee_angle_moment",
+        "knee_adduction_moment",
+        "ankle_angle_moment",
+        "hip_power",
+        "knee_power",
+        "ankle_power",
+    ),
     *("subtalar_angle_moment", "lumbar_extension_moment", GROUND_REACTION),
 )
 LEGS: Final = (
-    *("hip_flexion", "knee_angle", "ankle_angle", "hip_flexion_moment", "knee_angle_moment", "ankle_angle_moment"),
-    *("hip_power", "knee_power", "ankle_power", "hip_adduction", "knee_adduction_moment", GROUND_REACTION),
+    *(
+        "hip_flexion",
+        "knee_angle",
+        "ankle_angle",
+        "hip_flexion_moment",
+        "knee_angle_moment",
+        "ankle_angle_moment",
+    ),
+    *(
+        "hip_power",
+        "knee_power",
+        "ankle_power",
+        "hip_adduction",
+        "knee_adduction_moment",
+        GROUND_REACTION,
+    ),
 )
 """Of each activity after the first, on one page."""
 MOST_REASONS = 6
@@ -62,13 +102,15 @@ NOTHING: Final = "Nothing speaks against this result beyond its error bars."
 RELATIVE: Final = "No Gait Profile Score: joint angles are counted from the static posture."
 
 
-def report_content(folder: Path, named: tuple[Bands, str] | None, comments: Mapping[str, str]) -> ReportContent:
+def report_content(
+    folder: Path, named: tuple[Bands, str] | None, comments: Mapping[str, str]
+) -> ReportContent:
     """What the report of the result in `folder` says.
 
     Parameters
     ----------
-    named : bands of healthy people, and their name; None: those of the result, else what gaitcal brings.
-    comments : section -> text (`read_comments`).
+    named : bands of healthy people, and their name; None: those of the result, else what gaitcal
+    brings. comments : section -> text (`read_comments`).
 
     Raises InputError: It is no result of `gaitcal calibrate`, or is damaged.
     """
@@ -86,7 +128,9 @@ def report_content(folder: Path, named: tuple[Bands, str] | None, comments: Mapp
     return ReportContent(
         person=(*person_facts(model.subject), ("Marker set", str(manifest.get("marker_set", "")))),
         verdict=str(summary.get("verdict", "")),
-        sentence="What speaks against it, the worst first:" if entries_of(summary, "reasons") else NOTHING,
+        sentence="What speaks against it, the worst first:"
+        if entries_of(summary, "reasons")
+        else NOTHING,
         reasons=_reasons(summary),
         fit=tuple(_fit(summary)),
         walked=any(a.walks for a in activities),
@@ -95,19 +139,25 @@ def report_content(folder: Path, named: tuple[Bands, str] | None, comments: Mapp
         steps_norm=f"norm: {FREE_WORDS}, mean ± SD" if norm.steps else "",
         sheets=tuple(_sheets(strides, norm, model.subject, activities, uses, remark)),
         peaks=tuple(
-            (f"Peaks of {a.name}, mean ± standard error over {a.one}s", tuple(_peaks(page, a.name, model.subject)))
+            (
+                f"Peaks of {a.name}, mean ± standard error over {a.one}s",
+                tuple(_peaks(page, a.name, model.subject)),
+            )
             for a in activities
             if not a.walks
         ),
         norm=norm.words,
         norm_remark=remark,
-        profile=profile_score.profile_scores({n: of[n].to_numpy() for n in of}, norm.bands, model.subject)
+        profile=profile_score.profile_scores(
+            {n: of[n].to_numpy() for n in of}, norm.bands, model.subject
+        )
         if norm.bands and not relative
         else (),
         joints=tuple(_joints(parameters)),
         undetermined=_undetermined(parameters),
         comments=comments,
-        footer=f"gaitcal {manifest.get('gaitcal', '')}: every number and its error bar in {folder.resolve().name}",
+        footer=f"gaitcal {manifest.get('gaitcal', '')}: every number and its error bar in "
+        f"{folder.resolve().name}",
     )
 
 
@@ -119,7 +169,10 @@ def read_comments(path: Path) -> dict[str, str]:
     found = read_toml(path)
     for name, text in found.items():
         if name not in COMMENT_SECTIONS:
-            message = f"unknown section; allowed: {', '.join(COMMENT_SECTIONS)}{nearest(name, COMMENT_SECTIONS)}"
+            message = (
+                "unknown section; allowed: "
+                f"{', '.join(COMMENT_SECTIONS)}{nearest(name, COMMENT_SECTIONS)}"
+            )
             raise InputError(message, source=path, field=name, code=Code.COMMENTS)
         if not isinstance(text, str):
             message = f"found {type(text).__name__}; allowed: text in quotation marks"
@@ -131,9 +184,16 @@ def _reasons(summary: Mapping[str, object]) -> tuple[tuple[str, str], ...]:
     out = []
     for r in entries_of(summary, "reasons"):
         where = ", ".join(r.get("trials") or ["study"])
-        out.append((f"{where}: {r.get('cause')} ({r.get('evidence')}) [{r.get('code')}]", str(r.get("action"))))
+        out.append(
+            (
+                f"{where}: {r.get('cause')} ({r.get('evidence')}) [{r.get('code')}]",
+                str(r.get("action")),
+            )
+        )
     if (more := len(out) - MOST_REASONS) > 0:
-        out[MOST_REASONS:] = [(f"and {counted(more, 'more reason')}", "summary.json and the page have them all")]
+        out[MOST_REASONS:] = [
+            (f"and {counted(more, 'more reason')}", "summary.json and the page have them all")
+        ]
     return tuple(out)
 
 
@@ -150,8 +210,14 @@ def _fit(summary: Mapping[str, object]) -> Iterator[str]:
         residual = next(reversed(table_of(trial, "pelvis_residual").values()), None)
         limit = table_of(trial, "pelvis_residual_limit")
         if residual:
-            units = (("force_N", "force at the pelvis {:.0f} N RMS", ".0f"), ("torque_Nm", "moment {:.1f} N·m", ".1f"))
-            parts = (w.format(residual[n]) + (f" (limit {limit[n]:{d}})" if limit else "") for n, w, d in units)
+            units = (
+                ("force_N", "force at the pelvis {:.0f} N RMS", ".0f"),
+                ("torque_Nm", "moment {:.1f} N·m", ".1f"),
+            )
+            parts = (
+                w.format(residual[n]) + (f" (limit {limit[n]:{d}})" if limit else "")
+                for n, w, d in units
+            )
             high = limit and any(residual[name] > limit[name] for name, _, _ in units)
             wide = "" if trial.get("trunk_measured", True) else WIDE_LIMITS
             clauses.append(f"unexplained {', '.join(parts)}{': too high' if high else ''}{wide}")
@@ -187,7 +253,10 @@ def _activities(summary: Mapping[str, object], page: Mapping[str, Any]) -> Itera
             of.setdefault(trial["activity"], []).append(trial)
     for name, trials in of.items():
         yield _Activity(
-            name, tuple(t["name"] for t in trials), any(t["repeats"] for t in trials), page_toe_offs(trials)
+            name,
+            tuple(t["name"] for t in trials),
+            any(t["repeats"] for t in trials),
+            page_toe_offs(trials),
         )
 
 
@@ -199,15 +268,19 @@ def _sheets(
     uses: Mapping[str, Sequence[StrideUse]],
     remark: str,
 ) -> Iterator[Sheet]:
-    """Kinematics and kinetics of the first activity, with the comments, and the legs of each further one."""
+    """Kinematics and kinetics of the first activity, with the comments, and the legs of each
+    further one.
+    """
     kinetics = (
-        "Internal moments: what muscles and ligaments do, net. Powers: generated above zero. Only where the foot "
+        "Internal moments: what muscles and ligaments do, net. Powers: generated above zero. Only "
+        "where the foot "
         "stands wholly on a plate."
     )
     for k, a in enumerate(activities or (_Activity(WALKING, (), repeats=False, toe_off={}),)):
         whose = "straight strides of all walks" if a.walks else f"strides of {a.name}"
         note = (
-            f"Joint angles over the stride, mean over {whose}. Pelvis against the line of progression of each stride."
+            f"Joint angles over the stride, mean over {whose}. Pelvis against the line of "
+            "progression of each stride."
         )
         if a.repeats:
             note = "Joint angles from rest to rest of the pelvis, mean over repetitions."
@@ -217,7 +290,12 @@ def _sheets(
             yield Sheet(
                 title=title if a.walks else f"{title}, {a.name}",
                 panels=tuple(
-                    _panels(strides[strides["activity"] == a.name], variables, norm.bands if a.walks else {}, subject)
+                    _panels(
+                        strides[strides["activity"] == a.name],
+                        variables,
+                        norm.bands if a.walks else {},
+                        subject,
+                    )
                 ),
                 note=f"{words} {remark}" if a.walks and remark else words,
                 without=_no_curves(of, of_moments=variables is KINETICS),
@@ -240,9 +318,13 @@ def _peaks(page: Mapping[str, Any], activity: str, subject: Subject) -> Iterator
         digits = 1 if kind is Kind.ANGLE else 2
         bar = f" ± {abs(error):.{digits}f}" if np.isfinite(error) else ""
         title = m.peak.title().removesuffix(f", {phase}").removesuffix(f" in {phase}")
-        rows.setdefault((title, UNITS[kind], SIDE_WORDS[m.side]), {})[phase] = f"{value:.{digits}f}{bar}"
+        rows.setdefault((title, UNITS[kind], SIDE_WORDS[m.side]), {})[phase] = (
+            f"{value:.{digits}f}{bar}"
+        )
     order = list(dict.fromkeys(title for title, _, _ in rows))
-    for head, cells in sorted(rows.items(), key=lambda row: order.index(row[0][0])):  # both legs of a peak together
+    for head, cells in sorted(
+        rows.items(), key=lambda row: order.index(row[0][0])
+    ):  # both legs of a peak together
         yield (*head, *(cells.get(phase, "–") for phase in phases))
 
 
@@ -258,8 +340,17 @@ def _uses(page: Mapping[str, Any]) -> dict[str, list[StrideUse]]:
     }
 
 
-def _walks(summary: Mapping[str, object], uses: Mapping[str, Sequence[StrideUse]]) -> Iterator[tuple[str, ...]]:
-    yield ("trial", "leg", "verdict", "on plate", "strides or repetitions usable for moments", "why others are not")
+def _walks(
+    summary: Mapping[str, object], uses: Mapping[str, Sequence[StrideUse]]
+) -> Iterator[tuple[str, ...]]:
+    yield (
+        "trial",
+        "leg",
+        "verdict",
+        "on plate",
+        "strides or repetitions usable for moments",
+        "why others are not",
+    )
     for name, of_walk in uses.items():
         if table_of(table_of(summary, "trials"), name).get("role") == "joint":
             continue
@@ -273,7 +364,9 @@ def _walks(summary: Mapping[str, object], uses: Mapping[str, Sequence[StrideUse]
                 str(table_of(table_of(summary, "trials"), name).get(f"verdict_{side}", "")),
                 ", ".join(dict.fromkeys(use.plate for use in of_leg if use.plate)),
                 f"{sum(use.whole for use in of_leg)} of {len(of_leg)}",
-                "; ".join(filter(None, (reason_words(of_leg), bent))) if of_leg else "no complete stride or repetition",
+                "; ".join(filter(None, (reason_words(of_leg), bent)))
+                if of_leg
+                else "no complete stride or repetition",
             )
 
 
@@ -286,19 +379,40 @@ def _no_curves(uses: Mapping[str, Sequence[StrideUse]], *, of_moments: bool = Fa
         return "No curves: there is no complete stride or repetition."
     if all(use.turns for use in every):
         return "No curves: every stride turns, and takes no part in means."
-    return f"No curves. {usable_words(every)}" if of_moments else "No curves: no angle of a straight stride is known."
+    return (
+        f"No curves. {usable_words(every)}"
+        if of_moments
+        else "No curves: no angle of a straight stride is known."
+    )
 
 
-def _steps(summary: Mapping[str, object], norms: Mapping[str, tuple[float, float]]) -> Iterator[tuple[str, ...]]:
-    yield ("measure", "unit", "right, mean ± SD", "left, mean ± SD", "asymmetry, % ± SE", *(["norm"] if norms else []))
+def _steps(
+    summary: Mapping[str, object], norms: Mapping[str, tuple[float, float]]
+) -> Iterator[tuple[str, ...]]:
+    yield (
+        "measure",
+        "unit",
+        "right, mean ± SD",
+        "left, mean ± SD",
+        "asymmetry, % ± SE",
+        *(["norm"] if norms else []),
+    )
     found = table_of(summary, "spatiotemporal")
     for name, (title, digits) in SHOWN_MEASURES.items():
         measure = table_of(found, name)
         if measure:
             cells = (_average(table_of(measure, side), digits) for side in linkage.SIDES)
-            asymmetry, error = (measure.get(f"symmetry_{name}") for name in ("percent", "se_percent"))
-            apart = "" if asymmetry is None else f"{asymmetry:.1f}" + ("" if error is None else f" ± {error:.1f}")
-            norm = [" ± ".join(f"{part:.{digits}f}" for part in norms.get(name, ()))] if norms else []
+            asymmetry, error = (
+                measure.get(f"symmetry_{name}") for name in ("percent", "se_percent")
+            )
+            apart = (
+                ""
+                if asymmetry is None
+                else f"{asymmetry:.1f}" + ("" if error is None else f" ± {error:.1f}")
+            )
+            norm = (
+                [" ± ".join(f"{part:.{digits}f}" for part in norms.get(name, ()))] if norms else []
+            )
             yield (title, str(measure.get("unit", "")), *cells, apart, *norm)
 
 
@@ -327,16 +441,30 @@ def _panels(
         error: dict[str, Array] = {}
         for side in linkage.SIDES:
             of_side = rows[rows["side"] == side]
-            values = np.where(of_side["valid"].to_numpy() == 1, factor * of_side["value"].to_numpy(dtype=float), np.nan)
+            values = np.where(
+                of_side["valid"].to_numpy() == 1,
+                factor * of_side["value"].to_numpy(dtype=float),
+                np.nan,
+            )
             curves[side] = tuple(values.reshape(-1, POINTS))
-            of_mean = means[(means["variable"] == variable) & (means["side"] == side)] if len(means) else means
+            of_mean = (
+                means[(means["variable"] == variable) & (means["side"] == side)]
+                if len(means)
+                else means
+            )
             known = len(of_mean) == POINTS
             for out, column in ((mean, "mean"), (error, "se")):
-                out[side] = factor * of_mean[column].to_numpy(dtype=float) if known else np.full(POINTS, np.nan)
+                out[side] = (
+                    factor * of_mean[column].to_numpy(dtype=float)
+                    if known
+                    else np.full(POINTS, np.nan)
+                )
         band = bands.get(variable)
         norm = None
         if band is not None:
-            average, sd = (CLINICAL.values(variable, part, "r", subject) for part in band.for_person(subject))
+            average, sd = (
+                CLINICAL.values(variable, part, "r", subject) for part in band.for_person(subject)
+            )
             norm = factor * average, factor * np.abs(sd)
         yield CurvePanel(
             title=CLINICAL.title(variable),
@@ -360,7 +488,10 @@ def _norm(
     """That of the user; else of the bands that the result was made with; else what gaitcal brings."""
     if named is not None:
         return own_norm(*named, subject)
-    made_with, stored = str(table_of(manifest, "settings").get("normal", "")), table_of(summary, "norm")
+    made_with, stored = (
+        str(table_of(manifest, "settings").get("normal", "")),
+        table_of(summary, "norm"),
+    )
     if stored and not stored.get("words"):
         return Norm(remark=str(stored.get("remark", "")))
     if not made_with:
@@ -394,13 +525,18 @@ def _joints(table: pd.DataFrame) -> Iterator[tuple[str, ...]]:
             of_kind = rows[rows["kind"] == kind]
             change = np.linalg.norm(of_kind["fitted"] - of_kind["nominal"])
             error = of_kind["standard_error"].max()
-            cells += [f"{change:.1f}", f"{error:.1f}" if np.isfinite(error) else "–"] if len(of_kind) else ["–", "–"]
+            cells += (
+                [f"{change:.1f}", f"{error:.1f}" if np.isfinite(error) else "–"]
+                if len(of_kind)
+                else ["–", "–"]
+            )
         yield (joint_words(str(joint)).capitalize(), *cells)
 
 
 def _undetermined(table: pd.DataFrame) -> tuple[str, ...]:
     rows = table[(table["status"] == "unidentifiable") & table["joint"].notna()]
     return tuple(
-        f"{joint_words(str(joint)).capitalize()}: {'; '.join(parameter_words(name) for name in of_joint['name'])}"
+        f"{joint_words(str(joint)).capitalize()}: "
+        f"{'; '.join(parameter_words(name) for name in of_joint['name'])}"
         for joint, of_joint in rows.groupby("joint", sort=False)
     )

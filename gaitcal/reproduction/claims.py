@@ -1,7 +1,7 @@
 """The claims of the published study that need no Monte Carlo analysis, put to the test.
 
-What depends on the noise is judged by medians over the draws; how many draws agree is told beside. Limits for words
-such as "far smaller" or "nearly" are ours.
+What depends on the noise is judged by medians over the draws; how many draws agree is told beside.
+Limits for words such as "far smaller" or "nearly" are ours.
 """
 
 from collections.abc import Callable, Sequence
@@ -76,16 +76,20 @@ def _noiseless(clean: SeedResult) -> list[Claim]:
             recovered,
         ),
         tested(
-            "without noise, phase 2 from the correct seed leaves no residual and the exact inertial parameters",
+            "without noise, phase 2 from the correct seed leaves no residual and the exact "
+            "inertial parameters",
             "8.0e-10 N, 2.2e-10 N*m, 5.1e-07 kg*mm^2",
-            f"{correct.force:.1e} N, {correct.torque:.1e} N*m, {correct.errors.inertia:.1e} kg*mm^2",
+            f"{correct.force:.1e} N, {correct.torque:.1e} N*m, {correct.errors.inertia:.1e} "
+            "kg*mm^2",
             exact,
         ),
         tested(
             "without noise, phase 2 leaves no residual from random seeds either",
             "not printed",
-            f"{worst:.1e} N or N*m at most of {len(clean.random)} seeds, the penalty falling at every re-seed; the "
-            f"parameters are not unique: inertia errors {min(inertia):.0f} to {max(inertia):.0f} kg*mm^2",
+            f"{worst:.1e} N or N*m at most of {len(clean.random)} seeds, the penalty falling at "
+            "every re-seed; the "
+            f"parameters are not unique: inertia errors {min(inertia):.0f} to {max(inertia):.0f} "
+            "kg*mm^2",
             worst < ZERO_RESIDUAL,
         ),
     ]
@@ -98,9 +102,18 @@ def _noisy_joints(draws: Sequence[SeedResult]) -> list[Claim]:
     position, marker = medians(lambda r: r.position_mm), medians(lambda r: r.marker_mm)
     turn = medians(lambda r: r.orientation_deg or 0.0)
     mm = ", ".join(f"{p} {position[p]:.2f}" for p in PROBLEMS)
-    isolated, leg = [[d.joints[p] for p in PROBLEMS[:3]] for d in draws], [d.joints["full leg"] for d in draws]
-    worse = [r.position_mm > max(s.position_mm for s in single) for r, single in zip(leg, isolated, strict=True)]
-    better = [(d.joints["knee"].orientation_deg or 0.0) < (d.joints["ankle"].orientation_deg or 0.0) for d in draws]
+    isolated, leg = (
+        [[d.joints[p] for p in PROBLEMS[:3]] for d in draws],
+        [d.joints["full leg"] for d in draws],
+    )
+    worse = [
+        r.position_mm > max(s.position_mm for s in single)
+        for r, single in zip(leg, isolated, strict=True)
+    ]
+    better = [
+        (d.joints["knee"].orientation_deg or 0.0) < (d.joints["ankle"].orientation_deg or 0.0)
+        for d in draws
+    ]
     lower = [r.cost < r.cost_at_truth for single in isolated for r in single]
     leg_lower = [r.cost < r.cost_at_truth for r in leg]
     return [
@@ -119,7 +132,8 @@ def _noisy_joints(draws: Sequence[SeedResult]) -> list[Claim]:
         tested(
             "with noise, the knee's axis is found far better than the ankle's",
             "0.09 and 3.37 deg",
-            f"{turn['knee']:.2f} and {turn['ankle']:.2f} deg (medians); knee better in {sum(better)} of {len(better)}",
+            f"{turn['knee']:.2f} and {turn['ankle']:.2f} deg (medians); knee better in "
+            f"{sum(better)} of {len(better)}",
             turn["knee"] < 0.1 * turn["ankle"],
         ),
         tested(
@@ -131,14 +145,17 @@ def _noisy_joints(draws: Sequence[SeedResult]) -> list[Claim]:
         tested(
             "with noise, the full leg is found worse than the isolated joints",
             "3.65 mm against 0.55 to 1.21 mm",
-            f"{position['full leg']:.2f} mm against {position['hip']:.2f}, {position['knee']:.2f} and "
-            f"{position['ankle']:.2f} mm (medians); worse than all three in {sum(worse)} of {len(worse)} draws",
+            f"{position['full leg']:.2f} mm against {position['hip']:.2f}, {position['knee']:.2f} "
+            "and "
+            f"{position['ankle']:.2f} mm (medians); worse than all three in {sum(worse)} of "
+            f"{len(worse)} draws",
             position["full leg"] > max(position[p] for p in PROBLEMS[:3]),
         ),
         tested(
             "with noise, the parameters found cost less than the true ones",
             "stated",
-            f"isolated joints: in {sum(lower)} of {len(lower)} problems; full leg, whose other 10 parameters are what "
+            f"isolated joints: in {sum(lower)} of {len(lower)} problems; full leg, whose other 10 "
+            "parameters are what "
             f"the isolated trials left: in {sum(leg_lower)} of {len(leg_lower)}",
             all(lower) and all(leg_lower),
         ),
@@ -149,7 +166,9 @@ def _noisy_inertia(draws: Sequence[SeedResult]) -> list[Claim]:
     def medians(figure: Callable[[InertialRecovery], float]) -> tuple[float, float]:
         """From the correct seed, and the mean from random seeds."""
         correct = spread(figure(d.correct) for d in draws)
-        return correct.median, spread(float(np.mean([figure(r) for r in d.random])) for d in draws).median
+        return correct.median, spread(
+            float(np.mean([figure(r) for r in d.random])) for d in draws
+        ).median
 
     force, torque = medians(lambda r: r.force), medians(lambda r: r.torque)
     inertia, centre = medians(lambda r: r.errors.inertia), medians(lambda r: r.errors.centre)
@@ -159,13 +178,16 @@ def _noisy_inertia(draws: Sequence[SeedResult]) -> list[Claim]:
         tested(
             "with noise, random seeds reach nearly the residual of the correct seed",
             "16.96 against 16.92 N, 5.24 against 4.93 N*m",
-            f"{force[1]:.2f} against {force[0]:.2f} N, {torque[1]:.2f} against {torque[0]:.2f} N*m (medians)",
+            f"{force[1]:.2f} against {force[0]:.2f} N, {torque[1]:.2f} against {torque[0]:.2f} N*m "
+            "(medians)",
             near,
         ),
         tested(
-            "with noise, random seeds give much larger errors of inertial parameters than the correct seed",
+            "with noise, random seeds give much larger errors of inertial parameters than the "
+            "correct seed",
             "inertia 74500 against 5670 kg*mm^2, mass centres 21.6 against 6.64 mm",
-            f"inertia {inertia[1]:.0f} against {inertia[0]:.0f} kg*mm^2, mass centres {centre[1]:.1f} against "
+            f"inertia {inertia[1]:.0f} against {inertia[0]:.0f} kg*mm^2, mass centres "
+            f"{centre[1]:.1f} against "
             f"{centre[0]:.1f} mm (medians)",
             inertia[1] > 2.0 * inertia[0] and centre[1] > centre[0],
         ),
@@ -185,10 +207,12 @@ def _third_step(draws: Sequence[SeedResult]) -> list[Claim]:
     torque = spread(1.0 - t.torque[1] / t.torque[0] for t in third)
     return [
         tested(
-            "joint and inertial parameters together lower both residuals strongly at slightly worse markers",
+            "joint and inertial parameters together lower both residuals strongly at slightly "
+            "worse markers",
             "28 to 15 N, 13 to 5 N*m (experimental)",
             f"force -{100 * force.median:.0f} % (at least {100 * force.low:.0f} %), torque "
-            f"-{100 * torque.median:.0f} % (at least {100 * torque.low:.0f} %), markers +{100 * max(rises):.1f} % at "
+            f"-{100 * torque.median:.0f} % (at least {100 * torque.low:.0f} %), markers "
+            f"+{100 * max(rises):.1f} % at "
             f"most, in {len(third)} draws",
             min(force.low, torque.low) > FALL and max(rises) < RISE,
         )
@@ -201,17 +225,23 @@ def _speed(results: Sequence[SeedResult]) -> Claim:
     return tested(
         f"every problem is solved at least {ORDERS_FASTER} orders of magnitude faster",
         "108 to 380 s, 70 to 100 s, 11 to 48 s",
-        f"our slowest problem against their fastest of each phase: {factor:.3g} times faster, {power} whole orders",
+        f"our slowest problem against their fastest of each phase: {factor:.3g} times faster, "
+        f"{power} whole orders",
         power >= ORDERS_FASTER,
     )
 
 
 def _experimental() -> list[Claim]:
     claims = (
-        ("optimised joint parameters lower the marker distance", "17, 52, 68, 34 % (hip, knee, ankle, full leg)"),
+        (
+            "optimised joint parameters lower the marker distance",
+            "17, 52, 68, 34 % (hip, knee, ankle, full leg)",
+        ),
         ("optimised inertial parameters lower the pelvis residual", "force 20 %, torque 8 %"),
         ("the third step lowers it further", "force 57 %, torque 64 % against anatomical"),
         ("optimised parameters agree with anatomy", "hip centre 12, 38, 37 % of the pelvic width"),
         ("anatomical joint parameters change the knee adduction torque", "more than 0.4 %BW*H"),
     )
-    return [Claim(claim, published, EXPERIMENT, Verdict.NOT_TESTABLE) for claim, published in claims]
+    return [
+        Claim(claim, published, EXPERIMENT, Verdict.NOT_TESTABLE) for claim, published in claims
+    ]

@@ -1,4 +1,6 @@
-"""Compute the rows of the published tables for people whose recordings are at hand, with this project's settings."""
+"""Compute the rows of the published tables for people whose recordings are at hand, with this
+project's settings.
+"""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -20,7 +22,12 @@ from gaitcal.study.study import Study
 from gaitcal.study.study_file import Joint, TrialTable
 from gaitcal.study.study_trial import read_trial
 
-STAGES = {Stage.NOMINAL: "anatomical", Stage.JP: "phase 1", Stage.JP_IP: "phase 2", Stage.COMBINED: "third step"}
+STAGES = {
+    Stage.NOMINAL: "anatomical",
+    Stage.JP: "phase 1",
+    Stage.JP_IP: "phase 2",
+    Stage.COMBINED: "third step",
+}
 """In the words of the paper."""
 NOTE = "another person than the published one, with this project's default settings"
 
@@ -41,7 +48,10 @@ _PEOPLE = {
         (
             TrialTable(name="static", role="static", file=Path("subject01_static.trc")),
             TrialTable(
-                name="walk", role="gait", file=Path("subject01_walk1.trc"), forces=Path("subject01_walk1_grf.mot")
+                name="walk",
+                role="gait",
+                file=Path("subject01_walk1.trc"),
+                forces=Path("subject01_walk1_grf.mot"),
             ),
         ),
     ),
@@ -50,7 +60,10 @@ _PEOPLE = {
         "rcnl",
         (
             TrialTable(name="static", role="static", file=Path("static.trc")),
-            *(TrialTable(name=joint, role="joint", joint=joint, file=Path(f"{joint}.trc")) for joint in _JOINTS),
+            *(
+                TrialTable(name=joint, role="joint", joint=joint, file=Path(f"{joint}.trc"))
+                for joint in _JOINTS
+            ),
             TrialTable(name="gait", role="gait", file=Path("gait.trc")),
         ),
     ),
@@ -79,7 +92,9 @@ def _person_rows(name: str, folder: Path) -> list[TableRow]:
 def _study(folder: Path, person: _Person, **settings: object) -> Study:
     marker_set = load_marker_set(person.marker_set)
     trials = [
-        trial.model_copy(update={"file": folder / trial.file, "forces": trial.forces and folder / trial.forces})
+        trial.model_copy(
+            update={"file": folder / trial.file, "forces": trial.forces and folder / trial.forces}
+        )
         for trial in person.trials
     ]
     return Study(
@@ -98,7 +113,9 @@ def _marker_rows(name: str, calibration: Calibration) -> Iterator[TableRow]:
         if trial.joint is not None and not trial.joint.endswith(protocol.SIDE):
             continue
         column = "full leg" if trial.joint is None else trial.joint.split("_")[0]
-        nominal, calibrated = (motion.errors.rms(*LOWER_BODY) for motion in (trial.nominal, trial.calibrated))
+        nominal, calibrated = (
+            motion.errors.rms(*LOWER_BODY) for motion in (trial.nominal, trial.calibrated)
+        )
         if nominal is None or calibrated is None:
             continue
         for row, value, unit in (
@@ -106,7 +123,9 @@ def _marker_rows(name: str, calibration: Calibration) -> Iterator[TableRow]:
             (f"{name}, phase 1: marker distance RMS", 1e3 * calibrated, "mm"),
             (f"{name}: fall of marker distance", 100.0 * (1.0 - calibrated / nominal), "%"),
         ):
-            yield TableRow("I", row, column, unit).filled(None, value, NOTE, "markers of pelvis and legs")
+            yield TableRow("I", row, column, unit).filled(
+                None, value, NOTE, "markers of pelvis and legs"
+            )
 
 
 def _residual_rows(name: str, calibration: Calibration) -> Iterator[TableRow]:
@@ -114,10 +133,18 @@ def _residual_rows(name: str, calibration: Calibration) -> Iterator[TableRow]:
         valid = loads.reactions.valid
         frames = f"{int(np.sum(valid))} of {len(valid)} frames"
         for stage, moments in loads.moments.items():
-            for (column, unit, _), value in zip(RESIDUALS, moments.residual_rms(valid), strict=True):
-                yield TableRow("III", f"{name}, {STAGES[stage]}", column, unit).filled(None, value, NOTE, frames)
+            for (column, unit, _), value in zip(
+                RESIDUALS, moments.residual_rms(valid), strict=True
+            ):
+                yield TableRow("III", f"{name}, {STAGES[stage]}", column, unit).filled(
+                    None, value, NOTE, frames
+                )
 
 
 def _loaded(calibration: Calibration) -> list[tuple[TrialResult, Loads]]:
     """Trials with a frame whose ground reactions are valid."""
-    return [(t, t.loads) for t in calibration.trials if t.loads is not None and t.loads.reactions.valid.any()]
+    return [
+        (t, t.loads)
+        for t in calibration.trials
+        if t.loads is not None and t.loads.reactions.valid.any()
+    ]

@@ -1,23 +1,28 @@
-"""The published parameters recovered from synthetic data: joints, inertia, then everything together.
+"""The published parameters recovered from synthetic data: joints, inertia, then everything
+together.
 
-Phase 1: the four published problems, everything starting at absolute zero. Three isolated trials, each with the whole
-linkage (27 coordinates of 20 nodes) and the parameters of its joint; then gait with 17 parameters of the leg, the other
-10 where the isolated trials left them. One weight, no prior, no bounds. Variable projection solves each motion fully
-for the joint parameters of the moment; where those are absurd (all zero) that motion folds up and leads into a valley
-of its own. From zero, nodes and joint parameters therefore step together (`step_together`): damped, they move both a
-little. Variable projection, as in any calibration, finishes.
+Phase 1: the four published problems, everything starting at absolute zero. Three isolated trials,
+each with the whole linkage (27 coordinates of 20 nodes) and the parameters of its joint; then gait
+with 17 parameters of the leg, the other 10 where the isolated trials left them. One weight, no
+prior, no bounds. Variable projection solves each motion fully for the joint parameters of the
+moment; where those are absurd (all zero) that motion folds up and leads into a valley of its own.
+From zero, nodes and joint parameters therefore step together (`step_together`): damped, they move
+both a little. Variable projection, as in any calibration, finishes.
 
-Errors are summed up as in the published Table I: sqrt(mean e^2) over the joint's parameters, positions (mm) and
-orientations (deg) apart. That definition gives the printed figures of Table I from those of Table II.
+Errors are summed up as in the published Table I: sqrt(mean e^2) over the joint's parameters,
+positions (mm) and orientations (deg) apart. That definition gives the printed figures of Table I
+from those of Table II.
 
-Phase 2, inertial parameters from the pelvis residual, has the motion and joint parameters of phase 1 and the true
-ground reactions. Seeds are the true values, or each parameter times 1 + U(-0.5, 0.5), left as right; `foot.com.sup`,
-which the paper prints though it is none of the 36, is drawn too where the data have noise, and held. Data with noise
-get the published procedure to the letter. Without noise the penalty's weight falls at every re-seed (see
-`inertial_calibration`): the published procedure would creep.
+Phase 2, inertial parameters from the pelvis residual, has the motion and joint parameters of phase
+1 and the true ground reactions. Seeds are the true values, or each parameter times 1 + U(-0.5,
+0.5), left as right; `foot.com.sup`, which the paper prints though it is none of the 36, is drawn
+too where the data have noise, and held. Data with noise get the published procedure to the letter.
+Without noise the penalty's weight falls at every re-seed (see `inertial_calibration`): the
+published procedure would creep.
 
-Those of inertia as in the published Table III: sqrt(mean e^2) over the two-sided model, 36 moments, 12 masses, 36
-mass-centre coordinates; residuals over frames and the three components. That gives Table III from Table IV.
+Those of inertia as in the published Table III: sqrt(mean e^2) over the two-sided model, 36 moments,
+12 masses, 36 mass-centre coordinates; residuals over frames and the three components. That gives
+Table III from Table IV.
 """
 
 import time
@@ -53,7 +58,9 @@ def rms(values: Array | Sequence[float]) -> float | None:
     return float(np.sqrt(np.mean(array**2))) if array.size else None
 
 
-def joint_errors(estimate: params.Parameters, truth: params.Parameters, names: Sequence[str]) -> Array:
+def joint_errors(
+    estimate: params.Parameters, truth: params.Parameters, names: Sequence[str]
+) -> Array:
     """(n,) estimate - true, mm and deg."""
     index = _index(names)
     out: Array = (estimate.joint[index] - truth.joint[index]) / params.JP_TO_SI[index]
@@ -62,7 +69,9 @@ def joint_errors(estimate: params.Parameters, truth: params.Parameters, names: S
 
 def joint_rms(errors: Array, names: Sequence[str]) -> tuple[float | None, float | None]:
     """RMS of position errors (mm) and of orientation errors (deg); None where a joint has none."""
-    position = np.array([params.JOINT_PARAMETERS[k].kind is params.Kind.POSITION for k in _index(names)], dtype=bool)
+    position = np.array(
+        [params.JOINT_PARAMETERS[k].kind is params.Kind.POSITION for k in _index(names)], dtype=bool
+    )
     return rms(errors[position]), rms(errors[~position])
 
 
@@ -87,7 +96,8 @@ class JointRecovery:
     cost_at_truth: float
     """m^2: with the true joint parameters, the motion fitted."""
     cost_from_truth: float
-    """m^2: of the minimum found when the search starts at the true values of the free parameters."""
+    """m^2: of the minimum found when the search starts at the true values of the free parameters.
+    """
 
     @property
     def position_mm(self) -> float:
@@ -109,12 +119,20 @@ def true_model() -> SubjectModel:
 @cache
 def true_motion(problem: str) -> motions.TrueMotion:
     """Return the true motion of one of `PROBLEMS`; isolated trials have 1200 frames."""
-    return motions.gait_motion() if problem == "full leg" else motions.isolated_motion(f"{problem}_{SIDE}")
+    return (
+        motions.gait_motion()
+        if problem == "full leg"
+        else motions.isolated_motion(f"{problem}_{SIDE}")
+    )
 
 
 def free_parameters(problem: str) -> tuple[str, ...]:
     """What one of `PROBLEMS` solves for."""
-    return params.gait_parameters(SIDE) if problem == "full leg" else params.isolated_parameters(f"{problem}_{SIDE}")
+    return (
+        params.gait_parameters(SIDE)
+        if problem == "full leg"
+        else params.isolated_parameters(f"{problem}_{SIDE}")
+    )
 
 
 def synthetic_problem(problem: str, noise: np.random.Generator | None) -> MotionProblem:
@@ -122,14 +140,22 @@ def synthetic_problem(problem: str, noise: np.random.Generator | None) -> Motion
     model, motion = true_model(), true_motion(problem)
     markers = motions.synthetic_markers(model.parameters, model.markers, motion.q)
     if noise is not None:
-        markers = markers + motions.marker_noise(motion.basis.time, len(model.markers.labels), noise)
-    recording = Recording(source=problem, time=motion.basis.time, labels=model.markers.labels, markers=markers)
+        markers = markers + motions.marker_noise(
+            motion.basis.time, len(model.markers.labels), noise
+        )
+    recording = Recording(
+        source=problem, time=motion.basis.time, labels=model.markers.labels, markers=markers
+    )
     # as published: markers alone, no prior on any coordinate
-    return replace(trial_problem(problem, model, recording, spline.NodeRule(fixed=motions.NODES)), priors=())
+    return replace(
+        trial_problem(problem, model, recording, spline.NodeRule(fixed=motions.NODES)), priors=()
+    )
 
 
 def recover_joints(problems: Mapping[str, MotionProblem]) -> dict[str, JointRecovery]:
-    """Solve all; gait starts from what the isolated trials found for the parameters that it leaves alone."""
+    """Solve all; gait starts from what the isolated trials found for the parameters that it leaves
+    alone.
+    """
     out: dict[str, JointRecovery] = {}
     for problem, markers in problems.items():
         held = true_model().parameters
@@ -145,12 +171,16 @@ def solve(problem: str, markers: MotionProblem, held: params.Parameters) -> Join
     began = time.process_time()
     zero = np.zeros((markers.basis.nodes, len(markers.chain.coordinates)))
     p, coefficients, near = step_together([markers], held, free, [zero], np.zeros(len(free)))
-    fit = joint_calibration.JointSearch([markers], held.with_joint(free, p), free, coefficients).run()
+    fit = joint_calibration.JointSearch(
+        [markers], held.with_joint(free, p), free, coefficients
+    ).run()
     seconds = time.process_time() - began
     names = LEG if problem == "full leg" else free
     distance = motion_of(markers, fit.parameters, fit.coefficients[0]).errors.distance
     at_truth = track_nodes(markers, markers.body(truth), true_motion(problem).coefficients)
-    from_truth = joint_calibration.JointSearch([markers], held, free, [at_truth.x]).run(truth.joint[_index(free)])
+    from_truth = joint_calibration.JointSearch([markers], held, free, [at_truth.x]).run(
+        truth.joint[_index(free)]
+    )
     return JointRecovery(
         names=names,
         errors=joint_errors(fit.parameters, truth, names),
@@ -174,8 +204,8 @@ def step_together(
     starts: Sequence[Array],
     p: Array,
 ) -> tuple[Array, list[Array], Descent[Evaluation, banded.ArrowFactor]]:
-    """Bring motions and joint parameters `free` down together, from nodes `starts` (each (nn, nq)) and `p` (np,):
-    where both end, and how.
+    """Bring motions and joint parameters `free` down together, from nodes `starts` (each (nn, nq))
+    and `p` (np,): where both end, and how.
     """
     shared = SharedMotions(problems, parameters, free)
     end = descend(shared, shared.joined(p, starts), DAMPED)
@@ -199,11 +229,15 @@ class InertialErrors:
 def inertial_rms(estimate: Array, truth: Array) -> InertialErrors:
     """Errors of inertial parameters (84,), SI."""
     errors = params.table((estimate - truth) / params.IP_TO_SI)
-    return InertialErrors(*(float(np.sqrt(np.mean(errors[:, k] ** 2))) for k in (slice(4, 7), 0, slice(1, 4))))
+    return InertialErrors(
+        *(float(np.sqrt(np.mean(errors[:, k] ** 2))) for k in (slice(4, 7), 0, slice(1, 4)))
+    )
 
 
 def symmetric_errors(estimate: Array, truth: Array) -> dict[str, float]:
-    """Errors of the 36 symmetric parameters (mean of both sides), and of `foot.com.sup`; kg, mm, kg mm^2."""
+    """Errors of the 36 symmetric parameters (mean of both sides), and of `foot.com.sup`; kg, mm, kg
+    mm^2.
+    """
     which = params.symmetric_set()
     errors = (estimate - truth) / params.IP_TO_SI
     values = which.selection.T @ errors / (which.selection**2).sum(axis=0)
@@ -220,7 +254,9 @@ class InertialRecovery:
     force: float  # N, RMS pelvis residual over frames and components
     torque: float  # N·m
     errors: InertialErrors
-    each: dict[str, float]  # Error of each of the 36 parameters and of `foot.com.sup`; kg, mm, kg mm^2
+    each: dict[
+        str, float
+    ]  # Error of each of the 36 parameters and of `foot.com.sup`; kg, mm, kg mm^2
     total_mass: float  # kg, error of the whole body's mass
     seeds: int
     seconds: float  # Of the processor, as the published times
@@ -230,12 +266,16 @@ class InertialRecovery:
 
 @dataclass(frozen=True, kw_only=True)
 class ThirdStep:
-    """What joint and inertial parameters and motion together do to residuals and markers, from phases 1 and 2."""
+    """What joint and inertial parameters and motion together do to residuals and markers, from
+    phases 1 and 2.
+    """
 
     force: tuple[float, float]  # N before and after
     torque: tuple[float, float]  # N·m before and after
     marker_mm: tuple[float, float]  # RMS distance before and after
-    position_mm: tuple[float, float]  # RMS error of the positions among the free joint parameters, before and after
+    position_mm: tuple[
+        float, float
+    ]  # RMS error of the positions among the free joint parameters, before and after
     seconds: float
     converged: bool
 
@@ -267,7 +307,9 @@ def pelvis_width(model: SubjectModel) -> float:
 
 
 def random_seed(rng: np.random.Generator, *, with_held: bool) -> Array:
-    """(84,) the true inertial parameters, each of the 36 (with `with_held` also `foot.com.sup`) up to 50 % off."""
+    """(84,) the true inertial parameters, each of the 36 (with `with_held` also `foot.com.sup`) up
+    to 50 % off.
+    """
     truth, which = true_model().parameters.inertial, params.symmetric_set()
     factors = rng.uniform(-SEED_RANGE, SEED_RANGE, len(which.names) + 1)
     seed = truth * (1.0 + which.selection @ factors[:-1])
@@ -278,11 +320,17 @@ def random_seed(rng: np.random.Generator, *, with_held: bool) -> Array:
 
 
 def recover_inertia(
-    equations: inertial_calibration.RootEquations, seed: Array, *, reseed: bool = True, decay: float = 1.0
+    equations: inertial_calibration.RootEquations,
+    seed: Array,
+    *,
+    reseed: bool = True,
+    decay: float = 1.0,
 ) -> InertialRecovery:
     """The published cost from a seed (84,)."""
     began, truth = time.process_time(), true_model().parameters.inertial
-    fit = inertial_calibration.fit_published(equations, seed, params.symmetric_set(), reseed=reseed, decay=decay)
+    fit = inertial_calibration.fit_published(
+        equations, seed, params.symmetric_set(), reseed=reseed, decay=decay
+    )
     return InertialRecovery(
         force=fit.rms_force,
         torque=fit.rms_moment,
@@ -297,20 +345,27 @@ def recover_inertia(
 
 
 def third_step(markers: MotionProblem, gait: JointRecovery) -> ThirdStep:
-    """The third step of `gaitcal calibrate`, after phase 1 and physically consistent inertial parameters.
+    """The third step of `gaitcal calibrate`, after phase 1 and physically consistent inertial
+    parameters.
 
-    Before: phases 1 and 2, as the third step finds them. Bodies must be possible, hence `fit_consistent`.
+    Before: phases 1 and 2, as the third step finds them. Bodies must be possible, hence
+    `fit_consistent`.
     """
     free, began = free_parameters("full leg"), time.process_time()
     equations = gait_equations(gait.parameters, gait.coefficients)
-    inertial = inertial_calibration.fit_consistent(equations, true_model().parameters.inertial, params.symmetric_set())
-    trial = combined.CombinedProblem(markers, gait.coefficients, true_wrench(), np.ones(len(true_wrench()), dtype=bool))
+    inertial = inertial_calibration.fit_consistent(
+        equations, true_model().parameters.inertial, params.symmetric_set()
+    )
+    trial = combined.CombinedProblem(
+        markers, gait.coefficients, true_wrench(), np.ones(len(true_wrench()), dtype=bool)
+    )
     start = gait.parameters.with_inertial(inertial.inertial)
     fit = combined.combined_fit([trial], start, free, params.symmetric_set(), true_model().subject)
     force, torque = gait_equations(fit.parameters, fit.coefficients[0]).rms(fit.parameters.inertial)
     distance = motion_of(markers, fit.parameters, fit.coefficients[0]).errors.distance
     positions = [
-        joint_rms(joint_errors(p, true_model().parameters, free), free)[0] or 0.0 for p in (start, fit.parameters)
+        joint_rms(joint_errors(p, true_model().parameters, free), free)[0] or 0.0
+        for p in (start, fit.parameters)
     ]
     return ThirdStep(
         force=(inertial.rms_force, force),
@@ -327,7 +382,9 @@ class SeedResult:
     """Phases 1 to 3 for one draw of the noise."""
 
     joints: dict[str, JointRecovery]  # By problem
-    residual_before: tuple[float, float]  # N, N·m: true inertial parameters with the joints and motion of phase 1
+    residual_before: tuple[
+        float, float
+    ]  # N, N·m: true inertial parameters with the joints and motion of phase 1
     correct: InertialRecovery  # Phase 2 from the correct seed
     single_pass: InertialRecovery  # The same without re-seeding
     random: tuple[InertialRecovery, ...]  # Phase 2 from random seeds
@@ -349,27 +406,43 @@ def noisy_draw(seed: int, draw: int, random_seeds: int = RANDOM_SEEDS) -> SeedRe
     return _run(noise, seeds, random_seeds)
 
 
-def generators(seed: int, draw: int) -> tuple[tuple[np.random.Generator, ...], np.random.SeedSequence]:
-    """The noise of each problem, and what random inertial seeds come from, for one draw (0, 1, ...) under `seed`."""
+def generators(
+    seed: int, draw: int
+) -> tuple[tuple[np.random.Generator, ...], np.random.SeedSequence]:
+    """The noise of each problem, and what random inertial seeds come from, for one draw (0, 1, ...)
+    under `seed`.
+    """
     sequence = np.random.SeedSequence([seed, 1, draw])
-    return tuple(np.random.default_rng(s) for s in sequence.spawn(len(PROBLEMS))), sequence.spawn(1)[0]
+    return tuple(np.random.default_rng(s) for s in sequence.spawn(len(PROBLEMS))), sequence.spawn(
+        1
+    )[0]
 
 
-def noisy_draws(seed: int, draws: int, jobs: int = -1, random_seeds: int = RANDOM_SEEDS) -> list[SeedResult]:
-    """Draws 0 to `draws` - 1 under `seed`, in order, whatever the number of processes (-1: one for every core)."""
+def noisy_draws(
+    seed: int, draws: int, jobs: int = -1, random_seeds: int = RANDOM_SEEDS
+) -> list[SeedResult]:
+    """Draws 0 to `draws` - 1 under `seed`, in order, whatever the number of processes (-1: one for
+    every core).
+    """
     results: list[SeedResult] = Parallel(n_jobs=jobs)(
         delayed(noisy_draw)(seed, draw, random_seeds) for draw in range(draws)
     )
     return results
 
 
-def _run(noise: Sequence[np.random.Generator] | None, seeds: np.random.SeedSequence, random_seeds: int) -> SeedResult:
+def _run(
+    noise: Sequence[np.random.Generator] | None, seeds: np.random.SeedSequence, random_seeds: int
+) -> SeedResult:
     """Phases 1 to 3; `noise`: a generator for each of `PROBLEMS`, or none."""
-    problems = {p: synthetic_problem(p, noise[k] if noise is not None else None) for k, p in enumerate(PROBLEMS)}
+    problems = {
+        p: synthetic_problem(p, noise[k] if noise is not None else None)
+        for k, p in enumerate(PROBLEMS)
+    }
     joints = recover_joints(problems)
     gait, truth = joints["full leg"], true_model().parameters.inertial
     equations = {
-        scale: gait_equations(gait.parameters, gait.coefficients, scale) for scale in inertial_calibration.TorqueScale
+        scale: gait_equations(gait.parameters, gait.coefficients, scale)
+        for scale in inertial_calibration.TorqueScale
     }
     by_height = equations[inertial_calibration.TorqueScale.BODY_HEIGHT]
     decay = 1.0 if noise is not None else NOISELESS_DECAY

@@ -1,4 +1,6 @@
-"""The whole reproduction: synthetic truth without noise and with many draws of it, tables, claims, real people."""
+"""The whole reproduction: synthetic truth without noise and with many draws of it, tables, claims,
+real people.
+"""
 
 import json
 import platform
@@ -17,7 +19,13 @@ from gaitcal.montecarlo.draw_study import monte_carlo
 from gaitcal.reproduction import people_rows
 from gaitcal.reproduction import printed_tables as table_rows
 from gaitcal.reproduction.claims import Claim, table_claims
-from gaitcal.reproduction.recovery import RANDOM_SEEDS, InertialRecovery, SeedResult, noiseless, noisy_draws
+from gaitcal.reproduction.recovery import (
+    RANDOM_SEEDS,
+    InertialRecovery,
+    SeedResult,
+    noiseless,
+    noisy_draws,
+)
 from gaitcal.runtime import Progress, silent, with_one_blas_thread
 
 NOISE_SEEDS = 20
@@ -32,7 +40,9 @@ class ReproductionSettings:
     random_seeds: int = RANDOM_SEEDS  # Of phase 2, for each draw of the noise; at least 2
     draws: int = 0  # Of the Monte Carlo study, each set and level; 0: none
     jobs: int = -1  # Processes; -1: one for every core. The results do not depend on it.
-    data: Path | None = None  # Folder of real recordings, for the people shown instead of the experimental trial
+    data: Path | None = (
+        None  # Folder of real recordings, for the people shown instead of the experimental trial
+    )
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -45,16 +55,21 @@ class Reproduction:
     tables: list[table_rows.TableRow]
     times: list[table_rows.TableRow]
     claims: list[Claim]
-    disturbances: pd.DataFrame | None  # Statistics of the Monte Carlo study; see `statistics.statistics`
+    disturbances: (
+        pd.DataFrame | None
+    )  # Statistics of the Monte Carlo study; see `statistics.statistics`
 
 
 @with_one_blas_thread
 def reproduce(
-    settings: ReproductionSettings | None = None, draws_folder: Path | None = None, progress: Progress = silent
+    settings: ReproductionSettings | None = None,
+    draws_folder: Path | None = None,
+    progress: Progress = silent,
 ) -> Reproduction:
     """Run the published study.
 
-    `draws_folder`: where Monte Carlo draws are kept, so that an interrupted study goes on; None keeps nothing.
+    `draws_folder`: where Monte Carlo draws are kept, so that an interrupted study goes on; None
+    keeps nothing.
     """
     settings, began = settings or ReproductionSettings(), time.perf_counter()
     laps: dict[str, float] = {}
@@ -127,7 +142,9 @@ def write_tables(reproduction: Reproduction, folder: Path) -> None:
             "real_people": settings.data is not None,
         },
     }
-    (folder / result_folder.MANIFEST).write_text(json.dumps(manifest, indent=1) + "\n", encoding="utf-8")
+    (folder / result_folder.MANIFEST).write_text(
+        json.dumps(manifest, indent=1) + "\n", encoding="utf-8"
+    )
 
 
 def table_frame(rows: Iterable[table_rows.TableRow]) -> pd.DataFrame:
@@ -161,9 +178,16 @@ def draw_frame(draws: Sequence[SeedResult]) -> pd.DataFrame:
             row[f"{key}_steps"] = joint.steps
             row[f"{key}_converged"] = joint.converged
         row["true_ip_force_N"], row["true_ip_torque_Nm"] = draw.residual_before
-        seeds = {"correct_seed": (draw.correct,), "single_pass": (draw.single_pass,), "random_seeds": draw.random}
+        seeds = {
+            "correct_seed": (draw.correct,),
+            "single_pass": (draw.single_pass,),
+            "random_seeds": draw.random,
+        }
         for name, fits in seeds.items():
-            row |= {f"{name}_{key}": float(np.mean([figure(f) for f in fits])) for key, figure in _FIGURES.items()}
+            row |= {
+                f"{name}_{key}": float(np.mean([figure(f) for f in fits]))
+                for key, figure in _FIGURES.items()
+            }
         if draw.third is not None:
             row["third_step_force_N"] = draw.third.force[1]
             row["third_step_torque_Nm"] = draw.third.torque[1]

@@ -1,6 +1,8 @@
-"""CSV files of a result: comment lines above the header, first of them what the verdict says of the numbers.
+"""CSV files of a result: comment lines above the header, first of them what the verdict says of the
+numbers.
 
-Above all the table of strides, `cycles.csv`: angles and torques of each complete one over 0 to 100 %, in long form.
+Above all the table of strides, `cycles.csv`: angles and torques of each complete one over 0 to 100
+%, in long form.
 """
 
 from __future__ import annotations
@@ -16,7 +18,15 @@ from gaitcal.analysis.result import Calibration, TrialResult
 from gaitcal.arrays import Array
 from gaitcal.errors import Code, InputError
 from gaitcal.gait import ensemble, spatiotemporal
-from gaitcal.gait.cycles import CYCLE_COLUMNS, GROUND_REACTION, POINTS, GaitCycle, conventions_of, normalise, typed
+from gaitcal.gait.cycles import (
+    CYCLE_COLUMNS,
+    GROUND_REACTION,
+    POINTS,
+    GaitCycle,
+    conventions_of,
+    normalise,
+    typed,
+)
 from gaitcal.gait.strides import TURNING, pelvis_angles, strides_of, turns
 from gaitcal.model.coordinates import FOOT_PROGRESSION
 from gaitcal.model.linkage import PELVIS_ANGLES
@@ -33,27 +43,44 @@ if TYPE_CHECKING:
 # ----------------------------------------------------------------------------------------- the table of strides
 
 DIMENSIONS = ("person", "session", "trial", "side", "stride", "percent")
-COLUMNS = {"": "value", "_se": "se", "_valid": "valid"}  # Ending of a data variable -> column of the table
+COLUMNS = {
+    "": "value",
+    "_se": "se",
+    "_valid": "valid",
+}  # Ending of a data variable -> column of the table
 CYCLE_HEADER = (
-    "strides of each foot, from its strike (0 %) to its next one (100 %), numbered from 1 in each trial and side",
-    "variable: a coordinate of the leg of that side (without the side in its name), of pelvis or trunk: its angle in",
-    "degrees; with _moment its internal moment in N m; with _power its power in W, of a joint (hip_power) or of one of",
-    "several coordinates of a joint (hip_flexion_power), positive: generated; ground_reaction_vertical: upward force",
+    "strides of each foot, from its strike (0 %) to its next one (100 %), numbered from 1 in each "
+    "trial and side",
+    "variable: a coordinate of the leg of that side (without the side in its name), of pelvis or "
+    "trunk: its angle in",
+    "degrees; with _moment its internal moment in N m; with _power its power in W, of a joint "
+    "(hip_power) or of one of",
+    "several coordinates of a joint (hip_flexion_power), positive: generated; "
+    "ground_reaction_vertical: upward force",
     "on that foot, N",
-    "angles of the pelvis: against a laboratory turned into the line of progression of each stride, from strike to",
-    "next strike (where that foot is not seen then: of the nearest stride, else the room's forward axis), so that they",
+    "angles of the pelvis: against a laboratory turned into the line of progression of each "
+    "stride, from strike to",
+    "next strike (where that foot is not seen then: of the nearest stride, else the room's forward "
+    "axis), so that they",
     "mean the same in any direction of the room; motion/TRIAL.csv has them against the room",
-    "foot_progression: how far the foot's long axis, heel to toe, points out of the vertical plane along that line;",
+    "foot_progression: how far the foot's long axis, heel to toe, points out of the vertical plane "
+    "along that line;",
     "toes in is positive",
-    "se: standard error, empty where unknown; se_stride: the part of it that a trial's own markers make, and that",
-    "differs from stride to stride; what is left, sqrt(se^2 - se_stride^2), is the same error in all strides",
-    "valid: 1 where the value may be used: moments of a leg by its own foot, of the trunk by both; angles of a leg",
-    "where markers show the segments that they are between; nothing of a refused leg, nor of the trunk with it,",
+    "se: standard error, empty where unknown; se_stride: the part of it that a trial's own markers "
+    "make, and that",
+    "differs from stride to stride; what is left, sqrt(se^2 - se_stride^2), is the same error in "
+    "all strides",
+    "valid: 1 where the value may be used: moments of a leg by its own foot, of the trunk by both; "
+    "angles of a leg",
+    "where markers show the segments that they are between; nothing of a refused leg, nor of the "
+    "trunk with it,",
     f"nor pelvis angles and foot progression of a stride that turns by more than {TURNING:g} deg",
     "turn: deg to the left by which the pelvis turns over the stride of a walk",
-    "activity: gait of strides of walks; of a trial of any other activity its name: its strides, or what the pelvis",
+    "activity: gait of strides of walks; of a trial of any other activity its name: its strides, "
+    "or what the pelvis",
     "repeats from rest to rest; means never mix activities",
-    "phase: stance or swing of a stride; of a repetition lowering, rising, flight as the pelvis does, push-off: rising",
+    "phase: stance or swing of a stride; of a repetition lowering, rising, flight as the pelvis "
+    "does, push-off: rising",
     "before a flight, landing: lowering after one",
 )
 """Comment lines above the header."""
@@ -70,9 +97,11 @@ def write_cycles(
     earlier: pd.DataFrame | None = None,
     earlier_lines: Iterable[str] = (),
 ) -> Table:
-    """Write `cycle_table` with its comment lines, after the rows and the lines of `earlier` trials, as text.
+    """Write `cycle_table` with its comment lines, after the rows and the lines of `earlier` trials,
+    as text.
 
-    Returns the table that is written: columns by name, or a data frame where there are earlier rows.
+    Returns the table that is written: columns by name, or a data frame where there are earlier
+    rows.
     """
     refused = (f"{t.name}: {line}" for t in trials if t.joint is None for line in refused_lines(t))
     relative = () if relative_to is None else relative_header(relative_to)
@@ -80,25 +109,32 @@ def write_cycles(
     if earlier is not None and not earlier.empty:
         import pandas as pd
 
-        table = pd.concat([earlier, pd.DataFrame(table)], ignore_index=True) if len(table["value"]) else earlier
+        table = (
+            pd.concat([earlier, pd.DataFrame(table)], ignore_index=True)
+            if len(table["value"])
+            else earlier
+        )
     write_csv(table, path, (*earlier_lines, *refused, *CYCLE_HEADER, *relative))
     return table
 
 
 @with_one_blas_thread
 def cycles(calibration: Calibration) -> pd.DataFrame:
-    """Angles, moments and vertical ground reaction of every stride of a calibration's walks, 0 to 100 %, in long form.
+    """Angles, moments and vertical ground reaction of every stride of a calibration's walks, 0 to
+    100 %, in long form.
 
-    Columns as in `cycles.csv`: person, session, trial, side (`r`, `l`), stride (from 1), percent, variable (units:
-    `gaitcal/gait/cycles.py`), value, se, valid (1: may be used), se_stride (the part of se that differs from stride
-    to stride), turn (deg to the left over the stride), activity (`gait`, or the name of a trial of another activity,
-    whose repetitions these are), phase (`CYCLE_HEADER`). Pelvis angles are against each stride's line of progression.
+    Columns as in `cycles.csv`: person, session, trial, side (`r`, `l`), stride (from 1), percent,
+    variable (units: `gaitcal/gait/cycles.py`), value, se, valid (1: may be used), se_stride (the
+    part of se that differs from stride to stride), turn (deg to the left over the stride), activity
+    (`gait`, or the name of a trial of another activity, whose repetitions these are), phase
+    (`CYCLE_HEADER`). Pelvis angles are against each stride's line of progression.
     """
     return cycle_table(calibration.model, calibration.trials, calibration.relative_to)
 
 
 def read_cycles(path: Path | str) -> pd.DataFrame:
-    """The table of strides of a result: `cycles.csv`, or the folder that holds it; columns as of `gaitcal.cycles`.
+    """The table of strides of a result: `cycles.csv`, or the folder that holds it; columns as of
+    `gaitcal.cycles`.
 
     One that `gaitcal export` wrote has `unit` and `positive` beside them.
 
@@ -118,7 +154,9 @@ def read_cycles(path: Path | str) -> pd.DataFrame:
 
 
 def cycle_table(
-    model: SubjectModel, trials: Sequence[TrialResult], relative_to: Mapping[str, float] | None = None
+    model: SubjectModel,
+    trials: Sequence[TrialResult],
+    relative_to: Mapping[str, float] | None = None,
 ) -> pd.DataFrame:
     """`cycle_columns` as a data frame."""
     import pandas as pd
@@ -127,11 +165,15 @@ def cycle_table(
 
 
 def cycle_columns(
-    model: SubjectModel, trials: Sequence[TrialResult], relative_to: Mapping[str, float] | None = None
+    model: SubjectModel,
+    trials: Sequence[TrialResult],
+    relative_to: Mapping[str, float] | None = None,
 ) -> dict[str, Column]:
-    """Every variable of every complete stride of the gait trials, with `CYCLE_COLUMNS`; no row where there is none.
+    """Every variable of every complete stride of the gait trials, with `CYCLE_COLUMNS`; no row
+    where there is none.
 
-    `relative_to`: coordinate -> rad in the static posture, taken off the joint angles; None: they are anatomical.
+    `relative_to`: coordinate -> rad in the static posture, taken off the joint angles; None: they
+    are anatomical.
     """
     parts = []
     for trial in trials:
@@ -143,7 +185,9 @@ def cycle_columns(
                 for number, cycle in enumerate(cycles, start=1):
                     stride = measured.get(number)
                     of_stride = _against_line(trial, side, cycle, stride, shown)
-                    parts.append(_rows(model.subject, trial, side, number, cycle, of_stride, stride))
+                    parts.append(
+                        _rows(model.subject, trial, side, number, cycle, of_stride, stride)
+                    )
     return {name: _joined([part[name] for part in parts]) for name in CYCLE_COLUMNS}
 
 
@@ -154,7 +198,9 @@ def _joined(parts: Sequence[Column]) -> Column:
 
 
 def _shown(curves: Iterable[Curve], side: str) -> list[Curve]:
-    """Of the leg of one side, and of what belongs to neither; arms, residuals and the other forces are left out."""
+    """Of the leg of one side, and of what belongs to neither; arms, residuals and the other forces
+    are left out.
+    """
     return [
         c
         for c in curves
@@ -165,13 +211,30 @@ def _shown(curves: Iterable[Curve], side: str) -> list[Curve]:
 
 
 def _against_line(
-    trial: TrialResult, side: str, cycle: GaitCycle, stride: spatiotemporal.Stride | None, curves: Sequence[Curve]
+    trial: TrialResult,
+    side: str,
+    cycle: GaitCycle,
+    stride: spatiotemporal.Stride | None,
+    curves: Sequence[Curve],
 ) -> list[Curve]:
     """The curves of one stride: angles of the pelvis and the foot against its line of progression."""
     straight = stride is None or not turns(stride.turn)
-    turned = dict(zip(PELVIS_ANGLES, pelvis_in_stride(trial, pelvis_angles(trial.body), cycle, stride).T, strict=True))
-    turned |= {FOOT_PROGRESSION: foot} if (foot := foot_in_stride(trial, side, cycle, stride)) is not None else {}
-    return [replace(c, value=turned[c.base], valid=c.valid & straight) if c.variable in turned else c for c in curves]
+    turned = dict(
+        zip(
+            PELVIS_ANGLES,
+            pelvis_in_stride(trial, pelvis_angles(trial.body), cycle, stride).T,
+            strict=True,
+        )
+    )
+    turned |= (
+        {FOOT_PROGRESSION: foot}
+        if (foot := foot_in_stride(trial, side, cycle, stride)) is not None
+        else {}
+    )
+    return [
+        replace(c, value=turned[c.base], valid=c.valid & straight) if c.variable in turned else c
+        for c in curves
+    ]
 
 
 def _rows(
@@ -192,7 +255,9 @@ def _rows(
 
     unknown = np.full(len(time), np.nan)
     usable = laid([np.where(c.valid, 1.0, np.nan) for c in curves])
-    turn = np.nan if measured is None or measured.turn is None else round(measured.turn, TURN_DIGITS)
+    turn = (
+        np.nan if measured is None or measured.turn is None else round(measured.turn, TURN_DIGITS)
+    )
     return {
         "person": [subject.name] * rows,
         "session": [subject.session] * rows,
@@ -220,10 +285,11 @@ def _short(values: Array) -> Array:
 def cycles_to_xarray(strides: pd.DataFrame) -> Any:
     """A `xarray.Dataset` of strides as `gaitcal.cycles` and `gaitcal.read_cycles` give them.
 
-    Dimensions `trial`, `side`, `stride`, `percent`; `person` and `session`, too, where there are several. Data
-    variables `hip_flexion`, `hip_flexion_se` (standard error), `hip_flexion_valid` (1: may be used), with `units` as
-    attribute, and with `positive` (what a positive value means) where the table says it, as exports do; NaN where a
-    trial has no such stride. Without any stride it is empty.
+    Dimensions `trial`, `side`, `stride`, `percent`; `person` and `session`, too, where there are
+    several. Data variables `hip_flexion`, `hip_flexion_se` (standard error), `hip_flexion_valid`
+    (1: may be used), with `units` as attribute, and with `positive` (what a positive value means)
+    where the table says it, as exports do; NaN where a trial has no such stride. Without any stride
+    it is empty.
 
     Raises
     ------
@@ -235,17 +301,25 @@ def cycles_to_xarray(strides: pd.DataFrame) -> Any:
     try:
         import xarray
     except ImportError:
-        raise InputError("xarray is not installed; pip install xarray", code=Code.INSTALLATION) from None
+        raise InputError(
+            "xarray is not installed; pip install xarray", code=Code.INSTALLATION
+        ) from None
     if strides.empty:
         return xarray.Dataset()
     strides = typed(strides)
     ensemble.require_once(strides)
     conventions = conventions_of(strides)
-    several = [name for name in DIMENSIONS if name not in ("person", "session") or strides[name].nunique() > 1]
+    several = [
+        name
+        for name in DIMENSIONS
+        if name not in ("person", "session") or strides[name].nunique() > 1
+    ]
     wide = strides.set_index([*several, "variable"])[list(COLUMNS.values())].unstack("variable")
     columns: dict[str, pd.Series] = {}
     for variable in dict.fromkeys(strides["variable"]):
-        columns |= {f"{variable}{ending}": wide[column, variable] for ending, column in COLUMNS.items()}
+        columns |= {
+            f"{variable}{ending}": wide[column, variable] for ending, column in COLUMNS.items()
+        }
     dataset = xarray.Dataset.from_dataframe(pd.DataFrame(columns))
     for name in dataset.data_vars:
         variable = str(name).removesuffix("_se").removesuffix("_valid")

@@ -1,12 +1,13 @@
-"""The strides of a result in a convention of the user's choice: one table, each row with its unit and what is positive;
-and the manifest of the folder that exports lie in.
+"""The strides of a result in a convention of the user's choice: one table, each row with its unit
+and what is positive; and the manifest of the folder that exports lie in.
 
-Angles, powers, moments of the coordinates and which of them count are those of `cycles.csv`; moments in the frames of
-segments or of the joint coordinate system come from `moment_vectors/TRIAL.csv`, over the same strides.
+Angles, powers, moments of the coordinates and which of them count are those of `cycles.csv`;
+moments in the frames of segments or of the joint coordinate system come from
+`moment_vectors/TRIAL.csv`, over the same strides.
 
-A result does not say in which folder its study was, as it may be given away. Recordings are looked for beside it, in
-the folder of the command, where the study that was drafted for it has them, or where the user says; whatever is found
-must have the SHA-256 of what was read then.
+A result does not say in which folder its study was, as it may be given away. Recordings are looked
+for beside it, in the folder of the command, where the study that was drafted for it has them, or
+where the user says; whatever is found must have the SHA-256 of what was read then.
 """
 
 from collections.abc import Iterator, Mapping
@@ -36,8 +37,10 @@ MOMENT = Kind.MOMENT.ending
 NUMBERS = ("value", "se", "se_stride")
 """Columns that a convention changes; the second part of the error where the table has it."""
 HEADER = (
-    "strides of each foot, from its strike (0 %) to its next one (100 %), numbered from 1 in each trial and side",
-    "se: standard error, se_stride: the part of it that strides do not share, empty where unknown; valid: 1 where the",
+    "strides of each foot, from its strike (0 %) to its next one (100 %), numbered from 1 in each "
+    "trial and side",
+    "se: standard error, se_stride: the part of it that strides do not share, empty where unknown; "
+    "valid: 1 where the",
     "value may be used; as in cycles.csv of the result",
 )
 """Comment lines above the header, before those of the convention."""
@@ -56,7 +59,9 @@ class _Result:
     vectors: Mapping[str, pd.DataFrame]  # Trial -> table of moment vectors
 
 
-def strides_in_convention(strides: pd.DataFrame, convention: Convention, model: SubjectModel) -> pd.DataFrame:
+def strides_in_convention(
+    strides: pd.DataFrame, convention: Convention, model: SubjectModel
+) -> pd.DataFrame:
     """Strides, as `read_cycles` gives them, in another convention about the axes of coordinates."""
     return in_convention(_Result(model, strides, (), {}, {}), convention)
 
@@ -64,9 +69,11 @@ def strides_in_convention(strides: pd.DataFrame, convention: Convention, model: 
 def write_cycles_export(
     folder: Path, convention: Convention, target: Path, model: SubjectModel
 ) -> tuple[int, Snapshot]:
-    """Write the strides of the result in `folder` to `target`; returns how many rows, and what was read.
+    """Write the strides of the result in `folder` to `target`; returns how many rows, and what was
+    read.
 
-    `model`: of the result, or of that which further trials in `folder` (`gaitcal dynamics`) were made with.
+    `model`: of the result, or of that which further trials in `folder` (`gaitcal dynamics`) were
+    made with.
 
     Raises InputError: The result is damaged, or has no strides.
     """
@@ -79,7 +86,9 @@ def write_cycles_export(
 def _read_whole(folder: Path, frame: MomentFrame, model: SubjectModel) -> tuple[_Result, Snapshot]:
     names = [CYCLES, SUMMARY]
     if frame is not MomentFrame.COORDINATES:
-        names += sorted(path.relative_to(folder).as_posix() for path in (folder / VECTOR_FOLDER).glob("*.csv"))
+        names += sorted(
+            path.relative_to(folder).as_posix() for path in (folder / VECTOR_FOLDER).glob("*.csv")
+        )
     if not (folder / CYCLES).exists():
         raise InputError(f"has no {CYCLES}; calibrate again", source=folder, code=Code.NO_RESULT)
     return read_whole(folder, names, lambda: _read(folder, frame, model))
@@ -107,18 +116,24 @@ def _read(folder: Path, frame: MomentFrame, model: SubjectModel) -> _Result:
         )
         strides |= {(name, "r"): gait_cycles(right, left), (name, "l"): gait_cycles(left, right)}
         repeats = tuple(
-            GaitCycle(c["start"], c["stop"], None) for c in entries_of(table_of(trials, name), "repetitions")
+            GaitCycle(c["start"], c["stop"], None)
+            for c in entries_of(table_of(trials, name), "repetitions")
         )
         strides |= {(name, side): repeats for side in SIDES if repeats}
         of_trial = None if frame is MomentFrame.COORDINATES else read_vectors(folder, name)
         if of_trial is not None:
             vectors[name] = of_trial
         elif frame is not MomentFrame.COORDINATES and any(
-            variable.endswith(MOMENT) for variable in table["variable"][table["trial"] == name].unique()
+            variable.endswith(MOMENT)
+            for variable in table["variable"][table["trial"] == name].unique()
         ):
-            message = f"has no {VECTOR_FOLDER}/{name}.csv, which moments in this frame need; calibrate again"
+            message = (
+                f"has no {VECTOR_FOLDER}/{name}.csv, which moments in this frame need; calibrate "
+                "again"
+            )
             raise InputError(message, source=folder, code=Code.DAMAGED_RESULT)
-    # the head of cycles.csv says how trials stand, and OpenSim's convention, which is no longer true
+    # the head of cycles.csv says how trials stand, and OpenSim's convention, which is no longer
+    # true
     kept_starts = (*(f"{name}: {VERDICT}" for name, _ in strides), *RELATIVE)
     kept = tuple(line for line in comments if line.startswith(kept_starts))
     return _Result(model, table, kept, strides, vectors)
@@ -140,11 +155,17 @@ def in_convention(found: _Result, convention: Convention) -> pd.DataFrame:
 
 
 def _converted(
-    rows: pd.DataFrame, variable: str, side: str, convention: Convention, subject: Subject, numbers: list[str]
+    rows: pd.DataFrame,
+    variable: str,
+    side: str,
+    convention: Convention,
+    subject: Subject,
+    numbers: list[str],
 ) -> pd.DataFrame:
     """Rows of one variable of strides of one side."""
     changed = {
-        name: convention.values(variable, rows[name].to_numpy(dtype=np.float64), side, subject) for name in numbers
+        name: convention.values(variable, rows[name].to_numpy(dtype=np.float64), side, subject)
+        for name in numbers
     }
     changed |= {name: np.abs(values) for name, values in changed.items() if name != "value"}
     kind = kind_of(variable)
@@ -155,7 +176,9 @@ def _converted(
 
 
 def _vector_rows(found: _Result, frame: MomentFrame) -> list[pd.DataFrame]:
-    """Rows of the moments in a frame of segments or of the joint coordinate system, stride by stride."""
+    """Rows of the moments in a frame of segments or of the joint coordinate system, stride by
+    stride.
+    """
     parts = []
     for (trial, side), cycles in found.strides.items():
         table = found.vectors.get(trial)
@@ -173,9 +196,12 @@ def _vector_rows(found: _Result, frame: MomentFrame) -> list[pd.DataFrame]:
                 leg = leg_of(name)
                 column, counts = vector_column(name, frame), f"valid_{leg}" if leg else "valid"
                 usable = np.where(table[counts].to_numpy() == 1, 1.0, np.nan)
-                signals = (table.get(f"{column}{ending}", unknown) for ending in ("", "_se", "_se_stride"))
+                signals = (
+                    table.get(f"{column}{ending}", unknown) for ending in ("", "_se", "_se_stride")
+                )
                 value, error, differing, valid = (
-                    normalise(time, np.asarray(values, dtype=np.float64), cycle) for values in (*signals, usable)
+                    normalise(time, np.asarray(values, dtype=np.float64), cycle)
+                    for values in (*signals, usable)
                 )
                 parts.append(
                     told_of_stride.assign(
@@ -190,17 +216,21 @@ def _vector_rows(found: _Result, frame: MomentFrame) -> list[pd.DataFrame]:
 
 
 def write_export_manifest(
-    stage: Path, folder: Path, read: Mapping[str, str | None], subject: str, written: Mapping[str, Mapping[str, Json]]
+    stage: Path,
+    folder: Path,
+    read: Mapping[str, str | None],
+    subject: str,
+    written: Mapping[str, Mapping[str, Json]],
 ) -> None:
-    """Put a manifest into `stage` that lists its files and those of earlier exports that still lie in `folder`.
+    """Put a manifest into `stage` that lists its files and those of earlier exports that still lie
+    in `folder`.
 
     Parameters
     ----------
-    stage : holds the files that will join `folder`.
-    folder : may hold an earlier export, and a manifest of it; a manifest of another kind of result is left alone.
-    read : file of the result that these were made of -> SHA-256.
-    subject : the person's name.
-    written : file -> what is to be said of it: format, source, notes.
+    stage : holds the files that will join `folder`. folder : may hold an earlier export, and a
+    manifest of it; a manifest of another kind of result is left alone. read : file of the result
+    that these were made of -> SHA-256. subject : the person's name. written : file -> what is to be
+    said of it: format, source, notes.
 
     Raises InputError: The earlier manifest is damaged.
     """
@@ -210,8 +240,14 @@ def write_export_manifest(
     if "result" in earlier and not isinstance(earlier.get("written"), dict):
         message = "is damaged; move it away and export again"
         raise InputError(message, source=folder / result_folder.MANIFEST, code=Code.DAMAGED_RESULT)
-    hashes = {name: digest for name, digest in result_folder.listed(folder).items() if (folder / name).is_file()}
-    hashes |= {name: result_folder.sha256_of(stage / name) or "" for name in result_folder.files_of(stage)}
+    hashes = {
+        name: digest
+        for name, digest in result_folder.listed(folder).items()
+        if (folder / name).is_file()
+    }
+    hashes |= {
+        name: result_folder.sha256_of(stage / name) or "" for name in result_folder.files_of(stage)
+    }
     about = {
         **cast(dict[str, Json], earlier.get("written", {})),
         **{name: dict(words) for name, words in written.items()},
@@ -241,15 +277,19 @@ def trial_files(folder: Path) -> dict[str, dict[str, str]]:
     trials = result_folder.read_object(folder / result_folder.MANIFEST).get("trials")
     if not isinstance(trials, dict):
         message = "found no list of its trials' files; calibrate again"
-        raise InputError(message, source=folder / result_folder.MANIFEST, field="trials", code=Code.CHANGED_FILE)
+        raise InputError(
+            message, source=folder / result_folder.MANIFEST, field="trials", code=Code.CHANGED_FILE
+        )
     return {str(t): {str(k): str(v) for k, v in files.items()} for t, files in trials.items()}
 
 
 def find_original(folder: Path, name: str, inputs: Path | None) -> Path:
-    """The input `name` (as the manifest of the result in `folder` has it), unchanged since it was read.
+    """The input `name` (as the manifest of the result in `folder` has it), unchanged since it was
+    read.
 
-    `inputs`: where the user says that recordings lie; it and its subfolders are looked through. Else they are looked
-    for beside the result, in it, in the working folder, where its `study.toml` says, and in the folders there.
+    `inputs`: where the user says that recordings lie; it and its subfolders are looked through.
+    Else they are looked for beside the result, in it, in the working folder, where its `study.toml`
+    says, and in the folders there.
 
     Raises InputError: There is none, or it has changed.
     """
@@ -267,11 +307,17 @@ def find_original(folder: Path, name: str, inputs: Path | None) -> Path:
         raise InputError(message, source=changed, code=Code.CHANGED_FILE)
     where = inputs or folder.resolve().parent
     cure = "" if inputs else "; say with --inputs FOLDER where the recordings lie"
-    raise InputError(f"found no '{name}', which the result was made from{cure}", source=where, code=Code.CHANGED_FILE)
+    raise InputError(
+        f"found no '{name}', which the result was made from{cure}",
+        source=where,
+        code=Code.CHANGED_FILE,
+    )
 
 
 def _places(folder: Path, name: str, inputs: Path | None) -> Iterator[tuple[Path, bool]]:
-    """Where it may lie, and whether a file of that name there must be it: elsewhere others may share the name."""
+    """Where it may lie, and whether a file of that name there must be it: elsewhere others may
+    share the name.
+    """
     roots = [inputs] if inputs else [folder.resolve().parent, folder, Path.cwd()]
     last = PurePosixPath(name).name
     for root in roots:

@@ -14,8 +14,8 @@ from gaitcal.synthetic.synthetic_motion import synthetic_markers
 
 
 def our_trials(folder: Path) -> list[OurMotion]:
-    """Moving trials, as they are set beside another model's; isolated ones, in which one joint moves, only where there
-    are no others.
+    """Moving trials, as they are set beside another model's; isolated ones, in which one joint
+    moves, only where there are no others.
     """
     out = []
     entries = table_of(read_object(folder / SUMMARY), "trials")
@@ -28,9 +28,13 @@ def our_trials(folder: Path) -> list[OurMotion]:
         saved = load_trial(folder, k, name)
         q = saved.motion.basis.evaluate(saved.motion.coefficients)
         placed, labels = saved.model.markers, saved.markers.labels
-        compared = [m for m, label in enumerate(placed.labels) if label in labels and placed.weight[m] > 0]
+        compared = [
+            m for m, label in enumerate(placed.labels) if label in labels and placed.weight[m] > 0
+        ]
         modelled = synthetic_markers(saved.model.parameters, placed, q)[:, compared]
-        apart = saved.markers.markers[:, [labels.index(placed.labels[m]) for m in compared]] - modelled
+        apart = (
+            saved.markers.markers[:, [labels.index(placed.labels[m]) for m in compared]] - modelled
+        )
         missed = np.sqrt(np.nanmean(np.sum(apart**2, axis=2), axis=0))
         trial = OurMotion(
             name=name,

@@ -1,4 +1,6 @@
-"""A person's parameters in words: which were fitted, how far they moved, how sure they are, which could not be seen."""
+"""A person's parameters in words: which were fitted, how far they moved, how sure they are, which
+could not be seen.
+"""
 
 import math
 from collections.abc import Sequence
@@ -77,7 +79,9 @@ def joint_groups(calibration: Calibration) -> tuple[Group, ...]:
         of_joint = [row for row in rows if row.part == joint]
         shown = [row for row in of_joint if row.status != "fixed"]
         if shown:
-            groups.append(Group(moments.joint_words(joint), *_sides(shown), len(of_joint) - len(shown)))
+            groups.append(
+                Group(moments.joint_words(joint), *_sides(shown), len(of_joint) - len(shown))
+            )
     return tuple(groups)
 
 
@@ -96,7 +100,9 @@ def inertial_groups(calibration: Calibration) -> tuple[Group, ...]:
 
 def _sides(rows: list[Row]) -> tuple[tuple[Row, ...], tuple[Row, ...]]:
     """Those of the right side, or without a side, and those of the left."""
-    return tuple(row for row in rows if row.side != "l"), tuple(row for row in rows if row.side == "l")
+    return tuple(row for row in rows if row.side != "l"), tuple(
+        row for row in rows if row.side == "l"
+    )
 
 
 def fixed_joints(calibration: Calibration) -> str:
@@ -137,13 +143,23 @@ def _kept(calibration: Calibration, names: Sequence[str]) -> str:
     if near := prior_of_study(study.settings.joint_prior, study.joint_prior).held_near(names):
         return f"{'they stay' if several else 'it stays'} near {near}"
     if study.settings.decided_by is Protocol.EVIDENCE:
-        return "they stay near their nominal values" if several else "it stays near its nominal value"
+        return (
+            "they stay near their nominal values" if several else "it stays near its nominal value"
+        )
     return "they keep their nominal values" if several else "it keeps its nominal value"
 
 
 def range_of_motion(calibration: Calibration, joint: str) -> float | None:
-    """Degrees that the joint's most mobile coordinate moves, in the trial that moves it most; None if in no trial."""
-    names = [e.name for j in JOINTS if j.name == joint for e in j.elements if e.source is Source.COORDINATE]
+    """Degrees that the joint's most mobile coordinate moves, in the trial that moves it most; None
+    if in no trial.
+    """
+    names = [
+        e.name
+        for j in JOINTS
+        if j.name == joint
+        for e in j.elements
+        if e.source is Source.COORDINATE
+    ]
     best = None
     for trial in calibration.trials:
         motion = trial.calibrated
@@ -157,7 +173,9 @@ def range_of_motion(calibration: Calibration, joint: str) -> float | None:
 def counts(calibration: Calibration) -> tuple[int, int]:
     """How many joint parameters and how many independent inertial ones were fitted."""
     joint = sum(r.status in ("fitted", "at bound") for r in _rows(calibration, joints=True))
-    return joint, len(calibration.inertial.names) if calibration.inertial and calibration.inertial.moved else 0
+    return joint, len(
+        calibration.inertial.names
+    ) if calibration.inertial and calibration.inertial.moved else 0
 
 
 def counts_sentence(calibration: Calibration) -> str:
@@ -168,12 +186,16 @@ def counts_sentence(calibration: Calibration) -> str:
         parts.append(f"{moments.counted(joint, 'joint parameter')} (where the joints lie)")
     if inertial:
         alike = inertial < sum(r.status == "fitted" for r in _rows(calibration, joints=False))
-        what = "masses, mass centres, moments of inertia" + (", alike for right and left" if alike else "")
+        what = "masses, mass centres, moments of inertia" + (
+            ", alike for right and left" if alike else ""
+        )
         parts.append(f"{moments.counted(inertial, 'inertial parameter')} ({what})")
     kept = "All others keep their nominal values."
     study = calibration.study
     if calibration.unidentifiable and study.settings.decided_by is Protocol.EVIDENCE:
-        near = prior_of_study(study.settings.joint_prior, study.joint_prior).held_near(calibration.unidentifiable)
+        near = prior_of_study(study.settings.joint_prior, study.joint_prior).held_near(
+            calibration.unidentifiable
+        )
         kept = f"What these trials do not determine stays near {near or 'nominal values'}. {kept}"
     elif not parts:
         return "Nothing was fitted: all parameters keep their nominal values."

@@ -1,8 +1,10 @@
-"""The recordings of a result with angles, moments, powers, events and joint centres in them, as C3D files.
+"""The recordings of a result with angles, moments, powers, events and joint centres in them, as C3D
+files.
 
-A C3D recording keeps all that ezc3d can write (`io/c3d/writer.py`); what it cannot is reported. One of another format
-becomes a C3D of its markers and, where its forces can be laid on the markers' clock, its plates. Torques are there in
-the frames that count; of a trial that is refused there are none.
+A C3D recording keeps all that ezc3d can write (`io/c3d/writer.py`); what it cannot is reported. One
+of another format becomes a C3D of its markers and, where its forces can be laid on the markers'
+clock, its plates. Torques are there in the frames that count; of a trial that is refused there are
+none.
 """
 
 import itertools
@@ -19,7 +21,14 @@ from gaitcal.gait import event_clock, moments
 from gaitcal.io import formats, result_folder, segment_poses, toml
 from gaitcal.io.axes import Turn
 from gaitcal.io.c3d.reader import PER_METRE
-from gaitcal.io.c3d.writer import AddedPoint, C3DOriginal, PointKind, c3d_original, supplement_c3d, write_c3d
+from gaitcal.io.c3d.writer import (
+    AddedPoint,
+    C3DOriginal,
+    PointKind,
+    c3d_original,
+    supplement_c3d,
+    write_c3d,
+)
 from gaitcal.io.csv_recordings import EVENTS
 from gaitcal.io.labels import FootEvent
 from gaitcal.io.recording import Recording, seen_mask
@@ -32,24 +41,30 @@ from gaitcal.results.summary import SUMMARY
 PREFIX = "gc"  # Before our names where the file has points of such names already
 SINGLE = 2.0**-23  # Relative rounding of a 32-bit float
 SAME_TIME = 1e-6  # s
-SAME_PLACE = 1e-6  # m, between a marker of the file and of the result: both are the same number, turned by quarters
+# m, between a marker of the file and of the result: both are the same number, turned by quarters
+SAME_PLACE = 1e-6
 
 
 def write_recordings(
     folder: Path, inputs: Path | None, out: Path, *, instead: bool = False
 ) -> tuple[dict[str, tuple[str, str, tuple[str, ...]]], Snapshot]:
-    """Write a C3D file `TRIAL.c3d` for every moving trial of the result in `folder` into the folder `out`.
+    """Write a C3D file `TRIAL.c3d` for every moving trial of the result in `folder` into the folder
+    `out`.
 
     Returns trial -> input that it is a copy of, as the manifest names it, its SHA-256, and notes.
 
-    `inputs`: where the recordings lie, if not beside the result. `instead`: what another program computed under our
-    names makes room for ours; else ours have names of their own beside it.
+    `inputs`: where the recordings lie, if not beside the result. `instead`: what another program
+    computed under our names makes room for ours; else ours have names of their own beside it.
 
     Raises InputError: The result or a recording is damaged, missing or changed.
     """
     files = trial_files(folder)
     names = moving_trials(folder)
-    tables = [table for name in names for table in (f"markers/{name}.trc", f"moments/{name}.csv", f"forces/{name}.mot")]
+    tables = [
+        table
+        for name in names
+        for table in (f"markers/{name}.trc", f"moments/{name}.csv", f"forces/{name}.mot")
+    ]
     tables = [table for table in tables if (folder / table).exists()]
     saved, snapshot = read_whole(
         folder,
@@ -59,9 +74,17 @@ def write_recordings(
     written = {}
     for trial in saved:
         if "file" not in files.get(trial.name, {}):
-            raise InputError(f"trial '{trial.name}' was not made from a file", source=folder, code=Code.CHANGED_FILE)
-        paths = {kind: find_original(folder, name, inputs) for kind, name in files[trial.name].items()}
-        notes = _write(trial, paths, out / f"{trial.name}.c3d", out / f".{trial.name}.c3d", instead=instead)
+            raise InputError(
+                f"trial '{trial.name}' was not made from a file",
+                source=folder,
+                code=Code.CHANGED_FILE,
+            )
+        paths = {
+            kind: find_original(folder, name, inputs) for kind, name in files[trial.name].items()
+        }
+        notes = _write(
+            trial, paths, out / f"{trial.name}.c3d", out / f".{trial.name}.c3d", instead=instead
+        )
         source = files[trial.name]["file"]
         written[trial.name] = source, result_folder.sha256_of(paths["file"]) or "", notes
     return written, snapshot
@@ -70,12 +93,17 @@ def write_recordings(
 def _write(
     trial: SavedWalk, paths: Mapping[str, Path], target: Path, between: Path, *, instead: bool
 ) -> tuple[str, ...]:
-    """Write the C3D of one trial; `between` is a path for a file that is removed again. Returns what to tell."""
+    """Write the C3D of one trial; `between` is a path for a file that is removed again. Returns
+    what to tell.
+    """
     recording = formats.read_recording(paths["file"], forces=paths.get("forces"))
     notes: tuple[str, ...] = ()
     made = segment_poses.holds_poses(recording.labels)
     if made and paths["file"].suffix.lower() == ".c3d":
-        notes = ("written anew: without poses and events of the file, with the points that stand for its body",)
+        notes = (
+            "written anew: without poses and events of the file, with the points that stand for "
+            "its body",
+        )
     if paths["file"].suffix.lower() == ".c3d" and not made:
         source, same = paths["file"], formats.read_recording(paths["file"])
     else:
@@ -108,12 +136,17 @@ def _write(
         notes += (f"the file has points of such names; ours begin with {named}{hint}",)
     if gone := [point.name for point in points if point.name in original.labels]:
         rest = "what else it holds of another program's, also in other frames, is not ours"
-        notes += (f"{moments.counted(len(gone), 'point')} of the file replaced ({', '.join(gone)}); {rest}",)
+        notes += (
+            f"{moments.counted(len(gone), 'point')} of the file replaced ({', '.join(gone)}); "
+            f"{rest}",
+        )
     return (*_said(trial, points), *notes, *event_notes)
 
 
 def _as_c3d(recording: Recording, target: Path) -> tuple[str, ...]:
-    """Write markers and plates of a recording that was no C3D; the plates are left out where a C3D cannot hold them."""
+    """Write markers and plates of a recording that was no C3D; the plates are left out where a C3D
+    cannot hold them.
+    """
     filled, notes = _whole_frames(recording)
     try:
         write_c3d(target, filled)
@@ -127,7 +160,9 @@ def _as_c3d(recording: Recording, target: Path) -> tuple[str, ...]:
 
 
 def _whole_frames(recording: Recording) -> tuple[Recording, tuple[str, ...]]:
-    """Plates that end with the last frame go on for the rest of it: a C3D has as many samples in every frame."""
+    """Plates that end with the last frame go on for the rest of it: a C3D has as many samples in
+    every frame.
+    """
     frames = len(recording.time)
     plates, longest = [], 0
     for plate in recording.plates:
@@ -163,9 +198,11 @@ def _rows(file: Array, trial: Array, source: Path) -> IntArray:
 
 
 def _turn_to_file(markers: Recording, places: Array, source: Path) -> Turn:
-    """The turn by quarters from the result's axes to those of the file, of which `places` (nf, np, 3) m are the points.
+    """The turn by quarters from the result's axes to those of the file, of which `places` (nf, np,
+    3) m are the points.
 
-    Told by the markers themselves: each has the same numbers in both, in another order and with other signs.
+    Told by the markers themselves: each has the same numbers in both, in another order and with
+    other signs.
     """
     visible = seen_mask(markers.markers)
     frames = np.flatnonzero(visible.sum(axis=1) >= min(3, visible.sum(axis=1).max()))
@@ -177,9 +214,13 @@ def _turn_to_file(markers: Recording, places: Array, source: Path) -> Turn:
             if np.linalg.det(matrix) < 0:
                 continue
             turn = Turn((order[0], order[1], order[2]), (signs[0], signs[1], signs[2]))
-            if len(frames) and all(_found(turn.apply(markers.markers[i, visible[i]]), places[i]) for i in frames):
+            if len(frames) and all(
+                _found(turn.apply(markers.markers[i, visible[i]]), places[i]) for i in frames
+            ):
                 return turn
-    raise InputError("its markers are not those of the result", source=source, code=Code.CHANGED_FILE)
+    raise InputError(
+        "its markers are not those of the result", source=source, code=Code.CHANGED_FILE
+    )
 
 
 def _found(wanted: Array, among: Array) -> bool:
@@ -189,9 +230,16 @@ def _found(wanted: Array, among: Array) -> bool:
 
 
 def _points(
-    trial: SavedWalk, original: C3DOriginal, rows: IntArray, turn: Turn, per_metre: float, kept: set[str]
+    trial: SavedWalk,
+    original: C3DOriginal,
+    rows: IntArray,
+    turn: Turn,
+    per_metre: float,
+    kept: set[str],
 ) -> tuple[list[AddedPoint], str]:
-    """Our points in every frame, axes and units of the file; and the start of their names, so that none is `kept`."""
+    """Our points in every frame, axes and units of the file; and the start of their names, so that
+    none is `kept`.
+    """
     motion = SavedMotion(
         q=trial.motion.q,
         velocity=trial.motion.velocity,
@@ -218,16 +266,25 @@ def _points(
     return out, start
 
 
-def _new_events(trial: SavedWalk, recording: Recording, *, corrected: bool) -> tuple[list[FootEvent], tuple[str, ...]]:
-    """Events of a walk that the file does not tell itself, in order of time; none where they contradict the file's."""
+def _new_events(
+    trial: SavedWalk, recording: Recording, *, corrected: bool
+) -> tuple[list[FootEvent], tuple[str, ...]]:
+    """Events of a walk that the file does not tell itself, in order of time; none where they
+    contradict the file's.
+    """
     if not trial.events:
         return [], ()
     if corrected and recording.events:
-        return [], (f"{len(recording.events)} events of the file kept; those that were corrected stand in {EVENTS}",)
+        return [], (
+            f"{len(recording.events)} events of the file kept; those that were corrected stand in "
+            f"{EVENTS}",
+        )
 
     def known(event: FootEvent) -> bool:
         return any(
-            e.side == event.side and e.moment is event.moment and abs(e.time - event.time) < event_clock.SAME_EVENT
+            e.side == event.side
+            and e.moment is event.moment
+            and abs(e.time - event.time) < event_clock.SAME_EVENT
             for e in recording.events
         )
 
@@ -242,7 +299,9 @@ def _require_same(old: Recording, new: Recording, target: Path, *, exact: bool) 
     if same:
         rounding = 0.0 if exact else SINGLE
         same = np.allclose(old.markers, new.markers, rtol=rounding, atol=0.0, equal_nan=True)
-    same = same and all(np.array_equal(a.wrench(), b.wrench()) for a, b in zip(old.plates, new.plates, strict=True))
+    same = same and all(
+        np.array_equal(a.wrench(), b.wrench()) for a, b in zip(old.plates, new.plates, strict=True)
+    )
     if not (same and set(old.events) <= set(new.events)):
         message = "reads back with other markers, plates or events; please report it"
         raise InputError(message, source=target, code=Code.INTERNAL)
@@ -266,5 +325,8 @@ def _said(trial: SavedWalk, points: list[AddedPoint]) -> tuple[str, ...]:
         return (*said, "the trial is refused: no moments and no powers")
     if trial.torques is None:
         return (*said, "no force plates, so no moments and no powers")
-    shares = ", ".join(f"{word} leg {100 * trial.valid[s].mean():.0f} %" for s, word in (("r", "right"), ("l", "left")))
+    shares = ", ".join(
+        f"{word} leg {100 * trial.valid[s].mean():.0f} %"
+        for s, word in (("r", "right"), ("l", "left"))
+    )
     return (*said, f"moments and powers in the frames that count: {shares}")

@@ -1,5 +1,5 @@
-"""A result folder of `gaitcal calibrate` read back: the person for further trials (model, labels, settings,
-uncertainty), and single moving trials for other programs.
+"""A result folder of `gaitcal calibrate` read back: the person for further trials (model, labels,
+settings, uncertainty), and single moving trials for other programs.
 """
 
 from collections.abc import Mapping, Sequence
@@ -57,7 +57,9 @@ def load_result(folder: Path) -> SavedResult:
     Raises InputError: It is none, or one of its files is damaged, missing, or cannot be read.
     """
     editable = (MODEL, MARKER_SET)
-    saved, files = read_whole(folder, (*editable, UNCERTAINTY, SUMMARY), lambda: _read(folder), editable)
+    saved, files = read_whole(
+        folder, (*editable, UNCERTAINTY, SUMMARY), lambda: _read(folder), editable
+    )
     return replace(saved, files=files)
 
 
@@ -114,7 +116,9 @@ def _static_angles(summary: Mapping[str, object], folder: Path) -> dict[str, flo
 
 
 def save_uncertainty(uncertainty: Uncertainty, path: Path) -> None:
-    """What further trials need: influences on the joint parameters, spread of the inertial, the artefact found."""
+    """What further trials need: influences on the joint parameters, spread of the inertial, the
+    artefact found.
+    """
     arrays: dict[str, np.ndarray] = {}
     if uncertainty.joint is not None:
         arrays["joint_free"] = np.array(uncertainty.joint.free, dtype=str)
@@ -122,8 +126,14 @@ def save_uncertainty(uncertainty: Uncertainty, path: Path) -> None:
         arrays["joint"] = uncertainty.joint.parameters
     if uncertainty.inertial is not None:
         arrays["inertial"] = uncertainty.inertial
-    for name, values in (("tissue", uncertainty.tissue.values), ("softness", uncertainty.tissue.softness)):
-        arrays[f"{name}_names"], arrays[name] = np.array(list(values), dtype=str), np.array(list(values.values()))
+    for name, values in (
+        ("tissue", uncertainty.tissue.values),
+        ("softness", uncertainty.tissue.softness),
+    ):
+        arrays[f"{name}_names"], arrays[name] = (
+            np.array(list(values), dtype=str),
+            np.array(list(values.values())),
+        )
     units = uncertainty.tissue.units
     arrays["unit_names"] = np.array(list(units), dtype=str)
     arrays["units"] = np.array([[unit.size, unit.bend] for unit in units.values()]).reshape(-1, 2)
@@ -137,7 +147,9 @@ def load_uncertainty(path: Path) -> Uncertainty:
             joint = None
             if "joint" in stored:
                 names = tuple(str(n) for n in stored["joint_free"])
-                joint = ErrorSources(names, stored["joint"], tuple(str(c) for c in stored["joint_clusters"]))
+                joint = ErrorSources(
+                    names, stored["joint"], tuple(str(c) for c in stored["joint_clusters"])
+                )
             found = FoundTissue()  # of results that were tracked with markers in their places
             if "tissue" in stored:
                 values, softness = (
@@ -146,12 +158,15 @@ def load_uncertainty(path: Path) -> Uncertainty:
                 )
                 names_of_units = map(str, stored["unit_names"])
                 units = {
-                    name: AngleUnit(*unit) for name, unit in zip(names_of_units, stored["units"].tolist(), strict=True)
+                    name: AngleUnit(*unit)
+                    for name, unit in zip(names_of_units, stored["units"].tolist(), strict=True)
                 }
                 found = FoundTissue(values, softness, units)
             return Uncertainty(joint, stored.get("inertial"), found)
     except (OSError, ValueError, KeyError, EOFError, BadZipFile) as error:
-        raise InputError(f"cannot be read: {error}", source=path, code=Code.DAMAGED_RESULT) from None
+        raise InputError(
+            f"cannot be read: {error}", source=path, code=Code.DAMAGED_RESULT
+        ) from None
 
 
 SPLINES = "splines.npz"
@@ -166,9 +181,13 @@ class SavedWalk:
     motion: Motion
     markers: Recording  # As it was tracked: y up, x forward
     torques: Mapping[str, Array] | None
-    """Coordinate or knee reaction -> (nf,) N·m; None without force plates, or where the trial is refused."""
+    """Coordinate or knee reaction -> (nf,) N·m; None without force plates, or where the trial is
+    refused.
+    """
     valid: Mapping[str, BoolArray]  # Side -> (nf,) frames whose torques count
-    reactions: Mapping[str, Array]  # Side -> (nf, 3) N on its foot, laboratory's axes; none without force plates
+    reactions: Mapping[
+        str, Array
+    ]  # Side -> (nf, 3) N on its foot, laboratory's axes; none without force plates
     facts: Mapping[str, str]  # Verdict and the like, of the summary
     reasons: tuple[str, ...]  # Of the verdict, as far as they concern the trial
     events: tuple[FootEvent, ...]  # Of a walk, in order of time; those of the file too
@@ -185,8 +204,8 @@ def moving_trials(folder: Path) -> list[str]:
 
 
 def recorded_coordinates(folder: Path) -> dict[str, Array]:
-    """Coordinate -> its values (m, rad) in the frames of the moving trials in which it moves: over half of its largest
-    range in any of them.
+    """Coordinate -> its values (m, rad) in the frames of the moving trials in which it moves: over
+    half of its largest range in any of them.
     """
     found = []
     for k, _ in enumerate(moving_trials(folder)):
@@ -201,13 +220,17 @@ def where_they_move(motions: Sequence[Array]) -> dict[str, Array]:
     ranges = np.array([np.ptp(q, axis=0) for q in motions])
     moves = ranges >= 0.5 * ranges.max(axis=0)
     return {
-        name: np.concatenate([q[:, k] for q, moved in zip(motions, moves[:, k], strict=True) if moved])
+        name: np.concatenate(
+            [q[:, k] for q, moved in zip(motions, moves[:, k], strict=True) if moved]
+        )
         for k, name in enumerate(COORDINATES)
     }
 
 
 def load_trial(folder: Path, k: int, name: str) -> SavedWalk:
-    """The trial `name`, the `k`-th of `moving_trials`; the caller sees to it that files are whole (`read_whole`)."""
+    """The trial `name`, the `k`-th of `moving_trials`; the caller sees to it that files are whole
+    (`read_whole`).
+    """
     model = load_model(folder / MODEL)
     with np.load(folder / SPLINES, allow_pickle=False) as stored:
         time, coefficients = np.array(stored[f"time_{k}"]), np.array(stored[f"nodes_{k}"])
@@ -247,7 +270,9 @@ def saved_events(of_trial: Mapping[str, object]) -> tuple[FootEvent, ...]:
     return tuple(
         FootEvent(known[e["event"]], e["side"], float(e["time"]))
         for e in entries_of(of_trial, "events")
-        if e.get("event") in known and e.get("side") in SIDES and isinstance(e.get("time"), int | float)
+        if e.get("event") in known
+        and e.get("side") in SIDES
+        and isinstance(e.get("time"), int | float)
     )
 
 
@@ -255,27 +280,38 @@ def _reactions(path: Path) -> dict[str, Array]:
     if not path.exists():
         return {}
     table = read_table(path)
-    return {s: np.stack([table.column(f"ground_force_{s}_v{axis}") for axis in "xyz"], axis=1) for s in SIDES}
+    return {
+        s: np.stack([table.column(f"ground_force_{s}_v{axis}") for axis in "xyz"], axis=1)
+        for s in SIDES
+    }
 
 
 def _torques(path: Path, frames: int) -> tuple[Mapping[str, Array] | None, Mapping[str, BoolArray]]:
-    """Torques of a trial (N·m) and the frames in which they count, by side; None without force plates."""
+    """Torques of a trial (N·m) and the frames in which they count, by side; None without force
+    plates.
+    """
     if not path.exists():
         return None, {side: np.zeros(frames, dtype=bool) for side in SIDES}
     import pandas as pd
 
     table = pd.read_csv(path, comment="#")
     names = [name for name in (*COORDINATES, *REACTIONS) if not is_translation(name)]
-    valid = {s: table[f"valid_{s}" if f"valid_{s}" in table else "valid"].to_numpy() == 1 for s in SIDES}
+    valid = {
+        s: table[f"valid_{s}" if f"valid_{s}" in table else "valid"].to_numpy() == 1 for s in SIDES
+    }
     return {name: table[name].to_numpy(dtype=np.float64) for name in names if name in table}, valid
 
 
 def _reasons(summary: Mapping[str, object], trial: str) -> tuple[str, ...]:
-    concern = [e for e in entries_of(summary, "reasons") if not e.get("trials") or trial in e["trials"]]
+    concern = [
+        e for e in entries_of(summary, "reasons") if not e.get("trials") or trial in e["trials"]
+    ]
     return tuple(f"{entry.get('cause')}: {entry.get('evidence')}" for entry in concern)
 
 
 def other_model(folder: Path, trials: list[str], digest: str | None) -> tuple[str, ...]:
-    """Those of these trials in a folder of further trials that were made with another model than that of `digest`."""
+    """Those of these trials in a folder of further trials that were made with another model than
+    that of `digest`.
+    """
     digests = table_of(read_object(folder / MANIFEST), "model_sha256")
     return tuple(name for name in trials if digests.get(name) != digest)

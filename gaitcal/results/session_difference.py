@@ -1,48 +1,53 @@
-"""One difference between two sessions: its standard error, the least that the recordings could not have missed, its
-words, and the tables of all.
+"""One difference between two sessions: its standard error, the least that the recordings could not
+have missed, its words, and the tables of all.
 
 Of a figure with the mean m_s over the n_s strides of session s, d = m_B - m_A,
 
     se^2 = t^2 v (1 / n_A + 1 / n_B) + c^2,        mdc95 = 1.96 se.
 
-v is the variance between strides, pooled (Student's two-sample test): of this figure in both sessions and, where these
-give fewer than `LEAST_FREEDOM` degrees of freedom, in both legs; t widens it for being known from few strides, by the
-97.5 % point of Student's distribution against that of the normal one. Measurement error of the single stride is in v.
-c is what the errors c_A, c_B that all strides of a session share leave in the difference:
+v is the variance between strides, pooled (Student's two-sample test): of this figure in both
+sessions and, where these give fewer than `LEAST_FREEDOM` degrees of freedom, in both legs; t widens
+it for being known from few strides, by the 97.5 % point of Student's distribution against that of
+the normal one. Measurement error of the single stride is in v. c is what the errors c_A, c_B that
+all strides of a session share leave in the difference:
 
     one model            c = |c_A - c_B|                      one error, and as large as the posture makes it in each
     one static trial     c^2 = (f_A - f_B)^2 + (c_A^2 - f_A^2) + (c_B^2 - f_B^2),     f: axes and masses
     a static trial each  c^2 = c_A^2 + c_B^2
 
-Errors of the joint parameters that two calibrations on one static trial share through its nominal joints, and of the
-same force plates, are taken as independent here: c is then rather too large. How a person walks differently on another
-day is no error of a recording, and in none of these figures: two sessions do not tell it.
+Errors of the joint parameters that two calibrations on one static trial share through its nominal
+joints, and of the same force plates, are taken as independent here: c is then rather too large. How
+a person walks differently on another day is no error of a recording, and in none of these figures:
+two sessions do not tell it.
 
-Joint parameters of two sessions stand each in its own segment frames. Errors of a calibration come by source
-(`calibration/joint_estimate.py`): columns M of the markers of its trials, N of the nominal joints, Z of the skin.
-Markers of different recordings are independent. On one static trial the nominal joints are wrong by the same in both,
-and markers sit on the same skin, so that columns meet by name:
+Joint parameters of two sessions stand each in its own segment frames. Errors of a calibration come
+by source (`calibration/joint_estimate.py`): columns M of the markers of its trials, N of the
+nominal joints, Z of the skin. Markers of different recordings are independent. On one static trial
+the nominal joints are wrong by the same in both, and markers sit on the same skin, so that columns
+meet by name:
 
     se^2 = |M_A|^2 + |M_B|^2 + |N_B - N_A|^2 + |Z_B - Z_A|^2.
 
-With a static trial each, of the deviation d of joints from their nominal values (covariance P0 = F F^T of causes, to
-which the columns of N belong; `calibration/joint_prior.py`) a part is the person's own, the same in both, and a part Q
-comes from where the markers were put this time: p^2 in both views of a bone end, whose nominal place is one point of
-the laboratory. The latter turns and shifts the segment frames, in which the joints are told, too: it counts in full,
-once for each session,
+With a static trial each, of the deviation d of joints from their nominal values (covariance P0 = F
+F^T of causes, to which the columns of N belong; `calibration/joint_prior.py`) a part is the
+person's own, the same in both, and a part Q comes from where the markers were put this time: p^2 in
+both views of a bone end, whose nominal place is one point of the laboratory. The latter turns and
+shifts the segment frames, in which the joints are told, too: it counts in full, once for each
+session,
 
     se^2 = |M_A|^2 + |M_B|^2 + |N_B R_B - N_A R_A|^2 + |Z_A|^2 + |Z_B|^2 + 2 p^2,      R R^T = 1 - F^-1 Q F^-T,
 
-which is diagonal by anatomy: 1 - p^2 / sigma^2 of a bone end's place, 1 of how far apart its two views are. p by
-`placement`: 6 mm of a position along each axis (palpated landmarks scatter by 10 mm, Della Croce et al. 2005), and of
-an orientation what landmarks turn the segment by (`dynamics/measurement_errors.py`). A talus has no landmarks: the
-angle between its axes is nominally that between axes of shank and foot, and as wrong as both.
+which is diagonal by anatomy: 1 - p^2 / sigma^2 of a bone end's place, 1 of how far apart its two
+views are. p by `placement`: 6 mm of a position along each axis (palpated landmarks scatter by 10
+mm, Della Croce et al. 2005), and of an orientation what landmarks turn the segment by
+(`dynamics/measurement_errors.py`). A talus has no landmarks: the angle between its axes is
+nominally that between axes of shank and foot, and as wrong as both.
 
-Markers are independent in this; on skin that moves alike in two walks they are not, and bars are then rather too wide:
-walk against walk of one person scatters by 0.4 of them. Between walks of two kinds they are a little too narrow by what
-skin does that no marker shows: straight walks against turns of four children, with two markers on each thigh, have 75 %
-inside bars of 68, 93 inside those of 95 (68 and 87 while those thighs were taken to be still,
-`python -m scripts.validation people`).
+Markers are independent in this; on skin that moves alike in two walks they are not, and bars are
+then rather too wide: walk against walk of one person scatters by 0.4 of them. Between walks of two
+kinds they are a little too narrow by what skin does that no marker shows: straight walks against
+turns of four children, with two markers on each thigh, have 75 % inside bars of 68, 93 inside those
+of 95 (68 and 87 while those thighs were taken to be still, `python -m scripts.validation people`).
 """
 
 from collections.abc import Iterable, Iterator, Sequence
@@ -80,9 +85,13 @@ class Spread:
 def pooled(groups: Sequence[Array]) -> Spread:
     """Of strides in groups (n, m), each about its own mean."""
     squares = np.array([np.nansum((group - mean_over(group)) ** 2, axis=0) for group in groups])
-    freedom = np.array([np.maximum(np.isfinite(group).sum(axis=0) - 1, 0) for group in groups]).sum(axis=0)
+    freedom = np.array([np.maximum(np.isfinite(group).sum(axis=0) - 1, 0) for group in groups]).sum(
+        axis=0
+    )
     with np.errstate(invalid="ignore", divide="ignore"):
-        return Spread(variance=np.where(freedom > 0, squares.sum(axis=0) / freedom, np.nan), freedom=freedom)
+        return Spread(
+            variance=np.where(freedom > 0, squares.sum(axis=0) / freedom, np.nan), freedom=freedom
+        )
 
 
 def spread_of(here: Sequence[Array], other_leg: Sequence[Array]) -> Spread:
@@ -93,20 +102,27 @@ def spread_of(here: Sequence[Array], other_leg: Sequence[Array]) -> Spread:
     both = pooled([*here, *other_leg])
     few = alone.freedom < LEAST_FREEDOM
     return Spread(
-        variance=np.where(few, both.variance, alone.variance), freedom=np.where(few, both.freedom, alone.freedom)
+        variance=np.where(few, both.variance, alone.variance),
+        freedom=np.where(few, both.freedom, alone.freedom),
     )
 
 
 def stride_part(spread: Spread, n_a: Array, n_b: Array) -> Array:
-    """(m,) variance of the difference of two means by strides; NaN where nothing tells how they vary."""
-    factor = np.where(spread.freedom > 0, stdtrit(np.maximum(spread.freedom, 1), 0.975) / MDC, np.nan)
+    """(m,) variance of the difference of two means by strides; NaN where nothing tells how they
+    vary.
+    """
+    factor = np.where(
+        spread.freedom > 0, stdtrit(np.maximum(spread.freedom, 1), 0.975) / MDC, np.nan
+    )
     both = (n_a > 0) & (n_b > 0)
     each = np.where(both, 1.0 / np.maximum(n_a, 1) + 1.0 / np.maximum(n_b, 1), np.nan)
     out: Array = factor**2 * spread.variance * each
     return out
 
 
-def shared_variance(common: Common, shared: tuple[Array, Array], frames: tuple[Array, Array]) -> Array:
+def shared_variance(
+    common: Common, shared: tuple[Array, Array], frames: tuple[Array, Array]
+) -> Array:
     """c^2 of errors (m,) that all strides of session A and of session B share."""
     a, b = shared
     if common is Common.MODEL:
@@ -124,11 +140,14 @@ class Difference:
     kind: str  # angle, moment, power, force, spatiotemporal, joint position, joint orientation
     side: str  # `r`, `l`; empty for what belongs to neither leg
     name: str  # Variable of `cycles.csv` or `spatiotemporal.csv`, or joint parameter
-    measure: str  # Which figure of a curve: `highest in swing`; `mean` of a measure of strides; empty for a parameter
+    # Which figure of a curve: `highest in swing`; `mean` of a measure of strides; empty for a
+    # parameter
+    measure: str
     unit: str
     a: float
     b: float
-    se_strides: float  # Standard error by how strides differ; NaN where nothing tells it, 0 where it has no part
+    # Standard error by how strides differ; NaN where nothing tells it, 0 where it has no part
+    se_strides: float
     se_shared: float  # By errors that all strides of a session share, as far as they do not cancel
     strides_a: int
     strides_b: int
@@ -163,25 +182,46 @@ class Difference:
 
     @property
     def beyond_legs(self) -> bool:
-        """Whether it is a joint parameter of trunk or arms, whose error bars know nothing of a spine that bends."""
+        """Whether it is a joint parameter of trunk or arms, whose error bars know nothing of a
+        spine that bends.
+        """
         return self.kind.startswith("joint") and not self.name.startswith(LEG_JOINTS)
 
     @property
     def exceeds(self) -> bool:
-        """Whether it is more than the recordings could miss; never where nobody knows how strides vary."""
+        """Whether it is more than the recordings could miss; never where nobody knows how strides
+        vary.
+        """
         return self.spread_known and self.times > 1.0
 
 
 COLUMNS = (
-    *("kind", "side", "name", "measure", "unit", "a", "b", "difference", "se", "mdc95", "times", "exceeds"),
+    *(
+        "kind",
+        "side",
+        "name",
+        "measure",
+        "unit",
+        "a",
+        "b",
+        "difference",
+        "se",
+        "mdc95",
+        "times",
+        "exceeds",
+    ),
     *("se_strides", "se_shared", "strides_a", "strides_b"),
 )
 DIFFERENCES_HEADER = (
-    "differences between two sessions of one person, b - a; the largest against what could be missed come first",
-    "se: standard error of the difference, by how strides vary (se_strides; Student's t for few strides; empty where",
-    "each session has one stride: such a difference never counts as exceeding) and by errors that all strides of a",
+    "differences between two sessions of one person, b - a; the largest against what could be "
+    "missed come first",
+    "se: standard error of the difference, by how strides vary (se_strides; Student's t for few "
+    "strides; empty where",
+    "each session has one stride: such a difference never counts as exceeding) and by errors that "
+    "all strides of a",
     "session share, as far as they are not the same in both sessions (se_shared)",
-    "mdc95: minimal detectable change, 1.96 se; times: |difference| / mdc95; exceeds: 1 where that is above 1",
+    "mdc95: minimal detectable change, 1.96 se; times: |difference| / mdc95; exceeds: 1 where that "
+    "is above 1",
     "joint parameters: each session's in its own segment frames, which new markers place anew",
 )
 """Comment lines of `differences.csv`."""
@@ -189,9 +229,19 @@ DIGITS = 6
 
 
 def ranked(differences: Iterable[Difference]) -> tuple[Difference, ...]:
-    """Those that exceed first, of the legs and of curves before trunk and arms; what nobody can judge last."""
+    """Those that exceed first, of the legs and of curves before trunk and arms; what nobody can
+    judge last.
+    """
     return tuple(
-        sorted(differences, key=lambda d: (not d.exceeds or d.beyond_legs, not d.exceeds, not d.spread_known, -d.times))
+        sorted(
+            differences,
+            key=lambda d: (
+                not d.exceeds or d.beyond_legs,
+                not d.exceeds,
+                not d.spread_known,
+                -d.times,
+            ),
+        )
     )
 
 
@@ -204,12 +254,18 @@ def difference_table(differences: Iterable[Difference]) -> pd.DataFrame:
 
 
 TOLD = 12  # Variables that are told in words; the table has all
-BY_CHANCE = 0.05  # Of differences that are none, the part that exceeds a minimal detectable change of 95 %
+BY_CHANCE = (
+    0.05  # Of differences that are none, the part that exceeds a minimal detectable change of 95 %
+)
 _PARAMETERS = ("joint position", "joint orientation")
 
 
-def lines_of(names: tuple[str, str], common: Common, found: Sequence[Difference]) -> tuple[str, ...]:
-    """What differs, largest first: a sentence for each variable with the figure that is furthest beyond its error."""
+def lines_of(
+    names: tuple[str, str], common: Common, found: Sequence[Difference]
+) -> tuple[str, ...]:
+    """What differs, largest first: a sentence for each variable with the figure that is furthest
+    beyond its error.
+    """
     judged = [d for d in found if d.spread_known]
     legs = [d for d in judged if not d.beyond_legs]
     beyond = [d for d in legs if d.exceeds]
@@ -217,13 +273,17 @@ def lines_of(names: tuple[str, str], common: Common, found: Sequence[Difference]
     if not found:
         return (*lines, "nothing that both have can be compared")
     lines.append(
-        f"{len(beyond)} of {counted(len(legs), 'difference')} exceed what these recordings could miss (95 %); "
+        f"{len(beyond)} of {counted(len(legs), 'difference')} exceed what these recordings could "
+        "miss (95 %); "
         f"were none real, about {BY_CHANCE * len(legs):.0f} would"
     )
     told: dict[tuple[str, str], Difference] = {}
     swings = {(d.side, d.name) for d in beyond if d.name.startswith("swing")}
     for d in beyond:
-        other_leg = SIDES[d.side == SIDES[0]], d.name.replace("single_support", "swing")  # which swings meanwhile
+        other_leg = (
+            SIDES[d.side == SIDES[0]],
+            d.name.replace("single_support", "swing"),
+        )  # which swings meanwhile
         if not d.name.startswith("single_support") or other_leg not in swings:
             told.setdefault((d.side, d.name), d)
     lines += [f"{sentence(d)}{_others(d, beyond)}" for d in list(told.values())[:TOLD]]
@@ -231,7 +291,8 @@ def lines_of(names: tuple[str, str], common: Common, found: Sequence[Difference]
         lines.append(f"and {len(told) - TOLD} more variables: differences.csv")
     if upper := sum(d.exceeds and d.beyond_legs for d in judged):
         lines.append(
-            f"{counted(upper, 'joint parameter')} of trunk and arms besides, whose error bars know nothing of a spine "
+            f"{counted(upper, 'joint parameter')} of trunk and arms besides, whose error bars know "
+            "nothing of a spine "
             "that bends and shoulders that slide: differences.csv"
         )
     if unknown := len(found) - len(judged):
@@ -241,25 +302,37 @@ def lines_of(names: tuple[str, str], common: Common, found: Sequence[Difference]
 
 
 def _told(d: Difference) -> Difference:
-    """A moment that is lowest counts in the sense in which it acts: as knee abduction, no negative adduction."""
+    """A moment that is lowest counts in the sense in which it acts: as knee abduction, no negative
+    adduction.
+    """
     acts = d.kind == Kind.MOMENT.words and d.measure.startswith("lowest")
     return replace(d, a=-d.a, b=-d.b) if acts else d
 
 
 def sentence(d: Difference) -> str:
-    """`right knee flexion, highest in swing: 8.1 deg less (52.3 against 60.4), 3.2 times what ... could miss`."""
+    """`right knee flexion, highest in swing: 8.1 deg less (52.3 against 60.4), 3.2 times what ...
+    could miss`.
+    """
     d = _told(d)
     digits = 3 if d.unit == "m" or d.unit == "m/s" else 2 if d.unit == "s" else 1
     below = max(d.a, d.b) < 0.0  # of a negative moment, a larger number is less
-    way = ("less negative" if below else "more") if d.difference > 0 else ("more negative" if below else "less")
-    size = f"{abs(d.difference):.{digits}f} {d.unit} {way} ({d.b:.{digits}f} against {d.a:.{digits}f})"
+    way = (
+        ("less negative" if below else "more")
+        if d.difference > 0
+        else ("more negative" if below else "less")
+    )
+    size = (
+        f"{abs(d.difference):.{digits}f} {d.unit} {way} ({d.b:.{digits}f} against {d.a:.{digits}f})"
+    )
     if d.mdc95 == 0.0:
         return f"{subject(d)}: {size}"
     return f"{subject(d)}: {size}, {d.times:.1f} times what these recordings could miss"
 
 
 def subject(d: Difference) -> str:
-    """`right knee flexion, highest in swing`; `left stance, % of the stride`; `right hip centre in the pelvis, up`."""
+    """`right knee flexion, highest in swing`; `left stance, % of the stride`; `right hip centre in
+    the pelvis, up`.
+    """
     side = f"{SIDE_WORDS[d.side]} " if d.side else ""
     if d.kind in _PARAMETERS:
         return f"{side}{parameter_words(d.name)}"
@@ -282,7 +355,9 @@ def subject(d: Difference) -> str:
 def numbers_of(d: Difference) -> tuple[str, ...]:
     """Both sessions, their difference, what could be missed, and how many times that it is."""
     d, digits = _told(d), 3 if d.unit in ("m", "m/s", "s") else 1
-    figures = [f"{round(value, digits) + 0.0:.{digits}f}" for value in (d.a, d.b, d.difference)]  # + 0.0: no -0.0
+    figures = [
+        f"{round(value, digits) + 0.0:.{digits}f}" for value in (d.a, d.b, d.difference)
+    ]  # + 0.0: no -0.0
     limit = ("unknown", "") if not d.spread_known else (f"{d.mdc95:.{digits}f}", f"{d.times:.1f}")
     return (*figures, *limit)
 
@@ -299,7 +374,9 @@ NOMINAL, SKIN, FOUND = "nominal/", "skin/", "skin/found"
 
 
 def placement(names: Sequence[str]) -> Array:
-    """(n,) m, rad: what markers that are put on anew do to joint parameters told in the frames they make."""
+    """(n,) m, rad: what markers that are put on anew do to joint parameters told in the frames they
+    make.
+    """
     out = []
     for name in names:
         p = JOINT_PARAMETERS[JP_INDEX[name]]
@@ -307,7 +384,9 @@ def placement(names: Sequence[str]) -> Array:
         if p.kind is ParameterKind.POSITION:
             out.append(PLACED)
         elif segment.palpated is None:
-            out.append(float(np.deg2rad(np.hypot(PALPATED_DEG["shank"][1], PALPATED_DEG["foot"][1]))))
+            out.append(
+                float(np.deg2rad(np.hypot(PALPATED_DEG["shank"][1], PALPATED_DEG["foot"][1])))
+            )
         else:
             out.append(float(np.deg2rad(segment.palpated[p.axis])))
     return np.array(out)
@@ -319,7 +398,9 @@ def told_parameters(influence: ErrorSources | None) -> tuple[str, ...]:
         return ()
     markers = np.array([not c.startswith(NOMINAL) for c in influence.clusters])
     told = (influence.parameters[:, markers] != 0.0).any(axis=1)
-    return tuple(name for name, seen in zip(influence.free, told, strict=True) if seen and name in JP_INDEX)
+    return tuple(
+        name for name, seen in zip(influence.free, told, strict=True) if seen and name in JP_INDEX
+    )
 
 
 def parameter_differences(a: Session, b: Session, common: Common) -> Iterator[Difference]:
@@ -328,7 +409,9 @@ def parameter_differences(a: Session, b: Session, common: Common) -> Iterator[Di
     names = tuple(name for name in told_parameters(a.influence) if name in known)
     if not names or a.influence is None or b.influence is None:
         return
-    errors = np.sqrt(difference_variance((a.influence, b.influence), names, common, (a.prior, b.prior)))
+    errors = np.sqrt(
+        difference_variance((a.influence, b.influence), names, common, (a.prior, b.prior))
+    )
     for name, error in zip(names, errors, strict=True):
         p = JOINT_PARAMETERS[JP_INDEX[name]]
         of_a, of_b = (s.model.parameters.joint[JP_INDEX[name]] / p.kind.to_si for s in (a, b))
@@ -353,7 +436,9 @@ def difference_variance(
     common: Common,
     priors: tuple[JointPrior | None, JointPrior | None] = (None, None),
 ) -> Array:
-    """(n,) m^2, rad^2: variance of differences of joint parameters `names`. `priors`: of each; None: anatomy's."""
+    """(n,) m^2, rad^2: variance of differences of joint parameters `names`. `priors`: of each;
+    None: anatomy's.
+    """
     if common is Common.MODEL:
         return np.zeros(len(names))
     of_a, of_b = (_columns(influence, names) for influence in both)
@@ -364,10 +449,18 @@ def difference_variance(
         found = [columns.pop(NOMINAL + name, np.zeros(len(names))) for name in causes]
         own = np.array(found).reshape(len(causes), len(names)).T
         nominal.append(own if shared else own @ own_causes(causes, prior))
-    out = ((nominal[1] - nominal[0]) ** 2).sum(axis=1) + (0.0 if shared else 2.0 * placement(names) ** 2)
+    out = ((nominal[1] - nominal[0]) ** 2).sum(axis=1) + (
+        0.0 if shared else 2.0 * placement(names) ** 2
+    )
     for column in dict.fromkeys((*of_a, *of_b)):
         one, other = of_a.get(column), of_b.get(column)
-        if shared and column.startswith(SKIN) and column != FOUND and one is not None and other is not None:
+        if (
+            shared
+            and column.startswith(SKIN)
+            and column != FOUND
+            and one is not None
+            and other is not None
+        ):
             out = out + (other - one) ** 2
         else:
             out = out + sum(c**2 for c in (one, other) if c is not None)
@@ -375,8 +468,8 @@ def difference_variance(
 
 
 def own_causes(names: Sequence[str], prior: JointPrior | None) -> Array:
-    """(n, n) R, symmetric: of the causes e of nominal errors F e, R R^T is the covariance of what is the person's own
-    rather than the markers', nothing of it negative.
+    """(n, n) R, symmetric: of the causes e of nominal errors F e, R R^T is the covariance of what
+    is the person's own rather than the markers', nothing of it negative.
     """
     root = prior_root(names, prior)
     index = [JP_INDEX[name] for name in names]

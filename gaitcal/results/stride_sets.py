@@ -1,8 +1,10 @@
-"""One result of a person, as far as setting it beside another one needs it, and the strides of one variable of one leg.
+"""One result of a person, as far as setting it beside another one needs it, and the strides of one
+variable of one leg.
 
-The error of a stride has two parts (`gait/ensemble.py`): its own, s_ij, which makes strides differ, and c, which all
-strides of one calibrated person share, c^2 = se_ij^2 - s_ij^2. What of c two sessions on one static trial share in
-turn, f, are the axes of the segments and, of loads, the masses.
+The error of a stride has two parts (`gait/ensemble.py`): its own, s_ij, which makes strides differ,
+and c, which all strides of one calibrated person share, c^2 = se_ij^2 - s_ij^2. What of c two
+sessions on one static trial share in turn, f, are the axes of the segments and, of loads, the
+masses.
 """
 
 from collections.abc import Mapping
@@ -37,9 +39,13 @@ class Session:
     name: str  # What it is called in words: its folder
     model: SubjectModel
     model_key: str  # SHA-256 of the model: the same in two results of one calibration
-    statics: tuple[str, ...]  # SHA-256 of the files that its model was made of while the person stood
+    statics: tuple[
+        str, ...
+    ]  # SHA-256 of the files that its model was made of while the person stood
     recordings: frozenset[str]  # SHA-256 of the files of its walks
-    influence: ErrorSources | None  # Errors of the joint parameters by source; None where they were not calibrated
+    influence: (
+        ErrorSources | None
+    )  # Errors of the joint parameters by source; None where they were not calibrated
     strides: pd.DataFrame  # `cycles.csv`, with numbers for text
     measures: pd.DataFrame  # `spatiotemporal.csv`, with numbers for text
     verdict: str  # `trustworthy`, `doubtful` or `refused`; empty where none is told
@@ -59,7 +65,10 @@ class Common(Enum):
     """What two results have in common, and so no error of a difference. `words`: on the screen."""
 
     MODEL = "one model: its errors are the same in both, and cancel"
-    STATIC = "one static trial, a calibration each: nominal joints, marker places and segment axes are the same"
+    STATIC = (
+        "one static trial, a calibration each: nominal joints, marker places and segment axes are "
+        "the same"
+    )
     PERSON = "a static trial each: markers were placed anew, and no error is the same in both"
 
     def __init__(self, words: str) -> None:
@@ -72,14 +81,18 @@ def common_to(a: Session, b: Session) -> Common:
         return Common.MODEL
     same_files = bool(a.statics) and a.statics == b.statics
     nominal = a.model.nominal.joint, b.model.nominal.joint
-    return Common.STATIC if same_files and np.allclose(*nominal, rtol=0.0, atol=SAME) else Common.PERSON
+    return (
+        Common.STATIC
+        if same_files and np.allclose(*nominal, rtol=0.0, atol=SAME)
+        else Common.PERSON
+    )
 
 
 SAME = 1e-9  # m, rad: nominal joints that differ by less are the same
 LENGTHS = ("thigh", "shank")
 NOT_ONE, DOUBTFUL = 0.15, 0.06
-"""Relative difference of a length from which two results are not of one person, and from which that is doubtful: joint
-centres of two sessions are some 10 to 20 mm apart on segments of 400."""
+"""Relative difference of a length from which two results are not of one person, and from which that
+is doubtful: joint centres of two sessions are some 10 to 20 mm apart on segments of 400."""
 
 
 @dataclass(frozen=True)
@@ -104,7 +117,9 @@ def identity(a: Session, b: Session) -> Identity:
         apart = abs(of_b - of_a) / max(of_a, 1e-6)
         if apart > DOUBTFUL:
             told = denied if apart > NOT_ONE else doubts
-            told.append(f"{name} {1e3 * of_a:.0f} mm long in {a.name}, {1e3 * of_b:.0f} mm in {b.name}")
+            told.append(
+                f"{name} {1e3 * of_a:.0f} mm long in {a.name}, {1e3 * of_b:.0f} mm in {b.name}"
+            )
     return Identity(tuple(doubts), tuple(denied))
 
 
@@ -120,12 +135,17 @@ def _lengths(a: Session, b: Session) -> dict[str, tuple[float, float]]:
 
 
 def shared_part(session: Session, torque: str) -> float:
-    """Of the variance that all strides share, the part by sources that two sessions on one static trial share: the
-    direction of segment axes and the masses. `torque`: its name with the side of its leg.
+    """Of the variance that all strides share, the part by sources that two sessions on one static
+    trial share: the direction of segment axes and the masses. `torque`: its name with the side of
+    its leg.
     """
     shares = session.error_shares.get(torque, {})
     rest = sum(value for source, value in shares.items() if source != "motion")
-    return sum(shares.get(source, 0.0) for source in ("frames", "inertia")) / rest if rest > 0.0 else 0.0
+    return (
+        sum(shares.get(source, 0.0) for source in ("frames", "inertia")) / rest
+        if rest > 0.0
+        else 0.0
+    )
 
 
 Key = tuple[str, str]  # Side and variable
@@ -149,16 +169,28 @@ def stride_sets(session: Session) -> dict[Key, StrideSet]:
     if table.empty:
         return {}
     where = ["side", "variable", "trial", "stride"]
-    wide = table.set_index([*where, "percent"])[["value", "se", "se_stride", "valid"]].unstack("percent")
-    wide = wide.reindex(columns=pd.MultiIndex.from_product([["value", "se", "se_stride", "valid"], range(POINTS)]))
+    wide = table.set_index([*where, "percent"])[["value", "se", "se_stride", "valid"]].unstack(
+        "percent"
+    )
+    wide = wide.reindex(
+        columns=pd.MultiIndex.from_product([["value", "se", "se_stride", "valid"], range(POINTS)])
+    )
     stance = _stance(session.measures)
-    arrays = {name: wide[name].to_numpy(dtype=np.float64) for name in ("value", "se", "se_stride", "valid")}
+    arrays = {
+        name: wide[name].to_numpy(dtype=np.float64)
+        for name in ("value", "se", "se_stride", "valid")
+    }
     arrays["value"] = np.where(arrays["valid"] == 1.0, arrays["value"], np.nan)
     out: dict[Key, StrideSet] = {}
-    for (side, variable), rows in wide.groupby(level=["side", "variable"], sort=False).indices.items():
+    for (side, variable), rows in wide.groupby(
+        level=["side", "variable"], sort=False
+    ).indices.items():
         own, total = arrays["se_stride"][rows], arrays["se"][rows]
         shared = np.sqrt(np.maximum(total**2 - own**2, 0.0))
-        of_rows = [stance.get((trial, str(side), stride), np.nan) for _, _, trial, stride in wide.index[rows]]
+        of_rows = [
+            stance.get((trial, str(side), stride), np.nan)
+            for _, _, trial, stride in wide.index[rows]
+        ]
         out[str(side), str(variable)] = StrideSet(
             values=arrays["value"][rows],
             own=own,
@@ -177,7 +209,9 @@ def _stance(measures: pd.DataFrame) -> Mapping[tuple[str, str, int], float]:
 
 
 def _with_frames(session: Session, sets: dict[Key, StrideSet]) -> dict[Key, StrideSet]:
-    """The same with f: of angles by the axes' own errors at the mean posture, of loads by the summary's shares."""
+    """The same with f: of angles by the axes' own errors at the mean posture, of loads by the
+    summary's shares.
+    """
     angles = _axis_errors(session, sets)
     out = {}
     for (side, variable), found in sets.items():
@@ -185,7 +219,9 @@ def _with_frames(session: Session, sets: dict[Key, StrideSet]) -> dict[Key, Stri
             frames = angles.get((side, variable), np.zeros(POINTS))[None]
         else:
             name = coordinate_of(variable)
-            part = shared_part(session, name if name.startswith(("pelvis", "lumbar")) else f"{name}_{side}")
+            part = shared_part(
+                session, name if name.startswith(("pelvis", "lumbar")) else f"{name}_{side}"
+            )
             frames = np.sqrt(part) * found.shared
         everywhere = np.minimum(np.broadcast_to(frames, found.shared.shape), found.shared)
         out[side, variable] = replace(found, frames=everywhere)

@@ -1,5 +1,6 @@
-"""What a result folder says of its trials: the figures of `summary.json` (one that does not exist is absent, never 0),
-the tables of joint powers and moment vectors, and, where it is known, the truth (`truth/`).
+"""What a result folder says of its trials: the figures of `summary.json` (one that does not exist
+is absent, never 0), the tables of joint powers and moment vectors, and, where it is known, the
+truth (`truth/`).
 
 The verdict in `summary.json`: written with a result, read back for what stands on its model.
 """
@@ -31,7 +32,8 @@ if TYPE_CHECKING:
 
 FOLDER = "truth"
 PARAMETERS_HEADER = (
-    "what is known to be true beside what was calibrated, told in the same segment frames; error: fitted minus truth",
+    "what is known to be true beside what was calibrated, told in the same segment frames; error: "
+    "fitted minus truth",
     "z: error in standard errors; of honest ones 95 of 100 are below 1.96",
 )
 MOTION_HEADER = (
@@ -45,7 +47,9 @@ MOMENTS_HEADER = (
 
 
 def write_truth(truth: TruthErrors | None, out: Path) -> None:
-    """Write `truth/parameters.csv`, `truth/TRIAL_motion.csv` and `truth/TRIAL_moments.csv`; nothing if None."""
+    """Write `truth/parameters.csv`, `truth/TRIAL_motion.csv` and `truth/TRIAL_moments.csv`; nothing
+    if None.
+    """
     if truth is None:
         return
     folder = out / FOLDER
@@ -84,10 +88,18 @@ def _curve_table(time: Array, curves: Mapping[str, CurveTruth]) -> dict[str, Arr
 
 
 def truth_summary(truth: TruthErrors) -> dict[str, Json]:
-    """Fitted parameters, joint centres and axes, and curves of each trial; units as in the files of the result."""
+    """Fitted parameters, joint centres and axes, and curves of each trial; units as in the files of
+    the result.
+    """
     return {
         "parameters": {
-            p.name: _known(unit=p.unit, nominal_error=p.nominal_error, error=p.error, standard_error=p.error_bar, z=p.z)
+            p.name: _known(
+                unit=p.unit,
+                nominal_error=p.nominal_error,
+                error=p.error,
+                standard_error=p.error_bar,
+                z=p.z,
+            )
             for p in truth.parameters
             if p.status == "fitted"
         },
@@ -120,15 +132,22 @@ def _curves(curves: Mapping[str, CurveTruth]) -> dict[str, Json]:
 
 def _known(**figures: Json) -> dict[str, Json]:
     """Figures that exist; the others are absent."""
-    return {key: round(v, 6) if isinstance(v, float) else v for key, v in figures.items() if v is not None}
+    return {
+        key: round(v, 6) if isinstance(v, float) else v
+        for key, v in figures.items()
+        if v is not None
+    }
 
 
 NO_FLOOR = 1e-6  # mm: one or two markers follow a segment exactly; a ratio to that means nothing
 
 SHARE_DIGITS = 4
 TIME_DIGITS = 4  # s: a tenth of a millisecond
-JOINT_PRIOR = "joint_prior"  # Entry: the cohort that joint parameters lean on; absent where that is none
-STATIC_ANGLES = "static_angles_deg"  # Entry: coordinate -> deg with which the calibrated model meets the static posture
+JOINT_PRIOR = (
+    "joint_prior"  # Entry: the cohort that joint parameters lean on; absent where that is none
+)
+# Entry: coordinate -> deg with which the calibrated model meets the static posture
+STATIC_ANGLES = "static_angles_deg"
 
 
 def summary(calibration: Calibration) -> dict[str, Json]:
@@ -140,7 +159,9 @@ def summary(calibration: Calibration) -> dict[str, Json]:
         "notes": list(calibration.notes),
         "subject": subject_summary(calibration.model.subject),
         **_joint_prior(calibration),
-        "trials": {trial.name: trial_summary(trial, calibration.verdict) for trial in calibration.trials},
+        "trials": {
+            trial.name: trial_summary(trial, calibration.verdict) for trial in calibration.trials
+        },
         **({"spatiotemporal": means} if (means := means_summary(calibration.trials)) else {}),
         STATIC_ANGLES: {
             name: round(float(np.rad2deg(value)), 4) + 0.0  # no negative zeros
@@ -156,8 +177,16 @@ def summary(calibration: Calibration) -> dict[str, Json]:
                 "seconds": round(phase.seconds, 4),
                 "status": phase.status,
                 "message": phase.message,
-                **({} if phase.marker_noise is None else {"marker_noise_mm": round(1e3 * phase.marker_noise, 4)}),
-                **({"noise_mm": {name: round(1e3 * nu, 4) for name, nu in phase.noise.items()}} if phase.noise else {}),
+                **(
+                    {}
+                    if phase.marker_noise is None
+                    else {"marker_noise_mm": round(1e3 * phase.marker_noise, 4)}
+                ),
+                **(
+                    {"noise_mm": {name: round(1e3 * nu, 4) for name, nu in phase.noise.items()}}
+                    if phase.noise
+                    else {}
+                ),
             }
             for phase in calibration.phases
         ],
@@ -167,10 +196,18 @@ def summary(calibration: Calibration) -> dict[str, Json]:
 
 def subject_summary(subject: Subject) -> dict[str, Json]:
     """Who it is, and what a clinic wrote down; what nobody says is absent."""
-    out: dict[str, Json] = {"name": subject.name, "mass_kg": subject.mass, "height_m": subject.height}
+    out: dict[str, Json] = {
+        "name": subject.name,
+        "mass_kg": subject.mass,
+        "height_m": subject.height,
+    }
     out |= {"height_error_m": subject.height_error} if subject.height_error else {}
     out |= {"sex": subject.sex} if subject.sex else {}
-    return out | ({} if subject.age is None else {"age_years": subject.age}) | dict(subject.record.known)
+    return (
+        out
+        | ({} if subject.age is None else {"age_years": subject.age})
+        | dict(subject.record.known)
+    )
 
 
 def _joint_prior(calibration: Calibration) -> dict[str, Json]:
@@ -201,22 +238,40 @@ def trial_summary(trial: TrialResult, verdict: Verdict) -> dict[str, Json]:
         out["pelvis_and_legs_mm"] = _rms(trial, *LOWER_BODY)
     if trial.held_out:
         held = trial.held_out
-        out["hold_out_mm"] = {"nominal": 1e3 * held.nominal, "calibrated": 1e3 * held.calibrated, "folds": held.folds}
+        out["hold_out_mm"] = {
+            "nominal": 1e3 * held.nominal,
+            "calibrated": 1e3 * held.calibrated,
+            "folds": held.folds,
+        }
         if held.legs:
-            out["pelvis_and_legs_hold_out_mm"] = {"nominal": 1e3 * held.legs[0], "calibrated": 1e3 * held.legs[1]}
+            out["pelvis_and_legs_hold_out_mm"] = {
+                "nominal": 1e3 * held.legs[0],
+                "calibrated": 1e3 * held.legs[1],
+            }
     nominal, calibrated = trial.nominal.errors.largest(), errors.largest()
     if nominal and calibrated:
-        out["max_mm"] = {"nominal": 1e3 * nominal[0], "calibrated": 1e3 * calibrated[0], "marker": calibrated[1]}
+        out["max_mm"] = {
+            "nominal": 1e3 * nominal[0],
+            "calibrated": 1e3 * calibrated[0],
+            "marker": calibrated[1],
+        }
     out["segments"] = {
         segment: {"markers": int(errors.kept(segment).sum()), "rms_mm": _rms(trial, segment)}
         for segment in SEGMENTS
         if errors.kept(segment).any()
     }
     if trial.joint_floor is not None:
-        out["joint_floor_mm"] = {joint: 1e3 * value for joint, value in trial.joint_floor.joints.items()}
+        out["joint_floor_mm"] = {
+            joint: 1e3 * value for joint, value in trial.joint_floor.joints.items()
+        }
     if trial.joint is None:
         out["events"] = [
-            {"side": e.side, "event": e.moment.value, "time": round(e.time, TIME_DIGITS), "source": e.source.value}
+            {
+                "side": e.side,
+                "event": e.moment.value,
+                "time": round(e.time, TIME_DIGITS),
+                "source": e.source.value,
+            }
             for e in trial.events.events
         ]
         if trial.events.repeats:
@@ -224,7 +279,10 @@ def trial_summary(trial: TrialResult, verdict: Verdict) -> dict[str, Json]:
                 {
                     "start": round(c.start, TIME_DIGITS),
                     "stop": round(c.stop, TIME_DIGITS),
-                    "phases": [{"phase": name, "stop": round(until, TIME_DIGITS)} for name, until in c.parts],
+                    "phases": [
+                        {"phase": name, "stop": round(until, TIME_DIGITS)}
+                        for name, until in c.parts
+                    ],
                 }
                 for c in trial.events.repeats
             ]
@@ -233,12 +291,21 @@ def trial_summary(trial: TrialResult, verdict: Verdict) -> dict[str, Json]:
     if trial.loads is not None:
         reactions = trial.loads.reactions
         out["valid_frames"] = int(reactions.valid.sum())
-        out["valid_frames_r"], out["valid_frames_l"] = int(reactions.valid_r.sum()), int(reactions.valid_l.sum())
+        out["valid_frames_r"], out["valid_frames_l"] = (
+            int(reactions.valid_r.sum()),
+            int(reactions.valid_l.sum()),
+        )
         if reactions.valid.any():
             out["pelvis_residual"] = _pelvis_residual(trial.loads)
             if (due := trial.loads.expected) is not None:
-                out["pelvis_residual_expected"] = {"force_N": due.force.expected, "torque_Nm": due.moment.expected}
-                out["pelvis_residual_limit"] = {"force_N": due.force.limit, "torque_Nm": due.moment.limit}
+                out["pelvis_residual_expected"] = {
+                    "force_N": due.force.expected,
+                    "torque_Nm": due.moment.expected,
+                }
+                out["pelvis_residual_limit"] = {
+                    "force_N": due.force.limit,
+                    "torque_Nm": due.moment.limit,
+                }
                 if is_trunk_unmeasured(trial.body):
                     out["trunk_measured"] = False
         if reactions.has_torques:
@@ -269,16 +336,24 @@ def _torque_change(loads: Loads) -> dict[str, Json]:
     for name in (*COORDINATES, *REACTIONS):
         valid = loads.reactions.valid_for(name)
         if not name.startswith("pelvis") and valid.any():
-            change = 100.0 * (moment_of(loads.final, name) - moment_of(loads.nominal, name)) / loads.final.bwh
+            change = (
+                100.0
+                * (moment_of(loads.final, name) - moment_of(loads.nominal, name))
+                / loads.final.bwh
+            )
             out[name] = float(np.sqrt((change[valid] ** 2).mean()))
     return out
 
 
 def _error_sources(loads: Loads) -> dict[str, Json]:
-    """Part of the variance of each torque that each source of error makes, over valid frames; they sum to 1."""
+    """Part of the variance of each torque that each source of error makes, over valid frames; they
+    sum to 1.
+    """
     out: dict[str, Json] = {}
     for column, name in enumerate(FORCES):
-        shares = loads.errors.shares(column, loads.reactions.valid_for(name)) if loads.errors else {}
+        shares = (
+            loads.errors.shares(column, loads.reactions.valid_for(name)) if loads.errors else {}
+        )
         if shares and not name.startswith("pelvis"):
             out[name] = {source.key: round(share, SHARE_DIGITS) for source, share in shares.items()}
     return out
@@ -356,11 +431,15 @@ def verdict_summary(verdict: Verdict) -> dict[str, Json]:
 
 
 def walk_summary(verdict: Verdict, walk: str) -> dict[str, Json]:
-    """Entries `verdict`, `verdict_r` and `verdict_l` of one walk; none for a trial that is not judged by itself."""
+    """Entries `verdict`, `verdict_r` and `verdict_l` of one walk; none for a trial that is not
+    judged by itself.
+    """
     trial = verdict.trials.get(walk)
     if trial is None:
         return {}
-    legs: dict[str, Json] = {f"verdict_{side}": judgement.value for side, judgement in trial.legs.items()}
+    legs: dict[str, Json] = {
+        f"verdict_{side}": judgement.value for side, judgement in trial.legs.items()
+    }
     return {"verdict": trial.judgement.value} | legs
 
 
@@ -379,7 +458,9 @@ def of_the_model(summary: Mapping[str, object]) -> tuple[Finding, ...]:
 
     Faults of the forces of its walks do not touch its model; those of their markers do.
     """
-    walks = {name for name, entry in table_of(summary, "trials").items() if entry.get("role") == "gait"}
+    walks = {
+        name for name, entry in table_of(summary, "trials").items() if entry.get("role") == "gait"
+    }
     shared = [
         r
         for r in entries_of(summary, "reasons")
@@ -387,7 +468,9 @@ def of_the_model(summary: Mapping[str, object]) -> tuple[Finding, ...]:
     ]
     if not shared:
         return ()
-    first = min(shared, key=lambda r: (r.get("severity") != Severity.ERROR.value, bool(r.get("leg"))))
+    first = min(
+        shared, key=lambda r: (r.get("severity") != Severity.ERROR.value, bool(r.get("leg")))
+    )
     refused = first.get("severity") == Severity.ERROR.value
     word = Judgement.REFUSED.value if refused else Judgement.DOUBTFUL.value
     return (

@@ -1,7 +1,8 @@
-"""All curves of one trial: angles, moments, powers, forces, with their errors and the frames in which they count.
+"""All curves of one trial: angles, moments, powers, forces, with their errors and the frames in
+which they count.
 
-As in the files of a result: angles in degrees, internal moments in N·m with OpenSim's signs, powers in W, forces in N.
-`cycles.csv` and the page lay them over strides.
+As in the files of a result: angles in degrees, internal moments in N·m with OpenSim's signs, powers
+in W, forces in N. `cycles.csv` and the page lay them over strides.
 """
 
 from collections.abc import Iterator, Mapping
@@ -16,13 +17,23 @@ from gaitcal.arrays import Array, BoolArray
 from gaitcal.dynamics.ground_reactions import unseen_frames
 from gaitcal.dynamics.joint_kinetics import power_of
 from gaitcal.gait import cycles, moments, strides
-from gaitcal.model.coordinates import COORDINATE_TABLE, FOOT_PROGRESSION, GROUPS, SEGMENT_ANGLES, split_side
+from gaitcal.model.coordinates import (
+    COORDINATE_TABLE,
+    FOOT_PROGRESSION,
+    GROUPS,
+    SEGMENT_ANGLES,
+    split_side,
+)
 from gaitcal.model.linkage import PELVIS_ANGLES, SIDES, is_translation
 from gaitcal.model.subject_model import SubjectModel
 from gaitcal.results.trial_tables import told_powers
 from gaitcal.tracking.motion import MarkerErrors, Motion, taken_off
 
-GROUND: Final = {"ground_reaction_vertical": 1, "ground_reaction_forward": 0, "ground_reaction_sideways": 2}
+GROUND: Final = {
+    "ground_reaction_vertical": 1,
+    "ground_reaction_forward": 0,
+    "ground_reaction_sideways": 2,
+}
 """Force of the ground on a foot -> its laboratory axis: y up, x forward, z to the right."""
 _ENDINGS: Final = {kind.words: kind.ending for kind in cycles.Kind}
 
@@ -33,7 +44,8 @@ class Curve:
 
     base: str  # Coordinate without its side, joint of a power, or what a force is called
     side: str  # `r`, `l`; empty of what belongs to no leg
-    kind: str  # `angle`, `moment`, `power`, `force`, `residual_force`, `residual_moment`, `marker_error`
+    # `angle`, `moment`, `power`, `force`, `residual_force`, `residual_moment`, `marker_error`
+    kind: str
     unit: str  # `deg`, `N m`, `W`, `N`, `mm`
     value: Array  # (nf,)
     valid: BoolArray  # (nf,) frames in which it counts
@@ -45,20 +57,31 @@ class Curve:
     @property
     def variable(self) -> str:
         """Without the side of its leg, as `cycles.csv` calls it: `hip_flexion_moment`."""
-        return self.base if self.kind == "force" else f"{self.base}{_ENDINGS.get(self.kind, self.kind)}"
+        return (
+            self.base
+            if self.kind == "force"
+            else f"{self.base}{_ENDINGS.get(self.kind, self.kind)}"
+        )
 
 
 def curves_of(
-    model: SubjectModel, trial: TrialResult, relative_to: Mapping[str, float] | None, truth: CurveTruths | None
+    model: SubjectModel,
+    trial: TrialResult,
+    relative_to: Mapping[str, float] | None,
+    truth: CurveTruths | None,
 ) -> tuple[Curve, ...]:
     """All curves of a trial.
 
-    `relative_to`: coordinate -> rad in the static posture, from which joint angles are counted; None: from zero.
-    `truth`: None where it is not known.
+    `relative_to`: coordinate -> rad in the static posture, from which joint angles are counted;
+    None: from zero. `truth`: None where it is not known.
     """
     curves = [*_angles(model, trial, relative_to, truth), *_feet(trial), _marker_error(trial)]
     if trial.loads is not None:
-        curves += [*_moments(model, trial.loads, truth), *_powers(model, trial.loads), *_forces(trial.loads)]
+        curves += [
+            *_moments(model, trial.loads, truth),
+            *_powers(model, trial.loads),
+            *_forces(trial.loads),
+        ]
         curves += _residuals(trial.loads)
     return tuple(curves)
 
@@ -71,10 +94,18 @@ def joint_of(base: str) -> str:
 
 
 def _angles(
-    model: SubjectModel, trial: TrialResult, relative_to: Mapping[str, float] | None, truth: CurveTruths | None
+    model: SubjectModel,
+    trial: TrialResult,
+    relative_to: Mapping[str, float] | None,
+    truth: CurveTruths | None,
 ) -> Iterator[Curve]:
     """Joint angles; those of the pelvis against the trial's line of progression."""
-    body, unseen, static, whole = trial.body, unseen_frames(trial.body), taken_off(relative_to), _whole(trial)
+    body, unseen, static, whole = (
+        trial.body,
+        unseen_frames(trial.body),
+        taken_off(relative_to),
+        _whole(trial),
+    )
     known: Mapping[str, CurveTruth] = {} if truth is None else truth.coordinates
     everywhere, line = np.ones(len(body.time), dtype=bool), line_of(trial)
     pelvis = {
@@ -93,9 +124,18 @@ def _angles(
             "truth": known[name].truth - off if name in known else None,
         }
         if name in PELVIS_ANGLES:
-            values = {part: pelvis[part][:, PELVIS_ANGLES.index(name)] if part in pelvis else None for part in values}
+            values = {
+                part: pelvis[part][:, PELVIS_ANGLES.index(name)] if part in pelvis else None
+                for part in values
+            }
         yield Curve(
-            *split_side(name), "angle", "deg", valid=angle_counts(trial, name, unseen), error=error, own=own, **values
+            *split_side(name),
+            "angle",
+            "deg",
+            valid=angle_counts(trial, name, unseen),
+            error=error,
+            own=own,
+            **values,
         )
 
 
@@ -112,13 +152,17 @@ def _feet(trial: TrialResult) -> Iterator[Curve]:
 
 
 def line_of(trial: TrialResult) -> float:
-    """Rad to the left of the room's x axis: where the walk goes on the mean; 0 where its strides do not tell."""
+    """Rad to the left of the room's x axis: where the walk goes on the mean; 0 where its strides do
+    not tell.
+    """
     lines = [stride.line for stride in trial.strides if stride.line is not None]
     return float(np.angle(np.mean(np.exp(1j * np.array(lines))))) if lines else 0.0
 
 
 def pelvis_parts(trial: TrialResult, truth: CurveTruths | None) -> dict[str, Array]:
-    """`value`, and `nominal` and `truth` where they are known -> (nf, 3) rad, `PELVIS_ANGLES` against the room."""
+    """`value`, and `nominal` and `truth` where they are known -> (nf, 3) rad, `PELVIS_ANGLES`
+    against the room.
+    """
     whole, known = _whole(trial), {} if truth is None else truth.coordinates
     out = {"value": strides.pelvis_angles(trial.body)}
     if whole is not None:
@@ -198,4 +242,6 @@ def _rms(errors: MarkerErrors) -> Array:
     squares = errors.distance[:, errors.weight > 0] ** 2
     seen = np.isfinite(squares)
     sums, counts = np.where(seen, squares, 0.0).sum(axis=1), seen.sum(axis=1)
-    return np.asarray(1e3 * np.sqrt(np.divide(sums, counts, out=np.full(len(sums), np.nan), where=counts > 0)))
+    return np.asarray(
+        1e3 * np.sqrt(np.divide(sums, counts, out=np.full(len(sums), np.nan), where=counts > 0))
+    )

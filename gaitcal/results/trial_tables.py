@@ -1,4 +1,6 @@
-"""The tables of a calibration: parameters, and by trial coordinates, forces, powers, moments and marker errors."""
+"""The tables of a calibration: parameters, and by trial coordinates, forces, powers, moments and
+marker errors.
+"""
 
 from collections.abc import Iterator, Mapping
 from typing import TYPE_CHECKING, Any
@@ -21,36 +23,49 @@ if TYPE_CHECKING:
     pass
 
 COORDINATE_HEADER = (
-    "coordinates in degrees and m, _velocity per s, _acceleration per s^2; exact derivatives of the splines",
+    "coordinates in degrees and m, _velocity per s, _acceleration per s^2; exact derivatives of "
+    "the splines",
     "_se: standard error, from marker noise through joint parameters and motion (gait trials)",
 )
 """Comment lines above the header of every file of coordinates."""
 
 
 def relative_header(relative_to: Mapping[str, float]) -> tuple[str, ...]:
-    """Comment lines of a file whose joint angles are counted from the static posture, coordinate -> rad."""
+    """Comment lines of a file whose joint angles are counted from the static posture, coordinate ->
+    rad.
+    """
     off = taken_off(relative_to)
     static = ", ".join(f"{n} {np.rad2deg(off[n]):.2f}" for n in FILE_COORDINATES if n in off)
     return (
-        "joint angles are relative: those of the static trial are taken off; pelvis coordinates are as they are",
+        "joint angles are relative: those of the static trial are taken off; pelvis coordinates "
+        "are as they are",
         f"static trial, deg: {static}",
     )
 
 
 MOMENT_HEADER = (
-    "generalised forces: internal and net (all structures that cross the joint), acting on the distal segment",
-    "sign: positive drives the coordinate of that name in its positive direction; external moments have the other sign",
-    "frame: about the axis of each coordinate; pelvis translations along the laboratory axes x forward, y up, z right",
-    "knee_adduction: internal reaction moment of the thigh on the shank about the x axis of the knee frame",
-    "units: N m (pelvis_tx, _ty, _tz: N); NAME_se standard error; NAME_bwh percent of body weight times height",
-    "valid_r, valid_l: 1 where that foot is wholly on plates of its own, or in the air; use torques of that leg there",
-    "valid: 1 where both legs are valid and a plate carries the body; use torques of pelvis, trunk and arms there",
+    "generalised forces: internal and net (all structures that cross the joint), acting on the "
+    "distal segment",
+    "sign: positive drives the coordinate of that name in its positive direction; external moments "
+    "have the other sign",
+    "frame: about the axis of each coordinate; pelvis translations along the laboratory axes x "
+    "forward, y up, z right",
+    "knee_adduction: internal reaction moment of the thigh on the shank about the x axis of the "
+    "knee frame",
+    "units: N m (pelvis_tx, _ty, _tz: N); NAME_se standard error; NAME_bwh percent of body weight "
+    "times height",
+    "valid_r, valid_l: 1 where that foot is wholly on plates of its own, or in the air; use "
+    "torques of that leg there",
+    "valid: 1 where both legs are valid and a plate carries the body; use torques of pelvis, trunk "
+    "and arms there",
 )
 """Comment lines above the header of every moments file."""
 
 
 def moment_table(loads: Loads) -> dict[str, NDArray[Any]]:
-    """time, valid, valid_r, valid_l, then per force its value, standard error and % of body weight times height."""
+    """time, valid, valid_r, valid_l, then per force its value, standard error and % of body weight
+    times height.
+    """
     final, unknown = loads.final, np.full(len(loads.final.time), np.nan)
     columns = _first(final.time, loads.reactions)
     for name in (*FILE_COORDINATES, *REACTIONS):
@@ -62,7 +77,9 @@ def moment_table(loads: Loads) -> dict[str, NDArray[Any]]:
 
 
 def marker_error_table(trial: TrialResult) -> dict[str, Array]:
-    """time, then per marker the distance (mm) between measured and model; empty where it was not seen."""
+    """time, then per marker the distance (mm) between measured and model; empty where it was not
+    seen.
+    """
     errors = trial.calibrated.errors
     columns = {"time": trial.calibrated.time}
     columns.update({label: 1e3 * errors.distance[:, k] for k, label in enumerate(errors.labels)})
@@ -70,26 +87,39 @@ def marker_error_table(trial: TrialResult) -> dict[str, Array]:
 
 
 POWER_HEADER = (
-    "joint powers: torque times angular velocity of each coordinate, of a joint the sum over its coordinates; net of",
-    "all structures that cross the joint; positive: generated, negative: absorbed; ankle_power: both hinges together",
-    "units: W; NAME_per_kg: W/kg; NAME_se: standard error, W, of torque and velocity together; empty where unknown",
-    "valid_r, valid_l, valid: as of the torques (moments/): 1 where powers of that leg, and of trunk and arms, count",
+    "joint powers: torque times angular velocity of each coordinate, of a joint the sum over its "
+    "coordinates; net of",
+    "all structures that cross the joint; positive: generated, negative: absorbed; ankle_power: "
+    "both hinges together",
+    "units: W; NAME_per_kg: W/kg; NAME_se: standard error, W, of torque and velocity together; "
+    "empty where unknown",
+    "valid_r, valid_l, valid: as of the torques (moments/): 1 where powers of that leg, and of "
+    "trunk and arms, count",
 )
 """Comment lines above the header of every file of powers."""
 VECTOR_HEADER = (
-    "net joint moments as vectors, N m: internal, on the distal segment, about the joint centre (ankle: talocrural)",
+    "net joint moments as vectors, N m: internal, on the distal segment, about the joint centre "
+    "(ankle: talocrural)",
     *(f"NAME_{frame.key}: {frame.words}" for frame in joint_kinetics.VECTOR_FRAMES),
-    "axes of: hip pelvis, thigh; knee thigh, shank; ankle shank, foot; lumbar pelvis, trunk. _angle, _flexion,",
-    "_extension about z, _adduction, _inversion, _bending about x (floating axis), _rotation about y",
-    "positive: flexion, adduction, inversion, dorsiflexion, internal rotation on both sides; trunk as coordinates",
-    "_se: standard error; _se_stride: the part of it that differs from stride to stride; empty where unknown",
+    "axes of: hip pelvis, thigh; knee thigh, shank; ankle shank, foot; lumbar pelvis, trunk. "
+    "_angle, _flexion,",
+    "_extension about z, _adduction, _inversion, _bending about x (floating axis), _rotation about "
+    "y",
+    "positive: flexion, adduction, inversion, dorsiflexion, internal rotation on both sides; trunk "
+    "as coordinates",
+    "_se: standard error; _se_stride: the part of it that differs from stride to stride; empty "
+    "where unknown",
     "valid_r, valid_l, valid: as of the torques (moments/)",
 )
 """Comment lines above the header of every file of moment vectors."""
 
 
-def power_table(loads: Loads, kinetics: joint_kinetics.JointKinetics, mass: float) -> dict[str, NDArray[Any]]:
-    """time, valid, valid_r, valid_l, then per power its value (W), standard error and W/kg; `mass` in kg."""
+def power_table(
+    loads: Loads, kinetics: joint_kinetics.JointKinetics, mass: float
+) -> dict[str, NDArray[Any]]:
+    """time, valid, valid_r, valid_l, then per power its value (W), standard error and W/kg; `mass`
+    in kg.
+    """
     errors = None if loads.errors is None else loads.errors.kinetics
     columns = _first(kinetics.time, loads.reactions)
     for name in joint_kinetics.POWERS:
@@ -103,7 +133,9 @@ def power_table(loads: Loads, kinetics: joint_kinetics.JointKinetics, mass: floa
 
 
 def vector_table(loads: Loads, kinetics: joint_kinetics.JointKinetics) -> dict[str, NDArray[Any]]:
-    """time, valid, valid_r, valid_l, then per component and frame its value (N·m) and standard errors."""
+    """time, valid, valid_r, valid_l, then per component and frame its value (N·m) and standard
+    errors.
+    """
     errors = None if loads.errors is None else loads.errors.kinetics
     known = {"_se": errors, "_se_stride": None if errors is None else errors.own}
     unknown = np.full(len(kinetics.time), np.nan)
@@ -113,17 +145,25 @@ def vector_table(loads: Loads, kinetics: joint_kinetics.JointKinetics) -> dict[s
             column = joint_kinetics.vector_column(name, frame)
             columns[column] = joint_kinetics.component_of(kinetics, name, frame)
             for ending, of in known.items():
-                columns[column + ending] = unknown if of is None else joint_kinetics.component_of(of, name, frame)
+                columns[column + ending] = (
+                    unknown if of is None else joint_kinetics.component_of(of, name, frame)
+                )
     return columns
 
 
 def told_powers(frozen: tuple[str, ...]) -> Iterator[str]:
     """Powers that say something: not all of their coordinates are held at zero."""
-    return (name for name in joint_kinetics.POWERS if not set(joint_kinetics.POWER_COORDINATES[name]) <= set(frozen))
+    return (
+        name
+        for name in joint_kinetics.POWERS
+        if not set(joint_kinetics.POWER_COORDINATES[name]) <= set(frozen)
+    )
 
 
 def told_components(frozen: tuple[str, ...]) -> Iterator[str]:
-    """Components of moments between segments that markers show: the joint's coordinates are not all held at zero."""
+    """Components of moments between segments that markers show: the joint's coordinates are not all
+    held at zero.
+    """
     for joint in joint_kinetics.NET_JOINTS:
         if not set(joint_kinetics.POWER_COORDINATES[joint.name]) <= set(frozen):
             yield from joint.components
@@ -131,19 +171,31 @@ def told_components(frozen: tuple[str, ...]) -> Iterator[str]:
 
 def _first(time: Array, reactions: GroundReactions) -> dict[str, NDArray[Any]]:
     columns: dict[str, NDArray[Any]] = {"time": time, "valid": reactions.valid.astype(int)}
-    return columns | {"valid_r": reactions.valid_r.astype(int), "valid_l": reactions.valid_l.astype(int)}
+    return columns | {
+        "valid_r": reactions.valid_r.astype(int),
+        "valid_l": reactions.valid_l.astype(int),
+    }
 
 
-def pelvis_in_stride(trial: TrialResult, angles: Array, cycle: GaitCycle, stride: Stride | None) -> Array:
+def pelvis_in_stride(
+    trial: TrialResult, angles: Array, cycle: GaitCycle, stride: Stride | None
+) -> Array:
     """(nf, 3) deg, `PELVIS_ANGLES` over all frames of the trial, against the line of this stride.
 
-    `angles`: (nf, 3) rad, against the room; `stride`: what was measured of the cycle, None where nothing was.
+    `angles`: (nf, 3) rad, against the room; `stride`: what was measured of the cycle, None where
+    nothing was.
     """
-    return np.asarray(np.degrees(along_line(angles, stride_line(trial, cycle, stride), _inside(trial, cycle))))
+    return np.asarray(
+        np.degrees(along_line(angles, stride_line(trial, cycle, stride), _inside(trial, cycle)))
+    )
 
 
-def foot_in_stride(trial: TrialResult, side: str, cycle: GaitCycle, stride: Stride | None) -> Array | None:
-    """(nf,) deg, `foot_progression` over all frames of the trial, against the line of this stride; None: not known."""
+def foot_in_stride(
+    trial: TrialResult, side: str, cycle: GaitCycle, stride: Stride | None
+) -> Array | None:
+    """(nf,) deg, `foot_progression` over all frames of the trial, against the line of this stride;
+    None: not known.
+    """
     feet, line = trial.foot_axes, stride_line(trial, cycle, stride)
     return None if feet is None else np.degrees(feet.progression(side, line, _inside(trial, cycle)))
 
@@ -153,7 +205,9 @@ def _inside(trial: TrialResult, cycle: GaitCycle) -> BoolArray:
 
 
 def stride_line(trial: TrialResult, cycle: GaitCycle, stride: Stride | None) -> float:
-    """Rad: of the stride, else of the one nearest to it in time; 0, the room's x axis, where none is known."""
+    """Rad: of the stride, else of the one nearest to it in time; 0, the room's x axis, where none
+    is known.
+    """
     if stride is not None and stride.line is not None:
         return stride.line
     middle = 0.5 * (cycle.start + cycle.stop)

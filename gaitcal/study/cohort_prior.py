@@ -1,21 +1,25 @@
-"""What is known of a person's joint parameters before any recording is looked at: anatomy, study file, cohort.
+"""What is known of a person's joint parameters before any recording is looked at: anatomy, study
+file, cohort.
 
-The type that all three share, what a study file may say (`[calibration] joint_prior`), and the `priors.json` of a
-cohort; anatomy's table is in `calibration/joint_prior.py`, where the three are put together.
+The type that all three share, what a study file may say (`[calibration] joint_prior`), and the
+`priors.json` of a cohort; anatomy's table is in `calibration/joint_prior.py`, where the three are
+put together.
 
-`priors.json` is written by `gaitcal cohort --learn-priors`, read by `gaitcal calibrate --priors`, or where a study file
-names it (`[calibration] priors`). It holds what was learnt of everybody, and of everybody but each fold of people: who
-is among the people of the file leans on what was learnt without their fold. Persons are recognised by their recordings,
-or by their name; the file holds hashes of both, no name.
+`priors.json` is written by `gaitcal cohort --learn-priors`, read by `gaitcal calibrate --priors`,
+or where a study file names it (`[calibration] priors`). It holds what was learnt of everybody, and
+of everybody but each fold of people: who is among the people of the file leans on what was learnt
+without their fold. Persons are recognised by their recordings, or by their name; the file holds
+hashes of both, no name.
 
-The deviations d of a person's joint parameters from their nominal values, in units of what is known of anybody (mean
-m0, covariance F F^T), are those of people of that size and sex, and the person's own:
+The deviations d of a person's joint parameters from their nominal values, in units of what is known
+of anybody (mean m0, covariance F F^T), are those of people of that size and sex, and the person's
+own:
 
     y = F^-1 (d - m0) = X w + u,    u ~ N(0, Sigma),    X = [D B, z D B, x D B],
 
-D positions by body height over `HEIGHT`, z the height in steps of `STEP` (within that of the people it was learnt of),
-x half a sex, B the directions in which both sides deviate alike. Without z and x, X = D B. F leaves a mirror image a
-mirror image, and mixes no positions with orientations.
+D positions by body height over `HEIGHT`, z the height in steps of `STEP` (within that of the people
+it was learnt of), x half a sex, B the directions in which both sides deviate alike. Without z and
+x, X = D B. F leaves a mirror image a mirror image, and mixes no positions with orientations.
 """
 
 import hashlib
@@ -52,16 +56,21 @@ class JointPrior:
     """Of the cohort, if there is one."""
     people: int = 0
     left_out: int = 0
-    """People whose fold is left out because this person is among them; 0 where this person is not."""
+    """People whose fold is left out because this person is among them; 0 where this person is not.
+    """
     notes: tuple[str, ...] = ()
     """Where it is from, in words."""
     sha256: str = ""
     """Of the file, hexadecimal."""
     doubted: Mapping[str, float] = field(default_factory=dict)
-    """Parameter -> m, rad by which it may be wrong beside that, for reasons that no fit reckons with."""
+    """Parameter -> m, rad by which it may be wrong beside that, for reasons that no fit reckons
+    with.
+    """
 
     def updated(self, other: "JointPrior") -> "JointPrior":
-        """With what another one says of some of these parameters in its place, independent of the rest."""
+        """With what another one says of some of these parameters in its place, independent of the
+        rest.
+        """
         at = [self.names.index(name) for name in other.names]
         mean, covariance = self.mean.copy(), self.covariance.copy()
         covariance[at], covariance[:, at] = 0.0, 0.0
@@ -74,7 +83,9 @@ class JointPrior:
         return replace(self, covariance=self.covariance + np.diag(variance))
 
     def held_near(self, names: Sequence[str]) -> str:
-        """What those of some joint parameters that no trial shows stay near, in words; empty: their nominal values."""
+        """What those of some joint parameters that no trial shows stay near, in words; empty: their
+        nominal values.
+        """
         if set(names) & set(self.of_cohort):
             return "what the cohort has"
         return "what the study file expects" if set(names) & set(self.of_study) else ""
@@ -95,11 +106,16 @@ SIDES_OF = _sides()
 
 
 def require_joint_prior(settings: CalibrationSettings, source: Path | str) -> None:
-    """InputError where `joint_prior` names what is no joint parameter, or the settings take no priors."""
+    """InputError where `joint_prior` names what is no joint parameter, or the settings take no
+    priors.
+    """
     field = "calibration.joint_prior"
     for name in settings.joint_prior:
         if name not in SIDES_OF:
-            allowed = nearest(name, SIDES_OF) or "; allowed: those of parameters.csv, with or without their side"
+            allowed = (
+                nearest(name, SIDES_OF)
+                or "; allowed: those of parameters.csv, with or without their side"
+            )
             message = f"found {shown(name)}, which is no joint parameter{allowed}"
             raise InputError(message, source=source, field=field, code=Code.UNKNOWN_FIELD)
     if settings.joint_prior and not settings.takes_priors:
@@ -122,7 +138,9 @@ class Person:
 
 
 def mirror(names: Sequence[str]) -> Array:
-    """(n, n) M: M y are the deviations of a person seen in a mirror. Every name's other side is among the names."""
+    """(n, n) M: M y are the deviations of a person seen in a mirror. Every name's other side is
+    among the names.
+    """
     place = {name: k for k, name in enumerate(names)}
     out = np.zeros((len(names), len(names)))
     for name, k in place.items():
@@ -141,7 +159,9 @@ def other_side(name: str) -> str:
 
 
 def sided_directions(names: Sequence[str]) -> tuple[Array, Array]:
-    """(n, a) and (n, b) orthonormal directions in which both sides deviate alike, and by the opposite."""
+    """(n, a) and (n, b) orthonormal directions in which both sides deviate alike, and by the
+    opposite.
+    """
     reflected = mirror(names)
     alike, opposite = list[Array](), list[Array]()
     for k in range(len(names)):
@@ -156,8 +176,12 @@ def sided_directions(names: Sequence[str]) -> tuple[Array, Array]:
     return np.array(alike).reshape(-1, len(names)).T, np.array(opposite).reshape(-1, len(names)).T
 
 
-def design(names: Sequence[str], person: Person, heights: tuple[float, float], *, by_size: bool) -> Array:
-    """(n, k) X of a person. `heights`: m, those of the people it is learnt of; beyond them nothing changes."""
+def design(
+    names: Sequence[str], person: Person, heights: tuple[float, float], *, by_size: bool
+) -> Array:
+    """(n, k) X of a person. `heights`: m, those of the people it is learnt of; beyond them nothing
+    changes.
+    """
     alike, _ = sided_directions(names)
     position = np.array([JOINT_PARAMETERS[JP_INDEX[name]].kind is Kind.POSITION for name in names])
     sized = np.where(position, person.height / HEIGHT, 1.0)[:, None] * alike
@@ -183,7 +207,9 @@ class StoredPopulation(Table):
 
 
 class StoredPart(Table):
-    """One part of the body: deviations `origin` + `unit` y from nominal values, the populations being of y."""
+    """One part of the body: deviations `origin` + `unit` y from nominal values, the populations
+    being of y.
+    """
 
     part: str
     parameters: list[str] = Field(min_length=1)
@@ -240,7 +266,9 @@ def read_cohort_priors(path: Path) -> CohortPriors:
             raise fault(f"over {MOST_BYTES // 1_000_000} MB: no file of priors is that long")
         content = json.loads(path.read_text(encoding="utf-8"))
     except OSError as error:
-        raise InputError(f"cannot be read: {error.strerror}", source=path, code=Code.UNREADABLE) from None
+        raise InputError(
+            f"cannot be read: {error.strerror}", source=path, code=Code.UNREADABLE
+        ) from None
     except (ValueError, RecursionError):
         raise fault(f"is no JSON; {allowed}") from None
     if not isinstance(content, dict) or content.get("kind") != KIND:
@@ -258,12 +286,18 @@ def read_cohort_priors(path: Path) -> CohortPriors:
             for number in range(len(part.populations)):
                 expected(part, number, person, (priors.heights_m[0], priors.heights_m[1]))
         except (ValueError, np.linalg.LinAlgError):
-            raise fault("found matrices that are no covariances of its parameters", part.part) from None
+            raise fault(
+                "found matrices that are no covariances of its parameters", part.part
+            ) from None
     return priors
 
 
-def prior_of_person(priors: CohortPriors, person: Person, path: Path, fold: int | None = None) -> JointPrior:
-    """What the cohort, without the people of a fold, says of anybody of that size and sex: of what it has learnt."""
+def prior_of_person(
+    priors: CohortPriors, person: Person, path: Path, fold: int | None = None
+) -> JointPrior:
+    """What the cohort, without the people of a fold, says of anybody of that size and sex: of what
+    it has learnt.
+    """
     low, high = priors.heights_m
     parts = [part for part in priors.parts if part.learning != UNLEARNT]
     found = [expected(part, 0 if fold is None else fold + 1, person, (low, high)) for part in parts]
@@ -280,8 +314,11 @@ def prior_of_person(priors: CohortPriors, person: Person, path: Path, fold: int 
     )
 
 
-def expected(part: StoredPart, number: int, person: Person, heights: tuple[float, float]) -> tuple[Array, Array]:
-    """(n,) m, rad and (n, n) mean and covariance of a person's deviations by the population of that number.
+def expected(
+    part: StoredPart, number: int, person: Person, heights: tuple[float, float]
+) -> tuple[Array, Array]:
+    """(n,) m, rad and (n, n) mean and covariance of a person's deviations by the population of that
+    number.
 
     Raises
     ------
@@ -291,7 +328,10 @@ def expected(part: StoredPart, number: int, person: Person, heights: tuple[float
     stored = part.populations[number]
     matrix = design(part.parameters, person, heights, by_size=part.by_size)
     count, effects = matrix.shape
-    own, spread = (symmetric(values, n) for values, n in ((stored.effect_covariance, effects), (stored.spread, count)))
+    own, spread = (
+        symmetric(values, n)
+        for values, n in ((stored.effect_covariance, effects), (stored.spread, count))
+    )
     unit = np.tril(symmetric(part.unit, count))
     covariance = part.wider * (unit @ (spread + matrix @ own @ matrix.T) @ unit.T)
     np.linalg.cholesky(covariance)
@@ -314,10 +354,22 @@ def _notes(priors: CohortPriors, person: Person, left_out: int, path: Path) -> I
     people = len(priors.people) - left_out
     without = ""
     if left_out:
-        without = f"; this person is one of the cohort: {left_out} people, this one among them, were left out of it"
-    yield f"joint parameters lean on {people} people of the cohort '{priors.cohort}' ({path.name}; {learnt}){without}"
+        without = (
+            f"; this person is one of the cohort: {left_out} people, this one among them, were "
+            "left out of it"
+        )
+    yield (
+        f"joint parameters lean on {people} people of the cohort '{priors.cohort}' ({path.name}; "
+        f"{learnt}){without}"
+    )
     low, high = priors.heights_m
     if not low <= person.height <= high:
-        yield f"{person.height:.2f} m is outside the {low:.2f} to {high:.2f} m of the people of {path.name}"
+        yield (
+            f"{person.height:.2f} m is outside the {low:.2f} to {high:.2f} m of the people of "
+            f"{path.name}"
+        )
     if priors.gaitcal != package_version("gaitcal"):
-        yield f"{path.name} was learnt with gaitcal {priors.gaitcal}, not {package_version('gaitcal')}"
+        yield (
+            f"{path.name} was learnt with gaitcal {priors.gaitcal}, not "
+            f"{package_version('gaitcal')}"
+        )

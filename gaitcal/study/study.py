@@ -48,14 +48,16 @@ def completed_static(study: "Study") -> rebuilt_markers.Rebuilding:
     """The first static trial of a cleaned study, with what its other trials give back to it."""
     others = [(t.name, t.recording) for t in (*study.further_statics, *study.moving)]
     marker_set = study.marker_set.with_weights(study.weights)
-    return rebuilt_markers.rebuild_lost(study.static.recording, marker_set, others, study.static.name)
+    return rebuilt_markers.rebuild_lost(
+        study.static.recording, marker_set, others, study.static.name
+    )
 
 
 def _with_height(
     table: SubjectTable, marker_set: MarkerSet, recordings: Sequence[Recording], path: Path
 ) -> tuple[SubjectTable, str]:
-    """The person with a height, and a note where neither the study at `path` nor a file says one: then it is that of
-    people with legs as long, as uncertain as that is.
+    """The person with a height, and a note where neither the study at `path` nor a file says one:
+    then it is that of people with legs as long, as uncertain as that is.
     """
     said = table.height_m or next((f.height for f in _facts(recordings) if f.height), None)
     if said is not None:
@@ -68,7 +70,9 @@ def _with_height(
     )
     try:
         standing = still_window(recordings[0], marker_set.labels).frames
-        told = body_plan.likely_height(landmarks.static_posture(recordings[0], marker_set, standing).landmarks)
+        told = body_plan.likely_height(
+            landmarks.static_posture(recordings[0], marker_set, standing).landmarks
+        )
     except InputError as cause:
         raise fault from cause
     if told is None:
@@ -79,7 +83,8 @@ def _with_height(
 
 
 def subject_of(table: SubjectTable, recordings: Sequence[Recording]) -> Subject:
-    """The person as the study says, and, of what it does not say, as the files do: the first recording's before others.
+    """The person as the study says, and, of what it does not say, as the files do: the first
+    recording's before others.
 
     A file that names another person than the first one is not asked. `table` has a height.
     """
@@ -102,7 +107,9 @@ def subject_of(table: SubjectTable, recordings: Sequence[Recording]) -> Subject:
         ankle_width=ankles | {side: 1e-3 * width for side, width in table.ankle_width_mm.items()},
         leg_length=legs | {side: 1e-3 * length for side, length in table.leg_length_mm.items()},
         asis_distance=asis if table.asis_distance_mm is None else 1e-3 * table.asis_distance_mm,
-        marker_diameter=diameter if table.marker_diameter_mm is None else 1e-3 * table.marker_diameter_mm,
+        marker_diameter=diameter
+        if table.marker_diameter_mm is None
+        else 1e-3 * table.marker_diameter_mm,
         session=table.session,
         record=_record(table, facts),
     )
@@ -113,7 +120,9 @@ def _facts(recordings: Sequence[Recording]) -> list[Facts]:
 
 
 def _record(table: SubjectTable, facts: Sequence[Facts]) -> PatientRecord:
-    """As the study says; the day of the session also as the files do. A date of birth only where the study has it."""
+    """As the study says; the day of the session also as the files do. A date of birth only where
+    the study has it.
+    """
     said = table.model_dump(include=set(vars(PatientRecord())), exclude_none=True)
     return PatientRecord(**{"session_date": _session_date(table, facts), **said})
 
@@ -123,24 +132,34 @@ def _session_date(table: SubjectTable, facts: Sequence[Facts]) -> str:
 
 
 def _age(table: SubjectTable, facts: Sequence[Facts]) -> tuple[float | None, str]:
-    """Years, as said, else by the dates, of files in tenths: nobody's birthday is to be told; None: not known.
+    """Years, as said, else by the dates, of files in tenths: nobody's birthday is to be told; None:
+    not known.
 
-    With it a note where a file's date makes an age that nobody has, or another than is said: then it is not used. Only
-    the study's own dates are refused (InputError).
+    With it a note where a file's date makes an age that nobody has, or another than is said: then
+    it is not used. Only the study's own dates are refused (InputError).
     """
     said, then = table.age_years, _session_date(table, facts)
-    age = years_between(table.birth_date or next((f.birth_date for f in facts if f.birth_date), None), then)
+    age = years_between(
+        table.birth_date or next((f.birth_date for f in facts if f.birth_date), None), then
+    )
     if age is None:
         return said, ""
     agrees = said is None or abs(said - age) <= AGES_DIFFER
     if table.birth_date and table.session_date:
         if age < 0.0 or not agrees:
             words = "" if age < 0.0 else f" and age_years = {said:g}, which they make {age:.2f}"
-            message = f"found {table.birth_date} before session_date = {then}{words}; allowed: dates that agree"
+            message = (
+                f"found {table.birth_date} before session_date = {then}{words}; allowed: dates "
+                "that agree"
+            )
             raise InputError(message, field="subject.birth_date", code=Code.BAD_VALUE)
     elif not (agrees and 0.0 <= age <= OLDEST):
         counts = "no age is known" if said is None else f"age_years = {said:g} counts"
-        return said, f"dates of birth and session, as files have them, make an age of {age:.1f} years: {counts}"
+        return (
+            said,
+            f"dates of birth and session, as files have them, make an age of {age:.1f} years: "
+            f"{counts}",
+        )
     return (round(age, 2 if table.birth_date else 1) if said is None else said), ""
 
 
@@ -171,7 +190,9 @@ class Study(Displayed):
     joint_prior: JointPrior | None = None
     """What a cohort says of the joint parameters (`priors.json`), if one is asked."""
     loosened: Mapping[str, float] = field(default_factory=dict)
-    """Joint parameter -> m, rad by which more it is uncertain, as a cluster of its segment was put back."""
+    """Joint parameter -> m, rad by which more it is uncertain, as a cluster of its segment was put
+    back.
+    """
 
     @classmethod
     @with_one_blas_thread
@@ -198,8 +219,12 @@ class Study(Displayed):
 
     @classmethod
     @with_one_blas_thread
-    def assemble(cls, file: StudyFile, marker_set: MarkerSet, trials: tuple[Trial, ...], path: Path) -> "Study":
-        """A study from its file at `path` and its trials, read by `read_trial`; InputError for labels nobody has."""
+    def assemble(
+        cls, file: StudyFile, marker_set: MarkerSet, trials: tuple[Trial, ...], path: Path
+    ) -> "Study":
+        """A study from its file at `path` and its trials, read by `read_trial`; InputError for
+        labels nobody has.
+        """
         files = input_files(file, path)
         _require_labels(file, marker_set, trials, path)
         require_joint_prior(file.calibration, path)
@@ -208,37 +233,59 @@ class Study(Displayed):
         person, height = _with_height(file.subject, marker_set, recordings, path)
         if notes := [note for note in (_age(person, _facts(recordings))[1], height) if note]:
             first = recordings[0].with_notes(*notes)
-            trials = tuple(replace(t, recording=first) if t.recording is recordings[0] else t for t in trials)
+            trials = tuple(
+                replace(t, recording=first) if t.recording is recordings[0] else t for t in trials
+            )
         study = cls(
             subject=subject_of(person, recordings),
             marker_set=marker_set,
             trials=trials,
             settings=file.calibration,
             weights=dict(file.markers.weights),
-            inputs={name: sha256_of(f) or "" for name, f in _file_words(files, path.parent).items()},
+            inputs={
+                name: sha256_of(f) or "" for name, f in _file_words(files, path.parent).items()
+            },
             source=str(path),
             files=files,
             rename=dict(file.markers.rename),
-            truth=read_truth(file.truth, file.calibration, marker_set.name, [trial.name for trial in trials], path),
+            truth=read_truth(
+                file.truth,
+                file.calibration,
+                marker_set.name,
+                [trial.name for trial in trials],
+                path,
+            ),
         )
         if (other := study.other_truth()) is not None:
             message = f"{other}; allowed: the same, or no [truth]"
             raise InputError(message, source=path, field="truth.landmarks", code=Code.TRUTH)
-        return study if file.calibration.priors is None else with_cohort_priors(study, file.calibration.priors)
+        return (
+            study
+            if file.calibration.priors is None
+            else with_cohort_priors(study, file.calibration.priors)
+        )
 
     def _description(self) -> tuple[str, list[tuple[str, str]]]:
         person, sex = self.subject, self.subject.sex or "sex not given"
         age = "" if person.age is None else f", {person.age:g} years"
-        names, frames = [trial.name for trial in self.trials], sum(len(t.recording.time) for t in self.trials)
+        names, frames = (
+            [trial.name for trial in self.trials],
+            sum(len(t.recording.time) for t in self.trials),
+        )
         rows = [
             ("subject", f"{person.name}: {sex}, {person.mass:.1f} kg, {person.height:.2f} m{age}"),
-            ("marker set", f"{self.marker_set.name}, {len(self.marker_set.tracked)} tracked markers"),
+            (
+                "marker set",
+                f"{self.marker_set.name}, {len(self.marker_set.tracked)} tracked markers",
+            ),
             ("trials", f"{len(names)} of {frames} frames: {shorten(names, 10)}"),
         ]
         return f"Study {Path(self.source).name}", rows
 
     def other_truth(self) -> str | None:
-        """Why its truth is told in the frames of another static trial than its first; None: it is not, or none is."""
+        """Why its truth is told in the frames of another static trial than its first; None: it is
+        not, or none is.
+        """
         if self.truth is None or not any(trial.role is Role.STATIC for trial in self.trials):
             return None
         return other_landmarks(self.truth.landmarks, self.static.recording, self.marker_set)
@@ -246,7 +293,11 @@ class Study(Displayed):
     @property
     def hip_centre(self) -> HipCentre:
         """Where hip centres come from: where nothing is chosen, segment poses have them."""
-        if self.settings.hip_centre == AUTOMATIC and self.marker_set.noise and "hjc_r" in self.marker_set.landmarks:
+        if (
+            self.settings.hip_centre == AUTOMATIC
+            and self.marker_set.noise
+            and "hjc_r" in self.marker_set.landmarks
+        ):
             return HipCentre.GIVEN
         return HipCentre(self.settings.hip_rule)
 
@@ -295,13 +346,20 @@ class Study(Displayed):
 
     def changed_inputs(self) -> tuple[str, ...]:
         """Inputs that are no longer what was read, as `inputs` names them."""
-        return tuple(name for name, f in self._named_files.items() if self.inputs.get(name) != sha256_of(f))
+        return tuple(
+            name for name, f in self._named_files.items() if self.inputs.get(name) != sha256_of(f)
+        )
 
 
 def _worn(marker_set: MarkerSet, trials: tuple[Trial, ...]) -> tuple[MarkerSet, tuple[Trial, ...]]:
-    """The marker set as the first static trial shows it worn, and the trials, the static ones completed."""
+    """The marker set as the first static trial shows it worn, and the trials, the static ones
+    completed.
+    """
     whole = tuple(
-        replace(t, recording=complete_static(t.recording, marker_set)) if t.role is Role.STATIC else t for t in trials
+        replace(t, recording=complete_static(t.recording, marker_set))
+        if t.role is Role.STATIC
+        else t
+        for t in trials
     )
     static = next((trial for trial in whole if trial.role is Role.STATIC), None)
     if static is None:
@@ -311,20 +369,36 @@ def _worn(marker_set: MarkerSet, trials: tuple[Trial, ...]) -> tuple[MarkerSet, 
 
 
 def input_files(file: StudyFile, path: Path) -> tuple[Path, ...]:
-    """The study file at `path`, its recordings and forces, a marker set of one's own, priors, and a known truth."""
-    forces = (f for trial in file.trials if trial.forces for f in (trial.forces, *loads_tables(trial.forces)))
+    """The study file at `path`, its recordings and forces, a marker set of one's own, priors, and a
+    known truth.
+    """
+    forces = (
+        f
+        for trial in file.trials
+        if trial.forces
+        for f in (trial.forces, *loads_tables(trial.forces))
+    )
     events = (table for trial in file.trials for table in events_beside(trial.file))
     marker_set = [file.markers.set_path] if file.markers.set_path else []
     priors = [file.calibration.priors] if file.calibration.priors else []
     truth = truth_files(file.truth, [trial.name for trial in file.trials])
-    return (path, *(trial.file for trial in file.trials), *forces, *events, *marker_set, *priors, *truth)
+    return (
+        path,
+        *(trial.file for trial in file.trials),
+        *forces,
+        *events,
+        *marker_set,
+        *priors,
+        *truth,
+    )
 
 
 def _file_words(files: Iterable[Path], folder: Path) -> dict[str, Path]:
-    """Files by the names that the manifest gives them: below the study's folder from there, elsewhere by their own.
+    """Files by the names that the manifest gives them: below the study's folder from there,
+    elsewhere by their own.
 
-    Where two elsewhere have one name, the second has as much of its path before it as tells them apart; no more of it
-    belongs in a result that may be given away.
+    Where two elsewhere have one name, the second has as much of its path before it as tells them
+    apart; no more of it belongs in a result that may be given away.
     """
     out: dict[str, Path] = {}
     for file in dict.fromkeys(files):
@@ -339,12 +413,13 @@ def _file_words(files: Iterable[Path], folder: Path) -> dict[str, Path]:
 
 
 def marker_set_of(file: StudyFile, path: Path, *, proposed: bool = False) -> MarkerSet:
-    """The marker set of the study file at `path`, with its further markers; InputError where labels are proposed that
-    nobody confirmed, unless `proposed` ones will do, or as of `load_marker_set`.
+    """The marker set of the study file at `path`, with its further markers; InputError where labels
+    are proposed that nobody confirmed, unless `proposed` ones will do, or as of `load_marker_set`.
     """
     if not (file.markers.confirmed or proposed):
         raise InputError(
-            "found false: what the labels mean was proposed by places and movement; look through [markers.rename] and "
+            "found false: what the labels mean was proposed by places and movement; look through "
+            "[markers.rename] and "
             "[markers.tracking], put right what is wrong, and write confirmed = true",
             source=path,
             field="markers.confirmed",
@@ -353,8 +428,12 @@ def marker_set_of(file: StudyFile, path: Path, *, proposed: bool = False) -> Mar
     return load_marker_set(file.markers.set).with_further(file.markers.tracking, path)
 
 
-def _require_labels(file: StudyFile, marker_set: MarkerSet, trials: Sequence[Trial], path: Path) -> None:
-    """InputError for weights of labels that the set does not know, and for labels to be renamed that no trial has."""
+def _require_labels(
+    file: StudyFile, marker_set: MarkerSet, trials: Sequence[Trial], path: Path
+) -> None:
+    """InputError for weights of labels that the set does not know, and for labels to be renamed
+    that no trial has.
+    """
 
     def fault(message: str, field: str) -> InputError:
         return InputError(message, source=path, field=f"markers.{field}", code=Code.UNKNOWN_LABEL)
@@ -362,17 +441,25 @@ def _require_labels(file: StudyFile, marker_set: MarkerSet, trials: Sequence[Tri
     known = set(marker_set.labels)
     for label in file.markers.weights:
         if label not in known:
-            message = f"found a weight for '{label}', which the marker set does not know{nearest(label, known)}"
+            message = (
+                f"found a weight for '{label}', which the marker set does not "
+                f"know{nearest(label, known)}"
+            )
             raise fault(message, "weights")
     present = {label for trial in trials for label in trial.file_labels}
     for old, new in file.markers.rename.items():
         if old not in present:
-            raise fault(f"found '{old}' -> '{new}', but no trial has a marker '{old}'{nearest(old, present)}", "rename")
+            raise fault(
+                f"found '{old}' -> '{new}', but no trial has a marker "
+                f"'{old}'{nearest(old, present)}",
+                "rename",
+            )
 
 
 def nominal_of(study: Study, completed: rebuilt_markers.Rebuilding | None = None) -> SubjectModel:
-    """The nominal model of a study: its static trial, marker set and anthropometry; where the static trial lacks the
-    markers of the trunk, the walks place them. `completed`: the static trial of a cleaned study, where it is known.
+    """The nominal model of a study: its static trial, marker set and anthropometry; where the
+    static trial lacks the markers of the trunk, the walks place them. `completed`: the static trial
+    of a cleaned study, where it is known.
     """
     study = cleaned(study)
     completed = completed or completed_static(study)
@@ -394,8 +481,8 @@ def nominal_of(study: Study, completed: rebuilt_markers.Rebuilding | None = None
 def with_cohort_priors(study: Study, path: Path) -> Study:
     """A study whose joint parameters lean on a cohort; the file counts among its inputs.
 
-    Raises InputError: The file is no such file, or was learnt with another marker set, other nominal joints, or for
-    another protocol.
+    Raises InputError: The file is no such file, or was learnt with another marker set, other
+    nominal joints, or for another protocol.
     """
     sha256 = sha256_of(path) or ""
     prior = replace(cohort_prior(read_cohort_priors(path), study, path), sha256=sha256)
@@ -404,16 +491,31 @@ def with_cohort_priors(study: Study, path: Path) -> Study:
 
 
 def cohort_prior(priors: CohortPriors, study: Study, path: Path) -> JointPrior:
-    """What the cohort says of the person of a study, without the fold of the people that the person is among."""
+    """What the cohort says of the person of a study, without the fold of the people that the person
+    is among.
+    """
     settings, subject = study.settings, study.subject
     if not settings.takes_priors:
         message = "priors of a cohort need joint parameters fitted with protocol = 'evidence'"
         raise InputError(message, source=path, code=Code.PRIORS)
-    used = {"marker_set": study.marker_set.name, "hip_centre": settings.hip_rule, "ankle_zero": settings.ankle_rule}
+    used = {
+        "marker_set": study.marker_set.name,
+        "hip_centre": settings.hip_rule,
+        "ankle_zero": settings.ankle_rule,
+    }
     for rule, value in used.items():
         if (learnt := getattr(priors, rule)) != value:
-            message = f"learnt with '{learnt}', and the study uses '{value}', whose nominal joints are others"
+            message = (
+                f"learnt with '{learnt}', and the study uses '{value}', whose nominal joints are "
+                "others"
+            )
             raise InputError(message, source=path, field=rule, code=Code.PRIORS)
     name, recordings = name_hash(priors.cohort, subject.name), set(study.inputs.values())
-    folds = (p.fold for p in priors.people if p.name_sha256 == name or recordings & set(p.recordings_sha256))
-    return prior_of_person(priors, Person(height=subject.height, sex=subject.sex), path, next(folds, None))
+    folds = (
+        p.fold
+        for p in priors.people
+        if p.name_sha256 == name or recordings & set(p.recordings_sha256)
+    )
+    return prior_of_person(
+        priors, Person(height=subject.height, sex=subject.sex), path, next(folds, None)
+    )

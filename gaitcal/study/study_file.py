@@ -1,7 +1,9 @@
-"""The study file `study.toml`: subject, marker set, trials, settings. Read once, checked once, trusted inside.
+"""The study file `study.toml`: subject, marker set, trials, settings. Read once, checked once,
+trusted inside.
 
-Everything a user can get wrong in it ends in one `InputError`, one line: the file, the field as `trial[2].file` (trials
-count from 1, in the order of the file), what was found, what is allowed. Only the first mistake is told.
+Everything a user can get wrong in it ends in one `InputError`, one line: the file, the field as
+`trial[2].file` (trials count from 1, in the order of the file), what was found, what is allowed.
+Only the first mistake is told.
 """
 
 import datetime
@@ -17,7 +19,15 @@ from pydantic import AfterValidator, BeforeValidator, Field, ValidationInfo, fie
 from gaitcal.io.toml import Table, read_validated, require_file, shown, toml_table
 from gaitcal.study.settings import CalibrationSettings, frequency
 
-__all__ = ["CalibrationSettings", "Markers", "StudyFile", "SubjectTable", "TrialTable", "TruthTable", "load_study_file"]
+__all__ = [
+    "CalibrationSettings",
+    "Markers",
+    "StudyFile",
+    "SubjectTable",
+    "TrialTable",
+    "TruthTable",
+    "load_study_file",
+]
 
 Joint: TypeAlias = Literal["hip_r", "knee_r", "ankle_r", "hip_l", "knee_l", "ankle_l"]
 Side: TypeAlias = Literal["r", "l", "none"]
@@ -26,22 +36,30 @@ RECORDING_SUFFIXES = (".c3d", ".trc", ".csv")
 FORCES_SUFFIXES = (".mot", ".sto", ".csv", ".xml")
 MAX_LINE = 200  # Characters in what is said of a person or a session
 MAX_NAME = 80  # Characters in a trial's name, which becomes a file name
-_DEVICES = re.compile(r"(con|prn|aux|nul|com\d|lpt\d)(\..*)?", re.IGNORECASE)  # no file names on Windows
+_DEVICES = re.compile(
+    r"(con|prn|aux|nul|com\d|lpt\d)(\..*)?", re.IGNORECASE
+)  # no file names on Windows
 
 
 def _with_suffix(allowed: tuple[str, ...]) -> AfterValidator:
     def check(path: Path) -> Path:
         if path.suffix.lower() not in allowed:
-            raise ValueError(f"found {shown(str(path))}; allowed: a file ending in {' '.join(allowed)}")
+            raise ValueError(
+                f"found {shown(str(path))}; allowed: a file ending in {' '.join(allowed)}"
+            )
         return path
 
     return AfterValidator(check)
 
 
 def _interval(value: object) -> tuple[float, float]:
-    numbers = [v for v in value if isinstance(v, int | float)] if isinstance(value, list | tuple) else []
+    numbers = (
+        [v for v in value if isinstance(v, int | float)] if isinstance(value, list | tuple) else []
+    )
     if len(numbers) != 2 or len(numbers) != len(value) or not -1e9 < numbers[0] < numbers[1] < 1e9:  # type: ignore[arg-type]
-        raise ValueError(f"found {shown(value)}; allowed: two increasing numbers, [start, end] in seconds")
+        raise ValueError(
+            f"found {shown(value)}; allowed: two increasing numbers, [start, end] in seconds"
+        )
     return float(numbers[0]), float(numbers[1])
 
 
@@ -49,7 +67,11 @@ def _millimetres(low: float, high: float) -> Callable[[object], float]:
     """A length of a body in mm, with a word for one that was given in another unit."""
 
     def check(value: object) -> float:
-        number = float(value) if isinstance(value, int | float) and not isinstance(value, bool) else math.nan
+        number = (
+            float(value)
+            if isinstance(value, int | float) and not isinstance(value, bool)
+            else math.nan
+        )
         if low <= number <= high:
             return number
         units = (("centimetres", 10.0), ("metres", 1000.0))
@@ -68,7 +90,9 @@ def _sided(low: float, high: float) -> BeforeValidator:
         if isinstance(value, int | float) and not isinstance(value, bool):
             value = {"r": value, "l": value}
         if not isinstance(value, dict) or not set(value) <= {"r", "l"}:
-            raise ValueError(f"found {shown(value)}; allowed: a length in mm, or {{ r = ..., l = ... }}")
+            raise ValueError(
+                f"found {shown(value)}; allowed: a length in mm, or {{ r = ..., l = ... }}"
+            )
         return {side: of_one(length) for side, length in value.items()}
 
     return BeforeValidator(check)
@@ -80,7 +104,9 @@ _WIDTHS = _sided(20, 300)
 def _day(value: object) -> str:
     """A date of TOML, or its text, as text."""
     try:
-        found = value if isinstance(value, datetime.date) else datetime.date.fromisoformat(str(value))
+        found = (
+            value if isinstance(value, datetime.date) else datetime.date.fromisoformat(str(value))
+        )
     except ValueError:
         raise ValueError(f"found {shown(value)}; allowed: a date as 2016-03-09") from None
     return found.isoformat()[:10]
@@ -105,41 +131,63 @@ class SubjectTable(Table):
     mass_kg: float = Field(gt=0, description="body mass in kg")
     height_m: float | None = Field(
         default=None,
-        description="body height in m; without it as a file says, or as people with legs as long have it: their "
+        description="body height in m; without it as a file says, or as people with legs as long "
+        "have it: their "
         "standard deviation counts in the errors then",
     )
     height_error_m: float = Field(
-        default=0.0, ge=0, le=0.3, description="standard deviation of an estimated height, m; counts in the errors"
+        default=0.0,
+        ge=0,
+        le=0.3,
+        description="standard deviation of an estimated height, m; counts in the errors",
     )
     sex: Literal["male", "female"] | None = Field(
         default=None,
-        description="'male' or 'female': which anthropometric table is used; without it the mean of both, and their "
+        description="'male' or 'female': which anthropometric table is used; without it the mean "
+        "of both, and their "
         "difference counts in the errors",
     )
     age_years: float | None = Field(default=None, ge=0, le=130, description="age in years")
     knee_width_mm: Annotated[dict[str, float], _WIDTHS] = Field(
-        default={}, description="width of the knee across the epicondyles, mm: one number, or { r = 105, l = 107 }"
+        default={},
+        description="width of the knee across the epicondyles, mm: one number, or { r = 105, l = "
+        "107 }",
     )
     ankle_width_mm: Annotated[dict[str, float], _WIDTHS] = Field(
-        default={}, description="width of the ankle across the malleoli, mm: one number, or { r = 70, l = 72 }"
+        default={},
+        description="width of the ankle across the malleoli, mm: one number, or { r = 70, l = 72 }",
     )
     leg_length_mm: Annotated[dict[str, float], _sided(150, 1500)] = Field(
-        default={}, description="anterior superior iliac spine to medial malleolus, mm: one number, or { r = ..., l = }"
+        default={},
+        description="anterior superior iliac spine to medial malleolus, mm: one number, or { r = "
+        "..., l = }",
     )
     asis_distance_mm: Annotated[float, BeforeValidator(_millimetres(80, 500))] | None = Field(
-        default=None, description="distance between the two anterior superior iliac spines as measured by hand, mm"
+        default=None,
+        description="distance between the two anterior superior iliac spines as measured by hand, "
+        "mm",
     )
     marker_diameter_mm: Annotated[float, BeforeValidator(_millimetres(3, 40))] | None = Field(
         default=None, description="diameter of the markers, mm"
     )
-    session: _Line = Field(default="", description="the day of the recordings, a date or a label, as tables show it")
-    session_date: _Day | None = Field(default=None, description="the day of the recordings, as 2016-03-09")
+    session: _Line = Field(
+        default="", description="the day of the recordings, a date or a label, as tables show it"
+    )
+    session_date: _Day | None = Field(
+        default=None, description="the day of the recordings, as 2016-03-09"
+    )
     birth_date: _Day | None = Field(
-        default=None, description="as 2008-11-30; with session_date it gives the age. Stands in the results"
+        default=None,
+        description="as 2008-11-30; with session_date it gives the age. Stands in the results",
     )
     diagnosis: _Line = Field(default="", description="as reports and tables show it")
-    affected_side: Literal["right", "left", "both", "none"] | None = Field(default=None, description="of the diagnosis")
-    aids: _Line = Field(default="", description="orthoses, shoes, crutches, walkers, as reports and tables show them")
+    affected_side: Literal["right", "left", "both", "none"] | None = Field(
+        default=None, description="of the diagnosis"
+    )
+    aids: _Line = Field(
+        default="",
+        description="orthoses, shoes, crutches, walkers, as reports and tables show them",
+    )
     laboratory: _Line = Field(default="", description="where it was recorded, as reports show it")
 
     @field_validator("name")
@@ -154,7 +202,10 @@ class SubjectTable(Table):
     def _height(cls, height: float | None) -> float | None:
         if height is None or 0.3 <= height <= 2.6:
             return height
-        unit = {30 <= height <= 260: ("centimetres", 100), 300 <= height <= 2600: ("millimetres", 1000)}.get(True)
+        unit = {
+            30 <= height <= 260: ("centimetres", 100),
+            300 <= height <= 2600: ("millimetres", 1000),
+        }.get(True)
         hint = f"; this looks like {unit[0]}: height_m = {height / unit[1]:g}" if unit else ""
         raise ValueError(f"found {height:g}; allowed: 0.3 to 2.6 m{hint}")
 
@@ -162,24 +213,38 @@ class SubjectTable(Table):
 class Markers(Table):
     """`[markers]`: what the labels in the files mean."""
 
-    set: str = Field(min_length=1, description="a built-in marker set, or the path of a TOML file of your own")
+    set: str = Field(
+        min_length=1, description="a built-in marker set, or the path of a TOML file of your own"
+    )
     rename: dict[str, str] = Field(
-        default={}, description="label in the files -> label in the marker set, before anything else is looked up"
+        default={},
+        description="label in the files -> label in the marker set, before anything else is looked "
+        "up",
     )
     weights: dict[str, Annotated[float, Field(ge=0)]] = Field(
-        default={}, description="label in the marker set -> weight instead of the set's own; 0 leaves the marker out"
+        default={},
+        description="label in the marker set -> weight instead of the set's own; 0 leaves the "
+        "marker out",
     )
     tracking: dict[str, list[str]] = Field(
-        default={}, description="segment -> labels of further markers, which the set does not know, that move with it"
+        default={},
+        description="segment -> labels of further markers, which the set does not know, that move "
+        "with it",
     )
     confirmed: bool = Field(
-        default=True, description="false where the meaning of labels was proposed, and nobody has looked at it yet"
+        default=True,
+        description="false where the meaning of labels was proposed, and nobody has looked at it "
+        "yet",
     )
 
     @property
     def set_path(self) -> Path | None:
         """The file of a marker set of the user's own; None for a built-in set."""
-        return Path(self.set) if self.set.lower().endswith(".toml") or re.search(r"[/\\]", self.set) else None
+        return (
+            Path(self.set)
+            if self.set.lower().endswith(".toml") or re.search(r"[/\\]", self.set)
+            else None
+        )
 
     @field_validator("rename")
     @classmethod
@@ -187,7 +252,10 @@ class Markers(Table):
         seen: dict[str, str] = {}
         for old, new in rename.items():
             if new in seen:
-                message = f"{shown(seen[new])} and {shown(old)} both become {shown(new)}; a label names one marker"
+                message = (
+                    f"{shown(seen[new])} and {shown(old)} both become {shown(new)}; a label names "
+                    "one marker"
+                )
                 raise ValueError(message)
             seen[new] = old
         return rename
@@ -198,11 +266,15 @@ class TrialTable(Table):
 
     name: str = Field(description="the trial's name, which also names its result files")
     role: Literal["static", "joint", "gait", "motion"] = Field(
-        description="'static' (standing still; of several the first gives the model, the others must agree with it), "
-        "'joint' (one joint moved in isolation), 'gait' (walking) or 'motion' (any other activity of the whole body)"
+        description="'static' (standing still; of several the first gives the model, the others "
+        "must agree with it), "
+        "'joint' (one joint moved in isolation), 'gait' (walking) or 'motion' (any other activity "
+        "of the whole body)"
     )
     joint: Joint | None = Field(
-        default=None, validate_default=True, description="the joint that a trial with role = 'joint' moves"
+        default=None,
+        validate_default=True,
+        description="the joint that a trial with role = 'joint' moves",
     )
     file: Annotated[Path, _with_suffix(RECORDING_SUFFIXES)] = Field(
         strict=False, description="the recording, .c3d .trc or .csv"
@@ -213,22 +285,29 @@ class TrialTable(Table):
         description="ground reactions, .mot .sto .csv or ExternalLoads .xml; a C3D brings its own",
     )
     plates: dict[str, Side] = Field(
-        default={}, description="force plate -> foot on it: 'r', 'l' or 'none'; else found from the centre of pressure"
+        default={},
+        description="force plate -> foot on it: 'r', 'l' or 'none'; else found from the centre of "
+        "pressure",
     )
     time: Annotated[tuple[float, float], BeforeValidator(_interval)] | None = Field(
         default=None, description="[start, end] in s of the part to use; else all of it"
     )
     filter_hz: Annotated[float | Literal["none"], frequency("none")] | None = Field(
-        default=None, description="low-pass cut-off of this trial's forces in Hz, or 'none'; else as in [calibration]"
+        default=None,
+        description="low-pass cut-off of this trial's forces in Hz, or 'none'; else as in "
+        "[calibration]",
     )
 
     @field_validator("name")
     @classmethod
     def _safe_file_name(cls, name: str) -> str:
-        safe = re.fullmatch(r"[A-Za-z0-9_-]([A-Za-z0-9 _.-]*[A-Za-z0-9_-])?", name) and not _DEVICES.fullmatch(name)
+        safe = re.fullmatch(
+            r"[A-Za-z0-9_-]([A-Za-z0-9 _.-]*[A-Za-z0-9_-])?", name
+        ) and not _DEVICES.fullmatch(name)
         if not safe or len(name) > MAX_NAME:
             raise ValueError(
-                f"found {shown(name)}; allowed, as it names files: 1 to {MAX_NAME} of A-Z a-z 0-9 _ - and, inside, "
+                f"found {shown(name)}; allowed, as it names files: 1 to {MAX_NAME} of A-Z a-z 0-9 "
+                "_ - and, inside, "
                 "space and dot; no name that Windows reserves"
             )
         return name
@@ -236,28 +315,42 @@ class TrialTable(Table):
     @field_validator("joint")
     @classmethod
     def _joint_where_needed(cls, joint: str | None, info: ValidationInfo) -> str | None:
-        role = info.data.get("role", "joint" if joint else "gait")  # role itself at fault: that is told first
+        role = info.data.get(
+            "role", "joint" if joint else "gait"
+        )  # role itself at fault: that is told first
         if role == "joint" and joint is None:
-            raise ValueError("missing: role = 'joint' needs the joint: hip_r knee_r ankle_r hip_l knee_l ankle_l")
+            raise ValueError(
+                "missing: role = 'joint' needs the joint: hip_r knee_r ankle_r hip_l knee_l ankle_l"
+            )
         if role != "joint" and joint is not None:
-            raise ValueError(f"found {shown(joint)} with role = '{role}'; allowed only with role = 'joint'")
+            raise ValueError(
+                f"found {shown(joint)} with role = '{role}'; allowed only with role = 'joint'"
+            )
         return joint
 
 
 class TruthTable(Table):
     """`[truth]`: only where somebody knows it, as the program that made the recordings does."""
 
-    parameters: Path = Field(strict=False, description="CSV of the true parameters: name,unit,value")
+    parameters: Path = Field(
+        strict=False, description="CSV of the true parameters: name,unit,value"
+    )
     folder: Path | None = Field(
-        default=None, strict=False, description="folder of TRIAL_motion.csv and TRIAL_moments.csv, the true curves"
+        default=None,
+        strict=False,
+        description="folder of TRIAL_motion.csv and TRIAL_moments.csv, the true curves",
     )
     landmarks: Path = Field(
         strict=False,
-        description="CSV of the static trial's landmarks, which make the truth's segment frames: name,x,y,z, m",
+        description="CSV of the static trial's landmarks, which make the truth's segment frames: "
+        "name,x,y,z, m",
     )
-    markers: str = Field(description="name of the marker set whose landmarks make the truth's segment frames")
+    markers: str = Field(
+        description="name of the marker set whose landmarks make the truth's segment frames"
+    )
     hip_centre: Literal["bell", "orthotrak", "harrington", "given"] = Field(
-        description="the nominal hip centre whose segment frames the truth is told in; that of the calibration"
+        description="the nominal hip centre whose segment frames the truth is told in; that of the "
+        "calibration"
     )
     ankle_zero: Literal["auto", "sole", "markers", "file"] = Field(
         description="what the true ankle angles are counted from; that of the calibration"
@@ -273,21 +366,31 @@ class TruthTable(Table):
 
 
 class StudyFile(Table):
-    """A whole study file. From `load_study_file`, every path in it is absolute and a file lies there."""
+    """A whole study file. From `load_study_file`, every path in it is absolute and a file lies
+    there.
+    """
 
-    subject: SubjectTable = Field(description="the table [subject] with name, mass_kg, height_m, sex")
+    subject: SubjectTable = Field(
+        description="the table [subject] with name, mass_kg, height_m, sex"
+    )
     markers: Markers = Field(description="the table [markers] with set")
     trials: tuple[TrialTable, ...] = Field(
         alias="trial", strict=False, description="at least one [[trial]], with name, role and file"
     )
-    calibration: CalibrationSettings = Field(default=CalibrationSettings(), description="settings, all optional")
-    truth: TruthTable | None = Field(default=None, description="what is known to be true of a made-up person")
+    calibration: CalibrationSettings = Field(
+        default=CalibrationSettings(), description="settings, all optional"
+    )
+    truth: TruthTable | None = Field(
+        default=None, description="what is known to be true of a made-up person"
+    )
 
     @field_validator("trials", mode="before")
     @classmethod
     def _array_of_tables(cls, trials: object) -> object:
         if isinstance(trials, dict):
-            raise ValueError("found a single table [trial]; write [[trial]], with two brackets, for each trial")
+            raise ValueError(
+                "found a single table [trial]; write [[trial]], with two brackets, for each trial"
+            )
         return trials
 
     @field_validator("trials")
@@ -297,11 +400,17 @@ class StudyFile(Table):
         for number, trial in enumerate(trials, start=1):
             # Some file systems do not tell Walk from walk.
             if (other := seen.setdefault(trial.name.lower(), number)) != number:
-                message = f"trials {other} and {number} are both named {shown(trial.name)}; every name occurs once "
+                message = (
+                    f"trials {other} and {number} are both named {shown(trial.name)}; every name "
+                    "occurs once "
+                )
                 message += "(capitals make no difference)"
                 raise ValueError(message)
         if not any(trial.role == "static" for trial in trials):
-            raise ValueError("no trial stands still; add [[trial]] with name = 'static', role = 'static', file = '...'")
+            raise ValueError(
+                "no trial stands still; add [[trial]] with name = 'static', role = 'static', file "
+                "= '...'"
+            )
         return trials
 
     @property
@@ -310,7 +419,9 @@ class StudyFile(Table):
         return next(trial for trial in self.trials if trial.role == "static")
 
     def to_toml(self, folder: Path | None = None) -> str:
-        """The study as the text of a study file, defaults left out, absolute paths made relative to `folder`."""
+        """The study as the text of a study file, defaults left out, absolute paths made relative to
+        `folder`.
+        """
 
         def content(table: Table) -> dict[str, object]:
             values = {key: getattr(table, key) for key in type(table).model_fields}
@@ -343,7 +454,8 @@ def _relative(path: Path, folder: Path | None) -> Path:
 
 
 def load_study_file(path: Path | str) -> StudyFile:
-    """Read and check the study file at `path`; relative paths in it are resolved from the file's own folder.
+    """Read and check the study file at `path`; relative paths in it are resolved from the file's
+    own folder.
 
     Raises InputError: One line: file, field, what was found, what is allowed.
     """
@@ -365,5 +477,10 @@ def load_study_file(path: Path | str) -> StudyFile:
     truth = study.truth and study.truth.found(lambda file: source.parent.absolute() / file, source)
     settings = study.calibration.found(lambda file: found(file, "calibration.priors"), source)
     return study.model_copy(
-        update={"markers": markers, "trials": tuple(trials), "calibration": settings, "truth": truth}
+        update={
+            "markers": markers,
+            "trials": tuple(trials),
+            "calibration": settings,
+            "truth": truth,
+        }
     )

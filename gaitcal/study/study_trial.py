@@ -1,10 +1,12 @@
-"""One trial of a study: read, its labels put into those of the marker set, cut to the time that the study asks for.
+"""One trial of a study: read, its labels put into those of the marker set, cut to the time that the
+study asks for.
 
-Markers of the trunk that walks have and the static trial lacks are put where they belong by the walks themselves: in
-every frame the markers of the pelvis tell where the lumbar joint is and where the pelvis faces. The mean of a trunk
-marker in axes through that joint, y up and z along the pelvis's lateral direction made horizontal, is its place in a
-person whose trunk stands as it is carried on average while walking. A note says that the trunk's angles count from its
-mean posture in those walks.
+Markers of the trunk that walks have and the static trial lacks are put where they belong by the
+walks themselves: in every frame the markers of the pelvis tell where the lumbar joint is and where
+the pelvis faces. The mean of a trunk marker in axes through that joint, y up and z along the
+pelvis's lateral direction made horizontal, is its place in a person whose trunk stands as it is
+carried on average while walking. A note says that the trunk's angles count from its mean posture in
+those walks.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -28,8 +30,8 @@ from gaitcal.model.subject_model import PointNoise, SubjectModel
 from gaitcal.study.study_file import TrialTable
 
 OTHER_UNIT = 100.0
-"""Forces that last so many times longer than whole markers have their time in ms: laboratories crop markers, to a tenth
-or a twentieth of the forces."""
+"""Forces that last so many times longer than whole markers have their time in ms: laboratories crop
+markers, to a tenth or a twentieth of the forces."""
 
 
 class Role(str, Enum):
@@ -62,9 +64,13 @@ class Trial:
     file_labels: tuple[str, ...] = ()
     """Labels as in the file."""
     files: Mapping[str, Path] = field(default_factory=dict)
-    """`file`; where forces have one of their own, `forces`; where a person corrected events, `events`."""
+    """`file`; where forces have one of their own, `forces`; where a person corrected events,
+    `events`.
+    """
     outliers: tuple[rebuilt_markers.Outlier, ...] | None = None
-    """Markers that were left out where they were metres away from the body; None: not looked for yet."""
+    """Markers that were left out where they were metres away from the body; None: not looked for
+    yet.
+    """
     spikes: rebuilt_markers.Spikes = field(default_factory=dict)
     """Single positions out of line that were left out."""
     cut: str = ""
@@ -75,9 +81,12 @@ BRIDGED_S = 0.2
 """Without three markers the splines carry a pelvis over so much; more hides a part of a step."""
 
 
-def cleaned_trial(trial: Trial, segment_of: Mapping[str, str], noise: PointNoise | None = None) -> Trial:
-    """The trial without markers metres away from the body and, where it moves, without single positions out of line,
-    cut to the longest part that shows the pelvis it hangs on; `segment_of`: label -> segment; `noise`: of the set.
+def cleaned_trial(
+    trial: Trial, segment_of: Mapping[str, str], noise: PointNoise | None = None
+) -> Trial:
+    """The trial without markers metres away from the body and, where it moves, without single
+    positions out of line, cut to the longest part that shows the pelvis it hangs on; `segment_of`:
+    label -> segment; `noise`: of the set.
     """
     if trial.outliers is not None:
         return trial
@@ -85,7 +94,10 @@ def cleaned_trial(trial: Trial, segment_of: Mapping[str, str], noise: PointNoise
     if trial.role is Role.STATIC:
         return replace(trial, recording=recording, outliers=outliers)
     recording, spikes = rebuilt_markers.without_spikes(recording, noise)
-    trial, time = replace(trial, recording=recording, outliers=outliers, spikes=spikes), recording.time
+    trial, time = (
+        replace(trial, recording=recording, outliers=outliers, spikes=spikes),
+        recording.time,
+    )
     if linkage.carrier_of(trial.joint) not in ("", "pelvis"):
         return trial
     pelvis = [i for i, label in enumerate(recording.labels) if segment_of.get(label) == "pelvis"]
@@ -96,8 +108,14 @@ def cleaned_trial(trial: Trial, segment_of: Mapping[str, str], noise: PointNoise
     edges = [0, *(edge for run in lasting for edge in (run.start, run.stop)), len(time)]
     start, stop = max(zip(edges[::2], edges[1::2], strict=True), key=lambda part: part[1] - part[0])
     frames = np.arange(len(time))
-    words = f"fewer than three pelvis markers in {100 * np.mean(lost):.0f} % of the frames ({spans(time, lasting)}): "
-    words += f"the trial is cut to {time[start]:.2f}-{time[stop - 1]:.2f} s, the longest part that shows the pelvis"
+    words = (
+        f"fewer than three pelvis markers in {100 * np.mean(lost):.0f} % of the frames "
+        f"({spans(time, lasting)}): "
+    )
+    words += (
+        f"the trial is cut to {time[start]:.2f}-{time[stop - 1]:.2f} s, the longest part that "
+        "shows the pelvis"
+    )
     kept = recording.frames((frames >= start) & (frames < stop)).with_notes(words)
     return replace(trial, recording=kept, cut=words)
 
@@ -105,7 +123,8 @@ def cleaned_trial(trial: Trial, segment_of: Mapping[str, str], noise: PointNoise
 def read_trial(trial: TrialTable, rename: Mapping[str, str], marker_set: MarkerSet) -> Trial:
     """Read one trial of a study file, its labels put into those of the marker set.
 
-    `rename`: label in the file -> label in the marker set, before the set's own aliases are looked up.
+    `rename`: label in the file -> label in the marker set, before the set's own aliases are looked
+    up.
 
     Raises InputError: One line: file, field, what was found, what is allowed.
     """
@@ -120,7 +139,9 @@ def read_trial(trial: TrialTable, rename: Mapping[str, str], marker_set: MarkerS
         time, (low, high) = recording.time, trial.time
         inside = (time >= low - 1e-9) & (time <= high + 1e-9)
         if inside.sum() < 2:
-            message = f"found [{low:g}, {high:g}]; the recording runs from {time[0]:g} to {time[-1]:g} s"
+            message = (
+                f"found [{low:g}, {high:g}]; the recording runs from {time[0]:g} to {time[-1]:g} s"
+            )
             raise _fault(message, trial.file, f"trial '{trial.name}'.time")
         recording = recording.frames(inside)
     if trial.role == Role.STATIC.value:
@@ -128,7 +149,9 @@ def read_trial(trial: TrialTable, rename: Mapping[str, str], marker_set: MarkerS
     recording = _with_forces_in_part(recording, trial)
     files = {"file": trial.file}
     if trial.forces is not None:
-        files |= {"forces": trial.forces} | {f"table{k}": path for k, path in enumerate(loads_tables(trial.forces))}
+        files |= {"forces": trial.forces} | {
+            f"table{k}": path for k, path in enumerate(loads_tables(trial.forces))
+        }
     if recording.corrected:
         files["events"] = events_beside(trial.file)[0]
     return Trial(
@@ -153,13 +176,17 @@ def _rename(recording: Recording, rename: Mapping[str, str]) -> Recording:
     doubled = sorted({label for label in labels if labels.count(label) > 1}) if changed else ()
     if doubled:
         message = f"found '{doubled[0]}' twice after renaming; a label names one marker"
-        raise InputError(message, source=recording.source, field="markers.rename", code=Code.UNKNOWN_LABEL)
+        raise InputError(
+            message, source=recording.source, field="markers.rename", code=Code.UNKNOWN_LABEL
+        )
     renamed = replace(recording, labels=labels)
     return renamed.with_notes(f"markers renamed: {', '.join(changed)}") if changed else renamed
 
 
 def _with_forces_in_part(recording: Recording, trial: TrialTable) -> Recording:
-    """The recording with a note where its forces cover a part of it; InputError where they cover less than a step."""
+    """The recording with a note where its forces cover a part of it; InputError where they cover
+    less than a step.
+    """
     if trial.role not in ("gait", "motion"):
         return recording
     time, source = recording.time, trial.forces or trial.file
@@ -168,39 +195,63 @@ def _with_forces_in_part(recording: Recording, trial: TrialTable) -> Recording:
         lasts = float(np.ptp(plate.time))
         if lasts > OTHER_UNIT * whole and trial.time is None:
             message = (
-                f"found forces that last {lasts:g} s and markers that last {whole:g} s; one of the two times is in "
+                f"found forces that last {lasts:g} s and markers that last {whole:g} s; one of the "
+                "two times is in "
             )
-            raise _fault(message + "another unit (ms?); both must be in s", source, f"plate {plate.name}")
+            raise _fault(
+                message + "another unit (ms?); both must be in s", source, f"plate {plate.name}"
+            )
         start, stop = max(plate.time[0], time[0]), min(plate.time[-1], time[-1])
         if stop - start < min(STANCE_S, whole - step):
             message = (
-                f"found forces from {plate.time[0]:g} to {plate.time[-1]:g} s and markers from {time[0]:g} to "
-                f"{time[-1]:g} s; both must last for a step together: are these the forces of this trial?"
+                f"found forces from {plate.time[0]:g} to {plate.time[-1]:g} s and markers from "
+                f"{time[0]:g} to "
+                f"{time[-1]:g} s; both must last for a step together: are these the forces of this "
+                "trial?"
             )
             raise _fault(message, source, f"plate {plate.name}")
         if start > time[0] + step or stop < time[-1] - step:
-            note = f"Plate {plate.name}: forces from {start:.2f} to {stop:.2f} s only; no torques beyond."
+            note = (
+                f"Plate {plate.name}: forces from {start:.2f} to {stop:.2f} s only; no torques "
+                "beyond."
+            )
             recording = recording.with_notes(note)
     return recording
 
 
 FEWEST_FRAMES = 20
-"""In which a marker must be seen beside three of the pelvis; a mean over less is a posture, not a habit."""
+"""In which a marker must be seen beside three of the pelvis; a mean over less is a posture, not a
+habit.
+"""
 SINGULAR = 1e-2
-"""m, RMS distance of pelvis markers from a line below which they do not tell how the pelvis is turned."""
+"""m, RMS distance of pelvis markers from a line below which they do not tell how the pelvis is
+turned.
+"""
 
 
 def model_with_trunk(
-    model_of: Callable[[Recording], SubjectModel], static: Recording, marker_set: MarkerSet, walks: Sequence[Recording]
+    model_of: Callable[[Recording], SubjectModel],
+    static: Recording,
+    marker_set: MarkerSet,
+    walks: Sequence[Recording],
 ) -> SubjectModel:
-    """The model that `model_of` makes of a static trial, with the trunk of the walks where it shows none."""
+    """The model that `model_of` makes of a static trial, with the trunk of the walks where it shows
+    none.
+    """
     model = model_of(static)
     placed = zip(model.markers.segments, model.markers.weight, strict=True)
-    if sum(segment == "head_trunk" and weight > 0 for segment, weight in placed) >= trunk.IN_A_PLANE:
+    if (
+        sum(segment == "head_trunk" and weight > 0 for segment, weight in placed)
+        >= trunk.IN_A_PLANE
+    ):
         return model
     static = marker_set.renamed(static)
     in_static = set(model.markers.labels)
-    wanted = [m for m in marker_set.tracking.get("head_trunk", ()) if marker_set.weight(m) > 0 and m not in in_static]
+    wanted = [
+        m
+        for m in marker_set.tracking.get("head_trunk", ())
+        if marker_set.weight(m) > 0 and m not in in_static
+    ]
     found: dict[str, list[Array]] = {label: [] for label in wanted}
     for walk in (marker_set.renamed(walk) for walk in walks):
         at, axes, origins = _standing_axes(model, walk)
@@ -220,10 +271,13 @@ def model_with_trunk(
     _, axes, origins = _standing_axes(model, static.frames(window))
     origin, upright = origins.mean(axis=0), _upright(axes[:, :, 2].mean(axis=0))
     points = np.array([origin + upright @ place for place in places.values()])
-    kept = [i for i, label in enumerate(static.labels) if label not in places]  # columns of nothing but gaps
+    kept = [
+        i for i, label in enumerate(static.labels) if label not in places
+    ]  # columns of nothing but gaps
     added = np.broadcast_to(points, (len(static.time), *points.shape))
     note = (
-        f"{', '.join(places)} are not in the static trial and were placed by the walks: the trunk is taken to stand as "
+        f"{', '.join(places)} are not in the static trial and were placed by the walks: the trunk "
+        "is taken to stand as "
         "it is carried on average while walking"
     )
     return model_of(
@@ -237,13 +291,19 @@ def model_with_trunk(
 
 
 def _standing_axes(model: SubjectModel, walk: Recording) -> tuple[IntArray, Array, Array]:
-    """Frames (k,) in which the pelvis is known; (k, 3, 3) axes x forward, y up, z right, (k, 3) m lumbar joint."""
+    """Frames (k,) in which the pelvis is known; (k, 3, 3) axes x forward, y up, z right, (k, 3) m
+    lumbar joint.
+    """
     column = {label: i for i, label in enumerate(walk.labels)}
     pelvis = model.markers.on("pelvis", column)
     local = model.markers.local[pelvis]
     measured = walk.markers[:, [column[model.markers.labels[i]] for i in pelvis]]
     known = np.flatnonzero(seen_mask(measured).all(axis=1))
-    if len(pelvis) < trunk.IN_A_PLANE or segment_frames.off_line(local) < SINGULAR or not len(known):
+    if (
+        len(pelvis) < trunk.IN_A_PLANE
+        or segment_frames.off_line(local) < SINGULAR
+        or not len(known)
+    ):
         return np.empty(0, dtype=np.intp), np.empty((0, 3, 3)), np.empty((0, 3))
     centre, middle = local.mean(axis=0), measured[known].mean(axis=1)
     turns = _rotations((measured[known] - middle[:, None]).transpose(0, 2, 1) @ (local - centre))
@@ -252,7 +312,9 @@ def _standing_axes(model: SubjectModel, walk: Recording) -> tuple[IntArray, Arra
 
 
 def _rotations(moments: Array) -> Array:
-    """(k, 3, 3) rotations nearest to sums of measured times local positions (k, 3, 3) (Kabsch 1976)."""
+    """(k, 3, 3) rotations nearest to sums of measured times local positions (k, 3, 3) (Kabsch
+    1976).
+    """
     u, _, vt = np.linalg.svd(moments)
     u[:, :, 2] *= np.sign(np.linalg.det(u @ vt))[:, None]
     out: Array = u @ vt

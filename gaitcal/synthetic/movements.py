@@ -1,11 +1,13 @@
-"""Movements that are no walk, carried by the ground as the walk is: squat, sit-to-stand, jump, run, stairs.
+"""Movements that are no walk, carried by the ground as the walk is: squat, sit-to-stand, jump, run,
+stairs.
 
-A movement is postures in time and contacts. Postures are angles of one leg, of trunk and arms at a few moments,
-`_LEGS` and `_BODY` below: typical figures of textbooks (run: Novacheck, Gait Posture 7:77-95, 1998; stairs: Riener,
-Rabuffetti & Frigo, Gait Posture 15:32-44, 2002), no person's. A contact is a foot that stands somewhere from strike to
-off. The pelvis goes where the feet that stand want it, and in flight as a thrown body does. Then the least squares of
-`walk.py` change angles and pelvis as little as the ground asks for: no moment about where the load rolls, no force in
-flight, feet that stand. A seat bears part of the weight of who sits on it, below the pelvis.
+A movement is postures in time and contacts. Postures are angles of one leg, of trunk and arms at a
+few moments, `_LEGS` and `_BODY` below: typical figures of textbooks (run: Novacheck, Gait Posture
+7:77-95, 1998; stairs: Riener, Rabuffetti & Frigo, Gait Posture 15:32-44, 2002), no person's. A
+contact is a foot that stands somewhere from strike to off. The pelvis goes where the feet that
+stand want it, and in flight as a thrown body does. Then the least squares of `walk.py` change
+angles and pelvis as little as the ground asks for: no moment about where the load rolls, no force
+in flight, feet that stand. A seat bears part of the weight of who sits on it, below the pelvis.
 """
 
 from collections.abc import Mapping
@@ -21,7 +23,12 @@ from gaitcal.model.nominal import published_model
 from gaitcal.model.parameters import Parameters
 from gaitcal.runtime import with_one_blas_thread
 from gaitcal.synthetic import walk
-from gaitcal.synthetic.synthetic_motion import TrueMotion, is_nominal, looking_like_nominal, standing_pose
+from gaitcal.synthetic.synthetic_motion import (
+    TrueMotion,
+    is_nominal,
+    looking_like_nominal,
+    standing_pose,
+)
 from gaitcal.tracking.spline import DEGREE, spline_basis, to_bspline
 
 
@@ -39,17 +46,26 @@ RATE_HZ = 100.0
 FAST, FAST_SPAN, SLOW_SPAN = (Activity.RUN, Activity.JUMP), 4, 10
 """Frames between the knots of the spline of a movement."""
 FLIGHT_FORCE = 0.005  # Body weights, that a flying body may be pushed by
-SPREAD = 4.0  # How much further from its postures such a movement may be than a walk from its curves
+SPREAD = (
+    4.0  # How much further from its postures such a movement may be than a walk from its curves
+)
 STANDING, BALL = 0.45, 0.75
-"""Part of the way from heel to tip under which a foot bears its load: that stands, and whose heel is off the ground."""
+"""Part of the way from heel to tip under which a foot bears its load: that stands, and whose heel
+is off the ground.
+"""
 SEAT_SHARE, SEAT_BELOW = 0.8, np.array([-0.05, -0.10, 0.0])
 """Of body weight on a seat, and where it pushes, m from the pelvis."""
 ENDS = 4  # Spans of the spline at either end that are left out
-SWAYING = (("pelvis_tz", 0.008, 0.4), ("pelvis_rotation", 0.03, 0.55), ("lumbar_bending", 0.02, 0.3))
+SWAYING = (
+    ("pelvis_tz", 0.008, 0.4),
+    ("pelvis_rotation", 0.03, 0.55),
+    ("lumbar_bending", 0.02, 0.3),
+)
 """Coordinate, m or rad, Hz: nobody stands like a drawing."""
 SWAY_S = 0.2  # s, in whose middle a foot's next foothold takes the place of its last
 RESTS = {True: ((0.03, 0.5), (0.12, 0.86)), False: ((0.1, 0.9), (-0.08, 1.08))}
-"""Part of a contact between which heel and ball do not move: of strides, and of a foot that stands."""
+"""Part of a contact between which heel and ball do not move: of strides, and of a foot that stands.
+"""
 RESTS_WITHIN = 0.08  # Part of a contact, to come to rest and to leave
 
 
@@ -75,18 +91,22 @@ class Movement:
 
 _LEGS: Mapping[Activity, str] = {
     Activity.SQUAT: "0 0 0 0 | 0.6 0 0 0 | 1.4 100 92 26 | 1.5 100 92 26 | 2.3 0 0 0 | 2.6 0 0 0",
-    Activity.SIT_TO_STAND: "0 88 92 12 | 0.6 88 92 12 | 1.3 118 94 18 | 2.4 0 0 0 | 2.9 0 0 0 | 4.0 118 94 18 "
+    Activity.SIT_TO_STAND: "0 88 92 12 | 0.6 88 92 12 | 1.3 118 94 18 | 2.4 0 0 0 | 2.9 0 0 0 | "
+    "4.0 118 94 18 "
     "| 4.7 88 92 12 | 5.2 88 92 12",
     Activity.JUMP: "0 0 0 0 | 0.4 0 0 0 | 1.0 95 95 30 | 1.33 0 0 -25",
-    Activity.RUN: "0 38 18 5 | .1 34 38 12 | .17 22 42 24 | .25 5 32 20 | .33 -7 18 -12 | .42 -4 45 -16 | .55 25 88 -5 "
+    Activity.RUN: "0 38 18 5 | .1 34 38 12 | .17 22 42 24 | .25 5 32 20 | .33 -7 18 -12 | .42 -4 "
+    "45 -16 | .55 25 88 -5 "
     "| .68 48 98 0 | .8 55 65 4 | .9 48 25 5 | 1 38 18 5",
-    Activity.STAIRS: "0 62 66 12 | .12 56 60 16 | .3 30 26 9 | .47 10 11 8 | .57 5 12 0 | .66 22 45 -8 | .78 55 90 4 "
+    Activity.STAIRS: "0 62 66 12 | .12 56 60 16 | .3 30 26 9 | .47 10 11 8 | .57 5 12 0 | .66 22 "
+    "45 -8 | .78 55 90 4 "
     "| .9 68 88 12 | 1 62 66 12",
 }
 """s, or strides from the strike on; degrees of hip flexion, knee flexion, dorsiflexion."""
 _BODY: Mapping[Activity, str] = {
     Activity.SQUAT: "0 0 0 0 | 0.6 0 0 0 | 1.4 -34 -8 70 | 1.5 -34 -8 70 | 2.3 0 0 0 | 2.6 0 0 0",
-    Activity.SIT_TO_STAND: "0 -8 0 20 | 0.6 -8 0 20 | 1.3 -42 -6 35 | 2.4 0 0 0 | 2.9 0 0 0 | 4.0 -42 -6 35 "
+    Activity.SIT_TO_STAND: "0 -8 0 20 | 0.6 -8 0 20 | 1.3 -42 -6 35 | 2.4 0 0 0 | 2.9 0 0 0 | 4.0 "
+    "-42 -6 35 "
     "| 4.7 -8 0 20 | 5.2 -8 0 20",
     Activity.JUMP: "0 0 0 0 | 0.4 0 0 0 | 1.0 -36 -8 -30 | 1.33 0 0 60",
     Activity.RUN: "0 -12 -4 0 | 1 -12 -4 0",
@@ -157,9 +177,21 @@ def _contacts(activity: Activity, ends: tuple[float, float]) -> tuple[Contact, .
             stop = start + STANCES[activity] * stride
             if stop > ends[0] and start < ends[1]:
                 z = aside if k % 2 == 0 else -aside
-                out.append(Contact(k % 2, start, stop, (length * k, rise * level, z), shared=STANCES[activity] > 0.5))
+                out.append(
+                    Contact(
+                        k % 2,
+                        start,
+                        stop,
+                        (length * k, rise * level, z),
+                        shared=STANCES[activity] > 0.5,
+                    )
+                )
         return tuple(out)
-    stands = [ends] if activity is not Activity.JUMP else [(ends[0], TAKE_OFF_S), (TAKE_OFF_S + FLIGHT_S, ends[1])]
+    stands = (
+        [ends]
+        if activity is not Activity.JUMP
+        else [(ends[0], TAKE_OFF_S), (TAKE_OFF_S + FLIGHT_S, ends[1])]
+    )
     places = ((0.0, 0.0, STANCE_WIDTH), (0.0, 0.0, -STANCE_WIDTH))
     return tuple(Contact(k, *stand, places[k]) for stand in stands for k in range(len(SIDES)))
 
@@ -180,7 +212,9 @@ def movement(activity: Activity, parameters: Parameters) -> Movement:
     spans = round(lasts * RATE_HZ / per_span)
     time = np.arange(spans * per_span + 1) / RATE_HZ
     phase = STRIDES[0] + time / STRIDE_S[activity] if activity in STRIDE_S else None
-    mirrored = np.minimum(time, 2 * TAKE_OFF_S + FLIGHT_S - time) if activity is Activity.JUMP else time
+    mirrored = (
+        np.minimum(time, 2 * TAKE_OFF_S + FLIGHT_S - time) if activity is Activity.JUMP else time
+    )
     contacts = _contacts(activity, (0.0, float(time[-1])))
     q = _postures(activity, mirrored, phase)
     on = _Feet(contacts, time, strides=phase is not None)
@@ -217,11 +251,20 @@ class _Feet:
         nf = len(time)
         flat = walk.feet_of(published_model().parameters, standing_pose()[None]).points[0]
         flat = (
-            flat - [0.0, flat[..., 1].min() - walk.CLEARANCE, 0.0] - flat.mean(axis=1, keepdims=True) * [1.0, 0.0, 1.0]
+            flat
+            - [0.0, flat[..., 1].min() - walk.CLEARANCE, 0.0]
+            - flat.mean(axis=1, keepdims=True) * [1.0, 0.0, 1.0]
         )
         self.time = time
-        self.footsteps, self.rest = np.zeros((nf, 2, len(walk.POINTS), 3)), np.zeros((nf, 2, len(walk.POINTS)))
-        self.load, self.part, self.level = np.zeros((nf, 2)), np.full((nf, 2), STANDING), np.zeros((nf, 2))
+        self.footsteps, self.rest = (
+            np.zeros((nf, 2, len(walk.POINTS), 3)),
+            np.zeros((nf, 2, len(walk.POINTS))),
+        )
+        self.load, self.part, self.level = (
+            np.zeros((nf, 2)),
+            np.full((nf, 2), STANDING),
+            np.zeros((nf, 2)),
+        )
         for c in contacts:
             foot, own = c.foot, (time - c.start) / (c.stop - c.start)
             inside = (own >= 0.0) & (own <= 1.0)
@@ -231,9 +274,9 @@ class _Feet:
             if strides:
                 self.part[inside, foot] = PchipInterpolator(*walk.ROLL)(own[inside])
             else:
-                off = (c.stop < time[-1]) * walk.ramp((own - 0.8) / 0.15) + (c.start > time[0]) * walk.ramp(
-                    (0.2 - own) / 0.15
-                )
+                off = (c.stop < time[-1]) * walk.ramp((own - 0.8) / 0.15) + (
+                    c.start > time[0]
+                ) * walk.ramp((0.2 - own) / 0.15)
                 self.part[inside, foot] += (BALL - STANDING) * off[inside]
             for points, (begin, end) in zip(([0], [2, 3]), RESTS[strides], strict=True):
                 comes = walk.ramp((own - begin) / RESTS_WITHIN) if c.start > time[0] else 1.0
@@ -241,7 +284,8 @@ class _Feet:
                 self.rest[:, foot, points] += (inside * comes * goes)[:, None]
             overlap = walk.DOUBLE_SUPPORT / walk.STANCE * (c.stop - c.start) if c.shared else 0.0
             self.load[:, foot] += (
-                inside * (walk.ramp((time - c.start) / overlap) * walk.ramp((c.stop - time) / overlap))
+                inside
+                * (walk.ramp((time - c.start) / overlap) * walk.ramp((c.stop - time) / overlap))
                 if overlap
                 else inside
             )
@@ -255,7 +299,9 @@ class _Feet:
         away[:, :3] = 0.0
         points = walk.feet_of(published_model().parameters, away).points
         weight = (self.rest * self.load[:, :, None])[..., None]
-        wanted = ((self.footsteps - points) * weight).sum(axis=(1, 2)) / np.maximum(weight.sum(axis=(1, 2)), 1e-9)
+        wanted = ((self.footsteps - points) * weight).sum(axis=(1, 2)) / np.maximum(
+            weight.sum(axis=(1, 2)), 1e-9
+        )
         known = weight.sum(axis=(1, 2, 3)) > 0.3
         out = np.empty((len(q), 3))
         for i in range(3):

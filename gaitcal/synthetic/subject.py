@@ -1,9 +1,11 @@
-"""A synthetic subject as a laboratory would record it: C3D files, a study file, and the truth beside them.
+"""A synthetic subject as a laboratory would record it: C3D files, a study file, and the truth
+beside them.
 
-The nominal subject of the reproduction, or one whose true joint and inertial parameters are drawn at random within
-the published bounds (10 mm, 10 degrees, 10 %). The static trial is quiet standing without noise; what a calibration
-takes from it as nominal is then wrong by the drawn amounts. The truth is told in the segment frames that the static
-trial's landmarks make, which are those of the calibration.
+The nominal subject of the reproduction, or one whose true joint and inertial parameters are drawn
+at random within the published bounds (10 mm, 10 degrees, 10 %). The static trial is quiet standing
+without noise; what a calibration takes from it as nominal is then wrong by the drawn amounts. The
+truth is told in the segment frames that the static trial's landmarks make, which are those of the
+calibration.
 """
 
 import json
@@ -34,7 +36,10 @@ POSITION_BOUND = 0.010
 ORIENTATION_BOUND = np.deg2rad(10.0)
 INERTIAL_BOUND = 0.10
 PLATE_X, PLATE_Z = (-0.8, 2.8), 0.6  # m: two long plates side by side, the right foot's at z > 0
-BELT_X, FOOTHOLD_X = (-0.5, 5.0), 0.2  # m: one plate under all steps of a run; half the length of one under a foothold
+BELT_X, FOOTHOLD_X = (
+    (-0.5, 5.0),
+    0.2,
+)  # m: one plate under all steps of a run; half the length of one under a foothold
 
 
 EXACT_PLATES = PlateErrorTable(place_mm=0.0, turn_deg=0.0, gain_percent=0.0, clock_ms=0.0)
@@ -42,7 +47,9 @@ EXACT_PLATES = PlateErrorTable(place_mm=0.0, turn_deg=0.0, gain_percent=0.0, clo
 
 
 def synthetic_model(rng: np.random.Generator, *, perturb: bool) -> SubjectModel:
-    """The nominal subject with its static-only markers, or one drawn within the published bounds around it."""
+    """The nominal subject with its static-only markers, or one drawn within the published bounds
+    around it.
+    """
     nominal = published_model(static_only=True)
     parameters = _perturbed(nominal.parameters, rng) if perturb else nominal.parameters
     subject = Subject("synthetic", parameters.mass, nominal.subject.height, nominal.subject.sex)
@@ -50,7 +57,9 @@ def synthetic_model(rng: np.random.Generator, *, perturb: bool) -> SubjectModel:
 
 
 def _perturbed(nominal: Parameters, rng: np.random.Generator) -> Parameters:
-    reach = np.array([POSITION_BOUND if p.kind is Kind.POSITION else ORIENTATION_BOUND for p in JOINT_PARAMETERS])
+    reach = np.array(
+        [POSITION_BOUND if p.kind is Kind.POSITION else ORIENTATION_BOUND for p in JOINT_PARAMETERS]
+    )
     joint = nominal.joint + rng.uniform(-1.0, 1.0, len(reach)) * reach
     which = symmetric_set().selection
     while True:
@@ -62,22 +71,29 @@ def _perturbed(nominal: Parameters, rng: np.random.Generator) -> Parameters:
 
 @with_one_blas_thread
 def synthesize(
-    out: Path | str, *, seed: int = 0, noise: bool = False, perturb: bool = False, also: Sequence[str] = ()
+    out: Path | str,
+    *,
+    seed: int = 0,
+    noise: bool = False,
+    perturb: bool = False,
+    also: Sequence[str] = (),
 ) -> Path:
-    """Write a synthetic subject as a study folder: C3D files, `study.toml`, and the truth. Returns the study file.
+    """Write a synthetic subject as a study folder: C3D files, `study.toml`, and the truth. Returns
+    the study file.
 
     Parameters
     ----------
-    out : the folder, replaced if an earlier one is there.
-    seed : the same seed gives the same files.
-    noise : add the paper's marker noise, up to 10 mm (`synthetic/synthetic_motion.py`); the static trial has none.
-    perturb : draw the true parameters at random within 10 mm, 10 degrees and 10 %; else they are the published ones.
-    also : movements that are no walk, each as a trial more: squat, sit-to-stand, jump, run, stairs.
+    out : the folder, replaced if an earlier one is there. seed : the same seed gives the same
+    files. noise : add the paper's marker noise, up to 10 mm (`synthetic/synthetic_motion.py`); the
+    static trial has none. perturb : draw the true parameters at random within 10 mm, 10 degrees and
+    10 %; else they are the published ones. also : movements that are no walk, each as a trial more:
+    squat, sit-to-stand, jump, run, stairs.
 
     Raises
     ------
     InputError
-        The folder cannot be written, or holds files that are not ours; `also` names no such movement.
+        The folder cannot be written, or holds files that are not ours; `also` names no such
+        movement.
     """
     activities = [_activity(name) for name in also]
     folder = Path(out)
@@ -97,13 +113,21 @@ def synthesize(
         for name, motion in trials.items():
             labels = model.markers.labels if name == "static" else tracking
             placed = on_the_floor(model, motion)
-            ground = None if placed.ground is None else motions.ground_on_feet(model.parameters, placed)
-            plates = () if ground is None else footholds(movements.get(name, Movement(motion=placed)), ground.wrench)
+            ground = (
+                None if placed.ground is None else motions.ground_on_feet(model.parameters, placed)
+            )
+            plates = (
+                ()
+                if ground is None
+                else footholds(movements.get(name, Movement(motion=placed)), ground.wrench)
+            )
             recording = recording_of(name, placed, model, labels, plates)
             if name != "static":
                 curves[name] = placed, None if ground is None else ground.wrench
             if noise and name != "static":
-                moved = recording.markers + motions.marker_noise(recording.time, len(labels), noise_waves)
+                moved = recording.markers + motions.marker_noise(
+                    recording.time, len(labels), noise_waves
+                )
                 recording = replace(recording, markers=moved)
             write_c3d(target / f"{name}.c3d", recording)
             entries.append(_entry(name))
@@ -112,7 +136,9 @@ def synthesize(
         write_truth(target, model, curves)
         made = {"gaitcal": "synthetic subject", "seed": seed, "noise": noise, "perturb": perturb}
         made |= {"movements": [*movements]} if movements else {}
-        (target / result_folder.MANIFEST).write_text(json.dumps(made, indent=1) + "\n", encoding="utf-8")
+        (target / result_folder.MANIFEST).write_text(
+            json.dumps(made, indent=1) + "\n", encoding="utf-8"
+        )
     return folder / "study.toml"
 
 
@@ -131,12 +157,16 @@ def true_gait(seed: int) -> tuple[Parameters, motions.TrueMotion]:
 
 
 def _generators(seed: int) -> list[np.random.Generator]:
-    """Where randomness enters: one generator for the person's parameters, one for the noise of the markers."""
+    """Where randomness enters: one generator for the person's parameters, one for the noise of the
+    markers.
+    """
     return [np.random.default_rng(stream) for stream in np.random.SeedSequence(seed).spawn(2)]
 
 
 def on_the_floor(model: SubjectModel, motion: motions.TrueMotion) -> motions.TrueMotion:
-    """The same motion, raised or lowered so that the lowest foot marker stays just above the floor, where a gait is."""
+    """The same motion, raised or lowered so that the lowest foot marker stays just above the floor,
+    where a gait is.
+    """
     if motion.ground is not None:
         return motion
     heights = motions.synthetic_markers(model.parameters, model.markers, motion.q)[:, :, 1]
@@ -156,13 +186,17 @@ def recording_of(
     """What markers with these labels show of a motion over plates."""
     every = motions.synthetic_markers(model.parameters, model.markers, motion.q)
     chosen = every[:, [model.markers.labels.index(label) for label in labels]]
-    return Recording(source=name, time=motion.basis.time, labels=labels, markers=chosen, plates=plates)
+    return Recording(
+        source=name, time=motion.basis.time, labels=labels, markers=chosen, plates=plates
+    )
 
 
 def plates_under(motion: motions.TrueMotion, wrench: Array) -> tuple[ForcePlate, ...]:
     """One long plate under each foot, with wrenches (nf, 2, 6) N, N·m about the laboratory origin."""
     halves = ((0.0, PLATE_Z), (-PLATE_Z, 0.0))
-    return tuple(_plate(k, motion.basis.time, wrench[:, k], PLATE_X, z, 0.0) for k, z in enumerate(halves))
+    return tuple(
+        _plate(k, motion.basis.time, wrench[:, k], PLATE_X, z, 0.0) for k, z in enumerate(halves)
+    )
 
 
 def footholds(found: Movement, wrench: Array) -> tuple[ForcePlate, ...]:
@@ -180,20 +214,36 @@ def footholds(found: Movement, wrench: Array) -> tuple[ForcePlate, ...]:
         there = np.any([(time >= c.start) & (time <= c.stop) for c in stands], axis=0)
         sides = (0.0, PLATE_Z) if z > 0 else (-PLATE_Z, 0.0)
         ends = (ahead - FOOTHOLD_X, ahead + FOOTHOLD_X)
-        plates.append(_plate(k, time, np.where(there[:, None], wrench[:, foot], 0.0), ends, sides, y))
+        plates.append(
+            _plate(k, time, np.where(there[:, None], wrench[:, foot], 0.0), ends, sides, y)
+        )
     return tuple(plates)
 
 
 def _plate(
-    k: int, time: Array, wrench: Array, x: tuple[float, float], z: tuple[float, float], height: float
+    k: int,
+    time: Array,
+    wrench: Array,
+    x: tuple[float, float],
+    z: tuple[float, float],
+    height: float,
 ) -> ForcePlate:
     """A plate from its wrench (nf, 6) about the laboratory origin."""
     raised = wrench.copy()
     raised[:, 3:] -= np.cross([0.0, height, 0.0], wrench[:, :3])
     point, torque = force_plate.point_and_torque(raised)
-    corners = np.array([[x[0], height, z[0]], [x[1], height, z[0]], [x[1], height, z[1]], [x[0], height, z[1]]])
+    corners = np.array(
+        [[x[0], height, z[0]], [x[1], height, z[0]], [x[1], height, z[1]], [x[0], height, z[1]]]
+    )
     lifted = point + [0.0, height, 0.0]
-    return ForcePlate(name=str(k + 1), time=time, force=wrench[:, :3], point=lifted, moment=torque, corners=corners)
+    return ForcePlate(
+        name=str(k + 1),
+        time=time,
+        force=wrench[:, :3],
+        point=lifted,
+        moment=torque,
+        corners=corners,
+    )
 
 
 def _entry(name: str) -> TrialTable:
@@ -217,6 +267,8 @@ def _study_file(subject: Subject, trials: tuple[TrialTable, ...]) -> StudyFile:
         ),
         markers=Markers(set="published"),
         trial=trials,
-        calibration=CalibrationSettings(force_filter_hz="none", plate_error=EXACT_PLATES, segment_axes="exact"),
+        calibration=CalibrationSettings(
+            force_filter_hz="none", plate_error=EXACT_PLATES, segment_axes="exact"
+        ),
         truth=TRUTH,
     )

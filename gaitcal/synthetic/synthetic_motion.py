@@ -1,21 +1,26 @@
-"""Known motions of the built-in subject, and what is measured of them: markers with noise, and ground reactions.
+"""Known motions of the built-in subject, and what is measured of them: markers with noise, and
+ground reactions.
 
-Motions are the gait of `walk.py` and the six isolated trials. They are quintic splines, sampled: the true motion lies
-in a spline space exactly, so that a noiseless reproduction can be exact. A person whose axes lie elsewhere in the same
-body looks, standing and walking, as the nominal one does: its motion is the one in which its markers come nearest to
-those of the nominal person (the same angles about other axes would make another body).
+Motions are the gait of `walk.py` and the six isolated trials. They are quintic splines, sampled:
+the true motion lies in a spline space exactly, so that a noiseless reproduction can be exact. A
+person whose axes lie elsewhere in the same body looks, standing and walking, as the nominal one
+does: its motion is the one in which its markers come nearest to those of the nominal person (the
+same angles about other axes would make another body).
 
-Noise, per marker coordinate and trial: A sin(omega t + phi), A ~ U(0, 10 mm), omega ~ U(0, 25 rad/s),
-phi ~ U(0, 2 pi) (Reinbolt et al. 2007, after Cheze et al. 1995), from the generator that the caller gives.
+Noise, per marker coordinate and trial: A sin(omega t + phi), A ~ U(0, 10 mm), omega ~ U(0, 25
+rad/s), phi ~ U(0, 2 pi) (Reinbolt et al. 2007, after Cheze et al. 1995), from the generator that
+the caller gives.
 
-The total wrench of the ground is what the motion asks for (root inverse dynamics), so that the true pelvis residual is
-zero. It is divided between the feet in four steps, each exact:
+The total wrench of the ground is what the motion asks for (root inverse dynamics), so that the true
+pelvis residual is zero. It is divided between the feet in four steps, each exact:
 
 1. The vertical load goes from foot to foot by a quintic ramp, in which the swinging foot has none.
-2. Each foot's centre of pressure rolls from heel to toe. The load on both has its centre where the motion wants it: the
-   rest, some millimetres, is met by the ramp along the line between the feet, and by moving both centres across it.
-3. The forces of both feet meet in one point above the middle of the body, as those of walking people do (Maus et al.
-   2010, Nature Communications 1:70), so that the front foot brakes while the rear one drives.
+2. Each foot's centre of pressure rolls from heel to toe. The load on both has its centre where the
+   motion wants it: the rest, some millimetres, is met by the ramp along the line between the feet,
+   and by moving both centres across it.
+3. The forces of both feet meet in one point above the middle of the body, as those of walking
+   people do (Maus et al. 2010, Nature Communications 1:70), so that the front foot brakes while the
+   rear one drives.
 4. The free moment is divided like the load: forces that meet above the centre add none to it.
 """
 
@@ -33,7 +38,15 @@ from gaitcal.model.nominal import published_model
 from gaitcal.model.parameters import Parameters
 from gaitcal.model.subject_model import MarkerPlacement
 from gaitcal.runtime import with_one_blas_thread
-from gaitcal.synthetic.walk import GAIT_CYCLE, Ground, Meant, carried_nodes, feet_of, nominal_curves, walking_ground
+from gaitcal.synthetic.walk import (
+    GAIT_CYCLE,
+    Ground,
+    Meant,
+    carried_nodes,
+    feet_of,
+    nominal_curves,
+    walking_ground,
+)
 from gaitcal.tracking.marker_residual import PlacedMarkers, marker_positions
 from gaitcal.tracking.motion import tracked_motion
 from gaitcal.tracking.spline import NodeRule, SplineBasis, spline_basis, to_bspline
@@ -41,28 +54,37 @@ from gaitcal.tracking.trial_problem import trial_problem
 
 RATE = 200.0  # Frames per second of all published trials
 GAIT_FRAMES = 208  # Of the published study: one stride, right heel strike first
-WALK_STRIDES = (-0.2, 1.8)  # Phases of the walk of a synthetic recording: a whole stride of each foot
+WALK_STRIDES = (
+    -0.2,
+    1.8,
+)  # Phases of the walk of a synthetic recording: a whole stride of each foot
 ISOLATED_FRAMES = 1200
 NODES = 20  # Of a published trial
 WALK_NODES = 35
-"""Of a walk of two strides: knots as far apart as in the published gait. The splines of a published trial are among
-those of so many nodes."""
+"""Of a walk of two strides: knots as far apart as in the published gait. The splines of a published
+trial are among those of so many nodes."""
 
 HIP_TURNS = ((20.0, 30.0), (-15.0, 20.0))
-"""Mean and amplitude, degrees, of hip flexion in the first and adduction in the second half of the hip trial."""
+"""Mean and amplitude, degrees, of hip flexion in the first and adduction in the second half of the
+hip trial.
+"""
 KNEE_TURN = (45.0, 40.0)
 ANKLE_TURN = (-8.0, 24.0)
 SUBTALAR_AMPLITUDE = 18.0
 ISOLATED_HZ = {"hip": 2.0 / 3.0, "knee": 0.5, "ankle": 0.5}
 NOISE_AMPLITUDE = 0.010  # m
 NOISE_OMEGA = 25.0  # rad/s
-ON_THE_FLOOR = 4.0  # Weight of the feet's markers: legs of unequal length stand on one floor all the same
+ON_THE_FLOOR = (
+    4.0  # Weight of the feet's markers: legs of unequal length stand on one floor all the same
+)
 MEETING_HEIGHT = 0.7  # Of body height: where the lines of both forces meet
 
 
 @with_one_blas_thread
 def synthetic_markers(parameters: Parameters, markers: MarkerPlacement, q: Array) -> Array:
-    """(nf, nm, 3) m, markers of the linkage at coordinates (nf, nq), in the order of `markers.labels`."""
+    """(nf, nm, 3) m, markers of the linkage at coordinates (nf, nq), in the order of
+    `markers.labels`.
+    """
     chain = chain_of()
     segment = np.array([chain.segments.index(s) for s in markers.segments], dtype=np.intp)
     order = np.argsort(segment, kind="stable")
@@ -73,7 +95,9 @@ def synthetic_markers(parameters: Parameters, markers: MarkerPlacement, q: Array
     return out
 
 
-def marker_noise(time: Array, markers: int, rng: np.random.Generator, amplitude: float = NOISE_AMPLITUDE) -> Array:
+def marker_noise(
+    time: Array, markers: int, rng: np.random.Generator, amplitude: float = NOISE_AMPLITUDE
+) -> Array:
     """(nf, nm, 3) m of continuous noise: one sinusoid per marker coordinate."""
     a = rng.uniform(0.0, amplitude, (markers, 3))
     omega = rng.uniform(0.0, NOISE_OMEGA, (markers, 3))
@@ -88,12 +112,18 @@ def is_nominal(parameters: Parameters) -> bool:
 
 
 def looking_like_nominal(parameters: Parameters, basis: SplineBasis, q: Array) -> Array:
-    """(nn, nq) coefficients: in this motion a person's markers are nearest to the nominal person's at q (nf, nq)."""
+    """(nn, nq) coefficients: in this motion a person's markers are nearest to the nominal person's
+    at q (nf, nq).
+    """
     nominal = published_model(static_only=True)
     seen = synthetic_markers(nominal.parameters, nominal.markers, q)
-    recording = Recording(source="nominal", time=basis.time, labels=nominal.markers.labels, markers=seen)
+    recording = Recording(
+        source="nominal", time=basis.time, labels=nominal.markers.labels, markers=seen
+    )
     weight = np.where([s.startswith("foot") for s in nominal.markers.segments], ON_THE_FLOOR, 1.0)
-    person = replace(nominal, parameters=parameters, markers=replace(nominal.markers, weight=weight))
+    person = replace(
+        nominal, parameters=parameters, markers=replace(nominal.markers, weight=weight)
+    )
     problem = trial_problem("nominal", person, recording, NodeRule(fixed=basis.nodes))
     coefficients: Array = tracked_motion(problem, parameters).coefficients
     return coefficients
@@ -117,19 +147,26 @@ class TrueMotion:
 @cache
 @with_one_blas_thread
 def gait_motion() -> TrueMotion:
-    """The published gait of the nominal subject: one stride, right heel strike first, 208 frames at 200 Hz.
+    """The published gait of the nominal subject: one stride, right heel strike first, 208 frames at
+    200 Hz.
 
-    It is like that stride of a longer walk, whose ends are elsewhere: at an end nothing holds accelerations.
+    It is like that stride of a longer walk, whose ends are elsewhere: at an end nothing holds
+    accelerations.
     """
     parameters = published_model().parameters
     time, longer = np.arange(GAIT_FRAMES) / RATE, two_strides(parameters)
-    spline, stride = to_bspline(longer.basis, longer.coefficients), time - WALK_STRIDES[0] * GAIT_CYCLE
+    spline, stride = (
+        to_bspline(longer.basis, longer.coefficients),
+        time - WALK_STRIDES[0] * GAIT_CYCLE,
+    )
     return _walk(parameters, time, 0.0, NODES, Meant(spline(stride), spline(stride, 2), spread=0.2))
 
 
 @with_one_blas_thread
 def two_strides(parameters: Parameters) -> TrueMotion:
-    """A walk of a person with these parameters in which both feet have a whole stride: 415 frames at 200 Hz."""
+    """A walk of a person with these parameters in which both feet have a whole stride: 415 frames
+    at 200 Hz.
+    """
     begin, end = WALK_STRIDES
     time = np.arange(round((end - begin) * GAIT_CYCLE * RATE) + 1) / RATE
     curves = nominal_curves(begin + time / GAIT_CYCLE)
@@ -140,8 +177,12 @@ def two_strides(parameters: Parameters) -> TrueMotion:
     return _walk(parameters, time, begin, WALK_NODES, curves)
 
 
-def _walk(parameters: Parameters, time: Array, begin: float, nodes: int, meant: Meant) -> TrueMotion:
-    """A walk of a person with these parameters like another; `begin`: its phase, in strides, at time 0."""
+def _walk(
+    parameters: Parameters, time: Array, begin: float, nodes: int, meant: Meant
+) -> TrueMotion:
+    """A walk of a person with these parameters like another; `begin`: its phase, in strides, at
+    time 0.
+    """
     basis, phase = spline_basis(time, nodes), begin + time / GAIT_CYCLE
     ground = walking_ground(phase)
     return TrueMotion(basis, carried_nodes(parameters, basis, ground, meant), phase, ground)
@@ -149,7 +190,9 @@ def _walk(parameters: Parameters, time: Array, begin: float, nodes: int, meant: 
 
 @with_one_blas_thread
 def isolated_motion(joint: str, standing: Array | None = None) -> TrueMotion:
-    """An isolated trial of `hip_r` ... `ankle_l`: 1200 frames at 200 Hz; the rest of the body nearly still."""
+    """An isolated trial of `hip_r` ... `ankle_l`: 1200 frames at 200 Hz; the rest of the body
+    nearly still.
+    """
     kind, side = joint.split("_")
     time = np.arange(ISOLATED_FRAMES) / RATE
     q = np.tile(standing_pose() if standing is None else standing, (ISOLATED_FRAMES, 1))
@@ -160,8 +203,12 @@ def isolated_motion(joint: str, standing: Array | None = None) -> TrueMotion:
 
     if kind == "hip":
         half = time[-1] / 2
-        windows = (np.sin(np.pi * np.clip((time - start) / half, 0.0, 1.0)) ** 2 for start in (0.0, half))
-        for name, (mean, amplitude), window in zip(("hip_flexion", "hip_adduction"), HIP_TURNS, windows, strict=True):
+        windows = (
+            np.sin(np.pi * np.clip((time - start) / half, 0.0, 1.0)) ** 2 for start in (0.0, half)
+        )
+        for name, (mean, amplitude), window in zip(
+            ("hip_flexion", "hip_adduction"), HIP_TURNS, windows, strict=True
+        ):
             put(name, window * (mean + amplitude * np.sin(cycle)))
     elif kind == "knee":
         put("knee_angle", KNEE_TURN[0] + KNEE_TURN[1] * np.sin(cycle))
@@ -177,7 +224,9 @@ def isolated_motion(joint: str, standing: Array | None = None) -> TrueMotion:
 
 
 def standing_pose(parameters: Parameters | None = None) -> Array:
-    """(nq,) upright, arms slightly away from the body; of a person with other joint parameters, what looks so."""
+    """(nq,) upright, arms slightly away from the body; of a person with other joint parameters,
+    what looks so.
+    """
     q = np.zeros(len(COORDINATES))
     q[COORDINATE_INDEX["pelvis_ty"]] = 0.95
     for side in ("r", "l"):
@@ -186,7 +235,9 @@ def standing_pose(parameters: Parameters | None = None) -> Array:
     if parameters is None or is_nominal(parameters):
         return q
     basis = spline_basis(np.arange(12) / 200.0, 6)
-    mean: Array = basis.evaluate(looking_like_nominal(parameters, basis, np.tile(q, (12, 1)))).mean(axis=0)
+    mean: Array = basis.evaluate(looking_like_nominal(parameters, basis, np.tile(q, (12, 1)))).mean(
+        axis=0
+    )
     return mean
 
 
@@ -194,7 +245,9 @@ def standing_pose(parameters: Parameters | None = None) -> Array:
 def static_motion(frames: int = 100, standing: Array | None = None) -> TrueMotion:
     """Quiet standing."""
     time = np.arange(frames) / RATE
-    return _in_spline_space(time, np.tile(standing_pose() if standing is None else standing, (frames, 1)))
+    return _in_spline_space(
+        time, np.tile(standing_pose() if standing is None else standing, (frames, 1))
+    )
 
 
 def _in_spline_space(time: Array, q: Array) -> TrueMotion:
@@ -208,19 +261,24 @@ class GroundOnFeet:
 
     wrench: Array  # (nf, 2, 6) N, N·m about the laboratory origin
     centre: Array
-    """(nf, 2, 3) m, centre of pressure on the floor, y = 0; in swing where the foot struck last or will strike."""
+    """(nf, 2, 3) m, centre of pressure on the floor, y = 0; in swing where the foot struck last or
+    will strike.
+    """
     load_share: Array  # (nf, 2) of the vertical force; they sum to 1
 
 
 @with_one_blas_thread
 def residual_free_wrench(parameters: Parameters, motion: TrueMotion) -> Array:
-    """(nf, 2, 6) wrenches on right and left foot about the laboratory origin that leave no pelvis residual in gait."""
+    """(nf, 2, 6) wrenches on right and left foot about the laboratory origin that leave no pelvis
+    residual in gait.
+    """
     return ground_on_feet(parameters, motion).wrench
 
 
 @with_one_blas_thread
 def ground_on_feet(parameters: Parameters, motion: TrueMotion) -> GroundOnFeet:
-    """The ground reactions of a motion of a person with these parameters; a seat bears what no foot does.
+    """The ground reactions of a motion of a person with these parameters; a seat bears what no foot
+    does.
 
     Raises ValueError: Nothing is said of the ground.
     """
@@ -232,7 +290,9 @@ def ground_on_feet(parameters: Parameters, motion: TrueMotion) -> GroundOnFeet:
     force, moment = total[:, :3], total[:, 3:] + np.cross(q[:, :3], total[:, :3])
     carried = np.asarray(ground.share.any(axis=1))
     up = np.where(carried, force[:, 1], 1.0)
-    middle = np.stack([moment[:, 2] / up, np.zeros(len(up)), -moment[:, 0] / up], axis=1)  # no tipping moment there
+    middle = np.stack(
+        [moment[:, 2] / up, np.zeros(len(up)), -moment[:, 0] / up], axis=1
+    )  # no tipping moment there
     free = moment[:, 1] - np.cross(middle, force)[:, 1]
     # shares of the load and centres of pressure, whose weighted mean is the middle
     share, rolling = ground.share, feet_of(parameters, q).along(ground.part, ground.level)[0]
@@ -241,7 +301,9 @@ def ground_on_feet(parameters: Parameters, motion: TrueMotion) -> GroundOnFeet:
     middle += height[:, None] * force / up[:, None]
     missed = middle - np.einsum("fk,fki->fi", share, rolling) - seated[:, None] * ground.seat
     apart = rolling[:, 0] - rolling[:, 1]
-    both = 16.0 * (share[:, 0] * share[:, 1]) ** 2  # 1 where the feet share alike, and 0, also in its rate, at the ends
+    both = (
+        16.0 * (share[:, 0] * share[:, 1]) ** 2
+    )  # 1 where the feet share alike, and 0, also in its rate, at the ends
     moved = both * np.einsum("fi,fi->f", missed, apart) / np.einsum("fi,fi->f", apart, apart)
     centre = rolling + (missed - moved[:, None] * apart)[:, None]
     share = share + np.stack([moved, -moved], axis=1)

@@ -1,22 +1,26 @@
-"""A walk that the ground can carry: the nominal gait, changed for one person as little as the ground asks for.
+"""A walk that the ground can carry: the nominal gait, changed for one person as little as the
+ground asks for.
 
 The nominal gait is the coordinates of one person over the gait cycle, as six harmonics each
-(`models/nominal_subject.json`, derived from OpenSim's Gait2392 `subject01`, CC BY 3.0). Feet strike with the heel and
-leave with the toes: the centre of pressure goes along the line from heel to toe marker, quickly over the heel and
-slowly under the forefoot, as in walking people (Perry 1992). The left foot does the same half a stride later.
+(`models/nominal_subject.json`, derived from OpenSim's Gait2392 `subject01`, CC BY 3.0). Feet strike
+with the heel and leave with the toes: the centre of pressure goes along the line from heel to toe
+marker, quickly over the heel and slowly under the forefoot, as in walking people (Perry 1992). The
+left foot does the same half a stride later.
 
-Motion and masses alone say which force the ground exerts in all, and about which point of the floor, its centre of
-pressure, it has no tipping moment. A person walks where that point lies under the foot that stands, or between both
-feet; curves that were measured on somebody else and smoothed do not. So the nodes of the motion are moved, by least
-squares, until
+Motion and masses alone say which force the ground exerts in all, and about which point of the
+floor, its centre of pressure, it has no tipping moment. A person walks where that point lies under
+the foot that stands, or between both feet; curves that were measured on somebody else and smoothed
+do not. So the nodes of the motion are moved, by least squares, until
 
-- the total ground reaction has its centre where the load of the feet rolls, and hardly a moment about the vertical,
+- the total ground reaction has its centre where the load of the feet rolls, and hardly a moment
+  about the vertical,
 - it rises and falls, brakes and drives as that of walking people does,
 - heel and ball rest where they stand, and the feet go where the nominal person's feet go,
 - angles and accelerations stay near the curves.
 
-What each may deviate by is a standard deviation below. The result is no fit to moments of anybody: joint torques are
-what they then are. It holds for any linkage; the nominal person's angles change by 0.3 to 1 degree (RMS).
+What each may deviate by is a standard deviation below. The result is no fit to moments of anybody:
+joint torques are what they then are. It holds for any linkage; the nominal person's angles change
+by 0.3 to 1 degree (RMS).
 """
 
 import json
@@ -40,20 +44,35 @@ from gaitcal.model.parameters import Parameters
 from gaitcal.tracking.spline import ORDER, SplineBasis
 
 GAIT_CYCLE = 1.035  # s, `cycle_s` of the nominal gait
-STANCE = 0.62  # Share of a stride in which a foot is on the ground; double support is 0.12 of it, twice
+STANCE = (
+    0.62  # Share of a stride in which a foot is on the ground; double support is 0.12 of it, twice
+)
 DOUBLE_SUPPORT = STANCE - 0.5
 POINTS = ("Heel", "Toe.Tip", "Toe.Lat", "Toe.Med")
-"""Markers of a foot; the second ends the line along which its load rolls, the last two are at the ball of the foot."""
+"""Markers of a foot; the second ends the line along which its load rolls, the last two are at the
+ball of the foot.
+"""
 ROLL = ((0.0, 0.12, 0.3, 0.55, 0.8, 1.0), (0.10, 0.28, 0.42, 0.58, 0.72, 0.86))
-"""Part of stance, and where the centre of pressure is then between the back of the heel and the tip of the foot."""
+"""Part of stance, and where the centre of pressure is then between the back of the heel and the tip
+of the foot.
+"""
 HEEL_RESTS, BALL_RESTS, SETTLING = (0.01, 0.35), (0.1, 0.54), 0.06
-"""Phases of the foot's own stride between which heel and ball do not move, and the time to come to rest and leave."""
+"""Phases of the foot's own stride between which heel and ball do not move, and the time to come to
+rest and leave.
+"""
 CENTRE_M = 0.006
-"""m, of the centre of pressure from where the load rolls; times body weight, of every moment about that point."""
+"""m, of the centre of pressure from where the load rolls; times body weight, of every moment about
+that point.
+"""
 FORCE = np.array([0.10, 0.03, 0.01])  # Body weights, of the total force from that of walking people
-LATER = 0.076 - 0.5 * DOUBLE_SUPPORT  # Strides by which the usual force comes later in the recording that it is from
+LATER = (
+    0.076 - 0.5 * DOUBLE_SUPPORT
+)  # Strides by which the usual force comes later in the recording that it is from
 ANGLE, ARM_ANGLE, PLACE_M = np.deg2rad(2.0), np.deg2rad(4.0), 0.01
-ANGULAR_ACCELERATION, ACCELERATION = 25.0, 2.0  # rad/s^2, m/s^2: without these the ends of a spline swing
+ANGULAR_ACCELERATION, ACCELERATION = (
+    25.0,
+    2.0,
+)  # rad/s^2, m/s^2: without these the ends of a spline swing
 FOOT_PLACE_M = 0.02
 FOOT_SPEED = 0.03  # m/s, of a resting point
 CLEARANCE = 0.02  # m between the floor and the lowest foot marker of the nominal person
@@ -69,7 +88,8 @@ class FeetOnGround:
     slopes: Array  # (nf, 2, 4, 3, nq) their derivatives by the coordinates
 
     def along(self, part: Array, level: Array | float = 0.0) -> tuple[Array, Array]:
-        """Points on the ground (nf, 2, 3) m, at parts (nf, 2) of the way from heel to tip, and their derivatives.
+        """Points on the ground (nf, 2, 3) m, at parts (nf, 2) of the way from heel to tip, and
+        their derivatives.
 
         `level`: (nf, 2) m, height of the ground.
         """
@@ -106,20 +126,28 @@ def stride_of(phase: Array) -> Array:
 
 
 def rolled(phase: Array) -> Array:
-    """(nf, 2) part of the way from heel to tip to which the load of each foot has rolled; in swing it stays."""
+    """(nf, 2) part of the way from heel to tip to which the load of each foot has rolled; in swing
+    it stays.
+    """
     part: Array = PchipInterpolator(*ROLL)(np.minimum(stride_of(phase) / STANCE, 1.0))
     return part
 
 
 def right_share(phase: Array) -> Array:
-    """(nf,) share of the right foot in the vertical load over the gait cycle (0: right heel strike)."""
+    """(nf,) share of the right foot in the vertical load over the gait cycle (0: right heel
+    strike).
+    """
     own = phase % 1.0
     rise, fall = ramp(own / DOUBLE_SUPPORT), 1.0 - ramp((own - 0.5) / DOUBLE_SUPPORT)
-    return np.where(own < DOUBLE_SUPPORT, rise, np.where(own < 0.5, 1.0, np.where(own < STANCE, fall, 0.0)))
+    return np.where(
+        own < DOUBLE_SUPPORT, rise, np.where(own < 0.5, 1.0, np.where(own < STANCE, fall, 0.0))
+    )
 
 
 def resting(phase: Array) -> Array:
-    """(nf, 2, 4) how much of the points of the feet stands still on the ground: 0 to 1, smooth in time."""
+    """(nf, 2, 4) how much of the points of the feet stands still on the ground: 0 to 1, smooth in
+    time.
+    """
     own = stride_of(phase)
     heel, ball = (
         ramp((own - begin) / SETTLING) * (1.0 - ramp((own - end + SETTLING) / SETTLING))
@@ -132,7 +160,9 @@ def resting(phase: Array) -> Array:
 
 @cache
 def _local_points() -> Array:
-    """(2, 4, 3) m, points of the right and the left foot in their segments: those of every built-in person."""
+    """(2, 4, 3) m, points of the right and the left foot in their segments: those of every built-in
+    person.
+    """
     markers = nominal.published_model().markers
     rows = [[markers.labels.index(f"{side.upper()}.{name}") for name in POINTS] for side in SIDES]
     out: Array = markers.local[rows]
@@ -144,7 +174,9 @@ def _tip_beyond_marker() -> float:
     """The length of a foot, as a part of the distance from its heel to its toe marker."""
     heel, toe = _local_points()[0, :2]
     marked = float(np.linalg.norm(toe - heel))
-    return max(1.0, measurement_errors.FOOT_LENGTH * nominal.published_model().subject.height / marked)
+    return max(
+        1.0, measurement_errors.FOOT_LENGTH * nominal.published_model().subject.height / marked
+    )
 
 
 def ramp(x: Array) -> Array:
@@ -162,13 +194,17 @@ def _nominal_gait() -> dict[str, Any]:
 
 
 def gait_curves(phase: Array) -> tuple[Array, Array]:
-    """Coordinates (nf, nq) m, rad, at phases (nf,) in strides, 0: right heel strike; and their accelerations."""
+    """Coordinates (nf, nq) m, rad, at phases (nf,) in strides, 0: right heel strike; and their
+    accelerations.
+    """
     data = _nominal_gait()
     q, acceleration = np.empty((2, len(phase), len(COORDINATES)))
     for i, name in enumerate(COORDINATES):
         harmonics = data["curves"][coordinates.split_side(name)[0]]
         a, b = (np.array(harmonics[part], dtype=float) for part in "ab")
-        angle = 2 * np.pi * np.outer(phase + (0.5 if name.endswith("_l") else 0.0), np.arange(len(a)))
+        angle = (
+            2 * np.pi * np.outer(phase + (0.5 if name.endswith("_l") else 0.0), np.arange(len(a)))
+        )
         omega = 2 * np.pi * np.arange(len(a)) / GAIT_CYCLE
         for out, factor in ((q, np.ones(len(a))), (acceleration, -(omega**2))):
             values = np.cos(angle) @ (factor * a) + np.sin(angle) @ (factor * b)
@@ -178,8 +214,8 @@ def gait_curves(phase: Array) -> tuple[Array, Array]:
 
 
 _Rows = tuple[Array, dict[int, Array]]
-"""Residuals (nf, n) of every frame in units of their standard deviations, and their derivatives (nf, n, nq) by the
-coordinates, 0, their velocities, 1, or accelerations, 2."""
+"""Residuals (nf, n) of every frame in units of their standard deviations, and their derivatives
+(nf, n, nq) by the coordinates, 0, their velocities, 1, or accelerations, 2."""
 
 
 @dataclass(frozen=True)
@@ -188,7 +224,9 @@ class Meant:
 
     q: Array  # (nf, nq) m, rad
     acceleration: Array  # (nf, nq) m/s^2, rad/s^2
-    spread: float = 1.0  # Of how far from it the walk may be: less where the ground carries it already
+    spread: float = (
+        1.0  # Of how far from it the walk may be: less where the ground carries it already
+    )
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -201,14 +239,22 @@ class Ground:
     share: Array  # (nf, 2) of the vertical load on each foot; 0 in flight
     part: Array  # (nf, 2) of the way from heel to tip to which the load has rolled
     level: Array  # (nf, 2) m, height of the ground under each foot
-    seat: Array  # (nf, 3) m, where a seat bears what the feet do not: it counts where their shares do not sum to 1
+    # (nf, 3) m, where a seat bears what the feet do not: it counts where their shares do not sum to
+    # 1
+    seat: Array
     force: Array  # (nf, 3) body weights, of the total force
-    spread: Array  # (nf, 3) body weights, by which the force may be another; infinite where nothing is known of it
+    # (nf, 3) body weights, by which the force may be another; infinite where nothing is known of it
+    spread: Array
 
 
 def walking_ground(phase: Array) -> Ground:
-    """The floor under a walk, where the nominal person's feet go; `phase`: (nf,) strides since a right heel strike."""
-    footsteps, right = feet_of(nominal.published_model().parameters, nominal_curves(phase).q).points, right_share(phase)
+    """The floor under a walk, where the nominal person's feet go; `phase`: (nf,) strides since a
+    right heel strike.
+    """
+    footsteps, right = (
+        feet_of(nominal.published_model().parameters, nominal_curves(phase).q).points,
+        right_share(phase),
+    )
     nf = len(phase)
     return Ground(
         footsteps=footsteps,
@@ -223,11 +269,21 @@ def walking_ground(phase: Array) -> Ground:
     )
 
 
-def carried_nodes(parameters: Parameters, basis: SplineBasis, ground: Ground, meant: Meant) -> Array:
-    """(nn, nq) m, rad: nodes of a motion of the person with these parameters that the ground carries."""
+def carried_nodes(
+    parameters: Parameters, basis: SplineBasis, ground: Ground, meant: Meant
+) -> Array:
+    """(nn, nq) m, rad: nodes of a motion of the person with these parameters that the ground
+    carries.
+    """
     coefficients = basis.fit(meant.q)
     for _ in range(MOST_STEPS):
-        step = _step(basis, [*_carried(parameters, basis, coefficients, ground), *_near(basis, coefficients, meant)])
+        step = _step(
+            basis,
+            [
+                *_carried(parameters, basis, coefficients, ground),
+                *_near(basis, coefficients, meant),
+            ],
+        )
         coefficients += step
         if np.abs(step).max() < SMALLEST_STEP:
             break
@@ -243,12 +299,18 @@ def nominal_curves(phase: Array) -> Meant:
 
 @cache
 def _floor_shift() -> float:
-    heights = feet_of(nominal.published_model().parameters, gait_curves(np.arange(0.0, 1.0, 0.005))[0]).points[..., 1]
+    heights = feet_of(
+        nominal.published_model().parameters, gait_curves(np.arange(0.0, 1.0, 0.005))[0]
+    ).points[..., 1]
     return CLEARANCE - float(heights.min())
 
 
-def _carried(parameters: Parameters, basis: SplineBasis, coefficients: Array, ground: Ground) -> list[_Rows]:
-    """What the ground asks for: balance, a force like that of people, feet that stand where they stand."""
+def _carried(
+    parameters: Parameters, basis: SplineBasis, coefficients: Array, ground: Ground
+) -> list[_Rows]:
+    """What the ground asks for: balance, a force like that of people, feet that stand where they
+    stand.
+    """
     q, v, a = (basis.evaluate(coefficients, k) for k in range(3))
     feet, (nf, nq) = feet_of(parameters, q), q.shape
     still, held = ground.resting[..., None] / FOOT_SPEED, ground.held[..., None]
@@ -259,7 +321,11 @@ def _carried(parameters: Parameters, basis: SplineBasis, coefficients: Array, gr
     )
     # how the slopes change with the posture is left out: resting points hardly move
     rests = (speed * still).reshape(nf, -1), (feet.slopes * still[..., None]).reshape(nf, -1, nq)
-    return [*_forces(parameters, (q, v, a), ground, feet), (places[0], {0: places[1]}), (rests[0], {1: rests[1]})]
+    return [
+        *_forces(parameters, (q, v, a), ground, feet),
+        (places[0], {0: places[1]}),
+        (rests[0], {1: rests[1]}),
+    ]
 
 
 def _forces(
@@ -272,12 +338,16 @@ def _forces(
     share = ground.share[:, :, None]
     points, slopes = feet.along(ground.part, ground.level)
     seated = 1.0 - share.sum(axis=1)
-    arm = q[:, :3] - (share[:, 0] * points[:, 0] + share[:, 1] * points[:, 1]) - seated * ground.seat
+    arm = (
+        q[:, :3] - (share[:, 0] * points[:, 0] + share[:, 1] * points[:, 1]) - seated * ground.seat
+    )
     by_arm = -(share[:, 0, :, None] * slopes[:, 0] + share[:, 1, :, None] * slopes[:, 1])
     by_arm[:, :, :3] += np.eye(3)
     tipping, pushing = {}, {}
     for order, by in enumerate((total.by_position, total.by_velocity, total.by_acceleration)):
-        tipping[order] = (by[:, 3:] + np.cross(arm[:, :, None], by[:, :3], axis=1)) / (CENTRE_M * weight)
+        tipping[order] = (by[:, 3:] + np.cross(arm[:, :, None], by[:, :3], axis=1)) / (
+            CENTRE_M * weight
+        )
         pushing[order] = by[:, :3] / (ground.spread * weight)[:, :, None]
     tipping[0] += np.cross(by_arm, force[:, :, None], axis=1) / (CENTRE_M * weight)
     return [
@@ -289,14 +359,18 @@ def _forces(
 def _usual_force(phase: Array) -> Array:
     """(nf, 3) body weights, what the ground does to both feet of a walking person in all.
 
-    The first two harmonics that symmetry leaves of OpenSim's `subject01` (the recording from which the curves come):
-    forward and up once and twice a step, sideways once and three times a stride. Its load passes from one foot to the
-    other at 0.076 of a stride, here it does in the middle of double support.
+    The first two harmonics that symmetry leaves of OpenSim's `subject01` (the recording from which
+    the curves come): forward and up once and twice a step, sideways once and three times a stride.
+    Its load passes from one foot to the other at 0.076 of a stride, here it does in the middle of
+    double support.
     """
     step, stride = 4 * np.pi * (phase + LATER), 2 * np.pi * (phase + LATER)
     return np.stack(
         [
-            0.109 * np.cos(step) - 0.033 * np.sin(step) + 0.055 * np.cos(2 * step) + 0.027 * np.sin(2 * step),
+            0.109 * np.cos(step)
+            - 0.033 * np.sin(step)
+            + 0.055 * np.cos(2 * step)
+            + 0.027 * np.sin(2 * step),
             1.0 + 0.147 * np.cos(step) + 0.111 * np.sin(step),
             0.043 * np.cos(stride) - 0.058 * np.sin(stride) + 0.033 * np.cos(3 * stride),
         ],
@@ -318,7 +392,9 @@ def _near(basis: SplineBasis, coefficients: Array, meant: Meant) -> list[_Rows]:
 
 
 def _step(basis: SplineBasis, rows: list[_Rows]) -> Array:
-    """(nn, nq) the Gauss-Newton step: the nodes of a frame are six, so that the normal equations are a band."""
+    """(nn, nq) the Gauss-Newton step: the nodes of a frame are six, so that the normal equations
+    are a band.
+    """
     nq, nf = len(COORDINATES), len(basis.time)
     width = ORDER * nq
     value = np.concatenate([values for values, _ in rows], axis=1)

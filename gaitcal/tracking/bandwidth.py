@@ -1,21 +1,23 @@
 """The bandwidth of a trial, chosen by its markers.
 
-A trial's motion is smoothed by the penalty of `spline.py`; one cut-off f serves all its coordinates. With
-H_t = J^T W J of frame t, every marker with its mean weight over the trial,
+A trial's motion is smoothed by the penalty of `spline.py`; one cut-off f serves all its
+coordinates. With H_t = J^T W J of frame t, every marker with its mean weight over the trial,
 
     W = (mean_t (H_t + LEAST mean H)^-1)^-1
 
-weighs the coordinates against each other. The trial is tracked once with dense nodes and the highest cut-off that they
-do not limit: coordinates q (nf, nq), residuals r (nf, 3 nm), each times the root of its weight. Smoothing by A(f) loses
+weighs the coordinates against each other. The trial is tracked once with dense nodes and the
+highest cut-off that they do not limit: coordinates q (nf, nq), residuals r (nf, 3 nm), each times
+the root of its weight. Smoothing by A(f) loses
 
     lost(f) = tr (q - A q)^T (q - A q) W    of the motion, and leaves    noise(f) = nq / (n - nq) tr r^T A r
 
-of the noise, n the marker coordinates seen in a frame: each of the nq directions that the coordinates can follow holds
-as much noise, at every frequency, as each of the n - nq directions that only the residuals hold. f is where the error
-to be expected, lost + 2 noise less a constant, is least (Mallows 1973, for noise of any colour).
+of the noise, n the marker coordinates seen in a frame: each of the nq directions that the
+coordinates can follow holds as much noise, at every frequency, as each of the n - nq directions
+that only the residuals hold. f is where the error to be expected, lost + 2 noise less a constant,
+is least (Mallows 1973, for noise of any colour).
 
-Skin movement is slow and says nothing of the noise at 10 Hz: generalised cross-validation, which takes noise for white,
-smooths a foot's impact away where markers carry 4 mm of it.
+Skin movement is slow and says nothing of the noise at 10 Hz: generalised cross-validation, which
+takes noise for white, smooths a foot's impact away where markers carry 4 mm of it.
 
 Of one coordinate alone, whose samples y (nf,) all weigh 1, the penalty makes
 
@@ -35,18 +37,24 @@ from gaitcal.tracking import descent, marker_residual, motion, spline
 from gaitcal.tracking.start import starting_coordinates, starting_nodes
 from gaitcal.tracking.trial_problem import MotionProblem
 
-SPANS_TIMES_CUTOFF = 4.0  # knot spans a second in units of f: nodes pass 1.9 f, so that the penalty limits the motion
+# knot spans a second in units of f: nodes pass 1.9 f, so that the penalty limits the motion
+SPANS_TIMES_CUTOFF = 4.0
 FEWEST_SPANS, DENSE_SPANS, MOST_SPANS = 20.0, 50.0, 100.0
 """Knot spans a second: at least, whatever f; while f is sought, at least and at most."""
 FRAMES_PER_DENSE_SPAN = 2.0
 """Between 50 and 100 spans a second, one for so many frames; a slow camera gets one for each."""
 LOWEST_HZ = 2.0  # f is not sought below: whatever moves, moves as fast
-CANDIDATES = 25  # cut-offs that are compared, 10 to 12 % apart; a parabola finds the minimum between them
-UNTOLD_HZ = 10.0  # where markers have nothing to spare that could tell noise: what 20 knot spans a second pass
+CANDIDATES = (
+    25  # cut-offs that are compared, 10 to 12 % apart; a parabola finds the minimum between them
+)
+# where markers have nothing to spare that could tell noise: what 20 knot spans a second pass
+UNTOLD_HZ = 10.0
 LEAST_SPARE = 1.0  # marker coordinates a frame beyond those that the motion can follow
 LONGEST_S = 20.0  # f is sought in a stretch of so much of a trial: the one in which most happens
 POSES = 50  # frames that W is taken from
-LEAST = 0.01  # of mean H: a pose that hardly shows a coordinate (an elbow stretched) does not set its weight for all
+# of mean H: a pose that hardly shows a coordinate (an elbow stretched) does not set its weight for
+# all
+LEAST = 0.01
 NEVER_SEEN = 1e-6  # of the diagonal: for directions that no pose shows
 GRAM_FLOOR = 1e-14  # of the largest diagonal entry of G: two nodes between the same frames
 TINY = 1e-300
@@ -55,10 +63,14 @@ LOOSE = descent.DescentSettings(
 )  # while f is sought: what is left to gain is far below what tells one f from another
 
 
-def with_bandwidth(problem: MotionProblem, parameters: Parameters, cutoff_hz: float) -> MotionProblem:
+def with_bandwidth(
+    problem: MotionProblem, parameters: Parameters, cutoff_hz: float
+) -> MotionProblem:
     """The trial with nodes and penalty for a cut-off."""
     basis = problem.basis
-    spans = min(max(SPANS_TIMES_CUTOFF * cutoff_hz, FEWEST_SPANS), max(dense_spans(basis), FEWEST_SPANS))
+    spans = min(
+        max(SPANS_TIMES_CUTOFF * cutoff_hz, FEWEST_SPANS), max(dense_spans(basis), FEWEST_SPANS)
+    )
     basis = _basis(basis, min(spans, spline.frame_rate(basis)))
     information = frame_information(problem, problem.body(parameters))
     return replace(problem, basis=basis, smoothing=spline.smoothing(basis, information, cutoff_hz))
@@ -81,7 +93,9 @@ def _basis(basis: spline.SplineBasis, spans_per_second: float) -> spline.SplineB
 
 
 def frame_information(problem: MotionProblem, body: LinkageModel) -> Array:
-    """(nq, nq) W, in the poses that the segments' rigid fits give; zero for coordinates that move no marker."""
+    """(nq, nq) W, in the poses that the segments' rigid fits give; zero for coordinates that move
+    no marker.
+    """
     data, frames = problem.data, spline.spaced(len(problem.basis.time), POSES)
     some = data.frames(frames)
     q = starting_coordinates(body, some)
@@ -121,9 +135,13 @@ class Smoother:
 
 
 class DenseMotion:
-    """One trial tracked with the highest cut-off; what lower ones would make of it follows without tracking."""
+    """One trial tracked with the highest cut-off; what lower ones would make of it follows without
+    tracking.
+    """
 
-    def __init__(self, problem: MotionProblem, parameters: Parameters, activity: Array | None = None) -> None:
+    def __init__(
+        self, problem: MotionProblem, parameters: Parameters, activity: Array | None = None
+    ) -> None:
         """`activity` (nf,): what tells where most happens; the markers' speed unless given."""
         problem = replace(problem, smoothing=None)
         frames = busiest(problem, activity)
@@ -158,7 +176,11 @@ class DenseMotion:
         cost = float((self.residual**2).sum()) + lost
         rms = np.sqrt(cost / max(float(self.problem.data.weight.sum()), TINY))
         return Smoothed(
-            cutoff_hz=cutoff_hz, coefficients=self.coefficients - change, lost=lost, noise=noise, rms=float(rms)
+            cutoff_hz=cutoff_hz,
+            coefficients=self.coefficients - change,
+            lost=lost,
+            noise=noise,
+            rms=float(rms),
         )
 
     def by_markers(self) -> float:
@@ -166,9 +188,13 @@ class DenseMotion:
         lowest = min(LOWEST_HZ, self.highest)
         if self.spare < LEAST_SPARE:
             return min(UNTOLD_HZ, self.highest)
-        return self.least(lambda smoothed: smoothed.lost + 2.0 * smoothed.noise, lowest, self.highest)
+        return self.least(
+            lambda smoothed: smoothed.lost + 2.0 * smoothed.noise, lowest, self.highest
+        )
 
-    def least(self, criterion: "Callable[[Smoothed], float]", lowest: float, highest: float) -> float:
+    def least(
+        self, criterion: "Callable[[Smoothed], float]", lowest: float, highest: float
+    ) -> float:
         """Hz between two cut-offs: where a criterion is least."""
         cutoffs = np.geomspace(lowest, highest, CANDIDATES)
         values = np.log([max(criterion(self.at(float(f))), TINY) for f in cutoffs])
@@ -202,7 +228,9 @@ def busiest(problem: MotionProblem, activity: Array | None = None) -> IntArray:
 
 
 def _lowest(x: Array, y: Array) -> float:
-    """Hz: the vertex of the parabola through the least y and its neighbours, over x = log f; at an end, that end."""
+    """Hz: the vertex of the parabola through the least y and its neighbours, over x = log f; at an
+    end, that end.
+    """
     k = int(np.argmin(y))
     if k in (0, len(y) - 1):
         return float(np.exp(x[k]))

@@ -1,18 +1,22 @@
-"""The one iteration of gaitcal: a sum of squares is brought down step by step, from a start to its minimum.
+"""The one iteration of gaitcal: a sum of squares is brought down step by step, from a start to its
+minimum.
 
-Tracking, the motions behind joint parameters, the combined fit and the re-fits of a Monte Carlo study all call
-`descend`; they differ in what they minimise (a `Problem`) and in `DescentSettings`. With g the half gradient of the
-cost at x and M its Gauss-Newton matrix,
+Tracking, the motions behind joint parameters, the combined fit and the re-fits of a Monte Carlo
+study all call `descend`; they differ in what they minimise (a `Problem`) and in `DescentSettings`.
+With g the half gradient of the cost at x and M its Gauss-Newton matrix,
 
     (M + damping diag(M)) step = -g,        predicted reduction of the cost  = -g . step.
 
-- *Damping* (Levenberg 1944, Marquardt 1963) is raised only when a step raised the cost, and falls again afterwards.
-- *A kept factor.* Forming and factorising M costs three times a gradient, and near the minimum M hardly changes: after
-  a short undamped step its factor is kept, until a step predicts more than a tenth of what the one before did.
-- *Curvature.* Where the residuals stay large, Gauss-Newton's steps shrink slowly, or grow. M then becomes half the
-  whole Hessian, as long as that is positive definite, and the steps are Newton's.
-- *The end.* A step that predicts too little, or is too short, is the last and is taken; so is one after which the cost
-  has hardly fallen. Whatever else ends the iteration has an `Ending` of its own, and is not called converged.
+- *Damping* (Levenberg 1944, Marquardt 1963) is raised only when a step raised the cost, and falls
+  again afterwards.
+- *A kept factor.* Forming and factorising M costs three times a gradient, and near the minimum M
+  hardly changes: after a short undamped step its factor is kept, until a step predicts more than a
+  tenth of what the one before did.
+- *Curvature.* Where the residuals stay large, Gauss-Newton's steps shrink slowly, or grow. M then
+  becomes half the whole Hessian, as long as that is positive definite, and the steps are Newton's.
+- *The end.* A step that predicts too little, or is too short, is the last and is taken; so is one
+  after which the cost has hardly fallen. Whatever else ends the iteration has an `Ending` of its
+  own, and is not called converged.
 """
 
 from dataclasses import dataclass
@@ -23,14 +27,20 @@ import numpy as np
 
 from gaitcal.arrays import Array
 
-STALE = 0.1  # a factor is stale when a step on it predicts more than this part of what the step before did
+# a factor is stale when a step on it predicts more than this part of what the step before did
+STALE = 0.1
 LEAST_DAMPING, MOST_DAMPING = 1e-6, 1e12
-"""Relative to the diagonal of M: the first damping of a refused step, and what no step lowers the cost beyond."""
+"""Relative to the diagonal of M: the first damping of a refused step, and what no step lowers the
+cost beyond.
+"""
 RAISED_BY = 10.0
 NO_DAMPING = 1e-12  # damping below this is dropped
-DECISIVE_DAMPING = 1e-2  # with more damping than this a small gain says something of the damping, not of the minimum
+# with more damping than this a small gain says something of the damping, not of the minimum
+DECISIVE_DAMPING = 1e-2
 ROUNDING = 1e-14
-"""A cost that is higher by this part of `nothing_left` is no higher, a gain of this part of the cost is none."""
+"""A cost that is higher by this part of `nothing_left` is no higher, a gain of this part of the
+cost is none.
+"""
 
 
 @dataclass(frozen=True)
@@ -53,7 +63,9 @@ AnyFactor = TypeVar("AnyFactor", bound=Factor, covariant=True)
 
 
 class Linearisation(Protocol[Point, AnyFactor]):
-    """Cost, gradient and matrix at a point. `spent`: the factor took the place of the matrix in memory."""
+    """Cost, gradient and matrix at a point. `spent`: the factor took the place of the matrix in
+    memory.
+    """
 
     @property
     def evaluation(self) -> Point: ...  # noqa: D102
@@ -65,7 +77,9 @@ class Linearisation(Protocol[Point, AnyFactor]):
 
 
 class Problem(Protocol[Point, AnyFactor]):
-    """What is minimised. Below `nothing_left` nothing is left to fit; `has_curvature`: it can give Newton's matrix."""
+    """What is minimised. Below `nothing_left` nothing is left to fit; `has_curvature`: it can give
+    Newton's matrix.
+    """
 
     nothing_left: float
     has_curvature: bool
@@ -92,7 +106,12 @@ class Ending(Enum):
     @property
     def converged(self) -> bool:
         """Whether the tolerance was reached."""
-        return self in (Ending.SMALL_REDUCTION, Ending.SHORT_STEP, Ending.SMALL_GAIN, Ending.NOTHING_LEFT)
+        return self in (
+            Ending.SMALL_REDUCTION,
+            Ending.SHORT_STEP,
+            Ending.SMALL_GAIN,
+            Ending.NOTHING_LEFT,
+        )
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -100,19 +119,27 @@ class DescentSettings:
     """When an iteration ends, and what it may do on the way."""
 
     gain: float = 1e-6
-    """Relative gain of a step below which it is the last; what is then left to gain is about its square."""
+    """Relative gain of a step below which it is the last; what is then left to gain is about its
+    square.
+    """
     kept_gain: float = 0.1
-    """The same on a kept factor, as a part of `gain`: such a step leaves more to gain than the square."""
+    """The same on a kept factor, as a part of `gain`: such a step leaves more to gain than the
+    square.
+    """
     shortest_step: float = 0.0  # largest entry (m, rad) below which a step is the last
     most_steps: int = 100
     keep_within: float = 0.05
-    """A factor is kept after steps whose largest entry (m, rad) is below this: they change M by less than the
-    curvature of the residuals, which Gauss-Newton leaves out."""
+    """A factor is kept after steps whose largest entry (m, rad) is below this: they change M by
+    less than the curvature of the residuals, which Gauss-Newton leaves out."""
     first_damping: float = 0.0  # 1e-3 when starting far away
     lowered_by: float = 30.0  # divides the damping after a step that lowered the cost
     curved: bool = False  # whether to begin with Newton's steps
-    curved_tries: int = 3  # times that Newton's steps are begun, where those of Gauss-Newton are slow
-    persistent: bool = True  # False: end with `Ending.SLOW` where damping or another matrix would be needed
+    curved_tries: int = (
+        3  # times that Newton's steps are begun, where those of Gauss-Newton are slow
+    )
+    persistent: bool = (
+        True  # False: end with `Ending.SLOW` where damping or another matrix would be needed
+    )
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -121,9 +148,13 @@ class Descent(Generic[Point, AnyFactor]):
 
     x: Array
     evaluation: Point
-    """The last one; where the last step was taken on its prediction alone, that of the point before it."""
+    """The last one; where the last step was taken on its prediction alone, that of the point before
+    it.
+    """
     factor: AnyFactor | None  # of the last step; None where it was not kept, or damped
-    predicted_reduction: float  # of the cost by the last step, if it was taken on that alone; else 0
+    predicted_reduction: (
+        float  # of the cost by the last step, if it was taken on that alone; else 0
+    )
     steps: int
     curved: bool  # whether it ended with Newton's steps
     ending: Ending
@@ -140,16 +171,25 @@ class Descent(Generic[Point, AnyFactor]):
 
 
 def descend(
-    problem: Problem[Point, AnyFactor], start: Array, settings: DescentSettings, known: AnyFactor | None = None
+    problem: Problem[Point, AnyFactor],
+    start: Array,
+    settings: DescentSettings,
+    known: AnyFactor | None = None,
 ) -> Descent[Point, AnyFactor]:
     """Minimise from `start`; `known` is a factor that serves there already."""
     x, small = start, problem.nothing_left
     # linear: at x, as long as its matrix may be wanted with other damping
     linear = problem.linearise(x, curved=settings.curved) if known is None else None
     here = problem.evaluate(x) if linear is None else linear.evaluation
-    factor, fresh, damping = known, False, settings.first_damping  # fresh: the factor was formed at x
+    factor, fresh, damping = (
+        known,
+        False,
+        settings.first_damping,
+    )  # fresh: the factor was formed at x
     curved, curved_tries = settings.curved, settings.curved_tries if problem.has_curvature else 0
-    predicted = predicted_fresh = np.inf  # by the step before, and by the last one whose factor was formed there
+    predicted = predicted_fresh = (
+        np.inf
+    )  # by the step before, and by the last one whose factor was formed there
     taken_blindly, steps, ending = 0.0, 0, None
     while ending is None:
         if steps == settings.most_steps or damping > MOST_DAMPING:
@@ -168,13 +208,22 @@ def descend(
         except np.linalg.LinAlgError:
             refused = True
         else:
-            reduction, length = -float(np.vdot(here.gradient, step)), float(np.abs(step).max(initial=0.0))
+            reduction, length = (
+                -float(np.vdot(here.gradient, step)),
+                float(np.abs(step).max(initial=0.0)),
+            )
             if not np.isfinite([here.cost, reduction, length]).all():
                 ending = Ending.NOT_FINITE
                 break
             stale = reduction > STALE * predicted
             if fresh and reduction > STALE * predicted_fresh and not curved and curved_tries:
-                curved, curved_tries, damping, factor, linear = True, curved_tries - 1, 0.0, None, None
+                curved, curved_tries, damping, factor, linear = (
+                    True,
+                    curved_tries - 1,
+                    0.0,
+                    None,
+                    None,
+                )
                 continue
             enough = settings.gain * here.cost * (1.0 if fresh else settings.kept_gain)
             refused = reduction < -max(enough, small)

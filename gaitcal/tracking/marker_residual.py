@@ -1,29 +1,33 @@
 """From markers to normal equations, frame by frame, without ever forming a marker Jacobian.
 
-Marker m of segment s is at x_m = o_s + R_s l_m = T_s [l_m; 1]; residual r_m = x_m - measured_m with weight w_m >= 0 in
-each frame (0 where it was not seen). With J_k = [v; w] the spatial velocity (about the laboratory origin) that variable
+Marker m of segment s is at x_m = o_s + R_s l_m = T_s [l_m; 1]; residual r_m = x_m - measured_m with
+weight w_m >= 0 in each frame (0 where it was not seen). With J_k = [v; w] the spatial velocity
+(about the laboratory origin) that variable
 k gives to everything after it, cost, half gradient and Gauss-Newton matrix of  sum_m w_m |r_m|^2  are
 
     g_k  = J_k . sum_{m after k} w_m [r_m; x_m x r_m]
     H_kl = J_k . Y_l J_l          (l after k),     Y_l = sum_{m after l} w_m [1, -x~_m; x~_m, -x~_m x~_m].
 
-Y_l is the spatial inertia of point masses w_m at the markers, and H is therefore the joint-space inertia matrix of
-that model: what `pin.crba` gives for it (tested), here for all frames at once and with weights that may differ in
-every frame. The sums over a segment's markers are turned with the segment, not formed anew:
+Y_l is the spatial inertia of point masses w_m at the markers, and H is therefore the joint-space
+inertia matrix of that model: what `pin.crba` gives for it (tested), here for all frames at once and
+with weights that may differ in every frame. The sums over a segment's markers are turned with the
+segment, not formed anew:
 
     sum w [x; 1] [x; 1]^T = T_s P_s T_s^T,  P_s = sum w [l; 1] [l; 1]^T,
     sum w x x r = sum_j T_sj x (sum w [l; 1]_j r),
 
-P_s as long constant as the weights are. They are summed from the tips to the root, once per distinct set of segments.
-What Gauss-Newton leaves out, how the markers curve, weighted by the residuals, is added to Y_l J_l if asked for.
-With r_m already multiplied by its weight, the second derivative of marker m by variables k before l (k = l too) is
-w_k x (v_l + w_l x x_m), so that the half Hessian of the cost gains
+P_s as long constant as the weights are. They are summed from the tips to the root, once per
+distinct set of segments. What Gauss-Newton leaves out, how the markers curve, weighted by the
+residuals, is added to Y_l J_l if asked for. With r_m already multiplied by its weight, the second
+derivative of marker m by variables k before l (k = l too) is w_k x (v_l + w_l x x_m), so that the
+half Hessian of the cost gains
 
     sum_{m after l} r_m . (w_k x (v_l + w_l x x_m))  =  w_k . p_l,     p_l = v_l x F_l + C_l w_l - tr(C_l) w_l,
     F_l = sum r_m,     C_l = sum x_m r_m^T.
 
-Far from the measured markers this term is large: with joint parameters 10 mm and 10 degrees off, Gauss-Newton alone
-converges by a factor of about two a step, with it by factors of hundreds; 300 mm off, not at all without damping.
+Far from the measured markers this term is large: with joint parameters 10 mm and 10 degrees off,
+Gauss-Newton alone converges by a factor of about two a step, with it by factors of hundreds; 300 mm
+off, not at all without damping.
 """
 
 from dataclasses import dataclass
@@ -52,7 +56,11 @@ class PlacedMarkers:
         """Segments that carry markers, and which."""
         edges = np.flatnonzero(np.diff(self.segment)) + 1
         bounds = [0, *edges.tolist(), len(self.segment)]
-        return [(int(self.segment[a]), slice(a, b)) for a, b in pairwise(bounds)] if len(self.segment) else []
+        return (
+            [(int(self.segment[a]), slice(a, b)) for a, b in pairwise(bounds)]
+            if len(self.segment)
+            else []
+        )
 
     @cached_property
     def extended(self) -> Array:
@@ -62,13 +70,19 @@ class PlacedMarkers:
 
 @dataclass(frozen=True)
 class MarkerData:
-    """Markers of one trial: where they sit, and where they were measured; axes (marker, xyz, frame)."""
+    """Markers of one trial: where they sit, and where they were measured; axes (marker, xyz,
+    frame).
+    """
 
     placed: PlacedMarkers
     measured: Array  # (nm, 3, nf) m; any finite number where the weight is zero
     weight: Array  # (nm, nf) >= 0
-    shift: Array | None = None  # (nm, 3, nf) m, how far each marker is from its place, in its segment's axes
-    secondary: SecondaryMotion | None = None  # what joints do besides moving along their coordinates
+    shift: Array | None = (
+        None  # (nm, 3, nf) m, how far each marker is from its place, in its segment's axes
+    )
+    secondary: SecondaryMotion | None = (
+        None  # what joints do besides moving along their coordinates
+    )
 
     @property
     def segment(self) -> IntArray:
@@ -82,13 +96,18 @@ class MarkerData:
 
     @cached_property
     def moments(self) -> Array:
-        """(n, 4, 4, nf or 1) P_s of the n segments that carry markers; one frame where weights never change."""
+        """(n, 4, 4, nf or 1) P_s of the n segments that carry markers; one frame where weights
+        never change.
+        """
         weight, extended = self.weight, self.placed.extended
         if self.shift is not None:
             ones = np.ones((len(weight), 1, weight.shape[1]))
             moved = np.concatenate([self.local[:, :, None] + self.shift, ones], axis=1)
             return np.array(
-                [np.einsum("mf,maf,mbf->abf", weight[m], moved[m], moved[m]) for _, m in self.placed.groups]
+                [
+                    np.einsum("mf,maf,mbf->abf", weight[m], moved[m], moved[m])
+                    for _, m in self.placed.groups
+                ]
             )
         if (weight == weight[:, :1]).all():
             weight = weight[:, :1]
@@ -102,7 +121,9 @@ class MarkerData:
             return self
         shift = None if self.shift is None else self.shift[:, :, part]
         secondary = None if self.secondary is None else self.secondary.frames(part)
-        return MarkerData(self.placed, self.measured[:, :, part], self.weight[:, part], shift, secondary)
+        return MarkerData(
+            self.placed, self.measured[:, :, part], self.weight[:, part], shift, secondary
+        )
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -112,10 +133,13 @@ class FrameEquations:
     cost: float  # m^2, sum over markers and frames
     gradient: Array  # (nq + np, nf) half gradient
     columns: Array  # (nq + np, 6, nf) J_k
-    carried: Array  # (nq + np, 6, nf) Y_k J_k, with the markers' curvature if asked for; none where no matrix was
+    # (nq + np, 6, nf) Y_k J_k, with the markers' curvature if asked for; none where no matrix was
+    carried: Array
 
     def products(self, first: slice = _ALL, second: slice = _ALL) -> Array:
-        """(nf, n, n') J_k . Y_l J_l for k of `first` and l of `second`: H_kl wherever l comes after k."""
+        """(nf, n, n') J_k . Y_l J_l for k of `first` and l of `second`: H_kl wherever l comes after
+        k.
+        """
         left = np.ascontiguousarray(self.columns[first].transpose(2, 0, 1))
         return left @ np.ascontiguousarray(self.carried[second].transpose(2, 1, 0))
 
@@ -126,16 +150,24 @@ class FrameEquations:
 
 
 class VariablePairs:
-    """Which pairs of variables (coordinates, then free joint parameters) of a chain move a common marker."""
+    """Which pairs of variables (coordinates, then free joint parameters) of a chain move a common
+    marker.
+    """
 
     def __init__(self, chain: Chain, seen: BoolArray, held: tuple[str, ...] = ()) -> None:
-        """`seen`: (segments,) whether one shows a marker; `held`: coordinates that keep their values."""
+        """`seen`: (segments,) whether one shows a marker; `held`: coordinates that keep their
+        values.
+        """
         # support (variables, segments): 1 where a variable moves a segment that shows a marker
         support = chain.support * seen
         support[[chain.coordinates.index(name) for name in held]] = 0
         active = np.asarray(support.any(axis=1))
         nq = len(chain.coordinates)
-        within = ((support[:, None, :] <= support[None, :, :]).all(axis=2)) & active[:, None] & active[None, :]
+        within = (
+            ((support[:, None, :] <= support[None, :, :]).all(axis=2))
+            & active[:, None]
+            & active[None, :]
+        )
         """within[l, k]: what l moves, k moves too."""
         first, second = np.nonzero(np.tril(within | within.T))
         self.deep = np.where(within[first, second], first, second)
@@ -154,7 +186,9 @@ def marker_positions(
     shift: Array | None = None,
     secondary: SecondaryMotion | None = None,
 ) -> Array:
-    """(nm, 3, nf) m, model markers for coordinates (nf, nq), `shift` and `secondary` as in `MarkerData`."""
+    """(nm, 3, nf) m, model markers for coordinates (nf, nq), `shift` and `secondary` as in
+    `MarkerData`.
+    """
     return position_markers(placed, Kinematics(body, q, secondary, columns=False).segments, shift)
 
 
@@ -163,31 +197,50 @@ def position_markers(placed: PlacedMarkers, segments: Array, shift: Array | None
     nf = segments.shape[-1]
     out = np.empty((len(placed.segment), 3, nf))
     for s, markers in placed.groups:
-        np.matmul(placed.extended[markers], segments[s].reshape(4, 3 * nf), out=out[markers].reshape(-1, 3 * nf))
+        np.matmul(
+            placed.extended[markers],
+            segments[s].reshape(4, 3 * nf),
+            out=out[markers].reshape(-1, 3 * nf),
+        )
         if shift is not None:
             out[markers] += np.einsum("mjf,jif->mif", shift[markers], segments[s, :3])
     return out
 
 
 def frame_equations(
-    body: LinkageModel, pairs: VariablePairs, data: MarkerData, q: Array, *, hessian: bool = True, curved: bool = False
+    body: LinkageModel,
+    pairs: VariablePairs,
+    data: MarkerData,
+    q: Array,
+    *,
+    hessian: bool = True,
+    curved: bool = False,
 ) -> FrameEquations:
-    """Cost, half gradient and (optionally) matrix of every frame: Gauss-Newton's, or if `curved` half the Hessian."""
+    """Cost, half gradient and (optionally) matrix of every frame: Gauss-Newton's, or if `curved`
+    half the Hessian.
+    """
     placed, chain = Kinematics(body, q, data.secondary), body.chain
     segments, columns = placed.segments, placed.columns
     columns[~pairs.active] = 0.0
-    # per segment -> per distinct set of segments -> per variable (moved_set picks the set that it moves)
+    # per segment -> per distinct set of segments -> per variable (moved_set picks the set that it
+    # moves)
     arms, cost = _segment_arms(data, segments)
     forces = _sums(chain, _segment_forces(segments, arms))[chain.moved_set]
     gradient = np.einsum("kif,kif->kf", columns, forces)
     if not hessian:
-        return FrameEquations(cost=cost, gradient=gradient, columns=columns, carried=np.empty((0, 6, len(q))))
-    carried = _apply_inertia(_sums(chain, _segment_inertias(data, segments)), chain.moved_set, columns)
+        return FrameEquations(
+            cost=cost, gradient=gradient, columns=columns, carried=np.empty((0, 6, len(q)))
+        )
+    carried = _apply_inertia(
+        _sums(chain, _segment_inertias(data, segments)), chain.moved_set, columns
+    )
     if curved:
         # C_l = sum x r^T of each segment: T_s [l; 1] against the same arms that give its force
         first = np.einsum("sjaf,sjbf->sabf", segments, arms)
         summed = _sums(chain, first.reshape(len(first), 9, -1))[chain.moved_set]
-        carried[:, 3:] += curvature_pulls(columns, forces[:, :3], summed.reshape(len(summed), 3, 3, -1))
+        carried[:, 3:] += curvature_pulls(
+            columns, forces[:, :3], summed.reshape(len(summed), 3, 3, -1)
+        )
     return FrameEquations(cost=cost, gradient=gradient, columns=columns, carried=carried)
 
 
@@ -226,7 +279,9 @@ def _segment_inertias(data: MarkerData, segments: Array) -> Array:
     placed = segments[carriers]
     # T P T^T takes two products; where weights never change the first is one matrix for all frames
     if data.moments.shape[-1] == 1:
-        turned = np.matmul(data.moments[..., 0], placed.reshape(-1, 4, 3 * nf)).reshape(placed.shape)
+        turned = np.matmul(data.moments[..., 0], placed.reshape(-1, 4, 3 * nf)).reshape(
+            placed.shape
+        )
     else:
         turned = np.einsum("sjkf,skif->sjif", data.moments, placed)
     out = np.zeros((ns, 10, nf))
@@ -247,7 +302,10 @@ def _apply_inertia(inertia: Array, of_variable: IntArray, columns: Array) -> Arr
     """(nk, 6, nf) Y_k J_k: linear momentum m v - h x w, and moment h x v + (tr S) w - S w."""
     y = inertia[of_variable]
     mass, h, s = y[:, 0], (y[:, 1], y[:, 2], y[:, 3]), y[:, 4:]
-    v, w = (columns[:, 0], columns[:, 1], columns[:, 2]), (columns[:, 3], columns[:, 4], columns[:, 5])
+    v, w = (
+        (columns[:, 0], columns[:, 1], columns[:, 2]),
+        (columns[:, 3], columns[:, 4], columns[:, 5]),
+    )
     trace = s[:, 0] + s[:, 1] + s[:, 2]
     second = ((s[:, 0], s[:, 3], s[:, 4]), (s[:, 3], s[:, 1], s[:, 5]), (s[:, 4], s[:, 5], s[:, 2]))
     out = np.empty_like(columns)

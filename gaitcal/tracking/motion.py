@@ -1,21 +1,23 @@
-"""Tracking, and a person's motion in one trial that it gives: the nodes that bring the model's markers nearest to the
-measured ones over the whole trial, and how well each marker is met.
+"""Tracking, and a person's motion in one trial that it gives: the nodes that bring the model's
+markers nearest to the measured ones over the whole trial, and how well each marker is met.
 
-As problems for `descend`: one trial with fixed joint parameters, whose x are the nodes and whose matrix is a band, and
-several trials that share joint parameters, whose matrix is an arrow (`banded.py`). From rigid fits undamped
-Gauss-Newton steps nearly always do; markers that stay far from where the model has them ask for Newton's.
+As problems for `descend`: one trial with fixed joint parameters, whose x are the nodes and whose
+matrix is a band, and several trials that share joint parameters, whose matrix is an arrow
+(`banded.py`). From rigid fits undamped Gauss-Newton steps nearly always do; markers that stay far
+from where the model has them ask for Newton's.
 
 Robust tracking: markers that are far out of line get less weight, sample by sample.
 
 Instead of  sum w |r|^2  the cost is  s^2 sum rho(u),  u = sqrt(w) |r| / s,  |r| the distance of a marker from its place
-on the model. Its minimum is that of least squares with weights w f(u), f = rho'(u) / (2 u), iterated until the
-weights settle (Holland and Welsch 1977):
+on the model. Its minimum is that of least squares with weights w f(u), f = rho'(u) / (2 u),
+iterated until the weights settle (Holland and Welsch 1977):
 
     Huber    f = min(1, k / u)            convex: one minimum, outliers pull with a constant force
     Cauchy   f = 1 / (1 + (u / c)^2)      outliers let go; begun from Huber's solution, as it may have several minima
 
-k and c keep 95 % efficiency when the three coordinates of a residual are Gaussian. The scale s of one coordinate is
-1.4826 times the median absolute deviation of the coordinates (from zero), which outliers move little.
+k and c keep 95 % efficiency when the three coordinates of a residual are Gaussian. The scale s of
+one coordinate is 1.4826 times the median absolute deviation of the coordinates (from zero), which
+outliers move little.
 """
 
 from collections.abc import Mapping, Sequence
@@ -44,7 +46,9 @@ from gaitcal.tracking.trial_problem import MotionProblem, trial_problem
 if TYPE_CHECKING:
     import pandas as pd
 
-LARGE_BYTES = 2**27  # of a normal matrix above which only one is held at a time: a trial of some 20 000 frames
+LARGE_BYTES = (
+    2**27
+)  # of a normal matrix above which only one is held at a time: a trial of some 20 000 frames
 NOTHING_LEFT_M = 1e-14  # m, RMS residual below which there is nothing left to fit
 
 
@@ -55,16 +59,20 @@ def track_nodes(
     settings: DescentSettings | None = None,
     known: BandFactor | None = None,
 ) -> Descent[Evaluation, BandFactor]:
-    """Minimise the weighted sum of squared marker distances over the coefficients x (nn, nq), starting at `start`.
+    """Minimise the weighted sum of squared marker distances over the coefficients x (nn, nq),
+    starting at `start`.
 
-    `known`: the factor of a matrix that serves at `start`, if there is one: it does not depend on the markers.
+    `known`: the factor of a matrix that serves at `start`, if there is one: it does not depend on
+    the markers.
     """
     end = descend(_Tracking(problem, body), start.ravel(), settings or DescentSettings(), known)
     return replace(end, x=end.x.reshape(start.shape), factor=None)  # a large factor makes room
 
 
 class _Tracking:
-    """The marker cost of a trial by its coefficients, one after the other; all joint parameters are fixed."""
+    """The marker cost of a trial by its coefficients, one after the other; all joint parameters are
+    fixed.
+    """
 
     def __init__(self, problem: MotionProblem, body: LinkageModel) -> None:
         self.problem, self.body = problem, body
@@ -86,7 +94,9 @@ class _TrackingMatrix:
     """The normal equations at some coefficients. A large matrix is factorised in its own place."""
 
     def __init__(self, tracking: _Tracking, x: Array, curved: bool) -> None:
-        self._form = partial(tracking.problem.equations, tracking.coefficients(x), tracking.body, curved=curved)
+        self._form = partial(
+            tracking.problem.equations, tracking.coefficients(x), tracking.body, curved=curved
+        )
         equations = self._form()
         self.evaluation = Evaluation(equations.cost, equations.node_gradient.ravel())
         self._band: Array | None = equations.band
@@ -104,15 +114,21 @@ class _TrackingMatrix:
 
 
 class SharedMotions:
-    """Markers of several trials by x = (joint parameters, coefficients of each trial), as a problem for `descend`."""
+    """Markers of several trials by x = (joint parameters, coefficients of each trial), as a problem
+    for `descend`.
+    """
 
     has_curvature = False
 
-    def __init__(self, problems: Sequence[MotionProblem], parameters: Parameters, free: tuple[str, ...]) -> None:
+    def __init__(
+        self, problems: Sequence[MotionProblem], parameters: Parameters, free: tuple[str, ...]
+    ) -> None:
         self.parameters, self.free, self.size = parameters, free, len(free)
         self.open = [problem.with_free(free) for problem in problems]
         self.columns = [problem.places_in(free) for problem in self.open]
-        self.nothing_left = NOTHING_LEFT_M**2 * sum(float(problem.data.weight.sum()) for problem in self.open)
+        self.nothing_left = NOTHING_LEFT_M**2 * sum(
+            float(problem.data.weight.sum()) for problem in self.open
+        )
 
     def joined(self, p: Array, coefficients: Sequence[Array]) -> Array:
         """The vector x."""
@@ -120,9 +136,15 @@ class SharedMotions:
 
     def parted(self, x: Array) -> tuple[Array, list[Array]]:
         """The shared parameters (np,) and the coefficients (nn, nq) of each trial."""
-        sizes = [self.size, *(problem.basis.nodes * len(problem.chain.coordinates) for problem in self.open)]
+        sizes = [
+            self.size,
+            *(problem.basis.nodes * len(problem.chain.coordinates) for problem in self.open),
+        ]
         p, *coefficients = np.split(x, np.cumsum(sizes)[:-1])
-        return p, [flat.reshape(problem.basis.nodes, -1) for flat, problem in zip(coefficients, self.open, strict=True)]
+        return p, [
+            flat.reshape(problem.basis.nodes, -1)
+            for flat, problem in zip(coefficients, self.open, strict=True)
+        ]
 
     def evaluate(self, x: Array) -> Evaluation:
         """Cost (m^2) and half gradient."""
@@ -132,7 +154,10 @@ class SharedMotions:
         """The same with the arrow."""
         p, coefficients = self.parted(x)
         moved = self.parameters.with_joint(self.free, p)
-        trials = [problem.equations(n, problem.body(moved)) for problem, n in zip(self.open, coefficients, strict=True)]
+        trials = [
+            problem.equations(n, problem.body(moved))
+            for problem, n in zip(self.open, coefficients, strict=True)
+        ]
         return ArrowEquations(trials, self.columns, self.size)
 
 
@@ -146,7 +171,9 @@ class MarkerErrors:
     distance: Array  # (nf, nm) m; NaN where a marker was not seen
 
     def rms(self, *segments: str) -> float | None:
-        """RMS distance (m) over markers with weight, of some segments or all; None where there are none."""
+        """RMS distance (m) over markers with weight, of some segments or all; None where there are
+        none.
+        """
         kept = self.kept(*segments)
         if not kept.any():
             return None
@@ -168,8 +195,12 @@ class MarkerErrors:
 
 
 def taken_off(relative_to: Mapping[str, float] | None) -> dict[str, float]:
-    """Select the joint angles (rad) of the static posture that relative angles leave out; the pelvis keeps its own."""
-    return {name: angle for name, angle in (relative_to or {}).items() if not name.startswith("pelvis")}
+    """Select the joint angles (rad) of the static posture that relative angles leave out; the
+    pelvis keeps its own.
+    """
+    return {
+        name: angle for name, angle in (relative_to or {}).items() if not name.startswith("pelvis")
+    }
 
 
 @dataclass(frozen=True, kw_only=True, repr=False)
@@ -193,7 +224,9 @@ class Motion(Displayed):
     guessed: tuple[str, ...] = ()
     """Coordinates that the markers do not determine, and a prior holds."""
 
-    def columns(self, errors: Array | None = None, relative_to: Mapping[str, float] | None = None) -> dict[str, Array]:
+    def columns(
+        self, errors: Array | None = None, relative_to: Mapping[str, float] | None = None
+    ) -> dict[str, Array]:
         """Collect the columns of the motion's CSV file.
 
         Parameters
@@ -223,7 +256,8 @@ class Motion(Displayed):
         return columns
 
     def to_dataframe(self, relative_to: Mapping[str, float] | None = None) -> "pd.DataFrame":
-        """Return the motion as a table, with the columns of `motion/TRIAL.csv` but for standard errors.
+        """Return the motion as a table, with the columns of `motion/TRIAL.csv` but for standard
+        errors.
 
         Parameters
         ----------
@@ -246,7 +280,12 @@ class Motion(Displayed):
         if largest is not None:
             met += f", largest {1e3 * largest[0]:.0f} mm ({largest[1]})"
         rows = [
-            ("time", describe_time(len(time), frame_rate(self.basis), float(np.ptp(time)) if len(time) else 0.0)),
+            (
+                "time",
+                describe_time(
+                    len(time), frame_rate(self.basis), float(np.ptp(time)) if len(time) else 0.0
+                ),
+            ),
             ("coordinates", f"{len(self.coordinates)}: {shorten(self.coordinates)}"),
             ("markers", f"{len(self.errors.labels)}, distance {met}"),
             ("bandwidth", f"{self.cutoff_hz:.1f} Hz (-3 dB)"),
@@ -260,7 +299,11 @@ class Motion(Displayed):
     @property
     def cutoff_hz(self) -> float:
         """Hz at which 71 % (-3 dB) of an oscillation is in the motion."""
-        return cutoff(self.time, self.basis.nodes) if self.smoothed_hz is None else HALF_POWER * self.smoothed_hz
+        return (
+            cutoff(self.time, self.basis.nodes)
+            if self.smoothed_hz is None
+            else HALF_POWER * self.smoothed_hz
+        )
 
     @property
     def time(self) -> Array:
@@ -283,7 +326,9 @@ class Motion(Displayed):
         return self.basis.evaluate(self.coefficients, 2)
 
 
-def motion_of(problem: MotionProblem, parameters: Parameters, coefficients: Array, *, converged: bool = True) -> Motion:
+def motion_of(
+    problem: MotionProblem, parameters: Parameters, coefficients: Array, *, converged: bool = True
+) -> Motion:
     """The motion that `coefficients` describe, with the errors of every marker."""
     positions = problem.positions(coefficients, problem.body(parameters))
     distance = np.linalg.norm(positions - problem.data.measured, axis=1).T
@@ -299,19 +344,25 @@ def motion_of(problem: MotionProblem, parameters: Parameters, coefficients: Arra
     )
 
 
-def tracked_motion(problem: MotionProblem, parameters: Parameters, settings: DescentSettings | None = None) -> Motion:
+def tracked_motion(
+    problem: MotionProblem, parameters: Parameters, settings: DescentSettings | None = None
+) -> Motion:
     """The motion that meets the markers of a trial best, sought from rigid fits."""
     body = problem.body(parameters)
     start = starting_nodes(body, problem.data, problem.basis)
     tracked = track_nodes(problem, body, start, settings)
     again = problem.followed(tracked.x)
-    if again is not problem:  # what an undetermined trunk does hangs on the pelvis, which is known now
+    if (
+        again is not problem
+    ):  # what an undetermined trunk does hangs on the pelvis, which is known now
         tracked = track_nodes(again, body, tracked.x, settings)
     return motion_of(problem, parameters, tracked.x, converged=tracked.converged)
 
 
 def rigid_floor(problem: MotionProblem) -> MarkerErrors:
-    """Errors when each segment follows its own markers, with no joints: no linkage of these segments can do better."""
+    """Errors when each segment follows its own markers, with no joints: no linkage of these
+    segments can do better.
+    """
     data = problem.data
     distance = np.full((data.weight.shape[1], len(problem.labels)), np.nan)
     for s in np.unique(data.segment).tolist():
@@ -325,13 +376,15 @@ def _errors(problem: MotionProblem, distance: Array) -> MarkerErrors:
     data = problem.data
     unseen = ~data.measured.any(axis=1).T
     segments = tuple(problem.chain.segments[s] for s in data.segment)
-    return MarkerErrors(problem.labels, segments, data.weight.max(axis=1), np.where(unseen, np.nan, distance))
+    return MarkerErrors(
+        problem.labels, segments, data.weight.max(axis=1), np.where(unseen, np.nan, distance)
+    )
 
 
 @with_one_blas_thread
 def track(model: SubjectModel, recording: Recording, *, rule: NodeRule | None = None) -> Motion:
-    """Track the markers of a recording with a person's model: 27 quintic splines that bring the model's markers
-    nearest to the measured ones, over all frames at once.
+    """Track the markers of a recording with a person's model: 27 quintic splines that bring the
+    model's markers nearest to the measured ones, over all frames at once.
 
     Parameters
     ----------
@@ -351,12 +404,16 @@ def track(model: SubjectModel, recording: Recording, *, rule: NodeRule | None = 
 HUBER = 1.7
 CAUCHY = 2.8
 MAD = 1.4826
-LEAST_SCALE = 0.0005  # m: residuals of half a millimetre are measurement noise, however well the rest fits
+LEAST_SCALE = (
+    0.0005  # m: residuals of half a millimetre are measurement noise, however well the rest fits
+)
 SETTLED = 0.02  # largest change of a factor at which the iteration ends
 MOST_ROUNDS = 30
 FIRST_ROUNDS = 4  # of Huber's loss before Cauchy's
 OUTLIER = 0.25
-"""A sample whose factor is below this was all but left out: sqrt(3) c scales away for Cauchy, 4 k for Huber."""
+"""A sample whose factor is below this was all but left out: sqrt(3) c scales away for Cauchy, 4 k
+for Huber.
+"""
 
 
 class Loss(Enum):
@@ -397,7 +454,8 @@ def residual_scale(standardised: Array) -> float:
 def robust_tracking(
     problem: MotionProblem, parameters: Parameters, loss: Loss, factor: Array | None = None
 ) -> RobustTracking:
-    """Track one trial from rigid fits under a robust loss; its own weights are those that the marker set gives.
+    """Track one trial from rigid fits under a robust loss; its own weights are those that the
+    marker set gives.
 
     `factor` (nm, nf): where the weights start, if something like them is known already.
     """

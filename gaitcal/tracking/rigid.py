@@ -1,13 +1,15 @@
 """Each segment alone: the rigid motion that fits its markers best, frame by frame.
 
-With weights w_m, model positions l_m and measured x_m about their weighted means, the best rotation maximises
+With weights w_m, model positions l_m and measured x_m about their weighted means, the best rotation
+maximises
 trace(R^T B),  B = sum_m w_m x_m l_m^T  (Wahba 1965). Markley's closed form (FOAM, J. Astronautical Sciences 41, 1993)
 needs no singular value decomposition and works for markers in a plane, as three always are:
 
     R = [ (k + |B|^2) B + s adj(B)^T - B B^T B ] / (k s - det B),   k = (s^2 - |B|^2) / 2,
 
-s the largest root of (s^2 - |B|^2)^2 - 8 s det B - 4 |adj B|^2, by Newton from above. What then remains is the
-rigid-segment floor: no linkage of these segments can fit better. Arrays have the frame index last.
+s the largest root of (s^2 - |B|^2)^2 - 8 s det B - 4 |adj B|^2, by Newton from above. What then
+remains is the rigid-segment floor: no linkage of these segments can fit better. Arrays have the
+frame index last.
 """
 
 from dataclasses import dataclass
@@ -21,7 +23,9 @@ from gaitcal.model.subject_model import MarkerPlacement
 from gaitcal.tracking.marker_residual import MarkerData
 
 COLLINEAR = 1e-3
-"""Ratio of the second to the first singular value of B below which the turn about the markers' line is unknown."""
+"""Ratio of the second to the first singular value of B below which the turn about the markers' line
+is unknown.
+"""
 MOST_STEPS = 60
 FEWEST_MARKERS = 3  # that tell where a segment is and how it is turned
 
@@ -45,7 +49,8 @@ def rigid_fit(local: Array, measured: Array, weight: Array) -> RigidFit:
 
 
 def segment_fit(markers: MarkerPlacement, segment: str, recording: Recording) -> RigidFit | None:
-    """Of the markers on a segment that a recording names; None of fewer than three, or where none of it shows its turn.
+    """Of the markers on a segment that a recording names; None of fewer than three, or where none
+    of it shows its turn.
 
     Every marker counts as much.
     """
@@ -84,16 +89,20 @@ class SegmentMoments:
         safe = np.where(total > 0, total, 1.0)
         x_mean, l_mean = self._mixed[:, 3] / safe[:, None], self._local[:, 3, :3] / safe[:, None]
         spread = self._mixed[:, :3] - l_mean[:, :, None] * self._mixed[:, 3, None]
-        rotation, two_dimensional = best_rotation(spread.transpose(2, 1, 0, 3).reshape(3, 3, n * nf))
+        rotation, two_dimensional = best_rotation(
+            spread.transpose(2, 1, 0, 3).reshape(3, 3, n * nf)
+        )
         rotation = rotation.reshape(3, 3, n, nf)
         determined = (self._seen >= FEWEST_MARKERS) & two_dimensional.reshape(n, nf)
         origin = x_mean - np.einsum("ijsf,sjf->sif", rotation, l_mean)
         by_frame = np.ascontiguousarray(rotation.transpose(2, 3, 0, 1))
-        return {s: RigidFit(by_frame[k], origin[k].T, determined[k]) for s, k in self._place.items()}
+        return {
+            s: RigidFit(by_frame[k], origin[k].T, determined[k]) for s, k in self._place.items()
+        }
 
     def about(self, segment: int, centre: Array, local_centre: Array) -> tuple[Array, BoolArray]:
-        """(nf, 3, 3) sum of w (x - c) (l - l_c)^T about known centres (nf, 3) and (3,), and (nf,) whether it
-        determines a rotation.
+        """(nf, 3, 3) sum of w (x - c) (l - l_c)^T about known centres (nf, 3) and (3,), and (nf,)
+        whether it determines a rotation.
         """
         k = self._place[segment]
         mixed, local = self._mixed[k], self._local[k]
@@ -105,13 +114,16 @@ class SegmentMoments:
 
 
 def rigid_distances(local: Array, measured: Array, weight: Array) -> Array:
-    """(nm, nf) m, distances that remain when the segment follows its markers; NaN where the weight is zero.
+    """(nm, nf) m, distances that remain when the segment follows its markers; NaN where the weight
+    is zero.
 
     `local`: (nm, 3) m, or (nm, 3, nf) where they move in the segment.
     """
     spread, x_mean, l_mean = _moments(local, measured, weight)
     rotation, determined = best_rotation(spread)
-    if not determined.all():  # one or two markers, or all on a line: any of the best rotations will do
+    if (
+        not determined.all()
+    ):  # one or two markers, or all on a line: any of the best rotations will do
         any_best = nearest_rotation(spread[:, :, ~determined].transpose(2, 0, 1))
         rotation[:, :, ~determined] = any_best.transpose(1, 2, 0)
     by_frame = local.reshape(*local.shape[:2], -1)
@@ -122,7 +134,9 @@ def rigid_distances(local: Array, measured: Array, weight: Array) -> Array:
 
 
 def _moments(local: Array, measured: Array, weight: Array) -> tuple[Array, Array, Array]:
-    """B (3, 3, nf), and the weighted means of measured positions and of local ones, (nm, 3) or (nm, 3, nf): (3, nf)."""
+    """B (3, 3, nf), and the weighted means of measured positions and of local ones, (nm, 3) or (nm,
+    3, nf): (3, nf).
+    """
     total = weight.sum(axis=0)
     safe = np.where(total > 0, total, 1.0)
     x_mean = np.einsum("mf,mif->if", weight, measured) / safe
@@ -145,13 +159,16 @@ def best_rotation(b: Array) -> tuple[Array, BoolArray]:
     determinant = (b[0] * adjugate[0]).sum(axis=0)
     square = (adjugate * adjugate).sum(axis=(0, 1))
     determined = (scale > 0) & (np.sqrt(square) > COLLINEAR)
-    # the largest root s of (s^2 - 1)^2 - 8 s det - 4 |adj|^2, for |B| = 1 at most sqrt(3): Newton falls onto it. Only
-    # where a rotation is determined, as others have a double root, which takes Newton long
+    # the largest root s of (s^2 - 1)^2 - 8 s det - 4 |adj|^2, for |B| = 1 at most sqrt(3): Newton
+    # falls onto it. Only where a rotation is determined, as others have a double root, which takes
+    # Newton long
     s = np.full_like(determinant, np.sqrt(3.0))
     for _ in range(MOST_STEPS):
         gap = s * s - 1.0
         slope = 4.0 * s * gap - 8.0 * determinant
-        step = (gap * gap - 8.0 * s * determinant - 4.0 * square) / np.where(np.abs(slope) > 1e-14, slope, 1.0)
+        step = (gap * gap - 8.0 * s * determinant - 4.0 * square) / np.where(
+            np.abs(slope) > 1e-14, slope, 1.0
+        )
         s = s - step
         if np.abs(step[determined]).max(initial=0.0) < 1e-15:
             break
@@ -160,7 +177,9 @@ def best_rotation(b: Array) -> tuple[Array, BoolArray]:
     numerator = (k + 1.0) * b + s * adjugate - bbb
     denominator = k * s - determinant
     determined &= denominator > 1e-12
-    rotation = np.where(determined, numerator / np.where(determined, denominator, 1.0), np.eye(3)[:, :, None])
+    rotation = np.where(
+        determined, numerator / np.where(determined, denominator, 1.0), np.eye(3)[:, :, None]
+    )
     # one step towards the nearest rotation, R (3 - R^T R) / 2, squares the rounding error
     gram = np.einsum("kif,kjf->ijf", rotation, rotation)
     return 1.5 * rotation - 0.5 * np.einsum("ikf,kjf->ijf", rotation, gram), determined

@@ -2,21 +2,25 @@
 
     q(t) = sum_a b_a(t) n_a,        six non-zero basis functions at any t,
 
-n_a the nodes (control values), (nn, nq). With nn nodes there are nn - 5 spans. Velocities and accelerations are the
-exact derivatives. Method: Reinbolt et al. 2007 (20 nodes a coordinate); knots after de Boor, clamped and uniform.
+n_a the nodes (control values), (nn, nq). With nn nodes there are nn - 5 spans. Velocities and
+accelerations are the exact derivatives. Method: Reinbolt et al. 2007 (20 nodes a coordinate); knots
+after de Boor, clamped and uniform.
 
 The penalty that limits the bandwidth of a motion, whatever the number of its nodes,
 
     tr(N^T R N K),      R_ab = int b_a''' b_b''' + (2 pi f_0)^4 b_a' b_b' dt,      K = rate (2 pi f)^-6 W
 
-is added to the marker cost: P-splines with a penalty on derivatives themselves (O'Sullivan 1986; Eilers and Marx 1996).
-W (nq, nq) is what one frame's markers know of the coordinates (`bandwidth.py`). Were every frame to know just W, an
-oscillation of nu Hz would pass with the gain 1 / (1 + (nu / f)^6), in every coordinate alike: half of it at f, 71 %
-(-3 dB) at 0.863 f. The second term is a little tension, nothing to what moves (5e-7 at 1 Hz for f = 7 Hz): where no
-marker is seen for long, up to the end of a trial, the jerk alone would let a coordinate fly off along a parabola.
+is added to the marker cost: P-splines with a penalty on derivatives themselves (O'Sullivan 1986;
+Eilers and Marx 1996). W (nq, nq) is what one frame's markers know of the coordinates
+(`bandwidth.py`). Were every frame to know just W, an oscillation of nu Hz would pass with the gain
+1 / (1 + (nu / f)^6), in every coordinate alike: half of it at f, 71 % (-3 dB) at 0.863 f. The
+second term is a little tension, nothing to what moves (5e-7 at 1 Hz for f = 7 Hz): where no marker
+is seen for long, up to the end of a trial, the jerk alone would let a coordinate fly off along a
+parabola.
 
-A derivative of a spline is a spline with the coefficients D n, so that R is a sum of D^T Q D with Q the products of
-B-splines of lower degree. Cost and gradient are taken from D N: in R N the large numbers of R would cancel.
+A derivative of a spline is a spline with the coefficients D n, so that R is a sum of D^T Q D with Q
+the products of B-splines of lower degree. Cost and gradient are taken from D N: in R N the large
+numbers of R would cancel.
 """
 
 from dataclasses import dataclass, replace
@@ -35,17 +39,27 @@ if TYPE_CHECKING:
 
 DEGREE = 5
 ORDER = DEGREE + 1
-FLOOR, GAP_FLOOR = 1e-12, 1e-9  # Of the largest diagonal entry: control points that no frame reaches
+FLOOR, GAP_FLOOR = (
+    1e-12,
+    1e-9,
+)  # Of the largest diagonal entry: control points that no frame reaches
 MINIMUM_NODES = ORDER
-FRAMES_AT_ONCE = 256  # worked on together: bounds memory, and keeps the working set in the processor's cache
+FRAMES_AT_ONCE = (
+    256  # worked on together: bounds memory, and keeps the working set in the processor's cache
+)
 _LOW, _APART = np.array([(low, high - low) for low in range(ORDER) for high in range(low, ORDER)]).T
-"""(21,) each: the earlier of two of the six nodes at a frame, and how far the other comes after it."""
+"""(21,) each: the earlier of two of the six nodes at a frame, and how far the other comes after it.
+"""
 NODES_PER_SECOND = 20.0
-"""Knot spans per second of a trial that no penalty smooths: a quintic spline with spans h passes frequencies up to
-about 0.48 / h (see `cutoff`)."""
+"""Knot spans per second of a trial that no penalty smooths: a quintic spline with spans h passes
+frequencies up to about 0.48 / h (see `cutoff`)."""
 FRAMES_PER_SPAN = 3.0  # at least; slow cameras get longer spans
-PENALISED = 3  # the derivative that is penalised: the jerk, which leaves accelerations free at the ends
-HALF_POWER = float((np.sqrt(2.0) - 1.0) ** (1.0 / (2 * PENALISED)))  # where the gain is -3 dB, in units of f
+PENALISED = (
+    3  # the derivative that is penalised: the jerk, which leaves accelerations free at the ends
+)
+HALF_POWER = float(
+    (np.sqrt(2.0) - 1.0) ** (1.0 / (2 * PENALISED))
+)  # where the gain is -3 dB, in units of f
 TENSION_HZ = 0.5  # f_0: in a gap longer than about a third of a second coordinates come to rest
 NODES_AT_ONCE = 256  # rows of the band worked on together, to bound memory
 KEPT_BYTES = 16 << 20  # of half a Hessian that is kept: smaller ones are added again and again
@@ -69,7 +83,9 @@ class SplineBasis:
 
     @cached_property
     def spans(self) -> list[tuple[int, slice]]:
-        """(first node, frames) of each knot span that holds frames; frames of a span are consecutive."""
+        """(first node, frames) of each knot span that holds frames; frames of a span are
+        consecutive.
+        """
         edges = np.flatnonzero(np.diff(self.first)) + 1
         bounds = [0, *edges.tolist(), len(self.first)]
         return [(int(self.first[a]), slice(a, b)) for a, b in pairwise(bounds)]
@@ -90,10 +106,14 @@ class SplineBasis:
         """All frames, in stretches to work on one after the other."""
         frames = len(self.time)
         starts = range(0, frames, FRAMES_AT_ONCE)
-        return tuple(Stretch(self, slice(start, min(start + FRAMES_AT_ONCE, frames))) for start in starts)
+        return tuple(
+            Stretch(self, slice(start, min(start + FRAMES_AT_ONCE, frames))) for start in starts
+        )
 
     def evaluate(self, coefficients: Array, derivative: int = 0) -> Array:
-        """(nf, nq) coordinates, or their first or second time derivative, for coefficients (nn, nq)."""
+        """(nf, nq) coordinates, or their first or second time derivative, for coefficients (nn,
+        nq).
+        """
         return self.matrices[derivative] @ coefficients
 
     @cached_property
@@ -103,22 +123,32 @@ class SplineBasis:
         columns = (self.first[:, None] + np.arange(ORDER)).ravel()
         ends = np.arange(0, ORDER * nf + 1, ORDER)
         parts = (self.value, self.rate, self.acceleration)
-        return tuple(csr_array((weights.ravel(), columns, ends), shape=(nf, self.nodes)) for weights in parts)
+        return tuple(
+            csr_array((weights.ravel(), columns, ends), shape=(nf, self.nodes)) for weights in parts
+        )
 
     def fit(self, samples: Array, weight: Array | None = None) -> Array:
-        """(nn, nq) coefficients that fit samples (nf, nq) in the least-squares sense. Samples must be finite.
+        """(nn, nq) coefficients that fit samples (nf, nq) in the least-squares sense. Samples must
+        be finite.
 
-        `weight`: (nf,) of the frames, one unless given. Control points that no weighted frame reaches are zero.
+        `weight`: (nf,) of the frames, one unless given. Control points that no weighted frame
+        reaches are zero.
         """
         nn, value = self.nodes, self.value
         weighted = value if weight is None else weight[:, None] * value
         band, right = np.zeros((ORDER, nn)), np.zeros((nn, samples.shape[1]))
         grams = np.add.reduceat(
-            value[:, :, None] * weighted[:, None, :], [frames.start for _, frames in self.spans], axis=0
+            value[:, :, None] * weighted[:, None, :],
+            [frames.start for _, frames in self.spans],
+            axis=0,
         )
         firsts = np.array([first for first, _ in self.spans])
         for d in range(ORDER):
-            np.add.at(band[d], firsts[:, None] + np.arange(ORDER - d), np.diagonal(grams, -d, axis1=1, axis2=2))
+            np.add.at(
+                band[d],
+                firsts[:, None] + np.arange(ORDER - d),
+                np.diagonal(grams, -d, axis1=1, axis2=2),
+            )
         for first, frames in self.spans:
             right[first : first + ORDER] += weighted[frames].T @ samples[frames]
         band[0] += (FLOOR if weight is None else GAP_FLOOR) * band[0].max()
@@ -126,7 +156,9 @@ class SplineBasis:
 
 
 class Stretch:
-    """Frames in a row, and the sums over them that give the nodes what is theirs, as sparse matrices."""
+    """Frames in a row, and the sums over them that give the nodes what is theirs, as sparse
+    matrices.
+    """
 
     def __init__(self, basis: SplineBasis, frames: slice) -> None:
         self.frames = frames
@@ -141,12 +173,16 @@ class Stretch:
         """(6 nodes, frames) B_a(f) B_a+d(f), row 6 a + d."""
 
     def add_gradient(self, out: Array, gradient: Array) -> None:
-        """Add the half gradient (nq, frames) of the coordinates to that of the coefficients (nn, nq)."""
+        """Add the half gradient (nq, frames) of the coordinates to that of the coefficients (nn,
+        nq).
+        """
         out[self.nodes] += self.weights @ gradient.T
 
 
 def _by_row(values: Array, rows: IntArray, count: int, frames: int) -> csr_array:
-    """(count, frames) of `values` (frames, k) that stand in `rows` (frames, k), each in the column of its frame."""
+    """(count, frames) of `values` (frames, k) that stand in `rows` (frames, k), each in the column
+    of its frame.
+    """
     columns = np.arange(0, rows.size + 1, rows.shape[1])
     return csc_array((values.ravel(), rows.ravel(), columns), shape=(count, frames)).tocsr()
 
@@ -161,18 +197,26 @@ def spline_basis(time: Array, nodes: int) -> SplineBasis:
     first = np.clip(np.searchsorted(knots, time, side="right") - 1, DEGREE, nodes - 1) - DEGREE
     value, rate, acceleration = (_local_weights(knots, time, first + DEGREE, k) for k in range(3))
     return SplineBasis(
-        time=time, knots=knots, first=first.astype(np.intp), value=value, rate=rate, acceleration=acceleration
+        time=time,
+        knots=knots,
+        first=first.astype(np.intp),
+        value=value,
+        rate=rate,
+        acceleration=acceleration,
     )
 
 
 def _local_weights(knots: Array, time: Array, span: IntArray, derivative: int) -> Array:
     """(nf, 6) weights of the six nodes for the k-th derivative.
 
-    With u_r = N_r / (t_{i+r+1} - t_{i-d+r+1}), N_r the functions of degree d - 1 that matter in span i, those of degree
+    With u_r = N_r / (t_{i+r+1} - t_{i-d+r+1}), N_r the functions of degree d - 1 that matter in
+    span i, those of degree
     d are  (t - t_{i-d+j}) u_{j-1} + (t_{i+j+1} - t) u_j  and their derivatives  d (u_{j-1} - u_j)  (de Boor); the last
     `derivative` of the five degrees are raised by the second rule.
     """
-    around = knots[span[:, None] + np.arange(-DEGREE + 1, DEGREE + 1)]  # (nf, 10) knots t_{i-4} ... t_{i+5}
+    around = knots[
+        span[:, None] + np.arange(-DEGREE + 1, DEGREE + 1)
+    ]  # (nf, 10) knots t_{i-4} ... t_{i+5}
     now, middle = time[:, None], DEGREE - 1
     functions = np.ones((len(time), 1))
     for d in range(1, ORDER):
@@ -197,7 +241,10 @@ class NodeRule:
     """How many spline nodes a trial gets."""
 
     per_second: float = NODES_PER_SECOND
-    fixed: int | None = None  # A fixed number of nodes a coordinate (20 in the published protocol), whatever the length
+    fixed: int | None = (
+        # A fixed number of nodes a coordinate (20 in the published protocol), whatever the length
+        None
+    )
 
     def nodes(self, time: Array) -> int:
         """Number of nodes for frames at `time` (s)."""
@@ -210,8 +257,8 @@ class NodeRule:
 def cutoff(time: Array, nodes: int) -> float:
     """Hz at which a least-squares quintic spline passes 71 % (-3 dB) of an oscillation.
 
-    For spans h the amplitude kept at frequency f is 1 / (1 + sum_k (f h / (f h + k))^12), k = -1, 1, -2, ...
-    (Unser, Aldroubi and Eden 1993): 0.4816 / h.
+    For spans h the amplitude kept at frequency f is 1 / (1 + sum_k (f h / (f h + k))^12), k = -1,
+    1, -2, ... (Unser, Aldroubi and Eden 1993): 0.4816 / h.
     """
     return 0.4816 * (nodes - MINIMUM_NODES + 1) / float(time[-1] - time[0])
 
@@ -263,7 +310,10 @@ def _roughness(stored: bytes) -> Roughness:
     """Trials of the same length, and the parts of one, have the same knots."""
     knots = np.frombuffer(stored)
     terms = []
-    for order, factor in ((PENALISED, 1.0), (1, float(2 * np.pi * TENSION_HZ) ** (2 * PENALISED - 2))):
+    for order, factor in (
+        (PENALISED, 1.0),
+        (1, float(2 * np.pi * TENSION_HZ) ** (2 * PENALISED - 2)),
+    ):
         by_node = derivative(knots, order)
         terms.append((by_node.T.tocsr(), csr_array(factor * products_of(knots, order)), by_node))
     return Roughness(tuple(terms))
@@ -275,7 +325,9 @@ def roughness(knots: Array) -> Roughness:
 
 
 def derivative(knots: Array, order: int) -> csr_array:
-    """(nn - k, nn) D: coefficients of the k-th derivative, by differences of coefficients (de Boor)."""
+    """(nn - k, nn) D: coefficients of the k-th derivative, by differences of coefficients (de
+    Boor).
+    """
     out = eye_array(len(knots) - ORDER, format="csr")
     for k in range(order):
         degree, inner = DEGREE - k, knots[k : len(knots) - k]
@@ -286,7 +338,9 @@ def derivative(knots: Array, order: int) -> csr_array:
 
 
 def products_of(knots: Array, order: int) -> csr_array:
-    """(nn - k, nn - k) Q of the B-splines of the k-th derivative, exact by Gauss points in every span."""
+    """(nn - k, nn - k) Q of the B-splines of the k-th derivative, exact by Gauss points in every
+    span.
+    """
     from scipy.interpolate import BSpline  # only fits ask for it
 
     degree, inner = DEGREE - order, knots[order : len(knots) - order]
@@ -313,7 +367,9 @@ class Smoothing:
     cutoff_hz: float  # f: half of an oscillation at it passes
 
     def of_active(self, active: BoolArray) -> "Smoothing":
-        """The same without the coordinates that are not `active` (nq,): nothing draws them from where they are."""
+        """The same without the coordinates that are not `active` (nq,): nothing draws them from
+        where they are.
+        """
         if active.all():
             return self  # with all that is worked out already
         return replace(self, coupling=np.where(active[:, None] & active, self.coupling, 0.0))
@@ -327,7 +383,9 @@ class Smoothing:
         return self.roughness.both(coefficients, self.coupling)
 
     def add_to(self, band: Array, coefficients: Array) -> None:
-        """Add half the Hessian, the same at all nodes, to `band` (nn * nq, 6 nq) of `NormalEquations`, in place."""
+        """Add half the Hessian, the same at all nodes, to `band` (nn * nq, 6 nq) of
+        `NormalEquations`, in place.
+        """
         if band.nbytes <= KEPT_BYTES:
             band += self._whole
         else:
@@ -345,7 +403,8 @@ class Smoothing:
         nq, rough = len(self.coupling), self.roughness.band
         blocks = band.reshape(-1, nq, ORDER * nq)
         j, i = np.indices((nq, nq))
-        # Of node blocks a, a + d the entry (coordinate j, coordinate i) stands at column d nq + i - j of row j.
+        # Of node blocks a, a + d the entry (coordinate j, coordinate i) stands at column d nq + i -
+        # j of row j.
         for d in range(ORDER):
             low = d * nq - (nq - 1) if d else 0
             pattern = np.zeros((nq, (d + 1) * nq - low))
@@ -353,10 +412,14 @@ class Smoothing:
             pattern[j[kept], (d * nq + i - j - low)[kept]] = self.coupling[j[kept], i[kept]]
             for start in range(0, len(blocks), NODES_AT_ONCE):
                 part = slice(start, start + NODES_AT_ONCE)
-                blocks[part, :, low : low + pattern.shape[1]] += rough[part, d, None, None] * pattern
+                blocks[part, :, low : low + pattern.shape[1]] += (
+                    rough[part, d, None, None] * pattern
+                )
 
 
 def smoothing(basis: SplineBasis, information: Array, cutoff_hz: float) -> Smoothing:
-    """The penalty that passes half of an oscillation at `cutoff_hz`, for W = `information` (nq, nq)."""
+    """The penalty that passes half of an oscillation at `cutoff_hz`, for W = `information` (nq,
+    nq).
+    """
     coupling = stiffness(basis, cutoff_hz) * information
     return Smoothing(roughness=roughness(basis.knots), coupling=coupling, cutoff_hz=cutoff_hz)

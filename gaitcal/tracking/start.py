@@ -1,13 +1,15 @@
 """Where tracking starts: rigid fits of the segments turned into coordinates, frame by frame.
 
-The root follows its own markers; every joint then takes the angles that bring the child's orientation nearest to its
-rigid fit. For one turn q about axis e between rotations P and Q, the q that maximises trace(B^T P Re(q) Q) is
+The root follows its own markers; every joint then takes the angles that bring the child's
+orientation nearest to its rigid fit. For one turn q about axis e between rotations P and Q, the q
+that maximises trace(B^T P Re(q) Q) is
 atan2(G_cb - G_bc, G_bb + G_cc),  G = P^T B Q^T, (b, c) the axes after e; several turns of one joint are visited one
 after the other until they settle, and three orthogonal ones are read off. None starts beyond a wall
-(`coordinate_prior.py`); a foot whose markers lie nearly on one line with the ankle may come out upside down, and
+(`coordinate_prior.py`); a foot whose markers lie nearly on one line with the ankle may come out
+upside down, and
 starts from zero then. B is the rigid fit. A segment of too few markers for one has  B = sum w (x - c) (l - l_c)^T
-instead, c its joint's centre as the segments before it place it: the turns then bring its markers nearest to where they
-were seen. Frames that determine neither are interpolated.
+instead, c its joint's centre as the segments before it place it: the turns then bring its markers
+nearest to where they were seen. Frames that determine neither are interpolated.
 """
 
 from collections.abc import Mapping
@@ -24,11 +26,12 @@ from gaitcal.tracking.spline import SplineBasis, spaced
 
 SWEEPS = 2  # visits to the turns of a joint of several, until they settle; tracking does the rest
 STRAIGHT = 0.02
-"""Weight of the straight joint against the markers of a segment that are too few for a rigid fit: it outweighs one that
-lies within 40 mm of a line of 300 mm from the joint through another."""
+"""Weight of the straight joint against the markers of a segment that are too few for a rigid fit:
+it outweighs one that lies within 40 mm of a line of 300 mm from the joint through another."""
 BELIEVED = np.deg2rad(60.0)
-"""Two markers are believed where they turn the joint by at most so much from where they and a straight joint have it: a
-thigh marker 30 mm off the line from hip to knee turned a child's leg about itself by 150 degrees."""
+"""Two markers are believed where they turn the joint by at most so much from where they and a
+straight joint have it: a thigh marker 30 mm off the line from hip to knee turned a child's leg
+about itself by 150 degrees."""
 ROOT_COORDINATES = 6
 ROUNDING = 1e-12  # of rotation matrices that are one but for rounding
 SAMPLES_PER_NODE = 3  # frames looked at per spline node: a start needs no more
@@ -60,7 +63,10 @@ def starting_coordinates(body: LinkageModel, data: MarkerData) -> Array:
         angles = _fill(_unwrap(root_angles(root.rotation), known), known)
         q[:, :ROOT_COORDINATES] = np.hstack([_fill(root.origin, known), angles])
     so_far = _SoFar(links, q)
-    wrapped: list[int] = []  # coordinates known in every frame, whose whole turns are taken out in the end, all at once
+    wrapped: list[
+        int
+        # coordinates known in every frame, whose whole turns are taken out in the end, all at once
+    ] = []
     for s in range(1, len(chain.segments)):
         turns, fit = [k for k in _path(links, s) if k not in done], fits.get(s)
         if turns and fit is not None:
@@ -77,7 +83,9 @@ def starting_coordinates(body: LinkageModel, data: MarkerData) -> Array:
                 for k in turns:
                     unturned = unturned @ links.offset_rotation[k]
                 straight = spread + STRAIGHT * scale[:, None, None] * (before @ unturned @ to_joint)
-                if not known.any():  # one marker: the joint's line towards it, turned about it as little as can be
+                if (
+                    not known.any()
+                ):  # one marker: the joint's line towards it, turned about it as little as can be
                     spread, known, straight = straight, scale > 0, None
             if known.any():
                 wanted = spread if straight is None else np.stack([spread, straight])
@@ -88,24 +96,30 @@ def starting_coordinates(body: LinkageModel, data: MarkerData) -> Array:
                     apart = np.abs(np.angle(np.exp(1j * (angles - held)[known])))
                     angles = held if (apart > BELIEVED).any() else angles  # for the whole trial
                 determined = bool(fit.determined.any())
-                angles = within_walls([chain.coordinates[k] for k in turns], angles, known, determined=determined)
+                angles = within_walls(
+                    [chain.coordinates[k] for k in turns], angles, known, determined=determined
+                )
                 if known.all():
                     q[:, turns] = angles
                     wrapped += turns
                 else:
                     q[:, turns] = _fill(_unwrap(angles, known), known)
         # a segment without markers on which others hang leaves its turns to them
-        if turns and (fit is not None or (chain.support[links.segment_coordinate[s]] > 0).sum() <= 1):
+        if turns and (
+            fit is not None or (chain.support[links.segment_coordinate[s]] > 0).sum() <= 1
+        ):
             done.update(turns)
     q[:, wrapped] = _unwrap(q[:, wrapped], np.ones(nf, dtype=bool))
     return q
 
 
 class _Links:
-    """What is constant between the coordinates of a linkage: the poses of their frames at zero coordinates.
+    """What is constant between the coordinates of a linkage: the poses of their frames at zero
+    coordinates.
 
-    The frame of coordinate k has the pose X_k = X_parent C_k M_k, M_k the motion of the coordinate; a
-    segment D_s beyond its last coordinate. Frames of reversed axes are turned back (`HALF_TURNS`).
+    The frame of coordinate k has the pose X_k = X_parent C_k M_k, M_k the motion of the coordinate;
+    a segment D_s beyond its last coordinate. Frames of reversed axes are turned back
+    (`HALF_TURNS`).
     """
 
     def __init__(self, body: LinkageModel) -> None:
@@ -140,11 +154,15 @@ class _Links:
 
 
 def _carried_root(links: _Links, fits: Mapping[int, RigidFit]) -> tuple[RigidFit | None, list[int]]:
-    """The root as the first segment with a rigid fit carries it, and the coordinates between them, which are zero."""
+    """The root as the first segment with a rigid fit carries it, and the coordinates between them,
+    which are zero.
+    """
     for s, fit in sorted(fits.items()):
         if fit.determined.any():
             rotation = fit.rotation @ links.rotation_at_zero[s].T
-            return RigidFit(rotation, fit.origin - rotation @ links.origin_at_zero[s], fit.determined), _path(links, s)
+            return RigidFit(
+                rotation, fit.origin - rotation @ links.origin_at_zero[s], fit.determined
+            ), _path(links, s)
     return None, []
 
 
@@ -164,7 +182,9 @@ class _SoFar:
             if not links.plain[k]:
                 rotation = rotation @ links.offset_rotation[k]
             angle = links.signs[k] * self.q[:, k]
-            self._rotations[k] = _turned(rotation, links.axes[k], angle) if links.rotates[k] else rotation
+            self._rotations[k] = (
+                _turned(rotation, links.axes[k], angle) if links.rotates[k] else rotation
+            )
         return self._rotations[k]
 
     def centre(self, k: int) -> Array:
@@ -203,7 +223,9 @@ def _fill(values: Array, known: BoolArray) -> Array:
     if known.all():
         return values
     frames = np.arange(len(values))
-    return np.stack([np.interp(frames, frames[known], column[known]) for column in values.T], axis=1)
+    return np.stack(
+        [np.interp(frames, frames[known], column[known]) for column in values.T], axis=1
+    )
 
 
 def _turned(rotation: Array, axis: int, angle: Array) -> Array:
@@ -218,14 +240,19 @@ def _turned(rotation: Array, axis: int, angle: Array) -> Array:
 
 
 def _turns(links: _Links, turns: list[int], target: Array) -> Array:
-    """(nf, n) coordinates whose turns, one after the other, come nearest to the matrices `target` (nf, 3, 3)."""
+    """(nf, n) coordinates whose turns, one after the other, come nearest to the matrices `target`
+    (nf, 3, 3).
+    """
     axes, plain = [links.axes[k] for k in turns], [links.plain[k] for k in turns]
     signs = links.signs[turns]
     if axes == [2, 0, 1] and all(plain[1:]):
-        return signs * root_angles(target if plain[0] else links.offset_rotation[turns[0]].T @ target)
+        return signs * root_angles(
+            target if plain[0] else links.offset_rotation[turns[0]].T @ target
+        )
     angles = np.zeros((len(target), len(turns)))
     for _ in range(SWEEPS if len(turns) > 1 else 1):
-        # left-hand sides are peeled off as they are settled, right-hand sides kept from the last sweep
+        # left-hand sides are peeled off as they are settled, right-hand sides kept from the last
+        # sweep
         after: list[Array] = []
         for i in range(len(turns) - 1, 0, -1):
             inner = _turned(links.offset_rotation[None, turns[i]], axes[i], angles[:, i])
@@ -239,5 +266,7 @@ def _turns(links: _Links, turns: list[int], target: Array) -> Array:
             b, c = (axes[i] + 1) % 3, (axes[i] + 2) % 3
             angles[:, i] = np.arctan2(g[:, c, b] - g[:, b, c], g[:, b, b] + g[:, c, c])
             if not last:
-                remaining = _turned(remaining.transpose(0, 2, 1), axes[i], angles[:, i]).transpose(0, 2, 1)
+                remaining = _turned(remaining.transpose(0, 2, 1), axes[i], angles[:, i]).transpose(
+                    0, 2, 1
+                )
     return signs * angles

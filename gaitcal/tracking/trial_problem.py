@@ -1,8 +1,10 @@
-"""One trial as a least-squares problem in its nodes and the joint parameters: what all solvers work on.
+"""One trial as a least-squares problem in its nodes and the joint parameters: what all solvers work
+on.
 
-A `MotionProblem` sums, over the frames of a trial, the weighted squares of its marker residuals (`marker_residual.py`),
-the penalty that limits its bandwidth (`spline.py`), and what is known of coordinates besides (`coordinate_prior.py`).
-`trial_problem` makes one of a recording and a person's model: there a marker becomes a residual.
+A `MotionProblem` sums, over the frames of a trial, the weighted squares of its marker residuals
+(`marker_residual.py`), the penalty that limits its bandwidth (`spline.py`), and what is known of
+coordinates besides (`coordinate_prior.py`). `trial_problem` makes one of a recording and a person's
+model: there a marker becomes a residual.
 """
 
 from __future__ import annotations
@@ -23,7 +25,12 @@ from gaitcal.model.parameters import JP_INDEX, Parameters
 from gaitcal.model.subject_model import PointNoise, SubjectModel
 from gaitcal.runtime import keep_freed_memory
 from gaitcal.tracking import banded, coordinate_prior, marker_residual, rigid, start
-from gaitcal.tracking.soft_tissue import SecondaryColumns, SoftTissue, tissue_gradient, with_tissue_columns
+from gaitcal.tracking.soft_tissue import (
+    SecondaryColumns,
+    SoftTissue,
+    tissue_gradient,
+    with_tissue_columns,
+)
 from gaitcal.tracking.spline import NodeRule, Smoothing, SplineBasis, spaced, spline_basis
 
 
@@ -39,10 +46,14 @@ class MotionProblem:
     tissue: SoftTissue | None = None  # unknown displacements of the markers
     smoothing: Smoothing | None = None  # what limits the bandwidth besides the nodes
     held: tuple[str, ...] = ()
-    """Coordinates that stay zero though markers move with them: those between a root that is not seen and the segment
-    that carries it."""
-    priors: tuple[coordinate_prior.CoordinatePrior, ...] = ()  # what is known of coordinates besides
-    posture: Mapping[str, float] = field(default_factory=dict)  # coordinate -> rad of the static posture
+    """Coordinates that stay zero though markers move with them: those between a root that is not
+    seen and the segment that carries it."""
+    priors: tuple[
+        coordinate_prior.CoordinatePrior, ...
+    ] = ()  # what is known of coordinates besides
+    posture: Mapping[str, float] = field(
+        default_factory=dict
+    )  # coordinate -> rad of the static posture
     noise: PointNoise | None = None  # of points that are no markers, which no skin moves
 
     @property
@@ -73,8 +84,12 @@ class MotionProblem:
 
     @cached_property
     def _assembler(self) -> banded.Assembler:
-        pulled = np.array([self.chain.coordinates.index(name) for name in self.guessed], dtype=np.intp)
-        return banded.Assembler(self._pairs, len(self.chain.coordinates), len(self.chain.free), self.basis, pulled)
+        pulled = np.array(
+            [self.chain.coordinates.index(name) for name in self.guessed], dtype=np.intp
+        )
+        return banded.Assembler(
+            self._pairs, len(self.chain.coordinates), len(self.chain.free), self.basis, pulled
+        )
 
     @property
     def active(self) -> BoolArray:
@@ -88,9 +103,18 @@ class MotionProblem:
 
     @property
     def unknowns(self) -> tuple[str, ...]:
-        """(np,) names of what is sought besides the motion: free joint parameters, then soft tissue."""
-        keys = dict(zip(self.secondary.names, self.secondary.keys, strict=True)) if self.secondary else {}
-        return (*(keys.get(name, name) for name in self.chain.free), *(self.tissue.keys if self.tissue else ()))
+        """(np,) names of what is sought besides the motion: free joint parameters, then soft
+        tissue.
+        """
+        keys = (
+            dict(zip(self.secondary.names, self.secondary.keys, strict=True))
+            if self.secondary
+            else {}
+        )
+        return (
+            *(keys.get(name, name) for name in self.chain.free),
+            *(self.tissue.keys if self.tissue else ()),
+        )
 
     @property
     def joint_parameters(self) -> int:
@@ -98,7 +122,9 @@ class MotionProblem:
         return sum(name in JP_INDEX for name in self.chain.free)
 
     def displaced(self, z: Array) -> MotionProblem:
-        """The same trial with its secondary motions and soft tissue at z (nz,): `unknowns` but joint parameters."""
+        """The same trial with its secondary motions and soft tissue at z (nz,): `unknowns` but
+        joint parameters.
+        """
         data, count = self.data, 0
         if self.secondary is not None:
             count = len(self.secondary.names)
@@ -116,37 +142,53 @@ class MotionProblem:
         return self._alike(data=data)
 
     def _alike(self, **changed: Any) -> MotionProblem:
-        """The same trial with what changes no pattern of the equations, which is not worked out again."""
+        """The same trial with what changes no pattern of the equations, which is not worked out
+        again.
+        """
         other = replace(self, **changed)
         other.__dict__.update(_pairs=self._pairs, _assembler=self._assembler)
         return other
 
     def part(self, root: str, segments: tuple[str, ...]) -> MotionProblem:
-        """The same trial of some segments alone, `root` free in the laboratory; without soft tissue."""
+        """The same trial of some segments alone, `root` free in the laboratory; without soft
+        tissue.
+        """
         chain = chain_of(root, segments)
         names = [self.chain.segments[s] for s in self.data.segment]
         kept = np.array([name in segments for name in names], dtype=bool)
-        index = np.array([chain.segments.index(name) for name in names if name in segments], dtype=np.intp)
+        index = np.array(
+            [chain.segments.index(name) for name in names if name in segments], dtype=np.intp
+        )
         order = np.flatnonzero(kept)[np.argsort(index, kind="stable")]
-        placed = marker_residual.PlacedMarkers(np.sort(index, kind="stable"), self.data.local[order])
-        data = marker_residual.MarkerData(placed, self.data.measured[order], self.data.weight[order])
+        placed = marker_residual.PlacedMarkers(
+            np.sort(index, kind="stable"), self.data.local[order]
+        )
+        data = marker_residual.MarkerData(
+            placed, self.data.measured[order], self.data.weight[order]
+        )
         return MotionProblem(
             name=self.name,
             chain=chain,
             basis=self.basis,
             data=data,
             labels=tuple(self.labels[k] for k in order),
-            priors=tuple(p for p in (prior.of(chain.coordinates) for prior in self.priors) if p.names),
+            priors=tuple(
+                p for p in (prior.of(chain.coordinates) for prior in self.priors) if p.names
+            ),
             posture=self.posture,
             noise=self.noise,
         )
 
     def followed(self, coefficients: Array) -> MotionProblem:
-        """The same with a trunk that no marker determines upright over the pelvis of a motion (nn, nq)."""
+        """The same with a trunk that no marker determines upright over the pelvis of a motion (nn,
+        nq).
+        """
         if not set(LUMBAR) & set(self.guessed):
             return self
         q, time = self.basis.evaluate(coefficients), self.basis.time
-        kept = coordinate_prior.upright_trunk(time, q[:, len(ROOT_SUFFIXES) // 2 : len(ROOT_SUFFIXES)], self.posture)
+        kept = coordinate_prior.upright_trunk(
+            time, q[:, len(ROOT_SUFFIXES) // 2 : len(ROOT_SUFFIXES)], self.posture
+        )
         priors = []
         for prior in self.priors:
             if prior.centred and set(LUMBAR) & set(prior.names):
@@ -168,7 +210,9 @@ class MotionProblem:
         return parameters.joint[[JP_INDEX[name] for name in self.chain.free]]
 
     def with_free(self, free: tuple[str, ...]) -> MotionProblem:
-        """The same trial with other joint parameters free, and if there are any, its secondary motions too."""
+        """The same trial with other joint parameters free, and if there are any, its secondary
+        motions too.
+        """
         data, secondary = self.data, self.secondary
         if free and secondary:
             free = (*(name for name in free if name in JP_INDEX), *secondary.names)
@@ -177,7 +221,9 @@ class MotionProblem:
         return replace(self, chain=chain_of(self.chain.root, self.chain.segments, free), data=data)
 
     def places_in(self, free: Sequence[str]) -> IntArray:
-        """(np,) places of this trial's free joint parameters in `free`, the ones that several trials share."""
+        """(np,) places of this trial's free joint parameters in `free`, the ones that several
+        trials share.
+        """
         return np.array([free.index(name) for name in self.unknowns], dtype=np.intp)
 
     def with_weight(self, weight: Array) -> MotionProblem:
@@ -195,31 +241,51 @@ class MotionProblem:
         """The same trial with other measured markers (nm, 3, nf), m."""
         return self.with_data(replace(self.data, measured=measured))
 
-    def equations(self, coefficients: Array, body: LinkageModel, *, curved: bool = False) -> banded.NormalEquations:
-        """Normal equations at `coefficients` (nn, nq); `curved`: with half the whole Hessian, not Gauss-Newton's.
+    def equations(
+        self, coefficients: Array, body: LinkageModel, *, curved: bool = False
+    ) -> banded.NormalEquations:
+        """Normal equations at `coefficients` (nn, nq); `curved`: with half the whole Hessian, not
+        Gauss-Newton's.
 
-        ValueError if `curved` and a joint parameter is free: curvature asks which of two variables comes first, and
-        parameters are not kept in that order.
+        ValueError if `curved` and a joint parameter is free: curvature asks which of two variables
+        comes first, and parameters are not kept in that order.
         """
         if curved and self.chain.free:
-            raise ValueError("curvature is for the coordinates alone: no joint parameter may be free")
+            raise ValueError(
+                "curvature is for the coordinates alone: no joint parameter may be free"
+            )
         q = self.basis.evaluate(coefficients)
         equations = self._assembler.assembled(
-            (self._frame_equations(stretch.frames, body, q, curved=curved), stretch) for stretch in self.basis.stretches
+            (self._frame_equations(stretch.frames, body, q, curved=curved), stretch)
+            for stretch in self.basis.stretches
         )
         for penalty in self._penalties:
             penalty.add_to(equations.band, coefficients)
             cost, gradient = penalty.both(coefficients)
-            equations = replace(equations, cost=equations.cost + cost, node_gradient=equations.node_gradient + gradient)
+            equations = replace(
+                equations,
+                cost=equations.cost + cost,
+                node_gradient=equations.node_gradient + gradient,
+            )
         if self.tissue is None or not self.tissue.groups:
             return equations
-        return with_tissue_columns(body, self.basis, self.data, self.tissue, equations, coefficients)
+        return with_tissue_columns(
+            body, self.basis, self.data, self.tissue, equations, coefficients
+        )
 
     def _frame_equations(
-        self, frames: slice, body: LinkageModel, q: Array, *, hessian: bool = True, curved: bool = False
+        self,
+        frames: slice,
+        body: LinkageModel,
+        q: Array,
+        *,
+        hessian: bool = True,
+        curved: bool = False,
     ) -> marker_residual.FrameEquations:
         data = self.data.frames(frames)
-        return marker_residual.frame_equations(body, self._pairs, data, q[frames], hessian=hessian, curved=curved)
+        return marker_residual.frame_equations(
+            body, self._pairs, data, q[frames], hessian=hessian, curved=curved
+        )
 
     def frame_hessians(self, q: Array, body: LinkageModel) -> Array:
         """(nf, nq, nq) Gauss-Newton matrices of the frames by themselves, at coordinates (nf, nq)."""
@@ -229,7 +295,9 @@ class MotionProblem:
         shallow, deep = pairs.shallow[pairs.coordinates], pairs.deep[pairs.coordinates]
         for stretch in self.basis.stretches:
             frames = stretch.frames
-            entries = self._frame_equations(frames, body, q).products(slice(nq), slice(nq))[:, shallow, deep]
+            entries = self._frame_equations(frames, body, q).products(slice(nq), slice(nq))[
+                :, shallow, deep
+            ]
             out[frames, first, second] = out[frames, second, first] = entries
         return out
 
@@ -258,7 +326,9 @@ class MotionProblem:
 
     def cost(self, coefficients: Array, body: LinkageModel) -> float:
         """Sum of w |r|^2, the penalty and what is known of coordinates, m^2."""
-        return self.marker_cost(coefficients, body) + sum(penalty.both(coefficients)[0] for penalty in self._penalties)
+        return self.marker_cost(coefficients, body) + sum(
+            penalty.both(coefficients)[0] for penalty in self._penalties
+        )
 
     def marker_cost(self, coefficients: Array, body: LinkageModel) -> float:
         """Sum of w |r|^2, m^2."""
@@ -292,14 +362,16 @@ def trial_problem(
     carrier: str = "",
     isolated: str | None = None,
 ) -> MotionProblem:
-    """The markers of `segments` in a recording as a least-squares problem in the coordinates of that part.
+    """The markers of `segments` in a recording as a least-squares problem in the coordinates of
+    that part.
 
-    Markers that the recording lacks are left out; NaN positions get weight zero in their frames. Joints do not turn
-    further than they can, but for the `isolated` one, which a trial moves as far as it goes; coordinates that the
-    markers do not determine have a normal prior.
-    Where the root shows three markers in less than half of the frames and a `carrier` is named, that segment carries
-    the body: the joints between the two are held at zero, and only markers on the carrier and beyond it pull. Raises
-    `InputError` where the root has no three markers and nothing carries it, or the recording is too short for a spline.
+    Markers that the recording lacks are left out; NaN positions get weight zero in their frames.
+    Joints do not turn further than they can, but for the `isolated` one, which a trial moves as far
+    as it goes; coordinates that the markers do not determine have a normal prior. Where the root
+    shows three markers in less than half of the frames and a `carrier` is named, that segment
+    carries the body: the joints between the two are held at zero, and only markers on the carrier
+    and beyond it pull. Raises `InputError` where the root has no three markers and nothing carries
+    it, or the recording is too short for a spline.
     """
     keep_freed_memory()
     if len(recording.time) < FEWEST_FRAMES:
@@ -327,11 +399,18 @@ def trial_problem(
         on_root = (index == s) & (weight > 0).any(axis=1)
     if on_root.sum() < rigid.FEWEST_MARKERS:
         found = ", ".join(np.array(labels)[on_root]) or "none"
-        message = f"found {found} on {root}; allowed: at least 3 markers of {root} that are seen and have weight"
-        raise InputError(message, source=recording.source, field="markers", code=Code.TOO_LITTLE_SEEN)
+        message = (
+            f"found {found} on {root}; allowed: at least 3 markers of {root} that are seen and "
+            "have weight"
+        )
+        raise InputError(
+            message, source=recording.source, field="markers", code=Code.TOO_LITTLE_SEEN
+        )
     basis = spline_basis(recording.time, rule.nodes(recording.time))
     placed = marker_residual.PlacedMarkers(index, model.markers.local[chosen])
-    data = marker_residual.MarkerData(placed, np.ascontiguousarray(np.where(visible[:, None], measured, 0.0)), weight)
+    data = marker_residual.MarkerData(
+        placed, np.ascontiguousarray(np.where(visible[:, None], measured, 0.0)), weight
+    )
     moved = coordinates_before(joint.child for joint in moved_joints(isolated)) if isolated else ()
     problem = MotionProblem(
         name=name,
@@ -340,7 +419,11 @@ def trial_problem(
         data=data,
         labels=labels,
         held=held,
-        priors=(coordinate_prior.walls(tuple(c for c in chain.coordinates if c not in moved), model.posture),),
+        priors=(
+            coordinate_prior.walls(
+                tuple(c for c in chain.coordinates if c not in moved), model.posture
+            ),
+        ),
         posture=model.posture,
         noise=model.noise,
     )
@@ -351,7 +434,9 @@ def _with_posture(problem: MotionProblem, model: SubjectModel) -> MotionProblem:
     """A trial with what is known of coordinates that its markers do not determine."""
     chain, data = problem.chain, problem.data
     of_marker = [chain.segments[s] for s in data.segment]
-    asked = coordinate_prior.coordinates_asked(chain.segments, of_marker, data.local, data.weight > 0)
+    asked = coordinate_prior.coordinates_asked(
+        chain.segments, of_marker, data.local, data.weight > 0
+    )
     if not asked:
         return problem
     body = problem.body(model.nominal)
@@ -361,7 +446,9 @@ def _with_posture(problem: MotionProblem, model: SubjectModel) -> MotionProblem:
     on_arms = np.array([s.startswith(("upper_arm", "forearm")) for s in of_marker])
 
     def left_open(counted: BoolArray) -> tuple[str, ...]:
-        alike = marker_residual.MarkerData(data.placed, data.measured[:, :, frames], counted.astype(float))
+        alike = marker_residual.MarkerData(
+            data.placed, data.measured[:, :, frames], counted.astype(float)
+        )
         some = replace(problem, basis=problem.basis.at(frames), data=alike)
         return coordinate_prior.undetermined(asked, chain.coordinates, some.frame_hessians(q, body))
 
@@ -371,10 +458,14 @@ def _with_posture(problem: MotionProblem, model: SubjectModel) -> MotionProblem:
     names = tuple(name for name in asked if name in open_now)
     if not names:
         return problem
-    known = replace(problem, priors=(*problem.priors, coordinate_prior.about_posture(names, model.posture)))
+    known = replace(
+        problem, priors=(*problem.priors, coordinate_prior.about_posture(names, model.posture))
+    )
     return known.followed(start.starting_nodes(body, data, problem.basis))
 
 
 def shown_share(weight: Array) -> float:
-    """Share of the frames in which three of a segment's markers, weights (nm, nf), are seen and pull."""
+    """Share of the frames in which three of a segment's markers, weights (nm, nf), are seen and
+    pull.
+    """
     return float(np.mean((weight > 0).sum(axis=0) >= rigid.FEWEST_MARKERS))

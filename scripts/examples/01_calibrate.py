@@ -3,7 +3,8 @@
     python scripts/examples/01_calibrate.py OUT                  a synthetic person, whose C3D files go to OUT/subject
     python scripts/examples/01_calibrate.py OUT STUDY.toml       your own study
 
-Prints the marker error of every trial before and after calibration, and the least that rigid segments can reach.
+Prints the marker error of every trial before and after calibration, and the least that rigid
+segments can reach.
 """
 
 from __future__ import annotations
@@ -23,12 +24,16 @@ def run(out: Path, study_file: Path | None) -> gc.Calibration:
 
 
 def main(arguments: list[str] | None = None) -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("out", type=Path)
     parser.add_argument("study", type=Path, nargs="?")
     chosen = parser.parse_args(arguments)
     calibration = run(chosen.out, chosen.study)
-    print(f"{'trial':<12}{'nominal':>10}{'calibrated':>12}{'rigid floor':>13}   RMS marker error, mm")
+    print(
+        f"{'trial':<12}{'nominal':>10}{'calibrated':>12}{'rigid floor':>13}   RMS marker error, mm"
+    )
     for trial in calibration.trials:
         errors = (trial.nominal.errors, trial.calibrated.errors, trial.floor)
         before, after, floor = (1e3 * (e.rms() or 0.0) for e in errors)

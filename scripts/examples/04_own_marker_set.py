@@ -1,9 +1,12 @@
-"""A marker set of your own: a TOML file that says which marker is which landmark and follows which segment.
+"""A marker set of your own: a TOML file that says which marker is which landmark and follows which
+segment.
 
     python scripts/examples/04_own_marker_set.py OUT                       a synthetic person, with the set it was
-                                                                           recorded with and with the smaller one below
+                                                                           recorded with and with
+                                                                           the smaller one below
     python scripts/examples/04_own_marker_set.py OUT ONE.toml TWO.toml     two study files of your own, of the same
-                                                                           trials, that name different sets
+                                                                           trials, that name
+                                                                           different sets
 
 Prints what the other set does to marker errors and joint torques.
 """
@@ -62,7 +65,9 @@ def example(out: Path) -> tuple[Path, Path]:
 
 
 def main(arguments: list[str] | None = None) -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("out", type=Path)
     parser.add_argument("studies", type=Path, nargs="*", metavar="STUDY.toml")
     chosen = parser.parse_args(arguments)
@@ -71,7 +76,10 @@ def main(arguments: list[str] | None = None) -> None:
     first, second = (gc.Study.load(path) for path in chosen.studies or example(chosen.out))
     for study in (first, second):
         used = study.marker_set
-        print(f"{used.name}: {len(used.labels)} markers on {len(used.tracking)} segments. {used.description}")
+        print(
+            f"{used.name}: {len(used.labels)} markers on {len(used.tracking)} segments. "
+            f"{used.description}"
+        )
     compare(gc.calibrate(first), gc.calibrate(second))
 
 
@@ -88,7 +96,8 @@ def compare(first: gc.Calibration, second: gc.Calibration) -> None:
         share = 100.0 * np.sqrt(np.mean(change**2, axis=0)) / first.model.subject.bwh
         for name in ("hip_flexion_r", "hip_adduction_r", "knee_angle_r", "ankle_angle_r"):
             print(
-                f"  {name}: torque differs by {share[gc.COORDINATES.index(name)]:.2f} % of body weight x height (RMS)"
+                f"  {name}: torque differs by {share[gc.COORDINATES.index(name)]:.2f} % of body "
+                "weight x height (RMS)"
             )
 
 

@@ -1,11 +1,13 @@
-"""Two result folders, file by file: the same numbers within a relative tolerance, and the same words.
+"""Two result folders, file by file: the same numbers within a relative tolerance, and the same
+words.
 
     python -m scripts.tools.compare_results BEFORE AFTER [--rtol 1e-9]
 
-For changes of the code that must not change a result: make the folder with both versions, then compare. Tables (CSV,
-MOT, STO, TRC, Parquet) and arrays (NPZ) are compared column by column, relative to the largest value of the column;
-other text (JSON, TOML, XML) number by number, relative to the number or to 1. Times, versions and hashes may differ.
-Pages and pictures are not compared, and said so. Exit code 1 where anything differs.
+For changes of the code that must not change a result: make the folder with both versions, then
+compare. Tables (CSV, MOT, STO, TRC, Parquet) and arrays (NPZ) are compared column by column,
+relative to the largest value of the column; other text (JSON, TOML, XML) number by number, relative
+to the number or to 1. Times, versions and hashes may differ. Pages and pictures are not compared,
+and said so. Exit code 1 where anything differs.
 """
 
 from __future__ import annotations
@@ -21,7 +23,9 @@ import pandas as pd
 
 RTOL = 1e-9
 NOT_COMPARED = {".html", ".png", ".svg", ".c3d"}
-MAY_DIFFER = re.compile(r'"?(seconds|cpu_seconds|gaitcal|python|platform|when|sha256|[\w./-]*": "[0-9a-f]{64})"?')
+MAY_DIFFER = re.compile(
+    r'"?(seconds|cpu_seconds|gaitcal|python|platform|when|sha256|[\w./-]*": "[0-9a-f]{64})"?'
+)
 """Beginnings of lines that tell of the run, not of its result."""
 NUMBER = re.compile(r"(?<![\w.])[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?(?![\w.])")
 HEADER = re.compile(r"[A-Za-z]")
@@ -29,11 +33,16 @@ HEADER = re.compile(r"[A-Za-z]")
 
 def differences(before: Path, after: Path, rtol: float = RTOL) -> Iterator[str]:
     """One line for each file that is missing on a side or holds other content."""
-    names = [{p.relative_to(folder) for p in folder.rglob("*") if p.is_file()} for folder in (before, after)]
+    names = [
+        {p.relative_to(folder) for p in folder.rglob("*") if p.is_file()}
+        for folder in (before, after)
+    ]
     for name in sorted(names[0] ^ names[1]):
         yield f"{name}: only in {before if name in names[0] else after}"
     for name in sorted(names[0] & names[1]):
-        if name.suffix not in NOT_COMPARED and (found := difference(before / name, after / name, rtol)):
+        if name.suffix not in NOT_COMPARED and (
+            found := difference(before / name, after / name, rtol)
+        ):
             yield f"{name}: {found}"
 
 
@@ -70,12 +79,18 @@ def _arrays(before: dict[str, np.ndarray], after: dict[str, np.ndarray], rtol: f
 
 
 def _apart(a: np.ndarray, b: np.ndarray) -> float:
-    """Largest difference relative to the largest value; infinite where one has a gap and the other none."""
+    """Largest difference relative to the largest value; infinite where one has a gap and the other
+    none.
+    """
     if (np.isnan(a) != np.isnan(b)).any():
         return np.inf
     known = ~np.isnan(a)
     scale = float(np.abs(a[known]).max(initial=0.0))
-    return float(np.abs(a - b)[known].max(initial=0.0)) / scale if scale else float(np.abs(b[known]).max(initial=0.0))
+    return (
+        float(np.abs(a - b)[known].max(initial=0.0)) / scale
+        if scale
+        else float(np.abs(b[known]).max(initial=0.0))
+    )
 
 
 def _tables(before: list[str], after: list[str], rtol: float) -> str:
@@ -95,7 +110,11 @@ def _tables(before: list[str], after: list[str], rtol: float) -> str:
                 columns[k][1].append(values[1])
     apart = {k: _apart(np.array(a), np.array(b)) for k, (a, b) in columns.items()}
     worst = max(apart, key=lambda k: apart[k], default=None)
-    return "" if worst is None or apart[worst] <= rtol else f"column {worst + 1} apart by {apart[worst]:.1e}"
+    return (
+        ""
+        if worst is None or apart[worst] <= rtol
+        else f"column {worst + 1} apart by {apart[worst]:.1e}"
+    )
 
 
 def _number(cell: str) -> float | None:

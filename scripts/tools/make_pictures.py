@@ -1,9 +1,11 @@
 """The pictures of the documentation: places of a result's page as a headless browser shows them.
 
-    python -m scripts.tools.make_pictures [--result DIR] [--cohort DIR] [--out docs/pictures] [--only page-trust]
+    python -m scripts.tools.make_pictures [--result DIR] [--cohort DIR] [--out docs/pictures]
+    [--only page-trust]
 
-Without `--result` the demo's person is calibrated first, and without `--cohort` three made-up people, of whom the
-picture of a cohort shows sixty copies with noise. The same results and browser give the same pictures.
+Without `--result` the demo's person is calibrated first, and without `--cohort` three made-up
+people, of whom the picture of a cohort shows sixty copies with noise. The same results and browser
+give the same pictures.
 """
 
 from __future__ import annotations
@@ -25,8 +27,14 @@ ROOT = Path(__file__).resolve().parents[2]
 
 SETTLED = "new Promise(done => setTimeout(done, 2500))"
 """The body is drawn and the curves are laid out by then."""
-BOX = "(() => {{ const b = {element}.getBoundingClientRect(); return [b.x, b.y, b.width, b.height]; }})()"
-HEADED = "[...document.querySelectorAll('#sections h2, #sections h3, #sections h4')].find(h => h.textContent.startsWith"
+BOX = (
+    "(() => {{ const b = {element}.getBoundingClientRect(); return [b.x, b.y, b.width, b.height]; "
+    "}})()"
+)
+HEADED = (
+    "[...document.querySelectorAll('#sections h2, #sections h3, #sections h4')].find(h => "
+    "h.textContent.startsWith"
+)
 
 
 COHORT = "page-cohort"
@@ -54,7 +62,13 @@ PICTURES = (
     Picture("page-trust", f"preset=trust{AT}"),
     Picture("model", f"preset=joints{AT}", (1280, 900), BODY),
     Picture("joint", "preset=joints&trial=gait&t=0.3&joint=knee_r", element=BODY),
-    Picture("error-sources", f"preset=trust{AT}", (1280, 2600), f"{HEADED}('Expected error of the peak'))", tall=475),
+    Picture(
+        "error-sources",
+        f"preset=trust{AT}",
+        (1280, 2600),
+        f"{HEADED}('Expected error of the peak'))",
+        tall=475,
+    ),
     Picture("page-phone", f"preset=clinician{AT}", (390, 844)),
     Picture(COHORT, "", (1280, 1000)),
 )
@@ -67,7 +81,9 @@ def take(page: Page, url: str, picture: Picture) -> bytes:
     clip: dict[str, Any] = {}
     if picture.element:
         x, y, width, height = page.run(BOX.format(element=picture.element))
-        clip = {"clip": {"x": x, "y": y, "width": width, "height": picture.tall or height, "scale": 1}}
+        clip = {
+            "clip": {"x": x, "y": y, "width": width, "height": picture.tall or height, "scale": 1}
+        }
     return base64.b64decode(page.send("Page.captureScreenshot", format="png", **clip)["data"])
 
 
@@ -78,13 +94,24 @@ def demo_in(folder: Path) -> Path:
 
 def cohort_in(folder: Path) -> Path:
     for seed in (1, 2, 3):
-        gaitcal("synthesize", "-q", "--out", folder / f"people/P{seed}", "--seed", seed, "--noise", "--perturb")
+        gaitcal(
+            "synthesize",
+            "-q",
+            "--out",
+            folder / f"people/P{seed}",
+            "--seed",
+            seed,
+            "--noise",
+            "--perturb",
+        )
     gaitcal("cohort", "--quiet", folder / "people", "--out", folder / "study").check_returncode()
     return folder / "study"
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("--result", type=Path, help="folder of 'gaitcal demo', its part 'result'")
     parser.add_argument("--cohort", type=Path, help="folder of 'gaitcal cohort'")
     parser.add_argument("--out", type=Path, default=ROOT / "docs" / "pictures")

@@ -1,11 +1,14 @@
-"""A release, up to but without its publication: wheel and sdist, checked in clean environments, and its notes.
+"""A release, up to but without its publication: wheel and sdist, checked in clean environments, and
+its notes.
 
-    python -m scripts.tools.release [--out dist] [--section Unreleased] [--allow-changes] [--skip-demo] [--notes]
+    python -m scripts.tools.release [--out dist] [--section Unreleased] [--allow-changes]
+    [--skip-demo] [--notes]
 
-Asks that package, citation and changelog tell one version, and that nothing in the checkout is uncommitted; builds
-wheel and sdist (`python -m build`), lets `twine check --strict` judge them, installs each of them into an environment
-of its own and runs `gaitcal demo` there, far from the checkout. Then OUT holds both files, `SHA256SUMS` and
-`NOTES.md`: the changelog's section of this version. `--notes` prints these and does nothing else. Uploads nothing.
+Asks that package, citation and changelog tell one version, and that nothing in the checkout is
+uncommitted; builds wheel and sdist (`python -m build`), lets `twine check --strict` judge them,
+installs each of them into an environment of its own and runs `gaitcal demo` there, far from the
+checkout. Then OUT holds both files, `SHA256SUMS` and `NOTES.md`: the changelog's section of this
+version. `--notes` prints these and does nothing else. Uploads nothing.
 """
 
 from __future__ import annotations
@@ -25,13 +28,21 @@ ROOT = Path(__file__).resolve().parents[2]
 TOOLS = ("build>=1.2", "twine>=6.1")
 DEMO_FILES = ("result.html", "page.json", "parameters.csv", "moments/gait.csv", "manifest.json")
 """What `gaitcal demo` must have written."""
-PACKED = ("models/nominal_subject.json", "models/examples.toml", "py.typed", "page/templates/page.html")
+PACKED = (
+    "models/nominal_subject.json",
+    "models/examples.toml",
+    "py.typed",
+    "page/templates/page.html",
+)
 """Data without which the program is incomplete, in `gaitcal/` of the wheel."""
 
 
 def version_of(root: Path = ROOT) -> str:
     """The version, which package, citation and changelog must tell alike."""
-    texts = {n: (root / n).read_text(encoding="utf-8") for n in ("pyproject.toml", "CITATION.cff", "CHANGELOG.md")}
+    texts = {
+        n: (root / n).read_text(encoding="utf-8")
+        for n in ("pyproject.toml", "CITATION.cff", "CHANGELOG.md")
+    }
     patterns = {
         "pyproject.toml": r'^version = "(.+)"$',
         "CITATION.cff": r"^version: \"?([^\"\n]+)\"?$",
@@ -40,12 +51,15 @@ def version_of(root: Path = ROOT) -> str:
     found = {name: re.findall(pattern, texts[name], re.M)[:1] for name, pattern in patterns.items()}
     told = {name: (versions or ["none"])[0] for name, versions in found.items()}
     if len(set(told.values())) != 1:
-        raise SystemExit("not one version: " + ", ".join(f"{name} says {v}" for name, v in told.items()))
+        raise SystemExit(
+            "not one version: " + ", ".join(f"{name} says {v}" for name, v in told.items())
+        )
     return told["pyproject.toml"]
 
 
 def notes(changelog: str, section: str) -> str:
-    """The text below `## [section]` of a changelog, without its heading; links that it names are kept.
+    """The text below `## [section]` of a changelog, without its heading; links that it names are
+    kept.
 
     Raises
     ------
@@ -65,12 +79,21 @@ def notes(changelog: str, section: str) -> str:
 
 
 def run(*words: str | Path, cwd: Path = ROOT) -> str:
-    """Run a program away from our own modules; its output. SystemExit with its words where it fails."""
-    environment = {k: v for k, v in os.environ.items() if not k.startswith(("PYTHON", "VIRTUAL_ENV"))}
+    """Run a program away from our own modules; its output. SystemExit with its words where it
+    fails.
+    """
+    environment = {
+        k: v for k, v in os.environ.items() if not k.startswith(("PYTHON", "VIRTUAL_ENV"))
+    }
     print("$", *(Path(word).name if isinstance(word, Path) else word for word in words), flush=True)
-    done = subprocess.run([str(w) for w in words], cwd=cwd, env=environment, capture_output=True, text=True)
+    done = subprocess.run(
+        [str(w) for w in words], cwd=cwd, env=environment, capture_output=True, text=True
+    )
     if done.returncode != 0:
-        raise SystemExit(f"{done.stdout}{done.stderr}\nfailed with {done.returncode}: {' '.join(map(str, words))}")
+        raise SystemExit(
+            f"{done.stdout}{done.stderr}\nfailed with {done.returncode}: "
+            f"{' '.join(map(str, words))}"
+        )
     return done.stdout
 
 
@@ -103,7 +126,11 @@ def check_content(wheel: Path, sdist: Path) -> None:
     alien = [name for name in names if not name.startswith(("gaitcal/", "gaitcal-"))]
     with tarfile.open(sdist) as packed:
         top = {name.split("/")[1] for name in packed.getnames() if "/" in name}
-    missing += [name for name in ("pyproject.toml", "README.md", "LICENSE", "CHANGELOG.md") if name not in top]
+    missing += [
+        name
+        for name in ("pyproject.toml", "README.md", "LICENSE", "CHANGELOG.md")
+        if name not in top
+    ]
     alien += [name for name in top if name in ("dist", "build", ".venv", ".git")]
     if missing or alien:
         raise SystemExit(f"packed wrongly: missing {missing}, not ours {alien}")
@@ -125,10 +152,16 @@ def smoke(package: Path, folder: Path, version: str, *, demo: bool) -> None:
 
 
 def main(arguments: list[str] | None = None) -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--out", type=Path, default=ROOT / "dist", help="a folder without packages (default dist)")
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument(
+        "--out", type=Path, default=ROOT / "dist", help="a folder without packages (default dist)"
+    )
     parser.add_argument("--section", help="of the changelog; that of the version unless given")
-    parser.add_argument("--allow-changes", action="store_true", help="go on with uncommitted changes")
+    parser.add_argument(
+        "--allow-changes", action="store_true", help="go on with uncommitted changes"
+    )
     parser.add_argument("--skip-demo", action="store_true", help="install, but run no demo")
     parser.add_argument("--notes", action="store_true", help="print the notes, do nothing else")
     chosen = parser.parse_args(arguments)
@@ -151,10 +184,16 @@ def main(arguments: list[str] | None = None) -> None:
             folder = work / ("wheel" if package.suffix == ".whl" else "sdist")
             folder.mkdir()
             smoke(package, folder, version, demo=not chosen.skip_demo)
-    sums = [f"{hashlib.sha256(package.read_bytes()).hexdigest()}  {package.name}" for package in packages]
+    sums = [
+        f"{hashlib.sha256(package.read_bytes()).hexdigest()}  {package.name}"
+        for package in packages
+    ]
     (out / "SHA256SUMS").write_text("\n".join(sums) + "\n", encoding="utf-8")
     (out / "NOTES.md").write_text(text, encoding="utf-8")
-    print(f"gaitcal {version}: {out} holds {', '.join(sorted(path.name for path in out.iterdir()))}; nothing uploaded")
+    print(
+        f"gaitcal {version}: {out} holds {', '.join(sorted(path.name for path in out.iterdir()))}; "
+        "nothing uploaded"
+    )
 
 
 if __name__ == "__main__":

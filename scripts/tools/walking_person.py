@@ -1,17 +1,21 @@
-"""Does the built-in person walk like a person? True moments beside the normal bands, centres of pressure in the soles.
+"""Does the built-in person walk like a person? True moments beside the normal bands, centres of
+pressure in the soles.
 
     python -m scripts.tools.walking_person [--seed N]
 
-Printed is the truth of the built-in person, or of the one that `gaitcal synthesize --perturb --seed N` writes
-(`gaitcal demo`: 2009), not a fit: internal moments per kg of body mass over each leg's stride, ground reactions, the
-pelvis residual, and whether the ground reactions act in the soles (`dynamics/foot_contact.py`). The bands are
-those of `models/norms/schwartz2008_free.csv`, which tells source, people and licence, and the peak of the hip
-abductors that is published for adults; of other moments the range is told.
+Printed is the truth of the built-in person, or of the one that `gaitcal synthesize --perturb --seed
+N` writes (`gaitcal demo`: 2009), not a fit: internal moments per kg of body mass over each leg's
+stride, ground reactions, the pelvis residual, and whether the ground reactions act in the soles
+(`dynamics/foot_contact.py`). The bands are those of `models/norms/schwartz2008_free.csv`, which
+tells source, people and licence, and the peak of the hip abductors that is published for adults; of
+other moments the range is told.
 
-Perturbed people walk the same walk with axes up to 10 mm and 10 degrees elsewhere: about these, the moment that adducts
-a knee is up to 6 standard deviations from people's (16 seeds), other peaks up to 3.
+Perturbed people walk the same walk with axes up to 10 mm and 10 degrees elsewhere: about these, the
+moment that adducts a knee is up to 6 standard deviations from people's (16 seeds), other peaks up
+to 3.
 
-Exit code 0 where every centre of pressure is in its sole and every peak within 2 standard deviations, else 1.
+Exit code 0 where every centre of pressure is in its sole and every peak within 2 standard
+deviations, else 1.
 """
 
 from __future__ import annotations
@@ -41,7 +45,9 @@ from gaitcal.synthetic.synthetic_motion import residual_free_wrench, two_strides
 from gaitcal.tracking.motion import Motion
 
 LOADED_N = 20.0
-"""Vertical force above which a foot counts as loaded: of less, rounding makes the centre of pressure."""
+"""Vertical force above which a foot counts as loaded: of less, rounding makes the centre of
+pressure.
+"""
 RESIDUAL = 1e-9
 """N, N·m: rounding of some hundred N at lever arms of a metre."""
 WITHIN = 2.0
@@ -50,7 +56,9 @@ NO_MATTER = 0.05
 """N·m/kg: in swing the bands of the ankle are narrower than any laboratory measures."""
 BANDS = "schwartz2008-free"
 OF_ADULTS = ("hip_flexion", "knee_angle", "knee_adduction", "ankle_angle")
-"""Children's moments that adults have, too: abductors of their hips make 0.5 N·m/kg, those of adults 1.1."""
+"""Children's moments that adults have, too: abductors of their hips make 0.5 N·m/kg, those of
+adults 1.1.
+"""
 
 MOMENTS = {
     "hip_flexion": ("Hip flexion", "extensor", "flexor"),
@@ -63,8 +71,8 @@ MOMENTS = {
 }
 """Variable -> title, and what its smallest and its largest value are called."""
 ADULT_PEAKS = {("hip_adduction", "abductor"): (-1.1, 0.2)}
-"""N·m/kg, mean and SD of a peak: 14 adults, "The relationship between maximal hip abductor strength and resultant
-loading at the knee during walking", Proc Inst Mech Eng H (abstract)."""
+"""N·m/kg, mean and SD of a peak: 14 adults, "The relationship between maximal hip abductor strength
+and resultant loading at the knee during walking", Proc Inst Mech Eng H (abstract)."""
 
 
 @dataclass(frozen=True)
@@ -92,14 +100,22 @@ class Walk:
 
 
 def true_walk(seed: int | None = None) -> Walk:
-    """The walk of the built-in person, or of the perturbed one of a seed, with all that it asks of the ground."""
+    """The walk of the built-in person, or of the perturbed one of a seed, with all that it asks of
+    the ground.
+    """
     model = published_model()
-    parameters, motion = (model.parameters, two_strides(model.parameters)) if seed is None else true_gait(seed)
+    parameters, motion = (
+        (model.parameters, two_strides(model.parameters)) if seed is None else true_gait(seed)
+    )
     model = replace(model, parameters=parameters)
     wrench = residual_free_wrench(model.parameters, motion)
     q, v, a = (motion.basis.evaluate(motion.coefficients, k) for k in range(3))
     forces = Dynamics(model.parameters).forces(q, v, a, wrench)
-    moments = {f"{stem}_{side}": forces[:, FORCES.index(f"{stem}_{side}")] for stem in MOMENTS for side in SIDES}
+    moments = {
+        f"{stem}_{side}": forces[:, FORCES.index(f"{stem}_{side}")]
+        for stem in MOMENTS
+        for side in SIDES
+    }
     centre = np.stack([point_and_torque(wrench[:, foot])[0] for foot in range(2)], axis=1)
     centre[wrench[:, :, 1] <= LOADED_N] = np.nan
     return Walk(
@@ -107,20 +123,29 @@ def true_walk(seed: int | None = None) -> Walk:
         moments={name: values / model.parameters.mass for name, values in moments.items()},
         force=wrench[:, :, :3] / model.subject.weight,
         centre=centre,
-        feet=foot_points(model, cast(Motion, SimpleNamespace(q=q, time=motion.basis.time)), model.parameters),
+        feet=foot_points(
+            model, cast(Motion, SimpleNamespace(q=q, time=motion.basis.time)), model.parameters
+        ),
         residual=float(np.abs(pelvis_residual(q, forces)).max()),
     )
 
 
 def normal_bands() -> dict[str, pd.DataFrame]:
-    """Variable without its ending -> percent, mean, sd (N·m/kg), internal, positive in the coordinate's direction."""
+    """Variable without its ending -> percent, mean, sd (N·m/kg), internal, positive in the
+    coordinate's direction.
+    """
     bands = read_normal_bands(BANDS)
     found = {name: bands[f"{name}_moment"] for name in OF_ADULTS}
-    return {n: pd.DataFrame({"percent": b.percent, "mean": -b.mean, "sd": b.sd}) for n, b in found.items()}
+    return {
+        n: pd.DataFrame({"percent": b.percent, "mean": -b.mean, "sd": b.sd})
+        for n, b in found.items()
+    }
 
 
 def within(walk: Walk, band: pd.DataFrame, stem: str, foot: int) -> BoolArray:
-    """(nf,) the moment of a leg is as far from the mean of its band at that percent as other people's."""
+    """(nf,) the moment of a leg is as far from the mean of its band at that percent as other
+    people's.
+    """
     at = walk.percent(foot)
     mean, sd = (np.interp(at, band["percent"], band[column]) for column in ("mean", "sd"))
     away = np.abs(walk.moments[f"{stem}_{SIDES[foot]}"] - mean)
@@ -158,12 +183,22 @@ def peaks(walk: Walk, bands: dict[str, pd.DataFrame]) -> list[Peak]:
                 continue
             for side in SIDES:
                 values = walk.moments[f"{stem}_{side}"]
-                out.append(Peak(f"{stem.split('_')[0]} {name}", side, float(values[int(end(values))]), normal, sd))
+                out.append(
+                    Peak(
+                        f"{stem.split('_')[0]} {name}",
+                        side,
+                        float(values[int(end(values))]),
+                        normal,
+                        sd,
+                    )
+                )
     return out
 
 
 def outside_sole(walk: Walk, foot: int) -> Array:
-    """(nf,) m by which the centre of pressure is outside the sole; negative inside, -inf where a foot is not loaded."""
+    """(nf,) m by which the centre of pressure is outside the sole; negative inside, -inf where a
+    foot is not loaded.
+    """
     return outside_hull(walk.centre[:, foot][:, [0, 2]], sole_edge(walk.feet, foot, slice(None)))[0]
 
 
@@ -185,19 +220,30 @@ def lines(walk: Walk) -> Iterator[str]:
         shares = [100.0 * within(walk, bands[stem], stem, foot).mean() for foot in range(2)]
         yield f"{MOMENTS[stem][0]:30}{shares[0]:9.0f}{'':13}{shares[1]:9.0f}"
     for stem in (stem for stem in MOMENTS if stem not in bands):
-        ends = [f"{walk.moments[f'{stem}_{s}'].min():.2f} to {walk.moments[f'{stem}_{s}'].max():.2f}" for s in SIDES]
+        ends = [
+            f"{walk.moments[f'{stem}_{s}'].min():.2f} to {walk.moments[f'{stem}_{s}'].max():.2f}"
+            for s in SIDES
+        ]
         yield f"{MOMENTS[stem][0]} (no band): right {ends[0]}, left {ends[1]} N·m/kg"
     for foot, side in enumerate(SIDES):
         away = outside_sole(walk, foot)[walk.loaded[:, foot]]
         counts = f"{int((away <= 0).sum())} of {len(away)} loaded frames"
         farthest = 1000 * max(0.0, float(away.max()))
-        yield f"centre of pressure in the {SIDE_WORDS[side]} sole: {counts}, farthest {farthest:.0f} mm outside"
-    yield f"least vertical force {walk.force[:, :, 1].min():.3f}, most {walk.force[:, :, 1].max():.2f} body weights"
+        yield (
+            f"centre of pressure in the {SIDE_WORDS[side]} sole: {counts}, farthest {farthest:.0f} "
+            "mm outside"
+        )
+    yield (
+        f"least vertical force {walk.force[:, :, 1].min():.3f}, most "
+        f"{walk.force[:, :, 1].max():.2f} body weights"
+    )
     yield f"true pelvis residual at most {walk.residual:.1e} N, N·m"
 
 
 def main(arguments: list[str] | None = None) -> int:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("--seed", type=int, help="of a perturbed person; else the nominal one")
     chosen = parser.parse_args(arguments)
     walk = true_walk(chosen.seed)

@@ -1,1 +1,3 @@
-"""Does gaitcal tell the truth? One harness, many members: `python -m scripts.validation --help` from a checkout."""
+"""Does gaitcal tell the truth? One harness, many members: `python -m scripts.validation --help`
+from a checkout.
+"""

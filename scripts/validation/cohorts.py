@@ -6,13 +6,13 @@
     cohorts --parts page [--people 100 1000]            size of cohort.html, time until it can be used; these people are
                                                         copies of three, with noise
 
-Exit code 1 where a limit is not met: the same bytes (kills, cluster), 10 % more memory (memory), a page of 6 MB that is
-ready after 3 s, written with 10 % more memory (page).
+Exit code 1 where a limit is not met: the same bytes (kills, cluster), 10 % more memory (memory), a
+page of 6 MB that is ready after 3 s, written with 10 % more memory (page).
 
-Each person is a small study: somebody stands for a moment and walks two strides at 100 Hz. Person k has the joint and
-inertial parameters of body k modulo `bodies`, drawn within the published bounds, and marker noise of its own;
-people.csv says the groups. The same numbers give the same files. 100 people take some 40 MB. In part `page`, what is
-kept of a person is copied, not calibrated.
+Each person is a small study: somebody stands for a moment and walks two strides at 100 Hz. Person k
+has the joint and inertial parameters of body k modulo `bodies`, drawn within the published bounds,
+and marker noise of its own; people.csv says the groups. The same numbers give the same files. 100
+people take some 40 MB. In part `page`, what is kept of a person is copied, not calibrated.
 """
 
 from __future__ import annotations
@@ -45,7 +45,13 @@ from gaitcal.io.recording import Recording
 from gaitcal.model.nominal import published_model
 from gaitcal.model.subject_model import SubjectModel
 from gaitcal.study.settings import CalibrationSettings
-from gaitcal.synthetic.subject import EXACT_PLATES, on_the_floor, plates_under, recording_of, synthetic_model
+from gaitcal.synthetic.subject import (
+    EXACT_PLATES,
+    on_the_floor,
+    plates_under,
+    recording_of,
+    synthetic_model,
+)
 from gaitcal.synthetic.synthetic_motion import (
     marker_noise,
     residual_free_wrench,
@@ -61,7 +67,9 @@ STANDING = 60
 EVERY = 2
 """Frame of the walk, at 200 Hz, that is recorded."""
 NOISE_M = 0.004
-"""Largest amplitude of the noise of a marker: skin moves by more, and more of it would only take longer."""
+"""Largest amplitude of the noise of a marker: skin moves by more, and more of it would only take
+longer.
+"""
 GROUPS = ("walkers", "others")
 SESSION = 1
 """Of the seed of the noise."""
@@ -79,7 +87,12 @@ def body(number: int) -> tuple[SubjectModel, Recording, Recording]:
 
 def _thinned(walk: Recording) -> Recording:
     plates = tuple(
-        replace(plate, **{name: getattr(plate, name)[::EVERY] for name in ("time", "force", "point", "moment")})
+        replace(
+            plate,
+            **{
+                name: getattr(plate, name)[::EVERY] for name in ("time", "force", "point", "moment")
+            },
+        )
         for plate in walk.plates
     )
     return replace(walk, time=walk.time[::EVERY], markers=walk.markers[::EVERY], plates=plates)
@@ -122,14 +135,23 @@ _NUMBERS = [c.name for c in COLUMNS if c.kind is float]
 
 def person_of(number: int) -> CohortPerson:
     name = f"P{number:04d}"
-    return CohortPerson(folder=Path(name), name=name, group=TREATMENT_GROUPS[number % len(TREATMENT_GROUPS)])
+    return CohortPerson(
+        folder=Path(name), name=name, group=TREATMENT_GROUPS[number % len(TREATMENT_GROUPS)]
+    )
 
 
 def copied(source: Outcome, number: int) -> Outcome:
     rng, person = np.random.default_rng(number), person_of(number)
     if number % FAILED == FAILED - 1:
         cause = "holds 2 files, but no recording that can be read (.c3d, .trc or .csv)"
-        return Outcome(name=person.name, session="", place=person.place, fingerprint="", cause=cause, action="look")
+        return Outcome(
+            name=person.name,
+            session="",
+            place=person.place,
+            fingerprint="",
+            cause=cause,
+            action="look",
+        )
     row = dict(source.row)
     for name in _NUMBERS:
         value = row.get(name)
@@ -137,20 +159,44 @@ def copied(source: Outcome, number: int) -> Outcome:
             row[name] = round(value * (1 + NOISE * rng.standard_normal()), 6)
     wrong = REASONS[: rng.integers(1, 4)] if number % 3 == 0 else ()
     verdict = "refused" if len(wrong) == len(REASONS) else "doubtful" if wrong else "trustworthy"
-    row |= {"person": person.name, "session": "", "folder": person.place, "page": f"{person.place}/result.html"}
+    row |= {
+        "person": person.name,
+        "session": "",
+        "folder": person.place,
+        "page": f"{person.place}/result.html",
+    }
     row |= {"verdict": verdict, "verdict_r": verdict, "verdict_l": verdict}
-    row |= {"first_cause": wrong[-1][1] if wrong else "", "first_action": wrong[-1][2] if wrong else ""}
+    row |= {
+        "first_cause": wrong[-1][1] if wrong else "",
+        "first_action": wrong[-1][2] if wrong else "",
+    }
     whole = np.frombuffer(base64.b64decode(source.curves), dtype="<i2").astype(float)
     moved = whole + CURVE_NOISE * rng.standard_normal()
     curves = np.where(whole == GAP, GAP, np.clip(moved, GAP + 1, -GAP - 1)).astype("<i2")
-    said = tuple(dict(zip(("severity", "cause", "action"), words, strict=True)) for words in wrong[::-1])
+    said = tuple(
+        dict(zip(("severity", "cause", "action"), words, strict=True)) for words in wrong[::-1]
+    )
     packed = base64.b64encode(curves.tobytes()).decode("ascii")
-    return replace(source, name=person.name, session="", place=person.place, row=row, reasons=said, curves=packed)
+    return replace(
+        source,
+        name=person.name,
+        session="",
+        place=person.place,
+        row=row,
+        reasons=said,
+        curves=packed,
+    )
 
 
 def copy_people(source: Path, people: int, out: Path) -> None:
-    """Keep so many people in a cohort's folder, whose strides are those of the people of another cohort."""
-    found = [path for path in sorted((source / "state").rglob("*.json")) if json.loads(path.read_text())["curves"]]
+    """Keep so many people in a cohort's folder, whose strides are those of the people of another
+    cohort.
+    """
+    found = [
+        path
+        for path in sorted((source / "state").rglob("*.json"))
+        if json.loads(path.read_text())["curves"]
+    ]
     known = [kept(source, CohortPerson(folder=path, name=path.stem)) for path in found]
     for number in range(people):
         k = number % len(found)
@@ -163,13 +209,17 @@ def copy_people(source: Path, people: int, out: Path) -> None:
 def write_many(out: Path, people: int) -> None:
     """Write tables and page of people who are kept, and print what it took."""
     began = time.monotonic()
-    write_tables([person_of(number) for number in range(people)], out, Outcomes(out), CommonSettings())
+    write_tables(
+        [person_of(number) for number in range(people)], out, Outcomes(out), CommonSettings()
+    )
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
     print(json.dumps({"seconds": round(time.monotonic() - began, 2), "mebibytes": round(peak, 1)}))
 
 
 def ready(page: Path) -> float:
-    """Seconds from opening the page in a headless browser until it has been drawn; the slowest of three."""
+    """Seconds from opening the page in a headless browser until it has been drawn; the slowest of
+    three.
+    """
     from tests.report.page.browser import browser, chromium
 
     binary = chromium()
@@ -197,7 +247,14 @@ def look_at(page: Path) -> bool:
 
 
 TABLES = (
-    *("people.csv", "people.parquet", "cycles.parquet", "failures.csv", "columns.csv", "cohort.html"),
+    *(
+        "people.csv",
+        "people.parquet",
+        "cycles.parquet",
+        "failures.csv",
+        "columns.csv",
+        "cohort.html",
+    ),
     "manifest.json",
 )
 """What must be the same; times.csv tells what is not."""
@@ -267,7 +324,9 @@ def forget_some(out: Path, chance: random.Random) -> None:
 
 
 def kills(folder: Path, people: Sequence[int], chosen: argparse.Namespace) -> bool:
-    """Kill parent or worker at random moments; the tables of the run that ends are those of one left alone."""
+    """Kill parent or worker at random moments; the tables of the run that ends are those of one
+    left alone.
+    """
     chance, source = random.Random(chosen.seed), folder / "people"
     people_with_a_fault(source, people[0])
     took = whole(source, folder / "alone", "--jobs", 2)
@@ -302,7 +361,9 @@ def cluster(folder: Path, people: Sequence[int], _: argparse.Namespace) -> bool:
     for _ in range(2):
         worker = ["dask", "worker", address, "--nthreads", "1", "--nworkers", "1", "--no-dashboard"]
         place = ["--local-directory", str(folder)]
-        servers.append(subprocess.Popen([sys.executable, "-m", *worker, *place], stderr=subprocess.DEVNULL))
+        servers.append(
+            subprocess.Popen([sys.executable, "-m", *worker, *place], stderr=subprocess.DEVNULL)
+        )
     try:
         whole(source, folder / "cluster", "--cluster", address)
         whole(source, folder / "alone", "--jobs", 1)
@@ -323,7 +384,10 @@ def memory(folder: Path, sizes: Sequence[int], _: argparse.Namespace) -> bool:
             peak = max(peak, _peak(running.pid))
             time.sleep(0.2)
         minutes = (time.monotonic() - began) / 60
-        print(f"{people} people: {people / minutes:.1f} a minute, parent {peak:.0f} MiB at most", flush=True)
+        print(
+            f"{people} people: {people / minutes:.1f} a minute, parent {peak:.0f} MiB at most",
+            flush=True,
+        )
         peaks.append(peak)
     return _growth("memory of the parent", peaks)
 
@@ -346,7 +410,10 @@ def page(folder: Path, sizes: Sequence[int], _: argparse.Namespace) -> bool:
         words = [sys.executable, "-m", "scripts.validation.cohorts", str(out), str(people)]
         told = json.loads(subprocess.run(words, check=True, capture_output=True, text=True).stdout)
         peaks.append(told["mebibytes"])
-        print(f"{people} people: tables and page written in {told['seconds']} s, {told['mebibytes']:.0f} MiB at most")
+        print(
+            f"{people} people: tables and page written in {told['seconds']} s, "
+            f"{told['mebibytes']:.0f} MiB at most"
+        )
         met &= look_at(out / PAGE)
     return _growth("memory", peaks) and met
 

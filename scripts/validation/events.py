@@ -1,11 +1,13 @@
-"""How near the truth foot strikes and offs are that the motion alone tells: against force plates, and file's events.
+"""How near the truth foot strikes and offs are that the motion alone tells: against force plates,
+and file's events.
 
     events STUDY.toml...
 
-Every study is one laboratory. Its gait trials are tracked with the nominal model. The truth is where the vertical force
-under a foot passes 20 N, on a plate that holds the heel at the strike and the toes at the off; and what the file's own
-events say. Told for each study, in ms: mean and standard deviation of motion less truth, how many, and how many of the
-truth's events the motion missed.
+Every study is one laboratory. Its gait trials are tracked with the nominal model. The truth is
+where the vertical force under a foot passes 20 N, on a plate that holds the heel at the strike and
+the toes at the off; and what the file's own events say. Told for each study, in ms: mean and
+standard deviation of motion less truth, how many, and how many of the truth's events the motion
+missed.
 """
 
 from __future__ import annotations
@@ -33,7 +35,14 @@ from gaitcal.study.study_trial import Role
 from gaitcal.tracking.motion import tracked_motion
 
 SHARED = ()
-OWN = {"study": {"type": Path, "nargs": "+", "metavar": "STUDY", "help": "a study file with gait trials"}}
+OWN = {
+    "study": {
+        "type": Path,
+        "nargs": "+",
+        "metavar": "STUDY",
+        "help": "a study file with gait trials",
+    }
+}
 SAME = 0.2
 """s within which an event of the motion means one of the truth."""
 WITHIN_M = 0.03
@@ -66,13 +75,19 @@ def walks_of(study: Study) -> list[Walk]:
         feet, recording = foot_points(model, motion, model.parameters), ready.recording
         plates: list[FootEvent] = []
         if recording.plates:
-            loaded = measured_reactions(ready, model, model.parameters, motion, study.settings).loaded
-            plates = whole_contacts(plate_events(motion.time, loaded, recording.plates), feet, recording)
+            loaded = measured_reactions(
+                ready, model, model.parameters, motion, study.settings
+            ).loaded
+            plates = whole_contacts(
+                plate_events(motion.time, loaded, recording.plates), feet, recording
+            )
         out.append(Walk(motion.time, feet, plates, recording.events))
     return out
 
 
-def whole_contacts(events: Sequence[FootEvent], feet: FootPoints, recording: Recording) -> list[FootEvent]:
+def whole_contacts(
+    events: Sequence[FootEvent], feet: FootPoints, recording: Recording
+) -> list[FootEvent]:
     """Those at which the end of the foot that meets or leaves the ground is well within a plate."""
     kept = []
     outlined = [p for p in recording.plates if outline_known(p, LOADED_N)]
@@ -85,38 +100,62 @@ def whole_contacts(events: Sequence[FootEvent], feet: FootPoints, recording: Rec
         points = (feet.heel if strike else feet.toe)[:, foot]
         at = event.time + (AFTER_STRIKE if strike else -BEFORE_OFF)
         place = np.array([[np.interp(at, recording.time, points[:, k]) for k in range(3)]])
-        if not recording.plates or len(outlined) < len(recording.plates) or outside(outlined, place)[0] < -WITHIN_M:
+        if (
+            not recording.plates
+            or len(outlined) < len(recording.plates)
+            or outside(outlined, place)[0] < -WITHIN_M
+        ):
             kept.append(event)
     return kept
 
 
-def differences(found: Sequence[FootEvent], truth: Sequence[FootEvent], moment: FootMoment, time: Array) -> list[float]:
-    """Seconds of found less true; NaN where the motion has none. Within `SAME` of the trial's ends none is asked."""
+def differences(
+    found: Sequence[FootEvent], truth: Sequence[FootEvent], moment: FootMoment, time: Array
+) -> list[float]:
+    """Seconds of found less true; NaN where the motion has none. Within `SAME` of the trial's ends
+    none is asked.
+    """
     out = []
     for event in truth:
         if event.moment is moment and time[0] + SAME < event.time < time[-1] - SAME:
-            near = [t - event.time for t in times_of(found, event.side, moment) if abs(t - event.time) < SAME]
+            near = [
+                t - event.time
+                for t in times_of(found, event.side, moment)
+                if abs(t - event.time) < SAME
+            ]
             out.append(min(near, key=abs) if near else np.nan)
     return out
 
 
 def all_differences(walks: Sequence[Walk], moment: FootMoment, by: str = "plates") -> Array:
     """(n,) s over all walks; `by` is `plates` or `file`."""
-    return np.array([d for w in walks for d in differences(events_of(w), getattr(w, by), moment, w.time)])
+    return np.array(
+        [d for w in walks for d in differences(events_of(w), getattr(w, by), moment, w.time)]
+    )
 
 
 def told(found: Array) -> str:
     """Mean, standard deviation, number, missed: `-3 ± 8 ms (12, 1 missed)`."""
     seen = found[np.isfinite(found)]
     missed = f", {len(found) - len(seen)} missed" if len(seen) < len(found) else ""
-    return f"{1e3 * seen.mean():4.0f} ±{1e3 * seen.std():3.0f} ({len(seen)}{missed})" if len(seen) else "-"
+    return (
+        f"{1e3 * seen.mean():4.0f} ±{1e3 * seen.std():3.0f} ({len(seen)}{missed})"
+        if len(seen)
+        else "-"
+    )
 
 
 def lines(labs: dict[str, list[Walk]]) -> Iterator[str]:
-    yield "events of the motion less those of force plates and of the file, ms: mean ± deviation (number)"
+    yield (
+        "events of the motion less those of force plates and of the file, ms: mean ± deviation "
+        "(number)"
+    )
     for moment in FootMoment:
         for name, walks in labs.items():
-            cells = (f"{by:>9} {told(all_differences(walks, moment, by)):24}" for by in ("plates", "file"))
+            cells = (
+                f"{by:>9} {told(all_differences(walks, moment, by)):24}"
+                for by in ("plates", "file")
+            )
             yield f"{name:12}{moment.value:13}" + "".join(cells).rstrip()
 
 

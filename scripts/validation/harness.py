@@ -1,4 +1,5 @@
-"""One harness of all members: each makes or spoils recordings, runs gaitcal, classifies what comes, and reports.
+"""One harness of all members: each makes or spoils recordings, runs gaitcal, classifies what comes,
+and reports.
 
     python -m scripts.validation MEMBER [options]       from a checkout; `MEMBER --help` tells what it measures
 
@@ -10,8 +11,8 @@ A member is a module. Its docstring is its help, and it has
     run         does all of it, prints its tables, returns its results; without it the parts run one after the other
     passed      whether these keep their limits; exit code 1 where not (optional)
 
-`--json` writes what `run` returns. Real recordings are those of the folder that the environment variable GAITCAL_DATA
-names (`recordings.py`).
+`--json` writes what `run` returns. Real recordings are those of the folder that the environment
+variable GAITCAL_DATA names (`recordings.py`).
 """
 
 from __future__ import annotations
@@ -58,8 +59,8 @@ MEMBERS = {
 
 
 def option(default: Any, words: str, **more: Any) -> dict[str, Any]:
-    """An option with its default, or with the type of its value where it has none: a switch if that is False, one
-    that may be repeated if it is a list.
+    """An option with its default, or with the type of its value where it has none: a switch if that
+    is False, one that may be repeated if it is a list.
     """
     if default is False:
         return {"action": "store_true", "help": words, **more}
@@ -89,7 +90,9 @@ def words_of(allowed: type[Enum] | Iterable[str], default: Iterable[Any] = ()) -
     def parse(text: str) -> list[Any]:
         found = text.split(",")
         if unknown := [word for word in found if word not in known]:
-            raise argparse.ArgumentTypeError(f"found '{', '.join(unknown)}'; allowed: {', '.join(known)}")
+            raise argparse.ArgumentTypeError(
+                f"found '{', '.join(unknown)}'; allowed: {', '.join(known)}"
+            )
         return [known[word] for word in found]
 
     return {"type": parse, "default": list(default), "help": f"of {', '.join(known)}"}
@@ -124,7 +127,9 @@ def changed_settings(pairs: Sequence[str]) -> dict[str, object]:
 
 
 def side_by_side(tasks: Sequence[Callable[[], T]], jobs: int) -> Iterator[T]:
-    """What the tasks return, in their order and as soon as they have it; counted where somebody looks on."""
+    """What the tasks return, in their order and as soon as they have it; counted where somebody
+    looks on.
+    """
     results = Parallel(n_jobs=jobs, return_as="generator")(delayed(task)() for task in tasks)
     for number, result in enumerate(results, start=1):
         if sys.stderr.isatty():
@@ -142,9 +147,13 @@ def said(tasks: Sequence[Callable[[], T]], jobs: int) -> list[T]:
 
 
 def gaitcal(*words: object, seconds: float | None = None) -> subprocess.CompletedProcess[str]:
-    """The program in a process of its own, with what it says; subprocess.TimeoutExpired where it takes longer."""
+    """The program in a process of its own, with what it says; subprocess.TimeoutExpired where it
+    takes longer.
+    """
     command = [sys.executable, "-m", "gaitcal.cli", *map(str, words)]
-    return subprocess.run(command, capture_output=True, text=True, timeout=seconds, stdin=subprocess.DEVNULL)
+    return subprocess.run(
+        command, capture_output=True, text=True, timeout=seconds, stdin=subprocess.DEVNULL
+    )
 
 
 def say(*lines: str) -> None:
@@ -164,11 +173,15 @@ def write_json(found: object, file: Path) -> None:
             return value.value
         return asdict(value) if is_dataclass(value) and not isinstance(value, type) else str(value)
 
-    file.write_text(json.dumps(found, default=plain, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
+    file.write_text(
+        json.dumps(found, default=plain, indent=1, ensure_ascii=False) + "\n", encoding="utf-8"
+    )
 
 
 def parsed(member: ModuleType, name: str, arguments: Sequence[str]) -> argparse.Namespace:
-    """The options of a member; `settings` are those of `--set`, `keep` writes what there is to the file of `--json`."""
+    """The options of a member; `settings` are those of `--set`, `keep` writes what there is to the
+    file of `--json`.
+    """
     program = f"python -m scripts.validation {name}"
     raw = argparse.RawDescriptionHelpFormatter
     parser = argparse.ArgumentParser(program, description=member.__doc__, formatter_class=raw)
@@ -197,7 +210,9 @@ def _run(member: ModuleType, chosen: argparse.Namespace) -> Any:
     return found
 
 
-def each_part(parts: Mapping[str, Callable[[argparse.Namespace], T]], chosen: argparse.Namespace) -> dict[str, T]:
+def each_part(
+    parts: Mapping[str, Callable[[argparse.Namespace], T]], chosen: argparse.Namespace
+) -> dict[str, T]:
     """Run the parts that are asked for, and keep what there is after each."""
     out: dict[str, T] = {}
     for part in chosen.parts:
@@ -212,7 +227,9 @@ def each_part(parts: Mapping[str, Callable[[argparse.Namespace], T]], chosen: ar
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run a member; exit code 1 where it is not passed."""
     raw = argparse.RawDescriptionHelpFormatter
-    parser = argparse.ArgumentParser("python -m scripts.validation", description=__doc__, formatter_class=raw)
+    parser = argparse.ArgumentParser(
+        "python -m scripts.validation", description=__doc__, formatter_class=raw
+    )
     parser.add_argument("member", choices=MEMBERS)
     parser.add_argument("options", nargs=argparse.REMAINDER, help="see: MEMBER --help")
     told = parser.parse_args(arguments)
@@ -235,7 +252,8 @@ class Bars:
     within: tuple[int, int] = (0, 0)
     """Of 68 and of 95 %."""
     squares: float = 0.0
-    """Sum of the squared standard errors, in the unit of the figure; those without count as zero."""
+    """Sum of the squared standard errors, in the unit of the figure; those without count as zero.
+    """
 
     def __add__(self, other: Bars) -> Bars:
         within = (self.within[0] + other.within[0], self.within[1] + other.within[1])
@@ -251,7 +269,9 @@ class Bars:
 
 
 def bars(errors: Array, standard_errors: Array) -> Bars:
-    """Count them; an error without a standard error (NaN) is one whose interval has no width, and holds nothing."""
+    """Count them; an error without a standard error (NaN) is one whose interval has no width, and
+    holds nothing.
+    """
     errors, widths = np.ravel(errors), np.nan_to_num(np.ravel(standard_errors), nan=0.0)
     first, second = (int((np.abs(errors) < width * widths).sum()) for width in HALF_WIDTHS)
     return Bars(errors.size, (first, second), float((widths**2).sum()))
@@ -265,7 +285,10 @@ def shares(z: Array) -> tuple[float, float]:
 
 def coverage(z: Array) -> str:
     first, second = shares(z)
-    return f"{first:.0f}% of {len(z)} inside 68 %, {second:.0f}% inside 95 %, RMS {rms(z):.2f} standard errors"
+    return (
+        f"{first:.0f}% of {len(z)} inside 68 %, {second:.0f}% inside 95 %, RMS {rms(z):.2f} "
+        "standard errors"
+    )
 
 
 def rms(values: object) -> float:

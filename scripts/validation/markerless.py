@@ -1,11 +1,13 @@
-"""How near the truth are joints and torques of recordings without markers, and do their error bars hold?
+"""How near the truth are joints and torques of recordings without markers, and do their error bars
+hold?
 
     markerless [--parts poses,...] [--people 3] [--seed 0]
 
-Made-up people (joints and masses drawn as `synthesize --perturb` does) walk two strides; what a markerless program
-would write of that is calibrated, with plates beside it and no static trial. Parts whose name begins with `opensim`
-have the people whom OpenSim knows (p01, p18), each with as many draws of errors: their knees are no hinges, their
-masses are not ours, and the truth is OpenSim's inverse dynamics. Parts:
+Made-up people (joints and masses drawn as `synthesize --perturb` does) walk two strides; what a
+markerless program would write of that is calibrated, with plates beside it and no static trial.
+Parts whose name begins with `opensim` have the people whom OpenSim knows (p01, p18), each with as
+many draws of errors: their knees are no hinges, their masses are not ours, and the truth is
+OpenSim's inverse dynamics. Parts:
 
 poses        a pose for each segment, origins at the joints; each errs by 5 mm and 2 degrees along each axis, for 0.1 s
              at a time (Gaussian)
@@ -16,8 +18,9 @@ points       key points: joints, heels and toes, shoulders, elbows and wrists; e
 points_off   the same, and each 15 mm beside its place along each axis, constant
 opensim_...  `poses`, `biased`, `points` and `points_off` of people whom OpenSim knows
 
-Printed, of all people together: RMS distance of joint centres from where they are (mean over the walk, mm), and of
-torques over valid frames the RMS error, the RMS of the standard errors (N·m) and how often bars of 95 % cover.
+Printed, of all people together: RMS distance of joint centres from where they are (mean over the
+walk, mm), and of torques over valid frames the RMS error, the RMS of the standard errors (N·m) and
+how often bars of 95 % cover.
 """
 
 from __future__ import annotations
@@ -57,7 +60,9 @@ OWN = {"--people": option(3, "made-up people, or draws of errors")}
 Poses = Mapping[str, tuple[Array, Array]]
 """Segment, as Theia calls it -> (nf, 3, 3) axes forward, up, right, and (nf, 3) m origin."""
 AXES = np.eye(3)[:, [2, 0, 1]]
-"""Columns: the file's x, y, z of a segment, right, forward and up as Theia's are, in forward, up, right."""
+"""Columns: the file's x, y, z of a segment, right, forward and up as Theia's are, in forward, up,
+right.
+"""
 TOES, HAND = 0.19, 0.25
 """m, along the foot from its heel marker, and along the forearm from the elbow."""
 STUDY = """
@@ -103,7 +108,9 @@ def body_poses(parameters: Parameters, q: Array) -> Poses:
     body = chain.body(parameters)
     placed = Kinematics(body, q, columns=False)
     axes, origins = placed.axes, placed.origins
-    frames = {name: (axes[i].transpose(2, 1, 0), origins[i].T) for i, name in enumerate(chain.segments)}
+    frames = {
+        name: (axes[i].transpose(2, 1, 0), origins[i].T) for i, name in enumerate(chain.segments)
+    }
 
     def point(segment: str, local: Array | list[float]) -> Array:
         return np.asarray(frames[segment][1] + frames[segment][0] @ np.asarray(local))
@@ -123,7 +130,9 @@ def body_poses(parameters: Parameters, q: Array) -> Poses:
             "larm": (f"forearm_hand_{s}", joint(f"elbow_{s}.forearm", f"forearm_hand_{s}")),
             "hand": (f"forearm_hand_{s}", point(f"forearm_hand_{s}", [0.0, -HAND, 0.0])),
         }
-        out |= {f"{s}_{name}": (frames[segment][0], origin) for name, (segment, origin) in at.items()}
+        out |= {
+            f"{s}_{name}": (frames[segment][0], origin) for name, (segment, origin) in at.items()
+        }
     return out | {"torso": (frames["head_trunk"][0], 0.5 * (out["r_uarm"][1] + out["l_uarm"][1]))}
 
 
@@ -138,13 +147,17 @@ def slow(rng: np.random.Generator, time: Array, memory: float) -> Array:
 
 
 def opensim_poses(person: WalkingPerson, walk: Recording) -> Poses:
-    """Of a person whom OpenSim knows; axes as they stand in the static trial, where all are the laboratory's."""
+    """Of a person whom OpenSim knows; axes as they stand in the static trial, where all are the
+    laboratory's.
+    """
     stands = person.study.static.recording
     static = dict(zip(stands.labels, stands.markers.mean(axis=0), strict=True))
     at = dict(zip(walk.labels, walk.markers.transpose(1, 0, 2), strict=True))
 
     def axes(*labels: str) -> Array:
-        return rigid_motions(np.array([static[m] for m in labels]), np.stack([at[m] for m in labels], axis=1))[0]
+        return rigid_motions(
+            np.array([static[m] for m in labels]), np.stack([at[m] for m in labels], axis=1)
+        )[0]
 
     out = {"pelvis": (axes("RASI", "LASI", "RPSI", "LPSI"), 0.5 * (at["RHJC"] + at["LHJC"]))}
     out["torso"] = axes("CLAV", "C7", "RACR", "LACR"), 0.5 * (at["RSJC"] + at["LSJC"])
@@ -159,7 +172,10 @@ def opensim_poses(person: WalkingPerson, walk: Recording) -> Poses:
             "hand": ("FAradius", "FAsuperior FAradius FAulna"),
         }
         for name, (origin, labels) in own.items():
-            out[f"{s}_{name}"] = axes(*(s.upper() + label for label in labels.split())), at[s.upper() + origin]
+            out[f"{s}_{name}"] = (
+                axes(*(s.upper() + label for label in labels.split())),
+                at[s.upper() + origin],
+            )
     return out
 
 
@@ -167,7 +183,10 @@ def poses_recording(seed: int, errors: Errors, poses: Poses, time: Array) -> Rec
     rng, labels, out = np.random.default_rng(seed), [], []
     for name, (axes, origin) in poses.items():
         place, turn = errors.constant
-        off, beside = Rotation.from_rotvec(turn * rng.standard_normal(3)), place * rng.standard_normal(3)
+        off, beside = (
+            Rotation.from_rotvec(turn * rng.standard_normal(3)),
+            place * rng.standard_normal(3),
+        )
         shaken = Rotation.from_rotvec(errors.turn * slow(rng, time, errors.memory)).as_matrix()
         pose = np.tile(np.eye(4), (len(time), 1, 1))
         pose[:, :3, :3] = shaken @ axes @ off.as_matrix() @ AXES
@@ -178,9 +197,20 @@ def poses_recording(seed: int, errors: Errors, poses: Poses, time: Array) -> Rec
     return Recording(source="made up", time=time, labels=names, markers=markers, notes=notes)
 
 
-KEY_POINTS = {"Hip": "thigh", "Knee": "shank", "Ankle": "foot", "Shoulder": "uarm", "Elbow": "larm", "Wrist": "hand"}
+KEY_POINTS = {
+    "Hip": "thigh",
+    "Knee": "shank",
+    "Ankle": "foot",
+    "Shoulder": "uarm",
+    "Elbow": "larm",
+    "Wrist": "hand",
+}
 """Key point -> the segment at whose origin it lies."""
-TOE_POINTS = {"BigToe": (0.0, 0.0, -0.03), "SmallToe": (-0.03, 0.0, 0.05), "Heel": (-TOES, 0.0, 0.0)}
+TOE_POINTS = {
+    "BigToe": (0.0, 0.0, -0.03),
+    "SmallToe": (-0.03, 0.0, 0.05),
+    "Heel": (-TOES, 0.0, 0.0),
+}
 """Key point of the right foot -> m, from the origin of the toes."""
 
 
@@ -193,8 +223,12 @@ def points_recording(seed: int, errors: Errors, poses: Poses, time: Array) -> Re
         for name, (segment, local) in away.items():
             axes, origin = poses[f"{side}_{segment}"]
             beside = local + errors.constant[0] * rng.standard_normal(3)
-            out[f"{side.upper()}{name}"] = origin + axes @ beside + errors.place * slow(rng, time, errors.memory)
-    return Recording(source="made up", time=time, labels=tuple(out), markers=np.stack(list(out.values()), axis=1))
+            out[f"{side.upper()}{name}"] = (
+                origin + axes @ beside + errors.place * slow(rng, time, errors.memory)
+            )
+    return Recording(
+        source="made up", time=time, labels=tuple(out), markers=np.stack(list(out.values()), axis=1)
+    )
 
 
 @dataclass(frozen=True)
@@ -217,7 +251,9 @@ def made_up(seed: int, folder: Path) -> Walk:
     forces = 'forces = "walk_forces.csv"\nplates = { 1 = "r", 2 = "l" }'
     state = [motion.basis.evaluate(motion.coefficients, derivative) for derivative in range(3)]
     torques = dict(zip(FORCES, Dynamics(parameters).forces(*state, wrench).T, strict=True))
-    return Walk(body_poses(parameters, motion.q), motion.basis.time, parameters.mass, 1.70, forces, torques)
+    return Walk(
+        body_poses(parameters, motion.q), motion.basis.time, parameters.mass, 1.70, forces, torques
+    )
 
 
 def of_opensim(name: str) -> Walk:
@@ -243,10 +279,14 @@ class Outcome:
 
 
 def outcome(folder: Path, seed: int, errors: Errors, walk: Walk, *, points: bool) -> Outcome:
-    """A walk written to a folder, calibrated and held against the truth; `points`: key points in place of poses."""
+    """A walk written to a folder, calibrated and held against the truth; `points`: key points in
+    place of poses.
+    """
     made, marker_set = (points_recording, "key-points") if points else (poses_recording, "poses")
     write_markers_csv(folder / "walk.csv", made(seed, errors, walk.poses, walk.time))
-    words = STUDY.format(mass=walk.mass, height=walk.height, marker_set=marker_set, forces=walk.forces)
+    words = STUDY.format(
+        mass=walk.mass, height=walk.height, marker_set=marker_set, forces=walk.forces
+    )
     (folder / "study.toml").write_text(words, encoding="utf-8")
     return against(calibrate(Study.load(folder / "study.toml")), walk)
 
@@ -265,18 +305,31 @@ def against(found: Calibration, true: Walk) -> Outcome:
 
     def torque(name: str) -> tuple[Array, Array]:
         columns = [FORCES.index(f"{name}_{side}") for side in SIDES]
-        known = [np.interp(walk.body.time, true.time, true.torques[f"{name}_{side}"]) for side in SIDES]
-        own = np.hstack([loads.final.tau, loads.final.knee_adduction])[:, columns] - np.column_stack(known)
+        known = [
+            np.interp(walk.body.time, true.time, true.torques[f"{name}_{side}"]) for side in SIDES
+        ]
+        own = np.hstack([loads.final.tau, loads.final.knee_adduction])[
+            :, columns
+        ] - np.column_stack(known)
         valid = loads.reactions.valid
         return own[valid].ravel(), loads.errors.every[valid][:, columns].ravel()
 
     names = {"hip": "thigh", "knee": "shank", "ankle": "foot"}
-    centres = {joint: np.array([apart(f"{s}_{name}") for s in SIDES]) for joint, name in names.items()}
+    centres = {
+        joint: np.array([apart(f"{s}_{name}") for s in SIDES]) for joint, name in names.items()
+    }
     known = [name for name in TORQUES if f"{name}_r" in true.torques]
     return Outcome(found.verdict.judgement.value, centres, {name: torque(name) for name in known})
 
 
-TORQUES = ("hip_flexion", "hip_adduction", "hip_rotation", "knee_angle", "knee_adduction", "ankle_angle")
+TORQUES = (
+    "hip_flexion",
+    "hip_adduction",
+    "hip_rotation",
+    "knee_angle",
+    "knee_adduction",
+    "ankle_angle",
+)
 ERRORS: dict[str, Errors] = {
     "poses": Errors(),
     "white": Errors(memory=0.0),
@@ -298,16 +351,27 @@ def report(part: str, chosen: argparse.Namespace) -> dict[str, object]:
             with tempfile.TemporaryDirectory() as name:
                 folder = Path(name)
                 walk = of_opensim(person) if person else made_up(seed, folder)
-                found.append(outcome(folder, seed, (ERRORS | OF_OPENSIM)[part], walk, points=points))
-    centres = {joint: 1e3 * rms(np.concatenate([one.centres[joint] for one in found])) for joint in found[0].centres}
+                found.append(
+                    outcome(folder, seed, (ERRORS | OF_OPENSIM)[part], walk, points=points)
+                )
+    centres = {
+        joint: 1e3 * rms(np.concatenate([one.centres[joint] for one in found]))
+        for joint in found[0].centres
+    }
     say(f"{part}: {', '.join(one.trusted for one in found)}")
-    say("  joint centres off by " + ", ".join(f"{joint} {size:.1f} mm" for joint, size in centres.items()))
+    say(
+        "  joint centres off by "
+        + ", ".join(f"{joint} {size:.1f} mm" for joint, size in centres.items())
+    )
     out: dict[str, object] = {"verdicts": [one.trusted for one in found], "centres_mm": centres}
     for torque in found[0].torques:
         off, bars = (np.concatenate([one.torques[torque][k] for one in found]) for k in range(2))
         covered = float(np.mean(np.abs(off) <= 1.96 * bars))
         out[torque] = {"rms": rms(off), "se": rms(bars), "covered": covered}
-        say(f"  {torque:14s} {rms(off):6.2f} N·m, standard error {rms(bars):6.2f}, covered {100 * covered:5.1f} %")
+        say(
+            f"  {torque:14s} {rms(off):6.2f} N·m, standard error {rms(bars):6.2f}, covered "
+            f"{100 * covered:5.1f} %"
+        )
     return out
 
 

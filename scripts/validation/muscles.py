@@ -1,25 +1,29 @@
 """Do muscles of an OpenSim model get their moment arms back, and do error bars of moment arms hold?
 
-    muscles [--parts back,people,drawn,same] [--draws 25] [--models 20] [--noise MM] [--only REGEX] [--osim FILE ...]
+    muscles [--parts back,people,drawn,same] [--draws 25] [--models 20] [--noise MM] [--only REGEX]
+    [--osim FILE ...]
 
-Two people that OpenSim simulated walk once (`opensim_truth`). In their models the joints of the legs are put 10 to 20
-mm off, across their axes, as nothing tells where along it a hinge is; `gaitcal export --into` brings them back by
-what calibration finds.
+Two people that OpenSim simulated walk once (`opensim_truth`). In their models the joints of the
+legs are put 10 to 20 mm off, across their axes, as nothing tells where along it a hinge is;
+`gaitcal export --into` brings them back by what calibration finds.
 
 back      without noise, by the walk, and by isolated trials of hip, knee and ankle, too: the largest errors of moment
           arms, and whether they are as large as their standard deviations say
 people    with marker noise as published (one sinusoid a marker coordinate), in the static trial, too. Each draw of
-          noise has standard deviations of its own, of so many drawn models. Wanted: its 95 % intervals, Student's, hold
-          90 to 99 % of the true moment arms of the right leg, in two postures of each coordinate. Both people are
-          scaled from one pelvis, whose hips lie 15 mm farther in and 13 to 24 mm lower than regressions from people
-          have them: with much noise arms of hip adduction are off by that in every draw
+          noise has standard deviations of its own, of so many drawn models. Wanted: its 95 %
+          intervals, Student's, hold 90 to 99 % of the true moment arms of the right leg, in two
+          postures of each coordinate. Both people are scaled from one pelvis, whose hips lie 15 mm
+          farther in and 13 to 24 mm lower than regressions from people have them: with much noise
+          arms of hip adduction are off by that in every draw
 drawn     the same with a prior of which these people are a draw (`people/simulated.py`): what intervals must hold
 same      of these models and those of `--osim`: an export of the joints that are in place leaves every byte, and moment
-          arms bit by bit in 1000 postures; joints put off come back; seconds of an export and of a draw
+          arms bit by bit in 1000 postures; joints put off come back; seconds of an export and of a
+          draw
 
-In part `same` the person has the very joints of the model: segment frames are its body frames (the talus has one of its
-own), and the person stands with all coordinates of the model zero. A line of the model's joint becomes joint parameters
-as `gaitcal/model/linkage.py` defines them. Needs the `opensim` package.
+In part `same` the person has the very joints of the model: segment frames are its body frames (the
+talus has one of its own), and the person stands with all coordinates of the model zero. A line of
+the model's joint becomes joint parameters as `gaitcal/model/linkage.py` defines them. Needs the
+`opensim` package.
 """
 
 from __future__ import annotations
@@ -66,26 +70,35 @@ FREE_POINTS = 4
 
 
 def person_of(peer: PeerModel, *, markers: bool = True) -> SubjectModel:
-    """A person whose legs are those of the model, and who wears its markers (or others, that it does not have)."""
+    """A person whose legs are those of the model, and who wears its markers (or others, that it
+    does not have).
+    """
     parameters, posture = published_subject(), dict[str, float]()
     legs = {leg.ours: leg.theirs for leg in leg_joints(peer)}
     bodies = {"pelvis": legs["hip_r"].parent}
     for side in SIDES:
-        bodies |= {f"thigh_{side}": legs[f"hip_{side}"].child, f"shank_{side}": legs[f"knee_{side}"].child}
+        bodies |= {
+            f"thigh_{side}": legs[f"hip_{side}"].child,
+            f"shank_{side}": legs[f"knee_{side}"].child,
+        }
         bodies[f"foot_{side}"] = legs[f"subtalar_{side}"].child
         values, angles, standing = _leg(peer, side, bodies, parameters)
         zero = parameters.zero_angles.copy()
         for name, value in angles.items():
             zero[ZERO_ANGLES.index(name)] = value
         parameters = Parameters(
-            parameters.with_joint(tuple(values), np.array(list(values.values()))).joint, parameters.inertial, zero
+            parameters.with_joint(tuple(values), np.array(list(values.values()))).joint,
+            parameters.inertial,
+            zero,
         )
         posture |= standing
     placed = list(_markers(peer, bodies) if markers else _free_points(bodies))
     labels, segments, local = zip(*placed, strict=True)
     placement = MarkerPlacement(labels, segments, np.array(local), np.ones(len(labels)))
     who = Subject("truth", 70.0, 1.75, "male")
-    return SubjectModel(subject=who, parameters=parameters, nominal=parameters, markers=placement, posture=posture)
+    return SubjectModel(
+        subject=who, parameters=parameters, nominal=parameters, markers=placement, posture=posture
+    )
 
 
 def _hinge(leg: LegJoint) -> Hinge:
@@ -97,14 +110,20 @@ def _hinge(leg: LegJoint) -> Hinge:
 def _leg(
     peer: PeerModel, side: str, bodies: dict[str, str], base: Parameters
 ) -> tuple[dict[str, float], dict[str, float], dict[str, float]]:
-    """Joint parameters, zero angles and standing coordinates of one leg; the laboratory is the pelvis."""
+    """Joint parameters, zero angles and standing coordinates of one leg; the laboratory is the
+    pelvis.
+    """
     s = 1.0 if side == "r" else -1.0
-    legs = {leg.ours.partition("_")[0]: leg for leg in leg_joints(peer) if leg.ours.endswith(f"_{side}")}
+    legs = {
+        leg.ours.partition("_")[0]: leg for leg in leg_joints(peer) if leg.ours.endswith(f"_{side}")
+    }
     hip, knee, hinge = legs["hip"].theirs, legs["knee"].theirs, _hinge(legs["knee"])
     shank, foot = bodies[f"shank_{side}"], bodies[f"foot_{side}"]
     of_thigh = peer.joint_pose(hip, {})
     # the pose of the shank is that of the hinge: it does not roll
-    of_knee = peer.body_pose(knee.parent, bodies[f"thigh_{side}"]) * hinge.pose(hinge.angle(peer.joint_pose(knee, {})))
+    of_knee = peer.body_pose(knee.parent, bodies[f"thigh_{side}"]) * hinge.pose(
+        hinge.angle(peer.joint_pose(knee, {}))
+    )
     of_shank, of_foot = of_thigh * of_knee, peer.body_pose(foot, shank)
 
     def axis(joint: str) -> Axis:
@@ -151,7 +170,10 @@ def _leg(
     talus = in_parent * pin.SE3(axis_rotation(2, ankle), np.zeros(3))
     in_parent, in_child = frames("subtalar", talocrural=ankle, subtalar=0.0)
     rest = ((talus * in_parent).actInv(of_foot) * in_child).rotation
-    zero = {f"talocrural_{side}.zero": ankle, f"subtalar_{side}.zero": float(np.arctan2(rest[2, 1], rest[1, 1]))}
+    zero = {
+        f"talocrural_{side}.zero": ankle,
+        f"subtalar_{side}.zero": float(np.arctan2(rest[2, 1], rest[1, 1])),
+    }
     return jp, zero, standing
 
 
@@ -195,7 +217,9 @@ Arms = Mapping[tuple[str, str], MusclePath]
 
 
 def disturbed(source: Path, out: Path, *, across: bool = False, deg: float = 0.0) -> Path:
-    """The model with all joints of the legs 10 to 20 mm (and some degrees) off; `across`: hinges across their axes."""
+    """The model with all joints of the legs 10 to 20 mm (and some degrees) off; `across`: hinges
+    across their axes.
+    """
     rng = np.random.default_rng(3)
     document = read_document(source)
     places = {}
@@ -203,11 +227,15 @@ def disturbed(source: Path, out: Path, *, across: bool = False, deg: float = 0.0
         for end, frame in (("parent", leg.theirs.in_parent), ("child", leg.theirs.in_child)):
             way = rng.normal(size=3)
             if across and leg.hinge is not None:
-                axis = (leg.hinge.in_parent if end == "parent" else leg.hinge.in_child).rotation[:, 2]
+                axis = (leg.hinge.in_parent if end == "parent" else leg.hinge.in_child).rotation[
+                    :, 2
+                ]
                 way -= axis * (axis @ way)
             way *= rng.uniform(*OFF) / np.linalg.norm(way)
             turn = pin.exp3(np.deg2rad(deg) * rng.normal(size=3))
-            places[leg.theirs.name, end] = Place(frame.translation + way, frame.rotation @ turn if deg else None)
+            places[leg.theirs.name, end] = Place(
+                frame.translation + way, frame.rotation @ turn if deg else None
+            )
     out.write_bytes(document.changed(places))
     return out
 
@@ -235,7 +263,9 @@ def draw(
     drawn: bool = False,
     roles: tuple[str, ...] = ("gait",),
 ) -> Draw:
-    """`seed`: of the noise (m), None: without; `drawn`: the person is a draw from the prior; `roles`: of its trials."""
+    """`seed`: of the noise (m), None: without; `drawn`: the person is a draw from the prior;
+    `roles`: of its trials.
+    """
     data = Path(os.environ["GAITCAL_DATA"]).resolve() / "opensim_truth"
     made = isolated_person(person, data, cache, with_gait=True)
     study = only(made.study, *roles)
@@ -243,16 +273,25 @@ def draw(
     if seed is not None:
         recordings = [t.recording for t in study.trials]
         noisy = [
-            replace(r, markers=r.markers + marker_noise(r.time, r.markers.shape[1], rng, noise)) for r in recordings
+            replace(r, markers=r.markers + marker_noise(r.time, r.markers.shape[1], rng, noise))
+            for r in recordings
         ]
-        study = replace(study, trials=tuple(replace(t, recording=r) for t, r in zip(study.trials, noisy, strict=True)))
+        study = replace(
+            study,
+            trials=tuple(replace(t, recording=r) for t, r in zip(study.trials, noisy, strict=True)),
+        )
     if drawn:
         study, _ = prior_about_truth(made, study, rng)
     found = calibrate(study)
-    recorded = where_they_move([t.calibrated.q for t in found.trials if t.joint is None])  # others: of one joint alone
+    recorded = where_they_move(
+        [t.calibrated.q for t in found.trials if t.joint is None]
+    )  # others: of one joint alone
     source = data / person / MODELS[person]
     with tempfile.TemporaryDirectory() as name:
-        wrong, back = disturbed(source, Path(name) / "wrong.osim", across=True), Path(name) / "m.osim"
+        wrong, back = (
+            disturbed(source, Path(name) / "wrong.osim", across=True),
+            Path(name) / "m.osim",
+        )
         done = into_osim(
             found.model,
             wrong,
@@ -261,7 +300,11 @@ def draw(
             recorded=recorded,
             marker_set=study.marker_set,
         )
-        values_of = {c: values[list(VALUES)] for c, values in leg_ranges(done.legs).items() if c.endswith("_r")}
+        values_of = {
+            c: values[list(VALUES)]
+            for c, values in leg_ranges(done.legs).items()
+            if c.endswith("_r")
+        }
 
         def arms(content: bytes) -> Arms:
             back.write_bytes(content)
@@ -275,16 +318,23 @@ def draw(
         coordinates=tuple(coordinate for _, coordinate in keys),
         errors=np.array([now[key].arm - truth[key].arm for key in keys]),
         largest=np.array([np.abs(truth[key].arm).max() for key in keys]),
-        deviations=np.array([[other[key].arm for key in keys] for other in others]).std(axis=0, ddof=1),
+        deviations=np.array([[other[key].arm for key in keys] for other in others]).std(
+            axis=0, ddof=1
+        ),
     )
 
 
 def back(chosen: argparse.Namespace) -> dict[str, float]:
-    """Errors without noise, in mm and relative to the largest moment arm of the muscle about the coordinate."""
+    """Errors without noise, in mm and relative to the largest moment arm of the muscle about the
+    coordinate.
+    """
     out = {}
     for person, (words, roles) in product(matching(chosen.only, MODELS), TRIALS.items()):
         found = draw(person, None, 0.0, chosen.models, chosen.cache, roles=roles)
-        say(f"{person}, {words}: arms back to 1 % of their largest; errors over SD, RMS; the worst, mm")
+        say(
+            f"{person}, {words}: arms back to 1 % of their largest; errors over SD, RMS; the "
+            "worst, mm"
+        )
         for coordinate in dict.fromkeys(found.coordinates):
             of = [k for k, c in enumerate(found.coordinates) if c == coordinate]
             error = np.abs(found.errors[of]).max(axis=1)
@@ -300,7 +350,9 @@ def back(chosen: argparse.Namespace) -> dict[str, float]:
 
 def held(drawn: bool, chosen: argparse.Namespace) -> dict[str, float]:
     """Share of true moment arms within their intervals, %, by coordinate."""
-    seeds = [int(s.generate_state(1)[0]) for s in np.random.SeedSequence(chosen.seed).spawn(chosen.draws)]
+    seeds = [
+        int(s.generate_state(1)[0]) for s in np.random.SeedSequence(chosen.seed).spawn(chosen.draws)
+    ]
     tasks = [
         partial(draw, person, seed, 1e-3 * chosen.noise, chosen.models, chosen.cache, drawn)
         for person in matching(chosen.only, MODELS)
@@ -309,7 +361,9 @@ def held(drawn: bool, chosen: argparse.Namespace) -> dict[str, float]:
     width = float(student.ppf(0.975, chosen.models - 1))
     rows: dict[str, list[Array]] = {}
     for found in side_by_side(tasks, chosen.jobs):
-        for name, error, deviation in zip(found.coordinates, found.errors, found.deviations, strict=True):
+        for name, error, deviation in zip(
+            found.coordinates, found.errors, found.deviations, strict=True
+        ):
             for of in (name, "all"):
                 rows.setdefault(of, []).append(np.stack([error, deviation], axis=1))
     say(f"{len(tasks)} draws of noise up to {chosen.noise:g} mm, {chosen.models} models each")
@@ -319,7 +373,12 @@ def held(drawn: bool, chosen: argparse.Namespace) -> dict[str, float]:
         error, deviation = np.concatenate(pairs).T
         out[name] = 100.0 * float(np.mean(np.abs(error) <= width * deviation))
         say(f"{name:20}{out[name]:12.1f}{1e3 * rms(error):12.2f}{1e3 * rms(deviation):10.2f}")
-    judged("95 % intervals of moment arms hold", f"{out['all']:.1f} %", "90 to 99 %", met=_holds(out["all"]))
+    judged(
+        "95 % intervals of moment arms hold",
+        f"{out['all']:.1f} %",
+        "90 to 99 %",
+        met=_holds(out["all"]),
+    )
     return out
 
 
@@ -331,8 +390,13 @@ def same(chosen: argparse.Namespace) -> dict[str, float]:
     """A row for every model: 1 where bytes and moment arms are the same, else 0."""
     data = Path(os.environ["GAITCAL_DATA"]).resolve()
     known = [data / "opensim_truth" / person / file for person, file in MODELS.items()]
-    known += [data / "subject01/reference/subject01_simbody.osim", data / "uf3/reference/scaled.osim"]
-    say(f"{'model':40}{'bytes':>7}{'arms':>6}{'muscles':>9}{'back, mm':>10}{'export, s':>11}{'draw, s':>9}")
+    known += [
+        data / "subject01/reference/subject01_simbody.osim",
+        data / "uf3/reference/scaled.osim",
+    ]
+    say(
+        f"{'model':40}{'bytes':>7}{'arms':>6}{'muscles':>9}{'back, mm':>10}{'export, s':>11}{'draw, s':>9}"
+    )
     files = [*known, *chosen.osim]
     tasks = [partial(_same, file) for file in files]
     out = {}
@@ -360,8 +424,15 @@ def _same(file: Path) -> tuple[str, bool]:
         other.write_bytes(wrong.content)
         apart = max(_apart(done.legs, leg_joints(read_osim(other))))
         other.write_bytes(done.content)
-        pairs = list(zip(_arms_in_postures(file, done.legs), _arms_in_postures(other, done.legs), strict=True))
-    bytes_same, arms_same = done.content == file.read_bytes(), all(np.array_equal(a, b) for a, b in pairs)
+        pairs = list(
+            zip(
+                _arms_in_postures(file, done.legs), _arms_in_postures(other, done.legs), strict=True
+            )
+        )
+    bytes_same, arms_same = (
+        done.content == file.read_bytes(),
+        all(np.array_equal(a, b) for a, b in pairs),
+    )
     words = f"{bytes_same!s:>7}{arms_same!s:>6}{len(pairs[0][0]):9}{1e3 * apart:10.4f}{seconds:11.2f}{of_draw:9.2f}"
     return words, bytes_same and arms_same
 
@@ -378,7 +449,9 @@ def _apart(was: tuple[LegJoint, ...], now: tuple[LegJoint, ...]) -> Iterator[flo
 
 
 def _arms_in_postures(file: Path, legs: tuple[LegJoint, ...]) -> Iterator[Array]:
-    """(n,) m, of muscles that cross one coordinate of the legs after the other, the others anywhere in their ranges."""
+    """(n,) m, of muscles that cross one coordinate of the legs after the other, the others anywhere
+    in their ranges.
+    """
     import opensim  # type: ignore[import-untyped,import-not-found,unused-ignore]
 
     opensim.Logger.removeFileSink()
@@ -410,5 +483,9 @@ PARTS: dict[str, Callable[[argparse.Namespace], dict[str, float]]] = {
 
 
 def passed(found: Mapping[str, Mapping[str, float]]) -> bool:
-    """Whether intervals of 95 % hold as many as they should, where people are a draw from the prior."""
-    return all(_holds(found["drawn"]["all"]) for _ in {"drawn"} & set(found)) and all(found.get("same", {}).values())
+    """Whether intervals of 95 % hold as many as they should, where people are a draw from the
+    prior.
+    """
+    return all(_holds(found["drawn"]["all"]) for _ in {"drawn"} & set(found)) and all(
+        found.get("same", {}).values()
+    )

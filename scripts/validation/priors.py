@@ -2,19 +2,21 @@
 
     priors [--parts offset,structured,wide] [--cohort 20] [--left-out 12] [--seed 0]
 
-Made-up people of populations that the program does not know (how the joints of their linkage deviate from nominal
-ones), with slow waves on every marker. Priors are learnt of a cohort that walked (`gait`), and of the same people with
-isolated trials of hips, knees and ankles besides (`isolated`). People who are not in the cohort, and walked, are
-calibrated with the default prior and with these two, all else being equal.
+Made-up people of populations that the program does not know (how the joints of their linkage
+deviate from nominal ones), with slow waves on every marker. Priors are learnt of a cohort that
+walked (`gait`), and of the same people with isolated trials of hips, knees and ankles besides
+(`isolated`). People who are not in the cohort, and walked, are calibrated with the default prior
+and with these two, all else being equal.
 
-Printed: RMS error of the legs' joint parameters, and how often bars of 95 % cover the truth: nominal, default prior,
-priors of either cohort; then the same by joint, and by how well the walk of a person shows a direction of the
-parameters. A person takes some 20 s.
+Printed: RMS error of the legs' joint parameters, and how often bars of 95 % cover the truth:
+nominal, default prior, priors of either cohort; then the same by joint, and by how well the walk of
+a person shows a direction of the parameters. A person takes some 20 s.
 
-The published person's linkage is changed by what the population says, its joints about where a study takes them to be
-nominal, and then made as tall as the person is. As both segments of a joint have their frames from one static posture,
-what is told of them in those frames goes together. Markers move as in `gaitcal synthesize`: slow waves of up to
-10 mm, none in the static trial. Frames are thinned to 100 Hz in the walk, 33 Hz in isolated trials.
+The published person's linkage is changed by what the population says, its joints about where a
+study takes them to be nominal, and then made as tall as the person is. As both segments of a joint
+have their frames from one static posture, what is told of them in those frames goes together.
+Markers move as in `gaitcal synthesize`: slow waves of up to 10 mm, none in the static trial. Frames
+are thinned to 100 Hz in the walk, 33 Hz in isolated trials.
 """
 
 from __future__ import annotations
@@ -57,7 +59,10 @@ from scripts.validation.people.fits import Fit, fitted
 from scripts.validation.recordings import only, write_folder
 
 SHARED = ("--seed",)
-OWN = {"--cohort": option(20, "people in the cohort"), "--left-out": option(12, "people who are not")}
+OWN = {
+    "--cohort": option(20, "people in the cohort"),
+    "--left-out": option(12, "people who are not"),
+}
 POSITION = np.array([p.kind is Kind.POSITION for p in JOINT_PARAMETERS])
 Draw = Callable[[np.random.Generator, Person], Array]
 """(98,) m, rad: deviations of a new person."""
@@ -73,19 +78,23 @@ def both_sides(values: Array) -> Array:
 
 
 def offset(rng: np.random.Generator) -> Draw:
-    """Everybody deviates by nearly the same: uniform within 10 mm and 10 deg; their own spread is 2 mm and 2 deg."""
+    """Everybody deviates by nearly the same: uniform within 10 mm and 10 deg; their own spread is 2
+    mm and 2 deg.
+    """
     common = both_sides(rng.uniform(-1.0, 1.0, len(JP_NAMES)) * scaled(10.0, 10.0))
     return lambda own, person: common + own.normal(size=len(common)) * scaled(2.0, 2.0)
 
 
 def wide(rng: np.random.Generator) -> Draw:
-    """No deviation in common; each parameter independent, uniform within 10 mm and 10 deg as `synthesize --perturb`."""
+    """No deviation in common; each parameter independent, uniform within 10 mm and 10 deg as
+    `synthesize --perturb`.
+    """
     return lambda own, person: own.uniform(-1.0, 1.0, len(JP_NAMES)) * scaled(10.0, 10.0)
 
 
 def structured(rng: np.random.Generator) -> Draw:
-    """Three traits move many parameters of both sides together (4 mm, 4 deg each), size moves them by 4 mm and 3 deg
-    for 10 cm, an offset by 4 mm and 4 deg; their own spread is 1.5 mm, 1.5 deg.
+    """Three traits move many parameters of both sides together (4 mm, 4 deg each), size moves them
+    by 4 mm and 3 deg for 10 cm, an offset by 4 mm and 4 deg; their own spread is 1.5 mm, 1.5 deg.
     """
     count = len(JP_NAMES)
     traits = np.array([both_sides(rng.normal(size=count) * scaled(4.0, 4.0)) for _ in range(3)])
@@ -94,7 +103,12 @@ def structured(rng: np.random.Generator) -> Draw:
 
     def draw(own: np.random.Generator, person: Person) -> Array:
         by_size = (person.height - HEIGHT) / STEP * size
-        out: Array = common + by_size + own.normal(size=3) @ traits + own.normal(size=count) * scaled(1.5, 1.5)
+        out: Array = (
+            common
+            + by_size
+            + own.normal(size=3) @ traits
+            + own.normal(size=count) * scaled(1.5, 1.5)
+        )
         return out
 
     return draw
@@ -129,16 +143,25 @@ class MadePerson:
 
 def person_of(draw: Draw, seed: tuple[int, ...], *, isolated: bool) -> MadePerson:
     streams = [np.random.default_rng(s) for s in np.random.SeedSequence(seed).spawn(2)]
-    person = Person(height=float(streams[0].uniform(*HEIGHTS)), sex="male" if streams[0].random() < 0.5 else "female")
+    person = Person(
+        height=float(streams[0].uniform(*HEIGHTS)),
+        sex="male" if streams[0].random() < 0.5 else "female",
+    )
     return recorded(person, draw(streams[0], person), streams[1], isolated=isolated)
 
 
-def recorded(person: Person, deviation: Array, rng: np.random.Generator, *, isolated: bool) -> MadePerson:
+def recorded(
+    person: Person, deviation: Array, rng: np.random.Generator, *, isolated: bool
+) -> MadePerson:
     """Record a person whose joints deviate so (98,) from those that the study takes to be nominal."""
     published = published_model(static_only=True)
     size = person.height / published.subject.height
     at_size = np.where(POSITION, size, 1.0)
-    joint = published.parameters.joint - (nominal_error() if deviation.any() else 0.0) + deviation / at_size
+    joint = (
+        published.parameters.joint
+        - (nominal_error() if deviation.any() else 0.0)
+        + deviation / at_size
+    )
     parameters = replace(published.parameters, joint=joint)
     pose = standing_pose(parameters)
     motions = {"static": static_motion(standing=pose), "gait": two_strides(parameters)}
@@ -150,15 +173,21 @@ def recorded(person: Person, deviation: Array, rng: np.random.Generator, *, isol
         markers=replace(published.markers, local=size * published.markers.local),
     )
     with tempfile.TemporaryDirectory() as name:
-        recordings = {trial: recording(trial, tall, motion, size, rng) for trial, motion in motions.items()}
-        study = Study.load(write_folder(Path(name), recordings, ("made up", 70.0, person.height, person.sex)))
+        recordings = {
+            trial: recording(trial, tall, motion, size, rng) for trial, motion in motions.items()
+        }
+        study = Study.load(
+            write_folder(Path(name), recordings, ("made up", 70.0, person.height, person.sex))
+        )
     truth = static_frames(tall, HipCentre(study.settings.hip_rule)).parameters.joint
     return MadePerson(study=study, truth=truth, nominal=nominal_of(study), person=person)
 
 
 @cache
 def nominal_error() -> Array:
-    """(98,) m, rad: what a study's nominal joints of the published person miss, which no population has."""
+    """(98,) m, rad: what a study's nominal joints of the published person miss, which no population
+    has.
+    """
     published = published_model().subject
     person = Person(height=published.height, sex=published.sex)
     plain = recorded(person, np.zeros(len(JP_NAMES)), np.random.default_rng(0), isolated=False)
@@ -171,14 +200,20 @@ def fit(made: MadePerson, prior: JointPrior | None = None) -> Fit:
 
 
 def evidence(name: str, made: MadePerson, found: Fit) -> PersonEvidence:
-    parts = parts_of(found.influence, found.parameters.joint - made.nominal.parameters.joint, JP_NAMES, None)
+    parts = parts_of(
+        found.influence, found.parameters.joint - made.nominal.parameters.joint, JP_NAMES, None
+    )
     if parts is None:
         raise RuntimeError("errors of joint parameters without rank")
     return PersonEvidence(name=name, person=made.person, recordings=frozenset(), parts=parts)
 
 
-def recording(trial: str, model: SubjectModel, motion: TrueMotion, size: float, rng: np.random.Generator) -> Recording:
-    """Markers of a trial; noise unless it is static. `size`: of the person against the published one."""
+def recording(
+    trial: str, model: SubjectModel, motion: TrueMotion, size: float, rng: np.random.Generator
+) -> Recording:
+    """Markers of a trial; noise unless it is static. `size`: of the person against the published
+    one.
+    """
     q = motion.q.copy()
     q[:, TRANSLATIONS] *= size
     every = synthetic_markers(model.parameters, model.markers, q)
@@ -194,7 +229,9 @@ def recording(trial: str, model: SubjectModel, motion: TrueMotion, size: float, 
 
 LEGS = np.array([JP_INDEX[name] for name in LEG_PARAMETERS])
 SEEN = (0.3, 3.0)
-"""Information in units of the default prior's: directions with less are hardly seen in a walk, with more well."""
+"""Information in units of the default prior's: directions with less are hardly seen in a walk, with
+more well.
+"""
 BANDS = ("hardly seen in the walk", "half seen", "well seen")
 
 
@@ -219,8 +256,13 @@ def report(outcomes: Sequence[Outcome]) -> Iterator[str]:
                 yield _line(outcomes, f"{joint}, {kind.value}s, {kind.unit}", chosen)
     for band, name in enumerate(BANDS):
         yield _band(outcomes, band, name)
-    bars = {name: np.array([o.fits[name].errors[LEGS] for o in outcomes]) for name in outcomes[0].fits}
-    covered = (f"{name} {shares(_errors(outcomes, name) / of_fit)[1]:.0f}%" for name, of_fit in bars.items())
+    bars = {
+        name: np.array([o.fits[name].errors[LEGS] for o in outcomes]) for name in outcomes[0].fits
+    }
+    covered = (
+        f"{name} {shares(_errors(outcomes, name) / of_fit)[1]:.0f}%"
+        for name, of_fit in bars.items()
+    )
     yield f"bars of 95 % cover: {', '.join(covered)}"
 
 
@@ -231,7 +273,12 @@ def _chosen(kind: Kind, joint: str) -> Array:
 
 def _errors(outcomes: Sequence[Outcome], prior: str) -> Array:
     """(N, 54) m, rad; of the nominal joints for an empty `prior`."""
-    return np.array([((o.fits[prior].parameters.joint if prior else o.nominal) - o.truth)[LEGS] for o in outcomes])
+    return np.array(
+        [
+            ((o.fits[prior].parameters.joint if prior else o.nominal) - o.truth)[LEGS]
+            for o in outcomes
+        ]
+    )
 
 
 def _line(outcomes: Sequence[Outcome], name: str, chosen: Array) -> str:
@@ -247,7 +294,9 @@ def _line(outcomes: Sequence[Outcome], name: str, chosen: Array) -> str:
 
 
 def _band(outcomes: Sequence[Outcome], band: int, name: str) -> str:
-    """Errors along the directions that a walk shows so well, in standard deviations of the default prior."""
+    """Errors along the directions that a walk shows so well, in standard deviations of the default
+    prior.
+    """
     told, unit = [], prior_root(LEG_PARAMETERS, None)
     edges = (-np.inf, *SEEN, np.inf)
     count = 0
@@ -275,21 +324,31 @@ def cohort(name: str, people: int, seed: int) -> dict[str, CohortPriors]:
         made = person_of(draw, (seed, 0, number), isolated=True)
         settings = made.study.settings
         rules = Rules(
-            marker_set=made.study.marker_set.name, hip_centre=settings.hip_rule, ankle_zero=settings.ankle_rule
+            marker_set=made.study.marker_set.name,
+            hip_centre=settings.hip_rule,
+            ankle_zero=settings.ankle_rule,
         )
-        for kind, recorded_by in (("gait", replace(made, study=only(made.study, "gait"))), ("isolated", made)):
+        for kind, recorded_by in (
+            ("gait", replace(made, study=only(made.study, "gait"))),
+            ("isolated", made),
+        ):
             found[kind].append(evidence(f"P{number:03d}", recorded_by, fit(recorded_by)))
     if rules is None:
         raise ValueError("a cohort needs people")
     return {kind: learn_cohort(f"{name}, {kind}", found[kind], rules) for kind in COHORTS}
 
 
-def outcomes(name: str, learnt: Mapping[str, CohortPriors], people: int, seed: int) -> Iterator[Outcome]:
+def outcomes(
+    name: str, learnt: Mapping[str, CohortPriors], people: int, seed: int
+) -> Iterator[Outcome]:
     draw = POPULATIONS[name](np.random.default_rng(seed))
     for number in range(people):
         made = person_of(draw, (seed, 1, number), isolated=False)
         plain = fit(made)
-        told = {f"cohort: {k}": fit(made, cohort_prior(p, made.study, Path("priors.json"))) for k, p in learnt.items()}
+        told = {
+            f"cohort: {k}": fit(made, cohort_prior(p, made.study, Path("priors.json")))
+            for k, p in learnt.items()
+        }
         parts = evidence("", made, plain).parts
         yield Outcome(
             truth=made.truth,
@@ -302,7 +361,10 @@ def outcomes(name: str, learnt: Mapping[str, CohortPriors], people: int, seed: i
 def measured(name: str, chosen: argparse.Namespace) -> None:
     learnt = cohort(name, chosen.cohort, chosen.seed)
     found = list(outcomes(name, learnt, chosen.left_out, chosen.seed))
-    say(f"population {name} (seed {chosen.seed}): {chosen.cohort} people learnt of, {len(found)} left out")
+    say(
+        f"population {name} (seed {chosen.seed}): {chosen.cohort} people learnt of, {len(found)} "
+        "left out"
+    )
     for kind in COHORTS:
         say(*(f"  {kind}: {line}" for line in priors_words(learnt[kind])))
     say(*(f"  {line}" for line in report(found)))

@@ -2,10 +2,11 @@
 
     readers [--files 10000] [--seed N] [--jobs 2]
 
-Sound files are made (C3D, TRC, MOT, CSV of markers and of forces, study, marker-set and model TOML; with GAITCAL_DATA
-also real C3D, TRC and MOT files), damaged at random, and read. Counted are results, clear errors (`GaitcalError` with
-one line that names the file), and, as failures: other exceptions, recordings that are not sound, hangs over 10 s. A
-reader that takes its process along ends the run. Exit code 1 if there is any failure.
+Sound files are made (C3D, TRC, MOT, CSV of markers and of forces, study, marker-set and model TOML;
+with GAITCAL_DATA also real C3D, TRC and MOT files), damaged at random, and read. Counted are
+results, clear errors (`GaitcalError` with one line that names the file), and, as failures: other
+exceptions, recordings that are not sound, hangs over 10 s. A reader that takes its process along
+ends the run. Exit code 1 if there is any failure.
 """
 
 from __future__ import annotations
@@ -26,7 +27,12 @@ import numpy as np
 from gaitcal.errors import GaitcalError, InputError
 from gaitcal.export.other_formats import write_external_loads
 from gaitcal.io.c3d.writer import AddedPoint, PointKind, c3d_original, supplement_c3d, write_c3d
-from gaitcal.io.csv_recordings import with_corners, write_forces_csv, write_markers_csv, write_plates_csv
+from gaitcal.io.csv_recordings import (
+    with_corners,
+    write_forces_csv,
+    write_markers_csv,
+    write_plates_csv,
+)
 from gaitcal.io.force_plate import plate_from_moment
 from gaitcal.io.force_tables import Forces
 from gaitcal.io.formats import read_forces, read_recording
@@ -39,7 +45,12 @@ from gaitcal.model.model_file import load_model, save_model
 from gaitcal.model.nominal import published_model
 from gaitcal.quality.study_checks import check_file
 from gaitcal.study.study_file import load_study_file
-from gaitcal.synthetic.synthetic_motion import gait_motion, residual_free_wrench, static_motion, synthetic_markers
+from gaitcal.synthetic.synthetic_motion import (
+    gait_motion,
+    residual_free_wrench,
+    static_motion,
+    synthetic_markers,
+)
 from scripts.validation.harness import option, side_by_side
 
 SHARED = ("--jobs", "--seed")
@@ -72,8 +83,34 @@ force_filter_hz = 12.5
 SECONDS = 10.0
 FRAMES = 12
 TOKENS = [
-    *(b"\t", b",", b"\n", b"nan", b"-1e400", b"1e308", b"\xff\xfe", b"\0", b"0", b"-", b"time", b"_x", b'"'),
-    *(b"\xe2\x80\xa8", b"[", b"]]", b"[[trial]]", b"'''", b"= {", b"../../", b"9" * 400, b"#", b"\\", b"true"),
+    *(
+        b"\t",
+        b",",
+        b"\n",
+        b"nan",
+        b"-1e400",
+        b"1e308",
+        b"\xff\xfe",
+        b"\0",
+        b"0",
+        b"-",
+        b"time",
+        b"_x",
+        b'"',
+    ),
+    *(
+        b"\xe2\x80\xa8",
+        b"[",
+        b"]]",
+        b"[[trial]]",
+        b"'''",
+        b"= {",
+        b"../../",
+        b"9" * 400,
+        b"#",
+        b"\\",
+        b"true",
+    ),
     *(b"1979-05-27", b"\x7f"),
 ]
 
@@ -98,7 +135,9 @@ class Count:
     slowest: float = 0.0
 
     def __add__(self, other: Count) -> Count:
-        return Count(self.results + other.results, self.errors + other.errors, self.failures + other.failures)
+        return Count(
+            self.results + other.results, self.errors + other.errors, self.failures + other.failures
+        )
 
     @property
     def cells(self) -> str:
@@ -142,7 +181,13 @@ def made_kinds(folder: Path) -> Iterator[Kind]:
     for suffix, write in writers.items():
         path = folder / f"made{suffix}"
         write(path, recording)
-        yield Kind(f"markers {suffix}", path.read_bytes(), suffix, read_sound, 4000 if suffix == ".c3d" else 800)
+        yield Kind(
+            f"markers {suffix}",
+            path.read_bytes(),
+            suffix,
+            read_sound,
+            4000 if suffix == ".c3d" else 800,
+        )
     for suffix, write_forces in {".mot": write_forces_mot, ".csv": write_forces_csv}.items():
         path = folder / f"forces{suffix}"
         write_forces(path, recording.plates)
@@ -159,9 +204,20 @@ def made_kinds(folder: Path) -> Iterator[Kind]:
     yield Kind("checked study .toml", study, ".toml", check_file, 600)
     standing = published_model(static_only=True)
     markers = synthetic_markers(standing.parameters, standing.markers, static_motion(30).q)
-    still = Recording(source="made up", time=np.arange(30) / 100.0, labels=standing.markers.labels, markers=markers)
+    still = Recording(
+        source="made up",
+        time=np.arange(30) / 100.0,
+        labels=standing.markers.labels,
+        markers=markers,
+    )
     write_markers_csv(folder / "static.csv", still)
-    yield Kind("checks, static .csv", (folder / "static.csv").read_bytes(), ".csv", check_damaged_static, 100_000)
+    yield Kind(
+        "checks, static .csv",
+        (folder / "static.csv").read_bytes(),
+        ".csv",
+        check_damaged_static,
+        100_000,
+    )
     sets = sorted((models_path() / "markersets").glob("*.toml"))
     yield Kind("marker set .toml", sets[0].read_bytes(), ".toml", load_marker_set, 3000)
     save_model(published_model(), folder / "model.toml")
@@ -175,7 +231,10 @@ def read_sound(path: Path) -> Recording:
         and recording.markers.shape == (len(recording.time), len(recording.labels), 3)
         and np.all(np.diff(recording.time) > 0)
         and not np.isinf(recording.markers).any()
-        and all(p.force.shape == p.point.shape == p.moment.shape == (len(p.time), 3) for p in recording.plates)
+        and all(
+            p.force.shape == p.point.shape == p.moment.shape == (len(p.time), 3)
+            for p in recording.plates
+        )
     )
     if not sound:
         raise ValueError("a recording that is not sound")
@@ -188,7 +247,9 @@ def supplement(path: Path) -> Recording:
     point = AddedPoint(name="LHipAngles", kind=PointKind.ANGLE, values=np.zeros((frames, 3)))
     target = path.with_name("supplemented.c3d")
     try:
-        supplement_c3d(c3d_original(path, frames), target, [point], [FootEvent(FootMoment.STRIKE, "r", 0.5)])
+        supplement_c3d(
+            c3d_original(path, frames), target, [point], [FootEvent(FootMoment.STRIKE, "r", 0.5)]
+        )
         return read_recording(target)
     except InputError as error:
         raise InputError(str(error), source=path) from None
@@ -218,10 +279,19 @@ def real_kinds() -> Iterator[Kind]:
         return
     for path in sorted((Path(named) / "c3d_formats").glob("*")):
         yield Kind(f"real {path.name}", path.read_bytes(), ".c3d", read_sound, 6000)
-    for name, read in (("uf3/knee_l.trc", read_sound), ("subject01/subject01_walk1_grf.mot", read_forces)):
+    for name, read in (
+        ("uf3/knee_l.trc", read_sound),
+        ("subject01/subject01_walk1_grf.mot", read_forces),
+    ):
         path = Path(named) / name
         if path.is_file():
-            yield Kind(f"real {path.name}", path.read_bytes()[:60_000].rpartition(b"\n")[0], path.suffix, read, 1500)
+            yield Kind(
+                f"real {path.name}",
+                path.read_bytes()[:60_000].rpartition(b"\n")[0],
+                path.suffix,
+                read,
+                1500,
+            )
 
 
 @cache
@@ -233,11 +303,18 @@ def small_recording() -> Recording:
     up, origin = np.array([0.0, 1.0, 0.0]), np.zeros(3)
     corners = np.array([[0.6, 0.0, 0.0], [0.0, 0.0, 0.0], [0.0, 0.0, 0.5], [0.6, 0.0, 0.5]])
     plates = tuple(
-        plate_from_moment(str(k + 1), time_, wrench[:, k, :3], wrench[:, k, 3:], origin, up, corners) for k in range(2)
+        plate_from_moment(
+            str(k + 1), time_, wrench[:, k, :3], wrench[:, k, 3:], origin, up, corners
+        )
+        for k in range(2)
     )
     markers = synthetic_markers(model.parameters, model.markers, motion.q[:FRAMES])
     return Recording(
-        source="made up", time=time_, labels=model.markers.labels[:8], markers=markers[:, :8], plates=plates
+        source="made up",
+        time=time_,
+        labels=model.markers.labels[:8],
+        markers=markers[:, :8],
+        plates=plates,
     )
 
 
@@ -254,7 +331,9 @@ def fuzz(kind: Kind, folder: Path, files: int, seed: int) -> Count:
         except GaitcalError as error:
             count.errors += 1
             if "\n" in str(error) or str(folder) not in str(error):
-                count.failures.append(f"{kind.name}, file {number}: not one line with the file: {str(error)[:200]!r}")
+                count.failures.append(
+                    f"{kind.name}, file {number}: not one line with the file: {str(error)[:200]!r}"
+                )
         except Exception:  # noqa: BLE001  what is counted here
             count.failures.append(f"{kind.name}, file {number}: {traceback.format_exc(limit=-3)}")
         else:
@@ -277,9 +356,13 @@ def run(chosen: argparse.Namespace) -> dict[str, Count]:
     with tempfile.TemporaryDirectory() as folder:
         kinds = [*made_kinds(Path(folder)), *real_kinds()]
     share = -(-chosen.files // len(kinds))
-    found = side_by_side([partial(fuzz_alone, kind, share, chosen.seed) for kind in kinds], chosen.jobs)
+    found = side_by_side(
+        [partial(fuzz_alone, kind, share, chosen.seed) for kind in kinds], chosen.jobs
+    )
     counts = {kind.name: count for kind, count in zip(kinds, found, strict=True)}
-    print(f"{'reader':28} {'files':>6} {'results':>8} {'errors':>7} {'failures':>9} {'slowest s':>10}")
+    print(
+        f"{'reader':28} {'files':>6} {'results':>8} {'errors':>7} {'failures':>9} {'slowest s':>10}"
+    )
     for name, c in counts.items():
         print(f"{name:28} {c.cells} {c.slowest:10.2f}")
     print(f"{'all':28} {sum(counts.values(), Count()).cells}")

@@ -1,4 +1,6 @@
-"""Every real person of the data folder, in one list (`recordings.toml`), and the studies that follow."""
+"""Every real person of the data folder, in one list (`recordings.toml`), and the studies that
+follow.
+"""
 
 from __future__ import annotations
 
@@ -20,7 +22,14 @@ from gaitcal.io.recording import Recording
 from gaitcal.io.toml import tomllib
 from gaitcal.model.linkage import ISOLATED_JOINTS
 from gaitcal.study.settings import CalibrationSettings
-from gaitcal.study.study_file import Joint, Markers, StudyFile, SubjectTable, TrialTable, load_study_file
+from gaitcal.study.study_file import (
+    Joint,
+    Markers,
+    StudyFile,
+    SubjectTable,
+    TrialTable,
+    load_study_file,
+)
 from gaitcal.study.study_trial import Role
 
 
@@ -31,16 +40,24 @@ def write_folder(
     settings: CalibrationSettings | None = None,
     plates: Mapping[str, str] | None = None,
 ) -> Path:
-    """Write `static`, isolated trials named for their joints and gait trials as C3D files, and their study file.
+    """Write `static`, isolated trials named for their joints and gait trials as C3D files, and
+    their study file.
 
-    `subject`: name, kg, m, sex. `plates`: which foot is on which plate of the gait trials. Returns the study file.
+    `subject`: name, kg, m, sex. `plates`: which foot is on which plate of the gait trials. Returns
+    the study file.
     """
     folder.mkdir(parents=True, exist_ok=True)
     trials = []
     for name, recording in recordings.items():
         write_c3d(folder / f"{name}.c3d", recording)
         role = "static" if name == "static" else "joint" if name in ISOLATED_JOINTS else "gait"
-        more = {"joint": name} if role == "joint" else {"plates": dict(plates)} if role == "gait" and plates else {}
+        more = (
+            {"joint": name}
+            if role == "joint"
+            else {"plates": dict(plates)}
+            if role == "gait" and plates
+            else {}
+        )
         trials.append(TrialTable(name=name, role=role, file=Path(f"{name}.c3d"), **more))  # type: ignore[arg-type]
     table = SubjectTable(**dict(zip(("name", "mass_kg", "height_m", "sex"), subject, strict=True)))  # type: ignore[arg-type]
     given = {} if settings is None else {"calibration": settings}
@@ -73,7 +90,9 @@ class Person:
 
     def _words(self, told: bool) -> tuple[str, ...]:
         every = ("mass", "height", "sex")
-        return tuple(w for k in every if (k in self.told) is told for w in (f"--{k}", str(getattr(self, k))))
+        return tuple(
+            w for k in every if (k in self.told) is told for w in (f"--{k}", str(getattr(self, k)))
+        )
 
     @property
     def options(self) -> tuple[str, ...]:
@@ -90,23 +109,34 @@ class Person:
             shutil.copyfile(data() / file, folder / Path(file).name)
 
     def recorded(self, walk: str = "", joints: Sequence[Joint] = ()) -> Callable[[Path], Path]:
-        """What writes a study that names these files: static and isolated trials, and the walk of that name or the
-        only one.
+        """What writes a study that names these files: static and isolated trials, and the walk of
+        that name or the only one.
         """
         stems = {Path(file).stem: file for file in self.files}
         static = next(file for stem, file in stems.items() if stem.endswith("static"))
         forces = next((file for file in self.files if file.endswith(".mot")), None)
-        walks = {stem: file for stem, file in stems.items() if file not in (static, forces) and stem not in JOINTS}
+        walks = {
+            stem: file
+            for stem, file in stems.items()
+            if file not in (static, forces) and stem not in JOINTS
+        }
 
         def make(folder: Path) -> Path:
             trials = [TrialTable(name="static", role="static", file=data() / static)]
-            trials += [TrialTable(name=j, role="joint", joint=j, file=data() / stems[j]) for j in joints]
+            trials += [
+                TrialTable(name=j, role="joint", joint=j, file=data() / stems[j]) for j in joints
+            ]
             if walks:
                 file = walks[walk] if walk else next(iter(walks.values()))
                 given = data() / forces if forces else None
                 trials.append(TrialTable(name=WALK, role="gait", file=data() / file, forces=given))
-            table = SubjectTable(name="person", mass_kg=self.mass, height_m=self.height, sex=self.sex)  # type: ignore[arg-type]
-            chosen = Markers(set=self.markers.replace("{data}", str(data())).replace("{here}", str(HERE)), rename={})
+            table = SubjectTable(
+                name="person", mass_kg=self.mass, height_m=self.height, sex=self.sex
+            )  # type: ignore[arg-type]
+            chosen = Markers(
+                set=self.markers.replace("{data}", str(data())).replace("{here}", str(HERE)),
+                rename={},
+            )
             path = folder / "study.toml"
             study = StudyFile(subject=table, markers=chosen, trial=tuple(trials))
             path.write_text(study.to_toml(), encoding="utf-8")
@@ -119,14 +149,19 @@ def data() -> Path:
     """The folder of real recordings; SystemExit where the environment does not name it."""
     named = os.environ.get("GAITCAL_DATA")
     if not named:
-        raise SystemExit("real recordings are needed: set the environment variable GAITCAL_DATA to their folder")
+        raise SystemExit(
+            "real recordings are needed: set the environment variable GAITCAL_DATA to their folder"
+        )
     return Path(named).resolve()
 
 
 def _everybody() -> dict[str, Person]:
     rows = tomllib.loads((HERE / "recordings.toml").read_text(encoding="utf-8")).items()
     listed = ("files", "told")
-    return {n: Person(name=n, **{k: tuple(v) if k in listed else v for k, v in row.items()}) for n, row in rows}
+    return {
+        n: Person(name=n, **{k: tuple(v) if k in listed else v for k, v in row.items()})
+        for n, row in rows
+    }
 
 
 EVERYBODY = _everybody()
@@ -167,7 +202,9 @@ def changed(study: Study, settings: Mapping[str, object]) -> Study:
 
 def only(study: Study, *names: str) -> Study:
     """The static trial and these, or trials of these roles."""
-    chosen = (t for t in study.trials if t.role is Role.STATIC or t.name in names or t.role.value in names)
+    chosen = (
+        t for t in study.trials if t.role is Role.STATIC or t.name in names or t.role.value in names
+    )
     return replace(study, trials=tuple(chosen))
 
 
@@ -177,7 +214,9 @@ SYNTHETIC = "synthetic"
 
 
 def _synthesized(seed: int, *, exact: bool = False, joints: tuple[str, ...] = JOINTS) -> Make:
-    """As `gaitcal synthesize` writes it, with the default settings of a user's own study and these isolated trials."""
+    """As `gaitcal synthesize` writes it, with the default settings of a user's own study and these
+    isolated trials.
+    """
 
     def make(folder: Path) -> Path:
         path = synthesize(folder / "study", seed=seed, noise=not exact, perturb=not exact)
@@ -187,7 +226,9 @@ def _synthesized(seed: int, *, exact: bool = False, joints: tuple[str, ...] = JO
             for t in study.trials
             if t.joint is None or t.joint in joints
         )
-        content = study.model_copy(update={"trials": trials, "calibration": CalibrationSettings(), "truth": None})
+        content = study.model_copy(
+            update={"trials": trials, "calibration": CalibrationSettings(), "truth": None}
+        )
         path.write_text(content.to_toml(path.parent), encoding="utf-8")
         return path
 

@@ -3,16 +3,17 @@
     sessions [--parts real,made-up,angles] [--people 10] [--seed 0] [--out DIR]
 
 real      every walk of `labs_c3d/multi` calibrated by itself: how many differences of curves are inside bars of 68 and
-          95 % (joint parameters of real recordings: `people --parts pairs`). How strides vary is taken from one
-          calibration of all walks, so that what calibrations differ by is not in it
+          95 % (joint parameters of real recordings: `people --parts pairs`). How strides vary is
+          taken from one calibration of all walks, so that what calibrations differ by is not in it
 made-up   two sessions of a person of our own linkage: the same joints, markers put on anew by 10 mm, other noise;
           errors of the joint parameters of each, and of their difference
 angles    the angles of the same people's sessions, through result folders: inside their error bars?
 
-A made-up person (`gaitcal synthesize --perturb`: wrong in every joint parameter by up to 10 mm and 10 deg) walks the
-very same walk twice. Every marker of a session, landmark or not, sits `PLACED` from its place along each axis (normal),
-in the static trial and in the walk, which has the published waves besides. Truth is told in the frames that each static
-trial makes. `--out` keeps the results of `real`, and reads them if they are there.
+A made-up person (`gaitcal synthesize --perturb`: wrong in every joint parameter by up to 10 mm and
+10 deg) walks the very same walk twice. Every marker of a session, landmark or not, sits `PLACED`
+from its place along each axis (normal), in the static trial and in the walk, which has the
+published waves besides. Truth is told in the frames that each static trial makes. `--out` keeps the
+results of `real`, and reads them if they are there.
 """
 
 from __future__ import annotations
@@ -38,17 +39,37 @@ from gaitcal.model.parameters import JOINT_PARAMETERS, JP_INDEX, Kind
 from gaitcal.model.segment_frames import HipCentre
 from gaitcal.model.subject_model import SubjectModel
 from gaitcal.report.session_report import load_session
-from gaitcal.results.session_difference import difference_variance, pooled, shared_variance, told_parameters
-from gaitcal.results.stride_sets import Common, Session, StrideSet, common_to, mean_over, stride_sets
+from gaitcal.results.session_difference import (
+    difference_variance,
+    pooled,
+    shared_variance,
+    told_parameters,
+)
+from gaitcal.results.stride_sets import (
+    Common,
+    Session,
+    StrideSet,
+    common_to,
+    mean_over,
+    stride_sets,
+)
 from gaitcal.synthetic.subject import recording_of, synthetic_model
-from gaitcal.synthetic.synthetic_motion import marker_noise, standing_pose, static_motion, two_strides
+from gaitcal.synthetic.synthetic_motion import (
+    marker_noise,
+    standing_pose,
+    static_motion,
+    two_strides,
+)
 from gaitcal.synthetic.synthetic_truth import static_frames
 from scripts.validation.harness import coverage, option, rms, say, side_by_side
 from scripts.validation.people.fits import fitted
 from scripts.validation.recordings import only, study_of_person, write_folder
 
 SHARED = ("--jobs", "--seed")
-OWN = {"--people": option(10, "made-up people"), "--out": option(Path, "folder that keeps the results")}
+OWN = {
+    "--people": option(10, "made-up people"),
+    "--out": option(Path, "folder that keeps the results"),
+}
 PLACED = 0.006
 """m along each axis: 10 mm in space, as landmarks are palpated (Della Croce et al. 2005)."""
 ABOVE_FLOOR = np.array([0.0, 0.05, 0.0])
@@ -93,13 +114,17 @@ def two_sessions(seed: int) -> tuple[SubjectModel, list[np.random.Generator]]:
 
 
 def record_session(person: SubjectModel, rng: np.random.Generator, folder: Path) -> SubjectModel:
-    """Write one session's study and recordings; returns the person with the markers where they were put."""
+    """Write one session's study and recordings; returns the person with the markers where they were
+    put.
+    """
     moved = person.markers.local + rng.normal(0.0, PLACED, person.markers.local.shape)
     worn = replace(person, markers=replace(person.markers, local=moved))
 
     standing = static_motion(standing=standing_pose(person.parameters))
     static = recording_of("made up", standing, worn, worn.markers.labels)
-    walk = recording_of("made up", two_strides(person.parameters), worn, published_model().markers.labels)
+    walk = recording_of(
+        "made up", two_strides(person.parameters), worn, published_model().markers.labels
+    )
     noise = marker_noise(walk.time, len(walk.labels), rng)
     static = replace(static, markers=static.markers + ABOVE_FLOOR)
     walk = replace(walk, markers=walk.markers + ABOVE_FLOOR + noise)
@@ -111,8 +136,13 @@ def made_session(person: SubjectModel, rng: np.random.Generator) -> MadeSession:
     with tempfile.TemporaryDirectory() as name:
         worn = record_session(person, rng, Path(name))
         study = Study.load(Path(name) / "study.toml")
-    truth, found = static_frames(worn, HipCentre(study.settings.hip_rule)).parameters.joint, fitted("made up", study)
-    return MadeSession(truth, found.nominal.parameters.joint, found.parameters.joint, found.influence)
+    truth, found = (
+        static_frames(worn, HipCentre(study.settings.hip_rule)).parameters.joint,
+        fitted("made up", study),
+    )
+    return MadeSession(
+        truth, found.nominal.parameters.joint, found.parameters.joint, found.influence
+    )
 
 
 def outcome(seed: int) -> Outcome:
@@ -140,9 +170,14 @@ def report(outcomes: list[Outcome]) -> Iterator[str]:
         chosen = [k is kind for k in kinds]
         columns = ("nominal", "fitted", "stated")
         found = [factor * rms([getattr(o, name)[:, chosen] for o in outcomes]) for name in columns]
-        yield "joint {}s, {} RMS: nominal {:.2f}, fitted {:.2f} (stated {:.2f})".format(kind.value, kind.unit, *found)
+        yield "joint {}s, {} RMS: nominal {:.2f}, fitted {:.2f} (stated {:.2f})".format(
+            kind.value, kind.unit, *found
+        )
     yield f"joints: {coverage(np.concatenate([(o.fitted / o.stated).ravel() for o in outcomes]))}"
-    yield f"differences between sessions: {coverage(np.concatenate([o.difference for o in outcomes]))}"
+    yield (
+        "differences between sessions: "
+        f"{coverage(np.concatenate([o.difference for o in outcomes]))}"
+    )
 
 
 def gathered(parts: Iterable[tuple[Key, Array]]) -> dict[Key, Array]:
@@ -159,14 +194,21 @@ def session_variance(a: Session, b: Session, pair: tuple[StrideSet, StrideSet]) 
 
 
 def angle_scores(a: Session, b: Session) -> dict[str, Array]:
-    """Angle -> differences of both legs' curves in standard errors. Of strides that do not vary, only errors differ."""
+    """Angle -> differences of both legs' curves in standard errors. Of strides that do not vary,
+    only errors differ.
+    """
 
     def scores() -> Iterator[tuple[str, Array]]:
         one, other = stride_sets(a), stride_sets(b)
         for key in (key for key in one if key in other):
             pair = one[key], other[key]
             variance = session_variance(a, b, pair) + sum(mean_over(s.own) ** 2 for s in pair)
-            yield key[1], ((mean_over(pair[1].values) - mean_over(pair[0].values)) / np.sqrt(variance))[::EVERY]
+            yield (
+                key[1],
+                ((mean_over(pair[1].values) - mean_over(pair[0].values)) / np.sqrt(variance))[
+                    ::EVERY
+                ],
+            )
 
     return gathered(scores())
 
@@ -204,7 +246,9 @@ def results(out: Path) -> tuple[list[Session], Session]:
 def curve_scores(walks: list[Session], together: Session) -> Mapping[object, Array]:
     """Kind -> differences of the curves of two walks in standard errors, every tenth percent."""
     alone = {key: pooled([s.values]) for key, s in stride_sets(together).items()}
-    spread = {key: np.where(found.freedom > 1, found.variance, np.nan) for key, found in alone.items()}
+    spread = {
+        key: np.where(found.freedom > 1, found.variance, np.nan) for key, found in alone.items()
+    }
     sets = {session.name: stride_sets(session) for session in walks}
 
     def scores() -> Iterator[tuple[object, Array]]:
@@ -230,7 +274,9 @@ def real_report(out: Path | None) -> Iterator[str]:
 
 PARTS = {
     "real": lambda c: say(*real_report(c.out)),
-    "made-up": lambda c: say(*report(list(side_by_side([partial(outcome, s) for s in _seeds(c)], c.jobs)))),
+    "made-up": lambda c: say(
+        *report(list(side_by_side([partial(outcome, s) for s in _seeds(c)], c.jobs)))
+    ),
     "angles": lambda c: say(*angles_report(_seeds(c))),
 }
 

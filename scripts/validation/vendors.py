@@ -1,23 +1,27 @@
-"""Are our angles, moments and powers those of the laboratory's own program, and are frames valid where they should be?
+"""Are our angles, moments and powers those of the laboratory's own program, and are frames valid
+where they should be?
 
     vendors [--only kad,multi,children,pig] [--calibrated]
 
-Recordings of four laboratories hold Plug-in Gait's angles, moments and powers beside the markers (`GAITCAL_DATA` names
-their folder). Every walk goes through the nominal model of its static trial, or with `--calibrated` through joints
-fitted to all of them, tracked with the soft tissue artefact that was found; the RMS of the mean differences of angles
-over walks and legs come last. The table says of each joint, over all
-walks of a laboratory: RMS difference of the angles in degrees (raw, and without the mean difference of each walk and
-leg), their correlation; RMS difference of the moments in N·m/kg in stance, over frames that are valid for the whole
-body, for the leg, and for the leg alone ("new": a leg's frames that the whole body's rule leaves out); that of the
-powers in W/kg. The vendor is no truth: it takes a force that a plate measures only in part for the whole. But frames
-that are new may not be worse than others. Then the moments again, ours along the axes of our coordinates, of either
-segment and of the joint coordinate system: Plug-in Gait tells them in the distal segment unless it is told otherwise.
-Then, by the file's own foot strikes and offs: how many strides are valid throughout, by either rule, and how much of
-the stances in which a plate carries the foot.
+Recordings of four laboratories hold Plug-in Gait's angles, moments and powers beside the markers
+(`GAITCAL_DATA` names their folder). Every walk goes through the nominal model of its static trial,
+or with `--calibrated` through joints fitted to all of them, tracked with the soft tissue artefact
+that was found; the RMS of the mean differences of angles over walks and legs come last. The table
+says of each joint, over all walks of a laboratory: RMS difference of the angles in degrees (raw,
+and without the mean difference of each walk and leg), their correlation; RMS difference of the
+moments in N·m/kg in stance, over frames that are valid for the whole body, for the leg, and for the
+leg alone ("new": a leg's frames that the whole body's rule leaves out); that of the powers in W/kg.
+The vendor is no truth: it takes a force that a plate measures only in part for the whole. But
+frames that are new may not be worse than others. Then the moments again, ours along the axes of our
+coordinates, of either segment and of the joint coordinate system: Plug-in Gait tells them in the
+distal segment unless it is told otherwise. Then, by the file's own foot strikes and offs: how many
+strides are valid throughout, by either rule, and how much of the stances in which a plate carries
+the foot.
 
-`RKneeAngles` and `RKneeMoment` hold three curves each: sagittal, frontal, transverse. Files call the unit of their
-moments `Nmm` and mean N·mm/kg, mostly; external moments have the other sign. Neither is believed: the unit is the one
-that comes nearest to our own moments in size, the sign that of their correlation. Powers (`W`) are those of W/kg.
+`RKneeAngles` and `RKneeMoment` hold three curves each: sagittal, frontal, transverse. Files call
+the unit of their moments `Nmm` and mean N·mm/kg, mostly; external moments have the other sign.
+Neither is believed: the unit is the one that comes nearest to our own moments in size, the sign
+that of their correlation. Powers (`W`) are those of W/kg.
 """
 
 from __future__ import annotations
@@ -33,7 +37,12 @@ import numpy as np
 
 from gaitcal import Study
 from gaitcal.analysis.fit_joints import fit_joints
-from gaitcal.analysis.prepared_trials import MovingTrial, measured_reactions, prepare_trial, session_of
+from gaitcal.analysis.prepared_trials import (
+    MovingTrial,
+    measured_reactions,
+    prepare_trial,
+    session_of,
+)
 from gaitcal.arrays import Array, BoolArray
 from gaitcal.dynamics.ground_reactions import GroundReactions
 from gaitcal.dynamics.inverse_dynamics import Moments, moments_of
@@ -115,10 +124,17 @@ IN_FRAMES = (
 
 
 def vendor_curves(path: str) -> dict[str, Array]:
-    """Name (`RHipAngles`) -> (nf, 3) as the file has it, NaN where it says nothing (zeros, or no number)."""
+    """Name (`RHipAngles`) -> (nf, 3) as the file has it, NaN where it says nothing (zeros, or no
+    number).
+    """
     file = ezc3d.c3d(path)
     group = file["parameters"]["POINT"]
-    labels = [label for name in ("LABELS", "LABELS2", "LABELS3") if name in group for label in group[name]["value"]]
+    labels = [
+        label
+        for name in ("LABELS", "LABELS2", "LABELS3")
+        if name in group
+        for label in group[name]["value"]
+    ]
     names = {side + q.theirs for side in "RL" for q in (*QUANTITIES, *IN_FRAMES)}
     out = {}
     for k, label in enumerate(labels):
@@ -131,7 +147,9 @@ def vendor_curves(path: str) -> dict[str, Array]:
 
 
 def unit_of(ours: Sequence[Array], theirs: Sequence[Array], mass: float) -> str:
-    """The unit in which the vendor's moments are as large as ours (N·m/kg); frames where either is NaN do not count."""
+    """The unit in which the vendor's moments are as large as ours (N·m/kg); frames where either is
+    NaN do not count.
+    """
     one, other = np.concatenate(ours), np.concatenate(theirs)
     both = np.isfinite(one) & np.isfinite(other)
     if not both.any():
@@ -162,8 +180,12 @@ class Walk:
     """(nf, 3) each, as the file has them."""
     events: tuple[FootEvent, ...]
 
-    def pair(self, quantity: Quantity, side: str, frame: MomentFrame = MomentFrame.COORDINATES) -> tuple[Array, Array]:
-        """(nf,) ours, deg, N·m/kg or W/kg, and (nf,) theirs as the file has it; NaN where the file says nothing."""
+    def pair(
+        self, quantity: Quantity, side: str, frame: MomentFrame = MomentFrame.COORDINATES
+    ) -> tuple[Array, Array]:
+        """(nf,) ours, deg, N·m/kg or W/kg, and (nf,) theirs as the file has it; NaN where the file
+        says nothing.
+        """
         name = f"{quantity.ours}_{side}"
         if quantity.kind == "power":
             ours = power_of(self.kinetics, name) / self.mass
@@ -179,7 +201,9 @@ class Walk:
     def strides(self) -> Iterator[tuple[str, BoolArray]]:
         """Side and (nf,) frames of every stride, from strike to strike of the file."""
         for side in SIDES:
-            strikes = [e.time for e in self.events if e.side == side and e.moment is FootMoment.STRIKE]
+            strikes = [
+                e.time for e in self.events if e.side == side and e.moment is FootMoment.STRIKE
+            ]
             yield from ((side, self._between(*times)) for times in pairwise(strikes))
 
     def stances(self) -> Iterator[tuple[str, BoolArray]]:
@@ -209,7 +233,9 @@ def calibrated_walks(study: Study, person: str) -> Iterator[Walk]:
             yield _walk(f"{person} {trial.name}", trial, session.model, session.parameters, study)
 
 
-def _walk(name: str, trial: MovingTrial, model: SubjectModel, parameters: Parameters, study: Study) -> Walk:
+def _walk(
+    name: str, trial: MovingTrial, model: SubjectModel, parameters: Parameters, study: Study
+) -> Walk:
     motion = tracked_motion(trial.body, parameters)
     reactions = measured_reactions(trial, model, parameters, motion, study.settings)
     return Walk(
@@ -219,7 +245,11 @@ def _walk(name: str, trial: MovingTrial, model: SubjectModel, parameters: Parame
         moments=moments_of(parameters, motion, reactions.wrench, model.subject.bwh),
         kinetics=kinetics_of(parameters, motion, reactions.wrench),
         reactions=reactions,
-        theirs={k: c for k, c in vendor_curves(trial.recording.source).items() if len(c) == len(motion.time)},
+        theirs={
+            k: c
+            for k, c in vendor_curves(trial.recording.source).items()
+            if len(c) == len(motion.time)
+        },
         events=trial.recording.events,
     )
 
@@ -237,9 +267,14 @@ class Agreement:
 
 
 def agreement(
-    quantity: Quantity, walks: Sequence[Walk], unit: str, frame: MomentFrame = MomentFrame.COORDINATES
+    quantity: Quantity,
+    walks: Sequence[Walk],
+    unit: str,
+    frame: MomentFrame = MomentFrame.COORDINATES,
 ) -> Agreement:
-    """How near ours are to theirs over the walks of a laboratory, whose moments are in `unit`; ours in a frame."""
+    """How near ours are to theirs over the walks of a laboratory, whose moments are in `unit`; ours
+    in a frame.
+    """
     pairs = {(w.name, side): w.pair(quantity, side, frame) for w in walks for side in SIDES}
     sign = sign_of(*(np.concatenate(values) for values in zip(*pairs.values(), strict=True)))
     parts: dict[str, list[Array]] = {}
@@ -262,14 +297,19 @@ def agreement(
         quantity=quantity,
         sign=sign,
         correlation=float(np.corrcoef(one, other)[0, 1]) if len(one) > 1 else float("nan"),
-        rms={name: float(np.sqrt(np.mean(v**2))) if len(v) else float("nan") for name, v in rows.items()},
+        rms={
+            name: float(np.sqrt(np.mean(v**2))) if len(v) else float("nan")
+            for name, v in rows.items()
+        },
         frames={name: len(values) for name, values in rows.items()},
     )
 
 
 def unit_of_walks(walks: Sequence[Walk]) -> str:
     """The unit of a laboratory's moments, by the ankle's."""
-    ours, theirs = zip(*(walk.pair(ANKLE_MOMENT, side) for walk in walks for side in SIDES), strict=True)
+    ours, theirs = zip(
+        *(walk.pair(ANKLE_MOMENT, side) for walk in walks for side in SIDES), strict=True
+    )
     return unit_of(ours, theirs, walks[0].mass)
 
 
@@ -283,18 +323,30 @@ def _frames(quantity: Quantity, reactions: GroundReactions, foot: int) -> dict[s
 
 
 def counted(walks: Sequence[Walk]) -> Counter[str]:
-    """`strides` by the file's events, of these `stepped` (a plate carries the stance), `whole` and `leg` (valid
-    throughout, for the body or the leg); and of stances that a plate carries the frames (`stance`, ...).
+    """`strides` by the file's events, of these `stepped` (a plate carries the stance), `whole` and
+    `leg` (valid throughout, for the body or the leg); and of stances that a plate carries the
+    frames (`stance`, ...).
     """
     out: Counter[str] = Counter()
     for walk in walks:
         whole = walk.reactions.valid
-        leg, loaded = (dict(zip(SIDES, of.T, strict=True)) for of in (walk.reactions.valid_legs, walk.reactions.loaded))
+        leg, loaded = (
+            dict(zip(SIDES, of.T, strict=True))
+            for of in (walk.reactions.valid_legs, walk.reactions.loaded)
+        )
         for side, f in walk.strides():
-            out.update(strides=1, stepped=any(loaded[side][f]), whole=all(whole[f]), leg=all(leg[side][f]))
+            out.update(
+                strides=1, stepped=any(loaded[side][f]), whole=all(whole[f]), leg=all(leg[side][f])
+            )
         for side, f in walk.stances():
             if loaded[side][f].any():
-                out.update({"stance": f.sum(), "stance whole": whole[f].sum(), "stance leg": leg[side][f].sum()})
+                out.update(
+                    {
+                        "stance": f.sum(),
+                        "stance whole": whole[f].sum(),
+                        "stance leg": leg[side][f].sum(),
+                    }
+                )
     return out
 
 
@@ -307,21 +359,35 @@ def report(lab: str, walks: Sequence[Walk]) -> Iterator[str]:
     for kind, told in {"angle": "", "moment": ", N·m/kg", "power": ", W/kg"}.items():
         columns = ("raw", "even") if kind == "angle" else ("whole", "leg", "new")
         heads = "".join(f"{name + ' deg' if kind == 'angle' else name:>10}" for name in columns)
-        yield f"  {kind + told:24}{'sign':>5}{heads}{'r':>8}{'' if kind == 'angle' else '   frames'}"
+        yield (
+            f"  {kind + told:24}{'sign':>5}{heads}{'r':>8}{'' if kind == 'angle' else '   frames'}"
+        )
         for a in (a for a in found if a.quantity.kind == kind):
             values = "".join(f"{a.rms[name]:10.{1 if kind == 'angle' else 3}f}" for name in columns)
-            frames = "" if kind == "angle" else "   " + ", ".join(str(a.frames[name]) for name in columns)
+            frames = (
+                ""
+                if kind == "angle"
+                else "   " + ", ".join(str(a.frames[name]) for name in columns)
+            )
             yield f"  {a.quantity.words:24}{a.sign:5.0f}{values}{a.correlation:8.3f}{frames}"
     yield from in_frames(walks, unit)
     c = counted(walks)
     by = "valid {} by the whole body's rule, {} by the leg's"
-    strides, stances = by.format(c["whole"], c["leg"]), by.format(c["stance whole"], c["stance leg"])
-    yield f"  strides by events: {c['strides']}, {c['stepped']} with a stance on a plate; throughout {strides}"
+    strides, stances = (
+        by.format(c["whole"], c["leg"]),
+        by.format(c["stance whole"], c["stance leg"]),
+    )
+    yield (
+        f"  strides by events: {c['strides']}, {c['stepped']} with a stance on a plate; throughout "
+        f"{strides}"
+    )
     yield f"  frames of stances on a plate: {c['stance']}; {stances}"
 
 
 def in_frames(walks: Sequence[Walk], unit: str) -> Iterator[str]:
-    """Moments of the leg's valid frames, ours along the axes of every frame: RMS difference (N·m/kg), correlation."""
+    """Moments of the leg's valid frames, ours along the axes of every frame: RMS difference
+    (N·m/kg), correlation.
+    """
     frames = (MomentFrame.COORDINATES, *VECTOR_FRAMES)
     yield f"  {'frame: RMS N·m/kg, r':24}" + "".join(f"{frame.key:>18}" for frame in frames)
     for quantity in IN_FRAMES:
@@ -354,5 +420,9 @@ def run(chosen: argparse.Namespace) -> None:
         if chosen.calibrated:
             walks = [walk for person, s in studies.items() for walk in calibrated_walks(s, person)]
         else:
-            walks = [walk_of(s, f"{person} {walk}", walk) for person, s in studies.items() for walk in s.walks]
+            walks = [
+                walk_of(s, f"{person} {walk}", walk)
+                for person, s in studies.items()
+                for walk in s.walks
+            ]
         say(*report(lab, walks), *offset_lines(walks))

@@ -1,4 +1,6 @@
-"""Every fault of a study ends in exit code 1 and one clear line, and leaves an existing result folder as it was."""
+"""Every fault of a study ends in exit code 1 and one clear line, and leaves an existing result
+folder as it was.
+"""
 
 import shutil
 from collections.abc import Callable
@@ -61,7 +63,10 @@ FAULTS: dict[str, tuple[Callable[[Path], None], tuple[str, ...]]] = {
         ("study.toml", "markers.rename", "RASIS", "R.ASIS"),
     ),
     "segment never seen": (
-        _table("walk.csv", lambda t: t.assign(**{c: np.nan for c in t if c.startswith(("L.Thigh", "L.Knee"))})),
+        _table(
+            "walk.csv",
+            lambda t: t.assign(**{c: np.nan for c in t if c.startswith(("L.Thigh", "L.Knee"))}),
+        ),
         ("walk.csv", "L.Thigh.Front", "thigh_l has no other marker", "where worn"),
     ),
     "forces of another time": (
@@ -69,13 +74,17 @@ FAULTS: dict[str, tuple[Callable[[Path], None], tuple[str, ...]]] = {
         ("walk_forces.csv", "forces from 2 to 3.035 s", "markers from 0 to 1.035 s"),
     ),
 }
-"""What is done to the study, and what the line has to name; of single checks and of study files: `tests/faults`,
-`tests/study`."""
+"""What is done to the study, and what the line has to name; of single checks and of study files:
+`tests/faults`, `tests/study`."""
 
 
 def assert_refused(ending: Done, named: tuple[str, ...]) -> None:
     (line,) = ending.stderr.splitlines()
-    assert ending == Done(1, "", f"{line}\n") and line.startswith("gaitcal: ") and "internal error" not in line
+    assert (
+        ending == Done(1, "", f"{line}\n")
+        and line.startswith("gaitcal: ")
+        and "internal error" not in line
+    )
     assert all(part in line for part in named), line
 
 
@@ -101,12 +110,25 @@ def test_fault_is_told_in_one_line(fault: str, study: Path) -> None:
 
 def test_rename_of_markers_that_some_trials_wear(study: Path) -> None:
     for name in ("static.csv", "walk.csv"):
-        change_table(study.parent / name, lambda t: t.rename(columns={f"R.ASIS_{a}": f"RASIS_{a}" for a in "xyz"}))
-    change_table(study.parent / "static.csv", lambda t: t.rename(columns={f"R.Heel_{a}": f"RHEE_{a}" for a in "xyz"}))
-    replace(study, 'set = "published"', 'set = "published"\nrename = { "RASIS" = "R.ASIS", "RHEE" = "R.Heel" }')
+        change_table(
+            study.parent / name,
+            lambda t: t.rename(columns={f"R.ASIS_{a}": f"RASIS_{a}" for a in "xyz"}),
+        )
+    change_table(
+        study.parent / "static.csv",
+        lambda t: t.rename(columns={f"R.Heel_{a}": f"RHEE_{a}" for a in "xyz"}),
+    )
+    replace(
+        study,
+        'set = "published"',
+        'set = "published"\nrename = { "RASIS" = "R.ASIS", "RHEE" = "R.Heel" }',
+    )
     assert gaitcal("check", study, "-q") == Done(0, "", "")
 
 
 def test_output_is_looked_at_before_the_work(study: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(Study, "load", lambda _: pytest.fail("the study was read first"))
-    assert_refused(gaitcal("calibrate", study, "--out", study.parent / "walk.csv" / "result"), ("walk.csv", "written"))
+    assert_refused(
+        gaitcal("calibrate", study, "--out", study.parent / "walk.csv" / "result"),
+        ("walk.csv", "written"),
+    )

@@ -21,4 +21,6 @@ def test_a_trial_that_is_met_worse_is_told(whole: Calibration) -> None:
 def test_a_fit_that_stopped_early_is_told(whole: Calibration) -> None:
     assert list(unfinished(whole.phases)) == []
     told = list(unfinished(with_phase(whole, converged=False).phases))
-    assert [f.cause for f in told] == [f"the fit of {phase.name} did not converge" for phase in whole.phases]
+    assert [f.cause for f in told] == [
+        f"the fit of {phase.name} did not converge" for phase in whole.phases
+    ]

@@ -13,7 +13,17 @@ from tests.commands import run
 def test_a_walk_has_torques_where_it_has_forces(data_dir: Path, tmp_path: Path) -> None:
     """44 % of the walk: dropped before, and 53 of its 66 frames valid now."""
     folder = data_dir / "cases/forces_for_a_part"
-    done = run("calibrate", folder, "--out", tmp_path / "result", "--mass", "72.6", "--height", "1.803", "-q")
+    done = run(
+        "calibrate",
+        folder,
+        "--out",
+        tmp_path / "result",
+        "--mass",
+        "72.6",
+        "--height",
+        "1.803",
+        "-q",
+    )
     assert done.exit_code == 0
     moments = pd.read_csv(tmp_path / "result/moments/subject01_walk1.csv", comment="#")
     assert len(moments) == 151, "the whole walk"

@@ -1,4 +1,6 @@
-"""`gaitcal dynamics` reads a recording as the study did, checks it first, and tells what its torques are worth."""
+"""`gaitcal dynamics` reads a recording as the study did, checks it first, and tells what its
+torques are worth.
+"""
 
 import json
 import re
@@ -49,7 +51,9 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
         table.rename(columns=columns).to_csv(folder / "study" / name, index=False)
     rename = ", ".join(f'"{new}" = "{old}"' for old, new in RENAMED.items())
     lines = f'set = "published"\nrename = {{ {rename} }}\nweights = {{ "{WEIGHTED}" = 0 }}'
-    study.write_text(study.read_text(encoding="utf-8").replace('set = "published"', lines), encoding="utf-8")
+    study.write_text(
+        study.read_text(encoding="utf-8").replace('set = "published"', lines), encoding="utf-8"
+    )
     run("calibrate", study, "--out", folder / "result", "-q")
     return folder
 
@@ -85,16 +89,25 @@ def moments(path: Path) -> pd.DataFrame:
 
 
 def test_the_calibrations_own_trial_gives_its_own_torques(folder: Path) -> None:
-    """All but standard errors: a further trial's markers are independent of those that the calibration used."""
+    """All but standard errors: a further trial's markers are independent of those that the
+    calibration used.
+    """
     analysed(folder)
-    own, again = (moments(folder / "result" / name) for name in ("moments/walk.csv", "dynamics/moments/walk2.csv"))
+    own, again = (
+        moments(folder / "result" / name)
+        for name in ("moments/walk.csv", "dynamics/moments/walk2.csv")
+    )
     assert own["valid"].any()
     kept = [name for name in own if not name.endswith("_se")]
     np.testing.assert_allclose(again[kept].to_numpy(), own[kept].to_numpy(), atol=SAME)
-    trial = json.loads((folder / "result/summary.json").read_text(encoding="utf-8"))["trials"]["walk"]
+    trial = json.loads((folder / "result/summary.json").read_text(encoding="utf-8"))["trials"][
+        "walk"
+    ]
     further = told(folder)["trials"]["walk2"]
     assert further["weighted_markers"] == trial["weighted_markers"]
-    assert {"plates", "inertia", "joint_nominal"} <= set(further["torque_error_sources"]["hip_flexion_r"])
+    assert {"plates", "inertia", "joint_nominal"} <= set(
+        further["torque_error_sources"]["hip_flexion_r"]
+    )
     for name, parts in trial["torque_error_sources"].items():
         assert further["torque_error_sources"][name] == pytest.approx(parts, abs=1e-3), name
     assert told(folder)["warnings"] == []
@@ -106,7 +119,12 @@ def _scaled(factor: float) -> Change:
 
 def _exchanged(*pairs: tuple[str, str]) -> Change:
     """The columns of markers under each other's label."""
-    names = {f"{a}_{axis}": f"{b}_{axis}" for pair in pairs for a, b in (pair, pair[::-1]) for axis in "xyz"}
+    names = {
+        f"{a}_{axis}": f"{b}_{axis}"
+        for pair in pairs
+        for a, b in (pair, pair[::-1])
+        for axis in "xyz"
+    }
     return lambda t: t.rename(columns=names)
 
 
@@ -138,7 +156,9 @@ def test_warnings_are_printed_and_written(folder: Path) -> None:
     assert all(f"warning: {w}" in out for w in warnings)
 
 
-def test_what_its_markers_may_have_done_goes_into_its_bars(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_what_its_markers_may_have_done_goes_into_its_bars(
+    folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """A thigh whose markers turned by 12 deg, which is too weak to be told."""
     columns = columns_of(folder, "thigh_l")
 
@@ -170,11 +190,15 @@ def test_a_segment_without_markers_is_told_and_has_no_valid_torque(folder: Path)
     assert "no marker with weight of shank_l" in out
     assert not moments(folder / "result/dynamics/moments/walk2.csv")["valid"].any()
     words = "walk2: labels: no marker with weight of shank_l"
-    assert any(words in w and "no torque of this leg is valid" in w for w in told(folder)["warnings"])
+    assert any(
+        words in w and "no torque of this leg is valid" in w for w in told(folder)["warnings"]
+    )
 
 
 @pytest.mark.slow
-def test_tracking_that_did_not_converge_ends_in_3_after_writing(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_tracking_that_did_not_converge_ends_in_3_after_writing(
+    folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     from gaitcal.analysis import trial_result
 
     def late(*arguments: object) -> object:
@@ -230,12 +254,16 @@ def test_options_that_are_wrong(option: str, value: str, folder: Path) -> None:
 def test_options_of_one_recording_and_two_trials(folder: Path) -> None:
     trial = spoil(folder, lambda t: t)[0]
     for option, value in (("--forces", "f.mot"), ("--plates", "1=r"), ("--time", "0,1")):
-        said = refusal(run, "dynamics", folder / "result", trial, folder / "study/walk.csv", option, value)
+        said = refusal(
+            run, "dynamics", folder / "result", trial, folder / "study/walk.csv", option, value
+        )
         assert f"{option}: found 2 trials" in said
 
 
 def test_frames_without_a_leg_segment_are_not_valid(folder: Path) -> None:
-    """A left foot that nobody sees for a while: no torque of these frames counts, and the others stay as they were."""
+    """A left foot that nobody sees for a while: no torque of these frames counts, and the others
+    stay as they were.
+    """
     gap = (0.3, 0.5)
     foot = columns_of(folder, "foot_l")
 
@@ -250,6 +278,10 @@ def test_frames_without_a_leg_segment_are_not_valid(folder: Path) -> None:
     inside = before["time"].between(*gap)
     assert before["valid"][inside].any(), "valid while the foot was seen"
     assert not now["valid"][inside].any() and not now["valid_l"][inside].any()
-    assert (now["valid"] == before["valid"])[~inside].all() and (now["valid_r"] == before["valid_r"]).all()
-    (note,) = [note for note in told(folder)["notes"] if "no marker of foot_l with weight is seen" in note]
+    assert (now["valid"] == before["valid"])[~inside].all() and (
+        now["valid_r"] == before["valid_r"]
+    ).all()
+    (note,) = [
+        note for note in told(folder)["notes"] if "no marker of foot_l with weight is seen" in note
+    ]
     assert f"{int(inside.sum())} frames are not valid" in note

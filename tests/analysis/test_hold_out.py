@@ -1,4 +1,6 @@
-"""The held-out error tells a better model from a merely freer one, and every frame is left out once."""
+"""The held-out error tells a better model from a merely freer one, and every frame is left out
+once.
+"""
 
 import json
 from dataclasses import replace
@@ -83,7 +85,9 @@ def done(study: Study) -> Calibration:
 
 def test_masses_go_with_the_joints_where_no_force_tells_of_them(done: Calibration) -> None:
     before, after = done.nominal.parameters, done.model.parameters
-    np.testing.assert_allclose(after.inertial, with_joints_of(before.inertial, before, after), rtol=1e-12)
+    np.testing.assert_allclose(
+        after.inertial, with_joints_of(before.inertial, before, after), rtol=1e-12
+    )
     assert np.abs(after.inertial - before.inertial).max() > 1e-3
 
 
@@ -97,7 +101,9 @@ def test_a_truly_better_model_is_better_on_frames_left_out(done: Calibration) ->
 
 @pytest.mark.slow
 def test_a_merely_freer_model_is_not(study: Study) -> None:
-    """A fit that follows its own frames alone: found only where they have weight, lost where they have none."""
+    """A fit that follows its own frames alone: found only where they have weight, lost where they
+    have none.
+    """
     trial, nominal = prepared(study), nominal_of(study).parameters
 
     def bend(trials: list[MovingTrial]) -> tuple[None, object]:
@@ -112,7 +118,9 @@ def test_a_merely_freer_model_is_not(study: Study) -> None:
 def test_command_reports_it(tmp_path: Path) -> None:
     path, result = write_synthetic_study(tmp_path / "study"), tmp_path / "result"
     done = gaitcal("calibrate", path, "--out", result, "--hold-out")
-    assert "walk, pelvis and legs: on time blocks left out of the fit (4 folds)" in done.stdout, done.stderr
+    assert "walk, pelvis and legs: on time blocks left out of the fit (4 folds)" in done.stdout, (
+        done.stderr
+    )
     told = json.loads((result / "summary.json").read_text(encoding="utf-8"))["trials"]["walk"]
     assert set(told["hold_out_mm"]) == {"nominal", "calibrated", "folds"}
     assert told["pelvis_and_legs_hold_out_mm"]["calibrated"] == pytest.approx(

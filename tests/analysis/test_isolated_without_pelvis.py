@@ -22,9 +22,12 @@ from tests.quality.spoilt import findings, recording_of, serious, with_trial
 from tests.synthetic_studies import only
 
 SAME_RAD, SAME_RMS = 2e-3, 1e-3
-"""Two trackings of the same markers by the same joint; their splines are in the coordinates of two roots."""
+"""Two trackings of the same markers by the same joint; their splines are in the coordinates of two
+roots.
+"""
 IN_ERRORS = 1.0
-"""Standard errors by which a joint parameter may differ where the pelvis is not seen: at most 0.5."""
+"""Standard errors by which a joint parameter may differ where the pelvis is not seen: at most 0.5.
+"""
 
 
 @pytest.fixture(scope="module")
@@ -37,14 +40,20 @@ def bare(study: Study, *joints: str) -> Study:
     segment_of = study.marker_set.segment_of
     for joint in joints:
         worn = joint_segments(joint)
-        study = with_trial(study, joint, lambda r, worn=worn: only(r, lambda label: segment_of.get(label) in worn))  # type: ignore[misc]
+        study = with_trial(
+            study, joint, lambda r, worn=worn: only(r, lambda label: segment_of.get(label) in worn)
+        )  # type: ignore[misc]
     return study
 
 
 def unseen(study: Study, trial: str, labels: Sequence[str]) -> Study:
     """Columns of one trial without a position."""
     hidden = with_trial(
-        study, trial, lambda r: replace(r, markers=np.where(np.isin(r.labels, labels)[:, None], np.nan, r.markers))
+        study,
+        trial,
+        lambda r: replace(
+            r, markers=np.where(np.isin(r.labels, labels)[:, None], np.nan, r.markers)
+        ),
     )
     return hidden
 
@@ -54,20 +63,28 @@ def test_check_accepts_it_and_says_what_carries_the_body(uf3: Study) -> None:
     assert serious(study) == []
     carried = {f.where: f.found for f in check_study(study) if "carries the body" in f.found}
     assert set(carried) == {"knee_r", "ankle_l"}
-    assert "thigh_r carries the body" in carried["knee_r"] and "shank_l carries the body" in carried["ankle_l"]
+    assert (
+        "thigh_r carries the body" in carried["knee_r"]
+        and "shank_l carries the body" in carried["ankle_l"]
+    )
 
 
 def test_columns_that_a_template_left_empty_are_no_fault_either(uf3: Study) -> None:
     """The pelvis has its labels in the file of a knee trial, and not one position."""
     pelvis = uf3.marker_set.tracking["pelvis"]
     assert serious(unseen(uf3, "knee_r", pelvis)) == []
-    assert any("never seen" in f.found for f in findings(unseen(uf3, "hip_r", pelvis), severity=Severity.ERROR))
+    assert any(
+        "never seen" in f.found
+        for f in findings(unseen(uf3, "hip_r", pelvis), severity=Severity.ERROR)
+    )
 
 
 def test_a_proximal_segment_of_two_markers_carries_nothing(uf3: Study) -> None:
     thigh = [m for m in uf3.marker_set.tracking["thigh_r"] if uf3.marker_set.weight(m) > 0]
     errors = findings(unseen(bare(uf3, "knee_r"), "knee_r", thigh[2:]), severity=Severity.ERROR)
-    assert any("thigh_r, which carries knee_r," in f.found for f in errors), [f.line for f in errors]
+    assert any("thigh_r, which carries knee_r," in f.found for f in errors), [
+        f.line for f in errors
+    ]
 
 
 @pytest.mark.parametrize("joint", ["knee_r", "ankle_l"])
@@ -88,10 +105,14 @@ def test_the_body_moves_as_its_joint_alone_does(uf3: Study, joint: str) -> None:
 
 
 @pytest.mark.slow
-def test_joint_parameters_are_those_of_the_trials_with_the_pelvis(kept: Path, data_dir: Path, uf3: Study) -> None:
+def test_joint_parameters_are_those_of_the_trials_with_the_pelvis(
+    kept: Path, data_dir: Path, uf3: Study
+) -> None:
     whole, part = kept_real(kept, "uf3", data_dir), gc.calibrate(bare(uf3, "knee_r", "ankle_r"))
     assert part.verdict.judgement is whole.verdict.judgement
-    names = [n for n in whole.standard_errors if n.startswith(("knee_r", "talocrural_r", "subtalar_r"))]
+    names = [
+        n for n in whole.standard_errors if n.startswith(("knee_r", "talocrural_r", "subtalar_r"))
+    ]
     assert len(names) >= 15
     for name in names:
         k = JP_INDEX[name]
@@ -99,5 +120,7 @@ def test_joint_parameters_are_those_of_the_trials_with_the_pelvis(kept: Path, da
         assert abs(away) < IN_ERRORS * whole.standard_errors[name], name
     before, after = part.nominal.parameters, part.model.parameters
     # masses go with the joints where no force tells of them, too
-    np.testing.assert_allclose(after.inertial, with_joints_of(before.inertial, before, after), rtol=1e-12)
+    np.testing.assert_allclose(
+        after.inertial, with_joints_of(before.inertial, before, after), rtol=1e-12
+    )
     assert np.abs(after.inertial - before.inertial).max() > 1e-3

@@ -30,7 +30,9 @@ SAME = 1e-9
 
 
 def calibrated(folder: Path, ip: str) -> tuple[Study, Calibration]:
-    """The published subject, 3 kg heavier on paper than on the plates: every step has something to change."""
+    """The published subject, 3 kg heavier on paper than on the plates: every step has something to
+    change.
+    """
     path = write_synthetic_study(folder, more=f'\n[calibration]\nip = "{ip}"\n')
     path.write_text(path.read_text(encoding="utf-8").replace("69.4", "72.4"), encoding="utf-8")
     study = Study.load(path)
@@ -66,7 +68,9 @@ def test_errors_are_those_of_the_last_step(made: tuple[Study, Calibration]) -> N
     trial = done.trial("walk")
     spread, hz = done.uncertainty, trial.bandwidth.motion_hz if trial.bandwidth else 0.0
     plain = trial_problem("walk", done.nominal, trial.recording, NodeRule())
-    problem = replace(with_bandwidth(plain, done.nominal.parameters, hz), tissue=done.joint.tissue["walk"])
+    problem = replace(
+        with_bandwidth(plain, done.nominal.parameters, hz), tissue=done.joint.tissue["walk"]
+    )
     problem = done.joint.artefact.displaced(problem)
     turned = axis_deviations(study.settings, done.nominal, examined(study).moves()["walk"])
     errors = ErringForces(
@@ -85,12 +89,24 @@ def test_errors_are_those_of_the_last_step(made: tuple[Study, Calibration]) -> N
 
 @pytest.mark.parametrize(
     ("role", "newtons", "severity"),
-    [(Role.GAIT, 0.0, Severity.INFO), (Role.GAIT, 700.0, Severity.WARNING), (Role.MOTION, 0.0, Severity.WARNING)],
+    [
+        (Role.GAIT, 0.0, Severity.INFO),
+        (Role.GAIT, 700.0, Severity.WARNING),
+        (Role.MOTION, 0.0, Severity.WARNING),
+    ],
 )
-def test_dead_plates_of_a_squat_stay_a_warning(role: Role, newtons: float, severity: Severity) -> None:
-    """Of a walk, soles and outlines say whether plates should have read something; of another activity nothing does."""
-    reactions = SimpleNamespace(findings=(), has_torques=False, valid_legs=np.zeros((3, 2), dtype=bool))
+def test_dead_plates_of_a_squat_stay_a_warning(
+    role: Role, newtons: float, severity: Severity
+) -> None:
+    """Of a walk, soles and outlines say whether plates should have read something; of another
+    activity nothing does.
+    """
+    reactions = SimpleNamespace(
+        findings=(), has_torques=False, valid_legs=np.zeros((3, 2), dtype=bool)
+    )
     recording = SimpleNamespace(plates=(SimpleNamespace(force=np.full((3, 3), newtons)),))
-    trial = SimpleNamespace(name="trial", role=role, recording=recording, loads=SimpleNamespace(reactions=reactions))
+    trial = SimpleNamespace(
+        name="trial", role=role, recording=recording, loads=SimpleNamespace(reactions=reactions)
+    )
     (found,) = TrialResult._of_loads(trial)
     assert found.severity is severity

@@ -24,18 +24,33 @@ from gaitcal.model.nominal import published_model
 from gaitcal.study.study import Study, nominal_of
 from gaitcal.synthetic.synthetic_motion import gait_motion
 from scripts.validation.harness import results
-from scripts.validation.markerless import TORQUES, Errors, body_poses, points_recording, poses_recording
+from scripts.validation.markerless import (
+    TORQUES,
+    Errors,
+    body_poses,
+    points_recording,
+    poses_recording,
+)
 from tests.quality.spoilt import serious
 
 
 def test_a_bare_folder_of_poses(data_dir: Path, tmp_path: Path) -> None:
-    """The only file walks: it is the walk, and the standing posture comes from its segments; mass is asked for."""
+    """The only file walks: it is the walk, and the standing posture comes from its segments; mass
+    is asked for.
+    """
     made = draft_of(read_folder(data_dir / "more_labs/theia"), Options())
     assert made.fault == made.problem == "" and made.missing == ("mass_kg",)
-    assert [(trial.name, trial.role) for trial in made.trials] == [("poses_upright", "static"), ("poses", "gait")]
+    assert [(trial.name, trial.role) for trial in made.trials] == [
+        ("poses_upright", "static"),
+        ("poses", "gait"),
+    ]
     assert all(trial.certain for trial in made.trials)
     path = tmp_path / "study.toml"
-    path.write_text(draft_text(draft_of(read_folder(data_dir / "more_labs/theia"), Options(mass=75.0)), tmp_path))
+    path.write_text(
+        draft_text(
+            draft_of(read_folder(data_dir / "more_labs/theia"), Options(mass=75.0)), tmp_path
+        )
+    )
     study = Study.load(path)
     model = nominal_of(study)
     assert model.noise is not None and model.noise == study.marker_set.noise
@@ -56,22 +71,38 @@ def test_poses_against_the_truth() -> None:
 
 
 def test_a_bare_folder_of_key_points(tmp_path: Path) -> None:
-    """One walk of key points alone: a standing person is made of it, and nothing is said to be wrong."""
+    """One walk of key points alone: a standing person is made of it, and nothing is said to be
+    wrong.
+    """
     person, walk = published_model().parameters, gait_motion()
     exact = Errors(place=0.0, turn=0.0)
-    write_markers_csv(tmp_path / "walk.csv", points_recording(0, exact, body_poses(person, walk.q), walk.basis.time))
+    write_markers_csv(
+        tmp_path / "walk.csv",
+        points_recording(0, exact, body_poses(person, walk.q), walk.basis.time),
+    )
     made = draft_of(read_folder(tmp_path), Options(mass=69.4, height=1.7, sex="male"))
-    assert made.fault == made.problem == "" and made.choice is not None and made.choice.entry == "key-points"
-    assert [(trial.name, trial.role) for trial in made.trials] == [("walk_upright", "static"), ("walk", "gait")]
+    assert (
+        made.fault == made.problem == ""
+        and made.choice is not None
+        and made.choice.entry == "key-points"
+    )
+    assert [(trial.name, trial.role) for trial in made.trials] == [
+        ("walk_upright", "static"),
+        ("walk", "gait"),
+    ]
     (tmp_path / "study.toml").write_text(draft_text(made, tmp_path))
     study = Study.load(tmp_path / "study.toml")
     assert serious(study) == []
     model, poses = nominal_of(study), body_poses(person, walk.q)
     for side in "rl":
         for segment, above in (("shank", "thigh"), ("foot", "shank")):
-            length = np.linalg.norm(poses[f"{side}_{segment}"][1] - poses[f"{side}_{above}"][1], axis=1).mean()
+            length = np.linalg.norm(
+                poses[f"{side}_{segment}"][1] - poses[f"{side}_{above}"][1], axis=1
+            ).mean()
             centre = {"shank": "kjc", "foot": "ajc"}[segment]
-            assert np.linalg.norm(model.landmarks[f"{centre}_{side}"][1]) == pytest.approx(length, abs=1e-3)
+            assert np.linalg.norm(model.landmarks[f"{centre}_{side}"][1]) == pytest.approx(
+                length, abs=1e-3
+            )
 
 
 def test_augmented_markers_beside_key_points_are_the_set() -> None:
@@ -83,7 +114,9 @@ def test_augmented_markers_beside_key_points_are_the_set() -> None:
     both = replace(
         points,
         labels=(*points.labels, *augmented),
-        markers=np.concatenate([points.markers, np.ones((len(points.time), len(augmented), 3))], axis=1),
+        markers=np.concatenate(
+            [points.markers, np.ones((len(points.time), len(augmented), 3))], axis=1
+        ),
     )
     assert with_landmarks(points).labels != points.labels
     assert with_landmarks(both) is both and upright(both) is both
@@ -93,23 +126,34 @@ def test_augmented_markers_beside_key_points_are_the_set() -> None:
     ("made", "marker_set", "errors"),
     [(poses_recording, "poses", Errors()), (points_recording, "key-points", Errors(place=0.015))],
 )
-def test_another_person_without_markers(made: Callable[..., Recording], marker_set: str, errors: Errors) -> None:
+def test_another_person_without_markers(
+    made: Callable[..., Recording], marker_set: str, errors: Errors
+) -> None:
     """Corners of a pose keep their distances whoever moves; bones tell, beyond what they err by."""
     walk, known = gait_motion(), load_marker_set(marker_set)
     poses = body_poses(published_model().parameters, walk.q)
     child = {name: (axes, 0.8 * origin) for name, (axes, origin) in poses.items()}
     recordings = [
-        with_landmarks(made(seed, errors, of, walk.basis.time)) for seed, of in enumerate([poses] * 3 + [child])
+        with_landmarks(made(seed, errors, of, walk.basis.time))
+        for seed, of in enumerate([poses] * 3 + [child])
     ]
     first, *others = (pair_distances(recording, known) for recording in recordings)
     assert [bool(placed_otherwise(first, other, known)) for other in others] == [False, False, True]
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("part", "centres_mm"), [("opensim_poses", 20.0), ("opensim_points", 40.0)])
-def test_people_whom_opensim_knows_without_markers(data_dir: Path, part: str, centres_mm: float) -> None:
-    """Knees that are no hinges, masses that are not ours: feet of 2.1 % of the body swing on the knees."""
+@pytest.mark.parametrize(
+    ("part", "centres_mm"), [("opensim_poses", 20.0), ("opensim_points", 40.0)]
+)
+def test_people_whom_opensim_knows_without_markers(
+    data_dir: Path, part: str, centres_mm: float
+) -> None:
+    """Knees that are no hinges, masses that are not ours: feet of 2.1 % of the body swing on the
+    knees.
+    """
     found = results("markerless", "--parts", part, "--people", 1)[part]
-    assert set(found["verdicts"]) == {"trustworthy"} and max(found["centres_mm"].values()) < centres_mm
+    assert (
+        set(found["verdicts"]) == {"trustworthy"} and max(found["centres_mm"].values()) < centres_mm
+    )
     covered = {torque: found[torque]["covered"] for torque in TORQUES if torque in found}
     assert min(covered.values()) > 0.8 and sum(covered.values()) / len(covered) > 0.92

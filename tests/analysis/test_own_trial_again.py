@@ -1,4 +1,6 @@
-"""A trial of a calibration, analysed once more as a further trial: the same angles and standard errors."""
+"""A trial of a calibration, analysed once more as a further trial: the same angles and standard
+errors.
+"""
 
 from pathlib import Path
 
@@ -21,7 +23,9 @@ KINDS = {
 
 @pytest.mark.slow
 @pytest.mark.parametrize("kind", KINDS)
-def test_a_trial_of_the_calibration_is_tracked_as_in_it(kind: str, data_dir: Path, tmp_path: Path) -> None:
+def test_a_trial_of_the_calibration_is_tracked_as_in_it(
+    kind: str, data_dir: Path, tmp_path: Path
+) -> None:
     role, settings, has_other = KINDS[kind]
     text = study_text("subject01", data_dir.resolve(), f'ip = "none"\n{settings}')
     text = text.replace('role = "gait"', f'role = "{role}"')

@@ -24,13 +24,17 @@ def study() -> Study:
     """Standing and a walk over plates, with nominal joint parameters."""
     sound = sound_study()
     kept = tuple(t for t in sound.trials if t.name in ("static", "walk"))
-    return replace(sound, trials=kept, settings=CalibrationSettings(jp=False, nodes_per_second=10.0))
+    return replace(
+        sound, trials=kept, settings=CalibrationSettings(jp=False, nodes_per_second=10.0)
+    )
 
 
 def test_every_trial_is_cleaned_once(study: Study, monkeypatch: pytest.MonkeyPatch) -> None:
     """By the checks, the nominal model and the calibration together."""
     clean, seen = rebuilt_markers.without_outliers, []
-    monkeypatch.setattr(rebuilt_markers, "without_outliers", lambda r, s: seen.append(r) or clean(r, s))  # type: ignore[func-returns-value]
+    monkeypatch.setattr(
+        rebuilt_markers, "without_outliers", lambda r, s: seen.append(r) or clean(r, s)
+    )  # type: ignore[func-returns-value]
     calibrate(study, checked=check_study(study))
     assert len(seen) == len(study.trials)
 
@@ -41,10 +45,16 @@ def test_a_stage_changes_nothing_of_the_one_before(study: Study) -> None:
     assert walk.stages == {} and walk.reactions is None and walk.outliers == ()
     moved = track(fit_joints(prepared), silent)
     (tracked,) = moved.trials
-    assert list(tracked.stages) == [Stage.NOMINAL] and tracked.reactions is not None and tracked.scores is not None
+    assert (
+        list(tracked.stages) == [Stage.NOMINAL]
+        and tracked.reactions is not None
+        and tracked.scores is not None
+    )
     loaded = fit_inertia(moved, silent)
     assert list(loaded.trials[0].stages) == [Stage.NOMINAL, Stage.JP_IP]
-    assert loaded.parameters is loaded.trials[0].parameters and loaded.uncertainty.inertial is not None
+    assert (
+        loaded.parameters is loaded.trials[0].parameters and loaded.uncertainty.inertial is not None
+    )
     assert walk.stages == {} and list(tracked.stages) == [Stage.NOMINAL] and moved.inertial is None
 
 
@@ -57,5 +67,11 @@ def test_markers_that_moved_in_an_isolated_trial_leave_other_joints_alone(study:
         "walk": {"thigh_r": PossibleMove(np.full(3, 0.1), 0.01)},
     }
     both, alone = _doubted(moves, (knee, walk)), _doubted(moves, (knee,))
-    assert {name.split(".")[0] for name in alone} == {"knee_r"} and {n: both[n] for n in alone} == alone
-    assert both["hip_r.thigh.ant"] == 0.01 and alone["knee_r.thigh.ant"] == 0.02 and alone["knee_r.thigh.front"] == 0.3
+    assert {name.split(".")[0] for name in alone} == {"knee_r"} and {
+        n: both[n] for n in alone
+    } == alone
+    assert (
+        both["hip_r.thigh.ant"] == 0.01
+        and alone["knee_r.thigh.ant"] == 0.02
+        and alone["knee_r.thigh.front"] == 0.3
+    )

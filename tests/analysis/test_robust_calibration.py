@@ -42,7 +42,9 @@ def exchanged(other: str) -> Spoil:
 
     def spoil(recording: Recording, _: np.random.Generator) -> Recording:
         start = len(recording.time) // 4
-        return swapped("R.Thigh.Front", other, slice(start, start + round(recording.rate)))(recording)
+        return swapped("R.Thigh.Front", other, slice(start, start + round(recording.rate)))(
+            recording
+        )
 
     return spoil
 
@@ -87,7 +89,11 @@ def study(kept: Path) -> Study:
     kept = tuple(t for t in whole.trials if t.role is Role.STATIC or t.name == "knee_r")
     knee = replace(whole, trials=kept, settings=whole.settings.model_copy(update={"ip": "none"}))
     return with_trial(
-        knee, "knee_r", lambda r: replace(r, markers=r.markers + marker_noise(r.time, r.markers.shape[1], rng, 0.003))
+        knee,
+        "knee_r",
+        lambda r: replace(
+            r, markers=r.markers + marker_noise(r.time, r.markers.shape[1], rng, 0.003)
+        ),
     )
 
 
@@ -98,9 +104,13 @@ def clean(study: Study) -> dict[str, Sought]:
 
 
 def change(study: Study, spoil: Spoil, loss: str, clean: dict[str, Sought]) -> tuple[float, float]:
-    """Largest changes (mm, deg) of the fitted joint parameters of the spoilt study, by the same loss."""
+    """Largest changes (mm, deg) of the fitted joint parameters of the spoilt study, by the same
+    loss.
+    """
     rng = np.random.default_rng(SEED)
-    spoilt, free = joint_parameters(with_trial(study, "knee_r", lambda recording: spoil(recording, rng)), loss)
+    spoilt, free = joint_parameters(
+        with_trial(study, "knee_r", lambda recording: spoil(recording, rng)), loss
+    )
     index = [JP_INDEX[n] for n in free]
     position = np.array([JOINT_PARAMETERS[i].kind is Kind.POSITION for i in index])
     size = np.abs((spoilt - clean[loss][0])[index]) * np.where(position, 1e3, np.rad2deg(1.0))
@@ -112,7 +122,9 @@ def change(study: Study, spoil: Spoil, loss: str, clean: dict[str, Sought]) -> t
 def test_spoilt_markers_move_little(name: str, study: Study, clean: dict[str, Sought]) -> None:
     millimetres, degrees = change(study, SPOILS[name], "cauchy", clean)
     # a marker that is lost is no outlier: what it told is gone
-    assert millimetres < (4.0 if name == "one lost for half" else LARGEST_MM) and degrees < LARGEST_DEG
+    assert (
+        millimetres < (4.0 if name == "one lost for half" else LARGEST_MM) and degrees < LARGEST_DEG
+    )
 
 
 @pytest.mark.slow

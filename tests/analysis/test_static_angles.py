@@ -1,4 +1,6 @@
-"""Ankle angles stay counted from the static posture whatever a fit does to the ankle's axes; relative angles."""
+"""Ankle angles stay counted from the static posture whatever a fit does to the ankle's axes;
+relative angles.
+"""
 
 from dataclasses import replace
 
@@ -56,8 +58,13 @@ def test_ankles_keep_their_angle_in_the_static_posture() -> None:
     assert max(abs(np.rad2deg(wrong[name])) for name in ANKLES) > 3.0
     counted = counted_from_static(model, fitted, static)
     settled = counted.parameters
-    now, nominal = static_angles(model, settled, static), static_angles(model, model.nominal, static)
-    assert [now[name] for name in ANKLES] == pytest.approx([nominal[name] for name in ANKLES], abs=TRACKED)
+    now, nominal = (
+        static_angles(model, settled, static),
+        static_angles(model, model.nominal, static),
+    )
+    assert [now[name] for name in ANKLES] == pytest.approx(
+        [nominal[name] for name in ANKLES], abs=TRACKED
+    )
     assert counted.static == pytest.approx(now, abs=TRACKED)
     np.testing.assert_array_equal(settled.joint, fitted.joint)
 
@@ -76,15 +83,22 @@ def test_nothing_moves_when_the_zero_does() -> None:
 
 @pytest.mark.slow
 def test_a_marker_metres_away_in_the_static_trial_turns_no_ankle() -> None:
-    """The zero of the ankles is counted from the same static trial as the model, without its stray marker."""
+    """The zero of the ankles is counted from the same static trial as the model, without its stray
+    marker.
+    """
     sound = sound_study()
     walk = tuple(t for t in sound.trials if t.name in ("static", "walk"))
     sound = replace(sound, trials=walk, settings=CalibrationSettings(ip="none"))
     away = with_trial(sound, "static", moved("L.Heel", lambda x: x + [3.0, 0.0, 1.0]))
     clean, spoilt = (calibrate(study, checked=()) for study in (sound, away))
     for name in ANKLES:
-        assert np.rad2deg(abs(spoilt.static_angles[name] - clean.static_angles[name])) < STRAY_DEG, name
-        means = [t.body.q[:, t.body.coordinates.index(name)].mean() for t in (clean.trials[0], spoilt.trials[0])]
+        assert (
+            np.rad2deg(abs(spoilt.static_angles[name] - clean.static_angles[name])) < STRAY_DEG
+        ), name
+        means = [
+            t.body.q[:, t.body.coordinates.index(name)].mean()
+            for t in (clean.trials[0], spoilt.trials[0])
+        ]
         assert np.rad2deg(abs(means[1] - means[0])) < STRAY_DEG, name
 
 
@@ -99,7 +113,9 @@ def test_the_published_protocol_keeps_the_zero_of_its_nominal_model() -> None:
         "said": CalibrationSettings(protocol="published", ip="none", ankle_zero="markers"),
     }.items():
         found = calibrate(replace(sound, trials=walk, settings=settings), checked=())
-        moves[name] = np.abs(found.model.parameters.zero_angles - found.nominal.parameters.zero_angles).max()
+        moves[name] = np.abs(
+            found.model.parameters.zero_angles - found.nominal.parameters.zero_angles
+        ).max()
     assert moves["published"] == 0.0 < moves["said"]
 
 
@@ -111,7 +127,9 @@ def test_relative_angles_are_those_of_the_static_trial_taken_off() -> None:
     off = np.column_stack([plain[name] - relative[name] for name in names])
     wanted = [np.rad2deg(static[name]) for name in names]
     np.testing.assert_allclose(off, np.broadcast_to(wanted, off.shape), atol=ROUNDING)
-    same = [c for c in plain if c.startswith("pelvis") or c.endswith(("_velocity", "_acceleration"))]
+    same = [
+        c for c in plain if c.startswith("pelvis") or c.endswith(("_velocity", "_acceleration"))
+    ]
     assert all(np.array_equal(plain[name], relative[name]) for name in same)
     _, listed = relative_header(static)
     assert f"hip_flexion_r {wanted[0]:.2f}" in listed and "pelvis" not in listed

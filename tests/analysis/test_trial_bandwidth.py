@@ -54,14 +54,19 @@ def cutoffs(trial: MovingTrial) -> list[float | None]:
 
 def test_markers_choose_without_plates() -> None:
     recording = noisy(made_recording(isolated_motion("knee_r")), 0.001)
-    for trial in (walk(), Trial(name="knee_r", role=Role.JOINT, joint="knee_r", recording=recording)):
+    for trial in (
+        walk(),
+        Trial(name="knee_r", role=Role.JOINT, joint="knee_r", recording=recording),
+    ):
         found = prepared(trial)
         told = found.bandwidth
         assert told.by is ChosenBy.MARKERS and told.joints_hz == max(told.motion_hz, JOINTS_HZ)
         assert cutoffs(found) == [told.motion_hz, told.joints_hz]
         assert f"smoothed at {told.motion_hz:.1f} Hz" in told.notes[0] and told.findings == ()
         # an isolated trial is judged by what its joint parameters are fitted to
-        assert told.motion_hz == pytest.approx(DenseMotion(found.fitted, MODEL.parameters).by_markers(), rel=1e-6)
+        assert told.motion_hz == pytest.approx(
+            DenseMotion(found.fitted, MODEL.parameters).by_markers(), rel=1e-6
+        )
 
 
 def test_the_frame_rate_is_named_where_it_sets_the_limit() -> None:
@@ -91,16 +96,22 @@ def test_plates_bring_motion_and_forces_together() -> None:
 
 
 def test_plates_that_do_not_tell_have_no_say() -> None:
-    """Where a plate reads 300 N too much, that is what F is made of, and no cut-off changes much of it."""
+    """Where a plate reads 300 N too much, that is what F is made of, and no cut-off changes much of
+    it.
+    """
     plates = made_plates(gait_motion())
     for force in (lambda f: f + [0.0, 300.0, 0.0] * (f[:, 1:2] > 20.0), np.zeros_like):
-        trial = prepared(walk(0.002, [replace(plate, force=force(plate.force)) for plate in plates]))
+        trial = prepared(
+            walk(0.002, [replace(plate, force=force(plate.force)) for plate in plates])
+        )
         assert trial.bandwidth.by is ChosenBy.MARKERS
         assert trial.bandwidth.motion_hz == prepared(walk(0.002)).bandwidth.motion_hz
 
 
 def test_plates_that_would_go_far_have_no_say() -> None:
-    """All markers shake at 10 Hz, which they cannot tell from motion; with F alone 6.5 Hz would remain of 16."""
+    """All markers shake at 10 Hz, which they cannot tell from motion; with F alone 6.5 Hz would
+    remain of 16.
+    """
     trial = walk(0.0003, made_plates(gait_motion()))
     shaken = trial.recording.markers.copy()
     shaken[:, :, 1] += 0.001 * np.sin(2 * np.pi * 10.0 * trial.recording.time)[:, None]
@@ -130,11 +141,15 @@ def test_a_fit_that_suffers_is_told() -> None:
 
 
 @pytest.mark.parametrize(
-    "rate, hz, words", [(100.0, 50.0, "not filtered"), (100.0, 20.0, "at 20.0 Hz"), (200.0, 50.0, "50.0")]
+    "rate, hz, words",
+    [(100.0, 50.0, "not filtered"), (100.0, 20.0, "at 20.0 Hz"), (200.0, 50.0, "50.0")],
 )
 def test_a_slow_plate_is_not_filtered(rate: float, hz: float, words: str) -> None:
     step, parts = round(200.0 / rate), ("time", "force", "point", "moment")
-    plates = [replace(p, **{name: getattr(p, name)[::step] for name in parts}) for p in made_plates(gait_motion())]
+    plates = [
+        replace(p, **{name: getattr(p, name)[::step] for name in parts})
+        for p in made_plates(gait_motion())
+    ]
     _, ground = reactions(prepared(walk(0.0, plates)), hz)
     assert ground.valid.any()
     assert [note for note in ground.notes if "filtered" in note and words in note]
@@ -156,7 +171,9 @@ def test_forces_are_filtered_at_50_hz_or_like_the_motion() -> None:
 
 @pytest.mark.slow
 def test_summary_and_notes_tell_it(tmp_path: Path) -> None:
-    study = Study.load(write_synthetic_study(tmp_path, ("knee_r",), more='[calibration]\nip = "none"\n'))
+    study = Study.load(
+        write_synthetic_study(tmp_path, ("knee_r",), more='[calibration]\nip = "none"\n')
+    )
     done = calibrate(study)
     trials = summary(done)["trials"]
     assert isinstance(trials, dict)
@@ -169,5 +186,9 @@ def test_summary_and_notes_tell_it(tmp_path: Path) -> None:
     turned = {"thigh_r": PossibleMove(np.array([0.0, 0.2, 0.0]), 0.0)}
     further = analyse(done.model, study.moving[0], study.settings, done.uncertainty, turned)
     k = further.body.coordinates.index("hip_rotation_r")
-    assert further.coordinate_errors[:, k].mean() > 0.2 > done.trial("walk").coordinate_errors[:, k].mean()
+    assert (
+        further.coordinate_errors[:, k].mean()
+        > 0.2
+        > done.trial("walk").coordinate_errors[:, k].mean()
+    )
     assert trial_summary(further, done.verdict)["bandwidth_by"] == trials["walk"]["bandwidth_by"]  # type: ignore[index,call-overload]

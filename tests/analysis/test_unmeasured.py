@@ -1,4 +1,6 @@
-"""Mass whose motion markers leave open: told as the cause of the pelvis residual, and no reason to change masses."""
+"""Mass whose motion markers leave open: told as the cause of the pelvis residual, and no reason to
+change masses.
+"""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -24,29 +26,43 @@ def both(real_study: Callable[[str], Study]) -> tuple[Calibration, Calibration]:
     """A real walk, and the same whose cameras never saw the thorax; nominal joint parameters."""
     study = real_study("pig_c3d")
     study = replace(study, settings=study.settings.model_copy(update={"jp": False}))
-    return calibrate(study, checked=()), calibrate(with_trial(study, "gait", without(*THORAX)), checked=())
+    return calibrate(study, checked=()), calibrate(
+        with_trial(study, "gait", without(*THORAX)), checked=()
+    )
 
 
-def test_masses_are_not_fitted_to_what_no_marker_shows(both: tuple[Calibration, Calibration]) -> None:
+def test_masses_are_not_fitted_to_what_no_marker_shows(
+    both: tuple[Calibration, Calibration],
+) -> None:
     whole, blind = both
     assert not blind.inertial.moved
-    np.testing.assert_array_equal(blind.model.parameters.inertial, blind.nominal.parameters.inertial)
+    np.testing.assert_array_equal(
+        blind.model.parameters.inertial, blind.nominal.parameters.inertial
+    )
     assert "markers do not determine head and trunk: 39 %" in blind.inertial.message
     assert "do not determine" not in whole.inertial.message
 
 
-def test_the_cause_of_the_residual_is_told_and_doubts_nothing(both: tuple[Calibration, Calibration]) -> None:
+def test_the_cause_of_the_residual_is_told_and_doubts_nothing(
+    both: tuple[Calibration, Calibration],
+) -> None:
     whole, blind = both
     (told,) = [f for f in blind.findings if f.topic == "pelvis residual"]
     assert told.severity is Severity.INFO
     assert not [f for f in whole.findings if f.topic == "pelvis residual"]
     assert any(note.startswith("markers do not determine head and trunk") for note in blind.notes)
-    assert any("lumbar_rotation" in note and "upright in the laboratory" in note for note in blind.notes)
+    assert any(
+        "lumbar_rotation" in note and "upright in the laboratory" in note for note in blind.notes
+    )
     assert blind.verdict.judgement is not Judgement.REFUSED
 
 
 def test_leg_torques_do_not_depend_on_it(both: tuple[Calibration, Calibration]) -> None:
-    legs = [i for i, name in enumerate(COORDINATES) if name.startswith(("hip", "knee", "ankle", "subtalar"))]
+    legs = [
+        i
+        for i, name in enumerate(COORDINATES)
+        if name.startswith(("hip", "knee", "ankle", "subtalar"))
+    ]
     loads = [c.trial("gait").loads for c in both]
     valid = loads[0].reactions.valid & loads[1].reactions.valid
     change = (loads[1].nominal.tau - loads[0].nominal.tau)[valid][:, legs]

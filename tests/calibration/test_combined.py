@@ -24,7 +24,12 @@ from gaitcal.io.recording import Recording
 from gaitcal.model.nominal import published_model
 from gaitcal.model.parameters import Parameters, gait_parameters, is_physical, symmetric_set, table
 from gaitcal.model.subject_model import Subject
-from gaitcal.synthetic.synthetic_motion import gait_motion, marker_noise, residual_free_wrench, synthetic_markers
+from gaitcal.synthetic.synthetic_motion import (
+    gait_motion,
+    marker_noise,
+    residual_free_wrench,
+    synthetic_markers,
+)
 from gaitcal.tracking.descent import DescentSettings
 from gaitcal.tracking.motion import track_nodes
 from gaitcal.tracking.spline import NodeRule
@@ -40,13 +45,19 @@ SHARE = 0.02
 SPREAD = ConsistentSettings(mass_spread=0.02, centre_spread=0.004, moment_spread=0.05)
 """So narrow that it shows beside the loads."""
 NEAR = 1e-4
-"""Of the largest change of a quantity (mass, place of the mass centre, moment); both solvers end far nearer."""
+"""Of the largest change of a quantity (mass, place of the mass centre, moment); both solvers end
+far nearer.
+"""
 
 
 def noisy_walk(seed: int, *size: float) -> MotionProblem:
     markers = synthetic_markers(MODEL.parameters, MODEL.markers, MOTION.q)
-    noisy = markers + marker_noise(MOTION.basis.time, markers.shape[1], np.random.default_rng(seed), *size)
-    recording = Recording(source="gait", time=MOTION.basis.time, labels=MODEL.markers.labels, markers=noisy)
+    noisy = markers + marker_noise(
+        MOTION.basis.time, markers.shape[1], np.random.default_rng(seed), *size
+    )
+    recording = Recording(
+        source="gait", time=MOTION.basis.time, labels=MODEL.markers.labels, markers=noisy
+    )
     return trial_problem("gait", MODEL, recording, NodeRule(fixed=20))
 
 
@@ -63,10 +74,16 @@ def test_inertial_parameters_end_where_a_dense_solver_puts_them() -> None:
 
     chart = LogChart(model.parameters.inertial, symmetric_set())
     trial = CombinedProblem(problem, coefficients, wrench, valid)
-    settings = CombinedSettings(load_share=SHARE, spread=SPREAD, descent=replace(DESCENT, gain=1e-12))
-    found = combined_fit([trial], model.parameters, gait_parameters("r"), symmetric_set(), model.subject, settings)
+    settings = CombinedSettings(
+        load_share=SHARE, spread=SPREAD, descent=replace(DESCENT, gain=1e-12)
+    )
+    found = combined_fit(
+        [trial], model.parameters, gait_parameters("r"), symmetric_set(), model.subject, settings
+    )
     assert found.converged
-    square = ((problem.positions(coefficients, body) - problem.data.measured) ** 2).sum(axis=1) / 3.0
+    square = ((problem.positions(coefficients, body) - problem.data.measured) ** 2).sum(
+        axis=1
+    ) / 3.0
     of_each = np.sqrt((problem.data.weight * square).sum() / (problem.data.weight > 0).sum())
     assert found.marker_sigma == pytest.approx(of_each, rel=1e-9)
 
@@ -79,10 +96,14 @@ def test_inertial_parameters_end_where_a_dense_solver_puts_them() -> None:
         return residual.ravel() / (SHARE * weight)
 
     def cost(x: Array) -> Array:
-        return np.concatenate([loads(found.parameters.with_inertial(chart.inertial(x))), x / chart.spread(SPREAD)])
+        return np.concatenate(
+            [loads(found.parameters.with_inertial(chart.inertial(x))), x / chart.spread(SPREAD)]
+        )
 
     # MINPACK of older SciPy ends early on differences of one side
-    dense = least_squares(cost, np.zeros(chart.size), jac="3-point", x_scale="jac", xtol=1e-15, ftol=1e-15, gtol=1e-12)
+    dense = least_squares(
+        cost, np.zeros(chart.size), jac="3-point", x_scale="jac", xtol=1e-15, ftol=1e-15, gtol=1e-12
+    )
     expected = table(chart.inertial(dense.x))
     moved = np.abs(expected - table(model.parameters.inertial)).max(axis=0)
     gap = np.abs(table(found.parameters.inertial) - expected).max(axis=0)
@@ -109,7 +130,10 @@ def test_third_step_explains_the_loads_at_little_cost_to_the_markers() -> None:
         cost = problem.cost(coefficients, problem.body(parameters))
         return np.array([np.mean(residual[:, :3] ** 2), np.mean(residual[:, 3:] ** 2), cost])
 
-    before, after = squares(two_steps, joint.coefficients[0]), squares(third.parameters, third.coefficients[0])
+    before, after = (
+        squares(two_steps, joint.coefficients[0]),
+        squares(third.parameters, third.coefficients[0]),
+    )
     assert third.converged
     assert (np.sqrt(after / before) < [0.6, 0.6, 1.1]).all()
     assert is_physical(third.parameters.inertial).all()
@@ -119,7 +143,10 @@ def test_third_step_explains_the_loads_at_little_cost_to_the_markers() -> None:
 def test_the_penalty_is_no_marker_error() -> None:
     """The third step weighs markers by their own residual alone."""
     problem, coefficients = smoothed_trial()
-    settings, anyone = CombinedSettings(descent=DescentSettings(most_steps=1)), Subject("anyone", 70.0, 1.75, "male")
+    settings, anyone = (
+        CombinedSettings(descent=DescentSettings(most_steps=1)),
+        Subject("anyone", 70.0, 1.75, "male"),
+    )
 
     def sigma(trial: MotionProblem) -> float:
         loaded = [CombinedProblem(trial, coefficients, None, None)]
@@ -130,9 +157,15 @@ def test_the_penalty_is_no_marker_error() -> None:
 
 @pytest.mark.slow
 def test_impossible_bodies_are_told_and_spoil_nothing_else(data_dir: Path, tmp_path: Path) -> None:
-    """The published cost, scaled by 1 mm, gives negative masses on a real walk: a warning, no error bars, no crash."""
+    """The published cost, scaled by 1 mm, gives negative masses on a real walk: a warning, no error
+    bars, no crash.
+    """
     text = 'ip = "published"\ntorque_scale = "1mm"\njoint_step = true'
     found = calibrate(load_study("subject01", data_dir.resolve(), tmp_path, text))
     assert any("no real body" in warning for warning in found.warnings)
     loads = found.trial("walk").loads
-    assert loads.errors is None and Stage.COMBINED not in loads.moments and np.isfinite(loads.final.tau).all()
+    assert (
+        loads.errors is None
+        and Stage.COMBINED not in loads.moments
+        and np.isfinite(loads.final.tau).all()
+    )

@@ -1,4 +1,6 @@
-"""What trials do not determine: what is frozen and advised, odd joints and bodies, arms turned about themselves."""
+"""What trials do not determine: what is frozen and advised, odd joints and bodies, arms turned
+about themselves.
+"""
 
 from dataclasses import replace
 from pathlib import Path
@@ -30,11 +32,15 @@ PARAMETERS = perturbed_parameters(np.random.default_rng(3), 0.0, 0.0)
 
 @pytest.mark.parametrize("together", [0.0, 0.999])
 def test_of_two_that_only_their_sum_shows_one_is_kept_at_its_nominal_value(together: float) -> None:
-    """Both have a standard error too large; given the one, the other is determined if they go together."""
+    """Both have a standard error too large; given the one, the other is determined if they go
+    together.
+    """
     names = ("hip_r.pelvis.ant", "hip_r.thigh.ant", "knee_r.shank.front")
     allowed = np.array([LARGEST_POSITION, LARGEST_POSITION, LARGEST_ORIENTATION])
     errors = np.array([1.5, 2.0, 0.1]) * allowed
-    covariance = np.outer(errors, errors) * np.array([[1.0, together, 0.0], [together, 1.0, 0.0], [0.0, 0.0, 1.0]])
+    covariance = np.outer(errors, errors) * np.array(
+        [[1.0, together, 0.0], [together, 1.0, 0.0], [0.0, 0.0, 1.0]]
+    )
     expected = ("hip_r.thigh.ant",) if together else ("hip_r.thigh.ant", "hip_r.pelvis.ant")
     assert unseen_parameters(names, covariance, np.eye(3)) == expected
     seen = np.array([0.8, 0.6, 0.0])
@@ -46,12 +52,20 @@ def advice(turned: dict[str, dict[str, float]]) -> dict[str, str]:
     return {f.found.split(".")[0]: f.cure for f in in_words(UNSEEN, "kept", turned)}
 
 
-def test_an_isolated_trial_is_asked_for_where_there_is_none_and_not_where_one_with_62_deg_was_given() -> None:
-    assert all("add an isolated ankle trial of the right leg" in line for line in advice({}).values())
+def test_an_isolated_trial_is_asked_for_where_there_is_none_and_not_where_one_with_62_deg_was_given() -> (
+    None
+):
+    assert all(
+        "add an isolated ankle trial of the right leg" in line for line in advice({}).values()
+    )
     other = {"ankle_l": {"ankle_angle": 1.1, "subtalar_angle": 0.6}}
     assert all("add an isolated ankle trial" in line for line in advice(other).values())
-    told = advice({"ankle_r": {"ankle_angle": np.deg2rad(62.0), "subtalar_angle": np.deg2rad(12.0)}})
-    assert all("add an isolated" not in line and "62 deg in dorsiflexion" in line for line in told.values())
+    told = advice(
+        {"ankle_r": {"ankle_angle": np.deg2rad(62.0), "subtalar_angle": np.deg2rad(12.0)}}
+    )
+    assert all(
+        "add an isolated" not in line and "62 deg in dorsiflexion" in line for line in told.values()
+    )
     assert "enough" in told["talocrural_r"] and "move inversion further" in told["subtalar_r"]
 
 
@@ -61,8 +75,12 @@ def test_one_joint_beyond_its_bounds_is_odd_and_many_are_another_body() -> None:
     (arm,) = beyond_bounds(["shoulder_l.trunk.front"])
     assert arm.severity is Severity.INFO
     own = ["knee_r.thigh.ant", "knee_r.thigh.sup", "knee_r.shank.ant", "knee_r.shank.sup"]
-    assert [f.severity for f in beyond_bounds(own)] == [Severity.WARNING], "four of one joint are one odd joint"
-    *arms, body = beyond_bounds(["shoulder_l.trunk.front", *own[:2], "knee_l.thigh.ant", "hip_l.thigh.ant"])
+    assert [f.severity for f in beyond_bounds(own)] == [Severity.WARNING], (
+        "four of one joint are one odd joint"
+    )
+    *arms, body = beyond_bounds(
+        ["shoulder_l.trunk.front", *own[:2], "knee_l.thigh.ant", "hip_l.thigh.ant"]
+    )
     assert body.severity is Severity.ERROR and "does not show the body" in body.cause
     assert [f.severity for f in arms] == [Severity.INFO]
     joints = beyond_bounds([*own[:2], "knee_l.thigh.ant", "hip_l.thigh.ant"], same_body=True)
@@ -79,8 +97,12 @@ def test_markers_that_keep_their_distances_are_on_the_body_that_stood() -> None:
     assert not worn_as_standing([body, moved]) and not worn_as_standing([])
 
 
-@pytest.mark.parametrize(("side", "turn", "found"), [("r", 1.1, True), ("l", 1.1, True), ("r", 0.9, False)])
-@pytest.mark.parametrize(("coordinate", "whole"), [("arm_flex", 0.0), ("arm_add", 2.0 * np.pi), ("elbow_flex", 0.0)])
+@pytest.mark.parametrize(
+    ("side", "turn", "found"), [("r", 1.1, True), ("l", 1.1, True), ("r", 0.9, False)]
+)
+@pytest.mark.parametrize(
+    ("coordinate", "whole"), [("arm_flex", 0.0), ("arm_add", 2.0 * np.pi), ("elbow_flex", 0.0)]
+)
 def test_an_arm_far_from_where_its_markers_begin(
     side: str, turn: float, found: bool, coordinate: str, whole: float
 ) -> None:
@@ -88,12 +110,17 @@ def test_an_arm_far_from_where_its_markers_begin(
     body, _ = random_trial(np.random.default_rng(4), PARAMETERS, frames=60, nodes=10)
     _, start = started(body, PARAMETERS)
     coefficients = start.copy()
-    coefficients[:, body.chain.coordinates.index(f"{coordinate}_{side}")] += turn * LARGEST_ARM_TURN + whole
+    coefficients[:, body.chain.coordinates.index(f"{coordinate}_{side}")] += (
+        turn * LARGEST_ARM_TURN + whole
+    )
     turned = arm_ambiguity([body, body], [start, coefficients], PARAMETERS)
     assert list(turned) == ([side] if found else [])
     if found:
         assert turned[side] == pytest.approx(turn * LARGEST_ARM_TURN)
-        assert f"{np.rad2deg(turn * LARGEST_ARM_TURN):.0f} degrees" in ambiguous_arm_findings(turned)[0].found
+        assert (
+            f"{np.rad2deg(turn * LARGEST_ARM_TURN):.0f} degrees"
+            in ambiguous_arm_findings(turned)[0].found
+        )
 
 
 def test_only_joints_of_that_arm_stay() -> None:
@@ -103,7 +130,9 @@ def test_only_joints_of_that_arm_stay() -> None:
 
 @pytest.mark.slow
 def test_a_child_whose_elbow_bends_outwards(data_dir: Path, tmp_path: Path) -> None:
-    """One walk: without walls the fit turned the right arm by 168 degrees and met its markers worse than before."""
+    """One walk: without walls the fit turned the right arm by 168 degrees and met its markers worse
+    than before.
+    """
     for name in ("static.c3d", "straight.c3d"):
         (tmp_path / name).symlink_to(data_dir.resolve() / "children" / "HC002D" / name)
     nominal, fitted, _ = gc.calibrate(drafted(tmp_path)).trial("straight").rms_mm()

@@ -1,4 +1,6 @@
-"""Inertial parameters from the pelvis residual: possible bodies, derivatives, and what a fit says of its errors."""
+"""Inertial parameters from the pelvis residual: possible bodies, derivatives, and what a fit says
+of its errors.
+"""
 
 import numpy as np
 import pytest
@@ -32,8 +34,8 @@ SETS = pytest.mark.parametrize("which", [symmetric_set(), full_set()], ids=["36"
 
 
 def loads(noise: float, seed: int) -> tuple[Array, Array]:
-    """Root regressor (nf, 6, 12, 10) of a walk, and what the ground reactions must say (nf, 6), plus white noise of
-    `noise` times weight in force and times weight and height in moment.
+    """Root regressor (nf, 6, 12, 10) of a walk, and what the ground reactions must say (nf, 6),
+    plus white noise of `noise` times weight in force and times weight and height in moment.
     """
     q, v, a = (MOTION.basis.evaluate(MOTION.coefficients, k) for k in range(3))
     regressor = Dynamics(MODEL.parameters).root_regressor(q, v, a)
@@ -52,7 +54,10 @@ def test_consistent_inertias_are_possible_and_keep_the_mass(which: InertialSet) 
     s, exact = symmetric_set().selection, system(0.0, 0)
     mean = s.T @ MODEL.parameters.inertial / (s * s).sum(axis=0)
     rng = np.random.default_rng(1)
-    drawn = (MODEL.parameters.inertial + s @ (mean * rng.uniform(-0.05, 0.05, s.shape[1])) for _ in range(100))
+    drawn = (
+        MODEL.parameters.inertial + s @ (mean * rng.uniform(-0.05, 0.05, s.shape[1]))
+        for _ in range(100)
+    )
     start = next(inertial for inertial in drawn if is_physical(inertial).all())
     found = fit_consistent(exact, start, which)
     assert found.rms_force < exact.rms(start)[0]
@@ -76,11 +81,15 @@ def test_an_impossible_seed_is_refused() -> None:
 
 @pytest.mark.parametrize("noise", [0.02, 0.05])
 def test_residuals_are_weighed_against_the_noise_that_the_fit_leaves(noise: float) -> None:
-    """Its standard deviation in each of the six components of a frame, of which one in `independent` counts."""
+    """Its standard deviation in each of the six components of a frame, of which one in
+    `independent` counts.
+    """
     settings = ConsistentSettings()
     found = fit_consistent(system(noise, 61), MODEL.parameters.inertial, symmetric_set(), settings)
     scale = np.repeat([1.0 / WEIGHT, 1.0 / (WEIGHT * LENGTH)], 3)
-    by_inertial = np.einsum("i,fisd,sdk->fisk", scale, loads(noise, 61)[0], dynamic_jacobian(found.inertial))
+    by_inertial = np.einsum(
+        "i,fisd,sdk->fisk", scale, loads(noise, 61)[0], dynamic_jacobian(found.inertial)
+    )
     plain = by_inertial.reshape(-1, len(IP_NAMES)) @ found.jacobian
     weight = np.linalg.norm(found.residual_jacobian[: -len(found.names)]) / np.linalg.norm(plain)
     deviation = 1.0 / (weight * np.sqrt(settings.independent))
@@ -89,11 +98,15 @@ def test_residuals_are_weighed_against_the_noise_that_the_fit_leaves(noise: floa
 
 
 @SETS
-def test_the_spread_of_the_inertial_parameters_is_the_inverse_of_what_the_fit_knows(which: InertialSet) -> None:
+def test_the_spread_of_the_inertial_parameters_is_the_inverse_of_what_the_fit_knows(
+    which: InertialSet,
+) -> None:
     """R R^T = (d IP / d x) (A^T A)^-1 (d IP / d x)^T, A the Jacobian of residuals and penalties."""
     found = fit_consistent(system(0.02, 62), MODEL.parameters.inertial, which)
     a = found.residual_jacobian
     covariance = found.jacobian @ np.linalg.solve(a.T @ a, found.jacobian.T)
     root = inertial_square_root(found)
     scale = np.sqrt(np.maximum(np.diag(covariance), 1e-300))
-    np.testing.assert_allclose((root @ root.T) / np.outer(scale, scale), covariance / np.outer(scale, scale), atol=1e-9)
+    np.testing.assert_allclose(
+        (root @ root.T) / np.outer(scale, scale), covariance / np.outer(scale, scale), atol=1e-9
+    )

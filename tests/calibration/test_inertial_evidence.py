@@ -1,4 +1,6 @@
-"""Inertial parameters move where the residual asks for it: the noise against simulation, the fit against algebra."""
+"""Inertial parameters move where the residual asks for it: the noise against simulation, the fit
+against algebra.
+"""
 
 from dataclasses import replace
 
@@ -32,7 +34,14 @@ from gaitcal.dynamics.ground_reactions import GroundReactions
 from gaitcal.dynamics.inverse_dynamics import Dynamics, pelvis_residual
 from gaitcal.dynamics.measurement_errors import PlateErrors
 from gaitcal.model.nominal import published_model
-from gaitcal.model.parameters import MASSIVE_SEGMENTS, Parameters, full_set, is_physical, symmetric_set, table
+from gaitcal.model.parameters import (
+    MASSIVE_SEGMENTS,
+    Parameters,
+    full_set,
+    is_physical,
+    symmetric_set,
+    table,
+)
 from gaitcal.synthetic.synthetic_motion import gait_motion, residual_free_wrench
 from gaitcal.tracking.motion import tracked_motion
 from gaitcal.tracking.spline import NodeRule, frame_rate, spline_basis
@@ -62,7 +71,9 @@ def reactions() -> GroundReactions:
     inside[10:-10] = True
     down = np.ones((len(wrench), 2), dtype=bool)
     legs = np.stack([inside] * 2, axis=1)
-    return GroundReactions(wrench=wrench, valid=inside, valid_legs=legs, loaded=down, resting=down, notes=())
+    return GroundReactions(
+        wrench=wrench, valid=inside, valid_legs=legs, loaded=down, resting=down, notes=()
+    )
 
 
 def loaded(noise: float, seed: int = 0, rule: NodeRule = USUAL) -> LoadedProblem:
@@ -84,11 +95,15 @@ def residual_of(trial: LoadedProblem, state: tuple[Array, Array, Array]) -> Arra
 
 
 def system(trial: LoadedProblem, parameters: Parameters) -> RootEquations:
-    motion = LoadedMotion(state=state(trial), wrench=trial.reactions.wrench, valid=trial.reactions.valid)
+    motion = LoadedMotion(
+        state=state(trial), wrench=trial.reactions.wrench, valid=trial.reactions.valid
+    )
     return equations_of([motion], parameters, SUBJECT, TorqueScale.BODY_HEIGHT, 0.2)
 
 
-def noise_of(trial: LoadedProblem, parameters: Parameters, plates: PlateNoise | None = None) -> ResidualNoise:
+def noise_of(
+    trial: LoadedProblem, parameters: Parameters, plates: PlateNoise | None = None
+) -> ResidualNoise:
     none = replace(nominal_errors(("hip_r.pelvis.ant",)), parameters=np.zeros((1, 1)))
     chart = LogChart(parameters.inertial, WHICH)
     return residual_noise([trial], parameters, none, SUBJECT, chart, SUBJECT.height, plates)
@@ -110,7 +125,9 @@ def mass_error(inertial: Array) -> float:
 
 @pytest.mark.parametrize("seed", [1, 2])
 def test_what_noise_makes_moves_no_mass(seed: int) -> None:
-    """10 mm of noise, true masses: the residual is what was to be expected, and the parameters stay where they are."""
+    """10 mm of noise, true masses: the residual is what was to be expected, and the parameters stay
+    where they are.
+    """
     trial = loaded(0.010, seed)
     noise = noise_of(trial, TRUE)
     found = fit_by_evidence(system(trial, TRUE), TRUE.inertial, WHICH, noise)
@@ -122,13 +139,17 @@ def test_what_noise_makes_moves_no_mass(seed: int) -> None:
 
 
 def test_masses_that_are_wrong_move_towards_the_truth() -> None:
-    """Shanks half as heavy again, 2 mm of noise: decisive, nearer, possible, as heavy as before, and told."""
+    """Shanks half as heavy again, 2 mm of noise: decisive, nearer, possible, as heavy as before,
+    and told.
+    """
     trial, wrong = loaded(0.002, 3), changed(0.5)
     found = fit_by_evidence(system(trial, wrong), wrong.inertial, WHICH, noise_of(trial, wrong))
     assert found.moved and found.converged
     assert mass_error(found.inertial) < 0.6 * mass_error(wrong.inertial)
     assert is_physical(found.inertial).all()
-    assert table(found.inertial)[:, 0].sum() == pytest.approx(table(TRUE.inertial)[:, 0].sum(), abs=1e-9)
+    assert table(found.inertial)[:, 0].sum() == pytest.approx(
+        table(TRUE.inertial)[:, 0].sum(), abs=1e-9
+    )
     force, moment = system(trial, wrong).rms(wrong.inertial)
     assert found.rms_force < force and found.rms_moment < moment
     assert "ln K" in found.message and "stay the table's" not in found.message
@@ -140,7 +161,9 @@ def test_masses_that_are_wrong_move_towards_the_truth() -> None:
 
 
 def test_people_scatter_about_nominal_values() -> None:
-    """Masses by a tenth, at unchanged total, of feet by more; centres by 10 mm; second moments by 15 %."""
+    """Masses by a tenth, at unchanged total, of feet by more; centres by 10 mm; second moments by
+    15 %.
+    """
     kept = stay_nominal(TRUE.inertial, WHICH)
     errors = table(np.sqrt((inertial_square_root(kept) ** 2).sum(axis=1)))
     thigh, foot = (MASSIVE_SEGMENTS.index(name) for name in ("thigh_r", "foot_r"))
@@ -148,16 +171,24 @@ def test_people_scatter_about_nominal_values() -> None:
     assert errors[foot, 0] / rows[foot, 0] == pytest.approx(SETTINGS.foot_mass_spread, rel=0.05)
     assert errors[thigh, 2] == pytest.approx(SETTINGS.centre_spread, rel=ROUNDING)
     assert 0.5 * SETTINGS.mass_spread < errors[thigh, 0] / rows[thigh, 0] < SETTINGS.mass_spread
-    assert 0.5 * SETTINGS.moment_spread < errors[thigh, 4] / rows[thigh, 4] < 1.5 * SETTINGS.moment_spread
+    assert (
+        0.5 * SETTINGS.moment_spread
+        < errors[thigh, 4] / rows[thigh, 4]
+        < 1.5 * SETTINGS.moment_spread
+    )
 
 
 def test_mass_centres_that_no_fit_moves_scatter_too() -> None:
     """By as much as others; masses and moments are the fit's, pelvis and trunk symmetric."""
     rest = table(np.sqrt((spread_of_the_rest(TRUE.inertial, WHICH) ** 2).sum(axis=1)))
-    known = table(np.sqrt((inertial_square_root(stay_nominal(TRUE.inertial, WHICH)) ** 2).sum(axis=1)))
+    known = table(
+        np.sqrt((inertial_square_root(stay_nominal(TRUE.inertial, WHICH)) ** 2).sum(axis=1))
+    )
     limbs = np.array([name.endswith(("_r", "_l")) for name in MASSIVE_SEGMENTS])
     feet = np.array([name.startswith("foot") for name in MASSIVE_SEGMENTS])
-    np.testing.assert_allclose((rest + known)[limbs & ~feet, 1:4], SETTINGS.centre_spread, rtol=1e-6)
+    np.testing.assert_allclose(
+        (rest + known)[limbs & ~feet, 1:4], SETTINGS.centre_spread, rtol=1e-6
+    )
     np.testing.assert_allclose((rest + known)[feet, 1:4], SETTINGS.foot_centre_spread, rtol=1e-6)
     np.testing.assert_allclose((rest + known)[~limbs, 1:3], SETTINGS.centre_spread, rtol=1e-6)
     assert not rest[~limbs, 3].any() and not rest[:, 0].any() and not rest[:, 4:].any()
@@ -170,7 +201,16 @@ def test_what_stays_nominal_makes_scores_as_a_change_of_it_does() -> None:
     chart = LogChart(TRUE.inertial, WHICH)
     none = replace(nominal_errors(("hip_r.pelvis.ant",)), parameters=np.zeros((1, 1)))
     without, with_it = (
-        residual_noise([trial], TRUE, none, SUBJECT, chart, SUBJECT.height, PlateNoise(EXACT, rest=0.0), unmoved=u)
+        residual_noise(
+            [trial],
+            TRUE,
+            none,
+            SUBJECT,
+            chart,
+            SUBJECT.height,
+            PlateNoise(EXACT, rest=0.0),
+            unmoved=u,
+        )
         for u in (None, unmoved)
     )
     by_ip = by_inertial(system(trial, TRUE).factor, TRUE.inertial)
@@ -206,28 +246,40 @@ def test_a_plate_that_is_off_makes_the_residual_that_is_expected_of_it() -> None
     expected = float(np.sqrt(total[3:].sum() / (3 * valid.sum())))
     found = float(np.sqrt(with_place.rms_moment**2 - without.rms_moment**2))
     assert found == pytest.approx(expected, rel=1e-6)
-    gains = noise_of(trial, TRUE, PlateNoise(PlateErrors(place=0.0, gain=0.02, clock=0.0), rest=0.0))
+    gains = noise_of(
+        trial, TRUE, PlateNoise(PlateErrors(place=0.0, gain=0.02, clock=0.0), rest=0.0)
+    )
     total = np.zeros(6)
     for foot in range(2):
         total += (change(foot, 1.02 * wrench[:, foot]) ** 2).sum(axis=0)
     found = (gains.rms_force**2 - without.rms_force**2, gains.rms_moment**2 - without.rms_moment**2)
-    np.testing.assert_allclose(found, total.reshape(2, 3).sum(axis=1) / (3 * valid.sum()), rtol=1e-6)
+    np.testing.assert_allclose(
+        found, total.reshape(2, 3).sum(axis=1) / (3 * valid.sum()), rtol=1e-6
+    )
 
 
 def test_what_is_independent_weighs_the_scores_like_white_noise() -> None:
     """sigma^2 A^T A, as often as frames repeat each other: six of sixty a second."""
     trial, rest = loaded(0.0), 0.007
     rate = frame_rate(trial.problem.basis)
-    with_rest, without = (noise_of(trial, TRUE, PlateNoise(rest=r, memory=0.1)) for r in (rest, 0.0))
+    with_rest, without = (
+        noise_of(trial, TRUE, PlateNoise(rest=r, memory=0.1)) for r in (rest, 0.0)
+    )
     chart = LogChart(TRUE.inertial, WHICH)
-    rows = by_inertial(system(trial, TRUE).factor, TRUE.inertial) @ chart.jacobian(np.zeros(chart.size))
+    rows = by_inertial(system(trial, TRUE).factor, TRUE.inertial) @ chart.jacobian(
+        np.zeros(chart.size)
+    )
     expected = max(0.1 * rate, 1.0) * rest**2 * rows.T @ rows
     difference = with_rest.covariance - without.covariance
-    np.testing.assert_allclose(difference, expected, rtol=0, atol=1e-9 * np.abs(without.covariance).max())
+    np.testing.assert_allclose(
+        difference, expected, rtol=0, atol=1e-9 * np.abs(without.covariance).max()
+    )
 
 
 def test_half_an_octave_of_the_motion_is_a_source() -> None:
-    """A walk without noise in its own spline space, plates without error: what is left is what longer spans lose."""
+    """A walk without noise in its own spline space, plates without error: what is left is what
+    longer spans lose.
+    """
     trial, none = loaded(0.0, rule=NodeRule(fixed=MOTION.basis.nodes)), PlateNoise(EXACT, rest=0.0)
     basis, valid = trial.problem.basis, trial.reactions.valid
     spans = round((basis.nodes - 5) / np.sqrt(2.0))
@@ -242,14 +294,18 @@ def test_half_an_octave_of_the_motion_is_a_source() -> None:
 
 
 def test_expected_residuals_are_those_of_noise_repeated() -> None:
-    """Marker noise of 6 mm that lasts for a second, drawn again and again: RMS residuals within a third of expected."""
+    """Marker noise of 6 mm that lasts for a second, drawn again and again: RMS residuals within a
+    third of expected.
+    """
     problem, down = problem_of(0.0), reactions()
     rng = np.random.default_rng(5)
     expected, seen = [], []
     for _ in range(6):
         phase = rng.uniform(0.0, 2.0 * np.pi, (*problem.data.measured.shape[:2], 1))
         rate = rng.uniform(0.0, 25.0, phase.shape)
-        moved = problem.with_measured(problem.data.measured + 0.0085 * np.sin(rate * problem.basis.time + phase))
+        moved = problem.with_measured(
+            problem.data.measured + 0.0085 * np.sin(rate * problem.basis.time + phase)
+        )
         coefficients = tracked_motion(moved, TRUE).coefficients
         trial = LoadedProblem(problem=moved, coefficients=coefficients, reactions=down)
         residual = residual_of(trial, state(trial, down.valid))
@@ -266,15 +322,27 @@ def test_the_bayes_factor_is_that_of_two_normal_distributions() -> None:
     wide = np.eye(5) + slopes @ slopes.T
 
     def log_density(covariance: Array) -> float:
-        return float(-0.5 * (np.linalg.slogdet(covariance)[1] + scores @ np.linalg.solve(covariance, scores)))
+        return float(
+            -0.5 * (np.linalg.slogdet(covariance)[1] + scores @ np.linalg.solve(covariance, scores))
+        )
 
-    assert log_bayes_factor(scores, slopes) == pytest.approx(log_density(wide) - log_density(np.eye(5)), rel=1e-12)
-    assert log_bayes_factor(np.zeros(5), slopes) < 0.0 < STRONG < log_bayes_factor(10.0 * slopes[:, 0], slopes)
+    assert log_bayes_factor(scores, slopes) == pytest.approx(
+        log_density(wide) - log_density(np.eye(5)), rel=1e-12
+    )
+    assert (
+        log_bayes_factor(np.zeros(5), slopes)
+        < 0.0
+        < STRONG
+        < log_bayes_factor(10.0 * slopes[:, 0], slopes)
+    )
 
 
 def test_a_table_that_may_be_the_wrong_one_widens_what_it_says() -> None:
     chart = LogChart(TRUE.inertial, WHICH)
-    plain, wider = chart.spread(SETTINGS), chart.spread(replace(SETTINGS, more_of={"thigh.mass": 0.2}))
+    plain, wider = (
+        chart.spread(SETTINGS),
+        chart.spread(replace(SETTINGS, more_of={"thigh.mass": 0.2})),
+    )
     for name, before, after in zip(WHICH.names, plain, wider, strict=True):
         widened = name.startswith("thigh") and name.endswith(".mass")
         assert after == pytest.approx(np.hypot(before, 0.2) if widened else before), name

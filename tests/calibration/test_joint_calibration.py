@@ -1,4 +1,6 @@
-"""Joint parameters: exact recovery, the reduced problem against a dense reference, bounds, priors, nested sets."""
+"""Joint parameters: exact recovery, the reduced problem against a dense reference, bounds, priors,
+nested sets.
+"""
 
 from dataclasses import replace
 
@@ -14,14 +16,27 @@ from gaitcal.calibration.soft_tissue_artefact import TissuePrior
 from gaitcal.calibration.tissue_elimination import split_by_kind
 from gaitcal.io.recording import Recording
 from gaitcal.model.nominal import published_model
-from gaitcal.model.parameters import JP_INDEX, Parameters, gait_parameters, isolated_parameters, published_subject
+from gaitcal.model.parameters import (
+    JP_INDEX,
+    Parameters,
+    gait_parameters,
+    isolated_parameters,
+    published_subject,
+)
 from gaitcal.synthetic.synthetic_motion import gait_motion, marker_noise, synthetic_markers
 from gaitcal.tracking.banded import BandFactor
 from gaitcal.tracking.descent import DescentSettings
 from gaitcal.tracking.soft_tissue import SegmentTissue, SoftTissue, together
 from gaitcal.tracking.spline import NodeRule
 from gaitcal.tracking.trial_problem import MotionProblem, trial_problem
-from tests.derivatives import Array, central_differences, noisy, perturbed_parameters, random_trial, started
+from tests.derivatives import (
+    Array,
+    central_differences,
+    noisy,
+    perturbed_parameters,
+    random_trial,
+    started,
+)
 
 KNEE = isolated_parameters("knee_r")
 PART = ("thigh_r", "shank_r")
@@ -31,12 +46,18 @@ def knee_trial(seed: int, noise: float = 0.0, frames: int = 60) -> tuple[MotionP
     """A trial of thigh and shank with true parameters of its own, and those."""
     rng = np.random.default_rng(seed)
     truth = perturbed_parameters(rng)
-    problem, _ = random_trial(rng, truth, frames=frames, nodes=8, root="thigh_r", segments=PART, per_segment=5)
+    problem, _ = random_trial(
+        rng, truth, frames=frames, nodes=8, root="thigh_r", segments=PART, per_segment=5
+    )
     return noisy(problem, rng, noise), truth
 
 
-def fit(problem: MotionProblem, start: Parameters, free: tuple[str, ...], **settings: float) -> JointFit:
-    return JointSearch([problem], start, free, [started(problem, start)[1]], JointSettings(**settings)).run()
+def fit(
+    problem: MotionProblem, start: Parameters, free: tuple[str, ...], **settings: float
+) -> JointFit:
+    return JointSearch(
+        [problem], start, free, [started(problem, start)[1]], JointSettings(**settings)
+    ).run()
 
 
 def values(parameters: Parameters, names: tuple[str, ...]) -> Array:
@@ -65,9 +86,12 @@ def soft_knee_trial(seed: int, names: tuple[str, ...], segments: tuple[str, ...]
     return replace(problem, tissue=SoftTissue(groups))
 
 
-def test_the_compressed_problem_is_the_whole_one_with_its_priors_and_the_soft_tissue_of_two_kinds() -> None:
-    """Three trials that count differently, two of a kind that share some columns of soft tissue, against all their
-    rows: cost, gradient and Gauss-Newton matrix with motions and soft tissue eliminated, and what is left of these.
+def test_the_compressed_problem_is_the_whole_one_with_its_priors_and_the_soft_tissue_of_two_kinds() -> (
+    None
+):
+    """Three trials that count differently, two of a kind that share some columns of soft tissue,
+    against all their rows: cost, gradient and Gauss-Newton matrix with motions and soft tissue
+    eliminated, and what is left of these.
     """
     start, rng, shares = published_subject(), np.random.default_rng(5), (4.0, 0.5, 2.0)
     trials = [
@@ -78,7 +102,9 @@ def test_the_compressed_problem_is_the_whole_one_with_its_priors_and_the_soft_ti
     of_kind = trials[0].unknowns, trials[1].unknowns
     assert set(trials[2].unknowns) < set(of_kind[0])
     keys, count = (*of_kind[0], *of_kind[1]), len(KNEE)
-    roots = [rng.normal(0, 0.003, (len(own), len(own))) + 0.01 * np.eye(len(own)) for own in of_kind]
+    roots = [
+        rng.normal(0, 0.003, (len(own), len(own))) + 0.01 * np.eye(len(own)) for own in of_kind
+    ]
     mean = rng.normal(0, 0.002, len(keys))
     prior = TissuePrior(keys, block_diag(*(root @ root.T for root in roots)), mean)
     whiten = block_diag(*(np.linalg.inv(root) for root in roots))
@@ -134,9 +160,13 @@ def test_kinds_that_share_soft_tissue_are_refused() -> None:
 
 
 def test_the_cost_told_is_that_where_the_last_step_leads() -> None:
-    """Two millimetres further, where motions are not sought to the end: that step gains 4e-5 of the cost."""
+    """Two millimetres further, where motions are not sought to the end: that step gains 4e-5 of the
+    cost.
+    """
     problem, truth = knee_trial(6, noise=0.002)
-    reduced = ReducedProblem([problem], truth, KNEE, [started(problem, truth)[1]], DescentSettings())
+    reduced = ReducedProblem(
+        [problem], truth, KNEE, [started(problem, truth)[1]], DescentSettings()
+    )
     reduced.at(p := values(truth, KNEE))
     (trial,) = reduced.at(p := p + np.random.default_rng(6).normal(0, 0.002, len(p))).trials
     there = problem.cost(trial.coefficients, problem.body(truth.with_joint(KNEE, p)))
@@ -144,7 +174,9 @@ def test_the_cost_told_is_that_where_the_last_step_leads() -> None:
 
 
 def test_bounds_are_about_the_nominal_values_wherever_the_fit_starts() -> None:
-    """An earlier phase moved the parameter by 8 mm; what is left of 10 mm is 2 mm, though the truth is further off."""
+    """An earlier phase moved the parameter by 8 mm; what is left of 10 mm is 2 mm, though the truth
+    is further off.
+    """
     problem, truth = knee_trial(5)
     name = ("knee_r.thigh.sup",)
     true = float(values(truth, name)[0])
@@ -155,11 +187,16 @@ def test_bounds_are_about_the_nominal_values_wherever_the_fit_starts() -> None:
     assert found.values[0] == pytest.approx(true + 0.020, abs=1e-4)
     assert found.at_bound == name
     wide = replace(settings, position_bound=0.1)
-    assert JointSearch([problem], present, name, [coefficients], wide, nominal=nominal).run().at_bound == ()
+    assert (
+        JointSearch([problem], present, name, [coefficients], wide, nominal=nominal).run().at_bound
+        == ()
+    )
 
 
 def test_trials_weighed_anew_go_on_to_the_fit_of_scaled_costs() -> None:
-    """Trials of people with different knees, so that their weights tell; the search goes on from the even weights."""
+    """Trials of people with different knees, so that their weights tell; the search goes on from
+    the even weights.
+    """
     shares, start = (9.0, 0.5), published_subject()
     expected = values(start, KNEE), np.eye(len(KNEE))
     trials = [knee_trial(seed, noise=0.002)[0] for seed in (3, 4)]
@@ -176,12 +213,16 @@ def test_trials_weighed_anew_go_on_to_the_fit_of_scaled_costs() -> None:
     np.testing.assert_allclose(found.state.hessian, wanted.state.hessian, rtol=0, atol=tolerance)
 
 
-def test_matrices_kept_on_the_way_are_formed_anew_at_the_end(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_matrices_kept_on_the_way_are_formed_anew_at_the_end(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     problem, truth = knee_trial(9, noise=0.004)
     start = truth.with_joint(KNEE, values(published_subject(), KNEE))
     used: list[int] = []
     plain = open_motion.OpenMotion.evaluate
-    monkeypatch.setattr(open_motion.OpenMotion, "evaluate", lambda *a: (used.append(1), plain(*a))[1])
+    monkeypatch.setattr(
+        open_motion.OpenMotion, "evaluate", lambda *a: (used.append(1), plain(*a))[1]
+    )
     kept = fit(problem, start, KNEE)
     assert used
     opened = problem.with_free(KNEE)
@@ -192,25 +233,35 @@ def test_matrices_kept_on_the_way_are_formed_anew_at_the_end(monkeypatch: pytest
     assert kept.state.trials[0].matrices.near(kept.values, kept.coefficients[0])
     np.testing.assert_array_equal(kept.state.trials[0].matrices.values, kept.values)
     monkeypatch.setattr(open_motion, "KEPT_WITHIN", 0.0)
-    monkeypatch.setattr(reduced_problem, "CORRECTOR", replace(reduced_problem.CORRECTOR, keep_within=0.0))
+    monkeypatch.setattr(
+        reduced_problem, "CORRECTOR", replace(reduced_problem.CORRECTOR, keep_within=0.0)
+    )
     fresh = fit(problem, start, KNEE)
     np.testing.assert_allclose(kept.values, fresh.values, rtol=0, atol=2e-5)
     assert kept.state.cost == pytest.approx(fresh.state.cost, rel=1e-9)
 
 
 def test_a_refused_step_leads_nowhere() -> None:
-    """Half the published subject's joint parameters from gait alone: it hardly shows some of them, so that steps are
-    long and some refused. The motions they folded must not be where the next ones start.
+    """Half the published subject's joint parameters from gait alone: it hardly shows some of them,
+    so that steps are long and some refused. The motions they folded must not be where the next ones
+    start.
     """
     model, motion = published_model(), gait_motion()
     markers = synthetic_markers(model.parameters, model.markers, motion.q)
     noisy = markers + marker_noise(motion.basis.time, markers.shape[1], np.random.default_rng(1))
-    recording = Recording(source="gait", time=motion.basis.time, labels=model.markers.labels, markers=noisy)
+    recording = Recording(
+        source="gait", time=motion.basis.time, labels=model.markers.labels, markers=noisy
+    )
     problem = trial_problem("gait", model, recording, NodeRule(fixed=20))
     few = (*gait_parameters("r"), *gait_parameters("l"))
     many = tuple(
-        n for joint in ("hip", "knee", "ankle") for side in "rl" for n in isolated_parameters(f"{joint}_{side}")
+        n
+        for joint in ("hip", "knee", "ankle")
+        for side in "rl"
+        for n in isolated_parameters(f"{joint}_{side}")
     )
     assert set(few) < set(many)
-    costs = [fit(problem, model.parameters, free, most_evaluations=60).state.cost for free in (few, many)]
+    costs = [
+        fit(problem, model.parameters, free, most_evaluations=60).state.cost for free in (few, many)
+    ]
     assert costs[1] < costs[0]

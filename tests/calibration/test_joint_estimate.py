@@ -1,4 +1,6 @@
-"""One estimate of joint parameters, soft tissue and motions: dense, true, repeated, with intervals that cover."""
+"""One estimate of joint parameters, soft tissue and motions: dense, true, repeated, with intervals
+that cover.
+"""
 
 from dataclasses import replace
 
@@ -29,18 +31,33 @@ from gaitcal.calibration.soft_tissue_artefact import (
     tissue_prior,
 )
 from gaitcal.model.linkage import JOINTS, LEGS, LOWER_BODY
-from gaitcal.model.parameters import JP_INDEX, JP_NAMES, Parameters, isolated_parameters, leg_parameters
+from gaitcal.model.parameters import (
+    JP_INDEX,
+    JP_NAMES,
+    Parameters,
+    isolated_parameters,
+    leg_parameters,
+)
 from gaitcal.study.cohort_prior import JointPrior
 from gaitcal.tracking.soft_tissue import together
 from gaitcal.tracking.trial_problem import MotionProblem
 from scripts.validation.harness import shares
 from scripts.validation.truth import made_up as check
-from tests.derivatives import Array, assert_covariance, central_differences, noisy, perturbed_parameters, random_trial
+from tests.derivatives import (
+    Array,
+    assert_covariance,
+    central_differences,
+    noisy,
+    perturbed_parameters,
+    random_trial,
+)
 
 HIP = isolated_parameters("hip_r")
 SEGMENTS = ("pelvis", "thigh_r")
 EXACT_M = 5e-5
-"""m: what a prior of 10 mm leaves of a nominal joint 10 mm off, against the noise that cameras have at least."""
+"""m: what a prior of 10 mm leaves of a nominal joint 10 mm off, against the noise that cameras have
+at least.
+"""
 
 
 def hip_trial(seed: int, frames: int = 300, nodes: int = 12) -> tuple[MotionProblem, Array]:
@@ -58,7 +75,9 @@ def gait(*problems: MotionProblem) -> Tasks:
 def drawn_nominal(rng: np.random.Generator, truth: Array) -> Parameters:
     """As the prior has people."""
     mean, covariance = prior_of(HIP, None)
-    return perturbed_parameters(rng, 0.0, 0.0).with_joint(HIP, truth - rng.multivariate_normal(mean, covariance))
+    return perturbed_parameters(rng, 0.0, 0.0).with_joint(
+        HIP, truth - rng.multivariate_normal(mean, covariance)
+    )
 
 
 def test_without_noise_the_truth_is_found_and_without_markers_the_prior_stays() -> None:
@@ -69,7 +88,8 @@ def test_without_noise_the_truth_is_found_and_without_markers_the_prior_stays() 
     np.testing.assert_allclose(estimate.values, truth, atol=EXACT_M)
     still = problem.with_measured(np.repeat(problem.data.measured[:, :, :1], 300, axis=2))
     kept, spread = estimate_joints(gait(still), wrong, HIP)
-    # a joint that does not move tells where its two sides meet, not where along with each: half of the directions
+    # a joint that does not move tells where its two sides meet, not where along with each: half of
+    # the directions
     assert 2.0 < kept.effective_parameters < 3.5
     prior = dict(zip(HIP, np.sqrt(np.diag(prior_of(HIP, None)[1])), strict=True))
     assert spread.standard_errors[HIP[0]] > 0.5 * prior[HIP[0]]
@@ -87,19 +107,26 @@ def with_tissue(rng: np.random.Generator, frames: int) -> tuple[MotionProblem, T
 
 def test_errors_by_source_sum_to_the_inverse_hessian_and_the_end_is_the_dense_minimum() -> None:
     problem, prior = with_tissue(np.random.default_rng(4), 40)
-    rng, wrong = np.random.default_rng(5), perturbed_parameters(np.random.default_rng(5), 0.005, 0.0)
+    rng, wrong = (
+        np.random.default_rng(5),
+        perturbed_parameters(np.random.default_rng(5), 0.005, 0.0),
+    )
     mean, covariance = rng.normal(0, 0.002, 6), 1e-6 * np.cov(rng.normal(size=(6, 30)))
     learnt = JointPrior(names=HIP, mean=mean, covariance=covariance)
     estimate, errors = estimate_joints(gait(problem), wrong, HIP, tissue=prior, prior=learnt)
     centre = wrong.joint[[JP_INDEX[n] for n in HIP]] + mean
-    whiten_p, whiten_z = (np.linalg.inv(np.linalg.cholesky(c)) for c in (covariance, prior.covariance))
+    whiten_p, whiten_z = (
+        np.linalg.inv(np.linalg.cholesky(c)) for c in (covariance, prior.covariance)
+    )
 
     def residual(x: Array) -> Array:
         p, z, n = np.split(x, [len(HIP), len(HIP) + len(prior.keys)])
         at = problem.displaced(z)
         coefficients = n.reshape(estimate.coefficients[0].shape)
         gap = at.positions(coefficients, at.body(wrong.with_joint(HIP, p))) - at.data.measured
-        return np.concatenate([gap.ravel() / estimate.noise[0], whiten_p @ (p - centre), whiten_z @ z])
+        return np.concatenate(
+            [gap.ravel() / estimate.noise[0], whiten_p @ (p - centre), whiten_z @ z]
+        )
 
     x = np.concatenate([estimate.values, estimate.coefficients[0].ravel()])
     slope, r = central_differences(residual, x, 1e-6), residual(x)
@@ -114,27 +141,44 @@ def test_errors_by_source_sum_to_the_inverse_hessian_and_the_end_is_the_dense_mi
 
 
 @pytest.mark.parametrize("fits_tissue", [True, False])
-def test_what_is_uncertain_and_not_fitted_makes_the_errors_of_the_dense_formula(fits_tissue: bool) -> None:
-    """Two joint parameters that stay, and soft tissue where it does: H^-1 + (H^-1 S_pk R_k)^2, a column a source."""
+def test_what_is_uncertain_and_not_fitted_makes_the_errors_of_the_dense_formula(
+    fits_tissue: bool,
+) -> None:
+    """Two joint parameters that stay, and soft tissue where it does: H^-1 + (H^-1 S_pk R_k)^2, a
+    column a source.
+    """
     problem, prior = with_tissue(np.random.default_rng(4), 40)
-    nominal, spread = perturbed_parameters(np.random.default_rng(5), 0.005, 0.0), np.linspace(0.002, 0.004, len(HIP))
+    nominal, spread = (
+        perturbed_parameters(np.random.default_rng(5), 0.005, 0.0),
+        np.linspace(0.002, 0.004, len(HIP)),
+    )
     known = ErrorSources(HIP, np.diag(spread), tuple(f"nominal/{name}" for name in HIP))
     expected = JointPrior(names=HIP, mean=np.zeros(len(HIP)), covariance=np.diag(spread**2))
     free, kept, nz = HIP[:4], HIP[4:], len(prior.keys)
     estimate, errors = estimate_joints(
-        gait(problem), nominal, free, tissue=prior, fits_tissue=fits_tissue, prior=expected, known=known
+        gait(problem),
+        nominal,
+        free,
+        tissue=prior,
+        fits_tissue=fits_tissue,
+        prior=expected,
+        known=known,
     )
     assert estimate.keys == (prior.keys if fits_tissue else ())
 
     def residual(x: Array) -> Array:
         p, z, n = np.split(x, [len(HIP), len(HIP) + nz])
         at = problem.displaced(z)
-        gap = at.positions(n.reshape(estimate.coefficients[0].shape), at.body(nominal.with_joint(HIP, p)))
+        gap = at.positions(
+            n.reshape(estimate.coefficients[0].shape), at.body(nominal.with_joint(HIP, p))
+        )
         return (gap - at.data.measured).ravel() / estimate.noise[0]
 
     z = estimate.tissue if fits_tissue else np.zeros(nz)
     joint = estimate.parameters.joint[[JP_INDEX[n] for n in HIP]]
-    slope = central_differences(residual, np.concatenate([joint, z, estimate.coefficients[0].ravel()]), 1e-6)
+    slope = central_differences(
+        residual, np.concatenate([joint, z, estimate.coefficients[0].ravel()]), 1e-6
+    )
     hessian = slope.T @ slope
     hessian[:4, :4] += np.diag(spread[:4] ** -2.0)
     columns = np.arange(len(HIP), len(HIP) + nz)
@@ -149,7 +193,10 @@ def test_what_is_uncertain_and_not_fitted_makes_the_errors_of_the_dense_formula(
     dense = inverse[: len(moved), : len(moved)] + of_considered @ of_considered.T
     unit = np.sqrt(np.diag(dense))
     assert_covariance(errors.of((*free, *estimate.keys)).covariance, dense)
-    sources = (*(f"nominal/{n}" for n in kept), *(() if fits_tissue else (f"skin/{key}" for key in prior.keys)))
+    sources = (
+        *(f"nominal/{n}" for n in kept),
+        *(() if fits_tissue else (f"skin/{key}" for key in prior.keys)),
+    )
     own = errors.parameters[: len(moved), [errors.clusters.index(source) for source in sources]]
     np.testing.assert_allclose(own / unit[:, None], of_considered / unit[:, None], atol=1e-4)
     np.testing.assert_allclose(errors.of(kept).covariance, np.diag(spread[4:] ** 2), atol=1e-18)
@@ -165,7 +212,9 @@ def test_a_joint_is_free_where_both_its_segments_show_markers() -> None:
     legs = (*leg_parameters("r"), *leg_parameters("l"))
     assert set(free_of([problem], JP_NAMES)) == set(legs)
     weight = problem.data.weight.copy()
-    weight[[problem.chain.segments[s] in LEGS["l"][3:] for s in problem.data.segment]] = 0.0  # from the foot on
+    weight[[problem.chain.segments[s] in LEGS["l"][3:] for s in problem.data.segment]] = (
+        0.0  # from the foot on
+    )
     free = free_of([problem.with_weight(weight)], JP_NAMES)
     lost = {"talocrural_l", *(joint.name for joint in JOINTS if joint.child in LEGS["l"][3:])}
     assert set(free) == {name for name in legs if name.split(".")[0] not in lost}
@@ -173,7 +222,9 @@ def test_a_joint_is_free_where_both_its_segments_show_markers() -> None:
 
 @pytest.mark.slow
 def test_intervals_cover_the_truth_under_slow_noise() -> None:
-    """Nominal joints drawn from the prior, noise that keeps 0.95 of itself from frame to frame, over 60 draws."""
+    """Nominal joints drawn from the prior, noise that keeps 0.95 of itself from frame to frame,
+    over 60 draws.
+    """
     inside = []
     for seed in range(60):
         problem, truth = hip_trial(seed, frames=240, nodes=10)
@@ -192,13 +243,21 @@ def test_a_kind_of_task_has_its_own_noise_whatever_the_others_disagree_about() -
     """Gait whose markers shake, and whose hip lies elsewhere, beside a quiet isolated trial."""
     quiet, truth = hip_trial(8)
     rng = np.random.default_rng(9)
-    elsewhere, _ = random_trial(rng, perturbed_parameters(rng), segments=SEGMENTS, frames=300, nodes=12)
+    elsewhere, _ = random_trial(
+        rng, perturbed_parameters(rng), segments=SEGMENTS, frames=300, nodes=12
+    )
     shaken = elsewhere.data.measured + rng.normal(0, 0.02, quiet.data.measured.shape)
     isolated = {"hip_r": (replace(quiet, name="isolated"),)}
     wrong = perturbed_parameters(np.random.default_rng(10), 0.01, 0.0)
     alone = estimate_joints(isolated, wrong, HIP)[0]
-    both, errors = estimate_joints({**isolated, **gait(elsewhere.with_measured(shaken))}, wrong, HIP)
-    assert both.noise[:1] == alone.noise == tuple(noise_of(isolated["hip_r"], wrong, HIP, noise_prior("hip_r")))
+    both, errors = estimate_joints(
+        {**isolated, **gait(elsewhere.with_measured(shaken))}, wrong, HIP
+    )
+    assert (
+        both.noise[:1]
+        == alone.noise
+        == tuple(noise_of(isolated["hip_r"], wrong, HIP, noise_prior("hip_r")))
+    )
     # of an isolated trial without noise the prior of people's leaves some 3 mm
     assert both.noise[1] > 5 * both.noise[0]
     assert both.repeated == alone.repeated == {}
@@ -209,36 +268,55 @@ def test_a_kind_of_task_has_its_own_noise_whatever_the_others_disagree_about() -
 
 def scores(rng: np.random.Generator, informations: list[Array], common: float = 0.0) -> list[Array]:
     """(n,) of every trial, `common` of their variance being the same in all."""
-    roots, shared = [np.linalg.cholesky(h) for h in informations], rng.normal(size=len(informations[0]))
-    return [root @ (np.sqrt(common) * shared + np.sqrt(1.0 - common) * rng.normal(size=len(shared))) for root in roots]
+    roots, shared = (
+        [np.linalg.cholesky(h) for h in informations],
+        rng.normal(size=len(informations[0])),
+    )
+    return [
+        root @ (np.sqrt(common) * shared + np.sqrt(1.0 - common) * rng.normal(size=len(shared)))
+        for root in roots
+    ]
 
 
 def test_independent_trials_have_a_share_of_about_one_and_repeated_ones_none() -> None:
-    """Scores of 4 trials that determine 3 directions: chi^2 of 9 degrees of freedom, cut at 1, over 400 draws."""
+    """Scores of 4 trials that determine 3 directions: chi^2 of 9 degrees of freedom, cut at 1, over
+    400 draws.
+    """
     rng, precision = np.random.default_rng(11), np.diag([1.0, 4.0, 0.25])
     root = rng.normal(size=(3, 3))
     alike = [100.0 * (root @ root.T + np.eye(3))] * 4
     share = {
-        common: np.mean([_independent_share(scores(rng, alike, common), alike, precision) for _ in range(400)])
+        common: np.mean(
+            [_independent_share(scores(rng, alike, common), alike, precision) for _ in range(400)]
+        )
         for common in (0.0, 0.8, 1.0)
     }
     cut = np.mean(np.minimum(rng.chisquare(9, 20000) / 9, 1.0))
     assert share[0.0] == pytest.approx(cut, abs=0.03)
-    assert share[0.8] == pytest.approx(0.2, abs=0.03)  # a variance within of 0.2: chi^2 sees no more
+    assert share[0.8] == pytest.approx(
+        0.2, abs=0.03
+    )  # a variance within of 0.2: chi^2 sees no more
     assert abs(share[1.0]) < 1e-6
 
 
 def test_directions_that_the_prior_holds_say_nothing_of_repeated_errors() -> None:
-    """Along the third, where trials know less than the prior, scores repeat; along the first two they do not."""
+    """Along the third, where trials know less than the prior, scores repeat; along the first two
+    they do not.
+    """
     rng, precision = np.random.default_rng(12), np.diag([1.0, 1.0, 2.0 / DETERMINED])
     alike = [np.diag([50.0, 80.0, 0.1])] * 3
     drawn = [scores(rng, alike) for _ in range(200)]
     repeated = [[np.append(score[:2], 0.3) for score in of_trials] for of_trials in drawn]
     whole = [_independent_share(s, alike, precision) for s in repeated]
-    first = [_independent_share([g[:2] for g in s], [h[:2, :2] for h in alike], precision[:2, :2]) for s in drawn]
+    first = [
+        _independent_share([g[:2] for g in s], [h[:2, :2] for h in alike], precision[:2, :2])
+        for s in drawn
+    ]
     np.testing.assert_allclose(whole, first)
     assert np.mean(whole) > 0.7
-    assert _independent_share(drawn[0], alike, 1e3 * precision) == 1.0, "where nothing is determined"
+    assert _independent_share(drawn[0], alike, 1e3 * precision) == 1.0, (
+        "where nothing is determined"
+    )
 
 
 def test_kinds_of_task_that_disagree_have_wider_errors() -> None:
@@ -246,7 +324,9 @@ def test_kinds_of_task_that_disagree_have_wider_errors() -> None:
     here, elsewhere = perturbed_parameters(rng, 0.0, 0.0), perturbed_parameters(rng, 0.01, 0.0)
 
     def both(second: Parameters) -> tuple[JointEstimate, ErrorSources]:
-        made = [random_trial(rng, p, segments=SEGMENTS, frames=150, nodes=10)[0] for p in (here, second)]
+        made = [
+            random_trial(rng, p, segments=SEGMENTS, frames=150, nodes=10)[0] for p in (here, second)
+        ]
         a, b = (noisy(p, rng, 0.003) for p in made)
         return estimate_joints({"hip_r": (a,), **gait(b)}, here, HIP)
 
@@ -261,12 +341,16 @@ def test_one_trial_told_three_times_counts_as_one() -> None:
     first, second, third = (noisy(problem, rng, 0.004) for _ in range(3))
     wrong = perturbed_parameters(np.random.default_rng(15), 0.01, 0.0)
     (one, bars), (thrice, same), (three, smaller) = (
-        estimate_joints(gait(*(replace(t, name=f"walk {k}") for k, t in enumerate(trials))), wrong, HIP)
+        estimate_joints(
+            gait(*(replace(t, name=f"walk {k}") for k, t in enumerate(trials))), wrong, HIP
+        )
         for trials in ((first,), (first,) * 3, (first, second, third))
     )
     assert thrice.repeated == {"gait": pytest.approx(3.0, abs=1e-3)}
     mixed, _ = estimate_joints({"hip_r": (second,), **gait(first, first, first)}, wrong, HIP)
-    assert mixed.repeated == {"gait": pytest.approx(3.0, abs=1e-3)}, "whatever other kinds of task there are"
+    assert mixed.repeated == {"gait": pytest.approx(3.0, abs=1e-3)}, (
+        "whatever other kinds of task there are"
+    )
     assert one.repeated == {} and 1.0 <= three.repeated["gait"] < 2.0
     np.testing.assert_allclose(thrice.values, one.values, atol=2e-4)
     for name in HIP:  # three times the samples for as many parameters: a smaller noise
@@ -275,27 +359,42 @@ def test_one_trial_told_three_times_counts_as_one() -> None:
 
 
 LATERAL = "hip_r.pelvis.lat"
-SLIDES = {"hip_adduction_r": np.array([0.0, 0.003, 0.0]), "hip_rotation_r": np.array([-0.003, 0.0, 0.0])}
+SLIDES = {
+    "hip_adduction_r": np.array([0.0, 0.003, 0.0]),
+    "hip_rotation_r": np.array([-0.003, 0.0, 0.0]),
+}
 """m, of the pelvis' markers, with a standard deviation of an angle: as if the hip lay outward."""
 
 
 def soft_person(seed: int) -> tuple[MotionProblem, Array]:
-    """A walk of small adduction and rotation, markers that deform as people's do, and a pelvis that slides."""
+    """A walk of small adduction and rotation, markers that deform as people's do, and a pelvis that
+    slides.
+    """
     rng = np.random.default_rng(seed)
     parameters = perturbed_parameters(rng, 0.0, 0.0)
-    problem, _ = random_trial(rng, parameters, segments=SEGMENTS, frames=300, nodes=30, per_segment=4)
+    problem, _ = random_trial(
+        rng, parameters, segments=SEGMENTS, frames=300, nodes=30, per_segment=4
+    )
     names, phase = problem.chain.coordinates, 2 * np.pi * np.arange(300)[:, None] / 110.0
     q = np.column_stack([0.05 * np.sin(phase + k) for k in range(len(names))])
-    for name, size in (("hip_flexion_r", 0.35), ("hip_adduction_r", 0.07), ("hip_rotation_r", 0.07)):
+    for name, size in (
+        ("hip_flexion_r", 0.35),
+        ("hip_adduction_r", 0.07),
+        ("hip_rotation_r", 0.07),
+    ):
         k = names.index(name)
         q[:, k] = size * np.sin(phase[:, 0] + k) + 0.3 * size * np.sin(2 * phase[:, 0] + 2 * k)
     coefficients = problem.basis.fit(q)
-    (psi,) = task_regressors([dict(zip(names, problem.basis.evaluate(coefficients).T, strict=True))])
+    (psi,) = task_regressors(
+        [dict(zip(names, problem.basis.evaluate(coefficients).T, strict=True))]
+    )
     shift = np.zeros(problem.data.measured.shape)
     for s, markers in problem.data.placed.groups:
         segment, local = problem.chain.segments[s], problem.data.local[markers]
         rigid = together(local - local.mean(axis=0)).reshape(-1, 6)
-        own = SIZES[segment.split("_")[0]].own * (np.eye(len(rigid)) - rigid @ np.linalg.pinv(rigid))
+        own = SIZES[segment.split("_")[0]].own * (
+            np.eye(len(rigid)) - rigid @ np.linalg.pinv(rigid)
+        )
         for name in (n for n in beside(segment) if n in psi):
             z = (own @ rng.normal(size=len(rigid))).reshape(-1, 3)
             if segment == "pelvis":
@@ -316,20 +415,27 @@ def test_a_pelvis_that_slides_with_adduction_misleads_who_takes_it_for_bone() ->
         nominal = drawn_nominal(np.random.default_rng([seed, 2]), truth)
         prior = tissue_prior([problem], {"gait": soft_tissue_scale([problem])})
         for soft in (False, True):
-            trial, columns = (problem, prior) if soft else (replace(problem, tissue=None), NO_TISSUE)
-            found: tuple[JointEstimate, ErrorSources] = estimate_joints(gait(trial), nominal, HIP, tissue=columns)
+            trial, columns = (
+                (problem, prior) if soft else (replace(problem, tissue=None), NO_TISSUE)
+            )
+            found: tuple[JointEstimate, ErrorSources] = estimate_joints(
+                gait(trial), nominal, HIP, tissue=columns
+            )
             missed.setdefault(soft, []).append(found[0].values[: len(HIP)] - truth)
             bars.setdefault(soft, []).append(np.array([found[1].standard_errors[n] for n in HIP]))
     lateral = {soft: np.abs(errors)[:, HIP.index(LATERAL)] for soft, errors in missed.items()}
-    assert lateral[False].min() > 0.03 and (lateral[False] > 5 * np.array(bars[False])[:, HIP.index(LATERAL)]).all()
+    assert (
+        lateral[False].min() > 0.03
+        and (lateral[False] > 5 * np.array(bars[False])[:, HIP.index(LATERAL)]).all()
+    )
     assert lateral[True].max() < 0.02
     assert np.mean(np.abs(missed[True]) < 1.96 * np.array(bars[True])) > 0.9
 
 
 DRAWS = 24
 RANGES = {"68 %": (55.0, 82.0), "95 %": (87.0, 99.5)}
-"""What 24 draws leave of 60 to 76 % and 91 to 98 %: errors of one draw are correlated, so that the coverage scatters by
-some 4 %."""
+"""What 24 draws leave of 60 to 76 % and 91 to 98 %: errors of one draw are correlated, so that the
+coverage scatters by some 4 %."""
 
 
 @pytest.mark.slow
@@ -341,7 +447,10 @@ def test_intervals_cover_the_truth_as_often_as_they_say() -> None:
         assert 0.7 < of_bars < 1.3, name
         for level, share in zip(RANGES, shares(values), strict=True):
             low, high = RANGES[level]
-            assert low <= share <= high or (name == check.HEARS_FEW_WAVES and level == "68 %"), (name, level)
+            assert low <= share <= high or (name == check.HEARS_FEW_WAVES and level == "68 %"), (
+                name,
+                level,
+            )
 
 
 def test_coverage_counts() -> None:

@@ -1,4 +1,6 @@
-"""Evidence of all trials: whose every error is, what each phase was fitted to, and what is said of soft tissue."""
+"""Evidence of all trials: whose every error is, what each phase was fitted to, and what is said of
+soft tissue.
+"""
 
 from dataclasses import replace
 from functools import cache
@@ -8,7 +10,12 @@ import pytest
 
 from gaitcal.calibration.error_sources import source_of
 from gaitcal.calibration.joint_calibration import JointSettings
-from gaitcal.calibration.joint_phases import LEG_PARAMETERS, JointCalibration, JointProblem, calibrate_by_evidence
+from gaitcal.calibration.joint_phases import (
+    LEG_PARAMETERS,
+    JointCalibration,
+    JointProblem,
+    calibrate_by_evidence,
+)
 from gaitcal.calibration.soft_tissue_artefact import GAIT, SQUARES, beside, task_regressors
 from gaitcal.dynamics.measurement_errors import ErrorSource
 from gaitcal.model.linkage import joint_segments
@@ -22,8 +29,8 @@ WHITE = 0.001
 
 
 def soft_walk(seed: int, name: str, softness: float, bent: float = 0.0) -> MotionProblem:
-    """A whole body that moves at random, on markers of `softness` times the soft tissue that people have, and of `bent`
-    times it with the squares of angles.
+    """A whole body that moves at random, on markers of `softness` times the soft tissue that people
+    have, and of `bent` times it with the squares of angles.
     """
     rng = np.random.default_rng(seed)
     parameters = perturbed_parameters(rng, 0.0, 0.0)
@@ -45,7 +52,9 @@ def soft_walk(seed: int, name: str, softness: float, bent: float = 0.0) -> Motio
 def calibrated(softness: float, bent: float = 0.0) -> JointCalibration:
     """A walk whose name is a word of our own, from nominal joints that are a little wrong."""
     walk = soft_walk(11, "nominal", softness, bent)
-    return calibrate_by_evidence([JointProblem(walk, walk, None)], nominal(), JointSettings(), ("r", "l"))
+    return calibrate_by_evidence(
+        [JointProblem(walk, walk, None)], nominal(), JointSettings(), ("r", "l")
+    )
 
 
 def nominal() -> Parameters:
@@ -64,7 +73,11 @@ def test_every_column_of_influence_is_of_the_source_that_made_it() -> None:
     markers = {"/".join(name.split("/")[:2]) for name in by_source[ErrorSource.JOINT_MARKERS]}
     assert {"markers/nominal", "markers/nominal, trunk and arms"} <= markers
     assert all(name.startswith("markers/") for name in by_source[ErrorSource.JOINT_MARKERS])
-    assert set(by_source) == {ErrorSource.JOINT_NOMINAL, ErrorSource.SKIN, ErrorSource.JOINT_MARKERS}
+    assert set(by_source) == {
+        ErrorSource.JOINT_NOMINAL,
+        ErrorSource.SKIN,
+        ErrorSource.JOINT_MARKERS,
+    }
 
 
 def test_phases_name_the_recordings_and_tell_their_noise() -> None:
@@ -76,10 +89,15 @@ def test_phases_name_the_recordings_and_tell_their_noise() -> None:
 
 
 def test_motions_have_the_soft_tissue_of_their_kind_with_markers_where_it_was_found() -> None:
-    """Every kind of task with columns of its own; an isolated trial's on the segments of its joint alone."""
+    """Every kind of task with columns of its own; an isolated trial's on the segments of its joint
+    alone.
+    """
     walk, knee = soft_walk(11, "walk", 1.0), soft_walk(11, "bends", 0.2)
     segments = joint_segments("knee_r")
-    trials = [JointProblem(knee, knee.part(segments[0], segments), "knee_r"), JointProblem(walk, walk, None)]
+    trials = [
+        JointProblem(knee, knee.part(segments[0], segments), "knee_r"),
+        JointProblem(walk, walk, None),
+    ]
     found = calibrate_by_evidence(trials, nominal(), JointSettings(), ("r", "l"))
     assert set(found.tissue) == {"walk", "bends"}
     assert {group.carrier for group in found.tissue["bends"].groups} == set(segments)
@@ -94,7 +112,9 @@ def test_motions_have_the_soft_tissue_of_their_kind_with_markers_where_it_was_fo
     assert tracked == {key for key in of_skin if key.split("/")[1].startswith("knee_angle")}
     column = errors.parameters[:, errors.clusters.index("skin/found")]
     others = {key for key, value in zip(errors.free, column, strict=True) if value}
-    assert others and others <= {*of_skin, *knees.keys} - tracked, "motions are tracked without these"
+    assert others and others <= {*of_skin, *knees.keys} - tracked, (
+        "motions are tracked without these"
+    )
     assert found.artefact.softness["knee_r"] < 0.5 * found.artefact.softness[GAIT] < 0.8
     body = replace(walk, tissue=found.tissue["walk"])
     z = np.array([found.artefact.values.get(key, 0.0) for key in body.tissue.keys])
@@ -105,7 +125,10 @@ def test_motions_have_the_soft_tissue_of_their_kind_with_markers_where_it_was_fo
 
 
 def test_soft_markers_are_said_to_be_soft_and_stiff_ones_stiff() -> None:
-    stiff, soft = (float(calibrated(s).notes[-1].split(f"{GAIT} ")[1].split()[0].strip(";,")) for s in (0.0, 1.0))
+    stiff, soft = (
+        float(calibrated(s).notes[-1].split(f"{GAIT} ")[1].split()[0].strip(";,"))
+        for s in (0.0, 1.0)
+    )
     assert stiff < 0.2 < 0.5 < soft < 2.0
 
 

@@ -16,13 +16,20 @@ from gaitcal.calibration.joint_phases import (
     simultaneous_phases,
 )
 from gaitcal.calibration.joint_prior import WEAK
-from gaitcal.calibration.soft_tissue_artefact import GAIT, SoftTissueScale, TaskTissue, task_regressors
+from gaitcal.calibration.soft_tissue_artefact import (
+    GAIT,
+    SoftTissueScale,
+    TaskTissue,
+    task_regressors,
+)
 from gaitcal.model.parameters import Parameters, published_subject
 from gaitcal.tracking.trial_problem import MotionProblem
 from tests.calibration.test_joint_calibration import KNEE, PART, knee_trial, values
 from tests.derivatives import noisy, perturbed_parameters, random_trial, started
 
-PUBLISHED, WEAKLY = (PhaseSettings(search=JointSettings(), prior=p, equal_weights=True) for p in (None, WEAK))
+PUBLISHED, WEAKLY = (
+    PhaseSettings(search=JointSettings(), prior=p, equal_weights=True) for p in (None, WEAK)
+)
 WEAK_LEAVES = 3e-4
 """m, rad: of the weak prior against markers that err by what cameras do at least."""
 
@@ -32,7 +39,9 @@ def two_trials(noise: float = 1e-4) -> tuple[list[MotionProblem], Parameters]:
     rng = np.random.default_rng(11)
     truth, trials = perturbed_parameters(rng), []
     for name, frames in (("isolated", 60), ("walk", 50)):
-        problem, _ = random_trial(rng, truth, frames=frames, nodes=8, root="thigh_r", segments=PART, per_segment=5)
+        problem, _ = random_trial(
+            rng, truth, frames=frames, nodes=8, root="thigh_r", segments=PART, per_segment=5
+        )
         trials.append(replace(noisy(problem, rng, noise), name=name))
     return trials, truth
 
@@ -42,7 +51,9 @@ def taking_part(trials: list[MotionProblem]) -> list[JointProblem]:
     return [JointProblem(t, t, joint) for t, joint in zip(trials, ("knee_r", None), strict=True)]
 
 
-def in_sequence(trials: list[MotionProblem], nominal: Parameters, how: PhaseSettings) -> JointCalibration:
+def in_sequence(
+    trials: list[MotionProblem], nominal: Parameters, how: PhaseSettings
+) -> JointCalibration:
     return calibrate_in_phases(sequential_phases(taking_part(trials), {"r": KNEE}), nominal, how)
 
 
@@ -50,13 +61,19 @@ def test_what_an_earlier_phase_knows_counts_like_its_markers() -> None:
     """One trial after the other comes to the solution of both at once, and to its error bars."""
     trials, truth = two_trials()
     after = in_sequence(trials, truth, WEAKLY)
-    together = calibrate_in_phases(simultaneous_phases(taking_part(trials), {"r": KNEE}), truth, WEAKLY)
+    together = calibrate_in_phases(
+        simultaneous_phases(taking_part(trials), {"r": KNEE}), truth, WEAKLY
+    )
     alone = in_sequence(trials, truth, PUBLISHED)
     same = values(together.parameters, KNEE)
     gap, without = (np.linalg.norm(values(c.parameters, KNEE) - same) for c in (after, alone))
     assert gap < 0.05 * without
-    first, both, only = (np.array([c.errors.standard_errors[n] for n in KNEE]) for c in (after, together, alone))
-    np.testing.assert_allclose(first, both, rtol=0.2)  # noises of two trials, each known to some 10 %
+    first, both, only = (
+        np.array([c.errors.standard_errors[n] for n in KNEE]) for c in (after, together, alone)
+    )
+    np.testing.assert_allclose(
+        first, both, rtol=0.2
+    )  # noises of two trials, each known to some 10 %
     assert np.median(both / only) < 0.9
 
 
@@ -80,9 +97,13 @@ def test_soft_tissue_moves_no_flat_fit_and_a_posterior_is_as_wide_as_it_makes_it
         considered = replace(how, fits_tissue=False)
         plain, wide = (calibrate_in_phases(some[:1], truth, considered) for some in (rigid, phases))
         np.testing.assert_array_equal(plain.parameters.joint, wide.parameters.joint)
-        assert all(wide.errors.standard_errors[n] > 1.5 * plain.errors.standard_errors[n] for n in KNEE)
+        assert all(
+            wide.errors.standard_errors[n] > 1.5 * plain.errors.standard_errors[n] for n in KNEE
+        )
     both, after, walk = (
-        values(calibrate_in_phases(some, truth, replace(WEAKLY, fits_tissue=False)).parameters, KNEE)
+        values(
+            calibrate_in_phases(some, truth, replace(WEAKLY, fits_tissue=False)).parameters, KNEE
+        )
         for some in (rigid, phases, rigid[1:])
     )
     assert np.linalg.norm(after - walk) < 0.05 * np.linalg.norm(both - walk)
@@ -92,12 +113,17 @@ def test_equal_weights_are_those_of_the_plain_sum_of_squares_whatever_the_noises
     """And the errors those of trials that are not equally noisy: H^-1 (sum nu^2 S_t) H^-1."""
     trials, truth = two_trials()
     trials[0] = noisy(trials[0], np.random.default_rng(5), 0.004)
-    found = calibrate_in_phases(simultaneous_phases(taking_part(trials), {"r": KNEE}), truth, PUBLISHED)
+    found = calibrate_in_phases(
+        simultaneous_phases(taking_part(trials), {"r": KNEE}), truth, PUBLISHED
+    )
     plain = JointSearch(trials, truth, KNEE, [started(t, truth)[1] for t in trials]).run()
     np.testing.assert_allclose(values(found.parameters, KNEE), plain.values, atol=1e-8)
     (phase,) = found.phases
     assert phase.noise["isolated"] > 3 * phase.noise["walk"]
-    scores = sum(phase.noise[t.name] ** 2 * s.hessian for t, s in zip(trials, plain.state.trials, strict=True))
+    scores = sum(
+        phase.noise[t.name] ** 2 * s.hessian
+        for t, s in zip(trials, plain.state.trials, strict=True)
+    )
     inverse = np.linalg.inv(plain.state.hessian)
     expected = np.sqrt(np.diag(inverse @ scores @ inverse))
     np.testing.assert_allclose([found.errors.standard_errors[n] for n in KNEE], expected, rtol=1e-5)
@@ -110,15 +136,21 @@ def test_phases_are_the_published_ones_and_trials_keep_what_they_were_fitted_wit
     assert named == [("joint:knee_r", ("isolated",), 9), (GAIT, ("walk",), 9)]
     assert all(p.marker_noise is None and set(p.noise) == set(p.trials) for p in done.phases)
     assert parameters_for(done, "walk", nominal) is not nominal
-    np.testing.assert_array_equal(parameters_for(done, "walk", nominal).joint, done.parameters.joint)
-    assert np.abs(parameters_for(done, "isolated", nominal).joint - done.parameters.joint).max() > 1e-6
+    np.testing.assert_array_equal(
+        parameters_for(done, "walk", nominal).joint, done.parameters.joint
+    )
+    assert (
+        np.abs(parameters_for(done, "isolated", nominal).joint - done.parameters.joint).max() > 1e-6
+    )
     assert parameters_for(done, "another", nominal) is nominal
 
 
 @pytest.mark.parametrize("name", ["knee_r", GAIT])
 def test_an_activity_is_of_its_own_kind_whatever_its_trial_is_called(name: str) -> None:
     problem, _ = knee_trial(1)
-    kinds = {JointProblem(problem, problem, *of).kind for of in (("knee_r",), (None,), (None, name))}
+    kinds = {
+        JointProblem(problem, problem, *of).kind for of in (("knee_r",), (None,), (None, name))
+    }
     assert len(kinds) == 3
 
 
@@ -134,13 +166,19 @@ def test_without_noise_the_truth_is_found(how: PhaseSettings) -> None:
 
 def test_a_knee_that_does_not_move_is_frozen_or_held_by_its_prior() -> None:
     problem, truth = knee_trial(1)
-    still = problem.with_measured(np.repeat(problem.data.measured[:, :, :1], problem.data.measured.shape[2], axis=2))
-    trial, nominal = JointProblem(still, still, "knee_r"), truth.with_joint(KNEE, values(truth, KNEE) + 0.003)
+    still = problem.with_measured(
+        np.repeat(problem.data.measured[:, :, :1], problem.data.measured.shape[2], axis=2)
+    )
+    trial, nominal = (
+        JointProblem(still, still, "knee_r"),
+        truth.with_joint(KNEE, values(truth, KNEE) + 0.003),
+    )
     phases = sequential_phases([trial], {"r": ()})
     frozen, held = (calibrate_in_phases(phases, nominal, how) for how in (PUBLISHED, WEAKLY))
     assert set(frozen.unidentifiable) == set(KNEE) and not frozen.free
     np.testing.assert_array_equal(values(frozen.parameters, KNEE), values(nominal, KNEE))
     assert "kept at nominal values" in frozen.findings[-1].found
-    # held by a prior, two sides of a joint share what only their sum tells: sqrt(1/2) of anatomy's 10 mm each
+    # held by a prior, two sides of a joint share what only their sum tells: sqrt(1/2) of anatomy's
+    # 10 mm each
     assert held.free == KNEE and held.errors.standard_errors["knee_r.thigh.sup"] > 0.006
     assert frozen.errors.standard_errors["knee_r.thigh.sup"] == pytest.approx(0.010)

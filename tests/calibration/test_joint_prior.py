@@ -1,4 +1,6 @@
-"""What is known before a fit: of joint parameters by anatomy, of a trial's noise by what no joint can follow."""
+"""What is known before a fit: of joint parameters by anatomy, of a trial's noise by what no joint
+can follow.
+"""
 
 from dataclasses import replace
 from functools import lru_cache
@@ -26,7 +28,15 @@ from gaitcal.calibration.joint_prior import (
 from gaitcal.model.chain import Chain
 from gaitcal.model.kinematics import Kinematics
 from gaitcal.model.linkage import JOINT_OF_CHILD, Source
-from gaitcal.model.parameters import JOINT_PARAMETERS, JP_INDEX, JP_NAMES, JP_TO_SI, Kind, Parameters, published_subject
+from gaitcal.model.parameters import (
+    JOINT_PARAMETERS,
+    JP_INDEX,
+    JP_NAMES,
+    JP_TO_SI,
+    Kind,
+    Parameters,
+    published_subject,
+)
 from gaitcal.study.cohort_prior import other_side
 from gaitcal.tracking.marker_residual import PlacedMarkers
 from gaitcal.tracking.motion import track_nodes
@@ -39,7 +49,12 @@ TWICE = [row for row in TABLE if len(row.parameters) == 2]
 
 
 def test_it_is_a_covariance_alike_on_both_sides() -> None:
-    assert np.linalg.eigvalsh(COVARIANCE / np.sqrt(np.outer(np.diag(COVARIANCE), np.diag(COVARIANCE))))[0] > 1e-3
+    assert (
+        np.linalg.eigvalsh(
+            COVARIANCE / np.sqrt(np.outer(np.diag(COVARIANCE), np.diag(COVARIANCE)))
+        )[0]
+        > 1e-3
+    )
     other = [JP_INDEX[other_side(name)] for name in JP_NAMES]
     np.testing.assert_array_equal(COVARIANCE[np.ix_(other, other)], COVARIANCE)
     mirrored = np.array([-1.0 if p.mirrored else 1.0 for p in JOINT_PARAMETERS])
@@ -62,8 +77,12 @@ def test_the_table_is_in_mm_and_degrees(row: joint_prior._Row) -> None:
 
 
 @pytest.mark.parametrize("row", TWICE, ids=lambda row: row.parameters[0])
-def test_a_joint_seen_from_two_segments_moves_in_both_and_nothing_else_does(row: joint_prior._Row) -> None:
-    """What the prior lets go together leaves the child where it was, but for a turn about its own joint."""
+def test_a_joint_seen_from_two_segments_moves_in_both_and_nothing_else_does(
+    row: joint_prior._Row,
+) -> None:
+    """What the prior lets go together leaves the child where it was, but for a turn about its own
+    joint.
+    """
     names = tuple(name.replace(".", "_r.", 1) for name in row.parameters)
     body, child = published_subject(), names[1].split(".")[1] + "_r"
     step = 1e-4 if JOINT_PARAMETERS[JP_INDEX[names[0]]].kind is Kind.POSITION else 1e-3
@@ -76,12 +95,18 @@ def test_a_joint_seen_from_two_segments_moves_in_both_and_nothing_else_does(row:
         return Kinematics(chain.body(parameters), q).segments[chain.segments.index(child)].ravel()
 
     def moved(*by: float) -> float:
-        other = body.with_joint(names, body.joint[[JP_INDEX[n] for n in names]] + step * np.array(by))
+        other = body.with_joint(
+            names, body.joint[[JP_INDEX[n] for n in names]] + step * np.array(by)
+        )
         change = placed(other) - placed(body)
         turns = np.column_stack([placed(body, name) - placed(body) for name in own])
-        return float(np.abs(change - turns @ np.linalg.lstsq(turns, change, rcond=None)[0]).max()) / step
+        return (
+            float(np.abs(change - turns @ np.linalg.lstsq(turns, change, rcond=None)[0]).max())
+            / step
+        )
 
-    # the subtalar axis is steep: a turn of it about the talus is 1.3 times that about the foot, and dips it besides
+    # the subtalar axis is steep: a turn of it about the talus is 1.3 times that about the foot, and
+    # dips it besides
     steep = row.parameters[0].startswith("subtalar.talus")
     assert moved(1.0, 1.0) < (row.apart / row.deviation if steep else 0.15) * moved(1.0, 0.0)
     ratio, near = (1.3, 0.05) if steep else (1.0, 0.01)
@@ -94,26 +119,34 @@ WHITE = 0.002
 
 @pytest.mark.parametrize(("kept", "expected"), [(0.0, 1.0), (0.5, 3.0), (0.9, 19.0)])
 def test_frames_for_one_that_is_independent(kept: float, expected: float) -> None:
-    """Errors of variance 1 that keep `kept` of the frame before: (1 + kept) / (1 - kept) frames a sample."""
+    """Errors of variance 1 that keep `kept` of the frame before: (1 + kept) / (1 - kept) frames a
+    sample.
+    """
     errors = np.random.default_rng(1).normal(size=(4000, 12))
     for f in range(1, len(errors)):
         errors[f] = kept * errors[f - 1] + np.sqrt(1 - kept**2) * errors[f]
-    # the sum ends where the correlation falls below 0.05: at most that tail, and its sampling, are lost
+    # the sum ends where the correlation falls below 0.05: at most that tail, and its sampling, are
+    # lost
     assert frames_per_sample(errors) == pytest.approx(expected, rel=0.12)
     assert frames_per_sample(0.0 * errors) == 1.0, "no error counts every frame"
 
 
 def test_white_noise_is_found_as_it_is_and_clusters_that_move_together_count_more() -> None:
     segments = ("pelvis", "thigh_r")
-    rng, parameters, problem, true = seeded_trial(2, segments=segments, frames=2000, nodes=60, per_segment=4)
+    rng, parameters, problem, true = seeded_trial(
+        2, segments=segments, frames=2000, nodes=60, per_segment=4
+    )
     shape, body = problem.data.measured.shape, problem.body(parameters)
 
     def found(noise: Array) -> float:
         noisy = problem.with_measured(problem.data.measured + noise)
-        return float(np.sqrt(forbidden_noise(noisy, parameters, track_nodes(noisy, body, true).x).variance))
+        return float(
+            np.sqrt(forbidden_noise(noisy, parameters, track_nodes(noisy, body, true).x).variance)
+        )
 
     assert found(rng.normal(0, WHITE, shape)) == pytest.approx(WHITE, rel=0.15)
-    # each cluster as a whole: the mean of four markers alike has four times the variance that independent ones give it
+    # each cluster as a whole: the mean of four markers alike has four times the variance that
+    # independent ones give it
     together = np.repeat(rng.normal(0, WHITE, (2, 3, shape[2])), 4, axis=0)
     assert found(together) == pytest.approx(2.0 * WHITE, rel=0.25)
 
@@ -124,8 +157,12 @@ MISSING_CHANGES = 0.25
 
 @lru_cache(maxsize=1)
 def shaken_leg() -> tuple[MotionProblem, Parameters, Array, Array, float]:
-    """A leg of 600 frames whose clusters move slowly and whose markers err, its nodes, true ones, and its noise."""
-    rng, parameters, problem, true = seeded_trial(4, segments=LEG, frames=600, nodes=40, per_segment=4)
+    """A leg of 600 frames whose clusters move slowly and whose markers err, its nodes, true ones,
+    and its noise.
+    """
+    rng, parameters, problem, true = seeded_trial(
+        4, segments=LEG, frames=600, nodes=40, per_segment=4
+    )
     count, frames = len(LEG), 600
     slow = rng.normal(0, 0.006, (count, 3, frames))
     for f in range(1, frames):
@@ -142,8 +179,8 @@ def noise_at(problem: MotionProblem, parameters: Parameters, nodes: Array) -> fl
 
 @st.composite
 def missing_patterns(draw: st.DrawFn) -> BoolArray:
-    """(12, 600) samples that are visible: at random, in gaps of one marker, and in gaps of whole segments, so that each
-    segment shows three of its four markers in half of the frames.
+    """(12, 600) samples that are visible: at random, in gaps of one marker, and in gaps of whole
+    segments, so that each segment shows three of its four markers in half of the frames.
     """
     rng = np.random.default_rng(draw(st.integers(0, 2**31)))
     visible = rng.random((12, 600)) >= draw(st.floats(0.0, 0.25))
@@ -152,7 +189,9 @@ def missing_patterns(draw: st.DrawFn) -> BoolArray:
         start = draw(st.integers(0, 600 - gap))
         which = 4 * segment + draw(st.integers(0, 3))
         of_all = draw(st.booleans())
-        visible[slice(4 * segment, 4 * segment + 4) if of_all else which, start : start + gap] = False
+        visible[slice(4 * segment, 4 * segment + 4) if of_all else which, start : start + gap] = (
+            False
+        )
     whole = visible.reshape(3, 4, 600).sum(axis=1) >= 3
     assume((whole.mean(axis=1) >= 0.5).all())
     return visible
@@ -168,19 +207,33 @@ def test_noise_stays_whatever_samples_are_missing(visible: BoolArray) -> None:
 
 
 @pytest.mark.parametrize("on_line", [0.0, 0.5e-3, 5e-3])
-def test_a_segment_whose_markers_are_nearly_on_a_line_leaves_the_others_their_noise(on_line: float) -> None:
-    """Three markers of the thigh off their line by so many m: they show five directions, or hardly a sixth."""
-    rng, parameters, problem, true = seeded_trial(5, segments=LEG, frames=600, nodes=40, per_segment=3)
+def test_a_segment_whose_markers_are_nearly_on_a_line_leaves_the_others_their_noise(
+    on_line: float,
+) -> None:
+    """Three markers of the thigh off their line by so many m: they show five directions, or hardly
+    a sixth.
+    """
+    rng, parameters, problem, true = seeded_trial(
+        5, segments=LEG, frames=600, nodes=40, per_segment=3
+    )
     local = problem.data.local.copy()
-    (thigh,) = (markers for s, markers in problem.data.placed.groups if problem.chain.segments[s] == "thigh_r")
+    (thigh,) = (
+        markers
+        for s, markers in problem.data.placed.groups
+        if problem.chain.segments[s] == "thigh_r"
+    )
     line = np.array([0.0, -0.3, 0.03])
     local[thigh] = (
-        np.array([0.02, -0.05, 0.04]) + np.outer([0.0, 0.4, 1.0], line) + [[0, 0, 0], [on_line, 0, 0], [0, 0, 0]]
+        np.array([0.02, -0.05, 0.04])
+        + np.outer([0.0, 0.4, 1.0], line)
+        + [[0, 0, 0], [on_line, 0, 0], [0, 0, 0]]
     )
     placed = PlacedMarkers(problem.data.segment, local)
     exact = problem.with_data(replace(problem.data, placed=placed))
     exact = exact.with_measured(exact.positions(true, exact.body(parameters)))
-    noisy = exact.with_measured(exact.data.measured + rng.normal(0, WHITE, exact.data.measured.shape))
+    noisy = exact.with_measured(
+        exact.data.measured + rng.normal(0, WHITE, exact.data.measured.shape)
+    )
     nodes = track_nodes(noisy, noisy.body(parameters), true).x
     assert noise_at(noisy, parameters, nodes) == pytest.approx(WHITE, rel=0.2)
 
@@ -188,14 +241,18 @@ def test_a_segment_whose_markers_are_nearly_on_a_line_leaves_the_others_their_no
 def test_parameters_use_samples_up_and_cameras_never_err_by_nothing() -> None:
     seen = [ForbiddenNoise(1e-6, 30.0), ForbiddenNoise(4e-6, 10.0)]
     np.testing.assert_allclose(trial_noises(seen, [0.0, 0.0], -2.0), [1e-3, 2e-3])
-    np.testing.assert_allclose(trial_noises(seen, [0.0, 0.0], 18.0), np.sqrt(2.0) * np.array([1e-3, 2e-3]))
+    np.testing.assert_allclose(
+        trial_noises(seen, [0.0, 0.0], 18.0), np.sqrt(2.0) * np.array([1e-3, 2e-3])
+    )
     assert trial_noises([ForbiddenNoise(0.0, 10.0)], [3e-4], 1.0) == [3e-4]
     time = np.arange(100) / 100.0
     assert least_noise(spline_basis(time, 8)) < least_noise(spline_basis(time / 4.0, 8))
 
 
 def test_a_noise_that_its_own_fit_takes_up_is_drawn_towards_peoples_and_none_is_lowered() -> None:
-    """Between the estimate and the median of people, by the precision of each in ln nu; twice the rate, root two."""
+    """Between the estimate and the median of people, by the precision of each in ln nu; twice the
+    rate, root two.
+    """
     few, many = ForbiddenNoise(0.35e-3**2, 40.0), ForbiddenNoise(30e-3**2, 40.0)
 
     def found(estimate: ForbiddenNoise, kind: str, rate: float = 100.0) -> float:

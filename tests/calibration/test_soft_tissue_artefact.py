@@ -1,4 +1,6 @@
-"""Soft tissue by the task: its regressors, rigid columns instead of every marker, and the scale of a person."""
+"""Soft tissue by the task: its regressors, rigid columns instead of every marker, and the scale of
+a person.
+"""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
@@ -56,9 +58,13 @@ def person(
     parameters = perturbed_parameters(rng)
     first, coefficients = random_trial(rng, parameters, segments=SEGMENTS, frames=frames, nodes=9)
     motions = (coefficients, coefficients[::-1] + rng.normal(0, 0.1, coefficients.shape))
-    angles = [dict(zip(first.chain.coordinates, first.basis.evaluate(n).T, strict=True)) for n in motions]
+    angles = [
+        dict(zip(first.chain.coordinates, first.basis.evaluate(n).T, strict=True)) for n in motions
+    ]
     trials = []
-    for k, (motion, psi) in enumerate(zip(motions, task_regressors(angles, squares=True), strict=True)):
+    for k, (motion, psi) in enumerate(
+        zip(motions, task_regressors(angles, squares=True), strict=True)
+    ):
         shift = np.zeros(first.data.measured.shape)
         for s, markers in first.data.placed.groups:
             for (segment, name), z in moves.items():
@@ -66,8 +72,16 @@ def person(
                     shift[markers] += z.reshape(-1, 3, 1) * psi[name]
         seen = first.shifted(shift).positions(motion, first.body(parameters))
         trial = first.with_measured(seen + rng.normal(0, noise, seen.shape))
-        used = psi if squares else {name: values for name, values in psi.items() if not name.endswith(SQUARES)}
-        trials.append(replace(trial, name=f"walk {k}", tissue=tissue_of(trial, KIND, used, parameters, table={})))
+        used = (
+            psi
+            if squares
+            else {name: values for name, values in psi.items() if not name.endswith(SQUARES)}
+        )
+        trials.append(
+            replace(
+                trial, name=f"walk {k}", tissue=tissue_of(trial, KIND, used, parameters, table={})
+            )
+        )
     return trials
 
 
@@ -77,11 +91,18 @@ def places(seed: int) -> dict[str, Array]:
 
 
 def places_of(problem: MotionProblem) -> dict[str, Array]:
-    return {problem.chain.segments[s]: problem.data.local[markers] for s, markers in problem.data.placed.groups}
+    return {
+        problem.chain.segments[s]: problem.data.local[markers]
+        for s, markers in problem.data.placed.groups
+    }
 
 
-def drawn(seed: int, size: float, segments: Sequence[str] = SEGMENTS, ending: str = "") -> dict[tuple[str, str], Array]:
-    """What markers of some segments do with every angle beside them, of `size` times the spread of people."""
+def drawn(
+    seed: int, size: float, segments: Sequence[str] = SEGMENTS, ending: str = ""
+) -> dict[tuple[str, str], Array]:
+    """What markers of some segments do with every angle beside them, of `size` times the spread of
+    people.
+    """
     rng = np.random.default_rng([seed, 1])
     return {
         (segment, name + ending): size
@@ -98,20 +119,38 @@ def groups_of(problem: MotionProblem) -> tuple[SegmentTissue, ...]:
 
 
 def test_soft_tissue_moves_with_the_joints_at_both_ends_of_its_segment() -> None:
-    assert beside("thigh_r") == ("hip_flexion_r", "hip_adduction_r", "hip_rotation_r", "knee_angle_r")
-    assert beside("shank_l") == ("knee_angle_l", "ankle_angle_l", "subtalar_angle_l")  # the talus carries no skin
+    assert beside("thigh_r") == (
+        "hip_flexion_r",
+        "hip_adduction_r",
+        "hip_rotation_r",
+        "knee_angle_r",
+    )
+    assert beside("shank_l") == (
+        "knee_angle_l",
+        "ankle_angle_l",
+        "subtalar_angle_l",
+    )  # the talus carries no skin
     assert beside("foot_r")[:2] == ("ankle_angle_r", "subtalar_angle_r")
-    assert set(beside("pelvis")) == {f"hip_{m}_{s}" for m in ("flexion", "adduction", "rotation") for s in "rl"}
+    assert set(beside("pelvis")) == {
+        f"hip_{m}_{s}" for m in ("flexion", "adduction", "rotation") for s in "rl"
+    }
 
 
-def test_regressors_are_angles_from_the_static_posture_by_their_rms_over_all_trials_of_a_kind() -> None:
+def test_regressors_are_angles_from_the_static_posture_by_their_rms_over_all_trials_of_a_kind() -> (
+    None
+):
     rng = np.random.default_rng(1)
-    flexion, still = [rng.normal(0.3, 0.4, 50), rng.normal(0.5, 0.2, 80)], rng.normal(0.1, 0.2 * LEAST_SPREAD, 80)
+    flexion, still = (
+        [rng.normal(0.3, 0.4, 50), rng.normal(0.5, 0.2, 80)],
+        rng.normal(0.1, 0.2 * LEAST_SPREAD, 80),
+    )
     posture = {"flexion": 0.2}
     first, second = task_regressors(
         [{"flexion": flexion[0]}, {"flexion": flexion[1], "still": still}], posture, squares=True
     )
-    assert set(first) == {"flexion", "flexion" + SQUARES} and {"still", "still" + SQUARES} < set(second)
+    assert set(first) == {"flexion", "flexion" + SQUARES} and {"still", "still" + SQUARES} < set(
+        second
+    )
     every = np.concatenate([first["flexion"], second["flexion"]])
     size = np.sqrt(np.mean((np.concatenate(flexion) - 0.2) ** 2))
     np.testing.assert_allclose(first["flexion"], (flexion[0] - 0.2) / size)
@@ -127,12 +166,18 @@ def test_knee_flexion_counts_in_radians_and_its_bend_in_the_task() -> None:
     (psi,) = task_regressors([{"knee_angle_l": angle}], {"knee_angle_l": 0.1}, squares=True)
     np.testing.assert_allclose(psi["knee_angle_l"], angle - 0.1)
     relative = (angle - 0.1) / np.sqrt(np.mean((angle - 0.1) ** 2))
-    np.testing.assert_allclose(psi["knee_angle_l" + SQUARES], relative**2 - np.mean(relative**3) * relative)
+    np.testing.assert_allclose(
+        psi["knee_angle_l" + SQUARES], relative**2 - np.mean(relative**3) * relative
+    )
     assert set(task_regressors([{"knee_angle_l": angle}])[0]) == {"knee_angle_l"}
 
 
-def velocities(problem: MotionProblem, coefficients: Array, parameters: Parameters) -> tuple[Array, Array]:
-    """(3 nm nf, nn nq + np) derivatives of the markers by nodes and joint parameters, and R (nm, 3, 3, nf)."""
+def velocities(
+    problem: MotionProblem, coefficients: Array, parameters: Parameters
+) -> tuple[Array, Array]:
+    """(3 nm nf, nn nq + np) derivatives of the markers by nodes and joint parameters, and R (nm, 3,
+    3, nf).
+    """
     body, q = problem.body(parameters), problem.basis.evaluate(coefficients)
     placed, nq = Kinematics(body, q), coefficients.shape[1]
     spatial, x = placed.columns, problem.positions(coefficients, body)
@@ -143,13 +188,17 @@ def velocities(problem: MotionProblem, coefficients: Array, parameters: Paramete
         )
         slope[m] = moved.transpose(1, 2, 0)
     by_nodes = slope[..., None, :nq] * problem.basis.matrices[0].toarray()[:, :, None]
-    flat = np.concatenate([by_nodes.reshape(*x.shape, -1), slope[..., nq:]], axis=-1).reshape(x.size, -1)
+    flat = np.concatenate([by_nodes.reshape(*x.shape, -1), slope[..., nq:]], axis=-1).reshape(
+        x.size, -1
+    )
     axes = placed.axes[problem.data.segment]
     return flat, axes.transpose(0, 2, 1, 3)
 
 
 def test_six_columns_a_segment_leave_the_joints_where_columns_of_every_marker_do() -> None:
-    """A dense model of three numbers a marker and regressor against six a segment: the same posterior of the joints."""
+    """A dense model of three numbers a marker and regressor against six a segment: the same
+    posterior of the joints.
+    """
     seed, scale = 3, SoftTissueScale(0.6, 0.2)
     parameters = perturbed_parameters(np.random.default_rng(seed))
     (problem, _) = person(seed, drawn(seed, 1.0), squares=True, frames=30, noise=0.004)
@@ -171,9 +220,15 @@ def test_six_columns_a_segment_leave_the_joints_where_columns_of_every_marker_do
             for m in range(group.markers.start, group.markers.stop):
                 moved[m, :, :, m] = (axes[m] * psi).transpose(0, 2, 1)
             columns.append(moved[..., group.markers, :].reshape(len(slope), -1))
-            weights.append(np.linalg.inv((scale.squares if name.endswith(SQUARES) else scale.linear) * covariance))
+            weights.append(
+                np.linalg.inv(
+                    (scale.squares if name.endswith(SQUARES) else scale.linear) * covariance
+                )
+            )
     whole = np.hstack(columns)
-    gap = (problem.positions(coefficients, problem.body(parameters)) - problem.data.measured).ravel()
+    gap = (
+        problem.positions(coefficients, problem.body(parameters)) - problem.data.measured
+    ).ravel()
     dense = np.linalg.inv(whole.T @ whole / NOISE**2 + block_diag(*weights))
     own = slice(slope.shape[1] - count, slope.shape[1])
     assert_covariance(found[:count, :count], dense[own, own], atol=EXACT)
@@ -183,14 +238,20 @@ def test_six_columns_a_segment_leave_the_joints_where_columns_of_every_marker_do
 
 def of_kind(problem: MotionProblem, kind: str) -> MotionProblem:
     """The same trial as one of another kind of task."""
-    columns = (column for g in groups_of(problem) for column in zip(g.names, g.regressors, strict=True))
+    columns = (
+        column for g in groups_of(problem) for column in zip(g.names, g.regressors, strict=True)
+    )
     regressors = {name.split("/")[-1]: psi for name, psi in columns}
     nominal = perturbed_parameters(np.random.default_rng(0))
     return replace(problem, tissue=tissue_of(problem, kind, regressors, nominal, table={}))
 
 
-def dense_density(trials: Sequence[MotionProblem], segment: str, variances: Sequence[Mapping[bool, float]]) -> Array:
-    """Log p of what the rigid fits of a segment leave of its markers; `variances` of linear columns, and of squares."""
+def dense_density(
+    trials: Sequence[MotionProblem], segment: str, variances: Sequence[Mapping[bool, float]]
+) -> Array:
+    """Log p of what the rigid fits of a segment leave of its markers; `variances` of linear
+    columns, and of squares.
+    """
     parts, psis, local = [], [], places_of(trials[0])[segment]
     rigid = together(local - local.mean(axis=0)).reshape(-1, 6)
     free = np.linalg.svd(rigid)[0][:, 6:]
@@ -198,18 +259,30 @@ def dense_density(trials: Sequence[MotionProblem], segment: str, variances: Sequ
         (group,) = [g for g in groups_of(problem) if g.carrier == segment]
         data, frames = problem.data, problem.data.weight.shape[1]
         fit = rigid_fit(local, data.measured[group.markers], data.weight[group.markers])
-        error = np.einsum("fij,mif->mjf", fit.rotation, data.measured[group.markers] - fit.origin.T) - local[:, :, None]
-        changing = np.linalg.svd(np.ones((frames, 1)))[0][:, 1:]  # where a marker lies is not how it moves
+        error = (
+            np.einsum("fij,mif->mjf", fit.rotation, data.measured[group.markers] - fit.origin.T)
+            - local[:, :, None]
+        )
+        changing = np.linalg.svd(np.ones((frames, 1)))[0][
+            :, 1:
+        ]  # where a marker lies is not how it moves
         parts.append(changing.T @ error.reshape(-1, frames).T @ free)
         psis.append(group.regressors @ changing)
         names = group.names
     left, shape, out = np.concatenate(parts), free.T @ marker_covariance(segment, local) @ free, []
     bends, every = np.array([name.endswith(SQUARES) for name in names]), np.hstack(psis)
-    blocks = {bent: np.kron(every[bends == bent].T @ every[bends == bent], shape) for bent in (False, True)}
+    blocks = {
+        bent: np.kron(every[bends == bent].T @ every[bends == bent], shape)
+        for bent in (False, True)
+    }
     for variance in variances:
-        covariance = NOISE**2 * np.eye(left.size) + sum(variance[bent] * block for bent, block in blocks.items())
+        covariance = NOISE**2 * np.eye(left.size) + sum(
+            variance[bent] * block for bent, block in blocks.items()
+        )
         root = np.linalg.cholesky(covariance)
-        out.append(-0.5 * np.sum(np.linalg.solve(root, left.ravel()) ** 2) - np.log(np.diag(root)).sum())
+        out.append(
+            -0.5 * np.sum(np.linalg.solve(root, left.ravel()) ** 2) - np.log(np.diag(root)).sum()
+        )
     return np.array(out)
 
 
@@ -217,8 +290,9 @@ def dense_density(trials: Sequence[MotionProblem], segment: str, variances: Sequ
 def test_the_scale_is_that_of_the_dense_marginal_likelihood_of_all_segments(
     ending: str, kinds: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Integrated over ln s_j of each segment, then over ln s; that of squares with linear columns as large as may be,
-    and with even odds that there are none. Trials of one kind of task share their columns, those of two have their own.
+    """Integrated over ln s_j of each segment, then over ln s; that of squares with linear columns
+    as large as may be, and with even odds that there are none. Trials of one kind of task share
+    their columns, those of two have their own.
     """
     monkeypatch.setattr(soft_tissue_artefact, "_noise", lambda *_: NOISE)
     moves = drawn(6, 0.05, ("pelvis",), ending) | drawn(6, 0.3, ("thigh_r",), ending)
@@ -232,7 +306,9 @@ def test_the_scale_is_that_of_the_dense_marginal_likelihood_of_all_segments(
     segments /= segments.sum(axis=1, keepdims=True)
 
     def posterior(linear: Array, squares: Array) -> Array:
-        """(s,) prior times p of what all segments show, over p at the first of the variances, which is none."""
+        """(s,) prior times p of what all segments show, over p at the first of the variances, which
+        is none.
+        """
         out = prior.copy()
         variances = [{False: x, True: y} for x, y in zip(linear, squares, strict=True)]
         for segment in SEGMENTS:
@@ -242,30 +318,46 @@ def test_the_scale_is_that_of_the_dense_marginal_likelihood_of_all_segments(
 
     found, square = soft_tissue_scale(trials), np.append(0.0, s**2)
     weight = posterior(square, 0.0 * square)
-    assert found.linear == pytest.approx(weight @ s**2 / weight.sum(), rel=0.01)  # sums over 41 values of s, and 161
+    assert found.linear == pytest.approx(
+        weight @ s**2 / weight.sum(), rel=0.01
+    )  # sums over 41 values of s, and 161
     weight = posterior(np.full_like(square, SCALES[-1] ** 2), square)
     assert found.squares == pytest.approx(weight @ s**2 / (weight.sum() + prior.sum()), rel=0.01)
 
 
 def test_a_cluster_that_slides_as_a_whole_borrows_the_scale_of_one_that_deforms() -> None:
     pelvis = places(8)["pelvis"]
-    slide = together(pelvis - pelvis.mean(axis=0)).reshape(-1, 6) @ [0.0, 0.004, 0.004, 0.0, 0.0, 0.0]
+    slide = together(pelvis - pelvis.mean(axis=0)).reshape(-1, 6) @ [
+        0.0,
+        0.004,
+        0.004,
+        0.0,
+        0.0,
+        0.0,
+    ]
     sliding = {("pelvis", "hip_adduction_r"): slide}
     still, alone, pooled = (
-        soft_tissue_scale(person(8, moves)).linear for moves in ({}, sliding, sliding | drawn(8, 1.0, ("thigh_r",)))
+        soft_tissue_scale(person(8, moves)).linear
+        for moves in ({}, sliding, sliding | drawn(8, 1.0, ("thigh_r",)))
     )
     assert alone == pytest.approx(still, rel=0.05), "what moves together shows no deformation"
     assert pooled > 10 * alone
     trials = person(8, sliding)
     prior = tissue_prior(trials, {KIND: SoftTissueScale(pooled)})
-    at = [k for k, key in enumerate(prior.keys) if key.startswith(f"{KIND}/hip_adduction_r/pelvis/")]
+    at = [
+        k for k, key in enumerate(prior.keys) if key.startswith(f"{KIND}/hip_adduction_r/pelvis/")
+    ]
     (group,) = [g for g in groups_of(trials[0]) if g.carrier == "pelvis"]
     own = prior.covariance[np.ix_(at, at)]
-    np.testing.assert_allclose(own, pooled * group.covariance[group.names.index(f"{KIND}/hip_adduction_r")])
+    np.testing.assert_allclose(
+        own, pooled * group.covariance[group.names.index(f"{KIND}/hip_adduction_r")]
+    )
     assert own[1, 1] > pooled * SIZES["pelvis"].shift ** 2
 
 
-def test_one_soft_segment_softens_the_others_less_than_one_scale_for_all_would(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_one_soft_segment_softens_the_others_less_than_one_scale_for_all_would(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     one, all_soft = person(8, drawn(8, 1.0, ("thigh_r",))), person(8, drawn(8, 1.0))
     differing, alike = soft_tissue_scale(one).linear, soft_tissue_scale(all_soft).linear
     monkeypatch.setattr(soft_tissue_artefact, "SEGMENT_SPREAD", 1e-6)
@@ -274,12 +366,18 @@ def test_one_soft_segment_softens_the_others_less_than_one_scale_for_all_would(m
 
 
 def test_segments_whose_joints_an_activity_may_leave_at_rest_calm_no_other() -> None:
-    """An angle that only seems to move, by errors of others, goes with no deformation: as if the skin were none."""
+    """An angle that only seems to move, by errors of others, goes with no deformation: as if the
+    skin were none.
+    """
     one, all_soft = person(8, drawn(8, 1.0, ("thigh_r",))), person(8, drawn(8, 1.0))
-    walks, activity = (soft_tissue_scale(one, possibly_still=still).linear for still in (False, True))
+    walks, activity = (
+        soft_tissue_scale(one, possibly_still=still).linear for still in (False, True)
+    )
     everything = soft_tissue_scale(all_soft).linear
     assert walks < 0.2 * everything and 0.5 * everything < activity < 2.0 * everything
-    assert soft_tissue_scale(all_soft, possibly_still=True).linear == pytest.approx(everything, rel=0.1)
+    assert soft_tissue_scale(all_soft, possibly_still=True).linear == pytest.approx(
+        everything, rel=0.1
+    )
 
 
 @pytest.mark.parametrize("seen", [0.01, 0.0])
@@ -299,14 +397,17 @@ def test_the_prior_joins_the_columns_of_a_segment_over_trials_and_parts_those_of
     scales = {KIND: SoftTissueScale(0.4, 0.1), "hip_r": SoftTissueScale(0.2, 0.3)}
     alike, apart = tissue_prior([first, second], scales), tissue_prior([first, other], scales)
     count = len(alike.keys)
-    assert len(set(apart.keys)) == len(apart.keys) == 2 * count == 2 * 2 * 6 * 6  # segments, regressors, components
+    assert (
+        len(set(apart.keys)) == len(apart.keys) == 2 * count == 2 * 2 * 6 * 6
+    )  # segments, regressors, components
     np.testing.assert_array_equal(apart.covariance[:count, :count], alike.covariance)
     assert not apart.covariance[:count, count:].any()
     for key, variance in zip(apart.keys, np.diag(apart.covariance), strict=True):
         kind, name, segment, _ = key.split("/")
         there = np.diag(alike.covariance)[alike.keys.index(key.replace(kind, KIND, 1))]
         of_kind_, of_gait = (
-            scale.squares if name.endswith(SQUARES) else scale.linear for scale in (scales[kind], scales[KIND])
+            scale.squares if name.endswith(SQUARES) else scale.linear
+            for scale in (scales[kind], scales[KIND])
         )
         assert variance == pytest.approx(there * of_kind_ / of_gait), segment
 
@@ -329,13 +430,17 @@ def knee_skin(side: str, softness: float = 1.0) -> tuple[SegmentTissue, MotionPr
     return tissue.groups[0], problem, parameters
 
 
-def test_what_is_expected_of_skin_is_the_table_at_the_places_of_the_markers_mirrored_on_the_left() -> None:
+def test_what_is_expected_of_skin_is_the_table_at_the_places_of_the_markers_mirrored_on_the_left() -> (
+    None
+):
     field = people_table()["thigh"]
     for side, mirror in (("r", [1.0, 1.0, 1.0]), ("l", [1.0, 1.0, -1.0])):
         group, problem, parameters = knee_skin(side)
         knee = parameters.centre(f"knee_{side}", f"thigh_{side}")
         length = np.linalg.norm(knee)
-        functions = place_functions((problem.data.local[group.markers] - knee) * mirror / length, gait=True)
+        functions = place_functions(
+            (problem.data.local[group.markers] - knee) * mirror / length, gait=True
+        )
         wanted = length / THIGH_M * field.mean(functions) * mirror
         np.testing.assert_allclose(group.expected[0], wanted, atol=1e-15)
         small = replace(group, regressors=1e-6 * group.regressors)
@@ -352,7 +457,9 @@ def test_the_rigid_covariance_is_the_markers_own_projected_on_shifts_and_turns()
     group, _, _ = knee_skin("l")
     flat = group.pattern.reshape(-1, 6)
     inverse = np.linalg.pinv(flat)
-    np.testing.assert_allclose(group.covariance[0], inverse @ group.by_marker[0] @ inverse.T, rtol=1e-6, atol=1e-12)
+    np.testing.assert_allclose(
+        group.covariance[0], inverse @ group.by_marker[0] @ inverse.T, rtol=1e-6, atol=1e-12
+    )
 
 
 def test_an_artefact_that_is_not_fitted_is_uncertain_by_its_mean_too() -> None:
@@ -364,10 +471,14 @@ def test_an_artefact_that_is_not_fitted_is_uncertain_by_its_mean_too() -> None:
 
 
 def deformed(move: Array) -> tuple[MotionProblem, ObservedDeformation]:
-    """The thigh and shank of a leg that follows its linkage, but for what markers of the thigh do per radian."""
+    """The thigh and shank of a leg that follows its linkage, but for what markers of the thigh do
+    per radian.
+    """
     rng = np.random.default_rng(11)
     parameters = perturbed_parameters(rng, 0.0, 0.0)
-    problem, coefficients = random_trial(rng, parameters, segments=("thigh_r", "shank_r"), frames=40, nodes=8)
+    problem, coefficients = random_trial(
+        rng, parameters, segments=("thigh_r", "shank_r"), frames=40, nodes=8
+    )
     (psi,) = task_regressors([{"knee_angle_r": rng.normal(0.0, 0.5, 40)}])
     tissue = tissue_of(problem, KIND, psi, parameters)
     assert tissue is not None
@@ -375,7 +486,9 @@ def deformed(move: Array) -> tuple[MotionProblem, ObservedDeformation]:
     shift = np.zeros((len(problem.labels), 3, 40))
     shift[thigh.markers] = move[:, :, None] * thigh.regressors[0]
     measured = problem.shifted(shift).positions(coefficients, problem.body(parameters))
-    problem = replace(problem.with_data(replace(problem.data, measured=measured)), tissue=SoftTissue((thigh,)))
+    problem = replace(
+        problem.with_data(replace(problem.data, measured=measured)), tissue=SoftTissue((thigh,))
+    )
     (observed,) = observed_deformations([problem]).values()
     return problem, observed
 
@@ -419,7 +532,9 @@ def test_deformation_narrows_what_a_cluster_does_as_a_whole_by_what_both_have_in
     assert not before.mean.any()
     mean = np.linalg.pinv(observed.pattern.reshape(-1, 6)) @ observed.expected[0]
     unit = observed.rigid_covariance[0]
-    np.testing.assert_allclose(before.covariance, scale.covariance("knee_angle_r", unit, mean, 0.9), rtol=1e-9)
+    np.testing.assert_allclose(
+        before.covariance, scale.covariance("knee_angle_r", unit, mean, 0.9), rtol=1e-9
+    )
     assert np.linalg.eigvalsh(before.covariance - after.covariance).min() > -1e-12
     assert np.linalg.eigvalsh(after.covariance).min() > 0.0
 
@@ -441,9 +556,9 @@ def test_a_pair_shows_how_its_distance_changes() -> None:
     along = np.zeros_like(move)
     along[:2] = np.sqrt(0.5) * np.array([-line, line])
     assert abs(vectors[:, -1] @ along.ravel()) == pytest.approx(1.0)
-    assert vectors[:, -1] @ observed.right / values[-1] * (vectors[:, -1] @ along.ravel()) == pytest.approx(
-        0.010 * np.sqrt(0.5), rel=0.02
-    )
+    assert vectors[:, -1] @ observed.right / values[-1] * (
+        vectors[:, -1] @ along.ravel()
+    ) == pytest.approx(0.010 * np.sqrt(0.5), rel=0.02)
 
 
 def test_the_prior_of_a_trial_is_that_of_its_observed_clusters() -> None:
@@ -460,7 +575,9 @@ def test_the_prior_of_a_trial_is_that_of_its_observed_clusters() -> None:
 def test_pinned_markers_do_not_move() -> None:
     group, problem, parameters = knee_skin("r")
     psi = {"knee_angle_r": group.regressors[0]}
-    both, one = (tissue_of(problem, KIND, psi, parameters, pinned=pinned) for pinned in ((), ("thigh_r",)))
+    both, one = (
+        tissue_of(problem, KIND, psi, parameters, pinned=pinned) for pinned in ((), ("thigh_r",))
+    )
     assert both is not None and one is not None
     assert [g.carrier for g in both.groups] == ["thigh_r", "shank_r"]
     assert [g.carrier for g in one.groups] == ["shank_r"]
@@ -483,7 +600,9 @@ def test_a_trial_that_shows_no_deformation_has_its_regressors_in_that_of_others(
     )
     blind = replace(shown.with_weight(weight), name="blind", tissue=SoftTissue((more,)))
     assert not observed_deformations([blind])
-    (alone,), (both,) = (observed_deformations(trials).values() for trials in ([shown], [shown, blind]))
+    (alone,), (both,) = (
+        observed_deformations(trials).values() for trials in ([shown], [shown, blind])
+    )
     assert both.names == more.names
     count = len(alone.right)
     np.testing.assert_array_equal(both.information[:count, :count], alone.information)

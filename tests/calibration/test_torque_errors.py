@@ -1,4 +1,5 @@
-"""What sources of error make of a motion, its torques, powers and moments: sums of squares of finite differences.
+"""What sources of error make of a motion, its torques, powers and moments: sums of squares of
+finite differences.
 
 Their size is in `test_joint_estimate.py`.
 """
@@ -65,8 +66,9 @@ FRAMES = 10
 
 
 def test_errors_are_what_every_source_moves_by_itself() -> None:
-    """Squares summed over marker coordinates, with joint parameters and motion, over inertial parameters and plates.
-    Torque and rate of a source move together: the errors of a power are not those of its factors.
+    """Squares summed over marker coordinates, with joint parameters and motion, over inertial
+    parameters and plates. Torque and rate of a source move together: the errors of a power are not
+    those of its factors.
     """
     rng, parameters, problem, coefficients = seeded_trial(51, frames=FRAMES, nodes=6)
     wrench = rng.normal(0, 300, (FRAMES, 2, 6))
@@ -97,33 +99,53 @@ def test_errors_are_what_every_source_moves_by_itself() -> None:
         return (values(STEP) - values(-STEP)) / (2 * STEP)
 
     rates = np.gradient(wrench, problem.basis.time, axis=0)
-    still, fixed, rigid, measured = (np.zeros(n) for n in (coefficients.shape, len(free), len(IP_NAMES), wrench.shape))
+    still, fixed, rigid, measured = (
+        np.zeros(n) for n in (coefficients.shape, len(free), len(IP_NAMES), wrench.shape)
+    )
     changes = {
-        ErrorSource.MOTION: [change(n.reshape(still.shape), fixed, rigid, measured) for n in moves.coefficients.T],
+        ErrorSource.MOTION: [
+            change(n.reshape(still.shape), fixed, rigid, measured) for n in moves.coefficients.T
+        ],
         ErrorSource.INERTIA: [change(still, fixed, column, measured) for column in spread.T],
-        ErrorSource.PLATES: [change(still, fixed, rigid, other) for other in plate_changes(wrench, rates)],
+        ErrorSource.PLATES: [
+            change(still, fixed, rigid, other) for other in plate_changes(wrench, rates)
+        ],
     }
     for source, shift in zip(moves.others, moves.shift.T, strict=True):
-        changes[source] = [change(-(moves.sensitivity @ shift).reshape(coefficients.shape), shift, rigid, measured)]
-    variances = {source: (np.array(columns) ** 2).sum(axis=0) for source, columns in changes.items()}
+        changes[source] = [
+            change(-(moves.sensitivity @ shift).reshape(coefficients.shape), shift, rigid, measured)
+        ]
+    variances = {
+        source: (np.array(columns) ** 2).sum(axis=0) for source, columns in changes.items()
+    }
     dense = np.sqrt(sum(variances.values()))
     known = ErrorSources(free, moves.shift, tuple(f"source {k}" for k in range(others)))
-    found = ErringForces(problem, coefficients, parameters, wrench, known, spread, moves, plates).errors()
+    found = ErringForces(
+        problem, coefficients, parameters, wrench, known, spread, moves, plates
+    ).errors()
     power, moment = found.kinetics.power, found.kinetics.moment.reshape(FRAMES, -1)
     ends = np.cumsum([found.every.shape[1], power.shape[1]])
-    for part, errors in zip(np.split(dense, ends, axis=1), (found.every, power, moment), strict=True):
+    for part, errors in zip(
+        np.split(dense, ends, axis=1), (found.every, power, moment), strict=True
+    ):
         np.testing.assert_allclose(errors, part, rtol=0, atol=DIFFERENCES * part.max())
     assert set(found.by_source) == set(variances)
     torques = slice(len(FORCES))
     for source, variance in variances.items():
         tolerance = DIFFERENCES * dense[:, torques].max() ** 2
-        np.testing.assert_allclose(found.by_source[source], variance[:, torques], atol=tolerance, err_msg=source.key)
+        np.testing.assert_allclose(
+            found.by_source[source], variance[:, torques], atol=tolerance, err_msg=source.key
+        )
     of_inertia = np.sqrt(variances[ErrorSource.INERTIA])[:, torques]
     assert np.mean(of_inertia > 0.05 * dense[:, torques]) > 0.5  # so that its absence would show
     own_power = np.sqrt(variances[ErrorSource.MOTION])[:, len(FORCES) : len(FORCES) + len(POWERS)]
-    np.testing.assert_allclose(found.kinetics.own.power, own_power, rtol=0, atol=DIFFERENCES * own_power.max())
+    np.testing.assert_allclose(
+        found.kinetics.own.power, own_power, rtol=0, atol=DIFFERENCES * own_power.max()
+    )
 
-    columns = np.hstack([moves.coefficients, moves.sensitivity @ moves.shift]).T.reshape(-1, *coefficients.shape)
+    columns = np.hstack([moves.coefficients, moves.sensitivity @ moves.shift]).T.reshape(
+        -1, *coefficients.shape
+    )
     coordinates = np.sqrt(sum(problem.basis.evaluate(column) ** 2 for column in columns))
     np.testing.assert_allclose(coordinate_standard_errors(problem, moves), coordinates, rtol=1e-10)
 
@@ -141,12 +163,19 @@ def plate_changes(wrench: Array, rates: Array) -> Iterator[Array]:
             yield out
 
 
-def test_directions_of_axes_add_their_own_part_to_torques_and_to_coordinates_that_markers_move() -> None:
+def test_directions_of_axes_add_their_own_part_to_torques_and_to_coordinates_that_markers_move() -> (
+    None
+):
     rng, parameters, problem, coefficients = seeded_trial(53, frames=14, nodes=7)
     problem = without_segments(problem, "forearm_hand_r", "forearm_hand_l")
-    wrench, known, axes = rng.normal(0, 300, (14, 2, 6)), nominal_errors(FREE), AxisErrors(parameters)
+    wrench, known, axes = (
+        rng.normal(0, 300, (14, 2, 6)),
+        nominal_errors(FREE),
+        AxisErrors(parameters),
+    )
     exact, moved = (
-        ErringForces(problem, coefficients, parameters, wrench, known, axes=a).errors() for a in (None, axes)
+        ErringForces(problem, coefficients, parameters, wrench, known, axes=a).errors()
+        for a in (None, axes)
     )
     assert set(moved.by_source) == {*exact.by_source, ErrorSource.FRAMES}
     for source, variance in exact.by_source.items():
@@ -155,38 +184,62 @@ def test_directions_of_axes_add_their_own_part_to_torques_and_to_coordinates_tha
     forces = Dynamics(parameters, HELD).forces(q, v, a, wrench)
     expected = (axes.torque_moves(q, forces) ** 2).sum(axis=2)
     np.testing.assert_allclose(moved.by_source[ErrorSource.FRAMES], expected, rtol=1e-9, atol=1e-12)
-    moves, turned = marker_moves(problem, coefficients, parameters, known), axes.coordinate_errors(q)
-    plain, whole = coordinate_standard_errors(problem, moves), coordinate_standard_errors(problem, moves, turned)
+    moves, turned = (
+        marker_moves(problem, coefficients, parameters, known),
+        axes.coordinate_errors(q),
+    )
+    plain, whole = (
+        coordinate_standard_errors(problem, moves),
+        coordinate_standard_errors(problem, moves, turned),
+    )
     held = ~problem.active
     assert held.any()
     np.testing.assert_array_equal(whole[:, held], plain[:, held])
     np.testing.assert_allclose(whole[:, ~held], np.hypot(plain, turned)[:, ~held], rtol=1e-12)
 
 
-def test_directions_of_axes_move_components_but_not_what_a_whole_joint_does(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Hips and back: power is moment times angular velocity, whatever the axes; their torques' errors are those of the
-    vector along the joint's axes. A hinge stays where it is. Blocks of frames change nothing.
+def test_directions_of_axes_move_components_but_not_what_a_whole_joint_does(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Hips and back: power is moment times angular velocity, whatever the axes; their torques'
+    errors are those of the vector along the joint's axes. A hinge stays where it is. Blocks of
+    frames change nothing.
     """
     rng, parameters, problem, coefficients = seeded_trial(53, frames=80, nodes=9)
-    wrench, known, axes = rng.normal(0, 300, (80, 2, 6)), nominal_errors(FREE), AxisErrors(parameters)
+    wrench, known, axes = (
+        rng.normal(0, 300, (80, 2, 6)),
+        nominal_errors(FREE),
+        AxisErrors(parameters),
+    )
     exact, turned = (
-        ErringForces(problem, coefficients, parameters, wrench, known, None, axes=a).errors() for a in (None, axes)
+        ErringForces(problem, coefficients, parameters, wrench, known, None, axes=a).errors()
+        for a in (None, axes)
     )
     assert exact.kinetics is not None and turned.kinetics is not None
     inner = slice(2, -2)  # rates of the moves are differences between frames, one-sided at the ends
 
     def added(name: str) -> float:
-        before, after = (power_of(errors, name)[inner] ** 2 for errors in (exact.kinetics, turned.kinetics) if errors)
+        before, after = (
+            power_of(errors, name)[inner] ** 2
+            for errors in (exact.kinetics, turned.kinetics)
+            if errors
+        )
         return float(np.sqrt(np.mean(after - before)))
 
-    for joint, coordinate in (("hip_r", "hip_rotation_r"), ("hip_l", "hip_adduction_l"), ("lumbar", "lumbar_bending")):
+    for joint, coordinate in (
+        ("hip_r", "hip_rotation_r"),
+        ("hip_l", "hip_adduction_l"),
+        ("lumbar", "lumbar_bending"),
+    ):
         assert added(joint) < UNMOVED * added(coordinate), joint
     for hinge in ("knee_l", "ankle_r", "elbow_r"):
         assert added(hinge) < UNMOVED * added("hip_rotation_r"), hinge
     jcs = turned.kinetics.moment[:, VECTOR_FRAMES.index(MomentFrame.JCS)]
     for k, name in enumerate(COMPONENTS):
         if name.startswith(("hip", "lumbar")):
-            np.testing.assert_allclose(jcs[:, k], turned.every[:, FORCES.index(name)], rtol=1e-7, err_msg=name)
+            np.testing.assert_allclose(
+                jcs[:, k], turned.every[:, FORCES.index(name)], rtol=1e-7, err_msg=name
+            )
     moves = marker_moves(problem, coefficients, parameters, known)
     coordinates = coordinate_standard_errors(problem, moves)
     monkeypatch.setattr(error_sources, "BLOCK", 7)
@@ -200,7 +253,9 @@ def test_directions_of_axes_move_components_but_not_what_a_whole_joint_does(monk
 
 
 def leverages(problem: MotionProblem, parameters: Parameters, coefficients: Array) -> Array:
-    """(nm, 3, nf) of each marker coordinate in its frame's own least-squares problem; Jacobian by differences."""
+    """(nm, 3, nf) of each marker coordinate in its frame's own least-squares problem; Jacobian by
+    differences.
+    """
     q, body, data = problem.basis.evaluate(coefficients), problem.body(parameters), problem.data
     out = np.empty(data.measured.shape)
     for f in range(len(q)):
@@ -226,7 +281,9 @@ def test_the_motion_moves_with_a_marker_coordinate_and_with_the_joint_parameters
     coefficients = motion(problem, parameters)
     moves = marker_moves(problem, coefficients, parameters, source)
     residual = problem.positions(coefficients, problem.body(parameters)) - problem.data.measured
-    inflated = residual / (1.0 - np.clip(leverages(problem, parameters, coefficients), 0.0, LEVERAGE_CAP))
+    inflated = residual / (
+        1.0 - np.clip(leverages(problem, parameters, coefficients), 0.0, LEVERAGE_CAP)
+    )
     for m, axis in ((0, 1), (17, 2)):
         measured = problem.data.measured.copy()
         measured[m, axis] -= inflated[m, axis]
@@ -238,7 +295,9 @@ def test_the_motion_moves_with_a_marker_coordinate_and_with_the_joint_parameters
     moved = motion(problem, shifted) - coefficients
     change = -moves.sensitivity @ moves.shift[:, -1]
     sign = np.sign(change @ moved.ravel())  # only the square of what a source does is kept
-    np.testing.assert_allclose(sign * change, moved.ravel(), rtol=0, atol=LINEAR * float(np.abs(moved).max()))
+    np.testing.assert_allclose(
+        sign * change, moved.ravel(), rtol=0, atol=LINEAR * float(np.abs(moved).max())
+    )
 
 
 def test_columns_of_an_influence_belong_to_sources_by_their_names() -> None:
@@ -268,12 +327,18 @@ def test_sources_of_an_influence_stay_apart_when_they_are_compressed() -> None:
         *(f"nominal/{name}" for name in names),
         "skin/gait/knee_angle_r/shank_r/tx",
     ]
-    influence = ErrorSources(names, rng.normal(0, 0.01, (len(names), len(clusters))), tuple(clusters))
+    influence = ErrorSources(
+        names, rng.normal(0, 0.01, (len(names), len(clusters))), tuple(clusters)
+    )
     moves = marker_moves(problem, coefficients, parameters, influence)
     for source in (ErrorSource.JOINT_MARKERS, ErrorSource.JOINT_NOMINAL, ErrorSource.SKIN):
-        before = influence.parameters[:, [k for k, name in enumerate(clusters) if source_of(name) is source]]
+        before = influence.parameters[
+            :, [k for k, name in enumerate(clusters) if source_of(name) is source]
+        ]
         after = moves.shift[:, [k for k, name in enumerate(moves.others) if name is source]]
-        np.testing.assert_allclose(after @ after.T, before @ before.T, rtol=0, atol=1e-12 * before.size)
+        np.testing.assert_allclose(
+            after @ after.T, before @ before.T, rtol=0, atol=1e-12 * before.size
+        )
         assert after.shape[1] <= len(names)
     assert set(moves.own) == {ErrorSource.MOTION}
 
@@ -324,8 +389,15 @@ def test_a_key_point_of_two_segments_errs_once() -> None:
     measured = problem.data.measured.copy()
     measured[1] = measured[0]
     alone = problem.with_measured(measured)
-    same = replace(alone, noise=PointNoise(size_mm=1e-6, memory_s=0.1, joints=1.0, hinges=1.0, reason="made up"))
-    apart, once = (whole_body_scores(p, coefficients, parameters, None).coefficients for p in (alone, same))
-    np.testing.assert_allclose(once[:, :3], apart[:, :3] + apart[:, 3:6], atol=1e-9 * np.abs(apart).max())
+    same = replace(
+        alone,
+        noise=PointNoise(size_mm=1e-6, memory_s=0.1, joints=1.0, hinges=1.0, reason="made up"),
+    )
+    apart, once = (
+        whole_body_scores(p, coefficients, parameters, None).coefficients for p in (alone, same)
+    )
+    np.testing.assert_allclose(
+        once[:, :3], apart[:, :3] + apart[:, 3:6], atol=1e-9 * np.abs(apart).max()
+    )
     assert not once[:, 3:6].any()
     np.testing.assert_allclose(once[:, 6:], apart[:, 6:])

@@ -19,7 +19,9 @@ def ran(monkeypatch: pytest.MonkeyPatch) -> list[str]:
     def stub(person: CohortPerson, out: Path, common: CommonSettings) -> None:
         called.append(person.name)
         if person.name == "Zed":
-            raise PersonError("the static trial is restless", "record it again", code=Code.STILLNESS)
+            raise PersonError(
+                "the static trial is restless", "record it again", code=Code.STILLNESS
+            )
         if person.name == "Yan":
             raise ZeroDivisionError("by zero")
         write_result(person, out, common)

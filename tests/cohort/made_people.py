@@ -1,4 +1,6 @@
-"""Made-up people of cohorts: with evidence of a known population, or as they are kept on disk without calibration."""
+"""Made-up people of cohorts: with evidence of a known population, or as they are kept on disk
+without calibration.
+"""
 
 import base64
 from collections.abc import Callable
@@ -40,9 +42,15 @@ def some_information(rng: np.random.Generator, size: int, unseen: int = 0) -> Ar
 
 
 def people(
-    count: int, draw: Callable[[np.random.Generator, Person], Array], rng: np.random.Generator, *, scale: float = 1.0
+    count: int,
+    draw: Callable[[np.random.Generator, Person], Array],
+    rng: np.random.Generator,
+    *,
+    scale: float = 1.0,
 ) -> list[PersonEvidence]:
-    """People with evidence of legs alone, the same of everybody in kind; `draw`: deviations of a person."""
+    """People with evidence of legs alone, the same of everybody in kind; `draw`: deviations of a
+    person.
+    """
     size, upper = len(NAMES), len(PARTS["trunk and arms"])
     shown = scale * some_information(np.random.default_rng(7), size)
     nothing = PartEvidence(information=np.zeros((upper, upper)), right=np.zeros(upper))
@@ -82,19 +90,34 @@ class Kept:
 
     @property
     def person(self) -> CohortPerson:
-        return CohortPerson(folder=Path("/lab") / "x", name=self.name, session=self.session, group=self.group)
+        return CohortPerson(
+            folder=Path("/lab") / "x", name=self.name, session=self.session, group=self.group
+        )
 
     @property
     def outcome(self) -> Outcome:
         person = self.person
-        ids = {"name": self.name, "session": self.session, "place": person.place, "fingerprint": "1"}
+        ids = {
+            "name": self.name,
+            "session": self.session,
+            "place": person.place,
+            "fingerprint": "1",
+        }
         if self.cause:
             return Outcome(**ids, cause=self.cause, action="record it again")
-        row = {"person": self.name, "session": self.session, "folder": person.place, "mass_kg": 60.0, "height_m": 1.7}
+        row = {
+            "person": self.name,
+            "session": self.session,
+            "folder": person.place,
+            "mass_kg": 60.0,
+            "height_m": 1.7,
+        }
         row |= {"page": f"{person.place}/result.html", "verdict": self.verdict}
         row |= {"verdict_r": self.verdict, "verdict_l": self.verdict}
         row["first_cause"] = self.reasons[0][1] if self.reasons else ""
-        said = tuple(dict(zip(("severity", "cause", "action"), words, strict=True)) for words in self.reasons)
+        said = tuple(
+            dict(zip(("severity", "cause", "action"), words, strict=True)) for words in self.reasons
+        )
         return Outcome(**ids, row={**row, **self.row}, reasons=said, curves=packed(*self.curves))
 
 
@@ -129,7 +152,12 @@ def some_people() -> list[Kept]:
         Kept(
             name="Ann",
             group="a",
-            row={"speed_r": 1.0, "speed_l": 1.2, "knee_flexion_swing_r": 60.0, "knee_flexion_swing_l": 50.0},
+            row={
+                "speed_r": 1.0,
+                "speed_l": 1.2,
+                "knee_flexion_swing_r": 60.0,
+                "knee_flexion_swing_l": 50.0,
+            },
         ),
         Kept(
             name="Bob",
@@ -140,10 +168,27 @@ def some_people() -> list[Kept]:
             row={"speed_r": 1.4, "speed_l": 1.4},
         ),
         Kept(
-            name="Cid", group="a", verdict="refused", reasons=(FORCES, KNEE), curves=(9000, 9000), row={"speed_r": 0.7}
+            name="Cid",
+            group="a",
+            verdict="refused",
+            reasons=(FORCES, KNEE),
+            curves=(9000, 9000),
+            row={"speed_r": 0.7},
         ),
-        Kept(name="Dan", session="post", group="b", curves=(10, None), row={"speed_r": 1.3, "speed_l": 1.3}),
-        Kept(name="Dan", session="pre", group="b", curves=(30, None), row={"speed_r": 0.9, "speed_l": 0.9}),
+        Kept(
+            name="Dan",
+            session="post",
+            group="b",
+            curves=(10, None),
+            row={"speed_r": 1.3, "speed_l": 1.3},
+        ),
+        Kept(
+            name="Dan",
+            session="pre",
+            group="b",
+            curves=(30, None),
+            row={"speed_r": 0.9, "speed_l": 0.9},
+        ),
         Kept(name="Eve", group="b", curves=(100, 100)),
         Kept(name="Zed", group="b", cause="the static trial is restless"),
     ]

@@ -30,23 +30,47 @@ class Here:
         self.backwards = backwards
 
     def run(
-        self, function: Callable[[Task], Outcome], tasks: Iterator[Task], lost: Callable[[Task, str], Outcome]
+        self,
+        function: Callable[[Task], Outcome],
+        tasks: Iterator[Task],
+        lost: Callable[[Task, str], Outcome],
     ) -> Iterator[Outcome]:
         yield from map(function, list(tasks)[:: -1 if self.backwards else 1])
 
 
 PEAKS = [
-    PeakMean(activity="gait", peak=gait.PEAKS[name], side="r", n=2, strides=2, mean=mean, sd=1.0, se=se, percent=70.0)
+    PeakMean(
+        activity="gait",
+        peak=gait.PEAKS[name],
+        side="r",
+        n=2,
+        strides=2,
+        mean=mean,
+        sd=1.0,
+        se=se,
+        percent=70.0,
+    )
     for name, mean, se in (("knee_flexion_swing", 51.5, 2.0), ("knee_extension_moment", -40.0, 1.5))
 ]
 """As a result has them."""
-SQUAT = replace(PEAKS[1], activity="squat", peak=gait.PHASE_PEAKS["in_rising_knee_extension_moment"])
+SQUAT = replace(
+    PEAKS[1], activity="squat", peak=gait.PHASE_PEAKS["in_rising_knee_extension_moment"]
+)
 
 
 def strides(person: str) -> pd.DataFrame:
-    """Two strides of the right foot: a moment with one peak, of which one frame is not valid, and an angle."""
+    """Two strides of the right foot: a moment with one peak, of which one frame is not valid, and
+    an angle.
+    """
     percent = np.arange(101)
-    same = {"person": person, "session": "", "trial": "walk", "side": "r", "percent": percent, "se": 2.0}
+    same = {
+        "person": person,
+        "session": "",
+        "trial": "walk",
+        "side": "r",
+        "percent": percent,
+        "se": 2.0,
+    }
     same |= {"se_stride": 1.0, "turn": 0.0, "activity": "gait", "phase": ""}
     parts = []
     for stride in (1, 2):
@@ -74,7 +98,10 @@ def write_result(person: CohortPerson, out: Path, common: CommonSettings) -> Non
         "verdict_l": "refused",
         "valid_frames": 10,
         "rms_mm": {"nominal": 5.0, "calibrated": 3.0},
-        "pelvis_residual": {"nominal": {"force_N": 30.0, "torque_Nm": 6.0}, "jp": {"force_N": 20.0, "torque_Nm": 4.0}},
+        "pelvis_residual": {
+            "nominal": {"force_N": 30.0, "torque_Nm": 6.0},
+            "jp": {"force_N": 20.0, "torque_Nm": 4.0},
+        },
         "pelvis_residual_limit": {"force_N": 35.0, "torque_Nm": 9.0},
     }
     other = {**walk, "frames": 300, "rms_mm": {"nominal": 5.0, "calibrated": 1.0}}
@@ -83,7 +110,9 @@ def write_result(person: CohortPerson, out: Path, common: CommonSettings) -> Non
         "verdict": "doubtful",
         "trials": {"walk": walk, "again": other},
         "reasons": [{"cause": 'a "heel", moved', "action": "look"}],
-        "spatiotemporal": {"speed": {"unit": "m/s", "r": {"mean": 1.25, "strides": 2, "trials": 1}}},
+        "spatiotemporal": {
+            "speed": {"unit": "m/s", "r": {"mean": 1.25, "strides": 2, "trials": 1}}
+        },
     }
     (out / "summary.json").write_text(json.dumps(summary))
     subject = {"name": person.name, "mass_kg": MASS, "height_m": 1.7, "sex": "female"}

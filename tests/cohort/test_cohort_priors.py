@@ -62,7 +62,9 @@ def as_default(rng: np.random.Generator, person: Person) -> Array:
 
 @pytest.fixture(scope="module")
 def priors() -> CohortPriors:
-    return learn_cohort("lab", people(12, offset, np.random.default_rng(1)), RULES, ["its verdict is refused"])
+    return learn_cohort(
+        "lab", people(12, offset, np.random.default_rng(1)), RULES, ["its verdict is refused"]
+    )
 
 
 @pytest.fixture(scope="module")
@@ -79,7 +81,10 @@ def written(priors: CohortPriors, folder: Path) -> Path:
 def test_the_other_side_of_every_parameter_is_the_mirror_image() -> None:
     reflected = mirror(NAMES)
     np.testing.assert_array_equal(reflected @ reflected, np.eye(len(NAMES)))
-    assert other_side("hip_r.pelvis.ant") == "hip_l.pelvis.ant" and other_side("back.trunk.lat") == "back.trunk.lat"
+    assert (
+        other_side("hip_r.pelvis.ant") == "hip_l.pelvis.ant"
+        and other_side("back.trunk.lat") == "back.trunk.lat"
+    )
     place = {name: k for k, name in enumerate(NAMES)}
     assert reflected[place["hip_l.pelvis.ant"], place["hip_r.pelvis.ant"]] == 1.0
     assert reflected[place["hip_l.pelvis.lat"], place["hip_r.pelvis.lat"]] == -1.0
@@ -88,7 +93,9 @@ def test_the_other_side_of_every_parameter_is_the_mirror_image() -> None:
     np.testing.assert_allclose(reflected @ opposite, -opposite)
 
 
-def test_an_offset_is_learnt_and_read_back(priors: CohortPriors, study: Study, tmp_path: Path) -> None:
+def test_an_offset_is_learnt_and_read_back(
+    priors: CohortPriors, study: Study, tmp_path: Path
+) -> None:
     file = written(priors, tmp_path)
     assert read_cohort_priors(file) == priors
     leaning = with_cohort_priors(study, file)
@@ -100,12 +107,21 @@ def test_an_offset_is_learnt_and_read_back(priors: CohortPriors, study: Study, t
     origin, default = prior_of(NAMES, None)
     unit = np.linalg.inv(prior_root(NAMES, None))
     assert np.linalg.norm(unit @ (mean - origin) - common) < 0.3 * np.linalg.norm(common)
-    assert (np.diag(covariance) < np.diag(default)).all() and (np.diag(unit @ covariance @ unit.T) < 1.0).all()
+    assert (np.diag(covariance) < np.diag(default)).all() and (
+        np.diag(unit @ covariance @ unit.T) < 1.0
+    ).all()
     assert "12 people of the cohort 'lab'" in prior.notes[0]
-    assert leaning.inputs.keys() - study.inputs.keys() == {"priors.json"} and not leaning.changed_inputs()
+    assert (
+        leaning.inputs.keys() - study.inputs.keys() == {"priors.json"}
+        and not leaning.changed_inputs()
+    )
     assert prior.names == NAMES, "nobody tells of trunk and arms: what is known of them stays"
     rows = list(priors_rows(priors))
-    assert len(rows) == len(JP_NAMES) and rows[0]["unit"] in ("mm", "deg") and rows[-1]["learnt"] == "nothing"
+    assert (
+        len(rows) == len(JP_NAMES)
+        and rows[0]["unit"] in ("mm", "deg")
+        and rows[-1]["learnt"] == "nothing"
+    )
     assert "legs: offset" in next(priors_words(priors))
 
 
@@ -113,7 +129,9 @@ def test_people_like_the_default_prior_change_nothing() -> None:
     learnt = learn_cohort("lab", people(16, as_default, np.random.default_rng(2)), RULES)
     part = learnt.parts[0]
     assert part.learning == "nothing" and part.gain == [0.0, 0.0]
-    np.testing.assert_array_equal(symmetric(part.populations[0].spread, len(NAMES)), np.eye(len(NAMES)))
+    np.testing.assert_array_equal(
+        symmetric(part.populations[0].spread, len(NAMES)), np.eye(len(NAMES))
+    )
     mean, covariance = expected(part, 0, Person(height=1.7, sex=""), (1.5, 1.9))
     np.testing.assert_allclose(mean, prior_of(NAMES, None)[0])
     np.testing.assert_allclose(covariance, prior_of(NAMES, None)[1], rtol=ROUNDED)
@@ -128,7 +146,9 @@ def test_the_order_of_people_makes_no_difference(priors: CohortPriors) -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("by", ["recording", "name"])
-def test_who_is_among_the_people_leans_on_the_others(priors: CohortPriors, study: Study, by: str) -> None:
+def test_who_is_among_the_people_leans_on_the_others(
+    priors: CohortPriors, study: Study, by: str
+) -> None:
     """Person 3 as a study of the same recording, or of the same name: their fold is left out."""
     one = people(12, offset, np.random.default_rng(1))[3]
     if by == "recording":
@@ -164,7 +184,10 @@ def test_too_few_people_are_refused() -> None:
 
 @pytest.mark.parametrize(
     ("rule", "value", "words"),
-    [("marker_set", "gait2392", "marker_set: learnt with 'gait2392'"), ("hip_centre", "harrington", "hip_centre")],
+    [
+        ("marker_set", "gait2392", "marker_set: learnt with 'gait2392'"),
+        ("hip_centre", "harrington", "hip_centre"),
+    ],
 )
 def test_other_markers_or_nominal_joints_are_refused(
     priors: CohortPriors, study: Study, rule: str, value: str, words: str
@@ -175,18 +198,29 @@ def test_other_markers_or_nominal_joints_are_refused(
 
 def test_another_version_and_another_size_are_told(priors: CohortPriors, study: Study) -> None:
     tall = replace(study, subject=replace(study.subject, height=2.1))
-    notes = cohort_prior(priors.model_copy(update={"gaitcal": "0.0.1"}), tall, Path("priors.json")).notes
-    assert "2.10 m is outside" in notes[1] and f"gaitcal 0.0.1, not {package_version('gaitcal')}" in notes[2]
+    notes = cohort_prior(
+        priors.model_copy(update={"gaitcal": "0.0.1"}), tall, Path("priors.json")
+    ).notes
+    assert (
+        "2.10 m is outside" in notes[1]
+        and f"gaitcal 0.0.1, not {package_version('gaitcal')}" in notes[2]
+    )
 
 
 @pytest.mark.parametrize(
     ("spoil", "words"),
     [
-        (lambda content: content["parts"][0]["populations"][0]["spread"].__setitem__(0, -5.0), "no covariances"),
+        (
+            lambda content: content["parts"][0]["populations"][0]["spread"].__setitem__(0, -5.0),
+            "no covariances",
+        ),
         (lambda content: content["parts"][0]["populations"][1]["spread"].pop(), "no covariances"),
         (lambda content: content["parts"][1]["unit"].pop(), "no covariances"),
         (lambda content: content["parts"][1]["origin"].pop(), "no covariances"),
-        (lambda content: content["parts"][0]["parameters"].__setitem__(0, "hip_r.pelvis.up"), "no joint parameter"),
+        (
+            lambda content: content["parts"][0]["parameters"].__setitem__(0, "hip_r.pelvis.up"),
+            "no joint parameter",
+        ),
         (lambda content: content.update(format=9), "found format 9"),
         (lambda content: content.update(kind="other"), "holds no priors"),
         (lambda content: content.pop("people"), "people"),
@@ -208,9 +242,14 @@ def test_damaged_files_are_refused_in_one_line(
 
 def test_of_several_sessions_the_one_that_tells_most_counts_and_most_rules_win() -> None:
     quiet = people(9, offset, np.random.default_rng(4), scale=0.1)
-    loud = [replace(p, recordings=frozenset({f"again {p.name}"})) for p in people(9, offset, np.random.default_rng(5))]
+    loud = [
+        replace(p, recordings=frozenset({f"again {p.name}"}))
+        for p in people(9, offset, np.random.default_rng(5))
+    ]
     other = replace(quiet[0], name="stranger")
-    found = [Found(p, RULES) for p in (*quiet, *loud)] + [Found(other, replace(RULES, hip_centre="harrington"))]
+    found = [Found(p, RULES) for p in (*quiet, *loud)] + [
+        Found(other, replace(RULES, hip_centre="harrington"))
+    ]
     used, rules, told = one_each(found)
     assert rules == RULES and [line.split(":")[0] for line in told] == ["stranger"]
     assert [p.name for p in used] == [p.name for p in loud]
@@ -231,10 +270,16 @@ OTHER = prior_of_study(
 )
 
 
-def fitted(names: tuple[str, ...], prior: JointPrior | None) -> tuple[ErrorSources, np.ndarray, np.ndarray, np.ndarray]:
-    """Errors and deviations (98,) of a fit, all other parameters nominal; and S, S m of its markers."""
+def fitted(
+    names: tuple[str, ...], prior: JointPrior | None
+) -> tuple[ErrorSources, np.ndarray, np.ndarray, np.ndarray]:
+    """Errors and deviations (98,) of a fit, all other parameters nominal; and S, S m of its
+    markers.
+    """
     rng, (mean, covariance) = np.random.default_rng(4), prior_of(names, prior)
-    half = np.linalg.inv(prior_root(names, None)).T @ rng.normal(0.0, 2.0, (len(names), len(names) - UNSEEN))
+    half = np.linalg.inv(prior_root(names, None)).T @ rng.normal(
+        0.0, 2.0, (len(names), len(names) - UNSEEN)
+    )
     information, at = half @ half.T, rng.normal(0.0, 0.01, len(names))
     precision = information + np.linalg.inv(covariance)
     found = np.linalg.solve(precision, information @ at + np.linalg.solve(covariance, mean))
@@ -244,7 +289,9 @@ def fitted(names: tuple[str, ...], prior: JointPrior | None) -> tuple[ErrorSourc
     errors[: len(names), : len(names)] = np.linalg.cholesky(np.linalg.inv(precision))
     errors[len(names) :, len(names) :] = left.parameters
     influence = ErrorSources(
-        (*names, *others), errors, (*(f"markers/walk/{k}" for k in range(len(names))), *left.clusters)
+        (*names, *others),
+        errors,
+        (*(f"markers/walk/{k}" for k in range(len(names))), *left.clusters),
     )
     deviation = np.zeros(len(JP_NAMES))
     deviation[[JP_INDEX[name] for name in names]] = found
@@ -252,13 +299,18 @@ def fitted(names: tuple[str, ...], prior: JointPrior | None) -> tuple[ErrorSourc
 
 
 @pytest.mark.parametrize("prior", [None, OTHER], ids=["anatomy", "study"])
-@pytest.mark.parametrize("names", [LEGS, tuple(n for n in LEGS if "_r." in n)], ids=["both legs", "one"])
+@pytest.mark.parametrize(
+    "names", [LEGS, tuple(n for n in LEGS if "_r." in n)], ids=["both legs", "one"]
+)
 def test_the_prior_of_the_fit_is_taken_out_and_what_no_trial_moved_tells_nothing(
     names: tuple[str, ...], prior: JointPrior | None
 ) -> None:
     influence, deviation, information, right = fitted(names, prior)
     parts = parts_of(influence, deviation, JP_NAMES, prior)
-    unit, origin = prior_root(LEGS, None)[[LEGS.index(name) for name in names]], prior_of(names, None)[0]
+    unit, origin = (
+        prior_root(LEGS, None)[[LEGS.index(name) for name in names]],
+        prior_of(names, None)[0],
+    )
     wanted, pulled = unit.T @ information @ unit, unit.T @ (right - information @ origin)
     np.testing.assert_allclose(parts["legs"].information, wanted, atol=CLOSE * np.abs(wanted).max())
     np.testing.assert_allclose(parts["legs"].right, pulled, atol=CLOSE * np.abs(pulled).max())
@@ -268,7 +320,9 @@ def test_the_prior_of_the_fit_is_taken_out_and_what_no_trial_moved_tells_nothing
 def test_exact_errors_are_no_evidence() -> None:
     influence, deviation, *_ = fitted(LEGS, None)
     exact = ErrorSources(
-        influence.free, influence.parameters * (np.arange(len(JP_NAMES)) != len(LEGS) - 1), influence.clusters
+        influence.free,
+        influence.parameters * (np.arange(len(JP_NAMES)) != len(LEGS) - 1),
+        influence.clusters,
     )
     assert parts_of(exact, deviation, JP_NAMES, None) is None
 
@@ -309,7 +363,9 @@ def axes() -> Structure:
 
 @pytest.mark.parametrize("structure", [axes(), Structure(rest(), 10.0)], ids=["axes", "whole"])
 def test_each_step_is_likelier_and_spreads_are_the_same_on_both_sides(structure: Structure) -> None:
-    found = learn(evidence(12, 0.1 * np.eye(SIZE), np.zeros(SIZE), 1), effects(), mirror(KNEES), structure)
+    found = learn(
+        evidence(12, 0.1 * np.eye(SIZE), np.zeros(SIZE), 1), effects(), mirror(KNEES), structure
+    )
     assert len(found.rises) > 3
     assert (np.diff(found.rises) > -EXACT).all()
     spread, reflected = found.population.spread, mirror(KNEES)
@@ -319,7 +375,9 @@ def test_each_step_is_likelier_and_spreads_are_the_same_on_both_sides(structure:
 
 def test_of_nobody_the_default_prior_is_learnt() -> None:
     for structure in (Structure(rest()), axes(), Structure(rest(), 10.0)):
-        nobody = learn(evidence(0, np.eye(SIZE), np.zeros(SIZE), 1), effects(), mirror(KNEES), structure)
+        nobody = learn(
+            evidence(0, np.eye(SIZE), np.zeros(SIZE), 1), effects(), mirror(KNEES), structure
+        )
         mean, covariance = nobody.population.expected(sided_directions(KNEES)[0])
         np.testing.assert_allclose(mean, 0.0)
         np.testing.assert_allclose(covariance, np.eye(SIZE), atol=EXACT)
@@ -333,14 +391,18 @@ def test_many_people_tell_mean_and_spread() -> None:
     reflected = mirror(KNEES)
     spread = 0.05 * np.eye(SIZE) + traits @ traits.T
     spread = 0.5 * (spread + reflected @ spread @ reflected.T)
-    found = learn(evidence(600, spread, mean, 4), effects(), reflected, Structure(rest(), 5.0)).population
+    found = learn(
+        evidence(600, spread, mean, 4), effects(), reflected, Structure(rest(), 5.0)
+    ).population
     # 600 people: a variance within some 6 %, a mean within a tenth of its spread
     np.testing.assert_allclose(found.expected(alike)[0], mean, atol=0.1)
     assert np.linalg.norm(found.spread - spread) < 0.15 * np.linalg.norm(spread)
 
 
 def test_the_likelihood_is_that_of_the_dense_normal_distribution() -> None:
-    """With information of full rank, m = S^-1 r is normal with the covariance of people and recordings together."""
+    """With information of full rank, m = S^-1 r is normal with the covariance of people and
+    recordings together.
+    """
     people, alike = 5, sided_directions(KNEES)[0]
     prior, reflected = effects(), mirror(KNEES)
 
@@ -355,15 +417,23 @@ def test_the_likelihood_is_that_of_the_dense_normal_distribution() -> None:
         return float(-m @ np.linalg.solve(whole, m) - np.linalg.slogdet(whole)[1])
 
     made = evidence(people, 0.1 * np.eye(SIZE), np.zeros(SIZE), 5)
-    told = [learn(made, prior, reflected, Structure(spread)).rises[0] for spread in (rest(), 0.3 * rest())]
+    told = [
+        learn(made, prior, reflected, Structure(spread)).rises[0]
+        for spread in (rest(), 0.3 * rest())
+    ]
     wanted = [dense(made, spread) for spread in (rest(), 0.3 * rest())]
     assert told[1] - told[0] == pytest.approx(wanted[1] - wanted[0], rel=1e-8)
     alone = [
         log_density(made.information[0], made.right[0], mean, spread)
         for mean, spread in ((np.zeros(SIZE), rest()), (alike @ prior, 2.0 * rest()))
     ]
-    m, block = np.linalg.solve(made.information[0], made.right[0]), np.linalg.inv(made.information[0])
-    for value, (mean, spread) in zip(alone, ((np.zeros(SIZE), rest()), (alike @ prior, 2.0 * rest())), strict=True):
+    m, block = (
+        np.linalg.solve(made.information[0], made.right[0]),
+        np.linalg.inv(made.information[0]),
+    )
+    for value, (mean, spread) in zip(
+        alone, ((np.zeros(SIZE), rest()), (alike @ prior, 2.0 * rest())), strict=True
+    ):
         off, whole = m - mean, spread + block
         expected = -0.5 * (off @ np.linalg.solve(whole, off) + np.linalg.slogdet(whole)[1])
         constant = 0.5 * (m @ made.information[0] @ m + np.linalg.slogdet(block)[1])
@@ -386,15 +456,21 @@ def test_what_nobody_shows_stays_as_it_was() -> None:
         right=np.array([p.right for p in people]),
         design=np.repeat(alike[None], 30, axis=0),
     )
-    mean, covariance = learn(made, effects(), reflected, Structure(rest(), 3.0)).population.expected(alike)
+    mean, covariance = learn(
+        made, effects(), reflected, Structure(rest(), 3.0)
+    ).population.expected(alike)
     np.testing.assert_allclose(unseen.T @ mean, 0.0, atol=SINGULAR)
-    np.testing.assert_allclose(unseen.T @ covariance @ unseen, np.eye(unseen.shape[1]), atol=SINGULAR)
+    np.testing.assert_allclose(
+        unseen.T @ covariance @ unseen, np.eye(unseen.shape[1]), atol=SINGULAR
+    )
 
 
 def test_people_seen_in_a_mirror_teach_the_same() -> None:
     made, reflected = evidence(10, 0.1 * np.eye(SIZE), np.zeros(SIZE), 10), mirror(KNEES)
     turned = Evidence(
-        information=reflected @ made.information @ reflected.T, right=made.right @ reflected.T, design=made.design
+        information=reflected @ made.information @ reflected.T,
+        right=made.right @ reflected.T,
+        design=made.design,
     )
     one, other = (learn(e, effects(), reflected, axes()).population for e in (made, turned))
     np.testing.assert_allclose(one.spread, other.spread, atol=EXACT)

@@ -40,21 +40,26 @@ def with_priors(study: Path, named: str, *more: str) -> str:
 
 
 def prior(mean: np.ndarray, covariance: np.ndarray) -> JointPrior:
-    return JointPrior(names=HIP, mean=mean, covariance=covariance, file="p", people=9, left_out=0, notes=())
+    return JointPrior(
+        names=HIP, mean=mean, covariance=covariance, file="p", people=9, left_out=0, notes=()
+    )
 
 
 def test_the_default_prior_as_a_learnt_one_gives_the_same() -> None:
     problem, _ = hip_trial(1)
     nominal = perturbed_parameters(np.random.default_rng(2))
     (plain, errors), (same, as_learnt) = (
-        estimate_joints(gait(problem), nominal, HIP, prior=learnt) for learnt in (ANATOMY, prior(*prior_of(HIP, None)))
+        estimate_joints(gait(problem), nominal, HIP, prior=learnt)
+        for learnt in (ANATOMY, prior(*prior_of(HIP, None)))
     )
     np.testing.assert_allclose(same.values, plain.values, atol=1e-9)
     np.testing.assert_allclose(as_learnt.covariance, errors.covariance, rtol=1e-6, atol=1e-15)
 
 
 def test_without_movement_the_mean_and_spread_of_the_cohort_stay() -> None:
-    """A joint that does not move shows where its two sides meet; what it does not show follows by the correlations."""
+    """A joint that does not move shows where its two sides meet; what it does not show follows by
+    the correlations.
+    """
     problem, truth = hip_trial(1)
     still = problem.with_measured(np.repeat(problem.data.measured[:, :, :1], 300, axis=2))
     nominal = perturbed_parameters(np.random.default_rng(2))
@@ -67,12 +72,17 @@ def test_without_movement_the_mean_and_spread_of_the_cohort_stay() -> None:
     assert (np.diag(learnt.covariance) - np.diag(errors.covariance) > -1e-12).all()
 
 
-def test_what_a_study_file_expects_is_found_where_a_joint_does_not_move_and_its_errors_are_of_causes() -> None:
+def test_what_a_study_file_expects_is_found_where_a_joint_does_not_move_and_its_errors_are_of_causes() -> (
+    None
+):
     """H^-1 P0^-1 F, a column a cause: H^-1 by all columns together, F by the prior."""
     problem, _ = hip_trial(1)
     still = problem.with_measured(np.repeat(problem.data.measured[:, :, :1], 300, axis=2))
     nominal = perturbed_parameters(np.random.default_rng(2))
-    both = {f"hip.{segment}.ant": ParameterPriorTable(mean=-7.0, deviation=0.5) for segment in ("pelvis", "thigh")}
+    both = {
+        f"hip.{segment}.ant": ParameterPriorTable(mean=-7.0, deviation=0.5)
+        for segment in ("pelvis", "thigh")
+    }
     study = prior_of_study(both)
     estimate, errors = estimate_joints(gait(still), nominal, HIP, prior=study)
     off = estimate.values - nominal.joint[[JP_INDEX[name] for name in HIP]]
@@ -106,7 +116,9 @@ def cohort(result: Path, tmp_path_factory: pytest.TempPathFactory) -> tuple[Coho
         shutil.copytree(result, out / person.place)
         if number == 9:
             summary = json.loads((out / person.place / "summary.json").read_text())
-            (out / person.place / "summary.json").write_text(json.dumps(summary | {"verdict": "refused"}))
+            (out / person.place / "summary.json").write_text(
+                json.dumps(summary | {"verdict": "refused"})
+            )
         keep(out, Outcome(name=person.name, session="", place=person.place, fingerprint=""))
         people.append(person)
     return Cohort(lab, tuple(people)), out
@@ -136,11 +148,15 @@ def test_from_results_to_priors_and_to_a_person_who_leans_on_them(
     shutil.copy(out / PRIORS, study.parent / PRIORS)
     own = study.with_name("own.toml")
     own.write_text(with_priors(study, PRIORS))
-    assert "lean on 7 people" in " ".join(run("calibrate", own, "--out", tmp_path / "own").output.split())
+    assert "lean on 7 people" in " ".join(
+        run("calibrate", own, "--out", tmp_path / "own").output.split()
+    )
     again = json.loads((tmp_path / "own" / "manifest.json").read_text())
     assert again["settings"] == manifest["settings"] and again["inputs_sha256"][PRIORS]
     assert again["settings"]["priors_sha256"] == again["inputs_sha256"][PRIORS]
-    assert (tmp_path / "own" / "parameters.csv").read_text() == (tmp_path / "result" / "parameters.csv").read_text()
+    assert (tmp_path / "own" / "parameters.csv").read_text() == (
+        tmp_path / "result" / "parameters.csv"
+    ).read_text()
     assert load_result(tmp_path / "own").settings.priors == Path(PRIORS)
     with pytest.raises(UsageError, match=r"--priors: not beside the priors that .*own.toml names"):
         run("calibrate", own, "--out", tmp_path / "neither", "--priors", out / PRIORS)
@@ -152,8 +168,12 @@ def test_from_results_to_priors_and_to_a_person_who_leans_on_them(
 @pytest.mark.slow
 def test_too_few_trustworthy_people_are_one_line(cohort: tuple[Cohort, Path]) -> None:
     everybody, out = cohort
-    few = replace(everybody, people=(*everybody.people[:4], everybody.people[9], everybody.people[9]))
-    with pytest.raises(InputError, match=r"4 people can be learnt of; allowed: 8 or more") as raised:
+    few = replace(
+        everybody, people=(*everybody.people[:4], everybody.people[9], everybody.people[9])
+    )
+    with pytest.raises(
+        InputError, match=r"4 people can be learnt of; allowed: 8 or more"
+    ) as raised:
         learn_priors(few, out)
     assert "(left out: its verdict is refused (2))" in str(raised.value)
     assert "\n" not in str(raised.value)
@@ -161,7 +181,15 @@ def test_too_few_trustworthy_people_are_one_line(cohort: tuple[Cohort, Path]) ->
 
 def test_priors_are_learnt_of_people_who_lean_on_none(tmp_path: Path) -> None:
     with pytest.raises(UsageError, match="not with --priors"):
-        run("cohort", tmp_path, "--out", tmp_path / "out", "--learn-priors", "--priors", tmp_path / "priors.json")
+        run(
+            "cohort",
+            tmp_path,
+            "--out",
+            tmp_path / "out",
+            "--learn-priors",
+            "--priors",
+            tmp_path / "priors.json",
+        )
     with pytest.raises(InputError, match="cannot be read"):
         run("cohort", tmp_path, "--out", tmp_path / "out", "--priors", tmp_path / "none.json")
 
@@ -176,7 +204,9 @@ def test_other_priors_are_another_fingerprint(tmp_path: Path, named_by: str) -> 
     marks = {fingerprint(person, CommonSettings())}
     for content in ("one", "other"):
         file.write_text(content)
-        marks.add(fingerprint(person, CommonSettings(priors=file if named_by == "the cohort" else None)))
+        marks.add(
+            fingerprint(person, CommonSettings(priors=file if named_by == "the cohort" else None))
+        )
     assert len(marks) == 3
 
 
@@ -192,7 +222,9 @@ def test_the_command_learns_when_everybody_has_ended(
         return Counter(trustworthy=9)
 
     monkeypatch.setattr("gaitcal.cohort.run_cohort.run_cohort", ended)
-    monkeypatch.setattr(command, "learn", lambda cohort, out, told: ("legs: offset learnt of 9 people",))
+    monkeypatch.setattr(
+        command, "learn", lambda cohort, out, told: ("legs: offset learnt of 9 people",)
+    )
     said = run("cohort", one_folder, "--out", tmp_path / "out", "--learn-priors").output
     assert "legs: offset learnt of 9 people" in said and "priors:" in said
     assert "no priors will be learnt: 1 people, of 8 or more they can be" in said
@@ -202,7 +234,9 @@ def test_a_study_that_names_no_priors_is_one_line_with_its_field(tmp_path: Path)
     study = write_synthetic_study(tmp_path)
     plain = study.read_text()
     study.write_text(with_priors(study, "prior.json"))
-    with pytest.raises(InputError, match=r"study.toml: calibration.priors: no such file: '.*prior.json'"):
+    with pytest.raises(
+        InputError, match=r"study.toml: calibration.priors: no such file: '.*prior.json'"
+    ):
         Study.load(study)
     (tmp_path / "prior.json").write_text("[]")
     with pytest.raises(InputError, match=r"prior.json: holds no priors; allowed: priors.json of"):
@@ -210,20 +244,26 @@ def test_a_study_that_names_no_priors_is_one_line_with_its_field(tmp_path: Path)
     for other in ("jp = false", 'protocol = "published"'):
         study.write_text(plain)
         study.write_text(with_priors(study, "prior.json", other))
-        with pytest.raises(InputError, match=r"calibration.priors: found 'prior.json'; allowed only with protocol"):
+        with pytest.raises(
+            InputError, match=r"calibration.priors: found 'prior.json'; allowed only with protocol"
+        ):
             Study.load(study)
 
 
 def test_a_cohort_file_names_priors_for_everyone(one_folder: Path, tmp_path: Path) -> None:
     file = one_folder / "cohort.toml"
-    file.write_text('[[person]]\nfolder = "Ann"\n[calibration]\nip = "none"\npriors = "../p.json"\n')
+    file.write_text(
+        '[[person]]\nfolder = "Ann"\n[calibration]\nip = "none"\npriors = "../p.json"\n'
+    )
     out = tmp_path / "out"
     with pytest.raises(InputError, match=r"cohort.toml: calibration.priors: no such file"):
         run("cohort", file, "--out", out)
     (tmp_path / "p.json").write_text("{}")
     with pytest.raises(InputError, match="p.json: holds no priors"):
         run("cohort", file, "--out", out)
-    with pytest.raises(UsageError, match=r"--learn-priors: not with \[calibration\] priors of cohort.toml"):
+    with pytest.raises(
+        UsageError, match=r"--learn-priors: not with \[calibration\] priors of cohort.toml"
+    ):
         run("cohort", file, "--out", out, "--learn-priors")
     _, settings = read_cohort(file, out)
     assert settings.priors == file.parent / "../p.json"
@@ -248,13 +288,21 @@ def test_priors_of_a_persons_own_study_come_before_those_of_the_cohort(tmp_path:
     own = replace(prior(np.zeros(len(HIP)), np.eye(len(HIP))), file="own.json", sha256="ab")
     study = SimpleNamespace(subject=SimpleNamespace(mass=70.0, height=1.7), joint_prior=own)
     person = CohortPerson(folder=tmp_path, name="P0")
-    (note,) = _contradictions(person, cast(Study, study), CommonSettings(priors=tmp_path / "p.json"))
+    (note,) = _contradictions(
+        person, cast(Study, study), CommonSettings(priors=tmp_path / "p.json")
+    )
     assert note == "priors = p.json was said for the cohort; the study file's own.json is used"
-    same = SimpleNamespace(**{**vars(study), "joint_prior": replace(own, sha256=sha256_of(tmp_path / "p.json") or "")})
-    assert not _contradictions(person, cast(Study, same), CommonSettings(priors=tmp_path / "p.json"))
+    same = SimpleNamespace(
+        **{**vars(study), "joint_prior": replace(own, sha256=sha256_of(tmp_path / "p.json") or "")}
+    )
+    assert not _contradictions(
+        person, cast(Study, same), CommonSettings(priors=tmp_path / "p.json")
+    )
 
 
 def test_the_drafted_study_of_a_result_names_the_priors(tmp_path: Path) -> None:
-    text = settings_text(CalibrationSettings(ip="none"), tmp_path / "lab" / "p.json", tmp_path / "out" / "P0")
+    text = settings_text(
+        CalibrationSettings(ip="none"), tmp_path / "lab" / "p.json", tmp_path / "out" / "P0"
+    )
     assert text == '\n[calibration]\nip = "none"\npriors = "../../lab/p.json"\n'
     assert settings_text(CalibrationSettings(), None, tmp_path) == ""

@@ -1,4 +1,6 @@
-"""`cohort.html` as data, and the command `gaitcal cohort`: who stands in it, and that it is the same every time."""
+"""`cohort.html` as data, and the command `gaitcal cohort`: who stands in it, and that it is the
+same every time.
+"""
 
 import base64
 import csv
@@ -17,7 +19,17 @@ from gaitcal.cli.cohort_command import _teller, duration
 from gaitcal.cli.console import Console
 from gaitcal.cohort.cohort_page import MEASURES, NO_STRIDE
 from gaitcal.cohort.cohort_people import people_in
-from gaitcal.cohort.one_person import EVERY, GAP, NAMES, SHAPE, STEPS, VARIABLES, CommonSettings, mean_curves, no_curves
+from gaitcal.cohort.one_person import (
+    EVERY,
+    GAP,
+    NAMES,
+    SHAPE,
+    STEPS,
+    VARIABLES,
+    CommonSettings,
+    mean_curves,
+    no_curves,
+)
 from gaitcal.errors import Code, InputError, UsageError
 from gaitcal.gait.conventions import Signs
 from gaitcal.gait.cycles import Kind
@@ -68,7 +80,9 @@ def test_mean_curves_are_packed_by_body_mass(tmp_path: Path) -> None:
         moment * other[percent <= 50], 0.3 * percent[percent <= 50] / MASS, atol=moment / 2 + 1e-9
     )
     assert (other[percent > 50] == GAP).all()
-    assert (found[VARIABLES.index("hip_power"), 0] == -GAP - 1).all()  # what is too large does not become a gap
+    assert (
+        found[VARIABLES.index("hip_power"), 0] == -GAP - 1
+    ).all()  # what is too large does not become a gap
     assert (found[VARIABLES.index("knee_angle"), 1] == GAP).all()
 
 
@@ -83,7 +97,9 @@ def test_measures_are_of_columns_that_are_there() -> None:
     for measure in MEASURES:
         for text in filter(None, (measure.column, measure.error)):
             assert {text.format("r"), text.format("l")} <= set(NAMES), text
-        assert measure.joined or f"{measure.name}_r" not in NAMES, "the page would show that column, with its sign"
+        assert measure.joined or f"{measure.name}_r" not in NAMES, (
+            "the page would show that column, with its sign"
+        )
 
 
 def test_everyone_stands_in_the_page(tmp_path: Path) -> None:
@@ -103,14 +119,28 @@ def test_everyone_stands_in_the_page(tmp_path: Path) -> None:
     assert found["reasons"]["of"] == [[], [0], [1, 0], [], [], []]
     assert found["reasons"]["strideless"] is None
     assert [line["cause"] for line in found["failures"]] == ["the static trial is restless"]
-    packed = next(text for attributes, text in scripts(page.read_text()) if 'id="curves-packed"' in attributes)
+    packed = next(
+        text for attributes, text in scripts(page.read_text()) if 'id="curves-packed"' in attributes
+    )
     curves = integers(packed).reshape(6, *SHAPE)
-    assert curves[:, 0, :, 0].tolist() == [[100, 200], [300, 300], [9000, 9000], [10, GAP], [30, GAP], [100, 100]]
+    assert curves[:, 0, :, 0].tolist() == [
+        [100, 200],
+        [300, 300],
+        [9000, 9000],
+        [10, GAP],
+        [30, GAP],
+        [100, 100],
+    ]
 
 
 def test_only_its_own_scripts_run(tmp_path: Path) -> None:
     hostile = [
-        Kept(name=HOSTILE, group=HOSTILE, verdict="doubtful", reasons=(("warning", HOSTILE, HOSTILE),)),
+        Kept(
+            name=HOSTILE,
+            group=HOSTILE,
+            verdict="doubtful",
+            reasons=(("warning", HOSTILE, HOSTILE),),
+        ),
         Kept(name="b" + HOSTILE, cause=HOSTILE),
     ]
     html = write_cohort(tmp_path / "out", hostile).read_text(encoding="utf-8")
@@ -118,7 +148,10 @@ def test_only_its_own_scripts_run(tmp_path: Path) -> None:
     allowed = re.search(r"script-src ([^;]*);", html)
     assert allowed
     code = [text for attributes, text in scripts(html) if "type=" not in attributes]
-    hashes = {f"'sha256-{base64.b64encode(hashlib.sha256(text.encode()).digest()).decode()}'" for text in code}
+    hashes = {
+        f"'sha256-{base64.b64encode(hashlib.sha256(text.encode()).digest()).decode()}'"
+        for text in code
+    }
     assert set(allowed.group(1).split()) == hashes
     assert len(code) == 2
 
@@ -135,7 +168,9 @@ def test_the_same_people_give_the_same_bytes(tmp_path: Path) -> None:
 
 
 def test_normal_bands_are_per_body_mass(tmp_path: Path) -> None:
-    page = write_cohort(tmp_path / "out", some_people(), CommonSettings(normal=bands_file("schwartz2008")))
+    page = write_cohort(
+        tmp_path / "out", some_people(), CommonSettings(normal=bands_file("schwartz2008"))
+    )
     bands = {curve["name"]: curve.get("normal") for curve in content(page)["curves"]}
     own = read_normal_bands("schwartz2008")["knee_angle_moment"]
     assert own.signs.signs is Signs.CLINICAL, "extensor, as the page has it"
@@ -153,7 +188,9 @@ def test_a_session_is_no_person_and_a_cohort_may_be_of_nobody(tmp_path: Path) ->
 
 
 def test_who_has_no_stride_that_counts_is_told(tmp_path: Path) -> None:
-    """Trustworthy as they are, walks without a stride give no number of gait: nobody is to look for it in vain."""
+    """Trustworthy as they are, walks without a stride give no number of gait: nobody is to look for
+    it in vain.
+    """
     counts = [(1, 0, 0), (2, 1, 0), (0, 0, 0)]
     people = [
         Kept(name=name, row={"walks": walks, "strides_r": right, "strides_l": left})
@@ -185,12 +222,17 @@ def test_tables_of_markers_are_recordings_and_tables_of_forces_are_not(tmp_path:
     assert ([p.name for p in cohort.people], cohort.ignored) == (["Ann"], ("notes",))
 
 
-def test_lines_name_people_without_a_session(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_lines_name_people_without_a_session(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     tell = _teller(Console(quiet=False, verbose=True), lambda text: None, 2)
     for session in ("", "pre"):
         one = replace(Kept(name="P1", session=session).outcome, computed=False)
         tell(one, 1, None)
-    assert capsys.readouterr().out == "P1: trustworthy, unchanged (1 of 2)\nP1 pre: trustworthy, unchanged (1 of 2)\n"
+    assert (
+        capsys.readouterr().out
+        == "P1: trustworthy, unchanged (1 of 2)\nP1 pre: trustworthy, unchanged (1 of 2)\n"
+    )
 
 
 @pytest.mark.parametrize(
@@ -211,7 +253,9 @@ def test_a_cohort_is_no_result_of_one_person(tmp_path: Path, words: tuple[str, .
     one = tmp_path / "people" / "Ann"
     one.mkdir(parents=True)
     (one / "manifest.json").write_text("{}")
-    with pytest.raises(InputError, match=f"is a cohort; name the result of one person, .* such as {one}") as caught:
+    with pytest.raises(
+        InputError, match=f"is a cohort; name the result of one person, .* such as {one}"
+    ) as caught:
         run(*(tmp_path if word == "COHORT" else word for word in words))
     assert caught.value.code is Code.NO_RESULT
 
@@ -227,7 +271,9 @@ def test_the_manifest_of_a_cohort_is_signed(tmp_path: Path) -> None:
 
 @pytest.mark.slow
 def test_from_bare_folders_to_tables(tmp_path: Path) -> None:
-    """One is calibrated, one has nobody who tells the mass, one has a file that is none; a second run does nothing."""
+    """One is calibrated, one has nobody who tells the mass, one has a file that is none; a second
+    run does nothing.
+    """
     lab, out = tmp_path / "lab", tmp_path / "out"
     write(lab / "Ann" / "day 1", recordings(), forces="grf")
     write(lab / "Bob", recordings(), forces="grf")

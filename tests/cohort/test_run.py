@@ -1,4 +1,6 @@
-"""Who belongs to a cohort, and its run with stubs: what is run again and why, what the tables hold, what fails."""
+"""Who belongs to a cohort, and its run with stubs: what is run again and why, what the tables hold,
+what fails.
+"""
 
 import json
 from collections.abc import Callable, Iterator
@@ -15,7 +17,15 @@ from gaitcal.cohort.cohort_page import PAGE
 from gaitcal.cohort.cohort_people import CohortPerson, people_in, read_cohort, read_sheet, safe_name
 from gaitcal.cohort.one_person import COLUMNS, NAMES, CommonSettings
 from gaitcal.cohort.outcome import Outcome, Task, fingerprint, inputs_of, keep, state_file
-from gaitcal.cohort.run_cohort import CYCLES, FAILURES, MOST_MIB, PEOPLE_CSV, PEOPLE_PARQUET, processes, run_cohort
+from gaitcal.cohort.run_cohort import (
+    CYCLES,
+    FAILURES,
+    MOST_MIB,
+    PEOPLE_CSV,
+    PEOPLE_PARQUET,
+    processes,
+    run_cohort,
+)
 from gaitcal.errors import InputError
 from gaitcal.intake.draft_file import settings_text
 from gaitcal.io.atomic import disk_errors
@@ -32,14 +42,29 @@ def test_tables(lab: Path, tmp_path: Path, ran: list[str]) -> None:
     assert [e.verdict for e in ended] == ["doubtful", "doubtful", "failed", "failed"]
     ann = rows(out / PEOPLE_CSV)[0]
     assert list(ann) == list(NAMES)
-    assert (ann["person"], ann["folder"], ann["first_cause"]) == ("Ann", "people/Ann", 'a "heel", moved')
-    assert (ann["verdict_r"], ann["verdict_l"], ann["walks_refused_l"]) == ("trustworthy", "refused", "2")
-    assert float(ann["marker_rms_calibrated_mm"]) == pytest.approx(np.sqrt((100 * 9 + 300) / 400), abs=1e-6)
+    assert (ann["person"], ann["folder"], ann["first_cause"]) == (
+        "Ann",
+        "people/Ann",
+        'a "heel", moved',
+    )
+    assert (ann["verdict_r"], ann["verdict_l"], ann["walks_refused_l"]) == (
+        "trustworthy",
+        "refused",
+        "2",
+    )
+    assert float(ann["marker_rms_calibrated_mm"]) == pytest.approx(
+        np.sqrt((100 * 9 + 300) / 400), abs=1e-6
+    )
     assert float(ann["residual_force_calibrated_N"]) == 20.0
-    assert (float(ann["residual_force_limit_N"]), float(ann["residual_moment_limit_Nm"])) == (35.0, 9.0)
+    assert (float(ann["residual_force_limit_N"]), float(ann["residual_moment_limit_Nm"])) == (
+        35.0,
+        9.0,
+    )
     assert float(ann["speed_r"]) == 1.25
     assert ann["speed_l"] == ""
-    assert float(ann["knee_extension_moment_r"]) == pytest.approx(-40.0 / MASS, abs=1e-6), "loads are by mass"
+    assert float(ann["knee_extension_moment_r"]) == pytest.approx(-40.0 / MASS, abs=1e-6), (
+        "loads are by mass"
+    )
     assert float(ann["knee_extension_moment_se_r"]) == pytest.approx(1.5 / MASS, abs=1e-6)
     assert (ann["knee_flexion_swing_r"], ann["knee_flexion_swing_se_r"]) == ("51.5", "2.0")
     assert ann["knee_flexion_swing_l"] == ann["hip_flexion_moment_r"] == ""  # no such peak
@@ -50,14 +75,24 @@ def test_tables(lab: Path, tmp_path: Path, ran: list[str]) -> None:
     assert (cycles.num_row_groups, cycles.metadata.num_rows) == (2, 2 * len(strides("Ann")))
     assert rows(out / FAILURES) == [
         {"person": "Yan", "session": "", "group": "", "folder": "Yan"}
-        | {"code": "GC-240", "cause": "internal error: ZeroDivisionError: by zero", "what_to_do": "please report it"},
+        | {
+            "code": "GC-240",
+            "cause": "internal error: ZeroDivisionError: by zero",
+            "what_to_do": "please report it",
+        },
         {"person": "Zed", "session": "", "group": "", "folder": "Zed"}
-        | {"code": "GC-040", "cause": "the static trial is restless", "what_to_do": "record it again"},
+        | {
+            "code": "GC-040",
+            "cause": "the static trial is restless",
+            "what_to_do": "record it again",
+        },
     ]
-    assert [(row["person"], row["activity"], row["mean"]) for row in rows(out / "activity_peaks.csv")] == [
-        (person, "squat", "-40.0") for person in ("Ann", "Bob")
+    assert [
+        (row["person"], row["activity"], row["mean"]) for row in rows(out / "activity_peaks.csv")
+    ] == [(person, "squat", "-40.0") for person in ("Ann", "Bob")]
+    assert [row["column"] for row in rows(out / "columns.csv")] == [
+        column.name for column in COLUMNS
     ]
-    assert [row["column"] for row in rows(out / "columns.csv")] == [column.name for column in COLUMNS]
 
 
 @pytest.mark.slow
@@ -104,7 +139,9 @@ def test_order_and_interruption_do_not_show(lab: Path, tmp_path: Path, ran: list
     one, other = tmp_path / "one", tmp_path / "other"
     run(lab, one)
     run(lab, other, backwards=True)
-    state_file(other, "people/Ann", ".json").unlink()  # killed after the strides, before it was done
+    state_file(
+        other, "people/Ann", ".json"
+    ).unlink()  # killed after the strides, before it was done
     state_file(other, "people/Bob", ".json").write_text('{"cut off')
     run(lab, other)
     assert ran[8:] == ["Ann", "Bob"]
@@ -112,10 +149,15 @@ def test_order_and_interruption_do_not_show(lab: Path, tmp_path: Path, ran: list
         assert (one / name).read_bytes() == (other / name).read_bytes(), name
 
 
-def test_a_lost_worker_is_tried_again_by_the_next_run(lab: Path, tmp_path: Path, ran: list[str]) -> None:
+def test_a_lost_worker_is_tried_again_by_the_next_run(
+    lab: Path, tmp_path: Path, ran: list[str]
+) -> None:
     class Lost(Here):
         def run(
-            self, function: Callable[[Task], Outcome], tasks: Iterator[Task], lost: Callable[[Task, str], Outcome]
+            self,
+            function: Callable[[Task], Outcome],
+            tasks: Iterator[Task],
+            lost: Callable[[Task, str], Outcome],
         ) -> Iterator[Outcome]:
             first, *others = tasks
             yield lost(first, "ended by SIGKILL, 3 times")
@@ -179,7 +221,9 @@ def test_who_cannot_be_kept_is_a_failure(
     assert "No space left on device" in (out / PAGE).read_text(encoding="utf-8")
     assert [row["person"] for row in rows(out / PEOPLE_CSV)] == ["Bob"]
     monkeypatch.undo()
-    monkeypatch.setattr(tasks, "calibrate_person", lambda person, out, common: write_result(person, out, common))
+    monkeypatch.setattr(
+        tasks, "calibrate_person", lambda person, out, common: write_result(person, out, common)
+    )
     run(lab, out)
     assert [row["person"] for row in rows(out / PEOPLE_CSV)] == ["Ann", "Bob", "Zed"]
 
@@ -187,7 +231,10 @@ def test_who_cannot_be_kept_is_a_failure(
 def test_nobody_is_left_out_of_the_tables(lab: Path, tmp_path: Path, ran: list[str]) -> None:
     class Forgetful(Here):
         def run(
-            self, function: Callable[[Task], Outcome], tasks: Iterator[Task], lost: Callable[[Task, str], Outcome]
+            self,
+            function: Callable[[Task], Outcome],
+            tasks: Iterator[Task],
+            lost: Callable[[Task, str], Outcome],
         ) -> Iterator[Outcome]:
             for task in tasks:
                 yield function(task)
@@ -204,7 +251,9 @@ def test_a_name_of_many_bytes_is_a_line_of_the_tables(lab: Path, tmp_path: Path)
     (lab / "people.csv").write_text(f"person\n{70 * LONG}\n", encoding="utf-8")
     out = tmp_path / "out"
     cohort = read_cohort(lab, out)[0]
-    one = replace(cohort, people=tuple(person for person in cohort.people if person.name.startswith(LONG)))
+    one = replace(
+        cohort, people=tuple(person for person in cohort.people if person.name.startswith(LONG))
+    )
     assert run_cohort(one, out, engine=Here()) == {"failed": 1}
     (line,) = rows(out / FAILURES)
     assert (line["person"], line["code"]) == (70 * LONG, "GC-223")
@@ -289,11 +338,15 @@ def test_a_draft_reads_tables_that_an_xml_names(tmp_path: Path) -> None:
 def test_joint_parameters_that_a_cohort_file_expects_are_known_ones(tmp_path: Path) -> None:
     (tmp_path / "Ann").mkdir()
     file = tmp_path / "cohort.toml"
-    text = '[[person]]\nfolder = "Ann"\n[calibration.joint_prior]\n"hip.pelvis.NAME" = { mean = -7 }\n'
+    text = (
+        '[[person]]\nfolder = "Ann"\n[calibration.joint_prior]\n"hip.pelvis.NAME" = { mean = -7 }\n'
+    )
     file.write_text(text.replace("NAME", "ant"))
     assert read_cohort(file, tmp_path / "out")[1].joint_prior["hip.pelvis.ant"].mean == -7.0
     file.write_text(text.replace("NAME", "front"))
-    with pytest.raises(InputError, match=r"cohort.toml: calibration.joint_prior: found 'hip.pelvis.front'"):
+    with pytest.raises(
+        InputError, match=r"cohort.toml: calibration.joint_prior: found 'hip.pelvis.front'"
+    ):
         read_cohort(file, tmp_path / "out")
 
 
@@ -305,12 +358,18 @@ def put(*files: Path) -> None:
 
 @pytest.fixture
 def folder(tmp_path: Path) -> Path:
-    """Two people, one of them with two sessions; a result, a hidden folder, and one without recordings."""
+    """Two people, one of them with two sessions; a result, a hidden folder, and one without
+    recordings.
+    """
     here = tmp_path / "lab"
     put(here / "Ann" / "static.c3d", here / "Ann" / "walk.C3D", here / "Ann" / "raw" / "old.trc")
     for session in ("post", "pre"):
         put(here / "Bob" / session / "static.trc", here / "Bob" / session / "walk.trc")
-    put(here / "notes" / "readme.txt", here / ".hidden" / "walk.c3d", here / "out" / "deep" / "walk.c3d")
+    put(
+        here / "notes" / "readme.txt",
+        here / ".hidden" / "walk.c3d",
+        here / "out" / "deep" / "walk.c3d",
+    )
     put(here / "earlier" / "walk.c3d")
     (here / "earlier" / "manifest.json").write_text(json.dumps({"gaitcal": "0.2.0"}))
     return here
@@ -320,14 +379,18 @@ def keys(path: Path, out: Path) -> list[tuple[str, str]]:
     return [person.key for person in read_cohort(path, out)[0].people]
 
 
-def test_folders_are_people_and_complete_folders_in_them_sessions(folder: Path, tmp_path: Path) -> None:
+def test_folders_are_people_and_complete_folders_in_them_sessions(
+    folder: Path, tmp_path: Path
+) -> None:
     cohort = people_in(folder, folder / "out")
     assert [p.key for p in cohort.people] == [("Ann", ""), ("Bob", "post"), ("Bob", "pre")]
     assert [p.place for p in cohort.people] == ["people/Ann", "people/Bob/post", "people/Bob/pre"]
     assert cohort.people[1].told.name == "Bob"  # not the session, which the folder is called
     assert cohort.ignored == ("notes",)
     (folder / "people.csv").write_text("person,session\nAnn,2024-01-31\n", encoding="utf-8")
-    assert keys(folder, folder / "out")[0] == ("Ann", "2024-01-31"), "the table names an only session"
+    assert keys(folder, folder / "out")[0] == ("Ann", "2024-01-31"), (
+        "the table names an only session"
+    )
     parts = tmp_path / "parts"
     put(parts / "Cid/standing/static.c3d", parts / "Cid/walks/a.c3d", parts / "Cid/walks/b.c3d")
     assert keys(parts, tmp_path / "out") == [("Cid", "")], "folders that hold parts are one session"
@@ -347,7 +410,12 @@ def test_people_csv_tells_what_no_file_does(folder: Path) -> None:
     people = {p.key: p for p in read_cohort(folder, folder / "out")[0].people}
     assert list(people) == [("Ann", ""), ("Bob", "post"), ("Bob", "pre"), ("Zoe", "")]
     post, pre = people["Bob", "post"], people["Bob", "pre"]
-    assert (post.told.mass, post.told.height, post.told.sex, post.group) == (70.5, 1.8, "male", "adults")
+    assert (post.told.mass, post.told.height, post.told.sex, post.group) == (
+        70.5,
+        1.8,
+        "male",
+        "adults",
+    )
     assert (pre.told.mass, pre.told.height) == (71.0, 1.8)
     assert not people["Zoe", ""].folder.exists()  # a failure of her own, later
 
@@ -361,13 +429,25 @@ def test_people_csv_tells_what_no_file_does(folder: Path) -> None:
         ("person,sex\nAnn,x\n", "row 2: sex: found 'x'"),
         ("person,sex\n,m\n", "row 2: person: found nothing"),
         ("person,sex,Person\nAnn,m,Bob\n", "found 2 columns 'person'; allowed: one"),
-        ("person,sex\nAnn,f\nAnn,m\n", "row 3: sex: found 'male', but row 2 says 'female' of the same person"),
-        ("person,session,mass_kg\nAnn,a,60\nAnn,b,61\nAnn,a,62\n", "row 4: mass_kg: found 62, but row 2 says 60"),
-        ("person,mass\nAnn,60\n", "found the column 'mass', which is not known; did you mean 'mass_kg'"),
+        (
+            "person,sex\nAnn,f\nAnn,m\n",
+            "row 3: sex: found 'male', but row 2 says 'female' of the same person",
+        ),
+        (
+            "person,session,mass_kg\nAnn,a,60\nAnn,b,61\nAnn,a,62\n",
+            "row 4: mass_kg: found 62, but row 2 says 60",
+        ),
+        (
+            "person,mass\nAnn,60\n",
+            "found the column 'mass', which is not known; did you mean 'mass_kg'",
+        ),
         ("person,height\nAnn,1.7\n", "did you mean 'height_m'"),
         ("person,age\nAnn,17\n", "did you mean 'age_years'"),
         ("person,Weight\nAnn,60\n", "did you mean 'mass_kg'"),
-        ("person,height_m\nAnn,1,75\n", "row 2: found more cells than columns; a decimal comma needs semicolons"),
+        (
+            "person,height_m\nAnn,1,75\n",
+            "row 2: found more cells than columns; a decimal comma needs semicolons",
+        ),
     ],
 )
 def test_faults_of_the_table_are_one_line(tmp_path: Path, text: str, said: str) -> None:
@@ -381,10 +461,15 @@ def test_other_columns_are_told_and_rows_may_repeat(folder: Path) -> None:
     (folder / "people.csv").write_text(text, encoding="utf-8")
     cohort = read_cohort(folder, folder / "out")[0]
     assert (cohort.people[0].told.mass, cohort.people[0].told.sex) == (60.0, "female")
-    assert cohort.notes == ("people.csv: column 'diagnosis' is not used", "people.csv: column 'mass' is not used")
+    assert cohort.notes == (
+        "people.csv: column 'diagnosis' is not used",
+        "people.csv: column 'mass' is not used",
+    )
 
 
-@pytest.mark.parametrize("row", ["/etc,", "../x,", ".,", "..,", "notes/deep,", "Cid,../x", "Cid,/etc"])
+@pytest.mark.parametrize(
+    "row", ["/etc,", "../x,", ".,", "..,", "notes/deep,", "Cid,../x", "Cid,/etc"]
+)
 def test_a_table_leads_nowhere_else(folder: Path, row: str) -> None:
     (folder / "people.csv").write_text(f"person,session\n{row}\n", encoding="utf-8")
     with refused("allowed: the name of a folder, without a path"):
@@ -408,7 +493,10 @@ def test_cohort_file_names_people_and_settings(folder: Path) -> None:
     [
         ('[[person]]\nfolder = "A"\n[[person]]\nfolder = "x/A"\n', "found 'A' twice"),
         ('[[person]]\nfolder = "a"\n[[person]]\nfolder = "A"\n', "which one folder would hold"),
-        ('[[person]]\nfolder = "A"\n[[person]]\nfolder = "A"\nsession = "pre"\n', "with a session and without one"),
+        (
+            '[[person]]\nfolder = "A"\n[[person]]\nfolder = "A"\nsession = "pre"\n',
+            "with a session and without one",
+        ),
         ('[[person]]\nfolder = "A"\nweight = 3\n', "weight"),
         ('[[person]]\nfolder = "A"\nsex = "m"\n', "sex"),
     ],

@@ -1,7 +1,8 @@
-"""`gaitcal synthesize` and `calibrate STUDY.toml`, which compute each person and each calibration once a run.
+"""`gaitcal synthesize` and `calibrate STUDY.toml`, which compute each person and each calibration
+once a run.
 
-Several pages begin with the same person, and calibrate it. A result of a folder without a study file is computed
-each time: the study in it leads to its recordings.
+Several pages begin with the same person, and calibrate it. A result of a folder without a study
+file is computed each time: the study in it leads to its recordings.
 """
 
 import hashlib
@@ -35,9 +36,19 @@ def calibrate(kept: Path, words: list[str]) -> None:
         key.update(file.name.encode() + (file.read_bytes() if file.is_file() else b""))
 
     def make(folder: Path) -> None:
-        command = [sys.executable, "-m", "gaitcal.cli", "calibrate", *options, "--out", str(folder / "result")]
+        command = [
+            sys.executable,
+            "-m",
+            "gaitcal.cli",
+            "calibrate",
+            *options,
+            "--out",
+            str(folder / "result"),
+        ]
         folder.mkdir()
-        (folder / "said").write_bytes(subprocess.run(command, check=True, stdout=subprocess.PIPE).stdout)
+        (folder / "said").write_bytes(
+            subprocess.run(command, check=True, stdout=subprocess.PIPE).stdout
+        )
 
     made = kept_folder(kept / "calibrations" / key.hexdigest(), make)
     shutil.copytree(made / "result", out)

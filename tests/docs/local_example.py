@@ -1,4 +1,5 @@
-"""`gaitcal example` with the files of the folder of recordings, found by their SHA-256: tests have no network.
+"""`gaitcal example` with the files of the folder of recordings, found by their SHA-256: tests have
+no network.
 
 Of several people in an example there is the first.
 """
@@ -30,7 +31,9 @@ def main() -> None:
     def smaller(name: str) -> Example:
         whole = named(name)
         people = list(dict.fromkeys(Path(file.name).parent for file in whole.files))[:PEOPLE]
-        return whole.model_copy(update={"files": tuple(f for f in whole.files if Path(f.name).parent in people)})
+        return whole.model_copy(
+            update={"files": tuple(f for f in whole.files if Path(f.name).parent in people)}
+        )
 
     examples.download, examples.example_named = copied, smaller
     cli.main()

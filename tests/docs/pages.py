@@ -1,9 +1,12 @@
-"""Pages of the documentation as a reader would follow them: each in an empty folder, from first block to last.
+"""Pages of the documentation as a reader would follow them: each in an empty folder, from first
+block to last.
 
-A block is fenced: ```` ```sh ```` runs in the page's own folder, ```` ```python ```` too, each page's Python blocks
-with the names of those before. A block that cannot run here says why in its fence, visible to readers as its title:
+A block is fenced: ```` ```sh ```` runs in the page's own folder, ```` ```python ```` too, each
+page's Python blocks with the names of those before. A block that cannot run here says why in its
+fence, visible to readers as its title:
 ```` ```sh title="not run here: needs a cluster" ````; it is still checked by `bash -n` or the Python compiler.
-A file that a page writes is ```` ```toml title="study.toml" ````: it is put into the folder where it stands.
+A file that a page writes is ```` ```toml title="study.toml" ````: it is put into the folder where
+it stands.
 """
 
 import os
@@ -65,7 +68,9 @@ def blocks_of(path: Path) -> tuple[Block, ...]:
 def lint(block: Block) -> str:
     """What is wrong with the form of a block; empty where nothing is."""
     if block.language == "sh":
-        done = subprocess.run(["bash", "-n"], input=block.text, capture_output=True, text=True, check=False)
+        done = subprocess.run(
+            ["bash", "-n"], input=block.text, capture_output=True, text=True, check=False
+        )
         return done.stderr.strip()
     if block.language == "python":
         try:
@@ -76,7 +81,9 @@ def lint(block: Block) -> str:
 
 
 def run(block: Block, folder: Path, names: dict[str, Any], environment: Mapping[str, str]) -> str:
-    """Run a block, or put its file there; returns what a command printed, or what went wrong after `FAILED`."""
+    """Run a block, or put its file there; returns what a command printed, or what went wrong after
+    `FAILED`.
+    """
     if block.is_file:
         target = folder / block.title
         target.parent.mkdir(parents=True, exist_ok=True)
@@ -86,10 +93,19 @@ def run(block: Block, folder: Path, names: dict[str, Any], environment: Mapping[
     elif block.runs:
         command = ["bash", "-e", "-c", block.text]
         done = subprocess.run(
-            command, cwd=folder, env=dict(environment), capture_output=True, text=True, check=False, timeout=900
+            command,
+            cwd=folder,
+            env=dict(environment),
+            capture_output=True,
+            text=True,
+            check=False,
+            timeout=900,
         )
         if done.returncode:
-            return f"FAILED {block.page}:{block.line}: exit code {done.returncode}\n{done.stdout}{done.stderr}"
+            return (
+                f"FAILED {block.page}:{block.line}: exit code "
+                f"{done.returncode}\n{done.stdout}{done.stderr}"
+            )
         return done.stdout + done.stderr
     return ""
 
@@ -104,7 +120,9 @@ case "$1 $2" in
 esac
 exec "{python}" -m gaitcal.cli "$@"
 """
-"""`gaitcal` with the recordings that are here, with what pages share made once, and with studies of fewer draws."""
+"""`gaitcal` with the recordings that are here, with what pages share made once, and with studies of
+fewer draws.
+"""
 
 
 def environment(folder: Path, kept: Path) -> dict[str, str]:
@@ -127,7 +145,9 @@ def needs_recordings(page: Path) -> bool:
 
 
 def follow(page: Path, folder: Path, bin_folder: Path, kept: Path) -> str:
-    """Run every block of a page in `folder`, which becomes the current one; returns what commands printed."""
+    """Run every block of a page in `folder`, which becomes the current one; returns what commands
+    printed.
+    """
     names: dict[str, Any] = {}
     told = []
     setting = environment(bin_folder, kept)

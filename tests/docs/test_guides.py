@@ -16,7 +16,11 @@ PAGES = [page for room in ("tutorials", "how-to") for page in sorted((DOCS / roo
 @pytest.mark.slow
 @pytest.mark.parametrize("page", PAGES, ids=[f"{page.parent.name}/{page.stem}" for page in PAGES])
 def test_a_page_runs(
-    page: Path, kept: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, request: pytest.FixtureRequest
+    page: Path,
+    kept: Path,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    request: pytest.FixtureRequest,
 ) -> None:
     if page.stem == "python":
         pytest.importorskip("xarray", reason="no xarray here; it comes with the extra `test`")

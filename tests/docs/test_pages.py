@@ -1,4 +1,6 @@
-"""The documentation against the program: nothing without a page, blocks of the right form, a site without a warning."""
+"""The documentation against the program: nothing without a page, blocks of the right form, a site
+without a warning.
+"""
 
 import subprocess
 import sys
@@ -32,7 +34,9 @@ def test_blocks_have_the_form_of_their_language(page: Path) -> None:
     for block in blocks_of(page):
         assert lint(block) == "", f"{page}:{block.line}"
         if block.language in ("sh", "python") and page.parent.name not in ("tutorials", "how-to"):
-            assert block.title.startswith(NOT_RUN), f"{page}:{block.line}: only tutorials and how-to pages are run"
+            assert block.title.startswith(NOT_RUN), (
+                f"{page}:{block.line}: only tutorials and how-to pages are run"
+            )
 
 
 def test_studies_in_pages_are_studies() -> None:
@@ -54,7 +58,16 @@ def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The built site; an error where the build says a warning."""
     pytest.importorskip("mkdocs", reason="extra `docs`")
     folder = tmp_path_factory.mktemp("documentation") / "site"
-    command = [sys.executable, "-m", "mkdocs", "build", "--strict", "--quiet", "--site-dir", str(folder)]
+    command = [
+        sys.executable,
+        "-m",
+        "mkdocs",
+        "build",
+        "--strict",
+        "--quiet",
+        "--site-dir",
+        str(folder),
+    ]
     done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
     return folder
@@ -68,7 +81,9 @@ def test_the_site_asks_nothing_of_the_network_and_explains_its_types(
     page = (site / "reference" / "python.html").read_text(encoding="utf-8")
     assert all(f'id="gaitcal.{name}"' in page for name in gaitcal.__all__)
     assert "<strong>Raises</strong>" in page, "sections of docstrings are lists"
-    assert not [place for place in site.rglob("*.html") if "<p>{{ " in place.read_text(encoding="utf-8")]
+    assert not [
+        place for place in site.rglob("*.html") if "<p>{{ " in place.read_text(encoding="utf-8")
+    ]
 
 
 @pytest.mark.slow
@@ -89,12 +104,23 @@ def test_search_works_without_a_server_or_a_network(site: Path, tmp_path: Path) 
 
 
 def test_what_a_page_loads_from_elsewhere_is_told(tmp_path: Path) -> None:
-    text = '<a class="x" href="https://example.org">y</a><link rel="canonical" href="https://example.org/a.html">'
-    text += '<img src="own.png"><img alt="x" src="https://example.org/x.png"><script src=//example.org/x.js></script>'
-    text += '<span class="n" title="gaitcal.study.study.Study">Study</span><span title="gaitcal.GAIT">GAIT</span>'
+    text = (
+        '<a class="x" href="https://example.org">y</a><link rel="canonical" '
+        'href="https://example.org/a.html">'
+    )
+    text += (
+        '<img src="own.png"><img alt="x" src="https://example.org/x.png"><script '
+        "src=//example.org/x.js></script>"
+    )
+    text += (
+        '<span class="n" title="gaitcal.study.study.Study">Study</span><span '
+        'title="gaitcal.GAIT">GAIT</span>'
+    )
     (tmp_path / "python.html").write_text(text, encoding="utf-8")
     loaded, other, unknown = check.faults_of(tmp_path)
-    assert loaded == "python.html: loads https://example.org/x.png" and other.endswith(" //example.org/x.js")
+    assert loaded == "python.html: loads https://example.org/x.png" and other.endswith(
+        " //example.org/x.js"
+    )
     assert unknown == "type without a page: gaitcal.study.study.Study"
 
 

@@ -1,4 +1,6 @@
-"""Axes that are wrong by a little: against a linkage whose axes are turned, bodies and joints staying in place."""
+"""Axes that are wrong by a little: against a linkage whose axes are turned, bodies and joints
+staying in place.
+"""
 
 import numpy as np
 import pytest
@@ -34,7 +36,9 @@ def body() -> Parameters:
 
 
 def pivot(parameters: Parameters, segment: str) -> Array:
-    """(3,) m the point about which axes turn: the next hinge that is told in its plane z = 0 alone, else the origin."""
+    """(3,) m the point about which axes turn: the next hinge that is told in its plane z = 0 alone,
+    else the origin.
+    """
     own = [p for p in JOINT_PARAMETERS if p.segment == segment and p.kind is Kind.POSITION]
     for joint in JOINTS:
         places = [JP_INDEX[p.name] for p in own if p.joint == joint.name]
@@ -44,21 +48,31 @@ def pivot(parameters: Parameters, segment: str) -> Array:
 
 
 def with_axes_turned(parameters: Parameters, segment: str, turn: Array) -> Parameters:
-    """The same joints and mass centres, told in axes of a segment that are turned by `turn` (3,) rad in them."""
+    """The same joints and mass centres, told in axes of a segment that are turned by `turn` (3,)
+    rad in them.
+    """
     back, fixed = Rotation.from_rotvec(-turn).as_matrix(), pivot(parameters, segment)
     joint, inertial = parameters.joint.copy(), parameters.inertial.copy()
     own = [p for p in JOINT_PARAMETERS if p.segment == segment]
     for prefix in {p.name.rsplit(".", 1)[0] for p in own}:
-        at = {p.name.rsplit(".", 1)[1]: JP_INDEX[p.name] for p in own if p.name.startswith(f"{prefix}.")}
+        at = {
+            p.name.rsplit(".", 1)[1]: JP_INDEX[p.name]
+            for p in own
+            if p.name.startswith(f"{prefix}.")
+        }
         if "lat" in at:
             places = [at[d] for d in ("ant", "sup", "lat")]
             joint[places] = fixed + back @ (joint[places] - fixed)
         if "front" in at and "trans" in at:  # Rx(front) Ry(trans), the hinge along z
-            turned = Rotation.from_euler("X", joint[at["front"]]) * Rotation.from_euler("Y", joint[at["trans"]])
+            turned = Rotation.from_euler("X", joint[at["front"]]) * Rotation.from_euler(
+                "Y", joint[at["trans"]]
+            )
             x, y, z = back @ turned.as_matrix()[:, 2]
             joint[at["trans"]], joint[at["front"]] = np.arcsin(x), np.arctan2(-y, z)
         elif "sag" in at:  # Ry(trans) Rz(sag), the hinge along x
-            turned = Rotation.from_euler("Y", joint[at["trans"]]) * Rotation.from_euler("Z", joint[at["sag"]])
+            turned = Rotation.from_euler("Y", joint[at["trans"]]) * Rotation.from_euler(
+                "Z", joint[at["sag"]]
+            )
             x, y, z = back @ turned.as_matrix()[:, 0]
             joint[at["sag"]], joint[at["trans"]] = np.arcsin(y), np.arctan2(-z, x)
     places = [IP_INDEX[f"{segment}.com.{d}"] for d in ("ant", "sup", "lat")]
@@ -82,7 +96,9 @@ def followed(parameters: Parameters, placed: PlacedMarkers, seen: Array, q: Arra
     return q
 
 
-@pytest.mark.parametrize("segment", ["pelvis", "thigh_r", "thigh_l", "shank_l", "foot_r", "head_trunk", "upper_arm_r"])
+@pytest.mark.parametrize(
+    "segment", ["pelvis", "thigh_r", "thigh_l", "shank_l", "foot_r", "head_trunk", "upper_arm_r"]
+)
 def test_moves_are_those_of_a_linkage_told_in_turned_axes(segment: str) -> None:
     rng = np.random.default_rng(2)
     parameters = body()
@@ -99,9 +115,15 @@ def test_moves_are_those_of_a_linkage_told_in_turned_axes(segment: str) -> None:
         again = with_axes_turned(parameters, segment, turn)
         own = segments == CHAIN.segments.index(segment)
         fixed = pivot(parameters, segment)
-        turned = np.where(own[:, None], fixed + (local - fixed) @ Rotation.from_rotvec(turn).as_matrix(), local)
+        turned = np.where(
+            own[:, None], fixed + (local - fixed) @ Rotation.from_rotvec(turn).as_matrix(), local
+        )
         before, at, after = followed(again, PlacedMarkers(segments, turned), seen, posture)
-        moved = at[None], (after - before)[None] / (2 * STEP_S), (after - 2 * at + before)[None] / STEP_S**2
+        moved = (
+            at[None],
+            (after - before)[None] / (2 * STEP_S),
+            (after - 2 * at + before)[None] / STEP_S**2,
+        )
         return at, Dynamics(again).forces(*moved, wrench)[0]
 
     errors = AxisErrors(parameters)
@@ -121,7 +143,9 @@ def test_moves_are_those_of_a_linkage_told_in_turned_axes(segment: str) -> None:
 
 def test_hinges_keep_their_torque_and_hips_do_not() -> None:
     rng = np.random.default_rng(3)
-    q, v, a = (rng.normal(0, s, (700, len(COORDINATES))) for s in (0.3, 1.0, 5.0))  # more than a block of frames
+    q, v, a = (
+        rng.normal(0, s, (700, len(COORDINATES))) for s in (0.3, 1.0, 5.0)
+    )  # more than a block of frames
     errors = AxisErrors(body())
     forces = Dynamics(body(), HELD).forces(q, v, a, rng.normal(0, 300, (700, 2, 6)))
     size = np.abs(errors.torque_moves(q, forces)).max(axis=(0, 2))
@@ -134,17 +158,24 @@ def test_hinges_keep_their_torque_and_hips_do_not() -> None:
     }
     squares = (errors.coordinate_moves(q) ** 2).sum(axis=2)
     np.testing.assert_allclose(errors.coordinate_errors(q), np.sqrt(squares), rtol=1e-12)
-    seen = {name for name, largest in zip(COORDINATES, squares.max(axis=0), strict=True) if largest > 0}
+    seen = {
+        name for name, largest in zip(COORDINATES, squares.max(axis=0), strict=True) if largest > 0
+    }
     assert seen == {name for name in COORDINATES if not name.endswith(("_tx", "_ty", "_tz"))}
 
 
 def test_only_what_is_wrong_moves_anything() -> None:
     errors = AxisErrors(body(), {"thigh": (0.0, 2.0, 0.0)})
     assert list(dict.fromkeys(segment for segment, _ in errors.columns)) == ["thigh_r", "thigh_l"]
-    assert AxisErrors(body(), {"thigh": (0, 0, 0), "thigh_l": (1.0, 0, 0)}).columns[0] == ("thigh_l", 0), "one side"
+    assert AxisErrors(body(), {"thigh": (0, 0, 0), "thigh_l": (1.0, 0, 0)}).columns[0] == (
+        "thigh_l",
+        0,
+    ), "one side"
     one = np.zeros((1, len(COORDINATES)))
     moves = errors.coordinate_moves(one)[0]
     # standing, the thigh's own length is the axis of hip rotation, and of nothing else
     rotation = moves[COORDINATES.index("hip_rotation_r")]
     assert np.rad2deg(np.abs(rotation).max()) == pytest.approx(2.0)
-    assert set(PALPATED_DEG) == {s.removesuffix("_r").removesuffix("_l") for s in SEGMENTS} - {"talus"}
+    assert set(PALPATED_DEG) == {s.removesuffix("_r").removesuffix("_l") for s in SEGMENTS} - {
+        "talus"
+    }

@@ -7,7 +7,14 @@ import pinocchio as pin
 import pytest
 
 from gaitcal.dynamics.derivatives import force_derivatives, root_residual
-from gaitcal.dynamics.inverse_dynamics import BLOCK, FEET, FORCES, Dynamics, inverse_dynamics, pelvis_residual
+from gaitcal.dynamics.inverse_dynamics import (
+    BLOCK,
+    FEET,
+    FORCES,
+    Dynamics,
+    inverse_dynamics,
+    pelvis_residual,
+)
 from gaitcal.dynamics.joint_kinetics import HELD
 from gaitcal.model.chain import build_linkage
 from gaitcal.model.linkage import COORDINATES, LOWER_BODY
@@ -34,12 +41,17 @@ def test_power_of_all_forces_is_the_rate_of_energy() -> None:
     data = body.model.createData()
     for f in range(len(q)):
         before, after = (
-            pin.computeMechanicalEnergy(body.model, data, q[f] + t * v[f] + 0.5 * t * t * a[f], v[f] + t * a[f])
+            pin.computeMechanicalEnergy(
+                body.model, data, q[f] + t * v[f] + 0.5 * t * t * a[f], v[f] + t * a[f]
+            )
             for t in (-STEP_S, STEP_S)
         )
         moving = range(len(COORDINATES))
         ground = sum(
-            float(v[f] @ (placed.moves(foot)[moving] * (placed.columns_by_frame[f, moving] @ wrench[f, k])))
+            float(
+                v[f]
+                @ (placed.moves(foot)[moving] * (placed.columns_by_frame[f, moving] @ wrench[f, k]))
+            )
             for k, foot in enumerate(FEET)
         )
         power = float(tau[f, : len(COORDINATES)] @ v[f])
@@ -47,11 +59,15 @@ def test_power_of_all_forces_is_the_rate_of_energy() -> None:
 
 
 def test_ground_reactions_act_as_external_forces_on_the_feet() -> None:
-    """What `pin.rnea` makes of wrenches in the axes of the feet's joints is -J^T w, held parameters included."""
+    """What `pin.rnea` makes of wrenches in the axes of the feet's joints is -J^T w, held parameters
+    included.
+    """
     dynamics = Dynamics(perturbed_parameters(RNG), HELD)
     q, v, a, wrench = random_state(RNG, 4)
     made = dynamics.forces(q, v, a, wrench) - dynamics.forces(q, v, a)
-    np.testing.assert_allclose(made, dynamics.of_ground(dynamics.placed(q), wrench[..., None])[..., 0], atol=FORCE)
+    np.testing.assert_allclose(
+        made, dynamics.of_ground(dynamics.placed(q), wrench[..., None])[..., 0], atol=FORCE
+    )
 
 
 def test_a_part_of_the_body_has_the_forces_that_it_has_in_the_whole() -> None:
@@ -92,7 +108,10 @@ def test_regressors_times_parameters_are_forces_and_residual() -> None:
     parameters = perturbed_parameters(RNG)
     q, v, a, _ = random_state(RNG, 5)
     dynamics = Dynamics(parameters, HELD)
-    forces, phi = dynamics.forces(q, v, a, np.zeros((5, 2, 6))), dynamic_parameters(parameters.inertial)
+    forces, phi = (
+        dynamics.forces(q, v, a, np.zeros((5, 2, 6))),
+        dynamic_parameters(parameters.inertial),
+    )
     every = np.einsum("fisk,sk->fi", dynamics.regressor(q, v, a), phi)
     np.testing.assert_allclose(every, forces, atol=FORCE)
     root = np.einsum("fisk,sk->fi", dynamics.root_regressor(q, v, a), phi)
@@ -105,9 +124,15 @@ def test_force_derivatives_by_finite_differences() -> None:
     free = (*leg_parameters("l"), *gait_parameters("r"), "back.trunk.sup", "elbow_r.forearm.front")
     found = force_derivatives(parameters, free, q, v, a, wrench, HELD)
     dynamics = Dynamics(parameters, HELD)
-    assert_derivative(found.by_position[0], lambda x: dynamics.forces(x[None], v, a, wrench)[0], q[0])
-    assert_derivative(found.by_velocity[0], lambda x: dynamics.forces(q, x[None], a, wrench)[0], v[0])
-    assert_derivative(found.by_acceleration[0], lambda x: dynamics.forces(q, v, x[None], wrench)[0], a[0])
+    assert_derivative(
+        found.by_position[0], lambda x: dynamics.forces(x[None], v, a, wrench)[0], q[0]
+    )
+    assert_derivative(
+        found.by_velocity[0], lambda x: dynamics.forces(q, x[None], a, wrench)[0], v[0]
+    )
+    assert_derivative(
+        found.by_acceleration[0], lambda x: dynamics.forces(q, v, x[None], wrench)[0], a[0]
+    )
     names = found.free
     start = parameters.joint[[JP_INDEX[name] for name in names]]
     assert_derivative(
@@ -118,7 +143,9 @@ def test_force_derivatives_by_finite_differences() -> None:
 
 
 def test_moments_are_the_forces_by_name() -> None:
-    """Of the model's own parameters, not its nominal ones; figures over valid frames alone, by hand."""
+    """Of the model's own parameters, not its nominal ones; figures over valid frames alone, by
+    hand.
+    """
     true = gait_motion()
     model = replace(published_model(), parameters=perturbed_parameters(RNG))
     nf = len(true.basis.time)
@@ -126,15 +153,23 @@ def test_moments_are_the_forces_by_name() -> None:
     shape = {"basis": true.basis, "coefficients": true.coefficients, "errors": errors}
     motion = Motion(name="walk", coordinates=COORDINATES, converged=True, **shape)
     wrench = RNG.normal(0, 300, (nf, 2, 6))
-    forces = Dynamics(model.parameters).forces(motion.q, motion.velocity, motion.acceleration, wrench)
+    forces = Dynamics(model.parameters).forces(
+        motion.q, motion.velocity, motion.acceleration, wrench
+    )
     moments = inverse_dynamics(model, motion, wrench)
     np.testing.assert_array_equal(np.hstack([moments.tau, moments.knee_adduction]), forces)
     assert (*moments.coordinates, "knee_adduction_r", "knee_adduction_l") == FORCES
     residual = np.hstack([moments.residual_force, moments.residual_moment])
     np.testing.assert_allclose(residual, pelvis_residual(motion.q, forces), atol=FORCE)
     assert moments.bwh == pytest.approx(model.subject.mass * 9.81 * model.subject.height, rel=1e-12)
-    some = replace(moments, residual_force=np.array([[3.0, 0, 0], [90, 9, 9]]), residual_moment=np.full((2, 3), 2.0))
-    assert some.residual_rms(np.array([True, False])) == pytest.approx((np.sqrt(3.0), 2.0), rel=1e-12)
+    some = replace(
+        moments,
+        residual_force=np.array([[3.0, 0, 0], [90, 9, 9]]),
+        residual_moment=np.full((2, 3), 2.0),
+    )
+    assert some.residual_rms(np.array([True, False])) == pytest.approx(
+        (np.sqrt(3.0), 2.0), rel=1e-12
+    )
 
 
 def test_pelvis_residual_derivatives_by_finite_differences() -> None:
@@ -144,7 +179,9 @@ def test_pelvis_residual_derivatives_by_finite_differences() -> None:
     found = root_residual(parameters, free, q, v, a, wrench)
 
     def value(q: Array, v: Array, a: Array, p: Array) -> Array:
-        return pelvis_residual(q, Dynamics(parameters.with_joint(found.free, p)).forces(q, v, a, wrench))[0]
+        return pelvis_residual(
+            q, Dynamics(parameters.with_joint(found.free, p)).forces(q, v, a, wrench)
+        )[0]
 
     p = parameters.joint[[JP_INDEX[name] for name in found.free]]
     np.testing.assert_allclose(found.value[0], value(q, v, a, p), atol=FORCE)

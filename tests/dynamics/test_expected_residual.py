@@ -1,4 +1,6 @@
-"""The limit of the pelvis residual, exceeded as seldom as it says, wider for what is known to be in it; its size."""
+"""The limit of the pelvis residual, exceeded as seldom as it says, wider for what is known to be in
+it; its size.
+"""
 
 from dataclasses import replace
 from functools import lru_cache
@@ -37,7 +39,9 @@ def walk() -> TrialResult:
     trial = fake_calibration().trial("walk")
     wrench = np.zeros_like(trial.loads.reactions.wrench)
     wrench[:, :, 1] = 350.0
-    return replace(trial, loads=replace(trial.loads, reactions=replace(trial.loads.reactions, wrench=wrench)))
+    return replace(
+        trial, loads=replace(trial.loads, reactions=replace(trial.loads.reactions, wrench=wrench))
+    )
 
 
 def loads() -> Loads:
@@ -53,7 +57,9 @@ def held(residual: Array, bar: Array, wrench: Array | None = None) -> ExpectedRe
     tau[:, PELVIS] = bar
     moments = replace(known.final, residual_force=residual[:, :3], residual_moment=residual[:, 3:])
     reactions = known.reactions if wrench is None else replace(known.reactions, wrench=wrench)
-    found = expected_residual(moments, TorqueErrors(tau, np.zeros((len(tau), 2))), reactions, walk().body, WEIGHT)
+    found = expected_residual(
+        moments, TorqueErrors(tau, np.zeros((len(tau), 2))), reactions, walk().body, WEIGHT
+    )
     assert found is not None
     return found
 
@@ -73,14 +79,18 @@ def test_without_errors_a_walk_is_expected_to_leave_what_walks_leave() -> None:
     assert found.within and found.share < 0.1
 
 
-def test_errors_of_translations_are_those_of_the_force_and_errors_of_turns_those_of_the_moment() -> None:
+def test_errors_of_translations_are_those_of_the_force_and_errors_of_turns_those_of_the_moment() -> (
+    None
+):
     assert [COORDINATES[k] for k in PELVIS[:3]] == ["pelvis_tx", "pelvis_ty", "pelvis_tz"]
     # the lateral axis of tilt comes last, as U has it forward, up and to the right
     assert [COORDINATES[k] for k in PELVIS[3:]] == ["pelvis_list", "pelvis_rotation", "pelvis_tilt"]
 
 
 @pytest.mark.parametrize("bar", [0.0, 1.0, 4.0])
-def test_the_limit_is_exceeded_as_seldom_as_it_says(bar: float, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_limit_is_exceeded_as_seldom_as_it_says(
+    bar: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """Errors that last through a trial and others that forget themselves, mixed in any share."""
     monkeypatch.setattr(module, "RARE", share := 0.05)
     rng, time = np.random.default_rng(2), walk().body.time
@@ -120,8 +130,12 @@ def limits(pelvis_height: float, floor: float) -> ResidualLimits:
     wrench[:, :, 1] = np.array([900.0, 300.0, 250.0])[:, None]
     feet = np.ones((3, 2), dtype=bool)
     corners = np.array([[0.0, floor, 0.0], [1.0, floor, 0.0], [1.0, floor, 1.0], [0.0, floor, 1.0]])
-    plate = ForcePlate(name="1", time=np.zeros(1), force=NOTHING, point=NOTHING, moment=NOTHING, corners=corners)
-    reactions = GroundReactions(wrench=wrench, valid=VALID, valid_legs=feet, loaded=feet, resting=feet, notes=())
+    plate = ForcePlate(
+        name="1", time=np.zeros(1), force=NOTHING, point=NOTHING, moment=NOTHING, corners=corners
+    )
+    reactions = GroundReactions(
+        wrench=wrench, valid=VALID, valid_legs=feet, loaded=feet, resting=feet, notes=()
+    )
     return residual_limits(published_subject(), q, reactions, [plate])
 
 

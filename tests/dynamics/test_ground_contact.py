@@ -1,4 +1,6 @@
-"""Which frames are valid for each leg: its foot wholly on plates of its own, or in the air; told without forces."""
+"""Which frames are valid for each leg: its foot wholly on plates of its own, or in the air; told
+without forces.
+"""
 
 from dataclasses import replace
 from typing import Any
@@ -33,11 +35,15 @@ HEIGHT = 1.8
 
 def square(x: float, name: str = "1", load: float = 700.0, pressed: float = 0.25) -> ForcePlate:
     """A plate of 0.5 m from x on, loaded in stance `pressed` m from its edge."""
-    corners = np.array([[x, 0.0, -0.25], [x + 0.5, 0.0, -0.25], [x + 0.5, 0.0, 0.25], [x, 0.0, 0.25]])
+    corners = np.array(
+        [[x, 0.0, -0.25], [x + 0.5, 0.0, -0.25], [x + 0.5, 0.0, 0.25], [x, 0.0, 0.25]]
+    )
     force = np.zeros((len(TIME), 3))
     force[STANCE, 1] = load
     point = np.tile([x + pressed, 0.0, 0.0], (len(TIME), 1))
-    return ForcePlate(name=name, time=TIME, force=force, point=point, moment=np.zeros_like(force), corners=corners)
+    return ForcePlate(
+        name=name, time=TIME, force=force, point=point, moment=np.zeros_like(force), corners=corners
+    )
 
 
 def right_foot(toe: float) -> FootPoints:
@@ -67,7 +73,9 @@ def found(toe: float | FootPoints, *plates: ForcePlate, **options: Any) -> Groun
         (0.6, [replace(square(0.0), corners=None)]),  # nothing is known of the outline
     ],
 )
-def test_a_foot_wholly_on_its_plates_is_valid_throughout(toe: float, plates: list[ForcePlate]) -> None:
+def test_a_foot_wholly_on_its_plates_is_valid_throughout(
+    toe: float, plates: list[ForcePlate]
+) -> None:
     np.testing.assert_array_equal(found(toe, *plates).valid, STANCE)
 
 
@@ -77,20 +85,28 @@ def test_toes_beside_the_plate_are_not_valid_once_they_rest() -> None:
     pushing_off = (TIME > 0.8) & (TIME < 0.8 + LEAVING - 1e-6)
     np.testing.assert_array_equal(reactions.valid_r, HEEL_ONLY | ~STANCE & ~pushing_off)
     assert reactions.valid_l.all(), "the left leg swings"
-    told = [f for f in reactions.findings if "of the sole of the right foot lie beside it" in f.found]
+    told = [
+        f for f in reactions.findings if "of the sole of the right foot lie beside it" in f.found
+    ]
     assert len(told) == 1 and told[0].leg == "r" and "0.30-0.89 s" in told[0].found
 
 
 def test_a_foot_across_two_plates_gets_the_sum_of_both() -> None:
-    """By hand: 700 N at x = 0.25 m and 400 N at x = 0.53 m, both upwards; their moments about z add up too."""
+    """By hand: 700 N at x = 0.25 m and 400 N at x = 0.53 m, both upwards; their moments about z add
+    up too.
+    """
     wrench = found(0.49, square(0.0), square(0.5, "2", load=400.0, pressed=0.03)).wrench
-    np.testing.assert_allclose(wrench[STANCE, 0], np.tile([0, 1100.0, 0, 0, 0, 387.0], (STANCE.sum(), 1)), rtol=1e-12)
+    np.testing.assert_allclose(
+        wrench[STANCE, 0], np.tile([0, 1100.0, 0, 0, 0, 387.0], (STANCE.sum(), 1)), rtol=1e-12
+    )
     assert not wrench[~STANCE].any() and not wrench[:, 1].any()
 
 
 def test_a_knock_is_no_step() -> None:
     plate = square(0.0)
-    knocked = replace(plate, force=np.where((TIME > 0.9) & (TIME < 0.94), 300.0, 0.0)[:, None] * [0.0, 1.0, 0.0])
+    knocked = replace(
+        plate, force=np.where((TIME > 0.9) & (TIME < 0.94), 300.0, 0.0)[:, None] * [0.0, 1.0, 0.0]
+    )
     reactions = found(0.35, knocked)
     assert not reactions.wrench.any() and not reactions.loaded.any() and reactions.notes == ()
 
@@ -113,7 +129,9 @@ def test_frames_that_any_plate_did_not_record_are_not_valid() -> None:
     empty, gap = square(2.0, "2", load=0.0), slice(40, 43)
     force, expected = empty.force.copy(), STANCE.copy()
     force[gap], expected[gap] = np.nan, False
-    np.testing.assert_array_equal(found(0.35, square(0.0), replace(empty, force=force)).valid, expected)
+    np.testing.assert_array_equal(
+        found(0.35, square(0.0), replace(empty, force=force)).valid, expected
+    )
 
 
 def left_on_the_floor(feet: FootPoints, first: float, last: float, end: str = "heel") -> FootPoints:
@@ -123,14 +141,18 @@ def left_on_the_floor(feet: FootPoints, first: float, last: float, end: str = "h
     return replace(feet, **{f"{end}_speed": speed})
 
 
-def on_the_floor(around: tuple[float, float], first: float = 0.45, last: float = 0.55) -> NDArray[np.bool_]:
+def on_the_floor(
+    around: tuple[float, float], first: float = 0.45, last: float = 0.55
+) -> NDArray[np.bool_]:
     return (first - around[0] + 1e-6 < TIME) & (last + around[1] - 1e-6 > TIME)
 
 
 @pytest.mark.parametrize("end", ["heel", "toe"])
 @pytest.mark.parametrize("corners", [True, False])
 def test_a_foot_beside_all_plates_spoils_its_own_leg(end: str, corners: bool) -> None:
-    """For a little before and after nothing is known; the other foot, whose load stays under it, is not concerned."""
+    """For a little before and after nothing is known; the other foot, whose load stays under it, is
+    not concerned.
+    """
     feet = left_on_the_floor(right_foot(0.35), 0.45, 0.55, end)
     plate = square(0.0) if corners else replace(square(0.0), corners=None)
     reactions = found(feet, plate)
@@ -149,11 +171,15 @@ def test_events_that_agree_with_the_plates_tell_when_a_foot_is_on_the_floor(late
     feet = left_on_the_floor(right_foot(0.35), 0.45, 0.55)
     events = (*strike_and_off("r", 0.19 + late / 3, 0.81), *strike_and_off("l", 0.435, 0.605))
     around = (0.015, 0.055) if late == 0.0 else (LANDING, LEAVING)
-    np.testing.assert_array_equal(found(feet, square(0.0), events=events).valid_l, ~on_the_floor(around))
+    np.testing.assert_array_equal(
+        found(feet, square(0.0), events=events).valid_l, ~on_the_floor(around)
+    )
 
 
 def left_foot_here(feet: FootPoints, heel: float, moving: bool = False) -> FootPoints:
-    """The left foot beside the right one, 0.2 m to the left, from 0.5 s on; before it swings far above."""
+    """The left foot beside the right one, 0.2 m to the left, from 0.5 s on; before it swings far
+    above.
+    """
     points = {name: getattr(feet, name).copy() for name in ("heel", "toe", "tip")}
     for name, x in (("heel", heel), ("toe", heel + 0.2), ("tip", heel + 0.27)):
         points[name][:, 1] = x, 0.0, -0.2
@@ -166,12 +192,17 @@ def test_two_feet_on_one_plate_are_both_not_valid() -> None:
     """A foot that swings over the plate of the other shares nothing."""
     reactions = found(left_foot_here(right_foot(0.35), 0.1), square(0.0))
     together = (TIME > 0.495) & STANCE
-    assert not reactions.valid_legs[together].any() and reactions.valid_legs[STANCE & (TIME < 0.41)].all()
+    assert (
+        not reactions.valid_legs[together].any()
+        and reactions.valid_legs[STANCE & (TIME < 0.41)].all()
+    )
     assert any("both feet" in f.found and not f.leg for f in reactions.findings)
     assert found(left_foot_here(right_foot(0.35), 0.1, moving=True), square(0.0)).valid_legs.all()
 
 
-def test_without_corners_the_pressure_leaves_the_sole_of_one_foot_where_two_are_on_the_plate() -> None:
+def test_without_corners_the_pressure_leaves_the_sole_of_one_foot_where_two_are_on_the_plate() -> (
+    None
+):
     plate, feet = replace(square(0.0), corners=None), left_foot_here(right_foot(0.35), 0.1)
     assert found(feet, plate).valid_r.all()
     between = np.where((TIME > 0.5)[:, None], [0.25, 0.0, -0.08], plate.point)
@@ -180,7 +211,9 @@ def test_without_corners_the_pressure_leaves_the_sole_of_one_foot_where_two_are_
 
 
 def test_one_plate_carries_one_foot_after_the_other() -> None:
-    """A loading without a pause: the right foot, then both, then the left alone; each gets its own part."""
+    """A loading without a pause: the right foot, then both, then the left alone; each gets its own
+    part.
+    """
     feet = left_foot_here(right_foot(0.35), 0.1)
     speed = {name: getattr(feet, name).copy() for name in ("heel_speed", "toe_speed")}
     for value in speed.values():
@@ -188,14 +221,19 @@ def test_one_plate_carries_one_foot_after_the_other() -> None:
     plate = square(0.0)
     point = np.where((TIME > 0.6)[:, None], [0.2, 0.0, -0.2], plate.point)
     reactions = found(replace(feet, **speed), replace(plate, point=point))
-    assert reactions.loaded[TIME < 0.55][:, 1].sum() == 0 and reactions.loaded[(TIME > 0.7) & STANCE, 1].all()
+    assert (
+        reactions.loaded[TIME < 0.55][:, 1].sum() == 0
+        and reactions.loaded[(TIME > 0.7) & STANCE, 1].all()
+    )
     alone = (TIME > 0.78) & STANCE
     assert reactions.valid_legs[alone].all() and not reactions.wrench[alone, 0].any()
     assert not reactions.valid_legs[(TIME > 0.495) & (TIME < 0.6)].any()
 
 
 def along_the_side(aside: float, pressed: float) -> GroundReactions:
-    """The plate ends 0.25 m to the right; the foot's middle lies at `aside`, the centre of pressure at `pressed`."""
+    """The plate ends 0.25 m to the right; the foot's middle lies at `aside`, the centre of pressure
+    at `pressed`.
+    """
     feet = right_foot(0.35)
     points = {name: getattr(feet, name).copy() for name in ("heel", "toe", "tip")}
     for path in points.values():
@@ -218,7 +256,9 @@ def test_a_sole_has_width(aside: float, valid: bool) -> None:
 
 
 def test_a_heel_beside_its_plate_is_lost_while_it_rests_though_the_sole_is_not() -> None:
-    """39 mm of the heel, under a tenth of the sole, bear 60 % of the body in a real walk, the pressure far ahead."""
+    """39 mm of the heel, under a tenth of the sole, bear 60 % of the body in a real walk, the
+    pressure far ahead.
+    """
     feet, lifted = right_foot(-0.054 + 0.2), TIME > 0.6
     speed = feet.heel_speed.copy()
     speed[lifted, 0] = 2.0
@@ -229,13 +269,19 @@ def test_a_heel_beside_its_plate_is_lost_while_it_rests_though_the_sole_is_not()
 
 
 @pytest.mark.parametrize(("begin", "end"), [(0.25, 0.8), (0.2, 0.75)])
-def test_a_foot_beside_its_plate_is_lost_before_and_after_the_plate_reads(begin: float, end: float) -> None:
+def test_a_foot_beside_its_plate_is_lost_before_and_after_the_plate_reads(
+    begin: float, end: float
+) -> None:
     """The heel stands beside the plate 50 ms before it is loaded, or the toes 50 ms after it is."""
     plate = square(0.0, pressed=0.2 if begin > 0.2 else 0.3)
-    plate = replace(plate, force=np.where(((begin < TIME) & (end > TIME))[:, None], plate.force, 0.0))
+    plate = replace(
+        plate, force=np.where(((begin < TIME) & (end > TIME))[:, None], plate.force, 0.0)
+    )
     feet = right_foot(0.14 if begin > 0.2 else 0.49)
     if begin > 0.2:
-        speed = np.where((TIME > 0.4)[:, None], 2.0, feet.heel_speed)  # the heel lifts: later the foot is on its plate
+        speed = np.where(
+            (TIME > 0.4)[:, None], 2.0, feet.heel_speed
+        )  # the heel lifts: later the foot is on its plate
         lost, feet = (TIME > 0.2 - LANDING + 1e-6) & (TIME < 0.405), replace(feet, heel_speed=speed)
     else:
         lost = (TIME > 0.295) & (TIME < 0.8 + LEAVING - 1e-6)
@@ -273,11 +319,15 @@ def test_what_belongs_to_a_leg_is_valid_by_its_foot(name: str, side: str) -> Non
 
 
 def test_filtered_loads_keep_their_tails_and_share_nothing_with_the_next_step() -> None:
-    """One plate under the right foot, then under the left: both together are the filtered plate, each frame of one."""
+    """One plate under the right foot, then under the left: both together are the filtered plate,
+    each frame of one.
+    """
     cutoff, plate = 12.0, square(0.0, pressed=0.15)
     second = (TIME >= 0.47) & (TIME <= 0.8)
     force = np.where((TIME >= 0.2) & (TIME <= 0.4) | second, 700.0, 0.0)[:, None] * [0.0, 1.0, 0.0]
-    plate = replace(plate, force=force, point=np.where(second[:, None], [0.45, 0.0, 0.0], plate.point))
+    plate = replace(
+        plate, force=force, point=np.where(second[:, None], [0.45, 0.0, 0.0], plate.point)
+    )
     heel, toe = np.zeros((len(TIME), 2, 3)), np.zeros((len(TIME), 2, 3))
     heel[:, 0, 0], toe[:, 0, 0], heel[:, 1, 0], toe[:, 1, 0] = 0.1, 0.2, 0.4, 0.5
     moving = np.full((len(TIME), 2), 2.0)
@@ -293,7 +343,9 @@ def test_filtered_loads_keep_their_tails_and_share_nothing_with_the_next_step() 
 
 @pytest.mark.parametrize("steps", [2, 6])
 def test_a_belt_that_is_never_empty_carries_feet_in_turn(steps: int) -> None:
-    """Single support every 0.6 s, right first, 0.1 s of double support between: the sum tells of a foot only alone."""
+    """Single support every 0.6 s, right first, 0.1 s of double support between: the sum tells of a
+    foot only alone.
+    """
     time = np.arange(0.0, 0.6 * steps, 0.01)
     turn, within = (time // 0.6).astype(int), time % 0.6
     stands = turn % 2
@@ -303,13 +355,17 @@ def test_a_belt_that_is_never_empty_carries_feet_in_turn(steps: int) -> None:
     heel_speed[both] = 0.0
     heel = np.zeros((len(time), 2, 3)) + [[-0.1, 0.0, 0.2], [-0.1, 0.0, -0.2]]
     toe = heel + [0.2, 0.0, 0.0]
-    feet = FootPoints(heel=heel, toe=toe, tip=toe, heel_speed=heel_speed, toe_speed=heel_speed.copy(), width=0.09)
+    feet = FootPoints(
+        heel=heel, toe=toe, tip=toe, heel_speed=heel_speed, toe_speed=heel_speed.copy(), width=0.09
+    )
     share = np.where(both, (within - 0.5) / 0.1, 0.0)
     z = np.array([0.2, -0.2])[stands] * (1.0 - 2.0 * share)
     load = np.tile([0.0, 700.0, 0.0], (len(time), 1))
     corners = np.array([[-1.0, 0.0, -0.5], [1.0, 0.0, -0.5], [1.0, 0.0, 0.5], [-1.0, 0.0, 0.5]])
     point = np.stack([0.0 * z, 0.0 * z, z], axis=1)
-    belt = ForcePlate(name="1", time=time, force=load, point=point, moment=0.0 * load, corners=corners)
+    belt = ForcePlate(
+        name="1", time=time, force=load, point=point, moment=0.0 * load, corners=corners
+    )
     made = ground_reactions_on_feet([belt], time, feet, cutoff=None)
     assert [foot for _, foot, _ in made.steps] == [k % 2 for k in range(steps)]
     np.testing.assert_allclose(made.wrench.sum(axis=1)[:, 1], 700.0)
@@ -320,7 +376,9 @@ def test_a_belt_that_is_never_empty_carries_feet_in_turn(steps: int) -> None:
 
 
 def test_the_load_outside_the_corners_is_weighed() -> None:
-    """By hand: 900 N inside, 100 N a metre outside: a tenth of the load, though half of the samples."""
+    """By hand: 900 N inside, 100 N a metre outside: a tenth of the load, though half of the
+    samples.
+    """
     plate = square(0.0)
     force, point = np.zeros((2, 3)), np.array([[0.25, 0.0, 0.0], [1.5, 0.0, 0.0]])
     force[:, 1] = 900.0, 100.0
@@ -342,7 +400,12 @@ def test_corners_that_the_pressure_leaves_are_not_used() -> None:
     assert any("corners not used" in f.found for f in reactions.findings)
 
 
-@given(angle=st.floats(-3.0, 3.0), along=st.floats(-0.4, 0.4), across=st.floats(-0.4, 0.4), turned=st.booleans())
+@given(
+    angle=st.floats(-3.0, 3.0),
+    along=st.floats(-0.4, 0.4),
+    across=st.floats(-0.4, 0.4),
+    turned=st.booleans(),
+)
 def test_depth_in_a_turned_plate(angle: float, along: float, across: float, turned: bool) -> None:
     half = np.array([0.3, 0.2])
     c, s = np.cos(angle), np.sin(angle)
@@ -357,7 +420,9 @@ def test_depth_in_a_turned_plate(angle: float, along: float, across: float, turn
 
 @pytest.mark.parametrize("belt", [0.0, 0.2, 1.3])
 def test_a_moving_belt_is_found_under_the_feet(belt: float) -> None:
-    """The stance foot is the lower one; below the speed of a resting foot there is no belt to speak of."""
+    """The stance foot is the lower one; below the speed of a resting foot there is no belt to speak
+    of.
+    """
     nf = len(TIME)
     points, velocity = np.zeros((nf, 4, 3)), np.zeros((nf, 4, 3))
     velocity[:, :, 0] = 2.0
@@ -367,18 +432,26 @@ def test_a_moving_belt_is_found_under_the_feet(belt: float) -> None:
     velocity[np.arange(nf), stance, 0] = -belt
     expected = -belt if belt > RESTING else 0.0
     np.testing.assert_allclose(ground_velocity(points, velocity), [expected, 0.0, 0.0])
-    np.testing.assert_array_equal(ground_velocity(np.full((nf, 4, 3), np.nan), velocity), np.zeros(3))
+    np.testing.assert_array_equal(
+        ground_velocity(np.full((nf, 4, 3), np.nan), velocity), np.zeros(3)
+    )
 
 
 @pytest.mark.parametrize("belt", [0.1, 0.25, 0.35])
 @pytest.mark.parametrize("on_belt", [False, True])
 def test_a_slow_belt_is_told_by_feet_that_get_no_further(belt: float, on_belt: bool) -> None:
-    """The same slow walk on a belt, and over a floor: 70 % stance, points of the sole that roll at 0.04 m/s."""
+    """The same slow walk on a belt, and over a floor: 70 % stance, points of the sole that roll at
+    0.04 m/s.
+    """
     time = np.arange(0.0, 6.0, 0.01)
     velocity, points = np.zeros((len(time), 4, 3)), np.zeros((len(time), 4, 3))
-    for point, phase in enumerate((0.0, 0.5, 0.05, 0.55)):  # heels, toes, of the right and the left foot
+    for point, phase in enumerate(
+        (0.0, 0.5, 0.05, 0.55)
+    ):  # heels, toes, of the right and the left foot
         swing = (time / 1.5 + phase) % 1.0 > 0.7
-        velocity[:, point, 0] = np.where(swing, belt / 0.3, 0.04 * np.sin(9.0 * time)) - (belt if on_belt else 0.0)
+        velocity[:, point, 0] = np.where(swing, belt / 0.3, 0.04 * np.sin(9.0 * time)) - (
+            belt if on_belt else 0.0
+        )
         points[:, point, 1] = np.where(swing, 0.08, 0.0)
     found = ground_velocity(points, velocity)
     np.testing.assert_allclose(found, [-belt if on_belt else 0.0, 0.0, 0.0], atol=0.03)

@@ -1,4 +1,6 @@
-"""From force plates to torques: as in a calibration; pressure beside the sole; clear words for what cannot be."""
+"""From force plates to torques: as in a calibration; pressure beside the sole; clear words for what
+cannot be.
+"""
 
 from dataclasses import replace
 
@@ -10,7 +12,12 @@ from scipy.spatial import ConvexHull
 
 import gaitcal as gc
 from gaitcal.dynamics.foot_contact import FOOT_BREADTH, RESTING, FootPoints, sole_of
-from gaitcal.dynamics.ground_reactions import GroundReactions, foot_points, ground_reactions_on_feet, unseen_frames
+from gaitcal.dynamics.ground_reactions import (
+    GroundReactions,
+    foot_points,
+    ground_reactions_on_feet,
+    unseen_frames,
+)
 from gaitcal.dynamics.off_sole import DIVIDED, MOMENT_NM, OUTLINE_M, outside_hull, sole_edge
 from gaitcal.errors import Severity
 from gaitcal.io.recording import Recording
@@ -23,7 +30,9 @@ from tests.refusal import refusal
 from tests.synthetic_studies import made_plates, made_recording
 
 UNEXPLAINED_N = 5.0
-"""RMS of the pelvis residual that filter and splines leave of data without noise; 2.4 N in a calibration."""
+"""RMS of the pelvis residual that filter and splines leave of data without noise; 2.4 N in a
+calibration.
+"""
 
 
 @pytest.fixture(scope="module")
@@ -54,13 +63,17 @@ def test_plates_of_a_recording_give_torques(walk: Recording, tracked: gc.Motion)
 def test_forces_that_the_motion_contradicts_are_told(
     walk: Recording, tracked: gc.Motion, share: float, told: bool
 ) -> None:
-    """A share of body weight too much on the first plate; a quarter is the limit. The frames stay valid."""
+    """A share of body weight too much on the first plate; a quarter is the limit. The frames stay
+    valid.
+    """
     model = gc.published_model()
     more = share * model.subject.weight * np.array([0.0, 1.0, 0.0])
     first = walk.plates[0]
     pressed = first.force[:, 1:2] > 100.0
     spoilt = replace(first, force=first.force + pressed * more)
-    found = gc.ground_reactions(model, tracked, replace(walk, plates=(spoilt, walk.plates[1])), cutoff_hz=None)
+    found = gc.ground_reactions(
+        model, tracked, replace(walk, plates=(spoilt, walk.plates[1])), cutoff_hz=None
+    )
     assert any("it differs by up to" in warning for warning in found.warnings) == told
     assert found.valid.any()
 
@@ -70,17 +83,32 @@ def test_what_cannot_be_is_one_clear_line(walk: Recording, tracked: gc.Motion) -
     said = refusal(gc.inverse_dynamics, model, tracked, walk.plates)
     assert "forces: found tuple; allowed: an array " in said and "gaitcal.ground_reactions" in said
     few = replace(tracked, coordinates=tracked.coordinates[:6])
-    assert "found no force plates" in refusal(gc.ground_reactions, model, tracked, replace(walk, plates=()))
-    assert "found '3'; allowed: 1, 2" in refusal(gc.ground_reactions, model, tracked, walk, plates={"3": "r"})
-    assert f"all {len(gc.COORDINATES)} coordinates" in refusal(gc.ground_reactions, model, few, walk)
+    assert "found no force plates" in refusal(
+        gc.ground_reactions, model, tracked, replace(walk, plates=())
+    )
+    assert "found '3'; allowed: 1, 2" in refusal(
+        gc.ground_reactions, model, tracked, walk, plates={"3": "r"}
+    )
+    assert f"all {len(gc.COORDINATES)} coordinates" in refusal(
+        gc.ground_reactions, model, few, walk
+    )
 
 
-def test_forces_that_the_motion_contradicts_are_told_where_they_count(walk: Recording, tracked: gc.Motion) -> None:
-    """Plates that read half as much again; with one plate alone no frame of the other foot's step counts."""
+def test_forces_that_the_motion_contradicts_are_told_where_they_count(
+    walk: Recording, tracked: gc.Motion
+) -> None:
+    """Plates that read half as much again; with one plate alone no frame of the other foot's step
+    counts.
+    """
     model = gc.published_model()
-    heavy = replace(walk, plates=tuple(replace(p, force=1.5 * p.force, moment=1.5 * p.moment) for p in walk.plates))
+    heavy = replace(
+        walk,
+        plates=tuple(replace(p, force=1.5 * p.force, moment=1.5 * p.moment) for p in walk.plates),
+    )
     contradiction = "vertical force is not what the motion asks for"
-    assert any(contradiction in warning for warning in gc.ground_reactions(model, tracked, heavy).warnings)
+    assert any(
+        contradiction in warning for warning in gc.ground_reactions(model, tracked, heavy).warnings
+    )
     for plates in ({}, {"2": "none"}):
         reactions = gc.ground_reactions(model, tracked, walk, plates=plates)
         assert reactions.valid.any()
@@ -95,7 +123,9 @@ def test_a_belt_under_the_feet_changes_no_speed(tracked: gc.Motion) -> None:
     still, moving = (foot_points(model, m, model.parameters) for m in (tracked, carried))
     for name in ("heel", "toe"):
         path, speed = getattr(still, name), getattr(still, f"{name}_speed")
-        np.testing.assert_allclose(speed, np.linalg.norm(np.gradient(path, tracked.time, axis=0), axis=2), rtol=1e-9)
+        np.testing.assert_allclose(
+            speed, np.linalg.norm(np.gradient(path, tracked.time, axis=0), axis=2), rtol=1e-9
+        )
         np.testing.assert_allclose(getattr(moving, f"{name}_speed"), speed, atol=0.5 * RESTING)
 
 
@@ -108,10 +138,14 @@ def test_feet_at_the_top_of_a_jump_rest_on_nothing(tracked: gc.Motion) -> None:
         q[:, 1] = 1.0 - 0.5 * weight * GRAVITY * (time - time[top]) ** 2
         still = replace(tracked, coefficients=tracked.basis.fit(q))
         feet = foot_points(model, still, model.parameters)
-        assert (feet.heel_speed[top] < RESTING).all() == (feet.toe_speed[top] < RESTING).all() == rests
+        assert (
+            (feet.heel_speed[top] < RESTING).all() == (feet.toe_speed[top] < RESTING).all() == rests
+        )
 
 
-def test_a_leg_that_no_weighted_marker_shows_is_not_valid(walk: Recording, tracked: gc.Motion) -> None:
+def test_a_leg_that_no_weighted_marker_shows_is_not_valid(
+    walk: Recording, tracked: gc.Motion
+) -> None:
     """Nor does a marker without weight show it."""
     model, errors, hidden = gc.published_model(), tracked.errors, slice(60, 70)
     shank = np.array([s == "shank_r" for s in errors.segments])
@@ -143,10 +177,18 @@ def test_a_divided_total_leaves_neither_leg_valid_while_both_plates_are_loaded()
     assert 0.15 < both.mean() < 0.2
     assert not found.valid_legs[both].any() and found.valid[both].mean() > 0.9
     (said,) = [f for f in found.findings if f.cause.startswith(DIVIDED)]
-    assert said.severity is Severity.INFO and "0.02-0.10, 0.54-0.62 s; not valid for either leg" in said.found
+    assert (
+        said.severity is Severity.INFO
+        and "0.02-0.10, 0.54-0.62 s; not valid for either leg" in said.found
+    )
 
-    apart = tuple(replace(p, point=p.point + [0.0, 0.0, z]) for p, z in zip(walk.plates, (0.0, 0.03), strict=True))
-    assert not any(f.cause.startswith(DIVIDED) for f in reactions(replace(walk, plates=apart)).findings)
+    apart = tuple(
+        replace(p, point=p.point + [0.0, 0.0, z])
+        for p, z in zip(walk.plates, (0.0, 0.03), strict=True)
+    )
+    assert not any(
+        f.cause.startswith(DIVIDED) for f in reactions(replace(walk, plates=apart)).findings
+    )
 
 
 def test_a_centre_of_pressure_beside_the_foot_leaves_that_leg_not_valid() -> None:
@@ -172,12 +214,19 @@ numbers = st.lists(st.floats(-0.03, 0.03), min_size=24, max_size=24)
 DENSE = np.linspace(0.0, 1.0, 500)[:, None, None]
 
 
-@given(numbers, st.lists(st.tuples(st.floats(0.0, 2.0 * np.pi), st.floats(0.0, 0.4)), min_size=1, max_size=8))
-def test_distance_from_a_hull_is_that_from_its_edges(shape: list[float], places: list[tuple[float, float]]) -> None:
+@given(
+    numbers,
+    st.lists(st.tuples(st.floats(0.0, 2.0 * np.pi), st.floats(0.0, 0.4)), min_size=1, max_size=8),
+)
+def test_distance_from_a_hull_is_that_from_its_edges(
+    shape: list[float], places: list[tuple[float, float]]
+) -> None:
     angle, away = np.array(places).T
     point = away[:, None] * np.column_stack([np.cos(angle), np.sin(angle)])
     turns = np.arange(12) * np.pi / 6.0
-    corners = np.column_stack([0.13 * np.cos(turns), 0.06 * np.sin(turns)]) + np.array(shape).reshape(12, 2)
+    corners = np.column_stack([0.13 * np.cos(turns), 0.06 * np.sin(turns)]) + np.array(
+        shape
+    ).reshape(12, 2)
     hull = ConvexHull(corners)
     ring = corners[hull.vertices]
     edges = (ring + DENSE * (np.roll(ring, -1, axis=0) - ring)).reshape(-1, 2)
@@ -185,7 +234,9 @@ def test_distance_from_a_hull_is_that_from_its_edges(shape: list[float], places:
     inside = (hull.equations[:, :2] @ point.T + hull.equations[:, 2:]).max(axis=0) <= 0.0
     found, way = outside_hull(point, np.tile(corners, (len(point), 1, 1)))
     np.testing.assert_allclose(found, np.where(inside, -nearest, nearest), atol=0.0025)
-    step = point[~inside] - (found[:, None] * way)[~inside]  # back by as much, along the way: on the edge
+    step = (
+        point[~inside] - (found[:, None] * way)[~inside]
+    )  # back by as much, along the way: on the edge
     assert (np.linalg.norm(step[:, None] - edges, axis=2).min(axis=1, initial=1.0) < 0.02).all()
 
 

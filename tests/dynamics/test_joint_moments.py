@@ -1,5 +1,5 @@
-"""Joint moments as vectors and powers: against Newton and Euler's equations written out from the segments' poses, the
-torques of the model, the energy of the body, and finite differences.
+"""Joint moments as vectors and powers: against Newton and Euler's equations written out from the
+segments' poses, the torques of the model, the energy of the body, and finite differences.
 """
 
 import numpy as np
@@ -28,7 +28,14 @@ from gaitcal.dynamics.joint_kinetics import (
 from gaitcal.export.opensim.osim_writer import joint_frames
 from gaitcal.model.chain import build_linkage
 from gaitcal.model.linkage import COORDINATES, JOINT_OF_CHILD
-from gaitcal.model.parameters import JP_INDEX, MASSIVE_SEGMENTS, Parameters, gait_parameters, leg_parameters, table
+from gaitcal.model.parameters import (
+    JP_INDEX,
+    MASSIVE_SEGMENTS,
+    Parameters,
+    gait_parameters,
+    leg_parameters,
+    table,
+)
 from tests.derivatives import Array, assert_derivative, perturbed_parameters, random_state
 
 PARAMETERS = perturbed_parameters(np.random.default_rng(71))
@@ -46,7 +53,9 @@ def state() -> tuple[Array, Array, Array, Array]:
 
 
 class Segments:
-    """Rotation and place of every segment in the laboratory about one instant, from Pinocchio's forward kinematics."""
+    """Rotation and place of every segment in the laboratory about one instant, from Pinocchio's
+    forward kinematics.
+    """
 
     def __init__(self, parameters: Parameters, q: Array, v: Array, a: Array) -> None:
         linkage = build_linkage(parameters)
@@ -55,7 +64,9 @@ class Segments:
         for t in (-STEP_S, 0.0, STEP_S):
             pin.framesForwardKinematics(linkage.model, data, q + t * v + 0.5 * t * t * a)
             names = linkage.chain.segments
-            self.pose.append({name: data.oMf[linkage.model.getFrameId(name)].copy() for name in names})
+            self.pose.append(
+                {name: data.oMf[linkage.model.getFrameId(name)].copy() for name in names}
+            )
 
     def place(self, segment: str, point: Array) -> Array:
         return np.asarray(self.pose[1][segment].act(point))
@@ -67,13 +78,17 @@ class Segments:
     def turning(self, segment: str) -> tuple[Array, Array]:
         """Angular velocity and acceleration, laboratory."""
         r = [pose[segment].rotation for pose in self.pose]
-        first, second = (Rotation.from_matrix(r[k + 1] @ r[k].T).as_rotvec() / STEP_S for k in range(2))
+        first, second = (
+            Rotation.from_matrix(r[k + 1] @ r[k].T).as_rotvec() / STEP_S for k in range(2)
+        )
         return 0.5 * (first + second), (second - first) / STEP_S
 
 
 def beyond(segment: str) -> set[str]:
     """A segment and all that hang on it."""
-    return {s for s in MASSIVE_SEGMENTS if s == segment or (s in JOINT_OF_CHILD and hangs(s, segment))}
+    return {
+        s for s in MASSIVE_SEGMENTS if s == segment or (s in JOINT_OF_CHILD and hangs(s, segment))
+    }
 
 
 def hangs(segment: str, on: str) -> bool:
@@ -81,8 +96,12 @@ def hangs(segment: str, on: str) -> bool:
     return above == on or (above in JOINT_OF_CHILD and hangs(above, on))
 
 
-def newton_euler(parameters: Parameters, segments: Segments, distal: str, centre: Array, wrench: Array) -> Array:
-    """(3,) N·m: what the proximal segment must do about `centre` to what lies beyond, and the ground does not."""
+def newton_euler(
+    parameters: Parameters, segments: Segments, distal: str, centre: Array, wrench: Array
+) -> Array:
+    """(3,) N·m: what the proximal segment must do about `centre` to what lies beyond, and the
+    ground does not.
+    """
     moment = np.zeros(3)
     for name, row in zip(MASSIVE_SEGMENTS, table(parameters.inertial), strict=True):
         if name in beyond(distal):
@@ -113,14 +132,19 @@ def test_moments_are_those_of_newton_and_euler_in_every_frame() -> None:
             above, below = (segments.pose[1][name].rotation for name in (joint.proximal, distal))
             floating = np.cross(below[:, 1], above[:, 2])
             jcs = np.stack([above[:, 2], floating / np.linalg.norm(floating), below[:, 1]])
-            anatomical = {MomentFrame.PROXIMAL: above.T[[2, 0, 1]], MomentFrame.DISTAL: below.T[[2, 0, 1]]}
+            anatomical = {
+                MomentFrame.PROXIMAL: above.T[[2, 0, 1]],
+                MomentFrame.DISTAL: below.T[[2, 0, 1]],
+            }
             axes = anatomical | {MomentFrame.JCS: jcs}
             side = -1.0 if joint.name.endswith("_l") else 1.0
             flexion = -1.0 if joint.name.startswith("knee") else 1.0
             columns = [COMPONENTS.index(name) for name in joint.components]
             for k, frame in enumerate(VECTOR_FRAMES):
                 expected = np.array([flexion, side, side]) * (axes[frame] @ moment)
-                np.testing.assert_allclose(found[f, k, columns], expected, rtol=0, atol=DIFFERENCES, err_msg=joint.name)
+                np.testing.assert_allclose(
+                    found[f, k, columns], expected, rtol=0, atol=DIFFERENCES, err_msg=joint.name
+                )
 
 
 def test_powers_of_all_joints_change_the_energy_of_the_body() -> None:
@@ -132,7 +156,9 @@ def test_powers_of_all_joints_change_the_energy_of_the_body() -> None:
     data = linkage.model.createData()
     for f in range(len(q)):
         before, after = (
-            pin.computeMechanicalEnergy(linkage.model, data, q[f] + t * v[f] + 0.5 * t * t * a[f], v[f] + t * a[f])
+            pin.computeMechanicalEnergy(
+                linkage.model, data, q[f] + t * v[f] + 0.5 * t * t * a[f], v[f] + t * a[f]
+            )
             for t in (-STEP_S, STEP_S)
         )
         ground = 0.0
@@ -165,13 +191,17 @@ def test_powers_of_coordinates_sum_to_those_of_their_joint() -> None:
 
 
 def test_slopes_of_moments_by_finite_differences() -> None:
-    """By coordinates and joint parameters, those among the turns too, with the forces that they change."""
+    """By coordinates and joint parameters, those among the turns too, with the forces that they
+    change.
+    """
     free = (*leg_parameters("l"), *gait_parameters("r")[:5], "back.trunk.sup", "back.pelvis.ant")
     q, v, a, wrench = (x[:1] for x in state())
 
     def values(q: Array, parameters: Parameters) -> Array:
         dynamics = Dynamics(parameters, HELD)
-        return np.asarray(moment_slopes(dynamics.placed(q), dynamics.forces(q, v, a, wrench)).values[0])
+        return np.asarray(
+            moment_slopes(dynamics.placed(q), dynamics.forces(q, v, a, wrench)).values[0]
+        )
 
     forces = Dynamics(PARAMETERS, HELD).forces(q, v, a, wrench)
     by_state = force_derivatives(PARAMETERS, free, q, v, a, wrench, HELD)
@@ -181,12 +211,20 @@ def test_slopes_of_moments_by_finite_differences() -> None:
     assert_derivative(by_position, lambda x: values(x[None], PARAMETERS), q[0])
     by_parameter = through @ by_state.by_parameter[0] + found.by_parameter[0]
     start = PARAMETERS.joint[[JP_INDEX[name] for name in by_state.free]]
-    assert_derivative(by_parameter, lambda x: values(q, PARAMETERS.with_joint(by_state.free, x)), start, relative=3e-6)
+    assert_derivative(
+        by_parameter,
+        lambda x: values(q, PARAMETERS.with_joint(by_state.free, x)),
+        start,
+        relative=3e-6,
+    )
 
 
 def test_forces_held_still_report_themselves_and_change_no_other() -> None:
     q, v, a, wrench = state()
-    plain, held = Dynamics(PARAMETERS).forces(q, v, a, wrench), Dynamics(PARAMETERS, HELD).forces(q, v, a, wrench)
+    plain, held = (
+        Dynamics(PARAMETERS).forces(q, v, a, wrench),
+        Dynamics(PARAMETERS, HELD).forces(q, v, a, wrench),
+    )
     assert held.shape == (3, len(FORCES) + len(HELD))
     np.testing.assert_allclose(held[:, : len(FORCES)], plain, atol=ROUNDING)
     some = force_derivatives(PARAMETERS, ("hip_r.pelvis.ant",), q, v, a, wrench, HELD)
@@ -201,8 +239,13 @@ def test_a_refused_leg_has_no_error_bars_and_the_other_keeps_its_own() -> None:
     kept = np.array([leg_of(name) == "l" for name in COORDINATES])
     for some in (errors.only(kept), errors.only(kept).own):
         assert some is not None
-        assert np.isfinite(power_of(some, "ankle_l")).all() and np.isfinite(power_of(some, "hip_flexion_l")).all()
-        assert np.isnan(power_of(some, "ankle_r")).all() and np.isnan(power_of(some, "lumbar")).all()
+        assert (
+            np.isfinite(power_of(some, "ankle_l")).all()
+            and np.isfinite(power_of(some, "hip_flexion_l")).all()
+        )
+        assert (
+            np.isnan(power_of(some, "ankle_r")).all() and np.isnan(power_of(some, "lumbar")).all()
+        )
         for frame in VECTOR_FRAMES:
             assert np.isfinite(component_of(some, "knee_rotation_l", frame)).all()
             assert np.isnan(component_of(some, "knee_rotation_r", frame)).all()

@@ -1,4 +1,6 @@
-"""What force plates err by, as torques of wrenches so changed, and what a plate that is taken away leaves valid."""
+"""What force plates err by, as torques of wrenches so changed, and what a plate that is taken away
+leaves valid.
+"""
 
 from collections.abc import Callable, Iterator
 from dataclasses import replace
@@ -13,7 +15,13 @@ from gaitcal import Study
 from gaitcal.analysis.prepared_trials import measured_reactions, prepare_trial
 from gaitcal.dynamics.ground_reactions import GroundReactions
 from gaitcal.dynamics.inverse_dynamics import FORCES, Dynamics
-from gaitcal.dynamics.measurement_errors import ErrorSource, PlateErrors, TorqueErrors, wrench_errors, wrench_rates
+from gaitcal.dynamics.measurement_errors import (
+    ErrorSource,
+    PlateErrors,
+    TorqueErrors,
+    wrench_errors,
+    wrench_rates,
+)
 from gaitcal.errors import Severity
 from gaitcal.io.force_plate import LOADED_N, centre_on_ground, resample_wrench
 from gaitcal.io.recording import Recording
@@ -60,18 +68,25 @@ def test_the_ground_s_part_is_what_forces_with_and_without_it_differ_by() -> Non
 
 @pytest.mark.parametrize("which", ["place", "gain", "turn", "clock"])
 def test_each_part_is_what_plates_that_err_so_make_of_torques(which: str) -> None:
-    """Wrenches changed as a laboratory would: moved, louder, turned, a little late; squares summed over both feet."""
+    """Wrenches changed as a laboratory would: moved, louder, turned, a little late; squares summed
+    over both feet.
+    """
     dynamics, (q, v, a), wrench, time = walk()
     size = {"place": 0.004, "gain": 0.02, "turn": 0.002, "clock": 0.0005}[which]
     errors = PlateErrors(**{"place": 0.0, "gain": 0.0, "clock": 0.0, which: size})
     found = (
-        dynamics.of_ground(dynamics.placed(q), wrench_errors(wrench, wrench_rates(time, wrench), errors)) ** 2
+        dynamics.of_ground(
+            dynamics.placed(q), wrench_errors(wrench, wrench_rates(time, wrench), errors)
+        )
+        ** 2
     ).sum(axis=2)
     true, squares = dynamics.forces(q, v, a, wrench), np.zeros((len(time), len(FORCES)))
     for other in changed(which, size, wrench, time):
         squares += (dynamics.forces(q, v, a, other) - true) ** 2
     inner = slice(2, -2)  # at the ends of a trial a clock reaches beyond it
-    np.testing.assert_allclose(found[inner], squares[inner], rtol=0, atol=SECOND_ORDER * squares.max())
+    np.testing.assert_allclose(
+        found[inner], squares[inner], rtol=0, atol=SECOND_ORDER * squares.max()
+    )
 
 
 def changed(which: str, size: float, wrench: Array, time: Array) -> Iterator[Array]:
@@ -93,11 +108,15 @@ def changed(which: str, size: float, wrench: Array, time: Array) -> Iterator[Arr
 
 
 def test_sizes_are_those_of_the_study_in_SI() -> None:
-    errors = PlateErrors.of(PlateErrorTable(place_mm=3.0, turn_deg=2.0, gain_percent=2.0, clock_ms=5.0))
+    errors = PlateErrors.of(
+        PlateErrorTable(place_mm=3.0, turn_deg=2.0, gain_percent=2.0, clock_ms=5.0)
+    )
     assert (errors.place, errors.gain, errors.clock) == pytest.approx((0.003, 0.02, 0.005))
     assert errors.turn == pytest.approx(np.deg2rad(2.0))
     assert errors.any
-    assert not PlateErrors.of(PlateErrorTable(place_mm=0.0, turn_deg=0.0, gain_percent=0.0, clock_ms=0.0)).any
+    assert not PlateErrors.of(
+        PlateErrorTable(place_mm=0.0, turn_deg=0.0, gain_percent=0.0, clock_ms=0.0)
+    ).any
 
 
 def test_shares_are_parts_of_the_variance_over_valid_frames() -> None:
@@ -114,12 +133,16 @@ def test_shares_are_parts_of_the_variance_over_valid_frames() -> None:
     assert ErrorSource.SKIN not in shares, "absent, never 0"
     assert list(shares.values()) == sorted(shares.values(), reverse=True)
     total = (errors.knee_adduction[valid, 1] ** 2).sum()
-    assert shares[ErrorSource.PLATES] == pytest.approx(by_source[ErrorSource.PLATES][valid, -1].sum() / total)
+    assert shares[ErrorSource.PLATES] == pytest.approx(
+        by_source[ErrorSource.PLATES][valid, -1].sum() / total
+    )
     assert errors.shares(3, np.zeros(30, dtype=bool)) == {}
 
 
 MATTERS = 0.05
-"""Of body weight. A strike or off of the file may miss the first or last frame in which a plate reads."""
+"""Of body weight. A strike or off of the file may miss the first or last frame in which a plate
+reads.
+"""
 ASTRIDE = ("multi", "multi walk06")
 """A heel, and toes, that hang over from the next plate."""
 
@@ -131,25 +154,36 @@ def study_of(data_dir: Path) -> Callable[[str], Study]:
 
 
 def without(recording: Recording, name: str) -> Recording:
-    return replace(recording, plates=tuple(plate for plate in recording.plates if plate.name != name))
+    return replace(
+        recording, plates=tuple(plate for plate in recording.plates if plate.name != name)
+    )
 
 
 @pytest.mark.parametrize(
     "name", [*ASTRIDE, *(pytest.param(n, marks=pytest.mark.slow) for n in ("child", "kad", "pig"))]
 )
-def test_what_a_missing_plate_bore_is_not_valid(study_of: Callable[[str], Study], name: str) -> None:
+def test_what_a_missing_plate_bore_is_not_valid(
+    study_of: Callable[[str], Study], name: str
+) -> None:
     study = study_of(name)
     model = nominal_of(study)
-    prepared = prepare_trial(next(t for t in study.trials if t.role is Role.GAIT), model, study.settings)
+    prepared = prepare_trial(
+        next(t for t in study.trials if t.role is Role.GAIT), model, study.settings
+    )
     motion = tracked_motion(prepared.body, model.parameters)
     recording = prepared.recording
 
     def reactions(of: Recording) -> GroundReactions:
-        return measured_reactions(replace(prepared, recording=of), model, model.parameters, motion, study.settings)
+        return measured_reactions(
+            replace(prepared, recording=of), model, model.parameters, motion, study.settings
+        )
 
     asked = False
     for plate in recording.plates:
-        bore = np.nan_to_num(resample_wrench(plate, motion.time))[:, 1] > MATTERS * model.subject.weight
+        bore = (
+            np.nan_to_num(resample_wrench(plate, motion.time))[:, 1]
+            > MATTERS * model.subject.weight
+        )
         bore[1:-1] &= bore[:-2] & bore[2:]
         own = reactions(replace(recording, plates=(plate,))).loaded & bore[:, None]
         if own.any(axis=0).all():
@@ -162,7 +196,10 @@ def test_what_a_missing_plate_bore_is_not_valid(study_of: Callable[[str], Study]
 def test_a_missing_plate_accuses_no_mass(study_of: Callable[[str], Study]) -> None:
     """The heel of a foot stands on it while the rest of the foot is on the next one."""
     study = study_of("multi")
-    spoilt = tuple(replace(t, recording=without(t.recording, "2")) if t.role is Role.GAIT else t for t in study.trials)
+    spoilt = tuple(
+        replace(t, recording=without(t.recording, "2")) if t.role is Role.GAIT else t
+        for t in study.trials
+    )
     study = replace(study, trials=spoilt)
     found = check_study(study)
     assert not [f for f in found if f.topic == "body mass" and f.severity is not Severity.INFO]
@@ -173,8 +210,13 @@ def test_a_body_is_not_weighed_while_a_heel_stands_beside_the_plate_that_it_is_a
 ) -> None:
     """A heel bears 315 N of 525 on the plate that is missing, 40 ms before the next plate reads."""
     study = study_of("multi")
-    spoilt = tuple(replace(t, recording=without(t.recording, "2")) for t in study.trials if t.role is Role.GAIT)
-    missed, whole = (examined(replace(study, trials=(study.static, *t))).trials[-1] for t in (spoilt, study.trials[1:]))
+    spoilt = tuple(
+        replace(t, recording=without(t.recording, "2")) for t in study.trials if t.role is Role.GAIT
+    )
+    missed, whole = (
+        examined(replace(study, trials=(study.static, *t))).trials[-1]
+        for t in (spoilt, study.trials[1:])
+    )
     early = (missed.recording.time > 2.325) & (missed.recording.time < 2.365)
     for trial, weighed in ((missed, False), (whole, True)):
         feet = feet_of(trial)

@@ -18,9 +18,13 @@ FORCE_TOLERANCE = 1e-6
 POSITION_TOLERANCE = 1e-9
 """m: likewise."""
 PRINTED = 1e-6
-"""N, N·m: OpenSim's tool writes eight decimals; accelerations come from its own splines on both sides."""
+"""N, N·m: OpenSim's tool writes eight decimals; accelerations come from its own splines on both
+sides.
+"""
 IK_TOLERANCE = 0.2e-3
-"""m: likewise promised, RMS over markers of the distance between OpenSim's pose and our per-frame optimum."""
+"""m: likewise promised, RMS over markers of the distance between OpenSim's pose and our per-frame
+optimum.
+"""
 FEET = ("foot_r", "foot_l")
 SEEDS = range(4)
 STATES = 8
@@ -52,7 +56,9 @@ def random_states(seed: int, count: int = STATES, still: tuple[str, ...] = ()) -
 
 
 def perturbed(model: SubjectModel, seed: int) -> SubjectModel:
-    """All JPs within 10 mm and 10 degrees, all IPs within 10 %, left and right apart; seed 0: as it is."""
+    """All JPs within 10 mm and 10 degrees, all IPs within 10 %, left and right apart; seed 0: as it
+    is.
+    """
     if seed == 0:
         return model
     rng = np.random.default_rng([seed, 2])

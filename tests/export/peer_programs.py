@@ -1,4 +1,6 @@
-"""The other programs that results are compared with (extra `peers`). Without them tests skip; in CI they fail."""
+"""The other programs that results are compared with (extra `peers`). Without them tests skip; in CI
+they fail.
+"""
 
 import importlib
 import os
@@ -8,7 +10,9 @@ from typing import Any
 import pytest
 
 NO_WHEEL = {"opensim": (3, 11)}
-"""Program -> first Python for which pyproject.toml asks for it; before, there is no wheel, and CI cannot have it."""
+"""Program -> first Python for which pyproject.toml asks for it; before, there is no wheel, and CI
+cannot have it.
+"""
 
 
 def peer(name: str) -> Any:

@@ -1,7 +1,8 @@
-"""What other programs answer when they are given exported files: models, motions, ground reactions, markers.
+"""What other programs answer when they are given exported files: models, motions, ground reactions,
+markers.
 
-Importable without the peers installed; they are handed in. `..._answers` return (tau, markers): (ns, 27) N·m and N in
-our order, and (ns, nm, 3) m, for `ns` states.
+Importable without the peers installed; they are handed in. `..._answers` return (tau, markers):
+(ns, 27) N·m and N in our order, and (ns, nm, 3) m, for `ns` states.
 """
 
 from collections.abc import Sequence
@@ -27,7 +28,9 @@ Answers = tuple[Array, Array]
 SCALE = 1e3
 """mm, so that the tolerances of the reference are far below its residuals."""
 RESTED, GRADIENT = 1e-10, 1e-9
-"""Relative last step and gradient (mm^2) of the reference: a thousandth of what is compared, and less."""
+"""Relative last step and gradient (mm^2) of the reference: a thousandth of what is compared, and
+less.
+"""
 
 
 class OpenSimModel:
@@ -59,10 +62,14 @@ class OpenSimModel:
     def markers(self, labels: tuple[str, ...]) -> Array:
         """(nm, 3) m."""
         markers = self.model.getMarkerSet()
-        return np.array([markers.get(safe_name(n)).getLocationInGround(self.state).to_numpy() for n in labels])
+        return np.array(
+            [markers.get(safe_name(n)).getLocationInGround(self.state).to_numpy() for n in labels]
+        )
 
     def forces(self, state: State) -> Array:
-        """(27,) by InverseDynamicsSolver. Given body forces replace all forces, gravity too: take the difference."""
+        """(27,) by InverseDynamicsSolver. Given body forces replace all forces, gravity too: take
+        the difference.
+        """
         osim, n = self.osim, len(COORDINATES)
         udot = osim.Vector(n, 0.0)
         for mobility, a in zip(self.mobility, state.a, strict=True):
@@ -71,8 +78,13 @@ class OpenSimModel:
         none, ground = (osim.VectorOfSpatialVec(len(SEGMENTS) + 1, nothing) for _ in range(2))
         for foot, wrench in zip(FEET, state.wrenches, strict=True):
             body = self.model.getBodySet().get(foot)
-            moment = wrench[3:] - np.cross(body.getPositionInGround(self.state).to_numpy(), wrench[:3])
-            ground.set(int(body.getMobilizedBodyIndex()), osim.SpatialVec(osim.Vec3(*moment), osim.Vec3(*wrench[:3])))
+            moment = wrench[3:] - np.cross(
+                body.getPositionInGround(self.state).to_numpy(), wrench[:3]
+            )
+            ground.set(
+                int(body.getMobilizedBodyIndex()),
+                osim.SpatialVec(osim.Vec3(*moment), osim.Vec3(*wrench[:3])),
+            )
         zero = osim.Vector(n, 0.0)
         tau = self.solver.solve(self.state, udot).to_numpy()
         tau = tau + self.solver.solve(self.state, zero, zero, ground).to_numpy()
@@ -80,7 +92,9 @@ class OpenSimModel:
         return tau[self.mobility]
 
 
-def opensim_answers(osim: Any, path: Path, labels: tuple[str, ...], states: Sequence[State]) -> Answers:
+def opensim_answers(
+    osim: Any, path: Path, labels: tuple[str, ...], states: Sequence[State]
+) -> Answers:
     """OpenSim's InverseDynamicsSolver on `model.osim`, ground reactions on the feet."""
     peer = OpenSimModel(osim, path)
     tau, markers = [], []
@@ -91,7 +105,9 @@ def opensim_answers(osim: Any, path: Path, labels: tuple[str, ...], states: Sequ
     return np.array(tau), np.array(markers)
 
 
-def mujoco_answers(mujoco: Any, path: Path, labels: tuple[str, ...], states: Sequence[State]) -> Answers:
+def mujoco_answers(
+    mujoco: Any, path: Path, labels: tuple[str, ...], states: Sequence[State]
+) -> Answers:
     """MuJoCo's mj_inverse on `model.xml`, ground reactions on the feet."""
     peer = mujoco.MjModel.from_xml_path(str(path))
     data = mujoco.MjData(peer)
@@ -102,7 +118,9 @@ def mujoco_answers(mujoco: Any, path: Path, labels: tuple[str, ...], states: Seq
         mujoco.mj_inverse(peer, data)
         ground = np.zeros(len(COORDINATES))
         for foot, wrench in zip(FEET, state.wrenches, strict=True):
-            mujoco.mj_applyFT(peer, data, wrench[:3], wrench[3:], np.zeros(3), peer.body(foot).id, ground)
+            mujoco.mj_applyFT(
+                peer, data, wrench[:3], wrench[3:], np.zeros(3), peer.body(foot).id, ground
+            )
         tau.append(data.qfrc_inverse - ground)
         markers.append([data.site(safe_name(label)).xpos.copy() for label in labels])
     return np.array(tau), np.array(markers)
@@ -127,7 +145,9 @@ def _pinocchio_answers(peer: pin.Model, frames: list[int], states: Sequence[Stat
     """With y up and ground reactions on the feet; `frames` are those of the markers."""
     peer.gravity.linear = np.array([0.0, -9.81, 0.0])
     data = peer.createData()
-    assert max(*frames, *(peer.getFrameId(foot, pin.FrameType.BODY) for foot in FEET)) < peer.nframes, "all are there"
+    assert (
+        max(*frames, *(peer.getFrameId(foot, pin.FrameType.BODY) for foot in FEET)) < peer.nframes
+    ), "all are there"
     feet = [peer.frames[peer.getFrameId(foot, pin.FrameType.BODY)].parentJoint for foot in FEET]
     tau, markers = [], []
     for state in states:
@@ -144,8 +164,12 @@ def _pinocchio_answers(peer: pin.Model, frames: list[int], states: Sequence[Stat
 # --------------------------------------------------------------------------------------- OpenSim's own tools
 
 
-def run_inverse_dynamics(osim: Any, model: Path, motion: Path, loads: Path, time: Array) -> tuple[Array, Array]:
-    """InverseDynamicsTool: (nf, 27) N·m and N, and the (nf, 3, 27) q, v, a that its own splines made of the file."""
+def run_inverse_dynamics(
+    osim: Any, model: Path, motion: Path, loads: Path, time: Array
+) -> tuple[Array, Array]:
+    """InverseDynamicsTool: (nf, 27) N·m and N, and the (nf, 3, 27) q, v, a that its own splines
+    made of the file.
+    """
     out = motion.parent / "tool.sto"
     tool = osim.InverseDynamicsTool()
     tool.setModelFileName(str(model))
@@ -162,7 +186,9 @@ def run_inverse_dynamics(osim: Any, model: Path, motion: Path, loads: Path, time
     assert tool.run()
     found = read_table(out)
     columns = [f"{name}_{'force' if is_translation(name) else 'moment'}" for name in COORDINATES]
-    return np.stack([found.column(name) for name in columns], axis=1), _derivatives(osim, model, motion, time)
+    return np.stack([found.column(name) for name in columns], axis=1), _derivatives(
+        osim, model, motion, time
+    )
 
 
 def _derivatives(osim: Any, model: Path, motion: Path, time: Array) -> Array:
@@ -172,13 +198,22 @@ def _derivatives(osim: Any, model: Path, motion: Path, time: Array) -> Array:
     peer.getSimbodyEngine().convertDegreesToRadians(storage)
     splines = osim.GCVSplineSet(5, storage)
     rows = [splines.getIndex(name) for name in COORDINATES]
-    return np.array([[[splines.evaluate(i, order, float(t)) for i in rows] for order in range(3)] for t in time])
+    return np.array(
+        [[[splines.evaluate(i, order, float(t)) for i in rows] for order in range(3)] for t in time]
+    )
 
 
 def run_inverse_kinematics(
-    osim: Any, model: Path, markers: Path, placed: MarkerPlacement, time: Array, accuracy: float | None = None
+    osim: Any,
+    model: Path,
+    markers: Path,
+    placed: MarkerPlacement,
+    time: Array,
+    accuracy: float | None = None,
 ) -> Array:
-    """InverseKinematicsTool with our marker weights: (nf, 27) m and rad. `accuracy`: OpenSim's unless given."""
+    """InverseKinematicsTool with our marker weights: (nf, 27) m and rad. `accuracy`: OpenSim's
+    unless given.
+    """
     out = markers.parent / "ik.mot"
     tool = osim.InverseKinematicsTool()
     peer = osim.Model(str(model))
@@ -200,11 +235,15 @@ def run_inverse_kinematics(
     found = read_table(out)
     np.testing.assert_allclose(found.time, time, rtol=0, atol=1e-8)
     units = [1.0 if is_translation(name) else np.pi / 180 for name in COORDINATES]
-    return np.stack([found.column(name) * unit for name, unit in zip(COORDINATES, units, strict=True)], axis=1)
+    return np.stack(
+        [found.column(name) * unit for name, unit in zip(COORDINATES, units, strict=True)], axis=1
+    )
 
 
 def optimum(model: SubjectModel, measured: Array, start: Array) -> Array:
-    """(27,) the coordinates that bring the markers closest to `measured` (nm, 3), by weight, without a spline."""
+    """(27,) the coordinates that bring the markers closest to `measured` (nm, 3), by weight,
+    without a spline.
+    """
     chain = Chain()
     body = chain.body(model.parameters)
     segment = [chain.segments.index(s) for s in model.markers.segments]
@@ -214,7 +253,10 @@ def optimum(model: SubjectModel, measured: Array, start: Array) -> Array:
     def positions(q: Array) -> Array:
         placed = Kinematics(body, q[None], columns=False)
         axes, origins = placed.axes, placed.origins
-        return np.asarray(np.einsum("mj,mji->mi", model.markers.local, axes[segment, :, :, 0]) + origins[segment, :, 0])
+        return np.asarray(
+            np.einsum("mj,mji->mi", model.markers.local, axes[segment, :, :, 0])
+            + origins[segment, :, 0]
+        )
 
     def slopes(q: Array) -> Array:
         spatial = Kinematics(body, q[None]).columns[:, :, 0]
@@ -223,7 +265,12 @@ def optimum(model: SubjectModel, measured: Array, start: Array) -> Array:
         return np.asarray((root[None] * full).reshape(len(q), -1).T)
 
     found = least_squares(
-        lambda q: (root * (positions(q) - measured)).ravel(), start, slopes, ftol=None, xtol=RESTED, gtol=GRADIENT
+        lambda q: (root * (positions(q) - measured)).ravel(),
+        start,
+        slopes,
+        ftol=None,
+        xtol=RESTED,
+        gtol=GRADIENT,
     )
     assert found.status > 0, "the reference has not converged"
     return np.asarray(found.x)

@@ -26,7 +26,9 @@ ALIKE = 1e-3
 
 
 def shifted(source: Path, out: Path) -> Path:
-    """All joints of a bone as far off in it: the bone is another place under its joints, of the same shape."""
+    """All joints of a bone as far off in it: the bone is another place under its joints, of the
+    same shape.
+    """
     rng, document = np.random.default_rng(4), read_document(source)
     by: dict[str, np.ndarray] = {}
     places = {}
@@ -58,7 +60,9 @@ def test_a_bone_is_stretched_along_itself() -> None:
     assert bone.point(a) == pytest.approx(a_now) and bone.point(b) == pytest.approx(b_now)
 
     def off_the_line(point: np.ndarray, start: np.ndarray, end: np.ndarray) -> float:
-        return float(np.linalg.norm(np.cross(point - start, end - start)) / np.linalg.norm(end - start))
+        return float(
+            np.linalg.norm(np.cross(point - start, end - start)) / np.linalg.norm(end - start)
+        )
 
     assert off_the_line(bone.point(x), a_now, b_now) == pytest.approx(off_the_line(x, a, b))
 
@@ -68,7 +72,9 @@ POINTS = """<OpenSimDocument><Model><BodySet><objects><Body name="femur_r"/></ob
 <MovingPathPoint name="m"><location>1 0 0</location><{tag}>{body}</{tag}><x_location><SimmSpline><x>0 1</x><y>0 2</y>
 </SimmSpline></x_location><y_location><Constant><value>0</value></Constant></y_location>
 <z_location><Constant><value>0</value></Constant></z_location></MovingPathPoint></Model></OpenSimDocument>"""
-UP = Bone(was=np.zeros(3), now=np.array([0.0, 0.5, 0.0]), turn=np.eye(3), along=np.eye(3)[1], stretch=1.0)
+UP = Bone(
+    was=np.zeros(3), now=np.array([0.0, 0.5, 0.0]), turn=np.eye(3), along=np.eye(3)[1], stretch=1.0
+)
 
 
 @pytest.mark.parametrize(
@@ -86,7 +92,9 @@ def test_points_follow_however_their_body_is_named(tmp_path: Path, tag: str, bod
     document = read_document(path)
     made = document.changed({}, further=carried(document, {"femur_r": UP})).decode()
     fixed, moving = made.split("<MovingPathPoint")
-    assert "<location>0.0 0.5 0.0</location>" in fixed and "<location>1.0 0.5 0.0</location>" in moving
+    assert (
+        "<location>0.0 0.5 0.0</location>" in fixed and "<location>1.0 0.5 0.0</location>" in moving
+    )
     assert "<y>0.0 2.0</y>" in moving and "<value>0.5</value>" in moving
     if tag.startswith("socket"):  # in an offset frame of the body, z to its left
         frame = """<components><PhysicalOffsetFrame name="f"><socket_parent>..</socket_parent>
@@ -101,13 +109,17 @@ def test_points_follow_however_their_body_is_named(tmp_path: Path, tag: str, bod
             .replace(f"{body}</{tag}>", f"{body}/f</{tag}>")
         )
         document = read_document(offset)
-        bone = replace(UP, was=np.array([1.0, 2.0, 0.0]), now=np.array([1.0, 2.7, 0.0]), stretch=1.5)
+        bone = replace(
+            UP, was=np.array([1.0, 2.0, 0.0]), now=np.array([1.0, 2.7, 0.0]), stretch=1.5
+        )
         ((at,), (m, *_), *_, (wrap, _)) = (c[2] for c in carried(document, {"femur_r": bone}))
         assert at == pytest.approx([-0.3, 0.0, 0.0]) and m == pytest.approx([1.2, 0.0, 0.0])
         assert wrap == pytest.approx(at)
     path.write_text(path.read_text().replace("<y>0 2</y>", "<polynomial>0 2</polynomial>"))
     document = read_document(path)
-    with pytest.raises(InputError, match="model.osim: m: found x_location of another kind, allowed: "):
+    with pytest.raises(
+        InputError, match="model.osim: m: found x_location of another kind, allowed: "
+    ):
         list(carried(document, {"femur_r": UP}))
 
 
@@ -118,10 +130,19 @@ def test_meshes_in_offset_frames_follow(tmp_path: Path) -> None:
         <orientation>0.3 0 1.5</orientation>{drawn}</PhysicalOffsetFrame>"""
     path = tmp_path / "model.osim"
     body = f'<Body name="b"><components>{frame}</components>{drawn}</Body>'
-    path.write_text(f"<OpenSimDocument><Model><BodySet><objects>{body}</objects></BodySet></Model></OpenSimDocument>")
-    document, motion = read_document(path), pin.SE3(pin.exp3(np.array([0.1, 0.2, -0.4])), np.array([0.02, 0.0, -0.1]))
+    path.write_text(
+        f"<OpenSimDocument><Model><BodySet><objects>{body}</objects></BodySet></Model></OpenSimDocument>"
+    )
+    document, motion = (
+        read_document(path),
+        pin.SE3(pin.exp3(np.array([0.1, 0.2, -0.4])), np.array([0.02, 0.0, -0.1])),
+    )
     path.write_bytes(document.changed({}, meshes={"b": motion}))
-    pose = {key: pose for key, pose, e in read_document(path).frames_of("b") if e.find("attached_geometry") is not None}
+    pose = {
+        key: pose
+        for key, pose, e in read_document(path).frames_of("b")
+        if e.find("attached_geometry") is not None
+    }
     assert sorted(pose) == ["b/b_meshes", "b/f/f_meshes"]
     was = {key: place for key, place, _ in document.frames_of("b")}
     for key in was:
@@ -137,9 +158,12 @@ def test_bones_of_joints_that_stay_are_the_same_bytes(data_dir: Path, name: str)
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", MODELS)
-def test_muscles_keep_their_arms_where_bones_follow(osim: Any, data_dir: Path, tmp_path: Path, name: str) -> None:
-    """Of a model whose bones lie elsewhere under their joints: with `follow` muscles pull as they did in that model, in
-    `stay` as in the one that is right. Meshes are drawn in an offset frame; markers and all else keep their bytes.
+def test_muscles_keep_their_arms_where_bones_follow(
+    osim: Any, data_dir: Path, tmp_path: Path, name: str
+) -> None:
+    """Of a model whose bones lie elsewhere under their joints: with `follow` muscles pull as they
+    did in that model, in `stay` as in the one that is right. Meshes are drawn in an offset frame;
+    markers and all else keep their bytes.
     """
     path = data_dir / name
     model, wrong = person_of(read_osim(path)), shifted(path, tmp_path / "wrong.osim")
@@ -152,15 +176,27 @@ def test_muscles_keep_their_arms_where_bones_follow(osim: Any, data_dir: Path, t
     assert {m.points for m in done.carried} > {2} and 0.005 < done.carried[0].farthest < 0.06
     rows = carried_csv(done.carried).splitlines()
     assert rows[0] == CARRIED_HEADER and len(rows) == 1 + len(done.carried)
-    ranges = {k: v[3:10:3] for k, v in leg_ranges(done.legs).items() if k in ("hip_flexion_r", "knee_angle_r")}
+    ranges = {
+        k: v[3:10:3]
+        for k, v in leg_ranges(done.legs).items()
+        if k in ("hip_flexion_r", "knee_angle_r")
+    }
     arms = {key: muscle_paths(file, ranges) for key, file in files.items()}
     for of, like, unlike in (("follow True", "wrong", "right"), ("follow False", "right", "wrong")):
-        gaps = [[np.abs(p.arm - arms[to][key].arm).max() for key, p in arms[of].items()] for to in (like, unlike)]
+        gaps = [
+            [np.abs(p.arm - arms[to][key].arm).max() for key, p in arms[of].items()]
+            for to in (like, unlike)
+        ]
         assert max(gaps[0]) < ALIKE < 5 * ALIKE < max(gaps[1]), of
     text = files["follow True"].read_text()
     numbers = re.compile(r"(<(translation|orientation|location|y|value|xyz_body_rotation)>)[^<]*<")
-    frames = re.compile(r'(<components>)?<PhysicalOffsetFrame name="\w+_meshes">.*?</orientation>(?=<attached)', re.S)
-    bare = frames.sub("", numbers.sub(r"\1<", text)).replace("</PhysicalOffsetFrame></components>", "")
+    frames = re.compile(
+        r'(<components>)?<PhysicalOffsetFrame name="\w+_meshes">.*?</orientation>(?=<attached)',
+        re.S,
+    )
+    bare = frames.sub("", numbers.sub(r"\1<", text)).replace(
+        "</PhysicalOffsetFrame></components>", ""
+    )
     assert bare == numbers.sub(r"\1<", wrong.read_text())
     markers = [read_osim(p).markers for p in (wrong, files["follow True"])]
     for label, (body, place) in markers[0].items():

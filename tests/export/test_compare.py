@@ -1,4 +1,6 @@
-"""Reading a peer's model: our own comes back as it is, in any body frames, in both generations of files."""
+"""Reading a peer's model: our own comes back as it is, in any body frames, in both generations of
+files.
+"""
 
 import xml.etree.ElementTree as ET
 from collections.abc import Callable, Iterator
@@ -13,7 +15,12 @@ import pytest
 from gaitcal.errors import InputError
 from gaitcal.export.opensim.model_comparison import ComparisonRow, compare
 from gaitcal.export.opensim.osim_reader import read_osim
-from gaitcal.export.opensim.osim_writer import body_fixed_xyz, from_body_fixed_xyz, numbers, write_osim
+from gaitcal.export.opensim.osim_writer import (
+    body_fixed_xyz,
+    from_body_fixed_xyz,
+    numbers,
+    write_osim,
+)
 from gaitcal.model.linkage import LEGS
 from gaitcal.model.subject_model import SubjectModel
 from tests.commands import refused
@@ -76,13 +83,18 @@ def test_values_are_the_joint_parameters(published: SubjectModel, own: Path) -> 
         "thigh_r mass": 9.827,
     }
     for of in ("ours", "theirs"):
-        assert {name: getattr(named[name], of) for name in expected} == pytest.approx(expected, abs=1e-3)
+        assert {name: getattr(named[name], of) for name in expected} == pytest.approx(
+            expected, abs=1e-3
+        )
 
 
 def test_a_moved_axis_shows(published: SubjectModel, tmp_path: Path) -> None:
     p = published.parameters
     i = ("knee_r.thigh.ant", "knee_r.thigh.trans")
-    write_osim(published.with_parameters(p.with_joint(i, np.array([0.007, np.deg2rad(4)]))), tmp_path / "m.osim")
+    write_osim(
+        published.with_parameters(p.with_joint(i, np.array([0.007, np.deg2rad(4)]))),
+        tmp_path / "m.osim",
+    )
     named = as_dict(compare(published, tmp_path / "m.osim"))
     assert named["knee_r axis in thigh_r, ant"].difference == pytest.approx(7.0)
     assert named["knee_r axis in thigh_r, trans"].difference == pytest.approx(4.0)
@@ -102,7 +114,9 @@ def in_other_frames(tree: ET.ElementTree) -> None:
     """The same model with body frames that stand elsewhere, as peers choose theirs otherwise."""
     rng = np.random.default_rng(11)
     place = {
-        b.get("name"): pin.SE3(from_body_fixed_xyz(rng.normal(size=3) * 0.1), rng.normal(size=3) * 0.1)
+        b.get("name"): pin.SE3(
+            from_body_fixed_xyz(rng.normal(size=3) * 0.1), rng.normal(size=3) * 0.1
+        )
         for b in tree.iter("Body")
     }
     for marker in tree.iter("Marker"):
@@ -112,7 +126,9 @@ def in_other_frames(tree: ET.ElementTree) -> None:
         body = (frame.findtext("socket_parent") or "").rpartition("/")[2]
         if body == "ground":
             continue
-        old = pin.SE3(from_body_fixed_xyz(vector(frame, "orientation")), vector(frame, "translation"))
+        old = pin.SE3(
+            from_body_fixed_xyz(vector(frame, "orientation")), vector(frame, "translation")
+        )
         new = place[body] * old
         put(frame, "translation", new.translation)
         put(frame, "orientation", body_fixed_xyz(new.rotation))
@@ -127,10 +143,16 @@ def in_old_format(tree: ET.ElementTree) -> None:
     bodies = {b.get("name"): b for b in model.iter("Body")}
     for joint in joints.findall("objects/*"):
         frames = {f.get("name"): f for f in joint.iter("PhysicalOffsetFrame")}
-        parent, child = (frames[joint.findtext(f"socket_{end}_frame")] for end in ("parent", "child"))
+        parent, child = (
+            frames[joint.findtext(f"socket_{end}_frame")] for end in ("parent", "child")
+        )
         owner = bodies[(child.findtext("socket_parent") or "").rpartition("/")[2]]
-        new = ET.SubElement(ET.SubElement(owner, "Joint"), "CustomJoint", name=joint.get("name") or "")
-        ET.SubElement(new, "parent_body").text = (parent.findtext("socket_parent") or "").rpartition("/")[2]
+        new = ET.SubElement(
+            ET.SubElement(owner, "Joint"), "CustomJoint", name=joint.get("name") or ""
+        )
+        ET.SubElement(new, "parent_body").text = (
+            parent.findtext("socket_parent") or ""
+        ).rpartition("/")[2]
         for frame, suffix in ((parent, "_in_parent"), (child, "")):
             ET.SubElement(new, "location" + suffix).text = frame.findtext("translation")
             ET.SubElement(new, "orientation" + suffix).text = frame.findtext("orientation")
@@ -151,7 +173,9 @@ def in_old_format(tree: ET.ElementTree) -> None:
 def test_a_rolling_knee_is_swept_the_way_it_bends(
     published: SubjectModel, own: Path, low: float, high: float, moved: bool
 ) -> None:
-    """A knee that slides with negative angles only: its axis is another one where those are the flexion."""
+    """A knee that slides with negative angles only: its axis is another one where those are the
+    flexion.
+    """
     with edited(own) as tree:
         (knee,) = tree.iterfind(".//CustomJoint[@name='knee_r']")
         (coordinate,) = knee.iter("Coordinate")
@@ -167,7 +191,9 @@ def test_a_rolling_knee_is_swept_the_way_it_bends(
 
 
 def without_idle_functions(tree: ET.ElementTree) -> None:
-    """Functions that are zero left away, as are functions and axes that OpenSim's own defaults stand for."""
+    """Functions that are zero left away, as are functions and axes that OpenSim's own defaults
+    stand for.
+    """
     for axis in tree.iter("TransformAxis"):
         function = axis.find("Constant")
         if function is not None:
@@ -190,7 +216,14 @@ def with_a_shoulder_of_its_own(tree: ET.ElementTree) -> None:
 
 
 @pytest.mark.parametrize(
-    "change", [in_other_frames, in_old_format, without_idle_functions, in_beta_words, with_a_shoulder_of_its_own]
+    "change",
+    [
+        in_other_frames,
+        in_old_format,
+        without_idle_functions,
+        in_beta_words,
+        with_a_shoulder_of_its_own,
+    ],
 )
 def test_other_frames_and_formats(
     published: SubjectModel, tmp_path: Path, change: Callable[[ET.ElementTree], None]
@@ -206,7 +239,11 @@ def test_a_marker_in_an_offset_frame_is_where_it_was(published: SubjectModel, ow
     with edited(own) as tree:
         (body,) = tree.iterfind(".//Body[@name='thigh_r']")
         frame = ET.SubElement(ET.SubElement(body, "components"), "PhysicalOffsetFrame", name="f")
-        for tag, text in (("socket_parent", ".."), ("translation", "0.1 0 0"), ("orientation", f"0 0 {np.pi / 2}")):
+        for tag, text in (
+            ("socket_parent", ".."),
+            ("translation", "0.1 0 0"),
+            ("orientation", f"0 0 {np.pi / 2}"),
+        ):
             ET.SubElement(frame, tag).text = text
         for marker in tree.iter("Marker"):
             socket = marker.find("socket_parent_frame")
@@ -217,8 +254,13 @@ def test_a_marker_in_an_offset_frame_is_where_it_was(published: SubjectModel, ow
     assert_same(compare(published, own))
 
 
-def test_without_shared_markers_lengths_and_masses_remain(published: SubjectModel, own: Path) -> None:
-    own.write_text(own.read_text(encoding="utf-8").replace('<Marker name="', '<Marker name="other '), encoding="utf-8")
+def test_without_shared_markers_lengths_and_masses_remain(
+    published: SubjectModel, own: Path
+) -> None:
+    own.write_text(
+        own.read_text(encoding="utf-8").replace('<Marker name="', '<Marker name="other '),
+        encoding="utf-8",
+    )
     named = as_dict(compare(published, own))
     assert named["thigh_r length, hip centre to knee centre"].theirs == pytest.approx(419.8)
     assert named["thigh_r markers, and how many the peer shares"].theirs == 0
@@ -234,20 +276,27 @@ def test_without_shared_markers_lengths_and_masses_remain(published: SubjectMode
         ("<html/>", "found <html>, expected <OpenSimDocument>"),
         ("<OpenSimDocument><Model/></OpenSimDocument>", "no bodies or no joints"),
         (
-            "<OpenSimDocument><Model><BodySet><objects><Body name='a'><mass>much</mass></Body></objects></BodySet>"
+            "<OpenSimDocument><Model><BodySet><objects><Body "
+            "name='a'><mass>much</mass></Body></objects></BodySet>"
             "</Model></OpenSimDocument>",
             "mass: found 'much', expected numbers",
         ),
     ],
 )
-def test_what_is_no_model(published: SubjectModel, tmp_path: Path, content: str | None, message: str) -> None:
+def test_what_is_no_model(
+    published: SubjectModel, tmp_path: Path, content: str | None, message: str
+) -> None:
     if content is not None:
         (tmp_path / "m.osim").write_text(content, encoding="utf-8")
     with refused(message):
         compare(published, tmp_path / "m.osim")
 
 
-REAL = ("subject01/reference/subject01_simbody.osim", "uf3/reference/scaled.osim", "uf3/reference/jmp_sequential.osim")
+REAL = (
+    "subject01/reference/subject01_simbody.osim",
+    "uf3/reference/scaled.osim",
+    "uf3/reference/jmp_sequential.osim",
+)
 
 
 def test_real_models(published: SubjectModel, data_dir: Path) -> None:
@@ -255,9 +304,13 @@ def test_real_models(published: SubjectModel, data_dir: Path) -> None:
     gait2354 = as_dict(compare(published, data_dir / REAL[0]))
     assert gait2354["total mass"].theirs == pytest.approx(72.6, abs=0.01)
     assert gait2354["shank_r mass"].theirs == pytest.approx(3.581, abs=1e-3)
-    beyond_the_ankle = sum(row.theirs for name in LEGS["r"][2:] if (row := gait2354.get(f"{name} mass")))
+    beyond_the_ankle = sum(
+        row.theirs for name in LEGS["r"][2:] if (row := gait2354.get(f"{name} mass"))
+    )
     assert beyond_the_ankle == pytest.approx(0.0966 + 1.2074 + 0.2092, abs=1e-3)
-    assert gait2354["shank_r length, knee centre to talocrural centre"].theirs == pytest.approx(425, abs=20)
+    assert gait2354["shank_r length, knee centre to talocrural centre"].theirs == pytest.approx(
+        425, abs=20
+    )
     assert "head_trunk and arms mass" in gait2354
     before, after = (as_dict(compare(published, data_dir / name)) for name in REAL[1:])
     thigh = "thigh_r length, hip centre to knee centre"
@@ -266,9 +319,13 @@ def test_real_models(published: SubjectModel, data_dir: Path) -> None:
     assert "upper_arm_l mass" in before
 
 
-def test_a_function_nobody_knows_is_told_where_it_is_needed(published: SubjectModel, own: Path) -> None:
+def test_a_function_nobody_knows_is_told_where_it_is_needed(
+    published: SubjectModel, own: Path
+) -> None:
     with edited(own) as tree:
-        next(tree.iterfind(".//CustomJoint[@name='knee_r']//LinearFunction")).tag = "ExpressionBasedFunction"
+        next(
+            tree.iterfind(".//CustomJoint[@name='knee_r']//LinearFunction")
+        ).tag = "ExpressionBasedFunction"
     with pytest.raises(InputError, match="joint knee_r: .*not understood"):
         compare(published, own)
 
@@ -290,7 +347,9 @@ def test_no_function_is_zero_in_opensim_too(osim: Any, data_dir: Path, tmp_path:
         theirs = (
             model.getBodySet()
             .get(joint.child)
-            .findStationLocationInAnotherFrame(state, osim.Vec3(0.1, 0.2, 0.3), model.getBodySet().get(joint.parent))
+            .findStationLocationInAnotherFrame(
+                state, osim.Vec3(0.1, 0.2, 0.3), model.getBodySet().get(joint.parent)
+            )
         )
         ours = peer.joint_pose(joint, values).act(np.array([0.1, 0.2, 0.3]))
         np.testing.assert_allclose(ours, theirs.to_numpy(), atol=PEER_POSE)
@@ -317,7 +376,11 @@ def test_poses_are_those_of_opensim(osim: Any, data_dir: Path, name: str) -> Non
             if joint.axes is None or joint.name.startswith("patello"):
                 continue
             frame = model.getBodySet().get(joint.child)
-            base = model.getGround() if joint.parent == "ground" else model.getBodySet().get(joint.parent)
+            base = (
+                model.getGround()
+                if joint.parent == "ground"
+                else model.getBodySet().get(joint.parent)
+            )
             ours = peer.joint_pose(joint, values)
             for point in np.vstack([np.zeros(3), np.eye(3)]):
                 theirs = frame.findStationLocationInAnotherFrame(state, osim.Vec3(*point), base)

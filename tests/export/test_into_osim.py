@@ -1,4 +1,6 @@
-"""A person's joints in an OpenSim model of the user's own: nothing changes that need not, what was moved comes back."""
+"""A person's joints in an OpenSim model of the user's own: nothing changes that need not, what was
+moved comes back.
+"""
 
 import re
 import xml.etree.ElementTree as ET
@@ -46,7 +48,9 @@ UNKNOWN = nominal_errors(JP_NAMES)
 BACK = 1e-6
 """m, rad: the solvers' rounding, over 1 m."""
 DRAWN = 0.3
-"""Relative, of the root of a variance of forty draws: its own error is 0.11 with one direction, and several count."""
+"""Relative, of the root of a variance of forty draws: its own error is 0.11 with one direction, and
+several count.
+"""
 NEAR = 0.5e-3
 """m, of hips and knees by a walk without noise."""
 WITHIN_ERRORS = 2.5
@@ -71,7 +75,9 @@ def under_other_names(tree: ET.ElementTree) -> None:
     model = tree.getroot().find("Model")
     markers = model.find("MarkerSet")
     model.remove(markers)
-    named = {e.get("name", "") for tag in ("Body", "CustomJoint", "Coordinate") for e in model.iter(tag)}
+    named = {
+        e.get("name", "") for tag in ("Body", "CustomJoint", "Coordinate") for e in model.iter(tag)
+    }
     other = {name: f"x{k}" for k, name in enumerate(sorted(named, key=len, reverse=True))}
     for element in model.iter():
         if element.get("name") in other:
@@ -83,11 +89,18 @@ def under_other_names(tree: ET.ElementTree) -> None:
             element.text = f"/bodyset/{other[words.rpartition('/')[2]]}"
 
 
-SIMPLE = {"hip": "BallJoint", "knee": "PinJoint", "talocrural": "PinJoint", "subtalar": "UniversalJoint"}
+SIMPLE = {
+    "hip": "BallJoint",
+    "knee": "PinJoint",
+    "talocrural": "PinJoint",
+    "subtalar": "UniversalJoint",
+}
 
 
 def of_simple_joints(tree: ET.ElementTree) -> None:
-    """Joints without functions: a foot that also turns about y below the subtalar axis, toes that do not move."""
+    """Joints without functions: a foot that also turns about y below the subtalar axis, toes that
+    do not move.
+    """
     for joint in list(tree.iter("CustomJoint")):
         kind, _, side = (joint.get("name") or "").partition("_")
         if kind not in SIMPLE:
@@ -95,10 +108,18 @@ def of_simple_joints(tree: ET.ElementTree) -> None:
         joint.tag = SIMPLE[kind]
         joint.remove(joint.findall("SpatialTransform")[0])
         if kind == "subtalar":
-            ET.SubElement(joint.findall("coordinates")[0], "Coordinate", name=f"subtalar_turn_{side}")
-            toes = ET.SubElement(next(tree.iter("BodySet")).findall("objects")[0], "Body", name=f"tip_{side}")
+            ET.SubElement(
+                joint.findall("coordinates")[0], "Coordinate", name=f"subtalar_turn_{side}"
+            )
+            toes = ET.SubElement(
+                next(tree.iter("BodySet")).findall("objects")[0], "Body", name=f"tip_{side}"
+            )
             ET.SubElement(toes, "mass").text = "0.2"
-            weld = ET.SubElement(next(tree.iter("JointSet")).findall("objects")[0], "WeldJoint", name=f"of_tip_{side}")
+            weld = ET.SubElement(
+                next(tree.iter("JointSet")).findall("objects")[0],
+                "WeldJoint",
+                name=f"of_tip_{side}",
+            )
             for end, body in (("parent", f"foot_{side}"), ("child", f"tip_{side}")):
                 ET.SubElement(weld, f"socket_{end}_frame").text = f"/bodyset/{body}"
 
@@ -125,7 +146,9 @@ def read_back(content: bytes, folder: Path) -> PeerModel:
 
 
 def with_joints(model: SubjectModel, **moved: float) -> SubjectModel:
-    """A person whose nominal joints are so much elsewhere (m); `hip_r__thigh__ant` is `hip_r.thigh.ant`."""
+    """A person whose nominal joints are so much elsewhere (m); `hip_r__thigh__ant` is
+    `hip_r.thigh.ant`.
+    """
     names = tuple(name.replace("__", ".") for name in moved)
     parameters = model.parameters.with_joint(names, np.array(list(moved.values())))
     return replace(model, parameters=parameters, nominal=parameters)
@@ -137,7 +160,12 @@ def assert_moves_alike(a: PeerModel, b: PeerModel, within: float) -> None:
     legs = leg_joints(a)
     top = legs[0].theirs.parent
     for _ in range(20):
-        free = [c for leg in legs for c in leg.theirs.coordinates if not c.locked and c.name not in ALONG]
+        free = [
+            c
+            for leg in legs
+            for c in leg.theirs.coordinates
+            if not c.locked and c.name not in ALONG
+        ]
         q = {c.name: rng.uniform(-0.5, 0.5) for c in free}
         for leg in legs:
             poses = [peer.body_pose(leg.theirs.child, top, q).homogeneous for peer in (a, b)]
@@ -147,7 +175,9 @@ def assert_moves_alike(a: PeerModel, b: PeerModel, within: float) -> None:
 
 
 @pytest.mark.parametrize("variant", VARIANTS)
-def test_joints_that_are_in_place_leave_every_byte(published: SubjectModel, tmp_path: Path, variant: str) -> None:
+def test_joints_that_are_in_place_leave_every_byte(
+    published: SubjectModel, tmp_path: Path, variant: str
+) -> None:
     path = written(published, tmp_path / "m.osim", variant)
     done = into_osim(published, path)
     assert done.content == path.read_bytes()
@@ -175,22 +205,39 @@ def test_opensim_reads_them_as_we_do(osim: Any, published: SubjectModel, tmp_pat
 
 @pytest.mark.parametrize("variant", ["opensim 4", "opensim 3", "other frames", "simple joints"])
 @pytest.mark.parametrize("deg", [0.0, 4.0])
-def test_disturbed_joints_come_back(published: SubjectModel, tmp_path: Path, variant: str, deg: float) -> None:
+def test_disturbed_joints_come_back(
+    published: SubjectModel, tmp_path: Path, variant: str, deg: float
+) -> None:
     """Whatever was done to a joint, its bones move as before, with the same coordinates."""
     path = written(published, tmp_path / "m.osim", variant)
     done = into_osim(published, disturbed(path, tmp_path / "wrong.osim", deg=deg))
     was, now = read_osim(path), read_back(done.content, tmp_path)
     if deg == 0.0:
         assert_moves_alike(was, now, BACK)
-    # a ball joint's own axes are the user's: with them turned, hips count from elsewhere, and the rest still fits
+    # a ball joint's own axes are the user's: with them turned, hips count from elsewhere, and the
+    # rest still fits
     for ours, theirs in zip(leg_joints(was), leg_joints(now), strict=True):
         if ours.hinge is None:
-            assert np.abs(ours.theirs.in_parent.translation - theirs.theirs.in_parent.translation).max() < BACK
-            assert np.abs(ours.theirs.in_child.translation - theirs.theirs.in_child.translation).max() < BACK
+            assert (
+                np.abs(
+                    ours.theirs.in_parent.translation - theirs.theirs.in_parent.translation
+                ).max()
+                < BACK
+            )
+            assert (
+                np.abs(ours.theirs.in_child.translation - theirs.theirs.in_child.translation).max()
+                < BACK
+            )
         elif theirs.hinge is not None and ours.ours.startswith("knee"):
             assert_same_line(ours.hinge.in_parent, theirs.hinge.in_parent)
             assert_same_line(ours.hinge.in_child, theirs.hinge.in_child)
-    least = min(end.moved for m in done.joints if m.joint.startswith("hip") for end in (m.parent, m.child) if end)
+    least = min(
+        end.moved
+        for m in done.joints
+        if m.joint.startswith("hip")
+        for end in (m.parent, m.child)
+        if end
+    )
     assert least > OFF[0] - BACK
 
 
@@ -201,23 +248,37 @@ def assert_same_line(a: pin.SE3, b: pin.SE3) -> None:
 
 
 def test_nothing_else_changes(published: SubjectModel, tmp_path: Path) -> None:
-    """Comments, blanks, numbers as they were written: all but the text of the places of the legs' joints."""
+    """Comments, blanks, numbers as they were written: all but the text of the places of the legs'
+    joints.
+    """
     path = written(published, tmp_path / "m.osim", "opensim 4")
-    text = path.read_text().replace("<CustomJoint", "<!-- a > b, <c> -->\r\n\t<CustomJoint").replace(" />", "   />")
+    text = (
+        path.read_text()
+        .replace("<CustomJoint", "<!-- a > b, <c> -->\r\n\t<CustomJoint")
+        .replace(" />", "   />")
+    )
     path.write_bytes(text.encode())
     done = into_osim(published, disturbed(path, tmp_path / "wrong.osim", deg=2.0))
     places = re.compile(r"<(translation|orientation)>[^<]*<")
     assert places.sub("", done.content.decode()) == places.sub("", text)
-    changed = [a != b for a, b in zip(places.finditer(done.content.decode()), places.finditer(text), strict=True)]
+    changed = [
+        a != b
+        for a, b in zip(places.finditer(done.content.decode()), places.finditer(text), strict=True)
+    ]
     assert sum(changed)
     legs = read_osim(path)
     (tmp_path / "out.osim").write_bytes(done.content)
     for child, joint in read_osim(tmp_path / "out.osim").joints.items():
         if child not in (*LEGS["r"], *LEGS["l"]):
-            assert joint.in_parent == legs.joints[child].in_parent and joint.in_child == legs.joints[child].in_child
+            assert (
+                joint.in_parent == legs.joints[child].in_parent
+                and joint.in_child == legs.joints[child].in_child
+            )
 
 
-def test_a_joint_without_offset_frames_gets_them(published: SubjectModel, tmp_path: Path, own: Path) -> None:
+def test_a_joint_without_offset_frames_gets_them(
+    published: SubjectModel, tmp_path: Path, own: Path
+) -> None:
     with edited(own) as tree:
         (joint,) = tree.iterfind(".//CustomJoint[@name='hip_r']")
         joint.find("frames").remove(joint.find("frames")[1])
@@ -236,17 +297,23 @@ def test_a_joint_without_offset_frames_gets_them(published: SubjectModel, tmp_pa
 @pytest.mark.slow
 @pytest.mark.parametrize("name", REAL_MODELS)
 def test_real_models(data_dir: Path, tmp_path: Path, name: str) -> None:
-    """In place: every byte. Disturbed across their axes: bones move as before; a knee that rolls nearly so."""
+    """In place: every byte. Disturbed across their axes: bones move as before; a knee that rolls
+    nearly so.
+    """
     path = data_dir / name
     model = person_of(read_osim(path))
     assert into_osim(model, path).content == path.read_bytes()
     back = tmp_path / "back.osim"
-    back.write_bytes(into_osim(model, disturbed(path, tmp_path / "wrong.osim", across=True)).content)
+    back.write_bytes(
+        into_osim(model, disturbed(path, tmp_path / "wrong.osim", across=True)).content
+    )
     assert_moves_alike(read_osim(path), read_osim(back), 1e-4)
 
 
 def test_a_knee_that_rolls_is_its_nearest_hinge(data_dir: Path) -> None:
-    """No other hinge is nearer: turned or shifted a little it is farther, over the postures it is for."""
+    """No other hinge is nearer: turned or shifted a little it is farther, over the postures it is
+    for.
+    """
     peer = read_osim(data_dir / REAL_MODELS[0])
     leg = next(leg for leg in leg_joints(peer) if leg.ours == "knee_r")
     postures = np.linspace(0.0, 1.0, 200)
@@ -257,10 +324,17 @@ def test_a_knee_that_rolls_is_its_nearest_hinge(data_dir: Path) -> None:
     def misfit(off: pin.SE3) -> float:
         near = replace(hinge, in_parent=hinge.in_parent * off)
         told = [near.pose(near.angle(p)) for p in poses]
-        return sum(float(np.sum((t.act(x) - p.act(x)) ** 2)) for t, p in zip(told, poses, strict=True) for x in tips)
+        return sum(
+            float(np.sum((t.act(x) - p.act(x)) ** 2))
+            for t, p in zip(told, poses, strict=True)
+            for x in tips
+        )
 
     least = misfit(pin.SE3.Identity())
-    assert hinge.off == pytest.approx(np.sqrt(least / len(poses) / len(tips)), rel=0.02) and 1e-4 < hinge.off < 2e-3
+    assert (
+        hinge.off == pytest.approx(np.sqrt(least / len(poses) / len(tips)), rel=0.02)
+        and 1e-4 < hinge.off < 2e-3
+    )
     notes = " ".join(into_osim(person_of(peer), data_dir / REAL_MODELS[0]).notes)
     assert "knee_r is no hinge: over the postures" in notes and "ankle_r is no hinge" not in notes
     for k in range(2):
@@ -273,11 +347,14 @@ def test_a_knee_that_rolls_is_its_nearest_hinge(data_dir: Path) -> None:
 
 @pytest.mark.slow
 def test_errors_are_those_of_the_draws(published: SubjectModel, tmp_path: Path, own: Path) -> None:
-    """What is told of a joint's place is how far drawn files have it apart: parameters and registration."""
+    """What is told of a joint's place is how far drawn files have it apart: parameters and
+    registration.
+    """
     rng = np.random.default_rng(1)
     markers = replace(
         published.markers,
-        local=published.markers.local + 0.003 * rng.normal(size=(49, 3))[: len(published.markers.local)],
+        local=published.markers.local
+        + 0.003 * rng.normal(size=(49, 3))[: len(published.markers.local)],
     )
     worn = replace(published, markers=markers)
     spread = nominal_errors(JP_NAMES)
@@ -297,23 +374,33 @@ def test_errors_are_those_of_the_draws(published: SubjectModel, tmp_path: Path, 
         assert np.sqrt(knee.var(axis=0).sum()) == pytest.approx(end.errors[1], rel=DRAWN)
 
 
-def test_what_recordings_say_little_of_is_left(published: SubjectModel, tmp_path: Path, own: Path) -> None:
+def test_what_recordings_say_little_of_is_left(
+    published: SubjectModel, tmp_path: Path, own: Path
+) -> None:
     path = disturbed(own, tmp_path / "wrong.osim")
     sizes = np.diag(prior_deviations(JP_NAMES))
     sizes[[k for k, name in enumerate(JP_NAMES) if not name.startswith("knee_r")]] *= 0.1
     done = into_osim(published, path, errors=ErrorSources(JP_NAMES, sizes, tuple(JP_NAMES)))
     left = [m.joint for m in done.joints if m.verdict is Verdict.UNDETERMINED]
     assert left == ["knee_r"] == list(done.left)
-    was, now = (peer.joints["shank_r"] for peer in (read_osim(path), read_back(done.content, tmp_path)))
+    was, now = (
+        peer.joints["shank_r"] for peer in (read_osim(path), read_back(done.content, tmp_path))
+    )
     assert was.in_parent == now.in_parent and was.in_child == now.in_child
     rows = joints_csv(done.joints).splitlines()
-    assert rows[0] == JOINTS_HEADER and all(row.count(",") == JOINTS_HEADER.count(",") for row in rows)
+    assert rows[0] == JOINTS_HEADER and all(
+        row.count(",") == JOINTS_HEADER.count(",") for row in rows
+    )
     assert sum(row.startswith("knee_r,") for row in rows) == 1
 
 
 @pytest.mark.slow
-def test_draws_have_left_joints_about_their_place(published: SubjectModel, tmp_path: Path, own: Path) -> None:
-    """Where the model has them, not where we have them, as far off in either body as is known before any trial."""
+def test_draws_have_left_joints_about_their_place(
+    published: SubjectModel, tmp_path: Path, own: Path
+) -> None:
+    """Where the model has them, not where we have them, as far off in either body as is known
+    before any trial.
+    """
     path = disturbed(own, tmp_path / "wrong.osim")
     done = into_osim(published, path, errors=UNKNOWN)
     assert len(done.left) == 2 * len(NEEDED_JOINTS) and done.content == path.read_bytes()
@@ -328,29 +415,47 @@ def test_draws_have_left_joints_about_their_place(published: SubjectModel, tmp_p
         ("talocrural_r", "talus_r", "in_parent", "shank"),
         ("subtalar_r", "foot_r", "in_child", "foot"),
     ):
-        apart = np.array([getattr(j[body], end).translation - getattr(was[body], end).translation for j in drawn])
-        names = [n for n in sizes if n.startswith(f"{joint}.{segment}.") and n[-3:] in ("ant", "sup", "lat")]
+        apart = np.array(
+            [getattr(j[body], end).translation - getattr(was[body], end).translation for j in drawn]
+        )
+        names = [
+            n
+            for n in sizes
+            if n.startswith(f"{joint}.{segment}.") and n[-3:] in ("ant", "sup", "lat")
+        ]
         size = np.linalg.norm([sizes[n] for n in names])
         if joint.startswith("hip"):
             assert np.sqrt(apart.var(axis=0).sum()) == pytest.approx(size, rel=DRAWN)
         assert np.abs(apart.mean(axis=0)).max() < 4 * size / np.sqrt(len(drawn)), joint
-        turns = [np.linalg.norm(getattr(j[body], end).rotation - getattr(was[body], end).rotation) for j in drawn]
+        turns = [
+            np.linalg.norm(getattr(j[body], end).rotation - getattr(was[body], end).rotation)
+            for j in drawn
+        ]
         assert (max(turns) < BACK) == joint.startswith("hip")
 
 
 def test_the_users_own_names(tmp_path: Path, own: Path) -> None:
     names = tmp_path / "names.toml"
-    names.write_text('[joints]\ntalocrural_r = "subtalar_r"\n[coordinates]\nhip_r = "hip_rotation_r"\n')
+    names.write_text(
+        '[joints]\ntalocrural_r = "subtalar_r"\n[coordinates]\nhip_r = "hip_rotation_r"\n'
+    )
     legs = {leg.ours: leg for leg in leg_joints(read_osim(own), names)}
-    assert legs["talocrural_r"].theirs.name == "subtalar_r" and legs["talocrural_r"].found_by == "your file"
+    assert (
+        legs["talocrural_r"].theirs.name == "subtalar_r"
+        and legs["talocrural_r"].found_by == "your file"
+    )
     assert legs["hip_r"].coordinate == "hip_rotation_r"
     names.write_text('[joints]\nhip_r = "hipr"\n')
-    with pytest.raises(InputError, match="found 'hipr', which is no joint of the model; did you mean 'hip_r'"):
+    with pytest.raises(
+        InputError, match="found 'hipr', which is no joint of the model; did you mean 'hip_r'"
+    ):
         leg_joints(read_osim(own), names)
 
 
 def test_a_joint_of_three_turns_flexes_about_the_axis_across(tmp_path: Path, own: Path) -> None:
-    """Whatever its coordinates are called, and whichever of them goes farthest: its bodies' axes may lie otherwise."""
+    """Whatever its coordinates are called, and whichever of them goes farthest: its bodies' axes
+    may lie otherwise.
+    """
     peer = read_osim(own)
     ankle = next(leg.theirs for leg in leg_joints(peer) if leg.ours == "talocrural_r")
     turned = pin.SE3(pin.exp3(np.array([0.0, 1.4, 0.0])), ankle.in_parent.translation)
@@ -359,27 +464,47 @@ def test_a_joint_of_three_turns_flexes_about_the_axis_across(tmp_path: Path, own
     free = replace(
         ankle,
         in_parent=turned,
-        coordinates=tuple(replace(ankle.coordinates[0], name=f"q{k}", high=1.0 + k) for k in range(3)),
-        axes=tuple(replace(ankle.axes[0], axis=axis, coordinate=f"q{k}") for k, axis in enumerate(axes)),
+        coordinates=tuple(
+            replace(ankle.coordinates[0], name=f"q{k}", high=1.0 + k) for k in range(3)
+        ),
+        axes=tuple(
+            replace(ankle.axes[0], axis=axis, coordinate=f"q{k}") for k, axis in enumerate(axes)
+        ),
     )
     names = tmp_path / "names.toml"
     names.write_text(f'[joints]\ntalocrural_r = "{ankle.name}"\n')
-    found = next(leg for leg in leg_joints(peer.with_joints([free]), names) if leg.ours == "talocrural_r")
+    found = next(
+        leg for leg in leg_joints(peer.with_joints([free]), names) if leg.ours == "talocrural_r"
+    )
     assert found.coordinate == "q0"
 
 
-def test_the_account_of_joints_and_muscles(published: SubjectModel, tmp_path: Path, own: Path) -> None:
-    """A verdict for every joint; of a muscle the place of its largest change, and jumps that were not there before."""
+def test_the_account_of_joints_and_muscles(
+    published: SubjectModel, tmp_path: Path, own: Path
+) -> None:
+    """A verdict for every joint; of a muscle the place of its largest change, and jumps that were
+    not there before.
+    """
     wrong = disturbed(own, tmp_path / "wrong.osim")
-    done = into_osim(published, wrong), into_osim(published, own), into_osim(published, wrong, errors=UNKNOWN)
+    done = (
+        into_osim(published, wrong),
+        into_osim(published, own),
+        into_osim(published, wrong, errors=UNKNOWN),
+    )
     for export, verdict in zip(done, ("moved", "in place", "left"), strict=True):
         (joints,) = (table for table in joint_tables(export) if table.words[0] == "joint")
-        assert [row[2] for row in joints.rows] == [verdict] * (4 - 2 * (verdict == "left")) * len(NEEDED_JOINTS)
+        assert [row[2] for row in joints.rows] == [verdict] * (4 - 2 * (verdict == "left")) * len(
+            NEEDED_JOINTS
+        )
     values, arm = np.radians([0.0, 45.0, 90.0]), np.array([0.01, 0.01, 0.03])
     length = 0.3 - np.concatenate([[0.0], np.cumsum(0.5 * (arm[1:] + arm[:-1]) * np.diff(values))])
     paths = [
         MusclePath(
-            muscle="m", coordinate="knee_angle_r", values=values, length=length - [0, 0, by], arm=arm + [0, by, 0]
+            muscle="m",
+            coordinate="knee_angle_r",
+            values=values,
+            length=length - [0, 0, by],
+            arm=arm + [0, by, 0],
         )
         for by in (0.0, 0.005, 0.007)
     ]
@@ -391,14 +516,18 @@ def test_the_account_of_joints_and_muscles(published: SubjectModel, tmp_path: Pa
 def test_what_is_fixed_to_a_joints_frame_is_told(published: SubjectModel, own: Path) -> None:
     """It moves with the joint, which it should not: what belongs to a bone is fixed to the bone."""
     with edited(own) as tree:
-        marker = next(m for m in tree.iter("Marker") if m.findtext("socket_parent_frame").endswith("thigh_r"))
+        marker = next(
+            m for m in tree.iter("Marker") if m.findtext("socket_parent_frame").endswith("thigh_r")
+        )
         marker.find("socket_parent_frame").text = "/jointset/hip_r/thigh_r_offset"
     told = f"{marker.get('name')}: fixed to a frame of joint hip_r, and moved with it"
     assert told not in into_osim(published, own).notes
     assert told in into_osim(with_joints(published, hip_r__thigh__ant=0.007), own).notes
 
 
-def test_a_thigh_of_two_bodies_that_follows_no_joint_is_told(published: SubjectModel, own: Path) -> None:
+def test_a_thigh_of_two_bodies_that_follows_no_joint_is_told(
+    published: SubjectModel, own: Path
+) -> None:
     with edited(own) as tree:
         bodies, joints = tree.find(".//BodySet/objects"), tree.find(".//JointSet/objects")
         ET.SubElement(ET.SubElement(bodies, "Body", name="condyle_r"), "mass").text = "0.2"
@@ -407,11 +536,24 @@ def test_a_thigh_of_two_bodies_that_follows_no_joint_is_told(published: SubjectM
             ET.SubElement(weld, f"socket_{end}_frame").text = f"/bodyset/{body}"
         for socket in joints.iterfind("CustomJoint[@name='knee_r']//socket_parent"):
             socket.text = socket.text.replace("thigh_r", "condyle_r")
-    names = ("hip_r__thigh__ant", "knee_r__thigh__ant", "subtalar_r__talus__sup", "subtalar_r__foot__sup")
+    names = (
+        "hip_r__thigh__ant",
+        "knee_r__thigh__ant",
+        "subtalar_r__talus__sup",
+        "subtalar_r__foot__sup",
+    )
     model = with_joints(published, **dict.fromkeys(names, 0.04))
-    told = {follow: " ".join(into_osim(model, own, follow=follow).notes) for follow in (False, True)}
-    assert "do not follow" not in told[False] and "condyle_r, thigh_r: no bone between two joints" in told[True]
-    assert "talus_r" not in told[True].partition("do not follow")[0] and "static trial alone ?" in told[True]
+    told = {
+        follow: " ".join(into_osim(model, own, follow=follow).notes) for follow in (False, True)
+    }
+    assert (
+        "do not follow" not in told[False]
+        and "condyle_r, thigh_r: no bone between two joints" in told[True]
+    )
+    assert (
+        "talus_r" not in told[True].partition("do not follow")[0]
+        and "static trial alone ?" in told[True]
+    )
 
 
 def test_a_model_of_one_leg(published: SubjectModel, own: Path) -> None:
@@ -423,7 +565,9 @@ def test_a_model_of_one_leg(published: SubjectModel, own: Path) -> None:
                 objects.remove(element)
     done = into_osim(published, own)
     assert done.content == own.read_bytes()
-    assert [m.joint for m in done.joints if m.verdict is Verdict.ABSENT] == [f"{j}_l" for j in NEEDED_JOINTS]
+    assert [m.joint for m in done.joints if m.verdict is Verdict.ABSENT] == [
+        f"{j}_l" for j in NEEDED_JOINTS
+    ]
 
 
 def test_markers_of_the_static_trial_count(published: SubjectModel, own: Path) -> None:
@@ -432,14 +576,21 @@ def test_markers_of_the_static_trial_count(published: SubjectModel, own: Path) -
     three = [k for k, s in enumerate(published.markers.segments) if s == "thigh_r"][:3]
     m = published.markers
     fewer = MarkerPlacement(
-        tuple(m.labels[k] for k in few), tuple(m.segments[k] for k in few), m.local[few], m.weight[few]
+        tuple(m.labels[k] for k in few),
+        tuple(m.segments[k] for k in few),
+        m.local[few],
+        m.weight[few],
     )
     names = ("knee_lat_r", "knee_med_r", "thigh_r")
     landmarks = {name: ("thigh_r", m.local[k]) for name, k in zip(names, three, strict=True)}
     worn = {name: (m.labels[k],) for name, k in zip(names, three, strict=True)}
     marker_set = MarkerSet(name="few", description="", landmarks=worn, tracking={})
     person = replace(published, markers=fewer, landmarks=landmarks)
-    (told,) = [r for r in into_osim(person, own, marker_set=marker_set).registrations if r.segment == "thigh_r"]
+    (told,) = [
+        r
+        for r in into_osim(person, own, marker_set=marker_set).registrations
+        if r.segment == "thigh_r"
+    ]
     assert (told.markers, told.common) == (3, 3) and told.rms < BACK
     (bare,) = [r for r in into_osim(person, own).registrations if r.segment == "thigh_r"]
     assert bare.common == 0
@@ -447,7 +598,9 @@ def test_markers_of_the_static_trial_count(published: SubjectModel, own: Path) -
 
 @pytest.mark.parametrize("variant", ["opensim 4", "opensim 3", "other frames"])
 def test_masses_of_the_segments(published: SubjectModel, tmp_path: Path, variant: str) -> None:
-    """Bodies weigh what our segments weigh, and have their mass centres; nothing else of the document changes."""
+    """Bodies weigh what our segments weigh, and have their mass centres; nothing else of the
+    document changes.
+    """
     path = written(published, tmp_path / "m.osim", variant)
     heavier = table(published.parameters.inertial).copy()
     heavier[:, 0] *= np.linspace(0.8, 1.3, len(heavier))
@@ -461,7 +614,9 @@ def test_masses_of_the_segments(published: SubjectModel, tmp_path: Path, variant
         assert weights[segment] == pytest.approx(heavier[k, 0], rel=1e-12)
         if segment in (*LEG_SEGMENTS, "pelvis"):
             shift = np.linalg.norm(now.mass_centre(segment) - was.mass_centre(segment))
-            expected = np.linalg.norm(heavier[k, 1:4] - table(published.parameters.inertial)[k, 1:4])
+            expected = np.linalg.norm(
+                heavier[k, 1:4] - table(published.parameters.inertial)[k, 1:4]
+            )
             if variant == "other frames":  # whose mass centres were not taken along
                 continue
             assert shift == pytest.approx(expected, abs=BACK)
@@ -508,7 +663,9 @@ def with_other_names_of_ankles(tree: ET.ElementTree) -> None:
 
 def misplaced_markers(tree: ET.ElementTree) -> None:
     for k, element in enumerate(tree.iter("Marker")):
-        element.find("location").text = f"{0.1 * np.sin(7 * k)} {0.1 * np.cos(5 * k)} {0.1 * np.sin(3 * k)}"
+        element.find(
+            "location"
+        ).text = f"{0.1 * np.sin(7 * k)} {0.1 * np.cos(5 * k)} {0.1 * np.sin(3 * k)}"
 
 
 @pytest.mark.parametrize(
@@ -520,7 +677,10 @@ def misplaced_markers(tree: ET.ElementTree) -> None:
             with_other_names_of_ankles,
             r"shank_r, and the axes of the joints found \(hip_r, knee_r, .*tell the others by --",
         ),
-        (misplaced_markers, r"its markers lie \d+ mm \(RMS\) from this person's on pelvis; allowed: up to 50 mm"),
+        (
+            misplaced_markers,
+            r"its markers lie \d+ mm \(RMS\) from this person's on pelvis; allowed: up to 50 mm",
+        ),
         (
             of_a_child,
             r"the axes of its joints are \d+ mm \(RMS\) from this person's on thigh_r; allowed: up to 20 mm; "
@@ -542,22 +702,32 @@ def test_what_is_laid_on_by_axes_says_so(published: SubjectModel, own: Path) -> 
     """Of markers that nobody shares nothing is said, but how far the joints' axes are."""
     with edited(own) as tree:
         of_a_child(tree, 0.94)
-    (said,) = [note for note in into_osim(published, own).notes if note.startswith("pelvis, thigh_r")]
-    assert re.search(r"by the axes of joints, up to 1\d mm from .* too few markers are shared", said)
+    (said,) = [
+        note for note in into_osim(published, own).notes if note.startswith("pelvis, thigh_r")
+    ]
+    assert re.search(
+        r"by the axes of joints, up to 1\d mm from .* too few markers are shared", said
+    )
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("person", ["p01/subject01.osim", "p18/subject18.osim"])
 def test_one_walk_brings_hips_and_knees_back(data_dir: Path, tmp_path: Path, person: str) -> None:
-    """People that OpenSim simulated, their models' joints put off: what calibration finds is where they were."""
+    """People that OpenSim simulated, their models' joints put off: what calibration finds is where
+    they were.
+    """
     path = data_dir / "opensim_truth" / person
     calibration = calibrate(Study.load(path.parent / "study.toml"))
     recorded = dict(zip(COORDINATES, calibration.trials[0].calibrated.q.T, strict=True))
     wrong = disturbed(path, tmp_path / "wrong.osim")
-    done = into_osim(calibration.model, wrong, errors=calibration.uncertainty.joint, recorded=recorded)
+    done = into_osim(
+        calibration.model, wrong, errors=calibration.uncertainty.joint, recorded=recorded
+    )
     (tmp_path / "back.osim").write_bytes(done.content)
     told = {move.joint: move.child for move in done.joints}
-    truth, found = (leg_joints(read_osim(p), recorded=recorded) for p in (path, tmp_path / "back.osim"))
+    truth, found = (
+        leg_joints(read_osim(p), recorded=recorded) for p in (path, tmp_path / "back.osim")
+    )
     for a, b in zip(truth, found, strict=True):
         apart = b.theirs.in_child.translation - a.theirs.in_child.translation
         if a.hinge is not None and b.hinge is not None:
@@ -573,17 +743,23 @@ def test_one_walk_brings_hips_and_knees_back(data_dir: Path, tmp_path: Path, per
 
 @pytest.mark.slow
 def test_muscles_pull_as_before(osim: Any, data_dir: Path, tmp_path: Path) -> None:
-    """Of a person whose joints were put off across their axes: moment arms about the knee come back to 1 %."""
+    """Of a person whose joints were put off across their axes: moment arms about the knee come back
+    to 1 %.
+    """
     path = data_dir / REAL_MODELS[0]
     model = person_of(read_osim(path))
     back = tmp_path / "back.osim"
     wrong = disturbed(path, tmp_path / "wrong.osim", across=True)
     done = into_osim(model, wrong)
     back.write_bytes(done.content)
-    ranges = {name: values for name, values in leg_ranges(done.legs).items() if name == "knee_angle_r"}
+    ranges = {
+        name: values for name, values in leg_ranges(done.legs).items() if name == "knee_angle_r"
+    }
     before, spoilt, after = (muscle_paths(p, ranges) for p in (path, wrong, back))
     largest = {key: np.abs(p.arm).max() for key, p in before.items()}
-    assert max(np.abs(p.arm - spoilt[key].arm).max() / largest[key] for key, p in before.items()) > 0.2
+    assert (
+        max(np.abs(p.arm - spoilt[key].arm).max() / largest[key] for key, p in before.items()) > 0.2
+    )
     changes = muscle_changes(before, after)
     for change in changes:
         key = change.before.muscle, change.before.coordinate
@@ -614,7 +790,9 @@ def run(*words: str) -> int:
 def test_the_command(
     kept: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """The nominal model stands for the user's; with the calibrated joints in it, it is the calibrated model."""
+    """The nominal model stands for the user's; with the calibrated joints in it, it is the
+    calibrated model.
+    """
     result = kept_result(kept) / "result"
     model = load_model(result / "model.toml")
     mine, out = tmp_path / "scaled.osim", tmp_path / "mine.osim"
@@ -628,19 +806,30 @@ def test_the_command(
     names = sorted(p.name for p in tmp_path.iterdir())
     assert names == ["mine.html", "mine.joints.csv", "mine.osim", "mine_draws", "scaled.osim"]
     page = (tmp_path / "mine.html").read_text(encoding="utf-8")
-    assert "<h2>Every joint, in both of its bodies</h2>" in page and "<li>muscles: not computed" in page
-    assert page.count('<td class="text">moved</td>') == 4 * len(NEEDED_JOINTS), "either end of every joint"
+    assert (
+        "<h2>Every joint, in both of its bodies</h2>" in page
+        and "<li>muscles: not computed" in page
+    )
+    assert page.count('<td class="text">moved</td>') == 4 * len(NEEDED_JOINTS), (
+        "either end of every joint"
+    )
     one, two = ((tmp_path / "mine_draws" / f"00{k}.osim").read_bytes() for k in (1, 2))
     assert one != two
     (tmp_path / "mine_draws" / "my own.osim").write_text("")
     (tmp_path / "mine.muscles.csv").write_text("of an earlier run")
     assert run("export", str(result), "--into", str(mine), "--out", str(out), "--draws", "1") == 0
     assert (tmp_path / "mine_draws" / "001.osim").read_bytes() == one
-    assert sorted(p.name for p in (tmp_path / "mine_draws").iterdir()) == ["001.osim", "my own.osim"]
+    assert sorted(p.name for p in (tmp_path / "mine_draws").iterdir()) == [
+        "001.osim",
+        "my own.osim",
+    ]
     assert not (tmp_path / "mine.muscles.csv").exists()
     printed = " ".join(capsys.readouterr().out.split())
     told = ("001.osim", "002.osim")
-    assert f"of an earlier run: {', '.join(f'mine_draws/{n}' for n in told)}, mine.muscles.csv" in printed
+    assert (
+        f"of an earlier run: {', '.join(f'mine_draws/{n}' for n in told)}, mine.muscles.csv"
+        in printed
+    )
     assert "draws have" not in printed, "every joint is known"
     monkeypatch.setattr("gaitcal.export.opensim.joint_transfer.UNDETERMINED_SHARE", 0.0)
     assert run("export", str(result), "--into", str(mine), "--out", str(out), "--draws", "1") == 0
@@ -651,12 +840,24 @@ def test_the_command(
     ("words", "message"),
     [
         (("--into", "m.osim"), "--out: found nothing; allowed: a file FILE.osim to be written"),
-        (("--into", "m.osim", "--out", "m.osim"), "--out: found the model that is read; allowed: another file"),
-        (("--into", "m.osim", "--out", "n.osim", "--parameters", "mass"), "allowed: joints or joints,masses"),
-        (("--into", "m.osim", "--out", "n.osim", "--attachments", "go"), "found 'go'; allowed: stay or follow"),
+        (
+            ("--into", "m.osim", "--out", "m.osim"),
+            "--out: found the model that is read; allowed: another file",
+        ),
+        (
+            ("--into", "m.osim", "--out", "n.osim", "--parameters", "mass"),
+            "allowed: joints or joints,masses",
+        ),
+        (
+            ("--into", "m.osim", "--out", "n.osim", "--attachments", "go"),
+            "found 'go'; allowed: stay or follow",
+        ),
         (("--into", "n_draws/001.osim", "--out", "n.osim"), "--into: found a draw of --out"),
         (("--into", "m.osim", "--out", "n.osim", "--format", "c3d"), "--format: found with --into"),
-        (("--into", "m.osim", "--out", "n.osim", "--convention", "clinical"), "--convention: found with --into"),
+        (
+            ("--into", "m.osim", "--out", "n.osim", "--convention", "clinical"),
+            "--convention: found with --into",
+        ),
         (("--into", "m.osim", "--out", "n.osim", "--replace"), "--replace: found with --into"),
         (("--seed", "3"), "--seed: found without --into; allowed: with --into MODEL.osim"),
         (("--draws", "3"), "--draws: found without --into; allowed: with --into MODEL.osim"),

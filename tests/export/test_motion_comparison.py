@@ -17,8 +17,8 @@ from gaitcal.results.saved_result import load_result_model
 from tests.kept import kept_result
 
 SAME_DEG, SAME_NM, MISSED = 0.05, 0.5, 5e-5
-"""deg and N·m RMS, m: markers without noise; what the solver's accuracy leaves, and a prior of soft tissue, which is
-never quite absent."""
+"""deg and N·m RMS, m: markers without noise; what the solver's accuracy leaves, and a prior of soft
+tissue, which is never quite absent."""
 
 
 @pytest.mark.slow
@@ -50,11 +50,23 @@ def test_our_own_model_moves_and_pulls_as_ours(
 def test_what_is_another_zero_or_a_knee_that_rolls_is_said(data_dir: Path) -> None:
     peer = read_osim(data_dir / "subject01/reference/subject01_simbody.osim")
     knee = np.linspace(0.0, 90.0, 50)
-    curve = BothCurves(coordinate="knee_angle_r", unit="deg", ours=knee, theirs=knee + 6.0 + 0.1 * np.sin(knee))
-    assert curve.offset == pytest.approx(6.0, abs=0.05) and 0.0 < curve.rest < 0.1 and curve.correlation > 0.99
+    curve = BothCurves(
+        coordinate="knee_angle_r", unit="deg", ours=knee, theirs=knee + 6.0 + 0.1 * np.sin(knee)
+    )
+    assert (
+        curve.offset == pytest.approx(6.0, abs=0.05)
+        and 0.0 < curve.rest < 0.1
+        and curve.correlation > 0.99
+    )
     rolls, zero = _explained(peer, leg_joints(peer), [curve])
-    assert rolls.startswith("knee_r rolls: over these angles its centre leaves the hinge nearest to it by up to")
-    assert zero == "knee_angle_r: mostly a constant, +6.0 deg: its zero is another one in their model"
+    assert rolls.startswith(
+        "knee_r rolls: over these angles its centre leaves the hinge nearest to it by up to"
+    )
+    assert (
+        zero == "knee_angle_r: mostly a constant, +6.0 deg: its zero is another one in their model"
+    )
     locked = replace(curve, coordinate="subtalar_angle_r", theirs=np.zeros(50))
-    assert [*_explained(peer, leg_joints(peer), [locked])][-1].startswith("subtalar_angle_r: locked in their model")
+    assert [*_explained(peer, leg_joints(peer), [locked])][-1].startswith(
+        "subtalar_angle_r: locked in their model"
+    )
     assert np.isnan(locked.correlation)

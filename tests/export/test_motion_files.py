@@ -45,7 +45,10 @@ def test_mot_of_some_coordinates_in_any_order(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize(
     ("names", "columns", "message"),
-    [(("knee_angle",), 1, "found 'knee_angle'; allowed are"), (("knee_angle_r",), 2, r"shape \(25, 2\)")],
+    [
+        (("knee_angle",), 1, "found 'knee_angle'; allowed are"),
+        (("knee_angle_r",), 2, r"shape \(25, 2\)"),
+    ],
 )
 def test_mot_refuses(tmp_path: Path, names: tuple[str, ...], columns: int, message: str) -> None:
     with pytest.raises(InputError, match=message):
@@ -61,14 +64,17 @@ def test_time_must_increase(tmp_path: Path) -> None:
 def test_moments(tmp_path: Path) -> None:
     tau = table(4, len(COORDINATES))
     tau[3, 5] = np.nan
-    write_sto_moments(tmp_path / "walk.sto", TIME, tau, comments=("endheader", "nRows=7\nnColumns=2"))
+    write_sto_moments(
+        tmp_path / "walk.sto", TIME, tau, comments=("endheader", "nRows=7\nnColumns=2")
+    )
     lines = (tmp_path / "walk.sto").read_text(encoding="utf-8").splitlines()
     end = lines.index("endheader")
     assert lines[0] == "Inverse Dynamics Generalized Forces"
     assert [line for line in lines[:end] if line.startswith("nRows=")] == ["nRows=24"]
     header = " ".join(lines[:end])
     assert all(
-        word in header for word in ("Internal and net", "Sign", "Frame", "Units", "inDegrees=no", "1 of 25 rows")
+        word in header
+        for word in ("Internal and net", "Sign", "Frame", "Units", "inDegrees=no", "1 of 25 rows")
     )
     names = lines[end + 1].split("\t")
     assert names[:2] == ["time", "pelvis_tilt_moment"]
@@ -98,7 +104,9 @@ def walking_wrenches(seed: int = 5) -> np.ndarray:
 def test_point_and_torque_are_the_same_wrench() -> None:
     for wrench in np.moveaxis(walking_wrenches(), 1, 0):
         point, torque = point_and_torque(wrench)
-        np.testing.assert_allclose(np.cross(point, wrench[:, :3]) + torque, wrench[:, 3:], atol=1e-10)
+        np.testing.assert_allclose(
+            np.cross(point, wrench[:, :3]) + torque, wrench[:, 3:], atol=1e-10
+        )
         loaded = wrench[:, 1] >= LOADED_N
         np.testing.assert_allclose(torque[loaded][:, [0, 2]], 0.0, atol=1e-10)
         assert (point[:, 1] == 0.0).all()
@@ -157,6 +165,8 @@ def test_opensim_reads_the_tables(osim: Any, tmp_path: Path) -> None:
     column = osim.ArrayDouble()
     motion.getDataColumn("knee_angle_r", column)
     read = np.array([column.get(i) for i in range(len(TIME))])
-    np.testing.assert_allclose(np.deg2rad(read), q[:, COORDINATES.index("knee_angle_r")], rtol=ROUNDING)
+    np.testing.assert_allclose(
+        np.deg2rad(read), q[:, COORDINATES.index("knee_angle_r")], rtol=ROUNDING
+    )
     newer = osim.TimeSeriesTable(str(tmp_path / "a.sto"))
     assert newer.getNumRows() == len(TIME) - 1

@@ -1,4 +1,6 @@
-"""Names are data: whatever stands in them, the files stay well-formed, the names distinct, and nothing is a path."""
+"""Names are data: whatever stands in them, the files stay well-formed, the names distinct, and
+nothing is a path.
+"""
 
 import xml.etree.ElementTree as ET
 from dataclasses import replace

@@ -1,4 +1,6 @@
-"""Each exported model, in the program it is for, answers as ours does: 27 generalised forces, all markers."""
+"""Each exported model, in the program it is for, answers as ours does: 27 generalised forces, all
+markers.
+"""
 
 import sys
 import xml.etree.ElementTree as ET
@@ -28,7 +30,14 @@ from tests.export.mechanics import (
     random_states,
 )
 from tests.export.peer_programs import peer
-from tests.export.peers import Answers, OpenSimModel, mjcf_answers, mujoco_answers, opensim_answers, urdf_answers
+from tests.export.peers import (
+    Answers,
+    OpenSimModel,
+    mjcf_answers,
+    mujoco_answers,
+    opensim_answers,
+    urdf_answers,
+)
 
 PINOCCHIO_TOLERANCE = 1e-9
 """N, N·m: the same library on both sides, so only rounding of the placements differs."""
@@ -48,31 +57,41 @@ def with_talus_marker(model: SubjectModel) -> SubjectModel:
     return replace(model, markers=markers)
 
 
-VARIANTS = [pytest.param(seed, id=f"seed {seed}") for seed in SEEDS] + [pytest.param(-1, id="talus marker")]
+VARIANTS = [pytest.param(seed, id=f"seed {seed}") for seed in SEEDS] + [
+    pytest.param(-1, id="talus marker")
+]
 
 
 def variant(model: SubjectModel, seed: int) -> SubjectModel:
     return with_talus_marker(perturbed(model, 1)) if seed < 0 else perturbed(model, seed)
 
 
-def assert_same(model: SubjectModel, states: list[State], answers: Answers, force: float = FORCE_TOLERANCE) -> None:
+def assert_same(
+    model: SubjectModel, states: list[State], answers: Answers, force: float = FORCE_TOLERANCE
+) -> None:
     tau, markers = answers
     np.testing.assert_allclose(tau, [our_forces(model, s) for s in states], rtol=0, atol=force)
-    np.testing.assert_allclose(markers, [our_markers(model, s.q) for s in states], rtol=0, atol=POSITION_TOLERANCE)
+    np.testing.assert_allclose(
+        markers, [our_markers(model, s.q) for s in states], rtol=0, atol=POSITION_TOLERANCE
+    )
 
 
 @pytest.mark.parametrize("seed", VARIANTS)
 def test_opensim(osim: Any, published: SubjectModel, tmp_path: Path, seed: int) -> None:
     model, states = variant(published, seed), random_states(abs(seed))
     write_osim(model, tmp_path / "model.osim")
-    assert_same(model, states, opensim_answers(osim, tmp_path / "model.osim", model.markers.labels, states))
+    assert_same(
+        model, states, opensim_answers(osim, tmp_path / "model.osim", model.markers.labels, states)
+    )
 
 
 @pytest.mark.parametrize("seed", VARIANTS)
 def test_mujoco(mujoco: Any, published: SubjectModel, tmp_path: Path, seed: int) -> None:
     model, states = variant(published, seed), random_states(abs(seed))
     write_mjcf(model, tmp_path / "model.xml")
-    assert_same(model, states, mujoco_answers(mujoco, tmp_path / "model.xml", model.markers.labels, states))
+    assert_same(
+        model, states, mujoco_answers(mujoco, tmp_path / "model.xml", model.markers.labels, states)
+    )
 
 
 @pytest.mark.parametrize("seed", VARIANTS)
@@ -87,11 +106,18 @@ def test_urdf(published: SubjectModel, tmp_path: Path, seed: int) -> None:
 def test_mjcf(published: SubjectModel, tmp_path: Path, seed: int) -> None:
     model, states = variant(published, seed), random_states(abs(seed))
     write_mjcf(model, tmp_path / "model.xml")
-    assert_same(model, states, mjcf_answers(tmp_path / "model.xml", model.markers.labels, states), PINOCCHIO_TOLERANCE)
+    assert_same(
+        model,
+        states,
+        mjcf_answers(tmp_path / "model.xml", model.markers.labels, states),
+        PINOCCHIO_TOLERANCE,
+    )
 
 
 @pytest.mark.parametrize("seed", VARIANTS)
-def test_osim_places_every_marker_and_mass(published: SubjectModel, tmp_path: Path, seed: int) -> None:
+def test_osim_places_every_marker_and_mass(
+    published: SubjectModel, tmp_path: Path, seed: int
+) -> None:
     """Read back without OpenSim: the same bodies in the same places are the same mechanical system."""
     model = variant(published, seed)
     write_osim(model, tmp_path / "model.osim")
@@ -102,10 +128,13 @@ def test_osim_places_every_marker_and_mass(published: SubjectModel, tmp_path: Pa
             values = dict(zip(COORDINATES, state.q, strict=True))
             poses[joint.child] = poses[joint.parent] * peer.joint_pose(joint, values)
         markers = [poses[body].act(place) for body, place in peer.markers.values()]
-        np.testing.assert_allclose(markers, our_markers(model, state.q), rtol=0, atol=POSITION_TOLERANCE)
+        np.testing.assert_allclose(
+            markers, our_markers(model, state.q), rtol=0, atol=POSITION_TOLERANCE
+        )
     bodies = ET.parse(tmp_path / "model.osim").getroot().iter("Body")
     inertias = {
-        body.get("name"): [float(x) for tag in INERTIA for x in (body.findtext(tag) or "").split()] for body in bodies
+        body.get("name"): [float(x) for tag in INERTIA for x in (body.findtext(tag) or "").split()]
+        for body in bodies
     }
     rows = table(model.parameters.inertial)
     for segment, row in zip(MASSIVE_SEGMENTS, rows, strict=True):
@@ -119,7 +148,9 @@ def test_osim_locks_what_is_held_at_zero(published: SubjectModel, tmp_path: Path
     assert {c.name for joint in joints for c in joint.coordinates if c.locked} == set(ARM)
 
 
-def test_opensim_with_coordinates_held_at_zero(osim: Any, published: SubjectModel, tmp_path: Path) -> None:
+def test_opensim_with_coordinates_held_at_zero(
+    osim: Any, published: SubjectModel, tmp_path: Path
+) -> None:
     model = replace(published, frozen=ARM)
     write_osim(model, tmp_path / "model.osim")
     peer = OpenSimModel(osim, tmp_path / "model.osim")
@@ -127,17 +158,27 @@ def test_opensim_with_coordinates_held_at_zero(osim: Any, published: SubjectMode
     assert held == set(ARM)
     for state in random_states(7, still=ARM):
         peer.set(state)
-        np.testing.assert_allclose(peer.forces(state), our_forces(model, state), rtol=0, atol=FORCE_TOLERANCE)
+        np.testing.assert_allclose(
+            peer.forces(state), our_forces(model, state), rtol=0, atol=FORCE_TOLERANCE
+        )
 
 
-def test_mujoco_with_coordinates_held_at_zero(mujoco: Any, published: SubjectModel, tmp_path: Path) -> None:
+def test_mujoco_with_coordinates_held_at_zero(
+    mujoco: Any, published: SubjectModel, tmp_path: Path
+) -> None:
     model, states = replace(published, frozen=ARM), random_states(7, still=ARM)
     write_mjcf(model, tmp_path / "model.xml")
-    assert_same(model, states, mujoco_answers(mujoco, tmp_path / "model.xml", model.markers.labels, states))
+    assert_same(
+        model, states, mujoco_answers(mujoco, tmp_path / "model.xml", model.markers.labels, states)
+    )
 
 
-def test_opensim_integrates_the_model_forwards(osim: Any, published: SubjectModel, tmp_path: Path) -> None:
-    """The massless talus lies between bodies with mass: accelerations exist, and are those of our own mass matrix."""
+def test_opensim_integrates_the_model_forwards(
+    osim: Any, published: SubjectModel, tmp_path: Path
+) -> None:
+    """The massless talus lies between bodies with mass: accelerations exist, and are those of our
+    own mass matrix.
+    """
     write_osim(published, tmp_path / "model.osim")
     peer = OpenSimModel(osim, tmp_path / "model.osim")
     state = random_states(5, 1)[0]
@@ -148,7 +189,9 @@ def test_opensim_integrates_the_model_forwards(osim: Any, published: SubjectMode
     np.testing.assert_allclose(our_forces(published, falling), 0.0, atol=FORCE_TOLERANCE)
 
 
-def test_mujoco_refuses_what_we_refuse_to_write(osim: Any, published: SubjectModel, tmp_path: Path) -> None:
+def test_mujoco_refuses_what_we_refuse_to_write(
+    osim: Any, published: SubjectModel, tmp_path: Path
+) -> None:
     inertial = published.parameters.inertial.copy()
     inertial[4] = inertial[5] + inertial[6] + 0.001  # the pelvis' first moment
     model = published.with_parameters(published.parameters.with_inertial(inertial))
@@ -159,7 +202,9 @@ def test_mujoco_refuses_what_we_refuse_to_write(osim: Any, published: SubjectMod
     peer = OpenSimModel(osim, tmp_path / "model.osim")
     state = random_states(3, 1)[0]
     peer.set(state)
-    np.testing.assert_allclose(peer.forces(state), our_forces(model, state), rtol=0, atol=FORCE_TOLERANCE)
+    np.testing.assert_allclose(
+        peer.forces(state), our_forces(model, state), rtol=0, atol=FORCE_TOLERANCE
+    )
 
 
 @pytest.mark.parametrize("name", ["mujoco", "opensim"])
@@ -169,6 +214,10 @@ def test_a_missing_peer_fails_in_ci(name: str, monkeypatch: pytest.MonkeyPatch) 
     with pytest.raises(pytest.skip.Exception, match=f"no {name} here"):
         peer(name)
     monkeypatch.setenv("CI", "true")
-    wanted = pytest.skip.Exception if name == "opensim" and sys.version_info < (3, 11) else pytest.fail.Exception
+    wanted = (
+        pytest.skip.Exception
+        if name == "opensim" and sys.version_info < (3, 11)
+        else pytest.fail.Exception
+    )
     with pytest.raises(wanted, match="extra `peers`"):
         peer(name)

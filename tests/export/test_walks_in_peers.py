@@ -1,8 +1,10 @@
-"""A calibrated walk, real and synthetic, in other programs: every file of the result folder, every frame.
+"""A calibrated walk, real and synthetic, in other programs: every file of the result folder, every
+frame.
 
-The walks move less than the random states of `test_same_mechanics.py`; what is tried here is the whole way from the
-recordings of a person to the numbers that OpenSim, MuJoCo and Pinocchio give for the files beside the report.
-The figures: pytest tests/export/test_walks_in_peers.py --log-cli-level=INFO
+The walks move less than the random states of `test_same_mechanics.py`; what is tried here is the
+whole way from the recordings of a person to the numbers that OpenSim, MuJoCo and Pinocchio give for
+the files beside the report. The figures: pytest tests/export/test_walks_in_peers.py
+--log-cli-level=INFO
 """
 
 import logging
@@ -20,7 +22,14 @@ from gaitcal.model.subject_model import SubjectModel
 from gaitcal.pipeline.write_results import write_results
 from gaitcal.study.study import Study
 from gaitcal.synthetic.synthetic_motion import synthetic_markers
-from tests.export.mechanics import FORCE_TOLERANCE, IK_TOLERANCE, POSITION_TOLERANCE, PRINTED, State, our_forces
+from tests.export.mechanics import (
+    FORCE_TOLERANCE,
+    IK_TOLERANCE,
+    POSITION_TOLERANCE,
+    PRINTED,
+    State,
+    our_forces,
+)
 from tests.export.peers import (
     Answers,
     mujoco_answers,
@@ -60,7 +69,9 @@ class Walk:
 
 
 def calibrated_walk(study: Path, out: Path) -> Walk:
-    """Calibrate the study file's person and write the result folder `out`; the trial must be called `walk`."""
+    """Calibrate the study file's person and write the result folder `out`; the trial must be called
+    `walk`.
+    """
     calibration = calibrate(Study.load(study))
     write_results(calibration, out)
     walk = calibration.trial("walk")
@@ -112,40 +123,68 @@ def assert_ours(walk: Walk, answers: Answers) -> None:
 
 @pytest.mark.slow
 def test_opensim(osim: Any, walk: Walk) -> None:
-    assert_ours(walk, opensim_answers(osim, walk.folder / "model.osim", walk.model.markers.labels, walk.states))
+    assert_ours(
+        walk,
+        opensim_answers(osim, walk.folder / "model.osim", walk.model.markers.labels, walk.states),
+    )
 
 
 def test_mujoco(mujoco: Any, walk: Walk) -> None:
-    assert_ours(walk, mujoco_answers(mujoco, walk.folder / "model.xml", walk.model.markers.labels, walk.states))
+    assert_ours(
+        walk,
+        mujoco_answers(mujoco, walk.folder / "model.xml", walk.model.markers.labels, walk.states),
+    )
 
 
 def test_pinocchio(walk: Walk) -> None:
-    assert_ours(walk, urdf_answers(walk.folder / "model.urdf", walk.model.markers.labels, walk.states))
+    assert_ours(
+        walk, urdf_answers(walk.folder / "model.urdf", walk.model.markers.labels, walk.states)
+    )
 
 
 def test_inverse_dynamics_tool(osim: Any, walk: Walk, tmp_path: Path) -> None:
-    """Coordinates and ground reactions from the files; velocities and accelerations are those of OpenSim's splines."""
+    """Coordinates and ground reactions from the files; velocities and accelerations are those of
+    OpenSim's splines.
+    """
     motion = shutil.copy(walk.folder / "motion/walk.mot", tmp_path)
     loads = walk.folder / "forces/walk.xml"
-    found, derivatives = run_inverse_dynamics(osim, walk.folder / "model.osim", Path(motion), loads, walk.time)
+    found, derivatives = run_inverse_dynamics(
+        osim, walk.folder / "model.osim", Path(motion), loads, walk.time
+    )
     states = [State(*d, ours.wrenches) for d, ours in zip(derivatives, walk.states, strict=True)]
-    np.testing.assert_allclose(found, [our_forces(walk.model, s) for s in states], rtol=0, atol=PRINTED)
+    np.testing.assert_allclose(
+        found, [our_forces(walk.model, s) for s in states], rtol=0, atol=PRINTED
+    )
 
 
 @pytest.mark.slow
 def test_inverse_kinematics_tool(osim: Any, walk: Walk, tmp_path: Path) -> None:
-    """OpenSim's solver stops early, at an accuracy of 1e-5: the real trunk and arm markers, which weigh a fiftieth and
-    are missed by centimetres, are then still 0.6 mm from the optimum that it reaches with 1e-7.
+    """OpenSim's solver stops early, at an accuracy of 1e-5: the real trunk and arm markers, which
+    weigh a fiftieth and are missed by centimetres, are then still 0.6 mm from the optimum that it
+    reaches with 1e-7.
     """
     trc = Path(shutil.copy(walk.folder / "markers/walk.trc", tmp_path))
     model, frames = walk.model, slice(None, None, EVERY)
-    ours = [optimum(model, x, s.q) for x, s in zip(walk.measured[frames], walk.states[frames], strict=True)]
+    ours = [
+        optimum(model, x, s.q)
+        for x, s in zip(walk.measured[frames], walk.states[frames], strict=True)
+    ]
     best = synthetic_markers(model.parameters, model.markers, np.array(ours))
     weight = model.markers.weight
     heaviest = weight == weight.max()
-    for accuracy, counted, allowed in ((None, heaviest, IK_TOLERANCE), (1e-7, weight > 0, 0.1 * IK_TOLERANCE)):
-        theirs = run_inverse_kinematics(osim, walk.folder / "model.osim", trc, model.markers, walk.time, accuracy)
+    for accuracy, counted, allowed in (
+        (None, heaviest, IK_TOLERANCE),
+        (1e-7, weight > 0, 0.1 * IK_TOLERANCE),
+    ):
+        theirs = run_inverse_kinematics(
+            osim, walk.folder / "model.osim", trc, model.markers, walk.time, accuracy
+        )
         apart = synthetic_markers(model.parameters, model.markers, theirs[frames]) - best
         rms = np.sqrt(np.mean(np.sum(apart[:, counted] ** 2, axis=2)))
-        LOG.info("accuracy %s, %d markers: %.4f mm RMS", accuracy or "of the tool", counted.sum(), 1e3 * rms)
+        LOG.info(
+            "accuracy %s, %d markers: %.4f mm RMS",
+            accuracy or "of the tool",
+            counted.sum(),
+            1e3 * rms,
+        )
         assert rms < allowed, accuracy

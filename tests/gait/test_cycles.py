@@ -23,7 +23,15 @@ from gaitcal.gait.cycles import (
     steady,
 )
 from gaitcal.gait.ensemble import ENSEMBLE_COLUMNS, ensemble, spread
-from gaitcal.gait.peaks import PEAKS, PHASE_PEAKS, PHASES, peak_columns, peak_means, phase_peaks, stride_peaks
+from gaitcal.gait.peaks import (
+    PEAKS,
+    PHASE_PEAKS,
+    PHASES,
+    peak_columns,
+    peak_means,
+    phase_peaks,
+    stride_peaks,
+)
 from tests.gait.walks import vendor_strides
 
 TIME = np.arange(0.0, 3.0, 0.01)
@@ -36,7 +44,9 @@ def contact(time: np.ndarray, phase: float) -> np.ndarray:
 
 
 FEET = FootEvents(
-    np.array([0.2, 1.3, 2.4]), np.array([0.1, 0.86, 1.96]), (EventSource.FILE, EventSource.PLATES, EventSource.MOTION)
+    np.array([0.2, 1.3, 2.4]),
+    np.array([0.1, 0.86, 1.96]),
+    (EventSource.FILE, EventSource.PLATES, EventSource.MOTION),
 )
 
 
@@ -46,7 +56,9 @@ def test_cycles_run_from_strike_to_next_strike_of_the_same_foot_and_say_what_tol
         GaitCycle(0.2, 1.3, 0.86, sources=FEET.sources[:2]), GaitCycle(1.3, 2.4, 1.96, sources=FEET.sources[1:]),
     )  # fmt: skip
     assert [c.stance for c in cycles] == pytest.approx([60.0, 60.0])
-    assert gait_cycles(FootEvents(np.array([0.2, 0.5, 5.0]), np.array([]))) == (), "a flicker and a stop"
+    assert gait_cycles(FootEvents(np.array([0.2, 0.5, 5.0]), np.array([]))) == (), (
+        "a flicker and a stop"
+    )
 
 
 def test_flickers_of_the_threshold_are_no_steps() -> None:
@@ -62,13 +74,19 @@ def test_the_drawn_cycle_is_the_one_with_most_valid_frames() -> None:
     assert best_cycle(cycles, TIME, TIME >= 0.0) == cycles[0]
 
 
-cycle_times = st.tuples(st.floats(0.0, 1.0), st.floats(0.5, 1.5)).map(lambda t: GaitCycle(t[0], t[0] + t[1], None))
+cycle_times = st.tuples(st.floats(0.0, 1.0), st.floats(0.5, 1.5)).map(
+    lambda t: GaitCycle(t[0], t[0] + t[1], None)
+)
 
 
 @given(cycle_times, st.floats(-100, 100), st.floats(-100, 100), st.integers(2, 200))
-def test_a_straight_line_stays_one(cycle: GaitCycle, level: float, slope: float, points: int) -> None:
+def test_a_straight_line_stays_one(
+    cycle: GaitCycle, level: float, slope: float, points: int
+) -> None:
     expected = level + slope * np.linspace(cycle.start, cycle.stop, points)
-    assert normalise(TIME, level + slope * TIME, cycle, points) == pytest.approx(expected, abs=ROUNDING * 1e3)
+    assert normalise(TIME, level + slope * TIME, cycle, points) == pytest.approx(
+        expected, abs=ROUNDING * 1e3
+    )
 
 
 @given(cycle_times, st.floats(-5, 5), st.floats(0.2, 5))
@@ -82,13 +100,17 @@ def test_the_clock_does_not_matter(cycle: GaitCycle, shift: float, scale: float)
 
 
 @given(cycle_times, st.integers(0, 280), st.integers(1, 19))
-def test_a_gap_stays_a_gap_and_nothing_else_becomes_one(cycle: GaitCycle, first: int, length: int) -> None:
+def test_a_gap_stays_a_gap_and_nothing_else_becomes_one(
+    cycle: GaitCycle, first: int, length: int
+) -> None:
     values = np.ones(len(TIME))
     values[first : first + length] = np.nan
     at, last = np.linspace(cycle.start, cycle.stop, 101), first + length - 1
     out = normalise(TIME, values, cycle)
     inside = (at > TIME[first] + ROUNDING) & (at < TIME[last] - ROUNDING)
-    outside = (at < TIME[max(first - 1, 0)] - ROUNDING) | (at > TIME[min(last + 1, len(TIME) - 1)] + ROUNDING)
+    outside = (at < TIME[max(first - 1, 0)] - ROUNDING) | (
+        at > TIME[min(last + 1, len(TIME) - 1)] + ROUNDING
+    )
     assert np.isnan(out[inside]).all()
     assert out[outside] == pytest.approx(1.0)
 
@@ -118,10 +140,22 @@ EXACT = 1e-10
 
 def table(values: dict[tuple[str, str, int], np.ndarray]) -> pd.DataFrame:
     """Strides of one variable: (trial, side, stride) -> (m,) values."""
-    same = {"person": "p", "session": "", "variable": "knee_angle", "se": np.hypot(OWN, SHARED), "valid": 1}
+    same = {
+        "person": "p",
+        "session": "",
+        "variable": "knee_angle",
+        "se": np.hypot(OWN, SHARED),
+        "valid": 1,
+    }
     keys = ("trial", "side", "stride")
     rows = [
-        {**same, **dict(zip(keys, key, strict=True)), "percent": percent, "value": value, "se_stride": OWN}
+        {
+            **same,
+            **dict(zip(keys, key, strict=True)),
+            "percent": percent,
+            "value": value,
+            "se_stride": OWN,
+        }
         for key, curve in values.items()
         for percent, value in enumerate(curve)
     ]
@@ -130,7 +164,9 @@ def table(values: dict[tuple[str, str, int], np.ndarray]) -> pd.DataFrame:
 
 @settings(max_examples=30, deadline=None)
 @given(st.lists(st.integers(1, 4), min_size=1, max_size=5), st.integers(0, 2**32 - 1))
-def test_statistics_are_those_of_plain_loops_over_what_is_valid(sizes: list[int], seed: int) -> None:
+def test_statistics_are_those_of_plain_loops_over_what_is_valid(
+    sizes: list[int], seed: int
+) -> None:
     """Whatever the numbers of strides in trials, with samples missing anywhere."""
     rng = np.random.default_rng(seed)
     trials = np.repeat(np.arange(len(sizes)), sizes)
@@ -158,20 +194,30 @@ def test_statistics_are_those_of_plain_loops_over_what_is_valid(sizes: list[int]
         else:
             size = (n - sum(len(g) ** 2 for g in groups) / n) / (k - 1)
             apart = sum(len(g) * (g.mean() - y.mean()) ** 2 for g in groups) / (k - 1)
-            assert found.sd_between[point] == pytest.approx(np.sqrt(max((apart - within) / size, 0.0)), abs=1e-6)
+            assert found.sd_between[point] == pytest.approx(
+                np.sqrt(max((apart - within) / size, 0.0)), abs=1e-6
+            )
 
 
 def test_variances_that_were_put_in_come_out() -> None:
-    """Many trials of three strides, with an error that all share: it moves the mean, and is in no spread."""
+    """Many trials of three strides, with an error that all share: it moves the mean, and is in no
+    spread.
+    """
     rng = np.random.default_rng(1)
     trials, strides, points = 40, 3, 400
     shape = (trials, strides, points)
     values = BETWEEN * rng.normal(size=(trials, 1, points)) + WITHIN * rng.normal(size=shape)
     values = values + OWN * rng.normal(size=shape) + SHARED * rng.normal(size=points)
     labels = np.repeat(np.arange(trials), strides)
-    own, total = np.full((len(labels), points), OWN), np.full((len(labels), points), np.hypot(OWN, SHARED))
+    own, total = (
+        np.full((len(labels), points), OWN),
+        np.full((len(labels), points), np.hypot(OWN, SHARED)),
+    )
     found = spread(values.reshape(-1, points), labels, own, total)
-    rms = {name: float(np.sqrt(np.mean(getattr(found, name) ** 2))) for name in ("sd_within", "sd_between", "sd_error")}
+    rms = {
+        name: float(np.sqrt(np.mean(getattr(found, name) ** 2)))
+        for name in ("sd_within", "sd_between", "sd_error")
+    }
     assert rms["sd_within"] == pytest.approx(np.hypot(WITHIN, OWN), rel=0.02)
     assert rms["sd_between"] == pytest.approx(BETWEEN, rel=0.03)
     assert rms["sd_error"] == pytest.approx(OWN)
@@ -189,7 +235,13 @@ def test_one_stride_has_its_own_standard_error_and_no_spread() -> None:
 
 
 def test_samples_that_are_not_valid_are_left_out_percent_by_percent_and_sides_stay_apart() -> None:
-    strides = table({("a", "r", 1): np.full(3, 1.0), ("b", "r", 1): np.full(3, 3.0), ("a", "l", 1): np.full(3, 9.0)})
+    strides = table(
+        {
+            ("a", "r", 1): np.full(3, 1.0),
+            ("b", "r", 1): np.full(3, 3.0),
+            ("a", "l", 1): np.full(3, 9.0),
+        }
+    )
     strides.loc[(strides["trial"] == "b") & (strides["percent"] == 1), "valid"] = 0
     found = ensemble(strides)
     right = found[found["side"] == "r"]
@@ -200,7 +252,9 @@ def test_samples_that_are_not_valid_are_left_out_percent_by_percent_and_sides_st
 
 def test_the_order_of_rows_is_no_matter() -> None:
     rng = np.random.default_rng(3)
-    strides = table({(t, s, k): rng.normal(size=5) for t, s, k in itertools.product("ab", "rl", (1, 2))})
+    strides = table(
+        {(t, s, k): rng.normal(size=5) for t, s, k in itertools.product("ab", "rl", (1, 2))}
+    )
     mixed = strides.sample(frac=1.0, random_state=4)
     keys = ["side", "percent"]
     one, other = (ensemble(t).sort_values(keys, ignore_index=True) for t in (strides, mixed))
@@ -209,7 +263,9 @@ def test_the_order_of_rows_is_no_matter() -> None:
 
 def test_people_and_sessions_are_apart_and_a_stride_twice_is_refused() -> None:
     strides = table({("a", "r", 1): np.zeros(3)})
-    found = ensemble(pd.concat([strides, strides.assign(session="second", value=5.0)], ignore_index=True))
+    found = ensemble(
+        pd.concat([strides, strides.assign(session="second", value=5.0)], ignore_index=True)
+    )
     assert found.groupby("session")["mean"].mean().to_dict() == {"": 0.0, "second": 5.0}
     told = "found stride 1 of a, side r, twice; allowed: once for each person and session"
     with pytest.raises(InputError, match=told):
@@ -217,8 +273,16 @@ def test_people_and_sessions_are_apart_and_a_stride_twice_is_refused() -> None:
 
 
 def test_without_standard_errors_there_is_no_error_and_without_strides_no_row() -> None:
-    found = ensemble(table({("a", "r", 1): np.zeros(3), ("a", "r", 2): np.ones(3)}).drop(columns=["se", "se_stride"]))
-    assert found["sd_error"].isna().all() and found["se"].isna().all() and found["sd_within"].notna().all()
+    found = ensemble(
+        table({("a", "r", 1): np.zeros(3), ("a", "r", 2): np.ones(3)}).drop(
+            columns=["se", "se_stride"]
+        )
+    )
+    assert (
+        found["sd_error"].isna().all()
+        and found["se"].isna().all()
+        and found["sd_within"].notna().all()
+    )
     assert ensemble(table({}).reindex(columns=[*ENSEMBLE_COLUMNS])).empty
 
 
@@ -228,13 +292,19 @@ NONE = np.full(POINTS, np.nan)
 
 def bump(*at: tuple[float, float]) -> np.ndarray:
     """Bumps of a width of 4 %, each (percent, height)."""
-    return np.asarray(sum(height * np.exp(-(((PERCENT - place) / 4.0) ** 2)) for place, height in at))
+    return np.asarray(
+        sum(height * np.exp(-(((PERCENT - place) / 4.0) ** 2)) for place, height in at)
+    )
 
 
 def test_variables_are_those_of_the_table_and_windows_lie_within_the_stride() -> None:
     assert {peak.variable for peak in PEAKS.values()} <= set(known_variables())
     assert all(0.0 <= peak.window[0] <= peak.window[1] <= 2.0 for peak in PEAKS.values())
-    loads = [peak for peak in PEAKS.values() if peak.variable.endswith(("_moment", "_power", "_vertical"))]
+    loads = [
+        peak
+        for peak in PEAKS.values()
+        if peak.variable.endswith(("_moment", "_power", "_vertical"))
+    ]
     assert min(peak.window[0] for peak in loads) == 0.08
 
 
@@ -280,17 +350,27 @@ def test_a_peak_is_where_its_curve_turns_within_the_window_of_its_phase(
 ) -> None:
     found = stride_peaks({name: (curve, NONE, NONE) for name, curve in curves.items()}, toe_off)
     assert {name: at for name, (*_, at) in found.items()} == places
-    assert {found[name][0] for name in places} <= {value for curve in curves.values() for value in curve}
+    assert {found[name][0] for name in places} <= {
+        value for curve in curves.values() for value in curve
+    }
 
 
 def test_a_range_shares_what_its_ends_share() -> None:
     """5 deg that all strides share is at both ends: what is left is the stride's own 1 deg at each."""
-    curve, error, own = 10.0 * np.sin(PERCENT / 16.0), np.full(POINTS, np.sqrt(26.0)), np.ones(POINTS)
-    value, total, alone, _ = stride_peaks({"pelvis_list": (curve, error, own)}, 62.0)["pelvis_list_range"]
-    assert value == pytest.approx(np.ptp(curve)) and total == pytest.approx(alone) == pytest.approx(np.sqrt(2.0))
-    assert stride_peaks({"pelvis_tilt": (curve, error, own)}, 62.0)["pelvis_tilt_mean"][:2] == pytest.approx(
-        (curve.mean(), np.sqrt(26.0))
+    curve, error, own = (
+        10.0 * np.sin(PERCENT / 16.0),
+        np.full(POINTS, np.sqrt(26.0)),
+        np.ones(POINTS),
     )
+    value, total, alone, _ = stride_peaks({"pelvis_list": (curve, error, own)}, 62.0)[
+        "pelvis_list_range"
+    ]
+    assert value == pytest.approx(np.ptp(curve)) and total == pytest.approx(alone) == pytest.approx(
+        np.sqrt(2.0)
+    )
+    assert stride_peaks({"pelvis_tilt": (curve, error, own)}, 62.0)["pelvis_tilt_mean"][
+        :2
+    ] == pytest.approx((curve.mean(), np.sqrt(26.0)))
 
 
 def test_peaks_of_phases_count_at_their_ends_but_not_beside_a_seat() -> None:
@@ -304,10 +384,17 @@ def test_peaks_of_phases_count_at_their_ends_but_not_beside_a_seat() -> None:
     assert {name: value[3] for name, value in found.items()} == {
         "in_lowering_knee_extension_moment": 49.0, "in_rising_knee_extension_moment": 50.0}  # fmt: skip
     assert list(of("hip_power", -lost)) == ["in_rising_hip_power_generated"]
-    assert list(of("hip_power", lost)) == ["in_lowering_hip_power_absorbed", "in_rising_hip_power_generated"]
-    assert "in_lowering_hip_flexion" not in of("hip_flexion", lost), "highest where it leaves the seat"
+    assert list(of("hip_power", lost)) == [
+        "in_lowering_hip_power_absorbed",
+        "in_rising_hip_power_generated",
+    ]
+    assert "in_lowering_hip_flexion" not in of("hip_flexion", lost), (
+        "highest where it leaves the seat"
+    )
     strides = [(activity, activity, "r", {**found}) for activity in ("squat", "rise")]
-    assert [(m.activity, m.n) for m in peak_means(strides)] == [("squat", 1)] * 2 + [("rise", 1)] * 2
+    assert [(m.activity, m.n) for m in peak_means(strides)] == [("squat", 1)] * 2 + [
+        ("rise", 1)
+    ] * 2
     assert {peak.phase for peak in PHASE_PEAKS.values()} == set(PHASES)
 
 
@@ -319,17 +406,28 @@ def test_means_are_of_the_strides_peaks_with_shared_errors() -> None:
             "knee_flexion_swing": (high, shared, 1.0, at)})
         for at, high in ((72.0, 10.0), (76.0, 14.0))
     ]  # fmt: skip
-    (of,) = [m for m in peak_means([*strides, ("gait", "walk", "r", {})]) if m.peak.name == "knee_flexion_swing"]
+    (of,) = [
+        m
+        for m in peak_means([*strides, ("gait", "walk", "r", {})])
+        if m.peak.name == "knee_flexion_swing"
+    ]
     assert (of.n, of.strides, of.mean, of.percent) == (2, 3, 12.0, 74.0)
     assert of.sd == pytest.approx(np.sqrt(8.0)) and of.se == pytest.approx(np.sqrt(8.0 / 2 + 4.0))
     assert "62" not in of.peak.words and peak_columns([of])["window"] == ["0 to 100 % of swing"]
 
 
 @pytest.mark.parametrize("person", ["HC002D", "HC032A"])
-def test_peaks_of_a_childs_vendor_curves_are_where_clinics_look_for_them(person: str, data_dir: Path) -> None:
-    """Plug-in Gait's own knees and powers, through the same windows: A2 at push-off, K4 at the end of swing."""
+def test_peaks_of_a_childs_vendor_curves_are_where_clinics_look_for_them(
+    person: str, data_dir: Path
+) -> None:
+    """Plug-in Gait's own knees and powers, through the same windows: A2 at push-off, K4 at the end
+    of swing.
+    """
     (of_legs,) = [
-        {m.peak.name: m.percent for m in peak_means(("gait", "straight", "r", stride_peaks(*s)) for s in strides)}
+        {
+            m.peak.name: m.percent
+            for m in peak_means(("gait", "straight", "r", stride_peaks(*s)) for s in strides)
+        }
         for strides in [vendor_strides(data_dir / "children" / person / "straight.c3d")]
     ]
     for name, low, high in (

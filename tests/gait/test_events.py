@@ -1,4 +1,6 @@
-"""Events of file, plates and motion as one list; those of motion alone; clocks and sides of files that are wrong."""
+"""Events of file, plates and motion as one list; those of motion alone; clocks and sides of files
+that are wrong.
+"""
 
 from dataclasses import replace
 
@@ -32,15 +34,26 @@ def test_the_file_comes_first_then_plates_then_motion() -> None:
 
 
 def test_corrected_events_are_the_only_ones_and_what_is_apart_is_told() -> None:
-    """No other joins them, none is moved; the trial's ends cut; forces and motion are a finding, no reason."""
+    """No other joins them, none is moved; the trial's ends cut; forces and motion are a finding, no
+    reason.
+    """
     far = FootEvent(FootMoment.STRIKE, "r", 1.5 * TIME[-1])
     moved_one, *rest = walk(2.0, 3.0)
-    set_by_hand = [FootEvent(moved_one.moment, moved_one.side, moved_one.time + 0.15), *rest[:2], far]
+    set_by_hand = [
+        FootEvent(moved_one.moment, moved_one.side, moved_one.time + 0.15),
+        *rest[:2],
+        far,
+    ]
     found = corrected(TIME, set_by_hand, walk())
     assert [e.time for e in found.events] == [e.time for e in set_by_hand[:-1]]
     assert {e.source for e in found.events} == {EventSource.PERSON}
-    [apart] = [f for f in found.findings if f.cause == "corrected events lie apart from forces and motion"]
-    assert f"{set_by_hand[0].time:.2f} s: more than 100 ms" in apart.found and apart.severity is Severity.INFO
+    [apart] = [
+        f for f in found.findings if f.cause == "corrected events lie apart from forces and motion"
+    ]
+    assert (
+        f"{set_by_hand[0].time:.2f} s: more than 100 ms" in apart.found
+        and apart.severity is Severity.INFO
+    )
     assert not corrected(TIME, walk(), walk()).findings
 
 
@@ -52,7 +65,9 @@ def test_what_corrected_events_leave_out_is_told_and_a_foot_without_a_kind_is_wa
     assert left_out.found.count("foot off") == 1 and f"off {one_off.time:.2f} s" in left_out.found
     assert left_out.severity is Severity.INFO
     [none] = corrected(TIME, [e for e in walk() if e.side == "r"], shown).findings
-    assert none.severity is Severity.WARNING and none.cause.endswith("no foot strike and no foot off of the left foot")
+    assert none.severity is Severity.WARNING and none.cause.endswith(
+        "no foot strike and no foot off of the left foot"
+    )
     assert "motion show 3 foot strikes and 4 foot offs, which are not used: strides" in none.found
     strikes = [e for e in walk() if e.side == "r" or e.moment is FootMoment.STRIKE]
     [offs] = corrected(TIME, strikes, []).findings
@@ -62,7 +77,10 @@ def test_what_corrected_events_leave_out_is_told_and_a_foot_without_a_kind_is_wa
 
 def test_events_of_the_motion_are_moved_to_mean_the_same_as_those_known_better() -> None:
     """Strikes 30 ms early, offs 20 ms late, of which the plates show one stride."""
-    motion = [FootEvent(e.moment, e.side, e.time + (-0.03 if e.moment is FootMoment.STRIKE else 0.02)) for e in walk()]
+    motion = [
+        FootEvent(e.moment, e.side, e.time + (-0.03 if e.moment is FootMoment.STRIKE else 0.02))
+        for e in walk()
+    ]
     found = joined_events(TIME, [], walk(3.0, 4.2), motion)
     assert [e.time for e in found.events] == pytest.approx([e.time for e in walk()])
     alone = joined_events(TIME, [], [], motion)
@@ -119,9 +137,17 @@ def test_a_contact_that_the_trial_begins_or_ends_with_is_no_event() -> None:
 def test_strikes_of_one_foot_carry_their_sources() -> None:
     found = joined_events(TIME, [], walk(3.0, 4.2), walk())
     foot = found.of("r")
-    assert len(foot.sources) == len(foot.strikes) and set(foot.sources) == {EventSource.PLATES, EventSource.MOTION}
-    assert source_words(foot.sources) == "force plates and the motion of the feet" and source_words(()) == ""
-    assert foot.strikes.tolist() == sorted(e.time for e in walk() if e.side == "r" and e.moment is FootMoment.STRIKE)
+    assert len(foot.sources) == len(foot.strikes) and set(foot.sources) == {
+        EventSource.PLATES,
+        EventSource.MOTION,
+    }
+    assert (
+        source_words(foot.sources) == "force plates and the motion of the feet"
+        and source_words(()) == ""
+    )
+    assert foot.strikes.tolist() == sorted(
+        e.time for e in walk() if e.side == "r" and e.moment is FootMoment.STRIKE
+    )
 
 
 STRIDE, SWING = 1.1, 0.44
@@ -151,12 +177,16 @@ RESTED = swing_events(FRAMES, speed(FRAMES))
 def test_events_are_where_the_speed_passes_its_thresholds(rate: float) -> None:
     time = np.arange(0.0, 3.0, 1.0 / rate)
     strikes, offs = swing_events(time, speed(time))
-    assert strikes == pytest.approx(np.array(STRIKES) - part_of_swing(STRIKE), abs=BETWEEN_FRAMES / rate)
+    assert strikes == pytest.approx(
+        np.array(STRIKES) - part_of_swing(STRIKE), abs=BETWEEN_FRAMES / rate
+    )
     assert offs == pytest.approx(np.array(OFFS) + part_of_swing(OFF), abs=BETWEEN_FRAMES / rate)
 
 
 @given(st.floats(0.3, 4.0), st.floats(0.5, 2.0), st.floats(-50.0, 50.0))
-def test_speed_of_walking_and_begin_of_the_clock_do_not_matter(slower: float, stretch: float, shift: float) -> None:
+def test_speed_of_walking_and_begin_of_the_clock_do_not_matter(
+    slower: float, stretch: float, shift: float
+) -> None:
     there = swing_events(shift + stretch * FRAMES, speed(FRAMES, peak=slower * 3.0))
     for a, b in zip(RESTED, there, strict=True):
         assert b == pytest.approx(shift + stretch * a, abs=1e-9 * (1.0 + abs(shift)))
@@ -216,14 +246,22 @@ def causes(file: list[FootEvent], plates: list[FootEvent], motion: list[FootEven
 def test_events_set_by_eye_are_used_and_nothing_is_said(seed: int) -> None:
     file = moved(walk(), 0.0, BY_EYE, seed)
     inside = [e for e in file if TIME[0] - 0.005 <= e.time <= TIME[-1] + 0.005]
-    assert checked_events(file, walk(3.0, 4.5), moved(walk(), 0.01, BY_EYE, seed + 1), TIME) == (inside, ())
+    assert checked_events(file, walk(3.0, 4.5), moved(walk(), 0.01, BY_EYE, seed + 1), TIME) == (
+        inside,
+        (),
+    )
 
 
 @few
 @given(seeds)
 def test_a_foot_that_drags_is_no_wrong_clock(seed: int) -> None:
-    """Its motion tells strikes late and offs early, as long as it lasts; the file may tell fewer offs than strikes."""
-    motion = [replace(e, time=e.time + (0.075 if e.moment is FootMoment.STRIKE else -0.075)) for e in walk()]
+    """Its motion tells strikes late and offs early, as long as it lasts; the file may tell fewer
+    offs than strikes.
+    """
+    motion = [
+        replace(e, time=e.time + (0.075 if e.moment is FootMoment.STRIKE else -0.075))
+        for e in walk()
+    ]
     file = moved(walk(), 0.0, 0.5 * BY_EYE, seed)
     few_offs = [e for e in file if e.moment is FootMoment.STRIKE or e.time < 3.6]
     assert causes(file, [], motion) == causes(few_offs, [], motion) == []
@@ -243,10 +281,17 @@ def test_one_offset_of_all_events_is_told_with_its_size(offset: float, seed: int
 
 
 def late(
-    events: list[FootEvent], by: float, side: str = "", moment: FootMoment | None = None, time: float | None = None
+    events: list[FootEvent],
+    by: float,
+    side: str = "",
+    moment: FootMoment | None = None,
+    time: float | None = None,
 ) -> list[FootEvent]:
     """The same with those of one side, one kind or one time later by `by` s."""
-    chosen = [(not side or e.side == side) and moment in (None, e.moment) and time in (None, e.time) for e in events]
+    chosen = [
+        (not side or e.side == side) and moment in (None, e.moment) and time in (None, e.time)
+        for e in events
+    ]
     return [replace(e, time=e.time + by) if c else e for e, c in zip(events, chosen, strict=True)]
 
 
@@ -254,7 +299,10 @@ STRIKES_ALONE = FootMoment.STRIKE
 PLATES = walk(3.0, 4.5)
 ON_PLATE = next(e for e in PLATES if e.moment is FootMoment.STRIKE)
 ASTRAY = walk()[4]
-BY_CHANCE = [FootEvent(FootMoment.STRIKE, "rl"[k % 2], t) for k, t in enumerate((2.31, 2.77, 3.64, 3.9, 4.9, 5.3))]
+BY_CHANCE = [
+    FootEvent(FootMoment.STRIKE, "rl"[k % 2], t)
+    for k, t in enumerate((2.31, 2.77, 3.64, 3.9, 4.9, 5.3))
+]
 
 
 def others(side: str = "", moment: FootMoment | None = None) -> list[FootEvent]:
@@ -270,7 +318,8 @@ def others(side: str = "", moment: FootMoment | None = None) -> list[FootEvent]:
         *(
             pytest.param(
                 late(walk(), by, side, moment), walk(2.6, 4.9), walk(), others(side, moment),
-                f"the file's {word} events come {1e3 * abs(by):.0f} ms too", "", "WARNING", id=f"{word} {by}",
+                f"the file's {word} events come {1e3 * abs(by):.0f} ms "
+                "too", "", "WARNING", id=f"{word} {by}",
             )
             for by in (-0.06, 0.08)
             for side, moment, word in (("l", None, "left"), ("r", None, "right"), ("", STRIKES_ALONE, "foot strike"))
@@ -281,9 +330,11 @@ def others(side: str = "", moment: FootMoment | None = None) -> list[FootEvent]:
         ),
         pytest.param(
             late(walk(), 0.06, time=ON_PLATE.time), PLATES, walk(), [e for e in walk() if e != ON_PLATE], "",
-            f"{ON_PLATE.time + 0.06:.2f} s (plate {ON_PLATE.time:.2f} s)", "INFO", id="its plate contradicts one",
+            f"{ON_PLATE.time + 0.06:.2f} s (plate {ON_PLATE.time:.2f} "
+            "s)", "INFO", id="its plate contradicts one",
         ),
-        pytest.param(BY_CHANCE, [], walk(), [], "", "not used", "INFO", id="no known fault explains them"),
+        pytest.param(BY_CHANCE, [], walk(), [], "", "not used", "INFO", id="no known fault "
+                                                                           "explains them"),
         pytest.param([*walk(), *moved(walk(), 0.06)], PLATES, walk(), walk(), "more than once", "", "INFO", id="twice"),
     ],
 )  # fmt: skip
@@ -293,15 +344,31 @@ def test_what_is_wrong_with_events_is_told_and_the_others_stay(
 ) -> None:  # fmt: skip
     kept, (finding,) = checked_events(file, plates, motion, TIME)
     assert kept == used
-    assert cause in finding.cause and found in finding.found and finding.severity is Severity[severity]
+    assert (
+        cause in finding.cause and found in finding.found and finding.severity is Severity[severity]
+    )
 
 
 @pytest.mark.parametrize(
     ("file", "plates", "motion", "used"),
     [
-        pytest.param(moved(walk(), 0.035), PLATES, walk(), moved(walk(), 0.035), id="an offset that nobody could tell"),
-        pytest.param(walk(0.5, 9.0), [], walk(), walk(), id="before and after a trial that was cut"),
-        pytest.param(walk(), late(PLATES, 0.08, time=ON_PLATE.time), walk(), walk(), id="down in front of its plate"),
+        pytest.param(
+            moved(walk(), 0.035),
+            PLATES,
+            walk(),
+            moved(walk(), 0.035),
+            id="an offset that nobody could tell",
+        ),
+        pytest.param(
+            walk(0.5, 9.0), [], walk(), walk(), id="before and after a trial that was cut"
+        ),
+        pytest.param(
+            walk(),
+            late(PLATES, 0.08, time=ON_PLATE.time),
+            walk(),
+            walk(),
+            id="down in front of its plate",
+        ),
         pytest.param(walk(1.0, 5.0), [], [], walk(2.0, 5.0), id="nothing to check them by"),
         pytest.param([], walk(), walk(), [], id="none"),
     ],
@@ -331,7 +398,10 @@ def test_exchanged_sides_are_told(step: float, seed: int) -> None:
 @given(seeds)
 def test_times_from_the_first_frame_are_used_as_they_are_meant(seed: int) -> None:
     right = moved(walk(2.1, 5.9), 0.0, BY_EYE, seed)
-    for offset, words in ((-float(TIME[0]), "from its first frame"), (float(TIME[0]), "from frame 0 twice over")):
+    for offset, words in (
+        (-float(TIME[0]), "from its first frame"),
+        (float(TIME[0]), "from frame 0 twice over"),
+    ):
         used, (finding,) = checked_events(moved(right, offset), [], walk(), TIME)
         assert [e.time for e in used] == pytest.approx([e.time for e in right])
         assert words in finding.cause and finding.severity is Severity.INFO

@@ -1,4 +1,6 @@
-"""Normal bands, scores against norms, conventions: units and signs as in `cycles.csv`, one line for what is wrong."""
+"""Normal bands, scores against norms, conventions: units and signs as in `cycles.csv`, one line for
+what is wrong.
+"""
 
 import itertools
 from pathlib import Path
@@ -44,7 +46,9 @@ def written(folder: Path, rows: str, signs: str = "gaitcal", header: str = HEADE
 
 
 def test_values_lie_on_straight_lines_between_percents_and_nowhere_else(tmp_path: Path) -> None:
-    bands = read_normal_bands(written(tmp_path, "hip_flexion,deg,10,30,5\nhip_flexion,deg,20,40,7\n"))
+    bands = read_normal_bands(
+        written(tmp_path, "hip_flexion,deg,10,30,5\nhip_flexion,deg,20,40,7\n")
+    )
     (band,) = bands.values()
     assert (band.variable, band.source, band.signs) == (
         "hip_flexion", "Somebody 2020, 50 adults", BAND_SIGNS["gaitcal"],
@@ -70,7 +74,9 @@ def test_values_lie_on_straight_lines_between_percents_and_nowhere_else(tmp_path
         ("ground_reaction_vertical", "N/kg", 60.0),
     ],
 )
-def test_units_become_those_of_the_table_of_strides(tmp_path: Path, variable: str, unit: str, one: float) -> None:
+def test_units_become_those_of_the_table_of_strides(
+    tmp_path: Path, variable: str, unit: str, one: float
+) -> None:
     rows = f"{variable},{unit},0,1,0.5\n{variable},{unit},100,1,0.5\n"
     mean, sd = read_normal_bands(written(tmp_path, rows))[variable].for_person(PERSON)
     assert mean[50] == pytest.approx(one, rel=1e-3) and sd[50] == pytest.approx(0.5 * one, rel=1e-3)
@@ -106,37 +112,61 @@ def test_signs_become_those_of_the_table_of_strides(
     [
         (HEADER, "found no row"),
         (f"{HEADER}hip_flexion,deg,0,1\n", "line 4: found 4 cells; allowed: 5"),
-        (f"{HEADER}hip_flexion_r,deg,0,1,1\n", "line 4: found variable 'hip_flexion_r'; .*names have no side"),
+        (
+            f"{HEADER}hip_flexion_r,deg,0,1,1\n",
+            "line 4: found variable 'hip_flexion_r'; .*names have no side",
+        ),
         (f"{HEADER}hip_flexoin,deg,0,1,1\n", "did you mean 'hip_flexion'|hip_flexion"),
         (f"{HEADER}hip_flexion,N m,0,1,1\n", "found unit 'N m' of hip_flexion; allowed: deg, rad"),
-        (f"{HEADER}hip_flexion,deg,101,1,1\n", "found percent '101'; allowed: a number from 0 to 100"),
+        (
+            f"{HEADER}hip_flexion,deg,101,1,1\n",
+            "found percent '101'; allowed: a number from 0 to 100",
+        ),
         (f"{HEADER}hip_flexion,deg,0,nan,1\n", "found mean 'nan'"),
         (f"{HEADER}hip_flexion,deg,0,1,-1\n", "found sd '-1'"),
         (f"{HEADER}hip_flexion,deg,0,1,x\n", "found sd 'x'"),
         (f"{HEADER}hip_flexion,deg,0,1,1\n", "found one percent of hip_flexion"),
-        (f"{HEADER}hip_flexion,deg,5,1,1\nhip_flexion,deg,5,1,1\n", "line 5: found percent 5 of hip_flexion after 5"),
-        (f"{HEADER}hip_flexion,deg,0,1,1\nhip_flexion,rad,5,1,1\n", "found hip_flexion in rad, before it in deg"),
+        (
+            f"{HEADER}hip_flexion,deg,5,1,1\nhip_flexion,deg,5,1,1\n",
+            "line 5: found percent 5 of hip_flexion after 5",
+        ),
+        (
+            f"{HEADER}hip_flexion,deg,0,1,1\nhip_flexion,rad,5,1,1\n",
+            "found hip_flexion in rad, before it in deg",
+        ),
         (COLUMNS + ROWS, "signs: missing; allowed: a line '# signs: gaitcal"),
         (f"# signs: mine\n{COLUMNS}{ROWS}", "found 'mine'"),
         (
             f"# signs: clinical\n# signs: external\n{COLUMNS}{ROWS}",
             "signs: found 'clinical' and 'external'; allowed: a",
         ),
-        (f"# signs: gaitcal\nname,mean\n{ROWS}", "columns: found 'name,mean'; allowed: 'variable,unit,percent,mean"),
+        (
+            f"# signs: gaitcal\nname,mean\n{ROWS}",
+            "columns: found 'name,mean'; allowed: 'variable,unit,percent,mean",
+        ),
     ],
 )
-def test_what_is_wrong_is_one_line_with_the_line_of_the_file(tmp_path: Path, text: str, message: str) -> None:
+def test_what_is_wrong_is_one_line_with_the_line_of_the_file(
+    tmp_path: Path, text: str, message: str
+) -> None:
     with pytest.raises(InputError, match=message) as caught:
         read_normal_bands(written(tmp_path, "", header=text))
     assert "\n" not in str(caught.value) and "normal.csv" in str(caught.value)
 
 
 def test_a_file_that_a_spreadsheet_program_saved_is_the_same_file(tmp_path: Path) -> None:
-    padded = f'"# source: Somebody, 2020",,,\n# signs: clinical,,,,\n,,,,\n{COLUMNS[:-1]},,\n{ROWS},,,,\n'
+    padded = (
+        '"# source: Somebody, 2020",,,\n# signs: '
+        f"clinical,,,,\n,,,,\n{COLUMNS[:-1]},,\n{ROWS},,,,\n"
+    )
     path = tmp_path / "normal.csv"
     path.write_text(padded.replace("\n", "\r\n"), encoding="utf-8-sig", newline="")
     band = read_normal_bands(path)["hip_flexion"]
-    assert (band.source, band.signs, band.percent.tolist()) == ("Somebody, 2020", BAND_SIGNS["clinical"], [0.0, 9.0])
+    assert (band.source, band.signs, band.percent.tolist()) == (
+        "Somebody, 2020",
+        BAND_SIGNS["clinical"],
+        [0.0, 9.0],
+    )
     twice = "# signs: opensim\n# signs: GaitCal\n# source: a\n# source: b\n"
     band = read_normal_bands(written(tmp_path, COLUMNS + ROWS, header=twice))["hip_flexion"]
     assert band.signs is BAND_SIGNS["gaitcal"] and band.source == "a; b"
@@ -145,7 +175,10 @@ def test_a_file_that_a_spreadsheet_program_saved_is_the_same_file(tmp_path: Path
 def test_bands_that_come_with_the_program_have_names() -> None:
     assert "hip_flexion_moment" in read_normal_bands("schwartz2008")
     assert all(bands_file(name).is_file() for name in SHIPPED)
-    with pytest.raises(InputError, match="no such file; allowed: a CSV file, or .*schwartz2008.*; did you mean 'schw"):
+    with pytest.raises(
+        InputError,
+        match="no such file; allowed: a CSV file, or .*schwartz2008.*; did you mean 'schw",
+    ):
         read_normal_bands("schwartz")
 
 
@@ -162,18 +195,30 @@ def at(relative: float, leg: float = 0.70) -> float:
 
 
 @pytest.mark.parametrize(
-    ("relative", "words"), [(0.2, "very slow"), (0.3, "slow"), (0.43, "free"), (0.55, "fast"), (0.7, "very fast")]
+    ("relative", "words"),
+    [(0.2, "very slow"), (0.3, "slow"), (0.43, "free"), (0.55, "fast"), (0.7, "very fast")],
 )
 def test_a_child_is_held_against_children_of_its_speed(relative: float, words: str) -> None:
     norm = norm_for(CHILD, at(relative))
-    assert norm.words == f"children 4 to 17 years, {words} speed, n = 83 (Schwartz, Rozumalski, Trost 2008)"
-    assert f"{relative:.2f} times √(g · leg length), 0.70 m: {words}" in norm.remark and set(ANGLES) < set(norm.bands)
+    assert (
+        norm.words
+        == f"children 4 to 17 years, {words} speed, n = 83 (Schwartz, Rozumalski, Trost 2008)"
+    )
+    assert f"{relative:.2f} times √(g · leg length), 0.70 m: {words}" in norm.remark and set(
+        ANGLES
+    ) < set(norm.bands)
 
 
 def test_the_same_speed_is_another_one_for_a_longer_leg() -> None:
     tall = Subject("t", 60.0, 1.75, "male", age=16.0)
-    assert "slow speed" in norm_for(tall, at(0.37)).words and "free speed" in norm_for(CHILD, at(0.37)).words
-    assert leg_length(tall)[0] == pytest.approx(0.91) and "by height, as nobody measured it" in leg_length(tall)[1]
+    assert (
+        "slow speed" in norm_for(tall, at(0.37)).words
+        and "free speed" in norm_for(CHILD, at(0.37)).words
+    )
+    assert (
+        leg_length(tall)[0] == pytest.approx(0.91)
+        and "by height, as nobody measured it" in leg_length(tall)[1]
+    )
 
 
 @pytest.mark.parametrize(
@@ -197,7 +242,10 @@ def test_nobody_else_is_held_against_children_without_a_word(subject: Subject, w
 def test_no_curves_for_who_walks_slower_or_faster_than_they_did(speed: float) -> None:
     norm = norm_for(CHILD, speed)
     assert (
-        not norm.bands and norm.steps and "are of 0.158 to 0.705" in norm.remark and f"{speed:.2f} m/s" in norm.remark
+        not norm.bands
+        and norm.steps
+        and "are of 0.158 to 0.705" in norm.remark
+        and f"{speed:.2f} m/s" in norm.remark
     )
     assert norm_for(CHILD, None).remark.endswith("no stride tells the speed, which chooses it.")
 
@@ -209,16 +257,24 @@ def test_speeds_are_in_order_with_outer_limits_one_sd_beyond_those_of_the_paper(
 
 
 def test_steps_scale_with_the_leg() -> None:
-    """Speed is cadence times step length, non-dimensional or not, within what means over people leave."""
+    """Speed is cadence times step length, non-dimensional or not, within what means over people
+    leave.
+    """
     short, long = free_steps(0.6), free_steps(0.9)
     assert long["step_length"][0] / short["step_length"][0] == pytest.approx(1.5)
     assert long["speed"][0] / short["speed"][0] == pytest.approx(np.sqrt(1.5))
     for steps in (short, long):
-        assert steps["cadence"][0] / 60.0 * steps["step_length"][0] == pytest.approx(steps["speed"][0], rel=0.01)
+        assert steps["cadence"][0] / 60.0 * steps["step_length"][0] == pytest.approx(
+            steps["speed"][0], rel=0.01
+        )
 
 
-def strides(offset: dict[str, float], error: float = 0.0, alternate: float = 0.0) -> dict[str, np.ndarray]:
-    """Two strides of each leg that are the norm's mean, plus deg; `alternate`: added to the second one."""
+def strides(
+    offset: dict[str, float], error: float = 0.0, alternate: float = 0.0
+) -> dict[str, np.ndarray]:
+    """Two strides of each leg that are the norm's mean, plus deg; `alternate`: added to the second
+    one.
+    """
     rows, bands = [], read_normal_bands(FREE)
     for side, number, name in itertools.product("rl", (1, 2), ANGLES):
         mean, _ = bands[name].for_person(CHILD, side)
@@ -230,7 +286,9 @@ def strides(offset: dict[str, float], error: float = 0.0, alternate: float = 0.0
 
 
 def scores(table: dict[str, np.ndarray]) -> dict[tuple[str, str], float]:
-    return {(s.side, s.variable): s.score for s in profile_scores(table, read_normal_bands(FREE), CHILD)}
+    return {
+        (s.side, s.variable): s.score for s in profile_scores(table, read_normal_bands(FREE), CHILD)
+    }
 
 
 def test_the_score_of_the_norm_itself_is_zero_and_healthy_people_have_their_spread() -> None:
@@ -241,17 +299,28 @@ def test_the_score_of_the_norm_itself_is_zero_and_healthy_people_have_their_spre
 
 
 def test_a_profile_by_hand() -> None:
-    """Offsets make each angle's score; 15 angles count for both legs, the pelvis of left strides once."""
-    offsets = {"knee_angle_r": 12.0, "hip_rotation_l": -9.0, "pelvis_tilt_l": 4.0, "pelvis_tilt_r": 5.0}
+    """Offsets make each angle's score; 15 angles count for both legs, the pelvis of left strides
+    once.
+    """
+    offsets = {
+        "knee_angle_r": 12.0,
+        "hip_rotation_l": -9.0,
+        "pelvis_tilt_l": 4.0,
+        "pelvis_tilt_r": 5.0,
+    }
     found = scores(strides(offsets))
-    assert found["r", "knee_angle"] == pytest.approx(12.0) and found["l", "hip_rotation"] == pytest.approx(9.0)
+    assert found["r", "knee_angle"] == pytest.approx(12.0) and found[
+        "l", "hip_rotation"
+    ] == pytest.approx(9.0)
     assert found["r", GPS] == pytest.approx(np.sqrt((12.0**2 + 5.0**2) / 9))
     assert found["l", GPS] == pytest.approx(np.sqrt((9.0**2 + 4.0**2) / 9))
     assert found[BOTH, GPS] == pytest.approx(np.sqrt((12.0**2 + 9.0**2 + 4.0**2) / 15))
 
 
 def test_errors_of_scores() -> None:
-    """Far from the norm an error of all strides moves the score by itself; strides add SD / sqrt(n)."""
+    """Far from the norm an error of all strides moves the score by itself; strides add SD /
+    sqrt(n).
+    """
     offset = {f"{name}_{side}": 20.0 for name in ANGLES for side in "rl"}
     shared = profile_scores(strides(offset, error=3.0), read_normal_bands(FREE), CHILD)[0]
     assert shared.error == pytest.approx(3.0, rel=1e-3)
@@ -259,15 +328,24 @@ def test_errors_of_scores() -> None:
     assert (moving.score, moving.error) == (pytest.approx(21.0), pytest.approx(1.0))
     near = profile_scores(strides({}, error=3.0), read_normal_bands(FREE), CHILD)[0]
     draws = np.abs(3.0 * np.random.default_rng(1).standard_normal(100_000))
-    assert near.error == pytest.approx(draws.std(), rel=0.15), "near 0 a score is no linear function of the error"
+    assert near.error == pytest.approx(draws.std(), rel=0.15), (
+        "near 0 a score is no linear function of the error"
+    )
 
 
 def test_nothing_is_scored_without_an_angle(tmp_path: Path) -> None:
     bands = read_normal_bands(FREE)
-    assert profile_scores(strides({}), {n: b for n, b in bands.items() if n not in PELVIS_ANGLES}, CHILD) == ()
+    assert (
+        profile_scores(
+            strides({}), {n: b for n, b in bands.items() if n not in PELVIS_ANGLES}, CHILD
+        )
+        == ()
+    )
     lost = strides({})
     lost["valid"] = np.where((lost["variable"] == "foot_progression") & (lost["side"] == "l"), 0, 1)
-    assert {s.side for s in profile_scores(lost, bands, CHILD)} == {"r"}, "the other side has its score, both have none"
+    assert {s.side for s in profile_scores(lost, bands, CHILD)} == {"r"}, (
+        "the other side has its score, both have none"
+    )
 
 
 SUBJECT = Subject(name="made up", mass=80.0, height=1.75, sex="female")
@@ -297,15 +375,21 @@ def test_clinical_moments_are_positive_where_extensors_plantarflexors_abductors_
     }  # fmt: skip
     assert {name: clinical.senses(f"{name}_moment", "r")[0] for name in senses} == senses
     assert clinical.moment("ankle_angle_r", STANCE, SUBJECT) == 120.0
-    assert clinical.moment("lumbar_extension", STANCE, SUBJECT) == -120.0, "extension is positive already"
+    assert clinical.moment("lumbar_extension", STANCE, SUBJECT) == -120.0, (
+        "extension is positive already"
+    )
 
 
 @pytest.mark.parametrize("signs", list(Signs))
 def test_an_external_moment_is_the_opposite_of_the_internal_one(signs: Signs) -> None:
-    """Either the sign turns or the sense: with clinical signs curves stay, and are named by what they work against."""
+    """Either the sign turns or the sense: with clinical signs curves stay, and are named by what
+    they work against.
+    """
     internal, external = (Convention(signs=signs, acting=acting) for acting in Acting)
     for name in NAMES:
-        same = np.array_equal(external.moment(name, STANCE, SUBJECT), internal.moment(name, STANCE, SUBJECT))
+        same = np.array_equal(
+            external.moment(name, STANCE, SUBJECT), internal.moment(name, STANCE, SUBJECT)
+        )
         one, other = (c.senses(f"{name}_moment", "r") for c in (internal, external))
         assert (same, other) == ((True, one[::-1]) if signs is Signs.CLINICAL else (False, one))
 
@@ -327,11 +411,19 @@ def test_titles_are_named_by_what_is_positive() -> None:
 
 @pytest.mark.parametrize("variable", [*COORDINATE_TABLE, *GROUND_FORCES])
 def test_clinical_values_mean_the_same_of_both_sides(variable: str) -> None:
-    """A person mirrored left to right has the mirrored person's right curve on the left: nothing of it turns over."""
+    """A person mirrored left to right has the mirrored person's right curve on the left: nothing of
+    it turns over.
+    """
     clinical = Convention(signs=Signs.CLINICAL)
     right, left = (clinical.values(variable, np.ones(1), side, SUBJECT) for side in "rl")
-    middle = COORDINATE_TABLE[variable].group in ("pelvis", "trunk") if variable in COORDINATE_TABLE else False
-    mirrors = variable.endswith(("list", "bending", "sideways")) or (middle and variable.endswith("rotation"))
+    middle = (
+        COORDINATE_TABLE[variable].group in ("pelvis", "trunk")
+        if variable in COORDINATE_TABLE
+        else False
+    )
+    mirrors = variable.endswith(("list", "bending", "sideways")) or (
+        middle and variable.endswith("rotation")
+    )
     assert (right == (-left if mirrors else left)).all()
     assert clinical.senses(variable, "r") == clinical.senses(variable, "l")
 
@@ -339,9 +431,14 @@ def test_clinical_values_mean_the_same_of_both_sides(variable: str) -> None:
 def test_units_are_per_mass_or_per_weight_times_height() -> None:
     per_kg, bwh = (Convention(unit=unit) for unit in (MomentUnit.NM_PER_KG, MomentUnit.PERCENT_BWH))
     assert per_kg.moment("knee_angle_r", STANCE, SUBJECT) == pytest.approx(-1.5)
-    assert bwh.moment("knee_angle_r", STANCE, SUBJECT) == pytest.approx(-100 * 120.0 / (80.0 * 9.81 * 1.75))
+    assert bwh.moment("knee_angle_r", STANCE, SUBJECT) == pytest.approx(
+        -100 * 120.0 / (80.0 * 9.81 * 1.75)
+    )
     for convention in (per_kg, bwh):
-        assert convention.power(STANCE, SUBJECT) == pytest.approx(-1.5) and convention.keys["power_unit"] == "W/kg"
+        assert (
+            convention.power(STANCE, SUBJECT) == pytest.approx(-1.5)
+            and convention.keys["power_unit"] == "W/kg"
+        )
 
 
 def test_pelvis_angles_are_told_of_the_side_of_the_stride() -> None:
@@ -362,5 +459,10 @@ def test_every_variable_says_what_is_positive_and_every_convention_says_itself()
         convention = Convention(signs=signs, acting=acting, frame=frame, unit=unit)
         assert all(convention.senses(f"{name}_moment", "r")[0] for name in NAMES)
         text = "\n".join(convention.lines)
-        assert acting.words in text and frame.words in text and unit.words in text and unit.power in text
+        assert (
+            acting.words in text
+            and frame.words in text
+            and unit.words in text
+            and unit.power in text
+        )
         assert list(convention.keys.values())[:4] == [signs.value, acting.key, frame.key, unit.key]

@@ -1,4 +1,6 @@
-"""What an activity that is no gait repeats, from the height of the pelvis; which activities have strides instead."""
+"""What an activity that is no gait repeats, from the height of the pelvis; which activities have
+strides instead.
+"""
 
 from __future__ import annotations
 
@@ -16,11 +18,15 @@ from gaitcal.synthetic.walk import ramp
 
 RATE = 100.0
 BOUNDS_S = 0.4
-"""A repetition begins and ends where the pelvis leaves and reaches its rest, within a tenth of its way."""
+"""A repetition begins and ends where the pelvis leaves and reaches its rest, within a tenth of its
+way.
+"""
 
 
 def path(*stops: tuple[float, float]) -> tuple[Array, Array]:
-    """Time (s) and height (m) of a pelvis that rests at stops (s, m) and goes smoothly from one to the next."""
+    """Time (s) and height (m) of a pelvis that rests at stops (s, m) and goes smoothly from one to
+    the next.
+    """
     time = np.arange(round(stops[-1][0] * RATE) + 1) / RATE
     height = np.full(len(time), stops[0][1])
     for (a, low), (b, high) in itertools.pairwise(stops):
@@ -29,7 +35,16 @@ def path(*stops: tuple[float, float]) -> tuple[Array, Array]:
 
 
 STAND, SQUAT, SIT, BOX = 0.95, 0.6, 0.55, 1.25
-PAUSING = [(0, STAND), (1, STAND), (2, SQUAT), (3, STAND), (4, STAND), (5, SQUAT), (6, STAND), (7, STAND)]
+PAUSING = [
+    (0, STAND),
+    (1, STAND),
+    (2, SQUAT),
+    (3, STAND),
+    (4, STAND),
+    (5, SQUAT),
+    (6, STAND),
+    (7, STAND),
+]
 AT_ONCE = [(0, STAND), (1, SQUAT), (2, STAND), (3, SQUAT), (4, STAND), (5, SQUAT), (6, STAND)]
 RISING = [(0, SIT), (1, SIT), (2, STAND), (3, STAND), (4, SIT), (5, SIT)]
 
@@ -44,7 +59,9 @@ RISING = [(0, SIT), (1, SIT), (2, STAND), (3, STAND), (4, SIT), (5, SIT)]
         ([(0, STAND), (5, STAND)], []),
     ],
 )
-def test_from_rest_to_rest(stops: list[tuple[float, float]], wanted: list[tuple[float, float]]) -> None:
+def test_from_rest_to_rest(
+    stops: list[tuple[float, float]], wanted: list[tuple[float, float]]
+) -> None:
     found = [(c.start, c.stop) for c in repetitions(*path(*stops))]
     assert len(found) == len(wanted)
     phases = {(1, 2): "rising", (1, 4): "rising lowering"}
@@ -57,7 +74,9 @@ def test_from_rest_to_rest(stops: list[tuple[float, float]], wanted: list[tuple[
 def test_squats_among_steps_are_where_no_foot_steps() -> None:
     """Two steps, a squat, two steps; a pelvis that sinks with a step, or ends lower, is no squat."""
     time, height = path((0, STAND), (3, STAND), (4, SQUAT), (5, STAND), (9, STAND))
-    right, left = (FootEvents(np.array(t), np.array(t) + 0.6) for t in ([0.5, 1.6, 6.0], [1.0, 2.1, 6.5]))
+    right, left = (
+        FootEvents(np.array(t), np.array(t) + 0.6) for t in ([0.5, 1.6, 6.0], [1.0, 2.1, 6.5])
+    )
     assert crouches(time, height, (right, left)) == [(pytest.approx(2.7), pytest.approx(6.0))]
     assert crouches(*path((0, STAND), (3, STAND), (4, SQUAT), (9, SQUAT)), (right, left)) == []
     assert crouches(time, STAND - 0.04 * (1.0 - np.cos(12.0 * time)), (right, left)) == []
@@ -72,11 +91,18 @@ def test_who_goes_on_at_once_has_as_many(hz: float) -> None:
 
 
 def test_the_top_of_a_jump_is_no_rest() -> None:
-    """A drop jump, whose flight goes as high as the box that it began on: one repetition, from box to standing."""
-    time, height = path((0, BOX), (1, BOX), (1.4, SQUAT), (1.6, STAND), (2.0, SQUAT), (3, STAND), (4, STAND))
+    """A drop jump, whose flight goes as high as the box that it began on: one repetition, from box
+    to standing.
+    """
+    time, height = path(
+        (0, BOX), (1, BOX), (1.4, SQUAT), (1.6, STAND), (2.0, SQUAT), (3, STAND), (4, STAND)
+    )
     flight = 0.5 * 9.81 * (0.245**2 - (time - 1.845) ** 2)
     height = np.where(flight > 0, STAND + flight, height)
-    feet = FootEvents(np.array([0.9, 2.1]), np.array([1.61])), FootEvents(np.array([2.12]), np.array([1.62]))
+    feet = (
+        FootEvents(np.array([0.9, 2.1]), np.array([1.61])),
+        FootEvents(np.array([2.12]), np.array([1.62])),
+    )
     (found,) = repetitions(time, height, feet)
     names, ends = zip(*found.parts, strict=True)
     assert names[1:5] == ("flight", "landing", "push-off", "flight")
@@ -95,12 +121,23 @@ def test_feet_that_strike_in_turn_make_strides() -> None:
     assert alternate(right, strikes(0.45))  # a limp, and a single strike
     assert not alternate(right, strikes(0.23, 1.23, 2.23))  # jumps
     assert not alternate(right, strikes())  # hops
-    assert not alternate(strikes(1.53, offs=(1.17,)), strikes(1.67, offs=(1.17,)))  # a jump, one of whose feet slides
+    assert not alternate(
+        strikes(1.53, offs=(1.17,)), strikes(1.67, offs=(1.17,))
+    )  # a jump, one of whose feet slides
 
 
 @pytest.mark.parametrize("second", [STAND - 0.15, STAND])
 def test_a_repetition_that_is_too_shallow_to_count_is_told(second: float) -> None:
-    time, height = path((0, STAND), (1, STAND), (2, SQUAT), (3, STAND), (4, STAND), (5, second), (6, STAND), (7, STAND))
+    time, height = path(
+        (0, STAND),
+        (1, STAND),
+        (2, SQUAT),
+        (3, STAND),
+        (4, STAND),
+        (5, second),
+        (6, STAND),
+        (7, STAND),
+    )
     found = repetitions(time, height)
     body = SimpleNamespace(time=time, coordinates=("pelvis_ty",), q=height[:, None])
     told = _crouch_findings("squat", body, GaitEvents(repeats=found))

@@ -52,13 +52,17 @@ KNEE = COORDINATE_INDEX["knee_angle_r"]
 
 
 def layout(by_cycle: bool = True) -> Layout:
-    """The second right stride is the one with valid frames; nothing is valid before 0.9 s and after 2.1 s."""
+    """The second right stride is the one with valid frames; nothing is valid before 0.9 s and after
+    2.1 s.
+    """
     valid = (TIME > 0.9) & (TIME < 2.1)
     return Layout(TIME, valid, np.stack([valid] * 2, axis=1), CYCLES if by_cycle else {})
 
 
 def test_each_leg_has_its_own_main_and_complete_strides() -> None:
-    """The right leg is valid in its third stride alone, the left nowhere, the whole body in the second right stride."""
+    """The right leg is valid in its third stride alone, the left nowhere, the whole body in the
+    second right stride.
+    """
     legs = np.stack([TIME > 1.995, np.zeros_like(TIME, dtype=bool)], axis=1)
     drawn = replace(layout(), valid_legs=legs)
     assert drawn.main("r") == CYCLES["r"][2] == drawn.main("") and drawn.main("l") == CYCLES["l"][0]
@@ -97,16 +101,18 @@ def test_peak_and_change_of_a_moment_over_the_drawn_stride() -> None:
 
 WALK_TIME = np.arange(0.0, 2.0, 0.01)
 WAVE = np.sin(2 * np.pi * WALK_TIME)
-ANGLES = np.radians(np.stack([-12.0 + 2.0 * WAVE, 5.0 * WAVE, 8.0 * np.cos(2 * np.pi * WALK_TIME)], axis=1))
+ANGLES = np.radians(
+    np.stack([-12.0 + 2.0 * WAVE, 5.0 * WAVE, 8.0 * np.cos(2 * np.pi * WALK_TIME)], axis=1)
+)
 """Of a pelvis that walks along x: tilted forward by 12 deg."""
 EXACT = 1e-9
 
 
 def turned(angles: np.ndarray, by: np.ndarray | float) -> np.ndarray:
     """The same pelvis in a room that is turned to the left."""
-    out: np.ndarray = (Rotation.from_euler("y", np.reshape(by, (-1, 1))) * Rotation.from_euler(AXES, angles)).as_euler(
-        AXES
-    )
+    out: np.ndarray = (
+        Rotation.from_euler("y", np.reshape(by, (-1, 1))) * Rotation.from_euler(AXES, angles)
+    ).as_euler(AXES)
     return out
 
 
@@ -115,11 +121,15 @@ def test_angles_along_the_line_know_no_direction_of_the_room(by: float) -> None:
     inside = np.ones(len(WALK_TIME), dtype=bool)
     np.testing.assert_allclose(along_line(turned(ANGLES, by), by, inside), ANGLES, atol=EXACT)
     # walking backwards: the feet go the other way, the pelvis is the same
-    np.testing.assert_allclose(along_line(turned(ANGLES, by), by + np.pi, inside), ANGLES, atol=EXACT)
+    np.testing.assert_allclose(
+        along_line(turned(ANGLES, by), by + np.pi, inside), ANGLES, atol=EXACT
+    )
 
 
 def test_a_line_across_the_room_makes_a_tilt_a_list() -> None:
-    """What was wrong with angles against the room: 12 deg of forward tilt are list of who walks to the left."""
+    """What was wrong with angles against the room: 12 deg of forward tilt are list of who walks to
+    the left.
+    """
     against_room = np.degrees(turned(ANGLES, np.pi / 2))
     assert abs(against_room[:, 1]).mean() > 10.0
     assert np.degrees(turned(ANGLES, 0.0))[:, 1].mean() == pytest.approx(0.0, abs=0.1)
@@ -138,7 +148,10 @@ def test_gait_itself_is_no_turn_and_a_turn_is_one_whichever_way() -> None:
 def test_progression_follows_coordinates_as_finite_differences_do() -> None:
     """Feet of every posture, steep ones too, against a line of its own for each frame and foot."""
     model, random = published_model(), np.random.default_rng(3)
-    q, lines = 0.3 * random.standard_normal((4, len(COORDINATES))), random.uniform(-np.pi, np.pi, (4, 2))
+    q, lines = (
+        0.3 * random.standard_normal((4, len(COORDINATES))),
+        random.uniform(-np.pi, np.pi, (4, 2)),
+    )
 
     def progression(at: Array) -> tuple[Array, Array]:
         motion = cast(Motion, SimpleNamespace(q=at, coordinates=COORDINATES))
@@ -161,17 +174,23 @@ def axis_to(heading: float, up: float = 0.0) -> Array:
 
 
 def test_toes_in_is_positive_on_both_sides_whatever_the_direction() -> None:
-    """Both feet point 10 deg inwards of a walk to 120 deg: right to the left, left to the right; backwards, too."""
+    """Both feet point 10 deg inwards of a walk to 120 deg: right to the left, left to the right;
+    backwards, too.
+    """
     for line in np.radians([0.0, 120.0, 179.0, -60.0]):
         inwards = np.stack([axis_to(line + np.radians(10.0)), axis_to(line - np.radians(10.0))])
         feet = FootAxes(np.tile(inwards, (5, 1, 1)))
         for along in (line, line + np.pi):
             for side in "rl":
-                np.testing.assert_allclose(np.degrees(feet.progression(side, along)), 10.0, atol=1e-9)
+                np.testing.assert_allclose(
+                    np.degrees(feet.progression(side, along)), 10.0, atol=1e-9
+                )
 
 
 def test_a_raised_heel_does_not_blow_progression_up_nor_its_error() -> None:
-    """Toes 60 deg down, 5 deg out of the plane: 5 deg, of which the heading makes 10; a turn moves it by itself."""
+    """Toes 60 deg down, 5 deg out of the plane: 5 deg, of which the heading makes 10; a turn moves
+    it by itself.
+    """
     heading = np.arcsin(np.sin(np.radians(5.0)) / np.cos(np.radians(60.0)))
     u = axis_to(heading, -np.radians(60.0))
     off, about = out_of_plane(u, 0.0)
@@ -180,7 +199,9 @@ def test_a_raised_heel_does_not_blow_progression_up_nor_its_error() -> None:
 
 
 def test_axes_of_the_foot_err_about_what_moves_progression() -> None:
-    """A flat foot: 3 deg about the vertical beside 4 by markers are 5; about the foot itself they are none."""
+    """A flat foot: 3 deg about the vertical beside 4 by markers are 5; about the foot itself they
+    are none.
+    """
     flat, lines = np.tile(axis_to(0.0), (1, 2, 1)), np.zeros((1, 2))
     turned = {"foot_r": np.radians([[[0.0, 3.0, 0.0]]]), "foot_l": np.radians([[[3.0, 0.0, 0.0]]])}
     feet = _foot_axes(flat, lines, (np.full((1, 2), np.radians(4.0) ** 2),) * 2, turned)
@@ -198,15 +219,18 @@ def test_who_walks_forth_and_back_points_ahead_in_both_strides() -> None:
 
 def test_each_frame_of_a_foot_has_the_line_of_its_stride() -> None:
     """Right strides of 0 to 1 s and 1 to 2 s; the left foot has none of its own."""
-    strides = [Stride(side="r", number=n, start=n, stop=n + 1.0, sources=(), measures={}, line=0.5 * n) for n in (0, 1)]
+    strides = [
+        Stride(side="r", number=n, start=n, stop=n + 1.0, sources=(), measures={}, line=0.5 * n)
+        for n in (0, 1)
+    ]
     lines = stride_lines(strides, np.array([-1.0, 0.9, 1.1, 5.0]))
     np.testing.assert_array_equal(lines, np.array([[0.0, 0.0, 0.5, 0.5]] * 2).T)
     assert not stride_lines([], WALK_TIME).any()
 
 
 FROM_VENDOR_DEG = 4.0
-"""RMS over whole strides of four children is 1.7 to 3.3 (by the heading from above 2.1 to 11.5): the room's axis counts
-there, and the centre of the ankle."""
+"""RMS over whole strides of four children is 1.7 to 3.3 (by the heading from above 2.1 to 11.5):
+the room's axis counts there, and the centre of the ankle."""
 
 
 @pytest.mark.slow
@@ -220,8 +244,15 @@ def test_foot_progression_is_the_vendors_over_the_whole_stride(person: str, data
     feet = FootAxes(foot_axes(motion, model.parameters, np.zeros((len(motion.time), 2)))[0])
     points = dict(vendor_points(data_dir / "children" / person / "straight.c3d"))
     for side in "rl":
-        ours, theirs = np.degrees(feet.progression(side, 0.0)), points[f"{side.upper()}FootProgressAngles"][:, 2]
-        strikes = [e.time for e in prepared.recording.events if e.side == side and e.moment is FootMoment.STRIKE]
+        ours, theirs = (
+            np.degrees(feet.progression(side, 0.0)),
+            points[f"{side.upper()}FootProgressAngles"][:, 2],
+        )
+        strikes = [
+            e.time
+            for e in prepared.recording.events
+            if e.side == side and e.moment is FootMoment.STRIKE
+        ]
         whole = (motion.time >= strikes[0]) & (motion.time <= strikes[-1])
         assert np.sqrt(np.mean((ours - theirs)[whole] ** 2)) < FROM_VENDOR_DEG
         assert ours[whole].mean() < 2.0, "these children's toes point outwards or ahead"
@@ -231,6 +262,11 @@ def vendor_points(path: Path) -> Iterator[tuple[str, Array]]:
     """Label -> (nf, 3) of what the file has computed."""
     file = ezc3d.c3d(str(path))
     group = file["parameters"]["POINT"]
-    labels = [label for name in ("LABELS", "LABELS2", "LABELS3") if name in group for label in group[name]["value"]]
+    labels = [
+        label
+        for name in ("LABELS", "LABELS2", "LABELS3")
+        if name in group
+        for label in group[name]["value"]
+    ]
     for k, label in enumerate(labels):
         yield label.split(":")[-1].strip(), file["data"]["points"][:3, k].T

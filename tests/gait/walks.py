@@ -43,17 +43,28 @@ def recorded_strides(data: Path) -> dict[str, tuple[tuple[Stride, ...], Path]]:
 def event_times(file: ezc3d.c3d, side: str, label: str) -> list[float]:
     """When the file says that this happens to a foot, s."""
     event = file["parameters"]["EVENT"]
-    rows = zip(event["CONTEXTS"]["value"], event["LABELS"]["value"], event["TIMES"]["value"][1], strict=True)
-    return sorted(float(t) for context, name, t in rows if (context.strip(), name.strip()) == (side, label))
+    rows = zip(
+        event["CONTEXTS"]["value"],
+        event["LABELS"]["value"],
+        event["TIMES"]["value"][1],
+        strict=True,
+    )
+    return sorted(
+        float(t) for context, name, t in rows if (context.strip(), name.strip()) == (side, label)
+    )
 
 
 def vendor_figures(path: Path) -> dict[tuple[str, str], float]:
-    """(side, name) -> what the laboratory's own program wrote into the file (ANALYSIS); empty where nothing."""
+    """(side, name) -> what the laboratory's own program wrote into the file (ANALYSIS); empty where
+    nothing.
+    """
     group = ezc3d.c3d(str(path))["parameters"]["ANALYSIS"]
     if "NAMES" not in group:
         return {}
     columns = [group[name]["value"] for name in ("CONTEXTS", "NAMES", "VALUES")]
-    return {(side[0].lower(), name): float(value) for side, name, value in zip(*columns, strict=True)}
+    return {
+        (side[0].lower(), name): float(value) for side, name, value in zip(*columns, strict=True)
+    }
 
 
 def hand_count(path: Path) -> dict[str, list[dict[str, float]]]:
@@ -62,11 +73,15 @@ def hand_count(path: Path) -> dict[str, list[dict[str, float]]]:
     point = file["parameters"]["POINT"]
     labels = [label.strip() for label in point["LABELS"]["value"]]
     rate, first = point["RATE"]["value"][0], file["header"]["points"]["first_frame"]
-    strikes, offs = ({s: event_times(file, s, label) for s in SIDES} for label in ("Foot Strike", "Foot Off"))
+    strikes, offs = (
+        {s: event_times(file, s, label) for s in SIDES} for label in ("Foot Strike", "Foot Off")
+    )
 
     def heel(side: str, when: float) -> np.ndarray:
         track = 1e-3 * file["data"]["points"][:2, labels.index(f"{side[0]}HEE")]
-        return np.array([np.interp(when * rate - first, np.arange(track.shape[1]), axis) for axis in track])
+        return np.array(
+            [np.interp(when * rate - first, np.arange(track.shape[1]), axis) for axis in track]
+        )
 
     out: dict[str, list[dict[str, float]]] = {}
     for side, other in (SIDES, SIDES[::-1]):
@@ -84,28 +99,43 @@ def hand_count(path: Path) -> dict[str, list[dict[str, float]]]:
                 step = heel(side, end) - heel(other, between[0])
                 counted["step_time"] = end - between[0]
                 counted["step_length"] = float(step @ stride / np.hypot(*stride))
-                rightwards = float(step[0] * stride[1] - step[1] * stride[0]) / float(np.hypot(*stride))  # z is up
+                rightwards = float(step[0] * stride[1] - step[1] * stride[0]) / float(
+                    np.hypot(*stride)
+                )  # z is up
                 counted["step_width"] = rightwards if side == "Right" else -rightwards
             out.setdefault(side[0].lower(), []).append(counted)
     return out
 
 
 def vendor_strides(path: Path) -> list[tuple[dict[str, tuple[np.ndarray, ...]], float]]:
-    """Of each stride of both feet the program's own curves (angles deg, powers W/kg; no errors) and toe-off, %."""
+    """Of each stride of both feet the program's own curves (angles deg, powers W/kg; no errors) and
+    toe-off, %.
+    """
     file = ezc3d.c3d(str(path))
     point, points = file["parameters"]["POINT"], file["data"]["points"]
     labels = [label.split(":")[-1].strip() for label in point["LABELS"]["value"]]
-    rate, first, none = point["RATE"]["value"][0], file["header"]["points"]["first_frame"], np.full(101, np.nan)
+    rate, first, none = (
+        point["RATE"]["value"][0],
+        file["header"]["points"]["first_frame"],
+        np.full(101, np.nan),
+    )
     out = []
     for side in SIDES:
         for begin, end in itertools.pairwise(event_times(file, side, "Foot Strike")):
             frames, curves = np.linspace(begin, end, 101) * rate - first, {}
             for joint in ("Hip", "Knee", "Ankle"):
                 angle = "hip_flexion" if joint == "Hip" else f"{joint.lower()}_angle"
-                for name, label, axis in ((angle, "Angles", 0), (f"{joint.lower()}_power", "Power", 2)):
+                for name, label, axis in (
+                    (angle, "Angles", 0),
+                    (f"{joint.lower()}_power", "Power", 2),
+                ):
                     track = points[axis, labels.index(f"{side[0]}{joint}{label}")]
-                    track = np.where(np.abs(track) < 1e-12, np.nan, track)  # Plug-in Gait writes 0 where it has none
-                    laid = np.interp(frames, np.arange(len(track)), track, left=np.nan, right=np.nan)
+                    track = np.where(
+                        np.abs(track) < 1e-12, np.nan, track
+                    )  # Plug-in Gait writes 0 where it has none
+                    laid = np.interp(
+                        frames, np.arange(len(track)), track, left=np.nan, right=np.nan
+                    )
                     curves[name] = (laid, none, none)
             off = next(t for t in event_times(file, side, "Foot Off") if begin < t < end)
             out.append((curves, 100.0 * (off - begin) / (end - begin)))
@@ -124,13 +154,24 @@ def walk(begin: float = 2.0, end: float = 6.0, step: float = 0.53) -> list[FootE
     for stride in range(-2, 10):
         for side, first in (("r", 2.2), ("l", 2.2 + step)):
             strike = first + stride * STRIDE
-            events += [FootEvent(FootMoment.STRIKE, side, strike), FootEvent(FootMoment.OFF, side, strike + STANCE)]
+            events += [
+                FootEvent(FootMoment.STRIKE, side, strike),
+                FootEvent(FootMoment.OFF, side, strike + STANCE),
+            ]
     return sorted((e for e in events if begin <= e.time <= end), key=lambda e: e.time)
 
 
-def moved(events: Sequence[FootEvent], offset: float, jitter: float = 0.0, seed: int = 0) -> list[FootEvent]:
-    """The same, later by `offset` and by as much at random as `jitter` (s), by three times that at most."""
-    noise = np.random.default_rng(seed).normal(0.0, jitter, len(events)) if jitter else np.zeros(len(events))
+def moved(
+    events: Sequence[FootEvent], offset: float, jitter: float = 0.0, seed: int = 0
+) -> list[FootEvent]:
+    """The same, later by `offset` and by as much at random as `jitter` (s), by three times that at
+    most.
+    """
+    noise = (
+        np.random.default_rng(seed).normal(0.0, jitter, len(events))
+        if jitter
+        else np.zeros(len(events))
+    )
     noise = np.clip(noise, -3.0 * jitter, 3.0 * jitter)
     return [replace(e, time=e.time + offset + float(n)) for e, n in zip(events, noise, strict=True)]
 

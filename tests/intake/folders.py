@@ -20,7 +20,10 @@ SAID = Options(mass=69.4, height=1.70, sex="male")
 
 def recordings(*joints: str) -> dict[str, Recording]:
     """Standing, walking, and one joint moving alone, of one person."""
-    out = {"static": made_recording(static_motion(), static=True), "walk": made_recording(gait_motion())}
+    out = {
+        "static": made_recording(static_motion(), static=True),
+        "walk": made_recording(gait_motion()),
+    }
     return out | {joint: made_recording(isolated_motion(joint)) for joint in joints}
 
 

@@ -33,7 +33,9 @@ def test_init_writes_what_loads_and_replaces_nothing_unasked(person: Path) -> No
 
 
 def test_what_nobody_says_is_named(person: Path) -> None:
-    assert "is written, but no file says subject.mass_kg" in refusal(run, "init", person, "--height", 1.7)
+    assert "is written, but no file says subject.mass_kg" in refusal(
+        run, "init", person, "--height", 1.7
+    )
     assert "subject.mass_kg: missing" in refusal(Study.load, person / "study.toml")
     (person / "study.toml").unlink()
     said = refusal(run, "calibrate", person, "--out", person.parent / "result")
@@ -64,20 +66,32 @@ def test_a_folder_with_a_study_uses_it(person: Path) -> None:
     assert "holds 2 study files: second.toml, study.toml" in refusal(run, "check", person)
 
 
-def test_folders_of_which_no_study_follows(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_folders_of_which_no_study_follows(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     folder = write(tmp_path / "person", {"walk": recordings()["walk"]})
-    for command in (("init", folder), ("check", folder), ("calibrate", folder, "--out", tmp_path / "r")):
+    for command in (
+        ("init", folder),
+        ("check", folder),
+        ("calibrate", folder, "--out", tmp_path / "r"),
+    ):
         assert "a static trial is needed" in refusal(run, *command)
     assert not (folder / "study.toml").exists()
     both = recordings("hip_r")
-    two = write(tmp_path / "two", both | {f"b_{n}": other_person(both[n]) for n in ("static", "walk")})
-    assert "two people, or two sessions" in refusal(run, "calibrate", two, "--out", tmp_path / "r", *WHO)
+    two = write(
+        tmp_path / "two", both | {f"b_{n}": other_person(both[n]) for n in ("static", "walk")}
+    )
+    assert "two people, or two sessions" in refusal(
+        run, "calibrate", two, "--out", tmp_path / "r", *WHO
+    )
 
 
 def test_questions_on_a_terminal(person: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     answers = iter(["170", "1.70", "m", "male"])
     terminal = SimpleNamespace(isatty=lambda: True)
-    monkeypatch.setattr("gaitcal.cli.study_folder.sys", SimpleNamespace(stdin=terminal, stderr=terminal))
+    monkeypatch.setattr(
+        "gaitcal.cli.study_folder.sys", SimpleNamespace(stdin=terminal, stderr=terminal)
+    )
     monkeypatch.setattr("gaitcal.cli.study_folder.typer.prompt", lambda *_, **__: next(answers))
     run("init", person, "--mass", 69.4)
     assert Study.load(person / "study.toml").subject.height == 1.70
@@ -91,6 +105,8 @@ def test_calibrate_keeps_the_drafted_study_and_leaves_a_faulty_walk_out(tmp_path
     kept = Study.load(result / "study.toml")
     assert [t.name for t in kept.trials] == ["static", "walk"]
     assert (result / "moments/walk.csv").exists()
-    assert "Drafted from the folder: marker set: gait2354" in (result / "result.html").read_text(encoding="utf-8")
+    assert "Drafted from the folder: marker set: gait2354" in (result / "result.html").read_text(
+        encoding="utf-8"
+    )
     again = run("calibrate", folder, "--out", result, *WHO)
     assert again.exit_code == 0, "the study in the result is ours, and may be replaced"

@@ -25,7 +25,17 @@ from gaitcal.io.recording import ForcePlate, Recording
 from gaitcal.model.marker_set import load_marker_set
 from gaitcal.study.study import Study
 from gaitcal.synthetic.synthetic_motion import gait_motion
-from tests.intake.folders import JOINTS, SAID, draft, drafted, other_person, recordings, roles, squat, write
+from tests.intake.folders import (
+    JOINTS,
+    SAID,
+    draft,
+    drafted,
+    other_person,
+    recordings,
+    roles,
+    squat,
+    write,
+)
 from tests.quality.spoilt import relabelled
 from tests.refusal import refusal
 from tests.synthetic_studies import made_plates, write_synthetic_study
@@ -92,7 +102,9 @@ def test_a_drafted_study_loads_and_is_drafted_alike_again(tmp_path: Path) -> Non
     assert len(direct.trials[-1].recording.plates) == len(loaded.trials[-1].recording.plates) == 2
     assert "study.toml" not in direct.inputs, "nobody wrote one"
     assert direct.changed_inputs() == ()
-    assert set(direct.inputs) == {f"{name}.csv" for name in (*JOINTS, "static", "walk", "walk_forces")}
+    assert set(direct.inputs) == {
+        f"{name}.csv" for name in (*JOINTS, "static", "walk", "walk_forces")
+    }
 
 
 @pytest.mark.slow
@@ -101,7 +113,12 @@ def test_a_drafted_study_loads_and_is_drafted_alike_again(tmp_path: Path) -> Non
 def test_names_of_files_decide_nothing(order: list[int]) -> None:
     renamed = {f"{number:03d}": name for number, name in zip(order, RECORDINGS, strict=True)}
     read = [
-        FolderFile(path=Path(f"{new}.csv"), name=f"{new}.csv", kind=FileKind.RECORDING, recording=RECORDINGS[old])
+        FolderFile(
+            path=Path(f"{new}.csv"),
+            name=f"{new}.csv",
+            kind=FileKind.RECORDING,
+            recording=RECORDINGS[old],
+        )
         for new, old in sorted(renamed.items())
     ]
     found = roles(draft_study(Folder(path=Path("x"), files=tuple(read), subfolders=()), SAID))
@@ -115,7 +132,10 @@ ROLES = {"static": "static", "walk": "gait"} | {joint: f"joint {joint}" for join
 def test_what_neither_walks_nor_moves_one_joint_is_a_motion(tmp_path: Path) -> None:
     made = drafted(tmp_path, squat=squat())
     assert roles(made)["squat"] == "motion"
-    assert 'role = "motion"' in (text := draft_text(made, tmp_path)) and "pelvis goes up and down" in text
+    assert (
+        'role = "motion"' in (text := draft_text(made, tmp_path))
+        and "pelvis goes up and down" in text
+    )
 
 
 def test_who_stands_when_the_belt_stops_has_not_run(tmp_path: Path) -> None:
@@ -131,7 +151,9 @@ def test_who_stands_when_the_belt_stops_has_not_run(tmp_path: Path) -> None:
 
 def test_two_people_are_told_and_stop(tmp_path: Path) -> None:
     files = recordings("hip_r")
-    folder = write(tmp_path / "both", files | {f"b_{n}": other_person(files[n]) for n in ("static", "walk")})
+    folder = write(
+        tmp_path / "both", files | {f"b_{n}": other_person(files[n]) for n in ("static", "walk")}
+    )
     made = draft(folder)
     assert set(roles(made)) == {"static", "walk", "hip_r"}, "the one with more recordings"
     assert "two people, or two sessions" in made.problem
@@ -139,14 +161,19 @@ def test_two_people_are_told_and_stop(tmp_path: Path) -> None:
     (folder / "b_static.csv").unlink()
     alone = draft(folder)
     assert alone.problem == "", "a stray recording of somebody else is left out"
-    assert any(row.name == "b_walk.csv" and "another person" in row.reason for row in alone.left_out)
+    assert any(
+        row.name == "b_walk.csv" and "another person" in row.reason for row in alone.left_out
+    )
 
 
 def test_one_recording_in_two_formats_counts_once(tmp_path: Path) -> None:
     walk = recordings()["walk"]
     part = walk.frames((walk.time > walk.time[20]) & (walk.time < walk.time[150]))
     folder = write(tmp_path / "person", recordings() | {"part": part}, forces="walk_forces")
-    write_trc(folder / "a_walk.trc", replace(walk, markers=walk.markers[:, ::-1], labels=walk.labels[::-1]))
+    write_trc(
+        folder / "a_walk.trc",
+        replace(walk, markers=walk.markers[:, ::-1], labels=walk.labels[::-1]),
+    )
     made = draft(folder)
     assert [t.role for t in made.trials] == ["static", "gait"]
     assert sum("the same recording as" in row.reason for row in made.left_out) == 2
@@ -155,17 +182,23 @@ def test_one_recording_in_two_formats_counts_once(tmp_path: Path) -> None:
 def test_no_static_trial_is_an_error_and_a_standing_start_is_none(tmp_path: Path) -> None:
     walk = recordings()["walk"]
     waiting = np.repeat(walk.markers[:1], 150, axis=0)
-    slow = replace(walk, time=np.arange(358) / walk.rate, markers=np.concatenate([waiting, walk.markers]))
+    slow = replace(
+        walk, time=np.arange(358) / walk.rate, markers=np.concatenate([waiting, walk.markers])
+    )
     made = draft(write(tmp_path / "person", {"walk": walk, "start": slow}))
     assert "a static trial is needed" in made.fault
     assert {row.name for row in made.seen} == {"walk.csv", "start.csv"}
     named = draft(write(tmp_path / "person", {"static_and_walk": slow}))
-    assert named.fault == "" and not named.trials[0].certain, "what is called static may hold walking"
+    assert named.fault == "" and not named.trials[0].certain, (
+        "what is called static may hold walking"
+    )
 
 
 def test_of_two_statics_the_one_that_shows_more_gives_the_model(tmp_path: Path) -> None:
     static = recordings()["static"]
-    markers = static.markers + np.random.default_rng(1).normal(0, 0.0005, static.markers.shape)  # another take
+    markers = static.markers + np.random.default_rng(1).normal(
+        0, 0.0005, static.markers.shape
+    )  # another take
     markers[:, static.labels.index("R.Heel")] = np.nan
     made = drafted(tmp_path, a_static=replace(static, markers=markers))
     assert [t.name for t in made.trials] == ["static", "a_static", "walk"]
@@ -175,7 +208,9 @@ def test_a_session_in_subfolders_is_one(tmp_path: Path) -> None:
     files = recordings()
     for name, recording in (("standing", "static"), ("moving", "walk")):
         write(tmp_path / "person" / name, {recording: files[recording]})
-        write_trc(tmp_path / f"person/{name}/{name}.trc", files[recording])  # an ending that subfolders are asked for
+        write_trc(
+            tmp_path / f"person/{name}/{name}.trc", files[recording]
+        )  # an ending that subfolders are asked for
     made = draft(tmp_path / "person")
     assert sorted(t.role for t in made.trials) == ["gait", "static"]
     assert 'file = "moving/' in draft_text(made, tmp_path / "person")
@@ -187,7 +222,9 @@ def test_a_session_in_subfolders_is_one(tmp_path: Path) -> None:
     ("content", "words"),
     [({}, "is empty"), ({"a.png": b"x", "notes.txt": b"hello"}, "holds 2 files, but no recording")],
 )
-def test_folders_that_nobody_understands(tmp_path: Path, content: dict[str, bytes], words: str) -> None:
+def test_folders_that_nobody_understands(
+    tmp_path: Path, content: dict[str, bytes], words: str
+) -> None:
     for name, data in content.items():
         (tmp_path / name).write_bytes(data)
     made = draft(tmp_path)
@@ -198,10 +235,16 @@ def test_folders_that_nobody_understands(tmp_path: Path, content: dict[str, byte
 def test_two_people_in_one_file_make_no_body(tmp_path: Path) -> None:
     def twice(r: Recording) -> Recording:
         labels = tuple(f"{who}:{label}" for who in ("Anna", "Ben") for label in r.labels)
-        return replace(r, markers=np.concatenate([r.markers, r.markers + [0.0, 0.0, 1.5]], axis=1), labels=labels)
+        return replace(
+            r,
+            markers=np.concatenate([r.markers, r.markers + [0.0, 0.0, 1.5]], axis=1),
+            labels=labels,
+        )
 
     made = drafted(tmp_path, **{name: twice(r) for name, r in recordings().items()})
-    assert made.fault.startswith("markers of 2 people (Anna, Ben) in one file, static.csv, and 1 more files too")
+    assert made.fault.startswith(
+        "markers of 2 people (Anna, Ben) in one file, static.csv, and 1 more files too"
+    )
 
 
 def exchanged(recording: Recording, pairs: dict[str, str]) -> Recording:
@@ -212,7 +255,9 @@ def exchanged(recording: Recording, pairs: dict[str, str]) -> Recording:
 
 @pytest.mark.parametrize("file", ["static", "walk"])
 def test_a_walk_with_labels_exchanged_is_of_the_same_person(tmp_path: Path, file: str) -> None:
-    made = drafted(tmp_path, **{file: exchanged(recordings()[file], {"R.Thigh.Front": "R.Shank.Front"})})
+    made = drafted(
+        tmp_path, **{file: exchanged(recordings()[file], {"R.Thigh.Front": "R.Shank.Front"})}
+    )
     assert roles(made) == {"static": "static", "walk": "gait"}, [row.reason for row in made.seen]
 
 
@@ -222,11 +267,18 @@ def test_exchanged_sides_and_exchanged_people(data_dir: Path) -> None:
         marker_set.renamed(read_recording(data_dir / name))
         for name in ("pig_c3d/static.c3d", "pig_c3d/gait.c3d", "children/HC031A/straight.c3d")
     )
-    pairs = {m: "L" + m[1:] for m in walk.labels if m.startswith("R") and "L" + m[1:] in walk.labels}
-    one, same, sides, child = (pair_distances(r, marker_set) for r in (static, walk, exchanged(walk, pairs), other))
+    pairs = {
+        m: "L" + m[1:] for m in walk.labels if m.startswith("R") and "L" + m[1:] in walk.labels
+    }
+    one, same, sides, child = (
+        pair_distances(r, marker_set) for r in (static, walk, exchanged(walk, pairs), other)
+    )
     assert placed_otherwise(one, same, marker_set) == ""
     for other, told in ((sides, "left and right"), (child, "")):
-        assert placed_otherwise(one, other, marker_set) and exchange_told(one, other, marker_set) == told
+        assert (
+            placed_otherwise(one, other, marker_set)
+            and exchange_told(one, other, marker_set) == told
+        )
 
 
 def test_a_walk_of_another_person_is_the_first_thing_told(tmp_path: Path) -> None:
@@ -249,14 +301,24 @@ def test_a_part_that_stands_is_told(tmp_path: Path) -> None:
     parts = [r.markers[:, [r.labels.index(m) for m in both]] for r in (static, walk)]
     parts[1] += parts[0][-1:].mean(axis=1, keepdims=True) - parts[1][:1].mean(axis=1, keepdims=True)
     markers = np.concatenate(parts)
-    whole = replace(walk, labels=tuple(both), markers=markers, time=np.arange(len(markers)) / walk.rate)
+    whole = replace(
+        walk, labels=tuple(both), markers=markers, time=np.arange(len(markers)) / walk.rate
+    )
     made = draft(write(tmp_path / "person", {"cap1": whole}))
-    assert 'in cap1.csv somebody stands for a part: call the file static, or write role = "static"' in made.fault
-    assert "somebody stands from 0." in made.seen[0].reason and "moves otherwise" in made.seen[0].reason
+    assert (
+        'in cap1.csv somebody stands for a part: call the file static, or write role = "static"'
+        in made.fault
+    )
+    assert (
+        "somebody stands from 0." in made.seen[0].reason
+        and "moves otherwise" in made.seen[0].reason
+    )
 
 
 def test_lengths_a_thousand_times_too_small_are_named(tmp_path: Path) -> None:
-    made = drafted(tmp_path, **{name: replace(r, markers=1e-3 * r.markers) for name, r in recordings().items()})
+    made = drafted(
+        tmp_path, **{name: replace(r, markers=1e-3 * r.markers) for name, r in recordings().items()}
+    )
     assert "lengths look 1000 times too small: m under a header that says mm" in made.fault
 
 
@@ -274,7 +336,9 @@ def test_a_unit_is_suspected_before_another_person(name: str, factor: float) -> 
 
 def test_a_walk_in_another_unit_is_left_out_for_it(tmp_path: Path) -> None:
     walk = recordings()["walk"]
-    made = drafted(tmp_path, **(recordings() | {"walk2": replace(walk, markers=10.0 * walk.markers)}))
+    made = drafted(
+        tmp_path, **(recordings() | {"walk2": replace(walk, markers=10.0 * walk.markers)})
+    )
     (row,) = (row for row in made.seen if row.name.startswith("walk2"))
     assert not row.used and row.reason.startswith("lengths look 10 times too large")
     assert "walk" in roles(made)
@@ -288,7 +352,9 @@ def test_notes_tell_what_is_likely_unused_and_left_over(tmp_path: Path) -> None:
     legs = Known(value={"r": 900.0, "l": 910.0}, reason="guess", certain=False)
     notes = draft_notes(replace(made, person={**made.person, "leg_length_mm": legs}))
     assert any("left over: R.Knee.Inner" in note for note in notes)
-    assert any("leg_length_mm = { r = 900, l = 910 }: guess" in note for note in notes), "as the study file has it"
+    assert any("leg_length_mm = { r = 900, l = 910 }: guess" in note for note in notes), (
+        "as the study file has it"
+    )
     assert not any("squat.csv" in note for note in notes)
     assert any("not used: photo.png" in note for note in notes)
 
@@ -308,13 +374,17 @@ def error(where: str, severity: Severity = Severity.ERROR) -> Finding:
 
 def test_a_faulty_walk_goes_and_is_told(with_bad_take: Study) -> None:
     assert [t.name for t in with_bad_take.trials] == ["static", "other", "walk"]
-    rest, findings, faulty = without_faulty_trials(with_bad_take, (error("other"), error("walk", Severity.WARNING)))
+    rest, findings, faulty = without_faulty_trials(
+        with_bad_take, (error("other"), error("walk", Severity.WARNING))
+    )
     assert [t.name for t in rest.trials] == ["static", "walk"]
     assert faulty == {"other": "plates: x is wrong; do y"}
     assert all(f.where != "other" for f in findings), "checked again without it"
 
 
-@pytest.mark.parametrize("where", [("static",), (STUDY,), ("other", "walk"), ("other", "static"), ()])
+@pytest.mark.parametrize(
+    "where", [("static",), (STUDY,), ("other", "walk"), ("other", "static"), ()]
+)
 def test_nothing_goes_where_nothing_would_be_left_or_all_is_in_doubt(
     with_bad_take: Study, where: tuple[str, ...]
 ) -> None:
@@ -325,7 +395,9 @@ def test_nothing_goes_where_nothing_would_be_left_or_all_is_in_doubt(
 FAR = np.array([3.0, 0.0, 0.0])
 
 
-def with_forces(folder: Path, plates: Sequence[ForcePlate], name: str = "walk_grf.csv", **files: Recording) -> Path:
+def with_forces(
+    folder: Path, plates: Sequence[ForcePlate], name: str = "walk_grf.csv", **files: Recording
+) -> Path:
     write_forces_csv(write(folder / "person", recordings() | files) / name, plates)
     return folder / "person"
 
@@ -344,14 +416,18 @@ def test_the_feet_decide_and_not_the_names(tmp_path: Path) -> None:
 
 
 def test_forces_of_nobody_are_told(tmp_path: Path) -> None:
-    folder = with_forces(tmp_path, [replace(p, point=p.point + FAR) for p in made_plates(gait_motion())])
+    folder = with_forces(
+        tmp_path, [replace(p, point=p.point + FAR) for p in made_plates(gait_motion())]
+    )
     made = draft(folder)
     assert all(t.forces is None for t in made.trials)
     (row,) = (row for row in made.left_out if row.name == "walk_grf.csv")
     assert "m from the feet of walk" in row.reason
     (warning,) = rejected_forces(made)
     assert warning.severity is Severity.WARNING and warning.where == "walk"
-    assert warning.evidence.startswith("no forces, no torques: walk_grf.csv is not used: its centres of pressure are")
+    assert warning.evidence.startswith(
+        "no forces, no torques: walk_grf.csv is not used: its centres of pressure are"
+    )
     (folder / "walk_grf.csv").unlink()
     assert rejected_forces(draft(folder)) == (), "a folder without forces is asked for angles"
 
@@ -360,10 +436,15 @@ def test_forces_of_nobody_are_told(tmp_path: Path) -> None:
 def test_forces_that_cover_a_part_are_used_and_cut_nothing(tmp_path: Path, kept: slice) -> None:
     """Most of the walk, and less than half of it; the drafted study reads the whole walk."""
     plates = made_plates(gait_motion())
-    part = [replace(p, **{k: getattr(p, k)[kept] for k in ("time", "force", "point", "moment")}) for p in plates]
+    part = [
+        replace(p, **{k: getattr(p, k)[kept] for k in ("time", "force", "point", "moment")})
+        for p in plates
+    ]
     made = draft(with_forces(tmp_path, part))
     forces = made.trials[-1].forces
-    assert forces is not None and forces.reason.startswith(f"covers {part[0].time[0]:.2f} to {part[0].time[-1]:.2f} s")
+    assert forces is not None and forces.reason.startswith(
+        f"covers {part[0].time[0]:.2f} to {part[0].time[-1]:.2f} s"
+    )
     trial = study_of(made, proposed=True).moving[-1].recording
     assert len(trial.time) == len(recordings()["walk"].time)
     assert sum("no torques beyond" in note for note in trial.notes) == len(part)
@@ -372,9 +453,13 @@ def test_forces_that_cover_a_part_are_used_and_cut_nothing(tmp_path: Path, kept:
 
 
 @pytest.mark.parametrize(("unit", "factor"), [("mm", 1e3), ("cm", 1e2)])
-def test_centres_of_pressure_in_another_unit_are_told_by_it(tmp_path: Path, unit: str, factor: float) -> None:
+def test_centres_of_pressure_in_another_unit_are_told_by_it(
+    tmp_path: Path, unit: str, factor: float
+) -> None:
     plates = [replace(p, point=factor * p.point) for p in made_plates(gait_motion())]
-    (row,) = (row for row in draft(with_forces(tmp_path, plates)).left_out if row.name == "walk_grf.csv")
+    (row,) = (
+        row for row in draft(with_forces(tmp_path, plates)).left_out if row.name == "walk_grf.csv"
+    )
     assert row.reason.startswith(f"its centres of pressure are in {unit}, not in m")
 
 

@@ -10,7 +10,9 @@ from gaitcal.io.toml import models_path
 from tests.intake.folders import recordings, write
 from tests.refusal import refusal
 
-LOADS = "<OpenSimDocument><ExternalLoads><datafile>grf.mot</datafile></ExternalLoads></OpenSimDocument>"
+LOADS = (
+    "<OpenSimDocument><ExternalLoads><datafile>grf.mot</datafile></ExternalLoads></OpenSimDocument>"
+)
 
 
 def test_kinds(tmp_path: Path) -> None:
@@ -44,7 +46,9 @@ def test_kinds(tmp_path: Path) -> None:
         "noending": FileKind.OTHER,
     }
     assert found["loads.xml"].names == "grf.mot"
-    assert all(file.reason for file in found.values() if file.kind in (FileKind.UNREADABLE, FileKind.OTHER))
+    assert all(
+        file.reason for file in found.values() if file.kind in (FileKind.UNREADABLE, FileKind.OTHER)
+    )
     (folder / "person").mkdir()
     assert [f.name for f in marker_sets_above(folder / "person")] == ["own.toml"]
 

@@ -33,25 +33,40 @@ from tests.synthetic_studies import only
 QUIET = Console(quiet=True, verbose=False)
 
 
-def nameless(files: Mapping[str, Recording], seed: int = 0) -> tuple[dict[str, Recording], dict[str, str]]:
+def nameless(
+    files: Mapping[str, Recording], seed: int = 0
+) -> tuple[dict[str, Recording], dict[str, str]]:
     """Labels M01, M02, ... in another order in each file; and new label -> old one."""
     rng = np.random.default_rng(seed)
     known = sorted({label for r in files.values() for label in r.labels})
-    names = {label: f"M{k + 1:02d}" for label, k in zip(known, rng.permutation(len(known)), strict=True)}
+    names = {
+        label: f"M{k + 1:02d}" for label, k in zip(known, rng.permutation(len(known)), strict=True)
+    }
     out = {}
     for name, r in files.items():
         order = rng.permutation(len(r.labels))
-        out[name] = replace(r, labels=tuple(names[r.labels[i]] for i in order), markers=r.markers[:, order])
+        out[name] = replace(
+            r, labels=tuple(names[r.labels[i]] for i in order), markers=r.markers[:, order]
+        )
     return out, {new: old for old, new in names.items()}
 
 
 def told(proposal: LabelProposal) -> dict[str, str]:
     """Label -> segment."""
     landmarks = load_marker_set(LANDMARK_SET)
-    of = {m: SEGMENT_OF[name] for name in landmarks.landmarks for option in landmarks.options(name) for m in option}
-    of |= landmarks.segment_of | {m: SEGMENT_OF[k] for k, parts in landmarks.knee_device.items() for m in parts}
+    of = {
+        m: SEGMENT_OF[name]
+        for name in landmarks.landmarks
+        for option in landmarks.options(name)
+        for m in option
+    }
+    of |= landmarks.segment_of | {
+        m: SEGMENT_OF[k] for k, parts in landmarks.knee_device.items() for m in parts
+    }
     segments = {label: of[name] for label, name in proposal.rename.items()}
-    return segments | {label: segment for segment, group in proposal.tracking.items() for label in group}
+    return segments | {
+        label: segment for segment, group in proposal.tracking.items() for label in group
+    }
 
 
 def turned(r: Recording, angle: float, size: float = 1.0) -> Recording:
@@ -69,8 +84,15 @@ def test_segments_of_labels_that_say_nothing(angle: float, size: float) -> None:
     found, marker_set = proposed(files), load_marker_set("published")
     right = marker_set.segment_of
     wrong = {old[m]: segment for m, segment in told(found).items() if segment != right[old[m]]}
-    assert all(right[m].startswith("upper_arm") for m in wrong) and len(wrong) <= 2, "arms hang still in this walk"
-    wanted = {m: name for name, group in marker_set.landmarks.items() if SEGMENT_OF[name] in LOWER_BODY for m in group}
+    assert all(right[m].startswith("upper_arm") for m in wrong) and len(wrong) <= 2, (
+        "arms hang still in this walk"
+    )
+    wanted = {
+        m: name
+        for name, group in marker_set.landmarks.items()
+        if SEGMENT_OF[name] in LOWER_BODY
+        for m in group
+    }
     named = {old[m]: name for m, name in found.rename.items()}
     assert {m: named.get(m) for m in wanted} == wanted
     assert set(found.evidence) == set(old) and not found.unused
@@ -83,9 +105,13 @@ def test_a_walk_tells_which_way_is_forward() -> None:
     ahead = forward_direction([files["walk"]], points, labels)
     assert ahead[0] > 0.8 and abs(ahead[1]) < 0.1, "x, as both feet say"
     walk = turned(files["walk"], 1.0)
-    assert forward_direction([walk], points, labels) == pytest.approx(ahead, abs=1e-9), "wherever the walk leads"
+    assert forward_direction([walk], points, labels) == pytest.approx(ahead, abs=1e-9), (
+        "wherever the walk leads"
+    )
     isolated = recordings("hip_r")["hip_r"]
-    assert forward_direction([walk, isolated], points, labels) == pytest.approx(ahead, abs=2e-3), "one foot is mute"
+    assert forward_direction([walk, isolated], points, labels) == pytest.approx(ahead, abs=2e-3), (
+        "one foot is mute"
+    )
     assert forward_direction([on_the_spot(walk)], points, labels)[0] > 0.8, "on a treadmill, too"
     assert forward_direction([isolated], points, labels) == pytest.approx(0, abs=1e-3), "one foot"
     backward = replace(walk, markers=walk.markers[::-1])
@@ -98,8 +124,12 @@ def test_a_walk_backward_alone_does_not_exchange_the_sides() -> None:
     walk = files["walk"]
     backward = refusal(proposed, files, walk=replace(walk, markers=walk.markers[::-1]))
     assert "feet swing otherwise than feet and pelvis point" in backward
-    shuffled = replace(walk, labels=tuple(np.random.default_rng(0).permutation(walk.labels).tolist()))
-    assert "a label has to name the same marker in all files" in refusal(proposed, files, walk=shuffled)
+    shuffled = replace(
+        walk, labels=tuple(np.random.default_rng(0).permutation(walk.labels).tolist())
+    )
+    assert "a label has to name the same marker in all files" in refusal(
+        proposed, files, walk=shuffled
+    )
 
 
 def test_what_stays_in_the_room_is_on_nobody() -> None:
@@ -108,9 +138,18 @@ def test_what_stays_in_the_room_is_on_nobody() -> None:
 
     files["walk"] = on_the_spot(files["walk"])  # as on a treadmill
     alone = proposed(files)
-    found = proposed({name: with_points(r, np.repeat(room[None], len(r.time), axis=0)) for name, r in files.items()})
-    rests = dict.fromkeys((f"X{i}" for i in range(1, 5)), "stays where it is while the person walks")
-    assert list(found.unused.items()) == list(rests.items()), "in the order of the files, in every run"
+    found = proposed(
+        {
+            name: with_points(r, np.repeat(room[None], len(r.time), axis=0))
+            for name, r in files.items()
+        }
+    )
+    rests = dict.fromkeys(
+        (f"X{i}" for i in range(1, 5)), "stays where it is while the person walks"
+    )
+    assert list(found.unused.items()) == list(rests.items()), (
+        "in the order of the files, in every run"
+    )
     assert found.rename == alone.rename and found.tracking == alone.tracking
     heel = next(m for m, name in alone.rename.items() if name == "heel_r")
     lost = proposed(files, walk=gone(slice(8, None), heel)(files["walk"]))
@@ -124,18 +163,24 @@ def on_the_spot(r: Recording) -> Recording:
 def with_points(r: Recording, points: np.ndarray) -> Recording:
     """With X1, X2, ... at (nf, n, 3) m."""
     added = (f"X{i + 1}" for i in range(points.shape[1]))
-    return replace(r, labels=(*r.labels, *added), markers=np.concatenate([r.markers, points], axis=1))
+    return replace(
+        r, labels=(*r.labels, *added), markers=np.concatenate([r.markers, points], axis=1)
+    )
 
 
 def test_a_proposal_is_confirmed_before_anything_is_computed(tmp_path: Path) -> None:
     files, old = nameless(recordings())
     folder = write(tmp_path / "person", files)
     said = refusal(study_or_draft, folder, SAID, QUIET)
-    assert re.search("no marker set knows the labels M.*'gaitcal init .*' writes the proposal", said)
+    assert re.search(
+        "no marker set knows the labels M.*'gaitcal init .*' writes the proposal", said
+    )
     assert "has to be confirmed" in refusal(study_of, draft(folder))
     draft_study_file(QUIET, folder, mass=SAID.mass, height=SAID.height, sex=SAID.sex)
     study = folder / "study.toml"
-    assert re.search(r"markers.confirmed: found false: .* write confirmed = true", refusal(Study.load, study))
+    assert re.search(
+        r"markers.confirmed: found false: .* write confirmed = true", refusal(Study.load, study)
+    )
     text = study.read_text(encoding="utf-8")
     study.write_text(text.replace("confirmed = false", "confirmed = true"), encoding="utf-8")
     loaded, right = Study.load(study), load_marker_set("published").segment_of
@@ -168,7 +213,9 @@ def test_points_of_a_program_are_no_landmarks() -> None:
         sway = 0.002 * rng.normal(size=r.markers[:1].shape)
         skin = r.markers + sway * np.sin(np.arange(len(r.time)) / 20)[:, None, None]
         heel = skin[:, [0]] + [0.0, 0.0, 0.01]
-        files[name] = with_points(replace(r, markers=skin), np.concatenate([heel, heel + 0.01], axis=1))
+        files[name] = with_points(
+            replace(r, markers=skin), np.concatenate([heel, heel + 0.01], axis=1)
+        )
     found = proposed(files)
     assert all("computed" in found.unused[m] for m in ("X1", "X2"))
 
@@ -185,12 +232,20 @@ def test_segments_in_real_recordings(person: str, data_dir: Path) -> None:
     files, old = nameless(files)
     proposal = proposed(files)
     found = {old[m]: segment for m, segment in told(proposal).items()}
-    sacral = {old[m]: name for m, name in proposal.rename.items() if name.startswith(("psis", "sacrum"))}
+    sacral = {
+        old[m]: name for m, name in proposal.rename.items() if name.startswith(("psis", "sacrum"))
+    }
     pair = {"RPSI": "psis_r", "LPSI": "psis_l"}
-    assert sacral == {m: pair.get(m, "sacrum") for m in old.values() if m in pair or m in ("SACR", "V.Sacral")}
-    wrong = {m: (right[m], found.get(m, "nowhere")) for m in old.values() if found.get(m) != right[m]}
+    assert sacral == {
+        m: pair.get(m, "sacrum") for m in old.values() if m in pair or m in ("SACR", "V.Sacral")
+    }
+    wrong = {
+        m: (right[m], found.get(m, "nowhere")) for m in old.values() if found.get(m) != right[m]
+    }
     assert len(wrong) <= 0.05 * len(old), wrong
-    assert not [m for m, (a, b) in wrong.items() if a[:-1] == b[:-1] and a != b], "a leg for the other"
+    assert not [m for m, (a, b) in wrong.items() if a[:-1] == b[:-1] and a != b], (
+        "a leg for the other"
+    )
 
 
 def test_a_cluster_of_the_thigh_is_no_hand(data_dir: Path) -> None:
@@ -202,11 +257,27 @@ def test_a_cluster_of_the_thigh_is_no_hand(data_dir: Path) -> None:
 
 
 def test_markers_that_a_set_does_not_know_follow_what_they_move_with(tmp_path: Path) -> None:
-    strange = {"R.Thigh.Rear": "X1", "L.Shank.Front": "X2", "R.Midfoot.Sup": "X3", "R.Ankle.Med": "X4"}
-    files = {n: replace(r, labels=tuple(strange.get(m, m) for m in r.labels)) for n, r in recordings().items()}
+    strange = {
+        "R.Thigh.Rear": "X1",
+        "L.Shank.Front": "X2",
+        "R.Midfoot.Sup": "X3",
+        "R.Ankle.Med": "X4",
+    }
+    files = {
+        n: replace(r, labels=tuple(strange.get(m, m) for m in r.labels))
+        for n, r in recordings().items()
+    }
     made = draft(write(tmp_path / "person", files))
-    assert made.choice is not None and made.choice.further is not None and made.choice.entry == "gait2354"
-    assert made.choice.further.tracking == {"thigh_r": ("X1",), "shank_l": ("X2",), "foot_r": ("X3",)}
+    assert (
+        made.choice is not None
+        and made.choice.further is not None
+        and made.choice.entry == "gait2354"
+    )
+    assert made.choice.further.tracking == {
+        "thigh_r": ("X1",),
+        "shank_l": ("X2",),
+        "foot_r": ("X3",),
+    }
     words = "in no trial that moves; lies where ankle_med_r does: rename it, if it is"
     assert made.choice.further.unused == {"X4": words}
     told_lines = " ".join(doubtful_lines(made))
@@ -225,8 +296,12 @@ def test_points_that_a_program_computed_are_no_markers(data_dir: Path) -> None:
     assert made.choice is not None and made.choice.further is not None
     found = made.choice.further
     for side, segment in (("R", "foot_r"), ("L", "foot_l")):
-        assert {f"{side}CPG", f"{side}STL"} <= set(found.tracking[segment]), "of the Oxford foot model"
+        assert {f"{side}CPG", f"{side}STL"} <= set(found.tracking[segment]), (
+            "of the Oxford foot model"
+        )
         axes = [f"{side}{name}{k}" for name in ("FOF", "HDF") for k in range(4)]
         assert all("computed" in found.unused[label] for label in axes), "its segments' axes"
     assert set(found.tracking) == {"foot_r", "foot_l"}
-    assert "does not keep its distance" in found.unused["RNAV"], "the turn has it 91 mm from where it was"
+    assert "does not keep its distance" in found.unused["RNAV"], (
+        "the turn has it 91 mm from where it was"
+    )

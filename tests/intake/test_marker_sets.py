@@ -10,7 +10,11 @@ NAMES = ("gait2354", "rcnl", "conventional73", "plug-in-gait")
 
 
 @settings(max_examples=20)
-@given(st.sampled_from(NAMES[:3]), st.sampled_from(["_", " ", "-", ""]), st.sampled_from(["", "Doe:", "p07:"]))
+@given(
+    st.sampled_from(NAMES[:3]),
+    st.sampled_from(["_", " ", "-", ""]),
+    st.sampled_from(["", "Doe:", "p07:"]),
+)
 def test_separators_and_prefixes_are_renamed(name: str, separator: str, prefix: str) -> None:
     labels = load_marker_set(name).labels
     spelt = tuple(prefix + m.replace("_", ".").replace(".", separator) for m in labels)
@@ -50,7 +54,20 @@ def test_files_of_two_protocols_are_kept_apart() -> None:
 
 def test_one_body_has_one_prefix() -> None:
     own = load_marker_set("plug-in-gait")
-    anna = ("RASI", "LASI", "RPSI", "LPSI", "RKNE", "LKNE", "RANK", "LANK", "RTOE", "LTOE", "RHEE", "LHEE")
+    anna = (
+        "RASI",
+        "LASI",
+        "RPSI",
+        "LPSI",
+        "RKNE",
+        "LKNE",
+        "RANK",
+        "LANK",
+        "RTOE",
+        "LTOE",
+        "RHEE",
+        "LHEE",
+    )
     ben = ("RKNE", "RTIB", "LTIB", "RTHI")
     both = tuple(f"Anna:{m}" for m in anna) + tuple(f"Ben:{m}" for m in ben)
     assert people_in(own, both) == ("Anna", "Ben")
@@ -61,7 +78,14 @@ def test_one_body_has_one_prefix() -> None:
     assert set(best.explained.left_over) == {"Ben:RTIB", "Ben:RTHI"}
 
 
-LONG_NAMES = {"ASI": "ASIS", "PSI": "PSIS", "THI": "THIGH", "KNE": "KNEE", "TIB": "TIBIA", "ANK": "ANKLE"}
+LONG_NAMES = {
+    "ASI": "ASIS",
+    "PSI": "PSIS",
+    "THI": "THIGH",
+    "KNE": "KNEE",
+    "TIB": "TIBIA",
+    "ANK": "ANKLE",
+}
 
 
 def test_long_names_with_a_side_before_are_of_plug_in_gait() -> None:
@@ -78,4 +102,6 @@ def test_what_is_left_over_makes_a_set_unsure() -> None:
     assert not choose_set([(*own, *(f"thing{i}" for i in range(len(own))))])[0].certain
     one_sided = choose_set([(*own, "RKADX", "LKADX"), own])[0]
     assert one_sided.sided_unknown == ("RKADX", "LKADX") and not one_sided.certain
-    assert choose_set([(*own, "RKADX", "LKADX")] * 2)[0].certain, "on every recording: no landmarks of a static trial"
+    assert choose_set([(*own, "RKADX", "LKADX")] * 2)[0].certain, (
+        "on every recording: no landmarks of a static trial"
+    )

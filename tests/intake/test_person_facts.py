@@ -29,7 +29,9 @@ def test_the_user_before_the_static_before_the_others() -> None:
 
 
 def test_lengths_that_the_clinic_measured_are_drafted() -> None:
-    found = person_of("x", Options(), [("static", Facts(asis_distance=0.245, marker_diameter=0.014))], None)
+    found = person_of(
+        "x", Options(), [("static", Facts(asis_distance=0.245, marker_diameter=0.014))], None
+    )
     assert (found["asis_distance_mm"].value, found["marker_diameter_mm"].value) == (245.0, 14.0)
 
 
@@ -47,9 +49,15 @@ def test_only_who_stands_wholly_on_plates_is_weighed(reach: float, expected: flo
     posture, _ = standing(static, marker_set)
     assert posture is not None
     middle = static.markers[0].mean(axis=0)
-    corners = np.array([[-1, 0, -1], [1, 0, -1], [1, 0, 1], [-1, 0, 1]]) * reach + [middle[0], 0.0, middle[2]]
+    corners = np.array([[-1, 0, -1], [1, 0, -1], [1, 0, 1], [-1, 0, 1]]) * reach + [
+        middle[0],
+        0.0,
+        middle[2],
+    ]
     force = np.tile([0.0, 70.0 * GRAVITY, 0.0], (len(static.time), 1))
-    plate = ForcePlate(name="1", time=static.time, force=force, point=0 * force, moment=0 * force, corners=corners)
+    plate = ForcePlate(
+        name="1", time=static.time, force=force, point=0 * force, moment=0 * force, corners=corners
+    )
     mass = weighed(replace(static, plates=(plate,)), marker_set, posture)
     assert mass == (None if expected is None else pytest.approx(expected))
     without_corners = replace(plate, corners=None)
@@ -59,34 +67,59 @@ def test_only_who_stands_wholly_on_plates_is_weighed(reach: float, expected: flo
 def test_whole_strides_weigh_who_never_stands_on_plates(data_dir: Path) -> None:
     """Five walks of 53.5 kg over plates that touch: feet that straddle two of them weigh nothing."""
     folder = data_dir / "labs_c3d" / "multi"
-    found = {k: weighed_walking(read_recording(folder / f"walk0{k}.c3d").plates) for k in range(3, 8)}
+    found = {
+        k: weighed_walking(read_recording(folder / f"walk0{k}.c3d").plates) for k in range(3, 8)
+    }
     assert [k for k, mass in found.items() if mass is not None] == [4, 5]
     assert found[4] == pytest.approx(53.5, rel=0.03) and found[5] == pytest.approx(53.5, rel=0.03)
     half_on = read_recording(data_dir / "pig_c3d" / "gait.c3d").plates
     assert weighed_walking(half_on) is None
     first, second, third = read_recording(folder / "walk04.c3d").plates
     late = replace(third, force=np.where(third.time[:, None] < 3.69, 0.0, third.force))
-    assert weighed_walking([first, second, late]) is None, "the third foot is on something else for 50 ms: 4 % less"
-    known = person_of("x", Options(), [("static", Facts())], None, walks=("walk04", 53.8))["mass_kg"]
+    assert weighed_walking([first, second, late]) is None, (
+        "the third foot is on something else for 50 ms: 4 % less"
+    )
+    known = person_of("x", Options(), [("static", Facts())], None, walks=("walk04", 53.8))[
+        "mass_kg"
+    ]
     assert known.value == 53.8 and not known.certain and "whole strides of walk04" in known.reason
 
 
 def test_a_figure_in_another_unit_is_likely_and_comes_after_all_others() -> None:
-    doubt = Facts(doubtful={"height": ("Height = 179: 1.79 m if cm", 1.79), "knee_width_r": ("RKneeWidth = 12", 0.12)})
+    doubt = Facts(
+        doubtful={
+            "height": ("Height = 179: 1.79 m if cm", 1.79),
+            "knee_width_r": ("RKneeWidth = 12", 0.12),
+        }
+    )
     found = person_of("x", Options(), [("static", doubt), ("walk", Facts())], None)
     assert found["height_m"].value == 1.79 and not found["height_m"].certain
     assert found["height_m"].reason == "static says Height = 179: 1.79 m if cm"
     assert found["knee_width_mm"].value == {"r": 120.0} and not found["knee_width_mm"].certain
-    assert person_of("x", Options(), [("static", doubt), ("walk", Facts(height=1.8))], None)["height_m"].value == 1.8
+    assert (
+        person_of("x", Options(), [("static", doubt), ("walk", Facts(height=1.8))], None)[
+            "height_m"
+        ].value
+        == 1.8
+    )
 
 
 @pytest.mark.parametrize(
     ("mass", "plates", "told"),
     [
         (66.5, ("static", 64.0), ""),
-        (146.6, ("static", 64.0), "2.29 times the 64.0 kg that the plates weigh in static: 66.5 kg if it is in lb"),
+        (
+            146.6,
+            ("static", 64.0),
+            "2.29 times the 64.0 kg that the plates weigh in static: 66.5 kg if it is in lb",
+        ),
         (652.0 / 2, ("static", 33.2), "33.2 kg if it is in N"),
-        (271.74, None, "allowed: 14 to 124 kg at a height of 1.33 m: 123.3 kg if it is in lb or 27.7 kg if it is in N"),
+        (
+            271.74,
+            None,
+            "allowed: 14 to 124 kg at a height of 1.33 m: 123.3 kg if it is in lb or 27.7 kg if it "
+            "is in N",
+        ),
         (27.7, None, ""),
     ],
 )

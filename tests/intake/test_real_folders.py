@@ -17,14 +17,30 @@ from tests.intake.folders import JOINTS, roles
 
 FOLDERS = {
     "labs_c3d/kad": ("plug-in-gait", {"static": "static", "walk": "gait"}, ()),
-    "labs_c3d/multi": ("plug-in-gait", {"static": "static"} | {f"walk0{k}": "gait" for k in range(3, 8)}, ()),
-    "children/HC002D": ("plug-in-gait", {"static": "static", "straight": "gait", "turn": "gait"}, ()),
+    "labs_c3d/multi": (
+        "plug-in-gait",
+        {"static": "static"} | {f"walk0{k}": "gait" for k in range(3, 8)},
+        (),
+    ),
+    "children/HC002D": (
+        "plug-in-gait",
+        {"static": "static", "straight": "gait", "turn": "gait"},
+        (),
+    ),
     "pig_c3d": ("plug-in-gait", {"static": "static", "gait": "gait"}, ()),
-    "functional_c3d": ("conventional73", {"static": "static", "hip_r": "joint hip_r", "knee_r": "joint knee_r"}, ()),
+    "functional_c3d": (
+        "conventional73",
+        {"static": "static", "hip_r": "joint hip_r", "knee_r": "joint knee_r"},
+        (),
+    ),
     "more_labs/one_frame_static": ("cast", {"static": "static", "walk": "gait"}, ("mass_kg",)),
     "more_labs/mt_feet": ("visual3d", {"static": "static", "walk": "gait"}, ()),
     "subject01": ("gait2354", {"subject01_static": "static", "subject01_walk1": "gait"}, ()),
-    "uf3": ("rcnl", {"static": "static", "gait": "gait"} | {joint: f"joint {joint}" for joint in JOINTS}, ("mass_kg",)),
+    "uf3": (
+        "rcnl",
+        {"static": "static", "gait": "gait"} | {joint: f"joint {joint}" for joint in JOINTS},
+        ("mass_kg",),
+    ),
 }
 
 
@@ -42,15 +58,23 @@ def test_bare_folders(name: str, data_dir: Path) -> None:
     assert ("height_error_m" in made.person) == (name not in WITH_HEIGHT)
     assert all(trial.certain for trial in made.trials)
     forces = [trial.forces.file.name for trial in made.trials if trial.forces]
-    assert forces == {"subject01": ["subject01_walk1_grf.mot"], "more_labs/mt_feet": ["walk_grf.mot"]}.get(name, [])
-    assert [row.name for row in made.left_out] == (["static_unlabelled.c3d"] if name == "uf3" else [])
+    assert forces == {
+        "subject01": ["subject01_walk1_grf.mot"],
+        "more_labs/mt_feet": ["walk_grf.mot"],
+    }.get(name, [])
+    assert [row.name for row in made.left_out] == (
+        ["static_unlabelled.c3d"] if name == "uf3" else []
+    )
     assert str(data_dir) not in draft_text(made, data_dir / name), "paths are relative"
 
 
 def test_recordings_of_nobody_who_stands(data_dir: Path) -> None:
     made = draft_of(read_folder(data_dir / "c3d_formats"), Options())
     assert made.fault and made.trials == ()
-    assert {row.name for row in made.seen if "SGI/MIPS" in row.reason} == {"Eb015si.c3d", "Eb015sr.c3d"}
+    assert {row.name for row in made.seen if "SGI/MIPS" in row.reason} == {
+        "Eb015si.c3d",
+        "Eb015sr.c3d",
+    }
 
 
 def test_a_recording_with_joint_centres_is_the_walk_again(data_dir: Path) -> None:
@@ -64,23 +88,30 @@ def test_a_recording_with_joint_centres_is_the_walk_again(data_dir: Path) -> Non
 
 
 SWAY = 0.01
-"""rad, and m: axes of one frame turn by 0.5 deg against those of the mean, centres lie within 1 mm."""
+"""rad, and m: axes of one frame turn by 0.5 deg against those of the mean, centres lie within 1 mm.
+"""
 
 
 def test_one_frame_stands_for_a_static_trial(data_dir: Path) -> None:
-    """Joint parameters of any frame of a child who stands are those of the mean, to what standing sways; and where a
-    longer trial is there, too, that one is the first.
+    """Joint parameters of any frame of a child who stands are those of the mean, to what standing
+    sways; and where a longer trial is there, too, that one is the first.
     """
     made = draft_of(read_folder(data_dir / "children/HC002D"), Options(sex="female"))
     assert made.choice is not None
     study = study_of(made)
     standing_still, whole = study.static.recording, nominal_of(study).parameters.joint
-    legs = [i for i, name in enumerate(JP_NAMES) if name.startswith(("hip", "knee", "talocrural", "subtalar"))]
+    legs = [
+        i
+        for i, name in enumerate(JP_NAMES)
+        if name.startswith(("hip", "knee", "talocrural", "subtalar"))
+    ]
     shown = np.flatnonzero(np.isfinite(standing_still.markers).all(axis=(1, 2)))
     for frame in shown[[0, len(shown) // 2, -1]]:
         moment = standing_still.frames(np.arange(len(standing_still.time)) == frame)
         one = replace(study, trials=(replace(study.static, recording=moment), *study.trials[1:]))
         assert np.abs(nominal_of(one).parameters.joint - whole)[legs].max() < SWAY
-    sitting = sitting_of({0: moment, 1: standing_still}, {0: "static a", 1: "static b"}, made.choice.marker_set)
+    sitting = sitting_of(
+        {0: moment, 1: standing_still}, {0: "static a", 1: "static b"}, made.choice.marker_set
+    )
     assert sitting is not None
     assert sitting.statics == (1, 0)

@@ -1,4 +1,6 @@
-"""Kinds of recordings that trip other tools: each on the case that showed it, or on one made like it."""
+"""Kinds of recordings that trip other tools: each on the case that showed it, or on one made like
+it.
+"""
 
 from collections.abc import Callable, Mapping
 from dataclasses import replace
@@ -53,7 +55,9 @@ def of_code(study: Study, code: Code) -> list[Finding]:
 def test_centres_under_the_names_of_markers_give_way_to_the_markers(
     case: Callable[[str], Draft], data_dir: Path
 ) -> None:
-    """Knee adduction moments were 25 N·m RMS from those of `pig_c3d`; from the same markers come the same moments."""
+    """Knee adduction moments were 25 N·m RMS from those of `pig_c3d`; from the same markers come
+    the same moments.
+    """
     made = case("joint_centres_named_like_markers")
     assert made.choice is not None
     assert made.choice.rename == {label: name for name, label in MEASURED.items()}
@@ -62,7 +66,9 @@ def test_centres_under_the_names_of_markers_give_way_to_the_markers(
     plain = study_of(draft_of(read_folder(data_dir / "pig_c3d"), Options()))
     for ours, theirs in zip(study_of(made).trials, plain.trials, strict=True):
         for label in (m for m in theirs.recording.labels if m in plain.marker_set.labels):
-            paths = (t.recording.markers[:, t.recording.labels.index(label)] for t in (ours, theirs))
+            paths = (
+                t.recording.markers[:, t.recording.labels.index(label)] for t in (ours, theirs)
+            )
             assert np.allclose(*paths, atol=ROUNDING_M, equal_nan=True), label
 
 
@@ -75,12 +81,18 @@ def renamed_files(data_dir: Path, names: Mapping[str, str]) -> dict[str, Recordi
     }
 
 
-def test_a_centre_with_the_very_label_of_the_set_is_put_aside(tmp_path: Path, data_dir: Path) -> None:
-    names = {old: new for new, old in CENTRES.items()} | {old: f"{new}_skin" for new, old in MEASURED.items()}
+def test_a_centre_with_the_very_label_of_the_set_is_put_aside(
+    tmp_path: Path, data_dir: Path
+) -> None:
+    names = {old: new for new, old in CENTRES.items()} | {
+        old: f"{new}_skin" for new, old in MEASURED.items()
+    }
     folder = write(tmp_path / "person", renamed_files(data_dir, names))
     made = draft_of(read_folder(folder), Options(mass=66.5, height=1.79, sex="male"))
     assert made.choice is not None
-    expected = {f"{name}_skin": name for name in MEASURED} | {name: f"{name} (centre)" for name in MEASURED}
+    expected = {f"{name}_skin": name for name in MEASURED} | {
+        name: f"{name} (centre)" for name in MEASURED
+    }
     assert made.choice.rename == expected
     study = study_of(made)
     assert not of_code(study, Code.LANDMARK_DISPLACED)
@@ -88,7 +100,12 @@ def test_a_centre_with_the_very_label_of_the_set_is_put_aside(tmp_path: Path, da
     trusting = replace(
         study,
         trials=tuple(
-            replace(t, recording=replace(t.recording, labels=tuple(back.get(m, m) for m in t.recording.labels)))
+            replace(
+                t,
+                recording=replace(
+                    t.recording, labels=tuple(back.get(m, m) for m in t.recording.labels)
+                ),
+            )
             for t in study.trials
         ),
     )
@@ -105,10 +122,14 @@ def test_of_a_rigid_pair_the_inner_point_is_computed_and_both_where_the_body_lie
 
 def test_a_real_file_of_the_names_of_bts_is_understood(case: Callable[[str], Draft]) -> None:
     made = case("bts_labels")
-    assert made.choice is not None and made.choice.entry == "davis" and made.choice.further is not None
+    assert (
+        made.choice is not None and made.choice.entry == "davis" and made.choice.further is not None
+    )
     assert [(t.name, t.role) for t in made.trials] == [("standing", "static"), ("dynamic", "gait")]
     assert not made.choice.explained.missing and not made.choice.further.tracking
-    lateral = {name: made.choice.marker_set.landmarks[name] for name in ("knee_lat_r", "ankle_lat_l")}
+    lateral = {
+        name: made.choice.marker_set.landmarks[name] for name in ("knee_lat_r", "ankle_lat_l")
+    }
     assert lateral == {"knee_lat_r": ("r knee 1",), "ankle_lat_l": ("l mall",)}
     assert {"r hip", "r knee", "r ankle", "r asis#2"} <= set(made.choice.further.unused)
 
@@ -126,7 +147,9 @@ def sized(study: Study, by: float) -> Study:
 
 @pytest.mark.parametrize(("start", "stop"), [(0, 323), (36, 82), (156, 200)])
 def test_flexed_knees_make_no_other_body(stairs: Study, start: int, stop: int) -> None:
-    """Stairs down, and the parts in which a knee is flexed by 60 to 100 deg: sizes were 0.971, allowed 0.983."""
+    """Stairs down, and the parts in which a knee is flexed by 60 to 100 deg: sizes were 0.971,
+    allowed 0.983.
+    """
     study = part(stairs, start, stop)
     assert not of_code(study, Code.BODY_SIZE)
     static, moving = (pair_distances(t.recording, study.marker_set) for t in study.trials)
@@ -146,7 +169,8 @@ def test_another_body_is_found_on_stairs_and_in_a_lunge(stairs: Study, by: float
 def test_soft_tissue_grows_with_flexion_beyond_what_is_near() -> None:
     assert tissue_spread(1e-3, 0.0) == 0.0
     assert tissue_spread(2e-3, SPREAD_RAD) == pytest.approx(2.0 * tissue_spread(1e-3, SPREAD_RAD))
-    # bones of three people, thigh, 60 deg beyond: 4.5 to 11 mm along each axis of a marker by itself
+    # bones of three people, thigh, 60 deg beyond: 4.5 to 11 mm along each axis of a marker by
+    # itself
     assert 4e-3 < tissue_spread(1e-3, np.deg2rad(60.0)) < 11e-3
 
 
@@ -167,7 +191,9 @@ def test_labels_exchanged_in_every_third_frame_are_put_back_before_anything_is_j
     assert set(told.values()) == {Severity.INFO}
 
 
-def test_who_walks_backwards_brakes_before_driving_all_the_same(case: Callable[[str], Draft]) -> None:
+def test_who_walks_backwards_brakes_before_driving_all_the_same(
+    case: Callable[[str], Draft],
+) -> None:
     study = study_of(case("backwards"))
     assert not of_code(study, Code.FORCE_SIGN)
     (note,) = of_code(study, Code.HEADING)
@@ -185,12 +211,16 @@ def test_who_walks_backwards_brakes_before_driving_all_the_same(case: Callable[[
 
 def test_a_seat_bears_part_of_the_body_until_the_plates_carry_all_of_it() -> None:
     usual = 0.01
-    missing = np.concatenate([np.full(20, 0.7), np.linspace(0.7, 0.02, 20), np.full(40, usual), np.full(20, -0.02)])
+    missing = np.concatenate(
+        [np.full(20, 0.7), np.linspace(0.7, 0.02, 20), np.full(40, usual), np.full(20, -0.02)]
+    )
     lying = np.arange(len(missing)) < 25
     seated = _seated(missing, lying)
     assert seated[:40].all() and not seated[40:].any()
     assert not _seated(missing, np.zeros_like(lying)).any(), "nobody sits who stands"
-    assert not _seated(np.where(lying, 0.1, usual), lying).any(), "a crouch over plates that read a tenth too little"
+    assert not _seated(np.where(lying, 0.1, usual), lying).any(), (
+        "a crouch over plates that read a tenth too little"
+    )
 
 
 def test_markers_of_standing_and_of_arms_are_missed_by_nobody() -> None:
@@ -199,5 +229,11 @@ def test_markers_of_standing_and_of_arms_are_missed_by_nobody() -> None:
     arms = [m for s in ("upper_arm_r", "upper_arm_l") for m in study.marker_set.tracking[s]]
     free = with_trial(study, "walk", without(*medial, *arms))
     assert not findings(free, severity=Severity.WARNING, code=Code.MISSING_MARKERS)
-    (told,) = findings(with_trial(free, "walk", without("R.Thigh.Front")), code=Code.MISSING_MARKERS)[:1]
-    assert told.severity is Severity.WARNING and "R.Thigh.Front" in told.evidence and "R.Bicep" not in told.evidence
+    (told,) = findings(
+        with_trial(free, "walk", without("R.Thigh.Front")), code=Code.MISSING_MARKERS
+    )[:1]
+    assert (
+        told.severity is Severity.WARNING
+        and "R.Thigh.Front" in told.evidence
+        and "R.Bicep" not in told.evidence
+    )

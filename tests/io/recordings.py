@@ -46,7 +46,11 @@ def loaded_body(frames: int = 100, rate: float = 100.0, ratio: int = 10) -> Reco
     dense = np.arange(frames * ratio) / (rate * ratio)
     plates = (plate(dense), plate(dense, "2", load=np.where(dense > 0.5, 400.0, 0.0)))
     return Recording(
-        source="made up", time=recording.time, labels=recording.labels, markers=recording.markers, plates=plates
+        source="made up",
+        time=recording.time,
+        labels=recording.labels,
+        markers=recording.markers,
+        plates=plates,
     )
 
 

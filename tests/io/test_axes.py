@@ -46,7 +46,9 @@ def test_turns_are_proper_rotations(turn: Turn) -> None:
 
 @pytest.mark.parametrize("axis, sign", list(product(range(3), (-1, 1))))
 @pytest.mark.parametrize("make", [loaded_body, body])
-def test_any_vertical_is_found_and_undone_bit_for_bit(axis: int, sign: int, make: type[Recording]) -> None:
+def test_any_vertical_is_found_and_undone_bit_for_bit(
+    axis: int, sign: int, make: type[Recording]
+) -> None:
     upright = make()
     tipped = turn_recording(upright, inverse(UP_TO_Y[axis, sign]))
     found = find_vertical(tipped.markers, tipped.plates)
@@ -100,7 +102,9 @@ def test_wrenches_turn_with_the_markers() -> None:
 
 
 @pytest.mark.parametrize("turn", ABOUT_Y)
-@pytest.mark.parametrize(("degrees", "side"), [(9.0, ""), (12.0, "12 deg to the right"), (-30.0, "30 deg to the left")])
+@pytest.mark.parametrize(
+    ("degrees", "side"), [(9.0, ""), (12.0, "12 deg to the right"), (-30.0, "30 deg to the left")]
+)
 def test_a_walk_off_x_is_told(turn: Turn, degrees: float, side: str) -> None:
     """Z is to the right; the angle is that of the turned recording, whatever the file's axes."""
     standing = body(speed=0.0)

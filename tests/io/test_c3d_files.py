@@ -20,11 +20,14 @@ LABELS = [f"M{i}" for i in range(8)]
 
 
 @pytest.mark.parametrize(
-    "units, factor, told", [("mm", 1.0, False), ("m", 1e-3, False), ("cm", 0.1, False), ("ell", 1.0, True)]
+    "units, factor, told",
+    [("mm", 1.0, False), ("m", 1e-3, False), ("cm", 0.1, False), ("ell", 1.0, True)],
 )
 def test_units_become_metres(tmp_path: Path, units: str, factor: float, told: bool) -> None:
     points = standing_points_mm(5)
-    recording = read_recording(write_raw_c3d(tmp_path / "u.c3d", factor * points, LABELS, units=units))
+    recording = read_recording(
+        write_raw_c3d(tmp_path / "u.c3d", factor * points, LABELS, units=units)
+    )
     np.testing.assert_allclose(recording.markers[..., 1], points[..., 2] / 1e3, rtol=1e-6)
     assert any("'ell'" in note for note in recording.notes) == told
 
@@ -46,7 +49,9 @@ def test_cut_short_is_told_with_both_lengths(tmp_path: Path) -> None:
     path = write_raw_c3d(tmp_path / "t.c3d", standing_points_mm(200), LABELS)
     whole = path.read_bytes()
     path.write_bytes(whole[: len(whole) * 2 // 3])
-    with pytest.raises(InputError, match=r"cut short: \d+ bytes found, \d+ needed for its 200 frames"):
+    with pytest.raises(
+        InputError, match=r"cut short: \d+ bytes found, \d+ needed for its 200 frames"
+    ):
         read_recording(path)
 
 
@@ -70,9 +75,13 @@ def parser(monkeypatch: pytest.MonkeyPatch) -> Iterator[parse._Parser]:
 def test_a_parser_that_dies_hangs_or_wants_all_memory_ends_in_one_clear_error(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, parser: parse._Parser, fault: str, told: str
 ) -> None:
-    """The parser is replaced by one that does what a damaged file may make it do; the next file has a new one."""
+    """The parser is replaced by one that does what a damaged file may make it do; the next file has
+    a new one.
+    """
     path = write_raw_c3d(tmp_path / "c.c3d", standing_points_mm(5), LABELS)
-    (tmp_path / "ezc3d.py").write_text(f"import os, time, numpy\ndef c3d(*_): {fault}\n", encoding="utf-8")
+    (tmp_path / "ezc3d.py").write_text(
+        f"import os, time, numpy\ndef c3d(*_): {fault}\n", encoding="utf-8"
+    )
     with monkeypatch.context() as patch:
         patch.setattr(parse, "BASE_SECONDS", 1.0)
         patch.syspath_prepend(tmp_path)
@@ -124,7 +133,10 @@ def test_plug_in_gait_forces_and_centres_of_pressure_fit_the_person(data_dir: Pa
     total = sum(plate.force[:, 1].mean() for plate in static.plates)
     assert 0.94 < total / (66.5 * G) < 1.02
     for plate, side in zip(static.plates, "RL", strict=True):
-        heel, toe = marker(static, f"{side}HEE").mean(axis=0), marker(static, f"{side}TOE").mean(axis=0)
+        heel, toe = (
+            marker(static, f"{side}HEE").mean(axis=0),
+            marker(static, f"{side}TOE").mean(axis=0),
+        )
         centre = plate.point.mean(axis=0)
         along = np.dot(centre - heel, toe - heel) / np.dot(toe - heel, toe - heel)
         assert 0.1 < along < 0.9
@@ -149,7 +161,10 @@ def test_type_4_plates_of_a_treadmill_lie_under_the_feet(data_dir: Path) -> None
     assert len(static.labels) == 73
     assert static.time[0] == pytest.approx(1.2)
     for plate, side in zip(static.plates, "LR", strict=True):
-        heel, toe = marker(static, f"{side}CAL").mean(axis=0), marker(static, f"{side}MFH1").mean(axis=0)
+        heel, toe = (
+            marker(static, f"{side}CAL").mean(axis=0),
+            marker(static, f"{side}MFH1").mean(axis=0),
+        )
         centre = plate.point[np.isfinite(plate.point).all(axis=1)].mean(axis=0)
         assert heel[0] < centre[0] < toe[0]
         assert abs(centre[2] - heel[2]) < 0.06
@@ -173,8 +188,12 @@ def test_type_1_file_without_analog_rate_is_laid_out_after_its_header(data_dir: 
     assert np.nanmax(np.linalg.norm(away, axis=1)) < 0.15
 
 
-@pytest.mark.parametrize(("channels", "found"), [(3, "no marker, only 3 analog channels"), (0, "no marker")])
-def test_a_file_without_points_is_told_as_such_and_not_by_its_rate(tmp_path: Path, channels: int, found: str) -> None:
+@pytest.mark.parametrize(
+    ("channels", "found"), [(3, "no marker, only 3 analog channels"), (0, "no marker")]
+)
+def test_a_file_without_points_is_told_as_such_and_not_by_its_rate(
+    tmp_path: Path, channels: int, found: str
+) -> None:
     """As programs of force plates and inertial sensors write it: no POINT:RATE either."""
     file = ezc3d.c3d()
     file["data"]["points"] = np.zeros((4, 0, 50))
@@ -188,8 +207,12 @@ def test_a_file_without_points_is_told_as_such_and_not_by_its_rate(tmp_path: Pat
 
 
 @pytest.mark.parametrize(("case", "start"), [("late_crop", 700.0), ("crosses_65536", 653.99)])
-def test_frames_that_the_header_cannot_hold_are_those_of_trial(data_dir: Path, case: str, start: float) -> None:
-    """A frame counter that stopped at 65535, and one that began again at zero: all but the clock stays as it was."""
+def test_frames_that_the_header_cannot_hold_are_those_of_trial(
+    data_dir: Path, case: str, start: float
+) -> None:
+    """A frame counter that stopped at 65535, and one that began again at zero: all but the clock
+    stays as it was.
+    """
     found = read_recording(data_dir / "cases" / case / "gait.c3d")
     usual = read_recording(data_dir / "pig_c3d/gait.c3d")
     assert found.time[0] == pytest.approx(start) and len(found.time) == len(usual.time)
@@ -204,7 +227,9 @@ FRAMES = 66500
 
 
 @pytest.mark.parametrize("words", [(1, 65535), (1, FRAMES % 65536), (65535, 65535)])
-def test_frames_beyond_the_greatest_that_a_header_counts_are_read(tmp_path: Path, words: tuple[int, int]) -> None:
+def test_frames_beyond_the_greatest_that_a_header_counts_are_read(
+    tmp_path: Path, words: tuple[int, int]
+) -> None:
     """Neither TRIAL nor FRAMES knows them: the length of the file does."""
     points = np.repeat(standing_points_mm(1)[:, :2], FRAMES, axis=0)
     points[:, 0, 0] += 0.01 * np.arange(FRAMES)
@@ -229,16 +254,22 @@ def test_a_header_whose_frames_fit_no_length_is_still_refused(tmp_path: Path) ->
 
 
 @pytest.mark.parametrize(("name", "kind"), [("LABELS", 37), ("UNITS", 1), ("RATE", -3)])
-def test_damage_is_told_by_the_record_and_not_in_the_words_of_a_library(tmp_path: Path, name: str, kind: int) -> None:
+def test_damage_is_told_by_the_record_and_not_in_the_words_of_a_library(
+    tmp_path: Path, name: str, kind: int
+) -> None:
     path = write_raw_c3d(tmp_path / "d.c3d", standing_points_mm(5), LABELS)
     content = path.read_bytes()
     record = next(record for record in parse_records(content) if record.name == name)
-    path.write_bytes(content.replace(record.content, struct.pack("<b", kind) + record.content[1:], 1))
+    path.write_bytes(
+        content.replace(record.content, struct.pack("<b", kind) + record.content[1:], 1)
+    )
     try:
         read_recording(path)
     except InputError as fault:
         assert fault.code is Code.DAMAGED_RECORDING
-        assert not any(word in str(fault) for word in ("ignoreBadFormatting", "std::", "iostream", "dtype"))
+        assert not any(
+            word in str(fault) for word in ("ignoreBadFormatting", "std::", "iostream", "dtype")
+        )
         assert f"the parameter {name}" in str(fault) if kind == 37 else True
     else:
         assert kind != 37, "a type that is none has to be found"

@@ -1,4 +1,6 @@
-"""`events.csv`: what a person corrected wins over file, plates and motion; every fault names file, line, field."""
+"""`events.csv`: what a person corrected wins over file, plates and motion; every fault names file,
+line, field.
+"""
 
 from pathlib import Path
 
@@ -23,7 +25,9 @@ def folder_with(folder: Path, rows: str, head: str = HEAD) -> Path:
 
 
 def test_rows_are_events_in_order_of_time_and_others_stay(tmp_path: Path) -> None:
-    walk = folder_with(tmp_path, "walk.csv,0.4,left,foot off\n\nwalk.csv, 0.125 ,right,foot strike\n")
+    walk = folder_with(
+        tmp_path, "walk.csv,0.4,left,foot off\n\nwalk.csv, 0.125 ,right,foot strike\n"
+    )
     recording = with_corrected_events(body(), walk)
     strike, off = FootEvent(FootMoment.STRIKE, "r", 0.125), FootEvent(FootMoment.OFF, "l", 0.4)
     assert recording.events == (strike, off) and recording.corrected
@@ -37,13 +41,25 @@ def test_rows_are_events_in_order_of_time_and_others_stay(tmp_path: Path) -> Non
     "rows, told",
     [
         ("walk.csv,0.4,l,foot off\n", "line 2, side: found 'l'; allowed: right, left"),
-        ("walk.csv,0.4,left,toe off\n", "line 2, event: found 'toe off'; allowed: foot strike, foot off"),
+        (
+            "walk.csv,0.4,left,toe off\n",
+            "line 2, event: found 'toe off'; allowed: foot strike, foot off",
+        ),
         ("walk.csv,nan,left,foot off\n", "line 2, time: found 'nan'; allowed: a number, in s"),
         ("walk.csv,0.5,left,foot off,by eye\n", "line 2: found 5 cells; 4 are needed"),
-        ("\nrun.csv,0.4,left,foot off\n", "line 3, file: found 'run.csv'; allowed: the name of a recording in this"),
+        (
+            "\nrun.csv,0.4,left,foot off\n",
+            "line 3, file: found 'run.csv'; allowed: the name of a recording in this",
+        ),
         ("../walk.csv,0.4,left,foot off\n", "line 2, file: found '../walk.csv'"),
-        ("walk.csv,0.4,left,foot off\nwalk.csv,0.40,left,foot off\n", "line 3, time: found '0.40'; allowed: each"),
-        ("walk.csv,0.4,left,foot off\nwalk.csv,7,left,foot off\n", "line 3, time: found 7; allowed: 0 to 0.49 s"),
+        (
+            "walk.csv,0.4,left,foot off\nwalk.csv,0.40,left,foot off\n",
+            "line 3, time: found '0.40'; allowed: each",
+        ),
+        (
+            "walk.csv,0.4,left,foot off\nwalk.csv,7,left,foot off\n",
+            "line 3, time: found 7; allowed: 0 to 0.49 s",
+        ),
     ],
 )
 def test_a_fault_names_file_line_and_field(tmp_path: Path, rows: str, told: str) -> None:
@@ -54,14 +70,18 @@ def test_a_fault_names_file_line_and_field(tmp_path: Path, rows: str, told: str)
 
 def test_what_a_spreadsheet_adds_does_no_harm(tmp_path: Path) -> None:
     rows = "walk.csv,0.125,Right,Foot Strike,,\n,,,\n,,,,,\nwalk.csv,0.4,LEFT,foot off\n"
-    recording = with_corrected_events(body(), folder_with(tmp_path, rows, head="File,time,side,event,,\n"))
+    recording = with_corrected_events(
+        body(), folder_with(tmp_path, rows, head="File,time,side,event,,\n")
+    )
     assert [(e.moment, e.side, e.time) for e in recording.events] == [
         (FootMoment.STRIKE, "r", 0.125),
         (FootMoment.OFF, "l", 0.4),
     ]
 
 
-def test_a_table_of_another_program_is_told_and_not_used_and_one_that_is_meant_as_ours_stops(tmp_path: Path) -> None:
+def test_a_table_of_another_program_is_told_and_not_used_and_one_that_is_meant_as_ours_stops(
+    tmp_path: Path,
+) -> None:
     folder = write(tmp_path, recordings())
     (folder / EVENTS).write_text("frame,event\n12,RHS\n", encoding="utf-8")
     made = draft(folder)
@@ -71,7 +91,9 @@ def test_a_table_of_another_program_is_told_and_not_used_and_one_that_is_meant_a
     walk = next(trial for trial in study.trials if trial.name == "walk")
     assert not walk.recording.corrected and EVENTS not in study.inputs
     assert any(note.startswith("events.csv is not used") for note in walk.recording.notes)
-    (folder / EVENTS).write_text("file;time;side;event\nwalk.csv;0,5;right;foot strike\n", encoding="utf-8")
+    (folder / EVENTS).write_text(
+        "file;time;side;event\nwalk.csv;0,5;right;foot strike\n", encoding="utf-8"
+    )
     with pytest.raises(InputError, match="a header 'file,time,side,event' is needed"):
         study_of(made)
 
@@ -82,7 +104,9 @@ def test_a_study_of_a_folder_uses_it_and_has_its_hash(tmp_path: Path) -> None:
     read = read_folder(folder)
     assert [file.name for file in read.of_kind(FileKind.EVENTS)] == [EVENTS]
     made = draft(folder)
-    assert [row.used for row in made.seen if row.name == EVENTS] == ["foot events of the recordings that it names"]
+    assert [row.used for row in made.seen if row.name == EVENTS] == [
+        "foot events of the recordings that it names"
+    ]
     study = study_of(made)
     static, walk = study.static, next(trial for trial in study.trials if trial.name == "walk")
     assert [event.time for event in walk.recording.events] == [0.5] and walk.recording.corrected

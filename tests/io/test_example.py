@@ -39,7 +39,11 @@ from tests.commands import gaitcal
 ROOT = Path(__file__).parents[2]
 HOST = "https://example.org"
 TRIES = 2
-CONTENT = {"walk.trc": b"markers" * 3000, "people/static.c3d": bytes(range(256)) * 40, "forces.mot": b"forces\n" * 500}
+CONTENT = {
+    "walk.trc": b"markers" * 3000,
+    "people/static.c3d": bytes(range(256)) * 40,
+    "forces.mot": b"forces\n" * 500,
+}
 HERE = {
     "subject01": "subject01",
     "hospital-walks": "labs_c3d/multi",
@@ -111,7 +115,12 @@ def path_of(name: str) -> str:
 def example(name: str = "small") -> Example:
     """One of the registered examples with files of our own, on another host."""
     files = tuple(
-        RemoteFile(name=file, url=f"{HOST}{path_of(file)}", bytes=len(data), sha256=sha256(data).hexdigest())
+        RemoteFile(
+            name=file,
+            url=f"{HOST}{path_of(file)}",
+            bytes=len(data),
+            sha256=sha256(data).hexdigest(),
+        )
         for file, data in CONTENT.items()
     )
     known = {"name": name, "commit": "0123abcd", "study": "[subject]\n", "files": files}
@@ -126,7 +135,9 @@ def server() -> Iterator[Served]:
 
 def fetch(target: Path, server: Served, one: Example | None = None) -> list[Step]:
     steps: list[Step] = []
-    fetch_example(one or example(), target, Connection(mirror=server.address, tries=TRIES), steps.append)
+    fetch_example(
+        one or example(), target, Connection(mirror=server.address, tries=TRIES), steps.append
+    )
     return steps
 
 
@@ -137,7 +148,9 @@ def asked(server: Served) -> list[str]:
 
 
 def content(folder: Path) -> dict[str, bytes]:
-    there = {p.relative_to(folder).as_posix(): p.read_bytes() for p in folder.rglob("*") if p.is_file()}
+    there = {
+        p.relative_to(folder).as_posix(): p.read_bytes() for p in folder.rglob("*") if p.is_file()
+    }
     return {name: data for name, data in there.items() if name in CONTENT}
 
 
@@ -165,7 +178,9 @@ def test_requests_hold_nothing_of_the_user_and_ask_once(server: Served, tmp_path
         assert headers["User-Agent"] == "gaitcal example"
 
 
-def test_a_damaged_file_is_fetched_anew_and_an_edited_study_stays(server: Served, tmp_path: Path) -> None:
+def test_a_damaged_file_is_fetched_anew_and_an_edited_study_stays(
+    server: Served, tmp_path: Path
+) -> None:
     fetch(tmp_path / "small", server)
     (tmp_path / "small/walk.trc").write_bytes(b"damaged")
     (tmp_path / "small" / STUDY).write_text("mine")
@@ -178,7 +193,10 @@ def test_a_damaged_file_is_fetched_anew_and_an_edited_study_stays(server: Served
 
 def test_a_missing_file_keeps_what_was_fetched_before(server: Served, tmp_path: Path) -> None:
     server.status[path_of("forces.mot")] = 404
-    told = "404 Not Found; the file is no longer there; 2 of 3 files are in .*small; run again for the rest"
+    told = (
+        "404 Not Found; the file is no longer there; 2 of 3 files are in .*small; run again for "
+        "the rest"
+    )
     with pytest.raises(InputError, match=told) as fault:
         fetch(tmp_path / "small", server)
     assert len(str(fault.value).splitlines()) == 1
@@ -194,16 +212,27 @@ def test_a_missing_file_keeps_what_was_fetched_before(server: Served, tmp_path: 
     ("fault", "told"),
     [
         (lambda s: s.files.clear(), "404 .*no longer there"),
-        (lambda s: s.cut.update({path_of("walk.trc"): [1000, 2000]}), "walk.trc: the connection broke off"),
+        (
+            lambda s: s.cut.update({path_of("walk.trc"): [1000, 2000]}),
+            "walk.trc: the connection broke off",
+        ),
         (lambda s: s.status.update({path_of("walk.trc"): 503}), "the server answers 503"),
-        (lambda s: s.files.update({path_of("walk.trc"): b"x" * 21000}), "is not the registered file"),
-        (lambda s: s.moved.update({path_of("walk.trc"): "file:///etc/hostname"}), "the connection broke off"),
+        (
+            lambda s: s.files.update({path_of("walk.trc"): b"x" * 21000}),
+            "is not the registered file",
+        ),
+        (
+            lambda s: s.moved.update({path_of("walk.trc"): "file:///etc/hostname"}),
+            "the connection broke off",
+        ),
     ],
 )
 def test_where_nothing_came_nothing_is_left(
     server: Served, tmp_path: Path, fault: Callable[[Served], None], told: str
 ) -> None:
-    """No file, a connection or a server that fails each time, another file, and a mirror that leads to this machine."""
+    """No file, a connection or a server that fails each time, another file, and a mirror that leads
+    to this machine.
+    """
     fault(server)
     with pytest.raises(InputError, match=told) as caught:
         fetch(tmp_path / "small", server)
@@ -229,7 +258,9 @@ def test_a_fault_that_passes_is_tried_again(server: Served, tmp_path: Path) -> N
 def test_no_network_is_one_line(tmp_path: Path) -> None:
     with serving(Served({})) as gone:
         pass
-    with pytest.raises(InputError, match=r"127.0.0.1:\d+ cannot be reached; tried 2 times") as fault:
+    with pytest.raises(
+        InputError, match=r"127.0.0.1:\d+ cannot be reached; tried 2 times"
+    ) as fault:
         fetch(tmp_path / "small", gone)
     assert len(str(fault.value).splitlines()) == 1
 
@@ -257,14 +288,18 @@ def test_a_mirror_that_cannot_be_is_refused(mirror: str) -> None:
         Connection(mirror=mirror)
 
 
-def test_ctrl_c_keeps_what_is_complete(server: Served, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_ctrl_c_keeps_what_is_complete(
+    server: Served, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     def interrupted(file: RemoteFile, *rest: object) -> None:
         if file.name == "forces.mot":
             raise KeyboardInterrupt
         download(file, *rest)
 
     monkeypatch.setattr(example_folder, "download", interrupted)
-    with pytest.raises(InterruptedWork, match="interrupted; 2 of 3 files are in .*; run again for the rest") as ending:
+    with pytest.raises(
+        InterruptedWork, match="interrupted; 2 of 3 files are in .*; run again for the rest"
+    ) as ending:
         fetch(tmp_path / "small", server)
     assert ending.value.exit_code == 130
     assert set(content(tmp_path / "small")) == {"walk.trc", "people/static.c3d"}
@@ -277,7 +312,9 @@ def test_other_files_are_left_alone(server: Served, tmp_path: Path) -> None:
     with pytest.raises(InputError, match="holds 'notes.txt', which gaitcal did not write there"):
         fetch(tmp_path / "mine", server)
     fetch(tmp_path / "small", server)
-    with pytest.raises(InputError, match="holds the example 'small'; name a new or an empty folder"):
+    with pytest.raises(
+        InputError, match="holds the example 'small'; name a new or an empty folder"
+    ):
         fetch(tmp_path / "small", server, example("other"))
     assert server.asked == [path_of(name) for name in CONTENT]
 
@@ -299,7 +336,9 @@ def test_the_registry_names_public_files_of_one_commit() -> None:
             from gaitcal.io.toml import tomllib
 
             study = validated(StudyFile, tomllib.loads(one.study), "study.toml")
-            named = {str(trial.file) for trial in study.trials} | {str(t.forces) for t in study.trials if t.forces}
+            named = {str(trial.file) for trial in study.trials} | {
+                str(t.forces) for t in study.trials if t.forces
+            }
             assert named <= {file.name for file in one.files}
 
 
@@ -311,7 +350,9 @@ def test_the_registered_files_are_those_the_other_tests_use(data_dir: Path) -> N
             assert sha256(here.read_bytes()).hexdigest() == file.sha256, file.name
 
 
-@pytest.mark.parametrize("change", [{"name": "../x"}, {"name": "/x"}, {"url": "http://example.org/x"}, {"bytes": 0}])
+@pytest.mark.parametrize(
+    "change", [{"name": "../x"}, {"name": "/x"}, {"url": "http://example.org/x"}, {"bytes": 0}]
+)
 def test_a_registry_file_that_leads_elsewhere_is_refused(change: dict[str, object]) -> None:
     good = {"name": "x", "url": "https://example.org/x", "bytes": 1, "sha256": "0" * 64}
     validated(RemoteFile, good, "examples.toml")
@@ -322,7 +363,8 @@ def test_a_registry_file_that_leads_elsewhere_is_refused(change: dict[str, objec
 def test_nothing_else_asks_the_network() -> None:
     """Only the module that fetches examples imports a library that asks another machine."""
     asks = re.compile(
-        r"^\s*(?:import|from) (urllib\.(?:request|error)|http\.client|pooch|requests|httpx|ftplib|smtplib)", re.M
+        r"^\s*(?:import|from) (urllib\.(?:request|error)|http\.client|pooch|requests|httpx|ftplib|smtplib)",
+        re.M,
     )
     found = {
         path.relative_to(ROOT).as_posix()
@@ -337,7 +379,9 @@ def test_nothing_else_asks_the_network() -> None:
 
 def mirrored(data: Path, name: str) -> Served:
     files = example_named(name).files
-    return Served({urlsplit(file.url).path: (data / HERE[name] / file.name).read_bytes() for file in files})
+    return Served(
+        {urlsplit(file.url).path: (data / HERE[name] / file.name).read_bytes() for file in files}
+    )
 
 
 def test_the_command_lists_the_examples_and_refuses_others() -> None:
@@ -350,13 +394,21 @@ def test_the_command_lists_the_examples_and_refuses_others() -> None:
         run(Console(quiet=True, verbose=False), out=Path("somewhere"))
 
 
-def test_the_command_says_whose_it_fetches_and_what_comes_next(data_dir: Path, tmp_path: Path) -> None:
+def test_the_command_says_whose_it_fetches_and_what_comes_next(
+    data_dir: Path, tmp_path: Path
+) -> None:
     with serving(mirrored(data_dir, "subject01")) as server:
-        done = gaitcal("example", "subject01", "--out", str(tmp_path / "s"), "--mirror", server.address)
-        again = gaitcal("example", "subject01", "--out", str(tmp_path / "s"), "--mirror", "http://127.0.0.1:9")
+        done = gaitcal(
+            "example", "subject01", "--out", str(tmp_path / "s"), "--mirror", server.address
+        )
+        again = gaitcal(
+            "example", "subject01", "--out", str(tmp_path / "s"), "--mirror", "http://127.0.0.1:9"
+        )
     assert done.returncode == 0, done.stderr
     for told in ("the OpenSim project", "Apache-2.0", "4 files, 0.9 MB", server.address, SOURCE):
         assert told in done.stdout
-    assert f"next:  gaitcal calibrate {tmp_path}/s/study.toml --out {tmp_path}/s-result" in done.stdout
+    assert (
+        f"next:  gaitcal calibrate {tmp_path}/s/study.toml --out {tmp_path}/s-result" in done.stdout
+    )
     assert again.returncode == 0 and "nothing is fetched" in again.stdout
     assert Study.load(tmp_path / "s/study.toml").trials

@@ -1,4 +1,6 @@
-"""Force plates of all four types with every fault that real ones have; the filter of their wrenches."""
+"""Force plates of all four types with every fault that real ones have; the filter of their
+wrenches.
+"""
 
 from dataclasses import replace
 from pathlib import Path
@@ -9,7 +11,14 @@ import pytest
 
 from gaitcal.errors import InputError
 from gaitcal.io.c3d.plates import wrench_of
-from gaitcal.io.force_plate import centre_on_ground, empty_samples, filter_plate, low_pass, plate_frame, resample_wrench
+from gaitcal.io.force_plate import (
+    centre_on_ground,
+    empty_samples,
+    filter_plate,
+    low_pass,
+    plate_frame,
+    resample_wrench,
+)
 from gaitcal.io.formats import read_recording
 from gaitcal.io.recording import Recording
 from tests.io.recordings import CORNERS_MM, plate, standing_points_mm, write_raw_c3d
@@ -33,7 +42,9 @@ class Truth:
         samples = np.arange(FRAMES * RATIO)
         load = np.where((samples > 300) & (samples < 800), 600 + 100 * np.sin(samples / 50), 0.0)
         self.force = np.column_stack([0.1 * load, -0.05 * load, -load])
-        self.point = np.column_stack([0.05 * np.sin(samples / 90), 0.08 * np.cos(samples / 70), 0 * load])
+        self.point = np.column_stack(
+            [0.05 * np.sin(samples / 90), 0.08 * np.cos(samples / 70), 0 * load]
+        )
         self.free = 0.004 * load
         self.moment = np.cross(self.point, self.force)
         self.moment[:, 2] += self.free
@@ -72,7 +83,9 @@ def read_plate(
     path = folder / "plate.c3d"
     labels = [f"M{i}" for i in range(8)]
     points = standing_points_mm(FRAMES) if points is None else points
-    write_raw_c3d(path, points, labels, analogs=channels, ratio=RATIO, platform=platform, analog_units=units)
+    write_raw_c3d(
+        path, points, labels, analogs=channels, ratio=RATIO, platform=platform, analog_units=units
+    )
     return read_recording(path)
 
 
@@ -93,12 +106,18 @@ def require_truth(recording: Recording, truth: Truth) -> None:
 def test_type_1_gives_centre_of_pressure_and_free_moment(tmp_path: Path) -> None:
     truth = Truth()
     noisy_when_empty = np.where(np.abs(truth.force[:, 2:]) > 0, truth.point, 1e4)
-    channels = np.concatenate([truth.force.T, 1e3 * noisy_when_empty[:, :2].T, 1e3 * truth.free[None]])
-    require_truth(read_plate(tmp_path, 1, channels, np.zeros(3), ["N", "N", "N", "mm", "mm", "Nmm"]), truth)
+    channels = np.concatenate(
+        [truth.force.T, 1e3 * noisy_when_empty[:, :2].T, 1e3 * truth.free[None]]
+    )
+    require_truth(
+        read_plate(tmp_path, 1, channels, np.zeros(3), ["N", "N", "N", "mm", "mm", "Nmm"]), truth
+    )
 
 
 @pytest.mark.parametrize("sign", [1.0, -1.0])
-def test_type_2_takes_moments_from_the_sensor_origin_whatever_the_sign_of_origin(tmp_path: Path, sign: float) -> None:
+def test_type_2_takes_moments_from_the_sensor_origin_whatever_the_sign_of_origin(
+    tmp_path: Path, sign: float
+) -> None:
     truth = Truth()
     require_truth(read_plate(tmp_path, 2, truth.sensor_channels(ARM), sign * 1e3 * ARM), truth)
 
@@ -115,14 +134,17 @@ def test_type_3_adds_up_its_eight_sensors(tmp_path: Path) -> None:
     arm = np.array([0.0, 0.0, ARM[2]])
     force, moment = truth.force.T, (truth.moment + np.cross(arm, truth.force)).T
     fx, fy, fz = force
-    # Four corner forces of given sum and moments; shear split so that both directions give a part of Mz.
+    # Four corner forces of given sum and moments; shear split so that both directions give a part
+    # of Mz.
     z = np.linalg.solve(
         np.array([[1, 1, 1, 1], [B, B, -B, -B], [-A, A, A, -A], [1, -1, 1, -1]], dtype=float),
         np.stack([fz, moment[0], moment[1], 0 * fz]),
     )
     dx, dy = 0.6 * moment[2] / B, 0.4 * moment[2] / A
     channels = np.stack([(fx - dx) / 2, (fx + dx) / 2, (fy + dy) / 2, (fy - dy) / 2, *z])
-    recording = read_plate(tmp_path, 3, channels, np.array([1e3 * A, 1e3 * B, 1e3 * ARM[2]]), ["N"] * 8)
+    recording = read_plate(
+        tmp_path, 3, channels, np.array([1e3 * A, 1e3 * B, 1e3 * ARM[2]]), ["N"] * 8
+    )
     require_truth(recording, truth)
     computed_force, computed_moment = wrench_of(3, channels, np.array([A, B, ARM[2]]), 1.0, 1.0)
     np.testing.assert_allclose(computed_force, truth.force, atol=1e-9)
@@ -140,7 +162,9 @@ def test_type_4_multiplies_by_its_calibration_matrix(tmp_path: Path) -> None:
 def test_origin_without_height_takes_the_sign_that_puts_feet_on_the_plate(tmp_path: Path) -> None:
     truth = Truth()
     arm = np.array([0.9, -0.3, 0.0])
-    assert not any("ORIGIN" in n for n in read_plate(tmp_path, 2, truth.sensor_channels(arm), 1e3 * arm).notes)
+    assert not any(
+        "ORIGIN" in n for n in read_plate(tmp_path, 2, truth.sensor_channels(arm), 1e3 * arm).notes
+    )
     recording = read_plate(tmp_path, 2, truth.sensor_channels(arm), -1e3 * arm)
     assert any("ORIGIN has the opposite sign" in note for note in recording.notes)
     require_truth(recording, truth)
@@ -156,17 +180,30 @@ def test_a_force_that_points_down_is_turned_round_and_told(tmp_path: Path) -> No
 def test_the_offset_of_the_empty_plate_is_found_removed_and_told(tmp_path: Path) -> None:
     truth = Truth()
     offset = np.array([12.0, -8.0, 18.0, 500.0, -900.0, 300.0])
-    noise = np.random.default_rng(3).normal(0, 0.5, (6, FRAMES * RATIO)) * [[1], [1], [1], [10], [10], [10]]
-    recording = read_plate(tmp_path, 2, truth.sensor_channels(ARM) + offset[:, None] + noise, 1e3 * ARM)
+    noise = np.random.default_rng(3).normal(0, 0.5, (6, FRAMES * RATIO)) * [
+        [1],
+        [1],
+        [1],
+        [10],
+        [10],
+        [10],
+    ]
+    recording = read_plate(
+        tmp_path, 2, truth.sensor_channels(ARM) + offset[:, None] + noise, 1e3 * ARM
+    )
     assert any("offset of the empty plate removed, 1" in note for note in recording.notes)
     (plate,) = recording.plates
     away = plate.wrench() - truth.laboratory_wrench()
     assert np.abs(away[:, :3]).max() < 3  # N, six standard deviations
     middle = plate.corners.mean(axis=0)
-    assert np.abs(away[:, 3:] - np.cross(middle, away[:, :3])).max() < 0.2  # N·m about the middle of the plate
+    assert (
+        np.abs(away[:, 3:] - np.cross(middle, away[:, :3])).max() < 0.2
+    )  # N·m about the middle of the plate
 
 
-BASELINE = np.array([12.0, -18.0, -140.0, 3000.0, -2000.0, 500.0])  # N and N·mm, far beyond what plates should read
+BASELINE = np.array(
+    [12.0, -18.0, -140.0, 3000.0, -2000.0, 500.0]
+)  # N and N·mm, far beyond what plates should read
 
 
 def walking_points_mm(first: int, last: int) -> np.ndarray:
@@ -179,17 +216,20 @@ def walking_points_mm(first: int, last: int) -> np.ndarray:
 
 @pytest.mark.parametrize("zero", [[1, 20], [1, 0], [1, 9999]])
 @pytest.mark.parametrize(
-    ("there", "found"), [((28, 82), True), ((0, FRAMES), False), ((90, 95), False), ((FRAMES, FRAMES), False)]
+    ("there", "found"),
+    [((28, 82), True), ((0, FRAMES), False), ((90, 95), False), ((FRAMES, FRAMES), False)],
 )
 def test_a_steady_baseline_of_any_size_is_one_where_nobody_is_over_the_plate(
     tmp_path: Path, zero: list[int], there: tuple[int, int], found: bool
 ) -> None:
-    """With ZERO or without. Not with somebody over it, whatever ZERO says: who sits still weighs as steadily. Nor where
-    the plate is loaded while nobody is over it: then it lies elsewhere.
+    """With ZERO or without. Not with somebody over it, whatever ZERO says: who sits still weighs as
+    steadily. Nor where the plate is loaded while nobody is over it: then it lies elsewhere.
     """
     truth = Truth()
     channels = truth.sensor_channels(ARM) + BASELINE[:, None]
-    recording = read_plate(tmp_path, 2, channels, 1e3 * ARM, points=walking_points_mm(*there), ZERO=zero)
+    recording = read_plate(
+        tmp_path, 2, channels, 1e3 * ARM, points=walking_points_mm(*there), ZERO=zero
+    )
     away = recording.plates[0].force[:, 1] + truth.force[:, 2]
     assert np.abs(away - (0.0 if found else 140.0)).max() < 1e-3
     assert any("never empty" in note for note in recording.notes) is not found
@@ -197,7 +237,10 @@ def test_a_steady_baseline_of_any_size_is_one_where_nobody_is_over_the_plate(
 
 def test_the_baseline_of_a_real_walk_is_that_of_zero(data_dir: Path) -> None:
     """140 and 95 N: refused before, the same wrench as without now."""
-    found, usual = (read_recording(data_dir / name / "gait.c3d").plates for name in ("cases/plate_zero", "pig_c3d"))
+    found, usual = (
+        read_recording(data_dir / name / "gait.c3d").plates
+        for name in ("cases/plate_zero", "pig_c3d")
+    )
     for ours, theirs in zip(found, usual, strict=True):
         assert np.abs(ours.wrench() - theirs.wrench()).max() < 1e-3
 
@@ -207,11 +250,14 @@ def test_the_baseline_of_a_real_walk_is_that_of_zero(data_dir: Path) -> None:
 def test_the_unit_of_moments_is_that_with_which_the_centre_of_pressure_moves(
     tmp_path: Path, unit: str, newton_metres: bool
 ) -> None:
-    """Named or not: in another unit it stays at the sensor's axis, or lies beyond the plate. A unit that the file names
-    wrongly is a warning.
+    """Named or not: in another unit it stays at the sensor's axis, or lies beyond the plate. A unit
+    that the file names wrongly is a warning.
     """
     truth = Truth()
-    channels = truth.sensor_channels(ARM) * np.array([1.0] * 3 + [1e-3 if newton_metres else 1.0] * 3)[:, None]
+    channels = (
+        truth.sensor_channels(ARM)
+        * np.array([1.0] * 3 + [1e-3 if newton_metres else 1.0] * 3)[:, None]
+    )
     recording = read_plate(tmp_path, 2, channels, 1e3 * ARM, ["N"] * 3 + [unit] * 3)
     require_truth(recording, truth)
     wrong = newton_metres if unit != "Nm" else not newton_metres
@@ -226,12 +272,17 @@ def test_centres_of_a_type_1_plate_in_metres_are_seen_to_be(tmp_path: Path) -> N
     loaded = truth.force[:, 2] < -50
     turn = Z_UP_TO_Y_UP @ ROTATION
     centre = Z_UP_TO_Y_UP @ (CORNERS_MM.mean(axis=0) / 1e3)
-    np.testing.assert_allclose(recording.plates[0].point[loaded], (truth.point @ turn.T + centre)[loaded], atol=1e-5)
+    np.testing.assert_allclose(
+        recording.plates[0].point[loaded], (truth.point @ turn.T + centre)[loaded], atol=1e-5
+    )
 
 
 def test_moments_of_a_real_walk_in_newton_metres_without_a_unit(data_dir: Path) -> None:
     """Refused before, for a place of the plates; the same wrench as in N·mm now."""
-    found, usual = (read_recording(data_dir / name / "gait.c3d").plates for name in ("cases/moments_in_nm", "pig_c3d"))
+    found, usual = (
+        read_recording(data_dir / name / "gait.c3d").plates
+        for name in ("cases/moments_in_nm", "pig_c3d")
+    )
     for ours, theirs in zip(found, usual, strict=True):
         assert np.abs(ours.wrench() - theirs.wrench()).max() < 1e-4
 
@@ -246,7 +297,9 @@ def test_a_plate_never_empty_keeps_its_offset_and_says_so(tmp_path: Path) -> Non
     truth = Truth()
     truth.moment += np.cross([0.0, 1.5, 0.0], truth.force)
     notes = read_plate(tmp_path, 2, truth.sensor_channels(ARM), 1e3 * ARM).notes
-    assert any("outside its corners" in note for note in notes), "centres of pressure far off the plate"
+    assert any("outside its corners" in note for note in notes), (
+        "centres of pressure far off the plate"
+    )
 
 
 @pytest.mark.parametrize(
@@ -285,15 +338,23 @@ def test_tilted_corners_give_a_proper_frame() -> None:
 
 
 def test_empty_stretches_leave_out_landing_and_lift_off() -> None:
-    vertical = np.concatenate([np.full(500, 15.0), np.linspace(15, 700, 50), np.full(300, 700.0), np.full(30, 15.0)])
+    vertical = np.concatenate(
+        [np.full(500, 15.0), np.linspace(15, 700, 50), np.full(300, 700.0), np.full(30, 15.0)]
+    )
     empty = empty_samples(vertical, 1000.0)
     assert empty[100]
-    assert not empty[485:].any()  # EDGE_S before the step, the step, and a stretch shorter than QUIET_S
+    assert not empty[
+        485:
+    ].any()  # EDGE_S before the step, the step, and a stretch shorter than QUIET_S
 
 
 @pytest.mark.parametrize("height", [0.0, -0.3])
 def test_centre_on_the_ground_is_where_force_and_free_moment_act(height: float) -> None:
-    force, point, free = np.array([40.0, 700.0, -90.0]), np.array([0.4, height, -0.2]), np.array([0.0, 7.0, 0.0])
+    force, point, free = (
+        np.array([40.0, 700.0, -90.0]),
+        np.array([0.4, height, -0.2]),
+        np.array([0.0, 7.0, 0.0]),
+    )
     wrench = np.hstack([force, np.cross(point, force) + free])
     np.testing.assert_allclose(centre_on_ground(wrench, height), point, atol=1e-15)
 

@@ -1,4 +1,6 @@
-"""SIGTERM and SIGHUP end a run as Ctrl-C does: cleaned up, once, and not in the middle of what must not be broken."""
+"""SIGTERM and SIGHUP end a run as Ctrl-C does: cleaned up, once, and not in the middle of what must
+not be broken.
+"""
 
 import os
 import signal
@@ -52,7 +54,9 @@ def test_what_must_not_be_broken_is_finished_first() -> None:
 
 
 @pytest.mark.parametrize("number", KINDS)
-def test_a_signal_that_a_loading_library_makes_an_error_of_is_still_that_signal(number: int) -> None:
+def test_a_signal_that_a_loading_library_makes_an_error_of_is_still_that_signal(
+    number: int,
+) -> None:
     def load() -> None:
         try:
             os.kill(os.getpid(), number)
@@ -78,14 +82,30 @@ def test_nohup_is_respected() -> None:
 @pytest.mark.parametrize(
     ("ending", "code", "told"),
     [
-        (Stopped(signal.SIGTERM), 143, "ended by SIGTERM; what was being written is as it was before"),
+        (
+            Stopped(signal.SIGTERM),
+            143,
+            "ended by SIGTERM; what was being written is as it was before",
+        ),
         (Stopped(signal.SIGHUP), 129, "ended by SIGHUP; what"),
-        (InterruptedWork(Stopped(signal.SIGTERM), "draws are kept"), 143, "ended by SIGTERM; draws are kept"),
-        (InterruptedWork(KeyboardInterrupt(), "draws are kept"), 130, "interrupted; draws are kept"),
+        (
+            InterruptedWork(Stopped(signal.SIGTERM), "draws are kept"),
+            143,
+            "ended by SIGTERM; draws are kept",
+        ),
+        (
+            InterruptedWork(KeyboardInterrupt(), "draws are kept"),
+            130,
+            "interrupted; draws are kept",
+        ),
     ],
 )
 def test_exit_codes_and_the_one_line(
-    ending: BaseException, code: int, told: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    ending: BaseException,
+    code: int,
+    told: str,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
 ) -> None:
     def end(console: object, result: str) -> None:
         raise ending

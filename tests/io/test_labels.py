@@ -1,4 +1,6 @@
-"""Which labels are markers and how they are spelt; what a C3D file says of the person and of foot events."""
+"""Which labels are markers and how they are spelt; what a C3D file says of the person and of foot
+events.
+"""
 
 from pathlib import Path
 from typing import Any
@@ -9,12 +11,25 @@ import pytest
 
 from gaitcal.errors import InputError
 from gaitcal.io.formats import read_recording
-from gaitcal.io.labels import Facts, FootEvent, FootMoment, common_prefix, computed_points, events_of, facts_of, unique
+from gaitcal.io.labels import (
+    Facts,
+    FootEvent,
+    FootMoment,
+    common_prefix,
+    computed_points,
+    events_of,
+    facts_of,
+    unique,
+)
 from tests.io.recordings import standing_points_mm, write_raw_c3d
 
 
-def read(folder: Path, labels: list[str], **more: object) -> tuple[tuple[str, ...], tuple[str, ...]]:
-    path = write_raw_c3d(folder / "labels.c3d", standing_points_mm(5)[:, : len(labels)], labels, **more)
+def read(
+    folder: Path, labels: list[str], **more: object
+) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    path = write_raw_c3d(
+        folder / "labels.c3d", standing_points_mm(5)[:, : len(labels)], labels, **more
+    )
     recording = read_recording(path)
     assert recording.markers.shape == (5, len(recording.labels), 3)
     return recording.labels, recording.notes
@@ -30,7 +45,9 @@ def test_a_common_prefix_goes_and_is_told(tmp_path: Path) -> None:
 def test_computed_points_go_by_the_files_own_lists_and_by_their_spelling(tmp_path: Path) -> None:
     lists = {"TYPE_GROUPS": ["MINE", "MINE"], "MINE": ["Odd"], "ANGLES": ["Tilt"]}
     labels, notes = read(
-        tmp_path, ["LASI", "Odd", "Tilt", "PELO", "PELA", "PELL", "PELP", "LKneeMoment"], point_lists=lists
+        tmp_path,
+        ["LASI", "Odd", "Tilt", "PELO", "PELA", "PELL", "PELP", "LKneeMoment"],
+        point_lists=lists,
     )
     assert labels == ("LASI",)
     assert any("Odd, Tilt, PELO, PELA, PELL, PELP, LKneeMoment" in note for note in notes)
@@ -39,10 +56,17 @@ def test_computed_points_go_by_the_files_own_lists_and_by_their_spelling(tmp_pat
 @pytest.mark.parametrize(
     ("labels", "computed"),
     [
-        ("PELO PELA PELL LTOA LHEE", ""),  # LTOA alone may be a marker's name; so may any three of the four
+        (
+            "PELO PELA PELL LTOA LHEE",
+            "",
+        ),  # LTOA alone may be a marker's name; so may any three of the four
         ("pelo pela pell pelp ltoa", "pelo pela pell pelp"),
         *[("CentreOfMass CentreOfMassFloor LHJC LKneeAngles RGroundReactionForce",) * 2],
-        ("LASI RASI SACR LTHI LKNE LTIB LANK LHEE LTOE RMED R.Knee.Lat V.Sacral L_Toe R_Shank_Superior LFHD LRAR", ""),
+        (
+            "LASI RASI SACR LTHI LKNE LTIB LANK LHEE LTOE RMED R.Knee.Lat V.Sacral L_Toe "
+            "R_Shank_Superior LFHD LRAR",
+            "",
+        ),
     ],
     ids=["parts of a set", "a whole set", "by their spelling", "markers of real sets"],
 )
@@ -141,22 +165,42 @@ def test_facts_are_metres_kilograms_and_radians(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("value", [[0.0], [-3.0], [np.nan], [np.inf], ["n/a"], [], None, [4e7]])
 def test_forms_that_nobody_filled_in_say_nothing(value: Any) -> None:
-    names = ("Bodymass", "Height", "RKneeWidth", "LAnkleWidth", "RLegLength", "MarkerDiameter", "InterAsisDistance")
+    names = (
+        "Bodymass",
+        "Height",
+        "RKneeWidth",
+        "LAnkleWidth",
+        "RLegLength",
+        "MarkerDiameter",
+        "InterAsisDistance",
+    )
     assert facts_of({"PROCESSING": dict.fromkeys(names, value)}) == Facts()
 
 
 @pytest.mark.parametrize("given, height", [(1780.0, 1.78), (1.78, 1.78), (0.9, 0.9), (178.0, None)])
 def test_heights_in_millimetres_or_metres(given: float, height: float | None) -> None:
-    assert facts_of({"PROCESSING": {"HEIGHT": [given]}}).height == (None if height is None else pytest.approx(height))
+    assert facts_of({"PROCESSING": {"HEIGHT": [given]}}).height == (
+        None if height is None else pytest.approx(height)
+    )
 
 
 @pytest.mark.parametrize(
-    "file", ["pig_c3d/gait.c3d", "labs_c3d/multi/walk04.c3d", "labs_c3d/kad/walk.c3d", "children/HC030A/straight.c3d"]
+    "file",
+    [
+        "pig_c3d/gait.c3d",
+        "labs_c3d/multi/walk04.c3d",
+        "labs_c3d/kad/walk.c3d",
+        "children/HC030A/straight.c3d",
+    ],
 )
 def test_strikes_of_real_files_lie_on_the_clock_of_the_plates(data_dir: Path, file: str) -> None:
-    """At least one plate becomes loaded within 10 ms of a strike of the file: no clock is wrong by a frame."""
+    """At least one plate becomes loaded within 10 ms of a strike of the file: no clock is wrong by
+    a frame.
+    """
     recording = read_recording(data_dir / file)
-    begins = [p.time[1:][(p.force[1:, 1] > 20.0) & ~(p.force[:-1, 1] > 20.0)] for p in recording.plates]
+    begins = [
+        p.time[1:][(p.force[1:, 1] > 20.0) & ~(p.force[:-1, 1] > 20.0)] for p in recording.plates
+    ]
     strikes = [e.time for e in recording.events if e.moment is FootMoment.STRIKE]
     assert min(abs(t - s) for plate in begins for t in plate for s in strikes) < 0.01
 
@@ -168,7 +212,13 @@ def test_strikes_of_real_files_lie_on_the_clock_of_the_plates(data_dir: Path, fi
         ("Height", 70.0, "height", "0.7 m if cm or 1.778 m if inches", None),
         ("Bodymass", 652.4, "mass", "no mass in kg; 66.53 kg if N", 66.53),
         ("RKneeWidth", 12.0, "knee_width_r", "no width in mm; 0.12 m if cm", 0.12),
-        ("LLegLength", 100.0, "leg_length_l", "no length in mm; 1 m if cm", 1.0),  # the study file refuses 100 mm
+        (
+            "LLegLength",
+            100.0,
+            "leg_length_l",
+            "no length in mm; 1 m if cm",
+            1.0,
+        ),  # the study file refuses 100 mm
     ],
 )
 def test_figures_in_other_units_are_kept_and_told(
@@ -179,10 +229,14 @@ def test_figures_in_other_units_are_kept_and_told(
     told, guess = facts.doubtful[fact]
     assert told.startswith(f"{name} = {value:g}: ") and words in told
     assert guess == (None if meant is None else pytest.approx(meant, rel=1e-3))
-    assert facts_of({"PROCESSING": {name: [0.0]}}).doubtful == {}, "0 stands where nobody filled in the form"
+    assert facts_of({"PROCESSING": {name: [0.0]}}).doubtful == {}, (
+        "0 stands where nobody filled in the form"
+    )
 
 
-@pytest.mark.parametrize(("text", "day"), [("2016-03-09", "2016-03-09"), ("20160309", "2016-03-09"), ("6/14/35", None)])
+@pytest.mark.parametrize(
+    ("text", "day"), [("2016-03-09", "2016-03-09"), ("20160309", "2016-03-09"), ("6/14/35", None)]
+)
 def test_a_date_is_read_where_it_can_be_read_in_one_way_only(text: str, day: str | None) -> None:
     facts = facts_of({"TRIAL": {"DATE": [text]}, "SUBJECT": {"DATE_OF_BIRTH": [text]}})
     assert (facts.session_date, facts.birth_date) == (day, day)

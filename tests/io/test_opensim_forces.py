@@ -38,8 +38,14 @@ CALCN = ("force", "force", "moment")
 LEGS = ("force_v", "force_p", "torque_")
 SCHEMES = {
     "opensim": names_of(F, P, f"1_{F}", f"1_{P}", T, f"1_{T}"),
-    "sides": names_of(*(f"ground_force_{k}_{q}" for k in "rl" for q in "vp"), "ground_torque_r_", "ground_torque_l_"),
-    "numbers": names_of(*(f"{F[:-1]}{k}_{q}" for k in "12" for q in "vp"), *(f"ground_moment_{k}_m" for k in "12")),
+    "sides": names_of(
+        *(f"ground_force_{k}_{q}" for k in "rl" for q in "vp"),
+        "ground_torque_r_",
+        "ground_torque_l_",
+    ),
+    "numbers": names_of(
+        *(f"{F[:-1]}{k}_{q}" for k in "12" for q in "vp"), *(f"ground_moment_{k}_m" for k in "12")
+    ),
     "ours": names_of("R_f", "R_p", "L_f", "L_p", "R_t", "L_t"),
     "repeated": names_of(F, P, F, P, T, T),
 }
@@ -49,14 +55,20 @@ IN_TURN = {
     "Fx_1": in_turn("{q}{a}_{k}", ("F", "CoP", "T"), ("1", "2")),
     "F1x": in_turn("{q}{k}{a}", ("F", "P", "M"), ("1", "2")),
     "ground_force_vx_r": in_turn("ground_{q}{a}_{k}", LEGS, ("r", "l")),
-    "calcn": names_of(*(f"ground_{q}_calcn_{k}_{c}" for k in "rl" for q, c in zip(CALCN, "vpm", strict=True))),
+    "calcn": names_of(
+        *(f"ground_{q}_calcn_{k}_{c}" for k in "rl" for q, c in zip(CALCN, "vpm", strict=True))
+    ),
     "R_ground": in_turn("{k}_ground_{q}{a}", LEGS, ("R", "L")),
 }
 
 
-def table(names: list[str], rows: np.ndarray, header: str = "made up\nversion=1\nnRows=7\nnColumns=99\n") -> str:
+def table(
+    names: list[str], rows: np.ndarray, header: str = "made up\nversion=1\nnRows=7\nnColumns=99\n"
+) -> str:
     lines = [header + "endheader", "\t".join(["time", *names])]
-    lines += ["\t".join([f"{0.01 * i:.2f}", *(repr(float(v)) for v in row)]) for i, row in enumerate(rows)]
+    lines += [
+        "\t".join([f"{0.01 * i:.2f}", *(repr(float(v)) for v in row)]) for i, row in enumerate(rows)
+    ]
     return "\n".join(lines) + "\n"
 
 
@@ -77,10 +89,16 @@ def test_every_naming_scheme_gives_the_same_two_plates(tmp_path: Path, scheme: s
 
 
 def test_a_fixed_point_with_full_moment_is_the_same_wrench(tmp_path: Path) -> None:
-    force, centre, free = np.array([30.0, 700.0, -20.0]), np.array([0.4, 0.0, 0.1]), np.array([0.0, 3.0, 0.0])
+    force, centre, free = (
+        np.array([30.0, 700.0, -20.0]),
+        np.array([0.4, 0.0, 0.1]),
+        np.array([0.0, 3.0, 0.0]),
+    )
     full = free + np.cross(centre, force)
     rows = np.tile(np.concatenate([force, centre, free, force, 0 * force, full]), (3, 1))
-    first, second = forces_of(tmp_path, [*ONE, *(name.replace("1", "2") for name in ONE)], rows).plates
+    first, second = forces_of(
+        tmp_path, [*ONE, *(name.replace("1", "2") for name in ONE)], rows
+    ).plates
     np.testing.assert_allclose(first.wrench(), second.wrench(), atol=1e-12)
 
 
@@ -95,7 +113,9 @@ def test_points_unknown_without_force_do_not_spoil_the_wrench_and_others_are_not
     tmp_path: Path,
 ) -> None:
     for force, told in (([0.0, 0, 0], True), (STEP[:3], False)):
-        rows = np.array([STEP, [*force, *[np.nan] * 3, *(STEP[6:] if any(force) else [np.nan, 0, 0])], STEP])
+        rows = np.array(
+            [STEP, [*force, *[np.nan] * 3, *(STEP[6:] if any(force) else [np.nan, 0, 0])], STEP]
+        )
         forces = forces_of(tmp_path, ONE, rows)
         assert any("1 samples without force" in note for note in forces.notes) == told
         (plate,) = forces.plates
@@ -162,12 +182,19 @@ def test_faults_of_tables(tmp_path: Path, text: str, message: str) -> None:
         read_table(path)
 
 
-@pytest.mark.parametrize("turn", [t for t in UP_TO_Y.values() if t in (UP_TO_Y[0, 1], UP_TO_Y[2, 1])])
+@pytest.mark.parametrize(
+    "turn", [t for t in UP_TO_Y.values() if t in (UP_TO_Y[0, 1], UP_TO_Y[2, 1])]
+)
 @pytest.mark.parametrize("kind", ["mot", "csv"])
-def test_markers_and_forces_of_a_room_with_another_axis_up(tmp_path: Path, turn: Turn, kind: str) -> None:
+def test_markers_and_forces_of_a_room_with_another_axis_up(
+    tmp_path: Path, turn: Turn, kind: str
+) -> None:
     """Both are turned alike, so that the feet stay on their plates; corners too."""
     recording = standing_body()
-    back = Turn(tuple(turn.source.index(k) for k in range(3)), tuple(turn.sign[turn.source.index(k)] for k in range(3)))
+    back = Turn(
+        tuple(turn.source.index(k) for k in range(3)),
+        tuple(turn.sign[turn.source.index(k)] for k in range(3)),
+    )
     np.testing.assert_array_equal(turn.apply(back.apply(np.array([1.0, 2, 3]))), [1, 2, 3])
     away = turn_recording(recording, back)
     if kind == "mot":
@@ -208,7 +235,12 @@ FORCE = """<ExternalForce name="{name}"><applied_to_body>{body}</applied_to_body
   <force_expressed_in_body>{force_in}</force_expressed_in_body><point_expressed_in_body>{point_in}</point_expressed_in_body>
   <force_identifier>{force}</force_identifier><point_identifier>{point}</point_identifier>
   <torque_identifier>{torque}</torque_identifier><data_source_name>{source}</data_source_name>{more}</ExternalForce>"""
-COLUMNS = [f"{side}_{kind}{axis}" for side in "ab" for kind in ("force_v", "force_p", "torque_") for axis in "xyz"]
+COLUMNS = [
+    f"{side}_{kind}{axis}"
+    for side in "ab"
+    for kind in ("force_v", "force_p", "torque_")
+    for axis in "xyz"
+]
 
 
 def force(name: str = "one", body: str = "calcn_r", side: str = "a", **change: str) -> str:
@@ -220,7 +252,9 @@ def force(name: str = "one", body: str = "calcn_r", side: str = "a", **change: s
 
 
 def write(folder: Path, *forces: str, table: str = "grf.mot") -> Path:
-    values = np.tile([10.0, 700, 5, 0.1, 0, 0.2, 0, 3, 0, -10, 650, 4, 0.9, 0, -0.1, 0, -2, 0], (4, 1))
+    values = np.tile(
+        [10.0, 700, 5, 0.1, 0, 0.2, 0, 3, 0, -10, 650, 4, 0.9, 0, -0.1, 0, -2, 0], (4, 1)
+    )
     rows = ["\t".join(map(str, [0.01 * k, *row])) for k, row in enumerate(values.tolist())]
     header = ["f", "version=1", "endheader", "\t".join(["time", *COLUMNS])]
     (folder / "grf.mot").write_text("\n".join([*header, *rows]) + "\n", encoding="utf-8")
@@ -232,7 +266,10 @@ def write(folder: Path, *forces: str, table: str = "grf.mot") -> Path:
 
 def test_the_real_file(data_dir: Path) -> None:
     folder = data_dir / "subject01"
-    loads, table = read_forces(folder / "subject01_walk1_grf.xml"), read_forces(folder / "subject01_walk1_grf.mot")
+    loads, table = (
+        read_forces(folder / "subject01_walk1_grf.xml"),
+        read_forces(folder / "subject01_walk1_grf.mot"),
+    )
     assert loads.feet == {"right": "r", "left": "l"}
     for plate, other in zip(loads.plates, table.plates, strict=True):
         for part in ("time", "force", "point", "moment"):
@@ -257,7 +294,9 @@ def test_order_bodies_and_switches(tmp_path: Path) -> None:
     assert any("'none' has no columns" in note for note in found.notes)
 
 
-@pytest.mark.parametrize("table", ["grf.mot", "./grf.mot", r"C:\lab\session\grf.mot", "../elsewhere/grf.mot"])
+@pytest.mark.parametrize(
+    "table", ["grf.mot", "./grf.mot", r"C:\lab\session\grf.mot", "../elsewhere/grf.mot"]
+)
 def test_the_table_is_found_beside_it(tmp_path: Path, table: str) -> None:
     path = write(tmp_path, force(), table=table)
     assert loads_tables(path) == (tmp_path / "grf.mot",)
@@ -265,7 +304,12 @@ def test_the_table_is_found_beside_it(tmp_path: Path, table: str) -> None:
 
 
 def test_a_table_of_each_force(tmp_path: Path) -> None:
-    path = write(tmp_path, force(source="grf.mot"), force("two", "calcn_l", "b", source="other.mot"), table="")
+    path = write(
+        tmp_path,
+        force(source="grf.mot"),
+        force("two", "calcn_l", "b", source="other.mot"),
+        table="",
+    )
     shutil.copy(tmp_path / "grf.mot", tmp_path / "other.mot")
     assert len(loads_tables(path)) == 2 and read_forces(path).feet == {"one": "r", "two": "l"}
 
@@ -273,13 +317,25 @@ def test_a_table_of_each_force(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("entry", "message"),
     [
-        (force(body="torso"), "ExternalForce one: found a force on 'torso'; allowed are forces on the right and left"),
+        (
+            force(body="torso"),
+            "ExternalForce one: found a force on 'torso'; allowed are forces on the right and left",
+        ),
         (force(body="calcn"), "found a force on 'calcn'"),
-        (force(point_in="calcn_r"), "ExternalForce one: found its point expressed in 'calcn_r'; allowed is ground"),
+        (
+            force(point_in="calcn_r"),
+            "ExternalForce one: found its point expressed in 'calcn_r'; allowed is ground",
+        ),
         (force(force_in="tibia_r"), "found its force expressed in 'tibia_r'"),
-        (force(force="c_force_v"), "ExternalForce one, force: found 0 columns; c_force_vx, c_force_vy"),
+        (
+            force(force="c_force_v"),
+            "ExternalForce one, force: found 0 columns; c_force_vx, c_force_vy",
+        ),
         (force(point=""), "plate one: no point of application"),
-        (force(more="<isDisabled> true </isDisabled>"), "found no ExternalForce that is switched on"),
+        (
+            force(more="<isDisabled> true </isDisabled>"),
+            "found no ExternalForce that is switched on",
+        ),
     ],
 )
 def test_what_cannot_be_taken_is_named(tmp_path: Path, entry: str, message: str) -> None:
@@ -292,7 +348,10 @@ def test_files_that_are_none(tmp_path: Path) -> None:
         read_forces(write(tmp_path, force(), table="gone.mot"))
     with refused("names no table of forces"):
         read_forces(write(tmp_path, force(), table=""))
-    for text, message in (("<a/>", "found <a>; a file with <ExternalLoads>"), ("no xml", "is not well-formed")):
+    for text, message in (
+        ("<a/>", "found <a>; a file with <ExternalLoads>"),
+        ("no xml", "is not well-formed"),
+    ):
         (tmp_path / "x.xml").write_text(text)
         with refused(message):
             read_forces(tmp_path / "x.xml")
@@ -303,18 +362,30 @@ def test_a_study_takes_feet_and_table_from_it(tmp_path: Path) -> None:
     convert(tmp_path / "walk_forces.csv", tmp_path / "grf.mot")
     columns = [f"ground_{q}" for q in ("force_{}_v", "force_{}_p", "moment_{}_m")]
     entries = [
-        force(name, body, **dict(zip(("force", "point", "torque"), (c.format(k) for c in columns), strict=True)))
+        force(
+            name,
+            body,
+            **dict(zip(("force", "point", "torque"), (c.format(k) for c in columns), strict=True)),
+        )
         for k, name, body in ((1, "right", "calcn_r"), (2, "left", "calcn_l"))
     ]
     text = LOADS.format(forces="".join(entries), common="<datafile>grf.mot</datafile>")
     (tmp_path / "grf.xml").write_text(text, encoding="utf-8")
-    path.write_text(path.read_text(encoding="utf-8").replace("walk_forces.csv", "grf.xml"), encoding="utf-8")
+    path.write_text(
+        path.read_text(encoding="utf-8").replace("walk_forces.csv", "grf.xml"), encoding="utf-8"
+    )
     study = Study.load(path)
     assert study.trials[1].plates == {"right": "r", "left": "l"}
     assert {"grf.xml", "grf.mot"} <= set(study.inputs)
     of_walk = 'forces = "grf.xml"\n'
     text = path.read_text(encoding="utf-8")
     assert of_walk in text
-    path.write_text(text.replace(of_walk, of_walk + 'plates = { right = "none" }\n'), encoding="utf-8")
+    path.write_text(
+        text.replace(of_walk, of_walk + 'plates = { right = "none" }\n'), encoding="utf-8"
+    )
     assert Study.load(path).trials[1].plates == {"right": "none", "left": "l"}
-    assert study.input_names(study.trials[1]) == {"file": "walk.csv", "forces": "grf.xml", "table0": "grf.mot"}
+    assert study.input_names(study.trials[1]) == {
+        "file": "walk.csv",
+        "forces": "grf.xml",
+        "table0": "grf.mot",
+    }

@@ -31,7 +31,10 @@ def test_the_standing_second_between_two_walks_is_found() -> None:
 
 
 def test_no_stillness_is_an_error_with_the_smallest_speed() -> None:
-    with pytest.raises(InputError, match=r"no still window: the stillest 0.51 s move at 1.2 m/s RMS; at most 0.1 m/s"):
+    with pytest.raises(
+        InputError,
+        match=r"no still window: the stillest 0.51 s move at 1.2 m/s RMS; at most 0.1 m/s",
+    ):
         still_window(body(200, speed=1.2), LABELS)
 
 
@@ -42,7 +45,12 @@ def test_noise_is_no_movement(noise: float) -> None:
     assert window.speed < 4.5 * noise
     with pytest.raises(InputError, match="no still window"):
         moving = walk_stand_walk(noise)
-        still_window(replace(moving, markers=moving.markers + [[[0.2, 0.0, 0.0]]] * moving.time[:, None, None]), LABELS)
+        still_window(
+            replace(
+                moving, markers=moving.markers + [[[0.2, 0.0, 0.0]]] * moving.time[:, None, None]
+            ),
+            LABELS,
+        )
 
 
 def test_gaps_beside_noise() -> None:

@@ -1,4 +1,6 @@
-"""Results appear whole or not at all, replace nothing but their own kind, and are read as they were written."""
+"""Results appear whole or not at all, replace nothing but their own kind, and are read as they were
+written.
+"""
 
 import errno
 import json
@@ -35,7 +37,10 @@ from tests.commands import content, refused
 
 
 def write_result(
-    target: Path, content: str, kind: ResultKind = ResultKind.CALIBRATION, inputs: tuple[Path, ...] = ()
+    target: Path,
+    content: str,
+    kind: ResultKind = ResultKind.CALIBRATION,
+    inputs: tuple[Path, ...] = (),
 ) -> None:
     with atomic_directory(target, kind, inputs) as folder:
         (folder / MANIFEST).write_text('{"gaitcal": "0.1.0"}')
@@ -67,8 +72,12 @@ def test_new_then_replaced(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("error", [ValueError("x"), KeyboardInterrupt(), SystemExit(2)], ids=repr)
-@pytest.mark.parametrize("write", [lambda path: atomic_directory(path, ResultKind.CALIBRATION), amended])
-def test_failure_leaves_the_old_or_none(tmp_path: Path, error: BaseException, write: object) -> None:
+@pytest.mark.parametrize(
+    "write", [lambda path: atomic_directory(path, ResultKind.CALIBRATION), amended]
+)
+def test_failure_leaves_the_old_or_none(
+    tmp_path: Path, error: BaseException, write: object
+) -> None:
     def fail(target: Path) -> None:
         with write(target) as folder:
             (folder / "motion").mkdir()
@@ -133,7 +142,9 @@ def test_kill_at_any_moment_leaves_a_whole_result(tmp_path: Path) -> None:
     (target / "montecarlo").mkdir()
     (target / "montecarlo/draws").write_text("hours")
     for number in range(6):
-        process = subprocess.Popen([sys.executable, "-c", REPLACE, str(target)], stdout=subprocess.PIPE)
+        process = subprocess.Popen(
+            [sys.executable, "-c", REPLACE, str(target)], stdout=subprocess.PIPE
+        )
         with process.stdout as stream:
             stream.readline()
         time.sleep(0.007 * number)
@@ -147,7 +158,10 @@ def test_kill_at_any_moment_leaves_a_whole_result(tmp_path: Path) -> None:
 
 
 def test_full_disk_is_one_line_but_other_errors_of_the_body_stay_themselves(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="No space left"), atomic_directory(tmp_path / "out", ResultKind.CALIBRATION):
+    with (
+        pytest.raises(InputError, match="No space left"),
+        atomic_directory(tmp_path / "out", ResultKind.CALIBRATION),
+    ):
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
     with pytest.raises(PermissionError), atomic_directory(tmp_path / "out", ResultKind.CALIBRATION):
         raise PermissionError(errno.EACCES, "an input file")
@@ -156,7 +170,12 @@ def test_full_disk_is_one_line_but_other_errors_of_the_body_stay_themselves(tmp_
 
 def test_unwritable_places_end_in_one_line(tmp_path: Path) -> None:
     (tmp_path / "file").touch()
-    for target in (tmp_path / "file", tmp_path / "file" / "out", tmp_path / ("x" * 300), Path("/proc/none/out")):
+    for target in (
+        tmp_path / "file",
+        tmp_path / "file" / "out",
+        tmp_path / ("x" * 300),
+        Path("/proc/none/out"),
+    ):
         for write in (
             lambda path: write_result(path, "one"),
             lambda path: atomic_text(path / "deeper" / "file.txt", "text"),
@@ -185,7 +204,9 @@ def test_links_stay_links(tmp_path: Path) -> None:
 # --------------------------------------------------------------------------------------------- what is not ours
 
 
-def assert_refused(target: Path, kind: ResultKind, told: str, inputs: tuple[Path, ...] = ()) -> None:
+def assert_refused(
+    target: Path, kind: ResultKind, told: str, inputs: tuple[Path, ...] = ()
+) -> None:
     """In the same line before the work and after it."""
     before = content(target)
     with refused(told):
@@ -207,16 +228,26 @@ def test_only_the_same_kind_is_replaced(there: ResultKind, tmp_path: Path) -> No
     assert result(tmp_path / "out") == "two"
 
 
-@pytest.mark.parametrize("name", ["mynotes.txt", "moments/mine.png", "motion/walk.csv", "dynamic/x", "montecarlo"])
+@pytest.mark.parametrize(
+    "name", ["mynotes.txt", "moments/mine.png", "motion/walk.csv", "dynamic/x", "montecarlo"]
+)
 def test_a_file_that_is_not_ours_is_named(name: str, tmp_path: Path) -> None:
     write_result(tmp_path / "out", "one")
     (tmp_path / "out" / name).parent.mkdir(exist_ok=True)
     (tmp_path / "out" / name).write_text("hours of work")
-    assert_refused(tmp_path / "out", ResultKind.CALIBRATION, f"holds '{name}', which gaitcal did not write there")
+    assert_refused(
+        tmp_path / "out",
+        ResultKind.CALIBRATION,
+        f"holds '{name}', which gaitcal did not write there",
+    )
 
 
-@pytest.mark.parametrize("there", [{"notes.txt": "mine"}, {"manifest.json": "{}"}, {"manifest.json": "\0"}])
-def test_a_folder_of_the_users_is_refused_and_an_empty_one_used(tmp_path: Path, there: dict[str, str]) -> None:
+@pytest.mark.parametrize(
+    "there", [{"notes.txt": "mine"}, {"manifest.json": "{}"}, {"manifest.json": "\0"}]
+)
+def test_a_folder_of_the_users_is_refused_and_an_empty_one_used(
+    tmp_path: Path, there: dict[str, str]
+) -> None:
     (tmp_path / "out").mkdir()
     for name, text in there.items():
         (tmp_path / "out" / name).write_text(text)
@@ -227,7 +258,10 @@ def test_a_folder_of_the_users_is_refused_and_an_empty_one_used(tmp_path: Path, 
 
 def test_a_link_and_a_file_that_appears_during_the_run_are_not_ours(tmp_path: Path) -> None:
     write_result(tmp_path / "out", "one")
-    with pytest.raises(InputError, match="notes.txt"), atomic_directory(tmp_path / "out", ResultKind.CALIBRATION):
+    with (
+        pytest.raises(InputError, match="notes.txt"),
+        atomic_directory(tmp_path / "out", ResultKind.CALIBRATION),
+    ):
         (tmp_path / "out/notes.txt").write_text("mine")
     assert (tmp_path / "out/notes.txt").read_text() == "mine"
     (tmp_path / "out/notes.txt").unlink()
@@ -242,7 +276,12 @@ def test_inputs_are_never_replaced(tmp_path: Path) -> None:
     (out / "raw/walk.c3d").touch()
     (tmp_path / "link").symlink_to(out)
     for target in (out, tmp_path / "link", tmp_path):
-        assert_refused(target, ResultKind.CALIBRATION, "walk.c3d', an input of this run", (out / "raw/walk.c3d",))
+        assert_refused(
+            target,
+            ResultKind.CALIBRATION,
+            "walk.c3d', an input of this run",
+            (out / "raw/walk.c3d",),
+        )
     write_result(tmp_path / "result", "one", inputs=(out / "raw/walk.c3d",))
 
 
@@ -258,7 +297,9 @@ def test_what_later_commands_added_is_kept(tmp_path: Path) -> None:
         assert require_room(out, ResultKind.CALIBRATION) == kept
         write_result(out, text)
     assert result(out) == "three"
-    assert {name: (out / name / "deeper/file").read_text() for name in kept} == {name: name for name in kept}
+    assert {name: (out / name / "deeper/file").read_text() for name in kept} == {
+        name: name for name in kept
+    }
     assert json.loads((out / MANIFEST).read_text())["kept_from_earlier_result"] == list(kept)
     assert names(tmp_path) == ["out"]
 
@@ -283,7 +324,9 @@ def test_a_file_has_its_name_while_it_is_written(tmp_path: Path) -> None:
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="signals")
-def test_files_take_their_places_though_a_signal_comes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_files_take_their_places_though_a_signal_comes(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     out, replace = tmp_path / "out", Path.replace
     for name in ("one", "two"):
         atomic_text(out / name, "old")
@@ -329,7 +372,9 @@ def test_the_manifest_learns_of_it(tmp_path: Path) -> None:
     (out / MANIFEST).write_text(json.dumps({**manifest, "number": 1}))
     with amended(out) as stage:
         (stage / "report.html").write_text("newer")
-    with pytest.raises(InputError, match="damaged"):  # a damaged manifest does not become sound by this
+    with pytest.raises(
+        InputError, match="damaged"
+    ):  # a damaged manifest does not become sound by this
         listed(out)
 
 
@@ -348,7 +393,9 @@ with locked(Path(sys.argv[1])):
 @contextmanager
 def held_elsewhere(folder: Path) -> Iterator[None]:
     """By a process, which is killed at the end."""
-    process = subprocess.Popen([sys.executable, "-c", HOLD, str(folder)], stdout=subprocess.PIPE, text=True)
+    process = subprocess.Popen(
+        [sys.executable, "-c", HOLD, str(folder)], stdout=subprocess.PIPE, text=True
+    )
     try:
         with process.stdout as stream:
             assert stream.readline() == "held\n"
@@ -363,10 +410,16 @@ def test_it_is_told_while_waiting_and_at_the_end(
 ) -> None:
     monkeypatch.setattr(result_folder, "NOTICE_S", 0.1)
     with held_elsewhere(tmp_path / "out"):
-        with refused("out: is being written by another process"), locked(tmp_path / "out", wait_s=0.5):
+        with (
+            refused("out: is being written by another process"),
+            locked(tmp_path / "out", wait_s=0.5),
+        ):
             pass
         assert "is being written by another process; waiting" in caplog.text
-        with locked(tmp_path / "other", wait_s=0.0), locked(tmp_path / "out", "another purpose", wait_s=0.0):
+        with (
+            locked(tmp_path / "other", wait_s=0.0),
+            locked(tmp_path / "out", "another purpose", wait_s=0.0),
+        ):
             pass
     with locked(tmp_path / "out", wait_s=0.0):  # the killed process holds it no longer
         pass
@@ -383,7 +436,9 @@ def test_again_within_and_in_another_thread(tmp_path: Path) -> None:
     assert names(tmp_path) == []
 
 
-def test_parts_of_a_result_have_its_lock_and_other_folders_of_such_names_their_own(tmp_path: Path) -> None:
+def test_parts_of_a_result_have_its_lock_and_other_folders_of_such_names_their_own(
+    tmp_path: Path,
+) -> None:
     result = tmp_path / "result"
     (result / "dynamics").mkdir(parents=True)
     with held_elsewhere(result):
@@ -396,7 +451,9 @@ def test_parts_of_a_result_have_its_lock_and_other_folders_of_such_names_their_o
 
 
 @pytest.mark.filterwarnings("error")
-@pytest.mark.parametrize("number", [errno.ENOLCK, errno.ENOTSUP, errno.EINVAL, errno.ENOSYS], ids=errno.errorcode.get)
+@pytest.mark.parametrize(
+    "number", [errno.ENOLCK, errno.ENOTSUP, errno.EINVAL, errno.ENOSYS], ids=errno.errorcode.get
+)
 def test_a_file_system_without_locks_is_told_of(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture, number: int
 ) -> None:
@@ -416,7 +473,9 @@ def test_a_file_system_without_locks_is_told_of(
 @pytest.fixture
 def folder(tmp_path: Path) -> Path:
     with atomic_directory(tmp_path / "out", ResultKind.CALIBRATION) as out:
-        (out / MANIFEST).write_text(json.dumps({"gaitcal": "0", "subject": "Zoë", "number": 0.1}), encoding="utf-8")
+        (out / MANIFEST).write_text(
+            json.dumps({"gaitcal": "0", "subject": "Zoë", "number": 0.1}), encoding="utf-8"
+        )
         (out / "model.toml").write_text("a = 1\n")
         (out / "splines.npz").write_bytes(bytes(range(200)))
     return tmp_path / "out"
@@ -426,11 +485,18 @@ def read(folder: Path, *names: str) -> tuple[bytes, snapshot.Snapshot]:
     return read_whole(folder, names, lambda: (folder / names[0]).read_bytes(), ("model.toml",))
 
 
-def test_every_file_is_listed_with_its_hash_and_an_edited_one_that_may_be_is_told(folder: Path) -> None:
-    assert listed(folder) == {name: sha256_of(folder / name) for name in ("model.toml", "splines.npz")}
+def test_every_file_is_listed_with_its_hash_and_an_edited_one_that_may_be_is_told(
+    folder: Path,
+) -> None:
+    assert listed(folder) == {
+        name: sha256_of(folder / name) for name in ("model.toml", "splines.npz")
+    }
     data, files = read(folder, "splines.npz", "marker_set.toml")
     assert data == bytes(range(200))
-    assert files.sha256 == {"splines.npz": sha256_of(folder / "splines.npz"), "marker_set.toml": None}
+    assert files.sha256 == {
+        "splines.npz": sha256_of(folder / "splines.npz"),
+        "marker_set.toml": None,
+    }
     assert files.remarks == ()
     files.require_unchanged()
     (folder / "model.toml").write_text("a = 2\n")
@@ -467,5 +533,8 @@ def test_what_changes_while_it_is_read_is_told(folder: Path) -> None:
 def test_what_changed_since_it_was_read_is_told(folder: Path) -> None:
     _, files = read(folder, "model.toml", "splines.npz", "marker_set.toml")
     (folder / "marker_set.toml").touch()
-    with pytest.raises(InputError, match=r"marker_set\.toml: changed while this ran; nothing was written, run again"):
+    with pytest.raises(
+        InputError,
+        match=r"marker_set\.toml: changed while this ran; nothing was written, run again",
+    ):
         files.require_unchanged()

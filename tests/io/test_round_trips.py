@@ -22,9 +22,9 @@ from tests.io.recordings import body, loaded_body
 
 QUICK = settings(max_examples=60, suppress_health_check=[HealthCheck.function_scoped_fixture])
 FINITE = st.floats(allow_nan=False, allow_infinity=False)
-NAMES = st.text(st.characters(exclude_categories=["Cs", "Cc", "Zl", "Zp"]), min_size=1, max_size=12).filter(
-    lambda name: clean(name) == name and not is_unlabelled(name)
-)
+NAMES = st.text(
+    st.characters(exclude_categories=["Cs", "Cc", "Zl", "Zp"]), min_size=1, max_size=12
+).filter(lambda name: clean(name) == name and not is_unlabelled(name))
 
 
 @st.composite
@@ -37,12 +37,17 @@ def times(draw: st.DrawFn, largest: int = 6) -> np.ndarray:
 def recordings(draw: st.DrawFn) -> Recording:
     time = draw(times())
     labels = draw(
-        st.lists(NAMES, min_size=1, max_size=4, unique=True).filter(lambda names: not common_prefix(names)[0])
+        st.lists(NAMES, min_size=1, max_size=4, unique=True).filter(
+            lambda names: not common_prefix(names)[0]
+        )
     )
     markers = draw(arrays(np.float64, (len(time), len(labels), 3), elements=FINITE))
     gaps = draw(arrays(np.bool_, (len(time), len(labels)))) | (markers == 0).all(axis=2)
     return Recording(
-        source="drawn", time=time, labels=tuple(labels), markers=np.where(gaps[:, :, None], np.nan, markers)
+        source="drawn",
+        time=time,
+        labels=tuple(labels),
+        markers=np.where(gaps[:, :, None], np.nan, markers),
     )
 
 
@@ -124,7 +129,11 @@ def test_forces_mot(tmp_path: Path, given_: tuple[ForcePlate, ...]) -> None:
 def test_plates_of_different_length_share_a_table(tmp_path: Path) -> None:
     first, second = loaded_body().plates
     short = replace(
-        second, time=second.time[7:-3], force=second.force[7:-3], point=second.point[7:-3], moment=second.moment[7:-3]
+        second,
+        time=second.time[7:-3],
+        force=second.force[7:-3],
+        point=second.point[7:-3],
+        moment=second.moment[7:-3],
     )
     for name, write in (("f.csv", write_forces_csv), ("f.mot", write_forces_mot)):
         write(tmp_path / name, (first, short))
@@ -140,7 +149,9 @@ def test_plates_of_different_length_share_a_table(tmp_path: Path) -> None:
 def test_c3d(tmp_path: Path, suffix: str) -> None:
     recording = loaded_body()
     recording = replace(recording, time=recording.time + 3.41)
-    recording = replace(recording, plates=tuple(replace(p, time=p.time + 3.41) for p in recording.plates))
+    recording = replace(
+        recording, plates=tuple(replace(p, time=p.time + 3.41) for p in recording.plates)
+    )
     recording.markers[10:15, 2] = np.nan
     path = tmp_path / f"x{suffix}"
     write_c3d(path, recording)
@@ -186,7 +197,9 @@ def test_names_that_no_table_can_hold_are_refused(tmp_path: Path, label: str) ->
     assert list(tmp_path.iterdir()) == []
 
 
-@pytest.mark.parametrize("file", ["pig_c3d/gait.c3d", "labs_c3d/kad/static.c3d", "children/HC002D/straight.c3d"])
+@pytest.mark.parametrize(
+    "file", ["pig_c3d/gait.c3d", "labs_c3d/kad/static.c3d", "children/HC002D/straight.c3d"]
+)
 def test_a_table_says_what_its_c3d_file_said(file: str, data_dir: Path, tmp_path: Path) -> None:
     """Facts but the person's name, events, and computed points but those of segments' axes."""
     original = read_recording(data_dir / file)
@@ -200,12 +213,22 @@ def test_a_table_says_what_its_c3d_file_said(file: str, data_dir: Path, tmp_path
     for table in ("x.csv", "x_facts.csv"):
         assert original.facts.name not in (tmp_path / table).read_text(encoding="utf-8")
     plain = pd.read_csv(tmp_path / "x.csv")
-    assert list(plain.columns[:2]) == ["time", f"{original.labels[0]}_x"] and len(plain) == len(original.time)
+    assert list(plain.columns[:2]) == ["time", f"{original.labels[0]}_x"] and len(plain) == len(
+        original.time
+    )
     assert pd.read_csv(tmp_path / "x_facts.csv").columns.tolist() == ["fact", "value"]
 
 
 @pytest.mark.parametrize(
-    "row", ['mass,"""x"""', "mass,NaN", 'event,"[1, ""x"", ""foot strike""]"', "nobody,1", "knee_width,{", "mass"]
+    "row",
+    [
+        'mass,"""x"""',
+        "mass,NaN",
+        'event,"[1, ""x"", ""foot strike""]"',
+        "nobody,1",
+        "knee_width,{",
+        "mass",
+    ],
 )
 def test_a_damaged_row_of_what_was_said_is_named(row: str, tmp_path: Path) -> None:
     (tmp_path / "x.csv").write_text("# plain words\ntime,A_x,A_y,A_z\n0,1,2,3\n", encoding="utf-8")
@@ -224,10 +247,16 @@ def test_a_damaged_row_of_what_was_said_is_named(row: str, tmp_path: Path) -> No
         "c3d_formats/TYPE-1.C3D",
     ],
 )
-def test_a_real_c3d_and_its_csv_are_the_same_bits(data_dir: Path, tmp_path: Path, file: str) -> None:
+def test_a_real_c3d_and_its_csv_are_the_same_bits(
+    data_dir: Path, tmp_path: Path, file: str
+) -> None:
     written = convert(data_dir / file, tmp_path / "out.csv")
-    facts = ("_facts",) if file.startswith("pig") else ()  # the others say nothing of person and events
-    assert written == tuple(tmp_path / f"out{kind}.csv" for kind in ("", "_forces", "_plates", *facts))
+    facts = (
+        ("_facts",) if file.startswith("pig") else ()
+    )  # the others say nothing of person and events
+    assert written == tuple(
+        tmp_path / f"out{kind}.csv" for kind in ("", "_forces", "_plates", *facts)
+    )
     require_same(read_recording(written[0], forces=written[1]), read_recording(data_dir / file))
 
 
@@ -282,4 +311,9 @@ def test_faults_leave_the_target_as_it_was(tmp_path: Path) -> None:
         with refused(told):
             convert(tmp_path / source, tmp_path / out)
     assert target.read_text() == "old"
-    assert sorted(file.name for file in tmp_path.iterdir()) == ["a.trc", "bad.mot", "f.csv", "out.mot"]
+    assert sorted(file.name for file in tmp_path.iterdir()) == [
+        "a.trc",
+        "bad.mot",
+        "f.csv",
+        "out.mot",
+    ]

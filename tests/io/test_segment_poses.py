@@ -1,4 +1,6 @@
-"""Segment poses as points: four corners err as the pose does; axes and names of the file; a posture of any movement."""
+"""Segment poses as points: four corners err as the pose does; axes and names of the file; a posture
+of any movement.
+"""
 
 from __future__ import annotations
 
@@ -11,17 +13,34 @@ from scipy.spatial.transform import Rotation
 
 from gaitcal.errors import Code, InputError
 from gaitcal.io.formats import read_recording
-from gaitcal.io.segment_poses import CORNERS, LENGTH_PER_TURN, NEEDED, PARENT, VISUAL3D, points_of_poses, upright
+from gaitcal.io.segment_poses import (
+    CORNERS,
+    LENGTH_PER_TURN,
+    NEEDED,
+    PARENT,
+    VISUAL3D,
+    points_of_poses,
+    upright,
+)
 from gaitcal.io.text_file import FileFault
 from tests.io.recordings import standing_points_mm, write_raw_c3d
 
 FRAMES = 7
-PLACES = {"thigh": (0.0, -0.09), "shank": (-0.4, -0.09), "foot": (-0.8, -0.09), "toes": (-0.85, -0.09)}
+PLACES = {
+    "thigh": (0.0, -0.09),
+    "shank": (-0.4, -0.09),
+    "foot": (-0.8, -0.09),
+    "toes": (-0.85, -0.09),
+}
 """Up and left of the pelvis, m."""
 
 
-def body(turned: np.ndarray, names: tuple[str, ...] = tuple(PARENT)) -> tuple[list[str], np.ndarray]:
-    """Labels and (nf, ns, 4, 4) of a person who stands; `turned`: (3, 3), the file's axes in forward, up, right."""
+def body(
+    turned: np.ndarray, names: tuple[str, ...] = tuple(PARENT)
+) -> tuple[list[str], np.ndarray]:
+    """Labels and (nf, ns, 4, 4) of a person who stands; `turned`: (3, 3), the file's axes in
+    forward, up, right.
+    """
     rng = np.random.default_rng(1)
     moves = Rotation.from_rotvec(0.3 * rng.standard_normal((FRAMES, 3))).as_matrix()
     out = np.tile(np.eye(4), (FRAMES, len(names), 1, 1))
@@ -40,12 +59,16 @@ def test_four_corners_err_as_position_and_turn_do() -> None:
     place, turn = 1e-3 * rng.standard_normal(3), 1e-5 * rng.standard_normal(3)
     moved = CORNERS @ Rotation.from_rotvec(turn).as_matrix().T + place
     found = float(((moved - CORNERS) ** 2).sum())
-    np.testing.assert_allclose(found, 4.0 * (place @ place + LENGTH_PER_TURN**2 * turn @ turn), rtol=1e-4)
+    np.testing.assert_allclose(
+        found, 4.0 * (place @ place + LENGTH_PER_TURN**2 * turn @ turn), rtol=1e-4
+    )
 
 
 @pytest.mark.parametrize("order", list(permutations(range(3))))
 def test_any_axis_may_point_up(order: tuple[int, ...]) -> None:
-    """Whichever axes of the file are forward, up and right, and whichever way round, the points are the same."""
+    """Whichever axes of the file are forward, up and right, and whichever way round, the points are
+    the same.
+    """
     turned = np.eye(3)[:, order]
     turned[:, 0] *= np.linalg.det(turned)
     labels, points, _ = points_of_poses(*body(turned))
@@ -55,7 +78,9 @@ def test_any_axis_may_point_up(order: tuple[int, ...]) -> None:
 
 
 CODES = {theirs: ours.upper() for ours, theirs in VISUAL3D.items() if len(ours) == 3}
-WORDS = {"pelvis": "Pelvis"} | {theirs: ours.title() for ours, theirs in VISUAL3D.items() if len(ours) > 3}
+WORDS = {"pelvis": "Pelvis"} | {
+    theirs: ours.title() for ours, theirs in VISUAL3D.items() if len(ours) > 3
+}
 
 
 @pytest.mark.parametrize("spelling", [CODES, WORDS])
@@ -77,7 +102,9 @@ def test_both_namings_in_one_file_are_not_the_same_segment_twice() -> None:
 
 def test_origins_of_segments_alone_are_refused_by_what_they_are(tmp_path: Path) -> None:
     """The labels of the public thread: 19 points, none of which shows how its segment turns."""
-    labels = [f"{side}{code}" for side in "LR" for code in ("AR", "FA", "FT", "HA", "SK", "TH", "TO")]
+    labels = [
+        f"{side}{code}" for side in "LR" for code in ("AR", "FA", "FT", "HA", "SK", "TH", "TO")
+    ]
     labels += ["LAB", "RHE", "RPV", "RTA", "VLB"]
     points = np.random.default_rng(1).normal(0.0, 500.0, (5, len(labels), 3))
     with pytest.raises(InputError, match="origins of Visual3D's segments") as fault:
@@ -86,8 +113,12 @@ def test_origins_of_segments_alone_are_refused_by_what_they_are(tmp_path: Path) 
 
 
 def test_segments_that_are_missing_or_turned_are_named() -> None:
-    with pytest.raises(FileFault, match=r"missing: l_thigh_4X4, l_shank_4X4, l_foot_4X4, l_toes_4X4; .* Theia"):
-        points_of_poses(*body(np.eye(3), tuple(name for name in PARENT if not name.startswith("l_"))))
+    with pytest.raises(
+        FileFault, match=r"missing: l_thigh_4X4, l_shank_4X4, l_foot_4X4, l_toes_4X4; .* Theia"
+    ):
+        points_of_poses(
+            *body(np.eye(3), tuple(name for name in PARENT if not name.startswith("l_")))
+        )
     labels, poses = body(np.eye(3))
     poses[:, labels.index("r_shank_4X4"), :3, :3] @= np.diag([-1.0, -1.0, 1.0])
     with pytest.raises(FileFault, match="found wrong: r_shank"):
@@ -96,16 +127,24 @@ def test_segments_that_are_missing_or_turned_are_named() -> None:
     with pytest.raises(FileFault, match="two poses of pelvis_4X4"):
         points_of_poses([*labels, "Pelvis_4x4"], np.concatenate([poses, poses[:, :1]], axis=1))
     with pytest.raises(FileFault, match="no frame has a pose .* l_foot_4X4"):
-        points_of_poses(labels, np.where(np.array(labels)[:, None, None] == "l_foot_4X4", np.nan, poses))
+        points_of_poses(
+            labels, np.where(np.array(labels)[:, None, None] == "l_foot_4X4", np.nan, poses)
+        )
     poses[..., :3, 3] /= 1000.0
-    with pytest.raises(FileFault, match=r"from hip to knee it is 0.0004 m; allowed: 0.1 to 0.8 m; .* POINT:UNITS"):
+    with pytest.raises(
+        FileFault, match=r"from hip to knee it is 0.0004 m; allowed: 0.1 to 0.8 m; .* POINT:UNITS"
+    ):
         points_of_poses(labels, poses)
 
 
 def test_lost_poses_are_gaps_and_standing_does_not_need_them(data_dir: Path) -> None:
-    """Theia's own recording: its hips are 188 mm apart, whatever the person does, and it walks in every frame."""
+    """Theia's own recording: its hips are 188 mm apart, whatever the person does, and it walks in
+    every frame.
+    """
     recording = read_recording(data_dir / "more_labs/theia/poses.c3d")
-    assert recording.markers.shape == (340, 63, 3) and set(np.isnan(recording.markers[..., 0]).sum(axis=0)) == {3, 5}
+    assert recording.markers.shape == (340, 63, 3) and set(
+        np.isnan(recording.markers[..., 0]).sum(axis=0)
+    ) == {3, 5}
     still = upright(recording)
     assert np.ptp(still.markers, axis=0).max() == 0.0 and upright(still).labels == still.labels
     at = {label: still.markers[0, i] for i, label in enumerate(still.labels)}
@@ -118,6 +157,8 @@ def test_lost_poses_are_gaps_and_standing_does_not_need_them(data_dir: Path) -> 
 
 def test_markers_come_before_poses(tmp_path: Path) -> None:
     """A file of markers alone is read as ever, and none of its labels makes it one of poses."""
-    recording = read_recording(write_raw_c3d(tmp_path / "m.c3d", standing_points_mm(5), [f"M{i}" for i in range(8)]))
+    recording = read_recording(
+        write_raw_c3d(tmp_path / "m.c3d", standing_points_mm(5), [f"M{i}" for i in range(8)])
+    )
     assert upright(recording) is recording
     assert len(NEEDED) == 9

@@ -1,4 +1,6 @@
-"""A C3D file that was given further points holds all that it had but for what is named, and they, for two readers."""
+"""A C3D file that was given further points holds all that it had but for what is named, and they,
+for two readers.
+"""
 
 import warnings
 from pathlib import Path
@@ -29,8 +31,19 @@ ASKEW = ("TYPE-1.C3D",)
 """ezc3d takes its analog samples for points."""
 DOUBLED = ("gait.c3d",)
 """Its own parameters hold a name twice, which the second reader refuses."""
-CHANNELS = tuple(f"ANALOG:{name}" for name in ("LABELS", "DESCRIPTIONS", "SCALE", "OFFSET", "UNITS"))
-MODEL = ("IS_STATIC", "USES_PREFIXES", "USED", "NAMES", "LABEL_PREFIXES", "MARKER_SETS", "DISPLAY_SETS", "MODELS")
+CHANNELS = tuple(
+    f"ANALOG:{name}" for name in ("LABELS", "DESCRIPTIONS", "SCALE", "OFFSET", "UNITS")
+)
+MODEL = (
+    "IS_STATIC",
+    "USES_PREFIXES",
+    "USED",
+    "NAMES",
+    "LABEL_PREFIXES",
+    "MARKER_SETS",
+    "DISPLAY_SETS",
+    "MODELS",
+)
 NAMELESS = tuple(f"7:{name}" for name in (*MODEL, "MODEL_PARAMS"))
 NOT_COPIED: dict[str, tuple[str, ...]] = {
     **dict.fromkeys(FILES[:2], CHANNELS),  # names of more channels than there are
@@ -48,13 +61,18 @@ def added(frames: int) -> list[AddedPoint]:
     values = np.random.default_rng(7).normal(size=(frames, 3)).astype(np.float32).astype(np.float64)
     values[::7] = np.nan
     kinds = list(PointKind)
-    return [AddedPoint(name=f"zz{k}", kind=kinds[k % 4], values=values + k, description="new " * k) for k in range(9)]
+    return [
+        AddedPoint(name=f"zz{k}", kind=kinds[k % 4], values=values + k, description="new " * k)
+        for k in range(9)
+    ]
 
 
 def supplemented(source: Path, target: Path) -> tuple[list[AddedPoint], tuple[str, ...]]:
     frames = len(read_recording(source).time)
     points = added(frames)
-    lost = supplement_c3d(c3d_original(source, frames), target, points, EVENTS, ("GAITCAL", {"VERDICT": ["doubtful"]}))
+    lost = supplement_c3d(
+        c3d_original(source, frames), target, points, EVENTS, ("GAITCAL", {"VERDICT": ["doubtful"]})
+    )
     return points, lost
 
 
@@ -86,15 +104,24 @@ def test_everything_is_kept(data_dir: Path, tmp_path: Path, name: str) -> None:
     assert np.array_equal(*residuals)
     for k, point in enumerate(points):
         found = b["data"]["points"][:3, count + k].T
-        assert np.array_equal(found.astype(np.float32), point.values.astype(np.float32), equal_nan=True)
-        assert (b["data"]["meta_points"]["residuals"][0, count + k] < 0).tolist() == np.isnan(found[:, 0]).tolist()
+        assert np.array_equal(
+            found.astype(np.float32), point.values.astype(np.float32), equal_nan=True
+        )
+        assert (b["data"]["meta_points"]["residuals"][0, count + k] < 0).tolist() == np.isnan(
+            found[:, 0]
+        ).tolist()
         assert point.name in texts_of(b, point.kind.value[0])
     assert texts_of(b, "LABELS")[count:] == [point.name for point in points]
     assert texts_of(b, "DESCRIPTIONS")[count:] == [point.description.strip() for point in points]
     assert b["parameters"]["GAITCAL"]["VERDICT"]["value"] == ["doubtful"]
     for group, entries in a["parameters"].items():
         for entry, old_entry in entries.items():
-            if group not in ("POINT", "EVENT") and entry != "__METADATA__" and f"{group}:{entry}" not in lost and group:
+            if (
+                group not in ("POINT", "EVENT")
+                and entry != "__METADATA__"
+                and f"{group}:{entry}" not in lost
+                and group
+            ):
                 new_entry = b["parameters"][group][entry]
                 assert np.array_equal(old_entry["value"], new_entry["value"])
                 assert old_entry["type"] == new_entry["type"]
@@ -103,7 +130,9 @@ def test_everything_is_kept(data_dir: Path, tmp_path: Path, name: str) -> None:
 @pytest.mark.peers
 @pytest.mark.parametrize("name", [name for name in FILES if Path(name).name not in DOUBLED])
 def test_a_second_reader(data_dir: Path, tmp_path: Path, name: str) -> None:
-    """The package `c3d` shares no line with ezc3d; it gives residuals and camera masks beside coordinates."""
+    """The package `c3d` shares no line with ezc3d; it gives residuals and camera masks beside
+    coordinates.
+    """
     c3d = peer("c3d")
     target = tmp_path / "more.c3d"
     points, _ = supplemented(data_dir / name, target)
@@ -114,7 +143,9 @@ def test_a_second_reader(data_dir: Path, tmp_path: Path, name: str) -> None:
             read = [(p.copy(), a.copy()) for _, p, a in c3d.Reader(stream).read_frames()]
         frames.append((np.stack([p for p, _ in read]), np.stack([a for _, a in read])))
     (old, old_analog), (new, new_analog) = frames
-    assert np.array_equal(old.astype(np.float32), new[:, : old.shape[1]].astype(np.float32), equal_nan=True)
+    assert np.array_equal(
+        old.astype(np.float32), new[:, : old.shape[1]].astype(np.float32), equal_nan=True
+    )
     assert np.array_equal(old_analog, new_analog, equal_nan=True)
     for k, point in enumerate(points):
         found, known = new[:, old.shape[1] + k], np.isfinite(point.values[:, 0])

@@ -1,4 +1,6 @@
-"""Our own CSV tables, and the door to all readers: endings, encodings, missing files, forces in place of plates."""
+"""Our own CSV tables, and the door to all readers: endings, encodings, missing files, forces in
+place of plates.
+"""
 
 import tempfile
 from dataclasses import replace
@@ -31,7 +33,9 @@ def write(folder: Path, text: str) -> Path:
 def test_markers_as_written_whatever_their_axes(tmp_path: Path) -> None:
     """A CSV is y up by definition: a lying body stays lying."""
     recording = read_recording(
-        write(tmp_path, "# made up\ntime,A_x,A_y,A_z,B_x,B_y,B_z\n0,1,2,3,9,2,3\n0.017,,,,0.1,NaN,3\n")
+        write(
+            tmp_path, "# made up\ntime,A_x,A_y,A_z,B_x,B_y,B_z\n0,1,2,3,9,2,3\n0.017,,,,0.1,NaN,3\n"
+        )
     )
     assert recording.labels == ("A", "B")
     np.testing.assert_array_equal(recording.markers[0], [[1, 2, 3], [9, 2, 3]])
@@ -39,7 +43,9 @@ def test_markers_as_written_whatever_their_axes(tmp_path: Path) -> None:
     np.testing.assert_array_equal(recording.time, [0, 0.017])
 
 
-def test_quoted_names_columns_in_any_order_foreign_line_ends_and_repeated_columns(tmp_path: Path) -> None:
+def test_quoted_names_columns_in_any_order_foreign_line_ends_and_repeated_columns(
+    tmp_path: Path,
+) -> None:
     text = '\ufefftime,"A, left_z",B_x,"A, left_x",B_z,B_y,"A, left_y"\r\n0,3,4,1,6,5,2\r\n'
     recording = read_recording(write(tmp_path, text))
     assert recording.labels == ("A, left", "B")
@@ -76,7 +82,10 @@ def test_faults(tmp_path: Path, text: str, message: str) -> None:
         ("time,A_x,A_y,A_z\n0,1,2,3\n", "found the column 'A_x'; 1_fx, 1_px, 1_tx"),
         ("time,1_fx,1_fx\n0,1,2\n", "found the column '1_fx' twice"),
         ("time,1_fx,1_fy,1_fz\n0,1,2,3\n", "no point of application"),
-        (FORCES.replace(",1_pz", "") + "\n0,1,2,3,4,5,6,7,8\n", "plate 1: found only x, y of the point"),
+        (
+            FORCES.replace(",1_pz", "") + "\n0,1,2,3,4,5,6,7,8\n",
+            "plate 1: found only x, y of the point",
+        ),
         (FORCES + "\n0,,,,,,,,,\n", "plate 1: its force columns hold no numbers"),
     ],
 )
@@ -165,7 +174,9 @@ TRC_HEADER = (
     "\t\tX1\tY1\tZ1\tX2\tY2\tZ2\n"
 )
 TWO = "A\t\t\tB\t\t"
-TRC_ROWS = "1\t0.00\t1\t900\t3\t4\t50\t6\n2\t0.01\t1.5\t900\t3\t4\t50\t6\n3\t0.02\t2\t900\t3\t4\t50\t6\n"
+TRC_ROWS = (
+    "1\t0.00\t1\t900\t3\t4\t50\t6\n2\t0.01\t1.5\t900\t3\t4\t50\t6\n3\t0.02\t2\t900\t3\t4\t50\t6\n"
+)
 
 
 def trc(
@@ -177,7 +188,9 @@ def trc(
     markers: int = 2,
 ) -> Path:
     path = folder / "t.trc"
-    text = TRC_HEADER.format(rate=50, frames=frames, markers=markers, units=units, names=names) + rows
+    text = (
+        TRC_HEADER.format(rate=50, frames=frames, markers=markers, units=units, names=names) + rows
+    )
     path.write_text(text, encoding="utf-8")
     return path
 
@@ -223,7 +236,11 @@ def test_units(tmp_path: Path, units: str, height: float) -> None:
         (TRC_ROWS.replace("900", "9x0", 1), "mm", "line 6, column 4: found '9x0'"),
         (TRC_ROWS.replace("900", "9_0", 1), "mm", "found '9_0'"),
         (TRC_ROWS.replace("900", "1e999", 1), "mm", "infinite number"),
-        (TRC_ROWS.replace("0.02", "0.01"), "mm", "line 8, time: found 0.01 s after 0.01 s; time must increase"),
+        (
+            TRC_ROWS.replace("0.02", "0.01"),
+            "mm",
+            "line 8, time: found 0.01 s after 0.01 s; time must increase",
+        ),
         (TRC_ROWS.replace("0.01", ""), "mm", "line 7, time: found no number"),
         (TRC_ROWS + "4\t0.03\t1\t2", "mm", "line 9: found 4 cells (file cut short?); 8 are needed"),
     ],
@@ -234,7 +251,9 @@ def test_faults_name_line_and_cell(tmp_path: Path, rows: str, units: str, messag
 
 
 @pytest.mark.parametrize(("more", "unlabelled"), [(0, 0), (3, 1), (6, 2)])
-def test_trajectories_beyond_the_names_are_unlabelled(tmp_path: Path, more: int, unlabelled: int) -> None:
+def test_trajectories_beyond_the_names_are_unlabelled(
+    tmp_path: Path, more: int, unlabelled: int
+) -> None:
     """In some rows only, too: they are seen for a part of the time."""
     first, *rows = TRC_ROWS.splitlines()
     text = "\n".join([first, *(row + "\t7" * more for row in rows)]) + "\n"
@@ -279,9 +298,14 @@ def test_a_z_up_file_is_stood_up(tmp_path: Path) -> None:
 )
 def test_doubled_tabs(doubled: set[str], between: int, gap: bool, tail: str) -> None:
     """Tabs doubled in any lines, any number of them between names: the same recording."""
-    lines = TRC_HEADER.format(rate=50, frames=3, markers=2, units="cm", names="A\t\t\tB\t\t").split("\n")
+    lines = TRC_HEADER.format(rate=50, frames=3, markers=2, units="cm", names="A\t\t\tB\t\t").split(
+        "\n"
+    )
     lines[3] = "Frame#\tTime\tA" + between * "\t" + "B"
-    rows = [row.replace("1.5\t900\t3", "\t\t" if gap else "1.5\t900\t3") + tail for row in TRC_ROWS.strip().split("\n")]
+    rows = [
+        row.replace("1.5\t900\t3", "\t\t" if gap else "1.5\t900\t3") + tail
+        for row in TRC_ROWS.strip().split("\n")
+    ]
     for place, name in enumerate(("keys", "values", "names", "axes"), start=1):
         if name in doubled:
             lines[place] = lines[place].replace("\t", "\t\t")

@@ -1,4 +1,6 @@
-"""Static trials to make models from: the published subject standing at zero coordinates, and the real recordings."""
+"""Static trials to make models from: the published subject standing at zero coordinates, and the
+real recordings.
+"""
 
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -22,7 +24,9 @@ from tests.synthetic_studies import only
 
 @dataclass(frozen=True)
 class Person:
-    """A real subject; where a data set does not tell height, mass or sex, a plausible value stands in."""
+    """A real subject; where a data set does not tell height, mass or sex, a plausible value stands
+    in.
+    """
 
     file: str
     marker_set: str
@@ -32,7 +36,9 @@ class Person:
         return read_recording(data / self.file)
 
     def stands(self, data: Path) -> tuple[Recording, slice]:
-        """The static trial with the labels of the set, and the frames in which the person stands still."""
+        """The static trial with the labels of the set, and the frames in which the person stands
+        still.
+        """
         static = self.markers.renamed(self.static(data))
         return static, still_window(static, self.markers.labels).frames
 
@@ -45,23 +51,33 @@ class Person:
 
 
 PEOPLE = {
-    "subject01": Person("subject01/subject01_static.trc", "gait2354", Subject("subject01", 72.6, 1.803, "male")),
+    "subject01": Person(
+        "subject01/subject01_static.trc", "gait2354", Subject("subject01", 72.6, 1.803, "male")
+    ),
     "uf3": Person("uf3/static.trc", "rcnl", Subject("uf3", 68.17, 1.70, "male")),
-    "functional": Person("functional_c3d/static.c3d", "conventional73", Subject("functional", 65.0, 1.68, "female")),
-    "plug-in-gait": Person("pig_c3d/static.c3d", "plug-in-gait", Subject("plug-in-gait", 66.5, 1.79, "male")),
+    "functional": Person(
+        "functional_c3d/static.c3d", "conventional73", Subject("functional", 65.0, 1.68, "female")
+    ),
+    "plug-in-gait": Person(
+        "pig_c3d/static.c3d", "plug-in-gait", Subject("plug-in-gait", 66.5, 1.79, "male")
+    ),
 }
 ARMS_HANG = ("uf3", "functional")
 
 
 def frozen_above(model: SubjectModel) -> set[str]:
-    """Frozen coordinates of trunk and arms; a segment of the legs that may go without markers is another matter."""
+    """Frozen coordinates of trunk and arms; a segment of the legs that may go without markers is
+    another matter.
+    """
     return {name for name in model.frozen if not leg_of(name)}
 
 
 def posed(
     chain: Chain, parameters: Parameters, q: np.ndarray | None = None
 ) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray]]:
-    """Of each segment the rotation (3, 3) from it to the ground and its origin (3,) m, at coordinates (nq,) or zero."""
+    """Of each segment the rotation (3, 3) from it to the ground and its origin (3,) m, at
+    coordinates (nq,) or zero.
+    """
     body = chain.body(parameters)
     pose = np.zeros(len(chain.coordinates)) if q is None else q
     placed = Kinematics(body, pose[None], columns=False)
@@ -78,7 +94,9 @@ def standing(model: SubjectModel, q: np.ndarray | None = None, frames: int = 60)
     m = model.markers
     points = [rotation[s] @ at + origin[s] for s, at in zip(m.segments, m.local, strict=True)]
     markers = np.tile(points, (frames, 1, 1))
-    return Recording(source="made up", time=np.arange(frames) / 100.0, labels=m.labels, markers=markers)
+    return Recording(
+        source="made up", time=np.arange(frames) / 100.0, labels=m.labels, markers=markers
+    )
 
 
 def at_angles(angles: dict[str, float]) -> np.ndarray:
@@ -86,9 +104,13 @@ def at_angles(angles: dict[str, float]) -> np.ndarray:
     return np.array([angles.get(name, 0.0) for name in COORDINATES])
 
 
-def from_published(static: Recording | None = None, subject: Subject = PUBLISHED, **options: Any) -> SubjectModel:
+def from_published(
+    static: Recording | None = None, subject: Subject = PUBLISHED, **options: Any
+) -> SubjectModel:
     """The model that is made of the published subject's markers, or of others in their place."""
-    return nominal_model(static or published_static(), load_marker_set("published"), subject, **options)
+    return nominal_model(
+        static or published_static(), load_marker_set("published"), subject, **options
+    )
 
 
 def published_static() -> Recording:

@@ -1,4 +1,6 @@
-"""De Leva's table for a person, and Jensen's for a child: published numbers, a body's total mass, possible bodies."""
+"""De Leva's table for a person, and Jensen's for a child: published numbers, a body's total mass,
+possible bodies.
+"""
 
 from dataclasses import replace
 
@@ -38,11 +40,14 @@ HALF_UNIT = {"mass": 0.0005, "com": 0.05, "moi": 0.5}
 """Half of the last printed digit: kg, mm, kg*mm^2."""
 ROUNDING = 1e-12
 SLACK = 1.01
-"""The printed table was itself made from inputs in printed digits (0.9508 kg is printed as 0.951)."""
+"""The printed table was itself made from inputs in printed digits (0.9508 kg is printed as 0.951).
+"""
 
 
 def published_lengths() -> BodyLengths:
-    """The limbs that the printed inertia was made from: femur and tibia as quoted, arms scaled by height."""
+    """The limbs that the printed inertia was made from: femur and tibia as quoted, arms scaled by
+    height.
+    """
     limbs = default_limbs(PUBLISHED)
     for side in "rl":
         limbs |= {f"thigh_{side}": 0.4198, f"shank_{side}": 0.3774}
@@ -53,26 +58,46 @@ def test_published_numbers_come_back_to_the_printed_digits() -> None:
     made = inertial_parameters(PUBLISHED, published_lengths()) / IP_TO_SI
     printed = published_subject().inertial / IP_TO_SI
     for i, name in enumerate(IP_NAMES):
-        assert abs(made[i] - printed[i]) <= SLACK * HALF_UNIT[name.split(".")[1]], (name, made[i], printed[i])
+        assert abs(made[i] - printed[i]) <= SLACK * HALF_UNIT[name.split(".")[1]], (
+            name,
+            made[i],
+            printed[i],
+        )
 
 
 def test_inertia_of_joints_found_elsewhere_is_the_table_s_of_these_lengths() -> None:
-    """Every hip 10 mm lower in the thigh, every knee 15 mm lower in the shank; then a hip to the side."""
+    """Every hip 10 mm lower in the thigh, every knee 15 mm lower in the shank; then a hip to the
+    side.
+    """
     before, lengths = published_subject(), published_lengths()
-    moves = {f"{place}_{side}": by for side in "rl" for place, by in (("thigh", -0.01), ("shank", -0.015))}
-    names = tuple(f"{'hip' if s.startswith('thigh') else 'knee'}_{s[-1]}.{s[:-2]}.sup" for s in moves)
-    after = before.with_joint(names, before.joint[[JP_INDEX[n] for n in names]] + list(moves.values()))
+    moves = {
+        f"{place}_{side}": by
+        for side in "rl"
+        for place, by in (("thigh", -0.01), ("shank", -0.015))
+    }
+    names = tuple(
+        f"{'hip' if s.startswith('thigh') else 'knee'}_{s[-1]}.{s[:-2]}.sup" for s in moves
+    )
+    after = before.with_joint(
+        names, before.joint[[JP_INDEX[n] for n in names]] + list(moves.values())
+    )
     limbs = lengths.limbs | {segment: lengths.limbs[segment] + by for segment, by in moves.items()}
     expected = table(inertial_parameters(PUBLISHED, replace(lengths, limbs=limbs)))
     for segment, by in moves.items():
         expected[MASSIVE_SEGMENTS.index(segment), 2] += by
     moved = table(with_joints_of(inertial_parameters(PUBLISHED, lengths), before, after))
     np.testing.assert_allclose(moved, expected, rtol=ROUNDING, atol=ROUNDING)
-    back = with_joints_of(moved.ravel(), after, before)  # what two sessions' joints moved apart, shared ones bring back
-    np.testing.assert_allclose(back, inertial_parameters(PUBLISHED, lengths), rtol=ROUNDING, atol=ROUNDING)
+    back = with_joints_of(
+        moved.ravel(), after, before
+    )  # what two sessions' joints moved apart, shared ones bring back
+    np.testing.assert_allclose(
+        back, inertial_parameters(PUBLISHED, lengths), rtol=ROUNDING, atol=ROUNDING
+    )
     aside = before.with_joint(("hip_r.thigh.lat",), np.array([0.02]))
     share = 1.0 + before.inertial[IP_INDEX["thigh_r.com.sup"]] / 0.4198
-    found = table(with_joints_of(before.inertial, before, aside))[MASSIVE_SEGMENTS.index("thigh_r"), 3]
+    found = table(with_joints_of(before.inertial, before, aside))[
+        MASSIVE_SEGMENTS.index("thigh_r"), 3
+    ]
     assert found == pytest.approx(share * 0.02, rel=ROUNDING)
 
 
@@ -103,8 +128,20 @@ def test_de_leva_lengths_belong_to_his_people() -> None:
 
 
 PRINTED = {
-    12: {"head": 10.1, "upper_arm": 3.2, "forearm_hand": 1.7 + 0.9, "thigh": 11.0, "shank_foot": 5.3 + 2.1},
-    18: {"head": 7.0, "upper_arm": 3.6, "forearm_hand": 1.9 + 0.9, "thigh": 11.4, "shank_foot": 4.8 + 1.7},
+    12: {
+        "head": 10.1,
+        "upper_arm": 3.2,
+        "forearm_hand": 1.7 + 0.9,
+        "thigh": 11.0,
+        "shank_foot": 5.3 + 2.1,
+    },
+    18: {
+        "head": 7.0,
+        "upper_arm": 3.6,
+        "forearm_hand": 1.9 + 0.9,
+        "thigh": 11.4,
+        "shank_foot": 4.8 + 1.7,
+    },
 }
 """Percent of body mass: Jensen 1986 at 12, Jensen 1989 at 18 years."""
 TWO_ROUNDINGS = 0.1
@@ -134,7 +171,8 @@ def test_a_small_child_has_a_heavy_head_and_light_thighs() -> None:
 
 
 @pytest.mark.parametrize(
-    ("mass", "height", "sex", "age"), [(28.0, 1.30, "female", 8.0), (32.1, 1.45, "male", 12), (45.8, 1.48, "male", 12)]
+    ("mass", "height", "sex", "age"),
+    [(28.0, 1.30, "female", 8.0), (32.1, 1.45, "male", 12), (45.8, 1.48, "male", 12)],
 )
 def test_a_table_that_may_be_the_wrong_one_is_told_and_believed_less(
     mass: float, height: float, sex: str, age: float
@@ -151,20 +189,29 @@ def test_grown_people_as_light_or_as_short_as_children_are_believed() -> None:
     for mass, height in ((70.0, 1.70), (49.0, 1.66), (62.0, 1.52)):
         assert child_spread(Subject("adult", mass, height, "female")) == {}
     assert "no age is known" in table_words(Subject("who knows", 60.3, 1.58, "male"))
-    assert "9 years of age by Jensen 1989" in table_words(Subject("child", 28.0, 1.30, "female", age=9.0))
-    assert table_words(Subject("short adult", 45.0, 1.40, "female", age=40.0)) == "de Leva 1996, female"
+    assert "9 years of age by Jensen 1989" in table_words(
+        Subject("child", 28.0, 1.30, "female", age=9.0)
+    )
+    assert (
+        table_words(Subject("short adult", 45.0, 1.40, "female", age=40.0))
+        == "de Leva 1996, female"
+    )
 
 
 @pytest.mark.parametrize("other", ["male", "female"])
 def test_without_a_sex_either_table_lies_within_the_error(other: str) -> None:
     """What nobody says is the mean of both tables, and one standard deviation away is either."""
     one = Subject("", 70.0, 1.75, "")
-    mean, table_of = (inertial_parameters(s, published_lengths()) for s in (one, replace(one, sex=other)))
+    mean, table_of = (
+        inertial_parameters(s, published_lengths()) for s in (one, replace(one, sex=other))
+    )
     spread = table_spread(one)
     for name in ("thigh", "shank", "upper_arm", "pelvis"):
         i = IP_NAMES.index(f"{name if name == 'pelvis' else name + '_r'}.mass")
         assert abs(np.log(table_of[i] / mean[i])) == pytest.approx(spread[f"{name}.mass"], rel=0.05)
-        assert abs(table_of[i + 2] - mean[i + 2]) == pytest.approx(spread[f"{name}.com.sup"], rel=0.15)
+        assert abs(table_of[i + 2] - mean[i + 2]) == pytest.approx(
+            spread[f"{name}.com.sup"], rel=0.15
+        )
     assert table_spread(replace(one, sex=other)) == {}
 
 

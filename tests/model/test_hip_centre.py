@@ -34,7 +34,9 @@ def with_points(static: Recording, points: dict[str, np.ndarray], *, measured: b
 
 
 def hips_in_laboratory(static: Recording) -> tuple[np.ndarray, np.ndarray]:
-    """Plausible hip centres, right and left: those of the published subject, each displaced by 12 mm."""
+    """Plausible hip centres, right and left: those of the published subject, each displaced by 12
+    mm.
+    """
     middle = static.markers[0, [static.labels.index(f"{side}.ASIS") for side in "RL"]].mean(axis=0)
     return middle + [-0.05, -0.08, 0.09], middle + [-0.055, -0.07, -0.085]
 
@@ -48,11 +50,15 @@ def test_harrington_by_hand() -> None:
 
 
 @pytest.mark.parametrize("measured", [True, False])
-@pytest.mark.parametrize("labels", [("RHJC", "LHJC"), ("R_HJC", "L_HJC"), ("R.HJC", "L.HJC"), ("HJC_R", "HJC_L")])
+@pytest.mark.parametrize(
+    "labels", [("RHJC", "LHJC"), ("R_HJC", "L_HJC"), ("R.HJC", "L.HJC"), ("HJC_R", "HJC_L")]
+)
 def test_hip_centres_of_the_file_are_taken(labels: tuple[str, str], measured: bool) -> None:
     static = published_static()
     right, left = hips_in_laboratory(static)
-    with_hips = with_points(static, dict(zip(labels, (right, left), strict=True)), measured=measured)
+    with_hips = with_points(
+        static, dict(zip(labels, (right, left), strict=True)), measured=measured
+    )
     model = from_published(with_hips, hip_centre=HipCentre.GIVEN)
     for place, end, there in (
         ("hjc_l", "hjc_r", left - right),
@@ -67,9 +73,15 @@ def test_hip_centres_of_the_file_are_offered_and_asked_for() -> None:
     static = published_static()
     right, left = hips_in_laboratory(static)
     there = with_points(static, {"RHJC": right, "LHJC": left}, measured=False)
-    (offer,) = [n for n in from_published(there, hip_centre=HipCentre.HARRINGTON).notes if "hip_centre = 'given'" in n]
+    (offer,) = [
+        n
+        for n in from_published(there, hip_centre=HipCentre.HARRINGTON).notes
+        if "hip_centre = 'given'" in n
+    ]
     assert "RHJC (computed by another program), LHJC" in offer
-    assert not any("'given'" in note for note in from_published(hip_centre=HipCentre.HARRINGTON).notes)
+    assert not any(
+        "'given'" in note for note in from_published(hip_centre=HipCentre.HARRINGTON).notes
+    )
     missing = refusal(from_published, hip_centre=HipCentre.GIVEN)
     assert "hip_centre = 'given': the static trial has no hip centre hjc_r and hjc_l" in missing
     exchanged = with_points(static, {"RHJC": left, "LHJC": right}, measured=True)
@@ -79,11 +91,15 @@ def test_hip_centres_of_the_file_are_offered_and_asked_for() -> None:
 
 @pytest.mark.parametrize("rule", [HipCentre.HARRINGTON, HipCentre.BELL])
 def test_the_distance_measured_between_the_bones_is_taken(rule: HipCentre) -> None:
-    """Not that of the markers, which soft tissue holds apart; as x goes with the depth, Harrington's x stays."""
+    """Not that of the markers, which soft tissue holds apart; as x goes with the depth,
+    Harrington's x stays.
+    """
     stout = replace(PUBLISHED, asis_distance=0.200)
     model = from_published(subject=stout, hip_centre=rule)
     depth = np.linalg.norm(model.landmarks["sacrum"][1])
-    np.testing.assert_allclose(model.landmarks["hjc_r"][1], hip_centre(rule, 0.200, depth, "r"), atol=ROUNDING)
+    np.testing.assert_allclose(
+        model.landmarks["hjc_r"][1], hip_centre(rule, 0.200, depth, "r"), atol=ROUNDING
+    )
     note = next(n for n in model.notes if n.startswith("hip centres by"))
     assert "200 mm between the ASIS (as measured by hand; 245 mm between their markers)" in note
 
@@ -91,14 +107,19 @@ def test_the_distance_measured_between_the_bones_is_taken(rule: HipCentre) -> No
 @pytest.mark.parametrize("mm", [110, 290])
 def test_a_distance_that_cannot_belong_to_the_markers_is_told(mm: float) -> None:
     wrong = from_published(subject=replace(PUBLISHED, asis_distance=mm * MM))
-    np.testing.assert_array_equal(wrong.landmarks["hjc_r"][1], from_published().landmarks["hjc_r"][1])
+    np.testing.assert_array_equal(
+        wrong.landmarks["hjc_r"][1], from_published().landmarks["hjc_r"][1]
+    )
     assert any(f"the measured {mm} mm are not used" in note for note in wrong.notes)
 
 
 @pytest.mark.parametrize(
-    ("shift", "told"), [((0.0, 0.0, 0.0), False), ((0.0, -0.06, 0.0), True), ((0.05, 0.0, 0.0), True)]
+    ("shift", "told"),
+    [((0.0, 0.0, 0.0), False), ((0.0, -0.06, 0.0), True), ((0.05, 0.0, 0.0), True)],
 )
-def test_given_hips_that_are_no_mirror_images_are_doubted(shift: tuple[float, float, float], told: bool) -> None:
+def test_given_hips_that_are_no_mirror_images_are_doubted(
+    shift: tuple[float, float, float], told: bool
+) -> None:
     sound = sound_study()
     right, left = hips_in_laboratory(sound.static.recording)
     points = {"RHJC": right + np.array(shift), "LHJC": left}
@@ -113,7 +134,11 @@ def test_given_hips_that_are_no_mirror_images_are_doubted(shift: tuple[float, fl
 
 @pytest.mark.parametrize(
     ("labels", "found"),
-    [("RHJC L_HJC", ["RHJC", "L_HJC"]), ("rhj LHipJC", ["rhj", "LHipJC"]), ("RKJC RHEE THJC RHJCX HJC", [])],
+    [
+        ("RHJC L_HJC", ["RHJC", "L_HJC"]),
+        ("rhj LHipJC", ["rhj", "LHipJC"]),
+        ("RKJC RHEE THJC RHJCX HJC", []),
+    ],
 )
 def test_labels_of_hip_centres(labels: str, found: list[str]) -> None:
     assert labelled_hips(labels.split()) == dict(zip("rl", found, strict=False))
@@ -125,9 +150,15 @@ def test_labels_of_hip_centres(labels: str, found: list[str]) -> None:
         ({}, "harrington", "auto"),
         ({"protocol": "published"}, "bell", "markers"),
         ({"mode": "simultaneous"}, "bell", "markers"),
-        ({"protocol": "published", "hip_centre": "harrington", "ankle_zero": "sole"}, "harrington", "sole"),
+        (
+            {"protocol": "published", "hip_centre": "harrington", "ankle_zero": "sole"},
+            "harrington",
+            "sole",
+        ),
     ],
 )
-def test_the_published_protocol_keeps_the_published_rules(settings: dict[str, Any], hip: str, ankle: str) -> None:
+def test_the_published_protocol_keeps_the_published_rules(
+    settings: dict[str, Any], hip: str, ankle: str
+) -> None:
     chosen = CalibrationSettings(**settings)
     assert (chosen.hip_rule, chosen.ankle_rule) == (hip, ankle)

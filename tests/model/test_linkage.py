@@ -1,4 +1,6 @@
-"""Kinematics against Pinocchio and the published geometry, the table of coordinates, and a model as a file."""
+"""Kinematics against Pinocchio and the published geometry, the table of coordinates, and a model as
+a file.
+"""
 
 import pickle
 from dataclasses import fields, replace
@@ -75,7 +77,11 @@ def test_counts_are_those_of_the_paper() -> None:
     segments = ["pelvis", *(joint.child for joint in joints)]
     parameters = [p for p in JOINT_PARAMETERS if split_side(p.joint)[0] in PUBLISHED]
     turns = [e for joint in joints for e in joint.elements if e.source is Source.COORDINATE]
-    assert (len(segments), len(root_elements("pelvis")) + len(turns), len(parameters)) == (14, 27, 98)
+    assert (len(segments), len(root_elements("pelvis")) + len(turns), len(parameters)) == (
+        14,
+        27,
+        98,
+    )
     massive = [segment for segment in segments if segment in MASSIVE_SEGMENTS]
     assert len(massive) * len(QUANTITIES) == 84
     assert [len(isolated_parameters(j)) for j in ISOLATED_JOINTS] == [6, 9, 12, 6, 9, 12]
@@ -84,12 +90,22 @@ def test_counts_are_those_of_the_paper() -> None:
     symmetric = [name for name in symmetric_set().names if name.split(".")[0] in kinds]
     assert len(symmetric) == 36 and full_set().names == IP_NAMES
     centres = [name for name in symmetric if ".com." in name]
-    assert centres[:5] == ["pelvis.com.ant", "pelvis.com.sup", "thigh.com.sup", "shank.com.sup", "foot.com.ant"]
-    assert centres[5:] == [f"{body}.com.sup" for body in ("head_trunk", "upper_arm", "forearm_hand")]
+    assert centres[:5] == [
+        "pelvis.com.ant",
+        "pelvis.com.sup",
+        "thigh.com.sup",
+        "shank.com.sup",
+        "foot.com.ant",
+    ]
+    assert centres[5:] == [
+        f"{body}.com.sup" for body in ("head_trunk", "upper_arm", "forearm_hand")
+    ]
 
 
 def test_every_joint_parameter_enters_exactly_once() -> None:
-    used = [e.name for joint in JOINTS for e in joint.elements if e.source is Source.JOINT_PARAMETER]
+    used = [
+        e.name for joint in JOINTS for e in joint.elements if e.source is Source.JOINT_PARAMETER
+    ]
     assert sorted(used) == sorted(JP_NAMES)
 
 
@@ -133,7 +149,9 @@ def translation(*offset: float) -> np.ndarray:
     return out
 
 
-def documented(joint: str, jp: dict[str, float], zero: dict[str, float], q: dict[str, float]) -> np.ndarray:
+def documented(
+    joint: str, jp: dict[str, float], zero: dict[str, float], q: dict[str, float]
+) -> np.ndarray:
     """The pose (4, 4) of a joint's child in its parent as Reinbolt writes it, product by product."""
     kind, _, side = joint.partition("_")
     s = -1.0 if side == "l" else 1.0
@@ -155,12 +173,22 @@ def documented(joint: str, jp: dict[str, float], zero: dict[str, float], q: dict
         turn = rotation(0, s * angle("hip_adduction")) @ rotation(1, s * angle("hip_rotation"))
         return tr("pelvis") @ rotation(2, angle("hip_flexion")) @ turn @ inverse(tr("thigh"))
     if kind == "knee":
-        return tr("thigh") @ a("thigh") @ rotation(2, -angle("knee_angle")) @ inverse(tr("shank") @ a("shank"))
+        return (
+            tr("thigh")
+            @ a("thigh")
+            @ rotation(2, -angle("knee_angle"))
+            @ inverse(tr("shank") @ a("shank"))
+        )
     if kind == "talocrural":
         return tr("shank") @ a("shank") @ rotation(2, angle("ankle_angle") + zero[f"{joint}.zero"])
     if kind == "subtalar":
         inversion = rotation(0, s * angle("subtalar_angle") + zero[f"{joint}.zero"])
-        return tr("talus") @ rotation(1, jp[f"{joint}.talus.trans"]) @ inversion @ inverse(tr("foot") @ b("foot"))
+        return (
+            tr("talus")
+            @ rotation(1, jp[f"{joint}.talus.trans"])
+            @ inversion
+            @ inverse(tr("foot") @ b("foot"))
+        )
     if kind == "back":
         turn = rotation(0, angle("lumbar_bending")) @ rotation(1, angle("lumbar_rotation"))
         return tr("pelvis") @ rotation(2, angle("lumbar_extension")) @ turn @ inverse(tr("trunk"))
@@ -180,18 +208,24 @@ def test_every_joint_is_the_product_that_the_papers_write() -> None:
     turned = replace(parameters, joint=np.array(list(jp.values())))
     axes, origin = posed(Chain(), turned, np.array(list(q.values())))
     pose = {
-        name: translation(*origin[name]) @ np.block([[axes[name], np.zeros((3, 1))], [np.eye(4)[3:]]]) for name in axes
+        name: translation(*origin[name])
+        @ np.block([[axes[name], np.zeros((3, 1))], [np.eye(4)[3:]]])
+        for name in axes
     }
     pelvis = translation(*(q[f"pelvis_t{axis}"] for axis in "xyz")) @ rotation(2, q["pelvis_tilt"])
     pelvis = pelvis @ rotation(0, q["pelvis_list"]) @ rotation(1, q["pelvis_rotation"])
     np.testing.assert_allclose(pose["pelvis"], pelvis, atol=EXACT)
     for joint in (joint for joint in JOINTS if split_side(joint.name)[0] in PUBLISHED):
         relative = np.linalg.solve(pose[joint.parent], pose[joint.child])
-        np.testing.assert_allclose(relative, documented(joint.name, jp, zero, q), atol=EXACT, err_msg=joint.name)
+        np.testing.assert_allclose(
+            relative, documented(joint.name, jp, zero, q), atol=EXACT, err_msg=joint.name
+        )
 
 
 def opened_body(rng: np.random.Generator) -> tuple[LinkageModel, Array]:
-    """A linkage with all joint parameters and the knees' secondary motions free, and coordinates (5, nq)."""
+    """A linkage with all joint parameters and the knees' secondary motions free, and coordinates
+    (5, nq).
+    """
     chain = Chain(free=(*JP_NAMES, *SECONDARY_VARIABLES))
     return chain.body(perturbed_parameters(rng)), rng.normal(0, 0.5, (5, len(COORDINATES)))
 
@@ -206,7 +240,9 @@ def test_segments_and_columns_are_those_of_body_frames_and_finite_differences() 
     def placed(x: Array, frame: int) -> Array:
         """Segment frames (ns, 4, 3) of one frame with its coordinates and free variables at x."""
         moved = {name: values[:, [frame]].copy() for name, values in amounts.items()}
-        joint_parameters = [k for k, name in enumerate(chain.free) if name not in SECONDARY_VARIABLES]
+        joint_parameters = [
+            k for k, name in enumerate(chain.free) if name not in SECONDARY_VARIABLES
+        ]
         for k, name in enumerate(chain.free):
             if name in SECONDARY_VARIABLES:
                 coordinate, motion, bend = SECONDARY_VARIABLES[name]
@@ -249,12 +285,16 @@ def test_a_free_joint_parameter_is_a_joint_whose_coordinate_is_its_value() -> No
 def test_a_knee_whose_secondary_motion_is_not_given_has_none() -> None:
     """One leg may show no marker: the joints of its secondary motions stay at zero."""
     rng = np.random.default_rng(9)
-    body, q = Chain(secondary=True).body(perturbed_parameters(rng)), rng.normal(0, 0.4, (3, len(COORDINATES)))
+    body, q = (
+        Chain(secondary=True).body(perturbed_parameters(rng)),
+        rng.normal(0, 0.4, (3, len(COORDINATES))),
+    )
     zero = {name: (np.zeros(3), np.zeros(3)) for name in SECONDARY}
     amounts = {"knee_angle_r": rng.normal(0, 0.05, (4, 3))}
     both = {**amounts, "knee_angle_l": np.zeros((4, 3))}
     one, all_given = (
-        Kinematics(body, q, SecondaryMotion(amounts=given, regressors=zero)).segments for given in (amounts, both)
+        Kinematics(body, q, SecondaryMotion(amounts=given, regressors=zero)).segments
+        for given in (amounts, both)
     )
     np.testing.assert_array_equal(one, all_given)
     with pytest.raises(ValueError, match="secondary"):
@@ -272,7 +312,9 @@ def test_work_spaces_are_lent_to_one_user_at_a_time_and_kept_for_the_next() -> N
 
 
 def test_a_model_that_is_kept_for_others_gets_no_inertias() -> None:
-    """Trials of the same chain and parameters share a body; who asks for inertias gets one of its own."""
+    """Trials of the same chain and parameters share a body; who asks for inertias gets one of its
+    own.
+    """
     parameters = published_subject()
     kept = chain_of().body(parameters)
     assert sum(body.mass for body in build_linkage(parameters).model.inertias) > 1.0
@@ -281,7 +323,9 @@ def test_a_model_that_is_kept_for_others_gets_no_inertias() -> None:
 
 
 def test_published_subject_stands_as_documented() -> None:
-    """Ankle centre 72 mm in front of and 31 mm above the heel, foot turned 6 degrees medially, at zero coordinates."""
+    """Ankle centre 72 mm in front of and 31 mm above the heel, foot turned 6 degrees medially, at
+    zero coordinates.
+    """
     axes, origin = posed(Chain(), published_subject())
     for side, sign in (("r", 1.0), ("l", -1.0)):
         foot, shank = axes[f"foot_{side}"].T, axes[f"shank_{side}"].T
@@ -326,7 +370,12 @@ def test_dynamic_parameters_are_those_of_pinocchio_and_differentiate() -> None:
 
 @pytest.mark.parametrize(
     ("mass", "moments", "possible"),
-    [(1.0, (1, 2, 2.9), True), (1.0, (1, 2, 3.1), False), (1.0, (3.1, 1, 2), False), (1.0, (-1, 2, 2), False)]
+    [
+        (1.0, (1, 2, 2.9), True),
+        (1.0, (1, 2, 3.1), False),
+        (1.0, (3.1, 1, 2), False),
+        (1.0, (-1, 2, 2), False),
+    ]
     + [(0.0, (1, 2, 2.9), False), (-1.0, (1, 2, 2.9), False)],
 )
 def test_a_possible_body_has_mass_and_moments_that_make_a_triangle(
@@ -358,11 +407,15 @@ def test_rows_say_what_pages_and_files_need() -> None:
     for row in COORDINATE_TABLE.values():
         assert row.group in GROUPS and row.title and row.angle and row.moment
         assert (row.usual[0] < row.usual[1]) != (row.name in LOCKED), row.name
-        assert row.clinical is None or row.group in ("pelvis", "trunk"), "angles of legs have one sign"
+        assert row.clinical is None or row.group in ("pelvis", "trunk"), (
+            "angles of legs have one sign"
+        )
         for side in "rl":
             assert group_of(with_side(row.name, side)) == row.group
         against = clinical.senses(f"{row.name}_moment", "r")[0]
-        assert against == clinical.senses(row.name, "r")[1], "an internal moment acts against the positive angle"
+        assert against == clinical.senses(row.name, "r")[1], (
+            "an internal moment acts against the positive angle"
+        )
 
 
 FINITE = st.floats(allow_nan=False, allow_infinity=False, min_value=-1e290, max_value=1e290)
@@ -375,9 +428,16 @@ def plain(model: SubjectModel) -> dict[str, Any]:
     def own(value: Any) -> Any:
         return value.astype(np.float64).tobytes() if isinstance(value, np.ndarray) else value
 
-    parts = {"": model, **{name: getattr(model, name) for name in ("parameters", "nominal", "markers")}}
+    parts = {
+        "": model,
+        **{name: getattr(model, name) for name in ("parameters", "nominal", "markers")},
+    }
     return {
-        **{f"{part}.{f.name}": own(getattr(x, f.name)) for part, x in parts.items() for f in fields(x)},
+        **{
+            f"{part}.{f.name}": own(getattr(x, f.name))
+            for part, x in parts.items()
+            for f in fields(x)
+        },
         **dict.fromkeys((f".{part}" for part in parts), None),
         ".landmarks": {name: (segment, own(at)) for name, (segment, at) in model.landmarks.items()},
     }
@@ -391,8 +451,15 @@ def assert_comes_back(model: SubjectModel, folder: Path) -> None:
 def test_the_published_model_and_what_was_measured_of_the_person_come_back(tmp_path: Path) -> None:
     model = published_model(static_only=True)
     widths = {"knee_width": {"r": 0.105, "l": 0.107}, "ankle_width": {"r": 0.07}}
-    known = {"age": 9.5, "asis_distance": 0.2451, "marker_diameter": 0.014, "session": "2026-03-01, 'after'"}
-    record = PatientRecord(birth_date="2016-09-01", diagnosis='CP, "left"', affected_side="left", aids="AFO")
+    known = {
+        "age": 9.5,
+        "asis_distance": 0.2451,
+        "marker_diameter": 0.014,
+        "session": "2026-03-01, 'after'",
+    }
+    record = PatientRecord(
+        birth_date="2016-09-01", diagnosis='CP, "left"', affected_side="left", aids="AFO"
+    )
     told = replace(model.subject, **known, **widths, leg_length={"r": 0.71}, record=record)  # type: ignore[arg-type]
     posture = {"hip_rotation_r": 0.1, "ankle_angle_l": -1.0 / 3.0}
     assert_comes_back(replace(model, subject=told, posture=posture), tmp_path)
@@ -425,7 +492,11 @@ def test_every_number_comes_back_bit_for_bit(
 ) -> None:
     model = published_model()
     markers = replace(
-        model.markers, labels=(label, label + "'"), segments=("pelvis", "foot_l"), local=local, weight=weight
+        model.markers,
+        labels=(label, label + "'"),
+        segments=("pelvis", "foot_l"),
+        local=local,
+        weight=weight,
     )
     model = replace(
         model,
@@ -442,16 +513,28 @@ def test_every_number_comes_back_bit_for_bit(
 @pytest.mark.parametrize(
     ("old", "new", "message"),
     [
-        ('"hip_r.pelvis.ant" ', '"hip_r.pelvis.anterior" ', "which is no parameter; did you mean 'hip_r.pelvis.ant'"),
+        (
+            '"hip_r.pelvis.ant" ',
+            '"hip_r.pelvis.anterior" ',
+            "which is no parameter; did you mean 'hip_r.pelvis.ant'",
+        ),
         ("format = 1", "format = 2", "format: found 2; allowed: 1"),
         ("format = 1", "forms = 1", "unknown key 'forms'; did you mean 'format'?"),
         ('sex = "male"', 'sex = "m"', "subject.sex: found 'm'; allowed: 'male', 'female'"),
         ("mass_kg = 69.4", "mass_kg = 0", "subject.mass_kg: found"),
         ("mass_kg = 69.4", "mass_kg = nan", "subject.mass_kg: found"),
         ("mass_kg = 69.4", "mass_kg = true", "subject.mass_kg: found True"),
-        ('segment = "pelvis"\n', 'segment = "pelvus"\n', "which is no segment; did you mean 'pelvis'?"),
+        (
+            'segment = "pelvis"\n',
+            'segment = "pelvus"\n',
+            "which is no segment; did you mean 'pelvis'?",
+        ),
         ('label = "R.ASIS"', 'label = "L.ASIS"', "marker 'L.ASIS' is there 2 times"),
-        ("frozen = []", 'frozen = ["elbow_r"]', "which is no coordinate; did you mean 'elbow_flex_r'"),
+        (
+            "frozen = []",
+            'frozen = ["elbow_r"]',
+            "which is no coordinate; did you mean 'elbow_flex_r'",
+        ),
         ("-419.8, nominal", '"x", nominal', "joint_parameters"),
         ("-419.8, nominal", "1e99999999999, nominal", "allowed: a number that a person can have"),
         ("-419.8, nominal", "-inf, nominal", "allowed: a finite number"),
@@ -459,7 +542,9 @@ def test_every_number_comes_back_bit_for_bit(
         ('"hip_l', '#"hip_l', "joint_parameters: 'hip_l.pelvis.ant' and 5 more missing"),
     ],
 )
-def test_what_is_wrong_is_told_in_one_line(tmp_path: Path, old: str, new: str, message: str) -> None:
+def test_what_is_wrong_is_told_in_one_line(
+    tmp_path: Path, old: str, new: str, message: str
+) -> None:
     text = model_text(published_model())
     assert old in text
     path = tmp_path / "model.toml"
@@ -471,4 +556,8 @@ def test_what_is_wrong_is_told_in_one_line(tmp_path: Path, old: str, new: str, m
 def test_a_number_that_is_none_is_not_written() -> None:
     model = published_model()
     with pytest.raises(ValueError, match="finite numbers only"):
-        model_text(model.with_parameters(model.parameters.with_joint(("hip_r.pelvis.ant",), np.array([np.nan]))))
+        model_text(
+            model.with_parameters(
+                model.parameters.with_joint(("hip_r.pelvis.ant",), np.array([np.nan]))
+            )
+        )

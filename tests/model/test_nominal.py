@@ -1,4 +1,6 @@
-"""The nominal model: the published subject from its own markers, real people, and what a laboratory may do wrong."""
+"""The nominal model: the published subject from its own markers, real people, and what a laboratory
+may do wrong.
+"""
 
 import re
 from collections.abc import Callable
@@ -52,7 +54,9 @@ SAME = 1e-9
 PRINTED_MM, PRINTED_DEG = 0.05, 0.0006
 """Half of the last digit of printed positions, and of the printed angles 26.256 and 43.5524."""
 ROUNDED_HIP_DEG = 0.008
-"""The hip centre is printed to 0.1 mm (88.0 for 87.955): so much the thigh turns by that over its length."""
+"""The hip centre is printed to 0.1 mm (88.0 for 87.955): so much the thigh turns by that over its
+length.
+"""
 POSTURE_RAD = 0.05
 """The hip's regression and the shoulders' put the axes of thigh and trunk elsewhere by as much."""
 LEGS = ("hip", "knee", "talocrural", "subtalar")
@@ -60,7 +64,9 @@ LEGS = ("hip", "knee", "talocrural", "subtalar")
 
 def of_published(**changes: Any) -> SubjectModel:
     """As the published subject was made: hips by Bell, the foot as its markers show it."""
-    return from_published(**{"hip_centre": HipCentre.BELL, "ankle_zero": AnkleZero.MARKERS} | changes)
+    return from_published(
+        **{"hip_centre": HipCentre.BELL, "ankle_zero": AnkleZero.MARKERS} | changes
+    )
 
 
 def static_errors(model: SubjectModel, recording: Recording, window: slice) -> MarkerErrors:
@@ -76,27 +82,39 @@ def value(model: SubjectModel, name: str) -> float:
 def test_published_joint_parameters_come_back_from_its_markers() -> None:
     made = of_published().parameters
     printed = published_subject()
-    for parameter, got, wanted in zip(JOINT_PARAMETERS, made.joint / JP_TO_SI, printed.joint / JP_TO_SI, strict=True):
+    for parameter, got, wanted in zip(
+        JOINT_PARAMETERS, made.joint / JP_TO_SI, printed.joint / JP_TO_SI, strict=True
+    ):
         if parameter.joint.startswith(("shoulder", "elbow")):
             continue  # below
         tolerance = PRINTED_MM if parameter.kind.unit == "mm" else PRINTED_DEG
         if parameter.joint.startswith("knee") and parameter.kind.unit == "deg":
             tolerance = ROUNDED_HIP_DEG
         assert abs(got - wanted) <= tolerance, (parameter.name, got, wanted)
-    np.testing.assert_allclose(np.rad2deg(made.zero_angles), [43.5524, 14.6847, 43.5524, -14.6847], atol=PRINTED_DEG)
+    np.testing.assert_allclose(
+        np.rad2deg(made.zero_angles), [43.5524, 14.6847, 43.5524, -14.6847], atol=PRINTED_DEG
+    )
 
 
 def test_published_arms_differ_by_the_shoulder_rule_alone() -> None:
-    """The printed shoulder is de Leva's trunk length up; ours is 17 % of the acromial distance below the acromia."""
+    """The printed shoulder is de Leva's trunk length up; ours is 17 % of the acromial distance
+    below the acromia.
+    """
     model = of_published()
     for parameter in JOINT_PARAMETERS:
         if parameter.joint.startswith(("shoulder", "elbow")) and parameter.kind.unit == "deg":
-            assert abs(value(model, parameter.name)) < 1.0, parameter.name  # 4 mm to the side over an arm's length
+            assert abs(value(model, parameter.name)) < 1.0, (
+                parameter.name
+            )  # 4 mm to the side over an arm's length
     assert value(model, "shoulder_r.trunk.sup") == pytest.approx(397 - 0.17 * 322)
     assert value(model, "shoulder_r.trunk.lat") == pytest.approx(161)
-    centre = np.array([0.0, value(model, "shoulder_r.trunk.sup"), value(model, "shoulder_r.trunk.lat")])
+    centre = np.array(
+        [0.0, value(model, "shoulder_r.trunk.sup"), value(model, "shoulder_r.trunk.lat")]
+    )
     elbow = np.array([0.0, 351.9 - 275.0, 165.0])  # of the printed marker, 40 mm inwards
-    assert -value(model, "elbow_r.upperarm.sup") == pytest.approx(np.linalg.norm(centre - elbow), abs=1.0)
+    assert -value(model, "elbow_r.upperarm.sup") == pytest.approx(
+        np.linalg.norm(centre - elbow), abs=1.0
+    )
 
 
 def test_published_inertia_follows_but_for_the_limbs_that_the_shoulder_changes() -> None:
@@ -114,13 +132,17 @@ def test_the_published_model_is_met_by_its_own_markers() -> None:
     assert len(published_model(static_only=True).markers.labels) == 49
 
 
-POSTURE = {name: st.floats(-0.25, 0.25) for name in COORDINATES if not name.endswith(("_tx", "_ty", "_tz"))}
+POSTURE = {
+    name: st.floats(-0.25, 0.25) for name in COORDINATES if not name.endswith(("_tx", "_ty", "_tz"))
+}
 
 
 @settings(max_examples=15)
 @given(angles=st.fixed_dictionaries(POSTURE))
 def test_any_static_posture_is_met_exactly(angles: dict[str, float]) -> None:
-    """Bent knees, turned-out feet, a leaning trunk: axes come from landmarks, so that zero need not be upright."""
+    """Bent knees, turned-out feet, a leaning trunk: axes come from landmarks, so that zero need not
+    be upright.
+    """
     recording = standing(published_model(static_only=True), at_angles(angles))
     assert (static_errors(from_published(recording), recording, slice(0, 60)).rms() or 0.0) < 1e-6
 
@@ -136,9 +158,13 @@ def test_heading_and_place_change_nothing(
 ) -> None:
     person = PEOPLE[name]
     static, window = person.stands(data_dir)
-    a, b = (person.model(r, window=window) for r in (static, moved(static, heading, np.array(shift))))
+    a, b = (
+        person.model(r, window=window) for r in (static, moved(static, heading, np.array(shift)))
+    )
     for field in ("joint", "zero_angles", "inertial"):
-        np.testing.assert_allclose(getattr(a.parameters, field), getattr(b.parameters, field), atol=SAME)
+        np.testing.assert_allclose(
+            getattr(a.parameters, field), getattr(b.parameters, field), atol=SAME
+        )
     np.testing.assert_allclose(a.markers.local, b.markers.local, atol=SAME)
     assert a.notes == b.notes
 
@@ -154,12 +180,18 @@ def test_a_mirrored_recording_gives_the_mirrored_person(name: str, data_dir: Pat
 
     for parameter in JOINT_PARAMETERS:
         wanted = one.joint[JP_INDEX[parameter.name]] * (-1.0 if parameter.mirrored else 1.0)
-        assert other.joint[JP_INDEX[counterpart(parameter.name)]] == pytest.approx(wanted, abs=SAME), parameter.name
+        assert other.joint[JP_INDEX[counterpart(parameter.name)]] == pytest.approx(
+            wanted, abs=SAME
+        ), parameter.name
     for i, zero in enumerate(ZERO_ANGLES):
         wanted = one.zero_angles[i] * (-1.0 if zero.startswith("subtalar") else 1.0)
-        assert other.zero_angles[ZERO_ANGLES.index(counterpart(zero))] == pytest.approx(wanted, abs=SAME)
+        assert other.zero_angles[ZERO_ANGLES.index(counterpart(zero))] == pytest.approx(
+            wanted, abs=SAME
+        )
     for i, ip in enumerate(IP_NAMES):
-        assert other.inertial[IP_NAMES.index(counterpart(ip))] == pytest.approx(one.inertial[i], abs=SAME)
+        assert other.inertial[IP_NAMES.index(counterpart(ip))] == pytest.approx(
+            one.inertial[i], abs=SAME
+        )
 
 
 @pytest.mark.parametrize("name", PEOPLE)
@@ -185,13 +217,26 @@ def test_real_people(name: str, data_dir: Path) -> None:
         assert 10 < sign * value(model, f"subtalar_{side}.talus.trans") < 40
         assert 20 < value(model, f"subtalar_{side}.foot.ant") < 110
     assert not frozen_above(model)
-    assert set(model.landmarks) >= {"asis_r", "sacrum", "hjc_l", "kjc_r", "ajc_l", "heel_r", "toe_l", "acromion_r"}
-    assert not any(value(model, f"knee_{side}.thigh.{turn}") for side in "rl" for turn in ("front", "trans"))
+    assert set(model.landmarks) >= {
+        "asis_r",
+        "sacrum",
+        "hjc_l",
+        "kjc_r",
+        "ajc_l",
+        "heel_r",
+        "toe_l",
+        "acromion_r",
+    }
+    assert not any(
+        value(model, f"knee_{side}.thigh.{turn}") for side in "rl" for turn in ("front", "trans")
+    )
 
 
 @pytest.mark.parametrize("name", PEOPLE)
 def test_the_static_posture_of_real_people_is_met(name: str, data_dir: Path) -> None:
-    """What remains is sway and noise in half a second; a raised arm is met less closely, and says so."""
+    """What remains is sway and noise in half a second; a raised arm is met less closely, and says
+    so.
+    """
     person = PEOPLE[name]
     static, window = person.stands(data_dir)
     model = person.model(static, window=window)
@@ -218,7 +263,9 @@ def test_no_medial_markers_use_defaults_and_say_so() -> None:
     for parameter in JOINT_PARAMETERS:
         if parameter.joint.startswith(LEGS):
             got = value(model, parameter.name)
-            assert got == pytest.approx(printed[JP_INDEX[parameter.name]], abs=PRINTED_MM), parameter.name
+            assert got == pytest.approx(printed[JP_INDEX[parameter.name]], abs=PRINTED_MM), (
+                parameter.name
+            )
     assert any("knee, both sides: no medial marker" in note for note in model.notes)
     assert any("ankle, both sides: no medial marker" in note for note in model.notes)
 
@@ -226,19 +273,35 @@ def test_no_medial_markers_use_defaults_and_say_so() -> None:
 def test_without_arms_they_are_frozen() -> None:
     arms = [f"{s}.{m}" for s in "RL" for m in ("Bicep", "Elbow", "Wrist.Lat", "Wrist.Med")]
     model = from_published(without(published_static(), *arms))
-    assert frozen_above(model) == {f"{c}_{s}" for c in ("arm_flex", "arm_add", "elbow_flex") for s in "rl"}
+    assert frozen_above(model) == {
+        f"{c}_{s}" for c in ("arm_flex", "arm_add", "elbow_flex") for s in "rl"
+    }
     assert not any(s.startswith(("upper_arm", "forearm")) for s in model.markers.segments)
     assert value(model, "elbow_r.upperarm.sup") == pytest.approx(-281.7 * 1.70 / 1.741)
     assert is_physical(model.parameters.inertial).all()
-    assert any("upper_arm_r and forearm_hand_r hang along the trunk" in note for note in model.notes)
+    assert any(
+        "upper_arm_r and forearm_hand_r hang along the trunk" in note for note in model.notes
+    )
 
 
 def test_legs_alone_stand_under_an_upright_trunk() -> None:
     whole = published_model(static_only=True)
-    static = standing(whole, at_angles({"pelvis_tilt": -0.2, "hip_flexion_r": 0.2, "hip_flexion_l": 0.2}))
-    upper = [m for m, s in zip(whole.markers.labels, whole.markers.segments, strict=True) if "arm" in s or "trunk" in s]
+    static = standing(
+        whole, at_angles({"pelvis_tilt": -0.2, "hip_flexion_r": 0.2, "hip_flexion_l": 0.2})
+    )
+    upper = [
+        m
+        for m, s in zip(whole.markers.labels, whole.markers.segments, strict=True)
+        if "arm" in s or "trunk" in s
+    ]
     model = from_published(without(static, *upper))
-    assert {"lumbar_extension", "lumbar_bending", "lumbar_rotation", "arm_flex_r", "elbow_flex_l"} <= set(model.frozen)
+    assert {
+        "lumbar_extension",
+        "lumbar_bending",
+        "lumbar_rotation",
+        "arm_flex_r",
+        "elbow_flex_l",
+    } <= set(model.frozen)
     assert model.parameters.inertial[IP_NAMES.index("head_trunk.com.ant")] == 0.0
     assert model.posture["pelvis_tilt"] == pytest.approx(-0.2, abs=1e-9)
     assert model.posture["lumbar_extension"] == pytest.approx(0.2, abs=1e-9)
@@ -246,16 +309,26 @@ def test_legs_alone_stand_under_an_upright_trunk() -> None:
 
 
 def test_the_posture_of_the_static_trial_is_kept() -> None:
-    turned = {"pelvis_rotation": 0.7, "hip_adduction_r": -0.2, "hip_adduction_l": -0.15, "lumbar_bending": 0.1}
+    turned = {
+        "pelvis_rotation": 0.7,
+        "hip_adduction_r": -0.2,
+        "hip_adduction_l": -0.15,
+        "lumbar_bending": 0.1,
+    }
     posture = from_published(standing(published_model(static_only=True), at_angles(turned))).posture
-    for name, angle in (turned | {"pelvis_rotation": 0.0, "pelvis_tilt": 0.0, "ankle_angle_r": 0.0}).items():
+    for name, angle in (
+        turned | {"pelvis_rotation": 0.0, "pelvis_tilt": 0.0, "ankle_angle_r": 0.0}
+    ).items():
         assert posture[name] == pytest.approx(angle, abs=POSTURE_RAD), name
 
 
 def test_a_wrist_that_is_not_there_freezes_the_elbow_and_a_tracking_marker_less_is_told() -> None:
     model = from_published(without(published_static(), "L.Wrist.Med", "R.Midfoot.Sup"))
     assert frozen_above(model) == {"elbow_flex_l"}
-    assert any("forearm_hand_l is taken to be straight" in note and "L.Wrist.Med" in note for note in model.notes)
+    assert any(
+        "forearm_hand_l is taken to be straight" in note and "L.Wrist.Med" in note
+        for note in model.notes
+    )
     assert any("left out: " in note and "R.Midfoot.Sup" in note for note in model.notes)
     assert "R.Midfoot.Sup" not in model.markers.labels
 
@@ -265,7 +338,12 @@ def test_raised_arms_lower_the_weights_of_shoulders_and_arms(data_dir: Path) -> 
     model = person.model(person.static(data_dir), weights={"R.Elbow": 0.7, "R.Heel": 0.5})
     weight = dict(zip(model.markers.labels, model.markers.weight, strict=True))
     assert weight["L.Acromium"] == pytest.approx(RAISED * person.markers.weight("L.Acromium"))
-    assert (weight["R.Elbow"], weight["R.Heel"], weight["L.Heel"], weight["Top.Head"]) == (0.7, 0.5, 1.0, 0.0)
+    assert (weight["R.Elbow"], weight["R.Heel"], weight["L.Heel"], weight["Top.Head"]) == (
+        0.7,
+        0.5,
+        1.0,
+        0.0,
+    )
 
 
 def test_exchanged_elbow_markers_are_noticed(data_dir: Path) -> None:
@@ -274,7 +352,9 @@ def test_exchanged_elbow_markers_are_noticed(data_dir: Path) -> None:
     assert sum("the two markers were exchanged" in note for note in notes) == 2
 
 
-def with_path(label: str, path: Callable[[Recording], np.ndarray | float]) -> Callable[[Recording], Recording]:
+def with_path(
+    label: str, path: Callable[[Recording], np.ndarray | float]
+) -> Callable[[Recording], Recording]:
     """One marker elsewhere."""
 
     def change(static: Recording) -> Recording:
@@ -298,17 +378,31 @@ def mirrored_sacrum(r: Recording) -> np.ndarray:
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        (lambda r: without(r, "R.Heel"), "landmark heel_r: the file has no marker 'R.Heel'; instead it could be"),
+        (
+            lambda r: without(r, "R.Heel"),
+            "landmark heel_r: the file has no marker 'R.Heel'; instead it could be",
+        ),
         (lambda r: without(r, "V.Sacral"), "landmark sacrum: the file has no marker 'V.Sacral'"),
-        (with_path("L.ASIS", lambda _: np.nan), "asis_l: marker 'L.ASIS' was not seen while the subject stood still"),
-        (lambda r: replace(r, markers=1e3 * r.markers), "found 2.45e+05 mm; allowed: 136 to 425 mm for a height of 1"),
+        (
+            with_path("L.ASIS", lambda _: np.nan),
+            "asis_l: marker 'L.ASIS' was not seen while the subject stood still",
+        ),
+        (
+            lambda r: replace(r, markers=1e3 * r.markers),
+            "found 2.45e+05 mm; allowed: 136 to 425 mm for a height of 1",
+        ),
         (exchanged("R.ASIS", "L.ASIS"), "are the sides exchanged?"),
-        (exchanged("R.Knee.Lat", "R.Knee.Med"), "knee_lat_r: the lateral marker lies on the medial side of knee_med_r"),
+        (
+            exchanged("R.Knee.Lat", "R.Knee.Med"),
+            "knee_lat_r: the lateral marker lies on the medial side of knee_med_r",
+        ),
         (with_path("V.Sacral", mirrored_sacrum), "the pelvis is upside down"),
     ],
     ids=["no heel", "no sacrum", "unseen", "millimetres", "sides", "medial", "sacrum in front"],
 )
-def test_faults_are_told_in_one_line(change: Callable[[Recording], Recording], message: str) -> None:
+def test_faults_are_told_in_one_line(
+    change: Callable[[Recording], Recording], message: str
+) -> None:
     said = refusal(from_published, change(published_static()))
     assert message in said and said.startswith("made up: ")
 
@@ -330,7 +424,8 @@ LARGER = 1.07
 
 @pytest.mark.parametrize("name", PEOPLE)
 def test_a_larger_person_has_everything_larger(name: str, data_dir: Path) -> None:
-    """Positions grow with the recording and the height, directions stay; the subtalar axis alone has a fixed place.
+    """Positions grow with the recording and the height, directions stay; the subtalar axis alone
+    has a fixed place.
 
     Hips by Bell: the constants of Harrington's equations do not grow.
     """
@@ -340,7 +435,9 @@ def test_a_larger_person_has_everything_larger(name: str, data_dir: Path) -> Non
     one = person.model(static, window=window, hip_centre=HipCentre.BELL)
     larger = replace(static, markers=LARGER * static.markers)
     other = grown.model(larger, window=window, hip_centre=HipCentre.BELL)
-    for parameter, small, large in zip(JOINT_PARAMETERS, one.parameters.joint, other.parameters.joint, strict=True):
+    for parameter, small, large in zip(
+        JOINT_PARAMETERS, one.parameters.joint, other.parameters.joint, strict=True
+    ):
         if not parameter.joint.startswith("subtalar"):
             factor = LARGER if parameter.kind is Kind.POSITION else 1.0
             assert large == pytest.approx(factor * small, abs=SAME), parameter.name
@@ -351,8 +448,12 @@ def test_a_larger_person_has_everything_larger(name: str, data_dir: Path) -> Non
 @pytest.mark.parametrize("side", ["r", "l"])
 @pytest.mark.parametrize("bent_deg", [40.0, 90.0, 120.0])
 @pytest.mark.parametrize("raised_deg", [0.0, 20.0])
-def test_the_plane_of_a_bent_arm_gives_its_elbow(side: str, bent_deg: float, raised_deg: float) -> None:
-    """The forearm is turned forward about the elbow's axis; the marker lies half a width outwards on that axis."""
+def test_the_plane_of_a_bent_arm_gives_its_elbow(
+    side: str, bent_deg: float, raised_deg: float
+) -> None:
+    """The forearm is turned forward about the elbow's axis; the marker lies half a width outwards
+    on that axis.
+    """
     height, outwards = 1.75, 1.0 if side == "r" else -1.0
     body = axis_rotation(1, 0.8)
     shoulder = np.array([1.0, 1.4, -2.0])
@@ -361,7 +462,13 @@ def test_the_plane_of_a_bent_arm_gives_its_elbow(side: str, bent_deg: float, rai
     wrist = elbow - 0.26 * (lift @ axis_rotation(2, np.deg2rad(bent_deg)))[:, 1]
     marker = elbow + outwards * half_width("elbow", height) * lift[:, 2]
     landmarks = {f"elbow_lat_{side}": marker, f"wrist_{side}": wrist}
-    found = measured_arm(StaticPosture("made up", {}, landmarks, {}), side, Frame(body, np.zeros(3)), shoulder, height)
+    found = measured_arm(
+        StaticPosture("made up", {}, landmarks, {}),
+        side,
+        Frame(body, np.zeros(3)),
+        shoulder,
+        height,
+    )
     np.testing.assert_allclose(found.elbow, elbow, atol=SAME)
     np.testing.assert_allclose(found.axis, lift[:, 2], atol=SAME)
     np.testing.assert_allclose(found.upper.rotation, lift, atol=SAME)

@@ -1,4 +1,6 @@
-"""What the static posture tells: where ankle angles are counted from, and the trunk from any three markers."""
+"""What the static posture tells: where ankle angles are counted from, and the trunk from any three
+markers.
+"""
 
 from dataclasses import replace
 from pathlib import Path
@@ -28,7 +30,9 @@ from tests.refusal import refusal
 
 SAME_DEG = 1e-9
 VENDOR_DEG = 3.0
-"""Of two programs whose knee and ankle centres differ by up to 15 mm: what they do to a shank of 0.4 m."""
+"""Of two programs whose knee and ankle centres differ by up to 15 mm: what they do to a shank of
+0.4 m.
+"""
 
 
 def published_posture() -> StaticPosture:
@@ -47,15 +51,21 @@ def feet(low_m: float = 0.0) -> StaticPosture:
     return displaced(published_posture(), {"heel_r": down, "heel_l": down})
 
 
-def turned_foot(posture: StaticPosture, end: str, degrees: float, about: Array | None = None) -> StaticPosture:
-    """A landmark of a foot turned in the sagittal plane, toes up, about the other end of the foot or a point."""
+def turned_foot(
+    posture: StaticPosture, end: str, degrees: float, about: Array | None = None
+) -> StaticPosture:
+    """A landmark of a foot turned in the sagittal plane, toes up, about the other end of the foot
+    or a point.
+    """
     other = {"heel": "toe", "toe": "heel"}[end[:-2]] + end[-2:]
     centre = posture.landmarks[other] if about is None else about
     arm = posture.landmarks[end] - centre
     return displaced(posture, {end: axis_rotation(2, np.deg2rad(degrees)) @ arm - arm})
 
 
-def ankles(posture: StaticPosture, rule: AnkleZero, file: dict[str, float] | None = None) -> StandingAnkles:
+def ankles(
+    posture: StaticPosture, rule: AnkleZero, file: dict[str, float] | None = None
+) -> StandingAnkles:
     legs = lower_body(posture, PUBLISHED.height, HipCentre.BELL)
     return standing_ankles(posture, legs, {s: np.deg2rad(v) for s, v in (file or {}).items()}, rule)
 
@@ -72,31 +82,50 @@ def change(after: StandingAnkles, before: StandingAnkles) -> Array:
 def test_the_height_of_the_heel_marker_does_not_matter_to_a_sole_on_the_floor() -> None:
     """15 mm lower on both feet: 3 degrees by the markers, none by the sole."""
     flat, low = feet(), feet(0.015)
-    assert change(ankles(low, AnkleZero.AUTO), ankles(flat, AnkleZero.AUTO)) == pytest.approx([0, 0], abs=SAME_DEG)
-    slope = np.rad2deg(np.arctan2(0.015, np.linalg.norm((flat.landmarks["toe_r"] - flat.landmarks["heel_r"])[[0, 2]])))
+    assert change(ankles(low, AnkleZero.AUTO), ankles(flat, AnkleZero.AUTO)) == pytest.approx(
+        [0, 0], abs=SAME_DEG
+    )
+    slope = np.rad2deg(
+        np.arctan2(
+            0.015, np.linalg.norm((flat.landmarks["toe_r"] - flat.landmarks["heel_r"])[[0, 2]])
+        )
+    )
     by_markers = change(ankles(low, AnkleZero.MARKERS), ankles(flat, AnkleZero.MARKERS))
     assert by_markers == pytest.approx([slope, slope], abs=0.05)
 
 
 @pytest.mark.parametrize("side", ["r", "l"])
-@pytest.mark.parametrize(("end", "turn", "low_m"), [("heel", -15.0, 0.0), ("heel", -15.0, 0.015), ("toe", 12.0, 0.0)])
-def test_a_foot_is_flexed_by_what_its_heel_or_toes_are_raised(end: str, turn: float, low_m: float, side: str) -> None:
+@pytest.mark.parametrize(
+    ("end", "turn", "low_m"), [("heel", -15.0, 0.0), ("heel", -15.0, 0.015), ("toe", 12.0, 0.0)]
+)
+def test_a_foot_is_flexed_by_what_its_heel_or_toes_are_raised(
+    end: str, turn: float, low_m: float, side: str
+) -> None:
     """The other foot tells how the markers lie to the sole."""
     flat = feet(low_m)
     before = ankles(flat, AnkleZero.AUTO)
     after = ankles(turned_foot(flat, f"{end}_{side}", turn), AnkleZero.AUTO)
     own, other = change(after, before)[:: 1 if side == "r" else -1]
     assert own == pytest.approx(turn, abs=0.1) and other == pytest.approx(0.0, abs=SAME_DEG)
-    assert f"its {'toes seem' if end == 'toe' else 'heel seems'} off the floor; its markers" in after.notes[0]
+    assert (
+        f"its {'toes seem' if end == 'toe' else 'heel seems'} off the floor; its markers"
+        in after.notes[0]
+    )
 
 
 def test_two_high_heels_are_left_as_their_markers_are_unless_the_file_tells() -> None:
     high = turned_foot(turned_foot(published_posture(), "heel_r", -20.0), "heel_l", -20.0)
     auto = ankles(high, AnkleZero.AUTO)
-    assert degrees(auto) == degrees(ankles(high, AnkleZero.MARKERS)) != degrees(ankles(high, AnkleZero.SOLE))
+    assert (
+        degrees(auto)
+        == degrees(ankles(high, AnkleZero.MARKERS))
+        != degrees(ankles(high, AnkleZero.SOLE))
+    )
     assert "its heel seems off the floor; the line" in auto.notes[0]
     told = {"r": 5.0, "l": 6.0}
-    assert degrees(ankles(high, AnkleZero.AUTO, told)) == degrees(ankles(high, AnkleZero.FILE, told))
+    assert degrees(ankles(high, AnkleZero.AUTO, told)) == degrees(
+        ankles(high, AnkleZero.FILE, told)
+    )
 
 
 def told_flat(posture: StaticPosture) -> dict[str, float]:
@@ -116,13 +145,21 @@ def on_forefeet(posture: StaticPosture, degrees: float) -> StaticPosture:
 
 @pytest.mark.parametrize("low_m", [0.0, 0.015])
 def test_feet_on_their_forefeet_are_plantarflexed_as_the_file_tells(low_m: float) -> None:
-    """Its angle is that of the foot's markers, and stays when the foot turns; heel markers tell less."""
+    """Its angle is that of the foot's markers, and stays when the foot turns; heel markers tell
+    less.
+    """
     flat = feet(low_m)
     told = told_flat(flat)
-    before, after = ankles(flat, AnkleZero.AUTO, told), ankles(on_forefeet(flat, 10.0), AnkleZero.AUTO, told)
+    before, after = (
+        ankles(flat, AnkleZero.AUTO, told),
+        ankles(on_forefeet(flat, 10.0), AnkleZero.AUTO, told),
+    )
     assert change(after, before) == pytest.approx([-10.0, -10.0], abs=0.5)
     assert not before.doubts and set(after.doubts) == {"r", "l"}
-    assert "10 deg more plantarflexed" in after.doubts["r"] and "10 deg from a sole on the floor" in after.notes[0]
+    assert (
+        "10 deg more plantarflexed" in after.doubts["r"]
+        and "10 deg from a sole on the floor" in after.notes[0]
+    )
     for rule in (AnkleZero.SOLE, AnkleZero.MARKERS, AnkleZero.FILE):
         assert not ankles(on_forefeet(flat, 10.0), rule, told).doubts, "the user has said it"
 
@@ -133,7 +170,9 @@ def test_high_heels_that_no_file_explains_are_doubted(tilt: float, doubted: bool
 
 
 def test_a_file_angle_is_that_of_ankle_and_toe_with_the_foot() -> None:
-    """The slope of the line from ankle centre to toe marker, given as the file's angle, is a sole on the floor."""
+    """The slope of the line from ankle centre to toe marker, given as the file's angle, is a sole
+    on the floor.
+    """
     posture = published_posture()
     told = told_flat(posture)
     assert min(told.values()) > 5.0
@@ -173,17 +212,23 @@ def test_only_the_zero_of_the_ankle_changes() -> None:
         ("children/HC032A", 1.58),
     ],
 )
-def test_standing_ankles_as_the_laboratory_has_them(folder: str, height: float, data_dir: Path) -> None:
+def test_standing_ankles_as_the_laboratory_has_them(
+    folder: str, height: float, data_dir: Path
+) -> None:
     """Within a few degrees of the ankle angles that Plug-in Gait computed of the same static trial."""
     file, marker_set = data_dir / folder / "static.c3d", load_marker_set("plug-in-gait")
     static = complete_static(marker_set.renamed(read_recording(file)), marker_set)
     marker_set = present_markers(marker_set, static)
     posture = static_posture(static, marker_set, still_window(static, marker_set.labels).frames)
     legs = lower_body(posture, height, HipCentre.HARRINGTON)
-    found = degrees(standing_ankles(posture, legs, static.facts.static_plantarflexion, AnkleZero.AUTO))
+    found = degrees(
+        standing_ankles(posture, legs, static.facts.static_plantarflexion, AnkleZero.AUTO)
+    )
     points = ezc3d.c3d(str(file))
     labels = [label.split(":")[-1] for label in points["parameters"]["POINT"]["LABELS"]["value"]]
-    angles = [np.nanmean(points["data"]["points"][0, labels.index(f"{s}AnkleAngles")]) for s in "RL"]
+    angles = [
+        np.nanmean(points["data"]["points"][0, labels.index(f"{s}AnkleAngles")]) for s in "RL"
+    ]
     assert found == pytest.approx(angles, abs=VENDOR_DEG)
 
 
@@ -191,7 +236,14 @@ ROUNDING = 1e-12
 LUMBAR = np.array([0.4, 1.0, -0.2])
 PELVIS = Frame(np.eye(3), LUMBAR + [0.1, -0.08, 0.0])
 PERSON = Subject("made up", 70.0, 1.741, "male")
-LABELS = {"c7": "C7", "t10": "T10", "jugular_notch": "CLAV", "xiphoid": "STRN", "acromion_r": "R", "acromion_l": "L"}
+LABELS = {
+    "c7": "C7",
+    "t10": "T10",
+    "jugular_notch": "CLAV",
+    "xiphoid": "STRN",
+    "acromion_r": "R",
+    "acromion_l": "L",
+}
 PLACES = {
     "c7": [-0.06, 0.48, 0.0],
     "t10": [-0.08, 0.20, 0.0],
@@ -202,8 +254,8 @@ PLACES = {
 }
 """m from the lumbar joint: one who stands upright and straight."""
 SHOULDER_MM, TURNED_DEG = 55.0, 6.0
-"""Derived against measured shoulders, and trunk frames, of real people: 52 mm and 4.6 degrees at most; the acromia of
-one person lie up to 40 mm from each other's mirror image."""
+"""Derived against measured shoulders, and trunk frames, of real people: 52 mm and 4.6 degrees at
+most; the acromia of one person lie up to 40 mm from each other's mirror image."""
 
 
 def made_up(names: tuple[str, ...], turn: Array | None = None) -> tuple[StaticPosture, MarkerSet]:
@@ -227,7 +279,11 @@ def trunk(names: tuple[str, ...], turn: Array | None = None) -> Trunk:
 
 @given(yaw=st.floats(-25.0, 25.0), lean=st.floats(-20.0, 20.0), list_=st.floats(-15.0, 15.0))
 def test_the_trunk_turns_with_its_midline_markers(yaw: float, lean: float, list_: float) -> None:
-    turn = axis_rotation(1, np.deg2rad(yaw)) @ axis_rotation(0, np.deg2rad(list_)) @ axis_rotation(2, np.deg2rad(lean))
+    turn = (
+        axis_rotation(1, np.deg2rad(yaw))
+        @ axis_rotation(0, np.deg2rad(list_))
+        @ axis_rotation(2, np.deg2rad(lean))
+    )
     off = np.arccos(np.clip((turn @ [0.0, 0.0, 1.0])[2], -1.0, 1.0))
     if off > np.deg2rad(29.0):
         return  # as far from the pelvis's plane as none is believed
@@ -241,11 +297,17 @@ def test_the_trunk_turns_with_its_midline_markers(yaw: float, lean: float, list_
 def test_derived_shoulders_lie_where_de_leva_has_them() -> None:
     """Men 52 mm, women 74 mm below the middle of C7 and jugular notch, in people of his height."""
     assert neck_above_shoulders(PERSON) == pytest.approx(0.5 * (0.0878 + 0.0164))
-    assert neck_above_shoulders(Subject("", 61.9, 1.735, "female")) == pytest.approx(0.5 * (0.1169 + 0.0314))
+    assert neck_above_shoulders(Subject("", 61.9, 1.735, "female")) == pytest.approx(
+        0.5 * (0.1169 + 0.0314)
+    )
     found = trunk(MIDLINE)
     middle = 0.5 * (found.shoulders["sjc_r"] + found.shoulders["sjc_l"]) - LUMBAR
-    np.testing.assert_allclose(middle, [0.0, 0.45 - neck_above_shoulders(PERSON), 0.0], atol=ROUNDING)
-    assert (found.shoulders["sjc_r"] - found.shoulders["sjc_l"])[2] == pytest.approx(2 * 0.165 / 1.70 * PERSON.height)
+    np.testing.assert_allclose(
+        middle, [0.0, 0.45 - neck_above_shoulders(PERSON), 0.0], atol=ROUNDING
+    )
+    assert (found.shoulders["sjc_r"] - found.shoulders["sjc_l"])[2] == pytest.approx(
+        2 * 0.165 / 1.70 * PERSON.height
+    )
     assert found.seen and "no acromion is known" in found.notes[0]
 
 
@@ -266,7 +328,9 @@ def test_markers_without_names_stand_under_shoulders_of_the_nominal_subject() ->
     found = trunk_of(nameless, replace(marker_set, landmarks={}), PELVIS, LUMBAR, PERSON)
     assert found.seen
     np.testing.assert_allclose(found.frame.rotation, np.eye(3), atol=ROUNDING)
-    np.testing.assert_allclose(found.shoulders["sjc_r"][1] - LUMBAR[1], 0.3519 / 1.70 * PERSON.height)
+    np.testing.assert_allclose(
+        found.shoulders["sjc_r"][1] - LUMBAR[1], 0.3519 / 1.70 * PERSON.height
+    )
 
 
 def test_a_trunk_without_markers_stands_upright() -> None:
@@ -278,7 +342,9 @@ def test_a_trunk_without_markers_stands_upright() -> None:
 
 
 def test_a_mislabelled_midline_is_not_believed() -> None:
-    """The xiphoid's label on a shoulder: the plane through it is turned far, and the pelvis's serves."""
+    """The xiphoid's label on a shoulder: the plane through it is turned far, and the pelvis's
+    serves.
+    """
     posture, marker_set = made_up(("c7", "jugular_notch", "xiphoid"))
     wrong = {**posture.landmarks, "xiphoid": LUMBAR + PLACES["acromion_r"]}
     found = trunk_of(replace(posture, landmarks=wrong), marker_set, PELVIS, LUMBAR, PERSON)
@@ -288,8 +354,12 @@ def test_a_mislabelled_midline_is_not_believed() -> None:
 
 def without_acromia(marker_set: MarkerSet) -> MarkerSet:
     gone = {label for side in "rl" for label in marker_set.landmarks[f"acromion_{side}"]}
-    landmarks = {n: labels for n, labels in marker_set.landmarks.items() if not n.startswith("acromion")}
-    tracking = {s: tuple(m for m in labels if m not in gone) for s, labels in marker_set.tracking.items()}
+    landmarks = {
+        n: labels for n, labels in marker_set.landmarks.items() if not n.startswith("acromion")
+    }
+    tracking = {
+        s: tuple(m for m in labels if m not in gone) for s, labels in marker_set.tracking.items()
+    }
     return replace(marker_set, landmarks=landmarks, tracking=tracking)
 
 
@@ -301,7 +371,11 @@ def test_derived_shoulders_of_real_people_are_near_the_measured(name: str, data_
         static = marker_set.renamed(person.static(data_dir))
         posture = static_posture(static, marker_set, still_window(static, marker_set.labels).frames)
         legs = lower_body(posture, person.subject.height, HipCentre.BELL)
-        found.append(trunk_of(posture, marker_set, legs.frames["pelvis"], legs.centres["lumbar"], person.subject))
+        found.append(
+            trunk_of(
+                posture, marker_set, legs.frames["pelvis"], legs.centres["lumbar"], person.subject
+            )
+        )
     measured, derived = found
     assert derived.seen
     for side, centre in measured.shoulders.items():

@@ -1,4 +1,6 @@
-"""Markers that a person wears decide what is open in a set; those that the static trial lost are rebuilt."""
+"""Markers that a person wears decide what is open in a set; those that the static trial lost are
+rebuilt.
+"""
 
 import re
 from collections.abc import Callable
@@ -35,7 +37,9 @@ def static(data: Path) -> Recording:
 
 
 def path_of(recording: Recording, *labels: str) -> np.ndarray:
-    return np.mean([recording.markers[:, recording.labels.index(label)] for label in labels], axis=0)
+    return np.mean(
+        [recording.markers[:, recording.labels.index(label)] for label in labels], axis=0
+    )
 
 
 def with_marker(recording: Recording, label: str, path: np.ndarray) -> Recording:
@@ -45,7 +49,9 @@ def with_marker(recording: Recording, label: str, path: np.ndarray) -> Recording
 
 def with_computed(recording: Recording, **paths: np.ndarray) -> Recording:
     """With points that another program computed."""
-    return replace(recording, computed=ComputedPoints(tuple(paths), np.stack(list(paths.values()), axis=1)))
+    return replace(
+        recording, computed=ComputedPoints(tuple(paths), np.stack(list(paths.values()), axis=1))
+    )
 
 
 def model_of(recording: Recording, **changes: object) -> SubjectModel:
@@ -61,7 +67,9 @@ def test_one_marker_on_the_sacrum_serves_for_two(data_dir: Path) -> None:
     assert set(made.tracking["pelvis"]) == {"RASI", "LASI", "SACR"}
     assert not {"RPSI", "LPSI"} & set(made.labels), "nobody misses what only the other way needs"
     assert any("sacrum is SACR" in note for note in made.notes)
-    np.testing.assert_allclose(model_of(one).parameters.joint, model_of(two).parameters.joint, atol=1e-12)
+    np.testing.assert_allclose(
+        model_of(one).parameters.joint, model_of(two).parameters.joint, atol=1e-12
+    )
 
 
 def test_nothing_open_is_left_and_a_result_keeps_it(data_dir: Path, tmp_path: Path) -> None:
@@ -71,16 +79,26 @@ def test_nothing_open_is_left_and_a_result_keeps_it(data_dir: Path, tmp_path: Pa
     path = tmp_path / "plug-in-gait.toml"
     path.write_text(marker_set_text(made), encoding="utf-8")
     back = load_marker_set(path)
-    assert (back.landmarks, back.tracking, back.static_only) == (made.landmarks, made.tracking, made.static_only)
-    assert {"RKAX", "RKD1", "LKD2"} <= set(made.devices) and not set(made.devices) & set(made.labels)
+    assert (back.landmarks, back.tracking, back.static_only) == (
+        made.landmarks,
+        made.tracking,
+        made.static_only,
+    )
+    assert {"RKAX", "RKD1", "LKD2"} <= set(made.devices) and not set(made.devices) & set(
+        made.labels
+    )
 
 
 def test_a_medial_marker_must_lie_as_far_as_a_joint_is_wide(data_dir: Path) -> None:
     recording = static(data_dir)
-    ankle, knee, right, left = (path_of(recording, label) for label in ("RANK", "RKNE", "RASI", "LASI"))
+    ankle, knee, right, left = (
+        path_of(recording, label) for label in ("RANK", "RKNE", "RASI", "LASI")
+    )
     inwards = (left - right) / np.linalg.norm(left - right, axis=1, keepdims=True)
     at_ankle = with_marker(recording, "RMED", ankle + 0.08 * inwards)
-    at_knee = with_marker(recording, "RMED", knee + 0.11 * inwards)  # some laboratories mean the knee by it
+    at_knee = with_marker(
+        recording, "RMED", knee + 0.11 * inwards
+    )  # some laboratories mean the knee by it
     assert present_markers(load_marker_set(PIG), at_ankle).landmarks["ankle_med_r"] == ("RMED",)
     made = present_markers(load_marker_set(PIG), at_knee)
     assert "ankle_med_r" not in made.landmarks
@@ -90,13 +108,19 @@ def test_a_medial_marker_must_lie_as_far_as_a_joint_is_wide(data_dir: Path) -> N
 def test_a_modelled_knee_serves_the_static_trial_and_is_told(data_dir: Path) -> None:
     recording = static(data_dir)
     points = {label: path_of(recording, label) for label in ("RKNE", "RTHI")}
-    whole = complete_static(with_computed(without(recording, "RKNE"), **points), load_marker_set(PIG))
+    whole = complete_static(
+        with_computed(without(recording, "RKNE"), **points), load_marker_set(PIG)
+    )
     np.testing.assert_array_equal(path_of(whole, "RKNE"), path_of(recording, "RKNE"))
     assert any("RKNE" in note and "modelled" in note for note in whole.notes)
     measured = with_computed(recording, **{label: path + 0.1 for label, path in points.items()})
-    assert complete_static(measured, load_marker_set(PIG)) is measured, "what was measured comes first"
+    assert complete_static(measured, load_marker_set(PIG)) is measured, (
+        "what was measured comes first"
+    )
     only_tracked = with_computed(without(recording, "RTHI"), **points)
-    assert "RTHI" not in complete_static(only_tracked, load_marker_set(PIG)).labels, "no landmark, not replaced"
+    assert "RTHI" not in complete_static(only_tracked, load_marker_set(PIG)).labels, (
+        "no landmark, not replaced"
+    )
 
 
 def test_the_rod_alone_gives_the_axis_of_a_modelled_knee(data_dir: Path) -> None:
@@ -107,7 +131,9 @@ def test_the_rod_alone_gives_the_axis_of_a_modelled_knee(data_dir: Path) -> None
     for one in (whole, less):
         assert present_markers(made, one).landmarks["knee_axis_r"] == ("RKAX",)
     assert np.nanmax(np.abs(path_of(less, "RKNE") - path_of(whole, "RKNE"))) < 1e-3
-    child = read_recording(data_dir / "children/HC002D/static.c3d")  # has a computed RKAX, and no device
+    child = read_recording(
+        data_dir / "children/HC002D/static.c3d"
+    )  # has a computed RKAX, and no device
     assert "knee_axis_r" not in present_markers(made, complete_static(child, made)).landmarks
 
 
@@ -125,12 +151,17 @@ def test_what_markers_give_is_not_modelled(data_dir: Path) -> None:
     assert "SACR" in complete_static(without(both, "LPSI"), load_marker_set(PIG)).labels
 
 
-def test_a_measured_width_and_the_marker_place_the_knee_unless_nobody_has_it(data_dir: Path) -> None:
+def test_a_measured_width_and_the_marker_place_the_knee_unless_nobody_has_it(
+    data_dir: Path,
+) -> None:
     recording = static(data_dir)
     model = model_of(recording, knee_width={"r": 0.12}, marker_diameter=0.010)
     apart = model.landmarks["knee_lat_r"][1] - model.landmarks["kjc_r"][1]
     assert np.linalg.norm(apart) == pytest.approx(0.5 * 0.12 + 0.005, abs=1e-9)
-    assert any("knee, right" in n and "65.0 mm" in n and "half of the measured 120 mm" in n for n in model.notes)
+    assert any(
+        "knee, right" in n and "65.0 mm" in n and "half of the measured 120 mm" in n
+        for n in model.notes
+    )
     assert any("knee, left" in n and "in proportion to height" in n for n in model.notes)
     plain, wide = model_of(recording), model_of(recording, knee_width={"r": 0.30})
     np.testing.assert_array_equal(wide.landmarks["kjc_r"][1], plain.landmarks["kjc_r"][1])
@@ -143,9 +174,13 @@ def test_a_foot_without_a_toe_marker_points_ahead(data_dir: Path) -> None:
     made = model_of(heel_only)
     assert any(note.startswith("toe_r: no marker; assumed") for note in made.notes)
     length = np.linalg.norm(made.landmarks["toe_r"][1] - made.landmarks["heel_r"][1])
-    assert length == pytest.approx(np.linalg.norm(model_of(recording).landmarks["toe_r"][1]), rel=0.1)
+    assert length == pytest.approx(
+        np.linalg.norm(model_of(recording).landmarks["toe_r"][1]), rel=0.1
+    )
     in_walk = present_markers(load_marker_set(PIG), heel_only, elsewhere=["RTOE"])
-    assert in_walk.landmarks["toe_r"] == ("RTOE",), "a marker that walks have was lost, not left out"
+    assert in_walk.landmarks["toe_r"] == ("RTOE",), (
+        "a marker that walks have was lost, not left out"
+    )
 
 
 def test_capitals_are_forgiven_where_one_marker_alone_is_meant(data_dir: Path) -> None:
@@ -168,13 +203,17 @@ def test_clusters_take_the_place_of_landmarks_that_walks_lack() -> None:
     chosen = present_markers(made, recording)
     assert {"R_TH1", "R_TH2", "R_TH3", "R_TH4"} <= set(chosen.tracking["thigh_r"])
     assert "R_FLE" in chosen.static_only["thigh_r"]
-    no_clusters = without(recording, *[label for label in labels if "_TH" in label or label.endswith("FTC")])
+    no_clusters = without(
+        recording, *[label for label in labels if "_TH" in label or label.endswith("FTC")]
+    )
     assert "R_FLE" in present_markers(made, no_clusters).tracking["thigh_r"]
 
 
 @pytest.mark.parametrize("lost", ["RPSI", "LPSI"])
 def test_one_posterior_spine_stands_for_both_by_its_mirror_image(lost: str, data_dir: Path) -> None:
-    """The middle of the two is met within what the pelvis is uneven by, and the note says that it is a guess."""
+    """The middle of the two is met within what the pelvis is uneven by, and the note says that it
+    is a guess.
+    """
     whole, one = (model_of(r) for r in (static(data_dir), without(static(data_dir), lost)))
     away = np.linalg.norm(whole.landmarks["sacrum"][1] - one.landmarks["sacrum"][1])
     assert away < 0.010, f"{1e3 * away:.1f} mm"
@@ -184,7 +223,9 @@ def test_one_posterior_spine_stands_for_both_by_its_mirror_image(lost: str, data
 
 
 def test_a_label_of_another_landmark_is_not_proposed(data_dir: Path) -> None:
-    """Neither spine is marked: RASI, the nearest label, is needed where it is. Both ends of a foot are not guessed."""
+    """Neither spine is marked: RASI, the nearest label, is needed where it is. Both ends of a foot
+    are not guessed.
+    """
     bare = without(static(data_dir), "RPSI", "LPSI")
     said = refusal(model_of, bare)
     assert "no marker 'RPSI'" in said and "RASI" not in said
@@ -202,11 +243,15 @@ ROD = 0.095
 
 
 def rods(seed: int) -> tuple[Array, Array]:
-    """The corner (1, 3) and the ends (3, 1, 3) of three rods that point away from the origin, whichever way turned."""
+    """The corner (1, 3) and the ends (3, 1, 3) of three rods that point away from the origin,
+    whichever way turned.
+    """
     rng = np.random.default_rng(seed)
     at = rng.normal(size=3)
     at = 0.3 * at / np.linalg.norm(at)
-    towards = Rotation.align_vectors([at], [np.ones(3)])[0] * Rotation.from_rotvec(0.3 * rng.normal(size=3))
+    towards = Rotation.align_vectors([at], [np.ones(3)])[0] * Rotation.from_rotvec(
+        0.3 * rng.normal(size=3)
+    )
     return at[None], at + ROD * towards.as_matrix().T[:, None]
 
 
@@ -219,7 +264,9 @@ def test_the_corner_is_where_the_rods_meet(seed: int) -> None:
 
 @pytest.mark.parametrize("up", [0.0, 40.0])
 def test_the_device_of_a_right_knee_points_to_the_left_one(up: float) -> None:
-    """Rods that point outwards and upwards, as they may: the pelvis then lies beyond them, and the knee does not."""
+    """Rods that point outwards and upwards, as they may: the pelvis then lies beyond them, and the
+    knee does not.
+    """
     spread = Rotation.align_vectors([[0.0, 0.0, 1.0]], [np.ones(3)])[0]
     raised = Rotation.from_euler("x", -up, degrees=True)
     ends = ROD * (raised * spread).as_matrix().T[:, None]
@@ -270,7 +317,9 @@ SET = MarkerSet(
 def recorded(paths: dict[str, Array]) -> Recording:
     """Markers (nf, 3) m at 100 Hz."""
     markers = np.stack(list(paths.values()), axis=1) if paths else np.empty((2, 0, 3))
-    return Recording(source="made", time=np.arange(len(markers)) / 100.0, labels=tuple(paths), markers=markers)
+    return Recording(
+        source="made", time=np.arange(len(markers)) / 100.0, labels=tuple(paths), markers=markers
+    )
 
 
 def standing(*lost: str) -> Recording:
@@ -322,7 +371,9 @@ def test_two_points_and_points_on_a_line_determine_nothing_and_it_is_said() -> N
     assert not done.markers and set(done.left) == {"RPSI", "LPSI"}
     assert "RASI and LASI" in done.left["RPSI"] and "three are needed" in done.left["RPSI"]
     line = {"A": [0.0, 1.0, 0.0], "B": [0.0, 1.1, 0.0], "C": [0.0, 1.2, 0.0], "D": [0.1, 1.1, 0.0]}
-    marker_set = MarkerSet(name="line", description="", landmarks={}, tracking={"pelvis": tuple(line)})
+    marker_set = MarkerSet(
+        name="line", description="", landmarks={}, tracking={"pelvis": tuple(line)}
+    )
     walk = recorded({m: np.tile(at, (60, 1)) for m, at in line.items()})
     assert "on one line" in rebuilt(without(walk, "D"), walk, marker_set=marker_set).left["D"]
 
@@ -332,7 +383,9 @@ def test_a_body_that_changed_its_shape_is_told_as_uncertain() -> None:
     walk = moving(4)
     bent = walk.markers.copy()
     bent[:, walk.labels.index("LASI")] += 0.012 * (bent[:, 1] - bent[:, 0]) / 0.24
-    good, worse = (rebuilt(standing("RPSI"), w).markers[0] for w in (walk, replace(walk, markers=bent)))
+    good, worse = (
+        rebuilt(standing("RPSI"), w).markers[0] for w in (walk, replace(walk, markers=bent))
+    )
     away = float(np.linalg.norm(worse.place - PELVIS["RPSI"]))
     assert 10 * EXACT_M < away < 2 * worse.uncertainty and worse.uncertainty > good.uncertainty
 

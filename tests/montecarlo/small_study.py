@@ -1,4 +1,6 @@
-"""A small study as a program of its own, to be killed: python -m tests.montecarlo.small_study FOLDER."""
+"""A small study as a program of its own, to be killed: python -m tests.montecarlo.small_study
+FOLDER.
+"""
 
 import sys
 from pathlib import Path
@@ -13,7 +15,9 @@ CHUNK = 2
 
 
 def main() -> None:
-    monte_carlo(nominal_case(), Path(sys.argv[1]), plan=PLAN, workers=LocalProcesses(2), chunk_draws=CHUNK)
+    monte_carlo(
+        nominal_case(), Path(sys.argv[1]), plan=PLAN, workers=LocalProcesses(2), chunk_draws=CHUNK
+    )
 
 
 if __name__ == "__main__":

@@ -1,4 +1,6 @@
-"""The case of a calibrated person: the same from the calibration and from its folder, with the markers tracked."""
+"""The case of a calibrated person: the same from the calibration and from its folder, with the
+markers tracked.
+"""
 
 from dataclasses import replace
 from pathlib import Path
@@ -21,7 +23,9 @@ LOST = "R.Bicep"
 
 @pytest.fixture(scope="module")
 def calibration(tmp_path_factory: pytest.TempPathFactory) -> Calibration:
-    """A walk, tracked with the nominal model; one marker was never seen. Before it comes a trial without plates."""
+    """A walk, tracked with the nominal model; one marker was never seen. Before it comes a trial
+    without plates.
+    """
     study = Study.load(write_synthetic_study(tmp_path_factory.mktemp("study"), ("knee_r",), QUICK))
     for name in ("walk", "knee_r"):
         study = with_trial(study, name, gone(slice(None), LOST))
@@ -40,19 +44,27 @@ def folder(calibration: Calibration, tmp_path_factory: pytest.TempPathFactory) -
     return path
 
 
-def test_the_folder_of_a_result_gives_the_case_of_its_calibration(calibration: Calibration, folder: Path) -> None:
+def test_the_folder_of_a_result_gives_the_case_of_its_calibration(
+    calibration: Calibration, folder: Path
+) -> None:
     case, read = case_of(calibration), case_from(folder)
     assert case.name == read.name == "walk"
     assert read.fingerprint() == case.fingerprint()
     worn = set(calibration.trial("walk").recording.labels) & set(calibration.model.markers.labels)
     assert LOST in worn
     assert set(case.markers.labels) == worn - {LOST}
-    local = dict(zip(calibration.model.markers.labels, calibration.model.markers.local, strict=True))
-    np.testing.assert_array_equal(case.markers.local, [local[label] for label in case.markers.labels])
+    local = dict(
+        zip(calibration.model.markers.labels, calibration.model.markers.local, strict=True)
+    )
+    np.testing.assert_array_equal(
+        case.markers.local, [local[label] for label in case.markers.labels]
+    )
     assert case.valid.any() and not case.valid.all()
 
 
-def test_trials_without_ground_reactions_are_refused(calibration: Calibration, folder: Path, tmp_path: Path) -> None:
+def test_trials_without_ground_reactions_are_refused(
+    calibration: Calibration, folder: Path, tmp_path: Path
+) -> None:
     """And a folder that holds nothing of ours."""
     for case, result in ((case_of, calibration), (case_from, folder)):
         assert "--trial: found 'knee_r'; allowed: walk" in refusal(case, result, "knee_r")

@@ -35,7 +35,9 @@ def start() -> Iterator[Start]:
         def program(*words: str) -> subprocess.Popen[str]:
             environment = {**os.environ, "PYTHONPATH": str(ROOT), "PYTHONUNBUFFERED": "1"}
             pipes = {"stdout": subprocess.DEVNULL, "stderr": subprocess.PIPE, "text": True}
-            process = subprocess.Popen([sys.executable, "-m", *words], cwd=ROOT, env=environment, **pipes)
+            process = subprocess.Popen(
+                [sys.executable, "-m", *words], cwd=ROOT, env=environment, **pipes
+            )
             stack.enter_context(process)
             stack.callback(process.kill)
             return process
@@ -44,7 +46,9 @@ def start() -> Iterator[Start]:
 
 
 def scheduler(start: Start) -> str:
-    process = start("distributed.cli.dask_scheduler", "--host", "127.0.0.1", "--port", "0", "--no-dashboard")
+    process = start(
+        "distributed.cli.dask_scheduler", "--host", "127.0.0.1", "--port", "0", "--no-dashboard"
+    )
     if process.stderr is None:
         pytest.fail("no log")
     for line in process.stderr:
@@ -54,11 +58,15 @@ def scheduler(start: Start) -> str:
 
 
 def worker(start: Start, address: str) -> subprocess.Popen[str]:
-    return start("distributed.cli.dask_worker", address, "--no-nanny", "--nthreads", "1", "--no-dashboard")
+    return start(
+        "distributed.cli.dask_worker", address, "--no-nanny", "--nthreads", "1", "--no-dashboard"
+    )
 
 
 @pytest.mark.slow
-def test_same_table_with_a_worker_killed_at_work(case: MonteCarloCase, tmp_path: Path, start: Start) -> None:
+def test_same_table_with_a_worker_killed_at_work(
+    case: MonteCarloCase, tmp_path: Path, start: Start
+) -> None:
     plan = Plan(levels=(100,), draws=15)
     address = scheduler(start)
     workers = [worker(start, address) for _ in range(2)]
@@ -69,7 +77,9 @@ def test_same_table_with_a_worker_killed_at_work(case: MonteCarloCase, tmp_path:
             workers[0].send_signal(signal.SIGKILL)
             killed.append(done)
 
-    found = monte_carlo(case, tmp_path, plan=plan, workers=Cluster(address), chunk_draws=5, progress=kill_one)
+    found = monte_carlo(
+        case, tmp_path, plan=plan, workers=Cluster(address), chunk_draws=5, progress=kill_one
+    )
     assert killed and killed[0] < plan.total
     assert workers[0].wait(10) == -signal.SIGKILL
     reference = monte_carlo(case, plan=plan, workers=Workers())

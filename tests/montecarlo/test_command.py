@@ -19,7 +19,10 @@ from tests.fake_result import fake_calibration
 from tests.refusal import refusal
 from tests.report.page.people import walking_scene
 
-NO_TRIALS = [{"name": trial.name, "curves": [], "every": 1, "strides": []} for trial in walking_scene().trials]
+NO_TRIALS = [
+    {"name": trial.name, "curves": [], "every": 1, "strides": []}
+    for trial in walking_scene().trials
+]
 """Nothing is drawn here."""
 
 
@@ -27,7 +30,8 @@ NO_TRIALS = [{"name": trial.name, "curves": [], "every": 1, "strides": []} for t
 def _nominal(case: MonteCarloCase, monkeypatch: pytest.MonkeyPatch) -> None:
     """The folder holds the nominal subject; figures have a test of their own."""
     monkeypatch.setattr(
-        "gaitcal.cli.montecarlo_command.read_case", lambda folder, trial, step: (case, Snapshot(Path(folder), {}))
+        "gaitcal.cli.montecarlo_command.read_case",
+        lambda folder, trial, step: (case, Snapshot(Path(folder), {})),
     )
     monkeypatch.setattr("gaitcal.cli.montecarlo_command.write_monte_carlo_figures", lambda *a: None)
 
@@ -42,7 +46,10 @@ def run(*words: object) -> str:
 def test_a_study_and_its_tables(tmp_path: Path) -> None:
     small = ("--draws", 3, "--levels", "50,100", "--jobs", 1)
     told = run(tmp_path, *small, "--grf", "foot")
-    for words in ("carried with the foot", "draws: 24, of which 24 in this run and 0 not converged"):
+    for words in (
+        "carried with the foot",
+        "draws: 24, of which 24 in this run and 0 not converged",
+    ):
         assert words in told
     assert "left out of" not in told
     table = pd.read_csv(tmp_path / "montecarlo" / "montecarlo.csv")
@@ -50,7 +57,10 @@ def test_a_study_and_its_tables(tmp_path: Path) -> None:
     assert (tmp_path / "montecarlo" / "contributions.csv").exists()
     assert "of which 0 in this run" in run(tmp_path, *small)
     expected = run(tmp_path, "--expect", 4)
-    assert "a marker RMS of 4 mm corresponds to JP at" in expected and "corresponds to NP at" in expected
+    assert (
+        "a marker RMS of 4 mm corresponds to JP at" in expected
+        and "corresponds to NP at" in expected
+    )
     assert run(tmp_path, *small, "-q") == ""
     assert "seed = 0, not 4" in refusal(run, tmp_path, *small, "--seed", 4)
 
@@ -65,7 +75,11 @@ def test_the_page_beside_it_gets_the_study(case: MonteCarloCase, tmp_path: Path)
     assert f"page: {tmp_path / PAGE}, preset Trust" in run(tmp_path, *small)
     before, own = trust(tmp_path)
     assert own
-    summary = {"trials": {case.name: {"rms_mm": {"calibrated": 9.0}, "pelvis_and_legs_mm": {"calibrated": 5.8}}}}
+    summary = {
+        "trials": {
+            case.name: {"rms_mm": {"calibrated": 9.0}, "pelvis_and_legs_mm": {"calibrated": 5.8}}
+        }
+    }
     (tmp_path / "summary.json").write_text(json.dumps(summary), encoding="utf-8")
     run(tmp_path, *small)
     after, own = trust(tmp_path)
@@ -78,7 +92,9 @@ def test_the_page_beside_it_gets_the_study(case: MonteCarloCase, tmp_path: Path)
 
 
 @pytest.mark.slow
-def test_draws_left_out_and_other_libraries_are_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_draws_left_out_and_other_libraries_are_told(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     small = ("--draws", 3, "--levels", "100", "--vary", "jp,ip", "--jobs", 1)
     hasty = MonteCarloSettings(refit_most_evaluations=2)
     monkeypatch.setattr("gaitcal.cli.montecarlo_command.MonteCarloSettings", lambda **_: hasty)
@@ -100,13 +116,26 @@ def test_draws_left_out_and_other_libraries_are_told(tmp_path: Path, monkeypatch
 def test_not_converged_is_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("gaitcal.montecarlo.draw_study.MOST_DRAWS", 25)
     with pytest.raises(ConvergenceError, match="not converged after 25 draws"):
-        run(tmp_path, "--vary", "ip", "--levels", 100, "--draws", 21, "--jobs", 1, "--until-converged")
+        run(
+            tmp_path,
+            "--vary",
+            "ip",
+            "--levels",
+            100,
+            "--draws",
+            21,
+            "--jobs",
+            1,
+            "--until-converged",
+        )
 
 
 def trust(folder: Path) -> tuple[list[Any], list[Any]]:
     """Blocks of the page's section Trust: the others, and those of the study."""
     blocks = read_page_data(folder / PAGE_DATA)["sections"]["trust"]
-    return [b for b in blocks if b.get("part") != PART], [b for b in blocks if b.get("part") == PART]
+    return [b for b in blocks if b.get("part") != PART], [
+        b for b in blocks if b.get("part") == PART
+    ]
 
 
 CHOICES = ", ".join(str(choice.value) for choice in ParameterChoice)
@@ -115,7 +144,10 @@ CHOICES = ", ".join(str(choice.value) for choice in ParameterChoice)
 @pytest.mark.parametrize(
     ("words", "told"),
     [
-        (("--vary", "jp,nois"), "--vary: found 'nois'; allowed: jp, ip, both, noise; did you mean 'noise'"),
+        (
+            ("--vary", "jp,nois"),
+            "--vary: found 'nois'; allowed: jp, ip, both, noise; did you mean 'noise'",
+        ),
         (("--vary", ","), "--vary: found nothing"),
         (("--levels", "0"), "--levels: found '0'"),
         (("--levels", "12.5"), "--levels: found '12.5'"),
@@ -124,7 +156,9 @@ CHOICES = ", ".join(str(choice.value) for choice in ParameterChoice)
         (("--jobs", "0"), "--jobs: found 0"),
     ],
 )
-def test_faults_are_told_before_anything_is_read(tmp_path: Path, words: tuple[str, str], told: str) -> None:
+def test_faults_are_told_before_anything_is_read(
+    tmp_path: Path, words: tuple[str, str], told: str
+) -> None:
     with pytest.raises(UsageError, match=told):
         run(tmp_path, *words)
     assert not (tmp_path / "montecarlo").exists()

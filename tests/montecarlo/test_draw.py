@@ -40,14 +40,24 @@ def whole_body(context: MonteCarloContext, parameters: Parameters, coefficients:
     return forces[:, [FORCES.index(name) for name in LEG_TORQUES]]
 
 
-def test_a_disturbed_model_has_the_torques_of_a_model_built_anew(context: MonteCarloContext) -> None:
+def test_a_disturbed_model_has_the_torques_of_a_model_built_anew(
+    context: MonteCarloContext,
+) -> None:
     rng = np.random.default_rng(6)
     for _ in range(3):
         parameters = perturbed_parameters(rng)
-        parameters = parameters.with_inertial(parameters.inertial * rng.uniform(0.8, 1.2, len(IP_NAMES)))
-        coefficients = context.case.coefficients + rng.normal(0, 0.02, context.case.coefficients.shape)
-        laboratory, _ = leg_torques(parameters, context.basis, coefficients, context.case.wrench, context.feet)
-        np.testing.assert_allclose(laboratory, whole_body(context, parameters, coefficients), rtol=0, atol=TORQUE)
+        parameters = parameters.with_inertial(
+            parameters.inertial * rng.uniform(0.8, 1.2, len(IP_NAMES))
+        )
+        coefficients = context.case.coefficients + rng.normal(
+            0, 0.02, context.case.coefficients.shape
+        )
+        laboratory, _ = leg_torques(
+            parameters, context.basis, coefficients, context.case.wrench, context.feet
+        )
+        np.testing.assert_allclose(
+            laboratory, whole_body(context, parameters, coefficients), rtol=0, atol=TORQUE
+        )
 
 
 def test_a_carried_wrench_is_constant_in_the_foot() -> None:
@@ -59,21 +69,32 @@ def test_a_carried_wrench_is_constant_in_the_foot() -> None:
     def in_foot(wrench: Array, at: FootPose) -> Array:
         force = wrench[..., :3]
         moment = wrench[..., 3:] - np.cross(at[1], force)
-        return np.concatenate([(at[0] @ part[..., None])[..., 0] for part in (force, moment)], axis=2)
+        return np.concatenate(
+            [(at[0] @ part[..., None])[..., 0] for part in (force, moment)], axis=2
+        )
 
     wrench, before, after = rng.normal(size=(5, 2, 6)), pose(), pose()
-    np.testing.assert_allclose(in_foot(carry(wrench, before, after), after), in_foot(wrench, before), atol=1e-12)
+    np.testing.assert_allclose(
+        in_foot(carry(wrench, before, after), after), in_foot(wrench, before), atol=1e-12
+    )
 
 
-def test_moving_the_whole_person_matters_to_wrenches_of_the_laboratory_only(context: MonteCarloContext) -> None:
+def test_moving_the_whole_person_matters_to_wrenches_of_the_laboratory_only(
+    context: MonteCarloContext,
+) -> None:
     """10 mm forward with the person: carried wrenches come along, so that no torque changes."""
     case = context.case
     coefficients = case.coefficients.copy()
     coefficients[:, COORDINATES.index("pelvis_tx")] += 0.010
-    laboratory, carried = leg_torques(case.parameters, context.basis, coefficients, case.wrench, context.feet)
+    laboratory, carried = leg_torques(
+        case.parameters, context.basis, coefficients, case.wrench, context.feet
+    )
     np.testing.assert_allclose(carried, context.torques, rtol=0, atol=TORQUE)
     flexion = LEG_TORQUES.index("hip_flexion_l")
-    assert np.abs(laboratory - context.torques)[:, flexion].max() > 0.009 * np.abs(case.wrench[:, 1, 1]).max()
+    assert (
+        np.abs(laboratory - context.torques)[:, flexion].max()
+        > 0.009 * np.abs(case.wrench[:, 1, 1]).max()
+    )
 
 
 ERROR = 1e-9
@@ -81,11 +102,15 @@ ERROR = 1e-9
 
 
 def recorded(values: np.ndarray, frame: ReactionFrame, measure: str) -> np.ndarray:
-    return np.array([values[COLUMNS.index(torque_column(torque, frame, measure))] for torque in LEG_TORQUES])
+    return np.array(
+        [values[COLUMNS.index(torque_column(torque, frame, measure))] for torque in LEG_TORQUES]
+    )
 
 
 @pytest.mark.parametrize("varied", list(Varied))
-def test_record_of_a_draw_against_whole_body_dynamics(context: MonteCarloContext, varied: Varied) -> None:
+def test_record_of_a_draw_against_whole_body_dynamics(
+    context: MonteCarloContext, varied: Varied
+) -> None:
     case, change = context.case, disturb(context, varied, 75, 2)
     found = draw(context, varied, 75, 2)
     parameters, data = case.parameters, context.data
@@ -97,7 +122,11 @@ def test_record_of_a_draw_against_whole_body_dynamics(context: MonteCarloContext
     if change.noise is not None:
         data = replace(data, measured=data.measured + change.noise)
     problem = MotionProblem(
-        name="reference", chain=context.problem.chain, basis=context.basis, data=data, labels=context.problem.labels
+        name="reference",
+        chain=context.problem.chain,
+        basis=context.basis,
+        data=data,
+        labels=context.problem.labels,
     )
     body = problem.body(parameters)
     coefficients = case.coefficients
@@ -107,15 +136,30 @@ def test_record_of_a_draw_against_whole_body_dynamics(context: MonteCarloContext
         coefficients = coefficients - step.reshape(coefficients.shape)
         if np.abs(step).max() < 1e-8:
             break
-    error = 100 * (whole_body(context, parameters, coefficients) - context.torques) / case.subject.bwh
+    error = (
+        100 * (whole_body(context, parameters, coefficients) - context.torques) / case.subject.bwh
+    )
     # the re-fit ends at steps of 1e-6 m or rad: some 1e-5 %BW*H
     within = {"rtol": 0, "atol": 2e-5}
-    np.testing.assert_allclose(recorded(found.values, ReactionFrame.LAB, "rms"), np.sqrt((error**2).mean(0)), **within)
-    np.testing.assert_allclose(recorded(found.values, ReactionFrame.LAB, "mean"), error.mean(0), **within)
+    np.testing.assert_allclose(
+        recorded(found.values, ReactionFrame.LAB, "rms"), np.sqrt((error**2).mean(0)), **within
+    )
+    np.testing.assert_allclose(
+        recorded(found.values, ReactionFrame.LAB, "mean"), error.mean(0), **within
+    )
     apart = 1e3 * np.linalg.norm(problem.positions(coefficients, body) - data.measured, axis=1)
-    left = [i for i, label in enumerate(context.problem.labels) if label.startswith("L.") and _on_leg(context, i)]
-    for measure, wanted in (("rms", np.sqrt((apart[left] ** 2).mean())), ("mean", apart[left].mean())):
-        assert found.values[COLUMNS.index(marker_column("l", measure))] == pytest.approx(wanted, abs=1e-4)
+    left = [
+        i
+        for i, label in enumerate(context.problem.labels)
+        if label.startswith("L.") and _on_leg(context, i)
+    ]
+    for measure, wanted in (
+        ("rms", np.sqrt((apart[left] ** 2).mean())),
+        ("mean", apart[left].mean()),
+    ):
+        assert found.values[COLUMNS.index(marker_column("l", measure))] == pytest.approx(
+            wanted, abs=1e-4
+        )
     assert found.failure == ""
 
 
@@ -131,12 +175,18 @@ def test_only_valid_frames_count(case: MonteCarloCase) -> None:
     change = disturb(some, Varied.IP, 100, 0)
     factor = 1 + some.inertial_set.selection @ change.inertial
     parameters = case.parameters.with_inertial(case.parameters.inertial * factor)
-    error = 100 * (whole_body(some, parameters, case.coefficients) - some.torques)[60:90] / case.subject.bwh
+    error = (
+        100
+        * (whole_body(some, parameters, case.coefficients) - some.torques)[60:90]
+        / case.subject.bwh
+    )
     found = recorded(draw(some, Varied.IP, 100, 0).values, ReactionFrame.LAB, "mean")
     np.testing.assert_allclose(found, error.mean(axis=0), rtol=0, atol=ERROR)
 
 
-def test_a_draw_without_result_is_recorded_too(context: MonteCarloContext, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_draw_without_result_is_recorded_too(
+    context: MonteCarloContext, monkeypatch: pytest.MonkeyPatch
+) -> None:
     def broken(*args: object) -> None:
         raise np.linalg.LinAlgError("no factor")
 
@@ -147,8 +197,12 @@ def test_a_draw_without_result_is_recorded_too(context: MonteCarloContext, monke
 
 
 @pytest.mark.parametrize("choice", [ParameterChoice.GAIT, ParameterChoice.ALL])
-def test_other_choices_of_parameters(case: MonteCarloCase, context: MonteCarloContext, choice: ParameterChoice) -> None:
-    """Back and arms move markers but are no part of a leg: alone they change leg torques only through the pelvis."""
+def test_other_choices_of_parameters(
+    case: MonteCarloCase, context: MonteCarloContext, choice: ParameterChoice
+) -> None:
+    """Back and arms move markers but are no part of a leg: alone they change leg torques only
+    through the pelvis.
+    """
     some = MonteCarloContext(case, MonteCarloSettings(parameters=choice))
     found = draw(some, Varied.JP, 25, 0)
     assert found.failure == ""
@@ -165,13 +219,18 @@ def context_of(settings: MonteCarloSettings) -> MonteCarloContext:
     return MonteCarloContext(nominal_case(), settings)
 
 
-def sample(varied: Varied, level: int, number: int, settings: MonteCarloSettings | None = None) -> Disturbance:
+def sample(
+    varied: Varied, level: int, number: int, settings: MonteCarloSettings | None = None
+) -> Disturbance:
     return disturb(context_of(settings or MonteCarloSettings()), varied, level, number)
 
 
 def test_each_set_disturbs_what_it_names() -> None:
     found = {v: sample(v, 100, 0) for v in Varied}
-    told = {v: (d.joint is not None, d.inertial is not None, d.noise is not None) for v, d in found.items()}
+    told = {
+        v: (d.joint is not None, d.inertial is not None, d.noise is not None)
+        for v, d in found.items()
+    }
     assert told == {
         Varied.JP: (True, False, False),
         Varied.IP: (False, True, False),
@@ -212,11 +271,15 @@ NODES = 3e-7
 
 @pytest.mark.parametrize("level", [25, 100])
 def test_same_minimum_as_tracking(context: MonteCarloContext, level: int) -> None:
-    """Tracking, started at the re-fit and given many small steps, stays there; and the cost is no higher from afar."""
+    """Tracking, started at the re-fit and given many small steps, stays there; and the cost is no
+    higher from afar.
+    """
     for number in range(4):
         change = disturb(context, Varied.JP, level, number)
         assert change.joint is not None
-        parameters = context.case.parameters.with_joint(context.names, context.joint_values + change.joint)
+        parameters = context.case.parameters.with_joint(
+            context.names, context.joint_values + change.joint
+        )
         body = context.problem.body(parameters)
         start = context.case.coefficients + context.sensitivity @ change.joint
         found = refit(context.problem, body, start, MonteCarloSettings())
@@ -224,12 +287,18 @@ def test_same_minimum_as_tracking(context: MonteCarloContext, level: int) -> Non
         tight = DescentSettings(gain=0.0, most_steps=60)
         kept = track_nodes(context.problem, body, found.coefficients, tight)
         assert np.abs(kept.x - found.coefficients).max() < NODES
-        afar = track_nodes(context.problem, body, context.case.coefficients, DescentSettings(gain=1e-12))
+        afar = track_nodes(
+            context.problem, body, context.case.coefficients, DescentSettings(gain=1e-12)
+        )
         assert context.problem.cost(found.coefficients, body) <= afar.cost * (1 + 1e-9)
 
 
 def test_the_predictor_is_the_slope_of_the_motion(context: MonteCarloContext) -> None:
-    change = 1e-4 * context.settings.joint_bounds * np.random.default_rng(3).uniform(-1, 1, len(context.names))
+    change = (
+        1e-4
+        * context.settings.joint_bounds
+        * np.random.default_rng(3).uniform(-1, 1, len(context.names))
+    )
     parameters = context.case.parameters.with_joint(context.names, context.joint_values + change)
     problem, settings = context.problem, MonteCarloSettings(refit_tolerance=1e-10)
     now, was = (
@@ -237,14 +306,18 @@ def test_the_predictor_is_the_slope_of_the_motion(context: MonteCarloContext) ->
         for p in (parameters, context.case.parameters)
     )
     moved = now - was
-    np.testing.assert_allclose(context.sensitivity @ change, moved, rtol=0, atol=2e-3 * np.abs(moved).max())
+    np.testing.assert_allclose(
+        context.sensitivity @ change, moved, rtol=0, atol=2e-3 * np.abs(moved).max()
+    )
 
 
 def test_a_refit_that_is_cut_short_says_so(context: MonteCarloContext) -> None:
     change = disturb(context, Varied.NOISE, 100, 1)
     noisy = context.problem.with_measured(context.data.measured + change.noise)
     body = context.problem.body(context.case.parameters)
-    found = refit(noisy, body, context.case.coefficients, MonteCarloSettings(refit_most_evaluations=2))
+    found = refit(
+        noisy, body, context.case.coefficients, MonteCarloSettings(refit_most_evaluations=2)
+    )
     assert "2 evaluations" in found.failure
     lost = context.problem.with_measured(np.full_like(context.data.measured, np.nan))
     assert refit(lost, body, context.case.coefficients, MonteCarloSettings()).failure

@@ -6,7 +6,15 @@ import pytest
 
 from gaitcal.model.parameters import leg_parameters
 from gaitcal.montecarlo.case import MonteCarloCase
-from gaitcal.montecarlo.draw import COLUMNS, LEG_TORQUES, TORQUES, MonteCarloContext, leg_torques, refit, torque_column
+from gaitcal.montecarlo.draw import (
+    COLUMNS,
+    LEG_TORQUES,
+    TORQUES,
+    MonteCarloContext,
+    leg_torques,
+    refit,
+    torque_column,
+)
 from gaitcal.montecarlo.draw_statistics import (
     TOLERANCE_PERCENT,
     expect,
@@ -29,7 +37,9 @@ SCALE = {"jp": 1.0, "ip": 0.1, "both": np.hypot(1.0, 0.1), "noise": 0.1}
 def made_up(
     draws: int = 400, levels: tuple[int, ...] = (25, 50, 100), sets: tuple[str, ...] = tuple(SCALE)
 ) -> pd.DataFrame:
-    """Errors that grow with the level: RMS 0.01 x scale x level (foot twice that), markers 0.12 mm a per cent."""
+    """Errors that grow with the level: RMS 0.01 x scale x level (foot twice that), markers 0.12 mm
+    a per cent.
+    """
     rng = np.random.default_rng(8)
     parts = []
     for name in sets:
@@ -40,9 +50,19 @@ def made_up(
                 base = 0.01 * SCALE[name] * level * (2.0 if ".foot." in column else 1.0)
                 if column.startswith("markers"):
                     base = 0.0 if name == "ip" else 0.12 * level * (0.5 if name == "noise" else 1.0)
-                sign = rng.choice([-1.0, 1.0], draws) if column.endswith(".mean") and "markers" not in column else 1.0
+                sign = (
+                    rng.choice([-1.0, 1.0], draws)
+                    if column.endswith(".mean") and "markers" not in column
+                    else 1.0
+                )
                 values[column] = base * spread[:, 0] * sign
-            keys = {"set": name, "level": level, "draw": np.arange(draws), "evaluations": 5, "failure": ""}
+            keys = {
+                "set": name,
+                "level": level,
+                "draw": np.arange(draws),
+                "evaluations": 5,
+                "failure": "",
+            }
             parts.append(pd.DataFrame({**keys, **values}))
     return pd.concat(parts, ignore_index=True)
 
@@ -69,7 +89,10 @@ def test_settling_is_the_published_criterion() -> None:
     rng = np.random.default_rng(9)
     values = rng.uniform(0.5, 1.5, 1000)
     found = settling(values)
-    runs = [np.array([f(values[:n]) for n in range(900, 1001)]) for f in (np.mean, lambda v: np.std(v) / np.mean(v))]
+    runs = [
+        np.array([f(values[:n]) for n in range(900, 1001)])
+        for f in (np.mean, lambda v: np.std(v) / np.mean(v))
+    ]
     expected = [100 * np.abs(run / run[-1] - 1).max() for run in runs]
     assert found == pytest.approx(tuple(expected))
     assert max(found) <= TOLERANCE_PERCENT
@@ -84,16 +107,25 @@ def test_expectation_from_a_marker_distance() -> None:
     jp, noise = expect(table, 4.5)
     assert (jp.varied, noise.varied, jp.beyond) == (Varied.JP, Varied.NOISE, False)
     assert (jp.level, noise.level) == pytest.approx((4.5 / 0.12, 4.5 / 0.06), rel=0.02)
-    knee = jp.torques[(jp.torques["torque"] == "knee_angle_l") & (jp.torques["grf"] == "lab")].iloc[0]
+    knee = jp.torques[(jp.torques["torque"] == "knee_angle_l") & (jp.torques["grf"] == "lab")].iloc[
+        0
+    ]
     assert knee["average"] == pytest.approx(0.01 * jp.level, rel=0.02)
     assert knee["p10"] < knee["p50"] < knee["p90"]
     far_jp, far_noise = expect(table, 9.0)
     assert (far_jp.beyond, far_noise.beyond, far_noise.level) == (False, True, 100.0)
     assert expect(table, 0.0)[0].level == 0.0
-    (below, _), first = expect(table, 1.5), levels_of(table, Varied.JP, "knee_angle_l", ReactionFrame.LAB).iloc[0]
-    knee = below.torques[(below.torques["torque"] == "knee_angle_l") & (below.torques["grf"] == "lab")].iloc[0]
+    (below, _), first = (
+        expect(table, 1.5),
+        levels_of(table, Varied.JP, "knee_angle_l", ReactionFrame.LAB).iloc[0],
+    )
+    knee = below.torques[
+        (below.torques["torque"] == "knee_angle_l") & (below.torques["grf"] == "lab")
+    ].iloc[0]
     assert below.level < first["level"]
-    assert knee["average"] == pytest.approx(first["average"] * below.level / first["level"])  # a line from nothing
+    assert knee["average"] == pytest.approx(
+        first["average"] * below.level / first["level"]
+    )  # a line from nothing
     assert expect(statistics(made_up(sets=("ip",))), 4.0) == ()
 
 
@@ -106,12 +138,16 @@ def draws(case: MonteCarloCase) -> pd.DataFrame:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("frame", list(ReactionFrame))
-def test_small_disturbances_are_linear(context: MonteCarloContext, draws: pd.DataFrame, frame: ReactionFrame) -> None:
+def test_small_disturbances_are_linear(
+    context: MonteCarloContext, draws: pd.DataFrame, frame: ReactionFrame
+) -> None:
     assert linear_agreement(context, draws, (Varied.BOTH, 1), frame).min() > 0.999
     assert linear_agreement(context, draws, (Varied.IP, 10), frame).min() > 0.99
 
 
-def test_contributions_sum_to_the_variance_of_the_draws(context: MonteCarloContext, draws: pd.DataFrame) -> None:
+def test_contributions_sum_to_the_variance_of_the_draws(
+    context: MonteCarloContext, draws: pd.DataFrame
+) -> None:
     table = variance_contributions(context)
     shares = table.groupby(["torque", "grf"])["share"].sum()
     np.testing.assert_allclose(shares, 100.0)
@@ -119,15 +155,21 @@ def test_contributions_sum_to_the_variance_of_the_draws(context: MonteCarloConte
     of = draws[(draws["set"] == "both") & (draws["level"] == 25)]
     for frame in ReactionFrame:
         found = of[[torque_column(torque, frame, "rms") for torque in LEG_TORQUES]].to_numpy()
-        ratio = (found**2).mean(axis=0) / (0.25**2 * np.array([squares[torque, frame.value] for torque in LEG_TORQUES]))
+        ratio = (found**2).mean(axis=0) / (
+            0.25**2 * np.array([squares[torque, frame.value] for torque in LEG_TORQUES])
+        )
         assert np.abs(ratio - 1).max() < 0.45  # 60 draws tell a mean square to some 15 % (one SD)
         assert ratio.mean() == pytest.approx(1.0, abs=0.15)
 
 
 def test_one_parameter_alone_causes_what_the_table_says(context: MonteCarloContext) -> None:
-    """Nearly all of the knee's adduction error is told to come from the knee axis in the frontal plane: try it."""
+    """Nearly all of the knee's adduction error is told to come from the knee axis in the frontal
+    plane: try it.
+    """
     table = variance_contributions(context)
-    rows = table[(table["torque"] == "knee_adduction_l") & (table["grf"] == "lab")].set_index("parameter")
+    rows = table[(table["torque"] == "knee_adduction_l") & (table["grf"] == "lab")].set_index(
+        "parameter"
+    )
     assert rows["share"].idxmax() == "knee_l.thigh.front"
     case, k = context.case, context.names.index("knee_l.thigh.front")
     step = 0.05 * context.settings.joint_bounds[k]
@@ -137,9 +179,17 @@ def test_one_parameter_alone_causes_what_the_table_says(context: MonteCarloConte
         parameters = case.parameters.with_joint(context.names, context.joint_values + change)
         body = context.problem.body(parameters)
         found = refit(context.problem, body, case.coefficients, context.settings)
-        torques.append(leg_torques(parameters, context.basis, found.coefficients, case.wrench, context.feet)[0])
+        torques.append(
+            leg_torques(parameters, context.basis, found.coefficients, case.wrench, context.feet)[0]
+        )
     slope = (torques[0] - torques[1])[:, LEG_TORQUES.index("knee_adduction_l")] / (2 * step)
-    alone = 100 / case.subject.bwh * np.sqrt((slope**2).mean()) * context.settings.joint_bounds[k] / np.sqrt(3)
+    alone = (
+        100
+        / case.subject.bwh
+        * np.sqrt((slope**2).mean())
+        * context.settings.joint_bounds[k]
+        / np.sqrt(3)
+    )
     assert rows.loc["knee_l.thigh.front", "rms"] == pytest.approx(alone, rel=1e-3)
 
 
@@ -167,8 +217,13 @@ def test_contributions_are_written_into_the_cells(context: MonteCarloContext) ->
     rows = [t.get_text() for t in figure.axes[0].get_yticklabels()]
     assert len(rows) == len(leg_parameters("r")) + 2
     assert rows[0] == "hip: pelvis ant"
-    texts = {(int(t.get_position()[0]), int(t.get_position()[1])): t.get_text() for t in figure.axes[0].texts}
-    of = contributions[(contributions["torque"] == "knee_adduction_l") & (contributions["grf"] == "lab")]
+    texts = {
+        (int(t.get_position()[0]), int(t.get_position()[1])): t.get_text()
+        for t in figure.axes[0].texts
+    }
+    of = contributions[
+        (contributions["torque"] == "knee_adduction_l") & (contributions["grf"] == "lab")
+    ]
     share = of.set_index("parameter")["share"]["knee_l.thigh.front"]
     assert texts[4, rows.index("knee: thigh front")] == f"{share:.0f}"
     image = figure.axes[0].images[0].get_array()
@@ -183,11 +238,17 @@ def test_unconverged_looks_at_every_torque() -> None:
     late = (draws["set"] == "both") & (draws["level"] == 50) & (draws["draw"] > 950)
     draws.loc[late, "ankle_angle_r.foot.rms"] *= 4
     found = unconverged(statistics(draws))
-    assert found[["set", "level", "quantity", "grf"]].to_numpy().tolist() == [["both", 50, "ankle_angle_r", "foot"]]
+    assert found[["set", "level", "quantity", "grf"]].to_numpy().tolist() == [
+        ["both", 50, "ankle_angle_r", "foot"]
+    ]
 
 
 def test_draws_left_out_are_counted_by_cell() -> None:
     draws = made_up(10)
     assert left_out(statistics(draws)).empty
-    draws.loc[(draws["set"] == "jp") & (draws["level"] == 50) & (draws["draw"] < 3), "failure"] = "did not settle"
-    assert left_out(statistics(draws)).to_dict("records") == [{"set": "jp", "level": 50, "draws": 7, "failed": 3}]
+    draws.loc[(draws["set"] == "jp") & (draws["level"] == 50) & (draws["draw"] < 3), "failure"] = (
+        "did not settle"
+    )
+    assert left_out(statistics(draws)).to_dict("records") == [
+        {"set": "jp", "level": 50, "draws": 7, "failed": 3}
+    ]

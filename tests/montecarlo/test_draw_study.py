@@ -1,4 +1,6 @@
-"""The study: the same table however computed, resumed or raised; stores of others, damaged ones, dying workers."""
+"""The study: the same table however computed, resumed or raised; stores of others, damaged ones,
+dying workers.
+"""
 
 import os
 import signal
@@ -32,7 +34,9 @@ HERE = Workers()
 class Backwards:
     """Workers that begin with the last task."""
 
-    def run(self, function: Callable[[Task], Result], tasks: Iterable[Task], lost: object = None) -> Iterator[Result]:
+    def run(
+        self, function: Callable[[Task], Result], tasks: Iterable[Task], lost: object = None
+    ) -> Iterator[Result]:
         return map(function, reversed(list(tasks)))
 
 
@@ -42,7 +46,9 @@ class Dying:
     def __init__(self, chunks: int) -> None:
         self.chunks = chunks
 
-    def run(self, function: Callable[[Task], Result], tasks: Iterable[Task], lost: object = None) -> Iterator[Result]:
+    def run(
+        self, function: Callable[[Task], Result], tasks: Iterable[Task], lost: object = None
+    ) -> Iterator[Result]:
         for k, task in enumerate(tasks):
             if k == self.chunks:
                 raise KeyboardInterrupt
@@ -65,7 +71,9 @@ def test_one_row_a_draw_in_order(reference: MonteCarloStudy) -> None:
     assert (reference.computed, reference.failed) == (PLAN.total, 0) and PLAN.total == len(draws)
 
 
-def test_any_order_gives_the_same_bits(case: MonteCarloCase, reference: MonteCarloStudy, tmp_path: Path) -> None:
+def test_any_order_gives_the_same_bits(
+    case: MonteCarloCase, reference: MonteCarloStudy, tmp_path: Path
+) -> None:
     found = monte_carlo(case, tmp_path, plan=PLAN, workers=Backwards(), chunk_draws=2)
     same(found.draws, reference.draws)
     same(found.statistics, reference.statistics)
@@ -89,8 +97,12 @@ def test_an_interrupted_run_goes_on_where_it_was(
     assert monte_carlo(case, tmp_path, plan=PLAN, workers=HERE).computed == 0
 
 
-def test_more_draws_levels_and_sets_run_only_what_is_new(case: MonteCarloCase, tmp_path: Path) -> None:
-    monte_carlo(case, tmp_path, plan=replace(QUICK, draws=11, levels=(50,)), workers=HERE, chunk_draws=10)
+def test_more_draws_levels_and_sets_run_only_what_is_new(
+    case: MonteCarloCase, tmp_path: Path
+) -> None:
+    monte_carlo(
+        case, tmp_path, plan=replace(QUICK, draws=11, levels=(50,)), workers=HERE, chunk_draws=10
+    )
     found = monte_carlo(case, tmp_path, plan=QUICK, workers=HERE, chunk_draws=10)
     assert found.computed == 60 - 11
     same(found.draws, monte_carlo(case, plan=QUICK, workers=HERE).draws)
@@ -107,7 +119,9 @@ def test_more_draws_levels_and_sets_run_only_what_is_new(case: MonteCarloCase, t
         ({"refit_tolerance": 1e-7}, "refit_tolerance = 1e-06, not 1e-07"),
     ],
 )
-def test_other_settings_are_refused(case: MonteCarloCase, tmp_path: Path, change: dict[str, object], told: str) -> None:
+def test_other_settings_are_refused(
+    case: MonteCarloCase, tmp_path: Path, change: dict[str, object], told: str
+) -> None:
     plan = replace(QUICK, draws=1)
     monte_carlo(case, tmp_path, plan=plan, workers=HERE)
     settings = replace(MonteCarloSettings(), **change)
@@ -123,11 +137,15 @@ def test_another_model_is_refused(case: MonteCarloCase, tmp_path: Path) -> None:
         "other inertial parameters;": replace(case, parameters=heavier),
         "other ground reactions;": replace(case, wrench=1.01 * case.wrench),
         "other motion;": replace(case, coefficients=case.coefficients + 1e-9),
-        "other markers;": replace(case, markers=replace(case.markers, local=case.markers.local + 1e-9)),
+        "other markers;": replace(
+            case, markers=replace(case.markers, local=case.markers.local + 1e-9)
+        ),
         "other joint parameters;": replace(case, parameters=moved),
     }
     for told, other in others.items():
-        assert f"made with {told} ask" in refusal(monte_carlo, other, tmp_path, plan=plan, workers=HERE)
+        assert f"made with {told} ask" in refusal(
+            monte_carlo, other, tmp_path, plan=plan, workers=HERE
+        )
     (tmp_path / "settings.json").unlink()
     said = refusal(monte_carlo, case, tmp_path, plan=plan, workers=HERE)
     assert "found draws without the settings" in said
@@ -139,13 +157,22 @@ def test_failed_draws_are_kept_and_counted(case: MonteCarloCase, tmp_path: Path)
     monte_carlo(case, tmp_path, settings=hasty, plan=plan, workers=HERE)
     found = monte_carlo(case, tmp_path, settings=hasty, plan=plan, workers=HERE)
     assert (found.failed, len(found.draws)) == (3, 6)
-    assert found.draws.loc[found.draws["set"] == "jp", "failure"].str.contains("did not settle").all()
-    assert found.statistics.groupby("set")["failed"].unique().map(list).to_dict() == {"jp": [3], "ip": [0]}
+    assert (
+        found.draws.loc[found.draws["set"] == "jp", "failure"].str.contains("did not settle").all()
+    )
+    assert found.statistics.groupby("set")["failed"].unique().map(list).to_dict() == {
+        "jp": [3],
+        "ip": [0],
+    }
 
 
 @pytest.mark.slow
-def test_until_converged_adds_draws(case: MonteCarloCase, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    found = monte_carlo(case, tmp_path, plan=replace(QUICK, draws=20), workers=HERE, until_converged=True)
+def test_until_converged_adds_draws(
+    case: MonteCarloCase, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    found = monte_carlo(
+        case, tmp_path, plan=replace(QUICK, draws=20), workers=HERE, until_converged=True
+    )
     assert found.plan.draws > 20 and found.converged and found.computed == len(found.draws)
     monkeypatch.setattr("gaitcal.montecarlo.draw_study.MOST_DRAWS", 25)
     stopped = monte_carlo(case, plan=replace(QUICK, draws=20), workers=HERE, until_converged=True)
@@ -178,7 +205,10 @@ def test_a_damaged_chunk_is_named_and_made_again(
     path.write_bytes(DAMAGE[damage](path.read_bytes()))
     assert f"{path.name}: is damaged; run the same study again" in refusal(Store(tmp_path).read)
     again = study(case, tmp_path)
-    assert (again.notes, again.computed) == ((f"{path.name}: was damaged; its draws are made again",), 2)
+    assert (again.notes, again.computed) == (
+        (f"{path.name}: was damaged; its draws are made again",),
+        2,
+    )
     same(again.draws, whole.draws)
     assert study(case, tmp_path).notes == ()
 
@@ -194,11 +224,20 @@ def test_damaged_settings_cost_no_draw(
     assert again.computed == 0 and "settings.json was damaged" in again.notes[0]
     assert path.read_bytes() == sound
     path.write_bytes(DAMAGE[damage](sound))
-    said = refusal(monte_carlo, case, tmp_path, settings=MonteCarloSettings(seed=1), plan=FEW, workers=Workers())
+    said = refusal(
+        monte_carlo,
+        case,
+        tmp_path,
+        settings=MonteCarloSettings(seed=1),
+        plan=FEW,
+        workers=Workers(),
+    )
     assert "settings.json: " in said and "remove the folder" in said
 
 
-def test_one_study_at_a_time(case: MonteCarloCase, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_one_study_at_a_time(
+    case: MonteCarloCase, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr(result_folder, "WAIT_S", 0.1)
     with alone(tmp_path / "store", PURPOSE), ThreadPoolExecutor(1) as other:
         told = other.submit(refusal, study, case, tmp_path / "store").result()
@@ -206,7 +245,9 @@ def test_one_study_at_a_time(case: MonteCarloCase, tmp_path: Path, monkeypatch: 
     assert list(tmp_path.iterdir()) == []
 
 
-def test_draws_that_vanish_meanwhile_are_computed_again(case: MonteCarloCase, tmp_path: Path) -> None:
+def test_draws_that_vanish_meanwhile_are_computed_again(
+    case: MonteCarloCase, tmp_path: Path
+) -> None:
     """As where somebody puts another copy of the folder in its place."""
 
     class Losing(Workers):

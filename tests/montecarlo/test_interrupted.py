@@ -22,7 +22,9 @@ pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="signals of POSI
 def start(folder: Path) -> subprocess.Popen[bytes]:
     environment = {**os.environ, "PYTHONPATH": str(ROOT)}
     command = [sys.executable, "-m", "tests.montecarlo.small_study", str(folder)]
-    return subprocess.Popen(command, cwd=ROOT, env=environment, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+    return subprocess.Popen(
+        command, cwd=ROOT, env=environment, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
+    )
 
 
 def wait_for_chunks(folder: Path, count: int, process: subprocess.Popen[bytes]) -> None:
@@ -37,7 +39,9 @@ def wait_for_chunks(folder: Path, count: int, process: subprocess.Popen[bytes]) 
 
 @pytest.mark.slow
 def test_killed_and_interrupted_and_taken_up_again(case: MonteCarloCase, tmp_path: Path) -> None:
-    """By SIGKILL, after which no worker is left, and by Ctrl-C: whole chunks stay, and the end is that of one run."""
+    """By SIGKILL, after which no worker is left, and by Ctrl-C: whole chunks stay, and the end is
+    that of one run.
+    """
     folder = tmp_path / "killed"
     process = start(folder)
     wait_for_chunks(folder, 1, process)
@@ -63,7 +67,9 @@ def test_killed_and_interrupted_and_taken_up_again(case: MonteCarloCase, tmp_pat
     whole = monte_carlo(case, tmp_path / "whole", plan=PLAN, workers=Workers(), chunk_draws=CHUNK)
     assert resumed.computed == PLAN.total - interrupted
     pd.testing.assert_frame_equal(resumed.draws, whole.draws, check_exact=True)
-    assert (folder / "montecarlo.csv").read_bytes() == (tmp_path / "whole/montecarlo.csv").read_bytes()
+    assert (folder / "montecarlo.csv").read_bytes() == (
+        tmp_path / "whole/montecarlo.csv"
+    ).read_bytes()
 
 
 def children(parent: int) -> list[int]:

@@ -16,7 +16,9 @@ from gaitcal.pipeline import run_study as pipeline
 from tests.kept import copied_person, kept_result
 
 
-def test_a_folder_without_a_static_trial_is_refused_before_anything_is_written(kept: Path, tmp_path: Path) -> None:
+def test_a_folder_without_a_static_trial_is_refused_before_anything_is_written(
+    kept: Path, tmp_path: Path
+) -> None:
     study = copied_person(kept, tmp_path / "person")
     for file in study.parent.glob("*.*"):
         if file.name != "gait.c3d":
@@ -33,7 +35,9 @@ def test_a_study_file_in_a_folder_is_used(kept: Path, tmp_path: Path) -> None:
     assert pipeline.find_study(study, Options()) == study
 
 
-def test_errors_of_the_checks_stop_a_run(monkeypatch: pytest.MonkeyPatch, kept: Path, tmp_path: Path) -> None:
+def test_errors_of_the_checks_stop_a_run(
+    monkeypatch: pytest.MonkeyPatch, kept: Path, tmp_path: Path
+) -> None:
     study = gc.Study.load(kept_result(kept) / "study" / "study.toml")
     finding = gc.check_study(study)[0]
     error = replace(finding, severity=Severity.ERROR, where=study.static.name)
@@ -45,14 +49,19 @@ def test_errors_of_the_checks_stop_a_run(monkeypatch: pytest.MonkeyPatch, kept: 
 
 
 @pytest.mark.slow
-def test_a_run_writes_what_the_command_writes_and_takes_further_trials(kept: Path, tmp_path: Path) -> None:
+def test_a_run_writes_what_the_command_writes_and_takes_further_trials(
+    kept: Path, tmp_path: Path
+) -> None:
     made = kept_result(kept)
     calibration = gc.run_study(made / "study" / "study.toml", tmp_path / "result")
     for name in ("parameters.csv", "cycles.csv"):
         assert (tmp_path / "result" / name).read_bytes() == (made / "result" / name).read_bytes()
     walk = next(trial for trial in calibration.study.trials if trial.role.value == "gait")
     further = gc.analyse_trial(
-        tmp_path / "result", walk.files["file"], forces=walk.files.get("forces"), out=tmp_path / "further"
+        tmp_path / "result",
+        walk.files["file"],
+        forces=walk.files.get("forces"),
+        out=tmp_path / "further",
     )
     (trial,) = further.trials
     first = calibration.trial(walk.name)
@@ -60,7 +69,9 @@ def test_a_run_writes_what_the_command_writes_and_takes_further_trials(kept: Pat
     assert trial.loads is not None and trial.loads.errors is not None
     assert further.verdict.judgement.value in repr(further)
     written = pd.read_csv(next((tmp_path / "further" / "motion").glob("*.csv")), comment="#")
-    np.testing.assert_allclose(written.knee_angle_r, trial.body.to_dataframe().knee_angle_r, atol=1e-4)
+    np.testing.assert_allclose(
+        written.knee_angle_r, trial.body.to_dataframe().knee_angle_r, atol=1e-4
+    )
 
 
 def test_what_a_study_says_is_not_said_beside_it(kept: Path, tmp_path: Path) -> None:

@@ -59,17 +59,30 @@ def sound_study() -> Study:
 
 def with_trial(study: Study, name: str, change: Change) -> Study:
     """The study with one recording changed."""
-    trials = tuple(replace(t, recording=change(t.recording)) if t.name == name else t for t in study.trials)
+    trials = tuple(
+        replace(t, recording=change(t.recording)) if t.name == name else t for t in study.trials
+    )
     return replace(study, trials=trials)
 
 
 def findings(
-    study: Study, topic: str = "", severity: Severity | None = None, *, cause: str = "", code: Code | None = None
+    study: Study,
+    topic: str = "",
+    severity: Severity | None = None,
+    *,
+    cause: str = "",
+    code: Code | None = None,
 ) -> list[Finding]:
-    """What the checks find: of a topic, as serious as that, with these words in its cause, of a code."""
+    """What the checks find: of a topic, as serious as that, with these words in its cause, of a
+    code.
+    """
     wanted = {"topic": topic or None, "severity": severity, "code": code}
     found = [f for f in check_study(study) if cause in f.cause]
-    return [f for f in found if all(getattr(f, name) == value for name, value in wanted.items() if value is not None)]
+    return [
+        f
+        for f in found
+        if all(getattr(f, name) == value for name, value in wanted.items() if value is not None)
+    ]
 
 
 def serious(study: Study) -> list[Finding]:
@@ -110,7 +123,9 @@ def swapped(a: str, b: str, frames: slice = slice(None)) -> Change:
 
 
 def put_into(a: str, b: str, frames: slice = slice(None), *, back: bool = False) -> Change:
-    """The trajectory of `b` under the label `a` as well, in some frames; `back`: and that of `a` under `b`."""
+    """The trajectory of `b` under the label `a` as well, in some frames; `back`: and that of `a`
+    under `b`.
+    """
 
     def spoil(recording: Recording) -> Recording:
         markers = recording.markers.copy()
@@ -142,7 +157,9 @@ def plates(change: Callable[[ForcePlate], ForcePlate], number: int | None = None
     """Every force plate changed, or one: 1, 2."""
 
     def spoil(recording: Recording) -> Recording:
-        changed = (change(p) if number in (None, k) else p for k, p in enumerate(recording.plates, start=1))
+        changed = (
+            change(p) if number in (None, k) else p for k, p in enumerate(recording.plates, start=1)
+        )
         return replace(recording, plates=tuple(changed))
 
     return spoil
@@ -155,7 +172,9 @@ def times(factor: float) -> Callable[[ForcePlate], ForcePlate]:
 
 def backwards(recording: Recording) -> Recording:
     """From the end to the beginning: a body that walks backwards, and turns its feet the other way."""
-    reverse = plates(lambda p: replace(p, force=p.force[::-1], point=p.point[::-1], moment=p.moment[::-1]))
+    reverse = plates(
+        lambda p: replace(p, force=p.force[::-1], point=p.point[::-1], moment=p.moment[::-1])
+    )
     return replace(reverse(recording), markers=recording.markers[::-1].copy())
 
 
@@ -181,7 +200,9 @@ def spiked(x: Array) -> Array:
 
 
 def lying(recording: Recording) -> Recording:
-    return replace(recording, markers=recording.markers[:, :, [1, 0, 2]] * [1.0, -1.0, 1.0], plates=())
+    return replace(
+        recording, markers=recording.markers[:, :, [1, 0, 2]] * [1.0, -1.0, 1.0], plates=()
+    )
 
 
 def mirrored(recording: Recording) -> Recording:

@@ -1,4 +1,6 @@
-"""What a finished fit says: what no body can do is refused, leg by leg; residuals with structure are named."""
+"""What a finished fit says: what no body can do is refused, leg by leg; residuals with structure
+are named.
+"""
 
 from dataclasses import replace
 from types import SimpleNamespace
@@ -31,7 +33,9 @@ WEIGHT, HEIGHT = 700.0, 1.75
 
 def walking() -> Motion:
     true = gait_motion()
-    errors = MarkerErrors(("R.Heel",), ("foot_r",), np.ones(1), np.full((len(true.basis.time), 1), 0.01))
+    errors = MarkerErrors(
+        ("R.Heel",), ("foot_r",), np.ones(1), np.full((len(true.basis.time), 1), 0.01)
+    )
     shape = {"basis": true.basis, "coefficients": true.coefficients, "errors": errors}
     return Motion(name="walk", coordinates=COORDINATES, converged=True, **shape)  # type: ignore[arg-type]
 
@@ -78,7 +82,9 @@ def test_an_angle_beyond_anatomy_is_refused(name: str, side: str) -> None:
     for degrees in (high + 80.0, low - 80.0):
         (found,) = impossible(shifted(walking(), f"{name}_{side}", degrees), WEIGHT)
         assert found.severity is Severity.ERROR and found.leg == side
-        assert f"{name}_{side}" in found.found and f"allowed: {low:.0f} to {high:.0f}" in found.found
+        assert (
+            f"{name}_{side}" in found.found and f"allowed: {low:.0f} to {high:.0f}" in found.found
+        )
 
 
 def test_a_jump_of_an_angle_is_refused() -> None:
@@ -97,7 +103,9 @@ def bent(walk: Motion, node: int, degrees: float) -> Motion:
 
 @pytest.mark.parametrize("node", [0, -1])
 def test_speed_at_the_ends_of_splines_is_no_finding(node: int) -> None:
-    """One control point more by 60 deg at an end is a speed beyond the limit there, and none in the middle."""
+    """One control point more by 60 deg at an end is a speed beyond the limit there, and none in the
+    middle.
+    """
     walk = bent(walking(), node, 60.0)
     at = COORDINATE_INDEX["knee_angle_l"]
     assert np.abs(np.rad2deg(walk.velocity[:, at])).max() > SPEEDS_DEG_S["knee_angle"]
@@ -152,7 +160,11 @@ def tracked(seed: int = 0) -> TrackedMarkers:
     """Markers on their ways with 8 mm of slow skin, 80 mm on the arm, all as a fit leaves them."""
     rng = np.random.default_rng(seed)
     time = np.arange(200) / 100.0
-    model = np.cumsum(rng.normal(size=(1, 5, 3)), axis=0) + 1.3 * time[:, None, None] * [1.0, 0.0, 0.0]
+    model = np.cumsum(rng.normal(size=(1, 5, 3)), axis=0) + 1.3 * time[:, None, None] * [
+        1.0,
+        0.0,
+        0.0,
+    ]
     model = model + 0.2 * np.sin(5.0 * time)[:, None, None] * rng.normal(size=(5, 3))
     waves = np.sin(rng.uniform(2, 9, (5, 3)) * time[:, None, None] + rng.uniform(0, 6, (5, 3)))
     size = np.array([8.0, 8.0, 8.0, 20.0, 20.0])[:, None] * 1e-3
@@ -185,7 +197,9 @@ def test_a_marker_elsewhere_is_named_with_its_time(seed: int, k: int) -> None:
     sound = tracked(seed)
     start = int(np.random.default_rng(seed).integers(20, 150))
     frames = slice(start, start + 30)
-    (found,) = marker_findings(changed(sound, k, frames, sound.measured[frames, k] + [0.0, 0.15, 0.1]))
+    (found,) = marker_findings(
+        changed(sound, k, frames, sound.measured[frames, k] + [0.0, 0.15, 0.1])
+    )
     assert found.cause == f"marker '{LABELS[k]}' is elsewhere for a while"
     assert f"({sound.time[start]:.2f}-" in found.found
     assert found.severity is (Severity.ERROR if k < 3 else Severity.WARNING)
@@ -196,10 +210,15 @@ def test_a_held_marker_and_a_straight_line() -> None:
     sound = tracked(1)
     frames = slice(60, 100)
     for end in (60, 100):
-        line = sound.measured[60, 1] + np.linspace(0, 1, 40)[:, None] * (sound.measured[end, 1] - sound.measured[60, 1])
+        line = sound.measured[60, 1] + np.linspace(0, 1, 40)[:, None] * (
+            sound.measured[end, 1] - sound.measured[60, 1]
+        )
         line = line + [0.0, 0.06, 0.0]
         (found,) = marker_findings(changed(sound, 1, frames, line))
-        assert found.cause == "the path of marker 'R.Toe' was held or drawn as a straight line over a gap"
+        assert (
+            found.cause
+            == "the path of marker 'R.Toe' was held or drawn as a straight line over a gap"
+        )
 
 
 def test_two_markers_that_swap_are_told_once() -> None:
@@ -208,12 +227,18 @@ def test_two_markers_that_swap_are_told_once() -> None:
     swapped = changed(sound, 0, frames, sound.measured[frames, 4])
     swapped = changed(swapped, 4, frames, sound.measured[frames, 0])
     (found,) = marker_findings(swapped)
-    assert "'R.Heel'" in found.cause and "'R.Wrist'" in found.cause and "each other's label" in found.cause
+    assert (
+        "'R.Heel'" in found.cause
+        and "'R.Wrist'" in found.cause
+        and "each other's label" in found.cause
+    )
 
 
 def test_a_marker_far_off_throughout() -> None:
     sound = tracked(3)
-    (found,) = marker_findings(changed(sound, 2, slice(None), sound.measured[:, 2] + [0.0, 0.0, 0.09]))
+    (found,) = marker_findings(
+        changed(sound, 2, slice(None), sound.measured[:, 2] + [0.0, 0.0, 0.09])
+    )
     assert found.cause == "marker 'R.Mid' is not where the static trial has it on foot_r"
     assert found.severity is Severity.ERROR and "throughout 0.00-1.99 s" in found.found
 
@@ -225,7 +250,9 @@ def test_what_has_no_weight_is_left_out() -> None:
     assert marker_findings(replace(spoilt, weight=sound.weight * [0.0, 1.0, 1.0, 1.0, 1.0])) == ()
 
 
-def test_a_functional_trial_that_no_leg_can_do_is_left_out_with_a_warning_that_bears_no_leg() -> None:
+def test_a_functional_trial_that_no_leg_can_do_is_left_out_with_a_warning_that_bears_no_leg() -> (
+    None
+):
     walk, other = walking(), bent(walking(), len(walking().coefficients) // 2, 600.0)
     trials = [
         SimpleNamespace(name="hip_l", joint="hip_l", motion=other),
@@ -235,10 +262,14 @@ def test_a_functional_trial_that_no_leg_can_do_is_left_out_with_a_warning_that_b
     person = SimpleNamespace(subject=SimpleNamespace(weight=WEIGHT))
 
     def found(trials: list[SimpleNamespace], joint: object) -> dict[str, Finding]:
-        return impossible_functional_trials(SimpleNamespace(joint=joint, trials=trials, model=person))  # type: ignore[arg-type]
+        return impossible_functional_trials(
+            SimpleNamespace(joint=joint, trials=trials, model=person)
+        )  # type: ignore[arg-type]
 
     (name, finding), *others = found(trials, "fitted").items()
     assert (name, finding.severity, finding.leg, others) == ("hip_l", Severity.WARNING, "", [])
     verdict = judge([finding], ["walk"])
     assert verdict.judgement is Judgement.DOUBTFUL and not verdict.refused_legs("walk")
-    assert found(trials, None) == {} == found(trials[:1], "fitted"), "nothing to fit, or nothing left"
+    assert found(trials, None) == {} == found(trials[:1], "fitted"), (
+        "nothing to fit, or nothing left"
+    )

@@ -1,4 +1,6 @@
-"""Each check finds the fault it is about, tells it with numbers, and says nothing about a sound study."""
+"""Each check finds the fault it is about, tells it with numbers, and says nothing about a sound
+study.
+"""
 
 import re
 from collections.abc import Callable, Sequence
@@ -58,9 +60,21 @@ class Case:
 
 
 def case(
-    severity: Severity, topic: str, change: Change, *words: str, trial: str = "walk", others: Sequence[str] = ()
+    severity: Severity,
+    topic: str,
+    change: Change,
+    *words: str,
+    trial: str = "walk",
+    others: Sequence[str] = (),
 ) -> Case:
-    return Case(severity, topic, change, words, trial, {*others} | ({topic} if severity is not INFO else set()))
+    return Case(
+        severity,
+        topic,
+        change,
+        words,
+        trial,
+        {*others} | ({topic} if severity is not INFO else set()),
+    )
 
 
 def cut(frames: int, step: float = 0.005) -> Change:
@@ -79,7 +93,9 @@ def of_plate_1(change: Callable[[ForcePlate], Array]) -> Change:
 def later(p: ForcePlate, seconds: float = 0.15) -> ForcePlate:
     """The plate's signal later on the same clock."""
     shift = round(seconds / float(p.time[1] - p.time[0]))
-    return replace(p, **{name: np.roll(getattr(p, name), shift, 0) for name in ("force", "point", "moment")})
+    return replace(
+        p, **{name: np.roll(getattr(p, name), shift, 0) for name in ("force", "point", "moment")}
+    )
 
 
 def faster(factor: float) -> Change:
@@ -87,7 +103,9 @@ def faster(factor: float) -> Change:
 
 
 def torn(recording: Recording) -> Recording:
-    return replace(recording, time=recording.time + np.where(recording.time > 0.5, 0.2, 0.0), plates=())
+    return replace(
+        recording, time=recording.time + np.where(recording.time > 0.5, 0.2, 0.0), plates=()
+    )
 
 
 FRONT, REAR, SHANK, LEFT_SHANK = "R.Thigh.Front", "R.Thigh.Rear", "R.Shank.Front", "L.Shank.Front"
@@ -95,77 +113,161 @@ WHILE = slice(50, 90)
 
 
 CASES = {
-    "static in mm": case(ERROR, "units", scaled(1000.0), "markers span", "m; allowed", trial="static"),
+    "static in mm": case(
+        ERROR, "units", scaled(1000.0), "markers span", "m; allowed", trial="static"
+    ),
     "walk in mm": case(ERROR, "units", scaled(1000.0), "markers span"),
     "walk in cm": case(ERROR, "units", scaled(100.0), "markers span"),
     "lengths 30 % larger": case(ERROR, "units", scaled(1.3), "1.3 times"),
     "lengths 6 % larger": case(WARNING, "units", scaled(1.06), "1.06 times", others=["body size"]),
-    "spelt otherwise": case(WARNING, "labels", relabelled(FRONT, "RThighFront"), FRONT, "RThighFront"),
-    "pelvis not labelled": case(ERROR, "labels", relabelled("V.Sacral", "x"), "found 2 markers of the pelvis"),
+    "spelt otherwise": case(
+        WARNING, "labels", relabelled(FRONT, "RThighFront"), FRONT, "RThighFront"
+    ),
+    "pelvis not labelled": case(
+        ERROR, "labels", relabelled("V.Sacral", "x"), "found 2 markers of the pelvis"
+    ),
     "never seen": case(WARNING, "labels", gone(slice(None)), FRONT, "0 of 208 frames"),
     "landmark not labelled": case(
-        ERROR, "static trial", relabelled("V.Sacral", "Sacrum"), "V.Sacral", "no other trial gives", trial="static"
+        ERROR,
+        "static trial",
+        relabelled("V.Sacral", "Sacrum"),
+        "V.Sacral",
+        "no other trial gives",
+        trial="static",
     ),
     "landmark rebuilt": case(
-        WARNING, "lost markers", relabelled("R.Heel", "Heel"), "heel_r", '"Heel" = "R.Heel"', trial="static"
+        WARNING,
+        "lost markers",
+        relabelled("R.Heel", "Heel"),
+        "heel_r",
+        '"Heel" = "R.Heel"',
+        trial="static",
     ),
-    "one trajectory, two labels": case(ERROR, "labels", put_into(REAR, FRONT), f"'{FRONT}' and '{REAR}'"),
+    "one trajectory, two labels": case(
+        ERROR, "labels", put_into(REAR, FRONT), f"'{FRONT}' and '{REAR}'"
+    ),
     "label twice": case(WARNING, "labels", relabelled("R.Bicep", "R.ASIS#2"), "R.ASIS"),
     "unknown label": case(INFO, "labels", relabelled("R.Temple", "Wand1"), "Wand1"),
     "seldom seen": case(WARNING, "gaps", gone(slice(60, None)), f"{FRONT} 29 %"),
-    "seldom seen, but others are": case(INFO, "gaps", gone(slice(60, None), "R.Toe.Tip"), "R.Toe.Tip 29 %"),
+    "seldom seen, but others are": case(
+        INFO, "gaps", gone(slice(60, None), "R.Toe.Tip"), "R.Toe.Tip 29 %"
+    ),
     "long gap": case(INFO, "gaps", gone(slice(60, 120)), f"{FRONT} 0.30 s"),
     "pelvis lost": case(INFO, "gaps", gone(slice(20, 62), "R.ASIS"), "20 %", "0.10-0.30 s"),
-    "frozen": case(WARNING, "frozen", moved(FRONT, held), "0.30-0.49 s", others=["left its place", "jumps"]),
+    "frozen": case(
+        WARNING, "frozen", moved(FRONT, held), "0.30-0.49 s", others=["left its place", "jumps"]
+    ),
     "flat": case(WARNING, "frozen", moved(FRONT, lambda x: put(x, (slice(None), 2), 0.1)), FRONT),
     "spikes": case(INFO, "jumps", moved(FRONT, spiked), f"left out: {FRONT} (3 frames)", "100 mm"),
     "exchanged a while": case(
-        INFO, "exchanged", swapped(FRONT, REAR, WHILE), FRONT, REAR, "40 frames", "0.25-0.45 s", "exchanged back"
+        INFO,
+        "exchanged",
+        swapped(FRONT, REAR, WHILE),
+        FRONT,
+        REAR,
+        "40 frames",
+        "0.25-0.45 s",
+        "exchanged back",
     ),
-    "in another's place": case(ERROR, "exchanged", taken(REAR, SHANK, WHILE), f"'{REAR}' and '{SHANK}' are confused"),
+    "in another's place": case(
+        ERROR, "exchanged", taken(REAR, SHANK, WHILE), f"'{REAR}' and '{SHANK}' are confused"
+    ),
     "exchanged across": case(
-        INFO, "exchanged", swapped(SHANK, LEFT_SHANK, WHILE), SHANK, LEFT_SHANK, "40 frames", "exchanged back"
+        INFO,
+        "exchanged",
+        swapped(SHANK, LEFT_SHANK, WHILE),
+        SHANK,
+        LEFT_SHANK,
+        "40 frames",
+        "exchanged back",
     ),
     "exchanged for good": case(ERROR, "exchanged", swapped(FRONT, SHANK), "208 frames"),
     "sides exchanged": case(ERROR, "sides", mirrored, "R.Thigh.Upper", "mm", others=["forces"]),
     "sides exchanged, standing": case(
-        ERROR, "landmarks", mirrored, "'R.Knee.Lat' and 'L.Knee.Lat'", "each other's", trial="static"
+        ERROR,
+        "landmarks",
+        mirrored,
+        "'R.Knee.Lat' and 'L.Knee.Lat'",
+        "each other's",
+        trial="static",
     ),
     "one pair of sides": case(ERROR, "sides", swapped(SHANK, LEFT_SHANK), SHANK, LEFT_SHANK),
     "lying": case(ERROR, "axes", lying, "deg"),
     "walking backwards": case(INFO, "heading", backwards, "180 deg", "walks backwards"),
-    "never still": case(ERROR, "static trial", drifting(0.3, 0.3, 0.3), "still window", "m/s", trial="static"),
+    "never still": case(
+        ERROR, "static trial", drifting(0.3, 0.3, 0.3), "still window", "m/s", trial="static"
+    ),
     "restless": case(
-        WARNING, "still window", drifting(0.03, 0, 0), "30 mm/s RMS", "4.3 mm RMS", "within 10 mm/s", trial="static"
+        WARNING,
+        "still window",
+        drifting(0.03, 0, 0),
+        "30 mm/s RMS",
+        "4.3 mm RMS",
+        "within 10 mm/s",
+        trial="static",
     ),
     "2 frames standing": case(
-        WARNING, "still window", cut(2), "2 frames over", "at least 3 frames over 0.1 s", trial="static"
+        WARNING,
+        "still window",
+        cut(2),
+        "2 frames over",
+        "at least 3 frames over 0.1 s",
+        trial="static",
     ),
     "15 frames standing": case(WARNING, "still window", cut(15), "15 frames over", trial="static"),
     "a posture": case(INFO, "still window", cut(1), "one frame", trial="static"),
-    "frames as seconds": case(ERROR, "time", faster(1 / 200), "1 Hz", others=["plate to foot", "sampling"]),
+    "frames as seconds": case(
+        ERROR, "time", faster(1 / 200), "1 Hz", others=["plate to foot", "sampling"]
+    ),
     "uneven steps": case(WARNING, "time", torn, "1 time steps", "205 ms"),
-    "forces late": case(WARNING, "time", plates(later), "s later by force", others=["plate to foot"]),
-    "twice the rate": case(INFO, "sampling", faster(2.0), "knee_r", "different frame rates", trial="knee_r"),
-    "a quarter of the rate": case(WARNING, "sampling", faster(0.25), "knee_r", "frame rates", trial="knee_r"),
+    "forces late": case(
+        WARNING, "time", plates(later), "s later by force", others=["plate to foot"]
+    ),
+    "twice the rate": case(
+        INFO, "sampling", faster(2.0), "knee_r", "different frame rates", trial="knee_r"
+    ),
+    "a quarter of the rate": case(
+        WARNING, "sampling", faster(0.25), "knee_r", "frame rates", trial="knee_r"
+    ),
     "too few frames": case(ERROR, "sampling", cut(9), "9 frames", "12", trial="knee_r"),
-    "saturated": case(WARNING, "plates", of_plate_1(lambda p: np.minimum(p.force, 600.0)), "600 N", "saturated"),
-    "offset": case(WARNING, "plates", of_plate_1(lambda p: p.force + [0.0, 25.0, 0.0]), "reads 25 N"),
+    "saturated": case(
+        WARNING, "plates", of_plate_1(lambda p: np.minimum(p.force, 600.0)), "600 N", "saturated"
+    ),
+    "offset": case(
+        WARNING, "plates", of_plate_1(lambda p: p.force + [0.0, 25.0, 0.0]), "reads 25 N"
+    ),
     "pulling": case(
-        WARNING, "plates", of_plate_1(lambda p: p.force * np.where(p.time > 0.4, -1.0, 1.0)[:, None]), "pulls"
+        WARNING,
+        "plates",
+        of_plate_1(lambda p: p.force * np.where(p.time > 0.4, -1.0, 1.0)[:, None]),
+        "pulls",
     ),
     "aslant": case(WARNING, "plates", of_plate_1(lambda p: p.force[:, [1, 1, 2]]), "horizontal"),
     "no Fx": case(
-        WARNING, "plates", of_plate_1(lambda p: p.force * [0, 1, 1]), "plate 1 is missing: Fx", others=["forces"]
+        WARNING,
+        "plates",
+        of_plate_1(lambda p: p.force * [0, 1, 1]),
+        "plate 1 is missing: Fx",
+        others=["forces"],
     ),
-    "no Fz": case(WARNING, "plates", of_plate_1(lambda p: p.force * [1, 1, 0]), "plate 1 is missing: Fz"),
-    "sunk": case(WARNING, "plates", plates(lambda p: replace(p, point=p.point - [0.0, 0.4, 0.0]), 1), "below"),
+    "no Fz": case(
+        WARNING, "plates", of_plate_1(lambda p: p.force * [1, 1, 0]), "plate 1 is missing: Fz"
+    ),
+    "sunk": case(
+        WARNING, "plates", plates(lambda p: replace(p, point=p.point - [0.0, 0.4, 0.0]), 1), "below"
+    ),
     "off its plate": case(
-        WARNING, "plates", plates(lambda p: replace(p, corners=CORNERS + [30.0, 0, 0]), 1), "outside its corners"
+        WARNING,
+        "plates",
+        plates(lambda p: replace(p, corners=CORNERS + [30.0, 0, 0]), 1),
+        "outside its corners",
     ),
     "half the force": case(WARNING, "body mass", plates(times(0.4)), "body weights"),
     "under no foot": case(
-        WARNING, "plate to foot", plates(lambda p: replace(p, point=p.point + [0, 0, 0.8]), 1), "centre of pressure"
+        WARNING,
+        "plate to foot",
+        plates(lambda p: replace(p, point=p.point + [0, 0, 0.8]), 1),
+        "centre of pressure",
     ),
     "plate told in words": case(
         WARNING, "plates", lambda r: r.with_notes("Plate 3 left out: its type is 7."), "type is 7"
@@ -185,12 +287,18 @@ def test_fault_is_found_and_nothing_else(name: str, sound: Study) -> None:
 
 @pytest.mark.parametrize(
     ("starts", "severity"),
-    [(("R.Temple", "R.Heel"), INFO), (("L.Shank.Front", "L.Shank.Rear"), WARNING), (("L.Shank", "L.Ankle"), ERROR)],
+    [
+        (("R.Temple", "R.Heel"), INFO),
+        (("L.Shank.Front", "L.Shank.Rear"), WARNING),
+        (("L.Shank", "L.Ankle"), ERROR),
+    ],
 )
 def test_an_empty_column_is_no_more_than_an_absent_label(
     sound: Study, starts: tuple[str, ...], severity: Severity
 ) -> None:
-    """A template of labels names markers that nobody wore: only what loses all its markers is an error."""
+    """A template of labels names markers that nobody wore: only what loses all its markers is an
+    error.
+    """
 
     def emptied(r: Recording) -> Recording:
         columns = [k for k, label in enumerate(r.labels) if label.startswith(starts)]
@@ -200,13 +308,19 @@ def test_an_empty_column_is_no_more_than_an_absent_label(
     assert [f.severity for f in found if "never seen" in f.found] == [severity]
 
 
-def test_feet_that_do_not_stand_as_the_file_says_are_told_unless_the_study_decides(sound: Study) -> None:
+def test_feet_that_do_not_stand_as_the_file_says_are_told_unless_the_study_decides(
+    sound: Study,
+) -> None:
     def forefeet(r: Recording) -> Recording:
         return replace(r, facts=replace(r.facts, static_plantarflexion={"r": -0.15, "l": -0.15}))
 
     spoilt = with_trial(sound, "static", forefeet)
     (found,) = findings(spoilt, "posture", WARNING)
-    assert "right foot: the file's" in found.found and "more plantarflexed" in found.found and not found.leg
+    assert (
+        "right foot: the file's" in found.found
+        and "more plantarflexed" in found.found
+        and not found.leg
+    )
     decided = spoilt.settings.model_copy(update={"ankle_zero": "sole"})
     assert not findings(replace(spoilt, settings=decided), "posture")
 
@@ -218,16 +332,30 @@ def test_one_recording_as_two_trials(sound: Study) -> None:
 
     copy = replace(recording_of(sound), source="copy.csv", plates=())
     (found,) = told(copy)
-    assert (found.severity, found.where) == (ERROR, "walk2") and "same 208 frames as trial 'walk'" in found.found
+    assert (found.severity, found.where) == (
+        ERROR,
+        "walk2",
+    ) and "same 208 frames as trial 'walk'" in found.found
     assert told(replace(copy, time=copy.time[10:], markers=copy.markers[10:])) == []
 
 
 def test_a_segment_held_still_by_its_maker_is_not_frozen(sound: Study) -> None:
-    """As the synthetic isolated trials hold a segment: one coordinate without a change, the others by rounding."""
+    """As the synthetic isolated trials hold a segment: one coordinate without a change, the others
+    by rounding.
+    """
     rounding = 1e-8 * np.arange(1200)[:, None] * [0.0, 1.0, 1.0]
-    assert findings(with_trial(sound, "knee_r", moved("R.Thigh.Rear", lambda x: x[:1] + rounding)), "frozen") == []
+    assert (
+        findings(
+            with_trial(sound, "knee_r", moved("R.Thigh.Rear", lambda x: x[:1] + rounding)), "frozen"
+        )
+        == []
+    )
     moving = np.column_stack([np.zeros(1200), np.linspace(0.0, 0.2, 1200), np.zeros(1200)])
-    (found,) = findings(with_trial(sound, "knee_r", moved("R.Thigh.Rear", lambda x: x[:1] + moving)), "frozen", WARNING)
+    (found,) = findings(
+        with_trial(sound, "knee_r", moved("R.Thigh.Rear", lambda x: x[:1] + moving)),
+        "frozen",
+        WARNING,
+    )
     assert "one coordinate never changes: R.Thigh.Rear" in found.found
 
 
@@ -243,7 +371,9 @@ def test_a_segment_held_still_by_its_maker_is_not_frozen(sound: Study) -> None:
     ],
 )
 def test_an_isolated_trial_answers_for_its_joint_alone(sound: Study, spoil: Change) -> None:
-    """The joint is fitted by thigh and shank: what is wrong elsewhere spoils nothing; in the walk it does."""
+    """The joint is fitted by thigh and shank: what is wrong elsewhere spoils nothing; in the walk
+    it does.
+    """
     assert serious(with_trial(sound, "knee_r", spoil)) == []
     notes = {f.line for f in check_study(sound)}
     assert [f for f in check_study(with_trial(sound, "walk", spoil)) if f.line not in notes]
@@ -271,8 +401,12 @@ def test_cut_offs(sound: Study, field: str, value: float, severity: Severity, wo
 
 
 def test_line_names_file_trial_and_cure(sound: Study) -> None:
-    (found,) = serious(with_trial(sound, "walk", lambda r: replace(scaled(1000.0)(r), source="walk.csv")))
-    assert re.fullmatch(r"walk\.csv: trial 'walk': units: the markers span .* m; .*declare mm.*", found.line)
+    (found,) = serious(
+        with_trial(sound, "walk", lambda r: replace(scaled(1000.0)(r), source="walk.csv"))
+    )
+    assert re.fullmatch(
+        r"walk\.csv: trial 'walk': units: the markers span .* m; .*declare mm.*", found.line
+    )
 
 
 def test_time_column_against_header(tmp_path: Path, sound: Study) -> None:
@@ -280,5 +414,7 @@ def test_time_column_against_header(tmp_path: Path, sound: Study) -> None:
     header = "DataRate\tCameraRate\tNumFrames\n{}\t{}\t208\n"
     for rates, count in (((200, 200), 0), ((50, 200), 0), ((200, 100), 1), ((50, 100), 1)):
         path.write_text("PathFileType\t4\n" + header.format(*rates), encoding="utf-8")
-        found = findings(with_trial(sound, "walk", lambda r: replace(r, source=str(path))), "time", WARNING)
+        found = findings(
+            with_trial(sound, "walk", lambda r: replace(r, source=str(path))), "time", WARNING
+        )
         assert len(found) == count, rates

@@ -16,7 +16,9 @@ def study(tmp_path: Path) -> Path:
 
 
 def spoil(study: Path, sides: str = "R") -> None:
-    """The trajectories of two markers in two segments of a leg under each other's label, all the time."""
+    """The trajectories of two markers in two segments of a leg under each other's label, all the
+    time.
+    """
     table = pd.read_csv(study.parent / "walk.csv")
     swap = [(f"{s}.{one}", f"{s}.{other}") for s in sides for one, other in (PAIR, PAIR[::-1])]
     names = {f"{a}_{axis}": f"{b}_{axis}" for a, b in swap for axis in "xyz"}
@@ -41,12 +43,16 @@ def test_table_of_errors(study: Path) -> None:
 
 
 @pytest.mark.slow
-def test_a_refused_walk_leaves_the_study_and_not_the_study_the_user(study: Path, tmp_path: Path) -> None:
+def test_a_refused_walk_leaves_the_study_and_not_the_study_the_user(
+    study: Path, tmp_path: Path
+) -> None:
     sound = (study.parent / "walk.csv").read_bytes()
     spoil(study, "RL")
     (study.parent / "again.csv").write_bytes(sound)
     text = study.read_text(encoding="utf-8")
-    walk = next(block for block in text.split("[[trial]]") if 'name = "walk"' in block).partition("\n[")[0]
+    walk = next(block for block in text.split("[[trial]]") if 'name = "walk"' in block).partition(
+        "\n["
+    )[0]
     again = walk.replace('name = "walk"', 'name = "again"').replace("walk.csv", "again.csv")
     study.write_text(f"{text}jp = false\n\n[[trial]]{again}\n", encoding="utf-8")
     done = gaitcal("calibrate", study, "--out", tmp_path / "result")

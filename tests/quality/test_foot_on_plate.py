@@ -34,7 +34,9 @@ def evidence(recording: Recording, plates: dict[str, str] | None = None) -> Mark
     """A walk of the published markers."""
     trial = Trial(name="walk", role=Role.GAIT, recording=recording, plates=plates or {})
     subject = Subject("synthetic", 69.4, HEIGHT, "male")
-    return MarkerEvidence.of(trial, load_marker_set("published"), subject, CalibrationSettings(), None)
+    return MarkerEvidence.of(
+        trial, load_marker_set("published"), subject, CalibrationSettings(), None
+    )
 
 
 def told(trial: MarkerEvidence) -> list[Finding]:
@@ -44,12 +46,16 @@ def told(trial: MarkerEvidence) -> list[Finding]:
 
 def outline(back: float, front: float, left: float, right: float) -> Array:
     """(4, 3) m, the corners of a plate."""
-    return np.array([[back, 0.0, left], [front, 0.0, left], [front, 0.0, right], [back, 0.0, right]])
+    return np.array(
+        [[back, 0.0, left], [front, 0.0, left], [front, 0.0, right], [back, 0.0, right]]
+    )
 
 
 @cache
 def divided_walk() -> Recording:
-    return read_recording(RECORDINGS / "divided_total.csv", forces=RECORDINGS / "divided_total_forces.csv")
+    return read_recording(
+        RECORDINGS / "divided_total.csv", forces=RECORDINGS / "divided_total_forces.csv"
+    )
 
 
 @pytest.mark.parametrize("corners", [False, True])
@@ -59,10 +65,17 @@ def test_a_total_force_divided_between_two_feet_is_told_as_such(named: bool, cor
     recording = divided_walk()
     if corners:
         own = zip(recording.plates, (0.0, -0.6), strict=True)
-        recording = replace(recording, plates=tuple(replace(p, corners=outline(-0.7, 1.9, z, z + 0.6)) for p, z in own))
+        recording = replace(
+            recording,
+            plates=tuple(replace(p, corners=outline(-0.7, 1.9, z, z + 0.6)) for p, z in own),
+        )
     trial = evidence(recording, {"1": "r", "2": "l"} if named else None)
     (found,) = told(trial)
-    assert (found.severity, found.leg, found.cause) == (Severity.WARNING, "", f"{DIVIDED} (plates 1 and 2)")
+    assert (found.severity, found.leg, found.cause) == (
+        Severity.WARNING,
+        "",
+        f"{DIVIDED} (plates 1 and 2)",
+    )
     assert "0.02-0.10, 0.54-0.62 s: 220 mm (at most 416 mm) outside of the foot" in found.found
     assert "no torque of either leg counts" in found.cure
     assert [f for f in contacts(trial) if f.severity is not Severity.INFO] == []
@@ -70,14 +83,21 @@ def test_a_total_force_divided_between_two_feet_is_told_as_such(named: bool, cor
 
 @pytest.mark.parametrize("every", [0.5, 1.0])
 def test_a_total_on_both_plates_throughout_is_told_once(every: float) -> None:
-    """Half of it, or all, on each: far from both feet most of the time, which `contacts` does not tell again."""
+    """Half of it, or all, on each: far from both feet most of the time, which `contacts` does not
+    tell again.
+    """
     recording = divided_walk()
     total = np.sum([resample_wrench(p, recording.time) for p in recording.plates], axis=0) * every
-    both = [plate_from_moment(name, recording.time, total[:, :3], total[:, 3:], np.zeros(3), UP, None) for name in "12"]
+    both = [
+        plate_from_moment(name, recording.time, total[:, :3], total[:, 3:], np.zeros(3), UP, None)
+        for name in "12"
+    ]
     trial = evidence(replace(recording, plates=tuple(both)))
     (found,) = told(trial)
     assert found.cause.startswith(DIVIDED) and "0.00-1.03 s" in found.found
-    assert [f for f in contacts(trial) if f.severity is not Severity.INFO and f.topic == "plate to foot"] == []
+    assert [
+        f for f in contacts(trial) if f.severity is not Severity.INFO and f.topic == "plate to foot"
+    ] == []
 
 
 AHEAD = np.array([1.0, 0.0])
@@ -86,12 +106,16 @@ LOADED = slice(20, 81)
 
 
 def standing(toe: Array, other: Array | None = None) -> Recording:
-    """The right foot stands, its toe marker 0.19 m from the heel along `toe`; the left heel at `other`, or swings."""
+    """The right foot stands, its toe marker 0.19 m from the heel along `toe`; the left heel at
+    `other`, or swings.
+    """
     line = 0.19 * toe / np.linalg.norm(toe)
     markers = np.zeros((len(TIME), 4, 3))
     markers[:, 1, [0, 2]] = line
     markers[:, :2, 1] = 0.03
-    markers[:, 2:, [0, 2]] = [np.zeros(2) if other is None else other] + np.array([np.zeros(2), line])
+    markers[:, 2:, [0, 2]] = [np.zeros(2) if other is None else other] + np.array(
+        [np.zeros(2), line]
+    )
     markers[:, 2:, 1] = 0.03
     if other is None:
         markers[:, 2:] += np.outer(TIME, [1.5, 0.0, 0.0])[:, None] + [0.0, 0.1, -0.2]
@@ -100,11 +124,15 @@ def standing(toe: Array, other: Array | None = None) -> Recording:
 
 
 def pressed(path: Array, load: Array, name: str = "1", corners: Array | None = None) -> ForcePlate:
-    """A plate with the centre of pressure `path` (n, 2) m under loads (n,) N in the loaded frames, and nothing else."""
+    """A plate with the centre of pressure `path` (n, 2) m under loads (n,) N in the loaded frames,
+    and nothing else.
+    """
     force, point = np.zeros((len(TIME), 3)), np.zeros((len(TIME), 3))
     force[LOADED, 1] = load
     point[LOADED, 0], point[LOADED, 2] = path.T
-    return ForcePlate(name=name, time=TIME, force=force, point=point, moment=np.zeros_like(force), corners=corners)
+    return ForcePlate(
+        name=name, time=TIME, force=force, point=point, moment=np.zeros_like(force), corners=corners
+    )
 
 
 def edge_of(recording: Recording, foot: int = 0) -> Array:
@@ -153,8 +181,15 @@ def test_where_it_lies_and_for_how_long(way: tuple[float, float], words: str) ->
     path = np.tile(edge.mean(axis=0), (61, 1))
     path[30:50] = edge[(edge @ way).argmax()] + 0.06 * np.array(way)
     (found,) = told(evidence(replace(recording, plates=(pressed(path, np.full(61, 600.0)),))))
-    assert f"0.50-0.69 s: 60 mm (at most 60 mm) {words}, in 33 % of the loaded frames" in found.found
-    assert told(evidence(replace(recording, plates=(pressed(path, np.full(61, 600.0)),)), {"1": "none"})) == []
+    assert (
+        f"0.50-0.69 s: 60 mm (at most 60 mm) {words}, in 33 % of the loaded frames" in found.found
+    )
+    assert (
+        told(
+            evidence(replace(recording, plates=(pressed(path, np.full(61, 600.0)),)), {"1": "none"})
+        )
+        == []
+    )
 
 
 def test_noise_of_moments_at_small_loads_accuses_nobody() -> None:
@@ -187,7 +222,9 @@ def test_a_foot_across_two_plates_is_not_divided() -> None:
     """The centre on either side of the border is near to it, but not the same point."""
     recording = standing(AHEAD)
     parts = [np.tile([0.1, z], (61, 1)) for z in (-3.0 * EQUAL_M, 3.0 * EQUAL_M)]
-    two = tuple(pressed(path, np.full(61, 300.0), name) for path, name in zip(parts, "12", strict=True))
+    two = tuple(
+        pressed(path, np.full(61, 300.0), name) for path, name in zip(parts, "12", strict=True)
+    )
     assert told(evidence(replace(recording, plates=two))) == []
 
 
@@ -212,7 +249,14 @@ def treadmill(real_study: Callable[[str], Study]) -> MarkerEvidence:
 
 @pytest.mark.parametrize(
     "name",
-    ["children/HC002D", "children/HC032A", "labs_c3d/kad", "labs_c3d/multi", "opensim_truth/p01", "opensim_truth/p18"],
+    [
+        "children/HC002D",
+        "children/HC032A",
+        "labs_c3d/kad",
+        "labs_c3d/multi",
+        "opensim_truth/p01",
+        "opensim_truth/p18",
+    ],
 )
 def test_real_people_press_under_their_feet(name: str, data_dir: Path) -> None:
     """Adults, children, turns, feet across two plates, two feet one after the other on one plate."""
@@ -234,7 +278,11 @@ def test_plates_of_a_treadmill_that_lie_elsewhere(treadmill: MarkerEvidence) -> 
     (both,) = told(moved(treadmill, -0.12, 0.0))
     assert both.cause == PLATES_ELSEWHERE and both.found.count("behind the heel") == 2
     (one,) = told(moved(treadmill, 0.0, 0.08, 1))
-    assert one.leg == "r" and "plate 1, right foot" in one.found and "beside the foot, to its right" in one.found
+    assert (
+        one.leg == "r"
+        and "plate 1, right foot" in one.found
+        and "beside the foot, to its right" in one.found
+    )
 
 
 @pytest.mark.parametrize(
@@ -245,8 +293,12 @@ def test_plates_of_a_treadmill_that_lie_elsewhere(treadmill: MarkerEvidence) -> 
         ("left its place", "marker '{heel}'", ["l"]),
     ],
 )
-def test_one_fault_is_told_once(treadmill: MarkerEvidence, topic: str, cause: str, legs: list[str]) -> None:
-    """What another check says already, unless it is a note: clocks, the plate itself, its heel marker."""
+def test_one_fault_is_told_once(
+    treadmill: MarkerEvidence, topic: str, cause: str, legs: list[str]
+) -> None:
+    """What another check says already, unless it is a note: clocks, the plate itself, its heel
+    marker.
+    """
     walk = moved(treadmill, -0.12, 0.0)
     cause = cause.format(heel=walk.marker_set.landmarks["heel_r"][0])
     blamed = walk.warning(topic, cause, "", code=Code.CLOCKS_DIFFER)
@@ -292,6 +344,8 @@ def test_plates_that_nobody_loads_are_a_fault_only_where_a_foot_stands_on_them(
     recording = replace(standing(AHEAD), plates=(plate,))
     (found,) = contacts(evidence(recording))
     assert (found.code, found.severity) == (Code.NO_STEP_ON_PLATE, severity)
-    unseen = replace(recording, labels=("R.Heel", "a", "L.Heel", "b"))  # toes that the static trial alone has
+    unseen = replace(
+        recording, labels=("R.Heel", "a", "L.Heel", "b")
+    )  # toes that the static trial alone has
     assert [f.severity for f in contacts(evidence(unseen))] == [Severity.WARNING]
     assert found.found == "no plate is stepped on: at most 0 N" + (f", {words}" if words else "")

@@ -1,4 +1,6 @@
-"""Every cause undoes its own fault, put in by code that knows no causes; whitening against a dense covariance."""
+"""Every cause undoes its own fault, put in by code that knows no causes; whitening against a dense
+covariance.
+"""
 
 from dataclasses import replace
 from typing import Any
@@ -42,7 +44,13 @@ def large_enough(made: Any) -> bool:
     if not made.size:
         return True
     size = float(np.linalg.norm(made.size))
-    bounds = {"clock": (0.04, 0.1), "place": (0.08, 0.2), "yaw": (0.5, 1.5), "tilt": (0.08, 0.2), "offset": (60, 90)}
+    bounds = {
+        "clock": (0.04, 0.1),
+        "place": (0.08, 0.2),
+        "yaw": (0.5, 1.5),
+        "tilt": (0.08, 0.2),
+        "offset": (60, 90),
+    }
     low, high = {**bounds, "markers tilted": (0.08, 0.15)}.get(made.row, (1.5, 2.5))
     return low < size < high or (made.row == "free moment" and size > 5)
 
@@ -101,12 +109,18 @@ def test_coefficients_of_zero_change_nothing_and_linear_causes_are_linear() -> N
         assert np.abs(residual(np.zeros(cause.parameters)) - clean).max() < 1e-6, cause.key
         if not cause.starts:
             x = np.linspace(0.3, 0.7, cause.parameters)
-            parts = sum(a * (residual(e) - clean) for a, e in zip(x, np.eye(cause.parameters), strict=True))
-            np.testing.assert_allclose(residual(x) - clean, parts, atol=1e-6, err_msg=str(cause.key))
+            parts = sum(
+                a * (residual(e) - clean) for a, e in zip(x, np.eye(cause.parameters), strict=True)
+            )
+            np.testing.assert_allclose(
+                residual(x) - clean, parts, atol=1e-6, err_msg=str(cause.key)
+            )
 
 
 def test_markers_upright_is_a_turn_of_gravity_about_the_mass_centre() -> None:
-    """Seen from tilted markers, a body at rest on tilted plates under tilted gravity needs no more than before."""
+    """Seen from tilted markers, a body at rest on tilted plates under tilted gravity needs no more
+    than before.
+    """
     evidence = exact_walk().evidence()
     cause = next(c for c in causes_of([evidence]) if c.kind is Kind.MARKERS_TILTED)
     x = np.array([0.07, -0.04])

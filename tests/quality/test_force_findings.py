@@ -38,7 +38,9 @@ MS = 8.0
 def later(plate: ForcePlate) -> ForcePlate:
     """LATE s late, on the same time axis."""
     moved = {
-        name: np.stack([np.interp(plate.time - LATE, plate.time, c) for c in getattr(plate, name).T], axis=1)
+        name: np.stack(
+            [np.interp(plate.time - LATE, plate.time, c) for c in getattr(plate, name).T], axis=1
+        )
         for name in ("force", "point", "moment")
     }
     return replace(plate, **moved)
@@ -51,7 +53,9 @@ WEIGHT = 72.6 * GRAVITY  # N, of subject01
 def real_walk(real_study: Callable[[str], Study]) -> Walk:
     """subject01 with its nominal model: enough for faults as large as these."""
     study = real_study("subject01")
-    model = nominal_model(study.static.recording, study.marker_set, study.subject, hip_centre=HipCentre("bell"))
+    model = nominal_model(
+        study.static.recording, study.marker_set, study.subject, hip_centre=HipCentre("bell")
+    )
     recording = study.moving[0].recording
     return Walk(model, recording, tracked(model, recording))
 
@@ -59,10 +63,19 @@ def real_walk(real_study: Callable[[str], Study]) -> Walk:
 @pytest.mark.parametrize(
     ("fault", "cause"),
     [
-        (lambda p: replace(p, force=p.force / FORCE_UNITS["kgf"]), "the forces are in kgf, not in N"),
+        (
+            lambda p: replace(p, force=p.force / FORCE_UNITS["kgf"]),
+            "the forces are in kgf, not in N",
+        ),
         (lambda p: replace(p, force=p.force / WEIGHT), "the forces are in body weights, not in N"),
-        (lambda p: replace(p, force=p.force * [-1, 1, 1]), "the fore-aft force of all plates has the wrong sign"),
-        (lambda p: replace(p, moment=1e3 * p.moment), "the moments of the plates are in N·mm, not in N·m"),
+        (
+            lambda p: replace(p, force=p.force * [-1, 1, 1]),
+            "the fore-aft force of all plates has the wrong sign",
+        ),
+        (
+            lambda p: replace(p, moment=1e3 * p.moment),
+            "the moments of the plates are in N·mm, not in N·m",
+        ),
         (times(2.0), "the force of all plates is 2"),
     ],
 )
@@ -71,8 +84,14 @@ def test_faults_of_a_real_walk_are_errors_and_named(
 ) -> None:
     diagnosis = force_findings([real_walk.evidence(plates(fault))])
     (finding,) = diagnosis.findings
-    assert finding.cause.startswith(cause) and finding.severity is Severity.ERROR and finding.weight > 1.0
-    assert finding.cure and "% of the disagreement between motion and forces is gone" in finding.found
+    assert (
+        finding.cause.startswith(cause)
+        and finding.severity is Severity.ERROR
+        and finding.weight > 1.0
+    )
+    assert (
+        finding.cure and "% of the disagreement between motion and forces is gone" in finding.found
+    )
     assert diagnosis.faulty == {"walk"}
 
 
@@ -91,7 +110,9 @@ def test_a_clean_real_walk_is_left_in_peace(real_walk: Walk) -> None:
 def test_a_moderate_fault_is_a_warning() -> None:
     (finding,) = force_findings([exact_walk().evidence(plates(times(1.1)))]).findings
     assert finding.severity is Severity.WARNING and 0.0 < finding.weight < 1.0
-    assert re.search(r"(9|10|11) % too large \(or mass_kg is wrong by the same share\)", finding.evidence)
+    assert re.search(
+        r"(9|10|11) % too large \(or mass_kg is wrong by the same share\)", finding.evidence
+    )
 
 
 def test_a_fault_common_to_all_trials_is_told_once_and_that_of_one_with_its_name() -> None:
@@ -99,7 +120,9 @@ def test_a_fault_common_to_all_trials_is_told_once_and_that_of_one_with_its_name
     late = [walk.evidence(plates(later), name) for name in ("one", "two")]
     common = force_findings(late)
     (finding,) = common.findings
-    assert finding.where == STUDY and "one, two" in finding.found and common.faulty == {"one", "two"}
+    assert (
+        finding.where == STUDY and "one, two" in finding.found and common.faulty == {"one", "two"}
+    )
     alone = force_findings([walk.evidence(name="three"), late[1]])
     (finding,) = alone.findings
     assert finding.where == "two" and alone.faulty == {"two"}
@@ -114,12 +137,17 @@ def test_small_evidence_of_several_trials_adds_up() -> None:
     assert not single or together[0].fits[0].gain > 2.0 * single[0].fits[0].gain
 
 
-def test_a_disagreement_that_no_fault_explains_is_told_as_such(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_disagreement_that_no_fault_explains_is_told_as_such(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     evidence = exact_walk().evidence()
     noise = 60.0 * np.random.default_rng(0).normal(size=evidence.required_wrench.shape)
     shaken = replace(evidence, required_wrench=evidence.required_wrench + noise)
     (finding,) = force_findings([shaken]).findings
-    assert "no single fault of the forces explains it" in finding.cause and finding.severity is Severity.WARNING
+    assert (
+        "no single fault of the forces explains it" in finding.cause
+        and finding.severity is Severity.WARNING
+    )
     assert force_findings([shaken]).faulty == {"walk"}
     monkeypatch.setattr(force_choice, "UNEXPLAINED", 1e6)
     assert force_findings([shaken]).findings == ()
@@ -135,7 +163,9 @@ def test_the_torques_that_a_fault_moves_are_those_of_inverse_dynamics() -> None:
     dynamics = Dynamics(evidence.parameters)
     tau = dynamics.of_ground(dynamics.placed(evidence.q), foot[..., None])[:, :, 0]
     largest = np.sqrt((tau[:, 6:] ** 2).mean(axis=0)).max() / evidence.bwh
-    assert torque and change == pytest.approx(largest, rel=0.1)  # by as much as the plates make, twice being one more
+    assert torque and change == pytest.approx(
+        largest, rel=0.1
+    )  # by as much as the plates make, twice being one more
 
 
 @pytest.mark.slow
@@ -143,14 +173,18 @@ def test_a_trial_with_a_named_fault_takes_no_part_in_inertial_parameters(tmp_pat
     path = write_synthetic_study(tmp_path / "study")
     clean = calibrate(Study.load(path))
     assert clean.inertial is not None and clean.warnings == ()
-    write_forces_csv(tmp_path / "study" / "walk_forces.csv", [later(p) for p in made_plates(gait_motion())])
+    write_forces_csv(
+        tmp_path / "study" / "walk_forces.csv", [later(p) for p in made_plates(gait_motion())]
+    )
     study = Study.load(path)
     done = calibrate(study)
     assert done.inertial is None and done.phases[-1].name != "inertial"
     assert any("the forces come" in w and "ms late" in w for w in done.warnings)
     assert any("left out: walk" in note for note in done.notes)
     nominal, fitted = done.nominal.parameters, done.model.parameters
-    np.testing.assert_allclose(fitted.inertial, with_joints_of(nominal.inertial, nominal, fitted), atol=1e-12)
+    np.testing.assert_allclose(
+        fitted.inertial, with_joints_of(nominal.inertial, nominal, fitted), atol=1e-12
+    )
     further = analyse(clean.model, study.moving[0], study.settings, clean.uncertainty, {})
     assert [f.cause for f in further.findings if "ms late" in f.cause and f.topic == "forces"]
 
@@ -176,7 +210,9 @@ def test_a_late_walk_does_not_convict_those_that_are_a_little_late_by_themselves
     def fit_of(names: Sequence[str], x: float) -> ForceFit:
         best = np.array([56.0 * (size[name] / 0.042) ** 1.5 for name in names])
         gains = best * [1.0 - ((x - size[name]) / size[name]) ** 2 for name in names]
-        return ForceFit(cause=cause, x=np.array([x]), gain=float(gains.sum()), explained=0.3, gains=gains)
+        return ForceFit(
+            cause=cause, x=np.array([x]), gain=float(gains.sum()), explained=0.3, gains=gains
+        )
 
     def best_fit(residual: SimpleNamespace, only: object = None) -> tuple[float, list[ForceFit]]:
         names = [trial.name for trial in residual.trials]
@@ -186,7 +222,9 @@ def test_a_late_walk_does_not_convict_those_that_are_a_little_late_by_themselves
     def in_each(alone: Sequence[SimpleNamespace], fit: ForceFit) -> ForceFit:
         return fit_of([trial.name for one in alone for trial in one.trials], float(fit.x[0]))
 
-    monkeypatch.setattr(force_choice, "ForceResidual", lambda trials: SimpleNamespace(trials=tuple(trials)))
+    monkeypatch.setattr(
+        force_choice, "ForceResidual", lambda trials: SimpleNamespace(trials=tuple(trials))
+    )
     monkeypatch.setattr(force_choice, "fits", best_fit)
     monkeypatch.setattr(force_choice, "at_size", in_each)
     evidence = exact_walk().evidence()
@@ -201,20 +239,33 @@ def test_another_lever_of_the_weight_must_explain_more_where_markers_come_and_go
     evidence = exact_walk().evidence()
     causes = {c.kind: c for c in causes_of([evidence]) if not c.plates}
     found = [
-        ForceFit(cause=causes[kind], x=np.array([0.003, 0.05]), gain=14.0, explained=0.19, gains=np.array([14.0]))
+        ForceFit(
+            cause=causes[kind],
+            x=np.array([0.003, 0.05]),
+            gain=14.0,
+            explained=0.19,
+            gains=np.array([14.0]),
+        )
         for kind in (Kind.MARKERS_TILTED, Kind.PLACE, Kind.TILT)
     ]
     assert len(force_choice.named(found)) == 3 and force_choice.named(found, shaken=True) == ()
     assert len(force_choice.named([replace(fit, explained=0.3) for fit in found], shaken=True)) == 3
     monkeypatch.setattr(force_choice, "fits", lambda residual, only=None: (1.0, found))
-    assert len(choose([evidence])[0]) == 1 and choose([replace(evidence, missing=0.05)])[:2] == ([], [])
+    assert len(choose([evidence])[0]) == 1 and choose([replace(evidence, missing=0.05)])[:2] == (
+        [],
+        [],
+    )
 
 
-def test_a_leg_in_doubt_accuses_no_plate_unless_it_explains_half(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_leg_in_doubt_accuses_no_plate_unless_it_explains_half(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     """18 to 27 %: what a foot without its toe, or thighs and shanks of one marker, left in a walk."""
     evidence = replace(exact_walk().evidence(), doubtful=True)
     (gain,) = [c for c in causes_of([evidence]) if c.kind is Kind.GAIN and not c.plates][:1]
-    fit = ForceFit(cause=gain, x=np.array([-0.58]), gain=20.0, explained=0.27, gains=np.array([20.0]))
+    fit = ForceFit(
+        cause=gain, x=np.array([-0.58]), gain=20.0, explained=0.27, gains=np.array([20.0])
+    )
     size, found = 9.0, [fit]
     monkeypatch.setattr(force_choice, "fits", lambda residual, only=None: (size, found))
     assert choose([evidence])[:2] == ([], [])

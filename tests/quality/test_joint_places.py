@@ -1,4 +1,6 @@
-"""Fitted joints against where people have them: the chi^2 of a place, when one is doubted, and what is said of it."""
+"""Fitted joints against where people have them: the chi^2 of a place, when one is doubted, and what
+is said of it.
+"""
 
 import re
 from dataclasses import replace
@@ -33,7 +35,9 @@ def moved(**by: float) -> Parameters:
     return drawn(offset)
 
 
-def told(parameters: Parameters, influence: ErrorSources = EXACT, prior: JointPrior = ANATOMY) -> list[Finding]:
+def told(
+    parameters: Parameters, influence: ErrorSources = EXACT, prior: JointPrior = ANATOMY
+) -> list[Finding]:
     """What makes doubtful."""
     found = joint_place_findings(MODEL, parameters, influence, prior)
     return [finding for finding in found if finding.severity is not Severity.INFO]
@@ -44,7 +48,9 @@ def drawn(offset: Array) -> Parameters:
 
 
 def test_squares_of_drawn_people_are_chi_squared() -> None:
-    """Of people who scatter by P and fits that miss them by E, as many are so far away as the probability says."""
+    """Of people who scatter by P and fits that miss them by E, as many are so far away as the
+    probability says.
+    """
     rng = np.random.default_rng(4)
     at = [JP_INDEX[f"hip_r.pelvis.{way}"] for way in ("ant", "sup", "lat")]
     scatter, error = COVARIANCE[np.ix_(at, at)], np.diag([4e-3, 2e-3, 9e-3]) ** 2
@@ -52,7 +58,9 @@ def test_squares_of_drawn_people_are_chi_squared() -> None:
     names = tuple(JP_NAMES[k] for k in at)
     found = [Place(names=names, offset=d, scatter=scatter, error=error).probability for d in drawn]
     for share in (0.5, 0.1, 0.02):
-        assert np.mean(np.array(found) < share) == pytest.approx(share, abs=4 * np.sqrt(share / 4000))
+        assert np.mean(np.array(found) < share) == pytest.approx(
+            share, abs=4 * np.sqrt(share / 4000)
+        )
 
 
 def test_a_hip_beside_its_socket_is_doubted_and_says_where() -> None:
@@ -68,42 +76,75 @@ def test_a_hip_beside_its_socket_is_doubted_and_says_where() -> None:
 
 @pytest.mark.parametrize(
     ("far", "code"),
-    [({"hip_l__pelvis__lat": -0.030}, Code.JOINT_PLACE), ({"knee_l__thigh__sup": -0.034}, Code.KNEE_AXIS)],
+    [
+        ({"hip_l__pelvis__lat": -0.030}, Code.JOINT_PLACE),
+        ({"knee_l__thigh__sup": -0.034}, Code.KNEE_AXIS),
+    ],
 )
-def test_what_is_unusual_is_named_in_a_note_that_doubts_nothing(far: dict[str, float], code: Code) -> None:
+def test_what_is_unusual_is_named_in_a_note_that_doubts_nothing(
+    far: dict[str, float], code: Code
+) -> None:
     (note,) = joint_place_findings(MODEL, moved(**far), EXACT, ANATOMY)
     assert (note.severity, note.leg, note.code, note.cure) == (Severity.INFO, "l", code, "")
-    assert "fewer than 1 in 20 people" in note.cause and f"{1e3 * abs(*far.values()):.0f} mm" in note.found
+    assert (
+        "fewer than 1 in 20 people" in note.cause
+        and f"{1e3 * abs(*far.values()):.0f} mm" in note.found
+    )
     assert judge([note], ["walk"]).judgement is Judgement.TRUSTWORTHY
-    assert list(joint_place_findings(MODEL, moved(**{name: 0.7 * d for name, d in far.items()}), EXACT, ANATOMY)) == []
+    assert (
+        list(
+            joint_place_findings(
+                MODEL, moved(**{name: 0.7 * d for name, d in far.items()}), EXACT, ANATOMY
+            )
+        )
+        == []
+    )
 
 
 @pytest.mark.parametrize("sign", [1.0, -1.0])
 def test_hips_that_are_too_far_apart_together_are_doubted(sign: float) -> None:
-    """26 mm a hip is nobody's alone; both together 53 mm too far apart are (a child of 159 mm between the ASIS)."""
+    """26 mm a hip is nobody's alone; both together 53 mm too far apart are (a child of 159 mm
+    between the ASIS).
+    """
     one_side = {"hip_r__pelvis__lat": sign * 0.026, "hip_r__thigh__lat": sign * 0.026}
     assert told(moved(**one_side)) == []
-    (one,) = told(moved(**one_side, hip_l__pelvis__lat=-sign * 0.026, hip_l__thigh__lat=-sign * 0.026))
-    assert one.leg == "" and ("further apart" in one.cause) == (sign > 0) and "999 in 1000" in one.cause
+    (one,) = told(
+        moved(**one_side, hip_l__pelvis__lat=-sign * 0.026, hip_l__thigh__lat=-sign * 0.026)
+    )
+    assert (
+        one.leg == ""
+        and ("further apart" in one.cause) == (sign > 0)
+        and "999 in 1000" in one.cause
+    )
     assert "between the ASIS (in CT 0.65 to 0.82)" in one.found
 
 
 def test_a_knee_axis_beside_the_epicondyles_is_doubted() -> None:
     (one,) = told(moved(knee_l__thigh__sup=-0.045))
     assert (one.leg, one.code) == ("l", Code.KNEE_AXIS)
-    assert "left knee" in one.cause and "epicondyles" in one.found and "in the thigh 45 mm down" in one.found
+    assert (
+        "left knee" in one.cause
+        and "epicondyles" in one.found
+        and "in the thigh 45 mm down" in one.found
+    )
     (turned,) = told(moved(knee_r__shank__trans=np.deg2rad(50.0)))
     assert "in the shank turned by 50 deg seen from above" in turned.found
 
 
 def test_what_people_scatter_by_accuses_nobody() -> None:
-    """Joints drawn from anatomy's own population, and those within 10 mm and 10 degrees, as simulated ones are."""
+    """Joints drawn from anatomy's own population, and those within 10 mm and 10 degrees, as
+    simulated ones are.
+    """
     rng = np.random.default_rng(0)
     root = prior_root(JP_NAMES, None)
     found = sum(len(told(drawn(root @ rng.normal(size=len(JP_NAMES))))) for _ in range(300))
-    looked_at = 300 * (1 + len({name.rpartition(".")[0] for name in LEGS}))  # joints as segments see them, hips apart
+    looked_at = 300 * (
+        1 + len({name.rpartition(".")[0] for name in LEGS})
+    )  # joints as segments see them, hips apart
     assert found <= looked_at * RARE + 4 * np.sqrt(looked_at * RARE)
-    near = np.array([0.010 if name.endswith(("ant", "sup", "lat")) else np.deg2rad(10) for name in JP_NAMES])
+    near = np.array(
+        [0.010 if name.endswith(("ant", "sup", "lat")) else np.deg2rad(10) for name in JP_NAMES]
+    )
     for _ in range(100):
         assert told(drawn(rng.uniform(-1.0, 1.0, len(JP_NAMES)) * near)) == []
 
@@ -141,9 +182,13 @@ def test_pages_tell_from_where_on_a_joint_is_named() -> None:
     def limits(joint: str, segment: str, *ways: str) -> list[str]:
         at = [k for k, name in enumerate(JP_NAMES) if name.startswith(f"{joint}.{segment}.")]
         curvature = np.linalg.inv(COVARIANCE[np.ix_(at, at)])
-        size = {JP_NAMES[k].split(".")[2]: curvature[i, i] ** -0.5 / JP_TO_SI[k] for i, k in enumerate(at)}
+        size = {
+            JP_NAMES[k].split(".")[2]: curvature[i, i] ** -0.5 / JP_TO_SI[k]
+            for i, k in enumerate(at)
+        }
         return [
-            " ".join(f"{np.sqrt(chdtri(len(at), level)) * size[way]:.0f}" for way in ways) for level in (RARE, UNUSUAL)
+            " ".join(f"{np.sqrt(chdtri(len(at), level)) * size[way]:.0f}" for way in ways)
+            for level in (RARE, UNUSUAL)
         ]
 
     told = (ROOT / "docs/explanation/verdict.md").read_text(encoding="utf-8").splitlines()
@@ -153,7 +198,12 @@ def test_pages_tell_from_where_on_a_joint_is_named() -> None:
         ("| talocrural", limits("talocrural_r", "shank", "lat", "trans")),
         (
             "| subtalar",
-            [" ".join(of) for of in zip(*(limits("subtalar_r", s, "trans") for s in ("talus", "foot")), strict=True)],
+            [
+                " ".join(of)
+                for of in zip(
+                    *(limits("subtalar_r", s, "trans") for s in ("talus", "foot")), strict=True
+                )
+            ],
         ),
     ):
         row = next(line for line in told if line.startswith(start))

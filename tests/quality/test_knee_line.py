@@ -1,4 +1,6 @@
-"""Epicondyles off their line on both legs, or one, against pelvis, malleoli and the bending of the knees in walks."""
+"""Epicondyles off their line on both legs, or one, against pelvis, malleoli and the bending of the
+knees in walks.
+"""
 
 import numpy as np
 import pytest
@@ -25,12 +27,16 @@ def off(study: Study, lateral: float, medial: float, sides: str = "RL") -> Study
     """Epicondyles of the static trial moved forward by so many m."""
     for side in sides:
         for end, by in (("Lat", lateral), ("Med", medial)):
-            study = with_trial(study, "static", moved(f"{side}.Knee.{end}", lambda x, by=by: x + [by, 0.0, 0.0]))  # type: ignore[misc]
+            study = with_trial(
+                study, "static", moved(f"{side}.Knee.{end}", lambda x, by=by: x + [by, 0.0, 0.0])
+            )  # type: ignore[misc]
     return study
 
 
 def test_both_knees_off_are_one_finding_with_degrees_and_markers(sound: Study) -> None:
-    assert told(sound) == [] and told(off(sound, 0.01, 0.0)) == [], "ten millimetres are below the floor"
+    assert told(sound) == [] and told(off(sound, 0.01, 0.0)) == [], (
+        "ten millimetres are below the floor"
+    )
     (found,) = told(off(sound, 0.02, -0.02))
     assert (found.severity, found.topic, found.leg) == (Severity.WARNING, "landmarks", "")
     assert "both knees" in found.cause and "too far forward" in found.cause
@@ -62,7 +68,12 @@ def turned(p: dict[str, Array], degrees: float, names: tuple[str, ...]) -> dict[
         x, y, z = axes.T
         for name in own:
             u, v, w = (p[name] - centre) @ axes
-            out[name] = centre + (u * np.cos(a) + w * np.sin(a)) * x + v * y + (w * np.cos(a) - u * np.sin(a)) * z
+            out[name] = (
+                centre
+                + (u * np.cos(a) + w * np.sin(a)) * x
+                + v * y
+                + (w * np.cos(a) - u * np.sin(a)) * z
+            )
     return out
 
 

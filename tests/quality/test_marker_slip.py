@@ -40,7 +40,9 @@ def test_a_marker_elsewhere_for_a_stretch_or_from_then_on(
 
 
 def every(frames: int, seconds: float, by: float) -> Change:
-    """Each so-many-th frame, in which R.Heel goes up within so many seconds by so many metres, and stays."""
+    """Each so-many-th frame, in which R.Heel goes up within so many seconds by so many metres, and
+    stays.
+    """
 
     def change(recording: Recording) -> Recording:
         x = recording.markers.copy()

@@ -1,4 +1,6 @@
-"""Markers that are metres away, gone for a while, or alone on their segment; gaps accuse nobody of exchanged labels."""
+"""Markers that are metres away, gone for a while, or alone on their segment; gaps accuse nobody of
+exchanged labels.
+"""
 
 from collections.abc import Callable, Mapping
 from dataclasses import replace
@@ -17,14 +19,25 @@ from gaitcal.study.study import Study, cleaned, nominal_of
 from gaitcal.tracking.motion import Motion, tracked_motion
 from gaitcal.tracking.spline import NodeRule
 from gaitcal.tracking.trial_problem import trial_problem
-from tests.quality.spoilt import Change, evidence, findings, gone, moved, put, recording_of, with_trial
+from tests.quality.spoilt import (
+    Change,
+    evidence,
+    findings,
+    gone,
+    moved,
+    put,
+    recording_of,
+    with_trial,
+)
 from tests.real_studies import REAL
 
 RealStudies = Callable[[str], Study]
 
 
 def accused(study: Study, seed: int) -> list[Finding]:
-    """Who is said to carry another's label where a fifth of the samples and a tenth of the markers are missing."""
+    """Who is said to carry another's label where a fifth of the samples and a tenth of the markers
+    are missing.
+    """
     rng = np.random.default_rng(seed)
     model, out = nominal_of(study), []
     for trial in study.moving[:3]:
@@ -42,7 +55,9 @@ def test_gaps_accuse_nobody(seed: int, sound: Study) -> None:
 
 
 @pytest.mark.parametrize("name", ["subject01", "uf3"])
-def test_gaps_of_real_people_accuse_nobody_whatever_the_weights(name: str, real_study: RealStudies) -> None:
+def test_gaps_of_real_people_accuse_nobody_whatever_the_weights(
+    name: str, real_study: RealStudies
+) -> None:
     study = real_study(name)
     study = replace(study, weights=dict.fromkeys(study.marker_set.tracked, 1.0))
     for seed in range(3):
@@ -50,7 +65,9 @@ def test_gaps_of_real_people_accuse_nobody_whatever_the_weights(name: str, real_
 
 
 def test_arms_that_turn_under_their_skin_are_not_accused(real_study: RealStudies) -> None:
-    """In `knee_r` of functional_c3d both elbows' epicondyles lie a right angle from where the static trial has them."""
+    """In `knee_r` of functional_c3d both elbows' epicondyles lie a right angle from where the
+    static trial has them.
+    """
     study = real_study("functional_c3d")
     (trial,) = [t for t in study.trials if t.name == "knee_r"]
     found = exchanged(evidence(study, trial, nominal_of(study)))
@@ -63,7 +80,11 @@ def without_pelvis(study: Study, lost: Callable[[float, int], bool]) -> Change:
     def spoil(r: Recording) -> Recording:
         markers = r.markers.copy()
         away = np.array([lost(float(t), k) for k, t in enumerate(r.time)])
-        of_pelvis = [i for i, label in enumerate(r.labels) if study.marker_set.segment_of.get(label) == "pelvis"]
+        of_pelvis = [
+            i
+            for i, label in enumerate(r.labels)
+            if study.marker_set.segment_of.get(label) == "pelvis"
+        ]
         for i in of_pelvis[2:]:
             markers[away, i] = np.nan
         return replace(r, markers=markers)
@@ -73,11 +94,17 @@ def without_pelvis(study: Study, lost: Callable[[float, int], bool]) -> Change:
 
 def pelvis_found(study: Study) -> tuple[Finding, ...]:
     """What is said of the walk's gaps, beside each marker's own."""
-    return tuple(f for f in gaps(evidence(study, study.trials[1], nominal_of(study))) if "pelvis markers" in f.found)
+    return tuple(
+        f
+        for f in gaps(evidence(study, study.trials[1], nominal_of(study)))
+        if "pelvis markers" in f.found
+    )
 
 
 def test_single_frames_without_the_pelvis_need_no_cure(sound: Study) -> None:
-    (found,) = pelvis_found(with_trial(sound, "walk", without_pelvis(sound, lambda t, k: k % 12 == 5)))
+    (found,) = pelvis_found(
+        with_trial(sound, "walk", without_pelvis(sound, lambda t, k: k % 12 == 5))
+    )
     assert found.severity is Severity.INFO and "8 % of the frames" in found.found and not found.cure
 
 
@@ -107,13 +134,18 @@ def test_a_marker_two_metres_off_is_told_and_left_out_throughout(sound: Study, l
     spoilt = with_trial(sound, "walk", moved(label, lambda x: x + [0.0, 2.0, 0.0]))
     (told,) = findings(spoilt, "strays")
     assert told.severity is Severity.WARNING
-    assert f"'{label}' is metres away" in told.cause and "208 of 208 frames (0.00-1.03 s)" in told.found
+    assert (
+        f"'{label}' is metres away" in told.cause
+        and "208 of 208 frames (0.00-1.03 s)" in told.found
+    )
     fitted = prepare_trial(cleaned(spoilt).trials[1], nominal_of(spoilt), spoilt.settings).recording
     assert label not in fitted.labels and any(label in note for note in fitted.notes)
 
 
 def test_a_marker_that_flies_off_is_left_out_there_alone(sound: Study) -> None:
-    spoilt = with_trial(sound, "walk", moved("R.Thigh.Front", lambda x: put(x, slice(50, 60), [5.0, 3.0, 0.0])))
+    spoilt = with_trial(
+        sound, "walk", moved("R.Thigh.Front", lambda x: put(x, slice(50, 60), [5.0, 3.0, 0.0]))
+    )
     kept, strays = without_outliers(recording_of(spoilt), spoilt.marker_set.segment_of)
     gone = ~np.isfinite(kept.markers[:, kept.labels.index("R.Thigh.Front")]).all(axis=1)
     assert np.flatnonzero(gone).tolist() == list(range(50, 60))
@@ -123,12 +155,17 @@ def test_a_marker_that_flies_off_is_left_out_there_alone(sound: Study) -> None:
 
 def test_a_tracking_marker_metres_away_in_the_static_trial_is_in_no_model(sound: Study) -> None:
     spoilt = with_trial(sound, "static", moved("R.Thigh.Front", lambda x: x + [0.0, 0.0, 2.0]))
-    assert "R.Thigh.Front" not in nominal_of(replace(spoilt, weights={"R.Thigh.Front": 0.0})).markers.labels
+    assert (
+        "R.Thigh.Front"
+        not in nominal_of(replace(spoilt, weights={"R.Thigh.Front": 0.0})).markers.labels
+    )
     assert any(f.where == "static" for f in findings(spoilt, "strays"))
 
 
 CLOSE_DEG = 6.0
-"""RMS between hip, knee and ankle angles with and without the second markers of thighs and shanks: at most 3.6."""
+"""RMS between hip, knee and ankle angles with and without the second markers of thighs and shanks:
+at most 3.6.
+"""
 
 
 @pytest.fixture(scope="module")
@@ -138,7 +175,9 @@ def pig(real_study: RealStudies) -> Study:
 
 def renamed(study: Study, names: Mapping[str, str], trials: tuple[str, ...] = ("gait",)) -> Study:
     for trial in trials:
-        study = with_trial(study, trial, lambda r: replace(r, labels=tuple(names.get(x, x) for x in r.labels)))
+        study = with_trial(
+            study, trial, lambda r: replace(r, labels=tuple(names.get(x, x) for x in r.labels))
+        )
     return study
 
 
@@ -146,8 +185,12 @@ def of_one_marker(study: Study) -> list[Finding]:
     return findings(study, "one marker")
 
 
-def test_wands_that_the_set_does_not_know_are_named_and_the_joints_tell_the_rest(pig: Study) -> None:
-    thigh, shank = of_one_marker(renamed(pig, {"RTHI": "WandA", "RTIB": "WandB"}, ("static", "gait")))
+def test_wands_that_the_set_does_not_know_are_named_and_the_joints_tell_the_rest(
+    pig: Study,
+) -> None:
+    thigh, shank = of_one_marker(
+        renamed(pig, {"RTHI": "WandA", "RTIB": "WandB"}, ("static", "gait"))
+    )
     for found, wand, other in ((thigh, "WandA", "WandB"), (shank, "WandB", "WandA")):
         assert (found.severity, found.leg) == (Severity.WARNING, "r")
         assert f"'{wand}'" in found.cure and f"'{other}'" not in found.cure
@@ -175,15 +218,23 @@ def test_a_while_with_one_marker_is_a_note_with_its_seconds(pig: Study) -> None:
 
 def tracked(study: Study) -> Motion:
     model, recording = nominal_of(study), study.trials[1].recording
-    problem = trial_problem("gait", model, recording, NodeRule(), root="pelvis", segments=LOWER_BODY)
+    problem = trial_problem(
+        "gait", model, recording, NodeRule(), root="pelvis", segments=LOWER_BODY
+    )
     return tracked_motion(problem, model.parameters)
 
 
 def test_the_posture_found_is_that_of_all_markers(pig: Study) -> None:
-    """Started with the thigh straight below the pelvis, both legs fell into another posture 33 to 56 deg away."""
+    """Started with the thigh straight below the pelvis, both legs fell into another posture 33 to
+    56 deg away.
+    """
     whole = tracked(pig)
     reduced = tracked(renamed(pig, {f"{s}{m}": f"{s}{m}x" for s in "RL" for m in ("THI", "TIB")}))
     away = np.degrees(np.sqrt(np.mean((whole.q - reduced.q) ** 2, axis=0)))
-    judged = {n: a for n, a in zip(whole.coordinates, away, strict=True) if n.startswith(("hip", "knee", "ankle"))}
+    judged = {
+        n: a
+        for n, a in zip(whole.coordinates, away, strict=True)
+        if n.startswith(("hip", "knee", "ankle"))
+    }
     assert reduced.converged
     assert max(judged.values()) < CLOSE_DEG, judged

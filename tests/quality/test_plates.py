@@ -1,4 +1,6 @@
-"""Forces against the motion: signs, places, gain and mass, free moments, and which foot stands on which plate."""
+"""Forces against the motion: signs, places, gain and mass, free moments, and which foot stands on
+which plate.
+"""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -28,7 +30,9 @@ ERROR, WARNING, INFO = Severity.ERROR, Severity.WARNING, Severity.INFO
 
 
 def negated(axis: int) -> Change:
-    """One component of the force of both plates with the other sign, and the reader's turn where it is the vertical."""
+    """One component of the force of both plates with the other sign, and the reader's turn where it
+    is the vertical.
+    """
     sign = np.ones(3)
     sign[axis] = -1.0
     return plates(lambda p: replace(p, force=(-sign if axis == 1 else sign) * p.force))
@@ -43,14 +47,18 @@ def negated(axis: int) -> Change:
     ],
 )
 def test_reversed_forces(sound: Study, axis: int, words: tuple[str, ...]) -> None:
-    (found,) = findings(with_trial(sound, "walk", negated(axis)), "forces", WARNING, cause="wrong sign")
+    (found,) = findings(
+        with_trial(sound, "walk", negated(axis)), "forces", WARNING, cause="wrong sign"
+    )
     assert all(word in f"{found.found} {found.cure}" for word in words)
     assert (len(words) > 1) == ("vertical" in found.cure)
 
 
 @pytest.mark.parametrize("name", ["HC002D", "HC030A", "HC032A"])
 def test_who_turns_over_one_plate_pushes_outwards_with_that_leg(name: str, data_dir: Path) -> None:
-    spoilt = with_trial(drafted(data_dir / "children" / name), "turn", lambda r: replace(r, plates=r.plates[1:]))
+    spoilt = with_trial(
+        drafted(data_dir / "children" / name), "turn", lambda r: replace(r, plates=r.plates[1:])
+    )
     assert findings(spoilt, code=Code.FORCE_SIGN) == []
 
 
@@ -59,7 +67,9 @@ def test_a_step_of_a_foot_without_toe_is_a_fact_and_accuses_no_plate(sound: Stud
     study = with_trial(sound, "walk", relabelled("L.Toe.Tip", "X"))
     assert findings(study, "plate to foot", WARNING) == []
     told = [f.found for f in findings(study, "plate to foot", INFO) if "mm from" in f.found]
-    assert told and all("the left foot, whose step it may be, shows no heel and toe then" in words for words in told)
+    assert told and all(
+        "the left foot, whose step it may be, shows no heel and toe then" in words for words in told
+    )
 
 
 @pytest.mark.parametrize(("shift", "side"), [(0.05, "right"), (-0.05, "left")])
@@ -84,8 +94,12 @@ def test_forces_that_do_not_carry_the_walker(sound: Study, gain: float, mass: fl
 
 
 @pytest.mark.parametrize("acceleration", [0.6, -0.6])
-def test_plates_carry_more_than_the_mass_of_a_body_that_is_speeding_up(sound: Study, acceleration: float) -> None:
-    """The pelvis gains speed upwards, m/s^2, and the plates push as much harder: the same mass as before."""
+def test_plates_carry_more_than_the_mass_of_a_body_that_is_speeding_up(
+    sound: Study, acceleration: float
+) -> None:
+    """The pelvis gains speed upwards, m/s^2, and the plates push as much harder: the same mass as
+    before.
+    """
     gain = 1.0 + acceleration / GRAVITY
 
     def rising(recording: Recording) -> Recording:
@@ -103,12 +117,20 @@ def test_foot_beside_its_plate(sound: Study) -> None:
     toe = float(np.median(walk.markers[40:100, walk.labels.index("R.Toe.Tip"), 0]))
 
     def told(study: Study, severity: Severity) -> list[Finding]:
-        return [f for f in findings(study, "plate to foot", severity) if "rests partly beside it (" in f.found]
+        return [
+            f
+            for f in findings(study, "plate to foot", severity)
+            if "rests partly beside it (" in f.found
+        ]
 
     beside = with_trial(sound, "walk", with_corners(toe - 0.04))
-    assert "right foot" in told(beside, INFO)[0].found and not told(beside, WARNING), "the left one is on its plate"
+    assert "right foot" in told(beside, INFO)[0].found and not told(beside, WARNING), (
+        "the left one is on its plate"
+    )
     alone = with_trial(beside, "walk", lambda r: replace(r, plates=r.plates[:1]))
-    assert "right foot" in told(alone, WARNING)[0].found, "no step says that the plates are in place"
+    assert "right foot" in told(alone, WARNING)[0].found, (
+        "no step says that the plates are in place"
+    )
     on_it = with_trial(sound, "walk", with_corners(toe + 0.06))
     assert not told(on_it, INFO) and not told(on_it, WARNING)
 
@@ -120,13 +142,18 @@ def test_plate_given_to_the_wrong_foot(sound: Study) -> None:
 
 
 def test_a_mass_is_wrong_where_standing_and_walking_say_so(sound: Study) -> None:
-    """Standing on plates, walking on what plates with another gain make of it; and offsets that nobody knows."""
+    """Standing on plates, walking on what plates with another gain make of it; and offsets that
+    nobody knows.
+    """
     mass = sound.subject.mass
 
     def standing(kg: float, count: int, declared: float = mass) -> Study:
         force = np.tile([0.0, kg * 9.80665 / count, 0.0], (2, 1))
         time, zero = sound.static.recording.time[[0, -1]], np.zeros((2, 3))
-        on = tuple(ForcePlate(name=str(i), time=time, force=force, point=zero, moment=zero) for i in range(count))
+        on = tuple(
+            ForcePlate(name=str(i), time=time, force=force, point=zero, moment=zero)
+            for i in range(count)
+        )
         study = with_trial(sound, "static", lambda r: replace(r, plates=on))
         return replace(study, subject=replace(sound.subject, mass=declared))
 
@@ -134,7 +161,9 @@ def test_a_mass_is_wrong_where_standing_and_walking_say_so(sound: Study) -> None
     told = findings(standing(mass, 2, 1.1 * mass), "body mass", WARNING)
     assert [f.where for f in told] == ["static", "walk"], "the walk alone cannot"
     assert "69.4 kg while standing; subject.mass_kg is 76.3" in told[0].found
-    contradicted = [f for f in findings(standing(1.2 * mass, 1), "body mass") if f.where == "static"]
+    contradicted = [
+        f for f in findings(standing(1.2 * mass, 1), "body mass") if f.where == "static"
+    ]
     assert [f.severity for f in contradicted] == [INFO]
     assert "but not in all trials" in contradicted[0].found and "in walk" in contradicted[0].found
     lone = replace(standing(1.07 * mass, 2), trials=standing(1.07 * mass, 2).trials[:1])
@@ -146,7 +175,9 @@ def test_plates_that_touch_are_one_surface(sound: Study) -> None:
 
     def bordered(end: float) -> Change:
         """Plate 1 ends at x = `end`, where plate 3 begins."""
-        beyond = np.array([[10.0, 0.0, -10.0], [end, 0.0, -10.0], [end, 0.0, 10.0], [10.0, 0.0, 10.0]])
+        beyond = np.array(
+            [[10.0, 0.0, -10.0], [end, 0.0, -10.0], [end, 0.0, 10.0], [10.0, 0.0, 10.0]]
+        )
 
         def spoil(r: Recording) -> Recording:
             more = replace(r.plates[0], name="3", force=0.0 * r.plates[0].force, corners=beyond)
@@ -189,7 +220,9 @@ def test_backwards_and_with_another_sign_wrong_nothing_is_said(sound: Study) -> 
 
 
 @pytest.mark.parametrize(("name", "walk"), [("subject01", "walk"), ("pig_c3d", "gait")])
-def test_real_people_have_the_usual_sign(name: str, walk: str, real_study: Callable[[str], Study]) -> None:
+def test_real_people_have_the_usual_sign(
+    name: str, walk: str, real_study: Callable[[str], Study]
+) -> None:
     study = real_study(name)
     assert of_free_moment(study) == []
     assert len(of_free_moment(with_trial(study, walk, turned_by(-1.0)))) == 1

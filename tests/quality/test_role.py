@@ -1,4 +1,6 @@
-"""Which way is up, which side is right, which joint moves, and whether further static trials show the same body."""
+"""Which way is up, which side is right, which joint moves, and whether further static trials show
+the same body.
+"""
 
 from dataclasses import replace
 
@@ -9,7 +11,16 @@ from gaitcal.errors import Finding, Severity
 from gaitcal.io.recording import Recording
 from gaitcal.quality.study_checks import check_study
 from gaitcal.study.study import Study
-from tests.quality.spoilt import Change, backwards, findings, lying, moved, recording_of, serious, with_trial
+from tests.quality.spoilt import (
+    Change,
+    backwards,
+    findings,
+    lying,
+    moved,
+    recording_of,
+    serious,
+    with_trial,
+)
 
 
 def sides_exchanged(r: Recording, pelvis: bool = True) -> Recording:
@@ -30,11 +41,14 @@ CASES: dict[str, tuple[Change, str]] = {
 
 
 @pytest.mark.parametrize(
-    ("trial", "case"), [("static", "all labels"), ("knee_r", "y mirrored"), *(("walk", case) for case in CASES)]
+    ("trial", "case"),
+    [("static", "all labels"), ("knee_r", "y mirrored"), *(("walk", case) for case in CASES)],
 )
 def test_one_error_names_the_cause_in_every_role(sound: Study, trial: str, case: str) -> None:
     change, words = CASES[case]
-    (error,) = findings(with_trial(sound, trial, lambda r: replace(change(r), plates=())), severity=Severity.ERROR)
+    (error,) = findings(
+        with_trial(sound, trial, lambda r: replace(change(r), plates=())), severity=Severity.ERROR
+    )
     assert error.where == trial and words in error.cause
 
 
@@ -44,7 +58,9 @@ def test_lying_on_a_bench_is_no_fault_of_an_isolated_trial(sound: Study) -> None
 
 def on_the_spot(r: Recording) -> Recording:
     """As on a belt."""
-    return replace(r, markers=r.markers - r.markers.mean(axis=1, keepdims=True) * [1, 0, 1], plates=())
+    return replace(
+        r, markers=r.markers - r.markers.mean(axis=1, keepdims=True) * [1, 0, 1], plates=()
+    )
 
 
 def test_a_walk_that_is_declared_for_one_joint(sound: Study) -> None:
@@ -52,7 +68,9 @@ def test_a_walk_that_is_declared_for_one_joint(sound: Study) -> None:
     for recording, goes in ((walk, True), (on_the_spot(walk), False)):
         (found,) = findings(with_trial(sound, "knee_r", lambda _, walk=recording: walk), "role")  # type: ignore[misc]
         assert found.cause == "the trial is declared for knee_r alone, but this looks like a walk"
-        assert ("the pelvis goes" in found.found) == goes and "of the other leg turn by" in found.found
+        assert (
+            "the pelvis goes" in found.found
+        ) == goes and "of the other leg turn by" in found.found
 
 
 def test_on_a_belt_a_person_goes_where_the_feet_go(sound: Study) -> None:
@@ -71,7 +89,9 @@ def with_second(study: Study, change: Change) -> Study:
     turn = Rotation.from_euler("y", 130.0, degrees=True).as_matrix()
     again = change(study.static.recording)
     again = replace(again, source="again.csv", markers=again.markers @ turn.T + [1.0, 0.0, -2.0])
-    return replace(study, trials=(*study.trials, replace(study.static, name="standing2", recording=again)))
+    return replace(
+        study, trials=(*study.trials, replace(study.static, name="standing2", recording=again))
+    )
 
 
 def told(study: Study) -> list[Finding]:
@@ -81,7 +101,9 @@ def told(study: Study) -> list[Finding]:
 def test_the_same_body_standing_elsewhere_agrees(sound: Study) -> None:
     two = with_second(sound, lambda r: r)
     assert told(two) == []
-    assert any("agrees with 'static'" in f.found for f in check_study(two) if f.where == "standing2")
+    assert any(
+        "agrees with 'static'" in f.found for f in check_study(two) if f.where == "standing2"
+    )
 
 
 @pytest.mark.parametrize(
@@ -95,7 +117,11 @@ def test_the_same_body_standing_elsewhere_agrees(sound: Study) -> None:
 def test_a_marker_that_moved_between_two_static_trials_is_named(
     sound: Study, label: str, shift: float, severity: Severity
 ) -> None:
-    (found,) = [f for f in told(with_second(sound, moved(label, lambda x: x + [0.0, 0.0, shift]))) if "body" in f.cause]
+    (found,) = [
+        f
+        for f in told(with_second(sound, moved(label, lambda x: x + [0.0, 0.0, shift])))
+        if "body" in f.cause
+    ]
     assert found.severity is severity
     assert found.found.split("'")[1] == label
     assert abs(float(found.found.split("' ")[1].split(" mm")[0]) - 1e3 * shift) < 3.0

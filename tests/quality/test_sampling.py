@@ -17,8 +17,15 @@ from tests.quality.spoilt import findings, sound_study, with_trial
 from tests.synthetic_studies import made_recording
 
 NEAR = 0.3
-"""Frames by which the number of lost ones may be told wrong: a foot's path bends within the windows."""
-REAL = ("pig_c3d/gait.c3d", "children/HC002D/turn.c3d", "subject01/subject01_walk1.trc", "uf3/gait.trc")
+"""Frames by which the number of lost ones may be told wrong: a foot's path bends within the
+windows.
+"""
+REAL = (
+    "pig_c3d/gait.c3d",
+    "children/HC002D/turn.c3d",
+    "subject01/subject01_walk1.trc",
+    "uf3/gait.trc",
+)
 CAMERAS_M = 0.0005
 
 
@@ -31,7 +38,11 @@ def walk() -> Array:
 
 def cut(x: Array, at: int, count: int) -> Array:
     """Without so many frames from `at` on; -1: that frame twice."""
-    return np.insert(x, at, x[at], axis=0) if count < 0 else np.delete(x, range(at, at + count), axis=0)
+    return (
+        np.insert(x, at, x[at], axis=0)
+        if count < 0
+        else np.delete(x, range(at, at + count), axis=0)
+    )
 
 
 def places(x: Array) -> range:
@@ -67,7 +78,11 @@ def test_a_body_that_stops_at_once_steps_nowhere() -> None:
     """As in landing: velocities break between two frames, positions do not."""
     time = np.arange(60) / 100.0
     falling = np.where(time < 0.3, 2.0 * (0.3 - time), 0.0)
-    x = np.random.default_rng(6).uniform(0.0, 1.0, (1, 20, 3)) + falling[:, None, None] * [0.0, 1.0, 0.0]
+    x = np.random.default_rng(6).uniform(0.0, 1.0, (1, 20, 3)) + falling[:, None, None] * [
+        0.0,
+        1.0,
+        0.0,
+    ]
     assert seams(x) == []
 
 
@@ -79,7 +94,9 @@ def test_few_markers_or_a_body_at_rest_tell_nothing() -> None:
 
 
 @pytest.mark.parametrize(
-    ("count", "words"), [(1, "frames were cut out"), (-1, "a frame stands in it twice")], ids=["lost", "twice"]
+    ("count", "words"),
+    [(1, "frames were cut out"), (-1, "a frame stands in it twice")],
+    ids=["lost", "twice"],
 )
 def test_walk_is_warned_of_and_an_isolated_trial_noted(count: int, words: str) -> None:
     def spoil(recording: Recording) -> Recording:

@@ -1,4 +1,6 @@
-"""One body in all trials: faults in random places of a sound study are named, and nothing is said of the sound one."""
+"""One body in all trials: faults in random places of a sound study are named, and nothing is said
+of the sound one.
+"""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -21,7 +23,16 @@ from gaitcal.preprocess.trial_evidence import MarkerEvidence
 from gaitcal.quality.study_checks import check_further, check_study, examined, further_evidence
 from gaitcal.study.study import Study
 from gaitcal.study.study_trial import Trial
-from tests.quality.spoilt import Change, findings, moved, scaled, serious, swapped, with_trial, without
+from tests.quality.spoilt import (
+    Change,
+    findings,
+    moved,
+    scaled,
+    serious,
+    swapped,
+    with_trial,
+    without,
+)
 
 Array = NDArray[np.float64]
 
@@ -43,7 +54,9 @@ def told(study: Study) -> list[Finding]:
 
 def of_further(study: Study, trials: dict[str, MarkerEvidence]) -> list[Finding]:
     """The same of the walk held against a saved model."""
-    evidence = further_evidence(study.trials[1], trials["walk"].model, study.marker_set, study.settings)  # type: ignore[arg-type]
+    evidence = further_evidence(
+        study.trials[1], trials["walk"].model, study.marker_set, study.settings
+    )  # type: ignore[arg-type]
     return [f for f in check_further(evidence) if f.topic in BODY]
 
 
@@ -71,33 +84,46 @@ def test_nothing_is_said_of_a_sound_study(sound: Study) -> None:
     assert told(sound) == []
 
 
-def test_what_is_too_weak_to_be_told_may_be_so(sound: Study, trials: dict[str, MarkerEvidence]) -> None:
-    """A thigh whose markers turned by 12 deg about its length: an error of so many degrees there, and nowhere else."""
+def test_what_is_too_weak_to_be_told_may_be_so(
+    sound: Study, trials: dict[str, MarkerEvidence]
+) -> None:
+    """A thigh whose markers turned by 12 deg about its length: an error of so many degrees there,
+    and nowhere else.
+    """
     walk = trials["walk"]
     cluster = walk.clusters["thigh_r"]
     at = cluster.static - cluster.static.mean(axis=0)
     by = Rotation.from_euler("y", 12.0, degrees=True).apply(at) - at
     turned = walk.with_recording(turned_with(walk, "thigh_r", cluster.labels, by)(walk.recording))
     assert contradictions(turned.clusters, turned.links) == ()
-    before, after = (np.rad2deg([m.turn for m in possible_moves(t.clusters, t.links).values()]) for t in (walk, turned))
+    before, after = (
+        np.rad2deg([m.turn for m in possible_moves(t.clusters, t.links).values()])
+        for t in (walk, turned)
+    )
     assert before.max() < 2.0
     place = list(turned.clusters).index("thigh_r")
     assert 3.0 < after[place, 1] < 12.0 and np.delete(after, place, axis=0).max() < 3.0
 
 
-def test_a_sound_cluster_has_the_static_shape_and_keeps_it(trials: dict[str, MarkerEvidence]) -> None:
+def test_a_sound_cluster_has_the_static_shape_and_keeps_it(
+    trials: dict[str, MarkerEvidence],
+) -> None:
     for cluster in trials["walk"].clusters.values():
         assert np.abs(cluster.offsets).max() < ROUNDING and np.nanmax(cluster.strayed) < ROUNDING
 
 
-@pytest.mark.parametrize(("seed", "segment"), list(enumerate(("foot_r", "foot_l", "thigh_r", "shank_l"))))
+@pytest.mark.parametrize(
+    ("seed", "segment"), list(enumerate(("foot_r", "foot_l", "thigh_r", "shank_l")))
+)
 def test_a_displaced_marker_is_named_with_its_size(
     sound: Study, trials: dict[str, MarkerEvidence], seed: int, segment: str
 ) -> None:
     walk = trials["walk"]
     cluster = walk.clusters[segment]
     label = cluster.labels[np.random.default_rng(seed).integers(cluster.own)]
-    spoilt = with_trial(sound, "walk", turned_with(walk, segment, (label,), some_way(walk, segment, 1e-3 * SIZE_MM)))
+    spoilt = with_trial(
+        sound, "walk", turned_with(walk, segment, (label,), some_way(walk, segment, 1e-3 * SIZE_MM))
+    )
     (found,) = told(spoilt)
     assert f"'{label}'" in found.cause and (found.where, found.leg) == ("walk", segment[-1])
     assert abs(float(found.found.split(" mm off")[0]) - SIZE_MM) < 0.35 * SIZE_MM
@@ -114,28 +140,44 @@ def test_a_marker_that_all_moving_trials_have_elsewhere_is_told_once(
     assert "all moving trials agree against this one" in found[0].cure
 
 
-@pytest.mark.parametrize("pair", [("R.Thigh.Upper", "R.Thigh.Front"), ("L.Shank.Upper", "L.Shank.Rear")])
+@pytest.mark.parametrize(
+    "pair", [("R.Thigh.Upper", "R.Thigh.Front"), ("L.Shank.Upper", "L.Shank.Rear")]
+)
 def test_exchanged_labels_are_told_once_and_refused(sound: Study, pair: tuple[str, str]) -> None:
     (found,) = serious(with_trial(sound, "walk", swapped(*pair)))
-    assert found.severity is Severity.ERROR and all(f"'{label}'" in found.evidence for label in pair)
+    assert found.severity is Severity.ERROR and all(
+        f"'{label}'" in found.evidence for label in pair
+    )
 
 
 @pytest.mark.parametrize(
     ("segment", "change", "shift", "words"),
     [
-        ("thigh_r", Rotation.from_euler("y", 30.0, degrees=True).as_matrix(), 0.02, "right thigh slid or turned"),
+        (
+            "thigh_r",
+            Rotation.from_euler("y", 30.0, degrees=True).as_matrix(),
+            0.02,
+            "right thigh slid or turned",
+        ),
         ("foot_l", np.diag([1.0, 1.0, -1.0]), 0.0, "left foot are mirrored"),
     ],
     ids=["turned", "mirrored"],
 )
 def test_a_turned_or_mirrored_cluster_is_an_error(
-    sound: Study, trials: dict[str, MarkerEvidence], segment: str, change: Array, shift: float, words: str
+    sound: Study,
+    trials: dict[str, MarkerEvidence],
+    segment: str,
+    change: Array,
+    shift: float,
+    words: str,
 ) -> None:
     """The isolated knee has it as the static trial: nothing is placed."""
     cluster = trials["walk"].clusters[segment]
     away = cluster.static - cluster.static.mean(axis=0)
     by = away @ (change - np.eye(3)).T + [0.0, shift, 0.0]
-    found = told(with_trial(sound, "walk", turned_with(trials["walk"], segment, cluster.labels, by)))[0]
+    found = told(
+        with_trial(sound, "walk", turned_with(trials["walk"], segment, cluster.labels, by))
+    )[0]
     assert (found.severity, found.leg) == (Severity.ERROR, segment[-1])
     assert words in found.cause and ("mm up" in found.found) == (shift > 0.0)
 
@@ -168,7 +210,9 @@ def test_a_cluster_knocked_since_the_static_trial_is_placed_by_the_others(
     placed, (one,) = of.study, of.placed
     away = (placed.static.recording.markers - static.markers)[:, at]
     assert np.linalg.norm(away, axis=2).max() < PLACED_M < one.shift_spread
-    assert {name for name in placed.loosened if "hip_r" in name} == {f"hip_r.thigh.{d}" for d in ("ant", "sup", "lat")}
+    assert {name for name in placed.loosened if "hip_r" in name} == {
+        f"hip_r.thigh.{d}" for d in ("ant", "sup", "lat")
+    }
     prior = ANATOMY.loosened(placed.loosened)
     k = prior.names.index("hip_r.thigh.sup")
     more = prior.covariance[k, k] - ANATOMY.covariance[k, k]
@@ -183,8 +227,12 @@ def test_another_size_of_one_trial_and_of_the_static_one(sound: Study) -> None:
 
 
 @pytest.mark.parametrize("joint", ["knee_l", "hip_r", "ankle_l"])
-def test_a_trial_declared_for_another_joint_names_the_one_that_moves(sound: Study, joint: str) -> None:
-    spoilt = replace(sound, trials=tuple(replace(t, joint=joint) if t.joint else t for t in sound.trials))
+def test_a_trial_declared_for_another_joint_names_the_one_that_moves(
+    sound: Study, joint: str
+) -> None:
+    spoilt = replace(
+        sound, trials=tuple(replace(t, joint=joint) if t.joint else t for t in sound.trials)
+    )
     (found,) = [f for f in told(spoilt) if f.topic == "joint"]
     assert found.severity is Severity.ERROR
     assert found.cause == f"the trial is declared for {joint}, but this looks like knee_r"
@@ -203,10 +251,14 @@ def test_alignment_and_turns_are_exact() -> None:
         np.testing.assert_allclose(back, shift, atol=ROUNDING)
 
 
-def test_a_segment_with_two_markers_borrows_the_hip_centre(sound: Study, trials: dict[str, MarkerEvidence]) -> None:
+def test_a_segment_with_two_markers_borrows_the_hip_centre(
+    sound: Study, trials: dict[str, MarkerEvidence]
+) -> None:
     walk = trials["walk"]
     assert walk.stance is not None
-    fewer = clusters_of(walk.recording, walk.stance, sound.marker_set.landmarks, lambda m: m != "R.Thigh.Rear")
+    fewer = clusters_of(
+        walk.recording, walk.stance, sound.marker_set.landmarks, lambda m: m != "R.Thigh.Rear"
+    )
     assert fewer["thigh_r"].labels[-1] == "hip centre" and fewer["thigh_r"].reduced
     assert not fewer["thigh_l"].borrowed
 
@@ -216,11 +268,18 @@ def test_the_odd_walk_of_three_is_named(sound: Study, trials: dict[str, MarkerEv
 
     def again(name: str) -> Trial:
         noise = 1e-4 * rng.normal(size=walk.recording.markers.shape)
-        return replace(walk, name=name, recording=replace(walk.recording, markers=walk.recording.markers + noise))
+        return replace(
+            walk,
+            name=name,
+            recording=replace(walk.recording, markers=walk.recording.markers + noise),
+        )
 
     three = replace(sound, trials=(*sound.trials, again("walk2"), again("walk3")))
     assert told(three) == []
-    label, by = trials["walk"].clusters["thigh_r"].labels[:1], some_way(trials["walk"], "thigh_r", 0.011)
+    label, by = (
+        trials["walk"].clusters["thigh_r"].labels[:1],
+        some_way(trials["walk"], "thigh_r", 0.011),
+    )
     (found,) = told(with_trial(three, "walk2", turned_with(trials["walk"], "thigh_r", label, by)))
     assert found.where == "walk2" and "the other 2 walks" in found.cause
 
@@ -231,17 +290,25 @@ def test_in_a_further_trial_the_marker_itself_is_named(
     sound: Study, trials: dict[str, MarkerEvidence], label: str, axis: int
 ) -> None:
     """Held against the saved model."""
-    spoilt = with_trial(sound, "walk", turned_with(trials["walk"], "thigh_r", (label,), 0.04 * np.eye(3)[axis][None]))
+    spoilt = with_trial(
+        sound,
+        "walk",
+        turned_with(trials["walk"], "thigh_r", (label,), 0.04 * np.eye(3)[axis][None]),
+    )
     (found,) = of_further(spoilt, trials)
     assert f"marker '{label}' is not where" in found.cause
     assert of_further(sound, trials) == []
 
 
-def test_a_part_that_stays_flexed_accuses_no_marker_of_a_wrong_centre(trials: dict[str, MarkerEvidence]) -> None:
+def test_a_part_that_stays_flexed_accuses_no_marker_of_a_wrong_centre(
+    trials: dict[str, MarkerEvidence],
+) -> None:
     walk = trials["walk"]
     hip = walk.clusters["pelvis"].rotation.transpose(0, 2, 1) @ walk.clusters["thigh_r"].rotation
     bent = np.argsort(np.abs(root_angles(hip)[:, 0]))[-12:]
-    part = replace(walk.recording, time=walk.recording.time[:12], markers=walk.recording.markers[bent])
+    part = replace(
+        walk.recording, time=walk.recording.time[:12], markers=walk.recording.markers[bent]
+    )
     centres = {**walk.stance.centres, "hip_r": walk.stance.centres["hip_r"] + [0.08, 0.0, 0.0]}
     clusters = clusters_of(part, walk.stance, {}, lambda _: True)
     links = links_of(clusters, centres)
@@ -254,7 +321,9 @@ def test_limits_grow_with_tall_people(sound: Study, trials: dict[str, MarkerEvid
     tall = replace(sound, subject=replace(sound.subject, height=2.1))
     walk = next(t for t in examined(tall).trials if t.name == "walk")
     for segment, cluster in walk.clusters.items():
-        assert offset_limit(cluster) == pytest.approx(1.2 * offset_limit(trials["walk"].clusters[segment]))
+        assert offset_limit(cluster) == pytest.approx(
+            1.2 * offset_limit(trials["walk"].clusters[segment])
+        )
     for joint, link in walk.links.items():
         assert link.reach == pytest.approx(1.2 * trials["walk"].links[joint].reach, rel=0.01)
 
@@ -265,11 +334,15 @@ def test_sizes_that_scatter_leave_the_body_its_size(
 ) -> None:
     spoilt = sound
     clusters = trials["walk"].clusters
-    for (segment, cluster), way in zip(clusters.items(), np.linspace(-1.0, 1.0, len(clusters)), strict=True):
+    for (segment, cluster), way in zip(
+        clusters.items(), np.linspace(-1.0, 1.0, len(clusters)), strict=True
+    ):
         size = 0.981 + scatter * way
         by = (size - 1.0) * (cluster.static - cluster.static.mean(axis=0))
         for name in ("walk", "knee_r"):
-            spoilt = with_trial(spoilt, name, turned_with(trials[name], segment, cluster.labels, by))
+            spoilt = with_trial(
+                spoilt, name, turned_with(trials[name], segment, cluster.labels, by)
+            )
     assert any(f.topic == "body size" for f in told(spoilt)) == (scatter == 0.0)
 
 
@@ -278,11 +351,17 @@ def test_of_two_markers_both_are_named_and_neither_is_left_out(sound: Study, lab
     two = with_trial(sound, "walk", without("R.Thigh.Rear"))
     assert told(two) == []
     (found,) = told(with_trial(two, "walk", moved(label, lambda x: x + [0.0, 0.05, 0.0])))
-    assert "'R.Thigh.Upper'" in found.cause and "'R.Thigh.Front'" in found.cause and "weights" not in found.cure
+    assert (
+        "'R.Thigh.Upper'" in found.cause
+        and "'R.Thigh.Front'" in found.cause
+        and "weights" not in found.cure
+    )
 
 
 def test_a_marker_at_fault_does_not_accuse_two_good_ones(trials: dict[str, MarkerEvidence]) -> None:
-    """Three markers on a foot, one elsewhere: exchanging the others may halve what is wrong, but puts nothing right."""
+    """Three markers on a foot, one elsewhere: exchanging the others may halve what is wrong, but
+    puts nothing right.
+    """
     trio = ("R.Heel", "R.Midfoot.Sup", "R.Toe.Tip")
     walk, rng = trials["walk"], np.random.default_rng(7)
     few = without(*set(walk.templates["foot_r"][0]) - set(trio))(walk.recording)
@@ -290,5 +369,7 @@ def test_a_marker_at_fault_does_not_accuse_two_good_ones(trials: dict[str, Marke
         for _ in range(40):
             way = rng.normal(size=3)
             by = rng.uniform(0.03, 0.12) * way / np.linalg.norm(way)
-            found = by_lengths(walk.with_recording(turned_with(walk, "foot_r", (wrong,), by[None])(few)))
+            found = by_lengths(
+                walk.with_recording(turned_with(walk, "foot_r", (wrong,), by[None])(few))
+            )
             assert all(wrong in (one.label, one.other) for one in found)

@@ -1,4 +1,6 @@
-"""The static trial by itself: exchanged and displaced landmarks, a wrong height, bent people; nothing on sound ones."""
+"""The static trial by itself: exchanged and displaced landmarks, a wrong height, bent people;
+nothing on sound ones.
+"""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -29,7 +31,16 @@ from gaitcal.quality.trial_role import standing_legs, standing_straight
 from gaitcal.study.study import Study
 from gaitcal.synthetic.subject import on_the_floor, recording_of, synthetic_model
 from gaitcal.synthetic.synthetic_motion import standing_pose, static_motion, synthetic_markers
-from tests.quality.spoilt import Array, Change, evidence, moved, serious, swapped, with_trial, without
+from tests.quality.spoilt import (
+    Array,
+    Change,
+    evidence,
+    moved,
+    serious,
+    swapped,
+    with_trial,
+    without,
+)
 from tests.real_studies import REAL
 
 People = dict[str, tuple[dict[str, Array], float]]
@@ -75,7 +86,10 @@ def test_a_foot_without_a_landmark_turns_nobody(people: People) -> None:
     for lost, kept in (("toe_l", "r"), ("heel_r", "l")):
         some = {landmark: x for landmark, x in p.items() if landmark != lost}
         heel, toe = some[f"heel_{kept}"], some[f"toe_{kept}"]
-        before, after = body_axes(some), body_axes({**some, f"toe_{kept}": heel + outward @ (toe - heel)})
+        before, after = (
+            body_axes(some),
+            body_axes({**some, f"toe_{kept}": heel + outward @ (toe - heel)}),
+        )
         assert before is not None and after is not None
         assert np.allclose(before, after)
         assert before[:, 0] @ body_axes(p)[:, 0] > np.cos(np.deg2rad(6.0))  # type: ignore[index]
@@ -96,14 +110,19 @@ def test_without_a_required_marker_no_other_is_accused(sound: Study, lost: str) 
 EXCHANGES = [
     *((pair,) for pair in (("asis_r", "asis_l"), ("heel_r", "toe_r"))),
     *(((f"{end}_r", f"{end}_l"),) for end in ("knee_med", "knee_lat", "ankle_med", "ankle_lat")),
-    *(((f"{end[0]}_lat_{end[1]}", f"{end[0]}_med_{end[1]}"),) for end in (("knee", "l"), ("ankle", "r"))),
+    *(
+        ((f"{end[0]}_lat_{end[1]}", f"{end[0]}_med_{end[1]}"),)
+        for end in (("knee", "l"), ("ankle", "r"))
+    ),
     (("heel_r", "heel_l"), ("toe_r", "toe_l")),
     (("knee_lat_r", "knee_lat_l"), ("knee_med_r", "knee_med_l")),
 ]
 
 
 @pytest.mark.parametrize("pairs", EXCHANGES, ids=lambda pairs: "+".join(a for a, _ in pairs))
-def test_exchanged_landmarks_are_found_on_everybody(people: People, pairs: tuple[tuple[str, str], ...]) -> None:
+def test_exchanged_landmarks_are_found_on_everybody(
+    people: People, pairs: tuple[tuple[str, str], ...]
+) -> None:
     for name, (p, height) in people.items():
         if all(landmark in p for pair in pairs for landmark in pair):
             first = next(faults(exchanged(p, pairs), height))
@@ -112,26 +131,32 @@ def test_exchanged_landmarks_are_found_on_everybody(people: People, pairs: tuple
 
 @pytest.mark.slow
 def test_a_landmark_90_mm_off_is_found_and_named(people: People) -> None:
-    """Forty, the same every time: of 1780 draws 10 are missed, heels across a foot that is turned out, whom nothing but
-    the foot's own direction would betray, and feet do turn.
+    """Forty, the same every time: of 1780 draws 10 are missed, heels across a foot that is turned
+    out, whom nothing but the foot's own direction would betray, and feet do turn.
     """
     rng = np.random.default_rng(2)
     for _ in range(40):
         p, height = people[str(rng.choice(["synthetic", *REAL]))]
-        landmark, way = str(rng.choice(["ankle_lat", "ankle_med", "knee_lat", "heel"])), rng.normal(size=3)
+        landmark, way = (
+            str(rng.choice(["ankle_lat", "ankle_med", "knee_lat", "heel"])),
+            rng.normal(size=3),
+        )
         name = f"{landmark}_{rng.choice(['r', 'l'])}"
         if name in p:
             first = next(faults({**p, name: p[name] + 0.09 * way / np.linalg.norm(way)}, height))
             assert isinstance(first, Displaced)
             told = (first.landmark, *(other for other, _ in first.rivals))
-            # A heel straight up leaves both feet as unlike each other as the other heel down: of uf3 that one is told.
+            # A heel straight up leaves both feet as unlike each other as the other heel down: of
+            # uf3 that one is told.
             assert name in told or (landmark == "heel" and first.landmark.startswith("heel"))
             assert 0.05 < first.size < 0.14
 
 
 @pytest.mark.slow
 def test_how_often_a_landmark_40_mm_off_is_found(people: People) -> None:
-    """In nine of ten cases on thirteen people; three of four are asked for here, as only two people stand for all."""
+    """In nine of ten cases on thirteen people; three of four are asked for here, as only two people
+    stand for all.
+    """
     rng = np.random.default_rng(1)
     told, named, of = 0, 0, 0
     for p, height in (people[name] for name in ("subject01", "uf3")):
@@ -162,9 +187,24 @@ def test_how_often_a_landmark_40_mm_off_is_found(people: People) -> None:
                 '"R.Knee.Med" = "L.Knee.Med"',
             ),
         ),
-        (moved("R.Ankle.Lat", lambda x: x + [0.0, 0.035, 0.0]), WARNING, "r", ("lies about 3", "mostly up")),
-        (moved("R.Knee.Lat", lambda x: x + [0.0, 0.0, 0.145]), ERROR, "r", ("knee width, right 25", "'R.Knee.Lat'")),
-        (swapped("R.Thigh.Upper", "R.Shank.Rear"), ERROR, "", ("'R.Thigh.Upper'", "nearest: shank_r")),
+        (
+            moved("R.Ankle.Lat", lambda x: x + [0.0, 0.035, 0.0]),
+            WARNING,
+            "r",
+            ("lies about 3", "mostly up"),
+        ),
+        (
+            moved("R.Knee.Lat", lambda x: x + [0.0, 0.0, 0.145]),
+            ERROR,
+            "r",
+            ("knee width, right 25", "'R.Knee.Lat'"),
+        ),
+        (
+            swapped("R.Thigh.Upper", "R.Shank.Rear"),
+            ERROR,
+            "",
+            ("'R.Thigh.Upper'", "nearest: shank_r"),
+        ),
     ],
     ids=["exchanged", "off its bone", "a knee as wide as two", "thigh and shank"],
 )
@@ -185,7 +225,9 @@ def test_a_height_that_no_length_goes_with(people: People, factor: float) -> Non
 
 
 def bent(knee: float, other: float) -> Recording:
-    """The synthetic person standing with right and left knee bent by so many degrees, hips and ankles following."""
+    """The synthetic person standing with right and left knee bent by so many degrees, hips and
+    ankles following.
+    """
     motion = static_motion()
     model = published_model(static_only=True)
     q = motion.q.copy()
@@ -195,12 +237,18 @@ def bent(knee: float, other: float) -> Recording:
         q[:, names.index(f"knee_angle_{side}")] += angle
         q[:, names.index(f"ankle_angle_{side}")] += 0.5 * angle
     markers = synthetic_markers(model.parameters, model.markers, q)
-    return Recording(source="bent", time=motion.basis.time, labels=model.markers.labels, markers=markers)
+    return Recording(
+        source="bent", time=motion.basis.time, labels=model.markers.labels, markers=markers
+    )
 
 
 @pytest.mark.parametrize(
     ("knees", "cause", "severity"),
-    [((15.0, 12.0), None, None), ((45.0, 42.0), "bent knees", WARNING), ((50.0, 5.0), "unevenly", WARNING)],
+    [
+        ((15.0, 12.0), None, None),
+        ((45.0, 42.0), "bent knees", WARNING),
+        ((50.0, 5.0), "unevenly", WARNING),
+    ],
 )
 def test_how_somebody_stands_is_told_and_no_landmark_accused(
     sound: Study, knees: tuple[float, float], cause: str | None, severity: Severity | None
@@ -210,26 +258,40 @@ def test_how_somebody_stands_is_told_and_no_landmark_accused(
     assert stands is not None and np.allclose(stands.knees, knees, atol=2.0)
     assert list(proportions(trial)) == []
     found = list(standing_straight(trial))
-    assert [(f.severity, cause in f.cause) for f in found if cause] == ([(severity, True)] if cause else [])
+    assert [(f.severity, cause in f.cause) for f in found if cause] == (
+        [(severity, True)] if cause else []
+    )
     assert bool(found) is bool(cause)
 
 
-@pytest.mark.parametrize(("share", "severity"), [(0.479, None), (0.455, Severity.INFO), (0.41, WARNING)])
+@pytest.mark.parametrize(
+    ("share", "severity"), [(0.479, None), (0.455, Severity.INFO), (0.41, WARNING)]
+)
 def test_legs_are_doubted_where_hardly_anybody_has_them(
     sound: Study, share: float, severity: Severity | None, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Legs of one person in twelve, in fifty, in three thousand, where no other length speaks against a height."""
+    """Legs of one person in twelve, in fifty, in three thousand, where no other length speaks
+    against a height.
+    """
     trial = evidence(sound, sound.static)
-    monkeypatch.setattr("gaitcal.quality.static_landmarks.hip_height", lambda t: share * t.subject.height)
+    monkeypatch.setattr(
+        "gaitcal.quality.static_landmarks.hip_height", lambda t: share * t.subject.height
+    )
     assert [f.severity for f in proportions(trial)] == ([] if severity is None else [severity])
 
 
 @pytest.mark.parametrize("seed", range(1, 7))
 def test_somebody_who_is_built_otherwise_is_not_accused(seed: int, tmp_path: Path) -> None:
-    """Every joint axis turned by up to 10 degrees, every joint shifted by up to 10 mm, in both of its segments."""
-    model = synthetic_model(np.random.default_rng(np.random.SeedSequence(seed).spawn(1)[0]), perturb=True)
+    """Every joint axis turned by up to 10 degrees, every joint shifted by up to 10 mm, in both of
+    its segments.
+    """
+    model = synthetic_model(
+        np.random.default_rng(np.random.SeedSequence(seed).spawn(1)[0]), perturb=True
+    )
     standing = on_the_floor(model, static_motion(standing=standing_pose(model.parameters)))
-    write_c3d(tmp_path / "static.c3d", recording_of("static", standing, model, model.markers.labels))
+    write_c3d(
+        tmp_path / "static.c3d", recording_of("static", standing, model, model.markers.labels)
+    )
     (tmp_path / "study.toml").write_text(STANDS.format(mass=model.subject.mass), encoding="utf-8")
     study = Study.load(tmp_path / "study.toml")
     (static,) = examined(study).trials
@@ -244,7 +306,10 @@ def test_the_cost_of_build_is_the_least_of_turns_and_shifts(sound: Study) -> Non
     standing, height = body(sound)
     p = {name: point + 0.01 * rng.normal(size=3) for name, point in standing.items()}
     z = np.array([m.z for m in measures(p, height)])
-    columns = [(np.array([m.z for m in measures(q, height)]) - z) * scale for q, scale in body_build.moved(p)]
+    columns = [
+        (np.array([m.z for m in measures(q, height)]) - z) * scale
+        for q, scale in body_build.moved(p)
+    ]
     stacked = np.vstack([np.stack(columns, axis=1), np.eye(len(columns))])
     least = np.linalg.lstsq(stacked, np.concatenate([z, np.zeros(len(columns))]), rcond=None)[1]
     assert cost_of_build(p, height) == pytest.approx(float(least[0]), rel=1e-8)

@@ -1,4 +1,6 @@
-"""From findings to a verdict: overall, for each walk and each leg, one reason a cause, the worst first."""
+"""From findings to a verdict: overall, for each walk and each leg, one reason a cause, the worst
+first.
+"""
 
 from dataclasses import replace
 from itertools import permutations
@@ -28,7 +30,14 @@ WALKS = ("walk", "walk2")
 JUDGED = {Severity.INFO: GOOD, Severity.WARNING: DOUBTFUL, Severity.ERROR: REFUSED}
 
 
-def found(severity: Severity, where: str, cause: str = "a", leg: str = "", weight: float = 1.0, **more: Any) -> Finding:
+def found(
+    severity: Severity,
+    where: str,
+    cause: str = "a",
+    leg: str = "",
+    weight: float = 1.0,
+    **more: Any,
+) -> Finding:
     kind = {"code": Code.CLOCKS_DIFFER, "topic": FORCES, "found": "3 mm", "cure": "do", **more}
     return Finding(severity=severity, where=where, cause=cause, leg=leg, weight=weight, **kind)
 
@@ -38,12 +47,18 @@ def both_legs(where: str) -> list[Finding]:
 
 
 def legs_of(verdict: Verdict) -> dict[tuple[str, str], Judgement]:
-    return {(walk, side): j for walk, trial in verdict.trials.items() for side, j in trial.legs.items()}
+    return {
+        (walk, side): j for walk, trial in verdict.trials.items() for side, j in trial.legs.items()
+    }
 
 
 def test_nothing_found_is_trustworthy() -> None:
     verdict = judge([], WALKS)
-    assert verdict.judgement is GOOD and set(legs_of(verdict).values()) == {GOOD} and verdict.reasons == ()
+    assert (
+        verdict.judgement is GOOD
+        and set(legs_of(verdict).values()) == {GOOD}
+        and verdict.reasons == ()
+    )
 
 
 @pytest.mark.parametrize("severity", Severity)
@@ -64,16 +79,30 @@ def test_what_concerns_one_walk_leaves_the_other_alone(severity: Severity) -> No
 
 def test_what_concerns_one_leg_leaves_the_other_alone() -> None:
     verdict = judge([found(Severity.ERROR, "walk", leg="l")], WALKS)
-    assert legs_of(verdict) == {("walk", "r"): GOOD, ("walk", "l"): REFUSED, ("walk2", "r"): GOOD, ("walk2", "l"): GOOD}
+    assert legs_of(verdict) == {
+        ("walk", "r"): GOOD,
+        ("walk", "l"): REFUSED,
+        ("walk2", "r"): GOOD,
+        ("walk2", "l"): GOOD,
+    }
     assert verdict.trials["walk"].judgement is DOUBTFUL and verdict.refused == ()
     assert verdict.refused_legs("walk") == ("l",) and verdict.refused_legs("walk2") == ()
-    assert verdict.judgement is DOUBTFUL and verdict.sentence.endswith("Refused: the left leg of walk.")
+    assert verdict.judgement is DOUBTFUL and verdict.sentence.endswith(
+        "Refused: the left leg of walk."
+    )
     both = judge(both_legs("walk"), WALKS)
-    assert both.refused == ("walk",) and both.judgement is DOUBTFUL and both.refused_legs("walk") == ("r", "l")
+    assert (
+        both.refused == ("walk",)
+        and both.judgement is DOUBTFUL
+        and both.refused_legs("walk") == ("r", "l")
+    )
     assert judge(both_legs("walk"), ("walk",)).judgement is REFUSED
     of_the_model = judge([found(Severity.ERROR, "static", leg="l")], WALKS)
     assert of_the_model.judgement is DOUBTFUL
-    assert {leg for leg, j in legs_of(of_the_model).items() if j is REFUSED} == {("walk", "l"), ("walk2", "l")}
+    assert {leg for leg, j in legs_of(of_the_model).items() if j is REFUSED} == {
+        ("walk", "l"),
+        ("walk2", "l"),
+    }
     assert judge([found(Severity.ERROR, "static", leg="l")], ()).judgement is REFUSED
 
 
@@ -113,14 +142,24 @@ def test_one_reason_a_cause_the_worst_first(findings: list[Finding]) -> None:
 
 
 def test_the_worst_of_one_severity_is_told_first() -> None:
-    some = [found(Severity.WARNING, "walk", cause, weight=weight) for cause, weight in (("a", 1), ("b", 9), ("c", 4))]
+    some = [
+        found(Severity.WARNING, "walk", cause, weight=weight)
+        for cause, weight in (("a", 1), ("b", 9), ("c", 4))
+    ]
     for order in permutations(some):
         assert [r.cause for r in reasons(order)] == ["b", "c", "a"]
 
 
 def test_findings_without_a_cause_are_one_where_only_their_numbers_differ() -> None:
     def plain(where: str, text: str) -> Finding:
-        return Finding(code=Code.GAPS, severity=Severity.WARNING, topic="gaps", where=where, found=text, cure="fill")
+        return Finding(
+            code=Code.GAPS,
+            severity=Severity.WARNING,
+            topic="gaps",
+            where=where,
+            found=text,
+            cure="fill",
+        )
 
     (told,) = reasons([plain("a", "no marker for 0.3 s"), plain("b", "no marker for 0.51 s")])
     assert told.trials == ("a", "b")
@@ -128,12 +167,16 @@ def test_findings_without_a_cause_are_one_where_only_their_numbers_differ() -> N
     assert len(reasons([plain("a", "no marker for 0.3 s"), plain("b", "no force for 0.3 s")])) == 2
 
 
-CONTRADICTED = found(Severity.WARNING, "walk", "not what the motion asks for", code=Code.FORCES_CONTRADICT)
+CONTRADICTED = found(
+    Severity.WARNING, "walk", "not what the motion asks for", code=Code.FORCES_CONTRADICT
+)
 DISAGREE = found(Severity.ERROR, "walk", topic=BOUNDS, code=Code.FORCES_OF_ANOTHER)
 
 
 def test_what_follows_from_a_named_fault_is_not_told_beside_it() -> None:
-    late, everywhere = (found(Severity.WARNING, where, "the forces come late") for where in ("walk", STUDY))
+    late, everywhere = (
+        found(Severity.WARNING, where, "the forces come late") for where in ("walk", STUDY)
+    )
     off = found(Severity.WARNING, "walk", "marker 'R.Heel' is odd", topic=MARKERS_AFTER_FIT)
     assert without_consequences([CONTRADICTED, off]) == (CONTRADICTED, off)
     assert without_consequences([CONTRADICTED, late]) == (late,)
@@ -141,22 +184,34 @@ def test_what_follows_from_a_named_fault_is_not_told_beside_it() -> None:
     assert without_consequences([CONTRADICTED, replace(late, where="walk2")])[0] == CONTRADICTED
     before = found(Severity.WARNING, "walk", "marker 'R.Heel' left its place", topic="clusters")
     assert without_consequences([before, off]) == (before,)
-    for other in ({"where": "hip_r"}, {"severity": Severity.INFO}, {"cause": "marker 'L.Heel' left its place"}):
+    for other in (
+        {"where": "hip_r"},
+        {"severity": Severity.INFO},
+        {"cause": "marker 'L.Heel' left its place"},
+    ):
         assert without_consequences([replace(before, **other), off])[-1] == off  # type: ignore[arg-type]
 
 
-@pytest.mark.parametrize(("topic", "spoilt"), [(topic, spoilt) for topic in SPOILS for spoilt in SPOILS[topic]])
+@pytest.mark.parametrize(
+    ("topic", "spoilt"), [(topic, spoilt) for topic in SPOILS for spoilt in SPOILS[topic]]
+)
 def test_what_puts_a_trial_in_disorder_is_told_alone(topic: str, spoilt: str) -> None:
     cause = found(Severity.ERROR, "walk", topic=topic)
     effect = found(Severity.WARNING, "walk", "b", topic=spoilt)
     assert without_consequences([effect, cause]) == (cause,)
-    for other in (replace(cause, where="walk2"), replace(cause, severity=Severity.WARNING), replace(cause, cause="")):
+    for other in (
+        replace(cause, where="walk2"),
+        replace(cause, severity=Severity.WARNING),
+        replace(cause, cause=""),
+    ):
         assert without_consequences([effect, other]) == (effect, other)
 
 
 @pytest.mark.parametrize("where", ["walk", STUDY])
 def test_a_residual_that_a_named_fault_explains_is_not_told_beside_it(where: str) -> None:
-    residual = found(Severity.WARNING, "walk", "motion and forces disagree", code=Code.UNEXPLAINED_RESIDUAL)
+    residual = found(
+        Severity.WARNING, "walk", "motion and forces disagree", code=Code.UNEXPLAINED_RESIDUAL
+    )
     late = found(Severity.WARNING, where, "the forces come late")
     assert without_consequences([residual]) == (residual,)
     assert without_consequences([late, residual]) == (late,)
@@ -170,16 +225,24 @@ def test_markers_of_one_walk_cast_doubt_on_the_others_and_its_forces_do_not() ->
     forces, doubt = found(Severity.ERROR, "walk"), replace(markers, severity=Severity.WARNING)
     for said, other in ((markers, DOUBTFUL), (forces, GOOD), (doubt, GOOD)):
         assert judge([said], WALKS).trials["walk2"].judgement is other
-    assert judge([replace(markers, leg="l")], WALKS).trials["walk"].legs == {"r": GOOD, "l": REFUSED}
+    assert judge([replace(markers, leg="l")], WALKS).trials["walk"].legs == {
+        "r": GOOD,
+        "l": REFUSED,
+    }
 
 
 def test_errors_stop_only_where_they_leave_a_walk_no_leg() -> None:
-    """One leg without its toe: the other is computed. A warning never stops, an error without a leg always does."""
+    """One leg without its toe: the other is computed. A warning never stops, an error without a leg
+    always does.
+    """
     left, right = both_legs("walk")
     assert stopping([left], WALKS) == () == stopping([replace(left, where="walk2"), right], WALKS)
     assert stopping([replace(left, where="static")], WALKS) == ()
     assert stopping([left, right], WALKS) == (left, right)
-    assert stopping([replace(left, where="ankle_l"), right], WALKS) == (replace(left, where="ankle_l"), right)
+    assert stopping([replace(left, where="ankle_l"), right], WALKS) == (
+        replace(left, where="ankle_l"),
+        right,
+    )
     for where in (*WALKS, "static", STUDY):
         assert stopping([found(Severity.WARNING, where)], WALKS) == ()
         assert len(stopping([found(Severity.ERROR, where)], WALKS)) == 1
@@ -191,7 +254,11 @@ def test_a_leg_that_markers_do_not_show_explains_what_it_does_afterwards() -> No
     bounds = found(Severity.ERROR, "walk", "no leg bends so", "l", topic=BOUNDS)
     assert without_consequences([lost, bounds, DISAGREE, CONTRADICTED]) == (lost,)
     assert judge(without_consequences([lost, DISAGREE]), ("walk",)).refused_legs("walk") == ("l",)
-    for elsewhere in (replace(bounds, leg="r"), replace(bounds, where="walk2"), replace(DISAGREE, where="walk2")):
+    for elsewhere in (
+        replace(bounds, leg="r"),
+        replace(bounds, where="walk2"),
+        replace(DISAGREE, where="walk2"),
+    ):
         assert without_consequences([lost, elsewhere]) == (lost, elsewhere)
     doubt = replace(lost, severity=Severity.WARNING)
     assert without_consequences([doubt, bounds, DISAGREE]) == (doubt, bounds, DISAGREE)
@@ -201,7 +268,10 @@ def test_a_joint_that_lies_where_nobody_has_it_is_told_once() -> None:
     cause = "the right hip joint lies where fewer than 1 in 1000 people have one"
     place = found(Severity.WARNING, STUDY, cause, "r", topic=PLACES, code=Code.JOINT_PLACE)
     words = "lies further from where the static trial has it than people do"
-    hip, knee = (replace(place, topic="a", code=Code.JOINT_AT_BOUND, cause=f"{j} {words}") for j in ("hip_r", "knee_r"))
+    hip, knee = (
+        replace(place, topic="a", code=Code.JOINT_AT_BOUND, cause=f"{j} {words}")
+        for j in ("hip_r", "knee_r")
+    )
     assert without_consequences([hip, place, knee]) == (place, knee)
     another = replace(hip, code=Code.OTHER_BODY, severity=Severity.ERROR)
     assert without_consequences([place, another]) == (another,)

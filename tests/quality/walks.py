@@ -27,7 +27,9 @@ class Walk:
     recording: Recording
     motion: Motion
 
-    def evidence(self, change: Callable[[Recording], Recording] = lambda r: r, name: str = "walk") -> ForceEvidence:
+    def evidence(
+        self, change: Callable[[Recording], Recording] = lambda r: r, name: str = "walk"
+    ) -> ForceEvidence:
         """With other plates, or other markers, which are tracked again."""
         recording, motion = change(self.recording), self.motion
         if recording.markers is not self.recording.markers:
@@ -47,10 +49,17 @@ def tracked(model: SubjectModel, recording: Recording) -> Motion:
 
 @lru_cache(maxsize=1)
 def exact_walk() -> Walk:
-    """Markers and plates of one motion and one body; the plates lie side by side, 4 m long and 1 m wide."""
+    """Markers and plates of one motion and one body; the plates lie side by side, 4 m long and 1 m
+    wide.
+    """
     model, true = published_model(), gait_motion()
     plates = [
-        replace(plate, corners=np.array([[-1.5, 0.0, low], [2.5, 0.0, low], [2.5, 0.0, low + 1], [-1.5, 0.0, low + 1]]))
+        replace(
+            plate,
+            corners=np.array(
+                [[-1.5, 0.0, low], [2.5, 0.0, low], [2.5, 0.0, low + 1], [-1.5, 0.0, low + 1]]
+            ),
+        )
         for plate, low in zip(made_plates(true), (0.0, -1.0), strict=True)
     ]
     recording = replace(made_recording(true), plates=tuple(plates))

@@ -1,4 +1,6 @@
-"""`result.html` of a result and of its further trials: all of them, none mixed up, whatever befalls the files."""
+"""`result.html` of a result and of its further trials: all of them, none mixed up, whatever befalls
+the files.
+"""
 
 import json
 import shutil
@@ -26,7 +28,9 @@ PAGE_DATA = "page.json"
 @pytest.fixture(scope="module")
 def made(kept: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A result with one further trial, `walk2`."""
-    folder = Path(shutil.copytree(kept_result(kept), tmp_path_factory.mktemp("made"), dirs_exist_ok=True))
+    folder = Path(
+        shutil.copytree(kept_result(kept), tmp_path_factory.mktemp("made"), dirs_exist_ok=True)
+    )
     assert run("dynamics", folder / "result", trial(folder, "walk2"), "-q").exit_code == 0
     return folder
 
@@ -66,7 +70,10 @@ def test_further_trials_tell_of_the_model_behind_them(folder: Path) -> None:
     whole = json.dumps(sheet["sections"]["provenance"])
     assert "from walk. It is not fitted anew to these trials. Its own verdict: " in whole
     assert "was edited since" not in whole
-    assert sheet["sections"]["joints"][1:] == read_page_data(folder / "result" / PAGE_DATA)["sections"]["joints"]
+    assert (
+        sheet["sections"]["joints"][1:]
+        == read_page_data(folder / "result" / PAGE_DATA)["sections"]["joints"]
+    )
     assert "walk2.csv" in json.dumps(sheet["trials"][0]["sections"]["provenance"])
     with_another_model(folder / "result")
     assert run("dynamics", folder / "result", trial(folder, "walk3"), "-q").exit_code == 0
@@ -110,14 +117,27 @@ def test_its_verdict_is_on_all_of_them(folder: Path) -> None:
     result = folder / "result"
     with edited(result / "dynamics", PAGE_DATA) as sheet:
         sheet["verdict"]["reasons"] = [
-            {"severity": "error", "cause": "odd", "evidence": "", "action": "", "trials": [name], "leg": "r"}
+            {
+                "severity": "error",
+                "cause": "odd",
+                "evidence": "",
+                "action": "",
+                "trials": [name],
+                "leg": "r",
+            }
             for name in ("walk2", "gone")
         ]
-        sheet["trials"][0]["verdict"] = {"judgement": "doubtful", "r": "refused", "l": "trustworthy"}
+        sheet["trials"][0]["verdict"] = {
+            "judgement": "doubtful",
+            "r": "refused",
+            "l": "trustworthy",
+        }
     run("dynamics", result, trial(folder, "walk3"), "-q")
     verdict = read_page_data(result / "dynamics" / PAGE_DATA)["verdict"]
     assert verdict["judgement"] == "doubtful"
-    assert [reason["trials"] for reason in verdict["reasons"] if reason["cause"] == "odd"] == [["walk2"]]
+    assert [reason["trials"] for reason in verdict["reasons"] if reason["cause"] == "odd"] == [
+        ["walk2"]
+    ]
     assert verdict["sentence"].endswith("Refused: the right leg of walk2.")
 
 
@@ -134,8 +154,12 @@ def test_trials_of_another_model_stay_and_are_told(folder: Path) -> None:
     def of_another_model() -> tuple[list[list[str]], list[str]]:
         """Trials of such reasons on the page, and warnings of the summary."""
         reasons = read_page_data(result / "dynamics" / PAGE_DATA)["verdict"]["reasons"]
-        warnings = json.loads((result / "dynamics/summary.json").read_text(encoding="utf-8"))["warnings"]
-        return [r["trials"] for r in reasons if r["cause"] == OTHER_MODEL], [w for w in warnings if OTHER_MODEL in w]
+        warnings = json.loads((result / "dynamics/summary.json").read_text(encoding="utf-8"))[
+            "warnings"
+        ]
+        return [r["trials"] for r in reasons if r["cause"] == OTHER_MODEL], [
+            w for w in warnings if OTHER_MODEL in w
+        ]
 
     for _ in range(2):
         assert told in run("dynamics", result, trial(folder, "walk3")).stdout
@@ -154,7 +178,10 @@ def test_a_damaged_page_is_told_and_begun_anew(name: str, folder: Path) -> None:
     assert "its page is missing or damaged; run its trials again to see them" in told
     assert trials(folder / "own.html") == ["walk"]
     told = run("dynamics", result, trial(folder, "walk3")).stdout
-    assert f"warning: walk2: {name} is damaged, or was edited: not as gaitcal wrote it: the page leaves" in told
+    assert (
+        f"warning: walk2: {name} is damaged, or was edited: not as gaitcal wrote it: the page "
+        "leaves" in told
+    )
     assert trials(result / "dynamics" / PAGE) == ["walk3"]
     assert (result / "dynamics/motion/walk2.csv").exists(), "its tables stay"
     assert "leaves this trial out" not in run("dynamics", result, folder / "study/walk2.csv").stdout

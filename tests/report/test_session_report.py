@@ -1,4 +1,6 @@
-"""`gaitcal compare A B` on result folders: read whole, written whole, hostile names, damaged and foreign folders."""
+"""`gaitcal compare A B` on result folders: read whole, written whole, hostile names, damaged and
+foreign folders.
+"""
 
 import json
 from dataclasses import replace
@@ -66,7 +68,9 @@ def results(tmp_path: Path) -> tuple[Path, Path]:
     return folders
 
 
-def test_a_result_against_itself_and_against_another(results: tuple[Path, Path], tmp_path: Path) -> None:
+def test_a_result_against_itself_and_against_another(
+    results: tuple[Path, Path], tmp_path: Path
+) -> None:
     before, after = results
     same = compare_results(before, before)
     assert same.common is Common.MODEL and not same.differences["exceeds"].any()
@@ -84,32 +88,45 @@ def test_a_result_against_itself_and_against_another(results: tuple[Path, Path],
     write_comparison(same, out, results)  # an earlier one is replaced
 
 
-def test_scores_against_other_norms_have_no_difference(results: tuple[Path, Path], tmp_path: Path) -> None:
+def test_scores_against_other_norms_have_no_difference(
+    results: tuple[Path, Path], tmp_path: Path
+) -> None:
     found = compare_results(*results)
     for of_both in (("free speed", "free speed"), ("free speed", "slow speed"), ("", "")):
         for folder, words, score in zip(results, of_both, (9.1, 6.2), strict=True):
             told = json.loads((folder / SUMMARY).read_text())
-            told |= {"norm": {"words": words}, "gait_profile": {"r": {"gps": {"score": score, "se": 0.4}}}}
+            told |= {
+                "norm": {"words": words},
+                "gait_profile": {"r": {"gps": {"score": score, "se": 0.4}}},
+            }
             (folder / SUMMARY).write_text(json.dumps(told))
         out = write_comparison(found, tmp_path / "comparison", results)
         page = (out / PAGE).read_text(encoding="utf-8")
-        assert page.count("6.2 ± 0.4") == 1 and ("-2.9 (missed below" in page) == (of_both == ("free speed",) * 2)
+        assert page.count("6.2 ± 0.4") == 1 and ("-2.9 (missed below" in page) == (
+            of_both == ("free speed",) * 2
+        )
         assert f">after, against {of_both[1] or 'not told whom'}</th>" in page
 
 
-def test_the_report_of_two_sessions_holds_both_means(results: tuple[Path, Path], tmp_path: Path) -> None:
+def test_the_report_of_two_sessions_holds_both_means(
+    results: tuple[Path, Path], tmp_path: Path
+) -> None:
     found = compare_results(*results)
     content = comparison_content(found, results, {"kinematics": "Softer knee."})
     told = [json.loads((folder / SUMMARY).read_text())["verdict"] for folder in results]
     assert content.people[-1] == ("Verdict", *told), "of both, not of doubtful ones only"
-    panel = next(p for p in content.sheets[0].panels if not isinstance(p, str) and p.title == "Pelvic tilt")
+    panel = next(
+        p for p in content.sheets[0].panels if not isinstance(p, str) and p.title == "Pelvic tilt"
+    )
     rows = found.curves[(found.curves["variable"] == "pelvis_tilt") & (found.curves["side"] == "r")]
     for drawn, column, sign in (
         (panel.strides["r"][0], "a", -1),
         (panel.mean["r"], "b", -1),
         (panel.error["r"], "mdc95", 1),
     ):
-        np.testing.assert_allclose(drawn, sign * rows[column].to_numpy(), err_msg="clinical: anterior tilt is positive")
+        np.testing.assert_allclose(
+            drawn, sign * rows[column].to_numpy(), err_msg="clinical: anterior tilt is positive"
+        )
     assert len(content.others) <= PRINTED + 1 and content.people[0] == ("", *found.names)
     pages = write_pdf(content, tmp_path / "two.pdf")
     assert 3 <= pages <= 5 and 2_000 < (tmp_path / "two.pdf").stat().st_size < 1_000_000
@@ -117,7 +134,9 @@ def test_the_report_of_two_sessions_holds_both_means(results: tuple[Path, Path],
         print_report(Console(quiet=True, verbose=False), *results)
 
 
-def test_names_stay_as_they_are_on_the_screen(results: tuple[Path, Path], capsys: pytest.CaptureFixture[str]) -> None:
+def test_names_stay_as_they_are_on_the_screen(
+    results: tuple[Path, Path], capsys: pytest.CaptureFixture[str]
+) -> None:
     run(Console(quiet=False, verbose=False), *results)
     assert "after against before #1 [bold]x" in capsys.readouterr().out
 
@@ -131,7 +150,9 @@ def test_a_folder_that_is_taken_is_told_first(tmp_path: Path) -> None:
     assert caught.value.code is Code.FOLDER_TAKEN
 
 
-@pytest.mark.parametrize("file", ["cycles.csv", "spatiotemporal.csv", "summary.json", "uncertainty.npz"])
+@pytest.mark.parametrize(
+    "file", ["cycles.csv", "spatiotemporal.csv", "summary.json", "uncertainty.npz"]
+)
 def test_damaged_files_are_named(results: tuple[Path, Path], file: str) -> None:
     before, after = results
     content = (after / file).read_bytes()
@@ -147,7 +168,10 @@ def test_an_edited_model_is_said(results: tuple[Path, Path]) -> None:
     before, after = results
     with (after / "model.toml").open("a", encoding="utf-8") as stream:
         stream.write("\n# looked at\n")
-    assert any(text.startswith("after: model.toml is not as") for text in compare_results(before, after).warnings)
+    assert any(
+        text.startswith("after: model.toml is not as")
+        for text in compare_results(before, after).warnings
+    )
 
 
 def test_no_result_and_no_room_are_told(results: tuple[Path, Path], tmp_path: Path) -> None:
@@ -171,7 +195,9 @@ def test_options_that_cannot_be(results: tuple[Path, Path], tmp_path: Path) -> N
 
 WALKS = ("walk03", "walk04")
 EXPECTED = 0.95
-"""Part of the differences of joint parameters inside bars of 95 %; measured over ten pairs of walks: all of them."""
+"""Part of the differences of joint parameters inside bars of 95 %; measured over ten pairs of
+walks: all of them.
+"""
 
 
 @pytest.mark.slow
@@ -185,7 +211,9 @@ def test_walk_against_walk(data_dir: Path, tmp_path: Path) -> None:
         ]
         person = '[subject]\nname = "S4"\nmass_kg = 53.5\nheight_m = 1.634\nsex = "female"\n'
         studies.append(tmp_path / f"{name}.toml")
-        studies[-1].write_text(person + '[markers]\nset = "plug-in-gait"\n' + "".join(trials), encoding="utf-8")
+        studies[-1].write_text(
+            person + '[markers]\nset = "plug-in-gait"\n' + "".join(trials), encoding="utf-8"
+        )
         results.append(write_results(calibrate(Study.load(studies[-1])), tmp_path / name))
     found = compare_results(*results)
     assert found.common is Common.STATIC and found.names == WALKS

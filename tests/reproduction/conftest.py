@@ -19,12 +19,16 @@ def clean(kept: Path) -> SeedResult:
 @pytest.fixture(scope="session")
 def draws(kept: Path) -> list[SeedResult]:
     """Two draws of the noise, each from a process of its own, two random inertial seeds each."""
-    return kept_object(kept / "reproduction" / "draws", lambda: noisy_draws(0, 2, jobs=2, random_seeds=FEW_SEEDS))
+    return kept_object(
+        kept / "reproduction" / "draws", lambda: noisy_draws(0, 2, jobs=2, random_seeds=FEW_SEEDS)
+    )
 
 
 @pytest.hookimpl(tryfirst=True)
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """Whoever asks for these runs takes long, if nobody did so before."""
     for item in items:
-        if Path(__file__).parent in item.path.parents and {"clean", "draws"} & {*getattr(item, "fixturenames", ())}:
+        if Path(__file__).parent in item.path.parents and {"clean", "draws"} & {
+            *getattr(item, "fixturenames", ())
+        }:
             item.add_marker(pytest.mark.slow)

@@ -53,7 +53,12 @@ def _verdict(words: str, clean: SeedResult, draws: list[SeedResult]) -> Verdict:
 def _third(force: float, torque: float, marker: float) -> Change:
     def change(d: SeedResult) -> SeedResult:
         assert d.third is not None
-        return replace(d, third=replace(d.third, force=(10.0, force), torque=(5.0, torque), marker_mm=(6.0, marker)))
+        return replace(
+            d,
+            third=replace(
+                d.third, force=(10.0, force), torque=(5.0, torque), marker_mm=(6.0, marker)
+            ),
+        )
 
     return change
 
@@ -81,7 +86,11 @@ def test_noiseless(words: str, bad: Change, clean: SeedResult, draws: list[SeedR
         ("far better than the ankle", _joint("ankle", 30.0), _joint("ankle", 0.1)),
         ("at most about 7 mm", _same, _joint("knee", marker_mm=7.5)),
         ("worse than the isolated", _joint("full leg", 9.0), _joint("full leg", 0.1)),
-        ("cost less", _joint("full leg", cost=0.0), _joint("full leg", cost=9.0, cost_at_truth=8.0)),
+        (
+            "cost less",
+            _joint("full leg", cost=0.0),
+            _joint("full leg", cost=9.0, cost_at_truth=8.0),
+        ),
         ("nearly the residual", _inertial(force=17.0, torque=5.0), _random(force=99.0)),
         ("much larger errors", _random({"inertia": 1e6, "centre": 1e3}), _random({"inertia": 1.0})),
         ("almost exactly", _inertial(total_mass=-0.006), _inertial(total_mass=0.2)),
@@ -90,8 +99,15 @@ def test_noiseless(words: str, bad: Change, clean: SeedResult, draws: list[SeedR
         ("together lower both", _third(5.0, 2.0, 6.3), _third(5.0, 3.5, 6.3)),
     ],
 )
-def test_noisy(words: str, good: Change, bad: Change, clean: SeedResult, draws: list[SeedResult]) -> None:
-    for calm in (_joint("knee", 0.3), _joint("ankle", 1.0), _joint("hip", 0.4), _joint("full leg", 3.0)):
+def test_noisy(
+    words: str, good: Change, bad: Change, clean: SeedResult, draws: list[SeedResult]
+) -> None:
+    for calm in (
+        _joint("knee", 0.3),
+        _joint("ankle", 1.0),
+        _joint("hip", 0.4),
+        _joint("full leg", 3.0),
+    ):
         draws = [calm(d) for d in draws]
     assert _verdict(words, clean, [good(d) for d in draws]) is Verdict.HOLDS
     assert _verdict(words, clean, [bad(d) for d in draws]) is Verdict.FAILS
@@ -105,8 +121,13 @@ def test_speed(clean: SeedResult, draws: list[SeedResult]) -> None:
 
         return change
 
-    fast, slow = timed(0.10), timed(0.12)  # 11 s, the fastest published, are two whole orders above the first alone
-    (told,) = [c for c in table_claims(slow(clean), [slow(d) for d in draws]) if "faster" in c.claim]
+    fast, slow = (
+        timed(0.10),
+        timed(0.12),
+    )  # 11 s, the fastest published, are two whole orders above the first alone
+    (told,) = [
+        c for c in table_claims(slow(clean), [slow(d) for d in draws]) if "faster" in c.claim
+    ]
     assert told.ours.endswith("91.7 times faster, 1 whole orders")
     assert _verdict("faster", fast(clean), [fast(d) for d in draws]) is Verdict.HOLDS
     assert _verdict("faster", slow(clean), [slow(d) for d in draws]) is Verdict.FAILS

@@ -1,4 +1,6 @@
-"""Recovery of published parameters and the tables of it: every figure is there, and real people beside them."""
+"""Recovery of published parameters and the tables of it: every figure is there, and real people
+beside them.
+"""
 
 import json
 import re
@@ -74,8 +76,8 @@ from gaitcal.reproduction.reproduce import (
     write_tables,
 )
 from gaitcal.reproduction.reproduce import reproduce as run
-from tests.reproduction.conftest import FEW_SEEDS
 from tests.refusal import refusal
+from tests.reproduction.conftest import FEW_SEEDS
 
 TINY = ReproductionSettings(noise_seeds=2, random_seeds=FEW_SEEDS, draws=1, jobs=1)
 
@@ -99,7 +101,13 @@ def files(reproduction: Reproduction, tmp_path_factory: pytest.TempPathFactory) 
 def test_spread_places_the_published_figure() -> None:
     found = spread([3.0, 1.0, 2.0, 10.0])
     assert (found.median, found.low, found.high, found.draws) == (2.5, 1.0, 10.0, 4)
-    assert [found.place(v) for v in (0.9, 1.0, 5.0, 10.0, 10.1)] == ["below", "inside", "inside", "inside", "above"]
+    assert [found.place(v) for v in (0.9, 1.0, 5.0, 10.0, 10.1)] == [
+        "below",
+        "inside",
+        "inside",
+        "inside",
+        "above",
+    ]
     row = TableRow("I", "row", "hip", "mm").over_draws(0.5, [3.0, 1.0, 2.0, 10.0], "why")
     note = "median of 4 noise draws, range 1 to 10; published value below the range; why"
     assert (row.ours, row.note) == (2.5, note)
@@ -108,21 +116,33 @@ def test_spread_places_the_published_figure() -> None:
 def test_tables_one_and_two(clean: SeedResult, draws: list[SeedResult]) -> None:
     rows = table_one_rows(clean, draws)
     for condition in ("without", "with"):
-        cells = [r for r in rows if r.row.startswith(f"synthetic {condition} noise: ") and r.row.endswith("RMS")]
+        cells = [
+            r
+            for r in rows
+            if r.row.startswith(f"synthetic {condition} noise: ") and r.row.endswith("RMS")
+        ]
         assert len(cells) == 4 + 3 + 4
         assert all(r.published is not None and r.ours is not None for r in cells)
-    hip = next(r for r in rows if r.row == "synthetic with noise: position error RMS" and r.column == "hip")
+    hip = next(
+        r for r in rows if r.row == "synthetic with noise: position error RMS" and r.column == "hip"
+    )
     values = [d.joints["hip"].position_mm for d in draws]
     assert (hip.published, hip.ours) == (0.55, pytest.approx(sum(values) / 2))
     second = table_two_rows(draws)
     assert len(second) == 4 * len(table_two())
-    row = next(r for r in second if r.row == "knee, shank, lateral position" and r.column == "single joint, synthetic")
+    row = next(
+        r
+        for r in second
+        if r.row == "knee, shank, lateral position" and r.column == "single joint, synthetic"
+    )
     place = draws[0].joints["knee"].names.index("knee_l.shank.lat")
     errors = [d.joints["knee"].errors[place] for d in draws]
     assert (row.published, row.ours) == (-0.84, pytest.approx(sum(errors) / 2))
 
 
-def test_minima_from_zero_and_from_the_truth_are_compared(clean: SeedResult, draws: list[SeedResult]) -> None:
+def test_minima_from_zero_and_from_the_truth_are_compared(
+    clean: SeedResult, draws: list[SeedResult]
+) -> None:
     def ended(draw: SeedResult, cost: float) -> SeedResult:
         hip = replace(draw.joints["hip"], cost=cost, cost_from_truth=1.0)
         return replace(draw, joints={**draw.joints, "hip": hip})
@@ -140,17 +160,23 @@ def test_tables_three_and_four(clean: SeedResult, draws: list[SeedResult]) -> No
     noisy = {(r.row, r.column): r for r in rows}
     mean = noisy["synthetic with noise, random seeds: mean", "mass error RMS"]
     assert mean.published == 1.33
-    assert mean.ours == pytest.approx(sum(r.errors.mass for d in draws for r in d.random) / (2 * FEW_SEEDS))
+    assert mean.ours == pytest.approx(
+        sum(r.errors.mass for d in draws for r in d.random) / (2 * FEW_SEEDS)
+    )
     fourth = table_four_rows(draws)
     assert len(fourth) == 4 * len(table_four()) + 1
-    trunk = next(r for r in fourth if r.row == "mass, head and trunk" and r.column == "correct seed")
+    trunk = next(
+        r for r in fourth if r.row == "mass, head and trunk" and r.column == "correct seed"
+    )
     ours = sum(d.correct.each["head_trunk.mass"] for d in draws) / 2
     assert (trunk.published, trunk.ours) == (-3.38, pytest.approx(ours))
     third = {(r.row, r.column): r for r in discussion_rows(draws)}
     assert third["third step, after", "residual force RMS"].published == 15
 
 
-def test_experimental_rows_have_no_figure_of_ours(clean: SeedResult, draws: list[SeedResult]) -> None:
+def test_experimental_rows_have_no_figure_of_ours(
+    clean: SeedResult, draws: list[SeedResult]
+) -> None:
     rows = [*table_one_rows(clean, draws), *table_two_rows(draws), *table_three_rows(clean, draws)]
     rows += table_four_rows(draws)
     experimental = [r for r in rows if "experimental" in r.row or "experimental" in r.column]
@@ -197,25 +223,41 @@ def test_draws_have_the_published_sets_levels_and_bounds(
     assert asked == [(tmp_path / "published", MonteCarloSettings(seed=3), Plan(draws=7))]
 
 
-def reproduced(out: Path, *, quiet: bool = True, draws: int = 0, noise_seeds: int = 2, seed: int = 0) -> None:
+def reproduced(
+    out: Path, *, quiet: bool = True, draws: int = 0, noise_seeds: int = 2, seed: int = 0
+) -> None:
     console = Console(quiet=quiet, verbose=False)
     command.run_reproduction(console, out, draws=draws, noise_seeds=noise_seeds, seed=seed)
 
 
 def test_command_prints_and_writes(
-    reproduction: Reproduction, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    reproduction: Reproduction,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
 ) -> None:
     asked = []
     monkeypatch.setenv("COLUMNS", "200")
     monkeypatch.delenv("GAITCAL_DATA", raising=False)
-    monkeypatch.setattr(command, "reproduce", lambda settings, kept, _: asked.append((settings, kept)) or reproduction)
+    monkeypatch.setattr(
+        command,
+        "reproduce",
+        lambda settings, kept, _: asked.append((settings, kept)) or reproduction,
+    )
     reproduced(tmp_path / "out", quiet=False, draws=1, noise_seeds=5, seed=3)
-    assert asked == [(ReproductionSettings(seed=3, noise_seeds=5, draws=1, data=None), tmp_path / "out.draws")]
+    assert asked == [
+        (ReproductionSettings(seed=3, noise_seeds=5, draws=1, data=None), tmp_path / "out.draws")
+    ]
     assert (tmp_path / "out" / "tables.csv").is_file()
     figures = {path.stem for path in (tmp_path / "out" / "figures").glob("*.png")}
     assert figures == {"figure_3_lab", "figure_3_foot", "figure_4_lab", "figure_4_foot"}
     printed = capsys.readouterr().out
-    for words in ("synthetic with noise: position error RMS", "380 s", "this run: tables ", "everything"):
+    for words in (
+        "synthetic with noise: position error RMS",
+        "380 s",
+        "this run: tables ",
+        "everything",
+    ):
         assert words in printed
     counts = re.search("claims of the paper: (.*)", printed)
     assert counts is not None
@@ -238,13 +280,22 @@ def test_command_refuses_a_foreign_folder_and_data_that_are_not_there_before_it_
 def test_subject01_and_uf3(data_dir: Path) -> None:
     said: list[str] = []
     rows = people_rows(data_dir, 1, said.append)
-    assert all(r.published is None and r.ours is not None and "another person" in r.note for r in rows)
+    assert all(
+        r.published is None and r.ours is not None and "another person" in r.note for r in rows
+    )
     ours = {(r.table, r.row, r.column): r.ours or 0.0 for r in rows}
     for joint in ("hip", "knee", "ankle"):
-        before, after = (ours["I", f"uf3, {w}: marker distance RMS", joint] for w in ("anatomical", "phase 1"))
-        assert ours["I", "uf3: fall of marker distance", joint] == pytest.approx(100.0 * (1.0 - after / before))
+        before, after = (
+            ours["I", f"uf3, {w}: marker distance RMS", joint] for w in ("anatomical", "phase 1")
+        )
+        assert ours["I", "uf3: fall of marker distance", joint] == pytest.approx(
+            100.0 * (1.0 - after / before)
+        )
         assert 0.0 < after < before
-    joints, loads = (ours["III", f"subject01, {words}", "residual force RMS"] for words in ("phase 1", "third step"))
+    joints, loads = (
+        ours["III", f"subject01, {words}", "residual force RMS"]
+        for words in ("phase 1", "third step")
+    )
     assert loads < 0.6 * joints
     assert any("third step" in line for line in said)
 
@@ -260,7 +311,9 @@ NODES = 1e-9
 @pytest.mark.parametrize("problem", PROBLEMS)
 def test_exact_without_noise(clean: SeedResult, problem: str) -> None:
     found = clean.joints[problem]
-    assert found.converged and found.marker_mm < MARKER_MM and np.abs(found.errors).max() < PARAMETER
+    assert (
+        found.converged and found.marker_mm < MARKER_MM and np.abs(found.errors).max() < PARAMETER
+    )
     assert found.coefficients == pytest.approx(true_motion(problem).coefficients, abs=NODES)
 
 
@@ -288,7 +341,9 @@ def test_gait_keeps_what_isolated_trials_found(draws: list[SeedResult]) -> None:
     leg = dict(zip(LEG, joints["full leg"].errors, strict=True))
     for problem in PROBLEMS[:3]:
         for name, error in zip(joints[problem].names, joints[problem].errors, strict=True):
-            assert (leg[name] == pytest.approx(error, abs=1e-9)) == (name not in free_parameters("full leg"))
+            assert (leg[name] == pytest.approx(error, abs=1e-9)) == (
+                name not in free_parameters("full leg")
+            )
 
 
 RESIDUAL = 1e-9
@@ -304,7 +359,9 @@ def equations() -> RootEquations:
     return gait_equations(true_model().parameters, true_motion("full leg").coefficients)
 
 
-def test_correct_seed_without_noise_is_exact_and_random_ones_leave_no_residual(clean: SeedResult) -> None:
+def test_correct_seed_without_noise_is_exact_and_random_ones_leave_no_residual(
+    clean: SeedResult,
+) -> None:
     assert len(clean.random) == 2
     for found in (clean.correct, *clean.random):
         assert found.converged and max(found.force, found.torque) < RESIDUAL
@@ -325,8 +382,14 @@ def test_falling_penalty_keeps_the_fixed_points(equations: RootEquations) -> Non
 
 def test_pelvis_residual_sees_31_of_36_directions(equations: RootEquations) -> None:
     which, truth = symmetric_set(), true_model().parameters.inertial
-    s = which.selection[:, [which.names.index(row.name) for row in table_four() if row.name != "foot.com.sup"]]
-    blocks = np.einsum("rsd,sdk->rsk", equations.factor.reshape(-1, len(MASSIVE_SEGMENTS), 10), dynamic_jacobian(truth))
+    s = which.selection[
+        :, [which.names.index(row.name) for row in table_four() if row.name != "foot.com.sup"]
+    ]
+    blocks = np.einsum(
+        "rsd,sdk->rsk",
+        equations.factor.reshape(-1, len(MASSIVE_SEGMENTS), 10),
+        dynamic_jacobian(truth),
+    )
     scaled = blocks.reshape(-1, len(IP_NAMES)) @ s * (s.T @ truth / (s * s).sum(axis=0))
     values = np.linalg.svd(scaled, compute_uv=False)
     assert (values > 1e-10 * values[0]).sum() == SEEN and values[SEEN] < 1e-13
@@ -335,7 +398,9 @@ def test_pelvis_residual_sees_31_of_36_directions(equations: RootEquations) -> N
 @pytest.mark.parametrize("with_held", [False, True])
 def test_random_seeds(with_held: bool) -> None:
     truth, which = true_model().parameters.inertial, symmetric_set()
-    seeds = np.array([random_seed(np.random.default_rng(k), with_held=with_held) for k in range(200)])
+    seeds = np.array(
+        [random_seed(np.random.default_rng(k), with_held=with_held) for k in range(200)]
+    )
     moved = truth != 0.0
     ratio = seeds[:, moved] / truth[moved] - 1.0
     assert np.abs(ratio).max() <= SEED_RANGE
@@ -362,7 +427,9 @@ def test_processes_do_not_matter(draws: list[SeedResult]) -> None:
     """Those of the fixture come from two processes."""
     here = noisy_draw(0, 1, random_seeds=FEW_SEEDS)
     assert draw_frame([here]).equals(draw_frame(draws[1:]))
-    assert np.array_equal(here.joints["full leg"].coefficients, draws[1].joints["full leg"].coefficients)
+    assert np.array_equal(
+        here.joints["full leg"].coefficients, draws[1].joints["full leg"].coefficients
+    )
     assert [r.each for r in here.random] == [r.each for r in draws[1].random]
 
 
@@ -388,7 +455,9 @@ def test_table_two_gives_table_one(problem: str) -> None:
     rows = [r for r in table_two() if problem == "full leg" or r.name.startswith(joints[problem])]
     errors = np.array([(r.full_leg if problem == "full leg" else r.single_joint)[0] for r in rows])
     position, orientation = joint_rms(errors, [r.name for r in rows])
-    assert position == pytest.approx(table_one("synthetic_with_noise", "position_mm")[problem], abs=ROUNDING)
+    assert position == pytest.approx(
+        table_one("synthetic_with_noise", "position_mm")[problem], abs=ROUNDING
+    )
     expected = table_one("synthetic_with_noise", "orientation_deg")[problem]
     assert (orientation is None) == (expected is None)
     if expected is not None:
@@ -399,7 +468,9 @@ def test_table_four_gives_table_three() -> None:
     which, truth = symmetric_set(), published_subject().inertial
     printed = {r.name: r.correct_seed for r in table_four()}
     assert printed.keys() <= {*which.names, "foot.com.sup"}
-    found = truth + IP_TO_SI * (which.selection @ np.array([printed.get(name, 0.0) for name in which.names]))
+    found = truth + IP_TO_SI * (
+        which.selection @ np.array([printed.get(name, 0.0) for name in which.names])
+    )
     errors = inertial_rms(found, truth)
     segments = {name.split(".")[0] for name in printed}  # the mean is taken over these alone
     share = np.sqrt(np.mean([segment_kind(s).name in segments for s in MASSIVE_SEGMENTS]))
@@ -408,13 +479,17 @@ def test_table_four_gives_table_three() -> None:
     assert errors.mass == pytest.approx(share * mass, abs=ROUNDING)
     assert errors.centre == pytest.approx(share * centre, abs=0.02)
     back = symmetric_errors(found, truth)
-    assert {name: back[name] for name in printed} == pytest.approx(printed | {"foot.com.sup": 0.0}, abs=1e-6)
+    assert {name: back[name] for name in printed} == pytest.approx(
+        printed | {"foot.com.sup": 0.0}, abs=1e-6
+    )
 
 
 def test_errors_are_found_minus_true_in_printed_units() -> None:
     truth = published_subject()
     found = Parameters(truth.joint + JP_TO_SI, truth.inertial, truth.zero_angles)
-    assert joint_errors(found, truth, leg_parameters("l")) == pytest.approx(np.ones(len(leg_parameters("l"))))
+    assert joint_errors(found, truth, leg_parameters("l")) == pytest.approx(
+        np.ones(len(leg_parameters("l")))
+    )
     one = truth.inertial.copy()
     one[IP_NAMES.index("foot_l.com.sup")] += 3e-3
     assert symmetric_errors(one, truth.inertial)["foot.com.sup"] == pytest.approx(1.5)

@@ -1,4 +1,6 @@
-"""Sessions made of plain numbers: strides of one angle and one moment, a calibrated model, errors by source."""
+"""Sessions made of plain numbers: strides of one angle and one moment, a calibrated model, errors
+by source.
+"""
 
 from dataclasses import replace
 
@@ -24,11 +26,23 @@ SD = 1.0
 
 
 def made_session(
-    name: str = "first", seed: int = 0, strides: int = 6, swing: float = 0.0, person: str = "S07", **changes: object
+    name: str = "first",
+    seed: int = 0,
+    strides: int = 6,
+    swing: float = 0.0,
+    person: str = "S07",
+    **changes: object,
 ) -> Session:
     """`swing`: deg added to the right knee in swing."""
     rng, percent = np.random.default_rng(seed), np.arange(POINTS)
-    same = {"person": person, "session": "", "trial": "walk", "percent": percent, "valid": 1, "se_stride": OWN}
+    same = {
+        "person": person,
+        "session": "",
+        "trial": "walk",
+        "percent": percent,
+        "valid": 1,
+        "se_stride": OWN,
+    }
     same |= {"turn": 0.0, "activity": "gait", "phase": ""}
     parts, measures = [], []
     for side in ("r", "l"):
@@ -36,11 +50,26 @@ def made_session(
             offset = rng.normal(0.0, SD)
             for variable, shared in SHARED.items():
                 curve = 30.0 + 30.0 * np.cos(2.0 * np.pi * (percent - 75.0) / 100.0) + offset
-                curve = curve + swing * (percent > STANCE) * (side == "r" and variable == "knee_angle")
+                curve = curve + swing * (percent > STANCE) * (
+                    side == "r" and variable == "knee_angle"
+                )
                 own = {"side": side, "stride": stride, "variable": variable, "value": curve}
-                parts.append(pd.DataFrame({**same, **own, "se": np.hypot(shared, OWN)})[list(CYCLE_COLUMNS)])
-            for measure, value in (("stance_percent", STANCE), ("stride_time", 1.1 + 0.01 * offset)):
-                measures.append({"trial": "walk", "side": side, "stride": stride, "variable": measure, "value": value})
+                parts.append(
+                    pd.DataFrame({**same, **own, "se": np.hypot(shared, OWN)})[list(CYCLE_COLUMNS)]
+                )
+            for measure, value in (
+                ("stance_percent", STANCE),
+                ("stride_time", 1.1 + 0.01 * offset),
+            ):
+                measures.append(
+                    {
+                        "trial": "walk",
+                        "side": side,
+                        "stride": stride,
+                        "variable": measure,
+                        "value": value,
+                    }
+                )
     model = published_model()
     whole = pd.DataFrame(measures).assign(valid=1, turn=0.0)
     made = Session(
@@ -65,7 +94,9 @@ def made_influence(rng: np.random.Generator) -> ErrorSources:
 
 
 def placed_anew() -> Array:
-    """(4, 4) Q by hand: each parameter by itself, but for the two views of the hip, which move by the same."""
+    """(4, 4) Q by hand: each parameter by itself, but for the two views of the hip, which move by
+    the same.
+    """
     out = np.diag(placement(NAMES) ** 2)
     out[0, 1] = out[1, 0] = out[0, 0]
     return out

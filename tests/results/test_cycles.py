@@ -1,4 +1,6 @@
-"""`cycles.csv`: every stride over 0 to 100 % with the validity of its leg; read from elsewhere; relative angles."""
+"""`cycles.csv`: every stride over 0 to 100 % with the validity of its leg; read from elsewhere;
+relative angles.
+"""
 
 import base64
 import csv
@@ -34,7 +36,12 @@ from gaitcal.results.cycle_tables import (
     write_cycles,
 )
 from gaitcal.results.saved_result import _static_angles
-from gaitcal.results.stride_files import SPATIOTEMPORAL, STRIDE_FILES, earlier_strides, write_stride_files
+from gaitcal.results.stride_files import (
+    SPATIOTEMPORAL,
+    STRIDE_FILES,
+    earlier_strides,
+    write_stride_files,
+)
 from gaitcal.results.summary import STATIC_ANGLES, summary
 from gaitcal.results.table_files import read_csv, write_csv
 from tests.fake_result import ANGLE_ERROR, ERROR_SHARES, OWN_ANGLE_ERROR, fake_calibration
@@ -43,7 +50,9 @@ ROUNDED = 1e-6
 
 
 def one(table: pd.DataFrame, side: str, variable: str) -> pd.DataFrame:
-    rows: pd.DataFrame = table[(table["side"] == side) & (table["variable"] == variable) & (table["stride"] == 1)]
+    rows: pd.DataFrame = table[
+        (table["side"] == side) & (table["variable"] == variable) & (table["stride"] == 1)
+    ]
     return rows
 
 
@@ -77,7 +86,9 @@ def test_values_errors_and_validity_are_those_of_the_leg(whole: Calibration) -> 
     middle = 0.5 * (stride["l"].start + stride["l"].stop)
     left[np.abs(time - middle) < 0.05] = False
     legs = np.stack([np.ones_like(left), left], axis=1)
-    changed = replace(trial, loads=replace(trial.loads, reactions=replace(reactions, valid=left, valid_legs=legs)))
+    changed = replace(
+        trial, loads=replace(trial.loads, reactions=replace(reactions, valid=left, valid_legs=legs))
+    )
     table = cycle_table(whole.model, [changed])
     assert one(table, "r", "hip_flexion_moment")["valid"].all()
     of_left = one(table, "l", "hip_flexion_moment")
@@ -87,7 +98,9 @@ def test_values_errors_and_validity_are_those_of_the_leg(whole: Calibration) -> 
     k = trial.body.coordinates.index("hip_flexion_l")
     expected = np.interp(at, time, np.degrees(trial.body.q[:, k]))
     np.testing.assert_allclose(one(table, "l", "hip_flexion")["value"], expected, atol=ROUNDED)
-    np.testing.assert_allclose(of_left["value"], np.interp(at, time, trial.loads.final.tau[:, k]), atol=ROUNDED)
+    np.testing.assert_allclose(
+        of_left["value"], np.interp(at, time, trial.loads.final.tau[:, k]), atol=ROUNDED
+    )
     np.testing.assert_allclose(
         of_left["se_stride"], np.sqrt(ERROR_SHARES[ErrorSource.MOTION]) * of_left["se"], rtol=1e-5
     )
@@ -95,17 +108,23 @@ def test_values_errors_and_validity_are_those_of_the_leg(whole: Calibration) -> 
     np.testing.assert_allclose(angle["se_stride"], np.degrees(OWN_ANGLE_ERROR), atol=ROUNDED)
     np.testing.assert_allclose(angle["se"], np.degrees(ANGLE_ERROR), atol=ROUNDED)
     upward = one(table, "l", GROUND_REACTION)
-    np.testing.assert_allclose(upward["value"], np.interp(at, time, reactions.wrench[:, 1, 1]), atol=ROUNDED)
+    np.testing.assert_allclose(
+        upward["value"], np.interp(at, time, reactions.wrench[:, 1, 1]), atol=ROUNDED
+    )
     assert upward["valid"].tolist() == of_left["valid"].tolist() and upward["se"].isna().all()
     assert of_left["se"].notna().all()
 
 
-def test_what_was_written_is_read_back_also_by_pandas_alone(whole: Calibration, tmp_path: Path) -> None:
+def test_what_was_written_is_read_back_also_by_pandas_alone(
+    whole: Calibration, tmp_path: Path
+) -> None:
     """A person called `001` stays one, in whatever folder; another file is told in a line."""
     model = replace(whole.model, subject=replace(whole.model.subject, name="001"))
     write_cycles(tmp_path / "cycles.csv", model, whole.trials)
     found, table = read_cycles(tmp_path), cycle_table(model, whole.trials)
-    pd.testing.assert_frame_equal(found.astype({"person": str}), table.astype({"person": str}), check_dtype=False)
+    pd.testing.assert_frame_equal(
+        found.astype({"person": str}), table.astype({"person": str}), check_dtype=False
+    )
     assert set(found["person"]) == {"001"} and set(found["session"]) == {""}
     plain = pd.read_csv(tmp_path / "cycles.csv", comment="#")
     np.testing.assert_allclose(plain["value"], table["value"])
@@ -122,7 +141,8 @@ def test_xarray_has_the_same_numbers_under_named_dimensions(whole: Calibration) 
     assert dict(dataset.sizes) == {"trial": 1, "side": 2, "stride": 2, "percent": POINTS}
     assert dataset["hip_flexion"].attrs["units"] == "deg" and dataset.attrs["person"] == "S07"
     assert (
-        dataset["hip_flexion_moment_se"].attrs["units"] == "N m" and dataset["hip_flexion_valid"].attrs["units"] == "1"
+        dataset["hip_flexion_moment_se"].attrs["units"] == "N m"
+        and dataset["hip_flexion_valid"].attrs["units"] == "1"
     )
     for side in "rl":
         curve = dataset["knee_angle_moment"].sel(trial="walk", side=side, stride=1)
@@ -134,7 +154,9 @@ def test_xarray_has_the_same_numbers_under_named_dimensions(whole: Calibration) 
         cycles_to_xarray(pd.concat([table, table]))
 
 
-def test_without_xarray_a_line_says_what_to_install(whole: Calibration, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_without_xarray_a_line_says_what_to_install(
+    whole: Calibration, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setitem(sys.modules, "xarray", None)
     with pytest.raises(InputError, match="pip install xarray"):
         cycles_to_xarray(cycles(whole))
@@ -144,7 +166,10 @@ def test_relative_angles_are_those_of_the_static_posture_less(whole: Calibration
     off = {"hip_flexion_l": np.radians(4.0), "pelvis_tilt": np.radians(9.0)}
     plain, relative = (cycle_table(whole.model, whole.trials, static) for static in (None, off))
     for variable, less in (("hip_flexion", 4.0), ("pelvis_tilt", 0.0), ("hip_flexion_moment", 0.0)):
-        gap = one(plain, "l", variable)["value"].to_numpy() - one(relative, "l", variable)["value"].to_numpy()
+        gap = (
+            one(plain, "l", variable)["value"].to_numpy()
+            - one(relative, "l", variable)["value"].to_numpy()
+        )
         np.testing.assert_allclose(gap, less, atol=ROUNDED)
 
 
@@ -156,8 +181,12 @@ def test_nothing_of_a_refused_leg_counts_nor_of_pelvis_and_trunk(whole: Calibrat
         assert not table.loc[table["variable"].str.startswith(("pelvis", "lumbar")), "valid"].any()
 
 
-def test_pelvis_angles_are_along_each_stride_and_those_of_a_turn_do_not_count(whole: Calibration) -> None:
-    """The same motion in a room that is turned to the left by 60 deg has the same table; a turn is in no mean curve."""
+def test_pelvis_angles_are_along_each_stride_and_those_of_a_turn_do_not_count(
+    whole: Calibration,
+) -> None:
+    """The same motion in a room that is turned to the left by 60 deg has the same table; a turn is
+    in no mean curve.
+    """
     trial = whole.trial("walk")
     columns = [trial.body.coordinates.index(name) for name in PELVIS_ANGLES]
     wave = np.sin(2 * np.pi * trial.body.time)
@@ -170,19 +199,27 @@ def test_pelvis_angles_are_along_each_stride_and_those_of_a_turn_do_not_count(wh
         coefficients = trial.body.coefficients.copy()
         coefficients[:, columns] = np.linalg.lstsq(evaluation, pelvis, rcond=None)[0]
         body = replace(trial.body, coefficients=coefficients)
-        strides = tuple(replace(s, line=line, turn=40.0 if s.side == "l" else 1.0) for s in trial.strides)
+        strides = tuple(
+            replace(s, line=line, turn=40.0 if s.side == "l" else 1.0) for s in trial.strides
+        )
         tables.append(cycle_table(whole.model, [replace(trial, body=body, strides=strides)]))
     plain, turned = tables
     for name in PELVIS_ANGLES:
-        np.testing.assert_allclose(one(plain, "r", name)["value"], one(turned, "r", name)["value"], atol=0.02)
+        np.testing.assert_allclose(
+            one(plain, "r", name)["value"], one(turned, "r", name)["value"], atol=0.02
+        )
         assert one(turned, "r", name)["valid"].all() and not one(turned, "l", name)["valid"].any()
-    assert one(turned, "l", "hip_flexion")["valid"].any() and set(one(turned, "l", "hip_flexion")["turn"]) == {40.0}
+    assert one(turned, "l", "hip_flexion")["valid"].any() and set(
+        one(turned, "l", "hip_flexion")["turn"]
+    ) == {40.0}
     mean = ensemble(turned)
     assert set(mean[mean["n"] > 0]["side"]) == {"r"}
 
 
 def test_an_angle_counts_only_where_markers_show_its_segments(whole: Calibration) -> None:
-    """No marker of the left shank in the middle of the stride: its knee and ankle are guessed there, not its hip."""
+    """No marker of the left shank in the middle of the stride: its knee and ankle are guessed
+    there, not its hip.
+    """
     trial = whole.trial("walk")
     stride, errors = strides_of(trial.events)["l"][0], trial.body.errors
     middle = np.abs(trial.body.time - 0.5 * (stride.start + stride.stop)) < 0.05
@@ -201,9 +238,14 @@ def test_the_file_says_first_which_trials_are_refused_and_keeps_what_was_there(
     whole: Calibration, tmp_path: Path
 ) -> None:
     walk = whole.trial("walk")
-    write_cycles(tmp_path / "first.csv", whole.model, [walk.refused(("r",))], {"hip_flexion_r": 0.1})
+    write_cycles(
+        tmp_path / "first.csv", whole.model, [walk.refused(("r",))], {"hip_flexion_r": 0.1}
+    )
     rows, lines = read_csv(tmp_path / "first.csv")
-    assert lines[0].startswith("walk: verdict: the right leg is refused") and "joint angles are relative" in lines[-2]
+    assert (
+        lines[0].startswith("walk: verdict: the right leg is refused")
+        and "joint angles are relative" in lines[-2]
+    )
     later = [replace(walk, name="later")]
     write_cycles(tmp_path / "both.csv", whole.model, later, None, rows, lines[:1])
     both, comments = read_csv(tmp_path / "both.csv")
@@ -213,19 +255,28 @@ def test_the_file_says_first_which_trials_are_refused_and_keeps_what_was_there(
 
 
 def test_pelvis_angles_of_the_page_are_against_the_line_of_each_stride(whole: Calibration) -> None:
-    """As in the table; the walk is turned, so that the room's axis, or the trial's mean line, would tell others."""
+    """As in the table; the walk is turned, so that the room's axis, or the trial's mean line, would
+    tell others.
+    """
     trial = next(t for t in whole.trials if t.joint is None and t.strides)
     lines = [replace(stride, line=0.2 * k - 0.5) for k, stride in enumerate(trial.strides)]
     turned = replace(trial, strides=tuple(lines))
-    table, sheet = cycle_table(whole.model, [turned]), trial_page_data(whole.model, turned, verdict=None)
+    table, sheet = (
+        cycle_table(whole.model, [turned]),
+        trial_page_data(whole.model, turned, verdict=None),
+    )
     compared = 0
     for stride in sheet["strides"]:
         of = table[(table["side"] == stride["side"]) & (table["stride"] == stride["number"])]
         for name in PELVIS_ANGLES:
             packed = stride["pelvis"][name]["value"]
-            steps = np.frombuffer(base64.b64decode(packed["data"]), dtype="<i2").astype(float) + LARGEST
+            steps = (
+                np.frombuffer(base64.b64decode(packed["data"]), dtype="<i2").astype(float) + LARGEST
+            )
             value = of[of["variable"] == name]["value"].to_numpy()
-            assert packed["low"] + packed["step"] * steps == pytest.approx(value, abs=packed["step"])
+            assert packed["low"] + packed["step"] * steps == pytest.approx(
+                value, abs=packed["step"]
+            )
             compared += 1
     assert compared >= 3
 
@@ -236,22 +287,32 @@ def folder(whole: Calibration, tmp_path: Path) -> Path:
     return tmp_path
 
 
-def test_what_pandas_reads_by_itself_gives_the_same_ensemble(whole: Calibration, folder: Path) -> None:
+def test_what_pandas_reads_by_itself_gives_the_same_ensemble(
+    whole: Calibration, folder: Path
+) -> None:
     """A session without a name is an empty cell, which pandas takes for NaN."""
     plain = pd.read_csv(folder / CYCLES, comment="#")
     assert plain["session"].isna().all()
-    pd.testing.assert_frame_equal(ensemble(plain), ensemble(cycles(whole)), check_dtype=False, atol=1e-5)
+    pd.testing.assert_frame_equal(
+        ensemble(plain), ensemble(cycles(whole)), check_dtype=False, atol=1e-5
+    )
 
 
 @pytest.mark.parametrize("person", ["Subject #3", "# x", '5" #2, left', "#", "007", "NA"])
 def test_no_name_of_a_person_costs_numbers(whole: Calibration, tmp_path: Path, person: str) -> None:
-    model = replace(whole.model, subject=replace(whole.model.subject, name=person, session="day #2"))
+    model = replace(
+        whole.model, subject=replace(whole.model.subject, name=person, session="day #2")
+    )
     write_cycles(tmp_path / CYCLES, model, whole.trials)
     expected = cycles(replace(whole, model=model))
     pd.testing.assert_frame_equal(
-        read_cycles(tmp_path).astype({"person": object}), expected.astype({"person": object}), check_dtype=False
+        read_cycles(tmp_path).astype({"person": object}),
+        expected.astype({"person": object}),
+        check_dtype=False,
     )
-    plain = pd.read_csv(tmp_path / CYCLES, comment="#", dtype={"person": str}, keep_default_na=False, na_values=[""])
+    plain = pd.read_csv(
+        tmp_path / CYCLES, comment="#", dtype={"person": str}, keep_default_na=False, na_values=[""]
+    )
     assert set(plain["person"]) == {person} and set(plain["session"]) == {"day #2"}
     np.testing.assert_array_equal(plain["value"], expected["value"])
 
@@ -271,13 +332,19 @@ def test_cells_are_those_of_pandas_but_for_the_quotation_marks(tmp_path: Path) -
     by_pandas = io.StringIO()
     table.to_csv(by_pandas, index=False, lineterminator="\n")
     write_csv(table, tmp_path / "t.csv", ["said"])
-    comment, *rows = csv.reader(io.StringIO((tmp_path / "t.csv").read_text(encoding="utf-8"), newline=""))
+    comment, *rows = csv.reader(
+        io.StringIO((tmp_path / "t.csv").read_text(encoding="utf-8"), newline="")
+    )
     expected = list(csv.reader(io.StringIO(by_pandas.getvalue(), newline="")))
     assert comment == ["# said"] and [row[1:] for row in rows] == [row[1:] for row in expected]
-    assert [row[0] and float(row[0]) for row in rows[1:]] == [row[0] and float(row[0]) for row in expected[1:]]
+    assert [row[0] and float(row[0]) for row in rows[1:]] == [
+        row[0] and float(row[0]) for row in expected[1:]
+    ]
 
 
-def test_a_trial_called_as_a_word_of_the_head_does_not_double_it(whole: Calibration, tmp_path: Path) -> None:
+def test_a_trial_called_as_a_word_of_the_head_does_not_double_it(
+    whole: Calibration, tmp_path: Path
+) -> None:
     model, walk = whole.model, replace(whole.trial("walk"), name="se")
     write_stride_files(tmp_path, model, [walk.refused(("r",))])
     hashes = {name: str(sha256_of(tmp_path / name)) for name in STRIDE_FILES}
@@ -291,7 +358,9 @@ def in_other_units(table: pd.DataFrame) -> pd.DataFrame:
     return table.assign(unit=told, positive="flexion")
 
 
-def test_units_are_those_of_the_table_and_two_conventions_are_refused(whole: Calibration, folder: Path) -> None:
+def test_units_are_those_of_the_table_and_two_conventions_are_refused(
+    whole: Calibration, folder: Path
+) -> None:
     table = cycles(whole)
     other = in_other_units(table)
     other.to_csv(folder / CYCLES, index=False)
@@ -300,7 +369,9 @@ def test_units_are_those_of_the_table_and_two_conventions_are_refused(whole: Cal
     assert set(mean.loc[mean["variable"] == "knee_angle_moment", "unit"]) == {"N m/kg"}
     assert tuple(mean.columns) == (*ENSEMBLE_COLUMNS, "unit", "positive")
     mixed = pd.concat([table, other.assign(trial="second")])
-    with pytest.raises(InputError, match=r"found pelvis_tilt as \[deg\] and as \[deg\] flexion; allowed: one conv"):
+    with pytest.raises(
+        InputError, match=r"found pelvis_tilt as \[deg\] and as \[deg\] flexion; allowed: one conv"
+    ):
         ensemble(mixed)
     pytest.importorskip("xarray", reason="no xarray here; it comes with the extra `test`")
     dataset = cycles_to_xarray(read)
@@ -314,9 +385,14 @@ def test_units_are_those_of_the_table_and_two_conventions_are_refused(whole: Cal
 def test_what_is_no_table_of_strides_is_one_clear_line(folder: Path) -> None:
     text = (folder / CYCLES).read_text(encoding="utf-8")
     (folder / "semicolons.csv").write_text(text.replace(",", ";"), encoding="utf-8")
-    (folder / "letters.csv").write_text(text.replace("hip_flexion,", "hip_flexion,x", 1), encoding="utf-8")
+    (folder / "letters.csv").write_text(
+        text.replace("hip_flexion,", "hip_flexion,x", 1), encoding="utf-8"
+    )
     for file, said in (
-        ("semicolons.csv", "found the columns person;session;trial.*, without trial, .*with commas between them"),
+        (
+            "semicolons.csv",
+            "found the columns person;session;trial.*, without trial, .*with commas between them",
+        ),
         (SPATIOTEMPORAL, "is no table of strides: .*without percent"),
         ("letters.csv", "value: found 'x.*' in row [0-9]+; allowed: a number"),
     ):
@@ -327,7 +403,9 @@ def test_what_is_no_table_of_strides_is_one_clear_line(folder: Path) -> None:
 
 def test_rows_that_were_cut_at_a_sign_in_a_name_are_refused(whole: Calibration) -> None:
     cut = cycles(whole).assign(percent=np.nan, value=np.nan, valid=np.nan)
-    with pytest.raises(InputError, match="percent: found nothing in row 1|found nothing in row 1.*read_cycles"):
+    with pytest.raises(
+        InputError, match="percent: found nothing in row 1|found nothing in row 1.*read_cycles"
+    ):
         typed(cut)
 
 
@@ -352,6 +430,8 @@ def test_static_angles_come_back_from_the_summary(tmp_path: Path) -> None:
     angles = {"pelvis_tx": 0.1, "hip_flexion_r": 0.2, "ankle_angle_l": -0.05}
     entries = summary(replace(fake_calibration(), static_angles=angles))
     back = _static_angles(entries, tmp_path)
-    assert back == pytest.approx({n: v for n, v in angles.items() if n != "pelvis_tx"}, abs=np.deg2rad(WRITTEN_DEG))
+    assert back == pytest.approx(
+        {n: v for n, v in angles.items() if n != "pelvis_tx"}, abs=np.deg2rad(WRITTEN_DEG)
+    )
     with pytest.raises(InputError, match="calibrate again"):
         _static_angles({k: v for k, v in entries.items() if k != STATIC_ANGLES}, tmp_path)

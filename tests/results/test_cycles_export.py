@@ -19,7 +19,13 @@ from gaitcal.gait.profile_score import ANGLES
 from gaitcal.io.labels import FootMoment
 from gaitcal.report.figures.document import LEAST_SHEET, ReportContent, _story, write_pdf
 from gaitcal.report.figures.report_sheets import CurvePanel, SheetOfCurves, limits_of
-from gaitcal.report.gait_report import KINEMATICS, KINETICS, _no_curves, read_comments, report_content
+from gaitcal.report.gait_report import (
+    KINEMATICS,
+    KINETICS,
+    _no_curves,
+    read_comments,
+    report_content,
+)
 from gaitcal.results.cycle_tables import read_cycles
 from gaitcal.results.saved_result import load_result_model
 from tests.commands import edited
@@ -30,14 +36,20 @@ from tests.synthetic_studies import write_synthetic_study
 
 ROUNDED = 2e-6
 TIMES = 2e-3
-"""Relative: events of the summary are rounded to 0.1 ms, which moves strides by a hundredth of a percent."""
+"""Relative: events of the summary are rounded to 0.1 ms, which moves strides by a hundredth of a
+percent.
+"""
 MASS = 69.4
 
 
 def strides(*_: object) -> GaitEvents:
-    """One stride of either foot, wherever its feet may be: what counts here is that they are cut out alike."""
+    """One stride of either foot, wherever its feet may be: what counts here is that they are cut
+    out alike.
+    """
     times = [(0.21234, "r"), (0.4, "l"), (0.95, "r"), (1.1, "l")]
-    return GaitEvents(tuple(GaitEvent(FootMoment.STRIKE, side, t, EventSource.MOTION) for t, side in times))
+    return GaitEvents(
+        tuple(GaitEvent(FootMoment.STRIKE, side, t, EventSource.MOTION) for t, side in times)
+    )
 
 
 def kept_strides(kept: Path) -> Path:
@@ -46,7 +58,13 @@ def kept_strides(kept: Path) -> Path:
     def make(folder: Path) -> None:
         with pytest.MonkeyPatch.context() as patch:
             patch.setattr("gaitcal.analysis.trial_result.trial_events", strides)
-            done = run("calibrate", write_synthetic_study(folder / "study"), "--out", folder / "result", "-q")
+            done = run(
+                "calibrate",
+                write_synthetic_study(folder / "study"),
+                "--out",
+                folder / "result",
+                "-q",
+            )
         assert done.exit_code == 0, done.output
 
     return kept_folder(kept / "strides", make) / "result"
@@ -78,20 +96,26 @@ def test_strides_as_they_are_say_their_units_and_signs(result: Path) -> None:
     pd.testing.assert_frame_equal(after[list(before.columns)], before)
     assert set(after["unit"]) >= {"deg", "N m", "W"} and after["positive"].notna().all()
     said = after.groupby("variable")["positive"].first()
-    assert said["ankle_angle_moment"] == "internal, dorsiflexion" and said["hip_power"] == "generated"
+    assert (
+        said["ankle_angle_moment"] == "internal, dorsiflexion" and said["hip_power"] == "generated"
+    )
 
 
 def test_a_clinical_convention_changes_signs_and_units_alone(result: Path) -> None:
     before = table(result / "cycles.csv")
     after = exported(result, "--convention", "clinical", "--units", "Nm/kg", "--external")
-    of_leg = before["variable"].str.endswith("_moment") & ~before["variable"].str.startswith("lumbar")
+    of_leg = before["variable"].str.endswith("_moment") & ~before["variable"].str.startswith(
+        "lumbar"
+    )
     trunk = before["variable"].str.endswith("_moment") & ~of_leg
     powers = before["variable"].str.endswith("_power")
     assert of_leg.any() and trunk.any() and powers.any()
     extension = before["variable"].eq("lumbar_extension_moment") | before["side"].eq("l")
     of_trunk = np.where(extension[trunk], 1.0, -1.0) / MASS
     for rows, factor in ((of_leg, -1.0 / MASS), (trunk, of_trunk), (powers, 1.0 / MASS)):
-        np.testing.assert_allclose(after["value"][rows], factor * before["value"][rows], atol=ROUNDED)
+        np.testing.assert_allclose(
+            after["value"][rows], factor * before["value"][rows], atol=ROUNDED
+        )
         np.testing.assert_allclose(after["se"][rows], before["se"][rows] / MASS, atol=ROUNDED)
     assert (after["se"].dropna() >= 0).all()
     pelvis = before["variable"].eq("pelvis_list")
@@ -101,7 +125,9 @@ def test_a_clinical_convention_changes_signs_and_units_alone(result: Path) -> No
     text = (result / "export/cycles.csv").read_text(encoding="utf-8").splitlines()
     head = "\n".join(line for line in text if line.startswith("#"))
     assert "external" in head and "clinical" in head and "N m/kg" in head
-    assert set(after["unit"][of_leg]) == {"N m/kg"} and set(after["positive"][of_leg]) >= {"external, flexion"}
+    assert set(after["unit"][of_leg]) == {"N m/kg"} and set(after["positive"][of_leg]) >= {
+        "external, flexion"
+    }
     manifest = json.loads((result / "export/manifest.json").read_text(encoding="utf-8"))
     assert manifest["written"]["cycles.csv"]["convention"] == {
         "signs": "clinical",
@@ -113,39 +139,57 @@ def test_a_clinical_convention_changes_signs_and_units_alone(result: Path) -> No
 
 
 @pytest.mark.parametrize("frame", ["proximal", "distal", "jcs"])
-def test_moments_in_other_frames_are_those_of_the_vectors_over_the_same_strides(result: Path, frame: str) -> None:
+def test_moments_in_other_frames_are_those_of_the_vectors_over_the_same_strides(
+    result: Path, frame: str
+) -> None:
     before, after = table(result / "cycles.csv"), exported(result, "--moments", frame)
     others = ~before["variable"].str.endswith("_moment")
     kept = after[~after["variable"].str.endswith("_moment")].reset_index(drop=True)
     pd.testing.assert_frame_equal(kept[list(before.columns)], before[others].reset_index(drop=True))
     vectors = table(result / "moment_vectors/walk.csv")
-    events = json.loads((result / "summary.json").read_text(encoding="utf-8"))["trials"]["walk"]["events"]
-    strikes = [e["time"] for e in events if e["side"] == "l" and e["event"] == FootMoment.STRIKE.value]
+    events = json.loads((result / "summary.json").read_text(encoding="utf-8"))["trials"]["walk"][
+        "events"
+    ]
+    strikes = [
+        e["time"] for e in events if e["side"] == "l" and e["event"] == FootMoment.STRIKE.value
+    ]
     cycle = GaitCycle(strikes[0], strikes[1], None)
     found = after[(after["side"] == "l") & (after["stride"] == 1)]
-    assert {"hip_rotation_moment", "knee_rotation_moment", "ankle_inversion_moment"} <= set(found["variable"])
+    assert {"hip_rotation_moment", "knee_rotation_moment", "ankle_inversion_moment"} <= set(
+        found["variable"]
+    )
     for name in ("knee_rotation", "ankle_angle", "hip_adduction"):
         rows = found[found["variable"] == f"{name}_moment"]
         known = rows[rows["se"].notna()]
         assert len(known) and known["se_stride"].between(1e-9, known["se"] + ROUNDED).all()
         for column, suffix in (("value", ""), ("se", "_se"), ("se_stride", "_se_stride")):
-            expected = normalise(vectors["time"].to_numpy(), vectors[f"{name}_l_{frame}{suffix}"].to_numpy(), cycle)
+            expected = normalise(
+                vectors["time"].to_numpy(), vectors[f"{name}_l_{frame}{suffix}"].to_numpy(), cycle
+            )
             np.testing.assert_allclose(rows[column], expected, atol=ROUNDED)
     own = before[(before["side"] == "l") & (before["stride"] == 1)]
     means = ensemble(read_cycles(result / "export"))
     of_knee = means[(means["variable"] == "knee_rotation_moment") & (means["n"] > 0)]
-    assert len(of_knee) and of_knee[["se", "sd_error"]].notna().all(axis=None) and set(of_knee["unit"]) == {"N m"}
+    assert (
+        len(of_knee)
+        and of_knee[["se", "sd_error"]].notna().all(axis=None)
+        and set(of_knee["unit"]) == {"N m"}
+    )
     hip = found[found["variable"] == "hip_flexion_moment"]
     as_it_was = own[own["variable"] == "hip_flexion_moment"]
     assert hip["valid"].tolist() == as_it_was["valid"].tolist()
     if frame != "distal":  # the hip's flexion axis is the pelvis' z
         size = as_it_was["value"].abs().max()
-        np.testing.assert_allclose(hip["value"].to_numpy(), as_it_was["value"].to_numpy(), atol=TIMES * size)
+        np.testing.assert_allclose(
+            hip["value"].to_numpy(), as_it_was["value"].to_numpy(), atol=TIMES * size
+        )
 
 
 def test_powers_of_a_result_are_torques_times_velocities(made: Path) -> None:
     """Of the files alone: moments/, motion/ and powers/."""
-    motion, moments, powers = (table(made / folder / "walk.csv") for folder in ("motion", "moments", "powers"))
+    motion, moments, powers = (
+        table(made / folder / "walk.csv") for folder in ("motion", "moments", "powers")
+    )
     names = ("hip_flexion_r", "hip_adduction_r", "hip_rotation_r")
     expected = sum(moments[name] * np.radians(motion[f"{name}_velocity"]) for name in names)
     np.testing.assert_allclose(powers["hip_power_r"], expected, atol=1e-5)
@@ -159,17 +203,24 @@ def test_further_trials_have_a_table_of_their_own(result: Path) -> None:
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("gaitcal.analysis.trial_result.trial_events", strides)
         study = result.parent / "study"
-        done = run("dynamics", result, study / "walk.csv", "--forces", study / "walk_forces.csv", "-q")
+        done = run(
+            "dynamics", result, study / "walk.csv", "--forces", study / "walk_forces.csv", "-q"
+        )
     assert done.exit_code == 0, done.output
     done = run("export", result, "--format", "cycles", "--external", "--moments", "distal")
     assert done.exit_code == 0 and "another model" not in done.output, done.output
     found = table(result / "export/dynamics_cycles.csv")
     vectors = table(result / "dynamics/moment_vectors/walk.csv")
     of_knee = found[(found["variable"] == "knee_angle_moment") & (found["side"] == "r")]
-    assert len(of_knee) == 101 and -of_knee["value"].max() >= vectors["knee_angle_r_distal"].min() - ROUNDED
+    assert (
+        len(of_knee) == 101
+        and -of_knee["value"].max() >= vectors["knee_angle_r_distal"].min() - ROUNDED
+    )
     with (result / "model.toml").open("a", encoding="utf-8") as model:
         model.write("# edited\n")
-    assert "walk; run dynamics again" in run("export", result, "--format", "cycles").output.replace("\n", " ")
+    assert "walk; run dynamics again" in run("export", result, "--format", "cycles").output.replace(
+        "\n", " "
+    )
 
 
 def test_wrong_words_are_told(result: Path) -> None:
@@ -221,7 +272,9 @@ def test_curves_are_those_of_the_table_with_clinical_signs(
     table, size = read_cycles(made), 1.0 if variable in KINEMATICS else MASS
     for side in "rl":
         rows = table[(table["variable"] == variable) & (table["side"] == side)]
-        expected = np.where(rows["valid"] == 1, clinical * rows["value"] / size, np.nan).reshape(-1, 101)
+        expected = np.where(rows["valid"] == 1, clinical * rows["value"] / size, np.nan).reshape(
+            -1, 101
+        )
         shown = panel(content, variable)
         np.testing.assert_allclose(np.array(shown.strides[side]), expected, atol=ROUNDED)
         if len(expected) == 1:
@@ -229,22 +282,40 @@ def test_curves_are_those_of_the_table_with_clinical_signs(
 
 
 def test_a_norm_stands_beside_what_it_is_of(content: ReportContent) -> None:
-    """The peak plantarflexor moment of healthy people is positive, 1.2 N·m/kg, and the panel says so."""
+    """The peak plantarflexor moment of healthy people is positive, 1.2 N·m/kg, and the panel says
+    so.
+    """
     shown = panel(content, "ankle_angle_moment")
-    assert shown.norm is not None and 1.0 < np.nanmax(shown.norm[0]) < 1.5 and (shown.norm[1][1:-1] > 0).all()
+    assert (
+        shown.norm is not None
+        and 1.0 < np.nanmax(shown.norm[0]) < 1.5
+        and (shown.norm[1][1:-1] > 0).all()
+    )
     assert shown.senses == ("plantarflexion", "dorsiflexion") and shown.unit == "N·m/kg"
-    assert content.norm == "children 4 to 17 years, free speed, n = 83 (Schwartz, Rozumalski, Trost 2008)"
+    assert (
+        content.norm
+        == "children 4 to 17 years, free speed, n = 83 (Schwartz, Rozumalski, Trost 2008)"
+    )
     assert "Bands of children of 4 to 17 years, as asked for" in content.norm_remark
 
 
-def test_scores_stand_on_paper_as_in_a_second_computation(made: Path, content: ReportContent) -> None:
-    """GPS of the right side: nine root mean squares over 0, 2, ... 100 % of its strides, away from the norm."""
+def test_scores_stand_on_paper_as_in_a_second_computation(
+    made: Path, content: ReportContent
+) -> None:
+    """GPS of the right side: nine root mean squares over 0, 2, ... 100 % of its strides, away from
+    the norm.
+    """
     table, bands = read_cycles(made), read_normal_bands(NORMS)
     model = load_result_model(made)[0]
     squares = []
     for name in ANGLES:
-        rows = table[(table["variable"] == name) & (table["side"] == "r") & (table["turn"].abs() < 15)]
-        away = rows["value"].to_numpy().reshape(-1, 101)[:, ::2] - bands[name].for_person(model.subject)[0][::2]
+        rows = table[
+            (table["variable"] == name) & (table["side"] == "r") & (table["turn"].abs() < 15)
+        ]
+        away = (
+            rows["value"].to_numpy().reshape(-1, 101)[:, ::2]
+            - bands[name].for_person(model.subject)[0][::2]
+        )
         squares.append(np.mean(np.sqrt(np.mean(away**2, axis=1))) ** 2)
     shown = {(s.side, s.variable): s for s in content.profile}
     assert shown["r", "gps"].score == pytest.approx(np.sqrt(np.mean(squares)), rel=1e-6)
@@ -256,17 +327,25 @@ def test_no_adult_is_held_against_children_unasked(made: Path) -> None:
     assert content.norm == "" and not content.profile and content.norm_remark.startswith("No norm")
 
 
-def test_axes_hold_strides_and_norm_and_stay_wide_where_little_happens(content: ReportContent) -> None:
+def test_axes_hold_strides_and_norm_and_stay_wide_where_little_happens(
+    content: ReportContent,
+) -> None:
     shown = panel(content, "ankle_angle_moment")
     mean, sd = shown.norm
     low, high, step = limits_of(shown)
-    assert low < np.nanmin(mean - sd) and np.nanmax(mean + sd) < high and 3 <= (high - low) / step <= 6
+    assert (
+        low < np.nanmin(mean - sd) and np.nanmax(mean + sd) < high and 3 <= (high - low) / step <= 6
+    )
     still = replace(shown, norm=None, mean={}, strides={"r": (np.full(101, 0.1),)})
     assert limits_of(still)[:2] == pytest.approx((0.1 - still.least / 2, 0.1 + still.least / 2))
 
 
 def test_the_same_content_gives_the_same_pages(content: ReportContent, tmp_path: Path) -> None:
-    hostile = replace(content, person=(("Name or code", HOSTILE), *content.person[1:]), reasons=((HOSTILE, HOSTILE),))
+    hostile = replace(
+        content,
+        person=(("Name or code", HOSTILE), *content.person[1:]),
+        reasons=((HOSTILE, HOSTILE),),
+    )
     pages = [write_pdf(hostile, tmp_path / name) for name in ("one.pdf", "two.pdf")]
     one, two = ((tmp_path / name).read_bytes() for name in ("one.pdf", "two.pdf"))
     assert one == two and 2 <= pages[0] == pages[1] <= 4 and len(one) < 1_000_000
@@ -277,14 +356,19 @@ def test_command_takes_the_comments_beside_the_result(made: Path, tmp_path: Path
     comments = tmp_path / "comments.toml"
     comments.write_text('summary = "walks without aids"\n')
     done = run("report", made, "--pdf", tmp_path / "report.pdf", "--comments", comments)
-    assert done.exit_code == 0 and f"4 pages, comments of {comments}" in done.output.replace("\n", " ")
+    assert done.exit_code == 0 and f"4 pages, comments of {comments}" in done.output.replace(
+        "\n", " "
+    )
     assert (tmp_path / "report.pdf").read_bytes().startswith(b"%PDF")
 
 
 @pytest.mark.parametrize(
     ("text", "told"),
     [
-        ('kinematic = "x"\n', "kinematic: unknown section; allowed: summary, .*; did you mean 'kinematics'?"),
+        (
+            'kinematic = "x"\n',
+            "kinematic: unknown section; allowed: summary, .*; did you mean 'kinematics'?",
+        ),
         ("joints = 3\n", "joints: found int; allowed: text in quotation marks"),
     ],
 )
@@ -312,10 +396,16 @@ def test_unexplained_force_and_moment_are_both_judged(beyond: str, changed: Path
     with edited(changed, "summary.json") as summary:
         trial = next(trial for trial in summary["trials"].values() if trial["role"] == "gait")
         trial["pelvis_residual"] = {"jp": {"force_N": 20.0, "torque_Nm": 5.0}}
-        trial["pelvis_residual_limit"] = {"force_N": 30.0, "torque_Nm": 9.0} | ({beyond: 2.0} if beyond else {})
+        trial["pelvis_residual_limit"] = {"force_N": 30.0, "torque_Nm": 9.0} | (
+            {beyond: 2.0} if beyond else {}
+        )
         trial |= {} if beyond else {"trunk_measured": False}
     (told,) = report_content(changed, None, {}).fit
-    assert ("too high" in told) == bool(beyond) and "force at the pelvis 20 N" in told and "moment 5.0 N·m" in told
+    assert (
+        ("too high" in told) == bool(beyond)
+        and "force at the pelvis 20 N" in told
+        and "moment 5.0 N·m" in told
+    )
     assert ("limits are wide, as no marker tells how trunk and arms move" in told) == (not beyond)
 
 
@@ -328,27 +418,39 @@ def test_relative_angles_have_no_profile(changed: Path) -> None:
 
 def test_an_activity_has_sheets_and_peaks_of_its_own(changed: Path) -> None:
     cycles = changed / "cycles.csv"
-    cycles.write_text(re.sub(",gait,(stance|swing|)$", ",squat,rising", cycles.read_text(), flags=re.MULTILINE))
+    cycles.write_text(
+        re.sub(",gait,(stance|swing|)$", ",squat,rising", cycles.read_text(), flags=re.MULTILINE)
+    )
     with edited(changed, "page.json") as page, edited(changed, "summary.json") as summary:
         for trial in page["trials"]:
             trial |= {"activity": "squat", "repeats": True}
             for stride in trial["strides"]:
                 stride["peaks"] = {"in_rising_knee_extension_moment": [-40.0, 2.0, 1.0, 70.0]}
-        page["trials"].append({**page["trials"][0], "name": "hop", "activity": "hop", "strides": []})
+        page["trials"].append(
+            {**page["trials"][0], "name": "hop", "activity": "hop", "strides": []}
+        )
         for trial in summary["trials"].values():
             trial["role"] = "motion"
     content = report_content(changed, None, {})
     assert not content.walked and content.title.startswith("Movement report")
-    assert [sheet.title for sheet in content.sheets] == ["Kinematics, squat", "Kinetics, squat", "Legs, hop"]
+    assert [sheet.title for sheet in content.sheets] == [
+        "Kinematics, squat",
+        "Kinetics, squat",
+        "Legs, hop",
+    ]
     assert all(sheet.has_curves and "repetitions" in sheet.thin for sheet in content.sheets[:2])
     (title, (head, *rows)) = content.peaks[0]
     moment = 40.0 / MASS
     assert "repetitions" in title and head[3:] == ("rising",)
-    assert [row[:3] for row in rows] == [("Knee extension moment", "N·m/kg", side) for side in ("right", "left")]
+    assert [row[:3] for row in rows] == [
+        ("Knee extension moment", "N·m/kg", side) for side in ("right", "left")
+    ]
     assert all(row[3].startswith(f"{moment:.2f} ± ") for row in rows)
 
 
-def test_without_a_stride_a_sentence_stands_in_place_of_sheets(changed: Path, tmp_path: Path) -> None:
+def test_without_a_stride_a_sentence_stands_in_place_of_sheets(
+    changed: Path, tmp_path: Path
+) -> None:
     lines = (changed / "cycles.csv").read_text().splitlines(keepends=True)
     head = next(k for k, line in enumerate(lines) if not line.startswith("#"))
     (changed / "cycles.csv").write_text("".join(lines[: head + 1]))
@@ -356,15 +458,21 @@ def test_without_a_stride_a_sentence_stands_in_place_of_sheets(changed: Path, tm
         for trial in page["trials"]:
             trial["strides"] = []
     content = report_content(changed, None, {"kinetics": "kept"})
-    assert {sheet.without for sheet in content.sheets} == {"No curves: there is no complete stride or repetition."}
+    assert {sheet.without for sheet in content.sheets} == {
+        "No curves: there is no complete stride or repetition."
+    }
     assert "result.html" in _no_curves({})  # isolated trials alone
     printed = [part.text for part in _story(content, 500.0, 700.0) if hasattr(part, "text")]
     assert printed.count(content.sheets[0].without) == 2 and "kept" in printed
     assert write_pdf(content, tmp_path / "two.pdf") == 2
 
 
-def test_a_long_comment_leaves_the_curves_their_height(content: ReportContent, tmp_path: Path) -> None:
-    long = replace(content, comments={"kinematics": "Knees stay bent in stance. " * 200, "kinetics": "short"})
+def test_a_long_comment_leaves_the_curves_their_height(
+    content: ReportContent, tmp_path: Path
+) -> None:
+    long = replace(
+        content, comments={"kinematics": "Knees stay bent in stance. " * 200, "kinetics": "short"}
+    )
     sheets = [part for part in _story(long, 500.0, 700.0) if isinstance(part, SheetOfCurves)]
     assert len(sheets) == 2 and min(part.height for part in sheets) >= LEAST_SHEET
     assert write_pdf(long, tmp_path / "long.pdf") == write_pdf(content, tmp_path / "short.pdf") + 1

@@ -38,7 +38,9 @@ def head_of(table: Path) -> list[str]:
 
 
 def undescribed(folder: Path, kind: str) -> list[str]:
-    """Files and columns of a folder that nothing is said of; folders that later commands added count by themselves."""
+    """Files and columns of a folder that nothing is said of; folders that later commands added
+    count by themselves.
+    """
     out = []
     for name in files_of(folder):
         if kind == "calibration" and name.split("/")[0] in ADDED:
@@ -50,7 +52,11 @@ def undescribed(folder: Path, kind: str) -> list[str]:
             content = json.loads((folder / name).read_text(encoding="utf-8"))
             out += [f"{kind}: {name}: {key}" for key in content if key not in SUMMARY]
         elif told.table in TABLES:
-            out += [f"{told.table}: {column}" for column in head_of(folder / name) if not column_of(told.table, column)]
+            out += [
+                f"{told.table}: {column}"
+                for column in head_of(folder / name)
+                if not column_of(told.table, column)
+            ]
     for name in ADDED if kind == "calibration" else ():
         if (folder / name).is_dir():
             out += undescribed(folder / name, name)
@@ -62,7 +68,10 @@ def undescribed_below(top: Path) -> list[str]:
     out = []
     for manifest in sorted(top.rglob(MANIFEST)):
         made = read_object(manifest)
-        kind = KINDS.get(str(made.get("kind", "")), "synthetic" if made.get("gaitcal") == "synthetic subject" else "")
+        kind = KINDS.get(
+            str(made.get("kind", "")),
+            "synthetic" if made.get("gaitcal") == "synthetic subject" else "",
+        )
         if kind and manifest.parent.name not in ADDED:
             out += undescribed(manifest.parent, kind)
     return out

@@ -1,4 +1,6 @@
-"""`gaitcal export --format c3d`: the recording as it was, and angles, moments, powers, events, joint centres in it."""
+"""`gaitcal export --format c3d`: the recording as it was, and angles, moments, powers, events,
+joint centres in it.
+"""
 
 import json
 import shutil
@@ -46,7 +48,9 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
     write_synthetic_study(folder / "study")
     convert(folder / "study/walk.csv", folder / "study/walk.c3d")
     (folder / "study/study.toml").write_text(C3D_STUDY, encoding="utf-8")
-    done = run("calibrate", folder / "study/study.toml", "--out", folder / "result", "-q", "--force")
+    done = run(
+        "calibrate", folder / "study/study.toml", "--out", folder / "result", "-q", "--force"
+    )
     assert done.exit_code == 0, done.output
     return folder
 
@@ -67,23 +71,41 @@ def entries(file: Any, name: str) -> list[str]:
 
 def same(a: Any, b: Any) -> bool:
     """Equal as 32-bit floats."""
-    return bool(np.array_equal(np.asarray(a, dtype=np.float32), np.asarray(b, dtype=np.float32), equal_nan=True))
+    return bool(
+        np.array_equal(
+            np.asarray(a, dtype=np.float32), np.asarray(b, dtype=np.float32), equal_nan=True
+        )
+    )
 
 
 def test_the_recording_and_what_was_computed(folder: Path) -> None:
     result = folder / "result"
     done = run("export", result, "--format", "c3d", "--inputs", folder / "study")
     assert done.exit_code == 0, done.output
-    before, after = read_recording(folder / "study/walk.c3d"), read_recording(result / "export/walk.c3d")
-    assert before.labels == after.labels and np.array_equal(before.markers, after.markers, equal_nan=True)
-    assert all(np.array_equal(a.wrench(), b.wrench()) for a, b in zip(before.plates, after.plates, strict=True))
+    before, after = (
+        read_recording(folder / "study/walk.c3d"),
+        read_recording(result / "export/walk.c3d"),
+    )
+    assert before.labels == after.labels and np.array_equal(
+        before.markers, after.markers, equal_nan=True
+    )
+    assert all(
+        np.array_equal(a.wrench(), b.wrench())
+        for a, b in zip(before.plates, after.plates, strict=True)
+    )
     found, file = points(result / "export/walk.c3d")
     motion = pd.read_csv(result / "motion/walk.csv", comment="#")
     moments = pd.read_csv(result / "moments/walk.csv", comment="#")
     for label, names in ANGLES.items():
         assert same(found[label][:, : len(names)], motion[list(names)].to_numpy())
-    assert same(found["RPelvisAngles"] * [-1, -1, 1], motion[["pelvis_tilt", "pelvis_list", "pelvis_rotation"]])
-    assert same(found["LPelvisAngles"] * [-1, 1, -1], motion[["pelvis_tilt", "pelvis_list", "pelvis_rotation"]])
+    assert same(
+        found["RPelvisAngles"] * [-1, -1, 1],
+        motion[["pelvis_tilt", "pelvis_list", "pelvis_rotation"]],
+    )
+    assert same(
+        found["LPelvisAngles"] * [-1, 1, -1],
+        motion[["pelvis_tilt", "pelvis_list", "pelvis_rotation"]],
+    )
     for label, names in MOMENTS.items():
         side = label[0].lower()
         valid = moments[f"valid_{side}" if f"valid_{side}" in moments else "valid"].to_numpy() == 1
@@ -92,7 +114,9 @@ def test_the_recording_and_what_was_computed(folder: Path) -> None:
         assert same(found[label][:, : len(names)], expected)
     power = moments["knee_angle_r"] * motion["knee_angle_r_velocity"] / DEG / 69.4
     known = np.isfinite(found["RKneePower"][:, 2])
-    assert known.any() and np.allclose(found["RKneePower"][known, 2], power[known], rtol=1e-5, atol=1e-6)
+    assert known.any() and np.allclose(
+        found["RKneePower"][known, 2], power[known], rtol=1e-5, atol=1e-6
+    )
     assert file["parameters"]["GAITCAL"]["VERDICT"]["value"] == [
         json.loads((result / "summary.json").read_text())["trials"]["walk"]["verdict"]
     ]
@@ -100,7 +124,9 @@ def test_the_recording_and_what_was_computed(folder: Path) -> None:
 
 
 def test_joint_centres_lie_where_the_markers_do(folder: Path) -> None:
-    """In the axes of the file (mm, z up), however the result is turned: knee centres beside the knees' markers."""
+    """In the axes of the file (mm, z up), however the result is turned: knee centres beside the
+    knees' markers.
+    """
     run("export", folder / "result", "--format", "c3d", "--inputs", folder / "study")
     found, _ = points(folder / "result/export/walk.c3d")
     for side in "RL":
@@ -117,11 +143,14 @@ def test_events_are_those_of_the_file_and_the_missing_ones(folder: Path) -> None
     run("export", result, "--format", "c3d", "--inputs", folder / "study")
     events = read_recording(result / "export/walk.c3d").events
     assert {(e.side, e.moment) for e in events} == {(s, m) for s in "rl" for m in FootMoment}
-    # An export is a recording with these events: exporting it again adds none, and names ours apart.
+    # An export is a recording with these events: exporting it again adds none, and names ours
+    # apart.
     shutil.copy(result / "export/walk.c3d", folder / "study/walk.c3d")
     with edited(result, "manifest.json") as manifest:
         manifest["inputs_sha256"]["walk.c3d"] = sha256_of(folder / "study/walk.c3d")
-    done = run("export", result, "--format", "c3d", "--out", folder / "again", "--inputs", folder / "study")
+    done = run(
+        "export", result, "--format", "c3d", "--out", folder / "again", "--inputs", folder / "study"
+    )
     assert done.exit_code == 0, done.output
     again = read_recording(folder / "again/walk.c3d")
     assert again.events == events
@@ -132,8 +161,12 @@ def test_events_are_those_of_the_file_and_the_missing_ones(folder: Path) -> None
     with edited(result, "manifest.json") as manifest:
         manifest["trials"]["walk"]["events"] = EVENTS
         manifest["inputs_sha256"][EVENTS] = sha256_of(folder / "study" / EVENTS)
-    done = run("export", result, "--format", "c3d", "--out", folder / "third", "--inputs", folder / "study")
-    assert "events of the file kept; those that were corrected stand in events.csv" in " ".join(done.output.split())
+    done = run(
+        "export", result, "--format", "c3d", "--out", folder / "third", "--inputs", folder / "study"
+    )
+    assert "events of the file kept; those that were corrected stand in events.csv" in " ".join(
+        done.output.split()
+    )
     assert read_recording(folder / "third/walk.c3d").events == events
 
 
@@ -142,9 +175,13 @@ def test_no_torque_leaves_a_refused_trial(folder: Path) -> None:
     with edited(result, "summary.json") as summary:
         summary["trials"]["walk"]["verdict"] = "refused"
     done = run("export", result, "--format", "c3d", "--inputs", folder / "study")
-    assert done.exit_code == 0 and "refused: no moments and no powers" in " ".join(done.output.split())
+    assert done.exit_code == 0 and "refused: no moments and no powers" in " ".join(
+        done.output.split()
+    )
     found, file = points(result / "export/walk.c3d")
-    assert "RHipAngles" in found and not any("Moment" in label or "Power" in label for label in found)
+    assert "RHipAngles" in found and not any(
+        "Moment" in label or "Power" in label for label in found
+    )
     assert file["parameters"]["GAITCAL"]["VERDICT"]["value"] == ["refused"]
 
 
@@ -160,7 +197,11 @@ def test_inputs_must_be_there_and_unchanged(folder: Path, monkeypatch: pytest.Mo
     assert run("export", result, "--format", "c3d", "--inputs", folder / "away").exit_code == 0
     missing = run("export", result, "--format", "c3d")
     shutil.move(folder / "away/deep/study", folder / "study")
-    assert missing.exit_code == 1 and "walk.c3d" in str(missing.exception) and "--inputs" in str(missing.exception)
+    assert (
+        missing.exit_code == 1
+        and "walk.c3d" in str(missing.exception)
+        and "--inputs" in str(missing.exception)
+    )
     monkeypatch.chdir(folder / "study")
     assert run("export", result, "--format", "c3d").exit_code == 0
     with (folder / "study/walk.c3d").open("ab") as stream:
@@ -176,7 +217,10 @@ def test_the_folder_says_what_was_written_of_what(folder: Path) -> None:
     run("export", result, "--format", "osim,urdf")
     first = listed(export)
     run("export", result, "--format", "c3d,osim", "--inputs", folder / "study")
-    assert set(first) == {"model.osim", "model.urdf"} and set(listed(export)) == {*first, "walk.c3d"}
+    assert set(first) == {"model.osim", "model.urdf"} and set(listed(export)) == {
+        *first,
+        "walk.c3d",
+    }
     assert listed(export) == {name: sha256_of(export / name) for name in listed(export)}
     manifest = json.loads((export / "manifest.json").read_text(encoding="utf-8"))
     of_result = manifest["written"]["walk.c3d"]["result"]["sha256"]
@@ -201,10 +245,14 @@ def test_a_text_recording_becomes_a_c3d(kept: Path, tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
-def test_a_c3d_of_poses_is_written_with_the_points_that_stand_for_them(data_dir: Path, tmp_path: Path) -> None:
+def test_a_c3d_of_poses_is_written_with_the_points_that_stand_for_them(
+    data_dir: Path, tmp_path: Path
+) -> None:
     """It has no markers of its own beside which ours could stand."""
     theia = data_dir / "more_labs/theia"
-    done = run("calibrate", theia, "--out", tmp_path / "result", "--mass", "75", "--height", "1.75", "-q")
+    done = run(
+        "calibrate", theia, "--out", tmp_path / "result", "--mass", "75", "--height", "1.75", "-q"
+    )
     assert done.exit_code == 0, done.output
     done = run("export", tmp_path / "result", "--format", "c3d", "--inputs", theia)
     assert done.exit_code == 0 and "written anew: without poses" in done.output, done.output
@@ -219,7 +267,9 @@ def test_a_c3d_of_poses_is_written_with_the_points_that_stand_for_them(data_dir:
 def test_points_of_a_vendors_names_take_their_place_and_nothing_else_moves(
     file: str, data_dir: Path, tmp_path: Path
 ) -> None:
-    """Our values and descriptions under the same names, the same count of points; all others bit for bit."""
+    """Our values and descriptions under the same names, the same count of points; all others bit
+    for bit.
+    """
     source, target = data_dir / file, tmp_path / "out.c3d"
     before, whole = points(source)
     original = c3d_original(source, whole["data"]["points"].shape[2])
@@ -230,7 +280,9 @@ def test_points_of_a_vendors_names_take_their_place_and_nothing_else_moves(
         AddedPoint(name=n, kind=PointKind.ANGLE, values=values + k, description=f"ours {k}")
         for k, n in enumerate(names)
     ]
-    lost = supplement_c3d(original, target, [*ours, AddedPoint(name="new", kind=PointKind.ANGLE, values=values)])
+    lost = supplement_c3d(
+        original, target, [*ours, AddedPoint(name="new", kind=PointKind.ANGLE, values=values)]
+    )
     after, written = points(target)
     assert set(after) - set(before) == {"new"} and len(after) == len(before) + 1
     for k, name in enumerate(names):
@@ -238,7 +290,9 @@ def test_points_of_a_vendors_names_take_their_place_and_nothing_else_moves(
     assert all(same(after[name], before[name]) for name in before if name not in names)
     described = entries(written, "DESCRIPTIONS")[list(after).index("RHipAngles")]
     assert described == "ours 1" or (described == "" and "POINT:DESCRIPTIONS" in lost)
-    assert entries(written, "ANGLES").count("RHipAngles") == entries(whole, "ANGLES").count("RHipAngles")
+    assert entries(written, "ANGLES").count("RHipAngles") == entries(whole, "ANGLES").count(
+        "RHipAngles"
+    )
     assert np.array_equal(whole["data"]["analogs"], written["data"]["analogs"])
     old, new = read_recording(source), read_recording(target)
     assert old.labels == new.labels and np.array_equal(old.markers, new.markers, equal_nan=True)
@@ -246,9 +300,11 @@ def test_points_of_a_vendors_names_take_their_place_and_nothing_else_moves(
 
 @pytest.mark.slow
 def test_against_the_vendor(data_dir: Path, tmp_path: Path) -> None:
-    """Plug-in Gait's own curves in the same file: every sign agrees (correlation over the frames of both legs).
+    """Plug-in Gait's own curves in the same file: every sign agrees (correlation over the frames of
+    both legs).
 
-    Soft tissue moves the left thigh of this person by 3 degrees: both legs together correlate less in adduction.
+    Soft tissue moves the left thigh of this person by 3 degrees: both legs together correlate less
+    in adduction.
     """
     least = {
         "HipAngles": (0.99, 0.8, 0.8),
@@ -266,9 +322,13 @@ def test_against_the_vendor(data_dir: Path, tmp_path: Path) -> None:
     found, _ = points(result / "export/gait.c3d")
     time = read_recording(result / "export/gait.c3d").time
     inside = np.isfinite(found["gcRHipAngles"][:, 0])
-    assert np.array_equal(inside, (time > 3.599) & (time < 5.801)), "only the frames that the study asks for"
+    assert np.array_equal(inside, (time > 3.599) & (time < 5.801)), (
+        "only the frames that the study asks for"
+    )
     for name, floors in least.items():
-        ours, theirs = (np.concatenate([found[f"{start}{s}{name}"] for s in "RL"]) for start in ("gc", ""))
+        ours, theirs = (
+            np.concatenate([found[f"{start}{s}{name}"] for s in "RL"]) for start in ("gc", "")
+        )
         both = np.isfinite(ours[:, 0]) & np.isfinite(theirs[:, 0]) & theirs.any(axis=1)
         for axis, floor in enumerate(floors):
             r = np.corrcoef(ours[both, axis], theirs[both, axis])[0, 1] if floor > 0.0 else 0.0
@@ -276,13 +336,17 @@ def test_against_the_vendor(data_dir: Path, tmp_path: Path) -> None:
             assert floor > 0.0 or not ours[both, axis].any(), "told along one axis only"
     assert isinstance(run("export", result, "--format", "osim", "--replace").exception, UsageError)
     done = run("export", result, "--format", "c3d", "--inputs", data_dir / "pig_c3d", "--replace")
-    assert done.exit_code == 0 and "points of the file replaced" in done.output.replace("\n", " "), done.output
+    assert done.exit_code == 0 and "points of the file replaced" in done.output.replace(
+        "\n", " "
+    ), done.output
     instead, _ = points(result / "export/gait.c3d")
     assert set(instead) == {name.removeprefix("gc") for name in found}
     assert all(same(instead[name], found.get(f"gc{name}", found.get(name))) for name in instead)
     ours, theirs = found["gcRNormalisedGRF"], found["RNormalisedGRF"]
     both = np.isfinite(ours[:, 0]) & (theirs[:, 2] > 20.0)
-    assert both.sum() > 50 and np.sqrt(np.mean((ours - theirs)[both] ** 2)) < 0.3, "% of body weight, unfiltered"
+    assert both.sum() > 50 and np.sqrt(np.mean((ours - theirs)[both] ** 2)) < 0.3, (
+        "% of body weight, unfiltered"
+    )
     for joint in ("Hip", "Knee", "Ankle"):
         ours, theirs = found[f"gcR{joint}Power"][:, 2], found[f"R{joint}Power"][:, 2]
         both = np.isfinite(ours) & np.isfinite(theirs)
@@ -305,7 +369,9 @@ def result(tmp_path: Path) -> Path:
     return folder
 
 
-def test_the_drafted_study_tells_where_a_recording_lies_and_another_file_there_is_not_taken(result: Path) -> None:
+def test_the_drafted_study_tells_where_a_recording_lies_and_another_file_there_is_not_taken(
+    result: Path,
+) -> None:
     assert find_original(result, "gait.c3d", None).read_bytes() == b"walk"
     (result / "../../clinic/2024/gait.c3d").write_bytes(b"another walk")
     with pytest.raises(InputError, match=r"gait\.c3d"):

@@ -1,4 +1,6 @@
-"""Commands that meet folders of earlier commands or hostile names: nothing of the user's is lost, names stay data."""
+"""Commands that meet folders of earlier commands or hostile names: nothing of the user's is lost,
+names stay data.
+"""
 
 import json
 import re
@@ -38,13 +40,21 @@ def test_a_study_is_never_replaced_by_its_result(kept: Path, folder: Path, tmp_p
     before = content(synthetic)
     with pytest.raises(InputError, match="an input of this run"):
         run("calibrate", synthetic / "study.toml", "--out", synthetic)
-    with pytest.raises(InputError, match="kind of result .synthetic study, this would be calibration."):
+    with pytest.raises(
+        InputError, match="kind of result .synthetic study, this would be calibration."
+    ):
         run("calibrate", folder / "study/study.toml", "--out", synthetic)
-    with pytest.raises(InputError, match="kind of result .calibration, this would be synthetic study."):
+    with pytest.raises(
+        InputError, match="kind of result .calibration, this would be synthetic study."
+    ):
         run("synthesize", "--out", folder / "result")
-    with pytest.raises(InputError, match="kind of result .synthetic study, this would be reproduction."):
+    with pytest.raises(
+        InputError, match="kind of result .synthetic study, this would be reproduction."
+    ):
         run("reproduce", "--out", synthetic)
-    with pytest.raises(InputError, match="kind of result .synthetic study, this would be further trials."):
+    with pytest.raises(
+        InputError, match="kind of result .synthetic study, this would be further trials."
+    ):
         run("dynamics", folder / "result", folder / "study/walk.csv", "--out", synthetic)
     assert content(synthetic) == before
     demo = tmp_path / "demo"
@@ -73,12 +83,19 @@ def test_another_calibration_keeps_draws_and_further_trials_and_says_so(folder: 
     told = run("calibrate", study, "--out", result).stdout
     assert "kept from the earlier result, made with its model: dynamics, export, montecarlo" in told
     assert {name: content(result / name) for name in kept} == kept
-    assert "of which 0 in this run" in run("montecarlo", result, *DRAWS).stdout, "the same model: the draws go on"
-    study.write_text(study.read_text(encoding="utf-8").replace("mass_kg = 69.4", "mass_kg = 70.0"), encoding="utf-8")
+    assert "of which 0 in this run" in run("montecarlo", result, *DRAWS).stdout, (
+        "the same model: the draws go on"
+    )
+    study.write_text(
+        study.read_text(encoding="utf-8").replace("mass_kg = 69.4", "mass_kg = 70.0"),
+        encoding="utf-8",
+    )
     assert run("calibrate", study, "--out", result, "--force", "-q").exit_code == 0
     assert content(result / "dynamics") == kept["dynamics"]
     for words in (DRAWS, ("--expect", 4)):
-        with pytest.raises(InputError, match="made with other .*inertial parameters.* remove the folder"):
+        with pytest.raises(
+            InputError, match="made with other .*inertial parameters.* remove the folder"
+        ):
             run("montecarlo", result, *words)
 
 
@@ -87,26 +104,34 @@ def test_further_trials_join_those_that_are_there(folder: Path) -> None:
     result, first = folder / "result", folder / "study/walk.csv"
     for name in ("walk2", "walk3"):
         shutil.copy(first, folder / "study" / f"{name}.csv")
-    run("dynamics", result, folder / "study/walk2.csv", "--forces", folder / "study/walk_forces.csv")
+    run(
+        "dynamics", result, folder / "study/walk2.csv", "--forces", folder / "study/walk_forces.csv"
+    )
     before = content(result / "dynamics")
     run("dynamics", result, folder / "study/walk3.csv")
     now = content(result / "dynamics")
-    assert {name: now[name] for name in before if "walk2" in name} == {n: t for n, t in before.items() if "walk2" in n}
+    assert {name: now[name] for name in before if "walk2" in name} == {
+        n: t for n, t in before.items() if "walk2" in n
+    }
     summary = json.loads(now["summary.json"])
     assert list(summary["trials"]) == ["walk2", "walk3"]
     assert summary["trials"]["walk2"] == json.loads(before["summary.json"])["trials"]["walk2"]
     assert any(note.startswith("walk2: ") for note in summary["notes"])
     assert "moments/walk2.csv" in now and "moments/walk3.csv" not in now
     run("dynamics", result, folder / "study/walk2.csv")  # without forces now
-    assert "moments/walk2.csv" not in content(result / "dynamics"), "no earlier torques beside the new motion"
+    assert "moments/walk2.csv" not in content(result / "dynamics"), (
+        "no earlier torques beside the new motion"
+    )
     (result / "dynamics/notes.txt").touch()
     with pytest.raises(InputError, match="holds 'notes.txt'"):
         run("dynamics", result, folder / "study/walk3.csv")
 
 
 SUBJECT = (
-    "../../etc <script>alert(1)</script> Zoë 测试 \U0001f9b5 \"><img src=x onerror=alert(1)> '; DROP TABLE gait; -- "
-    "{{ 7 * 7 }} {% raw %} ${x} </title></style> [bold red]markup[/] <!--<script> \u05d0\u05d1 --> \\u003c & ]]>"
+    "../../etc <script>alert(1)</script> Zoë 测试 \U0001f9b5 \"><img src=x onerror=alert(1)> '; DROP "
+    "TABLE gait; -- "
+    "{{ 7 * 7 }} {% raw %} ${x} </title></style> [bold red]markup[/] <!--<script> \u05d0\u05d1 --> "
+    "\\u003c & ]]>"
 )
 MARKERS = {
     "R.Bicep": "<script>alert(2)</script>",
@@ -128,7 +153,9 @@ DANGERS = re.compile(r"<[^>]*\son(error|load)\s*=|<img[^>]*\ssrc=[\"']?x\b", re.
 
 
 def hostile(folder: Path) -> Path:
-    """A study with hostile names of subject and markers, which its own marker set makes part of the model."""
+    """A study with hostile names of subject and markers, which its own marker set makes part of the
+    model.
+    """
     path = write_synthetic_study(folder)
     columns = {f"{old}_{axis}": f"{new}_{axis}" for old, new in MARKERS.items() for axis in "xyz"}
     for name in ("static.csv", "walk.csv"):
@@ -145,9 +172,15 @@ def own_set() -> str:
     published = load_marker_set("published")
 
     def group(table: Mapping[str, tuple[str, ...]]) -> dict[str, list[str]]:
-        return {name: [MARKERS.get(label, label) for label in labels] for name, labels in table.items()}
+        return {
+            name: [MARKERS.get(label, label) for label in labels] for name, labels in table.items()
+        }
 
-    parts = {"landmarks": published.landmarks, "tracking": published.tracking, "static_only": published.static_only}
+    parts = {
+        "landmarks": published.landmarks,
+        "tracking": published.tracking,
+        "static_only": published.static_only,
+    }
     tables = ['description = "<script>alert(4)</script>"\n']
     tables += [toml_table(f"[{name}]", group(table)) for name, table in parts.items()]
     return "\n".join(tables)

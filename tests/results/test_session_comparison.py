@@ -44,20 +44,38 @@ def test_a_known_shift_comes_first_and_nothing_else_exceeds() -> None:
     a, b = made_session("before"), made_session("after", seed=0, swing=-SWING)
     found = compare_sessions(a, b)
     first = found.found[0]
-    assert (first.side, first.name, first.difference) == ("r", "knee_angle", pytest.approx(-SWING, abs=EXACT))
+    assert (first.side, first.name, first.difference) == (
+        "r",
+        "knee_angle",
+        pytest.approx(-SWING, abs=EXACT),
+    )
     assert {(d.side, d.name) for d in found.found if d.exceeds} == {("r", "knee_angle")}
     beyond = found.curves[found.curves["exceeds"] == 1]
-    assert set(beyond["side"]) == {"r"} and beyond["percent"].min() == 61 and beyond["percent"].max() == 100
+    assert (
+        set(beyond["side"]) == {"r"}
+        and beyond["percent"].min() == 61
+        and beyond["percent"].max() == 100
+    )
     said = next(line for line in found.lines if line.startswith("right knee flexion"))
     assert "8.0 deg less" in said and "times what these recordings could miss" in said
 
 
 def test_the_error_of_a_difference_is_that_of_strides_and_of_what_is_not_shared() -> None:
-    a, b = made_session("a", strides=12), made_session("b", seed=1, strides=12, statics=("another",))
+    a, b = (
+        made_session("a", strides=12),
+        made_session("b", seed=1, strides=12, statics=("another",)),
+    )
     found = compare_sessions(a, b)
     assert found.common is Common.PERSON
-    largest = next(d for d in found.found if (d.side, d.name, d.measure) == ("r", "knee_angle", "highest in swing"))
-    tops = [s.strides.query("side == 'r' and variable == 'knee_angle' and percent == 75")["value"] for s in (a, b)]
+    largest = next(
+        d
+        for d in found.found
+        if (d.side, d.name, d.measure) == ("r", "knee_angle", "highest in swing")
+    )
+    tops = [
+        s.strides.query("side == 'r' and variable == 'knee_angle' and percent == 75")["value"]
+        for s in (a, b)
+    ]
     pooled = sum(((t - t.mean()) ** 2).sum() for t in tops) / 22
     assert pytest.approx(student.ppf(0.975, 10**6), abs=1e-3) == MDC  # 95 % of a normal difference
     widened = student.ppf(0.975, 22) / MDC
@@ -79,30 +97,44 @@ def test_what_both_share_counts_once() -> None:
     assert not difference_variance((one, other), NAMES, Common.MODEL).any()
     markers = [(i.parameters[:, :3] ** 2).sum(axis=1) for i in (one, other)]
     static = difference_variance((one, other), NAMES, Common.STATIC)
-    assert static == pytest.approx(sum(markers), rel=1e-12)  # nominal columns are alike: they cancel
+    assert static == pytest.approx(
+        sum(markers), rel=1e-12
+    )  # nominal columns are alike: they cancel
     person = difference_variance((one, other), NAMES, Common.PERSON)
     assert person == pytest.approx(sum(markers) + 2.0 * placement(NAMES) ** 2, rel=1e-12)
 
 
 def test_of_nominal_errors_the_persons_own_part_counts_once() -> None:
-    """Errors K d of d ~ N(m0, P0), of which two static trials have P0 - Q in common: K F are columns of causes."""
+    """Errors K d of d ~ N(m0, P0), of which two static trials have P0 - Q in common: K F are
+    columns of causes.
+    """
     rng, (_, spread) = np.random.default_rng(5), prior_of(NAMES, None)
     clusters = tuple(f"nominal/{name}" for name in NAMES)
     parts = [rng.normal(size=(len(NAMES), len(NAMES))) for _ in range(2)]
     one, other = (ErrorSources(NAMES, part @ prior_root(NAMES, None), clusters) for part in parts)
     own, apart = spread - placed_anew(), parts[1] - parts[0]
     wanted = np.diag(apart @ own @ apart.T) + 2.0 * placement(NAMES) ** 2
-    assert difference_variance((one, other), NAMES, Common.PERSON) == pytest.approx(wanted, rel=1e-9)
+    assert difference_variance((one, other), NAMES, Common.PERSON) == pytest.approx(
+        wanted, rel=1e-9
+    )
     wanted = np.diag(apart @ spread @ apart.T)
-    assert difference_variance((one, other), NAMES, Common.STATIC) == pytest.approx(wanted, rel=1e-9)
+    assert difference_variance((one, other), NAMES, Common.STATIC) == pytest.approx(
+        wanted, rel=1e-9
+    )
 
 
 def test_markers_move_the_place_of_a_bone_end_and_leave_its_two_views_as_far_apart() -> None:
-    """6 mm of the 12 that the hip's centre has along x; nothing of the 4 that pelvis and thigh are apart."""
-    assert own_causes(NAMES[:2], None) == pytest.approx(np.diag([np.sqrt(1.0 - (6.0 / 12.0) ** 2), 1.0]), abs=1e-12)
+    """6 mm of the 12 that the hip's centre has along x; nothing of the 4 that pelvis and thigh are
+    apart.
+    """
+    assert own_causes(NAMES[:2], None) == pytest.approx(
+        np.diag([np.sqrt(1.0 - (6.0 / 12.0) ** 2), 1.0]), abs=1e-12
+    )
     narrow = prior_of_study({name: ParameterPriorTable(deviation=1.0) for name in NAMES[:2]})
     values = np.linalg.eigvalsh(own_causes(NAMES[:2], narrow))
-    assert values[0] == pytest.approx(0.0, abs=1e-7) and values[1] <= 1.0, "markers are not put better than is known"
+    assert values[0] == pytest.approx(0.0, abs=1e-7) and values[1] <= 1.0, (
+        "markers are not put better than is known"
+    )
 
 
 def test_refused_and_doubtful_results_are_said_first() -> None:
@@ -118,7 +150,9 @@ def test_negative_values_are_told_as_more_or_less_negative() -> None:
     peak = replace(found[0], name="ankle_angle_moment", kind="moment", unit="N m", a=-86.0, b=-77.0)
     assert "9.0 N m less negative (-77.0 against -86.0)" in sentence(peak)
     assert "9.0 N m more negative" in sentence(replace(peak, a=-77.0, b=-86.0))
-    lowest = replace(peak, name="knee_adduction_moment", measure="lowest in terminal stance", a=-11.8, b=-8.4)
+    lowest = replace(
+        peak, name="knee_adduction_moment", measure="lowest in terminal stance", a=-11.8, b=-8.4
+    )
     told = "knee abduction moment, terminal stance: 3.4 N m less (8.4 against 11.8)"
     assert told in sentence(lowest) and numbers_of(lowest)[:3] == ("11.8", "8.4", "-3.4"), (
         "in the sense in which it acts"
@@ -129,20 +163,38 @@ def test_negative_values_are_told_as_more_or_less_negative() -> None:
 
 def test_single_support_is_told_once_as_the_swing_of_the_other_leg() -> None:
     one = compare_sessions(made_session("a"), made_session("b", swing=SWING)).found[0]
-    step = replace(one, se_shared=0.0, kind="spatiotemporal", measure="mean", unit="s", a=0.40, b=0.46, se_strides=0.01)
-    legs = [replace(step, side=side, name=name) for side, name in (("l", "swing"), ("r", "single_support"))]
-    assert "left swing" in (lines := lines_of(("a", "b"), Common.STATIC, legs))[2] and len(lines) == 3
+    step = replace(
+        one,
+        se_shared=0.0,
+        kind="spatiotemporal",
+        measure="mean",
+        unit="s",
+        a=0.40,
+        b=0.46,
+        se_strides=0.01,
+    )
+    legs = [
+        replace(step, side=side, name=name)
+        for side, name in (("l", "swing"), ("r", "single_support"))
+    ]
+    assert (
+        "left swing" in (lines := lines_of(("a", "b"), Common.STATIC, legs))[2] and len(lines) == 3
+    )
     assert "right single support" in lines_of(("a", "b"), Common.STATIC, legs[1:])[2]
 
 
 def test_a_recording_in_both_is_said() -> None:
-    warnings = compare_sessions(made_session("a"), made_session("b", recordings=frozenset({"a"}))).warnings
+    warnings = compare_sessions(
+        made_session("a"), made_session("b", recordings=frozenset({"a"}))
+    ).warnings
     assert any(text.startswith("1 recording in both") for text in warnings)
 
 
 def test_another_person_is_refused_or_doubted() -> None:
     a, b = made_session("a"), made_session("b", person="S08")
-    assert any("of one person? the names differ" in text for text in compare_sessions(a, b).warnings)
+    assert any(
+        "of one person? the names differ" in text for text in compare_sessions(a, b).warnings
+    )
     longer = b.model.parameters.joint.copy()
     for side in "rl":
         longer[JP_INDEX[f"knee_{side}.thigh.sup"]] *= 1.3
@@ -158,11 +210,15 @@ def test_strides_that_turn_and_samples_that_do_not_count_are_left_out() -> None:
     assert not [d for d in found.found if d.kind in ("angle", "moment")]
     assert any("no stride that is complete and straight" in text for text in found.warnings)
     invalid = b.strides.assign(valid=0)
-    assert not [d for d in compare_sessions(a, replace(b, strides=invalid)).found if d.kind == "angle"]
+    assert not [
+        d for d in compare_sessions(a, replace(b, strides=invalid)).found if d.kind == "angle"
+    ]
 
 
 def row(quantity: str, difference: float, unit: str = "mm", ours: float = 60.0) -> ComparisonRow:
-    return ComparisonRow(quantity=quantity, unit=unit, ours=ours, theirs=ours + difference, difference=difference)
+    return ComparisonRow(
+        quantity=quantity, unit=unit, ours=ours, theirs=ours + difference, difference=difference
+    )
 
 
 def test_hips_are_told_before_the_rows() -> None:
@@ -185,7 +241,11 @@ def test_errors_that_both_ends_of_a_range_share_cancel_in_all_their_parts() -> N
     """What the axes have of them differs between the ends, the whole does not."""
     wave = np.sin(np.linspace(0.0, 2.0 * np.pi, 101))[None]
     found = StrideSet(
-        values=10.0 * wave, own=0.0 * wave, shared=0.0 * wave + 1.0, frames=0.5 + 0.4 * wave, stance=np.array([60.0])
+        values=10.0 * wave,
+        own=0.0 * wave,
+        shared=0.0 * wave + 1.0,
+        frames=0.5 + 0.4 * wave,
+        stance=np.array([60.0]),
     )
     sets = {("r", "pelvis_list"): found}
     ranges = [d for d in curve_figures(sets, sets, Common.STATIC) if d.measure.startswith("range")]

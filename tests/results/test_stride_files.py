@@ -1,4 +1,6 @@
-"""Files of strides, how further trials join them, and figures of `summary.json` that stand beside each other."""
+"""Files of strides, how further trials join them, and figures of `summary.json` that stand beside
+each other.
+"""
 
 from dataclasses import replace
 from pathlib import Path
@@ -37,13 +39,21 @@ def hashes(folder: Path) -> dict[str, str]:
     return {name: str(sha256_of(folder / name)) for name in STRIDE_FILES}
 
 
-def test_every_measure_of_every_stride_stands_in_the_table_with_its_unit(whole: Calibration) -> None:
+def test_every_measure_of_every_stride_stands_in_the_table_with_its_unit(
+    whole: Calibration,
+) -> None:
     table = spatiotemporal(whole)
     assert tuple(table.columns) == SPATIOTEMPORAL_COLUMNS
     strides = whole.trial("walk").strides
     assert len(table) == sum(len(s.measures) for s in strides) and strides
-    row = table[(table["side"] == "l") & (table["stride"] == 1) & (table["variable"] == "cadence")].iloc[0]
-    assert row["unit"] == "steps/min" and row["value"] == pytest.approx(120.0, abs=2.5) and row["source"] == "plates"
+    row = table[
+        (table["side"] == "l") & (table["stride"] == 1) & (table["variable"] == "cadence")
+    ].iloc[0]
+    assert (
+        row["unit"] == "steps/min"
+        and row["value"] == pytest.approx(120.0, abs=2.5)
+        and row["source"] == "plates"
+    )
     assert row["stop"] - row["start"] == pytest.approx(120.0 / row["value"], abs=1e-5)
     assert table["stride"].isna().any()  # of parts of strides
 
@@ -66,25 +76,43 @@ def test_summary_and_report_have_the_means(whole: Calibration) -> None:
 
 def test_refused_legs_are_marked_and_are_in_no_mean(whole: Calibration) -> None:
     walk = whole.trial("walk")
-    right = replace(whole, trials=tuple(t.refused(("r",)) if t is walk else t for t in whole.trials))
+    right = replace(
+        whole, trials=tuple(t.refused(("r",)) if t is walk else t for t in whole.trials)
+    )
     table = spatiotemporal(right)
-    assert not table[table["side"] == "r"]["valid"].any() and table[table["side"] == "l"]["valid"].any()
-    assert not table[table["variable"].str.startswith(("step", "double"))]["valid"].any(), "both feet belong to these"
+    assert (
+        not table[table["side"] == "r"]["valid"].any()
+        and table[table["side"] == "l"]["valid"].any()
+    )
+    assert not table[table["variable"].str.startswith(("step", "double"))]["valid"].any(), (
+        "both feet belong to these"
+    )
     means = summary(right)["spatiotemporal"]
     assert isinstance(means, dict) and "stance" in means and "step_time" not in means
     assert all("r" not in entry for entry in means.values() if isinstance(entry, dict))
     all_refused = replace(whole, trials=tuple(t.refused() for t in whole.trials))
     assert "spatiotemporal" not in summary(all_refused)
-    (told,) = (trial["measures"] for trial in calibration_page_data(right)["trials"] if trial["name"] == "walk")
-    assert all((stride["side"] == "l") >= bool(stride["values"]) for stride in told), "and in none of the page"
+    (told,) = (
+        trial["measures"]
+        for trial in calibration_page_data(right)["trials"]
+        if trial["name"] == "walk"
+    )
+    assert all((stride["side"] == "l") >= bool(stride["values"]) for stride in told), (
+        "and in none of the page"
+    )
 
 
-def test_turning_strides_are_named_above_the_mean_curves(whole: Calibration, tmp_path: Path) -> None:
+def test_turning_strides_are_named_above_the_mean_curves(
+    whole: Calibration, tmp_path: Path
+) -> None:
     walk = whole.trial("walk")
-    turning = replace(walk, strides=tuple(replace(s, turn=-70.0 if s.number == 1 else 2.0) for s in walk.strides))
+    turning = replace(
+        walk, strides=tuple(replace(s, turn=-70.0 if s.number == 1 else 2.0) for s in walk.strides)
+    )
     write_stride_files(tmp_path, whole.model, [turning])
     assert (tmp_path / ENSEMBLE).read_text(encoding="utf-8").splitlines()[0] == (
-        "# left out, strides that turn by more than 15 deg (trial, side, stride): walk r 1, walk l 1"
+        "# left out, strides that turn by more than 15 deg (trial, side, stride): walk r 1, walk l "
+        "1"
     )
 
 
@@ -133,13 +161,17 @@ def test_a_trial_and_its_segments_have_both_floors_and_ratios(whole: Calibration
     out = trial_summary(trial, whole.verdict)
     for rms in (out["rms_mm"], out["pelvis_and_legs_mm"], out["segments"]["thigh_r"]["rms_mm"]):
         assert rms["joint_floor"] == pytest.approx(1.1 * rms["rigid_floor"])
-        assert rms["calibrated_to_joint_floor"] == pytest.approx(rms["calibrated"] / rms["joint_floor"])
+        assert rms["calibrated_to_joint_floor"] == pytest.approx(
+            rms["calibrated"] / rms["joint_floor"]
+        )
         assert rms["calibrated_to_floor"] == pytest.approx(rms["calibrated"] / rms["rigid_floor"])
     assert out["joint_floor_mm"] == {"hip_r": 5.3, "knee_r": 5.4, "ankle_r": 5.5}
     assert "joint_floor" not in out["segments"]["thigh_l"]["rms_mm"], "in no joint: absent, never 0"
     without = replace(trial, joint_floor=None)
     out = trial_summary(without, whole.verdict)
-    assert "joint_floor_mm" not in out and not [key for key in out["rms_mm"] if "joint_floor" in key]
+    assert "joint_floor_mm" not in out and not [
+        key for key in out["rms_mm"] if "joint_floor" in key
+    ]
     assert "Joint floor" in page_words(replace(whole, trials=(without,)))
 
 
@@ -155,7 +187,9 @@ def test_the_parts_of_every_torque_s_error_bar_sum_to_one(whole: Calibration) ->
     assert "torque_error_sources" not in trial_summary(without, whole.verdict)
 
 
-def test_a_phase_tells_the_noise_of_each_of_its_trials_and_one_without_none(whole: Calibration) -> None:
+def test_a_phase_tells_the_noise_of_each_of_its_trials_and_one_without_none(
+    whole: Calibration,
+) -> None:
     first, *others = whole.phases
     own = replace(first, noise={"knee": 0.00123456, "walk, hip_r alone": 0.01})
     told = cast(Any, summary(replace(whole, phases=(own, *others))))["phases"]
@@ -166,7 +200,9 @@ def test_a_phase_tells_the_noise_of_each_of_its_trials_and_one_without_none(whol
 def test_the_page_tells_what_makes_each_error_bar() -> None:
     words = "Expected error of the peak knee adduction moment"
     blocks = calibration_page_data(fake_calibration())["trials"][0]["sections"]["trust"]
-    found = [b for b in walked(blocks) if b["kind"] == "table" and "error alone, N·m/kg" in b["head"]]
+    found = [
+        b for b in walked(blocks) if b["kind"] == "table" and "error alone, N·m/kg" in b["head"]
+    ]
     assert len(found) == 2 * len(LEG_COORDINATES), "all torques of both legs"
     told = {source.words: f"{100 * share:.0f}" for source, share in ERROR_SHARES.items()}
     for table in found:
@@ -174,17 +210,25 @@ def test_the_page_tells_what_makes_each_error_bar() -> None:
         assert rows.pop("all together")[1] == "100"
         rest = rows.pop("all others", ["", "0"])
         parts = {name: percent for name, (_, percent) in rows.items()}
-        assert list(map(int, parts.values())) == sorted(map(int, parts.values()), reverse=True), "the largest first"
+        assert list(map(int, parts.values())) == sorted(map(int, parts.values()), reverse=True), (
+            "the largest first"
+        )
         assert parts == {name: told[name] for name in parts} and len(parts) >= 4
-        assert sum(int(percent) for percent in parts.values()) + int(rest[1]) == pytest.approx(100, abs=2)
-    assert words in page_words(fake_calibration()) and words not in page_words(fake_calibration(errors=False))
+        assert sum(int(percent) for percent in parts.values()) + int(rest[1]) == pytest.approx(
+            100, abs=2
+        )
+    assert words in page_words(fake_calibration()) and words not in page_words(
+        fake_calibration(errors=False)
+    )
 
 
 def test_the_rms_of_a_residual_has_one_definition_in_every_place(whole: Calibration) -> None:
     trial = whole.trial("walk")
     told = trial_summary(trial, whole.verdict)["pelvis_residual"]
     valid = trial.loads.reactions.valid
-    for (stage, moments), size in zip(trial.loads.moments.items(), trial.loads.residuals, strict=True):
+    for (stage, moments), size in zip(
+        trial.loads.moments.items(), trial.loads.residuals, strict=True
+    ):
         by_hand = float(np.sqrt((moments.residual_force[valid] ** 2).mean()))
         assert told[stage.key]["force_N"] == size.rms_force == moments.residual_rms(valid)[0]
         assert size.rms_force == pytest.approx(by_hand)
@@ -211,11 +255,16 @@ def test_what_is_wrong_with_a_files_events_is_said_of_its_trial(whole: Calibrati
     late = [FootEvent(e.moment, e.side, e.time + 0.3) for e in walk.events.events]
     wrong = replace(walk, events=joined_events(walk.body.time, late, walk.events.events, ()))
     said = [f for f in wrong.findings if f.topic == "events"]
-    assert [(f.where, f.severity) for f in said] == [("walk", Severity.WARNING)] and "0.30 s too late" in said[0].cause
+    assert [(f.where, f.severity) for f in said] == [
+        ("walk", Severity.WARNING)
+    ] and "0.30 s too late" in said[0].cause
     assert not [f for f in walk.findings if f.topic == "events"]
 
 
 def test_a_squat_that_is_called_gait_is_no_walk(whole: Calibration) -> None:
     called = replace(whole.trials[0], name="gait")
-    assert (called.activity, replace(called, role=Role.MOTION).activity) == ("gait", "gait (motion)")
+    assert (called.activity, replace(called, role=Role.MOTION).activity) == (
+        "gait",
+        "gait (motion)",
+    )
     assert replace(called, role=Role.MOTION, name="squat").activity == "squat"

@@ -1,4 +1,6 @@
-"""A result folder is changed by one command at a time, from files that are whole and still are what was read."""
+"""A result folder is changed by one command at a time, from files that are whole and still are what
+was read.
+"""
 
 import json
 import shutil
@@ -27,7 +29,9 @@ CHANGED = "changed while this ran; nothing was written, run again"
 
 @pytest.fixture(scope="module")
 def made(kept: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    folder = Path(shutil.copytree(kept_result(kept), tmp_path_factory.mktemp("made"), dirs_exist_ok=True))
+    folder = Path(
+        shutil.copytree(kept_result(kept), tmp_path_factory.mktemp("made"), dirs_exist_ok=True)
+    )
     assert run("dynamics", folder / "result", folder / "study/walk.csv", "-q").exit_code == 0
     return folder
 
@@ -61,7 +65,9 @@ def after(function: Callable[..., object], then: Callable[[], object]) -> Callab
     return both
 
 
-def test_no_other_command_comes_between_reading_and_writing(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_no_other_command_comes_between_reading_and_writing(
+    folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     told: list[str] = []
 
     def other() -> None:
@@ -85,7 +91,9 @@ def test_no_other_command_comes_between_reading_and_writing(folder: Path, monkey
 
 
 @pytest.mark.parametrize("name", ["model.toml", "marker_set.toml"])
-def test_dynamics_of_a_model_that_changes_meanwhile(name: str, folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_dynamics_of_a_model_that_changes_meanwhile(
+    name: str, folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     before = content(folder / "result/dynamics")
     path = folder / "result" / name
     monkeypatch.setattr(trial_result, "analyse", after(trial_result.analyse, lambda: edit(path)))
@@ -94,7 +102,9 @@ def test_dynamics_of_a_model_that_changes_meanwhile(name: str, folder: Path, mon
     assert content(folder / "result/dynamics") == before
 
 
-def test_export_of_a_model_that_changes_meanwhile(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_export_of_a_model_that_changes_meanwhile(
+    folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     write, name = export_commands.WRITERS["urdf"]
     changing = after(write, lambda: edit(folder / "result/model.toml"))
     monkeypatch.setitem(export_commands.WRITERS, "urdf", (changing, name))
@@ -104,7 +114,9 @@ def test_export_of_a_model_that_changes_meanwhile(folder: Path, monkeypatch: pyt
 
 
 @pytest.mark.slow
-def test_draws_of_a_model_that_changes_meanwhile(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_draws_of_a_model_that_changes_meanwhile(
+    folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     changing = after(montecarlo_command.monte_carlo, lambda: edit(folder / "result/model.toml"))
     monkeypatch.setattr(montecarlo_command, "monte_carlo", changing)
     monkeypatch.setattr(montecarlo_command, "write_monte_carlo_figures", lambda *a: {})
@@ -116,22 +128,31 @@ def test_draws_of_a_model_that_changes_meanwhile(folder: Path, monkeypatch: pyte
 
 
 @pytest.mark.slow
-def test_inputs_that_change_while_calibrating_are_told(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_inputs_that_change_while_calibrating_are_told(
+    folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     path = folder / "study/walk.csv"
     was = sha256_of(path)
     monkeypatch.setattr(run_study, "calibrate", after(run_study.calibrate, lambda: edit(path)))
     told = run("calibrate", folder / "study/study.toml", "--out", folder / "new").stdout
-    assert "warning: changed while this ran, the result is of what was read: walk.csv; run again" in told
+    assert (
+        "warning: changed while this ran, the result is of what was read: walk.csv; run again"
+        in told
+    )
     manifest = json.loads((folder / "new/manifest.json").read_text(encoding="utf-8"))
     assert manifest["inputs_sha256"]["walk.csv"] == was
     assert manifest["inputs_changed_while_it_ran"] == ["walk.csv"]
 
 
 @pytest.mark.parametrize("name", ["walk.csv", "study.toml"])
-def test_inputs_that_change_while_they_are_read(name: str, folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_inputs_that_change_while_they_are_read(
+    name: str, folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     path = folder / "study" / name
     change = edit if name == "study.toml" else last_digit
-    monkeypatch.setattr(study_module, "read_trial", after(study_module.read_trial, lambda: change(path)))
+    monkeypatch.setattr(
+        study_module, "read_trial", after(study_module.read_trial, lambda: change(path))
+    )
     with pytest.raises(InputError, match=f"'{name}' changed while the study was read"):
         Study.load(folder / "study/study.toml")
 
@@ -162,7 +183,9 @@ def test_a_damaged_file_of_the_result_is_named_by_every_command(folder: Path) ->
     for name, words in commands.items():
         sound = (result / name).read_bytes()
         spoil(result / name)
-        with pytest.raises(InputError, match=f"{name}: is damaged: not as gaitcal wrote it; calibrate again"):
+        with pytest.raises(
+            InputError, match=f"{name}: is damaged: not as gaitcal wrote it; calibrate again"
+        ):
             run(*words)
         (result / name).write_bytes(sound)
     spoil(result / "manifest.json")
@@ -174,7 +197,9 @@ def test_a_damaged_file_of_the_result_is_named_by_every_command(folder: Path) ->
 def test_an_edited_model_is_told_with_every_result_of_it(folder: Path) -> None:
     result = folder / "result"
     edit(result / "model.toml")
-    words = "model.toml is not as 'gaitcal calibrate' wrote it: these results are of the edited file"
+    words = (
+        "model.toml is not as 'gaitcal calibrate' wrote it: these results are of the edited file"
+    )
     assert load_result(result).files.edited == ("model.toml",)
     assert words in run("dynamics", result, second_trial(folder)).stdout
     summary = json.loads((result / "dynamics/summary.json").read_text(encoding="utf-8"))
@@ -186,12 +211,18 @@ def test_an_edited_model_is_told_with_every_result_of_it(folder: Path) -> None:
 def test_a_damaged_further_trial_is_named_until_it_is_made_again(folder: Path) -> None:
     result, damaged = folder / "result", folder / "result/dynamics/motion/walk.csv"
     spoil(damaged)
-    told = "warning: walk: motion/walk.csv is damaged, or was edited: not as gaitcal wrote it; run it again"
+    told = (
+        "warning: walk: motion/walk.csv is damaged, or was edited: not as gaitcal wrote it; run it "
+        "again"
+    )
     for _ in range(2):
         assert told in run("dynamics", result, second_trial(folder)).stdout
         assert listed(result / "dynamics")["motion/walk.csv"] != sha256_of(damaged)
     assert "is damaged" not in run("dynamics", result, folder / "study/walk.csv").stdout
-    assert all(sha256_of(result / "dynamics" / name) == digest for name, digest in listed(result / "dynamics").items())
+    assert all(
+        sha256_of(result / "dynamics" / name) == digest
+        for name, digest in listed(result / "dynamics").items()
+    )
     spoil(result / "dynamics/summary.json")
     before = content(result / "dynamics")
     with pytest.raises(InputError, match=r"summary\.json: is damaged.*move the folder away"):
@@ -199,7 +230,9 @@ def test_a_damaged_further_trial_is_named_until_it_is_made_again(folder: Path) -
     assert content(result / "dynamics") == before
 
 
-def test_what_commands_change_in_a_result_is_listed_anew(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_what_commands_change_in_a_result_is_listed_anew(
+    folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     result = folder / "result"
     monkeypatch.setattr(montecarlo_command, "write_monte_carlo_figures", lambda *a: {})
     page = (result / "result.html").read_bytes()

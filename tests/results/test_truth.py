@@ -1,4 +1,6 @@
-"""A result against the truth that its study names: in numbers, files, summary, page and words; or in none of them."""
+"""A result against the truth that its study names: in numbers, files, summary, page and words; or
+in none of them.
+"""
 
 import json
 import re
@@ -12,7 +14,12 @@ import pytest
 
 from gaitcal.analysis.calibrate import calibrate
 from gaitcal.analysis.result import Calibration
-from gaitcal.analysis.truth_comparison import settings_sentence, sums, two_marker_segments, with_truth
+from gaitcal.analysis.truth_comparison import (
+    settings_sentence,
+    sums,
+    two_marker_segments,
+    with_truth,
+)
 from gaitcal.analysis.truth_errors import TruthErrors
 from gaitcal.dynamics.ground_reactions import leg_of
 from gaitcal.errors import InputError
@@ -32,10 +39,12 @@ from tests.report.page.walked_blocks import page_words
 pytestmark = pytest.mark.slow
 
 SAME_ANGLE, SAME_PLACE = 0.05, 0.4
-"""deg, mm: a C3D's 32-bit millimetres, and priors that pull, as noise is never taken for zero; the documented 0.05 deg
-of leg angles are RMS."""
+"""deg, mm: a C3D's 32-bit millimetres, and priors that pull, as noise is never taken for zero; the
+documented 0.05 deg of leg angles are RMS."""
 SAME_ANKLE = 0.06
-"""deg, of a walk alone: what an ankle does and what skin over the shank does with it are nearly one."""
+"""deg, of a walk alone: what an ankle does and what skin over the shank does with it are nearly
+one.
+"""
 SAME_TORQUE = 1.0
 """N·m: nominal masses are off by up to 10 %."""
 DIGITS = {"rtol": 1e-9, "atol": 1e-12}
@@ -44,7 +53,9 @@ DIGITS = {"rtol": 1e-9, "atol": 1e-12}
 def of_walk_alone(kept: Path, **options: Any) -> Calibration:
     """Noiseless; the walk alone, which is quick."""
     study = Study.load(kept_person(kept, **options))
-    return calibrate(replace(study, trials=tuple(t for t in study.trials if t.role is not Role.JOINT)))
+    return calibrate(
+        replace(study, trials=tuple(t for t in study.trials if t.role is not Role.JOINT))
+    )
 
 
 @pytest.fixture(scope="module")
@@ -71,7 +82,9 @@ def test_a_noiseless_walk_has_the_true_angles_and_moments(known: Calibration) ->
 
 
 def test_noiseless_trials_of_all_joints_find_a_wrong_persons_truth(kept: Path) -> None:
-    """Joints 10 mm and 10 deg off, and segments whose true axes are others than those of the static trial."""
+    """Joints 10 mm and 10 deg off, and segments whose true axes are others than those of the static
+    trial.
+    """
     study = Study.load(kept_person(kept, seed=3, perturb=True))
     exact = study.settings.model_copy(update={"nodes": WALK_NODES})  # the spline space of the truth
     truth = errors(calibrate(replace(study, settings=exact)))
@@ -81,17 +94,25 @@ def test_noiseless_trials_of_all_joints_find_a_wrong_persons_truth(kept: Path) -
         assert all(feature.within)
     for name, curve in truth.of("gait").coordinates.items():
         if leg_of(name):
-            assert curve.rms < 0.06 < 0.2 < curve.nominal_rms, name  # as the reference says of synthesize
+            assert curve.rms < 0.06 < 0.2 < curve.nominal_rms, (
+                name
+            )  # as the reference says of synthesize
     for name, curve in truth.of("gait").forces.items():
         if leg_of(name):
             assert curve.rms < SAME_TORQUE, name
             assert curve.share_within > 0.95, name
 
 
-def test_files_hold_the_truth_at_the_frames_of_the_result(known: Calibration, tmp_path: Path) -> None:
+def test_files_hold_the_truth_at_the_frames_of_the_result(
+    known: Calibration, tmp_path: Path
+) -> None:
     truth = errors(known)
     write_truth(truth, tmp_path)
-    assert {p.name for p in (tmp_path / "truth").iterdir()} == {"parameters.csv", "gait_motion.csv", "gait_moments.csv"}
+    assert {p.name for p in (tmp_path / "truth").iterdir()} == {
+        "parameters.csv",
+        "gait_motion.csv",
+        "gait_moments.csv",
+    }
     motion = pd.read_csv(tmp_path / "truth/gait_motion.csv", comment="#")
     body, study = known.trial("gait").body, known.study
     np.testing.assert_allclose(motion["time"], body.time)
@@ -129,8 +150,14 @@ def test_the_page_draws_and_tells_it(known: Calibration) -> None:
     assert "How near the truth" in page
     for total in sums(known, errors(known)):
         assert total.words in page
-    gait = next(trial for trial in calibration_page_data(known)["trials"] if trial["name"] == "gait")
-    drawn = {(curve["base"], curve["side"], curve["kind"]) for curve in gait["curves"] if curve["truth"] is not None}
+    gait = next(
+        trial for trial in calibration_page_data(known)["trials"] if trial["name"] == "gait"
+    )
+    drawn = {
+        (curve["base"], curve["side"], curve["kind"])
+        for curve in gait["curves"]
+        if curve["truth"] is not None
+    }
     assert {("knee_angle", "r", "angle"), ("knee_adduction", "l", "moment")} <= drawn
 
 
@@ -151,8 +178,12 @@ def test_other_frames_are_not_compared(known: Calibration) -> None:
     assert "truth.hip_centre: found 'harrington', and the study uses 'bell'" in changed.notes[-1]
 
 
-def test_another_static_trial_is_not_compared(known: Calibration, kept: Path, tmp_path: Path) -> None:
-    """Refused where the study is read, noted where it was changed afterwards; the same in another format is not."""
+def test_another_static_trial_is_not_compared(
+    known: Calibration, kept: Path, tmp_path: Path
+) -> None:
+    """Refused where the study is read, noted where it was changed afterwards; the same in another
+    format is not.
+    """
     study = known.study
     file = copied_person(kept, tmp_path / "study")
     write_markers_csv(file.parent / "static.csv", study.static.recording)
@@ -163,7 +194,9 @@ def test_another_static_trial_is_not_compared(known: Calibration, kept: Path, tm
     markers[:, study.static.recording.labels.index("R.Heel")] += [0.0, 0.0, 0.005]
     other = replace(study.static.recording, markers=markers)
     write_markers_csv(file.parent / "static.csv", other)
-    with pytest.raises(InputError, match=r"truth\.landmarks: .*by up to 5\.0 mm \(heel_r most\).*allowed: the same"):
+    with pytest.raises(
+        InputError, match=r"truth\.landmarks: .*by up to 5\.0 mm \(heel_r most\).*allowed: the same"
+    ):
         Study.load(file)
     trials = tuple(replace(t, recording=other) if t is study.static else t for t in study.trials)
     changed = with_truth(replace(known, study=replace(study, trials=trials), truth=None))
@@ -184,11 +217,15 @@ def test_true_curves_of_other_times(known: Calibration) -> None:
     def later(curves: TrueCurves, seconds: float) -> TrueCurves:
         return replace(curves, time=curves.time + seconds)
 
-    shifted = compared(motion=later(truth.motions["gait"], 10.0), moments=later(truth.moments["gait"], 10.0))
+    shifted = compared(
+        motion=later(truth.motions["gait"], 10.0), moments=later(truth.moments["gait"], 10.0)
+    )
     assert not errors(shifted).trials
     assert "gait: not held against the truth" in shifted.notes[-1]
     assert "Not compared: gait: its true curves (motion, 10.00 to" in page_words(shifted)
-    half = compared(motion=later(truth.motions["gait"], 0.5), moments=later(truth.moments["gait"], 10.0))
+    half = compared(
+        motion=later(truth.motions["gait"], 0.5), moments=later(truth.moments["gait"], 10.0)
+    )
     assert not errors(half).of("gait").forces
     page = page_words(half)
     assert re.search(r"RMS error over 3\d\d of 415 frames, those of the true curves", page)
@@ -207,10 +244,24 @@ def test_sums_tell_legs_from_arms_and_count_what_is_undetermined(known: Calibrat
     assert sum(s.count for s in joints.values()) == len(sought)
     unknown = [p for p in sought if p.status == "unidentifiable"]
     assert unknown and sum(s.undetermined for s in joints.values()) == len(unknown)
-    legs = [p for p in sought if p.kind == "joint position" and re.match("hip|knee|talocrural|subtalar", p.name)]
+    legs = [
+        p
+        for p in sought
+        if p.kind == "joint position" and re.match("hip|knee|talocrural|subtalar", p.name)
+    ]
     assert joints["joint positions, legs"].count == len(legs)
-    assert joints["joint positions, legs"].fitted == pytest.approx(np.sqrt(np.mean([p.error**2 for p in legs])))
-    assert two_marker_segments(known) == ("upper_arm_r", "forearm_hand_r", "upper_arm_l", "forearm_hand_l")
+    assert joints["joint positions, legs"].fitted == pytest.approx(
+        np.sqrt(np.mean([p.error**2 for p in legs]))
+    )
+    assert two_marker_segments(known) == (
+        "upper_arm_r",
+        "forearm_hand_r",
+        "upper_arm_l",
+        "forearm_hand_l",
+    )
     page = page_words(known)
     assert "Two markers track upper arm r" in page
-    assert "but for what its study file says: force_filter_hz: none" in page and "nodes" not in settings_sentence(known)
+    assert (
+        "but for what its study file says: force_filter_hz: none" in page
+        and "nodes" not in settings_sentence(known)
+    )

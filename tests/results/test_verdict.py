@@ -22,10 +22,13 @@ from tests.report.page.walked_blocks import page_words
 from tests.synthetic_studies import write_synthetic_study
 
 
-def with_finding(severity: Severity, where: str, leg: str = "", topic: str = "forces") -> Calibration:
+def with_finding(
+    severity: Severity, where: str, leg: str = "", topic: str = "forces"
+) -> Calibration:
     whole = fake_calibration()
     finding = Finding(
-        code=Code.CLOCKS_DIFFER, severity=severity, topic=topic, where=where, leg=leg, cause="the forces come late",
+        code=Code.CLOCKS_DIFFER, severity=severity, topic=topic, where=where, leg=leg, cause="the "
+                                                                                             "forces come late",
         found="by 60 ms", cure="do",
     )  # fmt: skip
     walks = [t.name for t in whole.trials if t.joint is None]
@@ -44,7 +47,9 @@ def test_what_is_refused_has_no_valid_torque_and_no_error_bar() -> None:
     assert not trial.is_refused and trial.loads is not None and trial.loads.reactions.valid.any()
 
 
-@pytest.mark.parametrize(("severity", "word"), [(Severity.ERROR, "refused"), (Severity.WARNING, "doubtful")])
+@pytest.mark.parametrize(
+    ("severity", "word"), [(Severity.ERROR, "refused"), (Severity.WARNING, "doubtful")]
+)
 def test_summary_and_report_tell_it_with_its_reason(severity: Severity, word: str) -> None:
     told = summary(with_finding(severity, "walk"))
     assert told["verdict"] == word and told["trials"]["walk"]["verdict"] == word
@@ -61,8 +66,12 @@ def test_summary_and_report_tell_it_with_its_reason(severity: Severity, word: st
 @pytest.mark.parametrize("topic", ["forces", "clusters"])
 @pytest.mark.parametrize("where", ["walk", "static", STUDY])
 @pytest.mark.parametrize("severity", list(Severity))
-def test_a_further_trial_inherits_what_is_wrong_with_the_model(severity: Severity, where: str, topic: str) -> None:
-    """What is wrong with the markers of a walk is in its joints; what is wrong with its forces is not."""
+def test_a_further_trial_inherits_what_is_wrong_with_the_model(
+    severity: Severity, where: str, topic: str
+) -> None:
+    """What is wrong with the markers of a walk is in its joints; what is wrong with its forces is
+    not.
+    """
     told = of_the_model(summary(with_finding(severity, where, topic=topic)))
     if severity is Severity.INFO or (where == "walk" and topic == "forces"):
         assert told == ()
@@ -71,7 +80,9 @@ def test_a_further_trial_inherits_what_is_wrong_with_the_model(severity: Severit
 
 
 def test_one_refused_leg_leaves_the_other() -> None:
-    """Neither its torques count nor those that need both legs; the other leg keeps its frames and error bars."""
+    """Neither its torques count nor those that need both legs; the other leg keeps its frames and
+    error bars.
+    """
     sound, result = fake_calibration().trial("walk"), with_finding(Severity.ERROR, "walk", "r")
     trial = result.trial("walk")
     assert trial.refused_legs == ("r",) and not trial.is_refused
@@ -86,9 +97,16 @@ def test_one_refused_leg_leaves_the_other() -> None:
         assert np.isfinite(table[f"{name}_l_se"]).all()
     assert np.isnan(table["lumbar_extension_se"]).all()
     told = summary(result)["trials"]["walk"]
-    assert (told["verdict"], told["verdict_r"], told["verdict_l"]) == ("doubtful", "refused", "trustworthy")
+    assert (told["verdict"], told["verdict_r"], told["verdict_l"]) == (
+        "doubtful",
+        "refused",
+        "trustworthy",
+    )
     assert told["valid_frames"] == told["valid_frames_r"] == 0 < told["valid_frames_l"]
-    assert "hip_flexion_r" not in told["torque_change_bwh"] and "hip_flexion_l" in told["torque_change_bwh"]
+    assert (
+        "hip_flexion_r" not in told["torque_change_bwh"]
+        and "hip_flexion_l" in told["torque_change_bwh"]
+    )
 
 
 @pytest.mark.slow
@@ -109,13 +127,19 @@ def test_a_refused_calibration_is_written_refused_and_ends_in_1(tmp_path: Path) 
     assert told["verdict"] == "refused"
     text = (result / "moments/walk.csv").read_text(encoding="utf-8")
     assert text.startswith(f"# {REFUSED_HEADER[0]}\n")
-    assert (result / "cycles.csv").read_text(encoding="utf-8").startswith(f"# walk: {REFUSED_HEADER[0]}\n")
+    assert (
+        (result / "cycles.csv")
+        .read_text(encoding="utf-8")
+        .startswith(f"# walk: {REFUSED_HEADER[0]}\n")
+    )
     moments = pd.read_csv(result / "moments/walk.csv", comment="#")
     assert not moments["valid"].any() and moments["hip_flexion_r_se"].isna().all()
     assert load_result(result).uncertainty.joint is None
     with pytest.raises(InputError, match="the calibration is refused"):
         require_not_refused(result)
-    (result / "summary.json").write_text(json.dumps(told | {"verdict": "trustworthy"}), encoding="utf-8")
+    (result / "summary.json").write_text(
+        json.dumps(told | {"verdict": "trustworthy"}), encoding="utf-8"
+    )
     with pytest.raises(InputError, match=r"summary\.json: is damaged"):
         load_result(result)
 

@@ -10,7 +10,9 @@ from tests.quality.spoilt import with_trial, without
 
 THORAX = ("C7", "T10", "CLAV", "STRN", "RSHO", "LSHO", "RBAK")
 POSTURE_MM = 25.0
-"""How far trunk markers are elsewhere in walking than in standing, in the mean; 18 mm on this person."""
+"""How far trunk markers are elsewhere in walking than in standing, in the mean; 18 mm on this
+person.
+"""
 
 
 @pytest.fixture(scope="module")
@@ -22,7 +24,10 @@ def test_walks_place_the_trunk_that_the_static_trial_lacks(study: Study) -> None
     whole, borrowed = nominal_of(study), nominal_of(with_trial(study, "static", without(*THORAX)))
     assert not any("placed by the walks" in note for note in whole.notes)
     assert not any(name.startswith("lumbar") for name in borrowed.frozen)
-    assert any("C7, T10, CLAV, STRN, RSHO, LSHO are not in the static trial" in note for note in borrowed.notes)
+    assert any(
+        "C7, T10, CLAV, STRN, RSHO, LSHO are not in the static trial" in note
+        for note in borrowed.notes
+    )
     place = [dict(zip(m.markers.labels, m.markers.local, strict=True)) for m in (whole, borrowed)]
     for label in ("C7", "CLAV", "STRN", "T10"):
         assert 1e3 * np.linalg.norm(place[1][label] - place[0][label]) < POSTURE_MM, label
@@ -34,5 +39,12 @@ def test_one_marker_in_walks_is_placed_too(study: Study) -> None:
     head = ("LFHD", "RFHD", "LBHD", "RBHD")
     fewer = with_trial(study, "static", without(*THORAX, *head))
     model = nominal_of(with_trial(fewer, "gait", without(*THORAX[1:], *head)))
-    assert [m for m, s in zip(model.markers.labels, model.markers.segments, strict=True) if s == "head_trunk"] == ["C7"]
-    assert any("C7 are not in the static trial and were placed by the walks" in note for note in model.notes)
+    assert [
+        m
+        for m, s in zip(model.markers.labels, model.markers.segments, strict=True)
+        if s == "head_trunk"
+    ] == ["C7"]
+    assert any(
+        "C7 are not in the static trial and were placed by the walks" in note
+        for note in model.notes
+    )

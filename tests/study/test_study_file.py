@@ -1,4 +1,6 @@
-"""The study file: what is read, and that every mistake ends in one line naming field, find and cure."""
+"""The study file: what is read, and that every mistake ends in one line naming field, find and
+cure.
+"""
 
 from pathlib import Path
 
@@ -91,7 +93,9 @@ def test_own_marker_set_is_a_path(folder: Path) -> None:
 
 @pytest.mark.parametrize("relative", [True, False])
 def test_written_study_is_read_back_the_same(folder: Path, relative: bool) -> None:
-    study = load(folder, STUDY.replace("nodes = 20", 'nodes = 20\nforce_filter_hz = 6.5\nrobust = "huber"'))
+    study = load(
+        folder, STUDY.replace("nodes = 20", 'nodes = 20\nforce_filter_hz = 6.5\nrobust = "huber"')
+    )
     text = study.to_toml(folder if relative else None)
     assert load(folder, text) == study
     assert (str(folder) in text) is not relative
@@ -99,12 +103,18 @@ def test_written_study_is_read_back_the_same(folder: Path, relative: bool) -> No
 
 def test_a_study_made_in_python_is_written_and_read_back(folder: Path) -> None:
     study = StudyFile(
-        subject=SubjectTable(name='odd "name" \\ <script> µ', mass_kg=60, height_m=1.7, sex="female"),
+        subject=SubjectTable(
+            name='odd "name" \\ <script> µ', mass_kg=60, height_m=1.7, sex="female"
+        ),
         markers=Markers(set="gait2354", weights={"Top.Head": 0.0}),
         trial=(TrialTable(name="static", role="static", file=Path("static.trc"), time=(0, 1)),),
     )
     read = load(folder, study.to_toml())
-    assert (read.subject, read.markers, read.trials[0].time) == (study.subject, study.markers, (0.0, 1.0))
+    assert (read.subject, read.markers, read.trials[0].time) == (
+        study.subject,
+        study.markers,
+        (0.0, 1.0),
+    )
 
 
 def test_every_calibration_field_is_described_and_has_a_default() -> None:
@@ -125,34 +135,98 @@ FAULTS = {
     "height in cm": ("1.803", "180.3", ["subject.height_m", "centimetres", "1.803"]),
     "sex": ('"male"', '"mail"', ["subject.sex", "'mail'", "'male' or 'female'"]),
     "name empty": ('"subject01"', '" "', ["subject.name", "printable"]),
-    "table unknown": ("[calibration]", "[calibraton]", ["'calibraton'", "did you mean 'calibration'"]),
+    "table unknown": (
+        "[calibration]",
+        "[calibraton]",
+        ["'calibraton'", "did you mean 'calibration'"],
+    ),
     "table missing": ("[markers]\n", "", ["subject", "unknown key"]),
     "nodes no whole number": ("nodes = 20", "nodes = 20.5", ["calibration.nodes", "whole number"]),
-    "mode": ("nodes = 20", 'mode = "simultanous"', ["calibration.mode", "did you mean 'simultaneous'"]),
-    "filter word": ("nodes = 20", 'force_filter_hz = "match"', ["calibration.force_filter_hz", "'matched' or 'none'"]),
-    "joint step without ip": ("nodes = 20", 'ip = "none"\njoint_step = true', ["calibration.joint_step", "ip other"]),
+    "mode": (
+        "nodes = 20",
+        'mode = "simultanous"',
+        ["calibration.mode", "did you mean 'simultaneous'"],
+    ),
+    "filter word": (
+        "nodes = 20",
+        'force_filter_hz = "match"',
+        ["calibration.force_filter_hz", "'matched' or 'none'"],
+    ),
+    "joint step without ip": (
+        "nodes = 20",
+        'ip = "none"\njoint_step = true',
+        ["calibration.joint_step", "ip other"],
+    ),
     "two trials, one name": ('"walk"', '"static"', ["trial", "1 and 3", "'static'"]),
     "two names, one file": ('"walk"', '"Static"', ["trial", "1 and 3"]),
-    "no static": ('role = "static"', 'role = "gait"', ["trial", "role = 'static'", "add [[trial]]"]),
+    "no static": (
+        'role = "static"',
+        'role = "gait"',
+        ["trial", "role = 'static'", "add [[trial]]"],
+    ),
     "trial name with a path": ('"walk"', '"../walk"', ["trial[3].name", "'../walk'"]),
     "trial name reserved": ('"walk"', '"con"', ["trial[3].name", "Windows"]),
-    "role": ('role = "gait"', 'role = "walk"', ["trial[3].role", "'static', 'joint', 'gait' or 'motion'"]),
+    "role": (
+        'role = "gait"',
+        'role = "walk"',
+        ["trial[3].role", "'static', 'joint', 'gait' or 'motion'"],
+    ),
     "joint missing": ('joint = "hip_r"\n', "", ["trial[2].joint", "missing", "knee_r"]),
-    "joint unknown": ('joint = "hip_r"', 'joint = "hip"', ["trial[2].joint", "found 'hip'", "'ankle_l'"]),
-    "joint for gait": ('role = "gait"', 'role = "gait"\njoint = "hip_r"', ["trial[3].joint", "role = 'gait'"]),
-    "file missing": ('"static.trc"', '"statics.trc"', ["trial[1].file", "statics.trc", "did you mean 'static.trc'"]),
-    "file far from any": ('"static.trc"', '"zzz.c3d"', ["trial[1].file", "the folder holds", "hip.csv"]),
-    "folder missing": ('"static.trc"', '"raw/static.trc"', ["trial[1].file", "'raw' does not exist"]),
+    "joint unknown": (
+        'joint = "hip_r"',
+        'joint = "hip"',
+        ["trial[2].joint", "found 'hip'", "'ankle_l'"],
+    ),
+    "joint for gait": (
+        'role = "gait"',
+        'role = "gait"\njoint = "hip_r"',
+        ["trial[3].joint", "role = 'gait'"],
+    ),
+    "file missing": (
+        '"static.trc"',
+        '"statics.trc"',
+        ["trial[1].file", "statics.trc", "did you mean 'static.trc'"],
+    ),
+    "file far from any": (
+        '"static.trc"',
+        '"zzz.c3d"',
+        ["trial[1].file", "the folder holds", "hip.csv"],
+    ),
+    "folder missing": (
+        '"static.trc"',
+        '"raw/static.trc"',
+        ["trial[1].file", "'raw' does not exist"],
+    ),
     "file name endless": ('"static.trc"', f'"{"s" * 5000}.trc"', ["trial[1].file", "no such file"]),
-    "file of another kind": ('"static.trc"', '"static.xlsx"', ["trial[1].file", "static.xlsx", ".c3d .trc .csv"]),
-    "forces of another kind": ("walk_grf.mot", "walk_grf.trc", ["trial[3].forces", ".mot .sto .csv"]),
-    "plate side": ('2 = "none"', '2 = "left"', ["trial[3].plates.2", "'left'", "'r', 'l' or 'none'"]),
+    "file of another kind": (
+        '"static.trc"',
+        '"static.xlsx"',
+        ["trial[1].file", "static.xlsx", ".c3d .trc .csv"],
+    ),
+    "forces of another kind": (
+        "walk_grf.mot",
+        "walk_grf.trc",
+        ["trial[3].forces", ".mot .sto .csv"],
+    ),
+    "plate side": (
+        '2 = "none"',
+        '2 = "left"',
+        ["trial[3].plates.2", "'left'", "'r', 'l' or 'none'"],
+    ),
     "time decreasing": ("[0.4, 1.6]", "[1.6, 0.4]", ["trial[3].time", "increasing"]),
-    "trial filter": ("filter_hz = 12", "filter_hz = -12", ["trial[3].filter_hz", "found -12", "'none'"]),
+    "trial filter": (
+        "filter_hz = 12",
+        "filter_hz = -12",
+        ["trial[3].filter_hz", "found -12", "'none'"],
+    ),
     "renamed twice": ('"RASI" =', '"A" = "R.ASIS", "RASI" =', ["markers.rename", "'A' and 'RASI'"]),
     "marker set empty": ('"gait2354"', '""', ["markers.set"]),
     "no TOML": ("[markers]", "[markers", ["not valid TOML", "line 6"]),
-    "windows path": ('"static.trc"', '"C:\\data\\static.trc"', ["not valid TOML", "line 12", "single quotes"]),
+    "windows path": (
+        '"static.trc"',
+        '"C:\\data\\static.trc"',
+        ["not valid TOML", "line 12", "single quotes"],
+    ),
     "number of 5000 digits": ("nodes = 20", "nodes = 1" + "0" * 5000, ["not valid TOML"]),
 }
 
@@ -166,9 +240,14 @@ def test_fault(folder: Path, fault: str) -> None:
 
 
 def test_single_bracket_trial(folder: Path) -> None:
-    text = STUDY.split("[[trial]]")[0] + '[trial]\nname = "static"\nrole = "static"\nfile = "static.trc"\n'
+    text = (
+        STUDY.split("[[trial]]")[0]
+        + '[trial]\nname = "static"\nrole = "static"\nfile = "static.trc"\n'
+    )
     assert "two brackets" in message(folder, text)
-    assert "two brackets" in message(folder, STUDY.replace('[[trial]]\nname = "walk"', '[trial]\nname = "walk"'))
+    assert "two brackets" in message(
+        folder, STUDY.replace('[[trial]]\nname = "walk"', '[trial]\nname = "walk"')
+    )
 
 
 @pytest.mark.parametrize(
@@ -189,19 +268,34 @@ def test_content_that_is_no_study(folder: Path, content: bytes, part: str) -> No
 
 def test_no_study_file(folder: Path) -> None:
     load(folder, STUDY)
-    for path, words in ((folder / "studi.toml", "did you mean 'study.toml'"), (folder, "is a folder")):
+    for path, words in (
+        (folder / "studi.toml", "did you mean 'study.toml'"),
+        (folder, "is a folder"),
+    ):
         assert words in refusal(load_study_file, path)
     assert "no regular file" in refusal(load_study_file, "/dev/null")
 
 
 WORDS = '[[trial]] [subject] nan -1e400 0x true 1979-05-27T07:32:00Z \\u0000 """ role [] {} ..'
-FRAGMENTS = [*"[]{}='\"\\\n,./\x1b☃", *WORDS.split(), 'joint = "hip_r"', "9" * 400, *STUDY.splitlines(keepends=True)]
+FRAGMENTS = [
+    *"[]{}='\"\\\n,./\x1b☃",
+    *WORDS.split(),
+    'joint = "hip_r"',
+    "9" * 400,
+    *STUDY.splitlines(keepends=True),
+]
 PIECE = st.sampled_from(FRAGMENTS) | st.text(max_size=4)
 
 
 @settings(max_examples=400, suppress_health_check=[HealthCheck.function_scoped_fixture])
-@given(edits=st.lists(st.tuples(st.integers(0, len(STUDY)), st.integers(0, 12), PIECE), min_size=1, max_size=5))
-def test_mutated_files_end_in_a_study_or_one_line(folder: Path, edits: list[tuple[int, int, str]]) -> None:
+@given(
+    edits=st.lists(
+        st.tuples(st.integers(0, len(STUDY)), st.integers(0, 12), PIECE), min_size=1, max_size=5
+    )
+)
+def test_mutated_files_end_in_a_study_or_one_line(
+    folder: Path, edits: list[tuple[int, int, str]]
+) -> None:
     text = STUDY
     for at, length, new in edits:
         text = text[:at] + new + text[at + length :]

@@ -30,7 +30,9 @@ def told(**facts: Any) -> Recording:
 def test_the_study_comes_first_then_the_first_file_that_tells_and_never_another_person() -> None:
     files = [
         told(name="P1", knee_width={"r": 0.11}),
-        told(name="P1", knee_width={"r": 0.12, "l": 0.12}, marker_diameter=0.010, asis_distance=0.245),
+        told(
+            name="P1", knee_width={"r": 0.12, "l": 0.12}, marker_diameter=0.010, asis_distance=0.245
+        ),
     ]
     of_files = subject_of(TABLE, files)
     known = (of_files.knee_width, of_files.marker_diameter, of_files.asis_distance)
@@ -39,12 +41,16 @@ def test_the_study_comes_first_then_the_first_file_that_tells_and_never_another_
     of_study = subject_of(TABLE.model_copy(update=said), files)
     assert of_study.knee_width == pytest.approx({"r": 0.105, "l": 0.12})
     assert (of_study.marker_diameter, of_study.asis_distance) == pytest.approx((0.009, 0.230))
-    assert not subject_of(TABLE, [told(name="P1"), told(name="P2", knee_width={"r": 0.12})]).knee_width
+    assert not subject_of(
+        TABLE, [told(name="P1"), told(name="P2", knee_width={"r": 0.12})]
+    ).knee_width
 
 
 def test_dates_come_from_the_study_else_from_the_files_and_give_the_age() -> None:
     said = TABLE.model_copy(update={"birth_date": "2006-03-01", "diagnosis": "CP"})
-    subject = subject_of(said, [told(session_date="2016-03-01", birth_date="1999-01-01", leg_length={"r": 0.71})])
+    subject = subject_of(
+        said, [told(session_date="2016-03-01", birth_date="1999-01-01", leg_length={"r": 0.71})]
+    )
     assert subject.age == pytest.approx(10.0, abs=0.01) and subject.leg_length == {"r": 0.71}
     known = {"birth_date": "2006-03-01", "session_date": "2016-03-01", "diagnosis": "CP"}
     assert subject.record.known == known
@@ -67,7 +73,9 @@ def test_dates_come_from_the_study_else_from_the_files_and_give_the_age() -> Non
 def test_a_date_of_birth_of_a_file_gives_an_age_that_can_be_and_nothing_else(
     born: str, said: float | None, age: float | None, told_too: str, tmp_path: Path
 ) -> None:
-    """Neither the person nor a drafted study has the date; one that cannot be is a note, no fault of the study."""
+    """Neither the person nor a drafted study has the date; one that cannot be is a note, no fault
+    of the study.
+    """
     folder = write(tmp_path, recordings())
     facts = Facts(session_date="2016-03-01", birth_date=born)
     write_markers_csv(folder / "static.csv", replace(recordings()["static"], facts=facts))
@@ -78,7 +86,9 @@ def test_a_date_of_birth_of_a_file_gives_an_age_that_can_be_and_nothing_else(
     assert born not in drafted and ("# age_years =" in drafted) == (age is None)
     notes = [note for note in study.static.recording.notes if "make an age" in note]
     assert (told_too in notes[0]) if told_too else not notes
-    assert subject_of(TABLE.model_copy(update={"age_years": said}), [told(**vars(facts))]).age == age
+    assert (
+        subject_of(TABLE.model_copy(update={"age_years": said}), [told(**vars(facts))]).age == age
+    )
 
 
 @pytest.mark.parametrize(
@@ -91,7 +101,9 @@ def test_a_date_of_birth_of_a_file_gives_an_age_that_can_be_and_nothing_else(
         ("leg_length_mm", 0.71, "this looks like metres: 710 mm"),
     ],
 )
-def test_what_a_clinic_writes_down_is_checked(field: str, value: object, allowed: str, tmp_path: Path) -> None:
+def test_what_a_clinic_writes_down_is_checked(
+    field: str, value: object, allowed: str, tmp_path: Path
+) -> None:
     table = {**TABLE.model_dump(exclude_none=True, exclude_defaults=True), field: value}
     said = refusal(validated, SubjectTable, table, tmp_path)
     assert field in said and allowed in said
@@ -108,23 +120,31 @@ def test_what_a_clinic_writes_down_is_checked(field: str, value: object, allowed
         ("marker_diameter_mm", True, ""),
     ],
 )
-def test_lengths_in_another_unit_are_refused_and_the_unit_named(field: str, value: object, unit: str) -> None:
+def test_lengths_in_another_unit_are_refused_and_the_unit_named(
+    field: str, value: object, unit: str
+) -> None:
     with pytest.raises(ValidationError) as fault:
         SubjectTable(**{**TABLE.model_dump(), field: value})
     assert (f"this looks like {unit}" in str(fault.value)) is bool(unit)
     assert " mm" in str(fault.value) and "allowed: " in str(fault.value)
 
 
-def test_a_height_that_nobody_says_is_that_of_people_with_such_legs(data_dir: Path, tmp_path: Path) -> None:
+def test_a_height_that_nobody_says_is_that_of_people_with_such_legs(
+    data_dir: Path, tmp_path: Path
+) -> None:
     def loaded(name: str, *gone: str) -> Study:
         path = write_study(name, data_dir, tmp_path)
         lines = path.read_text(encoding="utf-8").splitlines()
-        path.write_text("\n".join(line for line in lines if not line.startswith(gone)), encoding="utf-8")
+        path.write_text(
+            "\n".join(line for line in lines if not line.startswith(gone)), encoding="utf-8"
+        )
         return Study.load(path)
 
     study = loaded("subject01", "height_m")
     person = study.subject
-    assert 0.03 < person.height_error < 0.12 and abs(person.height - 1.803) < 2.0 * person.height_error
+    assert (
+        0.03 < person.height_error < 0.12 and abs(person.height - 1.803) < 2.0 * person.height_error
+    )
     assert any("no height is given" in note for note in study.static.recording.notes)
     said = loaded("pig_c3d", "height_m").subject
     assert (said.height, said.height_error) == (1.79, 0.0), "its C3D file says it"

@@ -1,4 +1,6 @@
-"""The truth that a study names: written and read back, refused where a name, a unit or a rule is another."""
+"""The truth that a study names: written and read back, refused where a name, a unit or a rule is
+another.
+"""
 
 from dataclasses import replace
 from pathlib import Path
@@ -45,14 +47,24 @@ def written(folder: Path, **changes: str) -> TruthTable:
         "moments": moments_text(TIME, forces, 1200.0),
         "landmarks": landmarks_text(LANDMARKS),
     } | changes
-    names = {"parameters": "../truth.csv", "motion": "walk_motion.csv", "moments": "walk_moments.csv"}
+    names = {
+        "parameters": "../truth.csv",
+        "motion": "walk_motion.csv",
+        "moments": "walk_moments.csv",
+    }
     for part, text in texts.items():
         (curves / names.get(part, "landmarks.csv")).write_text(text, encoding="utf-8")
-    files = {"parameters": folder / "truth.csv", "folder": curves, "landmarks": curves / "landmarks.csv"}
+    files = {
+        "parameters": folder / "truth.csv",
+        "folder": curves,
+        "landmarks": curves / "landmarks.csv",
+    }
     return TruthTable(**files, markers="published", hip_centre="bell", ankle_zero="markers")
 
 
-def read(table: TruthTable, settings: CalibrationSettings = SETTINGS, markers: str = "published") -> Truth:
+def read(
+    table: TruthTable, settings: CalibrationSettings = SETTINGS, markers: str = "published"
+) -> Truth:
     truth = read_truth(table, settings, markers, ["still", "walk"], Path("study.toml"))
     assert truth is not None
     return truth
@@ -64,7 +76,10 @@ def test_round_trip(tmp_path: Path) -> None:
     assert truth.parameters["hip_r.pelvis.ant"] == pytest.approx(-0.0405)
     assert truth.parameters["knee_l.thigh.front"] == pytest.approx(np.deg2rad(3.0))
     assert truth.parameters["thigh_r.mass"] == 8.1
-    for curves, names, scale in ((truth.motions, COORDINATES, 0.3), (truth.moments, (*COORDINATES, *REACTIONS), 50.0)):
+    for curves, names, scale in (
+        (truth.motions, COORDINATES, 0.3),
+        (truth.moments, (*COORDINATES, *REACTIONS), 50.0),
+    ):
         assert list(curves) == ["walk"]
         expected = rng.normal(0, scale, (11, len(names)))
         for k, name in enumerate(names):
@@ -72,7 +87,12 @@ def test_round_trip(tmp_path: Path) -> None:
     for name, place in LANDMARKS.items():
         np.testing.assert_allclose(truth.landmarks[name], place, rtol=DIGITS)
     files = truth_files(table, ["still", "walk"])
-    assert [f.name for f in files] == ["truth.csv", "landmarks.csv", "walk_motion.csv", "walk_moments.csv"]
+    assert [f.name for f in files] == [
+        "truth.csv",
+        "landmarks.csv",
+        "walk_motion.csv",
+        "walk_moments.csv",
+    ]
 
 
 def test_between_and_beyond_its_instants(tmp_path: Path) -> None:
@@ -80,7 +100,9 @@ def test_between_and_beyond_its_instants(tmp_path: Path) -> None:
     name = "hip_flexion_r"
     middle = curve.at(np.array([-0.5, 0.0, 0.05, 1.0, 1.5]))[name]
     values = curve.values[name]
-    np.testing.assert_allclose(middle, [np.nan, values[0], 0.5 * (values[0] + values[1]), values[-1], np.nan])
+    np.testing.assert_allclose(
+        middle, [np.nan, values[0], 0.5 * (values[0] + values[1]), values[-1], np.nan]
+    )
 
 
 def lines(text: str, old: str, new: str) -> str:
@@ -94,12 +116,32 @@ Q = np.zeros((11, len(COORDINATES)))
 @pytest.mark.parametrize(
     ("file", "text", "told"),
     [
-        ("parameters", "name,unit,value\nhip_r.pelvis.anterior,mm,1\n", "did you mean 'hip_r.pelvis.ant'"),
-        ("parameters", "name,unit,value\nhip_r.pelvis.ant,m,0.04\n", "of hip_r.pelvis.ant: found 'm'; allowed: mm"),
+        (
+            "parameters",
+            "name,unit,value\nhip_r.pelvis.anterior,mm,1\n",
+            "did you mean 'hip_r.pelvis.ant'",
+        ),
+        (
+            "parameters",
+            "name,unit,value\nhip_r.pelvis.ant,m,0.04\n",
+            "of hip_r.pelvis.ant: found 'm'; allowed: mm",
+        ),
         ("parameters", "name,unit,value\nhip_r.pelvis.ant,mm,\n", "allowed: a finite number"),
-        ("parameters", "name,unit,value\nhip_r.pelvis.ant,mm,1\nhip_r.pelvis.ant,mm,2\n", "found twice"),
-        ("motion", lines(motion_text(TIME, Q), "in degrees", "in radians"), "allowed: '# true coordinates in degrees"),
-        ("motion", lines(motion_text(TIME, Q), "knee_angle_r", "knee_flexion_r"), "which is no column"),
+        (
+            "parameters",
+            "name,unit,value\nhip_r.pelvis.ant,mm,1\nhip_r.pelvis.ant,mm,2\n",
+            "found twice",
+        ),
+        (
+            "motion",
+            lines(motion_text(TIME, Q), "in degrees", "in radians"),
+            "allowed: '# true coordinates in degrees",
+        ),
+        (
+            "motion",
+            lines(motion_text(TIME, Q), "knee_angle_r", "knee_flexion_r"),
+            "which is no column",
+        ),
         ("motion", lines(motion_text(TIME, Q), "\n0.3,0,", "\n0.3,x,"), "no finite number"),
         ("motion", lines(motion_text(TIME, Q), "\n0.3,", "\n0.1,"), "increasing times"),
         (
@@ -107,7 +149,11 @@ Q = np.zeros((11, len(COORDINATES)))
             lines(motion_text(TIME, Q), "\n0.3,", "\n0.3,1,"),
             f"cannot be read as CSV: found {len(Q[0]) + 2} cells in row 4",
         ),
-        ("motion", lines(motion_text(TIME, Q), "pelvis_list", "pelvis_tilt"), "column pelvis_tilt twice"),
+        (
+            "motion",
+            lines(motion_text(TIME, Q), "pelvis_list", "pelvis_tilt"),
+            "column pelvis_tilt twice",
+        ),
         ("parameters", "name,unit,value\nhip_r.pelvis.ant,mm,x\n", "allowed: a finite number"),
         ("landmarks", "name,x,y,z\n", "a landmark a row"),
         ("landmarks", "name,x,y,z\nasis_r,0.1,high,0.2\n", "allowed: m"),
@@ -133,21 +179,32 @@ def test_told_in_other_frames_than_the_calibration_uses(
 
 
 def test_a_folder_without_any_trial_of_the_study(tmp_path: Path) -> None:
-    said = refusal(read_truth, written(tmp_path), SETTINGS, "published", ["run"], Path("study.toml"))
+    said = refusal(
+        read_truth, written(tmp_path), SETTINGS, "published", ["run"], Path("study.toml")
+    )
     assert "truth.folder: found no such file" in said
 
 
 def test_every_parameter_of_a_result_has_a_unit(tmp_path: Path) -> None:
-    rows = "".join(f"{name},deg,0\n" for name in JP_NAMES if name.endswith(("front", "trans", "sag")))
-    assert len(read(written(tmp_path, parameters="name,unit,value\n" + rows)).parameters) == rows.count("\n")
+    rows = "".join(
+        f"{name},deg,0\n" for name in JP_NAMES if name.endswith(("front", "trans", "sag"))
+    )
+    assert len(
+        read(written(tmp_path, parameters="name,unit,value\n" + rows)).parameters
+    ) == rows.count("\n")
 
 
 def test_the_study_file_names_it(tmp_path: Path) -> None:
     written(tmp_path)
     (tmp_path / "still.csv").write_text("", encoding="utf-8")
-    text = '[subject]\nname = "n"\nmass_kg = 70.0\nheight_m = 1.7\nsex = "male"\n[markers]\nset = "published"\n'
+    text = (
+        '[subject]\nname = "n"\nmass_kg = 70.0\nheight_m = 1.7\nsex = "male"\n[markers]\nset = '
+        '"published"\n'
+    )
     text += '[[trial]]\nname = "still"\nrole = "static"\nfile = "still.csv"\n'
-    text += '[truth]\nparameters = "truth.csv"\nfolder = "truth"\nlandmarks = "truth/landmarks.csv"\n'
+    text += (
+        '[truth]\nparameters = "truth.csv"\nfolder = "truth"\nlandmarks = "truth/landmarks.csv"\n'
+    )
     text += 'markers = "published"\nhip_centre = "bell"\n'
     path = tmp_path / "study.toml"
     path.write_text(text + 'ankle_zero = "markers"\n', encoding="utf-8")
@@ -159,7 +216,10 @@ def test_the_study_file_names_it(tmp_path: Path) -> None:
     for wrong, told in (
         (text + 'ankle_zer = "markers"\n', "did you mean 'ankle_zero'"),
         (text, "truth.ankle_zero: missing"),
-        (text.replace("truth.csv", "truths.csv") + 'ankle_zero = "markers"\n', "truth.parameters: no such file"),
+        (
+            text.replace("truth.csv", "truths.csv") + 'ankle_zero = "markers"\n',
+            "truth.parameters: no such file",
+        ),
     ):
         path.write_text(wrong, encoding="utf-8")
         said = refusal(load_study_file, path)
@@ -167,7 +227,9 @@ def test_the_study_file_names_it(tmp_path: Path) -> None:
 
 
 def test_landmarks_tell_the_static_trial_and_the_marker_set() -> None:
-    """The same posture elsewhere in the room is the same; another posture, a moved landmark, or another set is not."""
+    """The same posture elsewhere in the room is the same; another posture, a moved landmark, or
+    another set is not.
+    """
     marker_set, static = load_marker_set("published"), made_recording(static_motion(), static=True)
     told = static_posture(static, marker_set, slice(0, 10)).landmarks
     assert other_landmarks(told, static, marker_set) is None
@@ -177,9 +239,13 @@ def test_landmarks_tell_the_static_trial_and_the_marker_set() -> None:
     moved = static.markers.copy()
     moved[:, static.labels.index(marker_set.landmarks["heel_r"][0])] += [0.0, 0.0, 0.001]
     for markers in (tilted, moved):
-        assert "another static trial" in str(other_landmarks(told, replace(static, markers=markers), marker_set))
+        assert "another static trial" in str(
+            other_landmarks(told, replace(static, markers=markers), marker_set)
+        )
     assert "heel_r most" in str(other_landmarks(told, replace(static, markers=moved), marker_set))
-    same_name = replace(marker_set, landmarks=marker_set.landmarks | {"toe_r": marker_set.landmarks["heel_r"]})
+    same_name = replace(
+        marker_set, landmarks=marker_set.landmarks | {"toe_r": marker_set.landmarks["heel_r"]}
+    )
     assert "toe_r most" in str(other_landmarks(told, static, same_name))
     fewer = {name: place for name, place in told.items() if name != "toe_l"}
     assert "toe_l, the truth does not have it" in str(other_landmarks(fewer, static, marker_set))

@@ -1,4 +1,6 @@
-"""Movements that are no walk: carried by the ground; seen for what they are; their torques found from the recording."""
+"""Movements that are no walk: carried by the ground; seen for what they are; their torques found
+from the recording.
+"""
 
 from __future__ import annotations
 
@@ -27,7 +29,9 @@ from tests.commands import gaitcal
 FLYING_N = 10.0
 """Of a body in flight that weighs 680 N."""
 TORQUE_NM = {Activity.JUMP: 3.0, Activity.RUN: 5.5}
-"""RMS over valid frames and joints: what the knots of the tracked motion make of a landing (2.7, 5.0); else 1."""
+"""RMS over valid frames and joints: what the knots of the tracked motion make of a landing (2.7,
+5.0); else 1.
+"""
 REPEATS = {Activity.SQUAT: 2, Activity.SIT_TO_STAND: 1, Activity.JUMP: 1}
 """From rest to rest, of both legs."""
 PHASES = {
@@ -40,18 +44,34 @@ LEFT_ON_SEAT = 0.1
 """Of body weight, where torques count again."""
 
 
-def test_command_writes_a_trial_of_each_movement(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_command_writes_a_trial_of_each_movement(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     stands = static_motion(standing=standing_pose())
     monkeypatch.setattr(subject, "ISOLATED_JOINTS", ())
     monkeypatch.setattr("gaitcal.synthetic.synthetic_motion.two_strides", lambda _: stands)
     monkeypatch.setattr(subject, "movement", lambda *_: Movement(motion=stands))
-    words = ("synthesize", "--out", str(tmp_path / "person"), "--movement", "sit-to-stand", "--movement")
+    words = (
+        "synthesize",
+        "--out",
+        str(tmp_path / "person"),
+        "--movement",
+        "sit-to-stand",
+        "--movement",
+    )
     refused = gaitcal(*words, "stars")
     assert refused.returncode == 2 and "sit-to-stand, jump, run, stairs" in refused.stderr
     done = gaitcal(*words, "stairs")
     assert done.returncode == 0, done.stderr
-    trials = {trial.name: trial.role for trial in load_study_file(tmp_path / "person/study.toml").trials}
-    assert trials == {"static": "static", "gait": "gait", "sit_to_stand": "motion", "stairs": "motion"}
+    trials = {
+        trial.name: trial.role for trial in load_study_file(tmp_path / "person/study.toml").trials
+    }
+    assert trials == {
+        "static": "static",
+        "gait": "gait",
+        "sit_to_stand": "motion",
+        "stairs": "motion",
+    }
     assert (tmp_path / "person/truth/stairs_motion.csv").exists()
 
 
@@ -70,7 +90,9 @@ def test_torques_of_an_activity(activity: Activity) -> None:
     assert residual[flies].max(initial=0.0) < FLYING_N and residual[~flies & ~sits].max() < 1e-6
     assert sits.any() == (activity is Activity.SIT_TO_STAND)
 
-    recording = recording_of(activity.value, motion, model, model.markers.labels, footholds(found, ground.wrench))
+    recording = recording_of(
+        activity.value, motion, model, model.markers.labels, footholds(found, ground.wrench)
+    )
     marker_set = load_marker_set("published")
     still = on_the_floor(model, static_motion(standing=standing_pose()))
     posture, _ = standing(recording_of("static", still, model, model.markers.labels), marker_set)
@@ -84,7 +106,9 @@ def test_torques_of_an_activity(activity: Activity) -> None:
     assert reactions.has_torques and (1.0 - share)[reactions.valid & ~flies].max() < LEFT_ON_SEAT
     moments = inverse_dynamics(model, tracked, reactions.wrench)
     wrong = [
-        (moments.tau - truth[:, : moments.tau.shape[1]])[reactions.valid_for(name), COORDINATE_INDEX[name]]
+        (moments.tau - truth[:, : moments.tau.shape[1]])[
+            reactions.valid_for(name), COORDINATE_INDEX[name]
+        ]
         for name in (f"{base}_{side}" for base in LEG_COORDINATES for side in SIDES)
         if name in COORDINATE_INDEX
     ]
@@ -93,7 +117,11 @@ def test_torques_of_an_activity(activity: Activity) -> None:
     events = activity_events(tracked, trial_events(model, tracked, reactions, recording))
     cycles = strides_of(events)
     if activity in REPEATS:
-        assert [len(cycles[side]) for side in SIDES] == [REPEATS[activity]] * 2 and not events.events
-        assert {tuple(name for name, _ in cycle.parts) for cycle in events.repeats} == {PHASES[activity]}
+        assert [len(cycles[side]) for side in SIDES] == [
+            REPEATS[activity]
+        ] * 2 and not events.events
+        assert {tuple(name for name, _ in cycle.parts) for cycle in events.repeats} == {
+            PHASES[activity]
+        }
     else:
         assert min(len(of) for of in cycles.values()) >= LEAST_STRIDES and not events.repeats

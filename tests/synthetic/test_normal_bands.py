@@ -1,4 +1,6 @@
-"""The built-in person beside the normal bands, and the bands themselves: the table, its signs, its source."""
+"""The built-in person beside the normal bands, and the bands themselves: the table, its signs, its
+source.
+"""
 
 import numpy as np
 import pytest
@@ -7,7 +9,9 @@ from gaitcal.gait.normal_bands import SPEEDS, bands_file, read_normal_bands
 from scripts.tools import walking_person as walking
 
 SHARE = 0.75
-"""Of frames of a leg's stride; of two real adults (OpenSim's subject01, a Plug-in Gait walk) 0.81 to 0.95 are."""
+"""Of frames of a leg's stride; of two real adults (OpenSim's subject01, a Plug-in Gait walk) 0.81
+to 0.95 are.
+"""
 
 PEOPLE = {
     "hip_flexion_moment": ((10, -1), (50, 1)),
@@ -15,8 +19,9 @@ PEOPLE = {
     "knee_adduction_moment": ((16, -1), (46, -1)),
     "ankle_angle_moment": ((4, 1), (48, -1)),
 }
-"""Variable -> percent of the stride and sign there: extensors and abductors bear the body, flexors begin the swing, the
-heel is let down, the calf pushes off; signs as in docs/explanation/conventions.md."""
+"""Variable -> percent of the stride and sign there: extensors and abductors bear the body, flexors
+begin the swing, the heel is let down, the calf pushes off; signs as in
+docs/explanation/conventions.md."""
 
 
 @pytest.fixture(scope="module")

@@ -1,4 +1,6 @@
-"""The synthetic subject: its measurements, its files, the truth in frames of a calibration, what calibration finds."""
+"""The synthetic subject: its measurements, its files, the truth in frames of a calibration, what
+calibration finds.
+"""
 
 import json
 from pathlib import Path
@@ -31,7 +33,12 @@ from gaitcal.synthetic.synthetic_motion import (
     standing_pose,
     synthetic_markers,
 )
-from gaitcal.synthetic.synthetic_truth import inertial_parameters_in, joint_parameters_in, segment_frames, static_frames
+from gaitcal.synthetic.synthetic_truth import (
+    inertial_parameters_in,
+    joint_parameters_in,
+    segment_frames,
+    static_frames,
+)
 from gaitcal.synthetic.walk import GAIT_CYCLE
 from tests.derivatives import perturbed_parameters
 from tests.kept import kept_calibration, kept_person
@@ -50,13 +57,18 @@ def test_bodies_told_in_other_frames_are_the_same_bodies() -> None:
     inertial = published_subject().inertial
 
     def frames() -> dict[str, Frame]:
-        return {s: Frame(np.linalg.qr(rng.normal(size=(3, 3)))[0], rng.normal(size=3)) for s in MASSIVE_SEGMENTS}
+        return {
+            s: Frame(np.linalg.qr(rng.normal(size=(3, 3)))[0], rng.normal(size=3))
+            for s in MASSIVE_SEGMENTS
+        }
 
     one, other = frames(), frames()
     before, after = table(inertial), table(inertial_parameters_in(inertial, one, other))
     for k, segment in enumerate(MASSIVE_SEGMENTS):
         assert after[k, 0] == before[k, 0]
-        np.testing.assert_allclose(other[segment].point(after[k, 1:4]), one[segment].point(before[k, 1:4]), atol=1e-12)
+        np.testing.assert_allclose(
+            other[segment].point(after[k, 1:4]), one[segment].point(before[k, 1:4]), atol=1e-12
+        )
         laboratory = one[segment].rotation @ np.diag(before[k, 4:7]) @ one[segment].rotation.T
         for moment, axis in zip(after[k, 4:7], other[segment].rotation.T, strict=True):
             assert moment == pytest.approx(axis @ laboratory @ axis)
@@ -80,7 +92,10 @@ def test_a_drawn_person_is_within_the_published_bounds() -> None:
 def test_same_seed_same_files(kept: Path, tmp_path: Path) -> None:
     first = kept_person(kept, seed=3, noise=True, perturb=True).parent
     folders = [first, synthesize(tmp_path / "again", seed=3, noise=True, perturb=True).parent]
-    files = [sorted(p.relative_to(folder) for p in folder.rglob("*") if p.is_file()) for folder in folders]
+    files = [
+        sorted(p.relative_to(folder) for p in folder.rglob("*") if p.is_file())
+        for folder in folders
+    ]
     assert files[0] == files[1]
     for file in files[0]:
         assert (folders[0] / file).read_bytes() == (folders[1] / file).read_bytes(), file
@@ -88,12 +103,14 @@ def test_same_seed_same_files(kept: Path, tmp_path: Path) -> None:
 
 @pytest.mark.slow
 def test_truth_is_told_in_the_frames_of_the_static_trial(kept: Path) -> None:
-    """Without perturbation the nominal model of the static trial is the truth, but for printed digits and the arms:
-    with the published hips, which are not those that the files are told in.
+    """Without perturbation the nominal model of the static trial is the truth, but for printed
+    digits and the arms: with the published hips, which are not those that the files are told in.
     """
     file = kept_person(kept)
     study = Study.load(file)
-    found = nominal_model(study.static.recording, study.marker_set, study.subject, hip_centre=HipCentre.BELL)
+    found = nominal_model(
+        study.static.recording, study.marker_set, study.subject, hip_centre=HipCentre.BELL
+    )
     nominal = found.parameters.joint
     model = synthetic_model(np.random.default_rng(0), perturb=False)
     truth = static_frames(model, HipCentre.BELL).parameters.joint / JP_TO_SI
@@ -110,9 +127,10 @@ def test_truth_is_told_in_the_frames_of_the_static_trial(kept: Path) -> None:
 def test_noisy_files_bring_hip_and_knee_nearer_the_truth(kept: Path) -> None:
     """Table I's noise; total mass as weighed.
 
-    Not of the published size throughout. Medians of eight people (`python -m scripts.validation truth`, part recovery):
-    hip 5.6 -> 2.3 mm, knee 5.0 -> 1.0 mm and 6.3 -> 0.4 deg, ankle 6.5 -> 3.2 mm, but its axes 6.2 -> 6.6 deg
-    (published, one draw: 3.4 deg): a slow wave of up to 10 mm on three foot markers looks like rotation of the foot.
+    Not of the published size throughout. Medians of eight people (`python -m scripts.validation
+    truth`, part recovery): hip 5.6 -> 2.3 mm, knee 5.0 -> 1.0 mm and 6.3 -> 0.4 deg, ankle 6.5 ->
+    3.2 mm, but its axes 6.2 -> 6.6 deg (published, one draw: 3.4 deg): a slow wave of up to 10 mm
+    on three foot markers looks like rotation of the foot.
     """
     file = kept_person(kept, seed=3, noise=True, perturb=True)
     truth = pd.read_csv(file.parent / "truth.csv").set_index("name")["value"]
@@ -123,9 +141,15 @@ def test_noisy_files_bring_hip_and_knee_nearer_the_truth(kept: Path) -> None:
         ("knee", "joint orientation"),
         ("talocrural|subtalar", "joint position"),
     ):
-        rows = found[(found["status"] == "fitted") & (found["kind"] == kind) & found.index.str.match(f"({joint})")]
+        rows = found[
+            (found["status"] == "fitted")
+            & (found["kind"] == kind)
+            & found.index.str.match(f"({joint})")
+        ]
         assert len(rows)
-        before, after = (np.linalg.norm(rows[which] - truth.loc[rows.index]) for which in ("nominal", "fitted"))
+        before, after = (
+            np.linalg.norm(rows[which] - truth.loc[rows.index]) for which in ("nominal", "fitted")
+        )
         assert after < before, (joint, kind)
     masses = found[found["kind"] == "mass"]["fitted"].sum()
     assert masses == pytest.approx(truth[truth.index.str.endswith(".mass")].sum(), abs=0.1)
@@ -134,18 +158,25 @@ def test_noisy_files_bring_hip_and_knee_nearer_the_truth(kept: Path) -> None:
 def test_markers_are_points_of_their_segments_in_the_order_of_the_labels() -> None:
     model, pose = published_model(static_only=True), standing_pose()
     frames = segment_frames(model.parameters, pose)
-    expected = [frames[s].point(local) for s, local in zip(model.markers.segments, model.markers.local, strict=True)]
+    expected = [
+        frames[s].point(local)
+        for s, local in zip(model.markers.segments, model.markers.local, strict=True)
+    ]
     markers = synthetic_markers(model.parameters, model.markers, pose[None])
     np.testing.assert_allclose(markers[0], expected, atol=1e-14)
 
 
 def test_the_cycle_is_that_of_the_nominal_gait() -> None:
-    told = json.loads((models_path() / "nominal_subject.json").read_text(encoding="utf-8"))["nominal_gait"]
+    told = json.loads((models_path() / "nominal_subject.json").read_text(encoding="utf-8"))[
+        "nominal_gait"
+    ]
     assert told["cycle_s"] == GAIT_CYCLE
 
 
 def test_noise_is_one_sinusoid_for_each_coordinate() -> None:
-    """A sin(omega t + phi): second differences are the values times 2 (cos(omega dt) - 1), the same in every frame."""
+    """A sin(omega t + phi): second differences are the values times 2 (cos(omega dt) - 1), the same
+    in every frame.
+    """
     step = 0.005
     noise = marker_noise(step * np.arange(400), 200, np.random.default_rng(0)).reshape(400, -1)
     assert 0.99 * NOISE_AMPLITUDE < np.abs(noise).max() <= NOISE_AMPLITUDE
@@ -154,6 +185,8 @@ def test_noise_is_one_sinusoid_for_each_coordinate() -> None:
     np.testing.assert_allclose(curvature, -squared * noise[1:-1], atol=1e-6)
     omega = np.arccos(1 - squared * step**2 / 2) / step
     assert omega.max() <= NOISE_OMEGA < 1.01 * omega.max()
-    start = noise[0] / np.abs(noise).max(axis=0)  # any phase: as many begin above as below zero, few at it
+    start = noise[0] / np.abs(noise).max(
+        axis=0
+    )  # any phase: as many begin above as below zero, few at it
     assert abs(np.mean(start > 0) - 0.5) < 0.1
     assert np.mean(np.abs(start) > 0.5) > 0.5

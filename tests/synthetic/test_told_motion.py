@@ -1,4 +1,6 @@
-"""The true motion told in the static trial's frames: the same body in the same place, doing the same work."""
+"""The true motion told in the static trial's frames: the same body in the same place, doing the
+same work.
+"""
 
 import numpy as np
 import pytest
@@ -7,7 +9,12 @@ from gaitcal.dynamics.inverse_dynamics import Dynamics, pelvis_residual
 from gaitcal.model.linkage import COORDINATE_INDEX, COORDINATES
 from gaitcal.model.subject_model import MarkerPlacement, SubjectModel
 from gaitcal.synthetic.subject import synthetic_model, true_gait
-from gaitcal.synthetic.synthetic_motion import TrueMotion, residual_free_wrench, standing_pose, synthetic_markers
+from gaitcal.synthetic.synthetic_motion import (
+    TrueMotion,
+    residual_free_wrench,
+    standing_pose,
+    synthetic_markers,
+)
 from gaitcal.synthetic.synthetic_truth import Teller, ToldMotion, segment_frames, static_frames
 from gaitcal.tracking.spline import spline_basis
 
@@ -18,7 +25,9 @@ SPLINE = 5e-3
 
 def person() -> SubjectModel:
     """Whose gait `true_gait` tells."""
-    model = synthetic_model(np.random.default_rng(np.random.SeedSequence(SEED).spawn(2)[0]), perturb=True)
+    model = synthetic_model(
+        np.random.default_rng(np.random.SeedSequence(SEED).spawn(2)[0]), perturb=True
+    )
     np.testing.assert_array_equal(model.parameters.joint, true_gait(SEED)[0].joint)
     return model
 
@@ -38,18 +47,29 @@ def told() -> Told:
 def test_markers_are_where_they_were(told: Told) -> None:
     teller, motion, _, result = told
     model = person()
-    own, static = segment_frames(model.parameters, standing_pose(model.parameters)), static_frames(model).frames
+    own, static = (
+        segment_frames(model.parameters, standing_pose(model.parameters)),
+        static_frames(model).frames,
+    )
     m = model.markers
-    there = np.array([static[s].local(own[s].point(p)) for s, p in zip(m.segments, m.local, strict=True)])
-    placed = MarkerPlacement(model.markers.labels, model.markers.segments, there, model.markers.weight)
+    there = np.array(
+        [static[s].local(own[s].point(p)) for s, p in zip(m.segments, m.local, strict=True)]
+    )
+    placed = MarkerPlacement(
+        model.markers.labels, model.markers.segments, there, model.markers.weight
+    )
     before = synthetic_markers(model.parameters, model.markers, motion.q)
     after = synthetic_markers(teller.parameters, placed, result.q)
     np.testing.assert_allclose(after, before, atol=1e-12)
-    assert np.abs(result.q - motion.q).max() > np.deg2rad(1.0)  # the angles are others, or this shows nothing
+    assert np.abs(result.q - motion.q).max() > np.deg2rad(
+        1.0
+    )  # the angles are others, or this shows nothing
 
 
 def test_the_same_work_and_nothing_left_at_the_pelvis(told: Told) -> None:
-    """Power of all generalised forces is that of the true ones, whatever the coordinates; so is that of each joint."""
+    """Power of all generalised forces is that of the true ones, whatever the coordinates; so is
+    that of each joint.
+    """
     _, motion, wrench, result = told
     model = person()
     q, v, a = (motion.basis.evaluate(motion.coefficients, k) for k in range(3))
@@ -66,7 +86,9 @@ def test_ankles_are_counted_from_the_static_posture() -> None:
     """Standing, the feet have the dorsiflexion of their heel and toe markers, and no inversion."""
     model = person()
     teller = Teller(model, static_frames(model))
-    placed = synthetic_markers(model.parameters, model.markers, standing_pose(model.parameters)[None])[0]
+    placed = synthetic_markers(
+        model.parameters, model.markers, standing_pose(model.parameters)[None]
+    )[0]
     marker = dict(zip(model.markers.labels, placed, strict=True))
     still = np.tile(standing_pose(model.parameters), (6, 1))
     pose = teller.tell(TrueMotion(spline_basis(np.arange(20) / 100.0, 6), still)).q[0]

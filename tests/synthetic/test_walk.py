@@ -12,7 +12,13 @@ from gaitcal.model.linkage import COORDINATES
 from gaitcal.model.nominal import published_model
 from gaitcal.model.parameters import Parameters
 from gaitcal.synthetic.subject import synthetic_model
-from gaitcal.synthetic.synthetic_motion import TrueMotion, gait_motion, ground_on_feet, isolated_motion, two_strides
+from gaitcal.synthetic.synthetic_motion import (
+    TrueMotion,
+    gait_motion,
+    ground_on_feet,
+    isolated_motion,
+    two_strides,
+)
 from gaitcal.synthetic.walk import (
     DOUBLE_SUPPORT,
     GAIT_CYCLE,
@@ -30,10 +36,12 @@ from gaitcal.tracking.spline import spline_basis
 RESIDUAL = 1e-9
 """N, N·m: rounding of some hundred N at lever arms of a metre."""
 SPRINGS_M, LOADED_N = 0.008, 50.0
-"""m by which a centre of pressure may move between two frames, 5 ms, where a foot bears load: a striking heel, or an
-ankle over toes that leave, moves by 5 mm."""
+"""m by which a centre of pressure may move between two frames, 5 ms, where a foot bears load: a
+striking heel, or an ankle over toes that leave, moves by 5 mm."""
 PERTURBED_SPRINGS_M = 0.02
-"""The same in the first and last loaded frame of people whose axes are turned by up to 10 deg: up to 19 mm in 16."""
+"""The same in the first and last loaded frame of people whose axes are turned by up to 10 deg: up
+to 19 mm in 16.
+"""
 
 WALKS: dict[str, tuple[Parameters, TrueMotion]] = {}
 
@@ -49,7 +57,9 @@ def walk(person: str) -> tuple[Parameters, TrueMotion]:
 
 
 def in_the_sole(parameters: Parameters, motion: TrueMotion, centre: Array) -> BoolArray:
-    """(nf, 2) centres (nf, 2, 3) m that lie on the soles, told by the heel and toe markers and by nothing else."""
+    """(nf, 2) centres (nf, 2, 3) m that lie on the soles, told by the heel and toe markers and by
+    nothing else.
+    """
     points = feet_of(parameters, motion.q).points
     height = published_model().subject.height
     out = np.zeros((len(centre), 2), dtype=bool)
@@ -71,8 +81,8 @@ PEOPLE = ("study", "nominal", "1", "2", "3")
 
 @pytest.mark.parametrize("person", PEOPLE)
 def test_the_ground_carries_the_walk(person: str) -> None:
-    """No residual; every loaded foot has its centre of pressure in its sole, from strike to off, where it rolls and
-    does not spring.
+    """No residual; every loaded foot has its centre of pressure in its sole, from strike to off,
+    where it rolls and does not spring.
     """
     parameters, motion = walk(person)
     ground = ground_on_feet(parameters, motion)
@@ -123,7 +133,9 @@ def test_accelerations_are_those_of_the_curves() -> None:
     step = 1e-4
     phase = np.linspace(0.0, 1.0, 7)
     before, now, after = (gait_curves(phase + k * step / GAIT_CYCLE)[0] for k in (-1, 0, 1))
-    np.testing.assert_allclose(gait_curves(phase)[1], (before - 2 * now + after) / step**2, rtol=1e-6, atol=1e-4)
+    np.testing.assert_allclose(
+        gait_curves(phase)[1], (before - 2 * now + after) / step**2, rtol=1e-6, atol=1e-4
+    )
 
 
 def test_no_ground_no_forces() -> None:
@@ -132,7 +144,9 @@ def test_no_ground_no_forces() -> None:
 
 
 def test_slopes_are_those_of_the_residuals() -> None:
-    """Central differences along random directions; the feet's rows by velocity leave out how their slopes turn."""
+    """Central differences along random directions; the feet's rows by velocity leave out how their
+    slopes turn.
+    """
     parameters = synthetic_model(np.random.default_rng(5), perturb=True).parameters
     time = np.arange(40) / 200.0
     basis, phase = spline_basis(time, 12), 0.4 + time / GAIT_CYCLE

@@ -1,4 +1,6 @@
-"""The bandwidth that markers ask for, near the best on known motions; the penalty that limits a motion to it."""
+"""The bandwidth that markers ask for, near the best on known motions; the penalty that limits a
+motion to it.
+"""
 
 from dataclasses import replace
 
@@ -77,20 +79,26 @@ def slow(seed: int) -> Array:
 
 
 @pytest.mark.parametrize(
-    "noise", [white(1, 0.001), white(2, 0.0003), white(3, 0.0005) + slow(3)], ids=["1mm", "fine", "slow"]
+    "noise",
+    [white(1, 0.001), white(2, 0.0003), white(3, 0.0005) + slow(3)],
+    ids=["1mm", "fine", "slow"],
 )
 def test_choice_is_near_the_best_on_truth(noise: Array) -> None:
     problem = problem_of(MARKERS + noise)
     inner = slice(20, -20)  # accelerations at the ends lean on one side
 
     def errors(hz: float) -> Array:
-        motion, true = smoothed(problem, hz), [GAIT.basis.evaluate(GAIT.coefficients, k) for k in (0, 2)]
+        motion, true = (
+            smoothed(problem, hz),
+            [GAIT.basis.evaluate(GAIT.coefficients, k) for k in (0, 2)],
+        )
         found = (motion.q, motion.acceleration)
         gaps = [(a - b)[inner, 3:] for a, b in zip(found, true, strict=True)]
         return np.sqrt([np.mean(gap**2) for gap in gaps])
 
     best = np.min([errors(hz) for hz in np.geomspace(3.0, 25.0, 9)], axis=0)
-    # what is made least is the error of the coordinates; their accelerations would have a little less
+    # what is made least is the error of the coordinates; their accelerations would have a little
+    # less
     assert (errors(asked(problem)) < [1.1 * best[0], 1.6 * best[1]]).all()
     assert errors(3.0)[1] > 1.5 * best[1] < errors(25.0)[1]  # so that a wrong choice would show
 
@@ -133,7 +141,10 @@ def test_one_dense_motion_foretells_the_others() -> None:
         foretold = dense.at(hz)
         problem = replace(dense.problem, smoothing=smoothing(basis, dense.information, hz))
         coefficients = track_nodes(problem, body, dense.coefficients).x
-        change, gap = (basis.evaluate(coefficients - other) for other in (dense.coefficients, foretold.coefficients))
+        change, gap = (
+            basis.evaluate(coefficients - other)
+            for other in (dense.coefficients, foretold.coefficients)
+        )
         in_markers = [np.vdot(x @ dense.information, x) for x in (gap, change)]
         assert in_markers[0] < 0.1 * in_markers[1]
         rms = np.sqrt(problem.marker_cost(coefficients, body) / problem.data.weight.sum())
@@ -189,8 +200,14 @@ def test_a_still_person() -> None:
 
 
 def test_markers_with_nothing_to_spare_say_nothing() -> None:
-    """Three markers hold the pelvis' six coordinates with three to spare; two of a segment more leave none to all."""
-    kept = [int(k) for s in dict.fromkeys(SEGMENTS) for k in np.flatnonzero(s == SEGMENTS)[: 3 if s == "pelvis" else 1]]
+    """Three markers hold the pelvis' six coordinates with three to spare; two of a segment more
+    leave none to all.
+    """
+    kept = [
+        int(k)
+        for s in dict.fromkeys(SEGMENTS)
+        for k in np.flatnonzero(s == SEGMENTS)[: 3 if s == "pelvis" else 1]
+    ]
     lone = np.full_like(MARKERS, np.nan)
     lone[:, kept] = MARKERS[:, kept]
     assert np.isfinite(asked(problem_of(lone)))
@@ -215,9 +232,15 @@ FREE = ("knee_r.thigh.sup", "knee_r.shank.sup")
 PARAMETERS = perturbed_parameters(np.random.default_rng(61))
 
 
-def penalised(rng: np.random.Generator, *, frames: int = 40, nodes: int = 9) -> tuple[MotionProblem, Array]:
-    """A trial with noise and a penalty that couples all coordinates, and the nodes of its true motion."""
-    problem, true = random_trial(rng, PARAMETERS, free=FREE, frames=frames, nodes=nodes, segments=RIGHT_LEG)
+def penalised(
+    rng: np.random.Generator, *, frames: int = 40, nodes: int = 9
+) -> tuple[MotionProblem, Array]:
+    """A trial with noise and a penalty that couples all coordinates, and the nodes of its true
+    motion.
+    """
+    problem, true = random_trial(
+        rng, PARAMETERS, free=FREE, frames=frames, nodes=nodes, segments=RIGHT_LEG
+    )
     half = rng.normal(size=(true.shape[1], true.shape[1]))
     rough = smoothing(problem.basis, half @ half.T + np.eye(len(half)), 3.0)
     return replace(noisy(problem, rng), smoothing=rough), true
@@ -234,14 +257,22 @@ def test_roughness_is_the_integral_of_squared_derivatives() -> None:
     spline = BSpline(basis.knots, coefficients, DEGREE)
     fine = np.linspace(0.0, 1.3, 200_001)
     expected = np.trapezoid(spline.derivative(3)(fine) ** 2, fine, axis=0)
-    expected += (2 * np.pi * TENSION_HZ) ** 4 * np.trapezoid(spline.derivative(1)(fine) ** 2, fine, axis=0)
+    expected += (2 * np.pi * TENSION_HZ) ** 4 * np.trapezoid(
+        spline.derivative(1)(fine) ** 2, fine, axis=0
+    )
     rough = roughness(basis.knots)
-    np.testing.assert_allclose(np.diag(coefficients.T @ rough.matrix @ coefficients), expected, rtol=1e-8)
+    np.testing.assert_allclose(
+        np.diag(coefficients.T @ rough.matrix @ coefficients), expected, rtol=1e-8
+    )
     assert rough.both(coefficients, np.eye(2))[0] == pytest.approx(expected.sum(), rel=1e-8)
     tolerance = {"rtol": 1e-9, "atol": 1e-9 * expected.max()}
-    np.testing.assert_allclose(rough.both(coefficients, np.eye(2))[1], rough.matrix @ coefficients, **tolerance)
+    np.testing.assert_allclose(
+        rough.both(coefficients, np.eye(2))[1], rough.matrix @ coefficients, **tolerance
+    )
     dense = rough.matrix.toarray()
-    np.testing.assert_allclose(from_band(rough.band[:, :ORDER]), dense, rtol=0, atol=1e-12 * dense.max())
+    np.testing.assert_allclose(
+        from_band(rough.band[:, :ORDER]), dense, rtol=0, atol=1e-12 * dense.max()
+    )
     assert rough.both(coefficients + 1e6, np.eye(2))[0] == pytest.approx(expected.sum(), rel=1e-6)
 
 
@@ -253,7 +284,12 @@ def test_cost_and_gradients() -> None:
     cost, by_nodes, by_values = problem.both_gradients(coefficients, body)
     plain = replace(problem, smoothing=None)
     plain_cost, plain_by_nodes, plain_by_values = plain.both_gradients(coefficients, body)
-    assert cost == problem.cost(coefficients, body) > plain_cost == problem.marker_cost(coefficients, body)
+    assert (
+        cost
+        == problem.cost(coefficients, body)
+        > plain_cost
+        == problem.marker_cost(coefficients, body)
+    )
     np.testing.assert_array_equal(by_values, plain_by_values)
 
     def total(x: Array) -> Array:
@@ -273,10 +309,16 @@ def test_equations_hold_the_penalty(curved: bool) -> None:
         plain = replace(trial, smoothing=None).equations(true, body, curved=curved)
         matrix = whole(trial)
         added = from_band(equations.band) - from_band(plain.band)
-        np.testing.assert_allclose(added, matrix, rtol=0, atol=1e-12 * np.abs(from_band(equations.band)).max())
+        np.testing.assert_allclose(
+            added, matrix, rtol=0, atol=1e-12 * np.abs(from_band(equations.band)).max()
+        )
         gradient = (equations.node_gradient - plain.node_gradient).ravel()
-        np.testing.assert_allclose(gradient, matrix @ true.ravel(), rtol=0, atol=1e-9 * np.abs(gradient).max())
-        assert equations.cost == pytest.approx(plain.cost + true.ravel() @ matrix @ true.ravel(), rel=1e-9)
+        np.testing.assert_allclose(
+            gradient, matrix @ true.ravel(), rtol=0, atol=1e-9 * np.abs(gradient).max()
+        )
+        assert equations.cost == pytest.approx(
+            plain.cost + true.ravel() @ matrix @ true.ravel(), rel=1e-9
+        )
         np.testing.assert_array_equal(equations.mixed, plain.mixed)
 
 
@@ -290,7 +332,9 @@ def test_tracking_ends_where_a_dense_solver_does() -> None:
         gap = problem.positions(x.reshape(true.shape), body) - problem.data.measured
         return np.concatenate([gap.ravel(), root @ x])
 
-    reference = least_squares(residual, true.ravel(), tr_solver="exact", xtol=1e-15, ftol=1e-15, gtol=1e-15)
+    reference = least_squares(
+        residual, true.ravel(), tr_solver="exact", xtol=1e-15, ftol=1e-15, gtol=1e-15
+    )
     result = track_nodes(problem, body, true, DescentSettings(gain=1e-15))
     assert result.cost == pytest.approx(2 * reference.cost, rel=1e-8)
     assert result.cost > 1.01 * problem.marker_cost(result.x, body)
@@ -328,11 +372,15 @@ def test_smoother_is_a_dense_hat_matrix_and_its_trace_a_sum_of_gains() -> None:
     assert np.trace(hat) == pytest.approx(gains.sum(), rel=1e-6)
 
 
-@pytest.mark.parametrize("hz, gain", [(3.0, 1 / (1 + 0.5**6)), (6.0, 0.5), (12.0, 1 / (1 + 2.0**6))])
+@pytest.mark.parametrize(
+    "hz, gain", [(3.0, 1 / (1 + 0.5**6)), (6.0, 0.5), (12.0, 1 / (1 + 2.0**6))]
+)
 def test_half_of_an_oscillation_passes_at_the_cut_off(hz: float, gain: float) -> None:
     time = np.arange(1000) / 200.0
     basis = spline_basis(time, 505)
     wave = np.sin(2 * np.pi * hz * time)[:, None]
     passed = basis.evaluate(Smoother(basis).coefficients(basis.matrices[0].T @ wave, 6.0))
     middle = slice(250, 750)
-    assert float((passed * wave)[middle].sum() / (wave**2)[middle].sum()) == pytest.approx(gain, abs=0.005)
+    assert float((passed * wave)[middle].sum() / (wave**2)[middle].sum()) == pytest.approx(
+        gain, abs=0.005
+    )

@@ -1,4 +1,6 @@
-"""Priors on coefficients: derivatives, walls that nothing feels inside, and coordinates that no marker determines."""
+"""Priors on coefficients: derivatives, walls that nothing feels inside, and coordinates that no
+marker determines.
+"""
 
 from dataclasses import replace
 
@@ -49,9 +51,17 @@ def far_away(rng: np.random.Generator) -> tuple[MotionProblem, Array]:
     coordinates = problem.chain.coordinates
     course = np.linspace(-0.3, 0.2, 30)[:, None]
     moving = CoordinatePrior(
-        names=("lumbar_bending",), time=problem.basis.time, low=course, high=course, scale=np.array([0.1])
+        names=("lumbar_bending",),
+        time=problem.basis.time,
+        low=course,
+        high=course,
+        scale=np.array([0.1]),
     )
-    priors = (walls(coordinates, {"hip_rotation_l": 0.2}), about_posture(("arm_add_r",), {"arm_add_r": 0.4}), moving)
+    priors = (
+        walls(coordinates, {"hip_rotation_l": 0.2}),
+        about_posture(("arm_add_r",), {"arm_add_r": 0.4}),
+        moving,
+    )
     coefficients = true.copy()
     for name in WALLS:
         coefficients[::2, coordinates.index(name)] += rng.choice([-1.0, 1.0]) * 1.5
@@ -69,9 +79,13 @@ def test_cost_gradient_and_matrix_belong_together() -> None:
     assert equations.cost == pytest.approx(cost, rel=1e-12)
     assert problem.cost(coefficients, body) == pytest.approx(cost, rel=1e-12)
     assert cost - problem.marker_cost(coefficients, body) == pytest.approx(sum(alone), rel=1e-9)
-    np.testing.assert_allclose(equations.node_gradient, gradient, atol=1e-12 * np.abs(gradient).max())
+    np.testing.assert_allclose(
+        equations.node_gradient, gradient, atol=1e-12 * np.abs(gradient).max()
+    )
     assert_derivative(
-        2.0 * gradient.reshape(1, -1), lambda x: np.array([problem.cost(x.reshape(shape), body)]), coefficients.ravel()
+        2.0 * gradient.reshape(1, -1),
+        lambda x: np.array([problem.cost(x.reshape(shape), body)]),
+        coefficients.ravel(),
     )
     plain = replace(problem, priors=())
     added = (equations.band - plain.equations(coefficients, body).band)[:, 0]
@@ -88,8 +102,13 @@ def test_a_share_of_the_cost_is_a_share_of_the_prior() -> None:
     problem, coefficients = far_away(np.random.default_rng(42))
     half = problem.scaled(0.5)
     for whole, part in zip(problem.pulls, half.pulls, strict=True):
-        assert part.both(coefficients)[0] == pytest.approx(0.5 * whole.both(coefficients)[0], rel=1e-12)
-    scores = [p.scores(problem.basis, problem.chain.coordinates) for p in (problem.priors[1], half.priors[1])]
+        assert part.both(coefficients)[0] == pytest.approx(
+            0.5 * whole.both(coefficients)[0], rel=1e-12
+        )
+    scores = [
+        p.scores(problem.basis, problem.chain.coordinates)
+        for p in (problem.priors[1], half.priors[1])
+    ]
     np.testing.assert_allclose(scores[1], 0.5 * scores[0], rtol=1e-12)
 
 
@@ -105,15 +124,20 @@ def test_inside_the_walls_not_a_digit_changes() -> None:
     assert set(problem.priors[0].names) == set(WALLS)
     problem = noisy(problem, np.random.default_rng(44), 0.003)
     with_walls, without = (
-        tracked_motion(p, MODEL.parameters) for p in (problem, replace(problem, priors=problem.priors[1:]))
+        tracked_motion(p, MODEL.parameters)
+        for p in (problem, replace(problem, priors=problem.priors[1:]))
     )
     np.testing.assert_array_equal(with_walls.coefficients, without.coefficients)
 
 
 def test_a_foot_that_no_marker_holds_stays_at_its_wall() -> None:
-    """A foot marker on the wrong side, and a start a whole turn away: the joint ends near its wall, not at 370 deg."""
+    """A foot marker on the wrong side, and a start a whole turn away: the joint ends near its wall,
+    not at 370 deg.
+    """
     walk = made_recording(gait_motion())
-    problem = trial_problem("walk", MODEL, walk, NodeRule(), root="shank_r", segments=("shank_r", "talus_r", "foot_r"))
+    problem = trial_problem(
+        "walk", MODEL, walk, NodeRule(), root="shank_r", segments=("shank_r", "talus_r", "foot_r")
+    )
     k = problem.chain.coordinates.index("subtalar_angle_r")
     body, start = started(problem, MODEL.parameters)
     weight = np.where((problem.data.segment == 2)[:, None], 0.0, problem.data.weight)
@@ -131,9 +155,13 @@ def test_angles_start_within_the_walls() -> None:
     told = within_walls(["subtalar_angle_r"], angles, known, determined=True)
     np.testing.assert_allclose(np.rad2deg(told), [[10.0], [5.0], [50.0], [-30.0]])
     assert not within_walls(["subtalar_angle_r"], angles, known, determined=False).any()
-    np.testing.assert_array_equal(within_walls(["knee_angle_r"], angles, known, determined=False), angles)
+    np.testing.assert_array_equal(
+        within_walls(["knee_angle_r"], angles, known, determined=False), angles
+    )
     hips = ["hip_flexion_r", "hip_rotation_r"]
-    both = within_walls(hips, np.deg2rad([[200.0, 370.0], [0.0, 60.0]]), known[:2], determined=False)
+    both = within_walls(
+        hips, np.deg2rad([[200.0, 370.0], [0.0, 60.0]]), known[:2], determined=False
+    )
     assert np.rad2deg(both) == pytest.approx(np.array([[200, 10], [0, 50]]))
 
 
@@ -145,7 +173,9 @@ UNSEEN = coordinates_before(s for s in MARKED_SEGMENTS if s not in SEGMENT.value
 UPRIGHT_DEG = 0.1
 """A spline's fit of the pelvis's swing."""
 FOLLOWED_RAD = 0.02
-"""A prior of 5 deg against a marker 0.4 m away: it pulls by a few percent of how far the trunk is from upright."""
+"""A prior of 5 deg against a marker 0.4 m away: it pulls by a few percent of how far the trunk is
+from upright.
+"""
 ROUNDING = 1e-9
 
 
@@ -157,7 +187,9 @@ def walk() -> Recording:
 def hidden(recording: Recording, *labels: str, share: float = 1.0) -> Recording:
     """The recording with these markers not seen in the first `share` of its frames."""
     markers = recording.markers.copy()
-    markers[: round(share * len(markers)), [recording.labels.index(label) for label in labels]] = np.nan
+    markers[: round(share * len(markers)), [recording.labels.index(label) for label in labels]] = (
+        np.nan
+    )
     return replace(recording, markers=markers)
 
 
@@ -166,18 +198,26 @@ def problem_of(recording: Recording) -> MotionProblem:
 
 
 def test_a_trunk_without_markers_and_arms_with_them(walk: Recording) -> None:
-    """What nothing shows is where it is known to be, whatever else is seen; three markers off one line need nothing."""
+    """What nothing shows is where it is known to be, whatever else is seen; three markers off one
+    line need nothing.
+    """
 
     def guessed(*labels: str, share: float = 1.0) -> set[str]:
         return set(problem_of(hidden(walk, *labels, share=share)).guessed)
 
     assert guessed() == guessed(*TRUNK, share=0.4) == {*UNSEEN}
-    assert guessed(*TRUNK, *ARMS) == guessed(*TRUNK, *ARMS, share=0.6) == {*LUMBAR, *ARM_ANGLES, *UNSEEN}
+    assert (
+        guessed(*TRUNK, *ARMS)
+        == guessed(*TRUNK, *ARMS, share=0.6)
+        == {*LUMBAR, *ARM_ANGLES, *UNSEEN}
+    )
     assert not guessed(*ARMS) & set(LUMBAR)
     assert guessed(*TRUNK) == {*LUMBAR, *UNSEEN}, "arms pull on a trunk, and do not determine it"
 
 
-def test_one_marker_on_the_sternum_leaves_its_turn_about_the_line_to_the_hips_open(walk: Recording) -> None:
+def test_one_marker_on_the_sternum_leaves_its_turn_about_the_line_to_the_hips_open(
+    walk: Recording,
+) -> None:
     sternum = next(label for label in TRUNK if "Sternum" in label)
     found = problem_of(hidden(walk, *(m for m in (*TRUNK, *ARMS) if m != sternum)))
     assert {"lumbar_bending", "lumbar_rotation"} <= set(found.guessed) and sternum in found.labels
@@ -191,7 +231,11 @@ def test_a_segment_of_one_marker_or_none_is_asked_too(walk: Recording, kept: int
     """A foot: with one marker its inversion is open, and nothing else of the leg."""
     foot = [label for label, s in SEGMENT.items() if s == "foot_r"]
     problem = problem_of(hidden(walk, *foot[kept:]))
-    assert {"subtalar_angle_r"} <= set(problem.guessed) <= {"subtalar_angle_r", "ankle_angle_r", *UNSEEN}
+    assert (
+        {"subtalar_angle_r"}
+        <= set(problem.guessed)
+        <= {"subtalar_angle_r", "ankle_angle_r", *UNSEEN}
+    )
     assert not any(n.startswith("subtalar_r") for n in free_of([problem], JP_NAMES))
     assert any(n.startswith("subtalar_r") for n in free_of([problem, problem_of(walk)], JP_NAMES))
 
@@ -202,7 +246,9 @@ def _axes(motion: Motion) -> Array:
 
     def turn(a: str, b: str, c: str) -> Array:
         angles = zip(q[a], q[b], q[c], strict=True)
-        return np.array([axis_rotation(2, x) @ axis_rotation(0, y) @ axis_rotation(1, z) for x, y, z in angles])
+        return np.array(
+            [axis_rotation(2, x) @ axis_rotation(0, y) @ axis_rotation(1, z) for x, y, z in angles]
+        )
 
     return turn("pelvis_tilt", "pelvis_list", "pelvis_rotation") @ turn(*LUMBAR)
 
@@ -224,7 +270,9 @@ def test_it_turns_with_the_way_and_not_with_the_pelvis() -> None:
     swing = 0.1 * np.sin(2 * np.pi * time)
     zero = np.zeros_like(time)
     still = upright_trunk(time, np.stack([-0.2 + zero, zero, zero], axis=1), standing)
-    np.testing.assert_allclose(still, np.broadcast_to([0.15, 0.02, 0.0], still.shape), atol=ROUNDING)
+    np.testing.assert_allclose(
+        still, np.broadcast_to([0.15, 0.02, 0.0], still.shape), atol=ROUNDING
+    )
     # about the vertical the first turn of an upright pelvis is its rotation
     turned = upright_trunk(time, np.stack([zero, zero, 0.5 * time], axis=1), {})
     np.testing.assert_allclose(turned, 0.0, atol=ROUNDING)
@@ -238,14 +286,22 @@ def test_its_uncertainty_is_that_of_the_prior(walk: Recording) -> None:
     motion = tracked_motion(problem, MODEL.parameters)
     moves = marker_moves(problem, motion.coefficients, MODEL.parameters, None)
     at = [k for k, source in enumerate(moves.own) if source is ErrorSource.POSTURE]
-    moves = replace(moves, coefficients=moves.coefficients[:, at], own=(ErrorSource.POSTURE,) * len(at))
+    moves = replace(
+        moves, coefficients=moves.coefficients[:, at], own=(ErrorSource.POSTURE,) * len(at)
+    )
     variance, _ = coordinate_variances(problem, moves)
     for k, name in enumerate(motion.coordinates):
         expected = DEVIATION.get(name, 0.0) if name in problem.guessed else 0.0
-        np.testing.assert_allclose(np.rad2deg(np.sqrt(variance[:, k])), expected, atol=1e-3, err_msg=name)
+        np.testing.assert_allclose(
+            np.rad2deg(np.sqrt(variance[:, k])), expected, atol=1e-3, err_msg=name
+        )
     twice = 2.0 * np.eye(len(motion.coordinates))[None, :2].repeat(len(motion.q), axis=0)
     more = coordinate_variances(problem, moves, twice)[0]
-    np.testing.assert_allclose(more[:, -2:], 4.0 * variance[:, :2], rtol=1e-9, err_msg="what depends on coordinates")
+    np.testing.assert_allclose(
+        more[:, -2:], 4.0 * variance[:, :2], rtol=1e-9, err_msg="what depends on coordinates"
+    )
     whole = problem_of(walk)
-    seen = marker_moves(whole, tracked_motion(whole, MODEL.parameters).coefficients, MODEL.parameters, None)
+    seen = marker_moves(
+        whole, tracked_motion(whole, MODEL.parameters).coefficients, MODEL.parameters, None
+    )
     assert (ErrorSource.POSTURE in seen.own) == bool(UNSEEN)

@@ -1,4 +1,6 @@
-"""The one iteration: minima of plain functions, and an ending that says what happened, through all that use it."""
+"""The one iteration: minima of plain functions, and an ending that says what happened, through all
+that use it.
+"""
 
 from collections.abc import Container
 from dataclasses import dataclass, replace
@@ -154,7 +156,9 @@ def uphill(monkeypatch: pytest.MonkeyPatch) -> tuple[MotionProblem, Array]:
 
     def wrong_equations(*a: object, **k: object) -> NormalEquations:
         right = equations(*a, **k)  # type: ignore[arg-type]
-        return replace(right, node_gradient=-right.node_gradient, parameter_gradient=-right.parameter_gradient)
+        return replace(
+            right, node_gradient=-right.node_gradient, parameter_gradient=-right.parameter_gradient
+        )
 
     def wrong_gradients(*a: object) -> tuple[float, Array, Array]:
         cost, by_node, by_parameter = gradients(*a)  # type: ignore[arg-type]

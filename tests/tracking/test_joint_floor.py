@@ -1,4 +1,6 @@
-"""What each joint by itself can reach: between rigid segments and the whole linkage, and its own least squares."""
+"""What each joint by itself can reach: between rigid segments and the whole linkage, and its own
+least squares.
+"""
 
 from dataclasses import replace
 
@@ -15,20 +17,30 @@ from gaitcal.tracking.joint_floor import MOST_FRAMES, joint_floor
 from gaitcal.tracking.marker_residual import MarkerData, PlacedMarkers, marker_positions
 from gaitcal.tracking.motion import motion_of, rigid_floor, tracked_motion
 from gaitcal.tracking.trial_problem import MotionProblem
-from tests.derivatives import noisy, perturbed_parameters, random_trial, seeded_trial, without_segments
+from tests.derivatives import (
+    noisy,
+    perturbed_parameters,
+    random_trial,
+    seeded_trial,
+    without_segments,
+)
 
 NOISE = 0.008
 """m, of each marker coordinate."""
 EXACT = 1e-5
 """m: markers without noise are met as near as a last step of 1e-3 of the cost leaves them."""
 STOPPED = {"knee_r": 1e-3, "ankle_r": 1e-2}
-"""Of the RMS: the descent ends with a step that gains 1e-3 of the cost; two hinges side by side take short steps."""
+"""Of the RMS: the descent ends with a step that gains 1e-3 of the cost; two hinges side by side
+take short steps.
+"""
 ROUNDING = 1e-9
 
 
 def ends(joint: str) -> tuple[str, str]:
     """The segments with markers of a joint, the ankle's two hinges being one."""
-    first, last = ("talocrural", "subtalar") if joint.startswith("ankle") else (joint.split("_")[0],) * 2
+    first, last = (
+        ("talocrural", "subtalar") if joint.startswith("ankle") else (joint.split("_")[0],) * 2
+    )
     by_name = {j.name: j for j in JOINTS}
     side = joint[joint.rfind("_") :] if "_" in joint else ""
     return by_name[first + side].parent, by_name[last + side].child
@@ -41,11 +53,17 @@ def squares(distance: Array, problem: MotionProblem) -> float:
 
 def test_every_joint_finds_its_own_place() -> None:
     """Markers without noise of a person whose joints lie elsewhere: nothing is left."""
-    problem, _ = random_trial(np.random.default_rng(1), perturbed_parameters(np.random.default_rng(2)))
+    problem, _ = random_trial(
+        np.random.default_rng(1), perturbed_parameters(np.random.default_rng(2))
+    )
     start = tracked_motion(problem, published_subject())
     assert (start.errors.rms() or 0.0) > 100 * EXACT
     floor = joint_floor(problem, published_subject(), start.q)
-    sides = [f"{joint}_{side}" for joint in ("hip", "knee", "ankle", "shoulder", "elbow") for side in "rl"]
+    sides = [
+        f"{joint}_{side}"
+        for joint in ("hip", "knee", "ankle", "shoulder", "elbow")
+        for side in "rl"
+    ]
     assert set(floor.joints) >= {*sides, "back"}
     assert max(floor.joints.values()) < EXACT
     assert (floor.rms() or 1.0) < EXACT
@@ -65,7 +83,8 @@ def test_between_rigid_segments_and_the_whole_linkage(equal: bool) -> None:
     best = motion_of(problem, fit.parameters, fit.coefficients[0])
     floor = joint_floor(problem, fit.parameters, best.q)
     least, middle, most = (
-        squares(d, problem) for d in (rigid_floor(problem).distance, floor.errors.distance, best.errors.distance)
+        squares(d, problem)
+        for d in (rigid_floor(problem).distance, floor.errors.distance, best.errors.distance)
     )
     assert 1.01 * least < middle < most / 1.01, "all three differ"
     if equal:
@@ -77,7 +96,8 @@ def test_between_rigid_segments_and_the_whole_linkage(equal: bool) -> None:
 
 
 def test_two_markers_a_segment_lead_nowhere() -> None:
-    """As in clinical sets: much of a joint's place is not told, and no joint ends above the linkage all the same.
+    """As in clinical sets: much of a joint's place is not told, and no joint ends above the linkage
+    all the same.
 
     With this seed a last step that is taken on its prediction alone leads from 6 to 8 mm.
     """
@@ -101,9 +121,15 @@ def test_two_markers_a_segment_lead_nowhere() -> None:
 
 @pytest.mark.parametrize("joint", ["knee_r", "ankle_r"])
 def test_one_joint_is_its_own_least_squares(joint: str) -> None:
-    """All unknowns of all frames at once, by SciPy with differences, for a trial of that joint alone."""
-    segments = {"knee_r": ("thigh_r", "shank_r"), "ankle_r": ("shank_r", "talus_r", "foot_r")}[joint]
-    _, true, problem, coefficients = seeded_trial(5, frames=14, nodes=8, root=segments[0], segments=segments)
+    """All unknowns of all frames at once, by SciPy with differences, for a trial of that joint
+    alone.
+    """
+    segments = {"knee_r": ("thigh_r", "shank_r"), "ankle_r": ("shank_r", "talus_r", "foot_r")}[
+        joint
+    ]
+    _, true, problem, coefficients = seeded_trial(
+        5, frames=14, nodes=8, root=segments[0], segments=segments
+    )
     problem = noisy(problem, np.random.default_rng(6), 0.003)
     floor = joint_floor(problem, true, problem.basis.evaluate(coefficients))
     chain = chain_of(segments[0], segments, JP_NAMES)
@@ -125,9 +151,14 @@ def test_one_joint_is_its_own_least_squares(joint: str) -> None:
 
 
 def test_a_marker_shares_its_weight_among_its_joints() -> None:
-    """The hip in the whole body is the hip alone, its pelvis markers a third as heavy, its thigh markers half."""
+    """The hip in the whole body is the hip alone, its pelvis markers a third as heavy, its thigh
+    markers half.
+    """
     _, parameters, problem, coefficients = seeded_trial(12, frames=30, per_segment=3)
-    problem, q = noisy(problem, np.random.default_rng(13), NOISE), problem.basis.evaluate(coefficients)
+    problem, q = (
+        noisy(problem, np.random.default_rng(13), NOISE),
+        problem.basis.evaluate(coefficients),
+    )
     floor = joint_floor(problem, parameters, q)
     chain = chain_of("pelvis", ("pelvis", "thigh_r"))
     kept = np.array([problem.chain.segments[s] in chain.segments for s in problem.data.segment])
@@ -137,7 +168,9 @@ def test_a_marker_shares_its_weight_among_its_joints() -> None:
     labels = tuple(np.array(problem.labels)[kept])
     data = MarkerData(placed, data.measured[kept], data.weight[kept] / share)
     hip = replace(problem, chain=chain, data=data, labels=labels)
-    alone = joint_floor(hip, parameters, q[:, [problem.chain.coordinates.index(name) for name in chain.coordinates]])
+    alone = joint_floor(
+        hip, parameters, q[:, [problem.chain.coordinates.index(name) for name in chain.coordinates]]
+    )
     assert floor.joints["hip_r"] == pytest.approx(alone.joints["hip_r"], rel=1e-6)
     thigh = np.array([s == "thigh_r" for s in floor.errors.segments])
     own = np.array([s == "thigh_r" for s in alone.errors.segments])
@@ -147,14 +180,18 @@ def test_a_marker_shares_its_weight_among_its_joints() -> None:
 
 def test_a_segment_without_markers_has_no_joint() -> None:
     _, parameters, problem, coefficients = seeded_trial(7, frames=30, per_segment=3)
-    problem = without_segments(noisy(problem, np.random.default_rng(8), NOISE), "shank_r", "upper_arm_l")
+    problem = without_segments(
+        noisy(problem, np.random.default_rng(8), NOISE), "shank_r", "upper_arm_l"
+    )
     floor = joint_floor(problem, parameters, problem.basis.evaluate(coefficients))
     assert not {"knee_r", "ankle_r", "shoulder_l", "elbow_l"} & set(floor.joints)
     assert {"hip_r", "hip_l", "back", "elbow_r"} <= set(floor.joints)
     hand = "forearm_hand_l"
     assert hand not in floor.segments and floor.rms(hand) is None
     rigid, at = rigid_floor(problem), np.array([s == hand for s in floor.errors.segments])
-    np.testing.assert_allclose(floor.errors.distance[:, at], rigid.distance[:, at], rtol=ROUNDING, atol=0)
+    np.testing.assert_allclose(
+        floor.errors.distance[:, at], rigid.distance[:, at], rtol=ROUNDING, atol=0
+    )
     alone = without_segments(problem, *problem.chain.segments[1:])
     assert joint_floor(alone, parameters, problem.basis.evaluate(coefficients)) is None
 
@@ -163,7 +200,9 @@ def test_long_trials_are_looked_at_in_steps() -> None:
     rng = np.random.default_rng(9)
     parameters = perturbed_parameters(rng)
     segments = ("thigh_r", "shank_r")
-    problem, coefficients = random_trial(rng, parameters, frames=1000, root="thigh_r", segments=segments)
+    problem, coefficients = random_trial(
+        rng, parameters, frames=1000, root="thigh_r", segments=segments
+    )
     problem = noisy(problem, np.random.default_rng(10), NOISE)
     floor = joint_floor(problem, parameters, problem.basis.evaluate(coefficients))
     seen = np.flatnonzero(np.isfinite(floor.errors.distance).all(axis=1))

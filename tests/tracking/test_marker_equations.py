@@ -1,4 +1,6 @@
-"""Normal equations of markers against dense references, and the banded solver that they are solved by."""
+"""Normal equations of markers against dense references, and the banded solver that they are solved
+by.
+"""
 
 import numpy as np
 import pinocchio as pin
@@ -9,7 +11,14 @@ from gaitcal.model.parameters import JP_INDEX, gait_parameters, isolated_paramet
 from gaitcal.tracking.banded import ArrowEquations, BandFactor, NormalEquations, SharedPrior
 from gaitcal.tracking.marker_residual import frame_equations
 from gaitcal.tracking.trial_problem import MotionProblem
-from tests.derivatives import Array, central_differences, from_band, perturbed_parameters, random_trial, with_gaps
+from tests.derivatives import (
+    Array,
+    central_differences,
+    from_band,
+    perturbed_parameters,
+    random_trial,
+    with_gaps,
+)
 
 DERIVATIVE = 1e-7
 """Relative to the largest entry: what central differences of step 1e-6 can tell."""
@@ -22,18 +31,23 @@ def residual(problem: MotionProblem, parameters: object, coefficients: Array, p:
 
 
 def test_normal_equations_are_those_of_the_residual() -> None:
-    """Explicit Jacobian by central differences, on a part with gaps, unequal weights and free joint parameters."""
+    """Explicit Jacobian by central differences, on a part with gaps, unequal weights and free joint
+    parameters.
+    """
     rng = np.random.default_rng(4)
     parameters = perturbed_parameters(rng)
     segments = ("pelvis", "thigh_r", "shank_r", "talus_r", "foot_r")
-    problem, true = random_trial(rng, parameters, free=gait_parameters("r"), frames=30, nodes=7, segments=segments)
+    problem, true = random_trial(
+        rng, parameters, free=gait_parameters("r"), frames=30, nodes=7, segments=segments
+    )
     problem = with_gaps(problem, rng)
     coefficients = true + rng.normal(0, 0.02, true.shape)
     p = problem.values(parameters) + rng.normal(0, 0.01, len(problem.chain.free))
     at = parameters.with_joint(problem.chain.free, p)
     equations = problem.equations(coefficients, problem.body(at))
     by_nodes = central_differences(
-        lambda x: residual(problem, parameters, x.reshape(coefficients.shape), p), coefficients.ravel()
+        lambda x: residual(problem, parameters, x.reshape(coefficients.shape), p),
+        coefficients.ravel(),
     )
     by_p = central_differences(lambda x: residual(problem, parameters, coefficients, x), p)
     r = residual(problem, parameters, coefficients, p)
@@ -47,8 +61,12 @@ def test_normal_equations_are_those_of_the_residual() -> None:
         np.testing.assert_allclose(found, wanted, rtol=0, atol=DERIVATIVE * np.abs(wanted).max())
     np.testing.assert_allclose(equations.cost, r @ r, rtol=1e-12)
     cost, gradient = problem.gradient(coefficients, problem.body(at))
-    np.testing.assert_allclose(gradient, equations.node_gradient, rtol=0, atol=1e-12 * np.abs(gradient).max())
-    np.testing.assert_allclose([cost, problem.cost(coefficients, problem.body(at))], equations.cost, rtol=1e-12)
+    np.testing.assert_allclose(
+        gradient, equations.node_gradient, rtol=0, atol=1e-12 * np.abs(gradient).max()
+    )
+    np.testing.assert_allclose(
+        [cost, problem.cost(coefficients, problem.body(at))], equations.cost, rtol=1e-12
+    )
 
 
 def test_frame_hessian_is_the_mass_matrix_of_markers_as_point_masses() -> None:
@@ -61,7 +79,9 @@ def test_frame_hessian_is_the_mass_matrix_of_markers_as_point_masses() -> None:
         linkage.model.inertias[joint] = pin.Inertia.Zero()
     for segment, local in zip(problem.data.segment, problem.data.local, strict=True):
         point = linkage.segment_placement[segment].act(local)
-        linkage.model.inertias[int(linkage.chain.segment_joint[segment])] += pin.Inertia(1.0, point, np.zeros((3, 3)))
+        linkage.model.inertias[int(linkage.chain.segment_joint[segment])] += pin.Inertia(
+            1.0, point, np.zeros((3, 3))
+        )
     order = [linkage.index(name) for name in (*problem.chain.coordinates, *problem.chain.free)]
     q = problem.basis.evaluate(true)
     pairs = problem._pairs
@@ -69,7 +89,9 @@ def test_frame_hessian_is_the_mass_matrix_of_markers_as_point_masses() -> None:
     data = linkage.model.createData()
     for f in range(len(q)):
         full = np.zeros(linkage.model.nq)
-        full[order] = np.concatenate([q[f], parameters.joint[[JP_INDEX[n] for n in problem.chain.free]]])
+        full[order] = np.concatenate(
+            [q[f], parameters.joint[[JP_INDEX[n] for n in problem.chain.free]]]
+        )
         mass = np.triu(pin.crba(linkage.model, data, full, pin.Convention.WORLD))
         mass = (mass + np.triu(mass, 1).T)[np.ix_(order, order)]
         ours = np.zeros_like(mass)
@@ -79,7 +101,8 @@ def test_frame_hessian_is_the_mass_matrix_of_markers_as_point_masses() -> None:
 
 
 EXACT = 1e-9
-"""Relative; the arrow adds 1e-14 of its trace, and bands a floor of 1e-13 of their largest entry."""
+"""Relative; the arrow adds 1e-14 of its trace, and bands a floor of 1e-13 of their largest entry.
+"""
 SIZE, NODES, COORDINATES, WIDTH = 3, 8, 2, 12
 COLUMNS = [np.array([0, 2]), np.array([2, 1, 0])]
 """Places of each trial's own parameters among the shared ones."""
@@ -120,7 +143,9 @@ def test_the_arrow_is_solved_as_the_dense_matrix_is(damping: float, known: bool)
     for k, (one, own) in enumerate(zip(trials, COLUMNS, strict=True)):
         coefficients = np.arange(SIZE + k * n, SIZE + (k + 1) * n)
         matrices: tuple[Array, Array] = from_band(one.band), one.parameters
-        whole[np.ix_(coefficients, coefficients)], corner = (m + damping * np.diag(np.diag(m)) for m in matrices)
+        whole[np.ix_(coefficients, coefficients)], corner = (
+            m + damping * np.diag(np.diag(m)) for m in matrices
+        )
         whole[np.ix_(own, own)] += corner
         whole[np.ix_(coefficients, own)], whole[np.ix_(own, coefficients)] = one.mixed, one.mixed.T
         gradient[coefficients] = one.node_gradient.ravel()
@@ -143,7 +168,9 @@ ROUNDING = 1e-12
 
 @pytest.mark.parametrize(("size", "width"), [(40, 6), (41, 12), (18, 18), (20, 18), (97, 24)])
 @pytest.mark.parametrize("columns", [None, 1, 7])
-def test_halves_and_wholes_are_those_of_the_dense_matrix(size: int, width: int, columns: int | None) -> None:
+def test_halves_and_wholes_are_those_of_the_dense_matrix(
+    size: int, width: int, columns: int | None
+) -> None:
     """Blocks of the band's width, the last of them smaller or not, for one right side and for many."""
     rng = np.random.default_rng(size)
     band = rng.normal(size=(size, width))
@@ -153,5 +180,11 @@ def test_halves_and_wholes_are_those_of_the_dense_matrix(size: int, width: int, 
     dense = from_band(band)
     right = rng.normal(size=size if columns is None else (size, columns))
     factor, lower = BandFactor(band), np.linalg.cholesky(dense)
-    for solve, matrix in ((factor.solve, dense), (factor.forward, lower), (factor.backward, lower.T)):
-        np.testing.assert_allclose(solve(right), np.linalg.solve(matrix, right), rtol=0, atol=ROUNDING)
+    for solve, matrix in (
+        (factor.solve, dense),
+        (factor.forward, lower),
+        (factor.backward, lower.T),
+    ):
+        np.testing.assert_allclose(
+            solve(right), np.linalg.solve(matrix, right), rtol=0, atol=ROUNDING
+        )

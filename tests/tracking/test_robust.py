@@ -26,7 +26,9 @@ def clean() -> MotionProblem:
     markers = recording.markers + rng.normal(0, NOISE_M, recording.markers.shape)
     recording = replace(recording, time=recording.time[::4], markers=markers[::4])
     segments = ("thigh_r", "shank_r")
-    return trial_problem("knee_r", published_model(), recording, NodeRule(8.0), root="thigh_r", segments=segments)
+    return trial_problem(
+        "knee_r", published_model(), recording, NodeRule(8.0), root="thigh_r", segments=segments
+    )
 
 
 def spiked(problem: MotionProblem, share: float = 0.02) -> tuple[MotionProblem, NDArray[np.bool_]]:
@@ -38,7 +40,9 @@ def spiked(problem: MotionProblem, share: float = 0.02) -> tuple[MotionProblem, 
 
 
 def plain(problem: MotionProblem) -> Array:
-    return problem.basis.evaluate(track_nodes(problem, *started(problem, published_model().parameters)).x)
+    return problem.basis.evaluate(
+        track_nodes(problem, *started(problem, published_model().parameters)).x
+    )
 
 
 @pytest.mark.parametrize("loss", Loss)
@@ -56,7 +60,9 @@ def test_factor_falls_from_one(loss: Loss) -> None:
 
 @pytest.mark.parametrize("loss", Loss)
 def test_efficiency_on_gaussian_residuals(loss: Loss) -> None:
-    """(E[div psi] / 3)^2 / (E|psi|^2 / 3) for psi = f(|x|) x in three dimensions: 95 %, as the constants say."""
+    """(E[div psi] / 3)^2 / (E|psi|^2 / 3) for psi = f(|x|) x in three dimensions: 95 %, as the
+    constants say.
+    """
     x = np.random.default_rng(2).normal(size=(200_000, 3))
     u = np.linalg.norm(x, axis=1)
     step = 1e-5
@@ -83,7 +89,9 @@ def test_spikes_move_nothing(clean: MotionProblem, loss: Loss) -> None:
     found = robust_tracking(spoilt, parameters, loss)
     robust = spoilt.basis.evaluate(found.tracked.x)[:, angle]
     assert np.rad2deg(np.sqrt(np.mean((robust - true) ** 2))) < 0.2
-    assert np.sqrt(np.mean((plain(spoilt)[:, angle] - true) ** 2)) > 4 * np.sqrt(np.mean((robust - true) ** 2))
+    assert np.sqrt(np.mean((plain(spoilt)[:, angle] - true) ** 2)) > 4 * np.sqrt(
+        np.mean((robust - true) ** 2)
+    )
     assert found.outliers[struck].mean() > 0.99 and found.outliers[~struck].mean() < 0.01
 
 

@@ -1,4 +1,6 @@
-"""Soft tissue and what a knee does besides flexing, as variables of a trial: derivatives, and joints found so."""
+"""Soft tissue and what a knee does besides flexing, as variables of a trial: derivatives, and
+joints found so.
+"""
 
 from dataclasses import replace
 from functools import partial
@@ -9,7 +11,12 @@ import pytest
 from gaitcal.calibration.error_sources import ErrorSources
 from gaitcal.calibration.joint_estimate import Tasks, estimate_joints
 from gaitcal.calibration.joint_prior import prior_of
-from gaitcal.calibration.soft_tissue_artefact import CUBE_SHARE, SECONDARY_SIZES, TissuePrior, secondary_prior
+from gaitcal.calibration.soft_tissue_artefact import (
+    CUBE_SHARE,
+    SECONDARY_SIZES,
+    TissuePrior,
+    secondary_prior,
+)
 from gaitcal.model.kinematics import Kinematics
 from gaitcal.model.linkage import SECONDARY
 from gaitcal.model.parameters import JP_INDEX, JP_NAMES
@@ -33,13 +40,17 @@ SECOND_ORDER = 1e-6
 
 def trial_with_tissue(seed: int) -> tuple[MotionProblem, Array, Array]:
     """A trial off its minimum with two regressors on thigh and shank, its nodes, and z."""
-    rng, _, problem, coefficients = seeded_trial(seed, free=FREE, segments=SEGMENTS, frames=20, nodes=7)
+    rng, _, problem, coefficients = seeded_trial(
+        seed, free=FREE, segments=SEGMENTS, frames=20, nodes=7
+    )
     groups = tuple(
         SegmentTissue(
             segment=s,
             carrier=problem.chain.segments[s],
             markers=markers,
-            pattern=together(problem.data.local[markers] - problem.data.local[markers].mean(axis=0)),
+            pattern=together(
+                problem.data.local[markers] - problem.data.local[markers].mean(axis=0)
+            ),
             names=("gait/hip_flexion_r", "gait/knee_angle_r"),
             regressors=rng.normal(size=(2, 20)),
             expected=rng.normal(0, 0.01, (2, markers.stop - markers.start, 3)),
@@ -53,7 +64,9 @@ def trial_with_tissue(seed: int) -> tuple[MotionProblem, Array, Array]:
     problem = replace(problem, tissue=SoftTissue(groups))
     weight = rng.uniform(0.0, 1.0, problem.data.weight.shape)
     problem = noisy(problem.with_weight(weight), rng, 0.01)
-    z = rng.normal(size=(4, 6)) * np.repeat([0.01, 0.1], 3)  # m, rad: markers lie some 0.1 m from their middle
+    z = rng.normal(size=(4, 6)) * np.repeat(
+        [0.01, 0.1], 3
+    )  # m, rad: markers lie some 0.1 m from their middle
     return problem, coefficients, z.ravel()
 
 
@@ -63,18 +76,26 @@ def test_markers_shift_and_turn_together_along_the_axes_of_their_segment() -> No
     assert tissue is not None and len(tissue.keys) == len(set(tissue.keys)) == len(z)
     shift, by_hand = tissue.shift(z, len(problem.labels)), np.zeros((len(problem.labels), 3, 20))
     for key, value in zip(tissue.keys, z, strict=True):
-        name, carrier, component = key.rpartition("/")[0].rpartition("/")[0], key.split("/")[-2], key.split("/")[-1]
+        name, carrier, component = (
+            key.rpartition("/")[0].rpartition("/")[0],
+            key.split("/")[-2],
+            key.split("/")[-1],
+        )
         (group,) = [g for g in tissue.groups if g.carrier == carrier]
         axis = value * np.eye(3)[COMPONENTS.index(component) % 3]
         arms = problem.data.local[group.markers] - problem.data.local[group.markers].mean(axis=0)
-        way = np.cross(axis, arms) if component.startswith("r") else np.broadcast_to(axis, arms.shape)
+        way = (
+            np.cross(axis, arms) if component.startswith("r") else np.broadcast_to(axis, arms.shape)
+        )
         by_hand[group.markers] += way[:, :, None] * group.regressors[group.names.index(name)]
     for group in tissue.groups:
         by_hand[group.markers] += group.displacement
     np.testing.assert_allclose(shift, by_hand, atol=1e-15)
     body = problem.body(perturbed_parameters(np.random.default_rng(4)))
     segments = Kinematics(body, problem.basis.evaluate(coefficients)).segments
-    moved = problem.displaced(z).positions(coefficients, body) - problem.positions(coefficients, body)
+    moved = problem.displaced(z).positions(coefficients, body) - problem.positions(
+        coefficients, body
+    )
     in_laboratory = np.einsum("mjif,mjf->mif", segments[problem.data.segment, :3], shift)
     np.testing.assert_allclose(moved, in_laboratory, atol=1e-12)
 
@@ -134,7 +155,9 @@ def drawn(rng: np.random.Generator, prior: TissuePrior) -> Array:
 def test_gradient_and_matrix_with_soft_tissue_beside_are_those_of_the_markers() -> None:
     rng = np.random.default_rng(1)
     problem, coefficients, _ = leg_trial(1, 20, 7)
-    shank = next((s, m) for s, m in problem.data.placed.groups if problem.chain.segments[s] == "shank_r")
+    shank = next(
+        (s, m) for s, m in problem.data.placed.groups if problem.chain.segments[s] == "shank_r"
+    )
     group = SegmentTissue(
         segment=shank[0],
         carrier="shank_r",
@@ -147,15 +170,21 @@ def test_gradient_and_matrix_with_soft_tissue_beside_are_those_of_the_markers() 
         by_marker=np.zeros((1, 0, 0)),
     )
     problem = replace(problem, tissue=SoftTissue((group,), problem.secondary))
-    problem = noisy(problem.with_weight(rng.uniform(0, 1, problem.data.weight.shape)), rng, 0.01).with_free(LEG_FREE)
+    problem = noisy(
+        problem.with_weight(rng.uniform(0, 1, problem.data.weight.shape)), rng, 0.01
+    ).with_free(LEG_FREE)
     assert len(problem.unknowns) == len(set(problem.unknowns)) == len(LEG_FREE) + 8 + 6
     parameters = perturbed_parameters(np.random.default_rng(1))
-    z = 0.1 * rng.normal(size=14)  # far more than any knee does, so that what is of second order counts
+    z = 0.1 * rng.normal(
+        size=14
+    )  # far more than any knee does, so that what is of second order counts
 
     def residual(x: Array) -> Array:
         n, values, z = np.split(x, [coefficients.size, coefficients.size + len(LEG_FREE)])
         at = problem.displaced(z)
-        gap = at.positions(n.reshape(coefficients.shape), at.body(parameters.with_joint(LEG_FREE, values)))
+        gap = at.positions(
+            n.reshape(coefficients.shape), at.body(parameters.with_joint(LEG_FREE, values))
+        )
         return (np.sqrt(at.data.weight)[:, None] * (gap - at.data.measured)).ravel()
 
     x = np.concatenate([coefficients.ravel(), parameters.joint[[JP_INDEX[n] for n in LEG_FREE]], z])
@@ -166,26 +195,38 @@ def test_gradient_and_matrix_with_soft_tissue_beside_are_those_of_the_markers() 
     found = np.concatenate([equations.node_gradient.ravel(), equations.parameter_gradient])
     np.testing.assert_allclose(found, gradient, atol=SECOND_ORDER * np.abs(gradient).max())
     corner = np.vstack([equations.mixed, equations.parameters])
-    np.testing.assert_allclose(corner, dense[:, coefficients.size :], atol=SECOND_ORDER * np.abs(dense).max())
+    np.testing.assert_allclose(
+        corner, dense[:, coefficients.size :], atol=SECOND_ORDER * np.abs(dense).max()
+    )
     band = BandFactor(equations.band).solve(dense[: coefficients.size, : coefficients.size])
     np.testing.assert_allclose(band, np.eye(coefficients.size), atol=1e-4)
     _, by_nodes, by_unknowns = at.both_gradients(coefficients, at.body(parameters))
-    np.testing.assert_allclose(np.append(by_nodes, by_unknowns), found, rtol=0, atol=1e-12 * np.abs(found).max())
+    np.testing.assert_allclose(
+        np.append(by_nodes, by_unknowns), found, rtol=0, atol=1e-12 * np.abs(found).max()
+    )
 
 
 def test_bends_are_what_no_hinge_makes_of_the_angle() -> None:
     rng = np.random.default_rng(2)
-    angles = [{"knee_angle_r": rng.uniform(0.0, 1.2, n)} for n in (60, 90)] + [{"hip_flexion_r": np.ones(5)}]
+    angles = [{"knee_angle_r": rng.uniform(0.0, 1.2, n)} for n in (60, 90)] + [
+        {"hip_flexion_r": np.ones(5)}
+    ]
     columns = secondary_columns("gait", angles)
     assert columns[0].keys == columns[1].keys and not columns[2].keys
     assert len(columns[0].keys) == 2 * len(SECONDARY["knee_angle_r"])
     phi = np.concatenate([a["knee_angle_r"] for a in angles[:2]])
-    square, cube = (np.concatenate([c.regressors["knee_angle_r"][k] for c in columns[:2]]) for k in range(2))
+    square, cube = (
+        np.concatenate([c.regressors["knee_angle_r"][k] for c in columns[:2]]) for k in range(2)
+    )
     powers = np.vander(phi, 4, increasing=True)
     for bend, lower in ((square, powers[:, :2]), (cube, powers[:, :3])):
-        assert np.abs(lower.T @ bend).max() < 1e-9 * len(phi) and abs(np.mean(bend**2) - 1.0) < 1e-12
+        assert (
+            np.abs(lower.T @ bend).max() < 1e-9 * len(phi) and abs(np.mean(bend**2) - 1.0) < 1e-12
+        )
     both = np.column_stack([square, cube])
-    np.testing.assert_allclose(both, powers @ np.linalg.lstsq(powers, both, rcond=None)[0], atol=1e-9)
+    np.testing.assert_allclose(
+        both, powers @ np.linalg.lstsq(powers, both, rcond=None)[0], atol=1e-9
+    )
     assert np.mean(square * phi**2) > 0 < np.mean(cube * phi**3)
     still = secondary_columns("gait", [{"knee_angle_r": 0.1 * LEAST_SPREAD * rng.normal(size=200)}])
     assert np.abs(still[0].regressors["knee_angle_r"]).max() < 0.1
@@ -218,27 +259,38 @@ def test_joints_are_found_where_the_knee_is_no_hinge() -> None:
     z = drawn(rng, prior)
     at = problem.displaced(z)
     seen = problem.with_measured(at.positions(true, at.body(truth)))
-    free = tuple(n for n in JP_NAMES if n.split(".")[0] in ("hip_r", "knee_r", "talocrural_r", "subtalar_r"))
+    free = tuple(
+        n for n in JP_NAMES if n.split(".")[0] in ("hip_r", "knee_r", "talocrural_r", "subtalar_r")
+    )
     mean, covariance = prior_of(free, None)
     index = [JP_INDEX[n] for n in free]
     start = truth.with_joint(free, truth.joint[index] - rng.multivariate_normal(mean, covariance))
     error, score = {}, {}
     for name, task, tissue in (("hinge", replace(seen, tissue=None), None), ("knee", seen, prior)):
-        estimate, errors = estimate_joints({"gait": (task,)}, start, free, **({"tissue": tissue} if tissue else {}))
+        estimate, errors = estimate_joints(
+            {"gait": (task,)}, start, free, **({"tissue": tissue} if tissue else {})
+        )
         gap = estimate.parameters.joint[index] - truth.joint[index]
         error[name] = float(np.abs(gap).max())
         score[name] = float(np.abs(gap / [errors.standard_errors[n] for n in free]).max())
         if tissue:
-            np.testing.assert_allclose(estimate.tissue, z, atol=0.1 * np.sqrt(np.diag(prior.covariance)).max())
+            np.testing.assert_allclose(
+                estimate.tissue, z, atol=0.1 * np.sqrt(np.diag(prior.covariance)).max()
+            )
     assert error["knee"] < 0.2 * error["hinge"] and score["knee"] < 4.0
 
 
 def test_a_hip_that_stays_and_a_knee_taken_for_a_hinge_move_the_fit_as_its_errors_say() -> None:
-    """By fits again: with the hip elsewhere, secondary motions fitted; and with markers where these have them, not."""
+    """By fits again: with the hip elsewhere, secondary motions fitted; and with markers where these
+    have them, not.
+    """
     rng = np.random.default_rng(3)
     problem, true, _ = leg_trial(3, 120, 10)
     truth, prior = perturbed_parameters(np.random.default_rng(3)), secondary_prior([problem])
-    noise, sizes = rng.normal(0, 0.002, problem.data.measured.shape), np.sqrt(np.diag(prior.covariance))
+    noise, sizes = (
+        rng.normal(0, 0.002, problem.data.measured.shape),
+        np.sqrt(np.diag(prior.covariance)),
+    )
 
     def seen(z: Array) -> Tasks:
         at = problem.displaced(z)
@@ -253,8 +305,14 @@ def test_a_hip_that_stays_and_a_knee_taken_for_a_hinge_move_the_fit_as_its_error
         here, errors = fit(seen(0 * z), truth)
         there, _ = fit(other_tasks, other)
         rows = errors.parameters[: len(here.values)]
-        predicted = rows[:, errors.clusters.index(f"nominal/{kept}")] if fits else -here.by_tissue @ (z / sizes)
+        predicted = (
+            rows[:, errors.clusters.index(f"nominal/{kept}")]
+            if fits
+            else -here.by_tissue @ (z / sizes)
+        )
         unit = np.array([errors.standard_errors[name] for name in (*free, *here.keys)])
         moved = there.values - here.values
         assert np.abs(moved / unit).max() > 0.01
-        np.testing.assert_allclose(moved / unit, predicted / unit, atol=0.1 * np.abs(moved / unit).max())
+        np.testing.assert_allclose(
+            moved / unit, predicted / unit, atol=0.1 * np.abs(moved / unit).max()
+        )

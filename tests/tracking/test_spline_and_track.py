@@ -1,4 +1,6 @@
-"""Splines against SciPy, tracking against a dense SciPy reference, starts, gaps, headings, curvature and memory."""
+"""Splines against SciPy, tracking against a dense SciPy reference, starts, gaps, headings,
+curvature and memory.
+"""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -18,7 +20,15 @@ from gaitcal.tracking.rigid import rigid_distances, rigid_fit
 from gaitcal.tracking.spline import DEGREE, NodeRule, cutoff, spline_basis, to_bspline
 from gaitcal.tracking.trial_problem import MotionProblem
 from scripts.tools.benchmark import tasks
-from tests.derivatives import Array, assert_derivative, from_band, noisy, seeded_trial, started, with_gaps
+from tests.derivatives import (
+    Array,
+    assert_derivative,
+    from_band,
+    noisy,
+    seeded_trial,
+    started,
+    with_gaps,
+)
 
 
 @given(st.integers(6, 40), st.integers(30, 120), st.integers(0, 2**31))
@@ -31,7 +41,9 @@ def test_spline_and_derivatives_are_scipys(nodes: int, frames: int, seed: int) -
     reference = to_bspline(basis, values)
     for k in range(3):
         expected = reference(time, k)
-        np.testing.assert_allclose(basis.evaluate(values, k), expected, rtol=0, atol=1e-11 * np.abs(expected).max())
+        np.testing.assert_allclose(
+            basis.evaluate(values, k), expected, rtol=0, atol=1e-11 * np.abs(expected).max()
+        )
 
 
 def test_spline_fit_finds_a_curve_of_its_own_space() -> None:
@@ -41,7 +53,9 @@ def test_spline_fit_finds_a_curve_of_its_own_space() -> None:
 
 
 @pytest.mark.parametrize(("rate", "spans"), [(25.0, 17), (200.0, 40)])
-def test_spans_last_a_twentieth_of_a_second_or_three_frames_of_slow_cameras(rate: float, spans: int) -> None:
+def test_spans_last_a_twentieth_of_a_second_or_three_frames_of_slow_cameras(
+    rate: float, spans: int
+) -> None:
     assert NodeRule().nodes(np.arange(2 * rate + 1) / rate) == spans + DEGREE
 
 
@@ -51,10 +65,15 @@ def test_effective_cutoff_is_where_the_fit_passes_71_percent() -> None:
     basis = spline_basis(time, coefficients)
     middle = slice(1000, 3000)
     gains = []
-    for phase in (0.0, np.pi / 2):  # near the knots' Nyquist frequency the gain depends on phase; the mean does not
+    for phase in (
+        0.0,
+        np.pi / 2,
+    ):  # near the knots' Nyquist frequency the gain depends on phase; the mean does not
         wave = np.sin(2 * np.pi * cutoff(time, coefficients) * time + phase)[:, None]
         passed = basis.evaluate(basis.fit(wave))
-        gains.append(float((passed[middle].T @ wave[middle])[0, 0] / (wave[middle].T @ wave[middle])[0, 0]))
+        gains.append(
+            float((passed[middle].T @ wave[middle])[0, 0] / (wave[middle].T @ wave[middle])[0, 0])
+        )
     assert np.mean(gains) == pytest.approx(np.sqrt(0.5), abs=0.01)
 
 
@@ -66,7 +85,9 @@ def test_tracking_recovers_a_motion_exactly(zero: bool) -> None:
     result = track_nodes(problem, body, start, DescentSettings(first_damping=1e-3 if zero else 0.0))
     assert result.converged
     assert np.sqrt(result.cost / problem.data.weight.sum()) < 1e-12
-    np.testing.assert_allclose(problem.basis.evaluate(result.x), problem.basis.evaluate(true), atol=1e-9)
+    np.testing.assert_allclose(
+        problem.basis.evaluate(result.x), problem.basis.evaluate(true), atol=1e-9
+    )
 
 
 @given(st.floats(-np.pi, np.pi), st.integers(0, 2**31))
@@ -74,7 +95,10 @@ def test_tracking_recovers_a_motion_exactly(zero: bool) -> None:
 def test_any_heading_is_tracked(heading: float, seed: int) -> None:
     _, parameters, problem, _ = seeded_trial(seed, frames=50, nodes=8)
     turn = axis_rotation(1, heading)
-    turned = np.einsum("ij,mjf->mif", turn, problem.data.measured) + np.array([3.0, 0.0, -2.0])[None, :, None]
+    turned = (
+        np.einsum("ij,mjf->mif", turn, problem.data.measured)
+        + np.array([3.0, 0.0, -2.0])[None, :, None]
+    )
     problem = problem.with_measured(turned)
     result = track_nodes(problem, *started(problem, parameters))
     # The turned motion lies in the spline space only as far as Euler angles turn with it.
@@ -99,7 +123,9 @@ EXACT = DescentSettings(gain=1e-13)
 
 
 def misplaced_trial() -> tuple[MotionProblem, LinkageModel, Array]:
-    """Markers of little weight 0.3 m from where the model has them, as on arms held otherwise in the static trial."""
+    """Markers of little weight 0.3 m from where the model has them, as on arms held otherwise in
+    the static trial.
+    """
     rng, parameters, problem, _ = seeded_trial(44, frames=60, nodes=10)
     local, weight = problem.data.local.copy(), problem.data.weight.copy()
     wrong = np.arange(len(local)) % 3 == 0
@@ -123,7 +149,9 @@ def test_the_curved_matrix_is_the_derivative_of_the_gradient() -> None:
 
     assert_derivative(from_band(found.band), gradient, coefficients.ravel())
     np.testing.assert_array_equal(found.node_gradient, plain.node_gradient)
-    assert np.abs(found.band - plain.band).max() > 1e-3 * np.abs(plain.band).max()  # far above the tolerance
+    assert (
+        np.abs(found.band - plain.band).max() > 1e-3 * np.abs(plain.band).max()
+    )  # far above the tolerance
 
 
 def test_free_joint_parameters_are_refused() -> None:
@@ -188,11 +216,15 @@ def test_a_kept_factor_that_no_longer_serves_is_formed_anew() -> None:
 
 
 SLOPE_GIB = 0.3
-"""Growth from 5 000 to 20 000 frames; 0.18 GiB are needed. Ten times that is what 1.5 GiB leave for 100 000 frames."""
+"""Growth from 5 000 to 20 000 frames; 0.18 GiB are needed. Ten times that is what 1.5 GiB leave for
+100 000 frames.
+"""
 
 
 @pytest.mark.parametrize("first_damping", [0.0, 1e-3])
-def test_large_matrices_are_factored_in_place(monkeypatch: pytest.MonkeyPatch, first_damping: float) -> None:
+def test_large_matrices_are_factored_in_place(
+    monkeypatch: pytest.MonkeyPatch, first_damping: float
+) -> None:
     rng, parameters, problem, true = seeded_trial(6)
     body = problem.body(parameters)
     settings = DescentSettings(first_damping=first_damping)

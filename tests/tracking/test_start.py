@@ -1,4 +1,6 @@
-"""Where tracking starts: all segments fitted at once, and segments of too few markers turned about their joint."""
+"""Where tracking starts: all segments fitted at once, and segments of too few markers turned about
+their joint.
+"""
 
 from dataclasses import replace
 
@@ -22,9 +24,14 @@ SETTLED = 0.02
 
 def test_all_segments_together_are_each_fitted_as_alone() -> None:
     rng, _, problem, _ = seeded_trial(20, frames=40, nodes=8)
-    weight = rng.uniform(0.2, 1.0, problem.data.weight.shape) * (rng.random(problem.data.weight.shape) > 0.2)
+    weight = rng.uniform(0.2, 1.0, problem.data.weight.shape) * (
+        rng.random(problem.data.weight.shape) > 0.2
+    )
     noisy = problem.data.measured + rng.normal(0, 0.005, problem.data.measured.shape)
-    for data in (replace(problem.data, measured=noisy), replace(problem.data, measured=noisy, weight=weight)):
+    for data in (
+        replace(problem.data, measured=noisy),
+        replace(problem.data, measured=noisy, weight=weight),
+    ):
         together = SegmentMoments(data).fits()
         assert sorted(together) == np.unique(data.segment).tolist()
         for s, found in together.items():
@@ -32,15 +39,21 @@ def test_all_segments_together_are_each_fitted_as_alone() -> None:
             alone = rigid_fit(data.local[own], data.measured[own], data.weight[own])
             np.testing.assert_array_equal(found.determined, alone.determined)
             known = alone.determined
-            np.testing.assert_allclose(found.rotation[known], alone.rotation[known], rtol=0, atol=ROUNDING)
-            np.testing.assert_allclose(found.origin[known], alone.origin[known], rtol=0, atol=ROUNDING)
+            np.testing.assert_allclose(
+                found.rotation[known], alone.rotation[known], rtol=0, atol=ROUNDING
+            )
+            np.testing.assert_allclose(
+                found.origin[known], alone.origin[known], rtol=0, atol=ROUNDING
+            )
 
 
 @pytest.mark.parametrize("isolated", ISOLATED_JOINTS)
 def test_a_part_of_the_body_starts_where_its_rigid_segments_are(isolated: str) -> None:
     """Parts whose axes are all reversed on the left, and parts in which none is."""
     segments = joint_segments(isolated)
-    _, parameters, problem, true = seeded_trial(26, root=segments[0], segments=segments, frames=20, nodes=6)
+    _, parameters, problem, true = seeded_trial(
+        26, root=segments[0], segments=segments, frames=20, nodes=6
+    )
     found = starting_coordinates(problem.body(parameters), problem.data)
     expected = problem.basis.evaluate(true)
     turned = np.round((found - expected) / (2 * np.pi)) * 2 * np.pi
@@ -48,7 +61,9 @@ def test_a_part_of_the_body_starts_where_its_rigid_segments_are(isolated: str) -
 
 
 def test_two_markers_and_the_joint_before_them_place_an_arm() -> None:
-    """A rigid fit asks for three markers; the turns of elbow and shoulder are found from two all the same."""
+    """A rigid fit asks for three markers; the turns of elbow and shoulder are found from two all
+    the same.
+    """
     _, parameters, problem, true = seeded_trial(21, frames=40, nodes=8)
     place = np.zeros(len(problem.data.segment), dtype=int)
     for s in (k for k, name in enumerate(problem.chain.segments) if "arm" in name):
@@ -56,7 +71,9 @@ def test_two_markers_and_the_joint_before_them_place_an_arm() -> None:
     data = with_markers(problem.data, np.flatnonzero(place < 2))
     found = starting_coordinates(problem.body(parameters), data)
     off = np.abs(found - problem.basis.evaluate(true))
-    columns = [k for k, name in enumerate(problem.chain.coordinates) if name.startswith(("arm", "elbow"))]
+    columns = [
+        k for k, name in enumerate(problem.chain.coordinates) if name.startswith(("arm", "elbow"))
+    ]
     assert len(columns) == 6 and off[:, columns].max() < SETTLED
 
 
@@ -67,7 +84,9 @@ def with_markers(data: MarkerData, kept: Array) -> MarkerData:
 
 
 def test_a_turn_past_half_a_circle_is_one_motion_about_the_least_angles() -> None:
-    """A whole body that turns about the vertical from 170 to 290 deg: no jump, and most of the trial within 180 deg."""
+    """A whole body that turns about the vertical from 170 to 290 deg: no jump, and most of the
+    trial within 180 deg.
+    """
     _, parameters, problem, _ = seeded_trial(23, frames=60, nodes=8)
     body, about = problem.body(parameters), problem.chain.coordinates.index("pelvis_rotation")
     q = np.zeros((60, len(problem.chain.coordinates)))
@@ -78,15 +97,21 @@ def test_a_turn_past_half_a_circle_is_one_motion_about_the_least_angles() -> Non
 
 
 def test_a_segment_lost_for_a_while_is_bridged() -> None:
-    """The shank is not seen in the middle of the trial: its knee is interpolated there and the foot still follows."""
+    """The shank is not seen in the middle of the trial: its knee is interpolated there and the foot
+    still follows.
+    """
     _, parameters, problem, true = seeded_trial(22, frames=60, nodes=8)
     gappy = without_segments(problem, "shank_r", frames=slice(20, 30))
     result = track_nodes(gappy, *started(gappy, parameters))
-    np.testing.assert_allclose(problem.basis.evaluate(result.x), problem.basis.evaluate(true), atol=1e-8)
+    np.testing.assert_allclose(
+        problem.basis.evaluate(result.x), problem.basis.evaluate(true), atol=1e-8
+    )
 
 
 def test_two_markers_in_disorder_do_not_turn_a_thigh_about_itself() -> None:
-    """Two thigh markers, 30 mm off the line from the hip and displaced by more than that: the leg starts unturned."""
+    """Two thigh markers, 30 mm off the line from the hip and displaced by more than that: the leg
+    starts unturned.
+    """
     _, parameters, problem, true = seeded_trial(22, frames=40, nodes=8)
     thigh = problem.chain.segments.index("thigh_r")
     of_thigh = np.flatnonzero(problem.data.segment == thigh)
@@ -105,7 +130,9 @@ def test_two_markers_in_disorder_do_not_turn_a_thigh_about_itself() -> None:
 
 
 def test_a_foot_of_two_markers_in_disorder_does_not_start_upside_down() -> None:
-    """Heel and toe marker nearly in line with the ankle's centre, and 45 mm off: once in 80 it turned over."""
+    """Heel and toe marker nearly in line with the ankle's centre, and 45 mm off: once in 80 it
+    turned over.
+    """
     rng = np.random.default_rng(24)
     parameters = published_subject()
     problem, _ = random_trial(rng, parameters, frames=10, nodes=6)
@@ -117,7 +144,11 @@ def test_a_foot_of_two_markers_in_disorder_does_not_start_upside_down() -> None:
     ankle = placed.axes[foot, :, :, 0] @ (subtalar - placed.origins[foot, :, 0])
     of_foot = np.flatnonzero(problem.data.segment == foot)
     kept = np.setdiff1d(np.arange(len(problem.data.segment)), of_foot[2:])
-    turns = [k for k, name in enumerate(chain.coordinates) if name in ("ankle_angle_r", "subtalar_angle_r")]
+    turns = [
+        k
+        for k, name in enumerate(chain.coordinates)
+        if name in ("ankle_angle_r", "subtalar_angle_r")
+    ]
     for _ in range(400):
         local = problem.data.local.copy()
         (heel, toe), (out_heel, out_toe) = rng.uniform(-0.04, 0.04, 2), rng.uniform(-0.01, 0.01, 2)
@@ -125,6 +156,8 @@ def test_a_foot_of_two_markers_in_disorder_does_not_start_upside_down() -> None:
         placed = PlacedMarkers(problem.data.segment[kept], local[kept])
         measured = marker_positions(body, placed, np.zeros((10, len(chain.coordinates))))
         measured[np.isin(kept, of_foot)] += rng.normal(0.0, 0.045, (2, 3, 1))
-        data = replace(problem.data, placed=placed, measured=measured, weight=problem.data.weight[kept])
+        data = replace(
+            problem.data, placed=placed, measured=measured, weight=problem.data.weight[kept]
+        )
         found = starting_coordinates(body, data)
         assert np.abs(found[:, turns]).max() < np.deg2rad(71.0)

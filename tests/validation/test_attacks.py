@@ -33,7 +33,9 @@ def test_another_number_is_no_new_message() -> None:
 def test_all_words_must_stand_in_one_message_and_a_list_of_all_causes_names_none() -> None:
     assert check.names_cause("walk: R.Heel left its place", (r"R\.Heel", "place"))
     assert not check.names_cause("walk: L.Heel left its place", (r"R\.Heel", "place"))
-    assert not check.names_cause("disagree; look at plate positions, force sign and clock, mass_kg", ("clock",))
+    assert not check.names_cause(
+        "disagree; look at plate positions, force sign and clock, mass_kg", ("clock",)
+    )
 
 
 def _curves(count: int = 50) -> check.Curves:
@@ -80,9 +82,13 @@ def test_movement_is_told_in_error_bars_of_the_run_itself() -> None:
 def test_a_laboratory_turned_as_a_whole_moves_nothing() -> None:
     clean = _curves()
     turn, shift = np.array([[0.0, 0, 1], [0, 1, 0], [-1, 0, 0]]), np.array([1.0, 0.0, 2.0])
-    centres = {name: (point @ turn.T + shift, axis @ turn.T) for name, (point, axis) in clean.centres.items()}
+    centres = {
+        name: (point @ turn.T + shift, axis @ turn.T)
+        for name, (point, axis) in clean.centres.items()
+    }
     found = check.largest(
-        {"walk": replace(clean, markers=clean.markers @ turn.T + shift, centres=centres)}, {"walk": clean}
+        {"walk": replace(clean, markers=clean.markers @ turn.T + shift, centres=centres)},
+        {"walk": clean},
     )
     assert found is not None
     assert found.bars < 1e-6
@@ -105,7 +111,12 @@ def test_limits_of_the_shares() -> None:
 @pytest.mark.slow
 def test_an_attack_that_cannot_be_made_is_a_fault_of_the_corpus(tmp_path: Path) -> None:
     broken = Attack(
-        name="x", base="synthetic", kind=Kind.WALK, where="walk", how="frozen no_such_marker 0.4,0.6", named=()
+        name="x",
+        base="synthetic",
+        kind=Kind.WALK,
+        where="walk",
+        how="frozen no_such_marker 0.4,0.6",
+        named=(),
     )
     with pytest.raises(CorpusError, match="itself failed"):
         spoilt(broken, tmp_path)

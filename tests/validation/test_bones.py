@@ -14,21 +14,33 @@ AXIS = np.array([0.1, -0.2, 1.0]) / np.linalg.norm([0.1, -0.2, 1.0])
 
 
 def write_hinge(folder: Path, side: str, slide: float = 0.0, frames: int = 60) -> Path:
-    """A knee that is a hinge through (5, 3, 0) mm, on markers of the thigh that slide by `slide` m per rad."""
+    """A knee that is a hinge through (5, 3, 0) mm, on markers of the thigh that slide by `slide` m
+    per rad.
+    """
     mirror = np.diag([1.0, 1.0, 1.0 if side == "r" else -1.0])
     flexion, rng = np.linspace(0.0, 1.2, frames), np.random.default_rng(1)
     cross = np.array([[0, -AXIS[2], AXIS[1]], [AXIS[2], 0, -AXIS[0]], [-AXIS[1], AXIS[0], 0]])
-    turn = np.array([np.eye(3) - np.sin(a) * cross + (1 - np.cos(a)) * cross @ cross for a in flexion])
+    turn = np.array(
+        [np.eye(3) - np.sin(a) * cross + (1 - np.cos(a)) * cross @ cross for a in flexion]
+    )
     thigh, centre = np.repeat(np.eye(3)[None], frames, axis=0), np.array([0.005, 0.003, 0.0])
     at_thigh, at_shank = (rng.uniform(-0.1, 0.1, (5, 3)) for _ in range(2))
     moved = at_thigh + [0.0, slide, 0.0] * flexion[:, None, None]
     arrays = {"rate_hz": np.array(100.0)}
     for name, rotation, origin, markers in (
         ("thigh", thigh, np.zeros((frames, 3)), moved),
-        ("shank", turn, centre - turn @ (centre + [0.0, 0.4, 0.0]), np.repeat(at_shank[None], frames, axis=0)),
+        (
+            "shank",
+            turn,
+            centre - turn @ (centre + [0.0, 0.4, 0.0]),
+            np.repeat(at_shank[None], frames, axis=0),
+        ),
     ):
         arrays[f"{name}_{side}.rotation"] = mirror @ rotation @ mirror
-        arrays[f"{name}_{side}.origin"], arrays[f"{name}_{side}.markers"] = origin @ mirror, markers @ mirror
+        arrays[f"{name}_{side}.origin"], arrays[f"{name}_{side}.markers"] = (
+            origin @ mirror,
+            markers @ mirror,
+        )
     file = folder / f"P{side}_knee_flexion.npz"
     np.savez(file, **arrays)
     return file
@@ -41,7 +53,9 @@ def test_a_left_leg_is_read_as_a_right_one_and_its_hinge_found(tmp_path: Path) -
         thigh, shank = recording.segments["thigh"], recording.segments["shank"]
         direction, point, _, below = fit_hinge(thigh, shank)
         np.testing.assert_allclose(direction, AXIS, atol=1e-9)
-        np.testing.assert_allclose((point - direction * point[2] / direction[2])[:2], [0.005, 0.003], atol=1e-9)
+        np.testing.assert_allclose(
+            (point - direction * point[2] / direction[2])[:2], [0.005, 0.003], atol=1e-9
+        )
         assert max(hinge_errors(thigh, shank)) < 1e-9
         assert recording.knee_flexion[-1] > 1.0 and len(below) == 3
 
@@ -68,5 +82,9 @@ def test_left_out_bones_are_met_better_than_by_landmarks_and_by_skin_alone(data_
     names = "B2_treadmill_walk,B6_sit_to_stand"
     for outcome in results("bones", "--folder", data_dir / "bones", "--only", names)["recordings"]:
         distance = outcome.distance_mm
-        assert distance["calibrated"] < min(12.0, distance["skin alone"], distance["without soft tissue"])
-        assert outcome.flexion_deg["calibrated"][0] < (2.5 if outcome.name.endswith("walk") else 4.0)
+        assert distance["calibrated"] < min(
+            12.0, distance["skin alone"], distance["without soft tissue"]
+        )
+        assert outcome.flexion_deg["calibrated"][0] < (
+            2.5 if outcome.name.endswith("walk") else 4.0
+        )

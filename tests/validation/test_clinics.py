@@ -1,4 +1,6 @@
-"""`python -m scripts.validation clinics`: its folders can be made and read, and its measure tells torques apart."""
+"""`python -m scripts.validation clinics`: its folders can be made and read, and its measure tells
+torques apart.
+"""
 
 import json
 from pathlib import Path
@@ -13,7 +15,14 @@ from scripts.validation.clinics.variants import VARIANTS, cases
 from scripts.validation.harness import results
 from scripts.validation.recordings import CLINICS
 
-QUICK = ("labels in lower case", "one sacral marker", "walkway along y", "markers only", "no toe markers", "metres")
+QUICK = (
+    "labels in lower case",
+    "one sacral marker",
+    "walkway along y",
+    "markers only",
+    "no toe markers",
+    "metres",
+)
 
 
 def test_titles_are_unique_and_every_folder_known() -> None:
@@ -50,7 +59,9 @@ def _result(folder: Path, shift: float, cause: str = "") -> Path:
     (folder / "moments").mkdir(parents=True)
     table.to_csv(folder / "moments" / "walk.csv", index=False)
     reasons = [{"cause": cause}] if cause else []
-    (folder / "summary.json").write_text(json.dumps({"verdict": "trustworthy", "reasons": reasons}), encoding="utf-8")
+    (folder / "summary.json").write_text(
+        json.dumps({"verdict": "trustworthy", "reasons": reasons}), encoding="utf-8"
+    )
     return folder
 
 

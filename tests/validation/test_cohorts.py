@@ -1,4 +1,6 @@
-"""Member `cohorts`, small: killed and on a cluster, a cohort ends with the tables of one left alone."""
+"""Member `cohorts`, small: killed and on a cluster, a cohort ends with the tables of one left
+alone.
+"""
 
 from pathlib import Path
 
@@ -22,7 +24,10 @@ def test_neither_kills_nor_other_workers_show(
     """Both are set beside the same cohort that was left alone."""
     if part == "cluster":
         pytest.importorskip("distributed", reason="no dask here; it comes with the extra `cluster`")
-    assert main(["cohorts", "--parts", part, "--kills", "1", "--people", "3", "--folder", str(folder)]) == 0
+    assert (
+        main(["cohorts", "--parts", part, "--kills", "1", "--people", "3", "--folder", str(folder)])
+        == 0
+    )
     assert f"met: {words}: all tables are the same, bit for bit" in capsys.readouterr().out
 
 
@@ -31,5 +36,7 @@ def test_neither_kills_nor_other_workers_show(
 def test_the_page_of_many_is_soon_ready(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     if chromium() is None:
         pytest.skip("no Chromium on this machine")
-    assert main(["cohorts", "--parts", "page", "--people", "40", "120", "--folder", str(folder)]) == 0
+    assert (
+        main(["cohorts", "--parts", "page", "--people", "40", "120", "--folder", str(folder)]) == 0
+    )
     assert "met: cohort.html: " in capsys.readouterr().out

@@ -19,13 +19,17 @@ def test_every_fault_changes_a_recording_and_says_how_large_it_is() -> None:
         changed = fault.change(recording)
         same = np.array_equal(changed.markers, recording.markers)
         pairs = zip(recording.plates, changed.plates, strict=True)
-        assert not same or any(not np.array_equal(a.wrench(), b.wrench()) for a, b in pairs), fault.row
+        assert not same or any(not np.array_equal(a.wrench(), b.wrench()) for a, b in pairs), (
+            fault.row
+        )
         kinds.add(fault.row)
     assert len(kinds) == len(faults.FAULTS)
 
 
 @pytest.mark.slow
-def test_the_script_runs_on_a_synthetic_person(monkeypatch: pytest.MonkeyPatch, capsys: Any) -> None:
+def test_the_script_runs_on_a_synthetic_person(
+    monkeypatch: pytest.MonkeyPatch, capsys: Any
+) -> None:
     monkeypatch.delenv("GAITCAL_DATA", raising=False)
     assert main(["force_faults", "--cases", "2", "--only", "synthetic3", "--seed", "1"]) in (0, 1)
     said = capsys.readouterr().out

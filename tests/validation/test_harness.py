@@ -58,8 +58,12 @@ def test_the_exit_code_is_what_the_member_says_and_json_what_it_returns(tmp_path
 @pytest.mark.parametrize("name", list(harness.MEMBERS))
 def test_every_member_is_one(name: str) -> None:
     found = import_module(f"scripts.validation.{harness.MEMBERS[name]}")
-    assert set(found.SHARED) <= set(harness.OPTIONS) and (callable(getattr(found, "run", None)) or found.PARTS)
-    assert found.__doc__ and f"\n    {name} " in found.__doc__, "its docstring shows how it is called"
+    assert set(found.SHARED) <= set(harness.OPTIONS) and (
+        callable(getattr(found, "run", None)) or found.PARTS
+    )
+    assert found.__doc__ and f"\n    {name} " in found.__doc__, (
+        "its docstring shows how it is called"
+    )
 
 
 def test_commands_that_pages_cite_are_understood() -> None:
@@ -67,13 +71,17 @@ def test_commands_that_pages_cite_are_understood() -> None:
     text = "".join(page.read_text(encoding="utf-8") for page in pages)
     cited = re.findall(r"`python -m\s+scripts\.validation\s+([a-z_]+)([^`]*)`", text)
     for name, options in cited:
-        harness.parsed(import_module(f"scripts.validation.{harness.MEMBERS[name]}"), name, options.split())
+        harness.parsed(
+            import_module(f"scripts.validation.{harness.MEMBERS[name]}"), name, options.split()
+        )
     assert len(cited) > 30
 
 
 def test_it_runs_from_a_checkout_in_one_blas_thread() -> None:
     code = "import scripts.validation, os; print(os.environ['OPENBLAS_NUM_THREADS'])"
-    done = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=True)
+    done = subprocess.run(
+        [sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=True
+    )
     assert done.stdout.strip() == "1"
     command = [
         sys.executable,
@@ -88,27 +96,40 @@ def test_it_runs_from_a_checkout_in_one_blas_thread() -> None:
     ]
     done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
-    assert "uf3: subject: mass in pounds" in done.stdout or "0 attacks" in done.stdout  # without recordings
+    assert (
+        "uf3: subject: mass in pounds" in done.stdout or "0 attacks" in done.stdout
+    )  # without recordings
 
 
 def test_every_listed_file_is_there(data_dir: Path) -> None:
-    missing = [file for person in EVERYBODY.values() for file in person.files if not (data_dir / file).is_file()]
+    missing = [
+        file
+        for person in EVERYBODY.values()
+        for file in person.files
+        if not (data_dir / file).is_file()
+    ]
     assert missing == []
     assert set(CHILDREN) < set(PEOPLE) < set(EVERYBODY) and "p01" not in CLINICS
 
 
 NEAR_MS = 35.0
-"""ms: `subject01` walks on a treadmill, recorded at 60 Hz; its feet slide a little after each contact."""
+"""ms: `subject01` walks on a treadmill, recorded at 60 Hz; its feet slide a little after each
+contact.
+"""
 
 
-def test_motion_is_measured_against_plates(data_dir: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_motion_is_measured_against_plates(
+    data_dir: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     labs = results("events", str(write_study("subject01", data_dir, tmp_path)))
     for moment in FootMoment:
         found = 1e3 * check.all_differences(labs["subject01"], moment)
         assert len(found) == 3 and np.isfinite(found).all()
         assert np.abs(found).max() < NEAR_MS and found.std() < 0.2 * NEAR_MS
     said = capsys.readouterr().out.splitlines()
-    assert said[1].startswith("subject01   foot strike") and " plates " in said[1] and "(3)" in said[1]
+    assert (
+        said[1].startswith("subject01   foot strike") and " plates " in said[1] and "(3)" in said[1]
+    )
 
 
 def test_names_are_matched_and_none_is_an_error() -> None:

@@ -1,4 +1,6 @@
-"""Member `people`: what it counts and compares, on people who are known, and small runs of each part."""
+"""Member `people`: what it counts and compares, on people who are known, and small runs of each
+part.
+"""
 
 import json
 from dataclasses import replace
@@ -43,13 +45,17 @@ def _fit(name: str, outward: float, error: float = 0.002) -> Fit:
 def test_two_fits_differ_in_standard_errors_of_the_difference() -> None:
     one, other = _fit("a", 0.010), _fit("a", 0.016, 0.004)
     gap, score = check.gap_scores(one, other)
-    assert gap[0, 2] == gap[2, 2] == pytest.approx(6.0)  # right and left in the pelvis; thighs moved nowhere
+    assert (
+        gap[0, 2] == gap[2, 2] == pytest.approx(6.0)
+    )  # right and left in the pelvis; thighs moved nowhere
     assert check.largest(one, other)[0] == pytest.approx(6.0 / np.hypot(2.0, 4.0))
     assert np.isnan(score[1]).all()
 
 
 @pytest.mark.slow
-def test_hips_of_a_person_without_noise_agree(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_hips_of_a_person_without_noise_agree(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     study, figures = write_synthetic_study(tmp_path, ("hip_r",)), tmp_path / "figures.json"
     arguments = ["--parts", "halves", "--study", str(study), "--json", str(figures)]
     found = results("people", *arguments)["halves"]
@@ -66,11 +72,17 @@ def test_hips_of_ct_miss_the_regression_as_published(data_dir: Path) -> None:
     assert np.abs(images.errors.mean(axis=0)).max() < 2.4
     assert (round(images.ratios.min(), 2), round(images.ratios.max(), 2)) == (0.65, 0.82)
     near, far = _fit("near", 0.002), _fit("far", 0.040)
-    assert check.outside([near, far], images) == {"hips": 4.0, "hips outside": 2.0, "pairs outside": 1.0}
+    assert check.outside([near, far], images) == {
+        "hips": 4.0,
+        "hips outside": 2.0,
+        "pairs outside": 1.0,
+    }
 
 
 def test_a_marker_of_the_thigh_turns_about_the_hinge() -> None:
-    """Forward and up in the shank, mm, of a point 20 above and 5 behind a hinge that lies 18 below the origin."""
+    """Forward and up in the shank, mm, of a point 20 above and 5 behind a hinge that lies 18 below
+    the origin.
+    """
     flexion = np.linspace(0.0, 1.0, 40)
     turn = np.array([[np.cos(flexion), -np.sin(flexion)], [np.sin(flexion), np.cos(flexion)]])
     path = np.array([3.0, -18.0]) + np.einsum("ijf,j->fi", turn, [-5.0, 20.0])
@@ -97,7 +109,10 @@ def test_skin_of_people_has_the_size_of_its_task() -> None:
     np.testing.assert_allclose(middle.mean(axis=1), 0.0, atol=1e-12)  # about the task's own middle
     rms = 1e3 * np.sqrt((middle**2).mean())  # one hip flexes, and all else stands
     assert rms == pytest.approx(np.hypot(2.0, 0.7 / np.sqrt(3)), rel=0.1)
-    restless = [skin.displacement(recording, rest, TRACKING, skin.Kind.RESTLESS, 15.0, (1, k), "walk") for k in (1, 2)]
+    restless = [
+        skin.displacement(recording, rest, TRACKING, skin.Kind.RESTLESS, 15.0, (1, k), "walk")
+        for k in (1, 2)
+    ]
     assert not np.allclose(*restless)
 
 
@@ -115,7 +130,10 @@ def test_hips_of_a_simulated_person(data_dir: Path, kept: Path) -> None:
     for kind in (skin.Kind.NONE, skin.Kind.PEOPLE):
         rows: simulated.Rows = {}
         simulated.add_fits(rows, "p01", kind, 0, {}, cache, drawn=False)
-        assert len(list(simulated.lines(simulated.hips_in_space(rows), out, f"{kind.value}, "))) == 4
-    # without noise the artefact is a fiftieth of people's, and not nothing: the prior on its size sees to that
+        assert (
+            len(list(simulated.lines(simulated.hips_in_space(rows), out, f"{kind.value}, "))) == 4
+        )
+    # without noise the artefact is a fiftieth of people's, and not nothing: the prior on its size
+    # sees to that
     exact, moved = (out[f"{kind}, isolated: hip in space, mm: RMS"] for kind in ("none", "people"))
     assert exact < CLEAN_MM < moved < 60.0

@@ -1,4 +1,6 @@
-"""`python -m scripts.validation priors`: its populations, and what it prints of figures that are known."""
+"""`python -m scripts.validation priors`: its populations, and what it prints of figures that are
+known.
+"""
 
 from dataclasses import replace
 
@@ -23,7 +25,10 @@ def _fit(joint: np.ndarray) -> Fit:
 
 def test_errors_and_bars() -> None:
     """A fit that halves the error of every parameter, with bars of twice the error that remains."""
-    unit, third = prior_deviations(JP_NAMES), sum(name.startswith(LEG_JOINTS) for name in JP_NAMES) // 3
+    unit, third = (
+        prior_deviations(JP_NAMES),
+        sum(name.startswith(LEG_JOINTS) for name in JP_NAMES) // 3,
+    )
     outcomes = [
         Outcome(
             truth=np.zeros(len(JP_NAMES)),
@@ -33,10 +38,15 @@ def test_errors_and_bars() -> None:
         )
     ]
     said = list(report(outcomes))
-    legs = [k for k, p in enumerate(JOINT_PARAMETERS) if p.kind is Kind.POSITION and p.name.startswith(LEG_JOINTS)]
+    legs = [
+        k
+        for k, p in enumerate(JOINT_PARAMETERS)
+        if p.kind is Kind.POSITION and p.name.startswith(LEG_JOINTS)
+    ]
     rms = 1e3 * np.sqrt(np.mean(unit[legs] ** 2))
     assert said[0] == (
-        f"legs, positions, mm: nominal {rms:.2f}, default prior {rms / 2:.2f}, cohort {rms / 4:.2f} (-50 %)"
+        f"legs, positions, mm: nominal {rms:.2f}, default prior {rms / 2:.2f}, cohort "
+        f"{rms / 4:.2f} (-50 %)"
     )
     assert said[-1] == "bars of 95 % cover: default prior 100%, cohort 100%"
     assert any(line.startswith(f"directions half seen ({third} of {3 * third})") for line in said)

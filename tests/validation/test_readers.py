@@ -1,7 +1,8 @@
-"""Damaged files end in a result or in one clear error: never in another exception, a hang or a dead process.
+"""Damaged files end in a result or in one clear error: never in another exception, a hang or a dead
+process.
 
-`python -m scripts.validation readers` does this with thousands of files; here at a small size, and that it would see a
-failure.
+`python -m scripts.validation readers` does this with thousands of files; here at a small size, and
+that it would see a failure.
 """
 
 from pathlib import Path
@@ -30,7 +31,9 @@ def kinds(tmp_path: Path) -> dict[str, Any]:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", [*RECORDINGS, *REAL])
-def test_recordings(kinds: dict[str, Any], tmp_path: Path, name: str, request: pytest.FixtureRequest) -> None:
+def test_recordings(
+    kinds: dict[str, Any], tmp_path: Path, name: str, request: pytest.FixtureRequest
+) -> None:
     if name in REAL:
         request.getfixturevalue("data_dir")
     count = fuzzing.fuzz(kinds[name], tmp_path, MANY, 5)

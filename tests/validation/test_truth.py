@@ -1,4 +1,6 @@
-"""`python -m scripts.validation truth`: its geometry and counting on exact data, small runs, error bars that hold."""
+"""`python -m scripts.validation truth`: its geometry and counting on exact data, small runs, error
+bars that hold.
+"""
 
 import json
 from dataclasses import replace
@@ -29,7 +31,9 @@ from scripts.validation.truth.people import EXACT_PLATES
 from tests.kept import copied_person, kept_folder, kept_person
 
 ROUNDING = 1e-10
-"""m, or of a unit vector: coordinates of metres, in doubles, through a singular value decomposition."""
+"""m, or of a unit vector: coordinates of metres, in doubles, through a singular value
+decomposition.
+"""
 
 
 def test_a_displacement_turns_about_the_line_that_it_was_turned_about() -> None:
@@ -65,7 +69,10 @@ def test_sara_finds_a_hinge() -> None:
     turns = Rotation.from_rotvec(np.linspace(-1, 1, 30)[:, None] * n).as_matrix()
     below = above @ turns @ rest
     proximal, distal = check.sara((above, at), (below, above @ c + at - below @ d))
-    assert check.angle(proximal.direction, n) < 1e-6 and check.angle(distal.direction, rest.T @ n) < 1e-6  # deg
+    assert (
+        check.angle(proximal.direction, n) < 1e-6
+        and check.angle(distal.direction, rest.T @ n) < 1e-6
+    )  # deg
     assert proximal.distance(c) < ROUNDING and distal.distance(d) < ROUNDING
 
 
@@ -84,7 +91,9 @@ def test_true_parameters_of_a_known_linkage() -> None:
         centres = {f"hip_{side}": known[f"hip_flexion_{side}"][1]}
         person = SimpleNamespace(centres=centres, proximal=axes, distal=axes)
         found = people.leg_parameters(person, frames, side)
-        assert set(found) == {name for name in leg_parameters(side) if name.startswith(NEEDED_JOINTS)}
+        assert set(found) == {
+            name for name in leg_parameters(side) if name.startswith(NEEDED_JOINTS)
+        }
         for name, value in found.items():
             assert value == pytest.approx(parameters.joint[JP_INDEX[name]], abs=ROUNDING), name
 
@@ -93,16 +102,24 @@ def test_static_frames_are_where_the_model_put_its_markers() -> None:
     model = published_model()
     turn, shift = Rotation.random(random_state=11).as_matrix(), np.array([1.0, 2.0, 3.0])
     still = model.markers.local @ turn.T + shift
-    recording = Recording(source="s", time=np.zeros(1), labels=model.markers.labels, markers=still[None])
+    recording = Recording(
+        source="s", time=np.zeros(1), labels=model.markers.labels, markers=still[None]
+    )
     for name, frame in people.static_frames(model, recording).items():
         if model.markers.segments.count(name) >= 3:
-            np.testing.assert_allclose(frame.rotation, turn, atol=1e-6)  # markers may stand nearly on one line
+            np.testing.assert_allclose(
+                frame.rotation, turn, atol=1e-6
+            )  # markers may stand nearly on one line
             np.testing.assert_allclose(frame.local(shift), 0.0, atol=1e-6)
 
 
 TRACKING = {
     "pelvis": ("P1", "P2", "P3"),
-    **{f"{part}_{s}": tuple(f"{part}{s}{k}" for k in range(3)) for part in ("thigh", "shank", "foot") for s in "rl"},
+    **{
+        f"{part}_{s}": tuple(f"{part}{s}{k}" for k in range(3))
+        for part in ("thigh", "shank", "foot")
+        for s in "rl"
+    },
 }
 
 
@@ -131,12 +148,16 @@ def test_skin_follows_the_joints_by_its_law() -> None:
     np.testing.assert_allclose(linear[0], 0.0, atol=ROUNDING)
     labels = [label for group in TRACKING.values() for label in group]
     thigh = [labels.index(label) for label in TRACKING["thigh_r"]]
-    back = Rotation.from_euler("z", -angles[:, None], degrees=True).as_matrix()  # into the frame of the bone
+    back = Rotation.from_euler(
+        "z", -angles[:, None], degrees=True
+    ).as_matrix()  # into the frame of the bone
     own = np.einsum("fij,fmj->fmi", back, linear[:, thigh])
     np.testing.assert_allclose(own[2], 2 * own[1], atol=ROUNDING)
     np.testing.assert_allclose(quadratic[2], linear[2], atol=ROUNDING)
     sizes = np.linalg.norm(own[2], axis=1)
-    assert 0.005 < sizes.mean() < 0.04  # 15 mm of the cluster, and each marker's own and the turn on top
+    assert (
+        0.005 < sizes.mean() < 0.04
+    )  # 15 mm of the cluster, and each marker's own and the turn on top
     left = [labels.index(label) for label in TRACKING["thigh_l"]]
     np.testing.assert_allclose(linear[:, left], 0.0, atol=ROUNDING)
 
@@ -151,26 +172,44 @@ def test_table_of_a_few_fits() -> None:
             seed=seed,
             seconds=1.0,
             converged=True,
-            figures={"hip in pelvis, mm": report.Figure(error=error, before=30.0, peer=12.0, bars=held)},
+            figures={
+                "hip in pelvis, mm": report.Figure(error=error, before=30.0, peer=12.0, bars=held)
+            },
         )
         for seed, error in enumerate((3.0, 4.0, 8.0))
     ]
     rows = list(report.lines(fits))
     assert "isolated, linear: fits 3, people 1, median 1.00 s each" in rows
     (row,) = [row for row in rows if row.startswith("hip in pelvis")]
-    assert row.split()[4:] == ["30.0", "4.00", "3.00", "to", "8.00", "5.45", "12.0", "1.00", "70.0", "95.0", "60"]
+    assert row.split()[4:] == [
+        "30.0",
+        "4.00",
+        "3.00",
+        "to",
+        "8.00",
+        "5.45",
+        "12.0",
+        "1.00",
+        "70.0",
+        "95.0",
+        "60",
+    ]
     lost = [replace(fits[0], converged=False)]
     assert any("1 NOT CONVERGED" in r for r in report.lines(lost))
 
 
 @pytest.mark.slow
-def test_gait_of_a_simulated_person(data_dir: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_gait_of_a_simulated_person(
+    data_dir: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     found = tmp_path / "figures.json"
     arguments = ["--parts", "gait", "--only", "p01", "--kinds", "none", "--json", str(found)]
     (fit,) = results("truth", *arguments, "--set", "gait_parameters=leg")
     hip = fit.figures["hip in laboratory, mm"]
     assert hip.before is not None and hip.error < 0.5 * hip.before
-    assert abs(hip.error - fit.figures["hip in pelvis, mm"].error) < 1.0  # the same, told in two ways
+    assert (
+        abs(hip.error - fit.figures["hip in pelvis, mm"].error) < 1.0
+    )  # the same, told in two ways
     torque = fit.figures["torque knee_angle, N·m"]
     assert torque.error < 10.0 and torque.bars.count > 100  # signs and columns are right
     assert json.loads(found.read_text(encoding="utf-8"))[0]["figures"].keys() == fit.figures.keys()
@@ -194,10 +233,25 @@ def simulated_trials(kept: Path, data: Path) -> Path:
 @pytest.mark.slow
 @pytest.mark.peers
 def test_isolated_trials_of_a_simulated_person(data_dir: Path, kept: Path) -> None:
-    common = ["--parts", "isolated", "--only", "p01", "--seeds", "1", "--cache", str(simulated_trials(kept, data_dir))]
+    common = [
+        "--parts",
+        "isolated",
+        "--only",
+        "p01",
+        "--seeds",
+        "1",
+        "--cache",
+        str(simulated_trials(kept, data_dir)),
+    ]
     exact, noisy = results("truth", *common, "--kinds", "none,linear", "--set", "prior=none")
     for name in ("hip in pelvis, mm", "hip in thigh, mm"):
-        assert exact.figures[name].error < 0.1 < noisy.figures[name].error < 30.0 < exact.figures[name].before
+        assert (
+            exact.figures[name].error
+            < 0.1
+            < noisy.figures[name].error
+            < 30.0
+            < exact.figures[name].before
+        )
         assert exact.figures[name].peer < 1e-3
     for name in ("talocrural axis, deg", "subtalar axis, deg"):
         assert exact.figures[name].error < 0.5
@@ -224,10 +278,14 @@ EXACT = {"segment_axes": "exact", "plate_error": EXACT_PLATES}
 
 
 @pytest.mark.slow
-def test_intervals_of_whole_calibrations_cover_the_truth(kept: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Told that plates and palpated axes are exact: bars for what may be wrong with them are for others than these.
+def test_intervals_of_whole_calibrations_cover_the_truth(
+    kept: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Told that plates and palpated axes are exact: bars for what may be wrong with them are for
+    others than these.
 
-    Isolated trials beside the walk: `test_truth.py::test_synthetic_people_and_the_part_of_that_name`.
+    Isolated trials beside the walk:
+    `test_truth.py::test_synthetic_people_and_the_part_of_that_name`.
     """
     monkeypatch.setattr("scripts.validation.truth.made_up.synthesize", partial(copied_person, kept))
     people = [made_up.synthetic_person(seed, made_up.Settings.GAIT_ONLY, EXACT) for seed in SEEDS]
@@ -239,7 +297,8 @@ def test_intervals_of_whole_calibrations_cover_the_truth(kept: Path, monkeypatch
         for pairs in ([p.powers for p in people], [p.vectors for p in people])
     )
     for z in (joint, torques, powers, vectors):
-        # wide for these people, who vary less (within 10 mm, 10 deg, 10 %) than people of whom priors are
+        # wide for these people, who vary less (within 10 mm, 10 deg, 10 %) than people of whom
+        # priors are
         assert 55.0 < 100.0 * np.mean(np.abs(z) < 1.0) < 92.0
         assert 100.0 * np.mean(np.abs(z) < 1.96) > 86.0
     report = list(made_up.lines(people))
@@ -259,8 +318,11 @@ def test_the_truth_is_told_in_the_frames_of_the_calibration(kept: Path) -> None:
     )
     nominal = parameter_table(calibrate(study)).set_index("name")["nominal"]
     person = replace(published_model(static_only=True), parameters=true_gait(3)[0])
-    truth = dict(zip(JP_NAMES, static_frames(person, rule).parameters.joint / JP_TO_SI, strict=True))
-    # one hip joins two frames: its true place in the thigh, which begins at the nominal hip, is where it misses that
+    truth = dict(
+        zip(JP_NAMES, static_frames(person, rule).parameters.joint / JP_TO_SI, strict=True)
+    )
+    # one hip joins two frames: its true place in the thigh, which begins at the nominal hip, is
+    # where it misses that
     for side in "rl":
         names = [f"hip_{side}.{{}}.{direction}" for direction in ("ant", "sup", "lat")]
         in_pelvis = [truth[n.format("pelvis")] - nominal[n.format("pelvis")] for n in names]

@@ -1,14 +1,15 @@
 """What became of a model's joints, and of what is fixed to the bones between them.
 
-A bone between two joints, whose centres a, b in the body have gone to a', b', takes along what is fixed to it by the
-affine map
+A bone between two joints, whose centres a, b in the body have gone to a', b', takes along what is
+fixed to it by the affine map
 
     x' = m' + R (I + (k - 1) u u^T) (x - m),    m = (a + b) / 2,    u = (b - a) / |b - a|,    k = |b' - a'| / |b - a|,
 
-R the smallest turn from b - a to b' - a': it is stretched along itself as scaling would, and no thicker. Such bones are
-the pelvis, between its hips, thighs, and shanks. Muscle points, contact spheres and places of other joints in the bone
-follow the map; wraps and meshes are shifted and turned, and keep their size; of a point that moves with a coordinate
-all places are shifted as their mean is. Markers stay, as they tell where the body is, and so do mass centres.
+R the smallest turn from b - a to b' - a': it is stretched along itself as scaling would, and no
+thicker. Such bones are the pelvis, between its hips, thighs, and shanks. Muscle points, contact
+spheres and places of other joints in the bone follow the map; wraps and meshes are shifted and
+turned, and keep their size; of a point that moves with a coordinate all places are shifted as their
+mean is. Markers stay, as they tell where the body is, and so do mass centres.
 """
 
 import xml.etree.ElementTree as ET
@@ -46,11 +47,14 @@ class JointEnd:
     shift: Array  # (3,) m, in the body's axes: of the centre, of a hinge across its axis
     turn: float  # rad, of a hinge's axis; of a ball joint's frame
     errors: tuple[float, float]
-    """m and rad, standard errors of the centre (of a hinge across its axis) and of the direction of a hinge's axis: the
-    root of the sum of squares in all directions, of the joint parameters and of the registration. NaN where unknown."""
+    """m and rad, standard errors of the centre (of a hinge across its axis) and of the direction of
+    a hinge's axis: the root of the sum of squares in all directions, of the joint parameters and of
+    the registration. NaN where unknown."""
     changed: bool  # Whether the file is changed here
     landmarks: float
-    """m, by which landmarks of the static trial alone would have moved it; NaN in a body that is no segment of ours."""
+    """m, by which landmarks of the static trial alone would have moved it; NaN in a body that is no
+    segment of ours.
+    """
 
     @property
     def moved(self) -> float:
@@ -65,8 +69,12 @@ class JointMove:
     joint: str  # Ours: `hip_r`, ...
     theirs: str  # Name in the model; empty where it has none
     verdict: Verdict
-    known: float  # Standard error of its parameters over that before any trial, the larger of positions and directions
-    standing: Mapping[str, float]  # Coordinate of theirs -> rad (m) as the person stands, before and after
+    # Standard error of its parameters over that before any trial, the larger of positions and
+    # directions
+    known: float
+    standing: Mapping[
+        str, float
+    ]  # Coordinate of theirs -> rad (m) as the person stands, before and after
     rolls: tuple[float, float] = (0.0, 0.0)
     """m and rad, by which the standing bones are then off: what the joint rolls, or cannot do."""
     parent: JointEnd | None = None
@@ -94,7 +102,9 @@ class Bone:
         """The same in the axes of a frame in the body."""
         turn = frame.rotation.T
         was, now = frame.actInv(self.was), frame.actInv(self.now)
-        return replace(self, was=was, now=now, turn=turn @ self.turn @ turn.T, along=turn @ self.along)
+        return replace(
+            self, was=was, now=now, turn=turn @ self.turn @ turn.T, along=turn @ self.along
+        )
 
     @property
     def rigid(self) -> pin.SE3:
@@ -135,13 +145,18 @@ def bones_of(
     return out
 
 
-SHORTEST = 0.1  # m; joints that are nearer, as those of a talus, have no bone between them that could be stretched
+# m; joints that are nearer, as those of a talus, have no bone between them that could be stretched
+SHORTEST = 0.1
 
-Change = tuple[ET.Element, tuple[str, ...], tuple[Array, ...]]  # Of an element the numbers of these children
+Change = tuple[
+    ET.Element, tuple[str, ...], tuple[Array, ...]
+]  # Of an element the numbers of these children
 
 
 def carried(document: osim_reader.OsimDocument, bones: Mapping[str, Bone]) -> Iterator[Change]:
-    """What changes in the document: points and wraps that are fixed to these bodies, markers excepted."""
+    """What changes in the document: points and wraps that are fixed to these bodies, markers
+    excepted.
+    """
     source, bone_at = document.source, _by_frame(document, bones)
     for element in document.model.iter() if bones else ():
         bone = bone_at.get(_fixed_to(element))
@@ -155,7 +170,10 @@ def carried(document: osim_reader.OsimDocument, bones: Mapping[str, Bone]) -> It
     for body in bones:
         for path, _, frame in document.frames_of(body):
             for wrap in frame.findall("WrapObjectSet/objects/*"):
-                at, angles = (read_numbers(wrap, tag, source, count=3) for tag in ("translation", "xyz_body_rotation"))
+                at, angles = (
+                    read_numbers(wrap, tag, source, count=3)
+                    for tag in ("translation", "xyz_body_rotation")
+                )
                 turned = bone_at[path].turn @ osim_writer.from_body_fixed_xyz(angles)
                 yield (
                     wrap,
@@ -165,13 +183,19 @@ def carried(document: osim_reader.OsimDocument, bones: Mapping[str, Bone]) -> It
 
 
 def _by_frame(document: osim_reader.OsimDocument, bones: Mapping[str, Bone]) -> dict[str, Bone]:
-    """Path of a body or of an offset frame in it, from the body on -> how the bone goes, in the axes of the frame."""
-    return {path: bone.seen_from(pose) for body, bone in bones.items() for path, pose, _ in document.frames_of(body)}
+    """Path of a body or of an offset frame in it, from the body on -> how the bone goes, in the
+    axes of the frame.
+    """
+    return {
+        path: bone.seen_from(pose)
+        for body, bone in bones.items()
+        for path, pose, _ in document.frames_of(body)
+    }
 
 
 def _fixed_to(element: ET.Element) -> str:
-    """The path, from a body on, of what an element with a place is fixed to, of either generation of files; empty where
-    it has none.
+    """The path, from a body on, of what an element with a place is fixed to, of either generation
+    of files; empty where it has none.
     """
     found = (osim_reader.socket_of(element, tag) for tag in ("socket_parent_frame", "socket_frame"))
     named = next((e for e in (*found, element.find("body")) if e is not None), None)
@@ -179,7 +203,9 @@ def _fixed_to(element: ET.Element) -> str:
     return text.rpartition("bodyset/")[2].rpartition("../")[2]
 
 
-def _moving_point(element: ET.Element, bone: Bone, document: osim_reader.OsimDocument) -> Iterator[Change]:
+def _moving_point(
+    element: ET.Element, bone: Bone, document: osim_reader.OsimDocument
+) -> Iterator[Change]:
     found = []
     for axis in "xyz":
         function = element.find(f"{axis}_location")
@@ -189,8 +215,13 @@ def _moving_point(element: ET.Element, bone: Bone, document: osim_reader.OsimDoc
             if holder is not None:
                 break
         if function is None or holder is None:
-            message = f"found {axis}_location of another kind, allowed: a spline or a constant (or --attachments stay)"
-            raise InputError(message, source=document.source, field=element.get("name"), code=Code.OTHER_MODEL)
+            message = (
+                f"found {axis}_location of another kind, allowed: a spline or a constant (or "
+                "--attachments stay)"
+            )
+            raise InputError(
+                message, source=document.source, field=element.get("name"), code=Code.OTHER_MODEL
+            )
         scale = next((float(e.text or 1.0) for e in function.iter("scale")), 1.0)
         found.append((holder, tag, read_numbers(holder, tag, document.source), scale))
     mean = np.array([scale * numbers.mean() for _, _, numbers, scale in found])
@@ -207,7 +238,9 @@ class CarriedPoints:
     farthest: float  # m
 
 
-def carried_by_muscles(document: osim_reader.OsimDocument, bones: Mapping[str, Bone]) -> tuple[CarriedPoints, ...]:
+def carried_by_muscles(
+    document: osim_reader.OsimDocument, bones: Mapping[str, Bone]
+) -> tuple[CarriedPoints, ...]:
     """Every muscle with such points, the one with the farthest first."""
     out, bone_at = [], _by_frame(document, bones)
     for force in document.model.findall("ForceSet/objects/*") if bones else ():
@@ -218,7 +251,9 @@ def carried_by_muscles(document: osim_reader.OsimDocument, bones: Mapping[str, B
                 place = read_numbers(point, "location", document.source, count=3)
                 moves.append(float(np.linalg.norm(bone.point(place) - place)))
         if moves:
-            out.append(CarriedPoints(muscle=force.get("name", ""), points=len(moves), farthest=max(moves)))
+            out.append(
+                CarriedPoints(muscle=force.get("name", ""), points=len(moves), farthest=max(moves))
+            )
     return tuple(sorted(out, key=lambda m: -m.farthest))
 
 
@@ -238,7 +273,12 @@ def joints_csv(moves: Sequence[JointMove]) -> str:
             if end is None:
                 continue
             numbers = [*(1e3 * end.shift), 1e3 * end.moved, 1e3 * end.errors[0]]
-            numbers += [np.degrees(end.turn), np.degrees(end.errors[1]), 1e3 * move.rolls[0], np.degrees(move.rolls[1])]
+            numbers += [
+                np.degrees(end.turn),
+                np.degrees(end.errors[1]),
+                1e3 * move.rolls[0],
+                np.degrees(move.rolls[1]),
+            ]
             numbers += [1e3 * end.landmarks]
             words = ",".join(f"{x:.4f}" if np.isfinite(x) else "" for x in numbers)
             lines.append(f'{start},{name},"{end.body}",{words}')

@@ -1,30 +1,35 @@
 """A person's calibrated hips, knees and ankles put into an OpenSim model of the user's own.
 
-Bodies stay where they are, with all that is fixed to them: meshes, muscle points, wraps, markers. What moves is where
-the joints sit in them. With G_b the pose of body b in the laboratory while the person stands, by our calibrated linkage
-and the registration of b to our segment (`osim_registration.py`), P and C the joint's frames in parent p and child c,
-M(q) its motion, and q0 its coordinates as the person stands,
+Bodies stay where they are, with all that is fixed to them: meshes, muscle points, wraps, markers.
+What moves is where the joints sit in them. With G_b the pose of body b in the laboratory while the
+person stands, by our calibrated linkage and the registration of b to our segment
+(`osim_registration.py`), P and C the joint's frames in parent p and child c, M(q) its motion, and
+q0 its coordinates as the person stands,
 
     ball     P' = D P,    C' = (G_p^-1 G_c)^-1 P' M(q0),
 
-D the shift that takes its centre to ours: the bones stand as they stood with the very coordinates q0 that they had. q0
-are those of the model as it was that turn its bones, one against the other, as ours are turned.
+D the shift that takes its centre to ours: the bones stand as they stood with the very coordinates
+q0 that they had. q0 are those of the model as it was that turn its bones, one against the other, as
+ours are turned.
 
-A hinge of theirs is A Rz(theta) B^-1, or nearly so (`osim_correspondence.py`). With D and E the smallest rigid motions,
-across the axis and turning it, that take A's line to our axis in p and B's to our axis in c,
+A hinge of theirs is A Rz(theta) B^-1, or nearly so (`osim_correspondence.py`). With D and E the
+smallest rigid motions, across the axis and turning it, that take A's line to our axis in p and B's
+to our axis in c,
 
     hinge    P' = D P,    C' = E B Tz(-d) Rz(-phi) B^-1 C,
 
-d and phi being what our standing bones are slid and turned in that hinge, D A and E B, beside theirs at q0. M is moved
-as a whole: a knee that rolls keeps its functions, and rolls about our axis; the standing bones then differ by what
-rolling is at q0, which is told.
+d and phi being what our standing bones are slid and turned in that hinge, D A and E B, beside
+theirs at q0. M is moved as a whole: a knee that rolls keeps its functions, and rolls about our
+axis; the standing bones then differ by what rolling is at q0, which is told.
 
-Between shank and foot lies the talus, which no marker shows: it goes with the joint above it. Of the joints that move
-between two registered bodies all but the last keep their place in their child, and the last closes the chain.
+Between shank and foot lies the talus, which no marker shows: it goes with the joint above it. Of
+the joints that move between two registered bodies all but the last keep their place in their child,
+and the last closes the chain.
 
-A joint whose parameters the recordings say little of stays as it is: where their standard errors are more than
-`UNDETERMINED_SHARE` of what they were before any trial was looked at. In draws it goes about its place by these errors:
-in either body by what takes our axis of the calibrated parameters to that of the drawn ones.
+A joint whose parameters the recordings say little of stays as it is: where their standard errors
+are more than `UNDETERMINED_SHARE` of what they were before any trial was looked at. In draws it
+goes about its place by these errors: in either body by what takes our axis of the calibrated
+parameters to that of the drawn ones.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -60,9 +65,13 @@ from gaitcal.study.cohort_prior import JointPrior
 
 UNDETERMINED_SHARE = 0.9  # Of the standard error before; nine tenths are a fifth of the variance
 APART = 0.010
-"""m RMS; markers of a model that was scaled to the person, and moved to the static trial, agree to some millimetres."""
+"""m RMS; markers of a model that was scaled to the person, and moved to the static trial, agree to
+some millimetres.
+"""
 FAR_M = 0.020
-"""m; twice what the best regressions miss a hip by, in three directions together (`calibration/joint_prior.py`)."""
+"""m; twice what the best regressions miss a hip by, in three directions together
+(`calibration/joint_prior.py`).
+"""
 ROLLING = 1e-4  # m RMS, from a hinge, from which a joint rolls
 
 
@@ -86,7 +95,9 @@ class CalibratedOsim:
     @property
     def left(self) -> tuple[str, ...]:
         """Joints, ours, that stay as they are: the recordings say little of them."""
-        return tuple(move.joint for move in self.joints if move.verdict is joint_moves.Verdict.UNDETERMINED)
+        return tuple(
+            move.joint for move in self.joints if move.verdict is joint_moves.Verdict.UNDETERMINED
+        )
 
     def drawn(self, rng: np.random.Generator) -> bytes:
         """A file with parameters drawn from their errors and bodies registered with theirs."""
@@ -109,23 +120,23 @@ def into_osim(
 ) -> CalibratedOsim:
     """Put the joints of the legs of `model` into the OpenSim model in the file `osim` (3.x or 4.x).
 
-    `errors`: of the joint parameters (`Uncertainty.joint`); None: they count as exact, and every joint as determined.
-    `prior`: what was known of joints before; anatomy unless given.
-    `names`: a TOML file that says which joints are meant (`read_names`).
-    `recorded`: our coordinate -> (n,) rad in the recordings, over which a knee that rolls is taken; unless given, over
-    a stride of the built-in person.
-    `marker_set`: whose landmarks are markers of the static trial, at the ends of bones: with them, bodies are laid on
-    segments by these markers, too.
-    `masses`: the bodies weigh what our segments weigh, too (`body_weights`).
-    `inertial`: (84, n) R with covariance R R^T of the inertial parameters (`Uncertainty.inertial`), for draws of
-    masses; None: these have the same ones.
-    `follow`: muscle points, wraps and meshes go with the joints at both ends of their bone (`joint_moves.py`).
+    `errors`: of the joint parameters (`Uncertainty.joint`); None: they count as exact, and every
+    joint as determined. `prior`: what was known of joints before; anatomy unless given. `names`: a
+    TOML file that says which joints are meant (`read_names`). `recorded`: our coordinate -> (n,)
+    rad in the recordings, over which a knee that rolls is taken; unless given, over a stride of the
+    built-in person. `marker_set`: whose landmarks are markers of the static trial, at the ends of
+    bones: with them, bodies are laid on segments by these markers, too. `masses`: the bodies weigh
+    what our segments weigh, too (`body_weights`). `inertial`: (84, n) R with covariance R R^T of
+    the inertial parameters (`Uncertainty.inertial`), for draws of masses; None: these have the same
+    ones. `follow`: muscle points, wraps and meshes go with the joints at both ends of their bone
+    (`joint_moves.py`).
 
     Returns
     -------
     The file's content, the same but for where joints sit, and what was done. Nothing is written.
 
-    Raises InputError: The file is no model, or has no legs that can be told, or its markers do not fit this person.
+    Raises InputError: The file is no model, or has no legs that can be told, or its markers do not
+    fit this person.
     """
     model = model if marker_set is None else osim_registration.with_landmarks(model, marker_set)
     document = read_document(osim)
@@ -175,23 +186,29 @@ class Transfer:
         )
 
     def drawn(self, rng: np.random.Generator) -> bytes:
-        """A file with joints (and masses, if they are transferred) drawn from their errors, bodies registered with
-        theirs; joints that are left go about their place.
+        """A file with joints (and masses, if they are transferred) drawn from their errors, bodies
+        registered with theirs; joints that are left go about their place.
         """
         parameters = self.model.parameters
         if self.errors is not None:
-            own = self.errors.of([name for name in self.errors.free if name in JP_INDEX])  # soft tissue is no joint
+            own = self.errors.of(
+                [name for name in self.errors.free if name in JP_INDEX]
+            )  # soft tissue is no joint
             at = [JP_INDEX[name] for name in own.free]
             moved = own.parameters @ rng.normal(size=own.parameters.shape[1])
             parameters = parameters.with_joint(own.free, parameters.joint[at] + moved)
         if self.masses and self.inertial is not None:
             inertial = np.full_like(parameters.inertial, -1.0)
             while (table(inertial)[:, 0] <= 0.0).any():
-                inertial = parameters.inertial + self.inertial @ rng.normal(size=self.inertial.shape[1])
+                inertial = parameters.inertial + self.inertial @ rng.normal(
+                    size=self.inertial.shape[1]
+                )
             parameters = parameters.with_inertial(inertial)
         bodies = {s: replace(r, pose=r.drawn(rng)) for s, r in self.bodies.items()}
         left = {
-            leg.ours: osim_registration.about_its_place(leg, self.peer, self.bodies, self.model.parameters, parameters)
+            leg.ours: osim_registration.about_its_place(
+                leg, self.peer, self.bodies, self.model.parameters, parameters
+            )
             for leg in self.legs
             if self._is_left(leg.ours)
         }
@@ -211,10 +228,15 @@ class Transfer:
     def _weights(self) -> tuple[dict[str, Weight], tuple[osim_registration.SegmentMass, ...]]:
         if not self.masses:
             return {}, ()
-        return osim_registration.body_weights(self.model.parameters, self.document, self.peer, self.bodies)
+        return osim_registration.body_weights(
+            self.model.parameters, self.document, self.peer, self.bodies
+        )
 
     def _content(
-        self, moves: Sequence[joint_moves.JointMove], weights: Mapping[str, Weight], legs: Sequence[LegJoint]
+        self,
+        moves: Sequence[joint_moves.JointMove],
+        weights: Mapping[str, Weight],
+        legs: Sequence[LegJoint],
     ) -> bytes:
         """The file with these joints, and bodies of these weights; `legs`: as they were read."""
         places: dict[tuple[str, str], Place] = {}
@@ -229,14 +251,19 @@ class Transfer:
                 )
                 if any(moved):
                     places[was.theirs.name, name] = Place(
-                        after.translation if moved[0] else None, after.rotation if moved[1] else None
+                        after.translation if moved[0] else None,
+                        after.rotation if moved[1] else None,
                     )
         bones, names = self._bones(moves), {leg.theirs.name for leg in legs}
         for joint in self.peer.joints.values():  # patella, back: what hangs on a bone elsewhere
             if joint.parent in bones and joint.name not in names:
-                places[joint.name, "parent"] = Place(bones[joint.parent].point(joint.in_parent.translation), None)
+                places[joint.name, "parent"] = Place(
+                    bones[joint.parent].point(joint.in_parent.translation), None
+                )
         meshes = {body: bone.rigid for body, bone in bones.items()}
-        return self.document.changed(places, weights, joint_moves.carried(self.document, bones), meshes)
+        return self.document.changed(
+            places, weights, joint_moves.carried(self.document, bones), meshes
+        )
 
     def _bones(self, moves: Sequence[joint_moves.JointMove]) -> dict[str, joint_moves.Bone]:
         return joint_moves.bones_of(moves, self.peer, self.legs) if self.follow else {}
@@ -257,7 +284,11 @@ class Transfer:
         return tuple(
             found.get(name)
             or joint_moves.JointMove(
-                joint=name, theirs="", verdict=joint_moves.Verdict.ABSENT, known=float("nan"), standing={}
+                joint=name,
+                theirs="",
+                verdict=joint_moves.Verdict.ABSENT,
+                known=float("nan"),
+                standing={},
             )
             for name in (f"{joint}_{side}" for side in SIDES for joint in NEEDED_JOINTS)
         )
@@ -295,16 +326,26 @@ class Transfer:
                 continue
             standing = None
             if joint is moving[-1]:
-                standing = pose.actInv(stand[bottom] * self.peer.body_pose(bottom, joint.child, q0).inverse())
-            of_above = not leg.ours.startswith("subtalar")  # whose parent, the talus, has no markers
+                standing = pose.actInv(
+                    stand[bottom] * self.peer.body_pose(bottom, joint.child, q0).inverse()
+                )
+            of_above = not leg.ours.startswith(
+                "subtalar"
+            )  # whose parent, the talus, has no markers
             segment = (
-                osim_registration.JOINT_OF[leg.ours].parent if of_above else osim_registration.JOINT_OF[leg.ours].child
+                osim_registration.JOINT_OF[leg.ours].parent
+                if of_above
+                else osim_registration.JOINT_OF[leg.ours].child
             )
-            target = osim_registration.axis_of_ours(leg.ours, self.model.parameters, of_above).moved(
-                pose.actInv(segments[segment])
-            )
+            target = osim_registration.axis_of_ours(
+                leg.ours, self.model.parameters, of_above
+            ).moved(pose.actInv(segments[segment]))
             put = (put_ball if leg.hinge is None else put_hinge)(leg, was, target, standing)
-            now = put.in_parent * joint.in_parent.actInv(was * joint.in_child) * put.in_child.inverse()
+            now = (
+                put.in_parent
+                * joint.in_parent.actInv(was * joint.in_child)
+                * put.in_child.inverse()
+            )
             centre = pose.act(put.centre)
             ends = [
                 joint_moves.JointEnd(
@@ -325,7 +366,9 @@ class Transfer:
             ]
             yield move(
                 verdict=joint_moves.Verdict.MOVED,
-                rolls=(0.0, 0.0) if standing is None else (shift_between(standing, now), turn_between(standing, now)),
+                rolls=(0.0, 0.0)
+                if standing is None
+                else (shift_between(standing, now), turn_between(standing, now)),
                 parent=ends[0],
                 child=ends[1],
             )
@@ -335,7 +378,9 @@ class Transfer:
         """m, from a joint as it was read to where the nominal model has it in that body."""
         ours, joint = osim_registration.JOINT_OF[leg.ours], leg.theirs
         segment, body, frame = (
-            (ours.parent, joint.parent, joint.in_parent) if of_parent else (ours.child, joint.child, joint.in_child)
+            (ours.parent, joint.parent, joint.in_parent)
+            if of_parent
+            else (ours.child, joint.child, joint.in_child)
         )
         registration = self.bodies.get(segment)
         if registration is None or registration.body != body:
@@ -351,7 +396,9 @@ class Transfer:
     def _errors(
         self, joint: str, of_parent: bool, point: Array, segments: Mapping[str, pin.SE3]
     ) -> tuple[float, float]:
-        """Standard errors, m and rad, of the place of a joint in one of its bodies; `point`: (3,) m, laboratory."""
+        """Standard errors, m and rad, of the place of a joint in one of its bodies; `point`: (3,)
+        m, laboratory.
+        """
         ours, parameters = osim_registration.JOINT_OF[joint], self.model.parameters
         segment = ours.parent if of_parent else ours.child
         registration = self.bodies.get(segment)
@@ -359,10 +406,16 @@ class Transfer:
             return float("nan"), float("nan")
         at = segments[segment].actInv(point)
         axis = osim_registration.axis_of_ours(joint, parameters, of_parent)
-        across = np.eye(3) if joint.startswith("hip") else np.eye(3) - np.outer(axis.direction, axis.direction)
+        across = (
+            np.eye(3)
+            if joint.startswith("hip")
+            else np.eye(3) - np.outer(axis.direction, axis.direction)
+        )
         shift, turn = registration.point_covariance(at), registration.turn_covariance
         names = [p.name for p in JOINT_PARAMETERS if p.joint == joint and p.segment == segment]
-        if self.errors is not None and (told := [name for name in names if name in self.errors.free]):
+        if self.errors is not None and (
+            told := [name for name in names if name in self.errors.free]
+        ):
             moves = np.zeros((6, len(told)))
             for k, name in enumerate(told):
                 value = parameters.joint[JP_INDEX[name]]
@@ -373,56 +426,81 @@ class Transfer:
                     for d in (_STEP, -_STEP)
                 )
                 ends = [
-                    np.concatenate([x.point if joint.startswith("hip") else x.nearest(at), x.direction])
+                    np.concatenate(
+                        [x.point if joint.startswith("hip") else x.nearest(at), x.direction]
+                    )
                     for x in (more, less)
                 ]
                 moves[:, k] = (ends[0] - ends[1]) / (2 * _STEP)
             covariance = moves @ self.errors.of(told).covariance @ moves.T
             shift, turn = shift + covariance[:3, :3], across @ turn @ across + covariance[3:, 3:]
         size = float(np.sqrt(np.trace(across @ shift @ across)))
-        return size, float("nan") if joint.startswith("hip") else float(np.sqrt(np.trace(across @ turn @ across)))
+        return size, float("nan") if joint.startswith("hip") else float(
+            np.sqrt(np.trace(across @ turn @ across))
+        )
 
     def _notes(self, moves: Sequence[joint_moves.JointMove]) -> Iterator[str]:
         moved = {
-            e.body for m in moves for e in (m.parent, m.child) if e is not None and e.moved > joint_moves.UNMOVED_M
+            e.body
+            for m in moves
+            for e in (m.parent, m.child)
+            if e is not None and e.moved > joint_moves.UNMOVED_M
         }
-        feet = {leg.theirs.child for leg in self.legs if leg.ours.startswith(("talocrural", "subtalar"))}
+        feet = {
+            leg.theirs.child for leg in self.legs if leg.ours.startswith(("talocrural", "subtalar"))
+        }
         feet |= {leg.theirs.parent for leg in self.legs if leg.ours.startswith("subtalar")}
         if self.follow and (stay := sorted(moved - feet - self._bones(moves).keys())):
             yield (
-                f"{', '.join(stay)}: no bone between two joints (hips, or hip and knee, or knee and ankle), so that "
+                f"{', '.join(stay)}: no bone between two joints (hips, or hip and knee, or knee "
+                "and ankle), so that "
                 "muscle points, wraps and meshes there do not follow"
             )
         off = {leg.ours: leg.hinge.off for leg in self.legs if leg.hinge is not None}
-        beside = "" if self.follow else ": muscle points beside it stay on their bones, and may no longer suit it"
+        beside = (
+            ""
+            if self.follow
+            else ": muscle points beside it stay on their bones, and may no longer suit it"
+        )
         for move in moves:
             if move.verdict is joint_moves.Verdict.MOVED and off.get(move.joint, 0.0) > ROLLING:
                 yield (
-                    f"{move.theirs} is no hinge: over the postures of the recordings {1e3 * off[move.joint]:.1f} mm "
+                    f"{move.theirs} is no hinge: over the postures of the recordings "
+                    f"{1e3 * off[move.joint]:.1f} mm "
                     "RMS from the nearest one, which its standard errors and draws do not count"
                 )
             changed = any(end is not None and end.changed for end in (move.parent, move.child))
             if changed and (names := self.document.hangs_on(move.theirs)):
-                yield f"{', '.join(names)}: fixed to a frame of joint {move.theirs}, and moved with it"
+                yield (
+                    f"{', '.join(names)}: fixed to a frame of joint {move.theirs}, and moved with "
+                    "it"
+                )
             ends = [e for e in (move.parent, move.child) if e is not None and e.moved > FAR_M]
             if ends:
                 far = ", ".join(f"{1e3 * e.moved:.0f}" for e in ends)
-                alone = ", ".join("?" if np.isnan(e.landmarks) else f"{1e3 * e.landmarks:.0f}" for e in ends)
+                alone = ", ".join(
+                    "?" if np.isnan(e.landmarks) else f"{1e3 * e.landmarks:.0f}" for e in ends
+                )
                 yield (
-                    f"{move.theirs} moves by more than {1e3 * FAR_M:.0f} mm in {', '.join(e.body for e in ends)} "
+                    f"{move.theirs} moves by more than {1e3 * FAR_M:.0f} mm in "
+                    f"{', '.join(e.body for e in ends)} "
                     f"({far} mm; by the landmarks of the static trial alone {alone}){beside}"
                 )
         if by_axes := [r for r in self.bodies.values() if r.by_axes]:
             yield (
                 f"{', '.join(r.body for r in by_axes)}: laid on by the axes of joints, up to "
-                f"{1e3 * max(r.rms for r in by_axes):.0f} mm from this person's, as too few markers are shared; "
-                f"nothing shows that the model has this person's size: {osim_registration.NAME_OR_SCALE}"
+                f"{1e3 * max(r.rms for r in by_axes):.0f} mm from this person's, as too few "
+                "markers are shared; "
+                "nothing shows that the model has this person's size: "
+                f"{osim_registration.NAME_OR_SCALE}"
             )
         for r in self.bodies.values():
             if r.rms > APART and not r.by_axes:
                 yield (
-                    f"{r.body}: its markers are {1e3 * r.rms:.0f} mm from this person's, so that it may be of another "
-                    "size: scale the model to this person first, with these markers, and export again"
+                    f"{r.body}: its markers are {1e3 * r.rms:.0f} mm from this person's, so that "
+                    "it may be of another "
+                    "size: scale the model to this person first, with these markers, and export "
+                    "again"
                 )
 
 

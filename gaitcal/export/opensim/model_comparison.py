@@ -1,16 +1,20 @@
-"""Our model beside a peer's OpenSim model: joint centres and axes, lengths, masses, in our segment frames.
+"""Our model beside a peer's OpenSim model: joint centres and axes, lengths, masses, in our segment
+frames.
 
-Where both models have at least three of the same markers on a segment, the rigid motion that brings the peer's marker
-positions onto ours (Kabsch) takes its joint axes into our segment frame. Axes are told as our joint parameters tell
-them: where they cross the segment's sagittal plane, and their orientation, `front` and `trans` with
-z = Rx(front) Ry(trans) e_z; for the subtalar axis `trans` and `sag` with x = Ry(trans) Rz(sag) e_x.
+Where both models have at least three of the same markers on a segment, the rigid motion that brings
+the peer's marker positions onto ours (Kabsch) takes its joint axes into our segment frame. Axes are
+told as our joint parameters tell them: where they cross the segment's sagittal plane, and their
+orientation, `front` and `trans` with z = Rx(front) Ry(trans) e_z; for the subtalar axis `trans` and
+`sag` with x = Ry(trans) Rz(sag) e_x.
 
-A peer's bodies belong to our segments by their names, those of the OpenSim models Gait2354, Gait2392 and Rajagopal2016
-and our own.
+A peer's bodies belong to our segments by their names, those of the OpenSim models Gait2354,
+Gait2392 and Rajagopal2016 and our own.
 
-What an OpenSim model differs in from ours, in words: `their hip centres lie 42 mm behind ours (right 41, left 43)`.
+What an OpenSim model differs in from ours, in words: `their hip centres lie 42 mm behind ours
+(right 41, left 43)`.
 
-Both sides are told together, by their mean; lateral differences and turns of the left side are mirrored first.
+Both sides are told together, by their mean; lateral differences and turns of the left side are
+mirrored first.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -21,7 +25,14 @@ import numpy as np
 
 from gaitcal.errors import Code, InputError
 from gaitcal.export.opensim import osim_correspondence, osim_reader, osim_registration
-from gaitcal.export.opensim.peer_model import Axis, LegGeometry, PeerModel, leg_bodies, our_leg, peer_leg
+from gaitcal.export.opensim.peer_model import (
+    Axis,
+    LegGeometry,
+    PeerModel,
+    leg_bodies,
+    our_leg,
+    peer_leg,
+)
 from gaitcal.model.linkage import SIDES
 from gaitcal.model.parameters import MASSIVE_SEGMENTS, table
 from gaitcal.model.subject_model import SubjectModel
@@ -47,17 +58,20 @@ class _Registered:
     segment: str
     markers: int  # Our markers on the segment
     common: int
-    found: osim_registration.Registration | None  # None with fewer than three common markers, or all on one line
+    found: (
+        osim_registration.Registration | None
+    )  # None with fewer than three common markers, or all on one line
 
 
 def compare(model: SubjectModel, osim: Path | str) -> list[ComparisonRow]:
     """Set `model` beside the OpenSim model in the file `osim` (3.x or 4.x).
 
-    Rows come only for what both models have: masses always; lengths where the peer has the coordinates
-    `hip_flexion_r`, `knee_angle_r`, `ankle_angle_r` (and `_l`); centres and axes where markers register the segment.
+    Rows come only for what both models have: masses always; lengths where the peer has the
+    coordinates `hip_flexion_r`, `knee_angle_r`, `ankle_angle_r` (and `_l`); centres and axes where
+    markers register the segment.
 
-    Raises InputError: The file cannot be read, is no OpenSim model, or has neither leg nor segment masses under names
-    known here.
+    Raises InputError: The file cannot be read, is no OpenSim model, or has neither leg nor segment
+    masses under names known here.
     """
     peer = osim_reader.read_osim(osim)
     rows: list[ComparisonRow] = []
@@ -71,7 +85,10 @@ def compare(model: SubjectModel, osim: Path | str) -> list[ComparisonRow]:
                 rows += _registration_rows(r)
     rows += _mass_rows(model, peer)
     if not rows:
-        message = "has neither hip_flexion_r, knee_angle_r, ankle_angle_r (or _l) nor a body with a known name such as "
+        message = (
+            "has neither hip_flexion_r, knee_angle_r, ankle_angle_r (or _l) nor a body with a "
+            "known name such as "
+        )
         message += f"pelvis, femur_r, tibia_r; found the bodies {', '.join(peer.masses)}"
         raise InputError(message, source=osim, code=Code.OTHER_MODEL)
     return rows
@@ -80,14 +97,22 @@ def compare(model: SubjectModel, osim: Path | str) -> list[ComparisonRow]:
 def _row(quantity: str, unit: str, ours: float, theirs: float) -> ComparisonRow:
     difference = float(theirs - ours) + 0.0  # no negative zeros
     return ComparisonRow(
-        quantity=quantity, unit=unit, ours=float(ours) + 0.0, theirs=float(theirs) + 0.0, difference=difference
+        quantity=quantity,
+        unit=unit,
+        ours=float(ours) + 0.0,
+        theirs=float(theirs) + 0.0,
+        difference=difference,
     )
 
 
 def _leg_rows(side: str, ours: LegGeometry, theirs: LegGeometry) -> list[ComparisonRow]:
     """What both legs have, in the order of ours."""
     known = _leg_quantities(side, theirs)
-    return [_row(*name, value, known[name]) for name, value in _leg_quantities(side, ours).items() if name in known]
+    return [
+        _row(*name, value, known[name])
+        for name, value in _leg_quantities(side, ours).items()
+        if name in known
+    ]
 
 
 def _leg_quantities(side: str, leg: LegGeometry) -> dict[tuple[str, str], float]:
@@ -97,7 +122,10 @@ def _leg_quantities(side: str, leg: LegGeometry) -> dict[tuple[str, str], float]
         f"shank_{side} length, knee centre to talocrural centre": leg.shank_length,
         f"talocrural_{side} to subtalar_{side} axis": leg.ankle_axes_distance,
     }
-    points = {f"hip_{side} centre in pelvis": leg.hip_in_pelvis, f"hip_{side} centre in thigh_{side}": leg.hip_in_thigh}
+    points = {
+        f"hip_{side} centre in pelvis": leg.hip_in_pelvis,
+        f"hip_{side} centre in thigh_{side}": leg.hip_in_thigh,
+    }
     flexion_axes = {
         f"knee_{side} axis in thigh_{side}": leg.knee_in_thigh,
         f"knee_{side} axis in shank_{side}": leg.knee_in_shank,
@@ -106,22 +134,37 @@ def _leg_quantities(side: str, leg: LegGeometry) -> dict[tuple[str, str], float]
     out = {(name, "mm"): 1e3 * length for name, length in lengths.items() if length is not None}
     for name, point in points.items():
         if point is not None:
-            out |= {(f"{name}, {d}", "mm"): 1e3 * value for d, value in zip(DIRECTIONS, point, strict=True)}
+            out |= {
+                (f"{name}, {d}", "mm"): 1e3 * value
+                for d, value in zip(DIRECTIONS, point, strict=True)
+            }
     for name, axis in flexion_axes.items():
         if axis is not None:
             crossing = axis.crossing(2)[:2]
-            out |= {(f"{name}, {d}", "mm"): 1e3 * x for d, x in zip(DIRECTIONS[:2], crossing, strict=True)}
+            out |= {
+                (f"{name}, {d}", "mm"): 1e3 * x
+                for d, x in zip(DIRECTIONS[:2], crossing, strict=True)
+            }
             out |= _turns(name, axis, 2, ("front", "trans"))
     if leg.subtalar_in_foot is not None:
-        out |= _turns(f"subtalar_{side} axis in foot_{side}", leg.subtalar_in_foot, 0, ("trans", "sag"))
+        out |= _turns(
+            f"subtalar_{side} axis in foot_{side}", leg.subtalar_in_foot, 0, ("trans", "sag")
+        )
     return out
 
 
-def _turns(name: str, axis: Axis, along: int, planes: tuple[str, str]) -> dict[tuple[str, str], float]:
-    """Deg by which an axis is turned from coordinate axis `along`, about the two others in their order."""
+def _turns(
+    name: str, axis: Axis, along: int, planes: tuple[str, str]
+) -> dict[tuple[str, str], float]:
+    """Deg by which an axis is turned from coordinate axis `along`, about the two others in their
+    order.
+    """
     back, main, next_one = (axis.direction[(along + k) % 3] for k in (-1, 0, 1))
     angles = np.arctan2(-back, main), np.arcsin(np.clip(next_one, -1.0, 1.0))
-    return {(f"{name}, {plane}", "deg"): float(np.degrees(a)) for plane, a in zip(planes, angles, strict=True)}
+    return {
+        (f"{name}, {plane}", "deg"): float(np.degrees(a))
+        for plane, a in zip(planes, angles, strict=True)
+    }
 
 
 def _register(model: SubjectModel, peer: PeerModel, segment: str, body: str) -> _Registered:
@@ -129,14 +172,24 @@ def _register(model: SubjectModel, peer: PeerModel, segment: str, body: str) -> 
     theirs, ours = osim_registration.shared_markers(model, peer, segment, body)
     markers = model.markers.segments.count(segment)
     return _Registered(
-        segment, markers, len(theirs), osim_registration.registered(segment, body, markers, theirs, ours)
+        segment,
+        markers,
+        len(theirs),
+        osim_registration.registered(segment, body, markers, theirs, ours),
     )
 
 
 def _registration_rows(r: _Registered) -> list[ComparisonRow]:
     rows = [_row(f"{r.segment} markers, and how many the peer shares", "1", r.markers, r.common)]
     if r.found is not None:
-        rows.append(_row(f"{r.segment} shared markers, RMS distance after registration", "mm", 0.0, 1e3 * r.found.rms))
+        rows.append(
+            _row(
+                f"{r.segment} shared markers, RMS distance after registration",
+                "mm",
+                0.0,
+                1e3 * r.found.rms,
+            )
+        )
     return rows
 
 
@@ -157,12 +210,30 @@ def _mass_rows(model: SubjectModel, peer: PeerModel) -> list[ComparisonRow]:
 
 
 LEAST_MM, LEAST_DEG, LEAST_SHARE = 5.0, 3.0, 0.02
-"""Differences that are worth a word: landmarks are not palpated nearer than this; of masses, the part of ours."""
-_MM = {"ant": ("in front of", "behind"), "sup": ("above", "below"), "lat": ("further out than", "further in than")}
-_PLANES = {"front": "in the frontal plane", "trans": "in the transverse plane", "sag": "in the sagittal plane"}
+"""Differences that are worth a word: landmarks are not palpated nearer than this; of masses, the
+part of ours.
+"""
+_MM = {
+    "ant": ("in front of", "behind"),
+    "sup": ("above", "below"),
+    "lat": ("further out than", "further in than"),
+}
+_PLANES = {
+    "front": "in the frontal plane",
+    "trans": "in the transverse plane",
+    "sag": "in the sagittal plane",
+}
 _KNEE, _ANKLE = "knee_{s} axis in thigh_{s}", "talocrural_{s} axis in shank_{s}"
-_POINTS = {"hip_{s} centre in pelvis": "hip centres", _KNEE: "knee axes, in the thigh,", _ANKLE: "ankle axes"}
-_TURNS = {_KNEE: "knee axes", _ANKLE: "ankle axes", "subtalar_{s} axis in foot_{s}": "subtalar axes"}
+_POINTS = {
+    "hip_{s} centre in pelvis": "hip centres",
+    _KNEE: "knee axes, in the thigh,",
+    _ANKLE: "ankle axes",
+}
+_TURNS = {
+    _KNEE: "knee axes",
+    _ANKLE: "ankle axes",
+    "subtalar_{s} axis in foot_{s}": "subtalar axes",
+}
 _LENGTHS = {
     "thigh_{s} length, hip centre to knee centre": "thighs",
     "shank_{s} length, knee centre to talocrural centre": "shanks",
@@ -174,14 +245,19 @@ def osim_words(rows: Sequence[ComparisonRow]) -> tuple[str, ...]:
     sentences = sorted(_told({row.quantity: row for row in rows}), key=lambda of: -of[0])
     if sentences:
         return tuple(text for _, text in sentences)
-    return (f"no centre differs by {LEAST_MM:g} mm, no axis by {LEAST_DEG:g} deg, no mass by {LEAST_SHARE:.0%}",)
+    return (
+        f"no centre differs by {LEAST_MM:g} mm, no axis by {LEAST_DEG:g} deg, no mass by "
+        f"{LEAST_SHARE:.0%}",
+    )
 
 
 def _told(rows: Mapping[str, ComparisonRow]) -> Iterator[tuple[float, str]]:
     """How much each difference matters, and its sentence."""
 
     def of_both(quantity: str, least: float, *, mirrored: bool = False) -> tuple[float, str] | None:
-        """Mean of theirs - ours of both sides, a left side as it would be on the right, and what each side has."""
+        """Mean of theirs - ours of both sides, a left side as it would be on the right, and what
+        each side has.
+        """
         found = {side: rows.get(quantity.format(s=side)) for side in SIDES}
         sides = {
             side: -row.difference if mirrored and side == "l" else row.difference
@@ -192,14 +268,21 @@ def _told(rows: Mapping[str, ComparisonRow]) -> Iterator[tuple[float, str]]:
         if abs(mean) < least:
             return None
         sign = 1.0 if mean > 0 else -1.0
-        each = f" (right {sign * sides['r']:.0f}, left {sign * sides['l']:.0f})" if len(sides) == len(SIDES) else ""
+        each = (
+            f" (right {sign * sides['r']:.0f}, left {sign * sides['l']:.0f})"
+            if len(sides) == len(SIDES)
+            else ""
+        )
         return mean, each
 
     for pattern, title in _POINTS.items():
         for direction, ways in _MM.items():
             if found := of_both(f"{pattern}, {direction}", LEAST_MM, mirrored=direction == "lat"):
                 mean, each = found
-                yield abs(mean) / LEAST_MM, f"their {title} lie {abs(mean):.0f} mm {ways[mean < 0]} ours{each}"
+                yield (
+                    abs(mean) / LEAST_MM,
+                    f"their {title} lie {abs(mean):.0f} mm {ways[mean < 0]} ours{each}",
+                )
     for pattern, title in _TURNS.items():
         for direction, plane in _PLANES.items():
             if found := of_both(f"{pattern}, {direction}", LEAST_DEG, mirrored=direction != "sag"):
@@ -210,7 +293,10 @@ def _told(rows: Mapping[str, ComparisonRow]) -> Iterator[tuple[float, str]]:
         if found := of_both(pattern, LEAST_MM):
             mean, each = found
             way = "longer" if mean > 0 else "shorter"
-            yield abs(mean) / LEAST_MM, f"their {title} are {abs(mean):.0f} mm {way} than ours{each}"
+            yield (
+                abs(mean) / LEAST_MM,
+                f"their {title} are {abs(mean):.0f} mm {way} than ours{each}",
+            )
     row = rows.get("total mass")
     if row is not None and abs(row.difference) >= LEAST_SHARE * row.ours:
         share = abs(row.difference) / max(row.ours, 1e-9) / LEAST_SHARE

@@ -1,13 +1,14 @@
-"""Motion and joint moments of an OpenSim model in the recordings, by OpenSim's own tools, beside ours.
+"""Motion and joint moments of an OpenSim model in the recordings, by OpenSim's own tools, beside
+ours.
 
-Inverse kinematics gets the markers of the trial under the model's names for them, with our weights; its coordinates are
-smoothed as our motion is, so that moments do not differ by a filter; inverse dynamics then gets our forces
-under the feet. A curve of theirs differs from ours by
+Inverse kinematics gets the markers of the trial under the model's names for them, with our weights;
+its coordinates are smoothed as our motion is, so that moments do not differ by a filter; inverse
+dynamics then gets our forces under the feet. A curve of theirs differs from ours by
 
     theirs - ours = offset + rest,
 
-the offset being the mean over the frames that count: coordinates of two models have zeros of their own. A knee that is
-bent by negative angles in their model is turned round first.
+the offset being the mean over the frames that count: coordinates of two models have zeros of their
+own. A knee that is bent by negative angles in their model is turned round first.
 """
 
 import os
@@ -35,8 +36,11 @@ from gaitcal.tracking.bandwidth import Smoother
 from gaitcal.tracking.motion import Motion
 
 ACCURACY = 1e-7
-"""Of inverse kinematics; with the usual 1e-5 markers are half a millimetre off its optimum, which shows in moments."""
-ROLLS = 1e-3  # m; a joint that leaves the hinge nearest to it by more is told: as much as markers tell of it
+"""Of inverse kinematics; with the usual 1e-5 markers are half a millimetre off its optimum, which
+shows in moments.
+"""
+# m; a joint that leaves the hinge nearest to it by more is told: as much as markers tell of it
+ROLLS = 1e-3
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -89,10 +93,14 @@ class MotionComparison:
     notes: tuple[str, ...]  # What explains differences, a sentence each
 
 
-def compare_motion(model: SubjectModel, osim: Path, trials: Sequence[OurMotion]) -> MotionComparison:
-    """Run OpenSim's inverse kinematics and, where there are forces, inverse dynamics of every trial.
+def compare_motion(
+    model: SubjectModel, osim: Path, trials: Sequence[OurMotion]
+) -> MotionComparison:
+    """Run OpenSim's inverse kinematics and, where there are forces, inverse dynamics of every
+    trial.
 
-    Raises InputError: OpenSim is not installed, or cannot use the model; or the model shares too few markers.
+    Raises InputError: OpenSim is not installed, or cannot use the model; or the model shares too
+    few markers.
     """
     try:
         import opensim  # type: ignore[import-untyped,import-not-found,unused-ignore]
@@ -102,7 +110,9 @@ def compare_motion(model: SubjectModel, osim: Path, trials: Sequence[OurMotion])
     opensim.Logger.removeFileSink()  # it writes opensim.log where the user stands
     opensim.Logger.setLevelString("Off")
     if not trials:
-        raise InputError("the result has no motion to be compared", field="--motion", code=Code.NOTHING_TO_SHOW)
+        raise InputError(
+            "the result has no motion to be compared", field="--motion", code=Code.NOTHING_TO_SHOW
+        )
     peer = read_osim(osim)
     legs = leg_joints(peer)
     found: dict[tuple[str, str], list[tuple[Array, Array]]] = {}
@@ -110,19 +120,34 @@ def compare_motion(model: SubjectModel, osim: Path, trials: Sequence[OurMotion])
     for trial in trials:
         with tempfile.TemporaryDirectory() as folder:
             try:
-                theirs, moments, error = _of_opensim(opensim, osim, peer, legs, model, trial, Path(folder))
+                theirs, moments, error = _of_opensim(
+                    opensim, osim, peer, legs, model, trial, Path(folder)
+                )
             except RuntimeError as fault:
                 message = f"OpenSim cannot use it: {' '.join(str(fault).split())[:300]}"
-                raise InputError(message, source=osim, field=trial.name, code=Code.OTHER_MODEL) from None
-        both = [value for label, value in trial.missed.items() if same_label(label, tuple(peer.markers)) is not None]
+                raise InputError(
+                    message, source=osim, field=trial.name, code=Code.OTHER_MODEL
+                ) from None
+        both = [
+            value
+            for label, value in trial.missed.items()
+            if same_label(label, tuple(peer.markers)) is not None
+        ]
         missed.append((float(np.sqrt(np.mean(np.square(both)))), error))
         q = trial.motion.basis.evaluate(trial.motion.coefficients)
         for k, name in enumerate(COORDINATES):
             if name not in theirs or is_translation(name):
                 continue
             sign = _sign(peer, name)
-            found.setdefault((name, "deg"), []).append((np.degrees(q[:, k]), sign * np.degrees(theirs[name])))
-            if name in moments and trial.torques is not None and name in trial.torques and name[-2:] in ("_r", "_l"):
+            found.setdefault((name, "deg"), []).append(
+                (np.degrees(q[:, k]), sign * np.degrees(theirs[name]))
+            )
+            if (
+                name in moments
+                and trial.torques is not None
+                and name in trial.torques
+                and name[-2:] in ("_r", "_l")
+            ):
                 pair = trial.torques[name], sign * moments[name]
                 counts = trial.valid[name[-1]] & np.isfinite(pair[0]) & np.isfinite(pair[1])
                 found.setdefault((name, "N·m"), []).append((pair[0][counts], pair[1][counts]))
@@ -137,7 +162,9 @@ def compare_motion(model: SubjectModel, osim: Path, trials: Sequence[OurMotion])
         if any(len(a) for a, _ in pairs)
     )
     ours, theirs_missed = (float(np.sqrt(np.mean(np.square(e)))) for e in zip(*missed, strict=True))
-    return MotionComparison(curves=curves, missed=(ours, theirs_missed), notes=tuple(_explained(peer, legs, curves)))
+    return MotionComparison(
+        curves=curves, missed=(ours, theirs_missed), notes=tuple(_explained(peer, legs, curves))
+    )
 
 
 def _sign(peer: PeerModel, name: str) -> float:
@@ -158,7 +185,9 @@ def _of_opensim(
     trial: OurMotion,
     folder: Path,
 ) -> tuple[dict[str, Array], dict[str, Array], float]:
-    """Coordinate -> (nf,) rad (m), and N·m in frames with forces, else NaN; and by how much markers are missed, m."""
+    """Coordinate -> (nf,) rad (m), and N·m in frames with forces, else NaN; and by how much markers
+    are missed, m.
+    """
     known, time = tuple(peer.markers), trial.motion.basis.time
     names = {label: same_label(label, known) for label in trial.markers.labels}
     kept = [k for k, label in enumerate(trial.markers.labels) if names[label] is not None]
@@ -168,7 +197,12 @@ def _of_opensim(
         markers=trial.markers.markers[:, kept],
     )
     if not kept:
-        raise InputError("shares no marker with the trial", source=peer.source, field=trial.name, code=Code.OTHER_MODEL)
+        raise InputError(
+            "shares no marker with the trial",
+            source=peer.source,
+            field=trial.name,
+            code=Code.OTHER_MODEL,
+        )
     write_trc(folder / "markers.trc", shared)
     weights = dict(zip(model.markers.labels, model.markers.weight, strict=True))
     tool, loaded = opensim.InverseKinematicsTool(), opensim.Model(str(osim.resolve()))
@@ -209,12 +243,21 @@ def _of_opensim(
 
 
 def _moments(
-    opensim: Any, loaded: Any, legs: Sequence[LegJoint], trial: OurMotion, folder: Path, motion: StorageTable
+    opensim: Any,
+    loaded: Any,
+    legs: Sequence[LegJoint],
+    trial: OurMotion,
+    folder: Path,
+    motion: StorageTable,
 ) -> dict[str, Array]:
     """Coordinate -> (nf,) N·m, NaN where there are no forces."""
     (folder / "motion.mot").write_text(motion.text("Coordinates"), encoding="utf-8")
     document = ET.parse(trial.loads)
-    feet = {leg.ours[-1]: leg.theirs.child for leg in legs if leg.ours.startswith(("talocrural", "subtalar"))}
+    feet = {
+        leg.ours[-1]: leg.theirs.child
+        for leg in legs
+        if leg.ours.startswith(("talocrural", "subtalar"))
+    }
     for body in document.iter("applied_to_body"):
         body.text = feet.get((body.text or "")[-1], body.text)
     for file in document.iter("datafile"):
@@ -237,8 +280,15 @@ def _moments(
     if not done:
         raise RuntimeError("inverse dynamics failed")
     table, time = read_table(folder / "id.sto"), motion.time
-    columns = {name.removesuffix("_moment"): table.column(name) for name in table.names if name.endswith("_moment")}
-    return {name: np.interp(time, table.time, c, left=np.nan, right=np.nan) for name, c in columns.items()}
+    columns = {
+        name.removesuffix("_moment"): table.column(name)
+        for name in table.names
+        if name.endswith("_moment")
+    }
+    return {
+        name: np.interp(time, table.time, c, left=np.nan, right=np.nan)
+        for name, c in columns.items()
+    }
 
 
 @contextmanager
@@ -255,29 +305,45 @@ def _silent() -> Iterator[None]:
             os.close(kept)
 
 
-def _explained(peer: PeerModel, legs: Sequence[LegJoint], curves: Sequence[BothCurves]) -> Iterator[str]:
+def _explained(
+    peer: PeerModel, legs: Sequence[LegJoint], curves: Sequence[BothCurves]
+) -> Iterator[str]:
     """What a difference comes from, where the models tell."""
     known = {(c.coordinate, c.unit): c for c in curves}
     for leg in legs:
         found = known.get((leg.coordinate, "deg"))
         if leg.hinge is None or found is None:
             continue
-        values = _sign(peer, leg.coordinate) * np.radians(np.quantile(found.theirs, np.linspace(0.0, 1.0, 25)))
+        values = _sign(peer, leg.coordinate) * np.radians(
+            np.quantile(found.theirs, np.linspace(0.0, 1.0, 25))
+        )
         poses = [peer.joint_pose(leg.theirs, {leg.coordinate: float(v)}) for v in values]
         off = [
-            pose.actInv(leg.hinge.pose(leg.hinge.angle(pose))).act(leg.theirs.in_child.translation) for pose in poses
+            pose.actInv(leg.hinge.pose(leg.hinge.angle(pose))).act(leg.theirs.in_child.translation)
+            for pose in poses
         ]
         far = max(float(np.linalg.norm(x - leg.theirs.in_child.translation)) for x in off)
         if far > ROLLS:
             yield (
-                f"{leg.theirs.name} rolls: over these angles its centre leaves the hinge nearest to it by up to "
-                f"{1e3 * far:.1f} mm; 1 kN through it makes {1e3 * far:.1f} N·m of moment that no hinge has"
+                f"{leg.theirs.name} rolls: over these angles its centre leaves the hinge nearest "
+                "to it by up to "
+                f"{1e3 * far:.1f} mm; 1 kN through it makes {1e3 * far:.1f} N·m of moment that no "
+                "hinge has"
             )
     for (name, unit), curve in known.items():
-        if unit == "deg" and abs(curve.offset) > curve.rest and abs(curve.offset) > LEAST_OFFSET_DEG:
-            yield f"{name}: mostly a constant, {curve.offset:+.1f} deg: its zero is another one in their model"
+        if (
+            unit == "deg"
+            and abs(curve.offset) > curve.rest
+            and abs(curve.offset) > LEAST_OFFSET_DEG
+        ):
+            yield (
+                f"{name}: mostly a constant, {curve.offset:+.1f} deg: its zero is another one in "
+                "their model"
+            )
         if unit == "deg" and not np.ptp(curve.theirs):
             yield f"{name}: locked in their model, whose other coordinates take up what it would do"
 
 
-LEAST_OFFSET_DEG = 2.0  # deg; zeros that are nearer are not worth a sentence: landmarks are not placed nearer
+LEAST_OFFSET_DEG = (
+    2.0  # deg; zeros that are nearer are not worth a sentence: landmarks are not placed nearer
+)

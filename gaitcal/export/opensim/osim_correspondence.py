@@ -1,17 +1,19 @@
-"""Which joints of an OpenSim model are those of our legs, the hinge that stands for each, and that put elsewhere.
+"""Which joints of an OpenSim model are those of our legs, the hinge that stands for each, and that
+put elsewhere.
 
-Joints are found by the names of their coordinates (those of Gait2354, Gait2392, Rajagopal2016), else by topology: the
-pelvis is the body with two legs, a leg a chain of three or more joints that move and that does not branch into two
-such chains; its first three are hip, knee and ankle; a fourth within `TALUS` of the third is the subtalar joint. A file
-of the user's own goes before both.
+Joints are found by the names of their coordinates (those of Gait2354, Gait2392, Rajagopal2016),
+else by topology: the pelvis is the body with two legs, a leg a chain of three or more joints that
+move and that does not branch into two such chains; its first three are hip, knee and ankle; a
+fourth within `TALUS` of the third is the subtalar joint. A file of the user's own goes before both.
 
-A knee of theirs may roll and slide: what stands for it is the hinge that comes nearest to its motion in the
-postures of the recordings (else of a stride of the built-in person), by least squares over points `LEVER` from its
-centre,
+A knee of theirs may roll and slide: what stands for it is the hinge that comes nearest to its
+motion in the postures of the recordings (else of a stride of the built-in person), by least squares
+over points `LEVER` from its centre,
 
     X_parent_child(q) = A Rz(theta(q)) B^-1    (nearly),
 
-so that a linkage with that hinge is what markers of such a knee would tell. For a hinge it is the hinge itself.
+so that a linkage with that hinge is what markers of such a knee would tell. For a hinge it is the
+hinge itself.
 """
 
 from collections.abc import Iterable, Mapping, Sequence
@@ -32,7 +34,12 @@ from gaitcal.model.parameters import MASSIVE_SEGMENTS
 from gaitcal.model.rotations import axis_rotation
 from gaitcal.synthetic.walk import gait_curves
 
-COORDINATE_OF = {"hip": "hip_flexion", "knee": "knee_angle", "talocrural": "ankle_angle", "subtalar": "subtalar_angle"}
+COORDINATE_OF = {
+    "hip": "hip_flexion",
+    "knee": "knee_angle",
+    "talocrural": "ankle_angle",
+    "subtalar": "subtalar_angle",
+}
 """Joint of a leg -> its first coordinate, in our linkage and in the usual models."""
 TALUS = 0.08  # m; a joint farther from the ankle than the talus is high and long is one of the toes
 LEVER = 0.2  # m: as far as markers sit from a joint
@@ -42,11 +49,14 @@ EXACT = 1e-9  # m; a joint that is so near to a hinge is one
 
 @dataclass(frozen=True)
 class Hinge:
-    """A hinge: its frame, z along the axis, in either body, so placed along it that on the mean it does not slide."""
+    """A hinge: its frame, z along the axis, in either body, so placed along it that on the mean it
+    does not slide.
+    """
 
     in_parent: pin.SE3
     in_child: pin.SE3
-    off: float = 0.0  # m RMS, how far points `LEVER` from its centre are from where the joint that rolls has them
+    # m RMS, how far points `LEVER` from its centre are from where the joint that rolls has them
+    off: float = 0.0
 
     def angle(self, pose: pin.SE3) -> float:
         """The hinge's angle, rad, that is nearest to a pose of the child in the parent."""
@@ -59,7 +69,9 @@ class Hinge:
 
     def pose(self, angle: float) -> pin.SE3:
         """Of the child in the parent."""
-        return self.in_parent * pin.SE3(axis_rotation(2, angle), np.zeros(3)) * self.in_child.inverse()
+        return (
+            self.in_parent * pin.SE3(axis_rotation(2, angle), np.zeros(3)) * self.in_child.inverse()
+        )
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -79,13 +91,15 @@ class _NamesFile(Table):
 
 
 def read_names(path: Path) -> tuple[Mapping[str, str], Mapping[str, str]]:
-    """Joint of ours -> name of theirs, and joint of ours -> coordinate of theirs, of a TOML file with the tables
-    `joints` and `coordinates`; InputError where it is none.
+    """Joint of ours -> name of theirs, and joint of ours -> coordinate of theirs, of a TOML file
+    with the tables `joints` and `coordinates`; InputError where it is none.
     """
     file = read_validated(_NamesFile, path)
     allowed = [f"{joint}_{side}" for side in SIDES for joint in NEEDED_JOINTS]
     for field in ("joints", "coordinates"):
-        require_known(getattr(file, field), allowed, "joint of a leg", source=path, field=field, listed=True)
+        require_known(
+            getattr(file, field), allowed, "joint of a leg", source=path, field=field, listed=True
+        )
     return file.joints, file.coordinates
 
 
@@ -96,20 +110,39 @@ def leg_joints(
 
     `recorded`: our coordinate -> (n,) rad in the postures that its hinge shall stand for.
 
-    Raises InputError: No hip and knee is found of a leg, or a name of the user's is not in the model.
+    Raises InputError: No hip and knee is found of a leg, or a name of the user's is not in the
+    model.
     """
     joints, coordinates = ({}, {}) if names is None else read_names(names)
     by_name = {j.name: j for j in peer.joints.values()}
-    require_known(joints.values(), by_name, "joint of the model", source=names or Path(), field="joints")
-    with_usual_names = [s for s in SIDES if peer.joint_of(f"hip_flexion_{s}") and peer.joint_of(f"knee_angle_{s}")]
-    shape = None if with_usual_names or any(name.startswith("hip") for name in joints) else _by_topology(peer)
+    require_known(
+        joints.values(), by_name, "joint of the model", source=names or Path(), field="joints"
+    )
+    with_usual_names = [
+        s for s in SIDES if peer.joint_of(f"hip_flexion_{s}") and peer.joint_of(f"knee_angle_{s}")
+    ]
+    shape = (
+        None
+        if with_usual_names or any(name.startswith("hip") for name in joints)
+        else _by_topology(peer)
+    )
     out = []
     for side in SIDES:
-        told = {joint: by_name[joints[f"{joint}_{side}"]] for joint in NEEDED_JOINTS if f"{joint}_{side}" in joints}
-        named = {k: j for k, c in COORDINATE_OF.items() if (j := peer.joint_of(f"{c}_{side}")) is not None}
+        told = {
+            joint: by_name[joints[f"{joint}_{side}"]]
+            for joint in NEEDED_JOINTS
+            if f"{joint}_{side}" in joints
+        }
+        named = {
+            k: j
+            for k, c in COORDINATE_OF.items()
+            if (j := peer.joint_of(f"{c}_{side}")) is not None
+        }
         ours, found_by = {**named, **told}, "name"
         if shape is not None:
-            ours = {k.removesuffix(f"_{side}"): j for k, j in shape.items() if k.endswith(f"_{side}")} | told
+            ours = {
+                k.removesuffix(f"_{side}"): j for k, j in shape.items() if k.endswith(f"_{side}")
+            } | told
             found_by = "topology"
         for joint in NEEDED_JOINTS:
             if joint not in ours or (joint == "subtalar" and ours[joint] is ours.get("talocrural")):
@@ -117,14 +150,25 @@ def leg_joints(
             known = [c.name for c in ours[joint].coordinates]
             first, own = f"{COORDINATE_OF[joint]}_{side}", coordinates.get(f"{joint}_{side}")
             if own is not None:
-                require_known([own], known, "coordinate of that joint", source=names or Path(), field="coordinates")
+                require_known(
+                    [own],
+                    known,
+                    "coordinate of that joint",
+                    source=names or Path(),
+                    field="coordinates",
+                )
             name = own or (first if first in known else _main_coordinate(peer, ours, joint))
             by = "your file" if joint in told else found_by
-            leg = LegJoint(ours=f"{joint}_{side}", theirs=ours[joint], coordinate=name, found_by=by, hinge=None)
+            leg = LegJoint(
+                ours=f"{joint}_{side}", theirs=ours[joint], coordinate=name, found_by=by, hinge=None
+            )
             out.append(leg)
     _require_chain(peer, out)
     return tuple(
-        leg if leg.ours.startswith("hip") else replace(leg, hinge=hinge_of(peer, leg, recorded or {})) for leg in out
+        leg
+        if leg.ours.startswith("hip")
+        else replace(leg, hinge=hinge_of(peer, leg, recorded or {}))
+        for leg in out
     )
 
 
@@ -143,7 +187,9 @@ def hinge_of(peer: PeerModel, leg: LegJoint, recorded: Mapping[str, Array]) -> H
     axis = displacement_axis(*ends)
     if axis is None:
         message = f"does not turn with its coordinate {c.name}"
-        raise InputError(message, source=peer.source, field=f"joint {leg.theirs.name}", code=Code.OTHER_MODEL)
+        raise InputError(
+            message, source=peer.source, field=f"joint {leg.theirs.name}", code=Code.OTHER_MODEL
+        )
     centre = axis.nearest((ends[0] * leg.theirs.in_child).translation)
     along = pin.Quaternion.FromTwoVectors(np.eye(3)[2], axis.direction).toRotationMatrix()
     first = pin.SE3(along, centre)
@@ -171,12 +217,20 @@ def hinge_of(peer: PeerModel, leg: LegJoint, recorded: Mapping[str, Array]) -> H
 
 
 def _main_coordinate(peer: PeerModel, leg: Mapping[str, PeerJoint], of: str) -> str:
-    """The coordinate that turns most nearly about the pelvis' z, to the right, as hips, knees and ankles flex;
-    of a subtalar joint, whose axis is oblique, that of the widest range. `leg`: kind of joint of ours -> theirs.
+    """The coordinate that turns most nearly about the pelvis' z, to the right, as hips, knees and
+    ankles flex; of a subtalar joint, whose axis is oblique, that of the widest range. `leg`: kind
+    of joint of ours -> theirs.
     """
     joint, hip = leg[of], leg.get("hip")
-    turning = {a.coordinate: a.axis for a in joint.axes or () if a.rotates and a.coordinate is not None}
-    if of != "subtalar" and len(turning) > 1 and hip is not None and peer.is_below(joint.parent, hip.parent):
+    turning = {
+        a.coordinate: a.axis for a in joint.axes or () if a.rotates and a.coordinate is not None
+    }
+    if (
+        of != "subtalar"
+        and len(turning) > 1
+        and hip is not None
+        and peer.is_below(joint.parent, hip.parent)
+    ):
         z = (peer.body_pose(joint.parent, hip.parent) * joint.in_parent).rotation[2]
         return max(turning, key=lambda name: abs(float(z @ turning[name])))
     found = [c for c in joint.coordinates if c.name in turning] or list(joint.coordinates)
@@ -189,7 +243,9 @@ def _require_chain(peer: PeerModel, found: Iterable[LegJoint]) -> None:
     for leg in found:
         where = f"joint {leg.theirs.name} ({leg.ours})"
         if not leg.coordinate:
-            raise InputError("has no coordinate", source=peer.source, field=where, code=Code.OTHER_MODEL)
+            raise InputError(
+                "has no coordinate", source=peer.source, field=where, code=Code.OTHER_MODEL
+            )
         for body in (leg.theirs.parent, leg.theirs.child):
             if body not in peer.masses:
                 message = f"is fixed to '{body}', which is no body of the model"
@@ -232,11 +288,16 @@ def _by_topology(peer: PeerModel) -> dict[str, PeerJoint]:
             for side, leg in (("r", right), ("l", left)):
                 row = chain(leg)
                 out |= {f"{k}_{side}": j for k, j in zip(NEEDED_JOINTS[:3], row, strict=False)}
-                if len(row) > 3 and np.linalg.norm(peer.body_pose(row[3].child, row[2].child).translation) < TALUS:
+                if (
+                    len(row) > 3
+                    and np.linalg.norm(peer.body_pose(row[3].child, row[2].child).translation)
+                    < TALUS
+                ):
                     out[f"subtalar_{side}"] = row[3]
             return out
     raise InputError(
-        "has no pelvis with two legs of three joints or more, nor coordinates hip_flexion_r, knee_angle_r (and _l); "
+        "has no pelvis with two legs of three joints or more, nor coordinates hip_flexion_r, "
+        "knee_angle_r (and _l); "
         f"found the bodies {', '.join(peer.masses)}; --names FILE.toml says which joints are meant",
         source=peer.source,
         code=Code.OTHER_MODEL,
@@ -245,7 +306,9 @@ def _by_topology(peer: PeerModel) -> dict[str, PeerJoint]:
 
 @dataclass(frozen=True, kw_only=True)
 class PutJoint:
-    """A joint's frames, parent's before child's, and how far centre and axis have gone in either body."""
+    """A joint's frames, parent's before child's, and how far centre and axis have gone in either
+    body.
+    """
 
     in_parent: pin.SE3
     in_child: pin.SE3
@@ -257,8 +320,8 @@ class PutJoint:
 def put_ball(leg: LegJoint, was: pin.SE3, target: Axis, standing: pin.SE3 | None) -> PutJoint:
     """The centre of a joint taken to the point of `target`.
 
-    `was`: pose of the child in the parent at q0; `standing`: the same of the standing bones, None where the joint keeps
-    its place in the child.
+    `was`: pose of the child in the parent at q0; `standing`: the same of the standing bones, None
+    where the joint keeps its place in the child.
     """
     joint = leg.theirs
     at = (was * joint.in_child).translation
@@ -293,7 +356,9 @@ def put_hinge(leg: LegJoint, was: pin.SE3, target: Axis, standing: pin.SE3 | Non
         back = pin.SE3(axis_rotation(2, -turn), np.array([0.0, 0.0, -new.slide(standing)]))
         in_child = new.in_child * back * hinge.in_child.actInv(joint.in_child)
         old_axis, new_axis = hinge.in_child.rotation[:, 2], new.in_child.rotation[:, 2]
-        turn_child = float(np.arctan2(np.linalg.norm(np.cross(old_axis, new_axis)), old_axis @ new_axis))
+        turn_child = float(
+            np.arctan2(np.linalg.norm(np.cross(old_axis, new_axis)), old_axis @ new_axis)
+        )
     return PutJoint(
         in_parent=step * joint.in_parent,
         in_child=in_child,
@@ -304,15 +369,19 @@ def put_hinge(leg: LegJoint, was: pin.SE3, target: Axis, standing: pin.SE3 | Non
 
 
 def smallest_motion(hinge: pin.SE3, target: Axis, centre: Array) -> tuple[pin.SE3, Array, Array]:
-    """The rigid motion that takes a hinge's axis (z of its frame) to a line, how far that shifts the point of the axis
-    next to `centre`, and where that point is then.
+    """The rigid motion that takes a hinge's axis (z of its frame) to a line, how far that shifts
+    the point of the axis next to `centre`, and where that point is then.
     """
     axis = Axis(hinge.translation, hinge.rotation[:, 2])
     direction = target.direction * (1.0 if target.direction @ axis.direction >= 0 else -1.0)
     at = axis.nearest(centre)
     to = target.nearest(at)
     turn = pin.Quaternion.FromTwoVectors(axis.direction, direction).toRotationMatrix()
-    return pin.SE3(np.eye(3), to) * pin.SE3(turn, np.zeros(3)) * pin.SE3(np.eye(3), -at), to - at, to
+    return (
+        pin.SE3(np.eye(3), to) * pin.SE3(turn, np.zeros(3)) * pin.SE3(np.eye(3), -at),
+        to - at,
+        to,
+    )
 
 
 def turn_between(a: pin.SE3, b: pin.SE3) -> float:
@@ -328,8 +397,8 @@ def shift_between(a: pin.SE3, b: pin.SE3) -> float:
 def standing_coordinates(
     peer: PeerModel, row: Sequence[PeerJoint], target: pin.SE3, legs: Mapping[str, LegJoint]
 ) -> dict[str, float]:
-    """Coordinates of the model as it was with which its bodies are turned against each other as `target` is (one
-    hinge: by its angle); locked ones keep their value.
+    """Coordinates of the model as it was with which its bodies are turned against each other as
+    `target` is (one hinge: by its angle); locked ones keep their value.
     """
     used = [{a.coordinate for a in j.axes or () if a.coordinate is not None} for j in row]
     free = [c for j, names in zip(row, used, strict=True) for c in j.coordinates if c.name in names]
@@ -339,11 +408,17 @@ def standing_coordinates(
     def values(q: Array) -> dict[str, float]:
         return held | {c.name: float(x) for c, x in zip(free, q, strict=True)}
 
-    single = legs[row[0].name].hinge if len(row) == 1 and row[0].name in legs and len(free) == 1 else None
+    single = (
+        legs[row[0].name].hinge
+        if len(row) == 1 and row[0].name in legs and len(free) == 1
+        else None
+    )
 
     def residual(q: Array) -> Array:
         if single is not None:
-            return np.array([single.angle(peer.joint_pose(row[0], values(q))) - single.angle(target)])
+            return np.array(
+                [single.angle(peer.joint_pose(row[0], values(q))) - single.angle(target)]
+            )
         turned = np.eye(3)
         for joint in row:
             turned = turned @ peer.joint_pose(joint, values(q)).rotation
@@ -355,7 +430,9 @@ def standing_coordinates(
     return values(least_squares(residual, start, xtol=1e-14, ftol=1e-14, gtol=1e-14).x)
 
 
-ARMS: tuple[str, ...] = tuple(f"{part}_{side}" for side in SIDES for part in ("upper_arm", "forearm_hand"))
+ARMS: tuple[str, ...] = tuple(
+    f"{part}_{side}" for side in SIDES for part in ("upper_arm", "forearm_hand")
+)
 _MIDDLE = {"pelvis": "pelvis", "torso": "head_trunk", "trunk": "head_trunk", "head": "head_trunk"}
 _SIDED = {
     "femur": "thigh",
@@ -374,7 +451,9 @@ _SIDED = {
 
 
 def slides(body: str) -> bool:
-    """Whether a peer's body slides on the segment it is counted with, so that its markers are no part of it."""
+    """Whether a peer's body slides on the segment it is counted with, so that its markers are no
+    part of it.
+    """
     return body.startswith("patella_")
 
 
@@ -391,7 +470,9 @@ def segment_of(body: str) -> str | None:
 
 
 def same_label(label: str, candidates: tuple[str, ...]) -> str | None:
-    """The candidate with this name; else the only one that is the same but for case and punctuation; else None."""
+    """The candidate with this name; else the only one that is the same but for case and
+    punctuation; else None.
+    """
     if label in candidates:
         return label
     plain = _plain(label)

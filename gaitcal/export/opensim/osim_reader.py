@@ -1,9 +1,10 @@
-"""An OpenSim model file of either generation (3.x, 4.x): read into a `PeerModel`, and its joints put elsewhere in its
-text, every byte that is not one of their numbers staying. No OpenSim is needed.
+"""An OpenSim model file of either generation (3.x, 4.x): read into a `PeerModel`, and its joints
+put elsewhere in its text, every byte that is not one of their numbers staying. No OpenSim is
+needed.
 
-The file is parsed once, and of every element it is remembered where its tags begin and end. A joint's places in its two
-bodies stand in `PhysicalOffsetFrame`s (OpenSim 4) or in the joint (OpenSim 3); where there is no frame, or no number in
-it, text is put in.
+The file is parsed once, and of every element it is remembered where its tags begin and end. A
+joint's places in its two bodies stand in `PhysicalOffsetFrame`s (OpenSim 4) or in the joint
+(OpenSim 3); where there is no frame, or no number in it, text is put in.
 """
 
 import re
@@ -18,7 +19,12 @@ import pinocchio as pin
 
 from gaitcal.arrays import Array
 from gaitcal.errors import Code, InputError
-from gaitcal.export.opensim.osim_writer import body_fixed_xyz, from_body_fixed_xyz, numbers, original_name
+from gaitcal.export.opensim.osim_writer import (
+    body_fixed_xyz,
+    from_body_fixed_xyz,
+    numbers,
+    original_name,
+)
 from gaitcal.export.opensim.peer_model import (
     PeerAxis,
     PeerCoordinate,
@@ -30,7 +36,10 @@ from gaitcal.export.opensim.peer_model import (
 
 _TAG = re.compile(rb"""<(?:[^<>"']|"[^"]*"|'[^']*')*>""")
 _BLANK = re.compile(rb"\s*")
-TAGS_3 = {"parent": ("location_in_parent", "orientation_in_parent"), "child": ("location", "orientation")}
+TAGS_3 = {
+    "parent": ("location_in_parent", "orientation_in_parent"),
+    "child": ("location", "orientation"),
+}
 """Where a joint of OpenSim 3 has its place in either body."""
 INERTIA_TAGS = ("inertia", *(f"inertia_{a}" for a in ("xx", "yy", "zz", "xy", "xz", "yz")))
 """Moments of inertia of a body, of OpenSim 4 and 3."""
@@ -82,16 +91,23 @@ class OsimDocument:
 
     def body(self, name: str) -> ET.Element:
         """The element of a body."""
-        return next(e for e in self.model.findall("BodySet/objects/Body") if e.get("name", "") == name)
+        return next(
+            e for e in self.model.findall("BodySet/objects/Body") if e.get("name", "") == name
+        )
 
     def frames_of(self, name: str) -> Iterator[tuple[str, pin.SE3, ET.Element]]:
-        """A body and the offset frames in it (OpenSim 4): path from the body on, pose in the body, element."""
+        """A body and the offset frames in it (OpenSim 4): path from the body on, pose in the body,
+        element.
+        """
         held = [(name, pin.SE3.Identity(), self.body(name))]
         while held:
             path, pose, element = held.pop()
             yield path, pose, element
             for frame in element.findall("components/PhysicalOffsetFrame"):
-                if _named(frame, "socket_parent").rpartition("/")[2] in ("..", path.rpartition("/")[2]):
+                if _named(frame, "socket_parent").rpartition("/")[2] in (
+                    "..",
+                    path.rpartition("/")[2],
+                ):
                     place = pose * _place(frame, *TAGS_4, self.source)
                     held.append((f"{path}/{frame.get('name', '')}", place, frame))
 
@@ -105,12 +121,18 @@ class OsimDocument:
         yield from self.model.findall("JointSet/objects/*")
 
     def hangs_on(self, joint: str) -> list[str]:
-        """Names of elements elsewhere that are fixed to a frame of this joint, and so would move with it."""
+        """Names of elements elsewhere that are fixed to a frame of this joint, and so would move
+        with it.
+        """
         frames = {f"{joint}/{f.get('name')}" for f in self.joint(joint).findall("frames/*")}
         out = []
         for element in self.model.iter():
             for child in element:
-                if child.tag.startswith("socket_") and (child.text or "").strip().endswith(tuple(frames)) and frames:
+                if (
+                    child.tag.startswith("socket_")
+                    and (child.text or "").strip().endswith(tuple(frames))
+                    and frames
+                ):
                     out.append(element.get("name", element.tag))
         return out
 
@@ -123,8 +145,9 @@ class OsimDocument:
     ) -> bytes:
         """The file with joints elsewhere and bodies of other masses.
 
-        `places`: (joint, `parent` or `child`) -> its place in that body; `weights`: by body; `further`: elements, and
-        the numbers of some of their children; `meshes`: body -> motion of what is drawn of it.
+        `places`: (joint, `parent` or `child`) -> its place in that body; `weights`: by body;
+        `further`: elements, and the numbers of some of their children; `meshes`: body -> motion of
+        what is drawn of it.
         """
         edits = _Edits(self)
         for (name, end), place in places.items():
@@ -148,13 +171,19 @@ class _Edits:
     new_frames: dict[ET.Element, list[str]] = field(default_factory=dict)
 
     def place(self, joint: ET.Element, end: str, place: Place) -> None:
-        values = (place.translation, None if place.rotation is None else body_fixed_xyz(place.rotation))
+        values = (
+            place.translation,
+            None if place.rotation is None else body_fixed_xyz(place.rotation),
+        )
         if joint.find("location_in_parent") is not None or joint.find("parent_body") is not None:
             self.numbers(joint, TAGS_3[end], values)
             return
         socket = socket_of(joint, f"socket_{end}_frame")
         connected = "" if socket is None else (socket.text or "").strip()
-        frame = next((f for f in joint.findall("frames/*") if f.get("name") == connected.rpartition("/")[2]), None)
+        frame = next(
+            (f for f in joint.findall("frames/*") if f.get("name") == connected.rpartition("/")[2]),
+            None,
+        )
         if frame is not None:
             self.numbers(frame, TAGS_4, values)
         elif socket is not None:
@@ -164,7 +193,9 @@ class _Edits:
             body = connected if connected.startswith("/") else f"/bodyset/{connected}"
             inside = f"<socket_parent>{body}</socket_parent>"
             inside += "".join(
-                f"<{tag}>{numbers(v)}</{tag}>" for tag, v in zip(TAGS_4, values, strict=True) if v is not None
+                f"<{tag}>{numbers(v)}</{tag}>"
+                for tag, v in zip(TAGS_4, values, strict=True)
+                if v is not None
             )
             frame_text = f'<PhysicalOffsetFrame name="{name}">{inside}</PhysicalOffsetFrame>'
             self.new_frames.setdefault(joint, []).append(frame_text)
@@ -177,21 +208,28 @@ class _Edits:
                 self.numbers(body, (tag,), (weight.inertia * read_numbers(body, tag, source),))
 
     def draw(self, body: ET.Element, pose: pin.SE3) -> None:
-        """Meshes of a body or of an offset frame in it go into a further frame (OpenSim 4); in OpenSim 3 they get a
-        place of their own.
+        """Meshes of a body or of an offset frame in it go into a further frame (OpenSim 4); in
+        OpenSim 3 they get a place of their own.
         """
         content, spans = self.document.content, self.document._spans
         for mesh in body.findall("VisibleObject/GeometrySet/objects/DisplayGeometry"):
             old = read_numbers(mesh, "transform", self.document.source, count=6)
             now = pose * pin.SE3(from_body_fixed_xyz(old[:3]), old[3:])
-            self.numbers(mesh, ("transform",), (np.concatenate([body_fixed_xyz(now.rotation), now.translation]),))
+            self.numbers(
+                mesh,
+                ("transform",),
+                (np.concatenate([body_fixed_xyz(now.rotation), now.translation]),),
+            )
         drawn = body.find("attached_geometry")
         if drawn is None or not len(drawn):
             return
         span, holder = spans[drawn], body.find("components")
         values = zip(TAGS_4, (pose.translation, body_fixed_xyz(pose.rotation)), strict=True)
         places = "".join(f"<{tag}>{numbers(v)}</{tag}>" for tag, v in values)
-        head = f'<PhysicalOffsetFrame name="{body.get("name")}_meshes"><socket_parent>..</socket_parent>{places}'
+        head = (
+            "<PhysicalOffsetFrame "
+            f'name="{body.get("name")}_meshes"><socket_parent>..</socket_parent>{places}'
+        )
         end = content.index(b">", span.end) + 1
         frame = b"".join([head.encode(), content[span.start : end], b"</PhysicalOffsetFrame>"])
         if holder is None or spans[holder].alone(content):
@@ -202,7 +240,9 @@ class _Edits:
             frame = b""
         self.found.append((span.start, end, frame))
 
-    def numbers(self, holder: ET.Element, tags: Sequence[str], all_values: Sequence[Array | None]) -> None:
+    def numbers(
+        self, holder: ET.Element, tags: Sequence[str], all_values: Sequence[Array | None]
+    ) -> None:
         for tag, values in zip(tags, all_values, strict=True):
             if values is None:
                 continue
@@ -211,9 +251,13 @@ class _Edits:
             if element is None:  # after the first tag of its holder, on a line of its own
                 blank = _BLANK.match(content, span.inside)
                 lead = blank.group() if blank else b""
-                self.found.append((span.inside, span.inside, lead + f"<{tag}>{numbers(values)}</{tag}>".encode()))
+                self.found.append(
+                    (span.inside, span.inside, lead + f"<{tag}>{numbers(values)}</{tag}>".encode())
+                )
             elif span.alone(content):
-                self.found.append((span.start, span.inside, f"<{tag}>{numbers(values)}</{tag}>".encode()))
+                self.found.append(
+                    (span.start, span.inside, f"<{tag}>{numbers(values)}</{tag}>".encode())
+                )
             else:
                 self.found.append((span.inside, span.end, numbers(values).encode()))
 
@@ -225,7 +269,9 @@ class _Edits:
                 at = spans[joint].inside
                 self.found.append((at, at, f"<frames>{text}</frames>".encode()))
             elif spans[holder].alone(content):
-                self.found.append((spans[holder].start, spans[holder].inside, f"<frames>{text}</frames>".encode()))
+                self.found.append(
+                    (spans[holder].start, spans[holder].inside, f"<frames>{text}</frames>".encode())
+                )
             else:
                 self.found.append((spans[holder].inside, spans[holder].inside, text.encode()))
         out, last = list[bytes](), 0
@@ -236,7 +282,9 @@ class _Edits:
 
 
 def socket_of(element: ET.Element, socket: str) -> ET.Element | None:
-    """The element that says what a socket is connected to; it is spelt otherwise in the betas of OpenSim 4."""
+    """The element that says what a socket is connected to; it is spelt otherwise in the betas of
+    OpenSim 4.
+    """
     beta = f"{socket}_connectee_name"
     found = (element.find(tag) for tag in (socket, beta, beta.replace("socket_", "connector_", 1)))
     return next((e for e in found if e is not None and (e.text or "").strip()), None)
@@ -264,7 +312,10 @@ def read_document(path: Path | str) -> OsimDocument:
         raise fault(f"is not well-formed XML: {error}") from None
     model = root.find("Model") if root.tag == "OpenSimDocument" else None
     if model is None:
-        raise fault(f"found <{root.tag}>, expected <OpenSimDocument> with <Model>; a model file (.osim) is needed")
+        raise fault(
+            f"found <{root.tag}>, expected <OpenSimDocument> with <Model>; a model file (.osim) is "
+            "needed"
+        )
     return OsimDocument(path, content, model, spans)
 
 
@@ -313,13 +364,16 @@ _SIMPLE: dict[str, tuple[tuple[bool, Array], ...]] = {
 def read_osim(path: Path | str) -> PeerModel:
     """Bodies, joints and markers of an OpenSim model file.
 
-    Raises InputError: The file cannot be read, is no OpenSim model, or holds something that is not understood.
+    Raises InputError: The file cannot be read, is no OpenSim model, or holds something that is not
+    understood.
     """
     return peer_of(read_document(path))
 
 
 def peer_of(document: OsimDocument) -> PeerModel:
-    """Bodies, joints and markers of a model file that was read; InputError where something is not understood."""
+    """Bodies, joints and markers of a model file that was read; InputError where something is not
+    understood.
+    """
     model, path = document.model, document.source
     masses: dict[str, float] = {}
     joints: dict[str, PeerJoint] = {}
@@ -334,7 +388,9 @@ def peer_of(document: OsimDocument) -> PeerModel:
     for joint in joints.values():
         if missing := {joint.parent, joint.child} - masses.keys() - {"ground"}:
             message = f"found no body {', '.join(sorted(missing))}, which it joins"
-            raise InputError(message, source=path, field=f"joint {joint.name}", code=Code.OTHER_MODEL)
+            raise InputError(
+                message, source=path, field=f"joint {joint.name}", code=Code.OTHER_MODEL
+            )
     masses.pop("ground", None)
     if not masses or not joints:
         raise InputError("found no bodies or no joints", source=path, code=Code.OTHER_MODEL)
@@ -343,17 +399,26 @@ def peer_of(document: OsimDocument) -> PeerModel:
 
 def _markers(document: OsimDocument, bodies: Iterable[str]) -> dict[str, tuple[str, Array]]:
     markers: dict[str, tuple[str, Array]] = {}
-    offset = {path: (body, pose) for body in bodies for path, pose, _ in document.frames_of(body) if path != body}
+    offset = {
+        path: (body, pose)
+        for body in bodies
+        for path, pose, _ in document.frames_of(body)
+        if path != body
+    }
     for marker in document.model.findall("MarkerSet/objects/Marker"):
         frame = (_named(marker, "socket_parent_frame") or marker.findtext("body") or "").strip()
-        body, pose = offset.get(frame.rpartition("bodyset/")[2], (frame.rpartition("/")[2], pin.SE3.Identity()))
+        body, pose = offset.get(
+            frame.rpartition("bodyset/")[2], (frame.rpartition("/")[2], pin.SE3.Identity())
+        )
         at = read_numbers(marker, "location", document.source, count=3)
         markers[original_name(marker.get("name", ""))] = (body, pose.act(at))
     return markers
 
 
 def _joint(element: ET.Element, path: Path, child: str | None = None) -> PeerJoint:
-    """A joint of OpenSim 4 with its frames; with `child` one of OpenSim 3, which stands inside that body."""
+    """A joint of OpenSim 4 with its frames; with `child` one of OpenSim 3, which stands inside that
+    body.
+    """
     frames = {f.get("name", ""): f for f in element.findall("frames/PhysicalOffsetFrame")}
 
     def end(socket: str) -> tuple[str, pin.SE3]:
@@ -364,7 +429,10 @@ def _joint(element: ET.Element, path: Path, child: str | None = None) -> PeerJoi
         return owner.rpartition("/")[2], _place(frames[body], "translation", "orientation", path)
 
     if child is None:
-        (parent, in_parent), (child, in_child) = end("socket_parent_frame"), end("socket_child_frame")
+        (parent, in_parent), (child, in_child) = (
+            end("socket_parent_frame"),
+            end("socket_child_frame"),
+        )
     else:
         parent = (element.findtext("parent_body") or "").strip()
         in_parent = _place(element, "location_in_parent", "orientation_in_parent", path)
@@ -393,7 +461,9 @@ def _place(element: ET.Element, translation: str, orientation: str, path: Path) 
     return pin.SE3(from_body_fixed_xyz(angles), read_numbers(element, translation, path, count=3))
 
 
-def _axes(element: ET.Element, coordinates: tuple[PeerCoordinate, ...], path: Path) -> tuple[PeerAxis, ...] | None:
+def _axes(
+    element: ET.Element, coordinates: tuple[PeerCoordinate, ...], path: Path
+) -> tuple[PeerAxis, ...] | None:
     if element.tag in _SIMPLE:
         kinds = _SIMPLE[element.tag]
         names = [c.name for c in coordinates] + [None] * len(kinds)
@@ -406,7 +476,11 @@ def _axes(element: ET.Element, coordinates: tuple[PeerCoordinate, ...], path: Pa
         function = read_function(entry, path)
         if function is None or len(words) > 1:
             return None
-        vector = read_numbers(entry, "axis", path, count=3) if (entry.findtext("axis") or "").strip() else _X
+        vector = (
+            read_numbers(entry, "axis", path, count=3)
+            if (entry.findtext("axis") or "").strip()
+            else _X
+        )
         length = float(np.linalg.norm(vector))
         if length == 0.0:
             message = "found an axis of length zero"
@@ -421,5 +495,9 @@ def _coordinate(element: ET.Element, path: Path) -> PeerCoordinate:
     default = float(read_numbers(element, "default_value", path, count=1)[0])
     locked = (element.findtext("locked") or "").strip() == "true"
     return PeerCoordinate(
-        name=element.get("name", ""), default=default, low=float(low), high=float(high), locked=locked
+        name=element.get("name", ""),
+        default=default,
+        low=float(low),
+        high=float(high),
+        locked=locked,
     )

@@ -1,12 +1,14 @@
-"""Where the bodies of an OpenSim model lie in our segments, how well that is known, how they stand, what they weigh.
+"""Where the bodies of an OpenSim model lie in our segments, how well that is known, how they stand,
+what they weigh.
 
-A body is laid on our segment by the rigid motion that fits the markers that both have on it, Kabsch's. With residuals
-e of n markers at x_k about their mean c and s^2 = |e|^2 / (3 n - 6), a point p of the body then has the covariance
+A body is laid on our segment by the rigid motion that fits the markers that both have on it,
+Kabsch's. With residuals e of n markers at x_k about their mean c and s^2 = |e|^2 / (3 n - 6), a
+point p of the body then has the covariance
 
     s^2 ( I / n + [p - c] J^-1 [p - c]^T ),    J = sum |x_k|^2 I - x_k x_k^T,
 
-and its turn s^2 J^-1. Where fewer than three are shared, points on the joints' axes stand in for markers, as both
-models have them; what they disagree in is then in the residual as well.
+and its turn s^2 J^-1. Where fewer than three are shared, points on the joints' axes stand in for
+markers, as both models have them; what they disagree in is then in the residual as well.
 """
 
 from collections.abc import Iterable, Mapping, Sequence
@@ -19,7 +21,14 @@ from scipy.optimize import least_squares
 from gaitcal.arrays import Array
 from gaitcal.errors import Code, InputError
 from gaitcal.export.opensim import osim_reader, osim_writer
-from gaitcal.export.opensim.osim_correspondence import ARMS, Hinge, LegJoint, same_label, segment_of, slides
+from gaitcal.export.opensim.osim_correspondence import (
+    ARMS,
+    Hinge,
+    LegJoint,
+    same_label,
+    segment_of,
+    slides,
+)
 from gaitcal.export.opensim.peer_model import Axis, PeerModel
 from gaitcal.model.chain import LinkageModel, chain_of
 from gaitcal.model.kinematics import Kinematics
@@ -32,8 +41,9 @@ from gaitcal.tracking.rigid import FEWEST_MARKERS, rigid_distances, rigid_fit
 JOINT_OF = {joint.name: joint for joint in JOINTS}
 MISFIT = 0.05  # m RMS; markers of a generic model, unscaled, on another person agree to 20 to 30 mm
 MISFIT_OF_AXES = 0.02
-"""m RMS, of joints' axes where no three markers are shared: `FAR_M` of `joint_transfer.py`, as far as regressions ever
-miss a joint of the same person; a larger gap is another person's size. (To two children's an adult's had 28 and 32.)"""
+"""m RMS, of joints' axes where no three markers are shared: `FAR_M` of `joint_transfer.py`, as far
+as regressions ever miss a joint of the same person; a larger gap is another person's size. (To two
+children's an adult's had 28 and 32.)"""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -44,7 +54,8 @@ class Registration:
     body: str
     markers: int  # Our markers on the segment
     common: int
-    by_axes: bool  # Laid on the segment by the axes of its joints, as no three shared markers tell its place
+    # Laid on the segment by the axes of its joints, as no three shared markers tell its place
+    by_axes: bool
     pose: pin.SE3  # Of the body in our segment
     rms: float  # m, of the distances that remain
     centre: Array  # (3,) m, mean of the shared points in our segment
@@ -66,10 +77,18 @@ class Registration:
 
 
 def with_landmarks(model: SubjectModel, marker_set: MarkerSet) -> SubjectModel:
-    """The same person wearing the markers of the static trial, too, which stand at the ends of bones."""
+    """The same person wearing the markers of the static trial, too, which stand at the ends of
+    bones.
+    """
     m = model.markers
-    at = {labels[0]: model.landmarks.get(name) for name, labels in marker_set.landmarks.items() if len(labels) == 1}
-    further = {label: place for label, place in at.items() if place is not None and label not in m.labels}
+    at = {
+        labels[0]: model.landmarks.get(name)
+        for name, labels in marker_set.landmarks.items()
+        if len(labels) == 1
+    }
+    further = {
+        label: place for label, place in at.items() if place is not None and label not in m.labels
+    }
     if not further:
         return model
     segments, places = zip(*further.values(), strict=True)
@@ -85,19 +104,26 @@ def with_landmarks(model: SubjectModel, marker_set: MarkerSet) -> SubjectModel:
 def shared_markers(
     model: SubjectModel, peer: PeerModel, segment: str, body: str, moved: Iterable[str] = ()
 ) -> tuple[Array, Array]:
-    """Places (n, 3) m of the markers that both have on a segment: in the peer's body, and in our segment.
+    """Places (n, 3) m of the markers that both have on a segment: in the peer's body, and in our
+    segment.
 
     `moved`: bodies below which a marker belongs to another segment.
     """
     theirs, ours = [], []
     labels, others = tuple(peer.markers), [b for b in moved if b != body]
-    for label, of, local in zip(model.markers.labels, model.markers.segments, model.markers.local, strict=True):
+    for label, of, local in zip(
+        model.markers.labels, model.markers.segments, model.markers.local, strict=True
+    ):
         same = same_label(label, labels) if of == segment else None
         if same is None:
             continue
         carrier, position = peer.markers[same]
         on = segment_of(carrier)
-        if slides(carrier) or HANGS_ON.get(on or "", on) not in (segment, None) or not peer.is_below(carrier, body):
+        if (
+            slides(carrier)
+            or HANGS_ON.get(on or "", on) not in (segment, None)
+            or not peer.is_below(carrier, body)
+        ):
             continue
         if any(peer.is_below(carrier, b) and peer.is_below(b, body) for b in others):
             continue
@@ -109,7 +135,8 @@ def shared_markers(
 def registered(
     segment: str, body: str, markers: int, theirs: Array, ours: Array, common: int | None = None
 ) -> Registration | None:
-    """A body laid on a segment by points (n, 3) m that both have; None where they do not determine how it is turned.
+    """A body laid on a segment by points (n, 3) m that both have; None where they do not determine
+    how it is turned.
 
     `common`: shared markers, where the points are not these but of the joints' axes.
     """
@@ -139,16 +166,24 @@ def registered(
 
 
 def axis_of_ours(joint: str, parameters: Parameters, in_parent: bool) -> Axis:
-    """The axis of one of our joints (of the hip the centre, and its first axis) in the frame of its parent or child."""
+    """The axis of one of our joints (of the hip the centre, and its first axis) in the frame of its
+    parent or child.
+    """
     frames = osim_writer.frames_of(JOINT_OF[joint], parameters)
     place = frames.in_parent if in_parent else frames.in_child
     return Axis(place.translation, place.rotation[:, frames.motions[0].axis])
 
 
 def about_its_place(
-    leg: LegJoint, peer: PeerModel, bodies: Mapping[str, Registration], was: Parameters, drawn: Parameters
+    leg: LegJoint,
+    peer: PeerModel,
+    bodies: Mapping[str, Registration],
+    was: Parameters,
+    drawn: Parameters,
 ) -> LegJoint:
-    """A joint of theirs, moved in both of its bodies as our axis is from one set of joint parameters to another."""
+    """A joint of theirs, moved in both of its bodies as our axis is from one set of joint
+    parameters to another.
+    """
     ours, joint, hinge = JOINT_OF[leg.ours], leg.theirs, leg.hinge
     steps = []
     for segment, body, frame in (
@@ -156,7 +191,9 @@ def about_its_place(
         (ours.child, joint.child, joint.in_child),
     ):
         turned = _turned_into(body, segment, peer, bodies, was)
-        a, b = (axis_of_ours(leg.ours, p, segment == ours.parent).moved(turned) for p in (was, drawn))
+        a, b = (
+            axis_of_ours(leg.ours, p, segment == ours.parent).moved(turned) for p in (was, drawn)
+        )
         shift, turn = b.point - a.point, np.eye(3)
         if hinge is not None:
             turn = pin.Quaternion.FromTwoVectors(a.direction, b.direction).toRotationMatrix()
@@ -165,14 +202,22 @@ def about_its_place(
         steps.append(about * pin.SE3(turn, shift) * about.inverse())
     if hinge is not None:
         hinge = Hinge(steps[0] * hinge.in_parent, steps[1] * hinge.in_child)
-    theirs = replace(joint, in_parent=steps[0] * joint.in_parent, in_child=steps[1] * joint.in_child)
+    theirs = replace(
+        joint, in_parent=steps[0] * joint.in_parent, in_child=steps[1] * joint.in_child
+    )
     return replace(leg, theirs=theirs, hinge=hinge)
 
 
 def _turned_into(
-    body: str, segment: str, peer: PeerModel, bodies: Mapping[str, Registration], parameters: Parameters
+    body: str,
+    segment: str,
+    peer: PeerModel,
+    bodies: Mapping[str, Registration],
+    parameters: Parameters,
 ) -> pin.SE3:
-    """The turn from the axes of our segment to those of their body; of the talus all coordinates zero."""
+    """The turn from the axes of our segment to those of their body; of the talus all coordinates
+    zero.
+    """
     turn, side = np.eye(3), segment[-1]
     if segment not in bodies and (foot := f"foot_{side}") in bodies:
         frames = osim_writer.frames_of(JOINT_OF[f"subtalar_{side}"], parameters)
@@ -183,11 +228,13 @@ def _turned_into(
     return pin.SE3(turn, np.zeros(3))
 
 
-def registrations(model: SubjectModel, peer: PeerModel, legs: Sequence[LegJoint]) -> dict[str, Registration]:
+def registrations(
+    model: SubjectModel, peer: PeerModel, legs: Sequence[LegJoint]
+) -> dict[str, Registration]:
     """By our segment; pelvis, thighs, shanks and feet, as far as the model has them.
 
-    Raises InputError: A body has another person's size: `MISFIT`, and `MISFIT_OF_AXES` where no three shared markers
-    lay it on.
+    Raises InputError: A body has another person's size: `MISFIT`, and `MISFIT_OF_AXES` where no
+    three shared markers lay it on.
     """
     bodies: dict[str, str] = {}
     for leg in legs:
@@ -207,23 +254,33 @@ def registrations(model: SubjectModel, peer: PeerModel, legs: Sequence[LegJoint]
         if found is None:
             known = ", ".join(leg.theirs.name for leg in legs)
             message = (
-                f"shares {len(theirs)} markers with {segment}, and the axes of the joints found ({known}) do not tell "
-                "its place: name the model's markers as the recordings do, or tell the others by --names FILE.toml"
+                f"shares {len(theirs)} markers with {segment}, and the axes of the joints found "
+                f"({known}) do not tell "
+                "its place: name the model's markers as the recordings do, or tell the others by "
+                "--names FILE.toml"
             )
-            raise InputError(message, source=peer.source, field=f"body {body}", code=Code.OTHER_MODEL)
+            raise InputError(
+                message, source=peer.source, field=f"body {body}", code=Code.OTHER_MODEL
+            )
         allowed = MISFIT_OF_AXES if found.by_axes else MISFIT
         if found.rms > allowed:
-            what, then = "its markers lie", ": scale the model to this person first, with these markers"
+            what, then = (
+                "its markers lie",
+                ": scale the model to this person first, with these markers",
+            )
             if found.by_axes:
                 what, then = (
                     "the axes of its joints are",
                     f"; it shares {found.common or 'no'} markers with it: {NAME_OR_SCALE}",
                 )
             message = (
-                f"{what} {1e3 * found.rms:.0f} mm (RMS) from this person's on {segment}; allowed: up to "
+                f"{what} {1e3 * found.rms:.0f} mm (RMS) from this person's on {segment}; allowed: "
+                "up to "
                 f"{1e3 * allowed:.0f} mm{then}"
             )
-            raise InputError(message, source=peer.source, field=f"body {body}", code=Code.OTHER_MODEL)
+            raise InputError(
+                message, source=peer.source, field=f"body {body}", code=Code.OTHER_MODEL
+            )
         out[segment] = found
     return out
 
@@ -235,24 +292,37 @@ _ARM = 0.05  # m, on either side of a joint's centre: points that stand for its 
 def _axis_points(
     model: SubjectModel, peer: PeerModel, legs: Sequence[LegJoint], segment: str, body: str
 ) -> tuple[Array, Array]:
-    """Points (n, 3) m of the joints' axes in a body and in our segment, nominal joints; of pelvis and foot, whose
-    joints leave a turn open, also along the axes of their frames, taken to be parallel.
+    """Points (n, 3) m of the joints' axes in a body and in our segment, nominal joints; of pelvis
+    and foot, whose joints leave a turn open, also along the axes of their frames, taken to be
+    parallel.
     """
     theirs: list[Array] = []
     ours: list[Array] = []
     for leg in legs:
         ends = JOINT_OF[leg.ours]
         of_ours = {ends.parent: True, ends.child: False}
-        if segment not in of_ours and not (segment.startswith("foot") and leg.ours == f"talocrural_{segment[-1]}"):
+        if segment not in of_ours and not (
+            segment.startswith("foot") and leg.ours == f"talocrural_{segment[-1]}"
+        ):
             continue
-        if segment not in of_ours and any(other.ours == f"subtalar_{segment[-1]}" for other in legs):
+        if segment not in of_ours and any(
+            other.ours == f"subtalar_{segment[-1]}" for other in legs
+        ):
             continue
         our_axis = axis_of_ours(leg.ours, model.nominal, of_ours.get(segment, False))
         in_parent = of_ours.get(segment, False)
         carrier = leg.theirs.parent if in_parent else leg.theirs.child
-        frame = (peer.joint_pose(leg.theirs, {}) * leg.theirs.in_child) if in_parent else leg.theirs.in_child
-        hinge = None if leg.hinge is None else leg.hinge.in_parent if in_parent else leg.hinge.in_child
-        to_body = peer.body_pose(carrier, body) if peer.is_below(carrier, body) else pin.SE3.Identity()
+        frame = (
+            (peer.joint_pose(leg.theirs, {}) * leg.theirs.in_child)
+            if in_parent
+            else leg.theirs.in_child
+        )
+        hinge = (
+            None if leg.hinge is None else leg.hinge.in_parent if in_parent else leg.hinge.in_child
+        )
+        to_body = (
+            peer.body_pose(carrier, body) if peer.is_below(carrier, body) else pin.SE3.Identity()
+        )
         if hinge is None:
             theirs.append(to_body.act(frame.translation))
             ours.append(our_axis.point)
@@ -277,7 +347,8 @@ _HOLD = 1e-6  # m per rad: what holds a coordinate of the standing posture that 
 def standing_segments(model: SubjectModel, parameters: Parameters) -> dict[str, pin.SE3]:
     """Segment of pelvis and legs -> pose in the laboratory of the static trial.
 
-    The linkage with these parameters, fitted to the markers where the nominal one in the static posture has them.
+    The linkage with these parameters, fitted to the markers where the nominal one in the static
+    posture has them.
     """
     chain = chain_of("pelvis", LOWER_BODY)
     start = np.array([model.posture.get(name, 0.0) for name in chain.coordinates])
@@ -319,13 +390,17 @@ class SegmentMass:
 
 
 def body_weights(
-    parameters: Parameters, document: osim_reader.OsimDocument, peer: PeerModel, bodies: Mapping[str, Registration]
+    parameters: Parameters,
+    document: osim_reader.OsimDocument,
+    peer: PeerModel,
+    bodies: Mapping[str, Registration],
 ) -> tuple[dict[str, osim_reader.Weight], tuple[SegmentMass, ...]]:
     """What the model's bodies weigh with our masses.
 
-    The bodies of a segment keep their shares of its mass, and their moments of inertia grow with it. Of a segment that
-    is registered (pelvis, thighs, shanks, feet), they are shifted together so that its mass centre is ours, all
-    coordinates zero. The trunk has the arms' mass where the model has none. Bodies of no segment of ours keep theirs.
+    The bodies of a segment keep their shares of its mass, and their moments of inertia grow with
+    it. Of a segment that is registered (pelvis, thighs, shanks, feet), they are shifted together so
+    that its mass centre is ours, all coordinates zero. The trunk has the arms' mass where the model
+    has none. Bodies of no segment of ours keep theirs.
     """
     groups: dict[str, list[str]] = {}
     for body in peer.masses:
@@ -351,11 +426,19 @@ def body_weights(
             was = sum(peer.masses[b] * poses[b].act(centres[b]) for b in group) / theirs
             shift = main.pose.actInv(ours[segment].centre) - was
             moved = {b: centres[b] + poses[b].rotation.T @ shift for b in group}
-        weights |= {b: osim_reader.Weight(share * peer.masses[b], moved.get(b), share) for b in group}
-        masses.append(SegmentMass(segment=segment, bodies=tuple(group), theirs=theirs, ours=mass[segment]))
+        weights |= {
+            b: osim_reader.Weight(share * peer.masses[b], moved.get(b), share) for b in group
+        }
+        masses.append(
+            SegmentMass(segment=segment, bodies=tuple(group), theirs=theirs, ours=mass[segment])
+        )
     return weights, tuple(masses)
 
 
 def between_bodies(peer: PeerModel, body: str, main: str) -> pin.SE3:
     """Pose of a body in another of its segment, above or below it."""
-    return peer.body_pose(body, main) if peer.is_below(body, main) else peer.body_pose(main, body).inverse()
+    return (
+        peer.body_pose(body, main)
+        if peer.is_below(body, main)
+        else peer.body_pose(main, body).inverse()
+    )

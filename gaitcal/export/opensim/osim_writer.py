@@ -1,27 +1,30 @@
 r"""The linkage as other programs see it, and the model as an OpenSim 4 document (`.osim`).
 
-Each joint of the linkage is a sequence of elementary motions (`gaitcal.model.linkage`): constants, then the
-coordinates, then constants. With J the joint frame, the pose of the child in the parent is
+Each joint of the linkage is a sequence of elementary motions (`gaitcal.model.linkage`): constants,
+then the coordinates, then constants. With J the joint frame, the pose of the child in the parent is
 
     X_parent_child(q) = X_parent_J  M_1(q_1) ... M_n(q_n)  X_J_child,
 
-X_parent_J and X_J_child holding the joint parameters and the ankles' zero angles. Coordinates keep sign and zero. In
-the document each joint is a `CustomJoint` between two `PhysicalOffsetFrame`s; OpenSim first translates along axes of
-the parent's joint frame and then turns about three axes, each fixed in the frame left by the turn before: the order of
-our elements. The talus has no mass, as in our model; it lies between bodies with mass, so Simbody can simulate
-forwards, too. Coordinates that are held at zero are `locked`.
+X_parent_J and X_J_child holding the joint parameters and the ankles' zero angles. Coordinates keep
+sign and zero. In the document each joint is a `CustomJoint` between two `PhysicalOffsetFrame`s;
+OpenSim first translates along axes of the parent's joint frame and then turns about three axes,
+each fixed in the frame left by the turn before: the order of our elements. The talus has no mass,
+as in our model; it lies between bodies with mass, so Simbody can simulate forwards, too.
+Coordinates that are held at zero are `locked`.
 
-Rotations are written as three angles: body-fixed x-y-z in OpenSim, R = Rx(a) Ry(b) Rz(c). With a = atan2(-R_12, R_22)
-taken off first, Rx(-a) R = Ry(b) Rz(c) gives b and c from well-conditioned pairs, so that the three angles bring R back
-to rounding even where a and c are not unique.
+Rotations are written as three angles: body-fixed x-y-z in OpenSim, R = Rx(a) Ry(b) Rz(c). With a =
+atan2(-R_12, R_22) taken off first, Rx(-a) R = Ry(b) Rz(c) gives b and c from well-conditioned
+pairs, so that the three angles bring R back to rounding even where a and c are not unique.
 
-Coordinates have ranges that living people stay within, for sliders and documentation; they contain those of Rajagopal
-et al. (2016), whose names and signs they have. Nothing enforces them (OpenSim: unclamped; MuJoCo: unlimited), because a
-calibrated linkage may pass them and must stay the same mechanical system.
+Coordinates have ranges that living people stay within, for sliders and documentation; they contain
+those of Rajagopal et al. (2016), whose names and signs they have. Nothing enforces them (OpenSim:
+unclamped; MuJoCo: unlimited), because a calibrated linkage may pass them and must stay the same
+mechanical system.
 
-Names of markers and subjects are made fit for every program that reads the files, reversibly: OpenSim refuses white
-space and `\ / * +` in names; XML cannot hold control characters at all. Such characters, and those that mean something
-in XML or here (`< > & " ' %`), are written as `%XX`, one per byte of their UTF-8 form. No name is ever used as a path.
+Names of markers and subjects are made fit for every program that reads the files, reversibly:
+OpenSim refuses white space and `\ / * +` in names; XML cannot hold control characters at all. Such
+characters, and those that mean something in XML or here (`< > & " ' %`), are written as `%XX`, one
+per byte of their UTF-8 form. No name is ever used as a path.
 """
 
 import math
@@ -38,7 +41,16 @@ from gaitcal.arrays import Array
 from gaitcal.io.atomic import atomic_text
 from gaitcal.model.chain import HALF_TURNS, LinkageModel, chain_of
 from gaitcal.model.coordinates import COORDINATE_TABLE, TRANSLATION_RANGES, split_side
-from gaitcal.model.linkage import COORDINATES, JOINTS, SEGMENTS, Element, Joint, Source, is_translation, root_elements
+from gaitcal.model.linkage import (
+    COORDINATES,
+    JOINTS,
+    SEGMENTS,
+    Element,
+    Joint,
+    Source,
+    is_translation,
+    root_elements,
+)
 from gaitcal.model.parameters import MASSIVE_SEGMENTS, Parameters, table
 from gaitcal.model.rotations import axis_rotation
 from gaitcal.model.subject_model import GRAVITY, SubjectModel
@@ -58,7 +70,9 @@ class JointFrames:
     child: str
     in_parent: pin.SE3  # X_parent_J, constant
     motions: tuple[Element, ...]
-    """The coordinates in order from parent to child; each along or about an axis of the frame left by those before."""
+    """The coordinates in order from parent to child; each along or about an axis of the frame left
+    by those before.
+    """
     to_child: pin.SE3  # X_J_child, constant
 
     @property
@@ -163,7 +177,9 @@ _EMPTY = "%"
 
 
 def safe_name(name: str) -> str:
-    """`name` with every troublesome character as `%XX`; never empty; different names stay different."""
+    """`name` with every troublesome character as `%XX`; never empty; different names stay
+    different.
+    """
     out = ""
     for character in name:
         is_plain = character.isprintable() and not character.isspace() and character not in _ESCAPED
@@ -185,13 +201,19 @@ def _unescape(match: re.Match[str]) -> str:
 
 
 def numbers(values: Iterable[float]) -> str:
-    """Numbers separated by blanks, each with as many digits as bring it back exactly; no negative zeros."""
+    """Numbers separated by blanks, each with as many digits as bring it back exactly; no negative
+    zeros.
+    """
     return " ".join(repr(float(value) + 0.0) for value in values)
 
 
 def plain_text(text: str) -> str:
-    """`text` without the characters that XML cannot hold: they become U+FFFD. Markup is escaped on writing."""
-    return "".join(c if c.isprintable() or c in "\n\t" else "\N{REPLACEMENT CHARACTER}" for c in text)
+    """`text` without the characters that XML cannot hold: they become U+FFFD. Markup is escaped on
+    writing.
+    """
+    return "".join(
+        c if c.isprintable() or c in "\n\t" else "\N{REPLACEMENT CHARACTER}" for c in text
+    )
 
 
 def child(parent: ET.Element, tag: str, text: str | None = None, **attributes: str) -> ET.Element:
@@ -272,7 +294,9 @@ def _add_joint(joints: ET.Element, frames: JointFrames, frozen: tuple[str, ...])
 
 
 def _add_axes(transform: ET.Element, kind: str, motions: list[Element]) -> None:
-    """Three axes of the transform: those of the coordinates, then the axes left over, which do not move."""
+    """Three axes of the transform: those of the coordinates, then the axes left over, which do not
+    move.
+    """
     idle = [axis for axis in range(3) if axis not in {m.axis for m in motions}]
     for number in range(3):
         axis = child(transform, "TransformAxis", name=f"{kind}{number + 1}")

@@ -1,24 +1,28 @@
-"""An OpenSim model as far as comparing joint axes needs it: bodies, joints, markers; read from the XML alone.
+"""An OpenSim model as far as comparing joint axes needs it: bodies, joints, markers; read from the
+XML alone.
 
-Files of OpenSim 3 keep each joint inside its child body, those of OpenSim 4 in a `JointSet` with offset frames; both
-come out as the same `PeerJoint`. With P and C the offset frames in parent and child body,
+Files of OpenSim 3 keep each joint inside its child body, those of OpenSim 4 in a `JointSet` with
+offset frames; both come out as the same `PeerJoint`. With P and C the offset frames in parent and
+child body,
 
     X_parent_child(q) = P  Tr(translation(q)) R_1(q) R_2(q) R_3(q)  C^-1,
 
-each amount a function of one coordinate, evaluated here without OpenSim. Its `SimmSpline` is the cubic spline of
-Forsythe, Malcolm, Moler 1977 (chapter 4): at either end its third derivative is that of the cubic through the four
-points there; beyond the points it goes on as a straight line.
+each amount a function of one coordinate, evaluated here without OpenSim. Its `SimmSpline` is the
+cubic spline of Forsythe, Malcolm, Moler 1977 (chapter 4): at either end its third derivative is
+that of the cubic through the four points there; beyond the points it goes on as a straight line.
 
-Hip centre, knee, talocrural and subtalar axis of one leg: of our model and of a peer's, in the same terms.
+Hip centre, knee, talocrural and subtalar axis of one leg: of our model and of a peer's, in the same
+terms.
 
-A peer's joints may roll and slide: its axes are those of the whole displacement over the range of walking. Such a
-displacement x -> R x + t is a turn by theta about an axis n and a slide along it (Chasles). n is the fixed direction of
-R; with t_p the part of t across n, a point of the axis is
+A peer's joints may roll and slide: its axes are those of the whole displacement over the range of
+walking. Such a displacement x -> R x + t is a turn by theta about an axis n and a slide along it
+(Chasles). n is the fixed direction of R; with t_p the part of t across n, a point of the axis is
 
     c = (t_p + cot(theta / 2) n x t_p) / 2.
 
-The centre of a joint is the point of its axis nearest to the origin of its joint frame, all coordinates zero; for a
-hinge that is the origin itself. Lengths, from centre to centre, need no common frame.
+The centre of a joint is the point of its axis nearest to the origin of its joint frame, all
+coordinates zero; for a hinge that is the origin itself. Lengths, from centre to centre, need no
+common frame.
 """
 
 from __future__ import annotations
@@ -72,7 +76,8 @@ class PeerJoint:
     in_child: pin.SE3
     coordinates: tuple[PeerCoordinate, ...]
     axes: tuple[PeerAxis, ...] | None
-    """None for a kind of joint that is not understood; an error only where its motion is asked for."""
+    """None for a kind of joint that is not understood; an error only where its motion is asked for.
+    """
 
 
 @dataclass(frozen=True)
@@ -86,28 +91,39 @@ class PeerModel:
 
     def joint_of(self, coordinate: str) -> PeerJoint | None:
         """The joint that has a coordinate of this name."""
-        return next((j for j in self.joints.values() if any(c.name == coordinate for c in j.coordinates)), None)
+        return next(
+            (j for j in self.joints.values() if any(c.name == coordinate for c in j.coordinates)),
+            None,
+        )
 
     def with_joints(self, joints: Iterable[PeerJoint]) -> PeerModel:
         """With other joints for those between the same bodies."""
         return replace(self, joints=self.joints | {joint.child: joint for joint in joints})
 
     def joint_pose(self, joint: PeerJoint, values: Mapping[str, float]) -> pin.SE3:
-        """Pose of the child in the parent; coordinates not in `values` are zero, or at their default if locked."""
+        """Pose of the child in the parent; coordinates not in `values` are zero, or at their
+        default if locked.
+        """
         if joint.axes is None:
             message = f"a {joint.kind} is not understood"
-            raise InputError(message, source=self.source, field=f"joint {joint.name}", code=Code.OTHER_MODEL)
+            raise InputError(
+                message, source=self.source, field=f"joint {joint.name}", code=Code.OTHER_MODEL
+            )
         used = {c.name: c.default if c.locked else 0.0 for c in joint.coordinates} | dict(values)
         motion = pin.SE3.Identity()
         for axis in sorted(joint.axes, key=lambda a: a.rotates):
-            amount = axis.function(used.get(axis.coordinate, 0.0) if axis.coordinate is not None else 0.0)
+            amount = axis.function(
+                used.get(axis.coordinate, 0.0) if axis.coordinate is not None else 0.0
+            )
             if axis.rotates:
                 motion = motion * pin.SE3(pin.exp3(amount * axis.axis), np.zeros(3))
             else:
                 motion = motion * pin.SE3(np.eye(3), amount * axis.axis)
         return joint.in_parent * motion * joint.in_child.inverse()
 
-    def body_pose(self, body: str, ancestor: str, values: Mapping[str, float] | None = None) -> pin.SE3:
+    def body_pose(
+        self, body: str, ancestor: str, values: Mapping[str, float] | None = None
+    ) -> pin.SE3:
         """Pose of a body in the frame of one of its ancestors; coordinates as in `joint_pose`."""
         pose = pin.SE3.Identity()
         for joint in reversed(self.joints_between(ancestor, body)):
@@ -123,15 +139,23 @@ class PeerModel:
         joints: list[PeerJoint] = []
         for joint in self._way_up(body, ancestor):
             if joint is None:
-                raise InputError(f"body {body} does not hang on {ancestor}", source=self.source, code=Code.OTHER_MODEL)
+                raise InputError(
+                    f"body {body} does not hang on {ancestor}",
+                    source=self.source,
+                    code=Code.OTHER_MODEL,
+                )
             joints.insert(0, joint)
         return joints
 
     def _way_up(self, body: str, ancestor: str) -> list[PeerJoint | None]:
-        """The joints from a body up to one of its ancestors; None at the end where it does not hang on that one."""
+        """The joints from a body up to one of its ancestors; None at the end where it does not hang
+        on that one.
+        """
         joints: list[PeerJoint | None] = []
         while body != ancestor:
-            joint = self.joints.get(body) if len(joints) <= len(self.joints) else None  # a file may hold a circle
+            joint = (
+                self.joints.get(body) if len(joints) <= len(self.joints) else None
+            )  # a file may hold a circle
             joints.append(joint)
             if joint is None:
                 break
@@ -142,11 +166,22 @@ class PeerModel:
 Function = Callable[[float], float]
 
 _SPLINES = ("SimmSpline", "NaturalCubicSpline", "natCubicSpline", "GCVSpline")
-_TAGS = ("Constant", "LinearFunction", "PolynomialFunction", "PiecewiseLinearFunction", "MultiplierFunction", *_SPLINES)
+_TAGS = (
+    "Constant",
+    "LinearFunction",
+    "PolynomialFunction",
+    "PiecewiseLinearFunction",
+    "MultiplierFunction",
+    *_SPLINES,
+)
 
 
-def read_numbers(element: ET.Element | None, tag: str, source: Path, *, count: int | None = None) -> Array:
-    """The numbers in the child `tag`; zeros (`count`) where it is absent; InputError where they are not numbers."""
+def read_numbers(
+    element: ET.Element | None, tag: str, source: Path, *, count: int | None = None
+) -> Array:
+    """The numbers in the child `tag`; zeros (`count`) where it is absent; InputError where they are
+    not numbers.
+    """
     text = element.findtext(tag) if element is not None else None
     if text is None or not text.strip():
         return np.zeros(count or 0)
@@ -163,10 +198,11 @@ def read_numbers(element: ET.Element | None, tag: str, source: Path, *, count: i
 
 
 def read_function(holder: ET.Element, source: Path) -> Function | None:
-    """The function inside `holder` (a `TransformAxis` or a `MultiplierFunction`), of either generation of files.
+    """The function inside `holder` (a `TransformAxis` or a `MultiplierFunction`), of either
+    generation of files.
 
-    Where there is none, zero: the default of OpenSim's own `TransformAxis` (Constant(0), TransformAxis.cpp). None for a
-    function of a kind that is not understood.
+    Where there is none, zero: the default of OpenSim's own `TransformAxis` (Constant(0),
+    TransformAxis.cpp). None for a function of a kind that is not understood.
     """
     wrapped = holder.find("function")
     inside = holder if wrapped is None else wrapped
@@ -183,12 +219,18 @@ def _function(element: ET.Element, source: Path) -> Function | None:
         return lambda _: value
     if element.tag == "MultiplierFunction":
         inner = read_function(element, source)
-        scale = float(read_numbers(element, "scale", source, count=1)[0]) if element.find("scale") is not None else 1.0
+        scale = (
+            float(read_numbers(element, "scale", source, count=1)[0])
+            if element.find("scale") is not None
+            else 1.0
+        )
         return None if inner is None else lambda x: scale * inner(x)
     if element.tag in ("LinearFunction", "PolynomialFunction"):
         coefficients = read_numbers(element, "coefficients", source)
         if not len(coefficients):
-            raise InputError("found no coefficients", source=source, field=element.tag, code=Code.OTHER_MODEL)
+            raise InputError(
+                "found no coefficients", source=source, field=element.tag, code=Code.OTHER_MODEL
+            )
         return lambda x: float(np.polyval(coefficients, x))
     x, y = read_numbers(element, "x", source), read_numbers(element, "y", source)
     if len(x) != len(y) or len(x) < 2 or (np.diff(x) <= 0).any():
@@ -224,7 +266,9 @@ SUBTALAR_SWEEP = math.radians(10.0)  # To either side
 
 @dataclass(frozen=True, kw_only=True)
 class LegGeometry:
-    """Where the joints of one leg lie, each in the frames of the segments it connects; None where unknown."""
+    """Where the joints of one leg lie, each in the frames of the segments it connects; None where
+    unknown.
+    """
 
     hip_in_pelvis: Array | None  # (3,) m
     hip_in_thigh: Array | None  # (3,) m
@@ -240,7 +284,9 @@ class LegGeometry:
 def our_leg(parameters: Parameters, side: str) -> LegGeometry:
     """The geometry of one leg (`r` or `l`) of our linkage, in its segment frames."""
     frames = {joint.name: joint for joint in joint_frames(parameters)}
-    hip, knee, ankle, subtalar = (frames[f"{name}_{side}"] for name in ("hip", "knee", "talocrural", "subtalar"))
+    hip, knee, ankle, subtalar = (
+        frames[f"{name}_{side}"] for name in ("hip", "knee", "talocrural", "subtalar")
+    )
     hip_in_thigh = hip.in_child.translation
     knee_in_thigh, knee_in_shank = _axis_of(knee.in_parent, 2), _axis_of(knee.in_child, 2)
     ankle_in_shank = _axis_of(ankle.in_parent, 2)
@@ -254,12 +300,16 @@ def our_leg(parameters: Parameters, side: str) -> LegGeometry:
         thigh_length=_between(hip_in_thigh, knee_in_thigh.point),
         shank_length=_between(knee_in_shank.point, ankle_in_shank.point),
         # In the talus, whose frame is that of the talocrural joint.
-        ankle_axes_distance=line_distance(_axis_of(subtalar.in_parent, 0), _axis_of(pin.SE3.Identity(), 2)),
+        ankle_axes_distance=line_distance(
+            _axis_of(subtalar.in_parent, 0), _axis_of(pin.SE3.Identity(), 2)
+        ),
     )
 
 
 def leg_bodies(peer: PeerModel, side: str) -> dict[str, str]:
-    """The peer's body for each of our segments `pelvis`, `thigh_r`, `shank_r`, `foot_r`, as far as it has them."""
+    """The peer's body for each of our segments `pelvis`, `thigh_r`, `shank_r`, `foot_r`, as far as
+    it has them.
+    """
     bodies: dict[str, str] = {}
     if hip := peer.joint_of(f"hip_flexion_{side}"):
         bodies |= {"pelvis": hip.parent, f"thigh_{side}": hip.child}
@@ -274,8 +324,9 @@ def leg_bodies(peer: PeerModel, side: str) -> dict[str, str]:
 def peer_leg(peer: PeerModel, side: str, registration: dict[str, pin.SE3]) -> LegGeometry:
     """The geometry of one leg (`r` or `l`) of a peer's model.
 
-    `registration` holds, per segment of ours, the pose of the peer's body of that segment (`leg_bodies`) in our segment
-    frame; positions and directions in a segment that is not listed stay None.
+    `registration` holds, per segment of ours, the pose of the peer's body of that segment
+    (`leg_bodies`) in our segment frame; positions and directions in a segment that is not listed
+    stay None.
     """
     bodies = leg_bodies(peer, side)
     hip, knee = peer.joint_of(f"hip_flexion_{side}"), peer.joint_of(f"knee_angle_{side}")
@@ -292,13 +343,25 @@ def peer_leg(peer: PeerModel, side: str, registration: dict[str, pin.SE3]) -> Le
     if ankle is not None and shank is not None and peer.is_below(ankle.parent, shank):
         ankle_shank = _swept_axis(peer, ankle, f"ankle_angle_{side}", -ANKLE_SWEEP, ANKLE_SWEEP)
         if ankle_shank is not None:
-            ankle_shank = _centred(peer, ankle, ankle_shank).moved(peer.body_pose(ankle.parent, shank)).pointing(2)
+            ankle_shank = (
+                _centred(peer, ankle, ankle_shank)
+                .moved(peer.body_pose(ankle.parent, shank))
+                .pointing(2)
+            )
     subtalar_foot = axes_distance = None
     if subtalar is not None:
-        subtalar_parent = _swept_axis(peer, subtalar, f"subtalar_angle_{side}", -SUBTALAR_SWEEP, SUBTALAR_SWEEP)
+        subtalar_parent = _swept_axis(
+            peer, subtalar, f"subtalar_angle_{side}", -SUBTALAR_SWEEP, SUBTALAR_SWEEP
+        )
         if subtalar_parent is not None:
-            subtalar_foot = subtalar_parent.moved(peer.joint_pose(subtalar, {}).inverse()).pointing(0)
-            if ankle_shank is not None and shank is not None and peer.is_below(subtalar.parent, shank):
+            subtalar_foot = subtalar_parent.moved(peer.joint_pose(subtalar, {}).inverse()).pointing(
+                0
+            )
+            if (
+                ankle_shank is not None
+                and shank is not None
+                and peer.is_below(subtalar.parent, shank)
+            ):
                 subtalar_shank = subtalar_parent.moved(peer.body_pose(subtalar.parent, shank))
                 axes_distance = line_distance(ankle_shank, subtalar_shank)
 
@@ -335,14 +398,20 @@ def _knee_axis(peer: PeerModel, knee: PeerJoint, coordinate: str) -> Axis | None
     return None if axis is None else axis.pointing(2)
 
 
-def _swept_axis(peer: PeerModel, joint: PeerJoint, coordinate: str, start: float, end: float) -> Axis | None:
+def _swept_axis(
+    peer: PeerModel, joint: PeerJoint, coordinate: str, start: float, end: float
+) -> Axis | None:
     """Axis, in the joint's parent, of the motion from one value of a coordinate to another."""
-    return displacement_axis(*(peer.joint_pose(joint, {coordinate: amount}) for amount in (start, end)))
+    return displacement_axis(
+        *(peer.joint_pose(joint, {coordinate: amount}) for amount in (start, end))
+    )
 
 
 def _centred(peer: PeerModel, joint: PeerJoint, axis: Axis) -> Axis:
     """The axis, in the joint's parent, told by the centre of the joint."""
-    return Axis(axis.nearest((peer.joint_pose(joint, {}) * joint.in_child).translation), axis.direction)
+    return Axis(
+        axis.nearest((peer.joint_pose(joint, {}) * joint.in_child).translation), axis.direction
+    )
 
 
 def _between(a: Array, b: Array) -> float:
@@ -391,7 +460,9 @@ SMALLEST_TURN = 1e-6  # rad; a displacement that turns less has no axis worth th
 
 
 def displacement_axis(start: pin.SE3, end: pin.SE3) -> Axis | None:
-    """Axis of the displacement from one pose to another, in the frame in which both are given; None without a turn."""
+    """Axis of the displacement from one pose to another, in the frame in which both are given; None
+    without a turn.
+    """
     step = end * start.inverse()
     turn = pin.log3(step.rotation)
     angle = float(np.linalg.norm(turn))

@@ -1,9 +1,11 @@
-"""What putting joints into a model did, in tables and sentences: for the screen, and for a page beside the model.
+"""What putting joints into a model did, in tables and sentences: for the screen, and for a page
+beside the model.
 
-Lengths and moment arms of muscles are OpenSim's own, where it is installed. Every coordinate of the legs goes through
-its range, the others at their default. A moment arm r is minus the change of a muscle's length with the coordinate, all
-constraints held. Between two neighbouring values the length must change by -(r_1 + r_2) / 2 times the step; where it
-does not by more than `JUMP`, the muscle has jumped over a wrapping surface.
+Lengths and moment arms of muscles are OpenSim's own, where it is installed. Every coordinate of the
+legs goes through its range, the others at their default. A moment arm r is minus the change of a
+muscle's length with the coordinate, all constraints held. Between two neighbouring values the
+length must change by -(r_1 + r_2) / 2 times the step; where it does not by more than `JUMP`, the
+muscle has jumped over a wrapping surface.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -19,7 +21,9 @@ from gaitcal.export.opensim import joint_moves, joint_transfer, osim_corresponde
 
 VALUES = 13  # Of a coordinate, over its range
 JUMP = 2e-3  # m; steps of a tenth of a range are too coarse to see less
-CROSSES = 1e-4  # m, by which the length of a muscle changes with a coordinate that it crosses, at least
+CROSSES = (
+    1e-4  # m, by which the length of a muscle changes with a coordinate that it crosses, at least
+)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -76,7 +80,9 @@ def leg_ranges(legs: Sequence[osim_correspondence.LegJoint]) -> dict[str, Array]
         c.name: np.linspace(c.low, c.high, VALUES)
         for leg in legs
         for c in leg.theirs.coordinates
-        if not c.locked and c.high > c.low and any(a.coordinate == c.name and a.rotates for a in leg.theirs.axes or ())
+        if not c.locked
+        and c.high > c.low
+        and any(a.coordinate == c.name and a.rotates for a in leg.theirs.axes or ())
     }
 
 
@@ -103,8 +109,13 @@ def muscle_paths(osim: Path, ranges: Mapping[str, Array]) -> dict[tuple[str, str
             for i, value in enumerate(values):
                 coordinate.setValue(state, float(value), False)
                 model.realizePosition(state)
-                if np.abs(state.getQErr().to_numpy()).max(initial=0.0) > model.get_assembly_accuracy():
-                    model.assemble(state)  # takes longer than all the rest, and only a patella needs it
+                if (
+                    np.abs(state.getQErr().to_numpy()).max(initial=0.0)
+                    > model.get_assembly_accuracy()
+                ):
+                    model.assemble(
+                        state
+                    )  # takes longer than all the rest, and only a patella needs it
                     model.realizePosition(state)
                 postures.append(opensim.Vector(state.getQ()))
                 lengths[i] = [m.getLength(state) for m in muscles]
@@ -130,25 +141,38 @@ def muscle_changes(
     before: Mapping[tuple[str, str], MusclePath], after: Mapping[tuple[str, str], MusclePath]
 ) -> list[MuscleChange]:
     """Muscles that cross a coordinate in both models, the largest change of a moment arm first."""
-    both = [MuscleChange(before=path, after=after[key]) for key, path in before.items() if key in after]
+    both = [
+        MuscleChange(before=path, after=after[key]) for key, path in before.items() if key in after
+    ]
     return sorted(both, key=lambda c: -float(np.abs(c.after.arm - c.before.arm).max()))
 
 
-def arm_deviations(change: MuscleChange, draws: Sequence[Mapping[tuple[str, str], MusclePath]]) -> Array | None:
-    """(n,) m, standard deviations of its moment arm over draws of the model; None with fewer than two."""
+def arm_deviations(
+    change: MuscleChange, draws: Sequence[Mapping[tuple[str, str], MusclePath]]
+) -> Array | None:
+    """(n,) m, standard deviations of its moment arm over draws of the model; None with fewer than
+    two.
+    """
     key = change.before.muscle, change.before.coordinate
     arms = np.array([draw[key].arm for draw in draws if key in draw])
     return arms.std(axis=0, ddof=1) if len(arms) > 1 else None
 
 
-MUSCLES_HEADER = "muscle,coordinate,deg,length_before_mm,length_after_mm,arm_before_mm,arm_after_mm,arm_sd_mm"
+MUSCLES_HEADER = (
+    "muscle,coordinate,deg,length_before_mm,length_after_mm,arm_before_mm,arm_after_mm,arm_sd_mm"
+)
 
 
-def muscles_csv(changes: Sequence[MuscleChange], draws: Sequence[Mapping[tuple[str, str], MusclePath]] = ()) -> str:
+def muscles_csv(
+    changes: Sequence[MuscleChange], draws: Sequence[Mapping[tuple[str, str], MusclePath]] = ()
+) -> str:
     """A row for every muscle, coordinate and value; `arm_sd_mm` is empty with fewer than two draws."""
     lines = [MUSCLES_HEADER]
     for change in changes:
-        key, spread = (change.before.muscle, change.before.coordinate), arm_deviations(change, draws)
+        key, spread = (
+            (change.before.muscle, change.before.coordinate),
+            arm_deviations(change, draws),
+        )
         for k, value in enumerate(change.before.values):
             figures = (
                 (p.length[k] for p in (change.before, change.after)),
@@ -156,7 +180,9 @@ def muscles_csv(changes: Sequence[MuscleChange], draws: Sequence[Mapping[tuple[s
             )
             words = [f"{1e3 * x:.4f}" for pair in figures for x in pair]
             last = "" if spread is None else f"{1e3 * spread[k]:.4f}"
-            lines.append(",".join([f'"{key[0]}"', f'"{key[1]}"', f"{np.degrees(value):.3f}", *words, last]))
+            lines.append(
+                ",".join([f'"{key[0]}"', f'"{key[1]}"', f"{np.degrees(value):.3f}", *words, last])
+            )
     return "\n".join(lines) + "\n"
 
 
@@ -173,7 +199,9 @@ class AccountTable:
     says: str  # What its figures are, in a sentence
     words: tuple[str, ...]
     numbers: tuple[str, ...]
-    rows: tuple[tuple[str, ...], ...]  # Those that matter most first, where not every one is of interest
+    rows: tuple[
+        tuple[str, ...], ...
+    ]  # Those that matter most first, where not every one is of interest
     of_muscles: bool = False  # Long, and the whole of it in a file
 
 
@@ -181,16 +209,19 @@ def joint_tables(done: joint_transfer.CalibratedOsim) -> Iterator[AccountTable]:
     """Bodies and segments, joints, masses, and what went with bones."""
     yield AccountTable(
         title="Which body is which segment",
-        says="Markers of the segment, those that the model has, too, and how far these disagree, RMS.",
+        says="Markers of the segment, those that the model has, too, and how far these disagree, "
+        "RMS.",
         words=("segment", "body"),
         numbers=("markers", "shared", "apart mm"),
         rows=tuple(
-            (r.segment, r.body, str(r.markers), str(r.common), f"{1e3 * r.rms:.1f}") for r in done.registrations
+            (r.segment, r.body, str(r.markers), str(r.common), f"{1e3 * r.rms:.1f}")
+            for r in done.registrations
         ),
     )
     yield AccountTable(
         title="Every joint, in both of its bodies",
-        says="How far its centre (of a hinge, its axis) has moved and turned, with standard errors; left: as it was.",
+        says="How far its centre (of a hinge, its axis) has moved and turned, with standard "
+        "errors; left: as it was.",
         words=("joint", "theirs", "verdict", "in body"),
         numbers=("moved mm", "+-", "deg", "+-"),
         rows=tuple(_joint_rows(done)),
@@ -201,7 +232,10 @@ def joint_tables(done: joint_transfer.CalibratedOsim) -> Iterator[AccountTable]:
             says="Of the bodies of a segment together, before and now.",
             words=("segment", "bodies"),
             numbers=("kg", "now"),
-            rows=tuple((m.segment, ", ".join(m.bodies), f"{m.theirs:.2f}", f"{m.ours:.2f}") for m in done.masses),
+            rows=tuple(
+                (m.segment, ", ".join(m.bodies), f"{m.theirs:.2f}", f"{m.ours:.2f}")
+                for m in done.masses
+            ),
         )
     if done.carried:
         yield AccountTable(
@@ -224,7 +258,12 @@ def _joint_rows(done: joint_transfer.CalibratedOsim) -> Iterator[tuple[str, ...]
             yield move.joint, theirs, "left" if theirs else "none", *[""] * 5
         verdict = "moved" if any(end.changed for end in ends) else "in place"
         for end in ends:
-            numbers = (1e3 * end.moved, 1e3 * end.errors[0], np.degrees(end.turn), np.degrees(end.errors[1]))
+            numbers = (
+                1e3 * end.moved,
+                1e3 * end.errors[0],
+                np.degrees(end.turn),
+                np.degrees(end.errors[1]),
+            )
             words = (f"{x:.1f}" if np.isfinite(x) else "" for x in numbers)
             yield move.joint, theirs, verdict, end.body, *words
 
@@ -256,11 +295,15 @@ def muscle_table(
         at = f"{np.degrees(change.before.values[k]):.0f}"
         longer = f"{1e3 * change.lengthened:+.1f}"
         jumps = ", ".join(f"{np.degrees(v):.0f}" for v in change.new_jumps)
-        rows.append((change.before.muscle, change.before.coordinate, *arms, error, at, longer, jumps))
+        rows.append(
+            (change.before.muscle, change.before.coordinate, *arms, error, at, longer, jumps)
+        )
     return AccountTable(
         title="Muscles",
-        says="Moment arm before and after where in the range it changes most, with its standard deviation over "
-        "draws; the largest change of length; where the muscle jumps over a wrapping surface that it did not before.",
+        says="Moment arm before and after where in the range it changes most, with its standard "
+        "deviation over "
+        "draws; the largest change of length; where the muscle jumps over a wrapping surface that "
+        "it did not before.",
         words=("muscle", "coordinate"),
         numbers=("arm mm", "after", "+-", "at deg", "longer mm", "new jumps"),
         rows=tuple(rows),

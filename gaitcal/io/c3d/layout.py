@@ -1,22 +1,25 @@
 """The binary layout of a C3D file: its header, its parameters record by record, its samples.
 
-C3D user guide (www.c3d.org): 512-byte blocks; byte 1 of block 1 is the block number of the parameters, byte 2 is 0x50;
-then 16-bit words: 2 points, 3 analog values a frame, 4 first and 5 last frame, 7-8 scale (float; negative: data are
-floats), 9 first data block, 10 analog samples a frame.
+C3D user guide (www.c3d.org): 512-byte blocks; byte 1 of block 1 is the block number of the
+parameters, byte 2 is 0x50; then 16-bit words: 2 points, 3 analog values a frame, 4 first and 5 last
+frame, 7-8 scale (float; negative: data are floats), 9 first data block, 10 analog samples a frame.
 
-Parameters: four bytes (the third: number of 512-byte blocks; the fourth: processor, 84 Intel, 85 DEC, 86 MIPS), then
-records: length of the name (negative: locked), number of the group (negative: this record is the group itself), the
-name, a 16-bit offset to the next record, counted from itself, and the content. Of a group: length and text of its
-description. Of a parameter: type (-1 text, 1 byte, 2 integer, 4 float), number of dimensions, dimensions, data (first
-dimension fastest), description. A record with a name of length 0 ends the section.
+Parameters: four bytes (the third: number of 512-byte blocks; the fourth: processor, 84 Intel, 85
+DEC, 86 MIPS), then records: length of the name (negative: locked), number of the group (negative:
+this record is the group itself), the name, a 16-bit offset to the next record, counted from itself,
+and the content. Of a group: length and text of its description. Of a parameter: type (-1 text, 1
+byte, 2 integer, 4 float), number of dimensions, dimensions, data (first dimension fastest),
+description. A record with a name of length 0 ends the section.
 
-ezc3d reads what is here read twice, but for two cases. It takes the layout of a frame from the parameters: old files
-without ANALOG:RATE or ANALOG:USED are then read askew, the analog values of one frame passing for points of the next;
-where the header accounts for the length of the file and the parameters do not, `read_samples` follows the header. The
-words of its first and last frame cannot count beyond 65535: where they, or FRAMES, stopped there or began again at
-zero, the number of frames is the one of TRIAL, LONG_FRAMES or further turns of the counter with which the data end
-where the file does. And its errors do not name the record of the parameters that is damaged (`find_damage`), nor does
-it name those that it writes otherwise than they were read: groups without a name, and types (`parameters_not_copied`).
+ezc3d reads what is here read twice, but for two cases. It takes the layout of a frame from the
+parameters: old files without ANALOG:RATE or ANALOG:USED are then read askew, the analog values of
+one frame passing for points of the next; where the header accounts for the length of the file and
+the parameters do not, `read_samples` follows the header. The words of its first and last frame
+cannot count beyond 65535: where they, or FRAMES, stopped there or began again at zero, the number
+of frames is the one of TRIAL, LONG_FRAMES or further turns of the counter with which the data end
+where the file does. And its errors do not name the record of the parameters that is damaged
+(`find_damage`), nor does it name those that it writes otherwise than they were read: groups without
+a name, and types (`parameters_not_copied`).
 """
 
 import struct
@@ -33,7 +36,9 @@ from gaitcal.io.text_file import FileFault, naming_file, readable_size
 
 BLOCK = 512
 WORD = 1 << 16
-"""Values of a 16-bit word: a header's frame numbers stay at the greatest one, or begin again at zero."""
+"""Values of a 16-bit word: a header's frame numbers stay at the greatest one, or begin again at
+zero.
+"""
 C3D_KEY = 0x50
 INTEL, DEC, MIPS = 84, 85, 86
 HEADER_BYTES = 24
@@ -48,7 +53,9 @@ class C3DHeader:
     points: int
     analog_values: int  # A frame: channels times samples a frame
     samples: int  # Analog samples a frame; 0 in some files without ANALOG:RATE
-    frames: int  # By the header, whose counter may have wrapped; more follow where it is `saturated`
+    frames: (
+        int  # By the header, whose counter may have wrapped; more follow where it is `saturated`
+    )
     saturated: bool  # Whether the last frame is the greatest number that the header can hold
     scale: float  # Negative where data are floats; NaN for DEC
     is_float: bool
@@ -66,17 +73,23 @@ class C3DHeader:
 
     @property
     def counts(self) -> range:
-        """Numbers of frames that its counter may mean, which begins again at zero; as many as the file can hold."""
+        """Numbers of frames that its counter may mean, which begins again at zero; as many as the
+        file can hold.
+        """
         return range(self.frames, (self.size - self.start) // max(self.frame_bytes, 1) + 1, WORD)
 
     def fills(self, data_bytes: int) -> bool:
-        """Whether data of this length end where the file does, but for the filling of its last block."""
+        """Whether data of this length end where the file does, but for the filling of its last
+        block.
+        """
         return 0 <= self.size - self.start - data_bytes < 2 * BLOCK
 
 
 @naming_file
 def check_c3d_header(path: Path) -> C3DHeader:
-    """The header; InputError where the file is no C3D, is cut short, contradicts itself, or is not Intel or DEC."""
+    """The header; InputError where the file is no C3D, is cut short, contradicts itself, or is not
+    Intel or DEC.
+    """
     size = readable_size(path)
     try:
         with path.open("rb") as file:
@@ -92,9 +105,14 @@ def check_c3d_header(path: Path) -> C3DHeader:
     except OSError as error:
         raise FileFault(f"cannot be read ({error})", code=Code.UNREADABLE) from None
     if processor == MIPS:
-        raise FileFault("found SGI/MIPS byte order; allowed are Intel and DEC. Save the file again in Intel format")
+        raise FileFault(
+            "found SGI/MIPS byte order; allowed are Intel and DEC. Save the file again in Intel "
+            "format"
+        )
     if processor not in (INTEL, DEC):
-        raise FileFault(f"found processor code {processor}; allowed are {INTEL} (Intel) and {DEC} (DEC)")
+        raise FileFault(
+            f"found processor code {processor}; allowed are {INTEL} (Intel) and {DEC} (DEC)"
+        )
     words = struct.unpack("<12H", head)
     header = C3DHeader(
         size=size,
@@ -105,18 +123,26 @@ def check_c3d_header(path: Path) -> C3DHeader:
         frames=(words[4] - words[3] + 1) % WORD,
         saturated=words[4] == WORD - 1,
         scale=struct.unpack("<f", head[12:16])[0] if processor == INTEL else float("nan"),
-        # The sign bit of the scale sits in the last byte of an IEEE float, in the second of a DEC one.
+        # The sign bit of the scale sits in the last byte of an IEEE float, in the second of a DEC
+        # one.
         is_float=bool(head[15 if processor == INTEL else 13] & 0x80),
         start=(words[8] - 1) * BLOCK,
     )
-    if words[4] < words[3] and not any(header.fills(n * header.frame_bytes) for n in header.counts if n):
+    if words[4] < words[3] and not any(
+        header.fills(n * header.frame_bytes) for n in header.counts if n
+    ):
         found = f"frame {words[3]} is its first and {words[4]} its last"
         raise FileFault(found, "header", Code.DAMAGED_RECORDING)
     if header.start < BLOCK:
-        raise FileFault(f"its data start at block {words[8]}; allowed from 2", "header", Code.DAMAGED_RECORDING)
+        raise FileFault(
+            f"its data start at block {words[8]}; allowed from 2", "header", Code.DAMAGED_RECORDING
+        )
     needed = header.start + header.data_bytes
     if size < needed:
-        what = f"{size} bytes found, {needed} needed for its {header.frames} frames of {header.points} points"
+        what = (
+            f"{size} bytes found, {needed} needed for its {header.frames} frames of "
+            f"{header.points} points"
+        )
         raise FileFault(f"cut short: {what}", code=Code.DAMAGED_RECORDING)
     return header
 
@@ -124,7 +150,8 @@ def check_c3d_header(path: Path) -> C3DHeader:
 def layout_of_samples(
     header: C3DHeader, parameters: Mapping[str, Mapping[str, Any]], points: Array, analogs: Array
 ) -> C3DHeader | None:
-    """The header, with its number of frames, by which the samples fill the file; None where those read do.
+    """The header, with its number of frames, by which the samples fill the file; None where those
+    read do.
 
     `points` (3, np, nf), `analogs` (na, ns): as the parser read them.
     """
@@ -134,7 +161,11 @@ def layout_of_samples(
     trial, point = parameters.get("TRIAL", {}), parameters.get("POINT", {})
     start, end = (long_number(trial.get(f"ACTUAL_{name}_FIELD", ())) for name in ("START", "END"))
     given = [long_number(point.get(name, ())) for name in ("LONG_FRAMES", "FRAMES")]
-    counts = [*header.counts, *([end - start + 1] if start and end else []), *(count for count in given if count)]
+    counts = [
+        *header.counts,
+        *([end - start + 1] if start and end else []),
+        *(count for count in given if count),
+    ]
     if header.saturated:
         counts.append((header.size - header.start) // header.frame_bytes)
     whole = next((n for n in counts if n > 0 and header.fills(n * header.frame_bytes)), None)
@@ -142,26 +173,38 @@ def layout_of_samples(
 
 
 def long_number(words: Any) -> int | None:
-    """Read a number from two 16-bit values, the lower first, or from one float; None where there is none."""
+    """Read a number from two 16-bit values, the lower first, or from one float; None where there is
+    none.
+    """
     values = np.asarray(words, dtype=np.float64).ravel()
     if not 1 <= len(values) <= 2 or not np.isfinite(values).all():
         return None
-    return int(values[0]) if len(values) == 1 else int(values[0]) % WORD + WORD * (int(values[1]) % WORD)
+    return (
+        int(values[0])
+        if len(values) == 1
+        else int(values[0]) % WORD + WORD * (int(values[1]) % WORD)
+    )
 
 
-def read_samples(path: Path, header: C3DHeader, parameters: Mapping[str, Mapping[str, Any]]) -> tuple[Array, Array]:
+def read_samples(
+    path: Path, header: C3DHeader, parameters: Mapping[str, Mapping[str, Any]]
+) -> tuple[Array, Array]:
     """Points (3, np, nf), NaN where missing, and analogs (na, ns), both in the units of the file."""
     if header.processor != INTEL:
-        raise FileFault("found DEC encoding and parameters that do not fit; save the file again in Intel format")
+        raise FileFault(
+            "found DEC encoding and parameters that do not fit; save the file again in Intel format"
+        )
     kind = np.dtype("<f4") if header.is_float else np.dtype("<i2")
     length = header.data_bytes // kind.itemsize
     try:
         raw = np.fromfile(path, dtype=kind, count=length, offset=header.start).astype(np.float64)
     except OSError as error:
         raise FileFault(f"cannot be read ({error})", code=Code.UNREADABLE) from None
-    # a frame: x y z and residual of every point, then `samples` times all channels; a negative residual is a gap
+    # a frame: x y z and residual of every point, then `samples` times all channels; a negative
+    # residual is a gap
     rows = raw.reshape(header.frames, -1)
-    # where the length of the file alone counts the frames, zeros that fill its last block may pass for some
+    # where the length of the file alone counts the frames, zeros that fill its last block may pass
+    # for some
     if header.saturated:
         rows = rows[: np.flatnonzero(rows.any(axis=1))[-1] + 1] if rows.any() else rows[:1]
     quads = rows[:, : 4 * header.points].reshape(len(rows), header.points, 4)
@@ -238,11 +281,17 @@ def parse_records(content: bytes) -> tuple[Record, ...]:
 
 def _named(name: str) -> str:
     """The parameter of that name; what follows a damaged one has a name of any bytes."""
-    return f"the parameter {name}" if name.isidentifier() and name.isascii() else "a record of its parameters"
+    return (
+        f"the parameter {name}"
+        if name.isidentifier() and name.isascii()
+        else "a record of its parameters"
+    )
 
 
 def find_damage(content: bytes) -> str:
-    """Say what is wrong with the parameters of a C3D file; empty where every record of them can be read."""
+    """Say what is wrong with the parameters of a C3D file; empty where every record of them can be
+    read.
+    """
     try:
         for record in (record for record in parse_records(content) if not record.is_group):
             kind, _, end = _extent(record.content)
@@ -256,13 +305,19 @@ def find_damage(content: bytes) -> str:
 
 
 def parameters_not_copied(source: bytes, target: bytes) -> tuple[str, ...]:
-    """Names `GROUP:NAME` of the parameters of one C3D file that another does not have with the same type and values."""
+    """Names `GROUP:NAME` of the parameters of one C3D file that another does not have with the same
+    type and values.
+    """
     old, new = _values(source), _values(target)
-    return tuple(name for name, value in old.items() if new.get(name.upper(), new.get(name)) != value)
+    return tuple(
+        name for name, value in old.items() if new.get(name.upper(), new.get(name)) != value
+    )
 
 
 def _values(content: bytes) -> dict[str, tuple[int, tuple[int, ...], list[bytes]]]:
-    """`GROUP:NAME` -> type, columns of a table of texts, and the texts without trailing blanks, or the numbers."""
+    """`GROUP:NAME` -> type, columns of a table of texts, and the texts without trailing blanks, or
+    the numbers.
+    """
     records, out = parse_records(content), {}
     is_dec = content[(content[0] - 1) * BLOCK + 3] == DEC
     groups = {record.group: record.name for record in records if record.is_group}
@@ -274,7 +329,11 @@ def _values(content: bytes) -> dict[str, tuple[int, tuple[int, ...], list[bytes]
             halves = np.frombuffer(data, dtype="<u2").reshape(-1, 2)[:, ::-1].tobytes()
             data = (np.frombuffer(halves, dtype="<f4") * np.float32(0.25)).tobytes()
         width = dims[0] if kind == TEXT and dims else 0
-        values = [data[at : at + width].rstrip(b" \0") for at in range(0, len(data), width)] if width else [data]
+        values = (
+            [data[at : at + width].rstrip(b" \0") for at in range(0, len(data), width)]
+            if width
+            else [data]
+        )
         table = dims[1:-1] if kind == TEXT else ()
         name = f"{groups.get(record.group, record.group)}:{record.name}"
         out[name] = kind, table, [value for value in values if value]

@@ -1,8 +1,9 @@
 """C3D files: the measured markers and the force plates of one trial, in metres and seconds, y up.
 
-A damaged file can make a parser of binary data crash, hang, or ask for all memory: of 250 real files with up to 40
-bytes changed among their first 1500, eleven ended ezc3d 1.7 by a segmentation fault and two never. So ezc3d runs in a
-process of its own, which parses one file after the other; a new one follows when it has died.
+A damaged file can make a parser of binary data crash, hang, or ask for all memory: of 250 real
+files with up to 40 bytes changed among their first 1500, eleven ended ezc3d 1.7 by a segmentation
+fault and two never. So ezc3d runs in a process of its own, which parses one file after the other; a
+new one follows when it has died.
 """
 
 import atexit
@@ -28,10 +29,19 @@ from gaitcal.io.c3d.plates import measured_plates, stand_up
 from gaitcal.io.recording import Recording, zeros_to_missing
 from gaitcal.io.text_file import FileFault, naming_file
 
-PER_METRE = {"mm": 1e3, "millimeters": 1e3, "millimetres": 1e3, "cm": 1e2, "m": 1.0, "meters": 1.0, "metres": 1.0}
+PER_METRE = {
+    "mm": 1e3,
+    "millimeters": 1e3,
+    "millimetres": 1e3,
+    "cm": 1e2,
+    "m": 1.0,
+    "meters": 1.0,
+    "metres": 1.0,
+}
 """Lengths that POINT:UNITS may name."""
 ABSURD_M = 1e6  # No place lies so far off; only a damaged float does
-ORTHONORMAL = 1e-3  # By how much products of the axes of a pose may differ from 0 and 1: files hold single precision
+# By how much products of the axes of a pose may differ from 0 and 1: files hold single precision
+ORTHONORMAL = 1e-3
 NUMBERS = ("ANGLES", "MOMENTS", "FORCES", "POWERS", "SCALARS", "REACTIONS")
 """POINT parameters that list points which are no places: three numbers of another kind."""
 COMPUTED_GROUPS = (*NUMBERS, "MODELED_MARKERS")
@@ -40,14 +50,39 @@ USUAL_VERTICAL = axes.Vertical(2, 1, "the usual practice, as the data do not tel
 
 # ------------------------------------------------------------------------------------------ ezc3d in its own process
 
-START_SECONDS = 120.0  # A process that loads its libraries on a busy machine is no fault of the file
-BASE_SECONDS = 6.0  # An honest file takes 0.1 s; a user should not wait 10 s to learn that one is damaged
+START_SECONDS = (
+    120.0  # A process that loads its libraries on a busy machine is no fault of the file
+)
+BASE_SECONDS = (
+    6.0  # An honest file takes 0.1 s; a user should not wait 10 s to learn that one is damaged
+)
 SECONDS_PER_BYTE = 1e-6
 BASE_MEMORY = 2**30
 MEMORY_PER_BYTE = 100
-"""Bytes the process may take for each byte of the file: 16-bit samples become doubles, held some times over."""
-GROUPS = ("POINT", "ANALOG", "FORCE_PLATFORM", "TRIAL", "EVENT", "PROCESSING", "SUBJECTS", "ROTATION")
-FAULTS = (RuntimeError, ValueError, IndexError, KeyError, TypeError, OverflowError, MemoryError, OSError, SystemError)
+"""Bytes the process may take for each byte of the file: 16-bit samples become doubles, held some
+times over.
+"""
+GROUPS = (
+    "POINT",
+    "ANALOG",
+    "FORCE_PLATFORM",
+    "TRIAL",
+    "EVENT",
+    "PROCESSING",
+    "SUBJECTS",
+    "ROTATION",
+)
+FAULTS = (
+    RuntimeError,
+    ValueError,
+    IndexError,
+    KeyError,
+    TypeError,
+    OverflowError,
+    MemoryError,
+    OSError,
+    SystemError,
+)
 """What ezc3d and its wrapper raise on files that they cannot read."""
 
 
@@ -56,12 +91,15 @@ class ParserDiedError(Exception):
 
 
 def parse_c3d(path: Path, size: int) -> dict[str, Any]:
-    """Raw content: `points` (3, np, nf) with NaN for missing, `poses` (4, 4, ns, nf or more), `analogs` (na, ns),
-    `parameters`, rates, first frame.
+    """Raw content: `points` (3, np, nf) with NaN for missing, `poses` (4, 4, ns, nf or more),
+    `analogs` (na, ns), `parameters`, rates, first frame.
 
-    ValueError with the parser's words where it refuses the file; ParserDiedError where it does not survive it.
+    ValueError with the parser's words where it refuses the file; ParserDiedError where it does not
+    survive it.
     """
-    kind, content = _PARSER.answer(str(path.absolute()), size, BASE_SECONDS + SECONDS_PER_BYTE * size)
+    kind, content = _PARSER.answer(
+        str(path.absolute()), size, BASE_SECONDS + SECONDS_PER_BYTE * size
+    )
     if kind == "fault":
         raise ValueError(content)
     return dict(content)
@@ -82,11 +120,19 @@ class _Parser:
                 if self._process is None:
                     pipe, nowhere = subprocess.PIPE, subprocess.DEVNULL
                     code = f"import sys; sys.path[:] = {[folder for folder in sys.path if folder]}"
-                    command = [sys.executable, "-c", f"{code}; from gaitcal.io.c3d.reader import serve; serve()"]
-                    self._process = subprocess.Popen(command, stdin=pipe, stdout=pipe, stderr=nowhere)
+                    command = [
+                        sys.executable,
+                        "-c",
+                        f"{code}; from gaitcal.io.c3d.reader import serve; serve()",
+                    ]
+                    self._process = subprocess.Popen(
+                        command, stdin=pipe, stdout=pipe, stderr=nowhere
+                    )
                     self._asked(None, START_SECONDS)
                 kind, content = self._asked((path, size), seconds)
-            except BaseException:  # also Ctrl-C: what it still says is no answer to the next question
+            except (
+                BaseException
+            ):  # also Ctrl-C: what it still says is no answer to the next question
                 self.end()
                 raise
             if kind == "fault":
@@ -129,7 +175,9 @@ if hasattr(os, "register_at_fork"):  # a copy of this process asks a parser of i
 
 
 def serve() -> None:
-    """Parse one file after the other, until the caller has gone; what the library prints goes nowhere."""
+    """Parse one file after the other, until the caller has gone; what the library prints goes
+    nowhere.
+    """
     with os.fdopen(os.dup(1), "wb") as out:
         os.dup2(os.open(os.devnull, os.O_WRONLY), 1)
         import ezc3d  # noqa: F401  before the first file's time begins
@@ -173,7 +221,9 @@ def _content(path: str) -> dict[str, Any]:
     parameters: dict[str, dict[str, Any]] = {}
     for group in GROUPS:
         content = file["parameters"].get(group, {})
-        parameters[group] = {name: entry["value"] for name, entry in content.items() if name != "__METADATA__"}
+        parameters[group] = {
+            name: entry["value"] for name, entry in content.items() if name != "__METADATA__"
+        }
     header = file["header"]
     return {
         "points": np.ascontiguousarray(points),
@@ -197,7 +247,9 @@ def read_c3d(path: Path) -> Recording:
     except ValueError as error:
         raise FileFault(_damage(path, str(error)), code=Code.DAMAGED_RECORDING) from None
     except ParserDiedError as error:
-        raise FileFault(f"damaged: the parser did not survive it, {error}", code=Code.DAMAGED_RECORDING) from None
+        raise FileFault(
+            f"damaged: the parser did not survive it, {error}", code=Code.DAMAGED_RECORDING
+        ) from None
     try:
         return _recording(path, header, raw)
     except (ValueError, TypeError, IndexError, OverflowError) as error:
@@ -205,7 +257,9 @@ def read_c3d(path: Path) -> Recording:
 
 
 def _damage(path: Path, error: str) -> str:
-    """Describe what is wrong with a file that a library cannot read, by its format instead of the library's error."""
+    """Describe what is wrong with a file that a library cannot read, by its format instead of the
+    library's error.
+    """
     found = "numbers in its header and its parameters contradict each other"
     if any(word in error for word in ("alloc", "Memory", "length_error", "vector")):
         found = "a number in its header or parameters asks for more data than the file can hold"
@@ -218,15 +272,27 @@ def _recording(path: Path, header: C3DHeader, raw: Mapping[str, Any]) -> Recordi
     points: Array = raw["points"]
     analogs: Array = raw["analogs"]
     if not points.shape[1] and not raw["poses"].shape[2]:
-        found = f"found no marker, only {len(analogs)} analog channels" if len(analogs) else "found no marker"
+        found = (
+            f"found no marker, only {len(analogs)} analog channels"
+            if len(analogs)
+            else "found no marker"
+        )
         raise FileFault(f"{found}; labelled markers are needed, the plates in the same file")
     rate = _rate(parameters, float(raw["rate"]))
     per_metre, notes = _unit(parameters)
-    if not raw["poses"].shape[2] and (whole := layout.layout_of_samples(header, parameters, points, analogs)):
+    if not raw["poses"].shape[2] and (
+        whole := layout.layout_of_samples(header, parameters, points, analogs)
+    ):
         counted, (points, analogs) = points.shape[2], layout.read_samples(path, whole, parameters)
-        note = "ANALOG parameters are missing or do not fit the data, which were laid out after the header."
+        note = (
+            "ANALOG parameters are missing or do not fit the data, which were laid out after the "
+            "header."
+        )
         if points.shape[2] != counted:
-            note = f"The header counts {counted} frames; {points.shape[2]} were read, as many as fill the file."
+            note = (
+                f"The header counts {counted} frames; {points.shape[2]} were read, as many as fill "
+                "the file."
+            )
         notes += (note,)
     frames = points.shape[2]
     if frames < 1:
@@ -246,12 +312,18 @@ def _recording(path: Path, header: C3DHeader, raw: Mapping[str, Any]) -> Recordi
     notes += label_notes
     absurd = (np.abs(markers) > ABSURD_M).any(axis=2)
     if absurd.any():
-        notes += (f"{int(absurd.sum())} positions beyond {ABSURD_M:g} m, damaged numbers, taken as gaps.",)
+        notes += (
+            f"{int(absurd.sum())} positions beyond {ABSURD_M:g} m, damaged numbers, taken as gaps.",
+        )
         markers[absurd] = np.nan
     markers, gap_notes = zeros_to_missing(markers)
     ratio = analogs.shape[1] / frames
-    plates, plate_notes = measured_plates(parameters, analogs, first * ratio, rate * ratio, 1.0 / per_metre, markers)
-    vertical = axes.find_vertical(markers, tuple(plate.as_plate() for plate in plates)) or USUAL_VERTICAL
+    plates, plate_notes = measured_plates(
+        parameters, analogs, first * ratio, rate * ratio, 1.0 / per_metre, markers
+    )
+    vertical = (
+        axes.find_vertical(markers, tuple(plate.as_plate() for plate in plates)) or USUAL_VERTICAL
+    )
     standing, turn_notes = stand_up(plates, vertical.direction)
     notes += gap_notes + plate_notes + turn_notes
     time = (first + np.arange(frames)) / rate
@@ -266,21 +338,28 @@ def _recording(path: Path, header: C3DHeader, raw: Mapping[str, Any]) -> Recordi
         facts=labelling.facts_of(parameters),
         computed=_computed(computed, points, per_metre),
     )
-    return recording if axes.UP_TO_Y[vertical.axis, vertical.sign].is_identity else axes.turn_up(recording, vertical)
+    return (
+        recording
+        if axes.UP_TO_Y[vertical.axis, vertical.sign].is_identity
+        else axes.turn_up(recording, vertical)
+    )
 
 
 def _poses(
     parameters: Mapping[str, Mapping[str, Any]], poses: Array, frames: int, per_metre: float
 ) -> tuple[Array, tuple[str, ...]]:
     """(nf, ns, 4, 4) m of the file's segments at its frames, NaN where not known, and their names."""
-    names = tuple(labelling.clean(label) for label in _texts(parameters.get("ROTATION", {}), "LABELS"))[
-        : poses.shape[2]
-    ]
+    names = tuple(
+        labelling.clean(label) for label in _texts(parameters.get("ROTATION", {}), "LABELS")
+    )[: poses.shape[2]]
     if not names or not frames:
         return np.empty((frames, 0, 4, 4)), ()
     each = poses.shape[3] // frames
     if each * frames != poses.shape[3]:
-        found = f"found {poses.shape[3]} poses of each segment; allowed: as many for each of the {frames} frames"
+        found = (
+            f"found {poses.shape[3]} poses of each segment; allowed: as many for each of the "
+            f"{frames} frames"
+        )
         raise FileFault(found, "ROTATION", Code.DAMAGED_RECORDING)
     out = np.array(poses[:, :, : len(names), ::each].transpose(3, 2, 0, 1))
     out[..., :3, 3] /= per_metre
@@ -296,16 +375,29 @@ def _rate(parameters: Mapping[str, Mapping[str, Any]], header: float) -> float:
     for rate in [*values.tolist(), header]:
         if np.isfinite(rate) and 0.1 <= rate <= 1e5:
             return float(rate)
-    raise FileFault(f"found {header:g} Hz; 0.1 to 100000 are allowed", "POINT:RATE", Code.DAMAGED_RECORDING)
+    raise FileFault(
+        f"found {header:g} Hz; 0.1 to 100000 are allowed", "POINT:RATE", Code.DAMAGED_RECORDING
+    )
 
 
-def _first_frame(parameters: Mapping[str, Mapping[str, Any]], header: int) -> tuple[int, tuple[str, ...]]:
-    """Frames before the first one, by TRIAL where the header began again at zero or stopped; a note if unknown."""
+def _first_frame(
+    parameters: Mapping[str, Mapping[str, Any]], header: int
+) -> tuple[int, tuple[str, ...]]:
+    """Frames before the first one, by TRIAL where the header began again at zero or stopped; a note
+    if unknown.
+    """
     stopped = header >= WORD - 2
     start = layout.long_number(parameters.get("TRIAL", {}).get("ACTUAL_START_FIELD", ()))
-    if start is not None and start > 0 and ((start - 1 - header) % WORD == 0 or (stopped and start > header)):
+    if (
+        start is not None
+        and start > 0
+        and ((start - 1 - header) % WORD == 0 or (stopped and start > header))
+    ):
         return start - 1, ()
-    note = f"The first frame is {WORD - 1}, the greatest that the header can hold: times may begin later."
+    note = (
+        f"The first frame is {WORD - 1}, the greatest that the header can hold: times may begin "
+        "later."
+    )
     return max(0, header), (note,) if stopped else ()
 
 
@@ -332,8 +424,8 @@ def _texts(group: Mapping[str, Any], name: str) -> list[str]:
 def _markers(
     parameters: Mapping[str, Mapping[str, Any]], count: int
 ) -> tuple[list[int], tuple[str, ...], tuple[str, ...], dict[str, int]]:
-    """Places of the measured, named markers among `count` points, their names, notes on the rest, and the computed
-    points that are places (label -> place), not angles or moments.
+    """Places of the measured, named markers among `count` points, their names, notes on the rest,
+    and the computed points that are places (label -> place), not angles or moments.
     """
     group = parameters.get("POINT", {})
     labels = [labelling.clean(label) for label in _texts(group, "LABELS")][:count]
@@ -343,9 +435,13 @@ def _markers(
     if count > len(named):
         notes += (f"{count - len(named)} unlabelled trajectories left out.",)
     if not named:
-        raise FileFault(f"found {count} trajectories, none with a name; labelled markers are needed")
+        raise FileFault(
+            f"found {count} trajectories, none with a name; labelled markers are needed"
+        )
     listed = _listed_as_computed(group)
-    prefix, prefix_notes = labelling.common_prefix([labels[i] for i in named if labels[i] not in listed])
+    prefix, prefix_notes = labelling.common_prefix(
+        [labels[i] for i in named if labels[i] not in listed]
+    )
     spelt = {i: labels[i].removeprefix(prefix) for i in named}
     by_spelling = labelling.computed_points(list(spelt.values()))
     keep = [i for i in named if labels[i] not in listed and spelt[i] not in by_spelling]
@@ -364,15 +460,29 @@ def _markers(
     return keep, names, notes + prefix_notes + repetition_notes, places
 
 
-def _computed(places: Mapping[str, int], points: Array, per_metre: float) -> labelling.ComputedPoints | None:
+def _computed(
+    places: Mapping[str, int], points: Array, per_metre: float
+) -> labelling.ComputedPoints | None:
     if not places:
         return None
     values = points[:, list(places.values())].transpose(2, 1, 0) / per_metre
-    known = np.isfinite(values).all(axis=2) & (np.abs(values) <= ABSURD_M).all(axis=2) & (values != 0).any(axis=2)
+    known = (
+        np.isfinite(values).all(axis=2)
+        & (np.abs(values) <= ABSURD_M).all(axis=2)
+        & (values != 0).any(axis=2)
+    )
     return labelling.ComputedPoints(tuple(places), np.where(known[:, :, None], values, np.nan))
 
 
 def _listed_as_computed(group: Mapping[str, Any], groups: Sequence[str] = ()) -> set[str]:
     """Labels in these parameters; without `groups`, in all that list computed points."""
-    names = groups or [*COMPUTED_GROUPS, *(labelling.clean(text) for text in _texts(group, "TYPE_GROUPS"))]
-    return {labelling.clean(label) for name in names if name != "LABELS" for label in _texts(group, name)}
+    names = groups or [
+        *COMPUTED_GROUPS,
+        *(labelling.clean(text) for text in _texts(group, "TYPE_GROUPS")),
+    ]
+    return {
+        labelling.clean(label)
+        for name in names
+        if name != "LABELS"
+        for label in _texts(group, name)
+    }

@@ -1,10 +1,12 @@
-"""C3D files written: from a recording, and as a copy of a file with further points, events and parameters.
+"""C3D files written: from a recording, and as a copy of a file with further points, events and
+parameters.
 
-From a recording: Vicon's usual shape, millimetres, z up, type-2 plates. C3D keeps 32-bit floats, so markers come back
-to 1e-7 of their size, and wrenches likewise.
+From a recording: Vicon's usual shape, millimetres, z up, type-2 plates. C3D keeps 32-bit floats, so
+markers come back to 1e-7 of their size, and wrenches likewise.
 
-As a copy: read and written by ezc3d, with points, residuals and analog samples as numbers of 32 bits. A file of
-integers becomes one of floats. Which parameters are not those of the file any more, byte by byte, is returned.
+As a copy: read and written by ezc3d, with points, residuals and analog samples as numbers of 32
+bits. A file of integers becomes one of floats. Which parameters are not those of the file any more,
+byte by byte, is returned.
 """
 
 import itertools
@@ -25,7 +27,9 @@ from gaitcal.io.c3d import layout
 from gaitcal.io.labels import FootEvent, FootMoment
 from gaitcal.io.recording import ForcePlate, Recording, require_plain_labels
 
-Y_TO_Z_UP = Turn((0, 2, 1), (1, -1, 1))  # Our axes to the laboratory's: the inverse of UP_TO_Y[2, 1]
+Y_TO_Z_UP = Turn(
+    (0, 2, 1), (1, -1, 1)
+)  # Our axes to the laboratory's: the inverse of UP_TO_Y[2, 1]
 CHANNEL_NAMES = ("Fx", "Fy", "Fz", "Mx", "My", "Mz")
 MARGIN_M = 0.1  # Around the points of a plate whose corners are unknown
 MOST_FRAMES = 65535  # First and last frame are 16-bit numbers
@@ -43,8 +47,9 @@ def _fault(message: str, field: str | None = None) -> text_file.FileFault:
 def write_c3d(path: Path, recording: Recording) -> None:
     """Markers and plates as a C3D file that `read_recording` returns again.
 
-    Times must be uniform and start at a whole number of frames; plate samples a whole multiple of the marker rate, from
-    the first frame on, to the last. A plate without corners gets a rectangle around its points. InputError otherwise.
+    Times must be uniform and start at a whole number of frames; plate samples a whole multiple of
+    the marker rate, from the first frame on, to the last. A plate without corners gets a rectangle
+    around its points. InputError otherwise.
     """
     import ezc3d
 
@@ -88,11 +93,15 @@ def _clock(time: Array) -> tuple[float, int]:
     if away > CLOCK_SAMPLES:
         raise _fault(f"times lie up to {away:.2g} frames off a uniform clock; C3D allows none")
     if first < 0 or first + len(time) > MOST_FRAMES:
-        raise _fault(f"frames {first + 1} to {first + len(time)} found; 1 to {MOST_FRAMES} are allowed")
+        raise _fault(
+            f"frames {first + 1} to {first + len(time)} found; 1 to {MOST_FRAMES} are allowed"
+        )
     return rate, first
 
 
-def _add_plates(file: Any, plates: tuple[ForcePlate, ...], rate: float, frames: int, start: float) -> None:
+def _add_plates(
+    file: Any, plates: tuple[ForcePlate, ...], rate: float, frames: int, start: float
+) -> None:
     samples = len(plates[0].time)
     ratio = samples // frames
     for plate in plates:
@@ -100,7 +109,8 @@ def _add_plates(file: Any, plates: tuple[ForcePlate, ...], rate: float, frames: 
         uniform = samples == ratio * frames and count == samples
         if not uniform or np.abs(steps - np.arange(samples)).max() > CLOCK_SAMPLES:
             raise _fault(
-                f"{count} samples from {plate.time[0]:.4f} s for {frames} frames from {start:.4f} s; a whole number of "
+                f"{count} samples from {plate.time[0]:.4f} s for {frames} frames from {start:.4f} "
+                "s; a whole number of "
                 "samples a frame, from the first frame on, is needed",
                 f"plate {plate.name}",
             )
@@ -130,9 +140,13 @@ def _add_plates(file: Any, plates: tuple[ForcePlate, ...], rate: float, frames: 
 
 
 def _plate_in_its_frame(plate: ForcePlate) -> tuple[Array, Array]:
-    """Corners (4, 3) m, z up, and channels (6, ns) N, N·mm about the middle of the surface in the plate's frame."""
+    """Corners (4, 3) m, z up, and channels (6, ns) N, N·mm about the middle of the surface in the
+    plate's frame.
+    """
     corners = Y_TO_Z_UP.apply(_standard_corners(plate))
-    corners = (1e3 * corners).astype(np.float32).astype(np.float64) / 1e3  # as the file will hold them
+    corners = (1e3 * corners).astype(np.float32).astype(
+        np.float64
+    ) / 1e3  # as the file will hold them
     frame = force_plate.plate_frame(corners)
     wrench = plate.wrench()
     force = Y_TO_Z_UP.apply(wrench[:, :3])
@@ -141,14 +155,19 @@ def _plate_in_its_frame(plate: ForcePlate) -> tuple[Array, Array]:
 
 
 def _standard_corners(plate: ForcePlate) -> Array:
-    """(4, 3) m, y up, numbered so that the plate's own z points down; a rectangle around the points if unknown."""
+    """(4, 3) m, y up, numbered so that the plate's own z points down; a rectangle around the points
+    if unknown.
+    """
     if plate.corners is None:
         points = plate.point[plate.force[:, 1] > 0]
         points = points if len(points) else plate.point
         low, high = points.min(axis=0) - MARGIN_M, points.max(axis=0) + MARGIN_M
         y = float(np.median(points[:, 1]))
-        # x forward and z right here are x and -y of the file: +x +y, -x +y, -x -y, +x -y seen from below.
-        return np.array([[high[0], y, high[2]], [low[0], y, high[2]], [low[0], y, low[2]], [high[0], y, low[2]]])
+        # x forward and z right here are x and -y of the file: +x +y, -x +y, -x -y, +x -y seen from
+        # below.
+        return np.array(
+            [[high[0], y, high[2]], [low[0], y, high[2]], [low[0], y, low[2]], [high[0], y, low[2]]]
+        )
     normal = np.cross(plate.corners[0] - plate.corners[1], plate.corners[0] - plate.corners[3])
     return plate.corners if normal[1] < 0 else plate.corners[[1, 0, 3, 2]]
 
@@ -170,13 +189,18 @@ POINTS = frozenset(
 )
 EVENTS = frozenset(
     f"EVENT:{name}"
-    for name in (*("USED", "TIMES", "CONTEXTS", "LABELS"), *("DESCRIPTIONS", "SUBJECTS", "ICON_IDS", "GENERIC_FLAGS"))
+    for name in (
+        *("USED", "TIMES", "CONTEXTS", "LABELS"),
+        *("DESCRIPTIONS", "SUBJECTS", "ICON_IDS", "GENERIC_FLAGS"),
+    )
 )
 """Parameters that change where points and events are added."""
 
 
 class PointKind(Enum):
-    """What the three numbers of a point are: the list of POINT that names it, and the word for one of its kind."""
+    """What the three numbers of a point are: the list of POINT that names it, and the word for one
+    of its kind.
+    """
 
     ANGLE = ("ANGLES", "ANGLE")
     MOMENT = ("MOMENTS", "MOMENT")
@@ -214,7 +238,9 @@ class C3DOriginal:
         return tuple(_list(self.file, "POINT", "LABELS")[: self.file["data"]["points"].shape[1]])
 
     def unit(self, name: str) -> str:
-        """A POINT parameter that names a unit, such as `ANGLE_UNITS`; the empty string where it is missing."""
+        """A POINT parameter that names a unit, such as `ANGLE_UNITS`; the empty string where it is
+        missing.
+        """
         return next(iter(_list(self.file, "POINT", name)), "")
 
     def places(self) -> Array:
@@ -250,7 +276,9 @@ def c3d_original(path: Path, frames: int) -> C3DOriginal:
             "camera_masks": np.zeros((7, *places.shape[1:]), dtype=bool),
         }
     if points.shape[2] != frames:
-        raise text_file.FileFault(f"it has {points.shape[2]} frames; {frames} were read", code=Code.DAMAGED_RECORDING)
+        raise text_file.FileFault(
+            f"it has {points.shape[2]} frames; {frames} were read", code=Code.DAMAGED_RECORDING
+        )
     return C3DOriginal(path=path, header=header, file=file)
 
 
@@ -309,17 +337,20 @@ def supplement_c3d(
     names = names if is_restored else (*names, "residuals of points")
     # ezc3d leaves out the descriptions of the first 255 points where there are more
     described, asked_for = (
-        _list(f, "POINT", "DESCRIPTIONS") for f in (c3d_original(target, original.frames).file, file)
+        _list(f, "POINT", "DESCRIPTIONS")
+        for f in (c3d_original(target, original.frames).file, file)
     )
     is_described = described == [text.rstrip() for text in asked_for]
     return names if is_described else (*names, "POINT:DESCRIPTIONS")
 
 
 def _restore_residuals(original: C3DOriginal, path: Path, replaced: Container[str]) -> bool:
-    """Give the points of the original the fourth word that they have there, and the header the scale of it.
+    """Give the points of the original the fourth word that they have there, and the header the
+    scale of it.
 
-    That word holds the residual and the cameras of a point. ezc3d keeps 15 of its 16 bits, and writes -1 as the scale
-    into the header, whatever the parameters have. Returns whether those words could be restored: not of DEC floats.
+    That word holds the residual and the cameras of a point. ezc3d keeps 15 of its 16 bits, and
+    writes -1 as the scale into the header, whatever the parameters have. Returns whether those
+    words could be restored: not of DEC floats.
     """
     header, frames, group = original.header, original.frames, original.file["parameters"]["POINT"]
     scale = float(np.ravel(group["SCALE"]["value"])[0]) if "SCALE" in group else 1.0
@@ -334,7 +365,9 @@ def _restore_residuals(original: C3DOriginal, path: Path, replaced: Container[st
     theirs = np.memmap(original.path, kind, "r", header.start, shapes[0])
     ours = np.memmap(path, "<f4", "r+", new.start, shapes[1])
     places = [
-        4 * k + 3 for k, label in enumerate(_completed(list(original.labels), header.points)) if label not in replaced
+        4 * k + 3
+        for k, label in enumerate(_completed(list(original.labels), header.points))
+        if label not in replaced
     ]
     is_missing = original.file["data"]["meta_points"]["residuals"][0].T < 0
     if not np.array_equal(theirs[:, 3 : 4 * header.points : 4] < 0, is_missing):
@@ -359,7 +392,9 @@ def _names(name: str) -> Iterator[str]:
 
 
 def _put(file: Any, group: str, name: str, value: Any) -> None:
-    """Set a parameter, which keeps its description where it is there; a long list of text goes on in NAME2, ..."""
+    """Set a parameter, which keeps its description where it is there; a long list of text goes on
+    in NAME2, ...
+    """
     entries = file["parameters"].get(group, {})
     if not isinstance(value, list):
         parts: list[Any] = [value]
@@ -420,7 +455,11 @@ def _complete_channels(file: Any) -> None:
     group = file["parameters"]["ANALOG"]
     for name in ("LABELS", "DESCRIPTIONS", "UNITS"):
         _put(file, "ANALOG", name, _completed(_list(file, "ANALOG", name), count))
-    scales = np.asarray(group["SCALE"]["value"], dtype=float).ravel()[:count] if "SCALE" in group else np.zeros(0)
+    scales = (
+        np.asarray(group["SCALE"]["value"], dtype=float).ravel()[:count]
+        if "SCALE" in group
+        else np.zeros(0)
+    )
     _put(file, "ANALOG", "SCALE", np.concatenate([scales, np.ones(count - len(scales))]))
 
 
@@ -429,7 +468,11 @@ def _add_events(file: Any, events: Sequence[FootEvent]) -> None:
     if not events:
         return
     entries = file["parameters"].get("EVENT", {})
-    times = np.asarray(entries["TIMES"]["value"], dtype=float) if "TIMES" in entries else np.zeros((2, 0))
+    times = (
+        np.asarray(entries["TIMES"]["value"], dtype=float)
+        if "TIMES" in entries
+        else np.zeros((2, 0))
+    )
     if times.ndim != 2 or times.shape[0] != 2:
         if times.size:
             raise ValueError(f"EVENT:TIMES has the shape {times.shape}; (2, events) is needed")
@@ -445,12 +488,21 @@ def _add_events(file: Any, events: Sequence[FootEvent]) -> None:
         "DESCRIPTIONS": [text for _, text, _ in words],
         "SUBJECTS": [subject] * len(events),
     }
-    new = np.array([[event.time // 60.0 for event in events], [event.time % 60.0 for event in events]])
+    new = np.array(
+        [[event.time // 60.0 for event in events], [event.time % 60.0 for event in events]]
+    )
     _put(file, "EVENT", "TIMES", np.hstack([times, new]))
     for name, texts in columns.items():
         _put(file, "EVENT", name, _completed(_list(file, "EVENT", name), there) + texts)
-    for name, numbers in (("ICON_IDS", [icon for _, _, icon in words]), ("GENERIC_FLAGS", [0] * len(events))):
-        known = np.asarray(entries[name]["value"]).ravel()[:there] if name in entries else np.zeros(0, dtype=int)
+    for name, numbers in (
+        ("ICON_IDS", [icon for _, _, icon in words]),
+        ("GENERIC_FLAGS", [0] * len(events)),
+    ):
+        known = (
+            np.asarray(entries[name]["value"]).ravel()[:there]
+            if name in entries
+            else np.zeros(0, dtype=int)
+        )
         flags = np.concatenate([known, np.zeros(there - len(known)), numbers]).astype(int)
         _put(file, "EVENT", name, flags)
     _put(file, "EVENT", "USED", np.array([there + len(events)]))

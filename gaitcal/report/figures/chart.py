@@ -1,7 +1,8 @@
-"""Charts: lists of panels that know how to draw themselves, with one legend; and the look that all of them share.
+"""Charts: lists of panels that know how to draw themselves, with one legend; and the look that all
+of them share.
 
-The colours are Okabe and Ito's, which colour-blind eyes tell apart. Nothing here touches matplotlib's global state, and
-matplotlib is loaded when something is drawn, not before.
+The colours are Okabe and Ito's, which colour-blind eyes tell apart. Nothing here touches
+matplotlib's global state, and matplotlib is loaded when something is drawn, not before.
 """
 
 from __future__ import annotations
@@ -69,20 +70,28 @@ def _characters() -> frozenset[int]:
 
 
 def plain(text: str, limit: int = LONGEST_NAME) -> str:
-    """A name from the user's data as matplotlib shows it: no markup, only printable characters, not too long.
+    """A name from the user's data as matplotlib shows it: no markup, only printable characters, not
+    too long.
 
-    `$` begins matplotlib's own markup and is escaped; what the font cannot draw, and all that controls the direction
-    or flow of text, becomes a middle dot.
+    `$` begins matplotlib's own markup and is escaped; what the font cannot draw, and all that
+    controls the direction or flow of text, becomes a middle dot.
     """
     known = _characters()
-    shown = [c if c == " " or (ord(c) in known and unicodedata.category(c)[0] not in "CZ") else "·" for c in text]
+    shown = [
+        c if c == " " or (ord(c) in known and unicodedata.category(c)[0] not in "CZ") else "·"
+        for c in text
+    ]
     if len(shown) > limit:
         shown = shown[: limit - 1] + ["…"]
     return "".join(shown).replace("$", r"\$")
 
 
-def dress(axes: Axes, *, xlabel: str = "", ylabel: str = "", title: str = "", sizes: Sizes = SCREEN) -> None:
-    """Give axes their common look: labels in ink, no frame above and at the right, light grid lines."""
+def dress(
+    axes: Axes, *, xlabel: str = "", ylabel: str = "", title: str = "", sizes: Sizes = SCREEN
+) -> None:
+    """Give axes their common look: labels in ink, no frame above and at the right, light grid
+    lines.
+    """
     from matplotlib.ticker import MaxNLocator
 
     for side in ("top", "right"):
@@ -90,14 +99,30 @@ def dress(axes: Axes, *, xlabel: str = "", ylabel: str = "", title: str = "", si
     for side in ("left", "bottom"):
         axes.spines[side].set_color(FAINT)
         axes.spines[side].set_linewidth(0.6)
-    axes.tick_params(colors=INK, labelsize=sizes.small, labelfontfamily=FONT, width=0.6, length=2.5, color=FAINT, pad=2)
+    axes.tick_params(
+        colors=INK,
+        labelsize=sizes.small,
+        labelfontfamily=FONT,
+        width=0.6,
+        length=2.5,
+        color=FAINT,
+        pad=2,
+    )
     axes.grid(color=GRID, linewidth=0.5)
     axes.set_axisbelow(True)
     axes.set_facecolor("white")
     axes.set_xlabel(xlabel, fontsize=sizes.normal, family=FONT, color=INK, labelpad=2)
     axes.set_ylabel(ylabel, fontsize=sizes.normal, family=FONT, color=INK, labelpad=2)
     if title:
-        axes.set_title(title, fontsize=sizes.title, family=FONT, color=INK, loc="left", fontweight="bold", pad=4)
+        axes.set_title(
+            title,
+            fontsize=sizes.title,
+            family=FONT,
+            color=INK,
+            loc="left",
+            fontweight="bold",
+            pad=4,
+        )
     axes.yaxis.set_major_locator(MaxNLocator(5))
 
 
@@ -214,7 +239,9 @@ def _place(figure: Figure, panel: Panel, left: float, bottom: float) -> None:
         )
     )
     panel.draw(axes)
-    axes.yaxis.set_label_coords(-(size.left - size.label) / (size.width - size.left - size.right), 0.5)
+    axes.yaxis.set_label_coords(
+        -(size.left - size.label) / (size.width - size.left - size.right), 0.5
+    )
 
 
 def _handle(key: Key) -> Line2D | Patch:
@@ -223,7 +250,14 @@ def _handle(key: Key) -> Line2D | Patch:
 
     if key.kind == "band":
         return Patch(facecolor=key.colour, alpha=0.25, label=key.label)
-    return Line2D([], [], color=key.colour, linestyle=line_style(key.dashes), linewidth=key.width, label=key.label)
+    return Line2D(
+        [],
+        [],
+        color=key.colour,
+        linestyle=line_style(key.dashes),
+        linewidth=key.width,
+        label=key.label,
+    )
 
 
 DPI: Final = 300  # What journals ask for
@@ -244,7 +278,9 @@ def write_charts(charts: Iterable[Chart], folder: Path | str, formats: Sequence[
     folder = Path(folder)
     folder.mkdir(parents=True, exist_ok=True)
     written = []
-    with mpl.rc_context({"svg.hashsalt": SALT, "pdf.fonttype": 42}):  # letters of a PDF stay letters
+    with mpl.rc_context(
+        {"svg.hashsalt": SALT, "pdf.fonttype": 42}
+    ):  # letters of a PDF stay letters
         for chart in charts:
             figure = chart_figure(chart)
             for suffix in formats:

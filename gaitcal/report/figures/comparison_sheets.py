@@ -1,9 +1,10 @@
-"""Pages without a script: one HTML file of words, tables and SVG that opens offline and requests nothing.
+"""Pages without a script: one HTML file of words, tables and SVG that opens offline and requests
+nothing.
 
-Above all that of two sessions side by side: who and when, what differs in words, mean curves of both sessions with the
-band within which a difference could have been missed, scores and steps, and the table of figures, the largest
-difference first; on paper in the same order. Moments and powers are by each session's own body mass, as people grow
-between two visits.
+Above all that of two sessions side by side: who and when, what differs in words, mean curves of
+both sessions with the band within which a difference could have been missed, scores and steps, and
+the table of figures, the largest difference first; on paper in the same order. Moments and powers
+are by each session's own body mass, as people grow between two visits.
 """
 
 import base64
@@ -78,17 +79,25 @@ def comparison_page(
     for sheet, variables in sheets.items():
         if picture := _sheet(comparison, convention, variables):
             words = (
-                f"{sheet}: means of {names[0]} (grey) and {names[1]} (right blue, left red, dashed) over the stride "
-                "of each foot. Grey band: within it a difference could have been missed (95 %); black bars: beyond it."
+                f"{sheet}: means of {names[0]} (grey) and {names[1]} (right blue, left red, "
+                "dashed) over the stride "
+                "of each foot. Grey band: within it a difference could have been missed (95 %); "
+                "black bars: beyond it."
             )
             parts += [
                 f"<h2>{escape(sheet)}</h2>",
                 f"<figure>{picture}<figcaption>{escape(words)}</figcaption></figure>",
             ]
     if scores:
-        against = (f"{name}, against {norm}" if norm else name for name, norm in zip(names, norms, strict=True))
+        against = (
+            f"{name}, against {norm}" if norm else name
+            for name, norm in zip(names, norms, strict=True)
+        )
         head = ("deg, ± standard error", *against, "difference")
-        parts += ["<h2>Gait Profile Score and Movement Analysis Profile</h2>", plain_table("Scores", head, scores)]
+        parts += [
+            "<h2>Gait Profile Score and Movement Analysis Profile</h2>",
+            plain_table("Scores", head, scores),
+        ]
     steps = [d for d in comparison.found if d.kind == "spatiotemporal"]
     rest = [d for d in comparison.found if d.kind != "spatiotemporal"]
     parts += [
@@ -98,7 +107,9 @@ def comparison_page(
     return plain_page(title, parts)
 
 
-def _figures(title: str, names: tuple[str, str], found: Sequence[Difference], most: int) -> Iterator[str]:
+def _figures(
+    title: str, names: tuple[str, str], found: Sequence[Difference], most: int
+) -> Iterator[str]:
     if not found:
         return
     yield f"<h2>{title}</h2>"
@@ -107,15 +118,25 @@ def _figures(title: str, names: tuple[str, str], found: Sequence[Difference], mo
     yield plain_table(title, head, rows, beyond=[d.exceeds for d in found[:most]])
     if len(found) > most:
         yield f'<p class="soft">and {len(found) - most} more in differences.csv</p>'
-    yield '<p class="soft">Missed below: minimal detectable change (95 %). Times: difference over it; bold: beyond.</p>'
+    yield (
+        '<p class="soft">Missed below: minimal detectable change (95 %). Times: difference over '
+        "it; bold: beyond.</p>"
+    )
 
 
 def _sheet(comparison: SessionComparison, convention: Convention, variables: Sequence[str]) -> str:
-    """An `<img>` with a panel for each variable and leg; empty where both sessions have none of them."""
+    """An `<img>` with a panel for each variable and leg; empty where both sessions have none of
+    them.
+    """
     import matplotlib as mpl
 
     curves = comparison.curves
-    known = [(v, s) for v in variables for s in SIDES if ((curves["variable"] == v) & (curves["side"] == s)).any()]
+    known = [
+        (v, s)
+        for v in variables
+        for s in SIDES
+        if ((curves["variable"] == v) & (curves["side"] == s)).any()
+    ]
     if not known:
         return ""
     rows = -(-len(known) // COLUMNS)
@@ -126,23 +147,44 @@ def _sheet(comparison: SessionComparison, convention: Convention, variables: Seq
     figure.tight_layout(h_pad=0.8, w_pad=0.6)
     text = io.StringIO()
     with mpl.rc_context({"svg.hashsalt": SALT, "svg.fonttype": "none"}):
-        figure.savefig(text, format="svg", metadata={"Date": None, "Creator": None, "Format": None, "Type": None})
-    told = f"Mean curves of {' and '.join(comparison.names)}: {', '.join(dict.fromkeys(v for v, _ in known))}"
+        figure.savefig(
+            text,
+            format="svg",
+            metadata={"Date": None, "Creator": None, "Format": None, "Type": None},
+        )
+    told = (
+        f"Mean curves of {' and '.join(comparison.names)}: "
+        f"{', '.join(dict.fromkeys(v for v, _ in known))}"
+    )
     data = base64.b64encode(text.getvalue().encode()).decode("ascii")
     return f'<img alt="{escape(told)}" src="data:image/svg+xml;base64,{data}">'
 
 
-def _panel(axes: "Axes", comparison: SessionComparison, convention: Convention, curve: pd.DataFrame) -> None:
-    variable, side, percent = curve["variable"].iloc[0], curve["side"].iloc[0], curve["percent"].to_numpy()
+def _panel(
+    axes: "Axes", comparison: SessionComparison, convention: Convention, curve: pd.DataFrame
+) -> None:
+    variable, side, percent = (
+        curve["variable"].iloc[0],
+        curve["side"].iloc[0],
+        curve["percent"].to_numpy(),
+    )
     kind = kind_of(variable)
     before, after, band = told_curves(comparison, convention, curve)
     positive, title = convention.senses(variable, side)[0], convention.title(variable)
     dress(axes, ylabel=f"{report_sheets.UNITS[kind]}\n{positive} +")
     axes.set_title(f"{title}, {SIDE_WORDS[side]}", fontsize=7.6, family=FONT, loc="left", pad=3)
     axes.axhline(0.0, color=FAINT, linewidth=0.5)
-    axes.fill_between(percent, before - band, before + band, color="#000000", alpha=0.12, linewidth=0)
+    axes.fill_between(
+        percent, before - band, before + band, color="#000000", alpha=0.12, linewidth=0
+    )
     axes.plot(percent, before, color="#555555", linewidth=1.3)
-    axes.plot(percent, after, color=SIDE_COLOURS[side], linestyle=line_style(SIDE_DASHES[side]), linewidth=1.5)
+    axes.plot(
+        percent,
+        after,
+        color=SIDE_COLOURS[side],
+        linestyle=line_style(SIDE_DASHES[side]),
+        linewidth=1.5,
+    )
     low, high = limits([before, after, before - band, before + band], report_sheets.LEAST[kind])
     beyond = np.where(curve["exceeds"].to_numpy() == 1, low, np.nan)
     axes.plot(percent, beyond, color=INK, linewidth=5.0, solid_capstyle="butt")
@@ -150,8 +192,11 @@ def _panel(axes: "Axes", comparison: SessionComparison, convention: Convention, 
     axes.set_ylim(low, high)
 
 
-def told_curves(comparison: SessionComparison, convention: Convention, curve: pd.DataFrame) -> tuple[Array, ...]:
-    """(101,) means before and after, by each session's own body mass, and how far apart they could be unnoticed.
+def told_curves(
+    comparison: SessionComparison, convention: Convention, curve: pd.DataFrame
+) -> tuple[Array, ...]:
+    """(101,) means before and after, by each session's own body mass, and how far apart they could
+    be unnoticed.
 
     `curve`: the rows of one variable and side of `curve_differences.csv`.
     """
@@ -160,7 +205,9 @@ def told_curves(comparison: SessionComparison, convention: Convention, curve: pd
     def told(name: str, session: int) -> Array:
         person = comparison.subjects[session]
         by_mass = 1.0 / person.mass if kind_of(variable) is Kind.FORCE else 1.0
-        return by_mass * convention.values(variable, curve[name].to_numpy(dtype=float), side, person)
+        return by_mass * convention.values(
+            variable, curve[name].to_numpy(dtype=float), side, person
+        )
 
     return told("a", 0), told("b", 1), 0.5 * (np.abs(told("mdc95", 0)) + np.abs(told("mdc95", 1)))
 
@@ -168,13 +215,18 @@ def told_curves(comparison: SessionComparison, convention: Convention, curve: pd
 def paper_panels(
     comparison: SessionComparison, convention: Convention, variables: Sequence[str]
 ) -> Iterator[report_sheets.CurvePanel | str]:
-    """Of a sheet on paper: before thin, after thick in the band within which a difference could have been missed."""
+    """Of a sheet on paper: before thin, after thick in the band within which a difference could
+    have been missed.
+    """
     curves, none = comparison.curves, np.full(POINTS, np.nan)
     for variable in variables:
         if variable not in known_variables():
             yield variable
             continue
-        of = {side: curves[(curves["variable"] == variable) & (curves["side"] == side)] for side in SIDES}
+        of = {
+            side: curves[(curves["variable"] == variable) & (curves["side"] == side)]
+            for side in SIDES
+        }
         told = {
             side: told_curves(comparison, convention, rows) if len(rows) else (none, none, none)
             for side, rows in of.items()
@@ -225,7 +277,12 @@ def plain_page(title: str, parts: Iterable[str]) -> str:
 
 
 def plain_table(
-    label: str, head: Row, rows: Iterable[Row], name: str = "", beyond: Sequence[bool] = (), words: int = 1
+    label: str,
+    head: Row,
+    rows: Iterable[Row],
+    name: str = "",
+    beyond: Sequence[bool] = (),
+    words: int = 1,
 ) -> str:
     """A table that scrolls sideways where it is too wide.
 
@@ -237,7 +294,10 @@ def plain_table(
 
     def cells(row: Row, tag: str, further: str = "") -> str:
         left = (' class="text"' if k < words else "" for k in range(1, len(row) + 1))
-        return "".join(f"<{tag}{further}{of}>{escape(cell)}</{tag}>" for of, cell in zip(left, row, strict=True))
+        return "".join(
+            f"<{tag}{further}{of}>{escape(cell)}</{tag}>"
+            for of, cell in zip(left, row, strict=True)
+        )
 
     top = (f'<th scope="col">{escape(head[0])}</th>' if head[0] else "<td></td>") + cells(
         head[1:], "th", ' scope="col"'
@@ -247,7 +307,9 @@ def plain_table(
         marked = ' class="beyond"' if k < len(beyond) and beyond[k] else ""
         body += f'<tr{marked}><th scope="row">{escape(first)}</th>{cells(rest, "td")}</tr>'
     table = f'<table class="{name}"><thead><tr>{top}</tr></thead><tbody>{body}</tbody></table>'
-    return f'<div class="scroll" tabindex="0" role="region" aria-label="{escape(label)}">{table}</div>'
+    return (
+        f'<div class="scroll" tabindex="0" role="region" aria-label="{escape(label)}">{table}</div>'
+    )
 
 
 def warning(text: str) -> str:

@@ -1,7 +1,8 @@
-"""A printed gait report: A4 pages of text, tables and sheets of curves, drawn as vectors without a browser.
+"""A printed gait report: A4 pages of text, tables and sheets of curves, drawn as vectors without a
+browser.
 
-What stands in it is `ReportContent`, which `report/gait_report.py` reads from a result folder: person, verdict, what
-counts, steps; kinematics; kinetics; joints, comments, signature.
+What stands in it is `ReportContent`, which `report/gait_report.py` reads from a result folder:
+person, verdict, what counts, steps; kinematics; kinetics; joints, comments, signature.
 """
 
 from collections.abc import Mapping, Sequence
@@ -41,7 +42,11 @@ from gaitcal.report.figures.report_sheets import (
     register_fonts,
 )
 
-TONES: Final = {"trustworthy": HexColor("#2e7d32"), "doubtful": HexColor("#b26a00"), "refused": HexColor("#b00020")}
+TONES: Final = {
+    "trustworthy": HexColor("#2e7d32"),
+    "doubtful": HexColor("#b26a00"),
+    "refused": HexColor("#b00020"),
+}
 MARGIN: Final = 15.0 * mm
 HEADER_COLUMNS: Final = 5
 LEAST_TABLE: Final = 60.0 * mm
@@ -57,10 +62,14 @@ class ReportContent:
     """Label and value: name, session, sex, age, diagnosis, mass, height, ...; the name first."""
     verdict: str  # `trustworthy`, `doubtful` or `refused`
     sentence: str
-    reasons: tuple[tuple[str, str], ...]  # What speaks against the result, and what to do about it; the worst first
+    reasons: tuple[
+        tuple[str, str], ...
+    ]  # What speaks against the result, and what to do about it; the worst first
     fit: tuple[str, ...]  # How well the model follows markers and forces, a sentence each
     walked: bool  # Whether there is a walk among the trials
-    walks: tuple[tuple[str, ...], ...]  # Head, then a row for each whole-body trial and leg: which strides count
+    walks: tuple[
+        tuple[str, ...], ...
+    ]  # Head, then a row for each whole-body trial and leg: which strides count
     steps: tuple[tuple[str, ...], ...]  # Head, then a row for each spatiotemporal measure
     steps_norm: str  # Whom their norm is of; empty where there is none
     sheets: tuple[Sheet, ...]
@@ -68,8 +77,12 @@ class ReportContent:
     """Title, then head and rows of the peaks of each activity that is no gait."""
     norm: str  # Whom the grey bands are of; empty where there are none
     norm_remark: str  # Why these, or why none
-    profile: tuple[Score, ...]  # Movement Analysis Profile and Gait Profile Scores; empty where no norm fits
-    joints: tuple[tuple[str, ...], ...]  # Head, then a row for each joint: how far calibration moved it
+    profile: tuple[
+        Score, ...
+    ]  # Movement Analysis Profile and Gait Profile Scores; empty where no norm fits
+    joints: tuple[
+        tuple[str, ...], ...
+    ]  # Head, then a row for each joint: how far calibration moved it
     undetermined: tuple[str, ...]  # What the recordings do not determine
     comments: Mapping[str, str]  # Section (`COMMENT_SECTIONS`) -> what somebody wrote
     footer: str  # Program and version
@@ -85,11 +98,17 @@ class ComparisonContent:
     """What the report of two sessions says."""
 
     title: str
-    people: tuple[tuple[str, ...], ...]  # Head with the names of both sessions, then label and value of each
+    people: tuple[
+        tuple[str, ...], ...
+    ]  # Head with the names of both sessions, then label and value of each
     words: tuple[str, ...]  # Warnings, then what differs
-    scores: tuple[tuple[str, ...], ...]  # Head, then a row for each angle or score: before, after, difference
+    scores: tuple[
+        tuple[str, ...], ...
+    ]  # Head, then a row for each angle or score: before, after, difference
     steps: tuple[tuple[str, ...], ...]  # Head, then a row for each measure
-    others: tuple[tuple[str, ...], ...]  # The same of all other figures, the largest difference first
+    others: tuple[
+        tuple[str, ...], ...
+    ]  # The same of all other figures, the largest difference first
     sheets: tuple[Sheet, ...]
     comments: Mapping[str, str]
     footer: str
@@ -111,7 +130,9 @@ def write_pdf(content: ReportContent | ComparisonContent, path: Path) -> int:
     width, height = A4
     size = width - 2 * MARGIN, height - 2 * MARGIN - 16 * mm
     out = BytesIO()
-    document = BaseDocTemplate(out, pagesize=A4, title=content.title, author="", creator=content.footer, invariant=1)
+    document = BaseDocTemplate(
+        out, pagesize=A4, title=content.title, author="", creator=content.footer, invariant=1
+    )
     frame = Frame(MARGIN, MARGIN + 6 * mm, *size, 0, 0, 0, 0)
 
     def decorate(canvas: Canvas, _: object) -> None:
@@ -121,14 +142,20 @@ def write_pdf(content: ReportContent | ComparisonContent, path: Path) -> int:
         canvas.setFont(SANS, 7)
         canvas.setFillColor(FAINT)
         canvas.drawString(MARGIN, MARGIN - 2 * mm, content.footer)
-        canvas.drawRightString(width - MARGIN - 5.6 * mm, MARGIN - 2 * mm, f"page {canvas.getPageNumber()}")
+        canvas.drawRightString(
+            width - MARGIN - 5.6 * mm, MARGIN - 2 * mm, f"page {canvas.getPageNumber()}"
+        )
         canvas.doForm(_Total.FORM)
         canvas.setStrokeColor(GRID)
         canvas.line(MARGIN, height - MARGIN - 2.5 * mm, width - MARGIN, height - MARGIN - 2.5 * mm)
 
     document.addPageTemplates(PageTemplate(id="page", frames=[frame], onPage=decorate))
     total = _Total(width - MARGIN - 5.6 * mm, MARGIN - 2 * mm)
-    story = _of_sessions(content, *size) if isinstance(content, ComparisonContent) else _story(content, *size)
+    story = (
+        _of_sessions(content, *size)
+        if isinstance(content, ComparisonContent)
+        else _story(content, *size)
+    )
     document.build([*story, total])
     atomic_bytes(path, out.getvalue())
     return total.pages
@@ -159,24 +186,46 @@ def _story(content: ReportContent, width: float, height: float) -> list[Flowable
     out += [printed(sentence, before=3) for sentence in content.fit]
     out += _comment(content, "summary")
     if len(content.walks) > 1:
-        out += [_heading("What counts for moments"), Spacer(1, 1.5 * mm), _table(content.walks, width)]
+        out += [
+            _heading("What counts for moments"),
+            Spacer(1, 1.5 * mm),
+            _table(content.walks, width),
+        ]
     if len(content.steps) > 1:
         out += [_heading("Steps and phases"), Spacer(1, 1.5 * mm), _table(content.steps, width)]
-        out += [printed(content.steps_norm, 7, colour=FAINT, before=2)] if content.steps_norm else []
+        out += (
+            [printed(content.steps_norm, 7, colour=FAINT, before=2)] if content.steps_norm else []
+        )
     out += _comment(content, "spatiotemporal")
     for sheet in content.sheets:
         if not sheet.has_curves:
-            out += [_heading(sheet.title), printed(sheet.without, before=2), *_comment(content, sheet.comment)]
+            out += [
+                _heading(sheet.title),
+                printed(sheet.without, before=2),
+                *_comment(content, sheet.comment),
+            ]
     profile = _profile(content, width)
     together = _height([*out, *profile], width, height) < height
     out += profile if together else []
     for sheet in filter(lambda sheet: sheet.has_curves, content.sheets):
         out += _sheet(sheet, content, (width, height), content.norm)
     for title, rows in content.peaks:
-        out += [CondPageBreak(LEAST_TABLE), _heading(title), Spacer(1, 1.5 * mm), _table(rows, width)]
-    out += [PageBreak(), *([] if together else profile), _heading("Joints: where calibration moved them")]
+        out += [
+            CondPageBreak(LEAST_TABLE),
+            _heading(title),
+            Spacer(1, 1.5 * mm),
+            _table(rows, width),
+        ]
+    out += [
+        PageBreak(),
+        *([] if together else profile),
+        _heading("Joints: where calibration moved them"),
+    ]
     stayed = printed("Joint parameters stayed as they were.")
-    out += [Spacer(1, 1.5 * mm), _table(content.joints, width) if len(content.joints) > 1 else stayed]
+    out += [
+        Spacer(1, 1.5 * mm),
+        _table(content.joints, width) if len(content.joints) > 1 else stayed,
+    ]
     if content.undetermined:
         out += [_heading("Not determined by these recordings")]
         out += [printed(f"·  {line}", before=2) for line in content.undetermined]
@@ -185,9 +234,14 @@ def _story(content: ReportContent, width: float, height: float) -> list[Flowable
 
 
 def _sheet(
-    sheet: Sheet, content: ReportContent | ComparisonContent, size: tuple[float, float], norm: str = ""
+    sheet: Sheet,
+    content: ReportContent | ComparisonContent,
+    size: tuple[float, float],
+    norm: str = "",
 ) -> list[Flowable]:
-    """A page of curves with its comment, which has a page of its own where it leaves the curves too little."""
+    """A page of curves with its comment, which has a page of its own where it leaves the curves too
+    little.
+    """
     head = [_heading(sheet.title), printed(sheet.note, 7, colour=FAINT), Spacer(1, 2 * mm)]
     comment = _comment(content, sheet.comment)
     high = size[1] - _height(head, *size)
@@ -212,9 +266,18 @@ def _of_sessions(content: ComparisonContent, width: float, height: float) -> lis
         if sheet.has_curves:
             out += _sheet(sheet, content, (width, height))
         else:
-            out += [_heading(sheet.title), printed(sheet.without, before=2), *_comment(content, sheet.comment)]
+            out += [
+                _heading(sheet.title),
+                printed(sheet.without, before=2),
+                *_comment(content, sheet.comment),
+            ]
     if len(content.others) > 1:
-        out += [PageBreak(), _heading("Largest other figures"), Spacer(1, 1.5 * mm), _table(content.others, width)]
+        out += [
+            PageBreak(),
+            _heading("Largest other figures"),
+            Spacer(1, 1.5 * mm),
+            _table(content.others, width),
+        ]
     return [*out, *_comment(content, "joints"), Spacer(1, 14 * mm), _signature(width)]
 
 
@@ -223,15 +286,31 @@ def _height(parts: Sequence[Flowable], width: float, height: float) -> float:
 
 
 def _profile(content: ReportContent, width: float) -> list[Flowable]:
-    """Gait Profile Scores; of somebody whom no norm fits, why; nothing where there are no curves at all."""
+    """Gait Profile Scores; of somebody whom no norm fits, why; nothing where there are no curves at
+    all.
+    """
     if not content.walked or not any(sheet.has_curves for sheet in content.sheets):
         return []
-    out: list[Flowable] = [_heading("Gait Profile Score and Movement Analysis Profile"), Spacer(1, 1 * mm)]
+    out: list[Flowable] = [
+        _heading("Gait Profile Score and Movement Analysis Profile"),
+        Spacer(1, 1 * mm),
+    ]
     if not content.profile:
-        return [*out, printed(content.norm_remark or "The norm or the strides lack an angle of the profile.")]
-    words = "RMS distance of each angle from healthy people's mean, deg, with its standard error (Baker 2009). Grey: "
+        return [
+            *out,
+            printed(content.norm_remark or "The norm or the strides lack an angle of the profile."),
+        ]
+    words = (
+        "RMS distance of each angle from healthy people's mean, deg, with its standard error "
+        "(Baker 2009). Grey: "
+    )
     words += f"what healthy people have themselves: {content.norm}."
-    return [*out, printed(words, 7, colour=FAINT), Spacer(1, 1 * mm), ProfileBars(content.profile, width)]
+    return [
+        *out,
+        printed(words, 7, colour=FAINT),
+        Spacer(1, 1 * mm),
+        ProfileBars(content.profile, width),
+    ]
 
 
 def _comment(content: ReportContent | ComparisonContent, section: str) -> list[Flowable]:
@@ -241,7 +320,10 @@ def _comment(content: ReportContent | ComparisonContent, section: str) -> list[F
 
 def _person(content: ReportContent, width: float) -> Table:
     """Labels above values, in rows of `HEADER_COLUMNS`."""
-    cells = [[printed(label, 7, colour=FAINT), printed(value, 9, bold=True)] for label, value in content.person]
+    cells = [
+        [printed(label, 7, colour=FAINT), printed(value, 9, bold=True)]
+        for label, value in content.person
+    ]
     cells += [[]] * (-len(cells) % HEADER_COLUMNS)
     rows = [cells[k : k + HEADER_COLUMNS] for k in range(0, len(cells), HEADER_COLUMNS)]
     return Table(
@@ -276,10 +358,17 @@ def _verdict(content: ReportContent, width: float) -> Table:
 
 
 def _table(rows: Sequence[Sequence[str]], width: float) -> Table:
-    """The first row is the head; columns as wide as their longest texts ask for, and words up to 14 letters whole."""
+    """The first row is the head; columns as wide as their longest texts ask for, and words up to 14
+    letters whole.
+    """
     letters = [max(7.0, max(len(row[k]) for row in rows) ** 0.8) for k in range(len(rows[0]))]
-    words = [max(len(word) for row in rows for word in (*row[k].split(), "")) for k in range(len(rows[0]))]
-    longest = [max(of_text, min(14, 1.1 * word)) for of_text, word in zip(letters, words, strict=True)]
+    words = [
+        max(len(word) for row in rows for word in (*row[k].split(), ""))
+        for k in range(len(rows[0]))
+    ]
+    longest = [
+        max(of_text, min(14, 1.1 * word)) for of_text, word in zip(letters, words, strict=True)
+    ]
     widths = [width * part / sum(longest) for part in longest]
     body = [[printed(cell, 7.5, bold=k == 0) for cell in row] for k, row in enumerate(rows)]
     return Table(

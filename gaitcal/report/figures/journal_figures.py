@@ -1,7 +1,8 @@
-"""Figures for papers: one file a variable, mean and SD over the strides of each foot, in a convention of choice.
+"""Figures for papers: one file a variable, mean and SD over the strides of each foot, in a
+convention of choice.
 
-Letters of 8 pt (numbers 7 pt), no line thinner than 0.5 pt, one or two columns wide. With a single stride the band is
-its standard error, and the legend says so.
+Letters of 8 pt (numbers 7 pt), no line thinner than 0.5 pt, one or two columns wide. With a single
+stride the band is its standard error, and the legend says so.
 """
 
 from collections.abc import Callable, Iterator, Mapping
@@ -35,7 +36,9 @@ LEAST_MOMENT: Final = 0.2  # The same of moments and powers, N·m/kg and W/kg
 NORMAL_COLOUR: Final = "#CC79A7"
 """Okabe and Ito's purple, with dotted edges."""
 HealthyBands = Mapping[str, Mapping[str, tuple[Array, Array]]]
-"""Variable of `cycles.csv` -> side -> mean and SD (101,) of healthy people, in its unit, for that person's size."""
+"""Variable of `cycles.csv` -> side -> mean and SD (101,) of healthy people, in its unit, for that
+person's size.
+"""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -48,7 +51,9 @@ class Strides:
     healthy: HealthyBands = field(default_factory=dict)
 
 
-def paper_charts(strides: Strides, convention: Convention, width: float = 85.0) -> list[chart.Chart]:
+def paper_charts(
+    strides: Strides, convention: Convention, width: float = 85.0
+) -> list[chart.Chart]:
     """One chart a variable, in the order of `cycles.csv`; nothing is drawn yet.
 
     `convention`: signs, whose moments, unit; along the axes of the coordinates.
@@ -63,13 +68,17 @@ BEFORE, AFTER = chart.SIDE_COLOURS["l"], chart.SIDE_COLOURS["r"]
 
 
 def moment_arm_charts(table: pd.DataFrame, width: float = 85.0) -> list[chart.Chart]:
-    """One chart a coordinate of the model of `gaitcal export --into --muscles`: moment arms before and after, over its
-    range, of the muscles that change most; with draws, after ± 1.96 standard deviations.
+    """One chart a coordinate of the model of `gaitcal export --into --muscles`: moment arms before
+    and after, over its range, of the muscles that change most; with draws, after ± 1.96 standard
+    deviations.
 
     `table`: as the file ending in `.muscles.csv` has it.
     `width`: mm.
     """
-    return [_moment_arms(str(name), rows, width) for name, rows in table.groupby("coordinate", sort=False)]
+    return [
+        _moment_arms(str(name), rows, width)
+        for name, rows in table.groupby("coordinate", sort=False)
+    ]
 
 
 def _moment_arms(coordinate: str, table: pd.DataFrame, width: float) -> chart.Chart:
@@ -80,29 +89,66 @@ def _moment_arms(coordinate: str, table: pd.DataFrame, width: float) -> chart.Ch
     def draw_of(rows: pd.DataFrame) -> "Callable[[Axes], None]":
         def draw(axes: "Axes") -> None:
             muscle = chart.plain(str(rows["muscle"].iloc[0]))
-            chart.dress(axes, xlabel=f"{chart.plain(coordinate)} (deg)", ylabel="mm", title=muscle, sizes=LETTERS)
-            deg, before, after = (rows[name].to_numpy(float) for name in ("deg", "arm_before_mm", "arm_after_mm"))
+            chart.dress(
+                axes,
+                xlabel=f"{chart.plain(coordinate)} (deg)",
+                ylabel="mm",
+                title=muscle,
+                sizes=LETTERS,
+            )
+            deg, before, after = (
+                rows[name].to_numpy(float) for name in ("deg", "arm_before_mm", "arm_after_mm")
+            )
             width_of_band = 1.96 * np.nan_to_num(rows["arm_sd_mm"].to_numpy(float))
             axes.axhline(0.0, color=chart.FAINT, linewidth=THIN)
-            axes.fill_between(deg, after - width_of_band, after + width_of_band, color=AFTER, alpha=BAND, linewidth=0)
-            axes.plot(deg, before, color=BEFORE, linewidth=LINE, linestyle=chart.line_style(chart.SIDE_DASHES["l"]))
+            axes.fill_between(
+                deg,
+                after - width_of_band,
+                after + width_of_band,
+                color=AFTER,
+                alpha=BAND,
+                linewidth=0,
+            )
+            axes.plot(
+                deg,
+                before,
+                color=BEFORE,
+                linewidth=LINE,
+                linestyle=chart.line_style(chart.SIDE_DASHES["l"]),
+            )
             axes.plot(deg, after, color=AFTER, linewidth=LINE)
-            axes.set_ylim(*chart.limits([before, after - width_of_band, after + width_of_band], 5.0))
+            axes.set_ylim(
+                *chart.limits([before, after - width_of_band, after + width_of_band], 5.0)
+            )
 
         return draw
 
     columns = max(1, round(width / 60.0))
     inches = width / columns / INCH
-    size = chart.Size(width=inches, height=ASPECT * inches, left=0.5, right=0.1, bottom=0.42, top=0.26, label=0.2)
+    size = chart.Size(
+        width=inches, height=ASPECT * inches, left=0.5, right=0.1, bottom=0.42, top=0.26, label=0.2
+    )
     panels = [
-        chart.Panel(f"moment arm of {name} about {coordinate}", draw_of(table[table["muscle"] == name]), size)
+        chart.Panel(
+            f"moment arm of {name} about {coordinate}",
+            draw_of(table[table["muscle"] == name]),
+            size,
+        )
         for name in shown
     ]
     rest = table["muscle"].nunique() - len(shown)
     keys = [chart.Key(label="before", colour=BEFORE, dashes=chart.SIDE_DASHES["l"], width=LINE)]
-    keys.append(chart.Key(label="after" + (", ± 1.96 SD of the draws" if known else ""), colour=AFTER, width=LINE))
+    keys.append(
+        chart.Key(
+            label="after" + (", ± 1.96 SD of the draws" if known else ""), colour=AFTER, width=LINE
+        )
+    )
     if rest:
-        keys.append(chart.Key(label=f"{rest} muscles more, which change less", colour=chart.FAINT, width=0.0))
+        keys.append(
+            chart.Key(
+                label=f"{rest} muscles more, which change less", colour=chart.FAINT, width=0.0
+            )
+        )
     return chart.Chart(
         name=f"moment_arms_{''.join(c if c.isascii() and c.isalnum() else '_' for c in coordinate)}",
         title=f"Moment arms about {chart.plain(coordinate)}",
@@ -115,8 +161,12 @@ def _moment_arms(coordinate: str, table: pd.DataFrame, width: float) -> chart.Ch
 
 
 def paper_name(variable: str) -> str:
-    """Name of the file of a variable: `hip_flexion_angle`, `knee_angle`, `knee_adduction_moment`, `hip_power`."""
-    return f"{variable.removesuffix('_angle')}_angle" if kind_of(variable) is Kind.ANGLE else variable
+    """Name of the file of a variable: `hip_flexion_angle`, `knee_angle`, `knee_adduction_moment`,
+    `hip_power`.
+    """
+    return (
+        f"{variable.removesuffix('_angle')}_angle" if kind_of(variable) is Kind.ANGLE else variable
+    )
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -132,16 +182,26 @@ class _Line:
     @property
     def label(self) -> str:
         """In the legend."""
-        told = f"mean ± SD of {self.strides} strides" if self.strides > 1 else counted(self.strides, "stride")
+        told = (
+            f"mean ± SD of {self.strides} strides"
+            if self.strides > 1
+            else counted(self.strides, "stride")
+        )
         error = " ± standard error" if self.strides == 1 and np.isfinite(self.spread).any() else ""
         return f"{SIDE_WORDS[self.side]}, {told}{error}"
 
 
-def _chart(variable: str, table: pd.DataFrame, strides: Strides, convention: Convention, width: float) -> chart.Chart:
-    lines = [line for side in linkage.SIDES if (line := _line(variable, side, table, strides, convention)) is not None]
+def _chart(
+    variable: str, table: pd.DataFrame, strides: Strides, convention: Convention, width: float
+) -> chart.Chart:
+    lines = [
+        line
+        for side in linkage.SIDES
+        if (line := _line(variable, side, table, strides, convention)) is not None
+    ]
     kind, title = kind_of(variable), variable_title(variable, convention)
-    # Bands of the two sides differ where their signs do: clinical angles of the pelvis have one sense for both sides,
-    # OpenSim's have not.
+    # Bands of the two sides differ where their signs do: clinical angles of the pelvis have one
+    # sense for both sides, OpenSim's have not.
     bands = _different([line for line in lines if line.healthy is not None])
 
     def draw(axes: "Axes") -> None:
@@ -161,16 +221,27 @@ def _chart(variable: str, table: pd.DataFrame, strides: Strides, convention: Con
             if line.side in strides.offs:
                 dashes = chart.line_style(chart.SIDE_DASHES[line.side])
                 colour = chart.SIDE_COLOURS[line.side]
-                axes.axvline(strides.offs[line.side], color=colour, linewidth=TOE_OFF, linestyle=dashes)
+                axes.axvline(
+                    strides.offs[line.side], color=colour, linewidth=TOE_OFF, linestyle=dashes
+                )
         axes.set_xlim(0.0, 100.0)
         axes.set_xticks([0, 20, 40, 60, 80, 100])
         axes.set_ylim(*chart.limits(drawn, _least(kind, convention, strides.subject)))
         if not any(np.isfinite(values).any() for values in drawn):
-            axes.text(0.5, 0.5, "no valid strides", transform=axes.transAxes, ha="center", fontsize=LETTERS.normal)
+            axes.text(
+                0.5,
+                0.5,
+                "no valid strides",
+                transform=axes.transAxes,
+                ha="center",
+                fontsize=LETTERS.normal,
+            )
 
     inches = width / INCH
     height = min(ASPECT * width, TALLEST) / INCH
-    size = chart.Size(width=inches, height=height, left=0.76, right=0.14, bottom=0.42, top=0.26, label=0.29)
+    size = chart.Size(
+        width=inches, height=height, left=0.76, right=0.14, bottom=0.42, top=0.26, label=0.29
+    )
     return chart.Chart(
         name=paper_name(variable),
         title=title,
@@ -182,14 +253,18 @@ def _chart(variable: str, table: pd.DataFrame, strides: Strides, convention: Con
     )
 
 
-def _line(variable: str, side: str, table: pd.DataFrame, strides: Strides, convention: Convention) -> _Line | None:
+def _line(
+    variable: str, side: str, table: pd.DataFrame, strides: Strides, convention: Convention
+) -> _Line | None:
     rows = table[table["side"] == side].sort_values("percent")
     if rows.empty:
         return None
 
     def told(values: Any) -> Array:
         factor = _force_unit(convention, strides.subject)[0] if variable == GROUND_REACTION else 1.0
-        return factor * convention.values(variable, np.asarray(values, dtype=np.float64), side, strides.subject)
+        return factor * convention.values(
+            variable, np.asarray(values, dtype=np.float64), side, strides.subject
+        )
 
     count = int(rows["n"].max())
     band = strides.healthy.get(variable, {}).get(side)
@@ -206,7 +281,9 @@ def _different(lines: list[_Line]) -> list[_Line]:
     """Those whose bands are not the band of another."""
     out: list[_Line] = []
     for line in lines:
-        if not any(np.array_equal(np.array(line.healthy), np.array(o.healthy), equal_nan=True) for o in out):
+        if not any(
+            np.array_equal(np.array(line.healthy), np.array(o.healthy), equal_nan=True) for o in out
+        ):
             out.append(line)
     return out
 
@@ -232,18 +309,27 @@ def _normal_band(axes: "Axes", mean: Array, sd: Array) -> tuple[Array, Array]:
 def _keys(lines: list[_Line], bands: list[_Line], offs: Mapping[str, float]) -> Iterator[chart.Key]:
     for line in lines:
         yield chart.Key(
-            label=line.label, colour=chart.SIDE_COLOURS[line.side], dashes=chart.SIDE_DASHES[line.side], width=LINE
+            label=line.label,
+            colour=chart.SIDE_COLOURS[line.side],
+            dashes=chart.SIDE_DASHES[line.side],
+            width=LINE,
         )
     for line in bands:
         whose = f", {SIDE_WORDS[line.side]}" if len(bands) > 1 else ""
-        yield chart.Key(label=f"healthy{whose}, mean ± SD (dotted edges)", colour=NORMAL_COLOUR, kind="band")
+        yield chart.Key(
+            label=f"healthy{whose}, mean ± SD (dotted edges)", colour=NORMAL_COLOUR, kind="band"
+        )
     if offs:
         yield chart.Key(label="thin upright lines: toe-off", colour=chart.FAINT, width=TOE_OFF)
 
 
 def variable_title(variable: str, convention: Convention) -> str:
     """`Hip extension moment`: named by what is positive."""
-    return "Vertical ground reaction force" if variable == GROUND_REACTION else convention.title(variable)
+    return (
+        "Vertical ground reaction force"
+        if variable == GROUND_REACTION
+        else convention.title(variable)
+    )
 
 
 def _force_unit(convention: Convention, subject: Subject) -> tuple[float, str]:
@@ -262,7 +348,12 @@ def _label(variable: str, convention: Convention, subject: Subject) -> str:
         return moment
     whose = f"{convention.acting.key}, " if kind is Kind.MOMENT else ""
     force = _force_unit(convention, subject)[1]
-    unit = {Kind.ANGLE: "deg", Kind.MOMENT: moment, Kind.POWER: convention.unit.power, Kind.FORCE: force}[kind]
+    unit = {
+        Kind.ANGLE: "deg",
+        Kind.MOMENT: moment,
+        Kind.POWER: convention.unit.power,
+        Kind.FORCE: force,
+    }[kind]
     return f"{unit}\n({whose}{convention.senses(variable, 'r')[0]} +)"
 
 

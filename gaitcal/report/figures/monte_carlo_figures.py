@@ -1,6 +1,8 @@
-"""Figures of a Monte Carlo study: the published figures 3 and 4, and which parameter matters for which torque.
+"""Figures of a Monte Carlo study: the published figures 3 and 4, and which parameter matters for
+which torque.
 
-Boxes as published: 25, 50 and 75 %, whiskers 10 and 90 %, a dot for the average. Colours after Okabe and Ito.
+Boxes as published: 25, 50 and 75 %, whiskers 10 and 90 %, a dot for the average. Colours after
+Okabe and Ito.
 """
 
 from collections.abc import Mapping
@@ -20,7 +22,12 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-SET_COLOURS = {Varied.JP: "#0072B2", Varied.IP: "#E69F00", Varied.BOTH: "#009E73", Varied.NOISE: "#CC79A7"}
+SET_COLOURS = {
+    Varied.JP: "#0072B2",
+    Varied.IP: "#E69F00",
+    Varied.BOTH: "#009E73",
+    Varied.NOISE: "#CC79A7",
+}
 SET_WORDS = {
     Varied.JP: "joint parameters (JP)",
     Varied.IP: "inertial parameters (IP)",
@@ -34,27 +41,42 @@ FRAME_WORDS = {
 MEASURE_WORDS = {"rms": "RMS error", "mean": "Mean (signed) error"}
 SMALL, NORMAL = 7.0, 8.0
 DPI = 150
-SHOWN_SHARE = 1.0  # Per cent of a torque's variance from which a contribution is written into its cell
+SHOWN_SHARE = (
+    1.0  # Per cent of a torque's variance from which a contribution is written into its cell
+)
 
 
-def boxplot_figure(table: pd.DataFrame, frame: ReactionFrame, measure: str = "rms", side: str = "l") -> "Figure":
-    """Torque errors and marker distances of one leg over the levels: a column per set, a row per quantity.
+def boxplot_figure(
+    table: pd.DataFrame, frame: ReactionFrame, measure: str = "rms", side: str = "l"
+) -> "Figure":
+    """Torque errors and marker distances of one leg over the levels: a column per set, a row per
+    quantity.
 
     `table`: from `statistics`.
     `measure`: `rms` (figure 3) or `mean` (figure 4).
     """
     sets = [varied for varied in Varied if (table["set"] == varied.value).any()]
-    quantities = [*((f"{torque}_{side}", frame) for torque in draw.TORQUES), (f"markers_{side}", None)]
+    quantities = [
+        *((f"{torque}_{side}", frame) for torque in draw.TORQUES),
+        (f"markers_{side}", None),
+    ]
     width, height = 1.25 + 1.75 * len(sets), 1.3 + 1.25 * len(quantities)
     figure = new_figure(width, height, DPI)
     axes = figure.subplots(len(quantities), len(sets), sharex="col", sharey="row", squeeze=False)
     figure.subplots_adjust(
-        left=1.05 / width, right=1 - 0.1 / width, bottom=0.5 / height, top=1 - 0.8 / height, hspace=0.16, wspace=0.06
+        left=1.05 / width,
+        right=1 - 0.1 / width,
+        bottom=0.5 / height,
+        top=1 - 0.8 / height,
+        hspace=0.16,
+        wspace=0.06,
     )
     for row, (quantity, of) in enumerate(quantities):
         for column, varied in enumerate(sets):
             _boxes(
-                axes[row, column], draw_statistics.levels_of(table, varied, quantity, of, measure), SET_COLOURS[varied]
+                axes[row, column],
+                draw_statistics.levels_of(table, varied, quantity, of, measure),
+                SET_COLOURS[varied],
             )
         _scale(axes[row], measure)
         words = draw.TORQUE_WORDS.get(quantity[:-2])
@@ -77,7 +99,15 @@ def boxplot_figure(table: pd.DataFrame, frame: ReactionFrame, measure: str = "rm
 def _boxes(axes: "Axes", rows: pd.DataFrame, colour: str) -> None:
     places = np.arange(1, len(rows) + 1)
     boxes = [
-        {"whislo": r.p10, "q1": r.p25, "med": r.p50, "q3": r.p75, "whishi": r.p90, "mean": r.average, "fliers": []}
+        {
+            "whislo": r.p10,
+            "q1": r.p25,
+            "med": r.p50,
+            "q3": r.p75,
+            "whishi": r.p90,
+            "mean": r.average,
+            "fliers": [],
+        }
         for r in rows.itertuples()
     ]
     axes.bxp(
@@ -89,7 +119,12 @@ def _boxes(axes: "Axes", rows: pd.DataFrame, colour: str) -> None:
         patch_artist=True,
         boxprops={"facecolor": colour, "alpha": 0.45, "edgecolor": colour, "linewidth": 0.9},
         medianprops={"color": INK, "linewidth": 1.1},
-        meanprops={"marker": "o", "markersize": 2.6, "markerfacecolor": INK, "markeredgecolor": "none"},
+        meanprops={
+            "marker": "o",
+            "markersize": 2.6,
+            "markerfacecolor": INK,
+            "markeredgecolor": "none",
+        },
         whiskerprops={"color": colour, "linewidth": 0.9},
         capprops={"color": colour, "linewidth": 0.9},
     )
@@ -115,23 +150,31 @@ def _scale(row: np.ndarray, measure: str) -> None:
 
 
 def contribution_figure(contributions: pd.DataFrame, side: str = "l") -> "Figure":
-    """Share of every parameter in the variance of the seven torques of a leg, both ground-reaction frames.
+    """Share of every parameter in the variance of the seven torques of a leg, both ground-reaction
+    frames.
 
-    Parameters of the other leg, of the rest of the body, and the inertial ones stand together in one row each.
+    Parameters of the other leg, of the rest of the body, and the inertial ones stand together in
+    one row each.
     """
     panels = {frame: _shares(contributions, frame, side) for frame in ReactionFrame}
     rows = list(next(iter(panels.values())).index)
     width, height = 9.2, 1.5 + 0.2 * len(rows)
     figure = new_figure(width, height, DPI)
     axes = figure.subplots(1, len(panels), sharey=True, squeeze=False)[0]
-    figure.subplots_adjust(left=1.75 / width, right=0.91, bottom=0.85 / height, top=1 - 0.6 / height, wspace=0.04)
+    figure.subplots_adjust(
+        left=1.75 / width, right=0.91, bottom=0.85 / height, top=1 - 0.6 / height, wspace=0.04
+    )
     for panel, (frame, shares) in zip(axes, panels.items(), strict=True):
         values = shares.to_numpy()
-        image = panel.imshow(np.sqrt(values), cmap="Blues", vmin=0.0, vmax=np.sqrt(60.0), aspect="auto")
+        image = panel.imshow(
+            np.sqrt(values), cmap="Blues", vmin=0.0, vmax=np.sqrt(60.0), aspect="auto"
+        )
         for (i, j), value in np.ndenumerate(values):
             if value >= SHOWN_SHARE:
                 ink = "white" if value > 25.0 else INK
-                panel.text(j, i, f"{value:.0f}", ha="center", va="center", fontsize=SMALL, color=ink)
+                panel.text(
+                    j, i, f"{value:.0f}", ha="center", va="center", fontsize=SMALL, color=ink
+                )
         words = [draw.TORQUE_WORDS[t].replace(" ", "\n") for t in draw.TORQUES]
         panel.set_xticks(range(len(draw.TORQUES)), words, fontsize=SMALL, rotation=90)
         panel.set_title(FRAME_WORDS[frame], fontsize=NORMAL, color=INK)
@@ -143,7 +186,8 @@ def contribution_figure(contributions: pd.DataFrame, side: str = "l") -> "Figure
     bar.ax.set_yticklabels(["0", "1", "5", "10", "25", "50"], fontsize=SMALL)
     bar.set_label("% of the variance of the torque error", fontsize=NORMAL)
     figure.suptitle(
-        f"Which parameter matters, {SIDE_WORDS[side]} leg: share of the variance of each torque, linearised",
+        f"Which parameter matters, {SIDE_WORDS[side]} leg: share of the variance of each torque, "
+        "linearised",
         fontsize=NORMAL + 1,
         color=INK,
         y=1 - 0.12 / height,
@@ -154,13 +198,16 @@ def contribution_figure(contributions: pd.DataFrame, side: str = "l") -> "Figure
 def _shares(contributions: pd.DataFrame, frame: ReactionFrame, side: str) -> pd.DataFrame:
     """`variance_shares` as one table, parameters as `hip: pelvis ant`."""
     of_leg, groups = draw_statistics.variance_shares(contributions, frame, side)
-    return pd.concat([of_leg.rename(index=lambda n: n.replace(f"_{side}.", ": ").replace(".", " ")), groups])
+    return pd.concat(
+        [of_leg.rename(index=lambda n: n.replace(f"_{side}.", ": ").replace(".", " ")), groups]
+    )
 
 
 def write_monte_carlo_figures(
     table: pd.DataFrame, contributions: pd.DataFrame | None, folder: Path | str, side: str = "l"
 ) -> Mapping[str, Path]:
-    """Write figures 3 (RMS) and 4 (mean) for both ground-reaction frames, and the contributions, as PNG and SVG.
+    """Write figures 3 (RMS) and 4 (mean) for both ground-reaction frames, and the contributions, as
+    PNG and SVG.
 
     Returns name -> path of the PNG.
     """
@@ -173,7 +220,9 @@ def write_monte_carlo_figures(
     for name, (frame, measure) in figures.items():
         out[name] = _write(boxplot_figure(table, frame, measure, side), Path(folder) / name)
     if contributions is not None:
-        out["contributions"] = _write(contribution_figure(contributions, side), Path(folder) / "contributions")
+        out["contributions"] = _write(
+            contribution_figure(contributions, side), Path(folder) / "contributions"
+        )
     return out
 
 

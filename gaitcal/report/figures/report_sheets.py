@@ -25,7 +25,9 @@ from gaitcal.report.figures import chart
 from gaitcal.report.figures.chart import SIDE_DASHES, limits
 
 SIDE_COLOURS: Final = {side: HexColor(chart.SIDE_COLOURS[side]) for side in SIDES}
-INK, FAINT, GRID, NORM = (HexColor(colour) for colour in (chart.INK, chart.FAINT, chart.GRID, "#d9d9d9"))
+INK, FAINT, GRID, NORM = (
+    HexColor(colour) for colour in (chart.INK, chart.FAINT, chart.GRID, "#d9d9d9")
+)
 SHEET_COLUMNS, SHEET_ROWS = 3, 4
 UNITS: Final = {Kind.ANGLE: "deg", Kind.MOMENT: "N·m/kg", Kind.POWER: "W/kg", Kind.FORCE: "N/kg"}
 LEAST: Final = {Kind.ANGLE: 20.0, Kind.MOMENT: 0.4, Kind.POWER: 1.0, Kind.FORCE: 2.0}
@@ -35,7 +37,9 @@ SANS, BOLD = "ReportSans", "ReportSans-Bold"
 
 @dataclass(frozen=True, kw_only=True)
 class CurvePanel:
-    """One variable over the gait cycle. Values in `unit`, with clinical signs, NaN where they must not be used."""
+    """One variable over the gait cycle. Values in `unit`, with clinical signs, NaN where they must
+    not be used.
+    """
 
     title: str
     unit: str
@@ -58,30 +62,46 @@ class Sheet:
     without: str  # Why there is no curve in any panel, where there is none
     comment: str
     thick: str = "mean ± 1 standard error"
-    thin: str = "thin: strides, vertical: toe-off"  # What thick lines with their bands are, and thin ones
+    thin: str = (
+        "thin: strides, vertical: toe-off"  # What thick lines with their bands are, and thin ones
+    )
     toe_off: Mapping[str, float] = field(default_factory=dict)  # Side -> %, the mean over strides
 
     @property
     def has_curves(self) -> bool:
         """Whether any stride has a value in any panel."""
         panels = (panel for panel in self.panels if isinstance(panel, CurvePanel))
-        return any(np.isfinite(stride).any() for p in panels for of_side in p.strides.values() for stride in of_side)
+        return any(
+            np.isfinite(stride).any()
+            for p in panels
+            for of_side in p.strides.values()
+            for stride in of_side
+        )
 
 
 @cache
 def register_fonts() -> None:
     """DejaVu Sans, which comes with matplotlib: names in most alphabets, the same on every machine."""
-    matplotlib = Path(getattr(find_spec("matplotlib"), "origin", ""))  # found, not loaded: that takes its time
+    matplotlib = Path(
+        getattr(find_spec("matplotlib"), "origin", "")
+    )  # found, not loaded: that takes its time
     folder = matplotlib.parent / "mpl-data" / "fonts" / "ttf"
     for name, file in ((SANS, "DejaVuSans.ttf"), (BOLD, "DejaVuSans-Bold.ttf")):
         pdfmetrics.registerFont(TTFont(name, folder / file))
     pdfmetrics.registerFontFamily(SANS, normal=SANS, bold=BOLD, italic=SANS, boldItalic=BOLD)
 
 
-def _style(size: float = 8.5, *, bold: bool = False, colour: Color = INK, before: float = 0.0) -> ParagraphStyle:
+def _style(
+    size: float = 8.5, *, bold: bool = False, colour: Color = INK, before: float = 0.0
+) -> ParagraphStyle:
     name = BOLD if bold else SANS
     return ParagraphStyle(
-        f"{size}{bold}{colour}", fontName=name, fontSize=size, leading=1.35 * size, textColor=colour, spaceBefore=before
+        f"{size}{bold}{colour}",
+        fontName=name,
+        fontSize=size,
+        leading=1.35 * size,
+        textColor=colour,
+        spaceBefore=before,
     )
 
 
@@ -140,14 +160,19 @@ class SheetOfCurves(Flowable):  # type: ignore[misc]
 
 
 class ProfileBars(Flowable):  # type: ignore[misc]
-    """Bars of both sides with standard errors over a grey one of healthy people; the left ones open, not only red."""
+    """Bars of both sides with standard errors over a grey one of healthy people; the left ones
+    open, not only red.
+    """
 
     ROW = 6.2 * mm
     LABEL, NUMBERS = 40 * mm, 52 * mm
 
     def __init__(self, scores: Sequence[profile_score.Score], width: float) -> None:
         super().__init__()
-        self.rows = [(v, [s for s in scores if s.variable == v]) for v in dict.fromkeys(s.variable for s in scores)]
+        self.rows = [
+            (v, [s for s in scores if s.variable == v])
+            for v in dict.fromkeys(s.variable for s in scores)
+        ]
         self.width, self.height = width, (len(self.rows) + 1) * self.ROW
         self.most = max(s.score + (s.error if np.isfinite(s.error) else 0.0) for s in scores)
         self.most = max(self.most, *(s.norm for s in scores)) * 1.05
@@ -165,7 +190,9 @@ class ProfileBars(Flowable):  # type: ignore[misc]
         canvas.setFillColor(FAINT)
         for value in np.arange(0.0, self.most, step):
             canvas.line(self._at(value), self.ROW, self._at(value), self.height)
-            canvas.drawCentredString(self._at(value), self.ROW - 3 * mm, f"{value:g}" + (" deg" if not value else ""))
+            canvas.drawCentredString(
+                self._at(value), self.ROW - 3 * mm, f"{value:g}" + (" deg" if not value else "")
+            )
         for k, (_, of_row) in enumerate(self.rows):
             self._row(of_row, self.height - (k + 1) * self.ROW)
 
@@ -175,7 +202,14 @@ class ProfileBars(Flowable):  # type: ignore[misc]
     def _row(self, scores: Sequence[profile_score.Score], low: float) -> None:
         canvas, told = self.canv, list[str]()
         canvas.setFillColor(NORM)
-        canvas.rect(self._at(0), low + 0.5 * mm, self._at(scores[0].norm) - self._at(0), self.ROW - 1 * mm, 0, 1)
+        canvas.rect(
+            self._at(0),
+            low + 0.5 * mm,
+            self._at(scores[0].norm) - self._at(0),
+            self.ROW - 1 * mm,
+            0,
+            1,
+        )
         canvas.setFillColor(INK)
         canvas.setFont(BOLD if len(scores) > len(SIDES) else SANS, 7.5)
         canvas.drawString(0, low + 2 * mm, profile_score.score_title(scores[0]))
@@ -188,7 +222,9 @@ class ProfileBars(Flowable):  # type: ignore[misc]
             canvas.setStrokeColor(SIDE_COLOURS[s.side])
             canvas.setFillColor(SIDE_COLOURS[s.side])
             canvas.setLineWidth(0.8)
-            canvas.rect(self._at(0), y, self._at(s.score) - self._at(0), 1.6 * mm, 1, int(s.side == "r"))
+            canvas.rect(
+                self._at(0), y, self._at(s.score) - self._at(0), 1.6 * mm, 1, int(s.side == "r")
+            )
             if error:
                 canvas.setStrokeColor(INK)
                 ends = self._at(max(s.score - s.error, 0.0)), self._at(s.score + s.error)
@@ -208,7 +244,11 @@ class _Axes:
     """One panel on a canvas: 0 to 100 % across, limits that hold curves and norm upwards."""
 
     def __init__(
-        self, canvas: Canvas, panel: CurvePanel, place: tuple[float, float], size: tuple[float, float]
+        self,
+        canvas: Canvas,
+        panel: CurvePanel,
+        place: tuple[float, float],
+        size: tuple[float, float],
     ) -> None:
         self.canvas, self.panel = canvas, panel
         self.x0, self.y0 = place[0] + 9.5 * mm, place[1] + 6.5 * mm
@@ -232,7 +272,11 @@ class _Axes:
             self._band(*panel.norm, NORM, 1.0)
         for side, percent in toe_off.items():
             canvas.setStrokeColor(SIDE_COLOURS[side])
-            self._line((np.array([percent, percent]), np.array([self.low, self.high])), 0.5, SIDE_DASHES[side])
+            self._line(
+                (np.array([percent, percent]), np.array([self.low, self.high])),
+                0.5,
+                SIDE_DASHES[side],
+            )
         at = np.arange(101.0)
         for side, strides in panel.strides.items():
             canvas.setStrokeColor(SIDE_COLOURS[side])
@@ -248,7 +292,9 @@ class _Axes:
         if not any(np.isfinite(mean).any() for mean in panel.mean.values()):
             canvas.setFillColor(FAINT)
             canvas.setFont(SANS, 7)
-            canvas.drawCentredString(self.x0 + self.width / 2, self.y0 + self.height / 2, "no stride counts")
+            canvas.drawCentredString(
+                self.x0 + self.width / 2, self.y0 + self.height / 2, "no stride counts"
+            )
 
     def _frame(self) -> None:
         canvas, panel = self.canvas, self.panel
@@ -258,19 +304,28 @@ class _Axes:
         canvas.drawString(self.x0 - 7 * mm, top + 4.2 * mm, f"{panel.title}, {panel.unit}")
         canvas.setFont(SANS, 6)
         canvas.setFillColor(FAINT)
-        senses = (f"{sign} {sense}" for sign, sense in zip("+−", panel.senses, strict=True) if sense)
+        senses = (
+            f"{sign} {sense}" for sign, sense in zip("+−", panel.senses, strict=True) if sense
+        )
         canvas.drawString(self.x0 - 7 * mm, top + 1.4 * mm, "   ".join(senses))
         canvas.setStrokeColor(GRID)
         canvas.setLineWidth(0.4)
-        for value in np.arange(np.ceil(self.low / self.step), np.floor(self.high / self.step) + 1) * self.step:
+        for value in (
+            np.arange(np.ceil(self.low / self.step), np.floor(self.high / self.step) + 1)
+            * self.step
+        ):
             x, y = self.at(0.0, value)
             canvas.setLineWidth(0.9 if abs(value) < 1e-9 else 0.4)
             canvas.line(x, y, x + self.width, y)
-            canvas.drawRightString(x - 1 * mm, y - 2, f"{round(value, 9) + 0.0:.6g}".replace("-", "−"))
+            canvas.drawRightString(
+                x - 1 * mm, y - 2, f"{round(value, 9) + 0.0:.6g}".replace("-", "−")
+            )
         for percent in (0, 25, 50, 75, 100):
             x, _ = self.at(percent, self.low)
             canvas.line(x, self.y0, x, self.y0 - 1 * mm)
-            canvas.drawCentredString(x, self.y0 - 3.6 * mm, f"{percent}" + (" %" if percent == 100 else ""))
+            canvas.drawCentredString(
+                x, self.y0 - 3.6 * mm, f"{percent}" + (" %" if percent == 100 else "")
+            )
 
     def _line(self, points: tuple[Array, Array], width: float, dashes: Sequence[float]) -> None:
         self.canvas.setLineWidth(width)
@@ -293,7 +348,9 @@ class _Axes:
         for start, stop in zip(edges[::2], edges[1::2], strict=True):
             at = np.arange(start, stop)
             path = self.canvas.beginPath()
-            corners = [(p, mean[p] + half[p]) for p in at] + [(p, mean[p] - half[p]) for p in at[::-1]]
+            corners = [(p, mean[p] + half[p]) for p in at] + [
+                (p, mean[p] - half[p]) for p in at[::-1]
+            ]
             for k, corner in enumerate(corners):
                 (path.lineTo if k else path.moveTo)(*self.at(*corner))
             path.close()
@@ -302,7 +359,9 @@ class _Axes:
 
 
 def limits_of(panel: CurvePanel) -> tuple[float, float, float]:
-    """Limits that hold strides, error bands and norm; step of the grid: 1, 2 or 5 times a power of ten, some five."""
+    """Limits that hold strides, error bands and norm; step of the grid: 1, 2 or 5 times a power of
+    ten, some five.
+    """
     values, least = [v for strides in panel.strides.values() for v in strides], panel.least
     for side, mean in panel.mean.items():
         values += [mean - panel.error[side], mean + panel.error[side]]

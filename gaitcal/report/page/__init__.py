@@ -1,1 +1,3 @@
-"""What people open: body in motion, curves and tables in one self-contained file that needs no network."""
+"""What people open: body in motion, curves and tables in one self-contained file that needs no
+network.
+"""

@@ -1,10 +1,12 @@
-"""The human body meshes of example-robot-data, laid over a person's segments; capsules where that package has none.
+"""The human body meshes of example-robot-data, laid over a person's segments; capsules where that
+package has none.
 
-Each mesh is drawn in its own unit around the joint it hangs from; x forward, y up, z to the right, as ours. The
-reference body (that package's `human.urdf`) says where in a mesh the joints lie. A limb mesh is stretched along its
-length so that its joints meet the person's own joint centres, and across it by a girth that follows body mass and
-height; pelvis and trunk are stretched to hip and shoulder centres. Each mesh moves with its segment. Those that are
-mere balls of 5800 triangles are drawn with 480.
+Each mesh is drawn in its own unit around the joint it hangs from; x forward, y up, z to the right,
+as ours. The reference body (that package's `human.urdf`) says where in a mesh the joints lie. A
+limb mesh is stretched along its length so that its joints meet the person's own joint centres, and
+across it by a girth that follows body mass and height; pelvis and trunk are stretched to hip and
+shoulder centres. Each mesh moves with its segment. Those that are mere balls of 5800 triangles are
+drawn with 480.
 """
 
 from dataclasses import dataclass
@@ -38,14 +40,18 @@ MESHES: dict[str, tuple[Array, Array]] = {
         ("upperleg", (-10.6, -62.3, -10.3), (10.4, 6.2, 10.6)),
     )
 }
-"""The meshes in use and their bounding boxes in their own unit; what replaces a missing mesh fills its box."""
+"""The meshes in use and their bounding boxes in their own unit; what replaces a missing mesh fills
+its box.
+"""
 
 PACKAGE = "example-robot-data"
 _FOLDER = "robots/human_description/meshes"
 _STL = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
 BALLS = ("abdomen", "elbow", "knee", "neck", "shoulder")
 _RINGS, _AROUND = 13, 20
-_MOST_TRIANGLES = 1_500  # Of a mesh on the page: a processor without a graphics card draws them, too
+_MOST_TRIANGLES = (
+    1_500  # Of a mesh on the page: a processor without a graphics card draws them, too
+)
 _COARSER = 1.2  # Factor of the grid's cells from one attempt at fewer triangles to the next
 _SLACK = 0.05  # Of the longest side: how far a mesh may leave the box that places it
 _MOST_VERTICES = 65_536  # What 16-bit corner numbers in the page can name
@@ -54,11 +60,11 @@ _HIP_DROP, _HIP_FORWARD = 0.100, 0.023  # m: lumbar joint to mid-hip
 _FOOT_LENGTH = 0.271
 _HEAD_FORWARD = 0.05  # m that the head is carried before the line from lumbar joint to shoulders
 FOOT_OF_HEIGHT, _FOREARM_OF_HEIGHT, _HEAD_OF_HEIGHT, _ANKLE_OF_HEIGHT = 0.152, 0.1545, 0.130, 0.039
-"""Foot length, elbow to wrist, chin to vertex, ankle centre above the floor, as shares of body height (Drillis and
-Contini 1966; forearm: de Leva 1996)."""
+"""Foot length, elbow to wrist, chin to vertex, ankle centre above the floor, as shares of body
+height (Drillis and Contini 1966; forearm: de Leva 1996)."""
 _HEAD_MARKER_OF_HEIGHT, _VERTEX_OVER_MARKERS = 0.08, 0.03
-"""Of body height: so far above the shoulders a marker is one of the head; the vertex over the highest of them, between
-a marker on it and a band around the forehead."""
+"""Of body height: so far above the shoulders a marker is one of the head; the vertex over the
+highest of them, between a marker on it and a band around the forehead."""
 
 
 @dataclass(frozen=True)
@@ -74,7 +80,9 @@ class BodyMeshes:
     """All meshes of a body."""
 
     meshes: dict[str, Mesh]
-    replaced: tuple[str, ...]  # Those drawn as capsules, because the package has no such mesh or an unreadable one
+    replaced: tuple[
+        str, ...
+    ]  # Those drawn as capsules, because the package has no such mesh or an unreadable one
 
 
 @dataclass(frozen=True)
@@ -87,7 +95,9 @@ class FittedMesh:
 
 
 def fitted_meshes(model: SubjectModel) -> tuple[FittedMesh, ...]:
-    """The body of a person: lengths from the joint centres of the model, girths from mass and height."""
+    """The body of a person: lengths from the joint centres of the model, girths from mass and
+    height.
+    """
     tall = model.subject.height / REFERENCE_HEIGHT
     girth = float(np.sqrt(model.subject.mass / REFERENCE_MASS / tall))
     jp = model.parameters
@@ -111,47 +121,80 @@ def _limb(
     return FittedMesh(mesh, segment, np.column_stack([place, ends[0] - heights[0] * along]))
 
 
-def _straight(mesh: str, segment: str, origin: Array, scale: tuple[float, float, float]) -> FittedMesh:
-    """A mesh with the axes of its segment, its own origin at `origin` (m), m per unit along each axis."""
+def _straight(
+    mesh: str, segment: str, origin: Array, scale: tuple[float, float, float]
+) -> FittedMesh:
+    """A mesh with the axes of its segment, its own origin at `origin` (m), m per unit along each
+    axis.
+    """
     return FittedMesh(mesh, segment, np.column_stack([np.diag(scale), origin]))
 
 
 def _trunk(model: SubjectModel, jp: Parameters, girth: float) -> list[FittedMesh]:
-    """Torso as wide as the shoulders; neck and head so that the standing person is as tall as measured."""
+    """Torso as wide as the shoulders; neck and head so that the standing person is as tall as
+    measured.
+    """
     lumbar = jp.centre("back", "head_trunk")
-    half = float(jp.centre("shoulder_r", "head_trunk")[2] - jp.centre("shoulder_l", "head_trunk")[2]) / 2
+    half = (
+        float(jp.centre("shoulder_r", "head_trunk")[2] - jp.centre("shoulder_l", "head_trunk")[2])
+        / 2
+    )
     head = _HEAD_OF_HEIGHT * model.subject.height / 42.0
     neck = vertex_above_lumbar(model) - 46.2 * head
     thick = 0.0056 * girth
     high = (neck - 0.03) / 52.0
     return [
-        _straight("abdomen", "head_trunk", lumbar, (0.0074 * girth, 0.45 * neck / 27.1, 0.0076 * girth)),
-        _straight("torso", "head_trunk", lumbar + [0.0, 0.05 - 22.9 * high, 0.0], (0.00578 * girth, high, half / 22.0)),
-        _straight("neck", "head_trunk", lumbar + [_HEAD_FORWARD / 2, neck, 0.0], (thick, 0.0075, thick)),
+        _straight(
+            "abdomen", "head_trunk", lumbar, (0.0074 * girth, 0.45 * neck / 27.1, 0.0076 * girth)
+        ),
+        _straight(
+            "torso",
+            "head_trunk",
+            lumbar + [0.0, 0.05 - 22.9 * high, 0.0],
+            (0.00578 * girth, high, half / 22.0),
+        ),
+        _straight(
+            "neck", "head_trunk", lumbar + [_HEAD_FORWARD / 2, neck, 0.0], (thick, 0.0075, thick)
+        ),
         _straight("head", "head_trunk", lumbar + [_HEAD_FORWARD, neck, 0.0], (head, head, head)),
     ]
 
 
 def vertex_above_lumbar(model: SubjectModel) -> float:
-    """Metres from the lumbar joint to the top of the head: where the height of the upright person puts it, and little
-    above the markers of the head where it has some.
+    """Metres from the lumbar joint to the top of the head: where the height of the upright person
+    puts it, and little above the markers of the head where it has some.
     """
     jp, height = model.parameters, model.subject.height
     lumbar = jp.centre("back", "head_trunk")[1]
-    shoulders = (jp.centre("shoulder_r", "head_trunk")[1] + jp.centre("shoulder_l", "head_trunk")[1]) / 2 - lumbar
+    shoulders = (
+        jp.centre("shoulder_r", "head_trunk")[1] + jp.centre("shoulder_l", "head_trunk")[1]
+    ) / 2 - lumbar
     on_trunk = [segment == "head_trunk" for segment in model.markers.segments]
     head = model.markers.local[on_trunk, 1] - lumbar
-    vertex = max(height - _lumbar_height(jp, height), float(shoulders) + 0.9 * _HEAD_OF_HEIGHT * height)
+    vertex = max(
+        height - _lumbar_height(jp, height), float(shoulders) + 0.9 * _HEAD_OF_HEIGHT * height
+    )
     has_markers = (head > shoulders + _HEAD_MARKER_OF_HEIGHT * height).any()
     return min(vertex, float(head.max()) + _VERTEX_OVER_MARKERS * height) if has_markers else vertex
 
 
 def _lumbar_height(jp: Parameters, height: float) -> float:
     """Metres from the floor to the lumbar joint of the upright person."""
-    thighs = [jp.centre(f"hip_{s}", f"thigh_{s}")[1] - jp.centre(f"knee_{s}", f"thigh_{s}")[1] for s in SIDES]
-    shanks = [jp.centre(f"knee_{s}", f"shank_{s}")[1] - jp.centre(f"talocrural_{s}", f"shank_{s}")[1] for s in SIDES]
+    thighs = [
+        jp.centre(f"hip_{s}", f"thigh_{s}")[1] - jp.centre(f"knee_{s}", f"thigh_{s}")[1]
+        for s in SIDES
+    ]
+    shanks = [
+        jp.centre(f"knee_{s}", f"shank_{s}")[1] - jp.centre(f"talocrural_{s}", f"shank_{s}")[1]
+        for s in SIDES
+    ]
     hips = (jp.centre("hip_r", "pelvis")[1] + jp.centre("hip_l", "pelvis")[1]) / 2
-    return (sum(thighs) + sum(shanks)) / 2 + jp.centre("back", "pelvis")[1] - hips + _ANKLE_OF_HEIGHT * height
+    return (
+        (sum(thighs) + sum(shanks)) / 2
+        + jp.centre("back", "pelvis")[1]
+        - hips
+        + _ANKLE_OF_HEIGHT * height
+    )
 
 
 def _pelvis(jp: Parameters, girth: float) -> FittedMesh:
@@ -159,13 +202,21 @@ def _pelvis(jp: Parameters, girth: float) -> FittedMesh:
     back = jp.centre("back", "pelvis")
     rise = max(float(back[1] - hips[1]), 0.02) / _HIP_DROP
     origin = np.array([hips[0] - _HIP_FORWARD * girth, back[1] - 0.05 * rise, hips[2]])
-    return _straight("pelvis", "pelvis", origin, (0.00643 * girth, 0.005897 * rise, 0.005897 * girth))
+    return _straight(
+        "pelvis", "pelvis", origin, (0.00643 * girth, 0.005897 * rise, 0.005897 * girth)
+    )
 
 
 def _leg(jp: Parameters, side: str, girth: float) -> list[FittedMesh]:
     thigh, shank = f"thigh_{side}", f"shank_{side}"
-    hip, knee = jp.centre(f"hip_{side}", f"thigh_{side}"), jp.centre(f"knee_{side}", f"thigh_{side}")
-    top, ankle = jp.centre(f"knee_{side}", f"shank_{side}"), jp.centre(f"talocrural_{side}", f"shank_{side}")
+    hip, knee = (
+        jp.centre(f"hip_{side}", f"thigh_{side}"),
+        jp.centre(f"knee_{side}", f"thigh_{side}"),
+    )
+    top, ankle = (
+        jp.centre(f"knee_{side}", f"shank_{side}"),
+        jp.centre(f"talocrural_{side}", f"shank_{side}"),
+    )
     return [
         _limb("upperleg", thigh, (hip, knee), (7.8, -60.8), 0.0065 * girth),
         _limb("lowerleg", shank, (top, ankle), (0.0, -66.7), 0.0066 * girth),
@@ -174,7 +225,9 @@ def _leg(jp: Parameters, side: str, girth: float) -> list[FittedMesh]:
 
 
 def _foot(model: SubjectModel, side: str) -> FittedMesh:
-    """The foot mesh at the fitted ankle centre, upright as at zero nominal coordinates, x to the toe."""
+    """The foot mesh at the fitted ankle centre, upright as at zero nominal coordinates, x to the
+    toe.
+    """
     foot, talus = f"foot_{side}", f"talus_{side}"
     upright = upright_poses(model.nominal)[0][foot][:, 1].copy()
     axes, origins = upright_poses(model.parameters)
@@ -183,11 +236,15 @@ def _foot(model: SubjectModel, side: str) -> FittedMesh:
     z /= np.linalg.norm(z)
     turn = np.column_stack([np.cross(upright, z), upright, z])
     length = FOOT_OF_HEIGHT * model.subject.height
-    return FittedMesh("foot", foot, np.column_stack([turn * (0.0067 * length / _FOOT_LENGTH), ankle]))
+    return FittedMesh(
+        "foot", foot, np.column_stack([turn * (0.0067 * length / _FOOT_LENGTH), ankle])
+    )
 
 
 def upright_poses(parameters: Parameters) -> tuple[dict[str, Array], dict[str, Array]]:
-    """Segment -> (3, 3) rotation from laboratory to segment, and (3,) m origin; all coordinates zero."""
+    """Segment -> (3, 3) rotation from laboratory to segment, and (3,) m origin; all coordinates
+    zero.
+    """
     axes, origins = body_poses(parameters, np.zeros((1, len(COORDINATES))))
     return {s: x[..., 0] for s, x in axes.items()}, {s: x[..., 0] for s, x in origins.items()}
 
@@ -207,7 +264,9 @@ def _arm(model: SubjectModel, jp: Parameters, side: str, girth: float) -> list[F
 
 
 def wrist(model: SubjectModel, jp: Parameters, side: str) -> Array:
-    """(3,) m of the wrist in the forearm: its landmark, else below the elbow by the forearm's share of body height."""
+    """(3,) m of the wrist in the forearm: its landmark, else below the elbow by the forearm's share
+    of body height.
+    """
     known = model.landmarks.get(f"wrist_{side}")
     if known is not None and known[0] == f"forearm_hand_{side}":
         return known[1]
@@ -237,7 +296,10 @@ def _as_expected(name: str, mesh: Mesh) -> Mesh:
     """ValueError for a mesh of another shape or unit than the one that is placed here."""
     low, high = MESHES[name]
     slack = _SLACK * (high - low).max()
-    low_off, high_off = np.abs(mesh.vertices.min(axis=0) - low), np.abs(mesh.vertices.max(axis=0) - high)
+    low_off, high_off = (
+        np.abs(mesh.vertices.min(axis=0) - low),
+        np.abs(mesh.vertices.max(axis=0) - high),
+    )
     if max(low_off.max(), high_off.max()) > slack or len(mesh.vertices) > _MOST_VERTICES:
         raise ValueError(name)
     return mesh
@@ -260,7 +322,11 @@ def read_stl(content: bytes) -> Mesh:
     count = int.from_bytes(content[80:84], "little")
     if len(content) < 84 + count * _STL.itemsize or count == 0:
         raise ValueError("not a binary STL")
-    corners = np.frombuffer(content, dtype=_STL, count=count, offset=84)["corners"].reshape(-1, 3).astype(float)
+    corners = (
+        np.frombuffer(content, dtype=_STL, count=count, offset=84)["corners"]
+        .reshape(-1, 3)
+        .astype(float)
+    )
     if not np.isfinite(corners).all():
         raise ValueError("not a binary STL")
     order = np.lexsort(corners.T[::-1])  # as np.unique(axis=0), in a sixth of its time
@@ -285,7 +351,8 @@ def round_body(low: Array, high: Array, blunt: float = 1.0) -> Mesh:
         axis=-1,
     )
     points = np.vstack([[0.0, -1.0, 0.0], ring.reshape(-1, 3), [0.0, 1.0, 0.0]])
-    # Corner 0 is the lower pole, then ring after ring of `_AROUND` corners, the last corner is the upper pole.
+    # Corner 0 is the lower pole, then ring after ring of `_AROUND` corners, the last corner is the
+    # upper pole.
     corner = np.arange(_AROUND)
     following = (corner + 1) % _AROUND
     pole = len(points) - 1
@@ -300,7 +367,8 @@ def round_body(low: Array, high: Array, blunt: float = 1.0) -> Mesh:
 
 
 def with_fewer_triangles(mesh: Mesh, most: int) -> Mesh:
-    """The shape with at most so many triangles: corners that share a cell of a grid become their mean.
+    """The shape with at most so many triangles: corners that share a cell of a grid become their
+    mean.
 
     A mesh that has no more is returned as it is.
     """
@@ -310,7 +378,9 @@ def with_fewer_triangles(mesh: Mesh, most: int) -> Mesh:
     cell = 0.5 * float(np.median(np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2)))
     while True:
         x, y, z = np.floor((mesh.vertices - mesh.vertices.min(axis=0)) / cell).astype(np.int64).T
-        group = np.unique((x * (y.max() + 1) + y) * (z.max() + 1) + z, return_inverse=True)[1].reshape(-1)
+        group = np.unique((x * (y.max() + 1) + y) * (z.max() + 1) + z, return_inverse=True)[
+            1
+        ].reshape(-1)
         triangles = group[mesh.triangles]
         low, middle, high = np.sort(triangles, axis=1).T
         size = group.max() + 1

@@ -1,12 +1,12 @@
 """Where bones come from: the package `myo-sim` if it is installed, or OpenSim's `Geometry` folder.
 
-Both hold the bones of the same musculoskeletal models (Rajagopal et al. 2016 and its forerunners), in metres, each in
-the frame of its body; only right bones are read, left ones are their mirror images. `myo-sim` is never imported, as
-that would load a physics engine: only its files are read.
+Both hold the bones of the same musculoskeletal models (Rajagopal et al. 2016 and its forerunners),
+in metres, each in the frame of its body; only right bones are read, left ones are their mirror
+images. `myo-sim` is never imported, as that would load a physics engine: only its files are read.
 
-`.vtp` files (VTK XML PolyData) hold numbers as text, or as base64 behind a header that counts their bytes, with or
-without zlib. Polygons of more than three corners become fans of triangles. Data appended behind the XML is not read:
-OpenSim's files have none.
+`.vtp` files (VTK XML PolyData) hold numbers as text, or as base64 behind a header that counts their
+bytes, with or without zlib. Polygons of more than three corners become fans of triangles. Data
+appended behind the XML is not read: OpenSim's files have none.
 """
 
 import base64
@@ -52,7 +52,9 @@ _FILES: dict[str, tuple[tuple[str, ...], int]] = {
     "skull": (("hat_skull",), 2200),
     "jaw": (("hat_jaw",), 600),
 }
-"""Bone, by its name in a page -> what its file may be called without ending, and how many triangles of it are shown."""
+"""Bone, by its name in a page -> what its file may be called without ending, and how many triangles
+of it are shown.
+"""
 _WHOLE_SPINE = {"thoracic spine", "lumbar spine", "neck"}  # What `spine` is in one file
 NEEDED: tuple[str, ...] = ("femur", "tibia", "fibula", "pelvis")
 """Without these, whose landmarks place all others, there are no bones."""
@@ -72,7 +74,9 @@ class BoneMeshes:
 
 
 def installed_bones() -> BoneMeshes | None:
-    """The bones of the installed `myo-sim`; None where it is not installed, or no longer has what is needed."""
+    """The bones of the installed `myo-sim`; None where it is not installed, or no longer has what
+    is needed.
+    """
     try:
         package = distribution(PACKAGE)
     except PackageNotFoundError:
@@ -82,14 +86,18 @@ def installed_bones() -> BoneMeshes | None:
         meshes = _read({path.name: path for path in paths}, Path(_FOLDER))
     except InputError:
         return None
-    return BoneMeshes(meshes, f"{PACKAGE} {package.version} (Apache-2.0)", package.read_text("licenses/LICENSE") or "")
+    return BoneMeshes(
+        meshes,
+        f"{PACKAGE} {package.version} (Apache-2.0)",
+        package.read_text("licenses/LICENSE") or "",
+    )
 
 
 def bones_of_folder(folder: Path) -> BoneMeshes:
     """The bones of a folder of `.vtp` or `.stl` files with OpenSim's names.
 
-    Raises InputError: No such folder, a file that is no surface, a bone that is needed is missing, or the unit is not
-    the metre.
+    Raises InputError: No such folder, a file that is no surface, a bone that is needed is missing,
+    or the unit is not the metre.
     """
     if not folder.is_dir():
         message = "found no such folder; allowed: OpenSim's `Geometry`, or one like it"
@@ -102,13 +110,17 @@ def _read(files: dict[str, Path], source: Path) -> dict[str, Mesh]:
     readers = {".stl": read_stl, ".vtp": read_vtp}
     meshes = {}
     for bone, (stems, _) in _FILES.items():
-        path = next((files[s + ending] for s in stems for ending in readers if s + ending in files), None)
+        path = next(
+            (files[s + ending] for s in stems for ending in readers if s + ending in files), None
+        )
         if path is None:
             continue
         try:
             meshes[bone] = readers[path.suffix](path.read_bytes())
         except (OSError, ValueError) as error:
-            raise InputError(f"cannot be read as a surface: {error}", source=path, code=Code.BONES) from error
+            raise InputError(
+                f"cannot be read as a surface: {error}", source=path, code=Code.BONES
+            ) from error
     if missing := [bone for bone in NEEDED if bone not in meshes]:
         names = "; ".join(f"{bone}: {' or '.join(_FILES[bone][0])}" for bone in missing)
         message = f"found no {', '.join(missing)}; needed (.vtp or .stl): {names}"
@@ -116,7 +128,10 @@ def _read(files: dict[str, Path], source: Path) -> dict[str, Mesh]:
     length = float(np.ptp(meshes["femur"].vertices[:, 1]))
     low, high = _FEMUR_LENGTH
     if not low <= length <= high:
-        message = f"found a femur that is {length:.3g} high along y; allowed: {low:g} to {high:g} m (metres, y up)"
+        message = (
+            f"found a femur that is {length:.3g} high along y; allowed: {low:g} to {high:g} m "
+            "(metres, y up)"
+        )
         raise InputError(message, source=source, code=Code.BONES)
     if "spine" in meshes:
         meshes = {bone: mesh for bone, mesh in meshes.items() if bone not in _WHOLE_SPINE}
@@ -148,7 +163,11 @@ def read_vtp(content: bytes) -> Mesh:
         vertices.append(points)
         triangles.append(count + _fans(corners, ends))
         count += len(points)
-    if not triangles or not sum(map(len, triangles)) or not all(np.isfinite(v).all() for v in vertices):
+    if (
+        not triangles
+        or not sum(map(len, triangles))
+        or not all(np.isfinite(v).all() for v in vertices)
+    ):
         raise ValueError("no surface")
     return Mesh(np.vstack(vertices), np.vstack(triangles))
 
@@ -159,7 +178,9 @@ def _fans(corners: IntArray, ends: IntArray) -> IntArray:
     if len(ends) and (np.any(np.diff(ends) < 0) or ends[0] < 0 or ends[-1] > len(corners)):
         raise ValueError("polygons beyond the corners")
     fans = [
-        (corners[a], corners[k], corners[k + 1]) for a, b in zip(starts, ends, strict=True) for k in range(a + 1, b - 1)
+        (corners[a], corners[k], corners[k + 1])
+        for a, b in zip(starts, ends, strict=True)
+        for k in range(a + 1, b - 1)
     ]
     return np.array(fans, dtype=np.intp).reshape(-1, 3)
 
@@ -187,12 +208,18 @@ def _array(root: ET.Element, piece: ET.Element, path: str) -> NDArray[np.generic
 
 
 def _inflated(text: str, counts: np.dtype[np.generic]) -> bytes:
-    """Header: number of blocks, their size, size of the last, then each block's packed size; encoded by itself."""
+    """Header: number of blocks, their size, size of the last, then each block's packed size;
+    encoded by itself.
+    """
 
     def encoded(size: int) -> int:
         return 4 * -(-size // 3)  # characters of base64 for so many bytes
 
-    blocks = int(np.frombuffer(base64.b64decode(text[: encoded(counts.itemsize)])[: counts.itemsize], counts)[0])
+    blocks = int(
+        np.frombuffer(
+            base64.b64decode(text[: encoded(counts.itemsize)])[: counts.itemsize], counts
+        )[0]
+    )
     header = encoded((3 + blocks) * counts.itemsize)
     sizes = np.frombuffer(base64.b64decode(text[:header]), counts)[3 : 3 + blocks].astype(int)
     raw, out, at = base64.b64decode(text[header:]), b"", 0

@@ -1,26 +1,30 @@
 """Landmarks of a bone, found on its own surface, and where the same landmarks lie in a person.
 
-Bones are those of the right side in the axes of OpenSim's models: x forward, y up, z to the right, m.
+Bones are those of the right side in the axes of OpenSim's models: x forward, y up, z to the right,
+m.
 
     ball (head of femur or humerus)   sphere through the surface around the most medial point of the upper end, its
                                       points chosen anew until they no longer change
     epicondyles                       the most lateral and the most medial point of the lower end
     condyles of the femur             circles in the sagittal plane through the hind and lower surface of each condyle,
-                                      which the tibia rolls on: their centres are the geometric centre axis (Eckhoff et
-                                      al. 2005, J Bone Joint Surg Am 87 Suppl 2)
+                                      which the tibia rolls on: their centres are the geometric
+                                      centre axis (Eckhoff et al. 2005, J Bone Joint Surg Am 87
+                                      Suppl 2)
     acetabulum                        the place towards which most of the surface of the hip bone is hollow: every
-                                      triangle, carried along its outward normal by the radius of the femoral head,
-                                      votes for it
+                                      triangle, carried along its outward normal by the radius of
+                                      the femoral head, votes for it
     tibial plateau                    mean of the upper end's upward surface
     malleoli                          the most medial point of the tibia's, the most lateral of the fibula's lower end
     ASIS, PSIS                        the most forward point above the acetabulum, the hindmost of the hip bone
 
-A sphere |p - c|^2 = r^2 is linear in (c, r^2 - c.c) and solved by least squares; so is a circle in two coordinates.
+A sphere |p - c|^2 = r^2 is linear in (c, r^2 - c.c) and solved by least squares; so is a circle in
+two coordinates.
 
-A person's landmarks are those of the static trial and the joint centres, in the segment frames. The knee is the middle
-between the epicondyles and the line through them, as palpated, and no fitted axis: a bone that stands on these shows
-whether the fitted knee axis passes through its condyles. Hip centres, which nobody can palpate, are the fitted ones. A
-marker's centre lies its radius off the skin; epicondyles, malleoli and spines are taken that much nearer.
+A person's landmarks are those of the static trial and the joint centres, in the segment frames. The
+knee is the middle between the epicondyles and the line through them, as palpated, and no fitted
+axis: a bone that stands on these shows whether the fitted knee axis passes through its condyles.
+Hip centres, which nobody can palpate, are the fitted ones. A marker's centre lies its radius off
+the skin; epicondyles, malleoli and spines are taken that much nearer.
 """
 
 from collections.abc import Mapping
@@ -38,7 +42,9 @@ from gaitcal.report.page.body_meshes import Mesh, upright_poses, vertex_above_lu
 _END = 0.12  # Share of a bone's length that is its end
 _UPPER_SHAFT, _LOWER_SHAFT = (0.6, 0.8), (0.25, 0.5)  # Shares of a bone's length, from below
 _MALLEOLUS = 0.08  # Share of a bone's length in which its malleolus is
-_ON_SURFACE = 0.0035  # Of a bone's length: how far a point may be from a sphere or circle that it belongs to
+_ON_SURFACE = (
+    0.0035  # Of a bone's length: how far a point may be from a sphere or circle that it belongs to
+)
 _ROUNDS = 30
 _FEWEST_POINTS = 6  # Of a sphere or circle
 _UPWARD, _SIDEWAYS = 0.8, 0.6  # Least upward and largest sideways part of a unit normal
@@ -78,7 +84,8 @@ class Condyles:
 
     medial: Ball
     lateral: Ball
-    drop: float  # m from the middle of the epicondyles down to the lowest points of the condyles, their mean
+    # m from the middle of the epicondyles down to the lowest points of the condyles, their mean
+    drop: float
 
     @property
     def axis(self) -> Array:
@@ -105,7 +112,9 @@ class ShankBones:
 
 
 def volume(mesh: Mesh) -> float:
-    """m^3, positive where the corners of the triangles go round counter-clockwise seen from outside."""
+    """m^3, positive where the corners of the triangles go round counter-clockwise seen from
+    outside.
+    """
     a, b, c = (mesh.vertices[mesh.triangles[:, k]] for k in range(3))
     return float(np.einsum("ij,ij->", a, np.cross(b, c))) / 6.0
 
@@ -128,9 +137,11 @@ def _vertex_normals(mesh: Mesh) -> Array:
 
 
 def _spread_points(mesh: Mesh) -> tuple[Array, Array, Array]:
-    """Points (n, 3) spread over the whole surface, outward unit normals (n, 3) and the area (n,) each stands for.
+    """Points (n, 3) spread over the whole surface, outward unit normals (n, 3) and the area (n,)
+    each stands for.
 
-    A few large triangles weigh as they should in a fit to these, which they do not by their corners alone.
+    A few large triangles weigh as they should in a fit to these, which they do not by their corners
+    alone.
     """
     outward, _ = face_normals(mesh)
     area = np.linalg.norm(outward, axis=1)
@@ -142,7 +153,9 @@ def _spread_points(mesh: Mesh) -> tuple[Array, Array, Array]:
 
 
 def fitted_ball(points: Array, weights: Array | None = None) -> tuple[Array, float]:
-    """Centre (d,) and radius (m) of the sphere, or in two dimensions the circle, nearest to points (n, d)."""
+    """Centre (d,) and radius (m) of the sphere, or in two dimensions the circle, nearest to points
+    (n, d).
+    """
     root = np.ones(len(points)) if weights is None else np.sqrt(weights)
     rows = np.column_stack([2.0 * points, np.ones(len(points))]) * root[:, None]
     solution = np.linalg.lstsq(rows, np.sum(points**2, axis=1) * root, rcond=None)[0]
@@ -153,8 +166,8 @@ def fitted_ball(points: Array, weights: Array | None = None) -> tuple[Array, flo
 def is_inside(mesh: Mesh, point: Array) -> bool:
     """Whether a point (3,) m lies inside a closed surface.
 
-    The solid angles of all triangles, seen from the point, add up to 4 pi inside and to 0 outside (Van Oosterom and
-    Strackee 1983, IEEE Trans Biomed Eng 30).
+    The solid angles of all triangles, seen from the point, add up to 4 pi inside and to 0 outside
+    (Van Oosterom and Strackee 1983, IEEE Trans Biomed Eng 30).
     """
     a, b, c = (mesh.vertices[mesh.triangles[:, k]] - point for k in range(3))
     la, lb, lc = (np.linalg.norm(v, axis=1) for v in (a, b, c))
@@ -186,7 +199,11 @@ def _head(v: Array, normals: Array, upper: BoolArray, length: float) -> Ball:
             raise NoLandmark("no round head")
         centre, radius = fitted_ball(v[chosen])
         outwards = np.einsum("ij,ij->i", v - centre, normals) > 0.5 * radius
-        following = upper & outwards & (np.abs(np.linalg.norm(v - centre, axis=1) - radius) < _ON_SURFACE * length)
+        following = (
+            upper
+            & outwards
+            & (np.abs(np.linalg.norm(v - centre, axis=1) - radius) < _ON_SURFACE * length)
+        )
         if np.array_equal(following, chosen):
             break
         chosen = following
@@ -203,7 +220,9 @@ def condyles(mesh: Mesh) -> Condyles:
     for side in (-1.0, 1.0):
         across = side * (points[:, 2] - bone.middle[2]) / half
         one = (
-            (points[:, 1] < low + _END * length) & (np.abs(across - 0.55) < 0.35) & (np.abs(normals[:, 2]) < _SIDEWAYS)
+            (points[:, 1] < low + _END * length)
+            & (np.abs(across - 0.55) < 0.35)
+            & (np.abs(normals[:, 2]) < _SIDEWAYS)
         )
         if one.sum() < _FEWEST_POINTS:
             raise NoLandmark("no condyles")
@@ -221,8 +240,12 @@ def _condyle(points: Array, normals: Array, area: Array, length: float) -> Ball:
         centre, radius = fitted_ball(points[chosen][:, :2], area[chosen])
         away = points[:, :2] - centre
         far = np.linalg.norm(away, axis=1)
-        outwards = np.einsum("ij,ij->i", away, normals[:, :2]) > _UPWARD * far * np.linalg.norm(normals[:, :2], axis=1)
-        following = outwards & (np.abs(far - radius) < _ON_SURFACE * length) & (away[:, 0] < 0.5 * radius)
+        outwards = np.einsum("ij,ij->i", away, normals[:, :2]) > _UPWARD * far * np.linalg.norm(
+            normals[:, :2], axis=1
+        )
+        following = (
+            outwards & (np.abs(far - radius) < _ON_SURFACE * length) & (away[:, 0] < 0.5 * radius)
+        )
         if np.array_equal(following, chosen):
             break
         chosen = following
@@ -230,7 +253,9 @@ def _condyle(points: Array, normals: Array, area: Array, length: float) -> Ball:
 
 
 def hip_bone(mesh: Mesh, head_radius: float) -> HipBone:
-    """Acetabulum and spines of the right half of a pelvis; `head_radius` (m) of the femur that belongs to it."""
+    """Acetabulum and spines of the right half of a pelvis; `head_radius` (m) of the femur that
+    belongs to it.
+    """
     outward, middles = face_normals(mesh)
     area = np.linalg.norm(outward, axis=1)
     votes = middles + head_radius * outward / np.maximum(area, 1e-30)[:, None]
@@ -255,15 +280,19 @@ def shank_bones(tibia: Mesh, fibula: Mesh) -> ShankBones:
     f = fibula.vertices
     base, tall = _low_and_length(f)
     outer = f[f[:, 1] < base + _MALLEOLUS * tall]
-    return ShankBones(plateau.mean(axis=0), inner[np.argmin(inner[:, 2])], outer[np.argmax(outer[:, 2])])
+    return ShankBones(
+        plateau.mean(axis=0), inner[np.argmin(inner[:, 2])], outer[np.argmax(outer[:, 2])]
+    )
 
 
 def check_directions(femur: Mesh, hip: HipBone, tibia: Mesh, fibula: Mesh) -> None:
-    """Raise `NoLandmark` for a bone that is a left one, or turned: its parts lie elsewhere to each other.
+    """Raise `NoLandmark` for a bone that is a left one, or turned: its parts lie elsewhere to each
+    other.
 
-    Above, a femur reaches furthest from its shaft medially, by its head; below, its condyles reach further behind the
-    shaft than before it. The fibula is lateral of the tibia, and not before it. The right half of a pelvis is right of
-    the middle, its PSIS behind the acetabulum, above it, and nearer to the middle than the ASIS.
+    Above, a femur reaches furthest from its shaft medially, by its head; below, its condyles reach
+    further behind the shaft than before it. The fibula is lateral of the tibia, and not before it.
+    The right half of a pelvis is right of the middle, its PSIS behind the acetabulum, above it, and
+    nearer to the middle than the ASIS.
     """
     upper, lower = _reach(femur, _UPPER_SHAFT, 1.0 - _END), _reach(femur, _LOWER_SHAFT, _END)
     if upper[0, 2] <= max(upper[1, 2], *upper[:, 0]):
@@ -281,7 +310,9 @@ def check_directions(femur: Mesh, hip: HipBone, tibia: Mesh, fibula: Mesh) -> No
 
 
 def _reach(bone: Mesh, shaft: tuple[float, float], end: float) -> Array:
-    """(2, 3) m by which the end of a bone reaches below and above its shaft's middle along each axis."""
+    """(2, 3) m by which the end of a bone reaches below and above its shaft's middle along each
+    axis.
+    """
     v = bone.vertices
     share = (v[:, 1] - v[:, 1].min()) / np.ptp(v[:, 1])
     between = (share > shaft[0]) & (share < shaft[1])
@@ -299,7 +330,8 @@ class KneeEvidence(Enum):
     BOTH = "both epicondyles"  # Markers on both
     DEVICE = "lateral epicondyle and knee alignment device"
     """A marker on the lateral one, and a rod along the axis that a person chose."""
-    LATERAL = "lateral epicondyle"  # One marker: the bone's turn about its length is the pelvis's in the static trial
+    # One marker: the bone's turn about its length is the pelvis's in the static trial
+    LATERAL = "lateral epicondyle"
     NOMINAL = "nominal joint"  # No marker: the bone stands on the nominal knee
 
 
@@ -311,7 +343,12 @@ _SIDED = {
     "forearm_hand": ("elbow", "wrist"),
 }
 _POINTS = (
-    *(f"{part}_{side}/{name}" for part, names in _SIDED.items() for name in names for side in SIDES),
+    *(
+        f"{part}_{side}/{name}"
+        for part, names in _SIDED.items()
+        for name in names
+        for side in SIDES
+    ),
     *(f"{place}_{side}" for place in ("pelvis/hip", "head_trunk/shoulder") for side in SIDES),
     *("pelvis/asis", "head_trunk/lumbar", "head_trunk/vertex"),
 )
@@ -324,7 +361,9 @@ class PersonLandmarks:
     """Targets of the bones' landmarks."""
 
     points: Mapping[str, Array]
-    """`segment/landmark` -> (3,) m in the segment frame; `talus_r/foot` -> (3, 4), the foot's frame in the talus."""
+    """`segment/landmark` -> (3,) m in the segment frame; `talus_r/foot` -> (3, 4), the foot's frame
+    in the talus.
+    """
     knees: Mapping[str, KneeEvidence]  # Side -> where its epicondyles are from
 
     def point(self, segment: str, landmark: str) -> Array:
@@ -335,7 +374,9 @@ class PersonLandmarks:
     def complete(self) -> bool:
         """Whether all is there that bones need, of the right size and finite."""
         return set(self.knees) == set(SIDES) and all(
-            name in self.points and self.points[name].shape == shape and bool(np.isfinite(self.points[name]).all())
+            name in self.points
+            and self.points[name].shape == shape
+            and bool(np.isfinite(self.points[name]).all())
             for name, shape in _SHAPES.items()
         )
 
@@ -346,10 +387,15 @@ def person_landmarks(model: SubjectModel) -> PersonLandmarks:
     radius = JointWidths.of(model.subject).marker_radius
     lumbar = fitted.centre("back", "head_trunk")
     points = {f"pelvis/hip_{side}": fitted.centre(f"hip_{side}", "pelvis") for side in SIDES}
-    points["pelvis/asis"] = np.array([-radius, 0.0, 0.0])  # mid-ASIS is the origin of the pelvis, x forward
+    points["pelvis/asis"] = np.array(
+        [-radius, 0.0, 0.0]
+    )  # mid-ASIS is the origin of the pelvis, x forward
     if (sacrum := _known(model, "sacrum", "pelvis")) is not None:
         points["pelvis/psis"] = sacrum + [radius, 0.0, 0.0]
-    points |= {f"head_trunk/shoulder_{side}": fitted.centre(f"shoulder_{side}", "head_trunk") for side in SIDES}
+    points |= {
+        f"head_trunk/shoulder_{side}": fitted.centre(f"shoulder_{side}", "head_trunk")
+        for side in SIDES
+    }
     points["head_trunk/lumbar"] = lumbar
     points["head_trunk/vertex"] = lumbar + [0.0, vertex_above_lumbar(model), 0.0]
     knees = {}
@@ -357,9 +403,13 @@ def person_landmarks(model: SubjectModel) -> PersonLandmarks:
         points[f"thigh_{side}/hip"] = fitted.centre(f"hip_{side}", f"thigh_{side}")
         thigh, knees[side] = _knee(model, side)
         points |= thigh | _ankle(model, side) | _foot(model, side)
-        points[f"upper_arm_{side}/shoulder"] = fitted.centre(f"shoulder_{side}", f"upper_arm_{side}")
+        points[f"upper_arm_{side}/shoulder"] = fitted.centre(
+            f"shoulder_{side}", f"upper_arm_{side}"
+        )
         points[f"upper_arm_{side}/elbow"] = fitted.centre(f"elbow_{side}", f"upper_arm_{side}")
-        points[f"forearm_hand_{side}/elbow"] = fitted.centre(f"elbow_{side}", f"forearm_hand_{side}")
+        points[f"forearm_hand_{side}/elbow"] = fitted.centre(
+            f"elbow_{side}", f"forearm_hand_{side}"
+        )
         points[f"forearm_hand_{side}/wrist"] = wrist(model, fitted, side)
     return PersonLandmarks(points, knees)
 
@@ -370,14 +420,18 @@ def _known(model: SubjectModel, landmark: str, segment: str) -> Array | None:
 
 
 def _markers(model: SubjectModel, segment: str, joint: str) -> tuple[Array | None, Array, bool]:
-    """Of a hinge (`knee`, `ankle`) in the segment above or below it: middle, half its width, and whether both markers
-    tell; the middle (3,) m None where no marker does, the half (3,) m from there to the lateral end.
+    """Of a hinge (`knee`, `ankle`) in the segment above or below it: middle, half its width, and
+    whether both markers tell; the middle (3,) m None where no marker does, the half (3,) m from
+    there to the lateral end.
     """
     side, widths = segment[-1], JointWidths.of(model.subject)
     lateral, medial = (_known(model, f"{joint}_{end}_{side}", segment) for end in ("lat", "med"))
     middle = _known(model, f"{joint[0]}jc_{side}", segment)
     outwards = np.array([0.0, 0.0, 1.0 if side == "r" else -1.0])
-    half, both = widths.inwards(joint, side) - widths.marker_radius, lateral is not None and medial is not None
+    half, both = (
+        widths.inwards(joint, side) - widths.marker_radius,
+        lateral is not None and medial is not None,
+    )
     if lateral is not None and medial is not None:
         middle, outwards = 0.5 * (lateral + medial), lateral - medial
         if not widths.is_measured(joint, side):
@@ -391,9 +445,14 @@ def _knee(model: SubjectModel, side: str) -> tuple[dict[str, Array], KneeEvidenc
     segment = f"thigh_{side}"
     middle, half, both = _markers(model, segment, "knee")
     device = f"knee_axis_{side}" in model.landmarks
-    evidence = KneeEvidence.BOTH if both else KneeEvidence.DEVICE if device else KneeEvidence.LATERAL
+    evidence = (
+        KneeEvidence.BOTH if both else KneeEvidence.DEVICE if device else KneeEvidence.LATERAL
+    )
     if middle is None or _known(model, f"knee_lat_{side}", segment) is None:
-        evidence, middle = KneeEvidence.NOMINAL, model.nominal.centre(f"knee_{side}", f"thigh_{side}")
+        evidence, middle = (
+            KneeEvidence.NOMINAL,
+            model.nominal.centre(f"knee_{side}", f"thigh_{side}"),
+        )
     points = {"knee": middle, "epicondyle_lat": middle + half, "epicondyle_med": middle - half}
     return {f"{segment}/{name}": point for name, point in points.items()}, evidence
 
@@ -401,8 +460,15 @@ def _knee(model: SubjectModel, side: str) -> tuple[dict[str, Array], KneeEvidenc
 def _ankle(model: SubjectModel, side: str) -> dict[str, Array]:
     """The shank's origin is the middle of the knee in the static trial."""
     middle, half, _ = _markers(model, f"shank_{side}", "ankle")
-    middle = model.nominal.centre(f"talocrural_{side}", f"shank_{side}") if middle is None else middle
-    points = {"knee": np.zeros(3), "ankle": middle, "malleolus_lat": middle + half, "malleolus_med": middle - half}
+    middle = (
+        model.nominal.centre(f"talocrural_{side}", f"shank_{side}") if middle is None else middle
+    )
+    points = {
+        "knee": np.zeros(3),
+        "ankle": middle,
+        "malleolus_lat": middle + half,
+        "malleolus_med": middle - half,
+    }
     return {f"shank_{side}/{name}": point for name, point in points.items()}
 
 
@@ -416,5 +482,7 @@ def _foot(model: SubjectModel, side: str) -> dict[str, Array]:
         f"{foot}/ankle": into_foot @ (origins[talus] - origins[foot]),
         f"{foot}/up": into_foot[:, 1].copy(),
         f"{foot}/heel_to_toe": np.zeros(3) if toe is None or heel is None else toe - heel,
-        f"{talus}/foot": np.column_stack([in_talus @ into_foot.T, in_talus @ (origins[foot] - origins[talus])]),
+        f"{talus}/foot": np.column_stack(
+            [in_talus @ into_foot.T, in_talus @ (origins[foot] - origins[talus])]
+        ),
     }

@@ -1,27 +1,29 @@
 """Bones laid over a person's landmarks.
 
-For every bone an affine map from its own frame to a segment's. With y the direction between the two ends of a bone, z
-to its right across y (`segment_frames.frame_yz`), R the axes in the bone and R' those in the person, and b, b' the
-lower ends,
+For every bone an affine map from its own frame to a segment's. With y the direction between the two
+ends of a bone, z to its right across y (`segment_frames.frame_yz`), R the axes in the bone and R'
+those in the person, and b, b' the lower ends,
 
     p' = b' + R' diag(l, l, w) R^T (p - b),      l = ratio of the lengths, w = ratio of the widths across y.
 
-So both ends and the turn about the length are the person's. In the sagittal plane a bone is scaled alike in both
-directions: round condyles stay round. The slope of the epicondyles against the length stays the bone's, since
-palpation tells it worse than anatomy does: two markers 10 mm apart in height are 7 degrees; what remains between
-epicondyle and marker is `KneeAxis.misfit`. The pelvis has four landmarks in space (both hips, mid-ASIS, mid-PSIS) and
-the affine map that meets them all. The foot is scaled alike in all directions, about the ankle.
+So both ends and the turn about the length are the person's. In the sagittal plane a bone is scaled
+alike in both directions: round condyles stay round. The slope of the epicondyles against the length
+stays the bone's, since palpation tells it worse than anatomy does: two markers 10 mm apart in
+height are 7 degrees; what remains between epicondyle and marker is `KneeAxis.misfit`. The pelvis
+has four landmarks in space (both hips, mid-ASIS, mid-PSIS) and the affine map that meets them all.
+The foot is scaled alike in all directions, about the ankle.
 
-Whether a knee's axis lies in the condyles of the femur: distances and angle of both axes, and what is said of them.
+Whether a knee's axis lies in the condyles of the femur: distances and angle of both axes, and what
+is said of them.
 
 For an axis through a with direction u, and the centre m of a condyle of the femur,
 
     foot of m:  f = a + u (u.(m - a)),      offset = f - m,      distance = |offset|,
 
-and with covariances C_a of the centre and C_u of the direction, taken as independent, and h = u.(m - a), the standard
-error of the distance is the root of the trace of P (C_a + h^2 C_u) P / 2, P = 1 - u u^T: the mean over the two
-directions across the axis. The angle is that between u and the line through both condyles' centres; its error is the
-same root of C_u.
+and with covariances C_a of the centre and C_u of the direction, taken as independent, and h = u.(m
+- a), the standard error of the distance is the root of the trace of P (C_a + h^2 C_u) P / 2, P = 1
+- u u^T: the mean over the two directions across the axis. The angle is that between u and the line
+through both condyles' centres; its error is the same root of C_u.
 """
 
 import math
@@ -36,20 +38,28 @@ from gaitcal.model.segment_frames import frame_yz, unit
 from gaitcal.report.page import bone_files, bone_landmarks, scene
 from gaitcal.report.page.body_meshes import FOOT_OF_HEIGHT, FittedMesh, Mesh
 
-MIRROR = {"r": np.ones(3), "l": np.array([1.0, 1.0, -1.0])}  # From a bone of the right side to that of a side
+MIRROR = {
+    "r": np.ones(3),
+    "l": np.array([1.0, 1.0, -1.0]),
+}  # From a bone of the right side to that of a side
 CARTILAGE = 0.004
-"""m between the bones of the knee: twice the 2 mm of cartilage of a healthy tibia and femur (Cohen et al. 1999)."""
+"""m between the bones of the knee: twice the 2 mm of cartilage of a healthy tibia and femur (Cohen
+et al. 1999).
+"""
 TALUS_IN_FOOT = np.array([0.04877, 0.04195, -0.00792])
 TOES_IN_FOOT = np.array([0.1788, -0.002, 0.00108])
 RADIUS_IN_ULNA = np.array([-0.006727, -0.013007, 0.026083])
 SHOULDER_IN_TRUNK = np.array([0.003155, 0.3715, 0.17])
-"""m: frames of the bodies to each other in Rajagopal et al. (2016), in which these bones are drawn."""
+"""m: frames of the bodies to each other in Rajagopal et al. (2016), in which these bones are drawn.
+"""
 _TOE_TIP_OF_HEIGHT = 0.131
-"""Of body height: markers of heel and toe further apart than this stand on the tip of the foot, nearer ones on the
-second metatarsal's head (the head at 0.73 of the foot's length, Drillis and Contini 1966)."""
+"""Of body height: markers of heel and toe further apart than this stand on the tip of the foot,
+nearer ones on the second metatarsal's head (the head at 0.73 of the foot's length, Drillis and
+Contini 1966)."""
 _HEAD_OF_METATARSAL = 0.73
 _ALLOWED_FOOT = (0.8, 1.25)
-"""Of the length that goes with body height; a foot by its markers beyond that is drawn by height."""
+"""Of the length that goes with body height; a foot by its markers beyond that is drawn by height.
+"""
 
 
 @dataclass(frozen=True)
@@ -66,16 +76,23 @@ class Landmarked:
     def foot_length(self) -> float:
         """M, from heel to the end of the toes."""
         foot = self.bones.meshes["foot"].vertices[:, 0]
-        toes = self.bones.meshes["toes"].vertices[:, 0] + TOES_IN_FOOT[0] if "toes" in self.bones.meshes else foot
+        toes = (
+            self.bones.meshes["toes"].vertices[:, 0] + TOES_IN_FOOT[0]
+            if "toes" in self.bones.meshes
+            else foot
+        )
         return float(max(toes.max(), foot.max()) - foot.min())
 
 
 def landmarked(bones: bone_files.BoneMeshes) -> Landmarked:
     """Bones with their landmarks.
 
-    Raises InputError: A bone does not show its landmarks: another shape, unit or direction than it should have.
+    Raises InputError: A bone does not show its landmarks: another shape, unit or direction than it
+    should have.
     """
-    femur, tibia, fibula, pelvis = (bones.meshes[name] for name in ("femur", "tibia", "fibula", "pelvis"))
+    femur, tibia, fibula, pelvis = (
+        bones.meshes[name] for name in ("femur", "tibia", "fibula", "pelvis")
+    )
     try:
         thigh = bone_landmarks.long_bone(femur)
         found = Landmarked(
@@ -87,7 +104,10 @@ def landmarked(bones: bone_files.BoneMeshes) -> Landmarked:
         )
         bone_landmarks.check_directions(femur, found.hip, tibia, fibula)
     except bone_landmarks.NoLandmark as error:
-        message = f"found {error} on its surface; allowed: right bones with x forward, y up, z to the right, m"
+        message = (
+            f"found {error} on its surface; allowed: right bones with x forward, y up, z to the "
+            "right, m"
+        )
         raise InputError(message, source=bones.source, code=Code.BONES) from error
     return found
 
@@ -133,10 +153,19 @@ def _shifted(place: Array, offset: Array) -> Array:
 
 def place_of_femur(bones: Landmarked, person: bone_landmarks.PersonLandmarks, side: str) -> Array:
     """(3, 4), from the femur of that side (the left one mirrored) to the thigh."""
-    bone, mirror, s, thigh = bones.femur, MIRROR[side], 1.0 if side == "r" else -1.0, f"thigh_{side}"
+    bone, mirror, s, thigh = (
+        bones.femur,
+        MIRROR[side],
+        1.0 if side == "r" else -1.0,
+        f"thigh_{side}",
+    )
     across = person.point(thigh, "epicondyle_lat") - person.point(thigh, "epicondyle_med")
     return _between(
-        _Ends(bone.head.centre * mirror, bone.middle * mirror, s * (bone.lateral - bone.medial) * mirror),
+        _Ends(
+            bone.head.centre * mirror,
+            bone.middle * mirror,
+            s * (bone.lateral - bone.medial) * mirror,
+        ),
         _Ends(person.point(thigh, "hip"), person.point(thigh, "knee"), s * across),
     )
 
@@ -151,8 +180,11 @@ def place_of_shank(bones: Landmarked, person: bone_landmarks.PersonLandmarks, si
         f"shank_{side}",
     )
     long = float(np.linalg.norm(place_of_femur(bones, person, side)[:, 1]))
-    # Behind the epicondyles by as much as the condyles' centres are; upright, as the static trial stands.
-    behind = 0.5 * float(pair.medial.centre[0] + pair.lateral.centre[0]) - float(bones.femur.middle[0])
+    # Behind the epicondyles by as much as the condyles' centres are; upright, as the static trial
+    # stands.
+    behind = 0.5 * float(pair.medial.centre[0] + pair.lateral.centre[0]) - float(
+        bones.femur.middle[0]
+    )
     knee = person.point(shank, "knee") + [long * behind, -long * pair.drop - CARTILAGE, 0.0]
     across = person.point(shank, "malleolus_lat") - person.point(shank, "malleolus_med")
     middle = 0.5 * (bone.lateral + bone.medial)
@@ -179,30 +211,43 @@ def _place_of_pelvis(bones: Landmarked, person: bone_landmarks.PersonLandmarks) 
     return np.column_stack([turn, middle - turn @ socket])
 
 
-def _place_of_foot(bones: Landmarked, person: bone_landmarks.PersonLandmarks, side: str, height: float) -> Array:
-    """(3, 4), from the foot of that side to the foot: ankle on ankle, upright, along the line of heel and toe."""
+def _place_of_foot(
+    bones: Landmarked, person: bone_landmarks.PersonLandmarks, side: str, height: float
+) -> Array:
+    """(3, 4), from the foot of that side to the foot: ankle on ankle, upright, along the line of
+    heel and toe.
+    """
     segment = f"foot_{side}"
-    up, apart = person.point(segment, "up"), float(np.linalg.norm(person.point(segment, "heel_to_toe")))
+    up, apart = (
+        person.point(segment, "up"),
+        float(np.linalg.norm(person.point(segment, "heel_to_toe"))),
+    )
     expected = FOOT_OF_HEIGHT * height
     length = apart if apart > _TOE_TIP_OF_HEIGHT * height else apart / _HEAD_OF_METATARSAL
     if not _ALLOWED_FOOT[0] * expected <= length <= _ALLOWED_FOOT[1] * expected:
         length = expected
     turn = frame_yz(np.zeros(3), up, np.cross(np.array([1.0, 0.0, 0.0]), up)).rotation
     scaled = turn * (length / bones.foot_length)
-    return np.column_stack([scaled, person.point(segment, "ankle") - scaled @ (TALUS_IN_FOOT * MIRROR[side])])
+    return np.column_stack(
+        [scaled, person.point(segment, "ankle") - scaled @ (TALUS_IN_FOOT * MIRROR[side])]
+    )
 
 
 def _place_of_trunk(person: bone_landmarks.PersonLandmarks) -> Array:
     """(3, 4) of spine and ribs, from the lumbar joint to the shoulders."""
     right, left = (person.point("head_trunk", f"shoulder_{side}") for side in SIDES)
     return _between(
-        _Ends(SHOULDER_IN_TRUNK * [1.0, 1.0, 0.0], np.zeros(3), SHOULDER_IN_TRUNK * [0.0, 0.0, 2.0]),
+        _Ends(
+            SHOULDER_IN_TRUNK * [1.0, 1.0, 0.0], np.zeros(3), SHOULDER_IN_TRUNK * [0.0, 0.0, 2.0]
+        ),
         _Ends(0.5 * (right + left), person.point("head_trunk", "lumbar"), right - left),
     )
 
 
 def _place_of_head(skull: Array, trunk: Array, vertex: Array) -> Array:
-    """(3, 4): the neck's root where the trunk's map has it, the top of the skull at the vertex; alike in all axes."""
+    """(3, 4): the neck's root where the trunk's map has it, the top of the skull at the vertex;
+    alike in all axes.
+    """
     root = np.array([0.0, SHOULDER_IN_TRUNK[1] + 0.04, 0.0])
     rise = float((vertex - apply(trunk, root)) @ unit(trunk[:, 1]))
     scale = rise / float(skull[:, 1].max() - root[1])
@@ -210,13 +255,21 @@ def _place_of_head(skull: Array, trunk: Array, vertex: Array) -> Array:
     return np.column_stack([turn, apply(trunk, root) - turn @ root])
 
 
-def fitted_bones(bones: Landmarked, person: bone_landmarks.PersonLandmarks, height: float) -> tuple[FittedMesh, ...]:
+def fitted_bones(
+    bones: Landmarked, person: bone_landmarks.PersonLandmarks, height: float
+) -> tuple[FittedMesh, ...]:
     """All bones of a person in their segments; `height` (m) of the person."""
     there = bones.bones.meshes
     pelvis = _place_of_pelvis(bones, person)
-    out = [("pelvis", "pelvis", pelvis), ("pelvis", "pelvis", _of_side(pelvis, "l")), ("sacrum", "pelvis", pelvis)]
+    out = [
+        ("pelvis", "pelvis", pelvis),
+        ("pelvis", "pelvis", _of_side(pelvis, "l")),
+        ("sacrum", "pelvis", pelvis),
+    ]
     trunk = _place_of_trunk(person)
-    out += [(bone, "head_trunk", trunk) for bone in ("ribs", "spine", "thoracic spine", "lumbar spine")]
+    out += [
+        (bone, "head_trunk", trunk) for bone in ("ribs", "spine", "thoracic spine", "lumbar spine")
+    ]
     if "skull" in there:
         head = _place_of_head(there["skull"].vertices, trunk, person.point("head_trunk", "vertex"))
         out += [(bone, "head_trunk", head) for bone in ("neck", "skull", "jaw")]
@@ -243,7 +296,9 @@ def _foot_bones(
     ]
 
 
-def _arm_bones(bones: Landmarked, person: bone_landmarks.PersonLandmarks, side: str) -> list[tuple[str, str, Array]]:
+def _arm_bones(
+    bones: Landmarked, person: bone_landmarks.PersonLandmarks, side: str
+) -> list[tuple[str, str, Array]]:
     there, mirror = bones.bones.meshes, MIRROR[side]
     upper, fore, right = f"upper_arm_{side}", f"forearm_hand_{side}", np.array([0.0, 0.0, 1.0])
     out = []
@@ -251,9 +306,16 @@ def _arm_bones(bones: Landmarked, person: bone_landmarks.PersonLandmarks, side: 
         bone = bone_landmarks.long_bone(there["humerus"])
         length = float(np.linalg.norm(bone.head.centre - bone.middle))
         ends = person.point(upper, "shoulder"), person.point(upper, "elbow")
-        wide = float(np.linalg.norm(ends[0] - ends[1])) / length * abs(float(bone.lateral[2] - bone.medial[2]))
+        wide = (
+            float(np.linalg.norm(ends[0] - ends[1]))
+            / length
+            * abs(float(bone.lateral[2] - bone.medial[2]))
+        )
         across = right * (bone.lateral[2] - bone.medial[2])
-        place = _between(_Ends(bone.head.centre * mirror, bone.middle * mirror, across), _Ends(*ends, right * wide))
+        place = _between(
+            _Ends(bone.head.centre * mirror, bone.middle * mirror, across),
+            _Ends(*ends, right * wide),
+        )
         out.append(("humerus", upper, _of_side(place, side)))
     if "ulna" in there:
         lower = there["ulna"].vertices
@@ -266,25 +328,31 @@ def _arm_bones(bones: Landmarked, person: bone_landmarks.PersonLandmarks, side: 
 
 
 PALPATION_M = 0.008
-"""m a coordinate: epicondyles found by different examiners (Della Croce et al., Gait Posture 21:226-237, 2005, give 6
-to 21 mm for landmarks of the leg, all directions together)."""
+"""m a coordinate: epicondyles found by different examiners (Della Croce et al., Gait Posture
+21:226-237, 2005, give 6 to 21 mm for landmarks of the leg, all directions together)."""
 _STANDS = {
     bone_landmarks.KneeEvidence.BOTH: (
         "The femur stands on the markers of both epicondyles and on the fitted hip centre."
     ),
     bone_landmarks.KneeEvidence.DEVICE: (
-        "The femur stands on the lateral epicondyle's marker, the knee alignment device and the fitted hip centre."
+        "The femur stands on the lateral epicondyle's marker, the knee alignment device and the "
+        "fitted hip centre."
     ),
     bone_landmarks.KneeEvidence.LATERAL: (
-        "Only the lateral epicondyle has a marker: the femur's turn is assumed from the pelvis, and proves nothing."
+        "Only the lateral epicondyle has a marker: the femur's turn is assumed from the pelvis, "
+        "and proves nothing."
     ),
     bone_landmarks.KneeEvidence.NOMINAL: (
-        "No landmark of this knee is known: the femur stands on the nominal one, and proves nothing."
+        "No landmark of this knee is known: the femur stands on the nominal one, and proves "
+        "nothing."
     ),
 }
 _PASSES = {
     "circle": ("through both condyles", "through the {} condyle"),
-    "bone": ("through the bone, outside both condyles' circles", "through the bone outside the {} condyle's circle"),
+    "bone": (
+        "through the bone, outside both condyles' circles",
+        "through the bone outside the {} condyle's circle",
+    ),
     "outside": ("past both condyles", "past the {} condyle"),
 }
 """Where an axis passes: at both condyles, at one."""
@@ -298,7 +366,9 @@ class AxisInCondyle:
     radius: float  # m of the condyle's circle
     standard_error: float  # m of the distance, from the fit; NaN where none is known
     inside: bool
-    """Whether the axis is within the bone where it passes the centre: the femur as a whole, not the condyle alone."""
+    """Whether the axis is within the bone where it passes the centre: the femur as a whole, not the
+    condyle alone.
+    """
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -309,7 +379,9 @@ class AxisInKnee:
     lateral: AxisInCondyle
     angle: float  # Rad between the axis and the line through the condyles' centres
     angle_error: float
-    """Rad, standard error of the axis's direction, the mean over its two directions; NaN where none is known."""
+    """Rad, standard error of the axis's direction, the mean over its two directions; NaN where none
+    is known.
+    """
 
     @property
     def ends(self) -> dict[str, AxisInCondyle]:
@@ -343,9 +415,13 @@ def knee_axes(
         femur = Mesh(apply(place, bone.vertices * mirror), bone.triangles)
         centres = apply(place, np.array([pair.medial.centre, pair.lateral.centre]) * mirror)
         # The sagittal plane is scaled alike: the factor is the length of the map of its y axis.
-        radii = np.array([pair.medial.radius, pair.lateral.radius]) * float(np.linalg.norm(place[:, 1]))
+        radii = np.array([pair.medial.radius, pair.lateral.radius]) * float(
+            np.linalg.norm(place[:, 1])
+        )
         drawn = apply(place, np.array([bones.femur.lateral, bones.femur.medial]) * mirror)
-        wanted = np.array([person.point(f"thigh_{side}", f"epicondyle_{end}") for end in ("lat", "med")])
+        wanted = np.array(
+            [person.point(f"thigh_{side}", f"epicondyle_{end}") for end in ("lat", "med")]
+        )
         none = np.full((3, 3), np.nan)
         fitted = (mark.fitted_centre, mark.fitted_axis, mark.centre_spread, mark.axis_spread)
         out.append(
@@ -354,7 +430,9 @@ def knee_axes(
                 evidence=person.knees[side],
                 misfit=float(np.linalg.norm(drawn - wanted, axis=1).max()),
                 fitted=_axis(femur, centres, radii, *fitted) if mark.fitted else None,
-                nominal=_axis(femur, centres, radii, mark.nominal_centre, mark.nominal_axis, none, none),
+                nominal=_axis(
+                    femur, centres, radii, mark.nominal_centre, mark.nominal_axis, none, none
+                ),
                 centres=centres,
                 radii=radii,
                 across=unit(place[:, 2]),
@@ -364,9 +442,17 @@ def knee_axes(
 
 
 def _axis(
-    femur: Mesh, centres: Array, radii: Array, start: Array, direction: Array, centre_spread: Array, axis_spread: Array
+    femur: Mesh,
+    centres: Array,
+    radii: Array,
+    start: Array,
+    direction: Array,
+    centre_spread: Array,
+    axis_spread: Array,
 ) -> AxisInKnee:
-    """The axis through `start` (3,) m along `direction`; spreads as in `JointMark`, NaN where not known."""
+    """The axis through `start` (3,) m along `direction`; spreads as in `JointMark`, NaN where not
+    known.
+    """
     across = np.eye(3) - np.outer(direction, direction)
     tilted = axis_spread @ axis_spread.T
 
@@ -385,8 +471,12 @@ def _axis(
 
     line = centres[1] - centres[0]
     cosine = abs(float(direction @ line)) / float(np.linalg.norm(line))
-    medial, lateral = (condyle(centre, radius) for centre, radius in zip(centres, radii, strict=True))
-    return AxisInKnee(medial=medial, lateral=lateral, angle=math.acos(min(1.0, cosine)), angle_error=error(tilted))
+    medial, lateral = (
+        condyle(centre, radius) for centre, radius in zip(centres, radii, strict=True)
+    )
+    return AxisInKnee(
+        medial=medial, lateral=lateral, angle=math.acos(min(1.0, cosine)), angle_error=error(tilted)
+    )
 
 
 def knee_words(knee: KneeAxis) -> list[str]:
@@ -394,13 +484,20 @@ def knee_words(knee: KneeAxis) -> list[str]:
     lines = [] if knee.fitted else ["Not fitted: the axis is the nominal one"]
     for name, axis in (("Fitted (solid)", knee.fitted), ("Nominal (dashed)", knee.nominal)):
         if axis is not None:
-            far = [f"{_with_error(1e3 * end.distance, 1e3 * end.standard_error)} mm" for end in axis.ends.values()]
+            far = [
+                f"{_with_error(1e3 * end.distance, 1e3 * end.standard_error)} mm"
+                for end in axis.ends.values()
+            ]
             turn = _with_error(math.degrees(axis.angle), math.degrees(axis.angle_error))
             places = f"{far[0]} from the medial centre, {far[1]} from the lateral one"
             lines.append(f"{name}: {_where(axis)}, {places}, {turn}° off their line")
-    # How far the bone's epicondyles miss their markers, and palpation's scatter in the two directions across the axis.
+    # How far the bone's epicondyles miss their markers, and palpation's scatter in the two
+    # directions across the axis.
     uncertainty = 1e3 * math.hypot(knee.misfit, math.sqrt(2.0) * PALPATION_M)
-    sure = f"Its place is uncertain by about {uncertainty:.0f} mm; the nominal axis lies in it by construction."
+    sure = (
+        f"Its place is uncertain by about {uncertainty:.0f} mm; the nominal axis lies in it by "
+        "construction."
+    )
     return [*lines, f"{_STANDS[knee.evidence]} {sure}"]
 
 

@@ -1,4 +1,6 @@
-"""Preset Joints: where the joints lie and what the segments weigh, nominal, fitted, and of a made-up person true."""
+"""Preset Joints: where the joints lie and what the segments weigh, nominal, fitted, and of a
+made-up person true.
+"""
 
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
@@ -25,24 +27,30 @@ from gaitcal.report.page.plain_data import (
 from gaitcal.results import parameter_labels
 
 MOVED = (
-    "Fitted minus nominal value, with ±1 standard error where there is one. Positions are in the axes of the named "
+    "Fitted minus nominal value, with ±1 standard error where there is one. Positions are in the "
+    "axes of the named "
     "segment: forward, up, to the right."
 )
 TRUE = " A ring around a dot: calibration found the truth; around zero: the nominal value was true."
 COHORT = (
-    "What the trials leave open, these joints take from {people} people of a cohort ({file}), whose mean may lie "
+    "What the trials leave open, these joints take from {people} people of a cohort ({file}), "
+    "whose mean may lie "
     "beside the nominal values; which parts of the body it teaches of: preset Provenance."
 )
 NOT_CALIBRATED = (
-    "Joint parameters were not calibrated: all joints lie where the static trial and the regressions put them."
+    "Joint parameters were not calibrated: all joints lie where the static trial and the "
+    "regressions put them."
 )
 INERTIAL_FILE = (
-    "All values, by the names that the other files use: parameters.csv (moments of inertia there in kg·mm², 100 "
+    "All values, by the names that the other files use: parameters.csv (moments of inertia there "
+    "in kg·mm², 100 "
     "times the numbers here)."
 )
 FEATURES = (
-    "Distance (mm) or angle (deg) from the true centre or axis; the place of an axis is where it crosses the "
-    "segment from side to side. Within: for how many of its parameters the truth lies within ±1.96 standard "
+    "Distance (mm) or angle (deg) from the true centre or axis; the place of an axis is where it "
+    "crosses the "
+    "segment from side to side. Within: for how many of its parameters the truth lies within ±1.96 "
+    "standard "
     "errors. “Farther”: calibration led away from the truth."
 )
 SIDE_TITLES = {"r": "Right", "l": "Left", "": "Parameter"}
@@ -50,19 +58,28 @@ SIDE_TITLES = {"r": "Right", "l": "Left", "": "Parameter"}
 
 def joint_blocks(calibration: result.Calibration) -> list[Block]:
     """All of the preset: what was fitted, how far it moved, how sure it is, and how near the truth."""
-    errors = "" if calibration.standard_errors or not calibration.trials else "; none were computed for this result"
+    errors = (
+        ""
+        if calibration.standard_errors or not calibration.trials
+        else "; none were computed for this result"
+    )
     out = [
         heading("What was calibrated"),
         text(
-            f"{parameter_labels.counts_sentence(calibration)} Positions are in the axes of the named segment: forward, "
-            "up, and to the right, on both sides of the body (so a left hip centre lies at a negative “to the right”). "
-            f"A standard error says by how much a value would scatter if the same trials were recorded again{errors}."
+            f"{parameter_labels.counts_sentence(calibration)} Positions are in the axes of the "
+            "named segment: forward, "
+            "up, and to the right, on both sides of the body (so a left hip centre lies at a "
+            "negative “to the right”). "
+            "A standard error says by how much a value would scatter if the same trials were "
+            f"recorded again{errors}."
         ),
     ]
     if blind := parameter_labels.blind_spots(calibration):
         out += [heading("Not determined by these trials", 4), bullets(blind, "warning")]
     known = calibration.truth.parameters if calibration.truth else ()
-    truth = {p.name: p.truth * parameter_labels.SHORTER_UNITS.get(p.unit, ("", 1.0))[1] for p in known}
+    truth = {
+        p.name: p.truth * parameter_labels.SHORTER_UNITS.get(p.unit, ("", 1.0))[1] for p in known
+    }
     near = [] if calibration.truth is None else _near_truth(calibration, calibration.truth)
     return [*out, *_joints(calibration, truth), *_inertias(calibration, truth), *near]
 
@@ -73,7 +90,10 @@ def _joints(calibration: result.Calibration, truth: Mapping[str, float]) -> list
         return [text(NOT_CALIBRATED)]
     legs = [group for group in groups if (group.right or group.left)[0].part in linkage.LEG_JOINTS]
     others = [group for group in groups if group not in legs]
-    out = [heading("Joint parameters: where the joints lie"), text(MOVED + (TRUE if truth else ""), "soft")]
+    out = [
+        heading("Joint parameters: where the joints lie"),
+        text(MOVED + (TRUE if truth else ""), "soft"),
+    ]
     if (prior := calibration.study.joint_prior) is not None:
         out.append(text(COHORT.format(people=prior.people, file=prior.file)))
     out += _joint_values(calibration, legs, truth)
@@ -81,16 +101,27 @@ def _joints(calibration: result.Calibration, truth: Mapping[str, float]) -> list
         rest = _joint_values(calibration, others, truth)
         out += [fold("Joints of trunk and arms", rest)] if legs else rest
     if fixed := parameter_labels.fixed_joints(calibration):
-        out.append(text(f"Kept at nominal values, as no trial here determines them: {fixed}.", "soft"))
+        out.append(
+            text(f"Kept at nominal values, as no trial here determines them: {fixed}.", "soft")
+        )
     return out
 
 
 def _joint_values(
-    calibration: result.Calibration, groups: Sequence[parameter_labels.Group], truth: Mapping[str, float]
+    calibration: result.Calibration,
+    groups: Sequence[parameter_labels.Group],
+    truth: Mapping[str, float],
 ) -> list[Block]:
-    """How far each parameter moved, in pictures of positions and orientations, and all values in tables."""
+    """How far each parameter moved, in pictures of positions and orientations, and all values in
+    tables.
+    """
     settings = calibration.study.settings
-    rows = [r for group in groups for r in (*group.right, *group.left) if r.status in ("fitted", "at bound")]
+    rows = [
+        r
+        for group in groups
+        for r in (*group.right, *group.left)
+        if r.status in ("fitted", "at bound")
+    ]
     pictures = []
     for unit, title, bound in (
         ("mm", "Positions of joints: change in mm", settings.position_bound_mm),
@@ -104,7 +135,9 @@ def _joint_values(
     return out
 
 
-def _interval(row: parameter_labels.Row, truth: Mapping[str, float], bound: float) -> dict[str, Any]:
+def _interval(
+    row: parameter_labels.Row, truth: Mapping[str, float], bound: float
+) -> dict[str, Any]:
     return {
         "label": row.words.replace(" in the ", ", "),
         "side": row.side,
@@ -116,7 +149,9 @@ def _interval(row: parameter_labels.Row, truth: Mapping[str, float], bound: floa
     }
 
 
-def _tables(group: parameter_labels.Group, truth: Mapping[str, float], percent: bool = False) -> list[Block]:
+def _tables(
+    group: parameter_labels.Group, truth: Mapping[str, float], percent: bool = False
+) -> list[Block]:
     """Right beside left; one table where there are no sides. `percent`: changes also in percent."""
     sided = bool(group.left) or not percent
     out = []
@@ -131,21 +166,36 @@ def _tables(group: parameter_labels.Group, truth: Mapping[str, float], percent: 
     return beside(out)
 
 
-def _row(row: parameter_labels.Row, truth: Mapping[str, float], percent: bool, known: bool) -> list[Cell]:
+def _row(
+    row: parameter_labels.Row, truth: Mapping[str, float], percent: bool, known: bool
+) -> list[Cell]:
     digits = row.digits
     nominal, fitted = number(row.nominal, digits), number(row.fitted, digits)
     true: list[Cell] = [number(truth.get(row.name), digits)] if known else []
     unseen, at_bound = row.status == "unidentifiable", row.status == "at bound"
     if unseen and fitted == nominal:
-        return [cell(row.words, unit=row.unit), nominal, cell("kept, not determined", tone="look"), MISSING, *true]
+        return [
+            cell(row.words, unit=row.unit),
+            nominal,
+            cell("kept, not determined", tone="look"),
+            MISSING,
+            *true,
+        ]
     change = number(row.change, digits, True)
     if row.error is not None:
         change += f" ± {number(row.error, digits)}"
-    share = f"({number(100.0 * row.change / abs(row.nominal), 0, True)} %)" if percent and row.nominal else ""
+    share = (
+        f"({number(100.0 * row.change / abs(row.nominal), 0, True)} %)"
+        if percent and row.nominal
+        else ""
+    )
     return [
         cell(f"{row.words}, not determined" if unseen else row.words, unit=row.unit),
         nominal,
-        cell(f"{fitted}, at its bound" if at_bound else fitted, tone="look" if at_bound or unseen else ""),
+        cell(
+            f"{fitted}, at its bound" if at_bound else fitted,
+            tone="look" if at_bound or unseen else "",
+        ),
         cell(change, unit=share),
         *true,
     ]
@@ -154,9 +204,14 @@ def _row(row: parameter_labels.Row, truth: Mapping[str, float], percent: bool, k
 def _inertias(calibration: result.Calibration, truth: Mapping[str, float]) -> list[Block]:
     groups = parameter_labels.inertial_groups(calibration)
     if not groups:
-        measured = any(t.loads is not None and t.loads.reactions.valid.any() for t in calibration.trials)
+        measured = any(
+            t.loads is not None and t.loads.reactions.valid.any() for t in calibration.trials
+        )
         why = "" if measured else ": that needs a walking trial with force plates"
-        words = f"Inertial parameters were not calibrated{why}. They come from the anthropometric table."
+        words = (
+            f"Inertial parameters were not calibrated{why}. They come from the anthropometric "
+            "table."
+        )
         return [text(words), text(INERTIAL_FILE, "soft")]
     out: list[Block] = [heading("Inertial parameters: masses, mass centres, moments of inertia")]
     for group in groups:
@@ -165,17 +220,19 @@ def _inertias(calibration: result.Calibration, truth: Mapping[str, float]) -> li
 
 
 Errors = tuple[float, float, str]
-"""RMS error, distance or angle: nominal, fitted; in how many of its parts the truth lies within 1.96 standard errors,
-`2 of 3` or `98 %`, a dash without standard errors."""
+"""RMS error, distance or angle: nominal, fitted; in how many of its parts the truth lies within
+1.96 standard errors, `2 of 3` or `98 %`, a dash without standard errors."""
 
 
 def _near_truth(calibration: result.Calibration, truth: TruthErrors) -> list[Block]:
     out = [
         heading("How near the truth"),
         text(
-            "This person is made up, so that what a calibration should find is known: the study file names it. What "
+            "This person is made up, so that what a calibration should find is known: the study "
+            "file names it. What "
             "pictures, tables and curves call truth is that; nothing of it was used to calibrate. "
-            f"{truth_comparison.settings_sentence(calibration)} {truth_comparison.truth_sentence(truth)}"
+            f"{truth_comparison.settings_sentence(calibration)} "
+            f"{truth_comparison.truth_sentence(truth)}"
         ),
         table(
             ["RMS error", "Over", "Nominal", "Calibrated", "Truth within ±1.96 SE"],
@@ -210,17 +267,36 @@ def _near_truth(calibration: result.Calibration, truth: TruthErrors) -> list[Blo
         for name, rows in trials.items():
             if found := _curve_errors(getattr(row, kind) for row in rows):
                 frames = _frames(rows) if kind == "angle" else "the valid frames"
-                words = f"RMS error over {frames}, {unit}, and in how many of them the truth lies within ±1.96 "
+                words = (
+                    f"RMS error over {frames}, {unit}, and in how many of them the truth lies "
+                    "within ±1.96 "
+                )
                 words += "standard errors."
                 title = f"Joint {kind}s of the legs, trial {named(name)}"
-                out.append(fold(title, [text(words, "soft"), _sided(f"{kind.capitalize()}, {unit}", found)]))
-    return [*out, text("Every parameter and curve: folder truth of the result; “truth” in summary.json.", "soft")]
+                out.append(
+                    fold(
+                        title, [text(words, "soft"), _sided(f"{kind.capitalize()}, {unit}", found)]
+                    )
+                )
+    return [
+        *out,
+        text(
+            "Every parameter and curve: folder truth of the result; “truth” in summary.json.",
+            "soft",
+        ),
+    ]
 
 
 def _frames(rows: Iterable[truth_comparison.CurveRow]) -> str:
     """`all 415 frames`, or those that the truth has."""
-    some, every = min((int(r.angle.compared.sum()), len(r.angle.compared)) for r in rows if r.angle is not None)
-    return f"all {every} frames" if some == every else f"{some} of {every} frames, those of the true curves"
+    some, every = min(
+        (int(r.angle.compared.sum()), len(r.angle.compared)) for r in rows if r.angle is not None
+    )
+    return (
+        f"all {every} frames"
+        if some == every
+        else f"{some} of {every} frames, those of the true curves"
+    )
 
 
 def _curve_errors(curves: Iterable[CurveTruth | None]) -> list[tuple[str, str, Errors]]:
@@ -230,13 +306,23 @@ def _curve_errors(curves: Iterable[CurveTruth | None]) -> list[tuple[str, str, E
         if curve is not None and curve.rms is not None and curve.nominal_rms is not None:
             within = MISSING if curve.share_within is None else f"{100 * curve.share_within:.0f} %"
             base, side = coordinates.split_side(curve.name)
-            out.append((coordinates.coordinate_words(base).title, side, (curve.nominal_rms, curve.rms, within)))
+            out.append(
+                (
+                    coordinates.coordinate_words(base).title,
+                    side,
+                    (curve.nominal_rms, curve.rms, within),
+                )
+            )
     return out
 
 
 def _fitted(value: float, farther: bool, digits: int = 1) -> Cell:
-    """An error after calibration; where it led away from the truth, by as much as is shown, that is said."""
-    return cell(f"farther: {number(value, digits)}", tone="look") if farther else number(value, digits)
+    """An error after calibration; where it led away from the truth, by as much as is shown, that is
+    said.
+    """
+    return (
+        cell(f"farther: {number(value, digits)}", tone="look") if farther else number(value, digits)
+    )
 
 
 def _sided(title: str, found: Iterable[tuple[str, str, Errors]]) -> Block:
@@ -250,4 +336,10 @@ def _sided(title: str, found: Iterable[tuple[str, str, Errors]]) -> Block:
         head.append(cell(f"{SIDE_TITLES[side]}: nominal", side=side))
         head += [cell("calibrated", side=side), cell("within", side=side)]
     none: list[Cell] = [MISSING] * 3
-    return table(head, [[cell(words), *cells.get("r", none), *cells.get("l", none)] for words, cells in rows.items()])
+    return table(
+        head,
+        [
+            [cell(words), *cells.get("r", none), *cells.get("l", none)]
+            for words, cells in rows.items()
+        ],
+    )

@@ -1,8 +1,9 @@
 """What a reader asks first of walks and of the whole result: three lines on top, preset Clinician.
 
-Of complete strides: which have moments throughout, on which plate, and in words why others have not. A frame of a leg
-does not count where its foot is down without a plate of its own, or on one that does not carry the whole of it
-(`dynamics/ground_reactions.py`). Of a stride that has such frames the kind that takes most of them is told.
+Of complete strides: which have moments throughout, on which plate, and in words why others have
+not. A frame of a leg does not count where its foot is down without a plate of its own, or on one
+that does not carry the whole of it (`dynamics/ground_reactions.py`). Of a stride that has such
+frames the kind that takes most of them is told.
 """
 
 from collections import Counter
@@ -14,16 +15,39 @@ import numpy as np
 
 from gaitcal.analysis import fit_findings, trial_result
 from gaitcal.analysis.result import Calibration, TrialResult
-from gaitcal.dynamics.expected_residual import ExpectedResidual, ResidualLimits, ResidualMagnitudes, residual_limits
+from gaitcal.dynamics.expected_residual import (
+    ExpectedResidual,
+    ResidualLimits,
+    ResidualMagnitudes,
+    residual_limits,
+)
 from gaitcal.gait import cycles, normal_bands
-from gaitcal.gait.moments import SIDE_WORDS, MomentNumbers, counted, explained, listed, moment_numbers
+from gaitcal.gait.moments import (
+    SIDE_WORDS,
+    MomentNumbers,
+    counted,
+    explained,
+    listed,
+    moment_numbers,
+)
 from gaitcal.gait.peaks import ADDUCTION_PEAK, PeakMean
 from gaitcal.gait.profile_score import BOTH, Score, score_title
 from gaitcal.gait.strides import Layout, layout, strides_of, turns
 from gaitcal.model.linkage import SIDES
 from gaitcal.model.subject_model import SubjectModel
 from gaitcal.quality.verdict import Judgement
-from gaitcal.report.page.plain_data import Block, cell, fold, heading, named, number, table, text, visible, words_column
+from gaitcal.report.page.plain_data import (
+    Block,
+    cell,
+    fold,
+    heading,
+    named,
+    number,
+    table,
+    text,
+    visible,
+    words_column,
+)
 
 REFUSED = "the verdict refuses this leg"
 NO_PLATES = "no force plates"
@@ -33,7 +57,8 @@ SEATED = "on a seat"
 NOT_WHOLLY = "foot not wholly on a plate of its own"
 ENDS = "at the end of the recording"
 UNSEEN = "markers do not show the leg"
-NEAR_END = 0.3  # s: frames this near to an end of a trial are lost with the ends of its splines and filters
+# s: frames this near to an end of a trial are lost with the ends of its splines and filters
+NEAR_END = 0.3
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -78,16 +103,27 @@ def usable_words(uses: Iterable[StrideUse]) -> str:
     if not (uses := tuple(uses)):
         return "No complete stride."
     of_sides = {side: [use for use in uses if use.side == side] for side in SIDES}
-    counts = (f"{sum(u.whole for u in of)} of {len(of)} {SIDE_WORDS[side]}" for side, of in of_sides.items())
+    counts = (
+        f"{sum(u.whole for u in of)} of {len(of)} {SIDE_WORDS[side]}"
+        for side, of in of_sides.items()
+    )
     reasons = reason_words(uses)
-    words = {use.repeats: "repetitions" if use.repeats else "strides" for use in sorted(uses, key=lambda u: u.repeats)}
+    words = {
+        use.repeats: "repetitions" if use.repeats else "strides"
+        for use in sorted(uses, key=lambda u: u.repeats)
+    }
     what = " and ".join(words.values())
-    return f"Usable for moments: {', '.join(counts)} {what}{f'; others: {reasons}' if reasons else ''}."
+    return (
+        f"Usable for moments: {', '.join(counts)} "
+        f"{what}{f'; others: {reasons}' if reasons else ''}."
+    )
 
 
 def reason_words(uses: Iterable[StrideUse]) -> str:
     """Why strides are not whole, the most frequent reason first; empty where all are."""
-    return listed([reason for reason, _ in Counter(use.reason for use in uses if not use.whole).most_common()])
+    return listed(
+        [reason for reason, _ in Counter(use.reason for use in uses if not use.whole).most_common()]
+    )
 
 
 def _use(trial: TrialResult, foot: int, side: str, cycle: cycles.GaitCycle) -> tuple[str, str]:
@@ -97,7 +133,9 @@ def _use(trial: TrialResult, foot: int, side: str, cycle: cycles.GaitCycle) -> t
     time, found = trial.body.time, trial.loads.reactions
     inside = (time >= cycle.start) & (time <= cycle.stop)
     stance = inside & (time < (cycle.toe_off or cycle.stop))
-    plates = dict.fromkeys(name for name, of, frames in found.steps if of == foot and stance[frames].any())
+    plates = dict.fromkeys(
+        name for name, of, frames in found.steps if of == foot and stance[frames].any()
+    )
     words = ", ".join(plates)
     lost = inside & ~found.valid_legs[:, foot]
     if side in trial.refused_legs:
@@ -110,7 +148,11 @@ def _use(trial: TrialResult, foot: int, side: str, cycle: cycles.GaitCycle) -> t
         return words, ENDS
     beside = PART if (loaded & stance).any() else BESIDE
     seated = lost & (np.False_ if found.seated is None else found.seated)
-    kinds = {SEATED: seated, beside: lost & resting & ~loaded & ~seated, NOT_WHOLLY: lost & loaded & ~seated}
+    kinds = {
+        SEATED: seated,
+        beside: lost & resting & ~loaded & ~seated,
+        NOT_WHOLLY: lost & loaded & ~seated,
+    }
     rest = lost & ~loaded & ~resting & ~seated
     kinds |= {ENDS: rest & near_end, UNSEEN: rest & ~near_end}
     return words, max(kinds, key=lambda kind: int(np.count_nonzero(kinds[kind])))
@@ -119,19 +161,26 @@ def _use(trial: TrialResult, foot: int, side: str, cycle: cycles.GaitCycle) -> t
 KNEE_ADDUCTION = "knee_adduction"
 """The moment that is told in full; external adduction is the opposite of the internal moment."""
 GOOD_RATIO = 1.4
-"""Marker error over what each joint by itself reaches: up to this it is told to be good. What is larger is not judged
-here: an amber or red line is a reason of the verdict."""
+"""Marker error over what each joint by itself reaches: up to this it is told to be good. What is
+larger is not judged here: an amber or red line is a reason of the verdict."""
 TONES = {Judgement.TRUSTWORTHY: "good", Judgement.DOUBTFUL: "look", Judgement.REFUSED: "poor"}
 TONE_ORDER = ("plain", "good", "look", "poor")
 NO_FORCES = "No joint moments and powers: this trial has no force plates."
 NO_FOOT = "No joint moments: in no frame is a foot on the ground wholly on force plates of its own."
-NO_ERRORS = "No standard errors of the moments were computed for this result; curves of moments have no bands."
+NO_ERRORS = (
+    "No standard errors of the moments were computed for this result; curves of moments have no "
+    "bands."
+)
 HOW_TO_READ = (
-    "0 to 100 % of the gait cycle go from a foot strike to the next strike of the same foot, for each foot by "
-    "itself. Moments are internal, those of muscles and ligaments, unless the switch says external; the axes "
-    "of the curves say what is positive. %BW·H is percent of body weight times body height. The switches do "
+    "0 to 100 % of the gait cycle go from a foot strike to the next strike of the same foot, for "
+    "each foot by "
+    "itself. Moments are internal, those of muscles and ligaments, unless the switch says "
+    "external; the axes "
+    "of the curves say what is positive. %BW·H is percent of body weight times body height. The "
+    "switches do "
     "not change the files.",
-    "Bands about curves are ±1 standard error. A mean over strides has a band of one standard deviation, "
+    "Bands about curves are ±1 standard error. A mean over strides has a band of one standard "
+    "deviation, "
     "which holds measurement errors as well.",
 )
 Line = dict[str, str]  # `tone`: `good`, `look`, `poor` or `plain`; `text`
@@ -147,7 +196,9 @@ class GaitNumbers:
     stages: tuple[ResidualMagnitudes, ...] = ()
     """Pelvis residuals with each model; empty where no frame of the whole body is valid."""
     limits: ResidualLimits | None = None  # What is asked of simulations; given where `stages` are
-    expected: ExpectedResidual | None = None  # Of the last of `stages`; None where its errors are not known
+    expected: ExpectedResidual | None = (
+        None  # Of the last of `stages`; None where its errors are not known
+    )
 
 
 def gait_numbers(model: SubjectModel, trial: TrialResult) -> GaitNumbers | None:
@@ -160,7 +211,9 @@ def gait_numbers(model: SubjectModel, trial: TrialResult) -> GaitNumbers | None:
         return GaitNumbers(trial=trial, layout=drawn)
     limits = None
     if loads.residuals:
-        limits = residual_limits(model.parameters, trial.body.q, loads.reactions, trial.recording.plates)
+        limits = residual_limits(
+            model.parameters, trial.body.q, loads.reactions, trial.recording.plates
+        )
     return GaitNumbers(
         trial=trial,
         layout=drawn,
@@ -177,7 +230,9 @@ def walks_of(model: SubjectModel, trials: Sequence[TrialResult]) -> tuple[GaitNu
 
 
 def _worst_fit(trials: Sequence[TrialResult]) -> tuple[trial_result.RmsErrors, TrialResult] | None:
-    """Of the walk, or other trial, that is met worst against what its joints, or rigid segments, could reach."""
+    """Of the walk, or other trial, that is met worst against what its joints, or rigid segments,
+    could reach.
+    """
     whole = [t for t in trials if t.joint is None] or list(trials)
     fits = [(fit, t) for t in whole if (fit := trial_result.leg_fit(t)).calibrated is not None]
     return max(fits, key=lambda pair: _ratio(pair[0]) or 0.0) if fits else None
@@ -191,11 +246,14 @@ def _ratio(fit: trial_result.RmsErrors) -> float | None:
 def _largest_residual(walks: Sequence[GaitNumbers]) -> GaitNumbers | None:
     """The walk whose residual is largest against its limit."""
     found = [walk for walk in walks if walk.stages]
-    return max(found, key=lambda w: 0.0 if w.expected is None else w.expected.share) if found else None
+    return (
+        max(found, key=lambda w: 0.0 if w.expected is None else w.expected.share) if found else None
+    )
 
 
 def top_lines(calibration: Calibration, peaks: Sequence[PeakMean]) -> list[Line]:
-    """The three lines at the top of the page: can it be believed, does it fit, and what of the moments counts.
+    """The three lines at the top of the page: can it be believed, does it fit, and what of the
+    moments counts.
 
     `peaks`: of the straight strides (`gait/peaks.py`), moments in N·m.
     """
@@ -203,8 +261,12 @@ def top_lines(calibration: Calibration, peaks: Sequence[PeakMean]) -> list[Line]
     return [_believed(calibration), *further_lines(model, trials, peaks)]
 
 
-def further_lines(model: SubjectModel, trials: Sequence[TrialResult], peaks: Sequence[PeakMean]) -> list[Line]:
-    """How these trials agree with the model, and what of their moments counts: below the line of the verdict."""
+def further_lines(
+    model: SubjectModel, trials: Sequence[TrialResult], peaks: Sequence[PeakMean]
+) -> list[Line]:
+    """How these trials agree with the model, and what of their moments counts: below the line of
+    the verdict.
+    """
     walks = walks_of(model, trials)
     return [_agreement(trials, walks), _counting(model.subject.mass, walks, peaks)]
 
@@ -215,10 +277,15 @@ def _believed(calibration: Calibration) -> Line:
     if verdict.reasons:
         worst, rest = verdict.reasons[0], len(verdict.reasons) - 1
         where = f" ({', '.join(named(trial) for trial in worst.trials)})" if worst.trials else ""
-        words += f": {explained(worst.cause)}{where}" + (f", and {counted(rest, 'other reason')}" if rest else "")
+        words += f": {explained(worst.cause)}{where}" + (
+            f", and {counted(rest, 'other reason')}" if rest else ""
+        )
     words += f". {verdict.sentence}"
     if not calibration.converged:
-        tone, words = "poor", f"Not converged: do not use these numbers before that is settled. {words}"
+        tone, words = (
+            "poor",
+            f"Not converged: do not use these numbers before that is settled. {words}",
+        )
     return {"tone": tone, "text": visible(words)}
 
 
@@ -237,7 +304,12 @@ def _agreement(trials: Sequence[TrialResult], walks: Sequence[GaitNumbers]) -> L
         words.append(f"Marker fit{of} {number(fit.calibrated)} mm{best}.")
     if (walk := _largest_residual(walks)) is not None:
         last, held = walk.stages[-1], walk.expected
-        force, moment, tone, judged = f"{number(last.rms_force)} N RMS", f"{number(last.rms_moment)} N·m", "plain", ""
+        force, moment, tone, judged = (
+            f"{number(last.rms_force)} N RMS",
+            f"{number(last.rms_moment)} N·m",
+            "plain",
+            "",
+        )
         if held is not None:
             force += f" (limit {number(held.force.limit)})"
             moment += f" (limit {number(held.moment.limit)})"
@@ -257,15 +329,22 @@ def _counting(mass: float, walks: Sequence[GaitNumbers], peaks: Sequence[PeakMea
     loaded = [walk for walk in walks if walk.numbers]
     if not loaded:
         plates = any(walk.trial.loads is not None for walk in walks)
-        why = "no foot is wholly on a force plate of its own" if plates else "there are no force plates"
+        why = (
+            "no foot is wholly on a force plate of its own"
+            if plates
+            else "there are no force plates"
+        )
         return {"tone": "plain", "text": f"Angles alone count, no moments: {why}."}
     words = usable_words([use for walk in loaded for use in stride_uses(walk.trial)])
     if both := ", ".join(_peak(peak, mass) for peak in peaks if peak.peak is ADDUCTION_PEAK):
         words += (
-            " External knee adduction moment, N·m/kg, first peak, mean ± standard error over all straight strides: "
+            " External knee adduction moment, N·m/kg, first peak, mean ± standard error over all "
+            "straight strides: "
             f"{both}."
         )
-    known = any(walk.trial.loads is not None and walk.trial.loads.errors is not None for walk in loaded)
+    known = any(
+        walk.trial.loads is not None and walk.trial.loads.errors is not None for walk in loaded
+    )
     if not known:
         words += " No standard errors are known."
     return {"tone": "plain", "text": words}
@@ -278,12 +357,20 @@ def _peak(peak: PeakMean, mass: float) -> str:
     return f"{SIDE_WORDS[peak.side]} {number(-peak.mean / mass, 2)}{error} ({of})"
 
 
-def clinician_blocks(calibration: Calibration, norm: normal_bands.Norm, scores: Sequence[Score] = ()) -> list[Block]:
+def clinician_blocks(
+    calibration: Calibration, norm: normal_bands.Norm, scores: Sequence[Score] = ()
+) -> list[Block]:
     """Of the whole result: how to read curves and steps, and from whom the bands are."""
     if all(trial.joint is not None for trial in calibration.trials):
         return []
-    walked = any(trial.joint is None and trial.activity == cycles.WALKING for trial in calibration.trials)
-    bands = f"Bands with dotted edges are healthy people, mean ± 1 SD: {norm.words}. " if norm.words else ""
+    walked = any(
+        trial.joint is None and trial.activity == cycles.WALKING for trial in calibration.trials
+    )
+    bands = (
+        f"Bands with dotted edges are healthy people, mean ± 1 SD: {norm.words}. "
+        if norm.words
+        else ""
+    )
     return [
         *([text(words, "soft")] if walked and (words := bands + norm.remark) else []),
         *([_profile(scores)] if scores else []),
@@ -297,7 +384,9 @@ def _profile(scores: Sequence[Score]) -> Block:
     def told(score: Score | None) -> str:
         if score is None:
             return ""
-        return number(score.score) + (f" ± {number(score.error)}" if np.isfinite(score.error) else "")
+        return number(score.score) + (
+            f" ± {number(score.error)}" if np.isfinite(score.error) else ""
+        )
 
     rows = []
     for variable in dict.fromkeys(s.variable for s in scores):
@@ -305,8 +394,14 @@ def _profile(scores: Sequence[Score]) -> Block:
         numbers = [cell(told(of.get(side))) for side in (*SIDES, BOTH)]
         one = next(iter(of.values()))
         rows.append([cell(score_title(one)), *numbers, cell(number(one.norm))])
-    head = [words_column(""), *(cell(words, unit="deg") for words in ("right", "left", "both", "norm"))]
-    caption = "Gait Profile Score: RMS distance from healthy people's mean (Baker 2009), ± standard error; norm: theirs"
+    head = [
+        words_column(""),
+        *(cell(words, unit="deg") for words in ("right", "left", "both", "norm")),
+    ]
+    caption = (
+        "Gait Profile Score: RMS distance from healthy people's mean (Baker 2009), ± standard "
+        "error; norm: theirs"
+    )
     return table(head, rows, caption=caption, total=[len(rows) - 1])
 
 
@@ -314,7 +409,11 @@ def trial_clinician_blocks(walk: GaitNumbers) -> list[Block]:
     """Of one walk: what tells its foot events, and why moments do not count."""
     events, loads = walk.trial.events.events, walk.trial.loads
     out = [heading(f"Trial {named(walk.trial.name)}")]
-    seen = f"Foot events: {cycles.source_words([e.source for e in events])}." if events else "No foot events."
+    seen = (
+        f"Foot events: {cycles.source_words([e.source for e in events])}."
+        if events
+        else "No foot events."
+    )
     repeats = walk.trial.events.repeats
     phases = ", ".join(dict.fromkeys(name for repeat in repeats for name, _ in repeat.parts))
     found = f"{counted(len(repeats), 'repetition')}, by the height of the pelvis; phases: {phases}."
@@ -323,7 +422,11 @@ def trial_clinician_blocks(walk: GaitNumbers) -> list[Block]:
         out.append(text(f"No complete stride of the {listed(without)} foot."))
     if walk.trial.refused_legs:
         legs = listed([SIDE_WORDS[side] for side in walk.trial.refused_legs])
-        out.append(text(f"Refused: {legs}; no moment and no error bar of it counts. See the verdict.", "bad"))
+        out.append(
+            text(
+                f"Refused: {legs}; no moment and no error bar of it counts. See the verdict.", "bad"
+            )
+        )
     if loads is None:
         return [*out, text(NO_FORCES, "soft")]
     if not loads.reactions.has_torques:

@@ -1,8 +1,7 @@
 """The Monte Carlo study of a person in the preset Trust: ranked lists of expected errors.
 
-The page is made before any draw: blocks of a study carry a
-mark, so that a study that goes on replaces its own. Only its command reads this module, and with it the libraries of a
-study.
+The page is made before any draw: blocks of a study carry a mark, so that a study that goes on
+replaces its own. Only its command reads this module, and with it the libraries of a study.
 """
 
 from collections.abc import Mapping
@@ -18,26 +17,45 @@ from gaitcal.montecarlo.draw_statistics import expect, variance_shares
 from gaitcal.montecarlo.draw_study import MonteCarloStudy
 from gaitcal.montecarlo.protocol import ReactionFrame, Varied
 from gaitcal.report.page.key_figures import KNEE_ADDUCTION
-from gaitcal.report.page.plain_data import Block, beside, cell, fold, heading, named, number, table, text
+from gaitcal.report.page.plain_data import (
+    Block,
+    beside,
+    cell,
+    fold,
+    heading,
+    named,
+    number,
+    table,
+    text,
+)
 
 PART: Final = "montecarlo"  # Mark of the blocks of a study
 PRESET: Final = "trust"
 FIXED: Final = ReactionFrame.LAB  # Ground reactions stay where force plates measure them
 SHOWN_SIDE: Final = "l"  # As published
 MOST_PARAMETERS: Final = 6  # That the ranked list names
-SOURCE_WORDS: Final = {Varied.JP: "joint positions and axes", Varied.IP: "masses and inertia", Varied.NOISE: "markers"}
+SOURCE_WORDS: Final = {
+    Varied.JP: "joint positions and axes",
+    Varied.IP: "masses and inertia",
+    Varied.NOISE: "markers",
+}
 SOURCES: Final = (Varied.JP, Varied.IP, Varied.NOISE)  # Those that are no sum of others
 OPEN: Final = (
-    "More draws are needed: not every mean and spread stays within 2 % over the last tenth of the draws "
+    "More draws are needed: not every mean and spread stays within 2 % over the last tenth of the "
+    "draws "
     "(gaitcal montecarlo --until-converged)."
 )
 BESIDE: Final = (
-    "Percentiles of all draws, means with their sign, the shares of every parameter, and all of it with the ground "
-    "reactions carried along with the foot, as a disturbed model puts it (the published study does not say which it "
+    "Percentiles of all draws, means with their sign, the shares of every parameter, and all of it "
+    "with the ground "
+    "reactions carried along with the foot, as a disturbed model puts it (the published study does "
+    "not say which it "
     "used): tables and figures of montecarlo/ in the folder of the result."
 )
 Levels = dict[tuple[Varied, str, str, str], list[dict[str, Any]]]
-"""What was varied; torque or markers; ground-reaction frame (empty for markers); measure -> rows, ordered by level."""
+"""What was varied; torque or markers; ground-reaction frame (empty for markers); measure -> rows,
+ordered by level.
+"""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -52,9 +70,13 @@ class ExpectedError:
     high: float  # 10 % of the draws are above
 
 
-def _expected(varied: Varied, level: float, row: Mapping[str, Any], beyond: bool = False) -> ExpectedError:
+def _expected(
+    varied: Varied, level: float, row: Mapping[str, Any], beyond: bool = False
+) -> ExpectedError:
     average, low, high = (float(row[key]) for key in ("average", "p10", "p90"))
-    return ExpectedError(varied=varied, level=float(level), beyond=beyond, average=average, low=low, high=high)
+    return ExpectedError(
+        varied=varied, level=float(level), beyond=beyond, average=average, low=low, high=high
+    )
 
 
 def _levels(statistics: pd.DataFrame) -> Levels:
@@ -62,20 +84,27 @@ def _levels(statistics: pd.DataFrame) -> Levels:
     out: Levels = {}
     known = statistics[statistics["draws"] > 0].sort_values("level", kind="stable")
     for row in known.to_dict("records"):
-        out.setdefault((Varied(row["set"]), row["quantity"], row["grf"], row["measure"]), []).append(row)
+        out.setdefault(
+            (Varied(row["set"]), row["quantity"], row["grf"], row["measure"]), []
+        ).append(row)
     return out
 
 
 def expected_errors(
     statistics: pd.DataFrame, marker_rms: float | None, side: str
 ) -> dict[str, tuple[ExpectedError, ...]]:
-    """Torque (`knee_adduction_l`) of one leg, ground reactions as measured -> its sources, largest first, without
-    undisturbed ones.
+    """Torque (`knee_adduction_l`) of one leg, ground reactions as measured -> its sources, largest
+    first, without undisturbed ones.
 
-    `marker_rms`: mm, where known joints and markers are as far off as would make it; else as far as was studied.
+    `marker_rms`: mm, where known joints and markers are as far off as would make it; else as far as
+    was studied.
     """
     levels = _levels(statistics)
-    causes = {} if marker_rms is None else {cause.varied: cause for cause in expect(statistics, marker_rms, side)}
+    causes = (
+        {}
+        if marker_rms is None
+        else {cause.varied: cause for cause in expect(statistics, marker_rms, side)}
+    )
     of_cause = {
         (varied, row["torque"], row["grf"]): _expected(varied, cause.level, row, cause.beyond)
         for varied, cause in causes.items()
@@ -102,18 +131,23 @@ def with_monte_carlo(
 ) -> dict[str, Any]:
     """The page's data with a study in it, in the place of an earlier one.
 
-    `marker_rms`: mm, of pelvis and legs in the trial of the study, to be read in torque errors; None: not known.
-    `contributions`: from `variance_contributions`: which parameter matters; None leaves that out.
+    `marker_rms`: mm, of pelvis and legs in the trial of the study, to be read in torque errors;
+    None: not known. `contributions`: from `variance_contributions`: which parameter matters; None
+    leaves that out.
     """
     sections = dict(data.get("sections", {}))
     kept = [block for block in sections.get(PRESET, []) if block.get("part") != PART]
-    new = [{**block, "part": PART} for block in monte_carlo_blocks(study, marker_rms, contributions)]
+    new = [
+        {**block, "part": PART} for block in monte_carlo_blocks(study, marker_rms, contributions)
+    ]
     first = next((k for k, block in enumerate(kept) if block["kind"] == "heading"), len(kept))
     return {**data, "sections": {**sections, PRESET: [*kept[:first], *new, *kept[first:]]}}
 
 
 def monte_carlo_blocks(
-    study: MonteCarloStudy, marker_rms: float | None = None, contributions: pd.DataFrame | None = None
+    study: MonteCarloStudy,
+    marker_rms: float | None = None,
+    contributions: pd.DataFrame | None = None,
 ) -> list[Block]:
     """What a study says, the knee's adduction moment first."""
     return [
@@ -129,11 +163,16 @@ def _explained(study: MonteCarloStudy) -> list[Block]:
     s = study.settings
     out = [
         text(
-            f"A Monte Carlo study of trial {named(study.case.name)}: this person's model and markers disturbed at "
-            f"random, {number(study.plan.draws, 0)} times for each cause and level, and the motion fitted again each "
-            f"time. At a level of 100 % joint positions are off by up to {number(s.position_mm, 0)} mm, joint axes by "
-            f"up to {number(s.orientation_deg, 0)} degrees, masses, mass centres and moments of inertia by up to "
-            f"{number(s.inertial_percent, 0)} %, and markers by waves of up to {number(s.noise_mm, 0)} mm. Errors are "
+            f"A Monte Carlo study of trial {named(study.case.name)}: this person's model and "
+            "markers disturbed at "
+            f"random, {number(study.plan.draws, 0)} times for each cause and level, and the motion "
+            "fitted again each "
+            "time. At a level of 100 % joint positions are off by up to "
+            f"{number(s.position_mm, 0)} mm, joint axes by "
+            f"up to {number(s.orientation_deg, 0)} degrees, masses, mass centres and moments of "
+            "inertia by up to "
+            f"{number(s.inertial_percent, 0)} %, and markers by waves of up to "
+            f"{number(s.noise_mm, 0)} mm. Errors are "
             "RMS over the trial, in percent of body weight times height (%BW·H) and in N·m/kg."
         )
     ]
@@ -141,7 +180,9 @@ def _explained(study: MonteCarloStudy) -> list[Block]:
         out.append(text(OPEN, "warning"))
     if study.failed:
         left = f"{number(study.failed, 0)} of {number(len(study.draws), 0)} draws"
-        out.append(text(f"{left} did not converge and are left out of every figure below.", "warning"))
+        out.append(
+            text(f"{left} did not converge and are left out of every figure below.", "warning")
+        )
     return [*out, *(text(f"{note}.", "soft") for note in study.notes)]
 
 
@@ -150,8 +191,10 @@ def _ranked(study: MonteCarloStudy, marker_rms: float | None) -> list[Block]:
     meaning = "Each source by itself, at the highest level of the study."
     if marker_rms is not None:
         meaning = (
-            f"The calibrated model meets the markers of pelvis and legs to {number(marker_rms)} mm. Joints and marker "
-            "noise stand here at the level at which each by itself would have made that error, masses and inertia, "
+            f"The calibrated model meets the markers of pelvis and legs to {number(marker_rms)} "
+            "mm. Joints and marker "
+            "noise stand here at the level at which each by itself would have made that error, "
+            "masses and inertia, "
             "which no marker error tells of, at the highest level of the study."
         )
     errors: dict[str, tuple[ExpectedError, ...]] = {}
@@ -160,7 +203,9 @@ def _ranked(study: MonteCarloStudy, marker_rms: float | None) -> list[Block]:
     lists: dict[str, list[Block]] = {}
     for name in TORQUES:
         of_sides = {side: errors[f"{name}_{side}"] for side in SIDES}
-        if tables := [[_source_table(study, side, found)] for side, found in of_sides.items() if found]:
+        if tables := [
+            [_source_table(study, side, found)] for side, found in of_sides.items() if found
+        ]:
             lists[name] = beside(tables)
     if not lists:
         return []
@@ -168,7 +213,9 @@ def _ranked(study: MonteCarloStudy, marker_rms: float | None) -> list[Block]:
     if first := lists.pop(KNEE_ADDUCTION, None):
         title = f"Expected error of your {TORQUE_WORDS[KNEE_ADDUCTION]} moment, RMS over the trial"
         out += [heading(title, 4), *first]
-    others = [b for name, of in lists.items() for b in (heading(capitalised(TORQUE_WORDS[name]), 4), *of)]
+    others = [
+        b for name, of in lists.items() for b in (heading(capitalised(TORQUE_WORDS[name]), 4), *of)
+    ]
     return [*out, fold("Expected error of the other moments", others)]
 
 
@@ -179,7 +226,8 @@ def _source_table(study: MonteCarloStudy, side: str, errors: tuple[ExpectedError
     for e in errors:
         share = e.level / 100.0
         size = {
-            Varied.JP: f"up to {number(share * s.position_mm)} mm and {number(share * s.orientation_deg)} deg",
+            Varied.JP: f"up to {number(share * s.position_mm)} mm and "
+            f"{number(share * s.orientation_deg)} deg",
             Varied.IP: f"up to {number(share * s.inertial_percent, 0)} %",
             Varied.NOISE: f"waves of up to {number(share * s.noise_mm)} mm",
         }[e.varied]
@@ -197,11 +245,20 @@ def _source_table(study: MonteCarloStudy, side: str, errors: tuple[ExpectedError
 
 
 def _contributions(contributions: pd.DataFrame, side: str) -> list[Block]:
-    """The share of the most important parameters in the variance of the knee adduction moment's error."""
+    """The share of the most important parameters in the variance of the knee adduction moment's
+    error.
+    """
     of_leg, groups = variance_shares(contributions, FIXED, side)
     shares = pd.concat([of_leg.rename(index=parameter_words), groups])[f"{KNEE_ADDUCTION}_{side}"]
     first = shares.sort_values(ascending=False, kind="stable").head(MOST_PARAMETERS)
     return [
-        heading(f"Which parameter matters for the {SIDE_WORDS[side]} {TORQUE_WORDS[KNEE_ADDUCTION]} moment", 4),
-        table(["Parameter", "% of the variance"], [[cell(words), number(value, 0)] for words, value in first.items()]),
+        heading(
+            f"Which parameter matters for the {SIDE_WORDS[side]} {TORQUE_WORDS[KNEE_ADDUCTION]} "
+            "moment",
+            4,
+        ),
+        table(
+            ["Parameter", "% of the variance"],
+            [[cell(words), number(value, 0)] for words, value in first.items()],
+        ),
     ]

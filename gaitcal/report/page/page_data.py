@@ -1,4 +1,5 @@
-"""Everything that the page tells beside the body in motion, as plain data: `page.json` of the folder of a result.
+"""Everything that the page tells beside the body in motion, as plain data: `page.json` of the
+folder of a result.
 
 person, program     who, made when and with what
 verdict, lines      how far it can be believed; the three lines at the top of the page
@@ -30,11 +31,20 @@ from gaitcal.io.toml import package_version
 from gaitcal.model import anthropometry, coordinates, linkage
 from gaitcal.model.subject_model import Subject, SubjectModel
 from gaitcal.quality.verdict import Judgement, Verdict
-from gaitcal.report.page import joint_sections, key_figures, plain_data, provenance, trial_data, trust_sections
+from gaitcal.report.page import (
+    joint_sections,
+    key_figures,
+    plain_data,
+    provenance,
+    trial_data,
+    trust_sections,
+)
 
 PAGE_DATA: Final = "page.json"
 FORMAT: Final = 3
-MOST_LETTERS: Final = 7_000_000  # Packed curves of all trials of a page together, of the 25 MB that it may have
+MOST_LETTERS: Final = (
+    7_000_000  # Packed curves of all trials of a page together, of the 25 MB that it may have
+)
 SHOWN_MEASURES: Final = {
     "speed": ("Walking speed", 2),
     "cadence": ("Cadence", 1),
@@ -48,13 +58,27 @@ SHOWN_MEASURES: Final = {
     "double_support_percent": ("Double support", 1),
     "single_support_percent": ("Single support", 1),
 }
-"""Measure -> its words and decimals in the table of steps and phases; `spatiotemporal.csv` has all of them."""
+"""Measure -> its words and decimals in the table of steps and phases; `spatiotemporal.csv` has all
+of them.
+"""
 UNITS: Final = {
     "Nm": (("°", 1, 1.0, ""), ("N·m", 1, 1.0, ""), ("W", 0, 1.0, ""), ("N", 0, 1.0, "")),
-    "Nm/kg": (("°", 1, 1.0, ""), ("N·m/kg", 2, 1.0, "mass"), ("W/kg", 2, 1.0, "mass"), ("N/kg", 2, 1.0, "mass")),
-    "%BWH": (("°", 1, 1.0, ""), ("%BW·H", 2, 100.0, "bwh"), ("W/kg", 2, 1.0, "mass"), ("%BW", 1, 100.0, "weight")),
+    "Nm/kg": (
+        ("°", 1, 1.0, ""),
+        ("N·m/kg", 2, 1.0, "mass"),
+        ("W/kg", 2, 1.0, "mass"),
+        ("N/kg", 2, 1.0, "mass"),
+    ),
+    "%BWH": (
+        ("°", 1, 1.0, ""),
+        ("%BW·H", 2, 100.0, "bwh"),
+        ("W/kg", 2, 1.0, "mass"),
+        ("%BW", 1, 100.0, "weight"),
+    ),
 }
-"""Unit of moments on the page -> of each `Kind` words, digits, a factor, and by what of the person it is divided."""
+"""Unit of moments on the page -> of each `Kind` words, digits, a factor, and by what of the person
+it is divided.
+"""
 _NO_BACKTICKS: Final = str.maketrans("", "", "`")
 
 
@@ -66,8 +90,8 @@ def calibration_page_data(
 ) -> dict[str, Any]:
     """Of a calibration.
 
-    `norm`: healthy people, to be drawn behind angles, moments and powers. `manifest`: versions, settings and hashes of
-    the inputs. `scores`: how far it is from the norm.
+    `norm`: healthy people, to be drawn behind angles, moments and powers. `manifest`: versions,
+    settings and hashes of the inputs. `scores`: how far it is from the norm.
     """
     truth = calibration.truth
     trials = [
@@ -119,28 +143,51 @@ def further_page_data(
     """
     of_trials = []
     for trial in trials:
-        data = trial_data.trial_page_data(model, trial, verdict=verdict.trials.get(trial.name), relative_to=relative_to)
-        of_trials.append({**data, "sections": {**data["sections"], "provenance": provenance.recorded_blocks(trial)}})
+        data = trial_data.trial_page_data(
+            model, trial, verdict=verdict.trials.get(trial.name), relative_to=relative_to
+        )
+        of_trials.append(
+            {
+                **data,
+                "sections": {**data["sections"], "provenance": provenance.recorded_blocks(trial)},
+            }
+        )
     person = person_page_data(model.subject, verdict)
     return {
         **person,
-        "lines": [verdict_line(person["verdict"]), *key_figures.further_lines(model, trials, page_peaks(of_trials))],
+        "lines": [
+            verdict_line(person["verdict"]),
+            *key_figures.further_lines(model, trials, page_peaks(of_trials)),
+        ],
         "trials": of_trials,
         "sections": {} if origin is None else provenance.further_sections(origin),
     }
 
 
 def person_page_data(
-    subject: Subject, verdict: Verdict, norm: Norm | None = None, scores: Sequence[profile_score.Score] = ()
+    subject: Subject,
+    verdict: Verdict,
+    norm: Norm | None = None,
+    scores: Sequence[profile_score.Score] = (),
 ) -> dict[str, Any]:
     """What does not belong to one trial; bands in the units and with the signs of curves."""
     bands, norm = [], norm or Norm()
     for name, band in norm.bands.items():
         sides = {
-            s: [[plain_data.rounded(value) for value in part] for part in band.for_person(subject, s)]
+            s: [
+                [plain_data.rounded(value) for value in part]
+                for part in band.for_person(subject, s)
+            ]
             for s in linkage.SIDES
         }
-        bands.append({"base": coordinate_of(name), "kind": kind_of(name).words, "source": band.source, **sides})
+        bands.append(
+            {
+                "base": coordinate_of(name),
+                "kind": kind_of(name).words,
+                "source": band.source,
+                **sides,
+            }
+        )
     return {
         "format": FORMAT,
         "program": f"gaitcal {package_version('gaitcal')}",
@@ -170,7 +217,11 @@ def person_page_data(
             for name, (title, digits) in SHOWN_MEASURES.items()
         ],
         "bands": bands,
-        "norm": {"words": norm.words, "remark": norm.remark, "steps": FREE_WORDS if norm.steps else ""},
+        "norm": {
+            "words": norm.words,
+            "remark": norm.remark,
+            "steps": FREE_WORDS if norm.steps else "",
+        },
         "profile": [
             {
                 "side": s.side,
@@ -193,21 +244,30 @@ def rounded_score(value: float) -> float | None:
 def person_facts(subject: Subject) -> tuple[tuple[str, str], ...]:
     """Label and value of what is known of person and session, as page and report head with it.
 
-    Of whom no age is known, it says so; and by which table the masses start, where that is one of adults.
+    Of whom no age is known, it says so; and by which table the masses start, where that is one of
+    adults.
     """
     record = subject.record
     age = "not told" if subject.age is None else f"{subject.age:.1f} years"
     adults = anthropometry.looks_like_child(subject)
     facts = (
         ("Name or code", subject.name),
-        ("Session", ", ".join(filter(None, dict.fromkeys((record.session_date, subject.session)))) or "date not told"),
+        (
+            "Session",
+            ", ".join(filter(None, dict.fromkeys((record.session_date, subject.session))))
+            or "date not told",
+        ),
         ("Sex", subject.sex or "not told"),
         ("Age", f"{age}, born {record.birth_date}" if record.birth_date else age),
         ("Diagnosis", record.diagnosis),
         ("Affected side", record.affected_side),
         ("Aids", record.aids),
         ("Body mass", f"{subject.mass:.1f} kg"),
-        ("Height", f"{subject.height:.3f} m" + (f" ± {subject.height_error:.2f} m" if subject.height_error else "")),
+        (
+            "Height",
+            f"{subject.height:.3f} m"
+            + (f" ± {subject.height_error:.2f} m" if subject.height_error else ""),
+        ),
         ("Segment masses", "adults' table: no age told" if adults else ""),
         ("Laboratory", record.laboratory),
     )
@@ -241,13 +301,19 @@ def verdict_line(verdict: Mapping[str, Any]) -> dict[str, str]:
     words = f"{judgement.value.capitalize()}. {verdict['sentence']}"
     if verdict["reasons"]:
         worst, *rest = verdict["reasons"]
-        where = f" ({', '.join(plain_data.visible(name) for name in worst['trials'])})" if worst["trials"] else ""
+        where = (
+            f" ({', '.join(plain_data.visible(name) for name in worst['trials'])})"
+            if worst["trials"]
+            else ""
+        )
         words += f" {'Worst' if rest else 'Because'}: {worst['cause']}{where}."
     return {"tone": key_figures.TONES[judgement], "text": plain_data.visible(words)}
 
 
 def explained_code(code: Code) -> dict[str, Any]:
-    """`code`, `title` and `page` of a reason: what `gaitcal explain` says, as blocks, to be there without a network."""
+    """`code`, `title` and `page` of a reason: what `gaitcal explain` says, as blocks, to be there
+    without a network.
+    """
     explanation = explanation_of(code)
     blocks: list[plain_data.Block] = []
     for part, pieces in parts_of(explanation.text):
@@ -256,7 +322,9 @@ def explained_code(code: Code) -> dict[str, Any]:
             if isinstance(piece, Paragraph):
                 blocks.append(plain_data.text(piece.text.translate(_NO_BACKTICKS)))
             elif isinstance(piece, Bullets):
-                blocks.append(plain_data.bullets(item.translate(_NO_BACKTICKS) for item in piece.items))
+                blocks.append(
+                    plain_data.bullets(item.translate(_NO_BACKTICKS) for item in piece.items)
+                )
             else:
                 blocks.append(plain_data.text(" ".join(piece.lines), "soft"))
     return {"code": code.value, "title": explanation.title, "page": blocks}
@@ -277,24 +345,35 @@ def coordinate_rows() -> list[dict[str, Any]]:
 
 
 def conventions_data() -> dict[str, Any]:
-    """The joints of curves, and every convention that a reader may choose, as `gait/conventions.py` has it.
+    """The joints of curves, and every convention that a reader may choose, as `gait/conventions.py`
+    has it.
 
-    `signs`: signs -> whose moment -> `hip_flexion/moment` -> its title, and of each side of a stride (empty: over time)
-    the factor of a value in the files, and what a positive one means. `units`: unit of moments -> kind -> its words and
-    digits, and by what of the person values are divided.
+    `signs`: signs -> whose moment -> `hip_flexion/moment` -> its title, and of each side of a
+    stride (empty: over time) the factor of a value in the files, and what a positive one means.
+    `units`: unit of moments -> kind -> its words and digits, and by what of the person values are
+    divided.
     """
     body, one = Subject(name="", mass=1.0, height=1.0, sex="male"), np.ones(1)
     powers = {group.power: " over all axes" for group in coordinates.GROUPS.values() if group.power}
-    moved = [(name, kind) for name in coordinates.COORDINATE_TABLE for kind in (Kind.ANGLE, Kind.MOMENT, Kind.POWER)]
+    moved = [
+        (name, kind)
+        for name in coordinates.COORDINATE_TABLE
+        for kind in (Kind.ANGLE, Kind.MOMENT, Kind.POWER)
+    ]
     moved += [(name, Kind.ANGLE) for name in coordinates.SEGMENT_ANGLES]
-    every = (*moved, *((name, Kind.POWER) for name in powers), *((name, Kind.FORCE) for name in GROUND_FORCES))
+    every = (
+        *moved,
+        *((name, Kind.POWER) for name in powers),
+        *((name, Kind.FORCE) for name in GROUND_FORCES),
+    )
 
     def told(convention: Convention, name: str, kind: Kind) -> dict[str, Any]:
         variable = name if kind is Kind.FORCE else f"{name}{kind.ending}"
         sides = {
             side: [
                 float(convention.values(variable, one, side, body)[0]),
-                convention.senses(variable, side)[0] + (powers.get(name, "") if kind is Kind.POWER else ""),
+                convention.senses(variable, side)[0]
+                + (powers.get(name, "") if kind is Kind.POWER else ""),
             ]
             for side in (*linkage.SIDES, "")
         }
@@ -338,7 +417,9 @@ def page_peaks(trials: Sequence[Mapping[str, Any]]) -> tuple[peaks.PeakMean, ...
 
 
 def page_toe_offs(trials: Sequence[Mapping[str, Any]]) -> dict[str, float]:
-    """Side -> % of the stride at which stance ends, the mean over straight strides of trials of a page."""
+    """Side -> % of the stride at which stance ends, the mean over straight strides of trials of a
+    page.
+    """
     found: dict[str, list[float]] = {side: [] for side in linkage.SIDES}
     for s in (s for trial in trials for s in trial["strides"] if not s["turns"]):
         if (stance := GaitCycle(s["start"], s["stop"], s["off"]).stance) is not None:
@@ -347,7 +428,9 @@ def page_toe_offs(trials: Sequence[Mapping[str, Any]]) -> dict[str, float]:
 
 
 def peak_page_rows(data: Mapping[str, Any]) -> list[dict[str, Any]]:
-    """Rows of the table of peaks of each activity, over its straight strides, each with what the legs have of it."""
+    """Rows of the table of peaks of each activity, over its straight strides, each with what the
+    legs have of it.
+    """
     rows: dict[tuple[str, str], dict[str, Any]] = {}
     for mean in page_peaks(data["trials"]):
         peak = mean.peak
@@ -362,24 +445,34 @@ def peak_page_rows(data: Mapping[str, Any]) -> list[dict[str, Any]]:
         }
         figures = {"mean": mean.mean, "sd": mean.sd, "se": mean.se, "percent": mean.percent}
         leg = {name: plain_data.rounded(value) for name, value in figures.items()}
-        rows.setdefault((mean.activity, peak.name), row)[mean.side] = {**leg, "n": mean.n, "strides": mean.strides}
+        rows.setdefault((mean.activity, peak.name), row)[mean.side] = {
+            **leg,
+            "n": mean.n,
+            "strides": mean.strides,
+        }
     return list(rows.values())
 
 
 def thinned(data: Mapping[str, Any], most: int = MOST_LETTERS) -> Mapping[str, Any]:
-    """Page data with at most so many letters of packed curves, of every second, third, ... frame; as it is where it
-    has no more.
+    """Page data with at most so many letters of packed curves, of every second, third, ... frame;
+    as it is where it has no more.
     """
     every = max(1, -(-sum(map(plain_data.curve_letters, data["trials"])) // most))
     return (
-        data if every == 1 else {**data, "trials": [plain_data.thinned_trial(trial, every) for trial in data["trials"]]}
+        data
+        if every == 1
+        else {
+            **data,
+            "trials": [plain_data.thinned_trial(trial, every) for trial in data["trials"]],
+        }
     )
 
 
 def curves_left_out(data: Mapping[str, Any]) -> tuple[str, ...]:
     """A sentence for every trial whose curves hold some frames only."""
     return tuple(
-        f"{trial['name']}: its curves hold one frame in {trial['every']} of {trial['frames']}; a short peak may be "
+        f"{trial['name']}: its curves hold one frame in {trial['every']} of {trial['frames']}; a "
+        "short peak may be "
         "lower in the page than in the tables"
         for trial in data["trials"]
         if trial["every"] > 1
@@ -402,7 +495,15 @@ def read_page_data(path: Path) -> dict[str, Any]:
         message = f"is no result of 'gaitcal calibrate': found no {path.name} in it"
         raise InputError(message, source=path.parent, code=Code.NO_RESULT) from None
     except (OSError, ValueError) as error:
-        raise InputError(f"cannot be read: {error}", source=path, code=Code.DAMAGED_RESULT) from None
-    if not isinstance(data, dict) or data.get("format") != FORMAT or not isinstance(data.get("trials"), list):
-        raise InputError("is no page of this version; calibrate again", source=path, code=Code.NO_RESULT)
+        raise InputError(
+            f"cannot be read: {error}", source=path, code=Code.DAMAGED_RESULT
+        ) from None
+    if (
+        not isinstance(data, dict)
+        or data.get("format") != FORMAT
+        or not isinstance(data.get("trials"), list)
+    ):
+        raise InputError(
+            "is no page of this version; calibrate again", source=path, code=Code.NO_RESULT
+        )
     return data

@@ -8,7 +8,15 @@ from gaitcal.errors import Code, InputError
 from gaitcal.io import snapshot
 from gaitcal.io.result_folder import sha256_of
 from gaitcal.report.page.page_data import PAGE_DATA, read_page_data, write_page_data
-from gaitcal.report.page.page_html import Shown, doubted, followed_by, only, page_html, renamed, with_trials
+from gaitcal.report.page.page_html import (
+    Shown,
+    doubted,
+    followed_by,
+    only,
+    page_html,
+    renamed,
+    with_trials,
+)
 from gaitcal.report.page.scene import Scene
 from gaitcal.report.page.scene_file import load_scene, save_scene
 from gaitcal.results import saved_result
@@ -49,7 +57,8 @@ def read_page(folder: Path) -> Shown:
 
 
 def result_page(folder: Path) -> tuple[Shown, tuple[str, ...]]:
-    """A result with the further trials that `gaitcal dynamics` added, and lines on those that are stale or left out.
+    """A result with the further trials that `gaitcal dynamics` added, and lines on those that are
+    stale or left out.
 
     Raises InputError: As of `read_page`; what is wrong with the further trials is such a line.
     """
@@ -59,16 +68,23 @@ def result_page(folder: Path) -> tuple[Shown, tuple[str, ...]]:
     try:
         further = read_page(folder / DYNAMICS)
     except InputError:
-        return shown, (f"{folder / DYNAMICS}: its page is missing or damaged; run its trials again to see them",)
+        return shown, (
+            f"{folder / DYNAMICS}: its page is missing or damaged; run its trials again to see "
+            "them",
+        )
     stale = other_model(
-        folder / DYNAMICS, [t.name for t in further.scene.trials], sha256_of(folder / saved_result.MODEL)
+        folder / DYNAMICS,
+        [t.name for t in further.scene.trials],
+        sha256_of(folder / saved_result.MODEL),
     )
     lines = tuple(f"{name}: {OTHER_MODEL}; {AGAIN}" for name in stale)
     taken = {trial.name for trial in shown.scene.trials}
     names = {t.name: f"{t.name} ({DYNAMICS})" for t in further.scene.trials if t.name in taken}
     scene = with_trials(shown.scene, further.scene, names)
     if scene is None:
-        return shown, (f"{folder / DYNAMICS}: another body than {folder}; run its trials again to see them",)
+        return shown, (
+            f"{folder / DYNAMICS}: another body than {folder}; run its trials again to see them",
+        )
     about = only(further.data or {}, [t.name for t in further.scene.trials])
     page_data = renamed(doubted(about, [(name, OTHER_MODEL, AGAIN) for name in stale]), names)
     return Shown(scene, followed_by(shown.data or {}, page_data)), lines

@@ -1,10 +1,12 @@
-"""`result.html`: body, curves and tables of a result in one file that opens offline; `cohort.html` likewise.
+"""`result.html`: body, curves and tables of a result in one file that opens offline; `cohort.html`
+likewise.
 
-MeshCat's own JavaScript viewer, uPlot, our scripts, and the result as data stand inline. A Content-Security-Policy in
-the file lets exactly these scripts run, known by their SHA-256, and forbids every request: whatever a marker or a
-subject is called, it is text.
+MeshCat's own JavaScript viewer, uPlot, our scripts, and the result as data stand inline. A
+Content-Security-Policy in the file lets exactly these scripts run, known by their SHA-256, and
+forbids every request: whatever a marker or a subject is called, it is text.
 
-Page data of several runs of one person are joined here: further trials after those of a calibration, or some alone.
+Page data of several runs of one person are joined here: further trials after those of a
+calibration, or some alone.
 """
 
 import base64
@@ -34,23 +36,47 @@ SCRIPTS = (
     "curves.js", "blocks.js", "pictures.js", "trial_curves.js", "steps.js", "verdict.js", "sections.js", "events.js",
     "comments.js", "print.js", "page.js",
 )  # fmt: skip
-"""In the order in which they run: the body in 3-D; what is shown when; curves; tables; all together."""
+"""In the order in which they run: the body in 3-D; what is shown when; curves; tables; all
+together.
+"""
 STYLES = ("page.css", "stage.css", "curves.css", "sections.css", "print.css")
 COHORT_SCRIPTS: Final = (
-    *("dom.js", "unpack.js", "chosen.js", "statistics.js", "plot.js", "blocks.js", "pictures.js", "verdict.js"),
-    *("cohort/people.js", "cohort/choices.js", "cohort/filters.js", "cohort/triage.js", "cohort/table.js"),
+    *(
+        "dom.js",
+        "unpack.js",
+        "chosen.js",
+        "statistics.js",
+        "plot.js",
+        "blocks.js",
+        "pictures.js",
+        "verdict.js",
+    ),
+    *(
+        "cohort/people.js",
+        "cohort/choices.js",
+        "cohort/filters.js",
+        "cohort/triage.js",
+        "cohort/table.js",
+    ),
     *("cohort/distributions.js", "cohort/means.js", "cohort/cohort.js"),
 )
-"""In the order in which they run: what `result.html` has too; people and what is chosen; each part; all together."""
+"""In the order in which they run: what `result.html` has too; people and what is chosen; each part;
+all together.
+"""
 COHORT_STYLES: Final = ("page.css", "sections.css", "cohort.css")
 COHORT_DATA: Final = ("CURVES", "COHORT")
-"""What `cohort.html` is of: packed mean curves, and everything else as JSON, in the order of the file."""
+"""What `cohort.html` is of: packed mean curves, and everything else as JSON, in the order of the
+file.
+"""
 PLOTS = "libraries/uPlot"  # The library that draws curves
 
 
 def policy(*scripts: str) -> str:
     """A Content-Security-Policy under which only these inline scripts run and nothing is requested."""
-    hashes = " ".join(f"'sha256-{base64.b64encode(hashlib.sha256(s.encode()).digest()).decode()}'" for s in scripts)
+    hashes = " ".join(
+        f"'sha256-{base64.b64encode(hashlib.sha256(s.encode()).digest()).decode()}'"
+        for s in scripts
+    )
     return (
         f"default-src 'none'; script-src {hashes}; style-src 'unsafe-inline'; img-src data: blob:; "
         "base-uri 'none'; form-action 'none'"
@@ -58,9 +84,15 @@ def policy(*scripts: str) -> str:
 
 
 def _inline(script: str) -> str:
-    """A script that may stand between `<script>` and `</script>`, and that a browser hashes as we do."""
+    """A script that may stand between `<script>` and `</script>`, and that a browser hashes as we
+    do.
+    """
     text = script.replace("\r\n", "\n").replace("\r", "\n")
-    return text.replace("<!--", "<\\!--").replace("</script", "<\\/script").replace("</SCRIPT", "<\\/SCRIPT")
+    return (
+        text.replace("<!--", "<\\!--")
+        .replace("</script", "<\\/script")
+        .replace("</SCRIPT", "<\\/SCRIPT")
+    )
 
 
 def _part(name: str) -> str:
@@ -73,7 +105,9 @@ class Shown:
     """One result as the page takes it."""
 
     scene: Scene
-    data: Mapping[str, Any] | None = None  # Curves and tables (`gaitcal.report.page.page_data`); None: the body alone
+    data: Mapping[str, Any] | None = (
+        None  # Curves and tables (`gaitcal.report.page.page_data`); None: the body alone
+    )
 
 
 def page_html(shown: Shown, bones: bone_files.BoneMeshes | None = None) -> str:
@@ -88,16 +122,21 @@ def page_html(shown: Shown, bones: bone_files.BoneMeshes | None = None) -> str:
         shown.scene, body_meshes(), None if bones is None else bone_placement.landmarked(bones)
     )
     data = plain_data.script_json(
-        shown.data and {**page_data.thinned(shown.data), "peaks": page_data.peak_page_rows(shown.data)}
+        shown.data
+        and {**page_data.thinned(shown.data), "peaks": page_data.peak_page_rows(shown.data)}
     )
     viewer, licences = _meshcat()
     content = _scripts_and_styles(SCRIPTS, STYLES, meshcat=viewer)
     content["CONVENTIONS"] = plain_data.script_json(page_data.conventions_data())
     content["RESULT"] = f'{{"scene":{scene},"sheet":{data}}}'
     of_bones = f"Bones of {bones.source}\n\n{bones.licence}" if bones and bones.licence else ""
-    content["LICENCES"] = "\n\n".join(filter(None, [*licences, content["LICENCES"], of_bones])).replace("<", "‹")
+    content["LICENCES"] = "\n\n".join(
+        filter(None, [*licences, content["LICENCES"], of_bones])
+    ).replace("<", "‹")
     # One pass over the template: what a name holds is never looked at again.
-    return re.sub(r"@@([A-Z]+)@@", lambda found: content[found.group(1)], _part("templates/page.html"))
+    return re.sub(
+        r"@@([A-Z]+)@@", lambda found: content[found.group(1)], _part("templates/page.html")
+    )
 
 
 def write_cohort_page(path: Path, data: Mapping[str, Iterable[str]]) -> None:
@@ -116,7 +155,9 @@ def write_cohort_page(path: Path, data: Mapping[str, Iterable[str]]) -> None:
                 stream.write(content[piece])
 
 
-def _scripts_and_styles(scripts: Sequence[str], styles: Sequence[str], **first: str) -> dict[str, str]:
+def _scripts_and_styles(
+    scripts: Sequence[str], styles: Sequence[str], **first: str
+) -> dict[str, str]:
     """What a template has a place for; `first`: scripts that run before all others."""
     running = {
         **{name.upper(): _inline(script) for name, script in first.items()},
@@ -125,14 +166,18 @@ def _scripts_and_styles(scripts: Sequence[str], styles: Sequence[str], **first: 
     }
     return {
         "POLICY": policy(*running.values()),
-        "STYLE": "\n".join([_part(f"{PLOTS}.min.css"), *(_part(f"styles/{name}") for name in styles)]),
+        "STYLE": "\n".join(
+            [_part(f"{PLOTS}.min.css"), *(_part(f"styles/{name}") for name in styles)]
+        ),
         "LICENCES": f"uPlot\n\n{_part(f'{PLOTS}.LICENSE.txt')}".replace("<", "‹"),
         **running,
     }
 
 
 def _meshcat() -> tuple[str, list[str]]:
-    """MeshCat's viewer and the licences of what stands in the page, without importing MeshCat's server."""
+    """MeshCat's viewer and the licences of what stands in the page, without importing MeshCat's
+    server.
+    """
     spec = find_spec("meshcat")
     places = list(spec.submodule_search_locations or ()) if spec else []
     if not places:
@@ -145,9 +190,15 @@ def _meshcat() -> tuple[str, list[str]]:
     ]
     try:
         script = viewer.read_text(encoding="utf-8")
-        licences = [f"{name}\n\n{path.read_text(encoding='utf-8')}" for name, path in texts if path.is_file()]
+        licences = [
+            f"{name}\n\n{path.read_text(encoding='utf-8')}"
+            for name, path in texts
+            if path.is_file()
+        ]
     except OSError as error:
-        raise GaitcalError(f"{viewer}: cannot be read ({error.strerror}); install meshcat again") from error
+        raise GaitcalError(
+            f"{viewer}: cannot be read ({error.strerror}); install meshcat again"
+        ) from error
     try:
         text = distribution(PACKAGE).read_text("licenses/LICENSE")
     except PackageNotFoundError:
@@ -161,7 +212,9 @@ def sentences(shown: Shown) -> tuple[str, ...]:
     return (*scene_file.left_out(shown.scene), *curves)
 
 
-def with_trials(scene: Scene, further: Scene, names: Mapping[str, str] | None = None) -> Scene | None:
+def with_trials(
+    scene: Scene, further: Scene, names: Mapping[str, str] | None = None
+) -> Scene | None:
     """The scene with the trials of another one after its own; None where they have other segments.
 
     `names`: other names for trials of `further`: old -> new.
@@ -170,22 +223,30 @@ def with_trials(scene: Scene, further: Scene, names: Mapping[str, str] | None = 
         return None
     new = names or {}
     trials = (
-        replace(_with_markers(trial, further.labels, scene.labels), name=new.get(trial.name, trial.name))
+        replace(
+            _with_markers(trial, further.labels, scene.labels), name=new.get(trial.name, trial.name)
+        )
         for trial in further.trials
     )
     return replace(scene, trials=(*scene.trials, *trials))
 
 
 def after_trials(scene: Scene, earlier: Scene) -> Scene | None:
-    """The scene with those trials of an earlier one before its own whose names it does not have; None as above."""
+    """The scene with those trials of an earlier one before its own whose names it does not have;
+    None as above.
+    """
     names = {trial.name for trial in scene.trials}
     kept = tuple(trial for trial in earlier.trials if trial.name not in names)
     joined = with_trials(replace(scene, trials=()), replace(earlier, trials=kept))
     return None if joined is None else replace(joined, trials=(*joined.trials, *scene.trials))
 
 
-def _with_markers(trial: MotionScene, labels: tuple[str, ...], wanted: tuple[str, ...]) -> MotionScene:
-    """The trial with the measured markers in the order of another model; NaN for one that it did not have."""
+def _with_markers(
+    trial: MotionScene, labels: tuple[str, ...], wanted: tuple[str, ...]
+) -> MotionScene:
+    """The trial with the measured markers in the order of another model; NaN for one that it did
+    not have.
+    """
     if labels == wanted:
         return trial
     measured = np.full((len(trial.time), len(wanted), 3), np.nan, dtype=np.float32)
@@ -198,17 +259,26 @@ def _with_markers(trial: MotionScene, labels: tuple[str, ...], wanted: tuple[str
 def merged(earlier: Mapping[str, Any], new: Mapping[str, Any]) -> dict[str, Any]:
     """Page data of further trials, after those of an earlier run that it does not hold itself."""
     names = {trial["name"] for trial in new["trials"]}
-    kept = only(earlier, [trial["name"] for trial in earlier["trials"] if trial["name"] not in names])
+    kept = only(
+        earlier, [trial["name"] for trial in earlier["trials"] if trial["name"] not in names]
+    )
     verdict, rest = _joined_verdict(kept, new), list(new["lines"][1:])
     if kept["trials"]:
         last = ", ".join(plain_data.visible(name) for name in sorted(names))
         rest[-1:] = [{**line, "text": f"{last}: {line['text']}"} for line in rest[-1:]]
     trials = [*kept["trials"], *new["trials"]]
-    return {**new, "trials": trials, "verdict": verdict, "lines": [page_data.verdict_line(verdict), *rest]}
+    return {
+        **new,
+        "trials": trials,
+        "verdict": verdict,
+        "lines": [page_data.verdict_line(verdict), *rest],
+    }
 
 
 def followed_by(data: Mapping[str, Any], further: Mapping[str, Any]) -> dict[str, Any]:
-    """Page data of a calibration with further trials after its own; none of them may have the name of its own."""
+    """Page data of a calibration with further trials after its own; none of them may have the name
+    of its own.
+    """
     verdict, lines = _joined_verdict(data, further), list(data["lines"])
     if verdict["sentence"] != data["verdict"]["sentence"]:
         lines[:1] = [page_data.verdict_line(verdict)]
@@ -225,19 +295,35 @@ def only(data: Mapping[str, Any], names: Collection[str]) -> dict[str, Any]:
     """Page data of further trials with some of them alone, and the reasons about these."""
     trials = [trial for trial in data["trials"] if trial["name"] in names]
     about = [reason for reason in data["verdict"]["reasons"] if set(reason["trials"]) & set(names)]
-    judgement = _common(trial["verdict"]["judgement"] for trial in trials if trial["verdict"] is not None)
+    judgement = _common(
+        trial["verdict"]["judgement"] for trial in trials if trial["verdict"] is not None
+    )
     if about and judgement is Judgement.TRUSTWORTHY:
         judgement = Judgement.DOUBTFUL
-    return {**data, "trials": trials, "verdict": {**data["verdict"], "judgement": judgement.value, "reasons": about}}
+    return {
+        **data,
+        "trials": trials,
+        "verdict": {**data["verdict"], "judgement": judgement.value, "reasons": about},
+    }
 
 
 def doubted(data: Mapping[str, Any], doubts: Iterable[tuple[str, str, str]]) -> dict[str, Any]:
-    """Page data with a warning more for each (trial, what is wrong with it, what to do), unless it is there already."""
+    """Page data with a warning more for each (trial, what is wrong with it, what to do), unless it
+    is there already.
+    """
     verdict = data["verdict"]
     known = {(reason["cause"], *reason["trials"]) for reason in verdict["reasons"]}
     code = page_data.explained_code(Code.RESULT_EDITED)
     new = [
-        {**code, "severity": "warning", "cause": cause, "evidence": "", "action": action, "trials": [name], "leg": ""}
+        {
+            **code,
+            "severity": "warning",
+            "cause": cause,
+            "evidence": "",
+            "action": action,
+            "trials": [name],
+            "leg": "",
+        }
         for name, cause, action in doubts
         if (cause, name) not in known
     ]
@@ -246,7 +332,10 @@ def doubted(data: Mapping[str, Any], doubts: Iterable[tuple[str, str, str]]) -> 
     judgement = verdict["judgement"]
     if judgement == Judgement.TRUSTWORTHY.value:
         judgement = Judgement.DOUBTFUL.value
-    return {**data, "verdict": {**verdict, "judgement": judgement, "reasons": [*verdict["reasons"], *new]}}
+    return {
+        **data,
+        "verdict": {**verdict, "judgement": judgement, "reasons": [*verdict["reasons"], *new]},
+    }
 
 
 def renamed(data: Mapping[str, Any], names: Mapping[str, str]) -> dict[str, Any]:
@@ -255,7 +344,9 @@ def renamed(data: Mapping[str, Any], names: Mapping[str, str]) -> dict[str, Any]
         {**reason, "trials": [names.get(name, name) for name in reason["trials"]]}
         for reason in data["verdict"]["reasons"]
     ]
-    trials = [{**trial, "name": names.get(trial["name"], trial["name"])} for trial in data["trials"]]
+    trials = [
+        {**trial, "name": names.get(trial["name"], trial["name"])} for trial in data["trials"]
+    ]
     return {**data, "trials": trials, "verdict": {**data["verdict"], "reasons": reasons}}
 
 
@@ -266,14 +357,19 @@ def _joined_verdict(one: Mapping[str, Any], other: Mapping[str, Any]) -> dict[st
     for trial in (*one["trials"], *other["trials"]):
         if (verdict := trial["verdict"]) is not None:
             legs = {side: Judgement(verdict[side]) for side in SIDES if side in verdict}
-            trials[trial["name"]] = WalkVerdict(judgement=Judgement(verdict["judgement"]), legs=legs)
+            trials[trial["name"]] = WalkVerdict(
+                judgement=Judgement(verdict["judgement"]), legs=legs
+            )
     judged = Verdict(
         judgement=_common(part["judgement"] for part in parts),
         reasons=(),
         trials=trials,
         forced=any(part.get("forced", False) for part in parts),
     )
-    reasons = sorted((r for part in parts for r in part["reasons"]), key=lambda reason: reason["severity"] != "error")
+    reasons = sorted(
+        (r for part in parts for r in part["reasons"]),
+        key=lambda reason: reason["severity"] != "error",
+    )
     return {
         "judgement": judged.judgement.value,
         "sentence": judged.sentence,

@@ -1,7 +1,9 @@
-"""Plain data that the page's scripts read: packed arrays, JSON text, and the blocks that its sections are made of.
+"""Plain data that the page's scripts read: packed arrays, JSON text, and the blocks that its
+sections are made of.
 
-Arrays are base64 of small integers or of 32-bit floats, little-endian; `scripts/unpack.js` reads them back. Every text
-in a block is data, never markup. Numbers are formatted here, so that the page, the print and a test read the same text.
+Arrays are base64 of small integers or of 32-bit floats, little-endian; `scripts/unpack.js` reads
+them back. Every text in a block is data, never markup. Numbers are formatted here, so that the
+page, the print and a test read the same text.
 """
 
 import base64
@@ -25,7 +27,9 @@ _CURVE_PARTS: Final = ("value", "se", "own", "nominal", "truth")
 
 
 def script_json(content: object) -> str:
-    """JSON that is all ASCII and may stand inside a `<script>` element whatever the names are: it holds no `<`."""
+    """JSON that is all ASCII and may stand inside a `<script>` element whatever the names are: it
+    holds no `<`.
+    """
     return json.dumps(content, separators=(",", ":"), allow_nan=False).replace("<", "\\u003c")
 
 
@@ -40,7 +44,9 @@ def floats(values: NDArray[Any]) -> str:
 
 
 def lengths(values: NDArray[Any]) -> dict[str, Any]:
-    """Values as 16-bit integers: value = low + step * (integer + 32767); gaps and infinities as `GAP`."""
+    """Values as 16-bit integers: value = low + step * (integer + 32767); gaps and infinities as
+    `GAP`.
+    """
     known = np.isfinite(values)
     low = float(values[known].min()) if known.any() else 0.0
     high = float(values[known].max()) if known.any() else 0.0
@@ -70,7 +76,10 @@ def thinned_trial(trial: Mapping[str, Any], every: int) -> dict[str, Any]:
         "every": trial["every"] * every,
         "time": kept(trial["time"], "<f4"),
         "masks": [kept(mask, "<u1") for mask in trial["masks"]],
-        "curves": [{**curve, **{name: part(curve[name]) for name in _CURVE_PARTS}} for curve in trial["curves"]],
+        "curves": [
+            {**curve, **{name: part(curve[name]) for name in _CURVE_PARTS}}
+            for curve in trial["curves"]
+        ],
     }
 
 
@@ -90,14 +99,24 @@ def rounded(value: float | None) -> float | None:
 
 
 def visible(text: object) -> str:
-    """The text with `?` for characters that control the terminal, the layout or the writing direction."""
-    return "".join("?" if unicodedata.category(c) in ("Cc", "Cf", "Cs", "Co") else c for c in str(text))
+    """The text with `?` for characters that control the terminal, the layout or the writing
+    direction.
+    """
+    return "".join(
+        "?" if unicodedata.category(c) in ("Cc", "Cf", "Cs", "Co") else c for c in str(text)
+    )
 
 
 def named(text: object) -> str:
-    """A name from the study as a heading or a table shows it: of a very long one the middle is left out."""
+    """A name from the study as a heading or a table shows it: of a very long one the middle is left
+    out.
+    """
     whole = visible(text)
-    return whole if len(whole) <= LONGEST_NAME else f"{whole[: LONGEST_NAME - NAME_END - 1]}…{whole[-NAME_END:]}"
+    return (
+        whole
+        if len(whole) <= LONGEST_NAME
+        else f"{whole[: LONGEST_NAME - NAME_END - 1]}…{whole[-NAME_END:]}"
+    )
 
 
 def heading(text: str, level: int = 3) -> Block:
@@ -112,7 +131,9 @@ def text(words: str, tone: str = "") -> Block:
 
 def bullets(items: Iterable[str], tone: str = "") -> Block:
     """A list; `tone` as of a paragraph."""
-    return {"kind": "list", "items": [visible(item) for item in items]} | ({"tone": tone} if tone else {})
+    return {"kind": "list", "items": [visible(item) for item in items]} | (
+        {"tone": tone} if tone else {}
+    )
 
 
 def cell(words: object, *, unit: str = "", tone: str = "", side: str = "", align: str = "") -> Cell:
@@ -160,7 +181,8 @@ def fold(title: str, blocks: Sequence[Block]) -> Block:
 def picture(kind: str, unit: str, rows: Sequence[Mapping[str, Any]]) -> Block:
     """Rows of a picture.
 
-    `kind`: `intervals`: dots with whiskers, of nominal and fitted values, and the truth where it is known.
+    `kind`: `intervals`: dots with whiskers, of nominal and fitted values, and the truth where it is
+    known.
     """
     return {"kind": kind, "unit": unit, "rows": [dict(row) for row in rows]}
 

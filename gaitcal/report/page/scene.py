@@ -1,16 +1,17 @@
 """What the page shows in space: a calibrated person in all trials, and no numerics.
 
-A scene stands on its own: it is made from a calibration once, kept as `scene.npz` in the folder of the result, and
-shown from that file alone.
+A scene stands on its own: it is made from a calibration once, kept as `scene.npz` in the folder of
+the result, and shown from that file alone.
 
-A joint lies in the two segments that it connects. Its frames (`export/opensim/osim_writer.py`) hold its constants,
-those before the first coordinate in the parent and those after the last in the child:
+A joint lies in the two segments that it connects. Its frames (`export/opensim/osim_writer.py`) hold
+its constants, those before the first coordinate in the parent and those after the last in the
+child:
 
     centre = translation of X            axis = sign * R[:, axis of the coordinate next to that segment]
 
-Standard errors s_p of the joint parameters p spread into centre and axis through the Jacobian,
-cov = sum_p s_p^2 (d./dp)(d./dp)^T, parameters taken as uncorrelated (the table of errors tells no more); its matrix
-square root is kept, whose columns are the half axes of the one-sigma ellipsoid.
+Standard errors s_p of the joint parameters p spread into centre and axis through the Jacobian, cov
+= sum_p s_p^2 (d./dp)(d./dp)^T, parameters taken as uncorrelated (the table of errors tells no
+more); its matrix square root is kept, whose columns are the half axes of the one-sigma ellipsoid.
 """
 
 from collections.abc import Mapping
@@ -39,8 +40,12 @@ if TYPE_CHECKING:
 
 Single = NDArray[np.float32]
 MOST_FRAMES = 4000
-"""Frames kept of one trial; of a longer one every second, third, ... frame. Poses between them are interpolated."""
-_STEP = 1e-6  # m, rad: step of the central differences; their error, about 1e-12, is far below a pixel
+"""Frames kept of one trial; of a longer one every second, third, ... frame. Poses between them are
+interpolated.
+"""
+_STEP = (
+    1e-6  # m, rad: step of the central differences; their error, about 1e-12, is far below a pixel
+)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -51,14 +56,19 @@ class JointMark:
     segment: str
     nominal_centre: Array  # (3,) m, segment frame
     fitted_centre: Array  # (3,) m, segment frame
-    nominal_axis: Array  # (3,) unit vector, segment frame; NaN where the joint is a ball and has no axis
+    nominal_axis: (
+        Array  # (3,) unit vector, segment frame; NaN where the joint is a ball and has no axis
+    )
     fitted_axis: Array  # (3,)
-    centre_spread: Array  # (3, 3) m: half axes of the one-sigma ellipsoid as columns; NaN where no error is known
+    # (3, 3) m: half axes of the one-sigma ellipsoid as columns; NaN where no error is known
+    centre_spread: Array
     axis_spread: Array  # (3, 3) of the unit vector: the same for the tip of the axis
     fitted: bool  # Whether any of its parameters in this segment was fitted
 
 
-def joint_marks(nominal: Parameters, fitted: Parameters, errors: Mapping[str, float]) -> tuple[JointMark, ...]:
+def joint_marks(
+    nominal: Parameters, fitted: Parameters, errors: Mapping[str, float]
+) -> tuple[JointMark, ...]:
     """All joints in both their segments.
 
     `errors`: joint parameter -> standard error (m, rad) of every fitted one.
@@ -66,14 +76,18 @@ def joint_marks(nominal: Parameters, fitted: Parameters, errors: Mapping[str, fl
     marks = []
     for joint in JOINTS:
         for segment in (joint.parent, joint.child):
-            names = [p.name for p in JOINT_PARAMETERS if (p.joint, p.segment) == (joint.name, segment)]
+            names = [
+                p.name for p in JOINT_PARAMETERS if (p.joint, p.segment) == (joint.name, segment)
+            ]
             if not names:
                 continue
             known = {name: errors[name] for name in names if np.isfinite(errors.get(name, np.nan))}
             columns = [JP_INDEX[name] for name in names]
             places = {}
             for stage, parameters in (("nominal", nominal), ("fitted", fitted)):
-                places[f"{stage}_centre"], places[f"{stage}_axis"] = _centre_and_axis(joint, segment, parameters)
+                places[f"{stage}_centre"], places[f"{stage}_axis"] = _centre_and_axis(
+                    joint, segment, parameters
+                )
             places["centre_spread"], places["axis_spread"] = _spreads(joint, segment, fitted, known)
             moved = bool(known) or not np.array_equal(nominal.joint[columns], fitted.joint[columns])
             marks.append(JointMark(joint=joint.name, segment=segment, fitted=moved, **places))
@@ -81,24 +95,36 @@ def joint_marks(nominal: Parameters, fitted: Parameters, errors: Mapping[str, fl
 
 
 def _centre_and_axis(joint: Joint, segment: str, parameters: Parameters) -> tuple[Array, Array]:
-    """(3,) centre and (3,) axis in that segment: the axis of the coordinate next to it, NaN for a ball joint."""
+    """(3,) centre and (3,) axis in that segment: the axis of the coordinate next to it, NaN for a
+    ball joint.
+    """
     frames = frames_of(joint, parameters)
     in_parent = segment == joint.parent
     place = frames.in_parent if in_parent else frames.in_child
     axis = frames.motions[0 if in_parent else -1]
     centre = place.translation + 0.0  # no negative zeros, which would stand in the page
-    return centre, np.full(3, np.nan) if len(frames.motions) > 2 else axis.sign * place.rotation[:, axis.axis]
+    return centre, np.full(3, np.nan) if len(frames.motions) > 2 else axis.sign * place.rotation[
+        :, axis.axis
+    ]
 
 
-def _spreads(joint: Joint, segment: str, fitted: Parameters, errors: Mapping[str, float]) -> tuple[Array, Array]:
-    """(3, 3) of the centre and (3, 3) of the axis: half axes of their one-sigma ellipsoids; NaN without errors."""
+def _spreads(
+    joint: Joint, segment: str, fitted: Parameters, errors: Mapping[str, float]
+) -> tuple[Array, Array]:
+    """(3, 3) of the centre and (3, 3) of the axis: half axes of their one-sigma ellipsoids; NaN
+    without errors.
+    """
     if not errors:
         return np.full((3, 3), np.nan), np.full((3, 3), np.nan)
     columns = []
     for name, error in errors.items():
         value = fitted.joint[JP_INDEX[name]]
         low, high = (
-            np.concatenate(_centre_and_axis(joint, segment, fitted.with_joint((name,), np.array([value + step]))))
+            np.concatenate(
+                _centre_and_axis(
+                    joint, segment, fitted.with_joint((name,), np.array([value + step]))
+                )
+            )
             for step in (-_STEP, _STEP)
         )
         columns.append(error * (high - low) / (2 * _STEP))
@@ -107,7 +133,9 @@ def _spreads(joint: Joint, segment: str, fitted: Parameters, errors: Mapping[str
 
 
 def _root(pulls: Array) -> Array:
-    """(3, 3) square root of pulls pulls^T: orthogonal columns whose lengths are the standard deviations."""
+    """(3, 3) square root of pulls pulls^T: orthogonal columns whose lengths are the standard
+    deviations.
+    """
     if not np.isfinite(pulls).all():
         return np.full((3, 3), np.nan)
     values, vectors = np.linalg.eigh(pulls @ pulls.T)
@@ -128,12 +156,14 @@ class MotionScene:
     time: Array  # (nf,) s
     origins: Single  # (nf, ns, 3) m, segment origins in the laboratory
     turns: Single  # (nf, ns, 4) unit quaternions x y z w from segment to laboratory
-    tracked: BoolArray  # (ns,) whether any marker of this trial is fixed in the segment (talus: in its foot)
+    # (ns,) whether any marker of this trial is fixed in the segment (talus: in its foot)
+    tracked: BoolArray
     measured: Single  # (nf, nm, 3) m; NaN where a marker was not seen
     forces: Single  # (nf, 2, 3) N, ground on right and left foot; NaN where there is none
     pressure_centres: Single  # (nf, 2, 3) m; NaN where there is no force
     valid: BoolArray  # (nf,) every foot on the ground is on a plate; all False without force plates
-    valid_legs: BoolArray  # (nf, 2) the same of the right and of the left foot alone; a foot in the air is valid
+    # (nf, 2) the same of the right and of the left foot alone; a foot in the air is valid
+    valid_legs: BoolArray
     plates: Single  # (np, 4, 3) m, corners of the force plates whose place the recording tells
 
     @property
@@ -163,14 +193,21 @@ def scene_of(calibration: "Calibration") -> Scene:
     """The scene of a calibration: all its moving trials."""
     trials = tuple(
         trial_scene(
-            calibration.model, t.name, t.role.value, t.body, t.recording, None if t.loads is None else t.loads.reactions
+            calibration.model,
+            t.name,
+            t.role.value,
+            t.body,
+            t.recording,
+            None if t.loads is None else t.loads.reactions,
         )
         for t in calibration.trials
     )
     return person_scene(calibration.model, trials, calibration.standard_errors)
 
 
-def person_scene(model: SubjectModel, trials: tuple[MotionScene, ...], errors: Mapping[str, float]) -> Scene:
+def person_scene(
+    model: SubjectModel, trials: tuple[MotionScene, ...], errors: Mapping[str, float]
+) -> Scene:
     """A person's model with trials that are already made into scenes.
 
     `errors`: joint parameter -> standard error (m, rad) of every fitted one.
@@ -190,7 +227,12 @@ def person_scene(model: SubjectModel, trials: tuple[MotionScene, ...], errors: M
 
 
 def trial_scene(
-    model: SubjectModel, name: str, role: str, motion: Motion, recording: Recording, reactions: GroundReactions | None
+    model: SubjectModel,
+    name: str,
+    role: str,
+    motion: Motion,
+    recording: Recording,
+    reactions: GroundReactions | None,
 ) -> MotionScene:
     """One trial of a person.
 
@@ -232,7 +274,9 @@ def trial_scene(
 def _quaternions(axes: Array) -> Single:
     """(nf, ns, 4) x y z w, without jumps of sign from frame to frame, from axes (ns, 3, 3, nf)."""
     ns, nf = axes.shape[0], axes.shape[-1]
-    matrices = axes.transpose(3, 0, 2, 1).reshape(-1, 3, 3)  # frame, segment, and the axes as columns
+    matrices = axes.transpose(3, 0, 2, 1).reshape(
+        -1, 3, 3
+    )  # frame, segment, and the axes as columns
     turns = Rotation.from_matrix(matrices).as_quat().reshape(nf, ns, 4)
     flips = np.where(np.sum(turns[1:] * turns[:-1], axis=2) < 0, -1.0, 1.0)
     turns[1:] *= np.cumprod(flips, axis=0)[:, :, None]
@@ -243,19 +287,27 @@ def _quaternions(axes: Array) -> Single:
 def tracked_segments(motion: Motion) -> BoolArray:
     """(ns,) segments with a marker; the talus, which carries none, moves with its foot."""
     distance = motion.errors.distance
-    carrying = {s for k, s in enumerate(motion.errors.segments) if np.isfinite(distance[:, k]).any()}
-    carrying |= {j.parent for j in JOINTS if j.child in carrying and not segment_kind(j.parent).markers}
+    carrying = {
+        s for k, s in enumerate(motion.errors.segments) if np.isfinite(distance[:, k]).any()
+    }
+    carrying |= {
+        j.parent for j in JOINTS if j.child in carrying and not segment_kind(j.parent).markers
+    }
     return np.array([s in carrying for s in SEGMENTS], dtype=np.bool_)
 
 
 def plate_corners(recording: Recording) -> Single:
     """(np, 4, 3) m, corners of the force plates whose place the recording tells."""
     corners = [plate.corners for plate in recording.plates if plate.corners is not None]
-    return np.array([c for c in corners if np.isfinite(c).all()], dtype=np.float32).reshape(-1, 4, 3)
+    return np.array([c for c in corners if np.isfinite(c).all()], dtype=np.float32).reshape(
+        -1, 4, 3
+    )
 
 
 def measured_markers(model: SubjectModel, recording: Recording, kept: slice) -> Single:
-    """(nf, nm, 3) m of the model's markers; NaN where the recording has none of that label or did not see it."""
+    """(nf, nm, 3) m of the model's markers; NaN where the recording has none of that label or did
+    not see it.
+    """
     column = {label: i for i, label in enumerate(recording.labels)}
     markers = recording.markers[kept]
     out = np.full((len(markers), len(model.markers.labels), 3), np.nan, dtype=np.float32)
@@ -266,7 +318,9 @@ def measured_markers(model: SubjectModel, recording: Recording, kept: slice) -> 
 
 
 def force_arrows(wrench: Array, level: float) -> tuple[Single, Single]:
-    """Force and centre of pressure on the plane y = `level`, from wrenches (nf, 2, 6) about the laboratory origin."""
+    """Force and centre of pressure on the plane y = `level`, from wrenches (nf, 2, 6) about the
+    laboratory origin.
+    """
     pressed = wrench[..., 1] > LOADED_N
     force, centre = np.full((2, *wrench.shape[:-1], 3), np.nan, dtype=np.float32)
     force[pressed], centre[pressed] = wrench[pressed, :3], centre_on_ground(wrench[pressed], level)

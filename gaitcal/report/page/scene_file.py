@@ -1,12 +1,13 @@
 """A scene as one `.npz` file, and as JSON for the page.
 
-The file is read back without pickle, and not compressed, as coordinates hardly become fewer bytes. Its array `scene`
-holds a JSON text (UTF-8) with all names and single numbers; every other array has the name of its field,
-`trial0/origins`, `joints/fitted_axis`, ...
+The file is read back without pickle, and not compressed, as coordinates hardly become fewer bytes.
+Its array `scene` holds a JSON text (UTF-8) with all names and single numbers; every other array has
+the name of its field, `trial0/origins`, `joints/fitted_axis`, ...
 
-In the page, segments and markers are told from the pelvis, as 16-bit integers on the range that they cover in their
-trial (0.03 mm on two metres, however far the person walks), a gap as -32768; the pelvis itself in 32-bit floats;
-quaternions in 1/32767. Frames go where all trials together would be more than the page may hold.
+In the page, segments and markers are told from the pelvis, as 16-bit integers on the range that
+they cover in their trial (0.03 mm on two metres, however far the person walks), a gap as -32768;
+the pelvis itself in 32-bit floats; quaternions in 1/32767. Frames go where all trials together
+would be more than the page may hold.
 """
 
 import io
@@ -32,8 +33,11 @@ from gaitcal.report.page.scene import JointMark, MotionScene, Scene
 
 VERSION = 1
 MOST_BYTES = 9_000_000
-"""Packed playback data of all trials of a page together: 12 MB as base64, of the 25 MB that it may have."""
-MARKER_RANGE_M = 20.0  # From the pelvis: a marker beyond is no marker of this person, and would coarsen all others
+"""Packed playback data of all trials of a page together: 12 MB as base64, of the 25 MB that it may
+have.
+"""
+# From the pelvis: a marker beyond is no marker of this person, and would coarsen all others
+MARKER_RANGE_M = 20.0
 
 _DAMAGE = (
     OSError, ValueError, LookupError, TypeError, AttributeError, ArithmeticError, RuntimeError, EOFError, SyntaxError,
@@ -107,7 +111,9 @@ def load_scene(path: Path | str) -> Scene:
         with np.load(io.BytesIO(path.read_bytes()), allow_pickle=False) as arrays:
             return _scene(arrays)
     except FileNotFoundError:
-        raise InputError("no such file; `gaitcal calibrate` writes it", source=path, code=Code.NO_RESULT) from None
+        raise InputError(
+            "no such file; `gaitcal calibrate` writes it", source=path, code=Code.NO_RESULT
+        ) from None
     except _DAMAGE as error:
         message = f"is no scene of gaitcal, or is damaged ({type(error).__name__})"
         raise InputError(message, source=path, code=Code.DAMAGED_RESULT) from error
@@ -138,7 +144,10 @@ def _scene(arrays: Any) -> Scene:
         marker_places=arrays["marker_places"],
         joints=tuple(
             JointMark(
-                joint=str(joint), segment=str(segment), fitted=bool(fitted), **{n: v[k] for n, v in joints.items()}
+                joint=str(joint),
+                segment=str(segment),
+                fitted=bool(fitted),
+                **{n: v[k] for n, v in joints.items()},
             )
             for k, (joint, segment, fitted) in enumerate(text["joints"])
         ),
@@ -146,8 +155,15 @@ def _scene(arrays: Any) -> Scene:
         trials=trials,
         segments=tuple(map(str, text["segments"])),
         landmarks=bone_landmarks.PersonLandmarks(
-            {n.removeprefix(_LANDMARKS): arrays[n] for n in arrays.files if n.startswith(_LANDMARKS)},
-            {str(side): bone_landmarks.KneeEvidence[evidence] for side, evidence in text["knees"].items()},
+            {
+                n.removeprefix(_LANDMARKS): arrays[n]
+                for n in arrays.files
+                if n.startswith(_LANDMARKS)
+            },
+            {
+                str(side): bone_landmarks.KneeEvidence[evidence]
+                for side, evidence in text["knees"].items()
+            },
         ),
     )
     _check(scene)
@@ -157,7 +173,11 @@ def _scene(arrays: Any) -> Scene:
 def _check(scene: Scene) -> None:
     """ValueError where sizes do not fit together."""
     segments, markers = len(scene.segments), len(scene.labels)
-    used = {*scene.marker_segments, *(j.segment for j in scene.joints), *(mesh.segment for mesh in scene.body)}
+    used = {
+        *scene.marker_segments,
+        *(j.segment for j in scene.joints),
+        *(mesh.segment for mesh in scene.body),
+    }
     fits = (
         used <= set(scene.segments)
         and scene.marker_places.shape == (markers, 3)
@@ -169,13 +189,20 @@ def _check(scene: Scene) -> None:
     for trial in scene.trials:
         for name, shape in _trial_shapes(len(trial.time), segments, markers).items():
             found = getattr(trial, name).shape
-            fits = fits and len(found) == len(shape) and all(n in (m, None) for m, n in zip(found, shape, strict=True))
+            fits = (
+                fits
+                and len(found) == len(shape)
+                and all(n in (m, None) for m, n in zip(found, shape, strict=True))
+            )
     if not fits:
         raise ValueError("sizes")
 
 
-def scene_json(scene: Scene, shapes: BodyMeshes, bones: bone_placement.Landmarked | None = None) -> str:
-    """The scene as JSON that may stand inside a `<script>` element whatever the names are: it holds no `<`.
+def scene_json(
+    scene: Scene, shapes: BodyMeshes, bones: bone_placement.Landmarked | None = None
+) -> str:
+    """The scene as JSON that may stand inside a `<script>` element whatever the names are: it holds
+    no `<`.
 
     `bones`: shown inside the body; None where none are installed.
     """
@@ -202,11 +229,14 @@ def scene_json(scene: Scene, shapes: BodyMeshes, bones: bone_placement.Landmarke
 
 
 def left_out(scene: Scene) -> tuple[str, ...]:
-    """A sentence for every trial of which the page holds some frames only; empty where it holds all."""
+    """A sentence for every trial of which the page holds some frames only; empty where it holds
+    all.
+    """
     thin = _thinning(scene)
     strides = ((trial, trial.stride * thin) for trial in scene.trials)
     return tuple(
-        f"{trial.name}: the page holds {-(-trial.recorded // stride)} of {trial.recorded} frames, one in {stride}; "
+        f"{trial.name}: the page holds {-(-trial.recorded // stride)} of {trial.recorded} frames, "
+        f"one in {stride}; "
         "poses between are interpolated"
         for trial, stride in strides
         if stride > 1
@@ -247,14 +277,22 @@ def _trial(scene: Scene, trial: MotionScene, thin: int) -> dict[str, Any]:
 
 
 def _about(scene: Scene, trial: MotionScene, time: Array, stride: int) -> str:
-    """A few lines on a trial; `time`: s, of the frames in the page, one in `stride` of those recorded."""
-    frames = f"{trial.recorded:,}".replace(",", "\u202f") + (" frame" if trial.recorded == 1 else " frames")
+    """A few lines on a trial; `time`: s, of the frames in the page, one in `stride` of those
+    recorded.
+    """
+    frames = f"{trial.recorded:,}".replace(",", "\u202f") + (
+        " frame" if trial.recorded == 1 else " frames"
+    )
     rate = f" at {(len(time) - 1) / time[-1] * stride:.0f} Hz" if time[-1] > 0 else ""
     lines = [f"{trial.name} \u00b7 {frames}{rate}", f"{scene.mass:.1f} kg, {scene.height:.2f} m"]
     if trial.time[0] > EARLY:
         lines.append(f"begins at {trial.time[0]:.2f} s of the recording")
     if stride > 1:
-        ending = "th" if stride % 100 in (11, 12, 13) else {1: "st", 2: "nd", 3: "rd"}.get(stride % 10, "th")
+        ending = (
+            "th"
+            if stride % 100 in (11, 12, 13)
+            else {1: "st", 2: "nd", 3: "rd"}.get(stride % 10, "th")
+        )
         which = {2: "second", 3: "third"}.get(stride, f"{stride}{ending}")
         lines.append(f"every {which} frame is in this page; poses between are interpolated")
     return "\n".join(lines)
@@ -279,7 +317,9 @@ def _joint_words(joint: JointMark) -> tuple[str, str]:
         cosine = min(1.0, float(joint.fitted_axis @ joint.nominal_axis))
         text += f", axis turned {np.degrees(np.arccos(cosine)):.1f}\u00b0"
     if np.isfinite(joint.centre_spread).all():
-        text += f"\nstandard error of the centre {1000 * np.linalg.norm(joint.centre_spread):.1f} mm"
+        text += (
+            f"\nstandard error of the centre {1000 * np.linalg.norm(joint.centre_spread):.1f} mm"
+        )
     return title, text
 
 
@@ -297,12 +337,16 @@ def _joint(scene: Scene, joint: JointMark) -> dict[str, Any]:
 def _bones(scene: Scene, bones: bone_placement.Landmarked | None) -> dict[str, Any]:
     """The bones in their segments, and where each knee axis passes them; or why there are none."""
     if bones is None:
-        return {"why": f"not installed: pip install 'gaitcal[{bone_files.EXTRA}]', then gaitcal view"}
+        return {
+            "why": f"not installed: pip install 'gaitcal[{bone_files.EXTRA}]', then gaitcal view"
+        }
     placed = bone_placement.fitted_bones(bones, scene.landmarks, scene.height)
     return {
         "why": None,
         "source": bones.bones.source,
-        "meshes": {name: _mesh(bones.bones.shown(name)) for name in sorted({bone.mesh for bone in placed})},
+        "meshes": {
+            name: _mesh(bones.bones.shown(name)) for name in sorted({bone.mesh for bone in placed})
+        },
         "placed": [_fitted(scene, bone) for bone in placed],
         "knees": [
             {
@@ -325,7 +369,10 @@ def _fitted(scene: Scene, fitted: FittedMesh) -> dict[str, Any]:
 
 
 def _mesh(mesh: Mesh) -> dict[str, Any]:
-    return {"vertices": lengths(mesh.vertices), "triangles": base64_of(mesh.triangles.astype("<u2"))}
+    return {
+        "vertices": lengths(mesh.vertices),
+        "triangles": base64_of(mesh.triangles.astype("<u2")),
+    }
 
 
 def _numbers(values: Array) -> list[float] | None:

@@ -1,7 +1,7 @@
 """One trial of the page beside its body in motion: curves, events, strides, verdict, sections.
 
-Everything is as in the files of a result: angles in degrees, internal moments in N·m with OpenSim's signs, powers in W,
-forces in N. The page brings them into the convention that its reader chooses.
+Everything is as in the files of a result: angles in degrees, internal moments in N·m with OpenSim's
+signs, powers in W, forces in N. The page brings them into the convention that its reader chooses.
 """
 
 from collections.abc import Mapping, Sequence
@@ -25,7 +25,9 @@ from gaitcal.results.trial_curves import Curve, curves_of, joint_of, line_of, pe
 
 
 def packed_curves(curves: tuple[Curve, ...], every: int) -> dict[str, Any]:
-    """`curves` for the page, of every so many frames; `masks` are shared: a curve's `valid` is the number of one."""
+    """`curves` for the page, of every so many frames; `masks` are shared: a curve's `valid` is the
+    number of one.
+    """
     kept = slice(None, None, every)
     masks = masks_of(curves)
     numbers = {mask.tobytes(): number for number, mask in enumerate(masks)}
@@ -82,7 +84,10 @@ def trial_page_data(
         "repeats": bool(trial.events.repeats),
         "verdict": None
         if verdict is None
-        else {"judgement": verdict.judgement.value, **{side: of.value for side, of in verdict.legs.items()}},
+        else {
+            "judgement": verdict.judgement.value,
+            **{side: of.value for side, of in verdict.legs.items()},
+        },
         "start": start,
         "duration": float(time[-1] - time[0]),
         "frames": len(time),
@@ -90,12 +95,21 @@ def trial_page_data(
         "time": floats((time - time[0])[::every]),
         **packed_curves(curves, every),
         "events": [
-            {"side": e.side, "kind": e.moment.value, "time": e.time - start, "source": source_words([e.source])}
+            {
+                "side": e.side,
+                "kind": e.moment.value,
+                "time": e.time - start,
+                "source": source_words([e.source]),
+            }
             for e in trial.events.events
         ],
         "strides": _strides(trial, pelvis_parts(trial, truth), curves),
         "measures": [  # what counts, also of a stride of which the recording shows a part
-            {"side": stride.side, "number": stride.number, "values": {n: float(v) for n, v in stride.measures.items()}}
+            {
+                "side": stride.side,
+                "number": stride.number,
+                "values": {n: float(v) for n, v in stride.measures.items()},
+            }
             for stride in spatiotemporal.counting(trial.strides, trial.refused_legs)
         ],
         "line": line_of(trial),
@@ -115,9 +129,12 @@ def trial_sections(model: SubjectModel, trial: result.TrialResult) -> Sections:
     return {preset: blocks for preset, blocks in sections.items() if blocks}
 
 
-def _strides(trial: result.TrialResult, pelvis: Mapping[str, Array], curves: tuple[Curve, ...]) -> list[dict[str, Any]]:
-    """Complete strides of both feet: s from the begin of the trial; `number`, pelvis, of each mask of the curves valid
-    percents as in `cycles.csv`, and peaks. `pelvis`: parts of `pelvis_parts`, over each stride against its own line.
+def _strides(
+    trial: result.TrialResult, pelvis: Mapping[str, Array], curves: tuple[Curve, ...]
+) -> list[dict[str, Any]]:
+    """Complete strides of both feet: s from the begin of the trial; `number`, pelvis, of each mask
+    of the curves valid percents as in `cycles.csv`, and peaks. `pelvis`: parts of `pelvis_parts`,
+    over each stride against its own line.
     """
     if trial.joint is not None:
         return []
@@ -130,7 +147,9 @@ def _strides(trial: result.TrialResult, pelvis: Mapping[str, Array], curves: tup
             stride, use = measured.get((side, number)), uses[side, number]
             foot = trial_tables.foot_in_stride(trial, side, cycle, stride)
             laid = {
-                part: normalise(time, trial_tables.pelvis_in_stride(trial, angles, cycle, stride), cycle)
+                part: normalise(
+                    time, trial_tables.pelvis_in_stride(trial, angles, cycle, stride), cycle
+                )
                 for part, angles in pelvis.items()
             }
             out.append(
@@ -147,8 +166,15 @@ def _strides(trial: result.TrialResult, pelvis: Mapping[str, Array], curves: tup
                         name: {part: lengths(angles[:, k]) for part, angles in laid.items()}
                         for k, name in enumerate(PELVIS_ANGLES)
                     }
-                    | ({} if foot is None else {FOOT_PROGRESSION: {"value": lengths(normalise(time, foot, cycle))}}),
-                    "valid": [base64_of(usable(time, mask, cycle).astype("<u1")) for mask in masks_of(curves)],
+                    | (
+                        {}
+                        if foot is None
+                        else {FOOT_PROGRESSION: {"value": lengths(normalise(time, foot, cycle))}}
+                    ),
+                    "valid": [
+                        base64_of(usable(time, mask, cycle).astype("<u1"))
+                        for mask in masks_of(curves)
+                    ],
                     "peaks": peaks_in(
                         time,
                         cycle,
@@ -164,13 +190,23 @@ def _strides(trial: result.TrialResult, pelvis: Mapping[str, Array], curves: tup
 def peaks_in(
     time: Array, cycle: GaitCycle, curves: Sequence[Curve], pelvis: Array, *, walks: bool = True
 ) -> dict[str, list[float | None]]:
-    """Peak -> what `gait/peaks.py` says of it, None for NaN. `pelvis`: (101, 3) deg, `PELVIS_ANGLES`."""
+    """Peak -> what `gait/peaks.py` says of it, None for NaN. `pelvis`: (101, 3) deg,
+    `PELVIS_ANGLES`.
+    """
     unknown = np.full(len(time), np.nan)
     laid = {}
     for curve in curves:
-        parts = [unknown if part is None else part for part in (curve.value, curve.error, curve.own)]
+        parts = [
+            unknown if part is None else part for part in (curve.value, curve.error, curve.own)
+        ]
         value, error, own = normalise(time, np.stack(parts, axis=1), cycle).T
         value = pelvis[:, PELVIS_ANGLES.index(curve.base)] if curve.base in PELVIS_ANGLES else value
-        laid[curve.variable] = (np.where(usable(time, curve.valid, cycle), value, np.nan), error, own)
-    found = peaks.stride_peaks(laid, cycle.stance) if walks else peaks.phase_peaks(laid, cycle.phases)
+        laid[curve.variable] = (
+            np.where(usable(time, curve.valid, cycle), value, np.nan),
+            error,
+            own,
+        )
+    found = (
+        peaks.stride_peaks(laid, cycle.stance) if walks else peaks.phase_peaks(laid, cycle.phases)
+    )
     return {name: [rounded(v) for v in values] for name, values in found.items()}

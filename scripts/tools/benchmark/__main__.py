@@ -1,13 +1,14 @@
-"""Whole tasks, timed: the median of several runs after a warm-up, beside references measured in the same run.
-Short tasks run as often as half a second allows.
+"""Whole tasks, timed: the median of several runs after a warm-up, beside references measured in the
+same run. Short tasks run as often as half a second allows.
 
     python -m scripts.tools.benchmark                      # every section
     python -m scripts.tools.benchmark track ip --json out.json
 
-One BLAS thread and one process, unless a figure says otherwise (whole programs run in their own). References: SciPy's
-`least_squares` on the plain problem with the sparse analytic Jacobian, and with finite differences on a part of it;
-OpenSim's inverse kinematics and inverse dynamics on our exported model and the same markers (where `opensim` is
-installed); and, as a lower bound, the bare Pinocchio calls that a pass over the frames cannot avoid.
+One BLAS thread and one process, unless a figure says otherwise (whole programs run in their own).
+References: SciPy's `least_squares` on the plain problem with the sparse analytic Jacobian, and with
+finite differences on a part of it; OpenSim's inverse kinematics and inverse dynamics on our
+exported model and the same markers (where `opensim` is installed); and, as a lower bound, the bare
+Pinocchio calls that a pass over the frames cannot avoid.
 """
 
 from __future__ import annotations
@@ -32,7 +33,9 @@ from scripts.validation.harness import say
 PACKAGES = ("pin", "numpy", "scipy", "opensim")
 MODULES = {"pin": "pinocchio"}
 SHORT_SECONDS, MOST_RUNS = 0.5, 50
-"""A task is repeated until that much time has gone, or so often: five runs of some milliseconds scatter."""
+"""A task is repeated until that much time has gone, or so often: five runs of some milliseconds
+scatter.
+"""
 
 
 def timed(task: Callable[[], object], runs: int, *, more: bool = False) -> list[float]:
@@ -56,22 +59,35 @@ def machine() -> dict[str, object]:
         "python": platform.python_version(),
         "blas_threads": 1,
         "worker_threads": 1,
-        "versions": {name: version(name) for name in PACKAGES if find_spec(MODULES.get(name, name))},
+        "versions": {
+            name: version(name) for name in PACKAGES if find_spec(MODULES.get(name, name))
+        },
     }
 
 
 def _processor() -> str:
     known = Path("/proc/cpuinfo")
     lines = known.read_text(encoding="utf-8").splitlines() if known.exists() else []
-    return next((line.partition(":")[2].strip() for line in lines if line.startswith("model name")), platform.machine())
+    return next(
+        (line.partition(":")[2].strip() for line in lines if line.startswith("model name")),
+        platform.machine(),
+    )
 
 
 def main(arguments: list[str] | None = None) -> dict[str, object]:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument(
-        "sections", nargs="*", choices=[[], *SECTIONS], metavar="SECTION", help=f"of {', '.join(SECTIONS)}"
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    parser.add_argument("--runs", type=int, default=5, help="timed runs of each task, at least (default 5)")
+    parser.add_argument(
+        "sections",
+        nargs="*",
+        choices=[[], *SECTIONS],
+        metavar="SECTION",
+        help=f"of {', '.join(SECTIONS)}",
+    )
+    parser.add_argument(
+        "--runs", type=int, default=5, help="timed runs of each task, at least (default 5)"
+    )
     parser.add_argument("--json", type=Path, help="write the figures to this file, too")
     chosen = parser.parse_args(arguments)
     results: dict[str, object] = {"machine": machine()}
@@ -98,7 +114,9 @@ def _section(parts: Iterable[Figure], runs: int) -> dict[str, dict[str, object]]
     for part in parts:
         if part.unit == "s":
             free = part.runs is None
-            seconds = timed(part.task, runs if free else min(part.runs, runs), more=free and runs > 1)
+            seconds = timed(
+                part.task, runs if free else min(part.runs, runs), more=free and runs > 1
+            )
             value = median(seconds)
             first = first or value
             told = {"seconds": value, "least": min(seconds), "runs": len(seconds)}
@@ -110,11 +128,17 @@ def _section(parts: Iterable[Figure], runs: int) -> dict[str, dict[str, object]]
         figures[part.name] = {**told, "note": said}
         say(f"  {part.name:<50}{value:10.4f} {part.unit:<4}{beside}{said}")
         if part.series:
-            series.setdefault(part.series, []).append((part.size, value / (part.share() if part.share else 1.0)))
+            series.setdefault(part.series, []).append(
+                (part.size, value / (part.share() if part.share else 1.0))
+            )
     for name, points in series.items():
         if len(points) > 1:
             found = exponent(points)
-            figures[f"exponent: {name}"] = {"value": found, "unit": "", "note": f"over {len(points)} sizes"}
+            figures[f"exponent: {name}"] = {
+                "value": found,
+                "unit": "",
+                "note": f"over {len(points)} sizes",
+            }
             say(f"  exponent: {name:<40}{found:10.3f}")
     return figures
 

@@ -1,12 +1,14 @@
-"""What a task is compared with: SciPy on the plain problem, the bare Pinocchio calls that it cannot avoid, and OpenSim
-on our exported model and the same markers, in this process; nothing where it is not installed.
+"""What a task is compared with: SciPy on the plain problem, the bare Pinocchio calls that it cannot
+avoid, and OpenSim on our exported model and the same markers, in this process; nothing where it is
+not installed.
 
-OpenSim's inverse kinematics solves one frame after the other, each from the last, with the accuracy that its own tool
-has by default (1e-5), the weights of our marker set, and no coordinate tasks. It has no splines; so its marker RMS is
-to be that of our own fit with a node for every frame, which is told beside it.
+OpenSim's inverse kinematics solves one frame after the other, each from the last, with the accuracy
+that its own tool has by default (1e-5), the weights of our marker set, and no coordinate tasks. It
+has no splines; so its marker RMS is to be that of our own fit with a node for every frame, which is
+told beside it.
 
-One figure of a benchmark, and the trials that are timed: the published subject's gait and isolated trials, with the
-published noise.
+One figure of a benchmark, and the trials that are timed: the published subject's gait and isolated
+trials, with the published noise.
 """
 
 from __future__ import annotations
@@ -35,7 +37,12 @@ from gaitcal.model.linkage import COORDINATES, SEGMENTS, joint_segments
 from gaitcal.model.nominal import published_model
 from gaitcal.model.parameters import gait_parameters
 from gaitcal.model.subject_model import SubjectModel
-from gaitcal.synthetic.synthetic_motion import gait_motion, isolated_motion, marker_noise, synthetic_markers
+from gaitcal.synthetic.synthetic_motion import (
+    gait_motion,
+    isolated_motion,
+    marker_noise,
+    synthetic_markers,
+)
 from gaitcal.tracking.banded import NormalEquations
 from gaitcal.tracking.motion import track, track_nodes
 from gaitcal.tracking.spline import NodeRule
@@ -60,7 +67,9 @@ class Figure:
     """Figures of one series differ in size alone."""
     size: float = 0.0
     share: Callable[[], float] | None = None
-    """What to divide the seconds by where a series is compared: iterations, where their number differs."""
+    """What to divide the seconds by where a series is compared: iterations, where their number
+    differs.
+    """
     unit: str = "s"
     """Of another one, the task returns the amount, which is measured once."""
 
@@ -78,24 +87,39 @@ def subject() -> SubjectModel:
 
 @cache
 def recording(trial: str, frames: int | None = None, seed: int = 1) -> Recording:
-    """Noisy markers of the published subject, the first frames; a trial longer than recorded goes back and forth."""
+    """Noisy markers of the published subject, the first frames; a trial longer than recorded goes
+    back and forth.
+    """
     motion = gait_motion() if trial == "gait" else isolated_motion(trial)
     model = subject()
     markers = synthetic_markers(model.parameters, model.markers, motion.q)
     time = motion.basis.time
     if frames is not None and frames > len(time):
-        markers = np.resize(np.concatenate([markers, markers[-2:0:-1]]), (frames, *markers.shape[1:]))
+        markers = np.resize(
+            np.concatenate([markers, markers[-2:0:-1]]), (frames, *markers.shape[1:])
+        )
         time = np.arange(frames) / 200.0
     markers = markers + marker_noise(time, markers.shape[1], np.random.default_rng(seed))
-    return Recording(source=trial, time=time[:frames], labels=model.markers.labels, markers=markers[:frames])
+    return Recording(
+        source=trial, time=time[:frames], labels=model.markers.labels, markers=markers[:frames]
+    )
 
 
 def problem(
-    trial: str, *, joint_only: bool = False, rule: NodeRule = NODES, frames: int | None = None, seed: int = 1
+    trial: str,
+    *,
+    joint_only: bool = False,
+    rule: NodeRule = NODES,
+    frames: int | None = None,
+    seed: int = 1,
 ) -> MotionProblem:
-    """The trial (or its first frames) as a least-squares problem, whole body or the segments of its joint."""
+    """The trial (or its first frames) as a least-squares problem, whole body or the segments of its
+    joint.
+    """
     segments = joint_segments(trial) if joint_only else SEGMENTS
-    return trial_problem(trial, subject(), recording(trial, frames, seed), rule, root=segments[0], segments=segments)
+    return trial_problem(
+        trial, subject(), recording(trial, frames, seed), rule, root=segments[0], segments=segments
+    )
 
 
 def start_of(p: MotionProblem) -> np.ndarray:
@@ -112,7 +136,9 @@ ACCURACY = 1e-5
 
 
 class Counted(MotionProblem):
-    def equations(self, coefficients: np.ndarray, body: LinkageModel, *, curved: bool = False) -> NormalEquations:
+    def equations(
+        self, coefficients: np.ndarray, body: LinkageModel, *, curved: bool = False
+    ) -> NormalEquations:
         self.counts["matrices"] += 1
         return super().equations(coefficients, body, curved=curved)
 
@@ -134,7 +160,9 @@ def passes(p: MotionProblem) -> tuple[int, int]:
 
 
 def lower_bound(matrices: int, gradients: int) -> Callable[[], object]:
-    """One forward kinematics per frame and pass, one CRBA where the matrix is formed, and nothing else."""
+    """One forward kinematics per frame and pass, one CRBA where the matrix is formed, and nothing
+    else.
+    """
     model = build_model(subject().parameters)
     data = model.createData()
     q = gait_motion().q
@@ -152,8 +180,9 @@ def lower_bound(matrices: int, gradients: int) -> Callable[[], object]:
 def plain_least_squares(
     p: MotionProblem, free: tuple[str, ...], *, analytic: bool, evaluations: int | None = None
 ) -> Callable[[], OptimizeResult]:
-    """The textbook way: all residuals and all unknowns in one `least_squares`, with the sparse analytic Jacobian or
-    with finite differences of the same pattern; at most so many evaluations of the residuals.
+    """The textbook way: all residuals and all unknowns in one `least_squares`, with the sparse
+    analytic Jacobian or with finite differences of the same pattern; at most so many evaluations of
+    the residuals.
     """
     model = subject()
     opened = p.with_free(free)
@@ -162,11 +191,16 @@ def plain_least_squares(
     columns = (p.basis.first[:, None, None] + np.arange(6)[:, None]) * nq + np.arange(nq)
 
     def at(x: np.ndarray) -> tuple[np.ndarray, LinkageModel]:
-        return x[:size].reshape(nn, nq), opened.body(model.parameters.with_joint(opened.chain.free, x[size:]))
+        return x[:size].reshape(nn, nq), opened.body(
+            model.parameters.with_joint(opened.chain.free, x[size:])
+        )
 
     def residual(x: np.ndarray) -> np.ndarray:
         coefficients, here = at(x)
-        return (np.sqrt(p.data.weight)[:, None] * (opened.positions(coefficients, here) - p.data.measured)).ravel()
+        return (
+            np.sqrt(p.data.weight)[:, None]
+            * (opened.positions(coefficients, here) - p.data.measured)
+        ).ravel()
 
     def sparse(x: np.ndarray) -> csr_array:
         coefficients, here = at(x)
@@ -179,7 +213,9 @@ def plain_least_squares(
     return lambda: least_squares(residual, x0, jac="2-point", jac_sparsity=pattern, **settings)
 
 
-def _marker_jacobian(p: MotionProblem, coefficients: np.ndarray, body: LinkageModel, columns: np.ndarray) -> csr_array:
+def _marker_jacobian(
+    p: MotionProblem, coefficients: np.ndarray, body: LinkageModel, columns: np.ndarray
+) -> csr_array:
     q = p.basis.evaluate(coefficients)
     nf, nq, nm = len(q), q.shape[1], len(p.data.segment)
     spatial = Kinematics(body, q).columns
@@ -201,7 +237,9 @@ def _marker_jacobian(p: MotionProblem, coefficients: np.ndarray, body: LinkageMo
                 cols.append(np.full(nf, coefficients.size + k))
                 values.append(velocity[nq + k, i])
     shape = (3 * nm * nf, coefficients.size + len(p.chain.free))
-    out = csr_array((np.concatenate(values), (np.concatenate(rows), np.concatenate(cols))), shape=shape)
+    out = csr_array(
+        (np.concatenate(values), (np.concatenate(rows), np.concatenate(cols))), shape=shape
+    )
     out.eliminate_zeros()
     return out
 
@@ -255,12 +293,19 @@ def inverse_kinematics(model: SubjectModel, recording: Recording) -> list[Figure
     squares: list[float] = []
     run(squares)
     theirs = 1e3 * float(np.sqrt(np.mean(squares)))
-    ours = 1e3 * (track(model, recording, rule=NodeRule(fixed=len(recording.time))).errors.rms() or np.nan)
-    note = f"{len(recording.time)} frames, marker RMS {theirs:.3f} mm (ours with a node a frame {ours:.3f} mm)"
+    ours = 1e3 * (
+        track(model, recording, rule=NodeRule(fixed=len(recording.time))).errors.rms() or np.nan
+    )
+    note = (
+        f"{len(recording.time)} frames, marker RMS {theirs:.3f} mm (ours with a node a frame "
+        f"{ours:.3f} mm)"
+    )
     return [Figure(f"OpenSim inverse kinematics, accuracy {ACCURACY:g}", run, note)]
 
 
-def inverse_dynamics(model: SubjectModel, q: np.ndarray, v: np.ndarray, a: np.ndarray) -> list[Figure]:
+def inverse_dynamics(
+    model: SubjectModel, q: np.ndarray, v: np.ndarray, a: np.ndarray
+) -> list[Figure]:
     """OpenSim's inverse dynamics solver, frame by frame."""
     opensim = _opensim()
     if opensim is None:
@@ -270,7 +315,9 @@ def inverse_dynamics(model: SubjectModel, q: np.ndarray, v: np.ndarray, a: np.nd
     def run() -> None:
         state = peer.initSystem()  # held here: OpenSim's objects do not keep their model alive
         coordinates = peer.getCoordinateSet()
-        place = [COORDINATES.index(coordinates.get(i).getName()) for i in range(coordinates.getSize())]
+        place = [
+            COORDINATES.index(coordinates.get(i).getName()) for i in range(coordinates.getSize())
+        ]
         solver = opensim.InverseDynamicsSolver(peer)
         for f in range(len(q)):
             for i, k in enumerate(place):
@@ -278,4 +325,6 @@ def inverse_dynamics(model: SubjectModel, q: np.ndarray, v: np.ndarray, a: np.nd
                 coordinates.get(i).setSpeedValue(state, float(v[f, k]))
             solver.solve(state, opensim.Vector.createFromMat(a[f, place]))
 
-    return [Figure("OpenSim inverse dynamics solver", run, f"{len(q)} frames, without ground reactions")]
+    return [
+        Figure("OpenSim inverse dynamics solver", run, f"{len(q)} frames, without ground reactions")
+    ]

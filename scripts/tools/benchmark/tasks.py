@@ -2,8 +2,9 @@
 
 How time and memory grow: with frames (15 spans a second), joint parameters and trials.
 
-Memory: the published subject walks on and on, with 1 mm of noise; a child process tracks that with the default splines
-(20 spans a second) and tells its peak. Limit: 1.5 GiB for 100 000 frames, libraries included.
+Memory: the published subject walks on and on, with 1 mm of noise; a child process tracks that with
+the default splines (20 spans a second) and tells its peak. Limit: 1.5 GiB for 100 000 frames,
+libraries included.
 """
 
 from __future__ import annotations
@@ -77,7 +78,14 @@ def _frames() -> list[Figure]:
     def of(frames: int) -> Figure:
         cut, runs = recording("gait", frames), 1 if frames > 10_000 else 3
         task = partial(track, subject(), cut, rule=RULE)
-        return Figure(f"track {frames} frames", task, f"{runs} run{'s' * (runs > 1)}", runs, "time, frames", frames)
+        return Figure(
+            f"track {frames} frames",
+            task,
+            f"{runs} run{'s' * (runs > 1)}",
+            runs,
+            "time, frames",
+            frames,
+        )
 
     return [of(frames) for frames in FRAMES]
 
@@ -113,44 +121,66 @@ def long_recording(frames: int, rate: float) -> Recording:
     out = np.tile(markers, (cycles, 1, 1))[:frames]
     out[..., 0] += np.repeat(way, len(q))[:frames, None]
     out += np.random.default_rng(0).normal(0, 0.001, out.shape)
-    return Recording(source="made up", time=np.arange(frames) / rate, labels=model.markers.labels, markers=out)
+    return Recording(
+        source="made up", time=np.arange(frames) / rate, labels=model.markers.labels, markers=out
+    )
 
 
 def peak_gib() -> float:
     """Largest memory of this process so far.
 
-    On Linux from /proc: what `getrusage` tells is at least what the process that started this one had then.
+    On Linux from /proc: what `getrusage` tells is at least what the process that started this one
+    had then.
     """
     status = Path("/proc/self/status")
     if status.exists():
-        peak = next(line for line in status.read_text(encoding="ascii").splitlines() if line.startswith("VmHWM"))
+        peak = next(
+            line
+            for line in status.read_text(encoding="ascii").splitlines()
+            if line.startswith("VmHWM")
+        )
         return int(peak.split()[1]) * 1024 / GIB
     unit = 1 if sys.platform == "darwin" else 1024
     return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * unit / GIB
 
 
 def measured(frames: int, rate: float) -> dict[str, float]:
-    """Make and track in this process; GiB before there was a recording, and at most, and the RMS marker distance."""
+    """Make and track in this process; GiB before there was a recording, and at most, and the RMS
+    marker distance.
+    """
     libraries = peak_gib()
     motion = track(published_model(), long_recording(frames, rate), rule=NodeRule())
-    return {"libraries_gib": libraries, "peak_gib": peak_gib(), "rms_mm": 1e3 * (motion.errors.rms() or float("nan"))}
+    return {
+        "libraries_gib": libraries,
+        "peak_gib": peak_gib(),
+        "rms_mm": 1e3 * (motion.errors.rms() or float("nan")),
+    }
 
 
 def usage(frames: int, rate: float) -> dict[str, float]:
     """The same in a process of its own, whose peak is that of this run alone."""
     command = [sys.executable, "-m", "scripts.tools.benchmark.tasks", str(frames), str(rate)]
-    found: dict[str, float] = json.loads(subprocess.run(command, stdout=subprocess.PIPE, check=True).stdout)
+    found: dict[str, float] = json.loads(
+        subprocess.run(command, stdout=subprocess.PIPE, check=True).stdout
+    )
     return found
 
 
 def _parameters() -> list[Figure]:
     p = problem("gait")
-    legs = tuple(name for j in ("hip", "knee", "ankle") for s in "rl" for name in isolated_parameters(f"{j}_{s}"))
+    legs = tuple(
+        name
+        for j in ("hip", "knee", "ankle")
+        for s in "rl"
+        for name in isolated_parameters(f"{j}_{s}")
+    )
     sets = (isolated_parameters("hip_r"), gait_parameters("r"), GAIT_JPS, legs, JP_NAMES)
 
     def of(free: tuple[str, ...]) -> Figure:
         said = f"{calibrated(p, free).iterations} outer iterations; 3 runs"
-        return Figure(f"calibrate gait, {len(free)} JPs", partial(calibrated, p, free), said, runs=3)
+        return Figure(
+            f"calibrate gait, {len(free)} JPs", partial(calibrated, p, free), said, runs=3
+        )
 
     return [of(free) for free in sets]
 
@@ -184,7 +214,9 @@ def section_track() -> list[Figure]:
     return [
         Figure("gaitcal", lambda: track(model, recording("gait"), rule=NODES), said),
         *_parts_of_track(),
-        Figure("lower bound: Pinocchio, FK a pass, CRBA a matrix", lower_bound(with_matrix, without)),
+        Figure(
+            "lower bound: Pinocchio, FK a pass, CRBA a matrix", lower_bound(with_matrix, without)
+        ),
         *inverse_kinematics(model, recording("gait")),
         *_plain(()),
     ]
@@ -225,11 +257,19 @@ def _plain(free: tuple[str, ...]) -> list[Figure]:
 
     def extrapolated(seconds: float) -> str:
         all_of_it = seconds * (208 / SHORT_FRAMES) * (taken[-1] / SHORT_EVALUATIONS)
-        return f"1 run of {SHORT_EVALUATIONS} evaluations; 208 frames and {taken[-1]}, in proportion: {all_of_it:.0f} s"
+        return (
+            f"1 run of {SHORT_EVALUATIONS} evaluations; 208 frames and {taken[-1]}, in proportion: "
+            f"{all_of_it:.0f} s"
+        )
 
     sparse, differences = "sparse analytic Jacobian", f"finite differences, {SHORT_FRAMES} frames"
     return [
-        Figure(f"SciPy least_squares, {sparse}", analytic, lambda _: f"1 run, {taken[-1]} evaluations", 1),
+        Figure(
+            f"SciPy least_squares, {sparse}",
+            analytic,
+            lambda _: f"1 run, {taken[-1]} evaluations",
+            1,
+        ),
         Figure(f"SciPy least_squares, {differences}", short, extrapolated, 1),
     ]
 
@@ -239,8 +279,16 @@ def _isolated(joint: str) -> Callable[[], list[Figure]]:
         free = isolated_parameters(joint)
         alone, whole = problem(joint, joint_only=True), problem(joint)
         return [
-            Figure(f"gaitcal, {len(free)} JPs, segments of the joint", lambda: calibrated(alone, free), "1200 frames"),
-            Figure(f"gaitcal, {len(free)} JPs, whole body", lambda: calibrated(whole, free), "1200 frames"),
+            Figure(
+                f"gaitcal, {len(free)} JPs, segments of the joint",
+                lambda: calibrated(alone, free),
+                "1200 frames",
+            ),
+            Figure(
+                f"gaitcal, {len(free)} JPs, whole body",
+                lambda: calibrated(whole, free),
+                "1200 frames",
+            ),
         ]
 
     return section
@@ -255,7 +303,9 @@ def section_ip() -> list[Figure]:
     loaded = LoadedMotion(state=(t.q, t.velocity, t.acceleration), wrench=wrench, valid=valid)
 
     def run(fit: Callable[..., object]) -> object:
-        equations = equations_of([loaded], model.parameters, model.subject, TorqueScale.BODY_HEIGHT, 0.176)
+        equations = equations_of(
+            [loaded], model.parameters, model.subject, TorqueScale.BODY_HEIGHT, 0.176
+        )
         return fit(equations, model.parameters.inertial, symmetric_set())
 
     return [
@@ -265,16 +315,24 @@ def section_ip() -> list[Figure]:
 
 
 def section_bandwidth() -> list[Figure]:
-    """What a bandwidth costs that the markers choose; the choice is wanted in eight tracks of 20 nodes a second."""
+    """What a bandwidth costs that the markers choose; the choice is wanted in eight tracks of 20
+    nodes a second.
+    """
     model, seen, p = subject(), recording("gait"), problem("gait")
     parameters = model.parameters
     hz = DenseMotion(p, parameters).by_markers()
     smoothed = with_bandwidth(p, parameters, hz)
     choice = "choice of the bandwidth by the markers"
     return [
-        Figure(f"track, {TWENTY.per_second:g} nodes a second", lambda: track(model, seen, rule=TWENTY)),
+        Figure(
+            f"track, {TWENTY.per_second:g} nodes a second", lambda: track(model, seen, rule=TWENTY)
+        ),
         Figure(choice, lambda: DenseMotion(p, parameters).by_markers(), f"{hz:.1f} Hz"),
-        Figure("track with it", lambda: tracked_motion(smoothed, parameters), f"{smoothed.basis.nodes} nodes"),
+        Figure(
+            "track with it",
+            lambda: tracked_motion(smoothed, parameters),
+            f"{smoothed.basis.nodes} nodes",
+        ),
     ]
 
 
@@ -298,7 +356,10 @@ def section_inverse_dynamics() -> list[Figure]:
 
 
 DRAWS = Plan(levels=(100,), draws=100)
-IMPORTS = "import gaitcal.cli.calibrate_command, gaitcal.analysis.calibrate, gaitcal.pipeline.write_results"
+IMPORTS = (
+    "import gaitcal.cli.calibrate_command, gaitcal.analysis.calibrate, "
+    "gaitcal.pipeline.write_results"
+)
 """The second and third beside reading and checking."""
 
 
@@ -330,31 +391,53 @@ def section_startup() -> list[Figure]:
 def section_checks() -> list[Figure]:
     """All checks of the demo's seven trials, files read before; wanted below a second."""
     study = Study.load(_study())
-    return [Figure("check_study", lambda: check_study(study), "7 moving trials and the static one, 7408 frames")]
+    return [
+        Figure(
+            "check_study",
+            lambda: check_study(study),
+            "7 moving trials and the static one, 7408 frames",
+        )
+    ]
 
 
 def section_calibrate_study() -> list[Figure]:
-    """`gaitcal calibrate` on the demo's synthetic study: files read, everything fitted, all results written."""
+    """`gaitcal calibrate` on the demo's synthetic study: files read, everything fitted, all results
+    written.
+    """
     study = _study()
     results = (study.with_name(f"result{k}") for k in count())
-    said = "7 trials, 7408 frames: check, JP, IP, dynamics, error bars, page, exports; its own process"
+    said = (
+        "7 trials, 7408 frames: check, JP, IP, dynamics, error bars, page, exports; its own process"
+    )
     drawn = "one stride of each foot, a file a variable; 1 run"
     return [
         Figure(
-            "gaitcal calibrate study.toml", lambda: _gaitcal("calibrate", "-q", study, "--out", next(results))(), said
+            "gaitcal calibrate study.toml",
+            lambda: _gaitcal("calibrate", "-q", study, "--out", next(results))(),
+            said,
         ),
         Figure("gaitcal check study.toml", _gaitcal("check", "-q", study), "its own process"),
-        Figure("gaitcal figures result", _gaitcal("figures", "-q", study.with_name("result0")), drawn, runs=1),
+        Figure(
+            "gaitcal figures result",
+            _gaitcal("figures", "-q", study.with_name("result0")),
+            drawn,
+            runs=1,
+        ),
     ]
 
 
 def section_calibrate_walk() -> list[Figure]:
-    """`gaitcal calibrate` and `check` on the folder of one real walk; nothing where GAITCAL_DATA has none."""
+    """`gaitcal calibrate` and `check` on the folder of one real walk; nothing where GAITCAL_DATA
+    has none.
+    """
     walk = Path(os.environ.get("GAITCAL_DATA", "")) / "subject01"
     if not walk.is_dir():
         return []
     person = ("-q", walk, "--mass", "72.6", "--height", "1.8", "--sex", "male")
-    said = "one walk over two plates, 151 frames: draft, check, JP, IP, dynamics, error bars, page, exports"
+    said = (
+        "one walk over two plates, 151 frames: draft, check, JP, IP, dynamics, error bars, page, "
+        "exports"
+    )
     out = temporary_folder() / "result"
     return [
         Figure("gaitcal calibrate subject01", _gaitcal("calibrate", *person, "--out", out), said),
@@ -374,7 +457,10 @@ def section_montecarlo() -> list[Figure]:
 
         return Figure(name, lambda: monte_carlo(case, plan=DRAWS, workers=workers), note, runs=3)
 
-    return [of("this process", Workers()), of("two worker processes", LocalProcesses(2), ", their start included")]
+    return [
+        of("this process", Workers()),
+        of("two worker processes", LocalProcesses(2), ", their start included"),
+    ]
 
 
 SECTIONS: dict[str, Callable[[], list[Figure]]] = {

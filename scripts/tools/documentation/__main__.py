@@ -2,10 +2,10 @@
 
     python -m scripts.tools.documentation [--site site/VERSION] [--index] [--table]
 
-Every command, option, key of a TOML file, marker set, result file, column, finding code and public Python name needs a
-page (`--table` prints which). With `--site`: nothing may be loaded from elsewhere, and types of ours in signatures must
-lead to a page (whether links lead somewhere, MkDocs itself says: `validation` in `mkdocs.yml`). Exit code 1 where
-something is missing.
+Every command, option, key of a TOML file, marker set, result file, column, finding code and public
+Python name needs a page (`--table` prints which). With `--site`: nothing may be loaded from
+elsewhere, and types of ours in signatures must lead to a page (whether links lead somewhere, MkDocs
+itself says: `validation` in `mkdocs.yml`). Exit code 1 where something is missing.
 """
 
 from __future__ import annotations
@@ -28,17 +28,28 @@ LEADS = """<!DOCTYPE html>
 
 
 def write_index(site: Path) -> None:
-    """Write `versions.json` and `index.html` of the versions that lie in a folder, the newest first; a version is a
-    folder whose name is one (`0.3.0`).
+    """Write `versions.json` and `index.html` of the versions that lie in a folder, the newest
+    first; a version is a folder whose name is one (`0.3.0`).
     """
-    found = [path.parent.name for path in site.glob("*/index.html") if path.parent.name[0].isdigit()]
-    names = sorted(found, key=lambda name: [int(part) for part in name.split(".") if part.isdigit()], reverse=True)
-    listed = [{"version": name, "title": name, "aliases": ["latest"] if k == 0 else []} for k, name in enumerate(names)]
+    found = [
+        path.parent.name for path in site.glob("*/index.html") if path.parent.name[0].isdigit()
+    ]
+    names = sorted(
+        found,
+        key=lambda name: [int(part) for part in name.split(".") if part.isdigit()],
+        reverse=True,
+    )
+    listed = [
+        {"version": name, "title": name, "aliases": ["latest"] if k == 0 else []}
+        for k, name in enumerate(names)
+    ]
     (site / "versions.json").write_text(json.dumps(listed, indent=1) + "\n", encoding="utf-8")
     (site / "index.html").write_text(LEADS.format(newest=names[0]), encoding="utf-8")
 
 
-LOADED = re.compile(r'<(?!a\s|link rel="?(?:canonical|next|prev))[^>]*\s(?:src|href)="?((?:https?:)?//[^"\s>]+)')
+LOADED = re.compile(
+    r'<(?!a\s|link rel="?(?:canonical|next|prev))[^>]*\s(?:src|href)="?((?:https?:)?//[^"\s>]+)'
+)
 """An address elsewhere that a page loads by itself, and that is no link to be clicked."""
 NO_PAGE = re.compile(r'<span[^>]*title="(gaitcal(?:\.\w+)+\.[A-Z]\w*[a-z]\w*)"')
 """A class in a signature; one that has a page is a link instead."""
@@ -48,21 +59,31 @@ def faults_of(site: Path) -> Iterator[str]:
     """What a built site should not have."""
     for path in sorted(site.rglob("*.html")):
         text = path.read_text(encoding="utf-8")
-        yield from (f"{path.relative_to(site)}: loads {address}" for address in LOADED.findall(text))
+        yield from (
+            f"{path.relative_to(site)}: loads {address}" for address in LOADED.findall(text)
+        )
         if path.stem == "python":
-            yield from (f"type without a page: {name}" for name in sorted(set(NO_PAGE.findall(text))))
+            yield from (
+                f"type without a page: {name}" for name in sorted(set(NO_PAGE.findall(text)))
+            )
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("--site", type=Path, help="folder of the built site")
     parser.add_argument("--table", action="store_true", help="print what is explained where")
-    parser.add_argument("--index", action="store_true", help="list the versions of the site that lie side by side")
+    parser.add_argument(
+        "--index", action="store_true", help="list the versions of the site that lie side by side"
+    )
     chosen = parser.parse_args(arguments)
     if chosen.table:
         print(coverage.markdown())
     counts = Counter(item.kind for item in coverage.items())
-    print("explained: " + ", ".join(f"{number} of kind '{kind}'" for kind, number in counts.items()))
+    print(
+        "explained: " + ", ".join(f"{number} of kind '{kind}'" for kind, number in counts.items())
+    )
     faults = [*coverage.faults(), *(faults_of(chosen.site) if chosen.site else ())]
     if chosen.site and chosen.index and not faults:
         write_index(chosen.site.parent)

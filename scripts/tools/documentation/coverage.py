@@ -1,4 +1,6 @@
-"""Everything that the program has, against the page that explains it, and the pages that mention it besides."""
+"""Everything that the program has, against the page that explains it, and the pages that mention it
+besides.
+"""
 
 from __future__ import annotations
 
@@ -29,20 +31,28 @@ def ungrouped() -> set[str]:
 
 
 def undocumented() -> list[str]:
-    """Public functions and classes, and their public members and fields, that nothing is said about.
+    """Public functions and classes, and their public members and fields, that nothing is said
+    about.
 
     Needs griffe, which the extra `docs` brings; empty without it.
     """
     if find_spec("griffe") is None:
         return []
     griffe = import_module("griffe")
-    package = griffe.load("gaitcal", search_paths=[Path(gaitcal.__file__).parents[1]], resolve_aliases=True)
+    package = griffe.load(
+        "gaitcal", search_paths=[Path(gaitcal.__file__).parents[1]], resolve_aliases=True
+    )
     out = []
     for name in gaitcal.__all__:
         found = package[name].final_target
         members = found.members.values() if found.is_class else ()
-        said = [(name, found), *((f"{name}.{m.name}", m) for m in members if not m.name.startswith("_"))]
-        out += [full for full, object_ in said if object_.docstring is None and not object_.is_alias]
+        said = [
+            (name, found),
+            *((f"{name}.{m.name}", m) for m in members if not m.name.startswith("_")),
+        ]
+        out += [
+            full for full, object_ in said if object_.docstring is None and not object_.is_alias
+        ]
     return out
 
 
@@ -67,7 +77,8 @@ class Item:
     text: str
     """What the reference says of it; empty where it says nothing."""
     words: tuple[str, ...] = ()
-    """Patterns that a page with a mention has, all of them; none where it is a word like any other."""
+    """Patterns that a page with a mention has, all of them; none where it is a word like any other.
+    """
 
 
 def _word(text: str) -> str:
@@ -86,16 +97,22 @@ def items() -> Iterator[Item]:
         for f in tables.fields(table):
             words = (rf"`{re.escape(f.name)}`|^{re.escape(f.name)} = ",)
             yield Item("field", f"{table}.{f.name}", f"table: {table}", f.text, words)
-    yield from (Item("marker set", name, "marker-sets", name, (_word(name),)) for name in built_in_sets())
+    yield from (
+        Item("marker set", name, "marker-sets", name, (_word(name),)) for name in built_in_sets()
+    )
     for kind, files in FILES.items():
         for file in files:
             last = file.pattern.replace("*", "")
             words = (re.escape(last),) if len(last) > 5 else ()
             yield Item("file", f"{kind}: {file.pattern}", f"files: {kind}", file.text, words)
     columns = {"summary": list(SUMMARY.items()), "people": [(c.name, c.meaning) for c in COLUMNS]}
-    columns |= {table: [(c.name, c.text or c.unit or c.name) for c in of] for table, of in TABLES.items()}
+    columns |= {
+        table: [(c.name, c.text or c.unit or c.name) for c in of] for table, of in TABLES.items()
+    }
     for table, told in columns.items():
-        yield from (Item("column", f"{table}: {name}", f"columns: {table}", text) for name, text in told)
+        yield from (
+            Item("column", f"{table}: {name}", f"columns: {table}", text) for name, text in told
+        )
     yield from (Item("finding", e.code.value, "findings", e.text) for e in all_explanations())
     for name in gaitcal.__all__:
         group = next((group for group, names in GROUPS.items() if name in names), "none")
@@ -124,7 +141,11 @@ def mentions(item: Item) -> tuple[str, ...]:
     """Pages besides the reference that speak of it."""
     if not item.words:
         return ()
-    return tuple(p for p, text in told_pages().items() if all(re.search(word, text, re.M) for word in item.words))
+    return tuple(
+        p
+        for p, text in told_pages().items()
+        if all(re.search(word, text, re.M) for word in item.words)
+    )
 
 
 def faults() -> list[str]:
@@ -159,5 +180,9 @@ def markdown() -> str:
             pages = [f"[{Path(page).stem}](../{page})" for page in mentions(item)[:4]]
             label = f"columns of `{name}`" if item.kind == "column" else f"{item.kind} `{name}`"
             target = _anchor(item)
-            rows[item.kind, name] = (label, f"[{Path(target.split('#')[0]).stem}]({target})", ", ".join(pages))
+            rows[item.kind, name] = (
+                label,
+                f"[{Path(target.split('#')[0]).stem}]({target})",
+                ", ".join(pages),
+            )
     return tables.table_of(("", "is explained in", "and used in"), rows.values())

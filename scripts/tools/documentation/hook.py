@@ -1,4 +1,5 @@
-"""What MkDocs calls while it builds: places in pages where a line `{{ name: word }}` stands for what the program tells.
+"""What MkDocs calls while it builds: places in pages where a line `{{ name: word }}` stands for
+what the program tells.
 
     {{ command: calibrate }}    usage and options            {{ table: subject }}       keys of a TOML table
     {{ files: calibration }}    files of a kind of folder    {{ columns: people }}      columns of a table
@@ -26,13 +27,17 @@ SECTION = re.compile(r"^(Parameters|Returns|Raises)\n-+\n((?:.*\n?)*?)(?=^\w[^\n
 
 
 def lists(docstring: str) -> str:
-    """Sections of a docstring (`name : text`, or a name with its text indented below) as lists in Markdown."""
+    """Sections of a docstring (`name : text`, or a name with its text indented below) as lists in
+    Markdown.
+    """
 
     def as_list(found: re.Match[str]) -> str:
         title, body = found.groups()
         entries = re.sub(r"\n +", " ", body.strip()).splitlines()
         if title == "Parameters":
-            entries = [re.sub(r"^([\w, *]+?) : ", lambda m: f"`{m[1]}`: ", entry) for entry in entries]
+            entries = [
+                re.sub(r"^([\w, *]+?) : ", lambda m: f"`{m[1]}`: ", entry) for entry in entries
+            ]
         elif title == "Raises":
             entries = [re.sub(r"^(\w+) ", r"`\1`: ", entry) for entry in entries]
         return f"**{title}**\n\n" + "\n".join(f"- {entry}" for entry in entries) + "\n\n"
@@ -52,7 +57,10 @@ PLACE = re.compile(r"^\{\{ ([a-z-]+)(?:: ([\w-]+))? \}\}$", re.M)
 
 
 def findings() -> str:
-    rows = ((f"[{e.code.value}](findings/{e.code.value}.md)", e.title, e.severity.lower()) for e in all_explanations())
+    rows = (
+        (f"[{e.code.value}](findings/{e.code.value}.md)", e.title, e.severity.lower())
+        for e in all_explanations()
+    )
     return tables.table_of(("code", "is about", "can be"), rows)
 
 
@@ -90,10 +98,20 @@ def on_page_markdown(markdown: str, **_: Any) -> str:
 
 
 def on_post_page(output: str, **_: Any) -> str:
-    """A page that is opened as a file asks for no list of versions, which a browser would not give it."""
-    alone = "if(location.protocol==='file:'){const c=document.getElementById('__config'),o=JSON.parse(c.textContent);"
+    """A page that is opened as a file asks for no list of versions, which a browser would not give
+    it.
+    """
+    alone = (
+        "if(location.protocol==='file:'){const "
+        "c=document.getElementById('__config'),o=JSON.parse(c.textContent);"
+    )
     alone += "delete o.version;c.textContent=JSON.stringify(o)}"
-    return re.sub(r'(<script id="__config".*?</script>)', rf"\1<script>{alone}</script>", output, flags=re.DOTALL)
+    return re.sub(
+        r'(<script id="__config".*?</script>)',
+        rf"\1<script>{alone}</script>",
+        output,
+        flags=re.DOTALL,
+    )
 
 
 def on_files(files: Files, config: Any) -> Files:

@@ -50,7 +50,9 @@ class Command:
     def usage(self) -> str:
         """`gaitcal check STUDY [options]`."""
         words = [p.names[0] for p in self.parameters if p.argument]
-        needed = [f"{p.names[0]} {p.takes}" for p in self.parameters if p.required and not p.argument]
+        needed = [
+            f"{p.names[0]} {p.takes}" for p in self.parameters if p.required and not p.argument
+        ]
         return " ".join(("gaitcal", self.name, *words, *needed, "[options]"))
 
 
@@ -58,10 +60,16 @@ def _value(kind: object, info: OptionInfo) -> str:
     """What an option takes: its own word, or one of its type, with its range."""
     names = {int: "N", float: "NUMBER", Path: "PATH", str: "TEXT"}
     members = set(get_args(kind)) or {kind}
-    word = info.metavar or next((word for of, word in names.items() if of in members or list[of] in members), "TEXT")
+    word = info.metavar or next(
+        (word for of, word in names.items() if of in members or list[of] in members), "TEXT"
+    )
     if info.min is None and info.max is None:
         return word
-    return f"{word} ({info.min:g} to {info.max:g})" if info.max is not None else f"{word} (≥ {info.min:g})"
+    return (
+        f"{word} ({info.min:g} to {info.max:g})"
+        if info.max is not None
+        else f"{word} (≥ {info.min:g})"
+    )
 
 
 def _parameter(name: str, annotation: Any, default: object) -> Parameter:
@@ -70,7 +78,9 @@ def _parameter(name: str, annotation: Any, default: object) -> Parameter:
     flag = kind is bool
     needed = default is inspect.Parameter.empty
     dashed = "--" + name.replace("_", "-")
-    declared = tuple(d for d in (info.default, *(info.param_decls or ())) if isinstance(d, str))  # typer, in Annotated
+    declared = tuple(
+        d for d in (info.default, *(info.param_decls or ())) if isinstance(d, str)
+    )  # typer, in Annotated
     names = (info.metavar or name.upper(),) if argument else declared or (dashed,)
     if flag and not argument and default is True:
         names = (dashed, dashed.replace("--", "--no-", 1))
@@ -122,7 +132,9 @@ def _row(p: Parameter) -> tuple[str, str, str]:
 
 
 class ResultFile(NamedTuple):
-    """A file, or those of one name in each trial (`motion/*.csv`); `table`: key of `TABLES`, empty for what is none."""
+    """A file, or those of one name in each trial (`motion/*.csv`); `table`: key of `TABLES`, empty
+    for what is none.
+    """
 
     pattern: str
     text: str
@@ -138,11 +150,15 @@ class Described(NamedTuple):
 
 
 _READ = tomllib.loads(Path(__file__).with_name("result_files.toml").read_text(encoding="utf-8"))
-FILES: Final = {kind: tuple(ResultFile(*row) for row in rows) for kind, rows in _READ["files"].items()}
+FILES: Final = {
+    kind: tuple(ResultFile(*row) for row in rows) for kind, rows in _READ["files"].items()
+}
 """Kind of folder -> its files."""
 SUMMARY: Final[dict[str, str]] = _READ["summary"]
 """Keys of `summary.json`."""
-TABLES: Final = {table: tuple(Described(*row) for row in rows) for table, rows in _READ["tables"].items()}
+TABLES: Final = {
+    table: tuple(Described(*row) for row in rows) for table, rows in _READ["tables"].items()
+}
 """Key of a table -> its columns, in order."""
 
 
@@ -161,7 +177,9 @@ def files_markdown(kind: str) -> str:
 
     def row(file: ResultFile) -> tuple[str, str]:
         name = f"`{file.pattern.replace('*', 'NAME')}`"
-        where = "result-files.md#summaryjson" if file.table == "summary" else f"columns.md#{file.table}"
+        where = (
+            "result-files.md#summaryjson" if file.table == "summary" else f"columns.md#{file.table}"
+        )
         return f"[{name}]({where})" if file.table else name, file.text
 
     return table_of(("file", "holds"), map(row, FILES[kind]))
@@ -170,7 +188,9 @@ def files_markdown(kind: str) -> str:
 def columns_markdown(table: str) -> str:
     """A table of columns: of one table, of `summary.json`, or of `people` with all its measures."""
     if table == "summary":
-        return table_of(("key", "", "meaning"), ((f"`{name}`", "", text) for name, text in SUMMARY.items()))
+        return table_of(
+            ("key", "", "meaning"), ((f"`{name}`", "", text) for name, text in SUMMARY.items())
+        )
     if table == "people":
         rows = [(f"`{c.name}`", c.unit, c.meaning) for c in COLUMNS]
     else:
@@ -192,13 +212,23 @@ SCHEMAS: Final[dict[str, type[BaseModel]]] = {
     "marker_set": marker_set._File,
 }
 """Word in a page -> the table it stands for."""
-_PLAIN: Final = {float: "number", int: "whole number", str: "text", bool: "true or false", type(None): ""}
+_PLAIN: Final = {
+    float: "number",
+    int: "whole number",
+    str: "text",
+    bool: "true or false",
+    type(None): "",
+}
 
 
 def table_of(heads: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
     """Rows of cells; a bar within one is escaped."""
-    cells = (" | ".join(cell.replace("|", "\\|").replace("\n", " ") for cell in row) for row in rows)
-    return "\n".join([f"| {' | '.join(heads)} |", "|---" * len(heads) + "|", *(f"| {row} |" for row in cells)])
+    cells = (
+        " | ".join(cell.replace("|", "\\|").replace("\n", " ") for cell in row) for row in rows
+    )
+    return "\n".join(
+        [f"| {' | '.join(heads)} |", "|---" * len(heads) + "|", *(f"| {row} |" for row in cells)]
+    )
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -235,7 +265,11 @@ def _default(field: FieldInfo) -> str:
     if value is PydanticUndefined or value is None or value == {} or value == () or value == "":
         return ""
     if isinstance(value, BaseModel):
-        inner = (f"{name} = {number:g}" for name, number in value.model_dump().items() if isinstance(number, float))
+        inner = (
+            f"{name} = {number:g}"
+            for name, number in value.model_dump().items()
+            if isinstance(number, float)
+        )
         return f"`{{ {', '.join(inner)} }}`" if isinstance(value, PlateErrorTable) else ""
     if isinstance(value, bool):
         return f"`{str(value).lower()}`"
@@ -261,13 +295,18 @@ def fields(table: str) -> tuple[Field, ...]:
 
 def markdown(table: str) -> str:
     """A table of the keys: what each takes, what holds unless it is given, what it means."""
-    rows = ((f"`{f.name}`", f.takes, "needed" if f.required else f.default, f.text) for f in fields(table))
+    rows = (
+        (f"`{f.name}`", f.takes, "needed" if f.required else f.default, f.text)
+        for f in fields(table)
+    )
     return table_of(("key", "takes", "unless given", "meaning"), rows)
 
 
 def marker_sets() -> str:
     names = marker_set.built_in_sets()
-    return table_of(("set", "worn as"), ((f"`{n}`", marker_set.load_marker_set(n).description) for n in names))
+    return table_of(
+        ("set", "worn as"), ((f"`{n}`", marker_set.load_marker_set(n).description) for n in names)
+    )
 
 
 def public_examples() -> str:

@@ -1,39 +1,43 @@
-"""Does anything wrong go unnoticed? Clean studies are spoilt in many ways; each must end so that one can live with it.
+"""Does anything wrong go unnoticed? Clean studies are spoilt in many ways; each must end so that
+one can live with it.
 
     attacks [--all] [--jobs 2] [--only REGEX] [--base NAME ...] [--list]
     attacks --quick        # a dozen, in less than a minute
     attacks --clean        # every finding on the clean recordings, more of them
 
-Each attack (a row of `attacks/corpus.toml`) changes one thing in one short study (static trial, walk, isolated trials:
-`recordings.py`), which is then checked and calibrated as `gaitcal calibrate` would. Without options each is made on
-one study, the studies taking turns; with `--all`, `--only` or `--base` on every study that it is meant for. It ends as
-one of
+Each attack (a row of `attacks/corpus.toml`) changes one thing in one short study (static trial,
+walk, isolated trials: `recordings.py`), which is then checked and calibrated as `gaitcal calibrate`
+would. Without options each is made on one study, the studies taking turns; with `--all`, `--only`
+or `--base` on every study that it is meant for. It ends as one of
 
 refused     an error stops the run
 named       a new message names the cause: it holds the words that the table lists, marker, trial or plate among them
 harmless    no new message, and every leg torque, leg angle and hip, knee and ankle centre lies within the error bar
-            of its own run around the clean run: the RMS over frames of |difference| / max(1.96 standard errors, floor)
-            is at most 1; floors: 0.2 % of body weight times height, 1 deg, 5 mm
+            of its own run around the clean run: the RMS over frames of |difference| / max(1.96
+            standard errors, floor) is at most 1; floors: 0.2 % of body weight times height, 1 deg,
+            5 mm
 alarmed     something new is said, but not the cause
 silent      nothing new is said, and a result moved by more than its own error bar
 crash       an exception that is no error of gaitcal's
 
-New is a message (warnings and errors of checks and of the calibration; notes do not count) whose words, numbers left
-out, the clean run does not say. Real recordings are read from the folder that GAITCAL_DATA names; without it only the
-synthetic person is attacked. Exit code 1 where more than 2 % end silent, more than 10 % alarmed, or anything crashes.
+New is a message (warnings and errors of checks and of the calibration; notes do not count) whose
+words, numbers left out, the clean run does not say. Real recordings are read from the folder that
+GAITCAL_DATA names; without it only the synthetic person is attacked. Exit code 1 where more than 2
+% end silent, more than 10 % alarmed, or anything crashes.
 
-How far a run moved results is told in error bars. For each torque and angle x of the legs, with its standard error s
-in every frame f of a walk, and for each centre of hip, knee and ankle:
+How far a run moved results is told in error bars. For each torque and angle x of the legs, with its
+standard error s in every frame f of a walk, and for each centre of hip, knee and ankle:
 
     bar_f  = max(1.96 s_f, floor)
     moved  = sqrt(mean_f (|x_f - x0_f| / bar_f)^2)            x0: the clean run
 
-so that moved <= 1 is inside the error bar that the run itself prints. Floors: 0.2 % of body weight times height,
-1 deg, 5 mm. Torques count where both runs call the frame valid. A hip's centre is compared as a point, knee and ankle
-across their axes, along which a hinge tells nothing; s of a centre is that of its position in the segment above it.
-Centres are compared in the laboratory, after the one rigid motion that brings all markers of one recording on those of
-the other. An isolated trial has no error bars of its own angles: there the axis of its knee or ankle is compared, as an
-angle, with that of its two orientations in the segment above; floor 2 deg.
+so that moved <= 1 is inside the error bar that the run itself prints. Floors: 0.2 % of body weight
+times height, 1 deg, 5 mm. Torques count where both runs call the frame valid. A hip's centre is
+compared as a point, knee and ankle across their axes, along which a hinge tells nothing; s of a
+centre is that of its position in the segment above it. Centres are compared in the laboratory,
+after the one rigid motion that brings all markers of one recording on those of the other. An
+isolated trial has no error bars of its own angles: there the axis of its knee or ankle is compared,
+as an angle, with that of its two orientations in the segment above; floor 2 deg.
 """
 
 from __future__ import annotations
@@ -60,7 +64,16 @@ from gaitcal.arrays import Array, BoolArray
 from gaitcal.errors import Severity
 from gaitcal.quality.study_checks import check_study
 from gaitcal.quality.verdict import Judgement
-from scripts.validation.attacks.corpus import Attack, CorpusError, Kind, by_title, corpus, once_each, pattern, spoilt
+from scripts.validation.attacks.corpus import (
+    Attack,
+    CorpusError,
+    Kind,
+    by_title,
+    corpus,
+    once_each,
+    pattern,
+    spoilt,
+)
 from scripts.validation.harness import option, say, side_by_side
 from scripts.validation.recordings import EVERY, SYNTHETIC, loaded
 from scripts.validation.truth.check import across, joint_tracks, whole_turn
@@ -68,7 +81,14 @@ from scripts.validation.truth.check import across, joint_tracks, whole_turn
 ANGLES = tuple(
     f"{name}_{side}"
     for side in "rl"
-    for name in ("hip_flexion", "hip_adduction", "hip_rotation", "knee_angle", "ankle_angle", "subtalar_angle")
+    for name in (
+        "hip_flexion",
+        "hip_adduction",
+        "hip_rotation",
+        "knee_angle",
+        "ankle_angle",
+        "subtalar_angle",
+    )
 )
 PLACES = {
     "hip": ("hip_{s}.pelvis.ant", "hip_{s}.pelvis.sup", "hip_{s}.pelvis.lat"),
@@ -125,13 +145,19 @@ def _curves(calibration: Calibration, trial: TrialResult) -> Curves:
     if loads is not None:
         valid = loads.reactions.valid
         torques = np.hstack([loads.final.tau[:, at], loads.final.knee_adduction])
-        spread = np.zeros_like(torques) if loads.errors is None else loads.errors.every[:, [*at, 27, 28]]
+        spread = (
+            np.zeros_like(torques) if loads.errors is None else loads.errors.every[:, [*at, 27, 28]]
+        )
         torque_bars = np.maximum(WITHIN * spread, FLOOR_BWH * calibration.model.subject.bwh)
     sides = "rl" if trial.joint is None else trial.joint[-1]
     tracks = joint_tracks(calibration.model.parameters, trial.body)
 
     def bar(names: tuple[str, ...], side: str, floor: float) -> float:
-        return max(WITHIN * float(np.linalg.norm([errors.get(name.format(s=side), 0.0) for name in names])), floor)
+        return max(
+            WITHIN
+            * float(np.linalg.norm([errors.get(name.format(s=side), 0.0) for name in names])),
+            floor,
+        )
 
     return Curves(
         time=trial.body.time,
@@ -143,7 +169,9 @@ def _curves(calibration: Calibration, trial: TrialResult) -> Curves:
         torque_bars=torque_bars,
         valid=valid,
         centres={f"{joint}_{s}": tracks[f"{joint}_{s}"] for joint in PLACES for s in sides},
-        centre_bars={f"{joint}_{s}": bar(names, s, FLOOR_M) for joint, names in PLACES.items() for s in sides},
+        centre_bars={
+            f"{joint}_{s}": bar(names, s, FLOOR_M) for joint, names in PLACES.items() for s in sides
+        },
         axis_bars={
             f"{joint}_{s}": bar(names, s, FLOOR_AXIS_RAD)
             for joint, names in DIRECTIONS.items()
@@ -162,7 +190,9 @@ class Movement:
 
 
 def largest(found: Mapping[str, Curves], clean: Mapping[str, Curves]) -> Movement | None:
-    """The largest movement of any result of the trials that both runs have; None where there is none."""
+    """The largest movement of any result of the trials that both runs have; None where there is
+    none.
+    """
     both = [
         movement
         for name, curve in found.items()
@@ -185,7 +215,9 @@ def _movements(trial: str, found: Curves, clean: Curves) -> list[Movement]:
         both = found.valid[here] & clean.valid[there]
         if both.any():
             gap = np.abs(found.torques[here] - clean.torques[there])[both]
-            names = [f"moment of {name}" for name in (*ANGLES, "knee_adduction_r", "knee_adduction_l")]
+            names = [
+                f"moment of {name}" for name in (*ANGLES, "knee_adduction_r", "knee_adduction_l")
+            ]
             out += _columns(trial, names, gap, found.torque_bars[here][both], 1.0, "N·m")
     labels = [label for label in clean.labels if label in found.labels]
     before = clean.markers[there][:, [clean.labels.index(label) for label in labels]]
@@ -208,11 +240,14 @@ def _movements(trial: str, found: Curves, clean: Curves) -> list[Movement]:
     return out
 
 
-def _columns(trial: str, names: Sequence[str], gap: Array, bars: Array, unit: float, word: str) -> list[Movement]:
+def _columns(
+    trial: str, names: Sequence[str], gap: Array, bars: Array, unit: float, word: str
+) -> list[Movement]:
     moved = np.sqrt(np.mean((gap / bars) ** 2, axis=0))
     sizes = unit * np.sqrt(np.mean(gap**2, axis=0))
     return [
-        Movement(float(m), f"{trial}: {name} {s:.3g} {word}") for name, m, s in zip(names, moved, sizes, strict=True)
+        Movement(float(m), f"{trial}: {name} {s:.3g} {word}")
+        for name, m, s in zip(names, moved, sizes, strict=True)
     ]
 
 
@@ -237,7 +272,9 @@ SILENT_SHARE, ALARMED_SHARE = 0.02, 0.10
 LONGEST = 320
 """Letters of a message that are shown."""
 CATCH_ALL = re.compile(r"look at plate positions, force sign and clock|held near nominal values")
-"""Sentences that list every possible cause, or that speak of trials which the study has not: they name nothing."""
+"""Sentences that list every possible cause, or that speak of trials which the study has not: they
+name nothing.
+"""
 
 
 class Ending(str, Enum):
@@ -272,7 +309,9 @@ class Result:
     messages: tuple[str, ...] = ()
     """What was said that is new, or the error."""
     moved: float | None = None
-    """Largest movement of a result, in error bars; None where no result was made or none can be compared."""
+    """Largest movement of a result, in error bars; None where no result was made or none can be
+    compared.
+    """
     where: str = ""
     """Which result that is, and how far in its own unit."""
     seconds: float = 0.0
@@ -282,7 +321,9 @@ class Result:
     @property
     def line(self) -> str:
         moved = "" if self.moved is None else f" {self.moved:.1f} error bars"
-        return f"  {self.ending.value:9}{self.attack}" + (f":{moved} ({self.where})" if self.where else "")
+        return f"  {self.ending.value:9}{self.attack}" + (
+            f":{moved} ({self.where})" if self.where else ""
+        )
 
 
 def calibrated(study: Study) -> Run:
@@ -290,18 +331,26 @@ def calibrated(study: Study) -> Run:
     if errors := [f for f in findings if f.severity is Severity.ERROR]:
         return Run(refused=tuple(f"{f.where}: {f.topic}: {f.evidence}; {f.cure}" for f in errors))
     calibration = calibrate(study, checked=findings)
-    return Run(refused=refusal(calibration), messages=warned(calibration), curves=curves(calibration))
+    return Run(
+        refused=refusal(calibration), messages=warned(calibration), curves=curves(calibration)
+    )
 
 
 def refusal(calibration: Calibration) -> tuple[str, ...]:
     """Why a finished calibration is refused; empty where it is not."""
     verdict = calibration.verdict
     wrong = verdict.judgement is Judgement.REFUSED
-    return tuple(reason.line for reason in verdict.reasons if wrong and reason.severity is Severity.ERROR)
+    return tuple(
+        reason.line for reason in verdict.reasons if wrong and reason.severity is Severity.ERROR
+    )
 
 
 def warned(calibration: Calibration) -> tuple[str, ...]:
-    late = [f"phase {p.name} did not converge: {p.message}" for p in calibration.phases if not p.converged]
+    late = [
+        f"phase {p.name} did not converge: {p.message}"
+        for p in calibration.phases
+        if not p.converged
+    ]
     return (*(reason.line for reason in calibration.verdict.reasons), *late)
 
 
@@ -316,7 +365,9 @@ def new(messages: Iterable[str], clean: Iterable[str]) -> tuple[str, ...]:
 
 
 def names_cause(message: str, patterns: Sequence[str]) -> bool:
-    return not CATCH_ALL.search(message) and all(re.search(pattern, message, re.IGNORECASE) for pattern in patterns)
+    return not CATCH_ALL.search(message) and all(
+        re.search(pattern, message, re.IGNORECASE) for pattern in patterns
+    )
 
 
 def run_clean(base: str) -> Run:
@@ -329,7 +380,9 @@ def attacked(attack: Attack, clean: Run) -> Result:
     start = perf_counter()
     patterns = [pattern(words, loaded(attack.base).marker_set) for words in attack.named]
 
-    def result(ending: Ending, messages: tuple[str, ...], moved: float | None = None, where: str = "") -> Result:
+    def result(
+        ending: Ending, messages: tuple[str, ...], moved: float | None = None, where: str = ""
+    ) -> Result:
         told, seconds = any(names_cause(m, patterns) for m in messages), perf_counter() - start
         if told and ending is Ending.ALARMED:
             ending = Ending.NAMED
@@ -348,12 +401,20 @@ def attacked(attack: Attack, clean: Run) -> Result:
     if found.refused:
         return result(Ending.REFUSED, found.refused)
     said = new(found.messages, clean.messages)
-    same_frames = {name: c for name, c in found.curves.items() if not (attack.other_frames and name == attack.where)}
+    same_frames = {
+        name: c
+        for name, c in found.curves.items()
+        if not (attack.other_frames and name == attack.where)
+    }
     movement = largest(same_frames, clean.curves)
-    moved, where = (None, "no result to compare") if movement is None else (movement.bars, movement.words)
+    moved, where = (
+        (None, "no result to compare") if movement is None else (movement.bars, movement.words)
+    )
     if said:
         return result(Ending.ALARMED, said, moved, where)
-    return result(Ending.SILENT if moved is None or moved > 1.0 else Ending.HARMLESS, said, moved, where)
+    return result(
+        Ending.SILENT if moved is None or moved > 1.0 else Ending.HARMLESS, said, moved, where
+    )
 
 
 def run_title(title: str, clean: Run) -> Result:
@@ -370,8 +431,13 @@ def lines(results: Sequence[Result]) -> Iterator[str]:
         of_kind = [r for r in results if kind in (None, r.kind)]
         row = "".join(f"{c:10d}" for c in counts(of_kind))
         yield f"{kind.value if kind else 'all':22}{row}{len(of_kind):8d}"
-    yield f"{'per cent':22}" + "".join(f"{100 * c / max(len(results), 1):10.1f}" for c in counts(results))
-    bad = {e.value: [r for r in results if r.ending is e] for e in (Ending.CRASH, Ending.SILENT, Ending.ALARMED)}
+    yield f"{'per cent':22}" + "".join(
+        f"{100 * c / max(len(results), 1):10.1f}" for c in counts(results)
+    )
+    bad = {
+        e.value: [r for r in results if r.ending is e]
+        for e in (Ending.CRASH, Ending.SILENT, Ending.ALARMED)
+    }
     bad["refused, but with other words than expected"] = [
         r for r in results if r.ending is Ending.REFUSED and not r.cause_told
     ]
@@ -408,7 +474,10 @@ def chosen_attacks(chosen: argparse.Namespace) -> list[Attack]:
 
 def print_clean(clean: Iterable[Run]) -> None:
     for one in clean:
-        say(f"{one.base}: {len(one.messages)} messages, {one.seconds:.1f} s{' REFUSED' if one.refused else ''}")
+        say(
+            f"{one.base}: {len(one.messages)} messages, {one.seconds:.1f} "
+            f"s{' REFUSED' if one.refused else ''}"
+        )
         for message in dict.fromkeys((*one.refused, *one.messages)):
             say(f"    {message}")
 
@@ -418,7 +487,11 @@ def run(chosen: argparse.Namespace) -> list[Result]:
     if chosen.list:
         say(*(attack.title for attack in attacks), f"{len(attacks)} attacks")
         return []
-    bases = chosen.base or list(EVERY) if chosen.clean else list(dict.fromkeys(attack.base for attack in attacks))
+    bases = (
+        chosen.base or list(EVERY)
+        if chosen.clean
+        else list(dict.fromkeys(attack.base for attack in attacks))
+    )
     clean = list(side_by_side([partial(run_clean, base) for base in bases], chosen.jobs))
     if chosen.clean:
         print_clean(clean)

@@ -41,8 +41,9 @@ class Attack:
     where: str
     how: str
     named: tuple[str, ...]
-    """Regular expressions, letter case ignored, that one new message must match, all of them, to name the cause. `{x}`
-    in them stands for the labels of landmark, segment or marker x in the marker set of the base (`pattern`)."""
+    """Regular expressions, letter case ignored, that one new message must match, all of them, to
+    name the cause. `{x}` in them stands for the labels of landmark, segment or marker x in the
+    marker set of the base (`pattern`)."""
     quick: bool = False
     """Whether it belongs to the part that runs as a test."""
 
@@ -52,17 +53,27 @@ class Attack:
 
     @property
     def other_frames(self) -> bool:
-        """Whether the trial's frames are no longer those of the clean run, and are not compared one by one."""
+        """Whether the trial's frames are no longer those of the clean run, and are not compared one
+        by one.
+        """
         return self.kind is Kind.ISOLATED and self.how == "backwards"
 
 
 JOINTS_OF = {"thigh": "hip|knee", "shank": "knee|ankle", "foot": "ankle"}
-LANDMARKS = {"knee": "knee", "ankle": "ankle|malleol", "asis": "asis|pelvi", "heel": "heel", "toe": "toe"}
+LANDMARKS = {
+    "knee": "knee",
+    "ankle": "ankle|malleol",
+    "asis": "asis|pelvi",
+    "heel": "heel",
+    "toe": "toe",
+}
 SIDES = {"r": "right", "l": "left"}
 
 
 def _cluster(segment: str) -> str:
-    """Words for the markers of a segment: it, its labels, or a joint at its ends, where the next segment may be it."""
+    """Words for the markers of a segment: it, its labels, or a joint at its ends, where the next
+    segment may be it.
+    """
     name, _, side = segment.partition("_")
     return f"{segment}|{{{segment}}}|{SIDES[side]} ({name}|{JOINTS_OF[name]})"
 
@@ -84,7 +95,15 @@ def corpus() -> tuple[Attack, ...]:
         return re.sub(r"\{(cluster|landmark) (\w+)\}", lambda m: makers[m[1]](m[2]), words)
 
     every = tuple(
-        Attack(name, base.rstrip("*"), kind, where, how, tuple(map(expanded, named)), base.endswith("*"))
+        Attack(
+            name,
+            base.rstrip("*"),
+            kind,
+            where,
+            how,
+            tuple(map(expanded, named)),
+            base.endswith("*"),
+        )
         for kind in Kind
         for name, bases, where, how, *named in table["attacks"][kind.value]
         for base in bases.split()
@@ -96,7 +115,9 @@ def corpus() -> tuple[Attack, ...]:
 
 
 def once_each(attacks: tuple[Attack, ...]) -> Iterator[Attack]:
-    """Each attack on one of its bases: the first, the second, ... in turn, so that all bases have their share."""
+    """Each attack on one of its bases: the first, the second, ... in turn, so that all bases have
+    their share.
+    """
     rows: dict[tuple[str, str], list[Attack]] = {}
     for attack in attacks:
         rows.setdefault((attack.kind, attack.name), []).append(attack)
@@ -114,13 +135,18 @@ def pattern(words: str, markers: MarkerSet) -> str:
     """The regular expression `words` with each `{key}` put as any of its labels."""
 
     def labels(found: re.Match[str]) -> str:
-        return "(?:" + "|".join(re.escape(label) for label in spoil_markers.labels_of(markers, found[1])) + ")"
+        return (
+            "(?:"
+            + "|".join(re.escape(label) for label in spoil_markers.labels_of(markers, found[1]))
+            + ")"
+        )
 
     return re.sub(r"\{([^}]*)\}", labels, words)
 
 
 def spoilt(attack: Attack, folder: Path) -> Callable[[], Study]:
-    """What reads the study after the attack; what the attack itself raises is a fault of the corpus.
+    """What reads the study after the attack; what the attack itself raises is a fault of the
+    corpus.
 
     Raises
     ------
@@ -166,7 +192,10 @@ def _changed(study: Study, where: str, name: str, words: list[object]) -> Study:
     if where.startswith("plate"):
         function, walk = getattr(spoil_plates, name), spoil_studies.recording_of(study, WALK)
         struck = where.removeprefix("plate ")
-        plates = (function(p, *words) if struck in ("plates", str(k)) else p for k, p in enumerate(walk.plates, 1))
+        plates = (
+            function(p, *words) if struck in ("plates", str(k)) else p
+            for k, p in enumerate(walk.plates, 1)
+        )
         return spoil_studies.with_trial(study, WALK, recording=replace(walk, plates=tuple(plates)))
     function, moving = getattr(spoil_markers, name), [t.name for t in study.moving]
     for trial in study.trials:
@@ -190,5 +219,7 @@ def with_files(study: Path) -> Path:
                 if source != update[key]:
                     shutil.copyfile(source, update[key])
         trials.append(trial.model_copy(update=update))
-    study.write_text(file.model_copy(update={"trials": tuple(trials)}).to_toml(folder), encoding="utf-8")
+    study.write_text(
+        file.model_copy(update={"trials": tuple(trials)}).to_toml(folder), encoding="utf-8"
+    )
     return study

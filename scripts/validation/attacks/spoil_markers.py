@@ -1,11 +1,13 @@
-"""Ways to spoil the markers of one recording: labels exchanged or missing, markers that sit elsewhere on their segment
-than the static trial says, trajectories that are not what the cameras saw, ways to stand wrong, and what goes wrong
-with all markers of a file at once (unit, axes, clock).
+"""Ways to spoil the markers of one recording: labels exchanged or missing, markers that sit
+elsewhere on their segment than the static trial says, trajectories that are not what the cameras
+saw, ways to stand wrong, and what goes wrong with all markers of a file at once (unit, axes,
+clock).
 
-Every function of the table (`corpus.toml`) takes the recording, the marker set, which tells which label is what, and
-the words of the table. A key is a landmark (`knee_lat_r`), a segment (`thigh_r`: all its markers), one of a segment's
-(`thigh_r[0]`), or a label. Displacements are along the body's axes: (forward, up, right) of the pelvis in the first
-whole frame, carried on by the segment. A part of a trial is its beginning and end, as shares of the frames.
+Every function of the table (`corpus.toml`) takes the recording, the marker set, which tells which
+label is what, and the words of the table. A key is a landmark (`knee_lat_r`), a segment (`thigh_r`:
+all its markers), one of a segment's (`thigh_r[0]`), or a label. Displacements are along the body's
+axes: (forward, up, right) of the pelvis in the first whole frame, carried on by the segment. A part
+of a trial is its beginning and end, as shares of the frames.
 """
 
 from __future__ import annotations
@@ -54,7 +56,11 @@ def columns(recording: Recording, markers: MarkerSet, *keys: str) -> list[int]:
     """Columns of the markers of some keys that the recording has."""
     out = []
     for key in keys:
-        found = [recording.labels.index(label) for label in labels_of(markers, key) if label in recording.labels]
+        found = [
+            recording.labels.index(label)
+            for label in labels_of(markers, key)
+            if label in recording.labels
+        ]
         if not found:
             raise KeyError(f"the recording has no marker for '{key}'")
         out += found
@@ -75,21 +81,27 @@ def put(recording: Recording, at: Sequence[int], part: Part, values: Array) -> R
     return replace(recording, markers=markers)
 
 
-def _relabelled(recording: Recording, source: Sequence[int], target: Sequence[int], part: Part) -> Recording:
+def _relabelled(
+    recording: Recording, source: Sequence[int], target: Sequence[int], part: Part
+) -> Recording:
     """The columns `source` under the labels of `target` in a part of the trial."""
     values = recording.markers.copy()
     values[:, target] = recording.markers[:, source]
     return put(recording, list(target), part, values[:, target])
 
 
-def exchanged(recording: Recording, markers: MarkerSet, a: str, b: str, part: Part = WHOLE) -> Recording:
+def exchanged(
+    recording: Recording, markers: MarkerSet, a: str, b: str, part: Part = WHOLE
+) -> Recording:
     """Two markers, or two segments' or landmarks' markers one by one, under each other's label."""
     i, j = columns(recording, markers, a), columns(recording, markers, b)
     count = min(len(i), len(j))
     return _relabelled(recording, [*j[:count], *i[:count]], [*i[:count], *j[:count]], part)
 
 
-def sides_exchanged(recording: Recording, markers: MarkerSet, names: str = PAIRED, part: Part = WHOLE) -> Recording:
+def sides_exchanged(
+    recording: Recording, markers: MarkerSet, names: str = PAIRED, part: Part = WHOLE
+) -> Recording:
     """Left labels on the right and right ones on the left."""
     pairs: dict[int, int] = {}
     for name in names.split(","):
@@ -117,7 +129,10 @@ def removed(recording: Recording, markers: MarkerSet, *keys: str) -> Recording:
 
 def body_axes(recording: Recording, markers: MarkerSet, frame: int) -> Array:
     """(3, 3) columns forward, up, right of the pelvis in a frame, horizontal."""
-    right, left = (recording.markers[frame, columns(recording, markers, f"asis_{side}")].mean(axis=0) for side in "rl")
+    right, left = (
+        recording.markers[frame, columns(recording, markers, f"asis_{side}")].mean(axis=0)
+        for side in "rl"
+    )
     across = (right - left) * [1.0, 0.0, 1.0]
     across /= np.linalg.norm(across)
     up = np.array([0.0, 1.0, 0.0])
@@ -152,7 +167,9 @@ def _carried(
     key: str = "",
     part: Part = WHOLE,
 ) -> Recording:
-    """Markers of a segment (or one key's) moved within it: `change` of (nf, nm, 3) m from the middle of its markers."""
+    """Markers of a segment (or one key's) moved within it: `change` of (nf, nm, 3) m from the
+    middle of its markers.
+    """
     axes, middle = segment_frames(recording, markers, segment)
     at = columns(recording, markers, key or segment)
     local = np.einsum("fji,fmj->fmi", axes, recording.markers[:, at] - middle[:, None])
@@ -179,19 +196,27 @@ def turned(recording: Recording, markers: MarkerSet, segment: str, degrees: floa
 
 
 def mirrored_cluster(recording: Recording, markers: MarkerSet, segment: str) -> Recording:
-    """The markers of a segment as on the other side of its middle: a cluster of the other handedness."""
+    """The markers of a segment as on the other side of its middle: a cluster of the other
+    handedness.
+    """
     return _carried(recording, markers, segment, lambda local: local * [1.0, 1.0, -1.0])
 
 
 def _tracks(
-    recording: Recording, markers: MarkerSet, key: str, change: Callable[[Array], Array], part: Part = WHOLE
+    recording: Recording,
+    markers: MarkerSet,
+    key: str,
+    change: Callable[[Array], Array],
+    part: Part = WHOLE,
 ) -> Recording:
     """Trajectories (nf, nm, 3) of the markers of a key changed."""
     at = columns(recording, markers, key)
     return put(recording, at, part, change(recording.markers[:, at].copy()))
 
 
-def away(recording: Recording, markers: MarkerSet, key: str, metres: Vector, part: Part = WHOLE) -> Recording:
+def away(
+    recording: Recording, markers: MarkerSet, key: str, metres: Vector, part: Part = WHOLE
+) -> Recording:
     """A marker elsewhere in the laboratory."""
     return _tracks(recording, markers, key, lambda x: x + list(metres), part)
 
@@ -204,18 +229,30 @@ def frozen(recording: Recording, markers: MarkerSet, key: str, part: Part) -> Re
 def ghost(recording: Recording, markers: MarkerSet, key: str, mm: Vector, part: Part) -> Recording:
     """A gap filled with a reflection elsewhere, standing still in the room."""
     start = frames(recording, part).start
-    return _tracks(recording, markers, key, lambda x: np.broadcast_to(x[start] + MM * np.array(mm), x.shape), part)
+    return _tracks(
+        recording,
+        markers,
+        key,
+        lambda x: np.broadcast_to(x[start] + MM * np.array(mm), x.shape),
+        part,
+    )
 
 
 def interpolated(recording: Recording, markers: MarkerSet, key: str, part: Part) -> Recording:
     """A gap filled by a straight line."""
     where = frames(recording, part)
-    share = np.clip((np.arange(len(recording.time)) - where.start) / (where.stop - where.start), 0, 1)[:, None, None]
+    share = np.clip(
+        (np.arange(len(recording.time)) - where.start) / (where.stop - where.start), 0, 1
+    )[:, None, None]
     stop = min(where.stop, len(recording.time) - 1)
-    return _tracks(recording, markers, key, lambda x: x[where.start] + share * (x[stop] - x[where.start]), part)
+    return _tracks(
+        recording, markers, key, lambda x: x[where.start] + share * (x[stop] - x[where.start]), part
+    )
 
 
-def pattern_filled(recording: Recording, markers: MarkerSet, key: str, source: str, part: Part) -> Recording:
+def pattern_filled(
+    recording: Recording, markers: MarkerSet, key: str, source: str, part: Part
+) -> Recording:
     """A gap filled by the way of another marker, as from the frame before the gap."""
     start = frames(recording, part).start
     other = recording.markers[:, columns(recording, markers, source)[:1]]
@@ -231,8 +268,13 @@ def put_on_again(recording: Recording, markers: MarkerSet, mm: float) -> Recordi
 def spline_filled(recording: Recording, markers: MarkerSet, key: str, part: Part) -> Recording:
     """A gap filled by a cubic spline through five frames on either side."""
     where, time = frames(recording, part), recording.time
-    around = [*range(max(where.start - 5, 0), where.start), *range(where.stop, min(where.stop + 5, len(time)))]
-    return _tracks(recording, markers, key, lambda x: CubicSpline(time[around], x[around])(time), part)
+    around = [
+        *range(max(where.start - 5, 0), where.start),
+        *range(where.stop, min(where.stop + 5, len(time))),
+    ]
+    return _tracks(
+        recording, markers, key, lambda x: CubicSpline(time[around], x[around])(time), part
+    )
 
 
 def low_passed(recording: Recording, markers: MarkerSet, keys: str, hertz: float) -> Recording:
@@ -284,8 +326,12 @@ def noisy(recording: Recording, markers: MarkerSet, mm: float, key: str = "") ->
     return put(recording, at, WHOLE, (recording.markers + noise)[:, at])
 
 
-def knees_bent(recording: Recording, markers: MarkerSet, degrees: float, sides: str = "rl") -> Recording:
-    """Knees flexed by so many degrees over feet that stay flat: half of it in the hip, half in the ankle."""
+def knees_bent(
+    recording: Recording, markers: MarkerSet, degrees: float, sides: str = "rl"
+) -> Recording:
+    """Knees flexed by so many degrees over feet that stay flat: half of it in the hip, half in the
+    ankle.
+    """
     return _posed(recording, markers, np.full(len(recording.time), degrees), sides)
 
 
@@ -306,7 +352,10 @@ def _posed(recording: Recording, markers: MarkerSet, degrees: Array, sides: str)
     hip = np.nanmean(recording.markers[:, at_asis], axis=1) + axes @ HIP_BELOW_ASIS
     for side in sides:
         ends = (f"{end}_lat_{side}" for end in ("knee", "ankle"))
-        knee, ankle = (np.nanmean(recording.markers[:, columns(recording, markers, end)], axis=1) for end in ends)
+        knee, ankle = (
+            np.nanmean(recording.markers[:, columns(recording, markers, end)], axis=1)
+            for end in ends
+        )
         knee_now = hip + np.einsum("fij,fj->fi", forward, knee - hip)
         ankle_now = knee_now + np.einsum("fij,fj->fi", back, ankle - knee)
         for name, end, old, new, turn in (
@@ -314,9 +363,15 @@ def _posed(recording: Recording, markers: MarkerSet, degrees: Array, sides: str)
             ("shank", "ankle", knee, knee_now, back),
             ("foot", "", ankle, ankle_now, still),
         ):
-            landmarks = [key for key in (f"{end}_lat_{side}", f"{end}_med_{side}") if key in markers.landmarks]
+            landmarks = [
+                key
+                for key in (f"{end}_lat_{side}", f"{end}_med_{side}")
+                if key in markers.landmarks
+            ]
             at = list(dict.fromkeys(columns(recording, markers, f"{name}_{side}", *landmarks)))
-            out[:, at] = new[:, None] + np.einsum("fij,fmj->fmi", turn, recording.markers[:, at] - old[:, None])
+            out[:, at] = new[:, None] + np.einsum(
+                "fij,fmj->fmi", turn, recording.markers[:, at] - old[:, None]
+            )
     return replace(recording, markers=out)
 
 
@@ -325,9 +380,13 @@ def scaled(recording: Recording, markers: MarkerSet, factor: float) -> Recording
     return replace(recording, markers=factor * recording.markers)
 
 
-def axes(recording: Recording, markers: MarkerSet, order: Vector, signs: Vector = (1.0, 1.0, 1.0)) -> Recording:
+def axes(
+    recording: Recording, markers: MarkerSet, order: Vector, signs: Vector = (1.0, 1.0, 1.0)
+) -> Recording:
     """Axes of the markers in another order, or turned round."""
-    return replace(recording, markers=recording.markers[:, :, [int(k) for k in order]] * np.array(signs))
+    return replace(
+        recording, markers=recording.markers[:, :, [int(k) for k in order]] * np.array(signs)
+    )
 
 
 def tilted(recording: Recording, markers: MarkerSet, degrees: float) -> Recording:
@@ -342,14 +401,18 @@ def other_rate(recording: Recording, markers: MarkerSet, factor: float) -> Recor
 
 
 def frames_dropped(recording: Recording, markers: MarkerSet, part: Part) -> Recording:
-    """Frames that the file lacks, the rest moved up, and the times numbered on, as if there had been no gap."""
+    """Frames that the file lacks, the rest moved up, and the times numbered on, as if there had
+    been no gap.
+    """
     gone = np.arange(len(recording.time))[frames(recording, part)]
     kept = np.delete(recording.markers, gone, axis=0)
     return replace(recording, time=recording.time[: len(kept)], markers=kept)
 
 
 def frame_lost(recording: Recording, markers: MarkerSet, share: float, count: int) -> Recording:
-    """So many frames are missing at a share of the trial, and the times are numbered on as if nothing were."""
+    """So many frames are missing at a share of the trial, and the times are numbered on as if
+    nothing were.
+    """
     length = len(recording.time)
     at = round(share * length)
     return frames_dropped(recording, markers, (at / length, (at + count) / length))

@@ -1,4 +1,6 @@
-"""Ways to spoil the ground reactions of a walk: functions of one force plate and the words of the table."""
+"""Ways to spoil the ground reactions of a walk: functions of one force plate and the words of the
+table.
+"""
 
 from __future__ import annotations
 
@@ -19,7 +21,9 @@ BODY_N = 50.0
 
 
 def middle_of(p: ForcePlate) -> Array:
-    """(3,) m of the surface: of its corners, or of the centres of pressure while somebody stands on it."""
+    """(3,) m of the surface: of its corners, or of the centres of pressure while somebody stands on
+    it.
+    """
     if p.corners is not None:
         return np.asarray(p.corners.mean(axis=0))
     on = p.force[:, 1] > BODY_N
@@ -27,14 +31,18 @@ def middle_of(p: ForcePlate) -> Array:
 
 
 def _channels(p: ForcePlate, change: Callable[[Array], Array]) -> ForcePlate:
-    """The six channels (ns, 6) about the middle of the plate changed, so that the centre of pressure moves too."""
+    """The six channels (ns, 6) about the middle of the plate changed, so that the centre of
+    pressure moves too.
+    """
     centre = middle_of(p)
     values = change(np.hstack([p.force, p.moment + np.cross(p.point - centre, p.force)]))
     wrench = np.hstack([values[:, :3], values[:, 3:] + np.cross(centre, values[:, :3])])
     loaded = np.abs(wrench[:, 1]) > LOADED_N
     point = np.tile(centre, (len(wrench), 1))
     point[loaded] = centre_on_ground(wrench[loaded], float(centre[1]))
-    return replace(p, force=wrench[:, :3], point=point, moment=wrench[:, 3:] - np.cross(point, wrench[:, :3]))
+    return replace(
+        p, force=wrench[:, :3], point=point, moment=wrench[:, 3:] - np.cross(point, wrench[:, :3])
+    )
 
 
 def gain(p: ForcePlate, factor: float) -> ForcePlate:
@@ -43,7 +51,9 @@ def gain(p: ForcePlate, factor: float) -> ForcePlate:
 
 
 def axis_gain(p: ForcePlate, axis: int, factor: float) -> ForcePlate:
-    """One axis of the force times a factor (-1: turned round; 0: dead), the centre of pressure kept."""
+    """One axis of the force times a factor (-1: turned round; 0: dead), the centre of pressure
+    kept.
+    """
     return replace(p, force=p.force * np.where(np.arange(3) == axis, factor, 1.0))
 
 
@@ -88,12 +98,16 @@ def moved(p: ForcePlate, mm: tuple[float, float, float]) -> ForcePlate:
 
 def turned(p: ForcePlate, degrees: float, axis: str = "y") -> ForcePlate:
     """A plate turned about its middle: `y` yaw, `x` and `z` tilt."""
-    return placed(p, Rotation.from_euler(axis, degrees, degrees=True).as_matrix(), middle_of(p), np.zeros(3))
+    return placed(
+        p, Rotation.from_euler(axis, degrees, degrees=True).as_matrix(), middle_of(p), np.zeros(3)
+    )
 
 
 def room_turned(p: ForcePlate, degrees: float, axis: str) -> ForcePlate:
     """A plate turned about the laboratory's origin."""
-    return placed(p, Rotation.from_euler(axis, degrees, degrees=True).as_matrix(), np.zeros(3), np.zeros(3))
+    return placed(
+        p, Rotation.from_euler(axis, degrees, degrees=True).as_matrix(), np.zeros(3), np.zeros(3)
+    )
 
 
 def offset(p: ForcePlate, newtons: tuple[float, float, float]) -> ForcePlate:

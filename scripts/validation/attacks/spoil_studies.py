@@ -1,5 +1,6 @@
-"""Ways to spoil a study: what it says of its recordings and of the person, and recordings that are not its own. They
-are functions of the study and the words of the table; those that spoil a file in place, of its path and the words.
+"""Ways to spoil a study: what it says of its recordings and of the person, and recordings that are
+not its own. They are functions of the study and the words of the table; those that spoil a file in
+place, of its path and the words.
 """
 
 from __future__ import annotations
@@ -113,7 +114,9 @@ def channels(path: Path, factor: float) -> None:
 
 
 def corners(path: Path, what: str, size: float = 1.0) -> None:
-    """Corners of the plates: of the plates `exchanged`, `rolled` one on or more, `scaled`, or `shifted` by mm in x."""
+    """Corners of the plates: of the plates `exchanged`, `rolled` one on or more, `scaled`, or
+    `shifted` by mm in x.
+    """
     file = ezc3d.c3d(str(path))
     value = file["parameters"]["FORCE_PLATFORM"]["CORNERS"]
     c = np.array(value["value"], dtype=float)
@@ -149,7 +152,9 @@ def of_base(study: Study, name: str, base: str) -> Study:
 @lru_cache(maxsize=1)
 def _other_person() -> Study:
     with tempfile.TemporaryDirectory() as folder:
-        return Study.load(synthesize(Path(folder) / "study", seed=OTHER_SEED, noise=True, perturb=True))
+        return Study.load(
+            synthesize(Path(folder) / "study", seed=OTHER_SEED, noise=True, perturb=True)
+        )
 
 
 def of_another_person(study: Study, name: str) -> Study:
@@ -168,7 +173,9 @@ def files_exchanged(study: Study, a: str, b: str) -> Study:
 
 
 def given_as(study: Study, name: str, source: str) -> Study:
-    """The recording of trial `source` under the name of another, its last frame left out: a file of its own."""
+    """The recording of trial `source` under the name of another, its last frame left out: a file of
+    its own.
+    """
     other = recording_of(study, source)
     shorter = replace(other, time=other.time[:-1], markers=other.markers[:-1], plates=())
     return with_trial(study, name, recording=shorter)
@@ -195,7 +202,9 @@ def labelled_as(study: Study, markers: str) -> Study:
 def weighing(study: Study, *weights: str) -> Study:
     """`thigh_r=0`: weights (by key) that the study gives."""
     pairs = [words.split("=") for words in weights]
-    return replace(study, weights={n: float(w) for key, w in pairs for n in labels_of(study.marker_set, key)})
+    return replace(
+        study, weights={n: float(w) for key, w in pairs for n in labels_of(study.marker_set, key)}
+    )
 
 
 def mass(study: Study, factor: float) -> Study:
@@ -210,7 +219,10 @@ def height(study: Study, factor: float) -> Study:
 
 def other_sex(study: Study) -> Study:
     """The other anthropometric table."""
-    return replace(study, subject=replace(study.subject, sex="female" if study.subject.sex == "male" else "male"))
+    return replace(
+        study,
+        subject=replace(study.subject, sex="female" if study.subject.sex == "male" else "male"),
+    )
 
 
 def cables_exchanged(study: Study) -> Study:
@@ -241,8 +253,12 @@ def without_plate(study: Study, number: int) -> Study:
 def forces_of(study: Study, base: str) -> Study:
     """The force file of another walk, its first contact at the same moment."""
     walk, other = recording_of(study, WALK), recording_of(loaded(base), WALK)
-    own, theirs = (min(t for p in r.plates if (t := first_contact(p)) is not None) for r in (walk, other))
+    own, theirs = (
+        min(t for p in r.plates if (t := first_contact(p)) is not None) for r in (walk, other)
+    )
     time = walk.plates[0].time
-    told = [replace(at_times(p, time - own + theirs), time=time, corners=None) for p in other.plates]
+    told = [
+        replace(at_times(p, time - own + theirs), time=time, corners=None) for p in other.plates
+    ]
     plates = tuple(replace(p, name=mine.name) for mine, p in zip(walk.plates, told, strict=False))
     return with_trial(study, WALK, recording=replace(walk, plates=plates))

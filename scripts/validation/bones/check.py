@@ -21,7 +21,8 @@ person of each recording left out; `--left-in` takes gaitcal's own, which knows 
 writes that prior to a file, and prints what it rests on.
 
 The axis of the bones is the one that both bones carry most alike: its direction the mean common
-one, its point SCoRE's. Left legs are mirrored. The folder is `bones` of `GAITCAL_DATA` unless given.
+one, its point SCoRE's. Left legs are mirrored. The folder is `bones` of `GAITCAL_DATA` unless
+given.
 """
 
 from __future__ import annotations
@@ -66,8 +67,12 @@ METHODS = ("nominal", "skin alone", "without soft tissue", "calibrated")
 SHARED = ("--jobs", "--only", "--list", "--json")
 OWN = {
     "--folder": option(Path, "of recordings (default: `bones` of GAITCAL_DATA)"),
-    "--left-in": option(False, "with gaitcal's own prior of soft tissue, whoever it was learnt from"),
-    "--learn": option(Path, "derive the prior of soft tissue from all recordings, and write it to this file"),
+    "--left-in": option(
+        False, "with gaitcal's own prior of soft tissue, whoever it was learnt from"
+    ),
+    "--learn": option(
+        Path, "derive the prior of soft tissue from all recordings, and write it to this file"
+    ),
 }
 
 
@@ -100,7 +105,8 @@ class Outcome:
 
 
 def assess_recording(recording: BoneRecording, table: SkinTable | None) -> Outcome:
-    """Calibrate one recording by every method, and compare joints and angles with those of the bones.
+    """Calibrate one recording by every method, and compare joints and angles with those of the
+    bones.
 
     `table`: the skin of people; gaitcal's own unless given.
     """
@@ -111,7 +117,9 @@ def assess_recording(recording: BoneRecording, table: SkinTable | None) -> Outco
         "calibrated": fit_recording(recording, nominal, problem, tissue=True, table=table),
     }
     return (
-        _hip_outcome(recording, nominal, fits) if nominal.joint == "hip_r" else _knee_outcome(recording, nominal, fits)
+        _hip_outcome(recording, nominal, fits)
+        if nominal.joint == "hip_r"
+        else _knee_outcome(recording, nominal, fits)
     )
 
 
@@ -127,7 +135,9 @@ def _errors(fit: BoneFit) -> dict[str, float]:
     return fit.phase.errors.standard_errors
 
 
-def _knee_outcome(recording: BoneRecording, nominal: NominalJoint, fits: Mapping[str, BoneFit]) -> Outcome:
+def _knee_outcome(
+    recording: BoneRecording, nominal: NominalJoint, fits: Mapping[str, BoneFit]
+) -> Outcome:
     thigh, shank = recording.segments["thigh"], recording.segments["shank"]
     flexion = recording.knee_flexion
     bent = float(np.rad2deg(np.ptp(flexion)))
@@ -155,7 +165,8 @@ def _knee_outcome(recording: BoneRecording, nominal: NominalJoint, fits: Mapping
         return common()
     truth = _parameters_of_axis(nominal, fit_hinge(thigh, shank))
     found = {
-        method: np.array([joint[JP_INDEX[name]] for name in truth]) for method, joint in _values(nominal, fits).items()
+        method: np.array([joint[JP_INDEX[name]] for name in truth])
+        for method, joint in _values(nominal, fits).items()
     }
     peer = _parameters_of_axis(nominal, fit_hinge(*skin))
     found["skin alone"] = np.array([peer[name] for name in truth])
@@ -165,7 +176,9 @@ def _knee_outcome(recording: BoneRecording, nominal: NominalJoint, fits: Mapping
     errors = _errors(fits["calibrated"])
     size = np.array([errors.get(name, np.nan) for name in names])
     gaps = {method: (found[method] - true) for method in METHODS}
-    known = np.array([of_truth[0] if name.endswith(("ant", "sup")) else of_truth[1] for name in names])
+    known = np.array(
+        [of_truth[0] if name.endswith(("ant", "sup")) else of_truth[1] for name in names]
+    )
     scores = gaps["calibrated"] / np.hypot(size, known)
     return common(
         distance_mm={m: 1e3 * float(np.linalg.norm(gap[place])) for m, gap in gaps.items()},
@@ -177,8 +190,11 @@ def _knee_outcome(recording: BoneRecording, nominal: NominalJoint, fits: Mapping
     )
 
 
-def _parameters_of_axis(nominal: NominalJoint, hinge: tuple[Array, Array, Array, Array]) -> dict[str, float]:
-    """Joint parameters of an axis: where it crosses the planes of lateral position zero, and its directions.
+def _parameters_of_axis(
+    nominal: NominalJoint, hinge: tuple[Array, Array, Array, Array]
+) -> dict[str, float]:
+    """Joint parameters of an axis: where it crosses the planes of lateral position zero, and its
+    directions.
 
     The shank's lateral position is no part of it: a point may slide along the axis.
     """
@@ -201,7 +217,9 @@ def _angle(one: Array, other: Array) -> float:
     return float(np.rad2deg(np.arctan2(np.linalg.norm(np.cross(one, other)), one @ other)))
 
 
-def _hip_outcome(recording: BoneRecording, nominal: NominalJoint, fits: Mapping[str, BoneFit]) -> Outcome:
+def _hip_outcome(
+    recording: BoneRecording, nominal: NominalJoint, fits: Mapping[str, BoneFit]
+) -> Outcome:
     known = recording.segments["pelvis"].landmarks
     if "RHJC" in known:
         centres = known["RHJC"], recording.segments["thigh"].landmarks.get("HJC")
@@ -217,10 +235,15 @@ def _hip_outcome(recording: BoneRecording, nominal: NominalJoint, fits: Mapping[
             continue
         names = [f"hip_r.{segment}.{d}" for d in ("ant", "sup", "lat")]
         true = nominal.frames[segment].local(truth)
-        found = {method: np.array([joint[JP_INDEX[name]] for name in names]) for method, joint in values.items()}
+        found = {
+            method: np.array([joint[JP_INDEX[name]] for name in names])
+            for method, joint in values.items()
+        }
         found["skin alone"] = nominal.frames[segment].local(peer)
         of_segment = np.array([errors.get(name, np.nan) for name in names])
-        scores |= dict(zip(names, ((found["calibrated"] - true) / of_segment).tolist(), strict=True))
+        scores |= dict(
+            zip(names, ((found["calibrated"] - true) / of_segment).tolist(), strict=True)
+        )
         if segment == "pelvis":
             size = of_segment
             gaps = {method: 1e3 * (found[method] - true) for method in METHODS}
@@ -266,7 +289,10 @@ def outcome_lines(outcomes: Sequence[Outcome]) -> Iterator[str]:
     scores = np.array([z for o in outcomes for z in o.scores.values()])
     if len(scores):
         yield f"all joints: {coverage(scores)}"
-        worst = max(((abs(z), f"{o.name} {n}") for o in outcomes for n, z in o.scores.items()), default=(0.0, ""))
+        worst = max(
+            ((abs(z), f"{o.name} {n}") for o in outcomes for n, z in o.scores.items()),
+            default=(0.0, ""),
+        )
         yield f"largest: {worst[0]:.2f} standard errors, {worst[1]}"
 
 
@@ -277,7 +303,9 @@ def _cell(outcome: Outcome, method: str) -> str:
 
 def _summary(outcomes: Sequence[Outcome], method: str) -> str:
     turns = [o.angle_deg[method] for o in outcomes if method in o.angle_deg]
-    return f"{rms([o.distance_mm[method] for o in outcomes]):.1f}" + (f", {rms(turns):.1f}" if turns else "")
+    return f"{rms([o.distance_mm[method] for o in outcomes]):.1f}" + (
+        f", {rms(turns):.1f}" if turns else ""
+    )
 
 
 def _flexion(outcome: Outcome, method: str) -> str:
@@ -304,8 +332,13 @@ def run(chosen: argparse.Namespace) -> dict[str, list[Outcome]]:
     tables: dict[str, SkinTable | None] = {}
     for name in names:
         person = person_of(recordings[name])
-        tables[person] = tables.get(person) or (learn_table(known, without=person) if known else None)
-    tasks = [partial(assess_recording, recordings[name], tables[person_of(recordings[name])]) for name in names]
+        tables[person] = tables.get(person) or (
+            learn_table(known, without=person) if known else None
+        )
+    tasks = [
+        partial(assess_recording, recordings[name], tables[person_of(recordings[name])])
+        for name in names
+    ]
     outcomes = list(side_by_side(tasks, chosen.jobs))
     say(*outcome_lines(outcomes))
     return {"recordings": outcomes}

@@ -20,14 +20,28 @@ from gaitcal.analysis.trial_bandwidth import bandwidth_of
 from gaitcal.arrays import Array
 from gaitcal.calibration import soft_tissue_artefact
 from gaitcal.calibration.joint_estimate import free_of
-from gaitcal.calibration.joint_phases import LEG_PARAMETERS, FittedPhase, JointPhase, PhaseSettings, fit_phase
+from gaitcal.calibration.joint_phases import (
+    LEG_PARAMETERS,
+    FittedPhase,
+    JointPhase,
+    PhaseSettings,
+    fit_phase,
+)
 from gaitcal.calibration.joint_prior import ANATOMY
 from gaitcal.calibration.soft_tissue_table import SkinTable
 from gaitcal.io.recording import Recording
 from gaitcal.model.nominal import knee_flexion, published_model
 from gaitcal.model.parameters import Parameters
 from gaitcal.model.rotations import root_angles
-from gaitcal.model.segment_frames import Frame, HipCentre, frame_yz, hip_centre, nearest_rotation, pelvis_frame, unit
+from gaitcal.model.segment_frames import (
+    Frame,
+    HipCentre,
+    frame_yz,
+    hip_centre,
+    nearest_rotation,
+    pelvis_frame,
+    unit,
+)
 from gaitcal.model.subject_model import MarkerPlacement, Subject, SubjectModel
 from gaitcal.study.settings import CalibrationSettings
 from gaitcal.study.study_trial import Role, Trial
@@ -43,7 +57,11 @@ MEAN_HEIGHT_M, MEAN_MASS_KG = 1.70, 70.0
 PINNED_M = 0.1
 """Half the way between the points of a bone that carries no skin marker."""
 SEGMENT_NAMES = {"pelvis": "pelvis", "thigh": "thigh_r", "shank": "shank_r"}
-GAIT_WORDS, KNEE_WORDS, HIP_WORDS = ("walk", "run", "gait"), ("flexion", "extension"), ("arc", "rotation", "hip")
+GAIT_WORDS, KNEE_WORDS, HIP_WORDS = (
+    ("walk", "run", "gait"),
+    ("flexion", "extension"),
+    ("arc", "rotation", "hip"),
+)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -92,9 +110,14 @@ def nominal_joint(recording: BoneRecording) -> NominalJoint:
         frames, values = _knee(turn, away, height)
     else:
         frames, values = _hip(recording, turn, away)
-    parameters = published_model().parameters.with_joint(tuple(values), np.array(list(values.values())))
+    parameters = published_model().parameters.with_joint(
+        tuple(values), np.array(list(values.values()))
+    )
     subject = Subject(
-        name=recording.person, mass=MEAN_MASS_KG if np.isnan(recording.mass) else recording.mass, height=height, sex=""
+        name=recording.person,
+        mass=MEAN_MASS_KG if np.isnan(recording.mass) else recording.mass,
+        height=height,
+        sex="",
     )
     labels, segments, places = list[str](), list[str](), list[Array]()
     for name in (above, below):
@@ -106,7 +129,9 @@ def nominal_joint(recording: BoneRecording) -> NominalJoint:
         subject=subject,
         parameters=parameters,
         nominal=parameters,
-        markers=MarkerPlacement(tuple(labels), tuple(segments), np.array(places), np.ones(len(labels))),
+        markers=MarkerPlacement(
+            tuple(labels), tuple(segments), np.array(places), np.ones(len(labels))
+        ),
         posture=_posture(joint, frames, turn, parameters),
     )
     return NominalJoint(joint=joint, above=above, below=below, frames=frames, model=model)
@@ -121,7 +146,9 @@ def _skin_or_pins(recording: BoneRecording, name: str) -> Array:
 
 
 def _knee(turn: Array, away: Array, height: float) -> tuple[dict[str, Frame], dict[str, float]]:
-    """Segment axes in the bones' axes, and the nominal knee; `turn`, `away`: static pose of the shank in the thigh."""
+    """Segment axes in the bones' axes, and the nominal knee; `turn`, `away`: static pose of the
+    shank in the thigh.
+    """
     knee = np.zeros(3)
     thigh = Frame(np.eye(3), np.array([0.0, THIGH_OF_HEIGHT * height, 0.0]))
     shank = Frame(np.eye(3), turn.T @ (knee - away))
@@ -141,8 +168,12 @@ def _knee(turn: Array, away: Array, height: float) -> tuple[dict[str, Frame], di
     return {"thigh": thigh, "shank": shank}, values
 
 
-def _hip(recording: BoneRecording, turn: Array, away: Array) -> tuple[dict[str, Frame], dict[str, float]]:
-    """Segment axes in the bones' axes, and the nominal hip; `turn`, `away`: static pose of the thigh in the pelvis."""
+def _hip(
+    recording: BoneRecording, turn: Array, away: Array
+) -> tuple[dict[str, Frame], dict[str, float]]:
+    """Segment axes in the bones' axes, and the nominal hip; `turn`, `away`: static pose of the
+    thigh in the pelvis.
+    """
     points = recording.segments["pelvis"].landmarks
     right, left, back = points["RASI"], points["LASI"], 0.5 * (points["RPSI"] + points["LPSI"])
     pelvis = pelvis_frame(right, left, back)
@@ -150,17 +181,25 @@ def _hip(recording: BoneRecording, turn: Array, away: Array) -> tuple[dict[str, 
     place = hip_centre(HipCentre.HARRINGTON, width, depth, "r")
     hip_below = turn.T @ (pelvis.point(place) - away)
     thigh = frame_yz(hip_below, unit(hip_below), np.array([0.0, 0.0, 1.0]))
-    values = {f"hip_r.pelvis.{d}": x for d, x in zip(("ant", "sup", "lat"), place.tolist(), strict=True)}
+    values = {
+        f"hip_r.pelvis.{d}": x for d, x in zip(("ant", "sup", "lat"), place.tolist(), strict=True)
+    }
     values |= {f"hip_r.thigh.{d}": 0.0 for d in ("ant", "sup", "lat")}
     return {"pelvis": pelvis, "thigh": thigh}, values
 
 
-def _posture(joint: str, frames: Mapping[str, Frame], turn: Array, parameters: Parameters) -> dict[str, float]:
+def _posture(
+    joint: str, frames: Mapping[str, Frame], turn: Array, parameters: Parameters
+) -> dict[str, float]:
     """Coordinate -> rad in the static posture."""
     if joint == "hip_r":
         hip = frames["pelvis"].rotation.T @ turn @ frames["thigh"].rotation
         return dict(
-            zip(("hip_flexion_r", "hip_adduction_r", "hip_rotation_r"), map(float, root_angles(hip)), strict=True)
+            zip(
+                ("hip_flexion_r", "hip_adduction_r", "hip_rotation_r"),
+                map(float, root_angles(hip)),
+                strict=True,
+            )
         )
     shank = frames["thigh"].rotation.T @ turn @ frames["shank"].rotation
     return {"knee_angle_r": knee_flexion(shank, parameters.joint, "r")}
@@ -183,11 +222,21 @@ def problem_of(recording: BoneRecording, nominal: NominalJoint) -> MotionProblem
     isolated = nominal.joint if kind == nominal.joint else None
     root, below = nominal.segments
     problem = trial_problem(
-        recording.name, nominal.model, measured, NodeRule(), root=root, segments=(root, below), isolated=isolated
+        recording.name,
+        nominal.model,
+        measured,
+        NodeRule(),
+        root=root,
+        segments=(root, below),
+        isolated=isolated,
     )
     trial = Trial(name=recording.name, role=Role.JOINT, joint=nominal.joint, recording=measured)
     bandwidth = bandwidth_of(problem, trial, nominal.model, settings)
-    return with_bandwidth(problem, nominal.model.nominal, bandwidth.joints_hz) if bandwidth.penalised else problem
+    return (
+        with_bandwidth(problem, nominal.model.nominal, bandwidth.joints_hz)
+        if bandwidth.penalised
+        else problem
+    )
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -234,7 +283,9 @@ def fit_recording(
     if tissue:
         tracked = soft.found(phase.estimate.keys, phase.estimate.tissue).displaced(plan.problems[0])
         softness = soft.scales[kind].mean
-    return BoneFit(phase=phase, motion=tracked_motion(tracked, phase.estimate.parameters), softness=softness)
+    return BoneFit(
+        phase=phase, motion=tracked_motion(tracked, phase.estimate.parameters), softness=softness
+    )
 
 
 def tracked_flexion(motion: Motion) -> Array:

@@ -2,29 +2,30 @@
 
     bones --learn FILE [--folder DIR]
 
-Per recording the displacement of the markers against the bone is taken apart into the shift of their
-middle, the turn of the cluster and what is left in axes that turn with it; put together as for small
-turns, these are d(t), and are fitted by the knee's flexion from the static posture, phi(t) in rad:
-b = sum phi d / sum phi^2. What is left, r, moves with hips, ankles and contacts, which here go with the
-knee as they like: so b is off by up to rms(r) / rms(phi), counted as one sample, for the cluster's
-shift, its turn, and each marker by itself. The slopes of all markers are
+Per recording the displacement of the markers against the bone is taken apart into the shift of
+their middle, the turn of the cluster and what is left in axes that turn with it; put together as
+for small turns, these are d(t), and are fitted by the knee's flexion from the static posture,
+phi(t) in rad: b = sum phi d / sum phi^2. What is left, r, moves with hips, ankles and contacts,
+which here go with the knee as they like: so b is off by up to rms(r) / rms(phi), counted as one
+sample, for the cluster's shift, its turn, and each marker by itself. The slopes of all markers are
 
     b = s (Phi beta + B (u_person + u_recording) + e_own) + noise,        beta ~ N(0, ridge^2),
 
-Phi the functions of a marker's place (`calibration/soft_tissue_table.py`), B shifts and turns of the
-cluster. Half of the variance of u belongs to the person, half to the recording: two tasks of one
-person differ about as much as two people do. s, how soft a recording is (ln s ~ N(0, 0.7^2)), is the
-likeliest by how the markers deform, in turn with the others: a calibration observes no more of it, and a
-thigh that sags on a chair without deforming adds to the scatter among people. The standard deviations
-of shift, turn, own and ridge are at the maximum of the marginal likelihood, with priors that know them
-to a factor of two; beta is then Gaussian. What is written are roots of E[size^2] by the curvature there,
-as few people tell these sizes. A person is who
-shares sex, height and reference with another file: one person may have several names. With another
-person the skin does Phi beta, with errors of beta, and of shift, turn and own in full.
+Phi the functions of a marker's place (`calibration/soft_tissue_table.py`), B shifts and turns of
+the cluster. Half of the variance of u belongs to the person, half to the recording: two tasks of
+one person differ about as much as two people do. s, how soft a recording is (ln s ~ N(0, 0.7^2)),
+is the likeliest by how the markers deform, in turn with the others: a calibration observes no more
+of it, and a thigh that sags on a chair without deforming adds to the scatter among people. The
+standard deviations of shift, turn, own and ridge are at the maximum of the marginal likelihood,
+with priors that know them to a factor of two; beta is then Gaussian. What is written are roots of
+E[size^2] by the curvature there, as few people tell these sizes. A person is who shares sex, height
+and reference with another file: one person may have several names. With another person the skin
+does Phi beta, with errors of beta, and of shift, turn and own in full.
 
 Printed beside it: for each recording with its person left out, how far its cluster shifts and turns
 from what is expected, in its standard deviations; the same for an artefact without a mean, as large
-as it is likeliest; and what the knee's angle does not explain, beside the sizes in use for the others.
+as it is likeliest; and what the knee's angle does not explain, beside the sizes in use for the
+others.
 """
 
 from __future__ import annotations
@@ -52,8 +53,8 @@ SEGMENTS = ("thigh", "shank")
 PERSON_SHARE = 0.5
 """Part of the variance of a cluster's shift and turn that all recordings of a person share."""
 BEFORE = np.log([8e-3, np.deg2rad(4.0), 4e-3, 10e-3])
-"""ln of shift (m), turn (rad), own (m) and ridge (m) per radian before bones are looked at: the sizes of a walk over
-the 0.4 rad RMS by which its knees bend."""
+"""ln of shift (m), turn (rad), own (m) and ridge (m) per radian before bones are looked at: the
+sizes of a walk over the 0.4 rad RMS by which its knees bend."""
 FACTOR_OF_TWO = 0.7
 """Standard deviation of these logarithms, and of ln s."""
 SOFTNESS = np.geomspace(0.2, 5.0, 41)
@@ -89,7 +90,9 @@ class Slopes:
         size = np.repeat([field.shift, field.turn], 3) ** 2
         own = field.own**2 * np.eye(len(self.slopes))
         return np.asarray(
-            (self.pattern * size) @ self.pattern.T + own + self.functions @ field.covariance @ self.functions.T
+            (self.pattern * size) @ self.pattern.T
+            + own
+            + self.functions @ field.covariance @ self.functions.T
         )
 
 
@@ -118,7 +121,9 @@ def slopes_of(recording: BoneRecording, segment: str) -> Slopes:
     own = left - rigid @ pattern.T
     sizes = np.append(np.sqrt((rigid**2).mean(axis=0)), np.sqrt((own**2).mean()))
     in_step = len(flexion) / power
-    noise = in_step * ((pattern * sizes[:WIDTH] ** 2) @ pattern.T + sizes[-1] ** 2 * np.eye(len(pattern)))
+    noise = in_step * (
+        (pattern * sizes[:WIDTH] ** 2) @ pattern.T + sizes[-1] ** 2 * np.eye(len(pattern))
+    )
     place = (rest - nominal.model.nominal.centre(knee, f"{segment}_r")) / length
     return Slopes(
         name=recording.name,
@@ -132,12 +137,16 @@ def slopes_of(recording: BoneRecording, segment: str) -> Slopes:
 
 
 def _displacements(path: Array, rest: Array) -> Array:
-    """(nf, 3 nm) m: the shift, the turn and the deformation of a cluster, put together as for small turns."""
+    """(nf, 3 nm) m: the shift, the turn and the deformation of a cluster, put together as for small
+    turns.
+    """
     middle, arms = path.mean(axis=1), rest - rest.mean(axis=0)
     rotation, _ = rigid_motions(rest, path)
     turned = np.einsum("fji,fmj->fmi", rotation, path - middle[:, None])
     rigid = np.hstack([middle - rest.mean(axis=0), Rotation.from_matrix(rotation).as_rotvec()])
-    return np.asarray(rigid @ together(arms).reshape(-1, WIDTH).T + (turned - arms).reshape(len(path), -1))
+    return np.asarray(
+        rigid @ together(arms).reshape(-1, WIDTH).T + (turned - arms).reshape(len(path), -1)
+    )
 
 
 def all_slopes(recordings: Sequence[BoneRecording], segment: str) -> list[Slopes]:
@@ -156,10 +165,14 @@ def learn_field(data: Sequence[Slopes]) -> SkinField:
 
 
 def _likeliest_softness(data: Slopes, field: SkinField) -> float:
-    """S of one recording by how its markers deform, with a log-normal prior; a calibration observes no more."""
+    """S of one recording by how its markers deform, with a log-normal prior; a calibration observes
+    no more.
+    """
     deforming = null_space(data.pattern.T, rcond=SMALLEST)
     mean = deforming.T @ (data.functions @ field.coefficients.ravel())
-    about, noise = (deforming.T @ covariance @ deforming for covariance in (data.about(field), data.noise))
+    about, noise = (
+        deforming.T @ covariance @ deforming for covariance in (data.about(field), data.noise)
+    )
     known = -0.5 * (np.log(SOFTNESS) / FACTOR_OF_TWO) ** 2
     observed = deforming.T @ data.slopes
     found = [_log_density(observed - s * mean, s**2 * about + noise) for s in SOFTNESS]
@@ -168,7 +181,10 @@ def _likeliest_softness(data: Slopes, field: SkinField) -> float:
 
 def _field_of(data: Sequence[Slopes]) -> SkinField:
     """The field of recordings that are all as soft."""
-    functions, slopes = np.vstack([d.functions for d in data]), np.concatenate([d.slopes for d in data])
+    functions, slopes = (
+        np.vstack([d.functions for d in data]),
+        np.concatenate([d.slopes for d in data]),
+    )
 
     def cost(logs: Array) -> float:
         whole = _covariance(data, logs) + np.exp(2 * logs[3]) * functions @ functions.T
@@ -178,12 +194,16 @@ def _field_of(data: Sequence[Slopes]) -> SkinField:
     logs = minimize(cost, BEFORE, method="L-BFGS-B").x
     doubt = np.diag(np.linalg.inv(_curvature(cost, logs)))
     factor = cho_factor(_covariance(data, logs))
-    information = functions.T @ cho_solve(factor, functions) + np.exp(-2 * logs[3]) * np.eye(functions.shape[1])
+    information = functions.T @ cho_solve(factor, functions) + np.exp(-2 * logs[3]) * np.eye(
+        functions.shape[1]
+    )
     covariance = np.linalg.inv(information)
     beta = covariance @ functions.T @ cho_solve(factor, slopes)
     # E[size^2], as the sizes themselves are known from few people
     shift, turn, own = np.exp(logs + doubt)[:3].tolist()
-    return SkinField(coefficients=beta.reshape(-1, 3), covariance=covariance, shift=shift, turn=turn, own=own)
+    return SkinField(
+        coefficients=beta.reshape(-1, 3), covariance=covariance, shift=shift, turn=turn, own=own
+    )
 
 
 def _curvature(function: Callable[[Array], float], at: Array) -> Array:
@@ -193,7 +213,9 @@ def _curvature(function: Callable[[Array], float], at: Array) -> Array:
     for i, one in enumerate(steps):
         for j, other in enumerate(steps):
             pairs = ((1, 1), (1, -1), (-1, 1), (-1, -1))
-            out[i, j] = sum(a * b * function(at + a * one + b * other) for a, b in pairs) / (4 * STEP**2)
+            out[i, j] = sum(a * b * function(at + a * one + b * other) for a, b in pairs) / (
+                4 * STEP**2
+            )
     return out
 
 
@@ -224,9 +246,13 @@ def learn_table(recordings: Sequence[BoneRecording], without: str = "") -> dict[
     return out
 
 
-def write_table(fields: Mapping[str, SkinField], recordings: Sequence[BoneRecording], file: Path) -> None:
+def write_table(
+    fields: Mapping[str, SkinField], recordings: Sequence[BoneRecording], file: Path
+) -> None:
     """Write the data file."""
-    people = len({person_of(r) for r in recordings if r.has("thigh", "shank") and not r.has("pelvis")})
+    people = len(
+        {person_of(r) for r in recordings if r.has("thigh", "shank") and not r.has("pelvis")}
+    )
     rows = {
         name: {
             "coefficients_mm": (1e3 * field.coefficients).round(3).tolist(),
@@ -238,10 +264,12 @@ def write_table(fields: Mapping[str, SkinField], recordings: Sequence[BoneRecord
         for name, field in fields.items()
     }
     whole = {
-        "description": "How skin markers move against the bone per radian of knee flexion from the static posture "
+        "description": "How skin markers move against the bone per radian of knee flexion from the "
+        "static posture "
         "(gaitcal/calibration/soft_tissue_table.py), for a thigh of 0.42 m",
         "derived_by": "python -m scripts.validation bones --learn models/soft_tissue.json",
-        "source": f"{people} people whose bones pins or fluoroscopy tracked under skin markers; Cereatti et al., "
+        "source": f"{people} people whose bones pins or fluoroscopy tracked under skin markers; "
+        "Cereatti et al., "
         "J Biomech 62:5-13, 2017",
         "functions": ["1", "x/W", "z/W", "k", "k x/W", "k z/W", "g"],
         "segments": rows,
@@ -263,10 +291,13 @@ def learn_lines(recordings: Sequence[BoneRecording]) -> Iterator[str]:
             continue
         field = learn_field(data)
         yield (
-            f"{segment}, per rad of knee flexion: shift {1e3 * field.shift:.1f} mm, turn {np.rad2deg(field.turn):.1f} "
+            f"{segment}, per rad of knee flexion: shift {1e3 * field.shift:.1f} mm, turn "
+            f"{np.rad2deg(field.turn):.1f} "
             f"deg, own {1e3 * field.own:.1f} mm (SD among people)"
         )
-        heads = f"{'shift, mm/rad':>22}{'expected':>22}{'(SD)':>7}{'z RMS':>7}{'ln p':>8}{'no mean':>9}"
+        heads = (
+            f"{'shift, mm/rad':>22}{'expected':>22}{'(SD)':>7}{'z RMS':>7}{'ln p':>8}{'no mean':>9}"
+        )
         yield f"  {'person left out':20}{heads}"
         sums = np.zeros(2)
         for d in data:
@@ -279,11 +310,16 @@ def learn_lines(recordings: Sequence[BoneRecording]) -> Iterator[str]:
             deviation = np.sqrt(np.diag(rigid @ spread @ rigid.T))
             z = (found - expected) / deviation
             with_mean = _log_density(d.slopes - mean, spread)
-            alone = max(_log_density(d.slopes, f**2 * about + d.noise) for f in np.geomspace(0.5, 8.0, 20))
+            alone = max(
+                _log_density(d.slopes, f**2 * about + d.noise) for f in np.geomspace(0.5, 8.0, 20)
+            )
             sums += with_mean, alone
-            cells = "".join(f"{' '.join(f'{x:6.1f}' for x in 1e3 * of[:3]):>22}" for of in (found, expected))
+            cells = "".join(
+                f"{' '.join(f'{x:6.1f}' for x in 1e3 * of[:3]):>22}" for of in (found, expected)
+            )
             yield (
-                f"  {d.name:20}{cells}{1e3 * deviation[:3].mean():7.1f}{np.sqrt((z**2).mean()):7.2f}{with_mean:8.1f}"
+                "  "
+                f"{d.name:20}{cells}{1e3 * deviation[:3].mean():7.1f}{np.sqrt((z**2).mean()):7.2f}{with_mean:8.1f}"
                 f"{alone:9.1f}"
             )
         yield f"  {'sum':78}{sums[0]:8.1f}{sums[1]:9.1f}"
@@ -292,7 +328,8 @@ def learn_lines(recordings: Sequence[BoneRecording]) -> Iterator[str]:
         yield (
             f"  not explained by the knee, RMS a component: shift {1e3 * shift:.1f} mm, turn "
             f"{np.rad2deg(turn):.1f} deg, own {1e3 * left[6]:.1f} mm; in use for each other "
-            f"angle: {1e3 * size.shift:.1f} mm, {np.rad2deg(size.turn):.1f} deg, {1e3 * size.own:.1f} mm"
+            f"angle: {1e3 * size.shift:.1f} mm, {np.rad2deg(size.turn):.1f} deg, "
+            f"{1e3 * size.own:.1f} mm"
         )
 
 

@@ -1,4 +1,5 @@
-"""Recordings of skin markers beside the bones under them, and what a laboratory would have made of them.
+"""Recordings of skin markers beside the bones under them, and what a laboratory would have made of
+them.
 
 A file `NAME_task.npz` holds `rate_hz`, and for each segment (`thigh_r`, `shank_l`, `pelvis`):
 
@@ -129,18 +130,28 @@ def _read(file: Path, row: pd.Series) -> BoneRecording | None:
     side = "l" if any(key.startswith(("thigh_l", "shank_l")) for key in data) else "r"
     mirror = LEFT_TO_RIGHT if side == "l" else np.eye(3)
     segments = {}
-    for kind, name in (("pelvis", "pelvis"), ("thigh", f"thigh_{side}"), ("shank", f"shank_{side}")):
+    for kind, name in (
+        ("pelvis", "pelvis"),
+        ("thigh", f"thigh_{side}"),
+        ("shank", f"shank_{side}"),
+    ):
         if f"{name}.rotation" not in data:
             continue
         rotation = mirror @ data[f"{name}.rotation"] @ mirror
         markers = data.get(f"{name}.markers", np.zeros((len(rotation), 0, 3)))
         prefix = f"{name}.landmark."
-        landmarks = {key.removeprefix(prefix): mirror @ value for key, value in data.items() if key.startswith(prefix)}
+        landmarks = {
+            key.removeprefix(prefix): mirror @ value
+            for key, value in data.items()
+            if key.startswith(prefix)
+        }
         segments[kind] = BoneSegment(
             rotation=rotation,
             origin=data[f"{name}.origin"] @ mirror,
             markers=markers @ mirror,
-            landmarks=_sides_exchanged(landmarks) if side == "l" and kind == "pelvis" else landmarks,
+            landmarks=_sides_exchanged(landmarks)
+            if side == "l" and kind == "pelvis"
+            else landmarks,
         )
     if not {"thigh", "shank"} <= set(segments) and not {"pelvis", "thigh"} <= set(segments):
         return None
@@ -189,8 +200,9 @@ def fit_hinge(above: BoneSegment, below: BoneSegment) -> tuple[Array, Array, Arr
 def hinge_errors(above: BoneSegment, below: BoneSegment) -> tuple[float, float]:
     """How far the axis that `fit_hinge` finds may be off, m across it and rad.
 
-    Knees are no hinges, and references err by a millimetre and a degree. What the hinge leaves of the
-    motion of the bones, in step with flexion, is as far as another axis would serve them as well.
+    Knees are no hinges, and references err by a millimetre and a degree. What the hinge leaves of
+    the motion of the bones, in step with flexion, is as far as another axis would serve them as
+    well.
     """
     direction, point, direction_below, point_below = fit_hinge(above, below)
     gap = np.einsum("fij,j->fi", above.rotation, point) + above.origin
@@ -200,11 +212,17 @@ def hinge_errors(above: BoneSegment, below: BoneSegment) -> tuple[float, float]:
     apart = turn @ direction_below - direction
     flexion = np.arctan2(turn[:, 1, 0], turn[:, 0, 0])
     moved = float(flexion.std())
-    return float(np.sqrt(np.mean(gap[:, :2] ** 2))) / moved, float(np.sqrt(np.mean(apart[:, :2] ** 2))) / moved
+    return float(np.sqrt(np.mean(gap[:, :2] ** 2))) / moved, float(
+        np.sqrt(np.mean(apart[:, :2] ** 2))
+    ) / moved
 
 
-def fit_clusters(recording: BoneRecording, above: str, below: str) -> tuple[BoneSegment, BoneSegment]:
-    """Both segments as a rigid fit of all skin markers to their static places has them; a pinned one as it is."""
+def fit_clusters(
+    recording: BoneRecording, above: str, below: str
+) -> tuple[BoneSegment, BoneSegment]:
+    """Both segments as a rigid fit of all skin markers to their static places has them; a pinned
+    one as it is.
+    """
     still = recording.standing(above, below)
     out = []
     for name in (above, below):
@@ -213,5 +231,9 @@ def fit_clusters(recording: BoneRecording, above: str, below: str) -> tuple[Bone
             out.append(bone)
             continue
         rotation, origin = rigid_motions(bone.markers[still].mean(axis=0), bone.in_laboratory)
-        out.append(BoneSegment(rotation=rotation, origin=origin, markers=bone.markers, landmarks=bone.landmarks))
+        out.append(
+            BoneSegment(
+                rotation=rotation, origin=origin, markers=bone.markers, landmarks=bone.landmarks
+            )
+        )
     return out[0], out[1]

@@ -1,10 +1,11 @@
-"""Does the first command reach torques on any laboratory's folder? Bare folders, and what other laboratories do.
+"""Does the first command reach torques on any laboratory's folder? Bare folders, and what other
+laboratories do.
 
     clinics [--parts folders,labels] [--jobs 2] [--only REGEX] [--list] [--keep DIR]
 
-Each case is a folder of recordings without a study file: as the laboratory left it, or changed as another one would
-have written it (`clinics/variants.py`). `gaitcal calibrate FOLDER` runs on it in a process of its own. It ends as one
-of
+Each case is a folder of recordings without a study file: as the laboratory left it, or changed as
+another one would have written it (`clinics/variants.py`). `gaitcal calibrate FOLDER` runs on it in
+a process of its own. It ends as one of
 
 torques     exit code 0 or a verdict that says no, and a leg with valid torques wherever forces were recorded; the same
             as of the folder as it was, within their error bars (RMS over frames of |difference| /
@@ -15,16 +16,18 @@ wrong       other torques than of the folder as it was, and nothing said that is
 named       other torques, and a message that the folder as it was does not have
 crash       a traceback, or an exit code that no fault of the input explains
 
-Exit code 1 where fewer than nine in ten reach torques (or rightly ask), or anything is wrong or crashes.
+Exit code 1 where fewer than nine in ten reach torques (or rightly ask), or anything is wrong or
+crashes.
 
-Part `labels`: are torques the same with labels that say nothing as with the laboratory's own? Every folder of
-recordings twice: as it is, and with its markers renamed M001, M002, ... in no order. Of the latter `gaitcal init`
-proposes what each marker is; the proposal is answered as a person would who sees the markers: which are the landmarks
-of pelvis, knees, ankles and feet. All else stays as proposed. Both are calibrated, told the same mass, height and
-sex. A line for each: how many markers (those that a moving trial shows, or that are landmarks) were put on the right
-segment, which it asked, what was wrong; and the difference of the torques (of joint parameters, where no forces were
-recorded) in error bars. Exit code 1 where a difference is more than one, fewer than 95 % are right, or a marker is
-put on the other leg.
+Part `labels`: are torques the same with labels that say nothing as with the laboratory's own? Every
+folder of recordings twice: as it is, and with its markers renamed M001, M002, ... in no order. Of
+the latter `gaitcal init` proposes what each marker is; the proposal is answered as a person would
+who sees the markers: which are the landmarks of pelvis, knees, ankles and feet. All else stays as
+proposed. Both are calibrated, told the same mass, height and sex. A line for each: how many markers
+(those that a moving trial shows, or that are landmarks) were put on the right segment, which it
+asked, what was wrong; and the difference of the torques (of joint parameters, where no forces were
+recorded) in error bars. Exit code 1 where a difference is more than one, fewer than 95 % are right,
+or a marker is put on the other leg.
 """
 
 from __future__ import annotations
@@ -58,7 +61,11 @@ from scripts.validation.harness import gaitcal, matching, option, said
 from scripts.validation.recordings import CLINICS, EVERYBODY, HERE, data
 
 LEAST_RIGHT = 0.95
-NAMED = tuple(f"{name}_{side}" for name in ("asis", "knee_lat", "knee_med", "ankle_lat", "ankle_med") for side in SIDES)
+NAMED = tuple(
+    f"{name}_{side}"
+    for name in ("asis", "knee_lat", "knee_med", "ankle_lat", "ankle_med")
+    for side in SIDES
+)
 NAMED += tuple(f"{name}_{side}" for name in ("heel", "toe") for side in SIDES)
 """Landmarks of one marker that a person is asked for; and what is on the sacrum."""
 
@@ -80,7 +87,10 @@ class Proposed:
         right = 100 * (1 - len(self.wrong) / self.markers)
         told = "; ".join(f"{m}: {w}" for m, w in (*self.wrong.items(), *self.answers.items()))
         asked = f"asked {', '.join(self.asked) or 'nothing'}"
-        return f"{self.name:12s}{right:6.1f} % of {self.markers:3d} markers; {asked}; {told or 'all right'}"
+        return (
+            f"{self.name:12s}{right:6.1f} % of {self.markers:3d} markers; {asked}; "
+            f"{told or 'all right'}"
+        )
 
 
 def recordings_in(folder: Path) -> list[Path]:
@@ -97,7 +107,9 @@ def relabel(folder: Path, change: Callable[[str], str]) -> None:
         else:
             lines = path.read_text(encoding="latin-1").split("\n")
             head, *cells = lines[3].split("\t")
-            lines[3] = "\t".join([head, *(c if c.strip() in ("", "Time") else change(c.strip()) for c in cells)])
+            lines[3] = "\t".join(
+                [head, *(c if c.strip() in ("", "Time") else change(c.strip()) for c in cells)]
+            )
             path.write_text("\n".join(lines), encoding="latin-1")
 
 
@@ -109,7 +121,9 @@ def names_of(folder: Path, seed: int = 0) -> dict[str, str]:
 
 
 def own_set(name: str) -> MarkerSet:
-    return load_marker_set(EVERYBODY[name].markers.replace("{data}", str(data())).replace("{here}", str(HERE)))
+    return load_marker_set(
+        EVERYBODY[name].markers.replace("{data}", str(data())).replace("{here}", str(HERE))
+    )
 
 
 def truth(name: str, labels: Mapping[str, str]) -> tuple[dict[str, str], dict[str, str]]:
@@ -118,7 +132,13 @@ def truth(name: str, labels: Mapping[str, str]) -> tuple[dict[str, str], dict[st
     spelt = dict(zip(own._spelt(labels), labels.values(), strict=True))
     of = {m: SEGMENT_OF[n] for n in own.landmarks for group in own.options(n) for m in group}
     of |= {m: of[knee] for knee, parts in own.knee_device.items() for m in parts} | own.segment_of
-    landmarks = {group[0]: n for n in NAMED if n in own.landmarks for group in own.options(n)[:1] if len(group) == 1}
+    landmarks = {
+        group[0]: n
+        for n in NAMED
+        if n in own.landmarks
+        for group in own.options(n)[:1]
+        if len(group) == 1
+    }
     for group in own.options("sacrum"):
         landmarks |= {m: "sacrum" if len(group) == 1 else f"psis_{m[0].lower()}" for m in group}
     return (
@@ -128,29 +148,44 @@ def truth(name: str, labels: Mapping[str, str]) -> tuple[dict[str, str], dict[st
 
 
 def propose(name: str, folder: Path) -> Proposed:
-    """Take the labels of a person's recordings in a folder away, have a study drafted, and answer what it asks: which
-    marker each landmark of pelvis, knees, ankles and feet is. Points that the person's own set does not know are left
-    out of C3D files, as programs computed most of them.
+    """Take the labels of a person's recordings in a folder away, have a study drafted, and answer
+    what it asks: which marker each landmark of pelvis, knees, ankles and feet is. Points that the
+    person's own set does not know are left out of C3D files, as programs computed most of them.
     """
     person, own = EVERYBODY[name], own_set(name)
     person.copy(folder)
     labels = names_of(folder)
-    labels = {m: new for (m, new), s in zip(labels.items(), own._spelt(labels), strict=True) if s in own.labels}
+    labels = {
+        m: new
+        for (m, new), s in zip(labels.items(), own._spelt(labels), strict=True)
+        if s in own.labels
+    }
     for path in folder.glob("*.c3d"):
         trial = Trial(path)
         trial.keep(labels.__contains__)
         trial.write()
     relabel(folder, lambda label: labels.get(label, label))
     segments, landmarks = truth(name, labels)
-    moving = {m for path in recordings_in(folder) if "static" not in path.stem for m in read_recording(path).labels}
+    moving = {
+        m
+        for path in recordings_in(folder)
+        if "static" not in path.stem
+        for m in read_recording(path).labels
+    }
     segments = {m: s for m, s in segments.items() if m in moving or m in landmarks}
-    draft = draft_of(read_folder(folder), Options(mass=person.mass, height=person.height, sex=person.sex))
+    draft = draft_of(
+        read_folder(folder), Options(mass=person.mass, height=person.height, sex=person.sex)
+    )
     if draft.choice is None or draft.choice.proposal is None:
         raise GaitcalError(f"{name}: {draft.fault or 'a marker set knows the labels'}")
     old, found = {new: m for m, new in labels.items()}, draft.choice.proposal
     of = {m: segment_named(n) for m, n in found.rename.items()}
     of |= {m: segment for segment, group in found.tracking.items() for m in group}
-    right = {m: n for m, n in found.rename.items() if m not in found.asked and n not in landmarks.values()} | landmarks
+    right = {
+        m: n
+        for m, n in found.rename.items()
+        if m not in found.asked and n not in landmarks.values()
+    } | landmarks
     groups = {s: [m for m in group if m not in right] for s, group in found.tracking.items()}
     for m in found.rename.keys() - right.keys() - found.asked:
         groups.setdefault(of[m], []).append(m)
@@ -164,12 +199,16 @@ def propose(name: str, folder: Path) -> Proposed:
         asked=frozenset(),
     )
     text = draft_text(replace(draft, choice=replace(draft.choice, proposal=answered)), folder)
-    (folder / STUDY).write_text(text.replace("confirmed = false", "confirmed = true"), encoding="utf-8")
+    (folder / STUDY).write_text(
+        text.replace("confirmed = false", "confirmed = true"), encoding="utf-8"
+    )
     other = {m: n for m, n in landmarks.items() if found.rename.get(m) != n}
     return Proposed(
         name=name,
         markers=len(segments),
-        wrong={old[m]: f"{s} -> {of.get(m, 'nowhere')}" for m, s in segments.items() if of.get(m) != s},
+        wrong={
+            old[m]: f"{s} -> {of.get(m, 'nowhere')}" for m, s in segments.items() if of.get(m) != s
+        },
         answers={old[m]: f"{found.rename.get(m, 'none')} -> {n}" for m, n in other.items()},
         asked=tuple(f"{old.get(m, m)} = {found.rename[m]}" for m in found.asked),
     )
@@ -178,7 +217,9 @@ def propose(name: str, folder: Path) -> Proposed:
 def segment_named(name: str) -> str:
     """Of a marker that the set "landmarks" names."""
     own = load_marker_set("landmarks")
-    of = own.segment_of | {m: own.segment_of[knee] for knee, parts in own.knee_device.items() for m in parts}
+    of = own.segment_of | {
+        m: own.segment_of[knee] for knee, parts in own.knee_device.items() for m in parts
+    }
     return of[name]
 
 
@@ -193,10 +234,16 @@ def run_person(name: str, room: Path) -> Outcome:
     after = calibrated(place / "nameless" / STUDY, place / "after")
     ratio = None
     if not (before or after):
-        ratio = difference(place / "before", place / "after") if (place / "before" / "moments").exists() else None
+        ratio = (
+            difference(place / "before", place / "after")
+            if (place / "before" / "moments").exists()
+            else None
+        )
         ratio = parameter_difference(place / "before", place / "after") if ratio is None else ratio
     share = 1 - len(proposed.wrong) / proposed.markers
-    exchanged = [w for w in proposed.wrong.values() if w.split(" -> ")[0][:-1] == w.split(" -> ")[1][:-1]]
+    exchanged = [
+        w for w in proposed.wrong.values() if w.split(" -> ")[0][:-1] == w.split(" -> ")[1][:-1]
+    ]
     same = ratio is not None and ratio <= 1.0 and share >= LEAST_RIGHT and not exchanged
     ending = Ending.TORQUES if same else Ending.REFUSED if ratio is None else Ending.WRONG
     said = "; ".join(filter(None, (proposed.line, before, after)))
@@ -206,14 +253,25 @@ def run_person(name: str, room: Path) -> Outcome:
 def calibrated(source: Path, result: Path, *options: str) -> str:
     """Run the command; what it says where no result comes of it."""
     done = gaitcal("calibrate", source, "--out", result, *options)
-    return "" if (result / "summary.json").exists() else (done.stderr.strip() or done.stdout.strip()).splitlines()[-1]
+    return (
+        ""
+        if (result / "summary.json").exists()
+        else (done.stderr.strip() or done.stdout.strip()).splitlines()[-1]
+    )
 
 
 def parameter_difference(before: Path, after: Path) -> float:
     """Median over the joint parameters that both fit of their difference in error bars."""
-    one, other = (pd.read_csv(result / "parameters.csv", comment="#").set_index("name") for result in (before, after))
-    both = one.join(other, rsuffix="_other", how="inner").query("status == 'fitted' and status_other == 'fitted'")
-    return float(((both["fitted"] - both["fitted_other"]).abs() / (1.96 * both["standard_error"])).median())
+    one, other = (
+        pd.read_csv(result / "parameters.csv", comment="#").set_index("name")
+        for result in (before, after)
+    )
+    both = one.join(other, rsuffix="_other", how="inner").query(
+        "status == 'fitted' and status_other == 'fitted'"
+    )
+    return float(
+        ((both["fitted"] - both["fitted_other"]).abs() / (1.96 * both["standard_error"])).median()
+    )
 
 
 SHARED = ("--jobs", "--only", "--list", "--json")
@@ -248,7 +306,10 @@ class Outcome:
     @property
     def line(self) -> str:
         ratio = "" if self.ratio is None else f" {self.ratio:.2f} bars"
-        return f"{self.ending.value:8s}{self.title:45s}{self.seconds:6.1f} s{ratio}  {self.words[:240]}"
+        return (
+            f"{self.ending.value:8s}{self.title:45s}{self.seconds:6.1f} s{ratio}  "
+            f"{self.words[:240]}"
+        )
 
 
 def run_case(variant_name: str, clinic_name: str, room: Path, clean: Outcome | None) -> Outcome:
@@ -268,14 +329,20 @@ def run_case(variant_name: str, clinic_name: str, room: Path, clean: Outcome | N
     seconds = time.perf_counter() - begin
     (place / "said.txt").write_text(done.stdout + "\n" + done.stderr, encoding="utf-8")
     last = (done.stderr.strip() or done.stdout.strip() or "nothing said").splitlines()[-1]
-    if "Traceback" in done.stderr or "internal error" in done.stderr or done.returncode not in (0, 1):
+    if (
+        "Traceback" in done.stderr
+        or "internal error" in done.stderr
+        or done.returncode not in (0, 1)
+    ):
         return Outcome(title, Ending.CRASH, seconds, f"exit {done.returncode}: {last}", result)
     if not (result / "summary.json").exists():
         ending = Ending.ASKED if variant.may_refuse else Ending.REFUSED
         return Outcome(title, ending, seconds, last, result)
     summary = json.loads((result / "summary.json").read_text(encoding="utf-8"))
     words = f"{summary.get('verdict')}; {_legs(result)}"
-    if (result / "moments").exists() and not any(_valid(t, s).any() for t in moments(result).values() for s in "rl"):
+    if (result / "moments").exists() and not any(
+        _valid(t, s).any() for t in moments(result).values() for s in "rl"
+    ):
         return Outcome(title, Ending.REFUSED, seconds, f"{words}; {last}", result)
     if clean is None or not variant.same or not (clean.result / "summary.json").exists():
         return Outcome(title, Ending.TORQUES, seconds, words, result)
@@ -283,7 +350,14 @@ def run_case(variant_name: str, clinic_name: str, room: Path, clean: Outcome | N
     if ratio is None or ratio <= 1.0:
         return Outcome(title, Ending.TORQUES, seconds, words, result, ratio)
     new = messages(result) - messages(clean.result)
-    return Outcome(title, Ending.NAMED if new else Ending.WRONG, seconds, f"{words}; {sorted(new)[:2]}", result, ratio)
+    return Outcome(
+        title,
+        Ending.NAMED if new else Ending.WRONG,
+        seconds,
+        f"{words}; {sorted(new)[:2]}",
+        result,
+        ratio,
+    )
 
 
 def messages(result: Path) -> set[str]:
@@ -292,7 +366,9 @@ def messages(result: Path) -> set[str]:
 
 
 def moments(result: Path) -> dict[str, pd.DataFrame]:
-    """Tables of torques; keyed by the number of frames and the first time, as names of trials may differ."""
+    """Tables of torques; keyed by the number of frames and the first time, as names of trials may
+    differ.
+    """
     tables = [pd.read_csv(path, comment="#") for path in sorted((result / "moments").glob("*.csv"))]
     return {f"{len(t)} {t['time'].iloc[0]:.3f}": t for t in tables}
 
@@ -304,11 +380,15 @@ def _valid(table: pd.DataFrame, side: str) -> np.ndarray:
 
 def _legs(result: Path) -> str:
     counts = {s: sum(_valid(t, s).sum() for t in moments(result).values()) for s in "rl"}
-    return f"valid r {counts['r']} l {counts['l']}" if (result / "moments").exists() else "no forces"
+    return (
+        f"valid r {counts['r']} l {counts['l']}" if (result / "moments").exists() else "no forces"
+    )
 
 
 def difference(before: Path, after: Path) -> float | None:
-    """Median over leg coordinates of the RMS difference in error bars of `before`; None without common frames."""
+    """Median over leg coordinates of the RMS difference in error bars of `before`; None without
+    common frames.
+    """
     ratios, theirs = [], moments(after)
     for key, mine in moments(before).items():
         if key not in theirs:
@@ -316,9 +396,13 @@ def difference(before: Path, after: Path) -> float | None:
         other = theirs[key]
         for side in "rl":
             both = _valid(mine, side) & _valid(other, side)
-            for name in (c for c in mine if c.endswith(f"_{side}") and f"{c}_se" in mine and both.any()):
+            for name in (
+                c for c in mine if c.endswith(f"_{side}") and f"{c}_se" in mine and both.any()
+            ):
                 value, se = mine[name][both], mine[f"{name}_se"][both]
-                scale = (mine[f"{name}_bwh"][both] / value).abs().median()  # % of body weight times height per N·m
+                scale = (
+                    (mine[f"{name}_bwh"][both] / value).abs().median()
+                )  # % of body weight times height per N·m
                 bar = np.maximum(1.96 * se.fillna(0.0), FLOOR_BWH / scale)
                 ratios.append(float(np.sqrt(np.mean(((other[name][both] - value) / bar) ** 2))))
     return float(np.median(ratios)) if ratios else None
@@ -340,7 +424,9 @@ def folders(chosen: argparse.Namespace) -> list[Outcome]:
         bases = sorted({clinic for _, clinic in wanted})
         first = [partial(run_case, AS_IT_IS, clinic, folder, None) for clinic in bases]
         clean = dict(zip(bases, said(first, chosen.jobs), strict=True))
-        rest = [partial(run_case, v.name, c, folder, clean[c]) for v, c in wanted if v.name != AS_IT_IS]
+        rest = [
+            partial(run_case, v.name, c, folder, clean[c]) for v, c in wanted if v.name != AS_IT_IS
+        ]
         outcomes = [clean[c] for v, c in wanted if v.name == AS_IT_IS] + said(rest, chosen.jobs)
     counts = Counter(outcome.ending for outcome in outcomes)
     print(", ".join(f"{ending.value} {counts[ending]}" for ending in Ending), f"of {len(outcomes)}")
@@ -354,7 +440,10 @@ def labels(chosen: argparse.Namespace) -> list[Outcome]:
         print("\n".join(names))
         return []
     with tempfile.TemporaryDirectory() as temporary:
-        return said([partial(run_person, name, chosen.room or Path(temporary)) for name in names], chosen.jobs)
+        return said(
+            [partial(run_person, name, chosen.room or Path(temporary)) for name in names],
+            chosen.jobs,
+        )
 
 
 PARTS = {"folders": folders, "labels": labels}

@@ -1,8 +1,8 @@
 """What other laboratories do differently, each made of the files of a folder.
 
-A variant that changes nothing about the person must give the same torques. One that takes something away may give
-wider bars, or end with a clear line where nothing else can be said; never other torques in silence. C3D files are
-changed in place.
+A variant that changes nothing about the person must give the same torques. One that takes something
+away may give wider bars, or end with a clear line where nothing else can be said; never other
+torques in silence. C3D files are changed in place.
 """
 
 from __future__ import annotations
@@ -106,7 +106,9 @@ class Trial:
                 del trial[name]
 
     def scale_lengths(self, factor: float, unit: str) -> None:
-        """The points in another unit of length (forces, corners and moments of a C3D file stay in theirs: also mm)."""
+        """The points in another unit of length (forces, corners and moments of a C3D file stay in
+        theirs: also mm).
+        """
         self.file["data"]["points"][:3] *= factor
         self.file["parameters"]["POINT"]["UNITS"]["value"] = [unit]
         plates = self.file["parameters"].get("FORCE_PLATFORM", {})
@@ -119,10 +121,23 @@ class Trial:
 
 
 TRUNK = ("C7", "T2", "T6", "T8", "T10", "T12", "CLAV", "STRN", "RBAK", "RSHO", "LSHO")
-ARMS = tuple(side + name for side in "RL" for name in ("UPA", "ELB", "FRM", "WRA", "WRB", "FIN", "WRI"))
+ARMS = tuple(
+    side + name for side in "RL" for name in ("UPA", "ELB", "FRM", "WRA", "WRB", "FIN", "WRI")
+)
 HEAD = ("RFHD", "LFHD", "RBHD", "LBHD")
 VICON = ("pig", "kad", "multi2", "HC002D", "HC030A")
-EVERY = ("pig", "kad", "multi", "HC002D", "HC030A", "HC031A", "HC032A", "functional", "subject01", "uf3")
+EVERY = (
+    "pig",
+    "kad",
+    "multi",
+    "HC002D",
+    "HC030A",
+    "HC031A",
+    "HC032A",
+    "functional",
+    "subject01",
+    "uf3",
+)
 METADATA = ("PROCESSING", "SUBJECTS", "EVENT", "ANALYSIS")
 Change: TypeAlias = Callable[[Any], None]
 
@@ -186,7 +201,9 @@ variant("as it is", EVERY, "folder")(lambda folder: None)  # nothing is changed
 @variant("names say nothing", (*VICON, "uf3", "functional"), "folder")
 def _numbered(folder: Path) -> None:
     """The static trial's last of all."""
-    for k, path in enumerate(sorted(folder.iterdir(), key=lambda p: (p.stem.endswith("static"), p.name[::-1]))):
+    for k, path in enumerate(
+        sorted(folder.iterdir(), key=lambda p: (p.stem.endswith("static"), p.name[::-1]))
+    ):
         if path.suffix in (".c3d", ".trc"):
             path.rename(path.with_name(f"{k + 1:08d}{path.suffix}"))
 
@@ -252,7 +269,9 @@ variant("PSIS lost while standing", ("pig", "kad", "multi2"), "static.c3d", may_
 variant("thigh marker lost while standing", ("pig", "kad"), "static.c3d", may_refuse=True)(
     lambda trial: trial.hide("LTHI")
 )
-variant("heel lost while standing", ("pig", "HC002D"), "static.c3d", may_refuse=True)(lambda trial: trial.hide("RHEE"))
+variant("heel lost while standing", ("pig", "HC002D"), "static.c3d", may_refuse=True)(
+    lambda trial: trial.hide("RHEE")
+)
 
 
 @variant("gap while walking", ("pig", "HC002D"), "moving")
@@ -261,13 +280,23 @@ def _gap(trial: Trial) -> None:
     trial.hide("RTHI" if "RTHI" in trial.labels else "RTHI1", slice(third, third + 12))
 
 
-variant("static of five frames", ("pig", "kad", "HC030A"), "static.c3d")(lambda trial: trial.cut(0, 5))
+variant("static of five frames", ("pig", "kad", "HC030A"), "static.c3d")(
+    lambda trial: trial.cut(0, 5)
+)
 
 
 @variant("pictures and broken files beside", ("pig", "multi2"), "folder")
 def _pictures(folder: Path) -> None:
-    contents = {"foot.png": b"\x89PNG\r\n\x1a\n", "notes.docx": b"PK\x03\x04", "Thumbs.db": b"\0" * 64}
-    contents |= {"session.enf": b"[Node]\n", "broken.c3d": b"\0" * 700, "subject.mp": b"$Bodymass = 66\n"}
+    contents = {
+        "foot.png": b"\x89PNG\r\n\x1a\n",
+        "notes.docx": b"PK\x03\x04",
+        "Thumbs.db": b"\0" * 64,
+    }
+    contents |= {
+        "session.enf": b"[Node]\n",
+        "broken.c3d": b"\0" * 700,
+        "subject.mp": b"$Bodymass = 66\n",
+    }
     for name, content in contents.items():
         (folder / name).write_bytes(content)
 
@@ -277,7 +306,9 @@ def _squat(folder: Path) -> None:
     """The static trial again as a trial of something else: the whole body goes up and down."""
     trial = Trial(folder / "static.c3d")
     points = trial.file["data"]["points"]
-    moved = [i for i, name in enumerate(trial.labels) if name[1:] not in ("ANK", "HEE", "TOE", "MED")]
+    moved = [
+        i for i, name in enumerate(trial.labels) if name[1:] not in ("ANK", "HEE", "TOE", "MED")
+    ]
     points[2, moved] += 60.0 * np.sin(np.linspace(0, 6 * np.pi, points.shape[2]))
     trial.path = folder / "squat.c3d"
     trial.write()
@@ -297,7 +328,9 @@ def _two_people(folder: Path) -> None:
 variant("walk cut short", ("pig", "kad", "HC031A"), "moving", may_refuse=True)(
     lambda trial: trial.cut(0, trial.file["data"]["points"].shape[2] * 2 // 3)
 )  # the walk ends in the middle of the file
-variant("no toe markers", ("pig", "HC002D"), may_refuse=True, same=False)(lambda trial: without(trial, "RTOE", "LTOE"))
+variant("no toe markers", ("pig", "HC002D"), may_refuse=True, same=False)(
+    lambda trial: without(trial, "RTOE", "LTOE")
+)
 
 
 def cases() -> list[tuple[Variant, str]]:

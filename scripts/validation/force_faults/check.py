@@ -2,12 +2,13 @@
 
     force_faults [--cases 360] [--seed N] [--only subject01,pig,...] [--verbose]
 
-Single faults, drawn at random (sizes log-uniform; in one plate or all, in one trial or all of a session; centre of
-pressure or moments kept), are put into the recordings of people whose joint parameters were calibrated once; their
-trials are then diagnosed as `gaitcal calibrate` does, by the clean motion. Printed: how each kind of fault was met, the
-sizes found, what was taken for another, the smallest size from which 80 % are found, and every clean recording. Real
-people need the environment variable GAITCAL_DATA. Exit code 1 where a clean recording is accused, or the right cause
-comes first in less than 90 % of the faults that are spoken of.
+Single faults, drawn at random (sizes log-uniform; in one plate or all, in one trial or all of a
+session; centre of pressure or moments kept), are put into the recordings of people whose joint
+parameters were calibrated once; their trials are then diagnosed as `gaitcal calibrate` does, by the
+clean motion. Printed: how each kind of fault was met, the sizes found, what was taken for another,
+the smallest size from which 80 % are found, and every clean recording. Real people need the
+environment variable GAITCAL_DATA. Exit code 1 where a clean recording is accused, or the right
+cause comes first in less than 90 % of the faults that are spoken of.
 """
 
 from __future__ import annotations
@@ -58,8 +59,8 @@ SYNTHETIC = (1, 2, 3)
 
 @dataclass(frozen=True)
 class Person:
-    """A study after its joint stage, done once: a fault of the forces does not touch joint parameters, and the motion
-    only through the say that plates have in the bandwidth.
+    """A study after its joint stage, done once: a fault of the forces does not touch joint
+    parameters, and the motion only through the say that plates have in the bandwidth.
     """
 
     name: str
@@ -71,21 +72,31 @@ class Person:
     motions: tuple[tuple[MovingTrial, Motion], ...]
     clean: tuple[ForceEvidence, ...]
 
-    def evidence(self, number: int, change: Callable[[Recording], Recording]) -> ForceEvidence | None:
-        """Of the trial of that number, its recording changed; its motion is sought again where its markers were."""
+    def evidence(
+        self, number: int, change: Callable[[Recording], Recording]
+    ) -> ForceEvidence | None:
+        """Of the trial of that number, its recording changed; its motion is sought again where its
+        markers were.
+        """
         before, motion = self.motions[number]
         trial = replace(self.trials[number], recording=change(self.trials[number].recording))
         if trial.recording.markers is not self.trials[number].recording.markers:
             prepared = prepare_trial(trial, self.model, self.settings)
             motion = tracked_motion(prepared.body, self.parameters)
         else:
-            turned = turn_to_progression(trial.recording, forward_direction(self.model, trial.recording))
+            turned = turn_to_progression(
+                trial.recording, forward_direction(self.model, trial.recording)
+            )
             prepared = replace(before, recording=turned)
         return evidence_of(prepared, motion, self.model, self.parameters, self.settings)
 
 
 def evidence_of(
-    prepared: MovingTrial, motion: Motion, model: SubjectModel, parameters: Parameters, settings: CalibrationSettings
+    prepared: MovingTrial,
+    motion: Motion,
+    model: SubjectModel,
+    parameters: Parameters,
+    settings: CalibrationSettings,
 ) -> ForceEvidence | None:
     reactions = measured_reactions(prepared, model, parameters, motion, settings)
     return force_evidence(prepared, prepared.recording, model, parameters, motion, reactions)
@@ -111,8 +122,14 @@ def people(folder: Path, only: str = "") -> Iterator[Person]:
     studies: dict[str, Callable[[], Study]] = {}
     if "GAITCAL_DATA" in os.environ:
         studies |= {name: partial(study_of_person, name) for name in REAL}
-        studies |= {name: partial(Study.load, data() / "opensim_truth" / name / "study.toml") for name in SIMULATED}
-    studies |= {path.name: partial(_synthetic, path) for path in (folder / f"synthetic{n}" for n in SYNTHETIC)}
+        studies |= {
+            name: partial(Study.load, data() / "opensim_truth" / name / "study.toml")
+            for name in SIMULATED
+        }
+    studies |= {
+        path.name: partial(_synthetic, path)
+        for path in (folder / f"synthetic{n}" for n in SYNTHETIC)
+    }
     for name in matching(only, studies):
         try:
             yield person(name, studies[name]())
@@ -179,14 +196,19 @@ def case(person: Person, number: int, rng: np.random.Generator) -> Case:
     for i in struck:
         evidence[i] = person.evidence(i, fault.change)
     found, *_ = choose([e for e in evidence if e is not None])
-    about = [n for n in found if {t.name for t in n.trials} & {person.trials[i].name for i in struck}]
+    about = [
+        n for n in found if {t.name for t in n.trials} & {person.trials[i].name for i in struck}
+    ]
     wrongly = [n for n in found if n not in about]
     outcome, best = _outcome(fault, about, wrongly, person, struck, names)
     if outcome is Outcome.NONE and all(evidence[i] is None for i in struck):
         outcome = Outcome.NO_FRAMES
     named = [f"{n.fits[0].cause.kind.value} {','.join(n.fits[0].cause.plates)}" for n in found]
     size = None if outcome is not Outcome.FIRST or best is None else ratio(fault, best)
-    causes, scope = max((len(n.fits) for n in about), default=0), "all" if fault.plate is None else "one"
+    causes, scope = (
+        max((len(n.fits) for n in about), default=0),
+        "all" if fault.plate is None else "one",
+    )
     trials = tuple(person.trials[i].name for i in struck)
     return Case(person.name, trials, fault, scope, outcome, "; ".join(named), size, causes)
 
@@ -199,7 +221,12 @@ def _seen_along_the_walk(fault: Fault, trial: ForceEvidence) -> Fault:
 
 
 def _outcome(
-    fault: Fault, about: list[Named], wrongly: list[Named], person: Person, struck: list[int], names: list[str]
+    fault: Fault,
+    about: list[Named],
+    wrongly: list[Named],
+    person: Person,
+    struck: list[int],
+    names: list[str],
 ) -> tuple[Outcome, ForceFit | None]:
     """Of the findings on the struck trials; a finding on another trial is wrong."""
     if wrongly:
@@ -226,7 +253,9 @@ def _outcome(
 
 
 def ratio(fault: Fault, fit: ForceFit) -> float | None:
-    """Size found over true size; of a factor, of its logarithm's distance from 1; vectors along the true one."""
+    """Size found over true size; of a factor, of its logarithm's distance from 1; vectors along the
+    true one.
+    """
     if not fault.size:
         return None
     true, found = np.array(fault.size), told_size(fit)
@@ -234,8 +263,12 @@ def ratio(fault: Fault, fit: ForceFit) -> float | None:
         return float(found @ true / (true @ true))
     if fault.kind is Kind.YAW:
         found = (found + np.pi) % (2 * np.pi) - np.pi
-        return float(found[0] / true[0]) if abs(true[0]) < 3.0 else float(abs(found[0]) / abs(true[0]))
-    if fault.kind is Kind.FREE_MOMENT:  # what has to be taken away, as the rest of a large factor is not seen
+        return (
+            float(found[0] / true[0]) if abs(true[0]) < 3.0 else float(abs(found[0]) / abs(true[0]))
+        )
+    if (
+        fault.kind is Kind.FREE_MOMENT
+    ):  # what has to be taken away, as the rest of a large factor is not seen
         return float(-fit.x[0] / (1.0 - 1.0 / true[0]))
     return float(found[0] / true[0])
 
@@ -250,11 +283,16 @@ def accused(everybody: list[Person]) -> int:
 
 
 def print_clean(everybody: list[Person]) -> None:
-    print("clean recordings: |y|^2 a row (1: usual), the best cause there is (not told), what is told")
+    print(
+        "clean recordings: |y|^2 a row (1: usual), the best cause there is (not told), what is told"
+    )
     for person in everybody:
         for trial in person.clean:
             size, found = fits(ForceResidual([trial]))
-            best = f"{found[0].cause.kind.value} gain {found[0].gain:.1f} explained {found[0].explained:.2f}"
+            best = (
+                f"{found[0].cause.kind.value} gain {found[0].gain:.1f} explained "
+                f"{found[0].explained:.2f}"
+            )
             print(f"  {person.name:12}{trial.name:10}{size:6.2f}  {best}")
         named, unexplained, _ = choose(person.clean)
         print(f"  {person.name:12}told: {len(named)} causes, {len(unexplained)} unexplained")
@@ -268,7 +306,11 @@ def first_share(found: list[Case]) -> float:
 
 def print_table(found: list[Case]) -> None:
     heads = ("n", *(outcome.value for outcome in Outcome))
-    print(f"\n{'fault':34}" + "".join(f"{head:>12}" for head in heads) + "   size found / true: median (10-90 %)")
+    print(
+        f"\n{'fault':34}"
+        + "".join(f"{head:>12}" for head in heads)
+        + "   size found / true: median (10-90 %)"
+    )
     rows: dict[str, list[Case]] = {}
     for case in found:
         rows.setdefault(f"{case.fault.row}, {case.scope}", []).append(case)
@@ -283,10 +325,15 @@ def print_table(found: list[Case]) -> None:
     print("\ntaken for another")
     for case in found:
         if case.outcome in (Outcome.IN_SET, Outcome.OTHER_PLATE, Outcome.WRONG):
-            print(f"  {case.outcome.value:12}{case.fault.row}, {case.fault.words} ({case.where}): {case.told}")
+            print(
+                f"  {case.outcome.value:12}{case.fault.row}, {case.fault.words} ({case.where}): "
+                f"{case.told}"
+            )
     print("\nnothing told")
     for row, of_row in sorted(rows.items()):
-        missed = sorted(c.fault.words for c in of_row if c.outcome in (Outcome.NONE, Outcome.NO_FRAMES))
+        missed = sorted(
+            c.fault.words for c in of_row if c.outcome in (Outcome.NONE, Outcome.NO_FRAMES)
+        )
         if missed:
             print(f"  {row}: {', '.join(missed)}")
     print(f"\nsmallest size from which {100 * FOUND:.0f} % are found (first or in the set)")
@@ -302,13 +349,19 @@ def _line(row: str, of_row: list[Case]) -> str:
     if ratios:
         low, middle, high = np.quantile(ratios, [0.1, 0.5, 0.9])
         sizes = f"   {middle:.2f} ({low:.2f}-{high:.2f})"
-    return f"{row:34}{len(of_row):12}" + "".join(f"{counts[outcome]:12}" for outcome in Outcome) + sizes
+    return (
+        f"{row:34}{len(of_row):12}"
+        + "".join(f"{counts[outcome]:12}" for outcome in Outcome)
+        + sizes
+    )
 
 
 def smallest(of_row: list[Case]) -> str:
     """The size above which enough faults are found, in words."""
     ordered = sorted(of_row, key=lambda case: magnitude(case))
-    hits = np.array([case.outcome in (Outcome.FIRST, Outcome.IN_SET) for case in ordered], dtype=float)
+    hits = np.array(
+        [case.outcome in (Outcome.FIRST, Outcome.IN_SET) for case in ordered], dtype=float
+    )
     shares = np.cumsum(hits[::-1])[::-1] / np.arange(len(hits), 0, -1)
     enough = np.flatnonzero((shares >= FOUND) & (hits > 0))
     if not len(enough):

@@ -1,8 +1,9 @@
-"""Single faults of force plates, as files and laboratories have them, put into a recording as it was read.
+"""Single faults of force plates, as files and laboratories have them, put into a recording as it
+was read.
 
-A fault of the force keeps what a table holds beside it, the centre of pressure and the free moment, or what channels
-hold, the moments about the middle of the plate. What the reader would do with the file is done after it: a force that
-points down is turned round.
+A fault of the force keeps what a table holds beside it, the centre of pressure and the free moment,
+or what channels hold, the moments about the middle of the plate. What the reader would do with the
+file is done after it: a force that points down is turned round.
 """
 
 from __future__ import annotations
@@ -44,38 +45,59 @@ def middle(plate: ForcePlate) -> Array:
     return np.average(plate.point, axis=0, weights=load + 1e-9)
 
 
-def with_force(plate: ForcePlate, force: Array, *, moments: bool, factor: float = 1.0, free: float = 1.0) -> ForcePlate:
-    """Another force; the moments about the middle are kept (times `factor`), or the centre and the free moment."""
+def with_force(
+    plate: ForcePlate, force: Array, *, moments: bool, factor: float = 1.0, free: float = 1.0
+) -> ForcePlate:
+    """Another force; the moments about the middle are kept (times `factor`), or the centre and the
+    free moment.
+    """
     if not moments:
         return replace(plate, force=force, moment=free * plate.moment)
     about = plate.moment + np.cross(plate.point - middle(plate), plate.force)
-    return plate_from_moment(plate.name, plate.time, force, factor * about, middle(plate), UP, plate.corners)
+    return plate_from_moment(
+        plate.name, plate.time, force, factor * about, middle(plate), UP, plate.corners
+    )
 
 
 def placed(plate: ForcePlate, turn: Array, about: Array, shift: Array) -> ForcePlate:
     """The plate turned about a point and moved, with its corners."""
     corners = None if plate.corners is None else about + (plate.corners - about) @ turn.T + shift
     point = about + (plate.point - about) @ turn.T + shift
-    return replace(plate, force=plate.force @ turn.T, point=point, moment=plate.moment @ turn.T, corners=corners)
+    return replace(
+        plate,
+        force=plate.force @ turn.T,
+        point=point,
+        moment=plate.moment @ turn.T,
+        corners=corners,
+    )
 
 
 def later(plate: ForcePlate, seconds: float) -> ForcePlate:
     time, wrench = plate.time, np.nan_to_num(plate.wrench())
-    force, about = np.hsplit(np.stack([np.interp(time - seconds, time, c) for c in wrench.T], axis=1), 2)
+    force, about = np.hsplit(
+        np.stack([np.interp(time - seconds, time, c) for c in wrench.T], axis=1), 2
+    )
     moment = about - np.cross(middle(plate), force)
     return plate_from_moment(plate.name, time, force, moment, middle(plate), UP, plate.corners)
 
 
 def on_plates(change: Change, plate: int | None) -> Callable[[Recording], Recording]:
     def apply(recording: Recording) -> Recording:
-        plates = [change(p) if plate is None or i == plate else p for i, p in enumerate(recording.plates)]
-        return replace(recording, plates=tuple(turned_round(p) if pushes_down(p.force, UP) else p for p in plates))
+        plates = [
+            change(p) if plate is None or i == plate else p for i, p in enumerate(recording.plates)
+        ]
+        return replace(
+            recording,
+            plates=tuple(turned_round(p) if pushes_down(p.force, UP) else p for p in plates),
+        )
 
     return apply
 
 
 def turn_about(axis: Sequence[float], degrees: float) -> Array:
-    return Rotation.from_rotvec(np.deg2rad(degrees) * np.asarray(axis) / np.linalg.norm(axis)).as_matrix()
+    return Rotation.from_rotvec(
+        np.deg2rad(degrees) * np.asarray(axis) / np.linalg.norm(axis)
+    ).as_matrix()
 
 
 def log_uniform(rng: np.random.Generator, low: float, high: float) -> float:
@@ -91,8 +113,17 @@ def level_vector(rng: np.random.Generator) -> Array:
     return np.array([np.cos(angle), 0.0, np.sin(angle)])
 
 
-def _fault(kind: Kind, words: str, plate: int | None, change: Change, size: tuple[float, ...] = ()) -> Fault:
-    return Fault(kind=kind, row=kind.value, words=words, plate=plate, size=size, change=on_plates(change, plate))
+def _fault(
+    kind: Kind, words: str, plate: int | None, change: Change, size: tuple[float, ...] = ()
+) -> Fault:
+    return Fault(
+        kind=kind,
+        row=kind.value,
+        words=words,
+        plate=plate,
+        size=size,
+        change=on_plates(change, plate),
+    )
 
 
 def clock(rng: np.random.Generator, plate: int | None) -> Fault:
@@ -103,13 +134,21 @@ def clock(rng: np.random.Generator, plate: int | None) -> Fault:
 def place(rng: np.random.Generator, plate: int | None) -> Fault:
     shift = log_uniform(rng, 0.01, 0.2) * level_vector(rng)
     words, size = f"{1e3 * np.linalg.norm(shift):.0f} mm", (shift[0], shift[2])
-    return _fault(Kind.PLACE, words, plate, lambda p: placed(p, np.eye(3), np.zeros(3), shift), size)
+    return _fault(
+        Kind.PLACE, words, plate, lambda p: placed(p, np.eye(3), np.zeros(3), shift), size
+    )
 
 
 def yaw(rng: np.random.Generator, plate: int | None) -> Fault:
     degrees = either_sign(rng) * log_uniform(rng, 2.0, 180.0)
     turn, size = turn_about([0, 1, 0], degrees), (np.deg2rad(degrees),)
-    return _fault(Kind.YAW, f"{degrees:+.0f} deg", plate, lambda p: placed(p, turn, middle(p), np.zeros(3)), size)
+    return _fault(
+        Kind.YAW,
+        f"{degrees:+.0f} deg",
+        plate,
+        lambda p: placed(p, turn, middle(p), np.zeros(3)),
+        size,
+    )
 
 
 def tilt(rng: np.random.Generator, plate: int | None) -> Fault:
@@ -126,10 +165,14 @@ def markers_tilted(rng: np.random.Generator, plate: int | None) -> Fault:
     degrees, axis = log_uniform(rng, 1.0, 10.0), level_vector(rng)
     turn, size = turn_about(axis, degrees), tuple(np.deg2rad(degrees) * axis[[0, 2]])
     plain = _fault(Kind.MARKERS_TILTED, f"{degrees:.1f} deg", None, lambda p: p, size)
-    return replace(plain, change=lambda recording: replace(recording, markers=recording.markers @ turn.T))
+    return replace(
+        plain, change=lambda recording: replace(recording, markers=recording.markers @ turn.T)
+    )
 
 
-def _gain(kind: Kind, axes: Array, low: float, high: float) -> Callable[[np.random.Generator, int | None], Fault]:
+def _gain(
+    kind: Kind, axes: Array, low: float, high: float
+) -> Callable[[np.random.Generator, int | None], Fault]:
     def make(rng: np.random.Generator, plate: int | None) -> Fault:
         factor = 1.0 + either_sign(rng) * log_uniform(rng, low, high)
         factor = factor if factor > 0.05 else 1.0 / (2.0 - factor)
@@ -137,7 +180,13 @@ def _gain(kind: Kind, axes: Array, low: float, high: float) -> Callable[[np.rand
         by = 1.0 + (factor - 1.0) * axes
         free = factor if axes.all() and not moments else 1.0
         words = f"x {factor:.3g}, {'moments' if moments else 'centre'} kept"
-        return _fault(kind, words, plate, lambda p: with_force(p, by * p.force, moments=moments, free=free), (factor,))
+        return _fault(
+            kind,
+            words,
+            plate,
+            lambda p: with_force(p, by * p.force, moments=moments, free=free),
+            (factor,),
+        )
 
     return make
 
@@ -145,17 +194,23 @@ def _gain(kind: Kind, axes: Array, low: float, high: float) -> Callable[[np.rand
 def free_moment(rng: np.random.Generator, plate: int | None) -> Fault:
     factor = float(rng.choice([-1.0, log_uniform(rng, 2.0, 30.0)]))
     words = f"x {factor:.3g}"
-    return _fault(Kind.FREE_MOMENT, words, plate, lambda p: replace(p, moment=factor * p.moment), (factor,))
+    return _fault(
+        Kind.FREE_MOMENT, words, plate, lambda p: replace(p, moment=factor * p.moment), (factor,)
+    )
 
 
 def offset(rng: np.random.Generator, plate: int | None) -> Fault:
     newtons = either_sign(rng) * log_uniform(rng, 10.0, 150.0)
     push = np.array([0.0, newtons, 0.0])
     words = f"{newtons:+.0f} N"
-    return _fault(Kind.OFFSET, words, plate, lambda p: with_force(p, p.force + push, moments=True), (newtons,))
+    return _fault(
+        Kind.OFFSET, words, plate, lambda p: with_force(p, p.force + push, moments=True), (newtons,)
+    )
 
 
-def _turned_force(kind: Kind, change: Callable[[Array], Array]) -> Callable[[np.random.Generator, int | None], Fault]:
+def _turned_force(
+    kind: Kind, change: Callable[[Array], Array]
+) -> Callable[[np.random.Generator, int | None], Fault]:
     """Signs or axes of the force; the moments, or the centre of pressure, are kept."""
 
     def make(rng: np.random.Generator, plate: int | None) -> Fault:
@@ -181,12 +236,20 @@ def force_unit(rng: np.random.Generator, plate: int | None) -> Fault:
 def moment_unit(rng: np.random.Generator, plate: int | None) -> Fault:
     whole = bool(rng.integers(2))
     words = "moments in N·mm" if whole else "free moment in N·mm"
-    return _fault(Kind.MOMENT_UNIT, words, None, lambda p: with_force(p, p.force, moments=whole, factor=1e3, free=1e3))
+    return _fault(
+        Kind.MOMENT_UNIT,
+        words,
+        None,
+        lambda p: with_force(p, p.force, moments=whole, factor=1e3, free=1e3),
+    )
 
 
 def centre_unit(rng: np.random.Generator, plate: int | None) -> Fault:
     unit, factor = (("mm", 1e3), ("cm", 1e2))[int(rng.integers(2))]
-    return replace(_fault(Kind.CENTRE_UNIT, unit, None, lambda p: replace(p, point=factor * p.point)), unit=unit)
+    return replace(
+        _fault(Kind.CENTRE_UNIT, unit, None, lambda p: replace(p, point=factor * p.point)),
+        unit=unit,
+    )
 
 
 def exchanged(rng: np.random.Generator, plate: int | None) -> Fault:
@@ -195,7 +258,10 @@ def exchanged(rng: np.random.Generator, plate: int | None) -> Fault:
     def change(recording: Recording) -> Recording:
         one, other, *rest = recording.plates
         way = middle(other) - middle(one)
-        moved = (placed(one, np.eye(3), np.zeros(3), way), placed(other, np.eye(3), np.zeros(3), -way))
+        moved = (
+            placed(one, np.eye(3), np.zeros(3), way),
+            placed(other, np.eye(3), np.zeros(3), -way),
+        )
         return replace(recording, plates=(*moved, *rest))
 
     return replace(_fault(Kind.EXCHANGED, "1 and 2", None, lambda p: p), change=change)
@@ -222,4 +288,6 @@ FAULTS: tuple[Callable[[np.random.Generator, int | None], Fault], ...] = (
     centre_unit,
     exchanged,
 )
-"""One for each row of the table, drawn with sizes log-uniform: (generator, index of the plate or None)."""
+"""One for each row of the table, drawn with sizes log-uniform: (generator, index of the plate or
+None).
+"""

@@ -1,24 +1,27 @@
-"""Is calibration right on people? Real ones, whose joints nobody knows, and simulated ones with people's skin.
+"""Is calibration right on people? Real ones, whose joints nobody knows, and simulated ones with
+people's skin.
 
     people [--parts hips,halves,...] [--only NAME,...] [--study FILE ...] [--set key=value ...]
 
 hips      how far calibration moves the joints of real people from their nominal places, and the population's mean and
-          scatter; fitted hips beside those of 29 people in CT. A population may scatter, but not move to one side
+          scatter; fitted hips beside those of 29 people in CT. A population may scatter, but not
+          move to one side
 halves    hips by isolated trials alone against gait alone, as told and with a wide prior on hips (others may agree for
           they share their prior); of people with both
 pairs     straight against turn, first walks and strides against last, walk against walk, each calibrated by itself: how
           many differences of joint parameters are inside bars of 68 and 95 %
 knees     where the marker on the knee turns about in the shank, and how far calibration moves the knee's axis
 skin      hips of people simulated by OpenSim (`opensim_truth`), whose skin moves as `--kinds` says (`truth/skin.py`),
-          by gait, by six isolated trials, and by both; needs the extra `peers` once, to make the trials in `--cache`
+          by gait, by six isolated trials, and by both; needs the extra `peers` once, to make the
+          trials in `--cache`
 drawn     the same people with a prior of which they are a draw (`people/simulated.py`): all joints of the legs
 
-`GAITCAL_DATA` names the folder of recordings; `--study` adds a person by a study file. Settings are gaitcal's defaults
-but for `--set`, as `[calibration]` has them. All parts fit the joints alone.
+`GAITCAL_DATA` names the folder of recordings; `--study` adds a person by a study file. Settings are
+gaitcal's defaults but for `--set`, as `[calibration]` has them. All parts fit the joints alone.
 
-Nobody knows where these joints are. But a population scatters about what anatomy and imaging say (hips of 29 people
-from CT, `imaging/*.csv`), and two recordings of one person tell one place; they share the static trial,
-and the errors that come with it. Lateral is outward on both sides.
+Nobody knows where these joints are. But a population scatters about what anatomy and imaging say
+(hips of 29 people from CT, `imaging/*.csv`), and two recordings of one person tell one place; they
+share the static trial, and the errors that come with it. Lateral is outward on both sides.
 """
 
 from __future__ import annotations
@@ -45,7 +48,15 @@ from gaitcal.study.study_trial import Role, Trial
 from scripts.validation.harness import coverage, each_part, matching, option, say, shares, words_of
 from scripts.validation.people import knees, simulated
 from scripts.validation.people.fits import LEG, Fit, fitted, wide_hips
-from scripts.validation.recordings import CHILDREN, PEOPLE, SIMULATED, changed, data, only, study_of_person
+from scripts.validation.recordings import (
+    CHILDREN,
+    PEOPLE,
+    SIMULATED,
+    changed,
+    data,
+    only,
+    study_of_person,
+)
 from scripts.validation.truth.people import made
 from scripts.validation.truth.skin import Kind
 
@@ -78,7 +89,9 @@ def pairs_of(person: str, study: Study) -> Iterator[Pair]:
         (time,) = (t.recording.time for t in alone.moving)
         if time[-1] - time[0] >= LONG_S:
             middle = 0.5 * (time[0] + time[-1])
-            begun, ended = (_between(alone, *span) for span in ((time[0], middle), (middle, time[-1])))
+            begun, ended = (
+                _between(alone, *span) for span in ((time[0], middle), (middle, time[-1]))
+            )
             yield Pair(kind="first strides against last", person=person, first=begun, last=ended)
 
 
@@ -95,7 +108,9 @@ def _between(study: Study, begin: float, end: float) -> Study:
 
 
 def scores(one: Fit, other: Fit) -> Array:
-    """Differences of the legs' joint parameters that both fitted, in standard errors of the difference."""
+    """Differences of the legs' joint parameters that both fitted, in standard errors of the
+    difference.
+    """
     both = set(told_parameters(other.influence))
     names = [n for n in told_parameters(one.influence) if n in both and n.startswith(LEG_JOINTS)]
     gap = (other.parameters.joint - one.parameters.joint)[[JP_INDEX[n] for n in names]]
@@ -103,13 +118,17 @@ def scores(one: Fit, other: Fit) -> Array:
     return np.asarray((gap / np.sqrt(variance))[variance > 0.0])
 
 
-def every_score(people: Sequence[str], settings: Mapping[str, object]) -> dict[tuple[str, str], Array]:
+def every_score(
+    people: Sequence[str], settings: Mapping[str, object]
+) -> dict[tuple[str, str], Array]:
     """(kind, person) -> differences in standard errors."""
     out: dict[tuple[str, str], list[Array]] = {}
     for person in people:
         fits: dict[tuple[object, ...], Fit] = {}
         for pair in pairs_of(person, changed(study_of_person(person), settings)):
-            keys = [tuple(id(t.recording) for t in study.moving) for study in (pair.first, pair.last)]
+            keys = [
+                tuple(id(t.recording) for t in study.moving) for study in (pair.first, pair.last)
+            ]
             for key, study in zip(keys, (pair.first, pair.last), strict=True):
                 fits[key] = fits.get(key) or fitted(person, study)
             out.setdefault((pair.kind, person), []).append(scores(fits[keys[0]], fits[keys[1]]))
@@ -135,7 +154,9 @@ def pair_figures(found: Mapping[tuple[str, str], Array]) -> dict[str, float]:
 
 HIP = [LEG.index(f"hip.pelvis.{d}") for d in ("ant", "sup", "lat")]
 BOTH = HIP + [LEG.index(f"hip.thigh.{d}") for d in ("ant", "sup", "lat")]
-UNIT = np.array([1e3 if name.rsplit(".", 1)[1] in ("ant", "sup", "lat") else 180 / np.pi for name in LEG])
+UNIT = np.array(
+    [1e3 if name.rsplit(".", 1)[1] in ("ant", "sup", "lat") else 180 / np.pi for name in LEG]
+)
 """(27,) mm per m, deg per rad."""
 WIDE_MM = 100.0
 """Standard deviation of a hip's coordinate that leaves the hip to the recordings."""
@@ -151,7 +172,9 @@ def hip_lines(fits: Sequence[Fit]) -> Iterator[str]:
         cells = ""
         for side in SIDES:
             move, error = 1e3 * fit.moved(side)[HIP], 1e3 * fit.leg_errors(side)[HIP]
-            cells += f"{'':6}" + "".join(f"{m:6.1f} ({e:3.1f})" for m, e in zip(move, error, strict=True))
+            cells += f"{'':6}" + "".join(
+                f"{m:6.1f} ({e:3.1f})" for m, e in zip(move, error, strict=True)
+            )
         nominal, apart, error = (1e3 * x for x in fit.hips_apart())
         asis = 1e3 * fit.asis_m
         yield f"{fit.name:12}{cells}{nominal:8.0f}{apart:8.0f}{error:6.1f}{asis:7.0f}{apart / asis:7.2f}"
@@ -160,7 +183,11 @@ def hip_lines(fits: Sequence[Fit]) -> Iterator[str]:
 def groups(fits: Sequence[Fit]) -> dict[str, list[Fit]]:
     children = [f for f in fits if f.name in CHILDREN]
     adults = [f for f in fits if f.name not in CHILDREN]
-    return {name: of for name, of in (("all", list(fits)), ("children", children), ("adults", adults)) if of}
+    return {
+        name: of
+        for name, of in (("all", list(fits)), ("children", children), ("adults", adults))
+        if of
+    }
 
 
 def moves(fits: Sequence[Fit]) -> Array:
@@ -172,13 +199,21 @@ def moves(fits: Sequence[Fit]) -> Array:
 def population_lines(fits: Sequence[Fit]) -> Iterator[str]:
     """Mean, SD and RMS of each parameter's movement, over all legs; and of hips the RMS distance."""
     errors = np.array([UNIT * fit.leg_errors(side) for fit in fits for side in SIDES])
-    yield f"{'movement, mm or deg':24}" + "".join(f"{g:>10}: mean   SD  RMS" for g in groups(fits)) + f"{'SE':>7}"
+    yield (
+        f"{'movement, mm or deg':24}"
+        + "".join(f"{g:>10}: mean   SD  RMS" for g in groups(fits))
+        + f"{'SE':>7}"
+    )
     tables = [moves(of) for of in groups(fits).values()]
     for k, name in enumerate(LEG):
         cells = ""
         for column in (t[:, k][np.isfinite(t[:, k])] for t in tables):
             spread = column.std(ddof=1) if len(column) > 1 else np.nan
-            told = f"{column.mean():.1f}{spread:6.1f}{np.sqrt(np.mean(column**2)):6.1f}" if len(column) else ""
+            told = (
+                f"{column.mean():.1f}{spread:6.1f}{np.sqrt(np.mean(column**2)):6.1f}"
+                if len(column)
+                else ""
+            )
             cells += f"{told:>25}"
         yield f"{name:24}{cells}{np.nanmedian(errors[:, k]):7.1f}"
     cells = ", ".join(f"{name} {x:.1f}" for name, x in hip_figures(fits).items() if "RMS" in name)
@@ -198,7 +233,9 @@ def hip_figures(fits: Sequence[Fit]) -> dict[str, float]:
 
 
 def halves(name: str, settings: Mapping[str, object]) -> dict[str, tuple[Fit, Fit]]:
-    """Isolated trials alone and gait alone, as told and with hips that no prior holds; empty without both."""
+    """Isolated trials alone and gait alone, as told and with hips that no prior holds; empty
+    without both.
+    """
     study = changed(study_of_person(name), settings)
     parts = [only(study, role) for role in ("joint", "gait")]
     if not all(part.moving for part in parts):
@@ -208,7 +245,9 @@ def halves(name: str, settings: Mapping[str, object]) -> dict[str, tuple[Fit, Fi
 
 
 def gap_scores(one: Fit, other: Fit) -> tuple[Array, Array]:
-    """(4, 3) mm: second less first of right and left hip in pelvis and thigh; (4, 3) in standard errors."""
+    """(4, 3) mm: second less first of right and left hip in pelvis and thigh; (4, 3) in standard
+    errors.
+    """
     gaps, errors = [], []
     for side in SIDES:
         gaps.append(1e3 * (other.moved(side) - one.moved(side))[BOTH])
@@ -218,7 +257,9 @@ def gap_scores(one: Fit, other: Fit) -> tuple[Array, Array]:
 
 
 def largest(one: Fit, other: Fit) -> tuple[float, float]:
-    """Of all coordinates of the hips that both tell the largest score, and the largest distance of hips, mm."""
+    """Of all coordinates of the hips that both tell the largest score, and the largest distance of
+    hips, mm.
+    """
     gaps, scores = gap_scores(one, other)
     return float(np.nanmax(np.abs(scores))), float(np.nanmax(np.linalg.norm(gaps, axis=1)))
 
@@ -232,12 +273,15 @@ def half_lines(name: str, found: Mapping[str, tuple[Fit, Fit]]) -> Iterator[str]
         for place, gap, score in zip(places, gaps, scores, strict=True):
             told = "".join(f"{g:8.1f} ({z:+.1f})" for g, z in zip(gap, score, strict=True))
             yield f"  {place:18}{np.linalg.norm(gap):7.1f}  {told}"
-        yield f"  largest z {np.nanmax(np.abs(scores)):.2f}, RMS {np.sqrt(np.nanmean(scores**2)):.2f}"
+        yield (
+            f"  largest z {np.nanmax(np.abs(scores)):.2f}, RMS {np.sqrt(np.nanmean(scores**2)):.2f}"
+        )
 
 
 SKIN_MM = np.array([10.0, 8.0, 6.0])
-"""SD of what palpation and flesh over the spines add to a regression's error (ant, sup, lateral): with that of the 39
-hips it makes the 12, 10 and 9 mm by which regressions miss hips in gait laboratories."""
+"""SD of what palpation and flesh over the spines add to a regression's error (ant, sup, lateral):
+with that of the 39 hips it makes the 12, 10 and 9 mm by which regressions miss hips in gait
+laboratories."""
 WITHIN_95 = 2.795
 """Mahalanobis distance within which 95 % of a normal population in space lies."""
 
@@ -252,9 +296,20 @@ class Imaged:
 
 @lru_cache(maxsize=1)
 def imaged(folder: Path) -> Imaged:
-    """Read the landmarks of 29 people, and hold hips against the regression in each person's own pelvis frame."""
-    both, one = (pd.read_csv(folder / name) for name in ("hip_landmarks_ct.csv", "landmarks_ct_raters.csv"))
-    words = {"RASI": "ASIS_R", "LASI": "ASIS_L", "RPSI": "PSIS_R", "LPSI": "PSIS_L", "HJC_r": "HJC_R", "HJC_l": "HJC_L"}
+    """Read the landmarks of 29 people, and hold hips against the regression in each person's own
+    pelvis frame.
+    """
+    both, one = (
+        pd.read_csv(folder / name) for name in ("hip_landmarks_ct.csv", "landmarks_ct_raters.csv")
+    )
+    words = {
+        "RASI": "ASIS_R",
+        "LASI": "ASIS_L",
+        "RPSI": "PSIS_R",
+        "LPSI": "PSIS_L",
+        "HJC_r": "HJC_R",
+        "HJC_l": "HJC_L",
+    }
     renamed = one.replace({"landmark": words})
     errors, ratios = [], []
     for table in (both[both["bone"] == "pelvis"], renamed):
@@ -267,7 +322,9 @@ def imaged(folder: Path) -> Imaged:
                 float(np.linalg.norm(at["ASIS_R"] - at["ASIS_L"])),
                 float(np.linalg.norm(frame.origin - back)),
             )
-            hips = {side: at[f"HJC_{side.upper()}"] for side in SIDES if f"HJC_{side.upper()}" in at}
+            hips = {
+                side: at[f"HJC_{side.upper()}"] for side in SIDES if f"HJC_{side.upper()}" in at
+            }
             for side, hip in hips.items():
                 regression = hip_centre(HipCentre.HARRINGTON, width, depth, side)
                 outward = np.array([1.0, 1.0, 1.0 if side == "r" else -1.0])
@@ -279,16 +336,29 @@ def imaged(folder: Path) -> Imaged:
 
 def image_lines(fits: Sequence[Fit], images: Imaged) -> Iterator[str]:
     sd, ratios = images.errors.std(axis=0, ddof=1), images.ratios
-    told = ", ".join(f"{m:+.1f} ({s:.1f})" for m, s in zip(images.errors.mean(axis=0), sd, strict=True))
-    yield f"{len(images.errors)} hips of CT less Harrington's, mm: mean (SD) ant, sup, outward {told}"
-    yield f"distance of hips over ASIS: {ratios.min():.2f} to {ratios.max():.2f}, mean {ratios.mean():.2f}"
-    yield f"Mahalanobis distance of fitted hips from there by the images' scatter, and with {SKIN_MM} mm of skin"
+    told = ", ".join(
+        f"{m:+.1f} ({s:.1f})" for m, s in zip(images.errors.mean(axis=0), sd, strict=True)
+    )
+    yield (
+        f"{len(images.errors)} hips of CT less Harrington's, mm: mean (SD) ant, sup, outward {told}"
+    )
+    yield (
+        f"distance of hips over ASIS: {ratios.min():.2f} to {ratios.max():.2f}, mean "
+        f"{ratios.mean():.2f}"
+    )
+    yield (
+        "Mahalanobis distance of fitted hips from there by the images' scatter, and with "
+        f"{SKIN_MM} mm of skin"
+    )
     for fit in fits:
         far = [f"{side} {alone:4.1f} {skin:4.1f}" for side, alone, skin in distances(fit, images)]
         ratio = fit.hips_apart()[1] / fit.asis_m
         outside = [] if ratios.min() <= ratio <= ratios.max() else [f"ratio {ratio:.2f}"]
         outside += [f"hip_{side}" for side, _, skin in distances(fit, images) if skin > WITHIN_95]
-        yield f"  {fit.name:12}{'   '.join(far):32}{'outside: ' + ', '.join(outside) if outside else ''}"
+        yield (
+            "  "
+            f"{fit.name:12}{'   '.join(far):32}{'outside: ' + ', '.join(outside) if outside else ''}"
+        )
 
 
 def distances(fit: Fit, images: Imaged) -> list[tuple[str, float, float]]:
@@ -308,7 +378,11 @@ def outside(fits: Sequence[Fit], images: Imaged) -> dict[str, float]:
     hips = [skin > WITHIN_95 for fit in fits for _, _, skin in distances(fit, images)]
     ratios = np.array([fit.hips_apart()[1] / fit.asis_m for fit in fits])
     beyond = (ratios < images.ratios.min()) | (ratios > images.ratios.max())
-    return {"hips": float(len(hips)), "hips outside": float(sum(hips)), "pairs outside": float(beyond.sum())}
+    return {
+        "hips": float(len(hips)),
+        "hips outside": float(sum(hips)),
+        "pairs outside": float(beyond.sum()),
+    }
 
 
 SHARED = ("--only", "--set", "--cache", "--json")
@@ -359,8 +433,14 @@ def simulated_part(drawn: bool, chosen: argparse.Namespace) -> Figures:
         rows: simulated.Rows = {}
         for seed in range(1 if kind is Kind.NONE else chosen.seeds):
             for person in SIMULATED:
-                simulated.add_fits(rows, person, kind, seed, chosen.settings, chosen.cache, drawn=drawn)
-        say(*simulated.lines(rows if drawn else simulated.hips_in_space(rows), out, f"{kind.value}, "))
+                simulated.add_fits(
+                    rows, person, kind, seed, chosen.settings, chosen.cache, drawn=drawn
+                )
+        say(
+            *simulated.lines(
+                rows if drawn else simulated.hips_in_space(rows), out, f"{kind.value}, "
+            )
+        )
     return out
 
 
@@ -377,5 +457,8 @@ PARTS = {
 def run(chosen: argparse.Namespace) -> dict[str, Figures]:
     named = matching(chosen.only, PEOPLE) if chosen.only or not chosen.study else []
     chosen.only = [*named, *chosen.study]
-    say(f"gaitcal of {Path(gaitcal.__file__).parent}" + (f", {', '.join(chosen.set)}" if chosen.set else ""))
+    say(
+        f"gaitcal of {Path(gaitcal.__file__).parent}"
+        + (f", {', '.join(chosen.set)}" if chosen.set else "")
+    )
     return each_part(PARTS, chosen)

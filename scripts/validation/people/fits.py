@@ -12,13 +12,21 @@ from gaitcal.analysis.prepared_trials import session_of
 from gaitcal.arrays import Array
 from gaitcal.calibration.error_sources import ErrorSources
 from gaitcal.model.linkage import SIDES
-from gaitcal.model.parameters import JOINT_PARAMETERS, JP_INDEX, JP_NAMES, Parameters, leg_parameters
+from gaitcal.model.parameters import (
+    JOINT_PARAMETERS,
+    JP_INDEX,
+    JP_NAMES,
+    Parameters,
+    leg_parameters,
+)
 from gaitcal.quality.study_checks import examined
 from gaitcal.study.cohort_prior import JointPrior
 
 LEG = tuple(name.replace("_r", "", 1) for name in leg_parameters("r"))
 """The 27 joint parameters of a leg without its side: `hip.pelvis.ant`."""
-OUTWARD = {s: np.array([-1.0 if s == "l" and p.mirrored else 1.0 for p in JOINT_PARAMETERS]) for s in SIDES}
+OUTWARD = {
+    s: np.array([-1.0 if s == "l" and p.mirrored else 1.0 for p in JOINT_PARAMETERS]) for s in SIDES
+}
 """Side -> (98,): left values times these are those of a right leg, so that lateral is outward."""
 
 UNTOLD = 1e-7
@@ -54,7 +62,9 @@ class Fit:
         return self.nominal.subject.asis_distance or float(np.linalg.norm(points[0] - points[1]))
 
     def hips_apart(self) -> tuple[float, float, float]:
-        """M between the hips in the pelvis: nominal, fitted, standard error (sides taken as independent)."""
+        """M between the hips in the pelvis: nominal, fitted, standard error (sides taken as
+        independent).
+        """
         at = [[JP_INDEX[f"hip_{side}.pelvis.{d}"] for d in ("ant", "sup", "lat")] for side in SIDES]
         gaps = [p.joint[at[0]] - p.joint[at[1]] for p in (self.nominal.parameters, self.parameters)]
         nominal, fitted = (float(np.linalg.norm(gap)) for gap in gaps)
@@ -62,10 +72,14 @@ class Fit:
 
 
 def wide_hips(study: Study, deviation_mm: float) -> Study:
-    """The study with a prior so wide on the place of hips, one coordinate as independent of the others as any."""
+    """The study with a prior so wide on the place of hips, one coordinate as independent of the
+    others as any.
+    """
     names = tuple(name for name in JP_NAMES if name.startswith("hip_"))
     mean, covariance = np.zeros(len(names)), np.eye(len(names)) * (1e-3 * deviation_mm) ** 2
-    prior = JointPrior(names=names, mean=mean, covariance=covariance, file="", people=0, left_out=0, notes=())
+    prior = JointPrior(
+        names=names, mean=mean, covariance=covariance, file="", people=0, left_out=0, notes=()
+    )
     return replace(study, joint_prior=prior)
 
 

@@ -1,12 +1,15 @@
-"""Where the marker on the knee turns about, against the shank's own markers: which hinge a calibration can find.
+"""Where the marker on the knee turns about, against the shank's own markers: which hinge a
+calibration can find.
 
-On a hinge at its own height the marker on the epicondyle would stay where it is in the shank. It moves with the angle
-theta of the knee in the sagittal plane of the shank as a point of the thigh that turns about a centre c,
+On a hinge at its own height the marker on the epicondyle would stay where it is in the shank. It
+moves with the angle theta of the knee in the sagittal plane of the shank as a point of the thigh
+that turns about a centre c,
 
     p(theta) = c + R(-theta) d,
 
-with c and d by linear least squares. Only the rigid fit of three or more shank markers and the nominal knee angle
-enter, no soft tissue and no prior. c is told from the nominal knee centre, which lies at the height of the marker.
+with c and d by linear least squares. Only the rigid fit of three or more shank markers and the
+nominal knee angle enter, no soft tissue and no prior. c is told from the nominal knee centre, which
+lies at the height of the marker.
 """
 
 from __future__ import annotations
@@ -53,8 +56,15 @@ class Knee:
 
 
 def circle(flexion: Array, path: Array) -> tuple[Array, float]:
-    """Centre (2,) and RMS distance of a path (nf, 2), forward and up in the shank, of a thigh bent by (nf,) rad."""
-    cos, sin, one, none = np.cos(flexion), np.sin(flexion), np.ones(len(flexion)), np.zeros(len(flexion))
+    """Centre (2,) and RMS distance of a path (nf, 2), forward and up in the shank, of a thigh bent
+    by (nf,) rad.
+    """
+    cos, sin, one, none = (
+        np.cos(flexion),
+        np.sin(flexion),
+        np.ones(len(flexion)),
+        np.zeros(len(flexion)),
+    )
     forward, up = np.stack([one, none, cos, -sin], axis=1), np.stack([none, one, sin, cos], axis=1)
     rows = np.concatenate([forward, up])
     found, *_ = np.linalg.lstsq(rows, path.T.ravel(), rcond=None)
@@ -67,8 +77,16 @@ def path_of(trial: MovingTrial, model: SubjectModel, side: str) -> tuple[Array, 
     place, labels = model.markers, trial.recording.labels
     segment, landmark = model.landmarks[f"knee_lat_{side}"]
     near = np.linalg.norm(place.local - landmark, axis=1) < 1e-3 * AT_LANDMARK_MM
-    knee = [k for k, s in enumerate(place.segments) if s == segment and near[k] and place.labels[k] in labels]
-    shank = [k for k, s in enumerate(place.segments) if s == f"shank_{side}" and place.labels[k] in labels]
+    knee = [
+        k
+        for k, s in enumerate(place.segments)
+        if s == segment and near[k] and place.labels[k] in labels
+    ]
+    shank = [
+        k
+        for k, s in enumerate(place.segments)
+        if s == f"shank_{side}" and place.labels[k] in labels
+    ]
     if not knee or len(shank) < FEWEST_MARKERS:
         return np.empty(0), np.empty((0, 2))
     motion = tracked_motion(trial.body, model.parameters)
@@ -81,14 +99,20 @@ def path_of(trial: MovingTrial, model: SubjectModel, side: str) -> tuple[Array, 
 
 
 def knees_of(name: str, settings: Mapping[str, object]) -> Iterator[Knee]:
-    """Both knees of a person; none without a marker on the epicondyle that moves with three markers of the shank."""
+    """Both knees of a person; none without a marker on the epicondyle that moves with three markers
+    of the shank.
+    """
     study = changed(study_of_person(name), settings)
     session = session_of(examined(study))
     nominal, walks = session.model, [trial for trial in session.trials if trial.role is Role.GAIT]
     fit: Fit | None = None
     for side in SIDES:
         found = [path_of(walk, nominal, side) for walk in walks]
-        flexion, path = (np.concatenate(parts) for parts in zip(*found, strict=True)) if found else (np.empty(0),) * 2
+        flexion, path = (
+            (np.concatenate(parts) for parts in zip(*found, strict=True))
+            if found
+            else (np.empty(0),) * 2
+        )
         if not len(flexion):
             continue
         least, most = np.percentile(flexion, (20, 90))

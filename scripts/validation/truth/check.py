@@ -1,6 +1,7 @@
 """How near the truth, and do the error bars hold? One table over people, kinds of error and seeds.
 
-    truth [--parts gait,isolated,functional,synthetic] [--only p01,p18] [--seeds 6] [--jobs 2] [--kinds none,linear,...]
+    truth [--parts gait,isolated,functional,synthetic] [--only p01,p18] [--seeds 6] [--jobs 2]
+    [--kinds none,linear,...]
         [--set key=value ...]
 
 gait        people of `opensim_truth`, walk and static trial: joint centres, torques against OpenSim's own
@@ -10,28 +11,33 @@ functional  the same people's walk alone, and with a trial of each hip that is i
 synthetic   people of our own linkage through C3D files, as `gaitcal synthesize --noise --perturb` writes them
 recovery    the same, every joint and inertial parameter by itself (`truth/made_up.py`); `--know` says what is known
 published   the published subject with the published noise, `--seeds` draws of it (`truth/made_up.py`): how many
-            intervals of joint parameters, coordinates, torques, powers and moment vectors hold the truth
+            intervals of joint parameters, coordinates, torques, powers and moment vectors hold the
+            truth
 
-Markers are moved as `truth/skin.py` tells: not at all (`none`; one fit a person), by the published waves, by skin that
-follows the joints or its own time. `before` is the nominal model, `peer` SCoRE or SARA (RMS), `SE` the RMS of the
-standard errors, then how many intervals of 68 and 95 % held the truth (a fixed parameter has none, which holds nothing)
-of how many. Settings are gaitcal's defaults but for `--set`, as `[calibration]` has them.
+Markers are moved as `truth/skin.py` tells: not at all (`none`; one fit a person), by the published
+waves, by skin that follows the joints or its own time. `before` is the nominal model, `peer` SCoRE
+or SARA (RMS), `SE` the RMS of the standard errors, then how many intervals of 68 and 95 % held the
+truth (a fixed parameter has none, which holds nothing) of how many. Settings are gaitcal's defaults
+but for `--set`, as `[calibration]` has them.
 
-Joint centres of a walk are compared in the laboratory, frame by frame, after the turn that the calibration gave the
-recording: the hip as a point; knee and ankle as points too, and across their axes, along which a hinge tells nothing.
-The hip is also compared in pelvis and thigh, as parameters with error bars. Torques are compared, in valid frames, with
-OpenSim's inverse dynamics of its own model on its own motion, whose masses are not ours and whose knee is no hinge.
-It laid up to 8 N, more across the floor than into it, on feet in mid-swing, which no plate bears: the torques that
+Joint centres of a walk are compared in the laboratory, frame by frame, after the turn that the
+calibration gave the recording: the hip as a point; knee and ankle as points too, and across their
+axes, along which a hinge tells nothing. The hip is also compared in pelvis and thigh, as parameters
+with error bars. Torques are compared, in valid frames, with OpenSim's inverse dynamics of its own
+model on its own motion, whose masses are not ours and whose knee is no hinge. It laid up to 8 N,
+more across the floor than into it, on feet in mid-swing, which no plate bears: the torques that
 these make are taken off the truth.
 
 SCoRE and SARA find joint centres and axes from two clusters of markers alone, to stand beside ours.
-(R_i, p_i) and (S_i, q_i) are the poses of the two segments in frame i; c and d a point's coordinates in them.
+(R_i, p_i) and (S_i, q_i) are the poses of the two segments in frame i; c and d a point's
+coordinates in them.
 
     SCoRE   minimises sum |R_i c + p_i - S_i d - q_i|^2 over (c, d): the point that both segments carry most alike
             (Ehrig, Taylor, Duda and Heller, J Biomech 39:2798-2809, 2006)
     SARA    where both segments turn about one axis, these equations (R_i  -S_i) (c; d) = q_i - p_i do not see (n; m),
-            that axis in either: the right singular vector of the least singular value. The least-norm solution across
-            it is a point of the axis (Ehrig, Taylor, Duda and Heller, J Biomech 40:2150-2157, 2007)
+            that axis in either: the right singular vector of the least singular value. The
+            least-norm solution across it is a point of the axis (Ehrig, Taylor, Duda and Heller, J
+            Biomech 40:2150-2157, 2007)
 """
 
 from __future__ import annotations
@@ -54,7 +60,16 @@ from gaitcal.model.kinematics import coordinate_axes
 from gaitcal.model.parameters import Parameters
 from gaitcal.model.segment_frames import Frame, rigid_motions
 from gaitcal.study.study_trial import Role
-from scripts.validation.harness import Bars, bars, matching, option, rms, say, side_by_side, words_of
+from scripts.validation.harness import (
+    Bars,
+    bars,
+    matching,
+    option,
+    rms,
+    say,
+    side_by_side,
+    words_of,
+)
 from scripts.validation.recordings import SIMULATED, data
 from scripts.validation.truth import made_up, report
 from scripts.validation.truth.people import (
@@ -73,7 +88,14 @@ from scripts.validation.truth.people import (
     x_axis,
     z_axis,
 )
-from scripts.validation.truth.report import Figure, Fitted, Gathered, Outcome, fitted_parameters, timed_fit
+from scripts.validation.truth.report import (
+    Figure,
+    Fitted,
+    Gathered,
+    Outcome,
+    fitted_parameters,
+    timed_fit,
+)
 from scripts.validation.truth.skin import FIVE, OF_PEOPLE, Kind, beside, disturbed
 
 
@@ -115,17 +137,28 @@ def _equations(proximal: Poses, distal: Poses) -> tuple[Array, Array]:
 
 JOINT_OF = {"hip": "hip_flexion", "knee": "knee_angle", "ankle": "ankle_angle"}
 """Joint -> the coordinate whose axis passes through its centre."""
-TORQUES = ("hip_flexion", "hip_adduction", "hip_rotation", "knee_angle", "ankle_angle", "subtalar_angle")
+TORQUES = (
+    "hip_flexion",
+    "hip_adduction",
+    "hip_rotation",
+    "knee_angle",
+    "ankle_angle",
+    "subtalar_angle",
+)
 
 
-def gait(name: str, kind: Kind, seed: int, size_mm: float, changes: Mapping[str, object], data: Path) -> Outcome:
+def gait(
+    name: str, kind: Kind, seed: int, size_mm: float, changes: Mapping[str, object], data: Path
+) -> Outcome:
     person = walking_person(name, data)
     study = disturbed(with_settings(person.study, changes), kind, size_mm, seed)
     fit = timed_fit(study)
     return fit.outcome("gait", kind.value, name, seed, compare_gait(fit.calibration, person, study))
 
 
-def compare_gait(calibration: Calibration, person: WalkingPerson, study: Study) -> dict[str, Figure]:
+def compare_gait(
+    calibration: Calibration, person: WalkingPerson, study: Study
+) -> dict[str, Figure]:
     (walk,) = study.moving
     trial = calibration.trial(walk.name)
     rotation, origin = whole_turn(walk.recording.markers, trial.recording.markers)
@@ -136,11 +169,16 @@ def compare_gait(calibration: Calibration, person: WalkingPerson, study: Study) 
     }
     for when, (parameters, motion) in models.items():
         for joint, (centre, axis) in joint_tracks(parameters, motion).items():
-            known = at_times(motion.time, walk.recording.time, person.centres[joint] @ rotation.T + origin)
+            known = at_times(
+                motion.time, walk.recording.time, person.centres[joint] @ rotation.T + origin
+            )
             gap, name = 1e3 * (centre - known), joint.split("_")[0]
             gathered.put(f"{name} in laboratory, mm", **{when: rms(np.linalg.norm(gap, axis=1))})
             if name != "hip":
-                gathered.put(f"{name} across axis, mm", **{when: rms(np.linalg.norm(across(gap, axis), axis=1))})
+                gathered.put(
+                    f"{name} across axis, mm",
+                    **{when: rms(np.linalg.norm(across(gap, axis), axis=1))},
+                )
     frames = static_frames(calibration.nominal, study.static.recording)
     for side in "rl":
         truth = hip_parameters(frames, side, person.static_hips[f"hip_{side}"])
@@ -158,11 +196,17 @@ def whole_turn(before: Array, after: Array) -> tuple[Array, Array]:
 
 
 def joint_tracks(parameters: Parameters, motion: Motion) -> dict[str, tuple[Array, Array]]:
-    """`hip_r`, ... -> centre (nf, 3) m and axis of flexion (nf, 3), laboratory, of a whole-body motion."""
+    """`hip_r`, ... -> centre (nf, 3) m and axis of flexion (nf, 3), laboratory, of a whole-body
+    motion.
+    """
     chain = Chain()
     order = [motion.coordinates.index(name) for name in chain.coordinates]
     axes, points = coordinate_axes(chain.body(parameters), motion.q[:, order])
-    at = {f"{joint}_{s}": chain.coordinates.index(f"{name}_{s}") for joint, name in JOINT_OF.items() for s in "rl"}
+    at = {
+        f"{joint}_{s}": chain.coordinates.index(f"{name}_{s}")
+        for joint, name in JOINT_OF.items()
+        for s in "rl"
+    }
     sign = {"hip": 1.0, "knee": -1.0, "ankle": 1.0}  # of z, about which a knee extends
     return {joint: (points[:, k], sign[joint[:-2]] * axes[:, k]) for joint, k in at.items()}
 
@@ -180,7 +224,9 @@ def torque_figures(
     recorded = next(t.recording.time for t in calibration.study.trials if t.name == walk)
     valid, body = loads.reactions.valid, calibration.trial(walk).body
     force, moment = (person.forces[..., part] @ rotation.T for part in (slice(3), slice(3, 6)))
-    ground = np.concatenate([force, moment + np.cross(origin, force)], axis=2).reshape(len(recorded), -1)
+    ground = np.concatenate([force, moment + np.cross(origin, force)], axis=2).reshape(
+        len(recorded), -1
+    )
     more = at_times(body.time, recorded, ground).reshape(-1, 2, 6) - loads.reactions.wrench
     airborne = more * ~loads.reactions.loaded[:, :, None]
     dynamics = Dynamics(calibration.model.parameters)
@@ -192,14 +238,27 @@ def torque_figures(
         for side in "rl":
             name = f"{torque}_{side}"
             column = COORDINATES.index(name)
-            true = (np.interp(loads.final.time, recorded, person.torques[name]) - of_airborne[:, column])[valid]
+            true = (
+                np.interp(loads.final.time, recorded, person.torques[name]) - of_airborne[:, column]
+            )[valid]
             gap = loads.final.tau[valid, column] - true
-            error = np.full(len(gap), np.nan) if loads.errors is None else loads.errors.tau[valid, column]
+            error = (
+                np.full(len(gap), np.nan)
+                if loads.errors is None
+                else loads.errors.tau[valid, column]
+            )
             gaps.setdefault(torque, []).append(gap)
             earlier.setdefault(torque, []).append(loads.nominal.tau[valid, column] - true)
             held[torque] = held.get(torque, Bars()) + bars(gap, error)
-    figures = {f"torque {t}, N·m": Figure(error=rms(gaps[t]), before=rms(earlier[t]), bars=held[t]) for t in TORQUES}
-    every = Figure(error=rms(list(gaps.values())), before=rms(list(earlier.values())), bars=sum(held.values(), Bars()))
+    figures = {
+        f"torque {t}, N·m": Figure(error=rms(gaps[t]), before=rms(earlier[t]), bars=held[t])
+        for t in TORQUES
+    }
+    every = Figure(
+        error=rms(list(gaps.values())),
+        before=rms(list(earlier.values())),
+        bars=sum(held.values(), Bars()),
+    )
     return {"torques of legs, N·m": every, **figures}
 
 
@@ -213,12 +272,21 @@ AXES = {
 
 
 def isolated(
-    name: str, kind: Kind, seed: int, size_mm: float, changes: Mapping[str, object], data: Path, cache: Path, walk: bool
+    name: str,
+    kind: Kind,
+    seed: int,
+    size_mm: float,
+    changes: Mapping[str, object],
+    data: Path,
+    cache: Path,
+    walk: bool,
 ) -> Outcome:
     person = isolated_person(name, data, cache, walk)
     study = disturbed(with_settings(person.study, changes), kind, size_mm, seed)
     fit = timed_fit(study)
-    return fit.outcome("isolated", kind.value, name, seed, compare_isolated(fit.calibration, person, study))
+    return fit.outcome(
+        "isolated", kind.value, name, seed, compare_isolated(fit.calibration, person, study)
+    )
 
 
 class HipTrials(Enum):
@@ -239,10 +307,16 @@ def functional(
     cache: Path,
     of: HipTrials,
 ) -> Outcome:
-    """Part `functional`: a walk without plates, alone or with the same trial of each hip in one role or the other."""
+    """Part `functional`: a walk without plates, alone or with the same trial of each hip in one
+    role or the other.
+    """
     person = isolated_person(name, data, cache, with_gait=True)
     study = disturbed(with_settings(person.study, changes), kind, size_mm, seed)
-    hips = [trial for trial in study.trials if of is not HipTrials.NONE and (trial.joint or "").startswith("hip")]
+    hips = [
+        trial
+        for trial in study.trials
+        if of is not HipTrials.NONE and (trial.joint or "").startswith("hip")
+    ]
     if of is HipTrials.MOTION:
         hips = [replace(trial, role=Role.MOTION, joint=None) for trial in hips]
     walk = next(trial for trial in study.trials if trial.name == "gait")
@@ -254,18 +328,25 @@ def functional(
     return fit.outcome("functional", of.value, name, seed, gathered.figures())
 
 
-def compare_isolated(calibration: Calibration, person: IsolatedPerson, study: Study) -> dict[str, Figure]:
+def compare_isolated(
+    calibration: Calibration, person: IsolatedPerson, study: Study
+) -> dict[str, Figure]:
     frames = static_frames(calibration.nominal, study.static.recording)
     gathered = Gathered()
     for side in "rl":
         fitted = fitted_parameters(calibration, leg_parameters(person, frames, side))
         gathered.hip(fitted, side)
         for end, peer in zip(("pelvis", "thigh"), score(*poses(study, f"hip_{side}")), strict=True):
-            gathered.put(f"hip in {end}, mm", peer=1e3 * float(np.linalg.norm(peer - person.centres[f"hip_{side}"])))
+            gathered.put(
+                f"hip in {end}, mm",
+                peer=1e3 * float(np.linalg.norm(peer - person.centres[f"hip_{side}"])),
+            )
         for figure in AXES:
             _axis(gathered, figure, fitted, person, frames, study, side)
         for unit, parameter in (("mm", "sup"), ("deg", "trans")):
-            gathered.single(f"subtalar in talus, {unit}", f"subtalar_{side}.talus.{parameter}", fitted, unit)
+            gathered.single(
+                f"subtalar in talus, {unit}", f"subtalar_{side}.talus.{parameter}", fitted, unit
+            )
     return gathered.figures()
 
 
@@ -291,11 +372,15 @@ def _axis(
         gathered.put(f"{figure}, mm", peer=1e3 * peer_distance(lab, peer, frames[segment]))
     own = [n for n in fitted.truth if n.startswith(f"{prefix}.")]
     for unit, words in (("deg", ("front", "trans", "sag")), ("mm", DIRECTIONS)):
-        gathered.add_bars(f"{figure}, {unit}", fitted.bars([n for n in own if n.endswith(words)], unit))
+        gathered.add_bars(
+            f"{figure}, {unit}", fitted.bars([n for n in own if n.endswith(words)], unit)
+        )
 
 
 def peer_distance(true: Axis, found: Axis, frame: Frame) -> float:
-    """Distance (m) of two lines where the found one meets the segment's plane of lateral position zero, as ours is."""
+    """Distance (m) of two lines where the found one meets the segment's plane of lateral position
+    zero, as ours is.
+    """
     lateral = frame.rotation[:, 2]
     slide = (frame.origin - found.point) @ lateral / (found.direction @ lateral)
     return true.distance(found.point + slide * found.direction)
@@ -310,7 +395,9 @@ def line_of(prefix: str, values: Mapping[str, float]) -> Axis:
 
 
 def poses(study: Study, joint: str) -> tuple[Poses, Poses]:
-    """Poses of the clusters above and below a joint along its isolated trial, from their places in the static trial."""
+    """Poses of the clusters above and below a joint along its isolated trial, from their places in
+    the static trial.
+    """
     static = study.static.recording
     recording = next(t.recording for t in study.moving if t.joint == joint)
     rest = dict(zip(static.labels, static.markers.mean(axis=0), strict=True))
@@ -318,7 +405,9 @@ def poses(study: Study, joint: str) -> tuple[Poses, Poses]:
     def pose(segment: str) -> Poses:
         labels = study.marker_set.tracking[segment]
         columns = [recording.labels.index(label) for label in labels]
-        return rigid_motions(np.array([rest[label] for label in labels]), recording.markers[:, columns])
+        return rigid_motions(
+            np.array([rest[label] for label in labels]), recording.markers[:, columns]
+        )
 
     above, below = beside(joint)
     return pose(above), pose(below)
@@ -332,8 +421,12 @@ OWN = {
     "--kinds": words_of(Kind),
     "--seeds": option(6, "of each kind of movement and person"),
     "--synthetic-people": option(9, "of our own linkage", metavar="N"),
-    "--know": option("default", "part recovery", choices=[setting.value for setting in made_up.Settings]),
-    "--size": option(float, "of the movement, instead of each part's own; of the published noise", metavar="MM"),
+    "--know": option(
+        "default", "part recovery", choices=[setting.value for setting in made_up.Settings]
+    ),
+    "--size": option(
+        float, "of the movement, instead of each part's own; of the published noise", metavar="MM"
+    ),
     "--with-gait": option(False, "part isolated: the walk, without plates, as well"),
 }
 KINDS = {
@@ -357,7 +450,9 @@ def tasks(chosen: argparse.Namespace, synthetic: range) -> list[Callable[[], Out
             for kind in chosen.kinds or KINDS[part]:
                 skin = SKIN_MM if part != "gait" or kind in OF_PEOPLE else GAIT_SKIN_MM
                 size = chosen.size or (WAVES_MM if kind is Kind.SINUSOIDS else skin)
-                for seed in range(chosen.seed, chosen.seed + (1 if kind is Kind.NONE else chosen.seeds)):
+                for seed in range(
+                    chosen.seed, chosen.seed + (1 if kind is Kind.NONE else chosen.seeds)
+                ):
                     common = (person, kind, seed, size, chosen.settings, folder)
                     if part == "gait":
                         out.append(partial(gait, *common))
@@ -374,12 +469,16 @@ def run(chosen: argparse.Namespace) -> list[Outcome]:
     synthetic = range(chosen.seed, chosen.seed + chosen.synthetic_people)
     if "recovery" in chosen.parts:
         settings = made_up.Settings(chosen.know)
-        people = [partial(made_up.synthetic_person, seed, settings, chosen.settings) for seed in synthetic]
+        people = [
+            partial(made_up.synthetic_person, seed, settings, chosen.settings) for seed in synthetic
+        ]
         say(*made_up.lines(list(side_by_side(people, chosen.jobs))))
     if "published" in chosen.parts:
         say(
             *made_up.published_lines(
-                made_up.draws(chosen.seeds, 1e-3 * (chosen.size or WAVES_MM), chosen.seed, chosen.jobs)
+                made_up.draws(
+                    chosen.seeds, 1e-3 * (chosen.size or WAVES_MM), chosen.seed, chosen.jobs
+                )
             )
         )
     outcomes = list(side_by_side(tasks(chosen, synthetic), chosen.jobs))

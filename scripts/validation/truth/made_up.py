@@ -1,23 +1,28 @@
-"""Parts `synthetic` and `recovery`: people of our own linkage, through files, with a user's settings.
+"""Parts `synthetic` and `recovery`: people of our own linkage, through files, with a user's
+settings.
 
-Wrong in every joint and inertial parameter by up to 10 mm, 10 deg and 10 %, with the published marker noise, written as
-C3D files (`gaitcal synthesize --noise --perturb`), read and calibrated as any other study.
+Wrong in every joint and inertial parameter by up to 10 mm, 10 deg and 10 %, with the published
+marker noise, written as C3D files (`gaitcal synthesize --noise --perturb`), read and calibrated as
+any other study.
 
-Part `recovery`: how near the truth the main job comes, joint by joint, and whether its error bars hold, with gaitcal's
-defaults, every one (`default`), these with the gait trial alone (`gait-only`): what a user has; or, as in part
-`synthetic`, told that plates and axes are exact (`exact`), which no user knows. Printed: RMS error of joint parameters
-before (nominal) and after, median over people, of all that a trial may move. Those that the result declares
-undetermined stay nominal, and count: how many is told, and the error without them. And how often 68 % and 95 %
-intervals cover the truth: joint parameters by joint (those with an interval), inertial parameters by kind, joint
-torques, powers and moment vectors in valid frames. A person takes half a minute, with `gait-only` less.
+Part `recovery`: how near the truth the main job comes, joint by joint, and whether its error bars
+hold, with gaitcal's defaults, every one (`default`), these with the gait trial alone (`gait-only`):
+what a user has; or, as in part `synthetic`, told that plates and axes are exact (`exact`), which no
+user knows. Printed: RMS error of joint parameters before (nominal) and after, median over people,
+of all that a trial may move. Those that the result declares undetermined stay nominal, and count:
+how many is told, and the error without them. And how often 68 % and 95 % intervals cover the truth:
+joint parameters by joint (those with an interval), inertial parameters by kind, joint torques,
+powers and moment vectors in valid frames. A person takes half a minute, with `gait-only` less.
 
-Part `published`: how often 68 % and 95 % intervals cover the truth, over many draws of the published noise.
+Part `published`: how often 68 % and 95 % intervals cover the truth, over many draws of the
+published noise.
 
-The published subject walks (34 joint parameters free) and moves its knee alone (9 free); every draw adds marker noise
-as published (one sinusoid a marker coordinate, amplitude up to 10 mm), fits the joint parameters, and compares them,
-and the coordinates, torques, powers and moment vectors that follow in the gait trial, with the truth. Wanted: 60 to
-76 %, and 91 to 98 %; of the knee trial the latter alone. It moves with one frequency and hears only waves near that, in
-most draws none: its error bars are right in the mean square (errors are 0.91 of them over 40 draws), not draw by draw.
+The published subject walks (34 joint parameters free) and moves its knee alone (9 free); every draw
+adds marker noise as published (one sinusoid a marker coordinate, amplitude up to 10 mm), fits the
+joint parameters, and compares them, and the coordinates, torques, powers and moment vectors that
+follow in the gait trial, with the truth. Wanted: 60 to 76 %, and 91 to 98 %; of the knee trial the
+latter alone. It moves with one frequency and hears only waves near that, in most draws none: its
+error bars are right in the mean square (errors are 0.91 of them over 40 draws), not draw by draw.
 """
 
 from __future__ import annotations
@@ -41,7 +46,13 @@ from gaitcal.calibration.joint_calibration import JointSettings
 from gaitcal.calibration.joint_estimate import JointEstimate, estimate_joints
 from gaitcal.calibration.torque_errors import ErringForces
 from gaitcal.dynamics.inverse_dynamics import Dynamics
-from gaitcal.dynamics.joint_kinetics import COMPONENTS, POWER_JOINTS, POWERS, VECTOR_FRAMES, kinetic_values
+from gaitcal.dynamics.joint_kinetics import (
+    COMPONENTS,
+    POWER_JOINTS,
+    POWERS,
+    VECTOR_FRAMES,
+    kinetic_values,
+)
 from gaitcal.io.recording import Recording
 from gaitcal.model.linkage import REACTIONS, SEGMENTS, joint_segments
 from gaitcal.model.nominal import published_model
@@ -74,15 +85,19 @@ Draw = dict[str, Array]
 
 
 def gait_draw(seed: int, noise_m: float) -> Draw:
-    """One walk with 34 joint parameters free: these, and in frames (nf,) the 23 joint torques and knee reactions, 28
-    joint powers, 63 components of moment vectors and 27 coordinates.
+    """One walk with 34 joint parameters free: these, and in frames (nf,) the 23 joint torques and
+    knee reactions, 28 joint powers, 63 components of moment vectors and 27 coordinates.
     """
     motion, truth = gait_motion(), published_model().parameters
     problem = noisy_problem(motion.q, motion.basis.time, seed, noise_m)
-    fit, influence = estimated(problem, truth, tuple(name for side in "rl" for name in gait_parameters(side)))
+    fit, influence = estimated(
+        problem, truth, tuple(name for side in "rl" for name in gait_parameters(side))
+    )
     wrench = residual_free_wrench(truth, motion)
     moves = marker_moves(problem, fit.coefficients[0], fit.parameters, influence)
-    spread = ErringForces(problem, fit.coefficients[0], fit.parameters, wrench, influence, None, moves).errors()
+    spread = ErringForces(
+        problem, fit.coefficients[0], fit.parameters, wrench, influence, None, moves
+    ).errors()
     if spread.kinetics is None:
         raise RuntimeError("no standard errors of powers")
     found = [problem.basis.evaluate(fit.coefficients[0], k) for k in range(3)]
@@ -93,13 +108,17 @@ def gait_draw(seed: int, noise_m: float) -> Draw:
     )
     errors = (spread.every, spread.kinetics.power, spread.kinetics.moment)
     inner = slice(ENDS, -ENDS, EVERY)
-    torques, powers, vectors = (((f - t) / e)[inner] for f, t, e in zip(fitted, true, errors, strict=True))
+    torques, powers, vectors = (
+        ((f - t) / e)[inner] for f, t, e in zip(fitted, true, errors, strict=True)
+    )
     return {
         "gait, 34 joint parameters": _standardised(fit, truth, influence),
         "gait, joint torques": torques[:, 6:],
         "gait, joint powers": powers,
         "gait, moment vectors": vectors.reshape(len(vectors), -1),
-        "gait, coordinates": ((found[0] - motion.q) / coordinate_standard_errors(problem, moves))[inner],
+        "gait, coordinates": ((found[0] - motion.q) / coordinate_standard_errors(problem, moves))[
+            inner
+        ],
     }
 
 
@@ -118,10 +137,14 @@ def noisy_problem(
     markers = synthetic_markers(model.parameters, model.markers, q)
     markers += marker_noise(time, markers.shape[1], np.random.default_rng(seed), noise_m)
     recording = Recording(source="made up", time=time, labels=model.markers.labels, markers=markers)
-    return trial_problem("trial", model, recording, NodeRule(fixed=NODES), root=segments[0], segments=segments)
+    return trial_problem(
+        "trial", model, recording, NodeRule(fixed=NODES), root=segments[0], segments=segments
+    )
 
 
-def estimated(problem: MotionProblem, truth: Parameters, free: tuple[str, ...]) -> tuple[JointEstimate, ErrorSources]:
+def estimated(
+    problem: MotionProblem, truth: Parameters, free: tuple[str, ...]
+) -> tuple[JointEstimate, ErrorSources]:
     """As the published protocol has it: nothing is expected, markers stay in their places."""
     return estimate_joints({"trial": (problem,)}, truth, free, prior=None, settings=JointSettings())
 
@@ -148,7 +171,11 @@ def published_lines(found: Draw) -> Iterator[str]:
         covered = dict(zip(WANTED, shares(values), strict=True))
         levels = ["95 %"] if name == HEARS_FEW_WAVES else list(WANTED)
         inside = all(WANTED[level][0] <= covered[level] <= WANTED[level][1] for level in levels)
-        yield f"{name:34}" + "".join(f"{c:8.1f}" for c in covered.values()) + ("   yes" if inside else "   no")
+        yield (
+            f"{name:34}"
+            + "".join(f"{c:8.1f}" for c in covered.values())
+            + ("   yes" if inside else "   no")
+        )
 
 
 JOINTS = ("hip", "knee", "talocrural", "subtalar")
@@ -167,15 +194,17 @@ class Settings(Enum):
     GAIT_ONLY = "gait-only"
     """The same, and no isolated trials."""
     EXACT = "exact"
-    """gaitcal's own, but told what is true of these data: plates are exact, and so are the segments' axes, as the truth
-    is told in those that the static trial makes. The fitted joints are those of `default`, the error bars narrower."""
+    """gaitcal's own, but told what is true of these data: plates are exact, and so are the
+    segments' axes, as the truth is told in those that the static trial makes. The fitted joints are
+    those of `default`, the error bars narrower."""
 
 
 @dataclass(frozen=True)
 class SyntheticPerson:
     parameters: pd.DataFrame
-    """By name: kind, joint, status, errors of the nominal and fitted values, `z` in standard errors. Those that the fit
-    kept, as its trials do not show them, are among them: their error is the nominal one's, and they have no `z`."""
+    """By name: kind, joint, status, errors of the nominal and fitted values, `z` in standard
+    errors. Those that the fit kept, as its trials do not show them, are among them: their error is
+    the nominal one's, and they have no `z`."""
     gaps: Array
     """(n, 23) N·m, errors of joint torques and knee reactions, valid frames."""
     before: Array
@@ -193,22 +222,30 @@ class SyntheticPerson:
         return self.gaps / self.errors
 
 
-def synthetic_person(seed: int, settings: Settings, changes: Mapping[str, object] | None = None) -> SyntheticPerson:
+def synthetic_person(
+    seed: int, settings: Settings, changes: Mapping[str, object] | None = None
+) -> SyntheticPerson:
     with tempfile.TemporaryDirectory() as folder:
         file = synthesize(Path(folder) / "study", seed=seed, noise=True, perturb=True)
         study = Study.load(file)
         if settings is Settings.EXACT:
             study = with_settings(study, {"segment_axes": "exact"} | dict(changes or {}))
         else:
-            study = replace(study, settings=type(study.settings).model_validate(dict(changes or {})))
+            study = replace(
+                study, settings=type(study.settings).model_validate(dict(changes or {}))
+            )
         if settings is Settings.GAIT_ONLY:
-            study = replace(study, trials=tuple(t for t in study.trials if t.role is not Role.JOINT))
+            study = replace(
+                study, trials=tuple(t for t in study.trials if t.role is not Role.JOINT)
+            )
         fit = timed_fit(study)
     if fit.calibration.truth is None:
         raise SystemExit(f"--set: {fit.calibration.notes[-1]}")
     truth = pd.Series({p.name: p.truth for p in fit.calibration.truth.parameters})
     table = gaitcal.parameter_table(fit.calibration).set_index("name")
-    inertial = ~table["kind"].str.startswith("joint")  # nominal ones count, too: their error bar is people's spread
+    inertial = ~table["kind"].str.startswith(
+        "joint"
+    )  # nominal ones count, too: their error bar is people's spread
     known = (table["status"] == "fitted") | (inertial & (table["standard_error"] > 0))
     table = table[known | (table["status"] == UNDETERMINED)]
     true = truth.loc[table.index]
@@ -222,7 +259,12 @@ def gait_errors(calibration: Calibration, seed: int) -> dict[str, Any]:
     """What a `SyntheticPerson` holds of the gait trial's torques, powers and moment vectors."""
     parameters, motion = true_gait(seed)
     loads = calibration.trial("gait").loads
-    if loads is None or loads.kinetics is None or loads.errors is None or loads.errors.kinetics is None:
+    if (
+        loads is None
+        or loads.kinetics is None
+        or loads.errors is None
+        or loads.errors.kinetics is None
+    ):
         raise RuntimeError("the gait trial has no torques and powers with standard errors")
     state, wrench = (
         [motion.basis.evaluate(motion.coefficients, k) for k in range(3)],
@@ -231,8 +273,13 @@ def gait_errors(calibration: Calibration, seed: int) -> dict[str, Any]:
     true = Dynamics(parameters).forces(*state, wrench)
     power, moment = kinetic_values(parameters, *state, wrench)
     valid, spread = loads.reactions.valid, loads.errors.kinetics
-    final, nominal = (np.hstack([m.tau, m.knee_adduction]) - true for m in (loads.final, loads.nominal))
-    vectors = [of[valid].reshape(int(valid.sum()), -1) for of in (loads.kinetics.moment - moment, spread.moment)]
+    final, nominal = (
+        np.hstack([m.tau, m.knee_adduction]) - true for m in (loads.final, loads.nominal)
+    )
+    vectors = [
+        of[valid].reshape(int(valid.sum()), -1)
+        for of in (loads.kinetics.moment - moment, spread.moment)
+    ]
     return {
         "gaps": final[valid][:, 6:],
         "before": nominal[valid][:, 6:],
@@ -243,7 +290,9 @@ def gait_errors(calibration: Calibration, seed: int) -> dict[str, Any]:
 
 
 def outcome(seed: int, changes: Mapping[str, object]) -> Outcome:
-    """Part `synthetic`: one person with gaitcal's defaults, but for these, plates and axes, which are exact here."""
+    """Part `synthetic`: one person with gaitcal's defaults, but for these, plates and axes, which
+    are exact here.
+    """
     person = synthetic_person(seed, Settings.EXACT, changes)
     figures = torque_figures(person) | parameter_figures(person.parameters.dropna(subset="z"))
     return person.fit.outcome("synthetic", "waves", f"synthetic {seed}", seed, figures)
@@ -257,33 +306,46 @@ def torque_figures(person: SyntheticPerson) -> dict[str, Figure]:
 
     def figure(columns: list[int]) -> Figure:
         gaps, errors = person.gaps[:, columns], person.errors[:, columns]
-        return Figure(error=rms(gaps), before=rms(person.before[:, columns]), bars=bars(gaps, errors))
+        return Figure(
+            error=rms(gaps), before=rms(person.before[:, columns]), bars=bars(gaps, errors)
+        )
 
     legs = [k for name, columns in groups.items() if name.startswith(LEG) for k in columns]
-    out = {"torques of legs, N·m": figure(legs), "torques of all, N·m": figure(list(range(len(TORQUES))))}
+    out = {
+        "torques of legs, N·m": figure(legs),
+        "torques of all, N·m": figure(list(range(len(TORQUES)))),
+    }
     return out | {f"torque {name}, N·m": figure(columns) for name, columns in groups.items()}
 
 
 def parameter_figures(table: pd.DataFrame) -> dict[str, Figure]:
     out = {}
-    groups = [(f"{j} {kind.split()[1]}, {u}", kind, j) for j in JOINTS for kind, u in JOINT_KINDS.items()]
+    groups = [
+        (f"{j} {kind.split()[1]}, {u}", kind, j) for j in JOINTS for kind, u in JOINT_KINDS.items()
+    ]
     groups += [(f"{kind}, {unit}", kind, "") for kind, unit in INERTIAL_KINDS.items()]
     for name, kind, joint in groups:
         rows = table[(table["kind"] == kind) & ((table["joint"] == joint) if joint else True)]
         if len(rows):
             after, error = rows["after"].to_numpy(float), rows["standard_error"].to_numpy(float)
-            out[name] = Figure(error=rms(after), before=rms(rows["before"]), bars=bars(after, error))
+            out[name] = Figure(
+                error=rms(after), before=rms(rows["before"]), bars=bars(after, error)
+            )
     return out
 
 
 def coverage(z: np.ndarray) -> str:
     """Share of errors within each interval, %."""
-    return "  ".join(f"{share:5.1f} in {name}" for share, name in zip(shares(z), ("68 %", "95 %"), strict=True))
+    return "  ".join(
+        f"{share:5.1f} in {name}" for share, name in zip(shares(z), ("68 %", "95 %"), strict=True)
+    )
 
 
 def median_errors(rows: list[pd.DataFrame]) -> tuple[float, float]:
     """RMS error of the nominal and of the fitted values of each person, and its median over them."""
-    before, after = np.median([[rms(r[when]) for when in ("before", "after")] for r in rows], axis=0)
+    before, after = np.median(
+        [[rms(r[when]) for when in ("before", "after")] for r in rows], axis=0
+    )
     return float(before), float(after)
 
 
@@ -301,14 +363,20 @@ def lines(people: list[SyntheticPerson]) -> Iterator[str]:
     yield "joint parameters: RMS error, nominal -> calibrated (median over people), and coverage"
     for joint in JOINTS:
         for kind, unit in JOINT_KINDS.items():
-            rows = [p.parameters[(p.parameters["kind"] == kind) & (p.parameters["joint"] == joint)] for p in people]
+            rows = [
+                p.parameters[(p.parameters["kind"] == kind) & (p.parameters["joint"] == joint)]
+                for p in people
+            ]
             rows = [r for r in rows if len(r)]
             if not rows:
                 continue
             before, after = median_errors(rows)
             z = pd.concat([r["z"] for r in rows]).dropna().to_numpy()
             told = f"({len(z)} values{undetermined(rows)})"
-            yield f"{joint:11}{kind.split()[1]:13}{before:6.2f} ->{after:6.2f} {unit:4}{coverage(z)}  {told}"
+            yield (
+                f"{joint:11}{kind.split()[1]:13}{before:6.2f} ->{after:6.2f} {unit:4}{coverage(z)} "
+                f" {told}"
+            )
     yield "inertial parameters: coverage"
     for kind in INERTIAL_KINDS:
         z = pd.concat([p.parameters[p.parameters["kind"] == kind]["z"] for p in people]).to_numpy()
@@ -319,9 +387,13 @@ def lines(people: list[SyntheticPerson]) -> Iterator[str]:
     for name, column in zip(TORQUES, z.T, strict=True):
         yield f"{name:39}{coverage(column)}"
     joints = dict.fromkeys(name.removesuffix("_r").removesuffix("_l") for name in POWER_JOINTS)
-    powers = {j: [k for k, name in enumerate(POWERS) if name in (j, f"{j}_r", f"{j}_l")] for j in joints}
+    powers = {
+        j: [k for k, name in enumerate(POWERS) if name in (j, f"{j}_r", f"{j}_l")] for j in joints
+    }
     width = len(COMPONENTS)
-    vectors = {frame.key: list(range(k * width, (k + 1) * width)) for k, frame in enumerate(VECTOR_FRAMES)}
+    vectors = {
+        frame.key: list(range(k * width, (k + 1) * width)) for k, frame in enumerate(VECTOR_FRAMES)
+    }
     for words, of, groups in (
         ("joint powers of valid frames: RMS error, W, and coverage", "powers", powers),
         ("moments as vectors, legs and back: RMS error, N·m, and coverage", "vectors", vectors),

@@ -1,21 +1,25 @@
-"""The people whose truth OpenSim knows: their studies and joints. Trials are made once, into a cache folder.
+"""The people whose truth OpenSim knows: their studies and joints. Trials are made once, into a
+cache folder.
 
 Joint parameters of known joints, told in the segment frames of the static trial.
 
-Frames are those in which the nominal model places its markers. A ball joint is a point in both segments. A hinge's
-axis z in the segment above or below is Rx(front) Ry(trans) z; it is told at its point of lateral position zero in the
-thigh, and at the same point of the shank. Talocrural and subtalar axis are told at their common perpendicular, from
-which also come the talus's parameters: the distance of the two axes, and the angle by which they miss a right one. The
-subtalar axis x in the foot is Ry(trans) Rz(sag) x.
+Frames are those in which the nominal model places its markers. A ball joint is a point in both
+segments. A hinge's axis z in the segment above or below is Rx(front) Ry(trans) z; it is told at its
+point of lateral position zero in the thigh, and at the same point of the shank. Talocrural and
+subtalar axis are told at their common perpendicular, from which also come the talus's parameters:
+the distance of the two axes, and the angle by which they miss a right one. The subtalar axis x in
+the foot is Ry(trans) Rz(sag) x.
 
-A person simulated by OpenSim moves one joint after the other: markers, and the truth about the joints.
+A person simulated by OpenSim moves one joint after the other: markers, and the truth about the
+joints.
 
-From the model and the coordinates of a walk, OpenSim's own kinematics make, without noise, the markers of a static
-trial, six isolated trials (hip, knee, ankle of both legs; 6 s at 200 frames/s) and the walk, and with them
-`truth.json` (m, laboratory of the static trial): the joint centres, and each hinge's axis as the screw between 5 deg
-below and above the middle of its isolated trial. That line is told twice, carried to the static pose by the body above
-(`proximal`) and by the body below (`distal`) the joint. For a hinge both agree; OpenSim's knee rolls and slides, and no
-hinge meets it everywhere. The two points are the same, half-way. Needs `opensim`; two minutes a person.
+From the model and the coordinates of a walk, OpenSim's own kinematics make, without noise, the
+markers of a static trial, six isolated trials (hip, knee, ankle of both legs; 6 s at 200 frames/s)
+and the walk, and with them `truth.json` (m, laboratory of the static trial): the joint centres, and
+each hinge's axis as the screw between 5 deg below and above the middle of its isolated trial. That
+line is told twice, carried to the static pose by the body above (`proximal`) and by the body below
+(`distal`) the joint. For a hinge both agree; OpenSim's knee rolls and slides, and no hinge meets it
+everywhere. The two points are the same, half-way. Needs `opensim`; two minutes a person.
 """
 
 from __future__ import annotations
@@ -46,7 +50,11 @@ PELVIS_HEIGHT = 0.95
 """m."""
 ISOLATED = tuple(f"{joint}_{side}" for side in "rl" for joint in ("hip", "knee", "ankle"))
 TRIALS = ("static", *ISOLATED, "gait")
-HINGES = {"knee": ("knee_angle", 45.0), "ankle": ("ankle_angle", -8.0), "subtalar": ("subtalar_angle", 0.0)}
+HINGES = {
+    "knee": ("knee_angle", 45.0),
+    "ankle": ("ankle_angle", -8.0),
+    "subtalar": ("subtalar_angle", 0.0),
+}
 """OpenSim's joint -> its coordinate, and the middle of its isolated trial, deg."""
 JOINTS = tuple(f"{joint}_{side}" for side in "rl" for joint in ("hip", *HINGES))
 STEP = 5.0
@@ -54,7 +62,9 @@ STEP = 5.0
 VIRTUAL = ("HJC", "KJC", "AJC", "EJC", "SJC", "WJC")
 """Endings of labels that are joint centres, not markers."""
 LEFT_AT_ZERO = ("beta", "mtp", "arm_rot")
-"""Parts of coordinates' names that the linkage has no like of: patella, toes, turn of the upper arm."""
+"""Parts of coordinates' names that the linkage has no like of: patella, toes, turn of the upper
+arm.
+"""
 
 
 class Simulation:
@@ -69,9 +79,14 @@ class Simulation:
         self.state = self.model.initSystem()
         self.mass = float(self.model.getTotalMass(self.state))
         coordinates = self.model.getCoordinateSet()
-        self._coordinates = {c.getName(): c for c in (coordinates.get(i) for i in range(coordinates.getSize()))}
+        self._coordinates = {
+            c.getName(): c for c in (coordinates.get(i) for i in range(coordinates.getSize()))
+        }
         joints = self.model.getJointSet()
-        named = {joints.get(i).getName().replace("walker_", ""): joints.get(i) for i in range(joints.getSize())}
+        named = {
+            joints.get(i).getName().replace("walker_", ""): joints.get(i)
+            for i in range(joints.getSize())
+        }
         self._joints = {name: named[name] for name in JOINTS}
         markers = self.model.getMarkerSet()
         every = [markers.get(i) for i in range(markers.getSize())]
@@ -80,7 +95,11 @@ class Simulation:
         self.standing = {
             name: PELVIS_HEIGHT if name == "pelvis_ty" else 0.0
             for name, c in self._coordinates.items()
-            if not (c.getLocked(self.state) or c.isConstrained(self.state) or any(p in name for p in LEFT_AT_ZERO))
+            if not (
+                c.getLocked(self.state)
+                or c.isConstrained(self.state)
+                or any(p in name for p in LEFT_AT_ZERO)
+            )
         }
         """Coordinate -> value (m, rad) of every coordinate that moves."""
 
@@ -92,11 +111,18 @@ class Simulation:
 
     def positions(self) -> Array:
         """(nm, 3) m, of the markers."""
-        return np.array([_vector(m.getLocationInGround(self.state)) for m in self._markers.values()])
+        return np.array(
+            [_vector(m.getLocationInGround(self.state)) for m in self._markers.values()]
+        )
 
     def centres(self) -> Array:
         """(nj, 3) m, of `JOINTS`."""
-        return np.array([_vector(j.getParentFrame().getPositionInGround(self.state)) for j in self._joints.values()])
+        return np.array(
+            [
+                _vector(j.getParentFrame().getPositionInGround(self.state))
+                for j in self._joints.values()
+            ]
+        )
 
     def bodies(self, joint: str) -> tuple[pin.SE3, pin.SE3]:
         """Poses of the bodies above and below a joint."""
@@ -106,7 +132,9 @@ class Simulation:
 
     def is_angle(self, coordinate: str) -> bool:
         """Whether a coordinate is told in degrees where a file is."""
-        return bool(self._coordinates[coordinate].getMotionType() == self._opensim.Coordinate.Rotational)
+        return bool(
+            self._coordinates[coordinate].getMotionType() == self._opensim.Coordinate.Rotational
+        )
 
 
 def _vector(v: Any) -> Array:
@@ -115,7 +143,9 @@ def _vector(v: Any) -> Array:
 
 def _pose(transform: Any) -> pin.SE3:
     r = transform.R()
-    return pin.SE3(np.array([[r.get(i, j) for j in range(3)] for i in range(3)]), _vector(transform.p()))
+    return pin.SE3(
+        np.array([[r.get(i, j) for j in range(3)] for i in range(3)]), _vector(transform.p())
+    )
 
 
 def smooth_step(x: Array, start: float, end: float) -> Array:
@@ -126,18 +156,27 @@ def smooth_step(x: Array, start: float, end: float) -> Array:
 
 
 def isolated_motion(trial: str, time: Array) -> dict[str, Array]:
-    """Coordinate -> (nf,) rad, of the coordinates that an isolated trial moves or holds away from zero."""
+    """Coordinate -> (nf,) rad, of the coordinates that an isolated trial moves or holds away from
+    zero.
+    """
     joint, side = trial.split("_")
     wave, other = np.sin(2 * np.pi * HERTZ * time), np.cos(2 * np.pi * HERTZ * time)
     if joint == "hip":  # flexion, then abduction
         w = smooth_step(time, 2.75, 3.25)
         abduction = -15.0 - 20.0 * np.sin(2 * np.pi * HERTZ * (time - 3.0))
-        degrees = {"hip_flexion": (1 - w) * (20.0 + 30.0 * wave) + w * 5.0, "hip_adduction": w * abduction}
+        degrees = {
+            "hip_flexion": (1 - w) * (20.0 + 30.0 * wave) + w * 5.0,
+            "hip_adduction": w * abduction,
+        }
     elif joint == "knee":
         degrees = {"hip_flexion": 40.0 + 0.0 * time, "knee_angle": HINGES["knee"][1] + 40.0 * wave}
     else:
         bent = {"hip_flexion": 30.0 + 0.0 * time, "knee_angle": 40.0 + 0.0 * time}
-        degrees = {**bent, "ankle_angle": HINGES["ankle"][1] + 24.0 * wave, "subtalar_angle": 18.0 * other}
+        degrees = {
+            **bent,
+            "ankle_angle": HINGES["ankle"][1] + 24.0 * wave,
+            "subtalar_angle": 18.0 * other,
+        }
     return {f"{name}_{side}": np.deg2rad(value) for name, value in degrees.items()}
 
 
@@ -151,15 +190,23 @@ def make_trials(model: Path, coordinates: Path, folder: Path, rate: float = RATE
     for name in TRIALS:
         t = {"static": time[time < STANDING], "gait": walk_time}.get(name, time)
         moving = walk if name == "gait" else {} if name == "static" else isolated_motion(name, t)
-        markers, found = np.empty((len(t), len(person.labels), 3)), np.empty((len(t), len(JOINTS), 3))
+        markers, found = (
+            np.empty((len(t), len(person.labels), 3)),
+            np.empty((len(t), len(JOINTS), 3)),
+        )
         for f in range(len(t)):
             person.put({**person.standing, **{c: v[f] for c, v in moving.items()}})
             markers[f], found[f] = person.positions(), person.centres()
-        write_trc(folder / f"{name}.trc", Recording(source=name, time=t, labels=person.labels, markers=markers))
+        write_trc(
+            folder / f"{name}.trc",
+            Recording(source=name, time=t, labels=person.labels, markers=markers),
+        )
         centres[name] = dict(zip(JOINTS, found.swapaxes(0, 1).tolist(), strict=True))
     truth = {
         "static": {joint: track[0] for joint, track in centres["static"].items()},
-        "axes": {f"{joint}_{side}": true_axis(person, joint, side) for side in "rl" for joint in HINGES},
+        "axes": {
+            f"{joint}_{side}": true_axis(person, joint, side) for side in "rl" for joint in HINGES
+        },
         "gait": centres["gait"],
         "mass": person.mass,
     }
@@ -174,7 +221,9 @@ def walk_motion(person: Simulation, file: Path, rate: float) -> tuple[Array, dic
     for name, values in zip(table.names, table.values.T, strict=True):
         if name in person.standing:
             out[name] = np.interp(
-                time, table.time, np.deg2rad(values) if table.in_degrees and person.is_angle(name) else values
+                time,
+                table.time,
+                np.deg2rad(values) if table.in_degrees and person.is_angle(name) else values,
             )
     return time, out
 
@@ -198,7 +247,9 @@ def true_axis(person: Simulation, joint: str, side: str) -> dict[str, dict[str, 
     person.put(person.standing)
     above_pose, below_pose = person.bodies(f"{joint}_{side}")
     lines = {"proximal": line.moved(above_pose), "distal": below.moved(below_pose)}
-    return {end: {"point": x.point.tolist(), "axis": x.direction.tolist()} for end, x in lines.items()}
+    return {
+        end: {"point": x.point.tolist(), "axis": x.direction.tolist()} for end, x in lines.items()
+    }
 
 
 CENTRES = {"hip": "HJC", "knee": "KJC", "ankle": "AJC"}
@@ -212,7 +263,9 @@ class KnownJoints:
     centres: Mapping[str, Array]
     """`hip_r`, ... -> (3,) m."""
     proximal: Mapping[str, Axis]
-    """`knee_r`, `ankle_r`, `subtalar_r`, ... -> axis, as the segment above carries it to the static pose."""
+    """`knee_r`, `ankle_r`, `subtalar_r`, ... -> axis, as the segment above carries it to the static
+    pose.
+    """
     distal: Mapping[str, Axis]
     """The same, as the segment below carries it."""
 
@@ -236,38 +289,58 @@ class WalkingPerson:
     torques: Mapping[str, Array]
     """OpenSim's name of a coordinate -> (nf,) N·m at the frames of the walk."""
     forces: Array
-    """(nf, 2, 6) N, N·m about the laboratory origin: what OpenSim's inverse dynamics had on right and left foot."""
+    """(nf, 2, 6) N, N·m about the laboratory origin: what OpenSim's inverse dynamics had on right
+    and left foot.
+    """
 
 
 def made(person: str, data: Path, cache: Path) -> Path:
-    """The folder with the trials of a person, made by OpenSim if they are not there yet; SystemExit without it."""
+    """The folder with the trials of a person, made by OpenSim if they are not there yet; SystemExit
+    without it.
+    """
     folder, source = cache / person, data / person
-    if not all((folder / name).exists() for name in (*(f"{trial}.trc" for trial in TRIALS), "truth.json")):
-        print(f"{person}: OpenSim moves the joints one after the other, which takes some minutes", flush=True)
+    if not all(
+        (folder / name).exists() for name in (*(f"{trial}.trc" for trial in TRIALS), "truth.json")
+    ):
+        print(
+            f"{person}: OpenSim moves the joints one after the other, which takes some minutes",
+            flush=True,
+        )
         try:
             make_trials(next(source.glob("*.osim")), source / "coordinates.sto", folder)
         except ImportError as missing:
-            raise SystemExit("isolated trials need OpenSim (extra `peers`), or a --cache that has them") from missing
+            raise SystemExit(
+                "isolated trials need OpenSim (extra `peers`), or a --cache that has them"
+            ) from missing
     return folder
 
 
 @lru_cache(maxsize=4)
-def isolated_person(person: str, data: Path, cache: Path, with_gait: bool = False) -> IsolatedPerson:
+def isolated_person(
+    person: str, data: Path, cache: Path, with_gait: bool = False
+) -> IsolatedPerson:
     """Static and isolated trials, without noise; with the walk too where asked for."""
     folder = made(person, data, cache)
     truth: dict[str, Any] = json.loads((folder / "truth.json").read_text(encoding="utf-8"))
     recorded = load_study_file(data / person / "study.toml")
     walk = (TrialTable(name="gait", role="gait", file=folder / "gait.trc"),) if with_gait else ()
     static = TrialTable(name="static", role="static", file=folder / "static.trc")
-    trials = tuple(TrialTable(name=j, role="joint", joint=j, file=folder / f"{j}.trc") for j in ISOLATED)  # type: ignore[arg-type]
+    trials = tuple(
+        TrialTable(name=j, role="joint", joint=j, file=folder / f"{j}.trc") for j in ISOLATED
+    )  # type: ignore[arg-type]
     study = _loaded(recorded.model_copy(update={"trials": (static, *trials, *walk)}))
 
     def lines(end: str) -> dict[str, Axis]:
         axes = truth["axes"].items()
-        return {joint: Axis(np.array(ends[end]["point"]), np.array(ends[end]["axis"])) for joint, ends in axes}
+        return {
+            joint: Axis(np.array(ends[end]["point"]), np.array(ends[end]["axis"]))
+            for joint, ends in axes
+        }
 
     centres = {joint: np.array(point) for joint, point in truth["static"].items()}
-    return IsolatedPerson(study=study, centres=centres, proximal=lines("proximal"), distal=lines("distal"))
+    return IsolatedPerson(
+        study=study, centres=centres, proximal=lines("proximal"), distal=lines("distal")
+    )
 
 
 def _loaded(file: StudyFile) -> Study:
@@ -286,21 +359,32 @@ def walking_person(person: str, data: Path) -> WalkingPerson:
     (walk,) = study.moving
     known = read_recording(data / person / "walk_with_joint_centres.trc")
     column = {label: i for i, label in enumerate(known.labels)}
-    joints = {f"{joint}_{side}": side.upper() + end for joint, end in CENTRES.items() for side in "rl"}
+    joints = {
+        f"{joint}_{side}": side.upper() + end for joint, end in CENTRES.items() for side in "rl"
+    }
     tracks = {joint: known.markers[:, column[label]] for joint, label in joints.items()}
     time = walk.recording.time
     centres = {name: at_times(time, known.time, track) for name, track in tracks.items()}
     table = read_table(data / person / "id.sto")
     grf, ground = read_table(data / person / "grf.mot"), []
     for side in "rl":
-        columns = (f"ground_{kind.format(s=side)}" for kind in ("force_{s}_v", "force_{s}_p", "torque_{s}_"))
-        force, point, free = (np.column_stack([grf.column(name + axis) for axis in "xyz"]) for name in columns)
+        columns = (
+            f"ground_{kind.format(s=side)}"
+            for kind in ("force_{s}_v", "force_{s}_p", "torque_{s}_")
+        )
+        force, point, free = (
+            np.column_stack([grf.column(name + axis) for axis in "xyz"]) for name in columns
+        )
         ground.append(at_times(time, grf.time, np.hstack([force, free + np.cross(point, force)])))
-    moments = {n.removesuffix("_moment"): table.column(n) for n in table.names if n.endswith("_moment")}
+    moments = {
+        n.removesuffix("_moment"): table.column(n) for n in table.names if n.endswith("_moment")
+    }
     return WalkingPerson(
         study=study,
         centres=centres,
-        static_hips={f"hip_{side}": _static_point(study, known, tracks[f"hip_{side}"]) for side in "rl"},
+        static_hips={
+            f"hip_{side}": _static_point(study, known, tracks[f"hip_{side}"]) for side in "rl"
+        },
         torques={name: np.interp(time, table.time, values) for name, values in moments.items()},
         forces=np.stack(ground, axis=1),
     )
@@ -316,7 +400,9 @@ def _static_point(study: Study, known: Recording, track: Array) -> Array:
     static = study.static.recording
     labels = study.marker_set.tracking["pelvis"]
     rest = static.markers.mean(axis=0)[[static.labels.index(label) for label in labels]]
-    rotation, origin = rigid_motions(rest, known.markers[:, [known.labels.index(label) for label in labels]])
+    rotation, origin = rigid_motions(
+        rest, known.markers[:, [known.labels.index(label) for label in labels]]
+    )
     back: Array = np.einsum("fji,fj->fi", rotation, track - origin)
     return np.asarray(back.mean(axis=0))
 
@@ -326,8 +412,13 @@ EXACT_PLATES = {"place_mm": 0.0, "turn_deg": 0.0, "gain_percent": 0.0, "clock_ms
 
 
 def with_settings(study: Study, changes: Mapping[str, object]) -> Study:
-    """The study with gaitcal's default settings, but for these and for force plates, which are exact here."""
-    return replace(study, settings=type(study.settings).model_validate({"plate_error": EXACT_PLATES} | dict(changes)))
+    """The study with gaitcal's default settings, but for these and for force plates, which are
+    exact here.
+    """
+    return replace(
+        study,
+        settings=type(study.settings).model_validate({"plate_error": EXACT_PLATES} | dict(changes)),
+    )
 
 
 DIRECTIONS = ("ant", "sup", "lat")
@@ -347,7 +438,10 @@ def static_frames(nominal: SubjectModel, static: Recording) -> dict[str, Frame]:
     for segment in dict.fromkeys(markers.segments):
         carried = [(label, local) for label, s, local in placed if s == segment and label in seen]
         if len(carried) >= 3:
-            local, measured = np.array([x for _, x in carried]), np.array([seen[label] for label, _ in carried])
+            local, measured = (
+                np.array([x for _, x in carried]),
+                np.array([seen[label] for label, _ in carried]),
+            )
             rotation, origin = rigid_motions(local, measured[None])
             frames[segment] = Frame(rotation[0], origin[0])
     return frames
@@ -369,13 +463,17 @@ def leg_parameters(person: KnownJoints, frames: Mapping[str, Frame], side: str) 
     slide = -above.point[2] / above.direction[2]
     out |= point_parameters(f"knee_{side}.thigh", above.point + slide * above.direction, "ant sup")
     out |= point_parameters(f"knee_{side}.shank", below.point + slide * below.direction)
-    out |= z_parameters(f"knee_{side}.thigh", above.direction) | z_parameters(f"knee_{side}.shank", below.direction)
+    out |= z_parameters(f"knee_{side}.thigh", above.direction) | z_parameters(
+        f"knee_{side}.shank", below.direction
+    )
     z = line_in(shank, person.proximal[f"ankle_{side}"]).pointing(2)
     # the subtalar axis as the talus carries it, which at rest is where the shank has it
     x = line_in(shank, person.proximal[f"subtalar_{side}"]).pointing(0)
     on_z, on_x = common_perpendicular(z.direction, z.point, x.direction, x.point)
     up = np.cross(z.direction, x.direction)
-    out |= point_parameters(f"talocrural_{side}.shank", on_z) | z_parameters(f"talocrural_{side}.shank", z.direction)
+    out |= point_parameters(f"talocrural_{side}.shank", on_z) | z_parameters(
+        f"talocrural_{side}.shank", z.direction
+    )
     out[f"subtalar_{side}.talus.sup"] = float((on_x - on_z) @ up / np.linalg.norm(up))
     out[f"subtalar_{side}.talus.trans"] = float(-np.arcsin(z.direction @ x.direction))
     line = line_in(foot, person.distal[f"subtalar_{side}"]).pointing(0)
@@ -391,12 +489,18 @@ def point_parameters(prefix: str, point: Array, which: str = "ant sup lat") -> d
 
 def z_parameters(prefix: str, z: Array) -> dict[str, float]:
     """Angles (rad) of Rx(front) Ry(trans) whose z axis is given."""
-    return {f"{prefix}.front": float(np.arctan2(-z[1], z[2])), f"{prefix}.trans": float(np.arcsin(z[0]))}
+    return {
+        f"{prefix}.front": float(np.arctan2(-z[1], z[2])),
+        f"{prefix}.trans": float(np.arcsin(z[0])),
+    }
 
 
 def x_parameters(prefix: str, x: Array) -> dict[str, float]:
     """Angles (rad) of Ry(trans) Rz(sag) whose x axis is given."""
-    return {f"{prefix}.trans": float(np.arctan2(-x[2], x[0])), f"{prefix}.sag": float(np.arcsin(x[1]))}
+    return {
+        f"{prefix}.trans": float(np.arctan2(-x[2], x[0])),
+        f"{prefix}.sag": float(np.arcsin(x[1])),
+    }
 
 
 def z_axis(front: float, trans: float) -> Array:

@@ -1,5 +1,5 @@
-"""What is kept of one fit: figures with their errors, and how many error bars held. One table of many fits: medians
-with ranges, RMS, and how many error bars held.
+"""What is kept of one fit: figures with their errors, and how many error bars held. One table of
+many fits: medians with ranges, RMS, and how many error bars held.
 
 Figures of both legs are gathered on their way to one each, parameters beside the truth.
 """
@@ -50,7 +50,9 @@ class TimedFit:
     calibration: Calibration
     seconds: float
 
-    def outcome(self, part: str, case: str, person: str, seed: int, figures: Mapping[str, Figure]) -> Outcome:
+    def outcome(
+        self, part: str, case: str, person: str, seed: int, figures: Mapping[str, Figure]
+    ) -> Outcome:
         return Outcome(part, case, person, seed, self.seconds, self.calibration.converged, figures)
 
 
@@ -150,7 +152,10 @@ def lines(outcomes: list[Outcome]) -> Iterator[str]:
 def _title(fits: list[Outcome]) -> str:
     seconds, people = np.median([o.seconds for o in fits]), len({o.person for o in fits})
     lost = sum(not o.converged for o in fits)
-    words = f"{fits[0].part}, {fits[0].case}: fits {len(fits)}, people {people}, median {seconds:.2f} s each"
+    words = (
+        f"{fits[0].part}, {fits[0].case}: fits {len(fits)}, people {people}, median {seconds:.2f} "
+        "s each"
+    )
     return words + (f"; {lost} NOT CONVERGED" if lost else "")
 
 
@@ -158,9 +163,15 @@ def _row(name: str, figures: list[Figure]) -> str:
     errors = [abs(f.error) for f in figures]
     befores = [abs(f.before) for f in figures if f.before is not None]
     peers = [f.peer for f in figures if f.peer is not None]
-    before, peer = (_digits(np.median(befores)) if befores else ""), (_digits(rms(peers)) if peers else "")
+    before, peer = (
+        (_digits(np.median(befores)) if befores else ""),
+        (_digits(rms(peers)) if peers else ""),
+    )
     spread = f"{_digits(min(errors))} to {_digits(max(errors))}"
-    row = f"{name:30}{before:>9}{_digits(np.median(errors)):>9}   {spread:17}{_digits(rms(errors)):>8}{peer:>9}"
+    row = (
+        f"{name:30}{before:>9}{_digits(np.median(errors)):>9}   "
+        f"{spread:17}{_digits(rms(errors)):>8}{peer:>9}"
+    )
     held = sum((f.bars for f in figures), Bars())
     shares = f"{held.shares[0]:9.1f}{held.shares[1]:9.1f}{held.count:8}" if held.count else ""
     return row + (f"{_digits(held.rms):>9}{shares}" if held.count else "")

@@ -1,12 +1,15 @@
-"""Markers that do not stay where they are: five kinds of skin movement, all of them together, and skin as people's is.
+"""Markers that do not stay where they are: five kinds of skin movement, all of them together, and
+skin as people's is.
 
-Marker m of a segment is displaced in the frame of its own bone, with size e (mm; tables for 15 mm), by
+Marker m of a segment is displaced in the frame of its own bone, with size e (mm; tables for 15 mm),
+by
 
     d_m(t) = sum_j e s_j (f_j(t) a_j + g_mj(t) b_mj) + e f_h(t) w x (r_m - r)
 
-j the joints beside the segment; s_j mm of the table; a_j a unit vector shared by the cluster, b_mj of the marker alone,
-half as long in the mean square; the thigh's cluster also turns about the random vector w (5 deg a component) through
-its centroid r. All directions belong to the person (seed): the same in every trial.
+j the joints beside the segment; s_j mm of the table; a_j a unit vector shared by the cluster, b_mj
+of the marker alone, half as long in the mean square; the thigh's cluster also turns about the
+random vector w (5 deg a component) through its centroid r. All directions belong to the person
+(seed): the same in every trial.
 
     linear     f = g = u, the joint's flexion from the static pose / 60 deg
     quadratic  f = g = u^2
@@ -17,13 +20,15 @@ its centroid r. All directions belong to the person (seed): the same in every tr
                25 rad/s, p random
     mixture    half of each of the five
 
-People's skin is sized by what it does in a *task* (walk, isolated trial of a joint), whichever angle it goes with. With
-phi an angle of a joint beside the segment less its mean in the trial, over its standard deviation there (or 2 deg),
+People's skin is sized by what it does in a *task* (walk, isolated trial of a joint), whichever
+angle it goes with. With phi an angle of a joint beside the segment less its mean in the trial, over
+its standard deviation there (or 2 deg),
 
     d_m(t) = sum_phi phi(t) (shift + turn x (r_m - r) + own_m),
 
-normally distributed with the standard deviations of `TASK` a component, drawn for each person, task, segment and angle:
-hips have three angles (the pelvis both hips'), the knee one, the ankle two.
+normally distributed with the standard deviations of `TASK` a component, drawn for each person,
+task, segment and angle: hips have three angles (the pelvis both hips'), the knee one, the ankle
+two.
 
     people     only that, the same in every trial of a task
     restless   that, and as much as one angle's by random in time (1 Hz), new in every trial
@@ -47,7 +52,11 @@ from gaitcal.model.segment_frames import rigid_motions
 from gaitcal.synthetic.synthetic_motion import marker_noise
 
 TABLE_MM = 15.0
-SIZES = {"thigh": {"hip": 15.0, "knee": 10.0}, "shank": {"knee": 6.0, "ankle": 3.0}, "pelvis": {"hip": 4.0}}
+SIZES = {
+    "thigh": {"hip": 15.0, "knee": 10.0},
+    "shank": {"knee": 6.0, "ankle": 3.0},
+    "pelvis": {"hip": 4.0},
+}
 """Segment -> joint -> mm per 60 deg, at a size of 15 mm."""
 TURN = np.deg2rad(5.0)
 """SD of a component of the turn of a thigh's cluster per 60 deg of hip flexion, at 15 mm."""
@@ -72,8 +81,15 @@ class Kind(Enum):
 
 FIVE = (Kind.LINEAR, Kind.QUADRATIC, Kind.RANDOM, Kind.BURSTS, Kind.SINUSOIDS)
 OF_PEOPLE = (Kind.PEOPLE, Kind.RESTLESS)
-TASK = {"pelvis": (2.0, 1.0, 0.7), "thigh": (3.0, 1.5, 1.0), "shank": (2.0, 1.0, 0.7), "foot": (1.0, 0.7, 0.5)}
-"""Segment -> RMS over a task for each angle beside it: shift mm, turn deg, every marker by itself mm."""
+TASK = {
+    "pelvis": (2.0, 1.0, 0.7),
+    "thigh": (3.0, 1.5, 1.0),
+    "shank": (2.0, 1.0, 0.7),
+    "foot": (1.0, 0.7, 0.5),
+}
+"""Segment -> RMS over a task for each angle beside it: shift mm, turn deg, every marker by itself
+mm.
+"""
 LEAST_ANGLE = np.deg2rad(2.0)
 """rad: an angle that varies less moves the skin less."""
 
@@ -127,11 +143,19 @@ def displacement(
     seed: tuple[int, int],
     task: str = "walk",
 ) -> Array:
-    """(nf, nm, 3) m of every marker; `rest`: label -> (3,) m, static trial; `seed`: of the person and of the trial."""
+    """(nf, nm, 3) m of every marker; `rest`: label -> (3,) m, static trial; `seed`: of the person
+    and of the trial.
+    """
     if kind in OF_PEOPLE:
-        return size_mm / TABLE_MM * of_people(recording, clusters_of(recording, rest, tracking), kind, seed, task)
+        return (
+            size_mm
+            / TABLE_MM
+            * of_people(recording, clusters_of(recording, rest, tracking), kind, seed, task)
+        )
     if kind is Kind.MIXTURE:
-        parts = [displacement(recording, rest, tracking, part, SHARE * size_mm, seed) for part in FIVE]
+        parts = [
+            displacement(recording, rest, tracking, part, SHARE * size_mm, seed) for part in FIVE
+        ]
         return np.asarray(np.sum(parts, axis=0))
     own = np.random.default_rng([*seed, list(Kind).index(kind)])
     if kind is Kind.SINUSOIDS:
@@ -150,8 +174,12 @@ def displacement(
             moved = np.zeros((len(recording.time), len(cluster.markers), 3))
             arms = cluster.rest - cluster.rest.mean(axis=0)
             for joint in sizes:
-                shared, single = functions(kind, angles[joint], recording.time, len(cluster.markers), bursts, own)
-                moved += shared[:, None, None] * law.shared[joint] + single[:, :, None] * law.own[joint]
+                shared, single = functions(
+                    kind, angles[joint], recording.time, len(cluster.markers), bursts, own
+                )
+                moved += (
+                    shared[:, None, None] * law.shared[joint] + single[:, :, None] * law.own[joint]
+                )
                 if joint == "hip":
                     moved += 1e3 * shared[:, None, None] * np.cross(law.turn, arms)
             lab = np.einsum("fij,fmj->fmi", cluster.rotation, moved)
@@ -160,7 +188,11 @@ def displacement(
 
 
 def of_people(
-    recording: Recording, clusters: Mapping[str, Cluster], kind: Kind, seed: tuple[int, int], task: str
+    recording: Recording,
+    clusters: Mapping[str, Cluster],
+    kind: Kind,
+    seed: tuple[int, int],
+    task: str,
 ) -> Array:
     """(nf, nm, 3) m: skin whose size is that of the task."""
     out = np.zeros_like(recording.markers)
@@ -170,19 +202,31 @@ def of_people(
         phi = np.hstack([a for joint, a in angles.items() if segment in beside(joint)])
         phi = (phi - phi.mean(axis=0)) / np.maximum(phi.std(axis=0), LEAST_ANGLE)
         rng = np.random.default_rng([seed[0], 98, number, *task.encode()])
-        moved = np.einsum("fa,ami->fmi", phi, _rigid(rng.normal(size=(phi.shape[1], 6 + arms.size)), segment, arms))
+        moved = np.einsum(
+            "fa,ami->fmi",
+            phi,
+            _rigid(rng.normal(size=(phi.shape[1], 6 + arms.size)), segment, arms),
+        )
         if kind is Kind.RESTLESS:
-            restless = smooth_noise(recording.time, 6 + arms.size, np.random.default_rng([*seed, 97, number]))
+            restless = smooth_noise(
+                recording.time, 6 + arms.size, np.random.default_rng([*seed, 97, number])
+            )
             moved += _rigid(restless, segment, arms)
         out[:, list(cluster.markers)] += np.einsum("fij,fmj->fmi", cluster.rotation, moved)
     return out
 
 
 def _rigid(unit: Array, segment: str, arms: Array) -> Array:
-    """(k, n, 3) m of a segment's markers by k sets of standard deviations: shift, turn, every marker by itself."""
+    """(k, n, 3) m of a segment's markers by k sets of standard deviations: shift, turn, every
+    marker by itself.
+    """
     shift, turn, own = TASK[segment.split("_")[0]]
     turned = np.cross(np.deg2rad(turn) * unit[:, None, 3:6], arms)
-    return np.asarray(1e-3 * shift * unit[:, None, :3] + turned + 1e-3 * own * unit[:, 6:].reshape(-1, *arms.shape))
+    return np.asarray(
+        1e-3 * shift * unit[:, None, :3]
+        + turned
+        + 1e-3 * own * unit[:, 6:].reshape(-1, *arms.shape)
+    )
 
 
 def beside(joint: str) -> tuple[str, ...]:
@@ -196,7 +240,9 @@ def beside(joint: str) -> tuple[str, ...]:
 
 
 def task_angles(clusters: Mapping[str, Cluster]) -> dict[str, Array]:
-    """`hip_r`, ... -> (nf, 3, 1 or 2) rad: turns from the static pose about the axes that the joint has."""
+    """`hip_r`, ... -> (nf, 3, 1 or 2) rad: turns from the static pose about the axes that the joint
+    has.
+    """
     axes = {"hip": [0, 1, 2], "knee": [2], "ankle": [0, 2]}
     out = {}
     for joint in (f"{name}_{side}" for name in axes for side in "rl"):
@@ -210,8 +256,12 @@ def draw_law(rng: np.random.Generator, cluster: Cluster, sizes: Mapping[str, flo
     """The answer of a segment's markers, the same in every trial that draws it in the same order."""
     drawn = {joint: rng.normal(size=3) for joint in JOINTS}
     turn = rng.normal(size=3) * TURN
-    single = np.array([[rng.normal(size=3) / np.sqrt(3) / 2 for _ in JOINTS] for _ in cluster.markers])
-    shared = {joint: mm * drawn[joint] / np.linalg.norm(drawn[joint]) for joint, mm in sizes.items()}
+    single = np.array(
+        [[rng.normal(size=3) / np.sqrt(3) / 2 for _ in JOINTS] for _ in cluster.markers]
+    )
+    shared = {
+        joint: mm * drawn[joint] / np.linalg.norm(drawn[joint]) for joint, mm in sizes.items()
+    }
     own = {joint: mm * single[:, JOINTS.index(joint)] for joint, mm in sizes.items()}
     return Law(shared, own, turn if cluster.segment.startswith("thigh") else np.zeros(3))
 
@@ -230,7 +280,9 @@ def functions(
 
 
 def smooth_noise(time: Array, count: int, rng: np.random.Generator) -> Array:
-    """(nf, count) Gaussian processes of unit variance, cov = exp(-(2 pi f t)^2 / 2): sums of 200 random waves."""
+    """(nf, count) Gaussian processes of unit variance, cov = exp(-(2 pi f t)^2 / 2): sums of 200
+    random waves.
+    """
     waves = 200
     omega = 2 * np.pi * RANDOM_HZ * rng.normal(size=(waves, count))
     phase = rng.uniform(0, 2 * np.pi, (waves, count))
@@ -261,17 +313,24 @@ def clusters_of(
     out = {}
     for segment, labels in tracking.items():
         if segment.split("_")[0] in ("pelvis", "thigh", "shank", "foot"):
-            markers, at = tuple(column[label] for label in labels), np.array([rest[label] for label in labels])
+            markers, at = (
+                tuple(column[label] for label in labels),
+                np.array([rest[label] for label in labels]),
+            )
             rotation, _ = rigid_motions(at, recording.markers[:, list(markers)])
             out[segment] = Cluster(segment=segment, markers=markers, rest=at, rotation=rotation)
     return out
 
 
 def joint_angles(clusters: Mapping[str, Cluster], side: str) -> dict[str, Array]:
-    """Joint -> (nf,) flexion from the static pose in units of 60 deg; x forward, z right in the static trial."""
+    """Joint -> (nf,) flexion from the static pose in units of 60 deg; x forward, z right in the
+    static trial.
+    """
     chain = ("pelvis", f"thigh_{side}", f"shank_{side}", f"foot_{side}")
     out = {}
-    for joint, above, below, sign in zip(JOINTS, chain[:-1], chain[1:], (1.0, -1.0, 1.0), strict=True):
+    for joint, above, below, sign in zip(
+        JOINTS, chain[:-1], chain[1:], (1.0, -1.0, 1.0), strict=True
+    ):
         turn = np.swapaxes(clusters[above].rotation, 1, 2) @ clusters[below].rotation
         out[joint] = sign * np.arctan2(turn[:, 1, 0], turn[:, 0, 0]) / np.deg2rad(60.0)
     return out

@@ -1,4 +1,6 @@
-"""`gaitcal figures`: what is drawn is what the folder's files hold, and the same folder gives the same files."""
+"""`gaitcal figures`: what is drawn is what the folder's files hold, and the same folder gives the
+same files.
+"""
 
 import json
 import shutil
@@ -58,12 +60,16 @@ def figures(*arguments: object) -> Result:
 def mean_lines(chart: Chart) -> dict[str, np.ndarray]:
     """Side -> its line over the cycle."""
     sides = {colour: side for side, colour in SIDE_COLOURS.items()}
-    lines = [line for line in panel_figure(chart.panels[0]).axes[0].lines if line.get_linewidth() == LINE]
+    lines = [
+        line for line in panel_figure(chart.panels[0]).axes[0].lines if line.get_linewidth() == LINE
+    ]
     return {sides[str(line.get_color())]: np.asarray(line.get_ydata()) for line in lines}
 
 
 def charts(folder: Path, calibration: Calibration, convention: Convention) -> dict[str, Chart]:
-    strides = Strides(table=ensemble(read_cycles(folder)), subject=calibration.model.subject, offs={})
+    strides = Strides(
+        table=ensemble(read_cycles(folder)), subject=calibration.model.subject, offs={}
+    )
     return {chart.name: chart for chart in paper_charts(strides, convention)}
 
 
@@ -104,22 +110,30 @@ def first_strides(folder: Path) -> pd.DataFrame:
     return table[table["stride"] == 1]
 
 
-def test_the_band_of_a_single_stride_is_its_standard_error(folder: Path, whole: Calibration) -> None:
+def test_the_band_of_a_single_stride_is_its_standard_error(
+    folder: Path, whole: Calibration
+) -> None:
     strides = Strides(table=ensemble(first_strides(folder)), subject=whole.model.subject, offs={})
     drawn = {chart.name: chart for chart in paper_charts(strides, Convention(signs=Signs.CLINICAL))}
     chart = drawn["hip_flexion_angle"]
     (axes,) = panel_figure(chart.panels[0]).axes
-    assert [key.label for key in chart.keys] == [f"{side}, 1 stride ± standard error" for side in ("right", "left")]
+    assert [key.label for key in chart.keys] == [
+        f"{side}, 1 stride ± standard error" for side in ("right", "left")
+    ]
     for band in axes.collections:
         corners = band.get_paths()[0].vertices
-        assert np.ptp(corners[corners[:, 0] == 50.0, 1]) == pytest.approx(2 * np.degrees(ANGLE_ERROR), rel=1e-4)
+        assert np.ptp(corners[corners[:, 0] == 50.0, 1]) == pytest.approx(
+            2 * np.degrees(ANGLE_ERROR), rel=1e-4
+        )
     assert drawn["ground_reaction_vertical"].keys[0].label == "right, 1 stride"
 
 
 def test_the_band_of_several_strides_is_their_sd(folder: Path, whole: Calibration) -> None:
     table = first_strides(folder)
     more = table.assign(stride=table["stride"] + 1, value=table["value"] + 3.0)
-    strides = Strides(table=ensemble(pd.concat([table, more])), subject=whole.model.subject, offs={"r": 60.0})
+    strides = Strides(
+        table=ensemble(pd.concat([table, more])), subject=whole.model.subject, offs={"r": 60.0}
+    )
     chart = next(c for c in paper_charts(strides, Convention()) if c.name == "hip_flexion_angle")
     (axes,) = panel_figure(chart.panels[0]).axes
     corners = axes.collections[0].get_paths()[0].vertices
@@ -130,7 +144,16 @@ def test_the_band_of_several_strides_is_their_sd(folder: Path, whole: Calibratio
 
 def test_the_same_folder_gives_the_same_files(folder: Path, tmp_path: Path) -> None:
     for out in ("a", "b"):
-        result = figures(folder, "--out", tmp_path / out, "--only", "knee_adduction", "--format", "svg,pdf,png", "-q")
+        result = figures(
+            folder,
+            "--out",
+            tmp_path / out,
+            "--only",
+            "knee_adduction",
+            "--format",
+            "svg,pdf,png",
+            "-q",
+        )
         assert result.exit_code == 0, result.output
     names = sorted(path.name for path in (tmp_path / "a").iterdir())
     assert names == [f"knee_adduction_moment.{ending}" for ending in ("pdf", "png", "svg")]
@@ -140,17 +163,27 @@ def test_the_same_folder_gives_the_same_files(folder: Path, tmp_path: Path) -> N
 
 
 def test_a_figure_is_as_wide_as_asked_for(folder: Path, tmp_path: Path) -> None:
-    assert figures(folder, "--out", tmp_path, "--only", "hip_flexion_moment", "--width", "17cm").exit_code == 0
+    assert (
+        figures(
+            folder, "--out", tmp_path, "--only", "hip_flexion_moment", "--width", "17cm"
+        ).exit_code
+        == 0
+    )
     head = (tmp_path / "hip_flexion_moment.svg").read_text(encoding="utf-8")
     points = float(head.split('width="')[1].split("pt")[0])
     assert points == pytest.approx(170 / 25.4 * 72, abs=0.1)
 
 
-def test_only_takes_the_words_that_names_begin_or_end_with(folder: Path, whole: Calibration) -> None:
+def test_only_takes_the_words_that_names_begin_or_end_with(
+    folder: Path, whole: Calibration
+) -> None:
     every = list(charts(folder, whole, Convention()).values())
     names = [chart.name for chart in chosen(every, ["hip_flexion"])]
     assert names == ["hip_flexion_angle", "hip_flexion_moment"]
-    assert {chart.name.rpartition("_")[2] for chart in chosen(every, ["moment,angle"])} == {"moment", "angle"}
+    assert {chart.name.rpartition("_")[2] for chart in chosen(every, ["moment,angle"])} == {
+        "moment",
+        "angle",
+    }
     with pytest.raises(UsageError, match="did you mean 'knee_adduction_moment'") as caught:
         chosen(every, ["knee_aduction"])
     assert all(chart.name in str(caught.value) for chart in every)
@@ -166,7 +199,9 @@ def test_only_takes_the_words_that_names_begin_or_end_with(folder: Path, whole: 
         ({"convention": "clincal"}, "--convention: found 'clincal'"),
     ],
 )
-def test_options_that_cannot_be(folder: Path, tmp_path: Path, changes: dict[str, object], message: str) -> None:
+def test_options_that_cannot_be(
+    folder: Path, tmp_path: Path, changes: dict[str, object], message: str
+) -> None:
     with pytest.raises(UsageError) as caught:
         run(Console(quiet=True, verbose=False), folder, tmp_path / "out", **changes)
     assert str(caught.value).startswith(message)
@@ -174,14 +209,18 @@ def test_options_that_cannot_be(folder: Path, tmp_path: Path, changes: dict[str,
 
 
 def test_a_folder_that_is_no_result(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="is no result of 'gaitcal calibrate': found no page.json in it"):
+    with pytest.raises(
+        InputError, match="is no result of 'gaitcal calibrate': found no page.json in it"
+    ):
         print_report(Console(quiet=True, verbose=False), tmp_path)
     for folder, message in ((tmp_path, "has no page.json"), (tmp_path / "no", "no such folder")):
         with pytest.raises(InputError, match=message):
             run(Console(quiet=True, verbose=False), folder)
 
 
-def test_further_trials_are_drawn_for_papers_with_the_person_of_their_result(folder: Path, tmp_path: Path) -> None:
+def test_further_trials_are_drawn_for_papers_with_the_person_of_their_result(
+    folder: Path, tmp_path: Path
+) -> None:
     for name, place in ((PAGE_DATA, tmp_path), ("cycles.csv", tmp_path / "dynamics")):
         place.mkdir(exist_ok=True)
         (place / name).write_bytes((folder / name).read_bytes())
@@ -191,7 +230,9 @@ def test_further_trials_are_drawn_for_papers_with_the_person_of_their_result(fol
 
 
 @pytest.mark.parametrize("kind", [ResultKind.CALIBRATION, ResultKind.DYNAMICS])
-def test_figures_in_a_result_do_not_keep_it_from_being_made_again(tmp_path: Path, kind: ResultKind) -> None:
+def test_figures_in_a_result_do_not_keep_it_from_being_made_again(
+    tmp_path: Path, kind: ResultKind
+) -> None:
     with atomic_directory(tmp_path / "result", kind) as out:
         (out / "manifest.json").write_text('{"gaitcal": "0"}', encoding="utf-8")
     (tmp_path / "result" / "figures").mkdir()
@@ -212,7 +253,9 @@ def test_drawing_alone_loads_matplotlib() -> None:
         ("gaitcal.cli.view_command", True),
     ):
         program = f"import sys, {named}; {heavy}"
-        done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
+        done = subprocess.run(
+            [sys.executable, "-c", program], capture_output=True, text=True, check=True
+        )
         assert done.stdout.strip() == f"[] {draws_pdf}"
 
 
@@ -220,7 +263,10 @@ def test_moment_arms_of_a_model_beside_the_result(folder: Path, tmp_path: Path) 
     """The muscles that change most, before and after; bands only where there were draws."""
     result = Path(shutil.copytree(folder, tmp_path / "result"))
     chosen_arms = {"only": ("moment_arms",), "formats": "svg"}
-    with pytest.raises(InputError, match=r"found none; allowed: one; gaitcal export .*NAME.osim --muscles writes it"):
+    with pytest.raises(
+        InputError,
+        match=r"found none; allowed: one; gaitcal export .*NAME.osim --muscles writes it",
+    ):
         run(Console(quiet=True, verbose=False), result, None, **chosen_arms)
     deg = np.array([0.0, 45.0, 90.0])
     paths = {}
@@ -232,13 +278,23 @@ def test_moment_arms_of_a_model_beside_the_result(folder: Path, tmp_path: Path) 
     before, after = ({key: pair[i] for key, pair in paths.items()} for i in (0, 1))
     (result / "export").mkdir()
     for draws in ((), (before, after)):
-        (result / "export" / "mine.muscles.csv").write_text(muscles_csv(muscle_changes(before, after), draws))
+        (result / "export" / "mine.muscles.csv").write_text(
+            muscles_csv(muscle_changes(before, after), draws)
+        )
         run(Console(quiet=True, verbose=False), result, tmp_path / "out", **chosen_arms)
-        assert [p.name for p in (tmp_path / "out").glob("*.svg")] == ["moment_arms_knee_angle_r.svg"]
+        assert [p.name for p in (tmp_path / "out").glob("*.svg")] == [
+            "moment_arms_knee_angle_r.svg"
+        ]
     (chart,) = moment_arm_charts(pd.read_csv(result / "export" / "mine.muscles.csv"))
-    assert len(chart.panels) == 9 and chart.panels[0].label == "moment arm of m11 about knee_angle_r"
+    assert (
+        len(chart.panels) == 9 and chart.panels[0].label == "moment arm of m11 about knee_angle_r"
+    )
     axes = panel_figure(chart.panels[0]).axes[0]
-    drawn = {str(line.get_color()): line.get_ydata() for line in axes.lines if line.get_linewidth() == LINE}
+    drawn = {
+        str(line.get_color()): line.get_ydata()
+        for line in axes.lines
+        if line.get_linewidth() == LINE
+    }
     np.testing.assert_allclose(drawn[SIDE_COLOURS["r"]], 2.1 * (1 + deg), rtol=1e-4)
     np.testing.assert_allclose(drawn[SIDE_COLOURS["l"]], 1 + deg, rtol=1e-4)
     band = axes.collections[0].get_paths()[0].vertices[:, 1]

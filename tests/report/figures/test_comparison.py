@@ -1,4 +1,6 @@
-"""The page of two sessions: what it says, no script and no request, names as data, the band and what lies beyond it."""
+"""The page of two sessions: what it says, no script and no request, names as data, the band and
+what lies beyond it.
+"""
 
 import base64
 import os
@@ -34,15 +36,30 @@ def page() -> str:
 
 
 def svgs(page: str) -> list[str]:
-    return [base64.b64decode(part).decode() for part in re.findall(r"svg\+xml;base64,([^\"]+)", page)]
+    return [
+        base64.b64decode(part).decode() for part in re.findall(r"svg\+xml;base64,([^\"]+)", page)
+    ]
 
 
 def test_it_says_who_what_differs_and_by_how_much(page: str) -> None:
     assert HOSTILE not in page and "&lt;img src=x" in page and "<script" not in page
-    assert page.index("Body mass") < page.index("What differs") < page.index("Kinematics") < page.index("Kinetics")
-    assert page.index("Kinetics") < page.index("Gait Profile Score") < page.index("Steps and phases")
-    assert '<th scope="col">before, against free speed</th>' in page and ", against slow speed</th>" in page
-    row = re.search(r'<tr class="beyond"><th scope="row">right knee flexion, highest in swing</th>(.*?)</tr>', page)
+    assert (
+        page.index("Body mass")
+        < page.index("What differs")
+        < page.index("Kinematics")
+        < page.index("Kinetics")
+    )
+    assert (
+        page.index("Kinetics") < page.index("Gait Profile Score") < page.index("Steps and phases")
+    )
+    assert (
+        '<th scope="col">before, against free speed</th>' in page
+        and ", against slow speed</th>" in page
+    )
+    row = re.search(
+        r'<tr class="beyond"><th scope="row">right knee flexion, highest in swing</th>(.*?)</tr>',
+        page,
+    )
     assert row is not None and "<td>-8.0</td>" in row[1]
 
 
@@ -53,7 +70,9 @@ def test_a_stretch_beyond_the_band_is_marked_and_only_that(page: str) -> None:
     assert "Knee extension moment, left" in kinetics and "N·m/kg" in kinetics
     thick = re.findall(r'd="([^"]*)"[^>]*style="[^"]*stroke-width: 5', kinematics)
     assert len([path for path in thick if "L" in path]) == 1
-    assert not any("L" in p for p in re.findall(r'd="([^"]*)"[^>]*style="[^"]*stroke-width: 5', kinetics))
+    assert not any(
+        "L" in p for p in re.findall(r'd="([^"]*)"[^>]*style="[^"]*stroke-width: 5', kinetics)
+    )
 
 
 def test_moments_are_by_the_mass_of_each_session() -> None:
@@ -76,8 +95,12 @@ def of_an_export() -> str:
         "words": ("joint", "body"),
         "numbers": ("mm", "+-", "deg", "far"),
     }
-    table = AccountTable(**heads, rows=(("hip_r", HOSTILE, "1.2", "0.3", "", "31, 42, 55, 67, 78, 89"),) * 30)
-    return account_page("mine.osim", (("person", HOSTILE), ("now", "mine.osim")), ["look"], [HOSTILE], [table])
+    table = AccountTable(
+        **heads, rows=(("hip_r", HOSTILE, "1.2", "0.3", "", "31, 42, 55, 67, 78, 89"),) * 30
+    )
+    return account_page(
+        "mine.osim", (("person", HOSTILE), ("now", "mine.osim")), ["look"], [HOSTILE], [table]
+    )
 
 
 @pytest.mark.browser
@@ -89,7 +112,9 @@ def test_they_open_without_a_request_and_a_word_on_the_console(page: str, tmp_pa
             path.write_text(text, encoding="utf-8")
             tab.open(path.as_uri(), 390, 844)
             assert tab.run("document.documentElement.scrollWidth") <= 390
-            assert [r for r in tab.requests if not r.startswith(("file:", "data:"))] == [] and tab.console == []
+            assert [
+                r for r in tab.requests if not r.startswith(("file:", "data:"))
+            ] == [] and tab.console == []
             assert tab.run(f"document.images.length === {images}")
             assert tab.run("[...document.images].every(i => i.naturalWidth > 300)")
             if axe:

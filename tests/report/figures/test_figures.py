@@ -11,7 +11,14 @@ from gaitcal.dynamics.expected_residual import residual_limits
 from gaitcal.gait.conventions import Convention
 from gaitcal.gait.cycles import typed
 from gaitcal.gait.ensemble import ensemble
-from gaitcal.gait.moments import explained, joint_words, moment_names, moment_numbers, parameter_words, segment_words
+from gaitcal.gait.moments import (
+    explained,
+    joint_words,
+    moment_names,
+    moment_numbers,
+    parameter_words,
+    segment_words,
+)
 from gaitcal.gait.strides import layout
 from gaitcal.model.coordinates import coordinate_words
 from gaitcal.model.linkage import COORDINATES, REACTIONS, SEGMENTS, is_translation
@@ -33,7 +40,9 @@ def panel_figure(panel: Panel) -> Figure:
 def charts(calibration: Calibration, convention: Convention | None = None) -> dict[str, Chart]:
     """Name of a file -> its chart."""
     table = cycle_table(calibration.model, calibration.trials)
-    strides = Strides(table=ensemble(typed(table)), subject=calibration.model.subject, offs={"r": 61.0})
+    strides = Strides(
+        table=ensemble(typed(table)), subject=calibration.model.subject, offs={"r": 61.0}
+    )
     return {chart.name: chart for chart in paper_charts(strides, convention or Convention())}
 
 
@@ -46,7 +55,9 @@ def test_all_axes_have_units_and_legends_lie_inside_their_figures(whole: Calibra
         legend = figure.legends[0].get_window_extent()
         assert figure.bbox.x0 <= legend.x0 and legend.x1 <= figure.bbox.x1, chart.name
         drawn = [axes.get_tightbbox() for axes in figure.axes]
-        assert legend.y0 >= 0 and legend.y1 <= min(box.y0 for box in drawn if box is not None), chart.name
+        assert legend.y0 >= 0 and legend.y1 <= min(box.y0 for box in drawn if box is not None), (
+            chart.name
+        )
 
 
 def test_global_settings_of_matplotlib_stay(whole: Calibration, tmp_path: Path) -> None:
@@ -65,7 +76,9 @@ def test_changes_are_those_of_the_summary(whole: Calibration) -> None:
 
 def test_limits_of_the_residuals(whole: Calibration) -> None:
     trial = whole.trial("walk")
-    limits = residual_limits(whole.model.parameters, trial.body.q, trial.loads.reactions, trial.recording.plates)
+    limits = residual_limits(
+        whole.model.parameters, trial.body.q, trial.loads.reactions, trial.recording.plates
+    )
     assert limits.peak_force == pytest.approx(1400.0)
     assert limits.force == pytest.approx(70.0)
     assert limits.moment == pytest.approx(0.01 * limits.centre_height * 1400.0)
@@ -81,16 +94,26 @@ def test_names_are_no_markup_in_figures(name: str) -> None:
 
 
 def test_everything_has_words() -> None:
-    assert all(coordinate_words(n).angle != "positive" for n in COORDINATES if not is_translation(n))
+    assert all(
+        coordinate_words(n).angle != "positive" for n in COORDINATES if not is_translation(n)
+    )
     assert len({parameter_words(n) + n.split(".")[0][-2:] for n in JP_NAMES}) == len(JP_NAMES)
     assert all(parameter_words(n) for n in IP_NAMES)
-    assert segment_words("forearm_hand_l") == "left forearm and hand" and joint_words("hip_l") == "left hip"
+    assert (
+        segment_words("forearm_hand_l") == "left forearm and hand"
+        and joint_words("hip_l") == "left hip"
+    )
     assert len({segment_words(s) for s in SEGMENTS}) == len(SEGMENTS)
-    assert explained("hip_r.pelvis.ant is far") == "hip_r.pelvis.ant (right hip centre in the pelvis, forward) is far"
+    assert (
+        explained("hip_r.pelvis.ant is far")
+        == "hip_r.pelvis.ant (right hip centre in the pelvis, forward) is far"
+    )
     assert explained("file.trc and thigh_r.mass") == "file.trc and thigh_r.mass (right thigh: mass)"
 
 
 def test_moments_are_named_once(whole: Calibration) -> None:
     names = moment_names(whole.model)
-    assert sorted(names) == sorted((*(n for n in COORDINATES if not n.startswith("pelvis")), *REACTIONS))
+    assert sorted(names) == sorted(
+        (*(n for n in COORDINATES if not n.startswith("pelvis")), *REACTIONS)
+    )
     assert names.index("knee_adduction_r") == names.index("knee_angle_r") + 1

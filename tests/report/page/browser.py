@@ -1,4 +1,6 @@
-"""A headless Chromium, driven through its DevTools protocol over two pipes: no driver, no extra package."""
+"""A headless Chromium, driven through its DevTools protocol over two pipes: no driver, no extra
+package.
+"""
 
 import base64
 import contextlib
@@ -21,8 +23,8 @@ FLAGS = (
     "--disable-background-networking", "--mute-audio", "--hide-scrollbars", "--force-device-scale-factor=1",
 )  # fmt: skip
 TIMEOUT = 90.0
-"""s until an answer, or a page whose figure stands: software rendering on a busy machine is slow, and a hung browser
-must not hang the tests."""
+"""s until an answer, or a page whose figure stands: software rendering on a busy machine is slow,
+and a hung browser must not hang the tests."""
 READY = """document.getElementById('pane') === null || !document.getElementById('failure').hidden
     || window.gaitcal?.stage?.figure !== undefined"""
 """Nothing is to be drawn in space, or cannot be, or the figure stands."""
@@ -79,7 +81,9 @@ class Page:
 
     def _next(self, deadline: float) -> dict[str, Any]:
         while b"\0" not in self._buffer:
-            ready, _, _ = select.select([self._answers], [], [], max(0.0, deadline - time.monotonic()))
+            ready, _, _ = select.select(
+                [self._answers], [], [], max(0.0, deadline - time.monotonic())
+            )
             if not ready:
                 raise TimeoutError("the browser does not answer")
             chunk = os.read(self._answers, 1 << 20)
@@ -97,7 +101,9 @@ class Page:
             self.console.append(f"{params['type']}: {' '.join(values)}")
         elif method == "Runtime.exceptionThrown":
             details = params["exceptionDetails"]
-            self.console.append(f"exception: {details.get('exception', {}).get('description', details['text'])}")
+            self.console.append(
+                f"exception: {details.get('exception', {}).get('description', details['text'])}"
+            )
         elif method == "Log.entryAdded":
             self.console.append(f"{params['entry']['level']}: {params['entry']['text']}")
         elif method == "Network.requestWillBeSent":
@@ -128,14 +134,21 @@ class Page:
 
     def run(self, script: str) -> Any:
         """The value of a JavaScript expression; promises are awaited."""
-        out = self.send("Runtime.evaluate", expression=script, awaitPromise=True, returnByValue=True)
+        out = self.send(
+            "Runtime.evaluate", expression=script, awaitPromise=True, returnByValue=True
+        )
         if "exceptionDetails" in out:
             raise RuntimeError(out["exceptionDetails"].get("exception", {}).get("description", out))
         return out["result"].get("value")
 
     def until(self, condition: str) -> None:
-        """Wait until the JavaScript condition holds, however slow the machine; in the end it is a timeout."""
-        self.run(f"new Promise(done => {{ const look = () => {condition} ? done() : setTimeout(look, 20); look(); }})")
+        """Wait until the JavaScript condition holds, however slow the machine; in the end it is a
+        timeout.
+        """
+        self.run(
+            f"new Promise(done => {{ const look = () => {condition} ? done() : setTimeout(look, "
+            f"20); look(); }})"
+        )
 
     def texts(self, selector: str) -> list[str]:
         """What every element says that a CSS selector finds."""
@@ -156,7 +169,15 @@ class Page:
         """With the left button, from place to place; without ways it is a click."""
         kinds = ("mousePressed", *["mouseMoved"] * len(ways), "mouseReleased")
         for kind, (x, y) in zip(kinds, (start, *ways, (start, *ways)[-1]), strict=True):
-            self.send("Input.dispatchMouseEvent", type=kind, x=x, y=y, button="left", buttons=1, clickCount=1)
+            self.send(
+                "Input.dispatchMouseEvent",
+                type=kind,
+                x=x,
+                y=y,
+                button="left",
+                buttons=1,
+                clickCount=1,
+            )
 
     def picture(self, path: Path | None = None) -> bytes:
         content = base64.b64decode(self.send("Page.captureScreenshot", format="png")["data"])
@@ -166,7 +187,13 @@ class Page:
 
     def press(self, key: str) -> None:
         for kind in ("keyDown", "keyUp"):
-            self.send("Input.dispatchKeyEvent", type=kind, key=key, code=key if key != " " else "Space", text="")
+            self.send(
+                "Input.dispatchKeyEvent",
+                type=kind,
+                key=key,
+                code=key if key != " " else "Space",
+                text="",
+            )
 
     def move(self, x: float, y: float) -> None:
         self.send("Input.dispatchMouseEvent", type="mouseMoved", x=x, y=y)
@@ -174,7 +201,9 @@ class Page:
 
 @contextlib.contextmanager
 def browser(folder: Path, binary: str) -> Iterator[Page]:
-    """A browser with one empty tab; `folder` holds its profile, into which nobody writes any more afterwards."""
+    """A browser with one empty tab; `folder` holds its profile, into which nobody writes any more
+    afterwards.
+    """
     command_read, command_write = os.pipe()
     answer_read, answer_write = os.pipe()
     process = subprocess.Popen(
@@ -190,15 +219,21 @@ def browser(folder: Path, binary: str) -> Iterator[Page]:
     os.close(answer_write)
     try:
         page = Page(command_write, answer_read)
-        target = next(t for t in page.send("Target.getTargets")["targetInfos"] if t["type"] == "page")
-        page.session = page.send("Target.attachToTarget", targetId=target["targetId"], flatten=True)["sessionId"]
+        target = next(
+            t for t in page.send("Target.getTargets")["targetInfos"] if t["type"] == "page"
+        )
+        page.session = page.send(
+            "Target.attachToTarget", targetId=target["targetId"], flatten=True
+        )["sessionId"]
         yield page
     finally:
         process.terminate()
         with contextlib.suppress(subprocess.TimeoutExpired):
             process.wait(15)
         with contextlib.suppress(ProcessLookupError):
-            os.killpg(process.pid, signal.SIGKILL)  # the first of a browser's processes does not wait for the others
+            os.killpg(
+                process.pid, signal.SIGKILL
+            )  # the first of a browser's processes does not wait for the others
         process.wait()
         os.close(command_write)
         os.close(answer_read)

@@ -63,12 +63,16 @@ CHOSEN = (
 """What a visitor chooses on a page."""
 AT_OPENING = f"""if (window.gaitcal?.stage)
     window.atOpening = Object.fromEntries({list(CHOSEN)}.map(field => [field, gaitcal.state[field]]))"""
-RESET = "scrollTo(0, 0); gaitcal.state.set({ ...window.atOpening, seconds: 0, playing: false }); true"
+RESET = (
+    "scrollTo(0, 0); gaitcal.state.set({ ...window.atOpening, seconds: 0, playing: false }); true"
+)
 
 
 @pytest.fixture(scope="module")
 def _left_blank(_browser: Page) -> Iterator[None]:
-    """No page draws on while other modules' tests run: a picture in software takes a third of a core."""
+    """No page draws on while other modules' tests run: a picture in software takes a third of a
+    core.
+    """
     yield
     _browser.run("location.href = 'about:blank'; true")
     _browser.shown = ()
@@ -78,17 +82,24 @@ def _left_blank(_browser: Page) -> Iterator[None]:
 def visit(_browser: Page, _left_blank: None) -> Iterator[Visit]:
     """Open a page; every console message, exception and request since is kept in it.
 
-    A page that is open already in this size is not loaded again unless `fresh`: what is chosen there is as it was when
-    it opened. Nothing plays on after a test: a walk that does would take a whole core from all later tests.
+    A page that is open already in this size is not loaded again unless `fresh`: what is chosen
+    there is as it was when it opened. Nothing plays on after a test: a walk that does would take a
+    whole core from all later tests.
     """
 
     def open_page(
-        where: Path | str, width: int = 900, height: int = 620, phone: bool = False, fresh: bool = False
+        where: Path | str,
+        width: int = 900,
+        height: int = 620,
+        phone: bool = False,
+        fresh: bool = False,
     ) -> Page:
         url = where.as_uri() if isinstance(where, Path) else where
         _browser.console.clear()
         _browser.requests.clear()
-        known = _browser.shown == (url, width, height, phone) and _browser.run("window.atOpening !== undefined")
+        known = _browser.shown == (url, width, height, phone) and _browser.run(
+            "window.atOpening !== undefined"
+        )
         if fresh or not known:
             _browser.open(url, width, height, phone)
             _browser.run(AT_OPENING)
@@ -106,7 +117,9 @@ def media(_browser: Page) -> Iterator[Callable[..., None]]:
     """Media features of the browser (`prefers_color_scheme="dark"`), as they were again afterwards."""
 
     def put(**features: str) -> None:
-        named = [{"name": name.replace("_", "-"), "value": value} for name, value in features.items()]
+        named = [
+            {"name": name.replace("_", "-"), "value": value} for name, value in features.items()
+        ]
         _browser.send("Emulation.setEmulatedMedia", features=named)
 
     yield put

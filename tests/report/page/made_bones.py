@@ -12,8 +12,15 @@ CONDYLES = {
     "medial": (np.array([-0.006, -0.410, -0.022]), 0.020),
     "lateral": (np.array([-0.006, -0.408, 0.022]), 0.019),
 }
-SOCKET, ASIS, PSIS = np.array([-0.056, -0.078, 0.078]), np.array([0.0, 0.0, 0.120]), np.array([-0.138, 0.017, 0.040])
-PLATEAU, MALLEOLI = np.array([-0.004, -0.025, 0.0]), (np.array([0.0, -0.39, -0.03]), np.array([0.0, -0.39, 0.034]))
+SOCKET, ASIS, PSIS = (
+    np.array([-0.056, -0.078, 0.078]),
+    np.array([0.0, 0.0, 0.120]),
+    np.array([-0.138, 0.017, 0.040]),
+)
+PLATEAU, MALLEOLI = (
+    np.array([-0.004, -0.025, 0.0]),
+    (np.array([0.0, -0.39, -0.03]), np.array([0.0, -0.39, 0.034])),
+)
 SPECK = 0.002
 
 
@@ -27,11 +34,15 @@ def joined(*parts: Mesh) -> Mesh:
     return Mesh(np.vstack([part.vertices for part in parts]), np.vstack(triangles))
 
 
-def femur(head: np.ndarray = HEAD, radius: float = HEAD_RADIUS, condyles: dict | None = None) -> Mesh:
+def femur(
+    head: np.ndarray = HEAD, radius: float = HEAD_RADIUS, condyles: dict | None = None
+) -> Mesh:
     condyles = condyles or CONDYLES
     shaft = round_body(np.array([-0.014, -0.39, 0.005]), np.array([0.014, 0.01, 0.03]))
     ends = [ball(end - SPECK * np.sign(end) * [0, 0, 1], SPECK) for end in (LATERAL, MEDIAL)]
-    return joined(ball(head, radius), shaft, *(ball(centre, r) for centre, r in condyles.values()), *ends)
+    return joined(
+        ball(head, radius), shaft, *(ball(centre, r) for centre, r in condyles.values()), *ends
+    )
 
 
 def pelvis() -> Mesh:

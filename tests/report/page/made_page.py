@@ -1,4 +1,6 @@
-"""Page data made up: a plain one, one with several strides of each leg, and one with blocks of every kind."""
+"""Page data made up: a plain one, one with several strides of each leg, and one with blocks of
+every kind.
+"""
 
 import itertools
 from dataclasses import replace
@@ -72,13 +74,35 @@ def written_page(
 
 def plain_data(scene: Scene) -> dict[str, Any]:
     """Right and left hip flexion of every trial; events and a stride in the first."""
-    events = [{"side": s, "kind": k, "time": t, "source": "motion"} for s in EVENTS for k, t in EVENTS[s]]
-    stride = {"side": "r", "number": 1, "start": 0.05, "stop": 1.0, "off": 0.65, "turns": False, "peaks": {}}
+    events = [
+        {"side": s, "kind": k, "time": t, "source": "motion"} for s in EVENTS for k, t in EVENTS[s]
+    ]
+    stride = {
+        "side": "r",
+        "number": 1,
+        "start": 0.05,
+        "stop": 1.0,
+        "off": 0.65,
+        "turns": False,
+        "peaks": {},
+    }
     trials = []
     for k, trial in enumerate(scene.trials):
-        wave, valid = np.sin(6.0 * (trial.time - trial.time[0])), np.ones(len(trial.time), dtype=bool)
+        wave, valid = (
+            np.sin(6.0 * (trial.time - trial.time[0])),
+            np.ones(len(trial.time), dtype=bool),
+        )
         curves = tuple(
-            Curve("hip_flexion", s, kind, unit, 30.0 * wave + (s == "l"), valid, error=valid * 1.0, nominal=29.0 * wave)
+            Curve(
+                "hip_flexion",
+                s,
+                kind,
+                unit,
+                30.0 * wave + (s == "l"),
+                valid,
+                error=valid * 1.0,
+                nominal=29.0 * wave,
+            )
             for kind, unit in (("angle", "deg"), ("moment", "N m"))
             for s in "rl"
         )
@@ -109,32 +133,48 @@ def long_walks(trials: int = 3, repeat: int = 1) -> Scene:
     frames = ("origins", "turns", "measured", "forces", "pressure_centres", "valid", "valid_legs")
     longer = {name: np.concatenate([getattr(walk, name)] * repeat) for name in frames}
     longer["time"] = step * np.arange(repeat * len(walk.time))
-    walks = (replace(walk, name=f"walk{k}", recorded=repeat * walk.recorded, **longer) for k in range(trials))
+    walks = (
+        replace(walk, name=f"walk{k}", recorded=repeat * walk.recorded, **longer)
+        for k in range(trials)
+    )
     return replace(scene, trials=tuple(walks))
 
 
 def stridden(
     scene: Scene, strides: dict[int, dict[str, list[float]]], seed: int = 4
 ) -> tuple[dict[str, Any], pd.DataFrame]:
-    """Page data of a scene with stretches that are not valid, and the same strides as a table like `cycles.csv`.
+    """Page data of a scene with stretches that are not valid, and the same strides as a table like
+    `cycles.csv`.
 
     Parameters
     ----------
-    strides : trial -> side -> strikes (s), so that each two are a stride; the second stride of a leg turns.
+    strides : trial -> side -> strikes (s), so that each two are a stride; the second stride of a
+    leg turns.
     """
     rng = np.random.default_rng(seed)
     rows, trials = [], []
     for t, trial in enumerate(scene.trials):
         time = trial.time - trial.time[0]
-        curves = tuple(_wavy(rng, time, *of, side) for of in CURVES for side in ("rl" if of[2] else [""]))
+        curves = tuple(
+            _wavy(rng, time, *of, side) for of in CURVES for side in ("rl" if of[2] else [""])
+        )
         made = [
-            {"side": side, "number": n + 1, "start": a, "stop": b, "off": a + 0.6 * (b - a), "turns": n == 1}
+            {
+                "side": side,
+                "number": n + 1,
+                "start": a,
+                "stop": b,
+                "off": a + 0.6 * (b - a),
+                "turns": n == 1,
+            }
             for side, strikes in strides.get(t, {}).items()
             for n, (a, b) in enumerate(itertools.pairwise(strikes))
         ]
         for stride in made:
             cycle = GaitCycle(stride["start"], stride["stop"], stride["off"])
-            stride["valid"] = [base64_of(usable(time, mask, cycle).astype("<u1")) for mask in masks_of(curves)]
+            stride["valid"] = [
+                base64_of(usable(time, mask, cycle).astype("<u1")) for mask in masks_of(curves)
+            ]
             own = [c for c in curves if c.side in (stride["side"], "")]
             stride["peaks"] = peaks_in(time, cycle, own, np.zeros((101, 3)))
             rows += [_rows(trial.name, stride, c, time) for c in own]
@@ -143,11 +183,15 @@ def stridden(
             for s in made
             for kind, when in (("foot strike", s["start"]), ("foot off", s["off"]))
         ]
-        trials.append(trial_data(trial, curves, made, events=sorted(events, key=lambda event: event["time"])))
+        trials.append(
+            trial_data(trial, curves, made, events=sorted(events, key=lambda event: event["time"]))
+        )
     return page_data(scene, trials), pd.concat(rows, ignore_index=True) if rows else pd.DataFrame()
 
 
-def _wavy(rng: np.random.Generator, time: np.ndarray, base: str, kind: str, sided: bool, side: str) -> Curve:
+def _wavy(
+    rng: np.random.Generator, time: np.ndarray, base: str, kind: str, sided: bool, side: str
+) -> Curve:
     waves = rng.standard_normal((4, 2))
     phases = 2 * np.pi * np.outer(np.arange(1, 5), time) / 0.5
     value = SIZE[kind] * (waves[:, :1] * np.sin(phases) + waves[:, 1:] * np.cos(phases)).sum(axis=0)
@@ -155,15 +199,27 @@ def _wavy(rng: np.random.Generator, time: np.ndarray, base: str, kind: str, side
     error = SIZE[kind] * (0.1 + 0.05 * np.sin(7 * time))
     hole = rng.uniform(0.0, time[-1])
     valid = (np.abs(time - hole) > 0.06) if kind == "moment" else np.ones(len(time), dtype=bool)
-    return Curve(base, side, kind, UNITS[kind], value, valid, error, 0.6 * error, value + 0.1 * SIZE[kind])
+    return Curve(
+        base, side, kind, UNITS[kind], value, valid, error, 0.6 * error, value + 0.1 * SIZE[kind]
+    )
 
 
 def _rows(name: str, stride: dict[str, Any], curve: Curve, time: np.ndarray) -> pd.DataFrame:
     cycle = GaitCycle(stride["start"], stride["stop"], stride["off"])
     laid = [normalise(time, values, cycle) for values in (curve.value, curve.error, curve.own)]
     valid = np.isfinite(normalise(time, np.where(curve.valid, 1.0, np.nan), cycle)).astype(int)
-    columns = {"person": SUBJECT.name, "session": "", "trial": name, "side": stride["side"], "stride": stride["number"]}
-    columns |= {"percent": np.arange(101), "variable": f"{curve.base}{VARIABLE[curve.kind]}", "valid": valid}
+    columns = {
+        "person": SUBJECT.name,
+        "session": "",
+        "trial": name,
+        "side": stride["side"],
+        "stride": stride["number"],
+    }
+    columns |= {
+        "percent": np.arange(101),
+        "variable": f"{curve.base}{VARIABLE[curve.kind]}",
+        "valid": valid,
+    }
     columns |= dict(zip(("value", "se", "se_stride"), laid, strict=True))
     return pd.DataFrame(columns | {"turn": 40.0 if stride["turns"] else 0.0})
 
@@ -177,7 +233,9 @@ STRAIGHT = 2.0
 
 
 def everything_page(**changes: Any) -> str:
-    """The built-in person's walk under three names, every preset with every block; `changes` of the page data."""
+    """The built-in person's walk under three names, every preset with every block; `changes` of the
+    page data.
+    """
     scene = walking_scene()
     scene = replace(scene, trials=tuple(replace(scene.trials[0], name=name) for name in REFUSED))
     strides = measured_strides()
@@ -201,8 +259,14 @@ def everything_page(**changes: Any) -> str:
     data = page_data(
         scene,
         [_everything_of(trial, strides[trial.name]) for trial in scene.trials],
-        verdict={"judgement": "refused", "sentence": "Do not use the left leg.", "reasons": reasons},
-        lines=[{"tone": tone, "text": f"A line of tone {tone}."} for tone in ("poor", "look", "plain")],
+        verdict={
+            "judgement": "refused",
+            "sentence": "Do not use the left leg.",
+            "reasons": reasons,
+        },
+        lines=[
+            {"tone": tone, "text": f"A line of tone {tone}."} for tone in ("poor", "look", "plain")
+        ],
         measures=measures,
         sections={preset: every_block() for preset in PRESETS},
     )
@@ -214,42 +278,76 @@ def measured_strides(seed: int = 8) -> dict[str, tuple[Stride, ...]]:
     rng = np.random.default_rng(seed)
 
     def stride(side: str, number: int | None) -> Stride:
-        names = [name for name in MEASURES if number is not None or (name.startswith("step") and rng.random() < 0.7)]
+        names = [
+            name
+            for name in MEASURES
+            if number is not None or (name.startswith("step") and rng.random() < 0.7)
+        ]
         return Stride(
             side=side, number=number, start=0.0, stop=1.0, sources=(),
             turn=float(rng.choice([STRAIGHT, 40.0], p=[0.8, 0.2])),
             measures={name: float(rng.normal(1.0, 0.1)) for name in names},
         )  # fmt: skip
 
-    return {name: tuple(stride(side, n) for side in "rl" for n in (1, 2, 3, None)) for name in REFUSED}
+    return {
+        name: tuple(stride(side, n) for side in "rl" for n in (1, 2, 3, None)) for name in REFUSED
+    }
 
 
 _USE: dict[str, Any] = {"plate": "1", "reason": "", "peaks": {}}
 
 
 def _everything_of(trial: MotionScene, strides: tuple[Stride, ...]) -> dict[str, Any]:
-    """Residuals with a peak of 60 N in frames that do not count, marker errors with a gap, angles and moments."""
+    """Residuals with a peak of 60 N in frames that do not count, marker errors with a gap, angles
+    and moments.
+    """
     time, refused = trial.time - trial.time[0], REFUSED[trial.name]
     valid = time < 0.7 * time[-1]
     force = 20.0 + 40.0 * (time / time[-1]) ** 2
     error = np.where((time > 0.2) & (time < 0.3), np.nan, 4.0 + np.sin(9.0 * time))
-    kinds = (("residual_force", "N", force), ("residual_moment", "N m", 0.1 * force), ("marker_error", "mm", error))
+    kinds = (
+        ("residual_force", "N", force),
+        ("residual_moment", "N m", 0.1 * force),
+        ("marker_error", "mm", error),
+    )
     joint = [
-        Curve(base, side, kind, unit, 20.0 * np.sin(6.0 * time + k), valid, error=np.full(len(time), 2.0))
+        Curve(
+            base,
+            side,
+            kind,
+            unit,
+            20.0 * np.sin(6.0 * time + k),
+            valid,
+            error=np.full(len(time), 2.0),
+        )
         for base in ("hip_flexion", "knee_angle", "knee_adduction", "ankle_angle")
         for kind, unit in (("angle", "deg"), ("moment", "N m"))
         for k, side in enumerate("rl")
     ]
     legs = {side: "refused" if side in refused else "trustworthy" for side in "rl"}
     curves = (*(Curve(k, "", k, u, v, valid, nominal=1.2 * v) for k, u, v in kinds), *joint)
-    counted = [base64_of(usable(time, mask, GaitCycle(0.1, 0.9, 0.6)).astype("<u1")) for mask in masks_of(curves)]
-    stride = {"number": 1, "start": 0.1, "stop": 0.9, "off": 0.6, "turns": False, "peaks": {}, "valid": counted}
+    counted = [
+        base64_of(usable(time, mask, GaitCycle(0.1, 0.9, 0.6)).astype("<u1"))
+        for mask in masks_of(curves)
+    ]
+    stride = {
+        "number": 1,
+        "start": 0.1,
+        "stop": 0.9,
+        "off": 0.6,
+        "turns": False,
+        "peaks": {},
+        "valid": counted,
+    }
     return trial_data(
         trial,
         curves,
         [{**_USE, "side": s, **stride} for s in "rl"],
         verdict={"judgement": "refused" if refused else "trustworthy", **legs},
-        measures=[{"side": s.side, "number": s.number, "values": dict(s.measures)} for s in counting(strides, refused)],
+        measures=[
+            {"side": s.side, "number": s.number, "values": dict(s.measures)}
+            for s in counting(strides, refused)
+        ],
         sections={preset: every_block() for preset in PRESETS},
     )
 
@@ -264,7 +362,12 @@ def _table(**more: Any) -> dict[str, Any]:
     ]
     rows = [
         ["pelvis", "8.1", {"t": "1.25", "tone": "good"}, "followed by its own markers"],
-        [{"t": "thigh", "unit": "2 markers"}, {"t": "12.4", "tone": "look"}, "–", {"t": "above", "tone": "poor"}],
+        [
+            {"t": "thigh", "unit": "2 markers"},
+            {"t": "12.4", "tone": "look"},
+            "–",
+            {"t": "above", "tone": "poor"},
+        ],
         ["all", "9.9", "10.2", {"t": "not judged", "tone": "soft"}],
     ]
     return {"kind": "table", "head": head, "rows": rows, "total": [2], **more}
@@ -272,7 +375,10 @@ def _table(**more: Any) -> dict[str, Any]:
 
 def _intervals() -> dict[str, Any]:
     """Both sides, a standard error that is not known, truth and bounds."""
-    hip, knee = {"label": "hip centre, forward", "nominal": 70.0}, {"label": "knee axis, up", "nominal": 400.0}
+    hip, knee = (
+        {"label": "hip centre, forward", "nominal": 70.0},
+        {"label": "knee axis, up", "nominal": 400.0},
+    )
     rows = [
         {**hip, "side": "r", "fitted": 66.2, "se": 1.1, "truth": 65.0},
         {**hip, "side": "l", "fitted": 75.4, "se": 1.4, "truth": 77.0},
@@ -287,7 +393,9 @@ def _heading(text: str, level: int = 3) -> dict[str, Any]:
 
 
 def every_block() -> list[dict[str, Any]]:
-    """One block of every kind, with names that would be markup if they were not data, in no order of sense."""
+    """One block of every kind, with names that would be markup if they were not data, in no order
+    of sense.
+    """
     wide = {
         "head": ["Marker", *(f"Column number {k}" for k in range(14))],
         "rows": [[f"{HOSTILE} {r}", *(f"{r}.{k}" for k in range(14))] for r in range(40)],

@@ -28,13 +28,21 @@ FITTED = gait_parameters("r") + gait_parameters("l")
 
 
 def subject_model(name: str = "Built-in subject") -> SubjectModel:
-    """The built-in subject, as if calibrated: the 34 gait parameters moved by some 8 mm and 4 degrees."""
+    """The built-in subject, as if calibrated: the 34 gait parameters moved by some 8 mm and 4
+    degrees.
+    """
     model = published_model()
     rng = np.random.default_rng(5)
     size = {Kind.POSITION: 0.008}
-    scale = np.array([size.get(p.kind, np.deg2rad(4.0)) if p.name in FITTED else 0.0 for p in JOINT_PARAMETERS])
-    fitted = replace(model.nominal, joint=model.nominal.joint + scale * rng.standard_normal(len(JP_NAMES)))
-    return replace(model, subject=Subject(name, 69.4, 1.70, "male"), parameters=fitted, landmarks={}, notes=())
+    scale = np.array(
+        [size.get(p.kind, np.deg2rad(4.0)) if p.name in FITTED else 0.0 for p in JOINT_PARAMETERS]
+    )
+    fitted = replace(
+        model.nominal, joint=model.nominal.joint + scale * rng.standard_normal(len(JP_NAMES))
+    )
+    return replace(
+        model, subject=Subject(name, 69.4, 1.70, "male"), parameters=fitted, landmarks={}, notes=()
+    )
 
 
 def model_markers(scene: Scene, trial: MotionScene) -> Array:
@@ -50,7 +58,9 @@ def standard_errors() -> dict[str, float]:
     return {name: 0.004 if kinds[name] is Kind.POSITION else np.deg2rad(2.0) for name in FITTED}
 
 
-def walking_scene(labels: tuple[str, ...] | None = None, subject: str = "Built-in subject") -> Scene:
+def walking_scene(
+    labels: tuple[str, ...] | None = None, subject: str = "Built-in subject"
+) -> Scene:
     """One gait cycle, noisy markers with a gap, two plates, forearms without markers on the left."""
     model = subject_model(subject)
     if labels is not None:
@@ -62,7 +72,9 @@ def walking_scene(labels: tuple[str, ...] | None = None, subject: str = "Built-i
     return person_scene(model, (first, again), standard_errors())
 
 
-def walking_trial(model: SubjectModel, true: TrueMotion, name: str, wrench: Array | None) -> MotionScene:
+def walking_trial(
+    model: SubjectModel, true: TrueMotion, name: str, wrench: Array | None
+) -> MotionScene:
     """The same as the page has it."""
     return trial_scene(model, name, "gait", *recorded_walk(model, true, name, wrench))
 
@@ -77,14 +89,20 @@ def recorded_walk(
     measured[40:80, 3] = np.nan
     plates, reactions = (), None
     if wrench is not None:
-        plates = tuple(plate(str(k + 1), time, x, z) for k, (x, z) in enumerate([(0.2, 0.12), (0.85, -0.12)]))
+        plates = tuple(
+            plate(str(k + 1), time, x, z) for k, (x, z) in enumerate([(0.2, 0.12), (0.85, -0.12)])
+        )
         valid, loaded = np.arange(len(time)) < 150, wrench[:, :, 1] > 20.0
         legs = np.stack([valid] * 2, axis=1)
         reactions = GroundReactions(
             wrench=wrench, valid=valid, valid_legs=legs, loaded=loaded, resting=loaded, notes=()
         )
-    recording = Recording(source="walk.c3d", time=time, labels=placed.labels, markers=measured, plates=plates)
-    errors = MarkerErrors(placed.labels, placed.segments, placed.weight, np.linalg.norm(measured - seen, axis=2))
+    recording = Recording(
+        source="walk.c3d", time=time, labels=placed.labels, markers=measured, plates=plates
+    )
+    errors = MarkerErrors(
+        placed.labels, placed.segments, placed.weight, np.linalg.norm(measured - seen, axis=2)
+    )
     motion = Motion(
         name=name, coordinates=COORDINATES, basis=true.basis, coefficients=true.coefficients, errors=errors,
         converged=True,
@@ -100,7 +118,9 @@ def long_scene(frames: int = 10_000) -> Scene:
 
 
 def plate(name: str, time, x: float, z: float) -> ForcePlate:
-    corners = np.array([[x - 0.3, 0, z - 0.2], [x + 0.3, 0, z - 0.2], [x + 0.3, 0, z + 0.2], [x - 0.3, 0, z + 0.2]])
+    corners = np.array(
+        [[x - 0.3, 0, z - 0.2], [x + 0.3, 0, z - 0.2], [x + 0.3, 0, z + 0.2], [x - 0.3, 0, z + 0.2]]
+    )
     none = np.zeros((len(time), 3))
     return ForcePlate(name=name, time=time, force=none, point=none, moment=none, corners=corners)
 

@@ -1,7 +1,8 @@
-"""Nothing keeps anybody from using the page: axe finds no serious fault in any preset, width or scheme of colours.
+"""Nothing keeps anybody from using the page: axe finds no serious fault in any preset, width or
+scheme of colours.
 
-axe-core is no part of this repository: `GAITCAL_AXE` is the path of its `axe.min.js` (`sh scripts/tools/fetch_axe.sh`
-fetches it and prints that path). Without it, what needs it is skipped.
+axe-core is no part of this repository: `GAITCAL_AXE` is the path of its `axe.min.js` (`sh
+scripts/tools/fetch_axe.sh` fetches it and prints that path). Without it, what needs it is skipped.
 """
 
 import itertools
@@ -19,7 +20,9 @@ pytestmark = [pytest.mark.browser, pytest.mark.slow]
 SIZES = {1280: 800, 390: 844}
 """px wide -> high: a screen and a phone."""
 TARGET = 24.0
-"""px, WCAG 2.2, 2.5.8: what is pressed is at least as wide and high, or has a label as large to press."""
+"""px, WCAG 2.2, 2.5.8: what is pressed is at least as wide and high, or has a label as large to
+press.
+"""
 FAULTS = """axe.run(document, {resultTypes: ['violations']}).then(({violations}) => violations
     .filter(({impact}) => impact === 'serious' || impact === 'critical')
     .flatMap(({id, nodes}) => nodes.map(({target}) => `${id}: ${target.join(' ')}`)))"""
@@ -38,7 +41,10 @@ UNNAMED = """[...document.querySelectorAll('button, select, input, [tabindex="0"
 def axe() -> str:
     path = os.environ.get("GAITCAL_AXE")
     if not path or not Path(path).is_file():
-        pytest.skip("no axe-core: GAITCAL_AXE is to be the path of its axe.min.js (sh scripts/tools/fetch_axe.sh)")
+        pytest.skip(
+            "no axe-core: GAITCAL_AXE is to be the path of its axe.min.js (sh "
+            "scripts/tools/fetch_axe.sh)"
+        )
     return Path(path).read_text(encoding="utf-8")
 
 
@@ -46,7 +52,9 @@ def opened(page: Page, preset: str) -> Page:
     """The preset with everything unfolded."""
     page.run(f"gaitcal.state.set({{preset: '{preset}', playing: false, seconds: 0.3}})")
     page.run("for (const fold of document.querySelectorAll('details')) fold.open = true")
-    page.run("document.querySelectorAll('.more[aria-expanded=false]').forEach(more => more.click())")
+    page.run(
+        "document.querySelectorAll('.more[aria-expanded=false]').forEach(more => more.click())"
+    )
     page.run(SETTLED)
     return page
 
@@ -63,7 +71,9 @@ def test_axe_finds_nothing_serious(
 
 
 @pytest.mark.parametrize("width", SIZES)
-def test_controls_have_names_and_room_and_the_page_is_not_cut_off(visit: Visit, everything: Path, width: int) -> None:
+def test_controls_have_names_and_room_and_the_page_is_not_cut_off(
+    visit: Visit, everything: Path, width: int
+) -> None:
     page = visit(everything, width, SIZES[width], phone=width < 760)
     for preset in PRESETS:
         opened(page, preset)
@@ -81,7 +91,18 @@ def test_headings_and_landmarks_are_in_order(visit: Visit, everything: Path) -> 
             .map(h => Number(h.tagName[1]))"""
         )
         assert levels[0] == 1 and levels.count(1) == 1, preset
-        assert all(later <= level + 1 for level, later in itertools.pairwise(levels)), (preset, levels)
-    marks = "['header', 'main', 'footer'].map(mark => document.querySelectorAll(`body > ${mark}`).length)"
+        assert all(later <= level + 1 for level, later in itertools.pairwise(levels)), (
+            preset,
+            levels,
+        )
+    marks = (
+        "['header', 'main', 'footer'].map(mark => document.querySelectorAll(`body > "
+        "${mark}`).length)"
+    )
     assert page.run(marks) == [1, 1, 1]
-    assert page.run('document.querySelectorAll(\'[tabindex]:not([tabindex="0"], [tabindex="-1"])\').length') == 0
+    assert (
+        page.run(
+            'document.querySelectorAll(\'[tabindex]:not([tabindex="0"], [tabindex="-1"])\').length'
+        )
+        == 0
+    )

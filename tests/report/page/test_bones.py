@@ -61,15 +61,21 @@ def packed(values: np.ndarray, how: str) -> str:
     return base64.b64encode(header).decode() + base64.b64encode(b"".join(blocks)).decode()
 
 
-def vtp(how: str, corners: np.ndarray = CORNERS, points: np.ndarray = POINTS, ends: np.ndarray = ENDS) -> bytes:
+def vtp(
+    how: str, corners: np.ndarray = CORNERS, points: np.ndarray = POINTS, ends: np.ndarray = ENDS
+) -> bytes:
     form = "ascii" if how == "ascii" else "binary"
     zipped = ' compressor="vtkZLibDataCompressor"' if how == "zlib" else ""
 
     def array(name: str, kind: str, values: np.ndarray) -> str:
-        return f'<DataArray type="{kind}" Name="{name}" format="{form}">{packed(values, how)}</DataArray>'
+        return (
+            f'<DataArray type="{kind}" Name="{name}" '
+            f'format="{form}">{packed(values, how)}</DataArray>'
+        )
 
     return (
-        f'<?xml version="1.0"?><VTKFile type="PolyData" byte_order="LittleEndian"{zipped}><PolyData><Piece>'
+        '<?xml version="1.0"?><VTKFile type="PolyData" '
+        f'byte_order="LittleEndian"{zipped}><PolyData><Piece>'
         f"<PointData>{array('Normals', 'Float32', points.astype('<f4'))}</PointData>"
         f"<Points>{array('Points', 'Float64', points.astype('<f8'))}</Points>"
         f"<Polys>{array('connectivity', 'Int32', corners.astype('<i4'))}{array('offsets', 'Int32', ends.astype('<i4'))}"
@@ -112,18 +118,25 @@ def test_a_cut_file_is_no_surface(how: str) -> None:
 
 
 FLAT_FACES = 2e-4
-"""m: a ball of flat triangles is that much smaller than the ball, and the points of a speck lie beside its pole."""
+"""m: a ball of flat triangles is that much smaller than the ball, and the points of a speck lie
+beside its pole.
+"""
 
 
 @settings(max_examples=15, deadline=None)
 @given(
-    shift=st.tuples(*[st.floats(-0.006, 0.006)] * 4), radii=st.tuples(st.floats(0.016, 0.022), st.floats(0.016, 0.022))
+    shift=st.tuples(*[st.floats(-0.006, 0.006)] * 4),
+    radii=st.tuples(st.floats(0.016, 0.022), st.floats(0.016, 0.022)),
 )
-def test_head_and_condyles_are_found_where_they_were_put(shift: tuple[float, ...], radii: tuple[float, float]) -> None:
+def test_head_and_condyles_are_found_where_they_were_put(
+    shift: tuple[float, ...], radii: tuple[float, float]
+) -> None:
     head = made.HEAD + [shift[0], 0.0, shift[1]]
     balls = {
         name: (centre + [move, 0.0, 0.0], radius)
-        for (name, (centre, _)), move, radius in zip(made.CONDYLES.items(), shift[2:], radii, strict=True)
+        for (name, (centre, _)), move, radius in zip(
+            made.CONDYLES.items(), shift[2:], radii, strict=True
+        )
     }
     bone = made.femur(head=head, condyles=balls)
     found, pair = long_bone(bone), condyles(bone)
@@ -131,7 +144,10 @@ def test_head_and_condyles_are_found_where_they_were_put(shift: tuple[float, ...
     assert found.head.radius == pytest.approx(made.HEAD_RADIUS, abs=FLAT_FACES)
     np.testing.assert_allclose(found.lateral, made.LATERAL, atol=FLAT_FACES * 2)
     np.testing.assert_allclose(found.medial, made.MEDIAL, atol=FLAT_FACES * 2)
-    for ball, (centre, radius) in ((pair.medial, balls["medial"]), (pair.lateral, balls["lateral"])):
+    for ball, (centre, radius) in (
+        (pair.medial, balls["medial"]),
+        (pair.lateral, balls["lateral"]),
+    ):
         np.testing.assert_allclose(ball.centre, centre, atol=5e-4)
         assert 0.9 * radius < ball.radius <= radius, "off its middle, a slice of a ball is smaller"
 
@@ -183,7 +199,9 @@ def test_fewer_triangles_keep_the_shape() -> None:
     small = with_fewer_triangles(bone, 600)
     assert 300 < len(small.triangles) <= 600
     assert small.triangles.max() == len(small.vertices) - 1
-    np.testing.assert_allclose(np.ptp(small.vertices, axis=0), np.ptp(bone.vertices, axis=0), atol=0.012)
+    np.testing.assert_allclose(
+        np.ptp(small.vertices, axis=0), np.ptp(bone.vertices, axis=0), atol=0.012
+    )
     assert with_fewer_triangles(bone, len(bone.triangles)) is bone
 
 
@@ -194,7 +212,8 @@ def test_the_installed_bones_have_their_landmarks() -> None:
         pytest.skip("needs the extra `bones`")
     assert "Apache" in bones.licence
     found = landmarked(bones)
-    # Joint centres of its file myolegs_chain.xml, and of Rajagopal et al. (2016), from which it is made.
+    # Joint centres of its file myolegs_chain.xml, and of Rajagopal et al. (2016), from which it is
+    # made.
     np.testing.assert_allclose(found.femur.head.centre, [0.0, 0.0, 0.0], atol=1e-3)
     np.testing.assert_allclose(found.femur.middle, [0.0, -0.4044, 0.0], atol=1e-3)
     np.testing.assert_allclose(found.hip.socket, [-0.0563, -0.0785, 0.0773], atol=5e-3)
@@ -222,21 +241,29 @@ def person():
 def test_a_femur_stands_on_hip_and_epicondyles(side: str, bones: Landmarked, person) -> None:
     place, bone, mirror = place_of_femur(bones, person, side), bones.femur, MIRROR[side]
     thigh = f"thigh_{side}"
-    np.testing.assert_allclose(apply(place, bone.head.centre * mirror), person.point(thigh, "hip"), atol=EXACT)
-    np.testing.assert_allclose(apply(place, bone.middle * mirror), person.point(thigh, "knee"), atol=EXACT)
+    np.testing.assert_allclose(
+        apply(place, bone.head.centre * mirror), person.point(thigh, "hip"), atol=EXACT
+    )
+    np.testing.assert_allclose(
+        apply(place, bone.middle * mirror), person.point(thigh, "knee"), atol=EXACT
+    )
     drawn = apply(place, (bone.lateral - bone.medial) * mirror) - place[:, 3]
     wanted = person.point(thigh, "epicondyle_lat") - person.point(thigh, "epicondyle_med")
     along = place[:, 1] / np.linalg.norm(place[:, 1])
     level = [v - (v @ along) * along for v in (drawn, wanted)]
     np.testing.assert_allclose(level[0], level[1], atol=1e-3 * np.linalg.norm(wanted))
-    assert np.linalg.norm(place[:, 0]) == pytest.approx(np.linalg.norm(place[:, 1])), "round condyles stay round"
+    assert np.linalg.norm(place[:, 0]) == pytest.approx(np.linalg.norm(place[:, 1])), (
+        "round condyles stay round"
+    )
 
 
 def test_plateaus_lie_under_condyles_and_malleoli_at_the_ankle(bones: Landmarked, person) -> None:
     for side, mirror in MIRROR.items():
         shank = place_of_shank(bones, person, side)
         middle = 0.5 * (bones.shank.lateral + bones.shank.medial) * mirror
-        np.testing.assert_allclose(apply(shank, middle), person.point(f"shank_{side}", "ankle"), atol=EXACT)
+        np.testing.assert_allclose(
+            apply(shank, middle), person.point(f"shank_{side}", "ankle"), atol=EXACT
+        )
         plateau = apply(shank, bones.shank.plateau * mirror)
         assert -0.045 < plateau[1] < -0.02, "below the knee's middle by a condyle"
 
@@ -249,19 +276,35 @@ def test_left_is_the_mirror_image_of_right(bones: Landmarked, person) -> None:
         if segment.endswith("_r"):
             left = by_side[mesh, segment[:-1] + "l"]
             points = bones.bones.meshes[mesh].vertices[::7]
-            np.testing.assert_allclose(apply(left, points), apply(right, points) * MIRROR["l"], atol=1e-6)
+            np.testing.assert_allclose(
+                apply(left, points), apply(right, points) * MIRROR["l"], atol=1e-6
+            )
     right, left = (b.place for b in placed if b.mesh == "pelvis")
-    np.testing.assert_allclose(apply(right, bones.hip.socket), person.point("pelvis", "hip_r"), atol=EXACT)
-    np.testing.assert_allclose(apply(left, bones.hip.socket), person.point("pelvis", "hip_l"), atol=EXACT)
+    np.testing.assert_allclose(
+        apply(right, bones.hip.socket), person.point("pelvis", "hip_r"), atol=EXACT
+    )
+    np.testing.assert_allclose(
+        apply(left, bones.hip.socket), person.point("pelvis", "hip_l"), atol=EXACT
+    )
 
 
 @pytest.mark.parametrize("without", ["nothing", "knee_med", "knee"])
 def test_no_fitted_knee_axis_moves_a_bone(without: str, bones: Landmarked) -> None:
     """What makes the picture evidence: the bones would stand where they do whatever the knee's fit."""
     model = published_model(static_only=True)
-    model = replace(model, landmarks={k: v for k, v in model.landmarks.items() if not k.startswith(without)})
-    names = ("knee_r.thigh.ant", "knee_r.thigh.sup", "knee_r.thigh.front", "knee_r.thigh.trans", "knee_r.shank.front")
-    moved = model.with_parameters(model.parameters.with_joint(names, np.array([0.03, -0.5, 0.3, -0.2, 0.2])))
+    model = replace(
+        model, landmarks={k: v for k, v in model.landmarks.items() if not k.startswith(without)}
+    )
+    names = (
+        "knee_r.thigh.ant",
+        "knee_r.thigh.sup",
+        "knee_r.thigh.front",
+        "knee_r.thigh.trans",
+        "knee_r.shank.front",
+    )
+    moved = model.with_parameters(
+        model.parameters.with_joint(names, np.array([0.03, -0.5, 0.3, -0.2, 0.2]))
+    )
     before, after = (fitted_bones(bones, person_landmarks(m), 1.7) for m in (model, moved))
     for a, b in zip(before, after, strict=True):
         np.testing.assert_array_equal(a.place, b.place)
@@ -278,7 +321,9 @@ def marks_through(
     marks = []
     for side, mirror in MIRROR.items():
         place = place_of_femur(bones, person, side)
-        centres = apply(place, np.array([bones.condyles.medial.centre, bones.condyles.lateral.centre]) * mirror)
+        centres = apply(
+            place, np.array([bones.condyles.medial.centre, bones.condyles.lateral.centre]) * mirror
+        )
         axis = (centres[1] - centres[0]) / np.linalg.norm(centres[1] - centres[0])
         marks.append(
             JointMark(
@@ -299,7 +344,11 @@ def marks_through(
 def test_distances_to_an_axis_are_what_it_was_moved_by(bones: Landmarked, person) -> None:
     shift = np.array([0.006, -0.008, 0.0])
     for knee in knee_axes(bones, person, marks_through(bones, person, shift)):
-        assert knee.nominal.angle < 1e-7 and knee.nominal.medial.distance < EXACT and knee.nominal.lateral.inside
+        assert (
+            knee.nominal.angle < 1e-7
+            and knee.nominal.medial.distance < EXACT
+            and knee.nominal.lateral.inside
+        )
         for end in (knee.fitted.medial, knee.fitted.lateral):
             assert end.distance == pytest.approx(0.01, rel=1e-2)
         assert "10 mm from the medial centre" in knee_words(knee)[0]
@@ -328,9 +377,10 @@ def test_an_axis_outside_the_circle_is_not_through_the_condyle(
 
 def test_what_an_axis_proves_is_said(bones: Landmarked, person) -> None:
     (knee, _) = knee_axes(bones, person, marks_through(bones, person, np.zeros(3), 0.002, 0.03))
-    assert "Its place is uncertain by about 23 mm; the nominal" in knee_words(replace(knee, misfit=0.020))[2], (
-        "root of 20^2 + 2 * 8^2"
-    )
+    assert (
+        "Its place is uncertain by about 23 mm; the nominal"
+        in knee_words(replace(knee, misfit=0.020))[2]
+    ), "root of 20^2 + 2 * 8^2"
 
 
 TURNS = {
@@ -348,20 +398,28 @@ TURNS = {
         (turn, which)
         for turn in TURNS
         for which in (("femur",), ("pelvis",), ("fibula", "tibia"))
-        if not (turn == "mirrored front to back" and "tibia" in which)  # its made rods are alike from front and back
+        if not (
+            turn == "mirrored front to back" and "tibia" in which
+        )  # its made rods are alike from front and back
     ],
 )
-def test_a_left_or_turned_bone_is_told(turn: str, which: tuple[str, ...], bones: Landmarked) -> None:
+def test_a_left_or_turned_bone_is_told(
+    turn: str, which: tuple[str, ...], bones: Landmarked
+) -> None:
     meshes = dict(bones.bones.meshes)
     for bone in which:
         triangles = meshes[bone].triangles[:, :: 1 if np.linalg.det(TURNS[turn]) > 0 else -1]
-        meshes[bone] = replace(meshes[bone], vertices=meshes[bone].vertices @ TURNS[turn].T, triangles=triangles)
+        meshes[bone] = replace(
+            meshes[bone], vertices=meshes[bone].vertices @ TURNS[turn].T, triangles=triangles
+        )
     with pytest.raises(InputError, match="allowed: right bones with x forward"):
         landmarked(replace(bones.bones, meshes=meshes))
 
 
 def test_the_standard_error_is_that_of_drawn_axes(bones: Landmarked, person) -> None:
-    """Across the axis, against 20 000 drawn centres and directions, which move the axis alike at the condyle."""
+    """Across the axis, against 20 000 drawn centres and directions, which move the axis alike at
+    the condyle.
+    """
     sigma, tilt, rng = 0.0015, 0.07, np.random.default_rng(0)
     marks = marks_through(bones, person, np.zeros(3), sigma, tilt)
     knee = knee_axes(bones, person, marks)[0]
@@ -373,7 +431,9 @@ def test_the_standard_error_is_that_of_drawn_axes(bones: Landmarked, person) -> 
     drawn = np.sqrt(np.mean(np.sum(offset**2, axis=1)) / 2)
     assert knee.fitted.medial.standard_error == pytest.approx(drawn, rel=0.02)
     turned = np.cross(direction, marks[0].fitted_axis)
-    assert knee.fitted.angle_error == pytest.approx(np.sqrt(np.mean(np.sum(turned**2, axis=1)) / 2), rel=0.02)
+    assert knee.fitted.angle_error == pytest.approx(
+        np.sqrt(np.mean(np.sum(turned**2, axis=1)) / 2), rel=0.02
+    )
 
 
 def test_what_a_knee_stands_on_is_told(bones: Landmarked) -> None:

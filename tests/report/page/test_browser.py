@@ -1,4 +1,6 @@
-"""The figure in space, in a browser: layers, clock, joints from near by, markup that cannot run, long walks."""
+"""The figure in space, in a browser: layers, clock, joints from near by, markup that cannot run,
+long walks.
+"""
 
 import io
 import re
@@ -23,7 +25,17 @@ from tests.report.page.test_page import LIMIT
 
 pytestmark = pytest.mark.browser
 
-LAYERS = ("body", "bones", "measured", "model", "errors", "forces", "nominal", "fitted", "uncertainty")
+LAYERS = (
+    "body",
+    "bones",
+    "measured",
+    "model",
+    "errors",
+    "forces",
+    "nominal",
+    "fitted",
+    "uncertainty",
+)
 SHOWN = 0.2
 """mm: one decimal is shown, of positions packed to some 0.05 mm."""
 POSING = """(() => { let best = Infinity;
@@ -38,7 +50,9 @@ POSING = """(() => { let best = Infinity;
 def stage(page: Page) -> np.ndarray:
     """(h, w, 3) what the stage shows."""
     scale = page.run("devicePixelRatio")
-    left, top, width, height = (round(scale * x) for x in page.box("document.getElementById('pane')"))
+    left, top, width, height = (
+        round(scale * x) for x in page.box("document.getElementById('pane')")
+    )
     picture = np.asarray(Image.open(io.BytesIO(page.picture())).convert("RGB"), dtype=int)
     return picture[top : top + height, left : left + width]
 
@@ -57,14 +71,18 @@ def changed(a: np.ndarray, b: np.ndarray) -> int:
 def test_it_opens_offline_without_a_word_and_without_a_request(visit: Visit, html: Path) -> None:
     page = paused(visit(html, fresh=True))
     assert page.console == []
-    assert [url for url in page.requests if not url.startswith(("data:", "blob:"))] == [html.as_uri()]
+    assert [url for url in page.requests if not url.startswith(("data:", "blob:"))] == [
+        html.as_uri()
+    ]
     assert page.run("document.getElementById('failure').hidden")
     assert page.run("document.title") == "Built-in subject · walk"
 
 
 def test_the_person_is_in_the_picture(visit: Visit, html: Path) -> None:
     page = paused(visit(html))
-    page.run(f"document.getElementById('show-bones').click(); {DRAWN}")  # with bones, the skin is only a veil
+    page.run(
+        f"document.getElementById('show-bones').click(); {DRAWN}"
+    )  # with bones, the skin is only a veil
     picture = stage(page)
     skin = (picture[..., 0] > picture[..., 2] + 12) & (picture[..., 0] > 90)
     rows, columns = np.nonzero(skin)
@@ -90,10 +108,16 @@ def test_playing_moves_the_picture_and_the_slider(visit: Visit, html: Path) -> N
 
 def test_slider_and_speed(visit: Visit, html: Path) -> None:
     page = paused(visit(html), 0.0)
-    page.run("(s => { s.value = 0.5; s.dispatchEvent(new Event('input')); })(document.getElementById('time'))")
+    page.run(
+        "(s => { s.value = 0.5; s.dispatchEvent(new Event('input')); "
+        "})(document.getElementById('time'))"
+    )
     assert page.run("gaitcal.state.seconds") == pytest.approx(0.5, abs=1e-3)
     assert page.run("document.getElementById('clock').textContent") == "0.50 s"
-    page.run("(s => { s.value = '0.1'; s.dispatchEvent(new Event('change')); })(document.getElementById('speed'))")
+    page.run(
+        "(s => { s.value = '0.1'; s.dispatchEvent(new Event('change')); "
+        "})(document.getElementById('speed'))"
+    )
     assert page.run("gaitcal.state.speed") == 0.1
 
 
@@ -112,7 +136,10 @@ def test_every_layer_can_be_hidden_and_shown(visit: Visit, html: Path) -> None:
 
 def test_another_trial_says_what_it_lacks(visit: Visit, html: Path) -> None:
     page = paused(visit(html))
-    page.run("(s => { s.value = '1'; s.dispatchEvent(new Event('change')); })(document.getElementById('trial'))")
+    page.run(
+        "(s => { s.value = '1'; s.dispatchEvent(new Event('change')); "
+        "})(document.getElementById('trial'))"
+    )
     assert page.run("gaitcal.trial.name") == "no plates"
     assert page.run("document.getElementById('show-forces').disabled")
     assert "no force plates" in page.run("document.getElementById('toggles').textContent")
@@ -128,7 +155,9 @@ SIDES_SHOWN = """[...new Set([...gaitcal.stage.figure.bones.meshes, ...gaitcal.s
 @pytest.mark.slow
 def test_a_knee_from_near_by_says_where_its_axis_passes(visit: Visit, html: Path) -> None:
     page = paused(visit(html))
-    press = "[...document.querySelectorAll('#near button')].find(b => b.textContent === '{}').click()"
+    press = (
+        "[...document.querySelectorAll('#near button')].find(b => b.textContent === '{}').click()"
+    )
     whole = stage(page)
     page.run(press.format("right knee") + f"; {DRAWN}")
     words = page.run("document.getElementById('about').textContent")
@@ -138,7 +167,9 @@ def test_a_knee_from_near_by_says_where_its_axis_passes(visit: Visit, html: Path
     assert changed(whole, near) > 5000
     page.run(f"document.getElementById('show-bones').click(); {DRAWN}")
     assert changed(near, stage(page)) > 5000
-    page.run(f"document.getElementById('show-bones').click(); {press.format('whole body')}; {DRAWN}")
+    page.run(
+        f"document.getElementById('show-bones').click(); {press.format('whole body')}; {DRAWN}"
+    )
     assert page.run(SIDES_SHOWN) == " l r"
     assert "frames" in page.run("document.getElementById('about').textContent")
     assert page.console == []
@@ -182,11 +213,15 @@ def test_without_bones_the_page_says_how_to_get_them(
     monkeypatch.setattr(bone_files, "installed_bones", lambda: None)
     page = paused(visit(written_page(tmp_path, scene)))
     assert page.run("document.getElementById('show-bones').disabled")
-    assert "pip install 'gaitcal[bones]'" in page.run("document.getElementById('toggles').textContent")
+    assert "pip install 'gaitcal[bones]'" in page.run(
+        "document.getElementById('toggles').textContent"
+    )
     assert page.console == []
 
 
-def test_pointing_at_a_marker_tells_its_name_and_error(visit: Visit, html: Path, scene: Scene) -> None:
+def test_pointing_at_a_marker_tells_its_name_and_error(
+    visit: Visit, html: Path, scene: Scene
+) -> None:
     trial = scene.trials[0]
     page = paused(visit(html), float(trial.time[120] - trial.time[0]))
     x, y = page.run(
@@ -206,8 +241,13 @@ def test_pointing_at_a_marker_tells_its_name_and_error(visit: Visit, html: Path,
 @pytest.mark.slow
 def test_even_markup_that_got_in_cannot_run(visit: Visit, html: Path) -> None:
     page = paused(visit(html, fresh=True))
-    page.run("document.body.insertAdjacentHTML('beforeend', '<img src=x onerror=\"window.hacked=1\">')")
-    page.run("document.body.append(Object.assign(document.createElement('script'), {textContent: 'window.hacked=1'}))")
+    page.run(
+        "document.body.insertAdjacentHTML('beforeend', '<img src=x onerror=\"window.hacked=1\">')"
+    )
+    page.run(
+        "document.body.append(Object.assign(document.createElement('script'), {textContent: "
+        "'window.hacked=1'}))"
+    )
     page.run("fetch('data:,x').catch(() => 0)")
     assert page.run("typeof window.hacked") == "undefined"
     assert page.console and all("Content Security Policy" in line for line in page.console)
@@ -217,7 +257,9 @@ def test_even_markup_that_got_in_cannot_run(visit: Visit, html: Path) -> None:
 def test_ten_thousand_frames_stay_responsive(
     visit: Visit, html: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """From the command to the picture: what is left out is said, and posing a frame takes no longer for it."""
+    """From the command to the picture: what is left out is said, and posing a frame takes no longer
+    for it.
+    """
     page_file = tmp_path / "view.html"
     scene = long_scene()
     write_page(tmp_path, scene, plain_data(scene))
@@ -239,7 +281,9 @@ def test_between_two_frames_the_pose_is_between(visit: Visit, html: Path, scene:
     page = paused(visit(html))
     time, origins = scene.trials[0].time, scene.trials[0].origins
     page.run(f"gaitcal.clock.seek({(time[50] + time[51]) / 2 - time[0]})")
-    where = page.run(f"gaitcal.stage.figure.body.groups[{scene.segments.index('foot_r')}].position.toArray()")
+    where = page.run(
+        f"gaitcal.stage.figure.body.groups[{scene.segments.index('foot_r')}].position.toArray()"
+    )
     assert where == pytest.approx((origins[50, 4] + origins[51, 4]) / 2, abs=1e-3)
 
 

@@ -1,4 +1,6 @@
-"""`cohort.html` in a browser: who is shown, in which order, what is drawn of them, and whether everybody can use it."""
+"""`cohort.html` in a browser: who is shown, in which order, what is drawn of them, and whether
+everybody can use it.
+"""
 
 import os
 from collections.abc import Callable, Iterator
@@ -47,35 +49,50 @@ def write(page: Page, selector: str, text: str) -> None:
 
 def test_it_opens_with_those_who_need_a_look_first(page: Page) -> None:
     assert page.run(NAMES) == ["Cid", "Bob", "Ann", "Dan post", "Dan pre", "Eve"]
-    cards = page.run("[...document.querySelectorAll('.triage .card')].map(card => card.textContent)")
+    cards = page.run(
+        "[...document.querySelectorAll('.triage .card')].map(card => card.textContent)"
+    )
     assert [card.split("not ")[0].split("to be")[0].split("no")[0] for card in cards] == [
         "Refused1", "Doubtful1", "Trustworthy4", "Failed1"
     ]  # fmt: skip
     causes = page.run(
-        "[...document.querySelectorAll('.causes tbody tr')].map(row => row.innerText.split(/\\s*[\\t\\n]+\\s*/))"
+        "[...document.querySelectorAll('.causes tbody tr')].map(row => "
+        "row.innerText.split(/\\s*[\\t\\n]+\\s*/))"
     )
-    assert (causes[0][0], causes[0][-2].strip()) == ("The knee axis passes far from the epicondyles", "2")
+    assert (causes[0][0], causes[0][-2].strip()) == (
+        "The knee axis passes far from the epicondyles",
+        "2",
+    )
     assert len(causes) == 3
     sentence = page.run("document.getElementById('sentence').textContent")
-    assert sentence.startswith("6 people, 7 sessions in 2 groups: 6 results, 1 without, by gaitcal ")
+    assert sentence.startswith(
+        "6 people, 7 sessions in 2 groups: 6 results, 1 without, by gaitcal "
+    )
     assert (
         page.run("document.querySelector('#failures tbody').textContent")
         == "Zedbthe static trial is restlessrecord it again"
     )
-    assert page.run("document.querySelector('tr[data-person] a').getAttribute('href')") == "./people/Cid/result.html"
+    assert (
+        page.run("document.querySelector('tr[data-person] a').getAttribute('href')")
+        == "./people/Cid/result.html"
+    )
 
 
 def test_triage_and_causes_filter(page: Page) -> None:
     page.click(".triage li:nth-child(1) .card")
     assert page.run(NAMES) == ["Cid"]
-    assert page.run("document.querySelector('.triage .card').getAttribute('aria-pressed')") == "true"
+    assert (
+        page.run("document.querySelector('.triage .card').getAttribute('aria-pressed')") == "true"
+    )
     page.click(".triage li:nth-child(1) .card")
     page.click(".causes tbody tr:nth-child(1) button")
     assert page.run(NAMES) == ["Cid", "Bob"]
     assert KNEE[1] in page.run("document.querySelector('.chips').textContent")
     page.click(".chips .chip")
     assert len(page.run(NAMES)) == 6
-    assert FORCES[1] in page.run("document.querySelector('tr[data-person=\"2\"]').textContent").lower()
+    assert (
+        FORCES[1] in page.run("document.querySelector('tr[data-person=\"2\"]').textContent").lower()
+    )
 
 
 def test_trustworthy_without_a_stride_is_said_and_filtered(visit: Visit, tmp_path: Path) -> None:
@@ -86,8 +103,15 @@ def test_trustworthy_without_a_stride_is_said_and_filtered(visit: Visit, tmp_pat
     ]
     page = visit(write_cohort(tmp_path / "out", people), 1280, 800)
     page.run(SETTLED)
-    cards = page.run("[...document.querySelectorAll('.triage .card')].map(card => card.textContent)")
-    assert ["of these 2 without a usable stride" in card for card in cards] == [False, False, True, False]
+    cards = page.run(
+        "[...document.querySelectorAll('.triage .card')].map(card => card.textContent)"
+    )
+    assert ["of these 2 without a usable stride" in card for card in cards] == [
+        False,
+        False,
+        True,
+        False,
+    ]
     row = page.run("document.querySelector('.causes tbody tr').innerText")
     assert row.startswith("No stride of these walks counts") and "info" in row
     page.click(".causes tbody tr button")
@@ -136,10 +160,19 @@ def test_a_press_on_a_name_sorts_and_who_has_no_value_is_last(page: Page) -> Non
                 .find(head => head.textContent.startsWith('Speed')))"""
         )
 
-    assert (speed(), page.run(NAMES)) == ("ascending", ["Cid", "Dan pre", "Ann", "Dan post", "Bob", "Eve"])
-    assert (speed(), page.run(NAMES)) == ("descending", ["Bob", "Dan post", "Ann", "Dan pre", "Cid", "Eve"])
+    assert (speed(), page.run(NAMES)) == (
+        "ascending",
+        ["Cid", "Dan pre", "Ann", "Dan post", "Bob", "Eve"],
+    )
+    assert (speed(), page.run(NAMES)) == (
+        "descending",
+        ["Bob", "Dan post", "Ann", "Dan pre", "Cid", "Eve"],
+    )
     speed()
-    assert (speed(press=False), page.run(NAMES)) == (None, ["Ann", "Bob", "Cid", "Dan post", "Dan pre", "Eve"])
+    assert (speed(press=False), page.run(NAMES)) == (
+        None,
+        ["Ann", "Bob", "Cid", "Dan post", "Dan pre", "Eve"],
+    )
 
 
 def test_what_is_chosen_stands_in_the_address(page: Page, visit: Visit, cohort: Path) -> None:
@@ -152,9 +185,13 @@ def test_what_is_chosen_stands_in_the_address(page: Page, visit: Visit, cohort: 
     visit("about:blank")
     other = visit(cohort.as_uri() + address, 1280, 800)
     assert other.run(NAMES) == ["Bob", "Ann"]
-    assert other.run("document.querySelectorAll('.people-table thead tr:first-child th').length") == 2
+    assert (
+        other.run("document.querySelectorAll('.people-table thead tr:first-child th').length") == 2
+    )
     visit("about:blank")
-    garbage = "#verdict=x&sort=nobody&tests=[[1,2],3]&shown=%7B%7D&columns=,,&rows=-1&page=99&measures=no"
+    garbage = (
+        "#verdict=x&sort=nobody&tests=[[1,2],3]&shown=%7B%7D&columns=,,&rows=-1&page=99&measures=no"
+    )
     wrong = visit(cohort.as_uri() + garbage, 1280, 800)
     assert len(wrong.run(NAMES)) == 6
     wrong.requests[:] = [cohort.as_uri()]
@@ -167,13 +204,15 @@ def test_columns_are_chosen_from_all(page: Page) -> None:
     assert page.run("[...document.querySelectorAll('.column-list li:not([hidden])')].length") == 2
     page.run("[...document.querySelectorAll('.column-list li:not([hidden]) input')].at(-1).click()")
     assert page.run("gaitcal.choices.columns.at(-1)") == "knee_flexion_swing_l"
-    assert page.run("document.querySelector('.people-table thead th:last-child').textContent").startswith(
-        "knee_flexion_swing_l"
-    )
+    assert page.run(
+        "document.querySelector('.people-table thead th:last-child').textContent"
+    ).startswith("knee_flexion_swing_l")
 
 
 def mean_of(page: Page, group: str) -> list[float]:
-    """Mean, standard deviation and number of people of a group, of the first variable at the beginning."""
+    """Mean, standard deviation and number of people of a group, of the first variable at the
+    beginning.
+    """
     script = f"""(found => found ? [found.mean[0], Number.isNaN(found.sd[0]) ? null : found.sd[0], found.people] : null)
         (gaitcal.people.means(gaitcal.choices, 0).get({group!r}))"""
     return page.run(script)
@@ -181,7 +220,9 @@ def mean_of(page: Page, group: str) -> list[float]:
 
 def test_every_person_counts_the_same_and_refused_legs_do_not(page: Page) -> None:
     # Ann's legs have 100 and 200, Bob 300; Cid is refused. Dan's sessions have 10 and 30, Eve 100.
-    np.testing.assert_allclose(mean_of(page, "a"), [225 * STEP, np.std([150, 300], ddof=1) * STEP, 2])
+    np.testing.assert_allclose(
+        mean_of(page, "a"), [225 * STEP, np.std([150, 300], ddof=1) * STEP, 2]
+    )
     np.testing.assert_allclose(mean_of(page, "b"), [60 * STEP, np.std([20, 100], ddof=1) * STEP, 2])
     page.run("gaitcal.choices.set({legs: 'l'})")
     np.testing.assert_allclose(mean_of(page, "a")[0], 250 * STEP)
@@ -213,8 +254,14 @@ def test_dots_are_people_and_keys_go_from_one_to_the_next(page: Page) -> None:
     page.run(SETTLED)
     lanes = "document.querySelector('.strip-lanes')"
     assert page.run(f"{lanes}.querySelectorAll('circle').length") == 5
-    assert "a: n 3, median 1.10; b: n 2, median 1.10" in page.run(f"{lanes}.getAttribute('aria-label')")
-    for key, name in (("ArrowRight", "Cid: 0.70"), ("ArrowRight", "Dan pre: 0.90"), ("ArrowLeft", "Cid: 0.70")):
+    assert "a: n 3, median 1.10; b: n 2, median 1.10" in page.run(
+        f"{lanes}.getAttribute('aria-label')"
+    )
+    for key, name in (
+        ("ArrowRight", "Cid: 0.70"),
+        ("ArrowRight", "Dan pre: 0.90"),
+        ("ArrowLeft", "Cid: 0.70"),
+    ):
         page.run(f"{lanes}.focus()")
         page.press(key)
         assert page.run("document.querySelector('.tip-line').textContent").startswith(name)
@@ -222,7 +269,13 @@ def test_dots_are_people_and_keys_go_from_one_to_the_next(page: Page) -> None:
 
 def test_names_are_text(visit: Visit, tmp_path: Path) -> None:
     people = [
-        Kept(name=HOSTILE, session=HOSTILE, group=HOSTILE, verdict=HOSTILE, reasons=(("warning", HOSTILE, HOSTILE),)),
+        Kept(
+            name=HOSTILE,
+            session=HOSTILE,
+            group=HOSTILE,
+            verdict=HOSTILE,
+            reasons=(("warning", HOSTILE, HOSTILE),),
+        ),
         Kept(name="Zed", group=HOSTILE, cause=HOSTILE),
     ]
     path = write_cohort(tmp_path / "out", people)
@@ -246,7 +299,9 @@ def test_nobody_in_groups_is_everyone(visit: Visit, tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(("scheme", "width"), [("light", 1280), ("dark", 390)])
-def test_everybody_can_use_it(visit: Visit, media: Callable[..., None], cohort: Path, scheme: str, width: int) -> None:
+def test_everybody_can_use_it(
+    visit: Visit, media: Callable[..., None], cohort: Path, scheme: str, width: int
+) -> None:
     media(prefers_color_scheme=scheme)
     page = visit(cohort, width, SIZES[width], phone=width < 760)
     page.run("gaitcal.choices.set({shown: [0], sort: '-speed', group: 'a'})")

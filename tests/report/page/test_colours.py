@@ -1,8 +1,9 @@
-"""Fitted and nominal joints are told apart by everybody, on a light page and a dark one, and before a bone.
+"""Fitted and nominal joints are told apart by everybody, on a light page and a dark one, and before
+a bone.
 
-Colour-blind sight: the matrices of Machado, Oliveira and Fernandes (2009, IEEE Trans Vis Comput Graph 15(6)), full
-severity, in linear RGB. Distance: CIEDE2000 (Sharma, Wu and Dalal 2005, Color Res Appl 30(1)); 1 is just noticeable,
-10 plain at a glance. Contrast: WCAG 2.
+Colour-blind sight: the matrices of Machado, Oliveira and Fernandes (2009, IEEE Trans Vis Comput
+Graph 15(6)), full severity, in linear RGB. Distance: CIEDE2000 (Sharma, Wu and Dalal 2005, Color
+Res Appl 30(1)); 1 is just noticeable, 10 plain at a glance. Contrast: WCAG 2.
 """
 
 import math
@@ -15,17 +16,33 @@ import pytest
 SIGHT = {
     "all colours": np.eye(3),
     "protanopia": np.array(
-        [[0.152286, 1.052583, -0.204868], [0.114503, 0.786281, 0.099216], [-0.003882, -0.048116, 1.051998]]
+        [
+            [0.152286, 1.052583, -0.204868],
+            [0.114503, 0.786281, 0.099216],
+            [-0.003882, -0.048116, 1.051998],
+        ]
     ),
     "deuteranopia": np.array(
-        [[0.367322, 0.860646, -0.227968], [0.280085, 0.672501, 0.047413], [-0.011820, 0.042940, 0.968881]]
+        [
+            [0.367322, 0.860646, -0.227968],
+            [0.280085, 0.672501, 0.047413],
+            [-0.011820, 0.042940, 0.968881],
+        ]
     ),
     "tritanopia": np.array(
-        [[1.255528, -0.076749, -0.178779], [-0.078411, 0.930809, 0.147602], [0.004733, 0.691367, 0.303900]]
+        [
+            [1.255528, -0.076749, -0.178779],
+            [-0.078411, 0.930809, 0.147602],
+            [0.004733, 0.691367, 0.303900],
+        ]
     ),
 }
 _XYZ = np.array(
-    [[0.4124564, 0.3575761, 0.1804375], [0.2126729, 0.7151522, 0.0721750], [0.0193339, 0.1191920, 0.9503041]]
+    [
+        [0.4124564, 0.3575761, 0.1804375],
+        [0.2126729, 0.7151522, 0.0721750],
+        [0.0193339, 0.1191920, 0.9503041],
+    ]
 )
 _WHITE = _XYZ @ np.ones(3)
 
@@ -70,8 +87,18 @@ def ciede2000(one: np.ndarray, two: np.ndarray) -> float:
     if c1 * c2 == 0:
         hm = h1 + h2
     else:
-        hm = (h1 + h2) / 2 if abs(h1 - h2) <= 180 else (h1 + h2 + (360 if h1 + h2 < 360 else -360)) / 2
-    t = 1 - 0.17 * cos(hm - 30) + 0.24 * cos(2 * hm) + 0.32 * cos(3 * hm + 6) - 0.20 * cos(4 * hm - 63)
+        hm = (
+            (h1 + h2) / 2
+            if abs(h1 - h2) <= 180
+            else (h1 + h2 + (360 if h1 + h2 < 360 else -360)) / 2
+        )
+    t = (
+        1
+        - 0.17 * cos(hm - 30)
+        + 0.24 * cos(2 * hm)
+        + 0.32 * cos(3 * hm + 6)
+        - 0.20 * cos(4 * hm - 63)
+    )
     sl = 1 + 0.015 * (lm - 50) ** 2 / math.sqrt(20 + (lm - 50) ** 2)
     sc, sh = 1 + 0.045 * cm, 1 + 0.015 * cm * t
     turn = 60 * math.exp(-(((hm - 275) / 25) ** 2))
@@ -81,7 +108,8 @@ def ciede2000(one: np.ndarray, two: np.ndarray) -> float:
 
 
 PLAIN = 20.0
-"""CIEDE2000 at which two thin rods are plainly of two colours; 10 is plain for areas side by side."""
+"""CIEDE2000 at which two thin rods are plainly of two colours; 10 is plain for areas side by side.
+"""
 GRAPHIC = 3.0
 """WCAG 2.1, 1.4.11: least contrast of what must be seen with what is around."""
 
@@ -120,6 +148,8 @@ def test_fitted_and_nominal_are_two_colours(sight: str, colours: dict[str, int])
 
 
 @pytest.mark.parametrize("kind", ["fitted", "nominal"])
-def test_they_stand_out_from_what_is_behind(kind: str, colours: dict[str, int], grounds: list[int]) -> None:
+def test_they_stand_out_from_what_is_behind(
+    kind: str, colours: dict[str, int], grounds: list[int]
+) -> None:
     for behind in (*grounds, colours["bone"]):
         assert contrast(colours[kind], behind) >= GRAPHIC, hex(behind)

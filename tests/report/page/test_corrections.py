@@ -26,7 +26,9 @@ def walked(tmp_path_factory: pytest.TempPathFactory) -> Path:
     scene = long_walks(2)
     sheet: Any = stridden(scene, STRIDES)[0]
     reasons = {"plate": "2", "reason": ""}, {"plate": "", "reason": "foot beside the plate"}
-    for trial, (name, start) in zip(sheet["trials"], (("walk.csv", START), ("other.csv", 0.0)), strict=True):
+    for trial, (name, start) in zip(
+        sheet["trials"], (("walk.csv", START), ("other.csv", 0.0)), strict=True
+    ):
         trial |= {"file": name, "start": start}
         for k, stride in enumerate(trial["strides"]):
             stride |= reasons[k % 2]
@@ -51,7 +53,10 @@ def pressed(page: Page, host: str, words: str) -> None:
 
 def test_what_is_first_seen_is_both_sheets_steps_and_strides(page: Page) -> None:
     """At 1440 x 900 without scrolling; on the phone the first curve ends within 420 px."""
-    legs = "['hip', 'knee', 'ankle'].includes(p.closest('.curve-group').dataset.joint) && p.offsetHeight"
+    legs = (
+        "['hip', 'knee', 'ankle'].includes(p.closest('.curve-group').dataset.joint) && "
+        "p.offsetHeight"
+    )
     panels = f"[...document.querySelectorAll('.curve-panel')].filter(p => {legs})"
     foot = page.run("document.getElementById('controls').getBoundingClientRect().top")
     assert page.run(f"Math.max(...{panels}.map(p => p.getBoundingClientRect().bottom))") <= foot + 1
@@ -79,7 +84,10 @@ def test_a_tick_takes_a_stride_out_of_means(page: Page) -> None:
     assert page.run(count) == 3
     assert page.run("document.getElementById('part-0-r-2').disabled"), "it turns"
     page.run("document.getElementById('part-0-r-1').click()")
-    assert page.run(told) == "In means: 2 of 3 right, 1 of 1 left straight strides." and page.run(count) == 2
+    assert (
+        page.run(told) == "In means: 2 of 3 right, 1 of 1 left straight strides."
+        and page.run(count) == 2
+    )
     page.run("document.getElementById('part-1').click()")
     assert page.run(told) == "In means: 1 of 3 right, 1 of 1 left straight strides."
     page.run("gaitcal.state.set({off: new Set()})")
@@ -87,17 +95,27 @@ def test_a_tick_takes_a_stride_out_of_means(page: Page) -> None:
 
 
 def test_corrected_events_are_those_that_are_read(page: Page, tmp_path: Path) -> None:
-    """One is dragged, one moved by a key, one added, one deleted: the table that is saved reads back as they stand."""
+    """One is dragged, one moved by a key, one added, one deleted: the table that is saved reads
+    back as they stand.
+    """
     page.run("document.getElementById('correct').click()")
     left, top, width, height = page.box("document.querySelector('#track-r .movable')")
-    x, y, wide = left + width / 2, top + height / 2, page.box("document.getElementById('track-r')")[2]
+    x, y, wide = (
+        left + width / 2,
+        top + height / 2,
+        page.box("document.getElementById('track-r')")[2],
+    )
     duration = page.run("gaitcal.trial.duration")
     page.drag(*((x + shift * wide, y) for shift in (0.0, 0.05, 0.1)))
     moved = page.run("gaitcal.sheet.events.find(e => e.source === Gaitcal.BY_HAND)")
-    assert moved["time"] == pytest.approx(0.103 + 0.1 * duration, abs=0.012) and moved["side"] == "r"
+    assert (
+        moved["time"] == pytest.approx(0.103 + 0.1 * duration, abs=0.012) and moved["side"] == "r"
+    )
     assert page.run("gaitcal.state.window") is None, "no stretch is looped"
     page.press("ArrowRight")
-    assert page.run("document.activeElement.getAttribute('aria-label')").startswith("right foot strike at ")
+    assert page.run("document.activeElement.getAttribute('aria-label')").startswith(
+        "right foot strike at "
+    )
     frame = page.run("gaitcal.trial.time[1]")
     later = page.run("gaitcal.sheet.events.find(e => e.source === Gaitcal.BY_HAND).time")
     assert later == pytest.approx(moved["time"] + frame, abs=1e-4)
@@ -115,7 +133,9 @@ def test_corrected_events_are_those_that_are_read(page: Page, tmp_path: Path) ->
     write_markers_csv(tmp_path / "walk.csv", recording)
     read = with_corrected_events(recording, tmp_path / "walk.csv")
     shown = page.run("gaitcal.sheet.events.map(e => [e.kind, e.side, e.time])")
-    assert list(read.events) == [FootEvent(FootMoment(k), s, pytest.approx(START + t, abs=1e-6)) for k, s, t in shown]
+    assert list(read.events) == [
+        FootEvent(FootMoment(k), s, pytest.approx(START + t, abs=1e-6)) for k, s, t in shown
+    ]
     assert "other.csv" not in table, "what nobody corrected stays with its file"
     pressed(page, "events", "Undo")
     assert not page.run("gaitcal.sheet.events.some(e => e.source === Gaitcal.BY_HAND)")
@@ -123,7 +143,9 @@ def test_corrected_events_are_those_that_are_read(page: Page, tmp_path: Path) ->
     assert page.console == []
 
 
-def test_comments_are_kept_in_the_saved_page_and_read_by_the_report(visit: Visit, page: Page, tmp_path: Path) -> None:
+def test_comments_are_kept_in_the_saved_page_and_read_by_the_report(
+    visit: Visit, page: Page, tmp_path: Path
+) -> None:
     said = {"summary": f"{HOSTILE} </script>", "kinetics": 'Weak "push-off"\nleft'}
     for section, text in said.items():
         page.run(f"document.getElementById('comment-{section}').value = {json.dumps(text)}")

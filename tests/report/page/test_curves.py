@@ -1,4 +1,6 @@
-"""Curves in a browser: one clock, the conventions and means of Python, names as data, paper, and speed."""
+"""Curves in a browser: one clock, the conventions and means of Python, names as data, paper, and
+speed.
+"""
 
 import itertools
 import json
@@ -22,7 +24,9 @@ pytestmark = pytest.mark.browser
 PACKED = 1e-3
 """Of the size of a curve: 16 bits of its range, and times of 32 bits where it is steep."""
 SAME_FRAMES = 0.98
-"""Share of points with as many valid strides: one may lie a rounding beside a frame whose validity ends."""
+"""Share of points with as many valid strides: one may lie a rounding beside a frame whose validity
+ends.
+"""
 ON_FRAME = 1e-4
 """s: a frame's time in 32 bits."""
 ON_LINE = 0.11
@@ -54,17 +58,25 @@ def page(visit: Visit, walked_html: Path) -> Page:
     return at_rest(visit(walked_html, 1280, 900))
 
 
-def shown(visit: Visit, folder: Path, scene: Scene, sheet: dict[str, Any], width: int = 1280) -> Page:
+def shown(
+    visit: Visit, folder: Path, scene: Scene, sheet: dict[str, Any], width: int = 1280
+) -> Page:
     return at_rest(visit(written_page(folder, scene, sheet), width, 900, phone=width < 760))
 
 
 def at_rest(page: Page) -> Page:
-    page.run(f"gaitcal.clock.play(false); gaitcal.state.set({{ seconds: 0.3, spread: 'strides' }}); {STEADY}")
+    page.run(
+        f"gaitcal.clock.play(false); gaitcal.state.set({{ seconds: 0.3, spread: 'strides' }}); "
+        f"{STEADY}"
+    )
     return page
 
 
 def panel(base: str, kind: str) -> str:
-    return f"gaitcal.curves.panels.find(({{ subject }}) => subject.base === '{base}' && subject.kind === '{kind}')"
+    return (
+        f"gaitcal.curves.panels.find(({{ subject }}) => subject.base === '{base}' && subject.kind "
+        f"=== '{kind}')"
+    )
 
 
 def place(page: Page, at: str, x: float, y: float = 0.5) -> tuple[float, float]:
@@ -75,7 +87,9 @@ def place(page: Page, at: str, x: float, y: float = 0.5) -> tuple[float, float]:
 
 
 def test_means_are_those_of_the_package(page: Page, walked: Any) -> None:
-    """Mean, SD, standard error and count over strides and trials, for each leg on its own; a turn is left out."""
+    """Mean, SD, standard error and count over strides and trials, for each leg on its own; a turn
+    is left out.
+    """
     _, sheet, table = walked
     found = ensemble(table).set_index(["variable", "side", "percent"]).sort_index()
     page.run("gaitcal.state.set({ spread: 'mean', unit: 'Nm', signs: 'opensim' })")
@@ -91,19 +105,21 @@ def test_means_are_those_of_the_package(page: Page, walked: Any) -> None:
             agree.append(same.mean())
             for values, column in ((mean, "mean"), (sd, "sd"), (se, "se")):
                 expected = wanted[column].to_numpy()[same]
-                assert values[same] == pytest.approx(expected, abs=PACKED * SIZE[kind], nan_ok=True), (
-                    base,
-                    side,
-                    column,
-                )
+                assert values[same] == pytest.approx(
+                    expected, abs=PACKED * SIZE[kind], nan_ok=True
+                ), (base, side, column)
     assert min(agree) > SAME_FRAMES
-    assert found["n"].max() == 3 and found.loc["hip_flexion", "r"]["n"].max() == 2  # one of three right strides turns
+    assert (
+        found["n"].max() == 3 and found.loc["hip_flexion", "r"]["n"].max() == 2
+    )  # one of three right strides turns
     assert page.console == []
 
 
 def test_conventions_are_those_of_the_package(page: Page) -> None:
     units = {"Nm": MomentUnit.NM, "Nm/kg": MomentUnit.NM_PER_KG, "%BWH": MomentUnit.PERCENT_BWH}
-    bases = [base for joint in coordinate_rows() for base in joint["rows"] if base in COORDINATE_TABLE]
+    bases = [
+        base for joint in coordinate_rows() for base in joint["rows"] if base in COORDINATE_TABLE
+    ]
     for signs, acting, (unit, moment_unit) in itertools.product(Signs, Acting, units.items()):
         convention = Convention(signs=signs, acting=acting, unit=moment_unit)
         chosen = json.dumps({"signs": signs.value, "acting": acting.key, "unit": unit})
@@ -113,7 +129,10 @@ def test_conventions_are_those_of_the_package(page: Page) -> None:
                 c.positive('{base}', 'angle', '{side}')]
                 )(new Gaitcal.Convention(gaitcal.curves.strides.sheet, {chosen}))""")
             one = np.ones(1)
-            of_python = convention.moment(base, one, SUBJECT, side), convention.angle(base, one, side)
+            of_python = (
+                convention.moment(base, one, SUBJECT, side),
+                convention.angle(base, one, side),
+            )
             factors = [float(values[0]) for values in (*of_python, convention.power(one, SUBJECT))]
             senses = [convention.senses(f"{base}_moment", "r")[0], convention.senses(base, side)[0]]
             assert told == [*(pytest.approx(factor, rel=1e-12) for factor in factors), *senses]
@@ -132,10 +151,14 @@ def test_a_cursor_moves_the_body_to_a_frame(page: Page, walked: Any) -> None:
         assert np.abs(time - seconds).min() < ON_FRAME
         lead = page.run(LEAD)
         stride = next(
-            s for s in page.run("gaitcal.sheet.strides") if s["side"] == lead and s["start"] <= seconds <= s["stop"]
+            s
+            for s in page.run("gaitcal.sheet.strides")
+            if s["side"] == lead and s["start"] <= seconds <= s["stop"]
         )
         wanted = stride["start"] + share * (stride["stop"] - stride["start"])
-        assert abs(seconds - wanted) < 0.6 * np.diff(time).mean() + 0.004  # half a frame, and a pixel of the pointer
+        assert (
+            abs(seconds - wanted) < 0.6 * np.diff(time).mean() + 0.004
+        )  # half a frame, and a pixel of the pointer
         frame = int(np.abs(time - seconds).argmin())
         assert page.run("gaitcal.stage.figure.body.groups[0].position.toArray()") == pytest.approx(
             scene.trials[0].origins[frame, 0].tolist(), abs=1e-3
@@ -164,13 +187,19 @@ def test_the_clock_moves_every_cursor(axis: str, page: Page) -> None:
             at = panel(base, kind)
             if axis == "time":
                 duration = page.run("gaitcal.trial.duration")
-                assert standing(page, at, "") == pytest.approx(seconds, abs=ON_LINE / wide * duration)
+                assert standing(page, at, "") == pytest.approx(
+                    seconds, abs=ON_LINE / wide * duration
+                )
                 continue
             for side in "rl":
-                start, stop = next((a, b) for a, b in itertools.pairwise(STRIDES[0][side]) if a <= seconds <= b)
+                start, stop = next(
+                    (a, b) for a, b in itertools.pairwise(STRIDES[0][side]) if a <= seconds <= b
+                )
                 percent = 100 * (seconds - start) / (stop - start)
                 assert standing(page, at, side) == pytest.approx(percent, abs=100 * ON_LINE / wide)
-    page.run("gaitcal.clock.seek(0.05)")  # before any stride: no cursor over the cycle, one over time
+    page.run(
+        "gaitcal.clock.seek(0.05)"
+    )  # before any stride: no cursor over the cycle, one over time
     assert page.run(f"{panel('hip_flexion', 'angle')}.cursor('r', gaitcal.curves.now)") is None
 
 
@@ -195,12 +224,19 @@ def test_the_pointed_panel_tells_its_values(page: Page, walked: Any) -> None:
     sentence = page.run("document.querySelector('.curve-sentence').textContent")
     exact = page.run("gaitcal.curves.now.r")
     percent = round(exact)
-    rows = table[(table.trial == "walk0") & (table.variable == "knee_adduction_moment") & (table.stride == 1)]
+    rows = table[
+        (table.trial == "walk0") & (table.variable == "knee_adduction_moment") & (table.stride == 1)
+    ]
     right = rows[(rows.side == "r")].set_index("percent")
-    assert sentence.startswith("Knee abduction moment: right ") and f" ({percent} %), left " in sentence
+    assert (
+        sentence.startswith("Knee abduction moment: right ")
+        and f" ({percent} %), left " in sentence
+    )
     if right.loc[percent, "valid"]:
         value = -np.interp(exact, right.index, right["value"])
-        assert float(sentence.split("right ")[1].split(" ")[0].replace("\u2212", "-")) == pytest.approx(value, abs=1.0)
+        assert float(
+            sentence.split("right ")[1].split(" ")[0].replace("\u2212", "-")
+        ) == pytest.approx(value, abs=1.0)
 
 
 @pytest.mark.slow
@@ -212,12 +248,21 @@ def test_dragging_loops_whole_frames_and_a_press_ends_it(page: Page) -> None:
     times = np.array(page.run("Array.from(gaitcal.trial.time)"))
     assert window[0] < window[1] and all(np.abs(times - t).min() < ON_FRAME for t in window)
     lead = page.run(LEAD)
-    start, stop = next((a, b) for a, b in itertools.pairwise(STRIDES[0][lead]) if a <= window[0] <= b)
+    start, stop = next(
+        (a, b) for a, b in itertools.pairwise(STRIDES[0][lead]) if a <= window[0] <= b
+    )
     assert (np.array(window) - start) / (stop - start) == pytest.approx([0.2, 0.6], abs=0.03)
-    shaded = "gaitcal.curves.panels.filter((p) => p.visible && p.plot).map((p) => p.plot.select.width / p.span.wide)"
-    page.run(f"{panel('knee_angle', 'angle')}.nearest({{ clientX: 0, clientY: 1e4 }})")  # another leg may lead now
+    shaded = (
+        "gaitcal.curves.panels.filter((p) => p.visible && p.plot).map((p) => p.plot.select.width / "
+        "p.span.wide)"
+    )
+    page.run(
+        f"{panel('knee_angle', 'angle')}.nearest({{ clientX: 0, clientY: 1e4 }})"
+    )  # another leg may lead now
     widths = page.run(f"(gaitcal.curves.redraw(), {STEADY}).then(() => {shaded})")
-    assert len(widths) > 3 and np.ptp(widths) < 0.01 and min(widths) > 0.3, "all panels shade the same part"
+    assert len(widths) > 3 and np.ptp(widths) < 0.01 and min(widths) > 0.3, (
+        "all panels shade the same part"
+    )
     page.drag(begin)
     assert page.run("gaitcal.state.window") is None and page.run(f"{at}.plot.select.width") == 0
 
@@ -226,7 +271,9 @@ def test_dragging_loops_whole_frames_and_a_press_ends_it(page: Page) -> None:
 def test_a_title_brings_its_joint_near_and_escape_leaves(page: Page) -> None:
     page.run(f"{panel('knee_angle', 'angle')}.title.click(); {STEADY}")
     assert page.run("gaitcal.state.joint") in ("knee_r", "knee_l")
-    assert page.run("[...document.querySelectorAll('.curve-group.large')].map((g) => g.dataset.joint)") == ["knee"]
+    assert page.run(
+        "[...document.querySelectorAll('.curve-group.large')].map((g) => g.dataset.joint)"
+    ) == ["knee"]
     assert page.run("document.querySelectorAll('.curve-group.dim').length") > 2
     page.run(f"{panel('hip_flexion', 'moment')}.root.focus(); 1")
     page.press("Enter")
@@ -254,7 +301,9 @@ def test_a_trial_without_strides_is_shown_over_time(visit: Visit, tmp_path: Path
     page = shown(visit, tmp_path, scene, stridden(scene, {})[0])
     page.run(f"gaitcal.state.set({{ axis: 'percent' }}); {STEADY}")
     assert page.run("gaitcal.curves.strides.percent") is False
-    assert "holds no complete stride" in page.run("document.querySelector('.curve-notes').textContent")
+    assert "holds no complete stride" in page.run(
+        "document.querySelector('.curve-notes').textContent"
+    )
     assert page.console == []
 
 
@@ -262,18 +311,31 @@ def test_a_number_has_the_error_that_its_band_shows(page: Page) -> None:
     shown = panel("hip_flexion", "angle")
     line = f"{shown}.traces.main('l')"
     for errors, part, words in ((True, "se", "standard error"), (False, "sd", "SD")):
-        page.run(f"gaitcal.state.set({{ spread: 'mean', errors: {str(errors).lower()}, off: new Set() }}); {STEADY}")
-        read = page.run(f"[{shown}.traces.at('l', 50, 0).error, {line}.{part}[50], {shown}.sentence({{ l: 50 }})]")
+        page.run(
+            f"gaitcal.state.set({{ spread: 'mean', errors: {str(errors).lower()}, off: new Set() "
+            f"}}); {STEADY}"
+        )
+        read = page.run(
+            f"[{shown}.traces.at('l', 50, 0).error, {line}.{part}[50], {shown}.sentence({{ l: 50 "
+            f"}})]"
+        )
         assert read[0] == pytest.approx(read[1]) and f"(mean ± {words}, strides: " in read[2]
 
 
 def test_the_tables_of_peaks_show_what_python_computed(page: Page, walked: Any) -> None:
-    """Every row in the chosen unit and sense, with its error, place, spread and strides; external moments by theirs."""
+    """Every row in the chosen unit and sense, with its error, place, spread and strides; external
+    moments by theirs.
+    """
     rows = peak_page_rows(walked[1])
     moments = [row for row in rows if row["kind"] == "moment" and "r" in row]
-    assert len(moments) >= 3 and any(row["r"]["n"] < row["r"]["strides"] for row in rows if "r" in row)
+    assert len(moments) >= 3 and any(
+        row["r"]["n"] < row["r"]["strides"] for row in rows if "r" in row
+    )
     rows_shown = "[...document.querySelectorAll('.curve-peaks tbody tr')]"
-    shown = f"{rows_shown}.map(row => [row.children[0].firstChild.textContent, row.children[1].textContent])"
+    shown = (
+        f"{rows_shown}.map(row => [row.children[0].firstChild.textContent, "
+        "row.children[1].textContent])"
+    )
     for acting, title in (("internal", "title"), ("external", "external")):
         page.run(f"gaitcal.state.set({{ unit: 'Nm/kg', signs: 'opensim', acting: '{acting}' }})")
         cells = page.run(f"new Promise(done => setTimeout(() => done({shown}), 200))")
@@ -283,7 +345,10 @@ def test_the_tables_of_peaks_show_what_python_computed(page: Page, walked: Any) 
             value = of["mean"] * (1.0 if acting == "internal" else -1.0) / SUBJECT.mass
             error = "" if of["se"] is None else f" \u00b1 {of['se'] / SUBJECT.mass:.2f}"
             cell = told[row[title]]
-            assert cell.startswith(f"{value:.2f}{error}") or abs(value) < 0.005, (row["title"], cell)
+            assert cell.startswith(f"{value:.2f}{error}") or abs(value) < 0.005, (
+                row["title"],
+                cell,
+            )
             assert abs(float(cell.split("at ")[1].split(" %")[0]) - of["percent"]) <= 0.5
             assert (f"{of['n']} of {of['strides']} strides" in cell) == (of["n"] < of["strides"])
 
@@ -291,7 +356,9 @@ def test_the_tables_of_peaks_show_what_python_computed(page: Page, walked: Any) 
 def test_validity_is_that_of_the_table(page: Page, walked: Any) -> None:
     """Percent by percent, also beside gaps, as `cycles.csv` has it."""
     _, _, table = walked
-    for key, rows in table[table.variable.str.endswith("_moment")].groupby(["trial", "side", "stride", "variable"]):
+    for key, rows in table[table.variable.str.endswith("_moment")].groupby(
+        ["trial", "side", "stride", "variable"]
+    ):
         trial, side, number, variable = key
         own = side if variable != "lumbar_bending_moment" else ""
         told = page.run(f"""(trial => [...trial.curve('{variable.removesuffix("_moment")}', '{own}', 'moment')
@@ -301,7 +368,9 @@ def test_validity_is_that_of_the_table(page: Page, walked: Any) -> None:
 
 
 @pytest.mark.slow
-def test_pelvis_angles_of_a_turning_stride_do_not_count(visit: Visit, walked: Any, tmp_path: Path) -> None:
+def test_pelvis_angles_of_a_turning_stride_do_not_count(
+    visit: Visit, walked: Any, tmp_path: Path
+) -> None:
     scene, sheet, _ = walked
     lined = json.loads(json.dumps(sheet))
     for stride in lined["trials"][0]["strides"]:
@@ -320,7 +389,9 @@ def test_long_trials_stay_usable(visit: Visit, tmp_path: Path) -> None:
     scene = long_walks(2, 16)
     ends = float(scene.trials[0].time[-1])
     strikes = np.arange(0.1, ends, 0.9).tolist()
-    sheet, _ = stridden(scene, {t: {"r": strikes, "l": [s + 0.4 for s in strikes[:-1]]} for t in range(2)})
+    sheet, _ = stridden(
+        scene, {t: {"r": strikes, "l": [s + 0.4 for s in strikes[:-1]]} for t in range(2)}
+    )
     page = shown(visit, tmp_path, scene, sheet)
     page.run(f"gaitcal.state.set({{ axis: 'time' }}); {STEADY}")
     tick = page.run("""(() => { let best = Infinity;

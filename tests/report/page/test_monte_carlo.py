@@ -13,7 +13,12 @@ from gaitcal.montecarlo.draw import LEG_TORQUES
 from gaitcal.montecarlo.draw_statistics import expect, levels_of, statistics
 from gaitcal.montecarlo.draw_study import MonteCarloStudy
 from gaitcal.montecarlo.protocol import MonteCarloSettings, Plan, ReactionFrame, Varied
-from gaitcal.report.page.monte_carlo_sections import PART, expected_errors, monte_carlo_blocks, with_monte_carlo
+from gaitcal.report.page.monte_carlo_sections import (
+    PART,
+    expected_errors,
+    monte_carlo_blocks,
+    with_monte_carlo,
+)
 from gaitcal.report.page.page_data import calibration_page_data
 from gaitcal.report.page.plain_data import number
 from tests.fake_result import HOSTILE, fake_calibration
@@ -41,10 +46,21 @@ def study() -> MonteCarloStudy:
 
 @pytest.fixture(scope="module")
 def contributions() -> pd.DataFrame:
-    names = {"knee_l.thigh.front": 70.0, "hip_l.pelvis.ant": 20.0, "hip_r.pelvis.ant": 8.0, "thigh_l.mass": 2.0}
+    names = {
+        "knee_l.thigh.front": 70.0,
+        "hip_l.pelvis.ant": 20.0,
+        "hip_r.pelvis.ant": 8.0,
+        "thigh_l.mass": 2.0,
+    }
     return pd.DataFrame(
         [
-            {"torque": torque, "grf": f.value, "parameter": p, "kind": "ip" if "mass" in p else "jp", "share": share}
+            {
+                "torque": torque,
+                "grf": f.value,
+                "parameter": p,
+                "kind": "ip" if "mass" in p else "jp",
+                "share": share,
+            }
             for torque in LEG_TORQUES
             for f in ReactionFrame
             for p, share in names.items()
@@ -58,8 +74,12 @@ def test_expected_errors_are_ranked_and_those_of_the_statistics(study: MonteCarl
     assert {e.varied for e in found} == {Varied.JP, Varied.IP, Varied.NOISE}
     for cause in expect(study.statistics, RMS, "r"):
         (ours,) = (e for e in found if e.varied is cause.varied)
-        of = cause.torques[(cause.torques["torque"] == "knee_adduction_r") & (cause.torques["grf"] == "lab")].iloc[0]
-        assert (ours.average, ours.low, ours.high) == pytest.approx((of["average"], of["p10"], of["p90"]))
+        of = cause.torques[
+            (cause.torques["torque"] == "knee_adduction_r") & (cause.torques["grf"] == "lab")
+        ].iloc[0]
+        assert (ours.average, ours.low, ours.high) == pytest.approx(
+            (of["average"], of["p10"], of["p90"])
+        )
         assert ours.level == cause.level
     (inertial,) = (e for e in found if e.varied is Varied.IP)
     last = levels_of(study.statistics, Varied.IP, "knee_adduction_r", ReactionFrame.LAB).iloc[-1]
@@ -75,10 +95,14 @@ def test_the_knee_adduction_moment_comes_first_in_both_units(study: MonteCarloSt
     assert [row[0] for row in rows.values()] == [number(e.average, 2) for e in found]
     to_kg = subject.bwh / 100.0 / subject.mass
     assert [row[1] for row in rows.values()] == [number(to_kg * e.average, 3) for e in found]
-    assert len(tables(blocks, "Left")) == len(coordinates_before(LEGS["l"])) + 1, "adduction, and what a leg has"
+    assert len(tables(blocks, "Left")) == len(coordinates_before(LEGS["l"])) + 1, (
+        "adduction, and what a leg has"
+    )
 
 
-def test_without_a_marker_error_every_source_is_at_its_highest_level(study: MonteCarloStudy) -> None:
+def test_without_a_marker_error_every_source_is_at_its_highest_level(
+    study: MonteCarloStudy,
+) -> None:
     blocks = monte_carlo_blocks(study)
     assert "Each source by itself, at the highest level" in words(blocks)
     assert any("up to 10.0 mm and 10.0 deg" in row for row in rows_of(tables(blocks, "Right")[0]))
@@ -122,11 +146,19 @@ def test_failed_draws_open_convergence_and_hostile_names_are_said(study: MonteCa
     draws = made_up(draws=30)
     draws.loc[draws["draw"] == 0, "failure"] = "did not settle"
     odd = study_of(draws)
-    text = words(monte_carlo_blocks(replace(odd, case=replace(odd.case, name=HOSTILE), notes=("kept",))))
-    assert "12 of 360 draws did not converge" in text and "More draws are needed" in text and "kept." in text
+    text = words(
+        monte_carlo_blocks(replace(odd, case=replace(odd.case, name=HOSTILE), notes=("kept",)))
+    )
+    assert (
+        "12 of 360 draws did not converge" in text
+        and "More draws are needed" in text
+        and "kept." in text
+    )
     assert "\u202e" not in text and "<script>" in text
 
 
 def test_a_set_that_was_not_disturbed_is_left_out() -> None:
-    blocks: list[dict[str, Any]] = monte_carlo_blocks(study_of(made_up(draws=30, sets=("jp",))), RMS)
+    blocks: list[dict[str, Any]] = monte_carlo_blocks(
+        study_of(made_up(draws=30, sets=("jp",))), RMS
+    )
     assert len(rows_of(tables(blocks, "Right")[0])) == 1

@@ -1,4 +1,6 @@
-"""A page as a file: what it holds, what may run, its size whatever the trials, the meshes of the body."""
+"""A page as a file: what it holds, what may run, its size whatever the trials, the meshes of the
+body.
+"""
 
 import base64
 import hashlib
@@ -23,7 +25,13 @@ from gaitcal.report.page.scene_file import scene_json
 from gaitcal.synthetic.synthetic_motion import gait_motion
 from tests.fake_result import HOSTILE, Names, fake_calibration
 from tests.report.page.browser import Visit
-from tests.report.page.people import long_motion, standard_errors, subject_model, walking_scene, walking_trial
+from tests.report.page.people import (
+    long_motion,
+    standard_errors,
+    subject_model,
+    walking_scene,
+    walking_trial,
+)
 from tests.report.page.walked_blocks import held, scripts
 
 LIMIT = 25_000_000
@@ -34,7 +42,9 @@ PACKED = 1e-4
 
 def values_of(packed: dict[str, Any]) -> np.ndarray:
     raw = np.frombuffer(base64.b64decode(packed["data"]), dtype="<i2")
-    return np.where(raw == GAP, np.nan, packed["low"] + packed["step"] * (raw.astype(float) + 32767))
+    return np.where(
+        raw == GAP, np.nan, packed["low"] + packed["step"] * (raw.astype(float) + 32767)
+    )
 
 
 def test_the_page_holds_what_the_scene_holds(scene: Scene, html: Path) -> None:
@@ -51,7 +61,9 @@ def test_the_page_holds_what_the_scene_holds(scene: Scene, html: Path) -> None:
     assert len(text) < 3_000_000
 
 
-def test_only_its_own_scripts_may_run_nothing_is_fetched_and_nothing_of_this_machine_is_in_it(html: Path) -> None:
+def test_only_its_own_scripts_may_run_nothing_is_fetched_and_nothing_of_this_machine_is_in_it(
+    html: Path,
+) -> None:
     text = html.read_text(encoding="utf-8")
     policy = re.search(r'Content-Security-Policy" content="([^"]*)"', text).group(1)
     running = [body for attributes, body in scripts(text) if "type=" not in attributes]
@@ -68,14 +80,18 @@ def test_only_its_own_scripts_may_run_nothing_is_fetched_and_nothing_of_this_mac
 def test_no_two_scripts_define_the_same_name() -> None:
     folder = files("gaitcal.report.page") / "scripts"
     names = [
-        n for s in SCRIPTS for n in re.findall(r"^Gaitcal\.(\w+) =", (folder / s).read_text(encoding="utf-8"), re.M)
+        n
+        for s in SCRIPTS
+        for n in re.findall(r"^Gaitcal\.(\w+) =", (folder / s).read_text(encoding="utf-8"), re.M)
     ]
     assert sorted({n for n in names if names.count(n) > 1}) == []
 
 
 def packed_trial(trial: MotionScene) -> dict[str, Any]:
     """A trial as the page holds it."""
-    packed: dict[str, Any] = json.loads(scene_json(person_scene(subject_model(), (trial,), {}), body_meshes()))
+    packed: dict[str, Any] = json.loads(
+        scene_json(person_scene(subject_model(), (trial,), {}), body_meshes())
+    )
     return packed["trials"][0]
 
 
@@ -98,7 +114,9 @@ def test_an_absurd_marker_is_left_out_and_spares_the_others() -> None:
 # ------------------------------------------------------------------------------------------------------- body meshes
 
 
-def test_meshes_that_are_missing_or_in_another_unit_are_replaced(monkeypatch: pytest.MonkeyPatch, scene: Scene) -> None:
+def test_meshes_that_are_missing_or_in_another_unit_are_replaced(
+    monkeypatch: pytest.MonkeyPatch, scene: Scene
+) -> None:
     assert body_meshes().replaced == (), "the package has every mesh"
     low, high = MESHES["foot"]
     with monkeypatch.context() as patch:
@@ -110,7 +128,9 @@ def test_meshes_that_are_missing_or_in_another_unit_are_replaced(monkeypatch: py
     assert json.loads(scene_json(scene, body))["capsules"]
 
 
-@pytest.mark.parametrize("body", [b"", b"solid ascii", b"\0" * 80 + b"\xff\xff\xff\x7f" + b"\0" * 100])
+@pytest.mark.parametrize(
+    "body", [b"", b"solid ascii", b"\0" * 80 + b"\xff\xff\xff\x7f" + b"\0" * 100]
+)
 def test_what_is_no_stl_is_refused(body: bytes) -> None:
     with pytest.raises(ValueError, match="STL"):
         read_stl(body)
@@ -122,7 +142,9 @@ def test_meshes_are_closed_and_turned_outwards(name: str) -> None:
     assert volume(mesh) > 0
     edges = np.sort(mesh.triangles[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1)
     _, counts = np.unique(edges, axis=0, return_counts=True)
-    assert (counts == 2).mean() > 0.94  # cut surfaces of the package have a few seams, a coarser grid some folds
+    assert (
+        counts == 2
+    ).mean() > 0.94  # cut surfaces of the package have a few seams, a coarser grid some folds
 
 
 def test_a_ball_has_the_volume_of_a_ball() -> None:
@@ -146,7 +168,12 @@ def long_trial(name: str, curves: int = 100) -> dict[str, Any]:
     values = np.sin(time)
     values[5] = np.nan
     part = lengths(values)
-    curve = {"base": "hip_flexion", "valid": 0, **dict.fromkeys(("value", "se", "own", "nominal"), part), "truth": None}
+    curve = {
+        "base": "hip_flexion",
+        "valid": 0,
+        **dict.fromkeys(("value", "se", "own", "nominal"), part),
+        "truth": None,
+    }
     return {
         "name": name,
         "frames": 10_000,

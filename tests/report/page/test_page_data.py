@@ -1,4 +1,6 @@
-"""The sections of a sheet: numbers are those of the files, what is missing is left out or said, names are data."""
+"""The sections of a sheet: numbers are those of the files, what is missing is left out or said,
+names are data.
+"""
 
 import base64
 import itertools
@@ -21,7 +23,16 @@ from gaitcal.report.page.trust_sections import peak_error
 from gaitcal.results.parameter_labels import SHORTER_UNITS
 from gaitcal.results.summary import summary
 from tests.fake_result import HOSTILE, Names, fake_calibration, with_phase
-from tests.report.page.walked_blocks import KINDS, every, headings, rows_of, shown, tables, walked, words
+from tests.report.page.walked_blocks import (
+    KINDS,
+    every,
+    headings,
+    rows_of,
+    shown,
+    tables,
+    walked,
+    words,
+)
 
 PRESETS = {"clinician", "fit", "joints", "trust", "provenance"}
 
@@ -44,7 +55,14 @@ def test_every_block_is_of_a_known_kind_with_plain_data(sheet: dict[str, Any]) -
 def test_marker_errors_are_those_of_the_summary(whole: Calibration, sheet: dict[str, Any]) -> None:
     told = summary(whole)["trials"]
     (table,) = tables(sheet["sections"]["fit"], "Trial")
-    keys = ("nominal", "calibrated", "rigid_floor", "calibrated_to_floor", "joint_floor", "calibrated_to_joint_floor")
+    keys = (
+        "nominal",
+        "calibrated",
+        "rigid_floor",
+        "calibrated_to_floor",
+        "joint_floor",
+        "calibrated_to_joint_floor",
+    )
     for name, row in rows_of(table).items():
         rms = told[name.split()[0]]["rms_mm"]
         assert row[:6] == [number(rms.get(key), 2 if "to" in key else 1) for key in keys]
@@ -67,18 +85,28 @@ def test_parameters_are_those_of_the_table(whole: Calibration, sheet: dict[str, 
     for name, row in fitted.iterrows():
         interval = drawn[parameter_words(name), name.split(".")[0][-1]]
         told = [interval[key] for key in ("fitted", "nominal", "se")]
-        assert told == pytest.approx(row[["fitted", "nominal", "standard_error"]].tolist(), abs=1e-4)
+        assert told == pytest.approx(
+            row[["fitted", "nominal", "standard_error"]].tolist(), abs=1e-4
+        )
         assert interval["bounds"][1] - interval["bounds"][0] in (100.0, 60.0)
     text = words(sheet["sections"]["joints"])
     assert "kept, not determined" in text and ", at its bound" in text
     row = table.loc["head_trunk.moi.ant"]
-    before, after, change = (SHORTER_UNITS["kg*mm^2"][1] * row[k] for k in ("nominal", "fitted", "standard_error"))
+    before, after, change = (
+        SHORTER_UNITS["kg*mm^2"][1] * row[k] for k in ("nominal", "fitted", "standard_error")
+    )
     segments = [rows_of(b) for b in tables(sheet["sections"]["joints"], "Parameter")]
     told = [rows["moment of inertia about the forward axis kg·cm²"] for rows in segments]
-    assert [number(before, 0), number(after, 0), f"{number(after - before, 0, True)} ± {number(change, 0)}"] in told
+    assert [
+        number(before, 0),
+        number(after, 0),
+        f"{number(after - before, 0, True)} ± {number(change, 0)}",
+    ] in told
 
 
-def test_residuals_and_changes_are_those_of_the_summary(whole: Calibration, sheet: dict[str, Any]) -> None:
+def test_residuals_and_changes_are_those_of_the_summary(
+    whole: Calibration, sheet: dict[str, Any]
+) -> None:
     told, blocks = summary(whole)["trials"]["walk"], sheet["trials"][0]["sections"]["trust"]
     (table,) = tables(blocks, "Model")
     rows = rows_of(table)
@@ -89,26 +117,37 @@ def test_residuals_and_changes_are_those_of_the_summary(whole: Calibration, shee
     judged = [f"within: {number(final['force_N'])}", f"within: {number(final['torque_Nm'])}"]
     assert [last[0], last[2]] == judged, "the last model is held against its errors"
     limit = told["pelvis_residual_limit"]
-    assert [rows["limit"][0], rows["limit"][2]] == [number(limit["force_N"]), number(limit["torque_Nm"])]
+    assert [rows["limit"][0], rows["limit"][2]] == [
+        number(limit["force_N"]),
+        number(limit["torque_Nm"]),
+    ]
     (changes,) = tables(blocks, "RMS change")
     rows = rows_of(changes)
     assert rows["Right hip flexion"][0] == number(told["torque_change_bwh"]["hip_flexion_r"], 2)
     (curves,) = [b for b in walked(blocks) if b["kind"] == "curves"]
     assert gait_numbers(whole.model, whole.trials[0]).limits is not None
-    assert curves["kinds"] == ["residual_force", "residual_moment"], "no limit is drawn by which nothing is judged"
+    assert curves["kinds"] == ["residual_force", "residual_moment"], (
+        "no limit is drawn by which nothing is judged"
+    )
 
 
-def test_the_error_of_a_peak_is_that_of_its_frame_and_its_sources_sum_to_it(whole: Calibration) -> None:
+def test_the_error_of_a_peak_is_that_of_its_frame_and_its_sources_sum_to_it(
+    whole: Calibration,
+) -> None:
     walk, mass = gait_numbers(whole.model, whole.trials[0]), whole.model.subject.mass
     loads = walk.trial.loads
     peak = peak_error(walk, "knee_adduction_l", mass)
     valid = loads.reactions.valid_legs[:, 1]
     moment = loads.final.knee_adduction[:, 1]
-    assert peak.value * mass == pytest.approx(moment[valid].min()), "the abductor's peak: external adduction"
+    assert peak.value * mass == pytest.approx(moment[valid].min()), (
+        "the abductor's peak: external adduction"
+    )
     frame = round(peak.time * 100.0)
     assert moment[frame] == pytest.approx(peak.value * mass)
     assert peak.error * mass == pytest.approx(loads.errors.knee_adduction[frame, 1])
-    assert sum(peak.alone(share) ** 2 for share in peak.shares.values()) == pytest.approx(peak.error**2)
+    assert sum(peak.alone(share) ** 2 for share in peak.shares.values()) == pytest.approx(
+        peak.error**2
+    )
     shares = list(peak.shares.values())
     assert shares == sorted(shares, reverse=True)
 
@@ -124,7 +163,9 @@ def test_the_error_of_a_peak_is_that_of_its_frame_and_its_sources_sum_to_it(whol
         ({"cycles": False}, "No complete stride of the", "Usable for moments"),
     ],
 )
-def test_what_is_not_there_is_said_or_left_out(without: dict[str, bool], there: str, missing: str) -> None:
+def test_what_is_not_there_is_said_or_left_out(
+    without: dict[str, bool], there: str, missing: str
+) -> None:
     made = calibration_page_data(fake_calibration(**without))
     text = words(every(made))
     assert there in text
@@ -132,7 +173,9 @@ def test_what_is_not_there_is_said_or_left_out(without: dict[str, bool], there: 
     json.dumps(made, allow_nan=False)
 
 
-def test_a_further_trial_has_the_sections_of_its_kind(whole: Calibration, sheet: dict[str, Any]) -> None:
+def test_a_further_trial_has_the_sections_of_its_kind(
+    whole: Calibration, sheet: dict[str, Any]
+) -> None:
     for trial, told in zip(whole.trials, sheet["trials"], strict=True):
         assert trial_sections(whole.model, trial) == told["sections"]
     refused = trial_sections(whole.model, whole.trials[0].refused(["l"]))
@@ -143,7 +186,10 @@ def test_a_further_trial_has_the_sections_of_its_kind(whole: Calibration, sheet:
 
 def test_hostile_and_long_names_are_data_and_folders_stay_private() -> None:
     made = calibration_page_data(fake_calibration(Names(*[HOSTILE] * 6)))
-    text = json.dumps([made["sections"], made["lines"], [t["sections"] for t in made["trials"]]], ensure_ascii=False)
+    text = json.dumps(
+        [made["sections"], made["lines"], [t["sections"] for t in made["trials"]]],
+        ensure_ascii=False,
+    )
     assert "\u202e" not in text, "nothing turns the writing direction"
     assert '<script>alert(\\"x\\")</script>' in text, "a name is shown as it is"
     assert "/home/somebody" not in text
@@ -155,7 +201,11 @@ def test_hostile_and_long_names_are_data_and_folders_stay_private() -> None:
 
 def test_what_was_recorded_assumed_and_computed(whole: Calibration) -> None:
     noted = replace(whole, notes=("short", "long " * 80, "walk: its own"))
-    manifest = {"gaitcal": "9.9", "settings": {"a": {"b": None}, "c": [1, 2]}, "inputs_sha256": {"walk.trc": "ab" * 32}}
+    manifest = {
+        "gaitcal": "9.9",
+        "settings": {"a": {"b": None}, "c": [1, 2]},
+        "inputs_sha256": {"walk.trc": "ab" * 32},
+    }
     blocks = result_sections(noted, manifest=manifest)["provenance"]
     rows = rows_of(tables(blocks, "Name")[0])
     assert rows == {"gaitcal": ["9.9"], "settings.a.b": ["–"], "settings.c": ["1, 2"]}
@@ -171,41 +221,70 @@ def test_what_was_recorded_assumed_and_computed(whole: Calibration) -> None:
     assert recorded["walk"][1:4] == ["walk.trc", "2.40 s", "241"]
 
 
-def test_how_long_it_took_is_not_told_and_what_did_not_converge_is_told_first(whole: Calibration) -> None:
+def test_how_long_it_took_is_not_told_and_what_did_not_converge_is_told_first(
+    whole: Calibration,
+) -> None:
     slower = replace(whole, phases=tuple(replace(p, seconds=7.0) for p in whole.phases))
     assert result_sections(whole) == result_sections(slower)
     made = calibration_page_data(with_phase(whole, False))
-    assert made["lines"][0]["tone"] == "poor" and made["lines"][0]["text"].startswith("Not converged")
+    assert made["lines"][0]["tone"] == "poor" and made["lines"][0]["text"].startswith(
+        "Not converged"
+    )
     assert made["sections"]["trust"][0]["tone"] == "bad"
 
 
 def test_three_lines(whole: Calibration, sheet: dict[str, Any]) -> None:
     believed, agrees, counts = sheet["lines"]
-    assert believed["tone"] == "look" and believed["text"].startswith("Doubtful: knee_r.thigh.front (right knee axis")
+    assert believed["tone"] == "look" and believed["text"].startswith(
+        "Doubtful: knee_r.thigh.front (right knee axis"
+    )
     walk = summary(whole)["trials"]["walk"]
     rms, limit = walk["pelvis_and_legs_mm"]["calibrated"], walk["pelvis_residual_limit"]
     assert agrees["text"].startswith(f"Marker fit {number(rms)} mm (best possible ")
-    assert f"N RMS (limit {number(limit['force_N'])}), moment " in agrees["text"] and "too high" not in agrees["text"]
+    assert (
+        f"N RMS (limit {number(limit['force_N'])}), moment " in agrees["text"]
+        and "too high" not in agrees["text"]
+    )
     assert "Usable for moments: 1 of 2 right, 0 of 1 left strides; others: " in counts["text"]
     sound = replace(whole, verdict=judge((), ["walk"]))
-    assert [line["tone"] for line in calibration_page_data(sound)["lines"]] == ["good", "good", "plain"]
+    assert [line["tone"] for line in calibration_page_data(sound)["lines"]] == [
+        "good",
+        "good",
+        "plain",
+    ]
     without = calibration_page_data(fake_calibration(plates=False))["lines"][2]
-    assert without == {"tone": "plain", "text": "Angles alone count, no moments: there are no force plates."}
+    assert without == {
+        "tone": "plain",
+        "text": "Angles alone count, no moments: there are no force plates.",
+    }
 
 
-def test_the_line_on_top_has_the_first_peak_of_the_adduction_moment(whole: Calibration, sheet: dict[str, Any]) -> None:
+def test_the_line_on_top_has_the_first_peak_of_the_adduction_moment(
+    whole: Calibration, sheet: dict[str, Any]
+) -> None:
     """The number of the table of peaks, external and by body mass."""
     mass, text = whole.model.subject.mass, sheet["lines"][2]["text"]
-    told = next(row for row in peak_page_rows(sheet) if row["title"] == "Knee abduction moment, loading response")
+    told = next(
+        row
+        for row in peak_page_rows(sheet)
+        if row["title"] == "Knee abduction moment, loading response"
+    )
     legs = [leg for leg in "rl" if leg in told]
     assert legs and told["external"] == "Knee adduction moment, loading response"
     for leg in legs:
         word, of = {"r": "right", "l": "left"}[leg], told[leg]
-        assert f"{word} {-of['mean'] / mass:.2f} ± {of['se'] / mass:.2f} ({of['n']} of {of['strides']} stride" in text
+        assert (
+            f"{word} {-of['mean'] / mass:.2f} ± {of['se'] / mass:.2f} ({of['n']} of "
+            f"{of['strides']} stride" in text
+        )
 
 
-def test_percents_of_strides_are_valid_as_in_the_table(whole: Calibration, sheet: dict[str, Any]) -> None:
-    """Whether a percent beside a gap counts is told to the page, not found by it again from rounded times."""
+def test_percents_of_strides_are_valid_as_in_the_table(
+    whole: Calibration, sheet: dict[str, Any]
+) -> None:
+    """Whether a percent beside a gap counts is told to the page, not found by it again from rounded
+    times.
+    """
     table = cycles(whole)
     strides = table.groupby(["trial", "side", "stride", "variable"])
     checked, gaps = 0, 0
@@ -213,7 +292,11 @@ def test_percents_of_strides_are_valid_as_in_the_table(whole: Calibration, sheet
         for stride, curve in itertools.product(trial["strides"], trial["curves"]):
             variable = f"{curve['base']}{'_moment' * (curve['kind'] == 'moment')}"
             key = (trial["name"], stride["side"], stride["number"], variable)
-            if key not in strides.groups or curve["side"] not in ("", stride["side"]) or stride["turns"]:
+            if (
+                key not in strides.groups
+                or curve["side"] not in ("", stride["side"])
+                or stride["turns"]
+            ):
                 continue
             valid = strides.get_group(key).sort_values("percent")["valid"].tolist()
             assert list(base64.b64decode(stride["valid"][curve["valid"]])) == valid, key

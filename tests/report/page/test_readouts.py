@@ -1,4 +1,6 @@
-"""Every number above a panel is the one that the files of the result have at that instant, of each leg at its own."""
+"""Every number above a panel is the one that the files of the result have at that instant, of each
+leg at its own.
+"""
 
 import io
 import itertools
@@ -22,7 +24,11 @@ pytestmark = pytest.mark.browser
 PACKED = 1e-4
 """Of the range of a curve, which stands in 16 bits; frames are 32-bit times."""
 FOLDERS = {Kind.ANGLE: "motion", Kind.MOMENT: "moments", Kind.POWER: "powers"}
-WAYS = {"ground_reaction_forward": "x", "ground_reaction_vertical": "y", "ground_reaction_sideways": "z"}
+WAYS = {
+    "ground_reaction_forward": "x",
+    "ground_reaction_vertical": "y",
+    "ground_reaction_sideways": "z",
+}
 SIDES = ("r", "l", "")
 READ = f"""gaitcal.curves.panels.filter((panel) => panel.traces).flatMap((panel) => {list(SIDES)}.map((side) =>
     [panel.subject.base, panel.subject.kind, side, panel.value(side, gaitcal.curves.now), gaitcal.curves.now[side]]))
@@ -35,7 +41,9 @@ def readings(page: Page) -> list[tuple[str, Kind, str, float, float, float]]:
     for base, kind, side, text, percent in page.run(READ):
         number = text.split(" ")[0].replace("\u2212", "-").replace("\u202f", "")
         half = 0.5 * 10.0 ** -len(number.partition(".")[2])
-        out.append((base, next(k for k in Kind if k.words == kind), side, float(number), half, percent))
+        out.append(
+            (base, next(k for k in Kind if k.words == kind), side, float(number), half, percent)
+        )
     return out
 
 
@@ -53,7 +61,9 @@ def test_each_leg_is_read_at_its_own_instant(axis: str, visit: Visit, kept: Path
     page = visit(folder / "result.html", 1280, 900)
     page.run("gaitcal.clock.play(false)")
     name = page.run("gaitcal.trial.name")
-    tables = {kind: pd.read_csv(folder / of / f"{name}.csv", comment="#") for kind, of in FOLDERS.items()}
+    tables = {
+        kind: pd.read_csv(folder / of / f"{name}.csv", comment="#") for kind, of in FOLDERS.items()
+    }
     forces = (folder / "forces" / f"{name}.mot").read_text().partition("endheader\n")[2]
     tables[Kind.FORCE] = pd.read_csv(io.StringIO(forces), sep="\t")
     cycles = pd.read_csv(folder / "cycles.csv", comment="#").query(f"trial == '{name}'")
@@ -65,12 +75,16 @@ def test_each_leg_is_read_at_its_own_instant(axis: str, visit: Visit, kept: Path
             gaitcal.curves.draw(gaitcal.curves.panels); true""")
         convention = Convention(signs=signs, acting=acting, unit=MomentUnit.NM_PER_KG)
         for frame in np.linspace(0, len(time) - 1, 12).astype(int)[1:-1]:
-            page.run(f"gaitcal.clock.seek(gaitcal.curves.strides.trial.frame({time[frame] - time[0]}))")
+            page.run(
+                f"gaitcal.clock.seek(gaitcal.curves.strides.trial.frame({time[frame] - time[0]}))"
+            )
             for base, kind, side, shown, half, percent in readings(page):
                 if base in (*PELVIS_ANGLES, FOOT_PROGRESSION):
                     if axis == "time":  # against the trial's line of walking, which no file has
                         continue
-                    rows = cycles.query(f"side == '{side}' and variable == '{base}'")  # one stride of either foot
+                    rows = cycles.query(
+                        f"side == '{side}' and variable == '{base}'"
+                    )  # one stride of either foot
                     column = rows["value"].to_numpy()
                     file = np.interp(percent, rows["percent"], column)
                 else:
@@ -80,7 +94,12 @@ def test_each_leg_is_read_at_its_own_instant(axis: str, visit: Visit, kept: Path
                 scale = 1.0 if kind is Kind.ANGLE else 1.0 / subject.mass
                 told = convention.values(f"{base}{kind.ending}", np.array([file]), side, subject)[0]
                 told *= scale if kind is Kind.FORCE else 1.0
-                assert shown == pytest.approx(told, abs=half + PACKED * size * scale), (base, kind, side, frame)
+                assert shown == pytest.approx(told, abs=half + PACKED * size * scale), (
+                    base,
+                    kind,
+                    side,
+                    frame,
+                )
                 read += 1
                 kinds.add(kind)
     assert page.run("gaitcal.curves.strides.percent") is (axis == "percent")

@@ -18,22 +18,33 @@ from gaitcal.report.page.body_meshes import MESHES, fitted_meshes
 from gaitcal.report.page.scene import MOST_FRAMES, Scene, joint_marks
 from gaitcal.report.page.scene_file import load_scene, save_scene
 from gaitcal.synthetic.synthetic_motion import gait_motion, residual_free_wrench, synthetic_markers
-from tests.report.page.people import long_motion, model_markers, subject_model, walking_scene, walking_trial
+from tests.report.page.people import (
+    long_motion,
+    model_markers,
+    subject_model,
+    walking_scene,
+    walking_trial,
+)
 
 SINGLE = 2e-6
 """m: single precision on a few metres, quaternions included."""
 EXACT = 1e-12
 """m: double precision all the way."""
 DRAWN = 0.015
-"""m: meshes are cut for joints where the reference body has them, not where this mesh is thickest."""
+"""m: meshes are cut for joints where the reference body has them, not where this mesh is thickest.
+"""
 
 
 def test_the_poses_put_model_markers_where_the_model_has_them(scene: Scene) -> None:
     model, trial = subject_model(), scene.trials[0]
     expected = synthetic_markers(model.parameters, model.markers, gait_motion().q)
     assert model_markers(scene, trial) == pytest.approx(expected, abs=SINGLE)
-    assert (np.sum(trial.turns[1:] * trial.turns[:-1], axis=2) > 0.99).all(), "quaternions do not jump"
-    assert np.isnan(trial.measured[40:80, 3]).all() and np.isfinite(trial.measured[:40]).all(), "gaps stay gaps"
+    assert (np.sum(trial.turns[1:] * trial.turns[:-1], axis=2) > 0.99).all(), (
+        "quaternions do not jump"
+    )
+    assert np.isnan(trial.measured[40:80, 3]).all() and np.isfinite(trial.measured[:40]).all(), (
+        "gaps stay gaps"
+    )
 
 
 def test_arrows_stand_where_the_moment_is_vertical(scene: Scene) -> None:
@@ -50,7 +61,11 @@ def test_arrows_stand_where_the_moment_is_vertical(scene: Scene) -> None:
 
 
 def test_a_trial_without_plates_has_no_arrows(scene: Scene) -> None:
-    assert scene.trials[0].has_forces and scene.trials[0].valid.any() and not scene.trials[0].valid.all()
+    assert (
+        scene.trials[0].has_forces
+        and scene.trials[0].valid.any()
+        and not scene.trials[0].valid.all()
+    )
     assert not scene.trials[1].has_forces and not scene.trials[1].valid.any()
     assert scene.trials[1].plates.shape == (0, 4, 3)
 
@@ -59,8 +74,13 @@ def test_segments_without_markers_are_not_tracked() -> None:
     model = subject_model()
     bare = ("foot_l", "upper_arm_r")
     kept = [k for k, s in enumerate(model.markers.segments) if not s.startswith(bare)]
-    parts = {name: tuple(getattr(model.markers, name)[k] for k in kept) for name in ("labels", "segments")}
-    markers = replace(model.markers, **parts, local=model.markers.local[kept], weight=model.markers.weight[kept])
+    parts = {
+        name: tuple(getattr(model.markers, name)[k] for k in kept)
+        for name in ("labels", "segments")
+    }
+    markers = replace(
+        model.markers, **parts, local=model.markers.local[kept], weight=model.markers.weight[kept]
+    )
     trial = walking_trial(replace(model, markers=markers), gait_motion(), "walk", None)
     hidden = {s for s, tracked in zip(SEGMENTS, trial.tracked, strict=True) if not tracked}
     assert hidden == {*bare, "talus_l"}
@@ -71,11 +91,19 @@ def test_a_long_trial_is_thinned_when_the_scene_is_made() -> None:
     assert (trial.recorded, trial.stride, len(trial.time)) == (10_000, 3, 3334)
     assert len(trial.time) <= MOST_FRAMES
     assert trial.time[1] - trial.time[0] == pytest.approx(3 / 200)
-    assert len(trial.origins) == len(trial.turns) == len(trial.measured) == len(trial.valid) == len(trial.time)
+    assert (
+        len(trial.origins)
+        == len(trial.turns)
+        == len(trial.measured)
+        == len(trial.valid)
+        == len(trial.time)
+    )
 
 
 def test_both_segments_see_a_fitted_joint_in_one_place() -> None:
-    """Whatever the coordinates, centre and axis of a joint are the same point and line from parent and child."""
+    """Whatever the coordinates, centre and axis of a joint are the same point and line from parent
+    and child.
+    """
     model = subject_model()
     q = np.random.default_rng(3).uniform(-0.8, 0.8, (4, len(COORDINATES)))
     chain = Chain("pelvis", SEGMENTS)
@@ -86,22 +114,34 @@ def test_both_segments_see_a_fitted_joint_in_one_place() -> None:
     for mark in joint_marks(model.nominal, model.parameters, {}):
         s = chain.segments.index(mark.segment)
         centre = origins[s] + np.einsum("j,jif->if", mark.fitted_centre, axes[s])
-        seen.setdefault(mark.joint, []).append((centre, np.einsum("j,jif->if", mark.fitted_axis, axes[s])))
+        seen.setdefault(mark.joint, []).append(
+            (centre, np.einsum("j,jif->if", mark.fitted_axis, axes[s]))
+        )
     pairs = {name: both for name, both in seen.items() if len(both) == 2}
     assert set(pairs) >= {"hip_r", "knee_l", "subtalar_r", "back", "shoulder_l", "elbow_r"}
     for name, ((centre_1, axis_1), (centre_2, axis_2)) in pairs.items():
         assert centre_1 == pytest.approx(centre_2, abs=EXACT)
-        if not name.startswith("shoulder"):  # two axes: one is fixed in the trunk, the other in the arm
+        if not name.startswith(
+            "shoulder"
+        ):  # two axes: one is fixed in the trunk, the other in the arm
             assert axis_1 == pytest.approx(axis_2, abs=EXACT, nan_ok=True)
 
 
-@pytest.mark.parametrize("joint", ["knee_r", "knee_l", "subtalar_r", "subtalar_l", "shoulder_r", "elbow_l"])
+@pytest.mark.parametrize(
+    "joint", ["knee_r", "knee_l", "subtalar_r", "subtalar_l", "shoulder_r", "elbow_l"]
+)
 def test_axes_point_the_way_their_coordinates_turn(joint: str) -> None:
-    """The first coordinate of a joint turns the child about the axis in the parent, the last about that in itself."""
+    """The first coordinate of a joint turns the child about the axis in the parent, the last about
+    that in itself.
+    """
     model = subject_model()
     chain = Chain("pelvis", SEGMENTS)
     body = chain.body(model.parameters)
-    marks = {m.segment: m.fitted_axis for m in joint_marks(model.nominal, model.parameters, {}) if m.joint == joint}
+    marks = {
+        m.segment: m.fitted_axis
+        for m in joint_marks(model.nominal, model.parameters, {})
+        if m.joint == joint
+    }
     (linked,) = [j for j in JOINTS if j.name == joint]
     names = [e.name for e in linked.elements if e.source is Source.COORDINATE]
     parent, child = (chain.segments.index(s) for s in (linked.parent, linked.child))
@@ -112,7 +152,9 @@ def test_axes_point_the_way_their_coordinates_turn(joint: str) -> None:
         axes, _ = placed.axes, placed.origins  # rows: axes of a segment, laboratory
         before, after = (axes[parent, :, :, k] @ axes[child, :, :, k].T for k in (0, 1))
         turn = after @ before.T if segment == linked.parent else before.T @ after
-        assert Rotation.from_matrix(turn).as_rotvec() == pytest.approx(0.3 * marks[segment], abs=1e-9), segment
+        assert Rotation.from_matrix(turn).as_rotvec() == pytest.approx(
+            0.3 * marks[segment], abs=1e-9
+        ), segment
 
 
 def test_standard_errors_become_clouds_and_cones_and_one_that_is_no_number_draws_nothing() -> None:
@@ -123,10 +165,14 @@ def test_standard_errors_become_clouds_and_cones_and_one_that_is_no_number_draws
     marks = {(m.joint, m.segment): m for m in joint_marks(model.nominal, model.nominal, errors)}
     hip = marks["hip_r", "pelvis"]
     assert hip.fitted and not marks["hip_r", "thigh_r"].fitted
-    assert hip.centre_spread @ hip.centre_spread.T == pytest.approx(np.diag([9e-6, 16e-6, 0.0]), abs=1e-12)
+    assert hip.centre_spread @ hip.centre_spread.T == pytest.approx(
+        np.diag([9e-6, 16e-6, 0.0]), abs=1e-12
+    )
     knee = marks["knee_r", "thigh_r"]
     # the axis lies along -z: turning about x tips it in y, about y in x
-    assert knee.axis_spread @ knee.axis_spread.T == pytest.approx(np.diag([9e-4, 4e-4, 0.0]), abs=1e-9)
+    assert knee.axis_spread @ knee.axis_spread.T == pytest.approx(
+        np.diag([9e-4, 4e-4, 0.0]), abs=1e-9
+    )
     assert np.isnan(marks["hip_l", "pelvis"].centre_spread).all()
     assert np.isnan(hip.nominal_axis).all()
     odd = {"hip_r.pelvis.ant": float("nan"), "hip_r.pelvis.sup": np.inf}
@@ -150,15 +196,27 @@ def test_limb_meshes_end_at_the_joint_centres() -> None:
 def test_the_standing_body_is_as_tall_as_the_person(height: float) -> None:
     base = subject_model()
     scale = height / 1.70
-    joint = published_subject().joint * np.array([scale if abs(x) > 0 else 1.0 for x in base.nominal.joint])
+    joint = published_subject().joint * np.array(
+        [scale if abs(x) > 0 else 1.0 for x in base.nominal.joint]
+    )
     parameters = replace(base.nominal, joint=joint)
     markers = replace(base.markers, local=scale * base.markers.local)
     subject = replace(base.subject, height=height)
-    model = replace(base, subject=subject, parameters=parameters, nominal=parameters, markers=markers)
+    model = replace(
+        base, subject=subject, parameters=parameters, nominal=parameters, markers=markers
+    )
     head = next(g.place for g in fitted_meshes(model) if g.mesh == "head")
-    marks = {(m.joint, m.segment): m.fitted_centre[1] for m in joint_marks(parameters, parameters, {})}
+    marks = {
+        (m.joint, m.segment): m.fitted_centre[1] for m in joint_marks(parameters, parameters, {})
+    }
     legs = marks["hip_r", "thigh_r"] - marks["knee_r", "thigh_r"] - marks["talocrural_r", "shank_r"]
-    lumbar = legs + marks["knee_r", "shank_r"] + marks["back", "pelvis"] - marks["hip_r", "pelvis"] + 0.039 * height
+    lumbar = (
+        legs
+        + marks["knee_r", "shank_r"]
+        + marks["back", "pelvis"]
+        - marks["hip_r", "pelvis"]
+        + 0.039 * height
+    )
     top = (head[:, :3] @ [0.0, 46.2, 0.0] + head[:, 3])[1] - marks["back", "head_trunk"]
     assert lumbar + top == pytest.approx(height, abs=0.01)
 
@@ -174,11 +232,17 @@ def test_the_head_is_where_its_markers_are() -> None:
 
 def same(a: object, b: object) -> bool:
     if isinstance(a, np.ndarray):
-        return isinstance(b, np.ndarray) and a.dtype == b.dtype and np.array_equal(a, b, equal_nan=a.dtype.kind == "f")
+        return (
+            isinstance(b, np.ndarray)
+            and a.dtype == b.dtype
+            and np.array_equal(a, b, equal_nan=a.dtype.kind == "f")
+        )
     if isinstance(a, tuple):
         return isinstance(b, tuple) and len(a) == len(b) and all(map(same, a, b))
     if isinstance(a, dict):
-        return isinstance(b, dict) and a.keys() == b.keys() and all(same(a[key], b[key]) for key in a)
+        return (
+            isinstance(b, dict) and a.keys() == b.keys() and all(same(a[key], b[key]) for key in a)
+        )
     if hasattr(a, "__dataclass_fields__"):
         return all(same(getattr(a, f.name), getattr(b, f.name)) for f in fields(a))
     return a == b
@@ -192,12 +256,19 @@ def test_a_scene_comes_back_as_it_was_with_any_name(scene: Scene, tmp_path: Path
         assert [p.name for p in tmp_path.iterdir()] == ["scene.npz"]
 
 
-def test_a_landmark_that_is_missing_is_damage_and_a_file_is_no_such_file(scene: Scene, tmp_path: Path) -> None:
+def test_a_landmark_that_is_missing_is_damage_and_a_file_is_no_such_file(
+    scene: Scene, tmp_path: Path
+) -> None:
     with pytest.raises(InputError, match="no such file"):
         load_scene(tmp_path / "scene.npz")
-    points = {name: point for name, point in scene.landmarks.points.items() if name != "thigh_r/hip"}
+    points = {
+        name: point for name, point in scene.landmarks.points.items() if name != "thigh_r/hip"
+    }
     for spoilt in (points, {**points, "thigh_r/hip": np.full(3, np.nan)}):
-        save_scene(replace(scene, landmarks=replace(scene.landmarks, points=spoilt)), tmp_path / "scene.npz")
+        save_scene(
+            replace(scene, landmarks=replace(scene.landmarks, points=spoilt)),
+            tmp_path / "scene.npz",
+        )
         with pytest.raises(InputError, match="damaged"):
             load_scene(tmp_path / "scene.npz")
 
@@ -207,7 +278,15 @@ np.savez(PICKLE, scene=np.array([{"version": 1}], dtype=object))
 
 
 @pytest.mark.parametrize(
-    "content", [b"", b"PK\x03\x04 nonsense", b"{}", b"\x93NUMPY", pytest.param(PICKLE.getvalue(), id="pickle"), None]
+    "content",
+    [
+        b"",
+        b"PK\x03\x04 nonsense",
+        b"{}",
+        b"\x93NUMPY",
+        pytest.param(PICKLE.getvalue(), id="pickle"),
+        None,
+    ],
 )
 def test_other_files_and_folders_are_refused(content: bytes | None, tmp_path: Path) -> None:
     path = tmp_path if content is None else tmp_path / "scene.npz"
@@ -244,7 +323,9 @@ def test_damage_anywhere_is_an_error_or_harmless(scene: Scene, tmp_path: Path) -
         {"segments": ["pelvis"]},
     ],
 )
-def test_contents_that_do_not_fit_together_are_refused(change: dict, scene: Scene, tmp_path: Path) -> None:
+def test_contents_that_do_not_fit_together_are_refused(
+    change: dict, scene: Scene, tmp_path: Path
+) -> None:
     path = tmp_path / "scene.npz"
     save_scene(replace(scene, trials=scene.trials[:1]), path)
     with np.load(path) as arrays:

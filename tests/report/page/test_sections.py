@@ -33,7 +33,9 @@ PIXELS = 2.0
 """Lines are drawn at fractions of a pixel."""
 
 
-def opened(visit: Visit, everything: Path, preset: str, width: int = 1280, height: int = 800) -> Page:
+def opened(
+    visit: Visit, everything: Path, preset: str, width: int = 1280, height: int = 800
+) -> Page:
     page = visit(everything, width, height, phone=width < 760)
     page.run(f"gaitcal.state.set({{preset: '{preset}', playing: false, seconds: 0.3}})")
     return page
@@ -45,7 +47,9 @@ def test_every_block_becomes_what_it_is_and_names_are_text(visit: Visit, everyth
         page = opened(visit, everything, preset)
         assert page.console == []
         assert page.texts("#sections > h3") == [f"Tables {HOSTILE}", "Joint parameters", "Pair"]
-        assert page.run(f"document.querySelectorAll('{of} table').length") == 7, "five tables, those of two pictures"
+        assert page.run(f"document.querySelectorAll('{of} table').length") == 7, (
+            "five tables, those of two pictures"
+        )
         assert len(page.texts(".of-trial figure.traced")) == 3, "curves are of a trial"
         assert page.run("document.querySelectorAll('#sections > figure.traced').length") == 0
         assert page.run("document.querySelectorAll('#sections img').length") == 0
@@ -53,36 +57,61 @@ def test_every_block_becomes_what_it_is_and_names_are_text(visit: Visit, everyth
         assert not page.run("document.title").startswith("1")
 
 
-def test_tables_have_heads_totals_and_tones_that_are_not_colour_alone(visit: Visit, everything: Path) -> None:
+def test_tables_have_heads_totals_and_tones_that_are_not_colour_alone(
+    visit: Visit, everything: Path
+) -> None:
     page = opened(visit, everything, "fit")
     first = "#sections > .scroll"
-    assert page.run(f"document.querySelector('{first} table').getAttribute('aria-label')") == f"Tables {HOSTILE}"
-    assert page.run(f"[...document.querySelectorAll('{first}:first-of-type thead th')].every(th => th.scope === 'col')")
-    rows = page.run(f"[...document.querySelector('{first}').querySelectorAll('tbody tr')].map(r => r.textContent)")
+    assert (
+        page.run(f"document.querySelector('{first} table').getAttribute('aria-label')")
+        == f"Tables {HOSTILE}"
+    )
+    assert page.run(
+        f"[...document.querySelectorAll('{first}:first-of-type thead th')].every(th => th.scope "
+        "=== 'col')"
+    )
+    rows = page.run(
+        f"[...document.querySelector('{first}').querySelectorAll('tbody tr')].map(r => "
+        "r.textContent)"
+    )
     assert rows == [
         "pelvis8.1✓1.25 (good)followed by its own markers",
         "thigh 2 markers!12.4 (look at this)–✕above",
         "all9.910.2not judged",
     ]
-    assert page.run(f"[...document.querySelector('{first}').querySelectorAll('tbody tr')].map(r => r.className)") == [
-        "",
-        "",
-        "total",
-    ]
-    assert page.run(f"getComputedStyle(document.querySelector('{first} tbody td')).textAlign") == "right"
-    assert page.run(f"getComputedStyle(document.querySelector('{first} tbody td:last-child')).textAlign") == "left"
+    assert page.run(
+        f"[...document.querySelector('{first}').querySelectorAll('tbody tr')].map(r => r.className)"
+    ) == ["", "", "total"]
+    assert (
+        page.run(f"getComputedStyle(document.querySelector('{first} tbody td')).textAlign")
+        == "right"
+    )
+    assert (
+        page.run(
+            f"getComputedStyle(document.querySelector('{first} tbody td:last-child')).textAlign"
+        )
+        == "left"
+    )
 
 
 @pytest.mark.parametrize("width", [1280, 390])
-def test_a_wide_table_scrolls_by_itself_and_by_keyboard(visit: Visit, everything: Path, width: int) -> None:
+def test_a_wide_table_scrolls_by_itself_and_by_keyboard(
+    visit: Visit, everything: Path, width: int
+) -> None:
     page = opened(visit, everything, "fit", width)
     page.run("new Promise(done => requestAnimationFrame(() => setTimeout(done, 50)))")
     wide = page.run(
-        "[...document.querySelectorAll('#sections .scroll.wide')].map(s => [s.tabIndex, s.ariaLabel.split(':')[0]])"
+        "[...document.querySelectorAll('#sections .scroll.wide')].map(s => [s.tabIndex, "
+        "s.ariaLabel.split(':')[0]])"
     )
     assert [0, "Every marker"] in wide
-    assert page.run("document.documentElement.scrollWidth <= innerWidth"), "the page itself does not"
-    assert page.run("[...document.querySelectorAll('#sections .scroll:not(.wide)')].every(s => s.tabIndex === -1)")
+    assert page.run("document.documentElement.scrollWidth <= innerWidth"), (
+        "the page itself does not"
+    )
+    assert page.run(
+        "[...document.querySelectorAll('#sections .scroll:not(.wide)')].every(s => s.tabIndex === "
+        "-1)"
+    )
 
 
 def test_intervals_show_the_change_and_tell_the_values(visit: Visit, everything: Path) -> None:
@@ -125,7 +154,9 @@ def test_curves_of_a_trial_follow_the_clock_and_move_it(visit: Visit, everything
 
 def test_what_is_unfolded_stays_so_in_another_trial(visit: Visit, everything: Path) -> None:
     page = opened(visit, everything, "fit")
-    page.run("document.querySelector('#sections > details').open = true; gaitcal.state.set({trial: 1})")
+    page.run(
+        "document.querySelector('#sections > details').open = true; gaitcal.state.set({trial: 1})"
+    )
     assert page.run("document.querySelector('#sections > details').open")
     assert page.texts(".of-trial > h2") == ["Trial walk 2, walking"]
 
@@ -142,18 +173,25 @@ def test_verdict_in_shape_and_word_leads_to_its_reasons(visit: Visit, everything
     page.run("document.querySelector('#verdict button').click()")
     assert page.run("gaitcal.state.preset") == "trust"
     assert page.texts(".reasons li > strong") == ["Plates and feet do not agree", "Few markers"]
-    assert HOSTILE in page.texts(".reasons li")[0] and "walk 2, left leg" in page.texts(".reasons li")[0]
+    assert (
+        HOSTILE in page.texts(".reasons li")[0]
+        and "walk 2, left leg" in page.texts(".reasons li")[0]
+    )
     assert page.texts(".explanation summary") == ["What this means, and what to do: GC-073"]
     assert not page.run("document.querySelector('.explanation').open")
     assert page.texts(".explanation h3") == list(PARTS)
-    assert page.texts(".explanation > p")[-1] == "The same on the command line: gaitcal explain GC-073"
+    assert (
+        page.texts(".explanation > p")[-1] == "The same on the command line: gaitcal explain GC-073"
+    )
     assert page.texts(".reasons tbody tr")[1] == "walk 2✕refused✓trustworthy✕refused"
 
 
 def test_without_lines_the_sentence_stands_on_top(visit: Visit, tmp_path: Path) -> None:
     path = tmp_path / "page.html"
     path.write_text(everything_page(lines=[]), encoding="utf-8")
-    assert opened(visit, path, "clinician").texts("#verdict .lines li") == ["·Do not use the left leg."]
+    assert opened(visit, path, "clinician").texts("#verdict .lines li") == [
+        "·Do not use the left leg."
+    ]
 
 
 def means(of: Average | None) -> list[float | None]:
@@ -172,11 +210,16 @@ def close(values: list[float | None]) -> list[Any]:
 def test_steps_are_those_of_python(visit: Visit, everything: Path, off: tuple[int, ...]) -> None:
     page = opened(visit, everything, "clinician")
     page.run(f"gaitcal.state.set({{off: new Set({[f'{k}' for k in off]})}})")
-    strides = {n: counting(s, REFUSED[n]) for k, (n, s) in enumerate(measured_strides().items()) if k not in off}
+    strides = {
+        n: counting(s, REFUSED[n])
+        for k, (n, s) in enumerate(measured_strides().items())
+        if k not in off
+    }
     wanted = {m.name: m for m in measure_means(strides) if m.name in SHOWN_MEASURES}
     found = page.run(
         "Gaitcal.stepsOf(gaitcal)"
-        ".map(({name, right, left, symmetry, error}) => [name, right, left, symmetry, error ?? null])"
+        ".map(({name, right, left, symmetry, error}) => [name, right, left, symmetry, error ?? "
+        "null])"
     )
     assert [row[0] for row in found] == [name for name in SHOWN_MEASURES if name in wanted]
     for name, right, left, symmetry, error in found:
@@ -190,29 +233,47 @@ def test_steps_leave_out_a_stride_that_is_off(visit: Visit, everything: Path) ->
     page = opened(visit, everything, "clinician")
     count = "Gaitcal.stepsOf(gaitcal).find(row => row.name === 'stride_time').right.n"
     before = page.run(count)
-    straight = next(s.number for s in measured_strides()["walk 1"] if s.side == "r" and s.turn == STRAIGHT and s.number)
+    straight = next(
+        s.number
+        for s in measured_strides()["walk 1"]
+        if s.side == "r" and s.turn == STRAIGHT and s.number
+    )
     page.run(f"gaitcal.state.set({{off: new Set(['0/r/{straight}'])}})")
     assert page.run(count) == before - 1
 
 
-def test_three_pages_first_then_the_shown_preset_of_all_trials(visit: Visit, everything: Path) -> None:
+def test_three_pages_first_then_the_shown_preset_of_all_trials(
+    visit: Visit, everything: Path
+) -> None:
     page = opened(visit, everything, "joints")
     page.send("Emulation.setEmulatedMedia", media="print")
     try:
-        page.send("Emulation.setDeviceMetricsOverride", width=695, height=1017, deviceScaleFactor=1, mobile=False)
+        page.send(
+            "Emulation.setDeviceMetricsOverride",
+            width=695,
+            height=1017,
+            deviceScaleFactor=1,
+            mobile=False,
+        )
         page.run("gaitcal.print.build()")
-        heights = page.run("[...document.querySelectorAll('#print .leaf')].map(leaf => leaf.scrollHeight)")
+        heights = page.run(
+            "[...document.querySelectorAll('#print .leaf')].map(leaf => leaf.scrollHeight)"
+        )
         assert len(heights) == 3 and all(height <= A4_HEIGHT + PIXELS for height in heights)
         assert page.run("document.documentElement.scrollWidth") <= 695 + PIXELS
-        assert page.run("[...document.body.children].filter(e => e.offsetParent || e.offsetHeight).map(e => e.id)") == [
-            "print"
-        ]
+        assert page.run(
+            "[...document.body.children].filter(e => e.offsetParent || e.offsetHeight).map(e => "
+            "e.id)"
+        ) == ["print"]
         assert page.texts("#print .leaf:first-child .leaf-steps > h2") == ["Steps and phases"]
         assert page.texts("#print .leaf:first-child .leaf-strides > h2") == ["Which strides count"]
         assert len(page.texts("#print .leaf:nth-child(2) .curve-panel")) == 4
         assert len(page.texts("#print .leaf:nth-child(3) .curve-panel")) == 4
         assert len(page.texts("#print .appendix .of-trial")) == len(REFUSED)
-        assert page.run("document.querySelectorAll('#print details:not([open], .explanation)').length") == 0
+        assert (
+            page.run("document.querySelectorAll('#print details:not([open], .explanation)').length")
+            == 0
+        )
         page.run("gaitcal.print.clear()")
     finally:
         page.send("Emulation.setEmulatedMedia", media="")
@@ -220,10 +281,14 @@ def test_three_pages_first_then_the_shown_preset_of_all_trials(visit: Visit, eve
     assert page.console == []
 
 
-def test_printing_writes_pages_and_leaves_the_screen_as_it_was(visit: Visit, everything: Path) -> None:
+def test_printing_writes_pages_and_leaves_the_screen_as_it_was(
+    visit: Visit, everything: Path
+) -> None:
     page = opened(visit, everything, "clinician")
     panels = page.run("document.querySelectorAll('#curves .curve-panel').length")
-    pdf = base64.b64decode(page.send("Page.printToPDF", preferCSSPageSize=True, printBackground=True)["data"])
+    pdf = base64.b64decode(
+        page.send("Page.printToPDF", preferCSSPageSize=True, printBackground=True)["data"]
+    )
     assert len(re.findall(rb"/Type /Page\b", pdf)) > 4
     assert page.run("document.querySelectorAll('#curves .curve-panel').length") == panels
     assert not page.run("document.documentElement.classList.contains('on-paper')")
@@ -241,7 +306,10 @@ def test_without_webgl_everything_but_the_body_is_there(visit: Visit, everything
     try:
         page = visit(everything, 1280, 900, fresh=True)
         assert "no WebGL" in page.texts("#failure")[0]
-        assert "Refused" in page.texts("#verdict .judged")[0] and len(page.texts("#verdict-lines li")) == 3
+        assert (
+            "Refused" in page.texts("#verdict .judged")[0]
+            and len(page.texts("#verdict-lines li")) == 3
+        )
         page.until("gaitcal.curves.panels.some((panel) => panel.plot && panel.span)")
         page.run("gaitcal.clock.play(false); gaitcal.clock.seek(0.3); gaitcal.curves.readings()")
         assert any(page.texts(".curve-reading"))
@@ -261,7 +329,9 @@ ROW = 40
 """px: one row of switches."""
 
 
-def test_switches_are_a_row_and_say_what_is_set_behind_the_button(visit: Visit, walked: Path) -> None:
+def test_switches_are_a_row_and_say_what_is_set_behind_the_button(
+    visit: Visit, walked: Path
+) -> None:
     page = visit(walked, 1280, 800)
     assert page.run("document.getElementById('switches').offsetHeight") <= ROW
     assert page.run("document.getElementById('switches-others').hidden")
@@ -271,7 +341,9 @@ def test_switches_are_a_row_and_say_what_is_set_behind_the_button(visit: Visit, 
     assert page.texts("#switches .told") == ["external, clinical signs"]
     page.run("document.getElementById('switches-more').click()")
     assert not page.run("document.getElementById('switches-others').hidden")
-    assert page.run("document.getElementById('switches-more').getAttribute('aria-expanded')") == "true"
+    assert (
+        page.run("document.getElementById('switches-more').getAttribute('aria-expanded')") == "true"
+    )
 
 
 def test_a_joint_of_the_address_is_in_view(visit: Visit, walked: Path) -> None:
@@ -282,18 +354,28 @@ def test_a_joint_of_the_address_is_in_view(visit: Visit, walked: Path) -> None:
     assert 0 <= page.run(f"{large}.getBoundingClientRect().top") < page.run("innerHeight / 2")
 
 
-def test_a_phone_shows_the_first_line_until_more_is_asked_for(visit: Visit, everything: Path) -> None:
+def test_a_phone_shows_the_first_line_until_more_is_asked_for(
+    visit: Visit, everything: Path
+) -> None:
     page = visit(everything, 390, 844, phone=True)
-    seen = "[...document.querySelectorAll('#verdict .lines li')].filter(li => li.offsetHeight > 0).length"
+    seen = (
+        "[...document.querySelectorAll('#verdict .lines li')].filter(li => li.offsetHeight > "
+        "0).length"
+    )
     assert page.run(seen) == 1
     page.run("document.querySelector('#verdict .more').click()")
     assert page.run(seen) == 3 and page.texts("#verdict .more") == ["Less"]
 
 
-def test_trust_tells_of_the_trial_between_verdict_and_calibration(visit: Visit, everything: Path) -> None:
+def test_trust_tells_of_the_trial_between_verdict_and_calibration(
+    visit: Visit, everything: Path
+) -> None:
     page = visit(everything, 1280, 800)
     page.run("gaitcal.state.set({ preset: 'trust', playing: false })")
-    parts = page.run("[...document.querySelectorAll('#sections > :is(.reasons, .of-trial, h2)')].map(e => e.className)")
+    parts = page.run(
+        "[...document.querySelectorAll('#sections > :is(.reasons, .of-trial, h2)')].map(e => "
+        "e.className)"
+    )
     assert parts == ["", "reasons refused", "of-trial", "of-all"]
     assert page.run("document.querySelector('.of-all').nextElementSibling.tagName") == "H3"
 
@@ -302,7 +384,10 @@ def test_a_key_names_bounds_only_where_one_is_seen(visit: Visit, everything: Pat
     page = visit(everything, 1280, 800)
     row = {"label": "axis", "nominal": 0.0, "fitted": 1.0, "se": None, "truth": None}
     rows = [{**row, "bounds": bounds} for bounds in ([-50.0, 50.0], [None, 1.0])]
-    made = "Gaitcal.BLOCKS.intervals({unit: 'mm', rows: [%s]}, new Gaitcal.Blocks({})).querySelector('.key')"
+    made = (
+        "Gaitcal.BLOCKS.intervals({unit: 'mm', rows: [%s]}, new "
+        "Gaitcal.Blocks({})).querySelector('.key')"
+    )
     told_of = [page.run(f"({made % json.dumps(row)})?.textContent ?? ''") for row in rows]
     assert ["bound" in text for text in told_of] == [False, True]
 

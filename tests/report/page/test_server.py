@@ -37,7 +37,9 @@ def server(scene: Scene) -> Iterator[ViewServer]:
         thread.join()
 
 
-def ask(server: ViewServer, method: str, path: str, host: str | None = None) -> tuple[http.client.HTTPResponse, bytes]:
+def ask(
+    server: ViewServer, method: str, path: str, host: str | None = None
+) -> tuple[http.client.HTTPResponse, bytes]:
     connection = http.client.HTTPConnection("127.0.0.1", server.server_port, timeout=60)
     try:
         connection.request(method, path, headers={"Host": host} if host else {})
@@ -63,10 +65,17 @@ def test_the_page_comes_with_its_policy(server: ViewServer) -> None:
     answer, body = ask(server, "GET", server.path)
     assert answer.status == 200 and body == server.page
     policy = answer.headers["Content-Security-Policy"]
-    assert policy.startswith("default-src 'none'; script-src 'sha256-") and "frame-ancestors 'none'" in policy
+    assert (
+        policy.startswith("default-src 'none'; script-src 'sha256-")
+        and "frame-ancestors 'none'" in policy
+    )
     assert answer.headers["X-Content-Type-Options"] == "nosniff"
     answer, body = ask(server, "HEAD", server.path)
-    assert answer.status == 200 and body == b"" and int(answer.headers["Content-Length"]) == len(server.page)
+    assert (
+        answer.status == 200
+        and body == b""
+        and int(answer.headers["Content-Length"]) == len(server.page)
+    )
 
 
 ELSEWHERE = (
@@ -79,8 +88,14 @@ ELSEWHERE = (
     [
         *(("GET", path, None, 404) for path in ELSEWHERE),
         *(("GET", f"/TOKEN{path}", None, 404) for path in ELSEWHERE if path != "/"),
-        *(("GET", path, None, 404) for path in ("/WRONG/", "/TOKENx/", "/tOKEN/", "/x/../TOKEN/", "/?TOKEN")),
-        *(("GET", "/TOKEN/", host, 421) for host in ("evil.example", "evil.example:80", "localhost.evil.example")),
+        *(
+            ("GET", path, None, 404)
+            for path in ("/WRONG/", "/TOKENx/", "/tOKEN/", "/x/../TOKEN/", "/?TOKEN")
+        ),
+        *(
+            ("GET", "/TOKEN/", host, 421)
+            for host in ("evil.example", "evil.example:80", "localhost.evil.example")
+        ),
         *(("GET", "/TOKEN/", host, 421) for host in ("127.0.0.1:x", "127.0.0.1.evil.example:80")),
         # the far end of a tunnel
         *(("GET", "/TOKEN/", host, 200) for host in ("localhost:9000", "127.0.0.1", "[::1]:8080")),
@@ -95,7 +110,9 @@ def test_only_the_address_with_the_token_on_this_machine_gives_the_page(
     for word, real in (("TOKEN", token), ("WRONG", other), ("tOKEN", token.swapcase())):
         path = path.replace(word, real)
     answer, body = ask(server, method, path, host)
-    assert answer.status == status and (len(body) < 1000) == (status != 200) and b"root:" not in body
+    assert (
+        answer.status == status and (len(body) < 1000) == (status != 200) and b"root:" not in body
+    )
 
 
 def test_the_token_is_long_and_another_each_time(server: ViewServer) -> None:

@@ -28,14 +28,34 @@ def state(page: Page, field: str) -> Any:
 
 def test_a_preset_has_its_layers_and_is_a_tab(visit: Visit, shown: Path) -> None:
     page = paused(visit(shown))
-    assert state(page, "preset") == "clinician" and state(page, "layers") == ["body", "bones", "forces"]
+    assert state(page, "preset") == "clinician" and state(page, "layers") == [
+        "body",
+        "bones",
+        "forces",
+    ]
     page.run(f"{TABS}[0].focus()")
     page.press("ArrowRight")
-    assert state(page, "preset") == "fit" and state(page, "layers") == ["body", "errors", "measured", "model"]
+    assert state(page, "preset") == "fit" and state(page, "layers") == [
+        "body",
+        "errors",
+        "measured",
+        "model",
+    ]
     assert page.run("document.activeElement.id") == "preset-fit"
-    assert page.run(f"{TABS}.map(tab => tab.ariaSelected)") == ["false", "true", "false", "false", "false"]
-    assert page.run("document.getElementById('panel').getAttribute('aria-labelledby')") == "preset-fit"
-    assert page.run("document.getElementById('show-errors').checked && !document.getElementById('show-forces').checked")
+    assert page.run(f"{TABS}.map(tab => tab.ariaSelected)") == [
+        "false",
+        "true",
+        "false",
+        "false",
+        "false",
+    ]
+    assert (
+        page.run("document.getElementById('panel').getAttribute('aria-labelledby')") == "preset-fit"
+    )
+    assert page.run(
+        "document.getElementById('show-errors').checked && "
+        "!document.getElementById('show-forces').checked"
+    )
     assert "5 times" in page.run("document.getElementById('toggles').textContent")
     page.press("ArrowLeft")
     page.press("ArrowLeft")
@@ -45,7 +65,10 @@ def test_a_preset_has_its_layers_and_is_a_tab(visit: Visit, shown: Path) -> None
 
 def test_errors_are_drawn_five_times_as_long_in_fit(visit: Visit, shown: Path) -> None:
     page = paused(visit(shown))
-    length = "gaitcal.stage.figure.markers.bars.instanceMatrix.array.slice(4, 7).reduce((s, x) => s + x * x, 0) ** 0.5"
+    length = (
+        "gaitcal.stage.figure.markers.bars.instanceMatrix.array.slice(4, 7).reduce((s, x) => s + x "
+        "* x, 0) ** 0.5"
+    )
     page.run("gaitcal.state.set({ preset: 'joints' })")
     once = page.run(length)
     page.run("gaitcal.state.set({ preset: 'fit' })")
@@ -89,14 +112,18 @@ def test_a_drag_over_the_timeline_loops_a_window(visit: Visit, shown: Path) -> N
     page.drag(*((left + share * width, top + height / 2) for share in (0.2, 0.6)))
     duration = page.run("gaitcal.trial.duration")
     assert state(page, "window") == pytest.approx([0.2 * duration, 0.6 * duration], abs=PIXEL)
-    page.run("gaitcal.state.set({ seconds: gaitcal.state.window[1] - 0.01, speed: 2, playing: true })")
+    page.run(
+        "gaitcal.state.set({ seconds: gaitcal.state.window[1] - 0.01, speed: 2, playing: true })"
+    )
     page.until("gaitcal.state.seconds < gaitcal.state.window[1] - 0.05")
     page.run("gaitcal.clock.play(false)")
     assert 0.2 * duration - PIXEL <= page.run("gaitcal.state.seconds") <= 0.6 * duration + PIXEL
     page.drag((left + 0.9 * width, top + height / 2))
     assert page.run("gaitcal.state.seconds") == pytest.approx(0.9 * duration, abs=PIXEL)
     page.run("document.getElementById('window-clear').click()")
-    assert state(page, "window") is None and page.run("document.getElementById('window-clear').disabled")
+    assert state(page, "window") is None and page.run(
+        "document.getElementById('window-clear').disabled"
+    )
     page.run("gaitcal.clock.seek(0.3); document.getElementById('window-begin').click()")
     page.run("gaitcal.clock.seek(0.4); document.getElementById('window-end').click()")
     assert state(page, "window") == [0.3, 0.4]
@@ -108,7 +135,9 @@ def test_time_stays_in_the_trial_and_another_trial_begins_anew(visit: Visit, sho
     assert page.run("gaitcal.state.seconds === gaitcal.trial.duration")
     page.run("gaitcal.clock.seek(-1)")
     assert page.run("gaitcal.state.seconds") == 0
-    page.run("gaitcal.state.set({ seconds: 0.5, window: [0.2, 0.6] }); gaitcal.state.set({ trial: 1 })")
+    page.run(
+        "gaitcal.state.set({ seconds: 0.5, window: [0.2, 0.6] }); gaitcal.state.set({ trial: 1 })"
+    )
     assert page.run("gaitcal.state.seconds") == 0 and state(page, "window") is None
     assert page.run("document.title").endswith("no plates")
 
@@ -117,7 +146,9 @@ def test_every_key_does_what_the_dialog_says(visit: Visit, shown: Path) -> None:
     page = paused(visit(shown), 0.2)
     page.press("ArrowRight")
     assert page.run("gaitcal.state.seconds") == pytest.approx(0.2 + FRAME, abs=1e-4)
-    page.send("Input.dispatchKeyEvent", type="keyDown", key="ArrowLeft", code="ArrowLeft", modifiers=8)
+    page.send(
+        "Input.dispatchKeyEvent", type="keyDown", key="ArrowLeft", code="ArrowLeft", modifiers=8
+    )
     assert page.run("gaitcal.state.seconds") == pytest.approx(0.2 - 9 * FRAME, abs=1e-4)
     page.press("[")
     page.press("End")
@@ -140,11 +171,15 @@ def test_every_key_does_what_the_dialog_says(visit: Visit, shown: Path) -> None:
     assert page.run("document.getElementById('keys').open")
     page.press("j")
     assert state(page, "joint") is None, "behind the dialog nothing moves"
-    page.run("document.getElementById('keys-on').click(); document.getElementById('keys-close').click()")
+    page.run(
+        "document.getElementById('keys-on').click(); document.getElementById('keys-close').click()"
+    )
     page.press("j")
     assert state(page, "joint") is None, "keys of one letter can be turned off"
     page.run("document.getElementById('keys-on').click()")
-    page.run("gaitcal.state.set({ preset: 'clinician' }); document.getElementById('switch-axis').focus()")
+    page.run(
+        "gaitcal.state.set({ preset: 'clinician' }); document.getElementById('switch-axis').focus()"
+    )
     page.press("n")
     assert state(page, "nominal"), "a list of choices keeps its keys"
     assert page.console == []
@@ -177,7 +212,9 @@ def test_a_click_on_a_joint_flies_there_and_dims_the_rest(visit: Visit, shown: P
     assert page.console == []
 
 
-def test_who_wants_no_motion_gets_none(visit: Visit, shown: Path, media: Callable[..., None]) -> None:
+def test_who_wants_no_motion_gets_none(
+    visit: Visit, shown: Path, media: Callable[..., None]
+) -> None:
     media(prefers_reduced_motion="reduce")
     page = visit(f"{shown.as_uri()}?still")
     assert not page.run("gaitcal.state.playing")
@@ -224,7 +261,9 @@ def test_what_is_chosen_is_in_the_address_and_comes_back(visit: Visit, shown: Pa
     ):  # fmt: skip
         assert state(page, field) == value, field
     page = visit(f"{shown.as_uri()}?c#trial=no+plates&t=0.5")
-    assert page.run("gaitcal.trial.name") == "no plates" and page.run("gaitcal.state.seconds") == 0.5
+    assert (
+        page.run("gaitcal.trial.name") == "no plates" and page.run("gaitcal.state.seconds") == 0.5
+    )
     assert page.console == []
 
 
@@ -251,10 +290,17 @@ def test_a_change_of_the_address_is_followed(visit: Visit, shown: Path) -> None:
 # ------------------------------------------------------------------------------------------- ---------------- switches
 
 
-def test_switches_choose_and_those_without_a_meaning_are_not_there(visit: Visit, shown: Path) -> None:
+def test_switches_choose_and_those_without_a_meaning_are_not_there(
+    visit: Visit, shown: Path
+) -> None:
     page = paused(visit(shown))
-    there = page.run("[...document.querySelectorAll('#switches [id^=switch-]')].map(({ id }) => id.slice(7)).sort()")
-    assert there == ["acting", "axis", "errors", "nominal", "signs", "spread", "unit"], "no norm, truth"
+    there = page.run(
+        "[...document.querySelectorAll('#switches [id^=switch-]')].map(({ id }) => "
+        "id.slice(7)).sort()"
+    )
+    assert there == ["acting", "axis", "errors", "nominal", "signs", "spread", "unit"], (
+        "no norm, truth"
+    )
     for field, value in (
         ("axis", "time"), ("unit", "%BWH"), ("signs", "clinical"), ("acting", "external"), ("spread", "mean"),
     ):  # fmt: skip
@@ -289,15 +335,24 @@ def test_a_phone_shows_person_and_controls_and_cuts_nothing_off(
     )
     assert cut == []
     page.run(f"gaitcal.state.set({{ layers: new Set(['body']) }}); {DRAWN}")
-    page.run(f"document.getElementById('pane').scrollIntoView({{ block: 'center' }}); {DRAWN}")  # below the curves
+    page.run(
+        f"document.getElementById('pane').scrollIntoView({{ block: 'center' }}); {DRAWN}"
+    )  # below the curves
     picture = stage(page)
-    assert ((picture[..., 0] > picture[..., 2] + 12) & (picture[..., 0] > 90)).mean() > 0.02, "skin is seen"
+    assert ((picture[..., 0] > picture[..., 2] + 12) & (picture[..., 0] > 90)).mean() > 0.02, (
+        "skin is seen"
+    )
     if width < 760:
-        assert page.run("document.getElementById('pane').clientHeight") == pytest.approx(0.45 * height, abs=2)
-        assert page.run("document.getElementById('controls').getBoundingClientRect().bottom") <= height + 0.5
+        assert page.run("document.getElementById('pane').clientHeight") == pytest.approx(
+            0.45 * height, abs=2
+        )
+        assert (
+            page.run("document.getElementById('controls').getBoundingClientRect().bottom")
+            <= height + 0.5
+        )
         limit = 140 if width >= 390 else 0.3 * height
         assert page.run("document.getElementById('controls').offsetHeight") <= limit
-        assert page.run("(p => p.scrollWidth <= p.clientWidth)(document.getElementById('presets'))"), (
-            "all tabs are seen"
-        )
+        assert page.run(
+            "(p => p.scrollWidth <= p.clientWidth)(document.getElementById('presets'))"
+        ), "all tabs are seen"
     assert page.console == []

@@ -8,7 +8,13 @@ import pytest
 
 from gaitcal.analysis.result import Calibration, Stage, TrialResult
 from gaitcal.analysis.trial_result import RmsErrors
-from gaitcal.analysis.truth_errors import CurveTruth, CurveTruths, FeatureTruth, ParameterTruth, TruthErrors
+from gaitcal.analysis.truth_errors import (
+    CurveTruth,
+    CurveTruths,
+    FeatureTruth,
+    ParameterTruth,
+    TruthErrors,
+)
 from gaitcal.errors import Severity
 from gaitcal.gait.moments import parameter_words
 from gaitcal.gait.strides import strides_of
@@ -21,13 +27,20 @@ from gaitcal.report.page.key_figures import stride_uses, top_lines, usable_words
 from gaitcal.report.page.page_data import result_sections
 from gaitcal.report.page.plain_data import Block, number
 from gaitcal.report.page.trust_sections import marker_fits
-from gaitcal.results.parameter_labels import blind_spots, counts_sentence, joint_groups, range_of_motion
+from gaitcal.results.parameter_labels import (
+    blind_spots,
+    counts_sentence,
+    joint_groups,
+    range_of_motion,
+)
 from gaitcal.study.cohort_prior import JointPrior
 from gaitcal.study.settings import CalibrationSettings, ParameterPriorTable
 from tests.fake_result import FRAMES, fake_calibration, held
 from tests.report.page.walked_blocks import headings, rows_of, tables, walked, words
 
-SAID = CalibrationSettings(joint_prior={name: ParameterPriorTable(deviation=3.0) for name in JP_NAMES})
+SAID = CalibrationSettings(
+    joint_prior={name: ParameterPriorTable(deviation=3.0) for name in JP_NAMES}
+)
 
 
 def agreement(calibration: Calibration) -> dict[str, str]:
@@ -40,16 +53,24 @@ def with_final(calibration: Calibration, **changes: np.ndarray) -> Calibration:
     walk, *others = calibration.trials
     moments = {**walk.loads.moments, Stage.JP_IP: replace(walk.loads.final, **changes)}
     assert walk.loads.final is walk.loads.moments[Stage.JP_IP]
-    return replace(calibration, trials=(replace(walk, loads=replace(walk.loads, moments=moments)), *others))
+    return replace(
+        calibration, trials=(replace(walk, loads=replace(walk.loads, moments=moments)), *others)
+    )
 
 
 @pytest.mark.parametrize(("floor", "tone"), [(1.0, "good"), (0.7, "plain"), (0.5, "plain")])
-def test_the_tone_follows_from_error_over_floor(whole: Calibration, floor: float, tone: str) -> None:
-    """6 mm over what each joint reaches, 5 mm times `floor`; over the rigid floor where there is no joint."""
+def test_the_tone_follows_from_error_over_floor(
+    whole: Calibration, floor: float, tone: str
+) -> None:
+    """6 mm over what each joint reaches, 5 mm times `floor`; over the rigid floor where there is no
+    joint.
+    """
     walk, *others = whole.trials
     nearer = replace(walk.floor, distance=floor * walk.floor.distance)
     lower = replace(walk.floor, distance=0.1 * walk.floor.distance)
-    by_joints = replace(walk, floor=lower, joint_floor=replace(walk.joint_floor, errors=nearer), loads=None)
+    by_joints = replace(
+        walk, floor=lower, joint_floor=replace(walk.joint_floor, errors=nearer), loads=None
+    )
     for trial in (by_joints, replace(walk, floor=nearer, joint_floor=None, loads=None)):
         line = agreement(replace(whole, trials=(trial, *others)))
         assert line["tone"] == tone and line["text"].startswith("Marker fit ")
@@ -62,7 +83,9 @@ def test_a_ratio_is_error_over_floor() -> None:
 
 
 @pytest.mark.parametrize(("part", "factor"), [("residual_force", 20.0), ("residual_moment", 60.0)])
-def test_one_residual_above_its_limit_is_beyond_its_errors(whole: Calibration, part: str, factor: float) -> None:
+def test_one_residual_above_its_limit_is_beyond_its_errors(
+    whole: Calibration, part: str, factor: float
+) -> None:
     assert (agreement(whole)["tone"], "too high" in agreement(whole)["text"]) == ("good", False)
     final = whole.trials[0].loads
     larger = with_final(whole, **{part: factor * getattr(final.final, part)})
@@ -70,13 +93,21 @@ def test_one_residual_above_its_limit_is_beyond_its_errors(whole: Calibration, p
     assert (agreement(larger)["tone"], "too high" in agreement(larger)["text"]) == ("look", True)
     loads = larger.trials[0].loads
     (told,) = beyond_expected("walk", loads.expected, trunk_seen=True)
-    assert told.severity is Severity.WARNING and told.weight > 1.0, "what the page holds up, the verdict does"
-    assert f"{loads.expected.force.limit:.0f} N or {loads.expected.moment.limit:.0f} N·m" in told.found
+    assert told.severity is Severity.WARNING and told.weight > 1.0, (
+        "what the page holds up, the verdict does"
+    )
+    assert (
+        f"{loads.expected.force.limit:.0f} N or {loads.expected.moment.limit:.0f} N·m" in told.found
+    )
 
 
 def test_numbers_are_set_with_minus_signs_and_thin_spaces() -> None:
     assert number(-1234.56) == "\N{MINUS SIGN}1\u202f234.6"
-    assert number(0.04, 1, True) == "0.0" and number(0.06, 1, True) == "+0.1" and number(-0.04) == "0.0"
+    assert (
+        number(0.04, 1, True) == "0.0"
+        and number(0.06, 1, True) == "+0.1"
+        and number(-0.04) == "0.0"
+    )
     assert number(None) == number(float("nan")) == "\N{EN DASH}"
 
 
@@ -86,7 +117,9 @@ def test_markers_with_little_weight_come_last_and_the_worst_first(whole: Calibra
     size = np.linspace(1.0, 2.0, len(errors.labels))
     weight = np.ones(len(errors.labels))
     weight[-1] = 0.5
-    weighted = replace(walk.calibrated, errors=replace(errors, distance=errors.distance * size, weight=weight))
+    weighted = replace(
+        walk.calibrated, errors=replace(errors, distance=errors.distance * size, weight=weight)
+    )
     assert [m.label for m in marker_fits(replace(walk, calibrated=weighted))] == [
         *reversed(errors.labels[:-1]),
         errors.labels[-1],
@@ -113,13 +146,19 @@ def test_a_change_is_fitted_minus_nominal(whole: Calibration) -> None:
 def test_what_becomes_of_an_unseen_parameter(
     whole: Calibration, settings: CalibrationSettings, learnt: bool | None, kept: str
 ) -> None:
-    """`learnt`: by a cohort, of all of them; one that teaches nothing leaves them at their nominal values."""
+    """`learnt`: by a cohort, of all of them; one that teaches nothing leaves them at their nominal
+    values.
+    """
     prior = None
     if learnt is not None:
         names = whole.unidentifiable if learnt else ()
         count = len(names)
         prior = JointPrior(
-            names=names, mean=np.zeros(count), covariance=1e-4 * np.eye(count), file="priors.json", people=12
+            names=names,
+            mean=np.zeros(count),
+            covariance=1e-4 * np.eye(count),
+            file="priors.json",
+            people=12,
         )
     person = replace(whole, study=replace(whole.study, settings=settings, joint_prior=prior))
     assert any(kept in sentence for sentence in blind_spots(person))
@@ -134,14 +173,18 @@ def test_an_unseen_parameter_that_a_cohort_moves_is_shown(whole: Calibration) ->
     name = whole.unidentifiable[0]
     words = parameter_words(name) + ", not determined"
     assert words not in json.dumps(joint_blocks(whole))
-    moved = whole.model.parameters.with_joint((name,), whole.nominal.parameters.joint[[JP_INDEX[name]]] + 0.1)
+    moved = whole.model.parameters.with_joint(
+        (name,), whole.nominal.parameters.joint[[JP_INDEX[name]]] + 0.1
+    )
     person = replace(whole, model=whole.model.with_parameters(moved))
     (row,) = [row for g in joint_groups(person) for row in (*g.right, *g.left) if row.name == name]
     shown = json.dumps(joint_blocks(person))
     assert words in shown and f'"{row.fitted:.1f}"' in shown
 
 
-@pytest.mark.parametrize(("share", "advice"), [(0.01, "are needed. Add an isolated trial"), (1.0, "do not move it in")])
+@pytest.mark.parametrize(
+    ("share", "advice"), [(0.01, "are needed. Add an isolated trial"), (1.0, "do not move it in")]
+)
 def test_what_would_show_an_unseen_parameter(whole: Calibration, share: float, advice: str) -> None:
     """The subtalar joint moves by some 34 degrees, or by a hundredth of that."""
     walk = whole.trials[0]
@@ -155,12 +198,19 @@ def test_what_would_show_an_unseen_parameter(whole: Calibration, share: float, a
 
 @pytest.fixture(scope="module")
 def walk(whole: Calibration) -> TrialResult:
-    """Two right strides and one left, every frame of both legs valid, each foot on a plate of its own."""
+    """Two right strides and one left, every frame of both legs valid, each foot on a plate of its
+    own.
+    """
     trial = next(t for t in whole.trials if t.joint is None)
     reactions, frames = trial.loads.reactions, len(trial.body.time)
     steps = (("1", 0, slice(0, frames)), ("2", 1, slice(0, frames)))
     whole_legs = np.ones((frames, 2), dtype=bool)
-    return replace(trial, loads=replace(trial.loads, reactions=replace(reactions, steps=steps, valid_legs=whole_legs)))
+    return replace(
+        trial,
+        loads=replace(
+            trial.loads, reactions=replace(reactions, steps=steps, valid_legs=whole_legs)
+        ),
+    )
 
 
 def spoilt(walk: TrialResult, *, loaded: bool, resting: bool, plate: bool = True) -> TrialResult:
@@ -191,7 +241,11 @@ def test_every_reason_has_its_frames(walk: TrialResult) -> None:
         (replace(on_two, loads=replace(on_two.loads, reactions=seat)), "1", key_figures.SEATED),
         (spoilt(walk, loaded=False, resting=True), "1", key_figures.PART),
         (spoilt(walk, loaded=False, resting=True, plate=False), "", key_figures.BESIDE),
-        (spoilt(walk, loaded=False, resting=False), "1", key_figures.ENDS if near_begin else key_figures.UNSEEN),
+        (
+            spoilt(walk, loaded=False, resting=False),
+            "1",
+            key_figures.ENDS if near_begin else key_figures.UNSEEN,
+        ),
         (replace(walk, loads=None), "", key_figures.NO_PLATES),
         (replace(walk, refused_legs=("r",)), "1", key_figures.REFUSED),
     ):
@@ -244,16 +298,31 @@ def test_sums_joints_angles_and_moments_are_told(blocks: list[Block]) -> None:
     joints = rows_of(tables(blocks, "Centre or axis")[0])
     assert joints["Hip centre in the pelvis, mm"] == ["5.0", "2.0", "2 of 3", "–", "–", "–"]
     for head in ("Angle, deg", "Moment, N·m"):
-        assert rows_of(tables(blocks, head)[0])["Hip flexion"][:3] == ["1.0", "farther: 2.0", "100 %"]
+        assert rows_of(tables(blocks, head)[0])["Hip flexion"][:3] == [
+            "1.0",
+            "farther: 2.0",
+            "100 %",
+        ]
     assert f"RMS error over all {FRAMES} frames" in words(blocks)
 
 
 def test_the_truth_stands_beside_each_parameter(blocks: list[Block]) -> None:
-    known = [row for b in walked(blocks) if b["kind"] == "intervals" for row in b["rows"] if row["truth"] is not None]
-    assert [(row["label"], row["side"], row["truth"]) for row in known] == [("hip centre, pelvis, forward", "r", TRUE)]
+    known = [
+        row
+        for b in walked(blocks)
+        if b["kind"] == "intervals"
+        for row in b["rows"]
+        if row["truth"] is not None
+    ]
+    assert [(row["label"], row["side"], row["truth"]) for row in known] == [
+        ("hip centre, pelvis, forward", "r", TRUE)
+    ]
     (table,) = (b for b in tables(blocks, "Right") if "Truth" in b["head"])
     assert rows_of(table)["hip centre in the pelvis, forward mm"][-1] == number(TRUE)
 
 
 def test_without_truth_nothing_of_it_is_there() -> None:
-    assert "truth" not in words([b for s in result_sections(fake_calibration()).values() for b in s]).lower()
+    assert (
+        "truth"
+        not in words([b for s in result_sections(fake_calibration()).values() for b in s]).lower()
+    )

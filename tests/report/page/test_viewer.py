@@ -1,4 +1,6 @@
-"""`gaitcal.view`: what MeshCat shows is the model's pose, what was measured, and nobody else's business."""
+"""`gaitcal.view`: what MeshCat shows is the model's pose, what was measured, and nobody else's
+business.
+"""
 
 import re
 import socket
@@ -39,7 +41,9 @@ Walk = tuple[SubjectModel, Motion, Recording, GroundReactions]
 @pytest.fixture(scope="module")
 def walk() -> Walk:
     model, true = subject_model(), gait_motion()
-    motion, recording, ground = recorded_walk(model, true, "walk", residual_free_wrench(model.parameters, true))
+    motion, recording, ground = recorded_walk(
+        model, true, "walk", residual_free_wrench(model.parameters, true)
+    )
     assert ground is not None
     return model, motion, recording, ground
 
@@ -117,7 +121,9 @@ def test_a_browser_shows_the_frame(walk: Walk, viewer: MotionViewer, visit: Visi
     for i, label in enumerate(recording.labels):
         place, size = placed(page, f"markers/{i + 1} {label}")
         if np.isfinite(seen[i]).all():
-            assert place == pytest.approx(seen[i], abs=SINGLE) and size == pytest.approx(np.ones(3), abs=SINGLE)
+            assert place == pytest.approx(seen[i], abs=SINGLE) and size == pytest.approx(
+                np.ones(3), abs=SINGLE
+            )
         else:
             assert i == 3 and size.max() < 1e-4
     # Everything of the body is in the picture, upright and in its middle.
@@ -128,17 +134,25 @@ def test_a_browser_shows_the_frame(walk: Walk, viewer: MotionViewer, visit: Visi
         return [box.min, box.max].map(p => p.toArray());
     })()""")
     size = np.array(corners[1]) - corners[0]
-    assert 1.5 < size[1] < 2.0 and size[1] > size[[0, 2]].max(), "three.js has y up, and so has a person"
+    assert 1.5 < size[1] < 2.0 and size[1] > size[[0, 2]].max(), (
+        "three.js has y up, and so has a person"
+    )
     for x in (0, 1):
         for y in (0, 1):
             for z in (0, 1):
                 corner = [corners[x][0], corners[y][1], corners[z][2]]
-                at = page.run(f"new MeshCat.THREE.Vector3(...{corner}).project(viewer.camera).toArray()")
+                at = page.run(
+                    f"new MeshCat.THREE.Vector3(...{corner}).project(viewer.camera).toArray()"
+                )
                 assert np.abs(at[:2]).max() < 1.0 and -1.0 < at[2] < 1.0
     assert [
-        url for url in page.requests if urlsplit(url).scheme == "http" and urlsplit(url).hostname != "127.0.0.1"
+        url
+        for url in page.requests
+        if urlsplit(url).scheme == "http" and urlsplit(url).hostname != "127.0.0.1"
     ] == []
-    assert [line for line in page.console if "404" not in line] == [], "of 404, that of favicon.ico alone"
+    assert [line for line in page.console if "404" not in line] == [], (
+        "of 404, that of favicon.ico alone"
+    )
 
 
 @pytest.mark.browser
@@ -153,7 +167,9 @@ def test_a_saved_file_plays_offline(viewer: MotionViewer, visit: Visit, tmp_path
     seconds = page.run("viewer.animator.time")
     expected = viewer._poses["gaitcal/visuals/pelvis"].places
     at = [np.interp(seconds, viewer.time - viewer.time[0], expected[:, k]) for k in range(3)]
-    assert placed(page, "visuals/pelvis")[0] == pytest.approx(at, abs=1e-4), "between frames it is linear"
+    assert placed(page, "visuals/pelvis")[0] == pytest.approx(at, abs=1e-4), (
+        "between frames it is linear"
+    )
     assert [url for url in page.requests if not url.startswith(("file:", "data:"))] == []
     assert page.console == []
 
@@ -210,9 +226,13 @@ def test_what_does_not_fit_together_is_refused(walk: Walk) -> None:
 
 def test_colours_and_sizes_are_those_of_the_page() -> None:
     scripts = files("gaitcal.report.page") / "scripts"
-    body, markers = ((scripts / name).read_text(encoding="utf-8") for name in ("body.js", "markers.js"))
+    body, markers = (
+        (scripts / name).read_text(encoding="utf-8") for name in ("body.js", "markers.js")
+    )
     colours = {name: int(value, 16) for name, value in re.findall(r"(\w+): 0x(\w{6})", body)}
     assert [colours[name] for name in ("body", "measured", "force", "plate", "fitted")] == [
         module.BODY, module.MEASURED, module.FORCE, module.PLATE, module.JOINT,
     ]  # fmt: skip
-    assert float(re.findall(r"METRES_PER_NEWTON = ([\d.]+)", markers)[0]) == module.METRES_PER_NEWTON
+    assert (
+        float(re.findall(r"METRES_PER_NEWTON = ([\d.]+)", markers)[0]) == module.METRES_PER_NEWTON
+    )

@@ -33,7 +33,12 @@ def walked(blocks: Sequence[Block]) -> Iterator[Block]:
 def every(sheet: dict[str, Any]) -> list[Block]:
     """Every block of a sheet and of its trials."""
     holders = [sheet, *sheet["trials"]]
-    return [block for holder in holders for blocks in holder["sections"].values() for block in walked(blocks)]
+    return [
+        block
+        for holder in holders
+        for blocks in holder["sections"].values()
+        for block in walked(blocks)
+    ]
 
 
 def shown(cell: Any) -> str:
@@ -45,7 +50,11 @@ def rows_of(block: Block) -> dict[str, list[str]]:
     """First cell of each row of a table, with its unit -> the other cells."""
 
     def first(cell: Any) -> str:
-        return cell if isinstance(cell, str) else " ".join(filter(None, (cell["t"], cell.get("unit", ""))))
+        return (
+            cell
+            if isinstance(cell, str)
+            else " ".join(filter(None, (cell["t"], cell.get("unit", ""))))
+        )
 
     return {first(row[0]): [shown(cell) for cell in row[1:]] for row in block["rows"]}
 
@@ -65,14 +74,24 @@ def words(blocks: Sequence[Block]) -> str:
     for b in walked(blocks):
         out += [b.get(key, "") for key in ("text", "title", "caption", "fold")]
         out += b.get("items", [])
-        out += [shown(cell) for row in (b.get("head", []), *b.get("rows", [])) if b["kind"] == "table" for cell in row]
+        out += [
+            shown(cell)
+            for row in (b.get("head", []), *b.get("rows", []))
+            if b["kind"] == "table"
+            for cell in row
+        ]
     return "\n".join(filter(None, out))
 
 
 def page_words(calibration: Calibration) -> str:
     """Everything that its page says in words and formatted numbers, a line for each piece."""
     sheet = calibration_page_data(calibration)
-    parts = (sheet["verdict"], sheet["lines"], sheet["sections"], [trial["sections"] for trial in sheet["trials"]])
+    parts = (
+        sheet["verdict"],
+        sheet["lines"],
+        sheet["sections"],
+        [trial["sections"] for trial in sheet["trials"]],
+    )
     return "\n".join(_pieces(parts))
 
 
