@@ -11,7 +11,13 @@ from numpy.typing import NDArray
 from gaitcal.model.chain import Chain, LinkageModel
 from gaitcal.model.coordinates import split_side
 from gaitcal.model.linkage import COORDINATES
-from gaitcal.model.parameters import JOINT_PARAMETERS, JP_NAMES, Kind, Parameters, published_subject
+from gaitcal.model.parameters import (
+    JOINT_PARAMETERS,
+    JP_NAMES,
+    ParameterKind,
+    Parameters,
+    published_subject,
+)
 from gaitcal.tracking.marker_residual import MarkerData, PlacedMarkers, marker_positions
 from gaitcal.tracking.spline import spline_basis
 from gaitcal.tracking.start import starting_nodes
@@ -58,7 +64,9 @@ def perturbed_parameters(
     same person still.
     """
     base = published_subject()
-    reach = np.array([position if p.kind is Kind.POSITION else angle for p in JOINT_PARAMETERS])
+    reach = np.array(
+        [position if p.kind is ParameterKind.POSITION else angle for p in JOINT_PARAMETERS]
+    )
     published = np.array([split_side(p.joint)[0] in PUBLISHED_JOINTS for p in JOINT_PARAMETERS])
     moved = np.random.default_rng(0).uniform(-1, 1, len(reach))
     moved[published] = rng.uniform(-1, 1, published.sum())

@@ -1,4 +1,4 @@
-"""Calibrate a study, in five stages that hand on one `Session`.
+"""Calibrate a study, in five stages that hand on one `CalibrationState`.
 
 1. `examined`: clean the trials, build the nominal model from the static trial
    (`quality/study_checks.py`).
@@ -21,7 +21,7 @@ import numpy as np
 
 from gaitcal.analysis import fit_findings
 from gaitcal.analysis.fit_joints import fit_joints
-from gaitcal.analysis.prepared_trials import MovingTrial, Session, session_of, tracked
+from gaitcal.analysis.prepared_trials import CalibrationState, MovingTrial, session_of, tracked
 from gaitcal.analysis.result import Calibration, Stage, TrialResult, Uncertainty, withdrawn
 from gaitcal.analysis.trial_result import (
     Counted,
@@ -103,7 +103,7 @@ def calibrate(
     return judged(session, clean.study, progress)
 
 
-def impossible_functional_trials(session: Session) -> dict[str, Finding]:
+def impossible_functional_trials(session: CalibrationState) -> dict[str, Finding]:
     """Find functional trials (single-joint) in which a leg moves as none can.
 
     What is wrong with one trial concerns that trial: the joints are to be found without it, and no
@@ -132,7 +132,7 @@ def impossible_functional_trials(session: Session) -> dict[str, Finding]:
     return out if len(out) < len(session.trials) else {}
 
 
-def track(session: Session, progress: Progress) -> Session:
+def track(session: CalibrationState, progress: Progress) -> CalibrationState:
     """Motions and forces of all trials with the nominal and the fitted joint parameters."""
     joint = session.joint
     counted = _counted(session)
@@ -151,7 +151,7 @@ def track(session: Session, progress: Progress) -> Session:
     return replace(session, forces=fit_findings.diagnose_forces(session))
 
 
-def fit_inertia(session: Session, progress: Progress) -> Session:
+def fit_inertia(session: CalibrationState, progress: Progress) -> CalibrationState:
     """Inertial parameters, then, where asked for, joint and inertial parameters together."""
     settings, loaded = session.settings, weighing(session)
     progress("the floors of marker errors" if settings.ip == "none" else "inertial parameters")
@@ -167,7 +167,7 @@ def fit_inertia(session: Session, progress: Progress) -> Session:
     )
 
 
-def judged(session: Session, study: Study, progress: Progress) -> Calibration:
+def judged(session: CalibrationState, study: Study, progress: Progress) -> Calibration:
     """The calibration with its standard errors, torques, findings and verdict."""
     progress("standard errors and inverse dynamics")
     results = tuple(trial_result(t, session) for t in session.trials)
@@ -205,7 +205,7 @@ def judged(session: Session, study: Study, progress: Progress) -> Calibration:
 
 
 def _notes(
-    session: Session, results: Sequence[TrialResult], later: Sequence[Finding]
+    session: CalibrationState, results: Sequence[TrialResult], later: Sequence[Finding]
 ) -> tuple[str, ...]:
     """What was assumed: of the model, the joint and inertial parameters, the trials, and remarks
     among the findings.
@@ -221,7 +221,7 @@ def _notes(
     )
 
 
-def _counted(session: Session) -> Counted:
+def _counted(session: CalibrationState) -> Counted:
     """The session's parameters with ankle angles counted from the static posture, where its
     settings ask for it.
     """
@@ -234,7 +234,7 @@ def _counted(session: Session) -> Counted:
     )
 
 
-def weighing(session: Session) -> list[Loaded]:
+def weighing(session: CalibrationState) -> list[Loaded]:
     """Tracked trials whose forces tell of masses: those whose trunk is seen, or all where it is
     seen in none.
     """
@@ -249,7 +249,9 @@ def weighing(session: Session) -> list[Loaded]:
     ] or believed
 
 
-def _inertial_fit(session: Session, loaded: Sequence[Loaded]) -> inertial_calibration.InertialFit:
+def _inertial_fit(
+    session: CalibrationState, loaded: Sequence[Loaded]
+) -> inertial_calibration.InertialFit:
     began = time.perf_counter()
     nominal, parameters, settings = session.model, session.parameters, session.settings
     motions = [inertial_calibration.LoadedMotion.of(t.motion, r) for t, r in loaded]
@@ -293,7 +295,7 @@ def _inertial_fit(session: Session, loaded: Sequence[Loaded]) -> inertial_calibr
     return replace(fit, seconds=time.perf_counter() - began)
 
 
-def spread_of_people(session: Session) -> inertial_calibration.ConsistentSettings:
+def spread_of_people(session: CalibrationState) -> inertial_calibration.ConsistentSettings:
     """How far people scatter about the table of the nominal masses: further where it may be the
     wrong one.
     """
@@ -304,7 +306,9 @@ def _inertial_set(settings: CalibrationSettings) -> InertialSet:
     return symmetric_set() if settings.ip_set == "symmetric" else full_set()
 
 
-def _fit_together(session: Session, loaded: Sequence[Loaded], progress: Progress) -> Session:
+def _fit_together(
+    session: CalibrationState, loaded: Sequence[Loaded], progress: Progress
+) -> CalibrationState:
     """Joint and inertial parameters together; as it was for impossible bodies, which the fit's
     chart cannot hold.
     """
@@ -347,7 +351,7 @@ def _fit_together(session: Session, loaded: Sequence[Loaded], progress: Progress
     )
 
 
-def _inertial_spread(session: Session) -> Array | None:
+def _inertial_spread(session: CalibrationState) -> Array | None:
     """(84, n) R with covariance R R^T: of the fit, and of people where it moves nothing; None:
     unknown.
     """
@@ -367,7 +371,7 @@ def _inertial_spread(session: Session) -> Array | None:
     )
 
 
-def phases_of(session: Session) -> tuple[Phase, ...]:
+def phases_of(session: CalibrationState) -> tuple[Phase, ...]:
     """The fits that were made, those of the joint parameters first."""
     joint, inertial, combined = session.joint, session.inertial, session.combined
     fits = list[tuple[str, inertial_calibration.InertialFit | CombinedFit, int, int, str]]()

@@ -16,7 +16,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from gaitcal.analysis.prepared_trials import MovingTrial, Session
+from gaitcal.analysis.prepared_trials import CalibrationState, MovingTrial
 from gaitcal.analysis.result import Loads, TrialResult
 from gaitcal.arrays import BoolArray
 from gaitcal.calibration.joint_phases import Phase
@@ -38,7 +38,7 @@ WORSE_M, WORSE = (
 
 
 def calibration_findings(
-    session: Session, results: Sequence[TrialResult], phases: Sequence[Phase]
+    session: CalibrationState, results: Sequence[TrialResult], phases: Sequence[Phase]
 ) -> tuple[Finding, ...]:
     """What the figures of a finished calibration put in doubt."""
     places = tuple[Finding, ...]()
@@ -51,7 +51,7 @@ def calibration_findings(
     return (*bodies_that_cannot_be(session), *disagreements(results), *unfinished(phases), *places)
 
 
-def bodies_that_cannot_be(session: Session) -> Iterator[Finding]:
+def bodies_that_cannot_be(session: CalibrationState) -> Iterator[Finding]:
     """Inertial parameters that no real body has, which only the published cost can find."""
     bodies = impossible_bodies(session.parameters.inertial)
     if not bodies:
@@ -207,7 +207,7 @@ def spoilt_motions(checked: Sequence[Finding]) -> frozenset[str]:
     )
 
 
-def diagnose_forces(session: Session) -> ForceDiagnosis:
+def diagnose_forces(session: CalibrationState) -> ForceDiagnosis:
     """What is wrong with the forces of the tracked trials, by their motions and nominal inertial
     parameters.
 
@@ -237,7 +237,7 @@ def diagnose_forces(session: Session) -> ForceDiagnosis:
     )
 
 
-def left_out_of_masses(session: Session) -> list[str]:
+def left_out_of_masses(session: CalibrationState) -> list[str]:
     """Notes on the trials that say nothing of masses."""
     faulty, spoilt = session.forces.faulty, spoilt_motions(session.checked)
     words = {

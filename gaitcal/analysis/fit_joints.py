@@ -19,7 +19,7 @@ from functools import partial
 
 import numpy as np
 
-from gaitcal.analysis.prepared_trials import MovingTrial, Session, fits_legs_together
+from gaitcal.analysis.prepared_trials import CalibrationState, MovingTrial, fits_legs_together
 from gaitcal.analysis.result import HeldOut
 from gaitcal.arrays import Array, BoolArray, IntArray
 from gaitcal.calibration import joint_calibration, joint_phases, joint_prior, soft_tissue_artefact
@@ -51,8 +51,8 @@ JointFitter = Callable[
 
 
 def fit_joints(
-    session: Session, progress: Progress = silent, *, leave_out: bool = False
-) -> Session:
+    session: CalibrationState, progress: Progress = silent, *, leave_out: bool = False
+) -> CalibrationState:
     """The session with the joint parameters that its settings ask for, the table's mass centres
     going with its joints.
 
@@ -88,7 +88,7 @@ def fit_joints(
 
 
 def joint_parameters(
-    session: Session, trials: Sequence[MovingTrial]
+    session: CalibrationState, trials: Sequence[MovingTrial]
 ) -> tuple[joint_phases.JointCalibration | None, Parameters]:
     """The joint parameters that the settings of a session ask for, fitted to some of its trials."""
     settings, nominal = session.settings, session.model.parameters

@@ -26,7 +26,7 @@ from gaitcal.model.linkage import LEGS, LOWER_BODY, carrier_of, joint_segments
 from gaitcal.model.parameters import (
     JOINT_PARAMETERS,
     JP_NAMES,
-    Kind,
+    ParameterKind,
     Parameters,
     isolated_parameters,
 )
@@ -129,7 +129,7 @@ class MovingTrial(Trial):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Session:
+class CalibrationState:
     """What the stages of a calibration hand on."""
 
     # The person: nominal in a calibration, calibrated where further trials are analysed
@@ -163,7 +163,7 @@ class Session:
         return tuple(trial for trial in self.trials if trial.joint is None)
 
 
-def session_of(of: Examined, checked: Sequence[Finding] = ()) -> Session:
+def session_of(of: Examined, checked: Sequence[Finding] = ()) -> CalibrationState:
     """The moving trials of an examined study, prepared for its nominal model; InputError where
     there is none.
     """
@@ -174,7 +174,7 @@ def session_of(of: Examined, checked: Sequence[Finding] = ()) -> Session:
         joint_prior.prior_of_study(study.settings.joint_prior, study.joint_prior, model.noise),
         of.moves(),
     )
-    return Session(
+    return CalibrationState(
         model=model,
         settings=study.settings,
         parameters=model.parameters,
@@ -198,7 +198,7 @@ def _doubted(
         for p in JOINT_PARAMETERS:
             move = moves.get(trial.name, {}).get(p.segment)
             if move is not None and p.name in shown:
-                by = move.shift if p.kind is Kind.POSITION else float(move.turn[p.axis])
+                by = move.shift if p.kind is ParameterKind.POSITION else float(move.turn[p.axis])
                 out[p.name] = max(by, out.get(p.name, 0.0))
     return out
 
@@ -291,7 +291,7 @@ def standing_problem(model: SubjectModel, static: Recording) -> MotionProblem:
     return trial_problem("static", model, window, spline.NodeRule())
 
 
-def tracked(trial: MovingTrial, session: Session, stage: Stage) -> MovingTrial:
+def tracked(trial: MovingTrial, session: CalibrationState, stage: Stage) -> MovingTrial:
     """A trial tracked with the nominal and the last model of its session, which is of `stage`, and
     its forces.
     """

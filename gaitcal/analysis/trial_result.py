@@ -23,8 +23,8 @@ import numpy as np
 
 from gaitcal.analysis.fit_findings import diagnose_forces, is_trunk_unmeasured, trial_findings
 from gaitcal.analysis.prepared_trials import (
+    CalibrationState,
     MovingTrial,
-    Session,
     prepare_trial,
     standing_problem,
     tracked,
@@ -99,7 +99,7 @@ def analyse(
             kind,
         )
         prepared = prepared.with_tissue(tissue, found)
-    session = Session(
+    session = CalibrationState(
         model=model,
         settings=settings,
         parameters=model.parameters,
@@ -113,7 +113,7 @@ def analyse(
     return replace(result, doubts=(*result.doubts, *session.forces.findings))
 
 
-def trial_result(trial: MovingTrial, session: Session) -> TrialResult:
+def trial_result(trial: MovingTrial, session: CalibrationState) -> TrialResult:
     """Assemble the result of a tracked trial of a session."""
     moves = None
     if trial.joint is None:
@@ -138,7 +138,7 @@ def trial_result(trial: MovingTrial, session: Session) -> TrialResult:
 
 def _without_torque_errors(
     trial: MovingTrial,
-    session: Session,
+    session: CalibrationState,
     axes: AxisErrors,
     moves: error_sources.MotionSensitivity | None,
 ) -> TrialResult:
@@ -320,7 +320,7 @@ def _with_torque_errors(result: TrialResult, errors: TorqueErrors, weight: float
 
 def _erring_forces(
     trial: MovingTrial,
-    session: Session,
+    session: CalibrationState,
     axes: AxisErrors,
     moves: error_sources.MotionSensitivity | None,
 ) -> torque_errors.ErringForces | None:

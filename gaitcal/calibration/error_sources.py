@@ -35,7 +35,7 @@ from gaitcal.dynamics.measurement_errors import ErrorSource
 from gaitcal.model.chain import LinkageModel
 from gaitcal.model.kinematics import Kinematics
 from gaitcal.model.linkage import COORDINATES
-from gaitcal.model.parameters import JOINT_PARAMETERS, JP_INDEX, JP_NAMES, Kind, Parameters
+from gaitcal.model.parameters import JOINT_PARAMETERS, JP_INDEX, JP_NAMES, ParameterKind, Parameters
 from gaitcal.study.cohort_prior import JointPrior
 from gaitcal.tracking.banded import eliminate
 from gaitcal.tracking.spline import ORDER, SplineBasis
@@ -115,7 +115,7 @@ def left_of_prior(
     if errors is None:
         return 0.0
     now, found = errors.standard_errors, []
-    for kind in Kind:
+    for kind in ParameterKind:
         names = [p.name for p in JOINT_PARAMETERS if p.joint == joint and p.kind is kind]
         if names:
             before = np.sqrt(np.diag(joint_prior.prior_of(names, prior)[1]))

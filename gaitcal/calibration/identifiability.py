@@ -22,7 +22,7 @@ from gaitcal.arrays import Array
 from gaitcal.calibration.reduced_problem import NULL
 from gaitcal.errors import STUDY, Code, Finding, Severity, listed
 from gaitcal.model import coordinates, linkage
-from gaitcal.model.parameters import JOINT_PARAMETERS, JP_INDEX, Kind, Parameters
+from gaitcal.model.parameters import JOINT_PARAMETERS, JP_INDEX, ParameterKind, Parameters
 from gaitcal.tracking import motion, rigid, trial_problem
 from gaitcal.tracking.start import starting_nodes
 
@@ -83,7 +83,7 @@ def unseen_parameters(
 
     `covariance` (np, np) along the directions that S, `information` (np, np), tells at all.
     """
-    position = [JOINT_PARAMETERS[JP_INDEX[name]].kind is Kind.POSITION for name in free]
+    position = [JOINT_PARAMETERS[JP_INDEX[name]].kind is ParameterKind.POSITION for name in free]
     allowed = np.where(position, LARGEST_POSITION, LARGEST_ORIENTATION)
     values, vectors = np.linalg.eigh(information)
     null = (

@@ -17,7 +17,7 @@ from scipy.optimize import OptimizeResult, least_squares
 from gaitcal.arrays import Array
 from gaitcal.calibration.reduced_problem import ReducedProblem, ReducedState
 from gaitcal.calibration.soft_tissue_artefact import NO_TISSUE, TissuePrior
-from gaitcal.model.parameters import JOINT_PARAMETERS, JP_INDEX, Kind, Parameters
+from gaitcal.model.parameters import JOINT_PARAMETERS, JP_INDEX, ParameterKind, Parameters
 from gaitcal.tracking.descent import DescentSettings
 from gaitcal.tracking.trial_problem import MotionProblem
 
@@ -42,7 +42,7 @@ class JointSettings:
 
     def bound(self, name: str) -> float:
         """m, rad, of one joint parameter."""
-        position = JOINT_PARAMETERS[JP_INDEX[name]].kind is Kind.POSITION
+        position = JOINT_PARAMETERS[JP_INDEX[name]].kind is ParameterKind.POSITION
         return self.position_bound if position else self.orientation_bound
 
 
@@ -109,7 +109,9 @@ class JointSearch:
         self.present = parameters.joint[index]
         self.middle = (nominal or parameters).joint[index]
         self.reach = np.array([self.settings.bound(name) for name in self.free])
-        position = np.array([JOINT_PARAMETERS[i].kind is Kind.POSITION for i in index], dtype=bool)
+        position = np.array(
+            [JOINT_PARAMETERS[i].kind is ParameterKind.POSITION for i in index], dtype=bool
+        )
         self.scale = np.where(position, POSITION_SCALE, 1.0)
         centre, rows = self.present, np.zeros((0, len(index)))
         if expected is not None:

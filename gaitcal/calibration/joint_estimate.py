@@ -64,7 +64,7 @@ from gaitcal.calibration.joint_prior import (
 from gaitcal.calibration.reduced_problem import NULL, ReducedState
 from gaitcal.calibration.soft_tissue_artefact import NO_TISSUE, TissuePrior, secondary_prior
 from gaitcal.calibration.tissue_elimination import Arrow, split_by_kind
-from gaitcal.model.parameters import JOINT_PARAMETERS, JP_INDEX, Kind, Parameters
+from gaitcal.model.parameters import JOINT_PARAMETERS, JP_INDEX, ParameterKind, Parameters
 from gaitcal.study.cohort_prior import JointPrior
 from gaitcal.tracking.banded import eliminate
 from gaitcal.tracking.coordinate_prior import joints_left_open
@@ -335,7 +335,10 @@ def noise_of(
 def _wide(names: Sequence[str]) -> Array:
     """(np, np) precision of joint parameters that may lie `WIDE_M` or `WIDE_RAD` off."""
     wide = np.array(
-        [WIDE_M if JOINT_PARAMETERS[JP_INDEX[n]].kind is Kind.POSITION else WIDE_RAD for n in names]
+        [
+            WIDE_M if JOINT_PARAMETERS[JP_INDEX[n]].kind is ParameterKind.POSITION else WIDE_RAD
+            for n in names
+        ]
     )
     return np.diag(1.0 / wide**2)
 

@@ -86,7 +86,7 @@ from gaitcal.model.parameters import (
     JP_INDEX,
     JP_NAMES,
     JP_TO_SI,
-    Kind,
+    ParameterKind,
     Parameters,
 )
 from gaitcal.model.subject_model import PointNoise
@@ -156,7 +156,7 @@ TABLE: tuple[_Row, ...] = (
 """Joints of the legs; what is not here has `OTHER_MM` or `OTHER_DEG`."""
 OTHER_MM, OTHER_DEG = 20.0, 10.0
 OTHER = np.where(
-    [p.kind is Kind.POSITION for p in JOINT_PARAMETERS], OTHER_MM, OTHER_DEG
+    [p.kind is ParameterKind.POSITION for p in JOINT_PARAMETERS], OTHER_MM, OTHER_DEG
 )  # (98,) mm, deg
 
 
@@ -245,7 +245,7 @@ def prior_of_study(
     """
     mean, scale = MEAN.copy(), np.ones(len(JP_NAMES))
     if noise is not None:
-        positions = [p.kind is Kind.POSITION for p in JOINT_PARAMETERS]
+        positions = [p.kind is ParameterKind.POSITION for p in JOINT_PARAMETERS]
         scale = np.where(positions, noise.joints, noise.hinges)
     for name in sorted(told, key=lambda name: name in JP_INDEX):
         for side, own in enumerate(SIDES_OF[name]):

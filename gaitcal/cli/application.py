@@ -24,32 +24,41 @@ from gaitcal.errors import Code, GaitcalError
 from gaitcal.io.atomic import InterruptedWork, Stopped, ended_by_signals
 
 COMMANDS: Final = {
-    "demo": ("synthesize:demonstrate", "gaitcal demo"),
-    "example": ("explain:fetch_or_list", "gaitcal example subject01 --out subject01"),
+    "demo": ("synthesize_command:demonstrate", "gaitcal demo"),
+    "example": ("explain_command:fetch_or_list", "gaitcal example subject01 --out subject01"),
     "init": (
-        "folder:draft_study_file",
+        "study_folder:draft_study_file",
         "gaitcal init recordings --mass 72.6 --height 1.80 --sex male",
     ),
-    "check": ("folder:check_recordings", "gaitcal check study.toml"),
-    "calibrate": ("calibrate:calibrate_study", "gaitcal calibrate study.toml --out result"),
-    "cohort": ("cohort:run_people", "gaitcal cohort people --out results --jobs 4"),
-    "dynamics": ("calibrate:analyse_further", "gaitcal dynamics result walk2.c3d walk3.c3d"),
-    "convert": ("other_programs:convert_recording", "gaitcal convert walk.c3d walk.csv"),
-    "synthesize": ("synthesize:write_subject", "gaitcal synthesize --out person --seed 1 --noise"),
+    "check": ("study_folder:check_recordings", "gaitcal check study.toml"),
+    "calibrate": ("calibrate_command:calibrate_study", "gaitcal calibrate study.toml --out result"),
+    "cohort": ("cohort_command:run_people", "gaitcal cohort people --out results --jobs 4"),
+    "dynamics": (
+        "calibrate_command:analyse_further",
+        "gaitcal dynamics result walk2.c3d walk3.c3d",
+    ),
+    "convert": ("export_commands:convert_recording", "gaitcal convert walk.c3d walk.csv"),
+    "synthesize": (
+        "synthesize_command:write_subject",
+        "gaitcal synthesize --out person --seed 1 --noise",
+    ),
     "montecarlo": (
-        "montecarlo:run_monte_carlo",
+        "montecarlo_command:run_monte_carlo",
         "gaitcal montecarlo result --vary jp,ip --levels 50,100 --draws 1000",
     ),
-    "reproduce": ("montecarlo:run_reproduction", "gaitcal reproduce --out published"),
-    "export": ("other_programs:export", "gaitcal export result --format osim,urdf"),
+    "reproduce": ("montecarlo_command:run_reproduction", "gaitcal reproduce --out published"),
+    "export": ("export_commands:export", "gaitcal export result --format osim,urdf"),
     "figures": (
-        "figures:draw_figures",
+        "figures_command:draw_figures",
         "gaitcal figures result --only knee_adduction --width 85mm",
     ),
-    "view": ("view:view_result", "gaitcal view result"),
-    "report": ("view:print_report", "gaitcal report result --pdf report.pdf"),
-    "compare": ("view:compare_sessions_or_models", "gaitcal compare before after --out difference"),
-    "explain": ("explain:explain_code", "gaitcal explain GC-020"),
+    "view": ("view_command:view_result", "gaitcal view result"),
+    "report": ("view_command:print_report", "gaitcal report result --pdf report.pdf"),
+    "compare": (
+        "view_command:compare_sessions_or_models",
+        "gaitcal compare before after --out difference",
+    ),
+    "explain": ("explain_command:explain_code", "gaitcal explain GC-020"),
 }
 """Command -> `module:function` in this package that declares it and carries it out; a whole line
 that can be typed.

@@ -161,5 +161,5 @@ def _announce(
     console.line(f"published by {example.of}: {example.repository}, licence {example.licence}")
 
 
-def _progress(at: offered.Step) -> str:
+def _progress(at: offered.DownloadProgress) -> str:
     return f"{at.done / 1e6:.1f} of {at.total / 1e6:.1f} MB: {at.name}"

@@ -188,7 +188,9 @@ def _healthy(page_data: Mapping[str, Any], normal: Path | None) -> HealthyBands:
             name: {side: band.for_person(subject, side) for side in "rl"}
             for name, band in bands.items()
         }
-    endings = {kind.words: kind.ending for kind in cycles.Kind if kind is not cycles.Kind.FORCE}
+    endings = {
+        kind.words: kind.ending for kind in cycles.CurveKind if kind is not cycles.CurveKind.FORCE
+    }
     return {
         f"{band['base']}{endings.get(band['kind'], '')}": {
             side: (

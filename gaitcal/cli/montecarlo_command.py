@@ -45,7 +45,7 @@ from gaitcal.report.page.monte_carlo_sections import with_monte_carlo
 from gaitcal.report.page.page_data import PAGE_DATA
 from gaitcal.report.page.page_folder import PAGE, read_page, rewrite_page
 from gaitcal.reproduction import printed_tables
-from gaitcal.reproduction.claims import Claim, Verdict
+from gaitcal.reproduction.claims import Claim, ClaimOutcome
 from gaitcal.reproduction.reproduce import (
     Reproduction,
     ReproductionSettings,
@@ -438,12 +438,12 @@ def _cell(row: printed_tables.TableRow) -> str:
 def _print_claims(console: Console, claims: Sequence[Claim]) -> None:
     table = frameless_table(("claims of the paper", "published", "ours", "verdict"))
     for claim in claims:
-        if claim.verdict is not Verdict.NOT_TESTABLE or console.verbose:
+        if claim.verdict is not ClaimOutcome.NOT_TESTABLE or console.verbose:
             table.add_row(
                 *(Text(t) for t in (claim.claim, claim.published, claim.ours, claim.verdict.value))
             )
     console.out.print(table)
-    counts = {v: sum(claim.verdict is v for claim in claims) for v in Verdict}
+    counts = {v: sum(claim.verdict is v for claim in claims) for v in ClaimOutcome}
     console.line(
         "claims of the paper: "
         + ", ".join(f"{count} {v.value}" for v, count in counts.items() if count)

@@ -28,8 +28,8 @@ from gaitcal.cohort.one_person import (
 )
 from gaitcal.cohort.outcome import Outcome, Outcomes
 from gaitcal.gait import conventions, normal_bands
-from gaitcal.gait.cycles import Kind, coordinate_of, kind_of, unit_of
-from gaitcal.gait.peaks import ADDUCTION_PEAK, PEAKS, Figure, Peak
+from gaitcal.gait.cycles import CurveKind, coordinate_of, kind_of, unit_of
+from gaitcal.gait.peaks import ADDUCTION_PEAK, PEAKS, Peak, PeakKind
 from gaitcal.io.toml import package_version
 from gaitcal.model.linkage import SIDES
 from gaitcal.model.subject_model import Subject
@@ -39,7 +39,7 @@ from gaitcal.results.trial_curves import joint_of
 
 
 @dataclass(frozen=True, kw_only=True)
-class Measure:
+class CohortMeasure:
     """One measure."""
 
     name: str
@@ -55,11 +55,11 @@ class Measure:
     empty: each has its own."""
 
 
-def _peak(name: str, title: str, peak: Peak) -> Measure:
-    kind, sign = kind_of(peak.variable), -1 if peak.figure is Figure.LOWEST else 1
-    digits, title = (1 if kind is Kind.ANGLE else 2), f"{title}, peak in {peak.phase}"
+def _peak(name: str, title: str, peak: Peak) -> CohortMeasure:
+    kind, sign = kind_of(peak.variable), -1 if peak.figure is PeakKind.LOWEST else 1
+    digits, title = (1 if kind is CurveKind.ANGLE else 2), f"{title}, peak in {peak.phase}"
     column, error = f"{peak.name}_{{}}", f"{peak.name}_se_{{}}"
-    return Measure(
+    return CohortMeasure(
         name=name,
         title=title,
         unit=PER_KG[kind],
@@ -71,24 +71,26 @@ def _peak(name: str, title: str, peak: Peak) -> Measure:
 
 
 MEASURES: Final = (
-    Measure(name="mass", title="Mass", unit="kg", digits=1, column="mass_kg"),
-    Measure(name="height", title="Height", unit="m", digits=2, column="height_m"),
-    Measure(
+    CohortMeasure(name="mass", title="Mass", unit="kg", digits=1, column="mass_kg"),
+    CohortMeasure(name="height", title="Height", unit="m", digits=2, column="height_m"),
+    CohortMeasure(
         name="marker_rms",
         title="Marker RMS, pelvis and legs",
         unit="mm",
         digits=1,
         column="legs_rms_calibrated_mm",
     ),
-    Measure(
+    CohortMeasure(
         name="residual",
         title="Pelvis residual",
         unit="N",
         digits=1,
         column="residual_force_calibrated_N",
     ),
-    Measure(name="speed", title="Speed", unit="m/s", digits=2, column="speed_{}", joined="mean"),
-    Measure(
+    CohortMeasure(
+        name="speed", title="Speed", unit="m/s", digits=2, column="speed_{}", joined="mean"
+    ),
+    CohortMeasure(
         name="cadence",
         title="Cadence",
         unit="steps/min",
@@ -96,7 +98,7 @@ MEASURES: Final = (
         column="cadence_{}",
         joined="mean",
     ),
-    Measure(
+    CohortMeasure(
         name="step_asymmetry",
         title="Step length asymmetry",
         unit="%",
@@ -112,7 +114,7 @@ MEASURES: Final = (
 )
 
 
-def measured(measure: Measure, read: Callable[[str], Array]) -> list[dict[str, Any]]:
+def measured(measure: CohortMeasure, read: Callable[[str], Array]) -> list[dict[str, Any]]:
     """The columns of a measure as the page takes them: of the person, or of each leg; none that
     nobody has.
 
@@ -346,18 +348,18 @@ def _variables(common: CommonSettings, mass: float, height: float) -> list[dict[
     clinical, out = conventions.Convention(signs=conventions.Signs.CLINICAL), []
     for name in VARIABLES:
         kind, sign = kind_of(name), float(clinical.values(name, np.ones(1), "r", body)[0])
-        whose = "internal, " if kind is Kind.MOMENT else ""
+        whose = "internal, " if kind is CurveKind.MOMENT else ""
         variable: dict[str, Any] = {
             "name": name,
             "joint": joint_of(coordinate_of(name)),
             "kind": kind.words,
             "title": clinical.title(name),
-            "unit": unit_of(name) if kind is Kind.ANGLE else f"{unit_of(name)}/kg",
+            "unit": unit_of(name) if kind is CurveKind.ANGLE else f"{unit_of(name)}/kg",
             "step": sign * STEPS[kind],
             "positive": f"{whose}{clinical.senses(name, 'r')[0]}",
         }
         if name in bands:
-            scale = 1.0 if kind is Kind.ANGLE else 1.0 / mass
+            scale = 1.0 if kind is CurveKind.ANGLE else 1.0 / mass
             mean, sd = (scale * values[::EVERY] for values in bands[name].for_person(body))
             variable["normal"] = {
                 "mean": _rounded(sign * mean),

@@ -27,7 +27,7 @@ import pandas as pd
 from gaitcal.cohort.cohort_people import CohortPerson, is_folder, no_folder
 from gaitcal.errors import STUDY, Code, InputError
 from gaitcal.gait import profile_score, spatiotemporal
-from gaitcal.gait.cycles import WALKING, Kind, kind_of
+from gaitcal.gait.cycles import WALKING, CurveKind, kind_of
 from gaitcal.gait.peaks import PEAK_COLUMNS, PEAKS
 from gaitcal.intake import draft_file as drafts
 from gaitcal.intake.drafting import draft_of
@@ -148,7 +148,12 @@ def _contradictions(person: CohortPerson, study: Study, common: CommonSettings) 
 RECORD: Final = ("session_date", "diagnosis", "affected_side", "aids", "laboratory")
 """Of what a clinic writes down, the columns of the table of people."""
 Cell: TypeAlias = str | int | float | None  # Of the table of people
-PER_KG: Final = {Kind.ANGLE: "deg", Kind.MOMENT: "N m/kg", Kind.POWER: "W/kg", Kind.FORCE: "N/kg"}
+PER_KG: Final = {
+    CurveKind.ANGLE: "deg",
+    CurveKind.MOMENT: "N m/kg",
+    CurveKind.POWER: "W/kg",
+    CurveKind.FORCE: "N/kg",
+}
 """Unit of what is by body mass, but for angles."""
 MEASURED: Final = (
     *(
@@ -286,7 +291,7 @@ COLUMNS: Final = _columns()
 NAMES: Final = tuple(column.name for column in COLUMNS)
 EVERY: Final = 2  # % of the stride between two points of a curve
 GAP: Final = -32768
-STEPS: Final = {Kind.ANGLE: 0.01, Kind.MOMENT: 0.0005, Kind.POWER: 0.002}
+STEPS: Final = {CurveKind.ANGLE: 0.01, CurveKind.MOMENT: 0.0005, CurveKind.POWER: 0.002}
 """What one of the whole numbers is: deg, N m/kg, W/kg."""
 VARIABLES: Final = (
     *(
@@ -326,7 +331,7 @@ def activity_peaks(folder: Path) -> list[list[str]]:
 
 def _by_mass(variable: str, mass: float) -> float:
     """Factor of a curve: all but angles are by body mass (kg)."""
-    return 1.0 if kind_of(variable) is Kind.ANGLE else 1.0 / mass
+    return 1.0 if kind_of(variable) is CurveKind.ANGLE else 1.0 / mass
 
 
 def _peaks(peaks: Path, mass: float) -> Iterator[tuple[str, float]]:

@@ -295,7 +295,7 @@ class Loading:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Step(Loading):
+class FootContact(Loading):
     """A loading of the tracked motion."""
 
     wrench: Array  # (nf, 6) of the plate at all frames of the trial, not filtered
@@ -311,13 +311,13 @@ class Step(Loading):
 
 def steps_on(
     plate: ForcePlate, wrench: Array, time: Array, feet: FootPoints, side: str | None
-) -> tuple[list[Step], list[Finding]]:
+) -> tuple[list[FootContact], list[Finding]]:
     """The steps on one plate, and loadings that fit no foot.
 
     `wrench`: (nf, 6) of the plate at the frames, not filtered.
     `side`: "r" or "l" where the study says whose plate it is; None: found.
     """
-    steps, findings = list[Step](), list[Finding]()
+    steps, findings = list[FootContact](), list[Finding]()
     height = surface_height(plate)
     for stretch in runs(wrench[:, 1] > LOADED_N):
         if duration(time, stretch) < SHORTEST:
@@ -339,7 +339,7 @@ def steps_on(
             parts = [(stretch, foot)] if side else _divided(wrench, stretch, foot, time, feet)
         for frames, of in parts:
             steps.append(
-                Step(
+                FootContact(
                     foot=of,
                     frames=frames,
                     plate=plate,
@@ -462,7 +462,7 @@ def _under_neither(plate: ForcePlate, span: str, seat: bool) -> Finding:
     )
 
 
-def meeting(steps: Sequence[Step], foot: int, frames: slice) -> list[Step]:
+def meeting(steps: Sequence[FootContact], foot: int, frames: slice) -> list[FootContact]:
     """The steps of a foot that last in some of these frames."""
     return [
         s

@@ -22,8 +22,8 @@ from gaitcal.dynamics import inverse_dynamics, measurement_errors, off_sole
 from gaitcal.dynamics.foot_contact import (
     FOOT_BREADTH,
     RESTING,
+    FootContact,
     FootPoints,
-    Step,
     belts,
     near,
     on_the_floor,
@@ -208,7 +208,7 @@ def ground_reactions_on_feet(
     wrench, loaded = np.zeros((len(time), 2, 6)), np.zeros((len(time), 2), dtype=bool)
     notes, findings = list[str](), list[Finding]()
     known = np.full(len(time), bool(plates))
-    used, steps = list[ForcePlate](), list[Step]()
+    used, steps = list[ForcePlate](), list[FootContact]()
     for plate in plates:
         raw = np.nan_to_num(resample_wrench(plate, time))
         filtered = (

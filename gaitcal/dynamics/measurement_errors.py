@@ -75,7 +75,7 @@ from gaitcal.io.force_plate import LOADED_N, OUTSIDE_M, UP, centre_on_ground
 from gaitcal.io.recording import ForcePlate
 from gaitcal.model import chain, linkage
 from gaitcal.model.kinematics import Kinematics
-from gaitcal.model.parameters import JOINT_PARAMETERS, Kind, Parameters
+from gaitcal.model.parameters import JOINT_PARAMETERS, ParameterKind, Parameters
 from gaitcal.study.settings import PlateErrorTable
 
 PALPATED_DEG: Mapping[str, tuple[float, float, float]] = {
@@ -87,7 +87,7 @@ and no error.
 EXACT: Mapping[str, tuple[float, float, float]] = {}  # Axes that are where they are by definition
 BLOCK = 500  # Frames at a time
 
-_ORIENTATIONS = tuple(p.name for p in JOINT_PARAMETERS if p.kind is Kind.ORIENTATION)
+_ORIENTATIONS = tuple(p.name for p in JOINT_PARAMETERS if p.kind is ParameterKind.ORIENTATION)
 
 
 @dataclass(frozen=True)

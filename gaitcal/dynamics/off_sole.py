@@ -77,7 +77,7 @@ OFF_SOLE_SHARE = (
 
 
 @dataclass(frozen=True, kw_only=True)
-class Place:
+class PressurePosition:
     """Where the centre of pressure of one loading lies against the outline of what presses on its
     plate.
     """
@@ -149,7 +149,7 @@ def outside_hull(point: Array, edge: Array) -> tuple[Array, Array]:
 
 def places_of(
     loadings: Sequence[foot_contact.Loading], feet: foot_contact.FootPoints, time: Array
-) -> list[Place]:
+) -> list[PressurePosition]:
     """Where the centre of pressure of each loading lies."""
     return [
         _place_of(one, [x for x in loadings if x.plate is not one.plate], feet, time)
@@ -162,7 +162,7 @@ def _place_of(
     others: Sequence[foot_contact.Loading],
     feet: foot_contact.FootPoints,
     time: Array,
-) -> Place:
+) -> PressurePosition:
     """`others`: those of the other plates of the trial."""
     point, frames = loading.point[:, [0, 2]], loading.frames
     away, way = outside_hull(point, sole_edge(feet, loading.foot, frames))
@@ -171,7 +171,7 @@ def _place_of(
     if shared.any():
         both = np.concatenate([sole_edge(feet, foot, frames)[shared] for foot in (0, 1)], axis=1)
         away[shared], way[shared] = outside_hull(point[shared], both)
-    return Place(
+    return PressurePosition(
         away=away, way=way, allowed=OUTLINE_M + MOMENT_NM / np.maximum(loading.load, LOADED_N)
     )
 
@@ -219,7 +219,10 @@ def one_centre(one: foot_contact.Loading, other: foot_contact.Loading, count: in
 
 
 def divided_frames(
-    one: foot_contact.Loading, other: foot_contact.Loading, places: tuple[Place, Place], count: int
+    one: foot_contact.Loading,
+    other: foot_contact.Loading,
+    places: tuple[PressurePosition, PressurePosition],
+    count: int,
 ) -> BoolArray:
     """(nf,) of `count` frames: a total force was divided between two plates, by their common centre
     of pressure.
@@ -239,7 +242,7 @@ def divided_cause(plates: Sequence[str]) -> str:
 
 
 def off_sole_frames(
-    steps: Sequence[foot_contact.Step], time: Array, feet: foot_contact.FootPoints
+    steps: Sequence[foot_contact.FootContact], time: Array, feet: foot_contact.FootPoints
 ) -> tuple[BoolArray, list[Finding]]:
     """(nf, 2) frames in which what a plate says is not the force on its foot, and what to say of
     them.
@@ -279,7 +282,7 @@ def off_sole_frames(
 
 
 def beside_plates(
-    steps: Sequence[foot_contact.Step],
+    steps: Sequence[foot_contact.FootContact],
     plates: Sequence[ForcePlate],
     time: Array,
     feet: foot_contact.FootPoints,
@@ -362,7 +365,7 @@ def _around(lost: BoolArray, contact: slice, time: Array) -> BoolArray:
 def _reached(
     sole: foot_contact.SoleCells,
     beside: BoolArray,
-    carriers: Sequence[foot_contact.Step],
+    carriers: Sequence[foot_contact.FootContact],
     frames: slice,
 ) -> BoolArray:
     """(nf,) the centre of pressure comes near to a part of the sole that lies beside the plates."""
@@ -380,7 +383,7 @@ def _reached(
 
 
 def shared_plates(
-    steps: Sequence[foot_contact.Step],
+    steps: Sequence[foot_contact.FootContact],
     plates: Sequence[ForcePlate],
     time: Array,
     feet: foot_contact.FootPoints,
@@ -423,8 +426,8 @@ def shared_plates(
 
 
 def _leaves_sole(
-    step: foot_contact.Step,
-    steps: Sequence[foot_contact.Step],
+    step: foot_contact.FootContact,
+    steps: Sequence[foot_contact.FootContact],
     feet: foot_contact.FootPoints,
     floor: BoolArray,
 ) -> bool:

@@ -28,7 +28,7 @@ from typing import Final, NamedTuple
 
 from gaitcal.arrays import Array
 from gaitcal.dynamics.joint_kinetics import MomentFrame
-from gaitcal.gait.cycles import GROUND_REACTION, Kind, coordinate_of, kind_of
+from gaitcal.gait.cycles import GROUND_REACTION, CurveKind, coordinate_of, kind_of
 from gaitcal.model.coordinates import ClinicalSense, coordinate_words, senses_of
 from gaitcal.model.subject_model import Subject
 
@@ -99,7 +99,7 @@ class Convention:
         factor = {MomentUnit.NM: 1.0, MomentUnit.NM_PER_KG: 1.0 / subject.mass}.get(
             self.unit, 100.0 / subject.bwh
         )
-        return factor * self._sign(name, Kind.MOMENT, side) * values
+        return factor * self._sign(name, CurveKind.MOMENT, side) * values
 
     def power(self, values: Array, subject: Subject) -> Array:
         """Powers (W) or their standard errors in the unit of this convention."""
@@ -109,7 +109,7 @@ class Convention:
         """Angles of a stride of one side (`r`, `l`) with the sign of this convention; their unit
         stays.
         """
-        return self._sign(name, Kind.ANGLE, side) * values
+        return self._sign(name, CurveKind.ANGLE, side) * values
 
     def values(self, variable: str, values: Array, side: str, subject: Subject) -> Array:
         """Values of a variable of `cycles.csv`, in its unit there, of strides of one side; of
@@ -120,9 +120,9 @@ class Convention:
         """
         name, kind = coordinate_of(variable), kind_of(variable)
         match kind:
-            case Kind.MOMENT:
+            case CurveKind.MOMENT:
                 return self.moment(name, values, subject, side)
-            case Kind.POWER:
+            case CurveKind.POWER:
                 return self.power(values, subject)
             case _:
                 return self._sign(name, kind, side) * values
@@ -132,31 +132,33 @@ class Convention:
         none says it.
         """
         name, kind = coordinate_of(variable), kind_of(variable)
-        if kind is Kind.POWER:
+        if kind is CurveKind.POWER:
             return "generated", "absorbed"
         clinical = self._clinical(name, side)
         one, other = (clinical.words, clinical.opposite) if clinical else _senses(name)
         opposed = (
-            kind is Kind.MOMENT and self.signs is Signs.CLINICAL and self.acting is Acting.INTERNAL
+            kind is CurveKind.MOMENT
+            and self.signs is Signs.CLINICAL
+            and self.acting is Acting.INTERNAL
         )
         return (other, one) if opposed else (one, other)
 
     def title(self, variable: str) -> str:
         """`Hip flexion`, `Hip extension moment`, `Hip power`: named by what a positive value means."""
         name, kind = coordinate_of(variable), kind_of(variable)
-        if kind is Kind.FORCE:
+        if kind is CurveKind.FORCE:
             return GROUND_FORCES[name].title
-        if kind is Kind.POWER:
+        if kind is CurveKind.POWER:
             return f"{coordinate_words(name).title.capitalize()} power"
         title, positive, sense = (
             coordinate_words(name).title,
             self.senses(variable, "r")[0],
             _senses(name)[0],
         )
-        turns = kind is Kind.MOMENT and sense.endswith(" rotation")
+        turns = kind is CurveKind.MOMENT and sense.endswith(" rotation")
         if title.endswith(f" {sense}") or turns:
             title = f"{title.split()[0]} {positive}"
-        return title if kind is Kind.ANGLE else f"{title} moment"
+        return title if kind is CurveKind.ANGLE else f"{title} moment"
 
     @property
     def lines(self) -> tuple[str, ...]:
@@ -191,13 +193,13 @@ class Convention:
             "power_unit": self.unit.power,
         }
 
-    def _sign(self, name: str, kind: Kind, side: str) -> float:
-        external = -1.0 if kind is Kind.MOMENT and self.acting is Acting.EXTERNAL else 1.0
+    def _sign(self, name: str, kind: CurveKind, side: str) -> float:
+        external = -1.0 if kind is CurveKind.MOMENT and self.acting is Acting.EXTERNAL else 1.0
         if self.signs is Signs.OPENSIM:
             return external
         clinical = self._clinical(name, side)
         angle = clinical.sign(side) if clinical else 1.0
-        return -angle if kind is Kind.MOMENT else angle
+        return -angle if kind is CurveKind.MOMENT else angle
 
     def _clinical(self, name: str, side: str) -> ClinicalSense | None:
         row = GROUND_FORCES.get(name) or coordinate_words(name)

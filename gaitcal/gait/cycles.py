@@ -207,7 +207,7 @@ def best_cycle(cycles: Sequence[GaitCycle], time: Array, valid: BoolArray) -> Ga
     return max(cycles, key=lambda c: float(valid[(time >= c.start) & (time <= c.stop)].mean()))
 
 
-class Kind(Enum):
+class CurveKind(Enum):
     """What a variable is. `ending`: of its name; `unit`: in tables; `words`: on pages."""
 
     ANGLE = ("", "deg", "angle")
@@ -223,12 +223,13 @@ GROUND_REACTION = "ground_reaction_vertical"
 """Upward force of the ground on the foot of that side, N: a force whose name has no ending."""
 
 
-def kind_of(variable: str) -> Kind:
+def kind_of(variable: str) -> CurveKind:
     """Of a variable of `cycles.csv`: `knee_angle` is an angle, `knee_angle_moment` a moment."""
     if variable.startswith("ground_reaction_"):
-        return Kind.FORCE
+        return CurveKind.FORCE
     return next(
-        (kind for kind in Kind if kind.ending and variable.endswith(kind.ending)), Kind.ANGLE
+        (kind for kind in CurveKind if kind.ending and variable.endswith(kind.ending)),
+        CurveKind.ANGLE,
     )
 
 
@@ -252,8 +253,8 @@ def known_variables() -> tuple[str, ...]:
     return (
         *angles,
         *SEGMENT_ANGLES,
-        *(f"{name}{Kind.MOMENT.ending}" for name in moved),
-        *(f"{name}{Kind.POWER.ending}" for name in powers),
+        *(f"{name}{CurveKind.MOMENT.ending}" for name in moved),
+        *(f"{name}{CurveKind.POWER.ending}" for name in powers),
         GROUND_REACTION,
     )
 

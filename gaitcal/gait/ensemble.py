@@ -49,7 +49,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Spread:
+class StrideStatistics:
     """Statistics of strides at m points (percents); NaN where not known."""
 
     n: Array  # (m,) strides with a valid value
@@ -64,7 +64,7 @@ class Spread:
 
 def spread(
     values: Array, trials: NDArray[Any], own: Array | None = None, total: Array | None = None
-) -> Spread:
+) -> StrideStatistics:
     """Statistics over strides.
 
     `values`: (n, m) n strides at m points; NaN where a value is not valid.
@@ -100,7 +100,7 @@ def spread(
             alone = _mean_over(np.asarray(total, dtype=np.float64), there)
             se = np.where(n > 1, np.sqrt(variance / n + shared**2), alone)
     variance = np.where(n > 1, variance, np.nan)
-    return Spread(
+    return StrideStatistics(
         n=n,
         trials=k,
         mean=np.where(n > 0, mean, np.nan),

@@ -18,7 +18,7 @@ from gaitcal.gait.strides import Layout
 from gaitcal.model import linkage
 from gaitcal.model.coordinates import COORDINATE_TABLE, JOINT_TABLE, split_side
 from gaitcal.model.linkage import COORDINATE_INDEX, JOINTS, REACTIONS, SEGMENT_TABLE, joint_elements
-from gaitcal.model.parameters import IP_INDEX, JOINT_PARAMETERS, JP_INDEX, Kind
+from gaitcal.model.parameters import IP_INDEX, JOINT_PARAMETERS, JP_INDEX, ParameterKind
 from gaitcal.model.subject_model import SubjectModel
 from gaitcal.study.study_trial import Role
 
@@ -189,7 +189,9 @@ def parameter_direction(name: str) -> str:
     if name in IP_INDEX:
         return _INERTIAL[name.split(".", 1)[1]][1]
     parameter = JOINT_PARAMETERS[JP_INDEX[name]]
-    return (_POSITIONS if parameter.kind is Kind.POSITION else _ORIENTATIONS)[parameter.axis]
+    return (_POSITIONS if parameter.kind is ParameterKind.POSITION else _ORIENTATIONS)[
+        parameter.axis
+    ]
 
 
 def parameter_words(name: str) -> str:

@@ -57,7 +57,7 @@ import numpy as np
 from gaitcal.arrays import Array
 from gaitcal.errors import Code, InputError, nearest
 from gaitcal.gait.conventions import Acting, Convention, Signs
-from gaitcal.gait.cycles import POINTS, Kind, kind_of, known_variables
+from gaitcal.gait.cycles import POINTS, CurveKind, kind_of, known_variables
 from gaitcal.io import text_file, toml
 from gaitcal.model.coordinates import split_side
 from gaitcal.model.subject_model import GRAVITY, Subject
@@ -91,11 +91,11 @@ BAND_SIGNS: Final[Mapping[str, Convention]] = {
     "clinical": Convention(signs=Signs.CLINICAL),
 }
 """What a file of bands says of its signs; see the module's table."""
-UNITS: Final[Mapping[Kind, tuple[str, ...]]] = {
-    Kind.ANGLE: ("deg", "rad"),
-    Kind.MOMENT: ("N m/kg", "N mm/kg", "%BW*H", "N m"),
-    Kind.POWER: ("W/kg", "W"),
-    Kind.FORCE: ("BW", "%BW", "N/kg", "N"),
+UNITS: Final[Mapping[CurveKind, tuple[str, ...]]] = {
+    CurveKind.ANGLE: ("deg", "rad"),
+    CurveKind.MOMENT: ("N m/kg", "N mm/kg", "%BW*H", "N m"),
+    CurveKind.POWER: ("W/kg", "W"),
+    CurveKind.FORCE: ("BW", "%BW", "N/kg", "N"),
 }
 """What a file may say, per kind of variable."""
 

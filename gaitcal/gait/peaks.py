@@ -33,12 +33,12 @@ import numpy as np
 
 from gaitcal.arrays import Array
 from gaitcal.gait import ensemble, spatiotemporal
-from gaitcal.gait.cycles import POINTS, Kind, coordinate_of, kind_of, unit_of
+from gaitcal.gait.cycles import POINTS, CurveKind, coordinate_of, kind_of, unit_of
 from gaitcal.model.coordinates import coordinate_words, senses_of
 from gaitcal.model.linkage import SIDES
 
 
-class Figure(Enum):
+class PeakKind(Enum):
     """What is taken of a curve within the window."""
 
     STRIKE = "strike"
@@ -54,7 +54,7 @@ class Peak:
 
     name: str  # as in `peaks.csv`
     variable: str  # of `cycles.csv`, in its signs
-    figure: Figure
+    figure: PeakKind
     phase: str  # in words; of an activity that is no gait as in `cycles.csv`
     window: tuple[float, float] | None = None  # u, see the module; None: the whole phase
 
@@ -65,22 +65,26 @@ class Peak:
         kind, name, low = (
             kind_of(self.variable),
             coordinate_of(self.variable),
-            self.figure is Figure.LOWEST,
+            self.figure is PeakKind.LOWEST,
         )
-        title = "Vertical ground reaction" if kind is Kind.FORCE else coordinate_words(name).title
-        if kind is Kind.MOMENT:
+        title = (
+            "Vertical ground reaction" if kind is CurveKind.FORCE else coordinate_words(name).title
+        )
+        if kind is CurveKind.MOMENT:
             return (
                 f"{title.split()[0]} {(senses_of(name) or ('', ''))[low != external]} moment, "
                 f"{self.phase}"
             )
-        if kind is Kind.POWER:
+        if kind is CurveKind.POWER:
             return f"{title.capitalize()} power {'absorbed' if low else 'generated'}, {self.phase}"
         return f"{title}, {self.measure}"
 
     @property
     def measure(self) -> str:
         """What is taken where: `highest in swing`, `at initial contact`."""
-        return f"{'at' if self.figure is Figure.STRIKE else f'{self.figure.value} in'} {self.phase}"
+        return (
+            f"{'at' if self.figure is PeakKind.STRIKE else f'{self.figure.value} in'} {self.phase}"
+        )
 
     @property
     def words(self) -> str:
@@ -150,7 +154,7 @@ ground_reaction_3              ground_reaction_vertical highest 0.6   1     push
 
 def _peak(row: str) -> Peak:
     name, variable, figure, begin, end, phase = row.split(maxsplit=5)
-    return Peak(name, variable, Figure(figure), phase, (float(begin), float(end)))
+    return Peak(name, variable, PeakKind(figure), phase, (float(begin), float(end)))
 
 
 PEAKS: Final = {peak.name: peak for peak in map(_peak, _ROWS.strip().splitlines())}
@@ -189,7 +193,7 @@ ankle_power_generated  ankle_power              highest stance rising push-off
 ground_reaction        ground_reaction_vertical highest stance lowering rising push-off landing
 """
 PHASE_PEAKS: Final = {
-    name: Peak(name, variable, Figure(figure), phase)
+    name: Peak(name, variable, PeakKind(figure), phase)
     for begin, variable, figure, *phases in map(str.split, _IN_PHASES.strip().splitlines())
     for phase in phases
     for name in (f"in_{phase.replace('-', '_')}_{begin}",)
@@ -231,10 +235,10 @@ def stride_peaks(
         if not len(inside) or np.isfinite(value[inside]).mean() < spatiotemporal.LEAST_VALID:
             continue
         match peak.figure:
-            case Figure.MEAN:
+            case PeakKind.MEAN:
                 mean, *errors = (float(v[inside][np.isfinite(value[inside])].mean()) for v in known)
                 out[peak.name] = (mean, errors[0], errors[1], np.nan)
-            case Figure.RANGE:
+            case PeakKind.RANGE:
                 ends = inside[[np.nanargmin(value[inside]), np.nanargmax(value[inside])]]
                 shared = np.sqrt(np.maximum(error[ends] ** 2 - own[ends] ** 2, 0.0))
                 apart = float(
@@ -246,10 +250,10 @@ def stride_peaks(
                     apart,
                     np.nan,
                 )
-            case Figure.STRIKE:
+            case PeakKind.STRIKE:
                 out[peak.name] = (float(value[0]), float(error[0]), float(own[0]), 0.0)
             case _:
-                signed = value if peak.figure is Figure.HIGHEST else -value
+                signed = value if peak.figure is PeakKind.HIGHEST else -value
                 k = int(inside[np.nanargmax(signed[inside])])
                 if 0 < k < POINTS - 1 and signed[k] >= signed[k - 1] and signed[k] >= signed[k + 1]:
                     out[peak.name] = (float(value[k]), float(error[k]), float(own[k]), float(k))
@@ -268,7 +272,7 @@ def phase_peaks(
         if peak.variable in curves and len(inside):
             value, error, own = curves[peak.variable]
             signed = np.where(
-                np.isfinite(value), value if peak.figure is Figure.HIGHEST else -value, -np.inf
+                np.isfinite(value), value if peak.figure is PeakKind.HIGHEST else -value, -np.inf
             )
             k = int(inside[signed[inside].argmax()])
             if (

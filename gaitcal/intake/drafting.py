@@ -32,7 +32,7 @@ from gaitcal.intake.subject_metadata import (
     weighed,
     weighed_walking,
 )
-from gaitcal.intake.trial_movement import Movement, Shows, movement, standing, unit_fault
+from gaitcal.intake.trial_movement import RecordedMovement, Shows, movement, standing, unit_fault
 from gaitcal.io.labels import Facts
 from gaitcal.io.recording import Recording
 from gaitcal.io.segment_poses import holds_poses
@@ -478,7 +478,7 @@ class _Drafting:
         i: int,
         name: str,
         role: tuple[str, str],
-        found: Movement | None,
+        found: RecordedMovement | None,
         forces: folders.ForceChoice | None,
         statics: Sequence[int],
     ) -> Drafted:
@@ -520,7 +520,7 @@ class _Drafting:
         i: int,
         roles: Mapping[int, tuple[str, str]],
         out: Mapping[int, str],
-        moves: Mapping[int, Movement],
+        moves: Mapping[int, RecordedMovement],
     ) -> Seen:
         file, choice = self.files[i], self.choice
         labels = file.recording.labels if file.recording is not None else ()

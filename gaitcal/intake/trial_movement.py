@@ -262,7 +262,7 @@ class Shows(Enum):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Movement:
+class RecordedMovement:
     """What a recording shows, and by what that was told."""
 
     shows: Shows
@@ -273,7 +273,7 @@ class Movement:
 
 def movement(
     recording: Recording, marker_set: MarkerSet, posture: Standing | None, reference: Stance | None
-) -> Movement:
+) -> RecordedMovement:
     """What a recording shows.
 
     `posture`: the recording's own, where the person stands in it.
@@ -284,9 +284,11 @@ def movement(
     if posture is not None and posture.throughout:
         words = f"still to {1e3 * posture.speed:.0f} mm/s, upright, {time[-1] - time[0]:.1f} s"
         words = words if len(time) > 1 else "upright in its one frame"
-        return Movement(shows=Shows.STANDS, evidence=words)
+        return RecordedMovement(shows=Shows.STANDS, evidence=words)
     if len(time) < FEWEST_FRAMES or time[-1] - time[0] < SHORTEST_S:
-        return Movement(shows=Shows.NOTHING, evidence=f"{len(time)} frames, too short to tell")
+        return RecordedMovement(
+            shows=Shows.NOTHING, evidence=f"{len(time)} frames, too short to tell"
+        )
     pelvis = middle(recording, marker_set, "pelvis")
     feet = [middle(recording, marker_set, f"foot_{side}") for side in linkage.SIDES]
     walk = _walk(pelvis, feet, _facing(recording, marker_set, reference, pelvis))
@@ -297,7 +299,7 @@ def movement(
                 Shows.MOVES,
                 f"{evidence}, and both feet fly in {100 * share:.0f} % of the frames",
             )
-        return Movement(shows=shows, evidence=evidence, certain=certain)
+        return RecordedMovement(shows=shows, evidence=evidence, certain=certain)
     turns: dict[str, float] = {}
     if reference is not None:
         clusters = clusters_of(
@@ -418,7 +420,7 @@ def _walk(pelvis: Array, feet: list[Array], facing: Array | None) -> tuple[Shows
     return None
 
 
-def _one_joint(pelvis: Array, turns: dict[str, float], sway: float) -> Movement:
+def _one_joint(pelvis: Array, turns: dict[str, float], sway: float) -> RecordedMovement:
     """One joint alone, or something else."""
     ranked = sorted(turns, key=lambda joint: -turns[joint])
     degrees = {joint: np.rad2deg(turns[joint]) for joint in ranked}
@@ -429,7 +431,7 @@ def _one_joint(pelvis: Array, turns: dict[str, float], sway: float) -> Movement:
         if words
         else "no joint can be followed (markers, or no static trial)"
     )
-    other = Movement(shows=Shows.OTHER, evidence=said)
+    other = RecordedMovement(shows=Shows.OTHER, evidence=said)
     if not ranked:
         return other
     first = ranked[0]

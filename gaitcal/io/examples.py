@@ -246,7 +246,7 @@ SOURCE, STUDY = "SOURCE.txt", "study.toml"
 
 
 @dataclass(frozen=True)
-class Step:
+class DownloadProgress:
     """How far it is."""
 
     name: str  # Of the file that is being fetched
@@ -266,7 +266,10 @@ def is_complete(example: Example, folder: Path) -> bool:
 
 
 def fetch_example(
-    example: Example, folder: Path, connection: Connection, progress: Callable[[Step], None]
+    example: Example,
+    folder: Path,
+    connection: Connection,
+    progress: Callable[[DownloadProgress], None],
 ) -> None:
     """Fetch what is not there, and put all of it into `folder`. A study file that is there stays as
     its user left it.
@@ -308,7 +311,10 @@ def fetch_example(
 
 
 def _fetch_rest(
-    example: Example, content: Path, connection: Connection, progress: Callable[[Step], None]
+    example: Example,
+    content: Path,
+    connection: Connection,
+    progress: Callable[[DownloadProgress], None],
 ) -> None:
     missing = [file for file in example.files if not (content / file.name).exists()]
     done = example.size - sum(file.bytes for file in missing)
@@ -316,7 +322,7 @@ def _fetch_rest(
         (content / file.name).parent.mkdir(parents=True, exist_ok=True)
 
         def step(size: int, name: str = file.name, before: int = done) -> None:
-            progress(Step(name, before + size, example.size))
+            progress(DownloadProgress(name, before + size, example.size))
 
         download(file, content / file.name, connection, step)
         done += file.bytes

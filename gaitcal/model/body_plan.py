@@ -124,7 +124,7 @@ CENTRE = {"hip": ("asis",), "knee": ("knee_lat", "knee_med"), "ankle": ("ankle_l
 
 
 @dataclass(frozen=True)
-class Measure:
+class LandmarkMeasure:
     """One measure of the landmarks, against what people have."""
 
     name: str  # In words: `knee width, right`
@@ -153,7 +153,7 @@ class Measure:
         return f"{self.name} {self.value:+.0f} {self.unit} (usual within {3 * self.sd:.0f})"
 
 
-def cost(found: Sequence[Measure]) -> float:
+def cost(found: Sequence[LandmarkMeasure]) -> float:
     """J, the sum of squares of all z."""
     return float(sum(m.z**2 for m in found))
 
@@ -180,7 +180,7 @@ def body_axes(p: Landmarks) -> Array | None:
     return np.column_stack([x, y, cross(x, y)])
 
 
-def measures(p: Landmarks, height: float, *, even: bool = True) -> list[Measure]:
+def measures(p: Landmarks, height: float, *, even: bool = True) -> list[LandmarkMeasure]:
     """All measures of the landmarks p that are there, of a person of this height (m).
 
     Where the person does not stand evenly on straight legs (not `even`), without those that depend
@@ -221,7 +221,7 @@ def likely_height(p: Landmarks) -> tuple[float, float] | None:
     return float(weight @ height), float(weight @ height * (weight @ relative))
 
 
-def _lengths(q: Landmarks, height: float) -> Iterator[Measure]:
+def _lengths(q: Landmarks, height: float) -> Iterator[LandmarkMeasure]:
     """Lengths of a leg, negative where the two lie the wrong way round along the axis that they
     should lie along.
     """
@@ -235,7 +235,7 @@ def _lengths(q: Landmarks, height: float) -> Iterator[Measure]:
         yield from _of_sides(name, found, pairs, (mean * height, sd * height))
 
 
-def _widths(q: Landmarks, height: float) -> Iterator[Measure]:
+def _widths(q: Landmarks, height: float) -> Iterator[LandmarkMeasure]:
     for joint, (mean, sd) in WIDTHS.items():
         found, pairs = {}, {side: (f"{joint}_lat_{side}", f"{joint}_med_{side}") for side in SIDES}
         for side, (lateral, medial) in pairs.items():
@@ -250,38 +250,42 @@ def _of_sides(
     found: Mapping[str, float],
     pairs: Mapping[str, tuple[str, str]],
     people: tuple[float, float],
-) -> Iterator[Measure]:
+) -> Iterator[LandmarkMeasure]:
     """A length (mm) of the sides on which it was `found` against mean and sd of people, and right
     against left.
     """
     for side, value in found.items():
-        yield Measure(f"{name}, {SIDE_WORDS[side]}", value, *people, pairs[side], absolute=True)
+        yield LandmarkMeasure(
+            f"{name}, {SIDE_WORDS[side]}", value, *people, pairs[side], absolute=True
+        )
     if len(found) == 2:
         sd = DIFFERENCES_MM[name.removesuffix(" width")]
-        yield Measure(
+        yield LandmarkMeasure(
             f"{name}, right less left", found["r"] - found["l"], 0.0, sd, (*pairs["r"], *pairs["l"])
         )
 
 
-def _sides(q: Landmarks, height: float) -> Iterator[Measure]:
+def _sides(q: Landmarks, height: float) -> Iterator[LandmarkMeasure]:
     for name, (mean, sd) in APART.items():
         both = (f"{name}_r", f"{name}_l")
         if all(end in q for end in both):
             _, up, right = (q[both[0]] - q[both[1]]).tolist()
-            yield Measure(
+            yield LandmarkMeasure(
                 f"{name} right of left", right, mean * height, sd * height, both, absolute=True
             )
-            yield Measure(
+            yield LandmarkMeasure(
                 f"height of {name}, right less left", up, 0.0, HEIGHTS_MM[name], both, postural=True
             )
     ends = tuple(f"{name}_{side}" for name in ("asis", "ankle_lat") for side in SIDES)
     if all(name in q for name in ends):
         above = 0.5 * float(q[ends[0]][1] + q[ends[1]][1] - q[ends[2]][1] - q[ends[3]][1])
         mean, sd = (share * height for share in HIP_HEIGHT)
-        yield Measure("ASIS above ankles", above, mean, sd, ends, absolute=True, postural=True)
+        yield LandmarkMeasure(
+            "ASIS above ankles", above, mean, sd, ends, absolute=True, postural=True
+        )
 
 
-def _knees(q: Landmarks) -> Iterator[Measure]:
+def _knees(q: Landmarks) -> Iterator[LandmarkMeasure]:
     """Angles at the lateral knees, right less left (mirrored)."""
     chain = ("asis", "knee_lat", "ankle_lat")
     names = tuple(f"{name}_{side}" for side in SIDES for name in chain)
@@ -299,10 +303,12 @@ def _knees(q: Landmarks) -> Iterator[Measure]:
             below = np.arctan2(turn * (ankle - knee)[axis], -(ankle - knee)[1])
             at_knee[side] = float(np.rad2deg(above - below))
         value = at_knee["r"] - at_knee["l"]
-        yield Measure(f"{what}, right less left", value, 0.0, sd, names, "deg", postural=True)
+        yield LandmarkMeasure(
+            f"{what}, right less left", value, 0.0, sd, names, "deg", postural=True
+        )
 
 
-def _lines(q: Landmarks) -> Iterator[Measure]:
+def _lines(q: Landmarks) -> Iterator[LandmarkMeasure]:
     """Angles from above: between lines of a joint, right less left, and between lines from left to
     right.
     """
@@ -316,13 +322,13 @@ def _lines(q: Landmarks) -> Iterator[Measure]:
             right = from_above(q[ends[0]] - q[ends[1]])
             left = -from_above(q[ends[3]] - q[ends[2]])
             name = f"line of the {joint} from above, right less left"
-            yield Measure(name, _within_half_turn(right - left), 0.0, AXIS_DEG, ends, "deg")
+            yield LandmarkMeasure(name, _within_half_turn(right - left), 0.0, AXIS_DEG, ends, "deg")
     for pair, sd in LINES_DEG.items():
         ends = tuple(f"{name}_{side}" for name in pair for side in SIDES)
         if all(name in q for name in ends):
             upper, lower = (from_above(q[f"{name}_r"] - q[f"{name}_l"]) for name in pair)
             name = f"line through {pair[0]} against {pair[1]} from above"
-            yield Measure(
+            yield LandmarkMeasure(
                 name, _within_half_turn(upper - lower), 0.0, sd, ends, "deg", postural=True
             )
 

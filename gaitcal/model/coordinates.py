@@ -81,7 +81,7 @@ class Coordinate:
 
 
 @dataclass(frozen=True)
-class Group:
+class CoordinateGroup:
     """A joint as people name it, with the coordinates that are shown together."""
 
     title: str
@@ -89,12 +89,12 @@ class Group:
 
 
 GROUPS: Final = {
-    "hip": Group("Hip", "hip"),
-    "knee": Group("Knee", "knee"),
-    "ankle": Group("Ankle and foot", "ankle"),
-    "pelvis": Group("Pelvis", ""),
-    "trunk": Group("Trunk", "lumbar"),
-    "arm": Group("Arm", ""),
+    "hip": CoordinateGroup("Hip", "hip"),
+    "knee": CoordinateGroup("Knee", "knee"),
+    "ankle": CoordinateGroup("Ankle and foot", "ankle"),
+    "pelvis": CoordinateGroup("Pelvis", ""),
+    "trunk": CoordinateGroup("Trunk", "lumbar"),
+    "arm": CoordinateGroup("Arm", ""),
 }
 """In the order of pages."""
 LEG_GROUPS: Final = ("hip", "knee", "ankle")

@@ -32,7 +32,13 @@ from gaitcal.model import anthropometry, coordinates, linkage, rotations, trunk
 from gaitcal.model.ankle_zero import AnkleZero, standing_ankles
 from gaitcal.model.landmarks import StaticPosture, check_plausible, static_posture
 from gaitcal.model.marker_set import SEGMENT_OF, MarkerSet, load_marker_set
-from gaitcal.model.parameters import JOINT_PARAMETERS, JP_INDEX, Kind, Parameters, published_subject
+from gaitcal.model.parameters import (
+    JOINT_PARAMETERS,
+    JP_INDEX,
+    ParameterKind,
+    Parameters,
+    published_subject,
+)
 from gaitcal.model.present_markers import complete_static, present_markers
 from gaitcal.model.segment_frames import Frame, HipCentre, JointWidths, lower_body, sign
 from gaitcal.model.subject_model import MarkerPlacement, Subject, SubjectModel
@@ -291,7 +297,7 @@ def nominal_joint_parameters(
     values = {
         p.name: float(frames[p.segment].local(centres[CENTRE_OF[p.joint]])[p.axis])
         for p in JOINT_PARAMETERS
-        if p.kind is Kind.POSITION and p.joint in CENTRE_OF
+        if p.kind is ParameterKind.POSITION and p.joint in CENTRE_OF
     }
     zero: dict[str, float] = {}
     for side in linkage.SIDES:

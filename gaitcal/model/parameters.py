@@ -155,7 +155,7 @@ def impossible_bodies(inertial: Array) -> tuple[str, ...]:
     )
 
 
-class Kind(Enum):
+class ParameterKind(Enum):
     """What a joint parameter is: a position (mm outside, m inside) or an orientation (deg, rad)."""
 
     POSITION = "position"
@@ -164,12 +164,12 @@ class Kind(Enum):
     @property
     def unit(self) -> str:
         """Unit in files."""
-        return "mm" if self is Kind.POSITION else "deg"
+        return "mm" if self is ParameterKind.POSITION else "deg"
 
     @property
     def to_si(self) -> float:
         """Factor from the unit in files to m or rad."""
-        return 1e-3 if self is Kind.POSITION else float(np.pi / 180.0)
+        return 1e-3 if self is ParameterKind.POSITION else float(np.pi / 180.0)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -179,14 +179,14 @@ class JointParameter:
     name: str  # for example `hip_r.pelvis.ant`
     joint: str  # `hip_r`, `back`, ...
     segment: str  # in whose frame it is measured: `pelvis`, `thigh_r`, ...
-    kind: Kind
+    kind: ParameterKind
     axis: int  # 0, 1, 2: the coordinate (position) or the axis turned about (orientation)
 
     @property
     def mirrored(self) -> bool:
         """Whether the left value has the opposite sign of the right one."""
         lateral = self.axis == 2
-        return lateral if self.kind is Kind.POSITION else not lateral
+        return lateral if self.kind is ParameterKind.POSITION else not lateral
 
 
 def _catalogue() -> Iterator[JointParameter]:
@@ -203,7 +203,7 @@ def _catalogue() -> Iterator[JointParameter]:
         ):
             for e in sorted(elements, key=lambda e: (not e.rotates, e.axis)):
                 if e.source is linkage.Source.JOINT_PARAMETER:
-                    kind = Kind.ORIENTATION if e.rotates else Kind.POSITION
+                    kind = ParameterKind.ORIENTATION if e.rotates else ParameterKind.POSITION
                     yield JointParameter(
                         name=e.name, joint=joint.name, segment=segment, kind=kind, axis=e.axis
                     )
@@ -236,7 +236,7 @@ def gait_parameters(side: str) -> tuple[str, ...]:
     hip = [p for p in JOINT_PARAMETERS if p.joint == f"hip_{side}" and p.axis != 2]
     knee = [p for p in JOINT_PARAMETERS if p.joint == f"knee_{side}"]
     ankle = [p for p in JOINT_PARAMETERS if p.joint == f"talocrural_{side}"]
-    ankle = [p for p in ankle if p.kind is Kind.ORIENTATION or p.axis != 2]
+    ankle = [p for p in ankle if p.kind is ParameterKind.ORIENTATION or p.axis != 2]
     return tuple(p.name for p in (*hip, *knee, *ankle))
 
 
@@ -281,7 +281,7 @@ class Parameters:
         """
         out = np.zeros(3)
         for p in JOINT_PARAMETERS:
-            if (p.joint, p.segment, p.kind) == (joint, segment, Kind.POSITION):
+            if (p.joint, p.segment, p.kind) == (joint, segment, ParameterKind.POSITION):
                 out[p.axis] = self.joint[JP_INDEX[p.name]]
         return out
 

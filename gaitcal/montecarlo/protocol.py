@@ -25,7 +25,7 @@ from gaitcal.model.parameters import (
     JOINT_PARAMETERS,
     JP_INDEX,
     JP_NAMES,
-    Kind,
+    ParameterKind,
     gait_parameters,
     leg_parameters,
 )
@@ -117,7 +117,10 @@ class MonteCarloSettings:
     @property
     def joint_bounds(self) -> Array:
         """(np,) m, rad: bounds at 100 % of the joint parameters that vary."""
-        by_kind = {Kind.POSITION: self.position_mm, Kind.ORIENTATION: self.orientation_deg}
+        by_kind = {
+            ParameterKind.POSITION: self.position_mm,
+            ParameterKind.ORIENTATION: self.orientation_deg,
+        }
         kinds = [JOINT_PARAMETERS[JP_INDEX[name]].kind for name in self.parameters.names]
         return np.array([by_kind[kind] * kind.to_si for kind in kinds])
 

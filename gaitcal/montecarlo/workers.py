@@ -206,7 +206,7 @@ def _end_with(parent: int) -> None:
 
 
 @dataclass(frozen=True)
-class Cluster(_Executing):
+class DaskCluster(_Executing):
     """The workers of a scheduler of `dask.distributed` (extra `gaitcal[cluster]`)."""
 
     address: str
@@ -264,7 +264,7 @@ def workers_of(
 ) -> Workers:
     """Who computes by the options `--jobs` and `--cluster`; UsageError where these cannot be."""
     if cluster is not None:
-        return Cluster(cluster)
+        return DaskCluster(cluster)
     if jobs == 0 or jobs < -1:
         raise UsageError(f"found {jobs}; allowed: 1, 2, ..., or -1 for every core", field="--jobs")
     return local(jobs)

@@ -17,7 +17,7 @@ from gaitcal.io.csv_recordings import events_beside
 from gaitcal.io.result_folder import ResultKind, require_room
 from gaitcal.pipeline.run_study import FaultyStudyError
 from gaitcal.pipeline.write_trials import write_trials
-from gaitcal.preprocess.trial_evidence import MarkerEvidence
+from gaitcal.preprocess.trial_evidence import TrialEvidence
 from gaitcal.quality.study_checks import check_further, further_evidence, further_moves
 from gaitcal.quality.verdict import Verdict, judge, stopping, without_consequences
 from gaitcal.results.saved_result import SavedResult, load_result
@@ -195,7 +195,7 @@ def _not_tracked(name: str) -> Finding:
     )
 
 
-def _evidence(trial: Trial, saved: SavedResult) -> MarkerEvidence:
+def _evidence(trial: Trial, saved: SavedResult) -> TrialEvidence:
     labels = saved.model.markers.labels
     if not set(labels) & set(trial.recording.labels):
         message = f"found none of the model's {len(labels)} markers, such as {labels[0]}"

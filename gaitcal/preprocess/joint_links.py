@@ -20,7 +20,7 @@ import numpy as np
 
 from gaitcal.arrays import Array
 from gaitcal.model import linkage, rotations, segment_frames
-from gaitcal.preprocess.marker_clusters import NEAR_RAD, NEAREST_PERCENT, Cluster
+from gaitcal.preprocess.marker_clusters import NEAR_RAD, NEAREST_PERCENT, MarkerCluster
 
 CHAIN = {"hip": ("pelvis", "thigh"), "knee": ("thigh", "shank"), "ankle": ("shank", "foot")}
 FEWEST_FRAMES = 5
@@ -114,7 +114,9 @@ class JointLink:
         return self.gap_base / float(np.mean(self.turn_base))
 
 
-def links_of(clusters: Mapping[str, Cluster], centres: Mapping[str, Array]) -> dict[str, JointLink]:
+def links_of(
+    clusters: Mapping[str, MarkerCluster], centres: Mapping[str, Array]
+) -> dict[str, JointLink]:
     """Joint -> its link, where both segments are seen; `centres` (3,) m of the joints in the static
     posture.
     """
@@ -132,7 +134,9 @@ def links_of(clusters: Mapping[str, Cluster], centres: Mapping[str, Array]) -> d
     return out
 
 
-def _link(joint: str, above: Cluster, below: Cluster, centre: Array) -> JointLink | None:
+def _link(
+    joint: str, above: MarkerCluster, below: MarkerCluster, centre: Array
+) -> JointLink | None:
     known = above.determined & below.determined
     if known.sum() < FEWEST_FRAMES:
         return None

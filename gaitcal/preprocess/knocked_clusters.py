@@ -77,11 +77,11 @@ class Placement:
         )
 
 
-def placement(trials: Sequence[trial_evidence.MarkerEvidence]) -> Placement | None:
+def placement(trials: Sequence[trial_evidence.TrialEvidence]) -> Placement | None:
     """The cluster that most moving trials have elsewhere than the static one, where the rest of the
     leg tells where.
     """
-    told: dict[tuple[str, tuple[str, ...]], list[tuple[float, trial_evidence.MarkerEvidence]]] = {}
+    told: dict[tuple[str, tuple[str, ...]], list[tuple[float, trial_evidence.TrialEvidence]]] = {}
     for trial in trials:
         for cause in static_disagreement.contradictions_in(trial):
             if cause.fault is static_disagreement.Fault.CLUSTER:
@@ -95,7 +95,7 @@ def placement(trials: Sequence[trial_evidence.MarkerEvidence]) -> Placement | No
 
 
 def _placement(
-    segment: str, labels: tuple[str, ...], trials: Sequence[trial_evidence.MarkerEvidence]
+    segment: str, labels: tuple[str, ...], trials: Sequence[trial_evidence.TrialEvidence]
 ) -> Placement | None:
     """By those of these trials that tell; None where none does."""
     places = [local for t in trials if (local := _local(t, segment, labels)) is not None]
@@ -128,7 +128,7 @@ def _placement(
 
 
 def _local(
-    trial: trial_evidence.MarkerEvidence, segment: str, labels: Sequence[str]
+    trial: trial_evidence.TrialEvidence, segment: str, labels: Sequence[str]
 ) -> Array | None:
     """(nf, n, 3) m, the cluster's markers in the static posture of the bone, by frame; None where
     nothing tells.
@@ -161,7 +161,7 @@ def _local(
     return np.einsum("fji,fnj->fni", turn, together[:, len(points) :] - origin[:, None])
 
 
-def with_placement(study: Study, static: trial_evidence.MarkerEvidence, one: Placement) -> Study:
+def with_placement(study: Study, static: trial_evidence.TrialEvidence, one: Placement) -> Study:
     """The study with a cluster of its static trial where the moving trials have it, and its joints
     less known.
     """
@@ -170,7 +170,7 @@ def with_placement(study: Study, static: trial_evidence.MarkerEvidence, one: Pla
     markers = recording.markers.copy()
     markers[:, [recording.labels.index(m) for m in one.labels]] += (one.place - one.before) @ axes.T
     less = {
-        p.name: one.shift_spread if p.kind is parameters.Kind.POSITION else one.turn_spread
+        p.name: one.shift_spread if p.kind is parameters.ParameterKind.POSITION else one.turn_spread
         for p in parameters.JOINT_PARAMETERS
         if p.segment == one.segment
     }

@@ -172,7 +172,7 @@ class Stance:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Cluster:
+class MarkerCluster:
     """The markers of a segment in a trial."""
 
     segment: str
@@ -289,8 +289,8 @@ def clusters_of(
     landmarks: Mapping[str, tuple[str, ...]],
     judged: Callable[[str], bool],
     near: Mapping[str, tuple[BoolArray, float]] | None = None,
-    before: Mapping[str, Cluster] | None = None,
-) -> dict[str, Cluster]:
+    before: Mapping[str, MarkerCluster] | None = None,
+) -> dict[str, MarkerCluster]:
     """Segment -> its cluster, for pelvis and legs; `judged` tells which markers count, `near` of a
     segment in which frames (nf,) its posture is near the static one, and how far (rad) that still
     is: without it that is found first, from the clusters `before`.
@@ -298,7 +298,7 @@ def clusters_of(
     place = {label: i for i, label in enumerate(recording.labels)}
     shares = seen_mask(recording.markers).sum(axis=0)
     needed = max(SEEN_SHARE * len(recording.time), min(SEEN_FRAMES, len(recording.time)))
-    out: dict[str, Cluster] = {}
+    out: dict[str, MarkerCluster] = {}
 
     def usable(label: str) -> bool:
         return label in place and judged(label) and shares[place[label]] >= needed
@@ -337,7 +337,7 @@ def clusters_of(
         if known is not None:
             own = len(labels) - (lent is not None)
             shape, fit, away = known
-            out[segment] = Cluster(
+            out[segment] = MarkerCluster(
                 segment=segment,
                 labels=tuple(labels),
                 borrowed=lent is not None,
@@ -372,7 +372,7 @@ def clusters_of(
     return clusters_of(recording, stance, landmarks, judged, near, out) if near else out
 
 
-def _flexion(clusters: Mapping[str, Cluster], segment: str) -> Array:
+def _flexion(clusters: Mapping[str, MarkerCluster], segment: str) -> Array:
     """(nf,) rad, from the static posture, of the joint beside a segment that is flexed most; NaN
     where none is seen.
     """

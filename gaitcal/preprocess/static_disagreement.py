@@ -34,8 +34,8 @@ from gaitcal.arrays import Array
 from gaitcal.model.linkage import joint_segments
 from gaitcal.model.rotations import root_angles
 from gaitcal.preprocess.joint_links import JointLink, angle_of
-from gaitcal.preprocess.marker_clusters import FEWEST, Cluster, alignment
-from gaitcal.preprocess.trial_evidence import MarkerEvidence
+from gaitcal.preprocess.marker_clusters import FEWEST, MarkerCluster, alignment
+from gaitcal.preprocess.trial_evidence import TrialEvidence
 from gaitcal.runtime import remembered
 
 OFFSET_M: Mapping[str, float] = {"pelvis": 0.008, "thigh": 0.010, "shank": 0.008, "foot": 0.008}
@@ -117,7 +117,7 @@ class _Explanation:
 
 
 def contradictions(
-    clusters: Mapping[str, Cluster], links: Mapping[str, JointLink]
+    clusters: Mapping[str, MarkerCluster], links: Mapping[str, JointLink]
 ) -> tuple[Contradiction, ...]:
     """The causes found in one trial, in the order in which they explain most."""
     body, found = _Body(clusters, links), []
@@ -146,7 +146,7 @@ class PossibleMove:
 
 
 def possible_moves(
-    clusters: Mapping[str, Cluster], links: Mapping[str, JointLink]
+    clusters: Mapping[str, MarkerCluster], links: Mapping[str, JointLink]
 ) -> dict[str, PossibleMove]:
     """Segment -> what its markers may have done, told or not."""
     body, out = _Body(clusters, links), dict[str, PossibleMove]()
@@ -161,7 +161,7 @@ def possible_moves(
     return out
 
 
-def offset_limit(cluster: Cluster) -> float:
+def offset_limit(cluster: MarkerCluster) -> float:
     """m, largest offset of a marker of the cluster, in a person of its size."""
     usual = cluster.size * OFFSET_M[cluster.part] * (REDUCED if cluster.reduced else 1.0)
     return float(np.hypot(usual, SPREAD * np.sqrt(3.0) * cluster.tissue(together=True)))
@@ -171,7 +171,7 @@ def offset_limit(cluster: Cluster) -> float:
 class _Body:
     """The clusters and joints of one trial, and what was found wrong with them so far."""
 
-    clusters: Mapping[str, Cluster]
+    clusters: Mapping[str, MarkerCluster]
     links: Mapping[str, JointLink]
     pose: dict[str, Pose] = field(default_factory=dict)
     """Segment -> rigid motion that puts its mean shape where it belongs, where that is not the
@@ -210,7 +210,7 @@ class _Body:
         gone = lost | {segment} if cause.fault is Fault.MIRRORED else lost
         self.links = {j: k for j, k in self.links.items() if gone.isdisjoint((k.above, k.below))}
 
-    def free(self, cluster: Cluster, among: Sequence[int]) -> list[int]:
+    def free(self, cluster: MarkerCluster, among: Sequence[int]) -> list[int]:
         """Those of the points that nothing explains yet."""
         cleared = self.cleared.get(cluster.segment, ())
         return [i for i in among if cluster.labels[i] not in cleared]
@@ -251,7 +251,7 @@ class _Body:
             out[joint] = max(float(np.linalg.norm(gap)) / link.gap_limit, float(ratios.max()))
         return {name: value for name, value in out.items() if value > 1.0}
 
-    def offset_excess(self, cluster: Cluster) -> float:
+    def offset_excess(self, cluster: MarkerCluster) -> float:
         """The largest offset of a cluster in units of the limit."""
         kept = self.free(cluster, range(len(cluster.labels)))
         if len(kept) < FEWEST:
@@ -268,7 +268,7 @@ class _Body:
 
     def cost(
         self,
-        cluster: Cluster,
+        cluster: MarkerCluster,
         shape: Array | None = None,
         kept: Sequence[int] | None = None,
         *,
@@ -343,7 +343,7 @@ def _cost_of_the_rest(body: _Body, segment: str) -> float:
     return total
 
 
-def _saving(body: _Body, cluster: Cluster, before: float, found: _Explanation) -> float:
+def _saving(body: _Body, cluster: MarkerCluster, before: float, found: _Explanation) -> float:
     """What an explanation saves of the cost `before` it; a marker's absence, in the cluster that
     borrows it, too.
     """
@@ -364,7 +364,7 @@ def _carried_away(body: _Body, segment: str, pose: Pose) -> float:
     return max((float(np.linalg.norm(pose[0] @ c + pose[1] - c)) for c in centres), default=0.0)
 
 
-def _explanations(body: _Body, cluster: Cluster) -> Iterator[_Explanation]:
+def _explanations(body: _Body, cluster: MarkerCluster) -> Iterator[_Explanation]:
     n, own, shape, labels = len(cluster.labels), cluster.own, cluster.shape, cluster.labels
     free = body.free(cluster, range(own))
     for i in free:
@@ -399,7 +399,11 @@ def _joint_weight(link: JointLink) -> float:
 
 
 def _contradiction(
-    body: _Body, cluster: Cluster, found: _Explanation, excess: float, seen_at: tuple[str, ...]
+    body: _Body,
+    cluster: MarkerCluster,
+    found: _Explanation,
+    excess: float,
+    seen_at: tuple[str, ...],
 ) -> Contradiction:
     turn, shift = found.pose
     at = [cluster.labels.index(label) for label in found.labels]
@@ -439,7 +443,7 @@ def _unexplained(body: _Body, joint: str, excess: float) -> Contradiction:
 
 
 @remembered
-def contradictions_in(trial: MarkerEvidence) -> tuple[Contradiction, ...]:
+def contradictions_in(trial: TrialEvidence) -> tuple[Contradiction, ...]:
     """All in which a moving trial contradicts the static one, of what it is fitted by; every
     segment is a witness.
     """

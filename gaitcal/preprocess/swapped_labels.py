@@ -26,7 +26,7 @@ from gaitcal.arrays import Array, BoolArray
 from gaitcal.errors import Code, Finding, Severity, listed
 from gaitcal.io.recording import Recording, duration, runs, spans
 from gaitcal.model import linkage, rebuilt_markers
-from gaitcal.preprocess.trial_evidence import NEGLIGIBLE_WEIGHT, MarkerEvidence
+from gaitcal.preprocess.trial_evidence import NEGLIGIBLE_WEIGHT, TrialEvidence
 from gaitcal.runtime import remembered
 
 # Cost E above which a label is doubted at all; skin movement stays below that in most frames
@@ -53,7 +53,7 @@ MOST_OF_A_PART = 0.5  # Share of the frames: of more, the labels are exchanged i
 
 
 @dataclass(frozen=True)
-class Exchange:
+class SwappedLabels:
     """Two labels, and the frames in which the first carries the other's marker."""
 
     label: str
@@ -65,7 +65,7 @@ class Exchange:
     )
 
 
-def exchanged(trial: MarkerEvidence) -> Iterator[Finding]:
+def exchanged(trial: TrialEvidence) -> Iterator[Finding]:
     """Labels exchanged for a part of the trial, or for all of it."""
     read = trial if trial.as_read is None else trial.with_recording(trial.as_read)
     back = [] if read is trial else _restored(read)[1]
@@ -102,7 +102,7 @@ def exchanged(trial: MarkerEvidence) -> Iterator[Finding]:
         yield trial.finding(severity, "exchanged", message, cure, weight=weight, code=code)
 
 
-def _of_a_part(trial: MarkerEvidence, found: Exchange) -> bool:
+def _of_a_part(trial: TrialEvidence, found: SwappedLabels) -> bool:
     """Whether both labels are right for most of the time, so that their exchange for a part can be
     undone.
     """
@@ -110,7 +110,7 @@ def _of_a_part(trial: MarkerEvidence, found: Exchange) -> bool:
     return found.mutual and found.sure and int(found.frames.sum()) <= MOST_OF_A_PART * seen
 
 
-def _harmful(trial: MarkerEvidence, found: Exchange) -> bool:
+def _harmful(trial: TrialEvidence, found: SwappedLabels) -> bool:
     """Whether a part of the trial turns a segment of the pelvis or legs by it: two full markers,
     for some time.
     """
@@ -124,9 +124,9 @@ def _harmful(trial: MarkerEvidence, found: Exchange) -> bool:
 
 
 @remembered
-def exchanges(trial: MarkerEvidence) -> tuple[Exchange, ...]:
+def exchanges(trial: TrialEvidence) -> tuple[SwappedLabels, ...]:
     """Pairs of labels that are exchanged somewhere, each once."""
-    found: dict[frozenset[str], Exchange] = {}
+    found: dict[frozenset[str], SwappedLabels] = {}
     for exchange in by_lengths(trial) if _keeps_lengths(trial) else ():
         pair = frozenset((exchange.label, exchange.other))
         known = found.get(pair)
@@ -140,21 +140,21 @@ def exchanges(trial: MarkerEvidence) -> tuple[Exchange, ...]:
     return tuple(found.values())
 
 
-def _keeps_lengths(trial: MarkerEvidence) -> bool:
+def _keeps_lengths(trial: TrialEvidence) -> bool:
     """Whether lengths within segments can show swapped labels: those of key points change by
     centimetres.
     """
     return trial.marker_set.noise is None
 
 
-def undone(trial: MarkerEvidence) -> MarkerEvidence:
+def undone(trial: TrialEvidence) -> TrialEvidence:
     """The trial with all exchanges undone, so that only what else is wrong with it is seen; itself
     where there are none.
     """
     return _without(trial, exchanges(trial))
 
 
-def put_back(trial: MarkerEvidence) -> MarkerEvidence:
+def put_back(trial: TrialEvidence) -> TrialEvidence:
     """The moving trial as it is fitted: labels that carry each other's marker for a part of it
     exchanged back.
 
@@ -165,11 +165,11 @@ def put_back(trial: MarkerEvidence) -> MarkerEvidence:
     return replace(mended, as_read=trial.recording) if found else trial
 
 
-def _restored(trial: MarkerEvidence) -> tuple[MarkerEvidence, list[Exchange]]:
+def _restored(trial: TrialEvidence) -> tuple[TrialEvidence, list[SwappedLabels]]:
     """The trial with exchanges of a part undone until none is left, and these; itself where that
     cannot be done.
     """
-    mended, done = trial, list[Exchange]()
+    mended, done = trial, list[SwappedLabels]()
     while found := exchanges(mended):
         if len(done) > len(trial.place) or not all(_of_a_part(mended, one) for one in found):
             return trial, []
@@ -177,7 +177,7 @@ def _restored(trial: MarkerEvidence) -> tuple[MarkerEvidence, list[Exchange]]:
     return mended, done
 
 
-def _without(trial: MarkerEvidence, found: Sequence[Exchange]) -> MarkerEvidence:
+def _without(trial: TrialEvidence, found: Sequence[SwappedLabels]) -> TrialEvidence:
     before = trial.recording.markers
     markers = before.copy()
     for one in found:
@@ -190,7 +190,7 @@ def _without(trial: MarkerEvidence, found: Sequence[Exchange]) -> MarkerEvidence
 class _Lengths:
     """E of trajectories in the segments of some templates."""
 
-    def __init__(self, trial: MarkerEvidence, without: tuple[str, ...] = ()) -> None:
+    def __init__(self, trial: TrialEvidence, without: tuple[str, ...] = ()) -> None:
         self._trial = trial
         self.segment_of = {
             label: segment
@@ -227,7 +227,7 @@ class _Lengths:
         return np.stack([self.cost(a, b, (b,)), self.cost(b, a, (a,))])
 
 
-def by_lengths(trial: MarkerEvidence) -> Iterator[Exchange]:
+def by_lengths(trial: TrialEvidence) -> Iterator[SwappedLabels]:
     """Exchanges that the lengths within segments show."""
     trial = trial.as_fitted
     lengths = _Lengths(trial, ARMS)
@@ -243,7 +243,7 @@ def by_lengths(trial: MarkerEvidence) -> Iterator[Exchange]:
             marked = _long_enough(both & (other.sum(axis=0) < FAR_BELOW * present.sum(axis=0)))
             # a third marker that is elsewhere makes a wrong exchange cheaper, and no exchange right
             if marked.any() and np.median(other.max(axis=0)[marked]) < STRANGE_M:
-                yield Exchange(a, b, marked, True)
+                yield SwappedLabels(a, b, marked, True)
     for a in doubted:
         for b in lengths.segment_of:
             unseen = ~trial.seen[:, trial.place[b]] & strange[a]
@@ -253,7 +253,7 @@ def by_lengths(trial: MarkerEvidence) -> Iterator[Exchange]:
             most = np.minimum(FAR_BELOW * np.nan_to_num(lengths.cost(a, a, (b,))), STRANGE_M)
             marked = _long_enough(unseen & (np.nan_to_num(other, nan=np.inf) < most))
             if marked.any():
-                yield Exchange(a, b, marked, False)
+                yield SwappedLabels(a, b, marked, False)
 
 
 def _long_enough(marked: BoolArray) -> BoolArray:
@@ -264,7 +264,7 @@ def _long_enough(marked: BoolArray) -> BoolArray:
     return out
 
 
-def by_jumps(trial: MarkerEvidence) -> Iterator[Exchange]:
+def by_jumps(trial: TrialEvidence) -> Iterator[SwappedLabels]:
     """Exchanges that happen from one frame to the next, or within a short gap; lengths tell which
     side is right.
 
@@ -299,10 +299,10 @@ def by_jumps(trial: MarkerEvidence) -> Iterator[Exchange]:
         if frames.any():
             with np.errstate(invalid="ignore"):
                 sure = bool(np.nansum(other[frames]) < FAR_BELOW * np.nansum(present[frames]))
-            yield Exchange(first, second, frames, True, sure or not _keeps_lengths(trial))
+            yield SwappedLabels(first, second, frames, True, sure or not _keeps_lengths(trial))
 
 
-def _crossings(trial: MarkerEvidence) -> dict[tuple[int, int], list[int]]:
+def _crossings(trial: TrialEvidence) -> dict[tuple[int, int], list[int]]:
     """Pairs of columns -> frames at which one comes to where the other was, and the other way
     round.
     """
@@ -333,7 +333,7 @@ def _last_seen(x: Array, most: int) -> Array:
     return np.where(((last >= 0) & (frame - last <= most))[:, :, None], filled, np.nan)
 
 
-def sides(trial: MarkerEvidence) -> Iterator[Finding]:
+def sides(trial: TrialEvidence) -> Iterator[Finding]:
     """Whether right markers lie to the right of their left ones, seen along the pelvis."""
     if trial.pelvis is None:
         return
@@ -365,7 +365,7 @@ def sides(trial: MarkerEvidence) -> Iterator[Finding]:
         )
 
 
-def _namesakes(trial: MarkerEvidence) -> Iterator[tuple[str, str]]:
+def _namesakes(trial: TrialEvidence) -> Iterator[tuple[str, str]]:
     """Markers of the right side of pelvis and legs that have a namesake on the left, in this trial."""
     tracking = trial.marker_set.tracking
     pairs = [*permutations(tracking.get("pelvis", ()), 2)]

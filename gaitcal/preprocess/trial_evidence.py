@@ -14,7 +14,7 @@ from gaitcal.model.marker_set import MarkerSet
 from gaitcal.model.rebuilt_markers import Outlier, Rebuilding
 from gaitcal.model.subject_model import Subject, SubjectModel
 from gaitcal.preprocess.joint_links import JointLink, links_of
-from gaitcal.preprocess.marker_clusters import Cluster, Stance, clusters_of
+from gaitcal.preprocess.marker_clusters import MarkerCluster, Stance, clusters_of
 from gaitcal.study.settings import CalibrationSettings
 from gaitcal.study.study_trial import Role, Trial, cleaned_trial
 from gaitcal.tracking.rigid import RigidFit, segment_fit
@@ -26,7 +26,7 @@ among others.
 
 
 @dataclass(frozen=True, kw_only=True)
-class MarkerEvidence:
+class TrialEvidence:
     """One trial, and what it is measured against."""
 
     trial: Trial
@@ -57,7 +57,7 @@ class MarkerEvidence:
         settings: CalibrationSettings,
         model: SubjectModel | None,
         stance: Stance | None = None,
-    ) -> "MarkerEvidence":
+    ) -> "TrialEvidence":
         """The evidence of a trial without markers that are metres away from the body, as it will be
         fitted.
         """
@@ -67,11 +67,11 @@ class MarkerEvidence:
         )
         return replace(found, stance=stance, outliers=trial.outliers or ())
 
-    def with_recording(self, recording: Recording) -> "MarkerEvidence":
+    def with_recording(self, recording: Recording) -> "TrialEvidence":
         """The same trial as another recording has it."""
         return replace(self, trial=replace(self.trial, recording=recording))
 
-    def with_markers(self, markers: Array) -> "MarkerEvidence":
+    def with_markers(self, markers: Array) -> "TrialEvidence":
         """The same trial with other positions (nf, nm, 3) m."""
         return self.with_recording(replace(self.recording, markers=markers))
 
@@ -143,7 +143,7 @@ class MarkerEvidence:
         return self.trial.role is Role.JOINT
 
     @cached_property
-    def as_fitted(self) -> "MarkerEvidence":
+    def as_fitted(self) -> "TrialEvidence":
         """The trial with the markers that it is fitted by alone: of an isolated trial those of its
         joint's segments.
         """
@@ -270,7 +270,7 @@ class MarkerEvidence:
         return [m for m in labels if self.weight(m) > 0 and self.ever_seen(m)]
 
     @cached_property
-    def clusters(self) -> dict[str, Cluster]:
+    def clusters(self) -> dict[str, MarkerCluster]:
         """Segment -> its markers against the static posture, of pelvis and legs; empty in the
         static trial.
         """

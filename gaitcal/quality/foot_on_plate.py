@@ -18,7 +18,7 @@ from gaitcal.dynamics import foot_contact
 from gaitcal.dynamics.measurement_errors import foot_tip, outline_known
 from gaitcal.dynamics.off_sole import (
     MOST_BESIDE,
-    Place,
+    PressurePosition,
     divided_cause,
     divided_frames,
     one_centre,
@@ -29,7 +29,7 @@ from gaitcal.io.axes import PROGRESSION_M
 from gaitcal.io.force_plate import BODY_N, LOADED_N, centre_on_ground, covered, resample_wrench
 from gaitcal.io.recording import duration, runs, spans
 from gaitcal.model.linkage import SIDES
-from gaitcal.preprocess.trial_evidence import MarkerEvidence
+from gaitcal.preprocess.trial_evidence import TrialEvidence
 from gaitcal.runtime import remembered
 
 TOPIC = "plate to foot"
@@ -54,7 +54,7 @@ IN_AIR = 0.5
 class Feet:
     """Heels and toes of a trial, right and left, from the markers alone."""
 
-    def __init__(self, trial: MarkerEvidence) -> None:
+    def __init__(self, trial: TrialEvidence) -> None:
         self.time = trial.recording.time
         shape = (len(self.time), len(SIDES))
         self.seen = np.zeros(shape, dtype=bool)
@@ -101,7 +101,7 @@ class Feet:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Step(foot_contact.Loading):
+class PlateContact(foot_contact.Loading):
     """A plate under load, and the foot whose line from heel to toe is nearest to the centre of
     pressure.
     """
@@ -123,7 +123,7 @@ class Step(foot_contact.Loading):
 
 
 @remembered
-def feet_of(trial: MarkerEvidence) -> Feet | None:
+def feet_of(trial: TrialEvidence) -> Feet | None:
     """The feet of a gait trial; None in another, or where no foot is seen."""
     if not trial.is_gait or len(trial.recording.time) < 3:
         return None
@@ -131,7 +131,7 @@ def feet_of(trial: MarkerEvidence) -> Feet | None:
 
 
 @remembered
-def walked(trial: MarkerEvidence) -> Array:
+def walked(trial: TrialEvidence) -> Array:
     """(2,) m, x and z, by which the person walks: over the floor, or over the belts under the feet;
     where they do not get on either, a unit vector where the pelvis faces, and nothing where it is
     not seen.
@@ -145,7 +145,7 @@ def walked(trial: MarkerEvidence) -> Array:
 
 
 @remembered
-def steps_of(trial: MarkerEvidence) -> tuple[Step, ...]:
+def steps_of(trial: TrialEvidence) -> tuple[PlateContact, ...]:
     """All loadings of all plates that are longer than a knock; none where no foot is seen."""
     feet, found = feet_of(trial), []
     if feet is None:
@@ -175,7 +175,7 @@ def steps_of(trial: MarkerEvidence) -> tuple[Step, ...]:
             point, load = centre_on_ground(wrench[run], height), wrench[run, 1]
             away = [feet.distance(k, point, run, load) for k in range(len(FEET))]
             foot = int(np.argmin(away))
-            step = Step(
+            step = PlateContact(
                 plate=plate,
                 frames=run,
                 foot=foot,
@@ -188,7 +188,7 @@ def steps_of(trial: MarkerEvidence) -> tuple[Step, ...]:
     return tuple(found)
 
 
-def contacts(trial: MarkerEvidence) -> Iterator[Finding]:
+def contacts(trial: TrialEvidence) -> Iterator[Finding]:
     """Everything about feet on plates in a gait trial."""
     feet, plates = feet_of(trial), trial.recording.plates
     if not trial.is_gait or not plates:
@@ -218,11 +218,11 @@ def contacts(trial: MarkerEvidence) -> Iterator[Finding]:
     yield from _clocks(trial, feet, on_feet)
 
 
-def _words(trial: MarkerEvidence, step: Step) -> str:
+def _words(trial: TrialEvidence, step: PlateContact) -> str:
     return f"plate {step.plate.name}, {spans(trial.recording.time, [step.frames])}"
 
 
-def _which_foot(trial: MarkerEvidence, step: Step) -> Iterator[Finding]:
+def _which_foot(trial: TrialEvidence, step: PlateContact) -> Iterator[Finding]:
     """Whether the foot that the study names stands on the plate; if it names none, whether any
     does, and which.
     """
@@ -266,7 +266,7 @@ def _which_foot(trial: MarkerEvidence, step: Step) -> Iterator[Finding]:
         yield trial.info(TOPIC, found, code=Code.FOOT_OF_PLATE)
 
 
-def _height(trial: MarkerEvidence, feet: Feet, step: Step) -> Iterator[Finding]:
+def _height(trial: TrialEvidence, feet: Feet, step: PlateContact) -> Iterator[Finding]:
     """Whether the centre of pressure lies at the height of the resting foot's soles."""
     down = feet.resting[step.frames, step.foot]
     if not down.any():
@@ -286,7 +286,7 @@ def _height(trial: MarkerEvidence, feet: Feet, step: Step) -> Iterator[Finding]:
         )
 
 
-def _no_step(trial: MarkerEvidence, feet: Feet | None, most: float) -> Finding:
+def _no_step(trial: TrialEvidence, feet: Feet | None, most: float) -> Finding:
     """No plate is loaded: a fault where a foot stands on one, or where a foot is never seen or
     outlines are missing; else the walk has missed them. `most`: N.
     """
@@ -316,7 +316,7 @@ def _no_step(trial: MarkerEvidence, feet: Feet | None, most: float) -> Finding:
     return trial.finding(severity, "plates", found, cure, code=Code.NO_STEP_ON_PLATE)
 
 
-def overhang(trial: MarkerEvidence, step: Step) -> Iterator[Finding]:
+def overhang(trial: TrialEvidence, step: PlateContact) -> Iterator[Finding]:
     """A step whose foot rests partly beside its plate, and beside every other: plates that touch
     are one surface.
     """
@@ -347,7 +347,7 @@ def overhang(trial: MarkerEvidence, step: Step) -> Iterator[Finding]:
         )
 
 
-def _clocks(trial: MarkerEvidence, feet: Feet, steps: Sequence[Step]) -> Iterator[Finding]:
+def _clocks(trial: TrialEvidence, feet: Feet, steps: Sequence[PlateContact]) -> Iterator[Finding]:
     """Touch-down and lift-off by force against those by motion."""
     late: list[float] = []
     for step in steps:
@@ -387,7 +387,7 @@ class _Outside:
     impulse: float  # Share of the loadings' impulse
 
 
-def outside_sole(trial: MarkerEvidence, others: Sequence[Finding]) -> Iterator[Finding]:
+def outside_sole(trial: TrialEvidence, others: Sequence[Finding]) -> Iterator[Finding]:
     """Loaded frames of all plates whose centre of pressure is outside of the soles that may press
     on the plate.
 
@@ -432,7 +432,7 @@ def outside_sole(trial: MarkerEvidence, others: Sequence[Finding]) -> Iterator[F
 
 
 def _outside(
-    feet: Feet, parts: Sequence[tuple[foot_contact.Loading, Place, BoolArray]]
+    feet: Feet, parts: Sequence[tuple[foot_contact.Loading, PressurePosition, BoolArray]]
 ) -> _Outside | None:
     """What the loadings of one plate by one foot have outside, in (nf,) frames each; None where it
     is too little.
@@ -475,7 +475,7 @@ def _outside(
     )
 
 
-def _told(trial: MarkerEvidence, found: Sequence[_Outside]) -> Iterator[Finding]:
+def _told(trial: TrialEvidence, found: Sequence[_Outside]) -> Iterator[Finding]:
     """One finding where feet are in the air meanwhile, one where all plates are off in one
     direction of the room, else one a plate and foot.
     """
@@ -520,9 +520,9 @@ def _told(trial: MarkerEvidence, found: Sequence[_Outside]) -> Iterator[Finding]
 
 
 def _divided(
-    trial: MarkerEvidence,
+    trial: TrialEvidence,
     loadings: Sequence[foot_contact.Loading],
-    places: Sequence[Place],
+    places: Sequence[PressurePosition],
     divided: BoolArray,
 ) -> Finding:
     """Two plates with one centre of pressure, (loadings, nf) frames."""
@@ -549,7 +549,7 @@ def _divided(
     return trial.warning(TOPIC, found, cure, cause=cause, weight=3.0, code=Code.DIVIDED_FORCE)
 
 
-def _explained(trial: MarkerEvidence, off: _Outside, others: Sequence[Finding]) -> bool:
+def _explained(trial: TrialEvidence, off: _Outside, others: Sequence[Finding]) -> bool:
     """Whether another warning or error of the trial says why the centre of pressure is not under
     the foot.
     """

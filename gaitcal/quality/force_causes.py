@@ -30,7 +30,7 @@ height."""
 OTHER_UNIT_SHARE = 0.5  # Of body weight: plates that carry less at most may be in another unit
 
 
-class Kind(Enum):
+class ForceFault(Enum):
     """What is wrong."""
 
     CLOCK = "clock"
@@ -73,7 +73,7 @@ OnePlate: TypeAlias = Callable[[PlateForces, Array], Array]
 class Cause:
     """One thing that may be wrong, alone."""
 
-    kind: Kind
+    kind: ForceFault
     plates: tuple[str, ...] = ()  # Names of the plates that it is about; none: all
     undo: Undo
     parameters: int = 0  # How many coefficients it has
@@ -86,7 +86,7 @@ class Cause:
     unit: str = ""  # The unit that the file has, for causes about units
 
     @property
-    def key(self) -> tuple[Kind, tuple[str, ...], str]:
+    def key(self) -> tuple[ForceFault, tuple[str, ...], str]:
         """Causes with the same key are told alike, whatever the file kept."""
         return self.kind, self.plates, self.unit
 
@@ -104,25 +104,25 @@ def _sign(*axes: float) -> tuple[OnePlate, OnePlate]:
     return _of_force(lambda p, x: p.force * axes)
 
 
-LINEAR: tuple[tuple[Kind, int, tuple[OnePlate, ...]], ...] = (
-    (Kind.PLACE, 2, (lambda p, x: p.moved(-x),)),
+LINEAR: tuple[tuple[ForceFault, int, tuple[OnePlate, ...]], ...] = (
+    (ForceFault.PLACE, 2, (lambda p, x: p.moved(-x),)),
     (
-        Kind.GAIN,
+        ForceFault.GAIN,
         1,
         (lambda p, x: (1.0 + x[0]) * p.wrench, lambda p, x: p.moments_kept((1.0 + x[0]) * p.force)),
     ),
-    (Kind.VERTICAL_GAIN, 1, _gain(0.0, 1.0, 0.0)),
-    (Kind.HORIZONTAL_GAIN, 1, _gain(1.0, 0.0, 1.0)),
-    (Kind.FORE_AFT_GAIN, 1, _gain(1.0, 0.0, 0.0)),
-    (Kind.SIDEWAYS_GAIN, 1, _gain(0.0, 0.0, 1.0)),
-    (Kind.FREE_MOMENT, 1, (lambda p, x: p.centre_kept(p.force, (1.0 + x[0]) * p.free),)),
-    (Kind.SIGN_FORE_AFT, 0, _sign(-1.0, 1.0, 1.0)),
-    (Kind.SIGN_SIDEWAYS, 0, _sign(1.0, 1.0, -1.0)),
-    (Kind.SIGN_HORIZONTAL, 0, _sign(-1.0, 1.0, -1.0)),
+    (ForceFault.VERTICAL_GAIN, 1, _gain(0.0, 1.0, 0.0)),
+    (ForceFault.HORIZONTAL_GAIN, 1, _gain(1.0, 0.0, 1.0)),
+    (ForceFault.FORE_AFT_GAIN, 1, _gain(1.0, 0.0, 0.0)),
+    (ForceFault.SIDEWAYS_GAIN, 1, _gain(0.0, 0.0, 1.0)),
+    (ForceFault.FREE_MOMENT, 1, (lambda p, x: p.centre_kept(p.force, (1.0 + x[0]) * p.free),)),
+    (ForceFault.SIGN_FORE_AFT, 0, _sign(-1.0, 1.0, 1.0)),
+    (ForceFault.SIGN_SIDEWAYS, 0, _sign(1.0, 1.0, -1.0)),
+    (ForceFault.SIGN_HORIZONTAL, 0, _sign(-1.0, 1.0, -1.0)),
     # on reading, a force that points down is turned round as a whole: only the vertical column was
     # wrong
     (
-        Kind.SIGN_VERTICAL,
+        ForceFault.SIGN_VERTICAL,
         0,
         (
             lambda p, x: p.centre_kept(p.force * [-1.0, 1.0, -1.0], -p.free),
@@ -130,7 +130,7 @@ LINEAR: tuple[tuple[Kind, int, tuple[OnePlate, ...]], ...] = (
         ),
     ),
     (
-        Kind.AXES,
+        ForceFault.AXES,
         0,
         (
             *_of_force(lambda p, x: p.force[:, ::-1]),
@@ -147,13 +147,13 @@ way or another.
 def causes_of(trials: Sequence[ForceEvidence]) -> Iterator[Cause]:
     """All causes that are worth trying on trials with the same plates."""
     names = tuple(dict.fromkeys(plate.name for trial in trials for plate in trial.plates))
-    yield Cause(kind=Kind.CLOCK, undo=_later, parameters=1, starts=LATE_S)
-    yield Cause(kind=Kind.TRUNK, undo=_other_trunk, parameters=2)
+    yield Cause(kind=ForceFault.CLOCK, undo=_later, parameters=1, starts=LATE_S)
+    yield Cause(kind=ForceFault.TRUNK, undo=_other_trunk, parameters=2)
     for which in ((), *((name,) for name in names if len(names) > 1)):
         on = partial(_on_plates, which)
         for kind, parameters, changes in LINEAR:
             for change in changes:
-                undo, place = on(change), kind is Kind.PLACE
+                undo, place = on(change), kind is ForceFault.PLACE
                 yield Cause(
                     kind=kind,
                     plates=which,
@@ -162,7 +162,7 @@ def causes_of(trials: Sequence[ForceEvidence]) -> Iterator[Cause]:
                     by_side_evidence=place,
                 )
         yield Cause(
-            kind=Kind.YAW,
+            kind=ForceFault.YAW,
             plates=which,
             undo=on(lambda p, x: p.turned(_yaw(x))),
             parameters=1,
@@ -170,23 +170,27 @@ def causes_of(trials: Sequence[ForceEvidence]) -> Iterator[Cause]:
         )
         offset = _without_offset(which)
         yield Cause(
-            kind=Kind.OFFSET, plates=which, undo=offset, parameters=1, by_side_evidence=True
+            kind=ForceFault.OFFSET, plates=which, undo=offset, parameters=1, by_side_evidence=True
         )
         tilted = on(_tilted if which else lambda p, x: p.turned_in_the_room(rotation(-x)))
-        yield Cause(kind=Kind.TILT, plates=which, undo=tilted, parameters=2, starts=((0.0, 0.0),))
+        yield Cause(
+            kind=ForceFault.TILT, plates=which, undo=tilted, parameters=2, starts=((0.0, 0.0),)
+        )
     on = partial(_on_plates, ())
     yield Cause(
-        kind=Kind.YAW,
+        kind=ForceFault.YAW,
         undo=on(lambda p, x: p.turned_in_the_room(_yaw(x))),
         parameters=1,
         starts=TURNS,
     )
     # column x of force, point and moment holds z, and the other way round
     columns = on(lambda p, x: joined(p.force[:, ::-1], p.centre[:, ::-1], p.free[:, ::-1]))
-    yield Cause(kind=Kind.AXES, undo=columns)
-    yield Cause(kind=Kind.MARKERS_TILTED, undo=_markers_upright, parameters=2, starts=((0.0, 0.0),))
+    yield Cause(kind=ForceFault.AXES, undo=columns)
+    yield Cause(
+        kind=ForceFault.MARKERS_TILTED, undo=_markers_upright, parameters=2, starts=((0.0, 0.0),)
+    )
     for one, other in combinations(names, 2):
-        yield Cause(kind=Kind.EXCHANGED, plates=(one, other), undo=_exchanged(one, other))
+        yield Cause(kind=ForceFault.EXCHANGED, plates=(one, other), undo=_exchanged(one, other))
     yield from _units(trials)
 
 
@@ -196,22 +200,24 @@ def _units(trials: Sequence[ForceEvidence]) -> Iterator[Cause]:
     most = max(float(trial.wrenches[:, :, 1].sum(axis=0).max()) / trial.weight for trial in trials)
     for unit, newtons in force_units(trials[0].weight).items() if most < OTHER_UNIT_SHARE else ():
         for change in _in_unit(newtons) if newtons != 1.0 else ():
-            yield Cause(kind=Kind.FORCE_UNIT, undo=on(change), unit=unit)
+            yield Cause(kind=ForceFault.FORCE_UNIT, undo=on(change), unit=unit)
     pairs = [(trial, plate) for trial in trials for plate in trial.plates]
     free = max(float(np.abs(plate.free).max()) / trial.bwh for trial, plate in pairs)
     away = max(float(np.abs(plate.centre[:, [0, 2]]).max()) for _, plate in pairs)
     if free > NO_WALKS_FREE_MOMENT:
         yield Cause(
-            kind=Kind.MOMENT_UNIT, undo=on(lambda p, x: p.centre_kept(p.force, 1e-3 * p.free))
+            kind=ForceFault.MOMENT_UNIT, undo=on(lambda p, x: p.centre_kept(p.force, 1e-3 * p.free))
         )
     if free > NO_WALKS_FREE_MOMENT or away > NO_WALKS_CENTRE_M:
-        yield Cause(kind=Kind.MOMENT_UNIT, undo=on(lambda p, x: p.moments_kept(p.force, 1e-3)))
+        yield Cause(
+            kind=ForceFault.MOMENT_UNIT, undo=on(lambda p, x: p.moments_kept(p.force, 1e-3))
+        )
     if away > NO_WALKS_CENTRE_M:
         for unit, change in (
             ("mm", lambda p, x: p.nearer(1e-3)),
             ("cm", lambda p, x: p.nearer(1e-2)),
         ):
-            yield Cause(kind=Kind.CENTRE_UNIT, undo=on(change), unit=unit)
+            yield Cause(kind=ForceFault.CENTRE_UNIT, undo=on(change), unit=unit)
 
 
 def _in_unit(newtons: float) -> tuple[OnePlate, ...]:

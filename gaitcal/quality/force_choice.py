@@ -28,13 +28,13 @@ from scipy.special import softmax
 
 from gaitcal.arrays import Array
 from gaitcal.dynamics.measurement_errors import PlateErrors
-from gaitcal.quality.force_causes import Cause, Corrected, Kind, causes_of
+from gaitcal.quality.force_causes import Cause, Corrected, ForceFault, causes_of
 from gaitcal.quality.force_evidence import ForceEvidence, ForceResidual
 from gaitcal.quality.plate_forces import surprise
 
 FLOOR, TEMPER = 0.20, 0.5
 NO_COEFFICIENT = 0.5
-STEP = {Kind.CLOCK: 0.01}
+STEP = {ForceFault.CLOCK: 0.01}
 TURN_STEP = 0.03  # s, rad: by which coefficients of causes that are not linear are scaled
 MOST_EVALUATIONS = 25
 LEAST_GAIN = 7.0  # Nats: odds of 1000 to 1 for the cause, before one of some thirty is chosen
@@ -55,13 +55,16 @@ MISSING = 0.03  # Share of missing samples; 1 and 2 % at random left that walk i
 EXPLAINED_DOUBTFUL = 0.5
 """Where markers leave open how a leg moves: what such a leg would need is so explained to 27 %.
 Forces in kgf, a sign or axes that are wrong explain more."""
-LEVERS = (Kind.PLACE, Kind.TILT, Kind.MARKERS_TILTED)
+LEVERS = (ForceFault.PLACE, ForceFault.TILT, ForceFault.MARKERS_TILTED)
 RIVAL_SHARE, RIVAL_BEHIND, MOST_BEHIND = 0.75, 3.0, 25.0
 """A rival has 0.75 of the gain and is not more than 25 nats behind, or comes within 3 nats (odds of
 20).
 """
 MOST_RIVALS = 3
-ODD: Mapping[Kind, Kind] = {Kind.FORCE_UNIT: Kind.GAIN, Kind.MOMENT_UNIT: Kind.FREE_MOMENT}
+ODD: Mapping[ForceFault, ForceFault] = {
+    ForceFault.FORCE_UNIT: ForceFault.GAIN,
+    ForceFault.MOMENT_UNIT: ForceFault.FREE_MOMENT,
+}
 """A unit, and the cause of any factor that can stand for it."""
 # Nats by which a unit may be behind: an exact factor of 9.80665 or 1000 seldom comes about
 # otherwise
@@ -77,27 +80,27 @@ UNEXPLAINED = 4.0
 """|y|^2 a row above which a disagreement that nothing explains is told: clean recordings have 0.2
 to 1.1, and up to 1.9 where no marker shows the trunk."""
 FACTORS = (
-    Kind.GAIN,
-    Kind.VERTICAL_GAIN,
-    Kind.HORIZONTAL_GAIN,
-    Kind.FORE_AFT_GAIN,
-    Kind.SIDEWAYS_GAIN,
-    Kind.FREE_MOMENT,
+    ForceFault.GAIN,
+    ForceFault.VERTICAL_GAIN,
+    ForceFault.HORIZONTAL_GAIN,
+    ForceFault.FORE_AFT_GAIN,
+    ForceFault.SIDEWAYS_GAIN,
+    ForceFault.FREE_MOMENT,
 )
-SIZES: Mapping[Kind, tuple[float, float, float]] = {
-    Kind.CLOCK: (0.018, -0.35, 0.35),
-    Kind.PLACE: (0.015, -1.5, 1.5),
-    Kind.YAW: (float(np.deg2rad(4.0)), -np.inf, np.inf),
-    Kind.TILT: (float(np.deg2rad(1.5)), -0.35, 0.35),
-    Kind.MARKERS_TILTED: (float(np.deg2rad(1.5)), -0.35, 0.35),
-    Kind.GAIN: (0.05, -0.95, 30.0),
-    Kind.VERTICAL_GAIN: (0.05, -0.95, 30.0),
-    Kind.HORIZONTAL_GAIN: (0.15, -0.9, 9.0),
-    Kind.FORE_AFT_GAIN: (0.15, -0.9, 9.0),
-    Kind.SIDEWAYS_GAIN: (0.25, -0.9, 9.0),
-    Kind.FREE_MOMENT: (0.5, -2.5, 299.0),
-    Kind.OFFSET: (15.0, -300.0, 300.0),
-    Kind.TRUNK: (0.05, -0.15, 0.15),
+SIZES: Mapping[ForceFault, tuple[float, float, float]] = {
+    ForceFault.CLOCK: (0.018, -0.35, 0.35),
+    ForceFault.PLACE: (0.015, -1.5, 1.5),
+    ForceFault.YAW: (float(np.deg2rad(4.0)), -np.inf, np.inf),
+    ForceFault.TILT: (float(np.deg2rad(1.5)), -0.35, 0.35),
+    ForceFault.MARKERS_TILTED: (float(np.deg2rad(1.5)), -0.35, 0.35),
+    ForceFault.GAIN: (0.05, -0.95, 30.0),
+    ForceFault.VERTICAL_GAIN: (0.05, -0.95, 30.0),
+    ForceFault.HORIZONTAL_GAIN: (0.15, -0.9, 9.0),
+    ForceFault.FORE_AFT_GAIN: (0.15, -0.9, 9.0),
+    ForceFault.SIDEWAYS_GAIN: (0.25, -0.9, 9.0),
+    ForceFault.FREE_MOMENT: (0.5, -2.5, 299.0),
+    ForceFault.OFFSET: (15.0, -300.0, 300.0),
+    ForceFault.TRUNK: (0.05, -0.15, 0.15),
 }
 """Size that is worth telling (of factors by how much 1 + x differs from 1), and coefficients beyond
 which a cause is no explanation: s, m, rad, N."""
@@ -258,12 +261,15 @@ def possible_errors(found: Sequence[ForceFit]) -> PlateErrors:
     """
     share = softmax([0.0, *(fit.gain - A_CHOICE for fit in found)])[1:]
 
-    def size(kind: Kind) -> float:
+    def size(kind: ForceFault) -> float:
         squares = [_departure(fit) ** 2 if fit.cause.kind is kind else 0.0 for fit in found]
         return float(np.sqrt(share @ squares))
 
     return PlateErrors(
-        place=size(Kind.PLACE), gain=0.0, clock=size(Kind.CLOCK), turn=size(Kind.YAW)
+        place=size(ForceFault.PLACE),
+        gain=0.0,
+        clock=size(ForceFault.CLOCK),
+        turn=size(ForceFault.YAW),
     )
 
 
@@ -361,7 +367,7 @@ def _worth_telling(fit: ForceFit, shaken: bool, doubtful: bool) -> bool:
     kind, explained = fit.cause.kind, EXPLAINED
     if doubtful:
         explained = EXPLAINED_DOUBTFUL
-    elif kind is Kind.FREE_MOMENT:
+    elif kind is ForceFault.FREE_MOMENT:
         explained = EXPLAINED_FREE
     elif shaken and kind in LEVERS:
         explained = EXPLAINED_LEVER
@@ -376,6 +382,8 @@ def _departure(fit: ForceFit) -> float:
     kind = fit.cause.kind
     return float(
         np.linalg.norm(
-            told_size(fit) - 1.0 if kind in FACTORS and kind is not Kind.FREE_MOMENT else fit.x
+            told_size(fit) - 1.0
+            if kind in FACTORS and kind is not ForceFault.FREE_MOMENT
+            else fit.x
         )
     )

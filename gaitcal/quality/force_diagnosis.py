@@ -32,7 +32,7 @@ from gaitcal.dynamics.inverse_dynamics import FEET, FORCES, Dynamics
 from gaitcal.dynamics.measurement_errors import PlateErrors
 from gaitcal.errors import STUDY, Code, Finding, Severity
 from gaitcal.model.coordinates import LEG_COORDINATES, split_side
-from gaitcal.quality.force_causes import Kind
+from gaitcal.quality.force_causes import ForceFault
 from gaitcal.quality.force_choice import ForceFit, Named, Unexplained, choose, told_size
 from gaitcal.quality.force_evidence import ForceEvidence
 from gaitcal.quality.verdict import FORCES as FORCES_TOPIC
@@ -116,7 +116,7 @@ def _tilt(fit: ForceFit, trial: ForceEvidence) -> Told:
         np.rad2deg(np.linalg.norm(fit.x)),
         "calibrate the cameras again with the wand level on the plates",
     )
-    if fit.cause.kind is Kind.MARKERS_TILTED:
+    if fit.cause.kind is ForceFault.MARKERS_TILTED:
         return (
             f"the markers are tilted by {degrees:.1f} deg against the vertical and the plates",
             level,
@@ -137,7 +137,7 @@ def _factor(thing: str) -> Words:
             size = f"{abs(percent):.0f} % too {'large' if percent > 0 else 'small'}"
         words = f"the {thing} of {_of(fit)} is {size}"
         if (
-            fit.cause.kind is Kind.GAIN and not fit.cause.plates
+            fit.cause.kind is ForceFault.GAIN and not fit.cause.plates
         ):  # it cannot be told from the mass of the person
             return f"{words} (or mass_kg is wrong by the same share)", f"correct mass_kg, or {cure}"
         return words, cure
@@ -187,56 +187,62 @@ def _plain(cause: str, cure: str = "turn the sign of that column of the forces")
     return words
 
 
-WORDS: Mapping[Kind, tuple[Code, Words]] = {
-    Kind.CLOCK: (Code.CLOCKS_DIFFER, _clock),
-    Kind.PLACE: (Code.PLATES_ELSEWHERE, _place),
-    Kind.YAW: (Code.PLATE_AXES, _yaw),
-    Kind.TILT: (Code.TILTED, _tilt),
-    Kind.MARKERS_TILTED: (Code.TILTED, _tilt),
-    Kind.GAIN: (Code.FORCE_GAIN, _factor("force")),
-    Kind.VERTICAL_GAIN: (Code.FORCE_GAIN, _factor("vertical force")),
-    Kind.HORIZONTAL_GAIN: (Code.FORCE_GAIN, _factor("horizontal force")),
-    Kind.FORE_AFT_GAIN: (Code.FORCE_GAIN, _factor("fore-aft force")),
-    Kind.SIDEWAYS_GAIN: (Code.FORCE_GAIN, _factor("sideways force")),
-    Kind.FREE_MOMENT: (Code.FREE_MOMENT, _free_moment),
-    Kind.OFFSET: (Code.PLATE_OFFSET, _offset),
-    Kind.SIGN_FORE_AFT: (Code.FORCE_SIGN, _plain("the fore-aft force of {of} has the wrong sign")),
-    Kind.SIGN_SIDEWAYS: (Code.FORCE_SIGN, _plain("the sideways force of {of} has the wrong sign")),
-    Kind.SIGN_HORIZONTAL: (
+WORDS: Mapping[ForceFault, tuple[Code, Words]] = {
+    ForceFault.CLOCK: (Code.CLOCKS_DIFFER, _clock),
+    ForceFault.PLACE: (Code.PLATES_ELSEWHERE, _place),
+    ForceFault.YAW: (Code.PLATE_AXES, _yaw),
+    ForceFault.TILT: (Code.TILTED, _tilt),
+    ForceFault.MARKERS_TILTED: (Code.TILTED, _tilt),
+    ForceFault.GAIN: (Code.FORCE_GAIN, _factor("force")),
+    ForceFault.VERTICAL_GAIN: (Code.FORCE_GAIN, _factor("vertical force")),
+    ForceFault.HORIZONTAL_GAIN: (Code.FORCE_GAIN, _factor("horizontal force")),
+    ForceFault.FORE_AFT_GAIN: (Code.FORCE_GAIN, _factor("fore-aft force")),
+    ForceFault.SIDEWAYS_GAIN: (Code.FORCE_GAIN, _factor("sideways force")),
+    ForceFault.FREE_MOMENT: (Code.FREE_MOMENT, _free_moment),
+    ForceFault.OFFSET: (Code.PLATE_OFFSET, _offset),
+    ForceFault.SIGN_FORE_AFT: (
+        Code.FORCE_SIGN,
+        _plain("the fore-aft force of {of} has the wrong sign"),
+    ),
+    ForceFault.SIGN_SIDEWAYS: (
+        Code.FORCE_SIGN,
+        _plain("the sideways force of {of} has the wrong sign"),
+    ),
+    ForceFault.SIGN_HORIZONTAL: (
         Code.FORCE_SIGN,
         _plain("both horizontal forces of {of} have the wrong sign"),
     ),
-    Kind.SIGN_VERTICAL: (
+    ForceFault.SIGN_VERTICAL: (
         Code.FORCE_SIGN,
         _plain("the vertical force of {of} alone has the wrong sign"),
     ),
-    Kind.AXES: (
+    ForceFault.AXES: (
         Code.PLATE_AXES,
         _plain(
             "the horizontal axes of {of} are exchanged",
             "exchange the columns (channels) of the horizontal forces",
         ),
     ),
-    Kind.FORCE_UNIT: (
+    ForceFault.FORCE_UNIT: (
         Code.FORCE_UNIT,
         _plain("the forces are in {unit}, not in N", "give forces in N"),
     ),
-    Kind.MOMENT_UNIT: (
+    ForceFault.MOMENT_UNIT: (
         Code.FORCE_UNIT,
         _plain("the moments of the plates are in N·mm, not in N·m", "divide the moments by 1000"),
     ),
-    Kind.CENTRE_UNIT: (
+    ForceFault.CENTRE_UNIT: (
         Code.FORCE_UNIT,
         _plain("the centre of pressure is in {unit}, not in m", "give points of application in m"),
     ),
-    Kind.EXCHANGED: (
+    ForceFault.EXCHANGED: (
         Code.PLATES_EXCHANGED,
         _plain(
             "plates {one} and {other} have changed places",
             "exchange their corners, or their channels (columns of forces)",
         ),
     ),
-    Kind.TRUNK: (Code.TRUNK_WEIGHT, _trunk),
+    ForceFault.TRUNK: (Code.TRUNK_WEIGHT, _trunk),
 }
 """What a cause is told as."""
 
@@ -269,7 +275,10 @@ def force_findings(trials: Sequence[ForceEvidence]) -> ForceDiagnosis:
     findings = [_finding(one) for one in named]
     findings += [_unexplained(one) for one in unexplained]
     faulty = {
-        t.name for one in named if one.fits[0].cause.kind is not Kind.TRUNK for t in one.trials
+        t.name
+        for one in named
+        if one.fits[0].cause.kind is not ForceFault.TRUNK
+        for t in one.trials
     }
     return ForceDiagnosis(
         findings=tuple(sorted(findings, key=lambda f: -f.weight)),

@@ -35,7 +35,7 @@ from gaitcal.model.parameters import (
     JP_INDEX,
     JP_NAMES,
     JP_TO_SI,
-    Kind,
+    ParameterKind,
     Parameters,
 )
 from gaitcal.model.segment_frames import (
@@ -101,7 +101,7 @@ def joint_place_findings(
 
 
 @dataclass(frozen=True, kw_only=True)
-class Place:
+class JointPosition:
     """A joint as one segment has it, or the distance of two."""
 
     names: tuple[str, ...]  # n joint parameters
@@ -163,7 +163,7 @@ class _Places:
         for at, row in known:
             self._moves[at] = errors.parameters[row, measured_clusters]
 
-    def of(self, joint: str) -> Iterator[Place]:
+    def of(self, joint: str) -> Iterator[JointPosition]:
         """A joint as each segment beside it has it."""
         for segment in dict.fromkeys(
             name.split(".")[1] for name in JP_NAMES if name.startswith(f"{joint}.")
@@ -171,17 +171,17 @@ class _Places:
             names = tuple(name for name in JP_NAMES if name.startswith(f"{joint}.{segment}."))
             yield self._along(names, np.eye(len(names)))
 
-    def hips_apart(self) -> Place:
+    def hips_apart(self) -> JointPosition:
         """The distance between the hips in the pelvis, across it; positive where they lie further
         apart.
         """
         return self._along(("hip_r.pelvis.lat", "hip_l.pelvis.lat"), np.array([[1.0, -1.0]]))
 
-    def _along(self, names: tuple[str, ...], directions: Array) -> Place:
+    def _along(self, names: tuple[str, ...], directions: Array) -> JointPosition:
         """Of combinations (k, n) of joint parameters."""
         at = [JP_INDEX[name] for name in names]
         moves = directions @ self._moves[at]
-        return Place(
+        return JointPosition(
             names=names,
             offset=directions @ self._offset[at],
             scatter=directions @ COVARIANCE[np.ix_(at, at)] @ directions.T,
@@ -189,7 +189,9 @@ class _Places:
         )
 
 
-def _finding(joint: str, views: Sequence[Place], model: SubjectModel, isolated: bool) -> Finding:
+def _finding(
+    joint: str, views: Sequence[JointPosition], model: SubjectModel, isolated: bool
+) -> Finding:
     kind, side = joint.split("_")
     least = min(place.probability for place in views)
     few = round(1 / (RARE if least < RARE else UNUSUAL))
@@ -214,7 +216,7 @@ def _finding(joint: str, views: Sequence[Place], model: SubjectModel, isolated: 
     )
 
 
-def _apart(place: Place, model: SubjectModel, fitted: Parameters) -> Finding:
+def _apart(place: JointPosition, model: SubjectModel, fitted: Parameters) -> Finding:
     hips = [
         [p.centre(f"hip_{side}", "pelvis") for side in linkage.SIDES]
         for p in (fitted, model.nominal)
@@ -255,7 +257,7 @@ def _over_spines(model: SubjectModel, gap_mm: float) -> str:
     )
 
 
-def _weight(places: Sequence[Place]) -> float:
+def _weight(places: Sequence[JointPosition]) -> float:
     """How many times the limit."""
     return max(float(np.sqrt(place.square / chdtri(len(place.offset), RARE))) for place in places)
 
@@ -273,7 +275,7 @@ def _size(name: str, value: float) -> float:
 
 def _way(name: str, value: float) -> str:
     joint, _, direction = name.split(".")
-    if JOINT_PARAMETERS[JP_INDEX[name]].kind is not Kind.POSITION:
+    if JOINT_PARAMETERS[JP_INDEX[name]].kind is not ParameterKind.POSITION:
         return f"turned by {abs(_size(name, value)):.0f} deg seen from {_SEEN_FROM[direction]}"
     if direction == "lat":
         way = "outward" if (value > 0) == joint.endswith("_r") else "inward"
@@ -310,7 +312,7 @@ def _cure(kind: str, isolated: bool) -> str:
     )
 
 
-def given_hips(trial: trial_evidence.MarkerEvidence) -> Iterator[Finding]:
+def given_hips(trial: trial_evidence.TrialEvidence) -> Iterator[Finding]:
     """Given hip centres far from where the pelvis's markers tell, or of which one lies otherwise
     than the other.
     """

@@ -22,7 +22,7 @@ import numpy as np
 from gaitcal.arrays import Array
 from gaitcal.errors import STUDY, Code, Finding, Severity
 from gaitcal.model import body_plan, linkage, rotations, segment_frames
-from gaitcal.preprocess.trial_evidence import MarkerEvidence
+from gaitcal.preprocess.trial_evidence import TrialEvidence
 from gaitcal.quality.static_landmarks import label_words, landmarks
 
 TORSION_DEG = 10.0
@@ -74,7 +74,7 @@ class OddLine:
     side_evidence: Mapping[str, float]  # deg, x of each
 
 
-def knee_lines(trials: Sequence[MarkerEvidence], said: Sequence[Finding]) -> Iterator[Finding]:
+def knee_lines(trials: Sequence[TrialEvidence], said: Sequence[Finding]) -> Iterator[Finding]:
     """Knees whose epicondyles lie off their line, where nothing that was `said` already doubts
     these landmarks.
     """
@@ -184,7 +184,7 @@ def _odd(
     )
 
 
-def bending(trials: Sequence[MarkerEvidence]) -> dict[str, float]:
+def bending(trials: Sequence[TrialEvidence]) -> dict[str, float]:
     """Side -> deg from the axis of the knee to its epicondyles, median of the walks; where they
     tell one.
     """
@@ -197,7 +197,7 @@ def bending(trials: Sequence[MarkerEvidence]) -> dict[str, float]:
     return out
 
 
-def axis_turn(trial: MarkerEvidence, knee: str) -> float | None:
+def axis_turn(trial: TrialEvidence, knee: str) -> float | None:
     """Rad, transverse angle from the axis that a knee's turns vary about to its epicondyles; None
     where it cannot be told.
     """
@@ -221,7 +221,7 @@ def axis_turn(trial: MarkerEvidence, knee: str) -> float | None:
     return float(np.arctan2(ex, ez) - np.arctan2(ax, az))
 
 
-def knee_axes(trials: Sequence[MarkerEvidence], said: Collection[str]) -> Iterator[Finding]:
+def knee_axes(trials: Sequence[TrialEvidence], said: Collection[str]) -> Iterator[Finding]:
     """Knees that bend about another line than through their epicondyles, on legs of which nothing
     else was `said`.
     """

@@ -28,7 +28,7 @@ from gaitcal.io.recording import duration, marker_gaps, runs, seen_mask, spans
 from gaitcal.model import linkage
 from gaitcal.model.landmarks import one_psis, sacrum_words
 from gaitcal.model.subject_model import SubjectModel
-from gaitcal.preprocess.trial_evidence import NEGLIGIBLE_WEIGHT, MarkerEvidence
+from gaitcal.preprocess.trial_evidence import NEGLIGIBLE_WEIGHT, TrialEvidence
 from gaitcal.study.study_trial import BRIDGED_S
 from gaitcal.tracking.coordinate_prior import MARKER_M, left_uncertain
 from gaitcal.tracking.motion import tracked_motion
@@ -63,7 +63,7 @@ kept."""
 TOGETHER = 20  # Frames in which two markers must be seen together for that
 
 
-def outliers(trial: MarkerEvidence) -> Iterator[Finding]:
+def outliers(trial: TrialEvidence) -> Iterator[Finding]:
     """Markers metres away from the body, which take no part there."""
     if not trial.outliers:
         return
@@ -79,7 +79,7 @@ def outliers(trial: MarkerEvidence) -> Iterator[Finding]:
     )
 
 
-def missing(trial: MarkerEvidence) -> Iterator[Finding]:
+def missing(trial: TrialEvidence) -> Iterator[Finding]:
     """Markers of the set that the trial lacks, with the label that may be meant."""
     absent = [label for label in trial.expected if label not in trial.place]
     needed = [] if trial.is_isolated else [label for label in absent if _needed(trial, label)]
@@ -99,7 +99,7 @@ def missing(trial: MarkerEvidence) -> Iterator[Finding]:
             yield trial.finding(severity, "labels", found, cure, code=Code.MISSING_MARKERS)
 
 
-def _needed(trial: MarkerEvidence, label: str) -> bool:
+def _needed(trial: TrialEvidence, label: str) -> bool:
     """Whether torques lack a marker: one with weight of pelvis or legs, unless it marks the medial
     side of a joint, which the static trial shows and which is not worn to move; or one of a trunk
     that too few others show. No torque needs arms.
@@ -120,7 +120,7 @@ def _needed(trial: MarkerEvidence, label: str) -> bool:
     return label not in medial
 
 
-def too_few(trial: MarkerEvidence) -> Iterator[Finding]:
+def too_few(trial: TrialEvidence) -> Iterator[Finding]:
     """Whether the first segment of the part that is fitted has three markers: the pelvis, or what
     carries it.
     """
@@ -150,7 +150,7 @@ def too_few(trial: MarkerEvidence) -> Iterator[Finding]:
             yield trial.info("labels", found, code=Code.PELVIS_CARRIED)
 
 
-def never_seen(trial: MarkerEvidence) -> Iterator[Finding]:
+def never_seen(trial: TrialEvidence) -> Iterator[Finding]:
     """Markers whose label is in the file without a single position: as if it had no such label.
 
     An error where pelvis or leg lose all that they have, in an isolated trial the segments of its
@@ -186,7 +186,7 @@ def never_seen(trial: MarkerEvidence) -> Iterator[Finding]:
     )
 
 
-def one_sacral(trial: MarkerEvidence) -> Iterator[Finding]:
+def one_sacral(trial: TrialEvidence) -> Iterator[Finding]:
     """A static trial in which one posterior spine of two is marked: the model's pelvis stands on
     its mirror image.
     """
@@ -202,7 +202,7 @@ def one_sacral(trial: MarkerEvidence) -> Iterator[Finding]:
         yield trial.warning("landmarks", found, cure, cause=cause, code=Code.ONE_POSTERIOR_SPINE)
 
 
-def unknown(trial: MarkerEvidence) -> Iterator[Finding]:
+def unknown(trial: TrialEvidence) -> Iterator[Finding]:
     """Labels that the marker set does not know: they are not used."""
     strangers = unknown_labels(trial)
     if strangers:
@@ -212,13 +212,13 @@ def unknown(trial: MarkerEvidence) -> Iterator[Finding]:
         )
 
 
-def unknown_labels(trial: MarkerEvidence) -> list[str]:
+def unknown_labels(trial: TrialEvidence) -> list[str]:
     """Labels of the file that the marker set does not know."""
     known = {*trial.marker_set.labels, *trial.marker_set.devices}
     return [label for label in trial.recording.labels if label not in known]
 
 
-def doubled(trial: MarkerEvidence) -> Iterator[Finding]:
+def doubled(trial: TrialEvidence) -> Iterator[Finding]:
     """Labels that occur twice, and trajectories that have two names: markers that always lie on
     each other.
     """
@@ -252,7 +252,7 @@ def doubled(trial: MarkerEvidence) -> Iterator[Finding]:
         )
 
 
-def bare_segments(trial: MarkerEvidence) -> Iterator[Finding]:
+def bare_segments(trial: TrialEvidence) -> Iterator[Finding]:
     """Segments of the legs, and others that the model tracks, that show no marker with weight in a
     trial.
     """
@@ -283,7 +283,7 @@ def bare_segments(trial: MarkerEvidence) -> Iterator[Finding]:
         )
 
 
-def gaps(trial: MarkerEvidence) -> Iterator[Finding]:
+def gaps(trial: TrialEvidence) -> Iterator[Finding]:
     """Long gaps, and markers that are missing most of the time."""
     used = {m for m in trial.as_fitted.present if trial.ever_seen(m)}
     markers = [gap for gap in marker_gaps(trial.recording) if gap.label in used]
@@ -325,7 +325,7 @@ def gaps(trial: MarkerEvidence) -> Iterator[Finding]:
     yield from _pelvis_lost(trial.as_fitted)
 
 
-def _pelvis_lost(trial: MarkerEvidence) -> Iterator[Finding]:
+def _pelvis_lost(trial: TrialEvidence) -> Iterator[Finding]:
     """Where the pelvis has no pose: the splines carry it over moments, and no trial is longer than
     what shows it.
     """
@@ -345,7 +345,7 @@ def _pelvis_lost(trial: MarkerEvidence) -> Iterator[Finding]:
         yield trial.info("gaps", message, code=Code.PELVIS_LOST)
 
 
-def rebuilt(trial: MarkerEvidence) -> Iterator[Finding]:
+def rebuilt(trial: TrialEvidence) -> Iterator[Finding]:
     """Markers that stand in the model where other trials say that they were."""
     if trial.rebuilding is None or trial.model is None:
         return
@@ -374,7 +374,7 @@ def rebuilt(trial: MarkerEvidence) -> Iterator[Finding]:
         yield trial.info("lost markers", listed(rest), code=Code.REBUILT_MARKER)
 
 
-def not_rebuilt(trial: MarkerEvidence) -> Iterator[Finding]:
+def not_rebuilt(trial: TrialEvidence) -> Iterator[Finding]:
     """Markers that moving trials show and the static one does not, and that nothing places."""
     if trial.rebuilding is None or trial.model is None or not trial.rebuilding.left:
         return
@@ -386,7 +386,7 @@ def not_rebuilt(trial: MarkerEvidence) -> Iterator[Finding]:
     yield trial.warning("lost markers", found, cure, code=Code.MARKER_LEFT_OUT)
 
 
-def on_segments(trial: MarkerEvidence) -> Iterator[Finding]:
+def on_segments(trial: TrialEvidence) -> Iterator[Finding]:
     """Markers of a static trial that lie elsewhere than at their segment."""
     lines, height = _lines(trial), trial.subject.height
     wrong = []
@@ -419,7 +419,7 @@ def on_segments(trial: MarkerEvidence) -> Iterator[Finding]:
         )
 
 
-def _lines(trial: MarkerEvidence) -> dict[str, tuple[Array, Array]]:
+def _lines(trial: TrialEvidence) -> dict[str, tuple[Array, Array]]:
     """Segment -> its two ends, (3,) m."""
     p, parts = (
         trial.posture or {},
@@ -436,7 +436,7 @@ def _lines(trial: MarkerEvidence) -> dict[str, tuple[Array, Array]]:
     return out
 
 
-def followed(trial: MarkerEvidence) -> Iterator[Finding]:
+def followed(trial: TrialEvidence) -> Iterator[Finding]:
     """Segments of the legs that show fewer than two markers: in most frames, or for a while."""
     if trial.is_static or trial.model is None:
         return
@@ -490,7 +490,7 @@ def followed(trial: MarkerEvidence) -> Iterator[Finding]:
         )
 
 
-def _counts(trial: MarkerEvidence) -> dict[str, Array]:
+def _counts(trial: TrialEvidence) -> dict[str, Array]:
     """Segment -> (nf,) markers with weight that are seen, of the segments of the legs whose turns
     the trial is to show; what carries an isolated joint needs three markers.
     """
@@ -505,7 +505,7 @@ def _counts(trial: MarkerEvidence) -> dict[str, Array]:
     }
 
 
-def _undetermined(trial: MarkerEvidence, model: SubjectModel) -> dict[str, float] | None:
+def _undetermined(trial: TrialEvidence, model: SubjectModel) -> dict[str, float] | None:
     """Angle of a leg -> rad, how uncertain it is in the worst tenth of the frames; None where
     tracking fails.
     """
@@ -534,7 +534,7 @@ def _undetermined(trial: MarkerEvidence, model: SubjectModel) -> dict[str, float
     return {name: float(s) for name, s in names if name[-2:] in ("_r", "_l") and name not in beyond}
 
 
-def moving_along(trial: MarkerEvidence, segment: str) -> list[str]:
+def moving_along(trial: TrialEvidence, segment: str) -> list[str]:
     """Labels unknown to the set whose distance from the markers of a leg's segment stays the same.
 
     A shank or a foot must keep its distance from the lateral marker of the joint above, too: near
@@ -551,7 +551,7 @@ def moving_along(trial: MarkerEvidence, segment: str) -> list[str]:
     ]
 
 
-def _keeps(trial: MarkerEvidence, label: str, segment: str) -> bool:
+def _keeps(trial: TrialEvidence, label: str, segment: str) -> bool:
     part, _, side = segment.partition("_")
     above = {"shank": f"knee_lat_{side}", "foot": f"ankle_lat_{side}"}.get(part, "")
     near_joint = {
@@ -570,7 +570,7 @@ def _keeps(trial: MarkerEvidence, label: str, segment: str) -> bool:
     )
 
 
-def _spread(trial: MarkerEvidence, one: str, other: str) -> float | None:
+def _spread(trial: TrialEvidence, one: str, other: str) -> float | None:
     """m, standard deviation of the distance of two markers; None where they are hardly seen
     together.
     """

@@ -18,8 +18,8 @@ import numpy as np
 from gaitcal.arrays import Array, BoolArray
 from gaitcal.errors import Code, Finding, Severity, listed
 from gaitcal.io.recording import runs, spans
-from gaitcal.preprocess.marker_clusters import FEWEST, Cluster, alignment
-from gaitcal.preprocess.trial_evidence import MarkerEvidence, side_of
+from gaitcal.preprocess.marker_clusters import FEWEST, MarkerCluster, alignment
+from gaitcal.preprocess.trial_evidence import TrialEvidence, side_of
 from gaitcal.runtime import remembered
 
 AWAY_M = {"pelvis": 0.012, "thigh": 0.012, "shank": 0.012, "foot": 0.025}
@@ -75,10 +75,10 @@ odd."""
 
 
 @dataclass(frozen=True)
-class Stretch:
+class DisplacedInterval:
     """A marker of a segment that is elsewhere for a while."""
 
-    cluster: Cluster
+    cluster: MarkerCluster
     label: str
     frames: slice
     distance: float  # m, largest distance from its mean place
@@ -86,7 +86,7 @@ class Stretch:
     slipped: bool = False  # Whether it went there from one frame to the next, and stayed
 
 
-def marker_slip(trial: MarkerEvidence) -> Iterator[Finding]:
+def marker_slip(trial: TrialEvidence) -> Iterator[Finding]:
     """Markers that leave their place for a while, one finding a marker."""
     found = stretches(trial)
     time = trial.recording.time
@@ -123,7 +123,7 @@ def marker_slip(trial: MarkerEvidence) -> Iterator[Finding]:
         )
 
 
-def _harmful(stretch: Stretch, time: Array) -> bool:
+def _harmful(stretch: DisplacedInterval, time: Array) -> bool:
     sure = stretch.slipped or stretch.straight
     lasts = float(time[min(stretch.frames.stop, len(time) - 1)] - time[stretch.frames.start])
     return (
@@ -133,9 +133,9 @@ def _harmful(stretch: Stretch, time: Array) -> bool:
 
 
 @remembered
-def stretches(trial: MarkerEvidence) -> dict[str, list[Stretch]]:
+def stretches(trial: TrialEvidence) -> dict[str, list[DisplacedInterval]]:
     """Marker -> where it is elsewhere."""
-    found: dict[str, list[Stretch]] = {}
+    found: dict[str, list[DisplacedInterval]] = {}
     trial = trial.as_fitted
     for cluster in trial.clusters.values():
         for stretch in (
@@ -151,7 +151,7 @@ def stretches(trial: MarkerEvidence) -> dict[str, list[Stretch]]:
     return found
 
 
-def strayed(trial: MarkerEvidence, cluster: Cluster) -> Iterator[Stretch]:
+def strayed(trial: TrialEvidence, cluster: MarkerCluster) -> Iterator[DisplacedInterval]:
     """Stretches in which a marker is far from its mean place, and more so than it usually is."""
     distance = np.nan_to_num(cluster.strayed[:, : cluster.own])
     baseline = np.nanmedian(cluster.strayed[:, : cluster.own], axis=0)
@@ -159,10 +159,10 @@ def strayed(trial: MarkerEvidence, cluster: Cluster) -> Iterator[Stretch]:
     beyond: BoolArray = np.any(distance > limit, axis=1)
     for run in runs(beyond, max(SHORTEST_FRAMES, round(SHORTEST_S * trial.recording.rate))):
         k = _culprit(trial, cluster, run)
-        yield Stretch(cluster, cluster.labels[k], run, _farthest(cluster, k, run))
+        yield DisplacedInterval(cluster, cluster.labels[k], run, _farthest(cluster, k, run))
 
 
-def slipped(trial: MarkerEvidence, cluster: Cluster) -> Iterator[Stretch]:
+def slipped(trial: TrialEvidence, cluster: MarkerCluster) -> Iterator[DisplacedInterval]:
     """Stretches that begin where a marker slips, until it slips again or the trial ends."""
     away = cluster.away[:, : cluster.own]
     frames = np.flatnonzero(np.isfinite(away).all(axis=(1, 2)))
@@ -201,7 +201,7 @@ def slipped(trial: MarkerEvidence, cluster: Cluster) -> Iterator[Stretch]:
         again = next(
             (other for other, marker, _ in slips[i + 1 :] if marker == k), len(cluster.away)
         )
-        yield Stretch(cluster, cluster.labels[k], slice(edge, again), size, slipped=True)
+        yield DisplacedInterval(cluster, cluster.labels[k], slice(edge, again), size, slipped=True)
 
 
 def _around(step: Array, f: int, near: int) -> float:
@@ -213,7 +213,7 @@ def _around(step: Array, f: int, near: int) -> float:
     )
 
 
-def _alone(cluster: Cluster, k: int, before: Array, after: Array) -> float:
+def _alone(cluster: MarkerCluster, k: int, before: Array, after: Array) -> float:
     """m, how far marker k went between two mean places (own, 3) of the markers, if it alone moved."""
     rest = [i for i in range(cluster.own) if i != k]
     turn, shift = alignment(after[rest], before[rest])
@@ -226,7 +226,7 @@ def _alone(cluster: Cluster, k: int, before: Array, after: Array) -> float:
     return float(np.linalg.norm(turn @ after[k] + shift - before[k]))
 
 
-def _farthest(cluster: Cluster, k: int, frames: slice) -> float:
+def _farthest(cluster: MarkerCluster, k: int, frames: slice) -> float:
     """m, how far marker k is from its mean place where its cluster is bent most, if it alone moved."""
     bent = np.nan_to_num(cluster.strayed[frames, : cluster.own])
     after = cluster.away[frames.start + int(bent.max(axis=1).argmax()), : cluster.own]
@@ -236,7 +236,7 @@ def _farthest(cluster: Cluster, k: int, frames: slice) -> float:
     return _alone(cluster, k, shape, shape + after)
 
 
-def _jumps(trial: MarkerEvidence, cluster: Cluster, edge: int) -> Array:
+def _jumps(trial: TrialEvidence, cluster: MarkerCluster, edge: int) -> Array:
     """(own,) m, how far each marker jumps out of line in the laboratory between the frames edge - 1
     and edge.
     """
@@ -248,7 +248,7 @@ def _jumps(trial: MarkerEvidence, cluster: Cluster, edge: int) -> Array:
     return out
 
 
-def _culprit(trial: MarkerEvidence, cluster: Cluster, run: slice) -> int:
+def _culprit(trial: TrialEvidence, cluster: MarkerCluster, run: slice) -> int:
     """Which marker of a cluster left: without it the others are in their places; of three, the one
     that jumps.
     """
@@ -270,7 +270,7 @@ def _culprit(trial: MarkerEvidence, cluster: Cluster, run: slice) -> int:
     )
 
 
-def made_up(trial: MarkerEvidence, cluster: Cluster) -> Iterator[Stretch]:
+def made_up(trial: TrialEvidence, cluster: MarkerCluster) -> Iterator[DisplacedInterval]:
     """Stretches in which a marker stands still, goes straight or along a cubic while others of its
     segment do not.
     """
@@ -291,7 +291,9 @@ def made_up(trial: MarkerEvidence, cluster: Cluster) -> Iterator[Stretch]:
             if float(np.nan_to_num(cluster.strayed[frames, k]).max()) < baseline + WRONG_M:
                 continue
             if max(bend(x[frames, i]) for i in range(len(columns)) if i != k) > BENT_M:
-                yield Stretch(cluster, label, frames, _farthest(cluster, k, frames), straight=True)
+                yield DisplacedInterval(
+                    cluster, label, frames, _farthest(cluster, k, frames), straight=True
+                )
 
 
 def bend(path: Array) -> float:
@@ -300,7 +302,7 @@ def bend(path: Array) -> float:
     return float(np.nan_to_num(np.linalg.norm(path - line, axis=1)).max())
 
 
-def frozen(trial: MarkerEvidence) -> Iterator[Finding]:
+def frozen(trial: TrialEvidence) -> Iterator[Finding]:
     """Markers that repeat their position bit for bit while the others move."""
     x = trial.recording.markers
     if len(x) < 5:
@@ -334,7 +336,7 @@ def _others_move(x: Array, run: slice) -> bool:
     )
 
 
-def flat(trial: MarkerEvidence) -> Iterator[Finding]:
+def flat(trial: TrialEvidence) -> Iterator[Finding]:
     """Markers with a coordinate that never changes."""
     trial, labels = trial.as_fitted, []
     for label in trial.present:

@@ -19,7 +19,7 @@ from gaitcal.model.linkage import SIDES
 from gaitcal.model.marker_set import MarkerSet
 from gaitcal.model.present_markers import present_markers
 from gaitcal.model.segment_frames import PLAUSIBLE_WIDTH, half_width, sign
-from gaitcal.preprocess.trial_evidence import MarkerEvidence
+from gaitcal.preprocess.trial_evidence import TrialEvidence
 from gaitcal.quality.marker_checks import KEEPS_M, TOGETHER
 
 MEASURED_M = 1e-5
@@ -121,7 +121,7 @@ def computed_of_pair(one: Array, other: Array, middle: Array) -> tuple[bool, boo
     return bool(first * second <= 0 or first > 0), bool(first * second <= 0 or first < 0)
 
 
-def named_centres(trials: Sequence[MarkerEvidence]) -> Iterator[Finding]:
+def named_centres(trials: Sequence[TrialEvidence]) -> Iterator[Finding]:
     """Joint centres that a study takes for lateral markers."""
     static = next((t for t in trials if t.makes_model and t.model is not None), None)
     if static is None or static.marker_set.noise is not None:

@@ -45,12 +45,12 @@ from gaitcal.io.force_plate import (
 )
 from gaitcal.io.recording import ForcePlate, duration, runs, spans, still_window
 from gaitcal.model.subject_model import GRAVITY
-from gaitcal.preprocess.trial_evidence import MarkerEvidence
+from gaitcal.preprocess.trial_evidence import TrialEvidence
 from gaitcal.quality.foot_on_plate import (
     PLATES_ELSEWHERE,
     TOPIC,
     Feet,
-    Step,
+    PlateContact,
     feet_of,
     overhang,
     steps_of,
@@ -110,7 +110,7 @@ VELOCITY_S = 0.1  # Stretch over which the velocity at either end is fitted
 _ALARMING = re.compile(rf"left out|never empty|outside its corners|no numbers|{CONTRADICTED}")
 
 
-def told_on_reading(trial: MarkerEvidence) -> Iterator[Finding]:
+def told_on_reading(trial: TrialEvidence) -> Iterator[Finding]:
     """What the reader noted on plates: type, sign, corners, offset, samples without numbers."""
     for note in trial.recording.notes:
         if not re.match(r"Plate |\d+ force plate", note) or "holds the columns" in note:
@@ -131,7 +131,7 @@ def told_on_reading(trial: MarkerEvidence) -> Iterator[Finding]:
         yield trial.warning("plates", found, cure, cause=cause, code=Code.PLATE_DESCRIPTION)
 
 
-def signals(trial: MarkerEvidence) -> Iterator[Finding]:
+def signals(trial: TrialEvidence) -> Iterator[Finding]:
     """Sign, offset, saturation and direction of every plate's force."""
     for plate in trial.recording.plates:
         force = plate.force[np.isfinite(plate.force).all(axis=1)]
@@ -168,7 +168,7 @@ def signals(trial: MarkerEvidence) -> Iterator[Finding]:
                 yield trial.warning("plates", found, cure, cause=cause, code=Code.PLATE_AXES)
 
 
-def _dead(trial: MarkerEvidence, plate: ForcePlate, loaded: Array) -> Iterator[Finding]:
+def _dead(trial: TrialEvidence, plate: ForcePlate, loaded: Array) -> Iterator[Finding]:
     """Horizontal components that never change while somebody walks on the plate, `loaded` (n, 3) N."""
     if not trial.is_gait or len(loaded) < DEAD_SAMPLES:
         return
@@ -192,7 +192,7 @@ def _dead(trial: MarkerEvidence, plate: ForcePlate, loaded: Array) -> Iterator[F
         yield trial.warning("plates", found, cure, cause=cause, code=Code.DEAD_CHANNEL)
 
 
-def _clipped(trial: MarkerEvidence, plate: ForcePlate) -> Iterator[Finding]:
+def _clipped(trial: TrialEvidence, plate: ForcePlate) -> Iterator[Finding]:
     """Components of the force that stay at their largest value."""
     for axis, name in enumerate("xyz"):
         size = np.abs(np.nan_to_num(plate.force[:, axis]))
@@ -212,7 +212,7 @@ def _clipped(trial: MarkerEvidence, plate: ForcePlate) -> Iterator[Finding]:
             )
 
 
-def corners(trial: MarkerEvidence) -> Iterator[Finding]:
+def corners(trial: TrialEvidence) -> Iterator[Finding]:
     """Whether centres of pressure lie on their plate."""
     for plate in trial.recording.plates:
         share, farthest = (
@@ -229,7 +229,7 @@ def corners(trial: MarkerEvidence) -> Iterator[Finding]:
             yield trial.warning("plates", found, cure, cause=cause, code=Code.PLATE_CORNERS)
 
 
-def covered(trial: MarkerEvidence) -> Iterator[Finding]:
+def covered(trial: TrialEvidence) -> Iterator[Finding]:
     """How the clocks of markers and forces overlap."""
     time = trial.recording.time
     for plate in trial.recording.plates if trial.is_whole_body else ():
@@ -242,7 +242,7 @@ def covered(trial: MarkerEvidence) -> Iterator[Finding]:
             return
 
 
-def _long_steps(trial: MarkerEvidence) -> tuple[Step, ...]:
+def _long_steps(trial: TrialEvidence) -> tuple[PlateContact, ...]:
     """Steps of a walk that are long enough and under a foot."""
     if trial.pelvis is None:
         return ()
@@ -252,7 +252,7 @@ def _long_steps(trial: MarkerEvidence) -> tuple[Step, ...]:
     )
 
 
-def _directions(trial: MarkerEvidence) -> tuple[Array, Array]:
+def _directions(trial: TrialEvidence) -> tuple[Array, Array]:
     """(2,) unit vectors in x and z: where the person walks, and to the right, which is behind who
     walks backwards.
     """
@@ -261,7 +261,7 @@ def _directions(trial: MarkerEvidence) -> tuple[Array, Array]:
     return forward, right if trial.facing is None or forward @ trial.facing > 0 else -right
 
 
-def drifts(trial: MarkerEvidence) -> list[float]:
+def drifts(trial: TrialEvidence) -> list[float]:
     """Of every whole step, how far it brakes before it drives along the walk, -1 to 1."""
     (forward, _), time, out = _directions(trial), trial.recording.time, []
     for step in _long_steps(trial):
@@ -275,7 +275,7 @@ def drifts(trial: MarkerEvidence) -> list[float]:
     return out
 
 
-def horizontal(trial: MarkerEvidence) -> Iterator[Finding]:
+def horizontal(trial: TrialEvidence) -> Iterator[Finding]:
     """Whether legs brake before they drive, and both push inwards: one alone pushes outwards in a
     turn.
     """
@@ -315,7 +315,7 @@ def horizontal(trial: MarkerEvidence) -> Iterator[Finding]:
         yield trial.warning("forces", found, cure, cause=cause, code=Code.FORCE_SIGN)
 
 
-def beside_feet(trial: MarkerEvidence) -> Iterator[Finding]:
+def beside_feet(trial: TrialEvidence) -> Iterator[Finding]:
     """Whether the centres of pressure of both feet lie off their feet to the same side of the room."""
     feet = feet_of(trial)
     if feet is None:
@@ -350,7 +350,7 @@ def beside_feet(trial: MarkerEvidence) -> Iterator[Finding]:
         )
 
 
-def free_moment(trial: MarkerEvidence) -> Iterator[Finding]:
+def free_moment(trial: TrialEvidence) -> Iterator[Finding]:
     """Whether free moments hold the feet against turning, or turn them on."""
     if trial.facing is None or walked(trial) @ trial.facing <= 0:  # whoever walks backwards
         return
@@ -384,7 +384,7 @@ def free_moment(trial: MarkerEvidence) -> Iterator[Finding]:
     )
 
 
-def _held(trial: MarkerEvidence, step: Step) -> float:
+def _held(trial: TrialEvidence, step: PlateContact) -> float:
     """The d of one step."""
     wrench = np.nan_to_num(resample_wrench(step.plate, trial.recording.time))[step.frames]
     moment = (wrench[:, 3:] - cross(step.point, wrench[:, :3]))[:, 1]
@@ -394,7 +394,7 @@ def _held(trial: MarkerEvidence, step: Step) -> float:
     return float(side * (late - early) / (trial.subject.weight * trial.subject.height))
 
 
-def step_loads(trial: MarkerEvidence) -> Iterator[Finding]:
+def step_loads(trial: TrialEvidence) -> Iterator[Finding]:
     """Body weight against the mean and the largest force of whole steps."""
     if not trial.is_gait:
         return
@@ -421,7 +421,7 @@ def step_loads(trial: MarkerEvidence) -> Iterator[Finding]:
                 yield trial.warning("body mass", found, cure, cause=cause, code=Code.STEP_LOAD)
 
 
-def _parts(trial: MarkerEvidence) -> list[tuple[ForcePlate, float, float]]:
+def _parts(trial: TrialEvidence) -> list[tuple[ForcePlate, float, float]]:
     """Loadings, plate and s from when to when, of feet on two plates at once, or partly beside
     theirs.
     """
@@ -434,7 +434,7 @@ def _parts(trial: MarkerEvidence) -> list[tuple[ForcePlate, float, float]]:
     return [(s.plate, float(time[s.frames.start]), float(time[s.frames.stop - 1])) for s in parts]
 
 
-def body_mass(trials: Sequence[MarkerEvidence]) -> Iterator[Finding]:
+def body_mass(trials: Sequence[TrialEvidence]) -> Iterator[Finding]:
     """Body mass against all that plates carry: told as wrong where a trial says so that no other
     one contradicts: all weigh nearer to what it weighs than to the mass, as a trial that weighs
     roughly says little for the mass.
@@ -459,7 +459,7 @@ def body_mass(trials: Sequence[MarkerEvidence]) -> Iterator[Finding]:
             yield t.info("body mass", message, code=Code.BODY_MASS)
 
 
-def _standing(trial: MarkerEvidence) -> tuple[float, float, str, str] | None:
+def _standing(trial: TrialEvidence) -> tuple[float, float, str, str] | None:
     """Kg under the standing person, by which share that may be off, in words, and the cure; None
     where not all is on plates.
     """
@@ -482,7 +482,7 @@ def _standing(trial: MarkerEvidence) -> tuple[float, float, str, str] | None:
     return total / GRAVITY, MASS_DIFFERENCE + _offsets(loaded) / trial.subject.weight, message, cure
 
 
-def _walking(trial: MarkerEvidence) -> tuple[float, float, str, str] | None:
+def _walking(trial: TrialEvidence) -> tuple[float, float, str, str] | None:
     """The same while every foot of a walking person is on a plate; None where that is for less than
     a step.
     """
@@ -526,7 +526,7 @@ def _offsets(plates: Sequence[ForcePlate]) -> float:
     return UNKNOWN_OFFSET_N * float(np.sqrt(len(unknown)))
 
 
-def _all_on_plates(trial: MarkerEvidence, feet: Feet) -> BoolArray:
+def _all_on_plates(trial: TrialEvidence, feet: Feet) -> BoolArray:
     """(nf,) where some foot is loaded and no foot stands beside a plate or partly so."""
     loaded = np.zeros((len(feet.time), 2), dtype=bool)
     doubtful = np.zeros(len(feet.time), dtype=bool)
@@ -545,7 +545,7 @@ def _all_on_plates(trial: MarkerEvidence, feet: Feet) -> BoolArray:
     return out
 
 
-def _mass(trial: MarkerEvidence, run: slice) -> float | None:
+def _mass(trial: TrialEvidence, run: slice) -> float | None:
     """Mass (kg) that the plates carry in the frames `run`; None where the pelvis is not seen at
     both ends.
     """

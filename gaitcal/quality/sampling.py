@@ -31,7 +31,7 @@ from gaitcal.io.force_plate import filterable
 from gaitcal.io.recording import runs
 from gaitcal.io.text_file import UNEVEN
 from gaitcal.model.rebuilt_markers import jump_limit
-from gaitcal.preprocess.trial_evidence import MarkerEvidence
+from gaitcal.preprocess.trial_evidence import TrialEvidence
 from gaitcal.study.settings import AUTOMATIC, CalibrationSettings
 from gaitcal.tracking.spline import HALF_POWER, NODES_PER_SECOND, NodeRule, cutoff
 from gaitcal.tracking.trial_problem import FEWEST_FRAMES
@@ -61,7 +61,7 @@ FEWEST_MARKERS = 6
 FAR_FRAMES = 20.0  # Above that the velocity says nothing of where the body would be
 
 
-def rate(trial: MarkerEvidence) -> Iterator[Finding]:
+def rate(trial: TrialEvidence) -> Iterator[Finding]:
     """Whether the frame rate is one of motion capture."""
     time = trial.recording.time
     if not trial.is_static and len(time) < FEWEST_FRAMES:
@@ -105,7 +105,7 @@ def rate(trial: MarkerEvidence) -> Iterator[Finding]:
         )
 
 
-def speed(trial: MarkerEvidence) -> Iterator[Finding]:
+def speed(trial: TrialEvidence) -> Iterator[Finding]:
     """Whether the body goes at a speed of walking, which a wrong clock spoils."""
     time = trial.recording.time
     if not trial.is_gait or len(time) < 2:
@@ -117,7 +117,7 @@ def speed(trial: MarkerEvidence) -> Iterator[Finding]:
         yield trial.warning("time", found, cure, cause=cause, code=Code.TOO_FAST)
 
 
-def header_rate(trial: MarkerEvidence) -> Iterator[Finding]:
+def header_rate(trial: TrialEvidence) -> Iterator[Finding]:
     """Whether the time column of a TRC goes at the camera's rate that its header names."""
     named = _header_rates(Path(trial.source))
     hz = trial.recording.rate
@@ -160,7 +160,7 @@ def _header_rates(path: Path) -> dict[str, float]:
     return {}
 
 
-def splines(trial: MarkerEvidence) -> Iterator[Finding]:
+def splines(trial: TrialEvidence) -> Iterator[Finding]:
     """Whether the splines of the motion suit the frames, and the filter the plates."""
     time = trial.recording.time
     if trial.is_static or len(time) < FEWEST_FRAMES:
@@ -217,7 +217,7 @@ def _passed(settings: CalibrationSettings, time: Array) -> tuple[float | None, s
     ), f"bandwidth_hz = {settings.bandwidth_hz:g}: splines"
 
 
-def rates_differ(trials: Sequence[MarkerEvidence]) -> Iterator[Finding]:
+def rates_differ(trials: Sequence[TrialEvidence]) -> Iterator[Finding]:
     """Trials whose frame rate is not that of the others."""
     rates = {t.name: t.recording.rate for t in trials if len(t.recording.time) > 1}
     common = float(np.median(list(rates.values()))) if rates else 0.0
@@ -238,7 +238,7 @@ def rates_differ(trials: Sequence[MarkerEvidence]) -> Iterator[Finding]:
         )
 
 
-def same_recording(trials: Sequence[MarkerEvidence]) -> Iterator[Finding]:
+def same_recording(trials: Sequence[TrialEvidence]) -> Iterator[Finding]:
     """Trials whose markers are the same in every frame, whatever their files are called: one would
     count twice.
 
@@ -257,7 +257,7 @@ def same_recording(trials: Sequence[MarkerEvidence]) -> Iterator[Finding]:
             yield other.error("trials", found, cure, code=Code.SAME_RECORDING)
 
 
-def spikes(trial: MarkerEvidence) -> Iterator[Finding]:
+def spikes(trial: TrialEvidence) -> Iterator[Finding]:
     """Single positions out of line with the frames before and after: those that were left out, and
     the rest.
     """
@@ -323,7 +323,7 @@ class Seam:
         return count if abs(self.lost) < FAR_FRAMES else "far from the path before"
 
 
-def seam(trial: MarkerEvidence) -> Iterator[Finding]:
+def seam(trial: TrialEvidence) -> Iterator[Finding]:
     """Whether frames are missing and their times, too, one stands twice, or parts of recordings
     were joined.
     """

@@ -19,7 +19,7 @@ from gaitcal.model.linkage import SIDE_WORDS
 from gaitcal.preprocess import swapped_labels
 from gaitcal.preprocess.marker_clusters import FEWEST, alignment
 from gaitcal.preprocess.static_disagreement import OFFSET_M, Contradiction, Fault, contradictions_in
-from gaitcal.preprocess.trial_evidence import MarkerEvidence, side_of
+from gaitcal.preprocess.trial_evidence import TrialEvidence, side_of
 from gaitcal.quality import knee_axes, marker_slip
 
 SHIFT_M, TURN_RAD = 0.012, np.deg2rad(7.0)
@@ -65,13 +65,13 @@ SHORTEST_M = 0.03  # Markers nearer to each other do not tell a scale
 UNITS = {"millimetres": 1e3, "centimetres": 1e2, "inches": 39.4}
 
 
-def static_consistency(trials: Sequence[MarkerEvidence]) -> Iterator[Finding]:
+def static_consistency(trials: Sequence[TrialEvidence]) -> Iterator[Finding]:
     """Everything in which moving trials contradict the static one or each other, one finding a
     cause.
     """
     yield from body_scale(trials)
     sized = [rescaled(t) for t in trials if not t.is_static]
-    found: dict[tuple[Fault, str, tuple[str, ...]], list[tuple[MarkerEvidence, Contradiction]]] = {}
+    found: dict[tuple[Fault, str, tuple[str, ...]], list[tuple[TrialEvidence, Contradiction]]] = {}
     spoilt: set[str] = set()
     for trial in sized:
         causes = contradictions_in(trial)
@@ -93,7 +93,7 @@ def static_consistency(trials: Sequence[MarkerEvidence]) -> Iterator[Finding]:
     yield from _between_walks([t for t in sound if t.is_gait], {segment for _, segment, _ in found})
 
 
-def _of_cause(group: list[tuple[MarkerEvidence, Contradiction]], moving: int) -> Finding:
+def _of_cause(group: list[tuple[TrialEvidence, Contradiction]], moving: int) -> Finding:
     """One cause, and the trials that show it, of so many moving ones."""
     trial, worst = max(group, key=lambda pair: pair[1].excess)
     names = list(dict.fromkeys(t.name for t, _ in group))
@@ -202,12 +202,12 @@ def _part(name: str) -> str:
     return f"{SIDE_WORDS[name[-1]]} {name[:-2]}" if side_of(name) else name
 
 
-def _whole_time(trial: MarkerEvidence) -> str:
+def _whole_time(trial: TrialEvidence) -> str:
     time = trial.recording.time
     return f"the whole trial, {time[0]:.2f}-{time[-1]:.2f} s"
 
 
-def _whole_trial(trial: MarkerEvidence, causes: Sequence[Contradiction]) -> Finding | None:
+def _whole_trial(trial: TrialEvidence, causes: Sequence[Contradiction]) -> Finding | None:
     """The exchange of all right and left labels, or a mirrored axis, where it explains everything."""
     if len(causes) < 2 and causes[0].fault is not Fault.UNKNOWN:
         return None
@@ -242,7 +242,7 @@ def axis_mirrored(recording: Recording) -> Recording:
     return replace(recording, markers=recording.markers * [1.0, 1.0, -1.0])
 
 
-def _between_walks(walks: Sequence[MarkerEvidence], told: set[str]) -> Iterator[Finding]:
+def _between_walks(walks: Sequence[TrialEvidence], told: set[str]) -> Iterator[Finding]:
     """The walk of a session in which a cluster has another shape than in the rest; not of segments
     `told`.
     """
@@ -275,13 +275,13 @@ def _between_walks(walks: Sequence[MarkerEvidence], told: set[str]) -> Iterator[
             )
 
 
-def scale_of(trial: MarkerEvidence) -> float | None:
+def scale_of(trial: TrialEvidence) -> float | None:
     """Median size of the trial's clusters; None with too few."""
     ratios = [cluster.size_ratio for cluster in trial.clusters.values()]
     return float(np.median(ratios)) if len(ratios) >= FEWEST_CLUSTERS else None
 
 
-def odd_scale(trial: MarkerEvidence) -> float | None:
+def odd_scale(trial: TrialEvidence) -> float | None:
     """The scale of a trial where it is not that of the static trial.
 
     It is uncertain by 2 (1.25 (1.48 median |r - median r|) / sqrt(n)), twice the standard error of
@@ -299,7 +299,7 @@ def odd_scale(trial: MarkerEvidence) -> float | None:
     return scale if not SCALE[0] - margin <= scale <= SCALE[1] + margin + swollen else None
 
 
-def rescaled(trial: MarkerEvidence) -> MarkerEvidence:
+def rescaled(trial: TrialEvidence) -> TrialEvidence:
     """The trial in the size of the static one, where it has another: what else is wrong can be seen
     then.
     """
@@ -307,7 +307,7 @@ def rescaled(trial: MarkerEvidence) -> MarkerEvidence:
     return trial if scale is None else trial.with_markers(trial.recording.markers / scale)
 
 
-def body_scale(trials: Sequence[MarkerEvidence]) -> Iterator[Finding]:
+def body_scale(trials: Sequence[TrialEvidence]) -> Iterator[Finding]:
     """Whether all trials show a body of one size."""
     scales = {
         t.name: (t, scale) for t in trials if not t.is_static and (scale := scale_of(t)) is not None
@@ -343,7 +343,7 @@ def body_scale(trials: Sequence[MarkerEvidence]) -> Iterator[Finding]:
         )
 
 
-def size(trial: MarkerEvidence) -> Iterator[Finding]:
+def size(trial: TrialEvidence) -> Iterator[Finding]:
     """Whether the cloud of markers has the size of a body."""
     height, found = trial.subject.height, cloud_size(trial)
     if found is None or SIZE[0] * height < found < SIZE[1] * height:
@@ -370,7 +370,7 @@ def size(trial: MarkerEvidence) -> Iterator[Finding]:
     )
 
 
-def cloud_size(trial: MarkerEvidence) -> float | None:
+def cloud_size(trial: TrialEvidence) -> float | None:
     """m, diagonal of the box around the markers of the set, median over frames; None where too few
     are seen.
     """
@@ -384,7 +384,7 @@ def cloud_size(trial: MarkerEvidence) -> float | None:
     return float(np.median(np.linalg.norm(box, axis=1)))
 
 
-def scale(trial: MarkerEvidence) -> Iterator[Finding]:
+def scale(trial: TrialEvidence) -> Iterator[Finding]:
     """Whether lengths within segments are those of the static trial."""
     ratios = [] if trial.is_static else list(_length_ratios(trial))
     if not ratios:
@@ -403,7 +403,7 @@ def scale(trial: MarkerEvidence) -> Iterator[Finding]:
         yield trial.warning("units", message, cure, code=Code.OTHER_SCALE)
 
 
-def _length_ratios(trial: MarkerEvidence) -> Iterator[float]:
+def _length_ratios(trial: TrialEvidence) -> Iterator[float]:
     """Median distance of every pair of markers with weight in a segment, over that in the static
     posture.
     """

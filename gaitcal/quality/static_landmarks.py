@@ -22,14 +22,14 @@ from gaitcal.errors import Code, Finding, Severity, listed
 from gaitcal.model import linkage, marker_set
 from gaitcal.model.body_plan import (
     HIP_HEIGHT,
+    LandmarkMeasure,
     Landmarks,
-    Measure,
     body_axes,
     cost,
     cost_of_build,
     measures,
 )
-from gaitcal.preprocess.trial_evidence import MarkerEvidence
+from gaitcal.preprocess.trial_evidence import TrialEvidence
 from gaitcal.quality.trial_role import standing_legs
 
 EXCHANGE_SAVES = 12.0
@@ -71,11 +71,11 @@ _WAYS = (("back", "forward"), ("down", "up"), ("left", "right"))
 
 
 @dataclass(frozen=True, kw_only=True)
-class Exchange:
+class SwappedLandmarks:
     """Landmarks that carry each other's labels."""
 
     pairs: tuple[tuple[str, str], ...]
-    before: tuple[Measure, ...]  # The measures that spoke against it, the worst first
+    before: tuple[LandmarkMeasure, ...]  # The measures that spoke against it, the worst first
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -87,7 +87,7 @@ class Displaced:
     rivals: tuple[
         tuple[str, float], ...
     ]  # Other landmarks of which the same could be said, and their m
-    before: tuple[Measure, ...]
+    before: tuple[LandmarkMeasure, ...]
 
     @property
     def size(self) -> float:
@@ -110,7 +110,9 @@ def height_factor(p: Landmarks, height: float, *, even: bool = True) -> float:
     return factor if abs(factor - 1.0) > HEIGHT_OFF and gain > HEIGHT_SAVES else 1.0
 
 
-def faults(p: Landmarks, height: float, *, even: bool = True) -> Iterator[Exchange | Displaced]:
+def faults(
+    p: Landmarks, height: float, *, even: bool = True
+) -> Iterator[SwappedLandmarks | Displaced]:
     """What is wrong with the landmarks p ((3,) m each, y up) of a person of this height (m), one
     after another.
 
@@ -136,7 +138,7 @@ def exchanged(p: Landmarks, pairs: tuple[tuple[str, str], ...]) -> dict[str, Arr
     return out
 
 
-def _worst(p: Landmarks, height: float, even: bool) -> Exchange | Displaced | None:
+def _worst(p: Landmarks, height: float, even: bool) -> SwappedLandmarks | Displaced | None:
     present = measures(p, height, even=even)
     worst = sorted(present, key=lambda m: -abs(m.z))
     if not worst or abs(worst[0].z) < SUSPICIOUS_Z:
@@ -152,7 +154,7 @@ def _worst(p: Landmarks, height: float, even: bool) -> Exchange | Displaced | No
     )
     suspicious = tuple(m for m in worst if abs(m.z) >= SUSPICIOUS_Z)
     if j - best > EXCHANGE_SAVES and best < moved[0][1] + RIVAL:
-        return Exchange(pairs=pairs, before=suspicious)
+        return SwappedLandmarks(pairs=pairs, before=suspicious)
     name, least, away = moved[0]
     if j - least < DISPLACED_SAVES or np.linalg.norm(away) < DISPLACED_M:
         return None
@@ -222,7 +224,7 @@ def _displace(p: Landmarks, height: float, name: str, even: bool) -> tuple[str, 
     return name, float(r @ r), d if axes is None else d @ axes
 
 
-def proportions(trial: MarkerEvidence) -> Iterator[Finding]:
+def proportions(trial: TrialEvidence) -> Iterator[Finding]:
     """Landmarks that carry each other's labels, or lie off their bones, in a static trial; a height
     that is wrong.
     """
@@ -251,7 +253,9 @@ def proportions(trial: MarkerEvidence) -> Iterator[Finding]:
         stands = standing_legs(p, given)
         even = stands is None or not (stands.uneven or stands.bent or stands.sitting)
         found = found if even else list(faults(p, given, even=False))
-    swapped = [pairs for fault in found if isinstance(fault, Exchange) for pairs in fault.pairs]
+    swapped = [
+        pairs for fault in found if isinstance(fault, SwappedLandmarks) for pairs in fault.pairs
+    ]
     sound = exchanged(p, tuple(swapped))
     stands = standing_legs(sound, given)
     straight = stands is None or not (stands.bent or stands.sitting)
@@ -263,12 +267,16 @@ def proportions(trial: MarkerEvidence) -> Iterator[Finding]:
         yield _height(trial, sound, severity, factor, legs)
         found = list(faults(p, factor * given))
     for fault in found:
-        yield _exchanged(trial, fault) if isinstance(fault, Exchange) else _displaced(trial, fault)
+        yield (
+            _exchanged(trial, fault)
+            if isinstance(fault, SwappedLandmarks)
+            else _displaced(trial, fault)
+        )
     if not found:
         yield from _impossible(trial, measures(sound, factor * given))
 
 
-def hip_height(trial: MarkerEvidence) -> float | None:
+def hip_height(trial: TrialEvidence) -> float | None:
     """m, median height of the ASIS above the lateral malleoli."""
     paths = [
         trial.landmark(f"{name}_{side}") for name in ("asis", "ankle_lat") for side in linkage.SIDES
@@ -281,7 +289,7 @@ def hip_height(trial: MarkerEvidence) -> float | None:
     return float(np.median(difference)) if len(difference) else None
 
 
-def landmarks(trial: MarkerEvidence) -> dict[str, Array]:
+def landmarks(trial: TrialEvidence) -> dict[str, Array]:
     """Landmark -> (3,) m, of pelvis and legs, mean of the still window of a static trial; empty
     where there is none.
     """
@@ -289,7 +297,7 @@ def landmarks(trial: MarkerEvidence) -> dict[str, Array]:
     return {name: point for name, point in (trial.posture or {}).items() if name in used}
 
 
-def _exchanged(trial: MarkerEvidence, fault: Exchange) -> Finding:
+def _exchanged(trial: TrialEvidence, fault: SwappedLandmarks) -> Finding:
     pairs = label_pairs(trial, fault.pairs)
     exchanged_labels = listed([f"'{a}' and '{b}'" for a, b in pairs], 4)
     if {"asis_r", "heel_r", "knee_lat_r"} <= {name for pair in fault.pairs for name in pair}:
@@ -308,7 +316,7 @@ def _exchanged(trial: MarkerEvidence, fault: Exchange) -> Finding:
     )
 
 
-def _displaced(trial: MarkerEvidence, fault: Displaced) -> Finding:
+def _displaced(trial: TrialEvidence, fault: Displaced) -> Finding:
     way = int(np.argmax(np.abs(fault.away)))
     where = _WAYS[way][int(fault.away[way] > 0)]
     name = label_words(trial, fault.landmark)
@@ -329,7 +337,7 @@ def _displaced(trial: MarkerEvidence, fault: Displaced) -> Finding:
 
 
 def _height(
-    trial: MarkerEvidence, p: Landmarks, severity: Severity, factor: float, legs: float | None
+    trial: TrialEvidence, p: Landmarks, severity: Severity, factor: float, legs: float | None
 ) -> Finding:
     given = trial.subject.height
     lengths = [m for m in measures(p, given) if m.absolute and abs(m.z) > 1.0]
@@ -357,7 +365,7 @@ def _height(
     )
 
 
-def _impossible(trial: MarkerEvidence, found: Sequence[Measure]) -> Iterator[Finding]:
+def _impossible(trial: TrialEvidence, found: Sequence[LandmarkMeasure]) -> Iterator[Finding]:
     """Lengths that no body has, where no single fault explains them."""
     worst = [m for m in found if m.absolute and abs(m.z) > IMPOSSIBLE_Z]
     if worst:
@@ -376,18 +384,18 @@ def _impossible(trial: MarkerEvidence, found: Sequence[Measure]) -> Iterator[Fin
         )
 
 
-def _evidence(found: Sequence[Measure]) -> str:
+def _evidence(found: Sequence[LandmarkMeasure]) -> str:
     worst = sorted(found, key=lambda m: -abs(m.z))
     return ", ".join(m.words for m in worst[:EVIDENCE])
 
 
-def label_words(trial: MarkerEvidence, landmark: str) -> str:
+def label_words(trial: TrialEvidence, landmark: str) -> str:
     """The markers of a landmark, in words."""
     labels = trial.marker_set.landmarks.get(landmark, (landmark,))
     return " and ".join(f"'{label}'" for label in labels)
 
 
-def label_pairs(trial: MarkerEvidence, pairs: tuple[tuple[str, str], ...]) -> list[tuple[str, str]]:
+def label_pairs(trial: TrialEvidence, pairs: tuple[tuple[str, str], ...]) -> list[tuple[str, str]]:
     """The markers of exchanged landmarks, pair by pair."""
     of = trial.marker_set.landmarks
     return [

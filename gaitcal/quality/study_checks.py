@@ -15,13 +15,13 @@ import numpy as np
 from gaitcal.errors import Finding, InputError, Severity
 from gaitcal.model.linkage import SEGMENTS, joint_segments
 from gaitcal.model.marker_set import MarkerSet
-from gaitcal.model.parameters import JOINT_PARAMETERS, Kind
+from gaitcal.model.parameters import JOINT_PARAMETERS, ParameterKind
 from gaitcal.model.rebuilt_markers import Rebuilding
 from gaitcal.model.subject_model import SubjectModel
 from gaitcal.preprocess import knocked_clusters, swapped_labels
 from gaitcal.preprocess.marker_clusters import Stance
 from gaitcal.preprocess.static_disagreement import PossibleMove, contradictions_in, possible_moves
-from gaitcal.preprocess.trial_evidence import MarkerEvidence
+from gaitcal.preprocess.trial_evidence import TrialEvidence
 from gaitcal.quality import (
     foot_on_plate,
     joint_positions,
@@ -43,7 +43,7 @@ from gaitcal.study.study_file import StudyFile, TrialTable, load_study_file
 from gaitcal.study.study_trial import Trial, read_trial
 
 MOST_PLACED = 3  # Clusters; more that were knocked are another static posture
-TrialCheck: TypeAlias = Callable[[MarkerEvidence], Iterator[Finding]]
+TrialCheck: TypeAlias = Callable[[TrialEvidence], Iterator[Finding]]
 
 UNIT_CHECKS: tuple[TrialCheck, ...] = (static_consistency.size, static_consistency.scale)
 """Where these find an error, distances mean nothing, and the other checks of the trial are left
@@ -164,7 +164,7 @@ def check_study(study: Study) -> tuple[Finding, ...]:
     """
     of, static = examined(study), study.static.name
     findings: list[Finding] = [one.finding for one in of.placed]
-    measured: list[MarkerEvidence] = []
+    measured: list[TrialEvidence] = []
     for trial in of.trials:
         found = _check_trial(trial)
         findings += _worst_first(
@@ -198,14 +198,14 @@ class Examined:
         SubjectModel | None
     )  # Nominal; None where the static trial gives none, or its unit is wrong
     faults: tuple[Finding, ...]  # What keeps the static trial from giving a model
-    trials: tuple[MarkerEvidence, ...]
+    trials: tuple[TrialEvidence, ...]
     """Every trial without markers metres away and positions out of line, cut to what shows the
     pelvis.
     """
     placed: tuple[knocked_clusters.Placement, ...]  # The clusters that were put back
 
     @property
-    def moving(self) -> tuple[MarkerEvidence, ...]:
+    def moving(self) -> tuple[TrialEvidence, ...]:
         """The trials in which the person moves."""
         return tuple(trial for trial in self.trials if not trial.is_static)
 
@@ -224,7 +224,7 @@ class Examined:
         placed = {
             p.segment: loosened.get(p.name, 0.0)
             for p in JOINT_PARAMETERS
-            if p.kind is Kind.ORIENTATION
+            if p.kind is ParameterKind.ORIENTATION
         }
         for t in self.trials if self.study.marker_set.noise is None else ():
             fitted = SEGMENTS if t.trial.joint is None else joint_segments(t.trial.joint)
@@ -263,7 +263,7 @@ def _examined(study: Study, placed: tuple[knocked_clusters.Placement, ...]) -> E
     clean, marker_set = cleaned(study), study.marker_set.with_weights(study.weights)
     static, completed = clean.static, completed_static(clean)
     trials = [
-        MarkerEvidence.of(trial, marker_set, study.subject, study.settings, None)
+        TrialEvidence.of(trial, marker_set, study.subject, study.settings, None)
         for trial in clean.trials
     ]
     model, faults, stance = None, tuple[Finding, ...](), None
@@ -301,23 +301,23 @@ def _examined(study: Study, placed: tuple[knocked_clusters.Placement, ...]) -> E
 
 def further_evidence(
     trial: Trial, model: SubjectModel, marker_set: MarkerSet, settings: CalibrationSettings
-) -> MarkerEvidence:
+) -> TrialEvidence:
     """What the checks look at, of one further trial against a saved model and its marker set."""
-    found = MarkerEvidence.of(
+    found = TrialEvidence.of(
         trial, marker_set, model.subject, settings, model, Stance.of_model(model)
     )
     return swapped_labels.put_back(found)
 
 
 @np.errstate(all="ignore")
-def further_moves(evidence: MarkerEvidence) -> dict[str, PossibleMove]:
+def further_moves(evidence: TrialEvidence) -> dict[str, PossibleMove]:
     """What markers may have done, as `Examined.moves`, of one further trial."""
     of_markers = evidence.model is not None and evidence.model.noise is None
     return possible_moves(evidence.clusters, evidence.links) if of_markers else {}
 
 
 @np.errstate(all="ignore")
-def check_further(evidence: MarkerEvidence) -> tuple[Finding, ...]:
+def check_further(evidence: TrialEvidence) -> tuple[Finding, ...]:
     """All findings on one further trial (`further_evidence`), the worst first."""
     found = without_consequences(_check_trial(evidence))
     mended = swapped_labels.undone(evidence)
@@ -328,7 +328,7 @@ def check_further(evidence: MarkerEvidence) -> tuple[Finding, ...]:
     return tuple(_worst_first([*found, *of_body]))
 
 
-def _check_trial(trial: MarkerEvidence) -> list[Finding]:
+def _check_trial(trial: TrialEvidence) -> list[Finding]:
     units = [finding for check in UNIT_CHECKS for finding in check(trial)]
     if any(finding.severity is Severity.ERROR for finding in units):
         return units[:1]

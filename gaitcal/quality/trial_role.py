@@ -32,7 +32,7 @@ from gaitcal.model.landmarks import StaticPosture
 from gaitcal.model.linkage import ISOLATED_JOINTS, SIDE_WORDS, SIDES
 from gaitcal.model.marker_set import REQUIRED
 from gaitcal.model.segment_frames import HipCentre, JointWidths, lower_body
-from gaitcal.preprocess.trial_evidence import NEGLIGIBLE_WEIGHT, MarkerEvidence
+from gaitcal.preprocess.trial_evidence import NEGLIGIBLE_WEIGHT, TrialEvidence
 from gaitcal.quality import plate_checks
 from gaitcal.quality.foot_on_plate import feet_of, walked
 from gaitcal.tracking.rigid import rigid_fit
@@ -79,7 +79,7 @@ against moving)."""
 GROSS_M = 0.020  # From here it moves a joint by more than nominal joints are uncertain: an error
 
 
-def upright(trial: MarkerEvidence) -> Iterator[Finding]:
+def upright(trial: TrialEvidence) -> Iterator[Finding]:
     """Whether the body is the right way up in the y-up axes that were made of the file's, in every
     kind of trial.
 
@@ -118,7 +118,7 @@ def upright(trial: MarkerEvidence) -> Iterator[Finding]:
     yield trial.error("axes", found, cure, cause=cause, weight=10.0, code=Code.NOT_UPRIGHT)
 
 
-def _feet_above(trial: MarkerEvidence) -> float | None:
+def _feet_above(trial: TrialEvidence) -> float | None:
     """m, median height of knees, ankles or heels, or else of all markers of the legs, over the
     ASIS.
     """
@@ -137,7 +137,7 @@ def _feet_above(trial: MarkerEvidence) -> float | None:
     return float(np.nanmedian(np.array(feet)) - np.nanmedian(np.array(hips)))
 
 
-def length(trial: MarkerEvidence) -> Iterator[Finding]:
+def length(trial: TrialEvidence) -> Iterator[Finding]:
     """Whether the static trial is long enough to tell that anybody stands still; one that is not is
     taken as it is.
     """
@@ -166,7 +166,7 @@ def length(trial: MarkerEvidence) -> Iterator[Finding]:
     )
 
 
-def stillness(trial: MarkerEvidence) -> Iterator[Finding]:
+def stillness(trial: TrialEvidence) -> Iterator[Finding]:
     """How still the person stood."""
     if not trial.is_static or trial.model is None or any(length(trial)):
         return
@@ -191,7 +191,7 @@ def stillness(trial: MarkerEvidence) -> Iterator[Finding]:
     )
 
 
-def heading(trial: MarkerEvidence) -> Iterator[Finding]:
+def heading(trial: TrialEvidence) -> Iterator[Finding]:
     """Whether the person goes where the pelvis faces, over the floor or a belt, and is not carried
     along sideways.
     """
@@ -242,7 +242,7 @@ def heading(trial: MarkerEvidence) -> Iterator[Finding]:
         )
 
 
-def one_joint_alone(trial: MarkerEvidence) -> Iterator[Finding]:
+def one_joint_alone(trial: TrialEvidence) -> Iterator[Finding]:
     """Whether the body stays where it is, and the other leg still, while one joint moves."""
     declared = trial.trial.joint
     if not trial.is_isolated or declared is None:
@@ -271,7 +271,7 @@ def one_joint_alone(trial: MarkerEvidence) -> Iterator[Finding]:
         yield trial.warning("role", found, cure, cause=cause, weight=5.0, code=Code.LOOKS_LIKE_WALK)
 
 
-def declared_joint(trial: MarkerEvidence) -> Iterator[Finding]:
+def declared_joint(trial: TrialEvidence) -> Iterator[Finding]:
     """Whether the joint that moves is the one for which the trial is declared."""
     declared = trial.trial.joint
     turns = {joint: link.rms for joint, link in trial.links.items()} if trial.is_isolated else {}
@@ -339,7 +339,7 @@ def standing_legs(p: Mapping[str, Array], height: float) -> StandingLegs | None:
     return StandingLegs(knees=(knees[0], knees[1]), thighs=(thighs[0], thighs[1]), heels=heels)
 
 
-def standing_flat(trial: MarkerEvidence) -> Iterator[Finding]:
+def standing_flat(trial: TrialEvidence) -> Iterator[Finding]:
     """Whether the feet of a static trial stand as the zero of the ankle angles was taken from them."""
     p, rule = trial.posture, AnkleZero(trial.settings.ankle_rule)
     if (
@@ -371,7 +371,7 @@ def standing_flat(trial: MarkerEvidence) -> Iterator[Finding]:
         )
 
 
-def standing_straight(trial: MarkerEvidence) -> Iterator[Finding]:
+def standing_straight(trial: TrialEvidence) -> Iterator[Finding]:
     """Whether the person of a static trial stands on both straight legs."""
     if trial.posture is None:
         return
@@ -411,7 +411,7 @@ def standing_straight(trial: MarkerEvidence) -> Iterator[Finding]:
         )
 
 
-def statics_agree(trials: Sequence[MarkerEvidence]) -> Iterator[Finding]:
+def statics_agree(trials: Sequence[TrialEvidence]) -> Iterator[Finding]:
     """Whether further static trials show the body of the first."""
     standing = [trial for trial in trials if trial.is_static]
     if not standing:
@@ -457,7 +457,7 @@ def statics_agree(trials: Sequence[MarkerEvidence]) -> Iterator[Finding]:
         )
 
 
-def _segments(trial: MarkerEvidence) -> dict[str, list[str]]:
+def _segments(trial: TrialEvidence) -> dict[str, list[str]]:
     """Segment -> its markers that decide anything, those of the static trial alone and landmarks
     included.
     """

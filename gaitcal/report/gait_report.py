@@ -17,7 +17,14 @@ import pandas as pd
 from gaitcal.arrays import Array
 from gaitcal.errors import Code, InputError, nearest
 from gaitcal.gait import conventions, peaks, profile_score
-from gaitcal.gait.cycles import GROUND_REACTION, POINTS, WALKING, Kind, kind_of, known_variables
+from gaitcal.gait.cycles import (
+    GROUND_REACTION,
+    POINTS,
+    WALKING,
+    CurveKind,
+    kind_of,
+    known_variables,
+)
 from gaitcal.gait.ensemble import ensemble
 from gaitcal.gait.moments import SIDE_WORDS, counted, joint_words, parameter_words
 from gaitcal.gait.normal_bands import (
@@ -313,9 +320,9 @@ def _peaks(page: Mapping[str, Any], activity: str, subject: Subject) -> Iterator
     rows: dict[tuple[str, str, str], dict[str, str]] = {}
     for m in found:
         phase, kind = m.peak.phase, kind_of(m.peak.variable)
-        pair = np.array([m.mean, m.se]) / (subject.mass if kind is Kind.FORCE else 1.0)
+        pair = np.array([m.mean, m.se]) / (subject.mass if kind is CurveKind.FORCE else 1.0)
         value, error = CLINICAL.values(m.peak.variable, pair, m.side, subject)
-        digits = 1 if kind is Kind.ANGLE else 2
+        digits = 1 if kind is CurveKind.ANGLE else 2
         bar = f" ± {abs(error):.{digits}f}" if np.isfinite(error) else ""
         title = m.peak.title().removesuffix(f", {phase}").removesuffix(f" in {phase}")
         rows.setdefault((title, UNITS[kind], SIDE_WORDS[m.side]), {})[phase] = (
@@ -435,7 +442,7 @@ def _panels(
             continue
         rows = straight[straight["variable"] == variable]
         kind = kind_of(variable)
-        factor = 1.0 / subject.mass if kind is Kind.FORCE else 1.0
+        factor = 1.0 / subject.mass if kind is CurveKind.FORCE else 1.0
         curves: dict[str, tuple[Array, ...]] = {}
         mean: dict[str, Array] = {}
         error: dict[str, Array] = {}
@@ -498,7 +505,7 @@ def _norm(
         return norm_for(subject, stride_files.mean_speed(table_of(summary, "spatiotemporal")))
     bands = {}
     for band in page["bands"]:
-        kind = next(kind for kind in Kind if kind.words == band["kind"])
+        kind = next(kind for kind in CurveKind if kind.words == band["kind"])
         name = band["base"] + kind.ending
         average, sd = (np.array(part, dtype=np.float64) for part in band["r"])
         known = np.isfinite(average)

@@ -224,7 +224,7 @@ def compare_results(a: Path | str, b: Path | str) -> SessionComparison:
     return compare_sessions(*named_apart(one, other))
 
 
-def load_session(folder: Path) -> tuple[stride_sets.Session, tuple[Snapshot, ...]]:
+def load_session(folder: Path) -> tuple[stride_sets.RecordedSession, tuple[Snapshot, ...]]:
     """Read one result folder, or one of further trials; and what was read.
 
     Raises InputError: It is none, or damaged.
@@ -266,7 +266,7 @@ def load_session(folder: Path) -> tuple[stride_sets.Session, tuple[Snapshot, ...
         if stale
         else ()
     )
-    session = stride_sets.Session(
+    session = stride_sets.RecordedSession(
         name=whole.name if calibrated is folder else f"{whole.parent.name}/{whole.name}",
         model=model,
         model_key=str(of_model.sha256[MODEL]),
@@ -287,8 +287,8 @@ def load_session(folder: Path) -> tuple[stride_sets.Session, tuple[Snapshot, ...
 
 
 def named_apart(
-    a: stride_sets.Session, b: stride_sets.Session
-) -> tuple[stride_sets.Session, stride_sets.Session]:
+    a: stride_sets.RecordedSession, b: stride_sets.RecordedSession
+) -> tuple[stride_sets.RecordedSession, stride_sets.RecordedSession]:
     """Both, with other names where their folders have one name."""
     return (replace(a, name="A"), replace(b, name="B")) if a.name == b.name else (a, b)
 

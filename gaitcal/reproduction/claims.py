@@ -24,7 +24,7 @@ NO_MASS_CHANGE = 0.1  # kg
 ORDERS_FASTER = 2  # The fewest that the plural of "orders of magnitude" can mean
 
 
-class Verdict(Enum):
+class ClaimOutcome(Enum):
     """What became of a claim."""
 
     HOLDS = "holds"
@@ -39,12 +39,12 @@ class Claim:
     claim: str
     published: str
     ours: str
-    verdict: Verdict
+    verdict: ClaimOutcome
 
 
 def tested(claim: str, published: str, ours: str, holds: bool | np.bool_) -> Claim:
     """A claim that our figures decide."""
-    return Claim(claim, published, ours, Verdict.HOLDS if holds else Verdict.FAILS)
+    return Claim(claim, published, ours, ClaimOutcome.HOLDS if holds else ClaimOutcome.FAILS)
 
 
 def table_claims(clean: SeedResult, draws: Sequence[SeedResult]) -> list[Claim]:
@@ -243,5 +243,6 @@ def _experimental() -> list[Claim]:
         ("anatomical joint parameters change the knee adduction torque", "more than 0.4 %BW*H"),
     )
     return [
-        Claim(claim, published, EXPERIMENT, Verdict.NOT_TESTABLE) for claim, published in claims
+        Claim(claim, published, EXPERIMENT, ClaimOutcome.NOT_TESTABLE)
+        for claim, published in claims
     ]

@@ -75,7 +75,7 @@ WEAK = "31 of the 36 directions are seen by the pelvis residual; the others keep
 
 
 @dataclass(frozen=True)
-class Spread:
+class DrawSpread:
     """A figure over the draws of the noise."""
 
     median: float
@@ -90,10 +90,10 @@ class Spread:
         return "above" if published > self.high else "inside"
 
 
-def spread(values: Iterable[float]) -> Spread:
+def spread(values: Iterable[float]) -> DrawSpread:
     """Median and range of at least one figure."""
     array = np.array(list(values), dtype=float)
-    return Spread(float(np.median(array)), float(array.min()), float(array.max()), len(array))
+    return DrawSpread(float(np.median(array)), float(array.min()), float(array.max()), len(array))
 
 
 @dataclass(frozen=True)

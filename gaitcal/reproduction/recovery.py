@@ -70,7 +70,8 @@ def joint_errors(
 def joint_rms(errors: Array, names: Sequence[str]) -> tuple[float | None, float | None]:
     """RMS of position errors (mm) and of orientation errors (deg); None where a joint has none."""
     position = np.array(
-        [params.JOINT_PARAMETERS[k].kind is params.Kind.POSITION for k in _index(names)], dtype=bool
+        [params.JOINT_PARAMETERS[k].kind is params.ParameterKind.POSITION for k in _index(names)],
+        dtype=bool,
     )
     return rms(errors[position]), rms(errors[~position])
 

@@ -22,7 +22,15 @@ from gaitcal.dynamics.ground_reactions import leg_of
 from gaitcal.dynamics.joint_kinetics import MomentFrame, vector_column
 from gaitcal.errors import Code, InputError
 from gaitcal.gait.conventions import Convention
-from gaitcal.gait.cycles import POINTS, FootEvents, GaitCycle, Kind, gait_cycles, kind_of, normalise
+from gaitcal.gait.cycles import (
+    POINTS,
+    CurveKind,
+    FootEvents,
+    GaitCycle,
+    gait_cycles,
+    kind_of,
+    normalise,
+)
 from gaitcal.io import labels, result_folder, toml
 from gaitcal.io.snapshot import Snapshot, read_whole
 from gaitcal.model.linkage import SIDES
@@ -33,7 +41,7 @@ from gaitcal.results.summary import SUMMARY, VECTOR_FOLDER, entries_of, read_vec
 from gaitcal.results.table_files import VERDICT, Json, json_text, read_csv, write_csv
 from gaitcal.results.trial_tables import told_components
 
-MOMENT = Kind.MOMENT.ending
+MOMENT = CurveKind.MOMENT.ending
 NUMBERS = ("value", "se", "se_stride")
 """Columns that a convention changes; the second part of the error where the table has it."""
 HEADER = (
@@ -169,8 +177,8 @@ def _converted(
     }
     changed |= {name: np.abs(values) for name, values in changed.items() if name != "value"}
     kind = kind_of(variable)
-    units = {Kind.MOMENT: convention.unit.words, Kind.POWER: convention.unit.power}
-    whose = f"{convention.acting.key}, " if kind is Kind.MOMENT else ""
+    units = {CurveKind.MOMENT: convention.unit.words, CurveKind.POWER: convention.unit.power}
+    whose = f"{convention.acting.key}, " if kind is CurveKind.MOMENT else ""
     positive = f"{whose}{convention.senses(variable, side)[0]}"
     return rows.assign(**changed, unit=units.get(kind, kind.unit), positive=positive)
 

@@ -62,7 +62,7 @@ class Row:
 
 
 @dataclass(frozen=True)
-class Group:
+class ParameterGroup:
     """The parameters of one joint or one segment."""
 
     title: str
@@ -71,7 +71,7 @@ class Group:
     kept: int  # Parameters of this joint that no trial was to fit
 
 
-def joint_groups(calibration: Calibration) -> tuple[Group, ...]:
+def joint_groups(calibration: Calibration) -> tuple[ParameterGroup, ...]:
     """Joint parameters that were to be fitted, joint by joint; joints without any are left out."""
     rows = _rows(calibration, joints=True)
     groups = []
@@ -80,12 +80,14 @@ def joint_groups(calibration: Calibration) -> tuple[Group, ...]:
         shown = [row for row in of_joint if row.status != "fixed"]
         if shown:
             groups.append(
-                Group(moments.joint_words(joint), *_sides(shown), len(of_joint) - len(shown))
+                ParameterGroup(
+                    moments.joint_words(joint), *_sides(shown), len(of_joint) - len(shown)
+                )
             )
     return tuple(groups)
 
 
-def inertial_groups(calibration: Calibration) -> tuple[Group, ...]:
+def inertial_groups(calibration: Calibration) -> tuple[ParameterGroup, ...]:
     """Inertial parameters that were fitted, segment by segment; one set where left equals right."""
     rows = [row for row in _rows(calibration, joints=False) if row.status != "fixed"]
     groups = []
@@ -94,7 +96,7 @@ def inertial_groups(calibration: Calibration) -> tuple[Group, ...]:
         title = moments.capitalised(moments.segment_words(segment))
         if left and _mirrored(right, left):
             title, left = f"{title} (right and left alike)", ()
-        groups.append(Group(title, right, left, 0))
+        groups.append(ParameterGroup(title, right, left, 0))
     return tuple(groups)
 
 

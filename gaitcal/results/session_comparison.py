@@ -56,7 +56,7 @@ class SessionComparison:
         return session_difference.lines_of(self.names, self.common, self.found)
 
 
-def compare_sessions(a: measured.Session, b: measured.Session) -> SessionComparison:
+def compare_sessions(a: measured.RecordedSession, b: measured.RecordedSession) -> SessionComparison:
     """Set two sessions side by side.
 
     Raises InputError: Their thighs or shanks are of lengths that no two results of one person have.
@@ -86,7 +86,7 @@ def compare_sessions(a: measured.Session, b: measured.Session) -> SessionCompari
     )
 
 
-def _verdicts(*sessions: measured.Session) -> tuple[str, ...]:
+def _verdicts(*sessions: measured.RecordedSession) -> tuple[str, ...]:
     """Of sessions that are not trustworthy, the worst first."""
     order = {"refused": 0, "doubtful": 1}
     told = sorted((s for s in sessions if s.verdict in order), key=lambda s: order[s.verdict])
@@ -96,8 +96,8 @@ def _verdicts(*sessions: measured.Session) -> tuple[str, ...]:
 
 
 def _kinds(
-    a: measured.Session,
-    b: measured.Session,
+    a: measured.RecordedSession,
+    b: measured.RecordedSession,
     curves: Sequence[Mapping[measured.Key, measured.StrideSet]],
 ) -> tuple[str, ...]:
     """Where angles do not mean the same, and where there is nothing to compare."""
@@ -145,7 +145,7 @@ CURVE_HEADER = (
 
 
 @dataclass(frozen=True)
-class Figure:
+class ComparedFigure:
     """A figure of n strides, and the errors at the place where each stride has it."""
 
     values: Array  # (n,); NaN where not known
@@ -222,7 +222,9 @@ def curve_figures(
 
 
 def _shared(
-    common: measured.Common, a: measured.StrideSet | Figure, b: measured.StrideSet | Figure
+    common: measured.Common,
+    a: measured.StrideSet | ComparedFigure,
+    b: measured.StrideSet | ComparedFigure,
 ) -> Array:
     """c^2 of the means over strides that count."""
     return session_difference.shared_variance(
@@ -253,7 +255,7 @@ def _difference(
     spread = session_difference.spread_of(
         [values[:, None] for values in both], [values[:, None] for values in _beside(key, sessions)]
     )
-    spread = session_difference.Spread(
+    spread = session_difference.StrideSpread(
         variance=np.maximum(spread.variance, least**2), freedom=spread.freedom
     )
     n_a, n_b = (int(np.isfinite(values).sum()) for values in both)
@@ -274,7 +276,7 @@ def _difference(
     )
 
 
-def _mean(found: measured.StrideSet | Figure, errors: Array) -> Array:
+def _mean(found: measured.StrideSet | ComparedFigure, errors: Array) -> Array:
     """(m,) of curves, () of figures: mean of errors over strides whose value counts."""
     wide = np.where(np.isfinite(found.values), errors, np.nan)
     return (
@@ -284,7 +286,7 @@ def _mean(found: measured.StrideSet | Figure, errors: Array) -> Array:
     )
 
 
-def _figures(variable: str, found: measured.StrideSet) -> dict[str, Figure]:
+def _figures(variable: str, found: measured.StrideSet) -> dict[str, ComparedFigure]:
     """Measure -> the figure of every stride: `highest in swing`, `at initial contact`."""
     own, out = np.zeros(POINTS), {}
     of_strides = [
@@ -301,7 +303,7 @@ def _figures(variable: str, found: measured.StrideSet) -> dict[str, Figure]:
         (values, shared), (_, frames) = np.array(rows).transpose(1, 2, 0)
         # errors of a range cancel by what both ends share, and may leave more of a part than of the
         # whole
-        out[peak.measure] = Figure(values, shared, np.minimum(frames, shared))
+        out[peak.measure] = ComparedFigure(values, shared, np.minimum(frames, shared))
     return out
 
 
@@ -309,7 +311,7 @@ UNKNOWN = (np.nan,) * 4  # Peak of a stride that has none
 
 
 def measure_differences(
-    a: measured.Session, b: measured.Session
+    a: measured.RecordedSession, b: measured.RecordedSession
 ) -> Iterator[session_difference.Difference]:
     """Every measure of each leg that both sessions have."""
     sets = [_values(session.measures) for session in (a, b)]

@@ -61,13 +61,13 @@ from gaitcal.arrays import Array
 from gaitcal.calibration.error_sources import ErrorSources
 from gaitcal.calibration.joint_prior import in_both_views, prior_root
 from gaitcal.dynamics.measurement_errors import PALPATED_DEG
-from gaitcal.gait.cycles import GROUND_REACTION, Kind, coordinate_of, kind_of
+from gaitcal.gait.cycles import GROUND_REACTION, CurveKind, coordinate_of, kind_of
 from gaitcal.gait.moments import SIDE_WORDS, counted, parameter_words
 from gaitcal.model.coordinates import coordinate_words, senses_of
 from gaitcal.model.linkage import LEG_JOINTS, SIDES, segment_kind
 from gaitcal.model.parameters import JOINT_PARAMETERS, JP_INDEX, JP_NAMES
-from gaitcal.model.parameters import Kind as ParameterKind
-from gaitcal.results.stride_sets import Common, Session, mean_over
+from gaitcal.model.parameters import ParameterKind as ParameterKind
+from gaitcal.results.stride_sets import Common, RecordedSession, mean_over
 from gaitcal.study.cohort_prior import JointPrior
 
 MDC = 1.96  # Standard errors: the normal distribution's 97.5 % point
@@ -75,39 +75,39 @@ LEAST_FREEDOM = 8  # Degrees of freedom from which the leg's own strides tell th
 
 
 @dataclass(frozen=True, kw_only=True)
-class Spread:
+class StrideSpread:
     """How strides vary."""
 
     variance: Array  # (m,) v; NaN where no session has two strides
     freedom: Array  # (m,) degrees of freedom
 
 
-def pooled(groups: Sequence[Array]) -> Spread:
+def pooled(groups: Sequence[Array]) -> StrideSpread:
     """Of strides in groups (n, m), each about its own mean."""
     squares = np.array([np.nansum((group - mean_over(group)) ** 2, axis=0) for group in groups])
     freedom = np.array([np.maximum(np.isfinite(group).sum(axis=0) - 1, 0) for group in groups]).sum(
         axis=0
     )
     with np.errstate(invalid="ignore", divide="ignore"):
-        return Spread(
+        return StrideSpread(
             variance=np.where(freedom > 0, squares.sum(axis=0) / freedom, np.nan), freedom=freedom
         )
 
 
-def spread_of(here: Sequence[Array], other_leg: Sequence[Array]) -> Spread:
+def spread_of(here: Sequence[Array], other_leg: Sequence[Array]) -> StrideSpread:
     """Of this leg's strides in both sessions; of both legs' where those are few."""
     alone = pooled(here)
     if not other_leg:
         return alone
     both = pooled([*here, *other_leg])
     few = alone.freedom < LEAST_FREEDOM
-    return Spread(
+    return StrideSpread(
         variance=np.where(few, both.variance, alone.variance),
         freedom=np.where(few, both.freedom, alone.freedom),
     )
 
 
-def stride_part(spread: Spread, n_a: Array, n_b: Array) -> Array:
+def stride_part(spread: StrideSpread, n_a: Array, n_b: Array) -> Array:
     """(m,) variance of the difference of two means by strides; NaN where nothing tells how they
     vary.
     """
@@ -305,7 +305,7 @@ def _told(d: Difference) -> Difference:
     """A moment that is lowest counts in the sense in which it acts: as knee abduction, no negative
     adduction.
     """
-    acts = d.kind == Kind.MOMENT.words and d.measure.startswith("lowest")
+    acts = d.kind == CurveKind.MOMENT.words and d.measure.startswith("lowest")
     return replace(d, a=-d.a, b=-d.b) if acts else d
 
 
@@ -343,8 +343,8 @@ def subject(d: Difference) -> str:
         return f"{side}vertical ground reaction, {d.measure}"
     coordinate = coordinate_of(d.name)
     title = coordinate_words(coordinate).title
-    title = title[:1].lower() + title[1:] + (" power" if kind is Kind.POWER else "")
-    if kind is Kind.MOMENT and (senses := senses_of(coordinate)):
+    title = title[:1].lower() + title[1:] + (" power" if kind is CurveKind.POWER else "")
+    if kind is CurveKind.MOMENT and (senses := senses_of(coordinate)):
         figure, _, phase = d.measure.partition(" in ")
         return f"{side}{title.split()[0]} {senses[figure == 'lowest']} moment, {phase}"
     if coordinate.startswith(("pelvis", "lumbar")):
@@ -403,7 +403,9 @@ def told_parameters(influence: ErrorSources | None) -> tuple[str, ...]:
     )
 
 
-def parameter_differences(a: Session, b: Session, common: Common) -> Iterator[Difference]:
+def parameter_differences(
+    a: RecordedSession, b: RecordedSession, common: Common
+) -> Iterator[Difference]:
     """Every joint parameter that both calibrations fitted."""
     known = set(told_parameters(b.influence))
     names = tuple(name for name in told_parameters(a.influence) if name in known)

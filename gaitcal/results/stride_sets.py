@@ -19,7 +19,7 @@ from gaitcal.calibration.error_sources import ErrorSources
 from gaitcal.dynamics.measurement_errors import AxisErrors
 from gaitcal.errors import Code, InputError
 from gaitcal.export.opensim.peer_model import our_leg
-from gaitcal.gait.cycles import POINTS, WALKING, Kind, coordinate_of, kind_of
+from gaitcal.gait.cycles import POINTS, WALKING, CurveKind, coordinate_of, kind_of
 from gaitcal.gait.strides import TURNING
 from gaitcal.model.linkage import COORDINATE_INDEX, SIDES
 from gaitcal.model.subject_model import SubjectModel
@@ -33,7 +33,7 @@ class NotComparableError(InputError):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Session:
+class RecordedSession:
     """A result folder's tables and model."""
 
     name: str  # What it is called in words: its folder
@@ -75,7 +75,7 @@ class Common(Enum):
         self.words = words
 
 
-def common_to(a: Session, b: Session) -> Common:
+def common_to(a: RecordedSession, b: RecordedSession) -> Common:
     """What two results of one person share."""
     if a.model_key == b.model_key:
         return Common.MODEL
@@ -103,7 +103,7 @@ class Identity:
     denied: tuple[str, ...]  # What no two results of one person have
 
 
-def identity(a: Session, b: Session) -> Identity:
+def identity(a: RecordedSession, b: RecordedSession) -> Identity:
     """Compare name, sex, height and the lengths of thighs and shanks."""
     one, other = a.model.subject, b.model.subject
     doubts, denied = list[str](), list[str]()
@@ -123,7 +123,7 @@ def identity(a: Session, b: Session) -> Identity:
     return Identity(tuple(doubts), tuple(denied))
 
 
-def _lengths(a: Session, b: Session) -> dict[str, tuple[float, float]]:
+def _lengths(a: RecordedSession, b: RecordedSession) -> dict[str, tuple[float, float]]:
     """Segment in words -> m in both."""
     out = {}
     for side, word in zip(SIDES, ("right", "left"), strict=True):
@@ -134,7 +134,7 @@ def _lengths(a: Session, b: Session) -> dict[str, tuple[float, float]]:
     return out
 
 
-def shared_part(session: Session, torque: str) -> float:
+def shared_part(session: RecordedSession, torque: str) -> float:
     """Of the variance that all strides share, the part by sources that two sessions on one static
     trial share: the direction of segment axes and the masses. `torque`: its name with the side of
     its leg.
@@ -162,7 +162,7 @@ class StrideSet:
     stance: Array  # (n,) percent at which the foot leaves the ground; NaN where not known
 
 
-def stride_sets(session: Session) -> dict[Key, StrideSet]:
+def stride_sets(session: RecordedSession) -> dict[Key, StrideSet]:
     """Every variable of both legs; strides that turn are left out."""
     table = session.strides
     table = table[~(table["turn"].abs() > TURNING) & (table["activity"] == WALKING)]
@@ -208,14 +208,14 @@ def _stance(measures: pd.DataFrame) -> Mapping[tuple[str, str, int], float]:
     return {(trial, side, stride): float(value) for trial, side, stride, value in names}
 
 
-def _with_frames(session: Session, sets: dict[Key, StrideSet]) -> dict[Key, StrideSet]:
+def _with_frames(session: RecordedSession, sets: dict[Key, StrideSet]) -> dict[Key, StrideSet]:
     """The same with f: of angles by the axes' own errors at the mean posture, of loads by the
     summary's shares.
     """
     angles = _axis_errors(session, sets)
     out = {}
     for (side, variable), found in sets.items():
-        if kind_of(variable) is Kind.ANGLE:
+        if kind_of(variable) is CurveKind.ANGLE:
             frames = angles.get((side, variable), np.zeros(POINTS))[None]
         else:
             name = coordinate_of(variable)
@@ -228,7 +228,7 @@ def _with_frames(session: Session, sets: dict[Key, StrideSet]) -> dict[Key, Stri
     return out
 
 
-def _axis_errors(session: Session, sets: Mapping[Key, StrideSet]) -> dict[Key, Array]:
+def _axis_errors(session: RecordedSession, sets: Mapping[Key, StrideSet]) -> dict[Key, Array]:
     """Angle -> (101,) deg that the directions of the segments' axes leave in it."""
     if not session.axis_deviations:
         return {}

@@ -35,7 +35,7 @@ GROUND: Final = {
     "ground_reaction_sideways": 2,
 }
 """Force of the ground on a foot -> its laboratory axis: y up, x forward, z to the right."""
-_ENDINGS: Final = {kind.words: kind.ending for kind in cycles.Kind}
+_ENDINGS: Final = {kind.words: kind.ending for kind in cycles.CurveKind}
 
 
 @dataclass(frozen=True)

@@ -35,7 +35,7 @@ from scipy.linalg import block_diag
 from gaitcal.arrays import Array
 from gaitcal.errors import Code, InputError, nearest
 from gaitcal.io.toml import Table, package_version, shown, validated
-from gaitcal.model.parameters import JOINT_PARAMETERS, JP_INDEX, JP_NAMES, Kind
+from gaitcal.model.parameters import JOINT_PARAMETERS, JP_INDEX, JP_NAMES, ParameterKind
 from gaitcal.study.settings import CalibrationSettings
 
 
@@ -183,7 +183,9 @@ def design(
     changes.
     """
     alike, _ = sided_directions(names)
-    position = np.array([JOINT_PARAMETERS[JP_INDEX[name]].kind is Kind.POSITION for name in names])
+    position = np.array(
+        [JOINT_PARAMETERS[JP_INDEX[name]].kind is ParameterKind.POSITION for name in names]
+    )
     sized = np.where(position, person.height / HEIGHT, 1.0)[:, None] * alike
     if not by_size:
         return sized

@@ -81,7 +81,7 @@ class Contact:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Movement:
+class SyntheticMovement:
     """A movement of the built-in person."""
 
     motion: TrueMotion
@@ -200,7 +200,7 @@ TAKE_OFF_S, FLIGHT_S = 1.18, 0.34  # s, of the jump: its landing is the push-off
 
 
 @with_one_blas_thread
-def movement(activity: Activity, parameters: Parameters) -> Movement:
+def movement(activity: Activity, parameters: Parameters) -> SyntheticMovement:
     """What a person with these parameters does; the ground's forces: `ground_on_feet`."""
     if activity in STRIDE_S:
         lasts = (STRIDES[1] - STRIDES[0]) * STRIDE_S[activity]
@@ -233,7 +233,7 @@ def movement(activity: Activity, parameters: Parameters) -> Movement:
     kept = spline_basis(time[inner], basis.nodes - 2 * ENDS)
     ground = walk.Ground(**{f.name: getattr(ground, f.name)[inner] for f in fields(walk.Ground)})
     motion = TrueMotion(kept, kept.fit(moved(time[inner])), ground=ground)
-    return Movement(motion=motion, contacts=contacts, belt=activity is Activity.RUN)
+    return SyntheticMovement(motion=motion, contacts=contacts, belt=activity is Activity.RUN)
 
 
 def _seat_share(activity: Activity, time: Array) -> Array:

@@ -22,13 +22,19 @@ from gaitcal.io.c3d.writer import write_c3d
 from gaitcal.io.recording import ForcePlate, Recording
 from gaitcal.model.linkage import COORDINATE_INDEX, ISOLATED_JOINTS
 from gaitcal.model.nominal import published_model
-from gaitcal.model.parameters import JOINT_PARAMETERS, Kind, Parameters, is_physical, symmetric_set
+from gaitcal.model.parameters import (
+    JOINT_PARAMETERS,
+    ParameterKind,
+    Parameters,
+    is_physical,
+    symmetric_set,
+)
 from gaitcal.model.subject_model import Subject, SubjectModel
 from gaitcal.runtime import with_one_blas_thread
 from gaitcal.study.settings import CalibrationSettings, PlateErrorTable
 from gaitcal.study.study_file import Markers, StudyFile, SubjectTable, TrialTable
 from gaitcal.synthetic import synthetic_motion as motions
-from gaitcal.synthetic.movements import Activity, Contact, Movement, movement
+from gaitcal.synthetic.movements import Activity, Contact, SyntheticMovement, movement
 from gaitcal.synthetic.synthetic_truth import TRUTH, write_truth
 from gaitcal.synthetic.walk import CLEARANCE
 
@@ -58,7 +64,10 @@ def synthetic_model(rng: np.random.Generator, *, perturb: bool) -> SubjectModel:
 
 def _perturbed(nominal: Parameters, rng: np.random.Generator) -> Parameters:
     reach = np.array(
-        [POSITION_BOUND if p.kind is Kind.POSITION else ORIENTATION_BOUND for p in JOINT_PARAMETERS]
+        [
+            POSITION_BOUND if p.kind is ParameterKind.POSITION else ORIENTATION_BOUND
+            for p in JOINT_PARAMETERS
+        ]
     )
     joint = nominal.joint + rng.uniform(-1.0, 1.0, len(reach)) * reach
     which = symmetric_set().selection
@@ -119,7 +128,7 @@ def synthesize(
             plates = (
                 ()
                 if ground is None
-                else footholds(movements.get(name, Movement(motion=placed)), ground.wrench)
+                else footholds(movements.get(name, SyntheticMovement(motion=placed)), ground.wrench)
             )
             recording = recording_of(name, placed, model, labels, plates)
             if name != "static":
@@ -199,7 +208,7 @@ def plates_under(motion: motions.TrueMotion, wrench: Array) -> tuple[ForcePlate,
     )
 
 
-def footholds(found: Movement, wrench: Array) -> tuple[ForcePlate, ...]:
+def footholds(found: SyntheticMovement, wrench: Array) -> tuple[ForcePlate, ...]:
     """One plate under each foothold, for runners one for all; two long ones under a walk."""
     time = found.motion.basis.time
     if not found.contacts:

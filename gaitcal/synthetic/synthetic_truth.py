@@ -146,7 +146,7 @@ def joint_parameters_in(parameters: params.Parameters, q: Array, frames: dict[st
         place, _, direction = parameter.name.rpartition(".")
         if parameter.name in by_name:
             out[k] = by_name[parameter.name]
-        elif parameter.kind is params.Kind.POSITION:
+        elif parameter.kind is params.ParameterKind.POSITION:
             out[k] = frames[parameter.segment].local(points[place])[
                 ("ant", "sup", "lat").index(direction)
             ]

@@ -33,7 +33,7 @@ from scipy.linalg import blas, lapack
 
 from gaitcal.arrays import Array, IntArray
 from gaitcal.tracking import descent, marker_residual
-from gaitcal.tracking.spline import ORDER, SplineBasis, Stretch
+from gaitcal.tracking.spline import ORDER, FrameBlock, SplineBasis
 
 ROUNDING = 1e-14  # part of its trace that is added to S: parameters that no trial sees do not move
 
@@ -87,7 +87,7 @@ class Assembler:
         self._earlier[deep[~after], shallow[~after] - coordinates] = 1.0
 
     def assembled(
-        self, parts: Iterable[tuple[marker_residual.FrameEquations, Stretch]]
+        self, parts: Iterable[tuple[marker_residual.FrameEquations, FrameBlock]]
     ) -> NormalEquations:
         """The equations of all stretches as a banded matrix; coordinates that move no marker get a
         unit diagonal.

@@ -102,12 +102,12 @@ class SplineBasis:
         )
 
     @cached_property
-    def stretches(self) -> "tuple[Stretch, ...]":
+    def stretches(self) -> "tuple[FrameBlock, ...]":
         """All frames, in stretches to work on one after the other."""
         frames = len(self.time)
         starts = range(0, frames, FRAMES_AT_ONCE)
         return tuple(
-            Stretch(self, slice(start, min(start + FRAMES_AT_ONCE, frames))) for start in starts
+            FrameBlock(self, slice(start, min(start + FRAMES_AT_ONCE, frames))) for start in starts
         )
 
     def evaluate(self, coefficients: Array, derivative: int = 0) -> Array:
@@ -155,7 +155,7 @@ class SplineBasis:
         return cho_solve_banded((cholesky_banded(band, lower=True), True), right)
 
 
-class Stretch:
+class FrameBlock:
     """Frames in a row, and the sums over them that give the nodes what is theirs, as sparse
     matrices.
     """

@@ -17,13 +17,13 @@ from distributed import LocalCluster
 from gaitcal.montecarlo.case import nominal_case
 from gaitcal.montecarlo.draw_study import MonteCarloStudy, monte_carlo
 from gaitcal.montecarlo.protocol import Plan
-from gaitcal.montecarlo.workers import Cluster
+from gaitcal.montecarlo.workers import DaskCluster
 
 
 def run(out: Path, address: str, draws: int) -> MonteCarloStudy:
     """The study of the nominal subject, at the highest level."""
     return monte_carlo(
-        nominal_case(), out, plan=Plan(levels=(100,), draws=draws), workers=Cluster(address)
+        nominal_case(), out, plan=Plan(levels=(100,), draws=draws), workers=DaskCluster(address)
     )
 
 

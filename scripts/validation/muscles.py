@@ -48,7 +48,7 @@ from gaitcal.arrays import Array
 from gaitcal.errors import InputError
 from gaitcal.export.opensim.joint_transfer import into_osim
 from gaitcal.export.opensim.osim_correspondence import Hinge, LegJoint, leg_joints
-from gaitcal.export.opensim.osim_reader import Place, peer_of, read_document, read_osim
+from gaitcal.export.opensim.osim_reader import FramePlacement, peer_of, read_document, read_osim
 from gaitcal.export.opensim.osim_writer import frames_of
 from gaitcal.export.opensim.peer_model import Axis, PeerModel
 from gaitcal.export.opensim.transfer_account import MusclePath, leg_ranges, muscle_paths
@@ -233,7 +233,7 @@ def disturbed(source: Path, out: Path, *, across: bool = False, deg: float = 0.0
                 way -= axis * (axis @ way)
             way *= rng.uniform(*OFF) / np.linalg.norm(way)
             turn = pin.exp3(np.deg2rad(deg) * rng.normal(size=3))
-            places[leg.theirs.name, end] = Place(
+            places[leg.theirs.name, end] = FramePlacement(
                 frame.translation + way, frame.rotation @ turn if deg else None
             )
     out.write_bytes(document.changed(places))

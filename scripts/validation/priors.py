@@ -39,7 +39,7 @@ from gaitcal.cohort.learning import PersonEvidence
 from gaitcal.io.recording import Recording
 from gaitcal.model.linkage import ISOLATED_JOINTS, LEG_JOINTS
 from gaitcal.model.nominal import published_model
-from gaitcal.model.parameters import JOINT_PARAMETERS, JP_INDEX, JP_NAMES, JP_TO_SI, Kind
+from gaitcal.model.parameters import JOINT_PARAMETERS, JP_INDEX, JP_NAMES, JP_TO_SI, ParameterKind
 from gaitcal.model.segment_frames import HipCentre
 from gaitcal.model.subject_model import SubjectModel
 from gaitcal.study.cohort_prior import HEIGHT, STEP, CohortPriors, JointPrior, Person, mirror
@@ -63,7 +63,7 @@ OWN = {
     "--cohort": option(20, "people in the cohort"),
     "--left-out": option(12, "people who are not"),
 }
-POSITION = np.array([p.kind is Kind.POSITION for p in JOINT_PARAMETERS])
+POSITION = np.array([p.kind is ParameterKind.POSITION for p in JOINT_PARAMETERS])
 Draw = Callable[[np.random.Generator, Person], Array]
 """(98,) m, rad: deviations of a new person."""
 
@@ -247,10 +247,10 @@ class Outcome:
 
 
 def report(outcomes: Sequence[Outcome]) -> Iterator[str]:
-    for kind in Kind:
+    for kind in ParameterKind:
         yield _line(outcomes, f"legs, {kind.value}s, {kind.unit}", _chosen(kind, ""))
     for joint in LEG_JOINTS:
-        for kind in Kind:
+        for kind in ParameterKind:
             chosen = _chosen(kind, joint)
             if chosen.any():
                 yield _line(outcomes, f"{joint}, {kind.value}s, {kind.unit}", chosen)
@@ -266,7 +266,7 @@ def report(outcomes: Sequence[Outcome]) -> Iterator[str]:
     yield f"bars of 95 % cover: {', '.join(covered)}"
 
 
-def _chosen(kind: Kind, joint: str) -> Array:
+def _chosen(kind: ParameterKind, joint: str) -> Array:
     listed = [JOINT_PARAMETERS[k] for k in LEGS]
     return np.array([p.kind is kind and p.joint.startswith(joint) for p in listed])
 

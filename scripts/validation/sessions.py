@@ -35,7 +35,7 @@ from gaitcal.calibration.error_sources import ErrorSources
 from gaitcal.gait.cycles import kind_of
 from gaitcal.model.linkage import LEG_JOINTS
 from gaitcal.model.nominal import published_model
-from gaitcal.model.parameters import JOINT_PARAMETERS, JP_INDEX, Kind
+from gaitcal.model.parameters import JOINT_PARAMETERS, JP_INDEX, ParameterKind
 from gaitcal.model.segment_frames import HipCentre
 from gaitcal.model.subject_model import SubjectModel
 from gaitcal.report.session_report import load_session
@@ -47,7 +47,7 @@ from gaitcal.results.session_difference import (
 )
 from gaitcal.results.stride_sets import (
     Common,
-    Session,
+    RecordedSession,
     StrideSet,
     common_to,
     mean_over,
@@ -166,7 +166,7 @@ def outcome(seed: int) -> Outcome:
 def report(outcomes: list[Outcome]) -> Iterator[str]:
     """Errors and their coverage, coverage of differences."""
     kinds = [JOINT_PARAMETERS[JP_INDEX[n]].kind for n in outcomes[0].names]
-    for kind, factor in ((Kind.POSITION, 1e3), (Kind.ORIENTATION, 180.0 / np.pi)):
+    for kind, factor in ((ParameterKind.POSITION, 1e3), (ParameterKind.ORIENTATION, 180.0 / np.pi)):
         chosen = [k is kind for k in kinds]
         columns = ("nominal", "fitted", "stated")
         found = [factor * rms([getattr(o, name)[:, chosen] for o in outcomes]) for name in columns]
@@ -187,13 +187,15 @@ def gathered(parts: Iterable[tuple[Key, Array]]) -> dict[Key, Array]:
     return {key: np.concatenate(found) for key, found in out.items()}
 
 
-def session_variance(a: Session, b: Session, pair: tuple[StrideSet, StrideSet]) -> Array:
+def session_variance(
+    a: RecordedSession, b: RecordedSession, pair: tuple[StrideSet, StrideSet]
+) -> Array:
     """(101,) of the difference of two sessions' curves: errors that strides of one session share."""
     shared, frames = ([mean_over(getattr(s, name)) for s in pair] for name in ("shared", "frames"))
     return shared_variance(common_to(a, b), (shared[0], shared[1]), (frames[0], frames[1]))
 
 
-def angle_scores(a: Session, b: Session) -> dict[str, Array]:
+def angle_scores(a: RecordedSession, b: RecordedSession) -> dict[str, Array]:
     """Angle -> differences of both legs' curves in standard errors. Of strides that do not vary,
     only errors differ.
     """
@@ -231,7 +233,7 @@ def _of_person(seed: int) -> dict[str, Array]:
     return angle_scores(*sessions)
 
 
-def results(out: Path) -> tuple[list[Session], Session]:
+def results(out: Path) -> tuple[list[RecordedSession], RecordedSession]:
     """Every walk calibrated by itself, and all together; what lies in `out` already is read."""
     study = study_of_person(PERSON)
     found = []
@@ -243,7 +245,7 @@ def results(out: Path) -> tuple[list[Session], Session]:
     return found[:-1], found[-1]
 
 
-def curve_scores(walks: list[Session], together: Session) -> Mapping[object, Array]:
+def curve_scores(walks: list[RecordedSession], together: RecordedSession) -> Mapping[object, Array]:
     """Kind -> differences of the curves of two walks in standard errors, every tenth percent."""
     alone = {key: pooled([s.values]) for key, s in stride_sets(together).items()}
     spread = {

@@ -10,7 +10,7 @@ import pytest
 from gaitcal.analysis.calibrate import calibrate
 from gaitcal.arrays import Array
 from gaitcal.io.recording import Recording
-from gaitcal.model.parameters import JOINT_PARAMETERS, JP_INDEX, Kind
+from gaitcal.model.parameters import JOINT_PARAMETERS, JP_INDEX, ParameterKind
 from gaitcal.study.study import Study
 from gaitcal.study.study_trial import Role
 from gaitcal.synthetic.synthetic_motion import marker_noise
@@ -112,7 +112,7 @@ def change(study: Study, spoil: Spoil, loss: str, clean: dict[str, Sought]) -> t
         with_trial(study, "knee_r", lambda recording: spoil(recording, rng)), loss
     )
     index = [JP_INDEX[n] for n in free]
-    position = np.array([JOINT_PARAMETERS[i].kind is Kind.POSITION for i in index])
+    position = np.array([JOINT_PARAMETERS[i].kind is ParameterKind.POSITION for i in index])
     size = np.abs((spoilt - clean[loss][0])[index]) * np.where(position, 1e3, np.rad2deg(1.0))
     return float(size[position].max()), float(size[~position].max())
 

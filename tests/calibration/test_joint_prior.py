@@ -33,7 +33,7 @@ from gaitcal.model.parameters import (
     JP_INDEX,
     JP_NAMES,
     JP_TO_SI,
-    Kind,
+    ParameterKind,
     Parameters,
     published_subject,
 )
@@ -85,7 +85,7 @@ def test_a_joint_seen_from_two_segments_moves_in_both_and_nothing_else_does(
     """
     names = tuple(name.replace(".", "_r.", 1) for name in row.parameters)
     body, child = published_subject(), names[1].split(".")[1] + "_r"
-    step = 1e-4 if JOINT_PARAMETERS[JP_INDEX[names[0]]].kind is Kind.POSITION else 1e-3
+    step = 1e-4 if JOINT_PARAMETERS[JP_INDEX[names[0]]].kind is ParameterKind.POSITION else 1e-3
     chain = Chain("pelvis")
 
     own = [e.name for e in JOINT_OF_CHILD[child].elements if e.source is Source.COORDINATE]

@@ -32,7 +32,7 @@ from gaitcal.cohort.one_person import (
 )
 from gaitcal.errors import Code, InputError, UsageError
 from gaitcal.gait.conventions import Signs
-from gaitcal.gait.cycles import Kind
+from gaitcal.gait.cycles import CurveKind
 from gaitcal.gait.normal_bands import bands_file, read_normal_bands
 from gaitcal.io.result_folder import listed
 from gaitcal.results.table_files import write_csv
@@ -72,7 +72,7 @@ def test_mean_curves_are_packed_by_body_mass(tmp_path: Path) -> None:
     ensemble(tmp_path / "ensemble.csv")
     found = integers(mean_curves(tmp_path / "ensemble.csv", MASS)).reshape(SHAPE)
     percent = np.arange(0, 101, EVERY)
-    angle, moment = STEPS[Kind.ANGLE], STEPS[Kind.MOMENT]
+    angle, moment = STEPS[CurveKind.ANGLE], STEPS[CurveKind.MOMENT]
     knee = found[VARIABLES.index("knee_angle"), 0]
     np.testing.assert_allclose(angle * knee, 20 + percent / 3, atol=angle / 2 + 1e-9)
     other = found[VARIABLES.index("knee_angle_moment"), 1]

@@ -12,7 +12,7 @@ from gaitcal.dynamics.measurement_errors import PALPATED_DEG, AxisErrors
 from gaitcal.model.chain import Chain
 from gaitcal.model.kinematics import Kinematics
 from gaitcal.model.linkage import COORDINATES, JOINTS, SEGMENTS
-from gaitcal.model.parameters import IP_INDEX, JOINT_PARAMETERS, JP_INDEX, Kind, Parameters
+from gaitcal.model.parameters import IP_INDEX, JOINT_PARAMETERS, JP_INDEX, ParameterKind, Parameters
 from gaitcal.tracking.marker_residual import PlacedMarkers, marker_positions
 from tests.derivatives import Array, perturbed_parameters
 
@@ -39,7 +39,7 @@ def pivot(parameters: Parameters, segment: str) -> Array:
     """(3,) m the point about which axes turn: the next hinge that is told in its plane z = 0 alone,
     else the origin.
     """
-    own = [p for p in JOINT_PARAMETERS if p.segment == segment and p.kind is Kind.POSITION]
+    own = [p for p in JOINT_PARAMETERS if p.segment == segment and p.kind is ParameterKind.POSITION]
     for joint in JOINTS:
         places = [JP_INDEX[p.name] for p in own if p.joint == joint.name]
         if joint.parent == segment and len(places) == 2:  # ant and sup

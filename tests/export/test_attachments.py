@@ -15,7 +15,7 @@ from gaitcal.errors import InputError
 from gaitcal.export.opensim.joint_moves import CARRIED_HEADER, Bone, carried, carried_csv
 from gaitcal.export.opensim.joint_transfer import into_osim
 from gaitcal.export.opensim.osim_correspondence import leg_joints
-from gaitcal.export.opensim.osim_reader import Place, peer_of, read_document, read_osim
+from gaitcal.export.opensim.osim_reader import FramePlacement, peer_of, read_document, read_osim
 from gaitcal.export.opensim.transfer_account import leg_ranges, muscle_paths
 from scripts.validation.muscles import person_of
 
@@ -41,7 +41,7 @@ def shifted(source: Path, out: Path) -> Path:
                 continue
             across = (1.0, 1.0, body == "pelvis")  # what tells where along its axis a hinge is?
             way = by.setdefault(body, rng.uniform(-0.02, 0.02, size=3) * across)
-            places[leg.theirs.name, end] = Place(frame.translation + way, None)
+            places[leg.theirs.name, end] = FramePlacement(frame.translation + way, None)
     out.write_bytes(document.changed(places))
     return out
 

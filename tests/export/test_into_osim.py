@@ -18,7 +18,7 @@ from gaitcal.analysis.calibrate import calibrate
 from gaitcal.calibration.error_sources import ErrorSources, nominal_errors
 from gaitcal.calibration.joint_prior import prior_deviations
 from gaitcal.errors import InputError
-from gaitcal.export.opensim.joint_moves import JOINTS_HEADER, Verdict, joints_csv
+from gaitcal.export.opensim.joint_moves import JOINTS_HEADER, MoveOutcome, joints_csv
 from gaitcal.export.opensim.joint_transfer import into_osim
 from gaitcal.export.opensim.osim_correspondence import hinge_of, leg_joints
 from gaitcal.export.opensim.osim_reader import peer_of, read_document, read_osim
@@ -181,7 +181,7 @@ def test_joints_that_are_in_place_leave_every_byte(
     path = written(published, tmp_path / "m.osim", variant)
     done = into_osim(published, path)
     assert done.content == path.read_bytes()
-    assert [m.verdict for m in done.joints] == [Verdict.MOVED] * 2 * len(NEEDED_JOINTS)
+    assert [m.verdict for m in done.joints] == [MoveOutcome.MOVED] * 2 * len(NEEDED_JOINTS)
     by = {leg.found_by for leg in done.legs}
     assert by == ({"topology"} if variant == "other names" else {"name"})
 
@@ -381,7 +381,7 @@ def test_what_recordings_say_little_of_is_left(
     sizes = np.diag(prior_deviations(JP_NAMES))
     sizes[[k for k, name in enumerate(JP_NAMES) if not name.startswith("knee_r")]] *= 0.1
     done = into_osim(published, path, errors=ErrorSources(JP_NAMES, sizes, tuple(JP_NAMES)))
-    left = [m.joint for m in done.joints if m.verdict is Verdict.UNDETERMINED]
+    left = [m.joint for m in done.joints if m.verdict is MoveOutcome.UNDETERMINED]
     assert left == ["knee_r"] == list(done.left)
     was, now = (
         peer.joints["shank_r"] for peer in (read_osim(path), read_back(done.content, tmp_path))
@@ -565,7 +565,7 @@ def test_a_model_of_one_leg(published: SubjectModel, own: Path) -> None:
                 objects.remove(element)
     done = into_osim(published, own)
     assert done.content == own.read_bytes()
-    assert [m.joint for m in done.joints if m.verdict is Verdict.ABSENT] == [
+    assert [m.joint for m in done.joints if m.verdict is MoveOutcome.ABSENT] == [
         f"{j}_l" for j in NEEDED_JOINTS
     ]
 

@@ -22,9 +22,9 @@ from gaitcal.io.examples import (
     SOURCE,
     STUDY,
     Connection,
+    DownloadProgress,
     Example,
     RemoteFile,
-    Step,
     download,
     example_named,
     examples,
@@ -133,8 +133,8 @@ def server() -> Iterator[Served]:
         yield served
 
 
-def fetch(target: Path, server: Served, one: Example | None = None) -> list[Step]:
-    steps: list[Step] = []
+def fetch(target: Path, server: Served, one: Example | None = None) -> list[DownloadProgress]:
+    steps: list[DownloadProgress] = []
     fetch_example(
         one or example(), target, Connection(mirror=server.address, tries=TRIES), steps.append
     )
@@ -165,7 +165,7 @@ def test_recordings_are_fetched_and_told_whose_they_are(server: Served, tmp_path
     manifest = json.loads((tmp_path / "small/manifest.json").read_text())
     assert (manifest["kind"], manifest["example"]) == ("example recordings", "small")
     assert [step.done for step in steps] == sorted(step.done for step in steps)
-    assert steps[-1] == Step("forces.mot", example().size, example().size)
+    assert steps[-1] == DownloadProgress("forces.mot", example().size, example().size)
 
 
 def test_requests_hold_nothing_of_the_user_and_ask_once(server: Served, tmp_path: Path) -> None:

@@ -24,7 +24,7 @@ from gaitcal.model.parameters import (
     JP_INDEX,
     JP_TO_SI,
     MASSIVE_SEGMENTS,
-    Kind,
+    ParameterKind,
     is_physical,
     published_subject,
     table,
@@ -439,7 +439,7 @@ def test_a_larger_person_has_everything_larger(name: str, data_dir: Path) -> Non
         JOINT_PARAMETERS, one.parameters.joint, other.parameters.joint, strict=True
     ):
         if not parameter.joint.startswith("subtalar"):
-            factor = LARGER if parameter.kind is Kind.POSITION else 1.0
+            factor = LARGER if parameter.kind is ParameterKind.POSITION else 1.0
             assert large == pytest.approx(factor * small, abs=SAME), parameter.name
     np.testing.assert_allclose(other.parameters.zero_angles, one.parameters.zero_angles, atol=SAME)
     np.testing.assert_allclose(other.markers.local, LARGER * one.markers.local, atol=SAME)

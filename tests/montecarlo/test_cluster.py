@@ -17,7 +17,7 @@ from gaitcal.errors import GaitcalError
 from gaitcal.montecarlo.case import MonteCarloCase
 from gaitcal.montecarlo.draw_study import monte_carlo
 from gaitcal.montecarlo.protocol import Plan
-from gaitcal.montecarlo.workers import Cluster, Workers
+from gaitcal.montecarlo.workers import DaskCluster, Workers
 from tests.refusal import refusal
 
 pytest.importorskip("distributed", reason="no dask here; it comes with the extra `cluster`")
@@ -78,7 +78,7 @@ def test_same_table_with_a_worker_killed_at_work(
             killed.append(done)
 
     found = monte_carlo(
-        case, tmp_path, plan=plan, workers=Cluster(address), chunk_draws=5, progress=kill_one
+        case, tmp_path, plan=plan, workers=DaskCluster(address), chunk_draws=5, progress=kill_one
     )
     assert killed and killed[0] < plan.total
     assert workers[0].wait(10) == -signal.SIGKILL
@@ -95,7 +95,7 @@ def test_faults_of_the_cluster_are_told(start: Start, monkeypatch: pytest.Monkey
     monkeypatch.setattr("gaitcal.montecarlo.workers.WAIT_S", 1)
 
     def refused(address: str) -> str:
-        return refusal(lambda: list(Cluster(address).run(str, [1])))
+        return refusal(lambda: list(DaskCluster(address).run(str, [1])))
 
     for nobody in ("tcp://127.0.0.1:9", "nonsense://x"):
         assert f"--cluster: found '{nobody}'" in refused(nobody)
@@ -103,9 +103,9 @@ def test_faults_of_the_cluster_are_told(start: Start, monkeypatch: pytest.Monkey
     assert "has no workers" in refused(address)
     worker(start, address)
     monkeypatch.setattr("gaitcal.montecarlo.workers.WAIT_S", 30)
-    assert sorted(Cluster(address).run(str, range(20))) == sorted(str(k) for k in range(20))
+    assert sorted(DaskCluster(address).run(str, range(20))) == sorted(str(k) for k in range(20))
     with pytest.raises(GaitcalError, match="task 0 is bad"):
-        list(Cluster(address).run(fails, [0]))
+        list(DaskCluster(address).run(fails, [0]))
 
 
 @pytest.mark.slow

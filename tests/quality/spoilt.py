@@ -16,7 +16,7 @@ from gaitcal.intake.subject_metadata import Options
 from gaitcal.io.recording import ForcePlate, Recording
 from gaitcal.model.marker_set import load_marker_set
 from gaitcal.model.subject_model import Subject, SubjectModel
-from gaitcal.preprocess.trial_evidence import MarkerEvidence
+from gaitcal.preprocess.trial_evidence import TrialEvidence
 from gaitcal.quality.study_checks import check_study
 from gaitcal.study.settings import CalibrationSettings
 from gaitcal.study.study import Study
@@ -94,10 +94,10 @@ def recording_of(study: Study, name: str = "walk") -> Recording:
     return next(t.recording for t in study.trials if t.name == name)
 
 
-def evidence(study: Study, trial: Trial, model: SubjectModel | None = None) -> MarkerEvidence:
+def evidence(study: Study, trial: Trial, model: SubjectModel | None = None) -> TrialEvidence:
     """What the checks see of one trial."""
     marker_set = study.marker_set.with_weights(study.weights)
-    return MarkerEvidence.of(trial, marker_set, study.subject, study.settings, model)
+    return TrialEvidence.of(trial, marker_set, study.subject, study.settings, model)
 
 
 def drafted(folder: Path) -> Study:

@@ -17,7 +17,7 @@ from gaitcal.io.formats import read_recording
 from gaitcal.io.recording import ForcePlate, Recording
 from gaitcal.model.marker_set import load_marker_set
 from gaitcal.model.subject_model import Subject
-from gaitcal.preprocess.trial_evidence import MarkerEvidence
+from gaitcal.preprocess.trial_evidence import TrialEvidence
 from gaitcal.quality.foot_on_plate import PLATES_ELSEWHERE, Feet, contacts, outside_sole
 from gaitcal.study.settings import CalibrationSettings
 from gaitcal.study.study import Study
@@ -30,16 +30,16 @@ UP = np.array([0.0, 1.0, 0.0])
 HEIGHT = 1.70
 
 
-def evidence(recording: Recording, plates: dict[str, str] | None = None) -> MarkerEvidence:
+def evidence(recording: Recording, plates: dict[str, str] | None = None) -> TrialEvidence:
     """A walk of the published markers."""
     trial = Trial(name="walk", role=Role.GAIT, recording=recording, plates=plates or {})
     subject = Subject("synthetic", 69.4, HEIGHT, "male")
-    return MarkerEvidence.of(
+    return TrialEvidence.of(
         trial, load_marker_set("published"), subject, CalibrationSettings(), None
     )
 
 
-def told(trial: MarkerEvidence) -> list[Finding]:
+def told(trial: TrialEvidence) -> list[Finding]:
     """What is said of centres of pressure, with nothing else found."""
     return list(outside_sole(trial, ()))
 
@@ -229,20 +229,20 @@ def test_a_foot_across_two_plates_is_not_divided() -> None:
 
 
 @cache
-def real_walks(name: str, data: Path) -> tuple[MarkerEvidence, ...]:
+def real_walks(name: str, data: Path) -> tuple[TrialEvidence, ...]:
     """The walks over plates of one folder."""
     file = data / name / "study.toml"
     study = Study.load(file) if file.exists() else drafted(data / name)
     return walks_of(study)
 
 
-def walks_of(study: Study) -> tuple[MarkerEvidence, ...]:
+def walks_of(study: Study) -> tuple[TrialEvidence, ...]:
     walks = [t for t in study.trials if t.role is Role.GAIT and t.recording.plates]
     return tuple(spoilt.evidence(study, t) for t in walks)
 
 
 @pytest.fixture(scope="module")
-def treadmill(real_study: Callable[[str], Study]) -> MarkerEvidence:
+def treadmill(real_study: Callable[[str], Study]) -> TrialEvidence:
     (walk,) = walks_of(real_study("subject01"))
     return walk
 
@@ -264,16 +264,16 @@ def test_real_people_press_under_their_feet(name: str, data_dir: Path) -> None:
     assert walks and [f.line for walk in walks for f in told(walk)] == []
 
 
-def with_recording(trial: MarkerEvidence, change: Change) -> MarkerEvidence:
+def with_recording(trial: TrialEvidence, change: Change) -> TrialEvidence:
     return replace(trial, trial=replace(trial.trial, recording=change(trial.recording)))
 
 
-def moved(trial: MarkerEvidence, x: float, z: float, number: int | None = None) -> MarkerEvidence:
+def moved(trial: TrialEvidence, x: float, z: float, number: int | None = None) -> TrialEvidence:
     """Some plates, or all, elsewhere, m."""
     return with_recording(trial, plates(lambda p: replace(p, point=p.point + [x, 0.0, z]), number))
 
 
-def test_plates_of_a_treadmill_that_lie_elsewhere(treadmill: MarkerEvidence) -> None:
+def test_plates_of_a_treadmill_that_lie_elsewhere(treadmill: TrialEvidence) -> None:
     assert told(treadmill) == [] == told(moved(treadmill, 0.03, 0.0))
     (both,) = told(moved(treadmill, -0.12, 0.0))
     assert both.cause == PLATES_ELSEWHERE and both.found.count("behind the heel") == 2
@@ -294,7 +294,7 @@ def test_plates_of_a_treadmill_that_lie_elsewhere(treadmill: MarkerEvidence) -> 
     ],
 )
 def test_one_fault_is_told_once(
-    treadmill: MarkerEvidence, topic: str, cause: str, legs: list[str]
+    treadmill: TrialEvidence, topic: str, cause: str, legs: list[str]
 ) -> None:
     """What another check says already, unless it is a note: clocks, the plate itself, its heel
     marker.

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from gaitcal.dynamics.expected_residual import BASELINE, TAU
-from gaitcal.quality.force_causes import Kind, causes_of
+from gaitcal.quality.force_causes import ForceFault, causes_of
 from gaitcal.quality.force_choice import choose, fits, named, told_size
 from gaitcal.quality.force_evidence import BROKEN_S, ForceEvidence, ForceResidual
 from gaitcal.quality.plate_forces import rotation
@@ -84,7 +84,7 @@ def test_a_cause_undoes_its_own_fault(row: str) -> None:
     _, found = fits(ForceResidual([evidence]))
     own = next(fit for fit in found if fit.cause.kind is made.kind and fit.cause.unit == made.unit)
     assert own.explained > 1.0 - LEFT
-    if made.kind is Kind.FREE_MOMENT:
+    if made.kind is ForceFault.FREE_MOMENT:
         assert 1.0 + own.x[0] == pytest.approx(1.0 / made.size[0], abs=0.2)
     elif made.size:
         np.testing.assert_allclose(told_size(own), made.size, atol=SIZE * np.linalg.norm(made.size))
@@ -122,7 +122,7 @@ def test_markers_upright_is_a_turn_of_gravity_about_the_mass_centre() -> None:
     than before.
     """
     evidence = exact_walk().evidence()
-    cause = next(c for c in causes_of([evidence]) if c.kind is Kind.MARKERS_TILTED)
+    cause = next(c for c in causes_of([evidence]) if c.kind is ForceFault.MARKERS_TILTED)
     x = np.array([0.07, -0.04])
     turn = rotation(np.array([x[0], 0.0, x[1]]))
     required = cause.undo(evidence, x).required_wrench

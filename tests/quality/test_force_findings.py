@@ -20,7 +20,7 @@ from gaitcal.model.nominal import nominal_model
 from gaitcal.model.segment_frames import HipCentre
 from gaitcal.model.subject_model import GRAVITY
 from gaitcal.quality import force_choice
-from gaitcal.quality.force_causes import Kind, causes_of
+from gaitcal.quality.force_causes import ForceFault, causes_of
 from gaitcal.quality.force_choice import ForceFit, choose
 from gaitcal.quality.force_diagnosis import force_findings, torque_change
 from gaitcal.quality.force_evidence import FORCE_UNITS
@@ -205,7 +205,7 @@ def test_a_late_walk_does_not_convict_those_that_are_a_little_late_by_themselves
 ) -> None:
     """Clocks of real walks: 14 ms late with nothing wrong gain 11 nats by that, 42 ms late 56 nats."""
     size = dict(zip("12345", late, strict=True))
-    cause = next(c for c in causes_of([exact_walk().evidence()]) if c.kind is Kind.CLOCK)
+    cause = next(c for c in causes_of([exact_walk().evidence()]) if c.kind is ForceFault.CLOCK)
 
     def fit_of(names: Sequence[str], x: float) -> ForceFit:
         best = np.array([56.0 * (size[name] / 0.042) ** 1.5 for name in names])
@@ -246,7 +246,7 @@ def test_another_lever_of_the_weight_must_explain_more_where_markers_come_and_go
             explained=0.19,
             gains=np.array([14.0]),
         )
-        for kind in (Kind.MARKERS_TILTED, Kind.PLACE, Kind.TILT)
+        for kind in (ForceFault.MARKERS_TILTED, ForceFault.PLACE, ForceFault.TILT)
     ]
     assert len(force_choice.named(found)) == 3 and force_choice.named(found, shaken=True) == ()
     assert len(force_choice.named([replace(fit, explained=0.3) for fit in found], shaken=True)) == 3
@@ -262,7 +262,7 @@ def test_a_leg_in_doubt_accuses_no_plate_unless_it_explains_half(
 ) -> None:
     """18 to 27 %: what a foot without its toe, or thighs and shanks of one marker, left in a walk."""
     evidence = replace(exact_walk().evidence(), doubtful=True)
-    (gain,) = [c for c in causes_of([evidence]) if c.kind is Kind.GAIN and not c.plates][:1]
+    (gain,) = [c for c in causes_of([evidence]) if c.kind is ForceFault.GAIN and not c.plates][:1]
     fit = ForceFit(
         cause=gain, x=np.array([-0.58]), gain=20.0, explained=0.27, gains=np.array([20.0])
     )

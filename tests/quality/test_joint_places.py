@@ -17,7 +17,7 @@ from gaitcal.errors import Code, Finding, Severity
 from gaitcal.model.linkage import LEG_JOINTS
 from gaitcal.model.nominal import published_model
 from gaitcal.model.parameters import JP_INDEX, JP_NAMES, JP_TO_SI, Parameters
-from gaitcal.quality.joint_positions import RARE, UNUSUAL, Place, joint_place_findings
+from gaitcal.quality.joint_positions import RARE, UNUSUAL, JointPosition, joint_place_findings
 from gaitcal.quality.verdict import Judgement, judge
 from gaitcal.study.cohort_prior import JointPrior
 
@@ -56,7 +56,10 @@ def test_squares_of_drawn_people_are_chi_squared() -> None:
     scatter, error = COVARIANCE[np.ix_(at, at)], np.diag([4e-3, 2e-3, 9e-3]) ** 2
     drawn = rng.multivariate_normal(np.zeros(3), scatter + error, size=4000)
     names = tuple(JP_NAMES[k] for k in at)
-    found = [Place(names=names, offset=d, scatter=scatter, error=error).probability for d in drawn]
+    found = [
+        JointPosition(names=names, offset=d, scatter=scatter, error=error).probability
+        for d in drawn
+    ]
     for share in (0.5, 0.1, 0.02):
         assert np.mean(np.array(found) < share) == pytest.approx(
             share, abs=4 * np.sqrt(share / 4000)

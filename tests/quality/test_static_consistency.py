@@ -19,7 +19,7 @@ from gaitcal.preprocess.joint_links import links_of
 from gaitcal.preprocess.marker_clusters import alignment, clusters_of
 from gaitcal.preprocess.static_disagreement import contradictions, offset_limit, possible_moves
 from gaitcal.preprocess.swapped_labels import by_lengths
-from gaitcal.preprocess.trial_evidence import MarkerEvidence
+from gaitcal.preprocess.trial_evidence import TrialEvidence
 from gaitcal.quality.study_checks import check_further, check_study, examined, further_evidence
 from gaitcal.study.study import Study
 from gaitcal.study.study_trial import Trial
@@ -44,7 +44,7 @@ ROUNDING = 1e-9
 
 
 @pytest.fixture(scope="module")
-def trials(sound: Study) -> dict[str, MarkerEvidence]:
+def trials(sound: Study) -> dict[str, TrialEvidence]:
     return {t.name: t for t in examined(sound).trials}
 
 
@@ -52,7 +52,7 @@ def told(study: Study) -> list[Finding]:
     return [f for f in check_study(study) if f.topic in BODY]
 
 
-def of_further(study: Study, trials: dict[str, MarkerEvidence]) -> list[Finding]:
+def of_further(study: Study, trials: dict[str, TrialEvidence]) -> list[Finding]:
     """The same of the walk held against a saved model."""
     evidence = further_evidence(
         study.trials[1], trials["walk"].model, study.marker_set, study.settings
@@ -60,14 +60,14 @@ def of_further(study: Study, trials: dict[str, MarkerEvidence]) -> list[Finding]
     return [f for f in check_further(evidence) if f.topic in BODY]
 
 
-def some_way(trial: MarkerEvidence, segment: str, size: float) -> Array:
+def some_way(trial: TrialEvidence, segment: str, size: float) -> Array:
     """(1, 3) so many m in the plane of a cluster's markers."""
     static = trial.clusters[segment].static
     way = static[0] - static[1]
     return np.asarray(size * way / np.linalg.norm(way))[None]
 
 
-def turned_with(trial: MarkerEvidence, segment: str, labels: tuple[str, ...], by: Array) -> Change:
+def turned_with(trial: TrialEvidence, segment: str, labels: tuple[str, ...], by: Array) -> Change:
     """Markers moved by (n, 3) m in static axes, which the segment carries along."""
     rotation = trial.clusters[segment].rotation
 
@@ -85,7 +85,7 @@ def test_nothing_is_said_of_a_sound_study(sound: Study) -> None:
 
 
 def test_what_is_too_weak_to_be_told_may_be_so(
-    sound: Study, trials: dict[str, MarkerEvidence]
+    sound: Study, trials: dict[str, TrialEvidence]
 ) -> None:
     """A thigh whose markers turned by 12 deg about its length: an error of so many degrees there,
     and nowhere else.
@@ -106,7 +106,7 @@ def test_what_is_too_weak_to_be_told_may_be_so(
 
 
 def test_a_sound_cluster_has_the_static_shape_and_keeps_it(
-    trials: dict[str, MarkerEvidence],
+    trials: dict[str, TrialEvidence],
 ) -> None:
     for cluster in trials["walk"].clusters.values():
         assert np.abs(cluster.offsets).max() < ROUNDING and np.nanmax(cluster.strayed) < ROUNDING
@@ -116,7 +116,7 @@ def test_a_sound_cluster_has_the_static_shape_and_keeps_it(
     ("seed", "segment"), list(enumerate(("foot_r", "foot_l", "thigh_r", "shank_l")))
 )
 def test_a_displaced_marker_is_named_with_its_size(
-    sound: Study, trials: dict[str, MarkerEvidence], seed: int, segment: str
+    sound: Study, trials: dict[str, TrialEvidence], seed: int, segment: str
 ) -> None:
     walk = trials["walk"]
     cluster = walk.clusters[segment]
@@ -132,7 +132,7 @@ def test_a_displaced_marker_is_named_with_its_size(
 
 
 def test_a_marker_that_all_moving_trials_have_elsewhere_is_told_once(
-    sound: Study, trials: dict[str, MarkerEvidence]
+    sound: Study, trials: dict[str, TrialEvidence]
 ) -> None:
     spoilt = with_trial(sound, "static", moved("R.Shank.Front", lambda x: x + [0.0, 0.03, 0.0]))
     found = [f for f in told(spoilt) if "'R.Shank.Front'" in f.cause]
@@ -165,7 +165,7 @@ def test_exchanged_labels_are_told_once_and_refused(sound: Study, pair: tuple[st
 )
 def test_a_turned_or_mirrored_cluster_is_an_error(
     sound: Study,
-    trials: dict[str, MarkerEvidence],
+    trials: dict[str, TrialEvidence],
     segment: str,
     change: Array,
     shift: float,
@@ -252,7 +252,7 @@ def test_alignment_and_turns_are_exact() -> None:
 
 
 def test_a_segment_with_two_markers_borrows_the_hip_centre(
-    sound: Study, trials: dict[str, MarkerEvidence]
+    sound: Study, trials: dict[str, TrialEvidence]
 ) -> None:
     walk = trials["walk"]
     assert walk.stance is not None
@@ -263,7 +263,7 @@ def test_a_segment_with_two_markers_borrows_the_hip_centre(
     assert not fewer["thigh_l"].borrowed
 
 
-def test_the_odd_walk_of_three_is_named(sound: Study, trials: dict[str, MarkerEvidence]) -> None:
+def test_the_odd_walk_of_three_is_named(sound: Study, trials: dict[str, TrialEvidence]) -> None:
     walk, rng = sound.trials[1], np.random.default_rng(0)
 
     def again(name: str) -> Trial:
@@ -287,7 +287,7 @@ def test_the_odd_walk_of_three_is_named(sound: Study, trials: dict[str, MarkerEv
 @pytest.mark.parametrize("axis", range(3))
 @pytest.mark.parametrize("label", ["R.Thigh.Upper", "R.Thigh.Front", "R.Thigh.Rear"])
 def test_in_a_further_trial_the_marker_itself_is_named(
-    sound: Study, trials: dict[str, MarkerEvidence], label: str, axis: int
+    sound: Study, trials: dict[str, TrialEvidence], label: str, axis: int
 ) -> None:
     """Held against the saved model."""
     spoilt = with_trial(
@@ -301,7 +301,7 @@ def test_in_a_further_trial_the_marker_itself_is_named(
 
 
 def test_a_part_that_stays_flexed_accuses_no_marker_of_a_wrong_centre(
-    trials: dict[str, MarkerEvidence],
+    trials: dict[str, TrialEvidence],
 ) -> None:
     walk = trials["walk"]
     hip = walk.clusters["pelvis"].rotation.transpose(0, 2, 1) @ walk.clusters["thigh_r"].rotation
@@ -317,7 +317,7 @@ def test_a_part_that_stays_flexed_accuses_no_marker_of_a_wrong_centre(
     assert contradictions(clusters, near) != ()
 
 
-def test_limits_grow_with_tall_people(sound: Study, trials: dict[str, MarkerEvidence]) -> None:
+def test_limits_grow_with_tall_people(sound: Study, trials: dict[str, TrialEvidence]) -> None:
     tall = replace(sound, subject=replace(sound.subject, height=2.1))
     walk = next(t for t in examined(tall).trials if t.name == "walk")
     for segment, cluster in walk.clusters.items():
@@ -330,7 +330,7 @@ def test_limits_grow_with_tall_people(sound: Study, trials: dict[str, MarkerEvid
 
 @pytest.mark.parametrize("scatter", [0.0, 0.02])
 def test_sizes_that_scatter_leave_the_body_its_size(
-    sound: Study, trials: dict[str, MarkerEvidence], scatter: float
+    sound: Study, trials: dict[str, TrialEvidence], scatter: float
 ) -> None:
     spoilt = sound
     clusters = trials["walk"].clusters
@@ -358,7 +358,7 @@ def test_of_two_markers_both_are_named_and_neither_is_left_out(sound: Study, lab
     )
 
 
-def test_a_marker_at_fault_does_not_accuse_two_good_ones(trials: dict[str, MarkerEvidence]) -> None:
+def test_a_marker_at_fault_does_not_accuse_two_good_ones(trials: dict[str, TrialEvidence]) -> None:
     """Three markers on a foot, one elsewhere: exchanging the others may halve what is wrong, but
     puts nothing right.
     """

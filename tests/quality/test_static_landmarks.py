@@ -19,7 +19,7 @@ from gaitcal.model.linkage import COORDINATES
 from gaitcal.model.nominal import published_model
 from gaitcal.quality.static_landmarks import (
     Displaced,
-    Exchange,
+    SwappedLandmarks,
     exchanged,
     faults,
     height_factor,
@@ -126,7 +126,7 @@ def test_exchanged_landmarks_are_found_on_everybody(
     for name, (p, height) in people.items():
         if all(landmark in p for pair in pairs for landmark in pair):
             first = next(faults(exchanged(p, pairs), height))
-            assert isinstance(first, Exchange) and first.pairs == pairs, (name, first)
+            assert isinstance(first, SwappedLandmarks) and first.pairs == pairs, (name, first)
 
 
 @pytest.mark.slow

@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from gaitcal.reproduction.claims import Verdict, table_claims
+from gaitcal.reproduction.claims import ClaimOutcome, table_claims
 from gaitcal.reproduction.recovery import InertialRecovery, JointRecovery, SeedResult
 
 Change = Callable[[SeedResult], SeedResult]
@@ -45,7 +45,7 @@ def _same(d: SeedResult) -> SeedResult:
     return d
 
 
-def _verdict(words: str, clean: SeedResult, draws: list[SeedResult]) -> Verdict:
+def _verdict(words: str, clean: SeedResult, draws: list[SeedResult]) -> ClaimOutcome:
     (found,) = [c for c in table_claims(clean, draws) if words in c.claim]
     return found.verdict
 
@@ -74,8 +74,8 @@ def _third(force: float, torque: float, marker: float) -> Change:
     ],
 )
 def test_noiseless(words: str, bad: Change, clean: SeedResult, draws: list[SeedResult]) -> None:
-    assert _verdict(words, clean, draws) is Verdict.HOLDS
-    assert _verdict(words, bad(clean), draws) is Verdict.FAILS
+    assert _verdict(words, clean, draws) is ClaimOutcome.HOLDS
+    assert _verdict(words, bad(clean), draws) is ClaimOutcome.FAILS
 
 
 @pytest.mark.parametrize(
@@ -109,8 +109,8 @@ def test_noisy(
         _joint("full leg", 3.0),
     ):
         draws = [calm(d) for d in draws]
-    assert _verdict(words, clean, [good(d) for d in draws]) is Verdict.HOLDS
-    assert _verdict(words, clean, [bad(d) for d in draws]) is Verdict.FAILS
+    assert _verdict(words, clean, [good(d) for d in draws]) is ClaimOutcome.HOLDS
+    assert _verdict(words, clean, [bad(d) for d in draws]) is ClaimOutcome.FAILS
 
 
 def test_speed(clean: SeedResult, draws: list[SeedResult]) -> None:
@@ -129,5 +129,5 @@ def test_speed(clean: SeedResult, draws: list[SeedResult]) -> None:
         c for c in table_claims(slow(clean), [slow(d) for d in draws]) if "faster" in c.claim
     ]
     assert told.ours.endswith("91.7 times faster, 1 whole orders")
-    assert _verdict("faster", fast(clean), [fast(d) for d in draws]) is Verdict.HOLDS
-    assert _verdict("faster", slow(clean), [slow(d) for d in draws]) is Verdict.FAILS
+    assert _verdict("faster", fast(clean), [fast(d) for d in draws]) is ClaimOutcome.HOLDS
+    assert _verdict("faster", slow(clean), [slow(d) for d in draws]) is ClaimOutcome.FAILS

@@ -39,7 +39,7 @@ from gaitcal.montecarlo.protocol import (
     table_two,
 )
 from gaitcal.reproduction import reproduce
-from gaitcal.reproduction.claims import Verdict
+from gaitcal.reproduction.claims import ClaimOutcome
 from gaitcal.reproduction.people_rows import people_rows
 from gaitcal.reproduction.printed_tables import (
     TableRow,
@@ -197,7 +197,7 @@ def test_csv_schema(files: Path) -> None:
     assert not tables[["table", "row", "column"]].duplicated().any()
     claims = pd.read_csv(files / "claims.csv", keep_default_na=False)
     assert tuple(claims.columns) == CLAIM_COLUMNS
-    assert set(claims["verdict"]) <= {v.value for v in Verdict}
+    assert set(claims["verdict"]) <= {v.value for v in ClaimOutcome}
     assert not claims["claim"].duplicated().any()
     assert len(pd.read_csv(files / "draws.csv")) == TINY.noise_seeds
     assert "gaitcal" in json.loads((files / "manifest.json").read_text())

@@ -13,7 +13,7 @@ from gaitcal.calibration.joint_prior import prior_deviations, prior_root
 from gaitcal.gait.cycles import CYCLE_COLUMNS, POINTS
 from gaitcal.model.nominal import published_model
 from gaitcal.results.session_difference import placement
-from gaitcal.results.stride_sets import Session
+from gaitcal.results.stride_sets import RecordedSession
 
 NAMES = ("hip_r.pelvis.ant", "hip_r.thigh.ant", "knee_r.thigh.front", "talocrural_r.shank.sup")
 """Two views of one bone end, an axis, and a mean that is not nominal."""
@@ -32,7 +32,7 @@ def made_session(
     swing: float = 0.0,
     person: str = "S07",
     **changes: object,
-) -> Session:
+) -> RecordedSession:
     """`swing`: deg added to the right knee in swing."""
     rng, percent = np.random.default_rng(seed), np.arange(POINTS)
     same = {
@@ -72,7 +72,7 @@ def made_session(
                 )
     model = published_model()
     whole = pd.DataFrame(measures).assign(valid=1, turn=0.0)
-    made = Session(
+    made = RecordedSession(
         name=name,
         model=replace(model, subject=replace(model.subject, name=person)),
         model_key=name,

@@ -19,7 +19,7 @@ from gaitcal.model.linkage import COORDINATE_INDEX, SIDES
 from gaitcal.model.marker_set import load_marker_set
 from gaitcal.study.study_file import load_study_file
 from gaitcal.synthetic import subject
-from gaitcal.synthetic.movements import Activity, Movement
+from gaitcal.synthetic.movements import Activity, SyntheticMovement
 from gaitcal.synthetic.movements import movement as made_up
 from gaitcal.synthetic.subject import footholds, on_the_floor, recording_of, synthetic_model
 from gaitcal.synthetic.synthetic_motion import ground_on_feet, standing_pose, static_motion
@@ -50,7 +50,7 @@ def test_command_writes_a_trial_of_each_movement(
     stands = static_motion(standing=standing_pose())
     monkeypatch.setattr(subject, "ISOLATED_JOINTS", ())
     monkeypatch.setattr("gaitcal.synthetic.synthetic_motion.two_strides", lambda _: stands)
-    monkeypatch.setattr(subject, "movement", lambda *_: Movement(motion=stands))
+    monkeypatch.setattr(subject, "movement", lambda *_: SyntheticMovement(motion=stands))
     words = (
         "synthesize",
         "--out",

@@ -18,7 +18,7 @@ from gaitcal.model.parameters import (
     JP_NAMES,
     JP_TO_SI,
     MASSIVE_SEGMENTS,
-    Kind,
+    ParameterKind,
     is_physical,
     published_subject,
     table,
@@ -78,7 +78,7 @@ def test_a_drawn_person_is_within_the_published_bounds() -> None:
     nominal = published_subject()
     people = [synthetic_model(np.random.default_rng(seed), perturb=True) for seed in range(20)]
     joint = np.array([(p.parameters.joint - nominal.joint) / JP_TO_SI for p in people])
-    positions = np.array([p.kind is Kind.POSITION for p in JOINT_PARAMETERS])
+    positions = np.array([p.kind is ParameterKind.POSITION for p in JOINT_PARAMETERS])
     for change in (joint[:, positions], joint[:, ~positions]):
         assert 9.9 < np.abs(change).max() <= 10.0  # mm, degrees
     known = nominal.inertial != 0.0

@@ -10,7 +10,7 @@ from gaitcal.calibration.error_sources import nominal_errors
 from gaitcal.calibration.joint_prior import prior_deviations
 from gaitcal.model.linkage import LEG_JOINTS
 from gaitcal.model.nominal import published_model
-from gaitcal.model.parameters import JOINT_PARAMETERS, JP_NAMES, Kind
+from gaitcal.model.parameters import JOINT_PARAMETERS, JP_NAMES, ParameterKind
 from scripts.validation.people.fits import Fit
 from scripts.validation.priors import Outcome, report
 
@@ -41,7 +41,7 @@ def test_errors_and_bars() -> None:
     legs = [
         k
         for k, p in enumerate(JOINT_PARAMETERS)
-        if p.kind is Kind.POSITION and p.name.startswith(LEG_JOINTS)
+        if p.kind is ParameterKind.POSITION and p.name.startswith(LEG_JOINTS)
     ]
     rms = 1e3 * np.sqrt(np.mean(unit[legs] ** 2))
     assert said[0] == (

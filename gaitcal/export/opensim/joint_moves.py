@@ -29,7 +29,7 @@ UNMOVED_M, UNMOVED_RAD = 1e-7, 1e-7
 """Below these a joint and its bone stay in the very bytes of the file: the solvers' rounding."""
 
 
-class Verdict(Enum):
+class MoveOutcome(Enum):
     """What became of a joint."""
 
     MOVED = "moved"
@@ -68,7 +68,7 @@ class JointMove:
 
     joint: str  # Ours: `hip_r`, ...
     theirs: str  # Name in the model; empty where it has none
-    verdict: Verdict
+    verdict: MoveOutcome
     # Standard error of its parameters over that before any trial, the larger of positions and
     # directions
     known: float

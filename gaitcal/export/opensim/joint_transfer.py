@@ -54,7 +54,13 @@ from gaitcal.export.opensim.osim_correspondence import (
     standing_coordinates,
     turn_between,
 )
-from gaitcal.export.opensim.osim_reader import OsimDocument, Place, Weight, peer_of, read_document
+from gaitcal.export.opensim.osim_reader import (
+    FramePlacement,
+    OsimDocument,
+    Weight,
+    peer_of,
+    read_document,
+)
 from gaitcal.export.opensim.peer_model import PeerModel
 from gaitcal.model.linkage import NEEDED_JOINTS, SIDES
 from gaitcal.model.marker_set import MarkerSet
@@ -96,7 +102,9 @@ class CalibratedOsim:
     def left(self) -> tuple[str, ...]:
         """Joints, ours, that stay as they are: the recordings say little of them."""
         return tuple(
-            move.joint for move in self.joints if move.verdict is joint_moves.Verdict.UNDETERMINED
+            move.joint
+            for move in self.joints
+            if move.verdict is joint_moves.MoveOutcome.UNDETERMINED
         )
 
     def drawn(self, rng: np.random.Generator) -> bytes:
@@ -239,7 +247,7 @@ class Transfer:
         legs: Sequence[LegJoint],
     ) -> bytes:
         """The file with these joints, and bodies of these weights; `legs`: as they were read."""
-        places: dict[tuple[str, str], Place] = {}
+        places: dict[tuple[str, str], FramePlacement] = {}
         ends = {move.joint: (move.parent, move.child) for move in moves}
         for was, now in zip(legs, self.legs, strict=True):
             for name, end in zip(("parent", "child"), ends[was.ours], strict=True):
@@ -250,14 +258,14 @@ class Transfer:
                     turn_between(before, after) > joint_moves.UNMOVED_RAD,
                 )
                 if any(moved):
-                    places[was.theirs.name, name] = Place(
+                    places[was.theirs.name, name] = FramePlacement(
                         after.translation if moved[0] else None,
                         after.rotation if moved[1] else None,
                     )
         bones, names = self._bones(moves), {leg.theirs.name for leg in legs}
         for joint in self.peer.joints.values():  # patella, back: what hangs on a bone elsewhere
             if joint.parent in bones and joint.name not in names:
-                places[joint.name, "parent"] = Place(
+                places[joint.name, "parent"] = FramePlacement(
                     bones[joint.parent].point(joint.in_parent.translation), None
                 )
         meshes = {body: bone.rigid for body, bone in bones.items()}
@@ -286,7 +294,7 @@ class Transfer:
             or joint_moves.JointMove(
                 joint=name,
                 theirs="",
-                verdict=joint_moves.Verdict.ABSENT,
+                verdict=joint_moves.MoveOutcome.ABSENT,
                 known=float("nan"),
                 standing={},
             )
@@ -321,7 +329,7 @@ class Transfer:
                 standing=standing_at,
             )
             if joint not in moving:
-                yield move(verdict=joint_moves.Verdict.UNDETERMINED)
+                yield move(verdict=joint_moves.MoveOutcome.UNDETERMINED)
                 pose = pose * was
                 continue
             standing = None
@@ -365,7 +373,7 @@ class Transfer:
                 )
             ]
             yield move(
-                verdict=joint_moves.Verdict.MOVED,
+                verdict=joint_moves.MoveOutcome.MOVED,
                 rolls=(0.0, 0.0)
                 if standing is None
                 else (shift_between(standing, now), turn_between(standing, now)),
@@ -463,7 +471,7 @@ class Transfer:
             else ": muscle points beside it stay on their bones, and may no longer suit it"
         )
         for move in moves:
-            if move.verdict is joint_moves.Verdict.MOVED and off.get(move.joint, 0.0) > ROLLING:
+            if move.verdict is joint_moves.MoveOutcome.MOVED and off.get(move.joint, 0.0) > ROLLING:
                 yield (
                     f"{move.theirs} is no hinge: over the postures of the recordings "
                     f"{1e3 * off[move.joint]:.1f} mm "

@@ -60,7 +60,7 @@ class _Span:
 
 
 @dataclass(frozen=True)
-class Place:
+class FramePlacement:
     """Where a joint's frame sits in a body; None: as it is."""
 
     translation: Array | None  # (3,) m
@@ -138,7 +138,7 @@ class OsimDocument:
 
     def changed(
         self,
-        places: Mapping[tuple[str, str], Place],
+        places: Mapping[tuple[str, str], FramePlacement],
         weights: Mapping[str, Weight] | None = None,
         further: Iterable[tuple[ET.Element, Sequence[str], Sequence[Array]]] = (),
         meshes: Mapping[str, pin.SE3] | None = None,
@@ -170,7 +170,7 @@ class _Edits:
     found: list[tuple[int, int, bytes]] = field(default_factory=list)
     new_frames: dict[ET.Element, list[str]] = field(default_factory=dict)
 
-    def place(self, joint: ET.Element, end: str, place: Place) -> None:
+    def place(self, joint: ET.Element, end: str, place: FramePlacement) -> None:
         values = (
             place.translation,
             None if place.rotation is None else body_fixed_xyz(place.rotation),

@@ -270,7 +270,7 @@ def _joint_rows(done: joint_transfer.CalibratedOsim) -> Iterator[tuple[str, ...]
 
 def sentences(done: joint_transfer.CalibratedOsim) -> Iterator[str]:
     """Joints that stay, joints that are no hinges, and what else the user should know."""
-    for verdict in (joint_moves.Verdict.UNDETERMINED, joint_moves.Verdict.ABSENT):
+    for verdict in (joint_moves.MoveOutcome.UNDETERMINED, joint_moves.MoveOutcome.ABSENT):
         if which := [move.joint for move in done.joints if move.verdict is verdict]:
             yield f"{', '.join(which)}: {verdict.value}"
     for move in done.joints:

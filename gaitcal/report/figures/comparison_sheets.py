@@ -18,7 +18,7 @@ import pandas as pd
 
 from gaitcal.arrays import Array
 from gaitcal.gait.conventions import Convention
-from gaitcal.gait.cycles import POINTS, Kind, kind_of, known_variables
+from gaitcal.gait.cycles import POINTS, CurveKind, kind_of, known_variables
 from gaitcal.gait.moments import SIDE_WORDS
 from gaitcal.model.linkage import SIDES
 from gaitcal.report.figures import report_sheets
@@ -204,7 +204,7 @@ def told_curves(
 
     def told(name: str, session: int) -> Array:
         person = comparison.subjects[session]
-        by_mass = 1.0 / person.mass if kind_of(variable) is Kind.FORCE else 1.0
+        by_mass = 1.0 / person.mass if kind_of(variable) is CurveKind.FORCE else 1.0
         return by_mass * convention.values(
             variable, curve[name].to_numpy(dtype=float), side, person
         )

@@ -14,7 +14,7 @@ import pandas as pd
 
 from gaitcal.arrays import Array
 from gaitcal.gait.conventions import Convention, MomentUnit
-from gaitcal.gait.cycles import GROUND_REACTION, Kind, coordinate_of, kind_of
+from gaitcal.gait.cycles import GROUND_REACTION, CurveKind, coordinate_of, kind_of
 from gaitcal.gait.moments import SIDE_WORDS, counted
 from gaitcal.model import coordinates, linkage
 from gaitcal.model.subject_model import Subject
@@ -30,7 +30,7 @@ TALLEST: Final = 80.0  # mm: a wide figure is no taller
 ASPECT: Final = 0.68
 LINE, THIN, TOE_OFF = 1.4, 0.5, 0.6
 BAND: Final = 0.22
-LEAST: Final = {Kind.ANGLE: 10.0, Kind.FORCE: 0.5}
+LEAST: Final = {CurveKind.ANGLE: 10.0, CurveKind.FORCE: 0.5}
 """Smallest range of a vertical axis, in deg and N, so that nothing small looks dramatic."""
 LEAST_MOMENT: Final = 0.2  # The same of moments and powers, N·m/kg and W/kg
 NORMAL_COLOUR: Final = "#CC79A7"
@@ -165,7 +165,9 @@ def paper_name(variable: str) -> str:
     `hip_power`.
     """
     return (
-        f"{variable.removesuffix('_angle')}_angle" if kind_of(variable) is Kind.ANGLE else variable
+        f"{variable.removesuffix('_angle')}_angle"
+        if kind_of(variable) is CurveKind.ANGLE
+        else variable
     )
 
 
@@ -344,23 +346,23 @@ def _force_unit(convention: Convention, subject: Subject) -> tuple[float, str]:
 def _label(variable: str, convention: Convention, subject: Subject) -> str:
     """Unit, and what is positive."""
     kind, moment = kind_of(variable), convention.unit.key.replace("Nm", "N·m").replace("*", "·")
-    if kind is Kind.MOMENT and coordinates.senses_of(coordinate_of(variable)) is None:
+    if kind is CurveKind.MOMENT and coordinates.senses_of(coordinate_of(variable)) is None:
         return moment
-    whose = f"{convention.acting.key}, " if kind is Kind.MOMENT else ""
+    whose = f"{convention.acting.key}, " if kind is CurveKind.MOMENT else ""
     force = _force_unit(convention, subject)[1]
     unit = {
-        Kind.ANGLE: "deg",
-        Kind.MOMENT: moment,
-        Kind.POWER: convention.unit.power,
-        Kind.FORCE: force,
+        CurveKind.ANGLE: "deg",
+        CurveKind.MOMENT: moment,
+        CurveKind.POWER: convention.unit.power,
+        CurveKind.FORCE: force,
     }[kind]
     return f"{unit}\n({whose}{convention.senses(variable, 'r')[0]} +)"
 
 
-def _least(kind: Kind, convention: Convention, subject: Subject) -> float:
+def _least(kind: CurveKind, convention: Convention, subject: Subject) -> float:
     if kind in LEAST:
         return LEAST[kind]
     one = np.array([LEAST_MOMENT * subject.mass])
-    if kind is Kind.MOMENT:
+    if kind is CurveKind.MOMENT:
         return float(np.abs(convention.moment("", one, subject))[0])
     return float(convention.power(one, subject)[0])

@@ -19,7 +19,7 @@ from reportlab.platypus import Flowable, Paragraph
 
 from gaitcal.arrays import Array
 from gaitcal.gait import moments, profile_score
-from gaitcal.gait.cycles import Kind
+from gaitcal.gait.cycles import CurveKind
 from gaitcal.model.linkage import SIDES
 from gaitcal.report.figures import chart
 from gaitcal.report.figures.chart import SIDE_DASHES, limits
@@ -29,8 +29,18 @@ INK, FAINT, GRID, NORM = (
     HexColor(colour) for colour in (chart.INK, chart.FAINT, chart.GRID, "#d9d9d9")
 )
 SHEET_COLUMNS, SHEET_ROWS = 3, 4
-UNITS: Final = {Kind.ANGLE: "deg", Kind.MOMENT: "N·m/kg", Kind.POWER: "W/kg", Kind.FORCE: "N/kg"}
-LEAST: Final = {Kind.ANGLE: 20.0, Kind.MOMENT: 0.4, Kind.POWER: 1.0, Kind.FORCE: 2.0}
+UNITS: Final = {
+    CurveKind.ANGLE: "deg",
+    CurveKind.MOMENT: "N·m/kg",
+    CurveKind.POWER: "W/kg",
+    CurveKind.FORCE: "N/kg",
+}
+LEAST: Final = {
+    CurveKind.ANGLE: 20.0,
+    CurveKind.MOMENT: 0.4,
+    CurveKind.POWER: 1.0,
+    CurveKind.FORCE: 2.0,
+}
 """Smallest range of a vertical axis, in these units, so that nothing small looks dramatic."""
 SANS, BOLD = "ReportSans", "ReportSans-Bold"
 

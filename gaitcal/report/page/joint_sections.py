@@ -109,7 +109,7 @@ def _joints(calibration: result.Calibration, truth: Mapping[str, float]) -> list
 
 def _joint_values(
     calibration: result.Calibration,
-    groups: Sequence[parameter_labels.Group],
+    groups: Sequence[parameter_labels.ParameterGroup],
     truth: Mapping[str, float],
 ) -> list[Block]:
     """How far each parameter moved, in pictures of positions and orientations, and all values in
@@ -150,7 +150,7 @@ def _interval(
 
 
 def _tables(
-    group: parameter_labels.Group, truth: Mapping[str, float], percent: bool = False
+    group: parameter_labels.ParameterGroup, truth: Mapping[str, float], percent: bool = False
 ) -> list[Block]:
     """Right beside left; one table where there are no sides. `percent`: changes also in percent."""
     sided = bool(group.left) or not percent

@@ -25,7 +25,7 @@ from gaitcal.errors import Code, InputError
 from gaitcal.explanations import Bullets, Paragraph, explanation_of, parts_of
 from gaitcal.gait import moments, peaks, profile_score, spatiotemporal
 from gaitcal.gait.conventions import GROUND_FORCES, Acting, Convention, Signs
-from gaitcal.gait.cycles import GaitCycle, Kind, coordinate_of, kind_of
+from gaitcal.gait.cycles import CurveKind, GaitCycle, coordinate_of, kind_of
 from gaitcal.gait.normal_bands import FREE_WORDS, Norm
 from gaitcal.io.toml import package_version
 from gaitcal.model import anthropometry, coordinates, linkage
@@ -358,22 +358,22 @@ def conventions_data() -> dict[str, Any]:
     moved = [
         (name, kind)
         for name in coordinates.COORDINATE_TABLE
-        for kind in (Kind.ANGLE, Kind.MOMENT, Kind.POWER)
+        for kind in (CurveKind.ANGLE, CurveKind.MOMENT, CurveKind.POWER)
     ]
-    moved += [(name, Kind.ANGLE) for name in coordinates.SEGMENT_ANGLES]
+    moved += [(name, CurveKind.ANGLE) for name in coordinates.SEGMENT_ANGLES]
     every = (
         *moved,
-        *((name, Kind.POWER) for name in powers),
-        *((name, Kind.FORCE) for name in GROUND_FORCES),
+        *((name, CurveKind.POWER) for name in powers),
+        *((name, CurveKind.FORCE) for name in GROUND_FORCES),
     )
 
-    def told(convention: Convention, name: str, kind: Kind) -> dict[str, Any]:
-        variable = name if kind is Kind.FORCE else f"{name}{kind.ending}"
+    def told(convention: Convention, name: str, kind: CurveKind) -> dict[str, Any]:
+        variable = name if kind is CurveKind.FORCE else f"{name}{kind.ending}"
         sides = {
             side: [
                 float(convention.values(variable, one, side, body)[0]),
                 convention.senses(variable, side)[0]
-                + (powers.get(name, "") if kind is Kind.POWER else ""),
+                + (powers.get(name, "") if kind is CurveKind.POWER else ""),
             ]
             for side in (*linkage.SIDES, "")
         }
@@ -394,7 +394,7 @@ def conventions_data() -> dict[str, Any]:
         "units": {
             unit: {
                 kind.words: dict(zip(("words", "digits", "times", "per"), of, strict=True))
-                for kind, of in zip(Kind, kinds, strict=True)
+                for kind, of in zip(CurveKind, kinds, strict=True)
             }
             for unit, kinds in UNITS.items()
         },
@@ -441,7 +441,7 @@ def peak_page_rows(data: Mapping[str, Any]) -> list[dict[str, Any]]:
             "title": peak.title(),
             "external": peak.title(external=True),
             "window": peak.words,
-            "apart": peak.figure is peaks.Figure.RANGE,
+            "apart": peak.figure is peaks.PeakKind.RANGE,
         }
         figures = {"mean": mean.mean, "sd": mean.sd, "se": mean.se, "percent": mean.percent}
         leg = {name: plain_data.rounded(value) for name, value in figures.items()}

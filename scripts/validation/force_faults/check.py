@@ -38,7 +38,7 @@ from gaitcal.io.axes import turn_to_progression
 from gaitcal.io.recording import Recording
 from gaitcal.model.parameters import Parameters
 from gaitcal.model.subject_model import SubjectModel
-from gaitcal.quality.force_causes import Kind
+from gaitcal.quality.force_causes import ForceFault
 from gaitcal.quality.force_choice import ForceFit, Named, choose, fits, told_size
 from gaitcal.quality.force_evidence import ForceEvidence, ForceResidual, force_evidence
 from gaitcal.quality.study_checks import examined
@@ -215,7 +215,10 @@ def case(person: Person, number: int, rng: np.random.Generator) -> Case:
 
 def _seen_along_the_walk(fault: Fault, trial: ForceEvidence) -> Fault:
     """Columns x and z of a file are sideways and fore-aft where the walk goes along z."""
-    other = {Kind.SIGN_FORE_AFT: Kind.SIGN_SIDEWAYS, Kind.SIGN_SIDEWAYS: Kind.SIGN_FORE_AFT}
+    other = {
+        ForceFault.SIGN_FORE_AFT: ForceFault.SIGN_SIDEWAYS,
+        ForceFault.SIGN_SIDEWAYS: ForceFault.SIGN_FORE_AFT,
+    }
     along_z = abs(trial.room[0, 0]) < 0.5
     return replace(fault, kind=other[fault.kind]) if along_z and fault.kind in other else fault
 
@@ -238,8 +241,8 @@ def _outcome(
 
     def same(fit: ForceFit) -> bool:
         plates = fit.cause.plates
-        if fault.kind is Kind.EXCHANGED:
-            return fit.cause.kind is Kind.EXCHANGED
+        if fault.kind is ForceFault.EXCHANGED:
+            return fit.cause.kind is ForceFault.EXCHANGED
         return fit.cause.kind is fault.kind and (plates == of_plate or (single and not plates))
 
     firsts = [n.fits[0] for n in about]
@@ -261,13 +264,13 @@ def ratio(fault: Fault, fit: ForceFit) -> float | None:
     true, found = np.array(fault.size), told_size(fit)
     if len(true) > 1:
         return float(found @ true / (true @ true))
-    if fault.kind is Kind.YAW:
+    if fault.kind is ForceFault.YAW:
         found = (found + np.pi) % (2 * np.pi) - np.pi
         return (
             float(found[0] / true[0]) if abs(true[0]) < 3.0 else float(abs(found[0]) / abs(true[0]))
         )
     if (
-        fault.kind is Kind.FREE_MOMENT
+        fault.kind is ForceFault.FREE_MOMENT
     ):  # what has to be taken away, as the rest of a large factor is not seen
         return float(-fit.x[0] / (1.0 - 1.0 / true[0]))
     return float(found[0] / true[0])

@@ -17,7 +17,7 @@ from scipy.spatial.transform import Rotation
 from gaitcal.arrays import Array
 from gaitcal.io.force_plate import LOADED_N, UP, plate_from_moment, pushes_down, turned_round
 from gaitcal.io.recording import ForcePlate, Recording
-from gaitcal.quality.force_causes import Kind
+from gaitcal.quality.force_causes import ForceFault
 from gaitcal.quality.force_evidence import FORCE_UNITS
 
 Change = Callable[[ForcePlate], ForcePlate]
@@ -25,7 +25,7 @@ Change = Callable[[ForcePlate], ForcePlate]
 
 @dataclass(frozen=True, kw_only=True)
 class Fault:
-    kind: Kind
+    kind: ForceFault
     row: str
     """Of the table."""
     words: str
@@ -114,7 +114,7 @@ def level_vector(rng: np.random.Generator) -> Array:
 
 
 def _fault(
-    kind: Kind, words: str, plate: int | None, change: Change, size: tuple[float, ...] = ()
+    kind: ForceFault, words: str, plate: int | None, change: Change, size: tuple[float, ...] = ()
 ) -> Fault:
     return Fault(
         kind=kind,
@@ -128,14 +128,14 @@ def _fault(
 
 def clock(rng: np.random.Generator, plate: int | None) -> Fault:
     s = either_sign(rng) * log_uniform(rng, 0.01, 0.15)
-    return _fault(Kind.CLOCK, f"{1e3 * s:+.0f} ms", None, lambda p: later(p, s), (s,))
+    return _fault(ForceFault.CLOCK, f"{1e3 * s:+.0f} ms", None, lambda p: later(p, s), (s,))
 
 
 def place(rng: np.random.Generator, plate: int | None) -> Fault:
     shift = log_uniform(rng, 0.01, 0.2) * level_vector(rng)
     words, size = f"{1e3 * np.linalg.norm(shift):.0f} mm", (shift[0], shift[2])
     return _fault(
-        Kind.PLACE, words, plate, lambda p: placed(p, np.eye(3), np.zeros(3), shift), size
+        ForceFault.PLACE, words, plate, lambda p: placed(p, np.eye(3), np.zeros(3), shift), size
     )
 
 
@@ -143,7 +143,7 @@ def yaw(rng: np.random.Generator, plate: int | None) -> Fault:
     degrees = either_sign(rng) * log_uniform(rng, 2.0, 180.0)
     turn, size = turn_about([0, 1, 0], degrees), (np.deg2rad(degrees),)
     return _fault(
-        Kind.YAW,
+        ForceFault.YAW,
         f"{degrees:+.0f} deg",
         plate,
         lambda p: placed(p, turn, middle(p), np.zeros(3)),
@@ -158,20 +158,20 @@ def tilt(rng: np.random.Generator, plate: int | None) -> Fault:
     def change(p: ForcePlate) -> ForcePlate:
         return placed(p, turn, np.zeros(3) if plate is None else middle(p), np.zeros(3))
 
-    return _fault(Kind.TILT, f"{degrees:.1f} deg", plate, change, size)
+    return _fault(ForceFault.TILT, f"{degrees:.1f} deg", plate, change, size)
 
 
 def markers_tilted(rng: np.random.Generator, plate: int | None) -> Fault:
     degrees, axis = log_uniform(rng, 1.0, 10.0), level_vector(rng)
     turn, size = turn_about(axis, degrees), tuple(np.deg2rad(degrees) * axis[[0, 2]])
-    plain = _fault(Kind.MARKERS_TILTED, f"{degrees:.1f} deg", None, lambda p: p, size)
+    plain = _fault(ForceFault.MARKERS_TILTED, f"{degrees:.1f} deg", None, lambda p: p, size)
     return replace(
         plain, change=lambda recording: replace(recording, markers=recording.markers @ turn.T)
     )
 
 
 def _gain(
-    kind: Kind, axes: Array, low: float, high: float
+    kind: ForceFault, axes: Array, low: float, high: float
 ) -> Callable[[np.random.Generator, int | None], Fault]:
     def make(rng: np.random.Generator, plate: int | None) -> Fault:
         factor = 1.0 + either_sign(rng) * log_uniform(rng, low, high)
@@ -195,7 +195,11 @@ def free_moment(rng: np.random.Generator, plate: int | None) -> Fault:
     factor = float(rng.choice([-1.0, log_uniform(rng, 2.0, 30.0)]))
     words = f"x {factor:.3g}"
     return _fault(
-        Kind.FREE_MOMENT, words, plate, lambda p: replace(p, moment=factor * p.moment), (factor,)
+        ForceFault.FREE_MOMENT,
+        words,
+        plate,
+        lambda p: replace(p, moment=factor * p.moment),
+        (factor,),
     )
 
 
@@ -204,12 +208,16 @@ def offset(rng: np.random.Generator, plate: int | None) -> Fault:
     push = np.array([0.0, newtons, 0.0])
     words = f"{newtons:+.0f} N"
     return _fault(
-        Kind.OFFSET, words, plate, lambda p: with_force(p, p.force + push, moments=True), (newtons,)
+        ForceFault.OFFSET,
+        words,
+        plate,
+        lambda p: with_force(p, p.force + push, moments=True),
+        (newtons,),
     )
 
 
 def _turned_force(
-    kind: Kind, change: Callable[[Array], Array]
+    kind: ForceFault, change: Callable[[Array], Array]
 ) -> Callable[[np.random.Generator, int | None], Fault]:
     """Signs or axes of the force; the moments, or the centre of pressure, are kept."""
 
@@ -230,14 +238,14 @@ def force_unit(rng: np.random.Generator, plate: int | None) -> Fault:
     def change(p: ForcePlate) -> ForcePlate:
         return with_force(p, share * p.force, moments=way == "moments kept", free=free)
 
-    return replace(_fault(Kind.FORCE_UNIT, f"{unit}, {way}", None, change), unit=unit)
+    return replace(_fault(ForceFault.FORCE_UNIT, f"{unit}, {way}", None, change), unit=unit)
 
 
 def moment_unit(rng: np.random.Generator, plate: int | None) -> Fault:
     whole = bool(rng.integers(2))
     words = "moments in N·mm" if whole else "free moment in N·mm"
     return _fault(
-        Kind.MOMENT_UNIT,
+        ForceFault.MOMENT_UNIT,
         words,
         None,
         lambda p: with_force(p, p.force, moments=whole, factor=1e3, free=1e3),
@@ -247,7 +255,7 @@ def moment_unit(rng: np.random.Generator, plate: int | None) -> Fault:
 def centre_unit(rng: np.random.Generator, plate: int | None) -> Fault:
     unit, factor = (("mm", 1e3), ("cm", 1e2))[int(rng.integers(2))]
     return replace(
-        _fault(Kind.CENTRE_UNIT, unit, None, lambda p: replace(p, point=factor * p.point)),
+        _fault(ForceFault.CENTRE_UNIT, unit, None, lambda p: replace(p, point=factor * p.point)),
         unit=unit,
     )
 
@@ -264,7 +272,7 @@ def exchanged(rng: np.random.Generator, plate: int | None) -> Fault:
         )
         return replace(recording, plates=(*moved, *rest))
 
-    return replace(_fault(Kind.EXCHANGED, "1 and 2", None, lambda p: p), change=change)
+    return replace(_fault(ForceFault.EXCHANGED, "1 and 2", None, lambda p: p), change=change)
 
 
 HORIZONTAL, VERTICAL, EVERY = np.array([1.0, 0.0, 1.0]), np.array([0.0, 1.0, 0.0]), np.ones(3)
@@ -274,15 +282,15 @@ FAULTS: tuple[Callable[[np.random.Generator, int | None], Fault], ...] = (
     yaw,
     tilt,
     markers_tilted,
-    _gain(Kind.GAIN, EVERY, 0.05, 1.0),
-    _gain(Kind.VERTICAL_GAIN, VERTICAL, 0.05, 0.6),
-    _gain(Kind.HORIZONTAL_GAIN, HORIZONTAL, 0.15, 1.5),
+    _gain(ForceFault.GAIN, EVERY, 0.05, 1.0),
+    _gain(ForceFault.VERTICAL_GAIN, VERTICAL, 0.05, 0.6),
+    _gain(ForceFault.HORIZONTAL_GAIN, HORIZONTAL, 0.15, 1.5),
     free_moment,
     offset,
-    _turned_force(Kind.SIGN_FORE_AFT, lambda f: f * np.array([-1, 1, 1])),
-    _turned_force(Kind.SIGN_SIDEWAYS, lambda f: f * np.array([1, 1, -1])),
-    _turned_force(Kind.SIGN_VERTICAL, lambda f: f * np.array([1, -1, 1])),
-    _turned_force(Kind.AXES, lambda f: f[:, ::-1]),
+    _turned_force(ForceFault.SIGN_FORE_AFT, lambda f: f * np.array([-1, 1, 1])),
+    _turned_force(ForceFault.SIGN_SIDEWAYS, lambda f: f * np.array([1, 1, -1])),
+    _turned_force(ForceFault.SIGN_VERTICAL, lambda f: f * np.array([1, -1, 1])),
+    _turned_force(ForceFault.AXES, lambda f: f[:, ::-1]),
     force_unit,
     moment_unit,
     centre_unit,

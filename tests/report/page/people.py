@@ -10,7 +10,7 @@ from gaitcal.dynamics.ground_reactions import GroundReactions
 from gaitcal.io.recording import ForcePlate, Recording
 from gaitcal.model.linkage import COORDINATES
 from gaitcal.model.nominal import published_model
-from gaitcal.model.parameters import JOINT_PARAMETERS, JP_NAMES, Kind, gait_parameters
+from gaitcal.model.parameters import JOINT_PARAMETERS, JP_NAMES, ParameterKind, gait_parameters
 from gaitcal.model.subject_model import Subject, SubjectModel
 from gaitcal.report.page.scene import MotionScene, Scene, person_scene, trial_scene
 from gaitcal.synthetic.synthetic_motion import (
@@ -33,7 +33,7 @@ def subject_model(name: str = "Built-in subject") -> SubjectModel:
     """
     model = published_model()
     rng = np.random.default_rng(5)
-    size = {Kind.POSITION: 0.008}
+    size = {ParameterKind.POSITION: 0.008}
     scale = np.array(
         [size.get(p.kind, np.deg2rad(4.0)) if p.name in FITTED else 0.0 for p in JOINT_PARAMETERS]
     )
@@ -55,7 +55,9 @@ def model_markers(scene: Scene, trial: MotionScene) -> Array:
 
 def standard_errors() -> dict[str, float]:
     kinds = {p.name: p.kind for p in JOINT_PARAMETERS}
-    return {name: 0.004 if kinds[name] is Kind.POSITION else np.deg2rad(2.0) for name in FITTED}
+    return {
+        name: 0.004 if kinds[name] is ParameterKind.POSITION else np.deg2rad(2.0) for name in FITTED
+    }
 
 
 def walking_scene(

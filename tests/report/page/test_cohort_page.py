@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from gaitcal.cohort.one_person import STEPS
-from gaitcal.gait.cycles import Kind
+from gaitcal.gait.cycles import CurveKind
 from tests.cohort.made_people import FORCES, KNEE, Kept, some_people, write_cohort
 from tests.report.page.browser import SETTLED, Page, Visit
 from tests.report.page.test_accessible import FAULTS, SIZES, SMALL, TARGET, UNNAMED
@@ -22,7 +22,7 @@ NAMES = """[...document.querySelectorAll('.people-table tbody tr')]
     .filter(row => row.dataset.person).map(row => gaitcal.people.name(Number(row.dataset.person)))"""
 HOSTILE = "<img src=x onerror=window.hacked=1></script><script>window.hacked=1</script>"
 ADDRESS = "new Promise(done => setTimeout(() => done(location.hash), 400))"
-STEP = STEPS[Kind.ANGLE]
+STEP = STEPS[CurveKind.ANGLE]
 
 
 @pytest.fixture(scope="module")

@@ -12,7 +12,7 @@ import pandas as pd
 import pytest
 
 from gaitcal.gait.conventions import Acting, Convention, MomentUnit, Signs
-from gaitcal.gait.cycles import Kind
+from gaitcal.gait.cycles import CurveKind
 from gaitcal.model.coordinates import FOOT_PROGRESSION
 from gaitcal.model.linkage import PELVIS_ANGLES
 from gaitcal.model.subject_model import Subject
@@ -23,7 +23,7 @@ pytestmark = pytest.mark.browser
 
 PACKED = 1e-4
 """Of the range of a curve, which stands in 16 bits; frames are 32-bit times."""
-FOLDERS = {Kind.ANGLE: "motion", Kind.MOMENT: "moments", Kind.POWER: "powers"}
+FOLDERS = {CurveKind.ANGLE: "motion", CurveKind.MOMENT: "moments", CurveKind.POWER: "powers"}
 WAYS = {
     "ground_reaction_forward": "x",
     "ground_reaction_vertical": "y",
@@ -35,22 +35,29 @@ READ = f"""gaitcal.curves.panels.filter((panel) => panel.traces).flatMap((panel)
     .filter(([, , , text]) => text && text !== 'not valid')"""
 
 
-def readings(page: Page) -> list[tuple[str, Kind, str, float, float, float]]:
+def readings(page: Page) -> list[tuple[str, CurveKind, str, float, float, float]]:
     """Base, kind, side, value and half its last digit, and percent of the leg's stride."""
     out = []
     for base, kind, side, text, percent in page.run(READ):
         number = text.split(" ")[0].replace("\u2212", "-").replace("\u202f", "")
         half = 0.5 * 10.0 ** -len(number.partition(".")[2])
         out.append(
-            (base, next(k for k in Kind if k.words == kind), side, float(number), half, percent)
+            (
+                base,
+                next(k for k in CurveKind if k.words == kind),
+                side,
+                float(number),
+                half,
+                percent,
+            )
         )
     return out
 
 
-def column_of(table: pd.DataFrame, base: str, side: str, kind: Kind) -> Any:
-    if kind is Kind.FORCE:
+def column_of(table: pd.DataFrame, base: str, side: str, kind: CurveKind) -> Any:
+    if kind is CurveKind.FORCE:
         return table[f"ground_force_{side}_v{WAYS[base]}"].to_numpy()
-    ending = Kind.POWER.ending if kind is Kind.POWER else ""
+    ending = CurveKind.POWER.ending if kind is CurveKind.POWER else ""
     names = [f"{base}{ending}_{side}", f"{base}_{side}{ending}", f"{base}{ending}", base]
     return table[next(name for name in names if name in table)].to_numpy()
 
@@ -65,11 +72,11 @@ def test_each_leg_is_read_at_its_own_instant(axis: str, visit: Visit, kept: Path
         kind: pd.read_csv(folder / of / f"{name}.csv", comment="#") for kind, of in FOLDERS.items()
     }
     forces = (folder / "forces" / f"{name}.mot").read_text().partition("endheader\n")[2]
-    tables[Kind.FORCE] = pd.read_csv(io.StringIO(forces), sep="\t")
+    tables[CurveKind.FORCE] = pd.read_csv(io.StringIO(forces), sep="\t")
     cycles = pd.read_csv(folder / "cycles.csv", comment="#").query(f"trial == '{name}'")
     person = page.run("gaitcal.result.sheet.person")
     subject = Subject(name="", mass=person["mass"], height=person["height"], sex="male")
-    time, read, kinds = tables[Kind.ANGLE]["time"].to_numpy(), 0, set()
+    time, read, kinds = tables[CurveKind.ANGLE]["time"].to_numpy(), 0, set()
     for signs, acting in itertools.product(Signs, Acting):
         page.run(f"""gaitcal.state.set({{ axis: '{axis}', signs: '{signs.value}', acting: '{acting.key}' }});
             gaitcal.curves.draw(gaitcal.curves.panels); true""")
@@ -91,9 +98,9 @@ def test_each_leg_is_read_at_its_own_instant(axis: str, visit: Visit, kept: Path
                     column = column_of(tables[kind], base, side, kind)
                     file = column[frame]
                 size = float(np.nanmax(column) - np.nanmin(column))
-                scale = 1.0 if kind is Kind.ANGLE else 1.0 / subject.mass
+                scale = 1.0 if kind is CurveKind.ANGLE else 1.0 / subject.mass
                 told = convention.values(f"{base}{kind.ending}", np.array([file]), side, subject)[0]
-                told *= scale if kind is Kind.FORCE else 1.0
+                told *= scale if kind is CurveKind.FORCE else 1.0
                 assert shown == pytest.approx(told, abs=half + PACKED * size * scale), (
                     base,
                     kind,
@@ -103,5 +110,5 @@ def test_each_leg_is_read_at_its_own_instant(axis: str, visit: Visit, kept: Path
                 read += 1
                 kinds.add(kind)
     assert page.run("gaitcal.curves.strides.percent") is (axis == "percent")
-    assert read > 4 * 10 * 20 and kinds == set(Kind)
+    assert read > 4 * 10 * 20 and kinds == set(CurveKind)
     assert page.console == []
