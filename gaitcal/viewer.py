@@ -84,10 +84,15 @@ def view(
 
     Parameters
     ----------
-    model : the person's model, with the parameters that the motion was tracked with. motion : from
-    `gaitcal.track`, all coordinates. recording : the one that was tracked, whose markers and force
-    plates are shown; None: neither. ground : from `gaitcal.ground_reactions`, at the frames of the
-    motion, 1 mm of arrow per N; None: no arrows.
+    model
+        The person's model, with the parameters that the motion was tracked with.
+    motion
+        From `gaitcal.track`, all coordinates.
+    recording
+        The one that was tracked, whose markers and force plates are shown; None: neither.
+    ground
+        From `gaitcal.ground_reactions`, at the frames of the motion, 1 mm of arrow per N; None: no
+        arrows.
 
     Returns
     -------
@@ -376,10 +381,12 @@ def body_geometry(
 
     Parameters
     ----------
-    model : the person, whose size and joint centres the meshes are fitted to.
-    linkage : from `build_model` with the model's parameters: its body frames carry the meshes.
-    segments : those that get a mesh, if there is one for them.
-    """
+    model
+        The person, whose size and joint centres the meshes are fitted to.
+    linkage
+        From `build_model` with the model's parameters: its body frames carry the meshes.
+    segments
+        Those that get a mesh, if there is one for them."""
     meshes = body_meshes().meshes
     out = pin.GeometryModel()
     fitted = fitted_meshes(model)

@@ -71,13 +71,17 @@ def calibrate(
 
     Parameters
     ----------
-    study : from `Study.load`. progress : called with a line of text at the beginning of each step.
-    leave_out : find the held-out error too (`analysis/fit_joints.py`), which takes four more fits
-    of the joint
-        parameters.
-    checked : what `gaitcal.check_study` found; made here unless given. Errors among it do not stop
-    the calibration, but
-        its verdict is "refused" then: no torque counts as valid, and no error bar is given.
+    study
+        From `Study.load`.
+    progress
+        Called with a line of text at the beginning of each step.
+    leave_out
+        Find the held-out error too (`analysis/fit_joints.py`), which takes four more fits of the
+        joint parameters.
+    checked
+        What `gaitcal.check_study` found; made here unless given. Errors among it do not stop the
+        calibration, but its verdict is "refused" then: no torque counts as valid, and no error bar
+        is given.
 
     Raises
     ------

@@ -223,10 +223,14 @@ def learn_cohort(
 
     Parameters
     ----------
-    cohort : what it is called.
-    people : each once; their order makes no difference.
-    left_out : who did not count, and why, a line each.
-    progress : called at the beginning of each step.
+    cohort
+        What it is called.
+    people
+        Each once; their order makes no difference.
+    left_out
+        Who did not count, and why, a line each.
+    progress
+        Called at the beginning of each step.
 
     Raises InputError: They are too few.
     """

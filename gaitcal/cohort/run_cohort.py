@@ -59,11 +59,19 @@ def run_cohort(
 
     Parameters
     ----------
-    cohort : of `people.people_in` or `people.read_cohort`. out : the folder of the cohort; what is
-    there of an earlier run, and still holds, is kept. common : settings of everyone. engine : who
-    computes; processes of this machine unless given. retry : try again who failed before though
-    nothing changed. told : called whenever somebody has ended: how, how many have, seconds that are
-    left (None: nobody was computed).
+    cohort
+        Of `people.people_in` or `people.read_cohort`.
+    out
+        The folder of the cohort; what is there of an earlier run, and still holds, is kept.
+    common
+        Settings of everyone.
+    engine
+        Who computes; processes of this machine unless given.
+    retry
+        Try again who failed before though nothing changed.
+    told
+        Called whenever somebody has ended: how, how many have, seconds that are left (None: nobody
+        was computed).
 
     Raises InputError: `out` cannot be written, holds something else, or another run works in it.
     """

@@ -345,14 +345,24 @@ def monte_carlo(
 
     Parameters
     ----------
-    case : `nominal_case()`, `case_of(calibration)` or `case_from(folder)` of
-    `gaitcal.montecarlo.case`. folder : where draws are kept and a later run goes on, and where
-    `montecarlo.csv` goes; None keeps nothing. settings : seed and bounds: what a draw depends on;
-    as published unless given. plan : which sets are disturbed, at which levels, how often; as
-    published unless given. workers : who computes; `LocalProcesses()` unless given. progress :
-    called with the numbers of draws done and to be done. until_converged : raise the number of
-    draws until the published criterion is met (or `MOST_DRAWS` is reached). chunk_draws : draws
-    computed and stored together; the results do not depend on it.
+    case
+        `nominal_case()`, `case_of(calibration)` or `case_from(folder)` of
+        `gaitcal.montecarlo.case`.
+    folder
+        Where draws are kept and a later run goes on, and where `montecarlo.csv` goes; None keeps
+        nothing.
+    settings
+        Seed and bounds: what a draw depends on; as published unless given.
+    plan
+        Which sets are disturbed, at which levels, how often; as published unless given.
+    workers
+        Who computes; `LocalProcesses()` unless given.
+    progress
+        Called with the numbers of draws done and to be done.
+    until_converged
+        Raise the number of draws until the published criterion is met (or `MOST_DRAWS` is reached).
+    chunk_draws
+        Draws computed and stored together; the results do not depend on it.
 
     Raises
     ------

@@ -44,13 +44,17 @@ def write_results(
 
     Parameters
     ----------
-    calibration : from `gaitcal.calibrate`. folder : replaced if an earlier calibration is there;
-    what `gaitcal montecarlo`, `dynamics` and `export` put into
-        it is kept.
-    settings : further entries of `manifest.json`, beside those of the study. drafted : text of the
-    study file that was drafted from a folder of recordings; kept as `study.toml`.
-
-    normal : bands of healthy people (`gaitcal.read_normal_bands`), drawn behind angles and moments.
+    calibration
+        From `gaitcal.calibrate`.
+    folder
+        Replaced if an earlier calibration is there; what `gaitcal montecarlo`, `dynamics` and
+        `export` put into it is kept.
+    settings
+        Further entries of `manifest.json`, beside those of the study.
+    drafted
+        Text of the study file that was drafted from a folder of recordings; kept as `study.toml`.
+    normal
+        Bands of healthy people (`gaitcal.read_normal_bands`), drawn behind angles and moments.
 
     Raises
     ------

@@ -116,8 +116,11 @@ def report_content(
 
     Parameters
     ----------
-    named : bands of healthy people, and their name; None: those of the result, else what gaitcal
-    brings. comments : section -> text (`read_comments`).
+    named
+        Bands of healthy people, and their name; None: those of the result, else what gaitcal
+        brings.
+    comments
+        Section -> text (`read_comments`).
 
     Raises InputError: It is no result of `gaitcal calibrate`, or is damaged.
     """

@@ -235,10 +235,17 @@ def write_export_manifest(
 
     Parameters
     ----------
-    stage : holds the files that will join `folder`. folder : may hold an earlier export, and a
-    manifest of it; a manifest of another kind of result is left alone. read : file of the result
-    that these were made of -> SHA-256. subject : the person's name. written : file -> what is to be
-    said of it: format, source, notes.
+    stage
+        Holds the files that will join `folder`.
+    folder
+        May hold an earlier export, and a manifest of it; a manifest of another kind of result is
+        left alone.
+    read
+        File of the result that these were made of -> SHA-256.
+    subject
+        The person's name.
+    written
+        File -> what is to be said of it: format, source, notes.
 
     Raises InputError: The earlier manifest is damaged.
     """

@@ -92,11 +92,18 @@ def synthesize(
 
     Parameters
     ----------
-    out : the folder, replaced if an earlier one is there. seed : the same seed gives the same
-    files. noise : add the paper's marker noise, up to 10 mm (`synthetic/synthetic_motion.py`); the
-    static trial has none. perturb : draw the true parameters at random within 10 mm, 10 degrees and
-    10 %; else they are the published ones. also : movements that are no walk, each as a trial more:
-    squat, sit-to-stand, jump, run, stairs.
+    out
+        The folder, replaced if an earlier one is there.
+    seed
+        The same seed gives the same files.
+    noise
+        Add the paper's marker noise, up to 10 mm (`synthetic/synthetic_motion.py`); the static
+        trial has none.
+    perturb
+        Draw the true parameters at random within 10 mm, 10 degrees and 10 %; else they are the
+        published ones.
+    also
+        Movements that are no walk, each as a trial more: squat, sit-to-stand, jump, run, stairs.
 
     Raises
     ------

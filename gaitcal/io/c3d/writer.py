@@ -294,9 +294,12 @@ def supplement_c3d(
 
     Parameters
     ----------
-    points : one of the name of a point of the file takes its place.
-    group : a group of parameters of that name, each a list of text.
-    units : POINT parameter -> unit, such as `ANGLE_UNITS`, where the file has none.
+    points
+        One of the name of a point of the file takes its place.
+    group
+        A group of parameters of that name, each a list of text.
+    units
+        POINT parameter -> unit, such as `ANGLE_UNITS`, where the file has none.
 
     Returns
     -------
