@@ -386,7 +386,8 @@ def body_geometry(
     linkage
         From `build_model` with the model's parameters: its body frames carry the meshes.
     segments
-        Those that get a mesh, if there is one for them."""
+        Those that get a mesh, if there is one for them.
+    """
     meshes = body_meshes().meshes
     out = pin.GeometryModel()
     fitted = fitted_meshes(model)
