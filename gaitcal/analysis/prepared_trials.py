@@ -263,7 +263,7 @@ def prepare_trial(trial: Trial, model: SubjectModel, settings: CalibrationSettin
         except InputError:  # the pelvis is not seen in an isolated trial
             if joint is None:
                 raise
-    read = {f.name: getattr(turned, f.name) for f in fields(turned)} | {
+    read = {f.name: getattr(turned, f.name) for f in fields(Trial)} | {
         "in_file_axes": trial.recording
     }
     return MovingTrial(**read, bandwidth=bandwidth, body=body, fitted=fitted, joints=joints)
