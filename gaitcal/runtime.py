@@ -1,5 +1,5 @@
-"""What a fit asks of the process it runs in, the type of a callable that is told how long work goes
-on, and what is computed once.
+"""What a fit asks of the process it runs in, and the type of a callable that is told how long work
+goes on.
 
 Freed memory is kept for the next array. A fit passes over a few megabytes of arrays again and
 again. As long as a process has freed none larger, glibc gives those back to the system and gets
@@ -123,25 +123,6 @@ def with_one_blas_thread(function: Callable[_P, _R]) -> Callable[_P, _R]:
     def run(*args: _P.args, **kwargs: _P.kwargs) -> _R:
         with one_blas_thread():
             return function(*args, **kwargs)
-
-    return run
-
-
-_T = TypeVar("_T")
-
-
-def remembered(function: Callable[[_T], _R]) -> Callable[[_T], _R]:
-    """The same function of an object that does not change, computed once: the object keeps what it
-    gives.
-    """
-    name = f"_{function.__module__}.{function.__name__}"
-
-    @wraps(function)
-    def run(of: _T) -> _R:
-        if name not in vars(of):
-            vars(of)[name] = function(of)
-        kept: _R = vars(of)[name]
-        return kept
 
     return run
 

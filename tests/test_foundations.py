@@ -1,15 +1,10 @@
-"""What everything stands on: arithmetic of arrays, properties that are computed once, names that
-are alike.
-"""
-
-from dataclasses import dataclass, replace
+"""What everything stands on: arithmetic of arrays, names that are alike."""
 
 import numpy as np
 import pytest
 
 from gaitcal.arrays import cross
 from gaitcal.errors import alike, nearest, side_named
-from gaitcal.runtime import remembered
 
 
 @pytest.mark.parametrize(
@@ -19,42 +14,6 @@ def test_cross_is_that_of_numpy(left: tuple[int, ...], right: tuple[int, ...]) -
     rng = np.random.default_rng(0)
     a, b = rng.normal(size=left), rng.normal(size=right)
     np.testing.assert_array_equal(cross(a, b), np.cross(a, b))
-
-
-@dataclass(frozen=True)
-class Person:
-    """Somebody with a name."""
-
-    name: str
-
-
-calls: list[str] = []
-
-
-@remembered
-def greeting(of: Person) -> str:
-    """Of a person."""
-    calls.append(of.name)
-    if not of.name:
-        raise ValueError("nobody")
-    return f"hello {of.name}"
-
-
-def test_it_is_computed_once_for_each_object() -> None:
-    calls.clear()
-    ann = Person("Ann")
-    assert [greeting(ann), greeting(ann)] == ["hello Ann"] * 2
-    assert calls == ["Ann"]
-    assert greeting(replace(ann, name="Bob")) == "hello Bob"
-    assert greeting(ann) == "hello Ann"
-    assert ann == Person("Ann")
-
-
-def test_a_fault_is_raised_every_time() -> None:
-    nobody = Person("")
-    for _ in range(2):
-        with pytest.raises(ValueError, match="nobody"):
-            greeting(nobody)
 
 
 @pytest.mark.parametrize(

@@ -1,7 +1,7 @@
 """Calibrate a study, in five stages that hand on one `CalibrationState`.
 
-1. `examined`: clean the trials, build the nominal model from the static trial
-   (`quality/study_checks.py`).
+1. `preprocess_study`: clean the trials, build the nominal model from the static trial
+   (`preprocess/preprocessed_study.py`).
 2. `session_of`: rotate the trials to the direction of progression and pose their tracking problems.
 3. `fit_joints`: joint parameters and soft tissue from the markers of all trials.
 4. `track`: motions with the nominal and the fitted model, forces under the feet, disagreement of
@@ -47,8 +47,9 @@ from gaitcal.dynamics.measurement_errors import PlateErrors
 from gaitcal.errors import Finding, Severity, listed, note_of
 from gaitcal.model.anthropometry import table_spread
 from gaitcal.model.parameters import InertialSet, full_set, impossible_bodies, symmetric_set
+from gaitcal.preprocess.preprocessed_study import PreprocessedStudy, preprocess_study
 from gaitcal.quality.after_fit import impossible
-from gaitcal.quality.study_checks import check_study, examined
+from gaitcal.quality.study_checks import check_preprocessed
 from gaitcal.quality.verdict import LEFT_OUT, judge, stopping, without_consequences
 from gaitcal.runtime import Progress, silent, with_one_blas_thread
 from gaitcal.study.settings import CalibrationSettings
@@ -92,10 +93,38 @@ def calibrate(
     """
     if checked is None:
         progress("checking the recordings")
-        checked = check_study(study)
+    preprocessed = preprocess_study(study)
+    if checked is None:
+        checked = check_preprocessed(preprocessed)
+    return calibrate_preprocessed(preprocessed, checked, progress, leave_out=leave_out)
+
+
+@with_one_blas_thread
+def calibrate_preprocessed(
+    preprocessed: PreprocessedStudy,
+    checked: Sequence[Finding],
+    progress: Progress = silent,
+    *,
+    leave_out: bool = False,
+) -> Calibration:
+    """Calibrate a study that is prepared, as `calibrate` does.
+
+    Parameters
+    ----------
+    preprocessed
+        From `preprocess_study`.
+    checked
+        What `check_preprocessed` found.
+    progress, leave_out
+        As of `calibrate`.
+
+    Raises
+    ------
+    InputError
+        As of `calibrate`.
+    """
     progress("nominal model from the static trial")
-    clean = examined(study)
-    prepared = session_of(clean, checked)
+    prepared = session_of(preprocessed, checked)
     session = track(fit_joints(prepared, progress, leave_out=leave_out), progress)
     refused = impossible_functional_trials(session)
     if refused:
@@ -104,7 +133,7 @@ def calibrate(
         prepared = replace(prepared, trials=rest, findings=(*prepared.findings, *refused.values()))
         session = track(fit_joints(prepared, progress, leave_out=leave_out), progress)
     session = fit_inertia(session, progress)
-    return judged(session, clean.study, progress)
+    return judged(session, preprocessed.study, progress)
 
 
 def impossible_functional_trials(session: CalibrationState) -> dict[str, Finding]:

@@ -31,9 +31,9 @@ from gaitcal.model.parameters import (
     isolated_parameters,
 )
 from gaitcal.model.subject_model import SubjectModel
+from gaitcal.preprocess.preprocessed_study import PreprocessedStudy
 from gaitcal.preprocess.static_disagreement import PossibleMove
 from gaitcal.quality.force_diagnosis import ForceDiagnosis
-from gaitcal.quality.study_checks import Examined
 from gaitcal.study.cohort_prior import JointPrior
 from gaitcal.study.settings import CalibrationSettings, Protocol
 from gaitcal.study.study_trial import Trial
@@ -163,8 +163,8 @@ class CalibrationState:
         return tuple(trial for trial in self.trials if trial.joint is None)
 
 
-def session_of(of: Examined, checked: Sequence[Finding] = ()) -> CalibrationState:
-    """The moving trials of an examined study, prepared for its nominal model; InputError where
+def session_of(of: PreprocessedStudy, checked: Sequence[Finding] = ()) -> CalibrationState:
+    """The moving trials of a preprocessed study, with their problems for its nominal model; InputError where
     there is none.
     """
     study, model, trials = of.study, of.nominal, []
@@ -263,7 +263,7 @@ def prepare_trial(trial: Trial, model: SubjectModel, settings: CalibrationSettin
         except InputError:  # the pelvis is not seen in an isolated trial
             if joint is None:
                 raise
-    read = {f.name: getattr(turned, f.name) for f in fields(turned)} | {
+    read = {f.name: getattr(turned, f.name) for f in fields(Trial)} | {
         "in_file_axes": trial.recording
     }
     return MovingTrial(**read, bandwidth=bandwidth, body=body, fitted=fitted, joints=joints)

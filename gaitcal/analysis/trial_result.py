@@ -80,10 +80,10 @@ def analyse(
     """Track one further trial of the whole body with a calibrated model and compute its torques.
 
     `model`: calibrated, as `gaitcal.load_model` returns it. `trial`: clean
-    (`faults.study.further_evidence`), markers named as in the model; with plates if torques are
+    (`preprocess_trial`), markers named as in the model; with plates if torques are
     wanted. `settings`: of the calibration (splines, force filter and errors of force plates).
     `uncertainty`: of the calibration, for standard errors. `moves`: segment -> what its markers may
-    have done since the static trial (`faults.study.further_moves`).
+    have done since the static trial (`further_moves`).
     """
     prepared = prepare_trial(trial, model, settings)
     if uncertainty.joint is not None:

@@ -19,8 +19,8 @@ from gaitcal.intake.recordings_folder import Folder, read_folder
 from gaitcal.intake.subject_metadata import Options
 from gaitcal.io import atomic, formats
 from gaitcal.pipeline.run_study import require_runnable, study_file_or_folder
+from gaitcal.preprocess.study_model import nominal_of
 from gaitcal.quality.study_checks import check_file, check_study
-from gaitcal.study.study import nominal_of
 from gaitcal.study.study_trial import Role
 
 MASS_KG, HEIGHT_M, AGE_YEARS = (2.0, 400.0), (0.3, 2.6), (0.0, 130.0)

@@ -40,7 +40,6 @@ from gaitcal.model import body_plan, linkage, nominal
 from gaitcal.model.marker_set import SEGMENT_OF, MarkerSet, load_marker_set
 from gaitcal.model.subject_model import Subject
 from gaitcal.quality.named_joint_centres import CENTRE, measured_instead
-from gaitcal.quality.study_checks import check_study
 from gaitcal.study.study import Study
 
 
@@ -580,16 +579,25 @@ class _Drafting:
 _ORDER = {"static": 0, "joint": 1, "gait": 2, "motion": 3}
 
 
-def without_faulty_trials(
-    study: Study, findings: tuple[Finding, ...]
-) -> tuple[Study, tuple[Finding, ...], dict[str, str]]:
-    """The study without trials that an error speaks against, what the checks find then, and trial
-    -> error.
+def faulty_trials(study: Study, findings: Iterable[Finding]) -> dict[str, str]:
+    """Choose the trials to leave out of a study, as an error speaks against them.
 
     Nothing is left out where the first static trial, or the study as a whole, is at fault, or where
     no trial of a kind (walks, or isolated trials without walks) would be left. A folder holds what
     was recorded, bad takes too; of a study file a trial is left out where its errors would stop the
     others.
+
+    Parameters
+    ----------
+    study
+        As it was read.
+    findings
+        What the checks found in it.
+
+    Returns
+    -------
+    dict
+        Trial -> error.
     """
     faulty: dict[str, str] = {}
     for f in findings:
@@ -599,11 +607,9 @@ def without_faulty_trials(
             )
     names = {trial.name for trial in study.trials}
     whole = set(study.walks) or {trial.name for trial in study.moving}
-    sound = not whole <= set(faulty)
-    if not faulty or not set(faulty) <= names - {study.static.name} or not sound:
-        return study, findings, {}
-    rest = replace(study, trials=tuple(t for t in study.trials if t.name not in faulty))
-    return rest, check_study(rest), faulty
+    if whole <= set(faulty) or not set(faulty) <= names - {study.static.name}:
+        return {}
+    return faulty
 
 
 def faulty_notes(faulty: Mapping[str, str]) -> tuple[str, ...]:

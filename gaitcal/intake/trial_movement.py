@@ -20,10 +20,11 @@ from gaitcal.dynamics.foot_contact import ground_velocity
 from gaitcal.errors import InputError
 from gaitcal.io.recording import Recording, still_window
 from gaitcal.io.segment_poses import upright
-from gaitcal.model import linkage, rebuilt_markers, segment_frames
+from gaitcal.model import linkage, segment_frames
 from gaitcal.model.landmarks import static_posture
 from gaitcal.model.marker_set import MarkerSet
 from gaitcal.model.present_markers import complete_static, present_markers
+from gaitcal.preprocess.clean_trial import without_outliers
 from gaitcal.preprocess.joint_links import links_of
 from gaitcal.preprocess.marker_clusters import UP, Stance, clusters_of
 from gaitcal.preprocess.trial_evidence import NEGLIGIBLE_WEIGHT
@@ -279,7 +280,7 @@ def movement(
     `posture`: the recording's own, where the person stands in it.
     `reference`: of the static trial, whose segments turn in this one; None where there is none.
     """
-    recording, _ = rebuilt_markers.without_outliers(recording, marker_set.segment_of)
+    recording, _ = without_outliers(recording, marker_set.segment_of)
     time = recording.time
     if posture is not None and posture.throughout:
         words = f"still to {1e3 * posture.speed:.0f} mm/s, upright, {time[-1] - time[0]:.1f} s"

@@ -17,8 +17,9 @@ from gaitcal.io.csv_recordings import events_beside
 from gaitcal.io.result_folder import ResultKind, require_room
 from gaitcal.pipeline.run_study import FaultyStudyError
 from gaitcal.pipeline.write_trials import write_trials
+from gaitcal.preprocess.preprocessed_study import further_moves, preprocess_trial
 from gaitcal.preprocess.trial_evidence import TrialEvidence
-from gaitcal.quality.study_checks import check_further, further_evidence, further_moves
+from gaitcal.quality.study_checks import check_further
 from gaitcal.quality.verdict import Verdict, judge, stopping, without_consequences
 from gaitcal.results.saved_result import SavedResult, load_result
 from gaitcal.runtime import Progress, silent, with_one_blas_thread
@@ -202,4 +203,4 @@ def _evidence(trial: Trial, saved: SavedResult) -> TrialEvidence:
         raise InputError(
             message, source=trial.recording.source, field="markers", code=Code.UNKNOWN_LABEL
         )
-    return further_evidence(trial, saved.model, saved.marker_set, saved.settings)
+    return preprocess_trial(trial, saved.model, saved.marker_set, saved.settings)

@@ -11,7 +11,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
-from gaitcal.analysis.calibrate import calibrate
+from gaitcal.analysis.calibrate import calibrate_preprocessed
 from gaitcal.analysis.result import Calibration
 from gaitcal.errors import Code, Finding, InputError, UsageError
 from gaitcal.gait import normal_bands
@@ -22,7 +22,8 @@ from gaitcal.intake.recordings_folder import Folder, read_folder
 from gaitcal.intake.subject_metadata import NOTHING_SAID, Options
 from gaitcal.io.result_folder import ResultKind, require_room, sha256_of
 from gaitcal.pipeline.write_results import write_results
-from gaitcal.quality.study_checks import check_study
+from gaitcal.preprocess.preprocessed_study import preprocess_study
+from gaitcal.quality.study_checks import check_preprocessed
 from gaitcal.quality.verdict import stopping
 from gaitcal.runtime import Progress, silent, with_one_blas_thread
 from gaitcal.study import cohort_prior
@@ -237,17 +238,24 @@ def run_found_study(
     study = _with_settings(
         Study.load(source) if isinstance(source, Path) else drafts.study_of(source), settings
     )
-    findings = check_study(study)
+    preprocessed = preprocess_study(study)
+    findings = check_preprocessed(preprocessed)
     faulty: dict[str, str] = {}
     if not settings.force and (drafted is not None or stopping(findings, study.walks)):
-        study, findings, faulty = drafting.without_faulty_trials(study, findings)
+        faulty = drafting.faulty_trials(study, findings)
         drafted = drafted and drafted.without(faulty)
+    if faulty:  # what the static trial gets back, and from which trials, follows from all of them
+        study = replace(study, trials=tuple(t for t in study.trials if t.name not in faulty))
+        preprocessed = preprocess_study(study)
+        findings = check_preprocessed(preprocessed)
     if drafted is not None:
         findings = (*findings, *drafting.rejected_forces(drafted))
     if not settings.force and (errors := stopping(findings, study.walks)):
         raise FaultyStudyError(errors, source if isinstance(source, Path) else source.folder.path)
 
-    calibration = calibrate(study, progress, leave_out=settings.leave_out, checked=findings)
+    calibration = calibrate_preprocessed(
+        preprocessed, findings, progress, leave_out=settings.leave_out
+    )
     of_source = (
         drafts.draft_notes(drafted) if drafted is not None else drafting.faulty_notes(faulty)
     )

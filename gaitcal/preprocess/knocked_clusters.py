@@ -1,7 +1,7 @@
 """A cluster that was knocked between the static trial and the moving ones, put where the rest of
 the leg has it.
 
-A cluster that slid or turned on its segment (`contradiction.py`) says nothing of the bone by its
+A cluster that slid or turned on its segment (`static_disagreement.py`) says nothing of the bone by its
 static place; its place while the person moves is told by what it did not take along. Points p_k
 that the bone has in the static posture (the joint centres, the axis of the knee, markers of the
 segment on landmarks) are seen in every frame at x_k, joints as the neighbouring segments carry
@@ -83,7 +83,7 @@ def placement(trials: Sequence[trial_evidence.TrialEvidence]) -> Placement | Non
     """
     told: dict[tuple[str, tuple[str, ...]], list[tuple[float, trial_evidence.TrialEvidence]]] = {}
     for trial in trials:
-        for cause in static_disagreement.contradictions_in(trial):
+        for cause in trial.contradictions:
             if cause.fault is static_disagreement.Fault.CLUSTER:
                 told.setdefault((cause.segment, cause.labels), []).append((cause.excess, trial))
     for (segment, labels), of in sorted(

@@ -31,12 +31,9 @@ from scipy.spatial.transform import Rotation
 from scipy.special import softmax
 
 from gaitcal.arrays import Array
-from gaitcal.model.linkage import joint_segments
 from gaitcal.model.rotations import root_angles
 from gaitcal.preprocess.joint_links import JointLink, angle_of
 from gaitcal.preprocess.marker_clusters import FEWEST, MarkerCluster, alignment
-from gaitcal.preprocess.trial_evidence import TrialEvidence
-from gaitcal.runtime import remembered
 
 OFFSET_M: Mapping[str, float] = {"pelvis": 0.008, "thigh": 0.010, "shank": 0.008, "foot": 0.008}
 """Largest offset of a cluster. 91 clean trials of 20 people (10 of them synthetic, with noise)
@@ -439,17 +436,4 @@ def _unexplained(body: _Body, joint: str, excess: float) -> Contradiction:
         direction=gap,
         excess=excess,
         seen_at=(joint,),
-    )
-
-
-@remembered
-def contradictions_in(trial: TrialEvidence) -> tuple[Contradiction, ...]:
-    """All in which a moving trial contradicts the static one, of what it is fitted by; every
-    segment is a witness.
-    """
-    found, joint = contradictions(trial.clusters, trial.links), trial.trial.joint
-    return (
-        found
-        if joint is None
-        else tuple(c for c in found if c.segment in (joint, *joint_segments(joint)))
     )

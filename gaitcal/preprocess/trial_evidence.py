@@ -1,4 +1,8 @@
-"""What all checks look at: one trial, what it is measured against, and how a finding in it is told."""
+"""The evidence of one trial: the trial as it is fitted, what it is measured against, what its
+markers and plates show, and how a finding in it is told.
+
+What a `TrialEvidence` shows is computed when it is first asked for, and kept.
+"""
 
 from dataclasses import dataclass, replace
 from functools import cached_property, partialmethod
@@ -11,61 +15,46 @@ from gaitcal.io.axes import PROGRESSION_M, net_progression
 from gaitcal.io.recording import Recording, seen_mask, seen_means, still_window
 from gaitcal.model.linkage import joint_segments
 from gaitcal.model.marker_set import MarkerSet
-from gaitcal.model.rebuilt_markers import Outlier, Rebuilding
 from gaitcal.model.subject_model import Subject, SubjectModel
+from gaitcal.preprocess.clean_trial import CleanTrial, Outlier
+from gaitcal.preprocess.displaced_markers import DisplacedInterval, displaced_intervals
 from gaitcal.preprocess.joint_links import JointLink, links_of
 from gaitcal.preprocess.marker_clusters import MarkerCluster, Stance, clusters_of
+from gaitcal.preprocess.plate_contacts import Feet, PlateContact, plate_contacts
+from gaitcal.preprocess.rebuilt_markers import Rebuilding
+from gaitcal.preprocess.static_disagreement import Contradiction, contradictions
+from gaitcal.preprocess.swapped_labels import SwappedLabels, exchanges, with_labels_back
 from gaitcal.study.settings import CalibrationSettings
-from gaitcal.study.study_trial import Role, Trial, cleaned_trial
+from gaitcal.study.study_trial import Role
 from gaitcal.tracking.rigid import RigidFit, segment_fit
 
 NEGLIGIBLE_WEIGHT = 0.1
 """Weight up to which a marker decides nothing: arms, whose skin stays behind when the bone turns,
 among others.
 """
+BODY_SIZE = (0.05, 4.0)
+"""Size of the cloud of markers, in body heights, outside which the unit of length must be wrong.
+One shank with its foot measures 0.3."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class TrialEvidence:
     """One trial, and what it is measured against."""
 
-    trial: Trial
+    trial: CleanTrial
     marker_set: MarkerSet
     subject: Subject
     settings: CalibrationSettings
-    model: SubjectModel | None  # Nominal; None where the static trial gives none
-    stance: Stance | None = (
-        None  # The static posture of pelvis and legs; None where there is no model
-    )
-    outliers: tuple[
-        Outlier, ...
-    ] = ()  # Markers that the recording lacks where they were metres away from the body
-    as_read: Recording | None = (
-        None  # Of a moving trial whose exchanged labels were put back: with them exchanged
-    )
+    model: SubjectModel | None = None
+    """Nominal; None where the static trial gives none."""
+    stance: Stance | None = None
+    """The static posture of pelvis and legs; None where there is no model."""
+    put_back: tuple[SwappedLabels, ...] = ()
+    """Of a moving trial: labels that were exchanged for a part of it, and are exchanged back."""
     rebuilding: Rebuilding | None = None
     """Of the static trial that makes the model: markers that it lost, and what other trials gave
     back.
     """
-
-    @classmethod
-    def of(
-        cls,
-        trial: Trial,
-        marker_set: MarkerSet,
-        subject: Subject,
-        settings: CalibrationSettings,
-        model: SubjectModel | None,
-        stance: Stance | None = None,
-    ) -> "TrialEvidence":
-        """The evidence of a trial without markers that are metres away from the body, as it will be
-        fitted.
-        """
-        trial = cleaned_trial(trial, marker_set.segment_of, marker_set.noise)
-        found = cls(
-            trial=trial, marker_set=marker_set, subject=subject, settings=settings, model=model
-        )
-        return replace(found, stance=stance, outliers=trial.outliers or ())
 
     def with_recording(self, recording: Recording) -> "TrialEvidence":
         """The same trial as another recording has it."""
@@ -84,6 +73,11 @@ class TrialEvidence:
     def recording(self) -> Recording:
         """Markers and plates, y up, in the directions of the file."""
         return self.trial.recording
+
+    @property
+    def outliers(self) -> tuple[Outlier, ...]:
+        """Markers that the recording lacks where they were metres away from the body."""
+        return self.trial.outliers
 
     @property
     def source(self) -> str:
@@ -287,6 +281,57 @@ class TrialEvidence:
         return {} if self.stance is None else links_of(self.clusters, self.stance.centres)
 
     @cached_property
+    def extent(self) -> float | None:
+        """Diagonal (m) of the box around the markers of the set, median over frames; None where
+        too few are seen.
+        """
+        columns = [self.place[m] for m in self.marker_set.labels if m in self.place]
+        frames = np.flatnonzero(self.seen[:, columns].sum(axis=1) >= 3)
+        if not len(frames):
+            return None
+        some = frames[:: max(1, len(frames) // 200)]
+        x = self.recording.markers[some][:, columns]
+        box = np.nanmax(x, axis=1) - np.nanmin(x, axis=1)
+        return float(np.median(np.linalg.norm(box, axis=1)))
+
+    @property
+    def has_body_size(self) -> bool:
+        """Whether the cloud of markers may be a person; also where too few are seen."""
+        least, most = (size * self.subject.height for size in BODY_SIZE)
+        return self.extent is None or least < self.extent < most
+
+    @cached_property
+    def exchanges(self) -> tuple[SwappedLabels, ...]:
+        """Pairs of labels that are exchanged somewhere, each once."""
+        fitted = self.as_fitted
+        return exchanges(fitted.recording, fitted.templates, self.marker_set.noise)
+
+    @cached_property
+    def undone(self) -> "TrialEvidence":
+        """The trial with all exchanges undone, so that only what else is wrong with it is seen;
+        itself where there are none.
+        """
+        if not self.exchanges:
+            return self
+        return self.with_recording(with_labels_back(self.recording, self.exchanges))
+
+    @cached_property
+    def contradictions(self) -> tuple[Contradiction, ...]:
+        """All in which a moving trial contradicts the static one, of what it is fitted by; every
+        segment is a witness.
+        """
+        found, joint = contradictions(self.clusters, self.links), self.trial.joint
+        if joint is None:
+            return found
+        return tuple(c for c in found if c.segment in (joint, *joint_segments(joint)))
+
+    @cached_property
+    def displaced(self) -> dict[str, list[DisplacedInterval]]:
+        """Marker -> where it is elsewhere than usual in its segment."""
+        fitted = self.as_fitted
+        return displaced_intervals(fitted.recording, fitted.clusters)
+
+    @cached_property
     def pelvis(self) -> RigidFit | None:
         """Rigid fit of the pelvis markers; None with fewer than three, or where they never show its
         turn.
@@ -314,6 +359,34 @@ class TrialEvidence:
             return None
         out: Array = self.pelvis.rotation[self.pelvis.determined][:, [0, 2], 0].mean(axis=0)
         return out
+
+    @cached_property
+    def feet(self) -> Feet | None:
+        """The feet of a gait trial; None in another, or where no foot is seen."""
+        if not self.is_gait or len(self.recording.time) < 3:
+            return None
+        feet = Feet(self.recording.time, self.landmark)
+        return feet if feet.seen.any() else None
+
+    @cached_property
+    def walked(self) -> Array:
+        """(2,) m, x and z, by which the person walks: over the floor, or over the belts under the
+        feet; where they do not get on either, a unit vector where the pelvis faces, and nothing
+        where it is not seen.
+        """
+        way, feet = self.way, self.feet if self.on_the_spot else None
+        if feet is not None:
+            way = way - np.ptp(self.recording.time) * feet.belts.mean(axis=0)[[0, 2]]
+        if np.linalg.norm(way) >= PROGRESSION_M or self.facing is None:
+            return np.asarray(way)
+        return np.asarray(self.facing / max(float(np.linalg.norm(self.facing)), 1e-12))
+
+    @cached_property
+    def plate_contacts(self) -> tuple[PlateContact, ...]:
+        """All loadings of all plates that are longer than a knock; none where no foot is seen."""
+        if self.feet is None:
+            return ()
+        return plate_contacts(self.feet, self.recording.plates, self.subject.height)
 
 
 def side_of(name: str) -> str:

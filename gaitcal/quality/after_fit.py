@@ -28,7 +28,7 @@ from gaitcal.errors import Code, Finding, Severity, listed
 from gaitcal.gait.moments import moment_of
 from gaitcal.io.recording import runs, spans
 from gaitcal.model import coordinates, linkage
-from gaitcal.quality.marker_slip import STRAIGHT_M, bend
+from gaitcal.preprocess.displaced_markers import STRAIGHT_M, bend
 from gaitcal.quality.verdict import BOUNDS, MARKERS_AFTER_FIT
 from gaitcal.tracking.motion import MarkerErrors, Motion
 from gaitcal.tracking.spline import DEGREE, ORDER

@@ -15,7 +15,7 @@ import numpy as np
 
 from gaitcal.arrays import Array, BoolArray
 from gaitcal.dynamics import foot_contact
-from gaitcal.dynamics.measurement_errors import foot_tip, outline_known
+from gaitcal.dynamics.measurement_errors import outline_known
 from gaitcal.dynamics.off_sole import (
     MOST_BESIDE,
     PressurePosition,
@@ -25,12 +25,11 @@ from gaitcal.dynamics.off_sole import (
     places_of,
 )
 from gaitcal.errors import Code, Finding, Severity
-from gaitcal.io.axes import PROGRESSION_M
-from gaitcal.io.force_plate import BODY_N, LOADED_N, centre_on_ground, covered, resample_wrench
+from gaitcal.io.force_plate import BODY_N, covered
 from gaitcal.io.recording import duration, runs, spans
 from gaitcal.model.linkage import SIDES
+from gaitcal.preprocess.plate_contacts import Feet, PlateContact
 from gaitcal.preprocess.trial_evidence import TrialEvidence
-from gaitcal.runtime import remembered
 
 TOPIC = "plate to foot"
 PLATES_ELSEWHERE = "the plates, or the markers, are not where the file has them"
@@ -51,150 +50,13 @@ ENDWAYS = 0.7
 IN_AIR = 0.5
 
 
-class Feet:
-    """Heels and toes of a trial, right and left, from the markers alone."""
-
-    def __init__(self, trial: TrialEvidence) -> None:
-        self.time = trial.recording.time
-        shape = (len(self.time), len(SIDES))
-        self.seen = np.zeros(shape, dtype=bool)
-        self.heel, self.toe = np.full((*shape, 3), np.nan), np.full((*shape, 3), np.nan)
-        for k, side in enumerate(SIDES):
-            heel, toe = trial.landmark(f"heel_{side}"), trial.landmark(f"toe_{side}")
-            if heel is not None and toe is not None:
-                self.heel[:, k], self.toe[:, k] = heel, toe
-                self.seen[:, k] = np.isfinite(heel).all(axis=1) & np.isfinite(toe).all(axis=1)
-        points = np.concatenate([self.heel, self.toe], axis=1)
-        velocity = np.gradient(points, self.time, axis=0)
-        self.belts = foot_contact.belts(points, velocity)
-        speed = np.linalg.norm(velocity - np.tile(self.belts, (2, 1)), axis=2)
-        self.heel_speed, self.toe_speed = speed[:, :2], speed[:, 2:]
-        self.resting: BoolArray = np.fmin(self.heel_speed, self.toe_speed) < foot_contact.RESTING
-        """(nf, 2) the foot is down: its heel or its toe moves with the ground."""
-
-    def points(self, height: float) -> foot_contact.FootPoints:
-        """Heels, toes and tips of the feet of a person of this height (m); NaN where they are not
-        seen.
-        """
-        return foot_contact.FootPoints(
-            heel=self.heel,
-            toe=self.toe,
-            tip=foot_tip(self.heel, self.toe, height),
-            heel_speed=self.heel_speed,
-            toe_speed=self.toe_speed,
-            width=foot_contact.FOOT_BREADTH * height,
-        )
-
-    def distance(self, foot: int, point: Array, frames: slice, load: Array) -> float:
-        """m, mean distance of points (n, 3) from the line heel-toe, seen from above; infinite where
-        it is not seen.
-        """
-        known = self.seen[frames, foot]
-        if not known.any():
-            return float("inf")
-        a, b = self.heel[frames, foot][known][:, [0, 2]], self.toe[frames, foot][known][:, [0, 2]]
-        return float(
-            np.average(
-                foot_contact.distance_to_line(point[known][:, [0, 2]], a, b), weights=load[known]
-            )
-        )
-
-
-@dataclass(frozen=True, kw_only=True)
-class PlateContact(foot_contact.Loading):
-    """A plate under load, and the foot whose line from heel to toe is nearest to the centre of
-    pressure.
-    """
-
-    distance: (
-        float  # m, mean distance of the centre of pressure from that line, weighed by the load
-    )
-    other: float  # m, the same for the other foot
-
-    @property
-    def under_foot(self) -> bool:
-        """Whether the foot stands where the load is."""
-        return self.distance < foot_contact.UNDER_FOOT
-
-    def is_whole(self, time: Array) -> bool:
-        """Whether it begins and ends while the plate is recorded, at frames of `time` (nf,) s."""
-        inner = covered([self.plate], time)
-        return self.frames.start > inner.start and self.frames.stop < inner.stop
-
-
-@remembered
-def feet_of(trial: TrialEvidence) -> Feet | None:
-    """The feet of a gait trial; None in another, or where no foot is seen."""
-    if not trial.is_gait or len(trial.recording.time) < 3:
-        return None
-    return feet if (feet := Feet(trial)).seen.any() else None
-
-
-@remembered
-def walked(trial: TrialEvidence) -> Array:
-    """(2,) m, x and z, by which the person walks: over the floor, or over the belts under the feet;
-    where they do not get on either, a unit vector where the pelvis faces, and nothing where it is
-    not seen.
-    """
-    way, feet = trial.way, feet_of(trial) if trial.on_the_spot else None
-    if feet is not None:
-        way = way - np.ptp(trial.recording.time) * feet.belts.mean(axis=0)[[0, 2]]
-    if np.linalg.norm(way) >= PROGRESSION_M or trial.facing is None:
-        return np.asarray(way)
-    return np.asarray(trial.facing / max(float(np.linalg.norm(trial.facing)), 1e-12))
-
-
-@remembered
-def steps_of(trial: TrialEvidence) -> tuple[PlateContact, ...]:
-    """All loadings of all plates that are longer than a knock; none where no foot is seen."""
-    feet, found = feet_of(trial), []
-    if feet is None:
-        return ()
-    points = feet.points(trial.subject.height)
-    wrenches = [
-        np.nan_to_num(resample_wrench(plate, feet.time)) for plate in trial.recording.plates
-    ]
-    one_loaded = np.sum([wrench[:, 1] > LOADED_N for wrench in wrenches], axis=0) == 1
-    for plate, wrench in zip(trial.recording.plates, wrenches, strict=True):
-        loadings = list[slice]()
-        for whole in runs(wrench[:, 1] > LOADED_N, 2):
-            turns = (
-                foot_contact.taken_in_turn(wrench, whole, feet.time, points)
-                if one_loaded[whole].all()
-                else []
-            )
-            loadings += [part for part, _ in turns] or [whole]
-        for run in loadings:
-            if duration(feet.time, run) < foot_contact.SHORTEST or wrench[run, 1].max() < BODY_N:
-                continue
-            height = (
-                float(np.nanmedian(plate.point[:, 1]))
-                if np.isfinite(plate.point[:, 1]).any()
-                else 0.0
-            )
-            point, load = centre_on_ground(wrench[run], height), wrench[run, 1]
-            away = [feet.distance(k, point, run, load) for k in range(len(FEET))]
-            foot = int(np.argmin(away))
-            step = PlateContact(
-                plate=plate,
-                frames=run,
-                foot=foot,
-                distance=away[foot],
-                other=away[1 - foot],
-                point=point,
-                load=load,
-            )
-            found.append(step)
-    return tuple(found)
-
-
 def contacts(trial: TrialEvidence) -> Iterator[Finding]:
     """Everything about feet on plates in a gait trial."""
-    feet, plates = feet_of(trial), trial.recording.plates
+    feet, plates = trial.feet, trial.recording.plates
     if not trial.is_gait or not plates:
         return
     most = max(float(np.nan_to_num(plate.force[:, 1]).max()) for plate in plates)
-    steps = steps_of(trial)
+    steps = trial.plate_contacts
     if not steps and (feet is not None or most < BODY_N):
         yield _no_step(trial, feet, most)
     if feet is None:
@@ -320,7 +182,7 @@ def overhang(trial: TrialEvidence, step: PlateContact) -> Iterator[Finding]:
     """A step whose foot rests partly beside its plate, and beside every other: plates that touch
     are one surface.
     """
-    feet = feet_of(trial)
+    feet = trial.feet
     if feet is None or step.plate.corners is None:
         return
     surface = [
@@ -393,11 +255,11 @@ def outside_sole(trial: TrialEvidence, others: Sequence[Finding]) -> Iterator[Fi
 
     `others`: what the other checks found in this trial.
     """
-    feet = feet_of(trial)
+    feet = trial.feet
     if feet is None:
         return
     sides = trial.trial.plates
-    made = [step for step in steps_of(trial) if sides.get(step.plate.name) != "none"]
+    made = [step for step in trial.plate_contacts if sides.get(step.plate.name) != "none"]
     named = {plate: SIDES.index(side) for plate, side in sides.items() if side in SIDES}
     loadings = [replace(step, foot=named.get(step.plate.name, step.foot)) for step in made]
     places = places_of(loadings, feet.points(trial.subject.height), feet.time)

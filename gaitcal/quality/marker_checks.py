@@ -28,8 +28,8 @@ from gaitcal.io.recording import duration, marker_gaps, runs, seen_mask, spans
 from gaitcal.model import linkage
 from gaitcal.model.landmarks import one_psis, sacrum_words
 from gaitcal.model.subject_model import SubjectModel
+from gaitcal.preprocess.clean_trial import BRIDGED_S
 from gaitcal.preprocess.trial_evidence import NEGLIGIBLE_WEIGHT, TrialEvidence
-from gaitcal.study.study_trial import BRIDGED_S
 from gaitcal.tracking.coordinate_prior import MARKER_M, left_uncertain
 from gaitcal.tracking.motion import tracked_motion
 from gaitcal.tracking.rigid import FEWEST_MARKERS

@@ -45,17 +45,9 @@ from gaitcal.io.force_plate import (
 )
 from gaitcal.io.recording import ForcePlate, duration, runs, spans, still_window
 from gaitcal.model.subject_model import GRAVITY
+from gaitcal.preprocess.plate_contacts import Feet, PlateContact
 from gaitcal.preprocess.trial_evidence import TrialEvidence
-from gaitcal.quality.foot_on_plate import (
-    PLATES_ELSEWHERE,
-    TOPIC,
-    Feet,
-    PlateContact,
-    feet_of,
-    overhang,
-    steps_of,
-    walked,
-)
+from gaitcal.quality.foot_on_plate import PLATES_ELSEWHERE, TOPIC, overhang
 
 OFFSET_N = 15.0  # Reading of an empty plate that a file of forces should not have
 UNKNOWN_OFFSET_N = 20.0  # What plates that were not zeroed read in real files
@@ -248,7 +240,7 @@ def _long_steps(trial: TrialEvidence) -> tuple[PlateContact, ...]:
         return ()
     time = trial.recording.time
     return tuple(
-        s for s in steps_of(trial) if s.under_foot and duration(time, s.frames) >= STANCE_S
+        s for s in trial.plate_contacts if s.under_foot and duration(time, s.frames) >= STANCE_S
     )
 
 
@@ -256,7 +248,7 @@ def _directions(trial: TrialEvidence) -> tuple[Array, Array]:
     """(2,) unit vectors in x and z: where the person walks, and to the right, which is behind who
     walks backwards.
     """
-    forward = walked(trial) / max(float(np.linalg.norm(walked(trial))), 1e-12)
+    forward = trial.walked / max(float(np.linalg.norm(trial.walked)), 1e-12)
     right = np.array([-forward[1], forward[0]])
     return forward, right if trial.facing is None or forward @ trial.facing > 0 else -right
 
@@ -317,7 +309,7 @@ def horizontal(trial: TrialEvidence) -> Iterator[Finding]:
 
 def beside_feet(trial: TrialEvidence) -> Iterator[Finding]:
     """Whether the centres of pressure of both feet lie off their feet to the same side of the room."""
-    feet = feet_of(trial)
+    feet = trial.feet
     if feet is None:
         return
     shifts: tuple[list[float], list[float]] = ([], [])
@@ -352,10 +344,10 @@ def beside_feet(trial: TrialEvidence) -> Iterator[Finding]:
 
 def free_moment(trial: TrialEvidence) -> Iterator[Finding]:
     """Whether free moments hold the feet against turning, or turn them on."""
-    if trial.facing is None or walked(trial) @ trial.facing <= 0:  # whoever walks backwards
+    if trial.facing is None or trial.walked @ trial.facing <= 0:  # whoever walks backwards
         return
     of_leg: dict[int, list[float]] = {}
-    for step in steps_of(trial):
+    for step in trial.plate_contacts:
         carried = float(step.load.max()) / trial.subject.weight
         if (
             step.is_whole(trial.recording.time)
@@ -425,7 +417,7 @@ def _parts(trial: TrialEvidence) -> list[tuple[ForcePlate, float, float]]:
     """Loadings, plate and s from when to when, of feet on two plates at once, or partly beside
     theirs.
     """
-    found, time = steps_of(trial), trial.recording.time
+    found, time = trial.plate_contacts, trial.recording.time
     parts = [step for step in found if step.under_foot and any(overhang(trial, step))]
     for one, other in permutations(found, 2):
         same = one.foot == other.foot and one.plate is not other.plate
@@ -486,7 +478,7 @@ def _walking(trial: TrialEvidence) -> tuple[float, float, str, str] | None:
     """The same while every foot of a walking person is on a plate; None where that is for less than
     a step.
     """
-    feet = feet_of(trial) if trial.is_gait else None
+    feet = trial.feet if trial.is_gait else None
     if feet is None or trial.pelvis is None:
         return None
     runs_on = [
@@ -530,7 +522,7 @@ def _all_on_plates(trial: TrialEvidence, feet: Feet) -> BoolArray:
     """(nf,) where some foot is loaded and no foot stands beside a plate or partly so."""
     loaded = np.zeros((len(feet.time), 2), dtype=bool)
     doubtful = np.zeros(len(feet.time), dtype=bool)
-    for step in steps_of(trial):
+    for step in trial.plate_contacts:
         if step.under_foot:
             loaded[step.frames, step.foot] = True
         if not step.under_foot or any(overhang(trial, step)):

@@ -30,7 +30,7 @@ from gaitcal.errors import STUDY, Code, Finding, Severity, listed
 from gaitcal.io.force_plate import filterable
 from gaitcal.io.recording import runs
 from gaitcal.io.text_file import UNEVEN
-from gaitcal.model.rebuilt_markers import jump_limit
+from gaitcal.preprocess.clean_trial import jump_limit
 from gaitcal.preprocess.trial_evidence import TrialEvidence
 from gaitcal.study.settings import AUTOMATIC, CalibrationSettings
 from gaitcal.tracking.spline import HALF_POWER, NODES_PER_SECOND, NodeRule, cutoff

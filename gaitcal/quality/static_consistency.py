@@ -16,11 +16,10 @@ import numpy as np
 from gaitcal.errors import STUDY, Code, Finding, Severity, listed
 from gaitcal.io.recording import Recording
 from gaitcal.model.linkage import SIDE_WORDS
-from gaitcal.preprocess import swapped_labels
 from gaitcal.preprocess.marker_clusters import FEWEST, alignment
-from gaitcal.preprocess.static_disagreement import OFFSET_M, Contradiction, Fault, contradictions_in
-from gaitcal.preprocess.trial_evidence import TrialEvidence, side_of
-from gaitcal.quality import knee_axes, marker_slip
+from gaitcal.preprocess.static_disagreement import OFFSET_M, Contradiction, Fault
+from gaitcal.preprocess.trial_evidence import BODY_SIZE, TrialEvidence, side_of
+from gaitcal.quality import knee_axes, label_checks
 
 SHIFT_M, TURN_RAD = 0.012, np.deg2rad(7.0)
 """Of a segment's pose at its joints, from which a result is wrong by more than its error bar."""
@@ -53,9 +52,6 @@ a median of 0.980."""
 CERTAIN = (
     0.012  # Beyond these limits by so much it is another body or another calibration of the cameras
 )
-SIZE = (0.05, 4.0)
-"""Size of the cloud of markers, in body heights, outside which the unit of length must be wrong.
-One shank with its foot measures 0.3."""
 LENGTHS_SCALE = (0.8, 1.25)
 """Lengths within segments against those of the static trial: outside, unit or camera calibration
 must be wrong.
@@ -74,14 +70,14 @@ def static_consistency(trials: Sequence[TrialEvidence]) -> Iterator[Finding]:
     found: dict[tuple[Fault, str, tuple[str, ...]], list[tuple[TrialEvidence, Contradiction]]] = {}
     spoilt: set[str] = set()
     for trial in sized:
-        causes = contradictions_in(trial)
+        causes = trial.contradictions
         if causes and (whole := _whole_trial(trial, causes)) is not None:
             yield whole
             spoilt.add(trial.name)
             continue
         for cause in causes:
             if not (
-                cause.fault is Fault.MARKER and cause.labels[0] in marker_slip.stretches(trial)
+                cause.fault is Fault.MARKER and cause.labels[0] in trial.displaced
             ):  # told with its time
                 found.setdefault((cause.fault, cause.segment, cause.labels), []).append(
                     (trial, cause)
@@ -213,11 +209,11 @@ def _whole_trial(trial: TrialEvidence, causes: Sequence[Contradiction]) -> Findi
         return None
     found = []
     for change, words in (
-        (swapped_labels.sides_exchanged, "right and left labels are exchanged"),
+        (label_checks.sides_exchanged, "right and left labels are exchanged"),
         (axis_mirrored, "one axis of the laboratory is mirrored"),
     ):
         changed = trial.with_recording(change(trial.recording))
-        if changed.clusters and not contradictions_in(changed):
+        if changed.clusters and not changed.contradictions:
             found.append(words)
     if not found:
         return None
@@ -345,8 +341,8 @@ def body_scale(trials: Sequence[TrialEvidence]) -> Iterator[Finding]:
 
 def size(trial: TrialEvidence) -> Iterator[Finding]:
     """Whether the cloud of markers has the size of a body."""
-    height, found = trial.subject.height, cloud_size(trial)
-    if found is None or SIZE[0] * height < found < SIZE[1] * height:
+    height, found = trial.subject.height, trial.extent
+    if trial.has_body_size or found is None:
         return
     likely = next(
         (name for name, unit in UNITS.items() if 0.15 * height < found / unit < 2.5 * height), None
@@ -361,27 +357,13 @@ def size(trial: TrialEvidence) -> Iterator[Finding]:
             f"it would be {found / UNITS[likely]:.3g} m if the numbers were {likely}: declare "
             "their unit"
         )
-    allowed = f"{SIZE[0] * height:.2g} to {SIZE[1] * height:.2g} m"
+    allowed = f"{BODY_SIZE[0] * height:.2g} to {BODY_SIZE[1] * height:.2g} m"
     yield trial.error(
         "units",
         f"the markers span {found:.4g} m; allowed: {allowed}",
         cure,
         code=Code.UNIT_OF_LENGTH,
     )
-
-
-def cloud_size(trial: TrialEvidence) -> float | None:
-    """m, diagonal of the box around the markers of the set, median over frames; None where too few
-    are seen.
-    """
-    columns = [trial.place[m] for m in trial.marker_set.labels if m in trial.place]
-    frames = np.flatnonzero(trial.seen[:, columns].sum(axis=1) >= 3)
-    if not len(frames):
-        return None
-    some = frames[:: max(1, len(frames) // 200)]
-    x = trial.recording.markers[some][:, columns]
-    box = np.nanmax(x, axis=1) - np.nanmin(x, axis=1)
-    return float(np.median(np.linalg.norm(box, axis=1)))
 
 
 def scale(trial: TrialEvidence) -> Iterator[Finding]:

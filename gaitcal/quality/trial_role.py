@@ -34,7 +34,6 @@ from gaitcal.model.marker_set import REQUIRED
 from gaitcal.model.segment_frames import HipCentre, JointWidths, lower_body
 from gaitcal.preprocess.trial_evidence import NEGLIGIBLE_WEIGHT, TrialEvidence
 from gaitcal.quality import plate_checks
-from gaitcal.quality.foot_on_plate import feet_of, walked
 from gaitcal.tracking.rigid import rigid_fit
 
 FEWEST_FRAMES, SHORTEST_S = 3, LAG_S  # Of a static trial: speed is told over that time
@@ -197,7 +196,7 @@ def heading(trial: TrialEvidence) -> Iterator[Finding]:
     """
     if trial.facing is None or not trial.is_gait:
         return
-    way, over = walked(trial), ""
+    way, over = trial.walked, ""
     if trial.on_the_spot:
         found = (
             f"the body moves {np.linalg.norm(trial.way):.2f} m (treadmill?): x is where the pelvis "
@@ -219,7 +218,7 @@ def heading(trial: TrialEvidence) -> Iterator[Finding]:
             "and back, or "
         )
         cure += "sides), or time runs backwards"
-        feet, drifts = feet_of(trial), plate_checks.drifts(trial)
+        feet, drifts = trial.feet, plate_checks.drifts(trial)
         ahead = (
             np.zeros(2)
             if feet is None

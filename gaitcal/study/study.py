@@ -2,7 +2,6 @@
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import partial
 from pathlib import Path
 
 from gaitcal.display import Displayed, shorten
@@ -13,12 +12,11 @@ from gaitcal.io.opensim_files import loads_tables
 from gaitcal.io.recording import Recording, still_window
 from gaitcal.io.result_folder import sha256_of
 from gaitcal.io.snapshot import Snapshot
-from gaitcal.model import body_plan, landmarks, nominal, rebuilt_markers
-from gaitcal.model.ankle_zero import AnkleZero
+from gaitcal.model import body_plan, landmarks
 from gaitcal.model.marker_set import MarkerSet, load_marker_set
 from gaitcal.model.present_markers import complete_static, present_markers
 from gaitcal.model.segment_frames import HipCentre
-from gaitcal.model.subject_model import PatientRecord, Subject, SubjectModel
+from gaitcal.model.subject_model import PatientRecord, Subject
 from gaitcal.runtime import with_one_blas_thread
 from gaitcal.study.cohort_prior import (
     CohortPriors,
@@ -32,25 +30,10 @@ from gaitcal.study.cohort_prior import (
 from gaitcal.study.declared_truth import Truth, other_landmarks, read_truth, truth_files
 from gaitcal.study.settings import AUTOMATIC, CalibrationSettings
 from gaitcal.study.study_file import StudyFile, SubjectTable, load_study_file
-from gaitcal.study.study_trial import Role, Trial, cleaned_trial, model_with_trunk, read_trial
+from gaitcal.study.study_trial import Role, Trial, read_trial
 
 AGES_DIFFER = 1.0
 """Years, from which an age and the dates contradict each other."""
-
-
-def cleaned(study: "Study") -> "Study":
-    """The study without markers metres away from the body in its trials."""
-    segment_of, noise = study.marker_set.segment_of, study.marker_set.noise
-    return replace(study, trials=tuple(cleaned_trial(t, segment_of, noise) for t in study.trials))
-
-
-def completed_static(study: "Study") -> rebuilt_markers.Rebuilding:
-    """The first static trial of a cleaned study, with what its other trials give back to it."""
-    others = [(t.name, t.recording) for t in (*study.further_statics, *study.moving)]
-    marker_set = study.marker_set.with_weights(study.weights)
-    return rebuilt_markers.rebuild_lost(
-        study.static.recording, marker_set, others, study.static.name
-    )
 
 
 def _with_height(
@@ -454,28 +437,6 @@ def _require_labels(
                 f"'{old}'{nearest(old, present)}",
                 "rename",
             )
-
-
-def nominal_of(study: Study, completed: rebuilt_markers.Rebuilding | None = None) -> SubjectModel:
-    """The nominal model of a study: its static trial, marker set and anthropometry; where the
-    static trial lacks the markers of the trunk, the walks place them. `completed`: the static trial
-    of a cleaned study, where it is known.
-    """
-    study = cleaned(study)
-    completed = completed or completed_static(study)
-    model_of = partial(
-        nominal.nominal_model,
-        marker_set=study.marker_set,
-        subject=study.subject,
-        hip_centre=study.hip_centre,
-        ankle_zero=AnkleZero(study.settings.ankle_rule),
-        weights=study.weights,
-    )
-    walks = [trial.recording for trial in study.trials if trial.role is Role.GAIT]
-    try:
-        return model_with_trunk(model_of, completed.static, study.marker_set, walks)
-    except InputError as fault:
-        raise InputError(f"{fault}{completed.why_not(str(fault))}", code=fault.code) from fault
 
 
 def with_cohort_priors(study: Study, path: Path) -> Study:

@@ -1,32 +1,22 @@
 """One trial of a study: read, its labels put into those of the marker set, cut to the time that the
 study asks for.
-
-Markers of the trunk that walks have and the static trial lacks are put where they belong by the
-walks themselves: in every frame the markers of the pelvis tell where the lumbar joint is and where
-the pelvis faces. The mean of a trunk marker in axes through that joint, y up and z along the
-pelvis's lateral direction made horizontal, is its place in a person whose trunk stands as it is
-carried on average while walking. A note says that the trunk's angles count from its mean posture in
-those walks.
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from enum import Enum
 from pathlib import Path
 
 import numpy as np
 
-from gaitcal.arrays import Array, IntArray
 from gaitcal.errors import Code, InputError
 from gaitcal.io.csv_recordings import events_beside, with_corrected_events
 from gaitcal.io.force_plate import STANCE_S
 from gaitcal.io.formats import read_recording
 from gaitcal.io.opensim_files import loads_tables
-from gaitcal.io.recording import Recording, duration, runs, seen_mask, spans, still_window
+from gaitcal.io.recording import Recording
 from gaitcal.io.segment_poses import upright
-from gaitcal.model import linkage, rebuilt_markers, segment_frames, trunk
 from gaitcal.model.marker_set import MarkerSet
-from gaitcal.model.subject_model import PointNoise, SubjectModel
 from gaitcal.study.study_file import TrialTable
 
 OTHER_UNIT = 100.0
@@ -67,57 +57,6 @@ class Trial:
     """`file`; where forces have one of their own, `forces`; where a person corrected events,
     `events`.
     """
-    outliers: tuple[rebuilt_markers.Outlier, ...] | None = None
-    """Markers that were left out where they were metres away from the body; None: not looked for
-    yet.
-    """
-    spikes: rebuilt_markers.Spikes = field(default_factory=dict)
-    """Single positions out of line that were left out."""
-    cut: str = ""
-    """What was left out of the recording as it does not show the pelvis; empty: nothing."""
-
-
-BRIDGED_S = 0.2
-"""Without three markers the splines carry a pelvis over so much; more hides a part of a step."""
-
-
-def cleaned_trial(
-    trial: Trial, segment_of: Mapping[str, str], noise: PointNoise | None = None
-) -> Trial:
-    """The trial without markers metres away from the body and, where it moves, without single
-    positions out of line, cut to the longest part that shows the pelvis it hangs on; `segment_of`:
-    label -> segment; `noise`: of the set.
-    """
-    if trial.outliers is not None:
-        return trial
-    recording, outliers = rebuilt_markers.without_outliers(trial.recording, segment_of)
-    if trial.role is Role.STATIC:
-        return replace(trial, recording=recording, outliers=outliers)
-    recording, spikes = rebuilt_markers.without_spikes(recording, noise)
-    trial, time = (
-        replace(trial, recording=recording, outliers=outliers, spikes=spikes),
-        recording.time,
-    )
-    if linkage.carrier_of(trial.joint) not in ("", "pelvis"):
-        return trial
-    pelvis = [i for i, label in enumerate(recording.labels) if segment_of.get(label) == "pelvis"]
-    lost = seen_mask(recording.markers[:, pelvis]).sum(axis=1) < 3
-    lasting = [run for run in runs(lost) if duration(time, run) > BRIDGED_S]
-    if not lasting or lost.all():
-        return trial
-    edges = [0, *(edge for run in lasting for edge in (run.start, run.stop)), len(time)]
-    start, stop = max(zip(edges[::2], edges[1::2], strict=True), key=lambda part: part[1] - part[0])
-    frames = np.arange(len(time))
-    words = (
-        f"fewer than three pelvis markers in {100 * np.mean(lost):.0f} % of the frames "
-        f"({spans(time, lasting)}): "
-    )
-    words += (
-        f"the trial is cut to {time[start]:.2f}-{time[stop - 1]:.2f} s, the longest part that "
-        "shows the pelvis"
-    )
-    kept = recording.frames((frames >= start) & (frames < stop)).with_notes(words)
-    return replace(trial, recording=kept, cut=words)
 
 
 def read_trial(trial: TrialTable, rename: Mapping[str, str], marker_set: MarkerSet) -> Trial:
@@ -217,112 +156,3 @@ def _with_forces_in_part(recording: Recording, trial: TrialTable) -> Recording:
             )
             recording = recording.with_notes(note)
     return recording
-
-
-FEWEST_FRAMES = 20
-"""In which a marker must be seen beside three of the pelvis; a mean over less is a posture, not a
-habit.
-"""
-SINGULAR = 1e-2
-"""m, RMS distance of pelvis markers from a line below which they do not tell how the pelvis is
-turned.
-"""
-
-
-def model_with_trunk(
-    model_of: Callable[[Recording], SubjectModel],
-    static: Recording,
-    marker_set: MarkerSet,
-    walks: Sequence[Recording],
-) -> SubjectModel:
-    """The model that `model_of` makes of a static trial, with the trunk of the walks where it shows
-    none.
-    """
-    model = model_of(static)
-    placed = zip(model.markers.segments, model.markers.weight, strict=True)
-    if (
-        sum(segment == "head_trunk" and weight > 0 for segment, weight in placed)
-        >= trunk.IN_A_PLANE
-    ):
-        return model
-    static = marker_set.renamed(static)
-    in_static = set(model.markers.labels)
-    wanted = [
-        m
-        for m in marker_set.tracking.get("head_trunk", ())
-        if marker_set.weight(m) > 0 and m not in in_static
-    ]
-    found: dict[str, list[Array]] = {label: [] for label in wanted}
-    for walk in (marker_set.renamed(walk) for walk in walks):
-        at, axes, origins = _standing_axes(model, walk)
-        for label in set(wanted) & set(walk.labels):
-            path = walk.markers[at, walk.labels.index(label)]
-            here = np.isfinite(path).all(axis=1)
-            found[label].append(np.einsum("fji,fj->fi", axes[here], path[here] - origins[here]))
-    places = {
-        label: np.concatenate(parts).mean(axis=0)
-        for label, parts in found.items()
-        if sum(map(len, parts)) >= FEWEST_FRAMES
-    }
-    if not places:
-        return model
-    window = np.zeros(len(static.time), dtype=bool)
-    window[still_window(static, model.markers.labels).frames] = True
-    _, axes, origins = _standing_axes(model, static.frames(window))
-    origin, upright = origins.mean(axis=0), _upright(axes[:, :, 2].mean(axis=0))
-    points = np.array([origin + upright @ place for place in places.values()])
-    kept = [
-        i for i, label in enumerate(static.labels) if label not in places
-    ]  # columns of nothing but gaps
-    added = np.broadcast_to(points, (len(static.time), *points.shape))
-    note = (
-        f"{', '.join(places)} are not in the static trial and were placed by the walks: the trunk "
-        "is taken to stand as "
-        "it is carried on average while walking"
-    )
-    return model_of(
-        replace(
-            static,
-            labels=(*(static.labels[i] for i in kept), *places),
-            markers=np.concatenate([static.markers[:, kept], added], axis=1),
-            notes=(*static.notes, note),
-        )
-    )
-
-
-def _standing_axes(model: SubjectModel, walk: Recording) -> tuple[IntArray, Array, Array]:
-    """Frames (k,) in which the pelvis is known; (k, 3, 3) axes x forward, y up, z right, (k, 3) m
-    lumbar joint.
-    """
-    column = {label: i for i, label in enumerate(walk.labels)}
-    pelvis = model.markers.on("pelvis", column)
-    local = model.markers.local[pelvis]
-    measured = walk.markers[:, [column[model.markers.labels[i]] for i in pelvis]]
-    known = np.flatnonzero(seen_mask(measured).all(axis=1))
-    if (
-        len(pelvis) < trunk.IN_A_PLANE
-        or segment_frames.off_line(local) < SINGULAR
-        or not len(known)
-    ):
-        return np.empty(0, dtype=np.intp), np.empty((0, 3, 3)), np.empty((0, 3))
-    centre, middle = local.mean(axis=0), measured[known].mean(axis=1)
-    turns = _rotations((measured[known] - middle[:, None]).transpose(0, 2, 1) @ (local - centre))
-    origins: Array = middle + turns @ (model.landmarks["lumbar"][1] - centre)
-    return known, np.array([_upright(lateral) for lateral in turns[:, :, 2]]), origins
-
-
-def _rotations(moments: Array) -> Array:
-    """(k, 3, 3) rotations nearest to sums of measured times local positions (k, 3, 3) (Kabsch
-    1976).
-    """
-    u, _, vt = np.linalg.svd(moments)
-    u[:, :, 2] *= np.sign(np.linalg.det(u @ vt))[:, None]
-    out: Array = u @ vt
-    return out
-
-
-def _upright(lateral: Array) -> Array:
-    """(3, 3) axes in columns, z along a (3,) direction made horizontal."""
-    up = np.array([0.0, 1.0, 0.0])
-    z = segment_frames.unit(lateral - (lateral @ up) * up)
-    return np.column_stack([np.cross(up, z), up, z])

@@ -30,7 +30,7 @@ from gaitcal.io.force_plate import LOADED_N
 from gaitcal.io.labels import FootEvent, FootMoment, times_of
 from gaitcal.io.recording import Recording
 from gaitcal.model.linkage import SIDES
-from gaitcal.study.study import nominal_of
+from gaitcal.preprocess.study_model import nominal_of
 from gaitcal.study.study_trial import Role
 from gaitcal.tracking.motion import tracked_motion
 

@@ -42,8 +42,9 @@ from gaitcal.model.nominal import published_model
 from gaitcal.model.parameters import JOINT_PARAMETERS, JP_INDEX, JP_NAMES, JP_TO_SI, ParameterKind
 from gaitcal.model.segment_frames import HipCentre
 from gaitcal.model.subject_model import SubjectModel
+from gaitcal.preprocess.study_model import nominal_of
 from gaitcal.study.cohort_prior import HEIGHT, STEP, CohortPriors, JointPrior, Person, mirror
-from gaitcal.study.study import cohort_prior, nominal_of
+from gaitcal.study.study import cohort_prior
 from gaitcal.synthetic.synthetic_motion import (
     TrueMotion,
     isolated_motion,

@@ -59,8 +59,8 @@ from gaitcal.io.labels import FootEvent, FootMoment
 from gaitcal.model.linkage import SIDES
 from gaitcal.model.parameters import Parameters
 from gaitcal.model.subject_model import SubjectModel
-from gaitcal.quality.study_checks import examined
-from gaitcal.study.study import nominal_of
+from gaitcal.preprocess.preprocessed_study import preprocess_study
+from gaitcal.preprocess.study_model import nominal_of
 from gaitcal.tracking.motion import Motion, tracked_motion
 from scripts.validation.harness import matching, option, rms, say
 from scripts.validation.recordings import CHILDREN, study_of_person
@@ -227,7 +227,7 @@ def walk_of(study: Study, name: str, trial: str) -> Walk:
 
 def calibrated_walks(study: Study, person: str) -> Iterator[Walk]:
     """The gait trials of a study by joints that are fitted to all of its trials."""
-    session = fit_joints(session_of(examined(study)))
+    session = fit_joints(session_of(preprocess_study(study)))
     for trial in session.trials:
         if trial.name in study.walks:
             yield _walk(f"{person} {trial.name}", trial, session.model, session.parameters, study)

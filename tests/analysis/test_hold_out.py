@@ -16,7 +16,8 @@ from gaitcal.analysis.result import Calibration
 from gaitcal.model.anthropometry import with_joints_of
 from gaitcal.model.nominal import published_model
 from gaitcal.model.parameters import Parameters
-from gaitcal.study.study import Study, nominal_of
+from gaitcal.preprocess.study_model import nominal_of
+from gaitcal.study.study import Study
 from gaitcal.study.study_trial import Role
 from gaitcal.synthetic.synthetic_motion import marker_noise
 from tests.commands import gaitcal

@@ -12,8 +12,9 @@ from gaitcal.errors import Severity
 from gaitcal.model.anthropometry import with_joints_of
 from gaitcal.model.linkage import joint_segments
 from gaitcal.model.parameters import JP_INDEX
+from gaitcal.preprocess.study_model import nominal_of
 from gaitcal.quality.study_checks import check_study
-from gaitcal.study.study import Study, nominal_of
+from gaitcal.study.study import Study
 from gaitcal.tracking.motion import tracked_motion
 from gaitcal.tracking.spline import NodeRule
 from gaitcal.tracking.trial_problem import trial_problem

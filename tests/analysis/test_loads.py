@@ -16,7 +16,7 @@ from gaitcal.dynamics.measurement_errors import DEFAULT, AxisErrors
 from gaitcal.errors import Severity
 from gaitcal.model.linkage import COORDINATES
 from gaitcal.model.parameters import Parameters
-from gaitcal.quality.study_checks import examined
+from gaitcal.preprocess.preprocessed_study import preprocess_study
 from gaitcal.study.study import Study
 from gaitcal.study.study_trial import Role
 from gaitcal.tracking.bandwidth import with_bandwidth
@@ -72,7 +72,7 @@ def test_errors_are_those_of_the_last_step(made: tuple[Study, Calibration]) -> N
         with_bandwidth(plain, done.nominal.parameters, hz), tissue=done.joint.tissue["walk"]
     )
     problem = done.joint.artefact.displaced(problem)
-    turned = axis_deviations(study.settings, done.nominal, examined(study).moves()["walk"])
+    turned = axis_deviations(study.settings, done.nominal, preprocess_study(study).moves()["walk"])
     errors = ErringForces(
         problem,
         trial.body.coefficients,

@@ -21,7 +21,8 @@ from gaitcal.io.segment_poses import upright, with_landmarks
 from gaitcal.model.marker_set import load_marker_set
 from gaitcal.model.model_file import save_model
 from gaitcal.model.nominal import published_model
-from gaitcal.study.study import Study, nominal_of
+from gaitcal.preprocess.study_model import nominal_of
+from gaitcal.study.study import Study
 from gaitcal.synthetic.synthetic_motion import gait_motion
 from scripts.validation.harness import results
 from scripts.validation.markerless import (

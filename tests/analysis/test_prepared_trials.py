@@ -5,13 +5,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from gaitcal.analysis.calibrate import calibrate, fit_inertia, track
+from gaitcal.analysis.calibrate import fit_inertia, track
 from gaitcal.analysis.fit_joints import fit_joints
 from gaitcal.analysis.prepared_trials import _doubted, session_of
 from gaitcal.analysis.result import Stage
-from gaitcal.model import rebuilt_markers
+from gaitcal.preprocess.preprocessed_study import preprocess_study
 from gaitcal.preprocess.static_disagreement import PossibleMove
-from gaitcal.quality.study_checks import check_study, examined
 from gaitcal.runtime import silent
 from gaitcal.study.settings import CalibrationSettings
 from gaitcal.study.study import Study
@@ -29,20 +28,10 @@ def study() -> Study:
     )
 
 
-def test_every_trial_is_cleaned_once(study: Study, monkeypatch: pytest.MonkeyPatch) -> None:
-    """By the checks, the nominal model and the calibration together."""
-    clean, seen = rebuilt_markers.without_outliers, []
-    monkeypatch.setattr(
-        rebuilt_markers, "without_outliers", lambda r, s: seen.append(r) or clean(r, s)
-    )  # type: ignore[func-returns-value]
-    calibrate(study, checked=check_study(study))
-    assert len(seen) == len(study.trials)
-
-
 def test_a_stage_changes_nothing_of_the_one_before(study: Study) -> None:
-    prepared = session_of(examined(study))
+    prepared = session_of(preprocess_study(study))
     (walk,) = prepared.trials
-    assert walk.stages == {} and walk.reactions is None and walk.outliers == ()
+    assert walk.stages == {} and walk.reactions is None
     moved = track(fit_joints(prepared), silent)
     (tracked,) = moved.trials
     assert (

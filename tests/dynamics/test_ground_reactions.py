@@ -22,7 +22,7 @@ from gaitcal.dynamics.off_sole import DIVIDED, MOMENT_NM, OUTLINE_M, outside_hul
 from gaitcal.errors import Severity
 from gaitcal.io.recording import Recording
 from gaitcal.model.subject_model import GRAVITY
-from gaitcal.quality.foot_on_plate import Feet
+from gaitcal.preprocess.plate_contacts import Feet
 from gaitcal.synthetic.synthetic_motion import gait_motion
 from tests.dynamics.test_ground_contact import STANCE, TIME, found, right_foot, square
 from tests.quality.test_foot_on_plate import HEIGHT, divided_walk, evidence
@@ -165,7 +165,7 @@ def test_a_leg_that_no_weighted_marker_shows_is_not_valid(
 
 
 def reactions(recording: Recording) -> GroundReactions:
-    feet = Feet(evidence(recording)).points(HEIGHT)
+    feet = Feet(recording.time, evidence(recording).landmark).points(HEIGHT)
     return ground_reactions_on_feet(recording.plates, recording.time, feet, cutoff=None)
 
 

@@ -25,11 +25,11 @@ from gaitcal.dynamics.measurement_errors import (
 from gaitcal.errors import Severity
 from gaitcal.io.force_plate import LOADED_N, centre_on_ground, resample_wrench
 from gaitcal.io.recording import Recording
+from gaitcal.preprocess.preprocessed_study import preprocess_study
+from gaitcal.preprocess.study_model import nominal_of
 from gaitcal.quality import plate_checks
-from gaitcal.quality.foot_on_plate import feet_of
-from gaitcal.quality.study_checks import check_study, examined
+from gaitcal.quality.study_checks import check_study
 from gaitcal.study.settings import PlateErrorTable
-from gaitcal.study.study import nominal_of
 from gaitcal.study.study_trial import Role
 from gaitcal.synthetic.synthetic_motion import gait_motion, residual_free_wrench
 from gaitcal.tracking.motion import tracked_motion
@@ -214,10 +214,10 @@ def test_a_body_is_not_weighed_while_a_heel_stands_beside_the_plate_that_it_is_a
         replace(t, recording=without(t.recording, "2")) for t in study.trials if t.role is Role.GAIT
     )
     missed, whole = (
-        examined(replace(study, trials=(study.static, *t))).trials[-1]
+        preprocess_study(replace(study, trials=(study.static, *t))).trials[-1]
         for t in (spoilt, study.trials[1:])
     )
     early = (missed.recording.time > 2.325) & (missed.recording.time < 2.365)
     for trial, weighed in ((missed, False), (whole, True)):
-        feet = feet_of(trial)
+        feet = trial.feet
         assert feet is not None and plate_checks._all_on_plates(trial, feet)[early].any() == weighed

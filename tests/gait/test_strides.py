@@ -37,7 +37,7 @@ from gaitcal.io.labels import FootMoment
 from gaitcal.model.linkage import COORDINATE_INDEX, COORDINATES
 from gaitcal.model.nominal import published_model
 from gaitcal.model.subject_model import Subject
-from gaitcal.study.study import nominal_of
+from gaitcal.preprocess.study_model import nominal_of
 from gaitcal.tracking.motion import Motion, tracked_motion
 from scripts.validation.recordings import study_of_person
 from tests.report.page.people import subject_model

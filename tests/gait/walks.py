@@ -13,7 +13,7 @@ from gaitcal.dynamics.ground_reactions import foot_points, ground_reactions, uns
 from gaitcal.gait.events import trial_events
 from gaitcal.gait.spatiotemporal import Stride, strides_measured
 from gaitcal.io.labels import FootEvent, FootMoment
-from gaitcal.study.study import nominal_of
+from gaitcal.preprocess.study_model import nominal_of
 from gaitcal.tracking.motion import tracked_motion
 from scripts.validation.recordings import study_of_person
 

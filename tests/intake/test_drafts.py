@@ -13,7 +13,7 @@ from gaitcal.cli.console import Console
 from gaitcal.cli.study_folder import study_or_draft
 from gaitcal.errors import STUDY, Code, Finding, Severity, UsageError
 from gaitcal.intake.draft_file import draft_notes, draft_text, missing_words, study_of
-from gaitcal.intake.drafting import draft_study, rejected_forces, without_faulty_trials
+from gaitcal.intake.drafting import draft_study, faulty_trials, rejected_forces
 from gaitcal.intake.people_in_folder import exchange_told, pair_distances, placed_otherwise
 from gaitcal.intake.recordings_folder import FileKind, Folder, FolderFile
 from gaitcal.intake.subject_metadata import Known, Options
@@ -374,12 +374,8 @@ def error(where: str, severity: Severity = Severity.ERROR) -> Finding:
 
 def test_a_faulty_walk_goes_and_is_told(with_bad_take: Study) -> None:
     assert [t.name for t in with_bad_take.trials] == ["static", "other", "walk"]
-    rest, findings, faulty = without_faulty_trials(
-        with_bad_take, (error("other"), error("walk", Severity.WARNING))
-    )
-    assert [t.name for t in rest.trials] == ["static", "walk"]
+    faulty = faulty_trials(with_bad_take, (error("other"), error("walk", Severity.WARNING)))
     assert faulty == {"other": "plates: x is wrong; do y"}
-    assert all(f.where != "other" for f in findings), "checked again without it"
 
 
 @pytest.mark.parametrize(
@@ -388,8 +384,7 @@ def test_a_faulty_walk_goes_and_is_told(with_bad_take: Study) -> None:
 def test_nothing_goes_where_nothing_would_be_left_or_all_is_in_doubt(
     with_bad_take: Study, where: tuple[str, ...]
 ) -> None:
-    found = tuple(error(name) for name in where)
-    assert without_faulty_trials(with_bad_take, found) == (with_bad_take, found, {})
+    assert faulty_trials(with_bad_take, [error(name) for name in where]) == {}
 
 
 FAR = np.array([3.0, 0.0, 0.0])

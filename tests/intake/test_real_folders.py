@@ -12,7 +12,7 @@ from gaitcal.intake.people_in_folder import sitting_of
 from gaitcal.intake.recordings_folder import read_folder
 from gaitcal.intake.subject_metadata import Options
 from gaitcal.model.parameters import JP_NAMES
-from gaitcal.study.study import nominal_of
+from gaitcal.preprocess.study_model import nominal_of
 from tests.intake.folders import JOINTS, roles
 
 FOLDERS = {

@@ -20,9 +20,9 @@ from gaitcal.intake.subject_metadata import Options
 from gaitcal.io.formats import read_recording
 from gaitcal.io.recording import Recording
 from gaitcal.preprocess.marker_clusters import SPREAD_RAD, tissue_spread
-from gaitcal.preprocess.swapped_labels import exchanges
+from gaitcal.preprocess.preprocessed_study import preprocess_study
 from gaitcal.quality.named_joint_centres import computed_of_pair
-from gaitcal.quality.study_checks import check_study, examined
+from gaitcal.quality.study_checks import check_study
 from gaitcal.study.study import Study
 from tests.intake.folders import write
 from tests.quality.spoilt import findings, sound_study, with_trial, without
@@ -179,9 +179,8 @@ def test_labels_exchanged_in_every_third_frame_are_put_back_before_anything_is_j
 ) -> None:
     """A heel was refused, the right leg with it: its shape was that of a foot whose toes flip."""
     study = study_of(case("run_labels_exchanged"))
-    (trial,) = examined(study).moving
-    assert trial.as_read is not None
-    (found,) = exchanges(trial.with_recording(trial.as_read))
+    (trial,) = preprocess_study(study).moving
+    (found,) = trial.put_back
     assert {found.label, found.other} == {"RTOE", "RMT5"}
     for label in ("RTOE", "RMT5"):
         bends = np.linalg.norm(np.diff(trial.path(label), 2, axis=0), axis=1)

@@ -13,8 +13,8 @@ from gaitcal.io.recording import Recording
 from gaitcal.model.landmarks import labelled_hips
 from gaitcal.model.nominal import PUBLISHED
 from gaitcal.model.segment_frames import HipCentre, hip_centre
+from gaitcal.preprocess.study_model import nominal_of
 from gaitcal.study.settings import CalibrationSettings
-from gaitcal.study.study import nominal_of
 from tests.model.people import from_published, published_static
 from tests.quality.spoilt import findings, sound_study, with_trial
 from tests.refusal import refusal

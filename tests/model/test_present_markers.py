@@ -1,32 +1,23 @@
-"""Markers that a person wears decide what is open in a set; those that the static trial lost are
-rebuilt.
-"""
+"""Markers that a person wears decide what is open in a set."""
 
 import re
-from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from gaitcal.arrays import Array
-from gaitcal.errors import Severity
 from gaitcal.io.formats import read_recording
 from gaitcal.io.labels import ComputedPoints
-from gaitcal.io.recording import Recording, still_window
+from gaitcal.io.recording import Recording
 from gaitcal.model.landmarks import corner, is_device
 from gaitcal.model.marker_set import MarkerSet, load_marker_set, marker_set_text
 from gaitcal.model.nominal import nominal_model
 from gaitcal.model.present_markers import complete_static, present_markers
-from gaitcal.model.rebuilt_markers import Rebuilding, rebuild_lost, without_spikes
 from gaitcal.model.subject_model import SubjectModel
-from gaitcal.study.study import Study, completed_static, nominal_of
 from tests.model.people import PEOPLE, without
-from tests.quality.spoilt import findings, serious, with_trial
 from tests.refusal import refusal
 
 PIG = "plug-in-gait"
@@ -199,7 +190,12 @@ def test_clusters_take_the_place_of_landmarks_that_walks_lack() -> None:
     rng = np.random.default_rng(1)
     made: MarkerSet = load_marker_set("cast")
     labels = tuple(label for label in made.labels if not label.endswith(("FM2", "FMT2")))
-    recording = replace(recorded({}), labels=labels, markers=rng.normal(size=(2, len(labels), 3)))
+    recording = Recording(
+        source="made",
+        time=np.arange(2) / 100.0,
+        labels=labels,
+        markers=rng.normal(size=(2, len(labels), 3)),
+    )
     chosen = present_markers(made, recording)
     assert {"R_TH1", "R_TH2", "R_TH3", "R_TH4"} <= set(chosen.tracking["thigh_r"])
     assert "R_FLE" in chosen.static_only["thigh_r"]
@@ -296,143 +292,3 @@ def test_it_is_where_the_vendors_program_has_it(lab: str, data_dir: Path) -> Non
         apart = 1e3 * np.linalg.norm(ours - theirs, axis=1)
         assert np.nanmedian(apart) < MODELLED_MM
     assert any("RKNE" in note and "knee alignment device" in note for note in whole.notes)
-
-
-EXACT_M = 1e-9
-"""Rigid motions of a rigid body leave rounding alone."""
-PELVIS = {
-    "RASI": [0.0, 1.0, 0.12],
-    "LASI": [0.0, 1.0, -0.12],
-    "RPSI": [-0.15, 1.03, 0.05],
-    "LPSI": [-0.15, 1.03, -0.05],
-}
-SET = MarkerSet(
-    name="pelvis alone",
-    description="four markers",
-    landmarks={"asis_r": ("RASI",), "asis_l": ("LASI",), "sacrum": ("RPSI", "LPSI")},
-    tracking={"pelvis": tuple(PELVIS)},
-)
-
-
-def recorded(paths: dict[str, Array]) -> Recording:
-    """Markers (nf, 3) m at 100 Hz."""
-    markers = np.stack(list(paths.values()), axis=1) if paths else np.empty((2, 0, 3))
-    return Recording(
-        source="made", time=np.arange(len(markers)) / 100.0, labels=tuple(paths), markers=markers
-    )
-
-
-def standing(*lost: str) -> Recording:
-    return recorded({m: np.tile(at, (60, 1)) for m, at in PELVIS.items() if m not in lost})
-
-
-def moving(seed: int, *lost: str) -> Recording:
-    rng = np.random.default_rng(seed)
-    turns = Rotation.from_rotvec(np.cumsum(rng.normal(0.0, 0.1, (40, 3)), axis=0))
-    shift = np.cumsum(rng.normal(0.0, 0.05, (40, 3)), axis=0)
-    return recorded({m: turns.apply(at) + shift for m, at in PELVIS.items() if m not in lost})
-
-
-def rebuilt(static: Recording, *walks: Recording, marker_set: MarkerSet = SET) -> Rebuilding:
-    return rebuild_lost(static, marker_set, [("walk", walk) for walk in walks], "static")
-
-
-@settings(max_examples=20, deadline=None)
-@given(seed=st.integers(0, 2**32 - 1), label=st.sampled_from(list(PELVIS)))
-def test_a_rigid_body_gives_its_marker_back(seed: int, label: str) -> None:
-    done = rebuilt(standing(label), moving(seed))
-    (marker,) = done.markers
-    assert (marker.label, marker.trial) == (label, "walk")
-    assert np.abs(marker.place - PELVIS[label]).max() < EXACT_M
-    assert np.abs(path_of(done.static, label) - PELVIS[label]).max() < EXACT_M
-
-
-def test_nothing_is_touched_where_nothing_is_lost() -> None:
-    done = rebuilt(standing(), moving(1))
-    assert np.array_equal(done.static.markers, standing().markers)
-    assert not done.markers and not done.left
-
-
-def test_the_static_trial_itself_is_asked_first_where_it_shows_the_marker_at_another_time() -> None:
-    long = recorded({m: np.vstack([path_of(standing(), m), path_of(moving(3), m)]) for m in PELVIS})
-    (marker,) = rebuilt(lost_from(long, "RPSI", slice(0, 60))).markers
-    assert marker.trial == "static"
-    assert np.abs(marker.place - PELVIS["RPSI"]).max() < EXACT_M
-
-
-def lost_from(recording: Recording, label: str, frames: slice = slice(None)) -> Recording:
-    markers = recording.markers.copy()
-    markers[frames, recording.labels.index(label)] = np.nan
-    return replace(recording, markers=markers)
-
-
-def test_two_points_and_points_on_a_line_determine_nothing_and_it_is_said() -> None:
-    done = rebuilt(standing("RPSI", "LPSI"), moving(2))
-    assert not done.markers and set(done.left) == {"RPSI", "LPSI"}
-    assert "RASI and LASI" in done.left["RPSI"] and "three are needed" in done.left["RPSI"]
-    line = {"A": [0.0, 1.0, 0.0], "B": [0.0, 1.1, 0.0], "C": [0.0, 1.2, 0.0], "D": [0.1, 1.1, 0.0]}
-    marker_set = MarkerSet(
-        name="line", description="", landmarks={}, tracking={"pelvis": tuple(line)}
-    )
-    walk = recorded({m: np.tile(at, (60, 1)) for m, at in line.items()})
-    assert "on one line" in rebuilt(without(walk, "D"), walk, marker_set=marker_set).left["D"]
-
-
-def test_a_body_that_changed_its_shape_is_told_as_uncertain() -> None:
-    """A companion 12 mm elsewhere in the walk: the place is worse, and its uncertainty says so."""
-    walk = moving(4)
-    bent = walk.markers.copy()
-    bent[:, walk.labels.index("LASI")] += 0.012 * (bent[:, 1] - bent[:, 0]) / 0.24
-    good, worse = (
-        rebuilt(standing("RPSI"), w).markers[0] for w in (walk, replace(walk, markers=bent))
-    )
-    away = float(np.linalg.norm(worse.place - PELVIS["RPSI"]))
-    assert 10 * EXACT_M < away < 2 * worse.uncertainty and worse.uncertainty > good.uncertainty
-
-
-def that_lost(study: Study, label: str) -> Study:
-    """The study whose static trial lost a marker."""
-    return with_trial(study, study.static.name, lambda r: lost_from(r, label))
-
-
-@pytest.fixture(scope="module")
-def subject01(real_study: Callable[[str], Study]) -> Study:
-    return real_study("subject01")
-
-
-@pytest.mark.parametrize("label", ["R.Thigh.Front", "L.Shank.Rear", "R.Heel", "L.Toe.Lat"])
-def test_a_real_marker_is_rebuilt_as_well_as_is_said(subject01: Study, label: str) -> None:
-    """Median 2.3, at most 7.8 mm over 23 markers of this person; said are 4 to 12 mm."""
-    recorded = subject01.static.recording
-    still = still_window(recorded, subject01.marker_set.labels).frames
-    truth = np.nanmean(recorded.markers[still, recorded.labels.index(label)], axis=0)
-    done: Rebuilding = completed_static(that_lost(subject01, label))
-    (marker,) = done.markers
-    assert np.linalg.norm(marker.place - truth) < min(marker.uncertainty, 0.008)
-
-
-def test_a_lost_landmark_gives_a_model_and_a_finding_and_is_no_evidence(subject01: Study) -> None:
-    lost = that_lost(subject01, "R.Heel")
-    model, whole = nominal_of(lost), nominal_of(subject01)
-    assert np.abs(model.landmarks["toe_r"][1] - whole.landmarks["toe_r"][1]).max() < 0.01
-    assert any("'R.Heel' rebuilt" in note for note in model.notes)
-    assert [f for f in serious(lost) if f.severity is Severity.ERROR] == []
-    (told,) = findings(lost, "lost markers")
-    assert told.severity is Severity.WARNING and "heel_r" in told.cause
-
-
-def test_single_positions_out_of_line_are_left_out_and_steps_are_not() -> None:
-    """A path that steps aside and stays, noise, and what borders on a gap stay as they are."""
-    time = np.arange(200) / 100.0
-    path = np.stack([np.sin(4.0 * time), 0.1 * np.cos(9.0 * time), time], axis=1)
-    labels = ("spiked", "stepped", "noisy", "beside a gap", "at the ends")
-    markers = np.repeat(path[:, None], len(labels), axis=1)
-    markers[[40, 90, 140], 0] += [0.0, 0.1, 0.0]
-    markers[100:, 1] += 0.1
-    markers[:, 2] += np.random.default_rng(1).normal(0.0, 0.03, (200, 3))
-    markers[50, 3], markers[51, 3] = np.nan, path[51] + 0.1
-    markers[[0, -1], 4] += 0.1
-    found, out = without_spikes(Recording(source="x", time=time, labels=labels, markers=markers))
-    assert list(out) == ["spiked"] and out["spiked"] == (3, pytest.approx(0.1, abs=0.005))
-    gone = np.isnan(found.markers[:, :, 0]) & ~np.isnan(markers[:, :, 0])
-    assert np.argwhere(gone).tolist() == [[40, 0], [90, 0], [140, 0]]

@@ -41,7 +41,7 @@ def test_errors_of_the_checks_stop_a_run(
     study = gc.Study.load(kept_result(kept) / "study" / "study.toml")
     finding = gc.check_study(study)[0]
     error = replace(finding, severity=Severity.ERROR, where=study.static.name)
-    monkeypatch.setattr(pipeline, "check_study", lambda _: (error, error))
+    monkeypatch.setattr(pipeline, "check_preprocessed", lambda _: (error, error))
     with pytest.raises(pipeline.FaultyStudyError) as refused:
         gc.run_study(study.source, tmp_path / "result")
     assert refused.value.errors == (error, error)

@@ -16,6 +16,7 @@ from gaitcal.intake.subject_metadata import Options
 from gaitcal.io.recording import ForcePlate, Recording
 from gaitcal.model.marker_set import load_marker_set
 from gaitcal.model.subject_model import Subject, SubjectModel
+from gaitcal.preprocess.clean_trial import clean_trial
 from gaitcal.preprocess.trial_evidence import TrialEvidence
 from gaitcal.quality.study_checks import check_study
 from gaitcal.study.settings import CalibrationSettings
@@ -97,7 +98,13 @@ def recording_of(study: Study, name: str = "walk") -> Recording:
 def evidence(study: Study, trial: Trial, model: SubjectModel | None = None) -> TrialEvidence:
     """What the checks see of one trial."""
     marker_set = study.marker_set.with_weights(study.weights)
-    return TrialEvidence.of(trial, marker_set, study.subject, study.settings, model)
+    return TrialEvidence(
+        trial=clean_trial(trial, marker_set.segment_of, marker_set.noise),
+        marker_set=marker_set,
+        subject=study.subject,
+        settings=study.settings,
+        model=model,
+    )
 
 
 def drafted(folder: Path) -> Study:

@@ -17,8 +17,10 @@ from gaitcal.io.formats import read_recording
 from gaitcal.io.recording import ForcePlate, Recording
 from gaitcal.model.marker_set import load_marker_set
 from gaitcal.model.subject_model import Subject
+from gaitcal.preprocess.clean_trial import clean_trial
+from gaitcal.preprocess.plate_contacts import Feet
 from gaitcal.preprocess.trial_evidence import TrialEvidence
-from gaitcal.quality.foot_on_plate import PLATES_ELSEWHERE, Feet, contacts, outside_sole
+from gaitcal.quality.foot_on_plate import PLATES_ELSEWHERE, contacts, outside_sole
 from gaitcal.study.settings import CalibrationSettings
 from gaitcal.study.study import Study
 from gaitcal.study.study_trial import Role, Trial
@@ -34,8 +36,12 @@ def evidence(recording: Recording, plates: dict[str, str] | None = None) -> Tria
     """A walk of the published markers."""
     trial = Trial(name="walk", role=Role.GAIT, recording=recording, plates=plates or {})
     subject = Subject("synthetic", 69.4, HEIGHT, "male")
-    return TrialEvidence.of(
-        trial, load_marker_set("published"), subject, CalibrationSettings(), None
+    marker_set = load_marker_set("published")
+    return TrialEvidence(
+        trial=clean_trial(trial, marker_set.segment_of),
+        marker_set=marker_set,
+        subject=subject,
+        settings=CalibrationSettings(),
     )
 
 
@@ -137,7 +143,7 @@ def pressed(path: Array, load: Array, name: str = "1", corners: Array | None = N
 
 def edge_of(recording: Recording, foot: int = 0) -> Array:
     """(m, 2) m, the edge of a sole of somebody who stands."""
-    feet = Feet(evidence(recording)).points(HEIGHT)
+    feet = Feet(recording.time, evidence(recording).landmark).points(HEIGHT)
     return sole_edge(feet, foot, slice(0, 1))[0]
 
 

@@ -7,9 +7,9 @@ import pytest
 
 from gaitcal.errors import Finding, Severity
 from gaitcal.model.body_plan import body_axes
+from gaitcal.preprocess.preprocessed_study import preprocess_study
 from gaitcal.quality.knee_axes import ODD_BOTH, OddLine, bending, knee_lines, odd_lines
 from gaitcal.quality.static_landmarks import landmarks
-from gaitcal.quality.study_checks import examined
 from gaitcal.study.study import Study
 from tests.quality.spoilt import Array, findings, moved, with_trial
 
@@ -19,7 +19,7 @@ def told(study: Study) -> list[Finding]:
 
 
 def seen(study: Study) -> tuple[dict[str, Array], dict[str, float]]:
-    trials = examined(study).trials
+    trials = preprocess_study(study).trials
     return landmarks(next(t for t in trials if t.is_static)), bending(trials)
 
 
@@ -53,7 +53,7 @@ def test_a_turn_the_other_way_and_of_one_knee(sound: Study) -> None:
     p, turns = seen(left)
     (one,) = odd_lines(p, turns)
     assert one.sides == ("l",) and one.turn == pytest.approx(25.0, abs=8.0)
-    (said,) = knee_lines(examined(left).trials, ())
+    (said,) = knee_lines(preprocess_study(left).trials, ())
     assert said.leg == "l" and "the left knee" in said.cause
 
 

@@ -2,7 +2,6 @@
 of the sound one.
 """
 
-from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -10,29 +9,20 @@ import pytest
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from gaitcal.calibration.joint_prior import ANATOMY
-from gaitcal.errors import STUDY, Code, Finding, Severity
+from gaitcal.errors import STUDY, Finding, Severity
 from gaitcal.io.recording import Recording
 from gaitcal.model.rotations import root_angles
 from gaitcal.model.segment_frames import nearest_rotation
 from gaitcal.preprocess.joint_links import links_of
 from gaitcal.preprocess.marker_clusters import alignment, clusters_of
+from gaitcal.preprocess.preprocessed_study import preprocess_study, preprocess_trial
 from gaitcal.preprocess.static_disagreement import contradictions, offset_limit, possible_moves
 from gaitcal.preprocess.swapped_labels import by_lengths
 from gaitcal.preprocess.trial_evidence import TrialEvidence
-from gaitcal.quality.study_checks import check_further, check_study, examined, further_evidence
+from gaitcal.quality.study_checks import check_further, check_study
 from gaitcal.study.study import Study
 from gaitcal.study.study_trial import Trial
-from tests.quality.spoilt import (
-    Change,
-    findings,
-    moved,
-    scaled,
-    serious,
-    swapped,
-    with_trial,
-    without,
-)
+from tests.quality.spoilt import Change, moved, scaled, serious, swapped, with_trial, without
 
 Array = NDArray[np.float64]
 
@@ -45,7 +35,7 @@ ROUNDING = 1e-9
 
 @pytest.fixture(scope="module")
 def trials(sound: Study) -> dict[str, TrialEvidence]:
-    return {t.name: t for t in examined(sound).trials}
+    return {t.name: t for t in preprocess_study(sound).trials}
 
 
 def told(study: Study) -> list[Finding]:
@@ -54,7 +44,7 @@ def told(study: Study) -> list[Finding]:
 
 def of_further(study: Study, trials: dict[str, TrialEvidence]) -> list[Finding]:
     """The same of the walk held against a saved model."""
-    evidence = further_evidence(
+    evidence = preprocess_trial(
         study.trials[1], trials["walk"].model, study.marker_set, study.settings
     )  # type: ignore[arg-type]
     return [f for f in check_further(evidence) if f.topic in BODY]
@@ -182,43 +172,6 @@ def test_a_turned_or_mirrored_cluster_is_an_error(
     assert words in found.cause and ("mm up" in found.found) == (shift > 0.0)
 
 
-KNOCKED = {
-    "subject01": ("R.Thigh.Upper", "R.Thigh.Front", "R.Thigh.Rear"),
-    "uf3": ("R_Thigh_Superior", "R_Thigh_Inferior", "R_Thigh_Lateral"),
-}
-PLACED_M = 0.012
-"""By the rest of the leg, whose joints moving people have this far from where they stand."""
-
-
-@pytest.mark.parametrize("name", KNOCKED)
-def test_a_cluster_knocked_since_the_static_trial_is_placed_by_the_others(
-    name: str, real_study: Callable[[str], Study]
-) -> None:
-    """By 23 degrees and 50 mm, for which the leg was refused."""
-    study = real_study(name)
-    static = study.static.recording
-    at = [static.labels.index(label) for label in KNOCKED[name]]
-    middle = static.markers[:, at].mean(axis=(0, 1))
-    turn = Rotation.from_euler("y", 23.0, degrees=True).as_matrix()
-    markers = static.markers.copy()
-    markers[:, at] = (markers[:, at] - middle) @ turn.T + middle + [0.03, -0.04, 0.0]
-    spoilt = with_trial(study, study.static.name, lambda r: replace(r, markers=markers))
-    (found,) = findings(spoilt, code=Code.CLUSTER_SLID)
-    assert found.severity is Severity.INFO and "which the error bars count" in found.found
-    assert serious(spoilt) == []
-    of = examined(spoilt)
-    placed, (one,) = of.study, of.placed
-    away = (placed.static.recording.markers - static.markers)[:, at]
-    assert np.linalg.norm(away, axis=2).max() < PLACED_M < one.shift_spread
-    assert {name for name in placed.loosened if "hip_r" in name} == {
-        f"hip_r.thigh.{d}" for d in ("ant", "sup", "lat")
-    }
-    prior = ANATOMY.loosened(placed.loosened)
-    k = prior.names.index("hip_r.thigh.sup")
-    more = prior.covariance[k, k] - ANATOMY.covariance[k, k]
-    assert more == pytest.approx(one.shift_spread**2) and examined(study).study is study
-
-
 def test_another_size_of_one_trial_and_of_the_static_one(sound: Study) -> None:
     (one,) = told(with_trial(sound, "knee_r", scaled(1.03)))
     assert one.where == "knee_r" and one.topic == "body size" and "knee_r 1.030" in one.found
@@ -319,7 +272,7 @@ def test_a_part_that_stays_flexed_accuses_no_marker_of_a_wrong_centre(
 
 def test_limits_grow_with_tall_people(sound: Study, trials: dict[str, TrialEvidence]) -> None:
     tall = replace(sound, subject=replace(sound.subject, height=2.1))
-    walk = next(t for t in examined(tall).trials if t.name == "walk")
+    walk = next(t for t in preprocess_study(tall).trials if t.name == "walk")
     for segment, cluster in walk.clusters.items():
         assert offset_limit(cluster) == pytest.approx(
             1.2 * offset_limit(trials["walk"].clusters[segment])
@@ -369,7 +322,6 @@ def test_a_marker_at_fault_does_not_accuse_two_good_ones(trials: dict[str, Trial
         for _ in range(40):
             way = rng.normal(size=3)
             by = rng.uniform(0.03, 0.12) * way / np.linalg.norm(way)
-            found = by_lengths(
-                walk.with_recording(turned_with(walk, "foot_r", (wrong,), by[None])(few))
-            )
+            spoilt = walk.with_recording(turned_with(walk, "foot_r", (wrong,), by[None])(few))
+            found = by_lengths(spoilt.recording, spoilt.templates)
             assert all(wrong in (one.label, one.other) for one in found)

@@ -17,6 +17,7 @@ from gaitcal.model import body_plan as body_build
 from gaitcal.model.body_plan import body_axes, cost, cost_of_build, measures
 from gaitcal.model.linkage import COORDINATES
 from gaitcal.model.nominal import published_model
+from gaitcal.preprocess.preprocessed_study import preprocess_study
 from gaitcal.quality.static_landmarks import (
     Displaced,
     SwappedLandmarks,
@@ -26,7 +27,6 @@ from gaitcal.quality.static_landmarks import (
     landmarks,
     proportions,
 )
-from gaitcal.quality.study_checks import examined
 from gaitcal.quality.trial_role import standing_legs, standing_straight
 from gaitcal.study.study import Study
 from gaitcal.synthetic.subject import on_the_floor, recording_of, synthetic_model
@@ -294,7 +294,7 @@ def test_somebody_who_is_built_otherwise_is_not_accused(seed: int, tmp_path: Pat
     )
     (tmp_path / "study.toml").write_text(STANDS.format(mass=model.subject.mass), encoding="utf-8")
     study = Study.load(tmp_path / "study.toml")
-    (static,) = examined(study).trials
+    (static,) = preprocess_study(study).trials
     assert list(proportions(static)) == []
     p, height = landmarks(static), study.subject.height
     assert cost_of_build(p, height) < 0.8 * cost(measures(p, height))

@@ -38,10 +38,10 @@ from gaitcal.io.axes import turn_to_progression
 from gaitcal.io.recording import Recording
 from gaitcal.model.parameters import Parameters
 from gaitcal.model.subject_model import SubjectModel
+from gaitcal.preprocess.preprocessed_study import preprocess_study
 from gaitcal.quality.force_causes import ForceFault
 from gaitcal.quality.force_choice import ForceFit, Named, choose, fits, told_size
 from gaitcal.quality.force_evidence import ForceEvidence, ForceResidual, force_evidence
-from gaitcal.quality.study_checks import examined
 from gaitcal.study.settings import CalibrationSettings
 from gaitcal.study.study import Study
 from gaitcal.study.study_trial import Role, Trial
@@ -104,7 +104,7 @@ def evidence_of(
 
 def person(name: str, study: Study) -> Person:
     """Joint stage and clean evidence of a study."""
-    session = fit_joints(session_of(examined(study)))
+    session = fit_joints(session_of(preprocess_study(study)))
     model, parameters = session.model, session.parameters
     found = []
     for trial in (t for t in study.moving if t.role is Role.GAIT and t.recording.plates):

@@ -19,7 +19,7 @@ from gaitcal.model.parameters import (
     Parameters,
     leg_parameters,
 )
-from gaitcal.quality.study_checks import examined
+from gaitcal.preprocess.preprocessed_study import preprocess_study
 from gaitcal.study.cohort_prior import JointPrior
 
 LEG = tuple(name.replace("_r", "", 1) for name in leg_parameters("r"))
@@ -84,7 +84,7 @@ def wide_hips(study: Study, deviation_mm: float) -> Study:
 
 
 def fitted(name: str, study: Study) -> Fit:
-    stage = fit_joints(session_of(examined(study)))
+    stage = fit_joints(session_of(preprocess_study(study)))
     if stage.joint is None:
         raise RuntimeError(f"{name}: no joint parameters were fitted")
     known = stage.joint.errors.standard_errors

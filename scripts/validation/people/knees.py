@@ -24,7 +24,7 @@ from gaitcal.arrays import Array
 from gaitcal.model.linkage import SIDES
 from gaitcal.model.parameters import JP_INDEX
 from gaitcal.model.subject_model import SubjectModel
-from gaitcal.quality.study_checks import examined
+from gaitcal.preprocess.preprocessed_study import preprocess_study
 from gaitcal.study.study_trial import Role
 from gaitcal.tracking.motion import tracked_motion
 from gaitcal.tracking.rigid import FEWEST_MARKERS, rigid_fit
@@ -103,7 +103,7 @@ def knees_of(name: str, settings: Mapping[str, object]) -> Iterator[Knee]:
     of the shank.
     """
     study = changed(study_of_person(name), settings)
-    session = session_of(examined(study))
+    session = session_of(preprocess_study(study))
     nominal, walks = session.model, [trial for trial in session.trials if trial.role is Role.GAIT]
     fit: Fit | None = None
     for side in SIDES:

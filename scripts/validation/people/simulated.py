@@ -23,7 +23,7 @@ from gaitcal.arrays import Array
 from gaitcal.calibration.joint_prior import ANATOMY
 from gaitcal.model.linkage import SIDES
 from gaitcal.model.parameters import JP_INDEX, JP_TO_SI
-from gaitcal.study.study import nominal_of
+from gaitcal.preprocess.study_model import nominal_of
 from scripts.validation.harness import bars, rms
 from scripts.validation.people.fits import fitted
 from scripts.validation.recordings import changed, data, only

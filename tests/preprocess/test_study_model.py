@@ -5,7 +5,8 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from gaitcal.study.study import Study, nominal_of
+from gaitcal.preprocess.study_model import nominal_of
+from gaitcal.study.study import Study
 from tests.quality.spoilt import with_trial, without
 
 THORAX = ("C7", "T10", "CLAV", "STRN", "RSHO", "LSHO", "RBAK")
