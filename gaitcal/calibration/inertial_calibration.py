@@ -36,7 +36,7 @@ import numpy as np
 from scipy.optimize import OptimizeResult, least_squares
 
 from gaitcal.arrays import Array, BoolArray
-from gaitcal.calibration.joint_calibration import ending
+from gaitcal.calibration.joint_calibration import describe_ending
 from gaitcal.dynamics.ground_reactions import GroundReactions
 from gaitcal.dynamics.inverse_dynamics import Dynamics
 from gaitcal.model import parameters as params
@@ -95,7 +95,7 @@ class LogChart:
                 "the seed of a physically consistent calibration must itself be physically possible"
             )
         self.names, self.size = which.names, len(which.names)
-        self.rows = params.table(seed)
+        self.rows = params.view_as_table(seed)
         kinds = [name.split(".", 1)[1] for name in which.names]
         self.kind = np.array([{"mass": 0, "com": 1, "moi": 2}[k.split(".")[0]] for k in kinds])
         self.selection = which.selection
@@ -105,7 +105,7 @@ class LogChart:
         self.second = 0.5 * moments.sum(axis=1, keepdims=True) - moments
         """(12, 3) second moments of mass about the mass centre along each axis."""
 
-    def spread(self, settings: ConsistentSettings) -> Array:
+    def compute_spread(self, settings: ConsistentSettings) -> Array:
         """(n,) prior standard deviation of each variable."""
         of_others = [settings.mass_spread, settings.centre_spread, settings.moment_spread]
         of_feet = [settings.foot_mass_spread, settings.foot_centre_spread, settings.moment_spread]
@@ -114,9 +114,9 @@ class LogChart:
         )
         return np.hypot(of_people, [settings.more_of.get(name, 0.0) for name in self.unsided])
 
-    def inertial(self, x: Array) -> Array:
+    def compute_inertial(self, x: Array) -> Array:
         """(84,) inertial parameters, SI."""
-        changes = params.table(self.selection @ x)
+        changes = params.view_as_table(self.selection @ x)
         raw, second = self.rows[:, 0] * np.exp(changes[:, 0]), self.second * np.exp(changes[:, 4:7])
         out = np.empty(self.rows.shape)
         out[:, 0] = raw * (self.rows[:, 0].sum() / raw.sum())
@@ -124,10 +124,10 @@ class LogChart:
         out[:, 4:7] = second.sum(axis=1, keepdims=True) - second
         return out.ravel()
 
-    def jacobian(self, x: Array) -> Array:
+    def compute_jacobian(self, x: Array) -> Array:
         """(84, n) derivative of `inertial`."""
-        mass = params.table(self.inertial(x))[:, 0]
-        second = self.second * np.exp(params.table(self.selection @ x)[:, 4:7])
+        mass = params.view_as_table(self.compute_inertial(x))[:, 0]
+        second = self.second * np.exp(params.view_as_table(self.selection @ x)[:, 4:7])
         by_change = np.zeros((*self.rows.shape, *self.rows.shape))
         by_change[:, 0, :, 0] = np.diag(mass) - np.outer(mass, mass / mass.sum())
         for s in range(len(self.rows)):
@@ -160,9 +160,9 @@ class RootEquations:
     moment_rows: Array
     """(n_m, 121) the same for moment alone (N·m)."""
 
-    def rms(self, inertial: Array) -> tuple[float, float]:
+    def compute_rms(self, inertial: Array) -> tuple[float, float]:
         """RMS residual force (N) and moment (N·m) over frames and the three components."""
-        phi = np.append(params.dynamic_parameters(inertial).ravel(), 1.0)
+        phi = np.append(params.compute_dynamic_parameters(inertial).ravel(), 1.0)
         count = np.sqrt(3.0 * self.frames)
         force, moment = (
             np.linalg.norm(self.force_rows @ phi),
@@ -171,7 +171,9 @@ class RootEquations:
         return float(force / count), float(moment / count)
 
 
-def root_equations(regressor: Array, ground: Array, weight: float, length: float) -> RootEquations:
+def compress_root_equations(
+    regressor: Array, ground: Array, weight: float, length: float
+) -> RootEquations:
     """Compress the root wrench of the valid frames.
 
     `regressor`: (nf, 6, 12, 10) of `Dynamics.root_regressor`. `ground`: (nf, 6) what the ground
@@ -208,13 +210,13 @@ class LoadedMotion:
     """(nf,)."""
 
     @staticmethod
-    def of(motion: Motion, reactions: GroundReactions) -> "LoadedMotion":
+    def from_motion(motion: Motion, reactions: GroundReactions) -> "LoadedMotion":
         """A tracked motion, and the ground reactions on it."""
         state = motion.q, motion.velocity, motion.acceleration
         return LoadedMotion(state=state, wrench=reactions.wrench, valid=reactions.valid)
 
 
-def torque_length(subject: Subject, scale: TorqueScale, pelvis_width: float) -> float:
+def get_torque_length(subject: Subject, scale: TorqueScale, pelvis_width: float) -> float:
     """m, L of a torque scale; `pelvis_width` (m) is the distance between the hip centres."""
     return {
         TorqueScale.BODY_HEIGHT: subject.height,
@@ -223,7 +225,7 @@ def torque_length(subject: Subject, scale: TorqueScale, pelvis_width: float) -> 
     }[scale]
 
 
-def equations_of(
+def assemble_root_equations(
     motions: Sequence[LoadedMotion],
     parameters: params.Parameters,
     subject: Subject,
@@ -234,7 +236,7 @@ def equations_of(
 
     `pelvis_width` (m): distance between the hip centres, for the torque scale of that name.
     """
-    length = torque_length(subject, scale, pelvis_width)
+    length = get_torque_length(subject, scale, pelvis_width)
     dynamics = Dynamics(parameters)
     regressors, grounds = [], []
     for motion in motions:
@@ -244,7 +246,7 @@ def equations_of(
         total = motion.wrench[at].sum(axis=1)
         about_pelvis = total[:, 3:] - np.cross(q[:, :3], total[:, :3])
         grounds.append(-np.hstack([total[:, :3], about_pelvis]))
-    return root_equations(
+    return compress_root_equations(
         np.concatenate(regressors), np.concatenate(grounds), subject.weight, length
     )
 
@@ -302,16 +304,16 @@ def fit_published(
 
     def residual(x: Array, base: Array, scale: Array, prior: Array, root: float) -> Array:
         gap = (
-            equations.factor @ params.dynamic_parameters(base + s @ (x * scale)).ravel()
+            equations.factor @ params.compute_dynamic_parameters(base + s @ (x * scale)).ravel()
             + equations.target
         )
         return np.concatenate([gap, root * (x - prior / scale)])
 
     def jacobian(x: Array, base: Array, scale: Array, _prior: Array, root: float) -> Array:
-        by_ip = by_inertial(equations.factor, base + s @ (x * scale))
+        by_ip = differentiate_by_inertial(equations.factor, base + s @ (x * scale))
         return np.vstack([by_ip @ s * scale, root * np.eye(len(x))])
 
-    rms, seeds, iterations, penalty, stopped = equations.rms(inertial), 0, 0, 1.0, False
+    rms, seeds, iterations, penalty, stopped = equations.compute_rms(inertial), 0, 0, 1.0, False
     while seeds < MOST_SEEDS and not stopped:
         prior, last = s.T @ centre / norm, rms
         scale = np.where(np.abs(prior) > 0, np.abs(prior), 1.0)
@@ -330,7 +332,7 @@ def fit_published(
         )
         inertial = centre = base + s @ (result.x * scale)
         seeds, iterations, penalty = seeds + 1, iterations + int(result.nfev), penalty * decay
-        rms = equations.rms(inertial)
+        rms = equations.compute_rms(inertial)
         settled = all(
             abs(new - old) <= RESEED_CHANGE * old or new < 1e-9
             for new, old in zip(rms, last, strict=True)
@@ -347,17 +349,17 @@ def fit_published(
         iterations=iterations,
         seconds=time.perf_counter() - began,
         converged=stopped and bool(result.status > 0),
-        message=ending(result)
+        message=describe_ending(result)
         if stopped
         else f"the residuals still change after {MOST_SEEDS} seeds",
         statistical=False,
     )
 
 
-def by_inertial(factor: Array, inertial: Array) -> Array:
+def differentiate_by_inertial(factor: Array, inertial: Array) -> Array:
     """(n, 84) derivative of factor @ dynamic_parameters."""
     blocks = factor.reshape(len(factor), -1, 10)
-    return np.einsum("rsd,sdk->rsk", blocks, params.dynamic_jacobian(inertial)).reshape(
+    return np.einsum("rsd,sdk->rsk", blocks, params.compute_dynamic_jacobian(inertial)).reshape(
         len(factor), len(params.IP_NAMES)
     )
 
@@ -376,10 +378,10 @@ def fit_consistent(
     x, noise, iterations = np.zeros(chart.size), settings.residual, 0
     for _ in range(MOST_SEEDS):
         weight = 1.0 / (noise * np.sqrt(settings.independent))
-        result, slopes = fit_chart(equations, chart, chart.spread(settings), weight, x)
+        result, slopes = fit_chart(equations, chart, chart.compute_spread(settings), weight, x)
         x, iterations = result.x, iterations + int(result.nfev)
         gap = (
-            equations.factor @ params.dynamic_parameters(chart.inertial(x)).ravel()
+            equations.factor @ params.compute_dynamic_parameters(chart.compute_inertial(x)).ravel()
             + equations.target
         )
         last, noise = (
@@ -388,10 +390,12 @@ def fit_consistent(
         )
         if abs(noise - last) < NOISE_CHANGE * last:
             break
-    return replace(fit_of(equations, chart, result, slopes, began), iterations=iterations)
+    return replace(
+        make_inertial_fit(equations, chart, result, slopes, began), iterations=iterations
+    )
 
 
-def fit_of(
+def make_inertial_fit(
     equations: RootEquations,
     chart: LogChart,
     result: OptimizeResult,
@@ -399,19 +403,19 @@ def fit_of(
     began: float,
 ) -> InertialFit:
     """What `fit_chart` found, in a search that began at a time of `perf_counter`."""
-    inertial = chart.inertial(result.x)
-    rms_force, rms_moment = equations.rms(inertial)
+    inertial = chart.compute_inertial(result.x)
+    rms_force, rms_moment = equations.compute_rms(inertial)
     return InertialFit(
         names=chart.names,
         inertial=inertial,
-        jacobian=chart.jacobian(result.x),
+        jacobian=chart.compute_jacobian(result.x),
         residual_jacobian=slopes(result.x),
         rms_force=rms_force,
         rms_moment=rms_moment,
         iterations=int(result.nfev),
         seconds=time.perf_counter() - began,
         converged=bool(result.status > 0),
-        message=ending(result),
+        message=describe_ending(result),
     )
 
 
@@ -424,13 +428,15 @@ def fit_chart(
 
     def residual(x: Array) -> Array:
         gap = (
-            equations.factor @ params.dynamic_parameters(chart.inertial(x)).ravel()
+            equations.factor @ params.compute_dynamic_parameters(chart.compute_inertial(x)).ravel()
             + equations.target
         )
         return np.concatenate([np.dot(weigh, gap), x / spread])
 
     def jacobian(x: Array) -> Array:
-        by_x = by_inertial(equations.factor, chart.inertial(x)) @ chart.jacobian(x)
+        by_x = differentiate_by_inertial(
+            equations.factor, chart.compute_inertial(x)
+        ) @ chart.compute_jacobian(x)
         return np.vstack([np.dot(weigh, by_x), np.diag(1.0 / spread)])
 
     return least_squares(

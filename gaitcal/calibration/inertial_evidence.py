@@ -14,7 +14,7 @@ for marker coordinates and nominal joint parameters (`error_sources.py`), and di
     inertia      what the fit does not move and people scatter in:  d rho = (d rho/d IP) d IP
     bandwidth    rho of this motion less rho of its fit with 1 / sqrt 2 of the knot spans: what half an octave holds
                  (a motion that a penalty smooths has a source of its own for that,
-                 `whole_body_scores`)
+                 `compute_marker_scores`)
     the rest     independent errors of force and moment, repeated for `memory`: what plates bend, and the spline leaves.
 
 With x the variables of the chart (0 at the nominal model) and A = d rho/d x at 0, what a fit can
@@ -43,26 +43,26 @@ import numpy as np
 
 from gaitcal.arrays import Array
 from gaitcal.calibration import inertial_calibration
-from gaitcal.calibration.error_sources import ErrorSources, MarkerScores, whole_body_scores
+from gaitcal.calibration.error_sources import ErrorSources, MarkerScores, compute_marker_scores
 from gaitcal.dynamics import derivatives, inverse_dynamics, measurement_errors
 from gaitcal.dynamics.ground_reactions import GroundReactions
 from gaitcal.model.parameters import (
     InertialSet,
     Parameters,
-    dynamic_jacobian,
-    dynamic_parameters,
-    full_set,
+    compute_dynamic_jacobian,
+    compute_dynamic_parameters,
+    make_full_set,
 )
 from gaitcal.model.subject_model import Subject
 from gaitcal.tracking import spline, trial_problem
 
 BLOCK = 500  # Frames whose changes are held at once
-COARSER = np.sqrt(
+COARSER_SPANS = np.sqrt(
     2.0
 )  # Spans of the motion that bandwidth is judged by, over those of the motion: half an octave
 STRONG = float(np.log(20.0))  # ln K from which the inertial parameters move: odds of 20 to 1
 # Part of the largest variance of the scores below which a direction of x makes no residual at all
-UNHEARD = 1e-10
+NULL_DIRECTION = 1e-10
 
 
 @dataclass(frozen=True)
@@ -84,7 +84,9 @@ class LoadedProblem:
     problem: trial_problem.MotionProblem  # Of the whole body, with the skin that moves
     coefficients: Array  # (nn, 27)
     reactions: GroundReactions
-    scores: MarkerScores | None = None  # Of its markers, where known already (`whole_body_scores`)
+    scores: MarkerScores | None = (
+        None  # Of its markers, where known already (`compute_marker_scores`)
+    )
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -97,7 +99,7 @@ class ResidualNoise:
     rms_moment: float  # N·m
 
 
-def residual_noise(
+def estimate_residual_noise(
     trials: Sequence[LoadedProblem],
     parameters: Parameters,
     sources: ErrorSources,
@@ -115,13 +117,13 @@ def residual_noise(
     inertial parameters that `chart` does not move; exact unless given.
     """
     plates = plates or PlateNoise()
-    slopes = dynamic_jacobian(parameters.inertial)
+    slopes = compute_dynamic_jacobian(parameters.inertial)
     kept = np.zeros((len(parameters.inertial), 0)) if unmoved is None else unmoved
     by_variable, by_kept = (
         np.einsum("sdk,skn->sdn", slopes, x.reshape(len(slopes), 7, -1)).reshape(
             10 * len(slopes), -1
         )
-        for x in (chart.jacobian(np.zeros(chart.size)), kept)
+        for x in (chart.compute_jacobian(np.zeros(chart.size)), kept)
     )
     scale = np.repeat([1.0 / subject.weight, 1.0 / (subject.weight * length)], 3)
     rest = plates.rest * subject.weight * np.repeat([1.0, subject.height], 3)
@@ -139,15 +141,15 @@ def residual_noise(
     for trial in trials:
         basis, wrenches = trial.problem.basis, trial.reactions.wrench
         opened = trial.problem.with_free(sources.free)
-        moves = trial.scores or whole_body_scores(
+        moves = trial.scores or compute_marker_scores(
             trial.problem, trial.coefficients, parameters, sources
         )
         shift, own = sources.parameters[opened.places_in(sources.free)], moves.coefficients.shape[1]
-        unit_moves = moves.and_unknowns()
+        unit_moves = moves.append_unknowns()
         # the same covariance by as many columns as the trial has unknowns, of thousands of sources
         root = np.asarray(np.linalg.qr(shift.T, mode="r")).T
         rates = measurement_errors.wrench_rates(basis.time, wrenches)
-        coarse = None if trial.problem.penalty else _coarser(basis, trial.coefficients)
+        coarse = None if trial.problem.penalty else _refit_coarser(basis, trial.coefficients)
         names = [*moves.clusters, *feet, "plate/clock"]
         names += [f"inertia/{n}" for n in range(by_kept.shape[1])] + (
             ["bandwidth"] if coarse else []
@@ -162,10 +164,10 @@ def residual_noise(
             by_state = np.concatenate(
                 [residual.by_position, residual.by_velocity, residual.by_acceleration], axis=2
             )
-            every = unit_moves.through(basis, at, by_state, residual.by_parameter)
+            every = unit_moves.propagate(basis, at, by_state, residual.by_parameter)
             unknown, columns = every[:, :, own:], [every[:, :, :own]]
             columns.append(
-                _plate_moves(
+                _compute_plate_errors(
                     q, measurement_errors.wrench_errors(wrenches[at], rates[at], plates.errors)
                 )
             )
@@ -199,20 +201,22 @@ def residual_noise(
     )
 
 
-def _plate_moves(q: Array, errors: Array) -> Array:
+def _compute_plate_errors(q: Array, errors: Array) -> Array:
     """(frames, 6, k) change of the residual by errors of the foot wrenches (frames, 2, 6, k)."""
     force, moment = -errors[:, :, :3].sum(axis=1), -errors[:, :, 3:].sum(axis=1)
     return np.concatenate([force, moment - np.cross(q[:, :3, None], force, axis=1)], axis=1)
 
 
-def _coarser(basis: spline.SplineBasis, coefficients: Array) -> tuple[spline.SplineBasis, Array]:
+def _refit_coarser(
+    basis: spline.SplineBasis, coefficients: Array
+) -> tuple[spline.SplineBasis, Array]:
     """The same motion with longer knot spans."""
-    spans = max(round((basis.nodes - spline.MINIMUM_NODES + 1) / COARSER), 1)
+    spans = max(round((basis.nodes - spline.MINIMUM_NODES + 1) / COARSER_SPANS), 1)
     coarse = spline.spline_basis(basis.time, spans + spline.MINIMUM_NODES - 1)
     return coarse, coarse.fit(basis.evaluate(coefficients))
 
 
-def stay_nominal(
+def keep_nominal(
     seed: Array,
     which: InertialSet,
     settings: inertial_calibration.ConsistentSettings = inertial_calibration.PEOPLE,
@@ -226,8 +230,8 @@ def stay_nominal(
     return inertial_calibration.InertialFit(
         names=which.names,
         inertial=seed,
-        jacobian=chart.jacobian(np.zeros(chart.size)),
-        residual_jacobian=np.diag(1.0 / chart.spread(settings)),
+        jacobian=chart.compute_jacobian(np.zeros(chart.size)),
+        residual_jacobian=np.diag(1.0 / chart.compute_spread(settings)),
         rms_force=rms[0],
         rms_moment=rms[1],
         iterations=0,
@@ -238,18 +242,18 @@ def stay_nominal(
     )
 
 
-def residual_words(rms: tuple[float, float]) -> str:
+def describe_residual(rms: tuple[float, float]) -> str:
     """N, N·m, for a sentence."""
     return f"the pelvis residual ({rms[0]:.1f} N, {rms[1]:.1f} N·m RMS)"
 
 
-def spread_of_the_rest(inertial: Array, which: InertialSet) -> Array:
+def compute_fixed_spread(inertial: Array, which: InertialSet) -> Array:
     """(84, n) R with covariance R R^T of the mass centres that no variable of `which` moves.
 
     They stay the table's, and people scatter about them as about others; pelvis and trunk are taken
     to be symmetric.
     """
-    every = full_set()
+    every = make_full_set()
     chart = inertial_calibration.LogChart(inertial, every)
     free = np.abs(which.selection).sum(axis=1) > 0
     limb = [name.split(".")[0].endswith(("_r", "_l")) for name in every.names]
@@ -258,9 +262,10 @@ def spread_of_the_rest(inertial: Array, which: InertialSet) -> Array:
         for n, paired in zip(every.names, limb, strict=True)
     ]
     kept = np.flatnonzero(scatter & ~free)
-    return (chart.jacobian(np.zeros(chart.size)) * chart.spread(inertial_calibration.PEOPLE))[
-        :, kept
-    ]
+    return (
+        chart.compute_jacobian(np.zeros(chart.size))
+        * chart.compute_spread(inertial_calibration.PEOPLE)
+    )[:, kept]
 
 
 def fit_by_evidence(
@@ -277,16 +282,18 @@ def fit_by_evidence(
     """
     began = time.perf_counter()
     chart = inertial_calibration.LogChart(seed, which)
-    spread, start = chart.spread(settings), np.zeros(chart.size)
-    rows = inertial_calibration.by_inertial(equations.factor, seed) @ chart.jacobian(start)
+    spread, start = chart.compute_spread(settings), np.zeros(chart.size)
+    rows = inertial_calibration.differentiate_by_inertial(
+        equations.factor, seed
+    ) @ chart.compute_jacobian(start)
     values, vectors = np.linalg.eigh(noise.covariance)
-    heard = values > UNHEARD * values[-1]
+    heard = values > NULL_DIRECTION * values[-1]
     weigh = (vectors[:, heard] / np.sqrt(values[heard])).T @ rows.T
     """G^-1/2 A^T."""
-    gap = equations.factor @ dynamic_parameters(seed).ravel() + equations.target
-    factor = log_bayes_factor(weigh @ gap, weigh @ rows * spread)
+    gap = equations.factor @ compute_dynamic_parameters(seed).ravel() + equations.target
+    factor = compute_log_bayes_factor(weigh @ gap, weigh @ rows * spread)
     explained = f"({noise.rms_force:.1f} N, {noise.rms_moment:.1f} N·m)"
-    before = equations.rms(seed)
+    before = equations.compute_rms(seed)
     if factor < STRONG:
         beyond = before[0] > noise.rms_force or before[1] > noise.rms_moment
         why = (
@@ -295,14 +302,14 @@ def fit_by_evidence(
             if beyond
             else f"is what marker noise, bandwidth and plates explain {explained}"
         )
-        stay = stay_nominal(
-            seed, which, settings, before, f"{residual_words(before)} {why}; ln K = {factor:.1f}"
+        stay = keep_nominal(
+            seed, which, settings, before, f"{describe_residual(before)} {why}; ln K = {factor:.1f}"
         )
         return replace(stay, seconds=time.perf_counter() - began)
     result, slopes = inertial_calibration.fit_chart(equations, chart, spread, weigh, start)
-    found = inertial_calibration.fit_of(equations, chart, result, slopes, began)
+    found = inertial_calibration.make_inertial_fit(equations, chart, result, slopes, began)
     message = (
-        f"{found.message}; {residual_words(before)} moves as wrong masses make it, ln K = "
+        f"{found.message}; {describe_residual(before)} moves as wrong masses make it, ln K = "
         f"{factor:.1f}, beside "
     )
     return replace(
@@ -310,7 +317,7 @@ def fit_by_evidence(
     )
 
 
-def log_bayes_factor(scores: Array, slopes: Array) -> float:
+def compute_log_bayes_factor(scores: Array, slopes: Array) -> float:
     """Logarithm of K of whitened scores (k,) whose slopes by variables of unit spread are (k, n)."""
     predicted = np.eye(len(scores)) + slopes @ slopes.T
     gain = float(scores @ scores - scores @ np.linalg.solve(predicted, scores))

@@ -40,7 +40,7 @@ class JointSettings:
     most_evaluations: int = 100
     tracking: DescentSettings = field(default_factory=DescentSettings)
 
-    def bound(self, name: str) -> float:
+    def get_bound(self, name: str) -> float:
         """m, rad, of one joint parameter."""
         position = JOINT_PARAMETERS[JP_INDEX[name]].kind is ParameterKind.POSITION
         return self.position_bound if position else self.orientation_bound
@@ -104,11 +104,11 @@ class JointSearch:
         soft tissue is its own; one for all unless given.
         """
         self.settings = settings or JointSettings()
-        self.free = passed(problems, free)
+        self.free = select_passed_parameters(problems, free)
         index = [JP_INDEX[name] for name in self.free]
         self.present = parameters.joint[index]
         self.middle = (nominal or parameters).joint[index]
-        self.reach = np.array([self.settings.bound(name) for name in self.free])
+        self.reach = np.array([self.settings.get_bound(name) for name in self.free])
         position = np.array(
             [JOINT_PARAMETERS[i].kind is ParameterKind.POSITION for i in index], dtype=bool
         )
@@ -131,7 +131,7 @@ class JointSearch:
     def run(self, start_values: Array | None = None) -> JointFit:
         """Fit to the end, from where the last search ended unless told otherwise."""
         began = time.perf_counter()
-        result = self._least_squares(self.settings.tolerance, start_values)
+        result = self._run_least_squares(self.settings.tolerance, start_values)
         state = self.problem.settle(result.x)
         bounded = np.isfinite(self.reach)
         edge = bounded & (
@@ -141,20 +141,20 @@ class JointSearch:
             free=self.free,
             keys=tuple(key for kind in state.kinds for key in kind.prior.keys),
             values=np.concatenate([result.x, *(kind.z for kind in state.kinds)]),
-            parameters=self.problem.linkage(result.x),
+            parameters=self.problem.get_parameters(result.x),
             state=state,
             iterations=int(result.nfev),
             seconds=time.perf_counter() - began,
             converged=bool(result.status > 0) and all(trial.converged for trial in state.trials),
-            message=ending(result),
+            message=describe_ending(result),
             at_bound=tuple(name for name, on_edge in zip(self.free, edge, strict=True) if on_edge),
         )
 
-    def approach(self, tolerance: float) -> ReducedState:
+    def run_to_tolerance(self, tolerance: float) -> ReducedState:
         """Where such a search ends that stops at a larger tolerance; motions are those on the way."""
-        return self.problem.at(self._least_squares(tolerance).x)
+        return self.problem.at(self._run_least_squares(tolerance).x)
 
-    def _least_squares(self, tolerance: float, start: Array | None = None) -> OptimizeResult:
+    def _run_least_squares(self, tolerance: float, start: Array | None = None) -> OptimizeResult:
         """From the best point so far, unless told otherwise."""
         if start is None:
             start = self.present if self.problem.best is None else self.problem.best.p
@@ -164,9 +164,9 @@ class JointSearch:
         bounded = np.isfinite(self.reach)
         inside = np.clip(start, lower + 1e-9 * (upper - lower) if bounded.all() else lower, upper)
         return least_squares(
-            self.problem.residual,
+            self.problem.compute_residual,
             inside,
-            jac=self.problem.jacobian,
+            jac=self.problem.compute_jacobian,
             bounds=(lower, upper) if bounded.any() else (-np.inf, np.inf),
             x_scale=self.scale,
             ftol=tolerance,
@@ -176,7 +176,9 @@ class JointSearch:
         )
 
 
-def passed(problems: Sequence[MotionProblem], names: Sequence[str]) -> tuple[str, ...]:
+def select_passed_parameters(
+    problems: Sequence[MotionProblem], names: Sequence[str]
+) -> tuple[str, ...]:
     """The joint parameters of `names` that the linkage of some trial passes."""
     found = {name for problem in problems for name in problem.with_free(tuple(names)).chain.free}
     return tuple(name for name in names if name in found)
@@ -191,6 +193,6 @@ _STATUS = {
 }
 
 
-def ending(result: OptimizeResult) -> str:
+def describe_ending(result: OptimizeResult) -> str:
     """SciPy's status in words; its own message where the number is new."""
     return _STATUS.get(int(result.status), str(result.message))

@@ -50,19 +50,19 @@ import numpy as np
 from scipy.linalg import block_diag
 
 from gaitcal.arrays import Array, IntArray
-from gaitcal.calibration.error_sources import ErrorSources, errors_by_source, nominal_errors
+from gaitcal.calibration.error_sources import ErrorSources, make_nominal_errors, propagate_errors
 from gaitcal.calibration.joint_calibration import JointFit, JointSearch, JointSettings
 from gaitcal.calibration.joint_prior import (
     ANATOMY,
     NoisePrior,
-    forbidden_noise,
-    least_noise,
-    noise_prior,
-    prior_of,
-    trial_noises,
+    compute_least_noise,
+    estimate_forbidden_noise,
+    estimate_trial_noises,
+    get_noise_prior,
+    select_prior,
 )
 from gaitcal.calibration.reduced_problem import NULL, ReducedState
-from gaitcal.calibration.soft_tissue_artefact import NO_TISSUE, TissuePrior, secondary_prior
+from gaitcal.calibration.soft_tissue_artefact import NO_TISSUE, TissuePrior, make_secondary_prior
 from gaitcal.calibration.tissue_elimination import Arrow, split_by_kind
 from gaitcal.model.parameters import JOINT_PARAMETERS, JP_INDEX, ParameterKind, Parameters
 from gaitcal.study.cohort_prior import JointPrior
@@ -98,26 +98,28 @@ class JointEstimate(JointFit):
     """Joint parameters, soft tissue and motions found together, with their errors."""
 
     noise: tuple[float, ...]  # m, sqrt(f) nu of every trial
-    repeated: dict[str, float]  # Kind of task -> f, where several trials have it
+    effective_trials: dict[str, float]  # Kind of task -> f, where several trials have it
     # The factor b on standard errors by which kinds of task disagree; 1 where their errors explain
     # it
-    apart: float
+    birge_ratio: float
     # Parameters that the markers determined, rather than the priors: trace of H^-1 sum S_t
     effective_parameters: float
     information: Array  # (np, np) of p by the markers, and the prior of soft tissue, alone
     covariance: Array
     """(np, np) of p by noise and priors; zero along directions that neither of them determines."""
-    by_tissue: Array
+    tissue_errors: Array
     """(np, nc) what soft tissue that was not fitted makes of p besides, in columns of variance one.
     """
 
     @property
     def whole_covariance(self) -> Array:
         """(np, np) by noise, priors and soft tissue that was not fitted."""
-        return self.covariance + self.by_tissue @ self.by_tissue.T
+        return self.covariance + self.tissue_errors @ self.tissue_errors.T
 
 
-def free_of(problems: Sequence[MotionProblem], wanted: Sequence[str]) -> tuple[str, ...]:
+def select_movable_parameters(
+    problems: Sequence[MotionProblem], wanted: Sequence[str]
+) -> tuple[str, ...]:
     """The joint parameters of `wanted` that some trial can move: their joint lies between segments
     that it shows, and its markers determine the joint's angles.
     """
@@ -160,7 +162,7 @@ def estimate_joints(
     have. `fits_tissue`: whether these are fitted; else markers stay in their places, and the
     columns are a source of error. `prior`: of the joint parameters, about `nominal`; None: nothing
     is expected of them. `equal_weights`: whether all trials have one noise, the mean of their own,
-    as they show it; else the noise of people is known before (`joint_prior.noise_prior`).
+    as they show it; else the noise of people is known before (`joint_prior.get_noise_prior`).
     `present`: where the search starts, and values of all that is not free; `nominal` unless given.
     `known`: errors of the joint parameters before the fit, those that it keeps fixed too; by the
     prior of those that are free unless given, the rest being exact.
@@ -177,9 +179,11 @@ def estimate_joints(
     noise: list[float] = []
     for kind in tasks:
         of_kind = [p for p, own in zip(problems, kinds, strict=True) if own == kind]
-        noise += noise_of(of_kind, present, free, None if equal_weights else noise_prior(kind))
+        noise += estimate_noise(
+            of_kind, present, free, None if equal_weights else get_noise_prior(kind)
+        )
     starts = [starting_nodes(p.body(present), p.data, p.basis) for p in problems]
-    expected = None if prior is None else _expected(nominal, free, prior)
+    expected = None if prior is None else _compute_expected(nominal, free, prior)
     search = JointSearch(
         problems,
         present,
@@ -194,9 +198,13 @@ def estimate_joints(
     weighed = _weigh(search, noise, equal=equal_weights)
     repeated: dict[str, float] = {}
     if len(kinds) > len(tasks):
-        state = search.approach(NOISE_TOLERANCE)
-        repeated = _repeated(
-            kinds, search, state, noise, _wide(free) if expected is None else expected[1]
+        state = search.run_to_tolerance(NOISE_TOLERANCE)
+        repeated = _count_effective_trials(
+            kinds,
+            search,
+            state,
+            noise,
+            _make_wide_precision(free) if expected is None else expected[1],
         )
         noise = [
             nu * float(np.sqrt(repeated.get(kind, 1.0)))
@@ -204,13 +212,15 @@ def estimate_joints(
         ]
         weighed = _weigh(search, noise, equal=equal_weights)
     fit = search.run()
-    arrow = Arrow(fit.state.kinds, _precision(search), NULL if prior is None else None)
-    apart = 1.0 if prior is None or len(tasks) < 2 else _apart(fit.state, arrow.precision)
+    arrow = Arrow(fit.state.kinds, _get_prior_precision(search), NULL if prior is None else None)
+    apart = (
+        1.0 if prior is None or len(tasks) < 2 else _compute_birge_ratio(fit.state, arrow.precision)
+    )
     sizes = [apart * own / by for own, by in zip(noise, weighed, strict=True)]
-    unknowns, columns = (*free, *fit.keys), _columns(search, arrow)
+    unknowns, columns = (*free, *fit.keys), _list_columns(search, arrow)
     parts = [trial.hessian / nu**2 for trial, nu in zip(fit.state.trials, weighed, strict=True)]
-    scores = _scores([p.name for p in problems], unknowns, parts, columns, sizes)
-    known = known or nominal_errors(free, prior)
+    scores = _compute_scores([p.name for p in problems], unknowns, parts, columns, sizes)
+    known = known or make_nominal_errors(free, prior)
     opened = [
         [key for problem in task for key in problem.with_free(free).unknowns]
         for task in tasks.values()
@@ -223,7 +233,7 @@ def estimate_joints(
         (*known.clusters, *(f"skin/{key}" for key in tissue_keys)),
     )
     considered = tuple(name for name in known.free if name not in unknowns)
-    coupling = _coupling(with_columns, fit, unknowns, considered, weighed)
+    coupling = _compute_coupling(with_columns, fit, unknowns, considered, weighed)
     by_tissue = np.zeros((len(free), 0))
     if not fits_tissue:
         of_tissue = [considered.index(key) for key in tissue_keys]
@@ -236,22 +246,22 @@ def estimate_joints(
     estimate = JointEstimate(
         **of_fit,
         noise=tuple(noise),
-        repeated=repeated,
-        apart=apart,
-        effective_parameters=arrow.effective_parameters(),
+        effective_trials=repeated,
+        birge_ratio=apart,
+        effective_parameters=arrow.count_effective_parameters(),
         information=arrow.information,
-        covariance=_covariance(arrow, parts, columns, sizes),
-        by_tissue=by_tissue,
+        covariance=_compute_covariance(arrow, parts, columns, sizes),
+        tissue_errors=by_tissue,
     )
-    return estimate, errors_by_source(unknowns, scores, arrow, coupling, known)
+    return estimate, propagate_errors(unknowns, scores, arrow, coupling, known)
 
 
-def _precision(search: JointSearch) -> Array:
+def _get_prior_precision(search: JointSearch) -> Array:
     """(np, np) of the joint parameters before any trial."""
     return np.asarray(search.problem.prior.T @ search.problem.prior, float)
 
 
-def _columns(search: JointSearch, arrow: Arrow) -> list[IntArray]:
+def _list_columns(search: JointSearch, arrow: Arrow) -> list[IntArray]:
     """Per trial, places of its unknowns among the joint parameters and the soft tissue of all
     kinds.
     """
@@ -264,7 +274,7 @@ def _columns(search: JointSearch, arrow: Arrow) -> list[IntArray]:
     return out
 
 
-def _covariance(
+def _compute_covariance(
     arrow: Arrow, parts: Sequence[Array], columns: Sequence[IntArray], sizes: Sequence[float]
 ) -> Array:
     """(np, np) of joint parameters by priors and by the noise of trials, which may be larger than
@@ -290,7 +300,7 @@ def _weigh(search: JointSearch, noise: Sequence[float], *, equal: bool) -> list[
     return weighed
 
 
-def noise_of(
+def estimate_noise(
     problems: Sequence[MotionProblem],
     nominal: Parameters,
     free: tuple[str, ...],
@@ -303,23 +313,26 @@ def noise_of(
     problems = [
         replace(p, tissue=SoftTissue((), p.secondary) if p.secondary else None) for p in problems
     ]
-    own = free_of(problems, free)
+    own = select_movable_parameters(problems, free)
     noise = [
         FIRST_NOISE * float(np.sqrt(max(frame_rate(p.basis) * MEMORY_S, 1.0))) for p in problems
     ]
     if not own:
         return noise
     starts = [starting_nodes(p.body(nominal), p.data, p.basis) for p in problems]
-    about = nominal.joint[[JP_INDEX[n] for n in own]], _wide(own)
-    tissue, least = secondary_prior(problems), [least_noise(p.basis, p.noise) for p in problems]
+    about = nominal.joint[[JP_INDEX[n] for n in own]], _make_wide_precision(own)
+    tissue, least = (
+        make_secondary_prior(problems),
+        [compute_least_noise(p.basis, p.noise) for p in problems],
+    )
     search = JointSearch(problems, nominal, own, starts, BY_EVIDENCE, tissue=tissue, expected=about)
     for _ in range(ROUNDS):
         _weigh(search, noise, equal=False)
-        state = search.approach(NOISE_TOLERANCE)
-        effective = Arrow(state.kinds, _precision(search)).effective_parameters()
-        moved, at = search.problem.moved(state), search.problem.linkage(state.p)
+        state = search.run_to_tolerance(NOISE_TOLERANCE)
+        effective = Arrow(state.kinds, _get_prior_precision(search)).count_effective_parameters()
+        moved, at = search.problem.place_tissue(state), search.problem.get_parameters(state.p)
         left = [
-            forbidden_noise(p, at, trial.coefficients)
+            estimate_forbidden_noise(p, at, trial.coefficients)
             for p, trial in zip(moved, state.trials, strict=True)
         ]
         rates = [frame_rate(p.basis) for p in problems]
@@ -328,11 +341,11 @@ def noise_of(
             if expected is None or any(p.noise for p in problems)
             else [expected] * len(problems)
         )
-        noise = trial_noises(left, least, effective, priors, rates)
+        noise = estimate_trial_noises(left, least, effective, priors, rates)
     return noise
 
 
-def _wide(names: Sequence[str]) -> Array:
+def _make_wide_precision(names: Sequence[str]) -> Array:
     """(np, np) precision of joint parameters that may lie `WIDE_M` or `WIDE_RAD` off."""
     wide = np.array(
         [
@@ -343,22 +356,24 @@ def _wide(names: Sequence[str]) -> Array:
     return np.diag(1.0 / wide**2)
 
 
-def _expected(nominal: Parameters, free: tuple[str, ...], prior: JointPrior) -> tuple[Array, Array]:
+def _compute_expected(
+    nominal: Parameters, free: tuple[str, ...], prior: JointPrior
+) -> tuple[Array, Array]:
     """(np,) expected values and (np, np) precision of joint parameters before any trial."""
-    mean, covariance = prior_of(free, prior)
+    mean, covariance = select_prior(free, prior)
     return nominal.joint[[JP_INDEX[n] for n in free]] + mean, np.asarray(
         np.linalg.inv(covariance), float
     )
 
 
-def _placed(part: Array, places: IntArray, size: int) -> Array:
+def _place_block(part: Array, places: IntArray, size: int) -> Array:
     """(size, size) with a part of it at some rows and columns, zero elsewhere."""
     out = np.zeros((size, size))
     out[np.ix_(places, places)] = part
     return out
 
 
-def _repeated(
+def _count_effective_trials(
     kinds: Sequence[str],
     search: JointSearch,
     state: ReducedState,
@@ -379,14 +394,16 @@ def _repeated(
             score[places[joint]] = trial.reduced_gradient[joint] / noise[k] ** 2
             scores.append(score)
             informations.append(
-                _placed(trial.hessian[np.ix_(joint, joint)] / noise[k] ** 2, places[joint], count)
+                _place_block(
+                    trial.hessian[np.ix_(joint, joint)] / noise[k] ** 2, places[joint], count
+                )
             )
-        share = _independent_share(scores, informations, precision)
+        share = _estimate_independent_share(scores, informations, precision)
         out[kind] = share + len(members) * (1.0 - share)
     return out
 
 
-def _independent_share(
+def _estimate_independent_share(
     scores: Sequence[Array], informations: Sequence[Array], precision: Array
 ) -> float:
     """S = chi^2 over its degrees of freedom, at most 1, of K scores (n,) with matrices (n, n)."""
@@ -404,7 +421,7 @@ def _independent_share(
     return float(min(chi2 / ((len(scores) - 1) * base.shape[1]), 1.0))
 
 
-def _apart(state: ReducedState, precision: Array) -> float:
+def _compute_birge_ratio(state: ReducedState, precision: Array) -> float:
     """The factor b, at the common estimate; `precision`: (np, np) of joint parameters before any
     trial.
     """
@@ -423,7 +440,7 @@ def _apart(state: ReducedState, precision: Array) -> float:
     return float(np.sqrt(max(chi2 / degrees, 1.0))) if degrees else 1.0
 
 
-def _scores(
+def _compute_scores(
     trials: Sequence[str],
     unknowns: tuple[str, ...],
     parts: Sequence[Array],
@@ -442,7 +459,7 @@ def _scores(
     return ErrorSources(unknowns, np.hstack(scores), tuple(sources))
 
 
-def _coupling(
+def _compute_coupling(
     problems: Sequence[MotionProblem],
     fit: JointFit,
     unknowns: tuple[str, ...],

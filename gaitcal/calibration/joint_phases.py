@@ -34,17 +34,17 @@ from gaitcal.calibration import (
     joint_prior,
     soft_tissue_artefact,
 )
-from gaitcal.calibration.error_sources import ErrorSources, nominal_errors
+from gaitcal.calibration.error_sources import ErrorSources, make_nominal_errors
 from gaitcal.calibration.joint_estimate import (
     BY_EVIDENCE,
     JointEstimate,
     Tasks,
     estimate_joints,
-    free_of,
+    select_movable_parameters,
 )
 from gaitcal.errors import Finding
 from gaitcal.model.linkage import ISOLATED_JOINTS, LEG_JOINTS, LOWER_BODY, SEGMENTS
-from gaitcal.model.parameters import JP_INDEX, JP_NAMES, Parameters, isolated_parameters
+from gaitcal.model.parameters import JP_INDEX, JP_NAMES, Parameters, list_isolated_parameters
 from gaitcal.runtime import with_one_blas_thread
 from gaitcal.study.cohort_prior import JointPrior
 from gaitcal.tracking.bandwidth import with_bandwidth
@@ -140,7 +140,9 @@ class JointCalibration:
     """Where the markers of all trials are against their bones."""
 
 
-def parameters_for(joint: JointCalibration | None, trial: str, final: Parameters) -> Parameters:
+def get_parameters_for_trial(
+    joint: JointCalibration | None, trial: str, final: Parameters
+) -> Parameters:
     """The joint parameters at the end of the phase that a trial took part in; `final` where no
     later one moves them.
     """
@@ -164,12 +166,13 @@ class JointPhase:
         names = iter(self.recordings)
         tasks = {
             kind: tuple(
-                replace(problem, tissue=soft.of(next(names), problem)) for problem in problems
+                replace(problem, tissue=soft.make_columns(next(names), problem))
+                for problem in problems
             )
             for kind, problems in self.tasks.items()
         }
         plan = replace(self, tasks=tasks)
-        return replace(plan, tissue=soft.prior(plan.problems))
+        return replace(plan, tissue=soft.assemble_prior(plan.problems))
 
     @property
     def problems(self) -> list[MotionProblem]:
@@ -209,7 +212,7 @@ class FittedPhase:
     summary: Phase
     frozen: tuple[str, ...] = ()
     """Joint parameters that were to be fitted and that these trials cannot see."""
-    turned: identifiability.Turns = field(default_factory=dict)
+    turned: identifiability.RangesOfMotion = field(default_factory=dict)
     """How far isolated trials move their joints."""
     findings: tuple[Finding, ...] = ()
     notes: tuple[str, ...] = ()
@@ -236,16 +239,18 @@ def fit_phase(
         known=known,
     )
     estimate, errors = fit(plan.free)
-    turned = identifiability.turns_of(plan.problems, estimate.coefficients, plan.joints)
+    turned = identifiability.measure_ranges_of_motion(
+        plan.problems, estimate.coefficients, plan.joints
+    )
     frozen: tuple[str, ...] = ()
     if how.prior is None:
         (alone,) = plan.tasks if len(plan.tasks) == 1 else (soft_tissue_artefact.GAIT,)
         unmoved = (
             ()
             if alone not in ISOLATED_JOINTS
-            else identifiability.unmoved_parameters(plan.free, alone, turned[alone])
+            else identifiability.find_unmoved_parameters(plan.free, alone, turned[alone])
         )
-        frozen = identifiability.unseen_parameters(
+        frozen = identifiability.find_unobservable_parameters(
             plan.free, estimate.covariance, estimate.information, unmoved
         )
     iterations, seconds = estimate.iterations, estimate.seconds
@@ -258,7 +263,7 @@ def fit_phase(
             plan.problems, estimate.coefficients, plan.joints, strict=True
         )
         if joint
-        for finding in identifiability.small_turns(problem, coefficients, joint)
+        for finding in identifiability.report_small_ranges(problem, coefficients, joint)
     )
     weighed = how.equal_weights and how.prior is not None
     summary = Phase(
@@ -282,7 +287,7 @@ def fit_phase(
     )
 
 
-def sequential_phases(
+def plan_sequential_phases(
     trials: Sequence[JointProblem], gait: Mapping[str, tuple[str, ...]]
 ) -> list[JointPhase]:
     """Isolated trials each for its joint (6, 9 or 12 parameters), then the gait trials.
@@ -291,18 +296,22 @@ def sequential_phases(
     below).
     """
     phases = [
-        _phase(
-            f"joint:{joint}", [t for t in trials if t.joint == joint], isolated_parameters(joint)
+        _make_phase(
+            f"joint:{joint}",
+            [t for t in trials if t.joint == joint],
+            list_isolated_parameters(joint),
         )
         for joint in ISOLATED_JOINTS
         if joint[-1] in gait
     ]
     free = tuple(name for names in gait.values() for name in names)
-    phases.append(_phase(soft_tissue_artefact.GAIT, [t for t in trials if t.joint is None], free))
+    phases.append(
+        _make_phase(soft_tissue_artefact.GAIT, [t for t in trials if t.joint is None], free)
+    )
     return [phase for phase in phases if phase.free]
 
 
-def simultaneous_phases(
+def plan_simultaneous_phases(
     trials: Sequence[JointProblem], gait: Mapping[str, tuple[str, ...]]
 ) -> list[JointPhase]:
     """All trials at once: every parameter that an isolated trial determines, and those of `gait` if
@@ -313,18 +322,18 @@ def simultaneous_phases(
     wanted = {
         name
         for t in used
-        for name in (of_gait if t.joint is None else isolated_parameters(t.joint))
+        for name in (of_gait if t.joint is None else list_isolated_parameters(t.joint))
     }
-    order = [name for joint in ISOLATED_JOINTS for name in isolated_parameters(joint)]
-    phase = _phase("all joints", used, tuple(name for name in order if name in wanted))
+    order = [name for joint in ISOLATED_JOINTS for name in list_isolated_parameters(joint)]
+    phase = _make_phase("all joints", used, tuple(name for name in order if name in wanted))
     return [phase] if phase.free else []
 
 
-def _phase(name: str, trials: Sequence[JointProblem], wanted: tuple[str, ...]) -> JointPhase:
+def _make_phase(name: str, trials: Sequence[JointProblem], wanted: tuple[str, ...]) -> JointPhase:
     kinds = dict.fromkeys(t.kind for t in trials)
     tasks = {kind: tuple(t.fitted for t in trials if t.kind == kind) for kind in kinds}
     recordings = tuple(t.name for kind in kinds for t in trials if t.kind == kind)
-    free = joint_calibration.passed(
+    free = joint_calibration.select_passed_parameters(
         [problem for problems in tasks.values() for problem in problems], wanted
     )
     return JointPhase(name=name, tasks=tasks, free=free, recordings=recordings)
@@ -336,7 +345,7 @@ def calibrate_in_phases(
     """One phase after the other, each from where the last one ended; what it knows is the prior of
     the next.
     """
-    present, known, following = nominal, nominal_errors(), how
+    present, known, following = nominal, make_nominal_errors(), how
     done: list[FittedPhase] = []
     for plan in phases:
         found = fit_phase(plan, nominal, following, present, known)
@@ -350,7 +359,7 @@ def calibrate_in_phases(
             following = replace(following, prior=following.prior.updated(posterior))
         done.append(found)
     problems = [problem for plan in phases for task in plan.tasks.values() for problem in task]
-    whole = _calibration_of(done, nominal, how.prior, how.search, known, problems)
+    whole = _assemble_calibration(done, nominal, how.prior, how.search, known, problems)
     reached = {name: phase.estimate.parameters for phase in done for name in phase.summary.trials}
     return replace(whole, reached=reached)
 
@@ -369,33 +378,35 @@ def calibrate_by_evidence(
     used = [t for t in trials if t.joint is None or t.joint[-1] in sides]
     kinds = list(dict.fromkeys(t.kind for t in used))
     legs = [
-        replace(t, fitted=t.fitted if t.joint else segments_of(t.fitted, LOWER_BODY, nominal))
+        replace(t, fitted=t.fitted if t.joint else take_segments(t.fitted, LOWER_BODY, nominal))
         for t in sorted(used, key=lambda t: kinds.index(t.kind))
     ]
-    free = free_of(
+    free = select_movable_parameters(
         [t.fitted for t in legs], [n for n in LEG_PARAMETERS if n.split(".")[0][-1] in sides]
     )
     done, tissue = list[FittedPhase](), dict[str, SoftTissue]()
     artefact = soft_tissue_artefact.NO_FOUND_TISSUE
     with ThreadPoolExecutor(1) as pool:
-        upper = pool.submit(with_one_blas_thread(_trunk_and_arms), trials, nominal, how)
+        upper = pool.submit(with_one_blas_thread(_fit_trunk_and_arms), trials, nominal, how)
         if free:
-            soft = soft_tissue_artefact.task_tissue(
+            soft = soft_tissue_artefact.prepare_task_tissue(
                 {t.name: t.kind for t in legs}, {t.name: t.fitted for t in legs}, nominal
             )
-            plan = replace(_phase("joint parameters of the legs", legs, ()), free=free).with_tissue(
-                soft
-            )
+            plan = replace(
+                _make_phase("joint parameters of the legs", legs, ()), free=free
+            ).with_tissue(soft)
             found = fit_phase(plan, nominal, how)
             errors = _with_untracked_tissue(found)
             done.append(
-                replace(found, errors=errors, notes=_tissue_notes(soft.scales, found.estimate))
+                replace(found, errors=errors, notes=_describe_tissue(soft.scales, found.estimate))
             )
-            tissue = soft.of_bodies({t.name: t.body for t in legs}, plan.tissue.keys)
-            artefact = soft.found(found.estimate.keys, found.estimate.tissue)
+            tissue = soft.make_body_columns({t.name: t.body for t in legs}, plan.tissue.keys)
+            artefact = soft.make_found_tissue(found.estimate.keys, found.estimate.tissue)
     done += upper.result()
-    known = nominal_errors(prior=prior)
-    calibration = _calibration_of(done, nominal, prior, bounds, known, [t.fitted for t in legs])
+    known = make_nominal_errors(prior=prior)
+    calibration = _assemble_calibration(
+        done, nominal, prior, bounds, known, [t.fitted for t in legs]
+    )
     return replace(calibration, tissue=tissue, artefact=artefact)
 
 
@@ -416,7 +427,7 @@ def _with_untracked_tissue(phase: FittedPhase) -> ErrorSources:
     )
 
 
-def _tissue_notes(
+def _describe_tissue(
     scales: Mapping[str, soft_tissue_artefact.SoftTissueScale], estimate: JointEstimate
 ) -> tuple[str, ...]:
     """What soft tissue was found, and how far repeated trials repeat their errors."""
@@ -441,18 +452,18 @@ def _tissue_notes(
     out += [
         f"the trials of {kind} repeat each other's errors: each counts as one of {repeated:.1f} "
         "that say the same"
-        for kind, repeated in estimate.repeated.items()
+        for kind, repeated in estimate.effective_trials.items()
         if repeated > 1.05
     ]
-    if estimate.apart > 1.05:
+    if estimate.birge_ratio > 1.05:
         out.append(
-            f"isolated trials and gait disagree: error bars are {estimate.apart:.1f} times those "
+            f"isolated trials and gait disagree: error bars are {estimate.birge_ratio:.1f} times those "
             "of noise alone"
         )
     return tuple(out)
 
 
-def segments_of(
+def take_segments(
     body: MotionProblem, segments: tuple[str, ...], nominal: Parameters
 ) -> MotionProblem:
     """Some segments of a whole body, the first free in the laboratory, with the same bandwidth."""
@@ -460,32 +471,34 @@ def segments_of(
     return with_bandwidth(part, nominal, body.smoothing.cutoff_hz) if body.smoothing else part
 
 
-def _trunk_and_arms(
+def _fit_trunk_and_arms(
     trials: Sequence[JointProblem], nominal: Parameters, how: PhaseSettings
 ) -> list[FittedPhase]:
     """Gait by itself above the pelvis; empty where nothing is free."""
     walks = [t for t in trials if t.joint is None]
-    parts = [segments_of(t.fitted, UPPER_BODY, nominal) for t in walks]
+    parts = [take_segments(t.fitted, UPPER_BODY, nominal) for t in walks]
     # the pelvis' markers once more: what they do here has a name of its own among the sources of
     # error
     problems = tuple(replace(part, name=f"{part.name}, trunk and arms") for part in parts)
     plan = JointPhase(
         name="joint parameters of trunk and arms",
         tasks={soft_tissue_artefact.GAIT: problems},
-        free=free_of(problems, UPPER_PARAMETERS),
+        free=select_movable_parameters(problems, UPPER_PARAMETERS),
         recordings=tuple(t.name for t in walks),
     )
     if not plan.free:
         return []
     found = fit_phase(plan, nominal, how)
-    if turned := identifiability.arm_ambiguity(problems, found.estimate.coefficients, nominal):
+    if turned := identifiability.detect_ambiguous_arms(
+        problems, found.estimate.coefficients, nominal
+    ):
         found = fit_phase(
-            replace(plan, free=identifiability.without_arms(plan.free, turned)), nominal, how
+            replace(plan, free=identifiability.exclude_arms(plan.free, turned)), nominal, how
         )
-    return [replace(found, findings=identifiability.ambiguous_arm_findings(turned))]
+    return [replace(found, findings=identifiability.report_ambiguous_arms(turned))]
 
 
-def _calibration_of(
+def _assemble_calibration(
     done: Sequence[FittedPhase],
     nominal: Parameters,
     prior: JointPrior | None,
@@ -506,16 +519,16 @@ def _calibration_of(
         )
         spread |= dict(zip(free, np.sqrt(np.diag(estimate.covariance)).tolist(), strict=False))
         bounded |= dict.fromkeys(estimate.at_bound)
-        known = known.updated(phase.errors)
+        known = known.replace_errors(phase.errors)
     free, apart = tuple(spread), np.abs(parameters.joint - nominal.joint)
-    bounded |= dict.fromkeys(n for n in free if apart[JP_INDEX[n]] > bounds.bound(n))
+    bounded |= dict.fromkeys(n for n in free if apart[JP_INDEX[n]] > bounds.get_bound(n))
     if prior is None:
         unseen, kept = (
             tuple(n for phase in done for n in phase.frozen if n not in spread),
             "kept at nominal values",
         )
     else:
-        before = np.sqrt(np.diag(joint_prior.prior_of(free, prior)[1]))
+        before = np.sqrt(np.diag(joint_prior.select_prior(free, prior)[1]))
         unseen = tuple(
             n for n, deviation in zip(free, before, strict=True) if spread[n] > LEARNT * deviation
         )
@@ -532,12 +545,12 @@ def _calibration_of(
         unidentifiable=unseen,
         findings=(
             *(finding for phase in done for finding in phase.findings),
-            *identifiability.in_words(
+            *identifiability.report_undetermined(
                 [n for n in unseen if n.startswith(LEG_JOINTS)], kept, turned
             ),
-            *identifiability.beyond_bounds(
+            *identifiability.report_bounds(
                 tuple(bounded),
-                same_body=bool(bounded) and identifiability.worn_as_standing(problems),
+                same_body=bool(bounded) and identifiability.is_same_placement(problems),
             ),
         ),
         at_bound=tuple(bounded),

@@ -3,7 +3,7 @@ then says is noise.
 
 Deviations d from nominal values are N(m0, P0): by anatomy (`TABLE`), of which a study file may
 change means and deviations (`[calibration] joint_prior`), and what a cohort has learnt takes the
-place of both (`prior_of_study`).
+place of both (`make_study_prior`).
 
 A joint's centre is one place of one bone end, seen from two segments: hip in pelvis and thigh, knee
 in thigh and shank, the talus in shank and foot, and the subtalar axis in talus and foot. A landmark
@@ -14,7 +14,7 @@ or regression that misses it misses it in both. In each direction
 
 The lower triangle [d, 0; d, a] is the Cholesky root F of that: its columns are the causes, the
 error of the centre under the parent's name and that of being apart under the child's. Markers that
-are put on anew move the centre, in both views alike (`in_both_views`), and leave the second cause
+are put on anew move the centre, in both views alike (`make_view_covariance`), and leave the second cause
 as it is.
 
 `TABLE` holds mean, d and a; what they rest on:
@@ -104,7 +104,7 @@ class _Row:
 
     parameters: tuple[str, ...]  # Parent's, then child's, without side
     deviation: float
-    apart: float = 0.0
+    segment_difference: float = 0.0
     mean: float = 0.0
 
     @property
@@ -115,52 +115,56 @@ class _Row:
         )
 
 
-def _seen_twice(
+def _make_rows(
     joint: str, parent: str, child: str, directions: str, deviation: Sequence[float], apart: float
 ) -> tuple[_Row, ...]:
     return tuple(
         _Row(
             parameters=(f"{joint}.{parent}.{name}", f"{joint}.{child}.{name}"),
             deviation=d,
-            apart=apart,
+            segment_difference=apart,
         )
         for name, d in zip(directions.split(), deviation, strict=True)
     )
 
 
 TABLE: tuple[_Row, ...] = (
-    *_seen_twice("hip", "pelvis", "thigh", "ant sup lat", (12.0, 10.0, 9.0), 4.0),
-    *_seen_twice("knee", "thigh", "shank", "ant sup", (10.0, 10.0), 4.0),
+    *_make_rows("hip", "pelvis", "thigh", "ant sup lat", (12.0, 10.0, 9.0), 4.0),
+    *_make_rows("knee", "thigh", "shank", "ant sup", (10.0, 10.0), 4.0),
     _Row(parameters=("knee.shank.lat",), deviation=10.0),
-    *_seen_twice("knee", "thigh", "shank", "front trans", (6.0, 10.0), 4.0),
+    *_make_rows("knee", "thigh", "shank", "front trans", (6.0, 10.0), 4.0),
     _Row(
         parameters=("talocrural.shank.ant", "subtalar.foot.ant"),
         deviation=8.0,
-        apart=5.0,
+        segment_difference=5.0,
         mean=-5.0,
     ),
     _Row(
         parameters=("talocrural.shank.sup", "subtalar.foot.sup"),
         deviation=8.0,
-        apart=5.0,
+        segment_difference=5.0,
         mean=-10.0,
     ),
-    _Row(parameters=("talocrural.shank.lat", "subtalar.foot.lat"), deviation=8.0, apart=5.0),
+    _Row(
+        parameters=("talocrural.shank.lat", "subtalar.foot.lat"),
+        deviation=8.0,
+        segment_difference=5.0,
+    ),
     _Row(
         parameters=("subtalar.talus.trans", "subtalar.foot.trans"),
         deviation=14.0,
-        apart=6.0,
+        segment_difference=6.0,
         mean=-4.0,
     ),
 )
 """Joints of the legs; what is not here has `OTHER_MM` or `OTHER_DEG`."""
 OTHER_MM, OTHER_DEG = 20.0, 10.0
-OTHER = np.where(
+OTHER_DEVIATIONS = np.where(
     [p.kind is ParameterKind.POSITION for p in JOINT_PARAMETERS], OTHER_MM, OTHER_DEG
 )  # (98,) mm, deg
 
 
-def _first_views() -> IntArray:
+def _find_first_views() -> IntArray:
     out = np.arange(len(JP_NAMES))
     for row in TABLE:
         for own in row.by_side:
@@ -168,13 +172,13 @@ def _first_views() -> IntArray:
     return out
 
 
-FIRST_VIEW = _first_views()
+FIRST_VIEW = _find_first_views()
 """(98,) of every joint parameter, the parent's of the same direction of the same bone end; itself
 where none is.
 """
 
 
-def in_both_views(deviation: Array) -> Array:
+def make_view_covariance(deviation: Array) -> Array:
     """(98, 98) covariance of errors of bone ends, each the same in both segments that see it;
     `deviation`: (98,), of which those of first views count.
     """
@@ -182,21 +186,23 @@ def in_both_views(deviation: Array) -> Array:
     return np.outer(size, size) * (FIRST_VIEW[:, None] == FIRST_VIEW)
 
 
-def _anatomy() -> JointPrior:
+def _make_anatomy_prior() -> JointPrior:
     mean, apart = np.zeros(len(JP_NAMES)), np.zeros(len(JP_NAMES))
-    deviation = OTHER.copy()
+    deviation = OTHER_DEVIATIONS.copy()
     for row in TABLE:
         for side, own in enumerate(row.by_side):
             mirrored = np.array([JOINT_PARAMETERS[k].mirrored for k in own])
             mean[own] = row.mean * np.where(mirrored & (side == 1), -1.0, 1.0)
-            deviation[own], apart[own[1:]] = row.deviation, row.apart
-    covariance = in_both_views(JP_TO_SI * deviation) + np.diag((JP_TO_SI * apart) ** 2)
+            deviation[own], apart[own[1:]] = row.deviation, row.segment_difference
+    covariance = make_view_covariance(JP_TO_SI * deviation) + np.diag((JP_TO_SI * apart) ** 2)
     return JointPrior(names=JP_NAMES, mean=JP_TO_SI * mean, covariance=covariance)
 
 
-ANATOMY = _anatomy()
+ANATOMY = _make_anatomy_prior()
 WEAK = JointPrior(
-    names=JP_NAMES, mean=np.zeros(len(JP_NAMES)), covariance=np.diag((JP_TO_SI * OTHER) ** 2)
+    names=JP_NAMES,
+    mean=np.zeros(len(JP_NAMES)),
+    covariance=np.diag((JP_TO_SI * OTHER_DEVIATIONS) ** 2),
 )
 """Of the published protocol, where it has one (`prior = "weak"`): the same for all joints, none
 tied to another.
@@ -204,12 +210,12 @@ tied to another.
 MEAN, COVARIANCE = ANATOMY.mean, ANATOMY.covariance
 
 
-def prior_deviations(names: Sequence[str]) -> Array:
+def get_prior_deviations(names: Sequence[str]) -> Array:
     """(n,) m, rad: standard deviations of joint parameters by anatomy."""
     return np.sqrt(np.diag(COVARIANCE))[[JP_INDEX[name] for name in names]]
 
 
-def prior_of(names: Sequence[str], prior: JointPrior | None) -> tuple[Array, Array]:
+def select_prior(names: Sequence[str], prior: JointPrior | None) -> tuple[Array, Array]:
     """(n,) m, rad and (n, n): mean m0 and covariance P0 of deviations from nominal values;
     anatomy's where `prior` says nothing of a parameter.
     """
@@ -220,14 +226,14 @@ def prior_of(names: Sequence[str], prior: JointPrior | None) -> tuple[Array, Arr
     return whole.mean[at], whole.covariance[np.ix_(at, at)]
 
 
-def prior_root(names: Sequence[str], prior: JointPrior | None) -> Array:
+def factor_prior(names: Sequence[str], prior: JointPrior | None) -> Array:
     """(n, n) F, lower triangular, F F^T = P0: each column what one cause does, under its
     parameter's name.
     """
-    return np.asarray(np.linalg.cholesky(prior_of(names, prior)[1]), float)
+    return np.asarray(np.linalg.cholesky(select_prior(names, prior)[1]), float)
 
 
-def prior_of_study(
+def make_study_prior(
     told: Mapping[str, ParameterPriorTable],
     learnt: JointPrior | None = None,
     noise: PointNoise | None = None,
@@ -272,7 +278,7 @@ LONGEST_LAG = 1.0 / 3.0  # Of the trial: beyond, too few pairs of frames are lef
 LEAST_SAMPLES = (
     0.3  # Part of the independent samples that is left at least, however many parameters they serve
 )
-RANK = 1e-8  # Of the largest eigenvalue: below, markers do not show a direction at all
+RANK_TOLERANCE = 1e-8  # Of the largest eigenvalue: below, markers do not show a direction at all
 LEAST_ERROR, MEMORY_S = (
     5e-5,
     0.25,
@@ -287,7 +293,7 @@ class ForbiddenNoise:
     samples: float  # n, independent ones
 
 
-def frames_per_sample(errors: Array, visible: BoolArray | None = None) -> float:
+def estimate_frames_per_sample(errors: Array, visible: BoolArray | None = None) -> float:
     """Estimate tau, the samples for one that is independent.
 
     Parameters
@@ -299,7 +305,7 @@ def frames_per_sample(errors: Array, visible: BoolArray | None = None) -> float:
     """
     nf = len(errors)
     known = np.ones(errors.shape) if visible is None else visible.astype(np.float64)
-    power, pairs = _lagged(errors * known), _lagged(known)
+    power, pairs = _sum_lagged_products(errors * known), _sum_lagged_products(known)
     if power[0] <= 0.0:
         return 1.0
     lags = np.arange(1, max(int(nf * LONGEST_LAG), 2))
@@ -312,23 +318,23 @@ def frames_per_sample(errors: Array, visible: BoolArray | None = None) -> float:
     return 1.0 + 2.0 * float((shown * rho)[summed].sum())
 
 
-def _lagged(columns: Array) -> Array:
+def _sum_lagged_products(columns: Array) -> Array:
     """(nf,) sums of products of entries so many rows apart, over all columns (nf, k)."""
     nf = len(columns)
     spectrum = np.abs(np.fft.rfft(columns, 2 * nf, axis=0)) ** 2
     return np.asarray(np.fft.irfft(spectrum.sum(axis=1))[:nf], float)
 
 
-def least_noise(basis: spline.SplineBasis, noise: PointNoise | None = None) -> float:
+def compute_least_noise(basis: spline.SplineBasis, noise: PointNoise | None = None) -> float:
     """m, nu below which nothing is believed: that of the cameras, at the frames of a trial, or that
     of points that are no markers.
     """
     if noise is not None:
-        return noise.least(spline.frame_rate(basis))
+        return noise.compute_least_noise(spline.frame_rate(basis))
     return LEAST_ERROR * float(np.sqrt(max(MEMORY_S * spline.frame_rate(basis), 1.0)))
 
 
-def forbidden_noise(
+def estimate_forbidden_noise(
     problem: trial_problem.MotionProblem, parameters: Parameters, coefficients: Array
 ) -> ForbiddenNoise:
     """Estimate the noise at a motion.
@@ -344,12 +350,12 @@ def forbidden_noise(
         (nn, nq) of the motion.
     """
     model = problem.positions(coefficients, problem.body(parameters))
-    for counted_markers in (_whole_segments(problem.data), np.ones(len(model), dtype=bool)):
+    for counted_markers in (_find_full_clusters(problem.data), np.ones(len(model), dtype=bool)):
         weight = problem.data.weight * counted_markers[:, None]
         some = problem.with_weight(weight)
         residual = np.sqrt(weight)[:, None] * (problem.data.measured - model)
-        moved, shown = _moved_as_rigid(residual, model, some.data)
-        taken = _linkage_ranks(some, coefficients, parameters)
+        moved, shown = _project_on_rigid_motions(residual, model, some.data)
+        taken = _count_linkage_directions(some, coefficients, parameters)
         directions = shown - taken
         if (directions > 0).any():
             break
@@ -367,11 +373,13 @@ def forbidden_noise(
         columns = moved[markers].reshape(-1, len(pattern)).T
         fitted = problem.basis.evaluate(problem.basis.fit(columns, pattern.astype(float))).T
         smooth[markers] = fitted.reshape(len(markers), 3, -1) * pattern
-    tau = frames_per_sample(smooth.reshape(-1, smooth.shape[-1]).T, np.repeat(counted, 3, axis=0).T)
+    tau = estimate_frames_per_sample(
+        smooth.reshape(-1, smooth.shape[-1]).T, np.repeat(counted, 3, axis=0).T
+    )
     return ForbiddenNoise(tau * float((smooth**2).sum()) / total, total / tau)
 
 
-def _whole_segments(data: MarkerData) -> BoolArray:
+def _find_full_clusters(data: MarkerData) -> BoolArray:
     """(nm,) markers of segments that wear three or more with weight."""
     out = np.zeros(len(data.weight), dtype=bool)
     for _, markers in data.placed.groups:
@@ -379,7 +387,9 @@ def _whole_segments(data: MarkerData) -> BoolArray:
     return out
 
 
-def _moved_as_rigid(residual: Array, model: Array, data: MarkerData) -> tuple[Array, IntArray]:
+def _project_on_rigid_motions(
+    residual: Array, model: Array, data: MarkerData
+) -> tuple[Array, IntArray]:
     """(nm, 3, nf) m, of weighted residuals the part that rigid motions of the segments make, to
     first order; and (nf,) in how many directions the visible markers show such motions.
     """
@@ -400,7 +410,7 @@ def _moved_as_rigid(residual: Array, model: Array, data: MarkerData) -> tuple[Ar
         columns = (np.sqrt(weight)[:, :, None, None] * pattern).transpose(1, 0, 2, 3)
         columns = columns.reshape(residual.shape[-1], -1, pattern.shape[-1])  # (nf, 3 nm, 6)
         values, vectors = np.linalg.eigh(columns.transpose(0, 2, 1) @ columns)
-        kept = values > RANK * values[:, -1:]
+        kept = values > RANK_TOLERANCE * values[:, -1:]
         inverse = np.where(kept, 1.0 / np.where(kept, values, 1.0), 0.0)
         basis = columns @ vectors  # orthogonal, of squared length `values`
         flat = residual[markers].transpose(2, 0, 1).reshape(residual.shape[-1], -1, 1)
@@ -410,7 +420,7 @@ def _moved_as_rigid(residual: Array, model: Array, data: MarkerData) -> tuple[Ar
     return out, shown
 
 
-def _linkage_ranks(
+def _count_linkage_directions(
     problem: trial_problem.MotionProblem, coefficients: Array, parameters: Parameters
 ) -> IntArray:
     """(nf,) in how many directions the coordinates move the visible markers, the same wherever the
@@ -425,7 +435,7 @@ def _linkage_ranks(
     size = np.sqrt(np.einsum("fii->fi", hessian))
     inverse = np.where(size > 0, 1.0 / np.where(size > 0, size, 1.0), 0.0)
     values = np.linalg.eigvalsh(hessian * inverse[:, :, None] * inverse[:, None, :])
-    ranks = (values > RANK * np.maximum(values[:, -1:], 1e-300)).sum(axis=1)
+    ranks = (values > RANK_TOLERANCE * np.maximum(values[:, -1:], 1e-300)).sum(axis=1)
     return np.asarray(ranks[np.searchsorted(frames, first)][which.ravel()], dtype=np.intp)
 
 
@@ -447,12 +457,12 @@ own had a quarter and four tenths of the noise of one ankle trial that a fit bes
 (5.3 mm): a factor of e."""
 
 
-def noise_prior(kind: str) -> NoisePrior:
+def get_noise_prior(kind: str) -> NoisePrior:
     """The prior of a kind of task: a walk's where it is no isolated trial's."""
     return ISOLATED_NOISE if kind in ISOLATED_JOINTS else WALK_NOISE
 
 
-def trial_noises(
+def estimate_trial_noises(
     estimates: Sequence[ForbiddenNoise],
     least: Sequence[float],
     effective_parameters: float,

@@ -78,7 +78,7 @@ class Matrices:
     coefficients: Array  # (nn, nq) where they were formed
     eliminated: Elimination
 
-    def near(self, values: Array, coefficients: Array) -> bool:
+    def is_near(self, values: Array, coefficients: Array) -> bool:
         """Whether another point is near enough."""
         apart = max(
             np.abs(values - self.values).max(initial=0.0),
@@ -107,7 +107,7 @@ class MotionState:
         """(nx_t, nx_t) reduced."""
         return self.matrices.eliminated.hessian
 
-    def predicted(self, values: Array) -> Array:
+    def predict_coefficients(self, values: Array) -> Array:
         """(nn, nq) coefficients at other values of its unknowns (nx_t,)."""
         ahead = self.matrices.eliminated.follow(values - self.values)
         return np.asarray(self.coefficients - ahead.reshape(self.coefficients.shape), float)
@@ -149,7 +149,7 @@ class OpenMotion:
             self.problem.equations(coefficients, self.body, curved=curved),
         )
 
-    def corrected(self, coefficients: Array, kept: Matrices | None) -> MotionState | None:
+    def correct(self, coefficients: Array, kept: Matrices | None) -> MotionState | None:
         """The trial where plain steps from `coefficients` (nn, nq) converge; None where they do
         not.
         """
@@ -159,7 +159,7 @@ class OpenMotion:
         matrices = end.factor or self.linearise(end.x, curved=False).factor(0.0)
         return self._state(end.x, end.evaluation, matrices, end.predicted_reduction, converged=True)
 
-    def stepped(self, coefficients: Array, *, converged: bool) -> tuple[MotionState, float]:
+    def take_step(self, coefficients: Array, *, converged: bool) -> tuple[MotionState, float]:
         """The trial one plain step from `coefficients` (nn, nq), and the share of the cost that it
         should gain.
         """
@@ -308,15 +308,15 @@ class ReducedProblem:
                 return known
         self.evaluations += 1
         every = range(len(self.members))
-        kinds = _side_by_side(lambda k: self._solved(k, p, *self._predicted(k, p)), every)
-        if self.best is not None and self._sum(p, kinds).total > self.best.total:
+        kinds = _map_in_pairs(lambda k: self._solve_kind(k, p, *self._predict_tissue(k, p)), every)
+        if self.best is not None and self._sum_kinds(p, kinds).total > self.best.total:
             # before SciPy takes a shorter step: soft tissue may have gone too far, and not the
             # joint parameters
             solved = kinds
-            kinds = _side_by_side(lambda k: self._followed(k, p, solved[k]), every)
+            kinds = _map_in_pairs(lambda k: self._minimise_tissue(k, p, solved[k]), every)
         return self._keep(p, kinds)
 
-    def _predicted(self, k: int, p: Array) -> tuple[Array, Sequence[MotionState] | None]:
+    def _predict_tissue(self, k: int, p: Array) -> tuple[Array, Sequence[MotionState] | None]:
         """Soft tissue of one kind at p, one step beyond that of the best point, and the motions
         there.
         """
@@ -334,12 +334,14 @@ class ReducedProblem:
 
         def settled(k: int) -> KindState:
             members = self.members[k]
-            here = self._followed(
+            here = self._minimise_tissue(
                 k, p, KindState(tuple(state.trials[t] for t in members), state.kinds[k])
             )
             z, trials = here.tissue.z + here.tissue.step, here.trials
-            here = self._summed(
-                k, z, self._each(k, lambda i: self._settled(members[i], p, z, trials[i]))
+            here = self._eliminate_kind(
+                k,
+                z,
+                self._map_trials(k, lambda i: self._settle_motion(members[i], p, z, trials[i])),
             )
             if here.tissue.reduction > self.settings.gain * here.tissue.cost:
                 here = replace(
@@ -347,17 +349,17 @@ class ReducedProblem:
                 )
             return here
 
-        return self._keep(p, _side_by_side(settled, range(len(self.members))))
+        return self._keep(p, _map_in_pairs(settled, range(len(self.members))))
 
-    def linkage(self, p: Array) -> Parameters:
+    def get_parameters(self, p: Array) -> Parameters:
         """All joint parameters at p."""
         return self.parameters.with_joint(self.free, p)
 
-    def moved(self, state: ReducedState) -> list[MotionProblem]:
+    def place_tissue(self, state: ReducedState) -> list[MotionProblem]:
         """Per trial, the motion alone, with soft tissue and secondary motions where a state has
         them.
         """
-        return [self._placed(t, trial.values)[0] for t, trial in enumerate(state.trials)]
+        return [self._place_trial(t, trial.values)[0] for t, trial in enumerate(state.trials)]
 
     def weigh(self, shares: Sequence[float]) -> None:
         """Let the cost of each trial count so much. At given soft tissue no motion moves by that;
@@ -368,12 +370,12 @@ class ReducedProblem:
         if best is None:
             return
         kinds = [
-            self._summed(k, of.z, [best.trials[t] for t in members])
+            self._eliminate_kind(k, of.z, [best.trials[t] for t in members])
             for k, (members, of) in enumerate(zip(self.members, best.kinds, strict=True))
         ]
         self._keep(best.p, kinds)
 
-    def _followed(self, k: int, p: Array, here: KindState) -> KindState:
+    def _minimise_tissue(self, k: int, p: Array, here: KindState) -> KindState:
         """One kind where its soft tissue has gone to the minimum at p.
 
         Gauss-Newton steps f leave out the curvature of large residuals, and may overshoot in the
@@ -394,20 +396,20 @@ class ReducedProblem:
                 # in units of the matrix here, in which the cost is round
                 weight = np.linalg.lstsq(tissue.root.T @ changes, -tissue.forward, rcond=None)[0]
                 step = step - moves @ weight
-            there = self._solved(k, p, tissue.z + step, here.trials, keep=True)
+            there = self._solve_kind(k, p, tissue.z + step, here.trials, keep=True)
             if there.tissue.cost > tissue.cost:
                 # what was learnt there serves from here: the next step is a shorter one
                 points, steps = (
                     [there.tissue.z, *points][-KEPT_STEPS:],
                     [there.tissue.step, *steps][-KEPT_STEPS:],
                 )
-                there = self._solved(k, p, tissue.z + 0.5 * steps[-1], here.trials, keep=True)
+                there = self._solve_kind(k, p, tissue.z + 0.5 * steps[-1], here.trials, keep=True)
                 if there.tissue.cost > tissue.cost:
                     break
             here = there
         return here
 
-    def _solved(
+    def _solve_kind(
         self, k: int, p: Array, z: Array, near: Sequence[MotionState] | None, *, keep: bool = False
     ) -> KindState:
         """One kind with its motions solved at p and z, from those of a point `near`, of which
@@ -417,24 +419,24 @@ class ReducedProblem:
 
         def solved(i: int) -> MotionState:
             t = self.members[k][i]
-            return self._solve(
+            return self._solve_motion(
                 t, unknowns[self.columns[t]], None if near is None else near[i], keep=keep
             )
 
-        return self._summed(k, z, self._each(k, solved))
+        return self._eliminate_kind(k, z, self._map_trials(k, solved))
 
-    def _each(self, k: int, function: Callable[[int], MotionState]) -> list[MotionState]:
+    def _map_trials(self, k: int, function: Callable[[int], MotionState]) -> list[MotionState]:
         """What a function makes of each trial of a kind, two at a time where there is no other
         kind.
         """
         every = range(len(self.members[k]))
         return (
-            _side_by_side(function, every)
+            _map_in_pairs(function, every)
             if len(self.members) == 1
             else [function(i) for i in every]
         )
 
-    def _summed(self, k: int, z: Array, trials: Sequence[MotionState]) -> KindState:
+    def _eliminate_kind(self, k: int, z: Array, trials: Sequence[MotionState]) -> KindState:
         """Sum the trials of a kind up, and eliminate its soft tissue."""
         size = len(self.free) + len(z)
         hessian, gradient, cost = np.zeros((size, size)), np.zeros(size), 0.0
@@ -447,7 +449,7 @@ class ReducedProblem:
             tuple(trials), eliminate_tissue(self.tissue[k], z, hessian, gradient, cost)
         )
 
-    def _sum(self, p: Array, kinds: Sequence[KindState]) -> ReducedState:
+    def _sum_kinds(self, p: Array, kinds: Sequence[KindState]) -> ReducedState:
         """Sum the kinds up."""
         trials: dict[int, MotionState] = {}
         for members, kind in zip(self.members, kinds, strict=True):
@@ -469,13 +471,13 @@ class ReducedProblem:
 
     def _keep(self, p: Array, kinds: Sequence[KindState]) -> ReducedState:
         """Sum the kinds up, and remember the point if it is the best."""
-        state = self._sum(p, kinds)
+        state = self._sum_kinds(p, kinds)
         if self.best is None or state.total <= self.best.total:
             self.best = state
         self.state = state
         return state
 
-    def _placed(self, t: int, values: Array) -> tuple[MotionProblem, MotionProblem]:
+    def _place_trial(self, t: int, values: Array) -> tuple[MotionProblem, MotionProblem]:
         """A trial with its soft tissue and secondary motions at its unknowns (nx_t,): for the
         motion alone, and with all of them open.
         """
@@ -485,52 +487,54 @@ class ReducedProblem:
         moved = opened.displaced(values[opened.joint_parameters :])
         return self.fixed[t].with_data(moved.data), moved
 
-    def _motion(self, t: int, values: Array) -> tuple[MotionProblem, OpenMotion]:
-        fixed, problem = self._placed(t, values)
+    def _open_motion(self, t: int, values: Array) -> tuple[MotionProblem, OpenMotion]:
+        fixed, problem = self._place_trial(t, values)
         return fixed, OpenMotion(
-            problem, self.bodies[t].with_free(self._linkage_of(t, values)), values
+            problem, self.bodies[t].with_free(self._get_trial_parameters(t, values)), values
         )
 
-    def _linkage_of(self, t: int, values: Array) -> Parameters:
+    def _get_trial_parameters(self, t: int, values: Array) -> Parameters:
         """All joint parameters at the unknowns (nx_t,) of a trial."""
         count = self.open[t].joint_parameters
         return self.parameters.with_joint(self.open[t].unknowns[:count], values[:count])
 
-    def _settled(self, t: int, p: Array, z: Array, last: MotionState) -> MotionState:
+    def _settle_motion(self, t: int, p: Array, z: Array, last: MotionState) -> MotionState:
         """The motion of one trial at p and z, with equations formed there."""
         values = np.append(p, z)[self.columns[t]]
-        fixed, motion = self._motion(t, values)
-        predicted = last.predicted(values)
-        stepped, share = motion.stepped(predicted, converged=last.converged)
+        fixed, motion = self._open_motion(t, values)
+        predicted = last.predict_coefficients(values)
+        stepped, share = motion.take_step(predicted, converged=last.converged)
         if share > self.settings.gain:
-            curved = self._curved(t, last)
-            stepped = self._tracked(t, predicted, fixed, motion, self.settings, curved=curved)
+            curved = self._needs_newton(t, last)
+            stepped = self._track_motion(t, predicted, fixed, motion, self.settings, curved=curved)
         return stepped
 
-    def _solve(self, t: int, values: Array, near: MotionState | None, *, keep: bool) -> MotionState:
+    def _solve_motion(
+        self, t: int, values: Array, near: MotionState | None, *, keep: bool
+    ) -> MotionState:
         """The motion of one trial, predicted from a point near by and corrected by a few plain
         steps, or tracked.
         """
-        fixed, motion = self._motion(t, values)
+        fixed, motion = self._open_motion(t, values)
         nearly = replace(self.settings, gain=max(self.settings.gain, CORRECTOR.gain))
         kept: Matrices | None = None
         if near is None:
             damped = self.settings.first_damping > 0.0  # then a small gain may be the damping's
             about = self.settings if damped else replace(nearly, gain=max(nearly.gain, FIRST_GAIN))
             predicted = track_nodes(
-                fixed, fixed.body(self._linkage_of(t, values)), self.starts[t], about
+                fixed, fixed.body(self._get_trial_parameters(t, values)), self.starts[t], about
             ).x
         else:
-            predicted = near.predicted(values)
-            kept = near.matrices if keep or near.matrices.near(values, predicted) else None
-        if near is not None and self._curved(t, near):
-            return self._tracked(t, predicted, fixed, motion, self.settings, curved=True)
-        found = motion.corrected(predicted, kept)
+            predicted = near.predict_coefficients(values)
+            kept = near.matrices if keep or near.matrices.is_near(values, predicted) else None
+        if near is not None and self._needs_newton(t, near):
+            return self._track_motion(t, predicted, fixed, motion, self.settings, curved=True)
+        found = motion.correct(predicted, kept)
         if found is None and kept is not None:
-            found = motion.corrected(predicted, None)
-        return found or self._tracked(t, predicted, fixed, motion, nearly)
+            found = motion.correct(predicted, None)
+        return found or self._track_motion(t, predicted, fixed, motion, nearly)
 
-    def _tracked(
+    def _track_motion(
         self,
         t: int,
         coefficients: Array,
@@ -543,31 +547,31 @@ class ReducedProblem:
         """The motion found by tracking, and one step of the open equations from there."""
         settings = replace(settings, first_damping=0.0, curved=curved)
         tracked = track_nodes(
-            fixed, fixed.body(self._linkage_of(t, motion.values)), coefficients, settings
+            fixed, fixed.body(self._get_trial_parameters(t, motion.values)), coefficients, settings
         )
         if tracked.curved and not settings.curved:
             self.slow_at[t] = min(self.slow_at[t], tracked.cost)
-        return motion.stepped(tracked.x, converged=tracked.converged)[0]
+        return motion.take_step(tracked.x, converged=tracked.converged)[0]
 
-    def _curved(self, t: int, near: MotionState) -> bool:
+    def _needs_newton(self, t: int, near: MotionState) -> bool:
         """Whether a trial's motion wants Newton's steps: its markers are not much nearer than where
         it did.
         """
         return near.cost > COST_FALLEN_TO * self.slow_at[t]
 
-    def residual(self, p: Array) -> Array:
+    def compute_residual(self, p: Array) -> Array:
         """(np + 1,) compressed residuals f, m."""
         state, pull = self.at(p), self.prior @ (p - self.centre)
-        _, divided = self._root(state)
+        _, divided = self._factorise(state)
         projected = divided @ (state.gradient + self.prior.T @ pull)
         rest = state.cost + float(pull @ pull) - float(projected @ projected)
         return np.append(projected, np.sqrt(max(rest, 0.0)))
 
-    def jacobian(self, p: Array) -> Array:
+    def compute_jacobian(self, p: Array) -> Array:
         """(np + 1, np) compressed Jacobian of `residual`."""
-        return np.vstack([self._root(self.at(p))[0], np.zeros((1, len(p)))])
+        return np.vstack([self._factorise(self.at(p))[0], np.zeros((1, len(p)))])
 
-    def _root(self, state: ReducedState) -> tuple[Array, Array]:
+    def _factorise(self, state: ReducedState) -> tuple[Array, Array]:
         """(np, np) R with R^T R = S and the prior, and the inverse of R^T: by Cholesky where a
         prior holds every direction, in a tenth of the time of the eigenvectors that tell which
         directions count as zero elsewhere.
@@ -589,7 +593,7 @@ class ReducedProblem:
 _Made = TypeVar("_Made")
 
 
-def _side_by_side(function: Callable[[int], _Made], numbers: Sequence[int]) -> list[_Made]:
+def _map_in_pairs(function: Callable[[int], _Made], numbers: Sequence[int]) -> list[_Made]:
     """What a function makes of each number, two at a time: products of matrices let the other
     thread compute.
     """

@@ -73,13 +73,17 @@ from scipy.linalg import block_diag
 from scipy.special import logsumexp
 
 from gaitcal.arrays import Array
-from gaitcal.calibration.joint_prior import LEAST_SAMPLES, frames_per_sample, least_noise
+from gaitcal.calibration.joint_prior import (
+    LEAST_SAMPLES,
+    compute_least_noise,
+    estimate_frames_per_sample,
+)
 from gaitcal.calibration.soft_tissue_table import (
     THIGH_M,
     SkinField,
     SkinTable,
-    people_table,
-    place_functions,
+    evaluate_place_functions,
+    load_people_table,
 )
 from gaitcal.model.linkage import (
     BENDS,
@@ -88,7 +92,7 @@ from gaitcal.model.linkage import (
     JOINTS,
     LEG_JOINTS,
     Source,
-    segment_kind,
+    get_segment,
 )
 from gaitcal.model.parameters import Parameters
 from gaitcal.tracking import motion, soft_tissue
@@ -102,7 +106,7 @@ class ArtefactSize:
 
     shift: float  # m, of all markers together
     turn: float  # rad, of all markers together
-    own: float  # m, of every marker by itself
+    per_marker: float  # m, of every marker by itself
 
 
 SIZES: Mapping[str, ArtefactSize] = {
@@ -151,19 +155,19 @@ TRUSTED = 0.5
 seldom seen, and left aside where three others are seen more often."""
 TINY = 1e-12  # Mean square of an angle over its unit below which it does not move at all
 PAIR = 2  # Markers of which nothing but their distance shows how they deform
-SEEN_RANK = 1e-9
+OBSERVED_RANK = 1e-9
 """Part of the largest diagonal entry of a QR factor below which an angle adds nothing to those
 before it.
 """
 
 
-def beside(segment: str) -> tuple[str, ...]:
+def list_adjacent_coordinates(segment: str) -> tuple[str, ...]:
     """Coordinates of the joints of the legs at both ends of a segment: up to the next one that
     carries skin, which the talus does not.
     """
     above = JOINT_OF_CHILD.get(segment)
     near = {j.child for j in JOINTS if j.parent == segment} | ({above.parent} if above else set())
-    ends = {segment, *(other for other in near if not segment_kind(other).markers)}
+    ends = {segment, *(other for other in near if not get_segment(other).markers)}
     joints = [
         j
         for j in JOINTS
@@ -182,7 +186,7 @@ class AngleUnit:
     bend: float  # what the angle over `size` explains of its square, by least squares
 
 
-def angle_units(
+def compute_angle_units(
     angles: Sequence[Mapping[str, Array]], posture: Mapping[str, float] | None = None
 ) -> dict[str, AngleUnit]:
     """Find the units of all angles (nf,) rad of the trials of one kind of task."""
@@ -197,7 +201,7 @@ def angle_units(
     return out
 
 
-def task_regressors(
+def compute_task_regressors(
     angles: Sequence[Mapping[str, Array]],
     posture: Mapping[str, float] | None = None,
     units: Mapping[str, AngleUnit] | None = None,
@@ -218,7 +222,7 @@ def task_regressors(
     -------
     Of each trial, coordinate -> (nf,) psi: rad for knee flexion, else over its RMS in the task.
     """
-    units = {**angle_units(angles, posture), **(units or {})}
+    units = {**compute_angle_units(angles, posture), **(units or {})}
     out: list[dict[str, Array]] = []
     for of_trial in angles:
         psi = dict[str, Array]()
@@ -232,7 +236,7 @@ def task_regressors(
     return out
 
 
-def tissue_of(
+def make_tissue_columns(
     problem: MotionProblem,
     kind: str,
     regressors: Mapping[str, Array],
@@ -249,13 +253,13 @@ def tissue_of(
     Parameters
     ----------
     problem : the trial. No skin moves points that are no markers. kind : of task. regressors :
-    coordinate -> (nf,) of `task_regressors`. nominal : where knees are; positions on the skin are
+    coordinate -> (nf,) of `compute_task_regressors`. nominal : where knees are; positions on the skin are
     relative to them. known : columns to keep; all unless given. secondary : what knees do besides
     flexing. table : skin of people; that of gaitcal unless given. softness : by which what is
     expected is multiplied; 0: markers are taken to stay in their static places. pinned : segments
     with markers fixed to the bone.
     """
-    groups, skin = [], people_table() if table is None else table
+    groups, skin = [], load_people_table() if table is None else table
     for s, markers in problem.data.placed.groups if problem.noise is None else ():
         segment = problem.chain.segments[s]
         if (
@@ -264,7 +268,7 @@ def tissue_of(
             or not (problem.data.weight[markers] > 0).any()
         ):
             continue
-        near, local = beside(segment), problem.data.local[markers]
+        near, local = list_adjacent_coordinates(segment), problem.data.local[markers]
         names = tuple(name for name in regressors if name.removesuffix(SQUARES) in near)
         pulling = (problem.data.weight[markers] > 0).any(axis=1)
         if names:
@@ -279,9 +283,9 @@ def tissue_of(
                     pattern=cluster.pattern,
                     names=tuple(f"{kind}/{name}" for name in names),
                     regressors=np.array([regressors[name] for name in names]),
-                    expected=np.array([cluster.mean(name) for name in names]),
-                    covariance=np.array([cluster.rigid_covariance(name) for name in names]),
-                    by_marker=np.array([cluster.marker_covariance(name) for name in names]),
+                    expected=np.array([cluster.compute_mean(name) for name in names]),
+                    covariance=np.array([cluster.compute_rigid_covariance(name) for name in names]),
+                    by_marker=np.array([cluster.compute_marker_covariance(name) for name in names]),
                     softness=softness,
                 )
             )
@@ -316,47 +320,55 @@ class _Cluster:
             length = float(np.linalg.norm(nominal.centre(knee, f"thigh_{side}")))
             self._larger = length / THIGH_M
             place = (local - nominal.centre(knee, segment)) * self._mirror / length
-            self._functions = place_functions(place, gait=gait)
+            self._functions = evaluate_place_functions(place, gait=gait)
 
-    def _from_bones(self, regressor: str) -> SkinField | None:
+    def _get_field(self, regressor: str) -> SkinField | None:
         return (
             self._field
             if regressor.startswith(FROM_BONES) and not regressor.endswith(SQUARES)
             else None
         )
 
-    def mean(self, regressor: str) -> Array:
+    def compute_mean(self, regressor: str) -> Array:
         """(nm, 3) m; squares have none."""
-        field = self._from_bones(regressor)
+        field = self._get_field(regressor)
         if field is None:
             return np.zeros(self.pattern.shape[:2])
-        return np.asarray(self._larger * self._mirror * field.mean(self._functions))
+        return np.asarray(self._larger * self._mirror * field.compute_mean(self._functions))
 
-    def marker_covariance(self, regressor: str) -> Array:
+    def compute_marker_covariance(self, regressor: str) -> Array:
         """(3 nm, 3 nm) m^2 about the mean."""
-        field = self._from_bones(regressor)
+        field = self._get_field(regressor)
         if field is None:
             size, more = self._size, np.zeros((len(self._flat),) * 2)
         else:
-            size = ArtefactSize(self._larger * field.shift, field.turn, self._larger * field.own)
+            size = ArtefactSize(
+                self._larger * field.shift, field.turn, self._larger * field.per_marker
+            )
             mirror = np.tile(self._mirror, len(self.pattern))
-            more = self._larger**2 * np.outer(mirror, mirror) * field.uncertainty(self._functions)
+            more = (
+                self._larger**2
+                * np.outer(mirror, mirror)
+                * field.compute_uncertainty(self._functions)
+            )
         rigid = self._flat * np.repeat([size.shift, size.turn], 3)
-        return np.asarray(rigid @ rigid.T + size.own**2 * np.eye(len(rigid)) + more)
+        return np.asarray(rigid @ rigid.T + size.per_marker**2 * np.eye(len(rigid)) + more)
 
-    def rigid_covariance(self, regressor: str) -> Array:
+    def compute_rigid_covariance(self, regressor: str) -> Array:
         """(6, 6) m^2, m rad, rad^2 about the mean, of what they do together."""
-        field = self._from_bones(regressor)
+        field = self._get_field(regressor)
         size = self._size
         together = np.linalg.pinv(self._flat, rcond=soft_tissue.SMALLEST)
         more = np.zeros((soft_tissue.WIDTH,) * 2)
         if field is not None:
-            size = ArtefactSize(self._larger * field.shift, field.turn, self._larger * field.own)
+            size = ArtefactSize(
+                self._larger * field.shift, field.turn, self._larger * field.per_marker
+            )
             mirrored = self._larger * together * np.tile(self._mirror, len(self.pattern))
-            more = mirrored @ field.uncertainty(self._functions) @ mirrored.T
+            more = mirrored @ field.compute_uncertainty(self._functions) @ mirrored.T
         out = (
             np.diag(np.repeat([size.shift, size.turn], 3) ** 2)
-            + size.own**2 * together @ together.T
+            + size.per_marker**2 * together @ together.T
             + more
         )
         return np.asarray(0.5 * (out + out.T))
@@ -374,24 +386,26 @@ class SoftTissueScale:
     mean_square: float = 0.0
     """min(E[s^2], 1)."""
 
-    def covariance(self, regressor: str, unit: Array, mean: Array, softness: float) -> Array:
+    def compute_covariance(
+        self, regressor: str, unit: Array, mean: Array, softness: float
+    ) -> Array:
         """Of a regressor's columns about `softness` times their mean; `unit`, `mean`: both moments
         at s = 1.
         """
         if regressor.endswith(SQUARES):
-            return self.variance(regressor) * unit
+            return self.get_variance(regressor) * unit
         of_scale = max(
             (1.0 + SEGMENT_SPREAD**2) * self.mean_square - 2.0 * softness * self.mean + softness**2,
             0.0,
         )
         return np.asarray(self.linear * unit + of_scale * np.outer(mean, mean))
 
-    def variance(self, regressor: str) -> float:
+    def get_variance(self, regressor: str) -> float:
         """E[s^2] of a regressor's columns."""
         return self.squares if regressor.endswith(SQUARES) else self.linear
 
 
-def soft_tissue_scale(
+def estimate_soft_tissue_scale(
     trials: Sequence[MotionProblem], *, possibly_still: bool = False
 ) -> SoftTissueScale:
     """The scale of a person in one kind of task from trials whose soft tissue holds every column
@@ -401,7 +415,7 @@ def soft_tissue_scale(
     of others.
     """
     plain, bent = list[_Deformation](), list[_Deformation]()
-    for observed in observed_deformations(trials).values():
+    for observed in collect_deformations(trials).values():
         # one distance cannot distinguish soft skin from a wand that swings
         if observed.markers < FEWEST_MARKERS:
             continue
@@ -419,8 +433,10 @@ def soft_tissue_scale(
         bent.append(_Deformation(of_squares, right[bends] - mixed @ left[:, -1], mean[bends]))
     squares = 0.0
     if any(len(part.right) for part in bent):
-        squares = _scale_moments(bent, possibly_none=True, possibly_still=possibly_still).linear
-    return replace(_scale_moments(plain, possibly_still=possibly_still), squares=squares)
+        squares = _compute_scale_moments(
+            bent, possibly_none=True, possibly_still=possibly_still
+        ).linear
+    return replace(_compute_scale_moments(plain, possibly_still=possibly_still), squares=squares)
 
 
 Cluster = tuple[str, tuple[str, ...]]
@@ -451,12 +467,12 @@ class ObservedDeformation:
         return int(shown.any(axis=(0, 2)).sum())
 
 
-def observed_deformations(trials: Sequence[MotionProblem]) -> dict[Cluster, ObservedDeformation]:
+def collect_deformations(trials: Sequence[MotionProblem]) -> dict[Cluster, ObservedDeformation]:
     """Sum up over trials of what their markers show; clusters that show nothing are left out."""
     out: dict[Cluster, ObservedDeformation] = {}
     for problem in trials:
         for group in problem.tissue.groups if problem.tissue else ():
-            information, right = _deformation(problem, group)
+            information, right = _compute_deformation(problem, group)
             which = group.carrier, tuple(problem.labels[group.markers])
             of_trial = ObservedDeformation(
                 names=group.names,
@@ -467,13 +483,13 @@ def observed_deformations(trials: Sequence[MotionProblem]) -> dict[Cluster, Obse
                 rigid_covariance=group.covariance,
                 pattern=group.pattern,
             )
-            out[which] = _summed(out[which], of_trial) if which in out else of_trial
+            out[which] = _sum_deformations(out[which], of_trial) if which in out else of_trial
     # a trial that shows nothing has its regressors here, as others may show how the same markers
     # deform
     return {which: observed for which, observed in out.items() if observed.information.any()}
 
 
-def _summed(one: ObservedDeformation, other: ObservedDeformation) -> ObservedDeformation:
+def _sum_deformations(one: ObservedDeformation, other: ObservedDeformation) -> ObservedDeformation:
     """Both together: the regressors of either, the columns of the first where they have one."""
     new = [r for r, name in enumerate(other.names) if name not in one.names]
     names = (*one.names, *(other.names[r] for r in new))
@@ -508,7 +524,7 @@ class ClusterTissue:
     deformation: Array  # (nr, nm, 3) m
 
 
-def cluster_tissue(observed: ObservedDeformation, scale: SoftTissueScale) -> ClusterTissue:
+def compute_cluster_tissue(observed: ObservedDeformation, scale: SoftTissueScale) -> ClusterTissue:
     """Compute the posterior of a cluster from its deformation.
 
     Shifts and turns of a cluster do not deform it, so that joints have no part in this. What it
@@ -537,8 +553,8 @@ def cluster_tissue(observed: ObservedDeformation, scale: SoftTissueScale) -> Clu
     for name, moves, by_marker, of_rigid in columns:
         softness = 0.0 if name.endswith(SQUARES) else scale.mean
         before.append(softness * moves)
-        roots.append(np.linalg.cholesky(scale.variance(name) * by_marker))
-        rigid.append(scale.covariance(name, of_rigid, to_rigid @ moves, softness))
+        roots.append(np.linalg.cholesky(scale.get_variance(name) * by_marker))
+        rigid.append(scale.compute_covariance(name, of_rigid, to_rigid @ moves, softness))
     root, mean = block_diag(*roots), np.concatenate(before)
     left = np.linalg.inv(np.eye(len(root)) + root.T @ observed.information @ root)
     change = root @ left @ root.T @ (observed.right - observed.information @ mean)
@@ -564,7 +580,7 @@ class _Deformation:
     mean: Array  # (n,) mu
 
 
-def _scale_moments(
+def _compute_scale_moments(
     parts: Sequence[_Deformation], *, possibly_none: bool = False, possibly_still: bool = False
 ) -> SoftTissueScale:
     """The moments of s; if `possibly_none`, s is 0 with odds of one to one before any data, if
@@ -599,7 +615,9 @@ def _scale_moments(
     )
 
 
-def _deformation(problem: MotionProblem, group: soft_tissue.SegmentTissue) -> tuple[Array, Array]:
+def _compute_deformation(
+    problem: MotionProblem, group: soft_tissue.SegmentTissue
+) -> tuple[Array, Array]:
     """Q (n, n) 1/m^2 and b (n,) of one segment in one trial, regressor by regressor, of each marker
     by marker, x, y, z; from the markers that have weight in it. Of two, their distance is all that
     deforms.
@@ -634,11 +652,14 @@ def _deformation(problem: MotionProblem, group: soft_tissue.SegmentTissue) -> tu
     errors = left.reshape(3 * len(used), -1).T[whole]  # (frames, 3 used)
     errors = errors - errors.mean(axis=0)  # where a marker lies is not how it moves
     psi = psi - psi.mean(axis=1, keepdims=True)
-    rigid = _rigid_directions(
+    rigid = _find_rigid_directions(
         soft_tissue.together(local - local.mean(axis=0)).reshape(-1, soft_tissue.WIDTH)
     )
-    noise = _noise(
-        errors, psi, 3 * len(used) - rigid.shape[1], least_noise(problem.basis, problem.noise)
+    noise = _estimate_noise(
+        errors,
+        psi,
+        3 * len(used) - rigid.shape[1],
+        compute_least_noise(problem.basis, problem.noise),
     )
     columns = (3 * (used - group.markers.start)[:, None] + np.arange(3)).ravel()
     projector, errors_of_group = np.zeros((width, width)), np.zeros((len(errors), width))
@@ -651,18 +672,18 @@ def _deformation(problem: MotionProblem, group: soft_tissue.SegmentTissue) -> tu
     return np.asarray(information / noise**2, float), np.asarray(right / noise**2, float)
 
 
-def _rigid_directions(flat: Array) -> Array:
+def _find_rigid_directions(flat: Array) -> Array:
     """(3 nm, 6 or 5) orthonormal columns that span those of B (3 nm, 6)."""
     columns, sizes, _ = np.linalg.svd(flat, full_matrices=False)
     return np.asarray(columns[:, sizes > soft_tissue.SMALLEST * sizes[0]])
 
 
-def _noise(errors: Array, psi: Array, directions: int, least: float) -> float:
+def _estimate_noise(errors: Array, psi: Array, directions: int, least: float) -> float:
     """m, nu of errors (nf, 3 nm) that no combination of the regressors (nr, nf) explains."""
     q, r = np.linalg.qr(psi.T)
-    explained = q[:, np.abs(np.diag(r)) > SEEN_RANK * np.abs(r).max(initial=0.0)]
+    explained = q[:, np.abs(np.diag(r)) > OBSERVED_RANK * np.abs(r).max(initial=0.0)]
     unexplained = errors - explained @ (explained.T @ errors)
-    tau = frames_per_sample(unexplained)
+    tau = estimate_frames_per_sample(unexplained)
     samples = len(errors) / tau
     spent = samples / max(samples - explained.shape[1], LEAST_SAMPLES * samples)
     variance = spent * tau * float((unexplained**2).sum()) / (max(directions, 1) * len(errors))
@@ -681,7 +702,7 @@ class TissuePrior:
 NO_TISSUE = TissuePrior((), np.zeros((0, 0)), np.zeros(0))
 
 
-def tissue_prior(
+def assemble_tissue_prior(
     trials: Sequence[MotionProblem],
     scales: Mapping[str, SoftTissueScale],
     clusters: Mapping[tuple[str, Cluster], ClusterTissue] | None = None,
@@ -717,7 +738,7 @@ def tissue_prior(
                 mean = group.rigid_part(group.expected[r])
                 means.append(np.zeros(soft_tissue.WIDTH))
                 blocks.append(
-                    scales[kind].covariance(
+                    scales[kind].compute_covariance(
                         group.names[r], group.covariance[r], mean, group.softness
                     )
                 )
@@ -726,12 +747,12 @@ def tissue_prior(
         for name, segment in names
         for component in soft_tissue.COMPONENTS
     )
-    secondary = secondary_prior(trials)
+    secondary = make_secondary_prior(trials)
     mean = np.concatenate([secondary.mean, *means])
     return TissuePrior((*secondary.keys, *keys), block_diag(secondary.covariance, *blocks), mean)
 
 
-def secondary_prior(trials: Sequence[MotionProblem]) -> TissuePrior:
+def make_secondary_prior(trials: Sequence[MotionProblem]) -> TissuePrior:
     """The prior of the secondary motions that trials have."""
     keys = tuple(
         dict.fromkeys(
@@ -772,7 +793,7 @@ class FoundTissue:
     units: Mapping[str, AngleUnit] = field(default_factory=dict)
     """`kind/coordinate` -> unit of the columns, which further trials share."""
 
-    def units_of(self, kind: str) -> dict[str, AngleUnit]:
+    def select_units(self, kind: str) -> dict[str, AngleUnit]:
         """Select the units of a kind of task, by coordinate."""
         start = f"{kind}/"
         return {
@@ -781,7 +802,7 @@ class FoundTissue:
             if name.startswith(start)
         }
 
-    def displaced(self, problem: MotionProblem) -> MotionProblem:
+    def displace_markers(self, problem: MotionProblem) -> MotionProblem:
         """Displace the markers of a trial, with its soft tissue, by the artefact; knees stay
         hinges.
 
@@ -796,7 +817,7 @@ class FoundTissue:
 NO_FOUND_TISSUE = FoundTissue()
 
 
-def _deformed(
+def _apply_deformation(
     tissue: soft_tissue.SoftTissue,
     problem: MotionProblem,
     clusters: Mapping[Cluster, ClusterTissue],
@@ -837,16 +858,16 @@ class TaskTissue:
     pinned: Collection[str] = ()
     """Segments with markers fixed to the bone."""
 
-    def prior(self, trials: Sequence[MotionProblem]) -> TissuePrior:
+    def assemble_prior(self, trials: Sequence[MotionProblem]) -> TissuePrior:
         """Assemble the prior of the columns that trials have."""
-        return tissue_prior(trials, self.scales, self.clusters if self.fitted else None)
+        return assemble_tissue_prior(trials, self.scales, self.clusters if self.fitted else None)
 
-    def of(
+    def make_columns(
         self, name: str, problem: MotionProblem, known: Collection[str] | None = None
     ) -> soft_tissue.SoftTissue | None:
         """The columns of a trial on the markers of some part of the body, or those `known` of them."""
         kind = self.kinds[name]
-        tissue = tissue_of(
+        tissue = make_tissue_columns(
             problem,
             kind,
             self.regressors[name],
@@ -862,18 +883,18 @@ class TaskTissue:
         clusters = {
             cluster: found for (of_kind, cluster), found in self.clusters.items() if of_kind == kind
         }
-        return _deformed(tissue, problem, clusters)
+        return _apply_deformation(tissue, problem, clusters)
 
-    def of_bodies(
+    def make_body_columns(
         self, bodies: Mapping[str, MotionProblem], known: Collection[str]
     ) -> dict[str, soft_tissue.SoftTissue]:
         """Trial -> the columns `known` on the markers of the whole body; without those that have
         none.
         """
-        found = {name: self.of(name, body, known) for name, body in bodies.items()}
+        found = {name: self.make_columns(name, body, known) for name, body in bodies.items()}
         return {name: columns for name, columns in found.items() if columns is not None}
 
-    def found(self, keys: Sequence[str], values: Array) -> FoundTissue:
+    def make_found_tissue(self, keys: Sequence[str], values: Array) -> FoundTissue:
         """What a fit of the columns `keys` found, (nz,) m and rad."""
         softness = {kind: scale.mean for kind, scale in self.scales.items()}
         found = dict(zip(keys, values.tolist(), strict=True))
@@ -881,7 +902,7 @@ class TaskTissue:
         return FoundTissue(from_bones, softness, self.units)
 
 
-def task_tissue(
+def prepare_task_tissue(
     kinds: Mapping[str, str],
     parts: Mapping[str, MotionProblem],
     nominal: Parameters,
@@ -901,17 +922,17 @@ def task_tissue(
     fitted : whether the artefact will be fitted, or is a source of error alone.
     pinned : segments with markers fixed to the bone, which do not show how the person's skin moves.
     """
-    table = people_table() if table is None else table
-    angles = {name: _angles(nominal, parts[name]) for name in kinds}
+    table = load_people_table() if table is None else table
+    angles = {name: _track_angles(nominal, parts[name]) for name in kinds}
     regressors, scales = dict[str, Mapping[str, Array]](), dict[str, SoftTissueScale]()
     units = dict[str, AngleUnit]()
     for kind in dict.fromkeys(kinds.values()):
         names = [name for name in kinds if kinds[name] == kind]
         of_kind, posture = [angles[n] for n in names], parts[names[0]].posture
-        found = angle_units(of_kind, posture)
+        found = compute_angle_units(of_kind, posture)
         units |= {f"{kind}/{name}": unit for name, unit in found.items()}
         regressors |= dict(
-            zip(names, task_regressors(of_kind, posture, found, squares=True), strict=True)
+            zip(names, compute_task_regressors(of_kind, posture, found, squares=True), strict=True)
         )
     gait = [name for name in kinds if kinds[name] == GAIT]
     secondary = dict(
@@ -920,14 +941,14 @@ def task_tissue(
     isolated = [name for name in kinds if kinds[name] in ISOLATED_JOINTS]
 
     def with_columns(name: str) -> MotionProblem:
-        tissue = tissue_of(
+        tissue = make_tissue_columns(
             parts[name], kinds[name], regressors[name], nominal, table=table, pinned=pinned
         )
         return replace(parts[name], tissue=tissue)
 
     for alike in (gait, isolated, *([name] for name in kinds if name not in (*gait, *isolated))):
         soft = [with_columns(name) for name in alike]
-        scale = soft_tissue_scale(soft, possibly_still=alike not in (gait, isolated))
+        scale = estimate_soft_tissue_scale(soft, possibly_still=alike not in (gait, isolated))
         scales |= {kinds[name]: scale for name in alike}
         if scale.squares < LEAST_SQUARES:
             for n in alike:
@@ -937,14 +958,14 @@ def task_tissue(
     clusters = dict[tuple[str, Cluster], ClusterTissue]()
     for kind in dict.fromkeys(kinds.values()):
         soft = [with_columns(name) for name in kinds if kinds[name] == kind]
-        for cluster, observed in observed_deformations(soft).items():
-            clusters[kind, cluster] = cluster_tissue(observed, scales[kind])
+        for cluster, observed in collect_deformations(soft).items():
+            clusters[kind, cluster] = compute_cluster_tissue(observed, scales[kind])
     return TaskTissue(
         kinds, regressors, scales, secondary, nominal, table, units, clusters, fitted, pinned
     )
 
 
-def _angles(nominal: Parameters, part: MotionProblem) -> dict[str, Array]:
+def _track_angles(nominal: Parameters, part: MotionProblem) -> dict[str, Array]:
     """Coordinate -> (nf,) rad, of those that a marker of the trial shows."""
     q = motion.tracked_motion(part, nominal).q
     return {
@@ -954,7 +975,7 @@ def _angles(nominal: Parameters, part: MotionProblem) -> dict[str, Array]:
     }
 
 
-def kind_of_further(found: FoundTissue, activity: str) -> str:
+def choose_kind_for_trial(found: FoundTissue, activity: str) -> str:
     """Choose the kind of task of a calibration whose soft tissue a further trial has.
 
     An activity has that of the activity of its name; where the calibration knows none, that of
@@ -970,7 +991,7 @@ def kind_of_further(found: FoundTissue, activity: str) -> str:
     return next((kind for kind in (*wanted, *known) if kind in found.softness), GAIT)
 
 
-def tissue_of_further(
+def make_further_tissue(
     trial: MotionProblem,
     legs: MotionProblem,
     nominal: Parameters,
@@ -993,10 +1014,12 @@ def tissue_of_further(
     found
         What the calibration found. Where it took markers to stay in their places, so are they here.
     kind
-        Of task, of `kind_of_further`.
+        Of task, of `choose_kind_for_trial`.
     """
-    angles, softness = _angles(nominal, legs), found.softness.get(kind, 0.0)
-    (every,) = task_regressors([angles], trial.posture, found.units_of(kind), squares=True)
+    angles, softness = _track_angles(nominal, legs), found.softness.get(kind, 0.0)
+    (every,) = compute_task_regressors(
+        [angles], trial.posture, found.select_units(kind), squares=True
+    )
     regressors = {
         name: psi
         for name, psi in every.items()
@@ -1009,15 +1032,17 @@ def tissue_of_further(
     }
     (secondary,) = soft_tissue.secondary_columns(kind, [knees])
     secondary_or_none = secondary if secondary.names else None
-    tissue = tissue_of(
+    tissue = make_tissue_columns(
         trial, kind, regressors, nominal, known, secondary_or_none, softness=softness
     )
     if tissue is None or not softness:
         return tissue
     moved = replace(trial, tissue=tissue)
-    scale = soft_tissue_scale([moved], possibly_still=kind != GAIT)
+    scale = estimate_soft_tissue_scale([moved], possibly_still=kind != GAIT)
     scale = replace(scale, mean=softness, squares=max(scale.squares, LEAST_SQUARES))
-    observed = observed_deformations([moved])
-    return _deformed(
-        tissue, trial, {cluster: cluster_tissue(of, scale) for cluster, of in observed.items()}
+    observed = collect_deformations([moved])
+    return _apply_deformation(
+        tissue,
+        trial,
+        {cluster: compute_cluster_tissue(of, scale) for cluster, of in observed.items()},
     )

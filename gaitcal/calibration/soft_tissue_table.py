@@ -34,7 +34,7 @@ from gaitcal.arrays import Array
 from gaitcal.io.toml import models_path
 
 FILE = "soft_tissue.json"
-NEAR, ACROSS = 0.15, 0.20
+DECAY_LENGTH, HALF_WIDTH = 0.15, 0.20
 """H and W in thigh lengths: how far beyond the knee its skin still slides over it, and half the
 width of a thigh.
 """
@@ -42,7 +42,7 @@ THIGH_M = 0.42
 """Length of the thigh that the figures are for."""
 
 
-def place_functions(place: Array, *, gait: bool) -> Array:
+def evaluate_place_functions(place: Array, *, gait: bool) -> Array:
     """Evaluate the functions of a place and a task.
 
     Parameters
@@ -55,11 +55,20 @@ def place_functions(place: Array, *, gait: bool) -> Array:
     (nm, 7) Phi.
     """
     x, y, z = place.T
-    near = np.exp(-np.abs(y) / NEAR)
+    near = np.exp(-np.abs(y) / DECAY_LENGTH)
     one = np.ones_like(x)
     task = one * (0.5 if gait else -0.5)
     return np.stack(
-        [one, x / ACROSS, z / ACROSS, near, near * x / ACROSS, near * z / ACROSS, task], axis=1
+        [
+            one,
+            x / HALF_WIDTH,
+            z / HALF_WIDTH,
+            near,
+            near * x / HALF_WIDTH,
+            near * z / HALF_WIDTH,
+            task,
+        ],
+        axis=1,
     )
 
 
@@ -75,14 +84,14 @@ class SkinField:
     """m, standard deviation of each component of the cluster's shift among people."""
     turn: float
     """rad, the same of its rotation."""
-    own: float
+    per_marker: float
     """m, the same of each marker by itself."""
 
-    def mean(self, functions: Array) -> Array:
+    def compute_mean(self, functions: Array) -> Array:
         """(nm, 3) m of markers with functions Phi (nm, 7)."""
         return np.asarray(functions @ self.coefficients)
 
-    def uncertainty(self, functions: Array) -> Array:
+    def compute_uncertainty(self, functions: Array) -> Array:
         """(3 nm, 3 nm) m^2 of that mean, as few people were measured."""
         by_marker = np.kron(functions, np.eye(3))
         return np.asarray(by_marker @ self.covariance @ by_marker.T)
@@ -101,13 +110,13 @@ def read_table(file: Path) -> dict[str, SkinField]:
             covariance=1e-6 * np.array(row["covariance_mm2"]),
             shift=1e-3 * row["shift_mm"],
             turn=float(np.deg2rad(row["turn_deg"])),
-            own=1e-3 * row["own_mm"],
+            per_marker=1e-3 * row["own_mm"],
         )
         for name, row in content["segments"].items()
     }
 
 
 @lru_cache(maxsize=1)
-def people_table() -> SkinTable:
+def load_people_table() -> SkinTable:
     """The skin of people that gaitcal brings."""
     return read_table(models_path() / FILE)

@@ -108,14 +108,14 @@ class EliminatedKind:
     @property
     def step(self) -> Array:
         """(nz,) from z to the minimum at the same joint parameters."""
-        return -self.backward(self.forward)
+        return -self.solve_upper(self.forward)
 
     @cached_property
     def sensitivity(self) -> Array:
         """(nz, np) L^-T Y: what z loses by the joint parameters, -dz/dp."""
-        return self.backward(self.halfway)
+        return self.solve_upper(self.halfway)
 
-    def divided(self, columns: Array) -> Array:
+    def solve_lower(self, columns: Array) -> Array:
         """L^-1 times columns (nz, nc)."""
         if not len(columns):
             return columns
@@ -123,7 +123,7 @@ class EliminatedKind:
             solve_triangular(self.root, columns, lower=True, check_finite=False), float
         )
 
-    def backward(self, columns: Array) -> Array:
+    def solve_upper(self, columns: Array) -> Array:
         """L^-T times a vector or columns."""
         if not len(columns):
             return columns
@@ -131,9 +131,9 @@ class EliminatedKind:
             solve_triangular(self.root, columns, lower=True, trans=1, check_finite=False), float
         )
 
-    def solved(self, columns: Array) -> Array:
+    def solve(self, columns: Array) -> Array:
         """S_k^-1 times columns (nz, nc)."""
-        return self.backward(self.divided(columns))
+        return self.solve_upper(self.solve_lower(columns))
 
 
 def eliminate_tissue(
@@ -208,16 +208,16 @@ class Arrow:
         solved = list[tuple[IntArray, Array]]()
         for kind, places in zip(self.kinds, self.places, strict=True):
             own = np.flatnonzero(columns[places].any(axis=0))
-            half = kind.divided(columns[np.ix_(places, own)])
+            half = kind.solve_lower(columns[np.ix_(places, own)])
             by_joint[:, own] -= kind.halfway.T @ half
-            solved.append((own, kind.backward(half)))
+            solved.append((own, kind.solve_upper(half)))
         out[:count] = self.covariance @ by_joint
         for kind, places, (own, moved) in zip(self.kinds, self.places, solved, strict=True):
             out[places] = -kind.sensitivity @ out[:count]
             out[np.ix_(places, own)] += moved
         return out
 
-    def weighted(self, columns: Array) -> Array:
+    def multiply_by_precision(self, columns: Array) -> Array:
         """The priors' precision times columns (np + nz, nc)."""
         count, out = len(self.precision), np.zeros(columns.shape)
         out[:count] = self.precision @ columns[:count]
@@ -226,13 +226,13 @@ class Arrow:
             out[np.ix_(places, own)] = kind.prior.precision @ columns[np.ix_(places, own)]
         return out
 
-    def effective_parameters(self) -> float:
+    def count_effective_parameters(self) -> float:
         """How many unknowns the trials determine, rather than the priors: the trace of H^-1 (H -
         Lambda).
         """
         found = float(np.sum(self.covariance * self.information))
         for kind in self.kinds:
             moved = kind.sensitivity
-            found += len(kind.z) - float(np.trace(kind.solved(kind.prior.precision)))
+            found += len(kind.z) - float(np.trace(kind.solve(kind.prior.precision)))
             found -= float(np.sum((moved @ self.covariance) * (kind.prior.precision @ moved)))
         return found

@@ -18,11 +18,16 @@ from dataclasses import dataclass
 import numpy as np
 
 from gaitcal.arrays import Array, stretches
-from gaitcal.calibration.error_sources import ErrorSources, MotionSensitivity, marker_moves, squares
+from gaitcal.calibration.error_sources import (
+    ErrorSources,
+    MotionSensitivity,
+    compute_motion_sensitivity,
+    sum_squares,
+)
 from gaitcal.calibration.inertial_calibration import InertialFit
 from gaitcal.dynamics import derivatives, joint_kinetics, measurement_errors
 from gaitcal.dynamics.inverse_dynamics import FORCES, Dynamics
-from gaitcal.model.parameters import Parameters, dynamic_jacobian
+from gaitcal.model.parameters import Parameters, compute_dynamic_jacobian
 from gaitcal.runtime import LARGEST_BYTES
 from gaitcal.tracking.trial_problem import MotionProblem
 
@@ -32,7 +37,7 @@ KINETICS = len(joint_kinetics.POWERS) + len(joint_kinetics.COMPONENTS) * len(
 """Powers and components of moment vectors of a frame."""
 
 
-class ErringForces:
+class ForceErrors:
     """The 27 generalised forces and two knee reactions of one whole-body trial, the powers and
     moment vectors that follow, and all that may be wrong with them; told of some frames at a time.
     """
@@ -61,7 +66,7 @@ class ErringForces:
         """
         self.problem, self.parameters, self.wrenches = problem, parameters, wrenches
         self.free: tuple[str, ...] = joint.free if joint else ()
-        self.moves = moves or marker_moves(problem, coefficients, parameters, joint)
+        self.moves = moves or compute_motion_sensitivity(problem, coefficients, parameters, joint)
         self.inertial, self.axes, self.plates = inertial, axes, plates
         self._dynamics = Dynamics(parameters, joint_kinetics.HELD)
         self._opened = Dynamics(parameters, joint_kinetics.HELD, self.free)
@@ -76,11 +81,11 @@ class ErringForces:
         bytes_of_frame = 8 * KINETICS * self.moves.together.nodes.shape[1]
         return stretches(len(self.wrenches), max(LARGEST_BYTES // bytes_of_frame, 1))
 
-    def errors(self) -> measurement_errors.TorqueErrors:
+    def compute_errors(self) -> measurement_errors.TorqueErrors:
         """Standard errors in all frames."""
-        return joined([self.variances(part) for part in self.parts])
+        return join_variances([self.compute_variances(part) for part in self.parts])
 
-    def variances(self, part: slice) -> "Variances":
+    def compute_variances(self, part: slice) -> "Variances":
         """Of some frames."""
         dynamics, opened, wrenches = self._dynamics, self._opened, self.wrenches[part]
         q, v, a = (x[part] for x in self._state)
@@ -101,27 +106,29 @@ class ErringForces:
         by_parameter = through @ slopes.by_parameter + kinetic.by_parameter
         basis, count = self.problem.basis, len(FORCES)
         # powers and moments need the sum over all sources only, which fewer columns have
-        torques = self.moves.by_source.through(
+        torques = self.moves.by_source.propagate(
             basis, part, by_state[:, :count], by_parameter[:, :count]
         )
-        kinetics = self.moves.together.through(
+        kinetics = self.moves.together.propagate(
             basis, part, by_state[:, count:], by_parameter[:, count:]
         )
-        found = Variances(self.moves.variances(torques), *self.moves.whole_and_own(kinetics))
+        found = Variances(
+            self.moves.sum_by_source(torques), *self.moves.sum_all_and_trial(kinetics)
+        )
         if self.inertial is not None:
-            heavier = _inertial_moves(dynamics, self.parameters, self.inertial, q, v, a)
-            found.add(measurement_errors.ErrorSource.INERTIA, squares(through @ heavier))
+            heavier = _propagate_inertial_errors(dynamics, self.parameters, self.inertial, q, v, a)
+            found.add(measurement_errors.ErrorSource.INERTIA, sum_squares(through @ heavier))
         if self.plates is not None and self.plates.any:
             plates = measurement_errors.wrench_errors(wrenches, self._rates[part], self.plates)
             wrong = dynamics.of_ground(placed, plates)
-            found.add(measurement_errors.ErrorSource.PLATES, squares(through @ wrong))
+            found.add(measurement_errors.ErrorSource.PLATES, sum_squares(through @ wrong))
         if self.axes is not None and self.axes.columns:
-            moving, turns = self._rate_moves(self.axes, part), self.axes.segment_turns(q)
+            moving, turns = self._compute_rate_errors(self.axes, part), self.axes.segment_turns(q)
             moved = kinetic.moved(self.axes.torque_moves(q, forces), moving, turns)
-            found.add(measurement_errors.ErrorSource.FRAMES, squares(moved))
+            found.add(measurement_errors.ErrorSource.FRAMES, sum_squares(moved))
         return found
 
-    def _rate_moves(self, axes: measurement_errors.AxisErrors, part: slice) -> Array:
+    def _compute_rate_errors(self, axes: measurement_errors.AxisErrors, part: slice) -> Array:
         """(frames, 27, k) what errors of the segments' axes make of rates; none of what no marker
         moves with.
         """
@@ -137,7 +144,7 @@ class Variances:
 
     torques: dict[measurement_errors.ErrorSource, Array]  # (frames, 29) by source
     kinetics: Array  # (frames, 91) of all sources together
-    own: Array  # (frames, 91) of the trial's own markers
+    trial_markers: Array  # (frames, 91) of the trial's own markers
 
     def add(self, source: measurement_errors.ErrorSource, variance: Array) -> None:
         """Count a further source, (frames, 120)."""
@@ -145,25 +152,26 @@ class Variances:
         self.kinetics += variance[:, len(FORCES) :]
 
 
-def joined(parts: Sequence[Variances]) -> measurement_errors.TorqueErrors:
+def join_variances(parts: Sequence[Variances]) -> measurement_errors.TorqueErrors:
     """The errors of a trial from the variances of all its frames, part after part."""
     torques = {
         source: np.concatenate([part.torques[source] for part in parts])
         for source in parts[0].torques
     }
     kinetics, own = (
-        np.concatenate([getattr(part, name) for part in parts]) for name in ("kinetics", "own")
+        np.concatenate([getattr(part, name) for part in parts])
+        for name in ("kinetics", "trial_markers")
     )
     return measurement_errors.TorqueErrors.of(torques, joint_kinetics.kinetic_errors(kinetics, own))
 
 
-def _inertial_moves(
+def _propagate_inertial_errors(
     dynamics: Dynamics, parameters: Parameters, spread: Array, q: Array, v: Array, a: Array
 ) -> Array:
     """(nf, 35, n) what the columns of the spread (84, n) of the inertial parameters make of the
     generalised forces.
     """
-    slopes, sources = dynamic_jacobian(parameters.inertial), spread.shape[1]
+    slopes, sources = compute_dynamic_jacobian(parameters.inertial), spread.shape[1]
     by_source = slopes @ spread.reshape(
         len(slopes), 7, sources
     )  # (12, 10, n) change of the dynamic parameters
@@ -171,7 +179,7 @@ def _inertial_moves(
     return regressor @ by_source.reshape(-1, sources)
 
 
-def inertial_square_root(fit: InertialFit) -> Array:
+def factor_inertial_covariance(fit: InertialFit) -> Array:
     """(84, n) R with covariance R R^T of the inertial parameters."""
     values, vectors = np.linalg.eigh(fit.residual_jacobian.T @ fit.residual_jacobian)
     kept = values > 1e-12 * values[-1]

@@ -1,14 +1,12 @@
-"""What each coordinate, and each joint, is called and means: one row each. All that speaks of them
-reads these tables.
+"""Names, signs and usual ranges of coordinates and joints, one table row each.
 
-How they move, and in which order, is told by the linkage (`linkage.py`); here stand words, signs,
-and what is known of people's angles. Signs are OpenSim's (Rajagopal et al. 2016); both sides mean
-the same, so that a row has no side:
+The linkage (`linkage.py`) defines how coordinates move and their order. Signs are OpenSim's
+(Rajagopal et al. 2016). They mean the same on both sides, so a row has no side:
 
-    angle       what a positive angle means, moment: what a positive internal moment does; senses: both ways, in words
-    clinical    clinical signs: angles that differ, of pelvis and trunk, by the side whose stride it is
+    angle       meaning of a positive angle; moment: effect of a positive internal moment; senses: both directions
+    clinical    signs of gait laboratories where they differ, by the side of the stride (pelvis and trunk)
 
-Numbers are degrees (pelvis translations: m), each told with its source where the field is defined.
+Numbers are degrees (pelvis translations: m). Their sources are given where the field is defined.
 """
 
 from dataclasses import dataclass
@@ -19,7 +17,7 @@ from gaitcal.model.linkage import COORDINATES, REACTIONS, SIDES, is_translation
 
 @dataclass(frozen=True, kw_only=True)
 class ClinicalSense:
-    """What gait laboratories count otherwise, by the side of the stride."""
+    """Sign convention of gait laboratories for a coordinate, by the side of the stride."""
 
     right: float  # 1 or -1: factor of the value in strides of the right foot
     left: float
@@ -27,19 +25,19 @@ class ClinicalSense:
     opposite: str  # and a negative one
 
     def sign(self, side: str) -> float:
-        """In strides of one side (`r`, `l`)."""
+        """Return the factor (1 or -1) of the value in strides of one side (`r`, `l`)."""
         return self.right if side == "r" else self.left
 
 
 @dataclass(frozen=True, kw_only=True)
 class Limits:
-    """What nobody who walks or runs exceeds (`quality/after_fit.py`).
+    """Limits that no walking or running person exceeds (`quality/after_fit.py`).
 
-    Angles: the largest passive ranges of grown people (American Academy of Orthopaedic Surgeons,
-    Joint Motion, 1965; Boone and Azen, J Bone Joint Surg 61-A:756-759, 1979) widened by 20 deg, as
-    zero angles differ from model to model. Speeds: above those of kicking and sprinting; no clean
-    walk or isolated trial exceeds 600. Torques: beyond those of sprinters at 9 m/s (Schache et al.,
-    Med Sci Sports Exerc 43:1260-1271, 2011); clean walks reach 10 %BW*H.
+    Angles: the largest passive ranges of adults (American Academy of Orthopaedic Surgeons, Joint
+    Motion, 1965; Boone and Azen, J Bone Joint Surg 61-A:756-759, 1979), widened by 20 deg because
+    zero angles differ between models. Speeds: above those of kicking and sprinting; no clean walk
+    or functional trial exceeds 600 deg/s. Torques: beyond those of sprinters at 9 m/s (Schache et
+    al., Med Sci Sports Exerc 43:1260-1271, 2011); clean walks reach 10 %BW*H.
     """
 
     angle: tuple[float, float] | None = None  # deg, smallest and largest
@@ -49,7 +47,7 @@ class Limits:
 
 @dataclass(frozen=True, kw_only=True)
 class Coordinate:
-    """A coordinate of the linkage or a locked joint's reaction, of both sides or of the middle."""
+    """A coordinate of the linkage, or the reaction of a locked joint, without its side."""
 
     name: str  # without the side: `hip_flexion`
     group: str  # key of `GROUPS`
@@ -82,7 +80,7 @@ class Coordinate:
 
 @dataclass(frozen=True)
 class CoordinateGroup:
-    """A joint as people name it, with the coordinates that are shown together."""
+    """A joint, with the coordinates that are shown together."""
 
     title: str
     power: str  # its power over all axes, as in `powers/TRIAL.csv`; empty: it has none
@@ -215,13 +213,22 @@ LOCKED: Final[tuple[str, ...]] = tuple(dict.fromkeys(name[:-2] for name in REACT
 
 
 def with_side(name: str, side: str) -> str:
-    """`hip_flexion` -> `hip_flexion_r`; what has no sides as it is: `pelvis_tilt`."""
+    """Add the side to a name: `hip_flexion` -> `hip_flexion_r`; `pelvis_tilt` stays."""
     return name if name in COORDINATES else f"{name}_{side}"
 
 
-def coordinate_words(name: str) -> Coordinate:
-    """The row of a coordinate or reaction, with or without its side; of a joint or component its
-    name alone.
+def describe_coordinate(name: str) -> Coordinate:
+    """Get the table row of a coordinate or reaction.
+
+    Parameters
+    ----------
+    name : str
+        Name with or without its side.
+
+    Returns
+    -------
+    Coordinate
+        A row with the name alone if `name` is a joint or a component.
     """
     base = split_side(name)[0]
     return (
@@ -238,16 +245,14 @@ def coordinate_words(name: str) -> Coordinate:
     )
 
 
-def senses_of(name: str) -> tuple[str, str] | None:
-    """What positive and negative values of a coordinate, reaction or component mean, with or
-    without its side.
-    """
-    return COMPONENT_SENSES.get(split_side(name)[0]) or coordinate_words(name).senses
+def get_senses(name: str) -> tuple[str, str] | None:
+    """Get what positive and negative values of a coordinate, reaction or component mean."""
+    return COMPONENT_SENSES.get(split_side(name)[0]) or describe_coordinate(name).senses
 
 
 @dataclass(frozen=True, kw_only=True)
-class JointWords:
-    """What a joint of the linkage is called."""
+class JointNames:
+    """Names of a joint of the linkage."""
 
     words: str  # `Ankle (talocrural)`
     feature: str  # what its parameters place: `knee axis`
@@ -260,18 +265,18 @@ class JointWords:
 
 
 # fmt: off
-JOINT_TABLE: Final[dict[str, JointWords]] = {
-    "hip": JointWords(words="Hip", feature="hip centre", centre="hjc", power="hip",
+JOINT_TABLE: Final[dict[str, JointNames]] = {
+    "hip": JointNames(words="Hip", feature="hip centre", centre="hjc", power="hip",
         landmarks="the pelvis's landmarks", markers="the ASIS and PSIS markers"),
-    "knee": JointWords(words="Knee", feature="knee axis", centre="kjc", power="knee",
+    "knee": JointNames(words="Knee", feature="knee axis", centre="kjc", power="knee",
         landmarks="the epicondyles", markers="the knee markers"),
-    "talocrural": JointWords(words="Ankle (talocrural)", feature="ankle axis", centre="ajc", power="ankle",
+    "talocrural": JointNames(words="Ankle (talocrural)", feature="ankle axis", centre="ajc", power="ankle",
         landmarks="the malleoli and anatomy", markers="the markers of malleoli and foot"),
-    "subtalar": JointWords(words="Subtalar", feature="subtalar axis", power="ankle",
+    "subtalar": JointNames(words="Subtalar", feature="subtalar axis", power="ankle",
         landmarks="the malleoli and anatomy", markers="the markers of malleoli and foot"),
-    "back": JointWords(words="Lumbar joint", feature="lumbar joint centre", centre="lumbar", power="lumbar"),
-    "shoulder": JointWords(words="Shoulder", feature="shoulder joint", centre="sjc", power="shoulder"),
-    "elbow": JointWords(words="Elbow", feature="elbow axis", centre="ejc", power="elbow"),
+    "back": JointNames(words="Lumbar joint", feature="lumbar joint centre", centre="lumbar", power="lumbar"),
+    "shoulder": JointNames(words="Shoulder", feature="shoulder joint", centre="sjc", power="shoulder"),
+    "elbow": JointNames(words="Elbow", feature="elbow axis", centre="ejc", power="elbow"),
 }
 # fmt: on
-"""Joint of the linkage without its side -> its names."""
+"""Joint of the linkage, without its side -> its names."""

@@ -1,10 +1,9 @@
-"""Marker sets as data: what each marker of a laboratory's protocol is for, a landmark, a segment, a
-weight.
+"""Marker sets: landmarks, segment and weight of each marker of a laboratory's protocol.
 
-A set is a TOML file, one of the built-in ones in `models/markersets/` or a user's own:
+A set is a TOML file, one of the built-in ones in `models/markersets/` or a user's:
 
     description = "..."
-    extends = "..."  a built-in set, whose entries hold where the file says nothing of that name
+    extends = "..."  a built-in set, whose entries are used if the file does not have them
     [landmarks]      name -> marker, or the list of markers whose mean it is, or the first of several of these that a
                      person wears: { first_of = [["RPSI", "LPSI"], "SACR"] }
     [tracking]       segment -> markers fixed in it
@@ -13,11 +12,10 @@ A set is a TOML file, one of the built-in ones in `models/markersets/` or a user
     [knee_device]    lateral knee marker -> the three markers of the device that stands in for it in the static trial
     [weights]        marker -> { weight, reason } where the weight is not 1
     [aliases]        marker -> other spellings of its label in files
-    [noise]          how points err that are no markers on skin (`subject_model.PointNoise`)
+    [noise]          errors of points that are no markers on skin (`subject_model.PointNoise`)
 
 `{S}` in a name stands for R and L, `{s}` for r and l, so that one line serves both sides.
-`marker_set_text` writes a set as such a file again, so that a result can keep the one it was made
-with.
+`format_marker_set` writes a set as such a file again, so that a result can keep its marker set.
 """
 
 from collections.abc import Iterable, Mapping
@@ -39,7 +37,7 @@ from gaitcal.io.toml import (
     toml_table,
     toml_value,
 )
-from gaitcal.model.linkage import LEG_SEGMENTS, MARKED_SEGMENTS, SIDES, of_side
+from gaitcal.model.linkage import LEG_SEGMENTS, MARKED_SEGMENTS, SIDES, add_side
 from gaitcal.model.subject_model import PointNoise
 
 _LANDMARKS_OF = (
@@ -56,7 +54,7 @@ _SIDED = [(segment, name) for segment, names in _LANDMARKS_OF for name in names.
 SEGMENT_OF: dict[str, str] = {
     "sacrum": "pelvis",
     **dict.fromkeys(("c7", "t10", "jugular_notch", "xiphoid"), "head_trunk"),
-    **{f"{name}_{side}": of_side(segment, side) for side in SIDES for segment, name in _SIDED},
+    **{f"{name}_{side}": add_side(segment, side) for side in SIDES for segment, name in _SIDED},
 }
 """Landmark -> the segment that it lies in."""
 LANDMARKS: tuple[str, ...] = tuple(SEGMENT_OF)
@@ -65,7 +63,7 @@ centre; `knee_axis` is a point on the knee's flexion axis outwards of the latera
 knee alignment device shows it; `hjc` the centre of a hip, for `hip_centre = "given"`. Those of the
 trunk's midline tell where it faces where acromia are missing, `c7` and `jugular_notch` also where
 the shoulders are; `t10` may be any spinous process from T6 to T12."""
-_INSTEAD = {
+_SUBSTITUTES = {
     "asis": "a marker on the anterior superior iliac spine",
     "sacrum": "a marker midway between the posterior superior iliac spines, or the list of the two "
     "on them",
@@ -75,7 +73,7 @@ _INSTEAD = {
     "toe": "a marker on the tip of the foot or over the head of the second metatarsal",
 }
 REQUIRED: tuple[str, ...] = tuple(
-    name for name in LANDMARKS if name == "sacrum" or name[:-2] in _INSTEAD
+    name for name in LANDMARKS if name == "sacrum" or name[:-2] in _SUBSTITUTES
 )
 """Landmarks without which there is no model; all others have a default or freeze their segment."""
 PARTNER: dict[str, str] = {
@@ -88,7 +86,7 @@ PELVIS_NEEDS = 3  # markers of the pelvis, from which the pose of the body start
 DEVICE_MARKERS = 3  # of a knee alignment device
 NO_REASON = "weight of the study"  # stands as the reason of weights that a study gave without one
 _GIRDLE = "the moving shoulder girdle, which the model lacks, carries the arm"
-_OF_FURTHER = {
+_FURTHER_WEIGHTS = {
     "head": (0.05, "the back's three turns about one point are only a rough model of the spine"),
     "upper_arm": (0.02, _GIRDLE),
     "forearm_hand": (0.02, _GIRDLE),
@@ -96,31 +94,31 @@ _OF_FURTHER = {
 """Segment without its last word -> weight of further markers on it, and why it is not 1; as in the
 built-in sets.
 """
-_FOLLOWING = ("tracking", "static_only", "optional")  # tables segment -> markers
+_FOLLOWER_TABLES = ("tracking", "static_only", "optional")  # tables segment -> markers
 
 
-def missing_landmarks(given: Iterable[str]) -> tuple[str, ...]:
-    """Required landmarks that are not among those given; of a foot, heel or toe is enough."""
+def find_missing_landmarks(given: Iterable[str]) -> tuple[str, ...]:
+    """Find required landmarks that are not given; of a foot, heel or toe is enough."""
     there = set(given)
     return tuple(name for name in REQUIRED if name not in there and PARTNER.get(name) not in there)
 
 
-def instead_of(landmark: str) -> str:
-    """What serves as a required landmark, for an error message."""
-    return _INSTEAD.get(landmark) or _INSTEAD[landmark[:-2]]
+def describe_substitute(landmark: str) -> str:
+    """Describe what may serve as a required landmark, for an error message."""
+    return _SUBSTITUTES.get(landmark) or _SUBSTITUTES[landmark[:-2]]
 
 
 @dataclass(frozen=True, kw_only=True, repr=False)
 class MarkerSet(Displayed):
-    """What the markers of a laboratory's protocol mean.
+    """Meaning of the markers of a laboratory's protocol.
 
-    A set may leave open what a person wears: landmarks with alternatives, markers that some wear
-    and others do not, a device at the knee. `model/present_markers.py` makes of it the set of one
-    static trial, in which nothing is open.
+    A set may have alternatives: landmarks with several options, markers that only some people wear,
+    a device at the knee. `model/present_markers.py` makes the set of one static trial from it,
+    without alternatives.
     """
 
     name: str
-    """Of a built-in set, or the file of one's own without its ending."""
+    """Name of a built-in set, or of a user's file without its ending."""
     description: str
     """One line."""
     landmarks: Mapping[str, tuple[str, ...]]
@@ -186,26 +184,38 @@ class MarkerSet(Displayed):
         return {label: segment for segment, labels in self.following for label in labels}
 
     def options(self, landmark: str) -> tuple[tuple[str, ...], ...]:
-        """All that serves as a landmark, in order of preference; each is the markers whose mean it
-        is.
-        """
+        """List the options of a landmark by preference; each is the markers whose mean it is."""
         return (self.landmarks[landmark], *self.alternatives.get(landmark, ()))
 
     def weight(self, label: str) -> float:
-        """Weight of a marker."""
+        """Return the weight of a marker; 1 if the set gives none."""
         return self.weights.get(label, 1.0)
 
     def with_weights(self, weights: Mapping[str, float]) -> "MarkerSet":
-        """The same set with other weights for some markers."""
+        """Return the same set with other weights for some markers."""
         return replace(self, weights={**self.weights, **weights}) if weights else self
 
     def with_further(
         self, markers: Mapping[str, Iterable[str]], source: Path = Path()
     ) -> "MarkerSet":
-        """The same set with further markers, segment -> labels, that are tracked where a trial has
-        them.
+        """Return the same set with further markers, tracked in the trials that have them.
 
-        InputError for a segment that markers cannot be on, and for a label that the set knows.
+        Parameters
+        ----------
+        markers : mapping of str to iterable of str
+            Segment -> labels.
+        source : Path
+            File to name in an error message.
+
+        Returns
+        -------
+        MarkerSet
+            Further markers on head and arms have small weights, with their reasons.
+
+        Raises
+        ------
+        InputError
+            Markers cannot be on a segment, or the set already has a label.
         """
         require_known(
             markers,
@@ -232,7 +242,11 @@ class MarkerSet(Displayed):
             for segment, labels in further.items()
             for label in labels
         }
-        weak = {label: _OF_FURTHER[kind] for label, kind in kinds.items() if kind in _OF_FURTHER}
+        weak = {
+            label: _FURTHER_WEIGHTS[kind]
+            for label, kind in kinds.items()
+            if kind in _FURTHER_WEIGHTS
+        }
         return replace(
             self,
             optional={
@@ -243,19 +257,28 @@ class MarkerSet(Displayed):
             reasons={**self.reasons, **{label: why for label, (_, why) in weak.items()}},
         )
 
-    def renamed(self, recording: Recording) -> Recording:
-        """The recording with the set's own spelling of every label; a note tells what was changed."""
-        spelt = self._spelt(recording.labels)
+    def rename_labels(self, recording: Recording) -> Recording:
+        """Rename the labels of a recording to the set's spelling.
+
+        Parameters
+        ----------
+        recording : Recording
+            Its labels may be aliases, or differ in case.
+
+        Returns
+        -------
+        Recording
+            The same object if nothing changes; else with a note that lists the changes.
+        """
+        spelt = self._spell_labels(recording.labels)
         if spelt == recording.labels:
             return recording
         pairs = zip(recording.labels, spelt, strict=True)
         changes = ", ".join(f"{old} -> {new}" for old, new in pairs if old != new)
         return replace(recording, labels=spelt).with_notes(f"markers renamed: {changes}")
 
-    def _spelt(self, labels: Iterable[str]) -> tuple[str, ...]:
-        """Labels as the set spells them: by its aliases, and where only the case differs and one
-        label is meant.
-        """
+    def _spell_labels(self, labels: Iterable[str]) -> tuple[str, ...]:
+        """Spell labels as the set does: by its aliases, or where only the case differs."""
         given, of_all = tuple(labels), self.labels
         in_file, known = set(given), set(of_all)
         new_names: dict[str, str] = {}
@@ -268,22 +291,32 @@ class MarkerSet(Displayed):
             if there and label not in in_file:
                 new_names[there[0]] = label
         taken = in_file | set(new_names.values())
-        strangers = _by_letters(
+        strangers = _group_by_casefold(
             label for label in given if label not in known and label not in new_names
         )
-        in_set = _by_letters(of_all)
+        in_set = _group_by_casefold(of_all)
         for label in of_all:
             same_in_file = strangers.get(label.casefold(), [])
             if label not in taken and len(same_in_file) == len(in_set[label.casefold()]) == 1:
                 new_names[same_in_file[0]] = label
         return tuple(new_names.get(label, label) for label in given)
 
-    def coverage(self, labels: Iterable[str], computed: Iterable[str] = ()) -> "Coverage":
-        """What a file with these marker labels gives of the set; points that another program
-        `computed` serve as landmarks only. A device at the knee counts as the lateral knee marker
-        that it stands in for.
+    def measure_coverage(self, labels: Iterable[str], computed: Iterable[str] = ()) -> "Coverage":
+        """Measure how much of the set a file with these labels has.
+
+        Parameters
+        ----------
+        labels : iterable of str
+            Marker labels of the file. A complete knee device counts as the lateral knee marker.
+        computed : iterable of str
+            Points that another program computed; they count as landmarks only.
+
+        Returns
+        -------
+        Coverage
+            Landmarks, followed segments, and a score.
         """
-        given = self._spelt(labels)
+        given = self._spell_labels(labels)
         known, seen, segment_of = set(self.labels), set(given), self.segment_of
         virtual = {label for label, parts in self.knee_device.items() if seen.issuperset(parts)}
         virtual |= set(computed) & {
@@ -301,7 +334,7 @@ class MarkerSet(Displayed):
         bare = [segment for segment in LEG_SEGMENTS if segment not in tracked]
         if len(tracked.get("pelvis", ())) < PELVIS_NEEDS:
             bare.insert(0, "pelvis")
-        missing = missing_landmarks(landmarks)
+        missing = find_missing_landmarks(landmarks)
         share = sum(label in known for label in given) / len(given) if given else 0.0
         return Coverage(
             required_missing=missing,
@@ -315,7 +348,7 @@ class MarkerSet(Displayed):
 
 @dataclass(frozen=True, kw_only=True)
 class Coverage:
-    """What the labels of a file give of a marker set."""
+    """Part of a marker set that the labels of a file have."""
 
     required_missing: tuple[
         str, ...
@@ -341,8 +374,8 @@ class Coverage:
         return not self.required_missing and not self.bare
 
 
-def _by_letters(labels: Iterable[str]) -> dict[str, list[str]]:
-    """Labels by what they are without regard to case."""
+def _group_by_casefold(labels: Iterable[str]) -> dict[str, list[str]]:
+    """Group labels that are equal without regard to case."""
     out: dict[str, list[str]] = {}
     for label in labels:
         out.setdefault(label.casefold(), []).append(label)
@@ -362,7 +395,7 @@ class _FirstOf(Table):
     )
 
 
-def _as_options(value: object) -> object:
+def _convert_to_options(value: object) -> object:
     if not isinstance(value, dict | list | str):
         raise ValueError(
             f"found {shown(value)}; allowed: a list, [a, b], a marker, or {{ first_of = [...] }}"
@@ -380,7 +413,7 @@ class _Weight(Table):
 class _File(Table):
     description: str = Field(description="one line that tells the set")
     extends: str | None = Field(default=None, description="the name of a built-in marker set")
-    landmarks: dict[str, Annotated[_FirstOf, BeforeValidator(_as_options)]] = Field(
+    landmarks: dict[str, Annotated[_FirstOf, BeforeValidator(_convert_to_options)]] = Field(
         default={}, description="a table, landmark = marker or list of markers"
     )
     tracking: dict[str, _Labels] = Field(
@@ -406,22 +439,32 @@ class _File(Table):
     )
 
 
-def built_in_sets() -> tuple[str, ...]:
-    """Names of the marker sets that come with the package."""
+def list_built_in_sets() -> tuple[str, ...]:
+    """List the names of the marker sets in the package."""
     return tuple(sorted(path.stem for path in (models_path() / "markersets").glob("*.toml")))
 
 
 def load_marker_set(name_or_path: str | Path) -> MarkerSet:
-    """A built-in marker set by its name, or a user's own by the path of its TOML file.
+    """Load a built-in marker set by its name, or a user's set by the path of its TOML file.
+
+    Parameters
+    ----------
+    name_or_path : str or Path
+        Name of a built-in set, or path of a TOML file.
+
+    Returns
+    -------
+    MarkerSet
+        With both sides written out.
 
     Raises
     ------
     InputError
         Names the file, the entry, what was found and what is allowed.
     """
-    text, known = str(name_or_path), built_in_sets()
+    text, known = str(name_or_path), list_built_in_sets()
     if text in known:
-        return _read(models_path() / "markersets" / f"{text}.toml", text)
+        return _read_marker_set(models_path() / "markersets" / f"{text}.toml", text)
     if (
         not isinstance(name_or_path, Path)
         and not text.lower().endswith(".toml")
@@ -432,10 +475,12 @@ def load_marker_set(name_or_path: str | Path) -> MarkerSet:
             f"file{nearest(text, known)}"
         )
         raise InputError(message, field="marker set", code=Code.MARKER_SET)
-    return _read(Path(text), Path(text).stem)
+    return _read_marker_set(Path(text), Path(text).stem)
 
 
-def _read(path: Path, name: str) -> MarkerSet:
+def _read_marker_set(path: Path, name: str) -> MarkerSet:
+    """Read and check the file of a marker set."""
+
     def fault(text: str, where: str) -> InputError:
         return InputError(text, source=path, field=where, code=Code.MARKER_SET)
 
@@ -448,7 +493,7 @@ def _read(path: Path, name: str) -> MarkerSet:
     else:
         require_known(
             [file.extends],
-            built_in_sets(),
+            list_built_in_sets(),
             "built-in marker set",
             source=path,
             field="extends",
@@ -464,13 +509,15 @@ def _read(path: Path, name: str) -> MarkerSet:
         """
         out: dict[str, tuple[str, ...]] = {}
         for pattern, labels in table.items():
-            names = _sides(pattern)
+            names = _expand_sides(pattern)
             for i, name in enumerate(names):
                 if name in out:
                     raise fault(f"'{name}' is given twice", where)
                 # a label without a side stands once in `_sides`, and serves either side
                 each = [
-                    _sides(label) if len(names) == 1 else (_sides(label) * 2)[i : i + 1]
+                    _expand_sides(label)
+                    if len(names) == 1
+                    else (_expand_sides(label) * 2)[i : i + 1]
                     for label in labels
                 ]
                 out[name] = tuple(dict.fromkeys(label for both in each for label in both))
@@ -480,7 +527,7 @@ def _read(path: Path, name: str) -> MarkerSet:
         str, list[tuple[str, ...]]
     ] = {}  # landmark -> what serves as it, in order of preference
     for pattern, entry in file.landmarks.items():
-        if twice := [name for name in _sides(pattern) if name in options]:
+        if twice := [name for name in _expand_sides(pattern) if name in options]:
             raise fault(f"'{twice[0]}' is given twice", "landmarks")
         for labels in entry.first_of:
             for landmark, group in both_sides("landmarks", {pattern: labels}).items():
@@ -489,10 +536,10 @@ def _read(path: Path, name: str) -> MarkerSet:
     others = {name: tuple(given[1:]) for name, given in options.items() if len(given) > 1}
     groups = {
         where: both_sides(where, getattr(file, where))
-        for where in (*_FOLLOWING, "knee_device", "aliases")
+        for where in (*_FOLLOWER_TABLES, "knee_device", "aliases")
     }
     require_known(preferred, LANDMARKS, "landmark", source=path, field="landmarks", listed=True)
-    for where in _FOLLOWING:
+    for where in _FOLLOWER_TABLES:
         require_known(
             groups[where], MARKED_SEGMENTS, "segment", source=path, field=where, listed=True
         )
@@ -500,7 +547,9 @@ def _read(path: Path, name: str) -> MarkerSet:
         if len(parts) != DEVICE_MARKERS:
             allowed = "allowed: three, the one on the flexion axis first"
             raise fault(f"found {len(parts)} markers for '{label}'; {allowed}", "knee_device")
-    weighed = {label: entry for pattern, entry in file.weights.items() for label in _sides(pattern)}
+    weighed = {
+        label: entry for pattern, entry in file.weights.items() for label in _expand_sides(pattern)
+    }
     made = MarkerSet(
         name=name,
         description=file.description,
@@ -515,8 +564,8 @@ def _read(path: Path, name: str) -> MarkerSet:
         aliases=groups["aliases"],
         noise=file.noise or base.noise,
     )
-    for landmark in missing_landmarks(made.landmarks):
-        raise fault(f"'{landmark}' is missing: give {instead_of(landmark)}", "landmarks")
+    for landmark in find_missing_landmarks(made.landmarks):
+        raise fault(f"'{landmark}' is missing: give {describe_substitute(landmark)}", "landmarks")
     segment_of: dict[str, str] = {}
     for label, segment in (
         (label, segment) for segment, followers in made.following for label in followers
@@ -539,16 +588,24 @@ def _read(path: Path, name: str) -> MarkerSet:
     )
 
 
-def _sides(pattern: str) -> tuple[str, ...]:
-    """A name with `{S}` or `{s}` as those of the right and the left side; any other as itself."""
+def _expand_sides(pattern: str) -> tuple[str, ...]:
+    """Expand `{S}` or `{s}` in a name to the right and the left side; any other name stays."""
     both = tuple(pattern.replace("{S}", side.upper()).replace("{s}", side) for side in SIDES)
     return tuple(dict.fromkeys(both))
 
 
-def marker_set_text(marker_set: MarkerSet) -> str:
-    """TOML that `load_marker_set` reads back to the same set, both sides written out.
+def format_marker_set(marker_set: MarkerSet) -> str:
+    """Format a marker set as TOML that `load_marker_set` reads back to the same set.
 
-    Weights of markers that no segment follows are left out: they pull nothing.
+    Parameters
+    ----------
+    marker_set : MarkerSet
+        Weights of markers that follow no segment are left out: they have no effect.
+
+    Returns
+    -------
+    str
+        Text of the file, both sides written out.
     """
 
     def table(name: str, content: Mapping[str, object]) -> str:

@@ -40,16 +40,16 @@ import numpy as np
 from gaitcal.arrays import Array, BoolArray
 from gaitcal.errors import InputError
 from gaitcal.io.recording import Recording, runs, seen_mask, seen_means, spans, still_window
-from gaitcal.model.linkage import JOINTS, LOWER_BODY, segment_kind
+from gaitcal.model.linkage import JOINTS, LOWER_BODY, get_segment
 from gaitcal.model.marker_set import MarkerSet
-from gaitcal.model.present_markers import path_of
+from gaitcal.model.present_markers import get_path
 from gaitcal.model.segment_frames import (
     HipCentre,
-    hip_centre,
-    off_line,
-    pelvis_frame,
-    place_variance,
-    rigid_motions,
+    build_pelvis_frame,
+    compute_hip_centre,
+    compute_position_variance,
+    fit_rigid_motions,
+    measure_distance_from_line,
 )
 from gaitcal.model.subject_model import PointNoise
 
@@ -191,7 +191,7 @@ def _wanted(marker_set: MarkerSet) -> tuple[str, ...]:
 
 
 def _shows(recording: Recording, label: str) -> bool:
-    return label in recording.labels and bool(np.isfinite(path_of(recording, label)).any())
+    return label in recording.labels and bool(np.isfinite(get_path(recording, label)).any())
 
 
 def _attempt(
@@ -203,7 +203,7 @@ def _attempt(
 ) -> RebuiltMarker | str:
     """The marker as one trial has it, or why this one does not tell."""
     segment = marker_set.segment_of[label]
-    path = path_of(recording, label)
+    path = get_path(recording, label)
     frames = np.flatnonzero(np.isfinite(path).all(axis=1))
     points = _companions(label, marker_set, standing, recording)
     names = [
@@ -215,7 +215,7 @@ def _attempt(
             "needed, not on a line"
         )
     at = np.array([points[name][0] for name in names])
-    if off_line(at) < FLAT_M:
+    if measure_distance_from_line(at) < FLAT_M:
         return (
             f"{', '.join(names)} of {segment}, seen beside it, lie on one line: nothing tells the "
             "turn about it"
@@ -225,7 +225,7 @@ def _attempt(
     if len(frames) < FEWEST_FRAMES:
         return f"it is never seen together with {', '.join(names)} of {segment}"
     frames = frames[:: max(1, len(frames) // MOST_FRAMES)]
-    rotation, origin = rigid_motions(at, ways[frames])
+    rotation, origin = fit_rigid_motions(at, ways[frames])
     back = np.einsum("fji,fj->fi", rotation, path[frames] - origin)
     place = np.median(back, axis=0)
     shape = np.mean(np.einsum("fji,fnj->fni", rotation, ways[frames] - origin[:, None]), axis=0)
@@ -242,7 +242,7 @@ def _attempt(
         companions=tuple(names),
         trial=trial,
         frames=len(frames),
-        uncertainty=float(np.sqrt(scatter + differs * place_variance(at, place))),
+        uncertainty=float(np.sqrt(scatter + differs * compute_position_variance(at, place))),
     )
 
 
@@ -259,7 +259,7 @@ def _companions(
             m for m in marker_set.tracked if marker_set.segment_of[m] == segment and m != label
         ]
         return {
-            m: (standing[m], path_of(recording, m))
+            m: (standing[m], get_path(recording, m))
             for m in labels
             if m in standing and _shows(recording, m)
         }
@@ -275,7 +275,7 @@ def _companions(
     if (
         lent is None
         or len(carriers) < FEWEST
-        or off_line(np.array([at for at, _ in carriers.values()])) < FLAT_M
+        or measure_distance_from_line(np.array([at for at, _ in carriers.values()])) < FLAT_M
     ):
         return out
     return {**out, lent[0]: (lent[1], _carried(lent[1], list(carriers.values())))}
@@ -291,7 +291,7 @@ def _carried(place: Array, points: Sequence[tuple[Array, Array]]) -> Array:
     )
     out = np.full((len(ways), 3), np.nan)
     visible = np.isfinite(ways).all(axis=(1, 2))
-    rotation, origin = rigid_motions(at, ways[visible])
+    rotation, origin = fit_rigid_motions(at, ways[visible])
     out[visible] = rotation @ place + origin
     return out
 
@@ -322,9 +322,13 @@ def _joint_above(
     right, left, sacrum = (landmark(name) for name in ("asis_r", "asis_l", "sacrum"))
     if part != "thigh" or right is None or left is None or sacrum is None:
         return None
-    pelvis, width = pelvis_frame(right, left, sacrum), float(np.linalg.norm(right - left))
+    pelvis, width = build_pelvis_frame(right, left, sacrum), float(np.linalg.norm(right - left))
     depth = float(np.linalg.norm(pelvis.origin - sacrum))
-    return "hip centre", pelvis.point(hip_centre(HipCentre.BELL, width, depth, side)), "pelvis"
+    return (
+        "hip centre",
+        pelvis.point(compute_hip_centre(HipCentre.BELL, width, depth, side)),
+        "pelvis",
+    )
 
 
 def _filled(
@@ -453,7 +457,7 @@ def _near(segment: str) -> set[str]:
 
     near = beside(segment)
     for between in [
-        s for s in near if not segment_kind(s).markers
+        s for s in near if not get_segment(s).markers
     ]:  # a segment that never carries markers
         near = near | beside(between)
     return near

@@ -31,8 +31,8 @@ from scipy.spatial.transform import Rotation
 from scipy.special import softmax
 
 from gaitcal.arrays import Array
-from gaitcal.model.linkage import joint_segments
-from gaitcal.model.rotations import root_angles
+from gaitcal.model.linkage import list_joint_segments
+from gaitcal.model.rotations import compute_root_angles
 from gaitcal.preprocess.joint_links import JointLink, angle_of
 from gaitcal.preprocess.marker_clusters import FEWEST, MarkerCluster, alignment
 from gaitcal.preprocess.trial_evidence import TrialEvidence
@@ -247,7 +247,7 @@ class _Body:
         out = {name: self.offset_excess(cluster) for name, cluster in self.clusters.items()}
         for joint, link in self.links.items():
             turn, gap = self.relation(link)
-            ratios = np.abs(root_angles(turn)[1:]) / link.turn_limits
+            ratios = np.abs(compute_root_angles(turn)[1:]) / link.turn_limits
             out[joint] = max(float(np.linalg.norm(gap)) / link.gap_limit, float(ratios.max()))
         return {name: value for name, value in out.items() if value > 1.0}
 
@@ -434,7 +434,7 @@ def _unexplained(body: _Body, joint: str, excess: float) -> Contradiction:
     return Contradiction(
         fault=Fault.UNKNOWN,
         segment=joint,
-        turn=float(np.abs(root_angles(turn)[1:]).max()),
+        turn=float(np.abs(compute_root_angles(turn)[1:]).max()),
         shift=float(np.linalg.norm(gap)),
         direction=gap,
         excess=excess,
@@ -451,5 +451,5 @@ def contradictions_in(trial: TrialEvidence) -> tuple[Contradiction, ...]:
     return (
         found
         if joint is None
-        else tuple(c for c in found if c.segment in (joint, *joint_segments(joint)))
+        else tuple(c for c in found if c.segment in (joint, *list_joint_segments(joint)))
     )

@@ -13,7 +13,7 @@ from typing import TypeAlias
 import numpy as np
 
 from gaitcal.errors import Finding, InputError, Severity
-from gaitcal.model.linkage import SEGMENTS, joint_segments
+from gaitcal.model.linkage import SEGMENTS, list_joint_segments
 from gaitcal.model.marker_set import MarkerSet
 from gaitcal.model.parameters import JOINT_PARAMETERS, ParameterKind
 from gaitcal.model.rebuilt_markers import Rebuilding
@@ -227,7 +227,7 @@ class Examined:
             if p.kind is ParameterKind.ORIENTATION
         }
         for t in self.trials if self.study.marker_set.noise is None else ():
-            fitted = SEGMENTS if t.trial.joint is None else joint_segments(t.trial.joint)
+            fitted = SEGMENTS if t.trial.joint is None else list_joint_segments(t.trial.joint)
             moves = {
                 s: move for s, move in possible_moves(t.clusters, t.links).items() if s in fitted
             }
