@@ -1,30 +1,29 @@
-"""Phase 2: inertial parameters from the pelvis residual (Reinbolt et al. 2007, eq. 2).
+"""Inertial parameters from the pelvis residual: phase 2 (Reinbolt et al. 2007, eq. 2).
 
     min_p  sum_frames { |F|^2 / BW^2 + |T|^2 / L^2 } + sum_n ((p_n - p'_n) / s_n)^2
 
-F, T the root wrench that no ground reaction explains, in laboratory axes about the pelvis origin; L
-= BW * H (or another scale); p' the seed. F and T are linear in the dynamic parameters phi(p) = (m,
-m c, I_origin) of the bodies: the rows of all valid frames are compressed once by a QR factorisation
-of their regressor to at most 121 rows, whose norm is that of the full residual exactly. The
-iteration never sees the frames.
+F, T are the root wrench that no ground reaction explains, in laboratory axes about the pelvis
+origin; L = BW * H (or another scale); p' is the seed. F and T are linear in the dynamic parameters
+phi(p) = (m, m c, I_origin) of the bodies. A QR factorisation of their regressor compresses the rows
+of all valid frames once to at most 121 rows. Their norm is that of the full residual exactly, and
+the iteration needs no frames.
 
-`published`: s_n = p'_n, the result becomes the next seed until the residuals change by less than
-0.1 %. That is a proximal-point iteration: its fixed points are those of the residual alone,
-whatever the penalty's weight w, but along a direction with singular value s of the scaled residual
-each seed keeps w / (w + s^2) of the distance. With s^2 down to 1e-11 it never gets there, and stops
-early: on measured data that is what keeps weak directions near the first seed. Data without noise
-can be solved exactly by lowering w at every seed (`decay`): same fixed points, quickly reached.
+`published`: s_n = p'_n. The result is the next seed until the residuals change by less than 0.1 %.
+The fixed points of this proximal-point iteration are those of the residual alone, for every weight
+w of the penalty. Along a direction with singular value s of the scaled residual, each seed keeps w
+/ (w + s^2) of the distance. With s^2 down to 1e-11 it stops before it arrives, which keeps weak
+directions of measured data near the first seed. For data without noise, w is lowered at every seed
+(`decay`): same fixed points, quickly reached.
 
-`consistent`: every body stays physically possible, total mass and left-right symmetry are exact, by
-variables x, 0 at the seed: masses are shares of the seed's total, m_k = M m_k^0 exp(x) / sum; mass
-centres are shifted by x; the second moments of mass about the mass centre, sum x_i^2, are scaled by
-exp(x). Moments of inertia are sums of two second moments each, so they are positive and obey the
-triangle inequality: the pseudo-inertia stays positive definite (Wensing, Kim and Slotine 2017; the
-axes of a body being fixed, its log-Cholesky parameters are these logarithms). s_n is the spread of
-people about the anthropometric table. What is left of F / BW and T / (BW L) is the noise that the
-spread is weighed against: its standard deviation is what the fit leaves, found by repeating
-(feasible generalised least squares), and at least what measurement alone brings. The main job
-weighs them with `inertial_evidence.py`.
+`consistent`: every body stays physically possible, total mass and left-right symmetry are exact.
+The variables x are 0 at the seed. Masses are shares of the seed's total, m_k = M m_k^0 exp(x) /
+sum; mass centres are displaced by x; the second moments of mass about the mass centre, sum x_i^2,
+are multiplied by exp(x). Moments of inertia are sums of two second moments each, so they are
+positive and obey the triangle inequality: the pseudo-inertia stays positive definite (Wensing, Kim
+and Slotine 2017; for fixed axes of a body, its log-Cholesky parameters are these logarithms). s_n
+is the spread of people about the anthropometric table. The noise of F / BW and T / (BW L) is what
+the fit leaves, found by repeating (feasible generalised least squares), and at least the
+measurement error. `inertial_evidence.py` is the default.
 """
 
 import time
@@ -45,16 +44,14 @@ from gaitcal.tracking.motion import Motion
 
 RESEED_CHANGE = 1e-3
 """The published stop: RMS residuals change by less than 0.1 %."""
-MOST_SEEDS = 200
+MOST_SEEDS = 200  # re-seeds and repetitions before a fit counts as not converged
 NOISE_CHANGE = 1e-3
-"""The noise of the pelvis residual is known when it changes by less than this share."""
+"""Relative change of the pelvis residual's noise at which the repetition stops."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class ConsistentSettings:
-    """Spread of people about the anthropometric table, and how good a root wrench can be expected
-    to be.
-    """
+    """Spread of people about the anthropometric table, and noise of a root wrench."""
 
     mass_spread: float = 0.10
     """Standard deviation of the logarithm of a segment's share of body mass."""
@@ -65,8 +62,8 @@ class ConsistentSettings:
     centre_spread: float = 0.010
     """m, standard deviation of a mass-centre coordinate."""
     foot_centre_spread: float = 0.015
-    """The same of a foot, whose axes markers make: those on heel and toe are 10 mm off the points
-    of the table.
+    """The same of a foot. Its axes are defined by markers on heel and toe, which are 10 mm off the
+    points of the table.
     """
     moment_spread: float = 0.15
     """Standard deviation of the logarithm of a second moment of mass."""
@@ -74,9 +71,7 @@ class ConsistentSettings:
     """Parameter without its side (`thigh.mass`) -> standard deviation of its variable beside that
     of people: of a table that may not be this person's."""
     residual: float = 0.01
-    """Least standard deviation of F / BW and T / (BW L) that stems from measurement and motion, not
-    from inertia.
-    """
+    """Least standard deviation of F / BW and T / (BW L) by errors of measurement and motion."""
     independent: float = 10.0
     """Frames per independent sample: neighbouring frames of a residual repeat each other."""
 
@@ -85,8 +80,9 @@ PEOPLE = ConsistentSettings()
 
 
 class LogChart:
-    """Variables x (0 at the seed) -> IPs: masses by softmax, centres shifted, second moments scaled
-    by exp.
+    """Chart of the IPs by variables x, 0 at the seed.
+
+    Masses change by softmax, mass centres by displacement, second moments by a factor exp(x).
     """
 
     def __init__(self, seed: Array, which: params.InertialSet) -> None:
@@ -106,7 +102,7 @@ class LogChart:
         """(12, 3) second moments of mass about the mass centre along each axis."""
 
     def compute_spread(self, settings: ConsistentSettings) -> Array:
-        """(n,) prior standard deviation of each variable."""
+        """Compute the prior standard deviation (n,) of each variable."""
         of_others = [settings.mass_spread, settings.centre_spread, settings.moment_spread]
         of_feet = [settings.foot_mass_spread, settings.foot_centre_spread, settings.moment_spread]
         of_people = np.where(
@@ -115,7 +111,7 @@ class LogChart:
         return np.hypot(of_people, [settings.more_of.get(name, 0.0) for name in self.unsided])
 
     def compute_inertial(self, x: Array) -> Array:
-        """(84,) inertial parameters, SI."""
+        """Compute the inertial parameters (84,), SI units, at the variables x (n,)."""
         changes = params.view_as_table(self.selection @ x)
         raw, second = self.rows[:, 0] * np.exp(changes[:, 0]), self.second * np.exp(changes[:, 4:7])
         out = np.empty(self.rows.shape)
@@ -125,7 +121,7 @@ class LogChart:
         return out.ravel()
 
     def compute_jacobian(self, x: Array) -> Array:
-        """(84, n) derivative of `inertial`."""
+        """Compute the derivative (84, n) of `compute_inertial` at x (n,)."""
         mass = params.view_as_table(self.compute_inertial(x))[:, 0]
         second = self.second * np.exp(params.view_as_table(self.selection @ x)[:, 4:7])
         by_change = np.zeros((*self.rows.shape, *self.rows.shape))
@@ -137,9 +133,7 @@ class LogChart:
 
 
 class TorqueScale(Enum):
-    """Length L/BW by which residual torques are normalised (the three choices of the paper's
-    discussion).
-    """
+    """Length L/BW that normalises residual torques (three choices of the paper's discussion)."""
 
     BODY_HEIGHT = "bwh"
     PELVIS_WIDTH = "pelvis_width"
@@ -148,7 +142,7 @@ class TorqueScale(Enum):
 
 @dataclass(frozen=True, kw_only=True)
 class RootEquations:
-    """The root wrench of all valid frames, linear in the dynamic parameters, compressed."""
+    """Root wrench of all valid frames, linear in the dynamic parameters, compressed."""
 
     factor: Array
     """(n, 120) rows of R."""
@@ -161,7 +155,18 @@ class RootEquations:
     """(n_m, 121) the same for moment alone (N·m)."""
 
     def compute_rms(self, inertial: Array) -> tuple[float, float]:
-        """RMS residual force (N) and moment (N·m) over frames and the three components."""
+        """Compute the RMS residual force (N) and moment (N·m) over frames and components.
+
+        Parameters
+        ----------
+        inertial : (84,) array
+            Inertial parameters, SI units.
+
+        Returns
+        -------
+        tuple of float
+            RMS force (N) and RMS moment (N·m).
+        """
         phi = np.append(params.compute_dynamic_parameters(inertial).ravel(), 1.0)
         count = np.sqrt(3.0 * self.frames)
         force, moment = (
@@ -176,9 +181,21 @@ def compress_root_equations(
 ) -> RootEquations:
     """Compress the root wrench of the valid frames.
 
-    `regressor`: (nf, 6, 12, 10) of `Dynamics.root_regressor`. `ground`: (nf, 6) what the ground
-    reactions contribute, force and moment about the pelvis origin. `weight`: body weight, N.
-    `length`: m, torques are divided by weight * length.
+    Parameters
+    ----------
+    regressor : (nf, 6, 12, 10) array
+        Result of `Dynamics.root_regressor`.
+    ground : (nf, 6) array
+        Contribution of the ground reactions: force (N) and moment (N·m) about the pelvis origin.
+    weight : float
+        Body weight, N.
+    length : float
+        Torques are divided by weight * length, m.
+
+    Returns
+    -------
+    RootEquations
+        At most 121 rows with the same norm.
     """
     nf = len(regressor)
     rows = np.concatenate([regressor.reshape(nf, 6, -1), ground[:, :, None]], axis=2)
@@ -200,7 +217,7 @@ def compress_root_equations(
 
 @dataclass(frozen=True, kw_only=True)
 class LoadedMotion:
-    """A motion with ground reactions on the feet, for the frames that are valid."""
+    """A motion with ground reactions on the feet."""
 
     state: tuple[Array, Array, Array]
     """(nf, 27) each: coordinates (m, rad), their rates and accelerations."""
@@ -211,13 +228,28 @@ class LoadedMotion:
 
     @staticmethod
     def from_motion(motion: Motion, reactions: GroundReactions) -> "LoadedMotion":
-        """A tracked motion, and the ground reactions on it."""
+        """Combine a tracked motion with its ground reactions."""
         state = motion.q, motion.velocity, motion.acceleration
         return LoadedMotion(state=state, wrench=reactions.wrench, valid=reactions.valid)
 
 
 def get_torque_length(subject: Subject, scale: TorqueScale, pelvis_width: float) -> float:
-    """m, L of a torque scale; `pelvis_width` (m) is the distance between the hip centres."""
+    """Get the length L (m) of a torque scale.
+
+    Parameters
+    ----------
+    subject : Subject
+        Height of the person.
+    scale : TorqueScale
+        The scale.
+    pelvis_width : float
+        Distance between the hip centres, m.
+
+    Returns
+    -------
+    float
+        m.
+    """
     return {
         TorqueScale.BODY_HEIGHT: subject.height,
         TorqueScale.PELVIS_WIDTH: pelvis_width,
@@ -232,9 +264,25 @@ def assemble_root_equations(
     scale: TorqueScale,
     pelvis_width: float,
 ) -> RootEquations:
-    """The pelvis residual of all valid frames of all trials, linear in the dynamic parameters.
+    """Assemble the pelvis residual of all valid frames of all trials.
 
-    `pelvis_width` (m): distance between the hip centres, for the torque scale of that name.
+    Parameters
+    ----------
+    motions : sequence of LoadedMotion
+        Motions with ground reactions.
+    parameters : Parameters
+        Joint parameters of the linkage.
+    subject : Subject
+        Weight and height of the person.
+    scale : TorqueScale
+        Length that normalises torques.
+    pelvis_width : float
+        Distance between the hip centres, m.
+
+    Returns
+    -------
+    RootEquations
+        Linear in the dynamic parameters.
     """
     length = get_torque_length(subject, scale, pelvis_width)
     dynamics = Dynamics(parameters)
@@ -253,7 +301,7 @@ def assemble_root_equations(
 
 @dataclass(frozen=True, kw_only=True)
 class InertialFit:
-    """Inertial parameters found."""
+    """Result of a fit of inertial parameters."""
 
     names: tuple[str, ...]
     """Of the free variables."""
@@ -278,9 +326,7 @@ class InertialFit:
     ones are not.
     """
     moved: bool = True
-    """False: nothing asked for other values than the seed's, and the covariance is the spread of
-    people about it.
-    """
+    """False: the values are the seed's, and the covariance is the spread of people about them."""
 
 
 def fit_published(
@@ -291,11 +337,25 @@ def fit_published(
     reseed: bool = True,
     decay: float = 1.0,
 ) -> InertialFit:
-    """The published cost; `seed` (84,) gives the constants too. Relative penalties, re-seeded until
-    nothing changes.
+    """Fit the published cost: relative penalties, re-seeded until the residuals are stationary.
 
-    `decay` multiplies the penalty's weight at every re-seed: 1 is the published procedure, 0.1 for
-    data without noise.
+    Parameters
+    ----------
+    equations : RootEquations
+        The pelvis residual.
+    seed : (84,) array
+        Start values, also of the parameters that stay constant.
+    which : InertialSet
+        Free variables.
+    reseed : bool
+        Whether to repeat with the result as the next seed.
+    decay : float
+        Factor of the penalty's weight at every re-seed: 1 as published, 0.1 for data without noise.
+
+    Returns
+    -------
+    InertialFit
+        Without statistical meaning of its residual Jacobian.
     """
     began = time.perf_counter()
     inertial, centre = seed.copy(), seed
@@ -357,7 +417,7 @@ def fit_published(
 
 
 def differentiate_by_inertial(factor: Array, inertial: Array) -> Array:
-    """(n, 84) derivative of factor @ dynamic_parameters."""
+    """Differentiate factor @ dynamic parameters by the inertial parameters: (n, 84)."""
     blocks = factor.reshape(len(factor), -1, 10)
     return np.einsum("rsd,sdk->rsk", blocks, params.compute_dynamic_jacobian(inertial)).reshape(
         len(factor), len(params.IP_NAMES)
@@ -370,8 +430,23 @@ def fit_consistent(
     which: params.InertialSet,
     settings: ConsistentSettings = PEOPLE,
 ) -> InertialFit:
-    """Physically possible inertias nearest to the residual-free ones; total mass is exactly the
-    seed's.
+    """Fit physically possible inertias with the total mass of the seed.
+
+    Parameters
+    ----------
+    equations : RootEquations
+        The pelvis residual.
+    seed : (84,) array
+        Start values, SI units.
+    which : InertialSet
+        Free variables.
+    settings : ConsistentSettings
+        Spread of people, and noise.
+
+    Returns
+    -------
+    InertialFit
+        With the noise as the fit leaves it.
     """
     began = time.perf_counter()
     chart = LogChart(seed, which)
@@ -402,7 +477,7 @@ def make_inertial_fit(
     slopes: Callable[[Array], Array],
     began: float,
 ) -> InertialFit:
-    """What `fit_chart` found, in a search that began at a time of `perf_counter`."""
+    """Make the result of a search by `fit_chart` that began at a time of `perf_counter`."""
     inertial = chart.compute_inertial(result.x)
     rms_force, rms_moment = equations.compute_rms(inertial)
     return InertialFit(
@@ -422,8 +497,25 @@ def make_inertial_fit(
 def fit_chart(
     equations: RootEquations, chart: LogChart, spread: Array, weigh: float | Array, start: Array
 ) -> tuple[OptimizeResult, Callable[[Array], Array]]:
-    """The least of |weigh gap|^2 + |x / spread|^2 by the variables of a chart, and the Jacobian of
-    its residual.
+    """Minimise |weigh gap|^2 + |x / spread|^2 over the variables of a chart.
+
+    Parameters
+    ----------
+    equations : RootEquations
+        The pelvis residual.
+    chart : LogChart
+        Variables x.
+    spread : (n,) array
+        Prior standard deviations of x.
+    weigh : float or (k, rows) array
+        Weight of the gap.
+    start : (n,) array
+        Start of the search.
+
+    Returns
+    -------
+    tuple
+        SciPy's result, and a function for the Jacobian of the residual at x.
     """
 
     def residual(x: Array) -> Array:

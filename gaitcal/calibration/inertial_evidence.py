@@ -1,9 +1,9 @@
-"""Inertial parameters move where the pelvis residual asks for it, and nowhere else.
+"""Fit inertial parameters by generalised least squares; keep the table's without strong evidence.
 
-Marker noise alone makes a pelvis residual of 12 to 20 N; least squares turn it into masses (0.34 kg
-off where the table was 0.22 kg off). Here the residual is weighed against what makes residuals
-without wrong masses. With rho the pelvis residual [F; T] of the valid frames, in units of a scale,
-every source c of error moves it by
+Marker noise alone causes a pelvis residual of 12 to 20 N. Least squares attribute it to masses (an
+error of 0.34 kg where the table's was 0.22 kg). So the residual is compared with its causes other
+than wrong masses. With rho the pelvis residual [F; T] of the valid frames, in units of a scale,
+every source c of error changes it by
 
     d rho_c = (d rho/d q) B d N_c + (d rho/d v) B' d N_c + (d rho/d a) B'' d N_c + (d rho/d p) d p_c
 
@@ -11,14 +11,14 @@ for marker coordinates and nominal joint parameters (`error_sources.py`), and di
 
     plates       gain, place, turn and clock:  d F = -d F_foot,  d T = -(d M_foot - x_pelvis x d F_foot)
                  (`dynamics/measurement_errors.py`, with the sources of their sizes)
-    inertia      what the fit does not move and people scatter in:  d rho = (d rho/d IP) d IP
-    bandwidth    rho of this motion less rho of its fit with 1 / sqrt 2 of the knot spans: what half an octave holds
-                 (a motion that a penalty smooths has a source of its own for that,
+    inertia      parameters that are not fitted and in which people scatter:  d rho = (d rho/d IP) d IP
+    bandwidth    rho of this motion less rho of its fit with 1 / sqrt 2 of the knot spans: half an octave
+                 (a motion smoothed by a penalty has a separate source for that,
                  `compute_marker_scores`)
-    the rest     independent errors of force and moment, repeated for `memory`: what plates bend, and the spline leaves.
+    the rest     independent errors of force and moment, repeated for `memory`: bending of plates, spline residuals.
 
-With x the variables of the chart (0 at the nominal model) and A = d rho/d x at 0, what a fit can
-hear are the scores g(x) = A^T rho(x). At the true x they have the covariance of the noise, s_c =
+With x the variables of the chart (0 at the nominal model) and A = d rho/d x at 0, a fit depends on
+the scores g(x) = A^T rho(x). At the true x they have the covariance of the noise, s_c =
 A^T d rho_c summed over trials,
 
     G = sum_c s_c s_c^T + sigma^2 A^T A times the frames that repeat each other,
@@ -26,13 +26,13 @@ A^T d rho_c summed over trials,
     min_x  g^T G^-1 g + sum_n (x_n / s_n)^2,        s_n the spread of people about the anthropometric table,
 
 generalised least squares, whose posterior covariance is (M^T G^-1 M + diag(1 / s^2))^-1, M = d g/d
-x. Whether it is to be believed at all is asked first: how much likelier are the scores with
-people's spread than with exactly nominal values? Linear in x, the Bayes factor is
+x. Before that, the evidence is computed: how much likelier are the scores with people's spread than
+with exactly nominal values? Linear in x, the Bayes factor is
 
     2 ln K = g0^T (G^-1 - (G + M S^2 M^T)^-1) g0 - ln det (1 + G^-1 M S^2 M^T).
 
 Below `STRONG` (Kass and Raftery, J. Am. Stat. Assoc. 90, 1995: "strong evidence") the parameters
-stay the table's, and the spread of people is their covariance.
+keep the table's values, and the spread of people is their covariance.
 """
 
 import time
@@ -57,9 +57,8 @@ from gaitcal.model.subject_model import Subject
 from gaitcal.tracking import spline, trial_problem
 
 BLOCK = 500  # Frames whose changes are held at once
-COARSER_SPANS = np.sqrt(
-    2.0
-)  # Spans of the motion that bandwidth is judged by, over those of the motion: half an octave
+# Knot spans of the refit for the bandwidth error, over those of the motion: half an octave
+COARSER_SPANS = np.sqrt(2.0)
 STRONG = float(np.log(20.0))  # ln K from which the inertial parameters move: odds of 20 to 1
 # Part of the largest variance of the scores below which a direction of x makes no residual at all
 NULL_DIRECTION = 1e-10
@@ -67,7 +66,7 @@ NULL_DIRECTION = 1e-10
 
 @dataclass(frozen=True)
 class PlateNoise:
-    """How far force plates are to be believed where residuals are weighed."""
+    """Errors of force plates in the pelvis residual."""
 
     errors: measurement_errors.PlateErrors = measurement_errors.DEFAULT
     rest: float = 0.005
@@ -79,7 +78,7 @@ class PlateNoise:
 
 @dataclass(frozen=True, kw_only=True)
 class LoadedProblem:
-    """A gait trial with its motion and the ground reactions on it."""
+    """A gait trial with its motion and its ground reactions."""
 
     problem: trial_problem.MotionProblem  # Of the whole body, with the skin that moves
     coefficients: Array  # (nn, 27)
@@ -91,7 +90,7 @@ class LoadedProblem:
 
 @dataclass(frozen=True, kw_only=True)
 class ResidualNoise:
-    """What a fit of inertial variables hears that is not theirs."""
+    """Noise of the pelvis residual that wrong inertial parameters do not cause."""
 
     covariance: Array  # (n, n) of the scores A^T rho, rho in units of the scale
     # N, RMS over valid frames and three components of the residual that is to be expected
@@ -109,12 +108,32 @@ def estimate_residual_noise(
     plates: PlateNoise | None = None,
     unmoved: Array | None = None,
 ) -> ResidualNoise:
-    """What noise makes of the pelvis residual over the valid frames of all trials.
+    """Estimate the noise of the pelvis residual over the valid frames of all trials.
 
-    `parameters`: joint parameters of the motions; the inertial ones are where `chart` begins.
-    `sources`: errors of the joint parameters. `length`: m, torques are divided by body weight times
-    this, as in the equations that are to be fitted. `unmoved`: (84, n) R with covariance R R^T of
-    inertial parameters that `chart` does not move; exact unless given.
+    Parameters
+    ----------
+    trials : sequence of LoadedProblem
+        Gait trials with motions and ground reactions.
+    parameters : Parameters
+        Joint parameters of the motions; the inertial ones are where `chart` begins.
+    sources : ErrorSources
+        Errors of the joint parameters.
+    subject : Subject
+        Weight and height of the person.
+    chart : LogChart
+        Variables of the fit.
+    length : float
+        Torques are divided by body weight times this (m), as in the equations to be fitted.
+    plates : PlateNoise, optional
+        Errors of the force plates.
+    unmoved : (84, n) array, optional
+        R with covariance R R^T of inertial parameters that `chart` does not change; exact if not
+        given.
+
+    Returns
+    -------
+    ResidualNoise
+        Covariance of the scores, and the expected RMS residual (N, N·m).
     """
     plates = plates or PlateNoise()
     slopes = compute_dynamic_jacobian(parameters.inertial)
@@ -202,7 +221,7 @@ def estimate_residual_noise(
 
 
 def _compute_plate_errors(q: Array, errors: Array) -> Array:
-    """(frames, 6, k) change of the residual by errors of the foot wrenches (frames, 2, 6, k)."""
+    """Compute residual changes (frames, 6, k) by errors (frames, 2, 6, k) of foot wrenches."""
     force, moment = -errors[:, :, :3].sum(axis=1), -errors[:, :, 3:].sum(axis=1)
     return np.concatenate([force, moment - np.cross(q[:, :3, None], force, axis=1)], axis=1)
 
@@ -210,7 +229,7 @@ def _compute_plate_errors(q: Array, errors: Array) -> Array:
 def _refit_coarser(
     basis: spline.SplineBasis, coefficients: Array
 ) -> tuple[spline.SplineBasis, Array]:
-    """The same motion with longer knot spans."""
+    """Refit the same motion with longer knot spans."""
     spans = max(round((basis.nodes - spline.MINIMUM_NODES + 1) / COARSER_SPANS), 1)
     coarse = spline.spline_basis(basis.time, spans + spline.MINIMUM_NODES - 1)
     return coarse, coarse.fit(basis.evaluate(coefficients))
@@ -223,8 +242,25 @@ def keep_nominal(
     rms: tuple[float, float] = (np.nan, np.nan),
     why: str = "",
 ) -> inertial_calibration.InertialFit:
-    """The seed as it is, with the spread of people about it; `rms` (N, N·m) of its residual, `why`
-    in words.
+    """Keep the seed, with the spread of people about it.
+
+    Parameters
+    ----------
+    seed : (84,) array
+        Inertial parameters, SI units.
+    which : InertialSet
+        Variables that are not fitted.
+    settings : ConsistentSettings
+        Spread of people.
+    rms : tuple of float
+        RMS residual force (N) and moment (N·m) of the seed.
+    why : str
+        Reason, for the message.
+
+    Returns
+    -------
+    InertialFit
+        With `moved` false.
     """
     chart = inertial_calibration.LogChart(seed, which)
     return inertial_calibration.InertialFit(
@@ -243,15 +279,27 @@ def keep_nominal(
 
 
 def describe_residual(rms: tuple[float, float]) -> str:
-    """N, N·m, for a sentence."""
+    """Describe the RMS pelvis residual (N, N·m), for a sentence."""
     return f"the pelvis residual ({rms[0]:.1f} N, {rms[1]:.1f} N·m RMS)"
 
 
 def compute_fixed_spread(inertial: Array, which: InertialSet) -> Array:
-    """(84, n) R with covariance R R^T of the mass centres that no variable of `which` moves.
+    """Compute the spread of the mass centres that no variable of `which` changes.
 
-    They stay the table's, and people scatter about them as about others; pelvis and trunk are taken
-    to be symmetric.
+    They keep the values of the table, and people scatter about them. Pelvis and trunk are taken as
+    symmetric.
+
+    Parameters
+    ----------
+    inertial : (84,) array
+        Inertial parameters, SI units.
+    which : InertialSet
+        Fitted variables.
+
+    Returns
+    -------
+    (84, n) array
+        R with covariance R R^T.
     """
     every = make_full_set()
     chart = inertial_calibration.LogChart(inertial, every)
@@ -275,10 +323,28 @@ def fit_by_evidence(
     noise: ResidualNoise,
     settings: inertial_calibration.ConsistentSettings = inertial_calibration.PEOPLE,
 ) -> inertial_calibration.InertialFit:
-    """Physically possible inertias of unchanged total mass; the seed itself unless the residual
-    tells against it.
+    """Fit inertial parameters by generalised least squares if the evidence is strong.
 
-    `noise`: of the chart that begins at `seed`, with the scale of `equations`.
+    Inertias stay physically possible with unchanged total mass. The seed is kept unless the Bayes
+    factor of the residual exceeds `STRONG`.
+
+    Parameters
+    ----------
+    equations : RootEquations
+        The pelvis residual.
+    seed : (84,) array
+        Inertial parameters of the table, SI units.
+    which : InertialSet
+        Free variables.
+    noise : ResidualNoise
+        Noise for the chart that begins at `seed`, with the scale of `equations`.
+    settings : ConsistentSettings
+        Spread of people.
+
+    Returns
+    -------
+    InertialFit
+        `moved` tells whether the values differ from the seed.
     """
     began = time.perf_counter()
     chart = inertial_calibration.LogChart(seed, which)
@@ -318,7 +384,7 @@ def fit_by_evidence(
 
 
 def compute_log_bayes_factor(scores: Array, slopes: Array) -> float:
-    """Logarithm of K of whitened scores (k,) whose slopes by variables of unit spread are (k, n)."""
+    """Compute ln K of whitened scores (k,) with derivatives (k, n) by variables of unit spread."""
     predicted = np.eye(len(scores)) + slopes @ slopes.T
     gain = float(scores @ scores - scores @ np.linalg.solve(predicted, scores))
     return 0.5 * (gain - float(np.linalg.slogdet(predicted)[1]))

@@ -1,5 +1,4 @@
-"""Joint parameters, soft tissue and motions from markers: SciPy's `least_squares` on the compressed
-problem.
+"""Fit joint parameters, soft tissue and motions to markers: `least_squares` on a small problem.
 
 Without a prior and without soft tissue this is phase 1 of Reinbolt et al. 2007, eq. 1
 (`reduced_problem.py`).
@@ -41,14 +40,14 @@ class JointSettings:
     tracking: DescentSettings = field(default_factory=DescentSettings)
 
     def get_bound(self, name: str) -> float:
-        """m, rad, of one joint parameter."""
+        """Get the largest distance (m, rad) of a joint parameter from its nominal value."""
         position = JOINT_PARAMETERS[JP_INDEX[name]].kind is ParameterKind.POSITION
         return self.position_bound if position else self.orientation_bound
 
 
 @dataclass(frozen=True, kw_only=True)
 class JointFit:
-    """Joint parameters found, and everything needed to say how well."""
+    """Result of a fit of joint parameters, with its state for error estimates."""
 
     free: tuple[str, ...]
     keys: tuple[
@@ -75,9 +74,7 @@ class JointFit:
 
 
 class JointSearch:
-    """The fit of joint parameters to some trials, which may be run again with trials that count
-    more or less.
-    """
+    """Search for joint parameters, which may be repeated with other weights of the trials."""
 
     def __init__(
         self,
@@ -94,14 +91,28 @@ class JointSearch:
     ) -> None:
         """Set up the search.
 
-        `problems`: the trials; each has its own motion, all share the joint parameters.
-        `parameters`: where the search starts, and the values of all that is not free. `free`: of
-        these, the joint parameters that some trial passes are fitted. `starts`: per trial,
-        coefficients (nn, nq) to start from. `nominal`: where bounds are centred; `parameters`
-        unless given. `tissue`: prior of the soft tissue that the problems have. `expected`: (np,)
-        m, rad and (np, np) mean and precision of the joint parameters `free` before any trial;
-        nothing is expected of them unless given. `kinds`: kind of task of each trial, of which the
-        soft tissue is its own; one for all unless given.
+        Parameters
+        ----------
+        problems : sequence of MotionProblem
+            The trials; each has its motion, all share the joint parameters.
+        parameters : Parameters
+            Start of the search, and the values of all that is not free.
+        free : tuple of str
+            Joint parameters to fit; those that no trial passes are left out.
+        starts : sequence of (nn, nq) array
+            Start coefficients of each trial.
+        settings : JointSettings, optional
+            Bounds and tolerances.
+        nominal : Parameters, optional
+            Centre of the bounds; `parameters` if not given.
+        tissue : TissuePrior
+            Prior of the soft tissue of the problems.
+        expected : tuple of array, optional
+            (np,) mean (m, rad) and (np, np) precision of the joint parameters `free` before any
+            trial; no prior if not given.
+        kinds : sequence of str, optional
+            Kind of task of each trial, which has its separate soft tissue; one for all if not
+            given.
         """
         self.settings = settings or JointSettings()
         self.free = select_passed_parameters(problems, free)
@@ -129,7 +140,18 @@ class JointSearch:
         )
 
     def run(self, start_values: Array | None = None) -> JointFit:
-        """Fit to the end, from where the last search ended unless told otherwise."""
+        """Fit to the final tolerance.
+
+        Parameters
+        ----------
+        start_values : (np,) array, optional
+            Start (m, rad); the best point so far if not given.
+
+        Returns
+        -------
+        JointFit
+            Parameters, soft tissue and motions.
+        """
         began = time.perf_counter()
         result = self._run_least_squares(self.settings.tolerance, start_values)
         state = self.problem.settle(result.x)
@@ -151,11 +173,11 @@ class JointSearch:
         )
 
     def run_to_tolerance(self, tolerance: float) -> ReducedState:
-        """Where such a search ends that stops at a larger tolerance; motions are those on the way."""
+        """Search to a larger tolerance; motions are those of the last step."""
         return self.problem.at(self._run_least_squares(tolerance).x)
 
     def _run_least_squares(self, tolerance: float, start: Array | None = None) -> OptimizeResult:
-        """From the best point so far, unless told otherwise."""
+        """Run SciPy's search from `start`, or from the best point so far."""
         if start is None:
             start = self.present if self.problem.best is None else self.problem.best.p
         if not len(start):
@@ -179,7 +201,7 @@ class JointSearch:
 def select_passed_parameters(
     problems: Sequence[MotionProblem], names: Sequence[str]
 ) -> tuple[str, ...]:
-    """The joint parameters of `names` that the linkage of some trial passes."""
+    """Select the joint parameters that the linkage of some trial passes."""
     found = {name for problem in problems for name in problem.with_free(tuple(names)).chain.free}
     return tuple(name for name in names if name in found)
 
@@ -194,5 +216,5 @@ _STATUS = {
 
 
 def describe_ending(result: OptimizeResult) -> str:
-    """SciPy's status in words; its own message where the number is new."""
+    """Describe SciPy's status; its message if the number is new."""
     return _STATUS.get(int(result.status), str(result.message))

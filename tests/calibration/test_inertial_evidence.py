@@ -154,7 +154,7 @@ def test_masses_that_are_wrong_move_towards_the_truth() -> None:
     assert view_as_table(found.inertial)[:, 0].sum() == pytest.approx(
         view_as_table(TRUE.inertial)[:, 0].sum(), abs=1e-9
     )
-    force, moment = system(trial, wrong).rms(wrong.inertial)
+    force, moment = system(trial, wrong).compute_rms(wrong.inertial)
     assert found.rms_force < force and found.rms_moment < moment
     assert "ln K" in found.message and "stay the table's" not in found.message
     spread = factor_inertial_covariance(keep_nominal(wrong.inertial, WHICH))

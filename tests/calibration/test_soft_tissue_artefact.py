@@ -457,7 +457,7 @@ def test_what_is_expected_of_skin_is_the_table_at_the_places_of_the_markers_mirr
         functions = evaluate_place_functions(
             (problem.data.local[group.markers] - knee) * mirror / length, gait=True
         )
-        wanted = length / THIGH_M * field.mean(functions) * mirror
+        wanted = length / THIGH_M * field.compute_mean(functions) * mirror
         np.testing.assert_allclose(group.expected[0], wanted, atol=1e-15)
         small = replace(group, regressors=1e-6 * group.regressors)
         still = group.softness * np.einsum("mi,f->mif", wanted, small.regressors[0])
@@ -481,7 +481,9 @@ def test_the_rigid_covariance_is_the_markers_own_projected_on_shifts_and_turns()
 def test_an_artefact_that_is_not_fitted_is_uncertain_by_its_mean_too() -> None:
     scale = SoftTissueScale(0.8, 0.0, 0.7, 0.6)
     mean, unit = np.arange(1.0, 7.0), np.eye(6)
-    fitted, left_out = (scale.covariance("knee_angle_r", unit, mean, by) for by in (0.7, 0.0))
+    fitted, left_out = (
+        scale.compute_covariance("knee_angle_r", unit, mean, by) for by in (0.7, 0.0)
+    )
     np.testing.assert_allclose(fitted, 0.8 * unit + (0.6 * 1.49 - 0.49) * np.outer(mean, mean))
     np.testing.assert_allclose(left_out, 0.8 * unit + 0.6 * 1.49 * np.outer(mean, mean))
 
@@ -551,7 +553,7 @@ def test_deformation_narrows_what_a_cluster_does_as_a_whole_by_what_both_have_in
     mean = np.linalg.pinv(observed.pattern.reshape(-1, 6)) @ observed.expected[0]
     unit = observed.rigid_covariance[0]
     np.testing.assert_allclose(
-        before.covariance, scale.covariance("knee_angle_r", unit, mean, 0.9), rtol=1e-9
+        before.covariance, scale.compute_covariance("knee_angle_r", unit, mean, 0.9), rtol=1e-9
     )
     assert np.linalg.eigvalsh(before.covariance - after.covariance).min() > -1e-12
     assert np.linalg.eigvalsh(after.covariance).min() > 0.0

@@ -296,7 +296,7 @@ def test_its_uncertainty_is_that_of_the_prior(walk: Recording) -> None:
     problem = problem_of(hidden(walk, *TRUNK, *ARMS))
     motion = tracked_motion(problem, MODEL.parameters)
     moves = compute_motion_sensitivity(problem, motion.coefficients, MODEL.parameters, None)
-    at = [k for k, source in enumerate(moves.own) if source is ErrorSource.POSTURE]
+    at = [k for k, source in enumerate(moves.trial_sources) if source is ErrorSource.POSTURE]
     moves = replace(
         moves, coefficients=moves.coefficients[:, at], own=(ErrorSource.POSTURE,) * len(at)
     )
@@ -315,4 +315,4 @@ def test_its_uncertainty_is_that_of_the_prior(walk: Recording) -> None:
     seen = compute_motion_sensitivity(
         whole, tracked_motion(whole, MODEL.parameters).coefficients, MODEL.parameters, None
     )
-    assert (ErrorSource.POSTURE in seen.own) == bool(UNSEEN)
+    assert (ErrorSource.POSTURE in seen.trial_sources) == bool(UNSEEN)
