@@ -1,5 +1,4 @@
-"""One estimate of all joint parameters: every trial, every parameter that a trial can move, soft
-tissue, the motions.
+"""Estimate joint parameters, soft tissue and motions of all trials together, with their errors.
 
     min  sum_t C_t(p, z, N_t) / (f_t nu_t^2)  +  |(p - p_0)|^2_Sigma_p  +  |z|^2_Sigma_z
 
@@ -10,8 +9,8 @@ eliminated (`reduced_problem.py`), p is found by SciPy. The published protocol (
 2007, eq. 1) is this with z = 0, without a prior (or a weak one), and with one f nu^2 for all trials
 of a phase, the mean of their own.
 
-nu_t is the noise of the trial's independent samples (`joint_prior.py`), from a fit of its own kind
-of task alone: what gait disagrees with is no noise of an isolated trial. Trials of one task repeat
+nu_t is the noise of the trial's independent samples (`joint_prior.py`), from a fit of its kind of
+task alone: a disagreement with gait is no noise of a functional trial. Trials of one task repeat
 their errors. With g_t and H_t the reduced gradients and matrices by p at the common estimate, in
 units of each trial's own noise, K trials err independently if
 
@@ -37,7 +36,8 @@ to H^-1.
 What is uncertain and not fitted, k, is considered (Schmidt-Kalman): joint parameters that stay as
 they are, and z where
 it stays zero. With S_pk of the same trials with k open, and errors R_k R_k^T of k, it makes errors  -H^-1 S_pk R_k.
-Residuals do not tell these: skin in step with a joint looks just like a joint that lies elsewhere.
+Residuals do not show these errors: soft tissue that moves in proportion to a joint angle looks like a
+joint in another position.
 """
 
 from __future__ import annotations
@@ -95,7 +95,7 @@ may move their markers, if any."""
 
 @dataclass(frozen=True, kw_only=True)
 class JointEstimate(JointFit):
-    """Joint parameters, soft tissue and motions found together, with their errors."""
+    """Joint parameters, soft tissue and motions fitted together, with their errors."""
 
     noise: tuple[float, ...]  # m, sqrt(f) nu of every trial
     effective_trials: dict[str, float]  # Kind of task -> f, where several trials have it
@@ -113,15 +113,29 @@ class JointEstimate(JointFit):
 
     @property
     def whole_covariance(self) -> Array:
-        """(np, np) by noise, priors and soft tissue that was not fitted."""
+        """(np, np) covariance by noise, priors and soft tissue that was not fitted."""
         return self.covariance + self.tissue_errors @ self.tissue_errors.T
 
 
 def select_movable_parameters(
     problems: Sequence[MotionProblem], wanted: Sequence[str]
 ) -> tuple[str, ...]:
-    """The joint parameters of `wanted` that some trial can move: their joint lies between segments
-    that it shows, and its markers determine the joint's angles.
+    """Select the joint parameters that some trial can determine.
+
+    A trial qualifies if it shows segments on both sides of the joint and its markers determine the
+    joint's angles.
+
+    Parameters
+    ----------
+    problems : sequence of MotionProblem
+        The trials.
+    wanted : sequence of str
+        Joint parameters to select from.
+
+    Returns
+    -------
+    tuple of str
+        In the order of `wanted`.
     """
     passed = set()
     for problem in problems:
@@ -155,17 +169,37 @@ def estimate_joints(
     present: Parameters | None = None,
     known: ErrorSources | None = None,
 ) -> tuple[JointEstimate, ErrorSources]:
-    """Fit the joint parameters `free` and the soft tissue to all trials together, and tell their
-    errors by source.
+    """Fit joint parameters and soft tissue to all trials together, with their errors by source.
 
-    `nominal`: what the prior is about, and bounds. `tissue`: prior of the columns that the problems
-    have. `fits_tissue`: whether these are fitted; else markers stay in their places, and the
-    columns are a source of error. `prior`: of the joint parameters, about `nominal`; None: nothing
-    is expected of them. `equal_weights`: whether all trials have one noise, the mean of their own,
-    as they show it; else the noise of people is known before (`joint_prior.get_noise_prior`).
-    `present`: where the search starts, and values of all that is not free; `nominal` unless given.
-    `known`: errors of the joint parameters before the fit, those that it keeps fixed too; by the
-    prior of those that are free unless given, the rest being exact.
+    Parameters
+    ----------
+    tasks : mapping of str to sequence of MotionProblem
+        Kind of task -> trials.
+    nominal : Parameters
+        Centre of the prior and of the bounds.
+    free : tuple of str
+        Joint parameters to fit.
+    tissue : TissuePrior
+        Prior of the soft tissue of the problems.
+    fits_tissue : bool
+        Whether the soft tissue is fitted. Else it is zero, and a source of error.
+    prior : JointPrior or None
+        Prior of the joint parameters about `nominal`; None: no prior.
+    settings : JointSettings
+        Bounds and tolerances.
+    equal_weights : bool
+        Whether all trials have the mean noise as they show it; else the noise of people is a prior
+        (`joint_prior.get_noise_prior`).
+    present : Parameters, optional
+        Start of the search, and values of all that is not free; `nominal` if not given.
+    known : ErrorSources, optional
+        Errors of the joint parameters before the fit, fixed ones included. If not given, those of
+        the free ones by the prior; the others are exact.
+
+    Returns
+    -------
+    tuple of JointEstimate and ErrorSources
+        The estimate, and the errors of all parameters by source.
     """
     began = time.perf_counter()
     with_columns, present = (
@@ -257,14 +291,12 @@ def estimate_joints(
 
 
 def _get_prior_precision(search: JointSearch) -> Array:
-    """(np, np) of the joint parameters before any trial."""
+    """Get the precision (np, np) of the joint parameters before any trial."""
     return np.asarray(search.problem.prior.T @ search.problem.prior, float)
 
 
 def _list_columns(search: JointSearch, arrow: Arrow) -> list[IntArray]:
-    """Per trial, places of its unknowns among the joint parameters and the soft tissue of all
-    kinds.
-    """
+    """List the indices of each trial's unknowns among those of all kinds."""
     problem, count = search.problem, len(search.free)
     out = [np.zeros(0, dtype=np.intp)] * len(problem.columns)
     for members, places in zip(problem.members, arrow.places, strict=True):
@@ -277,11 +309,11 @@ def _list_columns(search: JointSearch, arrow: Arrow) -> list[IntArray]:
 def _compute_covariance(
     arrow: Arrow, parts: Sequence[Array], columns: Sequence[IntArray], sizes: Sequence[float]
 ) -> Array:
-    """(np, np) of joint parameters by priors and by the noise of trials, which may be larger than
-    they were weighed by.
+    """Compute the covariance (np, np) of joint parameters by priors and by the noise of trials.
 
-    The rows of H^-1 of joint parameters are C [1, -F_1^T, -F_2^T, ...], C theirs alone and F_k the
-    sensitivity of z_k.
+    The noise may be larger than the one that the trials were weighed by (`sizes`). The rows of H^-1
+    of joint parameters are C [1, -F_1^T, -F_2^T, ...], with their covariance C and the sensitivity
+    F_k of z_k.
     """
     along = np.vstack([np.eye(len(arrow.precision)), *(-kind.sensitivity for kind in arrow.kinds)])
     spread = arrow.precision.copy()
@@ -294,7 +326,7 @@ def _compute_covariance(
 
 
 def _weigh(search: JointSearch, noise: Sequence[float], *, equal: bool) -> list[float]:
-    """m, the noise that each trial then counts by."""
+    """Weigh the trials by their noise; return the noise (m) that each one counts by."""
     weighed = [float(np.sqrt(np.mean(np.square(noise))))] * len(noise) if equal else list(noise)
     search.problem.weigh([1.0 / nu**2 for nu in weighed])
     return weighed
@@ -306,9 +338,23 @@ def estimate_noise(
     free: tuple[str, ...],
     expected: NoisePrior | None = None,
 ) -> list[float]:
-    """m, nu of every trial of a kind of task, fitted by itself with markers that stay in their
-    places: what no joint explains, wherever it may lie. `expected`: of people's; points that are no
-    markers have a least noise instead.
+    """Estimate the noise of every trial of a kind of task, fitted separately without soft tissue.
+
+    Parameters
+    ----------
+    problems : sequence of MotionProblem
+        Trials of one kind.
+    nominal : Parameters
+        Start of the fit.
+    free : tuple of str
+        Joint parameters that may be free.
+    expected : NoisePrior, optional
+        Prior of people's noise. Points that are no markers have a least noise instead.
+
+    Returns
+    -------
+    list of float
+        nu of each trial, m: what no position of the joints explains.
     """
     problems = [
         replace(p, tissue=SoftTissue((), p.secondary) if p.secondary else None) for p in problems
@@ -346,7 +392,7 @@ def estimate_noise(
 
 
 def _make_wide_precision(names: Sequence[str]) -> Array:
-    """(np, np) precision of joint parameters that may lie `WIDE_M` or `WIDE_RAD` off."""
+    """Make the precision (np, np) of joint parameters with deviations `WIDE_M` and `WIDE_RAD`."""
     wide = np.array(
         [
             WIDE_M if JOINT_PARAMETERS[JP_INDEX[n]].kind is ParameterKind.POSITION else WIDE_RAD
@@ -359,7 +405,7 @@ def _make_wide_precision(names: Sequence[str]) -> Array:
 def _compute_expected(
     nominal: Parameters, free: tuple[str, ...], prior: JointPrior
 ) -> tuple[Array, Array]:
-    """(np,) expected values and (np, np) precision of joint parameters before any trial."""
+    """Compute prior means (np,) and precision (np, np) of joint parameters, m and rad."""
     mean, covariance = select_prior(free, prior)
     return nominal.joint[[JP_INDEX[n] for n in free]] + mean, np.asarray(
         np.linalg.inv(covariance), float
@@ -367,7 +413,7 @@ def _compute_expected(
 
 
 def _place_block(part: Array, places: IntArray, size: int) -> Array:
-    """(size, size) with a part of it at some rows and columns, zero elsewhere."""
+    """Place a block at some rows and columns of a zero matrix (size, size)."""
     out = np.zeros((size, size))
     out[np.ix_(places, places)] = part
     return out
@@ -380,7 +426,7 @@ def _count_effective_trials(
     noise: Sequence[float],
     precision: Array,
 ) -> dict[str, float]:
-    """Kind of task -> f, of those with several trials."""
+    """Compute f of each kind of task with several trials."""
     out, count = dict[str, float](), len(precision)
     for kind in dict.fromkeys(kinds):
         members = [k for k, of in enumerate(kinds) if of == kind]
@@ -406,7 +452,7 @@ def _count_effective_trials(
 def _estimate_independent_share(
     scores: Sequence[Array], informations: Sequence[Array], precision: Array
 ) -> float:
-    """S = chi^2 over its degrees of freedom, at most 1, of K scores (n,) with matrices (n, n)."""
+    """Estimate s of K scores (n,) with matrices (n, n): chi^2 per degree of freedom, at most 1."""
     root = np.linalg.inv(np.linalg.cholesky(precision)).T
     values, vectors = np.linalg.eigh(root.T @ sum(informations) @ root)
     base = root @ vectors[:, values > DETERMINED]
@@ -422,9 +468,7 @@ def _estimate_independent_share(
 
 
 def _compute_birge_ratio(state: ReducedState, precision: Array) -> float:
-    """The factor b, at the common estimate; `precision`: (np, np) of joint parameters before any
-    trial.
-    """
+    """Compute the factor b at the common estimate, given the prior precision (np, np)."""
     root = np.linalg.inv(np.linalg.cholesky(precision)).T
 
     def spread(score: Array, information: Array) -> Array:
@@ -447,7 +491,7 @@ def _compute_scores(
     columns: Sequence[IntArray],
     sizes: Sequence[float],
 ) -> ErrorSources:
-    """u_t of every trial by independent columns; `sizes`: its noise over the one that it counts by."""
+    """Compute u_t of every trial in independent columns; `sizes`: noise over that weighed by."""
     scores, sources = [], []
     for name, part, places, size in zip(trials, parts, columns, sizes, strict=True):
         values, vectors = np.linalg.eigh(part)
@@ -466,11 +510,10 @@ def _compute_coupling(
     considered: tuple[str, ...],
     noise: Sequence[float],
 ) -> Array:
-    """(np + nz, nk) S_pk: what errors of all that was not fitted do to the scores of what was,
-    `unknowns`.
+    """Compute S_pk (np + nz, nk): effect of errors of fixed unknowns on the scores of fitted ones.
 
-    Only what moves some trial counts there; its soft tissue and secondary motions are where the fit
-    has them.
+    Fixed unknowns that no trial depends on have no effect. Soft tissue and secondary motions are
+    where the fit has them.
     """
     if not considered:
         return np.zeros((len(unknowns), 0))

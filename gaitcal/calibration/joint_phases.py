@@ -1,24 +1,22 @@
-"""Phases of joint-parameter calibration: what each fits, and what they come to together.
+"""Phases of joint-parameter calibration: what each phase fits, and their combination.
 
-A phase fits some joint parameters to some trials by the one estimator (`joint_estimate.py`);
-whatever it knew before is its prior, and what it finds is where the next one starts. Two protocols
-are lists of phases:
+A phase fits some joint parameters to some trials by `joint_estimate.py`. Earlier knowledge is its
+prior, and its result is the start of the next phase. Two protocols are lists of phases:
 
-default    the legs with soft tissue and priors of anatomy, isolated trials and gait together. An isolated trial is
-           fitted by its joint alone, whose proximal segment is free in the laboratory, so that an
-           uncalibrated neighbour joint has no say; gait by pelvis and legs. Every joint parameter
-           that a trial can move is free. Then trunk and arms in gait by themselves, as their skin
-           and single spine joint make errors of another size.
-published  Reinbolt et al. 2007: equal weights, bounds, and no prior, or a weak one of which every phase makes a
-           posterior, the prior of the next. Soft tissue is not fitted; it is a source of error
-           (`joint_estimate.py`), and widens that posterior. Sequential, isolated trials are fitted
-           as above and gait by the whole linkage. Simultaneous, every trial is fitted by pelvis and
-           legs, whose joints are all free: each trial then also says what it knows of its
-           neighbours, and no nominal joint is left to pull.
+default    Legs with soft tissue and priors of anatomy, functional trials and gait together. A functional (isolated)
+           trial is fitted by its joint alone. The proximal segment is free in the laboratory, so that an
+           uncalibrated neighbour joint has no influence. Gait is fitted by pelvis and legs. Every joint
+           parameter that a trial can determine is free. Then trunk and arms in gait separately: their
+           soft tissue and single spine joint have errors of another size.
+published  Reinbolt et al. 2007: equal weights, bounds, and no prior, or a weak one whose posterior after each phase
+           is the prior of the next. Soft tissue is not fitted; it is a source of error
+           (`joint_estimate.py`), and widens that posterior. Sequential: functional trials are fitted
+           as above and gait by the whole linkage. Simultaneous: every trial is fitted by pelvis and
+           legs with all joints free, so that each trial contributes to neighbour joints too.
 
-Without a prior, a phase freezes what its trials cannot see, and fits the rest again
-(`identifiability.py`); with one, what the trials do not tell stays where the prior holds it, with
-the prior's spread as its error.
+Without a prior, a phase fixes parameters that its trials do not determine, and fits the others
+again (`identifiability.py`). With a prior, such parameters stay near its mean, with its spread as
+error.
 """
 
 from collections.abc import Mapping, Sequence
@@ -52,9 +50,7 @@ from gaitcal.tracking.soft_tissue import SoftTissue
 from gaitcal.tracking.trial_problem import MotionProblem
 
 LEARNT = 0.9
-"""A parameter whose standard error is more than this part of its prior's is not determined by the
-trials.
-"""
+"""Ratio of a parameter's standard error to its prior's above which the trials do not determine it."""
 UPPER_BODY = tuple(s for s in SEGMENTS if s == "pelvis" or s not in LOWER_BODY)
 LEG_PARAMETERS = tuple(n for n in JP_NAMES if n.startswith(LEG_JOINTS))
 UPPER_PARAMETERS = tuple(n for n in JP_NAMES if not n.startswith(LEG_JOINTS))
@@ -62,7 +58,7 @@ UPPER_PARAMETERS = tuple(n for n in JP_NAMES if not n.startswith(LEG_JOINTS))
 
 @dataclass(frozen=True)
 class JointProblem:
-    """A trial that takes part."""
+    """A trial of a joint calibration."""
 
     body: MotionProblem
     """The whole body."""
@@ -76,12 +72,12 @@ class JointProblem:
 
     @property
     def name(self) -> str:
-        """Of the recording, whatever part of the body is fitted to it."""
+        """Name of the recording."""
         return self.body.name
 
     @property
     def kind(self) -> str:
-        """Of task; an activity has none of a walk's or a joint's, whatever its trial is called."""
+        """Kind of task: a joint, gait, or an activity with a prefix of its kind."""
         return self.joint or (
             f"{soft_tissue_artefact.ACTIVITY}{self.activity}"
             if self.activity
@@ -91,7 +87,7 @@ class JointProblem:
 
 @dataclass(frozen=True, kw_only=True)
 class Phase:
-    """One phase of a calibration, for the summary."""
+    """Summary of one phase of a calibration."""
 
     name: str
     trials: tuple[str, ...]
@@ -115,7 +111,7 @@ class Phase:
 
 @dataclass(frozen=True, kw_only=True)
 class JointCalibration:
-    """All phases together."""
+    """Result of all phases together."""
 
     parameters: Parameters
     phases: tuple[Phase, ...]
@@ -143,15 +139,28 @@ class JointCalibration:
 def get_parameters_for_trial(
     joint: JointCalibration | None, trial: str, final: Parameters
 ) -> Parameters:
-    """The joint parameters at the end of the phase that a trial took part in; `final` where no
-    later one moves them.
+    """Get the joint parameters at the end of the phase of a trial.
+
+    Parameters
+    ----------
+    joint : JointCalibration or None
+        Result of the calibration.
+    trial : str
+        Name of the trial.
+    final : Parameters
+        Returned if no later phase changes the parameters of this trial.
+
+    Returns
+    -------
+    parameters : Parameters
+        SI units.
     """
     return final if joint is None else joint.reached.get(trial, final)
 
 
 @dataclass(frozen=True, kw_only=True)
 class JointPhase:
-    """What a phase fits."""
+    """Trials and free parameters of a phase."""
 
     name: str
     tasks: Tasks
@@ -162,7 +171,7 @@ class JointPhase:
     """Of the columns that its problems have."""
 
     def with_tissue(self, soft: soft_tissue_artefact.TaskTissue) -> "JointPhase":
-        """The same with what may move the markers against their bones."""
+        """Return the same phase with soft tissue on its markers."""
         names = iter(self.recordings)
         tasks = {
             kind: tuple(
@@ -176,12 +185,12 @@ class JointPhase:
 
     @property
     def problems(self) -> list[MotionProblem]:
-        """Of all tasks."""
+        """Trials of all tasks."""
         return [problem for problems in self.tasks.values() for problem in problems]
 
     @property
     def joints(self) -> list[str | None]:
-        """Of each problem; None for the whole body."""
+        """Joint of each functional trial; None for the whole body."""
         return [
             kind if kind in ISOLATED_JOINTS else None
             for kind, problems in self.tasks.items()
@@ -191,7 +200,7 @@ class JointPhase:
 
 @dataclass(frozen=True, kw_only=True)
 class PhaseSettings:
-    """How phases are fitted, and what is known before them."""
+    """Settings and prior of phases."""
 
     search: joint_calibration.JointSettings = BY_EVIDENCE
     """Bounds and tolerances of the search."""
@@ -205,7 +214,7 @@ class PhaseSettings:
 
 @dataclass(frozen=True, kw_only=True)
 class FittedPhase:
-    """What the fit of a phase gives."""
+    """Result of the fit of a phase."""
 
     estimate: JointEstimate
     errors: ErrorSources
@@ -225,7 +234,26 @@ def fit_phase(
     present: Parameters | None = None,
     known: ErrorSources | None = None,
 ) -> FittedPhase:
-    """Fit one phase, from the parameters `present` with errors `known` (`estimate_joints`)."""
+    """Fit one phase.
+
+    Parameters
+    ----------
+    plan : JointPhase
+        Trials and free parameters.
+    nominal : Parameters
+        Centre of the prior and of the bounds.
+    how : PhaseSettings
+        Settings and prior.
+    present : Parameters, optional
+        Start of the search; `nominal` if not given.
+    known : ErrorSources, optional
+        Errors before the phase (`estimate_joints`).
+
+    Returns
+    -------
+    FittedPhase
+        Estimate, errors and findings.
+    """
     fit = partial(
         estimate_joints,
         plan.tasks,
@@ -290,10 +318,19 @@ def fit_phase(
 def plan_sequential_phases(
     trials: Sequence[JointProblem], gait: Mapping[str, tuple[str, ...]]
 ) -> list[JointPhase]:
-    """Isolated trials each for its joint (6, 9 or 12 parameters), then the gait trials.
+    """Plan a phase for each functional joint (6, 9 or 12 parameters), then one for the gait trials.
 
-    `gait`: side -> joint parameters that gait may move; its keys are the legs to calibrate (so
-    below).
+    Parameters
+    ----------
+    trials : sequence of JointProblem
+        All trials.
+    gait : mapping of str to tuple of str
+        Side -> joint parameters that gait may determine; its keys are the legs to calibrate.
+
+    Returns
+    -------
+    list of JointPhase
+        Phases with free parameters.
     """
     phases = [
         _make_phase(
@@ -314,8 +351,19 @@ def plan_sequential_phases(
 def plan_simultaneous_phases(
     trials: Sequence[JointProblem], gait: Mapping[str, tuple[str, ...]]
 ) -> list[JointPhase]:
-    """All trials at once: every parameter that an isolated trial determines, and those of `gait` if
-    there is gait.
+    """Plan one phase of all trials.
+
+    Parameters
+    ----------
+    trials : sequence of JointProblem
+        All trials.
+    gait : mapping of str to tuple of str
+        As in `plan_sequential_phases`.
+
+    Returns
+    -------
+    list of JointPhase
+        One phase, or none if nothing is free.
     """
     used = [trial for trial in trials if trial.joint is None or trial.joint[-1] in gait]
     of_gait = {name for names in gait.values() for name in names}
@@ -330,6 +378,7 @@ def plan_simultaneous_phases(
 
 
 def _make_phase(name: str, trials: Sequence[JointProblem], wanted: tuple[str, ...]) -> JointPhase:
+    """Make a phase of some trials, with those of the wanted parameters that they pass."""
     kinds = dict.fromkeys(t.kind for t in trials)
     tasks = {kind: tuple(t.fitted for t in trials if t.kind == kind) for kind in kinds}
     recordings = tuple(t.name for kind in kinds for t in trials if t.kind == kind)
@@ -342,8 +391,21 @@ def _make_phase(name: str, trials: Sequence[JointProblem], wanted: tuple[str, ..
 def calibrate_in_phases(
     phases: Sequence[JointPhase], nominal: Parameters, how: PhaseSettings
 ) -> JointCalibration:
-    """One phase after the other, each from where the last one ended; what it knows is the prior of
-    the next.
+    """Fit one phase after the other; the posterior of each is the prior of the next.
+
+    Parameters
+    ----------
+    phases : sequence of JointPhase
+        The protocol.
+    nominal : Parameters
+        Centre of the prior and of the bounds.
+    how : PhaseSettings
+        Settings, and the prior of the first phase.
+
+    Returns
+    -------
+    JointCalibration
+        All phases together.
     """
     present, known, following = nominal, make_nominal_errors(), how
     done: list[FittedPhase] = []
@@ -371,8 +433,25 @@ def calibrate_by_evidence(
     sides: Sequence[str],
     prior: JointPrior = joint_prior.ANATOMY,
 ) -> JointCalibration:
-    """Joint parameters of the legs of `sides`, of the trunk and of the arms; those beyond `bounds`
-    are told.
+    """Calibrate the joints of the legs of `sides`, of the trunk and of the arms (default protocol).
+
+    Parameters
+    ----------
+    trials : sequence of JointProblem
+        All trials.
+    nominal : Parameters
+        Centre of the prior.
+    bounds : JointSettings
+        Parameters beyond these bounds are reported.
+    sides : sequence of str
+        Legs to calibrate.
+    prior : JointPrior
+        Prior of the joint parameters.
+
+    Returns
+    -------
+    JointCalibration
+        Parameters, errors, soft tissue and findings.
     """
     how = PhaseSettings(prior=prior)
     used = [t for t in trials if t.joint is None or t.joint[-1] in sides]
@@ -411,9 +490,7 @@ def calibrate_by_evidence(
 
 
 def _with_untracked_tissue(phase: FittedPhase) -> ErrorSources:
-    """Add the soft tissue with which motions are not tracked to their errors, all of what was
-    found.
-    """
+    """Add the found soft tissue that motions are tracked without as an error of these."""
     estimate, errors = phase.estimate, phase.errors
     if not estimate.keys:
         return errors
@@ -430,7 +507,7 @@ def _with_untracked_tissue(phase: FittedPhase) -> ErrorSources:
 def _describe_tissue(
     scales: Mapping[str, soft_tissue_artefact.SoftTissueScale], estimate: JointEstimate
 ) -> tuple[str, ...]:
-    """What soft tissue was found, and how far repeated trials repeat their errors."""
+    """Describe the found soft tissue, and how far repeated trials repeat their errors."""
     named = {
         "isolated trials" if kind in ISOLATED_JOINTS else kind: scale
         for kind, scale in scales.items()
@@ -466,7 +543,22 @@ def _describe_tissue(
 def take_segments(
     body: MotionProblem, segments: tuple[str, ...], nominal: Parameters
 ) -> MotionProblem:
-    """Some segments of a whole body, the first free in the laboratory, with the same bandwidth."""
+    """Take some segments of a whole body, with the same bandwidth.
+
+    Parameters
+    ----------
+    body : MotionProblem
+        A trial of the whole body.
+    segments : tuple of str
+        Segments of the part, the base first.
+    nominal : Parameters
+        Parameters for the bandwidth.
+
+    Returns
+    -------
+    MotionProblem
+        The part.
+    """
     part = body.part(segments[0], segments)
     return with_bandwidth(part, nominal, body.smoothing.cutoff_hz) if body.smoothing else part
 
@@ -474,7 +566,7 @@ def take_segments(
 def _fit_trunk_and_arms(
     trials: Sequence[JointProblem], nominal: Parameters, how: PhaseSettings
 ) -> list[FittedPhase]:
-    """Gait by itself above the pelvis; empty where nothing is free."""
+    """Fit gait separately above the pelvis; empty if nothing is free."""
     walks = [t for t in trials if t.joint is None]
     parts = [take_segments(t.fitted, UPPER_BODY, nominal) for t in walks]
     # the pelvis' markers once more: what they do here has a name of its own among the sources of
@@ -506,10 +598,11 @@ def _assemble_calibration(
     known: ErrorSources,
     problems: Sequence[MotionProblem],
 ) -> JointCalibration:
-    """All phases together. `prior`: before any trial; `bounds`: joint parameters on them, or
-    beyond, are told; `known`: errors of all joint parameters, of which those of phases that know of
-    no other take the place; `problems`: of all phases, whose markers show whether the static trial
-    is of this body.
+    """Assemble all phases.
+
+    `prior` is that before any trial. `bounds`: parameters on them or beyond are reported. `known`
+    are errors of all joint parameters; phases replace those of their parameters. The markers of
+    `problems` show whether the static trial is of this body.
     """
     parameters, spread, bounded = nominal, dict[str, float](), dict[str, None]()
     for phase in done:

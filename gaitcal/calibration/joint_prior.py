@@ -1,5 +1,4 @@
-"""What is known of a joint parameter before any trial is looked at, and how much of what a trial
-then says is noise.
+"""Priors of joint parameters, and the noise of trials.
 
 Deviations d from nominal values are N(m0, P0): by anatomy (`TABLE`), of which a study file may
 change means and deviations (`[calibration] joint_prior`), and what a cohort has learnt takes the
@@ -109,7 +108,7 @@ class _Row:
 
     @property
     def by_side(self) -> tuple[list[int], ...]:
-        """Of each side, the indices of its parameters."""
+        """Indices of its parameters, for each side."""
         return tuple(
             [JP_INDEX[SIDES_OF[name][side]] for name in self.parameters] for side in (0, 1)
         )
@@ -118,6 +117,7 @@ class _Row:
 def _make_rows(
     joint: str, parent: str, child: str, directions: str, deviation: Sequence[float], apart: float
 ) -> tuple[_Row, ...]:
+    """Make the rows of a bone end in two adjacent segments."""
     return tuple(
         _Row(
             parameters=(f"{joint}.{parent}.{name}", f"{joint}.{child}.{name}"),
@@ -165,6 +165,7 @@ OTHER_DEVIATIONS = np.where(
 
 
 def _find_first_views() -> IntArray:
+    """Find the first view of each joint parameter."""
     out = np.arange(len(JP_NAMES))
     for row in TABLE:
         for own in row.by_side:
@@ -179,14 +180,24 @@ where none is.
 
 
 def make_view_covariance(deviation: Array) -> Array:
-    """(98, 98) covariance of errors of bone ends, each the same in both segments that see it;
-    `deviation`: (98,), of which those of first views count.
+    """Make the covariance of errors of bone ends that are the same in both adjacent segments.
+
+    Parameters
+    ----------
+    deviation : (98,) array
+        Standard deviations, m and rad; those of first views count.
+
+    Returns
+    -------
+    (98, 98) array
+        m^2, m rad and rad^2.
     """
     size = deviation[FIRST_VIEW]
     return np.outer(size, size) * (FIRST_VIEW[:, None] == FIRST_VIEW)
 
 
 def _make_anatomy_prior() -> JointPrior:
+    """Make the prior of anatomy from `TABLE`."""
     mean, apart = np.zeros(len(JP_NAMES)), np.zeros(len(JP_NAMES))
     deviation = OTHER_DEVIATIONS.copy()
     for row in TABLE:
@@ -211,13 +222,24 @@ MEAN, COVARIANCE = ANATOMY.mean, ANATOMY.covariance
 
 
 def get_prior_deviations(names: Sequence[str]) -> Array:
-    """(n,) m, rad: standard deviations of joint parameters by anatomy."""
+    """Get standard deviations (n,) of joint parameters by anatomy, m and rad."""
     return np.sqrt(np.diag(COVARIANCE))[[JP_INDEX[name] for name in names]]
 
 
 def select_prior(names: Sequence[str], prior: JointPrior | None) -> tuple[Array, Array]:
-    """(n,) m, rad and (n, n): mean m0 and covariance P0 of deviations from nominal values;
-    anatomy's where `prior` says nothing of a parameter.
+    """Select the prior of deviations from nominal values for some joint parameters.
+
+    Parameters
+    ----------
+    names : sequence of str
+        Joint parameters.
+    prior : JointPrior or None
+        Prior of some parameters; anatomy's for the others.
+
+    Returns
+    -------
+    tuple of array
+        Mean m0 (n,) and covariance P0 (n, n), m and rad.
     """
     at, whole = (
         [JP_INDEX[name] for name in names],
@@ -227,8 +249,19 @@ def select_prior(names: Sequence[str], prior: JointPrior | None) -> tuple[Array,
 
 
 def factor_prior(names: Sequence[str], prior: JointPrior | None) -> Array:
-    """(n, n) F, lower triangular, F F^T = P0: each column what one cause does, under its
-    parameter's name.
+    """Factor the prior covariance: F (n, n), lower triangular, F F^T = P0.
+
+    Parameters
+    ----------
+    names : sequence of str
+        Joint parameters.
+    prior : JointPrior or None
+        As in `select_prior`.
+
+    Returns
+    -------
+    (n, n) array
+        Each column is the effect of one cause, under its parameter's name.
     """
     return np.asarray(np.linalg.cholesky(select_prior(names, prior)[1]), float)
 
@@ -238,16 +271,27 @@ def make_study_prior(
     learnt: JointPrior | None = None,
     noise: PointNoise | None = None,
 ) -> JointPrior:
-    """What is expected of all joint parameters: by anatomy, by a study file in its place, by a
-    cohort in that of both.
+    """Make the prior of all joint parameters by anatomy, study file and cohort.
 
-    Anatomy's deviations are for palpated markers; points that are no markers have `noise.joints`
-    times these, hinges `noise.hinges` times.
+    A study file gives mean and standard deviation of a parameter, and correlations stay those of
+    anatomy. Rows and columns of P0 are scaled. Two views of one bone end with deviations d and e
+    and correlation c may then differ by (d^2 + e^2 - 2 c d e)^1/2. A name without a side is for
+    both, the left as the mirror image of the right. A name with a side takes precedence.
 
-    A study file tells mean and standard deviation of a parameter; correlations stay as anatomy has
-    them. Rows and columns of P0 are scaled, so that two views of one bone end to which it gives d
-    and e, of correlation c, may be (d^2 + e^2 - 2 c d e)^1/2 apart. Without a side a name is for
-    both, the left as the mirror image of the right one; what is said of a side comes before that.
+    Parameters
+    ----------
+    told : mapping of str to ParameterPriorTable
+        Entries of the study file, mm and deg; they replace anatomy's.
+    learnt : JointPrior, optional
+        Prior of a cohort; it replaces both.
+    noise : PointNoise, optional
+        For points that are no markers: anatomy's deviations times `joints`, for hinges times
+        `hinges`.
+
+    Returns
+    -------
+    JointPrior
+        m and rad.
     """
     mean, scale = MEAN.copy(), np.ones(len(JP_NAMES))
     if noise is not None:
@@ -265,7 +309,7 @@ def make_study_prior(
             if said.deviation is not None:
                 scale[k] = JP_TO_SI[k] * said.deviation / np.sqrt(COVARIANCE[k, k])
     of_study = tuple(dict.fromkeys(own for name in told for own in SIDES_OF[name]))
-    notes = (f"the study file says what to expect of {', '.join(told)}",) if told else ()
+    notes = (f"priors from the study file: {', '.join(told)}",) if told else ()
     covariance = np.outer(scale, scale) * COVARIANCE
     prior = replace(ANATOMY, mean=mean, covariance=covariance, of_study=of_study, notes=notes)
     if learnt is None:
@@ -275,33 +319,36 @@ def make_study_prior(
 
 UNCORRELATED = 0.05  # Autocorrelation below which the sum ends
 LONGEST_LAG = 1.0 / 3.0  # Of the trial: beyond, too few pairs of frames are left
-LEAST_SAMPLES = (
-    0.3  # Part of the independent samples that is left at least, however many parameters they serve
-)
-RANK_TOLERANCE = 1e-8  # Of the largest eigenvalue: below, markers do not show a direction at all
-LEAST_ERROR, MEMORY_S = (
-    5e-5,
-    0.25,
-)  # m, s: cameras err by at least this much, over at least this time
+# Smallest share of the independent samples that is left after the parameters are taken off
+LEAST_SAMPLES = 0.3
+# Share of the largest eigenvalue below which markers do not determine a direction
+RANK_TOLERANCE = 1e-8
+# m, s: smallest error of cameras, and how long it lasts at least
+LEAST_ERROR, MEMORY_S = 5e-5, 0.25
 
 
 @dataclass(frozen=True)
 class ForbiddenNoise:
-    """The noise of one trial in the directions that its joints forbid."""
+    """Noise of one trial in the directions that its joints forbid."""
 
     variance: float  # m^2, tau times the mean square of d per direction and frame
     samples: float  # n, independent ones
 
 
 def estimate_frames_per_sample(errors: Array, visible: BoolArray | None = None) -> float:
-    """Estimate tau, the samples for one that is independent.
+    """Estimate tau, the number of samples for one that is independent.
 
     Parameters
     ----------
-    errors
-        (nf, k) of which all columns are taken together.
-    visible
-        (nf, k) samples that count; all unless given.
+    errors : (nf, k) array
+        Errors; all columns are taken together.
+    visible : (nf, k) bool array, optional
+        Samples that count; all if not given.
+
+    Returns
+    -------
+    float
+        At least 1 for errors without correlation.
     """
     nf = len(errors)
     known = np.ones(errors.shape) if visible is None else visible.astype(np.float64)
@@ -319,15 +366,26 @@ def estimate_frames_per_sample(errors: Array, visible: BoolArray | None = None) 
 
 
 def _sum_lagged_products(columns: Array) -> Array:
-    """(nf,) sums of products of entries so many rows apart, over all columns (nf, k)."""
+    """Sum products of entries so many rows apart, over all columns (nf, k): (nf,)."""
     nf = len(columns)
     spectrum = np.abs(np.fft.rfft(columns, 2 * nf, axis=0)) ** 2
     return np.asarray(np.fft.irfft(spectrum.sum(axis=1))[:nf], float)
 
 
 def compute_least_noise(basis: spline.SplineBasis, noise: PointNoise | None = None) -> float:
-    """m, nu below which nothing is believed: that of the cameras, at the frames of a trial, or that
-    of points that are no markers.
+    """Compute the smallest nu (m) that is assumed: of cameras, or of points that are no markers.
+
+    Parameters
+    ----------
+    basis : SplineBasis
+        Splines of the trial, for its frame rate.
+    noise : PointNoise, optional
+        Errors of points that are no markers.
+
+    Returns
+    -------
+    float
+        m.
     """
     if noise is not None:
         return noise.compute_least_noise(spline.frame_rate(basis))
@@ -337,17 +395,24 @@ def compute_least_noise(basis: spline.SplineBasis, noise: PointNoise | None = No
 def estimate_forbidden_noise(
     problem: trial_problem.MotionProblem, parameters: Parameters, coefficients: Array
 ) -> ForbiddenNoise:
-    """Estimate the noise at a motion.
+    """Estimate the noise of a trial at a motion.
 
-    Where no joint is between segments that show markers, d is what the linkage leaves of the
-    markers themselves, in c = 3 (visible markers) - rank(J) directions.
+    If no joint is between segments with visible markers, d is what the linkage leaves of the
+    markers, in c = 3 (visible markers) - rank(J) directions.
 
     Parameters
     ----------
-    problem
+    problem : MotionProblem
         The trial, no joint parameter free.
-    coefficients
-        (nn, nq) of the motion.
+    parameters : Parameters
+        Parameters of the linkage.
+    coefficients : (nn, nq) array
+        The motion.
+
+    Returns
+    -------
+    ForbiddenNoise
+        Variance (m^2) and number of independent samples.
     """
     model = problem.positions(coefficients, problem.body(parameters))
     for counted_markers in (_find_full_clusters(problem.data), np.ones(len(model), dtype=bool)):
@@ -380,7 +445,7 @@ def estimate_forbidden_noise(
 
 
 def _find_full_clusters(data: MarkerData) -> BoolArray:
-    """(nm,) markers of segments that wear three or more with weight."""
+    """Find the markers (nm,) of segments with three or more weighted markers."""
     out = np.zeros(len(data.weight), dtype=bool)
     for _, markers in data.placed.groups:
         out[markers] = (data.weight[markers] > 0).any(axis=1).sum() >= FEWEST_MARKERS
@@ -390,8 +455,9 @@ def _find_full_clusters(data: MarkerData) -> BoolArray:
 def _project_on_rigid_motions(
     residual: Array, model: Array, data: MarkerData
 ) -> tuple[Array, IntArray]:
-    """(nm, 3, nf) m, of weighted residuals the part that rigid motions of the segments make, to
-    first order; and (nf,) in how many directions the visible markers show such motions.
+    """Project weighted residuals (nm, 3, nf) m on rigid motions of the segments, to first order.
+
+    Returns the projection, and (nf,) the number of directions of such motions that are visible.
     """
     out, shown = np.zeros_like(residual), np.zeros(residual.shape[-1], dtype=np.intp)
     for _, markers in data.placed.groups:
@@ -423,8 +489,9 @@ def _project_on_rigid_motions(
 def _count_linkage_directions(
     problem: trial_problem.MotionProblem, coefficients: Array, parameters: Parameters
 ) -> IntArray:
-    """(nf,) in how many directions the coordinates move the visible markers, the same wherever the
-    same are visible.
+    """Count the directions (nf,) in which the coordinates move the visible markers.
+
+    They are computed once for all frames with the same visible markers.
     """
     visible = np.asarray(problem.data.weight > 0)
     _, first, which = np.unique(visible, axis=1, return_index=True, return_inverse=True)
@@ -441,7 +508,7 @@ def _count_linkage_directions(
 
 @dataclass(frozen=True)
 class NoisePrior:
-    """The noise of people in one kind of task, log-normal, and how far an estimate may be too low."""
+    """Log-normal prior of the noise in one kind of task, and how far an estimate may be too low."""
 
     median: float  # m, at 100 Hz
     spread: float  # s of ln nu
@@ -458,7 +525,7 @@ own had a quarter and four tenths of the noise of one ankle trial that a fit bes
 
 
 def get_noise_prior(kind: str) -> NoisePrior:
-    """The prior of a kind of task: a walk's where it is no isolated trial's."""
+    """Get the noise prior of a kind of task; a walk's for all but functional trials."""
     return ISOLATED_NOISE if kind in ISOLATED_JOINTS else WALK_NOISE
 
 
@@ -469,15 +536,25 @@ def estimate_trial_noises(
     priors: Sequence[NoisePrior] | None = None,
     rates: Sequence[float] | None = None,
 ) -> list[float]:
-    """Compute nu (m) of every trial of a fit in which so many parameters were found from the
-    samples of all of them.
+    """Estimate nu (m) of every trial of a fit.
 
     Parameters
     ----------
-    estimates, least
-        Of every trial its estimate, and what cameras err by at least (m).
-    priors, rates
-        Of every trial, and its frames per second; no prior unless given.
+    estimates : sequence of ForbiddenNoise
+        Estimate of every trial.
+    least : sequence of float
+        Smallest noise of every trial, m.
+    effective_parameters : float
+        Number of parameters that the samples of all trials determine.
+    priors : sequence of NoisePrior, optional
+        Prior of every trial; none if not given.
+    rates : sequence of float, optional
+        Frames per second of every trial.
+
+    Returns
+    -------
+    list of float
+        m.
     """
     samples = sum(trial.samples for trial in estimates)
     left = max(samples - effective_parameters - 2.0, LEAST_SAMPLES * samples)

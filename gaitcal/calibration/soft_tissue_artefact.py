@@ -1,7 +1,7 @@
-"""Soft tissue artefact of people: learnt from tracked bones where they show it, sized by the task
-elsewhere, with one scale for each person and kind of task.
+"""Soft tissue artefact of people, with one scale for each person and kind of task.
 
-A marker of a segment lies, in the segment's axes, at
+Tracked bones give its mean and size for knee flexion; the task gives its size for other angles. The
+position of a marker in the axes of its segment is
 
     l + sum_c z_c psi_c(t),        psi_c = (phi_c - phi_c of the static posture) / u_c,
 
@@ -132,11 +132,10 @@ CUBE_SHARE = 0.25
 """Part of these sizes that goes with the cube. The same polynomials have 0.04 and less; walking
 adds load.
 """
-LOG_SPREAD = (
-    0.7  # Standard deviation of ln s among people: their sizes are known to a factor of two
-)
+# Standard deviation of ln s among people: their sizes are known to a factor of two
+LOG_SPREAD = 0.7
 SEGMENT_SPREAD = 0.7  # The same of ln s_j about ln s among the segments of a person
-SCALES = np.geomspace(0.005, 4.0, 41)  # Values of s looked at
+SCALES = np.geomspace(0.005, 4.0, 41)  # Grid of s for the integrals
 SQUARES = "^2"  # Ends the name of a regressor psi^2
 FROM_BONES = "knee_angle"
 """Begins the names of coordinates of which tracked bones show how they move the skin of thigh and
@@ -151,8 +150,8 @@ LEAST_SQUARES = 0.01
 people show.
 """
 TRUSTED = 0.5
-"""Part of its own weight below which a loss let a marker go, and of the frames below which one is
-seldom seen, and left aside where three others are seen more often."""
+"""Share of its largest weight below which a robust loss has rejected a marker; and share of the
+frames below which a marker is left out if three others are visible more often."""
 TINY = 1e-12  # Mean square of an angle over its unit below which it does not move at all
 PAIR = 2  # Markers of which nothing but their distance shows how they deform
 OBSERVED_RANK = 1e-9
@@ -162,8 +161,9 @@ before it.
 
 
 def list_adjacent_coordinates(segment: str) -> tuple[str, ...]:
-    """Coordinates of the joints of the legs at both ends of a segment: up to the next one that
-    carries skin, which the talus does not.
+    """List the coordinates of the leg joints at both ends of a segment.
+
+    A talus carries no markers, so the joints beyond it are included.
     """
     above = JOINT_OF_CHILD.get(segment)
     near = {j.child for j in JOINTS if j.parent == segment} | ({above.parent} if above else set())
@@ -180,7 +180,7 @@ def list_adjacent_coordinates(segment: str) -> tuple[str, ...]:
 
 @dataclass(frozen=True)
 class AngleUnit:
-    """The unit in which an angle moves soft tissue in a kind of task."""
+    """Unit in which an angle moves soft tissue in a kind of task."""
 
     size: float  # rad, RMS from the static posture
     bend: float  # what the angle over `size` explains of its square, by least squares
@@ -189,7 +189,20 @@ class AngleUnit:
 def compute_angle_units(
     angles: Sequence[Mapping[str, Array]], posture: Mapping[str, float] | None = None
 ) -> dict[str, AngleUnit]:
-    """Find the units of all angles (nf,) rad of the trials of one kind of task."""
+    """Compute the units of all angles of the trials of one kind of task.
+
+    Parameters
+    ----------
+    angles : sequence of mapping
+        Of each trial, coordinate -> (nf,) rad.
+    posture : mapping of str to float, optional
+        Coordinate -> rad in the static posture.
+
+    Returns
+    -------
+    dict of str to AngleUnit
+        By coordinate.
+    """
     out = dict[str, AngleUnit]()
     for name in dict.fromkeys(name for of_trial in angles for name in of_trial):
         still = (posture or {}).get(name, 0.0)
@@ -208,19 +221,24 @@ def compute_task_regressors(
     *,
     squares: bool = False,
 ) -> list[dict[str, Array]]:
-    """Regressors of the trials of one kind of task, zero in the static posture.
+    """Compute the regressors of the trials of one kind of task, zero in the static posture.
 
     Parameters
     ----------
-    angles : of each trial, coordinate -> (nf,) rad. posture : coordinate -> rad in the static
-    posture; zero for what is not there. units : of other trials of the kind, so that columns mean
-    the same; found from these trials unless given. squares : whether what the angle leaves of its
-    square follows it, by least squares over the task: a bend, which is
-        zero in the static posture too.
+    angles : sequence of mapping
+        Of each trial, coordinate -> (nf,) rad.
+    posture : mapping of str to float, optional
+        Coordinate -> rad in the static posture; zero if not given.
+    units : mapping of str to AngleUnit, optional
+        Units of other trials of the kind, so that columns mean the same; found from these if not
+        given.
+    squares : bool
+        Whether to add the square of each angle, less its part that is linear by least squares.
 
     Returns
     -------
-    Of each trial, coordinate -> (nf,) psi: rad for knee flexion, else over its RMS in the task.
+    list of dict
+        Of each trial, coordinate -> (nf,) psi: rad for knee flexion, else over its RMS in the task.
     """
     units = {**compute_angle_units(angles, posture), **(units or {})}
     out: list[dict[str, Array]] = []
@@ -248,16 +266,33 @@ def make_tissue_columns(
     softness: float = 1.0,
     pinned: Collection[str] = (),
 ) -> soft_tissue.SoftTissue | None:
-    """The columns of the artefact on the markers of a trial; None where there are none.
+    """Make the columns of the artefact on the markers of a trial.
 
     Parameters
     ----------
-    problem : the trial. No skin moves points that are no markers. kind : of task. regressors :
-    coordinate -> (nf,) of `compute_task_regressors`. nominal : where knees are; positions on the skin are
-    relative to them. known : columns to keep; all unless given. secondary : what knees do besides
-    flexing. table : skin of people; that of gaitcal unless given. softness : by which what is
-    expected is multiplied; 0: markers are taken to stay in their static places. pinned : segments
-    with markers fixed to the bone.
+    problem : MotionProblem
+        The trial. Points that are no markers have no artefact.
+    kind : str
+        Kind of task.
+    regressors : mapping of str to (nf,) array
+        By coordinate, from `compute_task_regressors`.
+    nominal : Parameters
+        Positions of the knees; positions on the skin are relative to them.
+    known : collection of str, optional
+        Columns to keep; all if not given.
+    secondary : SecondaryColumns, optional
+        Secondary motions of the knees.
+    table : SkinTable, optional
+        Artefact of people; the built-in one if not given.
+    softness : float
+        Factor of the mean; 0 if markers are taken to stay in their static positions.
+    pinned : collection of str
+        Segments with markers fixed to the bone.
+
+    Returns
+    -------
+    SoftTissue or None
+        None if there are no columns.
     """
     groups, skin = [], load_people_table() if table is None else table
     for s, markers in problem.data.placed.groups if problem.noise is None else ():
@@ -297,7 +332,7 @@ def make_tissue_columns(
 
 
 class _Cluster:
-    """The markers of one segment, and what people's skin does with them per unit of a regressor."""
+    """Markers of one segment, with people's artefact per unit of a regressor."""
 
     def __init__(
         self,
@@ -330,14 +365,14 @@ class _Cluster:
         )
 
     def compute_mean(self, regressor: str) -> Array:
-        """(nm, 3) m; squares have none."""
+        """Compute the mean (nm, 3) m; zero for squares."""
         field = self._get_field(regressor)
         if field is None:
             return np.zeros(self.pattern.shape[:2])
         return np.asarray(self._larger * self._mirror * field.compute_mean(self._functions))
 
     def compute_marker_covariance(self, regressor: str) -> Array:
-        """(3 nm, 3 nm) m^2 about the mean."""
+        """Compute the covariance (3 nm, 3 nm) m^2 about the mean."""
         field = self._get_field(regressor)
         if field is None:
             size, more = self._size, np.zeros((len(self._flat),) * 2)
@@ -355,7 +390,7 @@ class _Cluster:
         return np.asarray(rigid @ rigid.T + size.per_marker**2 * np.eye(len(rigid)) + more)
 
     def compute_rigid_covariance(self, regressor: str) -> Array:
-        """(6, 6) m^2, m rad, rad^2 about the mean, of what they do together."""
+        """Compute the covariance (6, 6) m^2, m rad, rad^2 of the rigid part about its mean."""
         field = self._get_field(regressor)
         size = self._size
         together = np.linalg.pinv(self._flat, rcond=soft_tissue.SMALLEST)
@@ -376,7 +411,7 @@ class _Cluster:
 
 @dataclass(frozen=True)
 class SoftTissueScale:
-    """What the deformation of all segments says of one person in one kind of task, as E[s^2]."""
+    """Softness of one person in one kind of task, as E[s^2], from the deformation of all segments."""
 
     linear: float
     squares: float = 0.0
@@ -389,8 +424,9 @@ class SoftTissueScale:
     def compute_covariance(
         self, regressor: str, unit: Array, mean: Array, softness: float
     ) -> Array:
-        """Of a regressor's columns about `softness` times their mean; `unit`, `mean`: both moments
-        at s = 1.
+        """Compute the covariance of a regressor's columns about `softness` times their mean.
+
+        `unit` and `mean` are both moments at s = 1.
         """
         if regressor.endswith(SQUARES):
             return self.get_variance(regressor) * unit
@@ -401,18 +437,26 @@ class SoftTissueScale:
         return np.asarray(self.linear * unit + of_scale * np.outer(mean, mean))
 
     def get_variance(self, regressor: str) -> float:
-        """E[s^2] of a regressor's columns."""
+        """Get E[s^2] of a regressor's columns."""
         return self.squares if regressor.endswith(SQUARES) else self.linear
 
 
 def estimate_soft_tissue_scale(
     trials: Sequence[MotionProblem], *, possibly_still: bool = False
 ) -> SoftTissueScale:
-    """The scale of a person in one kind of task from trials whose soft tissue holds every column
-    that may be.
+    """Estimate the softness of a person in one kind of task.
 
-    `possibly_still`: whether the task may leave joints at rest, whose tracked angles follow errors
-    of others.
+    Parameters
+    ----------
+    trials : sequence of MotionProblem
+        Trials of the kind, with all columns that soft tissue may have.
+    possibly_still : bool
+        Whether the task may leave joints at rest, whose tracked angles follow errors of others.
+
+    Returns
+    -------
+    SoftTissueScale
+        Moments of s.
     """
     plain, bent = list[_Deformation](), list[_Deformation]()
     for observed in collect_deformations(trials).values():
@@ -445,11 +489,10 @@ Cluster = tuple[str, tuple[str, ...]]
 
 @dataclass(frozen=True, kw_only=True)
 class ObservedDeformation:
-    """What the trials of one kind of task show of how the markers of one segment move against each
-    other.
+    """Observed deformation of the markers of one segment in the trials of one kind of task.
 
-    Unknowns are what each marker does per unit of each regressor, regressor by regressor, marker by
-    marker, x, y, z.
+    Unknowns are the displacements of each marker per unit of each regressor, regressor by
+    regressor, marker by marker, x, y, z.
     """
 
     names: tuple[str, ...]  # (nr,) `kind/regressor`
@@ -462,13 +505,24 @@ class ObservedDeformation:
 
     @property
     def markers(self) -> int:
-        """How many of them show anything."""
+        """Number of markers with information."""
         shown = np.diag(self.information).reshape(len(self.names), -1, 3) > 0
         return int(shown.any(axis=(0, 2)).sum())
 
 
 def collect_deformations(trials: Sequence[MotionProblem]) -> dict[Cluster, ObservedDeformation]:
-    """Sum up over trials of what their markers show; clusters that show nothing are left out."""
+    """Collect the observed deformation of each cluster over all trials.
+
+    Parameters
+    ----------
+    trials : sequence of MotionProblem
+        Trials of one kind, with soft tissue.
+
+    Returns
+    -------
+    dict
+        Cluster -> ObservedDeformation; clusters without information are left out.
+    """
     out: dict[Cluster, ObservedDeformation] = {}
     for problem in trials:
         for group in problem.tissue.groups if problem.tissue else ():
@@ -490,7 +544,7 @@ def collect_deformations(trials: Sequence[MotionProblem]) -> dict[Cluster, Obser
 
 
 def _sum_deformations(one: ObservedDeformation, other: ObservedDeformation) -> ObservedDeformation:
-    """Both together: the regressors of either, the columns of the first where they have one."""
+    """Sum two observations: regressors of either, with the first's columns if both have one."""
     new = [r for r, name in enumerate(other.names) if name not in one.names]
     names = (*one.names, *(other.names[r] for r in new))
     width = one.expected.shape[1]
@@ -514,9 +568,7 @@ def _sum_deformations(one: ObservedDeformation, other: ObservedDeformation) -> O
 
 @dataclass(frozen=True, kw_only=True)
 class ClusterTissue:
-    """What the markers of one segment do in one kind of task, given how they were observed to
-    deform.
-    """
+    """Posterior of the artefact of one segment in one kind of task, given its deformation."""
 
     names: tuple[str, ...]  # (nr,) `kind/regressor`
     mean: Array  # (6 nr,) m, rad, of the rigid part about what was expected before
@@ -527,17 +579,20 @@ class ClusterTissue:
 def compute_cluster_tissue(observed: ObservedDeformation, scale: SoftTissueScale) -> ClusterTissue:
     """Compute the posterior of a cluster from its deformation.
 
-    Shifts and turns of a cluster do not deform it, so that joints have no part in this. What it
-    does as a whole goes with its deformation as far as one field of the skin makes both.
+    Translations and rotations of a cluster do not deform it, so joints have no influence here. The
+    rigid part depends on the deformation as far as one field of the skin causes both.
 
     Parameters
     ----------
-    observed : what the trials of one kind of task show.
-    scale : how soft the person is there.
+    observed : ObservedDeformation
+        Deformation in the trials of one kind of task.
+    scale : SoftTissueScale
+        Softness of the person in that kind.
 
     Returns
     -------
-    Means and covariance per unit of each regressor, in the axes of the segment.
+    ClusterTissue
+        Means and covariance per unit of each regressor, in the axes of the segment.
     """
     count, width = observed.expected.shape
     flat = observed.pattern.reshape(-1, soft_tissue.WIDTH)
@@ -573,7 +628,7 @@ def compute_cluster_tissue(observed: ObservedDeformation, scale: SoftTissueScale
 
 @dataclass(frozen=True)
 class _Deformation:
-    """What one segment shows, by columns of unit variance."""
+    """Information of one segment, by columns of unit variance."""
 
     information: Array  # (n, n) Q
     right: Array  # (n,) b
@@ -583,8 +638,9 @@ class _Deformation:
 def _compute_scale_moments(
     parts: Sequence[_Deformation], *, possibly_none: bool = False, possibly_still: bool = False
 ) -> SoftTissueScale:
-    """The moments of s; if `possibly_none`, s is 0 with odds of one to one before any data, if
-    `possibly_still`, each s_j by itself.
+    """Compute the moments of s.
+
+    If `possibly_none`, s is 0 with even prior odds. If `possibly_still`, each s_j separately is.
     """
     place = np.log(SCALES)
     apart = -0.5 * ((place[:, None] - place) / SEGMENT_SPREAD) ** 2
@@ -618,9 +674,10 @@ def _compute_scale_moments(
 def _compute_deformation(
     problem: MotionProblem, group: soft_tissue.SegmentTissue
 ) -> tuple[Array, Array]:
-    """Q (n, n) 1/m^2 and b (n,) of one segment in one trial, regressor by regressor, of each marker
-    by marker, x, y, z; from the markers that have weight in it. Of two, their distance is all that
-    deforms.
+    """Compute Q (n, n) 1/m^2 and b (n,) of one segment in one trial, from its weighted markers.
+
+    Entries are regressor by regressor, marker by marker, x, y, z. The deformation of two markers is
+    their distance.
     """
     data, psi = problem.data, group.regressors
     width = 3 * (group.markers.stop - group.markers.start)
@@ -673,13 +730,13 @@ def _compute_deformation(
 
 
 def _find_rigid_directions(flat: Array) -> Array:
-    """(3 nm, 6 or 5) orthonormal columns that span those of B (3 nm, 6)."""
+    """Find orthonormal columns (3 nm, 6 or 5) that span those of B (3 nm, 6)."""
     columns, sizes, _ = np.linalg.svd(flat, full_matrices=False)
     return np.asarray(columns[:, sizes > soft_tissue.SMALLEST * sizes[0]])
 
 
 def _estimate_noise(errors: Array, psi: Array, directions: int, least: float) -> float:
-    """m, nu of errors (nf, 3 nm) that no combination of the regressors (nr, nf) explains."""
+    """Estimate nu (m) of errors (nf, 3 nm) that no combination of the regressors (nr, nf) explains."""
     q, r = np.linalg.qr(psi.T)
     explained = q[:, np.abs(np.diag(r)) > OBSERVED_RANK * np.abs(r).max(initial=0.0)]
     unexplained = errors - explained @ (explained.T @ errors)
@@ -692,7 +749,7 @@ def _estimate_noise(errors: Array, psi: Array, directions: int, least: float) ->
 
 @dataclass(frozen=True)
 class TissuePrior:
-    """The columns of all kinds of task, and how large they may be."""
+    """Prior of the soft tissue columns of all kinds of task."""
 
     keys: tuple[str, ...]  # `kind/regressor/segment/component`
     covariance: Array  # (nz, nz) m^2, m rad, rad^2
@@ -711,8 +768,17 @@ def assemble_tissue_prior(
 
     Parameters
     ----------
-    trials : with their soft tissue. scales : kind of task -> how soft the person is there. clusters
-    : kind of task and cluster -> what its deformation shows; nothing was observed unless given.
+    trials : sequence of MotionProblem
+        Trials with their soft tissue.
+    scales : mapping of str to SoftTissueScale
+        Kind of task -> softness of the person.
+    clusters : mapping, optional
+        (kind of task, cluster) -> posterior from its deformation; none was observed if not given.
+
+    Returns
+    -------
+    TissuePrior
+        m and rad.
     """
     names, means, blocks = list[tuple[str, str]](), list[Array](), list[Array]()
     """(name of a regressor, segment), in the order of the blocks."""
@@ -753,7 +819,7 @@ def assemble_tissue_prior(
 
 
 def make_secondary_prior(trials: Sequence[MotionProblem]) -> TissuePrior:
-    """The prior of the secondary motions that trials have."""
+    """Make the prior of the secondary motions that trials have."""
     keys = tuple(
         dict.fromkeys(
             key for problem in trials if problem.secondary for key in problem.secondary.keys
@@ -768,22 +834,20 @@ def make_secondary_prior(trials: Sequence[MotionProblem]) -> TissuePrior:
 
 
 def is_from_bones(key: str) -> bool:
-    """Return whether a column is of skin that tracked bones show,
-    `kind/regressor/segment/component`.
+    """Return whether tracked bones show a column, `kind/regressor/segment/component`.
 
-    Those of knee flexion, its square included: in deep flexion the skin of thigh and shank does not
-    move in proportion. Secondary motions of a knee, `kind/regressor/^2/motion`, are none.
+    These are columns of knee flexion and its square: in deep flexion the skin of thigh and shank
+    does not move in proportion. Secondary motions of a knee, `kind/regressor/^2/motion`, are none.
     """
     return key.split("/")[1].startswith(FROM_BONES) and "/^" not in key
 
 
 @dataclass(frozen=True)
 class FoundTissue:
-    """The artefact that a calibration found, by columns that tracked bones show: motions are
-    tracked with it.
+    """Artefact found by a calibration in columns of `is_from_bones`; motions are tracked with it.
 
-    Of others, the pelvis' first, nothing is expected, and markers hardly show them: what a fit
-    found of them is an error of the motions.
+    Other columns have no mean, and markers hardly determine them. What a fit found of them is an
+    error of the motions.
     """
 
     values: Mapping[str, float] = field(default_factory=dict)
@@ -803,10 +867,9 @@ class FoundTissue:
         }
 
     def displace_markers(self, problem: MotionProblem) -> MotionProblem:
-        """Displace the markers of a trial, with its soft tissue, by the artefact; knees stay
-        hinges.
+        """Displace the markers of a trial by the artefact; knees stay hinges.
 
-        A column that was not found is as expected.
+        A column that was not found has its mean.
         """
         if problem.tissue is None or not problem.tissue.groups:
             return problem
@@ -822,7 +885,7 @@ def _apply_deformation(
     problem: MotionProblem,
     clusters: Mapping[Cluster, ClusterTissue],
 ) -> soft_tissue.SoftTissue:
-    """Let the markers of a trial deform as observed, where they were observed."""
+    """Apply the observed deformation to the markers of a trial."""
     groups = list[soft_tissue.SegmentTissue]()
     for group in tissue.groups:
         found = clusters.get((group.carrier, tuple(problem.labels[group.markers])))
@@ -835,7 +898,7 @@ def _apply_deformation(
 
 @dataclass(frozen=True)
 class TaskTissue:
-    """What may move the markers of each trial against their bones, and how far."""
+    """Soft tissue of the markers of each trial, with its prior."""
 
     kinds: Mapping[str, str]  # Trial -> kind of task
     regressors: Mapping[
@@ -865,7 +928,7 @@ class TaskTissue:
     def make_columns(
         self, name: str, problem: MotionProblem, known: Collection[str] | None = None
     ) -> soft_tissue.SoftTissue | None:
-        """The columns of a trial on the markers of some part of the body, or those `known` of them."""
+        """Make the columns of a trial on a part of the body; all or those `known`."""
         kind = self.kinds[name]
         tissue = make_tissue_columns(
             problem,
@@ -888,14 +951,12 @@ class TaskTissue:
     def make_body_columns(
         self, bodies: Mapping[str, MotionProblem], known: Collection[str]
     ) -> dict[str, soft_tissue.SoftTissue]:
-        """Trial -> the columns `known` on the markers of the whole body; without those that have
-        none.
-        """
+        """Make the columns `known` on whole bodies; trials without columns are left out."""
         found = {name: self.make_columns(name, body, known) for name, body in bodies.items()}
         return {name: columns for name, columns in found.items() if columns is not None}
 
     def make_found_tissue(self, keys: Sequence[str], values: Array) -> FoundTissue:
-        """What a fit of the columns `keys` found, (nz,) m and rad."""
+        """Make the artefact that a fit of the columns `keys` found, values (nz,) m and rad."""
         softness = {kind: scale.mean for kind, scale in self.scales.items()}
         found = dict(zip(keys, values.tolist(), strict=True))
         from_bones = {key: value for key, value in found.items() if is_from_bones(key)}
@@ -911,16 +972,27 @@ def prepare_task_tissue(
     fitted: bool = True,
     pinned: Collection[str] = (),
 ) -> TaskTissue:
-    """Size the soft tissue of trials.
+    """Prepare the soft tissue of trials: regressors, softness and priors.
 
     Parameters
     ----------
-    kinds : trial -> kind of task.
-    parts : trial -> the part of the body that is fitted to it.
-    nominal : by which trials are tracked.
-    table : skin of people; that of gaitcal unless given.
-    fitted : whether the artefact will be fitted, or is a source of error alone.
-    pinned : segments with markers fixed to the bone, which do not show how the person's skin moves.
+    kinds : mapping of str to str
+        Trial -> kind of task.
+    parts : mapping of str to MotionProblem
+        Trial -> part of the body that is fitted.
+    nominal : Parameters
+        Parameters that trials are tracked with.
+    table : SkinTable, optional
+        Artefact of people; the built-in one if not given.
+    fitted : bool
+        Whether the artefact will be fitted, or is a source of error alone.
+    pinned : collection of str
+        Segments with markers fixed to the bone, which do not show the person's soft tissue.
+
+    Returns
+    -------
+    TaskTissue
+        Soft tissue of all trials.
     """
     table = load_people_table() if table is None else table
     angles = {name: _track_angles(nominal, parts[name]) for name in kinds}
@@ -966,7 +1038,7 @@ def prepare_task_tissue(
 
 
 def _track_angles(nominal: Parameters, part: MotionProblem) -> dict[str, Array]:
-    """Coordinate -> (nf,) rad, of those that a marker of the trial shows."""
+    """Track the coordinates that a marker of the trial shows: name -> (nf,) rad."""
     q = motion.tracked_motion(part, nominal).q
     return {
         name: values
@@ -978,13 +1050,20 @@ def _track_angles(nominal: Parameters, part: MotionProblem) -> dict[str, Array]:
 def choose_kind_for_trial(found: FoundTissue, activity: str) -> str:
     """Choose the kind of task of a calibration whose soft tissue a further trial has.
 
-    An activity has that of the activity of its name; where the calibration knows none, that of
-    walks, else of any other activity, as nothing is known of how it differs.
+    An activity has that of the activity of its name. If the calibration has none, it has that of
+    walks, else of any other activity.
 
     Parameters
     ----------
-    activity
+    found : FoundTissue
+        Artefact of the calibration.
+    activity : str
         Name of the activity; empty for a walk.
+
+    Returns
+    -------
+    str
+        Kind of task.
     """
     wanted = [*([f"{ACTIVITY}{activity}"] if activity else []), GAIT]
     known = [kind for kind in found.softness if kind == GAIT or kind.startswith(ACTIVITY)]
@@ -999,22 +1078,30 @@ def make_further_tissue(
     found: FoundTissue,
     kind: str,
 ) -> soft_tissue.SoftTissue | None:
-    """Find the soft tissue and secondary motions of a trial that took no part in a calibration.
+    """Make soft tissue and secondary motions of a trial that took no part in a calibration.
 
-    Those of the calibration's kind of task, with the angles of this trial in the units of that
-    kind. What is expected of clusters as a whole is multiplied by its softness; how their markers
-    deform is observed in the trial itself.
+    They are those of the calibration's kind of task, with the angles of this trial in the units of
+    that kind. The mean of whole clusters is multiplied by its softness. The deformation of their
+    markers is observed in the trial itself.
 
     Parameters
     ----------
-    trial, legs
+    trial, legs : MotionProblem
         The whole body, and the part of it that a calibration fits, by which angles are tracked.
-    known
+    nominal : Parameters
+        Parameters that the trial is tracked with.
+    known : collection of str
         Columns of the calibration, `kind/regressor/...`, of an `ErrorSources`.
-    found
-        What the calibration found. Where it took markers to stay in their places, so are they here.
-    kind
-        Of task, of `choose_kind_for_trial`.
+    found : FoundTissue
+        Artefact of the calibration. If it took markers to stay in their positions, so does this
+        trial.
+    kind : str
+        Kind of task, of `choose_kind_for_trial`.
+
+    Returns
+    -------
+    SoftTissue or None
+        None if there are no columns.
     """
     angles, softness = _track_angles(nominal, legs), found.softness.get(kind, 0.0)
     (every,) = compute_task_regressors(

@@ -421,7 +421,7 @@ def test_a_thigh_without_markers_is_refused(data_dir: Path) -> None:
     # the landmark itself must be there: the knee marker is seen, and has no weight
     person = PEOPLE["plug-in-gait"]
     said = refusal(person.model, without(person.static(data_dir), "LTHI"), weights={"LKNE": 0})
-    assert "segment thigh_l: found 0 markers with weight, 'LTHI' not seen" in said
+    assert "segment thigh_l: found 0 markers with weight, 'LTHI' not visible" in said
 
 
 LARGER = 1.07

@@ -82,7 +82,7 @@ def test_a_cohort_comes_before_the_study_file() -> None:
     np.testing.assert_allclose(mean, [0.002, 0.005])
     np.testing.assert_allclose(covariance, np.diag([1e-6, 160e-6]))
     assert prior.held_near(HIPS) == "what the cohort has" and prior.notes[1:] == ("lean",)
-    assert prior.notes[0] == "the study file says what to expect of hip.pelvis.ant, hip.thigh.ant"
+    assert prior.notes[0] == "priors from the study file: hip.pelvis.ant, hip.thigh.ant"
     assert prior.held_near(HIPS[1:]) == "what the study file expects"
 
 

@@ -298,7 +298,9 @@ def test_its_uncertainty_is_that_of_the_prior(walk: Recording) -> None:
     moves = compute_motion_sensitivity(problem, motion.coefficients, MODEL.parameters, None)
     at = [k for k, source in enumerate(moves.trial_sources) if source is ErrorSource.POSTURE]
     moves = replace(
-        moves, coefficients=moves.coefficients[:, at], own=(ErrorSource.POSTURE,) * len(at)
+        moves,
+        coefficients=moves.coefficients[:, at],
+        trial_sources=(ErrorSource.POSTURE,) * len(at),
     )
     variance, _ = compute_coordinate_variances(problem, moves)
     for k, name in enumerate(motion.coordinates):
