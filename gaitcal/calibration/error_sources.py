@@ -186,12 +186,12 @@ def propagate_errors(
     centre[given] = known.select([name for name in free if name in known.free]).parameters
     kept = others.parameters
     of_known = arrow.solve(arrow.multiply_by_precision(centre) - held @ kept)
-    own = np.vstack(
+    fitted = np.vstack(
         [arrow.solve(scores.parameters), np.zeros((len(kept), scores.parameters.shape[1]))]
     )
     return ErrorSources(
         (*free, *others.free),
-        np.hstack([own, np.vstack([of_known, kept])]),
+        np.hstack([fitted, np.vstack([of_known, kept])]),
         (*scores.clusters, *known.clusters),
     )
 
@@ -335,7 +335,7 @@ class MotionSensitivity:
         out = dict[ErrorSource, Array]()
         for source in dict.fromkeys(columns):
             out[source] = sum_squares(
-                moved[:, :, [k for k, of in enumerate(columns) if of is source]]
+                moved[:, :, [k for k, column in enumerate(columns) if column is source]]
             )
         return out
 
@@ -352,8 +352,8 @@ class MotionSensitivity:
         tuple of (frames, m) array
             Both variances.
         """
-        own = [k for k, of in enumerate(self.trial_sources) if of is ErrorSource.MOTION]
-        return sum_squares(moved), sum_squares(moved[:, :, own])
+        markers = [k for k, column in enumerate(self.trial_sources) if column is ErrorSource.MOTION]
+        return sum_squares(moved), sum_squares(moved[:, :, markers])
 
 
 def sum_squares(moves: Array) -> Array:
@@ -506,7 +506,7 @@ def compute_motion_sensitivity(
     """
     scores = scores or compute_marker_scores(problem, coefficients, parameters, joint)
     found = [classify_source(c) for c in scores.clusters]
-    own = [
+    trial_sources = [
         source if source in (ErrorSource.BANDWIDTH, ErrorSource.POSTURE) else ErrorSource.MOTION
         for source in found
     ]
@@ -516,7 +516,7 @@ def compute_motion_sensitivity(
         named = [classify_source(name) for name in joint.clusters]
         for source in dict.fromkeys(named):
             columns = errors[
-                :, [k for k, of in enumerate(named) if of is source and errors[:, k].any()]
+                :, [k for k, column in enumerate(named) if column is source and errors[:, k].any()]
             ]
             compressed = np.asarray(np.linalg.qr(columns.T, mode="r")).T
             shift = np.hstack([shift, compressed])
@@ -525,7 +525,7 @@ def compute_motion_sensitivity(
         coefficients=scores.coefficients,
         sensitivity=scores.sensitivity,
         shift=shift,
-        trial_sources=tuple(own),
+        trial_sources=tuple(trial_sources),
         shared_sources=tuple(others),
     )
 
@@ -556,8 +556,8 @@ def compute_coordinate_variances(
 
     basis = problem.basis
     parts = [moves.sum_all_and_trial(moved(part)) for part in stretches(len(basis.time), BLOCK)]
-    whole, own = (np.concatenate(of) for of in zip(*parts, strict=True))
-    return whole, own
+    whole, by_markers = (np.concatenate(pieces) for pieces in zip(*parts, strict=True))
+    return whole, by_markers
 
 
 def compute_coordinate_errors(

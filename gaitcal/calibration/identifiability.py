@@ -95,7 +95,7 @@ def find_unobservable_parameters(
         vectors[:, values <= NULL * max(float(values.max(initial=0.0)), 1e-300)] / allowed[:, None]
     )
     covariance = covariance / np.outer(allowed, allowed) + UNBOUNDED * null @ null.T
-    unseen = [name for name in free if name in unmoved]
+    unobservable = [name for name in free if name in unmoved]
     kept = [k for k, name in enumerate(free) if name not in unmoved]
     while kept:
         variances = covariance[kept, kept]
@@ -103,9 +103,9 @@ def find_unobservable_parameters(
         if variances[worst] <= 1.0:
             break
         k = kept.pop(worst)
-        unseen.append(free[k])
+        unobservable.append(free[k])
         covariance = covariance - np.outer(covariance[:, k], covariance[k]) / covariance[k, k]
-    return tuple(unseen)
+    return tuple(unobservable)
 
 
 def find_unmoved_parameters(
@@ -175,10 +175,10 @@ def measure_ranges_of_motion(
         Joint -> coordinate without its side -> largest range, rad.
     """
     out: dict[str, dict[str, float]] = {}
-    for problem, own, joint in zip(problems, coefficients, joints, strict=True):
+    for problem, nodes, joint in zip(problems, coefficients, joints, strict=True):
         if joint is not None:
             found = out.setdefault(joint, {})
-            for name, turned in _measure_ranges(problem, own, joint).items():
+            for name, turned in _measure_ranges(problem, nodes, joint).items():
                 found[name] = max(found.get(name, 0.0), turned)
     return out
 
@@ -245,13 +245,13 @@ def _make_finding(
 
 
 def report_undetermined(
-    unseen: Sequence[str], done: str, turned: RangesOfMotion
+    undetermined: Sequence[str], done: str, turned: RangesOfMotion
 ) -> tuple[Finding, ...]:
     """Report the undetermined parameters of each joint, and the trial to record.
 
     Parameters
     ----------
-    unseen : sequence of str
+    undetermined : sequence of str
         Undetermined joint parameters.
     done : str
         Treatment of these parameters, for the message.
@@ -264,8 +264,10 @@ def report_undetermined(
         One for each joint.
     """
     out = []
-    for joint in dict.fromkeys(JOINT_PARAMETERS[JP_INDEX[name]].joint for name in unseen):
-        of_joint = [name for name in unseen if JOINT_PARAMETERS[JP_INDEX[name]].joint == joint]
+    for joint in dict.fromkeys(JOINT_PARAMETERS[JP_INDEX[name]].joint for name in undetermined):
+        of_joint = [
+            name for name in undetermined if JOINT_PARAMETERS[JP_INDEX[name]].joint == joint
+        ]
         kind = coordinates.JOINT_TABLE[coordinates.split_side(joint)[0]].power
         cause, found = (
             f"{joint} is not fully determined",
@@ -288,8 +290,8 @@ def is_same_placement(problems: Sequence[trial_problem.MotionProblem]) -> bool:
         for s in linkage.LOWER_BODY
         if floor.kept(s).sum() >= rigid.FEWEST_MARKERS
     ]
-    apart = [floor.rms(segment) or 0.0 for floor, segment in shown]
-    return bool(apart) and len(floors) == len(problems) and max(apart) < SAME_PLACEMENT_M
+    distances = [floor.rms(segment) or 0.0 for floor, segment in shown]
+    return bool(distances) and len(floors) == len(problems) and max(distances) < SAME_PLACEMENT_M
 
 
 def report_bounds(names: Sequence[str], *, same_body: bool = False) -> tuple[Finding, ...]:
@@ -363,11 +365,11 @@ def detect_ambiguous_arms(
     """
     out: dict[str, float] = {}
     arm = [row.name for row in coordinates.COORDINATE_TABLE.values() if row.group == "arm"]
-    for problem, own in zip(problems, coefficients, strict=True):
+    for problem, nodes in zip(problems, coefficients, strict=True):
         start = starting_nodes(problem.body(parameters), problem.data, problem.basis)
-        apart = np.abs(np.angle(np.exp(1j * problem.basis.evaluate(own - start))))
+        rotation = np.abs(np.angle(np.exp(1j * problem.basis.evaluate(nodes - start))))
         median = dict(
-            zip(problem.chain.coordinates, np.median(apart, axis=0).tolist(), strict=True)
+            zip(problem.chain.coordinates, np.median(rotation, axis=0).tolist(), strict=True)
         )
         for side in linkage.SIDES:
             most = max(

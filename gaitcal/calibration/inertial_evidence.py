@@ -163,7 +163,10 @@ def estimate_residual_noise(
         moves = trial.scores or compute_marker_scores(
             trial.problem, trial.coefficients, parameters, sources
         )
-        shift, own = sources.parameters[opened.places_in(sources.free)], moves.coefficients.shape[1]
+        shift, marker_columns = (
+            sources.parameters[opened.places_in(sources.free)],
+            moves.coefficients.shape[1],
+        )
         unit_moves = moves.append_unknowns()
         # the same covariance by as many columns as the trial has unknowns, of thousands of sources
         root = np.asarray(np.linalg.qr(shift.T, mode="r")).T
@@ -184,7 +187,7 @@ def estimate_residual_noise(
                 [residual.by_position, residual.by_velocity, residual.by_acceleration], axis=2
             )
             every = unit_moves.propagate(basis, at, by_state, residual.by_parameter)
-            unknown, columns = every[:, :, own:], [every[:, :, :own]]
+            unknown, columns = every[:, :, marker_columns:], [every[:, :, :marker_columns]]
             columns.append(
                 _compute_plate_errors(
                     q, measurement_errors.wrench_errors(wrenches[at], rates[at], plates.errors)
@@ -353,19 +356,19 @@ def fit_by_evidence(
         equations.factor, seed
     ) @ chart.compute_jacobian(start)
     values, vectors = np.linalg.eigh(noise.covariance)
-    heard = values > NULL_DIRECTION * values[-1]
-    weigh = (vectors[:, heard] / np.sqrt(values[heard])).T @ rows.T
+    observable = values > NULL_DIRECTION * values[-1]
+    weigh = (vectors[:, observable] / np.sqrt(values[observable])).T @ rows.T
     """G^-1/2 A^T."""
     gap = equations.factor @ compute_dynamic_parameters(seed).ravel() + equations.target
     factor = compute_log_bayes_factor(weigh @ gap, weigh @ rows * spread)
     explained = f"({noise.rms_force:.1f} N, {noise.rms_moment:.1f} N·m)"
     before = equations.compute_rms(seed)
     if factor < STRONG:
-        beyond = before[0] > noise.rms_force or before[1] > noise.rms_moment
+        exceeds_noise = before[0] > noise.rms_force or before[1] > noise.rms_moment
         why = (
             f"is more than marker noise, bandwidth and plates explain {explained}, but not what "
             "other masses would make"
-            if beyond
+            if exceeds_noise
             else f"is what marker noise, bandwidth and plates explain {explained}"
         )
         stay = keep_nominal(

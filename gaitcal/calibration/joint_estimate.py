@@ -143,11 +143,11 @@ def select_movable_parameters(
         shown = np.zeros(len(opened.chain.segments), dtype=bool)
         shown[opened.data.segment[(opened.data.weight > 0).any(axis=1)]] = True
         count = len(opened.chain.coordinates)
-        beyond = opened.chain.support[count:] * shown
-        before = (1.0 - opened.chain.support[count:]) * shown
+        distal = opened.chain.support[count:] * shown
+        proximal = (1.0 - opened.chain.support[count:]) * shown
         found = {
             name
-            for name, b, a in zip(opened.chain.free, before, beyond, strict=True)
+            for name, b, a in zip(opened.chain.free, proximal, distal, strict=True)
             if a.any() and b.any()
         }
         passed |= {
@@ -212,7 +212,7 @@ def estimate_joints(
     )
     noise: list[float] = []
     for kind in tasks:
-        of_kind = [p for p, own in zip(problems, kinds, strict=True) if own == kind]
+        of_kind = [p for p, task in zip(problems, kinds, strict=True) if task == kind]
         noise += estimate_noise(
             of_kind, present, free, None if equal_weights else get_noise_prior(kind)
         )
@@ -247,10 +247,10 @@ def estimate_joints(
         weighed = _weigh(search, noise, equal=equal_weights)
     fit = search.run()
     arrow = Arrow(fit.state.kinds, _get_prior_precision(search), NULL if prior is None else None)
-    apart = (
+    birge_ratio = (
         1.0 if prior is None or len(tasks) < 2 else _compute_birge_ratio(fit.state, arrow.precision)
     )
-    sizes = [apart * own / by for own, by in zip(noise, weighed, strict=True)]
+    sizes = [birge_ratio * nu / by for nu, by in zip(noise, weighed, strict=True)]
     unknowns, columns = (*free, *fit.keys), _list_columns(search, arrow)
     parts = [trial.hessian / nu**2 for trial, nu in zip(fit.state.trials, weighed, strict=True)]
     scores = _compute_scores([p.name for p in problems], unknowns, parts, columns, sizes)
@@ -281,7 +281,7 @@ def estimate_joints(
         **of_fit,
         noise=tuple(noise),
         effective_trials=repeated,
-        birge_ratio=apart,
+        birge_ratio=birge_ratio,
         effective_parameters=arrow.count_effective_parameters(),
         information=arrow.information,
         covariance=_compute_covariance(arrow, parts, columns, sizes),
@@ -359,19 +359,21 @@ def estimate_noise(
     problems = [
         replace(p, tissue=SoftTissue((), p.secondary) if p.secondary else None) for p in problems
     ]
-    own = select_movable_parameters(problems, free)
+    movable = select_movable_parameters(problems, free)
     noise = [
         FIRST_NOISE * float(np.sqrt(max(frame_rate(p.basis) * MEMORY_S, 1.0))) for p in problems
     ]
-    if not own:
+    if not movable:
         return noise
     starts = [starting_nodes(p.body(nominal), p.data, p.basis) for p in problems]
-    about = nominal.joint[[JP_INDEX[n] for n in own]], _make_wide_precision(own)
+    about = nominal.joint[[JP_INDEX[n] for n in movable]], _make_wide_precision(movable)
     tissue, least = (
         make_secondary_prior(problems),
         [compute_least_noise(p.basis, p.noise) for p in problems],
     )
-    search = JointSearch(problems, nominal, own, starts, BY_EVIDENCE, tissue=tissue, expected=about)
+    search = JointSearch(
+        problems, nominal, movable, starts, BY_EVIDENCE, tissue=tissue, expected=about
+    )
     for _ in range(ROUNDS):
         _weigh(search, noise, equal=False)
         state = search.run_to_tolerance(NOISE_TOLERANCE)
@@ -429,7 +431,7 @@ def _count_effective_trials(
     """Compute f of each kind of task with several trials."""
     out, count = dict[str, float](), len(precision)
     for kind in dict.fromkeys(kinds):
-        members = [k for k, of in enumerate(kinds) if of == kind]
+        members = [k for k, task in enumerate(kinds) if task == kind]
         if len(members) < 2:
             continue
         scores, informations = [], []

@@ -613,21 +613,21 @@ def _assemble_calibration(
         spread |= dict(zip(free, np.sqrt(np.diag(estimate.covariance)).tolist(), strict=False))
         bounded |= dict.fromkeys(estimate.at_bound)
         known = known.replace_errors(phase.errors)
-    free, apart = tuple(spread), np.abs(parameters.joint - nominal.joint)
-    bounded |= dict.fromkeys(n for n in free if apart[JP_INDEX[n]] > bounds.get_bound(n))
+    free, distance = tuple(spread), np.abs(parameters.joint - nominal.joint)
+    bounded |= dict.fromkeys(n for n in free if distance[JP_INDEX[n]] > bounds.get_bound(n))
     if prior is None:
-        unseen, kept = (
+        undetermined, kept = (
             tuple(n for phase in done for n in phase.frozen if n not in spread),
             "kept at nominal values",
         )
     else:
         before = np.sqrt(np.diag(joint_prior.select_prior(free, prior)[1]))
-        unseen = tuple(
+        undetermined = tuple(
             n for n, deviation in zip(free, before, strict=True) if spread[n] > LEARNT * deviation
         )
         kept = (
             "held near "
-            f"{prior.held_near([n for n in unseen if n.startswith(LEG_JOINTS)]) or 'nominal values'}"
+            f"{prior.held_near([n for n in undetermined if n.startswith(LEG_JOINTS)]) or 'nominal values'}"
         )
     turned = {joint: angles for phase in done for joint, angles in phase.turned.items()}
     return JointCalibration(
@@ -635,11 +635,11 @@ def _assemble_calibration(
         phases=tuple(phase.summary for phase in done),
         free=free,
         errors=known,
-        unidentifiable=unseen,
+        unidentifiable=undetermined,
         findings=(
             *(finding for phase in done for finding in phase.findings),
             *identifiability.report_undetermined(
-                [n for n in unseen if n.startswith(LEG_JOINTS)], kept, turned
+                [n for n in undetermined if n.startswith(LEG_JOINTS)], kept, turned
             ),
             *identifiability.report_bounds(
                 tuple(bounded),

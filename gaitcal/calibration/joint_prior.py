@@ -115,14 +115,19 @@ class _Row:
 
 
 def _make_rows(
-    joint: str, parent: str, child: str, directions: str, deviation: Sequence[float], apart: float
+    joint: str,
+    parent: str,
+    child: str,
+    directions: str,
+    deviation: Sequence[float],
+    difference: float,
 ) -> tuple[_Row, ...]:
     """Make the rows of a bone end in two adjacent segments."""
     return tuple(
         _Row(
             parameters=(f"{joint}.{parent}.{name}", f"{joint}.{child}.{name}"),
             deviation=d,
-            segment_difference=apart,
+            segment_difference=difference,
         )
         for name, d in zip(directions.split(), deviation, strict=True)
     )
@@ -168,8 +173,8 @@ def _find_first_views() -> IntArray:
     """Find the first view of each joint parameter."""
     out = np.arange(len(JP_NAMES))
     for row in TABLE:
-        for own in row.by_side:
-            out[own] = own[0]
+        for indices in row.by_side:
+            out[indices] = indices[0]
     return out
 
 
@@ -198,14 +203,14 @@ def make_view_covariance(deviation: Array) -> Array:
 
 def _make_anatomy_prior() -> JointPrior:
     """Make the prior of anatomy from `TABLE`."""
-    mean, apart = np.zeros(len(JP_NAMES)), np.zeros(len(JP_NAMES))
+    mean, difference = np.zeros(len(JP_NAMES)), np.zeros(len(JP_NAMES))
     deviation = OTHER_DEVIATIONS.copy()
     for row in TABLE:
-        for side, own in enumerate(row.by_side):
-            mirrored = np.array([JOINT_PARAMETERS[k].mirrored for k in own])
-            mean[own] = row.mean * np.where(mirrored & (side == 1), -1.0, 1.0)
-            deviation[own], apart[own[1:]] = row.deviation, row.segment_difference
-    covariance = make_view_covariance(JP_TO_SI * deviation) + np.diag((JP_TO_SI * apart) ** 2)
+        for side, indices in enumerate(row.by_side):
+            mirrored = np.array([JOINT_PARAMETERS[k].mirrored for k in indices])
+            mean[indices] = row.mean * np.where(mirrored & (side == 1), -1.0, 1.0)
+            deviation[indices], difference[indices[1:]] = row.deviation, row.segment_difference
+    covariance = make_view_covariance(JP_TO_SI * deviation) + np.diag((JP_TO_SI * difference) ** 2)
     return JointPrior(names=JP_NAMES, mean=JP_TO_SI * mean, covariance=covariance)
 
 
@@ -267,7 +272,7 @@ def factor_prior(names: Sequence[str], prior: JointPrior | None) -> Array:
 
 
 def make_study_prior(
-    told: Mapping[str, ParameterPriorTable],
+    given: Mapping[str, ParameterPriorTable],
     learnt: JointPrior | None = None,
     noise: PointNoise | None = None,
 ) -> JointPrior:
@@ -280,7 +285,7 @@ def make_study_prior(
 
     Parameters
     ----------
-    told : mapping of str to ParameterPriorTable
+    given : mapping of str to ParameterPriorTable
         Entries of the study file, mm and deg; they replace anatomy's.
     learnt : JointPrior, optional
         Prior of a cohort; it replaces both.
@@ -297,19 +302,19 @@ def make_study_prior(
     if noise is not None:
         positions = [p.kind is ParameterKind.POSITION for p in JOINT_PARAMETERS]
         scale = np.where(positions, noise.joints, noise.hinges)
-    for name in sorted(told, key=lambda name: name in JP_INDEX):
-        for side, own in enumerate(SIDES_OF[name]):
-            k, said = JP_INDEX[own], told[name]
-            if said.mean is not None:
+    for name in sorted(given, key=lambda name: name in JP_INDEX):
+        for side, parameter in enumerate(SIDES_OF[name]):
+            k, entry = JP_INDEX[parameter], given[name]
+            if entry.mean is not None:
                 mean[k] = (
                     JP_TO_SI[k]
-                    * said.mean
+                    * entry.mean
                     * (-1.0 if side and JOINT_PARAMETERS[k].mirrored else 1.0)
                 )
-            if said.deviation is not None:
-                scale[k] = JP_TO_SI[k] * said.deviation / np.sqrt(COVARIANCE[k, k])
-    of_study = tuple(dict.fromkeys(own for name in told for own in SIDES_OF[name]))
-    notes = (f"priors from the study file: {', '.join(told)}",) if told else ()
+            if entry.deviation is not None:
+                scale[k] = JP_TO_SI[k] * entry.deviation / np.sqrt(COVARIANCE[k, k])
+    of_study = tuple(dict.fromkeys(parameter for name in given for parameter in SIDES_OF[name]))
+    notes = (f"priors from the study file: {', '.join(given)}",) if given else ()
     covariance = np.outer(scale, scale) * COVARIANCE
     prior = replace(ANATOMY, mean=mean, covariance=covariance, of_study=of_study, notes=notes)
     if learnt is None:

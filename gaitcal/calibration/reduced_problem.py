@@ -77,11 +77,11 @@ class Matrices:
 
     def is_near(self, values: Array, coefficients: Array) -> bool:
         """Return whether another point is near enough to reuse the matrices."""
-        apart = max(
+        distance = max(
             np.abs(values - self.values).max(initial=0.0),
             np.abs(coefficients - self.coefficients).max(initial=0.0),
         )
-        return bool(apart < KEPT_WITHIN)
+        return bool(distance < KEPT_WITHIN)
 
     def solve(self, gradient: Array) -> Array:
         """Solve H_qq x = gradient for a gradient by the coefficients (nn * nq,)."""
@@ -264,7 +264,8 @@ class ReducedProblem:
         """
         of_trial = list(kinds or [""] * len(problems))
         self.members = [
-            [t for t, of in enumerate(of_trial) if of == kind] for kind in dict.fromkeys(of_trial)
+            [t for t, task in enumerate(of_trial) if task == kind]
+            for kind in dict.fromkeys(of_trial)
         ]
         """Of each kind of task, its trials."""
         opened = [
@@ -275,9 +276,9 @@ class ReducedProblem:
         """Of each trial, places of its unknowns among the joint parameters and the soft tissue of
         its kind.
         """
-        for members, own in zip(self.members, self.tissue, strict=True):
+        for members, kind_prior in zip(self.members, self.tissue, strict=True):
             for t in members:
-                self.columns[t] = self.open[t].places_in((*free, *own.keys))
+                self.columns[t] = self.open[t].places_in((*free, *kind_prior.keys))
         self.prior = np.zeros((0, len(free))) if prior is None else prior
         self.centre = np.zeros(len(free)) if centre is None else centre
         self.state: ReducedState | None = None
@@ -380,8 +381,8 @@ class ReducedProblem:
         if best is None:
             return
         kinds = [
-            self._eliminate_kind(k, of.z, [best.trials[t] for t in members])
-            for k, (members, of) in enumerate(zip(self.members, best.kinds, strict=True))
+            self._eliminate_kind(k, tissue.z, [best.trials[t] for t in members])
+            for k, (members, tissue) in enumerate(zip(self.members, best.kinds, strict=True))
         ]
         self._keep(best.p, kinds)
 

@@ -643,8 +643,8 @@ def _compute_scale_moments(
     If `possibly_none`, s is 0 with even prior odds. If `possibly_still`, each s_j separately is.
     """
     place = np.log(SCALES)
-    apart = -0.5 * ((place[:, None] - place) / SEGMENT_SPREAD) ** 2
-    apart -= np.log(np.exp(apart).sum(axis=1, keepdims=True))
+    log_odds = -0.5 * ((place[:, None] - place) / SEGMENT_SPREAD) ** 2
+    log_odds -= np.log(np.exp(log_odds).sum(axis=1, keepdims=True))
     """(s, s_j) log of the probability that a segment has s_j in a person who has s."""
     before = -0.5 * (place / LOG_SPREAD) ** 2
     log = before.copy()
@@ -657,7 +657,7 @@ def _compute_scale_moments(
             axis=1
         )
         alone += (s * mean * along - 0.5 * s**2 * values * mean**2).sum(axis=1)
-        moved = logsumexp(apart + alone, axis=1)
+        moved = logsumexp(log_odds + alone, axis=1)
         log += np.logaddexp(moved, 0.0) if possibly_still else moved
     top = max(float(log.max()), 0.0)
     weight, none = (
@@ -1131,5 +1131,8 @@ def make_further_tissue(
     return _apply_deformation(
         tissue,
         trial,
-        {cluster: compute_cluster_tissue(of, scale) for cluster, of in observed.items()},
+        {
+            cluster: compute_cluster_tissue(deformation, scale)
+            for cluster, deformation in observed.items()
+        },
     )

@@ -77,10 +77,10 @@ def split_by_kind(tissue: TissuePrior, unknowns: Sequence[Sequence[str]]) -> tup
         opened = set(names)
         kinds.append([i for i, key in enumerate(tissue.keys) if key in opened])
     taken = [i for places in kinds for i in places]
-    apart = tissue.covariance.copy()
+    coupling = tissue.covariance.copy()
     for places in kinds:
-        apart[np.ix_(places, places)] = 0.0
-    if len(set(taken)) < len(taken) or apart[np.ix_(taken, taken)].any():
+        coupling[np.ix_(places, places)] = 0.0
+    if len(set(taken)) < len(taken) or coupling[np.ix_(taken, taken)].any():
         raise ValueError("kinds of task share soft tissue, or their priors are correlated")
     out = []
     for places in kinds:
@@ -223,14 +223,14 @@ class Arrow:
         by_joint = columns[:count].copy()
         solved = list[tuple[IntArray, Array]]()
         for kind, places in zip(self.kinds, self.places, strict=True):
-            own = np.flatnonzero(columns[places].any(axis=0))
-            half = kind.solve_lower(columns[np.ix_(places, own)])
-            by_joint[:, own] -= kind.halfway.T @ half
-            solved.append((own, kind.solve_upper(half)))
+            nonzero = np.flatnonzero(columns[places].any(axis=0))
+            half = kind.solve_lower(columns[np.ix_(places, nonzero)])
+            by_joint[:, nonzero] -= kind.halfway.T @ half
+            solved.append((nonzero, kind.solve_upper(half)))
         out[:count] = self.covariance @ by_joint
-        for kind, places, (own, moved) in zip(self.kinds, self.places, solved, strict=True):
+        for kind, places, (nonzero, moved) in zip(self.kinds, self.places, solved, strict=True):
             out[places] = -kind.sensitivity @ out[:count]
-            out[np.ix_(places, own)] += moved
+            out[np.ix_(places, nonzero)] += moved
         return out
 
     def multiply_by_precision(self, columns: Array) -> Array:
@@ -238,8 +238,8 @@ class Arrow:
         count, out = len(self.precision), np.zeros(columns.shape)
         out[:count] = self.precision @ columns[:count]
         for kind, places in zip(self.kinds, self.places, strict=True):
-            own = np.flatnonzero(columns[places].any(axis=0))
-            out[np.ix_(places, own)] = kind.prior.precision @ columns[np.ix_(places, own)]
+            nonzero = np.flatnonzero(columns[places].any(axis=0))
+            out[np.ix_(places, nonzero)] = kind.prior.precision @ columns[np.ix_(places, nonzero)]
         return out
 
     def count_effective_parameters(self) -> float:

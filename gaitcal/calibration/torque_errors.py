@@ -183,11 +183,13 @@ def join_variances(parts: Sequence[Variances]) -> measurement_errors.TorqueError
         source: np.concatenate([part.torques[source] for part in parts])
         for source in parts[0].torques
     }
-    kinetics, own = (
+    kinetics, trial_markers = (
         np.concatenate([getattr(part, name) for part in parts])
         for name in ("kinetics", "trial_markers")
     )
-    return measurement_errors.TorqueErrors.of(torques, joint_kinetics.kinetic_errors(kinetics, own))
+    return measurement_errors.TorqueErrors.of(
+        torques, joint_kinetics.kinetic_errors(kinetics, trial_markers)
+    )
 
 
 def _propagate_inertial_errors(

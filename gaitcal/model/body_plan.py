@@ -409,9 +409,9 @@ def move_joints(p: Landmarks) -> Iterator[tuple[dict[str, Array], float]]:
     axes = compute_body_axes(p)
     if axes is None:
         return
-    for joint, beyond in DISTAL_LANDMARKS.items():
+    for joint, distal in DISTAL_LANDMARKS.items():
         for side in SIDES:
-            points = [f"{name}_{side}" for name in beyond if f"{name}_{side}" in p]
+            points = [f"{name}_{side}" for name in distal if f"{name}_{side}" in p]
             centre = [
                 p[f"{name}_{side}"] for name in CENTRE_LANDMARKS[joint] if f"{name}_{side}" in p
             ]

@@ -21,7 +21,7 @@ class ClinicalSense:
 
     right: float  # 1 or -1: factor of the value in strides of the right foot
     left: float
-    words: str  # what a positive one means: `this side up`
+    positive: str  # what a positive one means: `this side up`
     opposite: str  # and a negative one
 
     def sign(self, side: str) -> float:
@@ -98,20 +98,20 @@ GROUPS: Final = {
 LEG_GROUPS: Final = ("hip", "knee", "ankle")
 
 _FORWARD = ClinicalSense(
-    right=1.0, left=-1.0, words="this side forward", opposite="this side backward"
+    right=1.0, left=-1.0, positive="this side forward", opposite="this side backward"
 )
 
 # fmt: off
 _ROWS: Final = (
     Coordinate(name="pelvis_tilt", group="pelvis", title="Pelvic tilt", angle="posterior", moment="posterior",
         senses=("posterior tilt", "anterior tilt"),
-        clinical=ClinicalSense(right=-1.0, left=-1.0, words="anterior tilt", opposite="posterior "
+        clinical=ClinicalSense(right=-1.0, left=-1.0, positive="anterior tilt", opposite="posterior "
                                                                                       "tilt"),
         point="Pelvis", usual=(-90.0, 90.0)),
     Coordinate(name="pelvis_list", group="pelvis", title="Pelvic obliquity", angle="right side "
                                                                                    "down",
         moment="right side down", senses=("right side down", "left side down"),
-        clinical=ClinicalSense(right=-1.0, left=1.0, words="this side up", opposite="this side "
+        clinical=ClinicalSense(right=-1.0, left=1.0, positive="this side up", opposite="this side "
                                                                                     "down"), point="Pelvis",
         usual=(-90.0, 90.0)),
     Coordinate(name="pelvis_rotation", group="pelvis", title="Pelvic rotation", angle="turned left",
@@ -139,11 +139,11 @@ _ROWS: Final = (
         limits=Limits(angle=(-60.0, 60.0), speed=2000.0, torque=20.0)),
     Coordinate(name="lumbar_extension", group="trunk", title="Lumbar extension", angle="extension", moment="extensor",
         senses=("extension", "flexion"), usual=(-90.0, 90.0), spread=5.0,
-        clinical=ClinicalSense(right=-1.0, left=-1.0, words="flexion", opposite="extension")),
+        clinical=ClinicalSense(right=-1.0, left=-1.0, positive="flexion", opposite="extension")),
     Coordinate(name="lumbar_bending", group="trunk", title="Lumbar bending", angle="to the right",
         moment="to the right", senses=("bending to the right", "bending to the left"), usual=(-90.0, 90.0),
         spread=5.0,
-        clinical=ClinicalSense(right=1.0, left=-1.0, words="to this side", opposite="to the other "
+        clinical=ClinicalSense(right=1.0, left=-1.0, positive="to this side", opposite="to the other "
                                                                                     "side")),
     Coordinate(name="lumbar_rotation", group="trunk", title="Lumbar rotation", angle="to the left",
         moment="to the left", senses=("rotation to the left", "rotation to the right"), usual=(-90.0, 90.0),
@@ -254,7 +254,7 @@ def get_senses(name: str) -> tuple[str, str] | None:
 class JointNames:
     """Names of a joint of the linkage."""
 
-    words: str  # `Ankle (talocrural)`
+    title: str  # `Ankle (talocrural)`
     feature: str  # what its parameters place: `knee axis`
     centre: str = ""  # landmark that is its centre, without the side: `hjc`; empty: it has none
     power: str  # joint as people name it, with whose power its own is summed: `ankle` of `subtalar`
@@ -266,17 +266,17 @@ class JointNames:
 
 # fmt: off
 JOINT_TABLE: Final[dict[str, JointNames]] = {
-    "hip": JointNames(words="Hip", feature="hip centre", centre="hjc", power="hip",
+    "hip": JointNames(title="Hip", feature="hip centre", centre="hjc", power="hip",
         landmarks="the pelvis's landmarks", markers="the ASIS and PSIS markers"),
-    "knee": JointNames(words="Knee", feature="knee axis", centre="kjc", power="knee",
+    "knee": JointNames(title="Knee", feature="knee axis", centre="kjc", power="knee",
         landmarks="the epicondyles", markers="the knee markers"),
-    "talocrural": JointNames(words="Ankle (talocrural)", feature="ankle axis", centre="ajc", power="ankle",
+    "talocrural": JointNames(title="Ankle (talocrural)", feature="ankle axis", centre="ajc", power="ankle",
         landmarks="the malleoli and anatomy", markers="the markers of malleoli and foot"),
-    "subtalar": JointNames(words="Subtalar", feature="subtalar axis", power="ankle",
+    "subtalar": JointNames(title="Subtalar", feature="subtalar axis", power="ankle",
         landmarks="the malleoli and anatomy", markers="the markers of malleoli and foot"),
-    "back": JointNames(words="Lumbar joint", feature="lumbar joint centre", centre="lumbar", power="lumbar"),
-    "shoulder": JointNames(words="Shoulder", feature="shoulder joint", centre="sjc", power="shoulder"),
-    "elbow": JointNames(words="Elbow", feature="elbow axis", centre="ejc", power="elbow"),
+    "back": JointNames(title="Lumbar joint", feature="lumbar joint centre", centre="lumbar", power="lumbar"),
+    "shoulder": JointNames(title="Shoulder", feature="shoulder joint", centre="sjc", power="shoulder"),
+    "elbow": JointNames(title="Elbow", feature="elbow axis", centre="ejc", power="elbow"),
 }
 # fmt: on
 """Joint of the linkage, without its side -> its names."""

@@ -137,14 +137,14 @@ def measure_static_posture(
     )
 
 
-def find_single_psis(marker_set: MarkerSet, seen: Collection[str]) -> tuple[str, ...]:
+def find_single_psis(marker_set: MarkerSet, visible: Collection[str]) -> tuple[str, ...]:
     """Find the visible marker of the sacrum's pair if the other one is not visible.
 
     Parameters
     ----------
     marker_set : MarkerSet
         Its landmark `sacrum` may be the mean of two markers.
-    seen : collection of str
+    visible : collection of str
         Labels of visible markers.
 
     Returns
@@ -153,7 +153,7 @@ def find_single_psis(marker_set: MarkerSet, seen: Collection[str]) -> tuple[str,
         One label; empty if both, neither, or no pair is visible.
     """
     pair = marker_set.landmarks.get("sacrum", ())
-    there = tuple(label for label in pair if label in seen)
+    there = tuple(label for label in pair if label in visible)
     return there if len(pair) == 2 and len(there) == 1 else ()
 
 
@@ -250,8 +250,8 @@ def check_plausible(posture: StaticPosture, height: float) -> None:
         swapped.
     """
 
-    def fault(found: str, of: str) -> InputError:
-        return InputError(found, source=posture.source, field=of, code=Code.LANDMARKS)
+    def fault(found: str, field: str) -> InputError:
+        return InputError(found, source=posture.source, field=field, code=Code.LANDMARKS)
 
     def check_length(what: str, side: str, one: str, other: str) -> None:
         found = float(np.linalg.norm(p[one] - p[other]))

@@ -32,7 +32,7 @@ class Segment:
 
     name: str  # without the side: `upper_arm`
     short: str = ""  # as joint parameters name it, where that is another name: `upperarm`
-    words: str = ""  # as people say, where that is not the name: `head and trunk`
+    title: str = ""  # as people say, where that is not the name: `head and trunk`
     paired: bool = True  # there is one of each side
     markers: bool = True  # markers can sit on it, and so soft tissue between them and the bone
     needed: bool = (
@@ -66,12 +66,12 @@ _SEGMENTS = (
     Segment(name="foot", needed=True, parts=("Foot",), forward=True, palpated=(1.0, 2.5, 2.5),
         free_centre=("com.ant",)),
     # head_trunk: the lumbar joint and the acromia, 450 mm above and 350 mm apart
-    Segment(name="head_trunk", short="trunk", words="head and trunk", paired=False,
+    Segment(name="head_trunk", short="trunk", title="head and trunk", paired=False,
         parts=("MiddleTrunk", "UpperTrunk", "Head2"), palpated=(2.0, 1.5, 2.0), free_centre=("com.sup",)),
     # upper_arm: 280 mm; elbows 80 mm wide
-    Segment(name="upper_arm", short="upperarm", words="upper arm", parts=("UpperArm",), palpated=(2.0, 6.0, 2.0),
+    Segment(name="upper_arm", short="upperarm", title="upper arm", parts=("UpperArm",), palpated=(2.0, 6.0, 2.0),
         free_centre=("com.sup",)),
-    Segment(name="forearm_hand", short="forearm", words="forearm and hand", parts=("Forearm", "Hand"),
+    Segment(name="forearm_hand", short="forearm", title="forearm and hand", parts=("Forearm", "Hand"),
         palpated=(2.0, 6.0, 2.0), free_centre=("com.sup",)),
 )
 # fmt: on

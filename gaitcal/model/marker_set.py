@@ -317,18 +317,18 @@ class MarkerSet(Displayed):
             Landmarks, followed segments, and a score.
         """
         given = self._spell_labels(labels)
-        known, seen, segment_of = set(self.labels), set(given), self.segment_of
-        virtual = {label for label, parts in self.knee_device.items() if seen.issuperset(parts)}
+        known, present, segment_of = set(self.labels), set(given), self.segment_of
+        virtual = {label for label, parts in self.knee_device.items() if present.issuperset(parts)}
         virtual |= set(computed) & {
             m for name in self.landmarks for group in self.options(name) for m in group
         }
         options = {
-            name: [o for o in self.options(name) if (seen | virtual).issuperset(o)]
+            name: [o for o in self.options(name) if (present | virtual).issuperset(o)]
             for name in self.landmarks
         }
         landmarks = {name: there[0] for name, there in options.items() if there}
         tracked: dict[str, tuple[str, ...]] = {}
-        for label in (*given, *sorted(virtual - seen)):
+        for label in (*given, *sorted(virtual - present)):
             if label in segment_of:
                 tracked[segment_of[label]] = (*tracked.get(segment_of[label], ()), label)
         bare = [segment for segment in LEG_SEGMENTS if segment not in tracked]
@@ -626,7 +626,10 @@ def format_marker_set(marker_set: MarkerSet) -> str:
         toml_table("", {"description": marker_set.description}).lstrip(),
         table(
             "landmarks",
-            {name: of[0] if len(of) == 1 else {"first_of": of} for name, of in options.items()},
+            {
+                name: groups[0] if len(groups) == 1 else {"first_of": groups}
+                for name, groups in options.items()
+            },
         ),
         table("tracking", marker_set.tracking),
         table("static_only", marker_set.static_only),

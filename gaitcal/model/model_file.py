@@ -200,8 +200,8 @@ def format_model(model: SubjectModel) -> str:
         lines += [f"{field}_mm = {{ {inner} }}"] if inner else []
     lines += [f"session = {toml_value(s.session)}"] if s.session else []
     lines += [f"record = {toml_value(s.record.known)}"] if s.record.known else []
-    for table, (names, units, words) in _TABLES.items():
-        lines += ["", f"[{table}] # {words}"]
+    for table, (names, units, comment) in _TABLES.items():
+        lines += ["", f"[{table}] # {comment}"]
         width = max(map(len, names)) + 2
         values, nominal = (getattr(p, _ARRAYS[table]) for p in (model.parameters, model.nominal))
         for name, unit, v, n in zip(names, units, values, nominal, strict=True):

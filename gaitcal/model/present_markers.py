@@ -51,9 +51,9 @@ def complete_static(static: Recording, marker_set: MarkerSet) -> Recording:
     _check_knee_is_no_rod(static, marker_set)
     added: dict[str, Array] = {}
     notes: list[str] = []
-    seen = _find_observed(static)
+    observed = _find_observed(static)
     devices = _find_devices(static, marker_set)
-    at_corner = {label: path for label, path in devices.items() if label not in seen}
+    at_corner = {label: path for label, path in devices.items() if label not in observed}
     if at_corner:
         added |= at_corner
         notes.append(
@@ -61,7 +61,7 @@ def complete_static(static: Recording, marker_set: MarkerSet) -> Recording:
             "alignment device; the "
             "marker worn in walks may sit some mm from there"
         )
-    modelled = _find_modelled_points(static, marker_set, seen | set(added))
+    modelled = _find_modelled_points(static, marker_set, observed | set(added))
     if modelled:
         added |= modelled
         notes.append(
@@ -80,9 +80,9 @@ def complete_static(static: Recording, marker_set: MarkerSet) -> Recording:
 
 def _check_knee_is_no_rod(static: Recording, marker_set: MarkerSet) -> None:
     """Check that no end of a rod has the name of the knee marker: it is 95 mm too far outwards."""
-    seen = _find_observed(static)
+    observed = _find_observed(static)
     for label, (axis, second, third) in marker_set.knee_device.items():
-        rods = {label, second, third} <= seen and axis not in seen
+        rods = {label, second, third} <= observed and axis not in observed
         if rods and is_device(*(get_path(static, part) for part in (label, second, third))):
             raise InputError(
                 f"found the end of a rod of a knee alignment device, as far from '{second}' and "
@@ -96,7 +96,7 @@ def _check_knee_is_no_rod(static: Recording, marker_set: MarkerSet) -> None:
 
 
 def _find_modelled_points(
-    static: Recording, marker_set: MarkerSet, seen: set[str]
+    static: Recording, marker_set: MarkerSet, observed: set[str]
 ) -> dict[str, Array]:
     """Find computed points (nf, 3) m of landmarks without visible markers: marker -> path."""
     labels = () if static.computed is None else static.computed.labels
@@ -107,9 +107,9 @@ def _find_modelled_points(
     out: dict[str, Array] = {}
     for name in marker_set.landmarks:
         options = marker_set.options(name)
-        if not any(seen.issuperset(group) for group in options):
-            group = next((group for group in options if (seen | set(at)).issuperset(group)), ())
-            out |= {label: at[label] for label in group if label not in seen}
+        if not any(observed.issuperset(group) for group in options):
+            group = next((group for group in options if (observed | set(at)).issuperset(group)), ())
+            out |= {label: at[label] for label in group if label not in observed}
     return out
 
 
@@ -136,7 +136,7 @@ def resolve_marker_set(
     """
     if not (marker_set.alternatives or marker_set.optional or marker_set.knee_device):
         return marker_set
-    seen = _find_observed(static)
+    observed = _find_observed(static)
     landmarks: dict[str, tuple[str, ...]] = {}
     choices: list[str] = []
     notes: list[str] = []
@@ -144,7 +144,7 @@ def resolve_marker_set(
         options = marker_set.options(name)
         chosen = options[0] if len(options) == 1 and name not in PARTNER else None
         for group in options:
-            if seen.issuperset(group) and _is_plausible(
+            if observed.issuperset(group) and _is_plausible(
                 name, group, marker_set, landmarks, static, notes
             ):
                 chosen = group
@@ -152,13 +152,13 @@ def resolve_marker_set(
         if (
             chosen is None
             and name in REQUIRED
-            and not _is_guessed(name, marker_set, static, seen, set(elsewhere))
+            and not _is_guessed(name, marker_set, static, observed, set(elsewhere))
         ):
             chosen = options[0]
         if chosen is None:
             continue
         landmarks[name] = chosen
-        if len(options) > 1 and seen.issuperset(chosen):
+        if len(options) > 1 and observed.issuperset(chosen):
             instead = (
                 f", as {', '.join(options[0])} are not worn"
                 if name in REQUIRED and chosen != options[0]
@@ -170,13 +170,13 @@ def resolve_marker_set(
         if label in whole or _is_on_rod(static, label, parts[0]):
             side = _find_side(marker_set, label)
             landmarks[f"knee_axis_{side}"] = (parts[0],)
-            of = ", ".join(parts) if label in whole else f"{parts[0]} and the modelled {label}"
+            found = ", ".join(parts) if label in whole else f"{parts[0]} and the modelled {label}"
             notes.append(
-                f"knee, {SIDE_WORDS[side]}: {of} taken as a knee alignment device, whose rod is "
+                f"knee, {SIDE_WORDS[side]}: {found} taken as a knee alignment device, whose rod is "
                 "the "
                 "direction of the knee's axis"
             )
-    tracking, static_only = _assign_groups(marker_set, landmarks, seen)
+    tracking, static_only = _assign_groups(marker_set, landmarks, observed)
     made = replace(
         marker_set,
         landmarks=landmarks,
@@ -205,7 +205,7 @@ def resolve_marker_set(
 
 
 def _is_guessed(
-    name: str, marker_set: MarkerSet, static: Recording, seen: set[str], elsewhere: set[str]
+    name: str, marker_set: MarkerSet, static: Recording, observed: set[str], elsewhere: set[str]
 ) -> bool:
     """Return whether this end of a foot has no marker in any trial while the other end has one."""
     if name not in PARTNER:
@@ -213,12 +213,12 @@ def _is_guessed(
     known = {label for group in marker_set.options(name) for label in group}
     other = marker_set.options(PARTNER[name]) if PARTNER[name] in marker_set.landmarks else ()
     return known.isdisjoint({*static.labels, *elsewhere}) and any(
-        seen.issuperset(group) for group in other
+        observed.issuperset(group) for group in other
     )
 
 
 def _assign_groups(
-    marker_set: MarkerSet, landmarks: Mapping[str, tuple[str, ...]], seen: set[str]
+    marker_set: MarkerSet, landmarks: Mapping[str, tuple[str, ...]], observed: set[str]
 ) -> Iterator[dict[str, tuple[str, ...]]]:
     """Assign the markers to `tracking` and `static_only`, those of `optional` included.
 
@@ -233,7 +233,7 @@ def _assign_groups(
     rejected = (
         {m for name in open_names for group in marker_set.options(name) for m in group}
         - in_use
-        - seen
+        - observed
     )
     tracking = {
         s: tuple(m for m in labels if m not in rejected)
@@ -245,10 +245,10 @@ def _assign_groups(
     }
     lasting = {m for name, group in landmarks.items() if "_med_" not in name for m in group}
     for segment, labels in marker_set.optional.items():
-        there = tuple(m for m in labels if m in seen)
+        there = tuple(m for m in labels if m in observed)
         always = (
             there
-            if seen.isdisjoint(tracking.get(segment, ()))
+            if observed.isdisjoint(tracking.get(segment, ()))
             else tuple(m for m in there if m in lasting)
         )
         tracking[segment] = (*tracking.get(segment, ()), *always)
@@ -268,8 +268,8 @@ def _assign_groups(
 
 def _find_observed(recording: Recording) -> set[str]:
     """Find the labels of markers with a position in some frame."""
-    seen = seen_mask(recording.markers)
-    return {label for i, label in enumerate(recording.labels) if seen[:, i].any()}
+    observed = seen_mask(recording.markers)
+    return {label for i, label in enumerate(recording.labels) if observed[:, i].any()}
 
 
 def get_path(recording: Recording, label: str) -> Array:
@@ -284,12 +284,12 @@ def _average_paths(recording: Recording, labels: tuple[str, ...]) -> Array:
 
 def _find_devices(static: Recording, marker_set: MarkerSet) -> dict[str, Array]:
     """Find the corners of knee alignment devices: lateral knee marker -> (nf, 3) m."""
-    seen, out = _find_observed(static), dict[str, Array]()
+    observed, out = _find_observed(static), dict[str, Array]()
     right, left = (marker_set.landmarks.get(f"asis_{side}", ()) for side in SIDES)
-    known = right and left and seen.issuperset({*right, *left})
+    known = right and left and observed.issuperset({*right, *left})
     across = _average_paths(static, left) - _average_paths(static, right) if known else None
     for label, parts in marker_set.knee_device.items():
-        if not seen.issuperset(parts):
+        if not observed.issuperset(parts):
             continue
         axis, second, third = (get_path(static, part) for part in parts)
         if is_device(axis, second, third):
@@ -321,9 +321,9 @@ def _is_on_rod(static: Recording, label: str, end: str) -> bool:
 
 def _measure_distance(one: Array, other: Array) -> float:
     """Measure the median distance (m) of two paths (nf, 3); NaN if never visible together."""
-    apart = np.linalg.norm(one - other, axis=1)
-    apart = apart[np.isfinite(apart)]
-    return float(np.median(apart)) if len(apart) else np.nan
+    distance = np.linalg.norm(one - other, axis=1)
+    distance = distance[np.isfinite(distance)]
+    return float(np.median(distance)) if len(distance) else np.nan
 
 
 def _find_side(marker_set: MarkerSet, label: str) -> str:
@@ -350,10 +350,10 @@ def _is_plausible(
         or not _find_observed(static).issuperset(lateral)
     ):
         return True
-    apart = _measure_distance(_average_paths(static, group), _average_paths(static, lateral))
-    if JOINT_WIDTH_M[0] <= apart <= JOINT_WIDTH_M[1]:
+    distance = _measure_distance(_average_paths(static, group), _average_paths(static, lateral))
+    if JOINT_WIDTH_M[0] <= distance <= JOINT_WIDTH_M[1]:
         return True
-    found = f"{1e3 * apart:.0f} mm from" if np.isfinite(apart) else "never seen with"
+    found = f"{1e3 * distance:.0f} mm from" if np.isfinite(distance) else "never seen with"
     notes.append(
         f"{', '.join(group)} not taken for {name}: {found} {', '.join(lateral)}, no width of a "
         "joint"

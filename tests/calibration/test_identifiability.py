@@ -71,7 +71,7 @@ def test_an_isolated_trial_is_asked_for_where_there_is_none_and_not_where_one_wi
 
 def test_one_joint_beyond_its_bounds_is_odd_and_many_are_another_body() -> None:
     (one,) = report_bounds(["hip_r.thigh.sup", "hip_r.thigh.ant"])
-    assert (one.severity, one.leg) == (Severity.WARNING, "r") and "hip_r lies further" in one.cause
+    assert (one.severity, one.leg) == (Severity.WARNING, "r") and "hip_r is further" in one.cause
     (arm,) = report_bounds(["shoulder_l.trunk.front"])
     assert arm.severity is Severity.INFO
     own = ["knee_r.thigh.ant", "knee_r.thigh.sup", "knee_r.shank.ant", "knee_r.shank.sup"]
