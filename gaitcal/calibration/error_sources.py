@@ -440,8 +440,8 @@ def _compute_cluster_gradients(
         moving = np.flatnonzero(chain.support[:nq, segment])
         v, w = spatial[moving, :3], spatial[moving, 3:]
         velocity = np.ascontiguousarray(v + np.cross(w, x[m][None], axis=1))
-        # h = w J (J^T W J)^-1 J^T of this marker's three axes in its own frame: what the motion
-        # absorbs of it
+        # h = w J (J^T W J)^-1 J^T of this marker's three axes, frame by frame: the part that the
+        # motion absorbs
         by_frame = velocity.transpose(2, 1, 0)
         met = by_frame @ inverse[np.ix_(np.arange(len(q)), moving, moving)]
         leverage = (met * by_frame).sum(axis=2).T

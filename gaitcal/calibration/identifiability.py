@@ -59,12 +59,11 @@ of these trials.
 
 def _list_shown_axes(isolated: str) -> dict[str, tuple[str, ...]]:
     """List the coordinates of `MOVEMENTS` of each joint that a functional trial moves."""
-    return {
-        joint.name: tuple(
-            name for e in joint.elements if (name := coordinates.split_side(e.name)[0]) in MOVEMENTS
-        )
-        for joint in linkage.list_moved_joints(isolated)
-    }
+    axes: dict[str, tuple[str, ...]] = {}
+    for joint in linkage.list_moved_joints(isolated):
+        names = [coordinates.split_side(e.name)[0] for e in joint.elements]
+        axes[joint.name] = tuple(name for name in names if name in MOVEMENTS)
+    return axes
 
 
 def find_unobservable_parameters(
@@ -130,7 +129,7 @@ def find_unmoved_parameters(
     still = {
         axis
         for axis, names in _list_shown_axes(joint).items()
-        if max(turned[name] for name in names) < LEAST_RANGE
+        if max(map(turned.__getitem__, names)) < LEAST_RANGE
     }
     return tuple(name for name in free if name.split(".")[0] in still)
 
@@ -372,10 +371,8 @@ def detect_ambiguous_arms(
             zip(problem.chain.coordinates, np.median(rotation, axis=0).tolist(), strict=True)
         )
         for side in linkage.SIDES:
-            most = max(
-                (median[name] for name in (f"{angle}_{side}" for angle in arm) if name in median),
-                default=0.0,
-            )
+            names = [f"{angle}_{side}" for angle in arm]
+            most = max((median[name] for name in names if name in median), default=0.0)
             if most > max(LARGEST_ARM_ROTATION, out.get(side, 0.0)):
                 out[side] = most
     return out

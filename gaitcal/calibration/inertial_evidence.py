@@ -347,7 +347,7 @@ def fit_by_evidence(
     Returns
     -------
     InertialFit
-        `moved` tells whether the values differ from the seed.
+        `moved` is true if the values differ from the seed.
     """
     began = time.perf_counter()
     chart = inertial_calibration.LogChart(seed, which)

@@ -569,8 +569,7 @@ def _fit_trunk_and_arms(
     """Fit gait separately above the pelvis; empty if nothing is free."""
     walks = [t for t in trials if t.joint is None]
     parts = [take_segments(t.fitted, UPPER_BODY, nominal) for t in walks]
-    # the pelvis' markers once more: what they do here has a name of its own among the sources of
-    # error
+    # the pelvis' markers take part again: their effects here have a separate source name
     problems = tuple(replace(part, name=f"{part.name}, trunk and arms") for part in parts)
     plan = JointPhase(
         name="joint parameters of trunk and arms",

@@ -4,17 +4,17 @@ Deviations d from nominal values are N(m0, P0): by anatomy (`TABLE`), of which a
 change means and deviations (`[calibration] joint_prior`), and what a cohort has learnt takes the
 place of both (`make_study_prior`).
 
-A joint's centre is one place of one bone end, seen from two segments: hip in pelvis and thigh, knee
-in thigh and shank, the talus in shank and foot, and the subtalar axis in talus and foot. A landmark
-or regression that misses it misses it in both. In each direction
+A joint centre is one position of one bone end, described in two segments: hip in pelvis and thigh,
+knee in thigh and shank, the talus in shank and foot, and the subtalar axis in talus and foot. An
+error of a landmark or regression is the same in both. In each direction
 
-    cov(parent, child) = [ d^2   d^2       ]      d: the centre about its nominal place,
-                         [ d^2   d^2 + a^2 ]      a: how far apart the two segments may have it.
+    cov(parent, child) = [ d^2   d^2       ]      d: the centre about its nominal position,
+                         [ d^2   d^2 + a^2 ]      a: difference between the two segments.
 
 The lower triangle [d, 0; d, a] is the Cholesky root F of that: its columns are the causes, the
-error of the centre under the parent's name and that of being apart under the child's. Markers that
-are put on anew move the centre, in both views alike (`make_view_covariance`), and leave the second cause
-as it is.
+error of the centre under the parent's name and the difference under the child's. Markers that are
+attached again move the centre in both segments alike (`make_view_covariance`), and do not change the
+second cause.
 
 `TABLE` holds mean, d and a; what they rest on:
 
@@ -52,9 +52,9 @@ visible samples only,
 c_f are the directions that joints forbid in the frame: a segment has as many as its visible markers
 show (six of three markers, five of two, three of one), and the linkage takes as many as its
 coordinates move these markers in. Segments count frame by frame, so that one which is never or
-seldom whole takes only its own share away. Those that wear fewer than three markers leave their
-joints out, where joints are left between others. If none is, all count, with P = 1 for such a
-segment: a pair shows how its skin deforms in one direction only, which is as good as the others.
+seldom complete removes only its share. Segments with fewer than three markers leave their joints
+out, if joints between others remain. If none remains, all count, with P = 1 for such a segment: a
+pair shows the deformation of its skin in one direction, which serves as well as the others.
 rho_k is the autocorrelation of d (summed until it first falls below 0.05; Bartlett 1946), a_k^2 how
 often a sample that is k frames from a visible one is visible, too. Once smoothed, errors that last
 no longer than the splines and slower ones look alike; the first ask for a_k^2 in its place (samples
@@ -65,10 +65,10 @@ short trial weighs little. White noise of variance s^2 gives nu = s; clusters th
 against their bones give more than their deformation shows.
 
 A noise has a prior itself, at 100 Hz ln nu ~ N(ln m, s^2) by kind of task (`PEOPLE_NOISE`), and an
-estimate of it errs. It comes from n - p samples, and its own fit takes up what goes with the joints
-that it moves: much in an isolated trial, which has nearly as many joint parameters as its motion
-has harmonics. It can only be too low by that. With v = 1 / 2 (n - p) + a^2, a how far ln nu may be
-too low, the most probable noise is
+estimate of it has an error. It comes from n - p samples, and its fit absorbs errors in proportion to
+the joint angles. That is much in an isolated trial, which has nearly as many joint parameters as its
+motion has harmonics. It makes the estimate too low, never too high. With v = 1 / 2 (n - p) + a^2, a
+how far ln nu may be too low, the most probable noise is
 
     ln nu = max(ln nu_hat, (ln nu_hat / v + ln m / s^2) / (1 / v + 1 / s^2)).
 """
@@ -517,7 +517,7 @@ class NoisePrior:
 
     median: float  # m, at 100 Hz
     spread: float  # s of ln nu
-    absorbed: float  # a of ln nu: what a fit of the trial's own joints may take up
+    absorbed: float  # a of ln nu: what a fit of the trial's joints may absorb
 
 
 WALK_NOISE = NoisePrior(0.009, 1.0, 0.0)

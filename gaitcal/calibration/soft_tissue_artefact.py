@@ -9,7 +9,7 @@ phi_c the angles of the joints beside the segment that the task moves, tracked w
 and markers in their places. The places l are those of the static trial, so there the artefact is
 zero by definition; a walk's mean knee angle is 20 to 30 degrees from standing, and an artefact of
 mean zero over the walk leaves that part to the joints. With psi_c goes its square where there is
-evidence. Each kind of task has unknowns z of its own (gait, an activity, or the isolated trials of
+evidence. Each kind of task has separate unknowns z (gait, an activity, or the isolated trials of
 one joint); in gait knees are no hinges besides.
 
 Knee flexion moves thigh and shank. There u_c is one radian, and z_c is s times what tracked bones
@@ -20,7 +20,7 @@ For all other angles u_c is the RMS of phi_c - phi_c(static) in all trials of th
 deg), the mean is zero, all markers of a segment shift together, turn together about their middle,
 and move each by itself:
 
-    z_c ~ N(0, s^2 Sigma),     Sigma = B diag(shift^2, turn^2) B^T + own^2 I,     B = [1, -(l - c) x] marker by marker.
+    z_c ~ N(0, s^2 Sigma),   Sigma = B diag(shift^2, turn^2) B^T + per_marker^2 I,   B = [1, -(l - c) x] for each marker,
 
 What the markers do each by themselves is part rigid, (B^T B)^-1 B^T z_c, and part deformation,
 which turns and shifts no segment. Markers show the deformation whatever the joints do. So it is
@@ -61,8 +61,7 @@ term is of the rigid part alone: deformation does not show how far a cluster sli
 differ by a factor of two keeps one soft thigh from softening the feet: with the same s for all,
 hips of people with quadratic artefacts came to 15 mm from the truth, with segments that differ to
 8. An activity that is no walk may leave joints at rest, whose tracked angles follow the errors of
-others: their segments do not deform, with even odds before anything is seen, and then say nothing
-of s.
+others. Their segments do not deform, with even prior odds, and then carry no information about s.
 """
 
 from collections.abc import Collection, Mapping, Sequence

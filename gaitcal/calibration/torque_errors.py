@@ -179,14 +179,11 @@ def join_variances(parts: Sequence[Variances]) -> measurement_errors.TorqueError
     TorqueErrors
         Standard errors.
     """
-    torques = {
-        source: np.concatenate([part.torques[source] for part in parts])
-        for source in parts[0].torques
-    }
-    kinetics, trial_markers = (
-        np.concatenate([getattr(part, name) for part in parts])
-        for name in ("kinetics", "trial_markers")
-    )
+    torques: dict[measurement_errors.ErrorSource, Array] = {}
+    for source in parts[0].torques:
+        torques[source] = np.concatenate([part.torques[source] for part in parts])
+    kinetics = np.concatenate([part.kinetics for part in parts])
+    trial_markers = np.concatenate([part.trial_markers for part in parts])
     return measurement_errors.TorqueErrors.of(
         torques, joint_kinetics.kinetic_errors(kinetics, trial_markers)
     )

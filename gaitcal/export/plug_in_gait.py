@@ -55,7 +55,7 @@ for _row in COORDINATE_TABLE.values():
 def _angle_words(rows: Sequence[Coordinate]) -> str:
     """`flexion, 0, 0 (a hinge)`."""
     words = [
-        row.clinical.words if row.clinical else (row.senses or (row.angle,))[0] for row in rows
+        row.clinical.positive if row.clinical else (row.senses or (row.angle,))[0] for row in rows
     ]
     return ", ".join([*words, "0", "0"][:3]) + (" (a hinge)" if len(rows) == 1 else "")
 

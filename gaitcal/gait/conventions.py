@@ -135,7 +135,7 @@ class Convention:
         if kind is CurveKind.POWER:
             return "generated", "absorbed"
         clinical = self._clinical(name, side)
-        one, other = (clinical.words, clinical.opposite) if clinical else _senses(name)
+        one, other = (clinical.positive, clinical.opposite) if clinical else _senses(name)
         opposed = (
             kind is CurveKind.MOMENT
             and self.signs is Signs.CLINICAL
@@ -221,7 +221,7 @@ GROUND_FORCES: Final[Mapping[str, GroundForce]] = {
     "ground_reaction_sideways": GroundForce(
         "Ground reaction, sideways",
         ("to the right", "to the left"),
-        ClinicalSense(right=-1.0, left=1.0, words="medial", opposite="lateral"),
+        ClinicalSense(right=-1.0, left=1.0, positive="medial", opposite="lateral"),
     ),
 }
 

@@ -156,14 +156,14 @@ def segment_words(segment: str) -> str:
     """`thigh_r` -> `right thigh`."""
     base, side = split_side(segment)
     return _with_side(
-        SEGMENT_TABLE[base].words or base if base in SEGMENT_TABLE else base.replace("_", " "), side
+        SEGMENT_TABLE[base].title or base if base in SEGMENT_TABLE else base.replace("_", " "), side
     )
 
 
 def joint_words(joint: str) -> str:
     """`knee_r` -> `right knee`; without a side, `Knee`."""
     base, side = split_side(joint)
-    return _with_side(JOINT_TABLE[base].words if base in JOINT_TABLE else base.capitalize(), side)
+    return _with_side(JOINT_TABLE[base].title if base in JOINT_TABLE else base.capitalize(), side)
 
 
 _POSITIONS = ("forward", "up", "to the right")

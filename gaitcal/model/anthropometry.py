@@ -222,10 +222,13 @@ def estimate_child_table_error(subject: Subject) -> dict[str, float]:
     adult, child = (
         compute_mass_shares(subject.sex, age) for age in (None, estimate_child_age(subject))
     )
-    return {
-        segment: float(abs(np.log(sum(child[n] for n in names) / sum(adult[n] for n in names))))
-        for segment, names in ((row.name, row.parts) for row in SEGMENT_TABLE.values() if row.parts)
-    }
+    errors: dict[str, float] = {}
+    for row in SEGMENT_TABLE.values():
+        # the talus is massless: it has no parts
+        if row.parts:
+            ratio = sum(child[n] for n in row.parts) / sum(adult[n] for n in row.parts)
+            errors[row.name] = float(abs(np.log(ratio)))
+    return errors
 
 
 def estimate_table_error(subject: Subject) -> dict[str, float]:
@@ -391,9 +394,9 @@ def move_limb_inertia(inertial: Array, before: Parameters, after: Parameters) ->
     for side, (segment, ends) in product(SIDES, LIMB_ENDS.items()):
         name = f"{segment}_{side}"
         row, joints = rows[MASSIVE_SEGMENTS.index(name)], [f"{end}_{side}" for end in ends]
-        old, new = (
-            np.array([parameters.centre(j, name) for j in joints]) for parameters in (before, after)
-        )
+        old = np.array([before.centre(joint, name) for joint in joints])
+        new = np.array([after.centre(joint, name) for joint in joints])
+        # share of the line between the joints at which the mass centre is
         square = float(np.sum((old[1] - old[0]) ** 2))
         share = float((row[1:4] - old[0]) @ (old[1] - old[0])) / square
         row[1:4] += (1.0 - share) * (new - old)[0] + share * (new - old)[1]

@@ -10,7 +10,7 @@ the joint parameter, and nothing is built anew when it changes.
 
 Two more kinds of joints may be there. The *reactions* are locked: the generalised forces of these
 joints are the knees' internal abduction moments. The *secondary motions* of the knees (`SECONDARY`)
-are prescribed: they have amounts in every frame, which may depend on unknowns of their own.
+are prescribed: they have amounts in every frame, which may depend on separate unknowns.
 """
 
 import threading

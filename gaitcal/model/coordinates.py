@@ -257,8 +257,8 @@ class JointNames:
     title: str  # `Ankle (talocrural)`
     feature: str  # what its parameters place: `knee axis`
     centre: str = ""  # landmark that is its centre, without the side: `hjc`; empty: it has none
-    power: str  # joint as people name it, with whose power its own is summed: `ankle` of `subtalar`
-    landmarks: str = "the landmarks"  # what tells where it lies
+    power: str  # joint whose power includes its power: `ankle` of `subtalar`
+    landmarks: str = "the landmarks"  # landmarks that define its position
     markers: str = (
         "the markers of the segments beside it"  # what to look at where it lies elsewhere
     )

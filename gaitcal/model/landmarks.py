@@ -44,11 +44,13 @@ class StaticPosture:
     """Mean positions in the still window of the static trial, laboratory."""
 
     source: str
-    markers: Mapping[str, Array]  # label -> (3,) m, for every marker of the set that was seen
+    markers: Mapping[str, Array]  # label -> (3,) m, for every visible marker of the set
     landmarks: Mapping[
         str, Array
-    ]  # landmark -> (3,) m, for every landmark whose markers were all seen
-    absent: Mapping[str, tuple[str, ...]]  # landmark of the set -> its markers that were not seen
+    ]  # landmark -> (3,) m, for every landmark whose markers were all visible
+    absent: Mapping[
+        str, tuple[str, ...]
+    ]  # landmark of the set -> its markers that were not visible
     notes: tuple[str, ...] = ()  # landmarks that no marker shows, and how they were guessed
     hips: Mapping[str, Array] = field(default_factory=dict)
     """Side -> (3,) m: hip centres that the file itself has, measured or computed by another

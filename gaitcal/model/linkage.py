@@ -32,7 +32,7 @@ class Segment:
 
     name: str  # without the side: `upper_arm`
     short: str = ""  # as joint parameters name it, where that is another name: `upperarm`
-    title: str = ""  # as people say, where that is not the name: `head and trunk`
+    title: str = ""  # name for people if it differs: `head and trunk`
     paired: bool = True  # there is one of each side
     markers: bool = True  # markers can sit on it, and so soft tissue between them and the bone
     needed: bool = (

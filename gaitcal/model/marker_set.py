@@ -61,7 +61,7 @@ LANDMARKS: tuple[str, ...] = tuple(SEGMENT_OF)
 """All names a set may give a landmark. `elbow_lat` alone is enough for an elbow; `wrist` is its
 centre; `knee_axis` is a point on the knee's flexion axis outwards of the lateral epicondyle, as a
 knee alignment device shows it; `hjc` the centre of a hip, for `hip_centre = "given"`. Those of the
-trunk's midline tell where it faces where acromia are missing, `c7` and `jugular_notch` also where
+trunk's midline define its direction if acromia are missing, `c7` and `jugular_notch` also where
 the shoulders are; `t10` may be any spinous process from T6 to T12."""
 _SUBSTITUTES = {
     "asis": "a marker on the anterior superior iliac spine",
@@ -129,7 +129,7 @@ class MarkerSet(Displayed):
     static_only: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
     """Segment -> further markers that are normally worn in the static trial only."""
     optional: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
-    """Segment -> further markers that some wear; tracked where there are, and missed by nobody."""
+    """Segment -> further markers that some people wear; tracked if present, never missing."""
     alternatives: Mapping[str, tuple[tuple[str, ...], ...]] = field(default_factory=dict)
     """Landmark -> what serves instead of `landmarks`, in order of preference."""
     knee_device: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
@@ -322,11 +322,13 @@ class MarkerSet(Displayed):
         virtual |= set(computed) & {
             m for name in self.landmarks for group in self.options(name) for m in group
         }
-        options = {
-            name: [o for o in self.options(name) if (present | virtual).issuperset(o)]
-            for name in self.landmarks
-        }
-        landmarks = {name: there[0] for name, there in options.items() if there}
+        # of each landmark, the preferred option whose markers are all there
+        landmarks: dict[str, tuple[str, ...]] = {}
+        for name in self.landmarks:
+            for option in self.options(name):
+                if (present | virtual).issuperset(option):
+                    landmarks[name] = option
+                    break
         tracked: dict[str, tuple[str, ...]] = {}
         for label in (*given, *sorted(virtual - present)):
             if label in segment_of:
@@ -478,64 +480,20 @@ def load_marker_set(name_or_path: str | Path) -> MarkerSet:
     return _read_marker_set(Path(text), Path(text).stem)
 
 
+def _fault(path: Path, text: str, where: str) -> InputError:
+    """Make the error of a marker set file."""
+    return InputError(text, source=path, field=where, code=Code.MARKER_SET)
+
+
 def _read_marker_set(path: Path, name: str) -> MarkerSet:
     """Read and check the file of a marker set."""
-
-    def fault(text: str, where: str) -> InputError:
-        return InputError(text, source=path, field=where, code=Code.MARKER_SET)
-
     file = read_validated(_File, path)
-    base = MarkerSet(name="", description="", landmarks={}, tracking={})
-    if file.extends is None:  # it must say all by itself
-        for where in ("landmarks", "tracking"):
-            if not getattr(file, where):
-                raise fault("missing: a table", where)
-    else:
-        require_known(
-            [file.extends],
-            list_built_in_sets(),
-            "built-in marker set",
-            source=path,
-            field="extends",
-            listed=True,
-        )
-        if path == models_path() / "markersets" / f"{file.extends}.toml":
-            raise fault("found the set itself; allowed: another built-in set", "extends")
-        base = load_marker_set(file.extends)
-
-    def both_sides(where: str, table: Mapping[str, list[str]]) -> dict[str, tuple[str, ...]]:
-        """The table with both sides written out: a sided name takes the labels of its side, any
-        other those of both.
-        """
-        out: dict[str, tuple[str, ...]] = {}
-        for pattern, labels in table.items():
-            names = _expand_sides(pattern)
-            for i, name in enumerate(names):
-                if name in out:
-                    raise fault(f"'{name}' is given twice", where)
-                # a label without a side stands once in `_sides`, and serves either side
-                each = [
-                    _expand_sides(label)
-                    if len(names) == 1
-                    else (_expand_sides(label) * 2)[i : i + 1]
-                    for label in labels
-                ]
-                out[name] = tuple(dict.fromkeys(label for both in each for label in both))
-        return out
-
-    options: dict[
-        str, list[tuple[str, ...]]
-    ] = {}  # landmark -> what serves as it, in order of preference
-    for pattern, entry in file.landmarks.items():
-        if twice := [name for name in _expand_sides(pattern) if name in options]:
-            raise fault(f"'{twice[0]}' is given twice", "landmarks")
-        for labels in entry.first_of:
-            for landmark, group in both_sides("landmarks", {pattern: labels}).items():
-                options.setdefault(landmark, []).append(group)
-    preferred = {name: given[0] for name, given in options.items()}
-    others = {name: tuple(given[1:]) for name, given in options.items() if len(given) > 1}
+    base = _load_base(file, path)
+    options = _expand_options(file, path)
+    preferred = {landmark: given[0] for landmark, given in options.items()}
+    others = {landmark: tuple(given[1:]) for landmark, given in options.items() if len(given) > 1}
     groups = {
-        where: both_sides(where, getattr(file, where))
+        where: _expand_table(getattr(file, where), path, where)
         for where in (*_FOLLOWER_TABLES, "knee_device", "aliases")
     }
     require_known(preferred, LANDMARKS, "landmark", source=path, field="landmarks", listed=True)
@@ -546,10 +504,12 @@ def _read_marker_set(path: Path, name: str) -> MarkerSet:
     for label, parts in groups["knee_device"].items():
         if len(parts) != DEVICE_MARKERS:
             allowed = "allowed: three, the one on the flexion axis first"
-            raise fault(f"found {len(parts)} markers for '{label}'; {allowed}", "knee_device")
-    weighed = {
-        label: entry for pattern, entry in file.weights.items() for label in _expand_sides(pattern)
-    }
+            raise _fault(
+                path, f"found {len(parts)} markers for '{label}'; {allowed}", "knee_device"
+            )
+    weights: dict[str, _Weight] = {}
+    for pattern, entry in file.weights.items():
+        weights |= dict.fromkeys(_expand_sides(pattern), entry)
     made = MarkerSet(
         name=name,
         description=file.description,
@@ -559,24 +519,14 @@ def _read_marker_set(path: Path, name: str) -> MarkerSet:
         static_only={**base.static_only, **groups["static_only"]},
         optional={**base.optional, **groups["optional"]},
         knee_device={**base.knee_device, **groups["knee_device"]},
-        weights={label: entry.weight for label, entry in weighed.items()},
-        reasons={label: entry.reason for label, entry in weighed.items()},
+        weights={label: entry.weight for label, entry in weights.items()},
+        reasons={label: entry.reason for label, entry in weights.items()},
         aliases=groups["aliases"],
         noise=file.noise or base.noise,
     )
-    for landmark in find_missing_landmarks(made.landmarks):
-        raise fault(f"'{landmark}' is missing: give {describe_substitute(landmark)}", "landmarks")
-    segment_of: dict[str, str] = {}
-    for label, segment in (
-        (label, segment) for segment, followers in made.following for label in followers
-    ):
-        if label in segment_of:
-            on = f"{segment_of[label]} and on {segment}; a marker is fixed in one segment"
-            raise fault(f"marker '{label}' is on {on}", "tracking")
-        segment_of[label] = segment
-    require_known(made.weights, made.tracked, "tracked marker", source=path, field="weights")
-    require_known(made.aliases, made.labels, "marker", source=path, field="aliases")
+    _check_markers(made, path)
     known, tracked = set(made.labels), set(made.tracked)
+    # entries of the base set are kept for the markers that this set still has
     return replace(
         made,
         weights={label: w for label, w in base.weights.items() if label in tracked}
@@ -586,6 +536,81 @@ def _read_marker_set(path: Path, name: str) -> MarkerSet:
         aliases={label: names for label, names in base.aliases.items() if label in known}
         | dict(made.aliases),
     )
+
+
+def _load_base(file: _File, path: Path) -> MarkerSet:
+    """Load the set that a file extends; empty if it extends none."""
+    if file.extends is None:
+        # without a base the file must have the required tables
+        for where in ("landmarks", "tracking"):
+            if not getattr(file, where):
+                raise _fault(path, "missing: a table", where)
+        return MarkerSet(name="", description="", landmarks={}, tracking={})
+    require_known(
+        [file.extends],
+        list_built_in_sets(),
+        "built-in marker set",
+        source=path,
+        field="extends",
+        listed=True,
+    )
+    if path == models_path() / "markersets" / f"{file.extends}.toml":
+        raise _fault(path, "found the set itself; allowed: another built-in set", "extends")
+    return load_marker_set(file.extends)
+
+
+def _expand_table(
+    table: Mapping[str, list[str]], path: Path, where: str
+) -> dict[str, tuple[str, ...]]:
+    """Expand a table to both sides.
+
+    A sided name has the labels of its side, any other name those of both sides.
+    """
+    out: dict[str, tuple[str, ...]] = {}
+    for pattern, labels in table.items():
+        names = _expand_sides(pattern)
+        for i, name in enumerate(names):
+            if name in out:
+                raise _fault(path, f"'{name}' is given twice", where)
+            expanded: list[str] = []
+            for label in labels:
+                sides = _expand_sides(label)
+                if len(names) == 1:
+                    expanded += sides
+                else:
+                    # a label without sides serves both
+                    expanded.append(sides[i] if len(sides) > 1 else sides[0])
+            out[name] = tuple(dict.fromkeys(expanded))
+    return out
+
+
+def _expand_options(file: _File, path: Path) -> dict[str, list[tuple[str, ...]]]:
+    """Expand the landmarks to both sides: landmark -> its options, in order of preference."""
+    options: dict[str, list[tuple[str, ...]]] = {}
+    for pattern, entry in file.landmarks.items():
+        if twice := [name for name in _expand_sides(pattern) if name in options]:
+            raise _fault(path, f"'{twice[0]}' is given twice", "landmarks")
+        for labels in entry.first_of:
+            for landmark, group in _expand_table({pattern: labels}, path, "landmarks").items():
+                options.setdefault(landmark, []).append(group)
+    return options
+
+
+def _check_markers(made: MarkerSet, path: Path) -> None:
+    """Check that no landmark is missing and that each marker is on one segment."""
+    for landmark in find_missing_landmarks(made.landmarks):
+        raise _fault(
+            path, f"'{landmark}' is missing: give {describe_substitute(landmark)}", "landmarks"
+        )
+    segment_of: dict[str, str] = {}
+    for segment, followers in made.following:
+        for label in followers:
+            if label in segment_of:
+                on = f"{segment_of[label]} and on {segment}; a marker is fixed in one segment"
+                raise _fault(path, f"marker '{label}' is on {on}", "tracking")
+            segment_of[label] = segment
+    require_known(made.weights, made.tracked, "tracked marker", source=path, field="weights")
+    require_known(made.aliases, made.labels, "marker", source=path, field="aliases")
 
 
 def _expand_sides(pattern: str) -> tuple[str, ...]:

@@ -48,7 +48,7 @@ _TABLES = {
     "zero_angles": (ZERO_ANGLES, ("deg",) * len(ZERO_ANGLES), _ZERO_WORDS),
     "inertial_parameters": (IP_NAMES, IP_UNITS, "kg, mm, kg*mm^2; moments about the mass centre"),
 }
-"""Table of the file -> names and units of its entries, and what the file says of them."""
+"""Table of the file -> names and units of its entries, and its comment."""
 _ARRAYS = {
     "joint_parameters": "joint",
     "zero_angles": "zero_angles",
@@ -253,6 +253,35 @@ def _convert_to_si(value: Decimal, unit: str) -> float:
     return float(_EXACT.multiply(value, _TO_SI[unit]))
 
 
+def _fault(source: Path, text: str, field: str | None = None) -> InputError:
+    """Make the error of a model file."""
+    return InputError(text, source=source, field=field, code=Code.DAMAGED_RESULT)
+
+
+def _check_entries(file: _File, source: Path) -> None:
+    """Check sex, record, coordinates, segments and labels of a model file."""
+    s = file.subject
+    if s.sex not in ("male", "female", ""):
+        raise _fault(
+            source,
+            f"found {shown(s.sex)}; allowed: 'male', 'female', '' if it is not given",
+            "subject.sex",
+        )
+    require_known(
+        s.record, vars(PatientRecord()), "field of a record", source=source, field="subject.record"
+    )
+    for coordinates, field in ((file.frozen, "frozen"), (file.posture_deg, "posture_deg")):
+        require_known(coordinates, COORDINATES, "coordinate", source=source, field=field)
+    for places, field in ((file.marker, "marker"), (file.landmarks.values(), "landmarks")):
+        require_known(
+            (place.segment for place in places), SEGMENTS, "segment", source=source, field=field
+        )
+    labels = tuple(m.label for m in file.marker)
+    for label in labels:
+        if labels.count(label) > 1:
+            raise _fault(source, f"marker '{label}' is there {labels.count(label)} times", "marker")
+
+
 def load_model(path: Path | str) -> SubjectModel:
     """Read a model that `save_model` wrote, or that was edited by hand.
 
@@ -273,48 +302,29 @@ def load_model(path: Path | str) -> SubjectModel:
     """
     source = Path(path)
 
-    def fault(text: str, field: str | None = None) -> InputError:
-        return InputError(text, source=source, field=field, code=Code.DAMAGED_RESULT)
-
     try:
         file = read_validated(_File, source, parse_float=Decimal)
     except InvalidOperation:
-        raise fault("a number has more digits than can be read") from None
+        raise _fault(source, "a number has more digits than can be read") from None
     if file.format != FORMAT:
-        raise fault(f"found {file.format}; allowed: {FORMAT}", "format")
+        raise _fault(source, f"found {file.format}; allowed: {FORMAT}", "format")
     values: dict[str, Array] = {}
     nominal: dict[str, Array] = {}
     for table in ("joint_parameters", "inertial_parameters", "zero_angles"):
-        (names, units, _), found = _TABLES[table], getattr(file, table)
+        names, units, _ = _TABLES[table]
+        found: dict[str, _Value] = getattr(file, table)
         require_known(found, names, "parameter", source=source, field=table)
         missing = [name for name in names if name not in found]
         if missing:
             more = f" and {len(missing) - 1} more" if len(missing) > 1 else ""
-            raise fault(f"'{missing[0]}'{more} missing", table)
-        for out, column in ((values, "value"), (nominal, "nominal")):
-            numbers = [
-                _convert_to_si(getattr(found[name], column), unit)
-                for name, unit in zip(names, units, strict=True)
-            ]
-            out[_ARRAYS[table]] = np.array(numbers)
-    s = file.subject
-    if s.sex not in ("male", "female", ""):
-        raise fault(
-            f"found {shown(s.sex)}; allowed: 'male', 'female', '' if it is not given", "subject.sex"
+            raise _fault(source, f"'{missing[0]}'{more} missing", table)
+        in_units = [(found[name], unit) for name, unit in zip(names, units, strict=True)]
+        values[_ARRAYS[table]] = np.array([_convert_to_si(e.value, unit) for e, unit in in_units])
+        nominal[_ARRAYS[table]] = np.array(
+            [_convert_to_si(e.nominal, unit) for e, unit in in_units]
         )
-    require_known(
-        s.record, vars(PatientRecord()), "field of a record", source=source, field="subject.record"
-    )
-    for coordinates, field in ((file.frozen, "frozen"), (file.posture_deg, "posture_deg")):
-        require_known(coordinates, COORDINATES, "coordinate", source=source, field=field)
-    for places, field in ((file.marker, "marker"), (file.landmarks.values(), "landmarks")):
-        require_known(
-            (place.segment for place in places), SEGMENTS, "segment", source=source, field=field
-        )
-    labels = tuple(m.label for m in file.marker)
-    for label in labels:
-        if labels.count(label) > 1:
-            raise fault(f"marker '{label}' is there {labels.count(label)} times", "marker")
+    _check_entries(file, source)
+    labels, s = tuple(m.label for m in file.marker), file.subject
     measured = {f: (getattr(s, name), unit) for f, (name, unit) in _MEASURED.items()}
     return SubjectModel(
         subject=Subject(

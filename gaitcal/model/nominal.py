@@ -133,7 +133,7 @@ def nominal_model(
         subject, _measure_lengths(frames["pelvis"], centres)
     )
     parameters = Parameters(joint, inertial, zero)
-    # segments of the legs that may do without markers and of which none was seen
+    # segments of the legs that do not need markers, and without a visible one
     optional = [
         s
         for leg in linkage.LEGS.values()

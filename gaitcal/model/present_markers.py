@@ -235,14 +235,13 @@ def _assign_groups(
         - in_use
         - observed
     )
-    tracking = {
-        s: tuple(m for m in labels if m not in rejected)
-        for s, labels in marker_set.tracking.items()
-    }
-    static_only = {
-        s: tuple(m for m in labels if m not in rejected)
-        for s, labels in marker_set.static_only.items()
-    }
+
+    def keep(labels: tuple[str, ...]) -> tuple[str, ...]:
+        return tuple(m for m in labels if m not in rejected)
+
+    tracking = {segment: keep(labels) for segment, labels in marker_set.tracking.items()}
+    static_only = {segment: keep(labels) for segment, labels in marker_set.static_only.items()}
+    # medial markers are worn in the static trial only
     lasting = {m for name, group in landmarks.items() if "_med_" not in name for m in group}
     for segment, labels in marker_set.optional.items():
         there = tuple(m for m in labels if m in observed)
@@ -257,13 +256,13 @@ def _assign_groups(
             *(m for m in there if m not in always),
         )
     followed = {
-        s for s, labels in tracking.items() if any(marker_set.weight(m) > 0 for m in labels)
+        s for s, labels in tracking.items() if max(map(marker_set.weight, labels), default=0.0) > 0
     }
-    for segment in set(static_only) - followed:  # landmarks without a cluster
+    # segments with landmarks but without a cluster are tracked by their landmarks
+    for segment in set(static_only) - followed:
         tracking[segment] = (*tracking.get(segment, ()), *static_only.pop(segment))
-    return (
-        {s: labels for s, labels in table.items() if labels} for table in (tracking, static_only)
-    )
+    for table in (tracking, static_only):
+        yield {s: labels for s, labels in table.items() if labels}
 
 
 def _find_observed(recording: Recording) -> set[str]:

@@ -75,7 +75,7 @@ FARTHEST_GIVEN = 0.40
 regression misses hips by some 5 %, of the people here by 12 % at worst; the other side's hip lies
 75 % away."""
 DOUBTED_GIVEN, UNEVEN_GIVEN = 0.22, 0.15
-"""The same from which given hips are doubted, as Plug-in Gait's own lie up to 15 % off
+"""The same from which given hips are doubted, as Plug-in Gait's hips are up to 15 % off
 Harrington's; and how far the two may be from mirror images of each other."""
 PLAUSIBLE_SHARE = (0.6, 1.1)
 """Allowed distance between the ASIS as measured by hand over that between their markers: 0.86 to
@@ -465,42 +465,49 @@ def locate_joint_centre(
     return centre, z
 
 
+def _describe_inset(widths: JointWidths, joint: str, side: str) -> str:
+    """Describe the assumed distance of a joint centre from the lateral marker."""
+    inwards = f"{1e3 * widths.compute_inset(joint, side):.1f} mm inwards of the lateral marker's"
+    if not widths.is_measured(joint, side):
+        return f"{inwards}, in proportion to height"
+    assumed = "" if widths.marker_diameter is not None else " (assumed: not given)"
+    width, diameter = 1e3 * widths.measured[joint, side], 2e3 * widths.marker_radius
+    return (
+        f"{inwards}: half of the measured {width:.0f} mm and of the marker's {diameter:.0f} "
+        f"mm{assumed}"
+    )
+
+
+def _describe_axis(posture: StaticPosture, joint: str, side: str) -> str:
+    """Describe the axis of a joint without a medial marker."""
+    if posture.has(f"{joint}_axis_{side}"):
+        return "its axis is that of the knee alignment device, across the thigh"
+    if joint == "knee":
+        return "its axis is the pelvis's lateral direction across the thigh in the static posture"
+    return f"a tibial torsion of {np.rad2deg(TIBIAL_TORSION):.0f} deg is assumed"
+
+
 def describe_centres(posture: StaticPosture, widths: JointWidths) -> list[str]:
     """Describe centres and axes without a medial marker, and implausible measured widths."""
-
-    def place(joint: str, side: str) -> str:
-        inwards = (
-            f"{1e3 * widths.compute_inset(joint, side):.1f} mm inwards of the lateral marker's"
-        )
-        if not widths.is_measured(joint, side):
-            return f"{inwards}, in proportion to height"
-        assumed = "" if widths.marker_diameter is not None else " (assumed: not given)"
-        width, diameter = 1e3 * widths.measured[joint, side], 2e3 * widths.marker_radius
-        return (
-            f"{inwards}: half of the measured {width:.0f} mm and of the marker's {diameter:.0f} "
-            f"mm{assumed}"
-        )
-
-    def axis(joint: str, side: str) -> str:
-        if posture.has(f"{joint}_axis_{side}"):
-            return "its axis is that of the knee alignment device, across the thigh"
-        if joint == "knee":
-            return (
-                "its axis is the pelvis's lateral direction across the thigh in the static posture"
-            )
-        return f"a tibial torsion of {np.rad2deg(TIBIAL_TORSION):.0f} deg is assumed"
-
     notes: list[str] = []
     for joint in ("knee", "ankle"):
+        # one note for both sides if their descriptions are equal
         found: dict[tuple[str, str], list[str]] = {}
         for side in SIDES:
             if not posture.has(f"{joint}_med_{side}"):
-                found.setdefault((place(joint, side), axis(joint, side)), []).append(side)
+                how = _describe_inset(widths, joint, side), _describe_axis(posture, joint, side)
+                found.setdefault(how, []).append(side)
         for (at, along), sides in found.items():
             where = "both sides" if len(sides) == len(SIDES) else SIDE_WORDS[sides[0]]
             notes.append(
                 f"{joint}, {where}: no medial marker; its centre is assumed {at}, and {along}"
             )
+    return notes + _describe_unused_widths(widths)
+
+
+def _describe_unused_widths(widths: JointWidths) -> list[str]:
+    """Describe the measured widths that no person of this height has."""
+    notes: list[str] = []
     for (joint, side), width in widths.measured.items():
         if not widths.is_measured(joint, side):
             expected_mm = 2e3 * compute_half_width(joint, widths.height)

@@ -56,7 +56,7 @@ class Subject:
     """Facts of the person that the model depends on."""
 
     name: str
-    """Stands in every output; need not be the person's own."""
+    """Shown in every output; may be a pseudonym."""
     mass: float
     """kg."""
     height: float

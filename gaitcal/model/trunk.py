@@ -16,7 +16,7 @@ The shoulder centres lie, by what is known of the person,
    to height), each half the nominal subject's shoulder width from it, in proportion to height;
 4. straight above the lumbar joint as the person stands, at the nominal subject's height and width.
 
-Only 1 and 2 are measured. How the trunk then moves is what its markers say, however few
+Only 1 and 2 are measured. The motion of the trunk follows its markers, however few
 (`coordinate_prior.py`).
 
 A part without any marker is frozen: its place is assumed, its lengths are de Leva's, scaled by
@@ -227,9 +227,8 @@ def _project_horizontally(direction: Array) -> Array:
 
 
 RAISED_ARM = np.deg2rad(45.0)
-"""How far an arm may hang from the trunk's sagittal plane and still show its turn about its own
-length.
-"""
+"""Largest angle of an arm from the trunk's sagittal plane at which its rotation about its length is
+measured."""
 # distance of the elbow marker from the line shoulder-wrist, in half elbow widths, for the plane to
 # be used
 BENT_ELBOW = 1.5
