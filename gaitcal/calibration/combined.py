@@ -38,19 +38,18 @@ class CombinedProblem:
 
     problem: MotionProblem
     coefficients: Array  # (nn, nq) where phases 1 and 2 ended
-    wrench: Array | None = (
-        None  # (nf, 2, 6) ground reactions of a whole-body trial; None: markers only
-    )
-    valid: BoolArray | None = None  # (nf,) frames whose residual counts; None: all
+    # (nf, 2, 6) ground reactions of a whole-body trial; None: markers only
+    wrench: Array | None = None
+    # (nf,) frames whose residual counts; None: all
+    valid: BoolArray | None = None
 
 
 @dataclass(frozen=True)
 class CombinedSettings:
     """Weights and tolerances of the combined fit."""
 
-    load_share: float = (
-        0.005  # s: standard deviation of F / BW and of T / (BW H) that measurement alone explains
-    )
+    # s: standard deviation of F / BW and of T / (BW H) that measurement alone explains
+    load_share: float = 0.005
     spread: ConsistentSettings = field(default_factory=ConsistentSettings)
     descent: DescentSettings = DESCENT
 

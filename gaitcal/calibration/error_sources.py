@@ -53,9 +53,8 @@ class ErrorSources:
 
     free: tuple[str, ...]
     parameters: Array  # (np, nc) d p_c, m and rad
-    clusters: tuple[
-        str, ...
-    ]  # (nc,) names of the sources: `markers/trial/number`, `skin/column`, `nominal/parameter`
+    # (nc,) names of the sources: `markers/trial/number`, `skin/column`, `nominal/parameter`
+    clusters: tuple[str, ...]
 
     @property
     def covariance(self) -> Array:
@@ -275,10 +274,10 @@ class CoefficientErrors:
 class MarkerScores:
     """Effects of one trial's marker coordinates on its motion."""
 
-    coefficients: (
-        Array  # (nn * nq, own) n_c: what the own coordinates do, the joint parameters being known
-    )
-    sensitivity: Array  # (nn * nq, np) S = - d N / d p, joint parameters before soft tissue
+    # (nn * nq, own) n_c: what the own coordinates do, the joint parameters being known
+    coefficients: Array
+    # (nn * nq, np) S = - d N / d p, joint parameters before soft tissue
+    sensitivity: Array
     clusters: tuple[str, ...]
     """(own,) which source each column is: `trial/label/axis`, `bandwidth/trial`,
     `posture/trial/number`.
@@ -295,14 +294,15 @@ class MarkerScores:
 class MotionSensitivity:
     """Error sources of one trial's motion: its markers, and unknowns that trials share."""
 
-    coefficients: (
-        Array  # (nn * nq, own) n_c: what the own coordinates do, the joint parameters being known
-    )
-    sensitivity: Array  # (nn * nq, np) S = - d N / d p, joint parameters before soft tissue
+    # (nn * nq, own) n_c: what the own coordinates do, the joint parameters being known
+    coefficients: Array
+    # (nn * nq, np) S = - d N / d p, joint parameters before soft tissue
+    sensitivity: Array
     shift: Array
     """(np, nc) d p_c of the free joint parameters, then of the skin. The columns of a source are np
     or fewer with the same covariance."""
-    trial_sources: tuple[ErrorSource, ...]  # (own,) of the columns of `coefficients`
+    # (own,) of the columns of `coefficients`
+    trial_sources: tuple[ErrorSource, ...]
     shared_sources: tuple[ErrorSource, ...]  # (nc,) of the columns of `shift`
 
     @cached_property

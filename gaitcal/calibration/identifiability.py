@@ -24,7 +24,8 @@ from gaitcal.model.parameters import JOINT_PARAMETERS, JP_INDEX, ParameterKind, 
 from gaitcal.tracking import motion, rigid, trial_problem
 from gaitcal.tracking.start import starting_nodes
 
-LARGEST_POSITION = 0.020  # m, standard error above which a joint position counts as not determined
+# m, standard error above which a joint position counts as not determined
+LARGEST_POSITION = 0.020
 LARGEST_ORIENTATION = np.deg2rad(20.0)  # rad, the same for an axis' direction
 # rad, range of motion that determines the axis of a joint (Reinbolt et al. 2007)
 NEEDED_RANGE = np.deg2rad(25.0)

@@ -44,7 +44,8 @@ from gaitcal.tracking.motion import Motion
 
 RESEED_CHANGE = 1e-3
 """The published stop: RMS residuals change by less than 0.1 %."""
-MOST_SEEDS = 200  # re-seeds and repetitions before a fit counts as not converged
+# re-seeds and repetitions before a fit counts as not converged
+MOST_SEEDS = 200
 NOISE_CHANGE = 1e-3
 """Relative change of the pelvis residual's noise at which the repetition stops."""
 

@@ -59,7 +59,8 @@ from gaitcal.tracking import spline, trial_problem
 BLOCK = 500  # Frames whose changes are held at once
 # Knot spans of the refit for the bandwidth error, over those of the motion: half an octave
 COARSER_SPANS = np.sqrt(2.0)
-STRONG = float(np.log(20.0))  # ln K from which the inertial parameters move: odds of 20 to 1
+# ln K from which the inertial parameters move: odds of 20 to 1
+STRONG = float(np.log(20.0))
 # Part of the largest variance of the scores below which a direction of x makes no residual at all
 NULL_DIRECTION = 1e-10
 
@@ -80,12 +81,12 @@ class PlateNoise:
 class LoadedProblem:
     """A gait trial with its motion and its ground reactions."""
 
-    problem: trial_problem.MotionProblem  # Of the whole body, with the skin that moves
+    # Of the whole body, with the skin that moves
+    problem: trial_problem.MotionProblem
     coefficients: Array  # (nn, 27)
     reactions: GroundReactions
-    scores: MarkerScores | None = (
-        None  # Of its markers, where known already (`compute_marker_scores`)
-    )
+    # Of its markers, where known already (`compute_marker_scores`)
+    scores: MarkerScores | None = None
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -30,7 +30,8 @@ marker about as far.
 class JointSettings:
     """Bounds and tolerances of a joint-parameter calibration."""
 
-    position_bound: float = np.inf  # m, largest distance of a position from its nominal value
+    # m, largest distance of a position from its nominal value
+    position_bound: float = np.inf
     orientation_bound: float = np.inf  # rad, the same for orientations
     tolerance: float = 1e-11
     """Relative tolerance on cost and parameters: with 1e-10 a hardly determined subtalar axis ends
@@ -50,10 +51,10 @@ class JointFit:
     """Result of a fit of joint parameters, with its state for error estimates."""
 
     free: tuple[str, ...]
-    keys: tuple[
-        str, ...
-    ]  # Columns of the soft tissue, `kind/regressor/segment/component`, kind by kind
-    values: Array  # (np + nz,) m, rad of `free`; then those of the soft tissue, m, rad
+    # Columns of the soft tissue, `kind/regressor/segment/component`, kind by kind
+    keys: tuple[str, ...]
+    # (np + nz,) m, rad of `free`; then those of the soft tissue, m, rad
+    values: Array
     parameters: Parameters
     state: ReducedState
     iterations: int

@@ -75,7 +75,8 @@ from gaitcal.tracking.trial_problem import MotionProblem
 
 BY_EVIDENCE = JointSettings(tolerance=1e-7)
 """Far below the error bars; an axis that trials hardly determine is held by its prior."""
-FIRST_NOISE, MEMORY_S = 0.010, 0.1  # m, s: noise before any is known, and how long it lasts
+# m, s: noise before any is known, and how long it lasts
+FIRST_NOISE, MEMORY_S = 0.010, 0.1
 ROUNDS = 3  # Fits after which the noise of every trial is found anew
 NOISE_TOLERANCE = 1e-4
 """Relative tolerance of those: the nu of a walk's legs, trunk and single joints are then within 2 %
@@ -84,9 +85,8 @@ known to 7 %."""
 WIDE_M, WIDE_RAD = 0.020, np.deg2rad(10.0)
 """m, rad: how far joints may lie from nominal places where noise is sought, and what directions are
 measured by where nothing is expected: further than anatomy has them."""
-DETERMINED = (
-    4.0  # Information of trials over that of the prior from which they determine a direction
-)
+# Information of trials over that of the prior from which they determine a direction
+DETERMINED = 4.0
 
 Tasks = Mapping[str, Sequence[MotionProblem]]
 """Kind of task, `gait` or the joint that isolated trials move -> trials, with the soft tissue that
@@ -98,13 +98,15 @@ class JointEstimate(JointFit):
     """Joint parameters, soft tissue and motions fitted together, with their errors."""
 
     noise: tuple[float, ...]  # m, sqrt(f) nu of every trial
-    effective_trials: dict[str, float]  # Kind of task -> f, where several trials have it
+    # Kind of task -> f, where several trials have it
+    effective_trials: dict[str, float]
     # The factor b on standard errors by which kinds of task disagree; 1 where their errors explain
     # it
     birge_ratio: float
     # Parameters that the markers determined, rather than the priors: trace of H^-1 sum S_t
     effective_parameters: float
-    information: Array  # (np, np) of p by the markers, and the prior of soft tissue, alone
+    # (np, np) of p by the markers, and the prior of soft tissue, alone
+    information: Array
     covariance: Array
     """(np, np) of p by noise and priors; zero along directions that neither of them determines."""
     tissue_errors: Array

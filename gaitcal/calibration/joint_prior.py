@@ -323,7 +323,8 @@ def make_study_prior(
 
 
 UNCORRELATED = 0.05  # Autocorrelation below which the sum ends
-LONGEST_LAG = 1.0 / 3.0  # Of the trial: beyond, too few pairs of frames are left
+# Of the trial: beyond, too few pairs of frames are left
+LONGEST_LAG = 1.0 / 3.0
 # Smallest share of the independent samples that is left after the parameters are taken off
 LEAST_SAMPLES = 0.3
 # Share of the largest eigenvalue below which markers do not determine a direction
@@ -336,7 +337,8 @@ LEAST_ERROR, MEMORY_S = 5e-5, 0.25
 class ForbiddenNoise:
     """Noise of one trial in the directions that its joints forbid."""
 
-    variance: float  # m^2, tau times the mean square of d per direction and frame
+    # m^2, tau times the mean square of d per direction and frame
+    variance: float
     samples: float  # n, independent ones
 
 
@@ -479,7 +481,8 @@ def _project_on_rigid_motions(
         size = max(float(np.sqrt(np.mean(arm**2))), 1e-6)
         pattern = together((arm / size).reshape(-1, 3)).reshape(*arm.shape[:2], 3, -1)
         columns = (np.sqrt(weight)[:, :, None, None] * pattern).transpose(1, 0, 2, 3)
-        columns = columns.reshape(residual.shape[-1], -1, pattern.shape[-1])  # (nf, 3 nm, 6)
+        # (nf, 3 nm, 6)
+        columns = columns.reshape(residual.shape[-1], -1, pattern.shape[-1])
         values, vectors = np.linalg.eigh(columns.transpose(0, 2, 1) @ columns)
         kept = values > RANK_TOLERANCE * values[:, -1:]
         inverse = np.where(kept, 1.0 / np.where(kept, values, 1.0), 0.0)

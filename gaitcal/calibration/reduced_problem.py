@@ -55,7 +55,8 @@ FIRST_GAIN = 0.1
 """What the first motion's last step may gain by, as a part of its cost, before full equations take
 over.
 """
-NULL = 1e-12  # Share of the largest eigenvalue of S below which an eigenvalue counts as zero
+# Share of the largest eigenvalue of S below which an eigenvalue counts as zero
+NULL = 1e-12
 TISSUE_GAIN = 1e-7
 """Part of the cost of its kind below which a step of soft tissue is the last, as SciPy ends where
 that of all falls by no more."""
@@ -69,9 +70,8 @@ COST_FALLEN_TO = 0.5
 class Matrices:
     """Normal equations of a trial at one point, coefficients eliminated; reused at points nearby."""
 
-    values: (
-        Array  # (nx_t,) the unknowns of this trial, joint parameters first, where they were formed
-    )
+    # (nx_t,) the unknowns of this trial, joint parameters first, where they were formed
+    values: Array
     coefficients: Array  # (nn, nq) where they were formed
     eliminated: Elimination
 
@@ -219,7 +219,8 @@ class ReducedState:
     p: Array
     kinds: tuple[EliminatedKind, ...]
     trials: tuple[MotionState, ...]
-    cost: float  # m^2 (as shares have no unit), markers and the prior of soft tissue
+    # m^2 (as shares have no unit), markers and the prior of soft tissue
+    cost: float
     total: float  # m^2, that of the joint parameters besides
     hessian: Array  # (np, np) S of the markers, soft tissue following
     gradient: Array  # (np,) half gradient of the same
@@ -529,7 +530,8 @@ class ReducedProblem:
         nearly = replace(self.settings, gain=max(self.settings.gain, CORRECTOR.gain))
         kept: Matrices | None = None
         if near is None:
-            damped = self.settings.first_damping > 0.0  # then a small gain may be the damping's
+            # then a small gain may be the damping's
+            damped = self.settings.first_damping > 0.0
             about = self.settings if damped else replace(nearly, gain=max(nearly.gain, FIRST_GAIN))
             predicted = track_nodes(
                 fixed, fixed.body(self._get_trial_parameters(t, values)), self.starts[t], about

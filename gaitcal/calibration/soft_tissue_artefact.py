@@ -20,7 +20,7 @@ For all other angles u_c is the RMS of phi_c - phi_c(static) in all trials of th
 deg), the mean is zero, all markers of a segment shift together, turn together about their middle,
 and move each by itself:
 
-    z_c ~ N(0, s^2 Sigma),   Sigma = B diag(shift^2, turn^2) B^T + per_marker^2 I,   B = [1, -(l - c) x] for each marker,
+    z_c ~ N(0, s^2 Sigma),   Sigma = B diag(shift^2, turn^2) B^T + per_marker^2 I,  B = [1, -(l - c) x] for each marker,
 
 What the markers do each by themselves is part rigid, (B^T B)^-1 B^T z_c, and part deformation,
 which turns and shifts no segment. Markers show the deformation whatever the joints do. So it is
@@ -133,7 +133,8 @@ adds load.
 """
 # Standard deviation of ln s among people: their sizes are known to a factor of two
 LOG_SPREAD = 0.7
-SEGMENT_SPREAD = 0.7  # The same of ln s_j about ln s among the segments of a person
+# The same of ln s_j about ln s among the segments of a person
+SEGMENT_SPREAD = 0.7
 SCALES = np.geomspace(0.005, 4.0, 41)  # Grid of s for the integrals
 SQUARES = "^2"  # Ends the name of a regressor psi^2
 FROM_BONES = "knee_angle"
@@ -151,7 +152,8 @@ people show.
 TRUSTED = 0.5
 """Share of its largest weight below which a robust loss has rejected a marker; and share of the
 frames below which a marker is left out if three others are visible more often."""
-TINY = 1e-12  # Mean square of an angle over its unit below which it does not move at all
+# Mean square of an angle over its unit below which it does not move at all
+TINY = 1e-12
 PAIR = 2  # Markers of which nothing but their distance shows how they deform
 OBSERVED_RANK = 1e-9
 """Part of the largest diagonal entry of a QR factor below which an angle adds nothing to those
@@ -182,7 +184,8 @@ class AngleUnit:
     """Unit in which an angle moves soft tissue in a kind of task."""
 
     size: float  # rad, RMS from the static posture
-    bend: float  # what the angle over `size` explains of its square, by least squares
+    # what the angle over `size` explains of its square, by least squares
+    bend: float
 
 
 def compute_angle_units(
@@ -499,7 +502,8 @@ class ObservedDeformation:
     right: Array  # (3 nr nm,) 1/m, b
     expected: Array  # (nr, 3 nm) m at s = 1
     covariance: Array  # (nr, 3 nm, 3 nm) m^2 about that, at s = 1
-    rigid_covariance: Array  # (nr, 6, 6) m^2, m rad, rad^2 of the rigid part of that
+    # (nr, 6, 6) m^2, m rad, rad^2 of the rigid part of that
+    rigid_covariance: Array
     pattern: Array  # (nm, 3, 6) B
 
     @property
@@ -570,7 +574,8 @@ class ClusterTissue:
     """Posterior of the artefact of one segment in one kind of task, given its deformation."""
 
     names: tuple[str, ...]  # (nr,) `kind/regressor`
-    mean: Array  # (6 nr,) m, rad, of the rigid part about what was expected before
+    # (6 nr,) m, rad, of the rigid part about what was expected before
+    mean: Array
     covariance: Array  # (6 nr, 6 nr) of the rigid part
     deformation: Array  # (nr, nm, 3) m
 
@@ -706,7 +711,8 @@ def _compute_deformation(
         followed = np.einsum("fij,mj->mif", fit.rotation, local) + fit.origin.T
         left = np.einsum("fij,mif->mjf", fit.rotation, data.measured[used] - followed)
     errors = left.reshape(3 * len(used), -1).T[whole]  # (frames, 3 used)
-    errors = errors - errors.mean(axis=0)  # where a marker lies is not how it moves
+    # where a marker lies is not how it moves
+    errors = errors - errors.mean(axis=0)
     psi = psi - psi.mean(axis=1, keepdims=True)
     rigid = _find_rigid_directions(
         soft_tissue.together(local - local.mean(axis=0)).reshape(-1, soft_tissue.WIDTH)
@@ -900,13 +906,12 @@ class TaskTissue:
     """Soft tissue of the markers of each trial, with its prior."""
 
     kinds: Mapping[str, str]  # Trial -> kind of task
-    regressors: Mapping[
-        str, Mapping[str, Array]
-    ]  # Trial -> coordinate -> (nf,) psi of the joints that its task moves
-    scales: Mapping[str, SoftTissueScale]  # Kind of task -> how soft the person is there
-    secondary: Mapping[
-        str, soft_tissue.SecondaryColumns
-    ]  # Trial of gait -> what knees do besides flexing
+    # Trial -> coordinate -> (nf,) psi of the joints that its task moves
+    regressors: Mapping[str, Mapping[str, Array]]
+    # Kind of task -> how soft the person is there
+    scales: Mapping[str, SoftTissueScale]
+    # Trial of gait -> what knees do besides flexing
+    secondary: Mapping[str, soft_tissue.SecondaryColumns]
     nominal: Parameters
     table: SkinTable
     units: Mapping[str, AngleUnit] = field(default_factory=dict)

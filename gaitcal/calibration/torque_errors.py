@@ -156,7 +156,8 @@ class ForceErrors:
 class Variances:
     """Variances of the forces of some frames, and of powers and moments (`kinetic_slopes`)."""
 
-    torques: dict[measurement_errors.ErrorSource, Array]  # (frames, 29) by source
+    # (frames, 29) by source
+    torques: dict[measurement_errors.ErrorSource, Array]
     kinetics: Array  # (frames, 91) of all sources together
     trial_markers: Array  # (frames, 91) of the trial's own markers
 

@@ -145,7 +145,8 @@ class _Foot:
     by_sole: float
     by_markers: float
     by_file: float | None
-    slope: float  # rad, of the line from heel to toe marker; positive: the toe marker is higher
+    # rad, of the line from heel to toe marker; positive: the toe marker is higher
+    slope: float
     heel: float  # m, height of the heel marker
     toe: float  # m, height of the toe marker
 

@@ -37,7 +37,8 @@ from gaitcal.model.linkage import SEGMENT_TABLE, SIDES, get_segment
 from gaitcal.model.parameters import IP_NAMES, MASSIVE_SEGMENTS, Parameters, view_as_table
 from gaitcal.model.subject_model import Subject
 
-CHILD_HEIGHT = 1.45  # m; few adults are shorter, and most children before puberty are
+# m; few adults are shorter, and most children before puberty are
+CHILD_HEIGHT = 1.45
 YOUTH_HEIGHT, YOUTH_MASS = 1.60, 50.0
 """m and kg: a person below both may be a child of 10 to 14 years. The median child exceeds both
 shortly before the 14th birthday (2000 CDC Growth Charts, Vital Health Stat 11(246), 2002). Some
@@ -123,7 +124,8 @@ class BodyLengths:
     """
     # (2,) anterior and superior coordinate of the middle of the hip centres in the pelvis frame
     hip_centre: Array
-    lumbar_above_hips: float  # from there up to the lumbar joint, along the pelvis's y
+    # from there up to the lumbar joint, along the pelvis's y
+    lumbar_above_hips: float
 
 
 @dataclass(frozen=True)

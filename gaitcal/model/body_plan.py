@@ -91,17 +91,16 @@ SIDE_DISTANCES: dict[str, tuple[float, float]] = {
     "toe": (0.16, 0.07),
 }
 """Landmark -> mean and sd of how far its right lies to the right of its left, share of height."""
-HIP_HEIGHT = (
-    0.53,
-    0.035,
-)  # Height of the ASIS above the lateral malleoli, share of height: mean and sd
+# Height of the ASIS above the lateral malleoli, share of height: mean and sd
+HIP_HEIGHT = (0.53, 0.035)
 BOW_DEG, BEND_DEG = 2.5, 5.0
 """sd of the difference between right and left of the angle at the lateral knee, from the front and
 from the side.
 """
 LINES_DEG = {("asis", "knee_lat"): 4.0, ("knee_lat", "ankle_lat"): 4.0}
 """sd of the angle from above between the lines from left to right through two landmarks."""
-AXIS_DEG = 11.0  # sd of the difference between right and left of a joint's line, seen from above
+# sd of the difference between right and left of a joint's line, seen from above
+AXIS_DEG = 11.0
 JOINT_ROTATION_DEG = 8.0
 """Standard deviation about each axis. Torsion of the tibia scatters by 8 deg, version of the femur
 by 9 (Strecker et al. 1997), the line of the leg from the front by 2 to 3, all more in patients."""
@@ -132,7 +131,8 @@ class LandmarkMeasure:
     sd: float
     landmarks: tuple[str, ...]  # Which it depends on most
     unit: str = "mm"
-    absolute: bool = False  # A length against people of that height, and not right against left
+    # A length against people of that height, and not right against left
+    absolute: bool = False
     postural: bool = False  # Depends on how the person stands
 
     @property

@@ -54,15 +54,14 @@ class Coordinate:
     title: str  # `Hip flexion`
     angle: str  # what a positive angle means: `flexion`
     moment: str  # what a positive internal moment does: `flexor`
-    senses: tuple[str, str] | None = (
-        None  # what positive and negative values mean, of angles and of moments
-    )
-    clinical: ClinicalSense | None = None  # with clinical signs, where they are others
+    # what positive and negative values mean, of angles and of moments
+    senses: tuple[str, str] | None = None
+    # with clinical signs, where they are others
+    clinical: ClinicalSense | None = None
     # first word of the Plug-in Gait point that holds it: `Hip` of `RHipAngles`; empty: none does
     point: str = ""
-    usual: tuple[
-        float, float
-    ]  # deg: living people stay within, for sliders of other programs; contains Rajagopal's
+    # deg: living people stay within, for sliders of other programs; contains Rajagopal's
+    usual: tuple[float, float]
     wall: tuple[float, float] | None = None
     """deg from the static posture, how far the joint may turn in tracking. Passive ranges of
     adults: hip adduction 30 and abduction 45, rotation 45 each way, dorsiflexion 20, plantarflexion
@@ -83,7 +82,8 @@ class CoordinateGroup:
     """A joint, with the coordinates that are shown together."""
 
     title: str
-    power: str  # its power over all axes, as in `powers/TRIAL.csv`; empty: it has none
+    # its power over all axes, as in `powers/TRIAL.csv`; empty: it has none
+    power: str
 
 
 GROUPS: Final = {
@@ -259,9 +259,8 @@ class JointNames:
     centre: str = ""  # landmark that is its centre, without the side: `hjc`; empty: it has none
     power: str  # joint whose power includes its power: `ankle` of `subtalar`
     landmarks: str = "the landmarks"  # landmarks that define its position
-    markers: str = (
-        "the markers of the segments beside it"  # what to look at where it lies elsewhere
-    )
+    # what to look at where it lies elsewhere
+    markers: str = "the markers of the segments beside it"
 
 
 # fmt: off

@@ -197,7 +197,8 @@ class Kinematics:
             values = body.fill_configurations(q[part])
             if secondary is not None:
                 for name, joints in chain.at_secondary.items():
-                    if name in secondary.amounts:  # not of a knee that no marker shows
+                    # not of a knee that no marker shows
+                    if name in secondary.amounts:
                         values[:, joints] = secondary.amounts[name][:, part].T
             frames = _place_moving(body, np.ascontiguousarray(values[:, order.moving].T))
             self.segments[..., part] = _place_on_bases(of_segments, frames[order.segment_base])

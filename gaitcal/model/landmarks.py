@@ -44,19 +44,20 @@ class StaticPosture:
     """Mean positions in the still window of the static trial, laboratory."""
 
     source: str
-    markers: Mapping[str, Array]  # label -> (3,) m, for every visible marker of the set
-    landmarks: Mapping[
-        str, Array
-    ]  # landmark -> (3,) m, for every landmark whose markers were all visible
-    absent: Mapping[
-        str, tuple[str, ...]
-    ]  # landmark of the set -> its markers that were not visible
-    notes: tuple[str, ...] = ()  # landmarks that no marker shows, and how they were guessed
+    # label -> (3,) m, for every visible marker of the set
+    markers: Mapping[str, Array]
+    # landmark -> (3,) m, for every landmark whose markers were all visible
+    landmarks: Mapping[str, Array]
+    # landmark of the set -> its markers that were not visible
+    absent: Mapping[str, tuple[str, ...]]
+    # landmarks that no marker shows, and how they were guessed
+    notes: tuple[str, ...] = ()
     hips: Mapping[str, Array] = field(default_factory=dict)
     """Side -> (3,) m: hip centres that the file itself has, measured or computed by another
     program.
     """
-    hip_labels: Mapping[str, str] = field(default_factory=dict)  # side -> what they are called
+    # side -> what they are called
+    hip_labels: Mapping[str, str] = field(default_factory=dict)
 
     def has(self, *names: str) -> bool:
         """Return whether all these landmarks are available."""
@@ -302,7 +303,8 @@ def check_plausible(posture: StaticPosture, height: float) -> None:
 EQUAL_SIDES = 0.15
 """Share by which the distances between the three markers may differ from their mean. Real devices
 are within 0.01; a triangle of other markers is not equilateral."""
-DEVICE_SIZE_M = (0.05, 0.25)  # m, allowed distance between the three; the usual device has 0.134
+# m, allowed distance between the three; the usual device has 0.134
+DEVICE_SIZE_M = (0.05, 0.25)
 
 
 def locate_device_corner(

@@ -34,10 +34,10 @@ class Segment:
     short: str = ""  # as joint parameters name it, where that is another name: `upperarm`
     title: str = ""  # name for people if it differs: `head and trunk`
     paired: bool = True  # there is one of each side
-    markers: bool = True  # markers can sit on it, and so soft tissue between them and the bone
-    needed: bool = (
-        False  # a segment of a leg without whose markers there are no joint torques of that leg
-    )
+    # markers can sit on it, and so soft tissue between them and the bone
+    markers: bool = True
+    # a segment of a leg without whose markers there are no joint torques of that leg
+    needed: bool = False
     parts: tuple[str, ...] = ()
     """Rows of `models/de_leva_1996.json` in it, from which it has its inertia; none: it is
     massless.
@@ -93,7 +93,8 @@ class Element:
     """One elementary motion: a translation along, or a rotation about, one axis by sign * value."""
 
     rotates: bool
-    axis: int  # 0, 1, 2: x, y, z of the frame that the elements before have moved
+    # 0, 1, 2: x, y, z of the frame that the elements before have moved
+    axis: int
     sign: float
     source: Source
     name: str  # of the coordinate, joint parameter or zero angle

@@ -82,7 +82,8 @@ PARTNER: dict[str, str] = {
     for one, other in (("heel", "toe"), ("toe", "heel"))
 }
 """Landmark of a foot -> the one from which it is guessed where no marker shows it."""
-PELVIS_NEEDS = 3  # markers of the pelvis, from which the pose of the body starts
+# markers of the pelvis, from which the pose of the body starts
+PELVIS_NEEDS = 3
 DEVICE_MARKERS = 3  # of a knee alignment device
 NO_REASON = "weight of the study"  # stands as the reason of weights that a study gave without one
 _GIRDLE = "the moving shoulder girdle, which the model lacks, carries the arm"
@@ -352,18 +353,14 @@ class MarkerSet(Displayed):
 class Coverage:
     """Part of a marker set that the labels of a file have."""
 
-    required_missing: tuple[
-        str, ...
-    ]  # landmarks without which there is no model, and that no marker of the file gives
-    landmarks: Mapping[
-        str, tuple[str, ...]
-    ]  # that the file gives -> the markers whose mean each is, by preference
-    tracked: Mapping[
-        str, tuple[str, ...]
-    ]  # segment -> markers of the file that follow it, of segments that have some
-    bare: tuple[
-        str, ...
-    ]  # segments of pelvis and legs that nothing follows (pelvis: fewer than three markers)
+    # landmarks without which there is no model, and that no marker of the file gives
+    required_missing: tuple[str, ...]
+    # that the file gives -> the markers whose mean each is, by preference
+    landmarks: Mapping[str, tuple[str, ...]]
+    # segment -> markers of the file that follow it, of segments that have some
+    tracked: Mapping[str, tuple[str, ...]]
+    # segments of pelvis and legs that nothing follows (pelvis: fewer than three markers)
+    bare: tuple[str, ...]
     unknown: tuple[str, ...]  # markers of the file that the set does not know
     score: float
     """Share of the file's labels that the set knows, 0 to 1, and 1 more where the set is complete

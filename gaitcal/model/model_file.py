@@ -27,8 +27,10 @@ from gaitcal.model.subject_model import (
 )
 
 FORMAT = 1
-PRECISION = 60  # decimal digits of products and quotients: far more than a double has
-MOST_DIGITS = 21  # digits of a written number: 17 distinguish doubles, units cost a few
+# decimal digits of products and quotients: far more than a double has
+PRECISION = 60
+# digits of a written number: 17 distinguish doubles, units cost a few
+MOST_DIGITS = 21
 # Largest decimal exponent: within the range of doubles in every unit
 LARGEST_EXPONENT = 300
 _EXACT = Context(prec=PRECISION, Emin=-(10**6), Emax=10**6)

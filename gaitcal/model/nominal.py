@@ -50,8 +50,10 @@ __all__ = ["AnkleZero", "HipCentre", "nominal_model", "published_model"]
 TALOCRURAL_FRONT = np.deg2rad(7.3)  # 90 - 82.7 deg, Inman 1976
 SUBTALAR_TRANS, SUBTALAR_SAG = np.deg2rad(23.0), np.deg2rad(42.0)  # Inman 1976
 SUBTALAR_BELOW = 0.010  # m below the talocrural axis, along the talus's y
-_ROUNDING = 1e-13  # m or rad: a smaller parameter is zero by construction, and is set to zero
-PELVIS_MARKERS_NEEDED = 3  # markers of the pelvis, the free base segment of the linkage
+# m or rad: a smaller parameter is zero by construction, and is set to zero
+_ROUNDING = 1e-13
+# markers of the pelvis, the free base segment of the linkage
+PELVIS_MARKERS_NEEDED = 3
 RAISED_ARM_WEIGHT = 0.1
 """Factor of the weights of shoulder and arm markers where the arm is raised sideways in the static
 trial: the acromion is then some 40 mm higher and nearer to the neck than in walking."""
@@ -280,9 +282,8 @@ def _place_markers(
         present = [label for label in tracking if label in posture.markers]
         missing = [label for label in tracking if label not in posture.markers]
         kept = sum(weight(label) > 0 for label in present)
-        needed = (
-            PELVIS_MARKERS_NEEDED if segment == "pelvis" else 1
-        )  # whether the joints tell the rest: quality/marker_checks.py
+        # whether the joints tell the rest: quality/marker_checks.py
+        needed = PELVIS_MARKERS_NEEDED if segment == "pelvis" else 1
         if kept < needed and segment in ("pelvis", *linkage.LEG_SEGMENTS):
             lost = ", ".join(f"'{label}'" for label in missing if weight(label) > 0)
             why = (

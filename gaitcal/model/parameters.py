@@ -48,9 +48,8 @@ IP_TO_SI: Array = np.array(
 class InertialSet:
     """Free variables x of an IP calibration: IPs = selection @ x; others keep their values."""
 
-    names: tuple[
-        str, ...
-    ]  # of the free variables: `pelvis.mass`, `thigh.com.sup`, ... or the IP names (all)
+    # of the free variables: `pelvis.mass`, `thigh.com.sup`, ... or the IP names (all)
+    names: tuple[str, ...]
     selection: Array
     """(ni, n): column k holds the factors (1, or -1 for a mirrored coordinate) with which variable
     k enters the IPs.
@@ -205,7 +204,8 @@ class JointParameter:
     joint: str  # `hip_r`, `back`, ...
     segment: str  # in whose frame it is measured: `pelvis`, `thigh_r`, ...
     kind: ParameterKind
-    axis: int  # 0, 1, 2: the coordinate (position) or the axis turned about (orientation)
+    # 0, 1, 2: the coordinate (position) or the axis turned about (orientation)
+    axis: int
 
     @property
     def mirrored(self) -> bool:

@@ -379,9 +379,8 @@ class JointWidths:
     measured: Mapping[tuple[str, str], float] = field(default_factory=dict)
     """(`knee` or `ankle`, side) -> m across the joint."""
     marker_diameter: float | None = None  # m; None if not given
-    asis_distance: float | None = (
-        None  # m between the ASIS, measured by hand, for the hips; None if not given
-    )
+    # m between the ASIS, measured by hand, for the hips; None if not given
+    asis_distance: float | None = None
 
     @classmethod
     def from_subject(cls, subject: Subject) -> "JointWidths":
@@ -526,7 +525,8 @@ class LowerBody:
     """Frames and joint centres of pelvis and legs, laboratory."""
 
     frames: dict[str, Frame]  # segment -> frame; no talus
-    centres: dict[str, Array]  # `hjc_r kjc_r ajc_r` (and `_l`), `lumbar`: (3,) m in the laboratory
+    # `hjc_r kjc_r ajc_r` (and `_l`), `lumbar`: (3,) m in the laboratory
+    centres: dict[str, Array]
     notes: tuple[str, ...]
 
 

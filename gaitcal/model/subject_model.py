@@ -102,7 +102,8 @@ class MarkerPlacement:
     labels: tuple[str, ...]
     segments: tuple[str, ...]  # name of the segment of each marker
     local: Array  # (nm, 3) m, in the segment frame
-    weight: Array  # (nm,) >= 0; a marker with weight 0 is reported but does not pull
+    # (nm,) >= 0; a marker with weight 0 is reported but does not pull
+    weight: Array
 
     def find_markers(self, segment: str, labels: Collection[str]) -> list[int]:
         """Find the indices of markers on a segment among `labels`."""

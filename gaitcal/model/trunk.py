@@ -68,7 +68,8 @@ SHOULDER_BELOW_ACROMION = 0.17
 """Of the distance between the acromia, along the trunk: Rab, Petuskey and Bagley, Gait & Posture 15
 (2002).
 """
-SHOULDER_UP, SHOULDER_OUT = 0.3519, 0.165  # m from the lumbar joint in the nominal subject
+# m from the lumbar joint in the nominal subject
+SHOULDER_UP, SHOULDER_OUT = 0.3519, 0.165
 _LANDMARK_TITLES = {
     "c7": "C7",
     "t10": "T10",
@@ -241,10 +242,10 @@ class UpperBody:
     frames: dict[str, axes.Frame]
     centres: dict[str, Array]  # `sjc ejc wjc` of both sides, (3,) m
     shoulder_turn: dict[str, float]  # side -> `shoulder.upperarm.trans`, rad
-    elbow_axis: dict[
-        str, Array
-    ]  # side -> (3,) direction in the laboratory of the elbow's axis as the forearm has it
-    raised: tuple[str, ...]  # sides whose arm is raised sideways in the static trial
+    # side -> (3,) direction in the laboratory of the elbow's axis as the forearm has it
+    elbow_axis: dict[str, Array]
+    # sides whose arm is raised sideways in the static trial
+    raised: tuple[str, ...]
     frozen_segments: tuple[str, ...]
     notes: tuple[str, ...]
 
