@@ -229,7 +229,20 @@ class LoadedMotion:
 
     @staticmethod
     def from_motion(motion: Motion, reactions: GroundReactions) -> "LoadedMotion":
-        """Combine a tracked motion with its ground reactions."""
+        """Combine a tracked motion with its ground reactions.
+
+        Parameters
+        ----------
+        motion : Motion
+            The tracked motion.
+        reactions : GroundReactions
+            Ground reactions on the feet.
+
+        Returns
+        -------
+        LoadedMotion
+            States (m, rad and rates) and wrenches (N, N·m).
+        """
         state = motion.q, motion.velocity, motion.acceleration
         return LoadedMotion(state=state, wrench=reactions.wrench, valid=reactions.valid)
 

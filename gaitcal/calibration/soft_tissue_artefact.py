@@ -22,27 +22,26 @@ and move each by itself:
 
     z_c ~ N(0, s^2 Sigma),   Sigma = B diag(shift^2, turn^2) B^T + per_marker^2 I,  B = [1, -(l - c) x] for each marker,
 
-What the markers do each by themselves is part rigid, (B^T B)^-1 B^T z_c, and part deformation,
-which turns and shifts no segment. Markers show the deformation whatever the joints do. So it is
-conditioned on first: with Q and b as below, V the covariance of z at this person's s and m its
-mean,
+z_c has a rigid part, (B^T B)^-1 B^T z_c, and a deformation, which neither rotates nor translates a
+segment. Markers show the deformation independently of the joints, so z is conditioned on it first.
+With Q and b as below, V the covariance of z at this person's s and m its mean,
 
     z | deformation ~ N(m + C (b - Q m), C),        C = (V^-1 + Q)^-1.
 
-The deformation of that mean is where a fit has the markers, in axes that turn with the cluster. A
-fit has six unknowns a regressor and segment besides (`tracking/soft_tissue.py`), with the rigid
-part of that mean and covariance as their prior. A deformation that is expected and does not come is
-a strain of the linkage: it moved hips of children by 8 mm.
+A fit displaces the markers by the deformation of that mean, in axes that rotate with the cluster. It
+has six further unknowns for each regressor and segment (`tracking/soft_tissue.py`), with the rigid
+part of that mean and covariance as their prior. A wrong deformation would strain the linkage: it
+displaced hips of children by 8 mm.
 
-So such an artefact has the size that people show *in the task*, whichever angle it goes with, and
-not so many millimetres a degree: in gait hip adduction spans a tenth of what flexion does, and its
-pelvis is as soft. The sizes are those of bone pins, fluoroscopy and magnetic resonance in walking
+The artefact of an angle has a size in the task, not in millimetres per degree. In gait, hip
+adduction has a tenth of the range of flexion, and the pelvis is as soft with it. The sizes are from
+bone pins, fluoroscopy and magnetic resonance in walking
 (Leardini et al., Gait Posture 21:212-225, 2005; Peters et al., Gait Posture 31:1-8, 2010; Barre et
 al., J Biomech 48:1965-1971, 2015; Camomilla et al., J Biomech 62:5-13, 2017).
 
-How soft this person is, s, in gait and another one in all isolated trials, is learnt from how the
-markers of all segments deform *together*, joints left out. What the rigid fit of a segment leaves
-of its markers, e, is
+The softness s of the person, one in gait and another one in all isolated trials, is estimated from
+the deformation of all segments *together*, without joints. The residuals e of a rigid fit of a
+segment are
 
     e = P sum_c z_c psi_c + noise,     Q = sum_t psi psi^T (x) P / nu^2,     b = sum_t psi (x) P e / nu^2,
     2 log L_j(s) = c^T (Q + Sigma^-1 / s^2)^-1 c - log det(1 + s^2 Sigma Q) + 2 s mu^T b - s^2 mu^T
@@ -50,18 +49,18 @@ of its markers, e, is
     c = b - s Q mu,     mu the mean of z at s = 1,
     p(s) ~ N(ln s; 0, 0.7^2)  prod_j  int L_j(s_j) N(ln s_j; ln s, 0.7^2) d ln s_j,        j: segments,
 
-P the projector that takes shifts and turns of a segment's markers out, nu the noise that no angle
-explains, its frames counted as far as they are independent (`joint_prior.py`). Pooling is the
-point: a cluster that slides as a whole shows no deformation itself, so that how far it slides
-follows the person's s and not the segment's s_j. With q = min(E[s], 1) and r = min(E[s^2], 1), as
-markers that deform more than people's swing or are loose and do not slide the further for it, z has
-the mean q mu and the covariance E[s^2] Sigma + (r - q^2 + 0.7^2 r) mu mu^T, as s_j differs from s
-(thighs of bones left out slide 1.0 times as expected, with a standard deviation of 0.5). The second
-term is of the rigid part alone: deformation does not show how far a cluster slides. That segments
-differ by a factor of two keeps one soft thigh from softening the feet: with the same s for all,
-hips of people with quadratic artefacts came to 15 mm from the truth, with segments that differ to
-8. An activity that is no walk may leave joints at rest, whose tracked angles follow the errors of
-others. Their segments do not deform, with even prior odds, and then carry no information about s.
+P is the projector that removes translations and rotations of a segment's markers. nu is the noise
+that no angle explains, with frames counted as far as they are independent (`joint_prior.py`). A
+cluster that slides as a whole shows no deformation, so its sliding depends on the person's s, not on
+the segment's s_j. With q = min(E[s], 1) and r = min(E[s^2], 1), z has the mean q mu and the
+covariance E[s^2] Sigma + (r - q^2 + 0.7^2 r) mu mu^T. The limits of 1 are for markers that swing or
+are loose: they deform more than people's and do not slide further. (Thighs of bones left out slide
+1.0 times the mean, with a standard deviation of 0.5.) The second term is of the rigid part alone:
+deformation does not show how far a cluster slides. Segments differ by a factor of two, so that one
+soft thigh does not soften the feet. With the same s for all, hips of people with quadratic artefacts
+were 15 mm from the truth; with different segments, 8 mm. An activity other than walking may leave
+joints at rest, whose tracked angles follow the errors of others. Their segments do not deform, with
+even prior odds, and then carry no information about s.
 """
 
 from collections.abc import Collection, Mapping, Sequence
@@ -874,7 +873,15 @@ class FoundTissue:
     def displace_markers(self, problem: MotionProblem) -> MotionProblem:
         """Displace the markers of a trial by the artefact; knees stay hinges.
 
-        A column that was not found has its mean.
+        Parameters
+        ----------
+        problem : MotionProblem
+            The trial, with its soft tissue.
+
+        Returns
+        -------
+        MotionProblem
+            A column that was not found has its mean.
         """
         if problem.tissue is None or not problem.tissue.groups:
             return problem
@@ -955,7 +962,20 @@ class TaskTissue:
     def make_body_columns(
         self, bodies: Mapping[str, MotionProblem], known: Collection[str]
     ) -> dict[str, soft_tissue.SoftTissue]:
-        """Make the columns `known` on whole bodies; trials without columns are left out."""
+        """Make the columns `known` on the markers of whole bodies.
+
+        Parameters
+        ----------
+        bodies : mapping of str to MotionProblem
+            Trials of the whole body.
+        known : collection of str
+            Columns to keep.
+
+        Returns
+        -------
+        dict of str to SoftTissue
+            Trials without columns are left out.
+        """
         found = {name: self.make_columns(name, body, known) for name, body in bodies.items()}
         return {name: columns for name, columns in found.items() if columns is not None}
 

@@ -99,7 +99,18 @@ class ForceErrors:
         return join_variances([self.compute_variances(part) for part in self.parts])
 
     def compute_variances(self, part: slice) -> "Variances":
-        """Compute variances of some frames."""
+        """Compute variances of some frames.
+
+        Parameters
+        ----------
+        part : slice
+            The frames.
+
+        Returns
+        -------
+        Variances
+            Of forces by source, and of powers and moments by all sources.
+        """
         dynamics, opened, wrenches = self._dynamics, self._opened, self.wrenches[part]
         q, v, a = (x[part] for x in self._state)
         placed, forces = opened.placed(q), dynamics.forces(q, v, a, wrenches)

@@ -344,9 +344,17 @@ def locate_device_corner(
 
 
 def is_device(axis: Array, second: Array, third: Array) -> bool:
-    """Return whether three markers (nf, 3) m have the distances of a knee alignment device.
+    """Return whether three markers have the distances of a knee alignment device.
 
-    Coordinates of markers that are not visible are NaN.
+    Parameters
+    ----------
+    axis, second, third : (nf, 3) array
+        Markers, m; NaN if not visible.
+
+    Returns
+    -------
+    bool
+        Whether the median distances are equal and of the size of a device.
     """
     distances = _measure_distances(axis, second, third)
     distances = distances[np.isfinite(distances).all(axis=1)]

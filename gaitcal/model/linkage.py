@@ -252,7 +252,15 @@ ROOT_SUFFIXES = ("tx", "ty", "tz", "tilt", "list", "rotation")
 def make_root_elements(root: str) -> tuple[Element, ...]:
     """Make the six coordinates of a base segment that is free in the laboratory.
 
-    Their order is Tr(tx, ty, tz) Rz(tilt) Rx(list) Ry(rotation).
+    Parameters
+    ----------
+    root : str
+        The base segment.
+
+    Returns
+    -------
+    tuple of Element
+        In the order Tr(tx, ty, tz) Rz(tilt) Rx(list) Ry(rotation).
     """
     motions = ((False, 0), (False, 1), (False, 2), (True, 2), (True, 0), (True, 1))
     return tuple(
@@ -264,13 +272,35 @@ def make_root_elements(root: str) -> tuple[Element, ...]:
 
 
 def list_joints_above(segment: str) -> tuple[Joint, ...]:
-    """List the joints between the pelvis and a segment, proximal first."""
+    """List the joints between the pelvis and a segment.
+
+    Parameters
+    ----------
+    segment : str
+        Name with its side.
+
+    Returns
+    -------
+    tuple of Joint
+        Proximal first; empty for the pelvis.
+    """
     joint = JOINT_OF_CHILD.get(segment)
     return () if joint is None else (*list_joints_above(joint.parent), joint)
 
 
 def list_joint_coordinates(segments: Iterable[str]) -> tuple[str, ...]:
-    """List the coordinates of the joints whose children are these segments."""
+    """List the coordinates of the joints whose children are these segments.
+
+    Parameters
+    ----------
+    segments : iterable of str
+        Segments other than the pelvis.
+
+    Returns
+    -------
+    tuple of str
+        Names in the order of the segments.
+    """
     elements = [e for segment in segments for e in JOINT_OF_CHILD[segment].elements]
     return tuple(e.name for e in elements if e.source is Source.COORDINATE)
 
@@ -388,7 +418,18 @@ ISOLATED_JOINTS: tuple[str, ...] = ("hip_r", "knee_r", "ankle_r", "hip_l", "knee
 
 
 def list_moved_joints(isolated: str) -> tuple[Joint, ...]:
-    """List the joints that a functional trial of `hip_r`, `knee_r`, `ankle_r` (or `_l`) moves."""
+    """List the joints that a functional trial moves.
+
+    Parameters
+    ----------
+    isolated : str
+        `hip_r`, `knee_r`, `ankle_r` (or `_l`).
+
+    Returns
+    -------
+    tuple of Joint
+        Proximal first.
+    """
     name, side = isolated.split("_")
     names = [
         f"{joint}_{side}" for joint in (("talocrural", "subtalar") if name == "ankle" else (name,))
@@ -402,6 +443,17 @@ def find_base_segment(isolated: str | None) -> str:
 
 
 def list_joint_segments(isolated: str) -> tuple[str, ...]:
-    """List the segments that the joints of a functional trial connect, proximal first."""
+    """List the segments that the joints of a functional trial connect.
+
+    Parameters
+    ----------
+    isolated : str
+        `hip_r`, `knee_r`, `ankle_r` (or `_l`).
+
+    Returns
+    -------
+    tuple of str
+        Proximal first.
+    """
     joints = list_moved_joints(isolated)
     return (joints[0].parent, *(joint.child for joint in joints))

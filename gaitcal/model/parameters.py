@@ -57,7 +57,13 @@ class InertialSet:
 
 
 def make_symmetric_set() -> InertialSet:
-    """Make the set of symmetric IPs: masses, mass centres in `free_centre`, moments."""
+    """Make the set of symmetric IPs (left = right).
+
+    Returns
+    -------
+    InertialSet
+        Masses, mass-centre coordinates in `free_centre`, and moments.
+    """
     centres = {row.name: row.free_centre for row in linkage.SEGMENT_TABLE.values() if row.parts}
     masses, moments = (
         dict.fromkeys(centres, ("mass",)),
@@ -286,7 +292,18 @@ def list_gait_parameters(side: str) -> tuple[str, ...]:
 
 
 def list_leg_parameters(side: str) -> tuple[str, ...]:
-    """List the JPs of one leg (`r` or `l`)."""
+    """List the JPs of one leg.
+
+    Parameters
+    ----------
+    side : str
+        `r` or `l`.
+
+    Returns
+    -------
+    tuple of str
+        Names in the order of `JP_NAMES`.
+    """
     joints = [linkage.JOINT_OF_CHILD[segment].name for segment in linkage.LEGS[side]]
     return tuple(p.name for p in JOINT_PARAMETERS if p.joint in joints)
 

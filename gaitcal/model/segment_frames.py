@@ -160,7 +160,18 @@ def fit_rigid_motions(points: Array, paths: Array) -> tuple[Array, Array]:
 
 
 def find_nearest_rotation(matrix: Array) -> Array:
-    """Find the rotations (..., 3, 3) nearest to matrices (..., 3, 3)."""
+    """Find the rotations nearest to matrices.
+
+    Parameters
+    ----------
+    matrix : (..., 3, 3) array
+        Any matrices.
+
+    Returns
+    -------
+    (..., 3, 3) array
+        Rotations with determinant 1.
+    """
     u, _, vt = np.linalg.svd(matrix)
     u[..., 2] *= np.sign(np.linalg.det(u @ vt))[..., None]
     return u @ vt
@@ -232,7 +243,18 @@ class PelvicWidth:
         )
 
     def get_width(self, rule: HipCentre) -> float:
-        """Get the width PW (m) that a regression uses."""
+        """Get the width PW that a regression uses.
+
+        Parameters
+        ----------
+        rule : HipCentre
+            The regression.
+
+        Returns
+        -------
+        float
+            m.
+        """
         if self.measured is None or not self.is_plausible or rule is HipCentre.ORTHOTRAK:
             return self.markers
         return self.measured
@@ -384,7 +406,18 @@ class JointWidths:
 
     @classmethod
     def from_subject(cls, subject: Subject) -> "JointWidths":
-        """Collect the measured widths of a person."""
+        """Collect the measured widths of a person.
+
+        Parameters
+        ----------
+        subject : Subject
+            The person.
+
+        Returns
+        -------
+        JointWidths
+            m.
+        """
         widths = {"knee": subject.knee_width, "ankle": subject.ankle_width}
         measured = {
             (joint, side): width
@@ -408,7 +441,18 @@ class JointWidths:
         )
 
     def compute_inset(self, joint: str, side: str) -> float:
-        """Compute the distance (m) from the lateral marker's centre inwards to the joint centre."""
+        """Compute the distance from the lateral marker's centre inwards to the joint centre.
+
+        Parameters
+        ----------
+        joint, side : str
+            `knee` or `ankle`; `r` or `l`.
+
+        Returns
+        -------
+        float
+            m.
+        """
         if self.is_measured(joint, side):
             return 0.5 * self.measured[joint, side] + self.marker_radius
         return compute_half_width(joint, self.height)

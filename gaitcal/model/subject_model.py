@@ -106,7 +106,20 @@ class MarkerPlacement:
     weight: Array
 
     def find_markers(self, segment: str, labels: Collection[str]) -> list[int]:
-        """Find the indices of markers on a segment among `labels`."""
+        """Find the markers on a segment.
+
+        Parameters
+        ----------
+        segment : str
+            Name of the segment.
+        labels : collection of str
+            Labels to choose from.
+
+        Returns
+        -------
+        list of int
+            Indices of markers.
+        """
         both = enumerate(zip(self.labels, self.segments, strict=True))
         return [i for i, (label, on) in both if on == segment and label in labels]
 

@@ -1,12 +1,12 @@
-"""The trunk in the static posture and the shoulders on it, from whatever landmarks there are.
+"""Measure trunk, shoulders and arms in the static posture from the available landmarks.
 
     origin  lumbar joint L
     y       unit(S - L), S the middle of the shoulder centres
     z       to the right: the line of the acromia, else the normal n of the plane of the midline landmarks (C7, T10,
             jugular notch, xiphoid; the sagittal plane of Wu et al., J Biomech 38:981-992, 2005),
-            else the pelvis's lateral direction made horizontal; each across y
+            else the horizontal part of the pelvis's lateral direction; each across y
 
-The shoulder centres lie, by what is known of the person,
+The shoulder centres are, by the available landmarks,
 
 1. below both acromia, by 17 % of their distance along y (Rab, Petuskey and Bagley 2002);
 2. the same with one acromion and its mirror image across the sagittal plane, whose normal is z as
@@ -19,29 +19,29 @@ The shoulder centres lie, by what is known of the person,
 Only 1 and 2 are measured. The motion of the trunk follows its markers, however few
 (`coordinate_prior.py`).
 
-A part without any marker is frozen: its place is assumed, its lengths are de Leva's, scaled by
+A part without any marker is frozen: its position is assumed, its lengths are de Leva's, scaled by
 height. A frozen trunk is upright, its mass and shoulders straight above the lumbar joint. A frozen
 arm hangs along the trunk.
 
-Frames in the static posture as in `segment_frames.py`; one marker at the elbow and one at the wrist
-do for an arm:
+Frames in the static posture are as in `segment_frames.py`. One marker at the elbow and one at the
+wrist are enough for an arm:
 
     trunk       as above: y from the lumbar joint to the middle of the shoulders, z to the right
     upper arm   origin shoulder centre; y = unit(shoulder - elbow); z the elbow's axis across y
     forearm     origin elbow centre; y = unit(elbow - wrist); z the same axis across y
 
-The shoulder turns about two axes, Rz(flexion) Rx(adduction), so how the upper arm is turned about
-its own length is a constant, Ry(-trans). Elbow axis, in this order of preference:
+The shoulder rotates about two axes, Rz(flexion) Rx(adduction), so the rotation of the upper arm about
+its length is a constant, Ry(-trans). Elbow axis, in this order of preference:
 
 1. the line of a medial and a lateral marker;
 2. the normal n of the plane of shoulder S, elbow centre E and wrist W: with the lateral marker M =
-   E + s d n, d half the elbow's width, n . (W - S) = 0 and n . (M - S) = s d, where the elbow is
-   bent enough to tell;
-3. where the z axis of a hanging arm goes by flexion and adduction alone.
+   E + s d n, d half the elbow's width, n . (W - S) = 0 and n . (M - S) = s d, if the elbow is bent
+   enough;
+3. the z axis of a hanging arm after flexion and adduction alone.
 
-With an arm raised sideways by more than RAISED, flexion and turn about the arm's length are nearly
-the same motion: the turn seen there says nothing of walking, and `trans` is taken as zero; with one
-elbow marker, so is the angle between upper arm and forearm across the elbow's axis.
+If an arm is raised sideways by more than `RAISED_ARM`, flexion and rotation about the arm's length
+are nearly the same motion. The rotation is then not representative of walking, and `trans` is zero.
+With one elbow marker, so is the angle between upper arm and forearm across the elbow's axis.
 """
 
 from dataclasses import dataclass
