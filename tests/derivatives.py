@@ -16,7 +16,7 @@ from gaitcal.model.parameters import (
     JP_NAMES,
     ParameterKind,
     Parameters,
-    published_subject,
+    read_published_parameters,
 )
 from gaitcal.tracking.marker_residual import MarkerData, PlacedMarkers, marker_positions
 from gaitcal.tracking.spline import spline_basis
@@ -63,7 +63,7 @@ def perturbed_parameters(
     Parameters of joints that somebody added draw from a generator of their own: a seed means the
     same person still.
     """
-    base = published_subject()
+    base = read_published_parameters()
     reach = np.array(
         [position if p.kind is ParameterKind.POSITION else angle for p in JOINT_PARAMETERS]
     )

@@ -18,8 +18,13 @@ from gaitcal.errors import STUDY, Code, Finding, Severity
 from gaitcal.gait.events import trial_events
 from gaitcal.gait.spatiotemporal import strides_measured
 from gaitcal.io.recording import ForcePlate, Recording
-from gaitcal.model.linkage import COORDINATES, SEGMENTS, coordinates_of, joint_segments
-from gaitcal.model.parameters import IP_NAMES, JP_INDEX, published_subject, symmetric_set
+from gaitcal.model.linkage import COORDINATES, SEGMENTS, list_coordinates, list_joint_segments
+from gaitcal.model.parameters import (
+    IP_NAMES,
+    JP_INDEX,
+    make_symmetric_set,
+    read_published_parameters,
+)
 from gaitcal.model.subject_model import MarkerPlacement, Subject, SubjectModel
 from gaitcal.quality.verdict import judge
 from gaitcal.study.settings import CalibrationSettings
@@ -81,7 +86,7 @@ def fake_calibration(
     """
     names = names or Names()
     rng = np.random.default_rng(3)
-    parameters = published_subject()
+    parameters = read_published_parameters()
     fitted = (
         parameters.with_joint(FREE, parameters.joint[[JP_INDEX[n] for n in FREE]] + 0.004)
         if joint
@@ -156,7 +161,7 @@ def _joint(parameters: Any) -> JointCalibration:
 
 
 def _inertial(values: np.ndarray) -> InertialFit:
-    free = symmetric_set()
+    free = make_symmetric_set()
     return InertialFit(
         names=free.names, inertial=values * 1.02, jacobian=free.selection,
         residual_jacobian=np.zeros((1, len(free.names))), rms_force=20.0, rms_moment=9.0,
@@ -197,7 +202,7 @@ def _errors(names: Names, level: float, segments: tuple[str, ...]) -> MarkerErro
 
 def _joint_floor(floor: MarkerErrors, joints: dict[str, float]) -> JointFloor:
     """A little above the rigid one."""
-    ends = {joint_segments(joint)[k] for joint in joints for k in (0, -1)}
+    ends = {list_joint_segments(joint)[k] for joint in joints for k in (0, -1)}
     return JointFloor(
         replace(floor, distance=1.1 * floor.distance),
         joints,
@@ -225,8 +230,8 @@ def _motion(
 
 
 def _isolated(names: Names, rng: np.random.Generator) -> TrialResult:
-    segments = joint_segments("knee_r")
-    own = coordinates_of(segments[0], segments)
+    segments = list_joint_segments("knee_r")
+    own = list_coordinates(segments[0], segments)
     before, after = (_motion(names, own, level, segments * 4) for level in (0.006, 0.004))
     floor, body = (
         _errors(names, 0.003, segments * 4),

@@ -13,4 +13,4 @@ def marker_covariance(segment: str, local: Array) -> Array:
     rigid = together(local - local.mean(axis=0)).reshape(-1, 6) * np.repeat(
         [size.shift, size.turn], 3
     )
-    return np.asarray(rigid @ rigid.T + size.own**2 * np.eye(len(rigid)))
+    return np.asarray(rigid @ rigid.T + size.per_marker**2 * np.eye(len(rigid)))

@@ -37,16 +37,21 @@ from gaitcal.calibration.combined import (
     CombinedFit,
     CombinedProblem,
     CombinedSettings,
-    combined_fit,
+    fit_combined,
 )
-from gaitcal.calibration.error_sources import nominal_errors
+from gaitcal.calibration.error_sources import make_nominal_errors
 from gaitcal.calibration.joint_phases import Phase
-from gaitcal.calibration.torque_errors import inertial_square_root
+from gaitcal.calibration.torque_errors import factor_inertial_covariance
 from gaitcal.dynamics.ground_reactions import GroundReactions
 from gaitcal.dynamics.measurement_errors import PlateErrors
 from gaitcal.errors import Finding, Severity, listed, note_of
-from gaitcal.model.anthropometry import table_spread
-from gaitcal.model.parameters import InertialSet, full_set, impossible_bodies, symmetric_set
+from gaitcal.model.anthropometry import estimate_table_error
+from gaitcal.model.parameters import (
+    InertialSet,
+    find_impossible_bodies,
+    make_full_set,
+    make_symmetric_set,
+)
 from gaitcal.preprocess.preprocessed_study import PreprocessedStudy, preprocess_study
 from gaitcal.quality.after_fit import impossible
 from gaitcal.quality.study_checks import check_preprocessed
@@ -174,7 +179,7 @@ def track(session: CalibrationState, progress: Progress) -> CalibrationState:
         session,
         parameters=counted.parameters,
         static_angles=counted.static,
-        uncertainty=Uncertainty(nominal_errors(), None)
+        uncertainty=Uncertainty(make_nominal_errors(), None)
         if joint is None
         else Uncertainty(joint.errors, None, joint.artefact),
     )
@@ -287,24 +292,26 @@ def _inertial_fit(
 ) -> inertial_calibration.InertialFit:
     began = time.perf_counter()
     nominal, parameters, settings = session.model, session.parameters, session.settings
-    motions = [inertial_calibration.LoadedMotion.of(t.motion, r) for t, r in loaded]
+    motions = [inertial_calibration.LoadedMotion.from_motion(t.motion, r) for t, r in loaded]
     width = float(np.linalg.norm(nominal.landmarks["hjc_r"][1] - nominal.landmarks["hjc_l"][1]))
     subject, which = nominal.subject, _inertial_set(settings)
     scale = inertial_calibration.TorqueScale(settings.torque_scale)
-    equations = inertial_calibration.equations_of(motions, parameters, subject, scale, width)
+    equations = inertial_calibration.assemble_root_equations(
+        motions, parameters, subject, scale, width
+    )
     if fit_findings.is_trunk_unmeasured(loaded[0][0].motion):
         rms, unseen = (
-            equations.rms(parameters.inertial),
+            equations.compute_rms(parameters.inertial),
             fit_findings.unmeasured_words(loaded[0][0].motion, parameters),
         )
-        left = inertial_evidence.residual_words(rms)
+        left = inertial_evidence.describe_residual(rms)
         why = f"markers do not determine {unseen}; {left} tells how that moves, not what it weighs"
-        return inertial_evidence.stay_nominal(
+        return inertial_evidence.keep_nominal(
             parameters.inertial, which, spread_of_people(session), rms, why
         )
     if settings.ip == "published":
         return inertial_calibration.fit_published(equations, parameters.inertial, which)
-    noise = inertial_evidence.residual_noise(
+    noise = inertial_evidence.estimate_residual_noise(
         [
             inertial_evidence.LoadedProblem(
                 problem=t.with_skin,
@@ -315,12 +322,12 @@ def _inertial_fit(
             for t, r in loaded
         ],
         parameters,
-        session.uncertainty.joint or nominal_errors(),
+        session.uncertainty.joint or make_nominal_errors(),
         subject,
         inertial_calibration.LogChart(parameters.inertial, which),
-        inertial_calibration.torque_length(subject, scale, width),
+        inertial_calibration.get_torque_length(subject, scale, width),
         inertial_evidence.PlateNoise(PlateErrors.of(settings.plate_error)),
-        inertial_evidence.spread_of_the_rest(parameters.inertial, which),
+        inertial_evidence.compute_fixed_spread(parameters.inertial, which),
     )
     fit = inertial_evidence.fit_by_evidence(
         equations, parameters.inertial, which, noise, spread_of_people(session)
@@ -332,11 +339,13 @@ def spread_of_people(session: CalibrationState) -> inertial_calibration.Consiste
     """How far people scatter about the table of the nominal masses: further where it may be the
     wrong one.
     """
-    return inertial_calibration.ConsistentSettings(more_of=table_spread(session.model.subject))
+    return inertial_calibration.ConsistentSettings(
+        more_of=estimate_table_error(session.model.subject)
+    )
 
 
 def _inertial_set(settings: CalibrationSettings) -> InertialSet:
-    return symmetric_set() if settings.ip_set == "symmetric" else full_set()
+    return make_symmetric_set() if settings.ip_set == "symmetric" else make_full_set()
 
 
 def _fit_together(
@@ -346,7 +355,7 @@ def _fit_together(
     chart cannot hold.
     """
     joint, settings = session.joint, session.settings
-    if joint is None or impossible_bodies(session.parameters.inertial):
+    if joint is None or find_impossible_bodies(session.parameters.inertial):
         return session
     progress("joint and inertial parameters together")
     forces = {t.name: r for t, r in loaded}
@@ -359,7 +368,7 @@ def _fit_together(
     chosen = CombinedSettings(
         load_share=settings.joint_step_load_share, spread=spread_of_people(session)
     )
-    fit = combined_fit(
+    fit = fit_combined(
         steps,
         session.parameters,
         determined,
@@ -394,13 +403,16 @@ def _inertial_spread(session: CalibrationState) -> Array | None:
         _inertial_set(session.settings),
     )
     if inertial is None:
-        if impossible_bodies(nominal):
+        if find_impossible_bodies(nominal):
             return None
-        inertial = inertial_evidence.stay_nominal(nominal, which, spread_of_people(session))
+        inertial = inertial_evidence.keep_nominal(nominal, which, spread_of_people(session))
     if not inertial.statistical:
         return None
     return np.hstack(
-        [inertial_square_root(inertial), inertial_evidence.spread_of_the_rest(nominal, which)]
+        [
+            factor_inertial_covariance(inertial),
+            inertial_evidence.compute_fixed_spread(nominal, which),
+        ]
     )
 
 

@@ -22,7 +22,12 @@ from gaitcal.arrays import BoolArray
 from gaitcal.calibration.joint_phases import Phase
 from gaitcal.errors import STUDY, Code, Finding, Severity
 from gaitcal.model.linkage import JOINT_OF_CHILD, LOWER_BODY
-from gaitcal.model.parameters import MASSIVE_SEGMENTS, Parameters, impossible_bodies, table
+from gaitcal.model.parameters import (
+    MASSIVE_SEGMENTS,
+    Parameters,
+    find_impossible_bodies,
+    view_as_table,
+)
 from gaitcal.quality.after_fit import TrackedMarkers, impossible, large_changes, marker_findings
 from gaitcal.quality.force_diagnosis import ForceDiagnosis, force_findings
 from gaitcal.quality.force_evidence import force_evidence
@@ -53,7 +58,7 @@ def calibration_findings(
 
 def bodies_that_cannot_be(session: CalibrationState) -> Iterator[Finding]:
     """Inertial parameters that no real body has, which only the published cost can find."""
-    bodies = impossible_bodies(session.parameters.inertial)
+    bodies = find_impossible_bodies(session.parameters.inertial)
     if not bodies:
         return
     left_out = (
@@ -152,7 +157,7 @@ def unmeasured_words(motion: Motion, parameters: Parameters) -> str:
     of the body's mass"); nothing where none is.
     """
     segments = _unmeasured(motion)
-    mass = dict(zip(MASSIVE_SEGMENTS, table(parameters.inertial)[:, 0], strict=True))
+    mass = dict(zip(MASSIVE_SEGMENTS, view_as_table(parameters.inertial)[:, 0], strict=True))
     share = float(sum(mass[segment] for segment in segments) / sum(mass.values()))
     parts = dict.fromkeys(_WORDS.get(s, _WORDS.get(s[:-2], s)) for s in segments)
     return f"{', '.join(parts)}: {100 * share:.0f} % of the body's mass" if parts else ""
@@ -218,7 +223,7 @@ def diagnose_forces(session: CalibrationState) -> ForceDiagnosis:
         f.where for f in checked if f.topic == ONE_MARKER and f.cause
     }
     parameters = session.parameters.with_inertial(model.nominal.inertial)
-    if impossible_bodies(parameters.inertial):
+    if find_impossible_bodies(parameters.inertial):
         return ForceDiagnosis()
     evidence = (
         force_evidence(

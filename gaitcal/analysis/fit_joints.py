@@ -25,9 +25,9 @@ from gaitcal.arrays import Array, BoolArray, IntArray
 from gaitcal.calibration import joint_calibration, joint_phases, joint_prior, soft_tissue_artefact
 from gaitcal.errors import STUDY, Code, Finding, Severity, listed
 from gaitcal.io.recording import runs, spans
-from gaitcal.model.anthropometry import with_joints_of
+from gaitcal.model.anthropometry import move_limb_inertia
 from gaitcal.model.linkage import LOWER_BODY
-from gaitcal.model.parameters import Parameters, gait_parameters, leg_parameters
+from gaitcal.model.parameters import Parameters, list_gait_parameters, list_leg_parameters
 from gaitcal.runtime import Progress, silent
 from gaitcal.study.settings import Protocol
 from gaitcal.study.study_trial import Role
@@ -82,7 +82,7 @@ def fit_joints(
         trials = tuple(t.with_tissue(joint.tissue.get(t.name), joint.artefact) for t in trials)
         if settings.ip != "published":
             parameters = parameters.with_inertial(
-                with_joints_of(parameters.inertial, nominal, parameters)
+                move_limb_inertia(parameters.inertial, nominal, parameters)
             )
     return replace(session, trials=trials, joint=joint, parameters=parameters, findings=findings)
 
@@ -110,16 +110,16 @@ def joint_parameters(
             taking_part, nominal, bounds, sides, session.prior
         )
         return joint, joint.parameters
-    of_gait = leg_parameters if settings.gait_parameters == "leg" else gait_parameters
+    of_gait = list_leg_parameters if settings.gait_parameters == "leg" else list_gait_parameters
     phases_of = (
-        joint_phases.simultaneous_phases
+        joint_phases.plan_simultaneous_phases
         if fits_legs_together(settings)
-        else joint_phases.sequential_phases
+        else joint_phases.plan_sequential_phases
     )
     phases = phases_of(taking_part, {side: of_gait(side) for side in sides})
     used = [t for t in taking_part if t.joint is None or t.joint[-1] in sides]
     kinds, parts = {t.name: t.kind for t in used}, {t.name: t.fitted for t in used}
-    soft = soft_tissue_artefact.task_tissue(kinds, parts, nominal, fitted=False)
+    soft = soft_tissue_artefact.prepare_task_tissue(kinds, parts, nominal, fitted=False)
     phases = [phase.with_tissue(soft) for phase in phases]
     weak = joint_prior.WEAK if settings.prior == "weak" else None
     how = joint_phases.PhaseSettings(
@@ -127,7 +127,7 @@ def joint_parameters(
     )
     joint = joint_phases.calibrate_in_phases(phases, nominal, how)
     keys = [key for phase in phases for key in phase.tissue.keys]
-    joint = replace(joint, tissue=soft.of_bodies({t.name: t.body for t in used}, keys))
+    joint = replace(joint, tissue=soft.make_body_columns({t.name: t.body for t in used}, keys))
     return joint, joint.parameters
 
 
@@ -147,7 +147,7 @@ def hold_out(
                 moved = (
                     t if joint is None else t.with_tissue(joint.tissue.get(t.name), joint.artefact)
                 )
-                fitted = joint_phases.parameters_for(joint, t.name, parameters)
+                fitted = joint_phases.get_parameters_for_trial(joint, t.name, parameters)
                 after[t.name][held] = distances(moved.fitted, fitted)[held]
     out = {}
     for t in (t for t in trials if np.isfinite(before[t.name]).any()):
@@ -205,7 +205,10 @@ def calibrate_robustly(
         for t in trials:
             factor = last[t.name].factor if t.name in last else None
             last[t.name] = robust_tracking(
-                t.joints, joint_phases.parameters_for(joint, t.name, parameters), loss, factor
+                t.joints,
+                joint_phases.get_parameters_for_trial(joint, t.name, parameters),
+                loss,
+                factor,
             )
         return [replace(t, joints=last[t.name].problem) for t in trials]
 
@@ -218,7 +221,7 @@ def calibrate_robustly(
     finished, findings = [], []
     for t in trials:
         body = robust_tracking(t.body, parameters, loss)
-        own = joint_phases.parameters_for(joint, t.name, parameters)
+        own = joint_phases.get_parameters_for_trial(joint, t.name, parameters)
         fitted = body if t.joint is None else robust_tracking(t.fitted, own, loss)
         joints = fitted.problem if t.joints is t.fitted else last[t.name].problem
         finished.append(replace(t, body=body.problem, fitted=fitted.problem, joints=joints))

@@ -22,13 +22,13 @@ from gaitcal.dynamics.ground_reactions import GroundReactions, reactions_of_moti
 from gaitcal.errors import Finding, InputError
 from gaitcal.io.axes import turn_to_progression
 from gaitcal.io.recording import Recording, still_window
-from gaitcal.model.linkage import LEGS, LOWER_BODY, carrier_of, joint_segments
+from gaitcal.model.linkage import LEGS, LOWER_BODY, find_base_segment, list_joint_segments
 from gaitcal.model.parameters import (
     JOINT_PARAMETERS,
     JP_NAMES,
     ParameterKind,
     Parameters,
-    isolated_parameters,
+    list_isolated_parameters,
 )
 from gaitcal.model.subject_model import SubjectModel
 from gaitcal.preprocess.preprocessed_study import PreprocessedStudy
@@ -74,7 +74,7 @@ class MovingTrial(Trial):
 
     def with_tissue(self, tissue: SoftTissue | None, found: FoundTissue) -> "MovingTrial":
         """With the skin that moves on the markers of the body, which are where `found` has them."""
-        body = found.displaced(replace(self.body, tissue=tissue))
+        body = found.displace_markers(replace(self.body, tissue=tissue))
         if body.data.shift is None:
             return replace(self, tissue=tissue)
         shift = dict(zip(body.labels, body.data.shift, strict=True))
@@ -122,7 +122,7 @@ class MovingTrial(Trial):
         """With the scores of its markers about the last model; an isolated trial needs none."""
         if self.joint is not None:
             return self
-        scores = error_sources.whole_body_scores(
+        scores = error_sources.compute_marker_scores(
             self.with_skin, self.motion.coefficients, self.parameters, uncertainty.joint
         )
         return replace(self, scores=scores)
@@ -141,7 +141,7 @@ class CalibrationState:
         None  # The static trial, completed; None where further trials are analysed
     )
     prior: JointPrior = field(
-        default_factory=lambda: joint_prior.prior_of_study({})
+        default_factory=lambda: joint_prior.make_study_prior({})
     )  # Of anatomy, study and cohort
     checked: tuple[Finding, ...] = ()  # What the checks found before anything was fitted
     possible_moves: Mapping[str, Mapping[str, PossibleMove]] = field(default_factory=dict)
@@ -171,7 +171,7 @@ def session_of(of: PreprocessedStudy, checked: Sequence[Finding] = ()) -> Calibr
     for evidence in of.moving:
         trials.append(prepare_trial(evidence.trial, model, study.settings))
     prior, moves = (
-        joint_prior.prior_of_study(study.settings.joint_prior, study.joint_prior, model.noise),
+        joint_prior.make_study_prior(study.settings.joint_prior, study.joint_prior, model.noise),
         of.moves(),
     )
     return CalibrationState(
@@ -194,7 +194,7 @@ def _doubted(
     """
     out = dict[str, float]()
     for trial in trials:
-        shown = JP_NAMES if trial.joint is None else isolated_parameters(trial.joint)
+        shown = JP_NAMES if trial.joint is None else list_isolated_parameters(trial.joint)
         for p in JOINT_PARAMETERS:
             move = moves.get(trial.name, {}).get(p.segment)
             if move is not None and p.name in shown:
@@ -230,7 +230,7 @@ def prepare_trial(trial: Trial, model: SubjectModel, settings: CalibrationSettin
         )
 
     body = trial_problem(
-        trial.name, model, recording, rule, carrier=carrier_of(joint), isolated=joint
+        trial.name, model, recording, rule, carrier=find_base_segment(joint), isolated=joint
     )
     if body.guessed:
         recording = recording.with_notes(
@@ -240,11 +240,11 @@ def prepare_trial(trial: Trial, model: SubjectModel, settings: CalibrationSettin
         )
     if body.held:
         held = (
-            f"The pelvis is not seen: {carrier_of(joint)} carries the body, {', '.join(body.held)} "
+            f"The pelvis is not seen: {find_base_segment(joint)} carries the body, {', '.join(body.held)} "
             "held at zero."
         )
         recording = recording.with_notes(held)
-    alone = body if joint is None else part(joint_segments(joint))
+    alone = body if joint is None else part(list_joint_segments(joint))
     turned = replace(trial, recording=recording)
     bandwidth = bandwidth_of(alone, turned, model, settings)
 

@@ -430,9 +430,9 @@ def _shown_by(joint: linkage.Joint) -> tuple[str, ...]:
     frame they make.
     """
     ends = [joint.parent, joint.child]
-    while not linkage.segment_kind(ends[0]).markers:
+    while not linkage.get_segment(ends[0]).markers:
         ends[0] = linkage.JOINT_OF_CHILD[ends[0]].parent
-    while not linkage.segment_kind(ends[1]).markers:
+    while not linkage.get_segment(ends[1]).markers:
         ends[1] = next(j.child for j in linkage.JOINTS if j.parent == ends[1])
     return tuple(segment for segment in ends if segment != "pelvis")
 
@@ -440,7 +440,7 @@ def _shown_by(joint: linkage.Joint) -> tuple[str, ...]:
 SHOWN_BY = {
     name: _shown_by(linkage.JOINT_OF_CHILD[s])
     for s in linkage.LOWER_BODY[1:]
-    for name in linkage.coordinates_before([s])
+    for name in linkage.list_joint_coordinates([s])
 }
 """Coordinate of a leg -> segments of which some marker must be seen where the angle is to count."""
 

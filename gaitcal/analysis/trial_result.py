@@ -55,9 +55,9 @@ from gaitcal.model.linkage import (
     SIDES,
     ZERO_ANGLES,
     Source,
-    segment_kind,
+    get_segment,
 )
-from gaitcal.model.parameters import Parameters, impossible_bodies
+from gaitcal.model.parameters import Parameters, find_impossible_bodies
 from gaitcal.model.subject_model import SubjectModel
 from gaitcal.preprocess.static_disagreement import PossibleMove
 from gaitcal.quality.force_diagnosis import beyond_expected
@@ -89,10 +89,10 @@ def analyse(
     if uncertainty.joint is not None:
         found = uncertainty.tissue
         activity = trial.name if trial.role is Role.MOTION else ""
-        kind = soft_tissue_artefact.kind_of_further(found, activity)
-        tissue = soft_tissue_artefact.tissue_of_further(
+        kind = soft_tissue_artefact.choose_kind_for_trial(found, activity)
+        tissue = soft_tissue_artefact.make_further_tissue(
             prepared.body,
-            joint_phases.segments_of(prepared.joints, LOWER_BODY, model.nominal),
+            joint_phases.take_segments(prepared.joints, LOWER_BODY, model.nominal),
             model.nominal,
             uncertainty.joint.free,
             found,
@@ -118,7 +118,7 @@ def trial_result(trial: MovingTrial, session: CalibrationState) -> TrialResult:
     moves = None
     if trial.joint is None:
         joint, coefficients = session.uncertainty.joint, trial.motion.coefficients
-        moves = error_sources.marker_moves(
+        moves = error_sources.compute_motion_sensitivity(
             trial.with_skin, coefficients, trial.parameters, joint, trial.scores
         )
     deviations = axis_deviations(
@@ -129,10 +129,10 @@ def trial_result(trial: MovingTrial, session: CalibrationState) -> TrialResult:
     if erring is None:
         return _without_torque_errors(trial, session, axes, moves)
     with ThreadPoolExecutor(1) as pool:  # products of matrices, which let this thread compute
-        parts = pool.map(with_one_blas_thread(erring.variances), erring.parts)
+        parts = pool.map(with_one_blas_thread(erring.compute_variances), erring.parts)
         result = _without_torque_errors(trial, session, axes, moves)
     return _with_torque_errors(
-        result, torque_errors.joined(list(parts)), session.model.subject.weight
+        result, torque_errors.join_variances(list(parts)), session.model.subject.weight
     )
 
 
@@ -167,7 +167,7 @@ def _without_torque_errors(
     variances = (
         None
         if moves is None
-        else error_sources.coordinate_variances(trial.body, moves, by_coordinate)
+        else error_sources.compute_coordinate_variances(trial.body, moves, by_coordinate)
     )
     count = body.q.shape[1]
     loads = None
@@ -180,7 +180,7 @@ def _without_torque_errors(
             reactions, moments, None, joint_kinetics.kinetics_of(final, body, reactions.wrench)
         )
     calibrated, last = body, body
-    own = joint_phases.parameters_for(session.joint, trial.name, final)
+    own = joint_phases.get_parameters_for_trial(session.joint, trial.name, final)
     if trial.joint is not None:
         last = tracked_motion(trial.fitted, final)
         calibrated = last if own is final else tracked_motion(trial.fitted, own)
@@ -198,7 +198,7 @@ def _without_torque_errors(
         loads=loads,
         coordinate_errors=None
         if moves is None or variances is None
-        else error_sources.coordinate_standard_errors(
+        else error_sources.compute_coordinate_errors(
             trial.body, moves, axes.coordinate_errors(body.q), variances[0][:, :count]
         ),
         own_coordinate_errors=None if variances is None else np.sqrt(variances[1][:, :count]),
@@ -296,7 +296,7 @@ def axis_deviations(
     by = 1.0 if model.noise is None else model.noise.joints
     out = {segment: (by * x, by * y, by * z) for segment, (x, y, z) in PALPATED_DEG.items()}
     for segment, move in (moves or {}).items():
-        x, y, z = np.hypot(out[segment_kind(segment).name], np.rad2deg(move.turn)).tolist()
+        x, y, z = np.hypot(out[get_segment(segment).name], np.rad2deg(move.turn)).tolist()
         out[segment] = x, y, z
     return out
 
@@ -323,13 +323,13 @@ def _erring_forces(
     session: CalibrationState,
     axes: AxisErrors,
     moves: error_sources.MotionSensitivity | None,
-) -> torque_errors.ErringForces | None:
+) -> torque_errors.ForceErrors | None:
     """The final moments with what may be wrong; None without forces, and for impossible bodies,
     whose mass matrix has no meaning.
     """
-    if trial.reactions is None or impossible_bodies(trial.parameters.inertial):
+    if trial.reactions is None or find_impossible_bodies(trial.parameters.inertial):
         return None
-    return torque_errors.ErringForces(
+    return torque_errors.ForceErrors(
         trial.body,
         trial.motion.coefficients,
         trial.parameters,

@@ -32,7 +32,7 @@ from gaitcal.model.parameters import (
     JP_NAMES,
     JP_TO_SI,
 )
-from gaitcal.model.rotations import axis_rotation
+from gaitcal.model.rotations import make_axis_rotation
 from gaitcal.study.declared_truth import TrueCurves, Truth, other_rule
 
 _FEATURES: tuple[tuple[str, str, str, str, tuple[str, ...]], ...] = (
@@ -160,9 +160,10 @@ def _angle(directions: tuple[str, ...], one: Array, other: Array) -> float:
     """
     turns, axis = ((0, 1), 2) if directions == ("front", "trans") else ((1, 2), 0)
     a, b = (
-        (axis_rotation(turns[0], np.deg2rad(first)) @ axis_rotation(turns[1], np.deg2rad(second)))[
-            :, axis
-        ]
+        (
+            make_axis_rotation(turns[0], np.deg2rad(first))
+            @ make_axis_rotation(turns[1], np.deg2rad(second))
+        )[:, axis]
         for first, second in (one, other)
     )
     return float(np.rad2deg(np.arctan2(np.linalg.norm(np.cross(a, b)), a @ b)))

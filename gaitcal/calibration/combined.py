@@ -4,11 +4,11 @@ ground reactions.
     min  sum_m w |r_m|^2 / sigma_m^2  +  sum_f { |F|^2 / sigma_F^2 + |T|^2 / sigma_T^2 }  +  |x / spread|^2
 
 sigma_m is the marker residual that phase 1 left (per coordinate); sigma_F = s BW and sigma_T = s BW
-H with one figure s, the weight between markers and loads: how large a pelvis residual measurement
-alone explains. x are the variables of `inertial_calibration.py`. Residual loads depend on
-positions, velocities and accelerations, hence on the same six nodes as the markers of the frame:
+H with one figure s, the weight between markers and loads: the pelvis residual that measurement alone
+explains. x are the variables of `inertial_calibration.py`. Residual loads depend on positions,
+velocities and accelerations, hence on the same six control points as the markers of the frame. So
 the normal matrix keeps its band, and (joint, inertial) parameters are the arrow's point
-(`tracking/banded.py`). Levenberg-Marquardt from the end of phases 1 and 2.
+(`tracking/banded.py`). Levenberg-Marquardt starts at the end of phases 1 and 2.
 """
 
 import time
@@ -20,7 +20,7 @@ import numpy as np
 from gaitcal.arrays import Array, BoolArray
 from gaitcal.calibration.inertial_calibration import ConsistentSettings, LogChart
 from gaitcal.dynamics.derivatives import RootResidual, root_residual
-from gaitcal.model.parameters import JP_INDEX, InertialSet, Parameters, dynamic_jacobian
+from gaitcal.model.parameters import JP_INDEX, InertialSet, Parameters, compute_dynamic_jacobian
 from gaitcal.model.subject_model import Subject
 from gaitcal.tracking.banded import ArrowEquations, NormalEquations, SharedPrior
 from gaitcal.tracking.descent import DescentSettings, Ending, Evaluation, descend
@@ -29,7 +29,7 @@ from gaitcal.tracking.spline import ORDER, SplineBasis
 from gaitcal.tracking.trial_problem import MotionProblem
 
 DESCENT = DescentSettings(first_damping=1e-4, lowered_by=10.0, keep_within=0.0, most_steps=60)
-"""A little damped at first: markers and loads pull apart where phases 1 and 2 ended."""
+"""Slightly damped at first: markers and loads disagree at the end of phases 1 and 2."""
 
 
 @dataclass(frozen=True)
@@ -38,26 +38,25 @@ class CombinedProblem:
 
     problem: MotionProblem
     coefficients: Array  # (nn, nq) where phases 1 and 2 ended
-    wrench: Array | None = (
-        None  # (nf, 2, 6) ground reactions of a whole-body trial; None: markers only
-    )
-    valid: BoolArray | None = None  # (nf,) frames whose residual counts; None: all
+    # (nf, 2, 6) ground reactions of a whole-body trial; None: markers only
+    wrench: Array | None = None
+    # (nf,) frames whose residual counts; None: all
+    valid: BoolArray | None = None
 
 
 @dataclass(frozen=True)
 class CombinedSettings:
-    """Weights and tolerances."""
+    """Weights and tolerances of the combined fit."""
 
-    load_share: float = (
-        0.005  # s: standard deviation of F / BW and of T / (BW H) that measurement alone explains
-    )
+    # s: standard deviation of F / BW and of T / (BW H) that measurement alone explains
+    load_share: float = 0.005
     spread: ConsistentSettings = field(default_factory=ConsistentSettings)
     descent: DescentSettings = DESCENT
 
 
 @dataclass(frozen=True, kw_only=True)
 class CombinedFit:
-    """Where the combined fit ended."""
+    """Result of the combined fit."""
 
     parameters: Parameters
     coefficients: tuple[Array, ...]
@@ -74,7 +73,7 @@ class CombinedFit:
         return self.ending.converged
 
 
-def combined_fit(
+def fit_combined(
     trials: Sequence[CombinedProblem],
     parameters: Parameters,
     free: tuple[str, ...],
@@ -82,7 +81,28 @@ def combined_fit(
     subject: Subject,
     settings: CombinedSettings | None = None,
 ) -> CombinedFit:
-    """Fit joint parameters `free`, the inertial variables `which` and all motions together."""
+    """Fit joint parameters, inertial variables and all motions together.
+
+    Parameters
+    ----------
+    trials : sequence of CombinedProblem
+        Trials with their motions where phases 1 and 2 ended.
+    parameters : Parameters
+        Start values, and the values of what is not free.
+    free : tuple of str
+        Free joint parameters.
+    which : InertialSet
+        Free inertial variables.
+    subject : Subject
+        Weight and height scale the loads.
+    settings : CombinedSettings, optional
+        Weights and tolerances.
+
+    Returns
+    -------
+    CombinedFit
+        Parameters and coefficients at the minimum.
+    """
     began = time.perf_counter()
     settings = settings or CombinedSettings()
     problem = _MarkersAndLoads(trials, parameters, free, which, subject, settings)
@@ -106,9 +126,7 @@ def combined_fit(
 
 
 class _MarkersAndLoads(SharedMotions):
-    """The cost by theta = (joint parameters, inertial variables) and the coefficients of each
-    trial.
-    """
+    """Cost by theta = (joint parameters, inertial variables) and the coefficients of each trial."""
 
     def __init__(
         self,
@@ -124,7 +142,7 @@ class _MarkersAndLoads(SharedMotions):
         self.size = len(free) + self.chart.size
         self.nothing_left = 0.0
         self.trials = trials
-        self.precision = 1.0 / self.chart.spread(settings.spread)
+        self.precision = 1.0 / self.chart.compute_spread(settings.spread)
         square = count = 0.0
         for trial, problem in zip(trials, self.open, strict=True):
             square += problem.marker_cost(trial.coefficients, problem.body(parameters))
@@ -136,31 +154,32 @@ class _MarkersAndLoads(SharedMotions):
         """(6,) one over sigma_F (1/N) and sigma_T (1/(N m))."""
 
     def parameters_at(self, theta: Array) -> Parameters:
-        """The linkage at theta."""
+        """Return the parameters of the linkage at theta."""
         split = len(self.free)
         moved = self.parameters.with_joint(self.free, theta[:split])
-        return moved.with_inertial(self.chart.inertial(theta[split:]))
+        return moved.with_inertial(self.chart.compute_inertial(theta[split:]))
 
     def evaluate(self, x: Array) -> Evaluation:
-        """Cost and half gradient, without unit; joint parameters are held by the markers alone."""
+        """Evaluate cost and half gradient (no unit); only the markers restrict joint parameters."""
         return self.linearise(x, curved=False).evaluation
 
     def linearise(self, x: Array, *, curved: bool) -> ArrowEquations:
-        """The same with the arrow."""
+        """Form the equations at x, with the arrow."""
         theta, coefficients = self.parted(x)
         parameters = self.parameters_at(theta)
-        equations = [self._trial(k, parameters, theta, n) for k, n in enumerate(coefficients)]
-        precision = np.concatenate(
-            [np.zeros(len(self.free)), self.precision]
-        )  # markers alone hold joint parameters
+        equations = [
+            self._form_equations(k, parameters, theta, n) for k, n in enumerate(coefficients)
+        ]
+        # only the markers restrict joint parameters: no prior on them
+        precision = np.concatenate([np.zeros(len(self.free)), self.precision])
         scaled = precision * theta
         prior = SharedPrior(float(scaled @ scaled), precision * scaled, np.diag(precision**2))
         return ArrowEquations(equations, [np.arange(self.size)] * len(equations), self.size, prior)
 
-    def _trial(
+    def _form_equations(
         self, k: int, parameters: Parameters, theta: Array, coefficients: Array
     ) -> NormalEquations:
-        """One trial's markers in units of sigma_m, its parameters placed in theta, and its loads."""
+        """Form the equations of one trial: markers in units of sigma_m, and its loads."""
         problem, trial, columns = self.open[k], self.trials[k], self.columns[k]
         marker = problem.equations(coefficients, problem.body(parameters)).scaled(
             1.0 / self.sigma**2
@@ -175,18 +194,24 @@ class _MarkersAndLoads(SharedMotions):
         valid = np.ones(len(problem.basis.time), bool) if trial.valid is None else trial.valid
         q, v, a = (problem.basis.evaluate(coefficients, d)[valid] for d in range(3))
         load = root_residual(parameters, self.free, q, v, a, trial.wrench[valid])
-        by_theta = self._by_theta(load, parameters, theta)
+        by_theta = self._differentiate_residual(load, parameters, theta)
         return _with_loads(placed, problem.basis, valid, load, by_theta, self.load_weight)
 
-    def _by_theta(self, load: RootResidual, parameters: Parameters, theta: Array) -> Array:
-        """(frames, 6, size) derivative of the root residual by theta, in its standard deviations."""
+    def _differentiate_residual(
+        self, load: RootResidual, parameters: Parameters, theta: Array
+    ) -> Array:
+        """Differentiate the root residual by theta, in standard deviations: (frames, 6, size)."""
         frames = len(load.value)
         by_dynamic = load.regressor.reshape(frames, 6, -1, 10)
-        by_inertial = np.einsum("frsd,sdk->frsk", by_dynamic, dynamic_jacobian(parameters.inertial))
+        by_inertial = np.einsum(
+            "frsd,sdk->frsk", by_dynamic, compute_dynamic_jacobian(parameters.inertial)
+        )
         out = np.zeros((frames, 6, self.size))
         out[:, :, [self.free.index(n) for n in load.free]] = load.by_parameter
         split = len(self.free)
-        out[:, :, split:] = by_inertial.reshape(frames, 6, -1) @ self.chart.jacobian(theta[split:])
+        out[:, :, split:] = by_inertial.reshape(frames, 6, -1) @ self.chart.compute_jacobian(
+            theta[split:]
+        )
         out *= self.load_weight[None, :, None]
         return out
 
@@ -199,7 +224,7 @@ def _with_loads(
     by_theta: Array,
     weight: Array,
 ) -> NormalEquations:
-    """The equations of the markers, the root residuals of the valid frames added in place."""
+    """Add the root residuals of the valid frames to the equations of the markers, in place."""
     value = load.value * weight
     corner = markers.parameters + np.einsum("fri,frj->ij", by_theta, by_theta)
     corner_gradient = markers.parameter_gradient + np.einsum("fri,fr->i", by_theta, value)

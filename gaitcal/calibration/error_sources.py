@@ -1,23 +1,23 @@
-"""Errors by source: what every independent source of error makes of the joint parameters, and of a
-trial's motion.
+"""Errors by source: effects of independent errors on joint parameters and on motions.
 
-Joint parameters p with Hessian H, motions eliminated, are fitted to trials of score u_t = S_t^1/2
-n_t and to a prior Lambda about c. What is kept fixed, k, is not exact either, nor is c: with errors
-d p_k, d c of their own, from an earlier phase or of the nominal model,
+Joint parameters p have the Hessian H with motions eliminated. They are fitted to trials of score
+u_t = S_t^1/2 n_t and to a prior Lambda about c. Fixed parameters k and the prior's centre c have
+errors d p_k and d c, from an earlier phase or from the nominal model:
 
     d p = -H^-1 (sum_t u_t + S_pk d p_k - Lambda d c),        H = sum_t S_pp + Lambda,       n_t, independent, N(0, 1).
 
-A source c of the joint parameters moves the motion by  d N_c = - S d p_c,  S = -d N/d p. The trial's own markers move
-it while joints are known (what they do to the joints is told by the noise of the trial): the nodes
-depend on the residuals of marker coordinate c, one axis of one marker, through its score g_c =
-sum_f J_cf r_cf, and move by n_c = -H_qq^-1 g_c. Skin movement repeats itself from frame to frame,
-so frames are not independent; marker coordinates are taken to be: the cluster-robust sandwich
-(Liang and Zeger 1986), with residuals first inflated for what the motion itself has absorbed: r /
-(1 - h), h the leverage of the coordinate in its frame's own least-squares problem (Mancini and
-DeRouen 2001; skin noise is slow against the splines, so that the motion of a frame can follow it).
+A source c of the joint parameters changes the motion by  d N_c = - S d p_c,  S = -d N/d p. The
+trial's markers change it with known joints (their effect on the joints is in u_t). The control
+points depend on the residuals of marker coordinate c, one axis of one marker, through its score g_c
+= sum_f J_cf r_cf, and change by n_c = -H_qq^-1 g_c. Soft tissue repeats its movement from frame to
+frame, so frames are dependent. Marker coordinates are taken as independent: the cluster-robust
+sandwich (Liang and Zeger 1986). Residuals are first inflated for what the motion has absorbed: r /
+(1 - h), h the leverage of the coordinate in its frame's least-squares problem (Mancini and DeRouen
+2001). Soft tissue is slow compared with the splines, so the motion of a frame can follow it.
 
-Coordinates move by B d N_c, and whatever follows from coordinates and parameters, a torque at a
-frame, by its derivatives; the squares of what the sources do sum to its variance.
+Coordinates change by B d N_c. Quantities that depend on coordinates and parameters, such as a
+torque at a frame, change by their derivatives. Their variance is the sum of squares over the
+sources.
 """
 
 from collections.abc import Sequence
@@ -41,7 +41,7 @@ from gaitcal.tracking.banded import eliminate
 from gaitcal.tracking.spline import ORDER, SplineBasis
 from gaitcal.tracking.trial_problem import MotionProblem
 
-# Leverages are cut here: a marker that alone holds a coordinate has no residual to learn from
+# Largest leverage: a marker that alone determines a coordinate has no residual to inflate
 LEVERAGE_CAP = 0.9
 # Frames at a time at most, whose changes by the marker coordinates of all trials are held at once
 BLOCK = 125
@@ -49,19 +49,16 @@ BLOCK = 125
 
 @dataclass(frozen=True)
 class ErrorSources:
-    """What every independent source of error makes of the joint parameters: the markers of trials,
-    soft tissue, and how far the nominal model may be wrong.
-    """
+    """Effects of independent error sources on the joint parameters."""
 
     free: tuple[str, ...]
     parameters: Array  # (np, nc) d p_c, m and rad
-    clusters: tuple[
-        str, ...
-    ]  # (nc,) names of the sources: `markers/trial/number`, `skin/column`, `nominal/parameter`
+    # (nc,) names of the sources: `markers/trial/number`, `skin/column`, `nominal/parameter`
+    clusters: tuple[str, ...]
 
     @property
     def covariance(self) -> Array:
-        """(np, np) of the joint parameters; zero along directions that the trials cannot see."""
+        """(np, np) covariance; zero along directions that no trial determines."""
         return self.parameters @ self.parameters.T
 
     @property
@@ -70,28 +67,48 @@ class ErrorSources:
         errors = np.sqrt((self.parameters**2).sum(axis=1))
         return {name: float(e) for name, e in zip(self.free, errors, strict=True)}
 
-    def of(self, names: Sequence[str]) -> "ErrorSources":
-        """Those of some of its parameters."""
+    def select(self, names: Sequence[str]) -> "ErrorSources":
+        """Select some of the parameters, in the order of `names`."""
         return ErrorSources(
             tuple(names), self.parameters[[self.free.index(n) for n in names]], self.clusters
         )
 
-    def updated(self, other: "ErrorSources") -> "ErrorSources":
-        """With other errors in the place of those of their parameters, and no source that moves
-        nothing any more.
+    def replace_errors(self, other: "ErrorSources") -> "ErrorSources":
+        """Replace the errors of those parameters that `other` has.
+
+        Parameters
+        ----------
+        other : ErrorSources
+            Independent errors of some parameters.
+
+        Returns
+        -------
+        ErrorSources
+            Without sources that have no effect any more.
         """
-        kept = self.of([name for name in self.free if name not in other.free])
+        kept = self.select([name for name in self.free if name not in other.free])
         moving = np.flatnonzero(kept.parameters.any(axis=0)).tolist()
         errors = block_diag(kept.parameters[:, moving], other.parameters)
         clusters = [self.clusters[c] for c in moving]
         return ErrorSources((*kept.free, *other.free), errors, (*clusters, *other.clusters))
 
 
-def nominal_errors(
+def make_nominal_errors(
     names: Sequence[str] = JP_NAMES, prior: JointPrior | None = None
 ) -> ErrorSources:
-    """How far nominal joint parameters may be wrong, a column a cause (`joint_prior.py`; anatomy's
-    unless given).
+    """Make the errors of nominal joint parameters, one column for each cause.
+
+    Parameters
+    ----------
+    names : sequence of str
+        Joint parameters; all if not given.
+    prior : JointPrior, optional
+        Prior of their deviations; anatomy's if not given. Its doubts are further causes.
+
+    Returns
+    -------
+    ErrorSources
+        m and rad.
     """
     doubted = (
         {} if prior is None else {name: by for name, by in prior.doubted.items() if name in names}
@@ -102,15 +119,28 @@ def nominal_errors(
     )
     causes = tuple(f"nominal/{name}" for name in (*names, *doubted))
     return ErrorSources(
-        tuple(names), np.hstack([joint_prior.prior_root(names, prior), more]), causes
+        tuple(names), np.hstack([joint_prior.factor_prior(names, prior), more]), causes
     )
 
 
-def left_of_prior(
+def compute_posterior_ratio(
     joint: str, errors: ErrorSources | None, prior: JointPrior | None = None
 ) -> float:
-    """Standard error of a joint's parameters over that before any trial, of positions or of
-    directions, whichever is larger; 0 where errors are not known.
+    """Compute the standard error of a joint's parameters over that before any trial.
+
+    Parameters
+    ----------
+    joint : str
+        Name of the joint.
+    errors : ErrorSources or None
+        Errors after the fit; None if unknown.
+    prior : JointPrior, optional
+        Prior; anatomy's if not given.
+
+    Returns
+    -------
+    float
+        The larger ratio of positions and of orientations; 0 if errors are unknown.
     """
     if errors is None:
         return 0.0
@@ -118,7 +148,7 @@ def left_of_prior(
     for kind in ParameterKind:
         names = [p.name for p in JOINT_PARAMETERS if p.joint == joint and p.kind is kind]
         if names:
-            before = np.sqrt(np.diag(joint_prior.prior_of(names, prior)[1]))
+            before = np.sqrt(np.diag(joint_prior.select_prior(names, prior)[1]))
             after = np.array(
                 [now.get(name, size) for name, size in zip(names, before, strict=True)]
             )
@@ -126,36 +156,48 @@ def left_of_prior(
     return max(found)
 
 
-def errors_by_source(
+def propagate_errors(
     free: tuple[str, ...], scores: ErrorSources, arrow: Arrow, held: Array, known: ErrorSources
 ) -> ErrorSources:
-    """Errors of parameters that were fitted, and of those known before that the fit leaves alone.
+    """Propagate errors to fitted parameters, and keep those of the others.
 
-    `free`: what was fitted.
-    `scores`: (np, nc) u_t of every source of the fit's own.
-    `arrow`: H, and Lambda.
-    `held`: (np, nk) S_pk, in the order of those of `known.free` that were not fitted.
-    `known`: errors before the fit, of the priors' centres and of what it kept fixed.
+    Parameters
+    ----------
+    free : tuple of str
+        Fitted parameters.
+    scores : ErrorSources
+        (np, nc) u_t of every source of the fit.
+    arrow : Arrow
+        H and Lambda.
+    held : (np, nk) array
+        S_pk, in the order of those of `known.free` that were not fitted.
+    known : ErrorSources
+        Errors before the fit, of the priors' centres and of fixed parameters.
+
+    Returns
+    -------
+    ErrorSources
+        Of `free`, then of the others.
     """
-    others = known.of([name for name in known.free if name not in free])
+    others = known.select([name for name in known.free if name not in free])
     centre = np.zeros((len(free), len(known.clusters)))
     given = [name in known.free for name in free]
-    centre[given] = known.of([name for name in free if name in known.free]).parameters
+    centre[given] = known.select([name for name in free if name in known.free]).parameters
     kept = others.parameters
-    of_known = arrow.solve(arrow.weighted(centre) - held @ kept)
-    own = np.vstack(
+    of_known = arrow.solve(arrow.multiply_by_precision(centre) - held @ kept)
+    fitted = np.vstack(
         [arrow.solve(scores.parameters), np.zeros((len(kept), scores.parameters.shape[1]))]
     )
     return ErrorSources(
         (*free, *others.free),
-        np.hstack([own, np.vstack([of_known, kept])]),
+        np.hstack([fitted, np.vstack([of_known, kept])]),
         (*scores.clusters, *known.clusters),
     )
 
 
 @dataclass(frozen=True)
-class NodeMoves:
-    """What k independent sources of error make of one trial's nodes and of the joint parameters."""
+class CoefficientErrors:
+    """Effects of k independent sources on one trial's control points and joint parameters."""
 
     nodes: Array
     """(nn * nq, k) d N_c."""
@@ -164,9 +206,24 @@ class NodeMoves:
     none.
     """
 
-    def moved(self, basis: SplineBasis, frames: slice | IntArray, derivatives: int = 1) -> Array:
-        """Compute what they make of coordinates (frames, nq, k), followed by as many derivatives by
-        time less one.
+    def compute_coordinate_errors(
+        self, basis: SplineBasis, frames: slice | IntArray, derivatives: int = 1
+    ) -> Array:
+        """Compute the effects on coordinates and, if wanted, on their time derivatives.
+
+        Parameters
+        ----------
+        basis : SplineBasis
+            Splines of the trial.
+        frames : slice or array of int
+            Frames.
+        derivatives : int
+            1: coordinates; 2: and rates; 3: and accelerations.
+
+        Returns
+        -------
+        (frames, derivatives * nq, k) array
+            m, rad and their rates.
         """
         weights = np.stack([basis.value, basis.rate, basis.acceleration][:derivatives], axis=1)[
             frames
@@ -186,17 +243,28 @@ class NodeMoves:
             )
         return out.reshape(len(first), -1, self.nodes.shape[1])
 
-    def through(
+    def propagate(
         self, basis: SplineBasis, frames: slice | IntArray, by_state: Array, by_parameter: Array
     ) -> Array:
-        """Compute what they make (frames, m, k) of m quantities.
+        """Propagate the effects to m quantities.
 
         Parameters
         ----------
-        by_state : (frames, m, 3 nq) derivatives by coordinates, rates and accelerations.
-        by_parameter : (frames, m, npj) derivatives by the joint parameters.
+        basis : SplineBasis
+            Splines of the trial.
+        frames : slice or array of int
+            Frames.
+        by_state : (frames, m, 3 nq) array
+            Derivatives by coordinates, rates and accelerations.
+        by_parameter : (frames, m, npj) array
+            Derivatives by the joint parameters.
+
+        Returns
+        -------
+        (frames, m, k) array
+            Effect of each source.
         """
-        out: Array = by_state @ self.moved(basis, frames, 3)
+        out: Array = by_state @ self.compute_coordinate_errors(basis, frames, 3)
         last = out.shape[2] - self.parameters.shape[1]
         out[:, :, last:] += by_parameter @ self.parameters[: by_parameter.shape[2]]
         return out
@@ -204,80 +272,97 @@ class NodeMoves:
 
 @dataclass(frozen=True, kw_only=True)
 class MarkerScores:
-    """What one trial's marker coordinates make of its motion."""
+    """Effects of one trial's marker coordinates on its motion."""
 
-    coefficients: (
-        Array  # (nn * nq, own) n_c: what the own coordinates do, the joint parameters being known
-    )
-    sensitivity: Array  # (nn * nq, np) S = - d N / d p, joint parameters before soft tissue
+    # (nn * nq, own) n_c: what the own coordinates do, the joint parameters being known
+    coefficients: Array
+    # (nn * nq, np) S = - d N / d p, joint parameters before soft tissue
+    sensitivity: Array
     clusters: tuple[str, ...]
     """(own,) which source each column is: `trial/label/axis`, `bandwidth/trial`,
     `posture/trial/number`.
     """
 
-    def and_unknowns(self) -> NodeMoves:
-        """The own coordinates, and then a unit of each unknown."""
-        return NodeMoves(
+    def append_unknowns(self) -> CoefficientErrors:
+        """Append a unit of each unknown to the marker coordinates."""
+        return CoefficientErrors(
             np.hstack([self.coefficients, -self.sensitivity]), np.eye(self.sensitivity.shape[1])
         )
 
 
 @dataclass(frozen=True, kw_only=True)
 class MotionSensitivity:
-    """What moves one trial's motion: its own marker coordinates, and errors of the unknowns that
-    trials share.
-    """
+    """Error sources of one trial's motion: its markers, and unknowns that trials share."""
 
-    coefficients: (
-        Array  # (nn * nq, own) n_c: what the own coordinates do, the joint parameters being known
-    )
-    sensitivity: Array  # (nn * nq, np) S = - d N / d p, joint parameters before soft tissue
+    # (nn * nq, own) n_c: what the own coordinates do, the joint parameters being known
+    coefficients: Array
+    # (nn * nq, np) S = - d N / d p, joint parameters before soft tissue
+    sensitivity: Array
     shift: Array
     """(np, nc) d p_c of the free joint parameters, then of the skin. The columns of a source are np
     or fewer with the same covariance."""
-    own: tuple[ErrorSource, ...]  # (own,) of the columns of `coefficients`
-    others: tuple[ErrorSource, ...]  # (nc,) of the columns of `shift`
+    # (own,) of the columns of `coefficients`
+    trial_sources: tuple[ErrorSource, ...]
+    shared_sources: tuple[ErrorSource, ...]  # (nc,) of the columns of `shift`
 
     @cached_property
-    def by_source(self) -> NodeMoves:
-        """(own + nc columns) of every source: the trial's own, then those of the unknowns."""
-        return self._with(self.shift)
+    def by_source(self) -> CoefficientErrors:
+        """Effects of all sources: the trial's, then those of the unknowns (own + nc columns)."""
+        return self._combine_with(self.shift)
 
     @cached_property
-    def together(self) -> NodeMoves:
-        """(own + np columns or fewer) the same with the covariance of the unknowns by all sources
-        at once.
-        """
-        return self._with(np.asarray(np.linalg.qr(self.shift.T, mode="r")).T)
+    def together(self) -> CoefficientErrors:
+        """The same with the covariance of the unknowns by all sources together, in fewer columns."""
+        return self._combine_with(np.asarray(np.linalg.qr(self.shift.T, mode="r")).T)
 
-    def _with(self, shift: Array) -> NodeMoves:
-        return NodeMoves(np.hstack([self.coefficients, -self.sensitivity @ shift]), shift)
+    def _combine_with(self, shift: Array) -> CoefficientErrors:
+        return CoefficientErrors(np.hstack([self.coefficients, -self.sensitivity @ shift]), shift)
 
-    def variances(self, moved: Array) -> dict[ErrorSource, Array]:
-        """ErrorSource -> (frames, m) the variance that it makes; `moved` (frames, m, own + nc) of
-        `by_source`.
+    def sum_by_source(self, moved: Array) -> dict[ErrorSource, Array]:
+        """Sum squared effects of each source.
+
+        Parameters
+        ----------
+        moved : (frames, m, own + nc) array
+            Effects of the columns of `by_source` on m quantities.
+
+        Returns
+        -------
+        dict of ErrorSource to (frames, m) array
+            Variances.
         """
-        columns = (*self.own, *self.others)
+        columns = (*self.trial_sources, *self.shared_sources)
         out = dict[ErrorSource, Array]()
         for source in dict.fromkeys(columns):
-            out[source] = squares(moved[:, :, [k for k, of in enumerate(columns) if of is source]])
+            out[source] = sum_squares(
+                moved[:, :, [k for k, column in enumerate(columns) if column is source]]
+            )
         return out
 
-    def whole_and_own(self, moved: Array) -> tuple[Array, Array]:
-        """(frames, m) variance by all sources, and by the trial's own markers; `moved` (frames, m,
-        k) of `together`.
+    def sum_all_and_trial(self, moved: Array) -> tuple[Array, Array]:
+        """Sum squared effects of all sources, and of the trial's markers alone.
+
+        Parameters
+        ----------
+        moved : (frames, m, k) array
+            Effects of the columns of `together` on m quantities.
+
+        Returns
+        -------
+        tuple of (frames, m) array
+            Both variances.
         """
-        own = [k for k, of in enumerate(self.own) if of is ErrorSource.MOTION]
-        return squares(moved), squares(moved[:, :, own])
+        markers = [k for k, column in enumerate(self.trial_sources) if column is ErrorSource.MOTION]
+        return sum_squares(moved), sum_squares(moved[:, :, markers])
 
 
-def squares(moves: Array) -> Array:
-    """(nf, m) variance from what independent sources (nf, m, k) make."""
+def sum_squares(moves: Array) -> Array:
+    """Sum the squared effects (nf, m, k) of independent sources: variances (nf, m)."""
     return np.einsum("fmk,fmk->fm", moves, moves)
 
 
-def source_of(name: str) -> ErrorSource:
-    """The source that a column of an `ErrorSources` belongs to, by its name."""
+def classify_source(name: str) -> ErrorSource:
+    """Classify a column of an `ErrorSources` by its name."""
     first, _, rest = name.partition("/")
     if first == "nominal" and rest in JP_INDEX:
         return ErrorSource.JOINT_NOMINAL
@@ -293,16 +378,31 @@ def source_of(name: str) -> ErrorSource:
     )
 
 
-def whole_body_scores(
+def compute_marker_scores(
     problem: MotionProblem, coefficients: Array, parameters: Parameters, joint: ErrorSources | None
 ) -> MarkerScores:
-    """Scores of one trial's markers, for the joint parameters of `joint`; None: no parameter is
-    free.
+    """Compute the effects of one trial's markers on its motion.
+
+    Parameters
+    ----------
+    problem : MotionProblem
+        The trial.
+    coefficients : (nn, nq) array
+        Its motion.
+    parameters : Parameters
+        Parameters of the linkage.
+    joint : ErrorSources or None
+        Its joint parameters are free; None: none is free.
+
+    Returns
+    -------
+    MarkerScores
+        Columns of markers, bandwidth and posture.
     """
     problem = problem.with_free(joint.free if joint else ())
     body = problem.body(parameters)
     eliminated = eliminate(problem.equations(coefficients, body))
-    columns = [_cluster_gradients(problem, body, coefficients)]
+    columns = [_compute_cluster_gradients(problem, body, coefficients)]
     clusters = [f"{problem.name}/{label}/{axis}" for label in problem.labels for axis in "xyz"]
     if problem.penalty is not None:
         columns.append(problem.penalty.both(coefficients)[1].reshape(-1, 1))
@@ -317,10 +417,10 @@ def whole_body_scores(
     )
 
 
-def _cluster_gradients(problem: MotionProblem, body: LinkageModel, coefficients: Array) -> Array:
-    """(nn * nq, nc) half gradients of each marker coordinate's own cost by the coefficients,
-    residuals inflated.
-    """
+def _compute_cluster_gradients(
+    problem: MotionProblem, body: LinkageModel, coefficients: Array
+) -> Array:
+    """Compute half gradients (nn * nq, nc) of each marker coordinate's cost, residuals inflated."""
     chain, data, basis = problem.chain, problem.data, problem.basis
     nq = len(chain.coordinates)
     q = basis.evaluate(coefficients)
@@ -328,16 +428,20 @@ def _cluster_gradients(problem: MotionProblem, body: LinkageModel, coefficients:
     x = problem.positions(coefficients, body)
     residual = x - data.measured
     least = 0.0 if problem.noise is None else 1e-3 * problem.noise.size_mm
-    of_one = np.arange(len(data.segment)) if problem.noise is None else _first_alike(data.measured)
-    inverse = _frame_inverses(problem, body, q)
+    of_one = (
+        np.arange(len(data.segment))
+        if problem.noise is None
+        else _find_first_duplicates(data.measured)
+    )
+    inverse = _invert_frame_hessians(problem, body, q)
     matrix = basis.matrices[0]
     by_node = np.zeros((basis.nodes, nq, 3 * len(data.segment)))
     for m, segment in enumerate(data.segment):
         moving = np.flatnonzero(chain.support[:nq, segment])
         v, w = spatial[moving, :3], spatial[moving, 3:]
         velocity = np.ascontiguousarray(v + np.cross(w, x[m][None], axis=1))
-        # h = w J (J^T W J)^-1 J^T of this marker's three axes in its own frame: what the motion
-        # absorbs of it
+        # h = w J (J^T W J)^-1 J^T of this marker's three axes, frame by frame: the part that the
+        # motion absorbs
         by_frame = velocity.transpose(2, 1, 0)
         met = by_frame @ inverse[np.ix_(np.arange(len(q)), moving, moving)]
         leverage = (met * by_frame).sum(axis=2).T
@@ -354,18 +458,16 @@ def _cluster_gradients(problem: MotionProblem, body: LinkageModel, coefficients:
     return by_node.reshape(basis.nodes * nq, -1)
 
 
-def _first_alike(measured: Array) -> IntArray:
-    """(nm,) of each point of (nm, 3, nf) m the first that is the same: a key point of two segments
-    errs once.
-    """
+def _find_first_duplicates(measured: Array) -> IntArray:
+    """Find for each point (nm, 3, nf) the first equal one: a key point of two segments errs once."""
     _, first, which = np.unique(
         measured.reshape(len(measured), -1), axis=0, return_index=True, return_inverse=True
     )
     return np.asarray(first[which.ravel()])
 
 
-def _frame_inverses(problem: MotionProblem, body: LinkageModel, q: Array) -> Array:
-    """(nf, nq, nq) pseudo-inverses of the frames' own Gauss-Newton matrices."""
+def _invert_frame_hessians(problem: MotionProblem, body: LinkageModel, q: Array) -> Array:
+    """Compute pseudo-inverses (nf, nq, nq) of the Gauss-Newton matrices of single frames."""
     hessian = problem.frame_hessians(q, body)
     # m^2 and rad^2 on one diagonal: scaled to ones, so that the cut of the pseudo-inverse means the
     # same for all
@@ -375,31 +477,46 @@ def _frame_inverses(problem: MotionProblem, body: LinkageModel, q: Array) -> Arr
     return inverse * scale[:, :, None] * scale[:, None, :]
 
 
-def marker_moves(
+def compute_motion_sensitivity(
     problem: MotionProblem,
     coefficients: Array,
     parameters: Parameters,
     joint: ErrorSources | None,
     scores: MarkerScores | None = None,
 ) -> MotionSensitivity:
-    """Moves of one whole-body trial.
+    """Compute the error sources of one whole-body trial's motion.
 
-    `joint`: None where no joint parameters were calibrated.
-    `scores`: of `whole_body_scores`, where known already.
+    Parameters
+    ----------
+    problem : MotionProblem
+        The trial.
+    coefficients : (nn, nq) array
+        Its motion.
+    parameters : Parameters
+        Parameters of the linkage.
+    joint : ErrorSources or None
+        Errors of joint parameters; None if they were not calibrated.
+    scores : MarkerScores, optional
+        Result of `compute_marker_scores`, if available.
+
+    Returns
+    -------
+    MotionSensitivity
+        Columns of the trial, then of the shared unknowns.
     """
-    scores = scores or whole_body_scores(problem, coefficients, parameters, joint)
-    found = [source_of(c) for c in scores.clusters]
-    own = [
+    scores = scores or compute_marker_scores(problem, coefficients, parameters, joint)
+    found = [classify_source(c) for c in scores.clusters]
+    trial_sources = [
         source if source in (ErrorSource.BANDWIDTH, ErrorSource.POSTURE) else ErrorSource.MOTION
         for source in found
     ]
     shift, others = np.zeros((scores.sensitivity.shape[1], 0)), list[ErrorSource]()
     if joint is not None:
         errors = joint.parameters[problem.with_free(joint.free).places_in(joint.free)]
-        named = [source_of(name) for name in joint.clusters]
+        named = [classify_source(name) for name in joint.clusters]
         for source in dict.fromkeys(named):
             columns = errors[
-                :, [k for k, of in enumerate(named) if of is source and errors[:, k].any()]
+                :, [k for k, column in enumerate(named) if column is source and errors[:, k].any()]
             ]
             compressed = np.asarray(np.linalg.qr(columns.T, mode="r")).T
             shift = np.hstack([shift, compressed])
@@ -408,44 +525,67 @@ def marker_moves(
         coefficients=scores.coefficients,
         sensitivity=scores.sensitivity,
         shift=shift,
-        own=tuple(own),
-        others=tuple(others),
+        trial_sources=tuple(trial_sources),
+        shared_sources=tuple(others),
     )
 
 
-def coordinate_variances(
+def compute_coordinate_variances(
     problem: MotionProblem, moves: MotionSensitivity, more: Array | None = None
 ) -> tuple[Array, Array]:
-    """(nf, nq) m^2, rad^2: variances of the coordinates of one whole-body trial by all sources, and
-    by its own markers.
+    """Compute variances of the coordinates of one whole-body trial.
 
-    `more`: (nf, m, nq) m quantities' derivatives by coordinates; their variances follow, (nf, nq +
-    m).
+    Parameters
+    ----------
+    problem : MotionProblem
+        The trial.
+    moves : MotionSensitivity
+        Its error sources.
+    more : (nf, m, nq) array, optional
+        Derivatives of m further quantities by the coordinates.
+
+    Returns
+    -------
+    tuple of (nf, nq + m) array
+        Variances by all sources, and by the trial's markers; m^2 and rad^2.
     """
 
     def moved(part: slice | IntArray) -> Array:
-        found = moves.together.moved(basis, part)
+        found = moves.together.compute_coordinate_errors(basis, part)
         return found if more is None else np.concatenate([found, more[part] @ found], axis=1)
 
     basis = problem.basis
-    parts = [moves.whole_and_own(moved(part)) for part in stretches(len(basis.time), BLOCK)]
-    whole, own = (np.concatenate(of) for of in zip(*parts, strict=True))
-    return whole, own
+    parts = [moves.sum_all_and_trial(moved(part)) for part in stretches(len(basis.time), BLOCK)]
+    whole, by_markers = (np.concatenate(pieces) for pieces in zip(*parts, strict=True))
+    return whole, by_markers
 
 
-def coordinate_standard_errors(
+def compute_coordinate_errors(
     problem: MotionProblem,
     moves: MotionSensitivity,
     turned: Array | None = None,
     variances: Array | None = None,
 ) -> Array:
-    """(nf, nq) m, rad: standard errors of the coordinates of one whole-body trial.
+    """Compute standard errors of the coordinates of one whole-body trial.
 
-    `turned`: (nf, nq) those that errors of the segments' axes make
-    (`AxisErrors.coordinate_errors`); a coordinate that no marker moves with is held at zero, and
-    has none. `variances`: by all sources, where known already.
+    Parameters
+    ----------
+    problem : MotionProblem
+        The trial.
+    moves : MotionSensitivity
+        Its error sources.
+    turned : (nf, nq) array, optional
+        Errors by the axes of the segments (`AxisErrors.coordinate_errors`), rad. They are left out
+        for coordinates that no marker moves with: those are fixed at zero.
+    variances : (nf, nq) array, optional
+        Variances by all sources, if available.
+
+    Returns
+    -------
+    (nf, nq) array
+        m and rad.
     """
     out: Array = np.sqrt(
-        coordinate_variances(problem, moves)[0] if variances is None else variances
+        compute_coordinate_variances(problem, moves)[0] if variances is None else variances
     )
     return out if turned is None else np.hypot(out, np.where(problem.active, turned, 0.0))

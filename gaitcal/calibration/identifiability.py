@@ -1,17 +1,15 @@
-"""Which joint parameters the trials cannot see, where no prior holds them.
+"""Detect joint parameters that the trials do not determine, in fits without a prior.
 
-A parameter whose standard error, from the markers alone, is larger than what anybody would believe
-about a joint (20 mm, 20 degrees) is not determined. It is frozen at its present value, the worst
-first: given it, the covariance of the others becomes cov - cov_k cov_k^T / cov_kk, and the search
-goes on until every remaining parameter is determined. Directions along which S, the reduced
-Gauss-Newton matrix in units of the noise, vanishes count with an unbounded variance, and so does an
-axis about which the joint hardly moved in its isolated trials: what residuals say of it there is
-noise that turns with the joint.
+A parameter is undetermined if its standard error from the markers alone exceeds 20 mm or 20
+degrees, more than a joint can be off. The worst one is fixed at its present value. The covariance
+of the others is then cov - cov_k cov_k^T / cov_kk, and the search continues until all remaining
+parameters are determined. Directions in which S, the reduced Gauss-Newton matrix in units of the
+noise, vanishes have an unbounded variance. So does an axis about which the joint hardly moved in
+its functional trials: its residuals are noise that rotates with the joint.
 
-One marker on an upper arm does not tell how it is turned about its length, and the model's upper
-arm does not turn so. Where a real one does, a fit of its joints may find an elbow that bends the
-other way, with the whole arm half a turn about: a motion far from the one that the markers begin
-with. The joints of that arm are then left where they were.
+One marker on an upper arm does not determine its rotation about its length, and the model's upper
+arm does not rotate so. A fit may then find an elbow that bends backwards with the arm rotated by
+half a turn. The joints of that arm keep their nominal parameters.
 """
 
 from collections.abc import Mapping, Sequence
@@ -26,29 +24,24 @@ from gaitcal.model.parameters import JOINT_PARAMETERS, JP_INDEX, ParameterKind, 
 from gaitcal.tracking import motion, rigid, trial_problem
 from gaitcal.tracking.start import starting_nodes
 
-LARGEST_POSITION = 0.020  # m, standard error above which a joint position counts as not determined
+# m, standard error above which a joint position counts as not determined
+LARGEST_POSITION = 0.020
 LARGEST_ORIENTATION = np.deg2rad(20.0)  # rad, the same for an axis' direction
-NEEDED_TURN = np.deg2rad(
-    25.0
-)  # Range of motion a joint needs for its axis to be found (Reinbolt et al. 2007).
-LEAST_TURN = np.deg2rad(5.0)
-"""Range of motion below which an isolated trial says nothing of an axis: of the size of what skin
-movement feigns.
-"""
-UNBOUNDED = (
-    1e6  # Variance, in squares of the largest error believed, of what the markers cannot see at all
-)
-# Leg joint parameters beyond their bounds from which no single joint is odd: the body is another
-# one
-MANY_BEYOND = 4
-PLACED_ANEW = 0.001
-"""m, RMS: no hand puts markers on another body, or on anew, so that all distances within segments
-stay to this.
-"""
-LARGEST_ARM_TURN = np.deg2rad(90.0)
-"""From where a coordinate begins, the median over a trial: no noise and no bound of joint
-parameters turns so far.
-"""
+# rad, range of motion that determines the axis of a joint (Reinbolt et al. 2007)
+NEEDED_RANGE = np.deg2rad(25.0)
+LEAST_RANGE = np.deg2rad(5.0)
+"""rad, range of motion below which a functional trial does not determine an axis: the size of
+apparent rotations by soft tissue."""
+# Variance of unobservable directions, in squares of the largest plausible error
+UNBOUNDED = 1e6
+# Leg joint parameters at their bounds from which the static trial is taken as of another body
+MANY_AT_BOUND = 4
+SAME_PLACEMENT_M = 0.001
+"""m, RMS: markers that are attached again, or to another body, change distances within segments by
+more than this."""
+LARGEST_ARM_ROTATION = np.deg2rad(90.0)
+"""rad, median over a trial of a coordinate's change from its start: noise and bounds of joint
+parameters cause less."""
 MOVEMENTS = {
     "hip_flexion": "flexion",
     "hip_adduction": "abduction",
@@ -59,29 +52,41 @@ MOVEMENTS = {
 """Coordinate, without its side, that shows an axis in an isolated trial -> what that movement is
 called.
 """
-Turns = Mapping[str, Mapping[str, float]]
+RangesOfMotion = Mapping[str, Mapping[str, float]]
 """Joint of isolated trials -> its coordinates, without their side -> the largest range (rad) in any
 of these trials.
 """
 
 
-def _axes(isolated: str) -> dict[str, tuple[str, ...]]:
-    """Joint of the linkage -> its coordinates of `MOVEMENTS`, for what an isolated trial moves."""
-    return {
-        joint.name: tuple(
-            name for e in joint.elements if (name := coordinates.split_side(e.name)[0]) in MOVEMENTS
-        )
-        for joint in linkage.moved_joints(isolated)
-    }
+def _list_shown_axes(isolated: str) -> dict[str, tuple[str, ...]]:
+    """List the coordinates of `MOVEMENTS` of each joint that a functional trial moves."""
+    axes: dict[str, tuple[str, ...]] = {}
+    for joint in linkage.list_moved_joints(isolated):
+        names = [coordinates.split_side(e.name)[0] for e in joint.elements]
+        axes[joint.name] = tuple(name for name in names if name in MOVEMENTS)
+    return axes
 
 
-def unseen_parameters(
+def find_unobservable_parameters(
     free: Sequence[str], covariance: Array, information: Array, unmoved: Sequence[str] = ()
 ) -> tuple[str, ...]:
-    """Names of the free parameters that the trials of a fit do not determine, worst first;
-    `unmoved` come first.
+    """Find free parameters that the trials of a fit do not determine.
 
-    `covariance` (np, np) along the directions that S, `information` (np, np), tells at all.
+    Parameters
+    ----------
+    free : sequence of str
+        Free joint parameters.
+    covariance : (np, np) array
+        Covariance along the directions that S determines, m and rad.
+    information : (np, np) array
+        S.
+    unmoved : sequence of str
+        Parameters of axes about which the joint did not move.
+
+    Returns
+    -------
+    tuple of str
+        `unmoved` first, then the worst first.
     """
     position = [JOINT_PARAMETERS[JP_INDEX[name]].kind is ParameterKind.POSITION for name in free]
     allowed = np.where(position, LARGEST_POSITION, LARGEST_ORIENTATION)
@@ -90,7 +95,7 @@ def unseen_parameters(
         vectors[:, values <= NULL * max(float(values.max(initial=0.0)), 1e-300)] / allowed[:, None]
     )
     covariance = covariance / np.outer(allowed, allowed) + UNBOUNDED * null @ null.T
-    unseen = [name for name in free if name in unmoved]
+    unobservable = [name for name in free if name in unmoved]
     kept = [k for k, name in enumerate(free) if name not in unmoved]
     while kept:
         variances = covariance[kept, kept]
@@ -98,31 +103,42 @@ def unseen_parameters(
         if variances[worst] <= 1.0:
             break
         k = kept.pop(worst)
-        unseen.append(free[k])
+        unobservable.append(free[k])
         covariance = covariance - np.outer(covariance[:, k], covariance[k]) / covariance[k, k]
-    return tuple(unseen)
+    return tuple(unobservable)
 
 
-def unmoved_parameters(
+def find_unmoved_parameters(
     free: Sequence[str], joint: str, turned: Mapping[str, float]
 ) -> tuple[str, ...]:
-    """Free parameters of the axes of an isolated joint about which its trials moved by less than
-    `LEAST_TURN`.
+    """Find parameters of axes about which a functional trial moved by less than `LEAST_RANGE`.
 
-    `turned`: coordinate, without its side -> the largest range (rad) in any of them (`turns_of`).
+    Parameters
+    ----------
+    free : sequence of str
+        Free joint parameters.
+    joint : str
+        Joint of the functional trials.
+    turned : mapping of str to float
+        Coordinate without its side -> largest range, rad (`measure_ranges_of_motion`).
+
+    Returns
+    -------
+    tuple of str
+        Names among `free`.
     """
     still = {
         axis
-        for axis, names in _axes(joint).items()
-        if max(turned[name] for name in names) < LEAST_TURN
+        for axis, names in _list_shown_axes(joint).items()
+        if max(map(turned.__getitem__, names)) < LEAST_RANGE
     }
     return tuple(name for name in free if name.split(".")[0] in still)
 
 
-def _turns(
+def _measure_ranges(
     problem: trial_problem.MotionProblem, coefficients: Array, joint: str
 ) -> dict[str, float]:
-    """Coordinate of an isolated joint, without its side -> its range (rad) over a trial."""
+    """Measure the range (rad) of each coordinate, without its side, over a functional trial."""
     ranges = dict(
         zip(
             problem.chain.coordinates,
@@ -131,62 +147,75 @@ def _turns(
         )
     )
     return {
-        name: ranges[f"{name}_{joint[-1]}"] for names in _axes(joint).values() for name in names
+        name: ranges[f"{name}_{joint[-1]}"]
+        for names in _list_shown_axes(joint).values()
+        for name in names
     }
 
 
-def turns_of(
+def measure_ranges_of_motion(
     problems: Sequence[trial_problem.MotionProblem],
     coefficients: Sequence[Array],
     joints: Sequence[str | None],
 ) -> dict[str, dict[str, float]]:
-    """How far isolated trials move their joints; `joints` names that of each problem, None for
-    gait.
+    """Measure how far functional trials move their joints.
+
+    Parameters
+    ----------
+    problems : sequence of MotionProblem
+        The trials.
+    coefficients : sequence of (nn, nq) array
+        Their motions.
+    joints : sequence of str or None
+        Joint of each functional trial; None for gait.
+
+    Returns
+    -------
+    dict
+        Joint -> coordinate without its side -> largest range, rad.
     """
     out: dict[str, dict[str, float]] = {}
-    for problem, own, joint in zip(problems, coefficients, joints, strict=True):
+    for problem, nodes, joint in zip(problems, coefficients, joints, strict=True):
         if joint is not None:
             found = out.setdefault(joint, {})
-            for name, turned in _turns(problem, own, joint).items():
+            for name, turned in _measure_ranges(problem, nodes, joint).items():
                 found[name] = max(found.get(name, 0.0), turned)
     return out
 
 
-def small_turns(
+def report_small_ranges(
     problem: trial_problem.MotionProblem, coefficients: Array, joint: str
 ) -> tuple[Finding, ...]:
-    """Movements of an isolated trial that are too small to show their axis."""
+    """Report movements of a functional trial that are too small to determine their axis."""
     return tuple(
         Finding(
-            severity=Severity.INFO if turned >= LEAST_TURN else Severity.WARNING,
+            severity=Severity.INFO if turned >= LEAST_RANGE else Severity.WARNING,
             topic="range of motion",
             where=problem.name,
             cause=f"{joint} hardly moved in {MOVEMENTS[name]}",
-            found=f"found {np.rad2deg(turned):.0f} deg; about {np.rad2deg(NEEDED_TURN):.0f} deg "
+            found=f"found {np.rad2deg(turned):.0f} deg; about {np.rad2deg(NEEDED_RANGE):.0f} deg "
             "show that axis",
             cure="its error bar is the wider; record the trial again with a larger movement",
             leg=joint[-1],
             code=Code.SMALL_MOVEMENT,
         )
-        for name, turned in _turns(problem, coefficients, joint).items()
-        if turned < NEEDED_TURN
+        for name, turned in _measure_ranges(problem, coefficients, joint).items()
+        if turned < NEEDED_RANGE
     )
 
 
-def _advice(joint: str, kind: str, turned: Mapping[str, float]) -> str:
-    """What to record for a joint of the model, where isolated trials have `turned` the joint that
-    it belongs to.
-    """
+def _describe_advice(joint: str, kind: str, turned: Mapping[str, float]) -> str:
+    """Describe the trial to record for a joint, given the ranges (rad) of its functional trials."""
     if not turned:
-        needed = f"at least {np.rad2deg(NEEDED_TURN):.0f} deg of movement"
+        needed = f"at least {np.rad2deg(NEEDED_RANGE):.0f} deg of movement"
         return (
             f"add an isolated {kind} trial of the {linkage.SIDE_WORDS[joint[-1]]} leg with {needed}"
         )
     had = " and ".join(
         f"{np.rad2deg(angle):.0f} deg in {MOVEMENTS[name]}" for name, angle in turned.items()
     )
-    axes = _axes(f"{kind}_{joint[-1]}")[joint]
-    small = [MOVEMENTS[n] for n, angle in turned.items() if angle < NEEDED_TURN and n in axes]
+    axes = _list_shown_axes(f"{kind}_{joint[-1]}")[joint]
+    small = [MOVEMENTS[n] for n, angle in turned.items() if angle < NEEDED_RANGE and n in axes]
     if small:
         return (
             f"the isolated {kind} trial moves {had}; move {' and '.join(small)} further to learn "
@@ -198,9 +227,10 @@ def _advice(joint: str, kind: str, turned: Mapping[str, float]) -> str:
     )
 
 
-def _finding(
+def _make_finding(
     code: Code, cause: str, found: str, cure: str, leg: str = "", severity: Severity = Severity.INFO
 ) -> Finding:
+    """Make a finding about joint parameters."""
     return Finding(
         severity=severity,
         topic="joint parameters",
@@ -214,29 +244,44 @@ def _finding(
     )
 
 
-def in_words(unseen: Sequence[str], done: str, turned: Turns) -> tuple[Finding, ...]:
-    """One note a joint: what is not determined, what was done, what to record given what was
-    (`turned`).
+def report_undetermined(
+    undetermined: Sequence[str], done: str, turned: RangesOfMotion
+) -> tuple[Finding, ...]:
+    """Report the undetermined parameters of each joint, and the trial to record.
 
-    Its error bar says the rest.
+    Parameters
+    ----------
+    undetermined : sequence of str
+        Undetermined joint parameters.
+    done : str
+        Treatment of these parameters, for the message.
+    turned : mapping
+        Ranges of motion of the functional trials, rad.
+
+    Returns
+    -------
+    tuple of Finding
+        One for each joint.
     """
     out = []
-    for joint in dict.fromkeys(JOINT_PARAMETERS[JP_INDEX[name]].joint for name in unseen):
-        of_joint = [name for name in unseen if JOINT_PARAMETERS[JP_INDEX[name]].joint == joint]
+    for joint in dict.fromkeys(JOINT_PARAMETERS[JP_INDEX[name]].joint for name in undetermined):
+        of_joint = [
+            name for name in undetermined if JOINT_PARAMETERS[JP_INDEX[name]].joint == joint
+        ]
         kind = coordinates.JOINT_TABLE[coordinates.split_side(joint)[0]].power
         cause, found = (
             f"{joint} is not fully determined",
             f"{', '.join(of_joint)} not determined; {done}",
         )
-        advice = _advice(joint, kind, turned.get(f"{kind}_{joint[-1]}", {}))
-        out.append(_finding(Code.UNDETERMINED, cause, found, advice, joint[-1]))
+        advice = _describe_advice(joint, kind, turned.get(f"{kind}_{joint[-1]}", {}))
+        out.append(_make_finding(Code.UNDETERMINED, cause, found, advice, joint[-1]))
     return tuple(out)
 
 
-def worn_as_standing(problems: Sequence[trial_problem.MotionProblem]) -> bool:
-    """Whether the markers of legs and pelvis sit in trials just as in the static trial: on this
-    body, wherever joints are found. False where skin or cameras leave that open, and of points that
-    are no markers.
+def is_same_placement(problems: Sequence[trial_problem.MotionProblem]) -> bool:
+    """Return whether markers of pelvis and legs have the same placement as in the static trial.
+
+    False if soft tissue or camera noise leave that open, and for points that are no markers.
     """
     floors = [motion.rigid_floor(problem) for problem in problems if problem.noise is None]
     shown = [
@@ -245,19 +290,29 @@ def worn_as_standing(problems: Sequence[trial_problem.MotionProblem]) -> bool:
         for s in linkage.LOWER_BODY
         if floor.kept(s).sum() >= rigid.FEWEST_MARKERS
     ]
-    apart = [floor.rms(segment) or 0.0 for floor, segment in shown]
-    return bool(apart) and len(floors) == len(problems) and max(apart) < PLACED_ANEW
+    distances = [floor.rms(segment) or 0.0 for floor, segment in shown]
+    return bool(distances) and len(floors) == len(problems) and max(distances) < SAME_PLACEMENT_M
 
 
-def beyond_bounds(names: Sequence[str], *, same_body: bool = False) -> tuple[Finding, ...]:
-    """Of joint parameters on their bounds, or beyond; notes where no leg moves by them.
+def report_bounds(names: Sequence[str], *, same_body: bool = False) -> tuple[Finding, ...]:
+    """Report joint parameters on their bounds or beyond.
 
-    `same_body`: markers show that the static trial is of the body of the others.
+    Parameters
+    ----------
+    names : sequence of str
+        Joint parameters.
+    same_body : bool
+        Whether markers show that the static trial is of the same body as the others.
+
+    Returns
+    -------
+    tuple of Finding
+        Warnings for leg joints and notes for others; an error if many leg parameters are affected.
     """
     legs = [name for name in names if name.split(".")[0].rpartition("_")[0] in linkage.LEG_JOINTS]
     many = (
         not same_body
-        and len(legs) >= MANY_BEYOND
+        and len(legs) >= MANY_AT_BOUND
         and len({name.split(".")[0] for name in legs}) > 1
     )
     out = []
@@ -266,9 +321,9 @@ def beyond_bounds(names: Sequence[str], *, same_body: bool = False) -> tuple[Fin
         leg = of_joint[0] in legs
         if not (leg and many):
             out.append(
-                _finding(
+                _make_finding(
                     Code.JOINT_AT_BOUND,
-                    f"{joint} lies further from where the static trial has it than people do",
+                    f"{joint} is further from its position in the static trial than in people",
                     f"{listed(of_joint)} on the bound of how far it may move, or beyond",
                     "look at the landmarks of the static trial, and whether the trials are of this "
                     "person and joint",
@@ -283,52 +338,62 @@ def beyond_bounds(names: Sequence[str], *, same_body: bool = False) -> tuple[Fin
         )
         cause = "the static trial does not show the body of the moving trials"
         cure = "is it of another person, or of another day, with the markers in other places?"
-        out.append(_finding(Code.OTHER_BODY, cause, found, cure, severity=Severity.ERROR))
+        out.append(_make_finding(Code.OTHER_BODY, cause, found, cure, severity=Severity.ERROR))
     return tuple(out)
 
 
-def arm_ambiguity(
+def detect_ambiguous_arms(
     problems: Sequence[trial_problem.MotionProblem],
     coefficients: Sequence[Array],
     parameters: Parameters,
 ) -> Mapping[str, float]:
-    """Side -> rad by which its arm is turned from where rigid fits with `parameters` begin, where
-    that is too far.
+    """Detect arms that a fit has rotated too far from the start of rigid fits.
+
+    Parameters
+    ----------
+    problems : sequence of MotionProblem
+        Trials with trunk and arms.
+    coefficients : sequence of (nn, nq) array
+        Their fitted motions.
+    parameters : Parameters
+        Parameters of the rigid fits.
+
+    Returns
+    -------
+    mapping of str to float
+        Side -> rotation, rad.
     """
     out: dict[str, float] = {}
     arm = [row.name for row in coordinates.COORDINATE_TABLE.values() if row.group == "arm"]
-    for problem, own in zip(problems, coefficients, strict=True):
+    for problem, nodes in zip(problems, coefficients, strict=True):
         start = starting_nodes(problem.body(parameters), problem.data, problem.basis)
-        apart = np.abs(np.angle(np.exp(1j * problem.basis.evaluate(own - start))))
+        rotation = np.abs(np.angle(np.exp(1j * problem.basis.evaluate(nodes - start))))
         median = dict(
-            zip(problem.chain.coordinates, np.median(apart, axis=0).tolist(), strict=True)
+            zip(problem.chain.coordinates, np.median(rotation, axis=0).tolist(), strict=True)
         )
         for side in linkage.SIDES:
-            most = max(
-                (median[name] for name in (f"{angle}_{side}" for angle in arm) if name in median),
-                default=0.0,
-            )
-            if most > max(LARGEST_ARM_TURN, out.get(side, 0.0)):
+            names = [f"{angle}_{side}" for angle in arm]
+            most = max((median[name] for name in names if name in median), default=0.0)
+            if most > max(LARGEST_ARM_ROTATION, out.get(side, 0.0)):
                 out[side] = most
     return out
 
 
-def without_arms(free: Sequence[str], sides: Mapping[str, float]) -> tuple[str, ...]:
-    """The joint parameters that are none of these arms."""
+def exclude_arms(free: Sequence[str], sides: Mapping[str, float]) -> tuple[str, ...]:
+    """Exclude the joint parameters of these arms."""
     joints = {f"{joint}_{side}" for joint in ("shoulder", "elbow") for side in sides}
     return tuple(name for name in free if name.split(".")[0] not in joints)
 
 
-def ambiguous_arm_findings(sides: Mapping[str, float]) -> tuple[Finding, ...]:
-    """A note an arm."""
+def report_ambiguous_arms(sides: Mapping[str, float]) -> tuple[Finding, ...]:
+    """Report that the joints of these arms keep their nominal parameters."""
     return tuple(
-        _finding(
+        _make_finding(
             Code.UNDETERMINED,
             f"shoulder and elbow of the {linkage.SIDE_WORDS[side]} arm stay nominal",
             f"their fit turned the arm by {np.rad2deg(turn):.0f} degrees, which no arm does: its "
-            "markers do not tell "
-            "how the upper arm is turned about its length",
-            "nothing, where only legs matter; a second marker on the upper arm tells it",
+            "markers do not determine the rotation of the upper arm about its length",
+            "nothing, if only the legs matter; a second marker on the upper arm determines it",
         )
         for side, turn in sides.items()
     )

@@ -1,5 +1,4 @@
-"""Joint parameters, soft tissue and motions from markers: SciPy's `least_squares` on the compressed
-problem.
+"""Fit joint parameters, soft tissue and motions to markers: `least_squares` on a small problem.
 
 Without a prior and without soft tissue this is phase 1 of Reinbolt et al. 2007, eq. 1
 (`reduced_problem.py`).
@@ -31,7 +30,8 @@ marker about as far.
 class JointSettings:
     """Bounds and tolerances of a joint-parameter calibration."""
 
-    position_bound: float = np.inf  # m, largest distance of a position from its nominal value
+    # m, largest distance of a position from its nominal value
+    position_bound: float = np.inf
     orientation_bound: float = np.inf  # rad, the same for orientations
     tolerance: float = 1e-11
     """Relative tolerance on cost and parameters: with 1e-10 a hardly determined subtalar axis ends
@@ -40,21 +40,21 @@ class JointSettings:
     most_evaluations: int = 100
     tracking: DescentSettings = field(default_factory=DescentSettings)
 
-    def bound(self, name: str) -> float:
-        """m, rad, of one joint parameter."""
+    def get_bound(self, name: str) -> float:
+        """Get the largest distance (m, rad) of a joint parameter from its nominal value."""
         position = JOINT_PARAMETERS[JP_INDEX[name]].kind is ParameterKind.POSITION
         return self.position_bound if position else self.orientation_bound
 
 
 @dataclass(frozen=True, kw_only=True)
 class JointFit:
-    """Joint parameters found, and everything needed to say how well."""
+    """Result of a fit of joint parameters, with its state for error estimates."""
 
     free: tuple[str, ...]
-    keys: tuple[
-        str, ...
-    ]  # Columns of the soft tissue, `kind/regressor/segment/component`, kind by kind
-    values: Array  # (np + nz,) m, rad of `free`; then those of the soft tissue, m, rad
+    # Columns of the soft tissue, `kind/regressor/segment/component`, kind by kind
+    keys: tuple[str, ...]
+    # (np + nz,) m, rad of `free`; then those of the soft tissue, m, rad
+    values: Array
     parameters: Parameters
     state: ReducedState
     iterations: int
@@ -75,9 +75,7 @@ class JointFit:
 
 
 class JointSearch:
-    """The fit of joint parameters to some trials, which may be run again with trials that count
-    more or less.
-    """
+    """Search for joint parameters, which may be repeated with other weights of the trials."""
 
     def __init__(
         self,
@@ -94,21 +92,35 @@ class JointSearch:
     ) -> None:
         """Set up the search.
 
-        `problems`: the trials; each has its own motion, all share the joint parameters.
-        `parameters`: where the search starts, and the values of all that is not free. `free`: of
-        these, the joint parameters that some trial passes are fitted. `starts`: per trial,
-        coefficients (nn, nq) to start from. `nominal`: where bounds are centred; `parameters`
-        unless given. `tissue`: prior of the soft tissue that the problems have. `expected`: (np,)
-        m, rad and (np, np) mean and precision of the joint parameters `free` before any trial;
-        nothing is expected of them unless given. `kinds`: kind of task of each trial, of which the
-        soft tissue is its own; one for all unless given.
+        Parameters
+        ----------
+        problems : sequence of MotionProblem
+            The trials; each has its motion, all share the joint parameters.
+        parameters : Parameters
+            Start of the search, and the values of all that is not free.
+        free : tuple of str
+            Joint parameters to fit; those that no trial passes are left out.
+        starts : sequence of (nn, nq) array
+            Start coefficients of each trial.
+        settings : JointSettings, optional
+            Bounds and tolerances.
+        nominal : Parameters, optional
+            Centre of the bounds; `parameters` if not given.
+        tissue : TissuePrior
+            Prior of the soft tissue of the problems.
+        expected : tuple of array, optional
+            (np,) mean (m, rad) and (np, np) precision of the joint parameters `free` before any
+            trial; no prior if not given.
+        kinds : sequence of str, optional
+            Kind of task of each trial, which has its separate soft tissue; one for all if not
+            given.
         """
         self.settings = settings or JointSettings()
-        self.free = passed(problems, free)
+        self.free = select_passed_parameters(problems, free)
         index = [JP_INDEX[name] for name in self.free]
         self.present = parameters.joint[index]
         self.middle = (nominal or parameters).joint[index]
-        self.reach = np.array([self.settings.bound(name) for name in self.free])
+        self.reach = np.array([self.settings.get_bound(name) for name in self.free])
         position = np.array(
             [JOINT_PARAMETERS[i].kind is ParameterKind.POSITION for i in index], dtype=bool
         )
@@ -129,9 +141,20 @@ class JointSearch:
         )
 
     def run(self, start_values: Array | None = None) -> JointFit:
-        """Fit to the end, from where the last search ended unless told otherwise."""
+        """Fit to the final tolerance.
+
+        Parameters
+        ----------
+        start_values : (np,) array, optional
+            Start (m, rad); the best point so far if not given.
+
+        Returns
+        -------
+        JointFit
+            Parameters, soft tissue and motions.
+        """
         began = time.perf_counter()
-        result = self._least_squares(self.settings.tolerance, start_values)
+        result = self._run_least_squares(self.settings.tolerance, start_values)
         state = self.problem.settle(result.x)
         bounded = np.isfinite(self.reach)
         edge = bounded & (
@@ -141,21 +164,21 @@ class JointSearch:
             free=self.free,
             keys=tuple(key for kind in state.kinds for key in kind.prior.keys),
             values=np.concatenate([result.x, *(kind.z for kind in state.kinds)]),
-            parameters=self.problem.linkage(result.x),
+            parameters=self.problem.get_parameters(result.x),
             state=state,
             iterations=int(result.nfev),
             seconds=time.perf_counter() - began,
             converged=bool(result.status > 0) and all(trial.converged for trial in state.trials),
-            message=ending(result),
+            message=describe_ending(result),
             at_bound=tuple(name for name, on_edge in zip(self.free, edge, strict=True) if on_edge),
         )
 
-    def approach(self, tolerance: float) -> ReducedState:
-        """Where such a search ends that stops at a larger tolerance; motions are those on the way."""
-        return self.problem.at(self._least_squares(tolerance).x)
+    def run_to_tolerance(self, tolerance: float) -> ReducedState:
+        """Search to a larger tolerance; motions are those of the last step."""
+        return self.problem.at(self._run_least_squares(tolerance).x)
 
-    def _least_squares(self, tolerance: float, start: Array | None = None) -> OptimizeResult:
-        """From the best point so far, unless told otherwise."""
+    def _run_least_squares(self, tolerance: float, start: Array | None = None) -> OptimizeResult:
+        """Run SciPy's search from `start`, or from the best point so far."""
         if start is None:
             start = self.present if self.problem.best is None else self.problem.best.p
         if not len(start):
@@ -164,9 +187,9 @@ class JointSearch:
         bounded = np.isfinite(self.reach)
         inside = np.clip(start, lower + 1e-9 * (upper - lower) if bounded.all() else lower, upper)
         return least_squares(
-            self.problem.residual,
+            self.problem.compute_residual,
             inside,
-            jac=self.problem.jacobian,
+            jac=self.problem.compute_jacobian,
             bounds=(lower, upper) if bounded.any() else (-np.inf, np.inf),
             x_scale=self.scale,
             ftol=tolerance,
@@ -176,8 +199,10 @@ class JointSearch:
         )
 
 
-def passed(problems: Sequence[MotionProblem], names: Sequence[str]) -> tuple[str, ...]:
-    """The joint parameters of `names` that the linkage of some trial passes."""
+def select_passed_parameters(
+    problems: Sequence[MotionProblem], names: Sequence[str]
+) -> tuple[str, ...]:
+    """Select the joint parameters that the linkage of some trial passes."""
     found = {name for problem in problems for name in problem.with_free(tuple(names)).chain.free}
     return tuple(name for name in names if name in found)
 
@@ -191,6 +216,6 @@ _STATUS = {
 }
 
 
-def ending(result: OptimizeResult) -> str:
-    """SciPy's status in words; its own message where the number is new."""
+def describe_ending(result: OptimizeResult) -> str:
+    """Describe SciPy's status; its message if the number is new."""
     return _STATUS.get(int(result.status), str(result.message))

@@ -1,5 +1,4 @@
-"""One estimate of all joint parameters: every trial, every parameter that a trial can move, soft
-tissue, the motions.
+"""Estimate joint parameters, soft tissue and motions of all trials together, with their errors.
 
     min  sum_t C_t(p, z, N_t) / (f_t nu_t^2)  +  |(p - p_0)|^2_Sigma_p  +  |z|^2_Sigma_z
 
@@ -10,8 +9,8 @@ eliminated (`reduced_problem.py`), p is found by SciPy. The published protocol (
 2007, eq. 1) is this with z = 0, without a prior (or a weak one), and with one f nu^2 for all trials
 of a phase, the mean of their own.
 
-nu_t is the noise of the trial's independent samples (`joint_prior.py`), from a fit of its own kind
-of task alone: what gait disagrees with is no noise of an isolated trial. Trials of one task repeat
+nu_t is the noise of the trial's independent samples (`joint_prior.py`), from a fit of its kind of
+task alone: a disagreement with gait is no noise of a functional trial. Trials of one task repeat
 their errors. With g_t and H_t the reduced gradients and matrices by p at the common estimate, in
 units of each trial's own noise, K trials err independently if
 
@@ -37,7 +36,8 @@ to H^-1.
 What is uncertain and not fitted, k, is considered (Schmidt-Kalman): joint parameters that stay as
 they are, and z where
 it stays zero. With S_pk of the same trials with k open, and errors R_k R_k^T of k, it makes errors  -H^-1 S_pk R_k.
-Residuals do not tell these: skin in step with a joint looks just like a joint that lies elsewhere.
+Residuals do not show these errors: soft tissue that moves in proportion to a joint angle looks like a
+joint in another position.
 """
 
 from __future__ import annotations
@@ -50,19 +50,19 @@ import numpy as np
 from scipy.linalg import block_diag
 
 from gaitcal.arrays import Array, IntArray
-from gaitcal.calibration.error_sources import ErrorSources, errors_by_source, nominal_errors
+from gaitcal.calibration.error_sources import ErrorSources, make_nominal_errors, propagate_errors
 from gaitcal.calibration.joint_calibration import JointFit, JointSearch, JointSettings
 from gaitcal.calibration.joint_prior import (
     ANATOMY,
     NoisePrior,
-    forbidden_noise,
-    least_noise,
-    noise_prior,
-    prior_of,
-    trial_noises,
+    compute_least_noise,
+    estimate_forbidden_noise,
+    estimate_trial_noises,
+    get_noise_prior,
+    select_prior,
 )
 from gaitcal.calibration.reduced_problem import NULL, ReducedState
-from gaitcal.calibration.soft_tissue_artefact import NO_TISSUE, TissuePrior, secondary_prior
+from gaitcal.calibration.soft_tissue_artefact import NO_TISSUE, TissuePrior, make_secondary_prior
 from gaitcal.calibration.tissue_elimination import Arrow, split_by_kind
 from gaitcal.model.parameters import JOINT_PARAMETERS, JP_INDEX, ParameterKind, Parameters
 from gaitcal.study.cohort_prior import JointPrior
@@ -75,7 +75,8 @@ from gaitcal.tracking.trial_problem import MotionProblem
 
 BY_EVIDENCE = JointSettings(tolerance=1e-7)
 """Far below the error bars; an axis that trials hardly determine is held by its prior."""
-FIRST_NOISE, MEMORY_S = 0.010, 0.1  # m, s: noise before any is known, and how long it lasts
+# m, s: noise before any is known, and how long it lasts
+FIRST_NOISE, MEMORY_S = 0.010, 0.1
 ROUNDS = 3  # Fits after which the noise of every trial is found anew
 NOISE_TOLERANCE = 1e-4
 """Relative tolerance of those: the nu of a walk's legs, trunk and single joints are then within 2 %
@@ -84,9 +85,8 @@ known to 7 %."""
 WIDE_M, WIDE_RAD = 0.020, np.deg2rad(10.0)
 """m, rad: how far joints may lie from nominal places where noise is sought, and what directions are
 measured by where nothing is expected: further than anatomy has them."""
-DETERMINED = (
-    4.0  # Information of trials over that of the prior from which they determine a direction
-)
+# Information of trials over that of the prior from which they determine a direction
+DETERMINED = 4.0
 
 Tasks = Mapping[str, Sequence[MotionProblem]]
 """Kind of task, `gait` or the joint that isolated trials move -> trials, with the soft tissue that
@@ -95,31 +95,49 @@ may move their markers, if any."""
 
 @dataclass(frozen=True, kw_only=True)
 class JointEstimate(JointFit):
-    """Joint parameters, soft tissue and motions found together, with their errors."""
+    """Joint parameters, soft tissue and motions fitted together, with their errors."""
 
     noise: tuple[float, ...]  # m, sqrt(f) nu of every trial
-    repeated: dict[str, float]  # Kind of task -> f, where several trials have it
+    # Kind of task -> f, where several trials have it
+    effective_trials: dict[str, float]
     # The factor b on standard errors by which kinds of task disagree; 1 where their errors explain
     # it
-    apart: float
+    birge_ratio: float
     # Parameters that the markers determined, rather than the priors: trace of H^-1 sum S_t
     effective_parameters: float
-    information: Array  # (np, np) of p by the markers, and the prior of soft tissue, alone
+    # (np, np) of p by the markers, and the prior of soft tissue, alone
+    information: Array
     covariance: Array
     """(np, np) of p by noise and priors; zero along directions that neither of them determines."""
-    by_tissue: Array
+    tissue_errors: Array
     """(np, nc) what soft tissue that was not fitted makes of p besides, in columns of variance one.
     """
 
     @property
     def whole_covariance(self) -> Array:
-        """(np, np) by noise, priors and soft tissue that was not fitted."""
-        return self.covariance + self.by_tissue @ self.by_tissue.T
+        """(np, np) covariance by noise, priors and soft tissue that was not fitted."""
+        return self.covariance + self.tissue_errors @ self.tissue_errors.T
 
 
-def free_of(problems: Sequence[MotionProblem], wanted: Sequence[str]) -> tuple[str, ...]:
-    """The joint parameters of `wanted` that some trial can move: their joint lies between segments
-    that it shows, and its markers determine the joint's angles.
+def select_movable_parameters(
+    problems: Sequence[MotionProblem], wanted: Sequence[str]
+) -> tuple[str, ...]:
+    """Select the joint parameters that some trial can determine.
+
+    A trial qualifies if it shows segments on both sides of the joint and its markers determine the
+    joint's angles.
+
+    Parameters
+    ----------
+    problems : sequence of MotionProblem
+        The trials.
+    wanted : sequence of str
+        Joint parameters to select from.
+
+    Returns
+    -------
+    tuple of str
+        In the order of `wanted`.
     """
     passed = set()
     for problem in problems:
@@ -127,11 +145,11 @@ def free_of(problems: Sequence[MotionProblem], wanted: Sequence[str]) -> tuple[s
         shown = np.zeros(len(opened.chain.segments), dtype=bool)
         shown[opened.data.segment[(opened.data.weight > 0).any(axis=1)]] = True
         count = len(opened.chain.coordinates)
-        beyond = opened.chain.support[count:] * shown
-        before = (1.0 - opened.chain.support[count:]) * shown
+        distal = opened.chain.support[count:] * shown
+        proximal = (1.0 - opened.chain.support[count:]) * shown
         found = {
             name
-            for name, b, a in zip(opened.chain.free, before, beyond, strict=True)
+            for name, b, a in zip(opened.chain.free, proximal, distal, strict=True)
             if a.any() and b.any()
         }
         passed |= {
@@ -153,17 +171,37 @@ def estimate_joints(
     present: Parameters | None = None,
     known: ErrorSources | None = None,
 ) -> tuple[JointEstimate, ErrorSources]:
-    """Fit the joint parameters `free` and the soft tissue to all trials together, and tell their
-    errors by source.
+    """Fit joint parameters and soft tissue to all trials together, with their errors by source.
 
-    `nominal`: what the prior is about, and bounds. `tissue`: prior of the columns that the problems
-    have. `fits_tissue`: whether these are fitted; else markers stay in their places, and the
-    columns are a source of error. `prior`: of the joint parameters, about `nominal`; None: nothing
-    is expected of them. `equal_weights`: whether all trials have one noise, the mean of their own,
-    as they show it; else the noise of people is known before (`joint_prior.noise_prior`).
-    `present`: where the search starts, and values of all that is not free; `nominal` unless given.
-    `known`: errors of the joint parameters before the fit, those that it keeps fixed too; by the
-    prior of those that are free unless given, the rest being exact.
+    Parameters
+    ----------
+    tasks : mapping of str to sequence of MotionProblem
+        Kind of task -> trials.
+    nominal : Parameters
+        Centre of the prior and of the bounds.
+    free : tuple of str
+        Joint parameters to fit.
+    tissue : TissuePrior
+        Prior of the soft tissue of the problems.
+    fits_tissue : bool
+        Whether the soft tissue is fitted. Else it is zero, and a source of error.
+    prior : JointPrior or None
+        Prior of the joint parameters about `nominal`; None: no prior.
+    settings : JointSettings
+        Bounds and tolerances.
+    equal_weights : bool
+        Whether all trials have the mean noise as they show it; else the noise of people is a prior
+        (`joint_prior.get_noise_prior`).
+    present : Parameters, optional
+        Start of the search, and values of all that is not free; `nominal` if not given.
+    known : ErrorSources, optional
+        Errors of the joint parameters before the fit, fixed ones included. If not given, those of
+        the free ones by the prior; the others are exact.
+
+    Returns
+    -------
+    tuple of JointEstimate and ErrorSources
+        The estimate, and the errors of all parameters by source.
     """
     began = time.perf_counter()
     with_columns, present = (
@@ -176,10 +214,12 @@ def estimate_joints(
     )
     noise: list[float] = []
     for kind in tasks:
-        of_kind = [p for p, own in zip(problems, kinds, strict=True) if own == kind]
-        noise += noise_of(of_kind, present, free, None if equal_weights else noise_prior(kind))
+        of_kind = [p for p, task in zip(problems, kinds, strict=True) if task == kind]
+        noise += estimate_noise(
+            of_kind, present, free, None if equal_weights else get_noise_prior(kind)
+        )
     starts = [starting_nodes(p.body(present), p.data, p.basis) for p in problems]
-    expected = None if prior is None else _expected(nominal, free, prior)
+    expected = None if prior is None else _compute_expected(nominal, free, prior)
     search = JointSearch(
         problems,
         present,
@@ -194,9 +234,13 @@ def estimate_joints(
     weighed = _weigh(search, noise, equal=equal_weights)
     repeated: dict[str, float] = {}
     if len(kinds) > len(tasks):
-        state = search.approach(NOISE_TOLERANCE)
-        repeated = _repeated(
-            kinds, search, state, noise, _wide(free) if expected is None else expected[1]
+        state = search.run_to_tolerance(NOISE_TOLERANCE)
+        repeated = _count_effective_trials(
+            kinds,
+            search,
+            state,
+            noise,
+            _make_wide_precision(free) if expected is None else expected[1],
         )
         noise = [
             nu * float(np.sqrt(repeated.get(kind, 1.0)))
@@ -204,13 +248,15 @@ def estimate_joints(
         ]
         weighed = _weigh(search, noise, equal=equal_weights)
     fit = search.run()
-    arrow = Arrow(fit.state.kinds, _precision(search), NULL if prior is None else None)
-    apart = 1.0 if prior is None or len(tasks) < 2 else _apart(fit.state, arrow.precision)
-    sizes = [apart * own / by for own, by in zip(noise, weighed, strict=True)]
-    unknowns, columns = (*free, *fit.keys), _columns(search, arrow)
+    arrow = Arrow(fit.state.kinds, _get_prior_precision(search), NULL if prior is None else None)
+    birge_ratio = (
+        1.0 if prior is None or len(tasks) < 2 else _compute_birge_ratio(fit.state, arrow.precision)
+    )
+    sizes = [birge_ratio * nu / by for nu, by in zip(noise, weighed, strict=True)]
+    unknowns, columns = (*free, *fit.keys), _list_columns(search, arrow)
     parts = [trial.hessian / nu**2 for trial, nu in zip(fit.state.trials, weighed, strict=True)]
-    scores = _scores([p.name for p in problems], unknowns, parts, columns, sizes)
-    known = known or nominal_errors(free, prior)
+    scores = _compute_scores([p.name for p in problems], unknowns, parts, columns, sizes)
+    known = known or make_nominal_errors(free, prior)
     opened = [
         [key for problem in task for key in problem.with_free(free).unknowns]
         for task in tasks.values()
@@ -223,7 +269,7 @@ def estimate_joints(
         (*known.clusters, *(f"skin/{key}" for key in tissue_keys)),
     )
     considered = tuple(name for name in known.free if name not in unknowns)
-    coupling = _coupling(with_columns, fit, unknowns, considered, weighed)
+    coupling = _compute_coupling(with_columns, fit, unknowns, considered, weighed)
     by_tissue = np.zeros((len(free), 0))
     if not fits_tissue:
         of_tissue = [considered.index(key) for key in tissue_keys]
@@ -236,25 +282,23 @@ def estimate_joints(
     estimate = JointEstimate(
         **of_fit,
         noise=tuple(noise),
-        repeated=repeated,
-        apart=apart,
-        effective_parameters=arrow.effective_parameters(),
+        effective_trials=repeated,
+        birge_ratio=birge_ratio,
+        effective_parameters=arrow.count_effective_parameters(),
         information=arrow.information,
-        covariance=_covariance(arrow, parts, columns, sizes),
-        by_tissue=by_tissue,
+        covariance=_compute_covariance(arrow, parts, columns, sizes),
+        tissue_errors=by_tissue,
     )
-    return estimate, errors_by_source(unknowns, scores, arrow, coupling, known)
+    return estimate, propagate_errors(unknowns, scores, arrow, coupling, known)
 
 
-def _precision(search: JointSearch) -> Array:
-    """(np, np) of the joint parameters before any trial."""
+def _get_prior_precision(search: JointSearch) -> Array:
+    """Get the precision (np, np) of the joint parameters before any trial."""
     return np.asarray(search.problem.prior.T @ search.problem.prior, float)
 
 
-def _columns(search: JointSearch, arrow: Arrow) -> list[IntArray]:
-    """Per trial, places of its unknowns among the joint parameters and the soft tissue of all
-    kinds.
-    """
+def _list_columns(search: JointSearch, arrow: Arrow) -> list[IntArray]:
+    """List the indices of each trial's unknowns among those of all kinds."""
     problem, count = search.problem, len(search.free)
     out = [np.zeros(0, dtype=np.intp)] * len(problem.columns)
     for members, places in zip(problem.members, arrow.places, strict=True):
@@ -264,14 +308,14 @@ def _columns(search: JointSearch, arrow: Arrow) -> list[IntArray]:
     return out
 
 
-def _covariance(
+def _compute_covariance(
     arrow: Arrow, parts: Sequence[Array], columns: Sequence[IntArray], sizes: Sequence[float]
 ) -> Array:
-    """(np, np) of joint parameters by priors and by the noise of trials, which may be larger than
-    they were weighed by.
+    """Compute the covariance (np, np) of joint parameters by priors and by the noise of trials.
 
-    The rows of H^-1 of joint parameters are C [1, -F_1^T, -F_2^T, ...], C theirs alone and F_k the
-    sensitivity of z_k.
+    The noise may be larger than the one that the trials were weighed by (`sizes`). The rows of H^-1
+    of joint parameters are C [1, -F_1^T, -F_2^T, ...], with their covariance C and the sensitivity
+    F_k of z_k.
     """
     along = np.vstack([np.eye(len(arrow.precision)), *(-kind.sensitivity for kind in arrow.kinds)])
     spread = arrow.precision.copy()
@@ -284,42 +328,61 @@ def _covariance(
 
 
 def _weigh(search: JointSearch, noise: Sequence[float], *, equal: bool) -> list[float]:
-    """m, the noise that each trial then counts by."""
+    """Weigh the trials by their noise; return the noise (m) that each one counts by."""
     weighed = [float(np.sqrt(np.mean(np.square(noise))))] * len(noise) if equal else list(noise)
     search.problem.weigh([1.0 / nu**2 for nu in weighed])
     return weighed
 
 
-def noise_of(
+def estimate_noise(
     problems: Sequence[MotionProblem],
     nominal: Parameters,
     free: tuple[str, ...],
     expected: NoisePrior | None = None,
 ) -> list[float]:
-    """m, nu of every trial of a kind of task, fitted by itself with markers that stay in their
-    places: what no joint explains, wherever it may lie. `expected`: of people's; points that are no
-    markers have a least noise instead.
+    """Estimate the noise of every trial of a kind of task, fitted separately without soft tissue.
+
+    Parameters
+    ----------
+    problems : sequence of MotionProblem
+        Trials of one kind.
+    nominal : Parameters
+        Start of the fit.
+    free : tuple of str
+        Joint parameters that may be free.
+    expected : NoisePrior, optional
+        Prior of people's noise. Points that are no markers have a least noise instead.
+
+    Returns
+    -------
+    list of float
+        nu of each trial, m: what no position of the joints explains.
     """
     problems = [
         replace(p, tissue=SoftTissue((), p.secondary) if p.secondary else None) for p in problems
     ]
-    own = free_of(problems, free)
+    movable = select_movable_parameters(problems, free)
     noise = [
         FIRST_NOISE * float(np.sqrt(max(frame_rate(p.basis) * MEMORY_S, 1.0))) for p in problems
     ]
-    if not own:
+    if not movable:
         return noise
     starts = [starting_nodes(p.body(nominal), p.data, p.basis) for p in problems]
-    about = nominal.joint[[JP_INDEX[n] for n in own]], _wide(own)
-    tissue, least = secondary_prior(problems), [least_noise(p.basis, p.noise) for p in problems]
-    search = JointSearch(problems, nominal, own, starts, BY_EVIDENCE, tissue=tissue, expected=about)
+    about = nominal.joint[[JP_INDEX[n] for n in movable]], _make_wide_precision(movable)
+    tissue, least = (
+        make_secondary_prior(problems),
+        [compute_least_noise(p.basis, p.noise) for p in problems],
+    )
+    search = JointSearch(
+        problems, nominal, movable, starts, BY_EVIDENCE, tissue=tissue, expected=about
+    )
     for _ in range(ROUNDS):
         _weigh(search, noise, equal=False)
-        state = search.approach(NOISE_TOLERANCE)
-        effective = Arrow(state.kinds, _precision(search)).effective_parameters()
-        moved, at = search.problem.moved(state), search.problem.linkage(state.p)
+        state = search.run_to_tolerance(NOISE_TOLERANCE)
+        effective = Arrow(state.kinds, _get_prior_precision(search)).count_effective_parameters()
+        moved, at = search.problem.place_tissue(state), search.problem.get_parameters(state.p)
         left = [
-            forbidden_noise(p, at, trial.coefficients)
+            estimate_forbidden_noise(p, at, trial.coefficients)
             for p, trial in zip(moved, state.trials, strict=True)
         ]
         rates = [frame_rate(p.basis) for p in problems]
@@ -328,12 +391,12 @@ def noise_of(
             if expected is None or any(p.noise for p in problems)
             else [expected] * len(problems)
         )
-        noise = trial_noises(left, least, effective, priors, rates)
+        noise = estimate_trial_noises(left, least, effective, priors, rates)
     return noise
 
 
-def _wide(names: Sequence[str]) -> Array:
-    """(np, np) precision of joint parameters that may lie `WIDE_M` or `WIDE_RAD` off."""
+def _make_wide_precision(names: Sequence[str]) -> Array:
+    """Make the precision (np, np) of joint parameters with deviations `WIDE_M` and `WIDE_RAD`."""
     wide = np.array(
         [
             WIDE_M if JOINT_PARAMETERS[JP_INDEX[n]].kind is ParameterKind.POSITION else WIDE_RAD
@@ -343,32 +406,34 @@ def _wide(names: Sequence[str]) -> Array:
     return np.diag(1.0 / wide**2)
 
 
-def _expected(nominal: Parameters, free: tuple[str, ...], prior: JointPrior) -> tuple[Array, Array]:
-    """(np,) expected values and (np, np) precision of joint parameters before any trial."""
-    mean, covariance = prior_of(free, prior)
+def _compute_expected(
+    nominal: Parameters, free: tuple[str, ...], prior: JointPrior
+) -> tuple[Array, Array]:
+    """Compute prior means (np,) and precision (np, np) of joint parameters, m and rad."""
+    mean, covariance = select_prior(free, prior)
     return nominal.joint[[JP_INDEX[n] for n in free]] + mean, np.asarray(
         np.linalg.inv(covariance), float
     )
 
 
-def _placed(part: Array, places: IntArray, size: int) -> Array:
-    """(size, size) with a part of it at some rows and columns, zero elsewhere."""
+def _place_block(part: Array, places: IntArray, size: int) -> Array:
+    """Place a block at some rows and columns of a zero matrix (size, size)."""
     out = np.zeros((size, size))
     out[np.ix_(places, places)] = part
     return out
 
 
-def _repeated(
+def _count_effective_trials(
     kinds: Sequence[str],
     search: JointSearch,
     state: ReducedState,
     noise: Sequence[float],
     precision: Array,
 ) -> dict[str, float]:
-    """Kind of task -> f, of those with several trials."""
+    """Compute f of each kind of task with several trials."""
     out, count = dict[str, float](), len(precision)
     for kind in dict.fromkeys(kinds):
-        members = [k for k, of in enumerate(kinds) if of == kind]
+        members = [k for k, task in enumerate(kinds) if task == kind]
         if len(members) < 2:
             continue
         scores, informations = [], []
@@ -379,17 +444,19 @@ def _repeated(
             score[places[joint]] = trial.reduced_gradient[joint] / noise[k] ** 2
             scores.append(score)
             informations.append(
-                _placed(trial.hessian[np.ix_(joint, joint)] / noise[k] ** 2, places[joint], count)
+                _place_block(
+                    trial.hessian[np.ix_(joint, joint)] / noise[k] ** 2, places[joint], count
+                )
             )
-        share = _independent_share(scores, informations, precision)
+        share = _estimate_independent_share(scores, informations, precision)
         out[kind] = share + len(members) * (1.0 - share)
     return out
 
 
-def _independent_share(
+def _estimate_independent_share(
     scores: Sequence[Array], informations: Sequence[Array], precision: Array
 ) -> float:
-    """S = chi^2 over its degrees of freedom, at most 1, of K scores (n,) with matrices (n, n)."""
+    """Estimate s of K scores (n,) with matrices (n, n): chi^2 per degree of freedom, at most 1."""
     root = np.linalg.inv(np.linalg.cholesky(precision)).T
     values, vectors = np.linalg.eigh(root.T @ sum(informations) @ root)
     base = root @ vectors[:, values > DETERMINED]
@@ -404,10 +471,8 @@ def _independent_share(
     return float(min(chi2 / ((len(scores) - 1) * base.shape[1]), 1.0))
 
 
-def _apart(state: ReducedState, precision: Array) -> float:
-    """The factor b, at the common estimate; `precision`: (np, np) of joint parameters before any
-    trial.
-    """
+def _compute_birge_ratio(state: ReducedState, precision: Array) -> float:
+    """Compute the factor b at the common estimate, given the prior precision (np, np)."""
     root = np.linalg.inv(np.linalg.cholesky(precision)).T
 
     def spread(score: Array, information: Array) -> Array:
@@ -423,14 +488,14 @@ def _apart(state: ReducedState, precision: Array) -> float:
     return float(np.sqrt(max(chi2 / degrees, 1.0))) if degrees else 1.0
 
 
-def _scores(
+def _compute_scores(
     trials: Sequence[str],
     unknowns: tuple[str, ...],
     parts: Sequence[Array],
     columns: Sequence[IntArray],
     sizes: Sequence[float],
 ) -> ErrorSources:
-    """u_t of every trial by independent columns; `sizes`: its noise over the one that it counts by."""
+    """Compute u_t of every trial in independent columns; `sizes`: noise over that weighed by."""
     scores, sources = [], []
     for name, part, places, size in zip(trials, parts, columns, sizes, strict=True):
         values, vectors = np.linalg.eigh(part)
@@ -442,18 +507,17 @@ def _scores(
     return ErrorSources(unknowns, np.hstack(scores), tuple(sources))
 
 
-def _coupling(
+def _compute_coupling(
     problems: Sequence[MotionProblem],
     fit: JointFit,
     unknowns: tuple[str, ...],
     considered: tuple[str, ...],
     noise: Sequence[float],
 ) -> Array:
-    """(np + nz, nk) S_pk: what errors of all that was not fitted do to the scores of what was,
-    `unknowns`.
+    """Compute S_pk (np + nz, nk): effect of errors of fixed unknowns on the scores of fitted ones.
 
-    Only what moves some trial counts there; its soft tissue and secondary motions are where the fit
-    has them.
+    Fixed unknowns that no trial depends on have no effect. Soft tissue and secondary motions are
+    where the fit has them.
     """
     if not considered:
         return np.zeros((len(unknowns), 0))

@@ -1,24 +1,22 @@
-"""Phases of joint-parameter calibration: what each fits, and what they come to together.
+"""Phases of joint-parameter calibration: what each phase fits, and their combination.
 
-A phase fits some joint parameters to some trials by the one estimator (`joint_estimate.py`);
-whatever it knew before is its prior, and what it finds is where the next one starts. Two protocols
-are lists of phases:
+A phase fits some joint parameters to some trials by `joint_estimate.py`. Earlier knowledge is its
+prior, and its result is the start of the next phase. Two protocols are lists of phases:
 
-default    the legs with soft tissue and priors of anatomy, isolated trials and gait together. An isolated trial is
-           fitted by its joint alone, whose proximal segment is free in the laboratory, so that an
-           uncalibrated neighbour joint has no say; gait by pelvis and legs. Every joint parameter
-           that a trial can move is free. Then trunk and arms in gait by themselves, as their skin
-           and single spine joint make errors of another size.
-published  Reinbolt et al. 2007: equal weights, bounds, and no prior, or a weak one of which every phase makes a
-           posterior, the prior of the next. Soft tissue is not fitted; it is a source of error
-           (`joint_estimate.py`), and widens that posterior. Sequential, isolated trials are fitted
-           as above and gait by the whole linkage. Simultaneous, every trial is fitted by pelvis and
-           legs, whose joints are all free: each trial then also says what it knows of its
-           neighbours, and no nominal joint is left to pull.
+default    Legs with soft tissue and priors of anatomy, functional trials and gait together. A functional (isolated)
+           trial is fitted by its joint alone. The proximal segment is free in the laboratory, so that an
+           uncalibrated neighbour joint has no influence. Gait is fitted by pelvis and legs. Every joint
+           parameter that a trial can determine is free. Then trunk and arms in gait separately: their
+           soft tissue and single spine joint have errors of another size.
+published  Reinbolt et al. 2007: equal weights, bounds, and no prior, or a weak one whose posterior after each phase
+           is the prior of the next. Soft tissue is not fitted; it is a source of error
+           (`joint_estimate.py`), and widens that posterior. Sequential: functional trials are fitted
+           as above and gait by the whole linkage. Simultaneous: every trial is fitted by pelvis and
+           legs with all joints free, so that each trial contributes to neighbour joints too.
 
-Without a prior, a phase freezes what its trials cannot see, and fits the rest again
-(`identifiability.py`); with one, what the trials do not tell stays where the prior holds it, with
-the prior's spread as its error.
+Without a prior, a phase fixes parameters that its trials do not determine, and fits the others
+again (`identifiability.py`). With a prior, such parameters stay near its mean, with its spread as
+error.
 """
 
 from collections.abc import Mapping, Sequence
@@ -34,17 +32,17 @@ from gaitcal.calibration import (
     joint_prior,
     soft_tissue_artefact,
 )
-from gaitcal.calibration.error_sources import ErrorSources, nominal_errors
+from gaitcal.calibration.error_sources import ErrorSources, make_nominal_errors
 from gaitcal.calibration.joint_estimate import (
     BY_EVIDENCE,
     JointEstimate,
     Tasks,
     estimate_joints,
-    free_of,
+    select_movable_parameters,
 )
 from gaitcal.errors import Finding
 from gaitcal.model.linkage import ISOLATED_JOINTS, LEG_JOINTS, LOWER_BODY, SEGMENTS
-from gaitcal.model.parameters import JP_INDEX, JP_NAMES, Parameters, isolated_parameters
+from gaitcal.model.parameters import JP_INDEX, JP_NAMES, Parameters, list_isolated_parameters
 from gaitcal.runtime import with_one_blas_thread
 from gaitcal.study.cohort_prior import JointPrior
 from gaitcal.tracking.bandwidth import with_bandwidth
@@ -52,9 +50,7 @@ from gaitcal.tracking.soft_tissue import SoftTissue
 from gaitcal.tracking.trial_problem import MotionProblem
 
 LEARNT = 0.9
-"""A parameter whose standard error is more than this part of its prior's is not determined by the
-trials.
-"""
+"""Ratio of a parameter's standard error to its prior's above which the trials do not determine it."""
 UPPER_BODY = tuple(s for s in SEGMENTS if s == "pelvis" or s not in LOWER_BODY)
 LEG_PARAMETERS = tuple(n for n in JP_NAMES if n.startswith(LEG_JOINTS))
 UPPER_PARAMETERS = tuple(n for n in JP_NAMES if not n.startswith(LEG_JOINTS))
@@ -62,7 +58,7 @@ UPPER_PARAMETERS = tuple(n for n in JP_NAMES if not n.startswith(LEG_JOINTS))
 
 @dataclass(frozen=True)
 class JointProblem:
-    """A trial that takes part."""
+    """A trial of a joint calibration."""
 
     body: MotionProblem
     """The whole body."""
@@ -76,12 +72,12 @@ class JointProblem:
 
     @property
     def name(self) -> str:
-        """Of the recording, whatever part of the body is fitted to it."""
+        """Name of the recording."""
         return self.body.name
 
     @property
     def kind(self) -> str:
-        """Of task; an activity has none of a walk's or a joint's, whatever its trial is called."""
+        """Kind of task: a joint, gait, or an activity with a prefix of its kind."""
         return self.joint or (
             f"{soft_tissue_artefact.ACTIVITY}{self.activity}"
             if self.activity
@@ -91,7 +87,7 @@ class JointProblem:
 
 @dataclass(frozen=True, kw_only=True)
 class Phase:
-    """One phase of a calibration, for the summary."""
+    """Summary of one phase of a calibration."""
 
     name: str
     trials: tuple[str, ...]
@@ -115,7 +111,7 @@ class Phase:
 
 @dataclass(frozen=True, kw_only=True)
 class JointCalibration:
-    """All phases together."""
+    """Result of all phases together."""
 
     parameters: Parameters
     phases: tuple[Phase, ...]
@@ -140,16 +136,31 @@ class JointCalibration:
     """Where the markers of all trials are against their bones."""
 
 
-def parameters_for(joint: JointCalibration | None, trial: str, final: Parameters) -> Parameters:
-    """The joint parameters at the end of the phase that a trial took part in; `final` where no
-    later one moves them.
+def get_parameters_for_trial(
+    joint: JointCalibration | None, trial: str, final: Parameters
+) -> Parameters:
+    """Get the joint parameters at the end of the phase of a trial.
+
+    Parameters
+    ----------
+    joint : JointCalibration or None
+        Result of the calibration.
+    trial : str
+        Name of the trial.
+    final : Parameters
+        Returned if no later phase changes the parameters of this trial.
+
+    Returns
+    -------
+    parameters : Parameters
+        SI units.
     """
     return final if joint is None else joint.reached.get(trial, final)
 
 
 @dataclass(frozen=True, kw_only=True)
 class JointPhase:
-    """What a phase fits."""
+    """Trials and free parameters of a phase."""
 
     name: str
     tasks: Tasks
@@ -160,25 +171,26 @@ class JointPhase:
     """Of the columns that its problems have."""
 
     def with_tissue(self, soft: soft_tissue_artefact.TaskTissue) -> "JointPhase":
-        """The same with what may move the markers against their bones."""
+        """Return the same phase with soft tissue on its markers."""
         names = iter(self.recordings)
         tasks = {
             kind: tuple(
-                replace(problem, tissue=soft.of(next(names), problem)) for problem in problems
+                replace(problem, tissue=soft.make_columns(next(names), problem))
+                for problem in problems
             )
             for kind, problems in self.tasks.items()
         }
         plan = replace(self, tasks=tasks)
-        return replace(plan, tissue=soft.prior(plan.problems))
+        return replace(plan, tissue=soft.assemble_prior(plan.problems))
 
     @property
     def problems(self) -> list[MotionProblem]:
-        """Of all tasks."""
+        """Trials of all tasks."""
         return [problem for problems in self.tasks.values() for problem in problems]
 
     @property
     def joints(self) -> list[str | None]:
-        """Of each problem; None for the whole body."""
+        """Joint of each functional trial; None for the whole body."""
         return [
             kind if kind in ISOLATED_JOINTS else None
             for kind, problems in self.tasks.items()
@@ -188,7 +200,7 @@ class JointPhase:
 
 @dataclass(frozen=True, kw_only=True)
 class PhaseSettings:
-    """How phases are fitted, and what is known before them."""
+    """Settings and prior of phases."""
 
     search: joint_calibration.JointSettings = BY_EVIDENCE
     """Bounds and tolerances of the search."""
@@ -202,14 +214,14 @@ class PhaseSettings:
 
 @dataclass(frozen=True, kw_only=True)
 class FittedPhase:
-    """What the fit of a phase gives."""
+    """Result of the fit of a phase."""
 
     estimate: JointEstimate
     errors: ErrorSources
     summary: Phase
     frozen: tuple[str, ...] = ()
     """Joint parameters that were to be fitted and that these trials cannot see."""
-    turned: identifiability.Turns = field(default_factory=dict)
+    turned: identifiability.RangesOfMotion = field(default_factory=dict)
     """How far isolated trials move their joints."""
     findings: tuple[Finding, ...] = ()
     notes: tuple[str, ...] = ()
@@ -222,7 +234,26 @@ def fit_phase(
     present: Parameters | None = None,
     known: ErrorSources | None = None,
 ) -> FittedPhase:
-    """Fit one phase, from the parameters `present` with errors `known` (`estimate_joints`)."""
+    """Fit one phase.
+
+    Parameters
+    ----------
+    plan : JointPhase
+        Trials and free parameters.
+    nominal : Parameters
+        Centre of the prior and of the bounds.
+    how : PhaseSettings
+        Settings and prior.
+    present : Parameters, optional
+        Start of the search; `nominal` if not given.
+    known : ErrorSources, optional
+        Errors before the phase (`estimate_joints`).
+
+    Returns
+    -------
+    FittedPhase
+        Estimate, errors and findings.
+    """
     fit = partial(
         estimate_joints,
         plan.tasks,
@@ -236,16 +267,18 @@ def fit_phase(
         known=known,
     )
     estimate, errors = fit(plan.free)
-    turned = identifiability.turns_of(plan.problems, estimate.coefficients, plan.joints)
+    turned = identifiability.measure_ranges_of_motion(
+        plan.problems, estimate.coefficients, plan.joints
+    )
     frozen: tuple[str, ...] = ()
     if how.prior is None:
         (alone,) = plan.tasks if len(plan.tasks) == 1 else (soft_tissue_artefact.GAIT,)
         unmoved = (
             ()
             if alone not in ISOLATED_JOINTS
-            else identifiability.unmoved_parameters(plan.free, alone, turned[alone])
+            else identifiability.find_unmoved_parameters(plan.free, alone, turned[alone])
         )
-        frozen = identifiability.unseen_parameters(
+        frozen = identifiability.find_unobservable_parameters(
             plan.free, estimate.covariance, estimate.information, unmoved
         )
     iterations, seconds = estimate.iterations, estimate.seconds
@@ -258,7 +291,7 @@ def fit_phase(
             plan.problems, estimate.coefficients, plan.joints, strict=True
         )
         if joint
-        for finding in identifiability.small_turns(problem, coefficients, joint)
+        for finding in identifiability.report_small_ranges(problem, coefficients, joint)
     )
     weighed = how.equal_weights and how.prior is not None
     summary = Phase(
@@ -282,49 +315,74 @@ def fit_phase(
     )
 
 
-def sequential_phases(
+def plan_sequential_phases(
     trials: Sequence[JointProblem], gait: Mapping[str, tuple[str, ...]]
 ) -> list[JointPhase]:
-    """Isolated trials each for its joint (6, 9 or 12 parameters), then the gait trials.
+    """Plan a phase for each functional joint (6, 9 or 12 parameters), then one for the gait trials.
 
-    `gait`: side -> joint parameters that gait may move; its keys are the legs to calibrate (so
-    below).
+    Parameters
+    ----------
+    trials : sequence of JointProblem
+        All trials.
+    gait : mapping of str to tuple of str
+        Side -> joint parameters that gait may determine; its keys are the legs to calibrate.
+
+    Returns
+    -------
+    list of JointPhase
+        Phases with free parameters.
     """
     phases = [
-        _phase(
-            f"joint:{joint}", [t for t in trials if t.joint == joint], isolated_parameters(joint)
+        _make_phase(
+            f"joint:{joint}",
+            [t for t in trials if t.joint == joint],
+            list_isolated_parameters(joint),
         )
         for joint in ISOLATED_JOINTS
         if joint[-1] in gait
     ]
     free = tuple(name for names in gait.values() for name in names)
-    phases.append(_phase(soft_tissue_artefact.GAIT, [t for t in trials if t.joint is None], free))
+    phases.append(
+        _make_phase(soft_tissue_artefact.GAIT, [t for t in trials if t.joint is None], free)
+    )
     return [phase for phase in phases if phase.free]
 
 
-def simultaneous_phases(
+def plan_simultaneous_phases(
     trials: Sequence[JointProblem], gait: Mapping[str, tuple[str, ...]]
 ) -> list[JointPhase]:
-    """All trials at once: every parameter that an isolated trial determines, and those of `gait` if
-    there is gait.
+    """Plan one phase of all trials.
+
+    Parameters
+    ----------
+    trials : sequence of JointProblem
+        All trials.
+    gait : mapping of str to tuple of str
+        As in `plan_sequential_phases`.
+
+    Returns
+    -------
+    list of JointPhase
+        One phase, or none if nothing is free.
     """
     used = [trial for trial in trials if trial.joint is None or trial.joint[-1] in gait]
     of_gait = {name for names in gait.values() for name in names}
     wanted = {
         name
         for t in used
-        for name in (of_gait if t.joint is None else isolated_parameters(t.joint))
+        for name in (of_gait if t.joint is None else list_isolated_parameters(t.joint))
     }
-    order = [name for joint in ISOLATED_JOINTS for name in isolated_parameters(joint)]
-    phase = _phase("all joints", used, tuple(name for name in order if name in wanted))
+    order = [name for joint in ISOLATED_JOINTS for name in list_isolated_parameters(joint)]
+    phase = _make_phase("all joints", used, tuple(name for name in order if name in wanted))
     return [phase] if phase.free else []
 
 
-def _phase(name: str, trials: Sequence[JointProblem], wanted: tuple[str, ...]) -> JointPhase:
+def _make_phase(name: str, trials: Sequence[JointProblem], wanted: tuple[str, ...]) -> JointPhase:
+    """Make a phase of some trials, with those of the wanted parameters that they pass."""
     kinds = dict.fromkeys(t.kind for t in trials)
     tasks = {kind: tuple(t.fitted for t in trials if t.kind == kind) for kind in kinds}
     recordings = tuple(t.name for kind in kinds for t in trials if t.kind == kind)
-    free = joint_calibration.passed(
+    free = joint_calibration.select_passed_parameters(
         [problem for problems in tasks.values() for problem in problems], wanted
     )
     return JointPhase(name=name, tasks=tasks, free=free, recordings=recordings)
@@ -333,10 +391,23 @@ def _phase(name: str, trials: Sequence[JointProblem], wanted: tuple[str, ...]) -
 def calibrate_in_phases(
     phases: Sequence[JointPhase], nominal: Parameters, how: PhaseSettings
 ) -> JointCalibration:
-    """One phase after the other, each from where the last one ended; what it knows is the prior of
-    the next.
+    """Fit one phase after the other; the posterior of each is the prior of the next.
+
+    Parameters
+    ----------
+    phases : sequence of JointPhase
+        The protocol.
+    nominal : Parameters
+        Centre of the prior and of the bounds.
+    how : PhaseSettings
+        Settings, and the prior of the first phase.
+
+    Returns
+    -------
+    JointCalibration
+        All phases together.
     """
-    present, known, following = nominal, nominal_errors(), how
+    present, known, following = nominal, make_nominal_errors(), how
     done: list[FittedPhase] = []
     for plan in phases:
         found = fit_phase(plan, nominal, following, present, known)
@@ -350,7 +421,7 @@ def calibrate_in_phases(
             following = replace(following, prior=following.prior.updated(posterior))
         done.append(found)
     problems = [problem for plan in phases for task in plan.tasks.values() for problem in task]
-    whole = _calibration_of(done, nominal, how.prior, how.search, known, problems)
+    whole = _assemble_calibration(done, nominal, how.prior, how.search, known, problems)
     reached = {name: phase.estimate.parameters for phase in done for name in phase.summary.trials}
     return replace(whole, reached=reached)
 
@@ -362,47 +433,64 @@ def calibrate_by_evidence(
     sides: Sequence[str],
     prior: JointPrior = joint_prior.ANATOMY,
 ) -> JointCalibration:
-    """Joint parameters of the legs of `sides`, of the trunk and of the arms; those beyond `bounds`
-    are told.
+    """Calibrate the joints of the legs of `sides`, of the trunk and of the arms (default protocol).
+
+    Parameters
+    ----------
+    trials : sequence of JointProblem
+        All trials.
+    nominal : Parameters
+        Centre of the prior.
+    bounds : JointSettings
+        Parameters beyond these bounds are reported.
+    sides : sequence of str
+        Legs to calibrate.
+    prior : JointPrior
+        Prior of the joint parameters.
+
+    Returns
+    -------
+    JointCalibration
+        Parameters, errors, soft tissue and findings.
     """
     how = PhaseSettings(prior=prior)
     used = [t for t in trials if t.joint is None or t.joint[-1] in sides]
     kinds = list(dict.fromkeys(t.kind for t in used))
     legs = [
-        replace(t, fitted=t.fitted if t.joint else segments_of(t.fitted, LOWER_BODY, nominal))
+        replace(t, fitted=t.fitted if t.joint else take_segments(t.fitted, LOWER_BODY, nominal))
         for t in sorted(used, key=lambda t: kinds.index(t.kind))
     ]
-    free = free_of(
+    free = select_movable_parameters(
         [t.fitted for t in legs], [n for n in LEG_PARAMETERS if n.split(".")[0][-1] in sides]
     )
     done, tissue = list[FittedPhase](), dict[str, SoftTissue]()
     artefact = soft_tissue_artefact.NO_FOUND_TISSUE
     with ThreadPoolExecutor(1) as pool:
-        upper = pool.submit(with_one_blas_thread(_trunk_and_arms), trials, nominal, how)
+        upper = pool.submit(with_one_blas_thread(_fit_trunk_and_arms), trials, nominal, how)
         if free:
-            soft = soft_tissue_artefact.task_tissue(
+            soft = soft_tissue_artefact.prepare_task_tissue(
                 {t.name: t.kind for t in legs}, {t.name: t.fitted for t in legs}, nominal
             )
-            plan = replace(_phase("joint parameters of the legs", legs, ()), free=free).with_tissue(
-                soft
-            )
+            plan = replace(
+                _make_phase("joint parameters of the legs", legs, ()), free=free
+            ).with_tissue(soft)
             found = fit_phase(plan, nominal, how)
             errors = _with_untracked_tissue(found)
             done.append(
-                replace(found, errors=errors, notes=_tissue_notes(soft.scales, found.estimate))
+                replace(found, errors=errors, notes=_describe_tissue(soft.scales, found.estimate))
             )
-            tissue = soft.of_bodies({t.name: t.body for t in legs}, plan.tissue.keys)
-            artefact = soft.found(found.estimate.keys, found.estimate.tissue)
+            tissue = soft.make_body_columns({t.name: t.body for t in legs}, plan.tissue.keys)
+            artefact = soft.make_found_tissue(found.estimate.keys, found.estimate.tissue)
     done += upper.result()
-    known = nominal_errors(prior=prior)
-    calibration = _calibration_of(done, nominal, prior, bounds, known, [t.fitted for t in legs])
+    known = make_nominal_errors(prior=prior)
+    calibration = _assemble_calibration(
+        done, nominal, prior, bounds, known, [t.fitted for t in legs]
+    )
     return replace(calibration, tissue=tissue, artefact=artefact)
 
 
 def _with_untracked_tissue(phase: FittedPhase) -> ErrorSources:
-    """Add the soft tissue with which motions are not tracked to their errors, all of what was
-    found.
-    """
+    """Add the found soft tissue that motions are tracked without as an error of these."""
     estimate, errors = phase.estimate, phase.errors
     if not estimate.keys:
         return errors
@@ -416,10 +504,10 @@ def _with_untracked_tissue(phase: FittedPhase) -> ErrorSources:
     )
 
 
-def _tissue_notes(
+def _describe_tissue(
     scales: Mapping[str, soft_tissue_artefact.SoftTissueScale], estimate: JointEstimate
 ) -> tuple[str, ...]:
-    """What soft tissue was found, and how far repeated trials repeat their errors."""
+    """Describe the found soft tissue, and how far repeated trials repeat their errors."""
     named = {
         "isolated trials" if kind in ISOLATED_JOINTS else kind: scale
         for kind, scale in scales.items()
@@ -441,51 +529,67 @@ def _tissue_notes(
     out += [
         f"the trials of {kind} repeat each other's errors: each counts as one of {repeated:.1f} "
         "that say the same"
-        for kind, repeated in estimate.repeated.items()
+        for kind, repeated in estimate.effective_trials.items()
         if repeated > 1.05
     ]
-    if estimate.apart > 1.05:
+    if estimate.birge_ratio > 1.05:
         out.append(
-            f"isolated trials and gait disagree: error bars are {estimate.apart:.1f} times those "
+            f"isolated trials and gait disagree: error bars are {estimate.birge_ratio:.1f} times those "
             "of noise alone"
         )
     return tuple(out)
 
 
-def segments_of(
+def take_segments(
     body: MotionProblem, segments: tuple[str, ...], nominal: Parameters
 ) -> MotionProblem:
-    """Some segments of a whole body, the first free in the laboratory, with the same bandwidth."""
+    """Take some segments of a whole body, with the same bandwidth.
+
+    Parameters
+    ----------
+    body : MotionProblem
+        A trial of the whole body.
+    segments : tuple of str
+        Segments of the part, the base first.
+    nominal : Parameters
+        Parameters for the bandwidth.
+
+    Returns
+    -------
+    MotionProblem
+        The part.
+    """
     part = body.part(segments[0], segments)
     return with_bandwidth(part, nominal, body.smoothing.cutoff_hz) if body.smoothing else part
 
 
-def _trunk_and_arms(
+def _fit_trunk_and_arms(
     trials: Sequence[JointProblem], nominal: Parameters, how: PhaseSettings
 ) -> list[FittedPhase]:
-    """Gait by itself above the pelvis; empty where nothing is free."""
+    """Fit gait separately above the pelvis; empty if nothing is free."""
     walks = [t for t in trials if t.joint is None]
-    parts = [segments_of(t.fitted, UPPER_BODY, nominal) for t in walks]
-    # the pelvis' markers once more: what they do here has a name of its own among the sources of
-    # error
+    parts = [take_segments(t.fitted, UPPER_BODY, nominal) for t in walks]
+    # the pelvis' markers take part again: their effects here have a separate source name
     problems = tuple(replace(part, name=f"{part.name}, trunk and arms") for part in parts)
     plan = JointPhase(
         name="joint parameters of trunk and arms",
         tasks={soft_tissue_artefact.GAIT: problems},
-        free=free_of(problems, UPPER_PARAMETERS),
+        free=select_movable_parameters(problems, UPPER_PARAMETERS),
         recordings=tuple(t.name for t in walks),
     )
     if not plan.free:
         return []
     found = fit_phase(plan, nominal, how)
-    if turned := identifiability.arm_ambiguity(problems, found.estimate.coefficients, nominal):
+    if turned := identifiability.detect_ambiguous_arms(
+        problems, found.estimate.coefficients, nominal
+    ):
         found = fit_phase(
-            replace(plan, free=identifiability.without_arms(plan.free, turned)), nominal, how
+            replace(plan, free=identifiability.exclude_arms(plan.free, turned)), nominal, how
         )
-    return [replace(found, findings=identifiability.ambiguous_arm_findings(turned))]
+    return [replace(found, findings=identifiability.report_ambiguous_arms(turned))]
 
 
-def _calibration_of(
+def _assemble_calibration(
     done: Sequence[FittedPhase],
     nominal: Parameters,
     prior: JointPrior | None,
@@ -493,10 +597,11 @@ def _calibration_of(
     known: ErrorSources,
     problems: Sequence[MotionProblem],
 ) -> JointCalibration:
-    """All phases together. `prior`: before any trial; `bounds`: joint parameters on them, or
-    beyond, are told; `known`: errors of all joint parameters, of which those of phases that know of
-    no other take the place; `problems`: of all phases, whose markers show whether the static trial
-    is of this body.
+    """Assemble all phases.
+
+    `prior` is that before any trial. `bounds`: parameters on them or beyond are reported. `known`
+    are errors of all joint parameters; phases replace those of their parameters. The markers of
+    `problems` show whether the static trial is of this body.
     """
     parameters, spread, bounded = nominal, dict[str, float](), dict[str, None]()
     for phase in done:
@@ -506,22 +611,22 @@ def _calibration_of(
         )
         spread |= dict(zip(free, np.sqrt(np.diag(estimate.covariance)).tolist(), strict=False))
         bounded |= dict.fromkeys(estimate.at_bound)
-        known = known.updated(phase.errors)
-    free, apart = tuple(spread), np.abs(parameters.joint - nominal.joint)
-    bounded |= dict.fromkeys(n for n in free if apart[JP_INDEX[n]] > bounds.bound(n))
+        known = known.replace_errors(phase.errors)
+    free, distance = tuple(spread), np.abs(parameters.joint - nominal.joint)
+    bounded |= dict.fromkeys(n for n in free if distance[JP_INDEX[n]] > bounds.get_bound(n))
     if prior is None:
-        unseen, kept = (
+        undetermined, kept = (
             tuple(n for phase in done for n in phase.frozen if n not in spread),
             "kept at nominal values",
         )
     else:
-        before = np.sqrt(np.diag(joint_prior.prior_of(free, prior)[1]))
-        unseen = tuple(
+        before = np.sqrt(np.diag(joint_prior.select_prior(free, prior)[1]))
+        undetermined = tuple(
             n for n, deviation in zip(free, before, strict=True) if spread[n] > LEARNT * deviation
         )
         kept = (
             "held near "
-            f"{prior.held_near([n for n in unseen if n.startswith(LEG_JOINTS)]) or 'nominal values'}"
+            f"{prior.held_near([n for n in undetermined if n.startswith(LEG_JOINTS)]) or 'nominal values'}"
         )
     turned = {joint: angles for phase in done for joint, angles in phase.turned.items()}
     return JointCalibration(
@@ -529,15 +634,15 @@ def _calibration_of(
         phases=tuple(phase.summary for phase in done),
         free=free,
         errors=known,
-        unidentifiable=unseen,
+        unidentifiable=undetermined,
         findings=(
             *(finding for phase in done for finding in phase.findings),
-            *identifiability.in_words(
-                [n for n in unseen if n.startswith(LEG_JOINTS)], kept, turned
+            *identifiability.report_undetermined(
+                [n for n in undetermined if n.startswith(LEG_JOINTS)], kept, turned
             ),
-            *identifiability.beyond_bounds(
+            *identifiability.report_bounds(
                 tuple(bounded),
-                same_body=bool(bounded) and identifiability.worn_as_standing(problems),
+                same_body=bool(bounded) and identifiability.is_same_placement(problems),
             ),
         ),
         at_bound=tuple(bounded),

@@ -1,21 +1,20 @@
-"""What is known of a joint parameter before any trial is looked at, and how much of what a trial
-then says is noise.
+"""Priors of joint parameters, and the noise of trials.
 
 Deviations d from nominal values are N(m0, P0): by anatomy (`TABLE`), of which a study file may
 change means and deviations (`[calibration] joint_prior`), and what a cohort has learnt takes the
-place of both (`prior_of_study`).
+place of both (`make_study_prior`).
 
-A joint's centre is one place of one bone end, seen from two segments: hip in pelvis and thigh, knee
-in thigh and shank, the talus in shank and foot, and the subtalar axis in talus and foot. A landmark
-or regression that misses it misses it in both. In each direction
+A joint centre is one position of one bone end, described in two segments: hip in pelvis and thigh,
+knee in thigh and shank, the talus in shank and foot, and the subtalar axis in talus and foot. An
+error of a landmark or regression is the same in both. In each direction
 
-    cov(parent, child) = [ d^2   d^2       ]      d: the centre about its nominal place,
-                         [ d^2   d^2 + a^2 ]      a: how far apart the two segments may have it.
+    cov(parent, child) = [ d^2   d^2       ]      d: the centre about its nominal position,
+                         [ d^2   d^2 + a^2 ]      a: difference between the two segments.
 
 The lower triangle [d, 0; d, a] is the Cholesky root F of that: its columns are the causes, the
-error of the centre under the parent's name and that of being apart under the child's. Markers that
-are put on anew move the centre, in both views alike (`in_both_views`), and leave the second cause
-as it is.
+error of the centre under the parent's name and the difference under the child's. Markers that are
+attached again move the centre in both segments alike (`make_view_covariance`), and do not change the
+second cause.
 
 `TABLE` holds mean, d and a; what they rest on:
 
@@ -53,9 +52,9 @@ visible samples only,
 c_f are the directions that joints forbid in the frame: a segment has as many as its visible markers
 show (six of three markers, five of two, three of one), and the linkage takes as many as its
 coordinates move these markers in. Segments count frame by frame, so that one which is never or
-seldom whole takes only its own share away. Those that wear fewer than three markers leave their
-joints out, where joints are left between others. If none is, all count, with P = 1 for such a
-segment: a pair shows how its skin deforms in one direction only, which is as good as the others.
+seldom complete removes only its share. Segments with fewer than three markers leave their joints
+out, if joints between others remain. If none remains, all count, with P = 1 for such a segment: a
+pair shows the deformation of its skin in one direction, which serves as well as the others.
 rho_k is the autocorrelation of d (summed until it first falls below 0.05; Bartlett 1946), a_k^2 how
 often a sample that is k frames from a visible one is visible, too. Once smoothed, errors that last
 no longer than the splines and slower ones look alike; the first ask for a_k^2 in its place (samples
@@ -66,10 +65,10 @@ short trial weighs little. White noise of variance s^2 gives nu = s; clusters th
 against their bones give more than their deformation shows.
 
 A noise has a prior itself, at 100 Hz ln nu ~ N(ln m, s^2) by kind of task (`PEOPLE_NOISE`), and an
-estimate of it errs. It comes from n - p samples, and its own fit takes up what goes with the joints
-that it moves: much in an isolated trial, which has nearly as many joint parameters as its motion
-has harmonics. It can only be too low by that. With v = 1 / 2 (n - p) + a^2, a how far ln nu may be
-too low, the most probable noise is
+estimate of it has an error. It comes from n - p samples, and its fit absorbs errors in proportion to
+the joint angles. That is much in an isolated trial, which has nearly as many joint parameters as its
+motion has harmonics. It makes the estimate too low, never too high. With v = 1 / 2 (n - p) + a^2, a
+how far ln nu may be too low, the most probable noise is
 
     ln nu = max(ln nu_hat, (ln nu_hat / v + ln m / s^2) / (1 / v + 1 / s^2)).
 """
@@ -104,99 +103,122 @@ class _Row:
 
     parameters: tuple[str, ...]  # Parent's, then child's, without side
     deviation: float
-    apart: float = 0.0
+    segment_difference: float = 0.0
     mean: float = 0.0
 
     @property
     def by_side(self) -> tuple[list[int], ...]:
-        """Of each side, the indices of its parameters."""
+        """Indices of its parameters, for each side."""
         return tuple(
             [JP_INDEX[SIDES_OF[name][side]] for name in self.parameters] for side in (0, 1)
         )
 
 
-def _seen_twice(
-    joint: str, parent: str, child: str, directions: str, deviation: Sequence[float], apart: float
+def _make_rows(
+    joint: str,
+    parent: str,
+    child: str,
+    directions: str,
+    deviation: Sequence[float],
+    difference: float,
 ) -> tuple[_Row, ...]:
+    """Make the rows of a bone end in two adjacent segments."""
     return tuple(
         _Row(
             parameters=(f"{joint}.{parent}.{name}", f"{joint}.{child}.{name}"),
             deviation=d,
-            apart=apart,
+            segment_difference=difference,
         )
         for name, d in zip(directions.split(), deviation, strict=True)
     )
 
 
 TABLE: tuple[_Row, ...] = (
-    *_seen_twice("hip", "pelvis", "thigh", "ant sup lat", (12.0, 10.0, 9.0), 4.0),
-    *_seen_twice("knee", "thigh", "shank", "ant sup", (10.0, 10.0), 4.0),
+    *_make_rows("hip", "pelvis", "thigh", "ant sup lat", (12.0, 10.0, 9.0), 4.0),
+    *_make_rows("knee", "thigh", "shank", "ant sup", (10.0, 10.0), 4.0),
     _Row(parameters=("knee.shank.lat",), deviation=10.0),
-    *_seen_twice("knee", "thigh", "shank", "front trans", (6.0, 10.0), 4.0),
+    *_make_rows("knee", "thigh", "shank", "front trans", (6.0, 10.0), 4.0),
     _Row(
         parameters=("talocrural.shank.ant", "subtalar.foot.ant"),
         deviation=8.0,
-        apart=5.0,
+        segment_difference=5.0,
         mean=-5.0,
     ),
     _Row(
         parameters=("talocrural.shank.sup", "subtalar.foot.sup"),
         deviation=8.0,
-        apart=5.0,
+        segment_difference=5.0,
         mean=-10.0,
     ),
-    _Row(parameters=("talocrural.shank.lat", "subtalar.foot.lat"), deviation=8.0, apart=5.0),
+    _Row(
+        parameters=("talocrural.shank.lat", "subtalar.foot.lat"),
+        deviation=8.0,
+        segment_difference=5.0,
+    ),
     _Row(
         parameters=("subtalar.talus.trans", "subtalar.foot.trans"),
         deviation=14.0,
-        apart=6.0,
+        segment_difference=6.0,
         mean=-4.0,
     ),
 )
 """Joints of the legs; what is not here has `OTHER_MM` or `OTHER_DEG`."""
 OTHER_MM, OTHER_DEG = 20.0, 10.0
-OTHER = np.where(
+OTHER_DEVIATIONS = np.where(
     [p.kind is ParameterKind.POSITION for p in JOINT_PARAMETERS], OTHER_MM, OTHER_DEG
 )  # (98,) mm, deg
 
 
-def _first_views() -> IntArray:
+def _find_first_views() -> IntArray:
+    """Find the first view of each joint parameter."""
     out = np.arange(len(JP_NAMES))
     for row in TABLE:
-        for own in row.by_side:
-            out[own] = own[0]
+        for indices in row.by_side:
+            out[indices] = indices[0]
     return out
 
 
-FIRST_VIEW = _first_views()
+FIRST_VIEW = _find_first_views()
 """(98,) of every joint parameter, the parent's of the same direction of the same bone end; itself
 where none is.
 """
 
 
-def in_both_views(deviation: Array) -> Array:
-    """(98, 98) covariance of errors of bone ends, each the same in both segments that see it;
-    `deviation`: (98,), of which those of first views count.
+def make_view_covariance(deviation: Array) -> Array:
+    """Make the covariance of errors of bone ends that are the same in both adjacent segments.
+
+    Parameters
+    ----------
+    deviation : (98,) array
+        Standard deviations, m and rad; those of first views count.
+
+    Returns
+    -------
+    (98, 98) array
+        m^2, m rad and rad^2.
     """
     size = deviation[FIRST_VIEW]
     return np.outer(size, size) * (FIRST_VIEW[:, None] == FIRST_VIEW)
 
 
-def _anatomy() -> JointPrior:
-    mean, apart = np.zeros(len(JP_NAMES)), np.zeros(len(JP_NAMES))
-    deviation = OTHER.copy()
+def _make_anatomy_prior() -> JointPrior:
+    """Make the prior of anatomy from `TABLE`."""
+    mean, difference = np.zeros(len(JP_NAMES)), np.zeros(len(JP_NAMES))
+    deviation = OTHER_DEVIATIONS.copy()
     for row in TABLE:
-        for side, own in enumerate(row.by_side):
-            mirrored = np.array([JOINT_PARAMETERS[k].mirrored for k in own])
-            mean[own] = row.mean * np.where(mirrored & (side == 1), -1.0, 1.0)
-            deviation[own], apart[own[1:]] = row.deviation, row.apart
-    covariance = in_both_views(JP_TO_SI * deviation) + np.diag((JP_TO_SI * apart) ** 2)
+        for side, indices in enumerate(row.by_side):
+            mirrored = np.array([JOINT_PARAMETERS[k].mirrored for k in indices])
+            mean[indices] = row.mean * np.where(mirrored & (side == 1), -1.0, 1.0)
+            deviation[indices], difference[indices[1:]] = row.deviation, row.segment_difference
+    covariance = make_view_covariance(JP_TO_SI * deviation) + np.diag((JP_TO_SI * difference) ** 2)
     return JointPrior(names=JP_NAMES, mean=JP_TO_SI * mean, covariance=covariance)
 
 
-ANATOMY = _anatomy()
+ANATOMY = _make_anatomy_prior()
 WEAK = JointPrior(
-    names=JP_NAMES, mean=np.zeros(len(JP_NAMES)), covariance=np.diag((JP_TO_SI * OTHER) ** 2)
+    names=JP_NAMES,
+    mean=np.zeros(len(JP_NAMES)),
+    covariance=np.diag((JP_TO_SI * OTHER_DEVIATIONS) ** 2),
 )
 """Of the published protocol, where it has one (`prior = "weak"`): the same for all joints, none
 tied to another.
@@ -204,14 +226,25 @@ tied to another.
 MEAN, COVARIANCE = ANATOMY.mean, ANATOMY.covariance
 
 
-def prior_deviations(names: Sequence[str]) -> Array:
-    """(n,) m, rad: standard deviations of joint parameters by anatomy."""
+def get_prior_deviations(names: Sequence[str]) -> Array:
+    """Get standard deviations (n,) of joint parameters by anatomy, m and rad."""
     return np.sqrt(np.diag(COVARIANCE))[[JP_INDEX[name] for name in names]]
 
 
-def prior_of(names: Sequence[str], prior: JointPrior | None) -> tuple[Array, Array]:
-    """(n,) m, rad and (n, n): mean m0 and covariance P0 of deviations from nominal values;
-    anatomy's where `prior` says nothing of a parameter.
+def select_prior(names: Sequence[str], prior: JointPrior | None) -> tuple[Array, Array]:
+    """Select the prior of deviations from nominal values for some joint parameters.
+
+    Parameters
+    ----------
+    names : sequence of str
+        Joint parameters.
+    prior : JointPrior or None
+        Prior of some parameters; anatomy's for the others.
+
+    Returns
+    -------
+    tuple of array
+        Mean m0 (n,) and covariance P0 (n, n), m and rad.
     """
     at, whole = (
         [JP_INDEX[name] for name in names],
@@ -220,46 +253,68 @@ def prior_of(names: Sequence[str], prior: JointPrior | None) -> tuple[Array, Arr
     return whole.mean[at], whole.covariance[np.ix_(at, at)]
 
 
-def prior_root(names: Sequence[str], prior: JointPrior | None) -> Array:
-    """(n, n) F, lower triangular, F F^T = P0: each column what one cause does, under its
-    parameter's name.
+def factor_prior(names: Sequence[str], prior: JointPrior | None) -> Array:
+    """Factor the prior covariance: F (n, n), lower triangular, F F^T = P0.
+
+    Parameters
+    ----------
+    names : sequence of str
+        Joint parameters.
+    prior : JointPrior or None
+        As in `select_prior`.
+
+    Returns
+    -------
+    (n, n) array
+        Each column is the effect of one cause, under its parameter's name.
     """
-    return np.asarray(np.linalg.cholesky(prior_of(names, prior)[1]), float)
+    return np.asarray(np.linalg.cholesky(select_prior(names, prior)[1]), float)
 
 
-def prior_of_study(
-    told: Mapping[str, ParameterPriorTable],
+def make_study_prior(
+    given: Mapping[str, ParameterPriorTable],
     learnt: JointPrior | None = None,
     noise: PointNoise | None = None,
 ) -> JointPrior:
-    """What is expected of all joint parameters: by anatomy, by a study file in its place, by a
-    cohort in that of both.
+    """Make the prior of all joint parameters by anatomy, study file and cohort.
 
-    Anatomy's deviations are for palpated markers; points that are no markers have `noise.joints`
-    times these, hinges `noise.hinges` times.
+    A study file gives mean and standard deviation of a parameter, and correlations stay those of
+    anatomy. Rows and columns of P0 are scaled. Two views of one bone end with deviations d and e
+    and correlation c may then differ by (d^2 + e^2 - 2 c d e)^1/2. A name without a side is for
+    both, the left as the mirror image of the right. A name with a side takes precedence.
 
-    A study file tells mean and standard deviation of a parameter; correlations stay as anatomy has
-    them. Rows and columns of P0 are scaled, so that two views of one bone end to which it gives d
-    and e, of correlation c, may be (d^2 + e^2 - 2 c d e)^1/2 apart. Without a side a name is for
-    both, the left as the mirror image of the right one; what is said of a side comes before that.
+    Parameters
+    ----------
+    given : mapping of str to ParameterPriorTable
+        Entries of the study file, mm and deg; they replace anatomy's.
+    learnt : JointPrior, optional
+        Prior of a cohort; it replaces both.
+    noise : PointNoise, optional
+        For points that are no markers: anatomy's deviations times `joints`, for hinges times
+        `hinges`.
+
+    Returns
+    -------
+    JointPrior
+        m and rad.
     """
     mean, scale = MEAN.copy(), np.ones(len(JP_NAMES))
     if noise is not None:
         positions = [p.kind is ParameterKind.POSITION for p in JOINT_PARAMETERS]
         scale = np.where(positions, noise.joints, noise.hinges)
-    for name in sorted(told, key=lambda name: name in JP_INDEX):
-        for side, own in enumerate(SIDES_OF[name]):
-            k, said = JP_INDEX[own], told[name]
-            if said.mean is not None:
+    for name in sorted(given, key=lambda name: name in JP_INDEX):
+        for side, parameter in enumerate(SIDES_OF[name]):
+            k, entry = JP_INDEX[parameter], given[name]
+            if entry.mean is not None:
                 mean[k] = (
                     JP_TO_SI[k]
-                    * said.mean
+                    * entry.mean
                     * (-1.0 if side and JOINT_PARAMETERS[k].mirrored else 1.0)
                 )
-            if said.deviation is not None:
-                scale[k] = JP_TO_SI[k] * said.deviation / np.sqrt(COVARIANCE[k, k])
-    of_study = tuple(dict.fromkeys(own for name in told for own in SIDES_OF[name]))
-    notes = (f"the study file says what to expect of {', '.join(told)}",) if told else ()
+            if entry.deviation is not None:
+                scale[k] = JP_TO_SI[k] * entry.deviation / np.sqrt(COVARIANCE[k, k])
+    of_study = tuple(dict.fromkeys(parameter for name in given for parameter in SIDES_OF[name]))
+    notes = (f"priors from the study file: {', '.join(given)}",) if given else ()
     covariance = np.outer(scale, scale) * COVARIANCE
     prior = replace(ANATOMY, mean=mean, covariance=covariance, of_study=of_study, notes=notes)
     if learnt is None:
@@ -268,38 +323,43 @@ def prior_of_study(
 
 
 UNCORRELATED = 0.05  # Autocorrelation below which the sum ends
-LONGEST_LAG = 1.0 / 3.0  # Of the trial: beyond, too few pairs of frames are left
-LEAST_SAMPLES = (
-    0.3  # Part of the independent samples that is left at least, however many parameters they serve
-)
-RANK = 1e-8  # Of the largest eigenvalue: below, markers do not show a direction at all
-LEAST_ERROR, MEMORY_S = (
-    5e-5,
-    0.25,
-)  # m, s: cameras err by at least this much, over at least this time
+# Of the trial: beyond, too few pairs of frames are left
+LONGEST_LAG = 1.0 / 3.0
+# Smallest share of the independent samples that is left after the parameters are taken off
+LEAST_SAMPLES = 0.3
+# Share of the largest eigenvalue below which markers do not determine a direction
+RANK_TOLERANCE = 1e-8
+# m, s: smallest error of cameras, and how long it lasts at least
+LEAST_ERROR, MEMORY_S = 5e-5, 0.25
 
 
 @dataclass(frozen=True)
 class ForbiddenNoise:
-    """The noise of one trial in the directions that its joints forbid."""
+    """Noise of one trial in the directions that its joints forbid."""
 
-    variance: float  # m^2, tau times the mean square of d per direction and frame
+    # m^2, tau times the mean square of d per direction and frame
+    variance: float
     samples: float  # n, independent ones
 
 
-def frames_per_sample(errors: Array, visible: BoolArray | None = None) -> float:
-    """Estimate tau, the samples for one that is independent.
+def estimate_frames_per_sample(errors: Array, visible: BoolArray | None = None) -> float:
+    """Estimate tau, the number of samples for one that is independent.
 
     Parameters
     ----------
-    errors
-        (nf, k) of which all columns are taken together.
-    visible
-        (nf, k) samples that count; all unless given.
+    errors : (nf, k) array
+        Errors; all columns are taken together.
+    visible : (nf, k) bool array, optional
+        Samples that count; all if not given.
+
+    Returns
+    -------
+    float
+        At least 1 for errors without correlation.
     """
     nf = len(errors)
     known = np.ones(errors.shape) if visible is None else visible.astype(np.float64)
-    power, pairs = _lagged(errors * known), _lagged(known)
+    power, pairs = _sum_lagged_products(errors * known), _sum_lagged_products(known)
     if power[0] <= 0.0:
         return 1.0
     lags = np.arange(1, max(int(nf * LONGEST_LAG), 2))
@@ -312,44 +372,62 @@ def frames_per_sample(errors: Array, visible: BoolArray | None = None) -> float:
     return 1.0 + 2.0 * float((shown * rho)[summed].sum())
 
 
-def _lagged(columns: Array) -> Array:
-    """(nf,) sums of products of entries so many rows apart, over all columns (nf, k)."""
+def _sum_lagged_products(columns: Array) -> Array:
+    """Sum products of entries so many rows apart, over all columns (nf, k): (nf,)."""
     nf = len(columns)
     spectrum = np.abs(np.fft.rfft(columns, 2 * nf, axis=0)) ** 2
     return np.asarray(np.fft.irfft(spectrum.sum(axis=1))[:nf], float)
 
 
-def least_noise(basis: spline.SplineBasis, noise: PointNoise | None = None) -> float:
-    """m, nu below which nothing is believed: that of the cameras, at the frames of a trial, or that
-    of points that are no markers.
-    """
-    if noise is not None:
-        return noise.least(spline.frame_rate(basis))
-    return LEAST_ERROR * float(np.sqrt(max(MEMORY_S * spline.frame_rate(basis), 1.0)))
-
-
-def forbidden_noise(
-    problem: trial_problem.MotionProblem, parameters: Parameters, coefficients: Array
-) -> ForbiddenNoise:
-    """Estimate the noise at a motion.
-
-    Where no joint is between segments that show markers, d is what the linkage leaves of the
-    markers themselves, in c = 3 (visible markers) - rank(J) directions.
+def compute_least_noise(basis: spline.SplineBasis, noise: PointNoise | None = None) -> float:
+    """Compute the smallest nu (m) that is assumed: of cameras, or of points that are no markers.
 
     Parameters
     ----------
-    problem
+    basis : SplineBasis
+        Splines of the trial, for its frame rate.
+    noise : PointNoise, optional
+        Errors of points that are no markers.
+
+    Returns
+    -------
+    float
+        m.
+    """
+    if noise is not None:
+        return noise.compute_least_noise(spline.frame_rate(basis))
+    return LEAST_ERROR * float(np.sqrt(max(MEMORY_S * spline.frame_rate(basis), 1.0)))
+
+
+def estimate_forbidden_noise(
+    problem: trial_problem.MotionProblem, parameters: Parameters, coefficients: Array
+) -> ForbiddenNoise:
+    """Estimate the noise of a trial at a motion.
+
+    If no joint is between segments with visible markers, d is what the linkage leaves of the
+    markers, in c = 3 (visible markers) - rank(J) directions.
+
+    Parameters
+    ----------
+    problem : MotionProblem
         The trial, no joint parameter free.
-    coefficients
-        (nn, nq) of the motion.
+    parameters : Parameters
+        Parameters of the linkage.
+    coefficients : (nn, nq) array
+        The motion.
+
+    Returns
+    -------
+    ForbiddenNoise
+        Variance (m^2) and number of independent samples.
     """
     model = problem.positions(coefficients, problem.body(parameters))
-    for counted_markers in (_whole_segments(problem.data), np.ones(len(model), dtype=bool)):
+    for counted_markers in (_find_full_clusters(problem.data), np.ones(len(model), dtype=bool)):
         weight = problem.data.weight * counted_markers[:, None]
         some = problem.with_weight(weight)
         residual = np.sqrt(weight)[:, None] * (problem.data.measured - model)
-        moved, shown = _moved_as_rigid(residual, model, some.data)
-        taken = _linkage_ranks(some, coefficients, parameters)
+        moved, shown = _project_on_rigid_motions(residual, model, some.data)
+        taken = _count_linkage_directions(some, coefficients, parameters)
         directions = shown - taken
         if (directions > 0).any():
             break
@@ -367,21 +445,26 @@ def forbidden_noise(
         columns = moved[markers].reshape(-1, len(pattern)).T
         fitted = problem.basis.evaluate(problem.basis.fit(columns, pattern.astype(float))).T
         smooth[markers] = fitted.reshape(len(markers), 3, -1) * pattern
-    tau = frames_per_sample(smooth.reshape(-1, smooth.shape[-1]).T, np.repeat(counted, 3, axis=0).T)
+    tau = estimate_frames_per_sample(
+        smooth.reshape(-1, smooth.shape[-1]).T, np.repeat(counted, 3, axis=0).T
+    )
     return ForbiddenNoise(tau * float((smooth**2).sum()) / total, total / tau)
 
 
-def _whole_segments(data: MarkerData) -> BoolArray:
-    """(nm,) markers of segments that wear three or more with weight."""
+def _find_full_clusters(data: MarkerData) -> BoolArray:
+    """Find the markers (nm,) of segments with three or more weighted markers."""
     out = np.zeros(len(data.weight), dtype=bool)
     for _, markers in data.placed.groups:
         out[markers] = (data.weight[markers] > 0).any(axis=1).sum() >= FEWEST_MARKERS
     return out
 
 
-def _moved_as_rigid(residual: Array, model: Array, data: MarkerData) -> tuple[Array, IntArray]:
-    """(nm, 3, nf) m, of weighted residuals the part that rigid motions of the segments make, to
-    first order; and (nf,) in how many directions the visible markers show such motions.
+def _project_on_rigid_motions(
+    residual: Array, model: Array, data: MarkerData
+) -> tuple[Array, IntArray]:
+    """Project weighted residuals (nm, 3, nf) m on rigid motions of the segments, to first order.
+
+    Returns the projection, and (nf,) the number of directions of such motions that are visible.
     """
     out, shown = np.zeros_like(residual), np.zeros(residual.shape[-1], dtype=np.intp)
     for _, markers in data.placed.groups:
@@ -398,9 +481,10 @@ def _moved_as_rigid(residual: Array, model: Array, data: MarkerData) -> tuple[Ar
         size = max(float(np.sqrt(np.mean(arm**2))), 1e-6)
         pattern = together((arm / size).reshape(-1, 3)).reshape(*arm.shape[:2], 3, -1)
         columns = (np.sqrt(weight)[:, :, None, None] * pattern).transpose(1, 0, 2, 3)
-        columns = columns.reshape(residual.shape[-1], -1, pattern.shape[-1])  # (nf, 3 nm, 6)
+        # (nf, 3 nm, 6)
+        columns = columns.reshape(residual.shape[-1], -1, pattern.shape[-1])
         values, vectors = np.linalg.eigh(columns.transpose(0, 2, 1) @ columns)
-        kept = values > RANK * values[:, -1:]
+        kept = values > RANK_TOLERANCE * values[:, -1:]
         inverse = np.where(kept, 1.0 / np.where(kept, values, 1.0), 0.0)
         basis = columns @ vectors  # orthogonal, of squared length `values`
         flat = residual[markers].transpose(2, 0, 1).reshape(residual.shape[-1], -1, 1)
@@ -410,11 +494,12 @@ def _moved_as_rigid(residual: Array, model: Array, data: MarkerData) -> tuple[Ar
     return out, shown
 
 
-def _linkage_ranks(
+def _count_linkage_directions(
     problem: trial_problem.MotionProblem, coefficients: Array, parameters: Parameters
 ) -> IntArray:
-    """(nf,) in how many directions the coordinates move the visible markers, the same wherever the
-    same are visible.
+    """Count the directions (nf,) in which the coordinates move the visible markers.
+
+    They are computed once for all frames with the same visible markers.
     """
     visible = np.asarray(problem.data.weight > 0)
     _, first, which = np.unique(visible, axis=1, return_index=True, return_inverse=True)
@@ -425,17 +510,17 @@ def _linkage_ranks(
     size = np.sqrt(np.einsum("fii->fi", hessian))
     inverse = np.where(size > 0, 1.0 / np.where(size > 0, size, 1.0), 0.0)
     values = np.linalg.eigvalsh(hessian * inverse[:, :, None] * inverse[:, None, :])
-    ranks = (values > RANK * np.maximum(values[:, -1:], 1e-300)).sum(axis=1)
+    ranks = (values > RANK_TOLERANCE * np.maximum(values[:, -1:], 1e-300)).sum(axis=1)
     return np.asarray(ranks[np.searchsorted(frames, first)][which.ravel()], dtype=np.intp)
 
 
 @dataclass(frozen=True)
 class NoisePrior:
-    """The noise of people in one kind of task, log-normal, and how far an estimate may be too low."""
+    """Log-normal prior of the noise in one kind of task, and how far an estimate may be too low."""
 
     median: float  # m, at 100 Hz
     spread: float  # s of ln nu
-    absorbed: float  # a of ln nu: what a fit of the trial's own joints may take up
+    absorbed: float  # a of ln nu: what a fit of the trial's joints may absorb
 
 
 WALK_NOISE = NoisePrior(0.009, 1.0, 0.0)
@@ -447,27 +532,37 @@ own had a quarter and four tenths of the noise of one ankle trial that a fit bes
 (5.3 mm): a factor of e."""
 
 
-def noise_prior(kind: str) -> NoisePrior:
-    """The prior of a kind of task: a walk's where it is no isolated trial's."""
+def get_noise_prior(kind: str) -> NoisePrior:
+    """Get the noise prior of a kind of task; a walk's for all but functional trials."""
     return ISOLATED_NOISE if kind in ISOLATED_JOINTS else WALK_NOISE
 
 
-def trial_noises(
+def estimate_trial_noises(
     estimates: Sequence[ForbiddenNoise],
     least: Sequence[float],
     effective_parameters: float,
     priors: Sequence[NoisePrior] | None = None,
     rates: Sequence[float] | None = None,
 ) -> list[float]:
-    """Compute nu (m) of every trial of a fit in which so many parameters were found from the
-    samples of all of them.
+    """Estimate nu (m) of every trial of a fit.
 
     Parameters
     ----------
-    estimates, least
-        Of every trial its estimate, and what cameras err by at least (m).
-    priors, rates
-        Of every trial, and its frames per second; no prior unless given.
+    estimates : sequence of ForbiddenNoise
+        Estimate of every trial.
+    least : sequence of float
+        Smallest noise of every trial, m.
+    effective_parameters : float
+        Number of parameters that the samples of all trials determine.
+    priors : sequence of NoisePrior, optional
+        Prior of every trial; none if not given.
+    rates : sequence of float, optional
+        Frames per second of every trial.
+
+    Returns
+    -------
+    list of float
+        m.
     """
     samples = sum(trial.samples for trial in estimates)
     left = max(samples - effective_parameters - 2.0, LEAST_SAMPLES * samples)

@@ -1,22 +1,20 @@
-"""Variable projection: eliminate the motions of all trials and the soft tissue of each kind of
-task.
+"""Variable projection: eliminate trial motions and soft tissue, leave the joint parameters.
 
-For given joint parameters p and soft tissue z every trial's nodes N(p, z) minimise that trial's
-marker cost C_t, with Gauss-Newton matrix H_xx - H_xq H_qq^-1 H_qx and gradient g_x left in x = (p,
-z) (Golub and Pereyra 1973; Kaufman 1975). The z of every kind of task, which its trials and prior
-determine for given p, is eliminated in the same way (`tissue_elimination.py`): what is left is a
-small problem in p alone, cost C, gradient g and matrix S, sums over kinds. Each new p is met with
-the z that the last matrices predict for it, one Gauss-Newton step of (p, z, N) together: to have z
-at its minimum for a p that is far off would take more steps, and may lead into another valley.
-Where that does not lower the cost, z is brought to its minimum at p, so that SciPy's shorter steps
-of p find a lower one. With S = V diag(s) V^T it is handed to SciPy as the compressed pair
+For given joint parameters p and soft tissue z, every trial's control points N(p, z) minimise its
+marker cost C_t. The Gauss-Newton matrix H_xx - H_xq H_qq^-1 H_qx and the gradient g_x remain in x =
+(p, z) (Golub and Pereyra 1973; Kaufman 1975). The z of every kind of task is eliminated in the same
+way (`tissue_elimination.py`). A small problem in p remains, with cost C, gradient g and matrix S,
+sums over kinds. Each new p starts with the z that the last matrices predict: one Gauss-Newton step
+of (p, z, N) together. Minimising z for a distant p would take more steps, and may lead to another
+local minimum. If the cost does not fall, z is minimised at p, so that SciPy's shorter steps of p
+find a lower one. With S = V diag(s) V^T SciPy gets the compressed pair
 
     f = [ s^-1/2 V^T g ; sqrt(C - |s^-1/2 V^T g|^2) ],     J = [ s^1/2 V^T ; 0 ]:
 
 the same cost |f|^2 = C, the same J^T f = g and the same J^T J = S as the full problem of tens of
-thousands of rows (where priors make S regular, with its Cholesky factor in place of V s^1/2). A
-singular S is no obstacle: its null directions are parameters that these trials cannot see, and p
-does not move along them. Priors add their cost, gradient and matrix to C, g and S first.
+thousands of rows. (If priors make S regular, its Cholesky factor replaces V s^1/2.) S may be
+singular: its null directions are unobservable in these trials, and p does not change along them.
+Priors add their cost, gradient and matrix to C, g and S first.
 
 On the way, soft tissue and motion are predicted from the last point by dz/dp and dN/dx and solved
 no further than the next step needs (`CORRECTOR`); while unknowns and motion have moved less than
@@ -57,37 +55,36 @@ FIRST_GAIN = 0.1
 """What the first motion's last step may gain by, as a part of its cost, before full equations take
 over.
 """
-NULL = 1e-12  # Eigenvalues of S below this fraction of the largest count as zero
+# Share of the largest eigenvalue of S below which an eigenvalue counts as zero
+NULL = 1e-12
 TISSUE_GAIN = 1e-7
 """Part of the cost of its kind below which a step of soft tissue is the last, as SciPy ends where
 that of all falls by no more."""
-MOST_TISSUE_STEPS, KEPT_STEPS = (
-    20,
-    5,
-)  # Of soft tissue at given joint parameters; those that correct the next
-COST_FALLEN_TO = 0.5  # A trial whose cost has fallen to this part tries Gauss-Newton's steps again
+# Largest number of steps of soft tissue at given joint parameters, and earlier steps that are used
+MOST_TISSUE_STEPS, KEPT_STEPS = 20, 5
+# Share of the cost of the last Newton step below which Gauss-Newton steps are tried again
+COST_FALLEN_TO = 0.5
 
 
 @dataclass(frozen=True)
 class Matrices:
-    """A trial's normal equations at one point, the coefficients eliminated; kept for points nearby."""
+    """Normal equations of a trial at one point, coefficients eliminated; reused at points nearby."""
 
-    values: (
-        Array  # (nx_t,) the unknowns of this trial, joint parameters first, where they were formed
-    )
+    # (nx_t,) the unknowns of this trial, joint parameters first, where they were formed
+    values: Array
     coefficients: Array  # (nn, nq) where they were formed
     eliminated: Elimination
 
-    def near(self, values: Array, coefficients: Array) -> bool:
-        """Whether another point is near enough."""
-        apart = max(
+    def is_near(self, values: Array, coefficients: Array) -> bool:
+        """Return whether another point is near enough to reuse the matrices."""
+        distance = max(
             np.abs(values - self.values).max(initial=0.0),
             np.abs(coefficients - self.coefficients).max(initial=0.0),
         )
-        return bool(apart < KEPT_WITHIN)
+        return bool(distance < KEPT_WITHIN)
 
     def solve(self, gradient: Array) -> Array:
-        """H_qq^-1 times a gradient by the coefficients, one after the other."""
+        """Solve H_qq x = gradient for a gradient by the coefficients (nn * nq,)."""
         return self.eliminated.factor.solve(gradient)
 
 
@@ -107,23 +104,21 @@ class MotionState:
         """(nx_t, nx_t) reduced."""
         return self.matrices.eliminated.hessian
 
-    def predicted(self, values: Array) -> Array:
-        """(nn, nq) coefficients at other values of its unknowns (nx_t,)."""
+    def predict_coefficients(self, values: Array) -> Array:
+        """Predict the coefficients (nn, nq) at other values of its unknowns (nx_t,)."""
         ahead = self.matrices.eliminated.follow(values - self.values)
         return np.asarray(self.coefficients - ahead.reshape(self.coefficients.shape), float)
 
 
 @dataclass(frozen=True)
 class OpenEvaluation(Evaluation):
-    """With the gradient by joint parameters and soft tissue too."""
+    """Evaluation with the gradient by joint parameters and soft tissue too."""
 
     by_parameter: Array  # (nx_t,) half gradient
 
 
 class OpenMotion:
-    """A trial's marker cost by its coefficients; what the free joint parameters would change is
-    carried along.
-    """
+    """Marker cost of a trial by its coefficients, with derivatives by the free unknowns."""
 
     nothing_left = 0.0
     has_curvature = False
@@ -132,16 +127,16 @@ class OpenMotion:
         self.problem, self.body, self.values = problem, body, values
 
     def coefficients(self, x: Array) -> Array:
-        """(nn, nq) of a vector of them all."""
+        """Reshape a vector to coefficients (nn, nq)."""
         return x.reshape(self.problem.basis.nodes, -1)
 
     def evaluate(self, x: Array) -> OpenEvaluation:
-        """Cost and half gradients."""
+        """Evaluate cost and half gradients."""
         cost, by_nodes, by_parameter = self.problem.both_gradients(self.coefficients(x), self.body)
         return OpenEvaluation(cost, by_nodes.ravel(), by_parameter)
 
     def linearise(self, x: Array, *, curved: bool) -> OpenMatrix:
-        """The equations there."""
+        """Form the equations at x."""
         coefficients = self.coefficients(x)
         return OpenMatrix(
             self.values,
@@ -149,19 +144,21 @@ class OpenMotion:
             self.problem.equations(coefficients, self.body, curved=curved),
         )
 
-    def corrected(self, coefficients: Array, kept: Matrices | None) -> MotionState | None:
-        """The trial where plain steps from `coefficients` (nn, nq) converge; None where they do
-        not.
-        """
+    def correct(self, coefficients: Array, kept: Matrices | None) -> MotionState | None:
+        """Correct the motion by plain steps from `coefficients` (nn, nq); None without convergence."""
         end = descend(self, coefficients.ravel(), CORRECTOR, kept)
         if not end.converged:
             return None
         matrices = end.factor or self.linearise(end.x, curved=False).factor(0.0)
         return self._state(end.x, end.evaluation, matrices, end.predicted_reduction, converged=True)
 
-    def stepped(self, coefficients: Array, *, converged: bool) -> tuple[MotionState, float]:
-        """The trial one plain step from `coefficients` (nn, nq), and the share of the cost that it
-        should gain.
+    def take_step(self, coefficients: Array, *, converged: bool) -> tuple[MotionState, float]:
+        """Take one plain step from `coefficients` (nn, nq).
+
+        Returns
+        -------
+        tuple of MotionState and float
+            The trial there, and the predicted gain as a share of the cost.
         """
         matrix = self.linearise(coefficients.ravel(), curved=False)
         here, matrices = matrix.evaluation, matrix.factor(0.0)
@@ -181,9 +178,7 @@ class OpenMotion:
         *,
         converged: bool,
     ) -> MotionState:
-        """At coefficients x, reached from `before` by a last step predicted to gain
-        `predicted_reduction`.
-        """
+        """Make the state at coefficients x after a last step with a predicted gain."""
         return MotionState(
             values=self.values,
             coefficients=self.coefficients(x),
@@ -195,7 +190,7 @@ class OpenMotion:
 
 
 class OpenMatrix:
-    """Its equations at some coefficients."""
+    """Equations of an `OpenMotion` at some coefficients."""
 
     spent = False
 
@@ -205,13 +200,13 @@ class OpenMatrix:
         self.evaluation = OpenEvaluation(equations.cost, by_node, by_parameter)
 
     def factor(self, damping: float) -> Matrices:
-        """With the coefficients eliminated."""
+        """Eliminate the coefficients."""
         return Matrices(self.values, self.coefficients, eliminate(self.equations, damping))
 
 
 @dataclass(frozen=True)
 class KindState:
-    """The trials of one kind of task, and its soft tissue eliminated."""
+    """Trials of one kind of task, with its soft tissue eliminated."""
 
     trials: tuple[MotionState, ...]
     tissue: EliminatedKind
@@ -224,16 +219,15 @@ class ReducedState:
     p: Array
     kinds: tuple[EliminatedKind, ...]
     trials: tuple[MotionState, ...]
-    cost: float  # m^2 (as shares have no unit), markers and the prior of soft tissue
+    # m^2 (as shares have no unit), markers and the prior of soft tissue
+    cost: float
     total: float  # m^2, that of the joint parameters besides
     hessian: Array  # (np, np) S of the markers, soft tissue following
     gradient: Array  # (np,) half gradient of the same
 
 
 class ReducedProblem:
-    """The trials' common problem in the joint parameters `free`; remembers the best point as a warm
-    start.
-    """
+    """Common problem of all trials in the joint parameters `free`, warm-started from its best point."""
 
     def __init__(
         self,
@@ -262,7 +256,7 @@ class ReducedProblem:
         self.free = free
         self.parameters, self.settings, self.starts = parameters, settings, list(starts)
         self.shares = [1.0] * len(problems)
-        """What the cost of each trial counts."""
+        """Weight of each trial's cost."""
         self.fixed = [replace(problem.with_free(()), tissue=None) for problem in problems]
         self.open = [problem.with_free(free) for problem in problems]
         self.bodies = [problem.body(parameters) for problem in self.open]
@@ -271,7 +265,8 @@ class ReducedProblem:
         """
         of_trial = list(kinds or [""] * len(problems))
         self.members = [
-            [t for t, of in enumerate(of_trial) if of == kind] for kind in dict.fromkeys(of_trial)
+            [t for t, task in enumerate(of_trial) if task == kind]
+            for kind in dict.fromkeys(of_trial)
         ]
         """Of each kind of task, its trials."""
         opened = [
@@ -282,9 +277,9 @@ class ReducedProblem:
         """Of each trial, places of its unknowns among the joint parameters and the soft tissue of
         its kind.
         """
-        for members, own in zip(self.members, self.tissue, strict=True):
+        for members, kind_prior in zip(self.members, self.tissue, strict=True):
             for t in members:
-                self.columns[t] = self.open[t].places_in((*free, *own.keys))
+                self.columns[t] = self.open[t].places_in((*free, *kind_prior.keys))
         self.prior = np.zeros((0, len(free))) if prior is None else prior
         self.centre = np.zeros(len(free)) if centre is None else centre
         self.state: ReducedState | None = None
@@ -302,24 +297,33 @@ class ReducedProblem:
         """
 
     def at(self, p: Array) -> ReducedState:
-        """Solve soft tissue and motions at p, warm-started from the best point so far."""
+        """Solve soft tissue and motions at p, warm-started from the best point so far.
+
+        Parameters
+        ----------
+        p : (np,) array
+            Joint parameters, m and rad.
+
+        Returns
+        -------
+        ReducedState
+            Solved as far as the next step of p needs.
+        """
         for known in (self.state, self.best):
             if known is not None and np.array_equal(known.p, p):
                 return known
         self.evaluations += 1
         every = range(len(self.members))
-        kinds = _side_by_side(lambda k: self._solved(k, p, *self._predicted(k, p)), every)
-        if self.best is not None and self._sum(p, kinds).total > self.best.total:
+        kinds = _map_in_pairs(lambda k: self._solve_kind(k, p, *self._predict_tissue(k, p)), every)
+        if self.best is not None and self._sum_kinds(p, kinds).total > self.best.total:
             # before SciPy takes a shorter step: soft tissue may have gone too far, and not the
             # joint parameters
             solved = kinds
-            kinds = _side_by_side(lambda k: self._followed(k, p, solved[k]), every)
+            kinds = _map_in_pairs(lambda k: self._minimise_tissue(k, p, solved[k]), every)
         return self._keep(p, kinds)
 
-    def _predicted(self, k: int, p: Array) -> tuple[Array, Sequence[MotionState] | None]:
-        """Soft tissue of one kind at p, one step beyond that of the best point, and the motions
-        there.
-        """
+    def _predict_tissue(self, k: int, p: Array) -> tuple[Array, Sequence[MotionState] | None]:
+        """Predict the soft tissue of one kind at p from the best point; also its motions there."""
         if self.best is None:
             return self.tissue[k].mean, None
         last = self.best.kinds[k]
@@ -327,19 +331,30 @@ class ReducedProblem:
         return z, [self.best.trials[t] for t in self.members[k]]
 
     def settle(self, p: Array) -> ReducedState:
-        """The same with soft tissue and motions solved as far as the settings ask, nothing kept
-        from other points.
+        """Solve soft tissue and motions at p to the final tolerance, all matrices formed there.
+
+        Parameters
+        ----------
+        p : (np,) array
+            Joint parameters, m and rad.
+
+        Returns
+        -------
+        ReducedState
+            The end of a fit.
         """
         state = self.at(p)
 
         def settled(k: int) -> KindState:
             members = self.members[k]
-            here = self._followed(
+            here = self._minimise_tissue(
                 k, p, KindState(tuple(state.trials[t] for t in members), state.kinds[k])
             )
             z, trials = here.tissue.z + here.tissue.step, here.trials
-            here = self._summed(
-                k, z, self._each(k, lambda i: self._settled(members[i], p, z, trials[i]))
+            here = self._eliminate_kind(
+                k,
+                z,
+                self._map_trials(k, lambda i: self._settle_motion(members[i], p, z, trials[i])),
             )
             if here.tissue.reduction > self.settings.gain * here.tissue.cost:
                 here = replace(
@@ -347,39 +362,38 @@ class ReducedProblem:
                 )
             return here
 
-        return self._keep(p, _side_by_side(settled, range(len(self.members))))
+        return self._keep(p, _map_in_pairs(settled, range(len(self.members))))
 
-    def linkage(self, p: Array) -> Parameters:
-        """All joint parameters at p."""
+    def get_parameters(self, p: Array) -> Parameters:
+        """Get all parameters of the linkage at p."""
         return self.parameters.with_joint(self.free, p)
 
-    def moved(self, state: ReducedState) -> list[MotionProblem]:
-        """Per trial, the motion alone, with soft tissue and secondary motions where a state has
-        them.
-        """
-        return [self._placed(t, trial.values)[0] for t, trial in enumerate(state.trials)]
+    def place_tissue(self, state: ReducedState) -> list[MotionProblem]:
+        """Place soft tissue and secondary motions of a state in each trial's motion problem."""
+        return [self._place_trial(t, trial.values)[0] for t, trial in enumerate(state.trials)]
 
     def weigh(self, shares: Sequence[float]) -> None:
-        """Let the cost of each trial count so much. At given soft tissue no motion moves by that;
-        it moves itself where trials count less or more against its prior.
+        """Set the weight of each trial's cost.
+
+        At given soft tissue no motion depends on it. The soft tissue does, relative to its prior.
         """
         self.shares, best = list(shares), self.best
         self.state = self.best = None
         if best is None:
             return
         kinds = [
-            self._summed(k, of.z, [best.trials[t] for t in members])
-            for k, (members, of) in enumerate(zip(self.members, best.kinds, strict=True))
+            self._eliminate_kind(k, tissue.z, [best.trials[t] for t in members])
+            for k, (members, tissue) in enumerate(zip(self.members, best.kinds, strict=True))
         ]
         self._keep(best.p, kinds)
 
-    def _followed(self, k: int, p: Array, here: KindState) -> KindState:
-        """One kind where its soft tissue has gone to the minimum at p.
+    def _minimise_tissue(self, k: int, p: Array, here: KindState) -> KindState:
+        """Minimise the cost of one kind at p over its soft tissue.
 
-        Gauss-Newton steps f leave out the curvature of large residuals, and may overshoot in the
+        Gauss-Newton steps f leave out the curvature of large residuals. They may overshoot in the
         few directions that markers hardly determine. Steps of earlier points correct them there
-        (Anderson, J ACM 12:547-560, 1965): the next point is the combination of these points that
-        has the smallest combined step.
+        (Anderson, J ACM 12:547-560, 1965): the next point is the combination of these points with
+        the smallest combined step.
         """
         points, steps = list[Array](), list[Array]()
         for _ in range(MOST_TISSUE_STEPS):
@@ -394,48 +408,47 @@ class ReducedProblem:
                 # in units of the matrix here, in which the cost is round
                 weight = np.linalg.lstsq(tissue.root.T @ changes, -tissue.forward, rcond=None)[0]
                 step = step - moves @ weight
-            there = self._solved(k, p, tissue.z + step, here.trials, keep=True)
+            there = self._solve_kind(k, p, tissue.z + step, here.trials, keep=True)
             if there.tissue.cost > tissue.cost:
                 # what was learnt there serves from here: the next step is a shorter one
                 points, steps = (
                     [there.tissue.z, *points][-KEPT_STEPS:],
                     [there.tissue.step, *steps][-KEPT_STEPS:],
                 )
-                there = self._solved(k, p, tissue.z + 0.5 * steps[-1], here.trials, keep=True)
+                there = self._solve_kind(k, p, tissue.z + 0.5 * steps[-1], here.trials, keep=True)
                 if there.tissue.cost > tissue.cost:
                     break
             here = there
         return here
 
-    def _solved(
+    def _solve_kind(
         self, k: int, p: Array, z: Array, near: Sequence[MotionState] | None, *, keep: bool = False
     ) -> KindState:
-        """One kind with its motions solved at p and z, from those of a point `near`, of which
-        matrices may be kept.
+        """Solve the motions of one kind at p and z, from those of a point `near`.
+
+        With `keep`, the matrices of that point are reused.
         """
         unknowns = np.append(p, z)
 
         def solved(i: int) -> MotionState:
             t = self.members[k][i]
-            return self._solve(
+            return self._solve_motion(
                 t, unknowns[self.columns[t]], None if near is None else near[i], keep=keep
             )
 
-        return self._summed(k, z, self._each(k, solved))
+        return self._eliminate_kind(k, z, self._map_trials(k, solved))
 
-    def _each(self, k: int, function: Callable[[int], MotionState]) -> list[MotionState]:
-        """What a function makes of each trial of a kind, two at a time where there is no other
-        kind.
-        """
+    def _map_trials(self, k: int, function: Callable[[int], MotionState]) -> list[MotionState]:
+        """Apply a function to each trial of a kind, two at a time if there is no other kind."""
         every = range(len(self.members[k]))
         return (
-            _side_by_side(function, every)
+            _map_in_pairs(function, every)
             if len(self.members) == 1
             else [function(i) for i in every]
         )
 
-    def _summed(self, k: int, z: Array, trials: Sequence[MotionState]) -> KindState:
-        """Sum the trials of a kind up, and eliminate its soft tissue."""
+    def _eliminate_kind(self, k: int, z: Array, trials: Sequence[MotionState]) -> KindState:
+        """Sum the trials of a kind, and eliminate its soft tissue."""
         size = len(self.free) + len(z)
         hessian, gradient, cost = np.zeros((size, size)), np.zeros(size), 0.0
         for t, trial in zip(self.members[k], trials, strict=True):
@@ -447,8 +460,8 @@ class ReducedProblem:
             tuple(trials), eliminate_tissue(self.tissue[k], z, hessian, gradient, cost)
         )
 
-    def _sum(self, p: Array, kinds: Sequence[KindState]) -> ReducedState:
-        """Sum the kinds up."""
+    def _sum_kinds(self, p: Array, kinds: Sequence[KindState]) -> ReducedState:
+        """Sum the kinds."""
         trials: dict[int, MotionState] = {}
         for members, kind in zip(self.members, kinds, strict=True):
             trials |= dict(zip(members, kind.trials, strict=True))
@@ -468,16 +481,17 @@ class ReducedProblem:
         )
 
     def _keep(self, p: Array, kinds: Sequence[KindState]) -> ReducedState:
-        """Sum the kinds up, and remember the point if it is the best."""
-        state = self._sum(p, kinds)
+        """Sum the kinds, and keep the point if it is the best."""
+        state = self._sum_kinds(p, kinds)
         if self.best is None or state.total <= self.best.total:
             self.best = state
         self.state = state
         return state
 
-    def _placed(self, t: int, values: Array) -> tuple[MotionProblem, MotionProblem]:
-        """A trial with its soft tissue and secondary motions at its unknowns (nx_t,): for the
-        motion alone, and with all of them open.
+    def _place_trial(self, t: int, values: Array) -> tuple[MotionProblem, MotionProblem]:
+        """Place soft tissue and secondary motions of a trial at its unknowns (nx_t,).
+
+        Returns the problem of the motion alone, and that with all unknowns open.
         """
         opened = self.open[t]
         if opened.tissue is None:
@@ -485,52 +499,54 @@ class ReducedProblem:
         moved = opened.displaced(values[opened.joint_parameters :])
         return self.fixed[t].with_data(moved.data), moved
 
-    def _motion(self, t: int, values: Array) -> tuple[MotionProblem, OpenMotion]:
-        fixed, problem = self._placed(t, values)
+    def _open_motion(self, t: int, values: Array) -> tuple[MotionProblem, OpenMotion]:
+        """Open the motion of a trial at its unknowns (nx_t,)."""
+        fixed, problem = self._place_trial(t, values)
         return fixed, OpenMotion(
-            problem, self.bodies[t].with_free(self._linkage_of(t, values)), values
+            problem, self.bodies[t].with_free(self._get_trial_parameters(t, values)), values
         )
 
-    def _linkage_of(self, t: int, values: Array) -> Parameters:
-        """All joint parameters at the unknowns (nx_t,) of a trial."""
+    def _get_trial_parameters(self, t: int, values: Array) -> Parameters:
+        """Get all parameters of the linkage at the unknowns (nx_t,) of a trial."""
         count = self.open[t].joint_parameters
         return self.parameters.with_joint(self.open[t].unknowns[:count], values[:count])
 
-    def _settled(self, t: int, p: Array, z: Array, last: MotionState) -> MotionState:
-        """The motion of one trial at p and z, with equations formed there."""
+    def _settle_motion(self, t: int, p: Array, z: Array, last: MotionState) -> MotionState:
+        """Solve the motion of one trial at p and z, with equations formed there."""
         values = np.append(p, z)[self.columns[t]]
-        fixed, motion = self._motion(t, values)
-        predicted = last.predicted(values)
-        stepped, share = motion.stepped(predicted, converged=last.converged)
+        fixed, motion = self._open_motion(t, values)
+        predicted = last.predict_coefficients(values)
+        stepped, share = motion.take_step(predicted, converged=last.converged)
         if share > self.settings.gain:
-            curved = self._curved(t, last)
-            stepped = self._tracked(t, predicted, fixed, motion, self.settings, curved=curved)
+            curved = self._needs_newton(t, last)
+            stepped = self._track_motion(t, predicted, fixed, motion, self.settings, curved=curved)
         return stepped
 
-    def _solve(self, t: int, values: Array, near: MotionState | None, *, keep: bool) -> MotionState:
-        """The motion of one trial, predicted from a point near by and corrected by a few plain
-        steps, or tracked.
-        """
-        fixed, motion = self._motion(t, values)
+    def _solve_motion(
+        self, t: int, values: Array, near: MotionState | None, *, keep: bool
+    ) -> MotionState:
+        """Solve the motion of one trial: predicted, corrected by a few plain steps, or tracked."""
+        fixed, motion = self._open_motion(t, values)
         nearly = replace(self.settings, gain=max(self.settings.gain, CORRECTOR.gain))
         kept: Matrices | None = None
         if near is None:
-            damped = self.settings.first_damping > 0.0  # then a small gain may be the damping's
+            # then a small gain may be the damping's
+            damped = self.settings.first_damping > 0.0
             about = self.settings if damped else replace(nearly, gain=max(nearly.gain, FIRST_GAIN))
             predicted = track_nodes(
-                fixed, fixed.body(self._linkage_of(t, values)), self.starts[t], about
+                fixed, fixed.body(self._get_trial_parameters(t, values)), self.starts[t], about
             ).x
         else:
-            predicted = near.predicted(values)
-            kept = near.matrices if keep or near.matrices.near(values, predicted) else None
-        if near is not None and self._curved(t, near):
-            return self._tracked(t, predicted, fixed, motion, self.settings, curved=True)
-        found = motion.corrected(predicted, kept)
+            predicted = near.predict_coefficients(values)
+            kept = near.matrices if keep or near.matrices.is_near(values, predicted) else None
+        if near is not None and self._needs_newton(t, near):
+            return self._track_motion(t, predicted, fixed, motion, self.settings, curved=True)
+        found = motion.correct(predicted, kept)
         if found is None and kept is not None:
-            found = motion.corrected(predicted, None)
-        return found or self._tracked(t, predicted, fixed, motion, nearly)
+            found = motion.correct(predicted, None)
+        return found or self._track_motion(t, predicted, fixed, motion, nearly)
 
-    def _tracked(
+    def _track_motion(
         self,
         t: int,
         coefficients: Array,
@@ -540,37 +556,36 @@ class ReducedProblem:
         *,
         curved: bool = False,
     ) -> MotionState:
-        """The motion found by tracking, and one step of the open equations from there."""
+        """Track the motion, and take one step of the open equations from there."""
         settings = replace(settings, first_damping=0.0, curved=curved)
         tracked = track_nodes(
-            fixed, fixed.body(self._linkage_of(t, motion.values)), coefficients, settings
+            fixed, fixed.body(self._get_trial_parameters(t, motion.values)), coefficients, settings
         )
         if tracked.curved and not settings.curved:
             self.slow_at[t] = min(self.slow_at[t], tracked.cost)
-        return motion.stepped(tracked.x, converged=tracked.converged)[0]
+        return motion.take_step(tracked.x, converged=tracked.converged)[0]
 
-    def _curved(self, t: int, near: MotionState) -> bool:
-        """Whether a trial's motion wants Newton's steps: its markers are not much nearer than where
-        it did.
-        """
+    def _needs_newton(self, t: int, near: MotionState) -> bool:
+        """Return whether a trial's motion still needs Newton steps, by its cost."""
         return near.cost > COST_FALLEN_TO * self.slow_at[t]
 
-    def residual(self, p: Array) -> Array:
-        """(np + 1,) compressed residuals f, m."""
+    def compute_residual(self, p: Array) -> Array:
+        """Compute the compressed residuals f (np + 1,), m."""
         state, pull = self.at(p), self.prior @ (p - self.centre)
-        _, divided = self._root(state)
+        _, divided = self._factorise(state)
         projected = divided @ (state.gradient + self.prior.T @ pull)
         rest = state.cost + float(pull @ pull) - float(projected @ projected)
         return np.append(projected, np.sqrt(max(rest, 0.0)))
 
-    def jacobian(self, p: Array) -> Array:
-        """(np + 1, np) compressed Jacobian of `residual`."""
-        return np.vstack([self._root(self.at(p))[0], np.zeros((1, len(p)))])
+    def compute_jacobian(self, p: Array) -> Array:
+        """Compute the compressed Jacobian (np + 1, np) of `compute_residual`."""
+        return np.vstack([self._factorise(self.at(p))[0], np.zeros((1, len(p)))])
 
-    def _root(self, state: ReducedState) -> tuple[Array, Array]:
-        """(np, np) R with R^T R = S and the prior, and the inverse of R^T: by Cholesky where a
-        prior holds every direction, in a tenth of the time of the eigenvectors that tell which
-        directions count as zero elsewhere.
+    def _factorise(self, state: ReducedState) -> tuple[Array, Array]:
+        """Factorise S with the prior: R (np, np) with R^T R = S, and the inverse of R^T.
+
+        Cholesky is used if a prior determines every direction; it takes a tenth of the time. Else
+        eigenvectors show which directions count as zero.
         """
         if self._known is None or self._known[0] is not state:
             matrix = state.hessian + self.prior.T @ self.prior
@@ -589,10 +604,8 @@ class ReducedProblem:
 _Made = TypeVar("_Made")
 
 
-def _side_by_side(function: Callable[[int], _Made], numbers: Sequence[int]) -> list[_Made]:
-    """What a function makes of each number, two at a time: products of matrices let the other
-    thread compute.
-    """
+def _map_in_pairs(function: Callable[[int], _Made], numbers: Sequence[int]) -> list[_Made]:
+    """Apply a function to each number, two at a time: matrix products release the other thread."""
     if len(numbers) < 2:
         return [function(number) for number in numbers]
     with ThreadPoolExecutor(2) as pool:

@@ -1,7 +1,7 @@
-"""Soft tissue artefact of people: learnt from tracked bones where they show it, sized by the task
-elsewhere, with one scale for each person and kind of task.
+"""Soft tissue artefact of people, with one scale for each person and kind of task.
 
-A marker of a segment lies, in the segment's axes, at
+Tracked bones give its mean and size for knee flexion; the task gives its size for other angles. The
+position of a marker in the axes of its segment is
 
     l + sum_c z_c psi_c(t),        psi_c = (phi_c - phi_c of the static posture) / u_c,
 
@@ -9,7 +9,7 @@ phi_c the angles of the joints beside the segment that the task moves, tracked w
 and markers in their places. The places l are those of the static trial, so there the artefact is
 zero by definition; a walk's mean knee angle is 20 to 30 degrees from standing, and an artefact of
 mean zero over the walk leaves that part to the joints. With psi_c goes its square where there is
-evidence. Each kind of task has unknowns z of its own (gait, an activity, or the isolated trials of
+evidence. Each kind of task has separate unknowns z (gait, an activity, or the isolated trials of
 one joint); in gait knees are no hinges besides.
 
 Knee flexion moves thigh and shank. There u_c is one radian, and z_c is s times what tracked bones
@@ -20,29 +20,28 @@ For all other angles u_c is the RMS of phi_c - phi_c(static) in all trials of th
 deg), the mean is zero, all markers of a segment shift together, turn together about their middle,
 and move each by itself:
 
-    z_c ~ N(0, s^2 Sigma),     Sigma = B diag(shift^2, turn^2) B^T + own^2 I,     B = [1, -(l - c) x] marker by marker.
+    z_c ~ N(0, s^2 Sigma),   Sigma = B diag(shift^2, turn^2) B^T + per_marker^2 I,  B = [1, -(l - c) x] for each marker,
 
-What the markers do each by themselves is part rigid, (B^T B)^-1 B^T z_c, and part deformation,
-which turns and shifts no segment. Markers show the deformation whatever the joints do. So it is
-conditioned on first: with Q and b as below, V the covariance of z at this person's s and m its
-mean,
+z_c has a rigid part, (B^T B)^-1 B^T z_c, and a deformation, which neither rotates nor translates a
+segment. Markers show the deformation independently of the joints, so z is conditioned on it first.
+With Q and b as below, V the covariance of z at this person's s and m its mean,
 
     z | deformation ~ N(m + C (b - Q m), C),        C = (V^-1 + Q)^-1.
 
-The deformation of that mean is where a fit has the markers, in axes that turn with the cluster. A
-fit has six unknowns a regressor and segment besides (`tracking/soft_tissue.py`), with the rigid
-part of that mean and covariance as their prior. A deformation that is expected and does not come is
-a strain of the linkage: it moved hips of children by 8 mm.
+A fit displaces the markers by the deformation of that mean, in axes that rotate with the cluster. It
+has six further unknowns for each regressor and segment (`tracking/soft_tissue.py`), with the rigid
+part of that mean and covariance as their prior. A wrong deformation would strain the linkage: it
+displaced hips of children by 8 mm.
 
-So such an artefact has the size that people show *in the task*, whichever angle it goes with, and
-not so many millimetres a degree: in gait hip adduction spans a tenth of what flexion does, and its
-pelvis is as soft. The sizes are those of bone pins, fluoroscopy and magnetic resonance in walking
+The artefact of an angle has a size in the task, not in millimetres per degree. In gait, hip
+adduction has a tenth of the range of flexion, and the pelvis is as soft with it. The sizes are from
+bone pins, fluoroscopy and magnetic resonance in walking
 (Leardini et al., Gait Posture 21:212-225, 2005; Peters et al., Gait Posture 31:1-8, 2010; Barre et
 al., J Biomech 48:1965-1971, 2015; Camomilla et al., J Biomech 62:5-13, 2017).
 
-How soft this person is, s, in gait and another one in all isolated trials, is learnt from how the
-markers of all segments deform *together*, joints left out. What the rigid fit of a segment leaves
-of its markers, e, is
+The softness s of the person, one in gait and another one in all isolated trials, is estimated from
+the deformation of all segments *together*, without joints. The residuals e of a rigid fit of a
+segment are
 
     e = P sum_c z_c psi_c + noise,     Q = sum_t psi psi^T (x) P / nu^2,     b = sum_t psi (x) P e / nu^2,
     2 log L_j(s) = c^T (Q + Sigma^-1 / s^2)^-1 c - log det(1 + s^2 Sigma Q) + 2 s mu^T b - s^2 mu^T
@@ -50,19 +49,18 @@ of its markers, e, is
     c = b - s Q mu,     mu the mean of z at s = 1,
     p(s) ~ N(ln s; 0, 0.7^2)  prod_j  int L_j(s_j) N(ln s_j; ln s, 0.7^2) d ln s_j,        j: segments,
 
-P the projector that takes shifts and turns of a segment's markers out, nu the noise that no angle
-explains, its frames counted as far as they are independent (`joint_prior.py`). Pooling is the
-point: a cluster that slides as a whole shows no deformation itself, so that how far it slides
-follows the person's s and not the segment's s_j. With q = min(E[s], 1) and r = min(E[s^2], 1), as
-markers that deform more than people's swing or are loose and do not slide the further for it, z has
-the mean q mu and the covariance E[s^2] Sigma + (r - q^2 + 0.7^2 r) mu mu^T, as s_j differs from s
-(thighs of bones left out slide 1.0 times as expected, with a standard deviation of 0.5). The second
-term is of the rigid part alone: deformation does not show how far a cluster slides. That segments
-differ by a factor of two keeps one soft thigh from softening the feet: with the same s for all,
-hips of people with quadratic artefacts came to 15 mm from the truth, with segments that differ to
-8. An activity that is no walk may leave joints at rest, whose tracked angles follow the errors of
-others: their segments do not deform, with even odds before anything is seen, and then say nothing
-of s.
+P is the projector that removes translations and rotations of a segment's markers. nu is the noise
+that no angle explains, with frames counted as far as they are independent (`joint_prior.py`). A
+cluster that slides as a whole shows no deformation, so its sliding depends on the person's s, not on
+the segment's s_j. With q = min(E[s], 1) and r = min(E[s^2], 1), z has the mean q mu and the
+covariance E[s^2] Sigma + (r - q^2 + 0.7^2 r) mu mu^T. The limits of 1 are for markers that swing or
+are loose: they deform more than people's and do not slide further. (Thighs of bones left out slide
+1.0 times the mean, with a standard deviation of 0.5.) The second term is of the rigid part alone:
+deformation does not show how far a cluster slides. Segments differ by a factor of two, so that one
+soft thigh does not soften the feet. With the same s for all, hips of people with quadratic artefacts
+were 15 mm from the truth; with different segments, 8 mm. An activity other than walking may leave
+joints at rest, whose tracked angles follow the errors of others. Their segments do not deform, with
+even prior odds, and then carry no information about s.
 """
 
 from collections.abc import Collection, Mapping, Sequence
@@ -73,13 +71,17 @@ from scipy.linalg import block_diag
 from scipy.special import logsumexp
 
 from gaitcal.arrays import Array
-from gaitcal.calibration.joint_prior import LEAST_SAMPLES, frames_per_sample, least_noise
+from gaitcal.calibration.joint_prior import (
+    LEAST_SAMPLES,
+    compute_least_noise,
+    estimate_frames_per_sample,
+)
 from gaitcal.calibration.soft_tissue_table import (
     THIGH_M,
     SkinField,
     SkinTable,
-    people_table,
-    place_functions,
+    evaluate_place_functions,
+    load_people_table,
 )
 from gaitcal.model.linkage import (
     BENDS,
@@ -88,7 +90,7 @@ from gaitcal.model.linkage import (
     JOINTS,
     LEG_JOINTS,
     Source,
-    segment_kind,
+    get_segment,
 )
 from gaitcal.model.parameters import Parameters
 from gaitcal.tracking import motion, soft_tissue
@@ -102,7 +104,7 @@ class ArtefactSize:
 
     shift: float  # m, of all markers together
     turn: float  # rad, of all markers together
-    own: float  # m, of every marker by itself
+    per_marker: float  # m, of every marker by itself
 
 
 SIZES: Mapping[str, ArtefactSize] = {
@@ -128,11 +130,11 @@ CUBE_SHARE = 0.25
 """Part of these sizes that goes with the cube. The same polynomials have 0.04 and less; walking
 adds load.
 """
-LOG_SPREAD = (
-    0.7  # Standard deviation of ln s among people: their sizes are known to a factor of two
-)
-SEGMENT_SPREAD = 0.7  # The same of ln s_j about ln s among the segments of a person
-SCALES = np.geomspace(0.005, 4.0, 41)  # Values of s looked at
+# Standard deviation of ln s among people: their sizes are known to a factor of two
+LOG_SPREAD = 0.7
+# The same of ln s_j about ln s among the segments of a person
+SEGMENT_SPREAD = 0.7
+SCALES = np.geomspace(0.005, 4.0, 41)  # Grid of s for the integrals
 SQUARES = "^2"  # Ends the name of a regressor psi^2
 FROM_BONES = "knee_angle"
 """Begins the names of coordinates of which tracked bones show how they move the skin of thigh and
@@ -147,23 +149,25 @@ LEAST_SQUARES = 0.01
 people show.
 """
 TRUSTED = 0.5
-"""Part of its own weight below which a loss let a marker go, and of the frames below which one is
-seldom seen, and left aside where three others are seen more often."""
-TINY = 1e-12  # Mean square of an angle over its unit below which it does not move at all
+"""Share of its largest weight below which a robust loss has rejected a marker; and share of the
+frames below which a marker is left out if three others are visible more often."""
+# Mean square of an angle over its unit below which it does not move at all
+TINY = 1e-12
 PAIR = 2  # Markers of which nothing but their distance shows how they deform
-SEEN_RANK = 1e-9
+OBSERVED_RANK = 1e-9
 """Part of the largest diagonal entry of a QR factor below which an angle adds nothing to those
 before it.
 """
 
 
-def beside(segment: str) -> tuple[str, ...]:
-    """Coordinates of the joints of the legs at both ends of a segment: up to the next one that
-    carries skin, which the talus does not.
+def list_adjacent_coordinates(segment: str) -> tuple[str, ...]:
+    """List the coordinates of the leg joints at both ends of a segment.
+
+    A talus carries no markers, so the joints beyond it are included.
     """
     above = JOINT_OF_CHILD.get(segment)
     near = {j.child for j in JOINTS if j.parent == segment} | ({above.parent} if above else set())
-    ends = {segment, *(other for other in near if not segment_kind(other).markers)}
+    ends = {segment, *(other for other in near if not get_segment(other).markers)}
     joints = [
         j
         for j in JOINTS
@@ -176,16 +180,30 @@ def beside(segment: str) -> tuple[str, ...]:
 
 @dataclass(frozen=True)
 class AngleUnit:
-    """The unit in which an angle moves soft tissue in a kind of task."""
+    """Unit in which an angle moves soft tissue in a kind of task."""
 
     size: float  # rad, RMS from the static posture
-    bend: float  # what the angle over `size` explains of its square, by least squares
+    # what the angle over `size` explains of its square, by least squares
+    bend: float
 
 
-def angle_units(
+def compute_angle_units(
     angles: Sequence[Mapping[str, Array]], posture: Mapping[str, float] | None = None
 ) -> dict[str, AngleUnit]:
-    """Find the units of all angles (nf,) rad of the trials of one kind of task."""
+    """Compute the units of all angles of the trials of one kind of task.
+
+    Parameters
+    ----------
+    angles : sequence of mapping
+        Of each trial, coordinate -> (nf,) rad.
+    posture : mapping of str to float, optional
+        Coordinate -> rad in the static posture.
+
+    Returns
+    -------
+    dict of str to AngleUnit
+        By coordinate.
+    """
     out = dict[str, AngleUnit]()
     for name in dict.fromkeys(name for of_trial in angles for name in of_trial):
         still = (posture or {}).get(name, 0.0)
@@ -197,28 +215,33 @@ def angle_units(
     return out
 
 
-def task_regressors(
+def compute_task_regressors(
     angles: Sequence[Mapping[str, Array]],
     posture: Mapping[str, float] | None = None,
     units: Mapping[str, AngleUnit] | None = None,
     *,
     squares: bool = False,
 ) -> list[dict[str, Array]]:
-    """Regressors of the trials of one kind of task, zero in the static posture.
+    """Compute the regressors of the trials of one kind of task, zero in the static posture.
 
     Parameters
     ----------
-    angles : of each trial, coordinate -> (nf,) rad. posture : coordinate -> rad in the static
-    posture; zero for what is not there. units : of other trials of the kind, so that columns mean
-    the same; found from these trials unless given. squares : whether what the angle leaves of its
-    square follows it, by least squares over the task: a bend, which is
-        zero in the static posture too.
+    angles : sequence of mapping
+        Of each trial, coordinate -> (nf,) rad.
+    posture : mapping of str to float, optional
+        Coordinate -> rad in the static posture; zero if not given.
+    units : mapping of str to AngleUnit, optional
+        Units of other trials of the kind, so that columns mean the same; found from these if not
+        given.
+    squares : bool
+        Whether to add the square of each angle, less its part that is linear by least squares.
 
     Returns
     -------
-    Of each trial, coordinate -> (nf,) psi: rad for knee flexion, else over its RMS in the task.
+    list of dict
+        Of each trial, coordinate -> (nf,) psi: rad for knee flexion, else over its RMS in the task.
     """
-    units = {**angle_units(angles, posture), **(units or {})}
+    units = {**compute_angle_units(angles, posture), **(units or {})}
     out: list[dict[str, Array]] = []
     for of_trial in angles:
         psi = dict[str, Array]()
@@ -232,7 +255,7 @@ def task_regressors(
     return out
 
 
-def tissue_of(
+def make_tissue_columns(
     problem: MotionProblem,
     kind: str,
     regressors: Mapping[str, Array],
@@ -244,18 +267,35 @@ def tissue_of(
     softness: float = 1.0,
     pinned: Collection[str] = (),
 ) -> soft_tissue.SoftTissue | None:
-    """The columns of the artefact on the markers of a trial; None where there are none.
+    """Make the columns of the artefact on the markers of a trial.
 
     Parameters
     ----------
-    problem : the trial. No skin moves points that are no markers. kind : of task. regressors :
-    coordinate -> (nf,) of `task_regressors`. nominal : where knees are; positions on the skin are
-    relative to them. known : columns to keep; all unless given. secondary : what knees do besides
-    flexing. table : skin of people; that of gaitcal unless given. softness : by which what is
-    expected is multiplied; 0: markers are taken to stay in their static places. pinned : segments
-    with markers fixed to the bone.
+    problem : MotionProblem
+        The trial. Points that are no markers have no artefact.
+    kind : str
+        Kind of task.
+    regressors : mapping of str to (nf,) array
+        By coordinate, from `compute_task_regressors`.
+    nominal : Parameters
+        Positions of the knees; positions on the skin are relative to them.
+    known : collection of str, optional
+        Columns to keep; all if not given.
+    secondary : SecondaryColumns, optional
+        Secondary motions of the knees.
+    table : SkinTable, optional
+        Artefact of people; the built-in one if not given.
+    softness : float
+        Factor of the mean; 0 if markers are taken to stay in their static positions.
+    pinned : collection of str
+        Segments with markers fixed to the bone.
+
+    Returns
+    -------
+    SoftTissue or None
+        None if there are no columns.
     """
-    groups, skin = [], people_table() if table is None else table
+    groups, skin = [], load_people_table() if table is None else table
     for s, markers in problem.data.placed.groups if problem.noise is None else ():
         segment = problem.chain.segments[s]
         if (
@@ -264,7 +304,7 @@ def tissue_of(
             or not (problem.data.weight[markers] > 0).any()
         ):
             continue
-        near, local = beside(segment), problem.data.local[markers]
+        near, local = list_adjacent_coordinates(segment), problem.data.local[markers]
         names = tuple(name for name in regressors if name.removesuffix(SQUARES) in near)
         pulling = (problem.data.weight[markers] > 0).any(axis=1)
         if names:
@@ -279,9 +319,9 @@ def tissue_of(
                     pattern=cluster.pattern,
                     names=tuple(f"{kind}/{name}" for name in names),
                     regressors=np.array([regressors[name] for name in names]),
-                    expected=np.array([cluster.mean(name) for name in names]),
-                    covariance=np.array([cluster.rigid_covariance(name) for name in names]),
-                    by_marker=np.array([cluster.marker_covariance(name) for name in names]),
+                    expected=np.array([cluster.compute_mean(name) for name in names]),
+                    covariance=np.array([cluster.compute_rigid_covariance(name) for name in names]),
+                    by_marker=np.array([cluster.compute_marker_covariance(name) for name in names]),
                     softness=softness,
                 )
             )
@@ -293,7 +333,7 @@ def tissue_of(
 
 
 class _Cluster:
-    """The markers of one segment, and what people's skin does with them per unit of a regressor."""
+    """Markers of one segment, with people's artefact per unit of a regressor."""
 
     def __init__(
         self,
@@ -316,47 +356,55 @@ class _Cluster:
             length = float(np.linalg.norm(nominal.centre(knee, f"thigh_{side}")))
             self._larger = length / THIGH_M
             place = (local - nominal.centre(knee, segment)) * self._mirror / length
-            self._functions = place_functions(place, gait=gait)
+            self._functions = evaluate_place_functions(place, gait=gait)
 
-    def _from_bones(self, regressor: str) -> SkinField | None:
+    def _get_field(self, regressor: str) -> SkinField | None:
         return (
             self._field
             if regressor.startswith(FROM_BONES) and not regressor.endswith(SQUARES)
             else None
         )
 
-    def mean(self, regressor: str) -> Array:
-        """(nm, 3) m; squares have none."""
-        field = self._from_bones(regressor)
+    def compute_mean(self, regressor: str) -> Array:
+        """Compute the mean (nm, 3) m; zero for squares."""
+        field = self._get_field(regressor)
         if field is None:
             return np.zeros(self.pattern.shape[:2])
-        return np.asarray(self._larger * self._mirror * field.mean(self._functions))
+        return np.asarray(self._larger * self._mirror * field.compute_mean(self._functions))
 
-    def marker_covariance(self, regressor: str) -> Array:
-        """(3 nm, 3 nm) m^2 about the mean."""
-        field = self._from_bones(regressor)
+    def compute_marker_covariance(self, regressor: str) -> Array:
+        """Compute the covariance (3 nm, 3 nm) m^2 about the mean."""
+        field = self._get_field(regressor)
         if field is None:
             size, more = self._size, np.zeros((len(self._flat),) * 2)
         else:
-            size = ArtefactSize(self._larger * field.shift, field.turn, self._larger * field.own)
+            size = ArtefactSize(
+                self._larger * field.shift, field.turn, self._larger * field.per_marker
+            )
             mirror = np.tile(self._mirror, len(self.pattern))
-            more = self._larger**2 * np.outer(mirror, mirror) * field.uncertainty(self._functions)
+            more = (
+                self._larger**2
+                * np.outer(mirror, mirror)
+                * field.compute_uncertainty(self._functions)
+            )
         rigid = self._flat * np.repeat([size.shift, size.turn], 3)
-        return np.asarray(rigid @ rigid.T + size.own**2 * np.eye(len(rigid)) + more)
+        return np.asarray(rigid @ rigid.T + size.per_marker**2 * np.eye(len(rigid)) + more)
 
-    def rigid_covariance(self, regressor: str) -> Array:
-        """(6, 6) m^2, m rad, rad^2 about the mean, of what they do together."""
-        field = self._from_bones(regressor)
+    def compute_rigid_covariance(self, regressor: str) -> Array:
+        """Compute the covariance (6, 6) m^2, m rad, rad^2 of the rigid part about its mean."""
+        field = self._get_field(regressor)
         size = self._size
         together = np.linalg.pinv(self._flat, rcond=soft_tissue.SMALLEST)
         more = np.zeros((soft_tissue.WIDTH,) * 2)
         if field is not None:
-            size = ArtefactSize(self._larger * field.shift, field.turn, self._larger * field.own)
+            size = ArtefactSize(
+                self._larger * field.shift, field.turn, self._larger * field.per_marker
+            )
             mirrored = self._larger * together * np.tile(self._mirror, len(self.pattern))
-            more = mirrored @ field.uncertainty(self._functions) @ mirrored.T
+            more = mirrored @ field.compute_uncertainty(self._functions) @ mirrored.T
         out = (
             np.diag(np.repeat([size.shift, size.turn], 3) ** 2)
-            + size.own**2 * together @ together.T
+            + size.per_marker**2 * together @ together.T
             + more
         )
         return np.asarray(0.5 * (out + out.T))
@@ -364,7 +412,7 @@ class _Cluster:
 
 @dataclass(frozen=True)
 class SoftTissueScale:
-    """What the deformation of all segments says of one person in one kind of task, as E[s^2]."""
+    """Softness of one person in one kind of task, as E[s^2], from the deformation of all segments."""
 
     linear: float
     squares: float = 0.0
@@ -374,34 +422,45 @@ class SoftTissueScale:
     mean_square: float = 0.0
     """min(E[s^2], 1)."""
 
-    def covariance(self, regressor: str, unit: Array, mean: Array, softness: float) -> Array:
-        """Of a regressor's columns about `softness` times their mean; `unit`, `mean`: both moments
-        at s = 1.
+    def compute_covariance(
+        self, regressor: str, unit: Array, mean: Array, softness: float
+    ) -> Array:
+        """Compute the covariance of a regressor's columns about `softness` times their mean.
+
+        `unit` and `mean` are both moments at s = 1.
         """
         if regressor.endswith(SQUARES):
-            return self.variance(regressor) * unit
+            return self.get_variance(regressor) * unit
         of_scale = max(
             (1.0 + SEGMENT_SPREAD**2) * self.mean_square - 2.0 * softness * self.mean + softness**2,
             0.0,
         )
         return np.asarray(self.linear * unit + of_scale * np.outer(mean, mean))
 
-    def variance(self, regressor: str) -> float:
-        """E[s^2] of a regressor's columns."""
+    def get_variance(self, regressor: str) -> float:
+        """Get E[s^2] of a regressor's columns."""
         return self.squares if regressor.endswith(SQUARES) else self.linear
 
 
-def soft_tissue_scale(
+def estimate_soft_tissue_scale(
     trials: Sequence[MotionProblem], *, possibly_still: bool = False
 ) -> SoftTissueScale:
-    """The scale of a person in one kind of task from trials whose soft tissue holds every column
-    that may be.
+    """Estimate the softness of a person in one kind of task.
 
-    `possibly_still`: whether the task may leave joints at rest, whose tracked angles follow errors
-    of others.
+    Parameters
+    ----------
+    trials : sequence of MotionProblem
+        Trials of the kind, with all columns that soft tissue may have.
+    possibly_still : bool
+        Whether the task may leave joints at rest, whose tracked angles follow errors of others.
+
+    Returns
+    -------
+    SoftTissueScale
+        Moments of s.
     """
     plain, bent = list[_Deformation](), list[_Deformation]()
-    for observed in observed_deformations(trials).values():
+    for observed in collect_deformations(trials).values():
         # one distance cannot distinguish soft skin from a wand that swings
         if observed.markers < FEWEST_MARKERS:
             continue
@@ -419,8 +478,10 @@ def soft_tissue_scale(
         bent.append(_Deformation(of_squares, right[bends] - mixed @ left[:, -1], mean[bends]))
     squares = 0.0
     if any(len(part.right) for part in bent):
-        squares = _scale_moments(bent, possibly_none=True, possibly_still=possibly_still).linear
-    return replace(_scale_moments(plain, possibly_still=possibly_still), squares=squares)
+        squares = _compute_scale_moments(
+            bent, possibly_none=True, possibly_still=possibly_still
+        ).linear
+    return replace(_compute_scale_moments(plain, possibly_still=possibly_still), squares=squares)
 
 
 Cluster = tuple[str, tuple[str, ...]]
@@ -429,11 +490,10 @@ Cluster = tuple[str, tuple[str, ...]]
 
 @dataclass(frozen=True, kw_only=True)
 class ObservedDeformation:
-    """What the trials of one kind of task show of how the markers of one segment move against each
-    other.
+    """Observed deformation of the markers of one segment in the trials of one kind of task.
 
-    Unknowns are what each marker does per unit of each regressor, regressor by regressor, marker by
-    marker, x, y, z.
+    Unknowns are the displacements of each marker per unit of each regressor, regressor by
+    regressor, marker by marker, x, y, z.
     """
 
     names: tuple[str, ...]  # (nr,) `kind/regressor`
@@ -441,22 +501,34 @@ class ObservedDeformation:
     right: Array  # (3 nr nm,) 1/m, b
     expected: Array  # (nr, 3 nm) m at s = 1
     covariance: Array  # (nr, 3 nm, 3 nm) m^2 about that, at s = 1
-    rigid_covariance: Array  # (nr, 6, 6) m^2, m rad, rad^2 of the rigid part of that
+    # (nr, 6, 6) m^2, m rad, rad^2 of the rigid part of that
+    rigid_covariance: Array
     pattern: Array  # (nm, 3, 6) B
 
     @property
     def markers(self) -> int:
-        """How many of them show anything."""
+        """Number of markers with information."""
         shown = np.diag(self.information).reshape(len(self.names), -1, 3) > 0
         return int(shown.any(axis=(0, 2)).sum())
 
 
-def observed_deformations(trials: Sequence[MotionProblem]) -> dict[Cluster, ObservedDeformation]:
-    """Sum up over trials of what their markers show; clusters that show nothing are left out."""
+def collect_deformations(trials: Sequence[MotionProblem]) -> dict[Cluster, ObservedDeformation]:
+    """Collect the observed deformation of each cluster over all trials.
+
+    Parameters
+    ----------
+    trials : sequence of MotionProblem
+        Trials of one kind, with soft tissue.
+
+    Returns
+    -------
+    dict
+        Cluster -> ObservedDeformation; clusters without information are left out.
+    """
     out: dict[Cluster, ObservedDeformation] = {}
     for problem in trials:
         for group in problem.tissue.groups if problem.tissue else ():
-            information, right = _deformation(problem, group)
+            information, right = _compute_deformation(problem, group)
             which = group.carrier, tuple(problem.labels[group.markers])
             of_trial = ObservedDeformation(
                 names=group.names,
@@ -467,14 +539,14 @@ def observed_deformations(trials: Sequence[MotionProblem]) -> dict[Cluster, Obse
                 rigid_covariance=group.covariance,
                 pattern=group.pattern,
             )
-            out[which] = _summed(out[which], of_trial) if which in out else of_trial
+            out[which] = _sum_deformations(out[which], of_trial) if which in out else of_trial
     # a trial that shows nothing has its regressors here, as others may show how the same markers
     # deform
     return {which: observed for which, observed in out.items() if observed.information.any()}
 
 
-def _summed(one: ObservedDeformation, other: ObservedDeformation) -> ObservedDeformation:
-    """Both together: the regressors of either, the columns of the first where they have one."""
+def _sum_deformations(one: ObservedDeformation, other: ObservedDeformation) -> ObservedDeformation:
+    """Sum two observations: regressors of either, with the first's columns if both have one."""
     new = [r for r, name in enumerate(other.names) if name not in one.names]
     names = (*one.names, *(other.names[r] for r in new))
     width = one.expected.shape[1]
@@ -498,30 +570,32 @@ def _summed(one: ObservedDeformation, other: ObservedDeformation) -> ObservedDef
 
 @dataclass(frozen=True, kw_only=True)
 class ClusterTissue:
-    """What the markers of one segment do in one kind of task, given how they were observed to
-    deform.
-    """
+    """Posterior of the artefact of one segment in one kind of task, given its deformation."""
 
     names: tuple[str, ...]  # (nr,) `kind/regressor`
-    mean: Array  # (6 nr,) m, rad, of the rigid part about what was expected before
+    # (6 nr,) m, rad, of the rigid part about what was expected before
+    mean: Array
     covariance: Array  # (6 nr, 6 nr) of the rigid part
     deformation: Array  # (nr, nm, 3) m
 
 
-def cluster_tissue(observed: ObservedDeformation, scale: SoftTissueScale) -> ClusterTissue:
+def compute_cluster_tissue(observed: ObservedDeformation, scale: SoftTissueScale) -> ClusterTissue:
     """Compute the posterior of a cluster from its deformation.
 
-    Shifts and turns of a cluster do not deform it, so that joints have no part in this. What it
-    does as a whole goes with its deformation as far as one field of the skin makes both.
+    Translations and rotations of a cluster do not deform it, so joints have no influence here. The
+    rigid part depends on the deformation as far as one field of the skin causes both.
 
     Parameters
     ----------
-    observed : what the trials of one kind of task show.
-    scale : how soft the person is there.
+    observed : ObservedDeformation
+        Deformation in the trials of one kind of task.
+    scale : SoftTissueScale
+        Softness of the person in that kind.
 
     Returns
     -------
-    Means and covariance per unit of each regressor, in the axes of the segment.
+    ClusterTissue
+        Means and covariance per unit of each regressor, in the axes of the segment.
     """
     count, width = observed.expected.shape
     flat = observed.pattern.reshape(-1, soft_tissue.WIDTH)
@@ -537,8 +611,8 @@ def cluster_tissue(observed: ObservedDeformation, scale: SoftTissueScale) -> Clu
     for name, moves, by_marker, of_rigid in columns:
         softness = 0.0 if name.endswith(SQUARES) else scale.mean
         before.append(softness * moves)
-        roots.append(np.linalg.cholesky(scale.variance(name) * by_marker))
-        rigid.append(scale.covariance(name, of_rigid, to_rigid @ moves, softness))
+        roots.append(np.linalg.cholesky(scale.get_variance(name) * by_marker))
+        rigid.append(scale.compute_covariance(name, of_rigid, to_rigid @ moves, softness))
     root, mean = block_diag(*roots), np.concatenate(before)
     left = np.linalg.inv(np.eye(len(root)) + root.T @ observed.information @ root)
     change = root @ left @ root.T @ (observed.right - observed.information @ mean)
@@ -557,22 +631,23 @@ def cluster_tissue(observed: ObservedDeformation, scale: SoftTissueScale) -> Clu
 
 @dataclass(frozen=True)
 class _Deformation:
-    """What one segment shows, by columns of unit variance."""
+    """Information of one segment, by columns of unit variance."""
 
     information: Array  # (n, n) Q
     right: Array  # (n,) b
     mean: Array  # (n,) mu
 
 
-def _scale_moments(
+def _compute_scale_moments(
     parts: Sequence[_Deformation], *, possibly_none: bool = False, possibly_still: bool = False
 ) -> SoftTissueScale:
-    """The moments of s; if `possibly_none`, s is 0 with odds of one to one before any data, if
-    `possibly_still`, each s_j by itself.
+    """Compute the moments of s.
+
+    If `possibly_none`, s is 0 with even prior odds. If `possibly_still`, each s_j separately is.
     """
     place = np.log(SCALES)
-    apart = -0.5 * ((place[:, None] - place) / SEGMENT_SPREAD) ** 2
-    apart -= np.log(np.exp(apart).sum(axis=1, keepdims=True))
+    log_odds = -0.5 * ((place[:, None] - place) / SEGMENT_SPREAD) ** 2
+    log_odds -= np.log(np.exp(log_odds).sum(axis=1, keepdims=True))
     """(s, s_j) log of the probability that a segment has s_j in a person who has s."""
     before = -0.5 * (place / LOG_SPREAD) ** 2
     log = before.copy()
@@ -585,7 +660,7 @@ def _scale_moments(
             axis=1
         )
         alone += (s * mean * along - 0.5 * s**2 * values * mean**2).sum(axis=1)
-        moved = logsumexp(apart + alone, axis=1)
+        moved = logsumexp(log_odds + alone, axis=1)
         log += np.logaddexp(moved, 0.0) if possibly_still else moved
     top = max(float(log.max()), 0.0)
     weight, none = (
@@ -599,10 +674,13 @@ def _scale_moments(
     )
 
 
-def _deformation(problem: MotionProblem, group: soft_tissue.SegmentTissue) -> tuple[Array, Array]:
-    """Q (n, n) 1/m^2 and b (n,) of one segment in one trial, regressor by regressor, of each marker
-    by marker, x, y, z; from the markers that have weight in it. Of two, their distance is all that
-    deforms.
+def _compute_deformation(
+    problem: MotionProblem, group: soft_tissue.SegmentTissue
+) -> tuple[Array, Array]:
+    """Compute Q (n, n) 1/m^2 and b (n,) of one segment in one trial, from its weighted markers.
+
+    Entries are regressor by regressor, marker by marker, x, y, z. The deformation of two markers is
+    their distance.
     """
     data, psi = problem.data, group.regressors
     width = 3 * (group.markers.stop - group.markers.start)
@@ -632,13 +710,17 @@ def _deformation(problem: MotionProblem, group: soft_tissue.SegmentTissue) -> tu
         followed = np.einsum("fij,mj->mif", fit.rotation, local) + fit.origin.T
         left = np.einsum("fij,mif->mjf", fit.rotation, data.measured[used] - followed)
     errors = left.reshape(3 * len(used), -1).T[whole]  # (frames, 3 used)
-    errors = errors - errors.mean(axis=0)  # where a marker lies is not how it moves
+    # where a marker lies is not how it moves
+    errors = errors - errors.mean(axis=0)
     psi = psi - psi.mean(axis=1, keepdims=True)
-    rigid = _rigid_directions(
+    rigid = _find_rigid_directions(
         soft_tissue.together(local - local.mean(axis=0)).reshape(-1, soft_tissue.WIDTH)
     )
-    noise = _noise(
-        errors, psi, 3 * len(used) - rigid.shape[1], least_noise(problem.basis, problem.noise)
+    noise = _estimate_noise(
+        errors,
+        psi,
+        3 * len(used) - rigid.shape[1],
+        compute_least_noise(problem.basis, problem.noise),
     )
     columns = (3 * (used - group.markers.start)[:, None] + np.arange(3)).ravel()
     projector, errors_of_group = np.zeros((width, width)), np.zeros((len(errors), width))
@@ -651,18 +733,18 @@ def _deformation(problem: MotionProblem, group: soft_tissue.SegmentTissue) -> tu
     return np.asarray(information / noise**2, float), np.asarray(right / noise**2, float)
 
 
-def _rigid_directions(flat: Array) -> Array:
-    """(3 nm, 6 or 5) orthonormal columns that span those of B (3 nm, 6)."""
+def _find_rigid_directions(flat: Array) -> Array:
+    """Find orthonormal columns (3 nm, 6 or 5) that span those of B (3 nm, 6)."""
     columns, sizes, _ = np.linalg.svd(flat, full_matrices=False)
     return np.asarray(columns[:, sizes > soft_tissue.SMALLEST * sizes[0]])
 
 
-def _noise(errors: Array, psi: Array, directions: int, least: float) -> float:
-    """m, nu of errors (nf, 3 nm) that no combination of the regressors (nr, nf) explains."""
+def _estimate_noise(errors: Array, psi: Array, directions: int, least: float) -> float:
+    """Estimate nu (m) of errors (nf, 3 nm) that no combination of the regressors (nr, nf) explains."""
     q, r = np.linalg.qr(psi.T)
-    explained = q[:, np.abs(np.diag(r)) > SEEN_RANK * np.abs(r).max(initial=0.0)]
+    explained = q[:, np.abs(np.diag(r)) > OBSERVED_RANK * np.abs(r).max(initial=0.0)]
     unexplained = errors - explained @ (explained.T @ errors)
-    tau = frames_per_sample(unexplained)
+    tau = estimate_frames_per_sample(unexplained)
     samples = len(errors) / tau
     spent = samples / max(samples - explained.shape[1], LEAST_SAMPLES * samples)
     variance = spent * tau * float((unexplained**2).sum()) / (max(directions, 1) * len(errors))
@@ -671,7 +753,7 @@ def _noise(errors: Array, psi: Array, directions: int, least: float) -> float:
 
 @dataclass(frozen=True)
 class TissuePrior:
-    """The columns of all kinds of task, and how large they may be."""
+    """Prior of the soft tissue columns of all kinds of task."""
 
     keys: tuple[str, ...]  # `kind/regressor/segment/component`
     covariance: Array  # (nz, nz) m^2, m rad, rad^2
@@ -681,7 +763,7 @@ class TissuePrior:
 NO_TISSUE = TissuePrior((), np.zeros((0, 0)), np.zeros(0))
 
 
-def tissue_prior(
+def assemble_tissue_prior(
     trials: Sequence[MotionProblem],
     scales: Mapping[str, SoftTissueScale],
     clusters: Mapping[tuple[str, Cluster], ClusterTissue] | None = None,
@@ -690,8 +772,17 @@ def tissue_prior(
 
     Parameters
     ----------
-    trials : with their soft tissue. scales : kind of task -> how soft the person is there. clusters
-    : kind of task and cluster -> what its deformation shows; nothing was observed unless given.
+    trials : sequence of MotionProblem
+        Trials with their soft tissue.
+    scales : mapping of str to SoftTissueScale
+        Kind of task -> softness of the person.
+    clusters : mapping, optional
+        (kind of task, cluster) -> posterior from its deformation; none was observed if not given.
+
+    Returns
+    -------
+    TissuePrior
+        m and rad.
     """
     names, means, blocks = list[tuple[str, str]](), list[Array](), list[Array]()
     """(name of a regressor, segment), in the order of the blocks."""
@@ -717,7 +808,7 @@ def tissue_prior(
                 mean = group.rigid_part(group.expected[r])
                 means.append(np.zeros(soft_tissue.WIDTH))
                 blocks.append(
-                    scales[kind].covariance(
+                    scales[kind].compute_covariance(
                         group.names[r], group.covariance[r], mean, group.softness
                     )
                 )
@@ -726,13 +817,13 @@ def tissue_prior(
         for name, segment in names
         for component in soft_tissue.COMPONENTS
     )
-    secondary = secondary_prior(trials)
+    secondary = make_secondary_prior(trials)
     mean = np.concatenate([secondary.mean, *means])
     return TissuePrior((*secondary.keys, *keys), block_diag(secondary.covariance, *blocks), mean)
 
 
-def secondary_prior(trials: Sequence[MotionProblem]) -> TissuePrior:
-    """The prior of the secondary motions that trials have."""
+def make_secondary_prior(trials: Sequence[MotionProblem]) -> TissuePrior:
+    """Make the prior of the secondary motions that trials have."""
     keys = tuple(
         dict.fromkeys(
             key for problem in trials if problem.secondary for key in problem.secondary.keys
@@ -747,22 +838,20 @@ def secondary_prior(trials: Sequence[MotionProblem]) -> TissuePrior:
 
 
 def is_from_bones(key: str) -> bool:
-    """Return whether a column is of skin that tracked bones show,
-    `kind/regressor/segment/component`.
+    """Return whether tracked bones show a column, `kind/regressor/segment/component`.
 
-    Those of knee flexion, its square included: in deep flexion the skin of thigh and shank does not
-    move in proportion. Secondary motions of a knee, `kind/regressor/^2/motion`, are none.
+    These are columns of knee flexion and its square: in deep flexion the skin of thigh and shank
+    does not move in proportion. Secondary motions of a knee, `kind/regressor/^2/motion`, are none.
     """
     return key.split("/")[1].startswith(FROM_BONES) and "/^" not in key
 
 
 @dataclass(frozen=True)
 class FoundTissue:
-    """The artefact that a calibration found, by columns that tracked bones show: motions are
-    tracked with it.
+    """Artefact found by a calibration in columns of `is_from_bones`; motions are tracked with it.
 
-    Of others, the pelvis' first, nothing is expected, and markers hardly show them: what a fit
-    found of them is an error of the motions.
+    Other columns have no mean, and markers hardly determine them. What a fit found of them is an
+    error of the motions.
     """
 
     values: Mapping[str, float] = field(default_factory=dict)
@@ -772,7 +861,7 @@ class FoundTissue:
     units: Mapping[str, AngleUnit] = field(default_factory=dict)
     """`kind/coordinate` -> unit of the columns, which further trials share."""
 
-    def units_of(self, kind: str) -> dict[str, AngleUnit]:
+    def select_units(self, kind: str) -> dict[str, AngleUnit]:
         """Select the units of a kind of task, by coordinate."""
         start = f"{kind}/"
         return {
@@ -781,11 +870,18 @@ class FoundTissue:
             if name.startswith(start)
         }
 
-    def displaced(self, problem: MotionProblem) -> MotionProblem:
-        """Displace the markers of a trial, with its soft tissue, by the artefact; knees stay
-        hinges.
+    def displace_markers(self, problem: MotionProblem) -> MotionProblem:
+        """Displace the markers of a trial by the artefact; knees stay hinges.
 
-        A column that was not found is as expected.
+        Parameters
+        ----------
+        problem : MotionProblem
+            The trial, with its soft tissue.
+
+        Returns
+        -------
+        MotionProblem
+            A column that was not found has its mean.
         """
         if problem.tissue is None or not problem.tissue.groups:
             return problem
@@ -796,12 +892,12 @@ class FoundTissue:
 NO_FOUND_TISSUE = FoundTissue()
 
 
-def _deformed(
+def _apply_deformation(
     tissue: soft_tissue.SoftTissue,
     problem: MotionProblem,
     clusters: Mapping[Cluster, ClusterTissue],
 ) -> soft_tissue.SoftTissue:
-    """Let the markers of a trial deform as observed, where they were observed."""
+    """Apply the observed deformation to the markers of a trial."""
     groups = list[soft_tissue.SegmentTissue]()
     for group in tissue.groups:
         found = clusters.get((group.carrier, tuple(problem.labels[group.markers])))
@@ -814,16 +910,15 @@ def _deformed(
 
 @dataclass(frozen=True)
 class TaskTissue:
-    """What may move the markers of each trial against their bones, and how far."""
+    """Soft tissue of the markers of each trial, with its prior."""
 
     kinds: Mapping[str, str]  # Trial -> kind of task
-    regressors: Mapping[
-        str, Mapping[str, Array]
-    ]  # Trial -> coordinate -> (nf,) psi of the joints that its task moves
-    scales: Mapping[str, SoftTissueScale]  # Kind of task -> how soft the person is there
-    secondary: Mapping[
-        str, soft_tissue.SecondaryColumns
-    ]  # Trial of gait -> what knees do besides flexing
+    # Trial -> coordinate -> (nf,) psi of the joints that its task moves
+    regressors: Mapping[str, Mapping[str, Array]]
+    # Kind of task -> how soft the person is there
+    scales: Mapping[str, SoftTissueScale]
+    # Trial of gait -> what knees do besides flexing
+    secondary: Mapping[str, soft_tissue.SecondaryColumns]
     nominal: Parameters
     table: SkinTable
     units: Mapping[str, AngleUnit] = field(default_factory=dict)
@@ -837,16 +932,16 @@ class TaskTissue:
     pinned: Collection[str] = ()
     """Segments with markers fixed to the bone."""
 
-    def prior(self, trials: Sequence[MotionProblem]) -> TissuePrior:
+    def assemble_prior(self, trials: Sequence[MotionProblem]) -> TissuePrior:
         """Assemble the prior of the columns that trials have."""
-        return tissue_prior(trials, self.scales, self.clusters if self.fitted else None)
+        return assemble_tissue_prior(trials, self.scales, self.clusters if self.fitted else None)
 
-    def of(
+    def make_columns(
         self, name: str, problem: MotionProblem, known: Collection[str] | None = None
     ) -> soft_tissue.SoftTissue | None:
-        """The columns of a trial on the markers of some part of the body, or those `known` of them."""
+        """Make the columns of a trial on a part of the body; all or those `known`."""
         kind = self.kinds[name]
-        tissue = tissue_of(
+        tissue = make_tissue_columns(
             problem,
             kind,
             self.regressors[name],
@@ -862,26 +957,37 @@ class TaskTissue:
         clusters = {
             cluster: found for (of_kind, cluster), found in self.clusters.items() if of_kind == kind
         }
-        return _deformed(tissue, problem, clusters)
+        return _apply_deformation(tissue, problem, clusters)
 
-    def of_bodies(
+    def make_body_columns(
         self, bodies: Mapping[str, MotionProblem], known: Collection[str]
     ) -> dict[str, soft_tissue.SoftTissue]:
-        """Trial -> the columns `known` on the markers of the whole body; without those that have
-        none.
+        """Make the columns `known` on the markers of whole bodies.
+
+        Parameters
+        ----------
+        bodies : mapping of str to MotionProblem
+            Trials of the whole body.
+        known : collection of str
+            Columns to keep.
+
+        Returns
+        -------
+        dict of str to SoftTissue
+            Trials without columns are left out.
         """
-        found = {name: self.of(name, body, known) for name, body in bodies.items()}
+        found = {name: self.make_columns(name, body, known) for name, body in bodies.items()}
         return {name: columns for name, columns in found.items() if columns is not None}
 
-    def found(self, keys: Sequence[str], values: Array) -> FoundTissue:
-        """What a fit of the columns `keys` found, (nz,) m and rad."""
+    def make_found_tissue(self, keys: Sequence[str], values: Array) -> FoundTissue:
+        """Make the artefact that a fit of the columns `keys` found, values (nz,) m and rad."""
         softness = {kind: scale.mean for kind, scale in self.scales.items()}
         found = dict(zip(keys, values.tolist(), strict=True))
         from_bones = {key: value for key, value in found.items() if is_from_bones(key)}
         return FoundTissue(from_bones, softness, self.units)
 
 
-def task_tissue(
+def prepare_task_tissue(
     kinds: Mapping[str, str],
     parts: Mapping[str, MotionProblem],
     nominal: Parameters,
@@ -890,28 +996,39 @@ def task_tissue(
     fitted: bool = True,
     pinned: Collection[str] = (),
 ) -> TaskTissue:
-    """Size the soft tissue of trials.
+    """Prepare the soft tissue of trials: regressors, softness and priors.
 
     Parameters
     ----------
-    kinds : trial -> kind of task.
-    parts : trial -> the part of the body that is fitted to it.
-    nominal : by which trials are tracked.
-    table : skin of people; that of gaitcal unless given.
-    fitted : whether the artefact will be fitted, or is a source of error alone.
-    pinned : segments with markers fixed to the bone, which do not show how the person's skin moves.
+    kinds : mapping of str to str
+        Trial -> kind of task.
+    parts : mapping of str to MotionProblem
+        Trial -> part of the body that is fitted.
+    nominal : Parameters
+        Parameters that trials are tracked with.
+    table : SkinTable, optional
+        Artefact of people; the built-in one if not given.
+    fitted : bool
+        Whether the artefact will be fitted, or is a source of error alone.
+    pinned : collection of str
+        Segments with markers fixed to the bone, which do not show the person's soft tissue.
+
+    Returns
+    -------
+    TaskTissue
+        Soft tissue of all trials.
     """
-    table = people_table() if table is None else table
-    angles = {name: _angles(nominal, parts[name]) for name in kinds}
+    table = load_people_table() if table is None else table
+    angles = {name: _track_angles(nominal, parts[name]) for name in kinds}
     regressors, scales = dict[str, Mapping[str, Array]](), dict[str, SoftTissueScale]()
     units = dict[str, AngleUnit]()
     for kind in dict.fromkeys(kinds.values()):
         names = [name for name in kinds if kinds[name] == kind]
         of_kind, posture = [angles[n] for n in names], parts[names[0]].posture
-        found = angle_units(of_kind, posture)
+        found = compute_angle_units(of_kind, posture)
         units |= {f"{kind}/{name}": unit for name, unit in found.items()}
         regressors |= dict(
-            zip(names, task_regressors(of_kind, posture, found, squares=True), strict=True)
+            zip(names, compute_task_regressors(of_kind, posture, found, squares=True), strict=True)
         )
     gait = [name for name in kinds if kinds[name] == GAIT]
     secondary = dict(
@@ -920,14 +1037,14 @@ def task_tissue(
     isolated = [name for name in kinds if kinds[name] in ISOLATED_JOINTS]
 
     def with_columns(name: str) -> MotionProblem:
-        tissue = tissue_of(
+        tissue = make_tissue_columns(
             parts[name], kinds[name], regressors[name], nominal, table=table, pinned=pinned
         )
         return replace(parts[name], tissue=tissue)
 
     for alike in (gait, isolated, *([name] for name in kinds if name not in (*gait, *isolated))):
         soft = [with_columns(name) for name in alike]
-        scale = soft_tissue_scale(soft, possibly_still=alike not in (gait, isolated))
+        scale = estimate_soft_tissue_scale(soft, possibly_still=alike not in (gait, isolated))
         scales |= {kinds[name]: scale for name in alike}
         if scale.squares < LEAST_SQUARES:
             for n in alike:
@@ -937,15 +1054,15 @@ def task_tissue(
     clusters = dict[tuple[str, Cluster], ClusterTissue]()
     for kind in dict.fromkeys(kinds.values()):
         soft = [with_columns(name) for name in kinds if kinds[name] == kind]
-        for cluster, observed in observed_deformations(soft).items():
-            clusters[kind, cluster] = cluster_tissue(observed, scales[kind])
+        for cluster, observed in collect_deformations(soft).items():
+            clusters[kind, cluster] = compute_cluster_tissue(observed, scales[kind])
     return TaskTissue(
         kinds, regressors, scales, secondary, nominal, table, units, clusters, fitted, pinned
     )
 
 
-def _angles(nominal: Parameters, part: MotionProblem) -> dict[str, Array]:
-    """Coordinate -> (nf,) rad, of those that a marker of the trial shows."""
+def _track_angles(nominal: Parameters, part: MotionProblem) -> dict[str, Array]:
+    """Track the coordinates that a marker of the trial shows: name -> (nf,) rad."""
     q = motion.tracked_motion(part, nominal).q
     return {
         name: values
@@ -954,23 +1071,30 @@ def _angles(nominal: Parameters, part: MotionProblem) -> dict[str, Array]:
     }
 
 
-def kind_of_further(found: FoundTissue, activity: str) -> str:
+def choose_kind_for_trial(found: FoundTissue, activity: str) -> str:
     """Choose the kind of task of a calibration whose soft tissue a further trial has.
 
-    An activity has that of the activity of its name; where the calibration knows none, that of
-    walks, else of any other activity, as nothing is known of how it differs.
+    An activity has that of the activity of its name. If the calibration has none, it has that of
+    walks, else of any other activity.
 
     Parameters
     ----------
-    activity
+    found : FoundTissue
+        Artefact of the calibration.
+    activity : str
         Name of the activity; empty for a walk.
+
+    Returns
+    -------
+    str
+        Kind of task.
     """
     wanted = [*([f"{ACTIVITY}{activity}"] if activity else []), GAIT]
     known = [kind for kind in found.softness if kind == GAIT or kind.startswith(ACTIVITY)]
     return next((kind for kind in (*wanted, *known) if kind in found.softness), GAIT)
 
 
-def tissue_of_further(
+def make_further_tissue(
     trial: MotionProblem,
     legs: MotionProblem,
     nominal: Parameters,
@@ -978,25 +1102,35 @@ def tissue_of_further(
     found: FoundTissue,
     kind: str,
 ) -> soft_tissue.SoftTissue | None:
-    """Find the soft tissue and secondary motions of a trial that took no part in a calibration.
+    """Make soft tissue and secondary motions of a trial that took no part in a calibration.
 
-    Those of the calibration's kind of task, with the angles of this trial in the units of that
-    kind. What is expected of clusters as a whole is multiplied by its softness; how their markers
-    deform is observed in the trial itself.
+    They are those of the calibration's kind of task, with the angles of this trial in the units of
+    that kind. The mean of whole clusters is multiplied by its softness. The deformation of their
+    markers is observed in the trial itself.
 
     Parameters
     ----------
-    trial, legs
+    trial, legs : MotionProblem
         The whole body, and the part of it that a calibration fits, by which angles are tracked.
-    known
+    nominal : Parameters
+        Parameters that the trial is tracked with.
+    known : collection of str
         Columns of the calibration, `kind/regressor/...`, of an `ErrorSources`.
-    found
-        What the calibration found. Where it took markers to stay in their places, so are they here.
-    kind
-        Of task, of `kind_of_further`.
+    found : FoundTissue
+        Artefact of the calibration. If it took markers to stay in their positions, so does this
+        trial.
+    kind : str
+        Kind of task, of `choose_kind_for_trial`.
+
+    Returns
+    -------
+    SoftTissue or None
+        None if there are no columns.
     """
-    angles, softness = _angles(nominal, legs), found.softness.get(kind, 0.0)
-    (every,) = task_regressors([angles], trial.posture, found.units_of(kind), squares=True)
+    angles, softness = _track_angles(nominal, legs), found.softness.get(kind, 0.0)
+    (every,) = compute_task_regressors(
+        [angles], trial.posture, found.select_units(kind), squares=True
+    )
     regressors = {
         name: psi
         for name, psi in every.items()
@@ -1009,15 +1143,20 @@ def tissue_of_further(
     }
     (secondary,) = soft_tissue.secondary_columns(kind, [knees])
     secondary_or_none = secondary if secondary.names else None
-    tissue = tissue_of(
+    tissue = make_tissue_columns(
         trial, kind, regressors, nominal, known, secondary_or_none, softness=softness
     )
     if tissue is None or not softness:
         return tissue
     moved = replace(trial, tissue=tissue)
-    scale = soft_tissue_scale([moved], possibly_still=kind != GAIT)
+    scale = estimate_soft_tissue_scale([moved], possibly_still=kind != GAIT)
     scale = replace(scale, mean=softness, squares=max(scale.squares, LEAST_SQUARES))
-    observed = observed_deformations([moved])
-    return _deformed(
-        tissue, trial, {cluster: cluster_tissue(of, scale) for cluster, of in observed.items()}
+    observed = collect_deformations([moved])
+    return _apply_deformation(
+        tissue,
+        trial,
+        {
+            cluster: compute_cluster_tissue(deformation, scale)
+            for cluster, deformation in observed.items()
+        },
     )

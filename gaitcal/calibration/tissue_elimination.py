@@ -34,7 +34,7 @@ from gaitcal.calibration.soft_tissue_artefact import TissuePrior
 
 @dataclass(frozen=True)
 class KindPrior:
-    """The soft tissue of one kind of task before any trial, z ~ N(mean, covariance)."""
+    """Prior of the soft tissue of one kind of task, z ~ N(mean, covariance)."""
 
     keys: tuple[str, ...]
     mean: Array  # (nz,) m, rad
@@ -57,26 +57,30 @@ def split_by_kind(tissue: TissuePrior, unknowns: Sequence[Sequence[str]]) -> tup
 
     Parameters
     ----------
-    tissue
-        Prior of the columns of all kinds, independent from kind to kind.
-    unknowns
-        Of each kind, names of what its trials open; a column that none of them has is left out.
+    tissue : TissuePrior
+        Prior of the columns of all kinds, independent between kinds.
+    unknowns : sequence of sequence of str
+        Names of the unknowns of each kind; columns that no kind has are left out.
+
+    Returns
+    -------
+    tuple of KindPrior
+        One for each kind.
 
     Raises
     ------
     ValueError
-        Where two kinds share a column, or are correlated: they cannot be eliminated one by one
-        then.
+        Two kinds share a column or are correlated, so they cannot be eliminated separately.
     """
     kinds = []
     for names in unknowns:
         opened = set(names)
         kinds.append([i for i, key in enumerate(tissue.keys) if key in opened])
     taken = [i for places in kinds for i in places]
-    apart = tissue.covariance.copy()
+    coupling = tissue.covariance.copy()
     for places in kinds:
-        apart[np.ix_(places, places)] = 0.0
-    if len(set(taken)) < len(taken) or apart[np.ix_(taken, taken)].any():
+        coupling[np.ix_(places, places)] = 0.0
+    if len(set(taken)) < len(taken) or coupling[np.ix_(taken, taken)].any():
         raise ValueError("kinds of task share soft tissue, or their priors are correlated")
     out = []
     for places in kinds:
@@ -87,9 +91,7 @@ def split_by_kind(tissue: TissuePrior, unknowns: Sequence[Sequence[str]]) -> tup
 
 @dataclass(frozen=True)
 class EliminatedKind:
-    """The soft tissue of one kind eliminated, at z; joint parameters in the order that all kinds
-    share.
-    """
+    """Soft tissue of one kind, eliminated at z; all kinds have the same order of joint parameters."""
 
     prior: KindPrior
     z: Array  # (nz,) m, rad, where its trials were solved
@@ -102,38 +104,38 @@ class EliminatedKind:
 
     @property
     def reduction(self) -> float:
-        """By how much the cost will fall where z takes its step."""
+        """Predicted decrease of the cost by the step of z."""
         return float(self.forward @ self.forward)
 
     @property
     def step(self) -> Array:
-        """(nz,) from z to the minimum at the same joint parameters."""
-        return -self.backward(self.forward)
+        """(nz,) step from z to the minimum at the same joint parameters."""
+        return -self.solve_upper(self.forward)
 
     @cached_property
     def sensitivity(self) -> Array:
-        """(nz, np) L^-T Y: what z loses by the joint parameters, -dz/dp."""
-        return self.backward(self.halfway)
+        """(nz, np) L^-T Y = -dz/dp."""
+        return self.solve_upper(self.halfway)
 
-    def divided(self, columns: Array) -> Array:
-        """L^-1 times columns (nz, nc)."""
+    def solve_lower(self, columns: Array) -> Array:
+        """Compute L^-1 times columns (nz, nc)."""
         if not len(columns):
             return columns
         return np.asarray(
             solve_triangular(self.root, columns, lower=True, check_finite=False), float
         )
 
-    def backward(self, columns: Array) -> Array:
-        """L^-T times a vector or columns."""
+    def solve_upper(self, columns: Array) -> Array:
+        """Compute L^-T times a vector or columns."""
         if not len(columns):
             return columns
         return np.asarray(
             solve_triangular(self.root, columns, lower=True, trans=1, check_finite=False), float
         )
 
-    def solved(self, columns: Array) -> Array:
-        """S_k^-1 times columns (nz, nc)."""
-        return self.backward(self.divided(columns))
+    def solve(self, columns: Array) -> Array:
+        """Compute S_k^-1 times columns (nz, nc)."""
+        return self.solve_upper(self.solve_lower(columns))
 
 
 def eliminate_tissue(
@@ -143,13 +145,21 @@ def eliminate_tissue(
 
     Parameters
     ----------
-    prior
-        Of its columns.
-    z
-        (nz,) m, rad, where its trials were solved.
-    hessian, gradient, cost
-        (np + nz, np + nz), (np + nz,) and sum over its trials, joint parameters first, motions
-        eliminated.
+    prior : KindPrior
+        Prior of its columns.
+    z : (nz,) array
+        Where its trials were solved, m and rad.
+    hessian : (np + nz, np + nz) array
+        Sum over its trials, motions eliminated, joint parameters first.
+    gradient : (np + nz,) array
+        Half gradient, likewise.
+    cost : float
+        Likewise.
+
+    Returns
+    -------
+    EliminatedKind
+        Contribution of the kind to the problem in p.
     """
     count = len(gradient) - len(z)
     corner = hessian[count:, count:] + prior.precision
@@ -173,11 +183,17 @@ def eliminate_tissue(
 
 
 class Arrow:
-    """The Hessian of joint parameters and all soft tissue: unknowns in the order p, z_1, z_2, ...
+    """Hessian of joint parameters and all soft tissue; unknowns in the order p, z_1, z_2, ...
 
-    `precision`: (np, np) Lambda_p. `null`: where nothing is expected of joint parameters,
-    eigenvalues below this part of the largest belong to directions that no trial shows, and count
-    as zero in the inverse.
+    Parameters
+    ----------
+    kinds : sequence of EliminatedKind
+        Kinds of task.
+    precision : (np, np) array
+        Lambda_p.
+    null : float, optional
+        Without a prior of joint parameters: share of the largest eigenvalue below which eigenvalues
+        count as zero in the inverse. Their directions are unobservable.
     """
 
     def __init__(
@@ -202,37 +218,35 @@ class Arrow:
         self.size = int(ends[-1])
 
     def solve(self, columns: Array) -> Array:
-        """Its inverse times columns (np + nz, nc), of which most do not move most kinds."""
+        """Multiply the inverse by columns (np + nz, nc); most columns are zero in most kinds."""
         count, out = len(self.precision), np.zeros(columns.shape)
         by_joint = columns[:count].copy()
         solved = list[tuple[IntArray, Array]]()
         for kind, places in zip(self.kinds, self.places, strict=True):
-            own = np.flatnonzero(columns[places].any(axis=0))
-            half = kind.divided(columns[np.ix_(places, own)])
-            by_joint[:, own] -= kind.halfway.T @ half
-            solved.append((own, kind.backward(half)))
+            nonzero = np.flatnonzero(columns[places].any(axis=0))
+            half = kind.solve_lower(columns[np.ix_(places, nonzero)])
+            by_joint[:, nonzero] -= kind.halfway.T @ half
+            solved.append((nonzero, kind.solve_upper(half)))
         out[:count] = self.covariance @ by_joint
-        for kind, places, (own, moved) in zip(self.kinds, self.places, solved, strict=True):
+        for kind, places, (nonzero, moved) in zip(self.kinds, self.places, solved, strict=True):
             out[places] = -kind.sensitivity @ out[:count]
-            out[np.ix_(places, own)] += moved
+            out[np.ix_(places, nonzero)] += moved
         return out
 
-    def weighted(self, columns: Array) -> Array:
-        """The priors' precision times columns (np + nz, nc)."""
+    def multiply_by_precision(self, columns: Array) -> Array:
+        """Multiply the priors' precision by columns (np + nz, nc)."""
         count, out = len(self.precision), np.zeros(columns.shape)
         out[:count] = self.precision @ columns[:count]
         for kind, places in zip(self.kinds, self.places, strict=True):
-            own = np.flatnonzero(columns[places].any(axis=0))
-            out[np.ix_(places, own)] = kind.prior.precision @ columns[np.ix_(places, own)]
+            nonzero = np.flatnonzero(columns[places].any(axis=0))
+            out[np.ix_(places, nonzero)] = kind.prior.precision @ columns[np.ix_(places, nonzero)]
         return out
 
-    def effective_parameters(self) -> float:
-        """How many unknowns the trials determine, rather than the priors: the trace of H^-1 (H -
-        Lambda).
-        """
+    def count_effective_parameters(self) -> float:
+        """Count the unknowns that trials determine, not priors: tr(H^-1 (H - Lambda))."""
         found = float(np.sum(self.covariance * self.information))
         for kind in self.kinds:
             moved = kind.sensitivity
-            found += len(kind.z) - float(np.trace(kind.solved(kind.prior.precision)))
+            found += len(kind.z) - float(np.trace(kind.solve(kind.prior.precision)))
             found -= float(np.sum((moved @ self.covariance) * (kind.prior.precision @ moved)))
         return found

@@ -5,11 +5,11 @@ Every source of error c moves the joint parameters by d p_c and the motion by d 
 
     d tau_c = T n_c + G d p_c,      T = (d tau/d q) B + (d tau/d v) B' + (d tau/d a) B'',    G = d tau/d p - T S.
 
-Squares sum over the coordinates and columns of each source; the inertial parameters add the
+Squares are summed over the coordinates and columns of each source. The inertial parameters add the
 diagonal of (d tau/d IP) cov (d tau/d IP)^T, force plates and segments' axes the squares of
-`dynamics/measurement_errors.py` and `dynamics/measurement_errors.py`. Powers and moment vectors are
-linear in the generalised forces (`dynamics/joint_kinetics.py`): what a source does to these, to
-posture, rates and joint parameters moves them together.
+`dynamics/measurement_errors.py`. Powers and moment vectors are linear in the generalised forces
+(`dynamics/joint_kinetics.py`). The effects of a source on forces, posture, rates and joint
+parameters are added before squaring.
 """
 
 from collections.abc import Sequence
@@ -18,23 +18,30 @@ from dataclasses import dataclass
 import numpy as np
 
 from gaitcal.arrays import Array, stretches
-from gaitcal.calibration.error_sources import ErrorSources, MotionSensitivity, marker_moves, squares
+from gaitcal.calibration.error_sources import (
+    ErrorSources,
+    MotionSensitivity,
+    compute_motion_sensitivity,
+    sum_squares,
+)
 from gaitcal.calibration.inertial_calibration import InertialFit
 from gaitcal.dynamics import derivatives, joint_kinetics, measurement_errors
 from gaitcal.dynamics.inverse_dynamics import FORCES, Dynamics
-from gaitcal.model.parameters import Parameters, dynamic_jacobian
+from gaitcal.model.parameters import Parameters, compute_dynamic_jacobian
 from gaitcal.runtime import LARGEST_BYTES
 from gaitcal.tracking.trial_problem import MotionProblem
 
 KINETICS = len(joint_kinetics.POWERS) + len(joint_kinetics.COMPONENTS) * len(
     joint_kinetics.VECTOR_FRAMES
 )
-"""Powers and components of moment vectors of a frame."""
+"""Number of powers and components of moment vectors in a frame."""
 
 
-class ErringForces:
-    """The 27 generalised forces and two knee reactions of one whole-body trial, the powers and
-    moment vectors that follow, and all that may be wrong with them; told of some frames at a time.
+class ForceErrors:
+    """Errors of the generalised forces of one whole-body trial, of powers and of moment vectors.
+
+    There are 27 generalised forces and two knee reactions. Errors are computed for some frames at a
+    time.
     """
 
     def __init__(
@@ -49,19 +56,32 @@ class ErringForces:
         plates: measurement_errors.PlateErrors | None = None,
         axes: measurement_errors.AxisErrors | None = None,
     ) -> None:
-        """Set up.
+        """Set up the errors of a trial.
 
-        `problem`, `coefficients`: the whole-body trial and its motion, (nn, 27) m, rad. `wrenches`:
-        (nf, 2, 6) N, N·m, ground reactions on the feet. `joint`: errors of the joint parameters;
-        None where they were not calibrated. `inertial`: (84, n) R with covariance R R^T of the
-        inertial parameters; None where they were not calibrated. `moves`: what the markers move,
-        where it is known already. `plates`: how far the ground reactions are to be believed; exact
-        unless given. `axes`: how far the directions of segments' axes are, with these parameters;
-        exact unless given.
+        Parameters
+        ----------
+        problem : MotionProblem
+            The whole-body trial.
+        coefficients : (nn, 27) array
+            Its motion, m and rad.
+        parameters : Parameters
+            Parameters of the linkage.
+        wrenches : (nf, 2, 6) array
+            Ground reactions on the feet, N and N·m.
+        joint : ErrorSources or None
+            Errors of the joint parameters; None if they were not calibrated.
+        inertial : (84, n) array, optional
+            R with covariance R R^T of the inertial parameters; None if they were not calibrated.
+        moves : MotionSensitivity, optional
+            Error sources of the motion, if available.
+        plates : PlateErrors, optional
+            Errors of the ground reactions; exact if not given.
+        axes : AxisErrors, optional
+            Errors of the directions of segments' axes; exact if not given.
         """
         self.problem, self.parameters, self.wrenches = problem, parameters, wrenches
         self.free: tuple[str, ...] = joint.free if joint else ()
-        self.moves = moves or marker_moves(problem, coefficients, parameters, joint)
+        self.moves = moves or compute_motion_sensitivity(problem, coefficients, parameters, joint)
         self.inertial, self.axes, self.plates = inertial, axes, plates
         self._dynamics = Dynamics(parameters, joint_kinetics.HELD)
         self._opened = Dynamics(parameters, joint_kinetics.HELD, self.free)
@@ -70,18 +90,27 @@ class ErringForces:
 
     @property
     def parts(self) -> list[slice]:
-        """All frames, some at a time: what sources make of them stays in arrays whose memory is
-        kept.
-        """
+        """Slices of frames whose arrays fit into memory together."""
         bytes_of_frame = 8 * KINETICS * self.moves.together.nodes.shape[1]
         return stretches(len(self.wrenches), max(LARGEST_BYTES // bytes_of_frame, 1))
 
-    def errors(self) -> measurement_errors.TorqueErrors:
-        """Standard errors in all frames."""
-        return joined([self.variances(part) for part in self.parts])
+    def compute_errors(self) -> measurement_errors.TorqueErrors:
+        """Compute standard errors in all frames."""
+        return join_variances([self.compute_variances(part) for part in self.parts])
 
-    def variances(self, part: slice) -> "Variances":
-        """Of some frames."""
+    def compute_variances(self, part: slice) -> "Variances":
+        """Compute variances of some frames.
+
+        Parameters
+        ----------
+        part : slice
+            The frames.
+
+        Returns
+        -------
+        Variances
+            Of forces by source, and of powers and moments by all sources.
+        """
         dynamics, opened, wrenches = self._dynamics, self._opened, self.wrenches[part]
         q, v, a = (x[part] for x in self._state)
         placed, forces = opened.placed(q), dynamics.forces(q, v, a, wrenches)
@@ -101,29 +130,32 @@ class ErringForces:
         by_parameter = through @ slopes.by_parameter + kinetic.by_parameter
         basis, count = self.problem.basis, len(FORCES)
         # powers and moments need the sum over all sources only, which fewer columns have
-        torques = self.moves.by_source.through(
+        torques = self.moves.by_source.propagate(
             basis, part, by_state[:, :count], by_parameter[:, :count]
         )
-        kinetics = self.moves.together.through(
+        kinetics = self.moves.together.propagate(
             basis, part, by_state[:, count:], by_parameter[:, count:]
         )
-        found = Variances(self.moves.variances(torques), *self.moves.whole_and_own(kinetics))
+        found = Variances(
+            self.moves.sum_by_source(torques), *self.moves.sum_all_and_trial(kinetics)
+        )
         if self.inertial is not None:
-            heavier = _inertial_moves(dynamics, self.parameters, self.inertial, q, v, a)
-            found.add(measurement_errors.ErrorSource.INERTIA, squares(through @ heavier))
+            heavier = _propagate_inertial_errors(dynamics, self.parameters, self.inertial, q, v, a)
+            found.add(measurement_errors.ErrorSource.INERTIA, sum_squares(through @ heavier))
         if self.plates is not None and self.plates.any:
             plates = measurement_errors.wrench_errors(wrenches, self._rates[part], self.plates)
             wrong = dynamics.of_ground(placed, plates)
-            found.add(measurement_errors.ErrorSource.PLATES, squares(through @ wrong))
+            found.add(measurement_errors.ErrorSource.PLATES, sum_squares(through @ wrong))
         if self.axes is not None and self.axes.columns:
-            moving, turns = self._rate_moves(self.axes, part), self.axes.segment_turns(q)
+            moving, turns = self._compute_rate_errors(self.axes, part), self.axes.segment_turns(q)
             moved = kinetic.moved(self.axes.torque_moves(q, forces), moving, turns)
-            found.add(measurement_errors.ErrorSource.FRAMES, squares(moved))
+            found.add(measurement_errors.ErrorSource.FRAMES, sum_squares(moved))
         return found
 
-    def _rate_moves(self, axes: measurement_errors.AxisErrors, part: slice) -> Array:
-        """(frames, 27, k) what errors of the segments' axes make of rates; none of what no marker
-        moves with.
+    def _compute_rate_errors(self, axes: measurement_errors.AxisErrors, part: slice) -> Array:
+        """Compute errors (frames, 27, k) of rates by errors of the segments' axes.
+
+        They are zero for coordinates that no marker moves with.
         """
         wide = slice(max(part.start - 1, 0), part.stop + 1)
         moves = axes.rate_moves(self._state[0][wide], self.problem.basis.time[wide])
@@ -133,37 +165,47 @@ class ErringForces:
 
 @dataclass
 class Variances:
-    """Of the forces of some frames, then of the powers and moments that follow (`kinetic_slopes`)."""
+    """Variances of the forces of some frames, and of powers and moments (`kinetic_slopes`)."""
 
-    torques: dict[measurement_errors.ErrorSource, Array]  # (frames, 29) by source
+    # (frames, 29) by source
+    torques: dict[measurement_errors.ErrorSource, Array]
     kinetics: Array  # (frames, 91) of all sources together
-    own: Array  # (frames, 91) of the trial's own markers
+    trial_markers: Array  # (frames, 91) of the trial's own markers
 
     def add(self, source: measurement_errors.ErrorSource, variance: Array) -> None:
-        """Count a further source, (frames, 120)."""
+        """Add the variance (frames, 120) of a further source."""
         self.torques[source] = variance[:, : len(FORCES)]
         self.kinetics += variance[:, len(FORCES) :]
 
 
-def joined(parts: Sequence[Variances]) -> measurement_errors.TorqueErrors:
-    """The errors of a trial from the variances of all its frames, part after part."""
-    torques = {
-        source: np.concatenate([part.torques[source] for part in parts])
-        for source in parts[0].torques
-    }
-    kinetics, own = (
-        np.concatenate([getattr(part, name) for part in parts]) for name in ("kinetics", "own")
+def join_variances(parts: Sequence[Variances]) -> measurement_errors.TorqueErrors:
+    """Join the variances of all frames to the errors of a trial.
+
+    Parameters
+    ----------
+    parts : sequence of Variances
+        Frames in order.
+
+    Returns
+    -------
+    TorqueErrors
+        Standard errors.
+    """
+    torques: dict[measurement_errors.ErrorSource, Array] = {}
+    for source in parts[0].torques:
+        torques[source] = np.concatenate([part.torques[source] for part in parts])
+    kinetics = np.concatenate([part.kinetics for part in parts])
+    trial_markers = np.concatenate([part.trial_markers for part in parts])
+    return measurement_errors.TorqueErrors.of(
+        torques, joint_kinetics.kinetic_errors(kinetics, trial_markers)
     )
-    return measurement_errors.TorqueErrors.of(torques, joint_kinetics.kinetic_errors(kinetics, own))
 
 
-def _inertial_moves(
+def _propagate_inertial_errors(
     dynamics: Dynamics, parameters: Parameters, spread: Array, q: Array, v: Array, a: Array
 ) -> Array:
-    """(nf, 35, n) what the columns of the spread (84, n) of the inertial parameters make of the
-    generalised forces.
-    """
-    slopes, sources = dynamic_jacobian(parameters.inertial), spread.shape[1]
+    """Propagate the spread (84, n) of the inertial parameters to generalised forces: (nf, 35, n)."""
+    slopes, sources = compute_dynamic_jacobian(parameters.inertial), spread.shape[1]
     by_source = slopes @ spread.reshape(
         len(slopes), 7, sources
     )  # (12, 10, n) change of the dynamic parameters
@@ -171,8 +213,19 @@ def _inertial_moves(
     return regressor @ by_source.reshape(-1, sources)
 
 
-def inertial_square_root(fit: InertialFit) -> Array:
-    """(84, n) R with covariance R R^T of the inertial parameters."""
+def factor_inertial_covariance(fit: InertialFit) -> Array:
+    """Factor the covariance of the inertial parameters: R (84, n) with covariance R R^T.
+
+    Parameters
+    ----------
+    fit : InertialFit
+        Fit of inertial parameters.
+
+    Returns
+    -------
+    (84, n) array
+        SI units.
+    """
     values, vectors = np.linalg.eigh(fit.residual_jacobian.T @ fit.residual_jacobian)
     kept = values > 1e-12 * values[-1]
     return fit.jacobian @ (vectors[:, kept] / np.sqrt(values[kept]))

@@ -11,7 +11,7 @@ import numpy as np
 import typer
 from rich.text import Text
 
-from gaitcal.calibration.joint_prior import prior_of_study
+from gaitcal.calibration.joint_prior import make_study_prior
 from gaitcal.cli import options
 from gaitcal.cli.console import Console, frameless_table
 from gaitcal.cli.options import MODELS
@@ -309,7 +309,7 @@ def export_into(
         saved.model,
         model,
         errors=saved.uncertainty.joint,
-        prior=prior_of_study(saved.settings.joint_prior),
+        prior=make_study_prior(saved.settings.joint_prior),
         names=names,
         recorded=recorded_coordinates(result),
         marker_set=saved.marker_set,

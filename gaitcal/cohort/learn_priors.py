@@ -22,7 +22,12 @@ import numpy as np
 from gaitcal.arrays import Array
 from gaitcal.calibration.error_sources import ErrorSources
 from gaitcal.calibration.joint_phases import LEG_PARAMETERS, UPPER_PARAMETERS
-from gaitcal.calibration.joint_prior import prior_deviations, prior_of, prior_of_study, prior_root
+from gaitcal.calibration.joint_prior import (
+    factor_prior,
+    get_prior_deviations,
+    make_study_prior,
+    select_prior,
+)
 from gaitcal.cohort.cohort_people import Cohort
 from gaitcal.cohort.learning import (
     FEWEST,
@@ -128,7 +133,7 @@ def evidence_of(folder: Path, name: str) -> Found:
     parts = None
     if errors is not None and settings.decided_by is Protocol.EVIDENCE and settings.jp:
         deviation = saved.model.parameters.joint - saved.model.nominal.joint
-        parts = parts_of(errors, deviation, JP_NAMES, prior_of_study(settings.joint_prior))
+        parts = parts_of(errors, deviation, JP_NAMES, make_study_prior(settings.joint_prior))
     if parts is None:
         raise NotUsedError("its joint parameters were not calibrated by the evidence of all trials")
     hashes = manifest.get("inputs_sha256")
@@ -162,7 +167,7 @@ def parts_of(
         free = [name for name in wanted if name in moved_by_trials]
         information, right = np.zeros((len(wanted),) * 2), np.zeros(len(wanted))
         if free:
-            mean, root = prior_of(free, prior)[0], prior_root(free, prior)
+            mean, root = select_prior(free, prior)[0], factor_prior(free, prior)
             rows = np.linalg.solve(
                 root, errors.parameters[[errors.free.index(name) for name in free]]
             )
@@ -176,8 +181,8 @@ def parts_of(
             added = np.maximum(1.0 / values - 1.0, 0.0)
             # from units of the fit's prior to those of anatomy's
             chosen = [wanted.index(name) for name in free]
-            turned = vectors.T @ np.linalg.solve(root, prior_root(wanted, None)[chosen])
-            moved = vectors.T @ np.linalg.solve(root, mean - prior_of(free, None)[0])
+            turned = vectors.T @ np.linalg.solve(root, factor_prior(wanted, None)[chosen])
+            moved = vectors.T @ np.linalg.solve(root, mean - select_prior(free, None)[0])
             information = (turned.T * added) @ turned
             right = turned.T @ (np.where(added > 0.0, estimate / values, 0.0) + added * moved)
         out[part] = PartEvidence(information=information, right=right)
@@ -255,8 +260,8 @@ def learn_cohort(
             cohort_prior.StoredPart(
                 part=part,
                 parameters=list(names),
-                origin=_numbers(prior_of(names, None)[0]),
-                unit=_lower(prior_root(names, None)),
+                origin=_numbers(select_prior(names, None)[0]),
+                unit=_lower(factor_prior(names, None)),
                 learning=prior.learning.value,
                 by_size=prior.by_size,
                 wider=prior.wider,
@@ -312,7 +317,7 @@ def priors_rows(priors: cohort_prior.CohortPriors) -> Iterator[dict[str, object]
     person = cohort_prior.Person(height=0.5 * (low + high), sex="")
     for part in priors.parts:
         mean, covariance = cohort_prior.expected(part, 0, person, (low, high))
-        spread, default = np.sqrt(np.diag(covariance)), prior_deviations(part.parameters)
+        spread, default = np.sqrt(np.diag(covariance)), get_prior_deviations(part.parameters)
         for name, *values in zip(part.parameters, mean, spread, default, strict=True):
             kind = JOINT_PARAMETERS[JP_INDEX[name]].kind
             numbers = (round(float(value / kind.to_si), 4) for value in values)

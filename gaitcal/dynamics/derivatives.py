@@ -115,7 +115,7 @@ def differentiate_forces(
     of_both, of_columns = np.ix_(rows, both), np.ix_(rows, columns)
     # Pinocchio fills in the upper half of the mass matrix alone
     upper = np.minimum(*of_columns), np.maximum(*of_columns)
-    with dynamics.body.chain.work_space() as data:
+    with dynamics.body.chain.lend_work_space() as data:
         for k, (q_k, v_k, a_k) in enumerate(zip(*states, strict=True)):
             dq, dv, da = pin.computeRNEADerivatives(model, data, q_k, v_k, a_k)
             by_q[k], by_v[k], by_a[k] = dq[of_both], dv[of_columns], da[upper]

@@ -380,7 +380,7 @@ def _missing(wrench: Array, parameters: Parameters, motion: Motion) -> Array:
 
 def thighs_lie(motion: Motion, parameters: Parameters) -> BoolArray:
     """(nf,) frames in which both thighs lean further than those of anybody who stands or walks."""
-    axes, _ = kinematics.body_poses(parameters, motion.q)
+    axes, _ = kinematics.compute_body_poses(parameters, motion.q)
     upright = [axes[f"thigh_{side}"][1, 1] for side in SIDES]
     return np.asarray(np.max(upright, axis=0) < np.cos(np.deg2rad(SITTING_DEG)))
 
@@ -443,7 +443,7 @@ def has_feet(model: SubjectModel) -> bool:
 
 def foot_points(model: SubjectModel, motion: Motion, parameters: Parameters) -> FootPoints:
     """Heel and toe of both feet over a whole-body motion."""
-    axes, origins = kinematics.body_poses(parameters, motion.q)
+    axes, origins = kinematics.compute_body_poses(parameters, motion.q)
     points = {}
     for end in ("heel", "toe"):
         local = {foot: model.landmarks[f"{end}_{foot[-1]}"][1] for foot in inverse_dynamics.FEET}

@@ -169,7 +169,7 @@ class Dynamics:
         at = self.body.chain.at_coordinates
         velocity, acceleration = (np.zeros((len(q), self.body.model.nv)) for _ in range(2))
         velocity[:, at], acceleration[:, at] = v[:, self._columns], a[:, self._columns]
-        return self.body.configurations(q[:, self._columns]), velocity, acceleration
+        return self.body.fill_configurations(q[:, self._columns]), velocity, acceleration
 
     def forces(self, q: Array, v: Array, a: Array, wrenches: Array | None = None) -> Array:
         """Compute generalised forces.
@@ -198,7 +198,7 @@ class Dynamics:
         model = self.body.model
         external = pin.StdVec_Force([pin.Force.Zero() for _ in range(model.njoints)])
         feet, out = [external[joint] for joint in self.feet], np.empty_like(q)
-        with self.body.chain.work_space() as data:
+        with self.body.chain.lend_work_space() as data:
             for k in range(len(q)):
                 if on_feet is not None:
                     for foot, force in zip(feet, on_feet[k], strict=True):
@@ -262,7 +262,7 @@ class Dynamics:
         states = self.joint_states(q, v, a)
         out = np.empty((len(q), len(self.rows), len(joints), 10))
         pick = np.ix_(self.rows, joints)
-        with self.body.chain.work_space() as data:
+        with self.body.chain.lend_work_space() as data:
             for k, (q_k, v_k, a_k) in enumerate(zip(*states, strict=True)):
                 found = pin.computeJointTorqueRegressor(model, data, q_k, v_k, a_k)
                 out[k] = found.reshape(model.nv, model.nv, 10)[pick]
@@ -274,7 +274,7 @@ class Dynamics:
         """(nf, 6, 12, 10): force and moment about the pelvis origin per dynamic parameter of each
         massive segment.
 
-        Contracted with `dynamic_parameters` it gives the root wrench without ground reactions,
+        Contracted with `compute_dynamic_parameters` it gives the root wrench without ground reactions,
         laboratory axes.
         """
         parts = stretches(len(q), BLOCK) or [slice(0)]

@@ -62,7 +62,7 @@ from gaitcal.dynamics.inverse_dynamics import FORCES, Dynamics
 from gaitcal.errors import nearest
 from gaitcal.model.coordinates import JOINT_TABLE, split_side
 from gaitcal.model.kinematics import Kinematics
-from gaitcal.model.linkage import COORDINATES, JOINTS, SIDES, Source, joint_segments
+from gaitcal.model.linkage import COORDINATES, JOINTS, SIDES, Source, list_joint_segments
 from gaitcal.model.parameters import JP_INDEX, Parameters
 from gaitcal.model.subject_model import SubjectModel
 from gaitcal.runtime import with_one_blas_thread
@@ -131,7 +131,7 @@ _SIGNS = {e.name: e.sign for joint in JOINTS for e in joint.elements}
 
 
 def _joint_of_leg(kind: str, side: str) -> NetJoint:
-    segments, (turns, components) = joint_segments(f"{kind}_{side}"), _LEG[kind]
+    segments, (turns, components) = list_joint_segments(f"{kind}_{side}"), _LEG[kind]
     first, second, third = turns.format(side).split()
     about_z, about_x, about_y = (f"{kind}_{component}_{side}" for component in components.split())
     across = 1.0 if side == "r" else -1.0

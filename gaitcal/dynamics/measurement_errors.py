@@ -121,9 +121,9 @@ CROSSINGS = tuple(
         tuple(e.name for e in elements if e.rotates and e.source is not linkage.Source.ZERO_ANGLE),
     )
     for parent, child, elements in (
-        (None, "pelvis", linkage.root_elements("pelvis")),
+        (None, "pelvis", linkage.make_root_elements("pelvis")),
         *(
-            (joint.parent, joint.child, linkage.joint_elements(joint, reactions=True))
+            (joint.parent, joint.child, linkage.list_joint_elements(joint, reactions=True))
             for joint in linkage.JOINTS
         ),
     )
@@ -144,9 +144,9 @@ class AxisErrors:
         """`deviations_deg`: standard deviations by segment, with or without its side, about x, y
         and z.
         """
-        self._body = chain.chain_of(free=_ORIENTATIONS, reactions=True).body(parameters)
+        self._body = chain.get_chain(free=_ORIENTATIONS, reactions=True).body(parameters)
         alike = {
-            s: deviations_deg.get(linkage.segment_kind(s).name, ())
+            s: deviations_deg.get(linkage.get_segment(s).name, ())
             for s in self._body.chain.segments
         }
         each = {s: deviations_deg.get(s, of_both) for s, of_both in alike.items()}

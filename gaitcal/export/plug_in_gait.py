@@ -33,7 +33,7 @@ from gaitcal.dynamics import inverse_dynamics, joint_kinetics
 from gaitcal.export.opensim.osim_writer import joint_frames
 from gaitcal.gait.strides import FootAxes
 from gaitcal.io.c3d.writer import AddedPoint, PointKind
-from gaitcal.model.chain import chain_of
+from gaitcal.model.chain import get_chain
 from gaitcal.model.coordinates import COORDINATE_TABLE, LOCKED, Coordinate, with_side
 from gaitcal.model.kinematics import Kinematics
 from gaitcal.model.linkage import COORDINATES, SEGMENTS, SIDES
@@ -55,7 +55,7 @@ for _row in COORDINATE_TABLE.values():
 def _angle_words(rows: Sequence[Coordinate]) -> str:
     """`flexion, 0, 0 (a hinge)`."""
     words = [
-        row.clinical.words if row.clinical else (row.senses or (row.angle,))[0] for row in rows
+        row.clinical.positive if row.clinical else (row.senses or (row.angle,))[0] for row in rows
     ]
     return ", ".join([*words, "0", "0"][:3]) + (" (a hinge)" if len(rows) == 1 else "")
 
@@ -112,7 +112,7 @@ def plug_in_gait_points(motion: SavedMotion, angle: float, moment: float) -> tup
     `angle` is a radian in the file's unit, `moment` 1 N·m. Torques and powers are NaN in frames
     that do not count.
     """
-    placed = Kinematics(chain_of().body(motion.parameters), motion.q, columns=False)
+    placed = Kinematics(get_chain().body(motion.parameters), motion.q, columns=False)
     axes, origins = placed.axes, placed.origins
     points = [
         *_angles(motion, angle),

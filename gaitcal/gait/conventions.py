@@ -29,7 +29,7 @@ from typing import Final, NamedTuple
 from gaitcal.arrays import Array
 from gaitcal.dynamics.joint_kinetics import MomentFrame
 from gaitcal.gait.cycles import GROUND_REACTION, CurveKind, coordinate_of, kind_of
-from gaitcal.model.coordinates import ClinicalSense, coordinate_words, senses_of
+from gaitcal.model.coordinates import ClinicalSense, describe_coordinate, get_senses
 from gaitcal.model.subject_model import Subject
 
 
@@ -135,7 +135,7 @@ class Convention:
         if kind is CurveKind.POWER:
             return "generated", "absorbed"
         clinical = self._clinical(name, side)
-        one, other = (clinical.words, clinical.opposite) if clinical else _senses(name)
+        one, other = (clinical.positive, clinical.opposite) if clinical else _senses(name)
         opposed = (
             kind is CurveKind.MOMENT
             and self.signs is Signs.CLINICAL
@@ -149,9 +149,9 @@ class Convention:
         if kind is CurveKind.FORCE:
             return GROUND_FORCES[name].title
         if kind is CurveKind.POWER:
-            return f"{coordinate_words(name).title.capitalize()} power"
+            return f"{describe_coordinate(name).title.capitalize()} power"
         title, positive, sense = (
-            coordinate_words(name).title,
+            describe_coordinate(name).title,
             self.senses(variable, "r")[0],
             _senses(name)[0],
         )
@@ -202,7 +202,7 @@ class Convention:
         return -angle if kind is CurveKind.MOMENT else angle
 
     def _clinical(self, name: str, side: str) -> ClinicalSense | None:
-        row = GROUND_FORCES.get(name) or coordinate_words(name)
+        row = GROUND_FORCES.get(name) or describe_coordinate(name)
         found = row.clinical if self.signs is Signs.CLINICAL else None
         return None if found and not side and found.right != found.left else found
 
@@ -221,13 +221,13 @@ GROUND_FORCES: Final[Mapping[str, GroundForce]] = {
     "ground_reaction_sideways": GroundForce(
         "Ground reaction, sideways",
         ("to the right", "to the left"),
-        ClinicalSense(right=-1.0, left=1.0, words="medial", opposite="lateral"),
+        ClinicalSense(right=-1.0, left=1.0, positive="medial", opposite="lateral"),
     ),
 }
 
 
 def _senses(name: str) -> tuple[str, str]:
-    senses = GROUND_FORCES[name].senses if name in GROUND_FORCES else senses_of(name)
+    senses = GROUND_FORCES[name].senses if name in GROUND_FORCES else get_senses(name)
     if senses is None:
         raise KeyError(name)
     return senses

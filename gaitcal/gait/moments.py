@@ -17,7 +17,13 @@ from gaitcal.dynamics.measurement_errors import ErrorSource, TorqueErrors
 from gaitcal.gait.strides import Layout
 from gaitcal.model import linkage
 from gaitcal.model.coordinates import COORDINATE_TABLE, JOINT_TABLE, split_side
-from gaitcal.model.linkage import COORDINATE_INDEX, JOINTS, REACTIONS, SEGMENT_TABLE, joint_elements
+from gaitcal.model.linkage import (
+    COORDINATE_INDEX,
+    JOINTS,
+    REACTIONS,
+    SEGMENT_TABLE,
+    list_joint_elements,
+)
 from gaitcal.model.parameters import IP_INDEX, JOINT_PARAMETERS, JP_INDEX, ParameterKind
 from gaitcal.model.subject_model import SubjectModel
 from gaitcal.study.study_trial import Role
@@ -25,7 +31,7 @@ from gaitcal.study.study_trial import Role
 
 def moment_names(model: SubjectModel) -> list[str]:
     """All joint moments that the model moves, the knees' adduction reaction after their flexion."""
-    elements = (e for joint in JOINTS for e in joint_elements(joint, reactions=True))
+    elements = (e for joint in JOINTS for e in list_joint_elements(joint, reactions=True))
     return [e.name for e in elements if e.name in FORCES and e.name not in model.frozen]
 
 
@@ -150,14 +156,14 @@ def segment_words(segment: str) -> str:
     """`thigh_r` -> `right thigh`."""
     base, side = split_side(segment)
     return _with_side(
-        SEGMENT_TABLE[base].words or base if base in SEGMENT_TABLE else base.replace("_", " "), side
+        SEGMENT_TABLE[base].title or base if base in SEGMENT_TABLE else base.replace("_", " "), side
     )
 
 
 def joint_words(joint: str) -> str:
     """`knee_r` -> `right knee`; without a side, `Knee`."""
     base, side = split_side(joint)
-    return _with_side(JOINT_TABLE[base].words if base in JOINT_TABLE else base.capitalize(), side)
+    return _with_side(JOINT_TABLE[base].title if base in JOINT_TABLE else base.capitalize(), side)
 
 
 _POSITIONS = ("forward", "up", "to the right")

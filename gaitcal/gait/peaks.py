@@ -34,7 +34,7 @@ import numpy as np
 from gaitcal.arrays import Array
 from gaitcal.gait import ensemble, spatiotemporal
 from gaitcal.gait.cycles import POINTS, CurveKind, coordinate_of, kind_of, unit_of
-from gaitcal.model.coordinates import coordinate_words, senses_of
+from gaitcal.model.coordinates import describe_coordinate, get_senses
 from gaitcal.model.linkage import SIDES
 
 
@@ -68,11 +68,13 @@ class Peak:
             self.figure is PeakKind.LOWEST,
         )
         title = (
-            "Vertical ground reaction" if kind is CurveKind.FORCE else coordinate_words(name).title
+            "Vertical ground reaction"
+            if kind is CurveKind.FORCE
+            else describe_coordinate(name).title
         )
         if kind is CurveKind.MOMENT:
             return (
-                f"{title.split()[0]} {(senses_of(name) or ('', ''))[low != external]} moment, "
+                f"{title.split()[0]} {(get_senses(name) or ('', ''))[low != external]} moment, "
                 f"{self.phase}"
             )
         if kind is CurveKind.POWER:

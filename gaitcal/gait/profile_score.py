@@ -112,7 +112,7 @@ def score_title(score: Score) -> str:
     return (
         "Gait Profile Score"
         if score.variable == GPS
-        else coordinates.coordinate_words(score.variable).title
+        else coordinates.describe_coordinate(score.variable).title
     )
 
 

@@ -25,9 +25,9 @@ from gaitcal.dynamics.ground_reactions import GroundReactions
 from gaitcal.dynamics.inverse_dynamics import FEET
 from gaitcal.gait.cycles import GaitCycle, best_cycle, gait_cycles
 from gaitcal.gait.events import GaitEvents
-from gaitcal.model.chain import chain_of
+from gaitcal.model.chain import get_chain
 from gaitcal.model.kinematics import Kinematics
-from gaitcal.model.linkage import PELVIS_ANGLES, SIDES, coordinates_before
+from gaitcal.model.linkage import PELVIS_ANGLES, SIDES, list_joint_coordinates
 from gaitcal.model.parameters import Parameters
 from gaitcal.tracking.motion import Motion
 
@@ -180,14 +180,14 @@ def foot_axes(motion: Motion, parameters: Parameters, lines: Array) -> tuple[Arr
     u is x of the foot's frame, from heel to toe marker as in the static trial; `lines`: (nf, 2)
     rad.
     """
-    chain = chain_of()
+    chain = get_chain()
     placed = Kinematics(chain.body(parameters), motion.q)
     axes, turns = placed.axes, placed.columns_by_frame[:, :, 3:]  # (nf, nq, 3)
     u = np.stack([axes[chain.segments.index(foot), 0].T for foot in FEET], axis=1)
     _, about = out_of_plane(u, lines)
     moved = np.einsum("fqi,fki->fkq", turns, about)
     for k, side in enumerate(SIDES):
-        above = {*PELVIS_ANGLES, *coordinates_before(f"{part}_{side}" for part in LEG_PARTS)}
+        above = {*PELVIS_ANGLES, *list_joint_coordinates(f"{part}_{side}" for part in LEG_PARTS)}
         moved[:, k, [i for i, name in enumerate(motion.coordinates) if name not in above]] = 0.0
     return u, moved
 

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING
 from gaitcal.errors import other_side
 from gaitcal.io.recording import Recording
 from gaitcal.model.linkage import LOWER_BODY
-from gaitcal.model.marker_set import REQUIRED, MarkerSet, built_in_sets, load_marker_set
+from gaitcal.model.marker_set import REQUIRED, MarkerSet, list_built_in_sets, load_marker_set
 
 if TYPE_CHECKING:
     from gaitcal.intake.label_proposal import LabelProposal
@@ -99,7 +99,7 @@ def explained(
     computed.
     """
     given = tuple(dict.fromkeys(labels))
-    told = marker_set.coverage(given, tuple(dict.fromkeys(computed)))
+    told = marker_set.measure_coverage(given, tuple(dict.fromkeys(computed)))
     unknown = set(told.unknown)
     on_legs = {m for segment in LOWER_BODY for m in told.tracked.get(segment, ())}
     on_legs |= {m for name in REQUIRED for m in told.landmarks.get(name, ())}
@@ -122,7 +122,7 @@ def candidates(own: Sequence[tuple[str, MarkerSet]]) -> list[tuple[str, MarkerSe
 @cache
 def _built_in() -> tuple[tuple[str, MarkerSet], ...]:
     """Read once: they come with the package."""
-    return tuple((name, load_marker_set(name)) for name in built_in_sets())
+    return tuple((name, load_marker_set(name)) for name in list_built_in_sets())
 
 
 def choose_set(
@@ -205,7 +205,7 @@ def _rank(choice: SetChoice) -> tuple[int | str, ...]:
     return (
         -len(choice.members),
         len(found.missing),
-        choice.entry in built_in_sets(),
+        choice.entry in list_built_in_sets(),
         found.single,
         -found.known,
         len(choice.rename),

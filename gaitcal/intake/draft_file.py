@@ -25,7 +25,7 @@ from gaitcal.intake.recordings_folder import (
 )
 from gaitcal.io.toml import read_toml, toml_table, toml_value
 from gaitcal.model.linkage import SIDES
-from gaitcal.model.marker_set import built_in_sets
+from gaitcal.model.marker_set import list_built_in_sets
 from gaitcal.study import study_file, study_trial
 from gaitcal.study.settings import CalibrationSettings
 from gaitcal.study.study import Study, marker_set_of
@@ -239,7 +239,7 @@ def _markers(draft: Draft, folder: Path | None) -> list[str]:
     reason += left_over_words(choice)
     if choice.clashes:
         reason += f"; not renamed, as the name is taken: {', '.join(choice.clashes[:4])}"
-    built_in = choice.entry in built_in_sets()
+    built_in = choice.entry in list_built_in_sets()
     if choice.proposal is not None:
         return [*_proposed(choice.proposal), ""]
     lines = [

@@ -248,7 +248,7 @@ def _with_strangers(
     known |= {
         m: marker_set.segment_of[label] for label, parts in rods.items() for m in parts
     } | marker_set.segment_of
-    given = marker_set.coverage([m for r in spelt.values() for m in r.labels]).landmarks
+    given = marker_set.measure_coverage([m for r in spelt.values() for m in r.labels]).landmarks
     lacking = [
         n for n in marker_set.landmarks if n not in given and SEGMENT_OF[n] in linkage.LOWER_BODY
     ]
@@ -293,7 +293,7 @@ def _another_person(
 
 def _spelt(recording: Recording, choice: SetChoice) -> Recording:
     """A recording with the labels of the set."""
-    return choice.marker_set.renamed(
+    return choice.marker_set.rename_labels(
         replace(recording, labels=respelt(recording.labels, choice.rename))
     )
 
@@ -382,7 +382,7 @@ class _Drafting:
         )
         plates = self._weighed(statics)
         facts = self._facts([*statics, *(i for i in order if i not in statics)])
-        tall = body_plan.likely_height(session.postures[(made or statics)[0]].landmarks)
+        tall = body_plan.estimate_height(session.postures[(made or statics)[0]].landmarks)
         on_plates = {i: self.spelt[i].plates for i, (role, _) in roles.items() if role == "gait"}
         on_plates |= {
             i: choice.file.forces.plates for i, choice in forces.items() if choice.file.forces

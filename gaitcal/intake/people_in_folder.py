@@ -190,7 +190,7 @@ def placed_otherwise(one: Distances, other: Distances, marker_set: MarkerSet) ->
     # of a knee between two equal parts, that makes a leg so much shorter
     flexed = 2.0 * float(np.arccos(min((short / long for short, long in lengths), default=1.0)))
     tissue = tissue_spread(
-        float(np.sqrt(2.0)) * max(size.own for size in SIZES.values()), flexed - NEAR_RAD
+        float(np.sqrt(2.0)) * max(size.per_marker for size in SIZES.values()), flexed - NEAR_RAD
     )
     doubt = DOUBT * float(np.linalg.norm([one.error, other.error, tissue]))
     if differ[1] <= np.hypot(APART_M, doubt) and float(np.median(differ)) <= np.hypot(

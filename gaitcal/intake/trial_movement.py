@@ -21,9 +21,9 @@ from gaitcal.errors import InputError
 from gaitcal.io.recording import Recording, still_window
 from gaitcal.io.segment_poses import upright
 from gaitcal.model import linkage, segment_frames
-from gaitcal.model.landmarks import static_posture
+from gaitcal.model.landmarks import measure_static_posture
 from gaitcal.model.marker_set import MarkerSet
-from gaitcal.model.present_markers import complete_static, present_markers
+from gaitcal.model.present_markers import complete_static, resolve_marker_set
 from gaitcal.preprocess.clean_trial import without_outliers
 from gaitcal.preprocess.joint_links import links_of
 from gaitcal.preprocess.marker_clusters import UP, Stance, clusters_of
@@ -74,7 +74,7 @@ def standing(recording: Recording, marker_set: MarkerSet) -> tuple[Standing | No
     person does.
     """
     moving, recording = recording, complete_static(upright(recording), marker_set)
-    marker_set = present_markers(marker_set, recording)
+    marker_set = resolve_marker_set(marker_set, recording)
     try:
         window = still_window(recording, marker_set.labels)
     except InputError as fault:
@@ -117,7 +117,7 @@ def _landmarks(
     there.
     """
     try:
-        return dict(static_posture(recording, marker_set, frames).landmarks)
+        return dict(measure_static_posture(recording, marker_set, frames).landmarks)
     except InputError:
         whole = {
             n: m for n, m in marker_set.landmarks.items() if all(label in points for label in m)
@@ -212,7 +212,7 @@ def rough_stance(
     if not {"asis_r", "asis_l"} <= set(landmarks):
         return None
     wide = float(np.linalg.norm(landmarks["asis_r"] - landmarks["asis_l"]))
-    right = segment_frames.across(landmarks["asis_r"] - landmarks["asis_l"], UP)
+    right = segment_frames.project_across(landmarks["asis_r"] - landmarks["asis_l"], UP)
     axes = np.vstack([np.cross(UP, right), UP, right])
     by_segment: dict[str, dict[str, Array]] = {}
     for label, segment in marker_set.segment_of.items():

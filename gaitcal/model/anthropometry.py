@@ -1,28 +1,25 @@
-"""Nominal inertial parameters from de Leva 1996 (`models/de_leva_1996.json`), with this person's
-mass and lengths.
+"""Nominal inertial parameters of a person from the tables of de Leva 1996 and Jensen 1989.
 
-Mass fractions, mass centres and radii of gyration are de Leva's; the fractions are divided by their
-sum (99.99 % for women), so that the total is the person's mass. Those of a child whose age is known
-are changed as Jensen's change with age. Lengths: thigh, shank, upper arm and forearm as measured
-between the person's joint centres; pelvis, trunk, head, hand and foot as de Leva's, scaled by
-height, because no marker set measures them well (vertex, suprasternale, third metacarpal, toe in a
-shoe). Axes: sagittal = x, longitudinal = y, transverse = z; in the foot longitudinal = x,
+Mass fractions, mass centres and radii of gyration are de Leva's (`models/de_leva_1996.json`). The
+fractions are divided by their sum (99.99 % for women), so that the total is the person's mass.
+Lengths of thigh, shank, upper arm and forearm are measured between the person's joint centres.
+Those of pelvis, trunk, head, hand and foot are de Leva's, scaled by height: no marker set measures
+them well. Axes: sagittal = x, longitudinal = y, transverse = z. In the foot longitudinal = x,
 transverse = y, sagittal = z.
 
     pelvis           lower trunk, its lower end at the height of the hip centres, its mass centre straight above them
     head and trunk   middle trunk, upper trunk and head stacked on it along y; head from cervicale up (parallel axes)
     forearm, hand    the hand in line with the forearm
 
-How the shares of body mass change as a child grows (Jensen 1989, `models/jensen_1989.json`).
-
-Tables of adults and of children cut the body in different places (Jensen's thigh of an 18 year old
-has 11 % of the mass, de Leva's of an adult 14 %), so that one cannot stand for the other. What
-children's tables tell reliably is the change with age, a ratio in which the cut cancels:
+Masses of a child whose age is given follow Jensen 1989 (`models/jensen_1989.json`). Tables of
+adults and of children divide the body at different places, so one cannot replace the other.
+Jensen's thigh at 18 years has 11 % of the mass, de Leva's of an adult 14 %. The change with age is
+a ratio in which the place cancels:
 
     growth(age) = Jensen's share at that age / Jensen's share at 18 years
 
-for head, upper arm, forearm with hand, thigh, and shank with foot. The torso has what these leave.
-Measured on boys; no polynomials of girls were found.
+for head, upper arm, forearm with hand, thigh, and shank with foot. The torso has the rest. Jensen
+measured boys; no polynomials for girls are known.
 """
 
 import functools
@@ -36,78 +33,90 @@ import numpy as np
 
 from gaitcal.arrays import Array
 from gaitcal.io.toml import models_path
-from gaitcal.model.linkage import SEGMENT_TABLE, SIDES, segment_kind
-from gaitcal.model.parameters import IP_NAMES, MASSIVE_SEGMENTS, Parameters, table
+from gaitcal.model.linkage import SEGMENT_TABLE, SIDES, get_segment
+from gaitcal.model.parameters import IP_NAMES, MASSIVE_SEGMENTS, Parameters, view_as_table
 from gaitcal.model.subject_model import Subject
 
-CHILD_HEIGHT = 1.45  # m; few adults are shorter, and most children before puberty are
+# m; few adults are shorter, and most children before puberty are
+CHILD_HEIGHT = 1.45
 YOUTH_HEIGHT, YOUTH_MASS = 1.60, 50.0
-"""m and kg; somebody below both may be a child of 10 to 14 years: the median child passes both
-shortly before the 14th birthday (2000 CDC Growth Charts, Vital Health Stat 11(246), 2002); some
+"""m and kg: a person below both may be a child of 10 to 14 years. The median child exceeds both
+shortly before the 14th birthday (2000 CDC Growth Charts, Vital Health Stat 11(246), 2002). Some
 slender women are below both, too."""
 UNKNOWN_AGE, UNKNOWN_AGE_OF_YOUTH = 8.0, 12.0
-"""Years that a child counts as where its age is not known, to say how wrong the table of adults may
-be: one shorter than CHILD_HEIGHT, and any other; half of the children of 12 are taller than 1.50 m.
-"""
+"""Years: assumed age of a probable child below `CHILD_HEIGHT`, and of any other. The error of the
+adults' table is estimated from it. Half of the children of 12 are taller than 1.50 m."""
 
 UNSIDED = tuple(name.replace("_r.", ".").replace("_l.", ".") for name in IP_NAMES)
 """(ni,) names of inertial parameters without their side."""
 
 
 @functools.cache
-def _tables(name: str) -> dict[str, Any]:
+def _read_json_table(name: str) -> dict[str, Any]:
+    """Read a file of `models/` once."""
     data: dict[str, Any] = json.loads((models_path() / name).read_text(encoding="utf-8"))
     return data
 
 
-def youngest_and_adult_age() -> tuple[float, float]:
-    """Years of age from which and up to which the shares change."""
-    low, high = _tables("jensen_1989.json")["age_years"]
+def get_growth_ages() -> tuple[float, float]:
+    """Get the ages (years) from which and up to which the mass shares change."""
+    low, high = _read_json_table("jensen_1989.json")["age_years"]
     return float(low), float(high)
 
 
-def jensen_share(part: str, age: float) -> float:
-    """Share of body mass, 0 to 1, of one part of Jensen's, at an age in years."""
+def compute_jensen_share(part: str, age: float) -> float:
+    """Compute the share of body mass (0 to 1) of one of Jensen's parts at an age (years)."""
     return float(
-        np.polynomial.polynomial.polyval(age, _tables("jensen_1989.json")["mass_share"][part])
+        np.polynomial.polynomial.polyval(
+            age, _read_json_table("jensen_1989.json")["mass_share"][part]
+        )
     )
 
 
-def growth(age: float) -> dict[str, float]:
-    """Segment of de Leva's -> its share of body mass at this age (years) over that of an adult; 1
-    from 18 years on.
+def compute_growth_ratios(age: float) -> dict[str, float]:
+    """Compute the mass shares of a child relative to those of an adult.
+
+    Parameters
+    ----------
+    age : float
+        Years; 1 is returned from 18 years on.
+
+    Returns
+    -------
+    dict
+        de Leva's segment -> its share of body mass at this age over that of an adult.
     """
-    youngest, adult = youngest_and_adult_age()
+    youngest, adult = get_growth_ages()
     at = float(np.clip(age, youngest, adult))
-    parts: dict[str, str] = _tables("jensen_1989.json")["part_of"]
+    parts: dict[str, str] = _read_json_table("jensen_1989.json")["part_of"]
     return {
-        name: jensen_share(part, at) / jensen_share(part, adult)
+        name: compute_jensen_share(part, at) / compute_jensen_share(part, adult)
         for name, part in parts.items()
-        if name in _WHOLE
+        if name in _BODY_PARTS
     }
 
 
-def looks_like_child(subject: Subject) -> bool:
-    """Whether the age is not given, and height and mass may be those of a child."""
+def is_probably_child(subject: Subject) -> bool:
+    """Return whether the age is missing while height and mass may be those of a child."""
     youth = subject.height < YOUTH_HEIGHT and subject.mass < YOUTH_MASS
     return subject.age is None and (subject.height < CHILD_HEIGHT or youth)
 
 
-def supposed_age(subject: Subject) -> float:
-    """Years that somebody who looks like a child counts as."""
+def estimate_child_age(subject: Subject) -> float:
+    """Estimate the age (years) of a person that `is_probably_child`."""
     return UNKNOWN_AGE if subject.height < CHILD_HEIGHT else UNKNOWN_AGE_OF_YOUTH
 
 
-FOOT_CENTRE_UP = (
-    0.0004 / 1.70
-)  # of the foot's mass centre above the heel-toe line over body height: costs divide by it
+FOOT_CENTRE_UP = 0.0004 / 1.70
+"""Height of the foot's mass centre above the heel-toe line over body height. It is not zero, as the
+published cost divides by it."""
 _DIAGONAL = {"sagittal": 0, "longitudinal": 1, "transverse": 2}
 _FORWARD = {"longitudinal": 0, "transverse": 1, "sagittal": 2}
 
 
 @dataclass(frozen=True)
 class BodyLengths:
-    """What of a person's lengths inertia depends on, m."""
+    """Lengths (m) that the inertial parameters of a person depend on."""
 
     limbs: Mapping[str, float]
     """`thigh_r`, `shank_r`, `upper_arm_r`, `forearm_hand_r` (elbow to wrist) and `_l`: between
@@ -115,12 +124,13 @@ class BodyLengths:
     """
     # (2,) anterior and superior coordinate of the middle of the hip centres in the pelvis frame
     hip_centre: Array
-    lumbar_above_hips: float  # from there up to the lumbar joint, along the pelvis's y
+    # from there up to the lumbar joint, along the pelvis's y
+    lumbar_above_hips: float
 
 
 @dataclass(frozen=True)
 class _Part:
-    """A segment of de Leva's in this person."""
+    """One of de Leva's segments, scaled to this person."""
 
     mass: float
     length: float
@@ -128,13 +138,13 @@ class _Part:
     gyration: dict[str, float]  # axis name -> radius of gyration, m
 
 
-_WHOLE = tuple(part for segment in MASSIVE_SEGMENTS for part in segment_kind(segment).parts)
-"""What the body consists of, limbs twice."""
+_BODY_PARTS = tuple(part for segment in MASSIVE_SEGMENTS for part in get_segment(segment).parts)
+"""de Leva's segments that make up the body, limbs twice."""
 
 
-def _row(name: str, sex: str) -> dict[str, float]:
-    """A row of the table; where nobody says the sex, the mean of both."""
-    rows: dict[str, dict[str, float]] = _tables("de_leva_1996.json")["table"][name]
+def _get_table_row(name: str, sex: str) -> dict[str, float]:
+    """Get a row of de Leva's table; the mean of both sexes if the sex is not given."""
+    rows: dict[str, dict[str, float]] = _read_json_table("de_leva_1996.json")["table"][name]
     return (
         rows[sex]
         if sex
@@ -142,33 +152,41 @@ def _row(name: str, sex: str) -> dict[str, float]:
     )
 
 
-def mass_shares(sex: str, age: float | None) -> dict[str, float]:
-    """Share of body mass of each of de Leva's segments that make up the body, those of limbs for
-    one side; their sum over the whole body is 1. `age` in years; None for an adult.
+def compute_mass_shares(sex: str, age: float | None) -> dict[str, float]:
+    """Compute the share of body mass of each of de Leva's segments.
+
+    Parameters
+    ----------
+    sex : str
+        `male`, `female`, or empty for the mean of both.
+    age : float or None
+        Years; None for an adult.
+
+    Returns
+    -------
+    dict
+        Segment -> share; limbs of one side. The sum over the whole body is 1.
     """
-    percent = {name: _row(name, sex)["mass_pct"] for name in _WHOLE}
-    total = sum(percent[name] for name in _WHOLE)
+    percent = {name: _get_table_row(name, sex)["mass_pct"] for name in _BODY_PARTS}
+    total = sum(percent[name] for name in _BODY_PARTS)
     shares = {name: value / total for name, value in percent.items()}
     if age is not None:
-        grown = growth(age)
+        grown = compute_growth_ratios(age)
         shares |= {name: shares[name] * factor for name, factor in grown.items()}
-        rest = 1.0 - sum(shares[name] for name in _WHOLE if name in grown)
-        torso = sum(shares[name] for name in _WHOLE if name not in grown)
+        rest = 1.0 - sum(shares[name] for name in _BODY_PARTS if name in grown)
+        torso = sum(shares[name] for name in _BODY_PARTS if name not in grown)
         shares |= {name: shares[name] * rest / torso for name in shares if name not in grown}
     return shares
 
 
-def table_words(subject: Subject) -> str:
-    """The table that the nominal masses are from, and what speaks against it."""
-    source = f"de Leva 1996, {subject.sex or 'the mean of women and men, as nobody says the sex'}"
-    if unknown := _unknown_spread(subject):
+def describe_mass_table(subject: Subject) -> str:
+    """Describe the table that the nominal masses are from, and its limits for this person."""
+    source = f"de Leva 1996, {subject.sex or 'the mean of women and men, as the sex is not given'}"
+    if unknown := _estimate_missing_facts_error(subject):
         thigh, trunk = 100 * unknown.get("thigh.mass", 0.0), 1e3 * unknown["head_trunk.com.sup"]
-        source += (
-            f"; what is not known of the person counts as an error, {thigh:.0f} % of the mass of a "
-            "thigh and "
-        )
+        source += f"; missing facts of the person count as an error, {thigh:.0f} % of the mass of a thigh and "
         source += f"{trunk:.0f} mm of the trunk's mass centre among it"
-    youngest, adult = youngest_and_adult_age()
+    youngest, adult = get_growth_ages()
     if subject.age is not None and subject.age < adult:
         source += (
             f"; masses changed to {max(subject.age, youngest):g} years of age by Jensen 1989, "
@@ -176,50 +194,73 @@ def table_words(subject: Subject) -> str:
         )
         if subject.age < youngest:
             source += f" of {youngest:g} years and more: the person is {subject.age:g} years old"
-    elif looks_like_child(subject):
-        more = child_spread(subject)
+    elif is_probably_child(subject):
+        more = estimate_child_table_error(subject)
         source += (
             f"; a table of adults, though {subject.height:.2f} m looks like a child's, with "
-            f"{subject.mass:.0f} kg, and no age is known: its masses count as less certain, "
+            f"{subject.mass:.0f} kg, and the age is not given: its masses count as less certain, "
             f"by {100 * more['thigh']:.0f} % for thighs and {100 * more['head_trunk']:.0f} % for "
             "head and trunk, as "
-            f"those of children of {supposed_age(subject):g} differ (Jensen 1989); age_years tells "
+            f"those of children of {estimate_child_age(subject):g} differ (Jensen 1989); age_years tells "
             "which table to use"
         )
     elif subject.age is None:
-        source += "; a table of adults: no age is known"
+        source += "; a table of adults: the age is not given"
     return source
 
 
-def child_spread(subject: Subject) -> dict[str, float]:
-    """How far (standard deviation of the logarithm) the table of adults may be from the masses of a
-    child whose age is not known: what Jensen's shares change from `supposed_age` to adults. By
-    segment without its side; empty for others.
+def estimate_child_table_error(subject: Subject) -> dict[str, float]:
+    """Estimate how far the adults' table may be from the masses of a child of unknown age.
+
+    Returns
+    -------
+    dict
+        Segment without its side -> standard deviation of the logarithm of its mass: the change of
+        Jensen's shares from `estimate_child_age` to adults. Empty if the person is no probable
+        child.
     """
-    if not looks_like_child(subject):
+    if not is_probably_child(subject):
         return {}
-    adult, child = (mass_shares(subject.sex, age) for age in (None, supposed_age(subject)))
-    return {
-        segment: float(abs(np.log(sum(child[n] for n in names) / sum(adult[n] for n in names))))
-        for segment, names in ((row.name, row.parts) for row in SEGMENT_TABLE.values() if row.parts)
-    }
+    adult, child = (
+        compute_mass_shares(subject.sex, age) for age in (None, estimate_child_age(subject))
+    )
+    errors: dict[str, float] = {}
+    for row in SEGMENT_TABLE.values():
+        # the talus is massless: it has no parts
+        if row.parts:
+            ratio = sum(child[n] for n in row.parts) / sum(adult[n] for n in row.parts)
+            errors[row.name] = float(abs(np.log(ratio)))
+    return errors
 
 
-def table_spread(subject: Subject) -> dict[str, float]:
-    """How far (standard deviation) the nominal inertia may be off, beside how people scatter about
-    the tables, as facts of the person are not known: parameter without its side (`thigh.mass`, ...)
-    -> logarithm of masses and second moments, m of mass centres.
+def estimate_table_error(subject: Subject) -> dict[str, float]:
+    """Estimate the error of nominal inertia that stems from missing facts of the person.
+
+    The scatter of people about the tables is not included.
+
+    Parameters
+    ----------
+    subject : Subject
+        The person, whose sex or age may be missing and whose height may be estimated.
+
+    Returns
+    -------
+    dict
+        Parameter without its side (`thigh.mass`, ...) -> standard deviation: of the logarithm of
+        masses and second moments, m of mass centres.
     """
-    out = _unknown_spread(subject)
-    for segment, more in child_spread(subject).items():
+    out = _estimate_missing_facts_error(subject)
+    for segment, more in estimate_child_table_error(subject).items():
         for name in (n for n in UNSIDED if n.startswith(f"{segment}.") and ".com." not in n):
             out[name] = float(np.hypot(out.get(name, 0.0), more))
     return out
 
 
-def _unknown_spread(subject: Subject) -> dict[str, float]:
-    """Of sex and height: half of what women's table differs from men's, or a height one standard
-    deviation too large from one as much too small.
+def _estimate_missing_facts_error(subject: Subject) -> dict[str, float]:
+    """Estimate the error by an unknown sex or an estimated height, as in `estimate_table_error`.
+
+    It is half the difference between both sexes' tables, or between heights one standard deviation
+    too small and too large.
     """
     low, high = subject.height - subject.height_error, subject.height + subject.height_error
     pairs = (
@@ -229,10 +270,12 @@ def _unknown_spread(subject: Subject) -> dict[str, float]:
     )
     if not subject.sex:
         pairs.append((replace(subject, sex="female"), replace(subject, sex="male")))
-    lengths = BodyLengths(default_limbs(subject), np.zeros(2), 0.0)
+    lengths = BodyLengths(compute_default_limb_lengths(subject), np.zeros(2), 0.0)
     variance = np.zeros((len(MASSIVE_SEGMENTS), 7))
     for pair in pairs:
-        first, second = (inertial_parameters(one, lengths).reshape(variance.shape) for one in pair)
+        first, second = (
+            compute_inertial_parameters(one, lengths).reshape(variance.shape) for one in pair
+        )
         for rows in (first, second):
             moments = rows[:, 4:7]
             rows[:, 4:7] = np.log(0.5 * moments.sum(axis=1, keepdims=True) - moments)
@@ -245,62 +288,76 @@ def _unknown_spread(subject: Subject) -> dict[str, float]:
     }
 
 
-def default_length(name: str, subject: Subject) -> float:
-    """Length (m) of a segment of de Leva's table, scaled by height."""
-    people = _tables("de_leva_1996.json")["population"]
+def compute_default_length(name: str, subject: Subject) -> float:
+    """Compute the length (m) of a segment of de Leva's table, scaled by height."""
+    people = _read_json_table("de_leva_1996.json")["population"]
     shares = [
-        _row(name, sex)["length_mm"] / people[sex]["height_mm"]
+        _get_table_row(name, sex)["length_mm"] / people[sex]["height_mm"]
         for sex in people
         if subject.sex in ("", sex)
     ]
     return sum(shares) / len(shares) * subject.height
 
 
-def default_limbs(subject: Subject) -> dict[str, float]:
-    """Lengths of the limbs where nothing is measured, m."""
+def compute_default_limb_lengths(subject: Subject) -> dict[str, float]:
+    """Compute limb lengths by height alone: `thigh_r`, ... -> m."""
     limbs = ("thigh", "shank", "upper_arm", "forearm_hand")
     return {
-        f"{s}_{side}": default_length(SEGMENT_TABLE[s].parts[0], subject)
+        f"{s}_{side}": compute_default_length(SEGMENT_TABLE[s].parts[0], subject)
         for s in limbs
         for side in SIDES
     }
 
 
-def _part(name: str, subject: Subject, length: float | None = None) -> _Part:
-    """A segment of de Leva's with this person's share of mass, and of the length (m) given or his."""
-    row = _row(name, subject.sex)
-    length = default_length(name, subject) if length is None else length
+def _scale_part(name: str, subject: Subject, length: float | None = None) -> _Part:
+    """Scale a segment of de Leva's to this person; its `length` (m) is by height if not given."""
+    row = _get_table_row(name, subject.sex)
+    length = compute_default_length(name, subject) if length is None else length
     gyration = {axis: length * row[f"r_{axis}_pct"] / 100 for axis in _DIAGONAL}
     centre = length * row["cm_pct_from_first_endpoint"] / 100
     return _Part(
-        subject.mass * mass_shares(subject.sex, subject.age)[name], length, centre, gyration
+        subject.mass * compute_mass_shares(subject.sex, subject.age)[name], length, centre, gyration
     )
 
 
-def inertial_parameters(subject: Subject, lengths: BodyLengths) -> Array:
-    """(ni,) nominal inertial parameters, SI."""
+def compute_inertial_parameters(subject: Subject, lengths: BodyLengths) -> Array:
+    """Compute the nominal inertial parameters of a person.
+
+    Parameters
+    ----------
+    subject : Subject
+        Mass, height, sex and age of the person.
+    lengths : BodyLengths
+        Measured lengths (m).
+
+    Returns
+    -------
+    (ni,) array
+        kg, m, kg m^2 in the order of `parameters.IP_NAMES`.
+    """
     rows: dict[str, Array] = {}
-    lower = _part("LowerTrunk", subject)
+    lower = _scale_part("LowerTrunk", subject)
     ant, sup = lengths.hip_centre
-    rows["pelvis"] = _in_line([(lower, sup + lower.length - lower.centre)])
+    rows["pelvis"] = _combine_parts([(lower, sup + lower.length - lower.centre)])
     rows["pelvis"][1] = ant
     # stacked from the lumbar joint up along the trunk
-    middle, upper, head = (_part(name, subject) for name in ("MiddleTrunk", "UpperTrunk", "Head2"))
+    middle, upper, head = (
+        _scale_part(name, subject) for name in ("MiddleTrunk", "UpperTrunk", "Head2")
+    )
     xiphoid = lower.length - lengths.lumbar_above_hips + middle.length
-    vertex = xiphoid + default_length("UpperTrunk2", subject) + head.length
+    vertex = xiphoid + compute_default_length("UpperTrunk2", subject) + head.length
     upper_centre, head_centre = xiphoid + upper.length - upper.centre, vertex - head.centre
-    rows["head_trunk"] = _in_line(
+    rows["head_trunk"] = _combine_parts(
         [(middle, xiphoid - middle.centre), (upper, upper_centre), (head, head_centre)]
     )
     for segment in (s for s in MASSIVE_SEGMENTS if s not in rows):
-        kind, end, placed = segment_kind(segment), 0.0, list[tuple[_Part, float]]()
-        for name in (
-            kind.parts
-        ):  # one after another from the origin of the segment; the first is what was measured
-            part = _part(name, subject, None if placed else lengths.limbs.get(segment))
+        kind, end, placed = get_segment(segment), 0.0, list[tuple[_Part, float]]()
+        # parts follow one another from the segment's origin; the first has the measured length
+        for name in kind.parts:
+            part = _scale_part(name, subject, None if placed else lengths.limbs.get(segment))
             placed.append((part, end + part.centre if kind.forward else end - part.centre))
             end += part.length if kind.forward else -part.length
-        rows[segment] = _in_line(placed, _FORWARD if kind.forward else _DIAGONAL)
+        rows[segment] = _combine_parts(placed, _FORWARD if kind.forward else _DIAGONAL)
         if kind.forward:
             rows[segment][2] = FOOT_CENTRE_UP * subject.height
     return np.concatenate([rows[segment] for segment in MASSIVE_SEGMENTS])
@@ -316,21 +373,32 @@ markers.
 """
 
 
-def with_joints_of(inertial: Array, before: Parameters, after: Parameters) -> Array:
-    """(ni,) inertial parameters, SI, of a table, when the joints that it counts from are found
-    elsewhere.
+def move_limb_inertia(inertial: Array, before: Parameters, after: Parameters) -> Array:
+    """Move the tabulated inertia of limbs with joints that were found elsewhere.
 
-    Mass centres of limbs keep their share of the way between both joints, and second moments go
-    with the square of its length. Pelvis and trunk stay: counted from the hips found, they explain
-    pelvis residuals worse, of people as well.
+    Mass centres keep their share of the line between both joints. Second moments change with the
+    square of its length. Pelvis and trunk stay: moved with the hips, they explain pelvis residuals
+    worse.
+
+    Parameters
+    ----------
+    inertial : (ni,) array
+        Inertial parameters of the table, SI units.
+    before, after : Parameters
+        Joint parameters that the table was applied to, and those found.
+
+    Returns
+    -------
+    (ni,) array
+        Inertial parameters, SI units.
     """
-    rows = table(inertial).copy()
+    rows = view_as_table(inertial).copy()
     for side, (segment, ends) in product(SIDES, LIMB_ENDS.items()):
         name = f"{segment}_{side}"
         row, joints = rows[MASSIVE_SEGMENTS.index(name)], [f"{end}_{side}" for end in ends]
-        old, new = (
-            np.array([parameters.centre(j, name) for j in joints]) for parameters in (before, after)
-        )
+        old = np.array([before.centre(joint, name) for joint in joints])
+        new = np.array([after.centre(joint, name) for joint in joints])
+        # share of the line between the joints at which the mass centre is
         square = float(np.sum((old[1] - old[0]) ** 2))
         share = float((row[1:4] - old[0]) @ (old[1] - old[0])) / square
         row[1:4] += (1.0 - share) * (new - old)[0] + share * (new - old)[1]
@@ -338,9 +406,13 @@ def with_joints_of(inertial: Array, before: Parameters, after: Parameters) -> Ar
     return rows.ravel()
 
 
-def _in_line(parts: Sequence[tuple[_Part, float]], axes: Mapping[str, int] = _DIAGONAL) -> Array:
-    """(7,) one body of parts whose mass centres lie at these places (m) on the axis that is
-    longitudinal; `axes` of the segment's frame by the names of de Leva's.
+def _combine_parts(
+    parts: Sequence[tuple[_Part, float]], axes: Mapping[str, int] = _DIAGONAL
+) -> Array:
+    """Combine parts on the longitudinal axis to one body: (7,) mass, mass centre, moments.
+
+    `parts` have the positions (m) of their mass centres; `axes` maps de Leva's axes to the
+    segment's.
     """
     mass = sum(part.mass for part, _ in parts)
     centre, moments = np.zeros(3), np.zeros(3)

@@ -1,30 +1,25 @@
-"""How a standing body's landmarks lie to each other, measured against people: lengths by height,
-left against right.
+"""Compare the landmarks of a standing person with those of people.
 
-A measure m of the landmarks p is held against what people have, in its own standard deviations,
+A measure m of the landmarks p has the deviation z from people's mean, in their standard deviations,
 
-    z = (m(p) - mean) / sd,        J(p) = sum z^2,
+    z = (m(p) - mean) / sd,        J(p) = sum z^2.
 
-lengths as shares of body height (so that children serve too), differences between right and left in
-mm. Body axes: x the mean direction from heels to toes (without one of the feet, across the pelvis),
-horizontal; y up; z = x x y, to the right. Widths and distances have the sign of their component
-along the axis that they lie along, so that whatever lies on the wrong side stands out by twice its
-length. Means of lengths: de Leva 1996 (thigh, shank), Winter 2009 (foot, height of the hips), ANSUR
-II (ankle width 0.0415, lateral epicondyle less malleolus 0.240 of stature, standard deviations
-0.0022 and 0.007), widths with 7 mm of marker and skin on either side. Standard deviations are wider
-than either: they hold landmarks as laboratories palpate them, measured on thirteen recordings of
-grown people and children (greatest |z| 2.5).
+Lengths are shares of body height, so that they serve children. Differences between right and left
+are in mm. Body axes: x the mean horizontal direction from heels to toes (or across the pelvis if a
+foot is missing); y up; z = x x y, to the right. Widths and distances have the sign of their
+component along their axis. A landmark on the wrong side then deviates by twice the length.
 
-People are built and stand otherwise by no fault of any landmark: legs bow, bones are twisted, feet
-turn, somebody leans. A joint turned by theta and shifted by s moves all landmarks beyond it and
-nothing else, whether posture or bone made it do so. With theta ~ N(0, TURN_DEG^2) and s ~ N(0,
-SHIFT_M^2) about and along each body axis at hips, knees and ankles of both sides, and B = [dz /
-dtheta TURN_DEG, dz / ds SHIFT_M], the best such explanation of deviations z costs
+Means: de Leva 1996 (thigh, shank), Winter 2009 (foot, height of the hips), ANSUR II (ankle width
+0.0415, lateral epicondyle less malleolus 0.240 of stature, standard deviations 0.0022 and 0.007),
+widths with 7 mm of marker and skin on either side. Standard deviations include palpation. They were
+measured on thirteen recordings of adults and children (largest |z| 2.5).
 
-    min over x of |z - B x|^2 + |x|^2  =  z^T (I + B B^T)^-1 z,
+People differ in build and stance although no landmark is wrong. A joint rotated by theta and
+shifted by s moves all landmarks distal to it. With theta ~ N(0, JOINT_ROTATION_DEG^2) and s ~ N(0,
+JOINT_SHIFT_M^2) about and along each body axis at hips, knees and ankles of both sides, and B = [dz
+/ dtheta JOINT_ROTATION_DEG, dz / ds JOINT_SHIFT_M] at p, the best such explanation of z costs
 
-to be held against what one landmark off its bone would cost. B is taken at the landmarks as they
-are.
+    min over x of |z - B x|^2 + |x|^2  =  z^T (I + B B^T)^-1 z.
 """
 
 import math
@@ -54,7 +49,7 @@ LENGTHS: dict[str, tuple[str, str, float, float]] = {
     "toe to medial ankle": ("toe", "ankle_med", 0.095, 0.026),
 }
 """Measure -> two landmarks of a leg, mean and sd of their distance, shares of height."""
-ALONG = {
+LENGTH_DIRECTIONS = {
     "heel to toe": (0, 1.0),
     "ASIS to sacrum": (0, -1.0),
     "shank": (1, -1.0),
@@ -86,7 +81,7 @@ HEIGHTS_MM = {
 }
 HEIGHTS_MM |= {"toe": 6.0}
 """Landmark -> sd of the difference in height of its right and left, standing."""
-APART: dict[str, tuple[float, float]] = {
+SIDE_DISTANCES: dict[str, tuple[float, float]] = {
     "asis": (0.144, 0.02),
     "knee_lat": (0.20, 0.06),
     "knee_med": (0.09, 0.06),
@@ -96,36 +91,39 @@ APART: dict[str, tuple[float, float]] = {
     "toe": (0.16, 0.07),
 }
 """Landmark -> mean and sd of how far its right lies to the right of its left, share of height."""
-HIP_HEIGHT = (
-    0.53,
-    0.035,
-)  # Height of the ASIS above the lateral malleoli, share of height: mean and sd
+# Height of the ASIS above the lateral malleoli, share of height: mean and sd
+HIP_HEIGHT = (0.53, 0.035)
 BOW_DEG, BEND_DEG = 2.5, 5.0
 """sd of the difference between right and left of the angle at the lateral knee, from the front and
 from the side.
 """
 LINES_DEG = {("asis", "knee_lat"): 4.0, ("knee_lat", "ankle_lat"): 4.0}
 """sd of the angle from above between the lines from left to right through two landmarks."""
-AXIS_DEG = 11.0  # sd of the difference between right and left of a joint's line, seen from above
-TURN_DEG = 8.0
+# sd of the difference between right and left of a joint's line, seen from above
+AXIS_DEG = 11.0
+JOINT_ROTATION_DEG = 8.0
 """Standard deviation about each axis. Torsion of the tibia scatters by 8 deg, version of the femur
 by 9 (Strecker et al. 1997), the line of the leg from the front by 2 to 3, all more in patients."""
 # Standard deviation along each axis: as joints lie otherwise in their segments than in most people
-SHIFT_M = 0.006
+JOINT_SHIFT_M = 0.006
 STEP_DEG, STEP_M = 0.5, 5e-4
-BEYOND = {
+DISTAL_LANDMARKS = {
     "hip": ("knee_lat", "knee_med", "ankle_lat", "ankle_med", "heel", "toe"),
     "knee": ("ankle_lat", "ankle_med", "heel", "toe"),
     "ankle": ("heel", "toe"),
 }
 """Joint -> landmarks that move with what lies beyond it."""
-CENTRE = {"hip": ("asis",), "knee": ("knee_lat", "knee_med"), "ankle": ("ankle_lat", "ankle_med")}
+CENTRE_LANDMARKS = {
+    "hip": ("asis",),
+    "knee": ("knee_lat", "knee_med"),
+    "ankle": ("ankle_lat", "ankle_med"),
+}
 """Joint -> landmarks whose mean stands for its centre."""
 
 
 @dataclass(frozen=True)
 class LandmarkMeasure:
-    """One measure of the landmarks, against what people have."""
+    """One measure of the landmarks, with mean and standard deviation of people."""
 
     name: str  # In words: `knee width, right`
     value: float  # mm, or degrees
@@ -133,17 +131,18 @@ class LandmarkMeasure:
     sd: float
     landmarks: tuple[str, ...]  # Which it depends on most
     unit: str = "mm"
-    absolute: bool = False  # A length against people of that height, and not right against left
+    # A length against people of that height, and not right against left
+    absolute: bool = False
     postural: bool = False  # Depends on how the person stands
 
     @property
     def z(self) -> float:
-        """Standard deviations from the mean."""
+        """Deviation from the mean in standard deviations."""
         return (self.value - self.mean) / self.sd
 
     @property
-    def words(self) -> str:
-        """What was measured, and what people have."""
+    def description(self) -> str:
+        """The measured value and the usual range, for messages."""
         if self.absolute:
             low, high = self.mean - 3 * self.sd, self.mean + 3 * self.sd
             return (
@@ -153,16 +152,24 @@ class LandmarkMeasure:
         return f"{self.name} {self.value:+.0f} {self.unit} (usual within {3 * self.sd:.0f})"
 
 
-def cost(found: Sequence[LandmarkMeasure]) -> float:
-    """J, the sum of squares of all z."""
+def sum_squared_deviations(found: Sequence[LandmarkMeasure]) -> float:
+    """Sum the squared deviations z of measures: the cost J."""
     return float(sum(m.z**2 for m in found))
 
 
-def body_axes(p: Landmarks) -> Array | None:
-    """(3, 3), columns x forward, y up, z to the right; None where nothing gives a direction.
+def compute_body_axes(p: Landmarks) -> Array | None:
+    """Compute the body axes of a standing person.
 
-    Forward is the mean of both feet. One foot alone turns out by up to 26 degrees: then across the
-    pelvis.
+    Parameters
+    ----------
+    p : mapping of str to (3,) array
+        Landmarks, m, y up. Forward is the mean of both feet. One foot alone is rotated outwards by
+        up to 26 degrees, so the direction across the pelvis is used then.
+
+    Returns
+    -------
+    (3, 3) array or None
+        Columns x forward, y up, z right; None if no landmarks give a direction.
     """
     feet = np.array(
         [p[f"toe_{s}"] - p[f"heel_{s}"] for s in SIDES if f"toe_{s}" in p and f"heel_{s}" in p]
@@ -180,27 +187,55 @@ def body_axes(p: Landmarks) -> Array | None:
     return np.column_stack([x, y, cross(x, y)])
 
 
-def measures(p: Landmarks, height: float, *, even: bool = True) -> list[LandmarkMeasure]:
-    """All measures of the landmarks p that are there, of a person of this height (m).
+def measure_landmarks(p: Landmarks, height: float, *, even: bool = True) -> list[LandmarkMeasure]:
+    """Measure all lengths, widths, angles and differences that the landmarks allow.
 
-    Where the person does not stand evenly on straight legs (not `even`), without those that depend
-    on the posture.
+    Parameters
+    ----------
+    p : mapping of str to (3,) array
+        Landmarks, m, y up.
+    height : float
+        Body height, m.
+    even : bool
+        Whether the person stands evenly on straight legs; else measures of the posture are left
+        out.
+
+    Returns
+    -------
+    list of LandmarkMeasure
+        Empty if the body axes are unknown.
     """
-    axes = body_axes(p)
+    axes = compute_body_axes(p)
     if axes is None:
         return []
     q, mm = {name: 1e3 * (point @ axes) for name, point in p.items()}, 1e3 * height
-    found = [*_lengths(q, mm), *_widths(q, mm), *_sides(q, mm), *_knees(q), *_lines(q)]
+    found = [
+        *_measure_lengths(q, mm),
+        *_measure_widths(q, mm),
+        *_measure_side_distances(q, mm),
+        *_measure_knee_angles(q),
+        *_measure_line_angles(q),
+    ]
     return found if even else [m for m in found if not m.postural]
 
 
-def likely_height(p: Landmarks) -> tuple[float, float] | None:
-    """Body height (m) of people with legs like these standing landmarks, and its standard
-    deviation; None without legs.
+def estimate_height(p: Landmarks) -> tuple[float, float] | None:
+    """Estimate the body height from the legs of a standing person.
 
-    Each length tells a height with the deviation that its share has among people. Whoever has long
-    thighs has long shanks, too: the errors are taken as if they went wholly together. (Eleven
-    people: 3.5 % RMS, 4.8 % claimed.)
+    Parameters
+    ----------
+    p : mapping of str to (3,) array
+        Landmarks, m, y up.
+
+    Returns
+    -------
+    tuple of float, or None
+        Height and its standard deviation, m; None without landmarks of a leg.
+
+    Notes
+    -----
+    Each length gives a height with the deviation of its share among people. Long thighs go with long
+    shanks, so the errors are taken as fully correlated. (Eleven people: 3.5 % RMS, 4.8 % claimed.)
     """
     heights = []
     for name in ("shank", "medial shank", "ASIS to knee"):
@@ -221,39 +256,36 @@ def likely_height(p: Landmarks) -> tuple[float, float] | None:
     return float(weight @ height), float(weight @ height * (weight @ relative))
 
 
-def _lengths(q: Landmarks, height: float) -> Iterator[LandmarkMeasure]:
-    """Lengths of a leg, negative where the two lie the wrong way round along the axis that they
-    should lie along.
-    """
+def _measure_lengths(q: Landmarks, height: float) -> Iterator[LandmarkMeasure]:
+    """Measure lengths of a leg (mm); negative if they point the wrong way along their axis."""
     for name, (a, b, mean, sd) in LENGTHS.items():
         found, pairs = {}, {s: (f"{a}_{s}", b if b == "sacrum" else f"{b}_{s}") for s in SIDES}
-        axis, towards = ALONG.get(name, (0, 0.0))
+        axis, towards = LENGTH_DIRECTIONS.get(name, (0, 0.0))
         for side, (one, other) in pairs.items():
             if one in q and other in q:
                 d = q[other] - q[one]
                 found[side] = math.sqrt(d @ d) * (1.0 if towards * d[axis] >= 0 else -1.0)
-        yield from _of_sides(name, found, pairs, (mean * height, sd * height))
+        yield from _compare_sides(name, found, pairs, (mean * height, sd * height))
 
 
-def _widths(q: Landmarks, height: float) -> Iterator[LandmarkMeasure]:
+def _measure_widths(q: Landmarks, height: float) -> Iterator[LandmarkMeasure]:
+    """Measure the widths (mm) of knees and ankles; negative if lateral and medial are swapped."""
     for joint, (mean, sd) in WIDTHS.items():
         found, pairs = {}, {side: (f"{joint}_lat_{side}", f"{joint}_med_{side}") for side in SIDES}
         for side, (lateral, medial) in pairs.items():
             if lateral in q and medial in q:
                 d = q[lateral] - q[medial]
                 found[side] = math.sqrt(d @ d) * (1.0 if sign(side) * d[2] >= 0 else -1.0)
-        yield from _of_sides(f"{joint} width", found, pairs, (mean * height, sd * height))
+        yield from _compare_sides(f"{joint} width", found, pairs, (mean * height, sd * height))
 
 
-def _of_sides(
+def _compare_sides(
     name: str,
     found: Mapping[str, float],
     pairs: Mapping[str, tuple[str, str]],
     people: tuple[float, float],
 ) -> Iterator[LandmarkMeasure]:
-    """A length (mm) of the sides on which it was `found` against mean and sd of people, and right
-    against left.
-    """
+    """Compare a length (mm) with people, and right with left."""
     for side, value in found.items():
         yield LandmarkMeasure(
             f"{name}, {SIDE_WORDS[side]}", value, *people, pairs[side], absolute=True
@@ -265,8 +297,9 @@ def _of_sides(
         )
 
 
-def _sides(q: Landmarks, height: float) -> Iterator[LandmarkMeasure]:
-    for name, (mean, sd) in APART.items():
+def _measure_side_distances(q: Landmarks, height: float) -> Iterator[LandmarkMeasure]:
+    """Measure distances and heights (mm) between right and left landmarks."""
+    for name, (mean, sd) in SIDE_DISTANCES.items():
         both = (f"{name}_r", f"{name}_l")
         if all(end in q for end in both):
             _, up, right = (q[both[0]] - q[both[1]]).tolist()
@@ -285,8 +318,8 @@ def _sides(q: Landmarks, height: float) -> Iterator[LandmarkMeasure]:
         )
 
 
-def _knees(q: Landmarks) -> Iterator[LandmarkMeasure]:
-    """Angles at the lateral knees, right less left (mirrored)."""
+def _measure_knee_angles(q: Landmarks) -> Iterator[LandmarkMeasure]:
+    """Measure differences of knee angles (deg), right less left (mirrored)."""
     chain = ("asis", "knee_lat", "ankle_lat")
     names = tuple(f"{name}_{side}" for side in SIDES for name in chain)
     if not all(name in q for name in names):
@@ -308,10 +341,8 @@ def _knees(q: Landmarks) -> Iterator[LandmarkMeasure]:
         )
 
 
-def _lines(q: Landmarks) -> Iterator[LandmarkMeasure]:
-    """Angles from above: between lines of a joint, right less left, and between lines from left to
-    right.
-    """
+def _measure_line_angles(q: Landmarks) -> Iterator[LandmarkMeasure]:
+    """Measure angles (deg) from above between lines of a joint and lines from left to right."""
 
     def from_above(across: Array) -> float:
         return float(np.rad2deg(np.arctan2(across[0], across[2])))
@@ -322,46 +353,68 @@ def _lines(q: Landmarks) -> Iterator[LandmarkMeasure]:
             right = from_above(q[ends[0]] - q[ends[1]])
             left = -from_above(q[ends[3]] - q[ends[2]])
             name = f"line of the {joint} from above, right less left"
-            yield LandmarkMeasure(name, _within_half_turn(right - left), 0.0, AXIS_DEG, ends, "deg")
+            yield LandmarkMeasure(name, _wrap_degrees(right - left), 0.0, AXIS_DEG, ends, "deg")
     for pair, sd in LINES_DEG.items():
         ends = tuple(f"{name}_{side}" for name in pair for side in SIDES)
         if all(name in q for name in ends):
             upper, lower = (from_above(q[f"{name}_r"] - q[f"{name}_l"]) for name in pair)
             name = f"line through {pair[0]} against {pair[1]} from above"
             yield LandmarkMeasure(
-                name, _within_half_turn(upper - lower), 0.0, sd, ends, "deg", postural=True
+                name, _wrap_degrees(upper - lower), 0.0, sd, ends, "deg", postural=True
             )
 
 
-def _within_half_turn(degrees: float) -> float:
+def _wrap_degrees(degrees: float) -> float:
+    """Wrap an angle to -180 to 180 deg."""
     return (degrees + 180.0) % 360.0 - 180.0
 
 
-def cost_of_build(p: Landmarks, height: float, *, even: bool = True) -> float:
-    """What it costs to explain landmarks p by build and stance alone."""
+def compute_build_cost(p: Landmarks, height: float, *, even: bool = True) -> float:
+    """Compute the cost of explaining landmarks by build and stance alone.
+
+    Parameters
+    ----------
+    p : mapping of str to (3,) array
+        Landmarks, m, y up.
+    height : float
+        Body height, m.
+    even : bool
+        As in `measure_landmarks`.
+
+    Returns
+    -------
+    float
+        z^T (I + B B^T)^-1 z, without unit.
+    """
 
     def deviations(landmarks: Landmarks) -> Array:
-        return np.array([m.z for m in measures(landmarks, height, even=even)])
+        return np.array([m.z for m in measure_landmarks(landmarks, height, even=even)])
 
     z = deviations(p)
-    columns = [(deviations(other) - z) * scale for other, scale in moved(p)]
+    columns = [(deviations(other) - z) * scale for other, scale in move_joints(p)]
     if not columns:
         return float(z @ z)
     U, s, _ = np.linalg.svd(np.stack(columns, axis=1), full_matrices=False)
     return float(z @ z - np.sum((U.T @ z) ** 2 * s**2 / (1.0 + s**2)))
 
 
-def moved(p: Landmarks) -> Iterator[tuple[dict[str, Array], float]]:
-    """Landmarks with one joint turned or shifted a little, and how many such steps its standard
-    deviation has.
+def move_joints(p: Landmarks) -> Iterator[tuple[dict[str, Array], float]]:
+    """Move the landmarks by a small rotation or shift of each joint.
+
+    Yields
+    ------
+    tuple of dict and float
+        Moved landmarks (m), and how many such steps are one standard deviation.
     """
-    axes = body_axes(p)
+    axes = compute_body_axes(p)
     if axes is None:
         return
-    for joint, beyond in BEYOND.items():
+    for joint, distal in DISTAL_LANDMARKS.items():
         for side in SIDES:
-            points = [f"{name}_{side}" for name in beyond if f"{name}_{side}" in p]
-            centre = [p[f"{name}_{side}"] for name in CENTRE[joint] if f"{name}_{side}" in p]
+            points = [f"{name}_{side}" for name in distal if f"{name}_{side}" in p]
+            centre = [
+                p[f"{name}_{side}"] for name in CENTRE_LANDMARKS[joint] if f"{name}_{side}" in p
+            ]
             if not points or not centre:
                 continue
             origin = np.mean(centre, axis=0)
@@ -369,6 +422,6 @@ def moved(p: Landmarks) -> Iterator[tuple[dict[str, Array], float]]:
                 R = pin.exp3(np.deg2rad(STEP_DEG) * axis)
                 yield (
                     {**p, **{n: origin + R @ (p[n] - origin) for n in points}},
-                    TURN_DEG / STEP_DEG,
+                    JOINT_ROTATION_DEG / STEP_DEG,
                 )
-                yield {**p, **{n: p[n] + STEP_M * axis for n in points}}, SHIFT_M / STEP_M
+                yield {**p, **{n: p[n] + STEP_M * axis for n in points}}, JOINT_SHIFT_M / STEP_M

@@ -10,7 +10,7 @@ the joint parameter, and nothing is built anew when it changes.
 
 Two more kinds of joints may be there. The *reactions* are locked: the generalised forces of these
 joints are the knees' internal abduction moments. The *secondary motions* of the knees (`SECONDARY`)
-are prescribed: they have amounts in every frame, which may depend on unknowns of their own.
+are prescribed: they have amounts in every frame, which may depend on separate unknowns.
 """
 
 import threading
@@ -25,7 +25,7 @@ import pinocchio as pin
 
 from gaitcal.arrays import Array, BoolArray, IntArray
 from gaitcal.model import linkage
-from gaitcal.model.parameters import JP_INDEX, MASSIVE_SEGMENTS, Parameters, table
+from gaitcal.model.parameters import JP_INDEX, MASSIVE_SEGMENTS, Parameters, view_as_table
 from gaitcal.model.subject_model import GRAVITY, SubjectModel
 from gaitcal.runtime import with_one_blas_thread
 
@@ -49,11 +49,11 @@ def _open_model(
     elements: dict[str, linkage.Element] = {}
     # segment -> the joint that carries it, and its placement in the frame of that joint
     carrier: dict[str, tuple[int, pin.SE3]] = {"": (0, pin.SE3.Identity())}
-    walks = [(linkage.root_elements(root), "", root)]
+    walks = [(linkage.make_root_elements(root), "", root)]
     for joint in linkage.JOINTS:
         if joint.child in segments and joint.child != root:
             walks.append(
-                (linkage.joint_elements(joint, reactions=reactions), joint.parent, joint.child)
+                (linkage.list_joint_elements(joint, reactions=reactions), joint.parent, joint.child)
             )
     for walk, parent, child in walks:
         on, place = carrier[parent]
@@ -180,21 +180,28 @@ class Chain:
         on_way = self.after[self.at_coordinates][:, self.at_coordinates] & ~np.eye(
             len(self.coordinates), dtype=bool
         )
-        self.parents = [_last(row) for row in on_way]
-        self.segment_coordinate = [_last(row) for row in self.support[: len(self.coordinates)].T]
+        self.parents = [_find_last(row) for row in on_way]
+        self.segment_coordinate = [
+            _find_last(row) for row in self.support[: len(self.coordinates)].T
+        ]
         self.moved_sets, row_of = np.unique(self.support, axis=0, return_inverse=True)
         self.moved_set: IntArray = row_of.ravel()
 
     def __reduce__(self) -> tuple[Any, ...]:
-        return _chain, self._asked
+        return _make_chain, self._asked
 
     @contextmanager
-    def work_space(self) -> Iterator[pin.Data]:
+    def lend_work_space(self) -> Iterator[pin.Data]:
         """Lend a work space of Pinocchio's algorithms to one user at a time.
 
-        It depends on the structure of a model alone. With 100 joints it is 35 MB, of tensors that
-        are not used here, and takes a tenth of a second to make: it is kept for the next user, of
-        this thread or another, while all that are kept stay below `IDLE_BYTES`.
+        It depends on the structure of a model alone. With 100 joints it has 35 MB and takes a tenth
+        of a second to make. Idle work spaces are kept for the next user, of any thread, up to
+        `IDLE_BYTES`.
+
+        Yields
+        ------
+        pin.Data
+            Work space of the models of this chain.
         """
         with _idle_lock:
             found = next((k for k, (chain, _) in enumerate(_idle) if chain is self), None)
@@ -205,27 +212,38 @@ class Chain:
         finally:
             with _idle_lock:
                 _idle.append((self, data))
-                while len(_idle) > 1 and sum(_bytes(chain) for chain, _ in _idle) > IDLE_BYTES:
+                while (
+                    len(_idle) > 1
+                    and sum(_compute_work_space_bytes(chain) for chain, _ in _idle) > IDLE_BYTES
+                ):
                     _idle.pop(0)
 
     def with_secondary(self) -> "Chain":
         """Find the chain with the knees' secondary motions as joints."""
         root, segments, free, reactions, _ = self._asked
-        return _chain(root, segments, free, reactions, True)
+        return _make_chain(root, segments, free, reactions, True)
 
     def body(self, parameters: Parameters) -> "LinkageModel":
-        """Lock all joints but coordinates, reactions, free and secondary ones at their values (m,
-        rad).
+        """Lock all joints but coordinates, reactions, free and secondary ones.
 
-        Trials have the same chain and parameters: the last ones are kept, and are not to be
-        changed.
+        Parameters
+        ----------
+        parameters : Parameters
+            Values of the locked and the free joints, m and rad.
+
+        Returns
+        -------
+        LinkageModel
+            Shared by all callers with the same chain and parameters; must not be changed.
         """
         values = np.zeros(self._open_model.nq)
         values[self._at_parameters] = parameters.joint[self._parameters]
         values[self._at_zeros] = parameters.zero_angles[self._zeros]
-        return _body(self, values.tobytes(), parameters.joint[self.free_parameters].tobytes())
+        return _lock_joints(
+            self, values.tobytes(), parameters.joint[self.free_parameters].tobytes()
+        )
 
-    def locked(self, values: Array) -> pin.Model:
+    def build_locked_model(self, values: Array) -> pin.Model:
         """Lock all other joints at `values` of the joints of the open model."""
         return pin.buildReducedModel(self._open_model, self._locked, values)
 
@@ -236,17 +254,17 @@ _idle: list[tuple[Chain, pin.Data]] = []
 _idle_lock = threading.Lock()
 
 
-def _bytes(chain: Chain) -> int:
-    """Size of a work space: four tensors of (joints, joints, joints) are most of it."""
+def _compute_work_space_bytes(chain: Chain) -> int:
+    """Compute the size of a work space: mostly four tensors of (joints, joints, joints)."""
     return 4 * 8 * len(chain.joints) ** 3
 
 
 @lru_cache(maxsize=32)
-def _body(chain: Chain, values: bytes, free: bytes) -> "LinkageModel":
-    return LinkageModel(chain, chain.locked(np.frombuffer(values)), np.frombuffer(free))
+def _lock_joints(chain: Chain, values: bytes, free: bytes) -> "LinkageModel":
+    return LinkageModel(chain, chain.build_locked_model(np.frombuffer(values)), np.frombuffer(free))
 
 
-def _last(flags: Array | BoolArray) -> int:
+def _find_last(flags: Array | BoolArray) -> int:
     """Find the index of the last entry that is set; -1 where none is."""
     found = np.flatnonzero(flags)
     return int(found[-1]) if len(found) else -1
@@ -278,7 +296,7 @@ class LinkageModel:
 
         Axes, and origin (m), in the laboratory.
         """
-        (values,) = self.configurations(np.zeros((1, len(self.chain.coordinates))))
+        (values,) = self.fill_configurations(np.zeros((1, len(self.chain.coordinates))))
         # with all joints locked, each is a frame of the ground
         locked = pin.buildReducedModel(self.model, list(range(1, self.model.njoints)), values)
         frames = [locked.frames[k].placement.homogeneous for k in self.chain.frames_when_locked]
@@ -290,9 +308,18 @@ class LinkageModel:
         """Find the entry of a coordinate, free joint parameter or reaction in configurations."""
         return self.chain.joints.index(name)
 
-    def configurations(self, q: Array) -> Array:
-        """Fill in all joints (nf, nv) at coordinates (nf, nq); free joint parameters have their
-        values.
+    def fill_configurations(self, q: Array) -> Array:
+        """Fill in the values of all joints of the model.
+
+        Parameters
+        ----------
+        q : (nf, nq) array
+            Coordinates, m and rad.
+
+        Returns
+        -------
+        (nf, nv) array
+            Configurations; free joint parameters have their values, all others are zero.
         """
         out = np.zeros((len(q), self.model.nv))
         out[:, self.chain.at_coordinates] = q
@@ -309,22 +336,33 @@ class LinkageModel:
                 self.model.inertias[int(joint)] = placement.act(bodies[segment])
 
 
-def inertias(inertial: Array) -> dict[str, pin.Inertia]:
-    """Make the bodies of inertial parameters (ni,): massive segment -> inertia in the segment's
-    frame.
+def make_inertias(inertial: Array) -> dict[str, pin.Inertia]:
+    """Make the Pinocchio inertias of inertial parameters.
 
-    The published cost may return bodies that cannot exist. These are reported elsewhere, so the
-    inertias are filled in piece by piece: Pinocchio's constructor would refuse them.
+    Parameters
+    ----------
+    inertial : (ni,) array
+        kg, m, kg m^2 in the order of `parameters.IP_NAMES`.
+
+    Returns
+    -------
+    dict
+        Massive segment -> inertia in the segment's frame.
+
+    Notes
+    -----
+    The published cost may give bodies that cannot exist. They are reported elsewhere. Pinocchio's
+    constructor would refuse them, so the fields are set one by one.
     """
     out = {}
-    for segment, row in zip(MASSIVE_SEGMENTS, table(inertial), strict=True):
+    for segment, row in zip(MASSIVE_SEGMENTS, view_as_table(inertial), strict=True):
         body = pin.Inertia.Zero()
         body.mass, body.lever, body.inertia = float(row[0]), row[1:4], np.diag(row[4:7])
         out[segment] = body
     return out
 
 
-def chain_of(
+def get_chain(
     root: str = "pelvis",
     segments: tuple[str, ...] = linkage.SEGMENTS,
     free: tuple[str, ...] = (),
@@ -332,16 +370,28 @@ def chain_of(
     reactions: bool = False,
     secondary: bool = False,
 ) -> Chain:
-    """Make the chain of a part of the linkage once: every trial of a person has the same.
+    """Get the chain of a part of the linkage, made once for all trials.
 
-    Of `free`, names of what is no joint parameter and no secondary variable are left out.
+    Parameters
+    ----------
+    root, segments : str and tuple of str
+        Base segment, and the segments of the part, the base included.
+    free : tuple of str
+        Free joint parameters and secondary variables; other names are left out.
+    reactions, secondary : bool
+        As in `Chain`.
+
+    Returns
+    -------
+    Chain
+        The same object for the same arguments.
     """
     known = tuple(name for name in free if name in JP_INDEX or name in linkage.SECONDARY_VARIABLES)
-    return _chain(root, segments, known, reactions, secondary)
+    return _make_chain(root, segments, known, reactions, secondary)
 
 
 @lru_cache(maxsize=64)
-def _chain(
+def _make_chain(
     root: str, segments: tuple[str, ...], free: tuple[str, ...], reactions: bool, secondary: bool
 ) -> Chain:
     return Chain(root, segments, free, reactions=reactions, secondary=secondary)
@@ -366,9 +416,11 @@ def build_linkage(
     reactions : whether the knees carry their locked reaction joints.
     secondary : whether the knees' secondary motions are joints, whose values are prescribed.
     """
-    kept = chain_of(root, segments, free, reactions=reactions, secondary=secondary).body(parameters)
+    kept = get_chain(root, segments, free, reactions=reactions, secondary=secondary).body(
+        parameters
+    )
     body = replace(kept, model=kept.model.copy())
-    body.set_inertias(inertias(parameters.inertial))
+    body.set_inertias(make_inertias(parameters.inertial))
     return body
 
 

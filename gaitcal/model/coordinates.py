@@ -1,14 +1,12 @@
-"""What each coordinate, and each joint, is called and means: one row each. All that speaks of them
-reads these tables.
+"""Names, signs and usual ranges of coordinates and joints, one table row each.
 
-How they move, and in which order, is told by the linkage (`linkage.py`); here stand words, signs,
-and what is known of people's angles. Signs are OpenSim's (Rajagopal et al. 2016); both sides mean
-the same, so that a row has no side:
+The linkage (`linkage.py`) defines how coordinates move and their order. Signs are OpenSim's
+(Rajagopal et al. 2016). They mean the same on both sides, so a row has no side:
 
-    angle       what a positive angle means, moment: what a positive internal moment does; senses: both ways, in words
-    clinical    clinical signs: angles that differ, of pelvis and trunk, by the side whose stride it is
+    angle       meaning of a positive angle; moment: effect of a positive internal moment; senses: both directions
+    clinical    signs of gait laboratories where they differ, by the side of the stride (pelvis and trunk)
 
-Numbers are degrees (pelvis translations: m), each told with its source where the field is defined.
+Numbers are degrees (pelvis translations: m). Their sources are given where the field is defined.
 """
 
 from dataclasses import dataclass
@@ -19,27 +17,27 @@ from gaitcal.model.linkage import COORDINATES, REACTIONS, SIDES, is_translation
 
 @dataclass(frozen=True, kw_only=True)
 class ClinicalSense:
-    """What gait laboratories count otherwise, by the side of the stride."""
+    """Sign convention of gait laboratories for a coordinate, by the side of the stride."""
 
     right: float  # 1 or -1: factor of the value in strides of the right foot
     left: float
-    words: str  # what a positive one means: `this side up`
+    positive: str  # what a positive one means: `this side up`
     opposite: str  # and a negative one
 
     def sign(self, side: str) -> float:
-        """In strides of one side (`r`, `l`)."""
+        """Return the factor (1 or -1) of the value in strides of one side (`r`, `l`)."""
         return self.right if side == "r" else self.left
 
 
 @dataclass(frozen=True, kw_only=True)
 class Limits:
-    """What nobody who walks or runs exceeds (`quality/after_fit.py`).
+    """Limits that no walking or running person exceeds (`quality/after_fit.py`).
 
-    Angles: the largest passive ranges of grown people (American Academy of Orthopaedic Surgeons,
-    Joint Motion, 1965; Boone and Azen, J Bone Joint Surg 61-A:756-759, 1979) widened by 20 deg, as
-    zero angles differ from model to model. Speeds: above those of kicking and sprinting; no clean
-    walk or isolated trial exceeds 600. Torques: beyond those of sprinters at 9 m/s (Schache et al.,
-    Med Sci Sports Exerc 43:1260-1271, 2011); clean walks reach 10 %BW*H.
+    Angles: the largest passive ranges of adults (American Academy of Orthopaedic Surgeons, Joint
+    Motion, 1965; Boone and Azen, J Bone Joint Surg 61-A:756-759, 1979), widened by 20 deg because
+    zero angles differ between models. Speeds: above those of kicking and sprinting; no clean walk
+    or functional trial exceeds 600 deg/s. Torques: beyond those of sprinters at 9 m/s (Schache et
+    al., Med Sci Sports Exerc 43:1260-1271, 2011); clean walks reach 10 %BW*H.
     """
 
     angle: tuple[float, float] | None = None  # deg, smallest and largest
@@ -49,22 +47,21 @@ class Limits:
 
 @dataclass(frozen=True, kw_only=True)
 class Coordinate:
-    """A coordinate of the linkage or a locked joint's reaction, of both sides or of the middle."""
+    """A coordinate of the linkage, or the reaction of a locked joint, without its side."""
 
     name: str  # without the side: `hip_flexion`
     group: str  # key of `GROUPS`
     title: str  # `Hip flexion`
     angle: str  # what a positive angle means: `flexion`
     moment: str  # what a positive internal moment does: `flexor`
-    senses: tuple[str, str] | None = (
-        None  # what positive and negative values mean, of angles and of moments
-    )
-    clinical: ClinicalSense | None = None  # with clinical signs, where they are others
+    # what positive and negative values mean, of angles and of moments
+    senses: tuple[str, str] | None = None
+    # with clinical signs, where they are others
+    clinical: ClinicalSense | None = None
     # first word of the Plug-in Gait point that holds it: `Hip` of `RHipAngles`; empty: none does
     point: str = ""
-    usual: tuple[
-        float, float
-    ]  # deg: living people stay within, for sliders of other programs; contains Rajagopal's
+    # deg: living people stay within, for sliders of other programs; contains Rajagopal's
+    usual: tuple[float, float]
     wall: tuple[float, float] | None = None
     """deg from the static posture, how far the joint may turn in tracking. Passive ranges of
     adults: hip adduction 30 and abduction 45, rotation 45 each way, dorsiflexion 20, plantarflexion
@@ -82,10 +79,11 @@ class Coordinate:
 
 @dataclass(frozen=True)
 class CoordinateGroup:
-    """A joint as people name it, with the coordinates that are shown together."""
+    """A joint, with the coordinates that are shown together."""
 
     title: str
-    power: str  # its power over all axes, as in `powers/TRIAL.csv`; empty: it has none
+    # its power over all axes, as in `powers/TRIAL.csv`; empty: it has none
+    power: str
 
 
 GROUPS: Final = {
@@ -100,20 +98,20 @@ GROUPS: Final = {
 LEG_GROUPS: Final = ("hip", "knee", "ankle")
 
 _FORWARD = ClinicalSense(
-    right=1.0, left=-1.0, words="this side forward", opposite="this side backward"
+    right=1.0, left=-1.0, positive="this side forward", opposite="this side backward"
 )
 
 # fmt: off
 _ROWS: Final = (
     Coordinate(name="pelvis_tilt", group="pelvis", title="Pelvic tilt", angle="posterior", moment="posterior",
         senses=("posterior tilt", "anterior tilt"),
-        clinical=ClinicalSense(right=-1.0, left=-1.0, words="anterior tilt", opposite="posterior "
+        clinical=ClinicalSense(right=-1.0, left=-1.0, positive="anterior tilt", opposite="posterior "
                                                                                       "tilt"),
         point="Pelvis", usual=(-90.0, 90.0)),
     Coordinate(name="pelvis_list", group="pelvis", title="Pelvic obliquity", angle="right side "
                                                                                    "down",
         moment="right side down", senses=("right side down", "left side down"),
-        clinical=ClinicalSense(right=-1.0, left=1.0, words="this side up", opposite="this side "
+        clinical=ClinicalSense(right=-1.0, left=1.0, positive="this side up", opposite="this side "
                                                                                     "down"), point="Pelvis",
         usual=(-90.0, 90.0)),
     Coordinate(name="pelvis_rotation", group="pelvis", title="Pelvic rotation", angle="turned left",
@@ -141,11 +139,11 @@ _ROWS: Final = (
         limits=Limits(angle=(-60.0, 60.0), speed=2000.0, torque=20.0)),
     Coordinate(name="lumbar_extension", group="trunk", title="Lumbar extension", angle="extension", moment="extensor",
         senses=("extension", "flexion"), usual=(-90.0, 90.0), spread=5.0,
-        clinical=ClinicalSense(right=-1.0, left=-1.0, words="flexion", opposite="extension")),
+        clinical=ClinicalSense(right=-1.0, left=-1.0, positive="flexion", opposite="extension")),
     Coordinate(name="lumbar_bending", group="trunk", title="Lumbar bending", angle="to the right",
         moment="to the right", senses=("bending to the right", "bending to the left"), usual=(-90.0, 90.0),
         spread=5.0,
-        clinical=ClinicalSense(right=1.0, left=-1.0, words="to this side", opposite="to the other "
+        clinical=ClinicalSense(right=1.0, left=-1.0, positive="to this side", opposite="to the other "
                                                                                     "side")),
     Coordinate(name="lumbar_rotation", group="trunk", title="Lumbar rotation", angle="to the left",
         moment="to the left", senses=("rotation to the left", "rotation to the right"), usual=(-90.0, 90.0),
@@ -215,13 +213,22 @@ LOCKED: Final[tuple[str, ...]] = tuple(dict.fromkeys(name[:-2] for name in REACT
 
 
 def with_side(name: str, side: str) -> str:
-    """`hip_flexion` -> `hip_flexion_r`; what has no sides as it is: `pelvis_tilt`."""
+    """Add the side to a name: `hip_flexion` -> `hip_flexion_r`; `pelvis_tilt` stays."""
     return name if name in COORDINATES else f"{name}_{side}"
 
 
-def coordinate_words(name: str) -> Coordinate:
-    """The row of a coordinate or reaction, with or without its side; of a joint or component its
-    name alone.
+def describe_coordinate(name: str) -> Coordinate:
+    """Get the table row of a coordinate or reaction.
+
+    Parameters
+    ----------
+    name : str
+        Name with or without its side.
+
+    Returns
+    -------
+    Coordinate
+        A row with the name alone if `name` is a joint or a component.
     """
     base = split_side(name)[0]
     return (
@@ -238,40 +245,37 @@ def coordinate_words(name: str) -> Coordinate:
     )
 
 
-def senses_of(name: str) -> tuple[str, str] | None:
-    """What positive and negative values of a coordinate, reaction or component mean, with or
-    without its side.
-    """
-    return COMPONENT_SENSES.get(split_side(name)[0]) or coordinate_words(name).senses
+def get_senses(name: str) -> tuple[str, str] | None:
+    """Get what positive and negative values of a coordinate, reaction or component mean."""
+    return COMPONENT_SENSES.get(split_side(name)[0]) or describe_coordinate(name).senses
 
 
 @dataclass(frozen=True, kw_only=True)
-class JointWords:
-    """What a joint of the linkage is called."""
+class JointNames:
+    """Names of a joint of the linkage."""
 
-    words: str  # `Ankle (talocrural)`
+    title: str  # `Ankle (talocrural)`
     feature: str  # what its parameters place: `knee axis`
     centre: str = ""  # landmark that is its centre, without the side: `hjc`; empty: it has none
-    power: str  # joint as people name it, with whose power its own is summed: `ankle` of `subtalar`
-    landmarks: str = "the landmarks"  # what tells where it lies
-    markers: str = (
-        "the markers of the segments beside it"  # what to look at where it lies elsewhere
-    )
+    power: str  # joint whose power includes its power: `ankle` of `subtalar`
+    landmarks: str = "the landmarks"  # landmarks that define its position
+    # what to look at where it lies elsewhere
+    markers: str = "the markers of the segments beside it"
 
 
 # fmt: off
-JOINT_TABLE: Final[dict[str, JointWords]] = {
-    "hip": JointWords(words="Hip", feature="hip centre", centre="hjc", power="hip",
+JOINT_TABLE: Final[dict[str, JointNames]] = {
+    "hip": JointNames(title="Hip", feature="hip centre", centre="hjc", power="hip",
         landmarks="the pelvis's landmarks", markers="the ASIS and PSIS markers"),
-    "knee": JointWords(words="Knee", feature="knee axis", centre="kjc", power="knee",
+    "knee": JointNames(title="Knee", feature="knee axis", centre="kjc", power="knee",
         landmarks="the epicondyles", markers="the knee markers"),
-    "talocrural": JointWords(words="Ankle (talocrural)", feature="ankle axis", centre="ajc", power="ankle",
+    "talocrural": JointNames(title="Ankle (talocrural)", feature="ankle axis", centre="ajc", power="ankle",
         landmarks="the malleoli and anatomy", markers="the markers of malleoli and foot"),
-    "subtalar": JointWords(words="Subtalar", feature="subtalar axis", power="ankle",
+    "subtalar": JointNames(title="Subtalar", feature="subtalar axis", power="ankle",
         landmarks="the malleoli and anatomy", markers="the markers of malleoli and foot"),
-    "back": JointWords(words="Lumbar joint", feature="lumbar joint centre", centre="lumbar", power="lumbar"),
-    "shoulder": JointWords(words="Shoulder", feature="shoulder joint", centre="sjc", power="shoulder"),
-    "elbow": JointWords(words="Elbow", feature="elbow axis", centre="ejc", power="elbow"),
+    "back": JointNames(title="Lumbar joint", feature="lumbar joint centre", centre="lumbar", power="lumbar"),
+    "shoulder": JointNames(title="Shoulder", feature="shoulder joint", centre="sjc", power="shoulder"),
+    "elbow": JointNames(title="Elbow", feature="elbow axis", centre="ejc", power="elbow"),
 }
 # fmt: on
-"""Joint of the linkage without its side -> its names."""
+"""Joint of the linkage, without its side -> its names."""

@@ -22,7 +22,7 @@ import numpy as np
 
 from gaitcal.arrays import Array, BoolArray, IntArray, stretches
 from gaitcal.model import linkage
-from gaitcal.model.chain import Chain, LinkageModel, chain_of
+from gaitcal.model.chain import Chain, LinkageModel, get_chain
 from gaitcal.model.parameters import Parameters
 
 BLOCK = 512
@@ -31,7 +31,7 @@ BLOCK = 512
 
 @dataclass(frozen=True, kw_only=True)
 class SecondaryMotion:
-    """What joints do besides moving along their coordinates (`linkage.SECONDARY`)."""
+    """Motions of joints besides their coordinates (`linkage.SECONDARY`), in all frames."""
 
     amounts: dict[str, Array]
     """Coordinate -> (4, nf) m, rad: translations along x and y, then rotations about x and y."""
@@ -39,7 +39,7 @@ class SecondaryMotion:
     """Coordinate -> (nf,) of each of `BENDS`: d amount / d variable."""
 
     def frames(self, part: slice | IntArray) -> "SecondaryMotion":
-        """Take some frames."""
+        """Select some frames."""
         return SecondaryMotion(
             amounts={name: values[:, part] for name, values in self.amounts.items()},
             regressors={name: (a[part], b[part]) for name, (a, b) in self.regressors.items()},
@@ -48,7 +48,7 @@ class SecondaryMotion:
 
 @dataclass(frozen=True, kw_only=True)
 class _Order:
-    """The joints of a chain that move in time, those before others first, and what stands on them."""
+    """Order in which the joints of a chain are placed, and the base of each segment."""
 
     moving: IntArray
     """(nm,) their entries in configurations."""
@@ -72,6 +72,7 @@ class _Order:
 
 @lru_cache(maxsize=64)
 def _order_of(chain: Chain) -> _Order:
+    """Sort the joints of a chain by their depth in the linkage."""
     turns = np.array([chain.elements[name].rotates for name in chain.joints])
     axis = np.array([chain.elements[name].axis for name in chain.joints])
     free = np.concatenate(
@@ -104,9 +105,10 @@ def _order_of(chain: Chain) -> _Order:
 
 
 @lru_cache(maxsize=64)
-def _offsets(body: LinkageModel) -> tuple[Array, Array, Array]:
-    """Place moving joints (nm, 4, 3), axes and origins of others (., 2, 3), and segments (ns, 4, 3)
-    on their bases.
+def _compute_offsets(body: LinkageModel) -> tuple[Array, Array, Array]:
+    """Compute placements relative to the bases.
+
+    Returns moving joints (nm, 4, 3), axes and origins of the others (., 2, 3), segments (ns, 4, 3).
     """
     order = _order_of(body.chain)
     joints, segments = body.rest
@@ -125,10 +127,8 @@ def _offsets(body: LinkageModel) -> tuple[Array, Array, Array]:
     )
 
 
-def _placed(local: Array, on: Array, out: Array | None = None) -> Array:
-    """Put rows of axes, the last one an origin (n, r, 3), on placements (n, 4, 3, nf): (n, r, 3,
-    nf).
-    """
+def _place_on_bases(local: Array, on: Array, out: Array | None = None) -> Array:
+    """Place rows of axes and an origin (n, r, 3) on bases (n, 4, 3, nf): (n, r, 3, nf)."""
     count, rows, width = *local.shape[:2], on.shape[3]
     flat = None if out is None else out.reshape(count, rows, 3 * width)
     placed = np.matmul(local, on[:, :3].reshape(count, 3, 3 * width), out=flat).reshape(
@@ -142,13 +142,13 @@ def _place_moving(body: LinkageModel, values: Array) -> Array:
     """Place the moving joints, the ground first, at their values (nm, nf): (nm + 1, 4, 3, nf), rows
     as in `_Order`.
     """
-    local, _, _ = _offsets(body)
+    local, _, _ = _compute_offsets(body)
     cos, sin = np.cos(values), np.sin(values)
     sines = np.stack([sin, -sin], axis=1)
     frames = np.empty((len(values) + 1, 4, 3, values.shape[1]))
     frames[0] = np.eye(4, 3)[:, :, None]
     for level, turning, on in _order_of(body.chain).levels:
-        placed = _placed(local[level], frames[on], frames[1:][level])
+        placed = _place_on_bases(local[level], frames[on], frames[1:][level])
         if turning:
             across = placed[:, 1:3]
             turned = across * cos[level, None, None]
@@ -192,19 +192,20 @@ class Kinematics:
         self.segments = np.empty((len(chain.segments), 4, 3, nf))
         self.columns = np.empty((len(chain.at_variables), 6, nf) if columns else (0, 6, nf))
         order = _order_of(chain)
-        _, of_still, of_segments = _offsets(body)
+        _, of_still, of_segments = _compute_offsets(body)
         for part in stretches(nf, BLOCK):
-            values = body.configurations(q[part])
+            values = body.fill_configurations(q[part])
             if secondary is not None:
                 for name, joints in chain.at_secondary.items():
-                    if name in secondary.amounts:  # not of a knee that no marker shows
+                    # not of a knee that no marker shows
+                    if name in secondary.amounts:
                         values[:, joints] = secondary.amounts[name][:, part].T
             frames = _place_moving(body, np.ascontiguousarray(values[:, order.moving].T))
-            self.segments[..., part] = _placed(of_segments, frames[order.segment_base])
+            self.segments[..., part] = _place_on_bases(of_segments, frames[order.segment_base])
             if columns:
-                still = _placed(of_still, frames[order.base[order.still]])
+                still = _place_on_bases(of_still, frames[order.base[order.still]])
                 lines = np.concatenate([frames[1:, ::3], still])[order.variables]
-                self.columns[..., part] = _columns(lines[:, 0], lines[:, 1], order.slides)
+                self.columns[..., part] = _compute_columns(lines[:, 0], lines[:, 1], order.slides)
         if columns and secondary is not None:
             for k, name in enumerate(chain.variables):
                 if name in linkage.SECONDARY_VARIABLES:
@@ -232,22 +233,20 @@ class Kinematics:
         return np.ascontiguousarray(self.segments.transpose(3, 0, 1, 2))
 
     def axis(self, name: str) -> Array:
-        """Find the axis (nf, 3) about which a variable turns what comes after it."""
+        """Get the axis (nf, 3) about which a variable rotates what is distal to it."""
         return self.columns_by_frame[:, self.chain.variables.index(name), 3:]
 
     def frame(self, segment: str) -> Array:
-        """Find the axes (nf, 3, 3) of a segment, one a row."""
+        """Get the axes (nf, 3, 3) of a segment in the laboratory, one a row."""
         return self.segments_by_frame[:, self.chain.segments.index(segment), :3]
 
     def moves(self, segment: str) -> BoolArray:
-        """Tell which of the n variables move a segment."""
+        """Get which of the n variables move a segment: (n,) bool."""
         return np.asarray(self.chain.support[:, self.chain.segments.index(segment)] > 0)
 
 
-def _columns(axes: Array, points: Array, slides: BoolArray) -> Array:
-    """(n, 6, nf) Jacobian columns of joints about or along axes (n, 3, nf) through points (n, 3,
-    nf).
-    """
+def _compute_columns(axes: Array, points: Array, slides: BoolArray) -> Array:
+    """Compute Jacobian columns (n, 6, nf) of joints with axes and points (n, 3, nf)."""
     out = np.empty((len(axes), 6, axes.shape[2]))
     out[:, 3:] = axes
     for i in range(3):
@@ -258,28 +257,46 @@ def _columns(axes: Array, points: Array, slides: BoolArray) -> Array:
     return out
 
 
-def coordinate_axes(body: LinkageModel, q: Array) -> tuple[Array, Array]:
-    """Place the axes of the coordinates, at coordinates (nf, nq).
+def compute_coordinate_axes(body: LinkageModel, q: Array) -> tuple[Array, Array]:
+    """Compute the axes of the coordinates.
+
+    Parameters
+    ----------
+    body : LinkageModel
+        The linkage with its parameters.
+    q : (nf, nq) array
+        Coordinates, m and rad.
 
     Returns
     -------
-    (nf, nq, 3) unit axes that positive values move along or about, and (nf, nq, 3) m the origins of
-    the joints' frames on them; laboratory.
+    tuple of (nf, nq, 3) array
+        Unit axes that positive values move along or about, and the origins (m) of the joints'
+        frames on them; laboratory.
     """
     order = _order_of(body.chain)
-    frames = _place_moving(body, body.configurations(q)[:, order.moving].T)
+    frames = _place_moving(body, body.fill_configurations(q)[:, order.moving].T)
     lines = frames[1 + order.variables[: q.shape[1]], ::3].transpose(3, 1, 0, 2)
     return lines[:, 0], lines[:, 1]
 
 
-def body_poses(parameters: Parameters, q: Array) -> tuple[dict[str, Array], dict[str, Array]]:
-    """Place the segments of the whole body at coordinates (nf, nq).
+def compute_body_poses(
+    parameters: Parameters, q: Array
+) -> tuple[dict[str, Array], dict[str, Array]]:
+    """Compute the poses of all segments of the whole body.
+
+    Parameters
+    ----------
+    parameters : Parameters
+        Parameters of the linkage.
+    q : (nf, nq) array
+        Coordinates, m and rad.
 
     Returns
     -------
-    Segment -> axes (3, 3, nf), one a row, and segment -> origin (3, nf) m, laboratory.
+    tuple of dict
+        Segment -> axes (3, 3, nf), one a row, and segment -> origin (3, nf), m; laboratory.
     """
-    chain = chain_of()
+    chain = get_chain()
     found = Kinematics(chain.body(parameters), q, columns=False)
     return (
         dict(zip(chain.segments, found.axes, strict=True)),

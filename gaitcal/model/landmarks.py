@@ -1,21 +1,19 @@
-"""The static posture: where markers and landmarks are while the person stands still, and whether
-that can be a person.
+"""Measure the static posture: mean markers and landmarks, and their plausibility.
 
-Everything a wrong file can spoil is caught here, so that the geometry after it need not doubt its
-input: landmarks missing or never seen, sides or medial and lateral exchanged, lengths that belong
-to no body of that height.
+Errors of a file are found here, before the geometry uses it: missing or never visible landmarks,
+swapped sides or medial and lateral markers, lengths that no body of that height has.
 
-A knee alignment device (KAD) sits on the knee in place of the lateral marker. Its three markers are
-the ends of three rods of one length L at right angles to each other, which meet where the marker
-would be; the rod of the first lies along the flexion axis. So the three are L sqrt(2) apart, and
-with their mean c, the unit normal n of their plane and their mean distance d
+A knee alignment device (KAD) replaces the lateral knee marker. Its three markers are the ends of
+three orthogonal rods of one length L that meet at the position of that marker. The rod of the first
+marker is parallel to the flexion axis. The markers are L sqrt(2) apart, and with their mean c, the
+unit normal n of their plane and their mean distance d
 
     corner = c + n d / sqrt(6),      n towards the other knee.
 
-The rods stand at 55 deg to n: it points inwards along the line between the two ASIS as far as the
-knee's axis does. The way to the middle of the pelvis would not do, as it is mostly vertical.
-(Vicon, Plug-in Gait reference guide; in static trials of two hospitals the corner lies within 0.1
-mm of the knee marker that Vicon's own program computed.)
+The rods are inclined by 55 deg to n. So n points inwards along the line between both ASIS as far as
+the knee axis does. The line to the middle of the pelvis is mostly vertical and cannot be used.
+(Vicon, Plug-in Gait reference guide. In static trials of two hospitals the corner is within 0.1 mm
+of the knee marker that Vicon's program computed.)
 """
 
 from collections.abc import Collection, Iterable, Mapping
@@ -27,7 +25,7 @@ from gaitcal.arrays import Array
 from gaitcal.errors import Code, InputError, nearest
 from gaitcal.io.recording import Recording, seen_means
 from gaitcal.model.linkage import SIDES
-from gaitcal.model.marker_set import PARTNER, REQUIRED, MarkerSet, instead_of
+from gaitcal.model.marker_set import PARTNER, REQUIRED, MarkerSet, describe_substitute
 
 PLAUSIBLE = {
     "distance between the ASIS": (0.08, 0.25),
@@ -43,37 +41,58 @@ of five people.
 
 @dataclass(frozen=True)
 class StaticPosture:
-    """Mean positions in the still window, in the laboratory."""
+    """Mean positions in the still window of the static trial, laboratory."""
 
     source: str
-    markers: Mapping[str, Array]  # label -> (3,) m, for every marker of the set that was seen
-    landmarks: Mapping[
-        str, Array
-    ]  # landmark -> (3,) m, for every landmark whose markers were all seen
-    absent: Mapping[str, tuple[str, ...]]  # landmark of the set -> its markers that were not seen
-    notes: tuple[str, ...] = ()  # landmarks that no marker shows, and how they were guessed
+    # label -> (3,) m, for every visible marker of the set
+    markers: Mapping[str, Array]
+    # landmark -> (3,) m, for every landmark whose markers were all visible
+    landmarks: Mapping[str, Array]
+    # landmark of the set -> its markers that were not visible
+    absent: Mapping[str, tuple[str, ...]]
+    # landmarks that no marker shows, and how they were guessed
+    notes: tuple[str, ...] = ()
     hips: Mapping[str, Array] = field(default_factory=dict)
     """Side -> (3,) m: hip centres that the file itself has, measured or computed by another
     program.
     """
-    hip_labels: Mapping[str, str] = field(default_factory=dict)  # side -> what they are called
+    # side -> what they are called
+    hip_labels: Mapping[str, str] = field(default_factory=dict)
 
     def has(self, *names: str) -> bool:
-        """Whether all these landmarks are there."""
+        """Return whether all these landmarks are available."""
         return all(name in self.landmarks for name in names)
 
-    def why_not(self, name: str) -> str:
-        """Why a landmark is not there, to be put in brackets."""
+    def describe_absence(self, name: str) -> str:
+        """Describe why a landmark is missing, for use in brackets."""
         if name in self.absent:
             return f"marker {', '.join(self.absent[name])} was not seen"
         return f"the marker set names no {name}"
 
 
-def static_posture(recording: Recording, marker_set: MarkerSet, window: slice) -> StaticPosture:
-    """Mean positions over the frames `window` of a static trial whose labels are those of the set.
+def measure_static_posture(
+    recording: Recording, marker_set: MarkerSet, window: slice
+) -> StaticPosture:
+    """Measure mean positions of markers and landmarks in a window of a static trial.
 
-    Raises InputError: A required landmark is missing; the message names its marker and what would
-    do instead.
+    Parameters
+    ----------
+    recording : Recording
+        The static trial, with the labels of the marker set; m, y up.
+    marker_set : MarkerSet
+        Meaning of the markers, with no alternatives left open.
+    window : slice
+        Frames in which the person stands still.
+
+    Returns
+    -------
+    StaticPosture
+        Mean positions (m) in the laboratory, and notes about guessed landmarks.
+
+    Raises
+    ------
+    InputError
+        A required landmark is missing. The message names its marker and what may replace it.
     """
     column = {label: i for i, label in enumerate(recording.labels)}
     markers = seen_means(
@@ -87,7 +106,7 @@ def static_posture(recording: Recording, marker_set: MarkerSet, window: slice) -
         else:
             landmarks[name] = np.mean([markers[label] for label in labels], axis=0)
     notes: list[str] = []
-    one = one_psis(marker_set, markers)
+    one = find_single_psis(marker_set, markers)
     if one and "sacrum" in absent and {"asis_r", "asis_l"} <= set(landmarks):
         # the middle of one posterior spine and its mirror image, in the plane midway between the
         # ASIS and across them
@@ -95,17 +114,17 @@ def static_posture(recording: Recording, marker_set: MarkerSet, window: slice) -
         across = across / np.linalg.norm(across)
         aside = (markers[one[0]] - 0.5 * (landmarks["asis_r"] + landmarks["asis_l"])) @ across
         landmarks["sacrum"] = markers[one[0]] - aside * across
-        notes.append(sacrum_words(one[0]))
+        notes.append(describe_guessed_sacrum(one[0]))
     for name in REQUIRED:
         guessed = name not in marker_set.landmarks and PARTNER.get(name) in landmarks
         if name not in landmarks and not guessed:
             raise InputError(
-                _missing(name, absent.get(name, ()), recording, marker_set),
+                _describe_missing_landmark(name, absent.get(name, ()), recording, marker_set),
                 source=recording.source,
                 field=f"marker set '{marker_set.name}', landmark {name}",
                 code=Code.LANDMARKS,
             )
-    guesses = {name: _end_of_foot(name, landmarks) for name in PARTNER if name not in landmarks}
+    guesses = {name: _guess_foot_end(name, landmarks) for name in PARTNER if name not in landmarks}
     for name, at in guesses.items():
         length = 1e3 * float(np.linalg.norm(at - landmarks[PARTNER[name]]))
         line = "the malleoli" if f"ankle_med_{name[-1]}" in landmarks else "the pelvis"
@@ -115,21 +134,34 @@ def static_posture(recording: Recording, marker_set: MarkerSet, window: slice) -
             f"line of {line}: the foot's own direction, and with it the zero of its ankle's "
             "angles, is a guess"
         )
-    hips, hip_labels = _hips(recording, landmarks, window)
+    hips, hip_labels = _locate_hips(recording, landmarks, window)
     return StaticPosture(
         recording.source, markers, landmarks | guesses, absent, tuple(notes), hips, hip_labels
     )
 
 
-def one_psis(marker_set: MarkerSet, seen: Collection[str]) -> tuple[str, ...]:
-    """The marker of the sacrum's pair that alone is seen; none where both, neither, or no pair are."""
+def find_single_psis(marker_set: MarkerSet, visible: Collection[str]) -> tuple[str, ...]:
+    """Find the visible marker of the sacrum's pair if the other one is not visible.
+
+    Parameters
+    ----------
+    marker_set : MarkerSet
+        Its landmark `sacrum` may be the mean of two markers.
+    visible : collection of str
+        Labels of visible markers.
+
+    Returns
+    -------
+    tuple of str
+        One label; empty if both, neither, or no pair is visible.
+    """
     pair = marker_set.landmarks.get("sacrum", ())
-    there = tuple(label for label in pair if label in seen)
+    there = tuple(label for label in pair if label in visible)
     return there if len(pair) == 2 and len(there) == 1 else ()
 
 
-def sacrum_words(label: str) -> str:
-    """How the sacrum is guessed from one posterior spine."""
+def describe_guessed_sacrum(label: str) -> str:
+    """Describe how the sacrum is guessed from one posterior spine."""
     return (
         f"sacrum: only '{label}' of its two markers is seen; assumed midway between it and its "
         "mirror image in the "
@@ -137,11 +169,11 @@ def sacrum_words(label: str) -> str:
     )
 
 
-def _end_of_foot(name: str, p: Mapping[str, Array]) -> Array:
-    """(3,) m, heel or toe of a foot whose other end alone is marked: level with that and straight
-    ahead of the ankle.
+def _guess_foot_end(name: str, p: Mapping[str, Array]) -> Array:
+    """Guess heel or toe (3,) m of a foot with one marked end.
 
-    Ahead is the horizontal direction across the line of the malleoli, or else of the pelvis.
+    It is level with the marked end and straight ahead of the ankle: horizontal, at right angles to
+    the malleolar line or else to the line of the ASIS.
     """
     side = name[-1]
     outwards = 1.0 if side == "r" else -1.0
@@ -154,19 +186,17 @@ def _end_of_foot(name: str, p: Mapping[str, Array]) -> Array:
     return p[PARTNER[name]] + (step if name.startswith("toe") else -step)
 
 
-def _hips(
+def _locate_hips(
     recording: Recording, landmarks: Mapping[str, Array], window: slice
 ) -> tuple[dict[str, Array], dict[str, str]]:
-    """Side -> hip centre (3,) m and what it is called: a landmark of the set, else a point with a
-    usual label.
-    """
+    """Locate hip centres of the file: side -> (3,) m, and side -> label."""
     tracks = {label: recording.markers[:, i] for i, label in enumerate(recording.labels)}
     if recording.computed is not None:
         tracks = {
             n: recording.computed.points[:, i] for i, n in enumerate(recording.computed.labels)
         } | tracks
     places, names = {}, {}
-    labels = labelled_hips(tracks)
+    labels = find_hip_labels(tracks)
     for side, mean in seen_means(
         {side: tracks[label][window] for side, label in labels.items()}
     ).items():
@@ -178,8 +208,8 @@ def _hips(
     return places, names
 
 
-def labelled_hips(labels: Iterable[str]) -> dict[str, str]:
-    """Side -> the label that names its hip centre, of those that laboratories and OpenSim give it."""
+def find_hip_labels(labels: Iterable[str]) -> dict[str, str]:
+    """Find labels of hip centres among those that laboratories and OpenSim use: side -> label."""
     out: dict[str, str] = {}
     for label in labels:
         plain = "".join(c for c in label if c.isalnum()).lower()
@@ -189,15 +219,13 @@ def labelled_hips(labels: Iterable[str]) -> dict[str, str]:
     return out
 
 
-def _missing(
+def _describe_missing_landmark(
     name: str, labels: tuple[str, ...], recording: Recording, marker_set: MarkerSet
 ) -> str:
-    """Why a required landmark is missing, whose markers `labels` were not seen, and what would do
-    instead.
-    """
+    """Describe why a required landmark is missing, and what may replace it."""
     if not labels:
-        return f"the marker set does not name it; it needs {instead_of(name)}"
-    label, instead = labels[0], instead_of(name)
+        return f"the marker set does not name it; it needs {describe_substitute(name)}"
+    label, instead = labels[0], describe_substitute(name)
     if label in recording.labels:
         return f"marker '{label}' was not seen while the subject stood still; it needs {instead}"
     taken = {m for group in marker_set.landmarks.values() for m in group}
@@ -209,12 +237,24 @@ def _missing(
 
 
 def check_plausible(posture: StaticPosture, height: float) -> None:
-    """InputError where the landmarks cannot be those of a person of this height (m) standing
-    upright.
+    """Check that the landmarks can be those of a person who stands upright.
+
+    Parameters
+    ----------
+    posture : StaticPosture
+        Landmarks of the static trial.
+    height : float
+        Body height, m.
+
+    Raises
+    ------
+    InputError
+        A length is implausible for this height, or sides, medial and lateral, or front and back are
+        swapped.
     """
 
-    def fault(found: str, of: str) -> InputError:
-        return InputError(found, source=posture.source, field=of, code=Code.LANDMARKS)
+    def fault(found: str, field: str) -> InputError:
+        return InputError(found, source=posture.source, field=field, code=Code.LANDMARKS)
 
     def check_length(what: str, side: str, one: str, other: str) -> None:
         found = float(np.linalg.norm(p[one] - p[other]))
@@ -237,8 +277,8 @@ def check_plausible(posture: StaticPosture, height: float) -> None:
     right = asis / np.linalg.norm(asis)
     if right @ (p["knee_lat_r"] - p["knee_lat_l"]) < 0:
         raise fault(
-            "the right knee lies to the left of the left one, seen along the pelvis: are the sides "
-            "exchanged?",
+            "the right knee is to the left of the left one, relative to the pelvis: are the sides "
+            "swapped?",
             "landmarks asis_r, asis_l, knee_lat_r, knee_lat_l",
         )
     for s, side in zip((1.0, -1.0), SIDES, strict=True):
@@ -248,45 +288,53 @@ def check_plausible(posture: StaticPosture, height: float) -> None:
             medial = p.get(f"{joint}_med_{side}")
             if medial is not None and s * right @ (p[f"{joint}_lat_{side}"] - medial) < 0:
                 raise fault(
-                    f"the lateral marker lies on the medial side of {joint}_med_{side}: are the "
-                    "two exchanged?",
+                    f"the lateral marker is on the medial side of {joint}_med_{side}: are the two swapped?",
                     f"landmark {joint}_lat_{side}",
                 )
     middle = 0.5 * (p["asis_r"] + p["asis_l"])
     up = np.cross(asis, middle - p["sacrum"])
     if up @ (middle - 0.5 * (p["ankle_lat_r"] + p["ankle_lat_l"])) < 0:
         raise fault(
-            "the pelvis is upside down: are right and left, or front and back, exchanged?",
+            "the pelvis is upside down: are right and left, or front and back, swapped?",
             "landmarks asis_r, asis_l, sacrum",
         )
 
 
-EQUAL = 0.15
-"""Share by which the distances between the three markers may differ from their mean: real devices
-are within 0.01, a triangle of other markers is not equilateral."""
-SIZE_M = (0.05, 0.25)  # m, allowed distance between the three; the usual device has 0.134
+EQUAL_SIDES = 0.15
+"""Share by which the distances between the three markers may differ from their mean. Real devices
+are within 0.01; a triangle of other markers is not equilateral."""
+# m, allowed distance between the three; the usual device has 0.134
+DEVICE_SIZE_M = (0.05, 0.25)
 
 
-def corner(
+def locate_device_corner(
     axis: Array,
     second: Array,
     third: Array,
     inwards: Array | None = None,
     modelled: Array | None = None,
 ) -> Array | None:
-    """(nf, 3) m, where the rods meet: markers (nf, 3) m, that on the axis first; None where nothing
-    tells its side.
+    """Locate the corner where the rods of a knee alignment device meet.
 
-    Which side of the three is the same in all frames: the device is rigid.
+    Parameters
+    ----------
+    axis, second, third : (nf, 3) array
+        Markers of the device, m; `axis` is on the rod along the flexion axis.
+    inwards : (nf, 3) array or None
+        Direction towards the other knee, of any length; None if unknown.
+    modelled : (nf, 3) array or None
+        Corner as computed by another program, m; it decides the side of the plane.
 
-    `inwards`: (nf, 3) some length, towards the other knee; None: not known.
-    `modelled`: (nf, 3) m, where another program has the corner, which is believed about the side.
+    Returns
+    -------
+    (nf, 3) array or None
+        Corner, m; None if its side of the plane is unknown. The side is the same in all frames.
     """
     normal = np.cross(second - axis, third - axis)
     length = np.linalg.norm(normal, axis=1, keepdims=True)
     normal = normal / np.where(length > 0, length, np.nan)
     mean = (axis + second + third) / 3.0
-    distance = _distances(axis, second, third).mean(axis=1, keepdims=True)
+    distance = _measure_distances(axis, second, third).mean(axis=1, keepdims=True)
     for towards in (None if modelled is None else modelled - mean, inwards):
         if towards is not None:
             along = np.sum(normal * towards, axis=1)
@@ -296,16 +344,28 @@ def corner(
 
 
 def is_device(axis: Array, second: Array, third: Array) -> bool:
-    """Whether three markers (nf, 3) m, NaN where not seen, are as far from each other as those of a
-    device.
+    """Return whether three markers have the distances of a knee alignment device.
+
+    Parameters
+    ----------
+    axis, second, third : (nf, 3) array
+        Markers, m; NaN if not visible.
+
+    Returns
+    -------
+    bool
+        Whether the median distances are equal and of the size of a device.
     """
-    distances = _distances(axis, second, third)
+    distances = _measure_distances(axis, second, third)
     distances = distances[np.isfinite(distances).all(axis=1)]
     typical = np.median(distances, axis=0) if len(distances) else np.full(3, np.nan)
     mean = float(typical.mean())
-    return bool(SIZE_M[0] <= mean <= SIZE_M[1] and np.abs(typical - mean).max() <= EQUAL * mean)
+    return bool(
+        DEVICE_SIZE_M[0] <= mean <= DEVICE_SIZE_M[1]
+        and np.abs(typical - mean).max() <= EQUAL_SIDES * mean
+    )
 
 
-def _distances(a: Array, b: Array, c: Array) -> Array:
-    """(nf, 3) m, between each two of three markers (nf, 3)."""
+def _measure_distances(a: Array, b: Array, c: Array) -> Array:
+    """Measure the distances (nf, 3) m between each two of three markers (nf, 3)."""
     return np.stack([np.linalg.norm(x - y, axis=1) for x, y in ((a, b), (a, c), (b, c))], axis=1)

@@ -10,10 +10,10 @@ left; A = Rx(front) Ry(trans), B = Ry(trans) Rz(sag); Tr a translation, R a righ
     subtalar    Tr(0, sup, 0) Ry(trans) R(s x)(inversion) Rx(zero) [Tr(foot) B_foot]^-1
     back        as hip; shoulder  Tr(trunk) A_trunk Rz(flexion) R(s x)(adduction) [Tr(arm) B_arm]^-1; elbow as knee
 
-The tables `_LEG`, `_BACK` and `_ARM` say this once for all, `_SEGMENTS` what the segments are:
-order of segments and coordinates, zero angles and the catalogue of joint parameters
-(`parameters.py`) are read from them. A joint parameter enters in exactly one element of one joint,
-a coordinate in exactly one. What coordinates and joints are called stands in `coordinates.py`.
+The tables `_LEG`, `_BACK` and `_ARM` define the joints and `_SEGMENTS` the segments. Order of
+segments and coordinates, zero angles and the catalogue of joint parameters (`parameters.py`) are
+read from them. A joint parameter enters in exactly one element of one joint, and so does a
+coordinate. Names of coordinates and joints are in `coordinates.py`.
 """
 
 from collections.abc import Iterable, Iterator
@@ -28,16 +28,16 @@ OTHER_SIDE = {"r": "l", "l": "r"}
 
 @dataclass(frozen=True, kw_only=True)
 class Segment:
-    """What a segment is; both sides alike."""
+    """A kind of segment; both sides are alike."""
 
     name: str  # without the side: `upper_arm`
     short: str = ""  # as joint parameters name it, where that is another name: `upperarm`
-    words: str = ""  # as people say, where that is not the name: `head and trunk`
+    title: str = ""  # name for people if it differs: `head and trunk`
     paired: bool = True  # there is one of each side
-    markers: bool = True  # markers can sit on it, and so soft tissue between them and the bone
-    needed: bool = (
-        False  # a segment of a leg without whose markers there are no joint torques of that leg
-    )
+    # markers can sit on it, and so soft tissue between them and the bone
+    markers: bool = True
+    # a segment of a leg without whose markers there are no joint torques of that leg
+    needed: bool = False
     parts: tuple[str, ...] = ()
     """Rows of `models/de_leva_1996.json` in it, from which it has its inertia; none: it is
     massless.
@@ -66,23 +66,22 @@ _SEGMENTS = (
     Segment(name="foot", needed=True, parts=("Foot",), forward=True, palpated=(1.0, 2.5, 2.5),
         free_centre=("com.ant",)),
     # head_trunk: the lumbar joint and the acromia, 450 mm above and 350 mm apart
-    Segment(name="head_trunk", short="trunk", words="head and trunk", paired=False,
+    Segment(name="head_trunk", short="trunk", title="head and trunk", paired=False,
         parts=("MiddleTrunk", "UpperTrunk", "Head2"), palpated=(2.0, 1.5, 2.0), free_centre=("com.sup",)),
     # upper_arm: 280 mm; elbows 80 mm wide
-    Segment(name="upper_arm", short="upperarm", words="upper arm", parts=("UpperArm",), palpated=(2.0, 6.0, 2.0),
+    Segment(name="upper_arm", short="upperarm", title="upper arm", parts=("UpperArm",), palpated=(2.0, 6.0, 2.0),
         free_centre=("com.sup",)),
-    Segment(name="forearm_hand", short="forearm", words="forearm and hand", parts=("Forearm", "Hand"),
+    Segment(name="forearm_hand", short="forearm", title="forearm and hand", parts=("Forearm", "Hand"),
         palpated=(2.0, 6.0, 2.0), free_centre=("com.sup",)),
 )
 # fmt: on
-SEGMENT_TABLE: dict[str, Segment] = {
-    row.name: row for row in _SEGMENTS
-}  # name without its side -> what it is
+# name without its side -> row
+SEGMENT_TABLE: dict[str, Segment] = {row.name: row for row in _SEGMENTS}
 _OF_SHORT = {row.short or row.name: row for row in _SEGMENTS}
 
 
 class Source(Enum):
-    """Where the amount of an elementary motion comes from."""
+    """Quantity that gives the amount of an elementary motion."""
 
     COORDINATE = "coordinate"
     JOINT_PARAMETER = "joint parameter"
@@ -94,7 +93,8 @@ class Element:
     """One elementary motion: a translation along, or a rotation about, one axis by sign * value."""
 
     rotates: bool
-    axis: int  # 0, 1, 2: x, y, z of the frame that the elements before have moved
+    # 0, 1, 2: x, y, z of the frame that the elements before have moved
+    axis: int
     sign: float
     source: Source
     name: str  # of the coordinate, joint parameter or zero angle
@@ -159,13 +159,13 @@ _ARM: tuple[_Row, ...] = (
 _TRANSLATIONS, _ROTATIONS = ("ant", "sup", "lat"), ("front", "trans", "sag")
 
 
-def of_side(segment: str, side: str) -> str:
-    """`thigh` -> `thigh_r`; a segment of the middle as it is."""
+def add_side(segment: str, side: str) -> str:
+    """Add the side to a segment: `thigh` -> `thigh_r`; a segment without sides stays."""
     return f"{segment}_{side}" if SEGMENT_TABLE[segment].paired else segment
 
 
-def _joint(row: _Row, side: str) -> Joint:
-    """The joint of a row of the tables on one side (`r`, `l`), or in the middle (``)."""
+def _make_joint(row: _Row, side: str) -> Joint:
+    """Make the joint of a table row on one side (`r`, `l`), or in the middle (``)."""
     kind, parent, child, in_parent, motions, in_child = row
 
     def sided(name: str) -> str:
@@ -195,14 +195,14 @@ def _joint(row: _Row, side: str) -> Joint:
 
     before, after = parameters(parent, in_parent, 1.0), parameters(child, in_child, -1.0)
     elements = (*before, *map(motion, motions.split(", ")), *after)
-    above, below = (of_side(_OF_SHORT[short].name, side) for short in (parent, child))
+    above, below = (add_side(_OF_SHORT[short].name, side) for short in (parent, child))
     return Joint(sided(kind), above, below, elements)
 
 
 JOINTS: tuple[Joint, ...] = (
-    *(_joint(row, side) for side in SIDES for row in _LEG),
-    *(_joint(row, "") for row in _BACK),
-    *(_joint(row, side) for side in SIDES for row in _ARM),
+    *(_make_joint(row, side) for side in SIDES for row in _LEG),
+    *(_make_joint(row, "") for row in _BACK),
+    *(_make_joint(row, side) for side in SIDES for row in _ARM),
 )
 """All joints, each after the joint of its parent."""
 
@@ -211,12 +211,12 @@ JOINT_OF_CHILD: dict[str, Joint] = {joint.child: joint for joint in JOINTS}
 SEGMENTS: tuple[str, ...] = ("pelvis", *JOINT_OF_CHILD)  # all segments, each after its parent
 
 
-def segment_kind(segment: str) -> Segment:
-    """The row of a segment: `thigh_r` -> that of `thigh`."""
+def get_segment(segment: str) -> Segment:
+    """Get the table row of a segment: `thigh_r` -> that of `thigh`."""
     return SEGMENT_TABLE[segment if segment in SEGMENT_TABLE else segment[:-2]]
 
 
-MARKED_SEGMENTS: tuple[str, ...] = tuple(s for s in SEGMENTS if segment_kind(s).markers)
+MARKED_SEGMENTS: tuple[str, ...] = tuple(s for s in SEGMENTS if get_segment(s).markers)
 """Those on which markers can sit."""
 LOWER_BODY: tuple[str, ...] = SEGMENTS[: SEGMENTS.index("head_trunk")]  # pelvis and legs
 LEGS: dict[str, tuple[str, ...]] = {
@@ -230,10 +230,10 @@ NEEDED_JOINTS: tuple[str, ...] = LEG_JOINTS[
     : 1 + max(k for k, row in enumerate(_LEG) if _OF_SHORT[row[2]].needed)
 ]
 """Those on the way to a segment that needs markers."""
-HANGS_ON: dict[str, str] = {
+FOLLOWED_SEGMENT: dict[str, str] = {
     j.child: j.parent for j in JOINTS if j.name[:-2] in LEG_JOINTS[len(NEEDED_JOINTS) :]
 }
-"""Segment of a leg beyond those -> the one with which it goes where it has no markers."""
+"""Segment of a leg distal to those -> the segment that it follows if it has no markers."""
 LEG_SEGMENTS: tuple[str, ...] = tuple(
     f"{row.name}_{side}" for side in SIDES for row in _SEGMENTS if row.needed
 )
@@ -249,9 +249,18 @@ the shank.
 ROOT_SUFFIXES = ("tx", "ty", "tz", "tilt", "list", "rotation")
 
 
-def root_elements(root: str) -> tuple[Element, ...]:
-    """Six coordinates of a root segment in the laboratory: Tr(tx, ty, tz) Rz(tilt) Rx(list)
-    Ry(rotation).
+def make_root_elements(root: str) -> tuple[Element, ...]:
+    """Make the six coordinates of a base segment that is free in the laboratory.
+
+    Parameters
+    ----------
+    root : str
+        The base segment.
+
+    Returns
+    -------
+    tuple of Element
+        In the order Tr(tx, ty, tz) Rz(tilt) Rx(list) Ry(rotation).
     """
     motions = ((False, 0), (False, 1), (False, 2), (True, 2), (True, 0), (True, 1))
     return tuple(
@@ -262,32 +271,67 @@ def root_elements(root: str) -> tuple[Element, ...]:
     )
 
 
-def joints_above(segment: str) -> tuple[Joint, ...]:
-    """The joints on the way from the pelvis to a segment."""
+def list_joints_above(segment: str) -> tuple[Joint, ...]:
+    """List the joints between the pelvis and a segment.
+
+    Parameters
+    ----------
+    segment : str
+        Name with its side.
+
+    Returns
+    -------
+    tuple of Joint
+        Proximal first; empty for the pelvis.
+    """
     joint = JOINT_OF_CHILD.get(segment)
-    return () if joint is None else (*joints_above(joint.parent), joint)
+    return () if joint is None else (*list_joints_above(joint.parent), joint)
 
 
-def coordinates_before(segments: Iterable[str]) -> tuple[str, ...]:
-    """Coordinates of the joints whose children are these segments."""
+def list_joint_coordinates(segments: Iterable[str]) -> tuple[str, ...]:
+    """List the coordinates of the joints whose children are these segments.
+
+    Parameters
+    ----------
+    segments : iterable of str
+        Segments other than the pelvis.
+
+    Returns
+    -------
+    tuple of str
+        Names in the order of the segments.
+    """
     elements = [e for segment in segments for e in JOINT_OF_CHILD[segment].elements]
     return tuple(e.name for e in elements if e.source is Source.COORDINATE)
 
 
-def coordinates_of(root: str, segments: tuple[str, ...]) -> tuple[str, ...]:
-    """Coordinates of the part of the linkage made of `segments` with `root` free in the laboratory."""
+def list_coordinates(root: str, segments: tuple[str, ...]) -> tuple[str, ...]:
+    """List the coordinates of a part of the linkage.
+
+    Parameters
+    ----------
+    root : str
+        Base segment, free in the laboratory.
+    segments : tuple of str
+        Segments of the part.
+
+    Returns
+    -------
+    tuple of str
+        The six coordinates of the base, then those of the joints in the part.
+    """
     moved = [joint.child for joint in JOINTS if joint.child in segments and joint.child != root]
-    return (*(e.name for e in root_elements(root)), *coordinates_before(moved))
+    return (*(e.name for e in make_root_elements(root)), *list_joint_coordinates(moved))
 
 
-COORDINATES: tuple[str, ...] = coordinates_of("pelvis", SEGMENTS)
+COORDINATES: tuple[str, ...] = list_coordinates("pelvis", SEGMENTS)
 """The coordinates in the order of every (nf, nq) array; m for the three translations, rad
 otherwise.
 """
 
 PELVIS_ANGLES: tuple[str, ...] = COORDINATES[3:6]
 """Tilt, list and rotation of the pelvis: about z, x and y, each moved by those before it."""
-LUMBAR: tuple[str, ...] = coordinates_before(["head_trunk"])
+LUMBAR: tuple[str, ...] = list_joint_coordinates(["head_trunk"])
 """Extension, bending and rotation of the lumbar joint, likewise."""
 
 COORDINATE_INDEX: dict[str, int] = {name: i for i, name in enumerate(COORDINATES)}
@@ -297,7 +341,7 @@ FILE_COORDINATES: tuple[str, ...] = (*COORDINATES[3:6], *COORDINATES[:3], *COORD
 
 
 def is_translation(coordinate: str) -> bool:
-    """Whether a coordinate is a length (m) rather than an angle (rad)."""
+    """Return whether a coordinate is a length (m) rather than an angle (rad)."""
     return coordinate.endswith(("_tx", "_ty", "_tz"))
 
 
@@ -307,9 +351,20 @@ axis (shank side).
 """
 
 
-def joint_elements(joint: Joint, *, reactions: bool = False) -> tuple[Element, ...]:
-    """The elements of a joint; with `reactions`, a knee also has its locked reaction joint after
-    the flexion.
+def list_joint_elements(joint: Joint, *, reactions: bool = False) -> tuple[Element, ...]:
+    """List the elementary motions of a joint, from parent to child.
+
+    Parameters
+    ----------
+    joint : Joint
+        A joint of the linkage.
+    reactions : bool
+        Whether a knee has its locked reaction joint after the flexion.
+
+    Returns
+    -------
+    tuple of Element
+        In the order in which they move.
     """
     if not reactions or not joint.name.startswith("knee"):
         return joint.elements
@@ -362,9 +417,18 @@ ISOLATED_JOINTS: tuple[str, ...] = ("hip_r", "knee_r", "ankle_r", "hip_l", "knee
 """What an isolated trial may move; the ankle is the talocrural and the subtalar joint together."""
 
 
-def moved_joints(isolated: str) -> tuple[Joint, ...]:
-    """The joints that an isolated trial of `hip_r`, `knee_r`, `ankle_r` (or `_l`) moves, proximal
-    first.
+def list_moved_joints(isolated: str) -> tuple[Joint, ...]:
+    """List the joints that a functional trial moves.
+
+    Parameters
+    ----------
+    isolated : str
+        `hip_r`, `knee_r`, `ankle_r` (or `_l`).
+
+    Returns
+    -------
+    tuple of Joint
+        Proximal first.
     """
     name, side = isolated.split("_")
     names = [
@@ -373,14 +437,23 @@ def moved_joints(isolated: str) -> tuple[Joint, ...]:
     return tuple(joint for joint in JOINTS if joint.name in names)
 
 
-def carrier_of(isolated: str | None) -> str:
-    """The segment that carries the body in an isolated trial that does not show the pelvis; empty
-    for gait.
+def find_base_segment(isolated: str | None) -> str:
+    """Find the base segment of a functional trial without the pelvis; empty for gait."""
+    return list_joint_segments(isolated)[0] if isolated else ""
+
+
+def list_joint_segments(isolated: str) -> tuple[str, ...]:
+    """List the segments that the joints of a functional trial connect.
+
+    Parameters
+    ----------
+    isolated : str
+        `hip_r`, `knee_r`, `ankle_r` (or `_l`).
+
+    Returns
+    -------
+    tuple of str
+        Proximal first.
     """
-    return joint_segments(isolated)[0] if isolated else ""
-
-
-def joint_segments(isolated: str) -> tuple[str, ...]:
-    """The segments that these joints connect, proximal first."""
-    joints = moved_joints(isolated)
+    joints = list_moved_joints(isolated)
     return (joints[0].parent, *(joint.child for joint in joints))

@@ -1,10 +1,9 @@
-"""Marker sets as data: what each marker of a laboratory's protocol is for, a landmark, a segment, a
-weight.
+"""Marker sets: landmarks, segment and weight of each marker of a laboratory's protocol.
 
-A set is a TOML file, one of the built-in ones in `models/markersets/` or a user's own:
+A set is a TOML file, one of the built-in ones in `models/markersets/` or a user's:
 
     description = "..."
-    extends = "..."  a built-in set, whose entries hold where the file says nothing of that name
+    extends = "..."  a built-in set, whose entries are used if the file does not have them
     [landmarks]      name -> marker, or the list of markers whose mean it is, or the first of several of these that a
                      person wears: { first_of = [["RPSI", "LPSI"], "SACR"] }
     [tracking]       segment -> markers fixed in it
@@ -13,11 +12,10 @@ A set is a TOML file, one of the built-in ones in `models/markersets/` or a user
     [knee_device]    lateral knee marker -> the three markers of the device that stands in for it in the static trial
     [weights]        marker -> { weight, reason } where the weight is not 1
     [aliases]        marker -> other spellings of its label in files
-    [noise]          how points err that are no markers on skin (`subject_model.PointNoise`)
+    [noise]          errors of points that are no markers on skin (`subject_model.PointNoise`)
 
 `{S}` in a name stands for R and L, `{s}` for r and l, so that one line serves both sides.
-`marker_set_text` writes a set as such a file again, so that a result can keep the one it was made
-with.
+`format_marker_set` writes a set as such a file again, so that a result can keep its marker set.
 """
 
 from collections.abc import Iterable, Mapping
@@ -39,7 +37,7 @@ from gaitcal.io.toml import (
     toml_table,
     toml_value,
 )
-from gaitcal.model.linkage import LEG_SEGMENTS, MARKED_SEGMENTS, SIDES, of_side
+from gaitcal.model.linkage import LEG_SEGMENTS, MARKED_SEGMENTS, SIDES, add_side
 from gaitcal.model.subject_model import PointNoise
 
 _LANDMARKS_OF = (
@@ -56,16 +54,16 @@ _SIDED = [(segment, name) for segment, names in _LANDMARKS_OF for name in names.
 SEGMENT_OF: dict[str, str] = {
     "sacrum": "pelvis",
     **dict.fromkeys(("c7", "t10", "jugular_notch", "xiphoid"), "head_trunk"),
-    **{f"{name}_{side}": of_side(segment, side) for side in SIDES for segment, name in _SIDED},
+    **{f"{name}_{side}": add_side(segment, side) for side in SIDES for segment, name in _SIDED},
 }
 """Landmark -> the segment that it lies in."""
 LANDMARKS: tuple[str, ...] = tuple(SEGMENT_OF)
 """All names a set may give a landmark. `elbow_lat` alone is enough for an elbow; `wrist` is its
 centre; `knee_axis` is a point on the knee's flexion axis outwards of the lateral epicondyle, as a
 knee alignment device shows it; `hjc` the centre of a hip, for `hip_centre = "given"`. Those of the
-trunk's midline tell where it faces where acromia are missing, `c7` and `jugular_notch` also where
+trunk's midline define its direction if acromia are missing, `c7` and `jugular_notch` also where
 the shoulders are; `t10` may be any spinous process from T6 to T12."""
-_INSTEAD = {
+_SUBSTITUTES = {
     "asis": "a marker on the anterior superior iliac spine",
     "sacrum": "a marker midway between the posterior superior iliac spines, or the list of the two "
     "on them",
@@ -75,7 +73,7 @@ _INSTEAD = {
     "toe": "a marker on the tip of the foot or over the head of the second metatarsal",
 }
 REQUIRED: tuple[str, ...] = tuple(
-    name for name in LANDMARKS if name == "sacrum" or name[:-2] in _INSTEAD
+    name for name in LANDMARKS if name == "sacrum" or name[:-2] in _SUBSTITUTES
 )
 """Landmarks without which there is no model; all others have a default or freeze their segment."""
 PARTNER: dict[str, str] = {
@@ -84,11 +82,12 @@ PARTNER: dict[str, str] = {
     for one, other in (("heel", "toe"), ("toe", "heel"))
 }
 """Landmark of a foot -> the one from which it is guessed where no marker shows it."""
-PELVIS_NEEDS = 3  # markers of the pelvis, from which the pose of the body starts
+# markers of the pelvis, from which the pose of the body starts
+PELVIS_NEEDS = 3
 DEVICE_MARKERS = 3  # of a knee alignment device
 NO_REASON = "weight of the study"  # stands as the reason of weights that a study gave without one
 _GIRDLE = "the moving shoulder girdle, which the model lacks, carries the arm"
-_OF_FURTHER = {
+_FURTHER_WEIGHTS = {
     "head": (0.05, "the back's three turns about one point are only a rough model of the spine"),
     "upper_arm": (0.02, _GIRDLE),
     "forearm_hand": (0.02, _GIRDLE),
@@ -96,31 +95,31 @@ _OF_FURTHER = {
 """Segment without its last word -> weight of further markers on it, and why it is not 1; as in the
 built-in sets.
 """
-_FOLLOWING = ("tracking", "static_only", "optional")  # tables segment -> markers
+_FOLLOWER_TABLES = ("tracking", "static_only", "optional")  # tables segment -> markers
 
 
-def missing_landmarks(given: Iterable[str]) -> tuple[str, ...]:
-    """Required landmarks that are not among those given; of a foot, heel or toe is enough."""
+def find_missing_landmarks(given: Iterable[str]) -> tuple[str, ...]:
+    """Find required landmarks that are not given; of a foot, heel or toe is enough."""
     there = set(given)
     return tuple(name for name in REQUIRED if name not in there and PARTNER.get(name) not in there)
 
 
-def instead_of(landmark: str) -> str:
-    """What serves as a required landmark, for an error message."""
-    return _INSTEAD.get(landmark) or _INSTEAD[landmark[:-2]]
+def describe_substitute(landmark: str) -> str:
+    """Describe what may serve as a required landmark, for an error message."""
+    return _SUBSTITUTES.get(landmark) or _SUBSTITUTES[landmark[:-2]]
 
 
 @dataclass(frozen=True, kw_only=True, repr=False)
 class MarkerSet(Displayed):
-    """What the markers of a laboratory's protocol mean.
+    """Meaning of the markers of a laboratory's protocol.
 
-    A set may leave open what a person wears: landmarks with alternatives, markers that some wear
-    and others do not, a device at the knee. `model/present_markers.py` makes of it the set of one
-    static trial, in which nothing is open.
+    A set may have alternatives: landmarks with several options, markers that only some people wear,
+    a device at the knee. `model/present_markers.py` makes the set of one static trial from it,
+    without alternatives.
     """
 
     name: str
-    """Of a built-in set, or the file of one's own without its ending."""
+    """Name of a built-in set, or of a user's file without its ending."""
     description: str
     """One line."""
     landmarks: Mapping[str, tuple[str, ...]]
@@ -131,7 +130,7 @@ class MarkerSet(Displayed):
     static_only: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
     """Segment -> further markers that are normally worn in the static trial only."""
     optional: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
-    """Segment -> further markers that some wear; tracked where there are, and missed by nobody."""
+    """Segment -> further markers that some people wear; tracked if present, never missing."""
     alternatives: Mapping[str, tuple[tuple[str, ...], ...]] = field(default_factory=dict)
     """Landmark -> what serves instead of `landmarks`, in order of preference."""
     knee_device: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
@@ -186,26 +185,38 @@ class MarkerSet(Displayed):
         return {label: segment for segment, labels in self.following for label in labels}
 
     def options(self, landmark: str) -> tuple[tuple[str, ...], ...]:
-        """All that serves as a landmark, in order of preference; each is the markers whose mean it
-        is.
-        """
+        """List the options of a landmark by preference; each is the markers whose mean it is."""
         return (self.landmarks[landmark], *self.alternatives.get(landmark, ()))
 
     def weight(self, label: str) -> float:
-        """Weight of a marker."""
+        """Return the weight of a marker; 1 if the set gives none."""
         return self.weights.get(label, 1.0)
 
     def with_weights(self, weights: Mapping[str, float]) -> "MarkerSet":
-        """The same set with other weights for some markers."""
+        """Return the same set with other weights for some markers."""
         return replace(self, weights={**self.weights, **weights}) if weights else self
 
     def with_further(
         self, markers: Mapping[str, Iterable[str]], source: Path = Path()
     ) -> "MarkerSet":
-        """The same set with further markers, segment -> labels, that are tracked where a trial has
-        them.
+        """Return the same set with further markers, tracked in the trials that have them.
 
-        InputError for a segment that markers cannot be on, and for a label that the set knows.
+        Parameters
+        ----------
+        markers : mapping of str to iterable of str
+            Segment -> labels.
+        source : Path
+            File to name in an error message.
+
+        Returns
+        -------
+        MarkerSet
+            Further markers on head and arms have small weights, with their reasons.
+
+        Raises
+        ------
+        InputError
+            Markers cannot be on a segment, or the set already has a label.
         """
         require_known(
             markers,
@@ -232,7 +243,11 @@ class MarkerSet(Displayed):
             for segment, labels in further.items()
             for label in labels
         }
-        weak = {label: _OF_FURTHER[kind] for label, kind in kinds.items() if kind in _OF_FURTHER}
+        weak = {
+            label: _FURTHER_WEIGHTS[kind]
+            for label, kind in kinds.items()
+            if kind in _FURTHER_WEIGHTS
+        }
         return replace(
             self,
             optional={
@@ -243,19 +258,28 @@ class MarkerSet(Displayed):
             reasons={**self.reasons, **{label: why for label, (_, why) in weak.items()}},
         )
 
-    def renamed(self, recording: Recording) -> Recording:
-        """The recording with the set's own spelling of every label; a note tells what was changed."""
-        spelt = self._spelt(recording.labels)
+    def rename_labels(self, recording: Recording) -> Recording:
+        """Rename the labels of a recording to the set's spelling.
+
+        Parameters
+        ----------
+        recording : Recording
+            Its labels may be aliases, or differ in case.
+
+        Returns
+        -------
+        Recording
+            The same object if nothing changes; else with a note that lists the changes.
+        """
+        spelt = self._spell_labels(recording.labels)
         if spelt == recording.labels:
             return recording
         pairs = zip(recording.labels, spelt, strict=True)
         changes = ", ".join(f"{old} -> {new}" for old, new in pairs if old != new)
         return replace(recording, labels=spelt).with_notes(f"markers renamed: {changes}")
 
-    def _spelt(self, labels: Iterable[str]) -> tuple[str, ...]:
-        """Labels as the set spells them: by its aliases, and where only the case differs and one
-        label is meant.
-        """
+    def _spell_labels(self, labels: Iterable[str]) -> tuple[str, ...]:
+        """Spell labels as the set does: by its aliases, or where only the case differs."""
         given, of_all = tuple(labels), self.labels
         in_file, known = set(given), set(of_all)
         new_names: dict[str, str] = {}
@@ -268,40 +292,52 @@ class MarkerSet(Displayed):
             if there and label not in in_file:
                 new_names[there[0]] = label
         taken = in_file | set(new_names.values())
-        strangers = _by_letters(
+        strangers = _group_by_casefold(
             label for label in given if label not in known and label not in new_names
         )
-        in_set = _by_letters(of_all)
+        in_set = _group_by_casefold(of_all)
         for label in of_all:
             same_in_file = strangers.get(label.casefold(), [])
             if label not in taken and len(same_in_file) == len(in_set[label.casefold()]) == 1:
                 new_names[same_in_file[0]] = label
         return tuple(new_names.get(label, label) for label in given)
 
-    def coverage(self, labels: Iterable[str], computed: Iterable[str] = ()) -> "Coverage":
-        """What a file with these marker labels gives of the set; points that another program
-        `computed` serve as landmarks only. A device at the knee counts as the lateral knee marker
-        that it stands in for.
+    def measure_coverage(self, labels: Iterable[str], computed: Iterable[str] = ()) -> "Coverage":
+        """Measure how much of the set a file with these labels has.
+
+        Parameters
+        ----------
+        labels : iterable of str
+            Marker labels of the file. A complete knee device counts as the lateral knee marker.
+        computed : iterable of str
+            Points that another program computed; they count as landmarks only.
+
+        Returns
+        -------
+        Coverage
+            Landmarks, followed segments, and a score.
         """
-        given = self._spelt(labels)
-        known, seen, segment_of = set(self.labels), set(given), self.segment_of
-        virtual = {label for label, parts in self.knee_device.items() if seen.issuperset(parts)}
+        given = self._spell_labels(labels)
+        known, present, segment_of = set(self.labels), set(given), self.segment_of
+        virtual = {label for label, parts in self.knee_device.items() if present.issuperset(parts)}
         virtual |= set(computed) & {
             m for name in self.landmarks for group in self.options(name) for m in group
         }
-        options = {
-            name: [o for o in self.options(name) if (seen | virtual).issuperset(o)]
-            for name in self.landmarks
-        }
-        landmarks = {name: there[0] for name, there in options.items() if there}
+        # of each landmark, the preferred option whose markers are all there
+        landmarks: dict[str, tuple[str, ...]] = {}
+        for name in self.landmarks:
+            for option in self.options(name):
+                if (present | virtual).issuperset(option):
+                    landmarks[name] = option
+                    break
         tracked: dict[str, tuple[str, ...]] = {}
-        for label in (*given, *sorted(virtual - seen)):
+        for label in (*given, *sorted(virtual - present)):
             if label in segment_of:
                 tracked[segment_of[label]] = (*tracked.get(segment_of[label], ()), label)
         bare = [segment for segment in LEG_SEGMENTS if segment not in tracked]
         if len(tracked.get("pelvis", ())) < PELVIS_NEEDS:
             bare.insert(0, "pelvis")
-        missing = missing_landmarks(landmarks)
+        missing = find_missing_landmarks(landmarks)
         share = sum(label in known for label in given) / len(given) if given else 0.0
         return Coverage(
             required_missing=missing,
@@ -315,20 +351,16 @@ class MarkerSet(Displayed):
 
 @dataclass(frozen=True, kw_only=True)
 class Coverage:
-    """What the labels of a file give of a marker set."""
+    """Part of a marker set that the labels of a file have."""
 
-    required_missing: tuple[
-        str, ...
-    ]  # landmarks without which there is no model, and that no marker of the file gives
-    landmarks: Mapping[
-        str, tuple[str, ...]
-    ]  # that the file gives -> the markers whose mean each is, by preference
-    tracked: Mapping[
-        str, tuple[str, ...]
-    ]  # segment -> markers of the file that follow it, of segments that have some
-    bare: tuple[
-        str, ...
-    ]  # segments of pelvis and legs that nothing follows (pelvis: fewer than three markers)
+    # landmarks without which there is no model, and that no marker of the file gives
+    required_missing: tuple[str, ...]
+    # that the file gives -> the markers whose mean each is, by preference
+    landmarks: Mapping[str, tuple[str, ...]]
+    # segment -> markers of the file that follow it, of segments that have some
+    tracked: Mapping[str, tuple[str, ...]]
+    # segments of pelvis and legs that nothing follows (pelvis: fewer than three markers)
+    bare: tuple[str, ...]
     unknown: tuple[str, ...]  # markers of the file that the set does not know
     score: float
     """Share of the file's labels that the set knows, 0 to 1, and 1 more where the set is complete
@@ -341,8 +373,8 @@ class Coverage:
         return not self.required_missing and not self.bare
 
 
-def _by_letters(labels: Iterable[str]) -> dict[str, list[str]]:
-    """Labels by what they are without regard to case."""
+def _group_by_casefold(labels: Iterable[str]) -> dict[str, list[str]]:
+    """Group labels that are equal without regard to case."""
     out: dict[str, list[str]] = {}
     for label in labels:
         out.setdefault(label.casefold(), []).append(label)
@@ -362,7 +394,7 @@ class _FirstOf(Table):
     )
 
 
-def _as_options(value: object) -> object:
+def _convert_to_options(value: object) -> object:
     if not isinstance(value, dict | list | str):
         raise ValueError(
             f"found {shown(value)}; allowed: a list, [a, b], a marker, or {{ first_of = [...] }}"
@@ -380,7 +412,7 @@ class _Weight(Table):
 class _File(Table):
     description: str = Field(description="one line that tells the set")
     extends: str | None = Field(default=None, description="the name of a built-in marker set")
-    landmarks: dict[str, Annotated[_FirstOf, BeforeValidator(_as_options)]] = Field(
+    landmarks: dict[str, Annotated[_FirstOf, BeforeValidator(_convert_to_options)]] = Field(
         default={}, description="a table, landmark = marker or list of markers"
     )
     tracking: dict[str, _Labels] = Field(
@@ -406,22 +438,32 @@ class _File(Table):
     )
 
 
-def built_in_sets() -> tuple[str, ...]:
-    """Names of the marker sets that come with the package."""
+def list_built_in_sets() -> tuple[str, ...]:
+    """List the names of the marker sets in the package."""
     return tuple(sorted(path.stem for path in (models_path() / "markersets").glob("*.toml")))
 
 
 def load_marker_set(name_or_path: str | Path) -> MarkerSet:
-    """A built-in marker set by its name, or a user's own by the path of its TOML file.
+    """Load a built-in marker set by its name, or a user's set by the path of its TOML file.
+
+    Parameters
+    ----------
+    name_or_path : str or Path
+        Name of a built-in set, or path of a TOML file.
+
+    Returns
+    -------
+    MarkerSet
+        With both sides written out.
 
     Raises
     ------
     InputError
         Names the file, the entry, what was found and what is allowed.
     """
-    text, known = str(name_or_path), built_in_sets()
+    text, known = str(name_or_path), list_built_in_sets()
     if text in known:
-        return _read(models_path() / "markersets" / f"{text}.toml", text)
+        return _read_marker_set(models_path() / "markersets" / f"{text}.toml", text)
     if (
         not isinstance(name_or_path, Path)
         and not text.lower().endswith(".toml")
@@ -432,75 +474,39 @@ def load_marker_set(name_or_path: str | Path) -> MarkerSet:
             f"file{nearest(text, known)}"
         )
         raise InputError(message, field="marker set", code=Code.MARKER_SET)
-    return _read(Path(text), Path(text).stem)
+    return _read_marker_set(Path(text), Path(text).stem)
 
 
-def _read(path: Path, name: str) -> MarkerSet:
-    def fault(text: str, where: str) -> InputError:
-        return InputError(text, source=path, field=where, code=Code.MARKER_SET)
+def _fault(path: Path, text: str, where: str) -> InputError:
+    """Make the error of a marker set file."""
+    return InputError(text, source=path, field=where, code=Code.MARKER_SET)
 
+
+def _read_marker_set(path: Path, name: str) -> MarkerSet:
+    """Read and check the file of a marker set."""
     file = read_validated(_File, path)
-    base = MarkerSet(name="", description="", landmarks={}, tracking={})
-    if file.extends is None:  # it must say all by itself
-        for where in ("landmarks", "tracking"):
-            if not getattr(file, where):
-                raise fault("missing: a table", where)
-    else:
-        require_known(
-            [file.extends],
-            built_in_sets(),
-            "built-in marker set",
-            source=path,
-            field="extends",
-            listed=True,
-        )
-        if path == models_path() / "markersets" / f"{file.extends}.toml":
-            raise fault("found the set itself; allowed: another built-in set", "extends")
-        base = load_marker_set(file.extends)
-
-    def both_sides(where: str, table: Mapping[str, list[str]]) -> dict[str, tuple[str, ...]]:
-        """The table with both sides written out: a sided name takes the labels of its side, any
-        other those of both.
-        """
-        out: dict[str, tuple[str, ...]] = {}
-        for pattern, labels in table.items():
-            names = _sides(pattern)
-            for i, name in enumerate(names):
-                if name in out:
-                    raise fault(f"'{name}' is given twice", where)
-                # a label without a side stands once in `_sides`, and serves either side
-                each = [
-                    _sides(label) if len(names) == 1 else (_sides(label) * 2)[i : i + 1]
-                    for label in labels
-                ]
-                out[name] = tuple(dict.fromkeys(label for both in each for label in both))
-        return out
-
-    options: dict[
-        str, list[tuple[str, ...]]
-    ] = {}  # landmark -> what serves as it, in order of preference
-    for pattern, entry in file.landmarks.items():
-        if twice := [name for name in _sides(pattern) if name in options]:
-            raise fault(f"'{twice[0]}' is given twice", "landmarks")
-        for labels in entry.first_of:
-            for landmark, group in both_sides("landmarks", {pattern: labels}).items():
-                options.setdefault(landmark, []).append(group)
-    preferred = {name: given[0] for name, given in options.items()}
-    others = {name: tuple(given[1:]) for name, given in options.items() if len(given) > 1}
+    base = _load_base(file, path)
+    options = _expand_options(file, path)
+    preferred = {landmark: given[0] for landmark, given in options.items()}
+    others = {landmark: tuple(given[1:]) for landmark, given in options.items() if len(given) > 1}
     groups = {
-        where: both_sides(where, getattr(file, where))
-        for where in (*_FOLLOWING, "knee_device", "aliases")
+        where: _expand_table(getattr(file, where), path, where)
+        for where in (*_FOLLOWER_TABLES, "knee_device", "aliases")
     }
     require_known(preferred, LANDMARKS, "landmark", source=path, field="landmarks", listed=True)
-    for where in _FOLLOWING:
+    for where in _FOLLOWER_TABLES:
         require_known(
             groups[where], MARKED_SEGMENTS, "segment", source=path, field=where, listed=True
         )
     for label, parts in groups["knee_device"].items():
         if len(parts) != DEVICE_MARKERS:
             allowed = "allowed: three, the one on the flexion axis first"
-            raise fault(f"found {len(parts)} markers for '{label}'; {allowed}", "knee_device")
-    weighed = {label: entry for pattern, entry in file.weights.items() for label in _sides(pattern)}
+            raise _fault(
+                path, f"found {len(parts)} markers for '{label}'; {allowed}", "knee_device"
+            )
+    weights: dict[str, _Weight] = {}
+    for pattern, entry in file.weights.items():
+        weights |= dict.fromkeys(_expand_sides(pattern), entry)
     made = MarkerSet(
         name=name,
         description=file.description,
@@ -510,24 +516,14 @@ def _read(path: Path, name: str) -> MarkerSet:
         static_only={**base.static_only, **groups["static_only"]},
         optional={**base.optional, **groups["optional"]},
         knee_device={**base.knee_device, **groups["knee_device"]},
-        weights={label: entry.weight for label, entry in weighed.items()},
-        reasons={label: entry.reason for label, entry in weighed.items()},
+        weights={label: entry.weight for label, entry in weights.items()},
+        reasons={label: entry.reason for label, entry in weights.items()},
         aliases=groups["aliases"],
         noise=file.noise or base.noise,
     )
-    for landmark in missing_landmarks(made.landmarks):
-        raise fault(f"'{landmark}' is missing: give {instead_of(landmark)}", "landmarks")
-    segment_of: dict[str, str] = {}
-    for label, segment in (
-        (label, segment) for segment, followers in made.following for label in followers
-    ):
-        if label in segment_of:
-            on = f"{segment_of[label]} and on {segment}; a marker is fixed in one segment"
-            raise fault(f"marker '{label}' is on {on}", "tracking")
-        segment_of[label] = segment
-    require_known(made.weights, made.tracked, "tracked marker", source=path, field="weights")
-    require_known(made.aliases, made.labels, "marker", source=path, field="aliases")
+    _check_markers(made, path)
     known, tracked = set(made.labels), set(made.tracked)
+    # entries of the base set are kept for the markers that this set still has
     return replace(
         made,
         weights={label: w for label, w in base.weights.items() if label in tracked}
@@ -539,16 +535,99 @@ def _read(path: Path, name: str) -> MarkerSet:
     )
 
 
-def _sides(pattern: str) -> tuple[str, ...]:
-    """A name with `{S}` or `{s}` as those of the right and the left side; any other as itself."""
+def _load_base(file: _File, path: Path) -> MarkerSet:
+    """Load the set that a file extends; empty if it extends none."""
+    if file.extends is None:
+        # without a base the file must have the required tables
+        for where in ("landmarks", "tracking"):
+            if not getattr(file, where):
+                raise _fault(path, "missing: a table", where)
+        return MarkerSet(name="", description="", landmarks={}, tracking={})
+    require_known(
+        [file.extends],
+        list_built_in_sets(),
+        "built-in marker set",
+        source=path,
+        field="extends",
+        listed=True,
+    )
+    if path == models_path() / "markersets" / f"{file.extends}.toml":
+        raise _fault(path, "found the set itself; allowed: another built-in set", "extends")
+    return load_marker_set(file.extends)
+
+
+def _expand_table(
+    table: Mapping[str, list[str]], path: Path, where: str
+) -> dict[str, tuple[str, ...]]:
+    """Expand a table to both sides.
+
+    A sided name has the labels of its side, any other name those of both sides.
+    """
+    out: dict[str, tuple[str, ...]] = {}
+    for pattern, labels in table.items():
+        names = _expand_sides(pattern)
+        for i, name in enumerate(names):
+            if name in out:
+                raise _fault(path, f"'{name}' is given twice", where)
+            expanded: list[str] = []
+            for label in labels:
+                sides = _expand_sides(label)
+                if len(names) == 1:
+                    expanded += sides
+                else:
+                    # a label without sides serves both
+                    expanded.append(sides[i] if len(sides) > 1 else sides[0])
+            out[name] = tuple(dict.fromkeys(expanded))
+    return out
+
+
+def _expand_options(file: _File, path: Path) -> dict[str, list[tuple[str, ...]]]:
+    """Expand the landmarks to both sides: landmark -> its options, in order of preference."""
+    options: dict[str, list[tuple[str, ...]]] = {}
+    for pattern, entry in file.landmarks.items():
+        if twice := [name for name in _expand_sides(pattern) if name in options]:
+            raise _fault(path, f"'{twice[0]}' is given twice", "landmarks")
+        for labels in entry.first_of:
+            for landmark, group in _expand_table({pattern: labels}, path, "landmarks").items():
+                options.setdefault(landmark, []).append(group)
+    return options
+
+
+def _check_markers(made: MarkerSet, path: Path) -> None:
+    """Check that no landmark is missing and that each marker is on one segment."""
+    for landmark in find_missing_landmarks(made.landmarks):
+        raise _fault(
+            path, f"'{landmark}' is missing: give {describe_substitute(landmark)}", "landmarks"
+        )
+    segment_of: dict[str, str] = {}
+    for segment, followers in made.following:
+        for label in followers:
+            if label in segment_of:
+                on = f"{segment_of[label]} and on {segment}; a marker is fixed in one segment"
+                raise _fault(path, f"marker '{label}' is on {on}", "tracking")
+            segment_of[label] = segment
+    require_known(made.weights, made.tracked, "tracked marker", source=path, field="weights")
+    require_known(made.aliases, made.labels, "marker", source=path, field="aliases")
+
+
+def _expand_sides(pattern: str) -> tuple[str, ...]:
+    """Expand `{S}` or `{s}` in a name to the right and the left side; any other name stays."""
     both = tuple(pattern.replace("{S}", side.upper()).replace("{s}", side) for side in SIDES)
     return tuple(dict.fromkeys(both))
 
 
-def marker_set_text(marker_set: MarkerSet) -> str:
-    """TOML that `load_marker_set` reads back to the same set, both sides written out.
+def format_marker_set(marker_set: MarkerSet) -> str:
+    """Format a marker set as TOML that `load_marker_set` reads back to the same set.
 
-    Weights of markers that no segment follows are left out: they pull nothing.
+    Parameters
+    ----------
+    marker_set : MarkerSet
+        Weights of markers that follow no segment are left out: they have no effect.
+
+    Returns
+    -------
+    str
+        Text of the file, both sides written out.
     """
 
     def table(name: str, content: Mapping[str, object]) -> str:
@@ -569,7 +648,10 @@ def marker_set_text(marker_set: MarkerSet) -> str:
         toml_table("", {"description": marker_set.description}).lstrip(),
         table(
             "landmarks",
-            {name: of[0] if len(of) == 1 else {"first_of": of} for name, of in options.items()},
+            {
+                name: groups[0] if len(groups) == 1 else {"first_of": groups}
+                for name, groups in options.items()
+            },
         ),
         table("tracking", marker_set.tracking),
         table("static_only", marker_set.static_only),

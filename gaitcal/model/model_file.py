@@ -1,10 +1,8 @@
-"""A person's model as a TOML file: in mm, deg, kg and kg*mm^2 for people, and back to the very same
-numbers.
+"""Read and write a person's model as a TOML file, in mm, deg, kg and kg*mm^2.
 
-A number x in SI units is written as a decimal d in file units for which float(d * factor) == x, the
-product taken in decimal arithmetic of PRECISION digits: with 15 digits where they serve, else with
-as many more as it takes (a double is told apart from its neighbours by 17). Reading keeps the text
-as a decimal, so that nothing is lost on either way.
+A number x in SI units is written as a decimal d in file units with float(d * factor) == x. The
+product has PRECISION decimal digits. d has 15 digits if they are enough, else as many as needed (17
+distinguish neighbouring doubles). Reading keeps the text as a decimal, so no bit is lost.
 """
 
 from decimal import Context, Decimal, InvalidOperation
@@ -29,9 +27,12 @@ from gaitcal.model.subject_model import (
 )
 
 FORMAT = 1
+# decimal digits of products and quotients: far more than a double has
 PRECISION = 60
+# digits of a written number: 17 distinguish doubles, units cost a few
 MOST_DIGITS = 21
-LARGEST = 300  # of decimal exponents: within the range of doubles, whatever the unit
+# Largest decimal exponent: within the range of doubles in every unit
+LARGEST_EXPONENT = 300
 _EXACT = Context(prec=PRECISION, Emin=-(10**6), Emax=10**6)
 _PI = Decimal("3.14159265358979323846264338327950288419716939937510582097494")
 _TO_SI = {
@@ -49,7 +50,7 @@ _TABLES = {
     "zero_angles": (ZERO_ANGLES, ("deg",) * len(ZERO_ANGLES), _ZERO_WORDS),
     "inertial_parameters": (IP_NAMES, IP_UNITS, "kg, mm, kg*mm^2; moments about the mass centre"),
 }
-"""Table of the file -> names and units of its entries, and what the file says of them."""
+"""Table of the file -> names and units of its entries, and its comment."""
 _ARRAYS = {
     "joint_parameters": "joint",
     "zero_angles": "zero_angles",
@@ -67,21 +68,26 @@ _HEADER = """\
 """
 
 
-def _decimal(value: object) -> object:
+def _check_decimal(value: object) -> object:
     if isinstance(value, int) and not isinstance(value, bool):
         value = Decimal(value)
-    if isinstance(value, Decimal) and value.is_finite() and value and value.adjusted() > LARGEST:
+    if (
+        isinstance(value, Decimal)
+        and value.is_finite()
+        and value
+        and value.adjusted() > LARGEST_EXPONENT
+    ):
         raise ValueError(f"found {shown(str(value))}; allowed: a number that a person can have")
     return value
 
 
-def _as_floats(value: object) -> object:
+def _convert_to_floats(value: object) -> object:
     if not isinstance(value, dict):
         return value
     return {name: float(x) if isinstance(x, Decimal) else x for name, x in value.items()}
 
 
-_Number = Annotated[Decimal, BeforeValidator(_decimal)]
+_Number = Annotated[Decimal, BeforeValidator(_check_decimal)]
 _Point = Annotated[list[_Number], Field(min_length=3, max_length=3)]
 
 
@@ -129,11 +135,18 @@ class _File(Table):
     zero_angles: dict[str, _Value]
     marker: list[_Marker]
     landmarks: dict[str, _Landmark]
-    noise: Annotated[PointNoise | None, BeforeValidator(_as_floats)] = None
+    noise: Annotated[PointNoise | None, BeforeValidator(_convert_to_floats)] = None
 
 
 def save_model(model: SubjectModel, path: Path | str) -> None:
-    """Write a model (`model.toml`); `load_model` gives back the same numbers, bit for bit.
+    """Write a model file; `load_model` reads back the same numbers, bit for bit.
+
+    Parameters
+    ----------
+    model : SubjectModel
+        The model.
+    path : Path or str
+        File to write, usually `model.toml`.
 
     Raises
     ------
@@ -141,11 +154,22 @@ def save_model(model: SubjectModel, path: Path | str) -> None:
         The file cannot be written.
     """
     with atomic_file(path) as sibling:
-        sibling.write_text(model_text(model), encoding="utf-8")
+        sibling.write_text(format_model(model), encoding="utf-8")
 
 
-def model_text(model: SubjectModel) -> str:
-    """The text of a model file."""
+def format_model(model: SubjectModel) -> str:
+    """Format a model as the text of a model file.
+
+    Parameters
+    ----------
+    model : SubjectModel
+        The model, SI units.
+
+    Returns
+    -------
+    str
+        TOML in mm, deg, kg and kg*mm^2.
+    """
     s = model.subject
     measured = {name: (getattr(s, field), unit) for field, (name, unit) in _MEASURED.items()}
     lines = [
@@ -157,37 +181,37 @@ def model_text(model: SubjectModel) -> str:
         "]",
         "",
         "[posture_deg] # coordinates of the static posture",
-        *(f"{name} = {_text(angle, 'deg')}" for name, angle in model.posture.items()),
+        *(f"{name} = {_format_number(angle, 'deg')}" for name, angle in model.posture.items()),
         "",
         "[subject]",
         f"name = {toml_value(s.name)}",
-        f"mass_kg = {_text(s.mass, 'kg')}",
-        f"height_m = {_text(s.height, 'm')}",
+        f"mass_kg = {_format_number(s.mass, 'kg')}",
+        f"height_m = {_format_number(s.height, 'm')}",
         f"sex = {toml_value(s.sex)}",
-        *([f"height_error_m = {_text(s.height_error, 'm')}"] if s.height_error else []),
+        *([f"height_error_m = {_format_number(s.height_error, 'm')}"] if s.height_error else []),
         *(
-            f"{name} = {_text(value, unit)}"
+            f"{name} = {_format_number(value, unit)}"
             for name, (value, unit) in measured.items()
             if value is not None
         ),
     ]
     for field in ("knee_width", "ankle_width", "leg_length"):
         inner = ", ".join(
-            f"{side} = {_text(length, 'mm')}" for side, length in getattr(s, field).items()
+            f"{side} = {_format_number(length, 'mm')}" for side, length in getattr(s, field).items()
         )
         lines += [f"{field}_mm = {{ {inner} }}"] if inner else []
     lines += [f"session = {toml_value(s.session)}"] if s.session else []
     lines += [f"record = {toml_value(s.record.known)}"] if s.record.known else []
-    for table, (names, units, words) in _TABLES.items():
-        lines += ["", f"[{table}] # {words}"]
+    for table, (names, units, comment) in _TABLES.items():
+        lines += ["", f"[{table}] # {comment}"]
         width = max(map(len, names)) + 2
         values, nominal = (getattr(p, _ARRAYS[table]) for p in (model.parameters, model.nominal))
         for name, unit, v, n in zip(names, units, values, nominal, strict=True):
-            both = f"value = {_text(float(v), unit)}, nominal = {_text(float(n), unit)}"
+            both = f"value = {_format_number(float(v), unit)}, nominal = {_format_number(float(n), unit)}"
             lines.append(f"{toml_value(name):{width}} = {{ {both} }}")
     lines += ["", "[landmarks]"]
     for name, (segment, position) in model.landmarks.items():
-        place = f"segment = {toml_value(segment)}, position_mm = {_point(position)}"
+        place = f"segment = {toml_value(segment)}, position_mm = {_format_point(position)}"
         lines.append(f"{toml_value(name)} = {{ {place} }}")
     if model.noise is not None:
         lines.append(toml_table("[noise]", model.noise.model_dump()))
@@ -198,19 +222,21 @@ def model_text(model: SubjectModel) -> str:
             "[[marker]]",
             f"label = {toml_value(label)}",
             f"segment = {toml_value(segment)}",
-            f"position_mm = {_point(local)}",
-            f"weight = {_text(float(weight), 'kg')}",
+            f"position_mm = {_format_point(local)}",
+            f"weight = {_format_number(float(weight), 'kg')}",
         ]
     if not m.labels:
         lines.insert(1, "marker = []")
     return "\n".join(lines) + "\n"
 
 
-def _point(position: Array) -> str:
-    return "[" + ", ".join(_text(float(x), "mm") for x in position) + "]"
+def _format_point(position: Array) -> str:
+    """Format a position (3,) m in mm."""
+    return "[" + ", ".join(_format_number(float(x), "mm") for x in position) + "]"
 
 
-def _text(x: float, unit: str) -> str:
+def _format_number(x: float, unit: str) -> str:
+    """Format a number in SI units as the shortest decimal that is read back exactly."""
     if not np.isfinite(x):
         raise ValueError(f"found {x}; a model file holds finite numbers only")
     if x == 0.0:
@@ -218,55 +244,29 @@ def _text(x: float, unit: str) -> str:
     wanted = _EXACT.divide(Decimal(x), _TO_SI[unit])
     for digits in range(15, MOST_DIGITS):
         rounded = Context(prec=digits).plus(wanted)
-        if _si(rounded, unit) == x:
+        if _convert_to_si(rounded, unit) == x:
             break
     plain = -8 <= rounded.adjusted() < 16
     text = format(rounded.normalize(_EXACT), "f" if plain else "e")
     return text if "." in text or "e" in text else f"{text}.0"
 
 
-def _si(value: Decimal, unit: str) -> float:
+def _convert_to_si(value: Decimal, unit: str) -> float:
     return float(_EXACT.multiply(value, _TO_SI[unit]))
 
 
-def load_model(path: Path | str) -> SubjectModel:
-    """Read a model that `save_model` wrote, or that was edited by hand.
+def _fault(source: Path, text: str, field: str | None = None) -> InputError:
+    """Make the error of a model file."""
+    return InputError(text, source=source, field=field, code=Code.DAMAGED_RESULT)
 
-    Raises
-    ------
-    InputError
-        One line: file, entry, what was found, what is allowed.
-    """
-    source = Path(path)
 
-    def fault(text: str, field: str | None = None) -> InputError:
-        return InputError(text, source=source, field=field, code=Code.DAMAGED_RESULT)
-
-    try:
-        file = read_validated(_File, source, parse_float=Decimal)
-    except InvalidOperation:
-        raise fault("a number has more digits than can be read") from None
-    if file.format != FORMAT:
-        raise fault(f"found {file.format}; allowed: {FORMAT}", "format")
-    values: dict[str, Array] = {}
-    nominal: dict[str, Array] = {}
-    for table in ("joint_parameters", "inertial_parameters", "zero_angles"):
-        (names, units, _), found = _TABLES[table], getattr(file, table)
-        require_known(found, names, "parameter", source=source, field=table)
-        missing = [name for name in names if name not in found]
-        if missing:
-            more = f" and {len(missing) - 1} more" if len(missing) > 1 else ""
-            raise fault(f"'{missing[0]}'{more} missing", table)
-        for out, column in ((values, "value"), (nominal, "nominal")):
-            numbers = [
-                _si(getattr(found[name], column), unit)
-                for name, unit in zip(names, units, strict=True)
-            ]
-            out[_ARRAYS[table]] = np.array(numbers)
+def _check_entries(file: _File, source: Path) -> None:
+    """Check sex, record, coordinates, segments and labels of a model file."""
     s = file.subject
     if s.sex not in ("male", "female", ""):
-        raise fault(
-            f"found {shown(s.sex)}; allowed: 'male', 'female', '' where nobody says it",
+        raise _fault(
+            source,
+            f"found {shown(s.sex)}; allowed: 'male', 'female', '' if it is not given",
             "subject.sex",
         )
     require_known(
@@ -281,22 +281,73 @@ def load_model(path: Path | str) -> SubjectModel:
     labels = tuple(m.label for m in file.marker)
     for label in labels:
         if labels.count(label) > 1:
-            raise fault(f"marker '{label}' is there {labels.count(label)} times", "marker")
+            raise _fault(source, f"marker '{label}' is there {labels.count(label)} times", "marker")
+
+
+def load_model(path: Path | str) -> SubjectModel:
+    """Read a model that `save_model` wrote, or that was edited by hand.
+
+    Parameters
+    ----------
+    path : Path or str
+        The model file.
+
+    Returns
+    -------
+    SubjectModel
+        The model, SI units.
+
+    Raises
+    ------
+    InputError
+        One line: file, entry, what was found, what is allowed.
+    """
+    source = Path(path)
+
+    try:
+        file = read_validated(_File, source, parse_float=Decimal)
+    except InvalidOperation:
+        raise _fault(source, "a number has more digits than can be read") from None
+    if file.format != FORMAT:
+        raise _fault(source, f"found {file.format}; allowed: {FORMAT}", "format")
+    values: dict[str, Array] = {}
+    nominal: dict[str, Array] = {}
+    for table in ("joint_parameters", "inertial_parameters", "zero_angles"):
+        names, units, _ = _TABLES[table]
+        found: dict[str, _Value] = getattr(file, table)
+        require_known(found, names, "parameter", source=source, field=table)
+        missing = [name for name in names if name not in found]
+        if missing:
+            more = f" and {len(missing) - 1} more" if len(missing) > 1 else ""
+            raise _fault(source, f"'{missing[0]}'{more} missing", table)
+        in_units = [(found[name], unit) for name, unit in zip(names, units, strict=True)]
+        values[_ARRAYS[table]] = np.array([_convert_to_si(e.value, unit) for e, unit in in_units])
+        nominal[_ARRAYS[table]] = np.array(
+            [_convert_to_si(e.nominal, unit) for e, unit in in_units]
+        )
+    _check_entries(file, source)
+    labels, s = tuple(m.label for m in file.marker), file.subject
     measured = {f: (getattr(s, name), unit) for f, (name, unit) in _MEASURED.items()}
     return SubjectModel(
         subject=Subject(
             s.name,
-            _si(s.mass_kg, "kg"),
-            _si(s.height_m, "m"),
+            _convert_to_si(s.mass_kg, "kg"),
+            _convert_to_si(s.height_m, "m"),
             s.sex,
-            height_error=_si(s.height_error_m, "m"),
-            knee_width={side: _si(width, "mm") for side, width in s.knee_width_mm.items()},
-            ankle_width={side: _si(width, "mm") for side, width in s.ankle_width_mm.items()},
-            leg_length={side: _si(length, "mm") for side, length in s.leg_length_mm.items()},
+            height_error=_convert_to_si(s.height_error_m, "m"),
+            knee_width={
+                side: _convert_to_si(width, "mm") for side, width in s.knee_width_mm.items()
+            },
+            ankle_width={
+                side: _convert_to_si(width, "mm") for side, width in s.ankle_width_mm.items()
+            },
+            leg_length={
+                side: _convert_to_si(length, "mm") for side, length in s.leg_length_mm.items()
+            },
             session=s.session,
             record=PatientRecord(**s.record),
             **{
-                f: None if value is None else _si(value, unit)
+                f: None if value is None else _convert_to_si(value, unit)
                 for f, (value, unit) in measured.items()
             },
         ),
@@ -305,13 +356,13 @@ def load_model(path: Path | str) -> SubjectModel:
         markers=MarkerPlacement(
             labels,
             tuple(m.segment for m in file.marker),
-            np.array([_position(m.position_mm) for m in file.marker]).reshape(-1, 3),
-            np.array([_si(m.weight, "kg") for m in file.marker]),
+            np.array([_convert_position(m.position_mm) for m in file.marker]).reshape(-1, 3),
+            np.array([_convert_to_si(m.weight, "kg") for m in file.marker]),
         ),
         frozen=tuple(file.frozen),
-        posture={name: _si(angle, "deg") for name, angle in file.posture_deg.items()},
+        posture={name: _convert_to_si(angle, "deg") for name, angle in file.posture_deg.items()},
         landmarks={
-            name: (place.segment, np.array(_position(place.position_mm)))
+            name: (place.segment, np.array(_convert_position(place.position_mm)))
             for name, place in file.landmarks.items()
         },
         noise=file.noise,
@@ -319,5 +370,5 @@ def load_model(path: Path | str) -> SubjectModel:
     )
 
 
-def _position(values: list[Decimal]) -> list[float]:
-    return [_si(v, "mm") for v in values]
+def _convert_position(values: list[Decimal]) -> list[float]:
+    return [_convert_to_si(v, "mm") for v in values]

@@ -16,7 +16,7 @@ Rx(beta) B^-1 = R gives
 
 The zero angles are alpha - delta and beta, delta the dorsiflexion of the static posture
 (`ankle_zero.py`): zero ankle angle is the foot at right angles to the shank. The subtalar point of
-the foot closes the chain. So the static foot pose is met exactly, whatever the person's feet are.
+the foot closes the chain. So the linkage reproduces the static foot pose exactly.
 """
 
 import json
@@ -29,18 +29,18 @@ from gaitcal.errors import Code, InputError
 from gaitcal.io.recording import Recording, still_window
 from gaitcal.io.toml import models_path
 from gaitcal.model import anthropometry, coordinates, linkage, rotations, trunk
-from gaitcal.model.ankle_zero import AnkleZero, standing_ankles
-from gaitcal.model.landmarks import StaticPosture, check_plausible, static_posture
+from gaitcal.model.ankle_zero import AnkleZero, measure_standing_ankles
+from gaitcal.model.landmarks import StaticPosture, check_plausible, measure_static_posture
 from gaitcal.model.marker_set import SEGMENT_OF, MarkerSet, load_marker_set
 from gaitcal.model.parameters import (
     JOINT_PARAMETERS,
     JP_INDEX,
     ParameterKind,
     Parameters,
-    published_subject,
+    read_published_parameters,
 )
-from gaitcal.model.present_markers import complete_static, present_markers
-from gaitcal.model.segment_frames import Frame, HipCentre, JointWidths, lower_body, sign
+from gaitcal.model.present_markers import complete_static, resolve_marker_set
+from gaitcal.model.segment_frames import Frame, HipCentre, JointWidths, measure_lower_body, sign
 from gaitcal.model.subject_model import MarkerPlacement, Subject, SubjectModel
 from gaitcal.runtime import with_one_blas_thread
 
@@ -50,9 +50,11 @@ __all__ = ["AnkleZero", "HipCentre", "nominal_model", "published_model"]
 TALOCRURAL_FRONT = np.deg2rad(7.3)  # 90 - 82.7 deg, Inman 1976
 SUBTALAR_TRANS, SUBTALAR_SAG = np.deg2rad(23.0), np.deg2rad(42.0)  # Inman 1976
 SUBTALAR_BELOW = 0.010  # m below the talocrural axis, along the talus's y
-_ROUNDING = 1e-13  # m or rad: below it a coordinate is zero by construction, and is told as zero
-FULL_SUPPORT = 3  # markers that the pelvis needs, which no joint holds
-RAISED = 0.1
+# m or rad: a smaller parameter is zero by construction, and is set to zero
+_ROUNDING = 1e-13
+# markers of the pelvis, the free base segment of the linkage
+PELVIS_MARKERS_NEEDED = 3
+RAISED_ARM_WEIGHT = 0.1
 """Factor of the weights of shoulder and arm markers where the arm is raised sideways in the static
 trial: the acromion is then some 40 mm higher and nearer to the neck than in walking."""
 
@@ -63,7 +65,7 @@ CENTRE_OF: dict[str, str] = {
     if (centre := coordinates.JOINT_TABLE[kind].centre)
 }
 """Joint -> landmark that is its centre."""
-_OF_POINT = SEGMENT_OF | {
+_SEGMENT_OF_POINT = SEGMENT_OF | {
     CENTRE_OF[joint.name]: joint.parent for joint in linkage.JOINTS if joint.name in CENTRE_OF
 }
 """Landmark or joint centre -> the segment that keeps it."""
@@ -80,58 +82,80 @@ def nominal_model(
     weights: Mapping[str, float] | None = None,
     window: slice | None = None,
 ) -> SubjectModel:
-    """The nominal linkage model of a person.
+    """Make the nominal linkage model of a person from the static trial.
 
     Parameters
     ----------
-    static : the static trial; y up, m, any heading.
-    marker_set : what its markers mean.
-    subject : whose mass, height and sex give joint widths and inertia.
-    hip_centre : regression for the hip centres, or those of the file.
-    ankle_zero : what ankle angles are counted from.
-    weights : marker -> weight, instead of the set's own.
-    window : frames to use; the stillest half second if not given.
+    static : Recording
+        The static trial; m, y up, any heading.
+    marker_set : MarkerSet
+        Meaning of its markers.
+    subject : Subject
+        Mass, height and sex, which give joint widths and inertia.
+    hip_centre : HipCentre
+        Regression for the hip centres, or those of the file.
+    ankle_zero : AnkleZero
+        Reference direction of zero ankle angles.
+    weights : mapping of str to float, optional
+        Marker -> weight, instead of the set's.
+    window : slice, optional
+        Frames to use; the stillest half second if not given.
+
+    Returns
+    -------
+    SubjectModel
+        Joint and inertial parameters, marker positions and notes.
 
     Raises
     ------
     InputError
-        No still window; a landmark that is needed is missing; a leg segment has too few markers; no
-        human proportions.
+        No still window; a required landmark is missing; a leg segment has too few markers; the
+        lengths are implausible.
     """
     marker_set = marker_set.with_weights(weights or {})
-    static = complete_static(marker_set.renamed(static), marker_set)
-    marker_set = present_markers(marker_set, static)
+    static = complete_static(marker_set.rename_labels(static), marker_set)
+    marker_set = resolve_marker_set(marker_set, static)
     scatter = ""
     if window is None:
         found = still_window(static, marker_set.labels)
         window, scatter = found.frames, f", markers {1e3 * found.scatter:.1f} mm RMS from it"
     frames_used = range(*window.indices(len(static.time)))
-    posture = static_posture(static, marker_set, window)
+    posture = measure_static_posture(static, marker_set, window)
     check_plausible(posture, subject.height)
-    legs = lower_body(posture, subject.height, hip_centre, widths=JointWidths.of(subject))
-    body = trunk.upper_body(posture, marker_set, legs, subject)
+    legs = measure_lower_body(
+        posture, subject.height, hip_centre, widths=JointWidths.from_subject(subject)
+    )
+    body = trunk.measure_upper_body(posture, marker_set, legs, subject)
     frames, centres = legs.frames | body.frames, legs.centres | body.centres
-    standing = standing_ankles(posture, legs, static.facts.static_plantarflexion, ankle_zero)
-    joint, zero = nominal_joint_parameters(frames, centres, body, standing.dorsiflexion)
-    inertial = anthropometry.inertial_parameters(subject, _lengths(frames["pelvis"], centres))
+    standing = measure_standing_ankles(
+        posture, legs, static.facts.static_plantarflexion, ankle_zero
+    )
+    joint, zero = compute_joint_parameters(frames, centres, body, standing.dorsiflexion)
+    inertial = anthropometry.compute_inertial_parameters(
+        subject, _measure_lengths(frames["pelvis"], centres)
+    )
     parameters = Parameters(joint, inertial, zero)
-    # segments of the legs that may do without markers and of which none was seen
+    # segments of the legs that do not need markers, and without a visible one
     optional = [
         s
         for leg in linkage.LEGS.values()
         for s in leg
-        if linkage.segment_kind(s).markers and s not in linkage.LEG_SEGMENTS
+        if linkage.get_segment(s).markers and s not in linkage.LEG_SEGMENTS
     ]
     bare = [s for s in optional if not set(marker_set.tracking.get(s, ())) & set(posture.markers)]
     frozen = (*body.frozen_segments, *bare)
-    carried = [label for label in _carried(marker_set, body.raised) if label not in (weights or {})]
-    raised = {label: marker_set.weight(label) * RAISED for label in carried}
-    markers, notes = _placement(posture, marker_set.with_weights(raised), frames, frozen)
+    carried = [
+        label
+        for label in _list_arm_markers(marker_set, body.raised)
+        if label not in (weights or {})
+    ]
+    raised = {label: marker_set.weight(label) * RAISED_ARM_WEIGHT for label in carried}
+    markers, notes = _place_markers(posture, marker_set.with_weights(raised), frames, frozen)
     if raised:
         names = ", ".join(raised)
         notes = (
             *notes,
-            f"arms raised in the static trial displace the shoulders: weights times {RAISED:g} on "
+            f"arms raised in the static trial displace the shoulders: weights times {RAISED_ARM_WEIGHT:g} on "
             f"{names}",
         )
     return SubjectModel(
@@ -139,12 +163,12 @@ def nominal_model(
         parameters=parameters,
         nominal=parameters,
         markers=markers,
-        frozen=linkage.coordinates_before(frozen),
-        posture=_posture(frames, standing.dorsiflexion, joint),
+        frozen=linkage.list_joint_coordinates(frozen),
+        posture=_compute_posture(frames, standing.dorsiflexion, joint),
         landmarks={
-            name: (_OF_POINT[name], frames[_OF_POINT[name]].local(point))
+            name: (_SEGMENT_OF_POINT[name], frames[_SEGMENT_OF_POINT[name]].local(point))
             for name, point in sorted({**posture.landmarks, **centres}.items())
-            if name in _OF_POINT and _OF_POINT[name] not in frozen
+            if name in _SEGMENT_OF_POINT and _SEGMENT_OF_POINT[name] not in frozen
         },
         noise=marker_set.noise,
         notes=(
@@ -158,53 +182,66 @@ def nominal_model(
             *body.notes,
             *notes,
             *(
-                [f"points that are no markers on skin: {marker_set.noise.words}"]
+                [f"points that are no markers on skin: {marker_set.noise.description}"]
                 if marker_set.noise
                 else []
             ),
-            f"inertia: {anthropometry.table_words(subject)}",
+            f"inertia: {anthropometry.describe_mass_table(subject)}",
         ),
     )
 
 
-def _posture(
+def _compute_posture(
     frames: Mapping[str, Frame], dorsiflexion: Mapping[str, float], joint: Array
 ) -> dict[str, float]:
-    """Coordinates (rad) of pelvis, lumbar joint, hips, knees and ankles in the static posture."""
+    """Compute the coordinates (rad) of pelvis, lumbar joint and legs in the static posture."""
     pelvis = frames["pelvis"].rotation
-    ahead = rotations.axis_rotation(1, float(np.arctan2(pelvis[2, 0], pelvis[0, 0]))) @ pelvis
+    ahead = rotations.make_axis_rotation(1, float(np.arctan2(pelvis[2, 0], pelvis[0, 0]))) @ pelvis
     turns = {
         linkage.PELVIS_ANGLES: (ahead, 1.0),
         linkage.LUMBAR: (pelvis.T @ frames["head_trunk"].rotation, 1.0),
     }
     for side in linkage.SIDES:
-        turns[linkage.coordinates_before([f"thigh_{side}"])] = (
+        turns[linkage.list_joint_coordinates([f"thigh_{side}"])] = (
             pelvis.T @ frames[f"thigh_{side}"].rotation,
             sign(side),
         )
     out = {f"ankle_angle_{side}": float(dorsiflexion[side]) for side in linkage.SIDES}
     for side in linkage.SIDES:
         shank = frames[f"thigh_{side}"].rotation.T @ frames[f"shank_{side}"].rotation
-        out[f"knee_angle_{side}"] = knee_flexion(shank, joint, side)
+        out[f"knee_angle_{side}"] = compute_knee_flexion(shank, joint, side)
     for names, (rotation, mirrored) in turns.items():
-        (angles,) = rotations.root_angles(rotation[None]) * [1.0, mirrored, mirrored]
+        (angles,) = rotations.compute_root_angles(rotation[None]) * [1.0, mirrored, mirrored]
         out |= dict(zip(names, map(float, angles), strict=True))
     return out
 
 
-def knee_flexion(shank: Array, joint: Array, side: str) -> float:
-    """Compute a knee's flexion (rad) from the shank's orientation (3, 3) in the thigh and joint
-    parameters (98,).
+def compute_knee_flexion(shank: Array, joint: Array, side: str) -> float:
+    """Compute the flexion of a knee from the orientation of its segments.
+
+    Parameters
+    ----------
+    shank : (3, 3) array
+        Orientation of the shank in the thigh.
+    joint : (np,) array
+        Joint parameters, m and rad.
+    side : str
+        `r` or `l`.
+
+    Returns
+    -------
+    float
+        Flexion, rad.
     """
     front, trans = (
         float(joint[JP_INDEX[f"knee_{side}.shank.{name}"]]) for name in ("front", "trans")
     )
-    about = shank @ rotations.axis_rotation(0, front) @ rotations.axis_rotation(1, trans)
+    about = shank @ rotations.make_axis_rotation(0, front) @ rotations.make_axis_rotation(1, trans)
     return float(-np.arctan2(about[1, 0], about[0, 0]))
 
 
-def _carried(marker_set: MarkerSet, sides: tuple[str, ...]) -> list[str]:
-    """Markers of the set on the shoulders and arms of these sides that have weight."""
+def _list_arm_markers(marker_set: MarkerSet, sides: tuple[str, ...]) -> list[str]:
+    """List the markers with weight on shoulders and arms of these sides."""
     labels: list[str] = []
     for side in sides:
         labels += marker_set.landmarks.get(f"acromion_{side}", ())
@@ -216,8 +253,8 @@ def _carried(marker_set: MarkerSet, sides: tuple[str, ...]) -> list[str]:
     return [label for label in labels if marker_set.weight(label) > 0]
 
 
-def _lengths(pelvis: Frame, centres: Mapping[str, Array]) -> anthropometry.BodyLengths:
-    """What inertia depends on, from the joint centres (3,) m in the laboratory."""
+def _measure_lengths(pelvis: Frame, centres: Mapping[str, Array]) -> anthropometry.BodyLengths:
+    """Measure the lengths that inertia depends on, from joint centres (3,) m in the laboratory."""
     legs = {"thigh": ("hjc", "kjc"), "shank": ("kjc", "ajc")}
     ends = legs | {"upper_arm": ("sjc", "ejc"), "forearm_hand": ("ejc", "wjc")}
     limbs = {
@@ -231,13 +268,13 @@ def _lengths(pelvis: Frame, centres: Mapping[str, Array]) -> anthropometry.BodyL
     )
 
 
-def _placement(
+def _place_markers(
     posture: StaticPosture,
     marker_set: MarkerSet,
     frames: Mapping[str, Frame],
     frozen: tuple[str, ...],
 ) -> tuple[MarkerPlacement, tuple[str, ...]]:
-    """Local positions of all markers that were seen, in segments that move."""
+    """Compute local positions of all visible markers in segments that move, with notes."""
     weight = marker_set.weight
     labels, segments, dropped = list[str](), list[str](), list[str]()
     for segment in (s for s in linkage.SEGMENTS if s not in frozen):
@@ -245,13 +282,12 @@ def _placement(
         present = [label for label in tracking if label in posture.markers]
         missing = [label for label in tracking if label not in posture.markers]
         kept = sum(weight(label) > 0 for label in present)
-        needed = (
-            FULL_SUPPORT if segment == "pelvis" else 1
-        )  # whether the joints tell the rest: quality/marker_checks.py
+        # whether the joints tell the rest: quality/marker_checks.py
+        needed = PELVIS_MARKERS_NEEDED if segment == "pelvis" else 1
         if kept < needed and segment in ("pelvis", *linkage.LEG_SEGMENTS):
             lost = ", ".join(f"'{label}'" for label in missing if weight(label) > 0)
             why = (
-                f"{lost} not seen while the subject stood still"
+                f"{lost} not visible while the subject stood still"
                 if lost
                 else "the marker set gives it no more"
             )
@@ -281,18 +317,29 @@ def _placement(
     ), notes
 
 
-def nominal_joint_parameters(
+def compute_joint_parameters(
     frames: dict[str, Frame],
     centres: dict[str, Array],
     body: trunk.UpperBody,
     dorsiflexion: Mapping[str, float],
 ) -> tuple[Array, Array]:
-    """Joint parameters (np,) and zero angles (nz,), m and rad.
+    """Compute nominal joint parameters and zero angles from the static posture.
 
-    `frames`: all segments but the tali.
-    `centres`: `lumbar`, and for each side `hjc kjc ajc sjc ejc`, (3,) m in the laboratory.
-    `body`: turn of the shoulders, axes of the elbows.
-    `dorsiflexion`: side -> rad, ankle angle of the static posture.
+    Parameters
+    ----------
+    frames : dict
+        Frames of all segments but the tali, laboratory.
+    centres : dict
+        `lumbar`, and for each side `hjc kjc ajc sjc ejc`: (3,) m, laboratory.
+    body : UpperBody
+        Rotation of the shoulders and axes of the elbows.
+    dorsiflexion : mapping of str to float
+        Side -> ankle angle of the static posture, rad.
+
+    Returns
+    -------
+    tuple of array
+        (np,) joint parameters and (nz,) zero angles, m and rad.
     """
     values = {
         p.name: float(frames[p.segment].local(centres[CENTRE_OF[p.joint]])[p.axis])
@@ -311,13 +358,13 @@ def nominal_joint_parameters(
             values[f"{hinge}.front"] = np.arctan2(-a[1], a[2])
             values[f"{hinge}.trans"] = np.arcsin(np.clip(a[0], -1.0, 1.0))
         s, shank, foot = sign(side), frames[f"shank_{side}"], frames[f"foot_{side}"]
-        first = rotations.axis_rotation(0, s * TALOCRURAL_FRONT)
-        second = rotations.axis_rotation(1, s * SUBTALAR_TRANS) @ rotations.axis_rotation(
+        first = rotations.make_axis_rotation(0, s * TALOCRURAL_FRONT)
+        second = rotations.make_axis_rotation(1, s * SUBTALAR_TRANS) @ rotations.make_axis_rotation(
             2, SUBTALAR_SAG
         )
         m = first.T @ (shank.rotation.T @ foot.rotation) @ second
         alpha, beta = np.arctan2(m[1, 0], m[0, 0]), np.arctan2(m[2, 1], m[2, 2])
-        talus = shank.rotation @ first @ rotations.axis_rotation(2, float(alpha))
+        talus = shank.rotation @ first @ rotations.make_axis_rotation(2, float(alpha))
         subtalar = foot.local(centres[f"ajc_{side}"] - SUBTALAR_BELOW * talus[:, 1])
         values |= {
             f"talocrural_{side}.shank.front": s * TALOCRURAL_FRONT,
@@ -344,10 +391,17 @@ PUBLISHED = Subject("published nominal subject", 69.4, 1.70, "male")
 
 @with_one_blas_thread
 def published_model(*, static_only: bool = False) -> SubjectModel:
-    """The published nominal subject with the published markers (`models/nominal_subject.json`).
+    """Make the published nominal subject with its markers (`models/nominal_subject.json`).
 
-    With `static_only`, the medial and lateral knee and ankle markers of the static trial are there
-    too.
+    Parameters
+    ----------
+    static_only : bool
+        Whether to include the medial and lateral knee and ankle markers of the static trial.
+
+    Returns
+    -------
+    SubjectModel
+        SI units.
     """
     data = json.loads((models_path() / "nominal_subject.json").read_text(encoding="utf-8"))
     placed: dict[str, tuple[str, Array]] = {}
@@ -371,7 +425,7 @@ def published_model(*, static_only: bool = False) -> SubjectModel:
         np.array([placed[label][1] for label in labels]),
         np.array([marker_set.weight(label) for label in labels]),
     )
-    parameters = published_subject()
+    parameters = read_published_parameters()
     landmarks = {
         name: (placed[group[0]][0], np.mean([placed[label][1] for label in group], axis=0))
         for name, group in marker_set.landmarks.items()

@@ -1,17 +1,16 @@
-"""All numbers of one person's linkage: joint parameters, inertial parameters, and the ankles' zero
-angles.
+"""All parameters of one person's linkage: joint parameters, inertial parameters, zero angles.
 
-Joint parameters (JPs) say where each joint axis lies in the two segments it connects. Which joint
-has which is told once, by the tables of `linkage.py`; here is their list in the order of files and
-arrays. Reinbolt et al., IEEE TBME 2007, Table II lists the 27 of one leg; the lists for back,
+Joint parameters (JPs) are the positions and orientations of each joint in the two segments that it
+connects. The tables of `linkage.py` define them; this module lists them in the order of files and
+arrays. Reinbolt et al., IEEE TBME 2007, Table II lists the 27 of one leg. The lists for back,
 shoulder and elbow (6, 10, 9) are the natural split of the remaining 98 - 2 * 27 = 44. Positions are
 `ant sup lat` (x y z), orientations `front trans sag` (about x, y, z) of the segment's frame: x
 anterior, y superior, z to the right on both sides. A left value is the mirror image z -> -z of the
 right one.
 
-Inertial parameters (IPs): mass, mass centre and principal moments of the segments that have mass.
-Moments are about the mass centre, principal axes parallel to the segment axes. The talus is
-massless. The 36 symmetric IPs (left = right) are those of Reinbolt et al. 2007, Table IV, less
+Inertial parameters (IPs) are mass, mass centre and principal moments of the segments that have
+mass. Moments are about the mass centre, principal axes parallel to the segment axes. The talus is
+massless. The 36 symmetric IPs (left = right) are those of Reinbolt et al. 2007, Table IV, without
 `foot superior`.
 """
 
@@ -27,7 +26,7 @@ from gaitcal.io.toml import models_path
 from gaitcal.model import linkage
 
 MASSIVE_SEGMENTS: tuple[str, ...] = tuple(
-    s for s in linkage.SEGMENTS if linkage.segment_kind(s).parts
+    s for s in linkage.SEGMENTS if linkage.get_segment(s).parts
 )
 """Those with inertia: row s of a (ns, 7) table of IPs is [mass, com x y z, moment x y z]."""
 
@@ -47,21 +46,24 @@ IP_TO_SI: Array = np.array(
 
 @dataclass(frozen=True)
 class InertialSet:
-    """Free variables x of an IP calibration: IPs = selection @ x, and as they were where no
-    variable enters.
-    """
+    """Free variables x of an IP calibration: IPs = selection @ x; others keep their values."""
 
-    names: tuple[
-        str, ...
-    ]  # of the free variables: `pelvis.mass`, `thigh.com.sup`, ... or the IP names (all)
+    # of the free variables: `pelvis.mass`, `thigh.com.sup`, ... or the IP names (all)
+    names: tuple[str, ...]
     selection: Array
     """(ni, n): column k holds the factors (1, or -1 for a mirrored coordinate) with which variable
     k enters the IPs.
     """
 
 
-def symmetric_set() -> InertialSet:
-    """The symmetric IPs: masses, those mass-centre coordinates that `free_centre` names, moments."""
+def make_symmetric_set() -> InertialSet:
+    """Make the set of symmetric IPs (left = right).
+
+    Returns
+    -------
+    InertialSet
+        Masses, mass-centre coordinates in `free_centre`, and moments.
+    """
     centres = {row.name: row.free_centre for row in linkage.SEGMENT_TABLE.values() if row.parts}
     masses, moments = (
         dict.fromkeys(centres, ("mass",)),
@@ -76,32 +78,40 @@ def symmetric_set() -> InertialSet:
     selection = np.zeros((len(IP_NAMES), len(free)))
     for k, (body, quantity) in enumerate(free):
         for segment in MASSIVE_SEGMENTS:
-            if linkage.segment_kind(segment).name == body:
+            if linkage.get_segment(segment).name == body:
                 selection[IP_INDEX[f"{segment}.{quantity}"], k] = 1.0
     return InertialSet(tuple(f"{body}.{quantity}" for body, quantity in free), selection)
 
 
-def full_set() -> InertialSet:
-    """All IPs, each free by itself."""
+def make_full_set() -> InertialSet:
+    """Make the set in which each IP is free."""
     return InertialSet(IP_NAMES, np.eye(len(IP_NAMES)))
 
 
-def table(inertial: Array) -> Array:
-    """(ns, 7) view of an (ni,) array."""
+def view_as_table(inertial: Array) -> Array:
+    """View (ni,) inertial parameters as a table (ns, 7): mass, mass centre, moments."""
     return inertial.reshape(len(MASSIVE_SEGMENTS), len(QUANTITIES))
 
 
-_DIAGONAL, _BESIDE_DIAGONAL = ((0, 4), (1, 6), (2, 9)), ((0, 1, 5), (0, 2, 7), (1, 2, 8))
+_DIAGONAL, _OFF_DIAGONAL = ((0, 4), (1, 6), (2, 9)), ((0, 1, 5), (0, 2, 7), (1, 2, 8))
 """Axes, and where the ten dynamic parameters hold their entry of the inertia."""
 
 
-def dynamic_parameters(inertial: Array) -> Array:
-    """(ns, 10) parameters in which dynamics is linear: m, m c, and the inertia about the segment
-    origin.
+def compute_dynamic_parameters(inertial: Array) -> Array:
+    """Compute the parameters in which the dynamics is linear.
 
-    Order of Pinocchio: m, mcx, mcy, mcz, Ixx, Ixy, Iyy, Ixz, Iyz, Izz; kg, kg m, kg m^2.
+    Parameters
+    ----------
+    inertial : (ni,) array
+        Inertial parameters, SI units.
+
+    Returns
+    -------
+    (ns, 10) array
+        m, m c, and the inertia about the segment origin, in Pinocchio's order: m, mcx, mcy, mcz,
+        Ixx, Ixy, Iyy, Ixz, Iyz, Izz; kg, kg m, kg m^2.
     """
-    rows = table(inertial)
+    rows = view_as_table(inertial)
     m, c, moments = rows[:, 0], rows[:, 1:4], rows[:, 4:7]
     out = np.empty((len(rows), 10))
     out[:, 0] = m
@@ -109,14 +119,25 @@ def dynamic_parameters(inertial: Array) -> Array:
     square = np.sum(c * c, axis=1)
     for axis, column in _DIAGONAL:
         out[:, column] = moments[:, axis] + m * (square - c[:, axis] ** 2)
-    for a, b, column in _BESIDE_DIAGONAL:
+    for a, b, column in _OFF_DIAGONAL:
         out[:, column] = -m * c[:, a] * c[:, b]
     return out
 
 
-def dynamic_jacobian(inertial: Array) -> Array:
-    """(ns, 10, 7): derivative of `dynamic_parameters` by each segment's own seven IPs."""
-    rows = table(inertial)
+def compute_dynamic_jacobian(inertial: Array) -> Array:
+    """Compute the derivative of `compute_dynamic_parameters`.
+
+    Parameters
+    ----------
+    inertial : (ni,) array
+        Inertial parameters, SI units.
+
+    Returns
+    -------
+    (ns, 10, 7) array
+        Derivative by the seven IPs of the same segment.
+    """
+    rows = view_as_table(inertial)
     m, c = rows[:, 0], rows[:, 1:4]
     jac = np.zeros((len(rows), 10, 7))
     jac[:, 0, 0] = 1.0
@@ -130,7 +151,7 @@ def dynamic_jacobian(inertial: Array) -> Array:
         for other in range(3):
             if other != axis:
                 jac[:, column, 1 + other] = 2.0 * m * c[:, other]
-    for a, b, column in _BESIDE_DIAGONAL:
+    for a, b, column in _OFF_DIAGONAL:
         jac[:, column, 0] = -c[:, a] * c[:, b]
         jac[:, column, 1 + a] = -m * c[:, b]
         jac[:, column, 1 + b] = -m * c[:, a]
@@ -138,16 +159,25 @@ def dynamic_jacobian(inertial: Array) -> Array:
 
 
 def is_physical(inertial: Array) -> BoolArray:
-    """(ns,) whether mass and moments are positive and moments obey the triangle inequality
-    (pseudo-inertia > 0).
+    """Return which segments are physically possible (pseudo-inertia > 0).
+
+    Parameters
+    ----------
+    inertial : (ni,) array
+        Inertial parameters, SI units.
+
+    Returns
+    -------
+    (ns,) bool array
+        Whether mass and moments are positive and moments obey the triangle inequality.
     """
-    rows = table(inertial)
+    rows = view_as_table(inertial)
     moments = np.sort(rows[:, 4:7], axis=1)
     return (rows[:, 0] > 0) & (moments[:, 0] > 0) & (moments[:, 0] + moments[:, 1] > moments[:, 2])
 
 
-def impossible_bodies(inertial: Array) -> tuple[str, ...]:
-    """Names of the segments whose inertial parameters no real body can have."""
+def find_impossible_bodies(inertial: Array) -> tuple[str, ...]:
+    """Find the segments whose inertial parameters no real body can have."""
     return tuple(
         s
         for s, possible in zip(MASSIVE_SEGMENTS, is_physical(inertial), strict=True)
@@ -156,7 +186,7 @@ def impossible_bodies(inertial: Array) -> tuple[str, ...]:
 
 
 class ParameterKind(Enum):
-    """What a joint parameter is: a position (mm outside, m inside) or an orientation (deg, rad)."""
+    """Kind of a joint parameter: position (mm in files, m inside) or orientation (deg, rad)."""
 
     POSITION = "position"
     ORIENTATION = "orientation"
@@ -174,13 +204,14 @@ class ParameterKind(Enum):
 
 @dataclass(frozen=True, kw_only=True)
 class JointParameter:
-    """One entry of the catalogue."""
+    """One joint parameter of the catalogue."""
 
     name: str  # for example `hip_r.pelvis.ant`
     joint: str  # `hip_r`, `back`, ...
     segment: str  # in whose frame it is measured: `pelvis`, `thigh_r`, ...
     kind: ParameterKind
-    axis: int  # 0, 1, 2: the coordinate (position) or the axis turned about (orientation)
+    # 0, 1, 2: the coordinate (position) or the axis turned about (orientation)
+    axis: int
 
     @property
     def mirrored(self) -> bool:
@@ -189,9 +220,10 @@ class JointParameter:
         return lateral if self.kind is ParameterKind.POSITION else not lateral
 
 
-def _catalogue() -> Iterator[JointParameter]:
-    """Joint by joint; the parent's before the child's, of each orientations before positions, by
-    axis.
+def _list_joint_parameters() -> Iterator[JointParameter]:
+    """List all joint parameters, joint by joint.
+
+    The parent's come before the child's, orientations before positions, each by axis.
     """
     for joint in linkage.JOINTS:
         moves = next(
@@ -209,7 +241,7 @@ def _catalogue() -> Iterator[JointParameter]:
                     )
 
 
-JOINT_PARAMETERS: tuple[JointParameter, ...] = tuple(_catalogue())
+JOINT_PARAMETERS: tuple[JointParameter, ...] = tuple(_list_joint_parameters())
 """All, in the order of every (np,) array of joint parameters."""
 
 JP_NAMES: tuple[str, ...] = tuple(p.name for p in JOINT_PARAMETERS)
@@ -219,19 +251,38 @@ JP_TO_SI: Array = np.array(
 )  # (np,) factors from mm and deg to m and rad
 
 
-def isolated_parameters(isolated: str) -> tuple[str, ...]:
-    """The JPs that an isolated trial of `hip_r`, `knee_r`, `ankle_r` (or `_l`) determines: 6, 9 or
-    12.
+def list_isolated_parameters(isolated: str) -> tuple[str, ...]:
+    """List the JPs that a functional trial determines.
+
+    Parameters
+    ----------
+    isolated : str
+        `hip_r`, `knee_r`, `ankle_r` (or `_l`).
+
+    Returns
+    -------
+    tuple of str
+        6, 9 or 12 names.
     """
-    joints = [joint.name for joint in linkage.moved_joints(isolated)]
+    joints = [joint.name for joint in linkage.list_moved_joints(isolated)]
     return tuple(p.name for p in JOINT_PARAMETERS if p.joint in joints)
 
 
-def gait_parameters(side: str) -> tuple[str, ...]:
-    """The 17 JPs of one leg that a gait trial determines: the rows of Table II that change from the
-    isolated trials.
+def list_gait_parameters(side: str) -> tuple[str, ...]:
+    """List the 17 JPs of one leg that a gait trial determines.
 
-    Hip: pelvis and thigh, anterior and superior; knee: all nine; talocrural: all but lateral.
+    They are the rows of Table II that change from the functional trials. Hip: pelvis and thigh,
+    anterior and superior; knee: all nine; talocrural: all but lateral.
+
+    Parameters
+    ----------
+    side : str
+        `r` or `l`.
+
+    Returns
+    -------
+    tuple of str
+        Names in the order of `JP_NAMES`.
     """
     hip = [p for p in JOINT_PARAMETERS if p.joint == f"hip_{side}" and p.axis != 2]
     knee = [p for p in JOINT_PARAMETERS if p.joint == f"knee_{side}"]
@@ -240,8 +291,19 @@ def gait_parameters(side: str) -> tuple[str, ...]:
     return tuple(p.name for p in (*hip, *knee, *ankle))
 
 
-def leg_parameters(side: str) -> tuple[str, ...]:
-    """The JPs of one leg."""
+def list_leg_parameters(side: str) -> tuple[str, ...]:
+    """List the JPs of one leg.
+
+    Parameters
+    ----------
+    side : str
+        `r` or `l`.
+
+    Returns
+    -------
+    tuple of str
+        Names in the order of `JP_NAMES`.
+    """
     joints = [linkage.JOINT_OF_CHILD[segment].name for segment in linkage.LEGS[side]]
     return tuple(p.name for p in JOINT_PARAMETERS if p.joint in joints)
 
@@ -260,24 +322,27 @@ class Parameters:
     angles to the shank, in the order of `gaitcal.model.linkage.ZERO_ANGLES`."""
 
     def with_joint(self, names: tuple[str, ...], values: Array) -> "Parameters":
-        """A copy with some joint parameters (m, rad) replaced."""
+        """Return a copy with some joint parameters (m, rad) replaced."""
         joint = self.joint.copy()
         joint[[JP_INDEX[name] for name in names]] = values
         return replace(self, joint=joint)
 
     def with_inertial(self, inertial: Array) -> "Parameters":
-        """A copy with other inertial parameters (ni,)."""
+        """Return a copy with other inertial parameters (ni,)."""
         return replace(self, inertial=np.array(inertial, dtype=float))
 
-    def amount(self, element: linkage.Element) -> float:
-        """By how much (m or rad, with its sign) an element moves that is no coordinate."""
-        if element.source is linkage.Source.JOINT_PARAMETER:
-            return element.sign * float(self.joint[JP_INDEX[element.name]])
-        return element.sign * float(self.zero_angles[linkage.ZERO_ANGLES.index(element.name)])
-
     def centre(self, joint: str, segment: str) -> Array:
-        """(3,) m of a joint in a segment beside it; what is no parameter is zero by definition of
-        the frames.
+        """Get the centre of a joint in an adjacent segment.
+
+        Parameters
+        ----------
+        joint, segment : str
+            Names of the joint and of its parent or child.
+
+        Returns
+        -------
+        (3,) array
+            m; a coordinate without a parameter is zero by the definition of the frames.
         """
         out = np.zeros(3)
         for p in JOINT_PARAMETERS:
@@ -288,12 +353,16 @@ class Parameters:
     @property
     def mass(self) -> float:
         """Total mass, kg."""
-        return float(table(self.inertial)[:, 0].sum())
+        return float(view_as_table(self.inertial)[:, 0].sum())
 
 
-def published_subject() -> Parameters:
-    """The built-in nominal subject of the reproduction (`models/nominal_subject.json`; male, 69.4
-    kg, 1.70 m).
+def read_published_parameters() -> Parameters:
+    """Read the nominal subject of the reproduction (male, 69.4 kg, 1.70 m).
+
+    Returns
+    -------
+    parameters : Parameters
+        SI units, from `models/nominal_subject.json`.
     """
     data = json.loads((models_path() / "nominal_subject.json").read_text(encoding="utf-8"))
     listed = data["joint_parameters"]
@@ -304,7 +373,7 @@ def published_subject() -> Parameters:
         joint[i] = listed[side or "back"][f"{kind}.{place}"]
     inertial = np.empty((len(MASSIVE_SEGMENTS), 7))
     for i, segment in enumerate(MASSIVE_SEGMENTS):
-        entry = data["inertial_parameters"][linkage.segment_kind(segment).name.replace("_", "")]
+        entry = data["inertial_parameters"][linkage.get_segment(segment).name.replace("_", "")]
         com = np.array(entry["com_mm"])
         com[2] *= 1.0 if not segment.endswith("_l") else -1.0
         inertial[i] = [entry["mass_kg"], *(1e-3 * com), *(1e-6 * np.array(entry["moi_kg_mm2_xyz"]))]

@@ -51,7 +51,7 @@ from gaitcal.arrays import Array, cross
 from gaitcal.errors import Code, InputError
 from gaitcal.model.landmarks import StaticPosture
 from gaitcal.model.linkage import SIDE_WORDS, SIDES
-from gaitcal.model.rotations import axis_rotation
+from gaitcal.model.rotations import make_axis_rotation
 from gaitcal.model.subject_model import Subject
 
 _NOMINAL_ASIS = 0.245  # m, of the nominal subject
@@ -60,11 +60,9 @@ _NOMINAL_LUMBAR = (-0.095, 0.077, 0.0)
 # m; joint widths below are the nominal subject's, between marker centres, and go with height
 NOMINAL_HEIGHT = 1.70
 WIDTH = {"knee": 0.1118, "ankle": 0.0852, "elbow": 0.080}
-MARKER_DIAMETER_M = 0.014  # of the markers of most clinics, where nothing tells
+MARKER_DIAMETER_M = 0.014  # usual in clinics, assumed if not given
 PLAUSIBLE_WIDTH = (0.5, 1.8)
-"""Allowed measured width as a multiple of that in proportion to height; a width outside of it is a
-slip of the pen.
-"""
+"""Allowed measured width as a multiple of that in proportion to height; others are typing errors."""
 TIBIAL_TORSION = np.deg2rad(
     5.0
 )  # the malleolar line is turned outwards by this much against the epicondylar one
@@ -77,7 +75,7 @@ FARTHEST_GIVEN = 0.40
 regression misses hips by some 5 %, of the people here by 12 % at worst; the other side's hip lies
 75 % away."""
 DOUBTED_GIVEN, UNEVEN_GIVEN = 0.22, 0.15
-"""The same from which given hips are doubted, as Plug-in Gait's own lie up to 15 % off
+"""The same from which given hips are doubted, as Plug-in Gait's hips are up to 15 % off
 Harrington's; and how far the two may be from mirror images of each other."""
 PLAUSIBLE_SHARE = (0.6, 1.1)
 """Allowed distance between the ASIS as measured by hand over that between their markers: 0.86 to
@@ -92,63 +90,110 @@ class Frame:
     origin: Array  # (3,) m
 
     def local(self, point: Array) -> Array:
-        """Coordinates (3,) of a point of the laboratory."""
+        """Transform a point (3,) of the laboratory to coordinates of the segment, m."""
         return self.rotation.T @ (point - self.origin)
 
     def point(self, local: Array) -> Array:
-        """The point of the laboratory with these coordinates."""
+        """Transform coordinates (3,) of the segment to a point of the laboratory, m."""
         return self.origin + self.rotation @ local
 
 
-def unit(a: Array) -> Array:
-    """A vector's direction."""
+def normalise(a: Array) -> Array:
+    """Normalise a vector to its direction."""
     return a / np.linalg.norm(a)
 
 
-def across(a: Array, y: Array) -> Array:
-    """Direction of the part of `a` at right angles to the unit vector `y`."""
-    return unit(a - (a @ y) * y)
+def project_across(a: Array, y: Array) -> Array:
+    """Compute the direction of the part of `a` at right angles to the unit vector `y`."""
+    return normalise(a - (a @ y) * y)
 
 
-def frame_yz(origin: Array, y: Array, towards_z: Array) -> Frame:
-    """The frame with this y whose z is nearest to a direction."""
-    z = across(towards_z, y)
+def build_frame(origin: Array, y: Array, towards_z: Array) -> Frame:
+    """Build the frame with a given y axis whose z axis is nearest to a direction.
+
+    Parameters
+    ----------
+    origin, y, towards_z : (3,) array
+        Origin (m), unit y axis, and direction of z; laboratory.
+
+    Returns
+    -------
+    Frame
+        z is the part of `towards_z` at right angles to y.
+    """
+    z = project_across(towards_z, y)
     return Frame(np.column_stack([cross(y, z), y, z]), origin)
 
 
-def pelvis_frame(right: Array, left: Array, sacrum: Array) -> Frame:
-    """The pelvis, by both ASIS and the sacrum (3,) m."""
-    middle, z = 0.5 * (right + left), unit(right - left)
-    y = unit(cross(z, middle - sacrum))
+def build_pelvis_frame(right: Array, left: Array, sacrum: Array) -> Frame:
+    """Build the frame of the pelvis from both ASIS and the sacrum (3,) m."""
+    middle, z = 0.5 * (right + left), normalise(right - left)
+    y = normalise(cross(z, middle - sacrum))
     return Frame(np.column_stack([cross(y, z), y, z]), middle)
 
 
 def sign(side: str) -> float:
-    """+1 right, -1 left."""
+    """Return +1 for the right side, -1 for the left side."""
     return 1.0 if side == "r" else -1.0
 
 
-def rigid_motions(points: Array, paths: Array) -> tuple[Array, Array]:
-    """R (nf, 3, 3) and o (nf, 3) of the rigid motions of points (n, 3) nearest to paths (nf, n, 3),
-    Kabsch 1976.
+def fit_rigid_motions(points: Array, paths: Array) -> tuple[Array, Array]:
+    """Fit rigid motions to point paths (Kabsch 1976).
+
+    Parameters
+    ----------
+    points : (n, 3) array
+        Points of the rigid body, m.
+    paths : (nf, n, 3) array
+        Their measured positions, m.
+
+    Returns
+    -------
+    tuple of array
+        R (nf, 3, 3) and o (nf, 3) m with R points + o nearest to the paths.
     """
     middle, middles = points.mean(axis=0), paths.mean(axis=1)
-    rotation = nearest_rotation(np.einsum("fni,nj->fij", paths - middles[:, None], points - middle))
+    rotation = find_nearest_rotation(
+        np.einsum("fni,nj->fij", paths - middles[:, None], points - middle)
+    )
     return rotation, middles - rotation @ middle
 
 
-def nearest_rotation(matrix: Array) -> Array:
-    """(..., 3, 3) rotations nearest to matrices (..., 3, 3)."""
+def find_nearest_rotation(matrix: Array) -> Array:
+    """Find the rotations nearest to matrices.
+
+    Parameters
+    ----------
+    matrix : (..., 3, 3) array
+        Any matrices.
+
+    Returns
+    -------
+    (..., 3, 3) array
+        Rotations with determinant 1.
+    """
     u, _, vt = np.linalg.svd(matrix)
     u[..., 2] *= np.sign(np.linalg.det(u @ vt))[..., None]
     return u @ vt
 
 
-def place_variance(points: Array, place: Array) -> float:
-    """Variance of a place (3,) that points (n, 3) carry, for one of every point: 1/n + trace([r]
-    I^-1 [r]^T) / 3.
+def compute_position_variance(points: Array, place: Array) -> float:
+    """Compute the variance of a position that points carry rigidly, for variance one of each point.
 
-    I is the inertia of n unit masses at the points, r the way from their middle to the place.
+    It is 1/n + trace([r] I^-1 [r]^T) / 3, with the inertia I of n unit masses at the points and r
+    from their middle to the position.
+
+    Parameters
+    ----------
+    points : (n, 3) array
+        Points of the rigid body, m.
+    place : (3,) array
+        Position, m.
+
+    Returns
+    -------
+    float
+        Variance over that of a point.
     """
     away, (x, y, z) = points - points.mean(axis=0), place - points.mean(axis=0)
     inertia = np.eye(3) * (away**2).sum() - away.T @ away
@@ -156,14 +201,14 @@ def place_variance(points: Array, place: Array) -> float:
     return 1.0 / len(points) + float(np.trace(lever @ np.linalg.pinv(inertia) @ lever.T)) / 3.0
 
 
-def off_line(points: Array) -> float:
-    """m, RMS distance of points (n, 3) from the line that is nearest to them."""
+def measure_distance_from_line(points: Array) -> float:
+    """Measure the RMS distance (m) of points (n, 3) from the nearest line."""
     sizes = np.linalg.svd(points - points.mean(axis=0), compute_uv=False)
     return float(np.sqrt((sizes[1:] ** 2).sum() / len(points)))
 
 
 class HipCentre(Enum):
-    """Where the nominal hip centre comes from."""
+    """Source of the nominal hip centre."""
 
     BELL = "bell"
     ORTHOTRAK = "orthotrak"
@@ -184,29 +229,40 @@ _PRINTED = {
 
 @dataclass(frozen=True)
 class PelvicWidth:
-    """The distance between the two ASIS, m."""
+    """Distance between the two ASIS, m."""
 
     markers: float  # between the centres of their markers
-    measured: float | None = None  # by hand; None where nobody told
+    measured: float | None = None  # by hand; None if not given
 
     @property
     def is_plausible(self) -> bool:
-        """Whether there is a measured distance that can belong to these markers."""
+        """Whether the distance was measured by hand and can belong to these markers."""
         return (
             self.measured is not None
             and PLAUSIBLE_SHARE[0] <= self.measured / self.markers <= PLAUSIBLE_SHARE[1]
         )
 
-    def of(self, rule: HipCentre) -> float:
-        """PW of a regression."""
+    def get_width(self, rule: HipCentre) -> float:
+        """Get the width PW that a regression uses.
+
+        Parameters
+        ----------
+        rule : HipCentre
+            The regression.
+
+        Returns
+        -------
+        float
+            m.
+        """
         if self.measured is None or not self.is_plausible or rule is HipCentre.ORTHOTRAK:
             return self.markers
         return self.measured
 
-    def words(self, rule: HipCentre) -> str:
-        """Which is taken, and what speaks against it."""
+    def describe(self, rule: HipCentre) -> str:
+        """Describe the width that a regression uses, and why the other one is not used."""
         taken, markers = (
-            f"{1e3 * self.of(rule):.0f} mm between the ASIS",
+            f"{1e3 * self.get_width(rule):.0f} mm between the ASIS",
             f"{1e3 * self.markers:.0f} mm",
         )
         if self.measured is None:
@@ -226,9 +282,24 @@ class PelvicWidth:
         return f"{taken} (as measured by hand; {markers} between their markers)"
 
 
-def hip_centre(rule: HipCentre, asis_distance: float, pelvic_depth: float, side: str) -> Array:
-    """(3,) m, hip centre in the pelvis frame by a regression from PW = `asis_distance` and PD =
-    `pelvic_depth`, m.
+def compute_hip_centre(
+    rule: HipCentre, asis_distance: float, pelvic_depth: float, side: str
+) -> Array:
+    """Compute the hip centre in the pelvis frame by a regression.
+
+    Parameters
+    ----------
+    rule : HipCentre
+        One of the regressions.
+    asis_distance, pelvic_depth : float
+        PW and PD, m.
+    side : str
+        `r` or `l`.
+
+    Returns
+    -------
+    (3,) array
+        m, pelvis frame.
     """
     if rule is HipCentre.HARRINGTON:
         sizes = (pelvic_depth, asis_distance, asis_distance)
@@ -240,17 +311,19 @@ def hip_centre(rule: HipCentre, asis_distance: float, pelvic_depth: float, side:
     return np.array([ant, sup, lat if side == "r" else -lat])
 
 
-def _hips(
+def _locate_hips(
     posture: StaticPosture, pelvis: Frame, rule: HipCentre, width: PelvicWidth
 ) -> tuple[Mapping[str, Array], list[str]]:
-    """Side -> hip centre (3,) m in the laboratory, and where it is from.
+    """Locate the hip centres (3,) m in the laboratory, with notes about their source.
 
-    Raises InputError: Those of the file are asked for, and there are none; or one lies where no hip
-    can be.
+    Raises InputError if the file's are required and missing, or implausible.
     """
     depth = float(np.linalg.norm(pelvis.origin - posture.landmarks["sacrum"]))
     regression = HipCentre.HARRINGTON if rule is HipCentre.GIVEN else rule
-    hips = {s: pelvis.point(hip_centre(regression, width.of(regression), depth, s)) for s in SIDES}
+    hips = {
+        s: pelvis.point(compute_hip_centre(regression, width.get_width(regression), depth, s))
+        for s in SIDES
+    }
     gaps = {
         s: 1e3 * float(np.linalg.norm(posture.hips[s] - hips[s]))
         for s in SIDES
@@ -262,7 +335,9 @@ def _hips(
             if rule is HipCentre.HARRINGTON
             else ""
         )
-        notes = [f"hip centres by the {_PRINTED[rule]} regression from {width.words(rule)}{back}"]
+        notes = [
+            f"hip centres by the {_PRINTED[rule]} regression from {width.describe(rule)}{back}"
+        ]
         if len(gaps) == len(SIDES):
             labels = ", ".join(posture.hip_labels[s] for s in SIDES)
             away = ", ".join(f"{gaps[s]:.0f} mm ({s})" for s in SIDES)
@@ -287,9 +362,9 @@ def _hips(
     for side in SIDES:
         if gaps[side] > most:
             raise InputError(
-                f"found it {gaps[side]:.0f} mm from where the pelvis's markers tell; allowed: at "
+                f"found it {gaps[side]:.0f} mm from its position by the pelvis's markers; allowed: at "
                 f"most {most:.0f} mm; "
-                "are the sides exchanged?",
+                "are the sides swapped?",
                 source=posture.source,
                 field=f"hip centre {posture.hip_labels[side]}",
                 code=Code.GIVEN_BY_FILE,
@@ -300,28 +375,49 @@ def _hips(
     ]
 
 
-def half_width(joint: str, height: float) -> float:
-    """Distance (m) from a lateral marker's centre to the middle of the joint, for a person of this
-    height (m).
+def compute_half_width(joint: str, height: float) -> float:
+    """Compute the distance from a lateral marker's centre to the joint centre.
+
+    Parameters
+    ----------
+    joint : str
+        `knee`, `ankle` or `elbow`.
+    height : float
+        Body height, m.
+
+    Returns
+    -------
+    float
+        m, in proportion to height.
     """
     return 0.5 * WIDTH[joint] * height / NOMINAL_HEIGHT
 
 
 @dataclass(frozen=True)
 class JointWidths:
-    """How far inwards of their lateral markers knees and ankles have their centres."""
+    """Distances of knee and ankle centres from their lateral markers."""
 
     height: float  # m
     measured: Mapping[tuple[str, str], float] = field(default_factory=dict)
     """(`knee` or `ankle`, side) -> m across the joint."""
-    marker_diameter: float | None = None  # m; None where nobody told
-    asis_distance: float | None = (
-        None  # m between the ASIS, measured by hand, for the hips; None where nobody told
-    )
+    marker_diameter: float | None = None  # m; None if not given
+    # m between the ASIS, measured by hand, for the hips; None if not given
+    asis_distance: float | None = None
 
     @classmethod
-    def of(cls, subject: Subject) -> "JointWidths":
-        """Those of a person."""
+    def from_subject(cls, subject: Subject) -> "JointWidths":
+        """Collect the measured widths of a person.
+
+        Parameters
+        ----------
+        subject : Subject
+            The person.
+
+        Returns
+        -------
+        JointWidths
+            m.
+        """
         widths = {"knee": subject.knee_width, "ankle": subject.ankle_width}
         measured = {
             (joint, side): width
@@ -332,23 +428,37 @@ class JointWidths:
 
     @property
     def marker_radius(self) -> float:
-        """M."""
+        """Radius of the markers, m."""
         return 0.5 * (MARKER_DIAMETER_M if self.marker_diameter is None else self.marker_diameter)
 
     def is_measured(self, joint: str, side: str) -> bool:
-        """Whether there is a measured width that a person can have."""
+        """Return whether there is a plausible measured width."""
         width = self.measured.get((joint, side))
         low, high = PLAUSIBLE_WIDTH
-        return width is not None and low <= width / (2.0 * half_width(joint, self.height)) <= high
+        return (
+            width is not None
+            and low <= width / (2.0 * compute_half_width(joint, self.height)) <= high
+        )
 
-    def inwards(self, joint: str, side: str) -> float:
-        """m, from the lateral marker's centre to that of the joint."""
+    def compute_inset(self, joint: str, side: str) -> float:
+        """Compute the distance from the lateral marker's centre inwards to the joint centre.
+
+        Parameters
+        ----------
+        joint, side : str
+            `knee` or `ankle`; `r` or `l`.
+
+        Returns
+        -------
+        float
+            m.
+        """
         if self.is_measured(joint, side):
             return 0.5 * self.measured[joint, side] + self.marker_radius
-        return half_width(joint, self.height)
+        return compute_half_width(joint, self.height)
 
 
-def joint_centre(
+def locate_joint_centre(
     posture: StaticPosture,
     joint: str,
     side: str,
@@ -357,10 +467,27 @@ def joint_centre(
     turn: float,
     widths: JointWidths,
 ) -> tuple[Array, Array]:
-    """Joint centre (3,) m, and the direction (3,) its segment's z is taken from, to the right.
+    """Locate the centre of a knee or an ankle and the direction of its axis.
 
-    `above`: (3,) m, centre of the joint above; `z_above`: (3,) direction to fall back on, turned by
-    `turn` rad.
+    Parameters
+    ----------
+    posture : StaticPosture
+        Landmarks of the static posture.
+    joint, side : str
+        `knee` or `ankle`; `r` or `l`.
+    above : (3,) array
+        Centre of the proximal joint, m.
+    z_above : (3,) array
+        z axis of the proximal segment, used without a medial marker or device.
+    turn : float
+        Rotation of the axis about y against `z_above`, rad.
+    widths : JointWidths
+        Distances from the lateral markers.
+
+    Returns
+    -------
+    tuple of (3,) array
+        Centre (m) and direction of z, laboratory.
     """
     lateral = posture.landmarks[f"{joint}_lat_{side}"]
     s = sign(side)
@@ -369,55 +496,64 @@ def joint_centre(
         return 0.5 * (lateral + medial), s * (lateral - medial)
     if posture.has(f"{joint}_axis_{side}"):
         z_above, turn = s * (posture.landmarks[f"{joint}_axis_{side}"] - lateral), 0.0
-    inwards = s * widths.inwards(joint, side)
+    inwards = s * widths.compute_inset(joint, side)
     centre, z = lateral, z_above
     for _ in range(ROUNDS):
         before = centre
-        axes = frame_yz(centre, unit(above - centre), z_above).rotation
-        z = axes @ axis_rotation(1, turn)[:, 2]
+        axes = build_frame(centre, normalise(above - centre), z_above).rotation
+        z = axes @ make_axis_rotation(1, turn)[:, 2]
         centre = lateral - inwards * z
         if np.abs(centre - before).max() <= SETTLED * widths.height:
             break
     return centre, z
 
 
-def centre_notes(posture: StaticPosture, widths: JointWidths) -> list[str]:
-    """How the centres and axes were found that no medial marker shows; a width that no person has."""
+def _describe_inset(widths: JointWidths, joint: str, side: str) -> str:
+    """Describe the assumed distance of a joint centre from the lateral marker."""
+    inwards = f"{1e3 * widths.compute_inset(joint, side):.1f} mm inwards of the lateral marker's"
+    if not widths.is_measured(joint, side):
+        return f"{inwards}, in proportion to height"
+    assumed = "" if widths.marker_diameter is not None else " (assumed: not given)"
+    width, diameter = 1e3 * widths.measured[joint, side], 2e3 * widths.marker_radius
+    return (
+        f"{inwards}: half of the measured {width:.0f} mm and of the marker's {diameter:.0f} "
+        f"mm{assumed}"
+    )
 
-    def place(joint: str, side: str) -> str:
-        inwards = f"{1e3 * widths.inwards(joint, side):.1f} mm inwards of the lateral marker's"
-        if not widths.is_measured(joint, side):
-            return f"{inwards}, in proportion to height"
-        assumed = "" if widths.marker_diameter is not None else " (assumed: nothing tells it)"
-        width, diameter = 1e3 * widths.measured[joint, side], 2e3 * widths.marker_radius
-        return (
-            f"{inwards}: half of the measured {width:.0f} mm and of the marker's {diameter:.0f} "
-            f"mm{assumed}"
-        )
 
-    def axis(joint: str, side: str) -> str:
-        if posture.has(f"{joint}_axis_{side}"):
-            return "its axis is that of the knee alignment device, across the thigh"
-        if joint == "knee":
-            return (
-                "its axis is the pelvis's lateral direction across the thigh in the static posture"
-            )
-        return f"a tibial torsion of {np.rad2deg(TIBIAL_TORSION):.0f} deg is assumed"
+def _describe_axis(posture: StaticPosture, joint: str, side: str) -> str:
+    """Describe the axis of a joint without a medial marker."""
+    if posture.has(f"{joint}_axis_{side}"):
+        return "its axis is that of the knee alignment device, across the thigh"
+    if joint == "knee":
+        return "its axis is the pelvis's lateral direction across the thigh in the static posture"
+    return f"a tibial torsion of {np.rad2deg(TIBIAL_TORSION):.0f} deg is assumed"
 
+
+def describe_centres(posture: StaticPosture, widths: JointWidths) -> list[str]:
+    """Describe centres and axes without a medial marker, and implausible measured widths."""
     notes: list[str] = []
     for joint in ("knee", "ankle"):
+        # one note for both sides if their descriptions are equal
         found: dict[tuple[str, str], list[str]] = {}
         for side in SIDES:
             if not posture.has(f"{joint}_med_{side}"):
-                found.setdefault((place(joint, side), axis(joint, side)), []).append(side)
+                how = _describe_inset(widths, joint, side), _describe_axis(posture, joint, side)
+                found.setdefault(how, []).append(side)
         for (at, along), sides in found.items():
             where = "both sides" if len(sides) == len(SIDES) else SIDE_WORDS[sides[0]]
             notes.append(
                 f"{joint}, {where}: no medial marker; its centre is assumed {at}, and {along}"
             )
+    return notes + _describe_unused_widths(widths)
+
+
+def _describe_unused_widths(widths: JointWidths) -> list[str]:
+    """Describe the measured widths that no person of this height has."""
+    notes: list[str] = []
     for (joint, side), width in widths.measured.items():
         if not widths.is_measured(joint, side):
-            expected_mm = 2e3 * half_width(joint, widths.height)
+            expected_mm = 2e3 * compute_half_width(joint, widths.height)
             notes.append(
                 f"{joint}, {SIDE_WORDS[side]}: a width of {1e3 * width:.0f} mm is not used: found, "
                 "that is, "
@@ -430,41 +566,62 @@ def centre_notes(posture: StaticPosture, widths: JointWidths) -> list[str]:
 
 @dataclass(frozen=True)
 class LowerBody:
-    """Frames and joint centres of pelvis and legs."""
+    """Frames and joint centres of pelvis and legs, laboratory."""
 
     frames: dict[str, Frame]  # segment -> frame; no talus
-    centres: dict[str, Array]  # `hjc_r kjc_r ajc_r` (and `_l`), `lumbar`: (3,) m in the laboratory
+    # `hjc_r kjc_r ajc_r` (and `_l`), `lumbar`: (3,) m in the laboratory
+    centres: dict[str, Array]
     notes: tuple[str, ...]
 
 
-def lower_body(
+def measure_lower_body(
     posture: StaticPosture, height: float, rule: HipCentre, *, widths: JointWidths | None = None
 ) -> LowerBody:
-    """Frames and centres of pelvis and legs; `height` in m; `widths` as measured, else in
-    proportion to it.
+    """Measure frames and joint centres of pelvis and legs in the static posture.
+
+    Parameters
+    ----------
+    posture : StaticPosture
+        Landmarks, m, laboratory.
+    height : float
+        Body height, m.
+    rule : HipCentre
+        Source of the hip centres.
+    widths : JointWidths, optional
+        Measured widths; in proportion to height if not given.
+
+    Returns
+    -------
+    LowerBody
+        Frames of all segments but the tali, joint centres, and notes.
+
+    Raises
+    ------
+    InputError
+        The file's hip centres are required and missing, or implausible.
     """
     widths = widths or JointWidths(height)
     p = posture.landmarks
-    pelvis = pelvis_frame(p["asis_r"], p["asis_l"], p["sacrum"])
+    pelvis = build_pelvis_frame(p["asis_r"], p["asis_l"], p["sacrum"])
     asis = float(np.linalg.norm(p["asis_r"] - p["asis_l"]))
     frames = {"pelvis": pelvis}
     centres = {"lumbar": pelvis.point(np.array(_NOMINAL_LUMBAR) * (asis / _NOMINAL_ASIS))}
-    hips, notes = _hips(posture, pelvis, rule, PelvicWidth(asis, widths.asis_distance))
+    hips, notes = _locate_hips(posture, pelvis, rule, PelvicWidth(asis, widths.asis_distance))
     notes.append("lumbar joint as in the nominal subject, scaled by the distance between the ASIS")
     for side in SIDES:
         hip, heel = hips[side], p[f"heel_{side}"]
-        knee, towards_z = joint_centre(
+        knee, towards_z = locate_joint_centre(
             posture, "knee", side, hip, pelvis.rotation[:, 2], 0.0, widths
         )
-        thigh = frame_yz(hip, unit(hip - knee), towards_z)
+        thigh = build_frame(hip, normalise(hip - knee), towards_z)
         torsion = -sign(side) * TIBIAL_TORSION
-        ankle, towards_z = joint_centre(
+        ankle, towards_z = locate_joint_centre(
             posture, "ankle", side, knee, thigh.rotation[:, 2], torsion, widths
         )
-        shank = frame_yz(knee, unit(knee - ankle), towards_z)
-        x = unit(p[f"toe_{side}"] - heel)
-        z = unit(cross(x, shank.rotation[:, 1]))
+        shank = build_frame(knee, normalise(knee - ankle), towards_z)
+        x = normalise(p[f"toe_{side}"] - heel)
+        z = normalise(cross(x, shank.rotation[:, 1]))
         foot = Frame(np.column_stack([x, cross(z, x), z]), heel)
         frames |= {f"thigh_{side}": thigh, f"shank_{side}": shank, f"foot_{side}": foot}
         centres |= {f"hjc_{side}": hip, f"kjc_{side}": knee, f"ajc_{side}": ankle}
-    return LowerBody(frames, centres, (*notes, *centre_notes(posture, widths)))
+    return LowerBody(frames, centres, (*notes, *describe_centres(posture, widths)))

@@ -1,14 +1,15 @@
-"""One person's model: who, which parameters, which markers where.
+"""Model of one person: subject, parameters, positions of the markers.
 
-`PointNoise`: how points err that are no markers on skin, the corners of segment poses and the key
-points of markerless programs. A marker's error is skin that moves with the joints
-(`calibration/soft_tissue_artefact.py`), and cameras that err by tenths of a millimetre: the
-residuals tell both. What a program sees in pictures errs otherwise. Most of it is constant: the
-joint centre of thousands of annotated pictures is not this person's, which no residual shows, and
-which joints and axes are widened by (`joints`). The rest changes as slowly as what the cameras see,
-so that frames near to each other say the same (`memory_s`); and where the program has fitted a body
-of its own, its residuals are smaller than its errors (`size_mm` is the least that is believed of
-them).
+`PointNoise` describes points that are no markers on skin: corners of segment poses and key points
+of markerless programs. A marker's error is skin that moves with the joints
+(`calibration/soft_tissue_artefact.py`), and a camera error of tenths of a millimetre. Residuals
+show both. Points from pictures have other errors:
+
+- Most of the error is constant: the joint centre of annotated pictures is not this person's. No
+  residual shows it, so the errors of joints and axes are multiplied (`joints`, `hinges`).
+- The rest changes slowly, so that neighbouring frames have the same error (`memory_s`).
+- If the program has fitted a body model, its residuals are smaller than its errors. `size_mm` is
+  the smallest error that is assumed.
 """
 
 from collections.abc import Collection, Mapping
@@ -26,10 +27,9 @@ GRAVITY = 9.81  # m/s^2, downwards along -y
 
 @dataclass(frozen=True, kw_only=True)
 class PatientRecord:
-    """What a clinic writes down of a person and a session, as reports and tables show it; empty:
-    nobody says it.
+    """Clinical facts of a person and a session, for reports; empty: not recorded.
 
-    Nothing is computed from it but the age (`study/study.py`). Dates are `2016-03-09`.
+    Only the age is computed from them (`study/study.py`). Dates are `2016-03-09`.
     """
 
     birth_date: str = ""
@@ -47,23 +47,23 @@ class PatientRecord:
 
     @property
     def known(self) -> dict[str, str]:
-        """Field -> text of those that somebody says."""
+        """Field -> text of those that are recorded."""
         return {name: text for name, text in vars(self).items() if text}
 
 
 @dataclass(frozen=True)
 class Subject:
-    """The person."""
+    """Facts of the person that the model depends on."""
 
     name: str
-    """Stands in every output; need not be the person's own."""
+    """Shown in every output; may be a pseudonym."""
     mass: float
     """kg."""
     height: float
     """m."""
     sex: str
-    """`male` or `female`: the column of the anthropometric table; empty where nobody says: the mean
-    of both.
+    """`male` or `female`: the column of the anthropometric table; empty if not given: the mean of
+    both.
     """
     age: float | None = None
     """Years; None where not known."""
@@ -80,9 +80,9 @@ class Subject:
     marker_diameter: float | None = None
     """m; None where not known."""
     session: str = ""
-    """A date or a label of the day of these recordings; empty where nobody says."""
+    """A date or a label of the day of these recordings; empty if not recorded."""
     record: PatientRecord = field(default_factory=PatientRecord)
-    """What a clinic writes down beside it."""
+    """Clinical facts."""
 
     @property
     def weight(self) -> float:
@@ -97,17 +97,31 @@ class Subject:
 
 @dataclass(frozen=True)
 class MarkerPlacement:
-    """Tracking markers, fixed in their segments."""
+    """Positions of the tracking markers in their segments."""
 
     labels: tuple[str, ...]
     segments: tuple[str, ...]  # name of the segment of each marker
     local: Array  # (nm, 3) m, in the segment frame
-    weight: Array  # (nm,) >= 0; a marker with weight 0 is reported but does not pull
+    # (nm,) >= 0; a marker with weight 0 is reported but does not pull
+    weight: Array
 
-    def on(self, segment: str, labels: Collection[str]) -> list[int]:
-        """Numbers of the markers on a segment that are among `labels`."""
+    def find_markers(self, segment: str, labels: Collection[str]) -> list[int]:
+        """Find the markers on a segment.
+
+        Parameters
+        ----------
+        segment : str
+            Name of the segment.
+        labels : collection of str
+            Labels to choose from.
+
+        Returns
+        -------
+        list of int
+            Indices of markers.
+        """
         both = enumerate(zip(self.labels, self.segments, strict=True))
-        return [i for i, (label, of) in both if of == segment and label in labels]
+        return [i for i, (label, on) in both if on == segment and label in labels]
 
 
 @dataclass(frozen=True, kw_only=True, repr=False)
@@ -145,8 +159,11 @@ class SubjectModel(Displayed):
                 "subject",
                 f"{subject.sex or 'sex not given'}, {subject.mass:.1f} kg, {subject.height:.2f} m",
             ),
-            ("joint parameters", _changes(self.nominal.joint, self.parameters.joint)),
-            ("inertial parameters", _changes(self.nominal.inertial, self.parameters.inertial)),
+            ("joint parameters", _describe_changes(self.nominal.joint, self.parameters.joint)),
+            (
+                "inertial parameters",
+                _describe_changes(self.nominal.inertial, self.parameters.inertial),
+            ),
             ("markers", f"{len(self.markers.labels)} on {count} segments"),
         ]
         if self.frozen:
@@ -155,17 +172,19 @@ class SubjectModel(Displayed):
 
     @property
     def locked(self) -> tuple[str, ...]:
-        """Those of `frozen` that are zero in every trial: a trunk that no marker shows turns
-        against the pelvis.
+        """Coordinates of `frozen` that are zero in every trial.
+
+        A trunk without markers rotates against the pelvis, so its coordinates are not among them.
         """
         return tuple(name for name in self.frozen if not name.startswith("lumbar"))
 
     def with_parameters(self, parameters: Parameters) -> "SubjectModel":
-        """The same person and markers with other parameters."""
+        """Return the same person and markers with other parameters."""
         return replace(self, parameters=parameters)
 
 
-def _changes(nominal: Array, present: Array) -> str:
+def _describe_changes(nominal: Array, present: Array) -> str:
+    """Describe how many parameters calibration changed."""
     changed = int((nominal != present).sum())
     return (
         f"{len(nominal)}, {changed} of them changed by calibration"
@@ -190,8 +209,8 @@ class PointNoise(Table):
     reason: str = Field(min_length=1, description="what these figures rest on")
 
     @property
-    def words(self) -> str:
-        """For notes."""
+    def description(self) -> str:
+        """Description for notes."""
         return (
             f"each coordinate is taken to err by {self.size_mm:g} mm for {self.memory_s:g} s at a "
             "time, joints "
@@ -200,8 +219,9 @@ class PointNoise(Table):
             f"have; {self.reason}"
         )
 
-    def least(self, rate: float) -> float:
-        """m, noise of a frame below which none is believed, at a rate (Hz), that counts every frame
-        as independent.
+    def compute_least_noise(self, rate: float) -> float:
+        """Compute the smallest noise (m) of a frame that is assumed at a frame rate (Hz).
+
+        It counts every frame as an independent sample.
         """
         return 1e-3 * self.size_mm * max(self.memory_s * rate, 1.0) ** 0.5

@@ -30,8 +30,13 @@ from gaitcal.io.recording import Recording
 from gaitcal.model.chain import LinkageModel
 from gaitcal.model.coordinates import COORDINATE_TABLE, LEG_COORDINATES
 from gaitcal.model.kinematics import Kinematics
-from gaitcal.model.linkage import LOWER_BODY, SIDES, joint_elements, joints_above
-from gaitcal.model.parameters import JP_INDEX, Parameters, dynamic_parameters, symmetric_set
+from gaitcal.model.linkage import LOWER_BODY, SIDES, list_joint_elements, list_joints_above
+from gaitcal.model.parameters import (
+    JP_INDEX,
+    Parameters,
+    compute_dynamic_parameters,
+    make_symmetric_set,
+)
 from gaitcal.model.subject_model import SubjectModel
 from gaitcal.montecarlo.case import MonteCarloCase
 from gaitcal.montecarlo.protocol import MonteCarloSettings, ReactionFrame, Varied
@@ -52,7 +57,7 @@ LEG_TORQUES: tuple[str, ...] = tuple(f"{name}_{side}" for side in SIDES for name
 OF_FOOT = tuple(
     np.array([k for k, name in enumerate(LEG_TORQUES) if name in carrying])
     for carrying in (
-        {e.name for j in joints_above(foot) for e in joint_elements(j, reactions=True)}
+        {e.name for j in list_joints_above(foot) for e in list_joint_elements(j, reactions=True)}
         for foot in FEET
     )
 )
@@ -124,7 +129,7 @@ class MonteCarloContext:
         """Joint parameters that vary."""
         self.joint_values = case.parameters.joint[[JP_INDEX[name] for name in self.names]]
         """(np,) their undisturbed values, m and rad."""
-        self.inertial_set = symmetric_set()
+        self.inertial_set = make_symmetric_set()
         self.problem = _undisturbed_problem(case)
         """The undisturbed motion fits its markers exactly."""
         self.basis, self.data = self.problem.basis, self.problem.data
@@ -257,7 +262,7 @@ def draw(context: MonteCarloContext, varied: Varied, level: int, number: int) ->
             inertial, undisturbed = (
                 p.inertial for p in (model.parameters, context.case.parameters)
             )
-            phi = dynamic_parameters(inertial) - dynamic_parameters(undisturbed)
+            phi = compute_dynamic_parameters(inertial) - compute_dynamic_parameters(undisturbed)
             errors = (context.regressor @ phi.ravel()).reshape(-1, len(LEG_TORQUES))
             return DrawResult(
                 _record(context, (errors, errors), np.zeros(context.data.weight.shape)), 0, ""

@@ -36,7 +36,7 @@ from gaitcal.arrays import Array
 from gaitcal.dynamics.derivatives import force_derivatives
 from gaitcal.dynamics.inverse_dynamics import FEET
 from gaitcal.model import linkage, parameters
-from gaitcal.model.chain import chain_of
+from gaitcal.model.chain import get_chain
 from gaitcal.model.kinematics import Kinematics
 from gaitcal.montecarlo import draw
 from gaitcal.montecarlo.protocol import ReactionFrame, Varied
@@ -240,7 +240,7 @@ def linear_torques(context: draw.MonteCarloContext) -> tuple[dict[ReactionFrame,
         laboratory = laboratory + slope[:, _ROWS] @ change
     carried = laboratory - _carried(context, q, motion[0])
     inertial = case.parameters.inertial
-    relative = block_diag(*parameters.dynamic_jacobian(inertial)) @ (
+    relative = block_diag(*parameters.compute_dynamic_jacobian(inertial)) @ (
         inertial[:, None] * context.inertial_set.selection
     )
     by_inertial = (context.regressor @ relative).reshape(nf, len(draw.LEG_TORQUES), -1)
@@ -281,7 +281,7 @@ def linear_agreement(
 def _carried(context: draw.MonteCarloContext, q: Array, change: Array) -> Array:
     """(nf, 14, np) change of J_k . w where the wrenches move with the feet."""
     case = context.case
-    chain = chain_of(free=context.names, reactions=True)
+    chain = get_chain(free=context.names, reactions=True)
     nq, first = len(chain.coordinates), len(chain.variables) - len(chain.free)
     placed = Kinematics(chain.body(case.parameters), q)
     columns = placed.columns.transpose(2, 1, 0)
@@ -350,7 +350,7 @@ def variance_shares(
     wide = rows.pivot_table(index="parameter", columns="torque", values="share", sort=False)
     wide = wide[[f"{torque}_{side}" for torque in draw.TORQUES]]
     inertial = set(rows.loc[rows["kind"] == "ip", "parameter"])
-    of_leg = [name for name in wide.index if name in parameters.leg_parameters(side)]
+    of_leg = [name for name in wide.index if name in parameters.list_leg_parameters(side)]
     rest = {
         "joint parameters elsewhere": [
             name for name in wide.index if name not in {*of_leg, *inertial}

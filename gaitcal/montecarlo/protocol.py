@@ -26,8 +26,8 @@ from gaitcal.model.parameters import (
     JP_INDEX,
     JP_NAMES,
     ParameterKind,
-    gait_parameters,
-    leg_parameters,
+    list_gait_parameters,
+    list_leg_parameters,
 )
 
 PUBLISHED_LEVELS = (25, 50, 75, 100)
@@ -93,7 +93,7 @@ class ParameterChoice(Enum):
         """Names of the joint parameters, in the order of the random stream."""
         if self is ParameterChoice.ALL:
             return JP_NAMES
-        of_leg = leg_parameters if self is ParameterChoice.LEG else gait_parameters
+        of_leg = list_leg_parameters if self is ParameterChoice.LEG else list_gait_parameters
         return tuple(name for side in SIDES for name in of_leg(side))
 
 

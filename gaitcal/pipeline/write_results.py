@@ -18,7 +18,7 @@ from gaitcal.gait.profile_score import profile_scores
 from gaitcal.io import opensim_files, toml
 from gaitcal.io.result_folder import MANIFEST, ResultKind, atomic_directory
 from gaitcal.model import model_file, parameters
-from gaitcal.model.marker_set import marker_set_text
+from gaitcal.model.marker_set import format_marker_set
 from gaitcal.model.subject_model import SubjectModel
 from gaitcal.report.page.page_data import calibration_page_data
 from gaitcal.report.page.page_folder import write_page
@@ -68,7 +68,7 @@ def write_results(
             (out / "study.toml").write_text(drafted, encoding="utf-8")
         write_csv(columns_of(parameter_rows(calibration)), out / "parameters.csv")
         marker_set = calibration.study.marker_set.with_weights(calibration.study.weights)
-        (out / saved_result.MARKER_SET).write_text(marker_set_text(marker_set), encoding="utf-8")
+        (out / saved_result.MARKER_SET).write_text(format_marker_set(marker_set), encoding="utf-8")
         strides = stride_files.write_stride_files(
             out, calibration.model, calibration.trials, calibration.relative_to
         )
@@ -142,7 +142,7 @@ def _models(model: SubjectModel, out: Path) -> None:
     model_file.save_model(model, out / saved_result.MODEL)
     osim_writer.write_osim(model, out / "model.osim")
     other_formats.write_urdf(model, out / "model.urdf")
-    if not parameters.impossible_bodies(
+    if not parameters.find_impossible_bodies(
         model.parameters.inertial
     ):  # a warning of the calibration tells
         other_formats.write_mjcf(model, out / "model.xml")

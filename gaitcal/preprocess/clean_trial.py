@@ -21,7 +21,7 @@ import numpy as np
 
 from gaitcal.arrays import Array, BoolArray
 from gaitcal.io.recording import Recording, duration, runs, seen_mask, spans
-from gaitcal.model.linkage import JOINTS, carrier_of, segment_kind
+from gaitcal.model.linkage import JOINTS, find_base_segment, get_segment
 from gaitcal.model.subject_model import PointNoise
 from gaitcal.study.study_trial import Role, Trial
 
@@ -125,7 +125,7 @@ def _near(segment: str) -> set[str]:
 
     near = beside(segment)
     for between in [
-        s for s in near if not segment_kind(s).markers
+        s for s in near if not get_segment(s).markers
     ]:  # a segment that never carries markers
         near = near | beside(between)
     return near
@@ -231,7 +231,7 @@ def clean_trial(
     if trial.role is Role.STATIC:
         return CleanTrial(**{**given, "recording": recording}, outliers=outliers)
     recording, spikes = without_spikes(recording, noise)
-    if carrier_of(trial.joint) in ("", "pelvis"):
+    if find_base_segment(trial.joint) in ("", "pelvis"):
         recording, cut = _cut_to_pelvis(recording, segment_of)
     else:
         cut = ""

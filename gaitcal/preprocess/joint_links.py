@@ -80,7 +80,7 @@ class JointLink:
     @property
     def rms(self) -> float:
         """rad, RMS turn about the mean posture of the joint."""
-        mean = segment_frames.nearest_rotation(self.turn.mean(axis=0))
+        mean = segment_frames.find_nearest_rotation(self.turn.mean(axis=0))
         return float(np.sqrt(np.mean(angle_of(mean.T @ self.turn) ** 2)))
 
     @property
@@ -125,7 +125,7 @@ def links_of(
         for side in linkage.SIDES:
             joint = f"{name}_{side}"
             above, below = (
-                clusters.get(linkage.of_side(segment, side)) for segment in (upper, lower)
+                clusters.get(linkage.add_side(segment, side)) for segment in (upper, lower)
             )
             if above is not None and below is not None and joint in centres:
                 link = _link(joint, above, below, centres[joint])
@@ -143,7 +143,7 @@ def _link(
     upper, lower = above.rotation[known], below.rotation[known]
     turn = upper.transpose(0, 2, 1) @ lower
     shift = np.einsum("fji,fj->fi", upper, below.origin[known] - above.origin[known])
-    away = np.abs(rotations.root_angles(turn)[:, 0])
+    away = np.abs(rotations.compute_root_angles(turn)[:, 0])
     near = away <= max(NEAR_RAD, float(np.percentile(away, NEAREST_PERCENT)))
     (place_above, turn_above), (place_below, turn_below) = (
         above.pose_spread(centre),
@@ -155,7 +155,7 @@ def _link(
         below=below.segment,
         centre=centre,
         turn=turn,
-        rotation=segment_frames.nearest_rotation(np.median(turn[near], axis=0)),
+        rotation=segment_frames.find_nearest_rotation(np.median(turn[near], axis=0)),
         carried_up=np.median(turn[near] @ centre + shift[near], axis=0),
         carried_down=np.median(np.einsum("fji,fj->fi", turn[near], centre - shift[near]), axis=0),
         gap_spread=float(np.hypot(place_above, place_below)),

@@ -105,7 +105,7 @@ def _placement(
     before = cluster.static[[cluster.labels.index(m) for m in labels]]
     place = np.mean([np.median(local, axis=0) for local in places], axis=0)
     middle, wander = place.mean(axis=0), np.concatenate(places)
-    turn, _ = segment_frames.rigid_motions(place, wander)
+    turn, _ = segment_frames.fit_rigid_motions(place, wander)
     away = wander.mean(axis=1) - middle
     links = [
         link for t in trials for link in t.links.values() if segment in (link.above, link.below)
@@ -142,7 +142,7 @@ def _local(
     points, paths = list[Array](), list[Array]()
     for joint, pair in joints:
         other = pair[1 - pair.index(part)]
-        neighbour = trial.clusters.get(linkage.of_side(other, side))
+        neighbour = trial.clusters.get(linkage.add_side(other, side))
         if neighbour is None or neighbour.borrowed:
             return None
         ends = (axis, -axis) if joint.startswith("knee") else (0.0 * axis,)
@@ -157,7 +157,7 @@ def _local(
     together = together[np.isfinite(together).all(axis=(1, 2))]
     if len(together) < FEWEST_FRAMES:
         return None
-    turn, origin = segment_frames.rigid_motions(np.array(points), together[:, : len(points)])
+    turn, origin = segment_frames.fit_rigid_motions(np.array(points), together[:, : len(points)])
     return np.einsum("fji,fnj->fni", turn, together[:, len(points) :] - origin[:, None])
 
 

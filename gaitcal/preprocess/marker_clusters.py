@@ -31,9 +31,9 @@ from gaitcal.arrays import Array, BoolArray
 from gaitcal.calibration import soft_tissue_artefact
 from gaitcal.io.recording import Recording, seen_mask, still_window
 from gaitcal.model import kinematics, linkage, rotations, segment_frames
-from gaitcal.model.landmarks import static_posture
+from gaitcal.model.landmarks import measure_static_posture
 from gaitcal.model.marker_set import MarkerSet
-from gaitcal.model.present_markers import complete_static, present_markers
+from gaitcal.model.present_markers import complete_static, resolve_marker_set
 from gaitcal.model.subject_model import SubjectModel
 from gaitcal.tracking.rigid import RigidFit, rigid_fit
 
@@ -93,16 +93,18 @@ class Stance:
         hip_centre: segment_frames.HipCentre,
     ) -> "Stance":
         """From the static trial of which `model` was made."""
-        static = complete_static(marker_set.renamed(static), marker_set)
-        marker_set = present_markers(marker_set, static)
-        posture = static_posture(static, marker_set, still_window(static, marker_set.labels).frames)
-        legs = segment_frames.lower_body(
+        static = complete_static(marker_set.rename_labels(static), marker_set)
+        marker_set = resolve_marker_set(marker_set, static)
+        posture = measure_static_posture(
+            static, marker_set, still_window(static, marker_set.labels).frames
+        )
+        legs = segment_frames.measure_lower_body(
             posture,
             model.subject.height,
             hip_centre,
-            widths=segment_frames.JointWidths.of(model.subject),
+            widths=segment_frames.JointWidths.from_subject(model.subject),
         )
-        right = segment_frames.across(legs.frames["pelvis"].rotation[:, 2], UP)
+        right = segment_frames.project_across(legs.frames["pelvis"].rotation[:, 2], UP)
         axes = np.vstack([np.cross(UP, right), UP, right])
         points: dict[str, dict[str, Array]] = {}
         for label, segment in zip(model.markers.labels, model.markers.segments, strict=True):
@@ -130,7 +132,7 @@ class Stance:
     @classmethod
     def of_model(cls, model: SubjectModel) -> "Stance":
         """From a saved model, all coordinates zero: its joint centres and markers."""
-        axes, origins = kinematics.body_poses(
+        axes, origins = kinematics.compute_body_poses(
             model.parameters, np.zeros((1, len(linkage.COORDINATES)))
         )
         frames = {
@@ -242,7 +244,8 @@ class MarkerCluster:
         """
         size = soft_tissue_artefact.SIZES[self.part]
         return tissue_spread(
-            float(np.hypot(size.own, size.shift if together and self.borrowed else 0.0)), self.far
+            float(np.hypot(size.per_marker, size.shift if together and self.borrowed else 0.0)),
+            self.far,
         )
 
     @property
@@ -264,7 +267,7 @@ class MarkerCluster:
         away = self.static - self.static.mean(axis=0)
         turn = variance * np.linalg.pinv(np.eye(3) * (away**2).sum() - away.T @ away)
         return float(
-            np.sqrt(3.0 * variance * segment_frames.place_variance(self.static, point))
+            np.sqrt(3.0 * variance * segment_frames.compute_position_variance(self.static, point))
         ), np.sqrt(np.diag(turn))
 
     def carries(self, point: Array) -> Array:
@@ -383,7 +386,7 @@ def _flexion(clusters: Mapping[str, MarkerCluster], segment: str) -> Array:
     one, out = clusters[segment], np.full(len(clusters[segment].determined), np.nan)
     for other in (clusters[name] for name in names if name in clusters):
         angle = np.abs(
-            rotations.root_angles(one.rotation.transpose(0, 2, 1) @ other.rotation)[:, 0]
+            rotations.compute_root_angles(one.rotation.transpose(0, 2, 1) @ other.rotation)[:, 0]
         )
         out = np.fmax(out, np.where(one.determined & other.determined, angle, np.nan))
     return out
@@ -444,5 +447,5 @@ def alignment(points: Array, onto: Array, weight: Array | None = None) -> tuple[
     """
     w = np.ones(len(points)) if weight is None else weight
     a, b = (w @ p / w.sum() for p in (points, onto))
-    rotation = segment_frames.nearest_rotation((onto - b).T @ (w[:, None] * (points - a)))
+    rotation = segment_frames.find_nearest_rotation((onto - b).T @ (w[:, None] * (points - a)))
     return rotation, b - rotation @ a

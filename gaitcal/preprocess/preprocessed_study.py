@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from gaitcal.errors import Finding, InputError
-from gaitcal.model.linkage import SEGMENTS, joint_segments
+from gaitcal.model.linkage import SEGMENTS, list_joint_segments
 from gaitcal.model.marker_set import MarkerSet
 from gaitcal.model.parameters import JOINT_PARAMETERS, ParameterKind
 from gaitcal.model.subject_model import SubjectModel
@@ -77,7 +77,7 @@ class PreprocessedStudy:
             if p.kind is ParameterKind.ORIENTATION
         }
         for t in self.trials if self.study.marker_set.noise is None else ():
-            fitted = SEGMENTS if t.trial.joint is None else joint_segments(t.trial.joint)
+            fitted = SEGMENTS if t.trial.joint is None else list_joint_segments(t.trial.joint)
             moves = {
                 s: move for s, move in possible_moves(t.clusters, t.links).items() if s in fitted
             }

@@ -30,14 +30,14 @@ from gaitcal.errors import InputError
 from gaitcal.io.recording import Recording, seen_means, still_window
 from gaitcal.model.linkage import LOWER_BODY
 from gaitcal.model.marker_set import MarkerSet
-from gaitcal.model.present_markers import path_of
+from gaitcal.model.present_markers import get_path
 from gaitcal.model.segment_frames import (
     HipCentre,
-    hip_centre,
-    off_line,
-    pelvis_frame,
-    place_variance,
-    rigid_motions,
+    build_pelvis_frame,
+    compute_hip_centre,
+    compute_position_variance,
+    fit_rigid_motions,
+    measure_distance_from_line,
 )
 
 FEWEST = 3  # points that tell how a segment is turned
@@ -178,7 +178,7 @@ def _wanted(marker_set: MarkerSet) -> tuple[str, ...]:
 
 
 def _shows(recording: Recording, label: str) -> bool:
-    return label in recording.labels and bool(np.isfinite(path_of(recording, label)).any())
+    return label in recording.labels and bool(np.isfinite(get_path(recording, label)).any())
 
 
 def _attempt(
@@ -190,7 +190,7 @@ def _attempt(
 ) -> RebuiltMarker | str:
     """The marker as one trial has it, or why this one does not tell."""
     segment = marker_set.segment_of[label]
-    path = path_of(recording, label)
+    path = get_path(recording, label)
     frames = np.flatnonzero(np.isfinite(path).all(axis=1))
     points = _companions(label, marker_set, standing, recording)
     names = [
@@ -202,7 +202,7 @@ def _attempt(
             "needed, not on a line"
         )
     at = np.array([points[name][0] for name in names])
-    if off_line(at) < FLAT_M:
+    if measure_distance_from_line(at) < FLAT_M:
         return (
             f"{', '.join(names)} of {segment}, seen beside it, lie on one line: nothing tells the "
             "turn about it"
@@ -212,7 +212,7 @@ def _attempt(
     if len(frames) < FEWEST_FRAMES:
         return f"it is never seen together with {', '.join(names)} of {segment}"
     frames = frames[:: max(1, len(frames) // MOST_FRAMES)]
-    rotation, origin = rigid_motions(at, ways[frames])
+    rotation, origin = fit_rigid_motions(at, ways[frames])
     back = np.einsum("fji,fj->fi", rotation, path[frames] - origin)
     place = np.median(back, axis=0)
     shape = np.mean(np.einsum("fji,fnj->fni", rotation, ways[frames] - origin[:, None]), axis=0)
@@ -229,7 +229,7 @@ def _attempt(
         companions=tuple(names),
         trial=trial,
         frames=len(frames),
-        uncertainty=float(np.sqrt(scatter + differs * place_variance(at, place))),
+        uncertainty=float(np.sqrt(scatter + differs * compute_position_variance(at, place))),
     )
 
 
@@ -246,7 +246,7 @@ def _companions(
             m for m in marker_set.tracked if marker_set.segment_of[m] == segment and m != label
         ]
         return {
-            m: (standing[m], path_of(recording, m))
+            m: (standing[m], get_path(recording, m))
             for m in labels
             if m in standing and _shows(recording, m)
         }
@@ -262,7 +262,7 @@ def _companions(
     if (
         lent is None
         or len(carriers) < FEWEST
-        or off_line(np.array([at for at, _ in carriers.values()])) < FLAT_M
+        or measure_distance_from_line(np.array([at for at, _ in carriers.values()])) < FLAT_M
     ):
         return out
     return {**out, lent[0]: (lent[1], _carried(lent[1], list(carriers.values())))}
@@ -278,7 +278,7 @@ def _carried(place: Array, points: Sequence[tuple[Array, Array]]) -> Array:
     )
     out = np.full((len(ways), 3), np.nan)
     visible = np.isfinite(ways).all(axis=(1, 2))
-    rotation, origin = rigid_motions(at, ways[visible])
+    rotation, origin = fit_rigid_motions(at, ways[visible])
     out[visible] = rotation @ place + origin
     return out
 
@@ -309,9 +309,13 @@ def _joint_above(
     right, left, sacrum = (landmark(name) for name in ("asis_r", "asis_l", "sacrum"))
     if part != "thigh" or right is None or left is None or sacrum is None:
         return None
-    pelvis, width = pelvis_frame(right, left, sacrum), float(np.linalg.norm(right - left))
+    pelvis, width = build_pelvis_frame(right, left, sacrum), float(np.linalg.norm(right - left))
     depth = float(np.linalg.norm(pelvis.origin - sacrum))
-    return "hip centre", pelvis.point(hip_centre(HipCentre.BELL, width, depth, side)), "pelvis"
+    return (
+        "hip centre",
+        pelvis.point(compute_hip_centre(HipCentre.BELL, width, depth, side)),
+        "pelvis",
+    )
 
 
 def _filled(

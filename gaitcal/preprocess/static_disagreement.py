@@ -31,7 +31,7 @@ from scipy.spatial.transform import Rotation
 from scipy.special import softmax
 
 from gaitcal.arrays import Array
-from gaitcal.model.rotations import root_angles
+from gaitcal.model.rotations import compute_root_angles
 from gaitcal.preprocess.joint_links import JointLink, angle_of
 from gaitcal.preprocess.marker_clusters import FEWEST, MarkerCluster, alignment
 
@@ -244,7 +244,7 @@ class _Body:
         out = {name: self.offset_excess(cluster) for name, cluster in self.clusters.items()}
         for joint, link in self.links.items():
             turn, gap = self.relation(link)
-            ratios = np.abs(root_angles(turn)[1:]) / link.turn_limits
+            ratios = np.abs(compute_root_angles(turn)[1:]) / link.turn_limits
             out[joint] = max(float(np.linalg.norm(gap)) / link.gap_limit, float(ratios.max()))
         return {name: value for name, value in out.items() if value > 1.0}
 
@@ -431,7 +431,7 @@ def _unexplained(body: _Body, joint: str, excess: float) -> Contradiction:
     return Contradiction(
         fault=Fault.UNKNOWN,
         segment=joint,
-        turn=float(np.abs(root_angles(turn)[1:]).max()),
+        turn=float(np.abs(compute_root_angles(turn)[1:]).max()),
         shift=float(np.linalg.norm(gap)),
         direction=gap,
         excess=excess,

@@ -102,10 +102,10 @@ def model_with_trunk(
     placed = zip(model.markers.segments, model.markers.weight, strict=True)
     if (
         sum(segment == "head_trunk" and weight > 0 for segment, weight in placed)
-        >= trunk.IN_A_PLANE
+        >= trunk.PLANE_LANDMARKS
     ):
         return model
-    static = marker_set.renamed(static)
+    static = marker_set.rename_labels(static)
     in_static = set(model.markers.labels)
     wanted = [
         m
@@ -113,7 +113,7 @@ def model_with_trunk(
         if marker_set.weight(m) > 0 and m not in in_static
     ]
     found: dict[str, list[Array]] = {label: [] for label in wanted}
-    for walk in (marker_set.renamed(walk) for walk in walks):
+    for walk in (marker_set.rename_labels(walk) for walk in walks):
         at, axes, origins = _standing_axes(model, walk)
         for label in set(wanted) & set(walk.labels):
             path = walk.markers[at, walk.labels.index(label)]
@@ -155,13 +155,13 @@ def _standing_axes(model: SubjectModel, walk: Recording) -> tuple[IntArray, Arra
     lumbar joint.
     """
     column = {label: i for i, label in enumerate(walk.labels)}
-    pelvis = model.markers.on("pelvis", column)
+    pelvis = model.markers.find_markers("pelvis", column)
     local = model.markers.local[pelvis]
     measured = walk.markers[:, [column[model.markers.labels[i]] for i in pelvis]]
     known = np.flatnonzero(seen_mask(measured).all(axis=1))
     if (
-        len(pelvis) < trunk.IN_A_PLANE
-        or segment_frames.off_line(local) < SINGULAR
+        len(pelvis) < trunk.PLANE_LANDMARKS
+        or segment_frames.measure_distance_from_line(local) < SINGULAR
         or not len(known)
     ):
         return np.empty(0, dtype=np.intp), np.empty((0, 3, 3)), np.empty((0, 3))
@@ -184,5 +184,5 @@ def _rotations(moments: Array) -> Array:
 def _upright(lateral: Array) -> Array:
     """(3, 3) axes in columns, z along a (3,) direction made horizontal."""
     up = np.array([0.0, 1.0, 0.0])
-    z = segment_frames.unit(lateral - (lateral @ up) * up)
+    z = segment_frames.normalise(lateral - (lateral @ up) * up)
     return np.column_stack([np.cross(up, z), up, z])

@@ -13,7 +13,7 @@ from gaitcal.arrays import Array, BoolArray
 from gaitcal.errors import Code, Finding, InputError, Severity
 from gaitcal.io.axes import PROGRESSION_M, net_progression
 from gaitcal.io.recording import Recording, seen_mask, seen_means, still_window
-from gaitcal.model.linkage import joint_segments
+from gaitcal.model.linkage import list_joint_segments
 from gaitcal.model.marker_set import MarkerSet
 from gaitcal.model.subject_model import Subject, SubjectModel
 from gaitcal.preprocess.clean_trial import CleanTrial, Outlier
@@ -143,7 +143,7 @@ class TrialEvidence:
         """
         if self.trial.joint is None:
             return self
-        segments, of = joint_segments(self.trial.joint), self.marker_set.segment_of
+        segments, of = list_joint_segments(self.trial.joint), self.marker_set.segment_of
         kept = [i for i, label in enumerate(self.recording.labels) if of.get(label) in segments]
         labels = tuple(self.recording.labels[i] for i in kept)
         return self.with_recording(
@@ -252,7 +252,7 @@ class TrialEvidence:
         if self.model is None:
             return {}
         markers = self.model.markers
-        rows = {segment: markers.on(segment, self.place) for segment in markers.segments}
+        rows = {segment: markers.find_markers(segment, self.place) for segment in markers.segments}
         return {
             s: (tuple(markers.labels[i] for i in own), markers.local[own])
             for s, own in rows.items()
@@ -323,7 +323,7 @@ class TrialEvidence:
         found, joint = contradictions(self.clusters, self.links), self.trial.joint
         if joint is None:
             return found
-        return tuple(c for c in found if c.segment in (joint, *joint_segments(joint)))
+        return tuple(c for c in found if c.segment in (joint, *list_joint_segments(joint)))
 
     @cached_property
     def displaced(self) -> dict[str, list[DisplacedInterval]]:

@@ -52,7 +52,12 @@ from gaitcal.io.force_plate import (
 from gaitcal.io.recording import ForcePlate, Recording, duration, runs
 from gaitcal.model.chain import build_model
 from gaitcal.model.linkage import SIDES
-from gaitcal.model.parameters import MASSIVE_SEGMENTS, Parameters, dynamic_jacobian, table
+from gaitcal.model.parameters import (
+    MASSIVE_SEGMENTS,
+    Parameters,
+    compute_dynamic_jacobian,
+    view_as_table,
+)
 from gaitcal.model.subject_model import GRAVITY, SubjectModel
 from gaitcal.quality.plate_forces import (
     EMPTY_N,
@@ -351,8 +356,8 @@ def inertial_spread(regressor: Array, inertial: Array, height: float) -> tuple[A
     Returns (k, 6, n) for n unknowns, and (k, 6, 2) per m of the trunk's mass centre forward and to
     the right; `regressor` (k, 6, 12, 10) as `Dynamics.root_regressor` gives it.
     """
-    by_parameter = np.einsum("ftsd,sdi->ftsi", regressor, dynamic_jacobian(inertial))
-    rows = table(inertial)
+    by_parameter = np.einsum("ftsd,sdi->ftsi", regressor, compute_dynamic_jacobian(inertial))
+    rows = view_as_table(inertial)
     variance = (MASS_SHARE * rows[:, 0]) ** 2
     # given their sum, independent masses have the covariance D - d d^T / sum d
     values, vectors = np.linalg.eigh(

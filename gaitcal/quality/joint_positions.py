@@ -43,7 +43,7 @@ from gaitcal.model.segment_frames import (
     UNEVEN_GIVEN,
     HipCentre,
     PelvicWidth,
-    hip_centre,
+    compute_hip_centre,
 )
 from gaitcal.model.subject_model import SubjectModel
 from gaitcal.preprocess import trial_evidence
@@ -324,11 +324,13 @@ def given_hips(trial: trial_evidence.TrialEvidence) -> Iterator[Finding]:
         return
     p = {name: at for name, (_, at) in trial.model.landmarks.items()}
     between = float(np.linalg.norm(p["asis_r"] - p["asis_l"]))
-    width = PelvicWidth(between, trial.subject.asis_distance).of(HipCentre.HARRINGTON)
+    width = PelvicWidth(between, trial.subject.asis_distance).get_width(HipCentre.HARRINGTON)
     depth = float(np.linalg.norm(0.5 * (p["asis_r"] + p["asis_l"]) - p["sacrum"]))
     gaps = {
         side: float(
-            np.linalg.norm(p[f"hjc_{side}"] - hip_centre(HipCentre.HARRINGTON, width, depth, side))
+            np.linalg.norm(
+                p[f"hjc_{side}"] - compute_hip_centre(HipCentre.HARRINGTON, width, depth, side)
+            )
         )
         for side in linkage.SIDES
     }

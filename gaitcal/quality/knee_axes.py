@@ -139,7 +139,7 @@ def odd_lines(p: Mapping[str, Array], bending: Mapping[str, float]) -> Iterator[
 
 def _side_evidence(p: Mapping[str, Array], side: str, bending: float | None) -> dict[str, float]:
     """Degrees by name, those that can be told; empty without a line through the knee."""
-    axes = body_plan.body_axes(p)
+    axes = body_plan.compute_body_axes(p)
 
     def line(medial: str, lateral: str) -> float | None:
         """Degrees from the body's medial-lateral axis, positive where the lateral end lies forward."""
@@ -205,14 +205,14 @@ def axis_turn(trial: TrialEvidence, knee: str) -> float | None:
     if knee not in trial.links or epicondyles is None:
         return None
     turn = trial.links[knee].turn
-    flexion = rotations.root_angles(turn)[:, 0]
+    flexion = rotations.compute_root_angles(turn)[:, 0]
     used = flexion > -AXIS_FLEXION  # a knee bends to negative f
     if (
         used.sum() <= AXIS_FRAMES
         or np.ptp(np.percentile(flexion[used], AXIS_PERCENTILES)) <= AXIS_RANGE
     ):
         return None
-    about = turn[used] @ segment_frames.nearest_rotation(turn[used].mean(axis=0)).T
+    about = turn[used] @ segment_frames.find_nearest_rotation(turn[used].mean(axis=0)).T
     vector = 0.5 * np.stack(
         [about[:, i, j] - about[:, j, i] for i, j in ((2, 1), (0, 2), (1, 0))], axis=1
     )

@@ -26,7 +26,7 @@ from gaitcal.errors import Code, Finding, GaitcalError, Severity, alike, listed
 from gaitcal.io.labels import is_unlabelled
 from gaitcal.io.recording import duration, marker_gaps, runs, seen_mask, spans
 from gaitcal.model import linkage
-from gaitcal.model.landmarks import one_psis, sacrum_words
+from gaitcal.model.landmarks import describe_guessed_sacrum, find_single_psis
 from gaitcal.model.subject_model import SubjectModel
 from gaitcal.preprocess.clean_trial import BRIDGED_S
 from gaitcal.preprocess.trial_evidence import NEGLIGIBLE_WEIGHT, TrialEvidence
@@ -127,7 +127,7 @@ def too_few(trial: TrialEvidence) -> Iterator[Finding]:
     if trial.is_static or trial.model is None:
         return
     joint, of_pelvis = trial.trial.joint, trial.weighed("pelvis")
-    carrier = linkage.carrier_of(joint) or "pelvis"
+    carrier = linkage.find_base_segment(joint) or "pelvis"
     shown = trial.weighed(carrier)
     if len(shown) < FEWEST_MARKERS:
         of = "the pelvis" if carrier == "pelvis" else f"{carrier}, which carries {joint},"
@@ -165,7 +165,7 @@ def never_seen(trial: TrialEvidence) -> Iterator[Finding]:
         if trial.ever_seen(label) and trial.weight(label) > 0 and segment_of[label] in left:
             left[segment_of[label]] += 1
     joint = trial.trial.joint
-    needed = linkage.joint_segments(joint) if joint else ("pelvis", *linkage.LEG_SEGMENTS)
+    needed = linkage.list_joint_segments(joint) if joint else ("pelvis", *linkage.LEG_SEGMENTS)
     lost = [s for s in left if s in needed and not left[s]]
     light = all(
         trial.weight(m) <= NEGLIGIBLE_WEIGHT or left[segment_of[m]] >= FEWEST_MARKERS for m in empty
@@ -192,9 +192,11 @@ def one_sacral(trial: TrialEvidence) -> Iterator[Finding]:
     """
     if not trial.is_static or trial.model is None:
         return
-    for label in one_psis(trial.marker_set, [m for m in trial.present if trial.ever_seen(m)]):
+    for label in find_single_psis(
+        trial.marker_set, [m for m in trial.present if trial.ever_seen(m)]
+    ):
         found = (
-            f"{sacrum_words(label)}; 10 mm that it sits higher or lower than the other turn the "
+            f"{describe_guessed_sacrum(label)}; 10 mm that it sits higher or lower than the other turn the "
             "pelvis by 2 deg"
         )
         cure = "record the static trial again with both, or give one marker midway between the two"
@@ -498,7 +500,7 @@ def _counts(trial: TrialEvidence) -> dict[str, Array]:
     judged = (
         linkage.LEG_SEGMENTS
         if joint is None
-        else tuple(s for s in linkage.joint_segments(joint)[1:] if s in linkage.LEG_SEGMENTS)
+        else tuple(s for s in linkage.list_joint_segments(joint)[1:] if s in linkage.LEG_SEGMENTS)
     )
     return {
         s: trial.seen[:, [trial.place[m] for m in trial.weighed(s)]].sum(axis=1) for s in judged
@@ -529,7 +531,7 @@ def _undetermined(trial: TrialEvidence, model: SubjectModel) -> dict[str, float]
     worst = np.quantile(uncertain[frames], WORST_SHARE, axis=0)
     names, beyond = (
         zip(problem.chain.coordinates, worst, strict=True),
-        linkage.coordinates_before(linkage.HANGS_ON),
+        linkage.list_joint_coordinates(linkage.FOLLOWED_SEGMENT),
     )
     return {name: float(s) for name, s in names if name[-2:] in ("_r", "_l") and name not in beyond}
 

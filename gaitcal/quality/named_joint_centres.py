@@ -17,8 +17,8 @@ from gaitcal.io.recording import Recording, seen_means, still_window
 from gaitcal.model.body_plan import LENGTHS
 from gaitcal.model.linkage import SIDES
 from gaitcal.model.marker_set import MarkerSet
-from gaitcal.model.present_markers import present_markers
-from gaitcal.model.segment_frames import PLAUSIBLE_WIDTH, half_width, sign
+from gaitcal.model.present_markers import resolve_marker_set
+from gaitcal.model.segment_frames import PLAUSIBLE_WIDTH, compute_half_width, sign
 from gaitcal.preprocess.trial_evidence import TrialEvidence
 from gaitcal.quality.marker_checks import KEEPS_M, TOGETHER
 
@@ -50,7 +50,7 @@ def measured_instead(
     at = seen_means({m: standing.markers[window, i] for i, m in enumerate(standing.labels)})
     named = {
         n: m[0]
-        for n, m in present_markers(marker_set, standing).landmarks.items()
+        for n, m in resolve_marker_set(marker_set, standing).landmarks.items()
         if len(m) == 1 and m[0] in at
     }
     if (
@@ -73,7 +73,9 @@ def measured_instead(
                 away = at[other] - at[lateral]
                 outwards = sign(side) * float(away @ right)
                 wide = (
-                    PLAUSIBLE_WIDTH[0] <= outwards / half_width(joint, height) <= PLAUSIBLE_WIDTH[1]
+                    PLAUSIBLE_WIDTH[0]
+                    <= outwards / compute_half_width(joint, height)
+                    <= PLAUSIBLE_WIDTH[1]
                 )
                 if (
                     wide

@@ -24,10 +24,10 @@ from gaitcal.model.body_plan import (
     HIP_HEIGHT,
     LandmarkMeasure,
     Landmarks,
-    body_axes,
-    cost,
-    cost_of_build,
-    measures,
+    compute_body_axes,
+    compute_build_cost,
+    measure_landmarks,
+    sum_squared_deviations,
 )
 from gaitcal.preprocess.trial_evidence import TrialEvidence
 from gaitcal.quality.trial_role import standing_legs
@@ -100,7 +100,7 @@ def height_factor(p: Landmarks, height: float, *, even: bool = True) -> float:
     with it.
     """
     lengths = [
-        (m.value, m.mean, m.sd) for m in measures(p, height, even=even) if m.absolute
+        (m.value, m.mean, m.sd) for m in measure_landmarks(p, height, even=even) if m.absolute
     ]  # others know no height
     value, mean, sd = np.reshape(lengths, (-1, 3)).T
     costs = ((value / TALLER[:, None] - mean) ** 2 / sd**2).sum(axis=1)
@@ -139,13 +139,16 @@ def exchanged(p: Landmarks, pairs: tuple[tuple[str, str], ...]) -> dict[str, Arr
 
 
 def _worst(p: Landmarks, height: float, even: bool) -> SwappedLandmarks | Displaced | None:
-    present = measures(p, height, even=even)
+    present = measure_landmarks(p, height, even=even)
     worst = sorted(present, key=lambda m: -abs(m.z))
     if not worst or abs(worst[0].z) < SUSPICIOUS_Z:
         return None
-    j = cost(present)
+    j = sum_squared_deviations(present)
     best, pairs = min(
-        ((cost(measures(exchanged(p, c), height, even=even)), c) for c in _candidates(p)),
+        (
+            (sum_squared_deviations(measure_landmarks(exchanged(p, c), height, even=even)), c)
+            for c in _candidates(p)
+        ),
         key=lambda found: found[0],
     )
     moved = sorted(
@@ -158,7 +161,7 @@ def _worst(p: Landmarks, height: float, even: bool) -> SwappedLandmarks | Displa
     name, least, away = moved[0]
     if j - least < DISPLACED_SAVES or np.linalg.norm(away) < DISPLACED_M:
         return None
-    if cost_of_build(p, height, even=even) < least - BUILD_SAVES:
+    if compute_build_cost(p, height, even=even) < least - BUILD_SAVES:
         # somebody who is built so, or stands so: many landmarks lie otherwise, and no one is to
         # blame
         return None
@@ -204,7 +207,9 @@ def _displace(p: Landmarks, height: float, name: str, even: bool) -> tuple[str, 
 
     def residuals(d: Array) -> Array:
         there = {**p, name: p[name] - d}
-        return np.array([*(m.z for m in measures(there, height, even=even)), *(d / SPREAD_M)])
+        return np.array(
+            [*(m.z for m in measure_landmarks(there, height, even=even)), *(d / SPREAD_M)]
+        )
 
     d = np.zeros(3)
     r = residuals(d)
@@ -220,7 +225,7 @@ def _displace(p: Landmarks, height: float, name: str, even: bool) -> tuple[str, 
                 break
         else:
             damping = max(10 * damping, 0.1)
-    axes = body_axes(p)
+    axes = compute_body_axes(p)
     return name, float(r @ r), d if axes is None else d @ axes
 
 
@@ -273,7 +278,7 @@ def proportions(trial: TrialEvidence) -> Iterator[Finding]:
             else _displaced(trial, fault)
         )
     if not found:
-        yield from _impossible(trial, measures(sound, factor * given))
+        yield from _impossible(trial, measure_landmarks(sound, factor * given))
 
 
 def hip_height(trial: TrialEvidence) -> float | None:
@@ -340,7 +345,7 @@ def _height(
     trial: TrialEvidence, p: Landmarks, severity: Severity, factor: float, legs: float | None
 ) -> Finding:
     given = trial.subject.height
-    lengths = [m for m in measures(p, given) if m.absolute and abs(m.z) > 1.0]
+    lengths = [m for m in measure_landmarks(p, given) if m.absolute and abs(m.z) > 1.0]
     found = ""
     if legs is not None:
         share, sd = HIP_HEIGHT
@@ -386,7 +391,7 @@ def _impossible(trial: TrialEvidence, found: Sequence[LandmarkMeasure]) -> Itera
 
 def _evidence(found: Sequence[LandmarkMeasure]) -> str:
     worst = sorted(found, key=lambda m: -abs(m.z))
-    return ", ".join(m.words for m in worst[:EVIDENCE])
+    return ", ".join(m.description for m in worst[:EVIDENCE])
 
 
 def label_words(trial: TrialEvidence, landmark: str) -> str:

@@ -26,12 +26,12 @@ from gaitcal.dynamics.ground_reactions import SITTING_DEG
 from gaitcal.errors import Code, Finding, InputError, Severity, listed
 from gaitcal.io.axes import PROGRESSION_M
 from gaitcal.io.recording import LAG_S, RESTLESS_M_S, STILL_M_S, still_window
-from gaitcal.model.ankle_zero import AnkleZero, standing_ankles
-from gaitcal.model.body_plan import body_axes
+from gaitcal.model.ankle_zero import AnkleZero, measure_standing_ankles
+from gaitcal.model.body_plan import compute_body_axes
 from gaitcal.model.landmarks import StaticPosture
 from gaitcal.model.linkage import ISOLATED_JOINTS, SIDE_WORDS, SIDES
 from gaitcal.model.marker_set import REQUIRED
-from gaitcal.model.segment_frames import HipCentre, JointWidths, lower_body
+from gaitcal.model.segment_frames import HipCentre, JointWidths, measure_lower_body
 from gaitcal.preprocess.trial_evidence import NEGLIGIBLE_WEIGHT, TrialEvidence
 from gaitcal.quality import plate_checks
 from gaitcal.tracking.rigid import rigid_fit
@@ -324,10 +324,10 @@ def standing_legs(p: Mapping[str, Array], height: float) -> StandingLegs | None:
     """The stance that landmarks p ((3,) m each, y up) of a person of this height (m) show; None
     where some lack.
     """
-    axes = body_axes(p)
+    axes = compute_body_axes(p)
     if axes is None or any(name not in p for name in REQUIRED):
         return None
-    body = lower_body(StaticPosture("", {}, p, {}), height, HipCentre.BELL)
+    body = measure_lower_body(StaticPosture("", {}, p, {}), height, HipCentre.BELL)
     knees, thighs = [], []
     for side in SIDES:
         thigh, shank = body.frames[f"thigh_{side}"].rotation, body.frames[f"shank_{side}"].rotation
@@ -349,10 +349,13 @@ def standing_flat(trial: TrialEvidence) -> Iterator[Finding]:
     ):
         return
     posture = StaticPosture(trial.source, {}, p, {})
-    legs = lower_body(
-        posture, trial.subject.height, HipCentre.HARRINGTON, widths=JointWidths.of(trial.subject)
+    legs = measure_lower_body(
+        posture,
+        trial.subject.height,
+        HipCentre.HARRINGTON,
+        widths=JointWidths.from_subject(trial.subject),
     )
-    doubts = standing_ankles(
+    doubts = measure_standing_ankles(
         posture, legs, trial.recording.facts.static_plantarflexion, rule
     ).doubts
     if doubts:

@@ -9,7 +9,7 @@ import numpy as np
 import pandas as pd
 
 from gaitcal.analysis.trial_result import axis_deviations
-from gaitcal.calibration.joint_prior import prior_of_study
+from gaitcal.calibration.joint_prior import make_study_prior
 from gaitcal.errors import Code, InputError
 from gaitcal.gait import cycles, moments, profile_score, spatiotemporal
 from gaitcal.io.result_folder import MANIFEST, ResultKind, atomic_directory, read_object, sha256_of
@@ -175,7 +175,7 @@ def _score_rows(
             title = (
                 "Gait Profile Score"
                 if name == profile_score.GPS
-                else coordinates.coordinate_words(name).title
+                else coordinates.describe_coordinate(name).title
             )
             missed = (
                 f" (missed below {session_difference.MDC * np.hypot(se[0], se[1]):.1f})"
@@ -280,7 +280,7 @@ def load_session(folder: Path) -> tuple[stride_sets.RecordedSession, tuple[Snaps
         remarks=(*of_model.remarks, *other),
         axis_deviations=axis_deviations(settings, model),
         error_shares=_shares(summary),
-        prior=prior_of_study(settings.joint_prior, noise=model.noise),
+        prior=make_study_prior(settings.joint_prior, noise=model.noise),
         relative=settings.angles == "relative",
     )
     return session, (read, of_model)

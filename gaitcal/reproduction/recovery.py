@@ -47,7 +47,7 @@ from gaitcal.tracking.descent import Descent, DescentSettings, Evaluation, desce
 from gaitcal.tracking.motion import SharedMotions, motion_of, track_nodes
 from gaitcal.tracking.trial_problem import MotionProblem, trial_problem
 
-LEG = params.leg_parameters(SIDE)
+LEG = params.list_leg_parameters(SIDE)
 DAMPED = DescentSettings(first_damping=1e-3, keep_within=0.0, most_steps=60)
 """Every step on its own matrix: far away none serves twice."""
 
@@ -130,9 +130,9 @@ def true_motion(problem: str) -> motions.TrueMotion:
 def free_parameters(problem: str) -> tuple[str, ...]:
     """What one of `PROBLEMS` solves for."""
     return (
-        params.gait_parameters(SIDE)
+        params.list_gait_parameters(SIDE)
         if problem == "full leg"
-        else params.isolated_parameters(f"{problem}_{SIDE}")
+        else params.list_isolated_parameters(f"{problem}_{SIDE}")
     )
 
 
@@ -229,7 +229,7 @@ class InertialErrors:
 
 def inertial_rms(estimate: Array, truth: Array) -> InertialErrors:
     """Errors of inertial parameters (84,), SI."""
-    errors = params.table((estimate - truth) / params.IP_TO_SI)
+    errors = params.view_as_table((estimate - truth) / params.IP_TO_SI)
     return InertialErrors(
         *(float(np.sqrt(np.mean(errors[:, k] ** 2))) for k in (slice(4, 7), 0, slice(1, 4)))
     )
@@ -239,12 +239,12 @@ def symmetric_errors(estimate: Array, truth: Array) -> dict[str, float]:
     """Errors of the 36 symmetric parameters (mean of both sides), and of `foot.com.sup`; kg, mm, kg
     mm^2.
     """
-    which = params.symmetric_set()
+    which = params.make_symmetric_set()
     errors = (estimate - truth) / params.IP_TO_SI
     values = which.selection.T @ errors / (which.selection**2).sum(axis=0)
     out = dict(zip(which.names, values.tolist(), strict=True))
     feet = [k for k, segment in enumerate(params.MASSIVE_SEGMENTS) if segment.startswith("foot")]
-    out["foot.com.sup"] = float(params.table(errors)[feet, 2].mean())
+    out["foot.com.sup"] = float(params.view_as_table(errors)[feet, 2].mean())
     return out
 
 
@@ -297,7 +297,7 @@ def gait_equations(
     q, v, a = (basis.evaluate(coefficients, k) for k in range(3))
     valid = np.ones(len(q), dtype=bool)
     motion = inertial_calibration.LoadedMotion(state=(q, v, a), wrench=true_wrench(), valid=valid)
-    return inertial_calibration.equations_of(
+    return inertial_calibration.assemble_root_equations(
         [motion], parameters, true_model().subject, scale, pelvis_width(true_model())
     )
 
@@ -311,7 +311,7 @@ def random_seed(rng: np.random.Generator, *, with_held: bool) -> Array:
     """(84,) the true inertial parameters, each of the 36 (with `with_held` also `foot.com.sup`) up
     to 50 % off.
     """
-    truth, which = true_model().parameters.inertial, params.symmetric_set()
+    truth, which = true_model().parameters.inertial, params.make_symmetric_set()
     factors = rng.uniform(-SEED_RANGE, SEED_RANGE, len(which.names) + 1)
     seed = truth * (1.0 + which.selection @ factors[:-1])
     if with_held:
@@ -330,14 +330,14 @@ def recover_inertia(
     """The published cost from a seed (84,)."""
     began, truth = time.process_time(), true_model().parameters.inertial
     fit = inertial_calibration.fit_published(
-        equations, seed, params.symmetric_set(), reseed=reseed, decay=decay
+        equations, seed, params.make_symmetric_set(), reseed=reseed, decay=decay
     )
     return InertialRecovery(
         force=fit.rms_force,
         torque=fit.rms_moment,
         errors=inertial_rms(fit.inertial, truth),
         each=symmetric_errors(fit.inertial, truth),
-        total_mass=float(params.table(fit.inertial - truth)[:, 0].sum()),
+        total_mass=float(params.view_as_table(fit.inertial - truth)[:, 0].sum()),
         seeds=fit.seeds,
         seconds=time.process_time() - began,
         converged=fit.converged,
@@ -355,14 +355,18 @@ def third_step(markers: MotionProblem, gait: JointRecovery) -> ThirdStep:
     free, began = free_parameters("full leg"), time.process_time()
     equations = gait_equations(gait.parameters, gait.coefficients)
     inertial = inertial_calibration.fit_consistent(
-        equations, true_model().parameters.inertial, params.symmetric_set()
+        equations, true_model().parameters.inertial, params.make_symmetric_set()
     )
     trial = combined.CombinedProblem(
         markers, gait.coefficients, true_wrench(), np.ones(len(true_wrench()), dtype=bool)
     )
     start = gait.parameters.with_inertial(inertial.inertial)
-    fit = combined.combined_fit([trial], start, free, params.symmetric_set(), true_model().subject)
-    force, torque = gait_equations(fit.parameters, fit.coefficients[0]).rms(fit.parameters.inertial)
+    fit = combined.fit_combined(
+        [trial], start, free, params.make_symmetric_set(), true_model().subject
+    )
+    force, torque = gait_equations(fit.parameters, fit.coefficients[0]).compute_rms(
+        fit.parameters.inertial
+    )
     distance = motion_of(markers, fit.parameters, fit.coefficients[0]).errors.distance
     positions = [
         joint_rms(joint_errors(p, true_model().parameters, free), free)[0] or 0.0
@@ -452,7 +456,7 @@ def _run(
     scales = {scale: recover_inertia(scaled, truth) for scale, scaled in equations.items()}
     return SeedResult(
         joints=joints,
-        residual_before=by_height.rms(truth),
+        residual_before=by_height.compute_rms(truth),
         correct=scales[inertial_calibration.TorqueScale.BODY_HEIGHT],
         single_pass=recover_inertia(by_height, truth, reseed=False),
         random=tuple(recover_inertia(by_height, start, decay=decay) for start in starts),

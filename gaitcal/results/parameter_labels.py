@@ -10,14 +10,14 @@ import numpy as np
 
 from gaitcal.analysis.parameter_table import parameter_rows
 from gaitcal.analysis.result import Calibration
-from gaitcal.calibration.identifiability import NEEDED_TURN
-from gaitcal.calibration.joint_prior import prior_of_study
+from gaitcal.calibration.identifiability import NEEDED_RANGE
+from gaitcal.calibration.joint_prior import make_study_prior
 from gaitcal.gait import moments
 from gaitcal.model.coordinates import JOINT_TABLE, split_side
 from gaitcal.model.linkage import JOINTS, Source
 from gaitcal.study.settings import Protocol
 
-ENOUGH_MOTION_DEG = float(np.degrees(NEEDED_TURN))
+ENOUGH_MOTION_DEG = float(np.degrees(NEEDED_RANGE))
 GROUPS = tuple(JOINT_TABLE)
 EQUAL = 1e-9
 SHORTER_UNITS = {"kg*mm^2": ("kg·cm²", 0.01)}
@@ -142,7 +142,7 @@ def blind_spots(calibration: Calibration) -> tuple[str, ...]:
 def _kept(calibration: Calibration, names: Sequence[str]) -> str:
     """What becomes of joint parameters that the trials cannot see."""
     several, study = len(names) > 1, calibration.study
-    if near := prior_of_study(study.settings.joint_prior, study.joint_prior).held_near(names):
+    if near := make_study_prior(study.settings.joint_prior, study.joint_prior).held_near(names):
         return f"{'they stay' if several else 'it stays'} near {near}"
     if study.settings.decided_by is Protocol.EVIDENCE:
         return (
@@ -195,7 +195,7 @@ def counts_sentence(calibration: Calibration) -> str:
     kept = "All others keep their nominal values."
     study = calibration.study
     if calibration.unidentifiable and study.settings.decided_by is Protocol.EVIDENCE:
-        near = prior_of_study(study.settings.joint_prior, study.joint_prior).held_near(
+        near = make_study_prior(study.settings.joint_prior, study.joint_prior).held_near(
             calibration.unidentifiable
         )
         kept = f"What these trials do not determine stays near {near or 'nominal values'}. {kept}"

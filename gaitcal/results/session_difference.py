@@ -59,12 +59,12 @@ from scipy.special import stdtrit
 
 from gaitcal.arrays import Array
 from gaitcal.calibration.error_sources import ErrorSources
-from gaitcal.calibration.joint_prior import in_both_views, prior_root
+from gaitcal.calibration.joint_prior import factor_prior, make_view_covariance
 from gaitcal.dynamics.measurement_errors import PALPATED_DEG
 from gaitcal.gait.cycles import GROUND_REACTION, CurveKind, coordinate_of, kind_of
 from gaitcal.gait.moments import SIDE_WORDS, counted, parameter_words
-from gaitcal.model.coordinates import coordinate_words, senses_of
-from gaitcal.model.linkage import LEG_JOINTS, SIDES, segment_kind
+from gaitcal.model.coordinates import describe_coordinate, get_senses
+from gaitcal.model.linkage import LEG_JOINTS, SIDES, get_segment
 from gaitcal.model.parameters import JOINT_PARAMETERS, JP_INDEX, JP_NAMES
 from gaitcal.model.parameters import ParameterKind as ParameterKind
 from gaitcal.results.stride_sets import Common, RecordedSession, mean_over
@@ -342,9 +342,9 @@ def subject(d: Difference) -> str:
     if d.name == GROUND_REACTION:
         return f"{side}vertical ground reaction, {d.measure}"
     coordinate = coordinate_of(d.name)
-    title = coordinate_words(coordinate).title
+    title = describe_coordinate(coordinate).title
     title = title[:1].lower() + title[1:] + (" power" if kind is CurveKind.POWER else "")
-    if kind is CurveKind.MOMENT and (senses := senses_of(coordinate)):
+    if kind is CurveKind.MOMENT and (senses := get_senses(coordinate)):
         figure, _, phase = d.measure.partition(" in ")
         return f"{side}{title.split()[0]} {senses[figure == 'lowest']} moment, {phase}"
     if coordinate.startswith(("pelvis", "lumbar")):
@@ -380,7 +380,7 @@ def placement(names: Sequence[str]) -> Array:
     out = []
     for name in names:
         p = JOINT_PARAMETERS[JP_INDEX[name]]
-        segment = segment_kind(p.segment)
+        segment = get_segment(p.segment)
         if p.kind is ParameterKind.POSITION:
             out.append(PLACED)
         elif segment.palpated is None:
@@ -473,9 +473,9 @@ def own_causes(names: Sequence[str], prior: JointPrior | None) -> Array:
     """(n, n) R, symmetric: of the causes e of nominal errors F e, R R^T is the covariance of what
     is the person's own rather than the markers', nothing of it negative.
     """
-    root = prior_root(names, prior)
+    root = factor_prior(names, prior)
     index = [JP_INDEX[name] for name in names]
-    half = np.linalg.solve(root, in_both_views(placement(JP_NAMES))[np.ix_(index, index)])
+    half = np.linalg.solve(root, make_view_covariance(placement(JP_NAMES))[np.ix_(index, index)])
     values, vectors = np.linalg.eigh(np.eye(len(names)) - np.linalg.solve(root, half.T))
     out: Array = (vectors * np.sqrt(np.maximum(values, 0.0))) @ vectors.T
     return out

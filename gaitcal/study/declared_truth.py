@@ -28,7 +28,7 @@ from gaitcal.arrays import Array, BoolArray
 from gaitcal.errors import Code, InputError, nearest
 from gaitcal.io import text_file, toml
 from gaitcal.io.recording import Recording, still_window
-from gaitcal.model.landmarks import static_posture
+from gaitcal.model.landmarks import measure_static_posture
 from gaitcal.model.linkage import COORDINATES, FILE_COORDINATES, REACTIONS, is_translation
 from gaitcal.model.marker_set import MarkerSet
 from gaitcal.model.parameters import (
@@ -357,7 +357,7 @@ def other_landmarks(
     """Why the landmarks of a static trial, as worn by `marker_set`, are not those of the truth;
     None: they are.
     """
-    found = static_posture(
+    found = measure_static_posture(
         static, marker_set, still_window(static, marker_set.labels).frames
     ).landmarks
     unlike = sorted(set(told) ^ set(found))

@@ -14,7 +14,7 @@ from gaitcal.io.result_folder import sha256_of
 from gaitcal.io.snapshot import Snapshot
 from gaitcal.model import body_plan, landmarks
 from gaitcal.model.marker_set import MarkerSet, load_marker_set
-from gaitcal.model.present_markers import complete_static, present_markers
+from gaitcal.model.present_markers import complete_static, resolve_marker_set
 from gaitcal.model.segment_frames import HipCentre
 from gaitcal.model.subject_model import PatientRecord, Subject
 from gaitcal.runtime import with_one_blas_thread
@@ -53,8 +53,8 @@ def _with_height(
     )
     try:
         standing = still_window(recordings[0], marker_set.labels).frames
-        told = body_plan.likely_height(
-            landmarks.static_posture(recordings[0], marker_set, standing).landmarks
+        told = body_plan.estimate_height(
+            landmarks.measure_static_posture(recordings[0], marker_set, standing).landmarks
         )
     except InputError as cause:
         raise fault from cause
@@ -348,7 +348,7 @@ def _worn(marker_set: MarkerSet, trials: tuple[Trial, ...]) -> tuple[MarkerSet, 
     if static is None:
         return marker_set, whole
     elsewhere = {label for trial in whole for label in trial.recording.labels}
-    return present_markers(marker_set, static.recording, elsewhere), whole
+    return resolve_marker_set(marker_set, static.recording, elsewhere), whole
 
 
 def input_files(file: StudyFile, path: Path) -> tuple[Path, ...]:

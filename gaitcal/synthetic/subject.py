@@ -27,7 +27,7 @@ from gaitcal.model.parameters import (
     ParameterKind,
     Parameters,
     is_physical,
-    symmetric_set,
+    make_symmetric_set,
 )
 from gaitcal.model.subject_model import Subject, SubjectModel
 from gaitcal.runtime import with_one_blas_thread
@@ -70,7 +70,7 @@ def _perturbed(nominal: Parameters, rng: np.random.Generator) -> Parameters:
         ]
     )
     joint = nominal.joint + rng.uniform(-1.0, 1.0, len(reach)) * reach
-    which = symmetric_set().selection
+    which = make_symmetric_set().selection
     while True:
         change = which @ rng.uniform(-INERTIAL_BOUND, INERTIAL_BOUND, which.shape[1])
         inertial = nominal.inertial * (1.0 + change)

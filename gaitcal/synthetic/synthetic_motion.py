@@ -32,7 +32,7 @@ import numpy as np
 from gaitcal.arrays import Array
 from gaitcal.dynamics.inverse_dynamics import FEET, Dynamics, pelvis_residual
 from gaitcal.io.recording import Recording
-from gaitcal.model.chain import chain_of
+from gaitcal.model.chain import get_chain
 from gaitcal.model.linkage import COORDINATE_INDEX, COORDINATES
 from gaitcal.model.nominal import published_model
 from gaitcal.model.parameters import Parameters
@@ -85,7 +85,7 @@ def synthetic_markers(parameters: Parameters, markers: MarkerPlacement, q: Array
     """(nf, nm, 3) m, markers of the linkage at coordinates (nf, nq), in the order of
     `markers.labels`.
     """
-    chain = chain_of()
+    chain = get_chain()
     segment = np.array([chain.segments.index(s) for s in markers.segments], dtype=np.intp)
     order = np.argsort(segment, kind="stable")
     in_order = PlacedMarkers(segment[order], markers.local[order])

@@ -36,9 +36,9 @@ from gaitcal.dynamics.inverse_dynamics import Dynamics
 from gaitcal.io.recording import Recording
 from gaitcal.model import landmarks, trunk
 from gaitcal.model import parameters as params
-from gaitcal.model.ankle_zero import AnkleZero, standing_ankles
-from gaitcal.model.chain import chain_of
-from gaitcal.model.kinematics import Kinematics, body_poses, coordinate_axes
+from gaitcal.model.ankle_zero import AnkleZero, measure_standing_ankles
+from gaitcal.model.chain import get_chain
+from gaitcal.model.kinematics import Kinematics, compute_body_poses, compute_coordinate_axes
 from gaitcal.model.linkage import (
     COORDINATE_INDEX,
     JOINTS,
@@ -48,7 +48,7 @@ from gaitcal.model.linkage import (
     Source,
 )
 from gaitcal.model.marker_set import load_marker_set
-from gaitcal.model.segment_frames import Frame, HipCentre, LowerBody, lower_body
+from gaitcal.model.segment_frames import Frame, HipCentre, LowerBody, measure_lower_body
 from gaitcal.model.subject_model import SubjectModel
 from gaitcal.study.declared_truth import MOMENTS, MOTION, landmarks_text, moments_text, motion_text
 from gaitcal.study.study_file import TruthTable
@@ -79,9 +79,9 @@ def static_frames(model: SubjectModel, hip_centre: HipCentre = HipCentre.BELL) -
         source="static", time=np.zeros(1), labels=model.markers.labels, markers=markers
     )
     marker_set = load_marker_set("published")
-    posture = landmarks.static_posture(still, marker_set, slice(0, 1))
-    legs = lower_body(posture, model.subject.height, hip_centre)
-    frames = legs.frames | trunk.upper_body(posture, marker_set, legs, model.subject).frames
+    posture = landmarks.measure_static_posture(still, marker_set, slice(0, 1))
+    legs = measure_lower_body(posture, model.subject.height, hip_centre)
+    frames = legs.frames | trunk.measure_upper_body(posture, marker_set, legs, model.subject).frames
     inertial = inertial_parameters_in(true.inertial, segment_frames(true, pose), frames)
     in_frames = params.Parameters(
         joint_parameters_in(true, pose, frames), inertial, true.zero_angles
@@ -91,7 +91,7 @@ def static_frames(model: SubjectModel, hip_centre: HipCentre = HipCentre.BELL) -
 
 def segment_frames(parameters: params.Parameters, q: Array) -> dict[str, Frame]:
     """Pose of every segment frame of a linkage at coordinates (nq,)."""
-    axes, origins = body_poses(parameters, q[None])
+    axes, origins = compute_body_poses(parameters, q[None])
     return {name: Frame(axes[name][..., 0].T, origins[name][..., 0]) for name in axes}
 
 
@@ -167,7 +167,7 @@ def inertial_parameters_in(
     inertial: Array, true: dict[str, Frame], frames: dict[str, Frame]
 ) -> Array:
     """(ni,) in other frames of the same pose; of a turned inertia the moments about the new axes."""
-    out = params.table(inertial).copy()
+    out = params.view_as_table(inertial).copy()
     for row, segment in zip(out, params.MASSIVE_SEGMENTS, strict=True):
         turn = frames[segment].rotation.T @ true[segment].rotation
         row[1:4] = frames[segment].local(true[segment].point(row[1:4]))
@@ -177,8 +177,8 @@ def inertial_parameters_in(
 
 def _joint_lines(parameters: params.Parameters, q: Array) -> dict[str, tuple[Array, Array]]:
     """Coordinate -> direction of its positive turn and a point of its axis, in the laboratory."""
-    chain = chain_of()
-    axes, points = coordinate_axes(chain.body(parameters), q[None])
+    chain = get_chain()
+    axes, points = compute_coordinate_axes(chain.body(parameters), q[None])
     turning = [e.name for joint in JOINTS for e in joint.elements if e.source is Source.COORDINATE]
     at = {name: chain.coordinates.index(name) for name in turning}
     return {name: (axes[0, k], points[0, k]) for name, k in at.items()}
@@ -238,7 +238,7 @@ class Teller:
         own = segment_frames(self._true, still)
         massive = [s for s in own if s in static.frames]
         self._offset = {s: _in(own[s], static.frames[s]) for s in massive}
-        posture = standing_ankles(static.posture, static.legs, {}, zero_rule).dorsiflexion
+        posture = measure_standing_ankles(static.posture, static.legs, {}, zero_rule).dorsiflexion
         told, pose = static.parameters, self._coordinates(static.parameters, still[None])[0]
         zero = told.zero_angles.copy()
         for side in SIDES:
@@ -268,9 +268,9 @@ class Teller:
         q, velocity, acceleration = (spline(time, k) for k in range(3))
         forces = None
         if wrench is not None:
-            bodies, rows = {}, params.table(self.parameters.inertial)
+            bodies, rows = {}, params.view_as_table(self.parameters.inertial)
             for k, (row, own) in enumerate(
-                zip(rows, params.table(self._true.inertial), strict=True)
+                zip(rows, params.view_as_table(self._true.inertial), strict=True)
             ):
                 turn = self._offset[params.MASSIVE_SEGMENTS[k]].rotation  # products of inertia too
                 moments = turn.T @ np.diag(own[4:7]) @ turn
@@ -286,7 +286,7 @@ class Teller:
         """(nf, nq) coordinates of the linkage `told` that put its segments where the true ones are
         at q (nf, nq), sought from `start`.
         """
-        chain = chain_of()
+        chain = get_chain()
         wanted = _corners(Kinematics(chain.body(self._true), q, columns=False), self._offset)
         body, out = chain.body(told), (q if start is None else start).copy()
         moves = np.stack([chain.support[:, chain.segments.index(s)] for s in self._offset])

@@ -37,7 +37,7 @@ from gaitcal.dynamics import inverse_dynamics, measurement_errors
 from gaitcal.dynamics.derivatives import root_residual
 from gaitcal.io.toml import models_path
 from gaitcal.model import coordinates, nominal, subject_model
-from gaitcal.model.chain import chain_of
+from gaitcal.model.chain import get_chain
 from gaitcal.model.kinematics import Kinematics
 from gaitcal.model.linkage import COORDINATE_INDEX, COORDINATES, SIDES, is_translation
 from gaitcal.model.parameters import Parameters
@@ -103,7 +103,7 @@ class FeetOnGround:
 
 def feet_of(parameters: Parameters, q: Array) -> FeetOnGround:
     """Where the points of the feet are at coordinates (nf, nq)."""
-    chain = chain_of()
+    chain = get_chain()
     placed = Kinematics(chain.body(parameters), q)
     axes, origins = placed.axes, placed.origins
     columns = placed.columns.transpose(2, 1, 0)  # (nf, 6, nq)

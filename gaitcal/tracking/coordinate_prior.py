@@ -62,8 +62,8 @@ from gaitcal.model.linkage import (
     LUMBAR,
     PELVIS_ANGLES,
     SIDES,
-    coordinates_before,
-    segment_kind,
+    get_segment,
+    list_joint_coordinates,
 )
 from gaitcal.tracking import rigid, spline
 
@@ -235,11 +235,14 @@ def coordinates_asked(
     names = np.array(of_marker, dtype=object)
     asked, turns = list[str](), list[str]()
     for segment in segments[1:]:
-        turns += coordinates_before([segment])
-        if not segment_kind(segment).markers:
+        turns += list_joint_coordinates([segment])
+        if not get_segment(segment).markers:
             continue  # no marker sits on it: its joint is the foot's
         places = local[counts & (names == segment)]
-        if len(places) < rigid.FEWEST_MARKERS or segment_frames.off_line(places) < trunk.OFF_LINE:
+        if (
+            len(places) < rigid.FEWEST_MARKERS
+            or segment_frames.measure_distance_from_line(places) < trunk.OFF_LINE
+        ):
             asked += [name for name in turns if name in DEVIATION]
         turns = []
     return tuple(asked)
@@ -289,7 +292,7 @@ def upright_trunk(time: Array, pelvis: Array, posture: Mapping[str, float]) -> A
     turned = Rotation.from_euler("ZXY", pelvis).as_matrix()
     away = _smooth(time, np.unwrap(_heading(turned))) - _heading(standing[None])
     kept = Rotation.from_euler("Y", away[:, None]).as_matrix() @ (standing @ lumbar)
-    return np.unwrap(rotations.root_angles(turned.transpose(0, 2, 1) @ kept), axis=0)
+    return np.unwrap(rotations.compute_root_angles(turned.transpose(0, 2, 1) @ kept), axis=0)
 
 
 def _heading(rotation: Array) -> Array:

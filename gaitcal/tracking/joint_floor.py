@@ -26,11 +26,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from gaitcal.arrays import Array
-from gaitcal.model.chain import Chain, chain_of
+from gaitcal.model.chain import Chain, get_chain
 from gaitcal.model.kinematics import Kinematics
-from gaitcal.model.linkage import JOINTS, SEGMENTS, Joint, Source, coordinates_before
+from gaitcal.model.linkage import JOINTS, SEGMENTS, Joint, Source, list_joint_coordinates
 from gaitcal.model.parameters import JP_INDEX, Parameters
-from gaitcal.model.rotations import root_angles
+from gaitcal.model.rotations import compute_root_angles
 from gaitcal.tracking import descent, marker_residual, motion, spline, start, trial_problem
 
 MOST_FRAMES = 300  # looked at, evenly spaced: the floor of a longer trial is that of these
@@ -102,9 +102,9 @@ def joint_floor(
             data.weight[markers] / shares[markers, None],
             None if data.shift is None else data.shift[markers],
         )
-        root = np.hstack([origins[s].T, root_angles(axes[s].transpose(2, 1, 0))])
+        root = np.hstack([origins[s].T, compute_root_angles(axes[s].transpose(2, 1, 0))])
         turns = [
-            chain.coordinates.index(name) for name in coordinates_before(p.child for p in parts)
+            chain.coordinates.index(name) for name in list_joint_coordinates(p.child for p in parts)
         ]
         distance = _JointAlone(
             parts, part, chain, parameters, np.hstack([root, q[frames][:, turns]])
@@ -155,7 +155,7 @@ class _JointAlone:
         names = tuple(
             e.name for p in parts for e in p.elements if e.source is Source.JOINT_PARAMETER
         )
-        self.chain = chain = chain_of(
+        self.chain = chain = get_chain(
             parts[0].parent, (parts[0].parent, *(p.child for p in parts)), names
         )
         self.parameters, self.shape, self.body = parameters, q.shape, chain.body(parameters)

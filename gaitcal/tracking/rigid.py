@@ -18,7 +18,7 @@ import numpy as np
 
 from gaitcal.arrays import Array, BoolArray
 from gaitcal.io.recording import Recording, seen_mask
-from gaitcal.model.segment_frames import nearest_rotation
+from gaitcal.model.segment_frames import find_nearest_rotation
 from gaitcal.model.subject_model import MarkerPlacement
 from gaitcal.tracking.marker_residual import MarkerData
 
@@ -55,7 +55,7 @@ def segment_fit(markers: MarkerPlacement, segment: str, recording: Recording) ->
     Every marker counts as much.
     """
     column = {label: i for i, label in enumerate(recording.labels)}
-    on = markers.on(segment, column)
+    on = markers.find_markers(segment, column)
     if len(on) < FEWEST_MARKERS:
         return None
     measured = recording.markers[:, [column[markers.labels[i]] for i in on]]
@@ -124,7 +124,7 @@ def rigid_distances(local: Array, measured: Array, weight: Array) -> Array:
     if (
         not determined.all()
     ):  # one or two markers, or all on a line: any of the best rotations will do
-        any_best = nearest_rotation(spread[:, :, ~determined].transpose(2, 0, 1))
+        any_best = find_nearest_rotation(spread[:, :, ~determined].transpose(2, 0, 1))
         rotation[:, :, ~determined] = any_best.transpose(1, 2, 0)
     by_frame = local.reshape(*local.shape[:2], -1)
     model = np.einsum("ijf,mjf->mif", rotation, by_frame - l_mean) + x_mean

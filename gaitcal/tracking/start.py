@@ -18,7 +18,7 @@ import numpy as np
 
 from gaitcal.arrays import Array, BoolArray
 from gaitcal.model.chain import HALF_TURNS, LinkageModel
-from gaitcal.model.rotations import root_angles
+from gaitcal.model.rotations import compute_root_angles
 from gaitcal.tracking.coordinate_prior import within_walls
 from gaitcal.tracking.marker_residual import MarkerData
 from gaitcal.tracking.rigid import RigidFit, SegmentMoments
@@ -60,7 +60,7 @@ def starting_coordinates(body: LinkageModel, data: MarkerData) -> Array:
         done.update(path)
     if root is not None:
         known = root.determined
-        angles = _fill(_unwrap(root_angles(root.rotation), known), known)
+        angles = _fill(_unwrap(compute_root_angles(root.rotation), known), known)
         q[:, :ROOT_COORDINATES] = np.hstack([_fill(root.origin, known), angles])
     so_far = _SoFar(links, q)
     wrapped: list[
@@ -246,7 +246,7 @@ def _turns(links: _Links, turns: list[int], target: Array) -> Array:
     axes, plain = [links.axes[k] for k in turns], [links.plain[k] for k in turns]
     signs = links.signs[turns]
     if axes == [2, 0, 1] and all(plain[1:]):
-        return signs * root_angles(
+        return signs * compute_root_angles(
             target if plain[0] else links.offset_rotation[turns[0]].T @ target
         )
     angles = np.zeros((len(target), len(turns)))

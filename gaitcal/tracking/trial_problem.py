@@ -19,8 +19,14 @@ import numpy as np
 from gaitcal.arrays import Array, BoolArray, IntArray
 from gaitcal.errors import Code, InputError
 from gaitcal.io.recording import Recording
-from gaitcal.model.chain import Chain, LinkageModel, chain_of
-from gaitcal.model.linkage import LUMBAR, ROOT_SUFFIXES, SEGMENTS, coordinates_before, moved_joints
+from gaitcal.model.chain import Chain, LinkageModel, get_chain
+from gaitcal.model.linkage import (
+    LUMBAR,
+    ROOT_SUFFIXES,
+    SEGMENTS,
+    list_joint_coordinates,
+    list_moved_joints,
+)
 from gaitcal.model.parameters import JP_INDEX, Parameters
 from gaitcal.model.subject_model import PointNoise, SubjectModel
 from gaitcal.runtime import keep_freed_memory
@@ -153,7 +159,7 @@ class MotionProblem:
         """The same trial of some segments alone, `root` free in the laboratory; without soft
         tissue.
         """
-        chain = chain_of(root, segments)
+        chain = get_chain(root, segments)
         names = [self.chain.segments[s] for s in self.data.segment]
         kept = np.array([name in segments for name in names], dtype=bool)
         index = np.array(
@@ -218,7 +224,7 @@ class MotionProblem:
             free = (*(name for name in free if name in JP_INDEX), *secondary.names)
             if data.secondary is None:
                 data = replace(data, secondary=secondary.at(np.zeros(len(secondary.names))))
-        return replace(self, chain=chain_of(self.chain.root, self.chain.segments, free), data=data)
+        return replace(self, chain=get_chain(self.chain.root, self.chain.segments, free), data=data)
 
     def places_in(self, free: Sequence[str]) -> IntArray:
         """(np,) places of this trial's free joint parameters in `free`, the ones that several
@@ -378,7 +384,7 @@ def trial_problem(
         message = f"found {len(recording.time)} frames; allowed: at least {FEWEST_FRAMES}"
         raise InputError(message, source=recording.source, code=Code.TOO_LITTLE_SEEN)
     at = {label: i for i, label in enumerate(recording.labels)}
-    chain = chain_of(root, segments)
+    chain = get_chain(root, segments)
     all_labels, segment_of = model.markers.labels, model.markers.segments
     chosen = [i for i, label in enumerate(all_labels) if segment_of[i] in segments and label in at]
     chosen.sort(key=lambda i: chain.segments.index(segment_of[i]))
@@ -411,7 +417,11 @@ def trial_problem(
     data = marker_residual.MarkerData(
         placed, np.ascontiguousarray(np.where(visible[:, None], measured, 0.0)), weight
     )
-    moved = coordinates_before(joint.child for joint in moved_joints(isolated)) if isolated else ()
+    moved = (
+        list_joint_coordinates(joint.child for joint in list_moved_joints(isolated))
+        if isolated
+        else ()
+    )
     problem = MotionProblem(
         name=name,
         chain=chain,

@@ -47,7 +47,7 @@ from gaitcal.model.chain import Chain
 from gaitcal.model.kinematics import Kinematics
 from gaitcal.model.linkage import SIDES
 from gaitcal.model.parameters import JP_INDEX, Parameters
-from gaitcal.model.segment_frames import rigid_motions
+from gaitcal.model.segment_frames import fit_rigid_motions
 from gaitcal.synthetic.subject import plates_under, true_gait
 from gaitcal.synthetic.synthetic_motion import residual_free_wrench
 from scripts.validation.harness import option, rms, say
@@ -155,7 +155,7 @@ def opensim_poses(person: WalkingPerson, walk: Recording) -> Poses:
     at = dict(zip(walk.labels, walk.markers.transpose(1, 0, 2), strict=True))
 
     def axes(*labels: str) -> Array:
-        return rigid_motions(
+        return fit_rigid_motions(
             np.array([static[m] for m in labels]), np.stack([at[m] for m in labels], axis=1)
         )[0]
 

@@ -53,8 +53,8 @@ from gaitcal.export.opensim.osim_writer import frames_of
 from gaitcal.export.opensim.peer_model import Axis, PeerModel
 from gaitcal.export.opensim.transfer_account import MusclePath, leg_ranges, muscle_paths
 from gaitcal.model.linkage import JOINTS, SIDES, ZERO_ANGLES
-from gaitcal.model.parameters import Parameters, published_subject
-from gaitcal.model.rotations import axis_rotation
+from gaitcal.model.parameters import Parameters, read_published_parameters
+from gaitcal.model.rotations import make_axis_rotation
 from gaitcal.model.segment_frames import Frame
 from gaitcal.model.subject_model import MarkerPlacement, Subject, SubjectModel
 from gaitcal.results.saved_result import where_they_move
@@ -73,7 +73,7 @@ def person_of(peer: PeerModel, *, markers: bool = True) -> SubjectModel:
     """A person whose legs are those of the model, and who wears its markers (or others, that it
     does not have).
     """
-    parameters, posture = published_subject(), dict[str, float]()
+    parameters, posture = read_published_parameters(), dict[str, float]()
     legs = {leg.ours: leg.theirs for leg in leg_joints(peer)}
     bodies = {"pelvis": legs["hip_r"].parent}
     for side in SIDES:
@@ -167,7 +167,7 @@ def _leg(
     in_parent, _ = frames("talocrural", talocrural=0.0)
     y = in_parent.rotation.T @ np.cross(z, x)
     ankle = float(np.arctan2(-y[0], y[1]))
-    talus = in_parent * pin.SE3(axis_rotation(2, ankle), np.zeros(3))
+    talus = in_parent * pin.SE3(make_axis_rotation(2, ankle), np.zeros(3))
     in_parent, in_child = frames("subtalar", talocrural=ankle, subtalar=0.0)
     rest = ((talus * in_parent).actInv(of_foot) * in_child).rotation
     zero = {

@@ -33,7 +33,7 @@ import numpy as np
 from gaitcal import Study
 from gaitcal.arrays import Array
 from gaitcal.calibration.joint_phases import LEG_PARAMETERS
-from gaitcal.calibration.joint_prior import prior_root
+from gaitcal.calibration.joint_prior import factor_prior
 from gaitcal.cohort.learn_priors import Rules, learn_cohort, parts_of, priors_words
 from gaitcal.cohort.learning import PersonEvidence
 from gaitcal.io.recording import Recording
@@ -298,7 +298,7 @@ def _band(outcomes: Sequence[Outcome], band: int, name: str) -> str:
     """Errors along the directions that a walk shows so well, in standard deviations of the default
     prior.
     """
-    told, unit = [], prior_root(LEG_PARAMETERS, None)
+    told, unit = [], factor_prior(LEG_PARAMETERS, None)
     edges = (-np.inf, *SEEN, np.inf)
     count = 0
     for prior in ("", *outcomes[0].fits):

@@ -13,7 +13,7 @@ from gaitcal.analysis.calibrate import calibrate
 from gaitcal.analysis.fit_joints import FOLDS, fold_of_frame, hold_out, without
 from gaitcal.analysis.prepared_trials import MovingTrial, prepare_trial
 from gaitcal.analysis.result import Calibration
-from gaitcal.model.anthropometry import with_joints_of
+from gaitcal.model.anthropometry import move_limb_inertia
 from gaitcal.model.nominal import published_model
 from gaitcal.model.parameters import Parameters
 from gaitcal.preprocess.study_model import nominal_of
@@ -87,7 +87,7 @@ def done(study: Study) -> Calibration:
 def test_masses_go_with_the_joints_where_no_force_tells_of_them(done: Calibration) -> None:
     before, after = done.nominal.parameters, done.model.parameters
     np.testing.assert_allclose(
-        after.inertial, with_joints_of(before.inertial, before, after), rtol=1e-12
+        after.inertial, move_limb_inertia(before.inertial, before, after), rtol=1e-12
     )
     assert np.abs(after.inertial - before.inertial).max() > 1e-3
 

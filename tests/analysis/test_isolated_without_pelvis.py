@@ -9,8 +9,8 @@ import pytest
 
 import gaitcal as gc
 from gaitcal.errors import Severity
-from gaitcal.model.anthropometry import with_joints_of
-from gaitcal.model.linkage import joint_segments
+from gaitcal.model.anthropometry import move_limb_inertia
+from gaitcal.model.linkage import list_joint_segments
 from gaitcal.model.parameters import JP_INDEX
 from gaitcal.preprocess.study_model import nominal_of
 from gaitcal.quality.study_checks import check_study
@@ -40,7 +40,7 @@ def bare(study: Study, *joints: str) -> Study:
     """The study with trials of these joints that show the segments of their joint alone."""
     segment_of = study.marker_set.segment_of
     for joint in joints:
-        worn = joint_segments(joint)
+        worn = list_joint_segments(joint)
         study = with_trial(
             study, joint, lambda r, worn=worn: only(r, lambda label: segment_of.get(label) in worn)
         )  # type: ignore[misc]
@@ -92,7 +92,7 @@ def test_a_proximal_segment_of_two_markers_carries_nothing(uf3: Study) -> None:
 def test_the_body_moves_as_its_joint_alone_does(uf3: Study, joint: str) -> None:
     model = nominal_of(uf3)
     recording = recording_of(bare(uf3, joint), joint)
-    root, *_ = segments = joint_segments(joint)
+    root, *_ = segments = list_joint_segments(joint)
     body = trial_problem(joint, model, recording, NodeRule(), carrier=root)
     alone = trial_problem(joint, model, recording, NodeRule(), root=root, segments=segments)
     assert body.held[0] == f"hip_flexion_{joint[-1]}"
@@ -122,6 +122,6 @@ def test_joint_parameters_are_those_of_the_trials_with_the_pelvis(
     before, after = part.nominal.parameters, part.model.parameters
     # masses go with the joints where no force tells of them, too
     np.testing.assert_allclose(
-        after.inertial, with_joints_of(before.inertial, before, after), rtol=1e-12
+        after.inertial, move_limb_inertia(before.inertial, before, after), rtol=1e-12
     )
     assert np.abs(after.inertial - before.inertial).max() > 1e-3

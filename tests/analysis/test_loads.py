@@ -10,7 +10,7 @@ import pytest
 from gaitcal.analysis.calibrate import calibrate
 from gaitcal.analysis.result import Calibration, TrialResult
 from gaitcal.analysis.trial_result import axis_deviations
-from gaitcal.calibration.torque_errors import ErringForces
+from gaitcal.calibration.torque_errors import ForceErrors
 from gaitcal.dynamics.inverse_dynamics import Dynamics
 from gaitcal.dynamics.measurement_errors import DEFAULT, AxisErrors
 from gaitcal.errors import Severity
@@ -71,9 +71,9 @@ def test_errors_are_those_of_the_last_step(made: tuple[Study, Calibration]) -> N
     problem = replace(
         with_bandwidth(plain, done.nominal.parameters, hz), tissue=done.joint.tissue["walk"]
     )
-    problem = done.joint.artefact.displaced(problem)
+    problem = done.joint.artefact.displace_markers(problem)
     turned = axis_deviations(study.settings, done.nominal, preprocess_study(study).moves()["walk"])
-    errors = ErringForces(
+    errors = ForceErrors(
         problem,
         trial.body.coefficients,
         done.model.parameters,
@@ -82,7 +82,7 @@ def test_errors_are_those_of_the_last_step(made: tuple[Study, Calibration]) -> N
         spread.inertial,
         plates=DEFAULT,
         axes=AxisErrors(done.model.parameters, turned),
-    ).errors()
+    ).compute_errors()
     np.testing.assert_allclose(trial.loads.errors.tau, errors.tau, rtol=1e-6)
     np.testing.assert_allclose(trial.loads.errors.knee_adduction, errors.knee_adduction, rtol=1e-6)
 

@@ -9,7 +9,7 @@ import pytest
 from gaitcal.analysis.result import Calibration, Stage
 from gaitcal.io.opensim_files import read_table
 from gaitcal.model.linkage import COORDINATE_INDEX, LOWER_BODY
-from gaitcal.model.parameters import JP_INDEX, is_physical, table
+from gaitcal.model.parameters import JP_INDEX, is_physical, view_as_table
 from tests.kept import kept_real
 
 MM = 1e3
@@ -58,7 +58,7 @@ def test_subject01_loads_are_explained_better_than_by_the_peer(data_dir: Path, k
     assert after[0] < 30.6 and after[1] < 13.1
     inertial = calibration.model.parameters.inertial
     assert is_physical(inertial).all()
-    assert table(inertial)[:, 0].sum() == pytest.approx(72.6, abs=1e-9)
+    assert view_as_table(inertial)[:, 0].sum() == pytest.approx(72.6, abs=1e-9)
 
 
 ANGLES = [(f"{name}_{side}", sign) for side in "rl" for name, sign in REFERENCE_SIGN.items()]

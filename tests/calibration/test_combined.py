@@ -9,20 +9,26 @@ from scipy.optimize import least_squares
 
 from gaitcal.analysis.calibrate import calibrate
 from gaitcal.analysis.result import Stage
-from gaitcal.calibration.combined import DESCENT, CombinedProblem, CombinedSettings, combined_fit
+from gaitcal.calibration.combined import DESCENT, CombinedProblem, CombinedSettings, fit_combined
 from gaitcal.calibration.inertial_calibration import (
     ConsistentSettings,
     LoadedMotion,
     LogChart,
     TorqueScale,
-    equations_of,
+    assemble_root_equations,
     fit_consistent,
 )
 from gaitcal.calibration.joint_calibration import JointSearch
 from gaitcal.dynamics.inverse_dynamics import Dynamics, pelvis_residual
 from gaitcal.io.recording import Recording
 from gaitcal.model.nominal import published_model
-from gaitcal.model.parameters import Parameters, gait_parameters, is_physical, symmetric_set, table
+from gaitcal.model.parameters import (
+    Parameters,
+    is_physical,
+    list_gait_parameters,
+    make_symmetric_set,
+    view_as_table,
+)
 from gaitcal.model.subject_model import Subject
 from gaitcal.synthetic.synthetic_motion import (
     gait_motion,
@@ -72,13 +78,18 @@ def test_inertial_parameters_end_where_a_dense_solver_puts_them() -> None:
     coefficients = track_nodes(problem, body, start).x
     valid = np.arange(len(motion.basis.time)) % 3 != 0
 
-    chart = LogChart(model.parameters.inertial, symmetric_set())
+    chart = LogChart(model.parameters.inertial, make_symmetric_set())
     trial = CombinedProblem(problem, coefficients, wrench, valid)
     settings = CombinedSettings(
         load_share=SHARE, spread=SPREAD, descent=replace(DESCENT, gain=1e-12)
     )
-    found = combined_fit(
-        [trial], model.parameters, gait_parameters("r"), symmetric_set(), model.subject, settings
+    found = fit_combined(
+        [trial],
+        model.parameters,
+        list_gait_parameters("r"),
+        make_symmetric_set(),
+        model.subject,
+        settings,
     )
     assert found.converged
     square = ((problem.positions(coefficients, body) - problem.data.measured) ** 2).sum(
@@ -97,31 +108,36 @@ def test_inertial_parameters_end_where_a_dense_solver_puts_them() -> None:
 
     def cost(x: Array) -> Array:
         return np.concatenate(
-            [loads(found.parameters.with_inertial(chart.inertial(x))), x / chart.spread(SPREAD)]
+            [
+                loads(found.parameters.with_inertial(chart.compute_inertial(x))),
+                x / chart.compute_spread(SPREAD),
+            ]
         )
 
     # MINPACK of older SciPy ends early on differences of one side
     dense = least_squares(
         cost, np.zeros(chart.size), jac="3-point", x_scale="jac", xtol=1e-15, ftol=1e-15, gtol=1e-12
     )
-    expected = table(chart.inertial(dense.x))
-    moved = np.abs(expected - table(model.parameters.inertial)).max(axis=0)
-    gap = np.abs(table(found.parameters.inertial) - expected).max(axis=0)
+    expected = view_as_table(chart.compute_inertial(dense.x))
+    moved = np.abs(expected - view_as_table(model.parameters.inertial)).max(axis=0)
+    gap = np.abs(view_as_table(found.parameters.inertial) - expected).max(axis=0)
     assert (gap <= NEAR * moved).all()
 
 
 def test_third_step_explains_the_loads_at_little_cost_to_the_markers() -> None:
     problem = noisy_walk(3)
-    free = (*gait_parameters("r"), *gait_parameters("l"))
+    free = (*list_gait_parameters("r"), *list_gait_parameters("l"))
     nominal = MODEL.parameters
     joint = JointSearch([problem], nominal, free, [started(problem, nominal)[1]]).run()
     q, v, a = (MOTION.basis.evaluate(joint.coefficients[0], k) for k in range(3))
     loaded = LoadedMotion(state=(q, v, a), wrench=WRENCH, valid=EVERY)
-    system = equations_of([loaded], joint.parameters, MODEL.subject, TorqueScale.BODY_HEIGHT, 0.176)
-    inertial = fit_consistent(system, nominal.inertial, symmetric_set())
+    system = assemble_root_equations(
+        [loaded], joint.parameters, MODEL.subject, TorqueScale.BODY_HEIGHT, 0.176
+    )
+    inertial = fit_consistent(system, nominal.inertial, make_symmetric_set())
     two_steps = joint.parameters.with_inertial(inertial.inertial)
     trial = CombinedProblem(problem, joint.coefficients[0], WRENCH, EVERY)
-    third = combined_fit([trial], two_steps, free, symmetric_set(), MODEL.subject)
+    third = fit_combined([trial], two_steps, free, make_symmetric_set(), MODEL.subject)
 
     def squares(parameters: Parameters, coefficients: Array) -> Array:
         """Of force, moment and markers."""
@@ -150,7 +166,9 @@ def test_the_penalty_is_no_marker_error() -> None:
 
     def sigma(trial: MotionProblem) -> float:
         loaded = [CombinedProblem(trial, coefficients, None, None)]
-        return combined_fit(loaded, PARAMETERS, (), symmetric_set(), anyone, settings).marker_sigma
+        return fit_combined(
+            loaded, PARAMETERS, (), make_symmetric_set(), anyone, settings
+        ).marker_sigma
 
     assert sigma(problem) == sigma(replace(problem, smoothing=None)) > 0.0
 

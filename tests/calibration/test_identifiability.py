@@ -10,16 +10,16 @@ import pytest
 
 import gaitcal as gc
 from gaitcal.calibration.identifiability import (
-    LARGEST_ARM_TURN,
+    LARGEST_ARM_ROTATION,
     LARGEST_ORIENTATION,
     LARGEST_POSITION,
-    ambiguous_arm_findings,
-    arm_ambiguity,
-    beyond_bounds,
-    in_words,
-    unseen_parameters,
-    without_arms,
-    worn_as_standing,
+    detect_ambiguous_arms,
+    exclude_arms,
+    find_unobservable_parameters,
+    is_same_placement,
+    report_ambiguous_arms,
+    report_bounds,
+    report_undetermined,
 )
 from gaitcal.errors import Severity
 from gaitcal.model.parameters import JP_NAMES
@@ -42,14 +42,14 @@ def test_of_two_that_only_their_sum_shows_one_is_kept_at_its_nominal_value(toget
         [[1.0, together, 0.0], [together, 1.0, 0.0], [0.0, 0.0, 1.0]]
     )
     expected = ("hip_r.thigh.ant",) if together else ("hip_r.thigh.ant", "hip_r.pelvis.ant")
-    assert unseen_parameters(names, covariance, np.eye(3)) == expected
+    assert find_unobservable_parameters(names, covariance, np.eye(3)) == expected
     seen = np.array([0.8, 0.6, 0.0])
     blind = np.outer(seen, seen) + np.diag([0.0, 0.0, 1.0])
-    assert unseen_parameters(names, np.zeros((3, 3)), blind) == ("hip_r.thigh.ant",)
+    assert find_unobservable_parameters(names, np.zeros((3, 3)), blind) == ("hip_r.thigh.ant",)
 
 
 def advice(turned: dict[str, dict[str, float]]) -> dict[str, str]:
-    return {f.found.split(".")[0]: f.cure for f in in_words(UNSEEN, "kept", turned)}
+    return {f.found.split(".")[0]: f.cure for f in report_undetermined(UNSEEN, "kept", turned)}
 
 
 def test_an_isolated_trial_is_asked_for_where_there_is_none_and_not_where_one_with_62_deg_was_given() -> (
@@ -70,31 +70,31 @@ def test_an_isolated_trial_is_asked_for_where_there_is_none_and_not_where_one_wi
 
 
 def test_one_joint_beyond_its_bounds_is_odd_and_many_are_another_body() -> None:
-    (one,) = beyond_bounds(["hip_r.thigh.sup", "hip_r.thigh.ant"])
-    assert (one.severity, one.leg) == (Severity.WARNING, "r") and "hip_r lies further" in one.cause
-    (arm,) = beyond_bounds(["shoulder_l.trunk.front"])
+    (one,) = report_bounds(["hip_r.thigh.sup", "hip_r.thigh.ant"])
+    assert (one.severity, one.leg) == (Severity.WARNING, "r") and "hip_r is further" in one.cause
+    (arm,) = report_bounds(["shoulder_l.trunk.front"])
     assert arm.severity is Severity.INFO
     own = ["knee_r.thigh.ant", "knee_r.thigh.sup", "knee_r.shank.ant", "knee_r.shank.sup"]
-    assert [f.severity for f in beyond_bounds(own)] == [Severity.WARNING], (
+    assert [f.severity for f in report_bounds(own)] == [Severity.WARNING], (
         "four of one joint are one odd joint"
     )
-    *arms, body = beyond_bounds(
+    *arms, body = report_bounds(
         ["shoulder_l.trunk.front", *own[:2], "knee_l.thigh.ant", "hip_l.thigh.ant"]
     )
     assert body.severity is Severity.ERROR and "does not show the body" in body.cause
     assert [f.severity for f in arms] == [Severity.INFO]
-    joints = beyond_bounds([*own[:2], "knee_l.thigh.ant", "hip_l.thigh.ant"], same_body=True)
+    joints = report_bounds([*own[:2], "knee_l.thigh.ant", "hip_l.thigh.ant"], same_body=True)
     assert [f.severity for f in joints] == [Severity.WARNING] * 3, "odd joints of this body"
 
 
 def test_markers_that_keep_their_distances_are_on_the_body_that_stood() -> None:
     """Without noise they do; those of a trial in which one of them sits 5 mm elsewhere do not."""
     body, _ = random_trial(np.random.default_rng(4), PARAMETERS, frames=60, nodes=10)
-    assert worn_as_standing([body])
+    assert is_same_placement([body])
     local = body.data.local.copy()
     local[list(body.data.segment).index(body.chain.segments.index("thigh_r"))] += 0.005
     moved = replace(body, data=replace(body.data, placed=replace(body.data.placed, local=local)))
-    assert not worn_as_standing([body, moved]) and not worn_as_standing([])
+    assert not is_same_placement([body, moved]) and not is_same_placement([])
 
 
 @pytest.mark.parametrize(
@@ -111,20 +111,20 @@ def test_an_arm_far_from_where_its_markers_begin(
     _, start = started(body, PARAMETERS)
     coefficients = start.copy()
     coefficients[:, body.chain.coordinates.index(f"{coordinate}_{side}")] += (
-        turn * LARGEST_ARM_TURN + whole
+        turn * LARGEST_ARM_ROTATION + whole
     )
-    turned = arm_ambiguity([body, body], [start, coefficients], PARAMETERS)
+    turned = detect_ambiguous_arms([body, body], [start, coefficients], PARAMETERS)
     assert list(turned) == ([side] if found else [])
     if found:
-        assert turned[side] == pytest.approx(turn * LARGEST_ARM_TURN)
+        assert turned[side] == pytest.approx(turn * LARGEST_ARM_ROTATION)
         assert (
-            f"{np.rad2deg(turn * LARGEST_ARM_TURN):.0f} degrees"
-            in ambiguous_arm_findings(turned)[0].found
+            f"{np.rad2deg(turn * LARGEST_ARM_ROTATION):.0f} degrees"
+            in report_ambiguous_arms(turned)[0].found
         )
 
 
 def test_only_joints_of_that_arm_stay() -> None:
-    left = without_arms(JP_NAMES, {"r": 3.0})
+    left = exclude_arms(JP_NAMES, {"r": 3.0})
     assert {name.split(".")[0] for name in set(JP_NAMES) - set(left)} == {"shoulder_r", "elbow_r"}
 
 

@@ -9,28 +9,28 @@ from gaitcal.calibration.inertial_calibration import (
     ConsistentSettings,
     LogChart,
     RootEquations,
+    compress_root_equations,
     fit_consistent,
-    root_equations,
 )
-from gaitcal.calibration.torque_errors import inertial_square_root
+from gaitcal.calibration.torque_errors import factor_inertial_covariance
 from gaitcal.dynamics.inverse_dynamics import Dynamics
 from gaitcal.model.nominal import published_model
 from gaitcal.model.parameters import (
     IP_NAMES,
     InertialSet,
-    dynamic_jacobian,
-    dynamic_parameters,
-    full_set,
+    compute_dynamic_jacobian,
+    compute_dynamic_parameters,
     is_physical,
-    symmetric_set,
-    table,
+    make_full_set,
+    make_symmetric_set,
+    view_as_table,
 )
 from gaitcal.synthetic.synthetic_motion import gait_motion
 from tests.derivatives import Array, assert_derivative
 
 MODEL, MOTION = published_model(), gait_motion()
 WEIGHT, LENGTH = MODEL.subject.weight, MODEL.subject.height
-SETS = pytest.mark.parametrize("which", [symmetric_set(), full_set()], ids=["36", "84"])
+SETS = pytest.mark.parametrize("which", [make_symmetric_set(), make_full_set()], ids=["36", "84"])
 
 
 def loads(noise: float, seed: int) -> tuple[Array, Array]:
@@ -39,19 +39,21 @@ def loads(noise: float, seed: int) -> tuple[Array, Array]:
     """
     q, v, a = (MOTION.basis.evaluate(MOTION.coefficients, k) for k in range(3))
     regressor = Dynamics(MODEL.parameters).root_regressor(q, v, a)
-    exact = np.einsum("fisk,sk->fi", regressor, dynamic_parameters(MODEL.parameters.inertial))
+    exact = np.einsum(
+        "fisk,sk->fi", regressor, compute_dynamic_parameters(MODEL.parameters.inertial)
+    )
     white = np.random.default_rng(seed).normal(0.0, noise * WEIGHT, exact.shape)
     white[:, 3:] *= LENGTH
     return regressor, white - exact
 
 
 def system(noise: float, seed: int) -> RootEquations:
-    return root_equations(*loads(noise, seed), WEIGHT, LENGTH)
+    return compress_root_equations(*loads(noise, seed), WEIGHT, LENGTH)
 
 
 @SETS
 def test_consistent_inertias_are_possible_and_keep_the_mass(which: InertialSet) -> None:
-    s, exact = symmetric_set().selection, system(0.0, 0)
+    s, exact = make_symmetric_set().selection, system(0.0, 0)
     mean = s.T @ MODEL.parameters.inertial / (s * s).sum(axis=0)
     rng = np.random.default_rng(1)
     drawn = (
@@ -60,23 +62,25 @@ def test_consistent_inertias_are_possible_and_keep_the_mass(which: InertialSet) 
     )
     start = next(inertial for inertial in drawn if is_physical(inertial).all())
     found = fit_consistent(exact, start, which)
-    assert found.rms_force < exact.rms(start)[0]
+    assert found.rms_force < exact.compute_rms(start)[0]
     assert is_physical(found.inertial).all()
-    assert table(found.inertial)[:, 0].sum() == pytest.approx(table(start)[:, 0].sum(), abs=1e-10)
+    assert view_as_table(found.inertial)[:, 0].sum() == pytest.approx(
+        view_as_table(start)[:, 0].sum(), abs=1e-10
+    )
 
 
 def test_log_chart_derivative() -> None:
-    chart = LogChart(MODEL.parameters.inertial, symmetric_set())
+    chart = LogChart(MODEL.parameters.inertial, make_symmetric_set())
     x = np.random.default_rng(2).normal(0, 0.1, chart.size)
-    assert_derivative(chart.jacobian(x), chart.inertial, x)
-    assert is_physical(chart.inertial(10 * x)).all()
+    assert_derivative(chart.compute_jacobian(x), chart.compute_inertial, x)
+    assert is_physical(chart.compute_inertial(10 * x)).all()
 
 
 def test_an_impossible_seed_is_refused() -> None:
     bad = MODEL.parameters.inertial.copy()
     bad[4] = -1.0
     with pytest.raises(ValueError, match="physically possible"):
-        LogChart(bad, symmetric_set())
+        LogChart(bad, make_symmetric_set())
 
 
 @pytest.mark.parametrize("noise", [0.02, 0.05])
@@ -85,10 +89,12 @@ def test_residuals_are_weighed_against_the_noise_that_the_fit_leaves(noise: floa
     `independent` counts.
     """
     settings = ConsistentSettings()
-    found = fit_consistent(system(noise, 61), MODEL.parameters.inertial, symmetric_set(), settings)
+    found = fit_consistent(
+        system(noise, 61), MODEL.parameters.inertial, make_symmetric_set(), settings
+    )
     scale = np.repeat([1.0 / WEIGHT, 1.0 / (WEIGHT * LENGTH)], 3)
     by_inertial = np.einsum(
-        "i,fisd,sdk->fisk", scale, loads(noise, 61)[0], dynamic_jacobian(found.inertial)
+        "i,fisd,sdk->fisk", scale, loads(noise, 61)[0], compute_dynamic_jacobian(found.inertial)
     )
     plain = by_inertial.reshape(-1, len(IP_NAMES)) @ found.jacobian
     weight = np.linalg.norm(found.residual_jacobian[: -len(found.names)]) / np.linalg.norm(plain)
@@ -105,7 +111,7 @@ def test_the_spread_of_the_inertial_parameters_is_the_inverse_of_what_the_fit_kn
     found = fit_consistent(system(0.02, 62), MODEL.parameters.inertial, which)
     a = found.residual_jacobian
     covariance = found.jacobian @ np.linalg.solve(a.T @ a, found.jacobian.T)
-    root = inertial_square_root(found)
+    root = factor_inertial_covariance(found)
     scale = np.sqrt(np.maximum(np.diag(covariance), 1e-300))
     np.testing.assert_allclose(
         (root @ root.T) / np.outer(scale, scale), covariance / np.outer(scale, scale), atol=1e-9

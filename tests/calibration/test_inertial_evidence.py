@@ -8,28 +8,28 @@ import numpy as np
 import pytest
 
 from gaitcal.arrays import Array, BoolArray
-from gaitcal.calibration.error_sources import nominal_errors
+from gaitcal.calibration.error_sources import make_nominal_errors
 from gaitcal.calibration.inertial_calibration import (
     ConsistentSettings,
     LoadedMotion,
     LogChart,
     RootEquations,
     TorqueScale,
-    by_inertial,
-    equations_of,
+    assemble_root_equations,
+    differentiate_by_inertial,
 )
 from gaitcal.calibration.inertial_evidence import (
     STRONG,
     LoadedProblem,
     PlateNoise,
     ResidualNoise,
+    compute_fixed_spread,
+    compute_log_bayes_factor,
+    estimate_residual_noise,
     fit_by_evidence,
-    log_bayes_factor,
-    residual_noise,
-    spread_of_the_rest,
-    stay_nominal,
+    keep_nominal,
 )
-from gaitcal.calibration.torque_errors import inertial_square_root
+from gaitcal.calibration.torque_errors import factor_inertial_covariance
 from gaitcal.dynamics.ground_reactions import GroundReactions
 from gaitcal.dynamics.inverse_dynamics import Dynamics, pelvis_residual
 from gaitcal.dynamics.measurement_errors import PlateErrors
@@ -37,10 +37,10 @@ from gaitcal.model.nominal import published_model
 from gaitcal.model.parameters import (
     MASSIVE_SEGMENTS,
     Parameters,
-    full_set,
     is_physical,
-    symmetric_set,
-    table,
+    make_full_set,
+    make_symmetric_set,
+    view_as_table,
 )
 from gaitcal.synthetic.synthetic_motion import gait_motion, residual_free_wrench
 from gaitcal.tracking.motion import tracked_motion
@@ -52,7 +52,7 @@ from tests.synthetic_studies import made_recording
 MODEL, MOTION = published_model(), gait_motion()
 SUBJECT, TRUE = MODEL.subject, MODEL.parameters
 SETTINGS = ConsistentSettings()
-WHICH = symmetric_set()
+WHICH = make_symmetric_set()
 ROUNDING = 1e-9
 EXACT = PlateErrors(place=0.0, gain=0.0, clock=0.0)
 USUAL = NodeRule()
@@ -98,20 +98,22 @@ def system(trial: LoadedProblem, parameters: Parameters) -> RootEquations:
     motion = LoadedMotion(
         state=state(trial), wrench=trial.reactions.wrench, valid=trial.reactions.valid
     )
-    return equations_of([motion], parameters, SUBJECT, TorqueScale.BODY_HEIGHT, 0.2)
+    return assemble_root_equations([motion], parameters, SUBJECT, TorqueScale.BODY_HEIGHT, 0.2)
 
 
 def noise_of(
     trial: LoadedProblem, parameters: Parameters, plates: PlateNoise | None = None
 ) -> ResidualNoise:
-    none = replace(nominal_errors(("hip_r.pelvis.ant",)), parameters=np.zeros((1, 1)))
+    none = replace(make_nominal_errors(("hip_r.pelvis.ant",)), parameters=np.zeros((1, 1)))
     chart = LogChart(parameters.inertial, WHICH)
-    return residual_noise([trial], parameters, none, SUBJECT, chart, SUBJECT.height, plates)
+    return estimate_residual_noise(
+        [trial], parameters, none, SUBJECT, chart, SUBJECT.height, plates
+    )
 
 
 def changed(masses: float) -> Parameters:
     """Nominal parameters of which the shanks are that much too heavy, and the trunk too light."""
-    rows = table(TRUE.inertial.copy())
+    rows = view_as_table(TRUE.inertial.copy())
     shanks = [MASSIVE_SEGMENTS.index(f"shank_{side}") for side in "rl"]
     before = rows[shanks, 0].sum()
     rows[shanks, 0] *= 1.0 + masses
@@ -120,7 +122,9 @@ def changed(masses: float) -> Parameters:
 
 
 def mass_error(inertial: Array) -> float:
-    return float(np.sqrt(np.mean((table(inertial)[:, 0] - table(TRUE.inertial)[:, 0]) ** 2)))
+    return float(
+        np.sqrt(np.mean((view_as_table(inertial)[:, 0] - view_as_table(TRUE.inertial)[:, 0]) ** 2))
+    )
 
 
 @pytest.mark.parametrize("seed", [1, 2])
@@ -147,14 +151,14 @@ def test_masses_that_are_wrong_move_towards_the_truth() -> None:
     assert found.moved and found.converged
     assert mass_error(found.inertial) < 0.6 * mass_error(wrong.inertial)
     assert is_physical(found.inertial).all()
-    assert table(found.inertial)[:, 0].sum() == pytest.approx(
-        table(TRUE.inertial)[:, 0].sum(), abs=1e-9
+    assert view_as_table(found.inertial)[:, 0].sum() == pytest.approx(
+        view_as_table(TRUE.inertial)[:, 0].sum(), abs=1e-9
     )
-    force, moment = system(trial, wrong).rms(wrong.inertial)
+    force, moment = system(trial, wrong).compute_rms(wrong.inertial)
     assert found.rms_force < force and found.rms_moment < moment
     assert "ln K" in found.message and "stay the table's" not in found.message
-    spread = inertial_square_root(stay_nominal(wrong.inertial, WHICH))
-    known = inertial_square_root(found)
+    spread = factor_inertial_covariance(keep_nominal(wrong.inertial, WHICH))
+    known = factor_inertial_covariance(found)
     narrower = (known**2).sum(axis=1) / np.maximum((spread**2).sum(axis=1), 1e-300)
     free = (spread**2).sum(axis=1) > 0
     assert narrower[free].min() < 0.5, "what the residual tells is better known than by the table"
@@ -164,10 +168,10 @@ def test_people_scatter_about_nominal_values() -> None:
     """Masses by a tenth, at unchanged total, of feet by more; centres by 10 mm; second moments by
     15 %.
     """
-    kept = stay_nominal(TRUE.inertial, WHICH)
-    errors = table(np.sqrt((inertial_square_root(kept) ** 2).sum(axis=1)))
+    kept = keep_nominal(TRUE.inertial, WHICH)
+    errors = view_as_table(np.sqrt((factor_inertial_covariance(kept) ** 2).sum(axis=1)))
     thigh, foot = (MASSIVE_SEGMENTS.index(name) for name in ("thigh_r", "foot_r"))
-    rows = table(TRUE.inertial)
+    rows = view_as_table(TRUE.inertial)
     assert errors[foot, 0] / rows[foot, 0] == pytest.approx(SETTINGS.foot_mass_spread, rel=0.05)
     assert errors[thigh, 2] == pytest.approx(SETTINGS.centre_spread, rel=ROUNDING)
     assert 0.5 * SETTINGS.mass_spread < errors[thigh, 0] / rows[thigh, 0] < SETTINGS.mass_spread
@@ -180,9 +184,9 @@ def test_people_scatter_about_nominal_values() -> None:
 
 def test_mass_centres_that_no_fit_moves_scatter_too() -> None:
     """By as much as others; masses and moments are the fit's, pelvis and trunk symmetric."""
-    rest = table(np.sqrt((spread_of_the_rest(TRUE.inertial, WHICH) ** 2).sum(axis=1)))
-    known = table(
-        np.sqrt((inertial_square_root(stay_nominal(TRUE.inertial, WHICH)) ** 2).sum(axis=1))
+    rest = view_as_table(np.sqrt((compute_fixed_spread(TRUE.inertial, WHICH) ** 2).sum(axis=1)))
+    known = view_as_table(
+        np.sqrt((factor_inertial_covariance(keep_nominal(TRUE.inertial, WHICH)) ** 2).sum(axis=1))
     )
     limbs = np.array([name.endswith(("_r", "_l")) for name in MASSIVE_SEGMENTS])
     feet = np.array([name.startswith("foot") for name in MASSIVE_SEGMENTS])
@@ -192,16 +196,16 @@ def test_mass_centres_that_no_fit_moves_scatter_too() -> None:
     np.testing.assert_allclose((rest + known)[feet, 1:4], SETTINGS.foot_centre_spread, rtol=1e-6)
     np.testing.assert_allclose((rest + known)[~limbs, 1:3], SETTINGS.centre_spread, rtol=1e-6)
     assert not rest[~limbs, 3].any() and not rest[:, 0].any() and not rest[:, 4:].any()
-    assert spread_of_the_rest(TRUE.inertial, full_set()).shape[1] == 0
+    assert compute_fixed_spread(TRUE.inertial, make_full_set()).shape[1] == 0
 
 
 def test_what_stays_nominal_makes_scores_as_a_change_of_it_does() -> None:
     """A^T d rho of every column of its spread, squares summed."""
-    trial, unmoved = loaded(0.0), spread_of_the_rest(TRUE.inertial, WHICH)
+    trial, unmoved = loaded(0.0), compute_fixed_spread(TRUE.inertial, WHICH)
     chart = LogChart(TRUE.inertial, WHICH)
-    none = replace(nominal_errors(("hip_r.pelvis.ant",)), parameters=np.zeros((1, 1)))
+    none = replace(make_nominal_errors(("hip_r.pelvis.ant",)), parameters=np.zeros((1, 1)))
     without, with_it = (
-        residual_noise(
+        estimate_residual_noise(
             [trial],
             TRUE,
             none,
@@ -213,8 +217,8 @@ def test_what_stays_nominal_makes_scores_as_a_change_of_it_does() -> None:
         )
         for u in (None, unmoved)
     )
-    by_ip = by_inertial(system(trial, TRUE).factor, TRUE.inertial)
-    scores = (by_ip @ chart.jacobian(np.zeros(chart.size))).T @ by_ip @ unmoved
+    by_ip = differentiate_by_inertial(system(trial, TRUE).factor, TRUE.inertial)
+    scores = (by_ip @ chart.compute_jacobian(np.zeros(chart.size))).T @ by_ip @ unmoved
     expected = scores @ scores.T
     difference = with_it.covariance - without.covariance
     np.testing.assert_allclose(difference, expected, rtol=0, atol=1e-9 * np.abs(expected).max())
@@ -266,9 +270,9 @@ def test_what_is_independent_weighs_the_scores_like_white_noise() -> None:
         noise_of(trial, TRUE, PlateNoise(rest=r, memory=0.1)) for r in (rest, 0.0)
     )
     chart = LogChart(TRUE.inertial, WHICH)
-    rows = by_inertial(system(trial, TRUE).factor, TRUE.inertial) @ chart.jacobian(
-        np.zeros(chart.size)
-    )
+    rows = differentiate_by_inertial(
+        system(trial, TRUE).factor, TRUE.inertial
+    ) @ chart.compute_jacobian(np.zeros(chart.size))
     expected = max(0.1 * rate, 1.0) * rest**2 * rows.T @ rows
     difference = with_rest.covariance - without.covariance
     np.testing.assert_allclose(
@@ -326,22 +330,22 @@ def test_the_bayes_factor_is_that_of_two_normal_distributions() -> None:
             -0.5 * (np.linalg.slogdet(covariance)[1] + scores @ np.linalg.solve(covariance, scores))
         )
 
-    assert log_bayes_factor(scores, slopes) == pytest.approx(
+    assert compute_log_bayes_factor(scores, slopes) == pytest.approx(
         log_density(wide) - log_density(np.eye(5)), rel=1e-12
     )
     assert (
-        log_bayes_factor(np.zeros(5), slopes)
+        compute_log_bayes_factor(np.zeros(5), slopes)
         < 0.0
         < STRONG
-        < log_bayes_factor(10.0 * slopes[:, 0], slopes)
+        < compute_log_bayes_factor(10.0 * slopes[:, 0], slopes)
     )
 
 
 def test_a_table_that_may_be_the_wrong_one_widens_what_it_says() -> None:
     chart = LogChart(TRUE.inertial, WHICH)
     plain, wider = (
-        chart.spread(SETTINGS),
-        chart.spread(replace(SETTINGS, more_of={"thigh.mass": 0.2})),
+        chart.compute_spread(SETTINGS),
+        chart.compute_spread(replace(SETTINGS, more_of={"thigh.mass": 0.2})),
     )
     for name, before, after in zip(WHICH.names, plain, wider, strict=True):
         widened = name.startswith("thigh") and name.endswith(".mass")

@@ -19,9 +19,9 @@ from gaitcal.model.nominal import published_model
 from gaitcal.model.parameters import (
     JP_INDEX,
     Parameters,
-    gait_parameters,
-    isolated_parameters,
-    published_subject,
+    list_gait_parameters,
+    list_isolated_parameters,
+    read_published_parameters,
 )
 from gaitcal.synthetic.synthetic_motion import gait_motion, marker_noise, synthetic_markers
 from gaitcal.tracking.banded import BandFactor
@@ -38,7 +38,7 @@ from tests.derivatives import (
     started,
 )
 
-KNEE = isolated_parameters("knee_r")
+KNEE = list_isolated_parameters("knee_r")
 PART = ("thigh_r", "shank_r")
 
 
@@ -93,7 +93,7 @@ def test_the_compressed_problem_is_the_whole_one_with_its_priors_and_the_soft_ti
     against all their rows: cost, gradient and Gauss-Newton matrix with motions and soft tissue
     eliminated, and what is left of these.
     """
-    start, rng, shares = published_subject(), np.random.default_rng(5), (4.0, 0.5, 2.0)
+    start, rng, shares = read_published_parameters(), np.random.default_rng(5), (4.0, 0.5, 2.0)
     trials = [
         soft_knee_trial(3, ("gait/a", "gait/b"), PART),
         soft_knee_trial(4, ("squat/a",), PART[1:]),
@@ -123,7 +123,7 @@ def test_the_compressed_problem_is_the_whole_one_with_its_priors_and_the_soft_ti
     reduced.weigh(shares)
     p = values(start, KNEE) + rng.normal(0, 0.005, count)
     state = reduced.settle(p)
-    f, jacobian, size = reduced.residual(p), reduced.jacobian(p), count + len(keys)
+    f, jacobian, size = reduced.compute_residual(p), reduced.compute_jacobian(p), count + len(keys)
     assert len(f) == count + 1, "SciPy sees joint parameters alone"
 
     def residual(x: Array) -> Array:
@@ -197,12 +197,12 @@ def test_trials_weighed_anew_go_on_to_the_fit_of_scaled_costs() -> None:
     """Trials of people with different knees, so that their weights tell; the search goes on from
     the even weights.
     """
-    shares, start = (9.0, 0.5), published_subject()
+    shares, start = (9.0, 0.5), read_published_parameters()
     expected = values(start, KNEE), np.eye(len(KNEE))
     trials = [knee_trial(seed, noise=0.002)[0] for seed in (3, 4)]
     starts = [started(problem, start)[1] for problem in trials]
     search = JointSearch(trials, start, KNEE, starts, expected=expected)
-    even = search.approach(1e-7)
+    even = search.run_to_tolerance(1e-7)
     search.problem.weigh(shares)
     found = search.run()
     scaled = [problem.scaled(share) for problem, share in zip(trials, shares, strict=True)]
@@ -217,7 +217,7 @@ def test_matrices_kept_on_the_way_are_formed_anew_at_the_end(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     problem, truth = knee_trial(9, noise=0.004)
-    start = truth.with_joint(KNEE, values(published_subject(), KNEE))
+    start = truth.with_joint(KNEE, values(read_published_parameters(), KNEE))
     used: list[int] = []
     plain = open_motion.OpenMotion.evaluate
     monkeypatch.setattr(
@@ -230,7 +230,7 @@ def test_matrices_kept_on_the_way_are_formed_anew_at_the_end(
     solved = BandFactor(equations.band).solve(np.asfortranarray(equations.mixed))
     whole = equations.parameters - equations.mixed.T @ solved
     np.testing.assert_allclose(kept.state.hessian, whole, rtol=0, atol=1e-5 * np.abs(whole).max())
-    assert kept.state.trials[0].matrices.near(kept.values, kept.coefficients[0])
+    assert kept.state.trials[0].matrices.is_near(kept.values, kept.coefficients[0])
     np.testing.assert_array_equal(kept.state.trials[0].matrices.values, kept.values)
     monkeypatch.setattr(open_motion, "KEPT_WITHIN", 0.0)
     monkeypatch.setattr(
@@ -253,12 +253,12 @@ def test_a_refused_step_leads_nowhere() -> None:
         source="gait", time=motion.basis.time, labels=model.markers.labels, markers=noisy
     )
     problem = trial_problem("gait", model, recording, NodeRule(fixed=20))
-    few = (*gait_parameters("r"), *gait_parameters("l"))
+    few = (*list_gait_parameters("r"), *list_gait_parameters("l"))
     many = tuple(
         n
         for joint in ("hip", "knee", "ankle")
         for side in "rl"
-        for n in isolated_parameters(f"{joint}_{side}")
+        for n in list_isolated_parameters(f"{joint}_{side}")
     )
     assert set(few) < set(many)
     costs = [

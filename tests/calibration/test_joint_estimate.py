@@ -13,30 +13,30 @@ from gaitcal.calibration.joint_estimate import (
     DETERMINED,
     JointEstimate,
     Tasks,
-    _independent_share,
+    _estimate_independent_share,
     estimate_joints,
-    free_of,
-    noise_of,
+    estimate_noise,
+    select_movable_parameters,
 )
-from gaitcal.calibration.joint_prior import noise_prior, prior_of
+from gaitcal.calibration.joint_prior import get_noise_prior, select_prior
 from gaitcal.calibration.soft_tissue_artefact import (
     NO_TISSUE,
     SIZES,
     SoftTissueScale,
     TissuePrior,
-    beside,
-    soft_tissue_scale,
-    task_regressors,
-    tissue_of,
-    tissue_prior,
+    assemble_tissue_prior,
+    compute_task_regressors,
+    estimate_soft_tissue_scale,
+    list_adjacent_coordinates,
+    make_tissue_columns,
 )
 from gaitcal.model.linkage import JOINTS, LEGS, LOWER_BODY
 from gaitcal.model.parameters import (
     JP_INDEX,
     JP_NAMES,
     Parameters,
-    isolated_parameters,
-    leg_parameters,
+    list_isolated_parameters,
+    list_leg_parameters,
 )
 from gaitcal.study.cohort_prior import JointPrior
 from gaitcal.tracking.soft_tissue import together
@@ -52,7 +52,7 @@ from tests.derivatives import (
     random_trial,
 )
 
-HIP = isolated_parameters("hip_r")
+HIP = list_isolated_parameters("hip_r")
 SEGMENTS = ("pelvis", "thigh_r")
 EXACT_M = 5e-5
 """m: what a prior of 10 mm leaves of a nominal joint 10 mm off, against the noise that cameras have
@@ -74,7 +74,7 @@ def gait(*problems: MotionProblem) -> Tasks:
 
 def drawn_nominal(rng: np.random.Generator, truth: Array) -> Parameters:
     """As the prior has people."""
-    mean, covariance = prior_of(HIP, None)
+    mean, covariance = select_prior(HIP, None)
     return perturbed_parameters(rng, 0.0, 0.0).with_joint(
         HIP, truth - rng.multivariate_normal(mean, covariance)
     )
@@ -91,7 +91,7 @@ def test_without_noise_the_truth_is_found_and_without_markers_the_prior_stays() 
     # a joint that does not move tells where its two sides meet, not where along with each: half of
     # the directions
     assert 2.0 < kept.effective_parameters < 3.5
-    prior = dict(zip(HIP, np.sqrt(np.diag(prior_of(HIP, None)[1])), strict=True))
+    prior = dict(zip(HIP, np.sqrt(np.diag(select_prior(HIP, None)[1])), strict=True))
     assert spread.standard_errors[HIP[0]] > 0.5 * prior[HIP[0]]
     assert errors.standard_errors[HIP[0]] < 0.02 * prior[HIP[0]]
 
@@ -100,9 +100,11 @@ def with_tissue(rng: np.random.Generator, frames: int) -> tuple[MotionProblem, T
     """A hip that moves at random, and columns that go with its flexion."""
     problem, _ = hip_trial(3, frames=frames, nodes=7)
     problem = noisy(problem, rng, 0.004)
-    (psi,) = task_regressors([{"hip_flexion_r": rng.normal(size=frames)}])
-    problem = replace(problem, tissue=tissue_of(problem, "gait", psi, perturbed_parameters(rng)))
-    return problem, tissue_prior([problem], {"gait": SoftTissueScale(0.1)})
+    (psi,) = compute_task_regressors([{"hip_flexion_r": rng.normal(size=frames)}])
+    problem = replace(
+        problem, tissue=make_tissue_columns(problem, "gait", psi, perturbed_parameters(rng))
+    )
+    return problem, assemble_tissue_prior([problem], {"gait": SoftTissueScale(0.1)})
 
 
 def test_errors_by_source_sum_to_the_inverse_hessian_and_the_end_is_the_dense_minimum() -> None:
@@ -192,14 +194,14 @@ def test_what_is_uncertain_and_not_fitted_makes_the_errors_of_the_dense_formula(
     of_considered = moved @ block_diag(*roots)
     dense = inverse[: len(moved), : len(moved)] + of_considered @ of_considered.T
     unit = np.sqrt(np.diag(dense))
-    assert_covariance(errors.of((*free, *estimate.keys)).covariance, dense)
+    assert_covariance(errors.select((*free, *estimate.keys)).covariance, dense)
     sources = (
         *(f"nominal/{n}" for n in kept),
         *(() if fits_tissue else (f"skin/{key}" for key in prior.keys)),
     )
     own = errors.parameters[: len(moved), [errors.clusters.index(source) for source in sources]]
     np.testing.assert_allclose(own / unit[:, None], of_considered / unit[:, None], atol=1e-4)
-    np.testing.assert_allclose(errors.of(kept).covariance, np.diag(spread[4:] ** 2), atol=1e-18)
+    np.testing.assert_allclose(errors.select(kept).covariance, np.diag(spread[4:] ** 2), atol=1e-18)
     if not fits_tissue:
         by_noise_and_tissue = dense - of_considered[:, :2] @ of_considered[:, :2].T
         gap = (estimate.whole_covariance - by_noise_and_tissue) / np.outer(unit, unit)
@@ -209,13 +211,13 @@ def test_what_is_uncertain_and_not_fitted_makes_the_errors_of_the_dense_formula(
 def test_a_joint_is_free_where_both_its_segments_show_markers() -> None:
     rng = np.random.default_rng(6)
     problem, _ = random_trial(rng, perturbed_parameters(rng), segments=LOWER_BODY)
-    legs = (*leg_parameters("r"), *leg_parameters("l"))
-    assert set(free_of([problem], JP_NAMES)) == set(legs)
+    legs = (*list_leg_parameters("r"), *list_leg_parameters("l"))
+    assert set(select_movable_parameters([problem], JP_NAMES)) == set(legs)
     weight = problem.data.weight.copy()
     weight[[problem.chain.segments[s] in LEGS["l"][3:] for s in problem.data.segment]] = (
         0.0  # from the foot on
     )
-    free = free_of([problem.with_weight(weight)], JP_NAMES)
+    free = select_movable_parameters([problem.with_weight(weight)], JP_NAMES)
     lost = {"talocrural_l", *(joint.name for joint in JOINTS if joint.child in LEGS["l"][3:])}
     assert set(free) == {name for name in legs if name.split(".")[0] not in lost}
 
@@ -256,11 +258,11 @@ def test_a_kind_of_task_has_its_own_noise_whatever_the_others_disagree_about() -
     assert (
         both.noise[:1]
         == alone.noise
-        == tuple(noise_of(isolated["hip_r"], wrong, HIP, noise_prior("hip_r")))
+        == tuple(estimate_noise(isolated["hip_r"], wrong, HIP, get_noise_prior("hip_r")))
     )
     # of an isolated trial without noise the prior of people's leaves some 3 mm
     assert both.noise[1] > 5 * both.noise[0]
-    assert both.repeated == alone.repeated == {}
+    assert both.effective_trials == alone.effective_trials == {}
     np.testing.assert_allclose(alone.values, truth, atol=1e-3)
     off = (both.values - truth) / [errors.standard_errors[name] for name in HIP]
     assert np.abs(off).max() < 2.5
@@ -287,7 +289,10 @@ def test_independent_trials_have_a_share_of_about_one_and_repeated_ones_none() -
     alike = [100.0 * (root @ root.T + np.eye(3))] * 4
     share = {
         common: np.mean(
-            [_independent_share(scores(rng, alike, common), alike, precision) for _ in range(400)]
+            [
+                _estimate_independent_share(scores(rng, alike, common), alike, precision)
+                for _ in range(400)
+            ]
         )
         for common in (0.0, 0.8, 1.0)
     }
@@ -307,14 +312,16 @@ def test_directions_that_the_prior_holds_say_nothing_of_repeated_errors() -> Non
     alike = [np.diag([50.0, 80.0, 0.1])] * 3
     drawn = [scores(rng, alike) for _ in range(200)]
     repeated = [[np.append(score[:2], 0.3) for score in of_trials] for of_trials in drawn]
-    whole = [_independent_share(s, alike, precision) for s in repeated]
+    whole = [_estimate_independent_share(s, alike, precision) for s in repeated]
     first = [
-        _independent_share([g[:2] for g in s], [h[:2, :2] for h in alike], precision[:2, :2])
+        _estimate_independent_share(
+            [g[:2] for g in s], [h[:2, :2] for h in alike], precision[:2, :2]
+        )
         for s in drawn
     ]
     np.testing.assert_allclose(whole, first)
     assert np.mean(whole) > 0.7
-    assert _independent_share(drawn[0], alike, 1e3 * precision) == 1.0, (
+    assert _estimate_independent_share(drawn[0], alike, 1e3 * precision) == 1.0, (
         "where nothing is determined"
     )
 
@@ -331,7 +338,7 @@ def test_kinds_of_task_that_disagree_have_wider_errors() -> None:
         return estimate_joints({"hip_r": (a,), **gait(b)}, here, HIP)
 
     (agreed, bars), (apart, wider) = both(here), both(elsewhere)
-    assert 1.0 <= agreed.apart < 1.5 < 3.0 < apart.apart
+    assert 1.0 <= agreed.birge_ratio < 1.5 < 3.0 < apart.birge_ratio
     assert wider.standard_errors[HIP[0]] > 2.0 * bars.standard_errors[HIP[0]]
 
 
@@ -346,12 +353,12 @@ def test_one_trial_told_three_times_counts_as_one() -> None:
         )
         for trials in ((first,), (first,) * 3, (first, second, third))
     )
-    assert thrice.repeated == {"gait": pytest.approx(3.0, abs=1e-3)}
+    assert thrice.effective_trials == {"gait": pytest.approx(3.0, abs=1e-3)}
     mixed, _ = estimate_joints({"hip_r": (second,), **gait(first, first, first)}, wrong, HIP)
-    assert mixed.repeated == {"gait": pytest.approx(3.0, abs=1e-3)}, (
+    assert mixed.effective_trials == {"gait": pytest.approx(3.0, abs=1e-3)}, (
         "whatever other kinds of task there are"
     )
-    assert one.repeated == {} and 1.0 <= three.repeated["gait"] < 2.0
+    assert one.effective_trials == {} and 1.0 <= three.effective_trials["gait"] < 2.0
     np.testing.assert_allclose(thrice.values, one.values, atol=2e-4)
     for name in HIP:  # three times the samples for as many parameters: a smaller noise
         assert same.standard_errors[name] == pytest.approx(bars.standard_errors[name], rel=0.15)
@@ -385,17 +392,17 @@ def soft_person(seed: int) -> tuple[MotionProblem, Array]:
         k = names.index(name)
         q[:, k] = size * np.sin(phase[:, 0] + k) + 0.3 * size * np.sin(2 * phase[:, 0] + 2 * k)
     coefficients = problem.basis.fit(q)
-    (psi,) = task_regressors(
+    (psi,) = compute_task_regressors(
         [dict(zip(names, problem.basis.evaluate(coefficients).T, strict=True))]
     )
     shift = np.zeros(problem.data.measured.shape)
     for s, markers in problem.data.placed.groups:
         segment, local = problem.chain.segments[s], problem.data.local[markers]
         rigid = together(local - local.mean(axis=0)).reshape(-1, 6)
-        own = SIZES[segment.split("_")[0]].own * (
+        own = SIZES[segment.split("_")[0]].per_marker * (
             np.eye(len(rigid)) - rigid @ np.linalg.pinv(rigid)
         )
-        for name in (n for n in beside(segment) if n in psi):
+        for name in (n for n in list_adjacent_coordinates(segment) if n in psi):
             z = (own @ rng.normal(size=len(rigid))).reshape(-1, 3)
             if segment == "pelvis":
                 z += SLIDES.get(name, 0.0)
@@ -403,7 +410,9 @@ def soft_person(seed: int) -> tuple[MotionProblem, Array]:
     seen = problem.shifted(shift).positions(coefficients, problem.body(parameters))
     problem = problem.with_measured(seen + rng.normal(0, 5e-4, seen.shape))
     truth = parameters.joint[[JP_INDEX[n] for n in HIP]]
-    return replace(problem, tissue=tissue_of(problem, "gait", psi, parameters, table={})), truth
+    return replace(
+        problem, tissue=make_tissue_columns(problem, "gait", psi, parameters, table={})
+    ), truth
 
 
 @pytest.mark.slow
@@ -413,7 +422,7 @@ def test_a_pelvis_that_slides_with_adduction_misleads_who_takes_it_for_bone() ->
     for seed in range(5):
         problem, truth = soft_person(seed)
         nominal = drawn_nominal(np.random.default_rng([seed, 2]), truth)
-        prior = tissue_prior([problem], {"gait": soft_tissue_scale([problem])})
+        prior = assemble_tissue_prior([problem], {"gait": estimate_soft_tissue_scale([problem])})
         for soft in (False, True):
             trial, columns = (
                 (problem, prior) if soft else (replace(problem, tissue=None), NO_TISSUE)

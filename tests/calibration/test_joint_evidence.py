@@ -8,7 +8,7 @@ from functools import cache
 import numpy as np
 import pytest
 
-from gaitcal.calibration.error_sources import source_of
+from gaitcal.calibration.error_sources import classify_source
 from gaitcal.calibration.joint_calibration import JointSettings
 from gaitcal.calibration.joint_phases import (
     LEG_PARAMETERS,
@@ -16,9 +16,14 @@ from gaitcal.calibration.joint_phases import (
     JointProblem,
     calibrate_by_evidence,
 )
-from gaitcal.calibration.soft_tissue_artefact import GAIT, SQUARES, beside, task_regressors
+from gaitcal.calibration.soft_tissue_artefact import (
+    GAIT,
+    SQUARES,
+    compute_task_regressors,
+    list_adjacent_coordinates,
+)
 from gaitcal.dynamics.measurement_errors import ErrorSource
-from gaitcal.model.linkage import joint_segments
+from gaitcal.model.linkage import list_joint_segments
 from gaitcal.model.parameters import JP_NAMES, Parameters
 from gaitcal.tracking.trial_problem import MotionProblem
 from tests.derivatives import perturbed_parameters, random_trial
@@ -36,10 +41,10 @@ def soft_walk(seed: int, name: str, softness: float, bent: float = 0.0) -> Motio
     parameters = perturbed_parameters(rng, 0.0, 0.0)
     body, coefficients = random_trial(rng, parameters, frames=120, nodes=10)
     angles = dict(zip(body.chain.coordinates, body.basis.evaluate(coefficients).T, strict=True))
-    (psi,) = task_regressors([angles], squares=True)
+    (psi,) = compute_task_regressors([angles], squares=True)
     shift = np.zeros(body.data.measured.shape)
     for s, markers in body.data.placed.groups:
-        for angle in beside(segment := body.chain.segments[s]):
+        for angle in list_adjacent_coordinates(segment := body.chain.segments[s]):
             for name_of_psi, size in ((angle, softness), (angle + SQUARES, bent)):
                 covariance = size**2 * marker_covariance(segment, body.data.local[markers])
                 moved = rng.multivariate_normal(np.zeros(len(covariance)), covariance)
@@ -65,7 +70,7 @@ def test_every_column_of_influence_is_of_the_source_that_made_it() -> None:
     found = calibrated(1.0)
     by_source: dict[ErrorSource, set[str]] = {}
     for name in found.errors.clusters:
-        by_source.setdefault(source_of(name), set()).add(name)
+        by_source.setdefault(classify_source(name), set()).add(name)
     assert len(set(found.errors.clusters)) == len(found.errors.clusters)
     # every joint parameter has its prior, of legs, trunk and arms alike
     assert by_source[ErrorSource.JOINT_NOMINAL] == {f"nominal/{name}" for name in JP_NAMES}
@@ -93,7 +98,7 @@ def test_motions_have_the_soft_tissue_of_their_kind_with_markers_where_it_was_fo
     alone.
     """
     walk, knee = soft_walk(11, "walk", 1.0), soft_walk(11, "bends", 0.2)
-    segments = joint_segments("knee_r")
+    segments = list_joint_segments("knee_r")
     trials = [
         JointProblem(knee, knee.part(segments[0], segments), "knee_r"),
         JointProblem(walk, walk, None),
@@ -118,9 +123,11 @@ def test_motions_have_the_soft_tissue_of_their_kind_with_markers_where_it_was_fo
     assert found.artefact.softness["knee_r"] < 0.5 * found.artefact.softness[GAIT] < 0.8
     body = replace(walk, tissue=found.tissue["walk"])
     z = np.array([found.artefact.values.get(key, 0.0) for key in body.tissue.keys])
-    shift = found.artefact.displaced(body).data.shift
+    shift = found.artefact.displace_markers(body).data.shift
     np.testing.assert_array_equal(shift, body.tissue.shift(z, len(body.labels)))
-    assert 5e-4 < np.sqrt(np.mean(shift**2)) < 0.02 and found.artefact.displaced(walk) is walk
+    assert (
+        5e-4 < np.sqrt(np.mean(shift**2)) < 0.02 and found.artefact.displace_markers(walk) is walk
+    )
     assert found.phases[0].parameters == len(LEG_PARAMETERS) + len(errors.free) - len(JP_NAMES)
 
 

@@ -11,18 +11,18 @@ from gaitcal.calibration.joint_phases import (
     JointProblem,
     PhaseSettings,
     calibrate_in_phases,
-    parameters_for,
-    sequential_phases,
-    simultaneous_phases,
+    get_parameters_for_trial,
+    plan_sequential_phases,
+    plan_simultaneous_phases,
 )
 from gaitcal.calibration.joint_prior import WEAK
 from gaitcal.calibration.soft_tissue_artefact import (
     GAIT,
     SoftTissueScale,
     TaskTissue,
-    task_regressors,
+    compute_task_regressors,
 )
-from gaitcal.model.parameters import Parameters, published_subject
+from gaitcal.model.parameters import Parameters, read_published_parameters
 from gaitcal.tracking.trial_problem import MotionProblem
 from tests.calibration.test_joint_calibration import KNEE, PART, knee_trial, values
 from tests.derivatives import noisy, perturbed_parameters, random_trial, started
@@ -54,7 +54,9 @@ def taking_part(trials: list[MotionProblem]) -> list[JointProblem]:
 def in_sequence(
     trials: list[MotionProblem], nominal: Parameters, how: PhaseSettings
 ) -> JointCalibration:
-    return calibrate_in_phases(sequential_phases(taking_part(trials), {"r": KNEE}), nominal, how)
+    return calibrate_in_phases(
+        plan_sequential_phases(taking_part(trials), {"r": KNEE}), nominal, how
+    )
 
 
 def test_what_an_earlier_phase_knows_counts_like_its_markers() -> None:
@@ -62,7 +64,7 @@ def test_what_an_earlier_phase_knows_counts_like_its_markers() -> None:
     trials, truth = two_trials()
     after = in_sequence(trials, truth, WEAKLY)
     together = calibrate_in_phases(
-        simultaneous_phases(taking_part(trials), {"r": KNEE}), truth, WEAKLY
+        plan_simultaneous_phases(taking_part(trials), {"r": KNEE}), truth, WEAKLY
     )
     alone = in_sequence(trials, truth, PUBLISHED)
     same = values(together.parameters, KNEE)
@@ -80,8 +82,8 @@ def test_what_an_earlier_phase_knows_counts_like_its_markers() -> None:
 def test_soft_tissue_moves_no_flat_fit_and_a_posterior_is_as_wide_as_it_makes_it() -> None:
     """An isolated trial whose markers may lie anywhere leaves the knee to the walk."""
     trials, truth = two_trials()
-    rigid = sequential_phases(taking_part(trials), {"r": KNEE})
-    (psi,) = task_regressors([{"knee_angle_r": np.random.default_rng(4).normal(size=60)}])
+    rigid = plan_sequential_phases(taking_part(trials), {"r": KNEE})
+    (psi,) = compute_task_regressors([{"knee_angle_r": np.random.default_rng(4).normal(size=60)}])
     soft = TaskTissue(
         kinds={"isolated": "knee_r", "walk": GAIT},
         regressors={"isolated": psi, "walk": {}},
@@ -114,7 +116,7 @@ def test_equal_weights_are_those_of_the_plain_sum_of_squares_whatever_the_noises
     trials, truth = two_trials()
     trials[0] = noisy(trials[0], np.random.default_rng(5), 0.004)
     found = calibrate_in_phases(
-        simultaneous_phases(taking_part(trials), {"r": KNEE}), truth, PUBLISHED
+        plan_simultaneous_phases(taking_part(trials), {"r": KNEE}), truth, PUBLISHED
     )
     plain = JointSearch(trials, truth, KNEE, [started(t, truth)[1] for t in trials]).run()
     np.testing.assert_allclose(values(found.parameters, KNEE), plain.values, atol=1e-8)
@@ -135,14 +137,17 @@ def test_phases_are_the_published_ones_and_trials_keep_what_they_were_fitted_wit
     named = [(p.name, p.trials, p.parameters) for p in done.phases]
     assert named == [("joint:knee_r", ("isolated",), 9), (GAIT, ("walk",), 9)]
     assert all(p.marker_noise is None and set(p.noise) == set(p.trials) for p in done.phases)
-    assert parameters_for(done, "walk", nominal) is not nominal
+    assert get_parameters_for_trial(done, "walk", nominal) is not nominal
     np.testing.assert_array_equal(
-        parameters_for(done, "walk", nominal).joint, done.parameters.joint
+        get_parameters_for_trial(done, "walk", nominal).joint, done.parameters.joint
     )
     assert (
-        np.abs(parameters_for(done, "isolated", nominal).joint - done.parameters.joint).max() > 1e-6
+        np.abs(
+            get_parameters_for_trial(done, "isolated", nominal).joint - done.parameters.joint
+        ).max()
+        > 1e-6
     )
-    assert parameters_for(done, "another", nominal) is nominal
+    assert get_parameters_for_trial(done, "another", nominal) is nominal
 
 
 @pytest.mark.parametrize("name", ["knee_r", GAIT])
@@ -157,9 +162,9 @@ def test_an_activity_is_of_its_own_kind_whatever_its_trial_is_called(name: str) 
 @pytest.mark.parametrize("how", [PUBLISHED, WEAKLY])
 def test_without_noise_the_truth_is_found(how: PhaseSettings) -> None:
     problem, truth = knee_trial(1)
-    start = truth.with_joint(KNEE, values(published_subject(), KNEE))
+    start = truth.with_joint(KNEE, values(read_published_parameters(), KNEE))
     trial = JointProblem(problem, problem, "knee_r")
-    done = calibrate_in_phases(sequential_phases([trial], {"r": ()}), start, how)
+    done = calibrate_in_phases(plan_sequential_phases([trial], {"r": ()}), start, how)
     near = 1e-8 if how is PUBLISHED else WEAK_LEAVES
     np.testing.assert_allclose(values(done.parameters, KNEE), values(truth, KNEE), atol=near)
 
@@ -173,7 +178,7 @@ def test_a_knee_that_does_not_move_is_frozen_or_held_by_its_prior() -> None:
         JointProblem(still, still, "knee_r"),
         truth.with_joint(KNEE, values(truth, KNEE) + 0.003),
     )
-    phases = sequential_phases([trial], {"r": ()})
+    phases = plan_sequential_phases([trial], {"r": ()})
     frozen, held = (calibrate_in_phases(phases, nominal, how) for how in (PUBLISHED, WEAKLY))
     assert set(frozen.unidentifiable) == set(KNEE) and not frozen.free
     np.testing.assert_array_equal(values(frozen.parameters, KNEE), values(nominal, KNEE))

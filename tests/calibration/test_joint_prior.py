@@ -17,13 +17,13 @@ from gaitcal.calibration.joint_prior import (
     MEAN,
     TABLE,
     ForbiddenNoise,
-    forbidden_noise,
-    frames_per_sample,
-    least_noise,
-    noise_prior,
-    prior_deviations,
-    prior_of,
-    trial_noises,
+    compute_least_noise,
+    estimate_forbidden_noise,
+    estimate_frames_per_sample,
+    estimate_trial_noises,
+    get_noise_prior,
+    get_prior_deviations,
+    select_prior,
 )
 from gaitcal.model.chain import Chain
 from gaitcal.model.kinematics import Kinematics
@@ -35,7 +35,7 @@ from gaitcal.model.parameters import (
     JP_TO_SI,
     ParameterKind,
     Parameters,
-    published_subject,
+    read_published_parameters,
 )
 from gaitcal.study.cohort_prior import other_side
 from gaitcal.tracking.marker_residual import PlacedMarkers
@@ -66,14 +66,14 @@ def test_it_is_a_covariance_alike_on_both_sides() -> None:
 @pytest.mark.parametrize("row", TABLE, ids=lambda row: row.parameters[0])
 def test_the_table_is_in_mm_and_degrees(row: joint_prior._Row) -> None:
     names = [name.replace(".", "_l.", 1) for name in row.parameters]
-    mean, covariance = prior_of(names, None)
+    mean, covariance = select_prior(names, None)
     unit = JP_TO_SI[JP_INDEX[names[0]]]
     mirrored = -1.0 if JOINT_PARAMETERS[JP_INDEX[names[0]]].mirrored else 1.0
     np.testing.assert_allclose(mean, mirrored * unit * row.mean)
-    np.testing.assert_allclose(prior_deviations(names)[0], unit * row.deviation)
+    np.testing.assert_allclose(get_prior_deviations(names)[0], unit * row.deviation)
     apart = np.array([1.0, -1.0][: len(names)])
     if len(names) == 2:
-        assert np.sqrt(apart @ covariance @ apart) == pytest.approx(unit * row.apart)
+        assert np.sqrt(apart @ covariance @ apart) == pytest.approx(unit * row.segment_difference)
 
 
 @pytest.mark.parametrize("row", TWICE, ids=lambda row: row.parameters[0])
@@ -84,7 +84,7 @@ def test_a_joint_seen_from_two_segments_moves_in_both_and_nothing_else_does(
     joint.
     """
     names = tuple(name.replace(".", "_r.", 1) for name in row.parameters)
-    body, child = published_subject(), names[1].split(".")[1] + "_r"
+    body, child = read_published_parameters(), names[1].split(".")[1] + "_r"
     step = 1e-4 if JOINT_PARAMETERS[JP_INDEX[names[0]]].kind is ParameterKind.POSITION else 1e-3
     chain = Chain("pelvis")
 
@@ -108,7 +108,9 @@ def test_a_joint_seen_from_two_segments_moves_in_both_and_nothing_else_does(
     # the subtalar axis is steep: a turn of it about the talus is 1.3 times that about the foot, and
     # dips it besides
     steep = row.parameters[0].startswith("subtalar.talus")
-    assert moved(1.0, 1.0) < (row.apart / row.deviation if steep else 0.15) * moved(1.0, 0.0)
+    assert moved(1.0, 1.0) < (row.segment_difference / row.deviation if steep else 0.15) * moved(
+        1.0, 0.0
+    )
     ratio, near = (1.3, 0.05) if steep else (1.0, 0.01)
     assert moved(1.0, 0.0) == pytest.approx(ratio * moved(0.0, 1.0), rel=near)
 
@@ -127,8 +129,8 @@ def test_frames_for_one_that_is_independent(kept: float, expected: float) -> Non
         errors[f] = kept * errors[f - 1] + np.sqrt(1 - kept**2) * errors[f]
     # the sum ends where the correlation falls below 0.05: at most that tail, and its sampling, are
     # lost
-    assert frames_per_sample(errors) == pytest.approx(expected, rel=0.12)
-    assert frames_per_sample(0.0 * errors) == 1.0, "no error counts every frame"
+    assert estimate_frames_per_sample(errors) == pytest.approx(expected, rel=0.12)
+    assert estimate_frames_per_sample(0.0 * errors) == 1.0, "no error counts every frame"
 
 
 def test_white_noise_is_found_as_it_is_and_clusters_that_move_together_count_more() -> None:
@@ -141,7 +143,11 @@ def test_white_noise_is_found_as_it_is_and_clusters_that_move_together_count_mor
     def found(noise: Array) -> float:
         noisy = problem.with_measured(problem.data.measured + noise)
         return float(
-            np.sqrt(forbidden_noise(noisy, parameters, track_nodes(noisy, body, true).x).variance)
+            np.sqrt(
+                estimate_forbidden_noise(
+                    noisy, parameters, track_nodes(noisy, body, true).x
+                ).variance
+            )
         )
 
     assert found(rng.normal(0, WHITE, shape)) == pytest.approx(WHITE, rel=0.15)
@@ -174,7 +180,7 @@ def shaken_leg() -> tuple[MotionProblem, Parameters, Array, Array, float]:
 
 
 def noise_at(problem: MotionProblem, parameters: Parameters, nodes: Array) -> float:
-    return float(np.sqrt(forbidden_noise(problem, parameters, nodes).variance))
+    return float(np.sqrt(estimate_forbidden_noise(problem, parameters, nodes).variance))
 
 
 @st.composite
@@ -240,13 +246,15 @@ def test_a_segment_whose_markers_are_nearly_on_a_line_leaves_the_others_their_no
 
 def test_parameters_use_samples_up_and_cameras_never_err_by_nothing() -> None:
     seen = [ForbiddenNoise(1e-6, 30.0), ForbiddenNoise(4e-6, 10.0)]
-    np.testing.assert_allclose(trial_noises(seen, [0.0, 0.0], -2.0), [1e-3, 2e-3])
+    np.testing.assert_allclose(estimate_trial_noises(seen, [0.0, 0.0], -2.0), [1e-3, 2e-3])
     np.testing.assert_allclose(
-        trial_noises(seen, [0.0, 0.0], 18.0), np.sqrt(2.0) * np.array([1e-3, 2e-3])
+        estimate_trial_noises(seen, [0.0, 0.0], 18.0), np.sqrt(2.0) * np.array([1e-3, 2e-3])
     )
-    assert trial_noises([ForbiddenNoise(0.0, 10.0)], [3e-4], 1.0) == [3e-4]
+    assert estimate_trial_noises([ForbiddenNoise(0.0, 10.0)], [3e-4], 1.0) == [3e-4]
     time = np.arange(100) / 100.0
-    assert least_noise(spline_basis(time, 8)) < least_noise(spline_basis(time / 4.0, 8))
+    assert compute_least_noise(spline_basis(time, 8)) < compute_least_noise(
+        spline_basis(time / 4.0, 8)
+    )
 
 
 def test_a_noise_that_its_own_fit_takes_up_is_drawn_towards_peoples_and_none_is_lowered() -> None:
@@ -256,9 +264,9 @@ def test_a_noise_that_its_own_fit_takes_up_is_drawn_towards_peoples_and_none_is_
     few, many = ForbiddenNoise(0.35e-3**2, 40.0), ForbiddenNoise(30e-3**2, 40.0)
 
     def found(estimate: ForbiddenNoise, kind: str, rate: float = 100.0) -> float:
-        return trial_noises([estimate], [1e-4], -2.0, [noise_prior(kind)], [rate])[0]
+        return estimate_trial_noises([estimate], [1e-4], -2.0, [get_noise_prior(kind)], [rate])[0]
 
-    prior = noise_prior("ankle_r")
+    prior = get_noise_prior("ankle_r")
     precision = 1.0 / (0.5 / 40.0 + prior.absorbed**2), prior.spread**-2.0
     expected = np.exp(np.average(np.log([0.35e-3, prior.median]), weights=precision))
     assert found(few, "ankle_r") == pytest.approx(expected)

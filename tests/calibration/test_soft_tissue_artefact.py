@@ -10,7 +10,7 @@ import pytest
 from scipy.linalg import block_diag
 
 from gaitcal.calibration import soft_tissue_artefact
-from gaitcal.calibration.joint_prior import prior_of
+from gaitcal.calibration.joint_prior import select_prior
 from gaitcal.calibration.soft_tissue_artefact import (
     LOG_SPREAD,
     SCALES,
@@ -19,17 +19,21 @@ from gaitcal.calibration.soft_tissue_artefact import (
     SQUARES,
     ObservedDeformation,
     SoftTissueScale,
-    beside,
-    cluster_tissue,
-    observed_deformations,
-    soft_tissue_scale,
-    task_regressors,
-    tissue_of,
-    tissue_prior,
+    assemble_tissue_prior,
+    collect_deformations,
+    compute_cluster_tissue,
+    compute_task_regressors,
+    estimate_soft_tissue_scale,
+    list_adjacent_coordinates,
+    make_tissue_columns,
 )
-from gaitcal.calibration.soft_tissue_table import THIGH_M, people_table, place_functions
+from gaitcal.calibration.soft_tissue_table import (
+    THIGH_M,
+    evaluate_place_functions,
+    load_people_table,
+)
 from gaitcal.model.kinematics import Kinematics
-from gaitcal.model.parameters import Parameters, isolated_parameters
+from gaitcal.model.parameters import Parameters, list_isolated_parameters
 from gaitcal.tracking.banded import eliminate
 from gaitcal.tracking.rigid import rigid_fit
 from gaitcal.tracking.soft_tissue import LEAST_SPREAD, SegmentTissue, SoftTissue, together
@@ -37,7 +41,7 @@ from gaitcal.tracking.trial_problem import MotionProblem
 from tests.derivatives import Array, assert_covariance, perturbed_parameters, random_trial, started
 from tests.soft_tissue import marker_covariance
 
-HIP = isolated_parameters("hip_r")
+HIP = list_isolated_parameters("hip_r")
 SEGMENTS = ("pelvis", "thigh_r")
 KIND = "gait"
 EXACT = 1e-8
@@ -63,7 +67,7 @@ def person(
     ]
     trials = []
     for k, (motion, psi) in enumerate(
-        zip(motions, task_regressors(angles, squares=True), strict=True)
+        zip(motions, compute_task_regressors(angles, squares=True), strict=True)
     ):
         shift = np.zeros(first.data.measured.shape)
         for s, markers in first.data.placed.groups:
@@ -79,7 +83,9 @@ def person(
         )
         trials.append(
             replace(
-                trial, name=f"walk {k}", tissue=tissue_of(trial, KIND, used, parameters, table={})
+                trial,
+                name=f"walk {k}",
+                tissue=make_tissue_columns(trial, KIND, used, parameters, table={}),
             )
         )
     return trials
@@ -109,7 +115,7 @@ def drawn(
         * rng.multivariate_normal(np.zeros(3 * len(local)), marker_covariance(segment, local))
         for segment, local in places(seed).items()
         if segment in segments
-        for name in beside(segment)
+        for name in list_adjacent_coordinates(segment)
         if name.endswith("_r") and name.startswith("hip")
     }
 
@@ -119,19 +125,19 @@ def groups_of(problem: MotionProblem) -> tuple[SegmentTissue, ...]:
 
 
 def test_soft_tissue_moves_with_the_joints_at_both_ends_of_its_segment() -> None:
-    assert beside("thigh_r") == (
+    assert list_adjacent_coordinates("thigh_r") == (
         "hip_flexion_r",
         "hip_adduction_r",
         "hip_rotation_r",
         "knee_angle_r",
     )
-    assert beside("shank_l") == (
+    assert list_adjacent_coordinates("shank_l") == (
         "knee_angle_l",
         "ankle_angle_l",
         "subtalar_angle_l",
     )  # the talus carries no skin
-    assert beside("foot_r")[:2] == ("ankle_angle_r", "subtalar_angle_r")
-    assert set(beside("pelvis")) == {
+    assert list_adjacent_coordinates("foot_r")[:2] == ("ankle_angle_r", "subtalar_angle_r")
+    assert set(list_adjacent_coordinates("pelvis")) == {
         f"hip_{m}_{s}" for m in ("flexion", "adduction", "rotation") for s in "rl"
     }
 
@@ -145,7 +151,7 @@ def test_regressors_are_angles_from_the_static_posture_by_their_rms_over_all_tri
         rng.normal(0.1, 0.2 * LEAST_SPREAD, 80),
     )
     posture = {"flexion": 0.2}
-    first, second = task_regressors(
+    first, second = compute_task_regressors(
         [{"flexion": flexion[0]}, {"flexion": flexion[1], "still": still}], posture, squares=True
     )
     assert set(first) == {"flexion", "flexion" + SQUARES} and {"still", "still" + SQUARES} < set(
@@ -163,13 +169,13 @@ def test_regressors_are_angles_from_the_static_posture_by_their_rms_over_all_tri
 
 def test_knee_flexion_counts_in_radians_and_its_bend_in_the_task() -> None:
     angle = np.random.default_rng(2).normal(0.5, 0.3, 90)
-    (psi,) = task_regressors([{"knee_angle_l": angle}], {"knee_angle_l": 0.1}, squares=True)
+    (psi,) = compute_task_regressors([{"knee_angle_l": angle}], {"knee_angle_l": 0.1}, squares=True)
     np.testing.assert_allclose(psi["knee_angle_l"], angle - 0.1)
     relative = (angle - 0.1) / np.sqrt(np.mean((angle - 0.1) ** 2))
     np.testing.assert_allclose(
         psi["knee_angle_l" + SQUARES], relative**2 - np.mean(relative**3) * relative
     )
-    assert set(task_regressors([{"knee_angle_l": angle}])[0]) == {"knee_angle_l"}
+    assert set(compute_task_regressors([{"knee_angle_l": angle}])[0]) == {"knee_angle_l"}
 
 
 def velocities(
@@ -204,8 +210,8 @@ def test_six_columns_a_segment_leave_the_joints_where_columns_of_every_marker_do
     (problem, _) = person(seed, drawn(seed, 1.0), squares=True, frames=30, noise=0.004)
     problem = problem.with_free(HIP)
     _, coefficients = started(problem, parameters)
-    precision = np.linalg.inv(prior_of(HIP, None)[1])
-    prior = tissue_prior([problem], {KIND: scale})
+    precision = np.linalg.inv(select_prior(HIP, None)[1])
+    prior = assemble_tissue_prior([problem], {KIND: scale})
     eliminated = eliminate(equations := problem.equations(coefficients, problem.body(parameters)))
     hessian = eliminated.hessian / NOISE**2 + block_diag(precision, np.linalg.inv(prior.covariance))
     pull = eliminated.reduced(equations.node_gradient, equations.parameter_gradient) / NOISE**2
@@ -243,7 +249,9 @@ def of_kind(problem: MotionProblem, kind: str) -> MotionProblem:
     )
     regressors = {name.split("/")[-1]: psi for name, psi in columns}
     nominal = perturbed_parameters(np.random.default_rng(0))
-    return replace(problem, tissue=tissue_of(problem, kind, regressors, nominal, table={}))
+    return replace(
+        problem, tissue=make_tissue_columns(problem, kind, regressors, nominal, table={})
+    )
 
 
 def dense_density(
@@ -294,7 +302,7 @@ def test_the_scale_is_that_of_the_dense_marginal_likelihood_of_all_segments(
     as large as may be, and with even odds that there are none. Trials of one kind of task share
     their columns, those of two have their own.
     """
-    monkeypatch.setattr(soft_tissue_artefact, "_noise", lambda *_: NOISE)
+    monkeypatch.setattr(soft_tissue_artefact, "_estimate_noise", lambda *_: NOISE)
     moves = drawn(6, 0.05, ("pelvis",), ending) | drawn(6, 0.3, ("thigh_r",), ending)
     trials = person(6, moves, squares=True, frames=16)
     if kinds == 2:
@@ -316,7 +324,7 @@ def test_the_scale_is_that_of_the_dense_marginal_likelihood_of_all_segments(
             out *= segments @ np.exp(np.array(log) - none)
         return out
 
-    found, square = soft_tissue_scale(trials), np.append(0.0, s**2)
+    found, square = estimate_soft_tissue_scale(trials), np.append(0.0, s**2)
     weight = posterior(square, 0.0 * square)
     assert found.linear == pytest.approx(
         weight @ s**2 / weight.sum(), rel=0.01
@@ -337,13 +345,13 @@ def test_a_cluster_that_slides_as_a_whole_borrows_the_scale_of_one_that_deforms(
     ]
     sliding = {("pelvis", "hip_adduction_r"): slide}
     still, alone, pooled = (
-        soft_tissue_scale(person(8, moves)).linear
+        estimate_soft_tissue_scale(person(8, moves)).linear
         for moves in ({}, sliding, sliding | drawn(8, 1.0, ("thigh_r",)))
     )
     assert alone == pytest.approx(still, rel=0.05), "what moves together shows no deformation"
     assert pooled > 10 * alone
     trials = person(8, sliding)
-    prior = tissue_prior(trials, {KIND: SoftTissueScale(pooled)})
+    prior = assemble_tissue_prior(trials, {KIND: SoftTissueScale(pooled)})
     at = [
         k for k, key in enumerate(prior.keys) if key.startswith(f"{KIND}/hip_adduction_r/pelvis/")
     ]
@@ -359,10 +367,15 @@ def test_one_soft_segment_softens_the_others_less_than_one_scale_for_all_would(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     one, all_soft = person(8, drawn(8, 1.0, ("thigh_r",))), person(8, drawn(8, 1.0))
-    differing, alike = soft_tissue_scale(one).linear, soft_tissue_scale(all_soft).linear
+    differing, alike = (
+        estimate_soft_tissue_scale(one).linear,
+        estimate_soft_tissue_scale(all_soft).linear,
+    )
     monkeypatch.setattr(soft_tissue_artefact, "SEGMENT_SPREAD", 1e-6)
-    assert differing < 0.4 * soft_tissue_scale(one).linear
-    assert alike > soft_tissue_scale(all_soft).linear, "where all are soft, nothing is taken off"
+    assert differing < 0.4 * estimate_soft_tissue_scale(one).linear
+    assert alike > estimate_soft_tissue_scale(all_soft).linear, (
+        "where all are soft, nothing is taken off"
+    )
 
 
 def test_segments_whose_joints_an_activity_may_leave_at_rest_calm_no_other() -> None:
@@ -371,11 +384,11 @@ def test_segments_whose_joints_an_activity_may_leave_at_rest_calm_no_other() -> 
     """
     one, all_soft = person(8, drawn(8, 1.0, ("thigh_r",))), person(8, drawn(8, 1.0))
     walks, activity = (
-        soft_tissue_scale(one, possibly_still=still).linear for still in (False, True)
+        estimate_soft_tissue_scale(one, possibly_still=still).linear for still in (False, True)
     )
-    everything = soft_tissue_scale(all_soft).linear
+    everything = estimate_soft_tissue_scale(all_soft).linear
     assert walks < 0.2 * everything and 0.5 * everything < activity < 2.0 * everything
-    assert soft_tissue_scale(all_soft, possibly_still=True).linear == pytest.approx(
+    assert estimate_soft_tissue_scale(all_soft, possibly_still=True).linear == pytest.approx(
         everything, rel=0.1
     )
 
@@ -388,14 +401,17 @@ def test_a_marker_that_is_seldom_seen_hides_nothing(seen: float) -> None:
         weight = problem.data.weight.copy()
         weight[-1, int(seen * weight.shape[1]) :] = 0.0
         trials.append(problem.with_weight(weight))
-    assert 0.3 < np.sqrt(soft_tissue_scale(trials).linear) < 2.0
+    assert 0.3 < np.sqrt(estimate_soft_tissue_scale(trials).linear) < 2.0
 
 
 def test_the_prior_joins_the_columns_of_a_segment_over_trials_and_parts_those_of_kinds() -> None:
     first, second = person(1, {}, squares=True)
     other = of_kind(second, "hip_r")
     scales = {KIND: SoftTissueScale(0.4, 0.1), "hip_r": SoftTissueScale(0.2, 0.3)}
-    alike, apart = tissue_prior([first, second], scales), tissue_prior([first, other], scales)
+    alike, apart = (
+        assemble_tissue_prior([first, second], scales),
+        assemble_tissue_prior([first, other], scales),
+    )
     count = len(alike.keys)
     assert (
         len(set(apart.keys)) == len(apart.keys) == 2 * count == 2 * 2 * 6 * 6
@@ -414,7 +430,7 @@ def test_the_prior_joins_the_columns_of_a_segment_over_trials_and_parts_those_of
 
 def test_an_angle_that_hardly_moves_moves_the_skin_as_little() -> None:
     still = np.random.default_rng(3).normal(0.0, 0.2 * LEAST_SPREAD, 60)
-    (psi,) = task_regressors([{"hip_adduction_r": still}])
+    (psi,) = compute_task_regressors([{"hip_adduction_r": still}])
     np.testing.assert_allclose(psi["hip_adduction_r"], still / LEAST_SPREAD)
 
 
@@ -425,7 +441,7 @@ def knee_skin(side: str, softness: float = 1.0) -> tuple[SegmentTissue, MotionPr
     segments = (f"thigh_{side}", f"shank_{side}")
     problem, _ = random_trial(rng, parameters, segments=segments, frames=40, nodes=8)
     regressors = {f"knee_angle_{side}": rng.normal(size=40)}
-    tissue = tissue_of(problem, KIND, regressors, parameters, softness=softness)
+    tissue = make_tissue_columns(problem, KIND, regressors, parameters, softness=softness)
     assert tissue is not None
     return tissue.groups[0], problem, parameters
 
@@ -433,15 +449,15 @@ def knee_skin(side: str, softness: float = 1.0) -> tuple[SegmentTissue, MotionPr
 def test_what_is_expected_of_skin_is_the_table_at_the_places_of_the_markers_mirrored_on_the_left() -> (
     None
 ):
-    field = people_table()["thigh"]
+    field = load_people_table()["thigh"]
     for side, mirror in (("r", [1.0, 1.0, 1.0]), ("l", [1.0, 1.0, -1.0])):
         group, problem, parameters = knee_skin(side)
         knee = parameters.centre(f"knee_{side}", f"thigh_{side}")
         length = np.linalg.norm(knee)
-        functions = place_functions(
+        functions = evaluate_place_functions(
             (problem.data.local[group.markers] - knee) * mirror / length, gait=True
         )
-        wanted = length / THIGH_M * field.mean(functions) * mirror
+        wanted = length / THIGH_M * field.compute_mean(functions) * mirror
         np.testing.assert_allclose(group.expected[0], wanted, atol=1e-15)
         small = replace(group, regressors=1e-6 * group.regressors)
         still = group.softness * np.einsum("mi,f->mif", wanted, small.regressors[0])
@@ -465,7 +481,9 @@ def test_the_rigid_covariance_is_the_markers_own_projected_on_shifts_and_turns()
 def test_an_artefact_that_is_not_fitted_is_uncertain_by_its_mean_too() -> None:
     scale = SoftTissueScale(0.8, 0.0, 0.7, 0.6)
     mean, unit = np.arange(1.0, 7.0), np.eye(6)
-    fitted, left_out = (scale.covariance("knee_angle_r", unit, mean, by) for by in (0.7, 0.0))
+    fitted, left_out = (
+        scale.compute_covariance("knee_angle_r", unit, mean, by) for by in (0.7, 0.0)
+    )
     np.testing.assert_allclose(fitted, 0.8 * unit + (0.6 * 1.49 - 0.49) * np.outer(mean, mean))
     np.testing.assert_allclose(left_out, 0.8 * unit + 0.6 * 1.49 * np.outer(mean, mean))
 
@@ -479,8 +497,8 @@ def deformed(move: Array) -> tuple[MotionProblem, ObservedDeformation]:
     problem, coefficients = random_trial(
         rng, parameters, segments=("thigh_r", "shank_r"), frames=40, nodes=8
     )
-    (psi,) = task_regressors([{"knee_angle_r": rng.normal(0.0, 0.5, 40)}])
-    tissue = tissue_of(problem, KIND, psi, parameters)
+    (psi,) = compute_task_regressors([{"knee_angle_r": rng.normal(0.0, 0.5, 40)}])
+    tissue = make_tissue_columns(problem, KIND, psi, parameters)
     assert tissue is not None
     thigh = next(group for group in tissue.groups if group.carrier == "thigh_r")
     shift = np.zeros((len(problem.labels), 3, 40))
@@ -489,7 +507,7 @@ def deformed(move: Array) -> tuple[MotionProblem, ObservedDeformation]:
     problem = replace(
         problem.with_data(replace(problem.data, measured=measured)), tissue=SoftTissue((thigh,))
     )
-    (observed,) = observed_deformations([problem]).values()
+    (observed,) = collect_deformations([problem]).values()
     return problem, observed
 
 
@@ -509,7 +527,7 @@ def thigh_markers() -> int:
 def test_markers_deform_as_they_are_observed_to_and_not_as_others_do() -> None:
     wanted, _ = deformation_of(3)
     _, observed = deformed(wanted)
-    found = cluster_tissue(observed, SoftTissueScale(1.0, 0.0, 1.0, 1.0))
+    found = compute_cluster_tissue(observed, SoftTissueScale(1.0, 0.0, 1.0, 1.0))
     others = observed.expected[0].reshape(wanted.shape)
     assert np.abs(found.deformation[0] - wanted).max() < 5e-4 < 0.1 * np.abs(others).max()
 
@@ -518,7 +536,9 @@ def test_a_cluster_that_moves_as_a_whole_shows_nothing_of_it() -> None:
     wanted, pattern = deformation_of(3)
     scale = SoftTissueScale(1.0, 0.0, 1.0, 1.0)
     sliding = pattern @ np.array([1.0, -2.0, 0.5, 0.01, 0.0, -0.02]) * 2e-3
-    found, alike = (cluster_tissue(deformed(move)[1], scale) for move in (wanted, wanted + sliding))
+    found, alike = (
+        compute_cluster_tissue(deformed(move)[1], scale) for move in (wanted, wanted + sliding)
+    )
     np.testing.assert_allclose(found.deformation, alike.deformation, atol=5e-5)
     np.testing.assert_allclose(found.mean, alike.mean, atol=3e-5)
     np.testing.assert_allclose(found.covariance, alike.covariance, rtol=0.05, atol=1e-8)
@@ -527,13 +547,13 @@ def test_a_cluster_that_moves_as_a_whole_shows_nothing_of_it() -> None:
 def test_deformation_narrows_what_a_cluster_does_as_a_whole_by_what_both_have_in_common() -> None:
     _, observed = deformed(deformation_of(3)[0])
     scale, nothing = SoftTissueScale(0.8, 0.0, 0.9, 0.9), 0.0 * observed.information
-    before = cluster_tissue(replace(observed, information=nothing, right=nothing[0]), scale)
-    after = cluster_tissue(observed, scale)
+    before = compute_cluster_tissue(replace(observed, information=nothing, right=nothing[0]), scale)
+    after = compute_cluster_tissue(observed, scale)
     assert not before.mean.any()
     mean = np.linalg.pinv(observed.pattern.reshape(-1, 6)) @ observed.expected[0]
     unit = observed.rigid_covariance[0]
     np.testing.assert_allclose(
-        before.covariance, scale.covariance("knee_angle_r", unit, mean, 0.9), rtol=1e-9
+        before.covariance, scale.compute_covariance("knee_angle_r", unit, mean, 0.9), rtol=1e-9
     )
     assert np.linalg.eigvalsh(before.covariance - after.covariance).min() > -1e-12
     assert np.linalg.eigvalsh(after.covariance).min() > 0.0
@@ -550,7 +570,7 @@ def test_a_pair_shows_how_its_distance_changes() -> None:
     problem, _ = deformed(move)
     weight = problem.data.weight.copy()
     weight[[k for k in range(len(weight)) if k not in kept]] = 0.0
-    (observed,) = observed_deformations([problem.with_weight(weight)]).values()
+    (observed,) = collect_deformations([problem.with_weight(weight)]).values()
     values, vectors = np.linalg.eigh(observed.information)
     assert values[-1] > 0.0 and values[-2] < 1e-9 * values[-1]
     along = np.zeros_like(move)
@@ -565,8 +585,10 @@ def test_the_prior_of_a_trial_is_that_of_its_observed_clusters() -> None:
     problem, observed = deformed(deformation_of(3)[0])
     scale = SoftTissueScale(1.0, 0.0, 1.0, 1.0)
     which = KIND, ("thigh_r", tuple(problem.labels[problem.tissue.groups[0].markers]))  # type: ignore[union-attr]
-    prior = tissue_prior([problem], {KIND: scale}, {which: cluster_tissue(observed, scale)})
-    plain = tissue_prior([problem], {KIND: scale})
+    prior = assemble_tissue_prior(
+        [problem], {KIND: scale}, {which: compute_cluster_tissue(observed, scale)}
+    )
+    plain = assemble_tissue_prior([problem], {KIND: scale})
     assert prior.keys == plain.keys
     assert prior.mean.any() and not plain.mean.any()
     assert (np.diag(prior.covariance) <= np.diag(plain.covariance) * (1 + 1e-9)).all()
@@ -576,7 +598,8 @@ def test_pinned_markers_do_not_move() -> None:
     group, problem, parameters = knee_skin("r")
     psi = {"knee_angle_r": group.regressors[0]}
     both, one = (
-        tissue_of(problem, KIND, psi, parameters, pinned=pinned) for pinned in ((), ("thigh_r",))
+        make_tissue_columns(problem, KIND, psi, parameters, pinned=pinned)
+        for pinned in ((), ("thigh_r",))
     )
     assert both is not None and one is not None
     assert [g.carrier for g in both.groups] == ["thigh_r", "shank_r"]
@@ -599,20 +622,20 @@ def test_a_trial_that_shows_no_deformation_has_its_regressors_in_that_of_others(
         by_marker=np.concatenate([group.by_marker, group.by_marker]),
     )
     blind = replace(shown.with_weight(weight), name="blind", tissue=SoftTissue((more,)))
-    assert not observed_deformations([blind])
+    assert not collect_deformations([blind])
     (alone,), (both,) = (
-        observed_deformations(trials).values() for trials in ([shown], [shown, blind])
+        collect_deformations(trials).values() for trials in ([shown], [shown, blind])
     )
     assert both.names == more.names
     count = len(alone.right)
     np.testing.assert_array_equal(both.information[:count, :count], alone.information)
     assert not both.information[count:].any()
     scale = SoftTissueScale(1.0, 0.0, 1.0, 1.0)
-    one, two = cluster_tissue(alone, scale), cluster_tissue(both, scale)
+    one, two = compute_cluster_tissue(alone, scale), compute_cluster_tissue(both, scale)
     np.testing.assert_allclose(two.deformation[0], one.deformation[0], atol=1e-12)
     assert not two.deformation[1].any()
     which = KIND, ("thigh_r", tuple(shown.labels[group.markers]))
-    prior = tissue_prior([shown, blind], {KIND: scale}, {which: two})
+    prior = assemble_tissue_prior([shown, blind], {KIND: scale}, {which: two})
     assert len(prior.keys) == len(two.mean)
     np.testing.assert_allclose(prior.covariance, two.covariance, atol=1e-15)
 
@@ -623,6 +646,6 @@ def test_pairs_say_nothing_of_how_soft_a_person_is() -> None:
     weight = problem.data.weight.copy()
     weight[group.markers.start + 2 : group.markers.stop] = 0.0
     pair = problem.with_weight(weight)
-    assert [observed.markers for observed in observed_deformations([pair]).values()] == [2]
-    assert soft_tissue_scale([pair]) == soft_tissue_scale([])
-    assert soft_tissue_scale([problem]) != soft_tissue_scale([])
+    assert [observed.markers for observed in collect_deformations([pair]).values()] == [2]
+    assert estimate_soft_tissue_scale([pair]) == estimate_soft_tissue_scale([])
+    assert estimate_soft_tissue_scale([problem]) != estimate_soft_tissue_scale([])

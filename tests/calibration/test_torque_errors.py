@@ -15,13 +15,13 @@ from gaitcal.calibration.error_sources import (
     LEVERAGE_CAP,
     ErrorSources,
     MotionSensitivity,
-    coordinate_standard_errors,
-    marker_moves,
-    nominal_errors,
-    source_of,
-    whole_body_scores,
+    classify_source,
+    compute_coordinate_errors,
+    compute_marker_scores,
+    compute_motion_sensitivity,
+    make_nominal_errors,
 )
-from gaitcal.calibration.torque_errors import ErringForces
+from gaitcal.calibration.torque_errors import ForceErrors
 from gaitcal.dynamics.inverse_dynamics import FORCES, Dynamics
 from gaitcal.dynamics.joint_kinetics import (
     COMPONENTS,
@@ -33,7 +33,7 @@ from gaitcal.dynamics.joint_kinetics import (
     power_of,
 )
 from gaitcal.dynamics.measurement_errors import AxisErrors, ErrorSource, PlateErrors
-from gaitcal.model.parameters import IP_NAMES, JP_INDEX, Parameters, gait_parameters
+from gaitcal.model.parameters import IP_NAMES, JP_INDEX, Parameters, list_gait_parameters
 from gaitcal.model.subject_model import PointNoise
 from gaitcal.tracking.descent import DescentSettings
 from gaitcal.tracking.marker_residual import MarkerData, marker_positions
@@ -61,7 +61,7 @@ NOISE = 1e-5
 """m, so small that what Gauss-Newton leaves out does not show."""
 LINEAR = 2e-3
 """Relative to the largest change: what is left of that, and of the solvers' tolerances."""
-FREE = gait_parameters("r")
+FREE = list_gait_parameters("r")
 FRAMES = 10
 
 
@@ -78,8 +78,8 @@ def test_errors_are_what_every_source_moves_by_itself() -> None:
         shift=rng.normal(0, 0.005, (len(free), others)),
         coefficients=rng.normal(0, 0.01, (coefficients.size, own)),
         sensitivity=rng.normal(0, 1.0, (coefficients.size, len(free))),
-        own=(ErrorSource.MOTION,) * own,
-        others=(ErrorSource.JOINT_MARKERS, ErrorSource.SKIN),
+        trial_sources=(ErrorSource.MOTION,) * own,
+        shared_sources=(ErrorSource.JOINT_MARKERS, ErrorSource.SKIN),
     )
     spread = 0.1 * parameters.inertial[:, None] * rng.normal(size=(len(IP_NAMES), 2))
     start = parameters.joint[[JP_INDEX[name] for name in free]]
@@ -111,7 +111,7 @@ def test_errors_are_what_every_source_moves_by_itself() -> None:
             change(still, fixed, rigid, other) for other in plate_changes(wrench, rates)
         ],
     }
-    for source, shift in zip(moves.others, moves.shift.T, strict=True):
+    for source, shift in zip(moves.shared_sources, moves.shift.T, strict=True):
         changes[source] = [
             change(-(moves.sensitivity @ shift).reshape(coefficients.shape), shift, rigid, measured)
         ]
@@ -120,9 +120,9 @@ def test_errors_are_what_every_source_moves_by_itself() -> None:
     }
     dense = np.sqrt(sum(variances.values()))
     known = ErrorSources(free, moves.shift, tuple(f"source {k}" for k in range(others)))
-    found = ErringForces(
+    found = ForceErrors(
         problem, coefficients, parameters, wrench, known, spread, moves, plates
-    ).errors()
+    ).compute_errors()
     power, moment = found.kinetics.power, found.kinetics.moment.reshape(FRAMES, -1)
     ends = np.cumsum([found.every.shape[1], power.shape[1]])
     for part, errors in zip(
@@ -147,7 +147,7 @@ def test_errors_are_what_every_source_moves_by_itself() -> None:
         -1, *coefficients.shape
     )
     coordinates = np.sqrt(sum(problem.basis.evaluate(column) ** 2 for column in columns))
-    np.testing.assert_allclose(coordinate_standard_errors(problem, moves), coordinates, rtol=1e-10)
+    np.testing.assert_allclose(compute_coordinate_errors(problem, moves), coordinates, rtol=1e-10)
 
 
 def plate_changes(wrench: Array, rates: Array) -> Iterator[Array]:
@@ -170,11 +170,11 @@ def test_directions_of_axes_add_their_own_part_to_torques_and_to_coordinates_tha
     problem = without_segments(problem, "forearm_hand_r", "forearm_hand_l")
     wrench, known, axes = (
         rng.normal(0, 300, (14, 2, 6)),
-        nominal_errors(FREE),
+        make_nominal_errors(FREE),
         AxisErrors(parameters),
     )
     exact, moved = (
-        ErringForces(problem, coefficients, parameters, wrench, known, axes=a).errors()
+        ForceErrors(problem, coefficients, parameters, wrench, known, axes=a).compute_errors()
         for a in (None, axes)
     )
     assert set(moved.by_source) == {*exact.by_source, ErrorSource.FRAMES}
@@ -185,12 +185,12 @@ def test_directions_of_axes_add_their_own_part_to_torques_and_to_coordinates_tha
     expected = (axes.torque_moves(q, forces) ** 2).sum(axis=2)
     np.testing.assert_allclose(moved.by_source[ErrorSource.FRAMES], expected, rtol=1e-9, atol=1e-12)
     moves, turned = (
-        marker_moves(problem, coefficients, parameters, known),
+        compute_motion_sensitivity(problem, coefficients, parameters, known),
         axes.coordinate_errors(q),
     )
     plain, whole = (
-        coordinate_standard_errors(problem, moves),
-        coordinate_standard_errors(problem, moves, turned),
+        compute_coordinate_errors(problem, moves),
+        compute_coordinate_errors(problem, moves, turned),
     )
     held = ~problem.active
     assert held.any()
@@ -208,11 +208,11 @@ def test_directions_of_axes_move_components_but_not_what_a_whole_joint_does(
     rng, parameters, problem, coefficients = seeded_trial(53, frames=80, nodes=9)
     wrench, known, axes = (
         rng.normal(0, 300, (80, 2, 6)),
-        nominal_errors(FREE),
+        make_nominal_errors(FREE),
         AxisErrors(parameters),
     )
     exact, turned = (
-        ErringForces(problem, coefficients, parameters, wrench, known, None, axes=a).errors()
+        ForceErrors(problem, coefficients, parameters, wrench, known, None, axes=a).compute_errors()
         for a in (None, axes)
     )
     assert exact.kinetics is not None and turned.kinetics is not None
@@ -240,14 +240,14 @@ def test_directions_of_axes_move_components_but_not_what_a_whole_joint_does(
             np.testing.assert_allclose(
                 jcs[:, k], turned.every[:, FORCES.index(name)], rtol=1e-7, err_msg=name
             )
-    moves = marker_moves(problem, coefficients, parameters, known)
-    coordinates = coordinate_standard_errors(problem, moves)
+    moves = compute_motion_sensitivity(problem, coefficients, parameters, known)
+    coordinates = compute_coordinate_errors(problem, moves)
     monkeypatch.setattr(error_sources, "BLOCK", 7)
     monkeypatch.setattr(torque_errors, "LARGEST_BYTES", 1 << 19)
-    np.testing.assert_allclose(coordinate_standard_errors(problem, moves), coordinates, rtol=1e-9)
-    parted = ErringForces(problem, coefficients, parameters, wrench, known, None, axes=axes)
+    np.testing.assert_allclose(compute_coordinate_errors(problem, moves), coordinates, rtol=1e-9)
+    parted = ForceErrors(problem, coefficients, parameters, wrench, known, None, axes=axes)
     assert len(parted.parts) > 1
-    in_parts = parted.errors().kinetics
+    in_parts = parted.compute_errors().kinetics
     np.testing.assert_allclose(in_parts.power, turned.kinetics.power, rtol=1e-9)
     np.testing.assert_allclose(in_parts.moment, turned.kinetics.moment, rtol=1e-9)
 
@@ -270,7 +270,7 @@ def leverages(problem: MotionProblem, parameters: Parameters, coefficients: Arra
 
 
 def test_the_motion_moves_with_a_marker_coordinate_and_with_the_joint_parameters() -> None:
-    """`marker_moves` of a whole body with its joint parameters known: the motion tracked again."""
+    """`compute_motion_sensitivity` of a whole body with its joint parameters known: the motion tracked again."""
     rng, parameters, problem, _ = seeded_trial(23, frames=30, nodes=7)
     problem = noisy(problem, rng, NOISE)
     source = ErrorSources(FREE, 1e-6 * rng.normal(size=(len(FREE), 1)), ("nominal/all",))
@@ -279,7 +279,7 @@ def test_the_motion_moves_with_a_marker_coordinate_and_with_the_joint_parameters
         return track_nodes(problem, *started(problem, parameters), DescentSettings(gain=1e-15)).x
 
     coefficients = motion(problem, parameters)
-    moves = marker_moves(problem, coefficients, parameters, source)
+    moves = compute_motion_sensitivity(problem, coefficients, parameters, source)
     residual = problem.positions(coefficients, problem.body(parameters)) - problem.data.measured
     inflated = residual / (
         1.0 - np.clip(leverages(problem, parameters, coefficients), 0.0, LEVERAGE_CAP)
@@ -315,7 +315,7 @@ def test_columns_of_an_influence_belong_to_sources_by_their_names() -> None:
         "posture/walk/12": ErrorSource.POSTURE,
         "posture/R.Knee/x": ErrorSource.JOINT_MARKERS,
     }
-    assert {name: source_of(name) for name in cases} == cases
+    assert {name: classify_source(name) for name in cases} == cases
 
 
 def test_sources_of_an_influence_stay_apart_when_they_are_compressed() -> None:
@@ -330,17 +330,17 @@ def test_sources_of_an_influence_stay_apart_when_they_are_compressed() -> None:
     influence = ErrorSources(
         names, rng.normal(0, 0.01, (len(names), len(clusters))), tuple(clusters)
     )
-    moves = marker_moves(problem, coefficients, parameters, influence)
+    moves = compute_motion_sensitivity(problem, coefficients, parameters, influence)
     for source in (ErrorSource.JOINT_MARKERS, ErrorSource.JOINT_NOMINAL, ErrorSource.SKIN):
         before = influence.parameters[
-            :, [k for k, name in enumerate(clusters) if source_of(name) is source]
+            :, [k for k, name in enumerate(clusters) if classify_source(name) is source]
         ]
-        after = moves.shift[:, [k for k, name in enumerate(moves.others) if name is source]]
+        after = moves.shift[:, [k for k, name in enumerate(moves.shared_sources) if name is source]]
         np.testing.assert_allclose(
             after @ after.T, before @ before.T, rtol=0, atol=1e-12 * before.size
         )
         assert after.shape[1] <= len(names)
-    assert set(moves.own) == {ErrorSource.MOTION}
+    assert set(moves.trial_sources) == {ErrorSource.MOTION}
 
 
 PARAMETERS = perturbed_parameters(np.random.default_rng(81))
@@ -362,8 +362,8 @@ def smoothed_trial() -> tuple[MotionProblem, Array]:
 
 def test_the_source_is_what_more_of_the_penalty_would_do() -> None:
     problem, coefficients = smoothed_trial()
-    scores = whole_body_scores(problem, coefficients, PARAMETERS, None)
-    plain = whole_body_scores(replace(problem, smoothing=None), coefficients, PARAMETERS, None)
+    scores = compute_marker_scores(problem, coefficients, PARAMETERS, None)
+    plain = compute_marker_scores(replace(problem, smoothing=None), coefficients, PARAMETERS, None)
     assert scores.clusters == (*plain.clusters, "bandwidth/random")
     stiffer = replace(problem.smoothing, coupling=(1 + LOG_STEP) * problem.smoothing.coupling)
     change = (solved(replace(problem, smoothing=stiffer), coefficients) - coefficients) / LOG_STEP
@@ -375,9 +375,11 @@ def test_the_source_is_what_more_of_the_penalty_would_do() -> None:
 def test_the_source_widens_error_bars() -> None:
     problem, coefficients = smoothed_trial()
     problem = noisy(problem, np.random.default_rng(83), 1e-4)
-    moves = marker_moves(problem, solved(problem, coefficients), PARAMETERS, None)
-    without = replace(moves, coefficients=moves.coefficients[:, :-1], own=moves.own[:-1])
-    wide, narrow = (coordinate_standard_errors(problem, m) for m in (moves, without))
+    moves = compute_motion_sensitivity(problem, solved(problem, coefficients), PARAMETERS, None)
+    without = replace(
+        moves, coefficients=moves.coefficients[:, :-1], trial_sources=moves.trial_sources[:-1]
+    )
+    wide, narrow = (compute_coordinate_errors(problem, m) for m in (moves, without))
     bias = problem.basis.evaluate(moves.coefficients[:, -1].reshape(coefficients.shape))
     np.testing.assert_allclose(wide**2, narrow**2 + bias**2, rtol=1e-9)
     assert (wide > 1.05 * narrow).mean() > 0.2
@@ -394,7 +396,7 @@ def test_a_key_point_of_two_segments_errs_once() -> None:
         noise=PointNoise(size_mm=1e-6, memory_s=0.1, joints=1.0, hinges=1.0, reason="made up"),
     )
     apart, once = (
-        whole_body_scores(p, coefficients, parameters, None).coefficients for p in (alone, same)
+        compute_marker_scores(p, coefficients, parameters, None).coefficients for p in (alone, same)
     )
     np.testing.assert_allclose(
         once[:, :3], apart[:, :3] + apart[:, 3:6], atol=1e-9 * np.abs(apart).max()

@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from gaitcal.calibration.error_sources import ErrorSources, nominal_errors
-from gaitcal.calibration.joint_prior import prior_of, prior_of_study, prior_root
+from gaitcal.calibration.error_sources import ErrorSources, make_nominal_errors
+from gaitcal.calibration.joint_prior import factor_prior, make_study_prior, select_prior
 from gaitcal.cohort.learn_priors import (
     PARTS,
     Found,
@@ -101,11 +101,11 @@ def test_an_offset_is_learnt_and_read_back(
     leaning = with_cohort_priors(study, file)
     prior = leaning.joint_prior
     assert prior is not None and prior.people == 12 and prior.left_out == 0
-    mean, covariance = prior_of(NAMES, prior)
+    mean, covariance = select_prior(NAMES, prior)
     alike, _ = sided_directions(NAMES)
     common = alike @ np.linspace(-0.8, 0.8, alike.shape[1])
-    origin, default = prior_of(NAMES, None)
-    unit = np.linalg.inv(prior_root(NAMES, None))
+    origin, default = select_prior(NAMES, None)
+    unit = np.linalg.inv(factor_prior(NAMES, None))
     assert np.linalg.norm(unit @ (mean - origin) - common) < 0.3 * np.linalg.norm(common)
     assert (np.diag(covariance) < np.diag(default)).all() and (
         np.diag(unit @ covariance @ unit.T) < 1.0
@@ -133,8 +133,8 @@ def test_people_like_the_default_prior_change_nothing() -> None:
         symmetric(part.populations[0].spread, len(NAMES)), np.eye(len(NAMES))
     )
     mean, covariance = expected(part, 0, Person(height=1.7, sex=""), (1.5, 1.9))
-    np.testing.assert_allclose(mean, prior_of(NAMES, None)[0])
-    np.testing.assert_allclose(covariance, prior_of(NAMES, None)[1], rtol=ROUNDED)
+    np.testing.assert_allclose(mean, select_prior(NAMES, None)[0])
+    np.testing.assert_allclose(covariance, select_prior(NAMES, None)[1], rtol=ROUNDED)
     nobody = prior_of_person(learnt, Person(height=1.7, sex=""), Path("priors.json"))
     assert nobody.names == () and nobody.covariance.shape == (0, 0)
 
@@ -261,7 +261,7 @@ CLOSE = 1e-6
 """Relative: of matrices of 1e-4 to 1e4 in m, rad that are inverted twice."""
 LEGS = PARTS["legs"]
 UNSEEN = 10
-OTHER = prior_of_study(
+OTHER = make_study_prior(
     {
         "hip.pelvis.ant": ParameterPriorTable(mean=-7.0, deviation=6.0),
         "hip_l.thigh.ant": ParameterPriorTable(deviation=5.0),
@@ -276,15 +276,15 @@ def fitted(
     """Errors and deviations (98,) of a fit, all other parameters nominal; and S, S m of its
     markers.
     """
-    rng, (mean, covariance) = np.random.default_rng(4), prior_of(names, prior)
-    half = np.linalg.inv(prior_root(names, None)).T @ rng.normal(
+    rng, (mean, covariance) = np.random.default_rng(4), select_prior(names, prior)
+    half = np.linalg.inv(factor_prior(names, None)).T @ rng.normal(
         0.0, 2.0, (len(names), len(names) - UNSEEN)
     )
     information, at = half @ half.T, rng.normal(0.0, 0.01, len(names))
     precision = information + np.linalg.inv(covariance)
     found = np.linalg.solve(precision, information @ at + np.linalg.solve(covariance, mean))
     others = tuple(name for name in JP_NAMES if name not in names)
-    left = nominal_errors(others, prior)
+    left = make_nominal_errors(others, prior)
     errors = np.zeros((len(JP_NAMES),) * 2)
     errors[: len(names), : len(names)] = np.linalg.cholesky(np.linalg.inv(precision))
     errors[len(names) :, len(names) :] = left.parameters
@@ -308,8 +308,8 @@ def test_the_prior_of_the_fit_is_taken_out_and_what_no_trial_moved_tells_nothing
     influence, deviation, information, right = fitted(names, prior)
     parts = parts_of(influence, deviation, JP_NAMES, prior)
     unit, origin = (
-        prior_root(LEGS, None)[[LEGS.index(name) for name in names]],
-        prior_of(names, None)[0],
+        factor_prior(LEGS, None)[[LEGS.index(name) for name in names]],
+        select_prior(names, None)[0],
     )
     wanted, pulled = unit.T @ information @ unit, unit.T @ (right - information @ origin)
     np.testing.assert_allclose(parts["legs"].information, wanted, atol=CLOSE * np.abs(wanted).max())

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from gaitcal.calibration.joint_estimate import estimate_joints
-from gaitcal.calibration.joint_prior import ANATOMY, prior_of, prior_of_study, prior_root
+from gaitcal.calibration.joint_prior import ANATOMY, factor_prior, make_study_prior, select_prior
 from gaitcal.cohort.cohort_people import Cohort, CohortPerson, read_cohort
 from gaitcal.cohort.learn_priors import PRIORS, PRIORS_CSV, NotUsedError, evidence_of, learn_priors
 from gaitcal.cohort.one_person import CommonSettings, _contradictions
@@ -50,7 +50,7 @@ def test_the_default_prior_as_a_learnt_one_gives_the_same() -> None:
     nominal = perturbed_parameters(np.random.default_rng(2))
     (plain, errors), (same, as_learnt) = (
         estimate_joints(gait(problem), nominal, HIP, prior=learnt)
-        for learnt in (ANATOMY, prior(*prior_of(HIP, None)))
+        for learnt in (ANATOMY, prior(*select_prior(HIP, None)))
     )
     np.testing.assert_allclose(same.values, plain.values, atol=1e-9)
     np.testing.assert_allclose(as_learnt.covariance, errors.covariance, rtol=1e-6, atol=1e-15)
@@ -83,14 +83,16 @@ def test_what_a_study_file_expects_is_found_where_a_joint_does_not_move_and_its_
         f"hip.{segment}.ant": ParameterPriorTable(mean=-7.0, deviation=0.5)
         for segment in ("pelvis", "thigh")
     }
-    study = prior_of_study(both)
+    study = make_study_prior(both)
     estimate, errors = estimate_joints(gait(still), nominal, HIP, prior=study)
     off = estimate.values - nominal.joint[[JP_INDEX[name] for name in HIP]]
     place = HIP.index("hip_r.pelvis.ant")
     assert off[place] == pytest.approx(-0.007, abs=0.001)
     assert errors.standard_errors["hip_r.pelvis.ant"] < 0.0005
     own = [errors.clusters.index(f"nominal/{name}") for name in HIP]
-    wanted = errors.covariance @ np.linalg.solve(prior_of(HIP, study)[1], prior_root(HIP, study))
+    wanted = errors.covariance @ np.linalg.solve(
+        select_prior(HIP, study)[1], factor_prior(HIP, study)
+    )
     np.testing.assert_allclose(errors.parameters[:, own], wanted, atol=1e-9)
 
 

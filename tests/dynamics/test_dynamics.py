@@ -19,7 +19,12 @@ from gaitcal.dynamics.joint_kinetics import HELD
 from gaitcal.model.chain import build_linkage
 from gaitcal.model.linkage import COORDINATES, LOWER_BODY
 from gaitcal.model.nominal import published_model
-from gaitcal.model.parameters import JP_INDEX, dynamic_parameters, gait_parameters, leg_parameters
+from gaitcal.model.parameters import (
+    JP_INDEX,
+    compute_dynamic_parameters,
+    list_gait_parameters,
+    list_leg_parameters,
+)
 from gaitcal.synthetic.synthetic_motion import gait_motion
 from gaitcal.tracking.motion import MarkerErrors, Motion
 from tests.derivatives import Array, assert_derivative, perturbed_parameters, random_state
@@ -110,7 +115,7 @@ def test_regressors_times_parameters_are_forces_and_residual() -> None:
     dynamics = Dynamics(parameters, HELD)
     forces, phi = (
         dynamics.forces(q, v, a, np.zeros((5, 2, 6))),
-        dynamic_parameters(parameters.inertial),
+        compute_dynamic_parameters(parameters.inertial),
     )
     every = np.einsum("fisk,sk->fi", dynamics.regressor(q, v, a), phi)
     np.testing.assert_allclose(every, forces, atol=FORCE)
@@ -121,7 +126,12 @@ def test_regressors_times_parameters_are_forces_and_residual() -> None:
 def test_force_derivatives_by_finite_differences() -> None:
     parameters = perturbed_parameters(RNG)
     q, v, a, wrench = random_state(RNG, 1)
-    free = (*leg_parameters("l"), *gait_parameters("r"), "back.trunk.sup", "elbow_r.forearm.front")
+    free = (
+        *list_leg_parameters("l"),
+        *list_gait_parameters("r"),
+        "back.trunk.sup",
+        "elbow_r.forearm.front",
+    )
     found = force_derivatives(parameters, free, q, v, a, wrench, HELD)
     dynamics = Dynamics(parameters, HELD)
     assert_derivative(
@@ -175,7 +185,7 @@ def test_moments_are_the_forces_by_name() -> None:
 def test_pelvis_residual_derivatives_by_finite_differences() -> None:
     parameters = perturbed_parameters(RNG)
     q, v, a, wrench = random_state(RNG, 1)
-    free = gait_parameters("r")
+    free = list_gait_parameters("r")
     found = root_residual(parameters, free, q, v, a, wrench)
 
     def value(q: Array, v: Array, a: Array, p: Array) -> Array:

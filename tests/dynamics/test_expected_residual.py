@@ -25,7 +25,7 @@ from gaitcal.dynamics.ground_reactions import GroundReactions
 from gaitcal.dynamics.measurement_errors import TorqueErrors
 from gaitcal.io.recording import ForcePlate
 from gaitcal.model.linkage import COORDINATES
-from gaitcal.model.parameters import published_subject
+from gaitcal.model.parameters import read_published_parameters
 from tests.fake_result import fake_calibration
 
 WEIGHT = 70.0 * 9.81
@@ -136,7 +136,7 @@ def limits(pelvis_height: float, floor: float) -> ResidualLimits:
     reactions = GroundReactions(
         wrench=wrench, valid=VALID, valid_legs=feet, loaded=feet, resting=feet, notes=()
     )
-    return residual_limits(published_subject(), q, reactions, [plate])
+    return residual_limits(read_published_parameters(), q, reactions, [plate])
 
 
 def test_limits_are_shares_of_the_peak_force_and_of_the_height_over_the_floor() -> None:

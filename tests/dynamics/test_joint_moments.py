@@ -32,9 +32,9 @@ from gaitcal.model.parameters import (
     JP_INDEX,
     MASSIVE_SEGMENTS,
     Parameters,
-    gait_parameters,
-    leg_parameters,
-    table,
+    list_gait_parameters,
+    list_leg_parameters,
+    view_as_table,
 )
 from tests.derivatives import Array, assert_derivative, perturbed_parameters, random_state
 
@@ -103,7 +103,7 @@ def newton_euler(
     ground does not.
     """
     moment = np.zeros(3)
-    for name, row in zip(MASSIVE_SEGMENTS, table(parameters.inertial), strict=True):
+    for name, row in zip(MASSIVE_SEGMENTS, view_as_table(parameters.inertial), strict=True):
         if name in beyond(distal):
             mass, com, inertia = row[0], row[1:4], np.diag(row[4:7])
             rotation = segments.pose[1][name].rotation
@@ -194,7 +194,12 @@ def test_slopes_of_moments_by_finite_differences() -> None:
     """By coordinates and joint parameters, those among the turns too, with the forces that they
     change.
     """
-    free = (*leg_parameters("l"), *gait_parameters("r")[:5], "back.trunk.sup", "back.pelvis.ant")
+    free = (
+        *list_leg_parameters("l"),
+        *list_gait_parameters("r")[:5],
+        "back.trunk.sup",
+        "back.pelvis.ant",
+    )
     q, v, a, wrench = (x[:1] for x in state())
 
     def values(q: Array, parameters: Parameters) -> Array:

@@ -15,8 +15,8 @@ import pytest
 
 from gaitcal import cli
 from gaitcal.analysis.calibrate import calibrate
-from gaitcal.calibration.error_sources import ErrorSources, nominal_errors
-from gaitcal.calibration.joint_prior import prior_deviations
+from gaitcal.calibration.error_sources import ErrorSources, make_nominal_errors
+from gaitcal.calibration.joint_prior import get_prior_deviations
 from gaitcal.errors import InputError
 from gaitcal.export.opensim.joint_moves import JOINTS_HEADER, MoveOutcome, joints_csv
 from gaitcal.export.opensim.joint_transfer import into_osim
@@ -36,14 +36,14 @@ from gaitcal.export.opensim.transfer_account import (
 from gaitcal.model.linkage import COORDINATES, JOINTS, LEG_SEGMENTS, LEGS, NEEDED_JOINTS, SIDES
 from gaitcal.model.marker_set import MarkerSet
 from gaitcal.model.model_file import load_model
-from gaitcal.model.parameters import JP_NAMES, MASSIVE_SEGMENTS, table
+from gaitcal.model.parameters import JP_NAMES, MASSIVE_SEGMENTS, view_as_table
 from gaitcal.model.subject_model import MarkerPlacement, SubjectModel
 from gaitcal.study.study import Study
 from scripts.validation.muscles import OFF, disturbed, person_of
 from tests.export.test_compare import edited, in_old_format, in_other_frames
 from tests.kept import kept_result
 
-UNKNOWN = nominal_errors(JP_NAMES)
+UNKNOWN = make_nominal_errors(JP_NAMES)
 """Errors before any trial."""
 BACK = 1e-6
 """m, rad: the solvers' rounding, over 1 m."""
@@ -357,7 +357,7 @@ def test_errors_are_those_of_the_draws(published: SubjectModel, tmp_path: Path, 
         + 0.003 * rng.normal(size=(49, 3))[: len(published.markers.local)],
     )
     worn = replace(published, markers=markers)
-    spread = nominal_errors(JP_NAMES)
+    spread = make_nominal_errors(JP_NAMES)
     small = ErrorSources(spread.free, 0.2 * spread.parameters, spread.clusters)
     done = into_osim(worn, own, errors=small)
     told = {m.joint: m for m in done.joints}
@@ -378,7 +378,7 @@ def test_what_recordings_say_little_of_is_left(
     published: SubjectModel, tmp_path: Path, own: Path
 ) -> None:
     path = disturbed(own, tmp_path / "wrong.osim")
-    sizes = np.diag(prior_deviations(JP_NAMES))
+    sizes = np.diag(get_prior_deviations(JP_NAMES))
     sizes[[k for k, name in enumerate(JP_NAMES) if not name.startswith("knee_r")]] *= 0.1
     done = into_osim(published, path, errors=ErrorSources(JP_NAMES, sizes, tuple(JP_NAMES)))
     left = [m.joint for m in done.joints if m.verdict is MoveOutcome.UNDETERMINED]
@@ -602,7 +602,7 @@ def test_masses_of_the_segments(published: SubjectModel, tmp_path: Path, variant
     document changes.
     """
     path = written(published, tmp_path / "m.osim", variant)
-    heavier = table(published.parameters.inertial).copy()
+    heavier = view_as_table(published.parameters.inertial).copy()
     heavier[:, 0] *= np.linspace(0.8, 1.3, len(heavier))
     heavier[:, 1:4] += 0.01
     p = published.parameters.with_inertial(heavier.ravel())
@@ -615,7 +615,7 @@ def test_masses_of_the_segments(published: SubjectModel, tmp_path: Path, variant
         if segment in (*LEG_SEGMENTS, "pelvis"):
             shift = np.linalg.norm(now.mass_centre(segment) - was.mass_centre(segment))
             expected = np.linalg.norm(
-                heavier[k, 1:4] - table(published.parameters.inertial)[k, 1:4]
+                heavier[k, 1:4] - view_as_table(published.parameters.inertial)[k, 1:4]
             )
             if variant == "other frames":  # whose mass centres were not taken along
                 continue

@@ -17,7 +17,7 @@ from gaitcal.export.opensim.osim_reader import read_osim
 from gaitcal.export.opensim.osim_writer import write_osim
 from gaitcal.export.other_formats import write_mjcf, write_urdf
 from gaitcal.model.linkage import COORDINATES
-from gaitcal.model.parameters import MASSIVE_SEGMENTS, table
+from gaitcal.model.parameters import MASSIVE_SEGMENTS, view_as_table
 from gaitcal.model.subject_model import SubjectModel
 from tests.export.mechanics import (
     FORCE_TOLERANCE,
@@ -136,7 +136,7 @@ def test_osim_places_every_marker_and_mass(
         body.get("name"): [float(x) for tag in INERTIA for x in (body.findtext(tag) or "").split()]
         for body in bodies
     }
-    rows = table(model.parameters.inertial)
+    rows = view_as_table(model.parameters.inertial)
     for segment, row in zip(MASSIVE_SEGMENTS, rows, strict=True):
         assert inertias.pop(segment) == [*row, 0.0, 0.0, 0.0]
     assert inertias == {"talus_r": [0.0] * 10, "talus_l": [0.0] * 10}

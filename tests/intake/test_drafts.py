@@ -264,7 +264,7 @@ def test_a_walk_with_labels_exchanged_is_of_the_same_person(tmp_path: Path, file
 def test_exchanged_sides_and_exchanged_people(data_dir: Path) -> None:
     marker_set = load_marker_set("plug-in-gait")
     static, walk, other = (
-        marker_set.renamed(read_recording(data_dir / name))
+        marker_set.rename_labels(read_recording(data_dir / name))
         for name in ("pig_c3d/static.c3d", "pig_c3d/gait.c3d", "children/HC031A/straight.c3d")
     )
     pairs = {

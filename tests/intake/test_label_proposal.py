@@ -227,7 +227,7 @@ def test_segments_in_real_recordings(person: str, data_dir: Path) -> None:
     own = load_marker_set("gait2354" if person == "subject01" else "plug-in-gait")
     right = own.segment_of
     files = {}
-    for recording in (own.renamed(read_recording(p)) for p in paths):
+    for recording in (own.rename_labels(read_recording(p)) for p in paths):
         files[recording.source] = only(recording, lambda label: label in right)
     files, old = nameless(files)
     proposal = proposed(files)
@@ -251,7 +251,7 @@ def test_segments_in_real_recordings(person: str, data_dir: Path) -> None:
 def test_a_cluster_of_the_thigh_is_no_hand(data_dir: Path) -> None:
     """Of legs alone, where hands hang beside the thigh."""
     own, folder = own_set("mt_feet"), data_dir / "more_labs" / "mt_feet"
-    both = [own.renamed(read_recording(folder / name)) for name in ("static.trc", "walk.trc")]
+    both = [own.rename_labels(read_recording(folder / name)) for name in ("static.trc", "walk.trc")]
     found = told(propose_labels([only(r, lambda label: label in own.labels) for r in both], 1.59))
     assert {found[f"L.TH{k}"] for k in (1, 2, 3, 4)} == {"thigh_l"}
 

@@ -17,7 +17,7 @@ from gaitcal.model.linkage import COORDINATES
 from gaitcal.model.marker_set import MarkerSet, load_marker_set
 from gaitcal.model.nominal import PUBLISHED, nominal_model, published_model
 from gaitcal.model.parameters import Parameters
-from gaitcal.model.rotations import axis_rotation
+from gaitcal.model.rotations import make_axis_rotation
 from gaitcal.model.subject_model import Subject, SubjectModel
 from tests.synthetic_studies import only
 
@@ -39,7 +39,7 @@ class Person:
         """The static trial with the labels of the set, and the frames in which the person stands
         still.
         """
-        static = self.markers.renamed(self.static(data))
+        static = self.markers.rename_labels(self.static(data))
         return static, still_window(static, self.markers.labels).frames
 
     def model(self, static: Recording, **options: Any) -> SubjectModel:
@@ -120,7 +120,7 @@ def published_static() -> Recording:
 
 def moved(recording: Recording, heading: float, shift: np.ndarray) -> Recording:
     """The whole recording turned about the vertical and shifted."""
-    return replace(recording, markers=recording.markers @ axis_rotation(1, heading).T + shift)
+    return replace(recording, markers=recording.markers @ make_axis_rotation(1, heading).T + shift)
 
 
 def mirrored(recording: Recording) -> Recording:

@@ -11,17 +11,17 @@ from hypothesis import strategies as st
 
 from gaitcal.model.anthropometry import (
     BodyLengths,
-    child_spread,
-    default_length,
-    default_limbs,
-    growth,
-    inertial_parameters,
-    jensen_share,
-    mass_shares,
-    table_spread,
-    table_words,
-    with_joints_of,
-    youngest_and_adult_age,
+    compute_default_length,
+    compute_default_limb_lengths,
+    compute_growth_ratios,
+    compute_inertial_parameters,
+    compute_jensen_share,
+    compute_mass_shares,
+    describe_mass_table,
+    estimate_child_table_error,
+    estimate_table_error,
+    get_growth_ages,
+    move_limb_inertia,
 )
 from gaitcal.model.parameters import (
     IP_INDEX,
@@ -30,8 +30,8 @@ from gaitcal.model.parameters import (
     JP_INDEX,
     MASSIVE_SEGMENTS,
     is_physical,
-    published_subject,
-    table,
+    read_published_parameters,
+    view_as_table,
 )
 from gaitcal.model.subject_model import Subject
 
@@ -48,15 +48,15 @@ def published_lengths() -> BodyLengths:
     """The limbs that the printed inertia was made from: femur and tibia as quoted, arms scaled by
     height.
     """
-    limbs = default_limbs(PUBLISHED)
+    limbs = compute_default_limb_lengths(PUBLISHED)
     for side in "rl":
         limbs |= {f"thigh_{side}": 0.4198, f"shank_{side}": 0.3774}
     return BodyLengths(limbs, np.array([-0.0473, -0.0745]), 0.0770 + 0.0745)
 
 
 def test_published_numbers_come_back_to_the_printed_digits() -> None:
-    made = inertial_parameters(PUBLISHED, published_lengths()) / IP_TO_SI
-    printed = published_subject().inertial / IP_TO_SI
+    made = compute_inertial_parameters(PUBLISHED, published_lengths()) / IP_TO_SI
+    printed = read_published_parameters().inertial / IP_TO_SI
     for i, name in enumerate(IP_NAMES):
         assert abs(made[i] - printed[i]) <= SLACK * HALF_UNIT[name.split(".")[1]], (
             name,
@@ -69,7 +69,7 @@ def test_inertia_of_joints_found_elsewhere_is_the_table_s_of_these_lengths() -> 
     """Every hip 10 mm lower in the thigh, every knee 15 mm lower in the shank; then a hip to the
     side.
     """
-    before, lengths = published_subject(), published_lengths()
+    before, lengths = read_published_parameters(), published_lengths()
     moves = {
         f"{place}_{side}": by
         for side in "rl"
@@ -82,20 +82,22 @@ def test_inertia_of_joints_found_elsewhere_is_the_table_s_of_these_lengths() -> 
         names, before.joint[[JP_INDEX[n] for n in names]] + list(moves.values())
     )
     limbs = lengths.limbs | {segment: lengths.limbs[segment] + by for segment, by in moves.items()}
-    expected = table(inertial_parameters(PUBLISHED, replace(lengths, limbs=limbs)))
+    expected = view_as_table(compute_inertial_parameters(PUBLISHED, replace(lengths, limbs=limbs)))
     for segment, by in moves.items():
         expected[MASSIVE_SEGMENTS.index(segment), 2] += by
-    moved = table(with_joints_of(inertial_parameters(PUBLISHED, lengths), before, after))
+    moved = view_as_table(
+        move_limb_inertia(compute_inertial_parameters(PUBLISHED, lengths), before, after)
+    )
     np.testing.assert_allclose(moved, expected, rtol=ROUNDING, atol=ROUNDING)
-    back = with_joints_of(
+    back = move_limb_inertia(
         moved.ravel(), after, before
     )  # what two sessions' joints moved apart, shared ones bring back
     np.testing.assert_allclose(
-        back, inertial_parameters(PUBLISHED, lengths), rtol=ROUNDING, atol=ROUNDING
+        back, compute_inertial_parameters(PUBLISHED, lengths), rtol=ROUNDING, atol=ROUNDING
     )
     aside = before.with_joint(("hip_r.thigh.lat",), np.array([0.02]))
     share = 1.0 + before.inertial[IP_INDEX["thigh_r.com.sup"]] / 0.4198
-    found = table(with_joints_of(before.inertial, before, aside))[
+    found = view_as_table(move_limb_inertia(before.inertial, before, aside))[
         MASSIVE_SEGMENTS.index("thigh_r"), 3
     ]
     assert found == pytest.approx(share * 0.02, rel=ROUNDING)
@@ -112,19 +114,26 @@ def test_any_person_is_possible_and_weighs_what_they_weigh(
     mass: float, age: float | None, height: float, sex: str, factor: float
 ) -> None:
     subject = Subject("any", mass, height, sex, age=age)
-    limbs = {segment: factor * length for segment, length in default_limbs(subject).items()}
+    limbs = {
+        segment: factor * length
+        for segment, length in compute_default_limb_lengths(subject).items()
+    }
     lengths = BodyLengths(limbs, np.array([-0.05, -0.08]), 0.15)
-    inertial = inertial_parameters(subject, lengths)
+    inertial = compute_inertial_parameters(subject, lengths)
     assert is_physical(inertial).all()
-    assert table(inertial)[:, 0].sum() == pytest.approx(mass, rel=1e-14)
-    rows = dict(zip(MASSIVE_SEGMENTS, table(inertial), strict=True))
+    assert view_as_table(inertial)[:, 0].sum() == pytest.approx(mass, rel=1e-14)
+    rows = dict(zip(MASSIVE_SEGMENTS, view_as_table(inertial), strict=True))
     for right in (segment for segment in MASSIVE_SEGMENTS if segment.endswith("_r")):
         np.testing.assert_array_equal(rows[right], rows[f"{right[:-2]}_l"])
 
 
 def test_de_leva_lengths_belong_to_his_people() -> None:
-    assert default_length("Thigh", Subject("", 73.0, 1.741, "male")) == pytest.approx(0.4222)
-    assert default_length("Thigh", Subject("", 61.9, 1.735, "female")) == pytest.approx(0.3685)
+    assert compute_default_length("Thigh", Subject("", 73.0, 1.741, "male")) == pytest.approx(
+        0.4222
+    )
+    assert compute_default_length("Thigh", Subject("", 61.9, 1.735, "female")) == pytest.approx(
+        0.3685
+    )
 
 
 PRINTED = {
@@ -151,19 +160,23 @@ TWO_ROUNDINGS = 0.1
 @pytest.mark.parametrize("age", sorted(PRINTED))
 def test_polynomials_give_the_printed_shares(age: int) -> None:
     for part, percent in PRINTED[age].items():
-        assert 100 * jensen_share(part, age) == pytest.approx(percent, abs=TWO_ROUNDINGS), part
+        assert 100 * compute_jensen_share(part, age) == pytest.approx(percent, abs=TWO_ROUNDINGS), (
+            part
+        )
 
 
 def test_growth_ends_in_the_table_of_adults() -> None:
-    _, adult = youngest_and_adult_age()
+    _, adult = get_growth_ages()
     for age in (adult, 40.0):
-        assert set(growth(age).values()) == {1.0}
-        assert mass_shares("female", age) == pytest.approx(mass_shares("female", None), rel=1e-14)
-    assert growth(2.0) == growth(4.0)
+        assert set(compute_growth_ratios(age).values()) == {1.0}
+        assert compute_mass_shares("female", age) == pytest.approx(
+            compute_mass_shares("female", None), rel=1e-14
+        )
+    assert compute_growth_ratios(2.0) == compute_growth_ratios(4.0)
 
 
 def test_a_small_child_has_a_heavy_head_and_light_thighs() -> None:
-    child, adult = mass_shares("male", 6.0), mass_shares("male", None)
+    child, adult = compute_mass_shares("male", 6.0), compute_mass_shares("male", None)
     assert child["Head2"] > 2.0 * adult["Head2"]
     assert child["Thigh"] < 0.8 * adult["Thigh"]
     ratio = child["UpperTrunk"] / adult["UpperTrunk"]
@@ -179,21 +192,23 @@ def test_a_table_that_may_be_the_wrong_one_is_told_and_believed_less(
 ) -> None:
     """A child, and two of the recorded older ones, who are known by mass and height together."""
     unknown = Subject("child", mass, height, sex)
-    assert f"table of adults, though {height:.2f} m looks like a child's" in table_words(unknown)
-    thigh = np.log(mass_shares(sex, None)["Thigh"] / mass_shares(sex, age)["Thigh"])
-    assert child_spread(unknown)["thigh"] == pytest.approx(abs(thigh))
-    assert child_spread(replace(unknown, age=age)) == {}
+    assert f"table of adults, though {height:.2f} m looks like a child's" in describe_mass_table(
+        unknown
+    )
+    thigh = np.log(compute_mass_shares(sex, None)["Thigh"] / compute_mass_shares(sex, age)["Thigh"])
+    assert estimate_child_table_error(unknown)["thigh"] == pytest.approx(abs(thigh))
+    assert estimate_child_table_error(replace(unknown, age=age)) == {}
 
 
 def test_grown_people_as_light_or_as_short_as_children_are_believed() -> None:
     for mass, height in ((70.0, 1.70), (49.0, 1.66), (62.0, 1.52)):
-        assert child_spread(Subject("adult", mass, height, "female")) == {}
-    assert "no age is known" in table_words(Subject("who knows", 60.3, 1.58, "male"))
-    assert "9 years of age by Jensen 1989" in table_words(
+        assert estimate_child_table_error(Subject("adult", mass, height, "female")) == {}
+    assert "the age is not given" in describe_mass_table(Subject("who knows", 60.3, 1.58, "male"))
+    assert "9 years of age by Jensen 1989" in describe_mass_table(
         Subject("child", 28.0, 1.30, "female", age=9.0)
     )
     assert (
-        table_words(Subject("short adult", 45.0, 1.40, "female", age=40.0))
+        describe_mass_table(Subject("short adult", 45.0, 1.40, "female", age=40.0))
         == "de Leva 1996, female"
     )
 
@@ -203,22 +218,25 @@ def test_without_a_sex_either_table_lies_within_the_error(other: str) -> None:
     """What nobody says is the mean of both tables, and one standard deviation away is either."""
     one = Subject("", 70.0, 1.75, "")
     mean, table_of = (
-        inertial_parameters(s, published_lengths()) for s in (one, replace(one, sex=other))
+        compute_inertial_parameters(s, published_lengths()) for s in (one, replace(one, sex=other))
     )
-    spread = table_spread(one)
+    spread = estimate_table_error(one)
     for name in ("thigh", "shank", "upper_arm", "pelvis"):
         i = IP_NAMES.index(f"{name if name == 'pelvis' else name + '_r'}.mass")
         assert abs(np.log(table_of[i] / mean[i])) == pytest.approx(spread[f"{name}.mass"], rel=0.05)
         assert abs(table_of[i + 2] - mean[i + 2]) == pytest.approx(
             spread[f"{name}.com.sup"], rel=0.15
         )
-    assert table_spread(replace(one, sex=other)) == {}
+    assert estimate_table_error(replace(one, sex=other)) == {}
 
 
 def test_an_estimated_height_is_an_error_of_what_goes_by_it() -> None:
     one = Subject("", 70.0, 1.75, "male", height_error=0.08)
-    spread = table_spread(one)
-    step = [inertial_parameters(replace(one, height=h), published_lengths()) for h in (1.67, 1.83)]
+    spread = estimate_table_error(one)
+    step = [
+        compute_inertial_parameters(replace(one, height=h), published_lengths())
+        for h in (1.67, 1.83)
+    ]
     i = IP_NAMES.index("head_trunk.com.sup")
     assert spread["head_trunk.com.sup"] == pytest.approx(0.5 * (step[1] - step[0])[i], rel=1e-9)
     assert "thigh.com.sup" not in spread, "its length is measured"

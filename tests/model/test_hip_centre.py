@@ -10,9 +10,9 @@ import pytest
 from gaitcal.errors import Severity
 from gaitcal.io.labels import ComputedPoints
 from gaitcal.io.recording import Recording
-from gaitcal.model.landmarks import labelled_hips
+from gaitcal.model.landmarks import find_hip_labels
 from gaitcal.model.nominal import PUBLISHED
-from gaitcal.model.segment_frames import HipCentre, hip_centre
+from gaitcal.model.segment_frames import HipCentre, compute_hip_centre
 from gaitcal.preprocess.study_model import nominal_of
 from gaitcal.study.settings import CalibrationSettings
 from tests.model.people import from_published, published_static
@@ -43,9 +43,9 @@ def hips_in_laboratory(static: Recording) -> tuple[np.ndarray, np.ndarray]:
 
 def test_harrington_by_hand() -> None:
     """X = -0.24 150 - 9.9, y = -0.30 240 - 10.9, z = 0.33 240 + 7.3 mm; the left one mirrored."""
-    right = hip_centre(HipCentre.HARRINGTON, 240 * MM, 150 * MM, "r")
+    right = compute_hip_centre(HipCentre.HARRINGTON, 240 * MM, 150 * MM, "r")
     np.testing.assert_allclose(right, np.array([-45.9, -82.9, 86.5]) * MM, atol=ROUNDING)
-    left = hip_centre(HipCentre.HARRINGTON, 240 * MM, 150 * MM, "l")
+    left = compute_hip_centre(HipCentre.HARRINGTON, 240 * MM, 150 * MM, "l")
     np.testing.assert_allclose(left, right * [1, 1, -1], atol=ROUNDING)
 
 
@@ -98,7 +98,7 @@ def test_the_distance_measured_between_the_bones_is_taken(rule: HipCentre) -> No
     model = from_published(subject=stout, hip_centre=rule)
     depth = np.linalg.norm(model.landmarks["sacrum"][1])
     np.testing.assert_allclose(
-        model.landmarks["hjc_r"][1], hip_centre(rule, 0.200, depth, "r"), atol=ROUNDING
+        model.landmarks["hjc_r"][1], compute_hip_centre(rule, 0.200, depth, "r"), atol=ROUNDING
     )
     note = next(n for n in model.notes if n.startswith("hip centres by"))
     assert "200 mm between the ASIS (as measured by hand; 245 mm between their markers)" in note
@@ -141,7 +141,7 @@ def test_given_hips_that_are_no_mirror_images_are_doubted(
     ],
 )
 def test_labels_of_hip_centres(labels: str, found: list[str]) -> None:
-    assert labelled_hips(labels.split()) == dict(zip("rl", found, strict=False))
+    assert find_hip_labels(labels.split()) == dict(zip("rl", found, strict=False))
 
 
 @pytest.mark.parametrize(

@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from gaitcal.gait.conventions import Convention, Signs
-from gaitcal.model.chain import Chain, LinkageModel, build_linkage, chain_of
+from gaitcal.model.chain import Chain, LinkageModel, build_linkage, get_chain
 from gaitcal.model.coordinates import (
     COORDINATE_TABLE,
     GROUPS,
@@ -38,11 +38,11 @@ from gaitcal.model.linkage import (
     SEGMENTS,
     ZERO_ANGLES,
     Source,
+    get_segment,
     is_translation,
-    root_elements,
-    segment_kind,
+    make_root_elements,
 )
-from gaitcal.model.model_file import load_model, model_text, save_model
+from gaitcal.model.model_file import format_model, load_model, save_model
 from gaitcal.model.nominal import published_model
 from gaitcal.model.parameters import (
     IP_NAMES,
@@ -51,16 +51,16 @@ from gaitcal.model.parameters import (
     MASSIVE_SEGMENTS,
     QUANTITIES,
     Parameters,
-    dynamic_jacobian,
-    dynamic_parameters,
-    full_set,
-    gait_parameters,
-    impossible_bodies,
+    compute_dynamic_jacobian,
+    compute_dynamic_parameters,
+    find_impossible_bodies,
     is_physical,
-    isolated_parameters,
-    published_subject,
-    symmetric_set,
-    table,
+    list_gait_parameters,
+    list_isolated_parameters,
+    make_full_set,
+    make_symmetric_set,
+    read_published_parameters,
+    view_as_table,
 )
 from gaitcal.model.subject_model import PatientRecord, SubjectModel
 from tests.derivatives import Array, assert_derivative, perturbed_parameters
@@ -77,18 +77,18 @@ def test_counts_are_those_of_the_paper() -> None:
     segments = ["pelvis", *(joint.child for joint in joints)]
     parameters = [p for p in JOINT_PARAMETERS if split_side(p.joint)[0] in PUBLISHED]
     turns = [e for joint in joints for e in joint.elements if e.source is Source.COORDINATE]
-    assert (len(segments), len(root_elements("pelvis")) + len(turns), len(parameters)) == (
+    assert (len(segments), len(make_root_elements("pelvis")) + len(turns), len(parameters)) == (
         14,
         27,
         98,
     )
     massive = [segment for segment in segments if segment in MASSIVE_SEGMENTS]
     assert len(massive) * len(QUANTITIES) == 84
-    assert [len(isolated_parameters(j)) for j in ISOLATED_JOINTS] == [6, 9, 12, 6, 9, 12]
-    assert len(gait_parameters("r")) == 17
-    kinds = {segment_kind(segment).name for segment in segments}
-    symmetric = [name for name in symmetric_set().names if name.split(".")[0] in kinds]
-    assert len(symmetric) == 36 and full_set().names == IP_NAMES
+    assert [len(list_isolated_parameters(j)) for j in ISOLATED_JOINTS] == [6, 9, 12, 6, 9, 12]
+    assert len(list_gait_parameters("r")) == 17
+    kinds = {get_segment(segment).name for segment in segments}
+    symmetric = [name for name in make_symmetric_set().names if name.split(".")[0] in kinds]
+    assert len(symmetric) == 36 and make_full_set().names == IP_NAMES
     centres = [name for name in symmetric if ".com." in name]
     assert centres[:5] == [
         "pelvis.com.ant",
@@ -264,7 +264,7 @@ def test_segments_and_columns_are_those_of_body_frames_and_finite_differences() 
         expected = np.where(moves, turned, 0.0).reshape(len(spatial), -1).T
         assert_derivative(expected, lambda x, frame=frame: placed(x, frame), x)
     data = body.model.createData()
-    pin.framesForwardKinematics(body.model, data, body.configurations(q)[0])
+    pin.framesForwardKinematics(body.model, data, body.fill_configurations(q)[0])
     at_rest = Kinematics(body, q[:1], SecondaryMotion(amounts={}, regressors={}), columns=False)
     for s, name in enumerate(chain.segments):
         place = data.oMf[body.model.getFrameId(name)]
@@ -277,7 +277,7 @@ def test_a_free_joint_parameter_is_a_joint_whose_coordinate_is_its_value() -> No
     rng = np.random.default_rng(8)
     parameters, q = perturbed_parameters(rng), rng.normal(0, 0.4, (3, len(COORDINATES)))
     locked = Kinematics(Chain().body(parameters), q).segments
-    free = Chain(free=JP_NAMES).body(published_subject())
+    free = Chain(free=JP_NAMES).body(read_published_parameters())
     moved = free.with_free(parameters)
     np.testing.assert_allclose(Kinematics(moved, q).segments, locked, atol=EXACT)
 
@@ -303,22 +303,22 @@ def test_a_knee_whose_secondary_motion_is_not_given_has_none() -> None:
 
 def test_work_spaces_are_lent_to_one_user_at_a_time_and_kept_for_the_next() -> None:
     chain = Chain()
-    with chain.work_space() as one, chain.work_space() as other:
+    with chain.lend_work_space() as one, chain.lend_work_space() as other:
         assert one is not other
-    with chain.work_space() as again:
+    with chain.lend_work_space() as again:
         assert again is one or again is other
-    again = pickle.loads(pickle.dumps(chain_of(free=("hip_r.pelvis.ant",), reactions=True)))
-    assert again is chain_of("pelvis", SEGMENTS, ("hip_r.pelvis.ant",), reactions=True)
+    again = pickle.loads(pickle.dumps(get_chain(free=("hip_r.pelvis.ant",), reactions=True)))
+    assert again is get_chain("pelvis", SEGMENTS, ("hip_r.pelvis.ant",), reactions=True)
 
 
 def test_a_model_that_is_kept_for_others_gets_no_inertias() -> None:
     """Trials of the same chain and parameters share a body; who asks for inertias gets one of its
     own.
     """
-    parameters = published_subject()
-    kept = chain_of().body(parameters)
+    parameters = read_published_parameters()
+    kept = get_chain().body(parameters)
     assert sum(body.mass for body in build_linkage(parameters).model.inertias) > 1.0
-    assert chain_of().body(parameters) is kept
+    assert get_chain().body(parameters) is kept
     assert sum(body.mass for body in kept.model.inertias) == 0.0
 
 
@@ -326,7 +326,7 @@ def test_published_subject_stands_as_documented() -> None:
     """Ankle centre 72 mm in front of and 31 mm above the heel, foot turned 6 degrees medially, at
     zero coordinates.
     """
-    axes, origin = posed(Chain(), published_subject())
+    axes, origin = posed(Chain(), read_published_parameters())
     for side, sign in (("r", 1.0), ("l", -1.0)):
         foot, shank = axes[f"foot_{side}"].T, axes[f"shank_{side}"].T
         # the talus angle is printed with three decimals of a degree: 1e-5 rad
@@ -342,7 +342,7 @@ def test_left_is_the_mirror_image_of_right() -> None:
     rng = np.random.default_rng(2)
     drawn = {name: rng.normal(0, 0.3) for name in COORDINATES if name.endswith("_r")}
     q = np.array([drawn.get(f"{name[:-2]}_r", 0.0) for name in COORDINATES])
-    _, origin = posed(Chain(), published_subject(), q)
+    _, origin = posed(Chain(), read_published_parameters(), q)
     for name in (name for name in SEGMENTS if name.endswith("_r")):
         np.testing.assert_allclose(origin[name] * [1, 1, -1], origin[f"{name[:-2]}_l"], atol=EXACT)
 
@@ -350,22 +350,24 @@ def test_left_is_the_mirror_image_of_right() -> None:
 def test_reactions_of_both_knees_are_mirror_images() -> None:
     """Their axes are x of the knee frames, of opposite senses: adduction is positive on both sides."""
     chain = Chain(reactions=True)
-    placed = Kinematics(chain.body(published_subject()), np.zeros((1, len(COORDINATES))))
+    placed = Kinematics(chain.body(read_published_parameters()), np.zeros((1, len(COORDINATES))))
     right, left = (placed.axis(name)[0] for name in REACTIONS)
     np.testing.assert_allclose(right * [-1, -1, 1], left, atol=EXACT)
     assert right[0] > 0.9
 
 
 def test_dynamic_parameters_are_those_of_pinocchio_and_differentiate() -> None:
-    inertial = published_subject().inertial
-    for row, phi in zip(table(inertial), dynamic_parameters(inertial), strict=True):
+    inertial = read_published_parameters().inertial
+    for row, phi in zip(view_as_table(inertial), compute_dynamic_parameters(inertial), strict=True):
         inertia = pin.Inertia(row[0], row[1:4], np.diag(row[4:7]))
         np.testing.assert_allclose(inertia.toDynamicParameters(), phi, atol=1e-15)
-    jac = dynamic_jacobian(inertial)
+    jac = compute_dynamic_jacobian(inertial)
     whole = np.zeros((len(MASSIVE_SEGMENTS), 10, len(MASSIVE_SEGMENTS), 7))
     for s in range(len(MASSIVE_SEGMENTS)):
         whole[s, :, s] = jac[s]
-    assert_derivative(whole.reshape(-1, len(IP_NAMES)), lambda x: dynamic_parameters(x), inertial)
+    assert_derivative(
+        whole.reshape(-1, len(IP_NAMES)), lambda x: compute_dynamic_parameters(x), inertial
+    )
 
 
 @pytest.mark.parametrize(
@@ -381,11 +383,11 @@ def test_dynamic_parameters_are_those_of_pinocchio_and_differentiate() -> None:
 def test_a_possible_body_has_mass_and_moments_that_make_a_triangle(
     mass: float, moments: tuple[float, ...], possible: bool
 ) -> None:
-    rows = table(published_subject().inertial).copy()
+    rows = view_as_table(read_published_parameters().inertial).copy()
     rows[3, 0], rows[3, 4:7] = mass, moments
     found = is_physical(rows.ravel())
     assert found[3] == possible and found.sum() == len(MASSIVE_SEGMENTS) - 1 + possible
-    assert impossible_bodies(rows.ravel()) == (() if possible else (MASSIVE_SEGMENTS[3],))
+    assert find_impossible_bodies(rows.ravel()) == (() if possible else (MASSIVE_SEGMENTS[3],))
 
 
 def bases(names: tuple[str, ...]) -> tuple[str, ...]:
@@ -399,7 +401,7 @@ def test_every_angle_joint_and_segment_has_its_row_in_the_order_of_the_linkage()
     assert bases(REACTIONS) == LOCKED and set(LOCKED) <= set(COORDINATE_TABLE)
     assert set(TRANSLATION_RANGES) == set(COORDINATES) - set(angles)
     assert tuple(JOINT_TABLE) == bases(tuple(joint.name for joint in JOINTS))
-    assert {segment_kind(segment).name for segment in SEGMENTS} == set(SEGMENT_TABLE)
+    assert {get_segment(segment).name for segment in SEGMENTS} == set(SEGMENT_TABLE)
 
 
 def test_rows_say_what_pages_and_files_need() -> None:
@@ -466,7 +468,7 @@ def test_the_published_model_and_what_was_measured_of_the_person_come_back(tmp_p
 
 
 def test_people_can_read_it() -> None:
-    text = model_text(published_model())
+    text = format_model(published_model())
     assert '"knee_r.thigh.sup"          = { value = -419.8, nominal = -419.8 }' in text
     assert '"talocrural_l.shank.front"  = { value = -7.3, nominal = -7.3 }' in text
     assert '"pelvis.mass"            = { value = 7.752, nominal = 7.752 }' in text
@@ -545,7 +547,7 @@ def test_every_number_comes_back_bit_for_bit(
 def test_what_is_wrong_is_told_in_one_line(
     tmp_path: Path, old: str, new: str, message: str
 ) -> None:
-    text = model_text(published_model())
+    text = format_model(published_model())
     assert old in text
     path = tmp_path / "model.toml"
     path.write_text(text.replace(old, new, -1 if new.startswith("#") else 1), encoding="utf-8")
@@ -556,7 +558,7 @@ def test_what_is_wrong_is_told_in_one_line(
 def test_a_number_that_is_none_is_not_written() -> None:
     model = published_model()
     with pytest.raises(ValueError, match="finite numbers only"):
-        model_text(
+        format_model(
             model.with_parameters(
                 model.parameters.with_joint(("hip_r.pelvis.ant",), np.array([np.nan]))
             )

@@ -15,12 +15,12 @@ from gaitcal.model.marker_set import (
     LANDMARKS,
     NO_REASON,
     REQUIRED,
-    built_in_sets,
+    format_marker_set,
+    list_built_in_sets,
     load_marker_set,
-    marker_set_text,
 )
 from gaitcal.model.nominal import nominal_model, published_model
-from gaitcal.model.present_markers import present_markers
+from gaitcal.model.present_markers import resolve_marker_set
 from tests.model.people import PEOPLE
 from tests.refusal import refusal
 
@@ -55,8 +55,8 @@ def test_built_in_sets() -> None:
         "plug-in-gait poses "
         "published rajagopal rcnl ufabc visual3d"
     )
-    assert built_in_sets() == tuple(ours.split())
-    for name in built_in_sets():
+    assert list_built_in_sets() == tuple(ours.split())
+    for name in list_built_in_sets():
         made = load_marker_set(name)
         assert made.name == name
         assert set(REQUIRED) <= set(made.landmarks) <= set(LANDMARKS)
@@ -82,15 +82,15 @@ def test_the_published_set_has_the_published_markers_with_one_weight() -> None:
 @pytest.mark.parametrize("name", PEOPLE)
 def test_real_static_trials_have_the_markers(name: str, data_dir: Path) -> None:
     person = PEOPLE[name]
-    recording = person.markers.renamed(read_recording(data_dir / person.file))
+    recording = person.markers.rename_labels(read_recording(data_dir / person.file))
     optional = {"RUPA", "LUPA", "RFRM", "LFRM"}  # Plug-in Gait: placed by some laboratories
     needed = {
         label
-        for labels in present_markers(person.markers, recording).landmarks.values()
+        for labels in resolve_marker_set(person.markers, recording).landmarks.values()
         for label in labels
     }
     assert needed - {"RELM", "LELM"} <= set(recording.labels)
-    assert set(present_markers(person.markers, recording).labels) - optional <= set(
+    assert set(resolve_marker_set(person.markers, recording).labels) - optional <= set(
         recording.labels
     )
 
@@ -131,14 +131,14 @@ def test_aliases_are_other_spellings(tmp_path: Path) -> None:
     recording = Recording(
         source="f", time=np.arange(2.0), labels=("RTHIGH", "LTHI"), markers=np.zeros((2, 2, 3))
     )
-    renamed = made.renamed(recording)
+    renamed = made.rename_labels(recording)
     assert renamed.labels == ("RTHI", "LTHI")
     assert renamed.notes == ("markers renamed: RTHIGH -> RTHI",)
-    assert made.renamed(renamed) is renamed
+    assert made.rename_labels(renamed) is renamed
     both = Recording(
         source="f", time=np.arange(2.0), labels=("RTHIGH", "RTHI"), markers=np.zeros((2, 2, 3))
     )
-    assert made.renamed(both) is both
+    assert made.rename_labels(both) is both
 
 
 @pytest.mark.parametrize(
@@ -214,11 +214,11 @@ def test_an_unknown_set_names_the_built_in_ones(tmp_path: Path) -> None:
         assert "no such file" in refusal(load_marker_set, missing)
 
 
-@pytest.mark.parametrize("name", built_in_sets())
+@pytest.mark.parametrize("name", list_built_in_sets())
 def test_built_in_sets_come_back(name: str, tmp_path: Path) -> None:
     made = load_marker_set(name)
     path = tmp_path / f"{name}.toml"
-    path.write_text(marker_set_text(made), encoding="utf-8")
+    path.write_text(format_marker_set(made), encoding="utf-8")
     assert load_marker_set(path) == made
 
 
@@ -228,34 +228,36 @@ def test_weights_and_labels_of_a_study(tmp_path: Path) -> None:
     odd = 'a "b" \\ {x} é'
     made = replace(made, aliases={**made.aliases, tracked: (odd,)})
     made = made.with_weights({tracked: 0.25, "not tracked": 0.0})
-    back = load_marker_set(write(tmp_path, marker_set_text(made)))
+    back = load_marker_set(write(tmp_path, format_marker_set(made)))
     assert back.weight(tracked) == 0.25 and back.reasons[tracked] == NO_REASON
     assert "not tracked" not in back.weights and back.aliases[tracked] == (odd,)
 
 
-@pytest.mark.parametrize("name", built_in_sets())
+@pytest.mark.parametrize("name", list_built_in_sets())
 def test_a_set_covers_its_own_labels_best_of_all(name: str) -> None:
     made = load_marker_set(name)
     labels = [
         label for group in (*made.tracking.values(), *made.landmarks.values()) for label in group
     ]
-    found = made.coverage(dict.fromkeys(labels))
+    found = made.measure_coverage(dict.fromkeys(labels))
     assert found.complete and not found.unknown
     assert found.score == 2.0
-    for other in built_in_sets():
-        assert load_marker_set(other).coverage(labels).score <= found.score
+    for other in list_built_in_sets():
+        assert load_marker_set(other).measure_coverage(labels).score <= found.score
 
 
 def test_what_is_missing_and_left_over_is_named() -> None:
     made = load_marker_set("gait2354")
     labels = [label for label in made.labels if label not in ("V.Sacral", "L.Heel", "R.ASIS")]
-    found = made.coverage([*labels, "Stranger"])
+    found = made.measure_coverage([*labels, "Stranger"])
     assert found.required_missing == (
         "sacrum",
         "asis_r",
     )  # a heel alone may be missed, not both ends of a foot
     assert (found.bare, found.unknown, found.complete) == (("pelvis",), ("Stranger",), False)
-    assert found.score < 1 < made.coverage([*labels, "V.Sacral", "R.ASIS", "Stranger"]).score
+    assert (
+        found.score < 1 < made.measure_coverage([*labels, "V.Sacral", "R.ASIS", "Stranger"]).score
+    )
 
 
 SAME = 1e-9
@@ -295,7 +297,7 @@ THEIRS = {
 @pytest.mark.parametrize("name", THEIRS)
 def test_the_same_person_under_their_labels(name: str, data_dir: Path) -> None:
     person = PEOPLE["functional"]
-    recording = person.markers.renamed(person.static(data_dir))
+    recording = person.markers.rename_labels(person.static(data_dir))
     new: dict[str, str] = {}
     for side in "RL":
         small = "r" if side == "R" else "L"  # OpenCap's spelling
@@ -308,7 +310,7 @@ def test_the_same_person_under_their_labels(name: str, data_dir: Path) -> None:
         markers=recording.markers[:, kept],
     )
     marker_set = load_marker_set(name)
-    found = marker_set.coverage(legs.labels)
+    found = marker_set.measure_coverage(legs.labels)
     assert found.complete and not found.unknown
     model = nominal_model(legs, marker_set, person.subject, window=WINDOW)
     known = nominal_model(recording, person.markers, person.subject, window=WINDOW)

@@ -17,7 +17,7 @@ from gaitcal.io.recording import Recording
 from gaitcal.model.ankle_zero import AnkleZero
 from gaitcal.model.landmarks import StaticPosture
 from gaitcal.model.linkage import COORDINATES, ZERO_ANGLES
-from gaitcal.model.nominal import PUBLISHED, RAISED, published_model
+from gaitcal.model.nominal import PUBLISHED, RAISED_ARM_WEIGHT, published_model
 from gaitcal.model.parameters import (
     IP_NAMES,
     JOINT_PARAMETERS,
@@ -26,13 +26,13 @@ from gaitcal.model.parameters import (
     MASSIVE_SEGMENTS,
     ParameterKind,
     is_physical,
-    published_subject,
-    table,
+    read_published_parameters,
+    view_as_table,
 )
-from gaitcal.model.rotations import axis_rotation
-from gaitcal.model.segment_frames import Frame, HipCentre, half_width
+from gaitcal.model.rotations import make_axis_rotation
+from gaitcal.model.segment_frames import Frame, HipCentre, compute_half_width
 from gaitcal.model.subject_model import SubjectModel
-from gaitcal.model.trunk import measured_arm
+from gaitcal.model.trunk import measure_arm
 from gaitcal.tracking.motion import MarkerErrors, track
 from gaitcal.tracking.spline import NodeRule
 from tests.model.people import (
@@ -81,7 +81,7 @@ def value(model: SubjectModel, name: str) -> float:
 
 def test_published_joint_parameters_come_back_from_its_markers() -> None:
     made = of_published().parameters
-    printed = published_subject()
+    printed = read_published_parameters()
     for parameter, got, wanted in zip(
         JOINT_PARAMETERS, made.joint / JP_TO_SI, printed.joint / JP_TO_SI, strict=True
     ):
@@ -118,7 +118,10 @@ def test_published_arms_differ_by_the_shoulder_rule_alone() -> None:
 
 
 def test_published_inertia_follows_but_for_the_limbs_that_the_shoulder_changes() -> None:
-    made, printed = table(of_published().parameters.inertial), table(published_subject().inertial)
+    made, printed = (
+        view_as_table(of_published().parameters.inertial),
+        view_as_table(read_published_parameters().inertial),
+    )
     for segment, got, wanted in zip(MASSIVE_SEGMENTS, made, printed, strict=True):
         if not segment.startswith(("upper_arm", "forearm")):
             np.testing.assert_allclose(got, wanted, rtol=2e-4, atol=6e-5, err_msg=segment)
@@ -259,7 +262,7 @@ def test_orthotrak_hip_centres() -> None:
 def test_no_medial_markers_use_defaults_and_say_so() -> None:
     static = without(published_static(), "R.Knee.Med", "R.Ankle.Med", "L.Knee.Med", "L.Ankle.Med")
     model = from_published(static, hip_centre=HipCentre.BELL)
-    printed = published_subject().joint / JP_TO_SI
+    printed = read_published_parameters().joint / JP_TO_SI
     for parameter in JOINT_PARAMETERS:
         if parameter.joint.startswith(LEGS):
             got = value(model, parameter.name)
@@ -337,7 +340,9 @@ def test_raised_arms_lower_the_weights_of_shoulders_and_arms(data_dir: Path) -> 
     person = PEOPLE["subject01"]
     model = person.model(person.static(data_dir), weights={"R.Elbow": 0.7, "R.Heel": 0.5})
     weight = dict(zip(model.markers.labels, model.markers.weight, strict=True))
-    assert weight["L.Acromium"] == pytest.approx(RAISED * person.markers.weight("L.Acromium"))
+    assert weight["L.Acromium"] == pytest.approx(
+        RAISED_ARM_WEIGHT * person.markers.weight("L.Acromium")
+    )
     assert (weight["R.Elbow"], weight["R.Heel"], weight["L.Heel"], weight["Top.Head"]) == (
         0.7,
         0.5,
@@ -391,10 +396,10 @@ def mirrored_sacrum(r: Recording) -> np.ndarray:
             lambda r: replace(r, markers=1e3 * r.markers),
             "found 2.45e+05 mm; allowed: 136 to 425 mm for a height of 1",
         ),
-        (exchanged("R.ASIS", "L.ASIS"), "are the sides exchanged?"),
+        (exchanged("R.ASIS", "L.ASIS"), "are the sides swapped?"),
         (
             exchanged("R.Knee.Lat", "R.Knee.Med"),
-            "knee_lat_r: the lateral marker lies on the medial side of knee_med_r",
+            "knee_lat_r: the lateral marker is on the medial side of knee_med_r",
         ),
         (with_path("V.Sacral", mirrored_sacrum), "the pelvis is upside down"),
     ],
@@ -416,7 +421,7 @@ def test_a_thigh_without_markers_is_refused(data_dir: Path) -> None:
     # the landmark itself must be there: the knee marker is seen, and has no weight
     person = PEOPLE["plug-in-gait"]
     said = refusal(person.model, without(person.static(data_dir), "LTHI"), weights={"LKNE": 0})
-    assert "segment thigh_l: found 0 markers with weight, 'LTHI' not seen" in said
+    assert "segment thigh_l: found 0 markers with weight, 'LTHI' not visible" in said
 
 
 LARGER = 1.07
@@ -455,14 +460,14 @@ def test_the_plane_of_a_bent_arm_gives_its_elbow(
     on that axis.
     """
     height, outwards = 1.75, 1.0 if side == "r" else -1.0
-    body = axis_rotation(1, 0.8)
+    body = make_axis_rotation(1, 0.8)
     shoulder = np.array([1.0, 1.4, -2.0])
-    lift = body @ axis_rotation(0, -outwards * np.deg2rad(raised_deg))
+    lift = body @ make_axis_rotation(0, -outwards * np.deg2rad(raised_deg))
     elbow = shoulder - 0.30 * lift[:, 1]
-    wrist = elbow - 0.26 * (lift @ axis_rotation(2, np.deg2rad(bent_deg)))[:, 1]
-    marker = elbow + outwards * half_width("elbow", height) * lift[:, 2]
+    wrist = elbow - 0.26 * (lift @ make_axis_rotation(2, np.deg2rad(bent_deg)))[:, 1]
+    marker = elbow + outwards * compute_half_width("elbow", height) * lift[:, 2]
     landmarks = {f"elbow_lat_{side}": marker, f"wrist_{side}": wrist}
-    found = measured_arm(
+    found = measure_arm(
         StaticPosture("made up", {}, landmarks, {}),
         side,
         Frame(body, np.zeros(3)),

@@ -14,15 +14,15 @@ from hypothesis import strategies as st
 from gaitcal.arrays import Array
 from gaitcal.io.formats import read_recording
 from gaitcal.io.recording import still_window
-from gaitcal.model.ankle_zero import AnkleZero, StandingAnkles, standing_ankles
-from gaitcal.model.landmarks import StaticPosture, static_posture
+from gaitcal.model.ankle_zero import AnkleZero, StandingAnkles, measure_standing_ankles
+from gaitcal.model.landmarks import StaticPosture, measure_static_posture
 from gaitcal.model.marker_set import MarkerSet, load_marker_set
 from gaitcal.model.nominal import PUBLISHED
-from gaitcal.model.present_markers import complete_static, present_markers
-from gaitcal.model.rotations import axis_rotation
-from gaitcal.model.segment_frames import Frame, HipCentre, lower_body
+from gaitcal.model.present_markers import complete_static, resolve_marker_set
+from gaitcal.model.rotations import make_axis_rotation
+from gaitcal.model.segment_frames import Frame, HipCentre, measure_lower_body
 from gaitcal.model.subject_model import Subject
-from gaitcal.model.trunk import MIDLINE, Trunk, neck_above_shoulders, trunk_of
+from gaitcal.model.trunk import MIDLINE, Trunk, compute_neck_height, measure_trunk
 from gaitcal.tracking.motion import track
 from gaitcal.tracking.spline import NodeRule
 from tests.model.people import PEOPLE, from_published, published_static
@@ -36,7 +36,7 @@ VENDOR_DEG = 3.0
 
 
 def published_posture() -> StaticPosture:
-    return static_posture(published_static(), load_marker_set("published"), slice(0, 1))
+    return measure_static_posture(published_static(), load_marker_set("published"), slice(0, 1))
 
 
 def displaced(posture: StaticPosture, by: dict[str, Array]) -> StaticPosture:
@@ -60,14 +60,16 @@ def turned_foot(
     other = {"heel": "toe", "toe": "heel"}[end[:-2]] + end[-2:]
     centre = posture.landmarks[other] if about is None else about
     arm = posture.landmarks[end] - centre
-    return displaced(posture, {end: axis_rotation(2, np.deg2rad(degrees)) @ arm - arm})
+    return displaced(posture, {end: make_axis_rotation(2, np.deg2rad(degrees)) @ arm - arm})
 
 
 def ankles(
     posture: StaticPosture, rule: AnkleZero, file: dict[str, float] | None = None
 ) -> StandingAnkles:
-    legs = lower_body(posture, PUBLISHED.height, HipCentre.BELL)
-    return standing_ankles(posture, legs, {s: np.deg2rad(v) for s, v in (file or {}).items()}, rule)
+    legs = measure_lower_body(posture, PUBLISHED.height, HipCentre.BELL)
+    return measure_standing_ankles(
+        posture, legs, {s: np.deg2rad(v) for s, v in (file or {}).items()}, rule
+    )
 
 
 def degrees(found: StandingAnkles) -> list[float]:
@@ -130,14 +132,14 @@ def test_two_high_heels_are_left_as_their_markers_are_unless_the_file_tells() ->
 
 def told_flat(posture: StaticPosture) -> dict[str, float]:
     """The file's angles, deg, of feet whose soles lie on the floor."""
-    legs = lower_body(posture, PUBLISHED.height, HipCentre.BELL)
+    legs = measure_lower_body(posture, PUBLISHED.height, HipCentre.BELL)
     lines = {s: posture.landmarks[f"toe_{s}"] - legs.centres[f"ajc_{s}"] for s in "rl"}
     return {s: float(np.rad2deg(np.arctan2(-a[1], np.hypot(a[0], a[2])))) for s, a in lines.items()}
 
 
 def on_forefeet(posture: StaticPosture, degrees: float) -> StaticPosture:
     """Both feet's markers turned about the ankles' centres, toes down."""
-    legs = lower_body(posture, PUBLISHED.height, HipCentre.BELL)
+    legs = measure_lower_body(posture, PUBLISHED.height, HipCentre.BELL)
     for end in ("heel_r", "toe_r", "heel_l", "toe_l"):
         posture = turned_foot(posture, end, -degrees, about=legs.centres[f"ajc_{end[-1]}"])
     return posture
@@ -217,12 +219,14 @@ def test_standing_ankles_as_the_laboratory_has_them(
 ) -> None:
     """Within a few degrees of the ankle angles that Plug-in Gait computed of the same static trial."""
     file, marker_set = data_dir / folder / "static.c3d", load_marker_set("plug-in-gait")
-    static = complete_static(marker_set.renamed(read_recording(file)), marker_set)
-    marker_set = present_markers(marker_set, static)
-    posture = static_posture(static, marker_set, still_window(static, marker_set.labels).frames)
-    legs = lower_body(posture, height, HipCentre.HARRINGTON)
+    static = complete_static(marker_set.rename_labels(read_recording(file)), marker_set)
+    marker_set = resolve_marker_set(marker_set, static)
+    posture = measure_static_posture(
+        static, marker_set, still_window(static, marker_set.labels).frames
+    )
+    legs = measure_lower_body(posture, height, HipCentre.HARRINGTON)
     found = degrees(
-        standing_ankles(posture, legs, static.facts.static_plantarflexion, AnkleZero.AUTO)
+        measure_standing_ankles(posture, legs, static.facts.static_plantarflexion, AnkleZero.AUTO)
     )
     points = ezc3d.c3d(str(file))
     labels = [label.split(":")[-1] for label in points["parameters"]["POINT"]["LABELS"]["value"]]
@@ -274,15 +278,15 @@ def made_up(names: tuple[str, ...], turn: Array | None = None) -> tuple[StaticPo
 
 
 def trunk(names: tuple[str, ...], turn: Array | None = None) -> Trunk:
-    return trunk_of(*made_up(names, turn), PELVIS, LUMBAR, PERSON)
+    return measure_trunk(*made_up(names, turn), PELVIS, LUMBAR, PERSON)
 
 
 @given(yaw=st.floats(-25.0, 25.0), lean=st.floats(-20.0, 20.0), list_=st.floats(-15.0, 15.0))
 def test_the_trunk_turns_with_its_midline_markers(yaw: float, lean: float, list_: float) -> None:
     turn = (
-        axis_rotation(1, np.deg2rad(yaw))
-        @ axis_rotation(0, np.deg2rad(list_))
-        @ axis_rotation(2, np.deg2rad(lean))
+        make_axis_rotation(1, np.deg2rad(yaw))
+        @ make_axis_rotation(0, np.deg2rad(list_))
+        @ make_axis_rotation(2, np.deg2rad(lean))
     )
     off = np.arccos(np.clip((turn @ [0.0, 0.0, 1.0])[2], -1.0, 1.0))
     if off > np.deg2rad(29.0):
@@ -296,24 +300,24 @@ def test_the_trunk_turns_with_its_midline_markers(yaw: float, lean: float, list_
 
 def test_derived_shoulders_lie_where_de_leva_has_them() -> None:
     """Men 52 mm, women 74 mm below the middle of C7 and jugular notch, in people of his height."""
-    assert neck_above_shoulders(PERSON) == pytest.approx(0.5 * (0.0878 + 0.0164))
-    assert neck_above_shoulders(Subject("", 61.9, 1.735, "female")) == pytest.approx(
+    assert compute_neck_height(PERSON) == pytest.approx(0.5 * (0.0878 + 0.0164))
+    assert compute_neck_height(Subject("", 61.9, 1.735, "female")) == pytest.approx(
         0.5 * (0.1169 + 0.0314)
     )
     found = trunk(MIDLINE)
     middle = 0.5 * (found.shoulders["sjc_r"] + found.shoulders["sjc_l"]) - LUMBAR
     np.testing.assert_allclose(
-        middle, [0.0, 0.45 - neck_above_shoulders(PERSON), 0.0], atol=ROUNDING
+        middle, [0.0, 0.45 - compute_neck_height(PERSON), 0.0], atol=ROUNDING
     )
     assert (found.shoulders["sjc_r"] - found.shoulders["sjc_l"])[2] == pytest.approx(
         2 * 0.165 / 1.70 * PERSON.height
     )
-    assert found.seen and "no acromion is known" in found.notes[0]
+    assert found.observed and "no acromion is known" in found.notes[0]
 
 
 @pytest.mark.parametrize("lost", ["acromion_r", "acromion_l"])
 def test_a_lost_acromion_is_the_mirror_image_of_the_other(lost: str) -> None:
-    turn = axis_rotation(1, np.deg2rad(12.0))
+    turn = make_axis_rotation(1, np.deg2rad(12.0))
     whole = trunk(tuple(PLACES), turn)
     part = trunk(tuple(n for n in PLACES if n != lost), turn)
     for side in ("sjc_r", "sjc_l"):
@@ -325,8 +329,8 @@ def test_markers_without_names_stand_under_shoulders_of_the_nominal_subject() ->
     """A cluster somewhere on the trunk: it is followed, and is upright as the person stands."""
     posture, marker_set = made_up(("c7", "t10", "xiphoid"))
     nameless = replace(posture, landmarks={})
-    found = trunk_of(nameless, replace(marker_set, landmarks={}), PELVIS, LUMBAR, PERSON)
-    assert found.seen
+    found = measure_trunk(nameless, replace(marker_set, landmarks={}), PELVIS, LUMBAR, PERSON)
+    assert found.observed
     np.testing.assert_allclose(found.frame.rotation, np.eye(3), atol=ROUNDING)
     np.testing.assert_allclose(
         found.shoulders["sjc_r"][1] - LUMBAR[1], 0.3519 / 1.70 * PERSON.height
@@ -335,9 +339,11 @@ def test_markers_without_names_stand_under_shoulders_of_the_nominal_subject() ->
 
 def test_a_trunk_without_markers_stands_upright() -> None:
     posture, marker_set = made_up(("c7",))
-    assert trunk_of(posture, marker_set, PELVIS, LUMBAR, PERSON).seen
-    bare = trunk_of(replace(posture, markers={}, landmarks={}), marker_set, PELVIS, LUMBAR, PERSON)
-    assert not bare.seen
+    assert measure_trunk(posture, marker_set, PELVIS, LUMBAR, PERSON).observed
+    bare = measure_trunk(
+        replace(posture, markers={}, landmarks={}), marker_set, PELVIS, LUMBAR, PERSON
+    )
+    assert not bare.observed
     np.testing.assert_allclose(bare.frame.rotation, np.eye(3), atol=ROUNDING)
 
 
@@ -347,7 +353,7 @@ def test_a_mislabelled_midline_is_not_believed() -> None:
     """
     posture, marker_set = made_up(("c7", "jugular_notch", "xiphoid"))
     wrong = {**posture.landmarks, "xiphoid": LUMBAR + PLACES["acromion_r"]}
-    found = trunk_of(replace(posture, landmarks=wrong), marker_set, PELVIS, LUMBAR, PERSON)
+    found = measure_trunk(replace(posture, landmarks=wrong), marker_set, PELVIS, LUMBAR, PERSON)
     np.testing.assert_allclose(found.frame.rotation[:, 2], [0.0, 0.0, 1.0], atol=ROUNDING)
     assert "one of them is not where its name says" in found.notes[0]
 
@@ -368,16 +374,18 @@ def test_derived_shoulders_of_real_people_are_near_the_measured(name: str, data_
     person = PEOPLE[name]
     found = []
     for marker_set in (person.markers, without_acromia(person.markers)):
-        static = marker_set.renamed(person.static(data_dir))
-        posture = static_posture(static, marker_set, still_window(static, marker_set.labels).frames)
-        legs = lower_body(posture, person.subject.height, HipCentre.BELL)
+        static = marker_set.rename_labels(person.static(data_dir))
+        posture = measure_static_posture(
+            static, marker_set, still_window(static, marker_set.labels).frames
+        )
+        legs = measure_lower_body(posture, person.subject.height, HipCentre.BELL)
         found.append(
-            trunk_of(
+            measure_trunk(
                 posture, marker_set, legs.frames["pelvis"], legs.centres["lumbar"], person.subject
             )
         )
     measured, derived = found
-    assert derived.seen
+    assert derived.observed
     for side, centre in measured.shoulders.items():
         assert 1e3 * np.linalg.norm(derived.shoulders[side] - centre) < SHOULDER_MM
     turn = measured.frame.rotation.T @ derived.frame.rotation

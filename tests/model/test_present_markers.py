@@ -12,10 +12,10 @@ from gaitcal.arrays import Array
 from gaitcal.io.formats import read_recording
 from gaitcal.io.labels import ComputedPoints
 from gaitcal.io.recording import Recording
-from gaitcal.model.landmarks import corner, is_device
-from gaitcal.model.marker_set import MarkerSet, load_marker_set, marker_set_text
+from gaitcal.model.landmarks import is_device, locate_device_corner
+from gaitcal.model.marker_set import MarkerSet, format_marker_set, load_marker_set
 from gaitcal.model.nominal import nominal_model
-from gaitcal.model.present_markers import complete_static, present_markers
+from gaitcal.model.present_markers import complete_static, resolve_marker_set
 from gaitcal.model.subject_model import SubjectModel
 from tests.model.people import PEOPLE, without
 from tests.refusal import refusal
@@ -53,7 +53,7 @@ def model_of(recording: Recording, **changes: object) -> SubjectModel:
 def test_one_marker_on_the_sacrum_serves_for_two(data_dir: Path) -> None:
     two = static(data_dir)
     one = without(with_marker(two, "SACR", path_of(two, "RPSI", "LPSI")), "RPSI", "LPSI")
-    made = present_markers(load_marker_set(PIG), one)
+    made = resolve_marker_set(load_marker_set(PIG), one)
     assert made.landmarks["sacrum"] == ("SACR",)
     assert set(made.tracking["pelvis"]) == {"RASI", "LASI", "SACR"}
     assert not {"RPSI", "LPSI"} & set(made.labels), "nobody misses what only the other way needs"
@@ -64,11 +64,11 @@ def test_one_marker_on_the_sacrum_serves_for_two(data_dir: Path) -> None:
 
 
 def test_nothing_open_is_left_and_a_result_keeps_it(data_dir: Path, tmp_path: Path) -> None:
-    made = present_markers(load_marker_set(PIG), static(data_dir))
+    made = resolve_marker_set(load_marker_set(PIG), static(data_dir))
     assert not (made.alternatives or made.optional or made.knee_device)
-    assert present_markers(made, static(data_dir)) is made
+    assert resolve_marker_set(made, static(data_dir)) is made
     path = tmp_path / "plug-in-gait.toml"
-    path.write_text(marker_set_text(made), encoding="utf-8")
+    path.write_text(format_marker_set(made), encoding="utf-8")
     back = load_marker_set(path)
     assert (back.landmarks, back.tracking, back.static_only) == (
         made.landmarks,
@@ -90,8 +90,8 @@ def test_a_medial_marker_must_lie_as_far_as_a_joint_is_wide(data_dir: Path) -> N
     at_knee = with_marker(
         recording, "RMED", knee + 0.11 * inwards
     )  # some laboratories mean the knee by it
-    assert present_markers(load_marker_set(PIG), at_ankle).landmarks["ankle_med_r"] == ("RMED",)
-    made = present_markers(load_marker_set(PIG), at_knee)
+    assert resolve_marker_set(load_marker_set(PIG), at_ankle).landmarks["ankle_med_r"] == ("RMED",)
+    made = resolve_marker_set(load_marker_set(PIG), at_knee)
     assert "ankle_med_r" not in made.landmarks
     assert any("RMED not taken for ankle_med_r" in note for note in made.notes)
 
@@ -120,12 +120,12 @@ def test_the_rod_alone_gives_the_axis_of_a_modelled_knee(data_dir: Path) -> None
     whole, less = (complete_static(r, made) for r in (recording, without(recording, "RKD1")))
     assert any("RKNE" in note and "modelled" in note for note in less.notes)
     for one in (whole, less):
-        assert present_markers(made, one).landmarks["knee_axis_r"] == ("RKAX",)
+        assert resolve_marker_set(made, one).landmarks["knee_axis_r"] == ("RKAX",)
     assert np.nanmax(np.abs(path_of(less, "RKNE") - path_of(whole, "RKNE"))) < 1e-3
     child = read_recording(
         data_dir / "children/HC002D/static.c3d"
     )  # has a computed RKAX, and no device
-    assert "knee_axis_r" not in present_markers(made, complete_static(child, made)).landmarks
+    assert "knee_axis_r" not in resolve_marker_set(made, complete_static(child, made)).landmarks
 
 
 def test_a_rod_renamed_to_the_knee_is_refused(data_dir: Path) -> None:
@@ -168,7 +168,7 @@ def test_a_foot_without_a_toe_marker_points_ahead(data_dir: Path) -> None:
     assert length == pytest.approx(
         np.linalg.norm(model_of(recording).landmarks["toe_r"][1]), rel=0.1
     )
-    in_walk = present_markers(load_marker_set(PIG), heel_only, elsewhere=["RTOE"])
+    in_walk = resolve_marker_set(load_marker_set(PIG), heel_only, elsewhere=["RTOE"])
     assert in_walk.landmarks["toe_r"] == ("RTOE",), (
         "a marker that walks have was lost, not left out"
     )
@@ -177,13 +177,13 @@ def test_a_foot_without_a_toe_marker_points_ahead(data_dir: Path) -> None:
 def test_capitals_are_forgiven_where_one_marker_alone_is_meant(data_dir: Path) -> None:
     recording = static(data_dir)
     small = replace(recording, labels=tuple(label.lower() for label in recording.labels))
-    renamed = load_marker_set(PIG).renamed(small)
+    renamed = load_marker_set(PIG).rename_labels(small)
     assert renamed.labels == recording.labels
     assert any("rasi -> RASI" in note for note in renamed.notes)
     both = with_marker(without(recording, "RASI"), "rasi", path_of(recording, "RASI"))
     two = with_marker(both, "rAsi", path_of(recording, "RASI"))
-    assert "RASI" in load_marker_set(PIG).renamed(both).labels
-    assert "RASI" not in load_marker_set(PIG).renamed(two).labels
+    assert "RASI" in load_marker_set(PIG).rename_labels(both).labels
+    assert "RASI" not in load_marker_set(PIG).rename_labels(two).labels
 
 
 def test_clusters_take_the_place_of_landmarks_that_walks_lack() -> None:
@@ -196,13 +196,13 @@ def test_clusters_take_the_place_of_landmarks_that_walks_lack() -> None:
         labels=labels,
         markers=rng.normal(size=(2, len(labels), 3)),
     )
-    chosen = present_markers(made, recording)
+    chosen = resolve_marker_set(made, recording)
     assert {"R_TH1", "R_TH2", "R_TH3", "R_TH4"} <= set(chosen.tracking["thigh_r"])
     assert "R_FLE" in chosen.static_only["thigh_r"]
     no_clusters = without(
         recording, *[label for label in labels if "_TH" in label or label.endswith("FTC")]
     )
-    assert "R_FLE" in present_markers(made, no_clusters).tracking["thigh_r"]
+    assert "R_FLE" in resolve_marker_set(made, no_clusters).tracking["thigh_r"]
 
 
 @pytest.mark.parametrize("lost", ["RPSI", "LPSI"])
@@ -254,7 +254,7 @@ def rods(seed: int) -> tuple[Array, Array]:
 @pytest.mark.parametrize("seed", range(8))
 def test_the_corner_is_where_the_rods_meet(seed: int) -> None:
     at, ends = rods(seed)
-    np.testing.assert_allclose(corner(*ends, inwards=-at), at, atol=ROUNDING)
+    np.testing.assert_allclose(locate_device_corner(*ends, inwards=-at), at, atol=ROUNDING)
     assert is_device(*ends)
 
 
@@ -266,13 +266,15 @@ def test_the_device_of_a_right_knee_points_to_the_left_one(up: float) -> None:
     spread = Rotation.align_vectors([[0.0, 0.0, 1.0]], [np.ones(3)])[0]
     raised = Rotation.from_euler("x", -up, degrees=True)
     ends = ROD * (raised * spread).as_matrix().T[:, None]
-    found = corner(*ends, inwards=np.array([[0.0, 0.0, -0.24]]))
+    found = locate_device_corner(*ends, inwards=np.array([[0.0, 0.0, -0.24]]))
     np.testing.assert_allclose(found, np.zeros((1, 3)), atol=ROUNDING)
-    wrong = corner(*ends, inwards=np.array([[0.0, 0.0, 0.24]]))
+    wrong = locate_device_corner(*ends, inwards=np.array([[0.0, 0.0, 0.24]]))
     assert wrong is not None and np.linalg.norm(wrong) > 0.08
-    witness = corner(*ends, inwards=np.array([[0.0, 0.0, 0.24]]), modelled=np.full((1, 3), 1e-3))
+    witness = locate_device_corner(
+        *ends, inwards=np.array([[0.0, 0.0, 0.24]]), modelled=np.full((1, 3), 1e-3)
+    )
     np.testing.assert_allclose(witness, np.zeros((1, 3)), atol=ROUNDING)
-    assert corner(*ends) is None
+    assert locate_device_corner(*ends) is None
 
 
 def test_other_markers_are_no_device() -> None:

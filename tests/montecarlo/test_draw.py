@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from gaitcal.dynamics.inverse_dynamics import FORCES, Dynamics
-from gaitcal.model.linkage import COORDINATES, LOWER_BODY, joints_above
+from gaitcal.model.linkage import COORDINATES, LOWER_BODY, list_joints_above
 from gaitcal.model.parameters import IP_NAMES, Parameters
 from gaitcal.montecarlo.case import MonteCarloCase, nominal_case
 from gaitcal.montecarlo.draw import (
@@ -210,7 +210,9 @@ def test_other_choices_of_parameters(
     changed, by_published = (recorded(d.values, ReactionFrame.LAB, "rms") > 0 for d in both)
     assert changed.any() and (changed == by_published).all()
     moved = np.abs(some.sensitivity).max(axis=(0, 1))
-    carrying = {joint.name for segment in case.markers.segments for joint in joints_above(segment)}
+    carrying = {
+        joint.name for segment in case.markers.segments for joint in list_joints_above(segment)
+    }
     assert (moved > 0).sum() == sum(name.split(".")[0] in carrying for name in choice.names)
 
 

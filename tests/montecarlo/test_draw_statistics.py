@@ -4,7 +4,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from gaitcal.model.parameters import leg_parameters
+from gaitcal.model.parameters import list_leg_parameters
 from gaitcal.montecarlo.case import MonteCarloCase
 from gaitcal.montecarlo.draw import (
     COLUMNS,
@@ -215,7 +215,7 @@ def test_contributions_are_written_into_the_cells(context: MonteCarloContext) ->
     contributions = variance_contributions(context)
     figure = contribution_figure(contributions)
     rows = [t.get_text() for t in figure.axes[0].get_yticklabels()]
-    assert len(rows) == len(leg_parameters("r")) + 2
+    assert len(rows) == len(list_leg_parameters("r")) + 2
     assert rows[0] == "hip: pelvis ant"
     texts = {
         (int(t.get_position()[0]), int(t.get_position()[1])): t.get_text()

@@ -15,7 +15,7 @@ from gaitcal.dynamics.inverse_dynamics import Dynamics
 from gaitcal.errors import STUDY, Severity
 from gaitcal.io.csv_recordings import write_forces_csv
 from gaitcal.io.recording import ForcePlate, Recording
-from gaitcal.model.anthropometry import with_joints_of
+from gaitcal.model.anthropometry import move_limb_inertia
 from gaitcal.model.nominal import nominal_model
 from gaitcal.model.segment_frames import HipCentre
 from gaitcal.model.subject_model import GRAVITY
@@ -183,7 +183,7 @@ def test_a_trial_with_a_named_fault_takes_no_part_in_inertial_parameters(tmp_pat
     assert any("left out: walk" in note for note in done.notes)
     nominal, fitted = done.nominal.parameters, done.model.parameters
     np.testing.assert_allclose(
-        fitted.inertial, with_joints_of(nominal.inertial, nominal, fitted), atol=1e-12
+        fitted.inertial, move_limb_inertia(nominal.inertial, nominal, fitted), atol=1e-12
     )
     further = analyse(clean.model, study.moving[0], study.settings, clean.uncertainty, {})
     assert [f.cause for f in further.findings if "ms late" in f.cause and f.topic == "forces"]

@@ -12,7 +12,7 @@ from scipy.special import chdtri
 
 from gaitcal.arrays import Array
 from gaitcal.calibration.error_sources import ErrorSources
-from gaitcal.calibration.joint_prior import ANATOMY, COVARIANCE, prior_root
+from gaitcal.calibration.joint_prior import ANATOMY, COVARIANCE, factor_prior
 from gaitcal.errors import Code, Finding, Severity
 from gaitcal.model.linkage import LEG_JOINTS
 from gaitcal.model.nominal import published_model
@@ -139,7 +139,7 @@ def test_what_people_scatter_by_accuses_nobody() -> None:
     simulated ones are.
     """
     rng = np.random.default_rng(0)
-    root = prior_root(JP_NAMES, None)
+    root = factor_prior(JP_NAMES, None)
     found = sum(len(told(drawn(root @ rng.normal(size=len(JP_NAMES))))) for _ in range(300))
     looked_at = 300 * (
         1 + len({name.rpartition(".")[0] for name in LEGS})

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from gaitcal.errors import Finding, Severity
-from gaitcal.model.body_plan import body_axes
+from gaitcal.model.body_plan import compute_body_axes
 from gaitcal.preprocess.preprocessed_study import preprocess_study
 from gaitcal.quality.knee_axes import ODD_BOTH, OddLine, bending, knee_lines, odd_lines
 from gaitcal.quality.static_landmarks import landmarks
@@ -59,7 +59,7 @@ def test_a_turn_the_other_way_and_of_one_knee(sound: Study) -> None:
 
 def turned(p: dict[str, Array], degrees: float, names: tuple[str, ...]) -> dict[str, Array]:
     """Landmarks of both legs turned about the vertical through their mean, lateral ends forward."""
-    axes = body_axes(p)
+    axes = compute_body_axes(p)
     out = dict(p)
     for side, way in (("r", 1.0), ("l", -1.0)):
         own = [f"{name}_{side}" for name in names]

@@ -11,8 +11,8 @@ from scipy.spatial.transform import Rotation
 
 from gaitcal.errors import STUDY, Finding, Severity
 from gaitcal.io.recording import Recording
-from gaitcal.model.rotations import root_angles
-from gaitcal.model.segment_frames import nearest_rotation
+from gaitcal.model.rotations import compute_root_angles
+from gaitcal.model.segment_frames import find_nearest_rotation
 from gaitcal.preprocess.joint_links import links_of
 from gaitcal.preprocess.marker_clusters import alignment, clusters_of
 from gaitcal.preprocess.preprocessed_study import preprocess_study, preprocess_trial
@@ -196,8 +196,8 @@ def test_alignment_and_turns_are_exact() -> None:
     for _ in range(10):
         angles = rng.uniform(-1.0, 1.0, 3)
         rotation = Rotation.from_euler("ZXY", angles).as_matrix()
-        np.testing.assert_allclose(root_angles(rotation)[1:], angles[1:], atol=ROUNDING)
-        np.testing.assert_allclose(nearest_rotation(2.0 * rotation), rotation, atol=ROUNDING)
+        np.testing.assert_allclose(compute_root_angles(rotation)[1:], angles[1:], atol=ROUNDING)
+        np.testing.assert_allclose(find_nearest_rotation(2.0 * rotation), rotation, atol=ROUNDING)
         points, shift = rng.normal(size=(4, 3)), rng.normal(size=3)
         turn, back = alignment(points, points @ rotation.T + shift, rng.uniform(0.5, 2.0, 4))
         np.testing.assert_allclose(turn, rotation, atol=ROUNDING)
@@ -258,7 +258,7 @@ def test_a_part_that_stays_flexed_accuses_no_marker_of_a_wrong_centre(
 ) -> None:
     walk = trials["walk"]
     hip = walk.clusters["pelvis"].rotation.transpose(0, 2, 1) @ walk.clusters["thigh_r"].rotation
-    bent = np.argsort(np.abs(root_angles(hip)[:, 0]))[-12:]
+    bent = np.argsort(np.abs(compute_root_angles(hip)[:, 0]))[-12:]
     part = replace(
         walk.recording, time=walk.recording.time[:12], markers=walk.recording.markers[bent]
     )

@@ -14,7 +14,12 @@ from gaitcal.errors import Finding, Severity
 from gaitcal.io.c3d.writer import write_c3d
 from gaitcal.io.recording import Recording
 from gaitcal.model import body_plan as body_build
-from gaitcal.model.body_plan import body_axes, cost, cost_of_build, measures
+from gaitcal.model.body_plan import (
+    compute_body_axes,
+    compute_build_cost,
+    measure_landmarks,
+    sum_squared_deviations,
+)
 from gaitcal.model.linkage import COORDINATES
 from gaitcal.model.nominal import published_model
 from gaitcal.preprocess.preprocessed_study import preprocess_study
@@ -72,7 +77,7 @@ def test_no_landmark_of_sound_people_is_accused(people: People) -> None:
     for name, (p, height) in people.items():
         assert list(faults(p, height)) == [], name
         assert height_factor(p, height) == 1.0
-        assert max(abs(m.z) for m in measures(p, height)) < 3.0, name
+        assert max(abs(m.z) for m in measure_landmarks(p, height)) < 3.0, name
 
 
 def test_a_foot_without_a_landmark_turns_nobody(people: People) -> None:
@@ -87,12 +92,12 @@ def test_a_foot_without_a_landmark_turns_nobody(people: People) -> None:
         some = {landmark: x for landmark, x in p.items() if landmark != lost}
         heel, toe = some[f"heel_{kept}"], some[f"toe_{kept}"]
         before, after = (
-            body_axes(some),
-            body_axes({**some, f"toe_{kept}": heel + outward @ (toe - heel)}),
+            compute_body_axes(some),
+            compute_body_axes({**some, f"toe_{kept}": heel + outward @ (toe - heel)}),
         )
         assert before is not None and after is not None
         assert np.allclose(before, after)
-        assert before[:, 0] @ body_axes(p)[:, 0] > np.cos(np.deg2rad(6.0))  # type: ignore[index]
+        assert before[:, 0] @ compute_body_axes(p)[:, 0] > np.cos(np.deg2rad(6.0))  # type: ignore[index]
 
 
 @pytest.mark.parametrize("lost", ["L.Toe.Tip", "R.Heel", "R.Knee.Lat", "L.ASIS"])
@@ -297,7 +302,9 @@ def test_somebody_who_is_built_otherwise_is_not_accused(seed: int, tmp_path: Pat
     (static,) = preprocess_study(study).trials
     assert list(proportions(static)) == []
     p, height = landmarks(static), study.subject.height
-    assert cost_of_build(p, height) < 0.8 * cost(measures(p, height))
+    assert compute_build_cost(p, height) < 0.8 * sum_squared_deviations(
+        measure_landmarks(p, height)
+    )
 
 
 def test_the_cost_of_build_is_the_least_of_turns_and_shifts(sound: Study) -> None:
@@ -305,11 +312,11 @@ def test_the_cost_of_build_is_the_least_of_turns_and_shifts(sound: Study) -> Non
     rng = np.random.default_rng(3)
     standing, height = body(sound)
     p = {name: point + 0.01 * rng.normal(size=3) for name, point in standing.items()}
-    z = np.array([m.z for m in measures(p, height)])
+    z = np.array([m.z for m in measure_landmarks(p, height)])
     columns = [
-        (np.array([m.z for m in measures(q, height)]) - z) * scale
-        for q, scale in body_build.moved(p)
+        (np.array([m.z for m in measure_landmarks(q, height)]) - z) * scale
+        for q, scale in body_build.move_joints(p)
     ]
     stacked = np.vstack([np.stack(columns, axis=1), np.eye(len(columns))])
     least = np.linalg.lstsq(stacked, np.concatenate([z, np.zeros(len(columns))]), rcond=None)[1]
-    assert cost_of_build(p, height) == pytest.approx(float(least[0]), rel=1e-8)
+    assert compute_build_cost(p, height) == pytest.approx(float(least[0]), rel=1e-8)

@@ -267,7 +267,7 @@ def test_a_leg_that_markers_do_not_show_explains_what_it_does_afterwards() -> No
 def test_a_joint_that_lies_where_nobody_has_it_is_told_once() -> None:
     cause = "the right hip joint lies where fewer than 1 in 1000 people have one"
     place = found(Severity.WARNING, STUDY, cause, "r", topic=PLACES, code=Code.JOINT_PLACE)
-    words = "lies further from where the static trial has it than people do"
+    words = "is further from its position in the static trial than in people"
     hip, knee = (
         replace(place, topic="a", code=Code.JOINT_AT_BOUND, cause=f"{j} {words}")
         for j in ("hip_r", "knee_r")

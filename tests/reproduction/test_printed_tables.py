@@ -16,7 +16,7 @@ import pytest
 from gaitcal.calibration.inertial_calibration import RootEquations, fit_published
 from gaitcal.cli import montecarlo_command as command
 from gaitcal.cli.console import Console
-from gaitcal.model.linkage import COORDINATES, segment_kind
+from gaitcal.model.linkage import COORDINATES, get_segment
 from gaitcal.model.parameters import (
     IP_INDEX,
     IP_NAMES,
@@ -24,10 +24,10 @@ from gaitcal.model.parameters import (
     JP_TO_SI,
     MASSIVE_SEGMENTS,
     Parameters,
-    dynamic_jacobian,
-    leg_parameters,
-    published_subject,
-    symmetric_set,
+    compute_dynamic_jacobian,
+    list_leg_parameters,
+    make_symmetric_set,
+    read_published_parameters,
 )
 from gaitcal.montecarlo.protocol import (
     PROBLEMS,
@@ -319,7 +319,12 @@ def test_exact_without_noise(clean: SeedResult, problem: str) -> None:
 
 def test_problems_are_the_published_ones(clean: SeedResult) -> None:
     assert [len(free_parameters(p)) for p in PROBLEMS] == [6, 9, 12, 17]
-    assert [len(clean.joints[p].names) for p in PROBLEMS] == [6, 9, 12, len(leg_parameters("l"))]
+    assert [len(clean.joints[p].names) for p in PROBLEMS] == [
+        6,
+        9,
+        12,
+        len(list_leg_parameters("l")),
+    ]
     for problem in PROBLEMS:
         markers = synthetic_problem(problem, None)
         assert markers.data.measured.shape == (41, 3, 208 if problem == "full leg" else 1200)
@@ -373,22 +378,22 @@ def test_correct_seed_without_noise_is_exact_and_random_ones_leave_no_residual(
 def test_falling_penalty_keeps_the_fixed_points(equations: RootEquations) -> None:
     """Its solution is a fixed point of the published procedure: re-seeded there, nothing moves."""
     seed = random_seed(np.random.default_rng(1), with_held=False)
-    solution = fit_published(equations, seed, symmetric_set(), decay=0.1)
-    again = fit_published(equations, solution.inertial, symmetric_set())
+    solution = fit_published(equations, seed, make_symmetric_set(), decay=0.1)
+    again = fit_published(equations, solution.inertial, make_symmetric_set())
     assert again.seeds == 1
     assert again.inertial == pytest.approx(solution.inertial, rel=1e-9, abs=1e-12)
     assert solution.seeds > 2
 
 
 def test_pelvis_residual_sees_31_of_36_directions(equations: RootEquations) -> None:
-    which, truth = symmetric_set(), true_model().parameters.inertial
+    which, truth = make_symmetric_set(), true_model().parameters.inertial
     s = which.selection[
         :, [which.names.index(row.name) for row in table_four() if row.name != "foot.com.sup"]
     ]
     blocks = np.einsum(
         "rsd,sdk->rsk",
         equations.factor.reshape(-1, len(MASSIVE_SEGMENTS), 10),
-        dynamic_jacobian(truth),
+        compute_dynamic_jacobian(truth),
     )
     scaled = blocks.reshape(-1, len(IP_NAMES)) @ s * (s.T @ truth / (s * s).sum(axis=0))
     values = np.linalg.svd(scaled, compute_uv=False)
@@ -397,7 +402,7 @@ def test_pelvis_residual_sees_31_of_36_directions(equations: RootEquations) -> N
 
 @pytest.mark.parametrize("with_held", [False, True])
 def test_random_seeds(with_held: bool) -> None:
-    truth, which = true_model().parameters.inertial, symmetric_set()
+    truth, which = true_model().parameters.inertial, make_symmetric_set()
     seeds = np.array(
         [random_seed(np.random.default_rng(k), with_held=with_held) for k in range(200)]
     )
@@ -465,7 +470,7 @@ def test_table_two_gives_table_one(problem: str) -> None:
 
 
 def test_table_four_gives_table_three() -> None:
-    which, truth = symmetric_set(), published_subject().inertial
+    which, truth = make_symmetric_set(), read_published_parameters().inertial
     printed = {r.name: r.correct_seed for r in table_four()}
     assert printed.keys() <= {*which.names, "foot.com.sup"}
     found = truth + IP_TO_SI * (
@@ -473,7 +478,7 @@ def test_table_four_gives_table_three() -> None:
     )
     errors = inertial_rms(found, truth)
     segments = {name.split(".")[0] for name in printed}  # the mean is taken over these alone
-    share = np.sqrt(np.mean([segment_kind(s).name in segments for s in MASSIVE_SEGMENTS]))
+    share = np.sqrt(np.mean([get_segment(s).name in segments for s in MASSIVE_SEGMENTS]))
     _, _, inertia, mass, centre = table_three("synthetic_with_noise_correct_seed")
     assert errors.inertia == pytest.approx(share * inertia, rel=2e-3)
     assert errors.mass == pytest.approx(share * mass, abs=ROUNDING)
@@ -485,10 +490,10 @@ def test_table_four_gives_table_three() -> None:
 
 
 def test_errors_are_found_minus_true_in_printed_units() -> None:
-    truth = published_subject()
+    truth = read_published_parameters()
     found = Parameters(truth.joint + JP_TO_SI, truth.inertial, truth.zero_angles)
-    assert joint_errors(found, truth, leg_parameters("l")) == pytest.approx(
-        np.ones(len(leg_parameters("l")))
+    assert joint_errors(found, truth, list_leg_parameters("l")) == pytest.approx(
+        np.ones(len(list_leg_parameters("l")))
     )
     one = truth.inertial.copy()
     one[IP_NAMES.index("foot_l.com.sup")] += 3e-3

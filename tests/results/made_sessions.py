@@ -9,7 +9,7 @@ import pandas as pd
 
 from gaitcal.arrays import Array
 from gaitcal.calibration.error_sources import ErrorSources
-from gaitcal.calibration.joint_prior import prior_deviations, prior_root
+from gaitcal.calibration.joint_prior import factor_prior, get_prior_deviations
 from gaitcal.gait.cycles import CYCLE_COLUMNS, POINTS
 from gaitcal.model.nominal import published_model
 from gaitcal.results.session_difference import placement
@@ -88,9 +88,9 @@ def made_session(
 
 def made_influence(rng: np.random.Generator) -> ErrorSources:
     """Three columns of markers, and half of each cause of nominal errors."""
-    markers = rng.normal(0.0, 1.0, (len(NAMES), 3)) * prior_deviations(NAMES)[:, None] / 5.0
+    markers = rng.normal(0.0, 1.0, (len(NAMES), 3)) * get_prior_deviations(NAMES)[:, None] / 5.0
     clusters = (*(f"markers/walk/{k}" for k in range(3)), *(f"nominal/{name}" for name in NAMES))
-    return ErrorSources(NAMES, np.hstack([markers, 0.5 * prior_root(NAMES, None)]), clusters)
+    return ErrorSources(NAMES, np.hstack([markers, 0.5 * factor_prior(NAMES, None)]), clusters)
 
 
 def placed_anew() -> Array:

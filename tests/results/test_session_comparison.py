@@ -7,7 +7,7 @@ import pytest
 from scipy.stats import t as student
 
 from gaitcal.calibration.error_sources import ErrorSources
-from gaitcal.calibration.joint_prior import prior_of, prior_of_study, prior_root
+from gaitcal.calibration.joint_prior import factor_prior, make_study_prior, select_prior
 from gaitcal.errors import InputError
 from gaitcal.export.opensim.model_comparison import ComparisonRow, osim_words
 from gaitcal.model.parameters import JP_INDEX
@@ -108,10 +108,10 @@ def test_of_nominal_errors_the_persons_own_part_counts_once() -> None:
     """Errors K d of d ~ N(m0, P0), of which two static trials have P0 - Q in common: K F are
     columns of causes.
     """
-    rng, (_, spread) = np.random.default_rng(5), prior_of(NAMES, None)
+    rng, (_, spread) = np.random.default_rng(5), select_prior(NAMES, None)
     clusters = tuple(f"nominal/{name}" for name in NAMES)
     parts = [rng.normal(size=(len(NAMES), len(NAMES))) for _ in range(2)]
-    one, other = (ErrorSources(NAMES, part @ prior_root(NAMES, None), clusters) for part in parts)
+    one, other = (ErrorSources(NAMES, part @ factor_prior(NAMES, None), clusters) for part in parts)
     own, apart = spread - placed_anew(), parts[1] - parts[0]
     wanted = np.diag(apart @ own @ apart.T) + 2.0 * placement(NAMES) ** 2
     assert difference_variance((one, other), NAMES, Common.PERSON) == pytest.approx(
@@ -130,7 +130,7 @@ def test_markers_move_the_place_of_a_bone_end_and_leave_its_two_views_as_far_apa
     assert own_causes(NAMES[:2], None) == pytest.approx(
         np.diag([np.sqrt(1.0 - (6.0 / 12.0) ** 2), 1.0]), abs=1e-12
     )
-    narrow = prior_of_study({name: ParameterPriorTable(deviation=1.0) for name in NAMES[:2]})
+    narrow = make_study_prior({name: ParameterPriorTable(deviation=1.0) for name in NAMES[:2]})
     values = np.linalg.eigvalsh(own_causes(NAMES[:2], narrow))
     assert values[0] == pytest.approx(0.0, abs=1e-7) and values[1] <= 1.0, (
         "markers are not put better than is known"

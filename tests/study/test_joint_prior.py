@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from gaitcal.calibration.joint_prior import COVARIANCE, MEAN, prior_of, prior_of_study
+from gaitcal.calibration.joint_prior import COVARIANCE, MEAN, make_study_prior, select_prior
 from gaitcal.model.parameters import JP_INDEX, JP_NAMES
 from gaitcal.study.cohort_prior import JointPrior
 from gaitcal.study.settings import CalibrationSettings, ParameterPriorTable
@@ -25,11 +25,11 @@ def said(**tables: dict[str, float]) -> JointPrior:
         name.replace("__", "."): ParameterPriorTable.model_validate(table)
         for name, table in tables.items()
     }
-    return prior_of_study(told)
+    return make_study_prior(told)
 
 
 def test_nothing_said_is_anatomy() -> None:
-    prior = prior_of_study({})
+    prior = make_study_prior({})
     assert prior.names == JP_NAMES and not prior.held_near(JP_NAMES)
     np.testing.assert_array_equal(prior.mean, MEAN)
     np.testing.assert_array_equal(prior.covariance, COVARIANCE)
@@ -39,7 +39,7 @@ def test_means_and_deviations_change_and_correlations_stay() -> None:
     prior = said(
         hip__pelvis__ant={"mean": -7.0, "deviation": 6.0}, hip__thigh__ant={"deviation": 3.0}
     )
-    mean, covariance = prior_of(HIPS, prior)
+    mean, covariance = select_prior(HIPS, prior)
     np.testing.assert_allclose(mean, [-0.007, 0.0])
     np.testing.assert_allclose(np.sqrt(np.diag(covariance)), [0.006, 0.003])
     correlation = 12.0 / np.hypot(12.0, 4.0)  # by the table: 12 mm, 4 mm apart
@@ -77,12 +77,12 @@ def test_a_cohort_comes_before_the_study_file() -> None:
         "hip.pelvis.ant": ParameterPriorTable(mean=9.0),
         "hip.thigh.ant": ParameterPriorTable(mean=5.0),
     }
-    prior = prior_of_study(told, learnt)
-    mean, covariance = prior_of(HIPS, prior)
+    prior = make_study_prior(told, learnt)
+    mean, covariance = select_prior(HIPS, prior)
     np.testing.assert_allclose(mean, [0.002, 0.005])
     np.testing.assert_allclose(covariance, np.diag([1e-6, 160e-6]))
     assert prior.held_near(HIPS) == "what the cohort has" and prior.notes[1:] == ("lean",)
-    assert prior.notes[0] == "the study file says what to expect of hip.pelvis.ant, hip.thigh.ant"
+    assert prior.notes[0] == "priors from the study file: hip.pelvis.ant, hip.thigh.ant"
     assert prior.held_near(HIPS[1:]) == "what the study file expects"
 
 

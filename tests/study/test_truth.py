@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 
 from gaitcal.dynamics.inverse_dynamics import FORCES
-from gaitcal.model.landmarks import static_posture
+from gaitcal.model.landmarks import measure_static_posture
 from gaitcal.model.linkage import COORDINATES, REACTIONS
 from gaitcal.model.marker_set import load_marker_set
 from gaitcal.model.parameters import JP_NAMES
-from gaitcal.model.rotations import axis_rotation
+from gaitcal.model.rotations import make_axis_rotation
 from gaitcal.study.declared_truth import (
     Truth,
     landmarks_text,
@@ -231,11 +231,11 @@ def test_landmarks_tell_the_static_trial_and_the_marker_set() -> None:
     another set is not.
     """
     marker_set, static = load_marker_set("published"), made_recording(static_motion(), static=True)
-    told = static_posture(static, marker_set, slice(0, 10)).landmarks
+    told = measure_static_posture(static, marker_set, slice(0, 10)).landmarks
     assert other_landmarks(told, static, marker_set) is None
     quarter = static.markers[:, :, [2, 1, 0]] * [1.0, 1.0, -1.0] + [0.3, 0.02, -2.0]
     assert other_landmarks(told, replace(static, markers=quarter), marker_set) is None
-    tilted = static.markers @ axis_rotation(0, np.deg2rad(3.0)).T
+    tilted = static.markers @ make_axis_rotation(0, np.deg2rad(3.0)).T
     moved = static.markers.copy()
     moved[:, static.labels.index(marker_set.landmarks["heel_r"][0])] += [0.0, 0.0, 0.001]
     for markers in (tilted, moved):

@@ -20,8 +20,8 @@ from gaitcal.model.parameters import (
     MASSIVE_SEGMENTS,
     ParameterKind,
     is_physical,
-    published_subject,
-    table,
+    read_published_parameters,
+    view_as_table,
 )
 from gaitcal.model.segment_frames import Frame, HipCentre
 from gaitcal.study.study import Study
@@ -54,7 +54,7 @@ def test_a_linkage_told_in_its_own_frames_is_itself() -> None:
 
 def test_bodies_told_in_other_frames_are_the_same_bodies() -> None:
     rng = np.random.default_rng(2)
-    inertial = published_subject().inertial
+    inertial = read_published_parameters().inertial
 
     def frames() -> dict[str, Frame]:
         return {
@@ -63,7 +63,10 @@ def test_bodies_told_in_other_frames_are_the_same_bodies() -> None:
         }
 
     one, other = frames(), frames()
-    before, after = table(inertial), table(inertial_parameters_in(inertial, one, other))
+    before, after = (
+        view_as_table(inertial),
+        view_as_table(inertial_parameters_in(inertial, one, other)),
+    )
     for k, segment in enumerate(MASSIVE_SEGMENTS):
         assert after[k, 0] == before[k, 0]
         np.testing.assert_allclose(
@@ -75,7 +78,7 @@ def test_bodies_told_in_other_frames_are_the_same_bodies() -> None:
 
 
 def test_a_drawn_person_is_within_the_published_bounds() -> None:
-    nominal = published_subject()
+    nominal = read_published_parameters()
     people = [synthetic_model(np.random.default_rng(seed), perturb=True) for seed in range(20)]
     joint = np.array([(p.parameters.joint - nominal.joint) / JP_TO_SI for p in people])
     positions = np.array([p.kind is ParameterKind.POSITION for p in JOINT_PARAMETERS])

@@ -7,14 +7,17 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from gaitcal.calibration.error_sources import coordinate_variances, marker_moves
-from gaitcal.calibration.joint_estimate import free_of
+from gaitcal.calibration.error_sources import (
+    compute_coordinate_variances,
+    compute_motion_sensitivity,
+)
+from gaitcal.calibration.joint_estimate import select_movable_parameters
 from gaitcal.dynamics.measurement_errors import ErrorSource
 from gaitcal.io.recording import Recording
-from gaitcal.model.linkage import LUMBAR, MARKED_SEGMENTS, coordinates_before
+from gaitcal.model.linkage import LUMBAR, MARKED_SEGMENTS, list_joint_coordinates
 from gaitcal.model.nominal import published_model
 from gaitcal.model.parameters import JP_NAMES
-from gaitcal.model.rotations import axis_rotation
+from gaitcal.model.rotations import make_axis_rotation
 from gaitcal.synthetic.synthetic_motion import gait_motion
 from gaitcal.tracking.coordinate_prior import (
     DEVIATION,
@@ -169,7 +172,7 @@ SEGMENT = dict(zip(MODEL.markers.labels, MODEL.markers.segments, strict=True))
 TRUNK = tuple(label for label, s in SEGMENT.items() if s == "head_trunk")
 ARMS = tuple(label for label, s in SEGMENT.items() if "arm" in s)
 ARM_ANGLES = {f"{name}_{side}" for name in ("arm_flex", "arm_add", "elbow_flex") for side in "rl"}
-UNSEEN = coordinates_before(s for s in MARKED_SEGMENTS if s not in SEGMENT.values())
+UNSEEN = list_joint_coordinates(s for s in MARKED_SEGMENTS if s not in SEGMENT.values())
 UPRIGHT_DEG = 0.1
 """A spline's fit of the pelvis's swing."""
 FOLLOWED_RAD = 0.02
@@ -236,8 +239,13 @@ def test_a_segment_of_one_marker_or_none_is_asked_too(walk: Recording, kept: int
         <= set(problem.guessed)
         <= {"subtalar_angle_r", "ankle_angle_r", *UNSEEN}
     )
-    assert not any(n.startswith("subtalar_r") for n in free_of([problem], JP_NAMES))
-    assert any(n.startswith("subtalar_r") for n in free_of([problem, problem_of(walk)], JP_NAMES))
+    assert not any(
+        n.startswith("subtalar_r") for n in select_movable_parameters([problem], JP_NAMES)
+    )
+    assert any(
+        n.startswith("subtalar_r")
+        for n in select_movable_parameters([problem, problem_of(walk)], JP_NAMES)
+    )
 
 
 def _axes(motion: Motion) -> Array:
@@ -247,7 +255,10 @@ def _axes(motion: Motion) -> Array:
     def turn(a: str, b: str, c: str) -> Array:
         angles = zip(q[a], q[b], q[c], strict=True)
         return np.array(
-            [axis_rotation(2, x) @ axis_rotation(0, y) @ axis_rotation(1, z) for x, y, z in angles]
+            [
+                make_axis_rotation(2, x) @ make_axis_rotation(0, y) @ make_axis_rotation(1, z)
+                for x, y, z in angles
+            ]
         )
 
     return turn("pelvis_tilt", "pelvis_list", "pelvis_rotation") @ turn(*LUMBAR)
@@ -284,24 +295,26 @@ def test_it_turns_with_the_way_and_not_with_the_pelvis() -> None:
 def test_its_uncertainty_is_that_of_the_prior(walk: Recording) -> None:
     problem = problem_of(hidden(walk, *TRUNK, *ARMS))
     motion = tracked_motion(problem, MODEL.parameters)
-    moves = marker_moves(problem, motion.coefficients, MODEL.parameters, None)
-    at = [k for k, source in enumerate(moves.own) if source is ErrorSource.POSTURE]
+    moves = compute_motion_sensitivity(problem, motion.coefficients, MODEL.parameters, None)
+    at = [k for k, source in enumerate(moves.trial_sources) if source is ErrorSource.POSTURE]
     moves = replace(
-        moves, coefficients=moves.coefficients[:, at], own=(ErrorSource.POSTURE,) * len(at)
+        moves,
+        coefficients=moves.coefficients[:, at],
+        trial_sources=(ErrorSource.POSTURE,) * len(at),
     )
-    variance, _ = coordinate_variances(problem, moves)
+    variance, _ = compute_coordinate_variances(problem, moves)
     for k, name in enumerate(motion.coordinates):
         expected = DEVIATION.get(name, 0.0) if name in problem.guessed else 0.0
         np.testing.assert_allclose(
             np.rad2deg(np.sqrt(variance[:, k])), expected, atol=1e-3, err_msg=name
         )
     twice = 2.0 * np.eye(len(motion.coordinates))[None, :2].repeat(len(motion.q), axis=0)
-    more = coordinate_variances(problem, moves, twice)[0]
+    more = compute_coordinate_variances(problem, moves, twice)[0]
     np.testing.assert_allclose(
         more[:, -2:], 4.0 * variance[:, :2], rtol=1e-9, err_msg="what depends on coordinates"
     )
     whole = problem_of(walk)
-    seen = marker_moves(
+    seen = compute_motion_sensitivity(
         whole, tracked_motion(whole, MODEL.parameters).coefficients, MODEL.parameters, None
     )
-    assert (ErrorSource.POSTURE in seen.own) == bool(UNSEEN)
+    assert (ErrorSource.POSTURE in seen.trial_sources) == bool(UNSEEN)

@@ -10,9 +10,9 @@ from scipy.optimize import least_squares
 
 from gaitcal.arrays import Array
 from gaitcal.calibration.joint_calibration import JointSearch
-from gaitcal.model.chain import chain_of
+from gaitcal.model.chain import get_chain
 from gaitcal.model.linkage import JOINTS
-from gaitcal.model.parameters import JP_NAMES, published_subject
+from gaitcal.model.parameters import JP_NAMES, read_published_parameters
 from gaitcal.tracking.joint_floor import MOST_FRAMES, joint_floor
 from gaitcal.tracking.marker_residual import MarkerData, PlacedMarkers, marker_positions
 from gaitcal.tracking.motion import motion_of, rigid_floor, tracked_motion
@@ -56,9 +56,9 @@ def test_every_joint_finds_its_own_place() -> None:
     problem, _ = random_trial(
         np.random.default_rng(1), perturbed_parameters(np.random.default_rng(2))
     )
-    start = tracked_motion(problem, published_subject())
+    start = tracked_motion(problem, read_published_parameters())
     assert (start.errors.rms() or 0.0) > 100 * EXACT
-    floor = joint_floor(problem, published_subject(), start.q)
+    floor = joint_floor(problem, read_published_parameters(), start.q)
     sides = [
         f"{joint}_{side}"
         for joint in ("hip", "knee", "ankle", "shoulder", "elbow")
@@ -132,7 +132,7 @@ def test_one_joint_is_its_own_least_squares(joint: str) -> None:
     )
     problem = noisy(problem, np.random.default_rng(6), 0.003)
     floor = joint_floor(problem, true, problem.basis.evaluate(coefficients))
-    chain = chain_of(segments[0], segments, JP_NAMES)
+    chain = get_chain(segments[0], segments, JP_NAMES)
     q = problem.basis.evaluate(coefficients)
     kept = problem.data.weight > 0
 
@@ -160,7 +160,7 @@ def test_a_marker_shares_its_weight_among_its_joints() -> None:
         problem.basis.evaluate(coefficients),
     )
     floor = joint_floor(problem, parameters, q)
-    chain = chain_of("pelvis", ("pelvis", "thigh_r"))
+    chain = get_chain("pelvis", ("pelvis", "thigh_r"))
     kept = np.array([problem.chain.segments[s] in chain.segments for s in problem.data.segment])
     data = problem.data
     placed = PlacedMarkers(np.minimum(data.segment[kept], 1), data.local[kept])

@@ -7,7 +7,7 @@ import pinocchio as pin
 import pytest
 
 from gaitcal.model.chain import build_linkage
-from gaitcal.model.parameters import JP_INDEX, gait_parameters, isolated_parameters
+from gaitcal.model.parameters import JP_INDEX, list_gait_parameters, list_isolated_parameters
 from gaitcal.tracking.banded import ArrowEquations, BandFactor, NormalEquations, SharedPrior
 from gaitcal.tracking.marker_residual import frame_equations
 from gaitcal.tracking.trial_problem import MotionProblem
@@ -38,7 +38,7 @@ def test_normal_equations_are_those_of_the_residual() -> None:
     parameters = perturbed_parameters(rng)
     segments = ("pelvis", "thigh_r", "shank_r", "talus_r", "foot_r")
     problem, true = random_trial(
-        rng, parameters, free=gait_parameters("r"), frames=30, nodes=7, segments=segments
+        rng, parameters, free=list_gait_parameters("r"), frames=30, nodes=7, segments=segments
     )
     problem = with_gaps(problem, rng)
     coefficients = true + rng.normal(0, 0.02, true.shape)
@@ -72,7 +72,7 @@ def test_normal_equations_are_those_of_the_residual() -> None:
 def test_frame_hessian_is_the_mass_matrix_of_markers_as_point_masses() -> None:
     rng = np.random.default_rng(5)
     parameters = perturbed_parameters(rng)
-    free = (*gait_parameters("r"), *isolated_parameters("ankle_l"))
+    free = (*list_gait_parameters("r"), *list_isolated_parameters("ankle_l"))
     problem, true = random_trial(rng, parameters, free=free, frames=12, nodes=6)
     linkage = build_linkage(parameters, problem.chain.free)
     for joint in range(1, linkage.model.njoints):

@@ -10,12 +10,12 @@ import pytest
 
 from gaitcal.calibration.error_sources import ErrorSources
 from gaitcal.calibration.joint_estimate import Tasks, estimate_joints
-from gaitcal.calibration.joint_prior import prior_of
+from gaitcal.calibration.joint_prior import select_prior
 from gaitcal.calibration.soft_tissue_artefact import (
     CUBE_SHARE,
     SECONDARY_SIZES,
     TissuePrior,
-    secondary_prior,
+    make_secondary_prior,
 )
 from gaitcal.model.kinematics import Kinematics
 from gaitcal.model.linkage import SECONDARY
@@ -248,7 +248,7 @@ def test_joints_are_found_where_the_knee_is_no_hinge() -> None:
     rng = np.random.default_rng(3)
     problem, true, _ = leg_trial(3, 240, 14)
     truth = perturbed_parameters(np.random.default_rng(3))
-    prior = secondary_prior([problem])
+    prior = make_secondary_prior([problem])
     sizes = dict(zip(prior.keys, np.sqrt(np.diag(prior.covariance)), strict=True))
     wanted = {
         f"gait/knee_angle_r/{bend}/knee_r.secondary.{name}": share * size
@@ -262,7 +262,7 @@ def test_joints_are_found_where_the_knee_is_no_hinge() -> None:
     free = tuple(
         n for n in JP_NAMES if n.split(".")[0] in ("hip_r", "knee_r", "talocrural_r", "subtalar_r")
     )
-    mean, covariance = prior_of(free, None)
+    mean, covariance = select_prior(free, None)
     index = [JP_INDEX[n] for n in free]
     start = truth.with_joint(free, truth.joint[index] - rng.multivariate_normal(mean, covariance))
     error, score = {}, {}
@@ -286,7 +286,7 @@ def test_a_hip_that_stays_and_a_knee_taken_for_a_hinge_move_the_fit_as_its_error
     """
     rng = np.random.default_rng(3)
     problem, true, _ = leg_trial(3, 120, 10)
-    truth, prior = perturbed_parameters(np.random.default_rng(3)), secondary_prior([problem])
+    truth, prior = perturbed_parameters(np.random.default_rng(3)), make_secondary_prior([problem])
     noise, sizes = (
         rng.normal(0, 0.002, problem.data.measured.shape),
         np.sqrt(np.diag(prior.covariance)),
@@ -308,7 +308,7 @@ def test_a_hip_that_stays_and_a_knee_taken_for_a_hinge_move_the_fit_as_its_error
         predicted = (
             rows[:, errors.clusters.index(f"nominal/{kept}")]
             if fits
-            else -here.by_tissue @ (z / sizes)
+            else -here.tissue_errors @ (z / sizes)
         )
         unit = np.array([errors.standard_errors[name] for name in (*free, *here.keys)])
         moved = there.values - here.values

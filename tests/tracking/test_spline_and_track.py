@@ -11,8 +11,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from gaitcal.model.chain import LinkageModel
-from gaitcal.model.parameters import gait_parameters
-from gaitcal.model.rotations import axis_rotation
+from gaitcal.model.parameters import list_gait_parameters
+from gaitcal.model.rotations import make_axis_rotation
 from gaitcal.tracking import motion
 from gaitcal.tracking.descent import DescentSettings
 from gaitcal.tracking.motion import track_nodes
@@ -94,7 +94,7 @@ def test_tracking_recovers_a_motion_exactly(zero: bool) -> None:
 @settings(max_examples=10)
 def test_any_heading_is_tracked(heading: float, seed: int) -> None:
     _, parameters, problem, _ = seeded_trial(seed, frames=50, nodes=8)
-    turn = axis_rotation(1, heading)
+    turn = make_axis_rotation(1, heading)
     turned = (
         np.einsum("ij,mjf->mif", turn, problem.data.measured)
         + np.array([3.0, 0.0, -2.0])[None, :, None]
@@ -108,7 +108,7 @@ def test_any_heading_is_tracked(heading: float, seed: int) -> None:
 def test_rigid_fit_finds_the_rigid_motion_and_says_where_it_cannot() -> None:
     rng = np.random.default_rng(11)
     local = rng.normal(0, 0.1, (5, 3))
-    rotation = axis_rotation(0, 0.4) @ axis_rotation(2, 1.1)
+    rotation = make_axis_rotation(0, 0.4) @ make_axis_rotation(2, 1.1)
     measured = (local @ rotation.T + [1.0, 2.0, 3.0])[:, :, None].repeat(3, axis=2)
     weight = np.ones((5, 3))
     weight[2:, 1] = 0.0
@@ -155,7 +155,9 @@ def test_the_curved_matrix_is_the_derivative_of_the_gradient() -> None:
 
 
 def test_free_joint_parameters_are_refused() -> None:
-    _, parameters, problem, true = seeded_trial(43, free=gait_parameters("r"), frames=25, nodes=7)
+    _, parameters, problem, true = seeded_trial(
+        43, free=list_gait_parameters("r"), frames=25, nodes=7
+    )
     with pytest.raises(ValueError, match="no joint parameter may be free"):
         problem.equations(true, problem.body(parameters), curved=True)
 

@@ -7,9 +7,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from gaitcal.model.kinematics import Kinematics, coordinate_axes
-from gaitcal.model.linkage import ISOLATED_JOINTS, joint_segments
-from gaitcal.model.parameters import published_subject
+from gaitcal.model.kinematics import Kinematics, compute_coordinate_axes
+from gaitcal.model.linkage import ISOLATED_JOINTS, list_joint_segments
+from gaitcal.model.parameters import read_published_parameters
 from gaitcal.tracking.marker_residual import MarkerData, PlacedMarkers, marker_positions
 from gaitcal.tracking.motion import track_nodes
 from gaitcal.tracking.rigid import SegmentMoments, rigid_fit
@@ -50,7 +50,7 @@ def test_all_segments_together_are_each_fitted_as_alone() -> None:
 @pytest.mark.parametrize("isolated", ISOLATED_JOINTS)
 def test_a_part_of_the_body_starts_where_its_rigid_segments_are(isolated: str) -> None:
     """Parts whose axes are all reversed on the left, and parts in which none is."""
-    segments = joint_segments(isolated)
+    segments = list_joint_segments(isolated)
     _, parameters, problem, true = seeded_trial(
         26, root=segments[0], segments=segments, frames=20, nodes=6
     )
@@ -134,12 +134,15 @@ def test_a_foot_of_two_markers_in_disorder_does_not_start_upside_down() -> None:
     turned over.
     """
     rng = np.random.default_rng(24)
-    parameters = published_subject()
+    parameters = read_published_parameters()
     problem, _ = random_trial(rng, parameters, frames=10, nodes=6)
     chain, body = problem.chain, problem.body(parameters)
     foot = chain.segments.index("foot_r")
     at_zero = np.zeros((1, len(chain.coordinates)))
-    placed, (_, points) = Kinematics(body, at_zero, columns=False), coordinate_axes(body, at_zero)
+    placed, (_, points) = (
+        Kinematics(body, at_zero, columns=False),
+        compute_coordinate_axes(body, at_zero),
+    )
     subtalar = points[0, chain.coordinates.index("subtalar_angle_r")]
     ankle = placed.axes[foot, :, :, 0] @ (subtalar - placed.origins[foot, :, 0])
     of_foot = np.flatnonzero(problem.data.segment == foot)

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from gaitcal.calibration.error_sources import nominal_errors
+from gaitcal.calibration.error_sources import make_nominal_errors
 from gaitcal.model.nominal import published_model
 from gaitcal.model.parameters import JP_INDEX, JP_NAMES
 from scripts.validation.harness import results
@@ -38,7 +38,7 @@ def _fit(name: str, outward: float, error: float = 0.002) -> Fit:
         nominal=nominal,
         parameters=replace(nominal.parameters, joint=joint),
         errors=np.full(len(JP_NAMES), error),
-        influence=nominal_errors(),
+        influence=make_nominal_errors(),
     )
 
 

@@ -6,8 +6,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from gaitcal.calibration.error_sources import nominal_errors
-from gaitcal.calibration.joint_prior import prior_deviations
+from gaitcal.calibration.error_sources import make_nominal_errors
+from gaitcal.calibration.joint_prior import get_prior_deviations
 from gaitcal.model.linkage import LEG_JOINTS
 from gaitcal.model.nominal import published_model
 from gaitcal.model.parameters import JOINT_PARAMETERS, JP_NAMES, ParameterKind
@@ -17,7 +17,7 @@ from scripts.validation.priors import Outcome, report
 
 def _fit(joint: np.ndarray) -> Fit:
     """Joint parameters with error bars as large as those of nominal ones."""
-    nominal, errors = published_model(), nominal_errors()
+    nominal, errors = published_model(), make_nominal_errors()
     bars = np.array([errors.standard_errors[name] for name in JP_NAMES])
     fitted = replace(nominal.parameters, joint=joint)
     return Fit(name="made up", nominal=nominal, parameters=fitted, errors=bars, influence=errors)
@@ -26,7 +26,7 @@ def _fit(joint: np.ndarray) -> Fit:
 def test_errors_and_bars() -> None:
     """A fit that halves the error of every parameter, with bars of twice the error that remains."""
     unit, third = (
-        prior_deviations(JP_NAMES),
+        get_prior_deviations(JP_NAMES),
         sum(name.startswith(LEG_JOINTS) for name in JP_NAMES) // 3,
     )
     outcomes = [

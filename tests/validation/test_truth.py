@@ -19,7 +19,7 @@ from gaitcal.export.opensim.peer_model import Axis, displacement_axis
 from gaitcal.io.recording import Recording
 from gaitcal.model.linkage import COORDINATES, NEEDED_JOINTS
 from gaitcal.model.nominal import published_model
-from gaitcal.model.parameters import JP_INDEX, JP_NAMES, JP_TO_SI, leg_parameters
+from gaitcal.model.parameters import JP_INDEX, JP_NAMES, JP_TO_SI, list_leg_parameters
 from gaitcal.model.segment_frames import HipCentre
 from gaitcal.study.study_trial import Role
 from gaitcal.synthetic.subject import synthetic_model, true_gait
@@ -92,7 +92,7 @@ def test_true_parameters_of_a_known_linkage() -> None:
         person = SimpleNamespace(centres=centres, proximal=axes, distal=axes)
         found = people.leg_parameters(person, frames, side)
         assert set(found) == {
-            name for name in leg_parameters(side) if name.startswith(NEEDED_JOINTS)
+            name for name in list_leg_parameters(side) if name.startswith(NEEDED_JOINTS)
         }
         for name, value in found.items():
             assert value == pytest.approx(parameters.joint[JP_INDEX[name]], abs=ROUNDING), name

@@ -42,7 +42,7 @@ import numpy as np
 import pinocchio as pin
 
 from gaitcal.arrays import Array
-from gaitcal.calibration.error_sources import ErrorSources, left_of_prior
+from gaitcal.calibration.error_sources import ErrorSources, compute_posterior_ratio
 from gaitcal.export.opensim import joint_moves, osim_registration
 from gaitcal.export.opensim.osim_correspondence import (
     LegJoint,
@@ -64,7 +64,7 @@ from gaitcal.export.opensim.osim_reader import (
 from gaitcal.export.opensim.peer_model import PeerModel
 from gaitcal.model.linkage import NEEDED_JOINTS, SIDES
 from gaitcal.model.marker_set import MarkerSet
-from gaitcal.model.parameters import JOINT_PARAMETERS, JP_INDEX, table
+from gaitcal.model.parameters import JOINT_PARAMETERS, JP_INDEX, view_as_table
 from gaitcal.model.subject_model import SubjectModel
 from gaitcal.runtime import with_one_blas_thread
 from gaitcal.study.cohort_prior import JointPrior
@@ -157,7 +157,7 @@ def into_osim(
         legs=legs,
         bodies=osim_registration.registrations(model, peer, legs),
         errors=errors,
-        known={leg.ours: left_of_prior(leg.ours, errors, prior) for leg in legs},
+        known={leg.ours: compute_posterior_ratio(leg.ours, errors, prior) for leg in legs},
         masses=masses,
         inertial=inertial,
         follow=follow,
@@ -199,7 +199,7 @@ class Transfer:
         """
         parameters = self.model.parameters
         if self.errors is not None:
-            own = self.errors.of(
+            own = self.errors.select(
                 [name for name in self.errors.free if name in JP_INDEX]
             )  # soft tissue is no joint
             at = [JP_INDEX[name] for name in own.free]
@@ -207,7 +207,7 @@ class Transfer:
             parameters = parameters.with_joint(own.free, parameters.joint[at] + moved)
         if self.masses and self.inertial is not None:
             inertial = np.full_like(parameters.inertial, -1.0)
-            while (table(inertial)[:, 0] <= 0.0).any():
+            while (view_as_table(inertial)[:, 0] <= 0.0).any():
                 inertial = parameters.inertial + self.inertial @ rng.normal(
                     size=self.inertial.shape[1]
                 )
@@ -440,7 +440,7 @@ class Transfer:
                     for x in (more, less)
                 ]
                 moves[:, k] = (ends[0] - ends[1]) / (2 * _STEP)
-            covariance = moves @ self.errors.of(told).covariance @ moves.T
+            covariance = moves @ self.errors.select(told).covariance @ moves.T
             shift, turn = shift + covariance[:3, :3], across @ turn @ across + covariance[3:, 3:]
         size = float(np.sqrt(np.trace(across @ shift @ across)))
         return size, float("nan") if joint.startswith("hip") else float(

@@ -34,7 +34,7 @@ from gaitcal.export.opensim.peer_model import (
     peer_leg,
 )
 from gaitcal.model.linkage import SIDES
-from gaitcal.model.parameters import MASSIVE_SEGMENTS, table
+from gaitcal.model.parameters import MASSIVE_SEGMENTS, view_as_table
 from gaitcal.model.subject_model import SubjectModel
 
 DIRECTIONS = ("ant", "sup", "lat")
@@ -200,7 +200,7 @@ def _mass_rows(model: SubjectModel, peer: PeerModel) -> list[ComparisonRow]:
             theirs[segment] = theirs.get(segment, 0.0) + mass
     if not theirs:
         return []
-    ours = dict(zip(MASSIVE_SEGMENTS, table(model.parameters.inertial)[:, 0], strict=True))
+    ours = dict(zip(MASSIVE_SEGMENTS, view_as_table(model.parameters.inertial)[:, 0], strict=True))
     titles = {segment: f"{segment} mass" for segment in MASSIVE_SEGMENTS}
     if "head_trunk" in theirs and not any(arm in theirs for arm in osim_correspondence.ARMS):
         titles["head_trunk"] = "head_trunk and arms mass"

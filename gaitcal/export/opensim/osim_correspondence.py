@@ -31,7 +31,7 @@ from gaitcal.export.opensim.peer_model import Axis, PeerJoint, PeerModel, displa
 from gaitcal.io.toml import Table, read_validated, require_known
 from gaitcal.model.linkage import COORDINATE_INDEX, NEEDED_JOINTS, SEGMENTS, SIDES
 from gaitcal.model.parameters import MASSIVE_SEGMENTS
-from gaitcal.model.rotations import axis_rotation
+from gaitcal.model.rotations import make_axis_rotation
 from gaitcal.synthetic.walk import gait_curves
 
 COORDINATE_OF = {
@@ -70,7 +70,9 @@ class Hinge:
     def pose(self, angle: float) -> pin.SE3:
         """Of the child in the parent."""
         return (
-            self.in_parent * pin.SE3(axis_rotation(2, angle), np.zeros(3)) * self.in_child.inverse()
+            self.in_parent
+            * pin.SE3(make_axis_rotation(2, angle), np.zeros(3))
+            * self.in_child.inverse()
         )
 
 
@@ -353,7 +355,7 @@ def put_hinge(leg: LegJoint, was: pin.SE3, target: Axis, standing: pin.SE3 | Non
         )
         new = Hinge(step * hinge.in_parent, other * hinge.in_child)
         turn = new.angle(standing) - hinge.angle(was)
-        back = pin.SE3(axis_rotation(2, -turn), np.array([0.0, 0.0, -new.slide(standing)]))
+        back = pin.SE3(make_axis_rotation(2, -turn), np.array([0.0, 0.0, -new.slide(standing)]))
         in_child = new.in_child * back * hinge.in_child.actInv(joint.in_child)
         old_axis, new_axis = hinge.in_child.rotation[:, 2], new.in_child.rotation[:, 2]
         turn_child = float(

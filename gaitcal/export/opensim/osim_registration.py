@@ -30,9 +30,9 @@ from gaitcal.export.opensim.osim_correspondence import (
     slides,
 )
 from gaitcal.export.opensim.peer_model import Axis, PeerModel
-from gaitcal.model.chain import LinkageModel, chain_of
+from gaitcal.model.chain import LinkageModel, get_chain
 from gaitcal.model.kinematics import Kinematics
-from gaitcal.model.linkage import HANGS_ON, JOINTS, LOWER_BODY
+from gaitcal.model.linkage import FOLLOWED_SEGMENT, JOINTS, LOWER_BODY
 from gaitcal.model.marker_set import MarkerSet
 from gaitcal.model.parameters import MASSIVE_SEGMENTS, Parameters
 from gaitcal.model.subject_model import MarkerPlacement, SubjectModel
@@ -121,7 +121,7 @@ def shared_markers(
         on = segment_of(carrier)
         if (
             slides(carrier)
-            or HANGS_ON.get(on or "", on) not in (segment, None)
+            or FOLLOWED_SEGMENT.get(on or "", on) not in (segment, None)
             or not peer.is_below(carrier, body)
         ):
             continue
@@ -350,7 +350,7 @@ def standing_segments(model: SubjectModel, parameters: Parameters) -> dict[str, 
     The linkage with these parameters, fitted to the markers where the nominal one in the static
     posture has them.
     """
-    chain = chain_of("pelvis", LOWER_BODY)
+    chain = get_chain("pelvis", LOWER_BODY)
     start = np.array([model.posture.get(name, 0.0) for name in chain.coordinates])
     at = [k for k, s in enumerate(model.markers.segments) if s in LOWER_BODY]
     of = [chain.segments.index(model.markers.segments[k]) for k in at]

@@ -39,7 +39,7 @@ import pinocchio as pin
 
 from gaitcal.arrays import Array
 from gaitcal.io.atomic import atomic_text
-from gaitcal.model.chain import HALF_TURNS, LinkageModel, chain_of
+from gaitcal.model.chain import HALF_TURNS, LinkageModel, get_chain
 from gaitcal.model.coordinates import COORDINATE_TABLE, TRANSLATION_RANGES, split_side
 from gaitcal.model.linkage import (
     COORDINATES,
@@ -49,10 +49,10 @@ from gaitcal.model.linkage import (
     Joint,
     Source,
     is_translation,
-    root_elements,
+    make_root_elements,
 )
-from gaitcal.model.parameters import MASSIVE_SEGMENTS, Parameters, table
-from gaitcal.model.rotations import axis_rotation
+from gaitcal.model.parameters import MASSIVE_SEGMENTS, Parameters, view_as_table
+from gaitcal.model.rotations import make_axis_rotation
 from gaitcal.model.subject_model import GRAVITY, SubjectModel
 
 GROUND = "ground"  # The laboratory: y up, x forward, z right
@@ -95,14 +95,14 @@ def joint_frames(parameters: Parameters) -> tuple[JointFrames, ...]:
 
     Each comes after the joint of its parent.
     """
-    root = Joint("ground_pelvis", GROUND, "pelvis", root_elements("pelvis"))
-    body = chain_of().body(parameters)
+    root = Joint("ground_pelvis", GROUND, "pelvis", make_root_elements("pelvis"))
+    body = get_chain().body(parameters)
     return tuple(_frames_in(body, joint) for joint in (root, *JOINTS))
 
 
 def frames_of(joint: Joint, parameters: Parameters) -> JointFrames:
     """Read one joint off the Pinocchio model."""
-    return _frames_in(chain_of(joint.parent, (joint.parent, joint.child)).body(parameters), joint)
+    return _frames_in(get_chain(joint.parent, (joint.parent, joint.child)).body(parameters), joint)
 
 
 def _frames_in(body: LinkageModel, joint: Joint) -> JointFrames:
@@ -137,14 +137,14 @@ def segment_inertia(parameters: Parameters, segment: str) -> SegmentInertia:
     """The inertia of one segment."""
     if segment not in MASSIVE_SEGMENTS:
         return SegmentInertia(0.0, np.zeros(3), np.zeros(3))
-    row = table(parameters.inertial)[MASSIVE_SEGMENTS.index(segment)]
+    row = view_as_table(parameters.inertial)[MASSIVE_SEGMENTS.index(segment)]
     return SegmentInertia(float(row[0]), row[1:4], row[4:7])
 
 
 def body_fixed_xyz(rotation: Array) -> Array:
     """(3,) rad: a, b, c of R = Rx(a) Ry(b) Rz(c), as in OpenSim's `orientation`."""
     a = np.arctan2(-rotation[1, 2], rotation[2, 2])
-    rest = axis_rotation(0, -float(a)) @ rotation
+    rest = make_axis_rotation(0, -float(a)) @ rotation
     return np.array([a, np.arctan2(rest[0, 2], rest[2, 2]), np.arctan2(rest[1, 0], rest[1, 1])])
 
 
@@ -156,7 +156,7 @@ def space_fixed_xyz(rotation: Array) -> Array:
 def from_body_fixed_xyz(angles: Array) -> Array:
     """(3, 3) rotation Rx(a) Ry(b) Rz(c)."""
     a, b, c = (float(angle) for angle in angles)
-    rotation: Array = axis_rotation(0, a) @ axis_rotation(1, b) @ axis_rotation(2, c)
+    rotation: Array = make_axis_rotation(0, a) @ make_axis_rotation(1, b) @ make_axis_rotation(2, c)
     return rotation
 
 

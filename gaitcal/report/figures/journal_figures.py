@@ -346,7 +346,7 @@ def _force_unit(convention: Convention, subject: Subject) -> tuple[float, str]:
 def _label(variable: str, convention: Convention, subject: Subject) -> str:
     """Unit, and what is positive."""
     kind, moment = kind_of(variable), convention.unit.key.replace("Nm", "N·m").replace("*", "·")
-    if kind is CurveKind.MOMENT and coordinates.senses_of(coordinate_of(variable)) is None:
+    if kind is CurveKind.MOMENT and coordinates.get_senses(coordinate_of(variable)) is None:
         return moment
     whose = f"{convention.acting.key}, " if kind is CurveKind.MOMENT else ""
     force = _force_unit(convention, subject)[1]

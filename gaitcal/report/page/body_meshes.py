@@ -16,7 +16,7 @@ from pathlib import Path
 import numpy as np
 
 from gaitcal.arrays import Array, IntArray
-from gaitcal.model.kinematics import body_poses
+from gaitcal.model.kinematics import compute_body_poses
 from gaitcal.model.linkage import COORDINATES, SIDES
 from gaitcal.model.parameters import Parameters
 from gaitcal.model.subject_model import SubjectModel
@@ -245,7 +245,7 @@ def upright_poses(parameters: Parameters) -> tuple[dict[str, Array], dict[str, A
     """Segment -> (3, 3) rotation from laboratory to segment, and (3,) m origin; all coordinates
     zero.
     """
-    axes, origins = body_poses(parameters, np.zeros((1, len(COORDINATES))))
+    axes, origins = compute_body_poses(parameters, np.zeros((1, len(COORDINATES))))
     return {s: x[..., 0] for s, x in axes.items()}, {s: x[..., 0] for s, x in origins.items()}
 
 

@@ -384,7 +384,7 @@ class PersonLandmarks:
 def person_landmarks(model: SubjectModel) -> PersonLandmarks:
     """The targets of a person's bones."""
     fitted = model.parameters
-    radius = JointWidths.of(model.subject).marker_radius
+    radius = JointWidths.from_subject(model.subject).marker_radius
     lumbar = fitted.centre("back", "head_trunk")
     points = {f"pelvis/hip_{side}": fitted.centre(f"hip_{side}", "pelvis") for side in SIDES}
     points["pelvis/asis"] = np.array(
@@ -424,12 +424,12 @@ def _markers(model: SubjectModel, segment: str, joint: str) -> tuple[Array | Non
     whether both markers tell; the middle (3,) m None where no marker does, the half (3,) m from
     there to the lateral end.
     """
-    side, widths = segment[-1], JointWidths.of(model.subject)
+    side, widths = segment[-1], JointWidths.from_subject(model.subject)
     lateral, medial = (_known(model, f"{joint}_{end}_{side}", segment) for end in ("lat", "med"))
     middle = _known(model, f"{joint[0]}jc_{side}", segment)
     outwards = np.array([0.0, 0.0, 1.0 if side == "r" else -1.0])
     half, both = (
-        widths.inwards(joint, side) - widths.marker_radius,
+        widths.compute_inset(joint, side) - widths.marker_radius,
         lateral is not None and medial is not None,
     )
     if lateral is not None and medial is not None:

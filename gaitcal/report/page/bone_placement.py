@@ -1,7 +1,7 @@
 """Bones laid over a person's landmarks.
 
 For every bone an affine map from its own frame to a segment's. With y the direction between the two
-ends of a bone, z to its right across y (`segment_frames.frame_yz`), R the axes in the bone and R'
+ends of a bone, z to its right across y (`segment_frames.build_frame`), R the axes in the bone and R'
 those in the person, and b, b' the lower ends,
 
     p' = b' + R' diag(l, l, w) R^T (p - b),      l = ratio of the lengths, w = ratio of the widths across y.
@@ -34,7 +34,7 @@ import numpy as np
 from gaitcal.arrays import Array
 from gaitcal.errors import Code, InputError
 from gaitcal.model.linkage import SIDES
-from gaitcal.model.segment_frames import frame_yz, unit
+from gaitcal.model.segment_frames import build_frame, normalise
 from gaitcal.report.page import bone_files, bone_landmarks, scene
 from gaitcal.report.page.body_meshes import FOOT_OF_HEIGHT, FittedMesh, Mesh
 
@@ -126,7 +126,7 @@ def _between(bone: _Ends, person: _Ends) -> Array:
     frames, lengths, widths = [], [], []
     for ends in (bone, person):
         along = ends.upper - ends.lower
-        frame = frame_yz(ends.lower, unit(along), ends.right)
+        frame = build_frame(ends.lower, normalise(along), ends.right)
         frames.append(frame.rotation)
         lengths.append(float(np.linalg.norm(along)))
         widths.append(float(abs(ends.right @ frame.rotation[:, 2])))
@@ -205,8 +205,8 @@ def _place_of_pelvis(bones: Landmarked, person: bone_landmarks.PersonLandmarks) 
         of_bone.append(bone.psis * flat - socket)
         of_person.append(person.point("pelvis", "psis") - middle)
     else:  # across the two others, as long as mid-hip to mid-ASIS makes it
-        of_bone.append(np.cross(unit(of_bone[0]), of_bone[1]))
-        of_person.append(np.cross(unit(of_person[0]), of_person[1]))
+        of_bone.append(np.cross(normalise(of_bone[0]), of_bone[1]))
+        of_person.append(np.cross(normalise(of_person[0]), of_person[1]))
     turn = np.column_stack(of_person) @ np.linalg.inv(np.column_stack(of_bone))
     return np.column_stack([turn, middle - turn @ socket])
 
@@ -226,7 +226,7 @@ def _place_of_foot(
     length = apart if apart > _TOE_TIP_OF_HEIGHT * height else apart / _HEAD_OF_METATARSAL
     if not _ALLOWED_FOOT[0] * expected <= length <= _ALLOWED_FOOT[1] * expected:
         length = expected
-    turn = frame_yz(np.zeros(3), up, np.cross(np.array([1.0, 0.0, 0.0]), up)).rotation
+    turn = build_frame(np.zeros(3), up, np.cross(np.array([1.0, 0.0, 0.0]), up)).rotation
     scaled = turn * (length / bones.foot_length)
     return np.column_stack(
         [scaled, person.point(segment, "ankle") - scaled @ (TALUS_IN_FOOT * MIRROR[side])]
@@ -249,9 +249,9 @@ def _place_of_head(skull: Array, trunk: Array, vertex: Array) -> Array:
     alike in all axes.
     """
     root = np.array([0.0, SHOULDER_IN_TRUNK[1] + 0.04, 0.0])
-    rise = float((vertex - apply(trunk, root)) @ unit(trunk[:, 1]))
+    rise = float((vertex - apply(trunk, root)) @ normalise(trunk[:, 1]))
     scale = rise / float(skull[:, 1].max() - root[1])
-    turn = np.column_stack([unit(trunk[:, k]) for k in range(3)]) * scale
+    turn = np.column_stack([normalise(trunk[:, k]) for k in range(3)]) * scale
     return np.column_stack([turn, apply(trunk, root) - turn @ root])
 
 
@@ -435,7 +435,7 @@ def knee_axes(
                 ),
                 centres=centres,
                 radii=radii,
-                across=unit(place[:, 2]),
+                across=normalise(place[:, 2]),
             )
         )
     return tuple(out)

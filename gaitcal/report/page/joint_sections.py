@@ -308,7 +308,7 @@ def _curve_errors(curves: Iterable[CurveTruth | None]) -> list[tuple[str, str, E
             base, side = coordinates.split_side(curve.name)
             out.append(
                 (
-                    coordinates.coordinate_words(base).title,
+                    coordinates.describe_coordinate(base).title,
                     side,
                     (curve.nominal_rms, curve.rms, within),
                 )

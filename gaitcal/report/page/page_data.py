@@ -249,7 +249,7 @@ def person_facts(subject: Subject) -> tuple[tuple[str, str], ...]:
     """
     record = subject.record
     age = "not told" if subject.age is None else f"{subject.age:.1f} years"
-    adults = anthropometry.looks_like_child(subject)
+    adults = anthropometry.is_probably_child(subject)
     facts = (
         ("Name or code", subject.name),
         (

@@ -27,9 +27,9 @@ from gaitcal.dynamics.ground_reactions import GroundReactions
 from gaitcal.export.opensim.osim_writer import frames_of
 from gaitcal.io.force_plate import LOADED_N, centre_on_ground
 from gaitcal.io.recording import Recording
-from gaitcal.model.chain import chain_of
+from gaitcal.model.chain import get_chain
 from gaitcal.model.kinematics import Kinematics
-from gaitcal.model.linkage import JOINTS, SEGMENTS, Joint, segment_kind
+from gaitcal.model.linkage import JOINTS, SEGMENTS, Joint, get_segment
 from gaitcal.model.parameters import JOINT_PARAMETERS, JP_INDEX, Parameters
 from gaitcal.model.subject_model import SubjectModel
 from gaitcal.report.page import body_meshes, bone_landmarks
@@ -242,7 +242,7 @@ def trial_scene(
     recorded = len(motion.time)
     stride = max(1, -(-recorded // MOST_FRAMES))
     kept = slice(None, None, stride)
-    placed = Kinematics(chain_of().body(model.parameters), motion.q[kept], columns=False)
+    placed = Kinematics(get_chain().body(model.parameters), motion.q[kept], columns=False)
     axes, origins = placed.axes, placed.origins
     plates = plate_corners(recording)
     frames = len(motion.time[kept])
@@ -291,7 +291,7 @@ def tracked_segments(motion: Motion) -> BoolArray:
         s for k, s in enumerate(motion.errors.segments) if np.isfinite(distance[:, k]).any()
     }
     carrying |= {
-        j.parent for j in JOINTS if j.child in carrying and not segment_kind(j.parent).markers
+        j.parent for j in JOINTS if j.child in carrying and not get_segment(j.parent).markers
     }
     return np.array([s in carrying for s in SEGMENTS], dtype=np.bool_)
 

@@ -368,7 +368,7 @@ class PeakError:
     def words(self) -> str:
         """`Peak 0.412 ± 0.031 N·m/kg (external adduction)`."""
         sense, value = (
-            f"internal, {coordinates.coordinate_words(self.base).moment} positive",
+            f"internal, {coordinates.describe_coordinate(self.base).moment} positive",
             self.value,
         )
         if self.base in EXTERNAL_PEAKS:

@@ -33,9 +33,9 @@ from gaitcal.io.opensim_files import write_trc
 from gaitcal.io.recording import Recording
 from gaitcal.model.chain import LinkageModel, build_model
 from gaitcal.model.kinematics import Kinematics
-from gaitcal.model.linkage import COORDINATES, SEGMENTS, joint_segments
+from gaitcal.model.linkage import COORDINATES, SEGMENTS, list_joint_segments
 from gaitcal.model.nominal import published_model
-from gaitcal.model.parameters import gait_parameters
+from gaitcal.model.parameters import list_gait_parameters
 from gaitcal.model.subject_model import SubjectModel
 from gaitcal.synthetic.synthetic_motion import (
     gait_motion,
@@ -50,7 +50,7 @@ from gaitcal.tracking.start import starting_nodes
 from gaitcal.tracking.trial_problem import MotionProblem, trial_problem
 
 NODES = NodeRule(fixed=20)
-GAIT_JPS = (*gait_parameters("r"), *gait_parameters("l"))
+GAIT_JPS = (*list_gait_parameters("r"), *list_gait_parameters("l"))
 
 
 @dataclass(frozen=True)
@@ -116,7 +116,7 @@ def problem(
     """The trial (or its first frames) as a least-squares problem, whole body or the segments of its
     joint.
     """
-    segments = joint_segments(trial) if joint_only else SEGMENTS
+    segments = list_joint_segments(trial) if joint_only else SEGMENTS
     return trial_problem(
         trial, subject(), recording(trial, frames, seed), rule, root=segments[0], segments=segments
     )

@@ -25,7 +25,7 @@ import pinocchio as pin
 from gaitcal.calibration.inertial_calibration import (
     LoadedMotion,
     TorqueScale,
-    equations_of,
+    assemble_root_equations,
     fit_consistent,
     fit_published,
 )
@@ -34,7 +34,12 @@ from gaitcal.dynamics.inverse_dynamics import Dynamics
 from gaitcal.io.recording import Recording
 from gaitcal.model.chain import build_model
 from gaitcal.model.nominal import published_model
-from gaitcal.model.parameters import JP_NAMES, gait_parameters, isolated_parameters, symmetric_set
+from gaitcal.model.parameters import (
+    JP_NAMES,
+    list_gait_parameters,
+    list_isolated_parameters,
+    make_symmetric_set,
+)
 from gaitcal.montecarlo.case import nominal_case
 from gaitcal.montecarlo.draw_study import monte_carlo
 from gaitcal.montecarlo.protocol import Plan
@@ -172,9 +177,9 @@ def _parameters() -> list[Figure]:
         name
         for j in ("hip", "knee", "ankle")
         for s in "rl"
-        for name in isolated_parameters(f"{j}_{s}")
+        for name in list_isolated_parameters(f"{j}_{s}")
     )
-    sets = (isolated_parameters("hip_r"), gait_parameters("r"), GAIT_JPS, legs, JP_NAMES)
+    sets = (list_isolated_parameters("hip_r"), list_gait_parameters("r"), GAIT_JPS, legs, JP_NAMES)
 
     def of(free: tuple[str, ...]) -> Figure:
         said = f"{calibrated(p, free).iterations} outer iterations; 3 runs"
@@ -186,7 +191,7 @@ def _parameters() -> list[Figure]:
 
 
 def _trials() -> list[Figure]:
-    parameters, free = subject().parameters, gait_parameters("r")
+    parameters, free = subject().parameters, list_gait_parameters("r")
 
     def of(number: int) -> Figure:
         trials = [problem("gait", seed=k + 1) for k in range(number)]
@@ -276,7 +281,7 @@ def _plain(free: tuple[str, ...]) -> list[Figure]:
 
 def _isolated(joint: str) -> Callable[[], list[Figure]]:
     def section() -> list[Figure]:
-        free = isolated_parameters(joint)
+        free = list_isolated_parameters(joint)
         alone, whole = problem(joint, joint_only=True), problem(joint)
         return [
             Figure(
@@ -303,10 +308,10 @@ def section_ip() -> list[Figure]:
     loaded = LoadedMotion(state=(t.q, t.velocity, t.acceleration), wrench=wrench, valid=valid)
 
     def run(fit: Callable[..., object]) -> object:
-        equations = equations_of(
+        equations = assemble_root_equations(
             [loaded], model.parameters, model.subject, TorqueScale.BODY_HEIGHT, 0.176
         )
-        return fit(equations, model.parameters.inertial, symmetric_set())
+        return fit(equations, model.parameters.inertial, make_symmetric_set())
 
     return [
         Figure("gaitcal, physically consistent", lambda: run(fit_consistent)),

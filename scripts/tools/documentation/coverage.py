@@ -17,7 +17,7 @@ import gaitcal
 from gaitcal.cohort.one_person import COLUMNS
 from gaitcal.explanations import all_explanations
 from gaitcal.io.toml import tomllib
-from gaitcal.model.marker_set import built_in_sets
+from gaitcal.model.marker_set import list_built_in_sets
 from scripts.tools.documentation import tables
 from scripts.tools.documentation.tables import FILES, SUMMARY, TABLES
 
@@ -98,7 +98,8 @@ def items() -> Iterator[Item]:
             words = (rf"`{re.escape(f.name)}`|^{re.escape(f.name)} = ",)
             yield Item("field", f"{table}.{f.name}", f"table: {table}", f.text, words)
     yield from (
-        Item("marker set", name, "marker-sets", name, (_word(name),)) for name in built_in_sets()
+        Item("marker set", name, "marker-sets", name, (_word(name),))
+        for name in list_built_in_sets()
     )
     for kind, files in FILES.items():
         for file in files:

@@ -303,7 +303,7 @@ def markdown(table: str) -> str:
 
 
 def marker_sets() -> str:
-    names = marker_set.built_in_sets()
+    names = marker_set.list_built_in_sets()
     return table_of(
         ("set", "worn as"), ((f"`{n}`", marker_set.load_marker_set(n).description) for n in names)
     )

@@ -24,7 +24,7 @@ from scipy.spatial.transform import Rotation
 
 from gaitcal import MarkerSet, Recording
 from gaitcal.arrays import Array
-from gaitcal.model.segment_frames import rigid_motions
+from gaitcal.model.segment_frames import fit_rigid_motions
 
 Part: TypeAlias = tuple[float, float]
 Vector: TypeAlias = tuple[float, float, float]
@@ -150,7 +150,9 @@ def segment_frames(recording: Recording, markers: MarkerSet, segment: str) -> tu
     asis = columns(recording, markers, "asis_r", "asis_l")
     whole = np.isfinite(recording.markers[:, helped]).all(axis=(1, 2))
     first = int(np.flatnonzero(whole & np.isfinite(recording.markers[:, asis]).all(axis=(1, 2)))[0])
-    turns, _ = rigid_motions(recording.markers[first, helped], recording.markers[whole][:, helped])
+    turns, _ = fit_rigid_motions(
+        recording.markers[first, helped], recording.markers[whole][:, helped]
+    )
     carried = turns @ body_axes(recording, markers, first)
     seen = np.flatnonzero(whole)
     nearest = np.abs(np.arange(len(whole))[:, None] - seen).argmin(axis=1)

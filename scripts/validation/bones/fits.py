@@ -19,7 +19,7 @@ import numpy as np
 from gaitcal.analysis.trial_bandwidth import bandwidth_of
 from gaitcal.arrays import Array
 from gaitcal.calibration import soft_tissue_artefact
-from gaitcal.calibration.joint_estimate import free_of
+from gaitcal.calibration.joint_estimate import select_movable_parameters
 from gaitcal.calibration.joint_phases import (
     LEG_PARAMETERS,
     FittedPhase,
@@ -30,17 +30,17 @@ from gaitcal.calibration.joint_phases import (
 from gaitcal.calibration.joint_prior import ANATOMY
 from gaitcal.calibration.soft_tissue_table import SkinTable
 from gaitcal.io.recording import Recording
-from gaitcal.model.nominal import knee_flexion, published_model
+from gaitcal.model.nominal import compute_knee_flexion, published_model
 from gaitcal.model.parameters import Parameters
-from gaitcal.model.rotations import root_angles
+from gaitcal.model.rotations import compute_root_angles
 from gaitcal.model.segment_frames import (
     Frame,
     HipCentre,
-    frame_yz,
-    hip_centre,
-    nearest_rotation,
-    pelvis_frame,
-    unit,
+    build_frame,
+    build_pelvis_frame,
+    compute_hip_centre,
+    find_nearest_rotation,
+    normalise,
 )
 from gaitcal.model.subject_model import MarkerPlacement, Subject, SubjectModel
 from gaitcal.study.settings import CalibrationSettings
@@ -103,7 +103,7 @@ def nominal_joint(recording: BoneRecording) -> NominalJoint:
     above, below = ("pelvis", "thigh") if joint == "hip_r" else ("thigh", "shank")
     still = recording.standing(above, below)
     one, other = recording.segments[above], recording.segments[below]
-    turn = nearest_rotation(recording.relative(above, below)[still].mean(axis=0))
+    turn = find_nearest_rotation(recording.relative(above, below)[still].mean(axis=0))
     away = np.einsum("fji,fj->fi", one.rotation, other.origin - one.origin)[still].mean(axis=0)
     height = MEAN_HEIGHT_M if np.isnan(recording.height) else recording.height
     if joint == "knee_r":
@@ -176,11 +176,11 @@ def _hip(
     """
     points = recording.segments["pelvis"].landmarks
     right, left, back = points["RASI"], points["LASI"], 0.5 * (points["RPSI"] + points["LPSI"])
-    pelvis = pelvis_frame(right, left, back)
+    pelvis = build_pelvis_frame(right, left, back)
     width, depth = float(np.linalg.norm(right - left)), float(np.linalg.norm(pelvis.origin - back))
-    place = hip_centre(HipCentre.HARRINGTON, width, depth, "r")
+    place = compute_hip_centre(HipCentre.HARRINGTON, width, depth, "r")
     hip_below = turn.T @ (pelvis.point(place) - away)
-    thigh = frame_yz(hip_below, unit(hip_below), np.array([0.0, 0.0, 1.0]))
+    thigh = build_frame(hip_below, normalise(hip_below), np.array([0.0, 0.0, 1.0]))
     values = {
         f"hip_r.pelvis.{d}": x for d, x in zip(("ant", "sup", "lat"), place.tolist(), strict=True)
     }
@@ -197,12 +197,12 @@ def _posture(
         return dict(
             zip(
                 ("hip_flexion_r", "hip_adduction_r", "hip_rotation_r"),
-                map(float, root_angles(hip)),
+                map(float, compute_root_angles(hip)),
                 strict=True,
             )
         )
     shank = frames["thigh"].rotation.T @ turn @ frames["shank"].rotation
-    return {"knee_angle_r": knee_flexion(shank, parameters.joint, "r")}
+    return {"knee_angle_r": compute_knee_flexion(shank, parameters.joint, "r")}
 
 
 def problem_of(recording: BoneRecording, nominal: NominalJoint) -> MotionProblem:
@@ -269,7 +269,7 @@ def fit_recording(
     plan = JointPhase(
         name=recording.name,
         tasks={kind: (problem,)},
-        free=free_of([problem], LEG_PARAMETERS),
+        free=select_movable_parameters([problem], LEG_PARAMETERS),
         recordings=(recording.name,),
     )
     tracked, softness = problem, 0.0
@@ -277,11 +277,13 @@ def fit_recording(
         bare = [name for name, bone in recording.segments.items() if not bone.markers.shape[1]]
         pinned = [SEGMENT_NAMES[name] for name in bare]
         of_trial = {recording.name: kind}, {recording.name: problem}
-        soft = soft_tissue_artefact.task_tissue(*of_trial, start, table, pinned=pinned)
+        soft = soft_tissue_artefact.prepare_task_tissue(*of_trial, start, table, pinned=pinned)
         plan = plan.with_tissue(soft)
     phase = fit_phase(plan, start, PhaseSettings(prior=ANATOMY))
     if tissue:
-        tracked = soft.found(phase.estimate.keys, phase.estimate.tissue).displaced(plan.problems[0])
+        tracked = soft.make_found_tissue(
+            phase.estimate.keys, phase.estimate.tissue
+        ).displace_markers(plan.problems[0])
         softness = soft.scales[kind].mean
     return BoneFit(
         phase=phase, motion=tracked_motion(tracked, phase.estimate.parameters), softness=softness

@@ -43,8 +43,8 @@ from scipy.spatial.transform import Rotation
 
 from gaitcal.arrays import Array
 from gaitcal.calibration.soft_tissue_artefact import GAIT, SIZES
-from gaitcal.calibration.soft_tissue_table import THIGH_M, SkinField, place_functions
-from gaitcal.model.segment_frames import rigid_motions
+from gaitcal.calibration.soft_tissue_table import THIGH_M, SkinField, evaluate_place_functions
+from gaitcal.model.segment_frames import fit_rigid_motions
 from gaitcal.tracking.soft_tissue import SMALLEST, WIDTH, together
 from scripts.validation.bones.fits import kind_of, nominal_joint
 from scripts.validation.bones.recordings import BoneRecording
@@ -88,7 +88,7 @@ class Slopes:
     def about(self, field: SkinField) -> Array:
         """(3 nm, 3 nm) m^2 about the mean of a person of softness 1."""
         size = np.repeat([field.shift, field.turn], 3) ** 2
-        own = field.own**2 * np.eye(len(self.slopes))
+        own = field.per_marker**2 * np.eye(len(self.slopes))
         return np.asarray(
             (self.pattern * size) @ self.pattern.T
             + own
@@ -129,7 +129,9 @@ def slopes_of(recording: BoneRecording, segment: str) -> Slopes:
         name=recording.name,
         person=person_of(recording),
         slopes=slopes,
-        functions=np.kron(place_functions(place, gait=kind_of(recording) == GAIT), np.eye(3)),
+        functions=np.kron(
+            evaluate_place_functions(place, gait=kind_of(recording) == GAIT), np.eye(3)
+        ),
         pattern=pattern,
         noise=noise,
         rest=sizes,
@@ -141,7 +143,7 @@ def _displacements(path: Array, rest: Array) -> Array:
     turns.
     """
     middle, arms = path.mean(axis=1), rest - rest.mean(axis=0)
-    rotation, _ = rigid_motions(rest, path)
+    rotation, _ = fit_rigid_motions(rest, path)
     turned = np.einsum("fji,fmj->fmi", rotation, path - middle[:, None])
     rigid = np.hstack([middle - rest.mean(axis=0), Rotation.from_matrix(rotation).as_rotvec()])
     return np.asarray(
@@ -202,7 +204,11 @@ def _field_of(data: Sequence[Slopes]) -> SkinField:
     # E[size^2], as the sizes themselves are known from few people
     shift, turn, own = np.exp(logs + doubt)[:3].tolist()
     return SkinField(
-        coefficients=beta.reshape(-1, 3), covariance=covariance, shift=shift, turn=turn, own=own
+        coefficients=beta.reshape(-1, 3),
+        covariance=covariance,
+        shift=shift,
+        turn=turn,
+        per_marker=own,
     )
 
 
@@ -259,7 +265,7 @@ def write_table(
             "covariance_mm2": (1e6 * field.covariance).round(4).tolist(),
             "shift_mm": round(1e3 * field.shift, 3),
             "turn_deg": round(float(np.rad2deg(field.turn)), 3),
-            "own_mm": round(1e3 * field.own, 3),
+            "own_mm": round(1e3 * field.per_marker, 3),
         }
         for name, field in fields.items()
     }
@@ -293,7 +299,7 @@ def learn_lines(recordings: Sequence[BoneRecording]) -> Iterator[str]:
         yield (
             f"{segment}, per rad of knee flexion: shift {1e3 * field.shift:.1f} mm, turn "
             f"{np.rad2deg(field.turn):.1f} "
-            f"deg, own {1e3 * field.own:.1f} mm (SD among people)"
+            f"deg, own {1e3 * field.per_marker:.1f} mm (SD among people)"
         )
         heads = (
             f"{'shift, mm/rad':>22}{'expected':>22}{'(SD)':>7}{'z RMS':>7}{'ln p':>8}{'no mean':>9}"
@@ -329,7 +335,7 @@ def learn_lines(recordings: Sequence[BoneRecording]) -> Iterator[str]:
             f"  not explained by the knee, RMS a component: shift {1e3 * shift:.1f} mm, turn "
             f"{np.rad2deg(turn):.1f} deg, own {1e3 * left[6]:.1f} mm; in use for each other "
             f"angle: {1e3 * size.shift:.1f} mm, {np.rad2deg(size.turn):.1f} deg, "
-            f"{1e3 * size.own:.1f} mm"
+            f"{1e3 * size.per_marker:.1f} mm"
         )
 
 

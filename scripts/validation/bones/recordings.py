@@ -23,7 +23,7 @@ import numpy as np
 import pandas as pd
 
 from gaitcal.arrays import Array, BoolArray
-from gaitcal.model.segment_frames import rigid_motions
+from gaitcal.model.segment_frames import fit_rigid_motions
 
 FEWEST_FRAMES = 12
 """Below which there is no spline."""
@@ -230,7 +230,7 @@ def fit_clusters(
         if not bone.markers.shape[1]:
             out.append(bone)
             continue
-        rotation, origin = rigid_motions(bone.markers[still].mean(axis=0), bone.in_laboratory)
+        rotation, origin = fit_rigid_motions(bone.markers[still].mean(axis=0), bone.in_laboratory)
         out.append(
             BoneSegment(
                 rotation=rotation, origin=origin, markers=bone.markers, landmarks=bone.landmarks

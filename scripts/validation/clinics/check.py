@@ -129,7 +129,7 @@ def own_set(name: str) -> MarkerSet:
 def truth(name: str, labels: Mapping[str, str]) -> tuple[dict[str, str], dict[str, str]]:
     """New label -> segment, and new label -> landmark, as the person's own set has them."""
     own = own_set(name)
-    spelt = dict(zip(own._spelt(labels), labels.values(), strict=True))
+    spelt = dict(zip(own._spell_labels(labels), labels.values(), strict=True))
     of = {m: SEGMENT_OF[n] for n in own.landmarks for group in own.options(n) for m in group}
     of |= {m: of[knee] for knee, parts in own.knee_device.items() for m in parts} | own.segment_of
     landmarks = {
@@ -157,7 +157,7 @@ def propose(name: str, folder: Path) -> Proposed:
     labels = names_of(folder)
     labels = {
         m: new
-        for (m, new), s in zip(labels.items(), own._spelt(labels), strict=True)
+        for (m, new), s in zip(labels.items(), own._spell_labels(labels), strict=True)
         if s in own.labels
     }
     for path in folder.glob("*.c3d"):

@@ -41,7 +41,7 @@ from gaitcal import Study
 from gaitcal.arrays import Array
 from gaitcal.model.linkage import LEG_JOINTS, SIDES
 from gaitcal.model.parameters import JP_INDEX
-from gaitcal.model.segment_frames import HipCentre, hip_centre, pelvis_frame
+from gaitcal.model.segment_frames import HipCentre, build_pelvis_frame, compute_hip_centre
 from gaitcal.results.session_difference import difference_variance, told_parameters
 from gaitcal.results.stride_sets import Common
 from gaitcal.study.study_trial import Role, Trial
@@ -317,7 +317,7 @@ def imaged(folder: Path) -> Imaged:
             points = rows.set_index("landmark")[["x_mm", "y_mm", "z_mm"]]
             at = {str(name): 1e-3 * point.to_numpy(float) for name, point in points.iterrows()}
             back = 0.5 * (at["PSIS_R"] + at["PSIS_L"])
-            frame = pelvis_frame(at["ASIS_R"], at["ASIS_L"], back)
+            frame = build_pelvis_frame(at["ASIS_R"], at["ASIS_L"], back)
             width, depth = (
                 float(np.linalg.norm(at["ASIS_R"] - at["ASIS_L"])),
                 float(np.linalg.norm(frame.origin - back)),
@@ -326,7 +326,7 @@ def imaged(folder: Path) -> Imaged:
                 side: at[f"HJC_{side.upper()}"] for side in SIDES if f"HJC_{side.upper()}" in at
             }
             for side, hip in hips.items():
-                regression = hip_centre(HipCentre.HARRINGTON, width, depth, side)
+                regression = compute_hip_centre(HipCentre.HARRINGTON, width, depth, side)
                 outward = np.array([1.0, 1.0, 1.0 if side == "r" else -1.0])
                 errors.append(1e3 * (frame.local(hip) - regression) * outward)
             if len(hips) == len(SIDES):

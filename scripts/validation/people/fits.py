@@ -17,12 +17,12 @@ from gaitcal.model.parameters import (
     JP_INDEX,
     JP_NAMES,
     Parameters,
-    leg_parameters,
+    list_leg_parameters,
 )
 from gaitcal.preprocess.preprocessed_study import preprocess_study
 from gaitcal.study.cohort_prior import JointPrior
 
-LEG = tuple(name.replace("_r", "", 1) for name in leg_parameters("r"))
+LEG = tuple(name.replace("_r", "", 1) for name in list_leg_parameters("r"))
 """The 27 joint parameters of a leg without its side: `hip.pelvis.ant`."""
 OUTWARD = {
     s: np.array([-1.0 if s == "l" and p.mirrored else 1.0 for p in JOINT_PARAMETERS]) for s in SIDES
@@ -44,7 +44,7 @@ class Fit:
 
     def leg(self, side: str, values: Array) -> Array:
         """(27,) of a (98,) array, as of a right leg, in the order of `LEG`."""
-        index = [JP_INDEX[name] for name in leg_parameters(side)]
+        index = [JP_INDEX[name] for name in list_leg_parameters(side)]
         return np.asarray((OUTWARD[side] * values)[index])
 
     def moved(self, side: str) -> Array:

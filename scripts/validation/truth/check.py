@@ -56,9 +56,9 @@ from gaitcal.arrays import Array
 from gaitcal.dynamics.inverse_dynamics import Dynamics
 from gaitcal.export.opensim.peer_model import Axis
 from gaitcal.model.chain import Chain
-from gaitcal.model.kinematics import coordinate_axes
+from gaitcal.model.kinematics import compute_coordinate_axes
 from gaitcal.model.parameters import Parameters
-from gaitcal.model.segment_frames import Frame, rigid_motions
+from gaitcal.model.segment_frames import Frame, fit_rigid_motions
 from gaitcal.study.study_trial import Role
 from scripts.validation.harness import (
     Bars,
@@ -191,7 +191,7 @@ def whole_turn(before: Array, after: Array) -> tuple[Array, Array]:
     pairs = np.isfinite(before).all(axis=2) & np.isfinite(after).all(axis=2)
     if pairs.sum() < 3:
         return np.eye(3), np.zeros(3)
-    rotation, origin = rigid_motions(before[pairs], after[pairs][None])
+    rotation, origin = fit_rigid_motions(before[pairs], after[pairs][None])
     return rotation[0], origin[0]
 
 
@@ -201,7 +201,7 @@ def joint_tracks(parameters: Parameters, motion: Motion) -> dict[str, tuple[Arra
     """
     chain = Chain()
     order = [motion.coordinates.index(name) for name in chain.coordinates]
-    axes, points = coordinate_axes(chain.body(parameters), motion.q[:, order])
+    axes, points = compute_coordinate_axes(chain.body(parameters), motion.q[:, order])
     at = {
         f"{joint}_{s}": chain.coordinates.index(f"{name}_{s}")
         for joint, name in JOINT_OF.items()
@@ -405,7 +405,7 @@ def poses(study: Study, joint: str) -> tuple[Poses, Poses]:
     def pose(segment: str) -> Poses:
         labels = study.marker_set.tracking[segment]
         columns = [recording.labels.index(label) for label in labels]
-        return rigid_motions(
+        return fit_rigid_motions(
             np.array([rest[label] for label in labels]), recording.markers[:, columns]
         )
 

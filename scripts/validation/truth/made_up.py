@@ -41,10 +41,14 @@ import pandas as pd
 import gaitcal
 from gaitcal import COORDINATES, Calibration, Study
 from gaitcal.arrays import Array
-from gaitcal.calibration.error_sources import ErrorSources, coordinate_standard_errors, marker_moves
+from gaitcal.calibration.error_sources import (
+    ErrorSources,
+    compute_coordinate_errors,
+    compute_motion_sensitivity,
+)
 from gaitcal.calibration.joint_calibration import JointSettings
 from gaitcal.calibration.joint_estimate import JointEstimate, estimate_joints
-from gaitcal.calibration.torque_errors import ErringForces
+from gaitcal.calibration.torque_errors import ForceErrors
 from gaitcal.dynamics.inverse_dynamics import Dynamics
 from gaitcal.dynamics.joint_kinetics import (
     COMPONENTS,
@@ -54,9 +58,14 @@ from gaitcal.dynamics.joint_kinetics import (
     kinetic_values,
 )
 from gaitcal.io.recording import Recording
-from gaitcal.model.linkage import REACTIONS, SEGMENTS, joint_segments
+from gaitcal.model.linkage import REACTIONS, SEGMENTS, list_joint_segments
 from gaitcal.model.nominal import published_model
-from gaitcal.model.parameters import JP_INDEX, Parameters, gait_parameters, isolated_parameters
+from gaitcal.model.parameters import (
+    JP_INDEX,
+    Parameters,
+    list_gait_parameters,
+    list_isolated_parameters,
+)
 from gaitcal.study.study_trial import Role
 from gaitcal.synthetic.subject import synthesize, true_gait
 from gaitcal.synthetic.synthetic_motion import (
@@ -91,13 +100,13 @@ def gait_draw(seed: int, noise_m: float) -> Draw:
     motion, truth = gait_motion(), published_model().parameters
     problem = noisy_problem(motion.q, motion.basis.time, seed, noise_m)
     fit, influence = estimated(
-        problem, truth, tuple(name for side in "rl" for name in gait_parameters(side))
+        problem, truth, tuple(name for side in "rl" for name in list_gait_parameters(side))
     )
     wrench = residual_free_wrench(truth, motion)
-    moves = marker_moves(problem, fit.coefficients[0], fit.parameters, influence)
-    spread = ErringForces(
+    moves = compute_motion_sensitivity(problem, fit.coefficients[0], fit.parameters, influence)
+    spread = ForceErrors(
         problem, fit.coefficients[0], fit.parameters, wrench, influence, None, moves
-    ).errors()
+    ).compute_errors()
     if spread.kinetics is None:
         raise RuntimeError("no standard errors of powers")
     found = [problem.basis.evaluate(fit.coefficients[0], k) for k in range(3)]
@@ -116,7 +125,7 @@ def gait_draw(seed: int, noise_m: float) -> Draw:
         "gait, joint torques": torques[:, 6:],
         "gait, joint powers": powers,
         "gait, moment vectors": vectors.reshape(len(vectors), -1),
-        "gait, coordinates": ((found[0] - motion.q) / coordinate_standard_errors(problem, moves))[
+        "gait, coordinates": ((found[0] - motion.q) / compute_coordinate_errors(problem, moves))[
             inner
         ],
     }
@@ -124,8 +133,10 @@ def gait_draw(seed: int, noise_m: float) -> Draw:
 
 def knee_draw(seed: int, noise_m: float) -> Draw:
     truth, motion = published_model().parameters, isolated_motion("knee_r")
-    problem = noisy_problem(motion.q, motion.basis.time, seed, noise_m, joint_segments("knee_r"))
-    fit, influence = estimated(problem, truth, isolated_parameters("knee_r"))
+    problem = noisy_problem(
+        motion.q, motion.basis.time, seed, noise_m, list_joint_segments("knee_r")
+    )
+    fit, influence = estimated(problem, truth, list_isolated_parameters("knee_r"))
     return {HEARS_FEW_WAVES: _standardised(fit, truth, influence)}
 
 

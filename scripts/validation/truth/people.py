@@ -39,7 +39,7 @@ from gaitcal import Recording, Study, SubjectModel, read_recording
 from gaitcal.arrays import Array
 from gaitcal.export.opensim.peer_model import Axis, displacement_axis
 from gaitcal.io.opensim_files import read_table, write_trc
-from gaitcal.model.segment_frames import Frame, rigid_motions
+from gaitcal.model.segment_frames import Frame, fit_rigid_motions
 from gaitcal.study.study_file import StudyFile, TrialTable, load_study_file
 from gaitcal.synthetic.synthetic_truth import common_perpendicular
 
@@ -400,7 +400,7 @@ def _static_point(study: Study, known: Recording, track: Array) -> Array:
     static = study.static.recording
     labels = study.marker_set.tracking["pelvis"]
     rest = static.markers.mean(axis=0)[[static.labels.index(label) for label in labels]]
-    rotation, origin = rigid_motions(
+    rotation, origin = fit_rigid_motions(
         rest, known.markers[:, [known.labels.index(label) for label in labels]]
     )
     back: Array = np.einsum("fji,fj->fi", rotation, track - origin)
@@ -442,7 +442,7 @@ def static_frames(nominal: SubjectModel, static: Recording) -> dict[str, Frame]:
                 np.array([x for _, x in carried]),
                 np.array([seen[label] for label, _ in carried]),
             )
-            rotation, origin = rigid_motions(local, measured[None])
+            rotation, origin = fit_rigid_motions(local, measured[None])
             frames[segment] = Frame(rotation[0], origin[0])
     return frames
 

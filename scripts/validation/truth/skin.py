@@ -48,7 +48,7 @@ from scipy.spatial.transform import Rotation
 from gaitcal import Study
 from gaitcal.arrays import Array
 from gaitcal.io.recording import Recording
-from gaitcal.model.segment_frames import rigid_motions
+from gaitcal.model.segment_frames import fit_rigid_motions
 from gaitcal.synthetic.synthetic_motion import marker_noise
 
 TABLE_MM = 15.0
@@ -317,7 +317,7 @@ def clusters_of(
                 tuple(column[label] for label in labels),
                 np.array([rest[label] for label in labels]),
             )
-            rotation, _ = rigid_motions(at, recording.markers[:, list(markers)])
+            rotation, _ = fit_rigid_motions(at, recording.markers[:, list(markers)])
             out[segment] = Cluster(segment=segment, markers=markers, rest=at, rotation=rotation)
     return out
 

@@ -20,7 +20,7 @@ from gaitcal.gait.moments import (
     segment_words,
 )
 from gaitcal.gait.strides import layout
-from gaitcal.model.coordinates import coordinate_words
+from gaitcal.model.coordinates import describe_coordinate
 from gaitcal.model.linkage import COORDINATES, REACTIONS, SEGMENTS, is_translation
 from gaitcal.model.parameters import IP_NAMES, JP_NAMES
 from gaitcal.report.figures.chart import Chart, Panel, chart_figure, plain, write_charts
@@ -95,7 +95,7 @@ def test_names_are_no_markup_in_figures(name: str) -> None:
 
 def test_everything_has_words() -> None:
     assert all(
-        coordinate_words(n).angle != "positive" for n in COORDINATES if not is_translation(n)
+        describe_coordinate(n).angle != "positive" for n in COORDINATES if not is_translation(n)
     )
     assert len({parameter_words(n) + n.split(".")[0][-2:] for n in JP_NAMES}) == len(JP_NAMES)
     assert all(parameter_words(n) for n in IP_NAMES)

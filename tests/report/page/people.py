@@ -10,7 +10,7 @@ from gaitcal.dynamics.ground_reactions import GroundReactions
 from gaitcal.io.recording import ForcePlate, Recording
 from gaitcal.model.linkage import COORDINATES
 from gaitcal.model.nominal import published_model
-from gaitcal.model.parameters import JOINT_PARAMETERS, JP_NAMES, ParameterKind, gait_parameters
+from gaitcal.model.parameters import JOINT_PARAMETERS, JP_NAMES, ParameterKind, list_gait_parameters
 from gaitcal.model.subject_model import Subject, SubjectModel
 from gaitcal.report.page.scene import MotionScene, Scene, person_scene, trial_scene
 from gaitcal.synthetic.synthetic_motion import (
@@ -24,7 +24,7 @@ from gaitcal.synthetic.walk import walking_ground
 from gaitcal.tracking.motion import MarkerErrors, Motion
 from gaitcal.tracking.spline import spline_basis
 
-FITTED = gait_parameters("r") + gait_parameters("l")
+FITTED = list_gait_parameters("r") + list_gait_parameters("l")
 
 
 def subject_model(name: str = "Built-in subject") -> SubjectModel:

@@ -7,7 +7,7 @@ from typing import Any
 import pandas as pd
 import pytest
 
-from gaitcal.model.linkage import LEGS, coordinates_before
+from gaitcal.model.linkage import LEGS, list_joint_coordinates
 from gaitcal.montecarlo.case import nominal_case
 from gaitcal.montecarlo.draw import LEG_TORQUES
 from gaitcal.montecarlo.draw_statistics import expect, levels_of, statistics
@@ -95,7 +95,7 @@ def test_the_knee_adduction_moment_comes_first_in_both_units(study: MonteCarloSt
     assert [row[0] for row in rows.values()] == [number(e.average, 2) for e in found]
     to_kg = subject.bwh / 100.0 / subject.mass
     assert [row[1] for row in rows.values()] == [number(to_kg * e.average, 3) for e in found]
-    assert len(tables(blocks, "Left")) == len(coordinates_before(LEGS["l"])) + 1, (
+    assert len(tables(blocks, "Left")) == len(list_joint_coordinates(LEGS["l"])) + 1, (
         "adduction, and what a leg has"
     )
 

@@ -13,7 +13,7 @@ from gaitcal.errors import InputError
 from gaitcal.model.chain import Chain
 from gaitcal.model.kinematics import Kinematics
 from gaitcal.model.linkage import COORDINATES, JOINTS, SEGMENTS, Source
-from gaitcal.model.parameters import published_subject
+from gaitcal.model.parameters import read_published_parameters
 from gaitcal.report.page.body_meshes import MESHES, fitted_meshes
 from gaitcal.report.page.scene import MOST_FRAMES, Scene, joint_marks
 from gaitcal.report.page.scene_file import load_scene, save_scene
@@ -196,7 +196,7 @@ def test_limb_meshes_end_at_the_joint_centres() -> None:
 def test_the_standing_body_is_as_tall_as_the_person(height: float) -> None:
     base = subject_model()
     scale = height / 1.70
-    joint = published_subject().joint * np.array(
+    joint = read_published_parameters().joint * np.array(
         [scale if abs(x) > 0 else 1.0 for x in base.nominal.joint]
     )
     parameters = replace(base.nominal, joint=joint)
