@@ -43,17 +43,22 @@ from gaitcal.model import coordinates, linkage
 from gaitcal.model.subject_model import Subject
 from gaitcal.report.figures.document import COMMENT_SECTIONS, ReportContent
 from gaitcal.report.figures.report_sheets import LEAST, UNITS, CurvePanel, Sheet
-from gaitcal.report.page.key_figures import WIDE_LIMITS, StrideUse, reason_words, usable_words
+from gaitcal.report.page.key_figures import (
+    WIDE_LIMITS,
+    StrideUse,
+    list_reasons,
+    summarise_usable_strides,
+)
 from gaitcal.report.page.page_data import (
     PAGE_DATA,
     SHOWN_MEASURES,
-    page_peaks,
-    page_toe_offs,
-    person_facts,
+    average_page_peaks,
+    average_toe_offs,
+    list_person_facts,
     read_page_data,
 )
 from gaitcal.results import cycle_tables, cycles_export, saved_result, stride_files
-from gaitcal.results.summary import SUMMARY, entries_of, table_of
+from gaitcal.results.summary import SUMMARY, get_entries, get_table
 
 CLINICAL: Final = conventions.Convention(
     signs=conventions.Signs.CLINICAL, unit=conventions.MomentUnit.NM_PER_KG
@@ -109,7 +114,7 @@ NOTHING: Final = "Nothing speaks against this result beyond its error bars."
 RELATIVE: Final = "No Gait Profile Score: joint angles are counted from the static posture."
 
 
-def report_content(
+def read_report_content(
     folder: Path, named: tuple[Bands, str] | None, comments: Mapping[str, str]
 ) -> ReportContent:
     """What the report of the result in `folder` says.
@@ -128,30 +133,33 @@ def report_content(
     model, _, _ = saved_result.load_result_model(folder)
     summary, manifest = read_object(folder / SUMMARY), read_object(folder / MANIFEST)
     of = cycle_tables.read_cycles(folder)
-    strides = cycles_export.strides_in_convention(of, CLINICAL, model)
+    strides = cycles_export.convert_strides(of, CLINICAL, model)
     parameters = pd.read_csv(folder / "parameters.csv", comment="#")
-    norm = _norm(page, named, model.subject, summary, manifest)
-    relative = table_of(manifest, "settings").get("angles") == "relative"
+    norm = _choose_norm(page, named, model.subject, summary, manifest)
+    relative = get_table(manifest, "settings").get("angles") == "relative"
     remark = " ".join(filter(None, (norm.remark, RELATIVE if relative and norm.bands else "")))
-    uses = _uses(page)
-    activities = tuple(_activities(summary, page))
+    uses = _collect_stride_uses(page)
+    activities = tuple(_group_activities(summary, page))
     return ReportContent(
-        person=(*person_facts(model.subject), ("Marker set", str(manifest.get("marker_set", "")))),
+        person=(
+            *list_person_facts(model.subject),
+            ("Marker set", str(manifest.get("marker_set", ""))),
+        ),
         verdict=str(summary.get("verdict", "")),
         sentence="What speaks against it, the worst first:"
-        if entries_of(summary, "reasons")
+        if get_entries(summary, "reasons")
         else NOTHING,
-        reasons=_reasons(summary),
-        fit=tuple(_fit(summary)),
+        reasons=_format_reasons(summary),
+        fit=tuple(_format_fit(summary)),
         walked=any(a.walks for a in activities),
-        walks=tuple(_walks(summary, uses)),
-        steps=tuple(_steps(summary, norm.steps)),
+        walks=tuple(_build_walk_rows(summary, uses)),
+        steps=tuple(_build_step_rows(summary, norm.steps)),
         steps_norm=f"norm: {FREE_WORDS}, mean ± SD" if norm.steps else "",
-        sheets=tuple(_sheets(strides, norm, model.subject, activities, uses, remark)),
+        sheets=tuple(_build_sheets(strides, norm, model.subject, activities, uses, remark)),
         peaks=tuple(
             (
                 f"Peaks of {a.name}, mean ± standard error over {a.one}s",
-                tuple(_peaks(page, a.name, model.subject)),
+                tuple(_build_peak_rows(page, a.name, model.subject)),
             )
             for a in activities
             if not a.walks
@@ -163,8 +171,8 @@ def report_content(
         )
         if norm.bands and not relative
         else (),
-        joints=tuple(_joints(parameters)),
-        undetermined=_undetermined(parameters),
+        joints=tuple(_build_joint_rows(parameters)),
+        undetermined=_list_undetermined(parameters),
         comments=comments,
         footer=f"gaitcal {manifest.get('gaitcal', '')}: every number and its error bar in "
         f"{folder.resolve().name}",
@@ -190,9 +198,9 @@ def read_comments(path: Path) -> dict[str, str]:
     return {name: str(text) for name, text in found.items()}
 
 
-def _reasons(summary: Mapping[str, object]) -> tuple[tuple[str, str], ...]:
+def _format_reasons(summary: Mapping[str, object]) -> tuple[tuple[str, str], ...]:
     out = []
-    for r in entries_of(summary, "reasons"):
+    for r in get_entries(summary, "reasons"):
         where = ", ".join(r.get("trials") or ["study"])
         out.append(
             (
@@ -207,18 +215,18 @@ def _reasons(summary: Mapping[str, object]) -> tuple[tuple[str, str], ...]:
     return tuple(out)
 
 
-def _fit(summary: Mapping[str, object]) -> Iterator[str]:
-    for name, trial in table_of(summary, "trials").items():
-        legs = table_of(trial, "pelvis_and_legs_mm")
-        rms = legs or table_of(trial, "rms_mm")
+def _format_fit(summary: Mapping[str, object]) -> Iterator[str]:
+    for name, trial in get_table(summary, "trials").items():
+        legs = get_table(trial, "pelvis_and_legs_mm")
+        rms = legs or get_table(trial, "rms_mm")
         best = rms.get("joint_floor") or rms.get("rigid_floor")
         clauses = []
         if rms.get("calibrated"):
             of = "pelvis and legs" if legs else "the joint's segments"
             clauses.append(f"marker fit of {of} {rms['calibrated']:.1f} mm")
             clauses[-1] += f" (best possible {best:.1f})" if best else ""
-        residual = next(reversed(table_of(trial, "pelvis_residual").values()), None)
-        limit = table_of(trial, "pelvis_residual_limit")
+        residual = next(reversed(get_table(trial, "pelvis_residual").values()), None)
+        limit = get_table(trial, "pelvis_residual_limit")
         if residual:
             units = (
                 ("force_N", "force at the pelvis {:.0f} N RMS", ".0f"),
@@ -255,22 +263,24 @@ class _Activity:
         return "repetition" if self.repeats else "stride"
 
 
-def _activities(summary: Mapping[str, object], page: Mapping[str, Any]) -> Iterator[_Activity]:
+def _group_activities(
+    summary: Mapping[str, object], page: Mapping[str, Any]
+) -> Iterator[_Activity]:
     """Walking first; nothing of isolated trials."""
     of: dict[str, list[Any]] = {}
     for trial in sorted(page["trials"], key=lambda trial: trial["activity"] != WALKING):
-        if table_of(table_of(summary, "trials"), trial["name"]).get("role") != "joint":
+        if get_table(get_table(summary, "trials"), trial["name"]).get("role") != "joint":
             of.setdefault(trial["activity"], []).append(trial)
     for name, trials in of.items():
         yield _Activity(
             name,
             tuple(t["name"] for t in trials),
             any(t["repeats"] for t in trials),
-            page_toe_offs(trials),
+            average_toe_offs(trials),
         )
 
 
-def _sheets(
+def _build_sheets(
     strides: pd.DataFrame,
     norm: Norm,
     subject: Subject,
@@ -300,7 +310,7 @@ def _sheets(
             yield Sheet(
                 title=title if a.walks else f"{title}, {a.name}",
                 panels=tuple(
-                    _panels(
+                    _build_panels(
                         strides[strides["activity"] == a.name],
                         variables,
                         norm.bands if a.walks else {},
@@ -308,16 +318,18 @@ def _sheets(
                     )
                 ),
                 note=f"{words} {remark}" if a.walks and remark else words,
-                without=_no_curves(of, of_moments=variables is KINETICS),
+                without=_explain_missing_curves(of, of_moments=variables is KINETICS),
                 comment=title.lower() if k == 0 else "",
                 thin="thin: repetitions" if a.repeats else "thin: strides, vertical: toe-off",
                 toe_off=a.toe_off,
             )
 
 
-def _peaks(page: Mapping[str, Any], activity: str, subject: Subject) -> Iterator[tuple[str, ...]]:
+def _build_peak_rows(
+    page: Mapping[str, Any], activity: str, subject: Subject
+) -> Iterator[tuple[str, ...]]:
     """Peaks by phase of one activity, in clinical signs and by body mass."""
-    found = [mean for mean in page_peaks(page["trials"]) if mean.activity == activity]
+    found = [mean for mean in average_page_peaks(page["trials"]) if mean.activity == activity]
     phases = [phase for phase in peaks.PHASES if any(m.peak.phase == phase for m in found)]
     yield ("peak", "unit", "leg", *phases)
     rows: dict[tuple[str, str, str], dict[str, str]] = {}
@@ -338,7 +350,7 @@ def _peaks(page: Mapping[str, Any], activity: str, subject: Subject) -> Iterator
         yield (*head, *(cells.get(phase, "–") for phase in phases))
 
 
-def _uses(page: Mapping[str, Any]) -> dict[str, list[StrideUse]]:
+def _collect_stride_uses(page: Mapping[str, Any]) -> dict[str, list[StrideUse]]:
     """Whole-body trial -> its complete strides or repetitions, as the page counts them."""
     kept = ("side", "number", "plate", "turns", "reason")
     return {
@@ -350,7 +362,7 @@ def _uses(page: Mapping[str, Any]) -> dict[str, list[StrideUse]]:
     }
 
 
-def _walks(
+def _build_walk_rows(
     summary: Mapping[str, object], uses: Mapping[str, Sequence[StrideUse]]
 ) -> Iterator[tuple[str, ...]]:
     yield (
@@ -362,7 +374,7 @@ def _walks(
         "why others are not",
     )
     for name, of_walk in uses.items():
-        if table_of(table_of(summary, "trials"), name).get("role") == "joint":
+        if get_table(get_table(summary, "trials"), name).get("role") == "joint":
             continue
         for side in linkage.SIDES:
             of_leg = [use for use in of_walk if use.side == side]
@@ -371,16 +383,18 @@ def _walks(
             yield (
                 name,
                 SIDE_WORDS[side],
-                str(table_of(table_of(summary, "trials"), name).get(f"verdict_{side}", "")),
+                str(get_table(get_table(summary, "trials"), name).get(f"verdict_{side}", "")),
                 ", ".join(dict.fromkeys(use.plate for use in of_leg if use.plate)),
                 f"{sum(use.whole for use in of_leg)} of {len(of_leg)}",
-                "; ".join(filter(None, (reason_words(of_leg), bent)))
+                "; ".join(filter(None, (list_reasons(of_leg), bent)))
                 if of_leg
                 else "no complete stride or repetition",
             )
 
 
-def _no_curves(uses: Mapping[str, Sequence[StrideUse]], *, of_moments: bool = False) -> str:
+def _explain_missing_curves(
+    uses: Mapping[str, Sequence[StrideUse]], *, of_moments: bool = False
+) -> str:
     """Why a sheet has no curves, where it has none."""
     every = [use for of_walk in uses.values() for use in of_walk]
     if not uses:
@@ -390,13 +404,13 @@ def _no_curves(uses: Mapping[str, Sequence[StrideUse]], *, of_moments: bool = Fa
     if all(use.turns for use in every):
         return "No curves: every stride turns, and takes no part in means."
     return (
-        f"No curves. {usable_words(every)}"
+        f"No curves. {summarise_usable_strides(every)}"
         if of_moments
         else "No curves: no angle of a straight stride is known."
     )
 
 
-def _steps(
+def _build_step_rows(
     summary: Mapping[str, object], norms: Mapping[str, tuple[float, float]]
 ) -> Iterator[tuple[str, ...]]:
     yield (
@@ -407,11 +421,11 @@ def _steps(
         "asymmetry, % ± SE",
         *(["norm"] if norms else []),
     )
-    found = table_of(summary, "spatiotemporal")
+    found = get_table(summary, "spatiotemporal")
     for name, (title, digits) in SHOWN_MEASURES.items():
-        measure = table_of(found, name)
+        measure = get_table(found, name)
         if measure:
-            cells = (_average(table_of(measure, side), digits) for side in linkage.SIDES)
+            cells = (_format_average(get_table(measure, side), digits) for side in linkage.SIDES)
             asymmetry, error = (
                 measure.get(f"symmetry_{name}") for name in ("percent", "se_percent")
             )
@@ -426,7 +440,7 @@ def _steps(
             yield (title, str(measure.get("unit", "")), *cells, apart, *norm)
 
 
-def _average(of_side: Mapping[str, object], digits: int) -> str:
+def _format_average(of_side: Mapping[str, object], digits: int) -> str:
     mean, sd = of_side.get("mean"), of_side.get("sd")
     if not isinstance(mean, int | float):
         return "–"
@@ -434,7 +448,7 @@ def _average(of_side: Mapping[str, object], digits: int) -> str:
     return f"{mean:.{digits}f}{spread} (n = {of_side.get('strides')})"
 
 
-def _panels(
+def _build_panels(
     strides: pd.DataFrame, variables: Sequence[str], bands: Bands, subject: Subject
 ) -> Iterator[CurvePanel | str]:
     straight = strides[~(strides["turn"].abs() > TURNING)]
@@ -488,7 +502,7 @@ def _panels(
         )
 
 
-def _norm(
+def _choose_norm(
     page: Mapping[str, Any],
     named: tuple[Bands, str] | None,
     subject: Subject,
@@ -499,13 +513,15 @@ def _norm(
     if named is not None:
         return own_norm(*named, subject)
     made_with, stored = (
-        str(table_of(manifest, "settings").get("normal", "")),
-        table_of(summary, "norm"),
+        str(get_table(manifest, "settings").get("normal", "")),
+        get_table(summary, "norm"),
     )
     if stored and not stored.get("words"):
         return Norm(remark=str(stored.get("remark", "")))
     if not made_with:
-        return norm_for(subject, stride_files.mean_speed(table_of(summary, "spatiotemporal")))
+        return norm_for(
+            subject, stride_files.compute_mean_speed(get_table(summary, "spatiotemporal"))
+        )
     bands = {}
     for band in page["bands"]:
         kind = next(kind for kind in CurveKind if kind.words == band["kind"])
@@ -525,7 +541,7 @@ def _norm(
     return own_norm(bands, made_with, subject)
 
 
-def _joints(table: pd.DataFrame) -> Iterator[tuple[str, ...]]:
+def _build_joint_rows(table: pd.DataFrame) -> Iterator[tuple[str, ...]]:
     """How far each joint was moved, with the largest standard error of its fitted parameters."""
     yield ("joint", "moved, mm", "standard error, mm", "turned, deg", "standard error, deg")
     fitted = table[table["kind"].str.startswith("joint ") & (table["status"] != "fixed")]
@@ -543,7 +559,7 @@ def _joints(table: pd.DataFrame) -> Iterator[tuple[str, ...]]:
         yield (joint_words(str(joint)).capitalize(), *cells)
 
 
-def _undetermined(table: pd.DataFrame) -> tuple[str, ...]:
+def _list_undetermined(table: pd.DataFrame) -> tuple[str, ...]:
     rows = table[(table["status"] == "unidentifiable") & table["joint"].notna()]
     return tuple(
         f"{joint_words(str(joint)).capitalize()}: "

@@ -57,26 +57,26 @@ class Key:
     kind: str = "line"  # `line` or `band` (see-through)
 
 
-def line_style(dashes: tuple[float, ...]) -> Literal["-"] | tuple[float, tuple[float, ...]]:
+def make_line_style(dashes: tuple[float, ...]) -> Literal["-"] | tuple[float, tuple[float, ...]]:
     """Dashes as matplotlib wants them."""
     return (0.0, dashes) if dashes else "-"
 
 
 @lru_cache(maxsize=1)
-def _characters() -> frozenset[int]:
+def _load_font_characters() -> frozenset[int]:
     from matplotlib.font_manager import FontProperties, findfont, get_font
 
     return frozenset(get_font(findfont(FontProperties(family=FONT))).get_charmap())
 
 
-def plain(text: str, limit: int = LONGEST_NAME) -> str:
+def clean_name(text: str, limit: int = LONGEST_NAME) -> str:
     """A name from the user's data as matplotlib shows it: no markup, only printable characters, not
     too long.
 
     `$` begins matplotlib's own markup and is escaped; what the font cannot draw, and all that
     controls the direction or flow of text, becomes a middle dot.
     """
-    known = _characters()
+    known = _load_font_characters()
     shown = [
         c if c == " " or (ord(c) in known and unicodedata.category(c)[0] not in "CZ") else "·"
         for c in text
@@ -86,7 +86,7 @@ def plain(text: str, limit: int = LONGEST_NAME) -> str:
     return "".join(shown).replace("$", r"\$")
 
 
-def dress(
+def format_axes(
     axes: Axes, *, xlabel: str = "", ylabel: str = "", title: str = "", sizes: Sizes = SCREEN
 ) -> None:
     """Give axes their common look: labels in ink, no frame above and at the right, light grid
@@ -129,7 +129,7 @@ def dress(
 MARGIN = 0.06  # of the span of all values, at either end of an axis
 
 
-def limits(values: list[np.ndarray], least: float) -> tuple[float, float]:
+def compute_limits(values: list[np.ndarray], least: float) -> tuple[float, float]:
     """Limits of an axis that hold all finite `values` and span at least `least`."""
     finite = np.concatenate([v[np.isfinite(v)].ravel() for v in values] or [np.empty(0)])
     low, high = (float(finite.min()), float(finite.max())) if len(finite) else (0.0, 0.0)
@@ -176,29 +176,29 @@ class Chart:
     legend_row: float = LEGEND_INCHES  # Height of a row of the legend, inches
 
 
-def chart_figure(chart: Chart) -> Figure:
+def draw_chart(chart: Chart) -> Figure:
     """All panels of a chart in one figure, for papers."""
     rows = [chart.panels[i : i + chart.columns] for i in range(0, len(chart.panels), chart.columns)]
     heights = [max(p.size.height for p in row) for row in rows]
     width = max(sum(p.size.width for p in row) for row in rows)
-    columns = _legend_columns(chart, width)
+    columns = _count_legend_columns(chart, width)
     legend = chart.legend_row * -(-len(chart.keys) // columns)
-    figure = new_figure(width, sum(heights) + legend)
+    figure = create_figure(width, sum(heights) + legend)
     top = sum(heights) + legend
     for row, height in zip(rows, heights, strict=True):
         left = 0.0
         for panel in row:
-            _place(figure, panel, left, top - panel.size.height)
+            _place_panel(figure, panel, left, top - panel.size.height)
             left += panel.size.width
         top -= height
     if chart.keys:
-        _legend(figure, chart, columns)
+        _add_legend(figure, chart, columns)
     return figure
 
 
-def _legend(figure: Figure, chart: Chart, columns: int) -> Legend:
+def _add_legend(figure: Figure, chart: Chart, columns: int) -> Legend:
     return figure.legend(
-        handles=[_handle(key) for key in chart.keys],
+        handles=[_make_handle(key) for key in chart.keys],
         loc="lower center",
         ncols=columns,
         frameon=False,
@@ -206,18 +206,18 @@ def _legend(figure: Figure, chart: Chart, columns: int) -> Legend:
     )
 
 
-def _legend_columns(chart: Chart, width: float) -> int:
+def _count_legend_columns(chart: Chart, width: float) -> int:
     """As many columns as fit a figure of that width (inches)."""
-    figure = new_figure(width, 1.0)
+    figure = create_figure(width, 1.0)
     for columns in range(len(chart.keys), 1, -1):
-        legend = _legend(figure, chart, columns)
+        legend = _add_legend(figure, chart, columns)
         if legend.get_window_extent().width <= figure.bbox.width:
             return columns
         legend.remove()
     return 1
 
 
-def new_figure(width: float, height: float, dpi: int = 100) -> Figure:
+def create_figure(width: float, height: float, dpi: int = 100) -> Figure:
     """An empty white figure, inches, that knows the size of its texts."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
@@ -227,7 +227,7 @@ def new_figure(width: float, height: float, dpi: int = 100) -> Figure:
     return figure
 
 
-def _place(figure: Figure, panel: Panel, left: float, bottom: float) -> None:
+def _place_panel(figure: Figure, panel: Panel, left: float, bottom: float) -> None:
     width, height = (float(v) for v in figure.get_size_inches())
     size = panel.size
     axes = figure.add_axes(
@@ -244,7 +244,7 @@ def _place(figure: Figure, panel: Panel, left: float, bottom: float) -> None:
     )
 
 
-def _handle(key: Key) -> Line2D | Patch:
+def _make_handle(key: Key) -> Line2D | Patch:
     from matplotlib.lines import Line2D
     from matplotlib.patches import Patch
 
@@ -254,7 +254,7 @@ def _handle(key: Key) -> Line2D | Patch:
         [],
         [],
         color=key.colour,
-        linestyle=line_style(key.dashes),
+        linestyle=make_line_style(key.dashes),
         linewidth=key.width,
         label=key.label,
     )
@@ -282,7 +282,7 @@ def write_charts(charts: Iterable[Chart], folder: Path | str, formats: Sequence[
         {"svg.hashsalt": SALT, "pdf.fonttype": 42}
     ):  # letters of a PDF stay letters
         for chart in charts:
-            figure = chart_figure(chart)
+            figure = draw_chart(chart)
             for suffix in formats:
                 path = folder / f"{chart.name}.{suffix}"
                 figure.savefig(path, dpi=DPI, metadata=_UNSIGNED[suffix])

@@ -29,13 +29,13 @@ from gaitcal.report.figures.chart import (
     SALT,
     SIDE_COLOURS,
     SIDE_DASHES,
-    dress,
-    limits,
-    line_style,
-    new_figure,
+    compute_limits,
+    create_figure,
+    format_axes,
+    make_line_style,
 )
 from gaitcal.results.session_comparison import SessionComparison
-from gaitcal.results.session_difference import Difference, numbers_of, subject
+from gaitcal.results.session_difference import Difference, format_numbers, name_figure
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -45,7 +45,7 @@ COLUMNS: Final = 4
 PANEL: Final = (2.75, 1.75)  # inches
 
 
-def comparison_page(
+def render_comparison_page(
     comparison: SessionComparison,
     convention: Convention,
     sheets: Mapping[str, Sequence[str]],
@@ -66,18 +66,18 @@ def comparison_page(
     facts = [dict(known) for known in people]
     labels = dict.fromkeys(label for known in facts for label in known)
     parts = [
-        plain_table(
+        render_plain_table(
             "Person and session",
             ("", *names),
             [(label, *(known.get(label, "–") for known in facts)) for label in labels],
             name="who",
         ),
-        *map(warning, comparison.warnings),
+        *map(render_warning, comparison.warnings),
         "<h2>What differs</h2>",
-        listed(comparison.words),
+        render_list(comparison.words),
     ]
     for sheet, variables in sheets.items():
-        if picture := _sheet(comparison, convention, variables):
+        if picture := _draw_sheet(comparison, convention, variables):
             words = (
                 f"{sheet}: means of {names[0]} (grey) and {names[1]} (right blue, left red, "
                 "dashed) over the stride "
@@ -96,26 +96,26 @@ def comparison_page(
         head = ("deg, ± standard error", *against, "difference")
         parts += [
             "<h2>Gait Profile Score and Movement Analysis Profile</h2>",
-            plain_table("Scores", head, scores),
+            render_plain_table("Scores", head, scores),
         ]
     steps = [d for d in comparison.found if d.kind == "spatiotemporal"]
     rest = [d for d in comparison.found if d.kind != "spatiotemporal"]
     parts += [
-        *_figures("Steps and phases", names, steps, len(steps)),
-        *_figures("All other figures", names, rest, SHOWN),
+        *_render_figures("Steps and phases", names, steps, len(steps)),
+        *_render_figures("All other figures", names, rest, SHOWN),
     ]
-    return plain_page(title, parts)
+    return render_plain_page(title, parts)
 
 
-def _figures(
+def _render_figures(
     title: str, names: tuple[str, str], found: Sequence[Difference], most: int
 ) -> Iterator[str]:
     if not found:
         return
     yield f"<h2>{title}</h2>"
-    rows = figure_rows(found[:most])
+    rows = build_figure_rows(found[:most])
     head = ("figure", "unit", *names, "difference", "missed below", "times")
-    yield plain_table(title, head, rows, beyond=[d.exceeds for d in found[:most]])
+    yield render_plain_table(title, head, rows, beyond=[d.exceeds for d in found[:most]])
     if len(found) > most:
         yield f'<p class="soft">and {len(found) - most} more in differences.csv</p>'
     yield (
@@ -124,7 +124,9 @@ def _figures(
     )
 
 
-def _sheet(comparison: SessionComparison, convention: Convention, variables: Sequence[str]) -> str:
+def _draw_sheet(
+    comparison: SessionComparison, convention: Convention, variables: Sequence[str]
+) -> str:
     """An `<img>` with a panel for each variable and leg; empty where both sessions have none of
     them.
     """
@@ -140,10 +142,10 @@ def _sheet(comparison: SessionComparison, convention: Convention, variables: Seq
     if not known:
         return ""
     rows = -(-len(known) // COLUMNS)
-    figure = new_figure(COLUMNS * PANEL[0], rows * PANEL[1])
+    figure = create_figure(COLUMNS * PANEL[0], rows * PANEL[1])
     for k, (variable, side) in enumerate(known, start=1):
         of_leg = curves[(curves["variable"] == variable) & (curves["side"] == side)]
-        _panel(figure.add_subplot(rows, COLUMNS, k), comparison, convention, of_leg)
+        _draw_panel(figure.add_subplot(rows, COLUMNS, k), comparison, convention, of_leg)
     figure.tight_layout(h_pad=0.8, w_pad=0.6)
     text = io.StringIO()
     with mpl.rc_context({"svg.hashsalt": SALT, "svg.fonttype": "none"}):
@@ -160,7 +162,7 @@ def _sheet(comparison: SessionComparison, convention: Convention, variables: Seq
     return f'<img alt="{escape(told)}" src="data:image/svg+xml;base64,{data}">'
 
 
-def _panel(
+def _draw_panel(
     axes: "Axes", comparison: SessionComparison, convention: Convention, curve: pd.DataFrame
 ) -> None:
     variable, side, percent = (
@@ -169,9 +171,9 @@ def _panel(
         curve["percent"].to_numpy(),
     )
     kind = kind_of(variable)
-    before, after, band = told_curves(comparison, convention, curve)
+    before, after, band = convert_curves(comparison, convention, curve)
     positive, title = convention.senses(variable, side)[0], convention.title(variable)
-    dress(axes, ylabel=f"{report_sheets.UNITS[kind]}\n{positive} +")
+    format_axes(axes, ylabel=f"{report_sheets.UNITS[kind]}\n{positive} +")
     axes.set_title(f"{title}, {SIDE_WORDS[side]}", fontsize=7.6, family=FONT, loc="left", pad=3)
     axes.axhline(0.0, color=FAINT, linewidth=0.5)
     axes.fill_between(
@@ -182,17 +184,19 @@ def _panel(
         percent,
         after,
         color=SIDE_COLOURS[side],
-        linestyle=line_style(SIDE_DASHES[side]),
+        linestyle=make_line_style(SIDE_DASHES[side]),
         linewidth=1.5,
     )
-    low, high = limits([before, after, before - band, before + band], report_sheets.LEAST[kind])
+    low, high = compute_limits(
+        [before, after, before - band, before + band], report_sheets.LEAST[kind]
+    )
     beyond = np.where(curve["exceeds"].to_numpy() == 1, low, np.nan)
     axes.plot(percent, beyond, color=INK, linewidth=5.0, solid_capstyle="butt")
     axes.set_xlim(0.0, 100.0)
     axes.set_ylim(low, high)
 
 
-def told_curves(
+def convert_curves(
     comparison: SessionComparison, convention: Convention, curve: pd.DataFrame
 ) -> tuple[Array, ...]:
     """(101,) means before and after, by each session's own body mass, and how far apart they could
@@ -212,7 +216,7 @@ def told_curves(
     return told("a", 0), told("b", 1), 0.5 * (np.abs(told("mdc95", 0)) + np.abs(told("mdc95", 1)))
 
 
-def paper_panels(
+def build_paper_panels(
     comparison: SessionComparison, convention: Convention, variables: Sequence[str]
 ) -> Iterator[report_sheets.CurvePanel | str]:
     """Of a sheet on paper: before thin, after thick in the band within which a difference could
@@ -228,7 +232,7 @@ def paper_panels(
             for side in SIDES
         }
         told = {
-            side: told_curves(comparison, convention, rows) if len(rows) else (none, none, none)
+            side: convert_curves(comparison, convention, rows) if len(rows) else (none, none, none)
             for side, rows in of.items()
         }
         kind = kind_of(variable)
@@ -245,9 +249,9 @@ def paper_panels(
         )
 
 
-def figure_rows(found: Sequence[Difference]) -> list[tuple[str, ...]]:
+def build_figure_rows(found: Sequence[Difference]) -> list[tuple[str, ...]]:
     """Figure, unit, both sessions, difference, what could be missed, and how many times that it is."""
-    return [(subject(d), d.unit, *numbers_of(d)) for d in found]
+    return [(name_figure(d), d.unit, *format_numbers(d)) for d in found]
 
 
 STYLE: Final = """
@@ -266,7 +270,7 @@ POLICY: Final = "default-src 'none'; style-src 'unsafe-inline'; img-src data:"
 Row = Sequence[str]
 
 
-def plain_page(title: str, parts: Iterable[str]) -> str:
+def render_plain_page(title: str, parts: Iterable[str]) -> str:
     """The whole page; `parts`: HTML below its title."""
     return (
         f'<!DOCTYPE html><html lang="en"><head><meta charset="utf-8"><title>{escape(title)}</title>'
@@ -276,7 +280,7 @@ def plain_page(title: str, parts: Iterable[str]) -> str:
     )
 
 
-def plain_table(
+def render_plain_table(
     label: str,
     head: Row,
     rows: Iterable[Row],
@@ -312,11 +316,11 @@ def plain_table(
     )
 
 
-def warning(text: str) -> str:
+def render_warning(text: str) -> str:
     """A sentence in a box of its own."""
     return f'<p class="warning" role="note">{escape(text)}</p>'
 
 
-def listed(lines: Iterable[str]) -> str:
+def render_list(lines: Iterable[str]) -> str:
     """A list of sentences."""
     return "<ul>" + "".join(f"<li>{escape(line)}</li>" for line in lines) + "</ul>"

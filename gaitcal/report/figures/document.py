@@ -38,7 +38,7 @@ from gaitcal.report.figures.report_sheets import (
     ProfileBars,
     Sheet,
     SheetOfCurves,
-    printed,
+    make_paragraph,
     register_fonts,
 )
 
@@ -118,8 +118,8 @@ COMMENT_SECTIONS: Final = ("summary", "spatiotemporal", "kinematics", "kinetics"
 """Sections that may have a comment."""
 
 
-def _heading(text: str) -> Paragraph:
-    return printed(text, 11, bold=True, before=9)
+def _make_heading(text: str) -> Paragraph:
+    return make_paragraph(text, 11, bold=True, before=9)
 
 
 def write_pdf(content: ReportContent | ComparisonContent, path: Path) -> int:
@@ -152,9 +152,9 @@ def write_pdf(content: ReportContent | ComparisonContent, path: Path) -> int:
     document.addPageTemplates(PageTemplate(id="page", frames=[frame], onPage=decorate))
     total = _Total(width - MARGIN - 5.6 * mm, MARGIN - 2 * mm)
     story = (
-        _of_sessions(content, *size)
+        _build_comparison(content, *size)
         if isinstance(content, ComparisonContent)
-        else _story(content, *size)
+        else _build_report(content, *size)
     )
     document.build([*story, total])
     atomic_bytes(path, out.getvalue())
@@ -180,60 +180,70 @@ class _Total(Flowable):  # type: ignore[misc]
         self.canv.endForm()
 
 
-def _story(content: ReportContent, width: float, height: float) -> list[Flowable]:
+def _build_report(content: ReportContent, width: float, height: float) -> list[Flowable]:
     register_fonts()
-    out: list[Flowable] = [_person(content, width), Spacer(1, 4 * mm), _verdict(content, width)]
-    out += [printed(sentence, before=3) for sentence in content.fit]
-    out += _comment(content, "summary")
+    out: list[Flowable] = [
+        _build_person_table(content, width),
+        Spacer(1, 4 * mm),
+        _build_verdict_table(content, width),
+    ]
+    out += [make_paragraph(sentence, before=3) for sentence in content.fit]
+    out += _build_comment(content, "summary")
     if len(content.walks) > 1:
         out += [
-            _heading("What counts for moments"),
+            _make_heading("What counts for moments"),
             Spacer(1, 1.5 * mm),
-            _table(content.walks, width),
+            _build_table(content.walks, width),
         ]
     if len(content.steps) > 1:
-        out += [_heading("Steps and phases"), Spacer(1, 1.5 * mm), _table(content.steps, width)]
+        out += [
+            _make_heading("Steps and phases"),
+            Spacer(1, 1.5 * mm),
+            _build_table(content.steps, width),
+        ]
         out += (
-            [printed(content.steps_norm, 7, colour=FAINT, before=2)] if content.steps_norm else []
+            [make_paragraph(content.steps_norm, 7, colour=FAINT, before=2)]
+            if content.steps_norm
+            else []
         )
-    out += _comment(content, "spatiotemporal")
+    out += _build_comment(content, "spatiotemporal")
     for sheet in content.sheets:
         if not sheet.has_curves:
             out += [
-                _heading(sheet.title),
-                printed(sheet.without, before=2),
-                *_comment(content, sheet.comment),
+                _make_heading(sheet.title),
+                make_paragraph(sheet.without, before=2),
+                *_build_comment(content, sheet.comment),
             ]
-    profile = _profile(content, width)
-    together = _height([*out, *profile], width, height) < height
+    profile = _build_profile(content, width)
+    together = _measure_height([*out, *profile], width, height) < height
     out += profile if together else []
     for sheet in filter(lambda sheet: sheet.has_curves, content.sheets):
-        out += _sheet(sheet, content, (width, height), content.norm)
+        out += _build_sheet(sheet, content, (width, height), content.norm)
     for title, rows in content.peaks:
         out += [
             CondPageBreak(LEAST_TABLE),
-            _heading(title),
+            _make_heading(title),
             Spacer(1, 1.5 * mm),
-            _table(rows, width),
+            _build_table(rows, width),
         ]
     out += [
         PageBreak(),
         *([] if together else profile),
-        _heading("Joints: where calibration moved them"),
+        _make_heading("Joints: where calibration moved them"),
     ]
-    stayed = printed("Joint parameters stayed as they were.")
+    stayed = make_paragraph("Joint parameters stayed as they were.")
     out += [
         Spacer(1, 1.5 * mm),
-        _table(content.joints, width) if len(content.joints) > 1 else stayed,
+        _build_table(content.joints, width) if len(content.joints) > 1 else stayed,
     ]
     if content.undetermined:
-        out += [_heading("Not determined by these recordings")]
-        out += [printed(f"·  {line}", before=2) for line in content.undetermined]
-    out += _comment(content, "joints")
-    return [*out, Spacer(1, 14 * mm), _signature(width)]
+        out += [_make_heading("Not determined by these recordings")]
+        out += [make_paragraph(f"·  {line}", before=2) for line in content.undetermined]
+    out += _build_comment(content, "joints")
+    return [*out, Spacer(1, 14 * mm), _build_signature(width)]
 
 
-def _sheet(
+def _build_sheet(
     sheet: Sheet,
     content: ReportContent | ComparisonContent,
     size: tuple[float, float],
@@ -242,63 +252,72 @@ def _sheet(
     """A page of curves with its comment, which has a page of its own where it leaves the curves too
     little.
     """
-    head = [_heading(sheet.title), printed(sheet.note, 7, colour=FAINT), Spacer(1, 2 * mm)]
-    comment = _comment(content, sheet.comment)
-    high = size[1] - _height(head, *size)
-    left = high - _height(comment, *size)
+    head = [
+        _make_heading(sheet.title),
+        make_paragraph(sheet.note, 7, colour=FAINT),
+        Spacer(1, 2 * mm),
+    ]
+    comment = _build_comment(content, sheet.comment)
+    high = size[1] - _measure_height(head, *size)
+    left = high - _measure_height(comment, *size)
     if left < LEAST_SHEET:
-        left, comment = high, [PageBreak(), _heading(sheet.title), *comment]
+        left, comment = high, [PageBreak(), _make_heading(sheet.title), *comment]
     return [PageBreak(), *head, SheetOfCurves(sheet, norm, (size[0], left)), *comment]
 
 
-def _of_sessions(content: ComparisonContent, width: float, height: float) -> list[Flowable]:
+def _build_comparison(content: ComparisonContent, width: float, height: float) -> list[Flowable]:
     register_fonts()
-    out: list[Flowable] = [_table(content.people, width), _heading("What differs")]
-    out += [*(printed(line, before=2) for line in content.words), *_comment(content, "summary")]
+    out: list[Flowable] = [_build_table(content.people, width), _make_heading("What differs")]
+    out += [
+        *(make_paragraph(line, before=2) for line in content.words),
+        *_build_comment(content, "summary"),
+    ]
     for title, rows in (
         ("Gait Profile Score and Movement Analysis Profile", content.scores),
         ("Steps and phases", content.steps),
     ):
         if len(rows) > 1:
-            out += [_heading(title), Spacer(1, 1.5 * mm), _table(rows, width)]
-    out += _comment(content, "spatiotemporal")
+            out += [_make_heading(title), Spacer(1, 1.5 * mm), _build_table(rows, width)]
+    out += _build_comment(content, "spatiotemporal")
     for sheet in content.sheets:
         if sheet.has_curves:
-            out += _sheet(sheet, content, (width, height))
+            out += _build_sheet(sheet, content, (width, height))
         else:
             out += [
-                _heading(sheet.title),
-                printed(sheet.without, before=2),
-                *_comment(content, sheet.comment),
+                _make_heading(sheet.title),
+                make_paragraph(sheet.without, before=2),
+                *_build_comment(content, sheet.comment),
             ]
     if len(content.others) > 1:
         out += [
             PageBreak(),
-            _heading("Largest other figures"),
+            _make_heading("Largest other figures"),
             Spacer(1, 1.5 * mm),
-            _table(content.others, width),
+            _build_table(content.others, width),
         ]
-    return [*out, *_comment(content, "joints"), Spacer(1, 14 * mm), _signature(width)]
+    return [*out, *_build_comment(content, "joints"), Spacer(1, 14 * mm), _build_signature(width)]
 
 
-def _height(parts: Sequence[Flowable], width: float, height: float) -> float:
+def _measure_height(parts: Sequence[Flowable], width: float, height: float) -> float:
     return float(sum(part.wrap(width, height)[1] + part.getSpaceBefore() for part in parts))
 
 
-def _profile(content: ReportContent, width: float) -> list[Flowable]:
+def _build_profile(content: ReportContent, width: float) -> list[Flowable]:
     """Gait Profile Scores; of somebody whom no norm fits, why; nothing where there are no curves at
     all.
     """
     if not content.walked or not any(sheet.has_curves for sheet in content.sheets):
         return []
     out: list[Flowable] = [
-        _heading("Gait Profile Score and Movement Analysis Profile"),
+        _make_heading("Gait Profile Score and Movement Analysis Profile"),
         Spacer(1, 1 * mm),
     ]
     if not content.profile:
         return [
             *out,
-            printed(content.norm_remark or "The norm or the strides lack an angle of the profile."),
+            make_paragraph(
+                content.norm_remark or "The norm or the strides lack an angle of the profile."
+            ),
         ]
     words = (
         "RMS distance of each angle from healthy people's mean, deg, with its standard error "
@@ -307,21 +326,25 @@ def _profile(content: ReportContent, width: float) -> list[Flowable]:
     words += f"what healthy people have themselves: {content.norm}."
     return [
         *out,
-        printed(words, 7, colour=FAINT),
+        make_paragraph(words, 7, colour=FAINT),
         Spacer(1, 1 * mm),
         ProfileBars(content.profile, width),
     ]
 
 
-def _comment(content: ReportContent | ComparisonContent, section: str) -> list[Flowable]:
+def _build_comment(content: ReportContent | ComparisonContent, section: str) -> list[Flowable]:
     text = content.comments.get(section, "").strip()
-    return [printed("Comment", 8.5, bold=True, before=6), printed(text, before=1)] if text else []
+    return (
+        [make_paragraph("Comment", 8.5, bold=True, before=6), make_paragraph(text, before=1)]
+        if text
+        else []
+    )
 
 
-def _person(content: ReportContent, width: float) -> Table:
+def _build_person_table(content: ReportContent, width: float) -> Table:
     """Labels above values, in rows of `HEADER_COLUMNS`."""
     cells = [
-        [printed(label, 7, colour=FAINT), printed(value, 9, bold=True)]
+        [make_paragraph(label, 7, colour=FAINT), make_paragraph(value, 9, bold=True)]
         for label, value in content.person
     ]
     cells += [[]] * (-len(cells) % HEADER_COLUMNS)
@@ -338,14 +361,17 @@ def _person(content: ReportContent, width: float) -> Table:
     )
 
 
-def _verdict(content: ReportContent, width: float) -> Table:
+def _build_verdict_table(content: ReportContent, width: float) -> Table:
     tone = TONES.get(content.verdict, INK)
     parts: list[Flowable] = [
-        printed(content.verdict.capitalize(), 12, bold=True, colour=tone),
-        printed(content.sentence, before=2),
+        make_paragraph(content.verdict.capitalize(), 12, bold=True, colour=tone),
+        make_paragraph(content.sentence, before=2),
     ]
     for found, cure in content.reasons:
-        parts += [printed(f"·  {found}", before=3), printed(f"    {cure}", 7.5, colour=FAINT)]
+        parts += [
+            make_paragraph(f"·  {found}", before=3),
+            make_paragraph(f"    {cure}", 7.5, colour=FAINT),
+        ]
     return Table(
         [[parts]],
         colWidths=[width],
@@ -357,7 +383,7 @@ def _verdict(content: ReportContent, width: float) -> Table:
     )
 
 
-def _table(rows: Sequence[Sequence[str]], width: float) -> Table:
+def _build_table(rows: Sequence[Sequence[str]], width: float) -> Table:
     """The first row is the head; columns as wide as their longest texts ask for, and words up to 14
     letters whole.
     """
@@ -370,7 +396,7 @@ def _table(rows: Sequence[Sequence[str]], width: float) -> Table:
         max(of_text, min(14, 1.1 * word)) for of_text, word in zip(letters, words, strict=True)
     ]
     widths = [width * part / sum(longest) for part in longest]
-    body = [[printed(cell, 7.5, bold=k == 0) for cell in row] for k, row in enumerate(rows)]
+    body = [[make_paragraph(cell, 7.5, bold=k == 0) for cell in row] for k, row in enumerate(rows)]
     return Table(
         body,
         colWidths=widths,
@@ -386,9 +412,9 @@ def _table(rows: Sequence[Sequence[str]], width: float) -> Table:
     )
 
 
-def _signature(width: float) -> Table:
+def _build_signature(width: float) -> Table:
     return Table(
-        [[printed(word, 7.5, colour=FAINT) for word in ("Name", "Date", "Signature")]],
+        [[make_paragraph(word, 7.5, colour=FAINT) for word in ("Name", "Date", "Signature")]],
         colWidths=[0.4 * width, 0.2 * width, 0.4 * width],
         style=[("LINEABOVE", (0, 0), (-1, 0), 0.6, FAINT), ("LEFTPADDING", (0, 0), (-1, -1), 2)],
     )

@@ -16,7 +16,7 @@ from gaitcal.gait.moments import SIDE_WORDS
 from gaitcal.io.atomic import atomic_file
 from gaitcal.montecarlo import draw, draw_statistics
 from gaitcal.montecarlo.protocol import ReactionFrame, Varied
-from gaitcal.report.figures.chart import GRID, INK, new_figure
+from gaitcal.report.figures.chart import GRID, INK, create_figure
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -46,7 +46,7 @@ SHOWN_SHARE = (
 )
 
 
-def boxplot_figure(
+def draw_boxplots(
     table: pd.DataFrame, frame: ReactionFrame, measure: str = "rms", side: str = "l"
 ) -> "Figure":
     """Torque errors and marker distances of one leg over the levels: a column per set, a row per
@@ -61,7 +61,7 @@ def boxplot_figure(
         (f"markers_{side}", None),
     ]
     width, height = 1.25 + 1.75 * len(sets), 1.3 + 1.25 * len(quantities)
-    figure = new_figure(width, height, DPI)
+    figure = create_figure(width, height, DPI)
     axes = figure.subplots(len(quantities), len(sets), sharex="col", sharey="row", squeeze=False)
     figure.subplots_adjust(
         left=1.05 / width,
@@ -73,7 +73,7 @@ def boxplot_figure(
     )
     for row, (quantity, of) in enumerate(quantities):
         for column, varied in enumerate(sets):
-            _boxes(
+            _draw_boxes(
                 axes[row, column],
                 draw_statistics.levels_of(table, varied, quantity, of, measure),
                 SET_COLOURS[varied],
@@ -96,7 +96,7 @@ def boxplot_figure(
     return figure
 
 
-def _boxes(axes: "Axes", rows: pd.DataFrame, colour: str) -> None:
+def _draw_boxes(axes: "Axes", rows: pd.DataFrame, colour: str) -> None:
     places = np.arange(1, len(rows) + 1)
     boxes = [
         {
@@ -149,17 +149,17 @@ def _scale(row: np.ndarray, measure: str) -> None:
         axes.axhline(0.0, color=INK, linewidth=0.5)
 
 
-def contribution_figure(contributions: pd.DataFrame, side: str = "l") -> "Figure":
+def draw_contributions(contributions: pd.DataFrame, side: str = "l") -> "Figure":
     """Share of every parameter in the variance of the seven torques of a leg, both ground-reaction
     frames.
 
     Parameters of the other leg, of the rest of the body, and the inertial ones stand together in
     one row each.
     """
-    panels = {frame: _shares(contributions, frame, side) for frame in ReactionFrame}
+    panels = {frame: _collect_shares(contributions, frame, side) for frame in ReactionFrame}
     rows = list(next(iter(panels.values())).index)
     width, height = 9.2, 1.5 + 0.2 * len(rows)
-    figure = new_figure(width, height, DPI)
+    figure = create_figure(width, height, DPI)
     axes = figure.subplots(1, len(panels), sharey=True, squeeze=False)[0]
     figure.subplots_adjust(
         left=1.75 / width, right=0.91, bottom=0.85 / height, top=1 - 0.6 / height, wspace=0.04
@@ -195,7 +195,7 @@ def contribution_figure(contributions: pd.DataFrame, side: str = "l") -> "Figure
     return figure
 
 
-def _shares(contributions: pd.DataFrame, frame: ReactionFrame, side: str) -> pd.DataFrame:
+def _collect_shares(contributions: pd.DataFrame, frame: ReactionFrame, side: str) -> pd.DataFrame:
     """`variance_shares` as one table, parameters as `hip: pelvis ant`."""
     of_leg, groups = draw_statistics.variance_shares(contributions, frame, side)
     return pd.concat(
@@ -218,10 +218,10 @@ def write_monte_carlo_figures(
     }
     out = {}
     for name, (frame, measure) in figures.items():
-        out[name] = _write(boxplot_figure(table, frame, measure, side), Path(folder) / name)
+        out[name] = _write(draw_boxplots(table, frame, measure, side), Path(folder) / name)
     if contributions is not None:
         out["contributions"] = _write(
-            contribution_figure(contributions, side), Path(folder) / "contributions"
+            draw_contributions(contributions, side), Path(folder) / "contributions"
         )
     return out
 

@@ -94,20 +94,24 @@ class FittedMesh:
     place: Array  # (3, 4) affine map from the mesh's own unit to the segment frame, m
 
 
-def fitted_meshes(model: SubjectModel) -> tuple[FittedMesh, ...]:
+def fit_body_meshes(model: SubjectModel) -> tuple[FittedMesh, ...]:
     """The body of a person: lengths from the joint centres of the model, girths from mass and
     height.
     """
     tall = model.subject.height / REFERENCE_HEIGHT
     girth = float(np.sqrt(model.subject.mass / REFERENCE_MASS / tall))
     jp = model.parameters
-    meshes = [*_trunk(model, jp, girth), _pelvis(jp, girth)]
+    meshes = [*_fit_trunk(model, jp, girth), _fit_pelvis(jp, girth)]
     for side in SIDES:
-        meshes += [*_leg(jp, side, girth), _foot(model, side), *_arm(model, jp, side, girth)]
+        meshes += [
+            *_fit_leg(jp, side, girth),
+            _fit_foot(model, side),
+            *_fit_arm(model, jp, side, girth),
+        ]
     return tuple(meshes)
 
 
-def _limb(
+def _fit_limb(
     mesh: str, segment: str, ends: tuple[Array, Array], heights: tuple[float, float], across: float
 ) -> FittedMesh:
     """A mesh whose `heights` (its own unit) come to the joint centres `ends` (proximal, distal)."""
@@ -121,7 +125,7 @@ def _limb(
     return FittedMesh(mesh, segment, np.column_stack([place, ends[0] - heights[0] * along]))
 
 
-def _straight(
+def _scale_mesh(
     mesh: str, segment: str, origin: Array, scale: tuple[float, float, float]
 ) -> FittedMesh:
     """A mesh with the axes of its segment, its own origin at `origin` (m), m per unit along each
@@ -130,7 +134,7 @@ def _straight(
     return FittedMesh(mesh, segment, np.column_stack([np.diag(scale), origin]))
 
 
-def _trunk(model: SubjectModel, jp: Parameters, girth: float) -> list[FittedMesh]:
+def _fit_trunk(model: SubjectModel, jp: Parameters, girth: float) -> list[FittedMesh]:
     """Torso as wide as the shoulders; neck and head so that the standing person is as tall as
     measured.
     """
@@ -140,27 +144,27 @@ def _trunk(model: SubjectModel, jp: Parameters, girth: float) -> list[FittedMesh
         / 2
     )
     head = _HEAD_OF_HEIGHT * model.subject.height / 42.0
-    neck = vertex_above_lumbar(model) - 46.2 * head
+    neck = compute_vertex_height(model) - 46.2 * head
     thick = 0.0056 * girth
     high = (neck - 0.03) / 52.0
     return [
-        _straight(
+        _scale_mesh(
             "abdomen", "head_trunk", lumbar, (0.0074 * girth, 0.45 * neck / 27.1, 0.0076 * girth)
         ),
-        _straight(
+        _scale_mesh(
             "torso",
             "head_trunk",
             lumbar + [0.0, 0.05 - 22.9 * high, 0.0],
             (0.00578 * girth, high, half / 22.0),
         ),
-        _straight(
+        _scale_mesh(
             "neck", "head_trunk", lumbar + [_HEAD_FORWARD / 2, neck, 0.0], (thick, 0.0075, thick)
         ),
-        _straight("head", "head_trunk", lumbar + [_HEAD_FORWARD, neck, 0.0], (head, head, head)),
+        _scale_mesh("head", "head_trunk", lumbar + [_HEAD_FORWARD, neck, 0.0], (head, head, head)),
     ]
 
 
-def vertex_above_lumbar(model: SubjectModel) -> float:
+def compute_vertex_height(model: SubjectModel) -> float:
     """Metres from the lumbar joint to the top of the head: where the height of the upright person
     puts it, and little above the markers of the head where it has some.
     """
@@ -172,13 +176,14 @@ def vertex_above_lumbar(model: SubjectModel) -> float:
     on_trunk = [segment == "head_trunk" for segment in model.markers.segments]
     head = model.markers.local[on_trunk, 1] - lumbar
     vertex = max(
-        height - _lumbar_height(jp, height), float(shoulders) + 0.9 * _HEAD_OF_HEIGHT * height
+        height - _compute_lumbar_height(jp, height),
+        float(shoulders) + 0.9 * _HEAD_OF_HEIGHT * height,
     )
     has_markers = (head > shoulders + _HEAD_MARKER_OF_HEIGHT * height).any()
     return min(vertex, float(head.max()) + _VERTEX_OVER_MARKERS * height) if has_markers else vertex
 
 
-def _lumbar_height(jp: Parameters, height: float) -> float:
+def _compute_lumbar_height(jp: Parameters, height: float) -> float:
     """Metres from the floor to the lumbar joint of the upright person."""
     thighs = [
         jp.centre(f"hip_{s}", f"thigh_{s}")[1] - jp.centre(f"knee_{s}", f"thigh_{s}")[1]
@@ -197,17 +202,17 @@ def _lumbar_height(jp: Parameters, height: float) -> float:
     )
 
 
-def _pelvis(jp: Parameters, girth: float) -> FittedMesh:
+def _fit_pelvis(jp: Parameters, girth: float) -> FittedMesh:
     hips = (jp.centre("hip_r", "pelvis") + jp.centre("hip_l", "pelvis")) / 2
     back = jp.centre("back", "pelvis")
     rise = max(float(back[1] - hips[1]), 0.02) / _HIP_DROP
     origin = np.array([hips[0] - _HIP_FORWARD * girth, back[1] - 0.05 * rise, hips[2]])
-    return _straight(
+    return _scale_mesh(
         "pelvis", "pelvis", origin, (0.00643 * girth, 0.005897 * rise, 0.005897 * girth)
     )
 
 
-def _leg(jp: Parameters, side: str, girth: float) -> list[FittedMesh]:
+def _fit_leg(jp: Parameters, side: str, girth: float) -> list[FittedMesh]:
     thigh, shank = f"thigh_{side}", f"shank_{side}"
     hip, knee = (
         jp.centre(f"hip_{side}", f"thigh_{side}"),
@@ -218,19 +223,19 @@ def _leg(jp: Parameters, side: str, girth: float) -> list[FittedMesh]:
         jp.centre(f"talocrural_{side}", f"shank_{side}"),
     )
     return [
-        _limb("upperleg", thigh, (hip, knee), (7.8, -60.8), 0.0065 * girth),
-        _limb("lowerleg", shank, (top, ankle), (0.0, -66.7), 0.0066 * girth),
-        _straight("knee", shank, top, (0.0056 * girth,) * 3),
+        _fit_limb("upperleg", thigh, (hip, knee), (7.8, -60.8), 0.0065 * girth),
+        _fit_limb("lowerleg", shank, (top, ankle), (0.0, -66.7), 0.0066 * girth),
+        _scale_mesh("knee", shank, top, (0.0056 * girth,) * 3),
     ]
 
 
-def _foot(model: SubjectModel, side: str) -> FittedMesh:
+def _fit_foot(model: SubjectModel, side: str) -> FittedMesh:
     """The foot mesh at the fitted ankle centre, upright as at zero nominal coordinates, x to the
     toe.
     """
     foot, talus = f"foot_{side}", f"talus_{side}"
-    upright = upright_poses(model.nominal)[0][foot][:, 1].copy()
-    axes, origins = upright_poses(model.parameters)
+    upright = compute_upright_poses(model.nominal)[0][foot][:, 1].copy()
+    axes, origins = compute_upright_poses(model.parameters)
     ankle = axes[foot] @ (origins[talus] - origins[foot])
     z = np.cross([1.0, 0.0, 0.0], upright)
     z /= np.linalg.norm(z)
@@ -241,7 +246,7 @@ def _foot(model: SubjectModel, side: str) -> FittedMesh:
     )
 
 
-def upright_poses(parameters: Parameters) -> tuple[dict[str, Array], dict[str, Array]]:
+def compute_upright_poses(parameters: Parameters) -> tuple[dict[str, Array], dict[str, Array]]:
     """Segment -> (3, 3) rotation from laboratory to segment, and (3,) m origin; all coordinates
     zero.
     """
@@ -249,21 +254,21 @@ def upright_poses(parameters: Parameters) -> tuple[dict[str, Array], dict[str, A
     return {s: x[..., 0] for s, x in axes.items()}, {s: x[..., 0] for s, x in origins.items()}
 
 
-def _arm(model: SubjectModel, jp: Parameters, side: str, girth: float) -> list[FittedMesh]:
+def _fit_arm(model: SubjectModel, jp: Parameters, side: str, girth: float) -> list[FittedMesh]:
     upper, fore = f"upper_arm_{side}", f"forearm_hand_{side}"
     shoulder, elbow = jp.centre(f"shoulder_{side}", upper), jp.centre(f"elbow_{side}", upper)
-    top, end = jp.centre(f"elbow_{side}", fore), wrist(model, jp, side)
+    top, end = jp.centre(f"elbow_{side}", fore), locate_wrist(model, jp, side)
     hand = 0.0061 * model.subject.height / REFERENCE_HEIGHT
     return [
-        _straight("shoulder", upper, shoulder, (0.00585 * girth,) * 3),
-        _limb("upperarm", upper, (shoulder, elbow), (-8.3, -54.3), 0.0062 * girth),
-        _limb("lowerarm", fore, (top, end), (0.0, -44.8), 0.0064 * girth),
-        _straight("elbow", fore, top, (0.0055 * girth,) * 3),
-        _straight("hand", fore, end, (hand, hand, hand)),
+        _scale_mesh("shoulder", upper, shoulder, (0.00585 * girth,) * 3),
+        _fit_limb("upperarm", upper, (shoulder, elbow), (-8.3, -54.3), 0.0062 * girth),
+        _fit_limb("lowerarm", fore, (top, end), (0.0, -44.8), 0.0064 * girth),
+        _scale_mesh("elbow", fore, top, (0.0055 * girth,) * 3),
+        _scale_mesh("hand", fore, end, (hand, hand, hand)),
     ]
 
 
-def wrist(model: SubjectModel, jp: Parameters, side: str) -> Array:
+def locate_wrist(model: SubjectModel, jp: Parameters, side: str) -> Array:
     """(3,) m of the wrist in the forearm: its landmark, else below the elbow by the forearm's share
     of body height.
     """
@@ -275,24 +280,24 @@ def wrist(model: SubjectModel, jp: Parameters, side: str) -> Array:
     return out
 
 
-def body_meshes() -> BodyMeshes:
+def read_body_meshes() -> BodyMeshes:
     """Read the human meshes of the installed example-robot-data; capsules for those it lacks."""
-    files = _files()
+    files = _find_files()
     meshes, replaced = {}, []
     for name in MESHES:
         if name in BALLS:
-            meshes[name] = round_body(*MESHES[name])
+            meshes[name] = make_round_body(*MESHES[name])
             continue
         try:
-            whole = _as_expected(name, read_stl(files[name].read_bytes()))
+            whole = _check_mesh(name, read_stl(files[name].read_bytes()))
             meshes[name] = with_fewer_triangles(whole, _MOST_TRIANGLES)
         except (KeyError, OSError, ValueError):
-            meshes[name] = round_body(*MESHES[name], blunt=2.0)
+            meshes[name] = make_round_body(*MESHES[name], blunt=2.0)
             replaced.append(name)
     return BodyMeshes(meshes, tuple(replaced))
 
 
-def _as_expected(name: str, mesh: Mesh) -> Mesh:
+def _check_mesh(name: str, mesh: Mesh) -> Mesh:
     """ValueError for a mesh of another shape or unit than the one that is placed here."""
     low, high = MESHES[name]
     slack = _SLACK * (high - low).max()
@@ -305,7 +310,7 @@ def _as_expected(name: str, mesh: Mesh) -> Mesh:
     return mesh
 
 
-def _files() -> dict[str, Path]:
+def _find_files() -> dict[str, Path]:
     try:
         listed = distribution(PACKAGE).files or ()
     except PackageNotFoundError:
@@ -337,7 +342,7 @@ def read_stl(content: bytes) -> Mesh:
     return Mesh(ordered[new], place.reshape(-1, 3))
 
 
-def round_body(low: Array, high: Array, blunt: float = 1.0) -> Mesh:
+def make_round_body(low: Array, high: Array, blunt: float = 1.0) -> Mesh:
     """A body of revolution that fills a box: an ellipsoid, or with `blunt` 2 nearly a capsule."""
     latitude = np.linspace(-np.pi / 2, np.pi / 2, _RINGS + 1)[1:-1]
     longitude = np.linspace(0.0, 2 * np.pi, _AROUND, endpoint=False)

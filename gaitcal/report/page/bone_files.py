@@ -68,12 +68,12 @@ class BoneMeshes:
     source: str  # Where they are from, for the page
     licence: str  # Text of their licence; empty where the source has none
 
-    def shown(self, bone: str) -> Mesh:
+    def reduce_bone(self, bone: str) -> Mesh:
         """The bone with as many triangles as the page shows of it."""
         return with_fewer_triangles(self.meshes[bone], _FILES[bone][1])
 
 
-def installed_bones() -> BoneMeshes | None:
+def find_installed_bones() -> BoneMeshes | None:
     """The bones of the installed `myo-sim`; None where it is not installed, or no longer has what
     is needed.
     """
@@ -93,7 +93,7 @@ def installed_bones() -> BoneMeshes | None:
     )
 
 
-def bones_of_folder(folder: Path) -> BoneMeshes:
+def read_bone_folder(folder: Path) -> BoneMeshes:
     """The bones of a folder of `.vtp` or `.stl` files with OpenSim's names.
 
     Raises InputError: No such folder, a file that is no surface, a bone that is needed is missing,
@@ -155,13 +155,13 @@ def read_vtp(content: bytes) -> Mesh:
     triangles: list[IntArray] = []
     count = 0
     for piece in root.iter("Piece"):
-        points = _array(root, piece, "Points/DataArray").reshape(-1, 3).astype(float)
-        corners = _array(root, piece, "Polys/DataArray[@Name='connectivity']").astype(np.intp)
-        ends = _array(root, piece, "Polys/DataArray[@Name='offsets']").astype(np.intp)
+        points = _read_array(root, piece, "Points/DataArray").reshape(-1, 3).astype(float)
+        corners = _read_array(root, piece, "Polys/DataArray[@Name='connectivity']").astype(np.intp)
+        ends = _read_array(root, piece, "Polys/DataArray[@Name='offsets']").astype(np.intp)
         if len(corners) and not (corners.min() >= 0 and corners.max() < len(points)):
             raise ValueError("corners beyond the points")
         vertices.append(points)
-        triangles.append(count + _fans(corners, ends))
+        triangles.append(count + _split_polygons(corners, ends))
         count += len(points)
     if (
         not triangles
@@ -172,7 +172,7 @@ def read_vtp(content: bytes) -> Mesh:
     return Mesh(np.vstack(vertices), np.vstack(triangles))
 
 
-def _fans(corners: IntArray, ends: IntArray) -> IntArray:
+def _split_polygons(corners: IntArray, ends: IntArray) -> IntArray:
     """(nt, 3) triangles of polygons whose corners stand one after the other, up to each end."""
     starts = np.concatenate([[0], ends[:-1]]) if len(ends) else ends
     if len(ends) and (np.any(np.diff(ends) < 0) or ends[0] < 0 or ends[-1] > len(corners)):
@@ -185,7 +185,7 @@ def _fans(corners: IntArray, ends: IntArray) -> IntArray:
     return np.array(fans, dtype=np.intp).reshape(-1, 3)
 
 
-def _array(root: ET.Element, piece: ET.Element, path: str) -> NDArray[np.generic]:
+def _read_array(root: ET.Element, piece: ET.Element, path: str) -> NDArray[np.generic]:
     found = piece.find(path)
     if found is None or found.get("type") not in _TYPES:
         raise ValueError(f"no {path}")
@@ -201,13 +201,13 @@ def _array(root: ET.Element, piece: ET.Element, path: str) -> NDArray[np.generic
         raise ValueError(f"data packed by {compressor}")
     packed, counts = "".join(words), np.dtype(order + _TYPES[root.get("header_type", "UInt32")])
     if compressor:
-        return np.frombuffer(_inflated(packed, counts), dtype=kind)
+        return np.frombuffer(_decode_blocks(packed, counts), dtype=kind)
     raw = base64.b64decode(packed)
     (size,) = np.frombuffer(raw[: counts.itemsize], counts)
     return np.frombuffer(raw[counts.itemsize : counts.itemsize + int(size)], dtype=kind)
 
 
-def _inflated(text: str, counts: np.dtype[np.generic]) -> bytes:
+def _decode_blocks(text: str, counts: np.dtype[np.generic]) -> bytes:
     """Header: number of blocks, their size, size of the last, then each block's packed size;
     encoded by itself.
     """

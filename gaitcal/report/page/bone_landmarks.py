@@ -37,7 +37,12 @@ from gaitcal.arrays import Array, BoolArray
 from gaitcal.model.linkage import SIDES
 from gaitcal.model.segment_frames import JointWidths
 from gaitcal.model.subject_model import SubjectModel
-from gaitcal.report.page.body_meshes import Mesh, upright_poses, vertex_above_lumbar, wrist
+from gaitcal.report.page.body_meshes import (
+    Mesh,
+    compute_upright_poses,
+    compute_vertex_height,
+    locate_wrist,
+)
 
 _END = 0.12  # Share of a bone's length that is its end
 _UPPER_SHAFT, _LOWER_SHAFT = (0.6, 0.8), (0.25, 0.5)  # Shares of a bone's length, from below
@@ -111,7 +116,7 @@ class ShankBones:
     lateral: Array  # Malleolus
 
 
-def volume(mesh: Mesh) -> float:
+def compute_volume(mesh: Mesh) -> float:
     """m^3, positive where the corners of the triangles go round counter-clockwise seen from
     outside.
     """
@@ -119,16 +124,16 @@ def volume(mesh: Mesh) -> float:
     return float(np.einsum("ij,ij->", a, np.cross(b, c))) / 6.0
 
 
-def face_normals(mesh: Mesh) -> tuple[Array, Array]:
+def compute_face_normals(mesh: Mesh) -> tuple[Array, Array]:
     """(nt, 3) outward normals as long as the area (m^2), and (nt, 3) the triangles' middles, m."""
     corners = mesh.vertices[mesh.triangles]
     outward = 0.5 * np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    return outward * (1.0 if volume(mesh) > 0 else -1.0), corners.mean(axis=1)
+    return outward * (1.0 if compute_volume(mesh) > 0 else -1.0), corners.mean(axis=1)
 
 
-def _vertex_normals(mesh: Mesh) -> Array:
+def _compute_vertex_normals(mesh: Mesh) -> Array:
     """(nv, 3) outward unit vectors, the triangles around weighted by their area."""
-    faces, _ = face_normals(mesh)
+    faces, _ = compute_face_normals(mesh)
     sums = np.zeros_like(mesh.vertices)
     for k in range(3):
         np.add.at(sums, mesh.triangles[:, k], faces)
@@ -136,14 +141,14 @@ def _vertex_normals(mesh: Mesh) -> Array:
     return out
 
 
-def _spread_points(mesh: Mesh) -> tuple[Array, Array, Array]:
+def _sample_surface(mesh: Mesh) -> tuple[Array, Array, Array]:
     """Points (n, 3) spread over the whole surface, outward unit normals (n, 3) and the area (n,)
     each stands for.
 
     A few large triangles weigh as they should in a fit to these, which they do not by their corners
     alone.
     """
-    outward, _ = face_normals(mesh)
+    outward, _ = compute_face_normals(mesh)
     area = np.linalg.norm(outward, axis=1)
     places = [(i + 1 / 3, j + 1 / 3) for i in range(_PARTS) for j in range(_PARTS - i)]
     shares = np.array([(a / _PARTS, b / _PARTS, 1.0 - (a + b) / _PARTS) for a, b in places])
@@ -152,7 +157,7 @@ def _spread_points(mesh: Mesh) -> tuple[Array, Array, Array]:
     return points, normals, np.repeat(area / len(shares), len(shares))
 
 
-def fitted_ball(points: Array, weights: Array | None = None) -> tuple[Array, float]:
+def fit_ball(points: Array, weights: Array | None = None) -> tuple[Array, float]:
     """Centre (d,) and radius (m) of the sphere, or in two dimensions the circle, nearest to points
     (n, d).
     """
@@ -177,27 +182,27 @@ def is_inside(mesh: Mesh, point: Array) -> bool:
     return abs(float(angles.sum())) > 2.0 * np.pi
 
 
-def _low_and_length(vertices: Array) -> tuple[float, float]:
+def _measure_length(vertices: Array) -> tuple[float, float]:
     return float(vertices[:, 1].min()), float(np.ptp(vertices[:, 1]))
 
 
-def long_bone(mesh: Mesh) -> LongBone:
+def find_long_bone(mesh: Mesh) -> LongBone:
     """Head and epicondyles of a femur or humerus."""
     v = mesh.vertices
-    low, length = _low_and_length(v)
+    low, length = _measure_length(v)
     upper = v[:, 1] > low + (1.0 - _END) * length
     lower = v[v[:, 1] < low + _END * length]
-    head = _head(v, _vertex_normals(mesh), upper, length)
+    head = _find_head(v, _compute_vertex_normals(mesh), upper, length)
     return LongBone(head, lower[np.argmax(lower[:, 2])], lower[np.argmin(lower[:, 2])])
 
 
-def _head(v: Array, normals: Array, upper: BoolArray, length: float) -> Ball:
+def _find_head(v: Array, normals: Array, upper: BoolArray, length: float) -> Ball:
     seed = v[upper][np.argmin(v[upper][:, 2])]
     chosen = upper & (np.linalg.norm(v - seed, axis=1) < 0.06 * length)
     for _ in range(_ROUNDS):
         if chosen.sum() < _FEWEST_POINTS:
             raise NoLandmark("no round head")
-        centre, radius = fitted_ball(v[chosen])
+        centre, radius = fit_ball(v[chosen])
         outwards = np.einsum("ij,ij->i", v - centre, normals) > 0.5 * radius
         following = (
             upper
@@ -210,11 +215,11 @@ def _head(v: Array, normals: Array, upper: BoolArray, length: float) -> Ball:
     return Ball(centre, radius)
 
 
-def condyles(mesh: Mesh) -> Condyles:
+def find_condyles(mesh: Mesh) -> Condyles:
     """The condyles of a femur."""
-    bone = long_bone(mesh)
-    points, normals, area = _spread_points(mesh)
-    low, length = _low_and_length(mesh.vertices)
+    bone = find_long_bone(mesh)
+    points, normals, area = _sample_surface(mesh)
+    low, length = _measure_length(mesh.vertices)
     half = 0.5 * float(bone.lateral[2] - bone.medial[2])
     balls, lowest = [], []
     for side in (-1.0, 1.0):
@@ -226,18 +231,18 @@ def condyles(mesh: Mesh) -> Condyles:
         )
         if one.sum() < _FEWEST_POINTS:
             raise NoLandmark("no condyles")
-        balls.append(_condyle(points[one], normals[one], area[one], length))
+        balls.append(_fit_condyle(points[one], normals[one], area[one], length))
         lowest.append(float(points[one][:, 1].min()))
     return Condyles(balls[0], balls[1], float(bone.middle[1]) - 0.5 * sum(lowest))
 
 
-def _condyle(points: Array, normals: Array, area: Array, length: float) -> Ball:
+def _fit_condyle(points: Array, normals: Array, area: Array, length: float) -> Ball:
     """(n, 3) surface of one condyle, without its sides -> circle through its hind and lower part."""
     chosen = points[:, 0] < np.median(points[:, 0])
     for _ in range(_ROUNDS):
         if chosen.sum() < _FEWEST_POINTS:
             raise NoLandmark("no round condyle")
-        centre, radius = fitted_ball(points[chosen][:, :2], area[chosen])
+        centre, radius = fit_ball(points[chosen][:, :2], area[chosen])
         away = points[:, :2] - centre
         far = np.linalg.norm(away, axis=1)
         outwards = np.einsum("ij,ij->i", away, normals[:, :2]) > _UPWARD * far * np.linalg.norm(
@@ -252,11 +257,11 @@ def _condyle(points: Array, normals: Array, area: Array, length: float) -> Ball:
     return Ball(np.array([*centre, np.average(points[chosen][:, 2], weights=area[chosen])]), radius)
 
 
-def hip_bone(mesh: Mesh, head_radius: float) -> HipBone:
+def find_hip_bone(mesh: Mesh, head_radius: float) -> HipBone:
     """Acetabulum and spines of the right half of a pelvis; `head_radius` (m) of the femur that
     belongs to it.
     """
-    outward, middles = face_normals(mesh)
+    outward, middles = compute_face_normals(mesh)
     area = np.linalg.norm(outward, axis=1)
     votes = middles + head_radius * outward / np.maximum(area, 1e-30)[:, None]
     near = np.linalg.norm(votes[:, None] - votes, axis=2) < _VOTES_TOGETHER
@@ -269,16 +274,16 @@ def hip_bone(mesh: Mesh, head_radius: float) -> HipBone:
     return HipBone(socket, above[np.argmax(above[:, 0])], v[np.argmin(v[:, 0])])
 
 
-def shank_bones(tibia: Mesh, fibula: Mesh) -> ShankBones:
+def find_shank_bones(tibia: Mesh, fibula: Mesh) -> ShankBones:
     """Plateau and malleoli."""
-    v, normals = tibia.vertices, _vertex_normals(tibia)
-    low, length = _low_and_length(v)
+    v, normals = tibia.vertices, _compute_vertex_normals(tibia)
+    low, length = _measure_length(v)
     plateau = v[(v[:, 1] > low + (1.0 - 0.5 * _END) * length) & (normals[:, 1] > _UPWARD)]
     if len(plateau) < _FEWEST_POINTS:
         raise NoLandmark("no tibial plateau")
     inner = v[v[:, 1] < low + _MALLEOLUS * length]
     f = fibula.vertices
-    base, tall = _low_and_length(f)
+    base, tall = _measure_length(f)
     outer = f[f[:, 1] < base + _MALLEOLUS * tall]
     return ShankBones(
         plateau.mean(axis=0), inner[np.argmin(inner[:, 2])], outer[np.argmax(outer[:, 2])]
@@ -294,7 +299,10 @@ def check_directions(femur: Mesh, hip: HipBone, tibia: Mesh, fibula: Mesh) -> No
     The right half of a pelvis is right of the middle, its PSIS behind the acetabulum, above it, and
     nearer to the middle than the ASIS.
     """
-    upper, lower = _reach(femur, _UPPER_SHAFT, 1.0 - _END), _reach(femur, _LOWER_SHAFT, _END)
+    upper, lower = (
+        _measure_reach(femur, _UPPER_SHAFT, 1.0 - _END),
+        _measure_reach(femur, _LOWER_SHAFT, _END),
+    )
     if upper[0, 2] <= max(upper[1, 2], *upper[:, 0]):
         raise NoLandmark("no femoral head medial of the femur's shaft")
     if lower[0, 0] <= lower[1, 0]:
@@ -309,7 +317,7 @@ def check_directions(femur: Mesh, hip: HipBone, tibia: Mesh, fibula: Mesh) -> No
         raise NoLandmark("no PSIS behind the acetabulum")
 
 
-def _reach(bone: Mesh, shaft: tuple[float, float], end: float) -> Array:
+def _measure_reach(bone: Mesh, shaft: tuple[float, float], end: float) -> Array:
     """(2, 3) m by which the end of a bone reaches below and above its shaft's middle along each
     axis.
     """
@@ -381,7 +389,7 @@ class PersonLandmarks:
         )
 
 
-def person_landmarks(model: SubjectModel) -> PersonLandmarks:
+def collect_person_landmarks(model: SubjectModel) -> PersonLandmarks:
     """The targets of a person's bones."""
     fitted = model.parameters
     radius = JointWidths.of(model.subject).marker_radius
@@ -390,19 +398,19 @@ def person_landmarks(model: SubjectModel) -> PersonLandmarks:
     points["pelvis/asis"] = np.array(
         [-radius, 0.0, 0.0]
     )  # mid-ASIS is the origin of the pelvis, x forward
-    if (sacrum := _known(model, "sacrum", "pelvis")) is not None:
+    if (sacrum := _get_landmark(model, "sacrum", "pelvis")) is not None:
         points["pelvis/psis"] = sacrum + [radius, 0.0, 0.0]
     points |= {
         f"head_trunk/shoulder_{side}": fitted.centre(f"shoulder_{side}", "head_trunk")
         for side in SIDES
     }
     points["head_trunk/lumbar"] = lumbar
-    points["head_trunk/vertex"] = lumbar + [0.0, vertex_above_lumbar(model), 0.0]
+    points["head_trunk/vertex"] = lumbar + [0.0, compute_vertex_height(model), 0.0]
     knees = {}
     for side in SIDES:
         points[f"thigh_{side}/hip"] = fitted.centre(f"hip_{side}", f"thigh_{side}")
-        thigh, knees[side] = _knee(model, side)
-        points |= thigh | _ankle(model, side) | _foot(model, side)
+        thigh, knees[side] = _locate_knee(model, side)
+        points |= thigh | _locate_ankle(model, side) | _locate_foot(model, side)
         points[f"upper_arm_{side}/shoulder"] = fitted.centre(
             f"shoulder_{side}", f"upper_arm_{side}"
         )
@@ -410,23 +418,27 @@ def person_landmarks(model: SubjectModel) -> PersonLandmarks:
         points[f"forearm_hand_{side}/elbow"] = fitted.centre(
             f"elbow_{side}", f"forearm_hand_{side}"
         )
-        points[f"forearm_hand_{side}/wrist"] = wrist(model, fitted, side)
+        points[f"forearm_hand_{side}/wrist"] = locate_wrist(model, fitted, side)
     return PersonLandmarks(points, knees)
 
 
-def _known(model: SubjectModel, landmark: str, segment: str) -> Array | None:
+def _get_landmark(model: SubjectModel, landmark: str, segment: str) -> Array | None:
     found = model.landmarks.get(landmark)
     return found[1] if found is not None and found[0] == segment else None
 
 
-def _markers(model: SubjectModel, segment: str, joint: str) -> tuple[Array | None, Array, bool]:
+def _locate_hinge(
+    model: SubjectModel, segment: str, joint: str
+) -> tuple[Array | None, Array, bool]:
     """Of a hinge (`knee`, `ankle`) in the segment above or below it: middle, half its width, and
     whether both markers tell; the middle (3,) m None where no marker does, the half (3,) m from
     there to the lateral end.
     """
     side, widths = segment[-1], JointWidths.of(model.subject)
-    lateral, medial = (_known(model, f"{joint}_{end}_{side}", segment) for end in ("lat", "med"))
-    middle = _known(model, f"{joint[0]}jc_{side}", segment)
+    lateral, medial = (
+        _get_landmark(model, f"{joint}_{end}_{side}", segment) for end in ("lat", "med")
+    )
+    middle = _get_landmark(model, f"{joint[0]}jc_{side}", segment)
     outwards = np.array([0.0, 0.0, 1.0 if side == "r" else -1.0])
     half, both = (
         widths.inwards(joint, side) - widths.marker_radius,
@@ -441,14 +453,14 @@ def _markers(model: SubjectModel, segment: str, joint: str) -> tuple[Array | Non
     return middle, half * (outwards / np.linalg.norm(outwards)), both
 
 
-def _knee(model: SubjectModel, side: str) -> tuple[dict[str, Array], KneeEvidence]:
+def _locate_knee(model: SubjectModel, side: str) -> tuple[dict[str, Array], KneeEvidence]:
     segment = f"thigh_{side}"
-    middle, half, both = _markers(model, segment, "knee")
+    middle, half, both = _locate_hinge(model, segment, "knee")
     device = f"knee_axis_{side}" in model.landmarks
     evidence = (
         KneeEvidence.BOTH if both else KneeEvidence.DEVICE if device else KneeEvidence.LATERAL
     )
-    if middle is None or _known(model, f"knee_lat_{side}", segment) is None:
+    if middle is None or _get_landmark(model, f"knee_lat_{side}", segment) is None:
         evidence, middle = (
             KneeEvidence.NOMINAL,
             model.nominal.centre(f"knee_{side}", f"thigh_{side}"),
@@ -457,9 +469,9 @@ def _knee(model: SubjectModel, side: str) -> tuple[dict[str, Array], KneeEvidenc
     return {f"{segment}/{name}": point for name, point in points.items()}, evidence
 
 
-def _ankle(model: SubjectModel, side: str) -> dict[str, Array]:
+def _locate_ankle(model: SubjectModel, side: str) -> dict[str, Array]:
     """The shank's origin is the middle of the knee in the static trial."""
-    middle, half, _ = _markers(model, f"shank_{side}", "ankle")
+    middle, half, _ = _locate_hinge(model, f"shank_{side}", "ankle")
     middle = (
         model.nominal.centre(f"talocrural_{side}", f"shank_{side}") if middle is None else middle
     )
@@ -472,12 +484,12 @@ def _ankle(model: SubjectModel, side: str) -> dict[str, Array]:
     return {f"shank_{side}/{name}": point for name, point in points.items()}
 
 
-def _foot(model: SubjectModel, side: str) -> dict[str, Array]:
+def _locate_foot(model: SubjectModel, side: str) -> dict[str, Array]:
     """Ankle centre, upward direction and the line of heel and toe (x) at zero nominal coordinates."""
     foot, talus = f"foot_{side}", f"talus_{side}"
-    axes, origins = upright_poses(model.nominal)
+    axes, origins = compute_upright_poses(model.nominal)
     into_foot, in_talus = axes[foot], axes[talus]
-    toe, heel = (_known(model, f"{name}_{side}", foot) for name in ("toe", "heel"))
+    toe, heel = (_get_landmark(model, f"{name}_{side}", foot) for name in ("toe", "heel"))
     return {
         f"{foot}/ankle": into_foot @ (origins[talus] - origins[foot]),
         f"{foot}/up": into_foot[:, 1].copy(),

@@ -84,7 +84,7 @@ class Landmarked:
         return float(max(toes.max(), foot.max()) - foot.min())
 
 
-def landmarked(bones: bone_files.BoneMeshes) -> Landmarked:
+def find_landmarks(bones: bone_files.BoneMeshes) -> Landmarked:
     """Bones with their landmarks.
 
     Raises InputError: A bone does not show its landmarks: another shape, unit or direction than it
@@ -94,13 +94,13 @@ def landmarked(bones: bone_files.BoneMeshes) -> Landmarked:
         bones.meshes[name] for name in ("femur", "tibia", "fibula", "pelvis")
     )
     try:
-        thigh = bone_landmarks.long_bone(femur)
+        thigh = bone_landmarks.find_long_bone(femur)
         found = Landmarked(
             bones,
             thigh,
-            bone_landmarks.condyles(femur),
-            bone_landmarks.hip_bone(pelvis, thigh.head.radius),
-            bone_landmarks.shank_bones(tibia, fibula),
+            bone_landmarks.find_condyles(femur),
+            bone_landmarks.find_hip_bone(pelvis, thigh.head.radius),
+            bone_landmarks.find_shank_bones(tibia, fibula),
         )
         bone_landmarks.check_directions(femur, found.hip, tibia, fibula)
     except bone_landmarks.NoLandmark as error:
@@ -121,7 +121,7 @@ class _Ends:
     right: Array
 
 
-def _between(bone: _Ends, person: _Ends) -> Array:
+def _map_between(bone: _Ends, person: _Ends) -> Array:
     """(3, 4) affine map from a bone to a person."""
     frames, lengths, widths = [], [], []
     for ends in (bone, person):
@@ -135,23 +135,23 @@ def _between(bone: _Ends, person: _Ends) -> Array:
     return np.column_stack([turn, person.lower - turn @ bone.lower])
 
 
-def apply(place: Array, points: Array) -> Array:
+def apply_map(place: Array, points: Array) -> Array:
     """(..., 3) points through a (3, 4) map."""
     out: Array = points @ place[:, :3].T + place[:, 3]
     return out
 
 
-def _of_side(place: Array, side: str) -> Array:
+def _mirror_map(place: Array, side: str) -> Array:
     """The map for the mesh of the right bone, from the map for the mirrored one on the left."""
     return place if side == "r" else np.column_stack([place[:, :3] * MIRROR[side], place[:, 3]])
 
 
-def _shifted(place: Array, offset: Array) -> Array:
+def _shift_map(place: Array, offset: Array) -> Array:
     """The map of a mesh whose own frame lies at `offset` in the frame that is mapped."""
-    return np.column_stack([place[:, :3], apply(place, offset)])
+    return np.column_stack([place[:, :3], apply_map(place, offset)])
 
 
-def place_of_femur(bones: Landmarked, person: bone_landmarks.PersonLandmarks, side: str) -> Array:
+def map_femur(bones: Landmarked, person: bone_landmarks.PersonLandmarks, side: str) -> Array:
     """(3, 4), from the femur of that side (the left one mirrored) to the thigh."""
     bone, mirror, s, thigh = (
         bones.femur,
@@ -160,7 +160,7 @@ def place_of_femur(bones: Landmarked, person: bone_landmarks.PersonLandmarks, si
         f"thigh_{side}",
     )
     across = person.point(thigh, "epicondyle_lat") - person.point(thigh, "epicondyle_med")
-    return _between(
+    return _map_between(
         _Ends(
             bone.head.centre * mirror,
             bone.middle * mirror,
@@ -170,7 +170,7 @@ def place_of_femur(bones: Landmarked, person: bone_landmarks.PersonLandmarks, si
     )
 
 
-def place_of_shank(bones: Landmarked, person: bone_landmarks.PersonLandmarks, side: str) -> Array:
+def map_shank(bones: Landmarked, person: bone_landmarks.PersonLandmarks, side: str) -> Array:
     """(3, 4), from tibia and fibula of that side to the shank: the plateau lies under the condyles."""
     bone, pair, mirror, s, shank = (
         bones.shank,
@@ -179,7 +179,7 @@ def place_of_shank(bones: Landmarked, person: bone_landmarks.PersonLandmarks, si
         1.0 if side == "r" else -1.0,
         f"shank_{side}",
     )
-    long = float(np.linalg.norm(place_of_femur(bones, person, side)[:, 1]))
+    long = float(np.linalg.norm(map_femur(bones, person, side)[:, 1]))
     # Behind the epicondyles by as much as the condyles' centres are; upright, as the static trial
     # stands.
     behind = 0.5 * float(pair.medial.centre[0] + pair.lateral.centre[0]) - float(
@@ -188,13 +188,13 @@ def place_of_shank(bones: Landmarked, person: bone_landmarks.PersonLandmarks, si
     knee = person.point(shank, "knee") + [long * behind, -long * pair.drop - CARTILAGE, 0.0]
     across = person.point(shank, "malleolus_lat") - person.point(shank, "malleolus_med")
     middle = 0.5 * (bone.lateral + bone.medial)
-    return _between(
+    return _map_between(
         _Ends(bone.plateau * mirror, middle * mirror, s * (bone.lateral - bone.medial) * mirror),
         _Ends(knee, person.point(shank, "ankle"), s * across),
     )
 
 
-def _place_of_pelvis(bones: Landmarked, person: bone_landmarks.PersonLandmarks) -> Array:
+def _map_pelvis(bones: Landmarked, person: bone_landmarks.PersonLandmarks) -> Array:
     """(3, 4), from the pelvis to the pelvis: hips, mid-ASIS and mid-PSIS meet theirs."""
     bone, flat = bones.hip, np.array([1.0, 1.0, 0.0])
     right, left = (person.point("pelvis", f"hip_{side}") for side in SIDES)
@@ -211,7 +211,7 @@ def _place_of_pelvis(bones: Landmarked, person: bone_landmarks.PersonLandmarks) 
     return np.column_stack([turn, middle - turn @ socket])
 
 
-def _place_of_foot(
+def _map_foot(
     bones: Landmarked, person: bone_landmarks.PersonLandmarks, side: str, height: float
 ) -> Array:
     """(3, 4), from the foot of that side to the foot: ankle on ankle, upright, along the line of
@@ -233,10 +233,10 @@ def _place_of_foot(
     )
 
 
-def _place_of_trunk(person: bone_landmarks.PersonLandmarks) -> Array:
+def _map_trunk(person: bone_landmarks.PersonLandmarks) -> Array:
     """(3, 4) of spine and ribs, from the lumbar joint to the shoulders."""
     right, left = (person.point("head_trunk", f"shoulder_{side}") for side in SIDES)
-    return _between(
+    return _map_between(
         _Ends(
             SHOULDER_IN_TRUNK * [1.0, 1.0, 0.0], np.zeros(3), SHOULDER_IN_TRUNK * [0.0, 0.0, 2.0]
         ),
@@ -244,66 +244,66 @@ def _place_of_trunk(person: bone_landmarks.PersonLandmarks) -> Array:
     )
 
 
-def _place_of_head(skull: Array, trunk: Array, vertex: Array) -> Array:
+def _map_head(skull: Array, trunk: Array, vertex: Array) -> Array:
     """(3, 4): the neck's root where the trunk's map has it, the top of the skull at the vertex;
     alike in all axes.
     """
     root = np.array([0.0, SHOULDER_IN_TRUNK[1] + 0.04, 0.0])
-    rise = float((vertex - apply(trunk, root)) @ unit(trunk[:, 1]))
+    rise = float((vertex - apply_map(trunk, root)) @ unit(trunk[:, 1]))
     scale = rise / float(skull[:, 1].max() - root[1])
     turn = np.column_stack([unit(trunk[:, k]) for k in range(3)]) * scale
-    return np.column_stack([turn, apply(trunk, root) - turn @ root])
+    return np.column_stack([turn, apply_map(trunk, root) - turn @ root])
 
 
-def fitted_bones(
+def fit_bones(
     bones: Landmarked, person: bone_landmarks.PersonLandmarks, height: float
 ) -> tuple[FittedMesh, ...]:
     """All bones of a person in their segments; `height` (m) of the person."""
     there = bones.bones.meshes
-    pelvis = _place_of_pelvis(bones, person)
+    pelvis = _map_pelvis(bones, person)
     out = [
         ("pelvis", "pelvis", pelvis),
-        ("pelvis", "pelvis", _of_side(pelvis, "l")),
+        ("pelvis", "pelvis", _mirror_map(pelvis, "l")),
         ("sacrum", "pelvis", pelvis),
     ]
-    trunk = _place_of_trunk(person)
+    trunk = _map_trunk(person)
     out += [
         (bone, "head_trunk", trunk) for bone in ("ribs", "spine", "thoracic spine", "lumbar spine")
     ]
     if "skull" in there:
-        head = _place_of_head(there["skull"].vertices, trunk, person.point("head_trunk", "vertex"))
+        head = _map_head(there["skull"].vertices, trunk, person.point("head_trunk", "vertex"))
         out += [(bone, "head_trunk", head) for bone in ("neck", "skull", "jaw")]
     for side in SIDES:
-        femur, shank = place_of_femur(bones, person, side), place_of_shank(bones, person, side)
-        out.append(("femur", f"thigh_{side}", _of_side(femur, side)))
-        out += [(bone, f"shank_{side}", _of_side(shank, side)) for bone in ("tibia", "fibula")]
-        out += _foot_bones(bones, person, side, height) if "foot" in there else []
-        out += _arm_bones(bones, person, side)
+        femur, shank = map_femur(bones, person, side), map_shank(bones, person, side)
+        out.append(("femur", f"thigh_{side}", _mirror_map(femur, side)))
+        out += [(bone, f"shank_{side}", _mirror_map(shank, side)) for bone in ("tibia", "fibula")]
+        out += _place_foot_bones(bones, person, side, height) if "foot" in there else []
+        out += _place_arm_bones(bones, person, side)
     return tuple(FittedMesh(bone, segment, place) for bone, segment, place in out if bone in there)
 
 
-def _foot_bones(
+def _place_foot_bones(
     bones: Landmarked, person: bone_landmarks.PersonLandmarks, side: str, height: float
 ) -> list[tuple[str, str, Array]]:
-    foot = _of_side(_place_of_foot(bones, person, side, height), side)
+    foot = _mirror_map(_map_foot(bones, person, side, height), side)
     into_talus = person.points[f"talus_{side}/foot"]
-    talus = _shifted(foot, TALUS_IN_FOOT)
-    moved = np.column_stack([into_talus[:, :3] @ talus[:, :3], apply(into_talus, talus[:, 3])])
+    talus = _shift_map(foot, TALUS_IN_FOOT)
+    moved = np.column_stack([into_talus[:, :3] @ talus[:, :3], apply_map(into_talus, talus[:, 3])])
     return [
         ("foot", f"foot_{side}", foot),
-        ("toes", f"foot_{side}", _shifted(foot, TOES_IN_FOOT)),
+        ("toes", f"foot_{side}", _shift_map(foot, TOES_IN_FOOT)),
         ("talus", f"talus_{side}", moved),
     ]
 
 
-def _arm_bones(
+def _place_arm_bones(
     bones: Landmarked, person: bone_landmarks.PersonLandmarks, side: str
 ) -> list[tuple[str, str, Array]]:
     there, mirror = bones.bones.meshes, MIRROR[side]
     upper, fore, right = f"upper_arm_{side}", f"forearm_hand_{side}", np.array([0.0, 0.0, 1.0])
     out = []
     if "humerus" in there:
-        bone = bone_landmarks.long_bone(there["humerus"])
+        bone = bone_landmarks.find_long_bone(there["humerus"])
         length = float(np.linalg.norm(bone.head.centre - bone.middle))
         ends = person.point(upper, "shoulder"), person.point(upper, "elbow")
         wide = (
@@ -312,18 +312,20 @@ def _arm_bones(
             * abs(float(bone.lateral[2] - bone.medial[2]))
         )
         across = right * (bone.lateral[2] - bone.medial[2])
-        place = _between(
+        place = _map_between(
             _Ends(bone.head.centre * mirror, bone.middle * mirror, across),
             _Ends(*ends, right * wide),
         )
-        out.append(("humerus", upper, _of_side(place, side)))
+        out.append(("humerus", upper, _mirror_map(place, side)))
     if "ulna" in there:
         lower = there["ulna"].vertices
         end = lower[lower[:, 1] < lower[:, 1].min() + 0.01].mean(axis=0) * mirror
         ends = person.point(fore, "elbow"), person.point(fore, "wrist")
         wide = float(np.linalg.norm(ends[0] - ends[1]) / np.linalg.norm(end))
-        place = _of_side(_between(_Ends(np.zeros(3), end, right), _Ends(*ends, right * wide)), side)
-        out += [("ulna", fore, place), ("radius", fore, _shifted(place, RADIUS_IN_ULNA))]
+        place = _mirror_map(
+            _map_between(_Ends(np.zeros(3), end, right), _Ends(*ends, right * wide)), side
+        )
+        out += [("ulna", fore, place), ("radius", fore, _shift_map(place, RADIUS_IN_ULNA))]
     return out
 
 
@@ -403,7 +405,7 @@ class KneeAxis:
     across: Array  # (3,) unit normal of both circles, in the thigh
 
 
-def knee_axes(
+def measure_knee_axes(
     bones: Landmarked, person: bone_landmarks.PersonLandmarks, joints: tuple[scene.JointMark, ...]
 ) -> tuple[KneeAxis, ...]:
     """Right and left knee."""
@@ -411,14 +413,14 @@ def knee_axes(
     bone, pair = bones.bones.meshes["femur"], bones.condyles
     for side in SIDES:
         mark = next(j for j in joints if (j.joint, j.segment) == (f"knee_{side}", f"thigh_{side}"))
-        place, mirror = place_of_femur(bones, person, side), MIRROR[side]
-        femur = Mesh(apply(place, bone.vertices * mirror), bone.triangles)
-        centres = apply(place, np.array([pair.medial.centre, pair.lateral.centre]) * mirror)
+        place, mirror = map_femur(bones, person, side), MIRROR[side]
+        femur = Mesh(apply_map(place, bone.vertices * mirror), bone.triangles)
+        centres = apply_map(place, np.array([pair.medial.centre, pair.lateral.centre]) * mirror)
         # The sagittal plane is scaled alike: the factor is the length of the map of its y axis.
         radii = np.array([pair.medial.radius, pair.lateral.radius]) * float(
             np.linalg.norm(place[:, 1])
         )
-        drawn = apply(place, np.array([bones.femur.lateral, bones.femur.medial]) * mirror)
+        drawn = apply_map(place, np.array([bones.femur.lateral, bones.femur.medial]) * mirror)
         wanted = np.array(
             [person.point(f"thigh_{side}", f"epicondyle_{end}") for end in ("lat", "med")]
         )
@@ -429,8 +431,8 @@ def knee_axes(
                 side=side,
                 evidence=person.knees[side],
                 misfit=float(np.linalg.norm(drawn - wanted, axis=1).max()),
-                fitted=_axis(femur, centres, radii, *fitted) if mark.fitted else None,
-                nominal=_axis(
+                fitted=_measure_axis(femur, centres, radii, *fitted) if mark.fitted else None,
+                nominal=_measure_axis(
                     femur, centres, radii, mark.nominal_centre, mark.nominal_axis, none, none
                 ),
                 centres=centres,
@@ -441,7 +443,7 @@ def knee_axes(
     return tuple(out)
 
 
-def _axis(
+def _measure_axis(
     femur: Mesh,
     centres: Array,
     radii: Array,
@@ -479,18 +481,18 @@ def _axis(
     )
 
 
-def knee_words(knee: KneeAxis) -> list[str]:
+def describe_knee(knee: KneeAxis) -> list[str]:
     """Where fitted and nominal axis pass, beside the picture of the knee, and what that proves."""
     lines = [] if knee.fitted else ["Not fitted: the axis is the nominal one"]
     for name, axis in (("Fitted (solid)", knee.fitted), ("Nominal (dashed)", knee.nominal)):
         if axis is not None:
             far = [
-                f"{_with_error(1e3 * end.distance, 1e3 * end.standard_error)} mm"
+                f"{_format_with_error(1e3 * end.distance, 1e3 * end.standard_error)} mm"
                 for end in axis.ends.values()
             ]
-            turn = _with_error(math.degrees(axis.angle), math.degrees(axis.angle_error))
+            turn = _format_with_error(math.degrees(axis.angle), math.degrees(axis.angle_error))
             places = f"{far[0]} from the medial centre, {far[1]} from the lateral one"
-            lines.append(f"{name}: {_where(axis)}, {places}, {turn}° off their line")
+            lines.append(f"{name}: {_describe_path(axis)}, {places}, {turn}° off their line")
     # How far the bone's epicondyles miss their markers, and palpation's scatter in the two
     # directions across the axis.
     uncertainty = 1e3 * math.hypot(knee.misfit, math.sqrt(2.0) * PALPATION_M)
@@ -501,7 +503,7 @@ def knee_words(knee: KneeAxis) -> list[str]:
     return [*lines, f"{_STANDS[knee.evidence]} {sure}"]
 
 
-def _where(axis: AxisInKnee) -> str:
+def _describe_path(axis: AxisInKnee) -> str:
     places = {
         name: "circle" if end.distance <= end.radius else "bone" if end.inside else "outside"
         for name, end in axis.ends.items()
@@ -511,5 +513,5 @@ def _where(axis: AxisInKnee) -> str:
     return " and ".join(_PASSES[place][1].format(name) for name, place in places.items())
 
 
-def _with_error(value: float, error: float) -> str:
+def _format_with_error(value: float, error: float) -> str:
     return f"{value:.0f}" if math.isnan(error) else f"{value:.0f} ± {error:.0f}"

@@ -38,15 +38,15 @@ from gaitcal.model.subject_model import SubjectModel
 from gaitcal.quality.verdict import Judgement
 from gaitcal.report.page.plain_data import (
     Block,
-    cell,
-    fold,
-    heading,
-    named,
-    number,
-    table,
-    text,
-    visible,
-    words_column,
+    fold_blocks,
+    format_name,
+    format_number,
+    make_cell,
+    make_heading,
+    make_table,
+    make_text,
+    make_text_column,
+    replace_control_characters,
 )
 
 REFUSED = "the verdict refuses this leg"
@@ -74,7 +74,7 @@ class StrideUse:
     repeats: bool = False  # It is no stride, but a repetition of another activity
 
 
-def stride_uses(trial: TrialResult) -> tuple[StrideUse, ...]:
+def collect_stride_uses(trial: TrialResult) -> tuple[StrideUse, ...]:
     """Of every complete stride, right ones first; none of an isolated trial."""
     if trial.joint is not None:
         return ()
@@ -82,7 +82,7 @@ def stride_uses(trial: TrialResult) -> tuple[StrideUse, ...]:
     out = []
     for foot, side in enumerate(SIDES):
         for count, cycle in enumerate(strides_of(trial.events)[side], start=1):
-            plate, reason = _use(trial, foot, side, cycle)
+            plate, reason = _check_stride(trial, foot, side, cycle)
             turning = (side, count) in bent
             out.append(
                 StrideUse(
@@ -98,7 +98,7 @@ def stride_uses(trial: TrialResult) -> tuple[StrideUse, ...]:
     return tuple(out)
 
 
-def usable_words(uses: Iterable[StrideUse]) -> str:
+def summarise_usable_strides(uses: Iterable[StrideUse]) -> str:
     """`Usable for moments: 1 of 4 right, 2 of 4 left strides; others: foot beside the plate.`"""
     if not (uses := tuple(uses)):
         return "No complete stride."
@@ -107,7 +107,7 @@ def usable_words(uses: Iterable[StrideUse]) -> str:
         f"{sum(u.whole for u in of)} of {len(of)} {SIDE_WORDS[side]}"
         for side, of in of_sides.items()
     )
-    reasons = reason_words(uses)
+    reasons = list_reasons(uses)
     words = {
         use.repeats: "repetitions" if use.repeats else "strides"
         for use in sorted(uses, key=lambda u: u.repeats)
@@ -119,14 +119,16 @@ def usable_words(uses: Iterable[StrideUse]) -> str:
     )
 
 
-def reason_words(uses: Iterable[StrideUse]) -> str:
+def list_reasons(uses: Iterable[StrideUse]) -> str:
     """Why strides are not whole, the most frequent reason first; empty where all are."""
     return listed(
         [reason for reason, _ in Counter(use.reason for use in uses if not use.whole).most_common()]
     )
 
 
-def _use(trial: TrialResult, foot: int, side: str, cycle: cycles.GaitCycle) -> tuple[str, str]:
+def _check_stride(
+    trial: TrialResult, foot: int, side: str, cycle: cycles.GaitCycle
+) -> tuple[str, str]:
     """Plates and reason of one stride."""
     if trial.loads is None:
         return "", NO_PLATES
@@ -201,7 +203,7 @@ class GaitNumbers:
     )
 
 
-def gait_numbers(model: SubjectModel, trial: TrialResult) -> GaitNumbers | None:
+def compute_gait_numbers(model: SubjectModel, trial: TrialResult) -> GaitNumbers | None:
     """The numbers of a walk; None of an isolated trial."""
     if trial.joint is not None:
         return None
@@ -224,26 +226,30 @@ def gait_numbers(model: SubjectModel, trial: TrialResult) -> GaitNumbers | None:
     )
 
 
-def walks_of(model: SubjectModel, trials: Sequence[TrialResult]) -> tuple[GaitNumbers, ...]:
+def collect_walks(model: SubjectModel, trials: Sequence[TrialResult]) -> tuple[GaitNumbers, ...]:
     """The numbers of every walk."""
-    return tuple(walk for trial in trials if (walk := gait_numbers(model, trial)) is not None)
+    return tuple(
+        walk for trial in trials if (walk := compute_gait_numbers(model, trial)) is not None
+    )
 
 
-def _worst_fit(trials: Sequence[TrialResult]) -> tuple[trial_result.RmsErrors, TrialResult] | None:
+def _find_worst_fit(
+    trials: Sequence[TrialResult],
+) -> tuple[trial_result.RmsErrors, TrialResult] | None:
     """Of the walk, or other trial, that is met worst against what its joints, or rigid segments,
     could reach.
     """
     whole = [t for t in trials if t.joint is None] or list(trials)
     fits = [(fit, t) for t in whole if (fit := trial_result.leg_fit(t)).calibrated is not None]
-    return max(fits, key=lambda pair: _ratio(pair[0]) or 0.0) if fits else None
+    return max(fits, key=lambda pair: _compute_ratio(pair[0]) or 0.0) if fits else None
 
 
-def _ratio(fit: trial_result.RmsErrors) -> float | None:
+def _compute_ratio(fit: trial_result.RmsErrors) -> float | None:
     """Over the joint floor, as three markers a segment make a low rigid floor whatever the joints."""
     return fit.ratio if fit.joint_ratio is None else fit.joint_ratio
 
 
-def _largest_residual(walks: Sequence[GaitNumbers]) -> GaitNumbers | None:
+def _find_largest_residual(walks: Sequence[GaitNumbers]) -> GaitNumbers | None:
     """The walk whose residual is largest against its limit."""
     found = [walk for walk in walks if walk.stages]
     return (
@@ -251,32 +257,37 @@ def _largest_residual(walks: Sequence[GaitNumbers]) -> GaitNumbers | None:
     )
 
 
-def top_lines(calibration: Calibration, peaks: Sequence[PeakMean]) -> list[Line]:
+def build_top_lines(calibration: Calibration, peaks: Sequence[PeakMean]) -> list[Line]:
     """The three lines at the top of the page: can it be believed, does it fit, and what of the
     moments counts.
 
     `peaks`: of the straight strides (`gait/peaks.py`), moments in N·m.
     """
     model, trials = calibration.model, calibration.trials
-    return [_believed(calibration), *further_lines(model, trials, peaks)]
+    return [_describe_verdict(calibration), *build_further_lines(model, trials, peaks)]
 
 
-def further_lines(
+def build_further_lines(
     model: SubjectModel, trials: Sequence[TrialResult], peaks: Sequence[PeakMean]
 ) -> list[Line]:
     """How these trials agree with the model, and what of their moments counts: below the line of
     the verdict.
     """
-    walks = walks_of(model, trials)
-    return [_agreement(trials, walks), _counting(model.subject.mass, walks, peaks)]
+    walks = collect_walks(model, trials)
+    return [
+        _describe_agreement(trials, walks),
+        _describe_valid_moments(model.subject.mass, walks, peaks),
+    ]
 
 
-def _believed(calibration: Calibration) -> Line:
+def _describe_verdict(calibration: Calibration) -> Line:
     verdict = calibration.verdict
     tone, words = TONES[verdict.judgement], f"{verdict.judgement.value.capitalize()}"
     if verdict.reasons:
         worst, rest = verdict.reasons[0], len(verdict.reasons) - 1
-        where = f" ({', '.join(named(trial) for trial in worst.trials)})" if worst.trials else ""
+        where = (
+            f" ({', '.join(format_name(trial) for trial in worst.trials)})" if worst.trials else ""
+        )
         words += f": {explained(worst.cause)}{where}" + (
             f", and {counted(rest, 'other reason')}" if rest else ""
         )
@@ -286,43 +297,51 @@ def _believed(calibration: Calibration) -> Line:
             "poor",
             f"Not converged: do not use these numbers before that is settled. {words}",
         )
-    return {"tone": tone, "text": visible(words)}
+    return {"tone": tone, "text": replace_control_characters(words)}
 
 
 WIDE_LIMITS: Final = "; limits are wide, as no marker tells how trunk and arms move"
 
 
-def _agreement(trials: Sequence[TrialResult], walks: Sequence[GaitNumbers]) -> Line:
+def _describe_agreement(trials: Sequence[TrialResult], walks: Sequence[GaitNumbers]) -> Line:
     """How near the model is to the markers of these trials, and to the forces of these walks."""
     tones, words = [], []
-    if (worst := _worst_fit(trials)) is not None:
+    if (worst := _find_worst_fit(trials)) is not None:
         fit, trial = worst
-        ratio, floor = _ratio(fit), fit.floor if fit.joint_ratio is None else fit.joint_floor
+        ratio, floor = (
+            _compute_ratio(fit),
+            fit.floor if fit.joint_ratio is None else fit.joint_floor,
+        )
         tones.append("good" if ratio is not None and ratio <= GOOD_RATIO else "plain")
-        best = "" if ratio is None else f" (best possible {number(floor)})"
-        of = "" if trial.joint is None else f" of trial {named(trial.name)}"
-        words.append(f"Marker fit{of} {number(fit.calibrated)} mm{best}.")
-    if (walk := _largest_residual(walks)) is not None:
+        best = "" if ratio is None else f" (best possible {format_number(floor)})"
+        of = "" if trial.joint is None else f" of trial {format_name(trial.name)}"
+        words.append(f"Marker fit{of} {format_number(fit.calibrated)} mm{best}.")
+    if (walk := _find_largest_residual(walks)) is not None:
         last, held = walk.stages[-1], walk.expected
         force, moment, tone, judged = (
-            f"{number(last.rms_force)} N RMS",
-            f"{number(last.rms_moment)} N·m",
+            f"{format_number(last.rms_force)} N RMS",
+            f"{format_number(last.rms_moment)} N·m",
             "plain",
             "",
         )
         if held is not None:
-            force += f" (limit {number(held.force.limit)})"
-            moment += f" (limit {number(held.moment.limit)})"
+            force += f" (limit {format_number(held.force.limit)})"
+            moment += f" (limit {format_number(held.moment.limit)})"
             tone, judged = ("good", "") if held.within else ("look", ": too high")
             judged += WIDE_LIMITS if fit_findings.is_trunk_unmeasured(walk.trial.body) else ""
         tones.append(tone)
         words.append(f"Unexplained force at the pelvis: {force}, moment {moment}{judged}.")
     if not words:
         return {"tone": "plain", "text": "Nothing was fitted: this study has no moving trial."}
-    return {"tone": max(tones, key=TONE_ORDER.index), "text": visible(" ".join(words))}
+    return {
+        "tone": max(tones, key=TONE_ORDER.index),
+        "text": replace_control_characters(" ".join(words)),
+    }
 
 
-def _counting(mass: float, walks: Sequence[GaitNumbers], peaks: Sequence[PeakMean]) -> Line:
+def _describe_valid_moments(
+    mass: float, walks: Sequence[GaitNumbers], peaks: Sequence[PeakMean]
+) -> Line:
     """Strides with valid moments, and the peak knee adduction moment of each leg. `mass`: kg."""
     if not walks:
         return {"tone": "plain", "text": "No walk: joint parameters alone."}
@@ -335,8 +354,10 @@ def _counting(mass: float, walks: Sequence[GaitNumbers], peaks: Sequence[PeakMea
             else "there are no force plates"
         )
         return {"tone": "plain", "text": f"Angles alone count, no moments: {why}."}
-    words = usable_words([use for walk in loaded for use in stride_uses(walk.trial)])
-    if both := ", ".join(_peak(peak, mass) for peak in peaks if peak.peak is ADDUCTION_PEAK):
+    words = summarise_usable_strides(
+        [use for walk in loaded for use in collect_stride_uses(walk.trial)]
+    )
+    if both := ", ".join(_format_peak(peak, mass) for peak in peaks if peak.peak is ADDUCTION_PEAK):
         words += (
             " External knee adduction moment, N·m/kg, first peak, mean ± standard error over all "
             "straight strides: "
@@ -350,14 +371,14 @@ def _counting(mass: float, walks: Sequence[GaitNumbers], peaks: Sequence[PeakMea
     return {"tone": "plain", "text": words}
 
 
-def _peak(peak: PeakMean, mass: float) -> str:
+def _format_peak(peak: PeakMean, mass: float) -> str:
     """`right 0.42 ± 0.03 (4 of 5 strides)`."""
-    error = f" ± {number(peak.se / mass, 2)}" if np.isfinite(peak.se) else ""
+    error = f" ± {format_number(peak.se / mass, 2)}" if np.isfinite(peak.se) else ""
     of = f"{peak.n} of {counted(peak.strides, 'stride')}"
-    return f"{SIDE_WORDS[peak.side]} {number(-peak.mean / mass, 2)}{error} ({of})"
+    return f"{SIDE_WORDS[peak.side]} {format_number(-peak.mean / mass, 2)}{error} ({of})"
 
 
-def clinician_blocks(
+def build_clinician_blocks(
     calibration: Calibration, norm: normal_bands.Norm, scores: Sequence[Score] = ()
 ) -> list[Block]:
     """Of the whole result: how to read curves and steps, and from whom the bands are."""
@@ -372,43 +393,43 @@ def clinician_blocks(
         else ""
     )
     return [
-        *([text(words, "soft")] if walked and (words := bands + norm.remark) else []),
-        *([_profile(scores)] if scores else []),
-        fold("How to read curves and steps", [text(words) for words in HOW_TO_READ]),
+        *([make_text(words, "soft")] if walked and (words := bands + norm.remark) else []),
+        *([_build_profile(scores)] if scores else []),
+        fold_blocks("How to read curves and steps", [make_text(words) for words in HOW_TO_READ]),
     ]
 
 
-def _profile(scores: Sequence[Score]) -> Block:
+def _build_profile(scores: Sequence[Score]) -> Block:
     """Movement Analysis Profile and Gait Profile Score of both sides, beside healthy people's."""
 
     def told(score: Score | None) -> str:
         if score is None:
             return ""
-        return number(score.score) + (
-            f" ± {number(score.error)}" if np.isfinite(score.error) else ""
+        return format_number(score.score) + (
+            f" ± {format_number(score.error)}" if np.isfinite(score.error) else ""
         )
 
     rows = []
     for variable in dict.fromkeys(s.variable for s in scores):
         of = {s.side: s for s in scores if s.variable == variable}
-        numbers = [cell(told(of.get(side))) for side in (*SIDES, BOTH)]
+        numbers = [make_cell(told(of.get(side))) for side in (*SIDES, BOTH)]
         one = next(iter(of.values()))
-        rows.append([cell(score_title(one)), *numbers, cell(number(one.norm))])
+        rows.append([make_cell(score_title(one)), *numbers, make_cell(format_number(one.norm))])
     head = [
-        words_column(""),
-        *(cell(words, unit="deg") for words in ("right", "left", "both", "norm")),
+        make_text_column(""),
+        *(make_cell(words, unit="deg") for words in ("right", "left", "both", "norm")),
     ]
     caption = (
         "Gait Profile Score: RMS distance from healthy people's mean (Baker 2009), ± standard "
         "error; norm: theirs"
     )
-    return table(head, rows, caption=caption, total=[len(rows) - 1])
+    return make_table(head, rows, caption=caption, total=[len(rows) - 1])
 
 
-def trial_clinician_blocks(walk: GaitNumbers) -> list[Block]:
+def build_trial_clinician_blocks(walk: GaitNumbers) -> list[Block]:
     """Of one walk: what tells its foot events, and why moments do not count."""
     events, loads = walk.trial.events.events, walk.trial.loads
-    out = [heading(f"Trial {named(walk.trial.name)}")]
+    out = [make_heading(f"Trial {format_name(walk.trial.name)}")]
     seen = (
         f"Foot events: {cycles.source_words([e.source for e in events])}."
         if events
@@ -417,20 +438,20 @@ def trial_clinician_blocks(walk: GaitNumbers) -> list[Block]:
     repeats = walk.trial.events.repeats
     phases = ", ".join(dict.fromkeys(name for repeat in repeats for name, _ in repeat.parts))
     found = f"{counted(len(repeats), 'repetition')}, by the height of the pelvis; phases: {phases}."
-    out.append(text(found if repeats else seen))
+    out.append(make_text(found if repeats else seen))
     if without := [SIDE_WORDS[side] for side in SIDES if not strides_of(walk.trial.events)[side]]:
-        out.append(text(f"No complete stride of the {listed(without)} foot."))
+        out.append(make_text(f"No complete stride of the {listed(without)} foot."))
     if walk.trial.refused_legs:
         legs = listed([SIDE_WORDS[side] for side in walk.trial.refused_legs])
         out.append(
-            text(
+            make_text(
                 f"Refused: {legs}; no moment and no error bar of it counts. See the verdict.", "bad"
             )
         )
     if loads is None:
-        return [*out, text(NO_FORCES, "soft")]
+        return [*out, make_text(NO_FORCES, "soft")]
     if not loads.reactions.has_torques:
-        return [*out, text(NO_FOOT, "warning")]
+        return [*out, make_text(NO_FOOT, "warning")]
     if loads.errors is None:
-        out.append(text(NO_ERRORS, "soft"))
+        out.append(make_text(NO_ERRORS, "soft"))
     return out

@@ -82,7 +82,7 @@ it is divided.
 _NO_BACKTICKS: Final = str.maketrans("", "", "`")
 
 
-def calibration_page_data(
+def build_calibration_page_data(
     calibration: Calibration,
     norm: Norm | None = None,
     manifest: Mapping[str, object] | None = None,
@@ -95,7 +95,7 @@ def calibration_page_data(
     """
     truth = calibration.truth
     trials = [
-        trial_data.trial_page_data(
+        trial_data.build_trial_page_data(
             calibration.model,
             trial,
             verdict=calibration.verdict.trials.get(trial.name),
@@ -105,14 +105,14 @@ def calibration_page_data(
         for trial in calibration.trials
     ]
     return {
-        **person_page_data(calibration.model.subject, calibration.verdict, norm, scores),
-        "lines": key_figures.top_lines(calibration, page_peaks(trials)),
+        **build_person_page_data(calibration.model.subject, calibration.verdict, norm, scores),
+        "lines": key_figures.build_top_lines(calibration, average_page_peaks(trials)),
         "trials": trials,
-        "sections": result_sections(calibration, norm, manifest, scores),
+        "sections": build_result_sections(calibration, norm, manifest, scores),
     }
 
 
-def result_sections(
+def build_result_sections(
     calibration: Calibration,
     norm: Norm | None = None,
     manifest: Mapping[str, object] | None = None,
@@ -120,16 +120,16 @@ def result_sections(
 ) -> plain_data.Sections:
     """Of the whole result; what belongs to one trial stands with the trial."""
     sections = {
-        "clinician": key_figures.clinician_blocks(calibration, norm or Norm(), scores),
-        "fit": trust_sections.fit_blocks(calibration),
-        "joints": joint_sections.joint_blocks(calibration),
-        "trust": trust_sections.trust_blocks(calibration),
-        "provenance": provenance.provenance_blocks(calibration, manifest or {}),
+        "clinician": key_figures.build_clinician_blocks(calibration, norm or Norm(), scores),
+        "fit": trust_sections.build_fit_blocks(calibration),
+        "joints": joint_sections.build_joint_blocks(calibration),
+        "trust": trust_sections.build_trust_blocks(calibration),
+        "provenance": provenance.build_provenance_blocks(calibration, manifest or {}),
     }
     return {preset: blocks for preset, blocks in sections.items() if blocks}
 
 
-def further_page_data(
+def build_further_page_data(
     model: SubjectModel,
     trials: Sequence[TrialResult],
     verdict: Verdict,
@@ -138,33 +138,36 @@ def further_page_data(
 ) -> dict[str, Any]:
     """Of further trials of a calibrated person.
 
-    `relative_to`: as of `curves_of`.
+    `relative_to`: as of `build_curves`.
     `origin`: the calibration; None where nothing is known of it.
     """
     of_trials = []
     for trial in trials:
-        data = trial_data.trial_page_data(
+        data = trial_data.build_trial_page_data(
             model, trial, verdict=verdict.trials.get(trial.name), relative_to=relative_to
         )
         of_trials.append(
             {
                 **data,
-                "sections": {**data["sections"], "provenance": provenance.recorded_blocks(trial)},
+                "sections": {
+                    **data["sections"],
+                    "provenance": provenance.build_recording_blocks(trial),
+                },
             }
         )
-    person = person_page_data(model.subject, verdict)
+    person = build_person_page_data(model.subject, verdict)
     return {
         **person,
         "lines": [
-            verdict_line(person["verdict"]),
-            *key_figures.further_lines(model, trials, page_peaks(of_trials)),
+            format_verdict_line(person["verdict"]),
+            *key_figures.build_further_lines(model, trials, average_page_peaks(of_trials)),
         ],
         "trials": of_trials,
-        "sections": {} if origin is None else provenance.further_sections(origin),
+        "sections": {} if origin is None else provenance.build_further_sections(origin),
     }
 
 
-def person_page_data(
+def build_person_page_data(
     subject: Subject,
     verdict: Verdict,
     norm: Norm | None = None,
@@ -175,7 +178,7 @@ def person_page_data(
     for name, band in norm.bands.items():
         sides = {
             s: [
-                [plain_data.rounded(value) for value in part]
+                [plain_data.round_number(value) for value in part]
                 for part in band.for_person(subject, s)
             ]
             for s in linkage.SIDES
@@ -200,9 +203,9 @@ def person_page_data(
             "sex": subject.sex,
             "weight": subject.weight,
             "bwh": subject.bwh,
-            "facts": [list(fact) for fact in person_facts(subject)],
+            "facts": [list(fact) for fact in list_person_facts(subject)],
         },
-        "verdict": verdict_page_data(verdict),
+        "verdict": build_verdict_page_data(verdict),
         "lines": [],
         "measures": [
             {
@@ -227,21 +230,21 @@ def person_page_data(
                 "side": s.side,
                 "base": s.variable,
                 "title": profile_score.score_title(s),
-                "score": rounded_score(s.score),
-                "se": rounded_score(s.error),
-                "norm": rounded_score(s.norm),
+                "score": round_score(s.score),
+                "se": round_score(s.error),
+                "norm": round_score(s.norm),
             }
             for s in scores
         ],
     }
 
 
-def rounded_score(value: float) -> float | None:
+def round_score(value: float) -> float | None:
     """Deg to a hundredth; None where it is not known."""
     return round(value, 2) if math.isfinite(value) else None
 
 
-def person_facts(subject: Subject) -> tuple[tuple[str, str], ...]:
+def list_person_facts(subject: Subject) -> tuple[tuple[str, str], ...]:
     """Label and value of what is known of person and session, as page and report head with it.
 
     Of whom no age is known, it says so; and by which table the masses start, where that is one of
@@ -274,7 +277,7 @@ def person_facts(subject: Subject) -> tuple[tuple[str, str], ...]:
     return tuple((label, value) for label, value in facts if value)
 
 
-def verdict_page_data(verdict: Verdict) -> dict[str, Any]:
+def build_verdict_page_data(verdict: Verdict) -> dict[str, Any]:
     """Judgement and reasons, the worst first."""
     return {
         "judgement": verdict.judgement.value,
@@ -282,7 +285,7 @@ def verdict_page_data(verdict: Verdict) -> dict[str, Any]:
         "forced": verdict.forced,
         "reasons": [
             {
-                **explained_code(reason.code),
+                **explain_code(reason.code),
                 "severity": reason.severity.value,
                 "cause": moments.explained(reason.cause),
                 "evidence": moments.explained(reason.evidence),
@@ -295,42 +298,45 @@ def verdict_page_data(verdict: Verdict) -> dict[str, Any]:
     }
 
 
-def verdict_line(verdict: Mapping[str, Any]) -> dict[str, str]:
+def format_verdict_line(verdict: Mapping[str, Any]) -> dict[str, str]:
     """The line at the top of the page that tells the verdict, and its worst reason."""
     judgement = Judgement(verdict["judgement"])
     words = f"{judgement.value.capitalize()}. {verdict['sentence']}"
     if verdict["reasons"]:
         worst, *rest = verdict["reasons"]
         where = (
-            f" ({', '.join(plain_data.visible(name) for name in worst['trials'])})"
+            f" ({', '.join(plain_data.replace_control_characters(name) for name in worst['trials'])})"
             if worst["trials"]
             else ""
         )
         words += f" {'Worst' if rest else 'Because'}: {worst['cause']}{where}."
-    return {"tone": key_figures.TONES[judgement], "text": plain_data.visible(words)}
+    return {
+        "tone": key_figures.TONES[judgement],
+        "text": plain_data.replace_control_characters(words),
+    }
 
 
-def explained_code(code: Code) -> dict[str, Any]:
+def explain_code(code: Code) -> dict[str, Any]:
     """`code`, `title` and `page` of a reason: what `gaitcal explain` says, as blocks, to be there
     without a network.
     """
     explanation = explanation_of(code)
     blocks: list[plain_data.Block] = []
     for part, pieces in parts_of(explanation.text):
-        blocks.append(plain_data.heading(part, 3))
+        blocks.append(plain_data.make_heading(part, 3))
         for piece in pieces:
             if isinstance(piece, Paragraph):
-                blocks.append(plain_data.text(piece.text.translate(_NO_BACKTICKS)))
+                blocks.append(plain_data.make_text(piece.text.translate(_NO_BACKTICKS)))
             elif isinstance(piece, Bullets):
                 blocks.append(
-                    plain_data.bullets(item.translate(_NO_BACKTICKS) for item in piece.items)
+                    plain_data.make_list(item.translate(_NO_BACKTICKS) for item in piece.items)
                 )
             else:
-                blocks.append(plain_data.text(" ".join(piece.lines), "soft"))
+                blocks.append(plain_data.make_text(" ".join(piece.lines), "soft"))
     return {"code": code.value, "title": explanation.title, "page": blocks}
 
 
-def coordinate_rows() -> list[dict[str, Any]]:
+def list_coordinate_rows() -> list[dict[str, Any]]:
     """Small multiples: joints with their coordinates, and the power over all axes."""
     rows = (*coordinates.COORDINATE_TABLE.values(), *coordinates.SEGMENT_ANGLES.values())
     return [
@@ -344,7 +350,7 @@ def coordinate_rows() -> list[dict[str, Any]]:
     ]
 
 
-def conventions_data() -> dict[str, Any]:
+def build_conventions() -> dict[str, Any]:
     """The joints of curves, and every convention that a reader may choose, as `gait/conventions.py`
     has it.
 
@@ -380,7 +386,7 @@ def conventions_data() -> dict[str, Any]:
         return {"title": convention.title(variable), **sides}
 
     return {
-        "joints": coordinate_rows(),
+        "joints": list_coordinate_rows(),
         "signs": {
             signs.value: {
                 acting.key: {
@@ -401,7 +407,7 @@ def conventions_data() -> dict[str, Any]:
     }
 
 
-def page_peaks(trials: Sequence[Mapping[str, Any]]) -> tuple[peaks.PeakMean, ...]:
+def average_page_peaks(trials: Sequence[Mapping[str, Any]]) -> tuple[peaks.PeakMean, ...]:
     """Over the straight strides, or repetitions, of trials of a page."""
     return peaks.peak_means(
         (
@@ -416,7 +422,7 @@ def page_peaks(trials: Sequence[Mapping[str, Any]]) -> tuple[peaks.PeakMean, ...
     )
 
 
-def page_toe_offs(trials: Sequence[Mapping[str, Any]]) -> dict[str, float]:
+def average_toe_offs(trials: Sequence[Mapping[str, Any]]) -> dict[str, float]:
     """Side -> % of the stride at which stance ends, the mean over straight strides of trials of a
     page.
     """
@@ -427,12 +433,12 @@ def page_toe_offs(trials: Sequence[Mapping[str, Any]]) -> dict[str, float]:
     return {side: float(np.mean(percents)) for side, percents in found.items() if percents}
 
 
-def peak_page_rows(data: Mapping[str, Any]) -> list[dict[str, Any]]:
+def build_peak_rows(data: Mapping[str, Any]) -> list[dict[str, Any]]:
     """Rows of the table of peaks of each activity, over its straight strides, each with what the
     legs have of it.
     """
     rows: dict[tuple[str, str], dict[str, Any]] = {}
-    for mean in page_peaks(data["trials"]):
+    for mean in average_page_peaks(data["trials"]):
         peak = mean.peak
         row = {
             "activity": mean.activity,
@@ -444,7 +450,7 @@ def peak_page_rows(data: Mapping[str, Any]) -> list[dict[str, Any]]:
             "apart": peak.figure is peaks.PeakKind.RANGE,
         }
         figures = {"mean": mean.mean, "sd": mean.sd, "se": mean.se, "percent": mean.percent}
-        leg = {name: plain_data.rounded(value) for name, value in figures.items()}
+        leg = {name: plain_data.round_number(value) for name, value in figures.items()}
         rows.setdefault((mean.activity, peak.name), row)[mean.side] = {
             **leg,
             "n": mean.n,
@@ -453,22 +459,19 @@ def peak_page_rows(data: Mapping[str, Any]) -> list[dict[str, Any]]:
     return list(rows.values())
 
 
-def thinned(data: Mapping[str, Any], most: int = MOST_LETTERS) -> Mapping[str, Any]:
+def thin_page_data(data: Mapping[str, Any], most: int = MOST_LETTERS) -> Mapping[str, Any]:
     """Page data with at most so many letters of packed curves, of every second, third, ... frame;
     as it is where it has no more.
     """
-    every = max(1, -(-sum(map(plain_data.curve_letters, data["trials"])) // most))
+    every = max(1, -(-sum(map(plain_data.count_curve_letters, data["trials"])) // most))
     return (
         data
         if every == 1
-        else {
-            **data,
-            "trials": [plain_data.thinned_trial(trial, every) for trial in data["trials"]],
-        }
+        else {**data, "trials": [plain_data.thin_trial(trial, every) for trial in data["trials"]]}
     )
 
 
-def curves_left_out(data: Mapping[str, Any]) -> tuple[str, ...]:
+def report_thinned_curves(data: Mapping[str, Any]) -> tuple[str, ...]:
     """A sentence for every trial whose curves hold some frames only."""
     return tuple(
         f"{trial['name']}: its curves hold one frame in {trial['every']} of {trial['frames']}; a "
@@ -481,7 +484,7 @@ def curves_left_out(data: Mapping[str, Any]) -> tuple[str, ...]:
 
 def write_page_data(data: Mapping[str, Any], path: Path) -> None:
     """Write page data; the page reads the same text."""
-    path.write_text(plain_data.script_json(data), encoding="utf-8")
+    path.write_text(plain_data.dump_script_json(data), encoding="utf-8")
 
 
 def read_page_data(path: Path) -> dict[str, Any]:

@@ -26,7 +26,7 @@ from gaitcal.errors import Code, GaitcalError
 from gaitcal.model.linkage import SIDES
 from gaitcal.quality.verdict import Judgement, Verdict, WalkVerdict
 from gaitcal.report.page import bone_files, bone_placement, page_data, plain_data, scene_file
-from gaitcal.report.page.body_meshes import PACKAGE, body_meshes
+from gaitcal.report.page.body_meshes import PACKAGE, read_body_meshes
 from gaitcal.report.page.scene import MotionScene, Scene
 
 SCRIPTS = (
@@ -71,7 +71,7 @@ file.
 PLOTS = "libraries/uPlot"  # The library that draws curves
 
 
-def policy(*scripts: str) -> str:
+def build_policy(*scripts: str) -> str:
     """A Content-Security-Policy under which only these inline scripts run and nothing is requested."""
     hashes = " ".join(
         f"'sha256-{base64.b64encode(hashlib.sha256(s.encode()).digest()).decode()}'"
@@ -83,7 +83,7 @@ def policy(*scripts: str) -> str:
     )
 
 
-def _inline(script: str) -> str:
+def _escape_script(script: str) -> str:
     """A script that may stand between `<script>` and `</script>`, and that a browser hashes as we
     do.
     """
@@ -95,13 +95,13 @@ def _inline(script: str) -> str:
     )
 
 
-def _part(name: str) -> str:
+def _read_part(name: str) -> str:
     """A file of this folder."""
     return (files("gaitcal.report.page") / name).read_text(encoding="utf-8")
 
 
 @dataclass(frozen=True)
-class Shown:
+class PageContent:
     """One result as the page takes it."""
 
     scene: Scene
@@ -110,24 +110,26 @@ class Shown:
     )
 
 
-def page_html(shown: Shown, bones: bone_files.BoneMeshes | None = None) -> str:
+def render_page(shown: PageContent, bones: bone_files.BoneMeshes | None = None) -> str:
     """The page of a result.
 
     `bones`: None: those of the installed `myo-sim`, and no bones where it is not installed.
 
     Raises GaitcalError: MeshCat is not installed.
     """
-    bones = bones or bone_files.installed_bones()
-    scene = scene_file.scene_json(
-        shown.scene, body_meshes(), None if bones is None else bone_placement.landmarked(bones)
+    bones = bones or bone_files.find_installed_bones()
+    scene = scene_file.dump_scene_json(
+        shown.scene,
+        read_body_meshes(),
+        None if bones is None else bone_placement.find_landmarks(bones),
     )
-    data = plain_data.script_json(
+    data = plain_data.dump_script_json(
         shown.data
-        and {**page_data.thinned(shown.data), "peaks": page_data.peak_page_rows(shown.data)}
+        and {**page_data.thin_page_data(shown.data), "peaks": page_data.build_peak_rows(shown.data)}
     )
-    viewer, licences = _meshcat()
-    content = _scripts_and_styles(SCRIPTS, STYLES, meshcat=viewer)
-    content["CONVENTIONS"] = plain_data.script_json(page_data.conventions_data())
+    viewer, licences = _read_meshcat()
+    content = _collect_scripts_and_styles(SCRIPTS, STYLES, meshcat=viewer)
+    content["CONVENTIONS"] = plain_data.dump_script_json(page_data.build_conventions())
     content["RESULT"] = f'{{"scene":{scene},"sheet":{data}}}'
     of_bones = f"Bones of {bones.source}\n\n{bones.licence}" if bones and bones.licence else ""
     content["LICENCES"] = "\n\n".join(
@@ -135,7 +137,7 @@ def page_html(shown: Shown, bones: bone_files.BoneMeshes | None = None) -> str:
     ).replace("<", "‹")
     # One pass over the template: what a name holds is never looked at again.
     return re.sub(
-        r"@@([A-Z]+)@@", lambda found: content[found.group(1)], _part("templates/page.html")
+        r"@@([A-Z]+)@@", lambda found: content[found.group(1)], _read_part("templates/page.html")
     )
 
 
@@ -144,9 +146,11 @@ def write_cohort_page(path: Path, data: Mapping[str, Iterable[str]]) -> None:
 
     `data`: the pieces of each of `COHORT_DATA`, asked for when they are due.
     """
-    content = _scripts_and_styles(COHORT_SCRIPTS, COHORT_STYLES)
+    content = _collect_scripts_and_styles(COHORT_SCRIPTS, COHORT_STYLES)
     with path.open("w", encoding="utf-8", newline="\n") as stream:
-        for number, piece in enumerate(re.split(r"@@([A-Z]+)@@", _part("templates/cohort.html"))):
+        for number, piece in enumerate(
+            re.split(r"@@([A-Z]+)@@", _read_part("templates/cohort.html"))
+        ):
             if number % 2 == 0:
                 stream.write(piece)
             elif piece in COHORT_DATA:
@@ -155,26 +159,26 @@ def write_cohort_page(path: Path, data: Mapping[str, Iterable[str]]) -> None:
                 stream.write(content[piece])
 
 
-def _scripts_and_styles(
+def _collect_scripts_and_styles(
     scripts: Sequence[str], styles: Sequence[str], **first: str
 ) -> dict[str, str]:
     """What a template has a place for; `first`: scripts that run before all others."""
     running = {
-        **{name.upper(): _inline(script) for name, script in first.items()},
-        "PLOTS": _inline(_part(f"{PLOTS}.iife.min.js")),
-        "PAGE": _inline("\n".join(_part(f"scripts/{name}") for name in scripts)),
+        **{name.upper(): _escape_script(script) for name, script in first.items()},
+        "PLOTS": _escape_script(_read_part(f"{PLOTS}.iife.min.js")),
+        "PAGE": _escape_script("\n".join(_read_part(f"scripts/{name}") for name in scripts)),
     }
     return {
-        "POLICY": policy(*running.values()),
+        "POLICY": build_policy(*running.values()),
         "STYLE": "\n".join(
-            [_part(f"{PLOTS}.min.css"), *(_part(f"styles/{name}") for name in styles)]
+            [_read_part(f"{PLOTS}.min.css"), *(_read_part(f"styles/{name}") for name in styles)]
         ),
-        "LICENCES": f"uPlot\n\n{_part(f'{PLOTS}.LICENSE.txt')}".replace("<", "‹"),
+        "LICENCES": f"uPlot\n\n{_read_part(f'{PLOTS}.LICENSE.txt')}".replace("<", "‹"),
         **running,
     }
 
 
-def _meshcat() -> tuple[str, list[str]]:
+def _read_meshcat() -> tuple[str, list[str]]:
     """MeshCat's viewer and the licences of what stands in the page, without importing MeshCat's
     server.
     """
@@ -206,13 +210,17 @@ def _meshcat() -> tuple[str, list[str]]:
     return script, [*licences, *([f"Body meshes of {PACKAGE}\n\n{text}"] if text else [])]
 
 
-def sentences(shown: Shown) -> tuple[str, ...]:
+def list_omissions(shown: PageContent) -> tuple[str, ...]:
     """What the page of a result leaves out, for every trial of which it holds some frames only."""
-    curves = () if shown.data is None else page_data.curves_left_out(page_data.thinned(shown.data))
-    return (*scene_file.left_out(shown.scene), *curves)
+    curves = (
+        ()
+        if shown.data is None
+        else page_data.report_thinned_curves(page_data.thin_page_data(shown.data))
+    )
+    return (*scene_file.report_thinned_frames(shown.scene), *curves)
 
 
-def with_trials(
+def append_trials(
     scene: Scene, further: Scene, names: Mapping[str, str] | None = None
 ) -> Scene | None:
     """The scene with the trials of another one after its own; None where they have other segments.
@@ -224,24 +232,25 @@ def with_trials(
     new = names or {}
     trials = (
         replace(
-            _with_markers(trial, further.labels, scene.labels), name=new.get(trial.name, trial.name)
+            _reorder_markers(trial, further.labels, scene.labels),
+            name=new.get(trial.name, trial.name),
         )
         for trial in further.trials
     )
     return replace(scene, trials=(*scene.trials, *trials))
 
 
-def after_trials(scene: Scene, earlier: Scene) -> Scene | None:
+def prepend_trials(scene: Scene, earlier: Scene) -> Scene | None:
     """The scene with those trials of an earlier one before its own whose names it does not have;
     None as above.
     """
     names = {trial.name for trial in scene.trials}
     kept = tuple(trial for trial in earlier.trials if trial.name not in names)
-    joined = with_trials(replace(scene, trials=()), replace(earlier, trials=kept))
+    joined = append_trials(replace(scene, trials=()), replace(earlier, trials=kept))
     return None if joined is None else replace(joined, trials=(*joined.trials, *scene.trials))
 
 
-def _with_markers(
+def _reorder_markers(
     trial: MotionScene, labels: tuple[str, ...], wanted: tuple[str, ...]
 ) -> MotionScene:
     """The trial with the measured markers in the order of another model; NaN for one that it did
@@ -256,32 +265,32 @@ def _with_markers(
     return replace(trial, measured=measured)
 
 
-def merged(earlier: Mapping[str, Any], new: Mapping[str, Any]) -> dict[str, Any]:
+def merge_page_data(earlier: Mapping[str, Any], new: Mapping[str, Any]) -> dict[str, Any]:
     """Page data of further trials, after those of an earlier run that it does not hold itself."""
     names = {trial["name"] for trial in new["trials"]}
-    kept = only(
+    kept = select_trials(
         earlier, [trial["name"] for trial in earlier["trials"] if trial["name"] not in names]
     )
-    verdict, rest = _joined_verdict(kept, new), list(new["lines"][1:])
+    verdict, rest = _combine_verdicts(kept, new), list(new["lines"][1:])
     if kept["trials"]:
-        last = ", ".join(plain_data.visible(name) for name in sorted(names))
+        last = ", ".join(plain_data.replace_control_characters(name) for name in sorted(names))
         rest[-1:] = [{**line, "text": f"{last}: {line['text']}"} for line in rest[-1:]]
     trials = [*kept["trials"], *new["trials"]]
     return {
         **new,
         "trials": trials,
         "verdict": verdict,
-        "lines": [page_data.verdict_line(verdict), *rest],
+        "lines": [page_data.format_verdict_line(verdict), *rest],
     }
 
 
-def followed_by(data: Mapping[str, Any], further: Mapping[str, Any]) -> dict[str, Any]:
+def append_page_data(data: Mapping[str, Any], further: Mapping[str, Any]) -> dict[str, Any]:
     """Page data of a calibration with further trials after its own; none of them may have the name
     of its own.
     """
-    verdict, lines = _joined_verdict(data, further), list(data["lines"])
+    verdict, lines = _combine_verdicts(data, further), list(data["lines"])
     if verdict["sentence"] != data["verdict"]["sentence"]:
-        lines[:1] = [page_data.verdict_line(verdict)]
+        lines[:1] = [page_data.format_verdict_line(verdict)]
     return {
         **data,
         "lines": lines,
@@ -291,11 +300,11 @@ def followed_by(data: Mapping[str, Any], further: Mapping[str, Any]) -> dict[str
     }
 
 
-def only(data: Mapping[str, Any], names: Collection[str]) -> dict[str, Any]:
+def select_trials(data: Mapping[str, Any], names: Collection[str]) -> dict[str, Any]:
     """Page data of further trials with some of them alone, and the reasons about these."""
     trials = [trial for trial in data["trials"] if trial["name"] in names]
     about = [reason for reason in data["verdict"]["reasons"] if set(reason["trials"]) & set(names)]
-    judgement = _common(
+    judgement = _combine_judgements(
         trial["verdict"]["judgement"] for trial in trials if trial["verdict"] is not None
     )
     if about and judgement is Judgement.TRUSTWORTHY:
@@ -307,13 +316,13 @@ def only(data: Mapping[str, Any], names: Collection[str]) -> dict[str, Any]:
     }
 
 
-def doubted(data: Mapping[str, Any], doubts: Iterable[tuple[str, str, str]]) -> dict[str, Any]:
+def add_doubts(data: Mapping[str, Any], doubts: Iterable[tuple[str, str, str]]) -> dict[str, Any]:
     """Page data with a warning more for each (trial, what is wrong with it, what to do), unless it
     is there already.
     """
     verdict = data["verdict"]
     known = {(reason["cause"], *reason["trials"]) for reason in verdict["reasons"]}
-    code = page_data.explained_code(Code.RESULT_EDITED)
+    code = page_data.explain_code(Code.RESULT_EDITED)
     new = [
         {
             **code,
@@ -338,7 +347,7 @@ def doubted(data: Mapping[str, Any], doubts: Iterable[tuple[str, str, str]]) -> 
     }
 
 
-def renamed(data: Mapping[str, Any], names: Mapping[str, str]) -> dict[str, Any]:
+def rename_trials(data: Mapping[str, Any], names: Mapping[str, str]) -> dict[str, Any]:
     """Page data whose trials have other names: old -> new."""
     reasons = [
         {**reason, "trials": [names.get(name, name) for name in reason["trials"]]}
@@ -350,7 +359,7 @@ def renamed(data: Mapping[str, Any], names: Mapping[str, str]) -> dict[str, Any]
     return {**data, "trials": trials, "verdict": {**data["verdict"], "reasons": reasons}}
 
 
-def _joined_verdict(one: Mapping[str, Any], other: Mapping[str, Any]) -> dict[str, Any]:
+def _combine_verdicts(one: Mapping[str, Any], other: Mapping[str, Any]) -> dict[str, Any]:
     """The verdict on both: refused or trustworthy where everything is, and doubtful otherwise."""
     parts = [data["verdict"] for data in (one, other) if data["trials"]]
     trials = {}
@@ -361,7 +370,7 @@ def _joined_verdict(one: Mapping[str, Any], other: Mapping[str, Any]) -> dict[st
                 judgement=Judgement(verdict["judgement"]), legs=legs
             )
     judged = Verdict(
-        judgement=_common(part["judgement"] for part in parts),
+        judgement=_combine_judgements(part["judgement"] for part in parts),
         reasons=(),
         trials=trials,
         forced=any(part.get("forced", False) for part in parts),
@@ -378,7 +387,7 @@ def _joined_verdict(one: Mapping[str, Any], other: Mapping[str, Any]) -> dict[st
     }
 
 
-def _common(judgements: Iterable[str]) -> Judgement:
+def _combine_judgements(judgements: Iterable[str]) -> Judgement:
     """What all are; doubtful where they differ, trustworthy where there are none."""
     found = {Judgement(name) for name in judgements} or {Judgement.TRUSTWORTHY}
     return found.pop() if len(found) == 1 else Judgement.DOUBTFUL

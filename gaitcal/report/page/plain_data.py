@@ -26,24 +26,24 @@ NAME_END: Final = 20  # Characters at the end of a cut name: names of one study 
 _CURVE_PARTS: Final = ("value", "se", "own", "nominal", "truth")
 
 
-def script_json(content: object) -> str:
+def dump_script_json(content: object) -> str:
     """JSON that is all ASCII and may stand inside a `<script>` element whatever the names are: it
     holds no `<`.
     """
     return json.dumps(content, separators=(",", ":"), allow_nan=False).replace("<", "\\u003c")
 
 
-def base64_of(values: NDArray[Any]) -> str:
+def encode_base64(values: NDArray[Any]) -> str:
     """The bytes of an array, row by row."""
     return base64.b64encode(np.ascontiguousarray(values).tobytes()).decode("ascii")
 
 
-def floats(values: NDArray[Any]) -> str:
+def pack_floats(values: NDArray[Any]) -> str:
     """As 32-bit floats."""
-    return base64_of(values.astype("<f4"))
+    return encode_base64(values.astype("<f4"))
 
 
-def lengths(values: NDArray[Any]) -> dict[str, Any]:
+def pack_lengths(values: NDArray[Any]) -> dict[str, Any]:
     """Values as 16-bit integers: value = low + step * (integer + 32767); gaps and infinities as
     `GAP`.
     """
@@ -53,20 +53,20 @@ def lengths(values: NDArray[Any]) -> dict[str, Any]:
     step = max(high - low, 1e-9) / (2 * LARGEST)
     packed = np.full(values.shape, GAP, dtype="<i2")
     packed[known] = np.rint((values[known].astype(float) - low) / step) - LARGEST
-    return {"low": low, "step": step, "data": base64_of(packed)}
+    return {"low": low, "step": step, "data": encode_base64(packed)}
 
 
-def curve_letters(trial: Mapping[str, Any]) -> int:
+def count_curve_letters(trial: Mapping[str, Any]) -> int:
     """Letters of all packed curves of a trial's page data."""
     parts = (curve[name] for curve in trial["curves"] for name in _CURVE_PARTS)
     return sum(len(part["data"]) for part in parts if part is not None)
 
 
-def thinned_trial(trial: Mapping[str, Any], every: int) -> dict[str, Any]:
+def thin_trial(trial: Mapping[str, Any], every: int) -> dict[str, Any]:
     """A trial's page data with every so manieth frame of its curves."""
 
     def kept(data: str, numbers: str) -> str:
-        return base64_of(np.frombuffer(base64.b64decode(data), dtype=numbers)[::every])
+        return encode_base64(np.frombuffer(base64.b64decode(data), dtype=numbers)[::every])
 
     def part(packed: Mapping[str, Any] | None) -> dict[str, Any] | None:
         return None if packed is None else {**packed, "data": kept(packed["data"], "<i2")}
@@ -83,7 +83,7 @@ def thinned_trial(trial: Mapping[str, Any], every: int) -> dict[str, Any]:
     }
 
 
-def number(value: float | None, digits: int = 1, sign: bool = False) -> str:
+def format_number(value: float | None, digits: int = 1, sign: bool = False) -> str:
     """`-1234.5` -> `−1 234.5`, with thin spaces; a dash where there is no value."""
     if value is None or value != value:
         return MISSING
@@ -93,12 +93,12 @@ def number(value: float | None, digits: int = 1, sign: bool = False) -> str:
     return text.replace(",", "\u202f").replace("-", "−")
 
 
-def rounded(value: float | None) -> float | None:
+def round_number(value: float | None) -> float | None:
     """A number of a picture, without more digits than can be seen; None where there is none."""
     return None if value is None or value != value else round(float(value), 4)
 
 
-def visible(text: object) -> str:
+def replace_control_characters(text: object) -> str:
     """The text with `?` for characters that control the terminal, the layout or the writing
     direction.
     """
@@ -107,11 +107,11 @@ def visible(text: object) -> str:
     )
 
 
-def named(text: object) -> str:
+def format_name(text: object) -> str:
     """A name from the study as a heading or a table shows it: of a very long one the middle is left
     out.
     """
-    whole = visible(text)
+    whole = replace_control_characters(text)
     return (
         whole
         if len(whole) <= LONGEST_NAME
@@ -119,36 +119,44 @@ def named(text: object) -> str:
     )
 
 
-def heading(text: str, level: int = 3) -> Block:
+def make_heading(text: str, level: int = 3) -> Block:
     """A heading within a preset: level 3 or 4."""
-    return {"kind": "heading", "text": visible(text), "level": level}
+    return {"kind": "heading", "text": replace_control_characters(text), "level": level}
 
 
-def text(words: str, tone: str = "") -> Block:
+def make_text(words: str, tone: str = "") -> Block:
     """A paragraph. `tone`: `soft`, `warning` or `bad`."""
-    return {"kind": "text", "text": visible(words)} | ({"tone": tone} if tone else {})
-
-
-def bullets(items: Iterable[str], tone: str = "") -> Block:
-    """A list; `tone` as of a paragraph."""
-    return {"kind": "list", "items": [visible(item) for item in items]} | (
+    return {"kind": "text", "text": replace_control_characters(words)} | (
         {"tone": tone} if tone else {}
     )
 
 
-def cell(words: object, *, unit: str = "", tone: str = "", side: str = "", align: str = "") -> Cell:
+def make_list(items: Iterable[str], tone: str = "") -> Block:
+    """A list; `tone` as of a paragraph."""
+    return {"kind": "list", "items": [replace_control_characters(item) for item in items]} | (
+        {"tone": tone} if tone else {}
+    )
+
+
+def make_cell(
+    words: object, *, unit: str = "", tone: str = "", side: str = "", align: str = ""
+) -> Cell:
     """One cell of a table; plain text where nothing is to be said of it."""
     extra = {"unit": unit, "tone": tone, "side": side, "align": align}
     given = {key: value for key, value in extra.items() if value}
-    return {"t": visible(words), **given} if given else visible(words)
+    return (
+        {"t": replace_control_characters(words), **given}
+        if given
+        else replace_control_characters(words)
+    )
 
 
-def words_column(title: str) -> Cell:
+def make_text_column(title: str) -> Cell:
     """The head of a column of words, which begin at the left."""
-    return cell(title, align="text")
+    return make_cell(title, align="text")
 
 
-def table(
+def make_table(
     head: Sequence[Cell],
     rows: Sequence[Sequence[Cell]],
     *,
@@ -161,24 +169,28 @@ def table(
     `fold`: what stands in its place until it is opened; empty: it is open.
     `total`: numbers of the rows that sum up the others.
     """
-    extra = {"caption": visible(caption), "fold": visible(fold), "total": list(total)}
+    extra = {
+        "caption": replace_control_characters(caption),
+        "fold": replace_control_characters(fold),
+        "total": list(total),
+    }
     given = {key: value for key, value in extra.items() if value}
     return {"kind": "table", "head": list(head), "rows": [list(row) for row in rows], **given}
 
 
-def beside(sides: Sequence[Sequence[Block]]) -> list[Block]:
+def pair_blocks(sides: Sequence[Sequence[Block]]) -> list[Block]:
     """Two groups of blocks beside each other; fewer or more below each other."""
     if len(sides) == 2:
         return [{"kind": "pair", "left": list(sides[0]), "right": list(sides[1])}]
     return [block for blocks in sides for block in blocks]
 
 
-def fold(title: str, blocks: Sequence[Block]) -> Block:
+def fold_blocks(title: str, blocks: Sequence[Block]) -> Block:
     """Blocks that are folded away."""
-    return {"kind": "fold", "title": visible(title), "blocks": list(blocks)}
+    return {"kind": "fold", "title": replace_control_characters(title), "blocks": list(blocks)}
 
 
-def picture(kind: str, unit: str, rows: Sequence[Mapping[str, Any]]) -> Block:
+def make_picture(kind: str, unit: str, rows: Sequence[Mapping[str, Any]]) -> Block:
     """Rows of a picture.
 
     `kind`: `intervals`: dots with whiskers, of nominal and fitted values, and the truth where it is
@@ -187,6 +199,6 @@ def picture(kind: str, unit: str, rows: Sequence[Mapping[str, Any]]) -> Block:
     return {"kind": kind, "unit": unit, "rows": [dict(row) for row in rows]}
 
 
-def curves(kinds: Sequence[str]) -> Block:
+def make_curves(kinds: Sequence[str]) -> Block:
     """The trial's own curves of some kinds, over time."""
     return {"kind": "curves", "kinds": list(kinds)}

@@ -66,7 +66,7 @@ class JointMark:
     fitted: bool  # Whether any of its parameters in this segment was fitted
 
 
-def joint_marks(
+def build_joint_marks(
     nominal: Parameters, fitted: Parameters, errors: Mapping[str, float]
 ) -> tuple[JointMark, ...]:
     """All joints in both their segments.
@@ -85,16 +85,20 @@ def joint_marks(
             columns = [JP_INDEX[name] for name in names]
             places = {}
             for stage, parameters in (("nominal", nominal), ("fitted", fitted)):
-                places[f"{stage}_centre"], places[f"{stage}_axis"] = _centre_and_axis(
+                places[f"{stage}_centre"], places[f"{stage}_axis"] = _locate_centre_and_axis(
                     joint, segment, parameters
                 )
-            places["centre_spread"], places["axis_spread"] = _spreads(joint, segment, fitted, known)
+            places["centre_spread"], places["axis_spread"] = _propagate_errors(
+                joint, segment, fitted, known
+            )
             moved = bool(known) or not np.array_equal(nominal.joint[columns], fitted.joint[columns])
             marks.append(JointMark(joint=joint.name, segment=segment, fitted=moved, **places))
     return tuple(marks)
 
 
-def _centre_and_axis(joint: Joint, segment: str, parameters: Parameters) -> tuple[Array, Array]:
+def _locate_centre_and_axis(
+    joint: Joint, segment: str, parameters: Parameters
+) -> tuple[Array, Array]:
     """(3,) centre and (3,) axis in that segment: the axis of the coordinate next to it, NaN for a
     ball joint.
     """
@@ -108,7 +112,7 @@ def _centre_and_axis(joint: Joint, segment: str, parameters: Parameters) -> tupl
     ]
 
 
-def _spreads(
+def _propagate_errors(
     joint: Joint, segment: str, fitted: Parameters, errors: Mapping[str, float]
 ) -> tuple[Array, Array]:
     """(3, 3) of the centre and (3, 3) of the axis: half axes of their one-sigma ellipsoids; NaN
@@ -121,7 +125,7 @@ def _spreads(
         value = fitted.joint[JP_INDEX[name]]
         low, high = (
             np.concatenate(
-                _centre_and_axis(
+                _locate_centre_and_axis(
                     joint, segment, fitted.with_joint((name,), np.array([value + step]))
                 )
             )
@@ -129,10 +133,10 @@ def _spreads(
         )
         columns.append(error * (high - low) / (2 * _STEP))
     pulls = np.array(columns).T
-    return _root(pulls[:3]), _root(pulls[3:])
+    return _compute_square_root(pulls[:3]), _compute_square_root(pulls[3:])
 
 
-def _root(pulls: Array) -> Array:
+def _compute_square_root(pulls: Array) -> Array:
     """(3, 3) square root of pulls pulls^T: orthogonal columns whose lengths are the standard
     deviations.
     """
@@ -189,10 +193,10 @@ class Scene:
     segments: tuple[str, ...] = SEGMENTS
 
 
-def scene_of(calibration: "Calibration") -> Scene:
+def build_scene(calibration: "Calibration") -> Scene:
     """The scene of a calibration: all its moving trials."""
     trials = tuple(
-        trial_scene(
+        build_trial_scene(
             calibration.model,
             t.name,
             t.role.value,
@@ -202,10 +206,10 @@ def scene_of(calibration: "Calibration") -> Scene:
         )
         for t in calibration.trials
     )
-    return person_scene(calibration.model, trials, calibration.standard_errors)
+    return build_person_scene(calibration.model, trials, calibration.standard_errors)
 
 
-def person_scene(
+def build_person_scene(
     model: SubjectModel, trials: tuple[MotionScene, ...], errors: Mapping[str, float]
 ) -> Scene:
     """A person's model with trials that are already made into scenes.
@@ -219,14 +223,14 @@ def person_scene(
         labels=model.markers.labels,
         marker_segments=model.markers.segments,
         marker_places=model.markers.local,
-        joints=joint_marks(model.nominal, model.parameters, errors),
-        body=body_meshes.fitted_meshes(model),
+        joints=build_joint_marks(model.nominal, model.parameters, errors),
+        body=body_meshes.fit_body_meshes(model),
         trials=trials,
-        landmarks=bone_landmarks.person_landmarks(model),
+        landmarks=bone_landmarks.collect_person_landmarks(model),
     )
 
 
-def trial_scene(
+def build_trial_scene(
     model: SubjectModel,
     name: str,
     role: str,
@@ -244,14 +248,14 @@ def trial_scene(
     kept = slice(None, None, stride)
     placed = Kinematics(chain_of().body(model.parameters), motion.q[kept], columns=False)
     axes, origins = placed.axes, placed.origins
-    plates = plate_corners(recording)
+    plates = collect_plate_corners(recording)
     frames = len(motion.time[kept])
     if reactions is None:
         forces = centres = np.full((frames, 2, 3), np.nan, dtype=np.float32)
         valid, legs = np.zeros(frames, dtype=np.bool_), np.zeros((frames, 2), dtype=np.bool_)
     else:
         level = float(np.median(plates[:, :, 1])) if len(plates) else 0.0
-        forces, centres = force_arrows(reactions.wrench[kept], level)
+        forces, centres = compute_force_arrows(reactions.wrench[kept], level)
         valid, legs = reactions.valid[kept], reactions.valid_legs[kept]
     return MotionScene(
         name=name,
@@ -260,9 +264,9 @@ def trial_scene(
         stride=stride,
         time=motion.time[kept],
         origins=origins.transpose(2, 0, 1).astype(np.float32),  # from (ns, 3, nf)
-        turns=_quaternions(axes),
-        tracked=tracked_segments(motion),
-        measured=measured_markers(model, recording, kept),
+        turns=_convert_to_quaternions(axes),
+        tracked=find_tracked_segments(motion),
+        measured=collect_measured_markers(model, recording, kept),
         forces=forces,
         pressure_centres=centres,
         valid=valid,
@@ -271,7 +275,7 @@ def trial_scene(
     )
 
 
-def _quaternions(axes: Array) -> Single:
+def _convert_to_quaternions(axes: Array) -> Single:
     """(nf, ns, 4) x y z w, without jumps of sign from frame to frame, from axes (ns, 3, 3, nf)."""
     ns, nf = axes.shape[0], axes.shape[-1]
     matrices = axes.transpose(3, 0, 2, 1).reshape(
@@ -284,7 +288,7 @@ def _quaternions(axes: Array) -> Single:
     return out
 
 
-def tracked_segments(motion: Motion) -> BoolArray:
+def find_tracked_segments(motion: Motion) -> BoolArray:
     """(ns,) segments with a marker; the talus, which carries none, moves with its foot."""
     distance = motion.errors.distance
     carrying = {
@@ -296,7 +300,7 @@ def tracked_segments(motion: Motion) -> BoolArray:
     return np.array([s in carrying for s in SEGMENTS], dtype=np.bool_)
 
 
-def plate_corners(recording: Recording) -> Single:
+def collect_plate_corners(recording: Recording) -> Single:
     """(np, 4, 3) m, corners of the force plates whose place the recording tells."""
     corners = [plate.corners for plate in recording.plates if plate.corners is not None]
     return np.array([c for c in corners if np.isfinite(c).all()], dtype=np.float32).reshape(
@@ -304,7 +308,7 @@ def plate_corners(recording: Recording) -> Single:
     )
 
 
-def measured_markers(model: SubjectModel, recording: Recording, kept: slice) -> Single:
+def collect_measured_markers(model: SubjectModel, recording: Recording, kept: slice) -> Single:
     """(nf, nm, 3) m of the model's markers; NaN where the recording has none of that label or did
     not see it.
     """
@@ -317,7 +321,7 @@ def measured_markers(model: SubjectModel, recording: Recording, kept: slice) -> 
     return out
 
 
-def force_arrows(wrench: Array, level: float) -> tuple[Single, Single]:
+def compute_force_arrows(wrench: Array, level: float) -> tuple[Single, Single]:
     """Force and centre of pressure on the plane y = `level`, from wrenches (nf, 2, 6) about the
     laboratory origin.
     """

@@ -28,7 +28,13 @@ from gaitcal.io.atomic import atomic_file
 from gaitcal.model.linkage import SIDE_WORDS, SIDES
 from gaitcal.report.page import bone_files, bone_landmarks, bone_placement
 from gaitcal.report.page.body_meshes import MESHES, BodyMeshes, FittedMesh, Mesh
-from gaitcal.report.page.plain_data import LARGEST, base64_of, floats, lengths, script_json
+from gaitcal.report.page.plain_data import (
+    LARGEST,
+    dump_script_json,
+    encode_base64,
+    pack_floats,
+    pack_lengths,
+)
 from gaitcal.report.page.scene import JointMark, MotionScene, Scene
 
 VERSION = 1
@@ -52,7 +58,9 @@ _JOINT_ARRAYS = (
 )  # fmt: skip
 
 
-def _trial_shapes(frames: int, segments: int, markers: int) -> dict[str, tuple[int | None, ...]]:
+def _list_trial_shapes(
+    frames: int, segments: int, markers: int
+) -> dict[str, tuple[int | None, ...]]:
     """Array of a `MotionScene` -> its shape; None: any."""
     return {
         "time": (frames,),
@@ -68,7 +76,7 @@ def _trial_shapes(frames: int, segments: int, markers: int) -> dict[str, tuple[i
     }
 
 
-_TRIAL_ARRAYS = tuple(_trial_shapes(0, 0, 0))
+_TRIAL_ARRAYS = tuple(_list_trial_shapes(0, 0, 0))
 
 
 def save_scene(scene: Scene, path: Path | str) -> None:
@@ -109,7 +117,7 @@ def load_scene(path: Path | str) -> Scene:
     path = Path(path)
     try:
         with np.load(io.BytesIO(path.read_bytes()), allow_pickle=False) as arrays:
-            return _scene(arrays)
+            return _parse_scene(arrays)
     except FileNotFoundError:
         raise InputError(
             "no such file; `gaitcal calibrate` writes it", source=path, code=Code.NO_RESULT
@@ -119,7 +127,7 @@ def load_scene(path: Path | str) -> Scene:
         raise InputError(message, source=path, code=Code.DAMAGED_RESULT) from error
 
 
-def _scene(arrays: Any) -> Scene:
+def _parse_scene(arrays: Any) -> Scene:
     text = json.loads(arrays["scene"].tobytes().decode())
     if text["version"] != VERSION:
         raise ValueError(text["version"])
@@ -187,7 +195,7 @@ def _check(scene: Scene) -> None:
         and all(len(trial.time) > 0 for trial in scene.trials)
     )
     for trial in scene.trials:
-        for name, shape in _trial_shapes(len(trial.time), segments, markers).items():
+        for name, shape in _list_trial_shapes(len(trial.time), segments, markers).items():
             found = getattr(trial, name).shape
             fits = (
                 fits
@@ -198,7 +206,7 @@ def _check(scene: Scene) -> None:
         raise ValueError("sizes")
 
 
-def scene_json(
+def dump_scene_json(
     scene: Scene, shapes: BodyMeshes, bones: bone_placement.Landmarked | None = None
 ) -> str:
     """The scene as JSON that may stand inside a `<script>` element whatever the names are: it holds
@@ -206,7 +214,7 @@ def scene_json(
 
     `bones`: shown inside the body; None where none are installed.
     """
-    thin = _thinning(scene)
+    thin = _compute_thinning(scene)
     used = sorted({fitted.mesh for fitted in scene.body})
     content = {
         "subject": scene.subject,
@@ -216,23 +224,23 @@ def scene_json(
         "markers": {
             "labels": scene.labels,
             "segments": [scene.segments.index(s) for s in scene.marker_segments],
-            "places": floats(scene.marker_places),
+            "places": pack_floats(scene.marker_places),
         },
-        "joints": [_joint(scene, joint) for joint in scene.joints],
-        "meshes": {name: _mesh(shapes.meshes[name]) for name in used},
+        "joints": [_pack_joint(scene, joint) for joint in scene.joints],
+        "meshes": {name: _pack_mesh(shapes.meshes[name]) for name in used},
         "capsules": sorted(set(used) & set(shapes.replaced)),
-        "body": [_fitted(scene, fitted) for fitted in scene.body],
-        "bones": _bones(scene, bones),
-        "trials": [_trial(scene, trial, thin) for trial in scene.trials],
+        "body": [_pack_fitted_mesh(scene, fitted) for fitted in scene.body],
+        "bones": _pack_bones(scene, bones),
+        "trials": [_pack_trial(scene, trial, thin) for trial in scene.trials],
     }
-    return script_json(content)
+    return dump_script_json(content)
 
 
-def left_out(scene: Scene) -> tuple[str, ...]:
+def report_thinned_frames(scene: Scene) -> tuple[str, ...]:
     """A sentence for every trial of which the page holds some frames only; empty where it holds
     all.
     """
-    thin = _thinning(scene)
+    thin = _compute_thinning(scene)
     strides = ((trial, trial.stride * thin) for trial in scene.trials)
     return tuple(
         f"{trial.name}: the page holds {-(-trial.recorded // stride)} of {trial.recorded} frames, "
@@ -243,14 +251,14 @@ def left_out(scene: Scene) -> tuple[str, ...]:
     )
 
 
-def _thinning(scene: Scene) -> int:
+def _compute_thinning(scene: Scene) -> int:
     """1, or which frames of every trial stay for all to have room: every second, third, ..."""
     bytes_a_frame = 14 * len(scene.segments) + 6 * len(scene.labels) + 64
     total = sum(len(trial.time) for trial in scene.trials) * bytes_a_frame
     return max(1, -(-total // MOST_BYTES))
 
 
-def _trial(scene: Scene, trial: MotionScene, thin: int) -> dict[str, Any]:
+def _pack_trial(scene: Scene, trial: MotionScene, thin: int) -> dict[str, Any]:
     kept = slice(None, None, thin)
     time = trial.time[kept] - trial.time[0]
     pelvis = trial.origins[kept, :1]
@@ -261,22 +269,24 @@ def _trial(scene: Scene, trial: MotionScene, thin: int) -> dict[str, Any]:
         "role": trial.role,
         "recorded": trial.recorded,
         "stride": trial.stride * thin,
-        "about": _about(scene, trial, time, trial.stride * thin),
-        "time": floats(time),
-        "pelvis": floats(pelvis),
-        "origins": lengths(trial.origins[kept] - pelvis),
-        "turns": base64_of(np.rint(trial.turns[kept] * LARGEST).astype("<i2")),
+        "about": _describe_trial(scene, trial, time, trial.stride * thin),
+        "time": pack_floats(time),
+        "pelvis": pack_floats(pelvis),
+        "origins": pack_lengths(trial.origins[kept] - pelvis),
+        "turns": encode_base64(np.rint(trial.turns[kept] * LARGEST).astype("<i2")),
         "tracked": [bool(t) for t in trial.tracked],
-        "measured": lengths(measured),
-        "forces": floats(trial.forces[kept]),
-        "centres": floats(trial.pressure_centres[kept]),
+        "measured": pack_lengths(measured),
+        "forces": pack_floats(trial.forces[kept]),
+        "centres": pack_floats(trial.pressure_centres[kept]),
         "hasForces": trial.has_forces,
-        "valid": {side: _spans(time, trial.valid_legs[kept, k]) for k, side in enumerate(SIDES)},
-        "plates": floats(trial.plates),
+        "valid": {
+            side: _find_spans(time, trial.valid_legs[kept, k]) for k, side in enumerate(SIDES)
+        },
+        "plates": pack_floats(trial.plates),
     }
 
 
-def _about(scene: Scene, trial: MotionScene, time: Array, stride: int) -> str:
+def _describe_trial(scene: Scene, trial: MotionScene, time: Array, stride: int) -> str:
     """A few lines on a trial; `time`: s, of the frames in the page, one in `stride` of those
     recorded.
     """
@@ -298,14 +308,14 @@ def _about(scene: Scene, trial: MotionScene, time: Array, stride: int) -> str:
     return "\n".join(lines)
 
 
-def _spans(time: Array, valid: NDArray[np.bool_]) -> list[list[float]]:
+def _find_spans(time: Array, valid: NDArray[np.bool_]) -> list[list[float]]:
     """Begin and end, s, of each stretch of frames that are valid."""
     edges = np.diff(np.r_[0, valid.astype(int), 0])
     begins, ends = np.flatnonzero(edges == 1), np.flatnonzero(edges == -1) - 1
     return [[float(time[a]), float(time[b])] for a, b in zip(begins, ends, strict=True)]
 
 
-def _joint_words(joint: JointMark) -> tuple[str, str]:
+def _describe_joint(joint: JointMark) -> tuple[str, str]:
     """What a joint is called, and what is said of it where it is drawn."""
     name, _, side = joint.joint.partition("_")
     title = f"{SIDE_WORDS[side]} {name} joint" if side in SIDE_WORDS else f"{name} joint"
@@ -323,58 +333,59 @@ def _joint_words(joint: JointMark) -> tuple[str, str]:
     return title, text
 
 
-def _joint(scene: Scene, joint: JointMark) -> dict[str, Any]:
+def _pack_joint(scene: Scene, joint: JointMark) -> dict[str, Any]:
     places = {
-        f"{first}{second.capitalize()}": _numbers(getattr(joint, f"{first}_{second}"))
+        f"{first}{second.capitalize()}": _list_numbers(getattr(joint, f"{first}_{second}"))
         for first, second in (name.split("_") for name in _JOINT_ARRAYS)
     }
     segment = scene.segments.index(joint.segment)
-    title, text = _joint_words(joint)
+    title, text = _describe_joint(joint)
     words = {"joint": joint.joint, "title": title, "text": text}
     return {**words, "segment": segment, "fitted": joint.fitted, **places}
 
 
-def _bones(scene: Scene, bones: bone_placement.Landmarked | None) -> dict[str, Any]:
+def _pack_bones(scene: Scene, bones: bone_placement.Landmarked | None) -> dict[str, Any]:
     """The bones in their segments, and where each knee axis passes them; or why there are none."""
     if bones is None:
         return {
             "why": f"not installed: pip install 'gaitcal[{bone_files.EXTRA}]', then gaitcal view"
         }
-    placed = bone_placement.fitted_bones(bones, scene.landmarks, scene.height)
+    placed = bone_placement.fit_bones(bones, scene.landmarks, scene.height)
     return {
         "why": None,
         "source": bones.bones.source,
         "meshes": {
-            name: _mesh(bones.bones.shown(name)) for name in sorted({bone.mesh for bone in placed})
+            name: _pack_mesh(bones.bones.reduce_bone(name))
+            for name in sorted({bone.mesh for bone in placed})
         },
-        "placed": [_fitted(scene, bone) for bone in placed],
+        "placed": [_pack_fitted_mesh(scene, bone) for bone in placed],
         "knees": [
             {
                 "joint": f"knee_{knee.side}",
                 "title": f"{SIDE_WORDS[knee.side].capitalize()} knee",
-                "words": bone_placement.knee_words(knee),
+                "words": bone_placement.describe_knee(knee),
                 "segment": scene.segments.index(f"thigh_{knee.side}"),
-                "centres": [_numbers(centre) for centre in knee.centres],
-                "radii": _numbers(knee.radii),
-                "across": _numbers(knee.across),
+                "centres": [_list_numbers(centre) for centre in knee.centres],
+                "radii": _list_numbers(knee.radii),
+                "across": _list_numbers(knee.across),
             }
-            for knee in bone_placement.knee_axes(bones, scene.landmarks, scene.joints)
+            for knee in bone_placement.measure_knee_axes(bones, scene.landmarks, scene.joints)
         ],
     }
 
 
-def _fitted(scene: Scene, fitted: FittedMesh) -> dict[str, Any]:
+def _pack_fitted_mesh(scene: Scene, fitted: FittedMesh) -> dict[str, Any]:
     place = [float(x) for x in fitted.place.ravel()]
     return {"mesh": fitted.mesh, "segment": scene.segments.index(fitted.segment), "place": place}
 
 
-def _mesh(mesh: Mesh) -> dict[str, Any]:
+def _pack_mesh(mesh: Mesh) -> dict[str, Any]:
     return {
-        "vertices": lengths(mesh.vertices),
-        "triangles": base64_of(mesh.triangles.astype("<u2")),
+        "vertices": pack_lengths(mesh.vertices),
+        "triangles": encode_base64(mesh.triangles.astype("<u2")),
     }
 
 
-def _numbers(values: Array) -> list[float] | None:
+def _list_numbers(values: Array) -> list[float] | None:
     """None where they do not exist."""
     return [float(x) for x in values.ravel()] if np.isfinite(values).all() else None
